@@ -83,6 +83,7 @@ pub use merge::{MergeBounds, Merged, MergedTransfer};
 pub(crate) use neighbours::Neighbours;
 pub(crate) use peers::{
     Held, LEAST, Peers, PlaneRuns, SharedVolume, build_lattice_together, build_together,
+    territories,
 };
 pub(crate) use rule::Rule;
 #[cfg(feature = "prepared")]

@@ -15,6 +15,8 @@
 //! | `message.rs` | records as bytes |
 //! | `share.rs` | what each rank brings of a scene |
 //! | `read.rs` | a file of points that ranks read together (feature `prepared`) |
+//! | `rows.rs` | a file of points that look at their neighbours, whose rows ranks read together (feature `cli`) |
+//! | `surroundings.rs` | points of other ranks among these neighbours (feature `cli`) |
 //! | `planes.rs` | a lattice whose planes ranks read together (feature `cli`) |
 //! | `scatter.rs` | what one rank has read, for all (feature `prepared`) |
 //! | `head.rs` | what volumes have besides their particles (feature `prepared`) |
@@ -43,10 +45,14 @@ mod ranks;
 #[cfg(feature = "prepared")]
 mod read;
 mod renderer;
+#[cfg(feature = "cli")]
+mod rows;
 #[cfg(feature = "prepared")]
 mod scatter;
 mod share;
 mod statistics;
+#[cfg(feature = "cli")]
+mod surroundings;
 mod threads;
 mod tiles;
 
@@ -62,6 +68,8 @@ pub(crate) use read::read_together;
 pub use renderer::Renderer;
 #[cfg(feature = "cli")]
 pub(crate) use renderer::shared;
+#[cfg(feature = "cli")]
+pub(crate) use rows::{RowsRead, read_rows};
 #[cfg(feature = "cli")]
 pub(crate) use scatter::scatter;
 pub use share::Share;

@@ -121,7 +121,7 @@ fn plane_of(held: &Held, samples: usize, plane: usize) -> Values {
     held.values.part(place * samples..(place + 1) * samples)
 }
 
-fn joined(a: Option<[f32; 2]>, b: Option<[f32; 2]>) -> Option<[f32; 2]> {
+pub(super) fn joined(a: Option<[f32; 2]>, b: Option<[f32; 2]>) -> Option<[f32; 2]> {
     match (a, b) {
         (Some([a, b]), Some([c, d])) => Some([a.min(c), b.max(d)]),
         (a, b) => a.or(b),
@@ -129,7 +129,7 @@ fn joined(a: Option<[f32; 2]>, b: Option<[f32; 2]>) -> Option<[f32; 2]> {
 }
 
 /// The least number that any rank gives.
-fn least_of_all(own: f32, ranks: &mut Ranks) -> Result<f32> {
+pub(super) fn least_of_all(own: f32, ranks: &mut Ranks) -> Result<f32> {
     let all = ranks.gather_records(Ok(vec![own]))?;
     Ok(all.into_iter().flatten().fold(f32::INFINITY, f32::min))
 }

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::ranks::Ranks;
 use super::share::Share;
 use crate::error::{Error, Result};
+use crate::math::ExactSum;
 use crate::prepared::{Found, PointFile};
 use crate::sample::{Finding, SampleReport, summed_function};
 
@@ -16,8 +17,8 @@ struct Told {
     particle_count: usize,
     value_range: Option<[f32; 2]>,
     corners: Option<[[f64; 3]; 2]>,
-    /// The bits of a sum of volumes, which may be no number.
-    volume_sum: u64,
+    /// [`ExactSum::to_limbs`].
+    volume_sum: Vec<i64>,
     /// How many, of what, why, and whether they were left out.
     findings: Vec<(usize, String, String, bool)>,
 }
@@ -31,7 +32,7 @@ impl Told {
             particle_count: report.particle_count,
             value_range: report.value_range,
             corners: found.corners.map(|(a, b)| [a.to_array(), b.to_array()]),
-            volume_sum: found.volume_sum.to_bits(),
+            volume_sum: found.volume_sum.to_limbs(),
             findings: findings
                 .map(|f| {
                     (
@@ -65,8 +66,29 @@ impl Told {
         if let Some([a, b]) = self.corners {
             all.extend((DVec3::from(a), DVec3::from(b)));
         }
-        all.volume_sum += f64::from_bits(self.volume_sum);
+        if let Some(sum) = ExactSum::of_limbs(&self.volume_sum) {
+            all.volume_sum.add_all(sum);
+        }
     }
+}
+
+/// What all ranks found, of what each found of its rows.
+///
+/// # Errors
+/// A rank that is gone, or another program.
+pub(super) fn told_by_all(own: &Found, ranks: &mut Ranks) -> Result<Found> {
+    // Finite numbers and words.
+    let part = serde_json::to_vec(&Told::of(own)).unwrap_or_default();
+    let mut all = Found::none_of(&own.report);
+    for part in ranks.gather_to_all(Ok(part))? {
+        let told: Told = serde_json::from_slice(&part).map_err(|e| {
+            let advice = "start the same program on every rank";
+            let expected = "what this program finds of a file";
+            Error::invalid("ranks", "message", expected, e.to_string(), advice)
+        })?;
+        told.add_to(&mut all);
+    }
+    Ok(all)
 }
 
 /// Reads this rank's rows: its particles. What the file says of its particles is of those of all ranks then.
@@ -74,25 +96,9 @@ impl Told {
 /// # Errors
 /// What reading says, on any rank; nothing that can be drawn; a rank that is gone.
 pub(crate) fn read_together(file: &mut PointFile, ranks: &mut Ranks) -> Result<Share> {
-    let mut own = None;
-    let part = file.read_part(ranks.rank(), ranks.size()).map(|read| {
-        // Finite numbers and words.
-        let told = serde_json::to_vec(&Told::of(&read.1)).unwrap_or_default();
-        own = Some(read);
-        told
-    });
-    let parts = ranks.gather_to_all(part)?;
-    let (mut volume, own) = own.ok_or(Error::Cancelled)?;
-    let mut all = Found::none_of(&own.report);
-    for part in &parts {
-        let told: Told = serde_json::from_slice(part).map_err(|e| {
-            let advice = "start the same program on every rank";
-            let expected = "what this program finds of a file";
-            Error::invalid("ranks", "message", expected, e.to_string(), advice)
-        })?;
-        told.add_to(&mut all);
-    }
-    file.keep(all)?;
+    let own = file.read_part(ranks.rank(), ranks.size());
+    let (mut volume, own) = ranks.agree(own)?;
+    file.keep(told_by_all(&own, ranks)?)?;
     if file.field().is_some() {
         let report = file.report().cloned().unwrap_or_default();
         let function = summed_function(report.value_range, report.unit_distance)?;

@@ -3,6 +3,7 @@
 
 mod direction;
 mod ein;
+mod exact_sum;
 mod factor;
 mod flatten;
 mod harmonics;
@@ -20,6 +21,7 @@ pub(crate) use ein::EULER;
 #[cfg(feature = "gpu")]
 pub(crate) use ein::{E1_DENOMINATOR, E1_NUMERATOR, EIN_SERIES, EIN_SPLIT};
 pub use ein::{ein, ein_share};
+pub(crate) use exact_sum::ExactSum;
 pub use factor::Factor;
 pub use flatten::{flatten, tangents_of};
 pub(crate) use harmonics::HarmonicsTransform;

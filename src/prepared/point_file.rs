@@ -8,6 +8,7 @@ use glam::DVec3;
 use crate::blocks::ParticleStream;
 use crate::error::{Error, Result};
 use crate::io::{Dataset, Geometry, ParticleType, RowFile, Up};
+use crate::math::ExactSum;
 use crate::sample::{
     OfRows, SampleOptions, SampleReport, mean_spacing, nothing_left, of_rows, rows, summed_function,
 };
@@ -173,7 +174,7 @@ impl PointFile {
         if report.particle_count == 0 {
             return Err(nothing_left(self.file.path(), &report));
         }
-        let spacing = mean_spacing(volume_sum, report.particle_count);
+        let spacing = mean_spacing(volume_sum.value(), report.particle_count);
         report.unit_distance = self.options.unit_distance.unwrap_or(spacing);
         (self.report, self.corners) = (Some(report), corners);
         Ok(())
@@ -219,7 +220,7 @@ pub(crate) struct Found {
     pub(crate) report: SampleReport,
     pub(crate) corners: Option<(DVec3, DVec3)>,
     /// Of the particles \[length³\].
-    pub(crate) volume_sum: f64,
+    pub(crate) volume_sum: ExactSum,
 }
 
 impl Found {

@@ -27,6 +27,8 @@ mod mesh_field;
 mod neighbours;
 mod points;
 mod positions;
+#[cfg(feature = "cli")]
+mod reach;
 mod report;
 mod sharp;
 mod sharp_cells;
@@ -47,6 +49,8 @@ use crate::io::{
     Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry, LengthMeaning, SphKernel,
     is_of_higher_order, to_first_order,
 };
+#[cfg(feature = "prepared")]
+use crate::math::ExactSum;
 use crate::scene::{
     AutomaticOptions, Colour, Particles, PointVolume, ScaleName, Strength, Surroundings,
     TransferDefaults, TransferFunction, ValueSample, Values,
@@ -63,6 +67,13 @@ use kernels::Kernels;
 #[cfg(feature = "cli")]
 pub(crate) use lattice::{PlaneValues, lattice_of_planes};
 use mesh::{MeshOptions, SampledMesh, Spread};
+#[cfg(feature = "cli")]
+pub(crate) use points::{
+    Elsewhere, FITTED_NEIGHBOURS, Neighbourhoods, RowsApart, Surrounded, fit_apart, function_apart,
+    sample_apart, scalars,
+};
+#[cfg(feature = "cli")]
+pub(crate) use reach::{LEAF, Reach, reaches};
 pub use report::{Finding, SampleReport};
 pub use statistics::{PERCENTILES, ShapeStatistics};
 #[cfg(feature = "cli")]
@@ -439,7 +450,7 @@ pub(crate) fn of_rows(dataset: &Dataset, options: &SampleOptions) -> Option<OfRo
 pub(crate) fn rows(
     dataset: Dataset,
     options: &SampleOptions,
-    volume_sum: &mut f64,
+    volume_sum: &mut ExactSum,
 ) -> Result<Sampled> {
     check_options(options)?;
     dataset.validate()?;

@@ -8,13 +8,19 @@ use rayon::prelude::*;
 
 use super::fit::Fit;
 use super::index_u32;
-use super::positions::{is_same, sort_by_position};
+use super::positions::{compare, is_same, sort_by_position};
 use crate::error::Result;
 use crate::math::{NO_NORMAL, normal_code};
 use crate::task::{Task, collect};
 
 /// Neighbours that shapes are taken from: enough to average, few enough to stay local.
 pub(super) const NEIGHBOUR_COUNT: usize = 14;
+
+/// How many times as many normals are fitted to where fewer lie in a plane.
+const MORE: [usize; 3] = [2, 4, 8];
+
+/// The most neighbours that a field is fitted to.
+pub(super) const MOST_FITTED: usize = MORE[2] * NEIGHBOUR_COUNT;
 
 /// Neighbours that spacings are taken from, first and last: a ball that ends at any one of them
 /// is too small or too great by a sixth on regular sets, whose neighbours come in shells; their
@@ -44,6 +50,8 @@ pub(super) struct PointIndex<'a> {
     /// slow where many points share a coordinate. Distances stay.
     turn: DMat3,
     tree: ImmutableKdTree<f64, 3>,
+    /// Twice how far distances in the tree may be off: its points are rounded.
+    blur: f64,
 }
 
 impl<'a> PointIndex<'a> {
@@ -82,6 +90,8 @@ impl<'a> PointIndex<'a> {
             return None;
         }
         let tree = ImmutableKdTree::new_from_slice(&points).ok()?;
+        // Differences and the turn round three times each, both ends of a distance.
+        let extent = (high - origin).max(origin - low).length();
         Some(Self {
             positions,
             order,
@@ -89,6 +99,7 @@ impl<'a> PointIndex<'a> {
             origin,
             turn,
             tree,
+            blur: 32.0 * f64::EPSILON * extent,
         })
     }
 
@@ -132,22 +143,61 @@ impl<'a> PointIndex<'a> {
         self.positions.len()
     }
 
-    /// Relative to the origin.
-    pub(super) fn group_point(&self, g: usize) -> DVec3 {
-        self.positions[self.group(g)[0] as usize] - self.origin
+    /// Where the points of a group are.
+    fn place(&self, g: usize) -> DVec3 {
+        self.positions[self.group(g)[0] as usize]
+    }
+
+    /// Where a group is, seen from another: the same whatever else is in the set.
+    pub(super) fn offset(&self, from: usize, to: usize) -> DVec3 {
+        self.place(to) - self.place(from)
     }
 
     /// The `count` distinct positions nearest to one, and their squared distances, itself first.
     pub(super) fn nearest(&self, g: usize, count: usize) -> impl Iterator<Item = (usize, f64)> {
-        let wanted = NonZero::new(count + 1).unwrap_or(NonZero::<usize>::MIN);
+        self.nearest_from(self.place(g), count).into_iter()
+    }
+
+    /// The same of a position of the set.
+    ///
+    /// Which they are, and in what order, depends on nothing that is farther: those at one distance are ordered by their
+    /// places.
+    fn nearest_from(&self, from: DVec3, count: usize) -> Vec<(usize, f64)> {
+        /// Neighbours that are looked at beyond those asked for: lattices have many at one distance.
+        const BEYOND: usize = 6;
+        let query = (self.turn * (from - self.origin)).to_array();
+        let asked = NonZero::new(count + 1 + BEYOND).unwrap_or(NonZero::<usize>::MIN);
         let found = self
             .tree
-            .query(&(self.turn * self.group_point(g)).to_array())
-            .nearest_n::<SquaredEuclidean<f64>>(wanted)
+            .query(&query)
+            .nearest_n::<SquaredEuclidean<f64>>(asked)
             .execute();
-        found
-            .into_iter()
-            .filter_map(|found| Some((usize::try_from(found.item).ok()?, found.distance)))
+        // All that may be as near as the last of those asked for.
+        let last = found.get(count).map_or(f64::INFINITY, |last| last.distance);
+        let limit = (last.sqrt() + self.blur).powi(2) * (1.0 + 8.0 * f64::EPSILON);
+        let measured = |item: u32, distance: f64| {
+            let g = item as usize;
+            let is_near = distance <= limit;
+            is_near.then(|| (g, (self.place(g) - from).length_squared()))
+        };
+        let is_cut = found.len() > count && found.len() == asked.get();
+        let mut nearest: Vec<(usize, f64)> = if is_cut && found[asked.get() - 1].distance <= limit {
+            let all = self.tree.query(&query);
+            let all = all.within::<SquaredEuclidean<f64>>(limit).unsorted();
+            let all = all.execute().into_iter();
+            all.filter_map(|other| measured(other.item, other.distance))
+                .collect()
+        } else {
+            let near = found.into_iter();
+            near.filter_map(|other| measured(other.item, other.distance))
+                .collect()
+        };
+        nearest.sort_unstable_by(|a, b| {
+            let tie = || compare(self.place(a.0), self.place(b.0));
+            a.1.total_cmp(&b.1).then_with(tie)
+        });
+        nearest.truncate(count + 1);
+        nearest
     }
 
     /// The point nearest to a finite position; the first of those at one place.
@@ -205,8 +255,7 @@ impl<'a> PointIndex<'a> {
             return [f64::NAN; 6];
         };
         // Relative to one of them, so that a far origin costs no digits.
-        let at = self.group_point(first);
-        let offsets = groups.map(|g| self.group_point(g) - at);
+        let offsets = groups.map(|g| self.offset(first, g));
         let count = offsets.clone().count() as f64;
         let mean = offsets.clone().sum::<DVec3>() / count;
         let mut sum = [0.0; 6];
@@ -220,7 +269,14 @@ impl<'a> PointIndex<'a> {
 
     /// Covariances of the nearest neighbours of each point, smoothed over these neighbours: less
     /// noisy by far.
-    pub(super) fn covariances(&self, task: Option<&Task>) -> Result<Vec<[f64; 6]>> {
+    ///
+    /// - `complete`: puts right what some of the points have before it is smoothed, where their own neighbours are
+    ///   elsewhere.
+    pub(super) fn covariances(
+        &self,
+        task: Option<&Task>,
+        complete: Option<&mut dyn FnMut(Vec<[f64; 6]>) -> Result<Vec<[f64; 6]>>>,
+    ) -> Result<Vec<[f64; 6]>> {
         // Fewer where the set is smaller: the rest names the group itself.
         let around = |g| {
             let mut groups = [index_u32(g); NEIGHBOUR_COUNT + 1];
@@ -230,10 +286,15 @@ impl<'a> PointIndex<'a> {
             groups
         };
         let nearest = collect(task, FINDING, self.group_count(), around)?;
-        let own: Vec<[f64; 6]> = nearest
+        let mut own: Vec<[f64; 6]> = nearest
             .par_iter()
             .map(|groups| self.covariance(groups.iter().map(|&g| g as usize)))
             .collect();
+        if let Some(complete) = complete {
+            let of_points = complete(self.spread(&own, [f64::NAN; 6]))?;
+            let of_group = |g| of_points[self.group(g)[0] as usize];
+            own = (0..self.group_count()).map(of_group).collect();
+        }
         let smooth = |groups: &[u32; NEIGHBOUR_COUNT + 1]| {
             let mut sum = [0.0; 6];
             for &other in groups {
@@ -247,17 +308,21 @@ impl<'a> PointIndex<'a> {
         Ok(self.spread(&smoothed, [f64::NAN; 6]))
     }
 
-    /// Covariances of `neighbour_count` neighbours for at most `count` points spread over the set.
-    pub(super) fn some_covariances(&self, count: usize, neighbour_count: usize) -> Vec<[f64; 6]> {
-        let step = self.group_count().div_ceil(count).max(1);
-        (0..self.group_count())
-            .into_par_iter()
-            .step_by(step)
-            .map(|g| {
-                let groups: Vec<usize> = self.nearest(g, neighbour_count).map(|n| n.0).collect();
-                self.covariance(groups.iter().copied())
-            })
-            .collect()
+    /// Covariances of `neighbour_count` neighbours of some points.
+    pub(super) fn covariances_of(&self, points: &[u32], neighbour_count: usize) -> Vec<[f64; 6]> {
+        let covariance = |&i: &u32| {
+            let nearest = self.nearest_from(self.positions[i as usize], neighbour_count);
+            self.covariance(nearest.iter().map(|n| n.0))
+        };
+        points.par_iter().map(covariance).collect()
+    }
+
+    /// The mean of the finite values at one position, whichever order its points are in.
+    pub(super) fn mean_of(&self, g: usize, value: impl Fn(usize) -> f32) -> f64 {
+        let values = self.group(g).iter().map(|&i| value(i as usize));
+        let mut finite: Vec<f32> = values.filter(|v| v.is_finite()).collect();
+        finite.sort_unstable_by(f32::total_cmp);
+        finite.iter().copied().map(f64::from).sum::<f64>() / finite.len() as f64
     }
 
     /// Codes of the directions in which a field grows fastest: the plane of least squares through a
@@ -268,22 +333,16 @@ impl<'a> PointIndex<'a> {
         task: Option<&Task>,
         value: impl Fn(usize) -> f32 + Sync,
     ) -> Result<Vec<u32>> {
-        let mean = |g: usize| {
-            let values = self.group(g).iter().map(|&i| f64::from(value(i as usize)));
-            let finite = values.filter(|v| v.is_finite());
-            let (sum, count) = finite.fold((0.0, 0.0), |(sum, count), v| (sum + v, count + 1.0));
-            sum / count
-        };
-        let means: Vec<f64> = (0..self.group_count()).into_par_iter().map(mean).collect();
+        let means = (0..self.group_count()).into_par_iter();
+        let means: Vec<f64> = means.map(|g| self.mean_of(g, &value)).collect();
         let normal = |g: usize| {
-            let own = self.group_point(g);
             let fit = |count: usize| {
                 let neighbours = self.nearest(g, count);
-                let offset = |(other, _)| (self.group_point(other) - own, means[other] - means[g]);
+                let offset = |(other, _)| (self.offset(g, other), means[other] - means[g]);
                 Fit::of(neighbours.map(offset))
             };
             let mut best = fit(NEIGHBOUR_COUNT);
-            for factor in [2, 4, 8] {
+            for factor in MORE {
                 if best.spans() || !means[g].is_finite() {
                     break;
                 }
@@ -313,7 +372,7 @@ impl<'a> PointIndex<'a> {
             let Ok(g) = usize::try_from(found.item) else {
                 continue;
             };
-            let offset = self.group_point(g) - centre;
+            let offset = self.place(g) - self.origin - centre;
             for &i in self.group(g) {
                 visit(i, offset);
             }
@@ -433,7 +492,7 @@ mod tests {
             .map(|p| p * DVec3::new(2.0, 1.0, 1.0))
             .collect();
         let index = PointIndex::new(&points).unwrap();
-        let centre = index.covariances(None).unwrap()[5 + 11 * (5 + 11 * 5)];
+        let centre = index.covariances(None, None).unwrap()[5 + 11 * (5 + 11 * 5)];
         assert!(
             (centre[3] - centre[5]).abs() < 0.3 * centre[3],
             "{centre:?}"
@@ -443,6 +502,6 @@ mod tests {
             beside.iter().all(|c| c.abs() < 0.2 * centre[3]),
             "{centre:?}"
         );
-        assert_eq!(index.some_covariances(10, 20).len(), 10);
+        assert_eq!(index.covariances_of(&[3, 700], 20).len(), 2);
     }
 }

@@ -1,5 +1,7 @@
 //! Positions that are one.
 
+use std::cmp::Ordering;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -11,12 +13,16 @@ fn key(p: DVec3) -> [f64; 3] {
 /// Sorts indices so that those at one position are beside one another, rising.
 pub(super) fn sort_by_position(positions: &[DVec3], order: &mut [u32]) {
     order.par_sort_unstable_by(|&i, &j| {
-        let [a, b] = [i, j].map(|i| key(positions[i as usize]));
-        a[0].total_cmp(&b[0])
-            .then(a[1].total_cmp(&b[1]))
-            .then(a[2].total_cmp(&b[2]))
-            .then(i.cmp(&j))
+        compare(positions[i as usize], positions[j as usize]).then(i.cmp(&j))
     });
+}
+
+/// Positions along x, those of one x along y, those of one y along z.
+pub(super) fn compare(a: DVec3, b: DVec3) -> Ordering {
+    let [a, b] = [a, b].map(key);
+    a[0].total_cmp(&b[0])
+        .then(a[1].total_cmp(&b[1]))
+        .then(a[2].total_cmp(&b[2]))
 }
 
 /// Whether two positions are one, bit by bit but for the sign of zero.

@@ -83,9 +83,25 @@ impl LocalModels {
     /// Encodes one model for each particle. Slopes and departures that are not finite become zero,
     /// ranges that are not become [`NO_BOUND`].
     pub fn new(models: &[LocalModel]) -> Self {
-        let mut encoded = Self::scaled(models);
-        encoded.codes = models.par_iter().map(|m| encoded.code(m)).collect();
-        encoded
+        Self::scaled(models).coded(models)
+    }
+
+    /// The same with the scales of these and of others: [`Self::scales_of`] of all.
+    #[cfg(feature = "cli")]
+    pub(crate) fn with(models: &[LocalModel], scales: [f32; 2]) -> Self {
+        Self::scaled(&[]).with_scales(scales).coded(models)
+    }
+
+    /// The greatest slope and the greatest departure of models.
+    #[cfg(feature = "cli")]
+    pub(crate) fn scales_of(models: &[LocalModel]) -> [f32; 2] {
+        Self::scaled(models).scales()
+    }
+
+    /// These, with the scales that are there.
+    fn coded(mut self, models: &[LocalModel]) -> Self {
+        self.codes = models.par_iter().map(|m| self.code(m)).collect();
+        self
     }
 
     /// None yet, with the scales of these.

@@ -36,6 +36,7 @@ pub use requirements::Requirements;
 #[cfg(feature = "prepared")]
 pub(crate) use storage::SharedBytes;
 pub use storage::{Column, Owned, Shared, Storage};
+pub(crate) use transfer_function::PickedRow;
 pub use transfer_function::{
     ALONE_DEPTH, AutomaticOptions, Averages, CLASSIFICATION_TABLE_LEN, COLOUR_MAP_NAMES,
     ColourSpace, ControlPoint, LEAST_WINDOW_SHARE, LOBE_REACH, Lobe, Lobes, MAX_LOBES, MAX_OPACITY,

@@ -8,6 +8,7 @@ mod lobes;
 mod maxima;
 mod value_scale;
 
+pub(crate) use automatic::PickedRow;
 pub use automatic::{AutomaticOptions, Surroundings, ValueSample};
 #[cfg(feature = "gpu")]
 pub(crate) use averages::FAR_ENTRIES;

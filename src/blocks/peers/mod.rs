@@ -55,12 +55,12 @@ pub(crate) trait Peers {
 
 /// The same of records.
 impl dyn Peers + '_ {
-    pub(super) fn gather_records<T: Pod>(&mut self, own: Result<&[T]>) -> Result<Vec<Vec<T>>> {
+    pub(crate) fn gather_records<T: Pod>(&mut self, own: Result<&[T]>) -> Result<Vec<Vec<T>>> {
         let all = self.gather(own.map(|own| bytemuck::cast_slice(own).to_vec()))?;
         Ok(all.iter().map(|part| records(part)).collect())
     }
 
-    pub(super) fn exchange_records<T: Pod>(
+    pub(crate) fn exchange_records<T: Pod>(
         &mut self,
         parts: Result<Vec<Vec<T>>>,
     ) -> Result<Vec<Vec<T>>> {
@@ -296,6 +296,27 @@ pub(crate) fn build_together(
     };
     shared.family = family(base, coarse.into_iter().collect());
     Ok(shared)
+}
+
+/// Who takes each of this one's points, so that everybody has those of a part of space, and about as many: chunks of the tree,
+/// one after another. All of them have a place.
+pub(crate) fn territories(positions: &[DVec3], peers: &mut dyn Peers) -> Result<Vec<u32>> {
+    let count = peers.sums(vec![positions.len() as u64])?;
+    let count = count.first().copied().unwrap_or(0).max(1);
+    let (members, chunks) = chunks::chunks(positions, count, peers)?;
+    let mut owners = vec![0; positions.len()];
+    let mut before = 0;
+    for chunk in &chunks {
+        // By the middle of the chunk.
+        let middle = u128::from(2 * before + chunk.count) * peers.size() as u128;
+        let owner = (middle / (2 * u128::from(count))) as u32;
+        let owner = owner.min(peers.size() as u32 - 1);
+        members[chunk.here.clone()]
+            .iter()
+            .for_each(|&i| owners[i as usize] = owner);
+        before += chunk.count;
+    }
+    Ok(owners)
 }
 
 /// Least and greatest place of points; of none, reversed infinities.

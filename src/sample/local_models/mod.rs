@@ -24,7 +24,7 @@ use self::quadratic::Quadratic;
 use super::{SampleOptions, narrowed};
 use crate::error::Result;
 use crate::math::lower_matrix;
-use crate::scene::{LocalModel, LocalModels, Particles, PointVolume, Strength};
+use crate::scene::{LocalModel, LocalModels, Particles, PointVolume, Strength, Values};
 use crate::task::Task;
 
 /// What the progress calls it.
@@ -32,23 +32,37 @@ pub(super) const STAGE: &str = "fitting local models";
 
 /// Gives a volume of classified particles local models where it has none yet.
 pub(super) fn complete(volume: &mut PointVolume, options: &SampleOptions) -> Result<()> {
-    let is_wanted = options.local_models && volume.local_models.is_none();
-    let (Some(values), Strength::Classified { .. }, true) =
-        (&volume.values, &volume.strength, is_wanted)
-    else {
+    let Some(values) = &volume.values else {
         return Ok(());
     };
-    let task: Option<&Task> = options.task.as_ref();
-    let positions = match &volume.particles {
-        Particles::Isotropic { positions, .. } | Particles::Anisotropic { positions, .. } => {
-            positions
-        }
-        Particles::Lattice { .. } | Particles::Surfels { .. } => return Ok(()),
-    };
-    let factor = |i| volume.particles.shape(i).1;
-    let models = points::models(positions, factor, values, task)?;
-    volume.local_models = Some(LocalModels::new(&models));
+    let positions = volume.particles.positions();
+    if let Some(models) = models_among(volume, positions, values, options)? {
+        volume.local_models = Some(LocalModels::new(&models));
+    }
     Ok(())
+}
+
+/// The local models of a volume's particles, where it is to have some and has none yet.
+///
+/// - `positions`, `values`: of its particles, and behind these of others among their neighbours.
+pub(super) fn models_among(
+    volume: &PointVolume,
+    positions: &[DVec3],
+    values: &Values,
+    options: &SampleOptions,
+) -> Result<Option<Vec<LocalModel>>> {
+    let is_of_points = matches!(
+        volume.particles,
+        Particles::Isotropic { .. } | Particles::Anisotropic { .. }
+    );
+    let is_classified = matches!(volume.strength, Strength::Classified { .. });
+    let is_wanted = options.local_models && volume.local_models.is_none();
+    if !is_of_points || !is_classified || !is_wanted {
+        return Ok(None);
+    }
+    let task: Option<&Task> = options.task.as_ref();
+    let factor = |i| volume.particles.shape(i).1;
+    points::models(positions, volume.particles.len(), factor, values, task).map(Some)
 }
 
 /// A lower-triangular factor as a matrix.

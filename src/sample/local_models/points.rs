@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-use super::super::neighbours::PointIndex;
+use super::super::neighbours::{MOST_FITTED, PointIndex};
 use super::quadratic::{Quadratic, fit};
 use super::{Range, STAGE, local_model, steepest};
 use crate::error::Result;
@@ -15,14 +15,17 @@ use crate::task::{Task, collect};
 const NEIGHBOUR_COUNT: usize = 24;
 /// See [`NEIGHBOUR_COUNT`].
 const MORE_NEIGHBOURS: [usize; 2] = [2 * NEIGHBOUR_COUNT, 4 * NEIGHBOUR_COUNT];
+const _: () = assert!(MORE_NEIGHBOURS[1] <= MOST_FITTED);
 
-/// One model for each point.
+/// One model for each of the first points.
 ///
+/// - `count`: how many; those behind them are neighbours that have models elsewhere.
 /// - `factor`: of each kernel's variance, world units.
 /// - `values`: one each; those at one position count with their mean. What is not finite counts as
 ///   none.
 pub(super) fn models(
     positions: &[DVec3],
+    count: usize,
     factor: impl Fn(usize) -> DMat3 + Sync,
     values: &Values,
     task: Option<&Task>,
@@ -39,16 +42,15 @@ pub(super) fn models(
         )
     };
     let Some(index) = PointIndex::new(positions) else {
-        return Ok((0..positions.len()).map(flat).collect());
+        return Ok((0..count).map(flat).collect());
     };
     let of_group = |g: usize| {
-        let finite = || {
-            let values = index.group(g).iter().map(|&i| values.get(i as usize));
-            values.filter(|v| v.is_finite())
-        };
-        let sum: f64 = finite().map(f64::from).sum();
-        let mean = sum / finite().count() as f64;
-        (mean, finite().map(Range::of).fold(Range::EMPTY, Range::and))
+        let ranges = index
+            .group(g)
+            .iter()
+            .map(|&i| Range::of(values.get(i as usize)));
+        let mean = index.mean_of(g, |i| values.get(i));
+        (mean, ranges.fold(Range::EMPTY, Range::and))
     };
     let groups: Vec<(f64, Range)> = (0..index.group_count())
         .into_par_iter()
@@ -56,13 +58,15 @@ pub(super) fn models(
         .collect();
     let model = |place: usize| {
         let (point, g) = index.in_order(place);
+        if point as usize >= count {
+            return None;
+        }
         let (mean, own_range) = groups[g];
-        let own = index.group_point(g);
         let around = |count: usize| {
             let nearest = index.nearest(g, count);
             let offsets = nearest.map(|(other, _)| {
                 let (other_mean, range) = groups[other];
-                (index.group_point(other) - own, other_mean - mean, range)
+                (index.offset(g, other), other_mean - mean, range)
             });
             let mut range = own_range;
             let neighbours: Vec<(DVec3, f64)> = offsets
@@ -83,19 +87,21 @@ pub(super) fn models(
         let i = point as usize;
         let factor = factor(i);
         let value = values.get(i);
-        local_model(
+        Some(local_model(
             &fitted.quadratic,
             factor,
             DVec3::ZERO,
             value,
             range,
             steepest(factor, fitted.distance),
-        )
+        ))
     };
     let found = collect(task, STAGE, index.len(), model)?;
-    let mut models: Vec<LocalModel> = (0..positions.len()).map(flat).collect();
+    let mut models: Vec<LocalModel> = (0..count).map(flat).collect();
     for (place, model) in found.into_iter().enumerate() {
-        models[index.in_order(place).0 as usize] = model;
+        if let Some(model) = model {
+            models[index.in_order(place).0 as usize] = model;
+        }
     }
     Ok(models)
 }
@@ -121,7 +127,14 @@ mod tests {
     fn models_of(positions: &[DVec3], sigma: f64, field: impl Fn(DVec3) -> f64) -> Vec<LocalModel> {
         let values = positions.iter().map(|&x| narrowed(field(x))).collect();
         let factor = |_| DMat3::from_diagonal(DVec3::splat(sigma));
-        models(positions, factor, &Values::F32(values), None).unwrap()
+        models(
+            positions,
+            positions.len(),
+            factor,
+            &Values::F32(values),
+            None,
+        )
+        .unwrap()
     }
 
     #[test]
@@ -236,7 +249,7 @@ mod tests {
         task.cancel();
         let values = Values::F32(values);
         let factor = |_| DMat3::IDENTITY;
-        let cancelled = models(&positions, factor, &values, Some(&task));
+        let cancelled = models(&positions, positions.len(), factor, &values, Some(&task));
         assert!(matches!(cancelled, Err(Error::Cancelled)));
     }
 }

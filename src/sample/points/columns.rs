@@ -1,6 +1,7 @@
 //! The columns of a table, by name.
 
 use super::super::{TakenScalar, check_len, describes_the_grid};
+use super::neighbourhoods::Neighbourhoods;
 use crate::error::{Error, Result};
 use crate::image::linear_from_srgb;
 use crate::io::{Association, Dataset, Field, FieldSource, SCALES, Smoothing, VARIANCE};
@@ -45,6 +46,18 @@ pub(super) fn linear_channel(column: &Values, i: usize) -> f32 {
 pub(super) struct Columns<'a> {
     pub(super) dataset: &'a Dataset,
     pub(super) count: usize,
+    /// What neighbours say of bare points, where it is known already.
+    pub(super) neighbourhoods: Option<&'a Neighbourhoods>,
+}
+
+impl<'a> Columns<'a> {
+    pub(super) fn of(dataset: &'a Dataset, count: usize) -> Self {
+        Self {
+            dataset,
+            count,
+            neighbourhoods: None,
+        }
+    }
 }
 
 impl<'a> Columns<'a> {
@@ -193,13 +206,32 @@ impl<'a> Columns<'a> {
     /// A density if there is one, else, where `any` will do, the first column without a meaning of
     /// its own that is not constant.
     pub(super) fn default_field(&self, any: bool) -> Option<String> {
+        self.default_field_that(any, &is_varied)
+    }
+
+    /// The same, where something else tells which columns vary.
+    pub(super) fn default_field_that(
+        &self,
+        any: bool,
+        varies: &dyn Fn(&str, &Values) -> bool,
+    ) -> Option<String> {
         let (_, _, density) = self.names();
-        self.varying(&[&DENSITIES[..], &[density]].concat())
-            .or_else(|| self.varying(&[]).filter(|_| any))
+        let densities = [&DENSITIES[..], &[density]].concat();
+        let first = self.first_that(&densities, varies);
+        first.or_else(|| any.then(|| self.first_that(&[], varies)).flatten())
     }
 
     /// The first column of these names, or of any, without a meaning of its own that is not constant.
     pub(super) fn varying(&self, names: &[&str]) -> Option<String> {
+        self.first_that(names, &is_varied)
+    }
+
+    /// The first such column that something else tells to vary.
+    pub(super) fn first_that(
+        &self,
+        names: &[&str],
+        varies: &dyn Fn(&str, &Values) -> bool,
+    ) -> Option<String> {
         let is = |name: &str, list: &[&str]| list.iter().any(|l| l.eq_ignore_ascii_case(name));
         let (length, mass, _) = self.names();
         let own = [length, mass];
@@ -207,12 +239,16 @@ impl<'a> Columns<'a> {
         let mut varying = self.dataset.fields.iter().filter(|f| match &f.source {
             FieldSource::Scalar(values) => {
                 (names.is_empty() || is(&f.name, names))
-                    && values.finite_range().is_some_and(|[lo, hi]| lo < hi)
                     && !kept.iter().any(|list| is(&f.name, list))
                     && !describes_the_grid(&f.name)
+                    && varies(&f.name, values)
             }
             _ => false,
         });
         varying.next().map(|f| f.name.clone())
     }
+}
+
+fn is_varied(_: &str, values: &Values) -> bool {
+    values.finite_range().is_some_and(|[lo, hi]| lo < hi)
 }

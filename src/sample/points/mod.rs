@@ -1,15 +1,25 @@
 //! Particles: shapes, strengths and colours from the columns of a table.
 
+#[cfg(feature = "cli")]
+mod apart;
 mod columns;
 mod mass;
+mod neighbourhoods;
 mod shape;
 
 use std::borrow::Cow;
 
 use rayon::prelude::*;
 
+#[cfg(feature = "cli")]
+pub(crate) use self::apart::{
+    FITTED_NEIGHBOURS, RowsApart, fit_apart, function_apart, sample_apart, scalars,
+};
 use self::columns::{Columns, INTENSITIES, RED_GREEN_BLUE, RGB, linear_channel};
 use self::mass::Mass;
+pub(crate) use self::neighbourhoods::Neighbourhoods;
+#[cfg(feature = "cli")]
+pub(crate) use self::neighbourhoods::{Elsewhere, Surrounded};
 use self::shape::Shape;
 use super::left_out::LeftOut;
 use super::{
@@ -20,8 +30,10 @@ use super::{
 use super::{OfRows, ParticleShape};
 use crate::error::Result;
 use crate::io::{Dataset, Geometry};
-use crate::scene::{Colour, Particles, PointVolume, Strength, ValueSample, Values};
+use crate::math::ExactSum;
+use crate::scene::{Colour, Particles, PickedRow, PointVolume, Strength, ValueSample, Values};
 use crate::task::Stage;
+use glam::DVec3;
 
 /// The name that the report gives to the field computed for bare positions. The logarithm,
 /// because clustered points span many decades of density.
@@ -51,7 +63,7 @@ struct Particle {
 }
 
 pub(super) fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
-    of_some(dataset, options, None)
+    of_some(dataset, options, None).map(|made| made.sampled)
 }
 
 /// What is made of some rows of a data set.
@@ -60,10 +72,7 @@ pub(super) fn kind_of_rows(dataset: &Dataset, options: &SampleOptions) -> Option
     let Geometry::Points { positions } = &dataset.geometry else {
         return None;
     };
-    let columns = Columns {
-        dataset,
-        count: positions.len(),
-    };
+    let columns = Columns::of(dataset, positions.len());
     if options.shape == ParticleShape::YuTurk {
         return None;
     }
@@ -99,25 +108,46 @@ pub(super) fn kind_of_rows(dataset: &Dataset, options: &SampleOptions) -> Option
 pub(super) fn of_rows(
     dataset: Dataset,
     options: &SampleOptions,
-    volume_sum: &mut f64,
+    volume_sum: &mut ExactSum,
 ) -> Result<Sampled> {
-    of_some(dataset, options, Some(volume_sum))
+    let part = Part {
+        volume_sum,
+        neighbourhoods: None,
+    };
+    of_some(dataset, options, Some(part)).map(|made| made.sampled)
 }
 
-/// - `volume_sum`: of the rows before these and then with them, where these are some of all.
-fn of_some(
-    mut dataset: Dataset,
-    options: &SampleOptions,
-    volume_sum: Option<&mut f64>,
-) -> Result<Sampled> {
+/// What is made of some of all rows.
+struct Part<'a> {
+    /// Of the rows before these, and then of these, too.
+    volume_sum: &'a mut ExactSum,
+    /// What neighbours say of bare points.
+    neighbourhoods: Option<&'a Neighbourhoods>,
+}
+
+/// What is made of rows.
+struct Made {
+    sampled: Sampled,
+    /// The rows of which there are particles.
+    #[cfg(feature = "cli")]
+    kept: Vec<u32>,
+    /// What those that show values stand for \[length³\].
+    #[cfg(feature = "cli")]
+    volumes: Vec<f32>,
+}
+
+/// - `part`: where these are some of all rows: without a function, and none of them may be left.
+fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>) -> Result<Made> {
     let Geometry::Points { positions } = &dataset.geometry else {
         unreachable!("the caller matched the geometry")
     };
     let count = positions.len();
-    check_count(&dataset, count)?;
+    if part.is_none() {
+        check_count(&dataset, count)?;
+    }
     let columns = Columns {
-        dataset: &dataset,
-        count,
+        neighbourhoods: part.as_ref().and_then(|part| part.neighbourhoods),
+        ..Columns::of(&dataset, count)
     };
     let shapes = columns.shapes(positions, options)?;
     let mass = columns.mass(&shapes, options)?;
@@ -230,8 +260,12 @@ fn of_some(
     }
     let mut strengths = Vec::with_capacity(count);
     let (mut volumes, mut colours) = (Vec::new(), Vec::new());
-    let is_part = volume_sum.is_some();
-    let mut total = volume_sum.as_deref().copied().unwrap_or(0.0);
+    let is_part = part.is_some();
+    let mut total = ExactSum::default();
+    let total = match part {
+        Some(part) => part.volume_sum,
+        None => &mut total,
+    };
     // In batches: a row is larger than what stays of it.
     let stage = Stage::new(options.task.as_ref(), "shaping kernels", count);
     let mut rows = Vec::with_capacity(BATCH.min(count));
@@ -252,9 +286,7 @@ fn of_some(
                         false => factors.push(particle.factor),
                     }
                     strengths.push(particle.strength);
-                    if particle.volume.is_finite() {
-                        total += particle.volume;
-                    }
+                    total.add(particle.volume);
                     if has_values {
                         volumes.push(particle.volume);
                     }
@@ -277,9 +309,7 @@ fn of_some(
             "`mass` is taken for extinction x volume; call physical masses `m` to see the density",
         );
     }
-    if let Some(sum) = volume_sum {
-        *sum = total;
-    } else if kept.is_empty() {
+    if !is_part && kept.is_empty() {
         return Err(nothing_left(&dataset.path, &report));
     }
     report.particle_count = kept.len();
@@ -306,7 +336,7 @@ fn of_some(
         }
         _ => None,
     };
-    let mean_spacing = mean_spacing(total, kept.len());
+    let mean_spacing = mean_spacing(total.value(), kept.len());
     let volumes: Vec<f32> = volumes.into_iter().map(narrowed).collect();
     let Geometry::Points { positions } = &mut dataset.geometry else {
         unreachable!("the caller matched the geometry")
@@ -316,7 +346,9 @@ fn of_some(
         positions = kept.iter().map(|&i| positions[i as usize]).collect();
     }
     report.unit_distance = options.unit_distance.unwrap_or(mean_spacing);
-    let of_body = |values: &Values| ValueSample::of_body(values, &volumes, &positions);
+    let place = |row: usize| kept.binary_search(&index_u32(row)).ok();
+    let picked = |values: &Values| picked_rows(count, place, &volumes, &positions, values);
+    let of_body = |values: &Values| ValueSample::of_rows(&picked(values), count);
     let (values, transfer_function) = match values {
         Some(values) if is_part => {
             report.value_range = values.finite_range();
@@ -326,7 +358,7 @@ fn of_some(
             .map(|(values, function)| (Some(values), Some(function)))?,
         None => (None, None),
     };
-    Ok(Sampled {
+    let sampled = Sampled {
         volume: PointVolume {
             strength: if is_classified {
                 Strength::Classified { volumes: strengths }
@@ -352,5 +384,37 @@ fn of_some(
             local_models: None,
         },
         report,
+    };
+    Ok(Made {
+        sampled,
+        #[cfg(feature = "cli")]
+        kept,
+        #[cfg(feature = "cli")]
+        volumes,
     })
+}
+
+/// Those rows that are looked at of so many of which there are particles.
+///
+/// - `place`: of a row's particle, if it has one.
+fn picked_rows(
+    count: usize,
+    place: impl Fn(usize) -> Option<usize>,
+    volumes: &[f32],
+    positions: &[DVec3],
+    values: &Values,
+) -> Vec<PickedRow> {
+    let row = |row: usize| {
+        let i = place(row)?;
+        Some(PickedRow {
+            row: row as u64,
+            position: positions[i].to_array(),
+            volume: volumes[i].into(),
+            value: values.get(i).into(),
+        })
+    };
+    PickedRow::picked(count)
+        .into_iter()
+        .filter_map(row)
+        .collect()
 }

@@ -9,22 +9,11 @@ use super::super::left_out::LeftOut;
 use super::super::neighbours::{MOST_NEIGHBOURS, NEIGHBOUR_COUNT, PointIndex};
 use super::super::{DEFAULT_KERNEL_WIDTH, ParticleShape, SampleOptions, sph, yu_turk};
 use super::columns::Columns;
+use super::neighbourhoods::{Neighbourhoods, Surrounded};
 use crate::error::{Error, Hint, Result};
 use crate::io::{LengthMeaning, SCALES, SphKernel, VARIANCE};
 use crate::math::{eigen, factor_of_variance, from_eigen, principal_sigmas};
 use crate::scene::Values;
-
-/// A set is truly anisotropic, lying on surfaces or along lines, if the neighbourhoods of this
-/// share of its points are longer than wide by [`TRUE_RATIO`], the wide ones of
-/// [`TRUE_NEIGHBOURS`] points: sets that fill space look flat at a few neighbours where they lie in
-/// layers, and round at many.
-const TRUE_SHARE: f64 = 0.5;
-/// See [`TRUE_SHARE`]; a ratio of standard deviations.
-const TRUE_RATIO: f64 = 3.0;
-/// See [`TRUE_SHARE`].
-const TRUE_NEIGHBOURS: usize = 60;
-/// Points whose neighbourhoods are looked at for it.
-const TRUE_SAMPLE: usize = 4096;
 
 /// A neighbourhood is flat, or a line, where the next standard deviation is smaller by this.
 const FLAT_RATIO: f64 = 2.5;
@@ -208,7 +197,28 @@ impl<'a> Columns<'a> {
 
     /// Shapes from the nearest neighbours: spheres, or ellipsoids where the set is anisotropic.
     fn of_neighbours(&self, positions: &[DVec3], options: &SampleOptions) -> Result<Shapes<'a>> {
-        let index = PointIndex::new(positions).ok_or_else(|| {
+        let (_, mass, density) = self.names();
+        let volumes = match (self.get(mass)?, self.get(density)?) {
+            (Some(mass), Some(density)) => {
+                let scale = self.dataset.volume_scale;
+                let volume = |i| scale * f64::from(mass.get(i)) / f64::from(density.get(i));
+                Some((0..self.count).into_par_iter().map(volume).collect())
+            }
+            _ => None,
+        };
+        let found = match self.neighbourhoods {
+            Some(known) => Some(known.clone()),
+            None => {
+                let points = Surrounded {
+                    positions,
+                    numbers: &|i| i as u64,
+                    count: positions.len(),
+                    of: positions.len() as u64,
+                };
+                Neighbourhoods::of(&points, volumes.is_none(), options, None)?
+            }
+        };
+        let found = found.ok_or_else(|| {
             Error::format(
                 &self.dataset.path,
                 "columns",
@@ -217,27 +227,12 @@ impl<'a> Columns<'a> {
                 Hint::AddSigmaOrGiveRadius,
             )
         })?;
-        let task = options.task.as_ref();
-        let (_, mass, density) = self.names();
-        let volumes = match (self.get(mass)?, self.get(density)?) {
-            (Some(mass), Some(density)) => {
-                let scale = self.dataset.volume_scale;
-                let volume = |i| scale * f64::from(mass.get(i)) / f64::from(density.get(i));
-                (0..self.count).into_par_iter().map(volume).collect()
-            }
-            _ => index.volumes(task)?,
-        };
-        let with_covariances = match options.shape {
-            ParticleShape::Covariance => true,
-            ParticleShape::Automatic => is_truly_anisotropic(&index),
-            ParticleShape::Isotropic | ParticleShape::YuTurk => false,
-        };
+        let volumes: Vec<f64> = volumes.unwrap_or(found.volumes);
         let width = DEFAULT_KERNEL_WIDTH;
-        let shape = if with_covariances {
+        let shape = if let Some(covariances) = found.covariances {
             let variance = |(c, volume): (&[f64; 6], &f64)| {
                 neighbourhood_variance(*c, *volume).map(|v| v * width * width)
             };
-            let covariances = index.covariances(task)?;
             Shape::Computed(covariances.par_iter().zip(&volumes).map(variance).collect())
         } else {
             Shape::Spheres(volumes.par_iter().map(|v| width * v.cbrt()).collect())
@@ -268,17 +263,6 @@ impl<F> Lengths<F> {
             convention: sph::convention(name, meaning, kernel),
         }
     }
-}
-
-/// See [`TRUE_SHARE`].
-fn is_truly_anisotropic(index: &PointIndex<'_>) -> bool {
-    let covariances = index.some_covariances(TRUE_SAMPLE, TRUE_NEIGHBOURS);
-    let is_long = |c: &&[f64; 6]| {
-        let (spread, _) = eigen(**c);
-        spread.max_element() > TRUE_RATIO * TRUE_RATIO * spread.min_element()
-    };
-    let long = covariances.iter().filter(is_long).count();
-    long as f64 > TRUE_SHARE * covariances.len() as f64
 }
 
 /// The variance of a kernel of width 1 from the covariance of its point's neighbours: divided by

@@ -3,6 +3,7 @@
 mod value_sample;
 mod worth;
 
+pub(crate) use self::value_sample::PickedRow;
 pub use self::value_sample::{Surroundings, ValueSample};
 
 use self::worth::Worth;

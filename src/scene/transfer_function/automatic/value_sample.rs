@@ -1,5 +1,6 @@
 //! The values that a transfer function is chosen from, with what they stand for in space.
 
+use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
 use crate::scene::Values;
@@ -65,23 +66,14 @@ impl ValueSample {
     #[cfg(feature = "cli")]
     pub(crate) fn of_picked(values: Vec<f32>, count: usize, spacing: f64) -> Self {
         let stands_for = count as f64 / picked(count).len().max(1) as f64;
-        let volume = spacing.powi(3);
-        let is_sound = volume > 0.0 && volume.is_finite();
-        let values = values.into_iter().filter(|v| v.is_finite() && is_sound);
-        let mut samples: Vec<Sample> = values
-            .map(|value| Sample {
-                value,
-                volume: volume * stands_for,
-                count: stands_for,
-                lengths: [0.0; 3],
-            })
-            .collect();
-        samples.sort_unstable_by(|a, b| a.value.total_cmp(&b.value));
-        Self {
-            samples,
-            surroundings: Surroundings::Included,
-            has_lengths: false,
-        }
+        let row = |value: f32| PickedRow {
+            row: 0,
+            position: [0.0; 3],
+            volume: spacing.powi(3),
+            value: value.into(),
+        };
+        let rows: Vec<PickedRow> = values.into_iter().map(row).collect();
+        Self::of_sample(&rows, stands_for, Surroundings::Included, false)
     }
 
     /// Which of so many values are looked at.
@@ -99,6 +91,15 @@ impl ValueSample {
         Self::new(values, volume, Surroundings::Absent, positions)
     }
 
+    /// The same of particles that are made of some of the rows of a table.
+    ///
+    /// - `rows`: those of [`picked`](PickedRow::picked) of which there are particles, in their order.
+    /// - `count`: of all rows.
+    pub(crate) fn of_rows(rows: &[PickedRow], count: usize) -> Self {
+        let stands_for = count as f64 / picked(count).len().max(1) as f64;
+        Self::of_sample(rows, stands_for, Surroundings::Absent, true)
+    }
+
     fn new(
         values: &Values,
         volume: impl Fn(usize) -> f64,
@@ -107,23 +108,39 @@ impl ValueSample {
     ) -> Self {
         let picked = picked(values.len());
         let count = values.len() as f64 / picked.len().max(1) as f64;
-        let is_sound = |&i: &usize| {
-            let volume = volume(i);
-            values.get(i).is_finite() && volume > 0.0 && volume.is_finite()
+        let row = |i: usize| PickedRow {
+            row: i as u64,
+            position: positions.get(i).map_or([0.0; 3], DVec3::to_array),
+            volume: volume(i),
+            value: values.get(i).into(),
         };
-        let picked: Vec<usize> = picked.into_iter().filter(is_sound).collect();
-        let column = (!positions.is_empty())
-            .then(|| Column::through(positions, &picked))
-            .flatten();
-        let mut samples: Vec<Sample> = picked
-            .into_iter()
-            .map(|i| {
-                let volume = volume(i) * count;
+        let rows: Vec<PickedRow> = picked.into_iter().map(row).collect();
+        Self::of_sample(&rows, count, surroundings, !positions.is_empty())
+    }
+
+    /// - `count`: values that each stands for.
+    fn of_sample(
+        rows: &[PickedRow],
+        count: f64,
+        surroundings: Surroundings,
+        has_positions: bool,
+    ) -> Self {
+        let is_sound =
+            |row: &&PickedRow| row.value.is_finite() && row.volume > 0.0 && row.volume.is_finite();
+        let rows: Vec<&PickedRow> = rows.iter().filter(is_sound).collect();
+        let places: Vec<DVec3> = rows.iter().map(|row| row.position.into()).collect();
+        let column = has_positions.then(|| Column::through(&places)).flatten();
+        let mut samples: Vec<Sample> = rows
+            .iter()
+            .zip(places)
+            .map(|(row, place)| {
+                let volume = row.volume * count;
                 let lengths = column
                     .as_ref()
-                    .map_or([0.0; 3], |column| column.lengths(positions[i], volume));
+                    .map_or([0.0; 3], |column| column.lengths(place, volume));
+                #[expect(clippy::cast_possible_truncation, reason = "it was single precision")]
                 Sample {
-                    value: values.get(i),
+                    value: row.value as f32,
                     volume,
                     count,
                     lengths,
@@ -213,6 +230,24 @@ impl ValueSample {
     }
 }
 
+/// A row of a table whose value is looked at.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct PickedRow {
+    pub(crate) row: u64,
+    pub(crate) position: [f64; 3],
+    /// What it stands for \[length³\].
+    pub(crate) volume: f64,
+    pub(crate) value: f64,
+}
+
+impl PickedRow {
+    /// Which of so many rows are looked at, whatever is made of them.
+    pub(crate) fn picked(count: usize) -> Vec<usize> {
+        picked(count)
+    }
+}
+
 /// Which of `n` values are looked at.
 #[expect(
     clippy::cast_possible_truncation,
@@ -250,10 +285,10 @@ struct Column {
 impl Column {
     /// Through most of the positions: a thousandth at either end of each axis is not looked at. `None` where a
     /// column has too few of them to stand for a line, or no width.
-    fn through(positions: &[DVec3], picked: &[usize]) -> Option<Self> {
+    fn through(positions: &[DVec3]) -> Option<Self> {
         let mut ends = [[0.0; 2]; 3];
         for (axis, ends) in ends.iter_mut().enumerate() {
-            let mut along: Vec<f64> = picked.iter().map(|&i| positions[i][axis]).collect();
+            let mut along: Vec<f64> = positions.iter().map(|p| p[axis]).collect();
             along.sort_unstable_by(f64::total_cmp);
             let last = along.len().checked_sub(1)?;
             let tail = last / 1000;
@@ -265,8 +300,13 @@ impl Column {
             half: COLUMN_HALF_WIDTH * (hi - lo),
         };
         let has_enough = |axis: usize| {
-            let within = |&&i: &&usize| column.has(positions[i])[axis];
-            picked.iter().filter(within).take(LEAST_IN_COLUMN).count() == LEAST_IN_COLUMN
+            let within = |&&p: &&DVec3| column.has(p)[axis];
+            positions
+                .iter()
+                .filter(within)
+                .take(LEAST_IN_COLUMN)
+                .count()
+                == LEAST_IN_COLUMN
         };
         (column.half.min_element() > 0.0 && (0..3).all(has_enough)).then_some(column)
     }

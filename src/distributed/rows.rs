@@ -1,0 +1,615 @@
+//! A file of points that look at their neighbours, whose rows ranks read together.
+
+use std::ops::Range;
+
+use bytemuck::Pod;
+use glam::DVec3;
+
+use super::planes::{joined, least_of_all};
+use super::ranks::Ranks;
+use super::read::told_by_all;
+use super::share::Share;
+use super::surroundings::Surroundings;
+use crate::blocks::{Peers, territories};
+use crate::error::{Error, Result};
+use crate::io::{Association, Dataset, Field, FieldSource, Geometry, RowFile};
+use crate::prepared::Found;
+use crate::sample::{
+    Elsewhere, FITTED_NEIGHBOURS, Neighbourhoods, RowsApart, SampleOptions, SampleReport,
+    Surrounded, fit_apart, function_apart, mean_spacing, nothing_left, sample_apart, scalars,
+};
+use crate::scene::{LocalModels, PickedRow, PointVolume, Values};
+
+/// Rows that are read at a time.
+const ROWS: usize = 1 << 18;
+
+/// What ranks made of a file, each of a part.
+pub(crate) struct RowsRead {
+    /// This rank's.
+    pub(crate) share: Share,
+    /// Of all rows.
+    pub(crate) report: SampleReport,
+    /// The first row.
+    pub(crate) head: Dataset,
+    /// The least and the greatest coordinates of all; `None` where none is finite.
+    pub(crate) corners: Option<(DVec3, DVec3)>,
+}
+
+/// Reads this rank's rows and makes particles of as many that lie together: the particles that
+/// [`sample::volume`](crate::sample::volume) makes of the whole file. `None` where these are made otherwise
+/// ([`RowsApart::of`]), or not all rows have the same columns.
+///
+/// # Errors
+/// What reading or sampling says, on any rank; nothing that can be drawn; too little memory; a rank that is gone.
+pub(crate) fn read_rows(
+    file: &mut RowFile,
+    options: &SampleOptions,
+    ranks: &mut Ranks,
+) -> Result<Option<RowsRead>> {
+    let count = file.count();
+    let head = file.read(0..count.min(1));
+    let head = ranks.agree(head)?;
+    let Some(kind) = RowsApart::of(&head, options) else {
+        return Ok(None);
+    };
+    let part = ranks.rank() * count / ranks.size()..(ranks.rank() + 1) * count / ranks.size();
+    let field = match &options.field {
+        Some(name) => Some(name.clone()),
+        None => {
+            let ranges = ranges_of(file, &part, &head);
+            let all = ranks.gather_records(ranges)?;
+            let varies = |name: &str| {
+                let place = scalars(&head).position(|(own, _)| own == name);
+                let of_rank = |ranges: &Vec<[f32; 2]>| {
+                    let own = place.and_then(|n| ranges.get(n));
+                    own.copied().filter(|[lo, hi]| lo <= hi)
+                };
+                let all = all.iter().map(of_rank).fold(None, joined);
+                all.is_some_and(|[lo, hi]| lo < hi)
+            };
+            kind.field(&head, options, &varies)
+        }
+    };
+    let options = SampleOptions {
+        field,
+        ..options.clone()
+    };
+    let own = Rows::read(file, part, &head, kind, options.field.as_deref());
+    let own = ranks.agree(own)?;
+    if ranks.sums(Ok(vec![u64::from(own.is_none())]))? != [0] {
+        return Ok(None);
+    }
+    let own = own.unwrap_or_default().gathered(ranks)?;
+    let neighbourhoods = match kind.is_bare {
+        true => Some(neighbourhoods(&own, kind, count, &options, ranks)?),
+        false => None,
+    };
+    let mut found = Found::default();
+    let Rows {
+        numbers,
+        positions,
+        columns,
+    } = own;
+    let dataset = dataset_of(&head, positions, columns);
+    found.corners = dataset.bounds();
+    let sum = &mut found.volume_sum;
+    let sampled = sample_apart(dataset, &options, neighbourhoods.as_ref(), sum);
+    let sampled = ranks.agree(sampled)?;
+    let picked = ranks.gather_records(Ok(sampled.picked(&numbers, count)))?;
+    let kept: Vec<u64> = sampled.kept.iter().map(|&i| numbers[i as usize]).collect();
+    let mut volume = sampled.volume;
+    found.report = sampled.report;
+    let Found {
+        mut report,
+        corners,
+        volume_sum,
+    } = told_by_all(&found, ranks)?;
+    if report.particle_count == 0 {
+        return Err(nothing_left(file.path(), &report));
+    }
+    report.unit = report
+        .field
+        .as_deref()
+        .and_then(|name| head.unit(name))
+        .map(str::to_owned);
+    let spacing = mean_spacing(volume_sum.value(), report.particle_count);
+    report.unit_distance = options.unit_distance.unwrap_or(spacing);
+    if volume.values.is_some() {
+        let mut picked: Vec<PickedRow> = picked.concat();
+        picked.sort_unstable_by_key(|own| own.row);
+        let function = function_apart(&picked, count, spacing, &mut report, &options);
+        let function = ranks.agree(function)?;
+        let scale = function.value_scale();
+        let values = volume.values.take().unwrap_or(Values::U8(Vec::new()));
+        let least = least_of_all(scale.lowest(&values), ranks)?;
+        volume.values = Some(scale.positions_from(values, least));
+        volume.transfer_function = Some(function);
+    }
+    fit(&mut volume, &options, ranks)?;
+    Ok(Some(RowsRead {
+        share: Share {
+            numbers: Some(vec![kept]),
+            ..Share::from(vec![volume])
+        },
+        report,
+        head,
+        corners,
+    }))
+}
+
+/// Normals and local models, which look at neighbours that have particles.
+fn fit(volume: &mut PointVolume, options: &SampleOptions, ranks: &mut Ranks) -> Result<()> {
+    let Some(values) = volume
+        .values
+        .as_ref()
+        .filter(|_| options.normals || options.local_models)
+    else {
+        return Ok(());
+    };
+    let positions = volume.particles.positions();
+    let around = Surroundings::of(positions, FITTED_NEIGHBOURS, ranks)?;
+    let places = around.fetch(positions, ranks)?;
+    let values = match values {
+        Values::U8(own) => Values::U8(around.fetch(own, ranks)?),
+        Values::I16(own) => Values::I16(around.fetch(own, ranks)?),
+        Values::U16(own) => Values::U16(around.fetch(own, ranks)?),
+        Values::F32(own) => Values::F32(around.fetch(own, ranks)?),
+    };
+    let models = fit_apart(volume, (&places, values), options);
+    let Some(models) = ranks.agree(models)? else {
+        return Ok(());
+    };
+    let scales = ranks.gather_records(Ok(vec![LocalModels::scales_of(&models)]))?;
+    let greatest = |a: [f32; 2], b: [f32; 2]| [a[0].max(b[0]), a[1].max(b[1])];
+    let scales = scales.into_iter().flatten().fold([0.0; 2], greatest);
+    volume.local_models = Some(LocalModels::with(&models, scales));
+    Ok(())
+}
+
+/// Some rows of a file.
+#[derive(Debug, Default)]
+struct Rows {
+    /// Among all, ascending.
+    numbers: Vec<u64>,
+    positions: Vec<DVec3>,
+    columns: Vec<(String, Values)>,
+}
+
+/// The least and the greatest finite value of each column of some rows; reversed infinities where there is none.
+fn ranges_of(file: &mut RowFile, part: &Range<usize>, head: &Dataset) -> Result<Vec<[f32; 2]>> {
+    let names: Vec<&str> = scalars(head).map(|(name, _)| name).collect();
+    let mut ranges = vec![[f32::INFINITY, f32::NEG_INFINITY]; names.len()];
+    for run in runs_of(file, part) {
+        let dataset = file.read(run)?;
+        for (name, values) in scalars(&dataset) {
+            let place = names.iter().position(|own| *own == name);
+            if let (Some(n), Some([lo, hi])) = (place, values.finite_range()) {
+                ranges[n] = [ranges[n][0].min(lo), ranges[n][1].max(hi)];
+            }
+        }
+    }
+    Ok(ranges)
+}
+
+/// The runs of a file that make up a part of its rows.
+fn runs_of(file: &RowFile, part: &Range<usize>) -> Vec<Range<usize>> {
+    let runs = file.runs(ROWS).into_iter();
+    let within = runs.map(|run| run.start.max(part.start)..run.end.min(part.end));
+    within.filter(|run| !run.is_empty()).collect()
+}
+
+impl Rows {
+    /// Those of a part of a file, and their columns that are looked at, the field that is shown among them. `None` where they
+    /// have other columns than the first row.
+    fn read(
+        file: &mut RowFile,
+        part: Range<usize>,
+        head: &Dataset,
+        kind: RowsApart,
+        field: Option<&str>,
+    ) -> Result<Option<Self>> {
+        let mut own = Self {
+            columns: columns_of(head, kind, head, field)?,
+            ..Self::default()
+        };
+        own.columns
+            .iter_mut()
+            .for_each(|(_, values)| values.truncate(0));
+        // As they are read, and as they go to whoever has others near them, and come from there.
+        let bytes = own
+            .columns
+            .iter()
+            .map(|(_, values)| values.bytes_per_value());
+        let each = size_of::<u64>() + size_of::<DVec3>() + bytes.sum::<usize>();
+        crate::memory::check(part.len(), 3 * each).map_err(|e| e.in_file(file.path()))?;
+        for run in runs_of(file, &part) {
+            let mut dataset = file.read(run.clone())?;
+            let columns = columns_of(&dataset, kind, head, field)?;
+            let is_alike = |(own, other): (&(String, Values), &(String, Values))| {
+                own.0 == other.0 && own.1.type_name() == other.1.type_name()
+            };
+            let Geometry::Points { positions } = &mut dataset.geometry else {
+                return Ok(None);
+            };
+            let is_whole = columns
+                .iter()
+                .all(|(_, values)| values.len() == positions.len());
+            let is_same = own.columns.len() == columns.len()
+                && own.columns.iter().zip(&columns).all(is_alike);
+            if !is_whole || !is_same {
+                return Ok(None);
+            }
+            own.positions.append(positions);
+            own.numbers.extend(run.map(|row| row as u64));
+            for ((_, all), (_, values)) in own.columns.iter_mut().zip(columns) {
+                all.append(values);
+            }
+        }
+        Ok(Some(own))
+    }
+
+    /// Those of all ranks that lie in this one's part of space, and those of its own that lie nowhere.
+    fn gathered(self, ranks: &mut Ranks) -> Result<Self> {
+        let (rank, size) = (ranks.rank(), ranks.size());
+        let placed: Vec<u32> = (0..)
+            .zip(&self.positions)
+            .filter(|(_, p)| p.is_finite())
+            .map(|(i, _)| i)
+            .collect();
+        let places: Vec<DVec3> = placed.iter().map(|&i| self.positions[i as usize]).collect();
+        let owners = territories(&places, ranks)?;
+        let mut of_rows = vec![rank as u32; self.positions.len()];
+        for (&i, owner) in placed.iter().zip(owners) {
+            of_rows[i as usize] = owner;
+        }
+        let mut to = vec![Vec::new(); size];
+        for (i, &owner) in (0..).zip(&of_rows) {
+            to[owner as usize].push(i);
+        }
+        let mut columns = Vec::with_capacity(self.columns.len());
+        for (name, values) in self.columns {
+            let values = match &values {
+                Values::U8(own) => Values::U8(sent(own, &to, ranks)?),
+                Values::I16(own) => Values::I16(sent(own, &to, ranks)?),
+                Values::U16(own) => Values::U16(sent(own, &to, ranks)?),
+                Values::F32(own) => Values::F32(sent(own, &to, ranks)?),
+            };
+            columns.push((name, values));
+        }
+        Ok(Self {
+            // Ranks read one after another, so that numbers still ascend.
+            numbers: sent(&self.numbers, &to, ranks)?,
+            positions: sent(&self.positions, &to, ranks)?,
+            columns,
+        })
+    }
+}
+
+/// What others send of a column whose entries go to each rank.
+fn sent<T: Pod>(own: &[T], to: &[Vec<u32>], ranks: &mut Ranks) -> Result<Vec<T>> {
+    let of_rank = |some: &Vec<u32>| some.iter().map(|&i| own[i as usize]).collect();
+    let parts: Vec<Vec<T>> = to.iter().map(of_rank).collect();
+    let ranks: &mut dyn Peers = ranks;
+    Ok(ranks.exchange_records(Ok(parts))?.concat())
+}
+
+/// The columns of some rows that are looked at, and the field that is shown, by what the first row has.
+fn columns_of(
+    dataset: &Dataset,
+    kind: RowsApart,
+    head: &Dataset,
+    field: Option<&str>,
+) -> Result<Vec<(String, Values)>> {
+    let is_shown = |name: &str| field.is_some_and(|field| field.eq_ignore_ascii_case(name));
+    let mut columns: Vec<(String, Values)> = scalars(dataset)
+        .filter(|(name, _)| is_shown(name) || kind.uses(head, name))
+        .map(|(name, values)| (name.to_owned(), values.clone()))
+        .collect();
+    if let Some(field) = field
+        && !columns.iter().any(|(name, _)| is_shown(name))
+    {
+        let (association, values) = dataset.scalar(field)?;
+        if association == Association::Nodes {
+            columns.push((field.to_owned(), values));
+        }
+    }
+    Ok(columns)
+}
+
+/// Rows as a reader hands them out that has read no more of them.
+fn dataset_of(head: &Dataset, positions: Vec<DVec3>, columns: Vec<(String, Values)>) -> Dataset {
+    let fields = columns.into_iter().map(|(name, values)| Field {
+        name,
+        association: Association::Nodes,
+        source: FieldSource::Scalar(values),
+        unit: None,
+    });
+    let geometry = Geometry::Points { positions };
+    Dataset {
+        smoothing: head.smoothing.clone(),
+        volume_scale: head.volume_scale,
+        ..Dataset::new(&head.path, head.format, geometry, fields.collect())
+    }
+}
+
+/// What the neighbours of bare points say of them, on whichever rank they are.
+fn neighbourhoods(
+    own: &Rows,
+    kind: RowsApart,
+    count: usize,
+    options: &SampleOptions,
+    ranks: &mut Ranks,
+) -> Result<Neighbourhoods> {
+    let around = Surroundings::of(&own.positions, RowsApart::NEIGHBOURS, ranks)?;
+    let others = around.fetch(&own.positions, ranks)?;
+    let positions = [own.positions.as_slice(), &others].concat();
+    let points = Surrounded {
+        positions: &positions,
+        numbers: &|i| own.numbers[i],
+        count: own.positions.len(),
+        of: count as u64,
+    };
+    let mut others = Others { around, ranks };
+    let found = Neighbourhoods::of(&points, kind.needs_volumes, options, Some(&mut others));
+    ranks.agree(found.and_then(|found| found.ok_or_else(without_spacing)))
+}
+
+fn without_spacing() -> Error {
+    Error::invalid(
+        "particles",
+        "positions",
+        "two that are distinct, to take a spacing from",
+        "fewer",
+        "add a column `sigma`, or give a radius",
+    )
+}
+
+struct Others<'a> {
+    around: Surroundings,
+    ranks: &'a mut Ranks,
+}
+
+impl Elsewhere for Others<'_> {
+    fn sums(&mut self, own: [u64; 2]) -> Result<[u64; 2]> {
+        let sums = self.ranks.sums(Ok(own.to_vec()))?;
+        Ok([0, 1].map(|n| sums.get(n).copied().unwrap_or(0)))
+    }
+
+    fn complete(&mut self, mut own: Vec<[f64; 6]>) -> Result<Vec<[f64; 6]>> {
+        let others = self.around.fetch(&own, self.ranks)?;
+        own.extend(others);
+        Ok(own)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+    use std::thread;
+
+    use super::super::ThreadRank;
+    use super::*;
+    use crate::io::{OpenOptions, open};
+    use crate::sample::{ParticleShape, TransferChoice, volume};
+    use crate::scene::ScaleName;
+    use crate::scene::rows::rows_of;
+    use crate::scene::rows::volume_of;
+
+    /// A random number of 0 to 1 for each number.
+    fn random(n: usize) -> f64 {
+        let hashed = (n as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        let hashed = (hashed ^ (hashed >> 31)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        ((hashed ^ (hashed >> 29)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// A lattice, many of whose neighbours are at one distance; a crowd; places that several points share; a few far away;
+    /// some that lie nowhere. In no order.
+    fn places() -> Vec<DVec3> {
+        let on_lattice = (0..40_usize.pow(3)).map(|i| {
+            DVec3::new((i % 40) as f64, (i / 40 % 40) as f64, (i / 1600) as f64) * 0.1 + 7.0
+        });
+        let in_crowd = (0..90_000).map(|i| {
+            let p = DVec3::new(random(3 * i), random(3 * i + 1), random(3 * i + 2)) - 0.5;
+            DVec3::new(9.0, 9.5, 11.5) + p * 3.0 * p.length_squared()
+        });
+        let shared =
+            (0..40).map(|i| DVec3::new(8.0, 9.0, 10.0) + 0.25 * DVec3::X * f64::from(i % 4));
+        let far = (0..7).map(|i| DVec3::new(60.0, -20.0 * f64::from(i), 3.0));
+        let nowhere = [DVec3::NAN, DVec3::new(1.0, f64::INFINITY, 0.0)];
+        let all = on_lattice
+            .chain(in_crowd)
+            .chain(shared)
+            .chain(far)
+            .chain(nowhere);
+        let mut all: Vec<(u64, DVec3)> = (0..)
+            .map(|n| (random(7 * n) * 1e15) as u64)
+            .zip(all)
+            .collect();
+        all.sort_unstable_by_key(|(key, _)| *key);
+        all.into_iter().map(|(_, p)| p).collect()
+    }
+
+    /// Writes a table in the order of its rows.
+    fn write(path: &Path, names: &[&str], rows: impl Iterator<Item = Vec<f64>>) {
+        let columns: Vec<String> = names
+            .iter()
+            .map(|name| format!("('{name}', '<f8')"))
+            .collect();
+        let mut body = Vec::new();
+        let mut count = 0;
+        for row in rows {
+            count += 1;
+            body.extend(row.iter().flat_map(|x| x.to_le_bytes()));
+        }
+        let header = format!(
+            "{{'descr': [{}], 'fortran_order': False, 'shape': ({count},), }}",
+            columns.join(", ")
+        );
+        let width = (header.len() + 11).div_ceil(64) * 64 - 10;
+        let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+        bytes.extend((width as u16).to_le_bytes());
+        bytes.extend(format!("{header:<0$}\n", width - 1).bytes());
+        bytes.extend(body);
+        std::fs::write(path, bytes).unwrap();
+    }
+
+    fn temperature(i: usize, p: DVec3) -> f64 {
+        match i % 50_000 {
+            17 => f64::NAN,
+            23 => -1.0,
+            _ => 300.0 + 40.0 * (2.0 * p.x + p.y).sin() + p.z * p.z,
+        }
+    }
+
+    /// Whether ranks make the same of a file as one does.
+    fn check(path: &Path, options: &SampleOptions, sizes: &[usize]) -> PointVolume {
+        let dataset = open(path, &OpenOptions::default()).unwrap();
+        let corners = dataset.bounds();
+        let whole = volume(dataset, options).unwrap();
+        let all: Vec<u64> = (0..whole.volume.particles.len() as u64).collect();
+        for &size in sizes {
+            let found: Vec<RowsRead> = thread::scope(|scope| {
+                let ranks = ThreadRank::group(size).into_iter();
+                let read = |own| {
+                    let mut ranks = Ranks::new(Box::new(own));
+                    let mut file = RowFile::open(path, None).unwrap().unwrap();
+                    read_rows(&mut file, options, &mut ranks).unwrap().unwrap()
+                };
+                let threads: Vec<_> = ranks.map(|own| scope.spawn(move || read(own))).collect();
+                threads.into_iter().map(|t| t.join().unwrap()).collect()
+            });
+            let mut parts = Vec::new();
+            let without = |volume: &PointVolume| volume_of(&[], volume).unwrap();
+            for own in &found {
+                let sorted = |report: &SampleReport| {
+                    let mut report = report.clone();
+                    report.findings.sort_by_key(|f| (f.reason.clone(), f.count));
+                    report
+                };
+                assert_eq!(sorted(&own.report), sorted(&whole.report), "{size} ranks");
+                assert_eq!(own.corners, corners);
+                let volume = &own.share.volumes[0];
+                assert!(without(volume) == without(&whole.volume), "{size} ranks");
+                assert!(size == 1 || volume.particles.len() < all.len());
+                parts.push(rows_of(volume, &own.share.numbers.as_ref().unwrap()[0]));
+            }
+            let parts: Vec<&[u8]> = parts.iter().map(Vec::as_slice).collect();
+            let joined = volume_of(&parts, &whole.volume).unwrap();
+            // Bit for bit: rows, in the order of one.
+            assert_eq!(joined.particles.len(), all.len(), "{size} ranks");
+            let rows = [&joined, &whole.volume].map(|volume| rows_of(volume, &all));
+            let stride = rows[0].len() / all.len();
+            let pairs = rows[0].chunks(stride).zip(rows[1].chunks(stride));
+            let other = pairs.enumerate().find(|(_, (a, b))| a != b);
+            assert!(other.is_none(), "{size} ranks: {other:?}");
+        }
+        whole.volume
+    }
+
+    #[test]
+    fn bare_points_have_the_neighbours_of_all_ranks() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bare.npy");
+        let places = places();
+        let rows = || places.iter().enumerate();
+        let row = |(i, p): (usize, &DVec3)| vec![p.x, p.y, p.z, temperature(i, *p)];
+        write(&path, &["x", "y", "z", "temperature"], rows().map(row));
+        let plain = SampleOptions {
+            scale: None,
+            ..SampleOptions::default()
+        };
+        let found = check(&path, &plain, &[1, 2, 3, 7]);
+        assert!(found.local_models.is_some() && found.normals.is_none());
+        // Discs and needles, whose shapes neighbours of neighbours have a share in.
+        let stretched = SampleOptions {
+            shape: ParticleShape::Covariance,
+            field: Some("temperature".into()),
+            normals: true,
+            scale: Some(ScaleName::Log),
+            transfer: TransferChoice::Named("plasma".into()),
+            ..plain.clone()
+        };
+        let found = check(&path, &stretched, &[3]);
+        assert!(found.normals.is_some());
+        // What a set lies on is asked of some of its points.
+        let path = folder.path().join("sheet.npy");
+        let row = |(i, p): (usize, &DVec3)| {
+            vec![
+                p.x,
+                p.y,
+                0.01 * p.x * p.y + 1e-4 * random(i),
+                temperature(i, *p),
+            ]
+        };
+        write(&path, &["x", "y", "z", "temperature"], rows().map(row));
+        let found = check(&path, &plain, &[2]);
+        assert!(matches!(
+            found.particles,
+            crate::scene::Particles::Anisotropic { .. }
+        ));
+    }
+
+    #[test]
+    fn smoothed_particles_show_the_field_that_one_rank_chooses() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("smoothed.npy");
+        let places = places();
+        // A density that is the same in all rows is not shown.
+        let row = |(i, p): (usize, &DVec3)| {
+            vec![
+                p.x,
+                p.y,
+                p.z,
+                0.02 + 0.1 * random(i),
+                2.0,
+                5.0,
+                temperature(i, *p),
+            ]
+        };
+        let names = ["x", "y", "z", "h", "m", "rho", "temperature"];
+        write(&path, &names, places.iter().enumerate().map(row));
+        let options = SampleOptions {
+            scale: None,
+            unit_distance: Some(0.3),
+            ..SampleOptions::default()
+        };
+        check(&path, &options, &[1, 2, 7]);
+        let derived = SampleOptions {
+            local_models: false,
+            range: Some([290.0, 400.0]),
+            ..options
+        };
+        check(&path, &derived, &[3]);
+    }
+
+    #[test]
+    fn what_looks_at_more_than_neighbours_is_left_to_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npy");
+        let mut read = |names: &[&str], options: &SampleOptions| {
+            write(&path, names, std::iter::repeat_n(vec![1.0; names.len()], 3));
+            let own = ThreadRank::group(1).swap_remove(0);
+            let mut ranks = Ranks::new(Box::new(own));
+            let mut file = RowFile::open(&path, None).unwrap().unwrap();
+            read_rows(&mut file, options, &mut ranks).map(|read| read.is_some())
+        };
+        let plain = SampleOptions::default();
+        // Stated strengths, colours, lengths whose overlaps make up volumes.
+        for names in [
+            &["x", "y", "z", "sigma", "mass"][..],
+            &["x", "y", "z", "r", "g", "b"],
+            &["x", "y", "z", "h"],
+        ] {
+            assert!(!read(names, &plain).unwrap(), "{names:?}");
+        }
+        let columns = SampleOptions {
+            for_columns: true,
+            ..plain.clone()
+        };
+        assert!(!read(&["x", "y", "z"], &columns).unwrap());
+        // Three at one place have no spacing, on any rank.
+        let error = read(&["x", "y", "z"], &plain).unwrap_err().to_string();
+        assert!(error.contains("distinct"), "{error}");
+        assert!(read(&["x", "y", "z", "h", "m", "rho"], &plain).unwrap());
+    }
+}

@@ -1,0 +1,217 @@
+//! Points of which others, some of their neighbours among them, are elsewhere.
+
+use glam::DVec3;
+
+use super::super::local_models::models_among;
+use super::super::neighbours::{MOST_FITTED, PointIndex};
+use super::super::{
+    ParticleShape, SampleOptions, SampleReport, Sampled, check_options, function_of,
+};
+use super::columns::{Columns, INTENSITIES, RED_GREEN_BLUE, RGB};
+use super::neighbourhoods::{MOST_NEIGHBOURS_OF_BARE, Neighbourhoods};
+use super::{Made, Part, of_some, picked_rows};
+use crate::error::Result;
+use crate::io::{Dataset, FieldSource, Geometry, SCALES, VARIANCE};
+use crate::math::ExactSum;
+use crate::scene::{LocalModel, PickedRow, PointVolume, TransferFunction, ValueSample, Values};
+
+/// What points are made of that show a field: as it depends on nothing but names, known of any row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct RowsApart {
+    /// Whether sizes follow from neighbours.
+    pub(crate) is_bare: bool,
+    /// Whether volumes do.
+    pub(crate) needs_volumes: bool,
+}
+
+impl RowsApart {
+    /// `None` where particles are made otherwise: these show no field of a transfer function, have colours, or look at more
+    /// than neighbours.
+    ///
+    /// - `head`: some of the rows.
+    pub(crate) fn of(head: &Dataset, options: &SampleOptions) -> Option<Self> {
+        let Geometry::Points { positions } = &head.geometry else {
+            return None;
+        };
+        let columns = Columns::of(head, positions.len());
+        let is_there = |name: &str| matches!(columns.get(name), Ok(Some(_)));
+        let is_of_table = |name: &str| matches!(columns.of_table(name), Ok(Some(_)));
+        let is_plain = !options.for_columns
+            && options.flatten.is_none()
+            && options.shepard_passes == 0
+            && !options.keeps_value_sample
+            && options.shape != ParticleShape::YuTurk;
+        let has_strength = ["mass", "extinction", "opacity"]
+            .into_iter()
+            .any(is_of_table);
+        let coloured = [RGB, RED_GREEN_BLUE].concat();
+        let has_colours = coloured.into_iter().any(is_there) || columns.colours().is_some();
+        // Whether scales are logarithms depends on all of them.
+        let has_scales = SCALES.into_iter().any(is_there);
+        if !is_plain || has_strength || has_colours || has_scales {
+            return None;
+        }
+        let (length, mass, density) = columns.names();
+        let has_volume = is_of_table("volume") || (is_there(mass) && is_there(density));
+        let has_size = is_of_table("sigma") && head.smoothing.is_none();
+        let has_length = options.radius.is_some() || is_there(length) || is_of_table("radius");
+        let has_variance = VARIANCE.into_iter().any(is_of_table);
+        // Lengths without volumes are summed over whatever they reach.
+        if has_length && !has_volume {
+            return None;
+        }
+        let is_bare = !has_size && !has_length && !has_variance;
+        Some(Self {
+            is_bare,
+            needs_volumes: is_bare && !(is_there(mass) && is_there(density)),
+        })
+    }
+
+    /// The field that is shown: one that is named, or the default one.
+    ///
+    /// - `varies`: whether the values of a column of all rows do.
+    pub(crate) fn field(
+        self,
+        head: &Dataset,
+        options: &SampleOptions,
+        varies: &dyn Fn(&str) -> bool,
+    ) -> Option<String> {
+        let columns = Columns::of(head, 0);
+        let varies = |name: &str, _: &Values| varies(name);
+        let named = options.field.clone();
+        let named = named.or_else(|| columns.default_field_that(!self.is_bare, &varies));
+        let of_scan = || columns.first_that(&INTENSITIES, &varies);
+        named.or_else(|| self.is_bare.then(of_scan).flatten())
+    }
+
+    /// Whether a column, by its name, is looked at beside the field that is shown.
+    pub(crate) fn uses(self, head: &Dataset, name: &str) -> bool {
+        let columns = Columns::of(head, 0);
+        let (length, mass, density) = columns.names();
+        let own = [length, mass, density, "volume", "sigma", "radius"];
+        let is = |other: &&str| other.eq_ignore_ascii_case(name);
+        own.iter().any(|own| is(own)) || VARIANCE.iter().any(|own| is(own))
+    }
+
+    /// The most neighbours that sizes and shapes look at.
+    pub(crate) const NEIGHBOURS: usize = MOST_NEIGHBOURS_OF_BARE;
+}
+
+/// The columns of scalars of some rows, by their names.
+pub(crate) fn scalars(dataset: &Dataset) -> impl Iterator<Item = (&str, &Values)> {
+    dataset.fields.iter().filter_map(|f| match &f.source {
+        FieldSource::Scalar(values) => Some((f.name.as_str(), values)),
+        _ => None,
+    })
+}
+
+/// The particles of some rows.
+pub(crate) struct ApartSample {
+    /// Values as they stand in the data, and no function.
+    pub(crate) volume: PointVolume,
+    pub(crate) report: SampleReport,
+    /// The rows of the particles.
+    pub(crate) kept: Vec<u32>,
+    /// What each stands for \[length³\].
+    volumes: Vec<f32>,
+}
+
+impl ApartSample {
+    /// Those of the particles that a function may be chosen from.
+    ///
+    /// - `numbers`: of each row its number among all.
+    /// - `count`: how many these are.
+    pub(crate) fn picked(&self, numbers: &[u64], count: usize) -> Vec<PickedRow> {
+        let Some(values) = &self.volume.values else {
+            return Vec::new();
+        };
+        let number = |i: &u32| numbers[*i as usize];
+        let place = |row: usize| self.kept.binary_search_by_key(&(row as u64), number).ok();
+        let positions = self.volume.particles.positions();
+        picked_rows(count, place, &self.volumes, positions, values)
+    }
+}
+
+/// Particles of some of the rows of a data set, the field to show among its columns.
+///
+/// - `neighbourhoods`: of points without sizes.
+/// - `volume_sum`: of the particles before them, and then of these, too \[length³\].
+///
+/// # Errors
+/// Columns that contradict each other.
+pub(crate) fn sample_apart(
+    dataset: Dataset,
+    options: &SampleOptions,
+    neighbourhoods: Option<&Neighbourhoods>,
+    volume_sum: &mut ExactSum,
+) -> Result<ApartSample> {
+    check_options(options)?;
+    let part = Part {
+        volume_sum,
+        neighbourhoods,
+    };
+    let Made {
+        sampled: Sampled { volume, report },
+        kept,
+        volumes,
+    } = of_some(dataset, options, Some(part))?;
+    Ok(ApartSample {
+        volume,
+        report,
+        kept,
+        volumes,
+    })
+}
+
+/// The transfer function of particles.
+///
+/// - `picked`: those of [`ApartSample::picked`] of all, in the order of their numbers, of `count` rows.
+/// - `report`: of all, with the range of the values.
+///
+/// # Errors
+/// A function that cannot be read, or does not fit what is asked for.
+pub(crate) fn function_apart(
+    picked: &[PickedRow],
+    count: usize,
+    mean_spacing: f64,
+    report: &mut SampleReport,
+    options: &SampleOptions,
+) -> Result<TransferFunction> {
+    let sample = || ValueSample::of_rows(picked, count);
+    function_of(sample, mean_spacing, report, options)
+}
+
+/// The most neighbours that normals and local models look at.
+pub(crate) const FITTED_NEIGHBOURS: usize = MOST_FITTED;
+
+/// Gives particles normals, where these are asked for, and makes their local models.
+///
+/// - `others`: places and values of the neighbours that are elsewhere.
+///
+/// # Errors
+/// Work that was cancelled.
+pub(crate) fn fit_apart(
+    volume: &mut PointVolume,
+    (places, values): (&[DVec3], Values),
+    options: &SampleOptions,
+) -> Result<Option<Vec<LocalModel>>> {
+    let task = options.task.as_ref();
+    let Some(own) = &volume.values else {
+        return Ok(None);
+    };
+    let count = volume.particles.len();
+    let positions = [volume.particles.positions(), places].concat();
+    let mut all = own.clone();
+    all.append(values);
+    if options.normals {
+        let index = PointIndex::new(&positions);
+        let normals = index.map(|index| index.normals(task, |i| all.get(i)));
+        let mut normals = normals.transpose()?;
+        if let Some(normals) = &mut normals {
+            normals.truncate(count);
+        }
+        // One who has none of the particles agrees with the others.
+        volume.normals = normals.or_else(|| (count == 0).then(Vec::new));
+    }
+    models_among(volume, &positions, &all, options)
+}
