@@ -99,7 +99,7 @@ fn group_left(root: &Path) -> Option<u64> {
 /// - `each`: the bytes that one takes at least while the scene is made.
 #[cfg(feature = "cli")]
 pub(crate) fn check(count: usize, each: usize) -> Result<()> {
-    let needed = count as u64 * each as u64;
+    let needed = (count as u64).saturating_mul(each as u64);
     match left() {
         Some((left, whose)) if needed > left => Err(Error::invalid(
             "memory",

@@ -524,6 +524,7 @@ impl Arguments {
         if is_first {
             self.check_outputs()?;
         }
+        self.camera.read_file(self.size)?;
         if let Some(lighting) = self.lighting() {
             lighting.validate()?;
         }
@@ -651,9 +652,10 @@ impl Arguments {
             ..SceneOptions::default()
         };
         let renderer = match (shared, ranks.take_if(|_| is_shared)) {
-            (Some(Shared { planes }), Some(ranks)) => {
+            (Some(Shared { planes, numbers }), Some(ranks)) => {
                 let share = Share {
                     planes,
+                    numbers,
                     ..scene.into()
                 };
                 distributed::shared(share, &scene_options, ranks)?

@@ -2,12 +2,14 @@
 
 use std::path::Path;
 
+use crate::distributed::RowsRead;
 use crate::io::{Dataset, Geometry, Mesh, Planes, RowFile, Up};
 use crate::legend::title_of;
 use crate::prepared::{About, PointFile, PreparedScene};
 use crate::sample::mesh::Spread;
 use crate::sample::{
-    SampleOptions, SampleReport, SampledScene, TransferChoice, automatic, shared_functions,
+    RowsApart, SampleOptions, SampleReport, SampledScene, TransferChoice, automatic,
+    shared_functions,
 };
 use crate::scene::{PointVolume, ValueSample};
 use crate::view::Bounds;
@@ -47,16 +49,31 @@ impl Scene {
     /// Of a file of points that was read as a stream: what is known of it besides its particles.
     pub(crate) fn of_stream(file: &PointFile) -> Self {
         let unit = file.report().and_then(|report| report.unit.as_deref());
+        Self::of_points(file.field(), unit, file.up(), file.bounds())
+    }
+
+    /// Of a file of points of which every rank has read some rows.
+    pub(crate) fn of_rows(read: &RowsRead) -> Self {
+        let (field, unit) = (read.report.field.as_deref(), read.report.unit.as_deref());
+        Self::of_points(field, unit, read.up(), read.corners)
+    }
+
+    fn of_points(
+        field: Option<&str>,
+        unit: Option<&str>,
+        up: Up,
+        corners: Option<(DVec3, DVec3)>,
+    ) -> Self {
         Self {
             volumes: Vec::new(),
             prepared: Vec::new(),
-            fields: vec![file.field().map(str::to_owned)],
-            titles: vec![file.field().map(|field| title_of(field, unit))],
+            fields: vec![field.map(str::to_owned)],
+            titles: vec![field.map(|field| title_of(field, unit))],
             selectors: Vec::new(),
             grids_only: false,
             has_boundary: false,
-            up: file.up(),
-            corners: file.bounds().into_iter().collect(),
+            up,
+            corners: corners.into_iter().collect(),
         }
     }
 
@@ -313,20 +330,12 @@ impl DataOptions {
         input: &Input,
         options: &SampleOptions,
     ) -> Result<Option<PointFile>> {
-        // Folders and patterns of names are read whole.
-        let is_of_rows = input.path.is_file()
-            && input.edit == Edit::default()
-            && input.field.is_none()
-            && input.function.is_none()
-            && input.time_step.is_none()
-            && self.read_as.is_none()
-            && self.scales.is_none()
-            && self.has_types() == input.particle_type.is_some();
-        let rows = match is_of_rows {
-            true => RowFile::open(&input.path, input.particle_type)?,
+        let is_plain = input.field.is_none() && input.function.is_none();
+        let rows = match is_plain {
+            true => self.row_file(input)?,
             false => None,
         };
-        let file = match rows.filter(|rows| rows.count() >= STREAMED) {
+        let file = match rows {
             Some(rows) => PointFile::of(rows, options)?,
             None => None,
         };
@@ -344,6 +353,49 @@ impl DataOptions {
             of_prepared: None,
         })?;
         Ok(Some(file))
+    }
+
+    /// An input as points that show a field, whose rows may be read apart, with what to make of them.
+    pub(crate) fn rows(
+        &self,
+        input: &Input,
+        options: &SampleOptions,
+    ) -> Result<Option<(RowFile, SampleOptions)>> {
+        let options = self.of_input(input, options);
+        let Some(mut file) = self.row_file(input)? else {
+            return Ok(None);
+        };
+        let head = file.read(0..1)?;
+        if RowsApart::of(&head, &options).is_none() {
+            return Ok(None);
+        }
+        self.check_function(&options)?;
+        self.check_spacing()?;
+        self.check_use(&Uses {
+            kinds: vec![Kind::Points],
+            is_classified: true,
+            has_opacity: true,
+            has_file_function: !is_automatic(&options),
+            for_columns: options.for_columns,
+            of_prepared: None,
+        })?;
+        Ok(Some((file, options)))
+    }
+
+    /// An input as a file of very many rows, which are to be taken as they are.
+    fn row_file(&self, input: &Input) -> Result<Option<RowFile>> {
+        // Folders and patterns of names are read whole.
+        let is_of_rows = input.path.is_file()
+            && input.edit == Edit::default()
+            && input.time_step.is_none()
+            && self.read_as.is_none()
+            && self.scales.is_none()
+            && self.has_types() == input.particle_type.is_some();
+        let rows = match is_of_rows {
+            true => RowFile::open(&input.path, input.particle_type)?,
+            false => None,
+        };
+        Ok(rows.filter(|rows| rows.count() >= STREAMED))
     }
 
     /// An input as planes of a lattice that may be read apart, where it is one file of them, to be drawn as it is.

@@ -1,5 +1,6 @@
 //! What ranks share of inputs: each reads a part where these can be read apart, and what cannot the first reads for all.
 
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::ops::Range;
 
 use indicatif::ProgressBar;
@@ -9,8 +10,9 @@ use super::prepared::is_prepared;
 use super::progress::note;
 use super::scene::Scene;
 use super::source::Input;
-use crate::distributed::{Ranks, read_planes, read_together, scatter};
-use crate::io::Planes;
+use crate::blocks::ParticleStream;
+use crate::distributed::{Ranks, read_planes, read_rows, read_together, scatter};
+use crate::io::{Planes, RowFile};
 use crate::prepared::{About, PointFile};
 use crate::sample::{SampleOptions, SampleReport};
 use crate::{Error, Result};
@@ -19,12 +21,31 @@ use crate::{Error, Result};
 pub(crate) struct Shared {
     /// Which planes of lattices are here: [`Share::planes`](crate::distributed::Share::planes).
     pub(crate) planes: Option<Vec<Vec<Range<usize>>>>,
+    /// The particles' own: [`Share::numbers`](crate::distributed::Share::numbers).
+    pub(crate) numbers: Option<Vec<Vec<u64>>>,
 }
 
 /// What all ranks hear of a file that they are about to read together.
 enum Together {
     Points(Box<PointFile>),
+    Rows(Box<(RowFile, SampleOptions)>),
     Planes(Box<Planes>),
+}
+
+impl Together {
+    /// A number that tells files apart of which ranks would read different parts.
+    fn number(&self) -> u64 {
+        let mut hasher = DefaultHasher::new();
+        match self {
+            Self::Points(file) => (1, file.len(), file.field()).hash(&mut hasher),
+            Self::Rows(rows) => (2, rows.0.count(), &rows.1.field).hash(&mut hasher),
+            Self::Planes(file) => {
+                (3, file.lattice().dims, file.field()).hash(&mut hasher);
+                file.empty_values().type_name().hash(&mut hasher);
+            }
+        }
+        hasher.finish()
+    }
 }
 
 impl DataOptions {
@@ -59,8 +80,7 @@ impl DataOptions {
         // A file may be another, or be missing, where some ranks are.
         let found = match &together {
             None => u64::from(is_whole),
-            Some(Together::Points(_)) => 2,
-            Some(Together::Planes(file)) => 3 + file.lattice().len() as u64,
+            Some(together) => together.number(),
         };
         if let Some(rank) = ranks.first_other(found)? {
             let path = inputs
@@ -80,6 +100,7 @@ impl DataOptions {
         let say =
             |line: &String| progress.suspend(|| note!("{}: {line}", inputs[0].path.display()));
         progress.set_message(format!("reading {}", inputs[0].path.display()));
+        let mut numbers = None;
         let (scene, planes) = match together {
             Together::Points(mut file) => {
                 file.notes().iter().for_each(say);
@@ -89,6 +110,18 @@ impl DataOptions {
                 let mut scene = Scene::of_stream(&file);
                 scene.volumes = share.volumes;
                 (scene, share.planes)
+            }
+            Together::Rows(mut rows) => {
+                let (file, options) = &mut *rows;
+                let Some(mut own) = read_rows(file, options, ranks)? else {
+                    return self.of_first(inputs, options, ranks, read);
+                };
+                own.head.notes.iter().for_each(say);
+                own.report.warnings().iter().for_each(say);
+                let mut scene = Scene::of_rows(&own);
+                scene.volumes = std::mem::take(&mut own.share.volumes);
+                numbers = own.share.numbers;
+                (scene, own.share.planes)
             }
             Together::Planes(file) => {
                 file.notes().iter().for_each(say);
@@ -100,10 +133,10 @@ impl DataOptions {
                 )
             }
         };
-        Ok((check(scene)?, Some(Shared { planes })))
+        Ok((check(scene)?, Some(Shared { planes, numbers })))
     }
 
-    /// A file that ranks read together: a stream of many points, or a large lattice whose planes lie apart.
+    /// A file that ranks read together: of many points, or a large lattice whose planes lie apart.
     fn together(
         &self,
         input: &Input,
@@ -112,6 +145,9 @@ impl DataOptions {
     ) -> Result<Option<Together>> {
         if let Some(file) = self.stream(input, options)? {
             return Ok(Some(Together::Points(Box::new(file))));
+        }
+        if let Some(rows) = self.rows(input, options)? {
+            return Ok(Some(Together::Rows(Box::new(rows))));
         }
         let planes = match takes_planes {
             true => self.planes(input, options)?,
@@ -159,6 +195,7 @@ impl DataOptions {
         };
         scene.volumes = share.volumes;
         let planes = share.planes;
-        Ok((scene, Some(Shared { planes })))
+        let numbers = share.numbers;
+        Ok((scene, Some(Shared { planes, numbers })))
     }
 }

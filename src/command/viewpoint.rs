@@ -107,6 +107,15 @@ enum Fit {
 }
 
 impl CameraOptions {
+    /// Reads the camera's file, where one is named and was not read before.
+    pub(crate) fn read_file(&self, size: Option<[usize; 2]>) -> Result<()> {
+        if let (Some(path), None) = (&self.camera, self.read.get()) {
+            let camera = read_camera(path, size)?;
+            self.read.get_or_init(|| camera);
+        }
+        Ok(())
+    }
+
     /// The camera for data within `boxes`; where it would be fitted to nothing, any. `default_up` points up where no
     /// option says what does.
     pub(crate) fn camera(
@@ -115,12 +124,9 @@ impl CameraOptions {
         default_up: Up,
         canvas: &Canvas,
     ) -> Result<Camera> {
-        if let Some(path) = &self.camera {
-            if let Some(camera) = self.read.get() {
-                return Ok(camera.clone());
-            }
-            let camera = read_camera(path, canvas.size)?;
-            return Ok(self.read.get_or_init(|| camera).clone());
+        self.read_file(canvas.size)?;
+        if let Some(camera) = self.read.get() {
+            return Ok(camera.clone());
         }
         let size = canvas.size();
         let fov = self.fov.unwrap_or(DEFAULT_FOV_DEG);

@@ -152,8 +152,8 @@ impl RankFrames {
         runs.get(run).is_some_and(|run| run.contains(&block))
     }
 
-    /// How many parts of the picture are drawn one after another, so that nobody has more footprints at a time than there
-    /// is memory for: the same for all ranks.
+    /// How many parts of the picture are drawn one after another, so that ranks have no more footprints at a time, on
+    /// average, than there is memory for: the same for all of them.
     fn parts_of(
         &mut self,
         scene: &BlockedScene,

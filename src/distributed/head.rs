@@ -17,6 +17,8 @@ pub(super) struct Head {
     lattice: Option<Grid>,
     columns: BatchHead,
     has_boundary: bool,
+    /// Whether it is a lattice of values alone.
+    pub(super) is_plain: bool,
 }
 
 impl Head {
@@ -68,6 +70,7 @@ impl Head {
                 has_planes: matches!(volume.boundary, Some(Boundary::Planes(_))),
             },
             has_boundary: volume.boundary.is_some(),
+            is_plain: volume.is_plain_lattice(),
         }
     }
 

@@ -2,8 +2,8 @@
 
 use super::message::{put, take};
 use super::ranks::Ranks;
-use super::share::Share;
-use crate::blocks::{Held, PlaneRuns};
+use super::share::{SMALL, Share, is_small};
+use crate::blocks::{Held, PlaneRuns, check_count};
 use crate::constants::FAINT_SHARE;
 use crate::error::Result;
 use crate::io::Planes;
@@ -25,24 +25,24 @@ pub(crate) fn read_planes(
     let dealt = PlaneRuns::new(count, ranks.size());
     let read = || {
         lattice.validate()?;
-        let mut held = Held {
-            runs: Vec::new(),
-            values: file.empty_values(),
-        };
+        check_count(lattice.len())?;
         let wanted = dealt.wanted(ranks.rank());
         let planes: usize = wanted.iter().map(std::ops::Range::len).sum();
-        // As they are read, and in the order of the whole lattice.
-        let each = 2 * held.values.bytes_per_value();
-        crate::memory::check(planes * x * y, each).map_err(|e| e.in_file(&file.head().path))?;
-        for run in wanted {
-            let values = file.read(run.clone())?;
-            held.push(run, values);
-        }
-        Ok(held)
+        // As they are read, and in the order of the whole lattice, of which every rank has all where it is small.
+        let each = 2 * file.empty_values().bytes_per_value();
+        let cells = match is_small(lattice, SMALL, ranks.size()) {
+            true => lattice.len(),
+            false => planes * x * y,
+        };
+        crate::memory::check(cells, each).map_err(|e| e.in_file(&file.head().path))?;
+        let values = file.read(&wanted)?;
+        Ok(Held {
+            runs: wanted,
+            values,
+        })
     };
     let held = read();
-    let Held { runs, values } = ranks.agree(held)?;
-    let held = Held { runs, values };
+    let held = ranks.agree(held)?;
     let own: Vec<usize> = dealt.own(ranks.rank()).flatten().collect();
     let known = known_of_all(&held, x * y, count, &own, ranks)?;
     let made = lattice_of_planes(lattice.clone(), file.field(), file.unit(), known, options);

@@ -3,7 +3,7 @@
 use super::communicator::Communicator;
 use super::frames::RankFrames;
 use super::ranks::Ranks;
-use super::share::Share;
+use super::share::{SMALL, Share};
 use super::statistics::RankStats;
 use crate::blocks::{AmplitudeSummary, BlockedScene};
 use crate::error::Result;
@@ -11,10 +11,6 @@ use crate::image::{ColumnImage, DepthImage, Image, NormalImage};
 use crate::render::{self, ColumnSettings, FrameCounts, SceneOptions, Settings};
 use crate::scene::PointVolume;
 use crate::view::{Bounds, Camera};
-
-/// Particles for each rank up to which every rank builds the whole: a frame's work is shared more evenly then, by blocks
-/// and not by some 65,536 particles.
-const SMALL: u64 = 1 << 18;
 
 /// A scene whose particles ranks share. All of them call the same functions in the same order; the first has the
 /// images.
@@ -42,7 +38,8 @@ pub(crate) fn shared(
 impl Renderer {
     /// Of a scene of which every rank brings a share, whichever: the blocks are made together, and each rank keeps the
     /// particles of some of them. No rank needs the memory of the whole, but for volumes of few particles (262,144 for each
-    /// rank), which every rank builds by itself, and for lattices of which each has all ([`Share::planes`]).
+    /// rank; of a lattice of fewer than 64 planes for each sixty-four times as many), which every rank builds by itself, and for
+    /// lattices of which each has all ([`Share::planes`]).
     ///
     /// ```
     /// use ewa_splat::distributed::{Communicator, Renderer, ThreadRank};
@@ -93,7 +90,8 @@ impl Renderer {
     }
 
     /// Of a scene that the first rank alone has, such as of a file that one reads for all: the others get their shares of
-    /// its particles, and need the memory of these; the first needs that of the whole while it hands it out.
+    /// its particles, and need the memory of these, and of the volumes of which every rank has all ([`Self::new`]; lattices that
+    /// have more than values are among them); the first needs that of the whole while it hands it out.
     ///
     /// - `scene`: on the first rank the volumes; what others give counts nothing.
     ///

@@ -12,7 +12,7 @@ use super::share::Share;
 use super::surroundings::Surroundings;
 use crate::blocks::{Peers, territories};
 use crate::error::{Error, Result};
-use crate::io::{Association, Dataset, Field, FieldSource, Geometry, RowFile};
+use crate::io::{Association, Dataset, Field, FieldSource, Geometry, RowFile, Up};
 use crate::prepared::Found;
 use crate::sample::{
     Elsewhere, FITTED_NEIGHBOURS, Neighbourhoods, RowsApart, SampleOptions, SampleReport,
@@ -33,6 +33,16 @@ pub(crate) struct RowsRead {
     pub(crate) head: Dataset,
     /// The least and the greatest coordinates of all; `None` where none is finite.
     pub(crate) corners: Option<(DVec3, DVec3)>,
+}
+
+impl RowsRead {
+    /// What is up in all rows: of points it depends on their bounds.
+    pub(crate) fn up(&self) -> Up {
+        let positions = self.corners.map_or(Vec::new(), |(a, b)| vec![a, b]);
+        let geometry = Geometry::Points { positions };
+        let head = self.head.clone();
+        Dataset { geometry, ..head }.up()
+    }
 }
 
 /// Reads this rank's rows and makes particles of as many that lie together: the particles that
@@ -586,7 +596,7 @@ mod tests {
     fn what_looks_at_more_than_neighbours_is_left_to_one() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.npy");
-        let mut read = |names: &[&str], options: &SampleOptions| {
+        let read = |names: &[&str], options: &SampleOptions| {
             write(&path, names, std::iter::repeat_n(vec![1.0; names.len()], 3));
             let own = ThreadRank::group(1).swap_remove(0);
             let mut ranks = Ranks::new(Box::new(own));

@@ -36,22 +36,19 @@ pub(crate) fn scatter(own: Option<Vec<PointVolume>>, ranks: &mut Ranks) -> Resul
             "give the first rank the scene",
         )),
     };
-    let heads = ranks.of_first(heads)?;
-    let mut volumes = match own.filter(|_| is_first) {
-        Some(own) => own,
-        None => heard(&heads)?
-            .iter()
-            .map(Head::volume)
-            .collect::<Result<_>>()?,
-    };
+    // What the first rank told the others is what all go by: they are asked the same way.
+    let heads = heard(&ranks.of_first(heads)?)?;
+    let without = heads.iter().map(Head::volume);
+    let without: Vec<PointVolume> = without.collect::<Result<_>>()?;
+    let mut volumes = own.filter(|_| is_first).unwrap_or(without);
     let mut planes = Vec::with_capacity(volumes.len());
-    for volume in &mut volumes {
+    for (volume, head) in volumes.iter_mut().zip(&heads) {
         let Particles::Lattice { lattice, .. } = &volume.particles else {
             planes.push(Vec::new());
             continue;
         };
         let all = 0..lattice.dims[2];
-        if volume.is_plain_lattice() {
+        if head.is_plain {
             planes.push(if is_first { vec![all] } else { Vec::new() });
         } else {
             send_lattice(volume, ranks)?;

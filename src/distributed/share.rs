@@ -10,7 +10,7 @@ use crate::blocks::{
 };
 use crate::error::{Error, Result};
 use crate::scene::rows::{kind_of, model_scales, rows_of, volume_of};
-use crate::scene::{Particles, PointVolume, Values};
+use crate::scene::{Lattice, Particles, PointVolume, Values};
 
 /// A rank's share of a scene: some particles of each volume, or none.
 ///
@@ -72,6 +72,7 @@ impl Share {
                 let runs: Vec<[u64; 2]> =
                     runs.map(|run| [run.start as u64, run.end as u64]).collect();
                 put(&mut part, &runs);
+                put(&mut part, &[u8::from(volume.is_plain_lattice())]);
             }
             part
         });
@@ -97,12 +98,15 @@ impl Share {
             // The same on all ranks.
             total += count;
             check_count(usize::try_from(total).unwrap_or(usize::MAX))?;
-            let own = if is_lattice && known.is_apart {
-                let is_small = is_small(&volume, small, ranks.size());
+            let own = if let (Particles::Lattice { lattice, .. }, true) =
+                (&volume.particles, known.is_apart)
+            {
+                let is_small = is_small(lattice, small, ranks.size());
                 let held = known.planes.iter().map(|own| own[v].clone());
                 let shared = SharedLattice {
                     runs: planes[v].clone(),
                     held: held.collect(),
+                    is_plain: known.plain[v],
                     is_small,
                 };
                 shared.built(volume, options, first, ranks)
@@ -172,10 +176,7 @@ impl Share {
 /// none or twice as many as others, only very many cells are not.
 ///
 /// - `small`: cells of a small one for each rank, where each has planes enough.
-fn is_small(volume: &PointVolume, small: u64, size: usize) -> bool {
-    let Particles::Lattice { lattice, .. } = &volume.particles else {
-        return false;
-    };
+pub(super) fn is_small(lattice: &Lattice, small: u64, size: usize) -> bool {
     let few = lattice.dims[2] < FEW_PLANES * size;
     let small = if few {
         FEW_PLANES as u64 * small
@@ -184,6 +185,10 @@ fn is_small(volume: &PointVolume, small: u64, size: usize) -> bool {
     };
     lattice.len() as u64 <= small * size as u64
 }
+
+/// Particles for each rank up to which every rank builds the whole: a frame's work is shared more evenly then, by blocks
+/// and not by some 65,536 particles.
+pub(super) const SMALL: u64 = 1 << 18;
 
 /// Planes for each rank below which runs of them are shared unevenly.
 const FEW_PLANES: usize = 64;
@@ -194,6 +199,8 @@ struct SharedLattice {
     runs: Vec<Range<usize>>,
     /// Of all ranks.
     held: Vec<Vec<Range<usize>>>,
+    /// Whether it has values alone, on all ranks: one without planes cannot tell.
+    is_plain: bool,
     /// Whether every rank builds the whole.
     is_small: bool,
 }
@@ -211,7 +218,7 @@ impl SharedLattice {
         };
         let [x, y, planes] = lattice.dims;
         let is_whole = |runs: &Vec<Range<usize>>| matches!(&**runs, [run] if *run == (0..planes));
-        if !volume.is_plain_lattice() {
+        if !self.is_plain {
             return match self.held.iter().all(is_whole) {
                 true => SharedVolume::of_whole(volume, options, first, ranks),
                 false => {
@@ -256,6 +263,8 @@ struct Known {
     is_apart: bool,
     /// Of each rank, which planes of each volume it has.
     planes: Vec<Vec<Vec<Range<usize>>>>,
+    /// Of each volume, whether it is a lattice of values alone, by all that ranks have of it.
+    plain: Vec<bool>,
 }
 
 impl Known {
@@ -302,6 +311,7 @@ fn known_volumes(parts: &[Vec<u8>], volumes: usize) -> Result<Known> {
         is_numbered: false,
         is_apart: false,
         planes: Vec::with_capacity(parts.len()),
+        plain: vec![true; volumes],
     };
     let mut parts: Vec<&[u8]> = parts.iter().map(Vec::as_slice).collect();
     let kinds = parts.iter_mut().map(take::<u64>);
@@ -315,7 +325,7 @@ fn known_volumes(parts: &[Vec<u8>], volumes: usize) -> Result<Known> {
         known.is_apart |= take::<u8>(&mut part)? == [1];
         let mut counts = Vec::with_capacity(volumes);
         let mut planes = Vec::with_capacity(volumes);
-        for of_all in &mut known.scales {
+        for (of_all, is_plain) in known.scales.iter_mut().zip(&mut known.plain) {
             if let Some(scales) = take::<[f32; 2]>(&mut part)?.first().copied()
                 && *of_all.get_or_insert(scales) != scales
             {
@@ -324,6 +334,7 @@ fn known_volumes(parts: &[Vec<u8>], volumes: usize) -> Result<Known> {
             counts.extend(take::<u64>(&mut part)?);
             let runs = take::<[u64; 2]>(&mut part)?.into_iter();
             planes.push(runs.map(|[a, b]| a as usize..b as usize).collect());
+            *is_plain &= take::<u8>(&mut part)? == [1];
         }
         known.counts.push(counts);
         known.planes.push(planes);

@@ -134,32 +134,38 @@ impl Planes {
         &self.head
     }
 
-    /// The values of some planes, x fastest.
+    /// The values of some runs of planes, x fastest, run after run.
     ///
     /// # Errors
     /// Planes that there are not, no memory for them, a file that cannot be read, is damaged or is not what was found of
     /// it at first: a piece that is not there or is another than its index says.
-    pub(crate) fn read(&self, planes: Range<usize>) -> Result<Values> {
+    pub(crate) fn read(&self, runs: &[Range<usize>]) -> Result<Values> {
         let [nx, ny, nz] = self.lattice.dims;
-        if planes.start > planes.end || planes.end > nz {
+        let is_there = |run: &&Range<usize>| run.start <= run.end && run.end <= nz;
+        if let Some(run) = runs.iter().find(|run| !is_there(run)) {
             return Err(Error::format(
                 &self.head.path,
                 "planes",
                 format!("a run within 0 to {nz}"),
-                format!("{} to {}", planes.start, planes.end),
+                format!("{} to {}", run.start, run.end),
                 "read planes that there are",
             ));
         }
-        if planes.is_empty() {
-            return Ok(self.empty_values());
-        }
         // All samples were found to be countable.
         let plane = nx * ny;
-        let bytes = (planes.len() * plane) as u64 * self.empty.bytes_per_value() as u64;
+        let planes: u64 = runs.iter().map(|run| run.len() as u64).sum();
+        let bytes = planes.saturating_mul(plane as u64);
+        let bytes = bytes.saturating_mul(self.empty.bytes_per_value() as u64);
         check_room(&self.head.path, "planes", bytes)?;
+        let mut all = self.empty_values();
         match &self.source {
-            Source::Numbers(numbers) => numbers.read(planes.start * plane..planes.end * plane),
-            Source::Pieces(pieces) => pieces.read(&self.name, &self.empty, planes),
+            Source::Numbers(numbers) => {
+                for run in runs {
+                    all.append(numbers.read(run.start * plane..run.end * plane)?);
+                }
+                Ok(all)
+            }
+            Source::Pieces(pieces) => pieces.read(&self.name, &self.empty, runs),
         }
     }
 }
@@ -185,7 +191,7 @@ pub(super) mod tests {
         let count = planes.lattice().dims[2];
         let mut all = planes.empty_values();
         for start in (0..count).step_by(run) {
-            match (&mut all, planes.read(start..count.min(start + run))?) {
+            match (&mut all, planes.read(&[start..count.min(start + run)])?) {
                 (Values::U8(all), Values::U8(more)) => all.extend(more),
                 (Values::I16(all), Values::I16(more)) => all.extend(more),
                 (Values::U16(all), Values::U16(more)) => all.extend(more),
@@ -227,14 +233,14 @@ pub(super) mod tests {
         for start in 0..=nz {
             for end in start..=nz {
                 let expected = values.part(start * nx * ny..end * nx * ny);
-                let read = planes.read(start..end).unwrap();
+                let read = planes.read(&[start..end]).unwrap();
                 assert_eq!(bits(&read), bits(&expected), "{start} to {end}");
             }
         }
         assert_eq!(bits(&joined(&planes, 2).unwrap()), bits(&values));
-        assert!(planes.read(0..nz + 1).is_err() && planes.read(nz..nz + 1).is_err());
+        assert!(planes.read(&[0..nz + 1]).is_err() && planes.read(&[nz..nz + 1]).is_err());
         #[allow(clippy::reversed_empty_ranges, reason = "what is to be refused")]
-        let backwards = planes.read(1..0);
+        let backwards = planes.read(&[1..0]);
         assert!(backwards.is_err());
         Some(planes)
     }
@@ -313,8 +319,8 @@ pub(super) mod tests {
         };
         let planes = Planes::open(&path, &options, None).unwrap().unwrap();
         folder.file("a.raw", &bytes(40));
-        assert!(planes.read(0..2).is_ok());
-        let error = planes.read(2..3).unwrap_err().to_string();
+        assert!(planes.read(&[0..2]).is_ok());
+        let error = planes.read(&[2..3]).unwrap_err().to_string();
         assert!(error.contains("a.raw"), "{error}");
     }
 

@@ -304,54 +304,75 @@ impl Pieces {
         }
     }
 
-    /// The values of some planes of an array.
+    /// The values of some planes of an array, run after run. A piece that is packed is unpacked once.
     ///
     /// - `empty`: none of them, in their type.
-    pub(super) fn read(&self, array: &str, empty: &Values, planes: Range<usize>) -> Result<Values> {
+    pub(super) fn read(
+        &self,
+        array: &str,
+        empty: &Values,
+        runs: &[Range<usize>],
+    ) -> Result<Values> {
         let [nx, ny, _] = self.whole.dims(Association::Nodes);
         let mut wanted = Vec::new();
+        let mut planes = 0;
         for (path, extent) in &self.pieces {
             let [_, _, first] = extent.shift_from(&self.whole);
             let [_, _, count] = extent.dims(Association::Nodes);
-            let start = planes.start.max(first);
-            let end = planes.end.min(first + count);
-            if start < end {
+            let mut parts = Vec::new();
+            planes = 0;
+            for run in runs {
+                let own = run.start.max(first)..run.end.min(first + count);
+                if !own.is_empty() {
+                    let to = planes + own.start - run.start;
+                    parts.push((own.start - first..own.end - first, to));
+                }
+                planes += run.len();
+            }
+            if !parts.is_empty() {
                 // Each is found to have as many values before there is memory for all of them.
                 let place = self.place(path, extent, array)?;
-                wanted.push((path, extent, start - first..end - first, start, place));
+                wanted.push((path, extent, parts, place));
             }
         }
-        let count = nx * ny * planes.len();
+        let count = nx * ny * planes;
         let mut all = match empty {
             Values::U8(_) => Values::U8(vec![0; count]),
             Values::I16(_) => Values::I16(vec![0; count]),
             Values::U16(_) => Values::U16(vec![0; count]),
             Values::F32(_) => Values::F32(vec![0.0; count]),
         };
-        for (path, extent, own, start, place) in wanted {
+        for (path, extent, parts, place) in wanted {
             let [dx, dy, _] = extent.shift_from(&self.whole);
             let [width, height, _] = extent.dims(Association::Nodes);
             let plane = width * height;
-            let (part, skipped) = match place {
-                Place::Plain(numbers) => {
-                    let part = numbers.read(own.start * plane..own.end * plane)?;
-                    (part, 0)
-                }
-                Place::Packed => (self.unpacked(path, extent, array)?, own.start),
+            let source = match place {
+                Place::Plain(numbers) => Ok(numbers),
+                Place::Packed => Err(self.unpacked(path, extent, array)?),
             };
-            let rows = (0..own.len()).flat_map(|k| (0..height).map(move |j| (k, j)));
-            let rows = rows.map(|(k, j)| {
-                let from = ((k + skipped) * height + j) * width;
-                let to = ((start - planes.start + k) * ny + dy + j) * nx + dx;
-                (from..from + width, to..to + width)
-            });
-            match (&mut all, &part) {
-                (Values::U8(all), Values::U8(part)) => copy(all, part, rows),
-                (Values::I16(all), Values::I16(part)) => copy(all, part, rows),
-                (Values::U16(all), Values::U16(part)) => copy(all, part, rows),
-                (Values::F32(all), Values::F32(part)) => copy(all, part, rows),
-                // It was of this type when it was looked at.
-                _ => return Err(other_arrays(path, Association::Nodes)),
+            for (own, to) in parts {
+                let read;
+                let (part, skipped) = match &source {
+                    Ok(numbers) => {
+                        read = numbers.read(own.start * plane..own.end * plane)?;
+                        (&read, 0)
+                    }
+                    Err(unpacked) => (unpacked, own.start),
+                };
+                let rows = (0..own.len()).flat_map(|k| (0..height).map(move |j| (k, j)));
+                let rows = rows.map(|(k, j)| {
+                    let from = ((k + skipped) * height + j) * width;
+                    let to = ((to + k) * ny + dy + j) * nx + dx;
+                    (from..from + width, to..to + width)
+                });
+                match (&mut all, part) {
+                    (Values::U8(all), Values::U8(part)) => copy(all, part, rows),
+                    (Values::I16(all), Values::I16(part)) => copy(all, part, rows),
+                    (Values::U16(all), Values::U16(part)) => copy(all, part, rows),
+                    (Values::F32(all), Values::F32(part)) => copy(all, part, rows),
+                    // It was of this type when it was looked at.
+                    _ => return Err(other_arrays(path, Association::Nodes)),
+                }
             }
         }
         Ok(all)
@@ -678,10 +699,10 @@ mod tests {
             fs::remove_file(folder.path().join(format!("part_{i}.vti"))).unwrap();
         }
         assert_eq!(
-            bits(&planes.read(4..7).unwrap()),
+            bits(&planes.read(&[4..7]).unwrap()),
             bits(&t.part(4 * 24..7 * 24))
         );
-        let error = planes.read(1..2).unwrap_err().to_string();
+        let error = planes.read(&[1..2]).unwrap_err().to_string();
         assert!(error.contains("part_0.vti"), "{error}");
     }
 
@@ -735,7 +756,7 @@ mod tests {
             let path = folder.path().join(format!("part_{i}.vti"));
             let before = fs::read(&path).unwrap();
             fs::write(&path, bytes).unwrap();
-            let error = planes.read(0..7).unwrap_err().to_string();
+            let error = planes.read(&[0..7]).unwrap_err().to_string();
             fs::write(&path, before).unwrap();
             assert!(error.contains(&format!("part_{i}.vti")), "{error}");
             error
@@ -748,7 +769,7 @@ mod tests {
         let cut = file(RAW, EXTENTS[1], 1, "");
         other(1, cut[..cut.len() - 100].to_vec());
         other(5, b"<VTKFile".to_vec());
-        assert_eq!(planes.read(0..7).unwrap().len(), 7 * 24);
+        assert_eq!(planes.read(&[0..7]).unwrap().len(), 7 * 24);
     }
 
     #[test]
@@ -884,7 +905,7 @@ mod tests {
             let Some(planes) = planes(&path, Some("s")) else {
                 panic!("{form:?}")
             };
-            let error = planes.read(0..1).unwrap_err().to_string();
+            let error = planes.read(&[0..1]).unwrap_err().to_string();
             assert!(error.contains("too few to hold them"), "{error}");
             let path = folder.path().join("part.vti");
             assert!(

@@ -1,6 +1,6 @@
 //! Scenes that the first rank alone has.
 
-use ewa_splat::distributed::{Communicator, Renderer};
+use ewa_splat::distributed::{Communicator, Renderer, Share};
 use ewa_splat::io::{OpenOptions, open};
 use ewa_splat::sample::{BoundaryChoice, SampleOptions, scene};
 use ewa_splat::scene::{
@@ -80,7 +80,11 @@ fn whatever_one_rank_has_all_draw() {
     let mut weighed = box_of([9, 8, 7]);
     weighed.strength = Strength::Mass((0..9 * 8 * 7).map(|i| 1e-4 * i as f32).collect());
     weighed.colour = Colour::PerParticle(vec![[0.2, 0.9, 0.4]; 9 * 8 * 7]);
+    let mut uneven = lattice(12);
+    let volumes = (0..12 * 12 * 12).map(|i| 1e-3 + 1e-6 * i as f32).collect();
+    uneven.strength = Strength::Classified { volumes };
     let scene = [
+        uneven.clone(),
         spheres(4000),
         ellipsoids(1500),
         ball(900, 0.6),
@@ -91,6 +95,22 @@ fn whatever_one_rank_has_all_draw() {
     ];
     assert_same(&scene, &frames(), &SIZES);
     assert_same(&[], &frames()[..0], &[3]);
+    // Of which none may have some planes alone: one that has none of them cannot tell, and hears of it.
+    let found = each(2, |rank| {
+        let is_first = rank.rank() == 0;
+        let mut own = uneven.clone();
+        if !is_first {
+            own = lattice(12);
+            own.values = own.values.map(|values| values.gather(&[]));
+        }
+        let planes = if is_first { 0..12 } else { 12..12 };
+        let share = Share {
+            planes: Some(vec![vec![planes]]),
+            ..Share::from(vec![own])
+        };
+        Renderer::new(rank, share, &SceneOptions::default()).map(|_| ())
+    });
+    assert!(found.iter().all(Result::is_err), "{found:?}");
 }
 
 #[test]

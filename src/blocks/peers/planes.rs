@@ -81,17 +81,6 @@ pub(crate) struct Held {
 }
 
 impl Held {
-    /// Adds a run of planes.
-    #[cfg(feature = "cli")]
-    pub(crate) fn push(&mut self, run: Range<usize>, values: Values) {
-        if self.runs.is_empty() {
-            self.values = values;
-        } else {
-            self.values.append(values);
-        }
-        self.runs.push(run);
-    }
-
     /// How many planes lie before each run.
     fn starts(&self) -> impl Iterator<Item = (usize, &Range<usize>)> {
         self.runs.iter().scan(0, |before, run| {
@@ -218,7 +207,10 @@ impl Traffic<'_> {
                 }
             }
         };
-        let step = (PARCEL / (samples * size_of::<T>()).max(1)).max(1);
+        // A plane may go to several: a copy for each lies in memory.
+        let copies = |plane: usize| self.wanted.iter().filter(|own| has(own, plane)).count();
+        let most = (0..self.end()).map(copies).max().unwrap_or(1);
+        let step = (PARCEL / (most * samples * size_of::<T>()).max(1)).max(1);
         for first in (0..self.end()).step_by(step) {
             let planes = || first..first + step;
             let goes = |to: usize, plane: usize| {
