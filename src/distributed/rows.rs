@@ -1,5 +1,6 @@
 //! A file of points that look at their neighbours, whose rows ranks read together.
 
+use std::mem::take;
 use std::ops::Range;
 
 use bytemuck::Pod;
@@ -15,7 +16,7 @@ use crate::error::{Error, Result};
 use crate::io::{Association, Dataset, Field, FieldSource, Geometry, RowFile, Up};
 use crate::prepared::Found;
 use crate::sample::{
-    Elsewhere, FITTED_NEIGHBOURS, Neighbourhoods, RowsApart, SampleOptions, SampleReport,
+    Elsewhere, FITTED_NEIGHBOURS, Fitted, Neighbourhoods, RowsApart, SampleOptions, SampleReport,
     Surrounded, fit_apart, function_apart, mean_spacing, nothing_left, sample_apart, scalars,
 };
 use crate::scene::{LocalModels, PickedRow, PointVolume, Values};
@@ -149,24 +150,25 @@ pub(crate) fn read_rows(
 
 /// Normals and local models, which look at neighbours that have particles.
 fn fit(volume: &mut PointVolume, options: &SampleOptions, ranks: &mut Ranks) -> Result<()> {
-    let Some(values) = volume
-        .values
-        .as_ref()
-        .filter(|_| options.normals || options.local_models)
-    else {
+    if volume.values.is_none() || !(options.normals || options.local_models) {
         return Ok(());
-    };
-    let positions = volume.particles.positions();
-    let around = Surroundings::of(positions, FITTED_NEIGHBOURS, ranks)?;
-    let places = around.fetch(positions, ranks)?;
-    let values = match values {
-        Values::U8(own) => Values::U8(around.fetch(own, ranks)?),
-        Values::I16(own) => Values::I16(around.fetch(own, ranks)?),
-        Values::U16(own) => Values::U16(around.fetch(own, ranks)?),
-        Values::F32(own) => Values::F32(around.fetch(own, ranks)?),
-    };
-    let models = fit_apart(volume, (&places, values), options);
-    let Some(models) = ranks.agree(models)? else {
+    }
+    let [few, most] = FITTED_NEIGHBOURS;
+    let mut fitted = fitted(volume, &|_| few, options, ranks)?;
+    // Where these do not tell, they look farther.
+    if ranks.sums(Ok(vec![fitted.far.len() as u64]))? != [0] {
+        let far = take(&mut fitted.far);
+        let count = |i: u32| {
+            if far.binary_search(&i).is_ok() {
+                most
+            } else {
+                few
+            }
+        };
+        fitted = self::fitted(volume, &count, options, ranks)?;
+    }
+    volume.normals = fitted.normals;
+    let Some(models) = fitted.models else {
         return Ok(());
     };
     let scales = ranks.gather_records(Ok(vec![LocalModels::scales_of(&models)]))?;
@@ -174,6 +176,27 @@ fn fit(volume: &mut PointVolume, options: &SampleOptions, ranks: &mut Ranks) -> 
     let scales = scales.into_iter().flatten().fold([0.0; 2], greatest);
     volume.local_models = Some(LocalModels::with(&models, scales));
     Ok(())
+}
+
+/// The same, where each particle looks at so many neighbours.
+fn fitted(
+    volume: &PointVolume,
+    count: &(dyn Fn(u32) -> usize + Sync),
+    options: &SampleOptions,
+    ranks: &mut Ranks,
+) -> Result<Fitted> {
+    let positions = volume.particles.positions();
+    let around = Surroundings::of(positions, count, ranks)?;
+    let places = around.fetch(positions, ranks)?;
+    let values = match &volume.values {
+        None => Values::U8(Vec::new()),
+        Some(Values::U8(own)) => Values::U8(around.fetch(own, ranks)?),
+        Some(Values::I16(own)) => Values::I16(around.fetch(own, ranks)?),
+        Some(Values::U16(own)) => Values::U16(around.fetch(own, ranks)?),
+        Some(Values::F32(own)) => Values::F32(around.fetch(own, ranks)?),
+    };
+    let fitted = fit_apart(volume, (&places, values), options);
+    ranks.agree(fitted)
 }
 
 /// Some rows of a file.
@@ -350,7 +373,8 @@ fn neighbourhoods(
     options: &SampleOptions,
     ranks: &mut Ranks,
 ) -> Result<Neighbourhoods> {
-    let around = Surroundings::of(&own.positions, RowsApart::NEIGHBOURS, ranks)?;
+    let neighbours = |i: u32| RowsApart::neighbours(own.numbers[i as usize], count as u64);
+    let around = Surroundings::of(&own.positions, &neighbours, ranks)?;
     let others = around.fetch(&own.positions, ranks)?;
     let positions = [own.positions.as_slice(), &others].concat();
     let points = Surrounded {
@@ -557,6 +581,48 @@ mod tests {
             found.particles,
             crate::scene::Particles::Anisotropic { .. }
         ));
+    }
+
+    #[test]
+    fn probe() {
+        let path = Path::new("/tmp/r/p5.npy");
+        thread::scope(|scope| {
+            let ranks = ThreadRank::group(4).into_iter();
+            let read = |own| {
+                let mut ranks = Ranks::new(Box::new(own));
+                let mut file = RowFile::open(path, None).unwrap().unwrap();
+                let mut own = Rows::read(
+                    &mut file,
+                    ranks.rank() * 1250000..(ranks.rank() + 1) * 1250000,
+                    &RowFile::open(path, None)
+                        .unwrap()
+                        .unwrap()
+                        .read(0..1)
+                        .unwrap(),
+                    RowsApart {
+                        is_bare: true,
+                        needs_volumes: true,
+                    },
+                    None,
+                )
+                .unwrap()
+                .unwrap()
+                .gathered(&mut ranks)
+                .unwrap();
+                own.positions.truncate(usize::MAX);
+                for n in [24, 60, 112] {
+                    let t = std::time::Instant::now();
+                    let s = Surroundings::of(&own.positions, &|_| n, &mut ranks).unwrap();
+                    eprintln!(
+                        "{n} {:?} {:?}",
+                        t.elapsed(),
+                        s.fetch(&own.positions, &mut ranks).unwrap().len()
+                    );
+                }
+            };
+            let threads: Vec<_> = ranks.map(|own| scope.spawn(move || read(own))).collect();
+            threads.into_iter().for_each(|t| t.join().unwrap());
+        });
     }
 
     #[test]

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::ranks::Ranks;
 use crate::blocks::Peers;
 use crate::error::Result;
-use crate::sample::{LEAF, Reach, reaches};
+use crate::sample::{Boxes, Leaf, Near, Reach};
 
 /// Boxes of points that are told of together.
 const GROUP: usize = 512;
@@ -22,49 +22,86 @@ pub(super) struct Surroundings {
 impl Surroundings {
     /// Finds out.
     ///
-    /// - `count`: of the nearest distinct places that each point looks at, on whichever rank they are.
-    pub(super) fn of(positions: &[DVec3], count: usize, ranks: &mut Ranks) -> Result<Self> {
+    /// - `count`: of the nearest distinct places that a point looks at, on whichever rank they are.
+    pub(super) fn of(
+        positions: &[DVec3],
+        count: &(dyn Fn(u32) -> usize + Sync),
+        ranks: &mut Ranks,
+    ) -> Result<Self> {
         let (rank, size) = (ranks.rank(), ranks.size());
         if size == 1 {
             let wanted = vec![Vec::new()];
             return Ok(Self { wanted });
         }
-        let (points, leaves) = reaches(positions, count);
-        let around = |group: &[Reach]| group.iter().fold(Reach::NONE, |all, leaf| all.and(leaf));
-        let groups: Vec<Reach> = leaves.chunks(GROUP).map(around).collect();
+        let near = Near::of(positions, count);
+        let mut leaves: Vec<Reach> = near.leaves.iter().map(|leaf| leaf.reach).collect();
         let ranks: &mut dyn Peers = ranks;
-        let all = ranks.gather_records(Ok(&groups))?;
-        // Those boxes whose neighbours may be where others have points.
-        let mut asked = vec![Vec::new(); size];
-        for (group, leaves) in groups.iter().zip(leaves.chunks(GROUP)) {
-            let whole = group.whole();
-            for (other, groups) in all.iter().enumerate().filter(|(n, _)| *n != rank) {
-                let near: Vec<&Reach> = groups.iter().filter(|own| own.touches(&whole)).collect();
-                let wholes = leaves.iter().map(Reach::whole);
-                asked[other].extend(wholes.filter(|own| near.iter().any(|n| n.touches(own))));
-            }
+        // Where everybody's points are.
+        let around = |group: &[Reach]| Reach::around_all(group.iter());
+        let groups: Vec<Reach> = leaves.chunks(GROUP).filter_map(around).collect();
+        let boxes = ranks.gather_records(Ok(&groups))?.into_iter();
+        let boxes: Vec<Boxes> = boxes.map(Boxes::of).collect();
+        let is_among = |own: &Reach, other: usize| {
+            other != rank && boxes[other].any(&|theirs| own.touches(theirs))
+        };
+        // Of each rank those whose neighbours may be where it has points.
+        let asked = |own: &[Reach]| -> Vec<Vec<u32>> {
+            let of_rank = |other| {
+                let is_asked = |&n: &u32| is_among(&own[n as usize], other);
+                (0..own.len() as u32)
+                    .into_par_iter()
+                    .filter(is_asked)
+                    .collect()
+            };
+            (0..size).map(of_rank).collect()
+        };
+        let told = |asked: &[Vec<u32>], own: &[Reach]| -> Vec<Vec<Reach>> {
+            let of_rank = |asked: &Vec<u32>| asked.iter().map(|&n| own[n as usize]).collect();
+            asked.iter().map(of_rank).collect()
+        };
+        // Where this rank has few points others may have many: they tell how near as many of theirs are.
+        let first = asked(&leaves);
+        let theirs = ranks.exchange_records(Ok(told(&first, &leaves)))?;
+        let bound = |theirs: &Vec<Reach>| theirs.par_iter().map(|own| near.bound(own)).collect();
+        let bounds = theirs.iter().map(bound).collect();
+        let bounds = ranks.exchange_records::<f64>(Ok(bounds))?;
+        for (&n, bound) in first.iter().flatten().zip(bounds.iter().flatten()) {
+            let own = &mut leaves[n as usize].distance;
+            *own = own.min(*bound);
         }
-        let asked = ranks.exchange_records(Ok(asked))?;
-        let found = |asked: &Vec<Reach>| {
-            let each = groups.par_iter().zip(leaves.par_chunks(GROUP));
-            let each = each.zip(points.par_chunks(GROUP * LEAF));
-            let of_group = each.map(|((group, leaves), points)| {
-                let near: Vec<&Reach> = asked.iter().filter(|own| own.touches(group)).collect();
-                let mut found = Vec::new();
-                for (leaf, points) in leaves.iter().zip(points.chunks(LEAF)) {
-                    let near = near.iter().filter(|own| own.touches(leaf));
-                    let near: Vec<&&Reach> = near.collect();
-                    let is_wanted = |i: &&u32| near.iter().any(|n| n.has(positions[**i as usize]));
-                    found.extend(points.iter().filter(is_wanted));
-                }
-                found
-            });
-            let mut found: Vec<u32> = of_group.flatten().collect();
+        // The points of those that are left, one by one.
+        let of_leaf = |(own, leaf): (&Reach, &Leaf)| {
+            let is_asked = (0..size).any(|other| is_among(own, other));
+            let alone = |&point: &u32| {
+                let mut alone = near.alone(point, count(point));
+                alone.distance = alone.distance.min(own.distance);
+                alone
+            };
+            let points = leaf.points.iter().filter(|_| is_asked);
+            points.map(alone).collect::<Vec<Reach>>()
+        };
+        let points = leaves.par_iter().zip(&near.leaves);
+        let points: Vec<Reach> = points.flat_map_iter(of_leaf).collect();
+        let theirs = ranks.exchange_records(Ok(told(&asked(&points), &points)))?;
+        let found = |theirs: Vec<Reach>| {
+            if theirs.is_empty() {
+                return Vec::new();
+            }
+            let theirs = Boxes::of(theirs);
+            let of_leaf = |n: usize| {
+                let leaf = &near.leaves[n];
+                let is_near = theirs.any(&|their| their.touches(&leaf.reach));
+                let is_wanted = |i: &&u32| theirs.any(&|their| their.has(positions[**i as usize]));
+                let points = leaf.points.iter().filter(move |_| is_near);
+                points.filter(is_wanted).copied().collect::<Vec<u32>>()
+            };
+            let leaves = (0..near.leaves.len()).into_par_iter();
+            let mut found: Vec<u32> = leaves.flat_map_iter(of_leaf).collect();
             found.par_sort_unstable();
             found
         };
         Ok(Self {
-            wanted: asked.iter().map(found).collect(),
+            wanted: theirs.into_iter().map(found).collect(),
         })
     }
 

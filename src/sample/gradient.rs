@@ -36,7 +36,7 @@ pub(super) fn complete(volume: &mut PointVolume, task: Option<&Task>) -> Result<
         Particles::Lattice { lattice, .. } => Some(of_lattice(lattice, values, task)?),
         Particles::Isotropic { positions, .. } | Particles::Anisotropic { positions, .. } => {
             match PointIndex::new(positions) {
-                Some(index) => Some(index.normals(task, |i| values.get(i))?),
+                Some(index) => Some(index.normals(task, |i| values.get(i))?.0),
                 None => None,
             }
         }

@@ -69,11 +69,11 @@ pub(crate) use lattice::{PlaneValues, lattice_of_planes};
 use mesh::{MeshOptions, SampledMesh, Spread};
 #[cfg(feature = "cli")]
 pub(crate) use points::{
-    Elsewhere, FITTED_NEIGHBOURS, Neighbourhoods, RowsApart, Surrounded, fit_apart, function_apart,
-    sample_apart, scalars,
+    Elsewhere, FITTED_NEIGHBOURS, Fitted, Neighbourhoods, RowsApart, Surrounded, fit_apart,
+    function_apart, sample_apart, scalars,
 };
 #[cfg(feature = "cli")]
-pub(crate) use reach::{LEAF, Reach, reaches};
+pub(crate) use reach::{Boxes, Leaf, Near, Reach};
 pub use report::{Finding, SampleReport};
 pub use statistics::{PERCENTILES, ShapeStatistics};
 #[cfg(feature = "cli")]

@@ -25,7 +25,7 @@ pub(super) const MOST_FITTED: usize = MORE[2] * NEIGHBOUR_COUNT;
 /// Neighbours that spacings are taken from, first and last: a ball that ends at any one of them
 /// is too small or too great by a sixth on regular sets, whose neighbours come in shells; their
 /// mean is within 2 % on a cubic lattice.
-const SPACING_NEIGHBOURS: [usize; 2] = [7, 18];
+pub(super) const SPACING_NEIGHBOURS: [usize; 2] = [7, 18];
 
 /// Neighbours that kernels may have on average: a hundred times what smoothing asks for.
 pub(super) const MOST_NEIGHBOURS: usize = 8192;
@@ -158,11 +158,11 @@ impl<'a> PointIndex<'a> {
         self.nearest_from(self.place(g), count).into_iter()
     }
 
-    /// The same of a position of the set.
+    /// The same of any position; first the nearest.
     ///
     /// Which they are, and in what order, depends on nothing that is farther: those at one distance are ordered by their
     /// places.
-    fn nearest_from(&self, from: DVec3, count: usize) -> Vec<(usize, f64)> {
+    pub(super) fn nearest_from(&self, from: DVec3, count: usize) -> Vec<(usize, f64)> {
         /// Neighbours that are looked at beyond those asked for: lattices have many at one distance.
         const BEYOND: usize = 6;
         let query = (self.turn * (from - self.origin)).to_array();
@@ -332,7 +332,7 @@ impl<'a> PointIndex<'a> {
         &self,
         task: Option<&Task>,
         value: impl Fn(usize) -> f32 + Sync,
-    ) -> Result<Vec<u32>> {
+    ) -> Result<(Vec<u32>, Vec<u32>)> {
         let means = (0..self.group_count()).into_par_iter();
         let means: Vec<f64> = means.map(|g| self.mean_of(g, &value)).collect();
         let normal = |g: usize| {
@@ -342,16 +342,22 @@ impl<'a> PointIndex<'a> {
                 Fit::of(neighbours.map(offset))
             };
             let mut best = fit(NEIGHBOUR_COUNT);
+            let mut is_far = false;
             for factor in MORE {
                 if best.spans() || !means[g].is_finite() {
                     break;
                 }
                 best = fit(factor * NEIGHBOUR_COUNT);
+                is_far = true;
             }
-            normal_code(best.gradient())
+            (normal_code(best.gradient()), is_far)
         };
         let normals = collect(task, "fitting gradients", self.group_count(), normal)?;
-        Ok(self.spread(&normals, NO_NORMAL))
+        let far = (0..).zip(&normals).filter(|(_, (_, is_far))| *is_far);
+        let far = far.flat_map(|(g, _)| self.group(g).iter().copied());
+        let far = far.collect();
+        let codes: Vec<u32> = normals.into_iter().map(|(code, _)| code).collect();
+        Ok((self.spread(&codes, NO_NORMAL), far))
     }
 
     /// Calls `visit` with each point within `radius` of `centre` and its offset from there.

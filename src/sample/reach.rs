@@ -1,4 +1,4 @@
-//! How far the nearest neighbours of points are at most, where some of these may be elsewhere.
+//! How far the nearest neighbours of points are at most, where some of these are elsewhere.
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
@@ -7,100 +7,200 @@ use rayon::prelude::*;
 use super::index_u32;
 use super::neighbours::PointIndex;
 
-/// Points of a box at most: neighbours of one of them are looked for, and bound those of the others.
-pub(crate) const LEAF: usize = 8;
+/// Points of a box: neighbours of one of them are looked for, and bound those of the others.
+const LEAF: usize = 8;
 
 /// A box of points, and how far from any of these its nearest neighbours are at most.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct Reach {
-    pub(crate) low: [f64; 3],
-    pub(crate) high: [f64; 3],
-    /// Infinite where there are fewer neighbours than are asked for.
+    low: [f64; 3],
+    high: [f64; 3],
+    /// Infinite where there are fewer neighbours than are asked for; negative where none are.
     pub(crate) distance: f64,
+    /// How many are asked for.
+    count: u64,
 }
 
 impl Reach {
-    /// Around no points.
-    pub(crate) const NONE: Self = Self {
-        low: [f64::INFINITY; 3],
-        high: [f64::NEG_INFINITY; 3],
-        distance: 0.0,
-    };
-
     /// Around points, without neighbours.
     fn around(places: impl Iterator<Item = DVec3>) -> Self {
-        places.fold(Self::NONE, |all, p| Self {
-            low: DVec3::from(all.low).min(p).to_array(),
-            high: DVec3::from(all.high).max(p).to_array(),
-            ..all
-        })
+        let of = |p: DVec3| Self {
+            low: p.to_array(),
+            high: p.to_array(),
+            distance: -1.0,
+            count: 0,
+        };
+        let none = Self {
+            low: [f64::INFINITY; 3],
+            high: [f64::NEG_INFINITY; 3],
+            distance: -1.0,
+            count: 0,
+        };
+        places.map(of).fold(none, |all, own| all.and(&own))
     }
 
-    /// The box in which all these neighbours are.
-    pub(crate) fn whole(&self) -> Self {
-        let distance = DVec3::splat(self.distance);
-        Self {
-            low: (DVec3::from(self.low) - distance).to_array(),
-            high: (DVec3::from(self.high) + distance).to_array(),
-            distance: 0.0,
-        }
-    }
-
-    /// A box around both boxes.
-    pub(crate) fn and(&self, other: &Self) -> Self {
+    /// A box around both boxes, and the greater distance.
+    fn and(&self, other: &Self) -> Self {
         Self {
             low: DVec3::from(self.low).min(other.low.into()).to_array(),
             high: DVec3::from(self.high).max(other.high.into()).to_array(),
             distance: self.distance.max(other.distance),
+            count: self.count.max(other.count),
         }
     }
 
-    /// Whether the boxes have a point in common.
-    pub(crate) fn touches(&self, other: &Self) -> bool {
-        (0..3).all(|k| self.low[k] <= other.high[k] && other.low[k] <= self.high[k])
+    /// Around boxes, of which there is one at least.
+    pub(crate) fn around_all<'a>(boxes: impl Iterator<Item = &'a Self>) -> Option<Self> {
+        boxes.copied().reduce(|all, own| all.and(&own))
     }
 
-    /// Whether a point is in the box.
+    fn diagonal(&self) -> f64 {
+        (DVec3::from(self.high) - DVec3::from(self.low)).length()
+    }
+
+    /// Whether a neighbour may be in the other box.
+    pub(crate) fn touches(&self, other: &Self) -> bool {
+        let after = DVec3::from(other.low) - DVec3::from(self.high);
+        let before = DVec3::from(self.low) - DVec3::from(other.high);
+        after.max(before).max(DVec3::ZERO).length() <= self.distance
+    }
+
+    /// Whether a point may be a neighbour.
     pub(crate) fn has(&self, p: DVec3) -> bool {
-        let p = p.to_array();
-        (0..3).all(|k| self.low[k] <= p[k] && p[k] <= self.high[k])
+        let (low, high) = (DVec3::from(self.low), DVec3::from(self.high));
+        (p - high).max(low - p).max(DVec3::ZERO).length() <= self.distance
     }
 }
 
-/// The points that have a place, in an order in which what is near follows soon, and the boxes of [`LEAF`] of these each.
-///
-/// - `count`: of distinct neighbours that each point asks for.
-pub(crate) fn reaches(positions: &[DVec3], count: usize) -> (Vec<u32>, Vec<Reach>) {
-    let Some(index) = PointIndex::new(positions) else {
-        let points = (0..positions.len()).filter(|&i| positions[i].is_finite());
-        let points: Vec<u32> = points.map(index_u32).collect();
-        let reach = |leaf: &[u32]| Reach {
-            distance: f64::INFINITY,
-            ..Reach::around(leaf.iter().map(|&i| positions[i as usize]))
+/// Some points and their box.
+#[derive(Debug)]
+pub(crate) struct Leaf {
+    pub(crate) reach: Reach,
+    pub(crate) points: Vec<u32>,
+}
+
+/// Points, and how far their neighbours among themselves are.
+pub(crate) struct Near<'a> {
+    positions: &'a [DVec3],
+    index: Option<PointIndex<'a>>,
+    /// Of the points that have a place, some that are near one another together, in an order in which what is near
+    /// follows soon.
+    pub(crate) leaves: Vec<Leaf>,
+}
+
+impl<'a> Near<'a> {
+    /// - `count`: of distinct neighbours that a point asks for; of none it needs none.
+    pub(crate) fn of(positions: &'a [DVec3], count: &(dyn Fn(u32) -> usize + Sync)) -> Self {
+        let index = PointIndex::new(positions);
+        let points: Vec<u32> = match &index {
+            Some(index) => (0..index.len()).map(|n| index.in_order(n).0).collect(),
+            None => {
+                let points = (0..positions.len()).filter(|&i| positions[i].is_finite());
+                points.map(index_u32).collect()
+            }
         };
-        let reaches = points.chunks(LEAF).map(reach).collect();
-        return (points, reaches);
-    };
-    let points: Vec<u32> = (0..index.len())
-        .map(|place| index.in_order(place).0)
-        .collect();
-    let reach = |(n, leaf): (usize, &[u32])| {
-        let own = Reach::around(leaf.iter().map(|&i| positions[i as usize]));
-        let place = n * LEAF + leaf.len() / 2;
-        let nearest: Vec<(usize, f64)> = index.nearest(index.in_order(place).1, count).collect();
-        // Around any point of the box a ball that is larger by its diagonal has as many.
-        let diagonal = (DVec3::from(own.high) - DVec3::from(own.low)).length();
-        let distance = match nearest.get(count) {
-            Some((_, squared)) => (squared.sqrt() + diagonal) * (1.0 + 1e-9),
-            None => f64::INFINITY,
+        let near = Self {
+            positions,
+            index,
+            leaves: Vec::new(),
         };
-        Reach { distance, ..own }
-    };
-    let reaches = points
-        .par_chunks(LEAF)
-        .enumerate()
-        .map(|(n, leaf)| reach((n, leaf)));
-    let reaches = reaches.collect();
-    (points, reaches)
+        let leaf = |points: &[u32]| {
+            let places = points.iter().map(|&i| positions[i as usize]);
+            let count = points.iter().map(|&i| count(i)).max().unwrap_or(0);
+            Leaf {
+                reach: near.reach(Reach::around(places), positions[points[0] as usize], count),
+                points: points.to_vec(),
+            }
+        };
+        let leaves = points.par_chunks(LEAF).map(leaf).collect();
+        Self { leaves, ..near }
+    }
+
+    /// A point by itself, whose own neighbours bound it better than those of its box.
+    pub(crate) fn alone(&self, point: u32, count: usize) -> Reach {
+        let at = self.positions[point as usize];
+        self.reach(Reach::around(std::iter::once(at)), at, count)
+    }
+
+    /// - `from`: in the box.
+    fn reach(&self, within: Reach, from: DVec3, count: usize) -> Reach {
+        let reach = Reach {
+            count: count as u64,
+            ..within
+        };
+        Reach {
+            distance: match count {
+                0 => -1.0,
+                // Around any point of the box a ball that is larger by its diagonal has as many.
+                _ => self.to_last(from, count) + reach.diagonal() * (1.0 + 1e-9),
+            },
+            ..reach
+        }
+    }
+
+    /// How far from any point of a box as many of these points are as it asks for, at most; infinite where there are
+    /// fewer.
+    pub(crate) fn bound(&self, reach: &Reach) -> f64 {
+        let count = usize::try_from(reach.count).unwrap_or(usize::MAX - 1);
+        let (low, high) = (DVec3::from(reach.low), DVec3::from(reach.high));
+        let middle = (low + high) / 2.0;
+        // To the farther end, wherever the middle is rounded to.
+        let far = (high - middle).max(middle - low).length();
+        self.to_last(middle, count) + far * (1.0 + 1e-9)
+    }
+
+    /// To the last of some neighbours, and a rounding.
+    fn to_last(&self, from: DVec3, count: usize) -> f64 {
+        let index = self
+            .index
+            .as_ref()
+            .filter(|index| index.group_count() > count);
+        let nearest = index.map(|index| index.nearest_from(from, count));
+        let last = nearest.and_then(|nearest| nearest.last().copied());
+        last.map_or(f64::INFINITY, |(_, squared)| squared.sqrt() * (1.0 + 1e-9))
+    }
+}
+
+/// Boxes, and boxes around some of them, and so on: to find those that something is near to.
+pub(crate) struct Boxes {
+    levels: Vec<Vec<Reach>>,
+}
+
+impl Boxes {
+    /// How many are put together.
+    const TOGETHER: usize = 8;
+
+    /// - `boxes`: in an order in which what is near follows soon.
+    pub(crate) fn of(boxes: Vec<Reach>) -> Self {
+        let mut levels = vec![boxes];
+        while let Some(last) = levels.last().filter(|last| last.len() > Self::TOGETHER) {
+            let around = |boxes: &[Reach]| Reach::around_all(boxes.iter());
+            let above = last.chunks(Self::TOGETHER).filter_map(around).collect();
+            levels.push(above);
+        }
+        Self { levels }
+    }
+
+    /// Whether any box is near.
+    ///
+    /// - `is_near`: of a box around others also where it is of one of these.
+    pub(crate) fn any(&self, is_near: &impl Fn(&Reach) -> bool) -> bool {
+        let top = self.levels.len() - 1;
+        (0..self.levels[top].len()).any(|n| self.any_in(top, n, is_near))
+    }
+
+    fn any_in(&self, level: usize, n: usize, is_near: &impl Fn(&Reach) -> bool) -> bool {
+        if !is_near(&self.levels[level][n]) {
+            return false;
+        }
+        if level == 0 {
+            return true;
+        }
+        let below = self.levels[level - 1].len();
+        let parts = Self::TOGETHER * n..(Self::TOGETHER * (n + 1)).min(below);
+        parts
+            .into_iter()
+            .any(|n| self.any_in(level - 1, n, is_near))
+    }
 }

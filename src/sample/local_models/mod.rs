@@ -27,6 +27,10 @@ use crate::math::lower_matrix;
 use crate::scene::{LocalModel, LocalModels, Particles, PointVolume, Strength, Values};
 use crate::task::Task;
 
+/// Neighbours that models of particles are taken from, where these determine one.
+#[cfg(feature = "cli")]
+pub(super) const FIRST_NEIGHBOURS: usize = points::NEIGHBOUR_COUNT;
+
 /// What the progress calls it.
 pub(super) const STAGE: &str = "fitting local models";
 
@@ -36,13 +40,14 @@ pub(super) fn complete(volume: &mut PointVolume, options: &SampleOptions) -> Res
         return Ok(());
     };
     let positions = volume.particles.positions();
-    if let Some(models) = models_among(volume, positions, values, options)? {
+    if let Some((models, _)) = models_among(volume, positions, values, options)? {
         volume.local_models = Some(LocalModels::new(&models));
     }
     Ok(())
 }
 
-/// The local models of a volume's particles, where it is to have some and has none yet.
+/// The local models of a volume's particles, where it is to have some and has none yet, and which of these looked at more
+/// neighbours than these determine one from.
 ///
 /// - `positions`, `values`: of its particles, and behind these of others among their neighbours.
 pub(super) fn models_among(
@@ -50,7 +55,7 @@ pub(super) fn models_among(
     positions: &[DVec3],
     values: &Values,
     options: &SampleOptions,
-) -> Result<Option<Vec<LocalModel>>> {
+) -> Result<Option<(Vec<LocalModel>, Vec<u32>)>> {
     let is_of_points = matches!(
         volume.particles,
         Particles::Isotropic { .. } | Particles::Anisotropic { .. }

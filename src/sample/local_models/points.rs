@@ -12,12 +12,12 @@ use crate::task::{Task, collect};
 
 /// Neighbours that models are taken from, those at one position counted once; twice and four times
 /// as many where these do not determine a quadratic.
-const NEIGHBOUR_COUNT: usize = 24;
+pub(super) const NEIGHBOUR_COUNT: usize = 24;
 /// See [`NEIGHBOUR_COUNT`].
 const MORE_NEIGHBOURS: [usize; 2] = [2 * NEIGHBOUR_COUNT, 4 * NEIGHBOUR_COUNT];
 const _: () = assert!(MORE_NEIGHBOURS[1] <= MOST_FITTED);
 
-/// One model for each of the first points.
+/// One model for each of the first points, and which of these looked at more neighbours than [`NEIGHBOUR_COUNT`].
 ///
 /// - `count`: how many; those behind them are neighbours that have models elsewhere.
 /// - `factor`: of each kernel's variance, world units.
@@ -29,7 +29,7 @@ pub(super) fn models(
     factor: impl Fn(usize) -> DMat3 + Sync,
     values: &Values,
     task: Option<&Task>,
-) -> Result<Vec<LocalModel>> {
+) -> Result<(Vec<LocalModel>, Vec<u32>)> {
     let flat = |i: usize| {
         let value = values.get(i);
         local_model(
@@ -42,7 +42,7 @@ pub(super) fn models(
         )
     };
     let Some(index) = PointIndex::new(positions) else {
-        return Ok((0..count).map(flat).collect());
+        return Ok(((0..count).map(flat).collect(), Vec::new()));
     };
     let of_group = |g: usize| {
         let ranges = index
@@ -78,32 +78,38 @@ pub(super) fn models(
             (fit(&neighbours), range)
         };
         let (mut fitted, range) = around(NEIGHBOUR_COUNT);
+        let mut is_far = false;
         for count in MORE_NEIGHBOURS {
             if fitted.is_determined || !mean.is_finite() {
                 break;
             }
             fitted = around(count).0;
+            is_far = true;
         }
         let i = point as usize;
         let factor = factor(i);
         let value = values.get(i);
-        Some(local_model(
+        let model = local_model(
             &fitted.quadratic,
             factor,
             DVec3::ZERO,
             value,
             range,
             steepest(factor, fitted.distance),
-        ))
+        );
+        Some((model, is_far))
     };
     let found = collect(task, STAGE, index.len(), model)?;
     let mut models: Vec<LocalModel> = (0..count).map(flat).collect();
+    let mut far = Vec::new();
     for (place, model) in found.into_iter().enumerate() {
-        if let Some(model) = model {
-            models[index.in_order(place).0 as usize] = model;
+        if let Some((model, is_far)) = model {
+            let point = index.in_order(place).0;
+            models[point as usize] = model;
+            far.extend(is_far.then_some(point));
         }
     }
-    Ok(models)
+    Ok((models, far))
 }
 
 #[cfg(test)]
@@ -135,6 +141,7 @@ mod tests {
             None,
         )
         .unwrap()
+        .0
     }
 
     #[test]

@@ -2,13 +2,13 @@
 
 use glam::DVec3;
 
-use super::super::local_models::models_among;
-use super::super::neighbours::{MOST_FITTED, PointIndex};
+use super::super::local_models::{FIRST_NEIGHBOURS, models_among};
+use super::super::neighbours::{MOST_FITTED, NEIGHBOUR_COUNT, PointIndex};
 use super::super::{
     ParticleShape, SampleOptions, SampleReport, Sampled, check_options, function_of,
 };
 use super::columns::{Columns, INTENSITIES, RED_GREEN_BLUE, RGB};
-use super::neighbourhoods::{MOST_NEIGHBOURS_OF_BARE, Neighbourhoods};
+use super::neighbourhoods::{Neighbourhoods, neighbours_of};
 use super::{Made, Part, of_some, picked_rows};
 use crate::error::Result;
 use crate::io::{Dataset, FieldSource, Geometry, SCALES, VARIANCE};
@@ -93,8 +93,12 @@ impl RowsApart {
         own.iter().any(|own| is(own)) || VARIANCE.iter().any(|own| is(own))
     }
 
-    /// The most neighbours that sizes and shapes look at.
-    pub(crate) const NEIGHBOURS: usize = MOST_NEIGHBOURS_OF_BARE;
+    /// How many neighbours the size and the shape of a bare point look at.
+    ///
+    /// - `number`: of the point, among `count`.
+    pub(crate) fn neighbours(number: u64, count: u64) -> usize {
+        neighbours_of(number, count)
+    }
 }
 
 /// The columns of scalars of some rows, by their names.
@@ -181,37 +185,62 @@ pub(crate) fn function_apart(
     function_of(sample, mean_spacing, report, options)
 }
 
-/// The most neighbours that normals and local models look at.
-pub(crate) const FITTED_NEIGHBOURS: usize = MOST_FITTED;
+/// How many neighbours normals and local models look at: as many as determine them, or the most.
+pub(crate) const FITTED_NEIGHBOURS: [usize; 2] = [FIRST_NEIGHBOURS, MOST_FITTED];
+const _: () = assert!(NEIGHBOUR_COUNT <= FIRST_NEIGHBOURS);
 
-/// Gives particles normals, where these are asked for, and makes their local models.
+/// What is fitted to a field about each particle.
+pub(crate) struct Fitted {
+    pub(crate) normals: Option<Vec<u32>>,
+    pub(crate) models: Option<Vec<LocalModel>>,
+    /// The particles that looked at more neighbours than the first of [`FITTED_NEIGHBOURS`].
+    pub(crate) far: Vec<u32>,
+}
+
+/// Fits normals, where these are asked for, and local models.
 ///
 /// - `others`: places and values of the neighbours that are elsewhere.
 ///
 /// # Errors
 /// Work that was cancelled.
 pub(crate) fn fit_apart(
-    volume: &mut PointVolume,
+    volume: &PointVolume,
     (places, values): (&[DVec3], Values),
     options: &SampleOptions,
-) -> Result<Option<Vec<LocalModel>>> {
-    let task = options.task.as_ref();
-    let Some(own) = &volume.values else {
-        return Ok(None);
-    };
+) -> Result<Fitted> {
     let count = volume.particles.len();
     let positions = [volume.particles.positions(), places].concat();
-    let mut all = own.clone();
-    all.append(values);
+    let mut all = values;
+    if let Some(own) = &volume.values {
+        let others = std::mem::replace(&mut all, own.clone());
+        all.append(others);
+    }
+    let mut fitted = Fitted {
+        normals: None,
+        models: None,
+        far: Vec::new(),
+    };
     if options.normals {
+        let task = options.task.as_ref();
         let index = PointIndex::new(&positions);
         let normals = index.map(|index| index.normals(task, |i| all.get(i)));
-        let mut normals = normals.transpose()?;
-        if let Some(normals) = &mut normals {
-            normals.truncate(count);
-        }
-        // One who has none of the particles agrees with the others.
-        volume.normals = normals.or_else(|| (count == 0).then(Vec::new));
+        fitted.normals = match normals.transpose()? {
+            Some((mut normals, far)) => {
+                normals.truncate(count);
+                fitted
+                    .far
+                    .extend(far.iter().filter(|i| (**i as usize) < count));
+                Some(normals)
+            }
+            // One who has none of the particles agrees with the others.
+            None => (count == 0).then(Vec::new),
+        };
     }
-    models_among(volume, &positions, &all, options)
+    if let Some((models, far)) = models_among(volume, &positions, &all, options)? {
+        fitted.models = Some(models);
+        fitted.far.extend(far);
+    }
+    fitted.far.sort_unstable();
+    fitted.far.dedup();
+    Ok(fitted)
 }

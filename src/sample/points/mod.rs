@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 #[cfg(feature = "cli")]
 pub(crate) use self::apart::{
-    FITTED_NEIGHBOURS, RowsApart, fit_apart, function_apart, sample_apart, scalars,
+    FITTED_NEIGHBOURS, Fitted, RowsApart, fit_apart, function_apart, sample_apart, scalars,
 };
 use self::columns::{Columns, INTENSITIES, RED_GREEN_BLUE, RGB, linear_channel};
 use self::mass::Mass;

@@ -1,6 +1,8 @@
 //! What the nearest neighbours say of points that say nothing of their sizes.
 
 use super::super::neighbours::PointIndex;
+#[cfg(feature = "cli")]
+use super::super::neighbours::{NEIGHBOUR_COUNT, SPACING_NEIGHBOURS};
 use super::super::{ParticleShape, SampleOptions};
 use crate::error::Result;
 use crate::math::eigen;
@@ -18,9 +20,21 @@ const TRUE_NEIGHBOURS: usize = 60;
 /// Points whose neighbourhoods are looked at for it.
 const TRUE_SAMPLE: usize = 4096;
 
-/// The most neighbours of a point that are asked for here.
+/// How many neighbours of a point are looked at here.
+///
+/// - `number`: its own, among `count`.
 #[cfg(feature = "cli")]
-pub(crate) const MOST_NEIGHBOURS_OF_BARE: usize = TRUE_NEIGHBOURS;
+pub(super) fn neighbours_of(number: u64, count: u64) -> usize {
+    match number.is_multiple_of(step(count)) {
+        true => TRUE_NEIGHBOURS,
+        false => SPACING_NEIGHBOURS[1].max(NEIGHBOUR_COUNT),
+    }
+}
+
+/// Every so many of the points one is looked at.
+fn step(count: u64) -> u64 {
+    count.div_ceil(TRUE_SAMPLE as u64).max(1)
+}
 
 /// What the neighbours of points say of them, in the order of the points.
 #[derive(Debug, Clone, Default)]
@@ -119,7 +133,7 @@ impl Neighbourhoods {
 
 /// How many of some points have long neighbourhoods, and of how many: see [`TRUE_SHARE`].
 fn long_of(index: &PointIndex<'_>, points: &Surrounded<'_>) -> [u64; 2] {
-    let step = points.of.div_ceil(TRUE_SAMPLE as u64).max(1);
+    let step = step(points.of);
     let is_looked_at = |i: &u32| {
         let number = (points.numbers)(*i as usize);
         number.is_multiple_of(step) && index.position(*i).is_finite()
