@@ -584,48 +584,6 @@ mod tests {
     }
 
     #[test]
-    fn probe() {
-        let path = Path::new("/tmp/r/p5.npy");
-        thread::scope(|scope| {
-            let ranks = ThreadRank::group(4).into_iter();
-            let read = |own| {
-                let mut ranks = Ranks::new(Box::new(own));
-                let mut file = RowFile::open(path, None).unwrap().unwrap();
-                let mut own = Rows::read(
-                    &mut file,
-                    ranks.rank() * 1250000..(ranks.rank() + 1) * 1250000,
-                    &RowFile::open(path, None)
-                        .unwrap()
-                        .unwrap()
-                        .read(0..1)
-                        .unwrap(),
-                    RowsApart {
-                        is_bare: true,
-                        needs_volumes: true,
-                    },
-                    None,
-                )
-                .unwrap()
-                .unwrap()
-                .gathered(&mut ranks)
-                .unwrap();
-                own.positions.truncate(usize::MAX);
-                for n in [24, 60, 112] {
-                    let t = std::time::Instant::now();
-                    let s = Surroundings::of(&own.positions, &|_| n, &mut ranks).unwrap();
-                    eprintln!(
-                        "{n} {:?} {:?}",
-                        t.elapsed(),
-                        s.fetch(&own.positions, &mut ranks).unwrap().len()
-                    );
-                }
-            };
-            let threads: Vec<_> = ranks.map(|own| scope.spawn(move || read(own))).collect();
-            threads.into_iter().for_each(|t| t.join().unwrap());
-        });
-    }
-
-    #[test]
     fn smoothed_particles_show_the_field_that_one_rank_chooses() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("smoothed.npy");

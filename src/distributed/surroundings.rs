@@ -9,8 +9,8 @@ use crate::blocks::Peers;
 use crate::error::Result;
 use crate::sample::{Boxes, Leaf, Near, Reach};
 
-/// Boxes of points that are told of together.
-const GROUP: usize = 512;
+/// Boxes of points of which all ranks hear one around them: .25 bytes for each point of all.
+const GROUP: usize = 32;
 
 /// Who looks at which of this rank's points.
 #[derive(Debug)]
@@ -72,11 +72,7 @@ impl Surroundings {
         // The points of those that are left, one by one.
         let of_leaf = |(own, leaf): (&Reach, &Leaf)| {
             let is_asked = (0..size).any(|other| is_among(own, other));
-            let alone = |&point: &u32| {
-                let mut alone = near.alone(point, count(point));
-                alone.distance = alone.distance.min(own.distance);
-                alone
-            };
+            let alone = |&point: &u32| near.alone(point, count(point), own.distance);
             let points = leaf.points.iter().filter(|_| is_asked);
             points.map(alone).collect::<Vec<Reach>>()
         };

@@ -158,11 +158,26 @@ impl<'a> PointIndex<'a> {
         self.nearest_from(self.place(g), count).into_iter()
     }
 
+    /// The squared distance from any position to the last of the `count + 1` distinct positions nearest to it, within a
+    /// rounding; `None` where fewer are within `radius`.
+    #[cfg(feature = "cli")]
+    pub(super) fn last_within(&self, from: DVec3, count: usize, radius: f64) -> Option<f64> {
+        let asked = NonZero::new(count + 1)?;
+        let found = self
+            .tree
+            .query(&(self.turn * (from - self.origin)).to_array())
+            .nearest_n::<SquaredEuclidean<f64>>(asked)
+            .within(radius * radius)
+            .execute();
+        let last = found.get(count)?.distance;
+        Some((last.sqrt() + self.blur).powi(2))
+    }
+
     /// The same of any position; first the nearest.
     ///
     /// Which they are, and in what order, depends on nothing that is farther: those at one distance are ordered by their
     /// places.
-    pub(super) fn nearest_from(&self, from: DVec3, count: usize) -> Vec<(usize, f64)> {
+    fn nearest_from(&self, from: DVec3, count: usize) -> Vec<(usize, f64)> {
         /// Neighbours that are looked at beyond those asked for: lattices have many at one distance.
         const BEYOND: usize = 6;
         let query = (self.turn * (from - self.origin)).to_array();

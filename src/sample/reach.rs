@@ -108,8 +108,9 @@ impl<'a> Near<'a> {
         let leaf = |points: &[u32]| {
             let places = points.iter().map(|&i| positions[i as usize]);
             let count = points.iter().map(|&i| count(i)).max().unwrap_or(0);
+            let from = positions[points[points.len() / 2] as usize];
             Leaf {
-                reach: near.reach(Reach::around(places), positions[points[0] as usize], count),
+                reach: near.reach(Reach::around(places), from, count, f64::INFINITY),
                 points: points.to_vec(),
             }
         };
@@ -118,47 +119,45 @@ impl<'a> Near<'a> {
     }
 
     /// A point by itself, whose own neighbours bound it better than those of its box.
-    pub(crate) fn alone(&self, point: u32, count: usize) -> Reach {
+    ///
+    /// - `most`: how far these are at most.
+    pub(crate) fn alone(&self, point: u32, count: usize, most: f64) -> Reach {
         let at = self.positions[point as usize];
-        self.reach(Reach::around(std::iter::once(at)), at, count)
+        let within = Reach::around(std::iter::once(at));
+        self.reach(within, at, count, most)
     }
 
     /// - `from`: in the box.
-    fn reach(&self, within: Reach, from: DVec3, count: usize) -> Reach {
-        let reach = Reach {
-            count: count as u64,
-            ..within
-        };
+    fn reach(&self, within: Reach, from: DVec3, count: usize, most: f64) -> Reach {
+        let around = || self.to_last(from, count, most) + within.diagonal() * (1.0 + 1e-9);
         Reach {
+            count: count as u64,
             distance: match count {
                 0 => -1.0,
                 // Around any point of the box a ball that is larger by its diagonal has as many.
-                _ => self.to_last(from, count) + reach.diagonal() * (1.0 + 1e-9),
+                _ => around().min(most),
             },
-            ..reach
+            ..within
         }
     }
 
-    /// How far from any point of a box as many of these points are as it asks for, at most; infinite where there are
-    /// fewer.
+    /// How far from any point of a box as many of these points are as it asks for, at most; its own bound where that is
+    /// not nearer.
     pub(crate) fn bound(&self, reach: &Reach) -> f64 {
         let count = usize::try_from(reach.count).unwrap_or(usize::MAX - 1);
         let (low, high) = (DVec3::from(reach.low), DVec3::from(reach.high));
         let middle = (low + high) / 2.0;
         // To the farther end, wherever the middle is rounded to.
         let far = (high - middle).max(middle - low).length();
-        self.to_last(middle, count) + far * (1.0 + 1e-9)
+        let last = self.to_last(middle, count, reach.distance - far);
+        reach.distance.min(last + far * (1.0 + 1e-9))
     }
 
-    /// To the last of some neighbours, and a rounding.
-    fn to_last(&self, from: DVec3, count: usize) -> f64 {
-        let index = self
-            .index
-            .as_ref()
-            .filter(|index| index.group_count() > count);
-        let nearest = index.map(|index| index.nearest_from(from, count));
-        let last = nearest.and_then(|nearest| nearest.last().copied());
-        last.map_or(f64::INFINITY, |(_, squared)| squared.sqrt() * (1.0 + 1e-9))
+    /// To the last of some neighbours, and a rounding; infinite where fewer are within a radius.
+    fn to_last(&self, from: DVec3, count: usize, radius: f64) -> f64 {
+        let last = self.index.as_ref().filter(|_| radius > 0.0);
+        let last = last.and_then(|index| index.last_within(from, count, radius));
+        last.map_or(f64::INFINITY, |squared| squared.sqrt() * (1.0 + 1e-9))
     }
 }
 
