@@ -9,9 +9,6 @@ use crate::blocks::Peers;
 use crate::error::Result;
 use crate::sample::{Boxes, Leaf, Near, Reach};
 
-/// Boxes of points of which all ranks hear one around them: .25 bytes for each point of all.
-const GROUP: usize = 32;
-
 /// Who looks at which of this rank's points.
 #[derive(Debug)]
 pub(super) struct Surroundings {
@@ -37,9 +34,7 @@ impl Surroundings {
         let mut leaves: Vec<Reach> = near.leaves.iter().map(|leaf| leaf.reach).collect();
         let ranks: &mut dyn Peers = ranks;
         // Where everybody's points are.
-        let around = |group: &[Reach]| Reach::around_all(group.iter());
-        let groups: Vec<Reach> = leaves.chunks(GROUP).filter_map(around).collect();
-        let boxes = ranks.gather_records(Ok(&groups))?.into_iter();
+        let boxes = ranks.gather_records(Ok(&near.boxes()))?.into_iter();
         let boxes: Vec<Boxes> = boxes.map(Boxes::of).collect();
         let is_among = |own: &Reach, other: usize| {
             other != rank && boxes[other].any(&|theirs| own.touches(theirs))

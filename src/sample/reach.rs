@@ -10,6 +10,13 @@ use super::neighbours::PointIndex;
 /// Points of a box: neighbours of one of them are looked for, and bound those of the others.
 const LEAF: usize = 8;
 
+/// Points of a box of which others hear at most.
+const MOST: usize = 256;
+
+/// How many times as long as neighbours are far such a box may be: those of [`MOST`] evenly spread points are six times as
+/// long as the 24 nearest are far.
+const LONGEST: f64 = 10.0;
+
 /// A box of points, and how far from any of these its nearest neighbours are at most.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
@@ -116,6 +123,35 @@ impl<'a> Near<'a> {
         };
         let leaves = points.par_chunks(LEAF).map(leaf).collect();
         Self { leaves, ..near }
+    }
+
+    /// Boxes around all points, of up to [`MOST`] of these each. Along a curve through space what follows is sometimes far
+    /// away: none is much longer than neighbours there are far.
+    pub(crate) fn boxes(&self) -> Vec<Reach> {
+        let mut boxes = Vec::new();
+        let mut last: Option<(Reach, usize)> = None;
+        for leaf in &self.leaves {
+            let to_last = leaf.reach.distance - leaf.reach.diagonal();
+            let longest = if to_last > 0.0 {
+                LONGEST * to_last
+            } else {
+                0.0
+            };
+            for &point in &leaf.points {
+                let own = Reach::around(std::iter::once(self.positions[point as usize]));
+                last = Some(match last {
+                    Some((all, count)) if count < MOST && all.and(&own).diagonal() <= longest => {
+                        (all.and(&own), count + 1)
+                    }
+                    other => {
+                        boxes.extend(other.map(|(all, _)| all));
+                        (own, 1)
+                    }
+                });
+            }
+        }
+        boxes.extend(last.map(|(all, _)| all));
+        boxes
     }
 
     /// A point by itself, whose own neighbours bound it better than those of its box.
