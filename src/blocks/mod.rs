@@ -81,9 +81,10 @@ pub use layers::{LayerKind, Layers};
 use merge::weighting;
 pub use merge::{MergeBounds, Merged, MergedTransfer};
 pub(crate) use neighbours::Neighbours;
+#[cfg(feature = "cli")]
+pub(crate) use peers::territories;
 pub(crate) use peers::{
     Held, LEAST, Peers, PlaneRuns, SharedVolume, build_lattice_together, build_together,
-    territories,
 };
 pub(crate) use rule::Rule;
 #[cfg(feature = "prepared")]

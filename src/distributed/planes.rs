@@ -35,7 +35,7 @@ pub(crate) fn read_planes(
             false => planes * x * y,
         };
         crate::memory::check(cells, each).map_err(|e| e.in_file(&file.head().path))?;
-        let values = file.read(&wanted)?;
+        let values = file.read_runs(&wanted)?;
         Ok(Held {
             runs: wanted,
             values,

@@ -139,7 +139,7 @@ impl Planes {
     /// # Errors
     /// Planes that there are not, no memory for them, a file that cannot be read, is damaged or is not what was found of
     /// it at first: a piece that is not there or is another than its index says.
-    pub(crate) fn read(&self, runs: &[Range<usize>]) -> Result<Values> {
+    pub(crate) fn read_runs(&self, runs: &[Range<usize>]) -> Result<Values> {
         let [nx, ny, nz] = self.lattice.dims;
         let is_there = |run: &&Range<usize>| run.start <= run.end && run.end <= nz;
         if let Some(run) = runs.iter().find(|run| !is_there(run)) {
@@ -171,6 +171,14 @@ impl Planes {
 }
 
 #[cfg(test)]
+impl Planes {
+    /// One run of planes.
+    pub(super) fn read(&self, planes: Range<usize>) -> Result<Values> {
+        self.read_runs(&std::iter::once(planes).collect::<Vec<_>>())
+    }
+}
+
+#[cfg(test)]
 pub(super) mod tests {
     use std::fs;
     use std::path::PathBuf;
@@ -191,7 +199,7 @@ pub(super) mod tests {
         let count = planes.lattice().dims[2];
         let mut all = planes.empty_values();
         for start in (0..count).step_by(run) {
-            match (&mut all, planes.read(&[start..count.min(start + run)])?) {
+            match (&mut all, planes.read(start..count.min(start + run))?) {
                 (Values::U8(all), Values::U8(more)) => all.extend(more),
                 (Values::I16(all), Values::I16(more)) => all.extend(more),
                 (Values::U16(all), Values::U16(more)) => all.extend(more),
@@ -233,14 +241,14 @@ pub(super) mod tests {
         for start in 0..=nz {
             for end in start..=nz {
                 let expected = values.part(start * nx * ny..end * nx * ny);
-                let read = planes.read(&[start..end]).unwrap();
+                let read = planes.read(start..end).unwrap();
                 assert_eq!(bits(&read), bits(&expected), "{start} to {end}");
             }
         }
         assert_eq!(bits(&joined(&planes, 2).unwrap()), bits(&values));
-        assert!(planes.read(&[0..nz + 1]).is_err() && planes.read(&[nz..nz + 1]).is_err());
+        assert!(planes.read(0..nz + 1).is_err() && planes.read(nz..nz + 1).is_err());
         #[allow(clippy::reversed_empty_ranges, reason = "what is to be refused")]
-        let backwards = planes.read(&[1..0]);
+        let backwards = planes.read(1..0);
         assert!(backwards.is_err());
         Some(planes)
     }
@@ -319,8 +327,8 @@ pub(super) mod tests {
         };
         let planes = Planes::open(&path, &options, None).unwrap().unwrap();
         folder.file("a.raw", &bytes(40));
-        assert!(planes.read(&[0..2]).is_ok());
-        let error = planes.read(&[2..3]).unwrap_err().to_string();
+        assert!(planes.read(0..2).is_ok());
+        let error = planes.read(2..3).unwrap_err().to_string();
         assert!(error.contains("a.raw"), "{error}");
     }
 

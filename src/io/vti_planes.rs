@@ -699,10 +699,10 @@ mod tests {
             fs::remove_file(folder.path().join(format!("part_{i}.vti"))).unwrap();
         }
         assert_eq!(
-            bits(&planes.read(&[4..7]).unwrap()),
+            bits(&planes.read(4..7).unwrap()),
             bits(&t.part(4 * 24..7 * 24))
         );
-        let error = planes.read(&[1..2]).unwrap_err().to_string();
+        let error = planes.read(1..2).unwrap_err().to_string();
         assert!(error.contains("part_0.vti"), "{error}");
     }
 
@@ -756,7 +756,7 @@ mod tests {
             let path = folder.path().join(format!("part_{i}.vti"));
             let before = fs::read(&path).unwrap();
             fs::write(&path, bytes).unwrap();
-            let error = planes.read(&[0..7]).unwrap_err().to_string();
+            let error = planes.read(0..7).unwrap_err().to_string();
             fs::write(&path, before).unwrap();
             assert!(error.contains(&format!("part_{i}.vti")), "{error}");
             error
@@ -769,7 +769,7 @@ mod tests {
         let cut = file(RAW, EXTENTS[1], 1, "");
         other(1, cut[..cut.len() - 100].to_vec());
         other(5, b"<VTKFile".to_vec());
-        assert_eq!(planes.read(&[0..7]).unwrap().len(), 7 * 24);
+        assert_eq!(planes.read(0..7).unwrap().len(), 7 * 24);
     }
 
     #[test]
@@ -905,7 +905,7 @@ mod tests {
             let Some(planes) = planes(&path, Some("s")) else {
                 panic!("{form:?}")
             };
-            let error = planes.read(&[0..1]).unwrap_err().to_string();
+            let error = planes.read(0..1).unwrap_err().to_string();
             assert!(error.contains("too few to hold them"), "{error}");
             let path = folder.path().join("part.vti");
             assert!(

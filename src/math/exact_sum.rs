@@ -1,5 +1,10 @@
 //! Sums of numbers that do not depend on their order.
 
+#![allow(
+    clippy::cast_possible_truncation,
+    reason = "limbs are the low bits of what is cut up, and there are few of them"
+)]
+
 /// Bits of a limb.
 const BITS: u32 = 32;
 

@@ -33,6 +33,9 @@ pub(super) const MOST_NEIGHBOURS: usize = 8192;
 /// What the search for neighbours is called.
 const FINDING: &str = "finding neighbours";
 
+/// What makes covariances of points whose neighbours are elsewhere those of all.
+type Complete<'a> = &'a mut dyn FnMut(Vec<[f64; 6]>) -> Result<Vec<[f64; 6]>>;
+
 /// A k-d tree of the finite points of a set.
 ///
 /// Points at one position are put in the tree once, so that no node of it holds more equal points
@@ -290,7 +293,7 @@ impl<'a> PointIndex<'a> {
     pub(super) fn covariances(
         &self,
         task: Option<&Task>,
-        complete: Option<&mut dyn FnMut(Vec<[f64; 6]>) -> Result<Vec<[f64; 6]>>>,
+        complete: Option<Complete<'_>>,
     ) -> Result<Vec<[f64; 6]>> {
         // Fewer where the set is smaller: the rest names the group itself.
         let around = |g| {

@@ -300,6 +300,7 @@ pub(crate) fn build_together(
 
 /// Who takes each of this one's points, so that everybody has those of a part of space, and about as many: chunks of the tree,
 /// one after another. All of them have a place.
+#[cfg(feature = "cli")]
 pub(crate) fn territories(positions: &[DVec3], peers: &mut dyn Peers) -> Result<Vec<u32>> {
     let count = peers.sums(vec![positions.len() as u64])?;
     let count = count.first().copied().unwrap_or(0).max(1);

@@ -89,8 +89,8 @@ impl RowsApart {
         let columns = Columns::of(head, 0);
         let (length, mass, density) = columns.names();
         let own = [length, mass, density, "volume", "sigma", "radius"];
-        let is = |other: &&str| other.eq_ignore_ascii_case(name);
-        own.iter().any(|own| is(own)) || VARIANCE.iter().any(|own| is(own))
+        let mut used = own.into_iter().chain(VARIANCE);
+        used.any(|own| own.eq_ignore_ascii_case(name))
     }
 
     /// How many neighbours the size and the shape of a bare point look at.
