@@ -53,8 +53,6 @@ pub(super) struct PointIndex<'a> {
     /// slow where many points share a coordinate. Distances stay.
     turn: DMat3,
     tree: ImmutableKdTree<f64, 3>,
-    /// Twice how far distances in the tree may be off: its points are rounded.
-    blur: f64,
 }
 
 impl<'a> PointIndex<'a> {
@@ -93,8 +91,6 @@ impl<'a> PointIndex<'a> {
             return None;
         }
         let tree = ImmutableKdTree::new_from_slice(&points).ok()?;
-        // Differences and the turn round three times each, both ends of a distance.
-        let extent = (high - origin).max(origin - low).length();
         Some(Self {
             positions,
             order,
@@ -102,7 +98,6 @@ impl<'a> PointIndex<'a> {
             origin,
             turn,
             tree,
-            blur: 32.0 * f64::EPSILON * extent,
         })
     }
 
@@ -161,6 +156,12 @@ impl<'a> PointIndex<'a> {
         self.nearest_from(self.place(g), count).into_iter()
     }
 
+    /// How far two distances in the tree from a position to points that are some distance away may be off together: places
+    /// there are rounded, by the difference and by the turn, in proportion to how far they are from the origin.
+    fn blur(&self, from: DVec3, distance: f64) -> f64 {
+        16.0 * f64::EPSILON * ((from - self.origin).abs().max_element() + distance)
+    }
+
     /// The squared distance from any position to the last of the `count + 1` distinct positions nearest to it, within a
     /// rounding; `None` where fewer are within `radius`.
     #[cfg(feature = "cli")]
@@ -173,7 +174,7 @@ impl<'a> PointIndex<'a> {
             .within(radius * radius)
             .execute();
         let last = found.get(count)?.distance;
-        Some((last.sqrt() + self.blur).powi(2))
+        Some((last.sqrt() + self.blur(from, last.sqrt())).powi(2))
     }
 
     /// The same of any position; first the nearest.
@@ -192,14 +193,15 @@ impl<'a> PointIndex<'a> {
             .execute();
         // All that may be as near as the last of those asked for.
         let last = found.get(count).map_or(f64::INFINITY, |last| last.distance);
-        let limit = (last.sqrt() + self.blur).powi(2) * (1.0 + 8.0 * f64::EPSILON);
+        let limit = (last.sqrt() + self.blur(from, last.sqrt())).powi(2);
         let measured = |item: u32, distance: f64| {
             let g = item as usize;
             let is_near = distance <= limit;
             is_near.then(|| (g, (self.place(g) - from).length_squared()))
         };
         let is_cut = found.len() > count && found.len() == asked.get();
-        let mut nearest: Vec<(usize, f64)> = if is_cut && found[asked.get() - 1].distance <= limit {
+        let is_tied = is_cut && limit.is_finite() && found[asked.get() - 1].distance <= limit;
+        let mut nearest: Vec<(usize, f64)> = if is_tied {
             let all = self.tree.query(&query);
             let all = all.within::<SquaredEuclidean<f64>>(limit).unsorted();
             let all = all.execute().into_iter();
@@ -506,6 +508,41 @@ mod tests {
         assert!(neighbour_volumes(&plane).unwrap().iter().all(|v| *v > 0.0));
         let line: Vec<DVec3> = (0..5000).map(|i| DVec3::X * f64::from(i)).collect();
         assert!(neighbour_volumes(&line).unwrap().iter().all(|v| *v > 0.0));
+    }
+
+    /// Those that measuring all finds, whatever else is far away: in the order of distances, and of places where these are
+    /// one.
+    #[test]
+    fn the_nearest_do_not_depend_on_what_is_far_away() {
+        let near: Vec<DVec3> = lattice(8, 3.0).into_iter().map(|p| p * 1e-3).collect();
+        for far in [vec![], vec![1e9, -3e12], vec![1e200, 1e-300]] {
+            let mut points = near.clone();
+            points.extend(far.iter().map(|&x| DVec3::new(x, 0.0, 0.5 * x)));
+            let index = PointIndex::new(&points).unwrap();
+            for count in [1, 14, 24, 60] {
+                for g in 0..index.group_count() {
+                    let own = index.place(g);
+                    if !near.contains(&own) {
+                        continue;
+                    }
+                    let mut all: Vec<DVec3> = near.clone();
+                    all.sort_by(|a, b| {
+                        let [da, db] = [a, b].map(|p| (*p - own).length_squared());
+                        da.total_cmp(&db).then_with(|| compare(*a, *b))
+                    });
+                    let found = index.nearest(g, count).map(|(g, _)| index.place(g));
+                    let is_near = |p: &DVec3| near.contains(p);
+                    let found: Vec<DVec3> = found.filter(is_near).collect();
+                    assert_eq!(found, all[..found.len()]);
+                    // One may lie among them.
+                    assert!(found.len() >= count);
+                }
+            }
+        }
+        // Distances whose squares are no numbers.
+        let points: Vec<DVec3> = near.iter().map(|p| *p * 1e163).collect();
+        let index = PointIndex::new(&points).unwrap();
+        assert!(index.nearest(0, 14).count() <= 15);
     }
 
     #[test]
