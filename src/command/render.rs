@@ -39,7 +39,6 @@ use super::progress::{bar, spinner, task_of, with_bar};
 use super::ranks;
 use super::scene::Scene;
 use super::sequence::SequenceOptions;
-use super::shared::Shared;
 use super::source::{Input, paths};
 use super::statistics::{Prepared, stats};
 use super::truth::{ReferenceName, Truth};
@@ -652,11 +651,10 @@ impl Arguments {
             ..SceneOptions::default()
         };
         let renderer = match (shared, ranks.take_if(|_| is_shared)) {
-            (Some(Shared { planes, numbers }), Some(ranks)) => {
+            (Some(share), Some(ranks)) => {
                 let share = Share {
-                    planes,
-                    numbers,
-                    ..scene.into()
+                    volumes: scene,
+                    ..share
                 };
                 distributed::shared(share, &scene_options, ranks)?
             }

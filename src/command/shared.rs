@@ -1,7 +1,7 @@
 //! What ranks share of inputs: each reads a part where these can be read apart, and what cannot the first reads for all.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
-use std::ops::Range;
+use std::mem::take;
 
 use indicatif::ProgressBar;
 
@@ -11,19 +11,11 @@ use super::progress::note;
 use super::scene::Scene;
 use super::source::Input;
 use crate::blocks::ParticleStream;
-use crate::distributed::{Ranks, read_planes, read_rows, read_together, scatter};
+use crate::distributed::{Ranks, Share, read_planes, read_rows, read_together, scatter};
 use crate::io::{Planes, RowFile};
 use crate::prepared::{About, PointFile};
 use crate::sample::{SampleOptions, SampleReport};
 use crate::{Error, Result};
-
-/// A scene of which this rank has a share.
-pub(crate) struct Shared {
-    /// Which planes of lattices are here: [`Share::planes`](crate::distributed::Share::planes).
-    pub(crate) planes: Option<Vec<Vec<Range<usize>>>>,
-    /// The particles' own: [`Share::numbers`](crate::distributed::Share::numbers).
-    pub(crate) numbers: Option<Vec<Vec<u64>>>,
-}
 
 /// What all ranks hear of a file that they are about to read together.
 enum Together {
@@ -49,7 +41,8 @@ impl Together {
 }
 
 impl DataOptions {
-    /// A scene that ranks share; `None` beside it where every rank has the whole: of prepared scenes.
+    /// A scene that ranks share, and this one's share, whose volumes are in the scene; `None` where every rank has the
+    /// whole: of prepared scenes.
     ///
     /// - `takes_planes`: whether the planes of a lattice may come apart.
     /// - `read`: reads the whole.
@@ -70,7 +63,7 @@ impl DataOptions {
         takes_planes: bool,
         read: impl FnOnce() -> Result<Scene>,
         check: impl FnOnce(Scene) -> Result<Scene>,
-    ) -> Result<(Scene, Option<Shared>)> {
+    ) -> Result<(Scene, Option<Share>)> {
         let is_whole = inputs.iter().any(|input| is_prepared(&input.path));
         let together = match inputs {
             [input] if !is_whole => self.together(input, options, takes_planes),
@@ -100,16 +93,15 @@ impl DataOptions {
         let say =
             |line: &String| progress.suspend(|| note!("{}: {line}", inputs[0].path.display()));
         progress.set_message(format!("reading {}", inputs[0].path.display()));
-        let mut numbers = None;
-        let (scene, planes) = match together {
+        let (scene, share) = match together {
             Together::Points(mut file) => {
                 file.notes().iter().for_each(say);
-                let share = read_together(&mut file, ranks)?;
+                let mut share = read_together(&mut file, ranks)?;
                 let warnings = file.report().map_or(Vec::new(), SampleReport::warnings);
                 warnings.iter().for_each(say);
                 let mut scene = Scene::of_stream(&file);
-                scene.volumes = share.volumes;
-                (scene, share.planes)
+                scene.volumes = take(&mut share.volumes);
+                (scene, share)
             }
             Together::Rows(mut rows) => {
                 let (file, options) = &mut *rows;
@@ -119,21 +111,18 @@ impl DataOptions {
                 own.head.notes.iter().for_each(say);
                 own.report.warnings().iter().for_each(say);
                 let mut scene = Scene::of_rows(&own);
-                scene.volumes = std::mem::take(&mut own.share.volumes);
-                numbers = own.share.numbers;
-                (scene, own.share.planes)
+                scene.volumes = take(&mut own.share.volumes);
+                (scene, own.share)
             }
             Together::Planes(file) => {
                 file.notes().iter().for_each(say);
-                let (share, report) = read_planes(&file, options, ranks)?;
+                let (mut share, report) = read_planes(&file, options, ranks)?;
                 report.warnings().iter().for_each(say);
-                (
-                    Scene::of_planes(&file, share.volumes, &report),
-                    share.planes,
-                )
+                let volumes = take(&mut share.volumes);
+                (Scene::of_planes(&file, volumes, &report), share)
             }
         };
-        Ok((check(scene)?, Some(Shared { planes, numbers })))
+        Ok((check(scene)?, Some(share)))
     }
 
     /// A file that ranks read together: of many points, or a large lattice whose planes lie apart.
@@ -163,7 +152,7 @@ impl DataOptions {
         options: &SampleOptions,
         ranks: &mut Ranks,
         read: impl FnOnce() -> Result<Scene>,
-    ) -> Result<(Scene, Option<Shared>)> {
+    ) -> Result<(Scene, Option<Share>)> {
         let own = match ranks.rank() {
             0 => read().map(Some),
             _ => Ok(None),
@@ -178,10 +167,8 @@ impl DataOptions {
             })
         });
         let about = ranks.of_first(told)?;
-        let volumes = own_scene
-            .as_mut()
-            .map(|own| std::mem::take(&mut own.volumes));
-        let share = scatter(volumes, ranks)?;
+        let volumes = own_scene.as_mut().map(|own| take(&mut own.volumes));
+        let mut share = scatter(volumes, ranks)?;
         let mut scene = match own_scene {
             Some(own) => own,
             None => {
@@ -193,9 +180,7 @@ impl DataOptions {
                 Scene::of_about(about)
             }
         };
-        scene.volumes = share.volumes;
-        let planes = share.planes;
-        let numbers = share.numbers;
-        Ok((scene, Some(Shared { planes, numbers })))
+        scene.volumes = take(&mut share.volumes);
+        Ok((scene, Some(share)))
     }
 }

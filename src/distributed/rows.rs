@@ -2,27 +2,25 @@
 
 use std::mem::take;
 use std::ops::Range;
+use std::path::Path;
 
-use bytemuck::Pod;
 use glam::DVec3;
 
 use super::planes::{joined, least_of_all};
 use super::ranks::Ranks;
 use super::read::told_by_all;
 use super::share::Share;
-use super::surroundings::Surroundings;
-use crate::blocks::{Peers, territories};
-use crate::error::{Error, Result};
+use super::surroundings::{Surroundings, sent, sent_values};
+use crate::blocks::territories;
+use crate::error::Result;
 use crate::io::{Association, Dataset, Field, FieldSource, Geometry, RowFile, Up};
-use crate::prepared::Found;
+use crate::prepared::{Found, ROWS};
 use crate::sample::{
     Elsewhere, FITTED_NEIGHBOURS, Fitted, Neighbourhoods, RowsApart, SampleOptions, SampleReport,
     Surrounded, fit_apart, function_apart, mean_spacing, nothing_left, sample_apart, scalars,
+    without_spacing,
 };
 use crate::scene::{LocalModels, PickedRow, PointVolume, Values};
-
-/// Rows that are read at a time.
-const ROWS: usize = 1 << 18;
 
 /// What ranks made of a file, each of a part.
 pub(crate) struct RowsRead {
@@ -39,10 +37,7 @@ pub(crate) struct RowsRead {
 impl RowsRead {
     /// What is up in all rows: of points it depends on their bounds.
     pub(crate) fn up(&self) -> Up {
-        let positions = self.corners.map_or(Vec::new(), |(a, b)| vec![a, b]);
-        let geometry = Geometry::Points { positions };
-        let head = self.head.clone();
-        Dataset { geometry, ..head }.up()
+        Up::of_points(self.corners)
     }
 }
 
@@ -92,7 +87,14 @@ pub(crate) fn read_rows(
     }
     let own = own.unwrap_or_default().gathered(ranks)?;
     let neighbourhoods = match kind.is_bare {
-        true => Some(neighbourhoods(&own, kind, count, &options, ranks)?),
+        true => Some(neighbourhoods(
+            &own,
+            kind,
+            count,
+            &options,
+            ranks,
+            file.path(),
+        )?),
         false => None,
     };
     let mut found = Found::default();
@@ -190,10 +192,7 @@ fn fitted(
     let places = around.fetch(positions, ranks)?;
     let values = match &volume.values {
         None => Values::U8(Vec::new()),
-        Some(Values::U8(own)) => Values::U8(around.fetch(own, ranks)?),
-        Some(Values::I16(own)) => Values::I16(around.fetch(own, ranks)?),
-        Some(Values::U16(own)) => Values::U16(around.fetch(own, ranks)?),
-        Some(Values::F32(own)) => Values::F32(around.fetch(own, ranks)?),
+        Some(own) => around.fetch_values(own, ranks)?,
     };
     let fitted = fit_apart(volume, (&places, values), options);
     ranks.agree(fitted)
@@ -212,7 +211,7 @@ struct Rows {
 fn ranges_of(file: &mut RowFile, part: &Range<usize>, head: &Dataset) -> Result<Vec<[f32; 2]>> {
     let names: Vec<&str> = scalars(head).map(|(name, _)| name).collect();
     let mut ranges = vec![[f32::INFINITY, f32::NEG_INFINITY]; names.len()];
-    for run in runs_of(file, part) {
+    for run in file.runs_within(ROWS, part) {
         let dataset = file.read(run)?;
         for (name, values) in scalars(&dataset) {
             let place = names.iter().position(|own| *own == name);
@@ -222,13 +221,6 @@ fn ranges_of(file: &mut RowFile, part: &Range<usize>, head: &Dataset) -> Result<
         }
     }
     Ok(ranges)
-}
-
-/// The runs of a file that make up a part of its rows.
-fn runs_of(file: &RowFile, part: &Range<usize>) -> Vec<Range<usize>> {
-    let runs = file.runs(ROWS).into_iter();
-    let within = runs.map(|run| run.start.max(part.start)..run.end.min(part.end));
-    within.filter(|run| !run.is_empty()).collect()
 }
 
 impl Rows {
@@ -255,7 +247,7 @@ impl Rows {
             .map(|(_, values)| values.bytes_per_value());
         let each = size_of::<u64>() + size_of::<DVec3>() + bytes.sum::<usize>();
         crate::memory::check(part.len(), 3 * each).map_err(|e| e.in_file(file.path()))?;
-        for run in runs_of(file, &part) {
+        for run in file.runs_within(ROWS, &part) {
             let mut dataset = file.read(run.clone())?;
             let columns = columns_of(&dataset, kind, head, field)?;
             let is_alike = |(own, other): (&(String, Values), &(String, Values))| {
@@ -301,13 +293,7 @@ impl Rows {
         }
         let mut columns = Vec::with_capacity(self.columns.len());
         for (name, values) in self.columns {
-            let values = match &values {
-                Values::U8(own) => Values::U8(sent(own, &to, ranks)?),
-                Values::I16(own) => Values::I16(sent(own, &to, ranks)?),
-                Values::U16(own) => Values::U16(sent(own, &to, ranks)?),
-                Values::F32(own) => Values::F32(sent(own, &to, ranks)?),
-            };
-            columns.push((name, values));
+            columns.push((name, sent_values(&values, &to, ranks)?));
         }
         Ok(Self {
             // Ranks read one after another, so that numbers still ascend.
@@ -316,14 +302,6 @@ impl Rows {
             columns,
         })
     }
-}
-
-/// What others send of a column whose entries go to each rank.
-fn sent<T: Pod>(own: &[T], to: &[Vec<u32>], ranks: &mut Ranks) -> Result<Vec<T>> {
-    let of_rank = |some: &Vec<u32>| some.iter().map(|&i| own[i as usize]).collect();
-    let parts: Vec<Vec<T>> = to.iter().map(of_rank).collect();
-    let ranks: &mut dyn Peers = ranks;
-    Ok(ranks.exchange_records(Ok(parts))?.concat())
 }
 
 /// The columns of some rows that are looked at, and the field that is shown, by what the first row has.
@@ -372,6 +350,7 @@ fn neighbourhoods(
     count: usize,
     options: &SampleOptions,
     ranks: &mut Ranks,
+    path: &Path,
 ) -> Result<Neighbourhoods> {
     let neighbours = |i: u32| RowsApart::neighbours(own.numbers[i as usize], count as u64);
     let around = Surroundings::of(&own.positions, &neighbours, ranks)?;
@@ -385,17 +364,7 @@ fn neighbourhoods(
     };
     let mut others = Others { around, ranks };
     let found = Neighbourhoods::of(&points, kind.needs_volumes, options, Some(&mut others));
-    ranks.agree(found.and_then(|found| found.ok_or_else(without_spacing)))
-}
-
-fn without_spacing() -> Error {
-    Error::invalid(
-        "particles",
-        "positions",
-        "two that are distinct, to take a spacing from",
-        "fewer",
-        "add a column `sigma`, or give a radius",
-    )
+    ranks.agree(found.and_then(|found| found.ok_or_else(|| without_spacing(path))))
 }
 
 struct Others<'a> {
@@ -418,7 +387,6 @@ impl Elsewhere for Others<'_> {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
     use std::thread;
 
     use super::super::ThreadRank;

@@ -8,6 +8,7 @@ use super::ranks::Ranks;
 use crate::blocks::Peers;
 use crate::error::Result;
 use crate::sample::{Boxes, Leaf, Near, Reach};
+use crate::scene::Values;
 
 /// Who looks at which of this rank's points.
 #[derive(Debug)]
@@ -50,13 +51,9 @@ impl Surroundings {
             };
             (0..size).map(of_rank).collect()
         };
-        let told = |asked: &[Vec<u32>], own: &[Reach]| -> Vec<Vec<Reach>> {
-            let of_rank = |asked: &Vec<u32>| asked.iter().map(|&n| own[n as usize]).collect();
-            asked.iter().map(of_rank).collect()
-        };
         // Where this rank has few points others may have many: they tell how near as many of theirs are.
         let first = asked(&leaves);
-        let theirs = ranks.exchange_records(Ok(told(&first, &leaves)))?;
+        let theirs = ranks.exchange_records(Ok(entries(&leaves, &first)))?;
         let bound = |theirs: &Vec<Reach>| theirs.par_iter().map(|own| near.bound(own)).collect();
         let bounds = theirs.iter().map(bound).collect();
         let bounds = ranks.exchange_records::<f64>(Ok(bounds))?;
@@ -73,7 +70,7 @@ impl Surroundings {
         };
         let points = leaves.par_iter().zip(&near.leaves);
         let points: Vec<Reach> = points.flat_map_iter(of_leaf).collect();
-        let theirs = ranks.exchange_records(Ok(told(&asked(&points), &points)))?;
+        let theirs = ranks.exchange_records(Ok(entries(&points, &asked(&points))))?;
         let found = |theirs: Vec<Reach>| {
             if theirs.is_empty() {
                 return Vec::new();
@@ -100,9 +97,33 @@ impl Surroundings {
     ///
     /// - `own`: of each of this rank's points.
     pub(super) fn fetch<T: Pod>(&self, own: &[T], ranks: &mut Ranks) -> Result<Vec<T>> {
-        let of_rank = |points: &Vec<u32>| points.iter().map(|&i| own[i as usize]).collect();
-        let parts: Vec<Vec<T>> = self.wanted.iter().map(of_rank).collect();
-        let ranks: &mut dyn Peers = ranks;
-        Ok(ranks.exchange_records(Ok(parts))?.concat())
+        sent(own, &self.wanted, ranks)
     }
+
+    /// The same of values.
+    pub(super) fn fetch_values(&self, own: &Values, ranks: &mut Ranks) -> Result<Values> {
+        sent_values(own, &self.wanted, ranks)
+    }
+}
+
+/// What others send of a column, some of whose entries go to each rank.
+pub(super) fn sent<T: Pod>(own: &[T], to: &[Vec<u32>], ranks: &mut Ranks) -> Result<Vec<T>> {
+    let ranks: &mut dyn Peers = ranks;
+    Ok(ranks.exchange_records(Ok(entries(own, to)))?.concat())
+}
+
+/// The same of values.
+pub(super) fn sent_values(own: &Values, to: &[Vec<u32>], ranks: &mut Ranks) -> Result<Values> {
+    Ok(match own {
+        Values::U8(own) => Values::U8(sent(own, to, ranks)?),
+        Values::I16(own) => Values::I16(sent(own, to, ranks)?),
+        Values::U16(own) => Values::U16(sent(own, to, ranks)?),
+        Values::F32(own) => Values::F32(sent(own, to, ranks)?),
+    })
+}
+
+/// Of each rank some entries.
+fn entries<T: Copy>(own: &[T], to: &[Vec<u32>]) -> Vec<Vec<T>> {
+    let of_rank = |some: &Vec<u32>| some.iter().map(|&i| own[i as usize]).collect();
+    to.iter().map(of_rank).collect()
 }

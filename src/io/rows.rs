@@ -104,6 +104,14 @@ impl RowFile {
         runs
     }
 
+    /// The runs that make up a part of all rows.
+    #[cfg(feature = "prepared")]
+    pub(crate) fn runs_within(&self, most: usize, part: &Range<usize>) -> Vec<Range<usize>> {
+        let runs = self.runs(most).into_iter();
+        let within = runs.map(|run| run.start.max(part.start)..run.end.min(part.end));
+        within.filter(|run| !run.is_empty()).collect()
+    }
+
     /// One of [`Self::runs`], or a part of it, as [`open`](super::open) reads all; but columns `scale_0..2` are as they
     /// stand in the file: whether they are logarithms depends on all of them.
     ///

@@ -79,6 +79,16 @@ impl Up {
         };
         all.into_iter().fold(None, first_of).unwrap_or(none)
     }
+
+    /// What points up in a set of points, of which it depends on their bounds alone.
+    ///
+    /// - `corners`: the least and the greatest coordinates; `None` where none is finite.
+    #[cfg(feature = "prepared")]
+    pub(crate) fn of_points(corners: Option<(DVec3, DVec3)>) -> Self {
+        let positions = corners.map_or(Vec::new(), |(a, b)| vec![a, b]);
+        let geometry = Geometry::Points { positions };
+        Dataset::new(std::path::Path::new(""), "points", geometry, Vec::new()).up()
+    }
 }
 
 impl Dataset {

@@ -315,19 +315,18 @@ impl Pieces {
     ) -> Result<Values> {
         let [nx, ny, _] = self.whole.dims(Association::Nodes);
         let mut wanted = Vec::new();
-        let mut planes = 0;
         for (path, extent) in &self.pieces {
             let [_, _, first] = extent.shift_from(&self.whole);
             let [_, _, count] = extent.dims(Association::Nodes);
             let mut parts = Vec::new();
-            planes = 0;
+            let mut before = 0;
             for run in runs {
                 let own = run.start.max(first)..run.end.min(first + count);
                 if !own.is_empty() {
-                    let to = planes + own.start - run.start;
+                    let to = before + own.start - run.start;
                     parts.push((own.start - first..own.end - first, to));
                 }
-                planes += run.len();
+                before += run.len();
             }
             if !parts.is_empty() {
                 // Each is found to have as many values before there is memory for all of them.
@@ -335,7 +334,7 @@ impl Pieces {
                 wanted.push((path, extent, parts, place));
             }
         }
-        let count = nx * ny * planes;
+        let count = nx * ny * runs.iter().map(Range::len).sum::<usize>();
         let mut all = match empty {
             Values::U8(_) => Values::U8(vec![0; count]),
             Values::I16(_) => Values::I16(vec![0; count]),

@@ -82,18 +82,13 @@ impl ExactSum {
 
     /// Leaves 32 bits in each limb but the last.
     fn carry(&mut self) {
-        let mut carried = 0;
-        let (last, others) = self
-            .limbs
-            .split_last_mut()
-            .unwrap_or((&mut carried, &mut []));
         let mut above = 0;
-        for limb in others {
+        for limb in &mut self.limbs[..LIMBS - 1] {
             let sum = *limb + above;
             above = sum >> BITS;
             *limb = sum & i64::from(u32::MAX);
         }
-        *last += above;
+        self.limbs[LIMBS - 1] += above;
         self.pending = 0;
     }
 
@@ -106,7 +101,7 @@ impl ExactSum {
             sum.limbs.iter_mut().for_each(|limb| *limb = -*limb);
             sum.carry();
         }
-        // From the greatest: what follows the third that is not 0 is below the last bit.
+        // From the greatest: three have 65 bits or more, and what follows the fourth says nothing of the last bit.
         let limbs = sum.limbs.iter().enumerate().rev();
         let terms = limbs.filter(|(_, limb)| **limb != 0).take(4);
         let value: f64 = terms

@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use crate::blocks::ParticleStream;
 use crate::error::{Error, Result};
-use crate::io::{Dataset, Geometry, ParticleType, RowFile, Up};
+use crate::io::{ParticleType, RowFile, Up};
 use crate::math::ExactSum;
 use crate::sample::{
     OfRows, SampleOptions, SampleReport, mean_spacing, nothing_left, of_rows, rows, summed_function,
@@ -16,7 +16,7 @@ use crate::scene::PointVolume;
 use crate::scene::rows::{append, kind_of, volume_of};
 
 /// Rows that are read at a time.
-const ROWS: usize = 1 << 18;
+pub(crate) const ROWS: usize = 1 << 18;
 
 /// A file of points of which each becomes a particle by itself: a stream of what [`sample::volume`](crate::sample::volume)
 /// makes of all of them at once.
@@ -125,10 +125,7 @@ impl PointFile {
 
     /// Which way is up, once all particles were asked for: [`Dataset::up`].
     pub fn up(&self) -> Up {
-        // Of points it depends on their bounds.
-        let positions = self.corners.map_or(Vec::new(), |(a, b)| vec![a, b]);
-        let geometry = Geometry::Points { positions };
-        Dataset::new(self.file.path(), "points", geometry, Vec::new()).up()
+        Up::of_points(self.corners)
     }
 
     /// The particles of some rows, and what is found of these: of all rows the part that one of several reads who read
@@ -188,11 +185,7 @@ impl PointFile {
     ) -> Result<Found> {
         let mut report: Option<SampleReport> = None;
         let mut found = Found::default();
-        for run in self.file.runs(ROWS) {
-            let run = run.start.max(part.start)..run.end.min(part.end);
-            if run.is_empty() {
-                continue;
-            }
+        for run in self.file.runs_within(ROWS, &part) {
             let dataset = self.file.read(run)?;
             if let Some(corners) = dataset.bounds() {
                 found.extend(corners);

@@ -68,9 +68,11 @@ use kernels::Kernels;
 pub(crate) use lattice::{PlaneValues, lattice_of_planes};
 use mesh::{MeshOptions, SampledMesh, Spread};
 #[cfg(feature = "cli")]
+pub(crate) use neighbours::Elsewhere;
+#[cfg(feature = "cli")]
 pub(crate) use points::{
-    Elsewhere, FITTED_NEIGHBOURS, Fitted, Neighbourhoods, RowsApart, Surrounded, fit_apart,
-    function_apart, sample_apart, scalars,
+    FITTED_NEIGHBOURS, Fitted, Neighbourhoods, RowsApart, Surrounded, fit_apart, function_apart,
+    sample_apart, scalars, without_spacing,
 };
 #[cfg(feature = "cli")]
 pub(crate) use reach::{Boxes, Leaf, Near, Reach};

@@ -33,8 +33,14 @@ pub(super) const MOST_NEIGHBOURS: usize = 8192;
 /// What the search for neighbours is called.
 const FINDING: &str = "finding neighbours";
 
-/// What makes covariances of points whose neighbours are elsewhere those of all.
-type Complete<'a> = &'a mut dyn FnMut(Vec<[f64; 6]>) -> Result<Vec<[f64; 6]>>;
+/// Points that are elsewhere, neighbours of some that are here.
+pub(crate) trait Elsewhere {
+    /// The sums of what all say.
+    fn sums(&mut self, own: [u64; 2]) -> Result<[u64; 2]>;
+
+    /// What the points have that are here, and behind them what the neighbours have that are elsewhere.
+    fn complete(&mut self, own: Vec<[f64; 6]>) -> Result<Vec<[f64; 6]>>;
+}
 
 /// A k-d tree of the finite points of a set.
 ///
@@ -156,27 +162,6 @@ impl<'a> PointIndex<'a> {
         self.nearest_from(self.place(g), count).into_iter()
     }
 
-    /// How far two distances in the tree from a position to points that are some distance away may be off together: places
-    /// there are rounded, by the difference and by the turn, in proportion to how far they are from the origin.
-    fn blur(&self, from: DVec3, distance: f64) -> f64 {
-        16.0 * f64::EPSILON * ((from - self.origin).abs().max_element() + distance)
-    }
-
-    /// The squared distance from any position to the last of the `count + 1` distinct positions nearest to it, within a
-    /// rounding; `None` where fewer are within `radius`.
-    #[cfg(feature = "cli")]
-    pub(super) fn last_within(&self, from: DVec3, count: usize, radius: f64) -> Option<f64> {
-        let asked = NonZero::new(count + 1)?;
-        let found = self
-            .tree
-            .query(&(self.turn * (from - self.origin)).to_array())
-            .nearest_n::<SquaredEuclidean<f64>>(asked)
-            .within(radius * radius)
-            .execute();
-        let last = found.get(count)?.distance;
-        Some((last.sqrt() + self.blur(from, last.sqrt())).powi(2))
-    }
-
     /// The same of any position; first the nearest.
     ///
     /// Which they are, and in what order, depends on nothing that is farther: those at one distance are ordered by their
@@ -218,6 +203,27 @@ impl<'a> PointIndex<'a> {
         });
         nearest.truncate(count + 1);
         nearest
+    }
+
+    /// How far two distances in the tree from a position to points that are some distance away may be off together: places
+    /// there are rounded, by the difference and by the turn, in proportion to how far they are from the origin.
+    fn blur(&self, from: DVec3, distance: f64) -> f64 {
+        16.0 * f64::EPSILON * ((from - self.origin).abs().max_element() + distance)
+    }
+
+    /// The squared distance from any position to the last of the `count + 1` distinct positions nearest to it, within a
+    /// rounding; `None` where fewer are within `radius`.
+    #[cfg(feature = "cli")]
+    pub(super) fn last_within(&self, from: DVec3, count: usize, radius: f64) -> Option<f64> {
+        let asked = NonZero::new(count + 1)?;
+        let found = self
+            .tree
+            .query(&(self.turn * (from - self.origin)).to_array())
+            .nearest_n::<SquaredEuclidean<f64>>(asked)
+            .within(radius * radius)
+            .execute();
+        let last = found.get(count)?.distance;
+        Some((last.sqrt() + self.blur(from, last.sqrt())).powi(2))
     }
 
     /// The point nearest to a finite position; the first of those at one place.
@@ -290,12 +296,12 @@ impl<'a> PointIndex<'a> {
     /// Covariances of the nearest neighbours of each point, smoothed over these neighbours: less
     /// noisy by far.
     ///
-    /// - `complete`: puts right what some of the points have before it is smoothed, where their own neighbours are
-    ///   elsewhere.
+    /// - `elsewhere`: of the points behind the first `count`, whose own neighbours are there.
     pub(super) fn covariances(
         &self,
         task: Option<&Task>,
-        complete: Option<Complete<'_>>,
+        count: usize,
+        elsewhere: Option<&mut dyn Elsewhere>,
     ) -> Result<Vec<[f64; 6]>> {
         // Fewer where the set is smaller: the rest names the group itself.
         let around = |g| {
@@ -310,8 +316,10 @@ impl<'a> PointIndex<'a> {
             .par_iter()
             .map(|groups| self.covariance(groups.iter().map(|&g| g as usize)))
             .collect();
-        if let Some(complete) = complete {
-            let of_points = complete(self.spread(&own, [f64::NAN; 6]))?;
+        if let Some(elsewhere) = elsewhere {
+            let mut of_points = self.spread(&own, [f64::NAN; 6]);
+            of_points.truncate(count);
+            let of_points = elsewhere.complete(of_points)?;
             let of_group = |g| of_points[self.group(g)[0] as usize];
             own = (0..self.group_count()).map(of_group).collect();
         }
@@ -553,7 +561,7 @@ mod tests {
             .map(|p| p * DVec3::new(2.0, 1.0, 1.0))
             .collect();
         let index = PointIndex::new(&points).unwrap();
-        let centre = index.covariances(None, None).unwrap()[5 + 11 * (5 + 11 * 5)];
+        let centre = index.covariances(None, points.len(), None).unwrap()[5 + 11 * (5 + 11 * 5)];
         assert!(
             (centre[3] - centre[5]).abs() < 0.3 * centre[3],
             "{centre:?}"

@@ -30,21 +30,14 @@ pub(crate) struct Reach {
 }
 
 impl Reach {
-    /// Around points, without neighbours.
-    fn around(places: impl Iterator<Item = DVec3>) -> Self {
-        let of = |p: DVec3| Self {
+    /// A point, without neighbours.
+    fn at(p: DVec3) -> Self {
+        Self {
             low: p.to_array(),
             high: p.to_array(),
             distance: -1.0,
             count: 0,
-        };
-        let none = Self {
-            low: [f64::INFINITY; 3],
-            high: [f64::NEG_INFINITY; 3],
-            distance: -1.0,
-            count: 0,
-        };
-        places.map(of).fold(none, |all, own| all.and(&own))
+        }
     }
 
     /// A box around both boxes, and the greater distance.
@@ -57,8 +50,8 @@ impl Reach {
         }
     }
 
-    /// Around boxes, of which there is one at least.
-    pub(crate) fn around_all<'a>(boxes: impl Iterator<Item = &'a Self>) -> Option<Self> {
+    /// Around boxes; of none, none.
+    fn around_all<'a>(boxes: impl Iterator<Item = &'a Self>) -> Option<Self> {
         boxes.copied().reduce(|all, own| all.and(&own))
     }
 
@@ -113,11 +106,12 @@ impl<'a> Near<'a> {
             leaves: Vec::new(),
         };
         let leaf = |points: &[u32]| {
-            let places = points.iter().map(|&i| positions[i as usize]);
+            let places = points.iter().map(|&i| Reach::at(positions[i as usize]));
             let count = points.iter().map(|&i| count(i)).max().unwrap_or(0);
             let from = positions[points[points.len() / 2] as usize];
+            let within = places.fold(Reach::at(from), |all, own| all.and(&own));
             Leaf {
-                reach: near.reach(Reach::around(places), from, count, f64::INFINITY),
+                reach: near.reach(within, from, count, f64::INFINITY),
                 points: points.to_vec(),
             }
         };
@@ -138,7 +132,7 @@ impl<'a> Near<'a> {
                 0.0
             };
             for &point in &leaf.points {
-                let own = Reach::around(std::iter::once(self.positions[point as usize]));
+                let own = Reach::at(self.positions[point as usize]);
                 last = Some(match last {
                     Some((all, count)) if count < MOST && all.and(&own).diagonal() <= longest => {
                         (all.and(&own), count + 1)
@@ -159,8 +153,7 @@ impl<'a> Near<'a> {
     /// - `most`: how far these are at most.
     pub(crate) fn alone(&self, point: u32, count: usize, most: f64) -> Reach {
         let at = self.positions[point as usize];
-        let within = Reach::around(std::iter::once(at));
-        self.reach(within, at, count, most)
+        self.reach(Reach::at(at), at, count, most)
     }
 
     /// - `from`: in the box.

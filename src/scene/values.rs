@@ -152,8 +152,12 @@ impl Values {
         }
     }
 
-    /// Appends values of the same type; of another none.
+    /// Appends values of the same type; of another none. Where there are none yet these are taken as they are.
     pub(crate) fn append(&mut self, more: Self) {
+        if self.is_empty() && self.type_name() == more.type_name() {
+            *self = more;
+            return;
+        }
         match (self, more) {
             (Self::U8(v), Self::U8(more)) => v.extend(more),
             (Self::I16(v), Self::I16(more)) => v.extend(more),

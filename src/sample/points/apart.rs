@@ -7,7 +7,7 @@ use super::super::neighbours::{MOST_FITTED, NEIGHBOUR_COUNT, PointIndex};
 use super::super::{
     ParticleShape, SampleOptions, SampleReport, Sampled, check_options, function_of,
 };
-use super::columns::{Columns, INTENSITIES, RED_GREEN_BLUE, RGB};
+use super::columns::{Columns, INTENSITIES};
 use super::neighbourhoods::{Neighbourhoods, neighbours_of};
 use super::{Made, Part, of_some, picked_rows};
 use crate::error::Result;
@@ -41,26 +41,19 @@ impl RowsApart {
             && options.shepard_passes == 0
             && !options.keeps_value_sample
             && options.shape != ParticleShape::YuTurk;
-        let has_strength = ["mass", "extinction", "opacity"]
-            .into_iter()
-            .any(is_of_table);
-        let coloured = [RGB, RED_GREEN_BLUE].concat();
-        let has_colours = coloured.into_iter().any(is_there) || columns.colours().is_some();
         // Whether scales are logarithms depends on all of them.
         let has_scales = SCALES.into_iter().any(is_there);
-        if !is_plain || has_strength || has_colours || has_scales {
+        if !is_plain || columns.states_strength() || columns.states_colour() || has_scales {
             return None;
         }
         let (length, mass, density) = columns.names();
         let has_volume = is_of_table("volume") || (is_there(mass) && is_there(density));
-        let has_size = is_of_table("sigma") && head.smoothing.is_none();
         let has_length = options.radius.is_some() || is_there(length) || is_of_table("radius");
-        let has_variance = VARIANCE.into_iter().any(is_of_table);
         // Lengths without volumes are summed over whatever they reach.
         if has_length && !has_volume {
             return None;
         }
-        let is_bare = !has_size && !has_length && !has_variance;
+        let is_bare = !has_length && !columns.states_shape();
         Some(Self {
             is_bare,
             needs_volumes: is_bare && !(is_there(mass) && is_there(density)),

@@ -122,6 +122,13 @@ impl<'a> Columns<'a> {
         lengths.into_iter().any(is_there) || matches!(self.set(VARIANCE), Ok(Some(_)))
     }
 
+    /// Whether there are colours.
+    #[cfg(feature = "prepared")]
+    pub(super) fn states_colour(&self) -> bool {
+        let is_there = |rgb| !matches!(self.set(rgb), Ok(None));
+        [RGB, RED_GREEN_BLUE].into_iter().any(is_there) || self.colours().is_some()
+    }
+
     /// Whether there are strengths, of a table.
     #[cfg(feature = "prepared")]
     pub(super) fn states_strength(&self) -> bool {

@@ -19,7 +19,7 @@ use self::columns::{Columns, INTENSITIES, RED_GREEN_BLUE, RGB, linear_channel};
 use self::mass::Mass;
 pub(crate) use self::neighbourhoods::Neighbourhoods;
 #[cfg(feature = "cli")]
-pub(crate) use self::neighbourhoods::{Elsewhere, Surrounded};
+pub(crate) use self::neighbourhoods::{Surrounded, without_spacing};
 use self::shape::Shape;
 use super::left_out::LeftOut;
 use super::{
@@ -84,16 +84,12 @@ pub(super) fn kind_of_rows(dataset: &Dataset, options: &SampleOptions) -> Option
     let (length, mass, density) = columns.names();
     let is_there = |name: &str| matches!(columns.get(name), Ok(Some(_)));
     let has_volume = is_there(mass) && is_there(density);
-    let has_colours = [RGB, RED_GREEN_BLUE]
-        .into_iter()
-        .any(|rgb| !matches!(columns.set(rgb), Ok(None)))
-        || columns.colours().is_some();
     let is_summed = options.for_columns
         && !options.local_models
         && dataset.smoothing.is_some()
         && (options.radius.is_some() || is_there(length))
         && has_volume
-        && !has_colours;
+        && !columns.states_colour();
     let field = match &options.field {
         Some(name) => Some(name.clone()),
         None => columns.first_density(),

@@ -1,10 +1,12 @@
 //! What the nearest neighbours say of points that say nothing of their sizes.
 
-use super::super::neighbours::PointIndex;
+use std::path::Path;
+
+use super::super::neighbours::{Elsewhere, PointIndex};
 #[cfg(feature = "cli")]
 use super::super::neighbours::{NEIGHBOUR_COUNT, SPACING_NEIGHBOURS};
 use super::super::{ParticleShape, SampleOptions};
-use crate::error::Result;
+use crate::error::{Error, Hint, Result};
 use crate::math::eigen;
 use glam::DVec3;
 
@@ -37,21 +39,12 @@ fn step(count: u64) -> u64 {
 }
 
 /// What the neighbours of points say of them, in the order of the points.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug)]
 pub(crate) struct Neighbourhoods {
     /// The space that each has to itself \[length³\]; NaN of those without a place; empty where nobody asked.
     pub(crate) volumes: Vec<f64>,
     /// Covariances of the places of their neighbours, where kernels follow these.
     pub(crate) covariances: Option<Vec<[f64; 6]>>,
-}
-
-/// Points of which some others lie elsewhere, some of these among their neighbours.
-pub(crate) trait Elsewhere {
-    /// The sums of what all say.
-    fn sums(&mut self, own: [u64; 2]) -> Result<[u64; 2]>;
-
-    /// What the points have that are here, and behind them what the neighbours have that are elsewhere.
-    fn complete(&mut self, own: Vec<[f64; 6]>) -> Result<Vec<[f64; 6]>>;
 }
 
 /// Points, and behind them their neighbours that are elsewhere.
@@ -71,10 +64,9 @@ impl Neighbourhoods {
         points: &Surrounded<'_>,
         with_volumes: bool,
         options: &SampleOptions,
-        elsewhere: Option<&mut dyn Elsewhere>,
+        mut elsewhere: Option<&mut dyn Elsewhere>,
     ) -> Result<Option<Self>> {
         let index = PointIndex::new(points.positions);
-        let mut elsewhere = elsewhere;
         let with_covariances = match options.shape {
             ParticleShape::Covariance => true,
             ParticleShape::Automatic => {
@@ -90,28 +82,20 @@ impl Neighbourhoods {
             ParticleShape::Isotropic | ParticleShape::YuTurk => false,
         };
         let task = options.task.as_ref();
-        let count = points.count;
-        let mut complete = elsewhere.map(|elsewhere| {
-            move |mut own: Vec<[f64; 6]>| {
-                own.truncate(count);
-                elsewhere.complete(own)
-            }
-        });
+        let (count, is_alone) = (points.count, elsewhere.is_none());
         let mut covariances = match (&index, with_covariances) {
             (_, false) => None,
-            (Some(index), true) => {
-                let complete = complete.as_mut().map(|complete| complete as _);
-                Some(index.covariances(task, complete)?)
-            }
+            (Some(index), true) => Some(index.covariances(task, count, elsewhere)?),
             (None, true) => {
-                if let Some(complete) = &mut complete {
-                    complete(Vec::new())?;
+                if let Some(elsewhere) = elsewhere {
+                    elsewhere.complete(Vec::new())?;
                 }
                 Some(Vec::new())
             }
         };
         let Some(index) = index else {
-            return Ok((count == 0 && complete.is_some()).then_some(Self {
+            // One who has none of the points agrees with the others.
+            return Ok((count == 0 && !is_alone).then_some(Self {
                 volumes: Vec::new(),
                 covariances,
             }));
@@ -129,6 +113,17 @@ impl Neighbourhoods {
             covariances,
         }))
     }
+}
+
+/// Refuses points with fewer than two distinct positions.
+pub(crate) fn without_spacing(path: &Path) -> Error {
+    Error::format(
+        path,
+        "columns",
+        "a shape: sigma, h, radius, vxx..vzz or scale_0..2 with rot_0..3",
+        "fewer than two distinct positions to take a spacing from",
+        Hint::AddSigmaOrGiveRadius,
+    )
 }
 
 /// How many of some points have long neighbourhoods, and of how many: see [`TRUE_SHARE`].

@@ -1,5 +1,7 @@
 //! Shapes of particles: from columns, from lengths, from their neighbours.
 
+use std::borrow::Cow;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -9,7 +11,7 @@ use super::super::left_out::LeftOut;
 use super::super::neighbours::{MOST_NEIGHBOURS, NEIGHBOUR_COUNT, PointIndex};
 use super::super::{DEFAULT_KERNEL_WIDTH, ParticleShape, SampleOptions, sph, yu_turk};
 use super::columns::Columns;
-use super::neighbourhoods::{Neighbourhoods, Surrounded};
+use super::neighbourhoods::{Neighbourhoods, Surrounded, without_spacing};
 use crate::error::{Error, Hint, Result};
 use crate::io::{LengthMeaning, SCALES, SphKernel, VARIANCE};
 use crate::math::{eigen, factor_of_variance, from_eigen, principal_sigmas};
@@ -35,7 +37,7 @@ pub(super) enum Shape<'a> {
 pub(super) struct Shapes<'a> {
     pub(super) shape: Shape<'a>,
     /// The space that each particle has to itself \[length³\]; NaN where there is none.
-    pub(super) volumes: Option<Vec<f64>>,
+    pub(super) volumes: Option<Cow<'a, [f64]>>,
     /// Whether there is nothing but positions.
     pub(super) bare: bool,
     /// The convention for the lengths, in words.
@@ -206,8 +208,11 @@ impl<'a> Columns<'a> {
             }
             _ => None,
         };
-        let found = match self.neighbourhoods {
-            Some(known) => Some(known.clone()),
+        let (of_neighbours, covariances): (Cow<'a, [f64]>, _) = match self.neighbourhoods {
+            Some(known) => {
+                let covariances = known.covariances.as_deref();
+                (known.volumes.as_slice().into(), covariances.map(Cow::from))
+            }
             None => {
                 let points = Surrounded {
                     positions,
@@ -215,25 +220,19 @@ impl<'a> Columns<'a> {
                     count: positions.len(),
                     of: positions.len() as u64,
                 };
-                Neighbourhoods::of(&points, volumes.is_none(), options, None)?
+                let found = Neighbourhoods::of(&points, volumes.is_none(), options, None)?;
+                let found = found.ok_or_else(|| without_spacing(&self.dataset.path))?;
+                (found.volumes.into(), found.covariances.map(Cow::from))
             }
         };
-        let found = found.ok_or_else(|| {
-            Error::format(
-                &self.dataset.path,
-                "columns",
-                "a shape: sigma, h, radius, vxx..vzz or scale_0..2 with rot_0..3",
-                "fewer than two distinct positions to take a spacing from",
-                Hint::AddSigmaOrGiveRadius,
-            )
-        })?;
-        let volumes: Vec<f64> = volumes.unwrap_or(found.volumes);
+        let volumes: Cow<'a, [f64]> = volumes.map_or(of_neighbours, Cow::Owned);
         let width = DEFAULT_KERNEL_WIDTH;
-        let shape = if let Some(covariances) = found.covariances {
+        let shape = if let Some(covariances) = covariances {
             let variance = |(c, volume): (&[f64; 6], &f64)| {
                 neighbourhood_variance(*c, *volume).map(|v| v * width * width)
             };
-            Shape::Computed(covariances.par_iter().zip(&volumes).map(variance).collect())
+            let each = covariances.par_iter().zip(volumes.par_iter());
+            Shape::Computed(each.map(variance).collect())
         } else {
             Shape::Spheres(volumes.par_iter().map(|v| width * v.cbrt()).collect())
         };
