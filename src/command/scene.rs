@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use crate::distributed::RowsRead;
-use crate::io::{Dataset, Geometry, Mesh, Planes, RowFile, Up};
+use crate::distributed::{PiecesRead, RowsRead};
+use crate::io::{Dataset, Geometry, Mesh, Planes, RowFile, Up, VtuPieces};
 use crate::legend::title_of;
 use crate::prepared::{About, PointFile, PreparedScene};
 use crate::sample::mesh::Spread;
@@ -56,6 +56,16 @@ impl Scene {
     pub(crate) fn of_rows(read: &RowsRead) -> Self {
         let (field, unit) = (read.report.field.as_deref(), read.report.unit.as_deref());
         Self::of_points(field, unit, read.up(), read.corners)
+    }
+
+    /// Of an unstructured grid of which every rank has read some pieces.
+    pub(crate) fn of_pieces(read: &PiecesRead) -> Self {
+        let (field, unit) = (read.report.field.as_deref(), read.report.unit.as_deref());
+        Self {
+            grids_only: true,
+            has_boundary: true,
+            ..Self::of_points(field, unit, Up::of_scene([read.head.up()]), read.corners)
+        }
     }
 
     fn of_points(
@@ -438,6 +448,44 @@ impl DataOptions {
             of_prepared: None,
         })?;
         Ok(Some(file))
+    }
+
+    /// An input as pieces of an unstructured grid that may be read apart, where it is an index of such, to be drawn as it is.
+    pub(crate) fn pieces(
+        &self,
+        input: &Input,
+        options: &SampleOptions,
+    ) -> Result<Option<(VtuPieces, SampleOptions)>> {
+        let is_plain = input.path.is_file()
+            && input.edit == Edit::default()
+            && input.time_step.is_none()
+            && input.particle_type.is_none()
+            && self.read_as.is_none()
+            && self.scales.is_none()
+            && !self.has_types();
+        let file = match is_plain {
+            true => VtuPieces::open(&input.path)?,
+            false => None,
+        };
+        let Some(file) = file else {
+            return Ok(None);
+        };
+        let options = self.of_input(input, options);
+        self.check_function(&options)?;
+        self.check_spacing()?;
+        Ok(Some((file, options)))
+    }
+
+    /// Refuses options that say nothing of an unstructured grid in pieces.
+    pub(crate) fn check_pieces(&self, options: &SampleOptions) -> Result<()> {
+        self.check_use(&Uses {
+            kinds: vec![Kind::Grid],
+            is_classified: true,
+            has_opacity: true,
+            has_file_function: !is_automatic(options),
+            for_columns: options.for_columns,
+            of_prepared: None,
+        })
     }
 
     /// A prepared scene by the transfer function that is asked for.

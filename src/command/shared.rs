@@ -11,8 +11,10 @@ use super::progress::note;
 use super::scene::Scene;
 use super::source::Input;
 use crate::blocks::ParticleStream;
-use crate::distributed::{Ranks, Share, read_planes, read_rows, read_together, scatter};
-use crate::io::{Planes, RowFile};
+use crate::distributed::{
+    Ranks, Share, read_pieces, read_planes, read_rows, read_together, scatter,
+};
+use crate::io::{Planes, RowFile, VtuPieces};
 use crate::prepared::{About, PointFile};
 use crate::sample::{SampleOptions, SampleReport};
 use crate::{Error, Result};
@@ -21,6 +23,7 @@ use crate::{Error, Result};
 enum Together {
     Points(Box<PointFile>),
     Rows(Box<(RowFile, SampleOptions)>),
+    Pieces(Box<(VtuPieces, SampleOptions)>),
     Planes(Box<Planes>),
 }
 
@@ -31,6 +34,10 @@ impl Together {
         match self {
             Self::Points(file) => (1, file.len(), file.field()).hash(&mut hasher),
             Self::Rows(rows) => (2, rows.0.count(), &rows.1.field).hash(&mut hasher),
+            Self::Pieces(pieces) => {
+                let lengths: Vec<u64> = pieces.0.lengths().collect();
+                (4, lengths, &pieces.1.field).hash(&mut hasher);
+            }
             Self::Planes(file) => {
                 (3, file.lattice().dims, file.field()).hash(&mut hasher);
                 file.empty_values().type_name().hash(&mut hasher);
@@ -114,6 +121,18 @@ impl DataOptions {
                 scene.volumes = take(&mut own.share.volumes);
                 (scene, own.share)
             }
+            Together::Pieces(pieces) => {
+                let (file, options) = &*pieces;
+                let Some(mut own) = read_pieces(file, options, ranks)? else {
+                    return self.of_first(inputs, options, ranks, read);
+                };
+                self.check_pieces(options)?;
+                own.head.notes.iter().for_each(say);
+                own.report.warnings().iter().for_each(say);
+                let mut scene = Scene::of_pieces(&own);
+                scene.volumes = take(&mut own.share.volumes);
+                (scene, own.share)
+            }
             Together::Planes(file) => {
                 file.notes().iter().for_each(say);
                 let (mut share, report) = read_planes(&file, options, ranks)?;
@@ -125,7 +144,7 @@ impl DataOptions {
         Ok((check(scene)?, Some(share)))
     }
 
-    /// A file that ranks read together: of many points, or a large lattice whose planes lie apart.
+    /// A file that ranks read together: of many points, an index of pieces, or a large lattice whose planes lie apart.
     fn together(
         &self,
         input: &Input,
@@ -137,6 +156,9 @@ impl DataOptions {
         }
         if let Some(rows) = self.rows(input, options)? {
             return Ok(Some(Together::Rows(Box::new(rows))));
+        }
+        if let Some(pieces) = self.pieces(input, options)? {
+            return Ok(Some(Together::Pieces(Box::new(pieces))));
         }
         let planes = match takes_planes {
             true => self.planes(input, options)?,

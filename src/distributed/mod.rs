@@ -17,7 +17,11 @@
 //! | `read.rs` | a file of points that ranks read together (feature `prepared`) |
 //! | `rows.rs` | a file of points that look at their neighbours, whose rows ranks read together (feature `cli`) |
 //! | `surroundings.rs` | points of other ranks among these neighbours (feature `cli`) |
+//! | `pieces.rs` | an unstructured grid whose pieces ranks read together (feature `cli`) |
+//! | `rings.rs` | cells of other ranks around these (feature `cli`) |
+//! | `patch.rs` | some of its cells, as bytes (feature `cli`) |
 //! | `planes.rs` | a lattice whose planes ranks read together (feature `cli`) |
+//! | `shown.rs` | the function of a field of which each rank has some values (feature `cli`) |
 //! | `scatter.rs` | what one rank has read, for all (feature `prepared`) |
 //! | `head.rs` | what volumes have besides their particles (feature `prepared`) |
 //! | `tiles.rs` | which rank draws which tiles |
@@ -40,16 +44,24 @@ mod message;
 #[cfg(feature = "mpi")]
 mod mpi;
 #[cfg(feature = "cli")]
+mod patch;
+#[cfg(feature = "cli")]
+mod pieces;
+#[cfg(feature = "cli")]
 mod planes;
 mod ranks;
 #[cfg(feature = "prepared")]
 mod read;
 mod renderer;
 #[cfg(feature = "cli")]
+mod rings;
+#[cfg(feature = "cli")]
 mod rows;
 #[cfg(feature = "prepared")]
 mod scatter;
 mod share;
+#[cfg(feature = "cli")]
+mod shown;
 mod statistics;
 #[cfg(feature = "cli")]
 mod surroundings;
@@ -60,6 +72,8 @@ pub use communicator::Communicator;
 pub(crate) use frames::RankFrames;
 #[cfg(feature = "mpi")]
 pub use mpi::MpiRank;
+#[cfg(feature = "cli")]
+pub(crate) use pieces::{PiecesRead, read_pieces};
 #[cfg(feature = "cli")]
 pub(crate) use planes::read_planes;
 pub(crate) use ranks::Ranks;

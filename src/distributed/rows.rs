@@ -6,10 +6,10 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::planes::{joined, least_of_all};
+use super::planes::joined;
 use super::ranks::Ranks;
-use super::read::told_by_all;
 use super::share::Share;
+use super::shown::{found_by_all, models_of_all, show};
 use super::surroundings::{Surroundings, sent, sent_values};
 use crate::blocks::territories;
 use crate::error::Result;
@@ -17,10 +17,9 @@ use crate::io::{Association, Dataset, Field, FieldSource, Geometry, RowFile, Up}
 use crate::prepared::{Found, ROWS};
 use crate::sample::{
     Elsewhere, FITTED_NEIGHBOURS, Fitted, Neighbourhoods, RowsApart, SampleOptions, SampleReport,
-    Surrounded, fit_apart, function_apart, mean_spacing, nothing_left, sample_apart, scalars,
-    without_spacing,
+    Surrounded, fit_apart, sample_apart, scalars, without_spacing,
 };
-use crate::scene::{LocalModels, PickedRow, PointVolume, Values};
+use crate::scene::{PointVolume, Values};
 
 /// What ranks made of a file, each of a part.
 pub(crate) struct RowsRead {
@@ -108,45 +107,22 @@ pub(crate) fn read_rows(
     let sum = &mut found.volume_sum;
     let sampled = sample_apart(dataset, &options, neighbourhoods.as_ref(), sum);
     let sampled = ranks.agree(sampled)?;
-    let picked = ranks.gather_records(Ok(sampled.picked(&numbers, count)))?;
+    let picked = sampled.picked(&numbers, count);
     let kept: Vec<u64> = sampled.kept.iter().map(|&i| numbers[i as usize]).collect();
     let mut volume = sampled.volume;
     found.report = sampled.report;
-    let Found {
-        mut report,
-        corners,
-        volume_sum,
-    } = told_by_all(&found, ranks)?;
-    if report.particle_count == 0 {
-        return Err(nothing_left(file.path(), &report));
-    }
-    report.unit = report
-        .field
-        .as_deref()
-        .and_then(|name| head.unit(name))
-        .map(str::to_owned);
-    let spacing = mean_spacing(volume_sum.value(), report.particle_count);
-    report.unit_distance = options.unit_distance.unwrap_or(spacing);
-    if volume.values.is_some() {
-        let mut picked: Vec<PickedRow> = picked.concat();
-        picked.sort_unstable_by_key(|own| own.row);
-        let function = function_apart(&picked, count, spacing, &mut report, &options);
-        let function = ranks.agree(function)?;
-        let scale = function.value_scale();
-        let values = volume.values.take().unwrap_or(Values::U8(Vec::new()));
-        let least = least_of_all(scale.lowest(&values), ranks)?;
-        volume.values = Some(scale.positions_from(values, least));
-        volume.transfer_function = Some(function);
-    }
+    let (mut found, spacing) = found_by_all(&found, &head, file.path(), &options, ranks)?;
+    let shown = (&mut found, spacing);
+    show(&mut volume, picked, count, shown, &options, ranks)?;
     fit(&mut volume, &options, ranks)?;
     Ok(Some(RowsRead {
         share: Share {
             numbers: Some(vec![kept]),
             ..Share::from(vec![volume])
         },
-        report,
+        report: found.report,
         head,
-        corners,
+        corners: found.corners,
     }))
 }
 
@@ -173,10 +149,7 @@ fn fit(volume: &mut PointVolume, options: &SampleOptions, ranks: &mut Ranks) -> 
     let Some(models) = fitted.models else {
         return Ok(());
     };
-    let scales = ranks.gather_records(Ok(vec![LocalModels::scales_of(&models)]))?;
-    let greatest = |a: [f32; 2], b: [f32; 2]| [a[0].max(b[0]), a[1].max(b[1])];
-    let scales = scales.into_iter().flatten().fold([0.0; 2], greatest);
-    volume.local_models = Some(LocalModels::with(&models, scales));
+    volume.local_models = Some(models_of_all(&models, ranks)?);
     Ok(())
 }
 
@@ -387,15 +360,12 @@ impl Elsewhere for Others<'_> {
 
 #[cfg(test)]
 mod tests {
-    use std::thread;
-
     use super::super::ThreadRank;
+    use super::super::shown::check_parts;
     use super::*;
     use crate::io::{OpenOptions, open};
     use crate::sample::{ParticleShape, TransferChoice, volume};
     use crate::scene::ScaleName;
-    use crate::scene::rows::rows_of;
-    use crate::scene::rows::volume_of;
 
     /// A random number of 0 to 1 for each number.
     fn random(n: usize) -> f64 {
@@ -468,42 +438,13 @@ mod tests {
         let dataset = open(path, &OpenOptions::default()).unwrap();
         let corners = dataset.bounds();
         let whole = volume(dataset, options).unwrap();
-        let all: Vec<u64> = (0..whole.volume.particles.len() as u64).collect();
         for &size in sizes {
-            let found: Vec<RowsRead> = thread::scope(|scope| {
-                let ranks = ThreadRank::group(size).into_iter();
-                let read = |own| {
-                    let mut ranks = Ranks::new(Box::new(own));
-                    let mut file = RowFile::open(path, None).unwrap().unwrap();
-                    read_rows(&mut file, options, &mut ranks).unwrap().unwrap()
-                };
-                let threads: Vec<_> = ranks.map(|own| scope.spawn(move || read(own))).collect();
-                threads.into_iter().map(|t| t.join().unwrap()).collect()
-            });
-            let mut parts = Vec::new();
-            let without = |volume: &PointVolume| volume_of(&[], volume).unwrap();
-            for own in &found {
-                let sorted = |report: &SampleReport| {
-                    let mut report = report.clone();
-                    report.findings.sort_by_key(|f| (f.reason.clone(), f.count));
-                    report
-                };
-                assert_eq!(sorted(&own.report), sorted(&whole.report), "{size} ranks");
+            check_parts(&whole, size, |ranks| {
+                let mut file = RowFile::open(path, None).unwrap().unwrap();
+                let own = read_rows(&mut file, options, ranks).unwrap().unwrap();
                 assert_eq!(own.corners, corners);
-                let volume = &own.share.volumes[0];
-                assert!(without(volume) == without(&whole.volume), "{size} ranks");
-                assert!(size == 1 || volume.particles.len() < all.len());
-                parts.push(rows_of(volume, &own.share.numbers.as_ref().unwrap()[0]));
-            }
-            let parts: Vec<&[u8]> = parts.iter().map(Vec::as_slice).collect();
-            let joined = volume_of(&parts, &whole.volume).unwrap();
-            // Bit for bit: rows, in the order of one.
-            assert_eq!(joined.particles.len(), all.len(), "{size} ranks");
-            let rows = [&joined, &whole.volume].map(|volume| rows_of(volume, &all));
-            let stride = rows[0].len() / all.len();
-            let pairs = rows[0].chunks(stride).zip(rows[1].chunks(stride));
-            let other = pairs.enumerate().find(|(_, (a, b))| a != b);
-            assert!(other.is_none(), "{size} ranks: {other:?}");
+                (own.share, own.report)
+            });
         }
         whole.volume
     }

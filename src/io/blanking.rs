@@ -70,6 +70,16 @@ impl Blanking {
         Ok(blanking)
     }
 
+    /// Of masks of all nodes and of all cells.
+    #[cfg(feature = "cli")]
+    pub(crate) fn of_masks(nodes: Vec<bool>, cells: Vec<bool>) -> Self {
+        Self {
+            nodes: Some(nodes),
+            cells: Some(cells),
+            has_refined: false,
+        }
+    }
+
     /// Whether finer cells stand in the place of some.
     pub(crate) fn has_refined_cells(&self) -> bool {
         self.has_refined

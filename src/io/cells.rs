@@ -112,6 +112,20 @@ impl CellMesh {
     }
 }
 
+/// Gives the nodes of a cell, whose entries have been checked, other numbers.
+pub(crate) fn renumber(kind: CellKind, mut cell: &mut [u32], number: impl Fn(u32) -> u32) {
+    if kind != CellKind::POLYHEDRON {
+        cell.iter_mut().for_each(|n| *n = number(*n));
+        return;
+    }
+    cell = &mut cell[1..];
+    while let Some((&mut count, rest)) = cell.split_first_mut() {
+        let (face, rest) = rest.split_at_mut(count as usize);
+        face.iter_mut().for_each(|n| *n = number(*n));
+        cell = rest;
+    }
+}
+
 /// The kind of a cell, by VTK's number for it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Default)]
 pub struct CellKind(pub u8);

@@ -112,6 +112,8 @@ mod vtp;
 mod vtr;
 mod vts;
 mod vtu;
+#[cfg(feature = "cli")]
+mod vtu_pieces;
 mod vtu_write;
 mod write_splats;
 mod xyz;
@@ -125,6 +127,7 @@ use std::path::{Path, PathBuf};
 pub(crate) use atomic::write_atomically;
 pub use atomic::write_bytes_atomically;
 pub(crate) use blanking::Blanking;
+pub(crate) use cells::renumber;
 pub use cells::{CellKind, CellMesh};
 pub use column_file::{column_colours, column_picture, write_column};
 pub use count_file::write_count;
@@ -156,6 +159,10 @@ pub use time_steps::{Part, TimeStep};
 pub(crate) use unit::divided as name_and_unit;
 pub use up::Up;
 pub(crate) use vtk_grid::check as check_cells;
+#[cfg(feature = "cli")]
+pub(crate) use vtk_pieces::{ArrayKey, ArraysSeen};
+#[cfg(feature = "cli")]
+pub(crate) use vtu_pieces::VtuPieces;
 pub use write_splats::{FLAT_SHARE, WrittenSplats, check_splats_path, write_splats};
 
 use file::{HEAD, Input};

@@ -60,6 +60,18 @@ pub(crate) struct Array {
 }
 
 impl Array {
+    /// One without values.
+    #[cfg(feature = "cli")]
+    pub(super) fn none_of((name, kinds): &super::ArrayKey) -> Self {
+        Self {
+            name: name.clone(),
+            components: kinds
+                .iter()
+                .map(|kind| Values::of_type(kind, &[]))
+                .collect(),
+        }
+    }
+
     /// What a field holds; `None` of what is derived.
     pub(crate) fn of_field(field: Field) -> Option<Self> {
         let components = match field.source {

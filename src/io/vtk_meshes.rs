@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
+use super::cells::renumber;
 use super::dataset::{Association, Dataset};
 use super::vtk_array::Array;
 use super::vtk_pieces::{Piece, element_of, keep_common, to_fields};
 use super::{CellKind, CellMesh, ReadAs, vtk_grid};
 use crate::error::{Error, Result};
-use crate::scene::Values;
 
 /// One piece, decoded. Its cells name its own nodes, counted from 0.
 #[derive(Debug)]
@@ -217,15 +217,7 @@ pub(super) fn join(
     let mut notes = Vec::new();
     let mut fields = Vec::new();
     for association in [Association::Nodes, Association::Cells] {
-        let mut arrays: Vec<Vec<Array>> = parts
-            .iter_mut()
-            // A part without cells says nothing about arrays of cells; the same of nodes.
-            .filter(|part| part.count(association) > 0)
-            .map(|part| match association {
-                Association::Nodes => std::mem::take(&mut part.node_arrays),
-                Association::Cells => std::mem::take(&mut part.cell_arrays),
-            })
-            .collect();
+        let mut arrays = arrays_of(&mut parts, association);
         keep_common(&mut arrays, element_of(association), &mut notes);
         let arrays = arrays.into_iter().reduce(append_arrays).unwrap_or_default();
         fields.extend(to_fields(arrays, association));
@@ -233,6 +225,30 @@ pub(super) fn join(
     if parts.is_empty() {
         vtk_grid::check(path, &CellMesh::default())?;
     }
+    let mesh = mesh_of(path, parts)?;
+    let mut data = vtk_grid::of_checked(path, format, mesh, fields, read_as)?;
+    data.notes.splice(0..0, notes);
+    Ok(data)
+}
+
+/// Takes the arrays of nodes or of cells out of parts.
+pub(super) fn arrays_of(parts: &mut [Part], association: Association) -> Vec<Vec<Array>> {
+    parts
+        .iter_mut()
+        // A part without cells says nothing about arrays of cells; the same of nodes.
+        .filter(|part| part.count(association) > 0)
+        .map(|part| match association {
+            Association::Nodes => std::mem::take(&mut part.node_arrays),
+            Association::Cells => std::mem::take(&mut part.cell_arrays),
+        })
+        .collect()
+}
+
+/// The cells of parts, one after another.
+///
+/// # Errors
+/// More nodes or entries than `u32` counts.
+pub(super) fn mesh_of(path: &Path, parts: Vec<Part>) -> Result<CellMesh> {
     let mut meshes = parts.into_iter().map(|part| part.mesh);
     let mut mesh = meshes.next().unwrap_or_else(|| CellMesh {
         offsets: vec![0],
@@ -241,12 +257,16 @@ pub(super) fn join(
     for part in meshes {
         append_mesh(path, &mut mesh, part)?;
     }
-    let mut data = vtk_grid::of_checked(path, format, mesh, fields, read_as)?;
-    data.notes.splice(0..0, notes);
-    Ok(data)
+    Ok(mesh)
 }
 
 impl Part {
+    /// Its cells.
+    #[cfg(feature = "cli")]
+    pub(super) fn mesh(&self) -> &CellMesh {
+        &self.mesh
+    }
+
     fn count(&self, association: Association) -> usize {
         self.mesh.count_of(association)
     }
@@ -256,13 +276,7 @@ impl Part {
 pub(super) fn append_arrays(mut all: Vec<Array>, part: Vec<Array>) -> Vec<Array> {
     for (all, part) in all.iter_mut().zip(part) {
         for (all, part) in all.components.iter_mut().zip(part.components) {
-            match (all, part) {
-                (Values::U8(all), Values::U8(mut part)) => all.append(&mut part),
-                (Values::I16(all), Values::I16(mut part)) => all.append(&mut part),
-                (Values::U16(all), Values::U16(mut part)) => all.append(&mut part),
-                (Values::F32(all), Values::F32(mut part)) => all.append(&mut part),
-                _ => {}
-            }
+            all.append(part);
         }
     }
     all
@@ -294,7 +308,9 @@ fn append_mesh(path: &Path, all: &mut CellMesh, mut part: CellMesh) -> Result<()
         })?;
     for (i, &kind) in part.kinds.iter().enumerate() {
         let range = part.offsets[i] as usize..part.offsets[i + 1] as usize;
-        shift_nodes(kind, &mut part.connectivity[range], node_shift);
+        renumber(kind, &mut part.connectivity[range], |node| {
+            node + node_shift
+        });
     }
     all.nodes.append(&mut part.nodes);
     all.kinds.append(&mut part.kinds);
@@ -302,18 +318,4 @@ fn append_mesh(path: &Path, all: &mut CellMesh, mut part: CellMesh) -> Result<()
     let offsets = part.offsets.iter().skip(1);
     all.offsets.extend(offsets.map(|&n| n + entry_shift));
     Ok(())
-}
-
-/// Renumbers the nodes of a cell that has been checked.
-fn shift_nodes(kind: CellKind, mut cell: &mut [u32], shift: u32) {
-    if kind != CellKind::POLYHEDRON {
-        cell.iter_mut().for_each(|n| *n += shift);
-        return;
-    }
-    cell = &mut cell[1..];
-    while let Some((&mut count, rest)) = cell.split_first_mut() {
-        let (face, rest) = rest.split_at_mut(count as usize);
-        face.iter_mut().for_each(|n| *n += shift);
-        cell = rest;
-    }
 }

@@ -17,7 +17,7 @@
 //! One file at a time is in memory; what is made of its pieces is kept.
 
 use std::collections::{HashMap, HashSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use roxmltree::{Document, Node};
 
@@ -64,9 +64,25 @@ pub(super) fn read<H, P>(
         return Ok((head, pieces));
     }
 
+    for file in sources(input, element)? {
+        read_file(input, &file, kind, |p| {
+            pieces.extend(piece(&head, p)?);
+            Ok(())
+        })?;
+    }
+    Ok((head, pieces))
+}
+
+/// The files that an index names, each beside it.
+///
+/// # Errors
+/// A piece without a file, one that is not there, one that is named twice.
+pub(super) fn sources(input: Input<'_>, element: Node<'_, '_>) -> Result<Vec<PathBuf>> {
+    let path = input.path;
     let folder = path.parent().unwrap_or(Path::new(""));
     // A file that is named often would be read into memory as often.
     let mut named = HashSet::new();
+    let mut files = Vec::new();
     for (i, node) in piece_nodes(element).enumerate() {
         let place = format!("Piece {i}, `Source`");
         let error = |expected: &str, found: String, advice: &str| {
@@ -90,16 +106,28 @@ pub(super) fn read<H, P>(
                 advice,
             );
         }
-        let bytes = input.read_beside(&file)?;
-        let frame = Frame::new(&file, &bytes)?;
-        let document = frame.document()?;
-        let element = data_set(&file, &document, kind)?;
-        each_piece(&file, &frame, &document, element, |p| {
-            pieces.extend(piece(&head, p)?);
-            Ok(())
-        })?;
+        files.push(file);
     }
-    Ok((head, pieces))
+    Ok(files)
+}
+
+/// Calls `work` with the pieces of one file that an index names.
+///
+/// - `kind`: the `type` of the file.
+///
+/// # Errors
+/// A file of another type, a damaged one, what `work` says.
+pub(super) fn read_file(
+    input: Input<'_>,
+    file: &Path,
+    kind: &str,
+    work: impl FnMut(Piece<'_>) -> Result<()>,
+) -> Result<()> {
+    let bytes = input.read_beside(file)?;
+    let frame = Frame::new(file, &bytes)?;
+    let document = frame.document()?;
+    let element = data_set(file, &document, kind)?;
+    each_piece(file, &frame, &document, element, work)
 }
 
 /// The data set's element, named as the file's `type` is.
@@ -203,53 +231,102 @@ pub(super) fn element_of(association: Association) -> &'static str {
     }
 }
 
+/// An array's name, and the kinds of its components' numbers.
+pub(crate) type ArrayKey = (String, Vec<String>);
+
+/// Which arrays the parts of a data set have, told apart by name, number of components and kind of numbers.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(crate) struct ArraysSeen {
+    /// How many parts were looked at.
+    pub(crate) parts: usize,
+    /// In the order in which they are met, and how many parts have each.
+    pub(crate) arrays: Vec<(ArrayKey, usize)>,
+}
+
+impl ArraysSeen {
+    pub(super) fn of(parts: &[Vec<Array>]) -> Self {
+        let mut seen = Self::default();
+        let mut place_of = HashMap::new();
+        for arrays in parts {
+            seen.parts += 1;
+            let mut of_part = HashSet::new();
+            let is_first = |key: &ArrayKey| of_part.insert(key.clone());
+            for key in arrays.iter().map(key).filter(is_first) {
+                seen.count(key, 1, &mut place_of);
+            }
+        }
+        seen
+    }
+
+    fn count(&mut self, key: ArrayKey, parts: usize, place_of: &mut HashMap<ArrayKey, usize>) {
+        let place = place_of.entry(key.clone()).or_insert_with(|| {
+            self.arrays.push((key, 0));
+            self.arrays.len() - 1
+        });
+        self.arrays[*place].1 += parts;
+    }
+
+    /// Adds those of the parts that follow.
+    #[cfg(feature = "cli")]
+    pub(crate) fn add(&mut self, later: Self) {
+        let places = self.arrays.iter().enumerate();
+        let mut place_of = places.map(|(i, (key, _))| (key.clone(), i)).collect();
+        self.parts += later.parts;
+        for (key, parts) in later.arrays {
+            self.count(key, parts, &mut place_of);
+        }
+    }
+
+    /// Those that all parts have, in the order of the first.
+    pub(crate) fn common(&self) -> impl Iterator<Item = &ArrayKey> {
+        let is_common = |(_, parts): &&(ArrayKey, usize)| *parts == self.parts;
+        self.arrays.iter().filter(is_common).map(|(key, _)| key)
+    }
+
+    /// Leaves a part only those that all have, in that order.
+    pub(super) fn keep(&self, arrays: &mut Vec<Array>) {
+        let rank: HashMap<&ArrayKey, usize> = self.common().zip(0..).collect();
+        let mut seen = HashSet::new();
+        arrays.retain(|array| rank.contains_key(&key(array)) && seen.insert(key(array)));
+        arrays.sort_by_key(|array| rank.get(&key(array)).copied());
+    }
+
+    /// What goes, in words; `None` where nothing does.
+    pub(crate) fn note(&self, element: &str) -> Option<String> {
+        const MOST_NAMES: usize = 8;
+        let others = self.arrays.iter().filter(|(_, n)| *n != self.parts);
+        let mut names: Vec<String> = others
+            .map(|((name, _), _)| format!("`{}`", clip(name)))
+            .collect();
+        names.dedup();
+        let more = match names.len().saturating_sub(MOST_NAMES) {
+            0 => String::new(),
+            n => format!(" and {n} more"),
+        };
+        names.truncate(MOST_NAMES);
+        let listed = names.join(", ");
+        (!names.is_empty()).then(|| {
+            format!(
+                "arrays of {element} left out, as not all pieces have them alike: {listed}{more}"
+            )
+        })
+    }
+}
+
+fn key(array: &Array) -> ArrayKey {
+    let kinds = array.components.iter().map(|c| c.type_name().to_owned());
+    (array.name.clone(), kinds.collect())
+}
+
 /// Leaves each part only the arrays that all of them have, with the same name, number of
 /// components and kind of numbers, in the order of the first. Says in `notes` which went.
 pub(super) fn keep_common(parts: &mut [Vec<Array>], element: &str, notes: &mut Vec<String>) {
     if parts.len() < 2 {
         return;
     }
-    let key = |array: &Array| {
-        let kinds = array.components.iter().map(|c| c.type_name());
-        (array.name.clone(), kinds.collect::<Vec<_>>())
-    };
-    let mut parts_with = HashMap::new();
-    let mut order = Vec::new();
-    for arrays in parts.iter_mut() {
-        let mut seen = HashSet::new();
-        arrays.retain(|array| seen.insert(key(array)));
-        for array in arrays {
-            let count = parts_with.entry(key(array)).or_insert(0_usize);
-            if *count == 0 {
-                order.push(key(array));
-            }
-            *count += 1;
-        }
-    }
-    let is_common = |key: &_| parts_with.get(key) == Some(&parts.len());
-    let (common, others): (Vec<_>, Vec<_>) = order.into_iter().partition(|key| is_common(key));
-    let mut names: Vec<String> = others
-        .iter()
-        .map(|(name, _)| format!("`{}`", clip(name)))
-        .collect();
-    names.dedup();
-    if !names.is_empty() {
-        const MOST_NAMES: usize = 8;
-        let more = match names.len().saturating_sub(MOST_NAMES) {
-            0 => String::new(),
-            n => format!(" and {n} more"),
-        };
-        names.truncate(MOST_NAMES);
-        let names = names.join(", ");
-        notes.push(format!(
-            "arrays of {element} left out, as not all pieces have them alike: {names}{more}"
-        ));
-    }
-    let rank: HashMap<_, _> = common.iter().zip(0_usize..).collect();
-    for arrays in parts {
-        arrays.retain(|array| rank.contains_key(&key(array)));
-        arrays.sort_by_key(|array| rank.get(&key(array)).copied());
-    }
+    let seen = ArraysSeen::of(parts);
+    parts.iter_mut().for_each(|arrays| seen.keep(arrays));
+    notes.extend(seen.note(element));
 }
 
 /// Arrays as the fields of a data set.

@@ -35,6 +35,12 @@ use super::vtk_pieces::{self, Piece};
 use super::{CellKind, CellMesh, ReadAs};
 use crate::error::{Error, Result};
 
+/// The format's name, for people.
+pub(super) const FORMAT: &str = "VTK unstructured grid";
+
+/// The `type` of such a file.
+pub(super) const KIND: &str = "UnstructuredGrid";
+
 const CELLS: &str = "Cells";
 
 /// Reads an unstructured grid.
@@ -43,16 +49,14 @@ const CELLS: &str = "Cells";
 /// Not such a grid, damaged arrays, cells of nodes that are not there.
 pub(crate) fn read(input: Input<'_>, read_as: Option<ReadAs>) -> Result<Dataset> {
     let path = input.path;
-    let ((), parts) = vtk_pieces::read(
-        input,
-        "UnstructuredGrid",
-        |_, _| Ok(()),
-        |(), piece| {
-            let cell_count = piece.count("NumberOfCells")?;
-            Part::read(piece, cell_count, || read_cells(piece, cell_count))
-        },
-    )?;
-    join(path, "VTK unstructured grid", parts, read_as)
+    let ((), parts) = vtk_pieces::read(input, KIND, |_, _| Ok(()), |(), piece| read_part(piece))?;
+    join(path, FORMAT, parts, read_as)
+}
+
+/// A piece; `None` of an empty one.
+pub(super) fn read_part(piece: Piece<'_>) -> Result<Option<Part>> {
+    let cell_count = piece.count("NumberOfCells")?;
+    Part::read(piece, cell_count, || read_cells(piece, cell_count))
 }
 
 /// The cells of a piece, without the nodes' positions.

@@ -10,21 +10,216 @@
 //! Cells of higher order were cut before, where their corners do not say what their elements do ([`crate::io`]). Those
 //! that are still there are taken by their corners; the nodes between are corners of no cell and carry nothing.
 
-use super::duals::{Duals, cut, sound_volume};
+use std::ops::Range;
+
+use super::duals::{Duals, cut, sound_volume, turned};
 use super::incidence::CellsAround;
 use super::kernels::{Kernel, Kernels};
 use super::left_out::LeftOut;
-use super::local_models;
+use super::local_models::mesh::SampledMesh;
 use super::sharp::{apply, even_out};
 use super::sharp_cells::{DrawnCells, Surface, sharp_cells};
 use super::{
     SampleOptions, SampleReport, Sampled, check_count, check_len, classified_kernels, gradient,
-    nothing_left, take_scalar,
+    local_models, nothing_left, take_scalar,
 };
 use crate::error::{Error, Result};
-use crate::io::{Association, Blanking, Dataset, Geometry};
+use crate::io::{Association, Blanking, CellMesh, Dataset, Geometry, Handedness};
 use crate::math::factor_of_variance;
-use crate::scene::{LocalModels, Surroundings};
+use crate::scene::{LocalModel, LocalModels, Surroundings, Values};
+
+/// A field on a mesh, of some of whose nodes and cells kernels are asked for. The others are there because these look at them.
+pub(crate) struct CellField<'a> {
+    pub(crate) mesh: &'a CellMesh,
+    pub(crate) blanking: &'a Blanking,
+    pub(crate) association: Association,
+    /// Of all nodes, or of all cells.
+    pub(crate) values: &'a Values,
+    /// Those that are asked for.
+    pub(crate) nodes: Range<usize>,
+    pub(crate) cells: Range<usize>,
+}
+
+/// What is made of a field on a mesh.
+pub(super) struct CellKernels {
+    duals: Duals,
+    /// Where anything looked at neighbours.
+    around: Option<CellsAround>,
+    /// Of all samples.
+    pub(super) kernels: Kernels,
+    /// Those of the samples that are asked for, of which all else is.
+    pub(super) own: Range<usize>,
+    pub(super) normals: Option<Vec<u32>>,
+    pub(super) models: Option<Vec<LocalModel>>,
+}
+
+impl CellField<'_> {
+    fn is_of_nodes(&self) -> bool {
+        self.association == Association::Nodes
+    }
+
+    /// The samples that are asked for.
+    pub(super) fn own(&self) -> &Range<usize> {
+        match self.association {
+            Association::Nodes => &self.nodes,
+            Association::Cells => &self.cells,
+        }
+    }
+
+    /// Their kernels, normals and local models, where these are asked for.
+    ///
+    /// - `turned`: how many cells of each kind are numbered one way and the other.
+    ///
+    /// # Errors
+    /// Work that was cancelled.
+    pub(super) fn kernels(
+        &self,
+        turned: &[[usize; 2]],
+        report: &mut SampleReport,
+        options: &SampleOptions,
+    ) -> Result<CellKernels> {
+        let &Self {
+            mesh,
+            blanking,
+            values,
+            ..
+        } = self;
+        let of_nodes = self.is_of_nodes();
+        let task = options.task.as_ref();
+        let own_kinds = mesh.kinds[self.cells.clone()].iter();
+        let higher = own_kinds.filter(|k| k.is_of_higher_order() && k.is_solid());
+        report.note(
+            higher.count(),
+            "cells",
+            "of higher order: drawn by their corners",
+        );
+        let ghosts = blanking.mask(Association::Cells).filter(|_| of_nodes);
+        let is_ghost = |cell: &usize| ghosts.is_some_and(|mask| mask.get(*cell) == Some(&true));
+        report.note(
+            self.cells.clone().filter(is_ghost).count(),
+            "cells",
+            "hidden, or copies of another piece's: left out of their nodes' volumes",
+        );
+        let of_kind = |kind: usize| turned.get(kind).copied().unwrap_or_default();
+        let handedness = std::array::from_fn(|kind| Handedness::of(of_kind(kind)));
+        let duals = Duals::new(mesh, blanking, handedness, &self.cells, report, task)?;
+        let kernels = match of_nodes {
+            true => self.of_nodes(&duals, report, options)?,
+            false => self.of_cells(&duals, report, options)?,
+        };
+        let place = |sample: usize| {
+            kernels
+                .kept
+                .partition_point(|&kept| (kept as usize) < sample)
+        };
+        let own = place(self.own().start)..place(self.own().end);
+        let is_around = options.normals || options.local_models;
+        let around = is_around.then(|| CellsAround::new(mesh, &duals.first));
+        let samples = around.as_ref().map(|around| SampledMesh {
+            mesh,
+            around,
+            first: &duals.first,
+            of_nodes,
+            kernels: &kernels,
+            own: own.clone(),
+            values,
+        });
+        let of_normals = samples.as_ref().filter(|_| options.normals);
+        let normals = of_normals.map(gradient::of_mesh);
+        let of_models = samples.as_ref().filter(|_| options.local_models);
+        let models = of_models.map(|samples| local_models::mesh::models(samples, task));
+        let models = models.transpose()?;
+        Ok(CellKernels {
+            duals,
+            around,
+            kernels,
+            own,
+            normals,
+            models,
+        })
+    }
+
+    /// The factor of a kernel of 12 times the covariance of a dual cell.
+    fn factor(shape: [f64; 6], options: &SampleOptions) -> Result<[f64; 6], LeftOut> {
+        let width_squared = options.kernel_width * options.kernel_width;
+        factor_of_variance(shape.map(|v| v * width_squared)).ok_or(LeftOut::Degenerate)
+    }
+
+    fn of_nodes(
+        &self,
+        duals: &Duals,
+        report: &mut SampleReport,
+        options: &SampleOptions,
+    ) -> Result<Kernels> {
+        let (mesh, task) = (self.mesh, options.task.as_ref());
+        let if_any = |i: usize| {
+            if mesh.nodes[i].is_finite() {
+                LeftOut::Unused
+            } else {
+                LeftOut::Position
+            }
+        };
+        Kernels::collect(mesh.nodes.len(), &self.nodes, report, "nodes", task, |i| {
+            if self.blanking.node(i) {
+                return Err(LeftOut::Blanked);
+            }
+            let shape = duals.shape(i).ok_or_else(|| if_any(i))?;
+            if !self.values.get(i).is_finite() {
+                return Err(LeftOut::Value);
+            }
+            let dual = duals.moments(i);
+            let centroid = mesh.nodes[i] + dual.first / dual.volume;
+            Kernel::new(centroid, Self::factor(shape, options)?, duals.share(i))
+        })
+    }
+
+    fn of_cells(
+        &self,
+        duals: &Duals,
+        report: &mut SampleReport,
+        options: &SampleOptions,
+    ) -> Result<Kernels> {
+        let (mesh, task) = (self.mesh, options.task.as_ref());
+        Kernels::collect(mesh.cell_count(), &self.cells, report, "cells", task, |i| {
+            let kind = mesh.kinds[i];
+            if !kind.is_solid() {
+                return Err(LeftOut::LowerDimension);
+            }
+            if self.blanking.cell(i) {
+                return Err(LeftOut::Blanked);
+            }
+            let mut parts = Vec::with_capacity(8);
+            let (volume, centroid) = cut(mesh, i, &mut parts);
+            let volume = sound_volume(mesh, kind, &parts, volume, &duals.handedness)?;
+            if !self.values.get(i).is_finite() {
+                return Err(LeftOut::Value);
+            }
+            let mut mean = [0.0; 6];
+            for shape in parts.iter().filter_map(|(n, _)| duals.shape(*n as usize)) {
+                for (mean, v) in mean.iter_mut().zip(shape) {
+                    *mean += v / parts.len() as f64;
+                }
+            }
+            Kernel::new(centroid, Self::factor(mean, options)?, volume)
+        })
+    }
+}
+
+impl SampleReport {
+    /// Notes nodes that keep a boundary from being sharp, where it is asked for.
+    ///
+    /// - `count`: of the nodes at one place with others.
+    pub(crate) fn note_welded(&mut self, count: usize, options: &SampleOptions) {
+        if options.is_sharp_anyway() {
+            self.note(
+                count,
+                "nodes",
+                "at one place with others: a mesh that is welded of pieces has no sharp boundary",
+            );
+        }
+    }
+}
+
 pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     let blanking = Blanking::of(&dataset)?;
     let taken = take_scalar(&mut dataset, options.field.as_deref())?;
@@ -46,123 +241,46 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
             "lines are not rendered: give a volume mesh, a surface, or the points alone",
         ));
     }
-    let of_nodes = taken.association == Association::Nodes;
-    let (noun, sample_count) = if of_nodes {
-        ("nodes", mesh.nodes.len())
-    } else {
-        ("cells", mesh.cell_count())
+    let field = CellField {
+        mesh,
+        blanking: &blanking,
+        association: taken.association,
+        values: &taken.values,
+        nodes: 0..mesh.nodes.len(),
+        cells: 0..mesh.cell_count(),
     };
+    let of_nodes = field.is_of_nodes();
+    let sample_count = field.own().len();
     check_len(&dataset, &taken, sample_count)?;
     let mut report = SampleReport {
         field: Some(taken.name.clone()),
         sample_count,
         ..SampleReport::default()
     };
-    let higher = mesh
-        .kinds
-        .iter()
-        .filter(|k| k.is_of_higher_order() && k.is_solid());
-    report.note(
-        higher.count(),
-        "cells",
-        "of higher order: drawn by their corners",
-    );
-    let ghosts = blanking.mask(Association::Cells).filter(|_| of_nodes);
-    report.note(
-        ghosts.map_or(0, |mask| mask.iter().filter(|ghost| **ghost).count()),
-        "cells",
-        "hidden, or copies of another piece's: left out of their nodes' volumes",
-    );
-    let task = options.task.as_ref();
-    let duals = Duals::new(mesh, &blanking, &mut report, task)?;
-
-    let width_squared = options.kernel_width * options.kernel_width;
-    let factor = |shape: [f64; 6]| {
-        factor_of_variance(shape.map(|v| v * width_squared)).ok_or(LeftOut::Degenerate)
-    };
-    let values = &taken.values;
-    let kernels = if of_nodes {
-        let if_any = |i: usize| {
-            if mesh.nodes[i].is_finite() {
-                LeftOut::Unused
-            } else {
-                LeftOut::Position
-            }
-        };
-        Kernels::collect(sample_count, &mut report, noun, task, |i| {
-            if blanking.node(i) {
-                return Err(LeftOut::Blanked);
-            }
-            let shape = duals.shape(i).ok_or_else(|| if_any(i))?;
-            if !values.get(i).is_finite() {
-                return Err(LeftOut::Value);
-            }
-            let dual = duals.moments(i);
-            let centroid = mesh.nodes[i] + dual.first / dual.volume;
-            Kernel::new(centroid, factor(shape)?, duals.share(i))
-        })?
-    } else {
-        Kernels::collect(sample_count, &mut report, noun, task, |i| {
-            let kind = mesh.kinds[i];
-            if !kind.is_solid() {
-                return Err(LeftOut::LowerDimension);
-            }
-            if blanking.cell(i) {
-                return Err(LeftOut::Blanked);
-            }
-            let mut parts = Vec::with_capacity(8);
-            let (volume, centroid) = cut(mesh, i, &mut parts);
-            let volume = sound_volume(mesh, kind, &parts, volume, &duals.handedness)?;
-            if !values.get(i).is_finite() {
-                return Err(LeftOut::Value);
-            }
-            let mut mean = [0.0; 6];
-            for shape in parts.iter().filter_map(|(n, _)| duals.shape(*n as usize)) {
-                for (mean, v) in mean.iter_mut().zip(shape) {
-                    *mean += v / parts.len() as f64;
-                }
-            }
-            Kernel::new(centroid, factor(mean)?, volume)
-        })?
-    };
+    let CellKernels {
+        duals,
+        around,
+        kernels,
+        normals,
+        models,
+        ..
+    } = field.kernels(&turned(mesh), &mut report, options)?;
     if kernels.kept.is_empty() {
         return Err(nothing_left(&dataset.path, &report));
     }
-    let first = &duals.first;
-    let is_around = options.normals || options.local_models;
-    let around = is_around.then(|| CellsAround::new(mesh, first));
-    let normals = around.as_ref().filter(|_| options.normals).map(|around| {
-        // Values belong to nodes, not to the centroids of their dual cells.
-        let place = |n: usize| match kernels.kept[n] {
-            node if of_nodes => mesh.nodes[node as usize],
-            _ => kernels.positions[n],
-        };
-        gradient::of_mesh(mesh, around, first, of_nodes, &kernels.kept, place, values)
-    });
-    let local_models = match around.as_ref().filter(|_| options.local_models) {
-        Some(around) => {
-            let samples = local_models::mesh::SampledMesh {
-                mesh,
-                around,
-                first,
-                of_nodes,
-                kernels: &kernels,
-                values,
-            };
-            let models = local_models::mesh::models(&samples, task)?;
-            Some(LocalModels::new(&models))
-        }
-        None => None,
-    };
-    let kept = if options.is_sharp() && of_nodes {
-        kernels.kept.clone()
-    } else {
-        Vec::new()
+    // What is welded of pieces keeps its dual cells.
+    let is_sharp = options.is_sharp() && of_nodes && !duals.is_welded();
+    if options.is_sharp() && of_nodes {
+        report.note_welded(duals.welded(), options);
+    }
+    let kept = match is_sharp {
+        true => kernels.kept.clone(),
+        false => Vec::new(),
     };
     let mut sampled =
         classified_kernels(kernels, taken.values, report, Surroundings::Absent, options)?;
     sampled.volume.normals = normals;
-    sampled.volume.local_models = local_models;
+    sampled.volume.local_models = models.as_deref().map(LocalModels::new);
     if kept.is_empty() {
         return Ok(sampled);
     }
@@ -196,6 +314,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         "nodes",
         "on edges where the boundary goes in: not cut there",
     );
+    let task = options.task.as_ref();
     // The mesh has done its work.
     drop((surface, around, duals, dataset));
     if let Some(ghosts) = apply(volume, report, vec![changes], options) {

@@ -96,6 +96,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     };
     let mut kernels = Kernels::collect_runs(
         sample_count,
+        &(0..sample_count),
         &mut report,
         noun,
         options.task.as_ref(),

@@ -5,6 +5,8 @@
 //! have closed forms. The parts around a node make up its dual cell, with a volume, a centroid and a
 //! covariance.
 
+use std::ops::Range;
+
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
@@ -281,10 +283,42 @@ pub(super) fn sound_volume(
     }
 }
 
+/// How many cells of each kind are numbered one way and the other.
+pub(crate) fn turned(mesh: &CellMesh) -> Vec<[usize; 2]> {
+    (0..mesh.cell_count())
+        .into_par_iter()
+        .with_min_len(CHUNK)
+        .fold(
+            || vec![[0_usize; 2]; 256],
+            |mut counts, cell| {
+                let volume = rough_volume(mesh, cell);
+                if volume > 0.0 {
+                    counts[usize::from(mesh.kinds[cell].0)][0] += 1;
+                } else if volume < 0.0 {
+                    counts[usize::from(mesh.kinds[cell].0)][1] += 1;
+                }
+                counts
+            },
+        )
+        .reduce(
+            || vec![[0; 2]; 256],
+            |mut a, b| {
+                for (a, b) in a.iter_mut().flatten().zip(b.iter().flatten()) {
+                    *a += b;
+                }
+                a
+            },
+        )
+}
+
 impl Duals {
+    /// - `handedness`: for each cell kind, which way its cells are numbered.
+    /// - `own`: the cells whose faults go into the report.
     pub(super) fn new(
         mesh: &CellMesh,
         blanking: &Blanking,
+        handedness: [Handedness; 256],
+        own: &Range<usize>,
         report: &mut SampleReport,
         task: Option<&Task>,
     ) -> Result<Self> {
@@ -292,9 +326,8 @@ impl Duals {
             moments: vec![Moments::default(); mesh.nodes.len()],
             first: Vec::new(),
             shares: Vec::new(),
-            handedness: Self::handedness(mesh),
+            handedness,
         };
-        let handedness = duals.handedness;
         let mut faults = Vec::new();
         let count = mesh.cell_count();
         let stage = Stage::new(task, "cutting cells", count);
@@ -310,16 +343,20 @@ impl Duals {
                         if !kind.is_solid() || blanking.cell(cell) {
                             return (parts, faults);
                         }
-                        let own = parts.len();
+                        let first_part = parts.len();
                         let (volume, _) = cut(mesh, cell, &mut parts);
-                        match sound_volume(mesh, kind, &parts[own..], volume, &handedness) {
+                        let of_cell = &parts[first_part..];
+                        match sound_volume(mesh, kind, of_cell, volume, &handedness) {
                             Ok(_) => {
                                 let sign = handedness[usize::from(kind.0)].sign(volume);
-                                parts[own..].iter_mut().for_each(|(_, m)| m.scale(sign));
+                                let of_cell = &mut parts[first_part..];
+                                of_cell.iter_mut().for_each(|(_, m)| m.scale(sign));
                             }
                             Err(fault) => {
-                                parts.truncate(own);
-                                faults.push(fault);
+                                parts.truncate(first_part);
+                                if own.contains(&cell) {
+                                    faults.push(fault);
+                                }
                             }
                         }
                         (parts, faults)
@@ -350,35 +387,6 @@ impl Duals {
         Ok(duals)
     }
 
-    fn handedness(mesh: &CellMesh) -> [Handedness; 256] {
-        // Cells of each kind numbered one way and the other.
-        let counts = (0..mesh.cell_count())
-            .into_par_iter()
-            .with_min_len(CHUNK)
-            .fold(
-                || vec![[0_usize; 2]; 256],
-                |mut counts, cell| {
-                    let volume = rough_volume(mesh, cell);
-                    if volume > 0.0 {
-                        counts[usize::from(mesh.kinds[cell].0)][0] += 1;
-                    } else if volume < 0.0 {
-                        counts[usize::from(mesh.kinds[cell].0)][1] += 1;
-                    }
-                    counts
-                },
-            )
-            .reduce(
-                || vec![[0; 2]; 256],
-                |mut a, b| {
-                    for (a, b) in a.iter_mut().flatten().zip(b.iter().flatten()) {
-                        *a += b;
-                    }
-                    a
-                },
-            );
-        std::array::from_fn(|kind| Handedness::of(counts[kind]))
-    }
-
     /// Gives nodes at one position their common dual cell.
     fn weld(&mut self, mesh: &CellMesh) {
         let Some(first) = first_at_position(&mesh.nodes) else {
@@ -392,6 +400,23 @@ impl Duals {
             }
         }
         self.first = first;
+    }
+
+    /// Whether any nodes lie at one position.
+    pub(super) fn is_welded(&self) -> bool {
+        !self.first.is_empty()
+    }
+
+    /// How many nodes lie at one position with others.
+    pub(super) fn welded(&self) -> usize {
+        let mut is_welded = vec![false; self.first.len()];
+        for (node, &first) in self.first.iter().enumerate() {
+            if first as usize != node {
+                is_welded[node] = true;
+                is_welded[first as usize] = true;
+            }
+        }
+        is_welded.into_iter().filter(|welded| *welded).count()
     }
 
     /// The dual cell that a node has a share of.
@@ -413,7 +438,7 @@ impl Duals {
             DVec3::new(xy, yy, yz),
             DVec3::new(xz, yz, zz),
         );
-        (self.first.is_empty() && moments.volume > 0.0).then_some((
+        (!self.is_welded() && moments.volume > 0.0).then_some((
             moments.volume,
             moments.first,
             second,

@@ -14,10 +14,10 @@ use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
 use super::fit::least_squares;
-use super::incidence::{CellsAround, first_of, nodes_of};
+use super::incidence::{first_of, nodes_of};
+use super::local_models::mesh::SampledMesh;
 use super::neighbours::PointIndex;
 use crate::error::Result;
-use crate::io::CellMesh;
 use crate::math::normal_code;
 use crate::scene::{Lattice, Particles, PointVolume, Strength, Values};
 use crate::task::{Task, collect};
@@ -147,27 +147,24 @@ pub(super) fn step_along(
 /// cell (values of nodes) or a node (values of cells): in layers of cells far thinner than wide, the
 /// nearest in space all lie in one direction.
 ///
-/// - `around`, `first`: which cells meet at each position, and of the nodes at one position the first,
-///   for each node; empty where none share any.
-/// - `of_nodes`: whether samples are nodes; cells otherwise.
-/// - `samples`: which, with their `places`; others count for nothing.
-pub(super) fn of_mesh(
-    mesh: &CellMesh,
-    around: &CellsAround,
-    first: &[u32],
-    of_nodes: bool,
-    samples: &[u32],
-    places: impl Fn(usize) -> DVec3,
-    values: &Values,
-) -> Vec<u32> {
-    let count = if of_nodes {
-        mesh.nodes.len()
-    } else {
-        mesh.cell_count()
-    };
-    let mut known = vec![DVec3::NAN; count];
-    for (n, &sample) in samples.iter().enumerate() {
-        known[sample as usize] = places(n);
+/// Of those kernels that are asked for; samples without a kernel count for nothing.
+pub(super) fn of_mesh(samples: &SampledMesh<'_>) -> Vec<u32> {
+    let &SampledMesh {
+        mesh,
+        around,
+        first,
+        of_nodes,
+        kernels,
+        values,
+        ..
+    } = samples;
+    let mut known = vec![DVec3::NAN; values.len()];
+    for (n, &sample) in kernels.kept.iter().enumerate() {
+        // Values belong to nodes, not to the centroids of their dual cells.
+        known[sample as usize] = match of_nodes {
+            true => mesh.nodes[sample as usize],
+            false => kernels.positions[n],
+        };
     }
     let normal = |&sample: &u32| {
         let own = sample as usize;
@@ -185,7 +182,8 @@ pub(super) fn of_mesh(
         };
         normal_code(gradient)
     };
-    samples.par_iter().map(normal).collect()
+    let own = &kernels.kept[samples.own.clone()];
+    own.par_iter().map(normal).collect()
 }
 
 #[cfg(test)]

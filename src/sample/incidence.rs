@@ -10,7 +10,7 @@ pub(super) fn first_of(first: &[u32], node: u32) -> u32 {
 }
 
 /// The nodes of a cell; of a polyhedron once for each face.
-pub(super) fn nodes_of(mesh: &CellMesh, cell: usize) -> impl Iterator<Item = u32> {
+pub(crate) fn nodes_of(mesh: &CellMesh, cell: usize) -> impl Iterator<Item = u32> {
     let entries = mesh.cell(cell);
     let is_polyhedron = mesh.kinds[cell] == CellKind::POLYHEDRON;
     let (plain, faces) = if is_polyhedron {
@@ -24,14 +24,14 @@ pub(super) fn nodes_of(mesh: &CellMesh, cell: usize) -> impl Iterator<Item = u32
 
 /// Which cells meet at each node.
 #[derive(Debug)]
-pub(super) struct CellsAround {
+pub(crate) struct CellsAround {
     /// Where the cells of each node begin in `cells`; one more at the end.
     starts: Vec<usize>,
     cells: Vec<u32>,
 }
 
 impl CellsAround {
-    pub(super) fn new(mesh: &CellMesh, first: &[u32]) -> Self {
+    pub(crate) fn new(mesh: &CellMesh, first: &[u32]) -> Self {
         let each = |visit: &mut dyn FnMut(usize, u32)| {
             let mut last = vec![u32::MAX; mesh.nodes.len()];
             for cell in 0..mesh.cell_count() {
@@ -60,7 +60,7 @@ impl CellsAround {
     }
 
     /// The cells at a node that is the first at its position.
-    pub(super) fn of(&self, node: u32) -> &[u32] {
+    pub(crate) fn of(&self, node: u32) -> &[u32] {
         let node = node as usize;
         &self.cells[self.starts[node]..self.starts[node + 1]]
     }

@@ -6,8 +6,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::left_out::LeftOut;
-use super::{SampleReport, index_u32, narrowed};
+use super::{SampleReport, index_u32, mean_spacing, narrowed};
 use crate::error::Result;
+use crate::math::ExactSum;
 use crate::task::{Stage, Task};
 
 /// One kernel, as the scene stores it.
@@ -51,14 +52,17 @@ pub(super) struct Kernels {
 
 impl Kernels {
     /// Asks `kernel_of` for the kernels of samples 0 to `count`, and reports those without.
+    ///
+    /// - `own`: the samples that the report is of.
     pub(super) fn collect(
         count: usize,
+        own: &Range<usize>,
         report: &mut SampleReport,
         noun: &'static str,
         task: Option<&Task>,
         kernel_of: impl Fn(usize) -> Result<Kernel, LeftOut> + Sync,
     ) -> Result<Self> {
-        Self::collect_runs(count, report, noun, task, |samples, each| {
+        Self::collect_runs(count, own, report, noun, task, |samples, each| {
             for i in samples {
                 each(i, kernel_of(i));
             }
@@ -71,6 +75,7 @@ impl Kernels {
     /// more than there is memory.
     pub(super) fn collect_runs(
         count: usize,
+        own: &Range<usize>,
         report: &mut SampleReport,
         noun: &'static str,
         task: Option<&Task>,
@@ -109,7 +114,8 @@ impl Kernels {
                 });
             });
         stage.check()?;
-        LeftOut::report(report, noun, faults.iter().copied().flatten());
+        let of_own = faults[own.clone()].iter().copied();
+        LeftOut::report(report, noun, of_own.flatten());
         let is_kept = |i: &usize| faults[*i].is_none();
         all.kept = (0..count).filter(is_kept).map(index_u32).collect();
         if all.kept.len() < count {
@@ -122,8 +128,9 @@ impl Kernels {
 
     /// The cube root of their mean volume.
     pub(super) fn mean_spacing(&self) -> f64 {
-        let total: f64 = self.volumes.iter().copied().map(f64::from).sum();
-        (total / self.volumes.len() as f64).cbrt()
+        let mut total = ExactSum::default();
+        self.volumes.iter().for_each(|v| total.add(f64::from(*v)));
+        mean_spacing(total.value(), self.volumes.len())
     }
 }
 

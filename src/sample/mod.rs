@@ -2,6 +2,8 @@
 //! spacing, and cell volumes that add up to the volume of the grid. Splats come with their shapes.
 
 mod cells;
+#[cfg(feature = "cli")]
+mod cells_apart;
 mod convert;
 mod curvilinear;
 mod cut_faces;
@@ -59,10 +61,18 @@ use crate::task::Task;
 
 pub use crate::constants::DEFAULT_KERNEL_WIDTH;
 use crate::constants::FAINT_SHARE;
+#[cfg(feature = "cli")]
+pub(crate) use cells::CellField;
+#[cfg(feature = "cli")]
+pub(crate) use cells_apart::CellsApart;
 pub use convert::{CLOSED_WIDTH, ConversionReport, LEAST_OPACITY, sound_splats, splat_cloud};
 pub use cut_faces::cut_faces;
 pub use discs::discs;
 pub use doubts::doubts;
+#[cfg(feature = "cli")]
+pub(crate) use duals::turned;
+#[cfg(feature = "cli")]
+pub(crate) use incidence::{CellsAround, nodes_of};
 use kernels::Kernels;
 #[cfg(feature = "cli")]
 pub(crate) use lattice::{PlaneValues, lattice_of_planes};
@@ -74,6 +84,8 @@ pub(crate) use points::{
     FITTED_NEIGHBOURS, Fitted, Neighbourhoods, RowsApart, Surrounded, fit_apart, function_apart,
     sample_apart, scalars, without_spacing,
 };
+#[cfg(feature = "cli")]
+pub(crate) use positions::{compare, is_same, sort_by_position};
 #[cfg(feature = "cli")]
 pub(crate) use reach::{Boxes, Leaf, Near, Reach};
 pub use report::{Finding, SampleReport};
@@ -570,14 +582,14 @@ fn in_memory(
 }
 
 /// The field to show and its values, taken out of the data set.
-struct TakenScalar {
-    name: String,
-    association: Association,
-    values: Values,
+pub(crate) struct TakenScalar {
+    pub(crate) name: String,
+    pub(crate) association: Association,
+    pub(crate) values: Values,
 }
 
 /// The scalar of `selector`, or of the default field; moved where the data set stores it.
-fn take_scalar(dataset: &mut Dataset, selector: Option<&str>) -> Result<TakenScalar> {
+pub(crate) fn take_scalar(dataset: &mut Dataset, selector: Option<&str>) -> Result<TakenScalar> {
     let name = match selector {
         Some(name) => name.to_owned(),
         None => default_field(dataset)?,
@@ -614,7 +626,8 @@ fn describes_the_grid(name: &str) -> bool {
     lower == "iblank" || lower.starts_with("vtkghost") || is_number
 }
 
-fn default_field(dataset: &Dataset) -> Result<String> {
+/// The field that is shown where none is named.
+pub(crate) fn default_field(dataset: &Dataset) -> Result<String> {
     let shown = |f: &&Field| !describes_the_grid(&f.name) && !f.is_colour();
     let is_varied = |values: &Values| values.finite_range().is_some_and(|[lo, hi]| lo < hi);
     let varies = |f: &&Field| matches!(&f.source, FieldSource::Scalar(v) if is_varied(v));
@@ -642,7 +655,7 @@ fn default_field(dataset: &Dataset) -> Result<String> {
 }
 
 /// A value per sample, or the error that says so.
-fn check_len(dataset: &Dataset, taken: &TakenScalar, expected: usize) -> Result<()> {
+pub(crate) fn check_len(dataset: &Dataset, taken: &TakenScalar, expected: usize) -> Result<()> {
     if taken.values.len() == expected {
         return Ok(());
     }
@@ -797,7 +810,6 @@ fn classified(
 
 impl SampleOptions {
     /// Whether the boundary of what has one is sharp, whatever the transfer function shows there.
-    #[cfg(feature = "cli")]
     pub(crate) fn is_sharp_anyway(&self) -> bool {
         self.boundary == BoundaryChoice::Sharp
     }

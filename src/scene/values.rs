@@ -152,6 +152,22 @@ impl Values {
         }
     }
 
+    /// Values of the type that [`ValuesIn::type_name`] names so, as far as it has them.
+    #[cfg(feature = "cli")]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "what a type does not have ends at its bounds"
+    )]
+    pub(crate) fn of_type(type_name: &str, values: &[f32]) -> Self {
+        match type_name {
+            "u8" => Self::U8(values.iter().map(|v| *v as u8).collect()),
+            "i16" => Self::I16(values.iter().map(|v| *v as i16).collect()),
+            "u16" => Self::U16(values.iter().map(|v| *v as u16).collect()),
+            _ => Self::F32(values.to_vec()),
+        }
+    }
+
     /// Appends values of the same type; of another none. Where there are none yet these are taken as they are.
     pub(crate) fn append(&mut self, more: Self) {
         if self.is_empty() && self.type_name() == more.type_name() {

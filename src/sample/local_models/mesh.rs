@@ -4,6 +4,8 @@
 //! Offsets are those seen from the kernel, L⁻¹ (x - x_i): there a layer of cells is as thick as wide,
 //! and the gradient and the trace of the second derivatives are Lᵀ g and tr(H V) themselves.
 
+use std::ops::Range;
+
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
@@ -11,7 +13,7 @@ use super::super::incidence::{CellsAround, first_of, nodes_of};
 use super::super::index_u32;
 use super::super::kernels::Kernels;
 use super::quadratic::fit;
-use super::{Range, STAGE, inverse_of, local_model, matrix_of, steepest};
+use super::{Range as ValueRange, STAGE, inverse_of, local_model, matrix_of, steepest};
 use crate::error::Result;
 use crate::io::CellMesh;
 use crate::scene::{LocalModel, Values};
@@ -37,11 +39,13 @@ pub(in crate::sample) struct SampledMesh<'a> {
     /// Whether samples are nodes; cells otherwise.
     pub(in crate::sample) of_nodes: bool,
     pub(in crate::sample) kernels: &'a Kernels,
+    /// Those that are asked for.
+    pub(in crate::sample) own: Range<usize>,
     /// One for each sample, whether it has a kernel or not.
     pub(in crate::sample) values: &'a Values,
 }
 
-/// One model for each kernel; samples without a kernel count for nothing.
+/// One model for each kernel that is asked for; samples without a kernel count for nothing.
 pub(in crate::sample) fn models(
     samples: &SampledMesh<'_>,
     task: Option<&Task>,
@@ -65,7 +69,8 @@ pub(in crate::sample) fn models(
         kernel => kernels.positions[kernel as usize],
     };
     let value = |sample: u32| f64::from(values.get(sample as usize));
-    let model = |kernel: usize| {
+    let model = |n: usize| {
+        let kernel = samples.own.start + n;
         let sample = kernels.kept[kernel];
         let factor = matrix_of(kernels.factors[kernel]);
         let (to_local, factor) = match inverse_of(factor) {
@@ -97,7 +102,7 @@ pub(in crate::sample) fn models(
             steepest(factor, fitted.distance),
         )
     };
-    collect(task, STAGE, kernels.kept.len(), model)
+    collect(task, STAGE, samples.own.len(), model)
 }
 
 impl SampledMesh<'_> {
@@ -125,28 +130,28 @@ impl SampledMesh<'_> {
     }
 
     /// The values of each sample's two rings: from samples to what they share and back, twice.
-    fn ranges(&self, kernel_of: &[u32]) -> Vec<Range> {
+    fn ranges(&self, kernel_of: &[u32]) -> Vec<ValueRange> {
         let mesh = self.mesh;
-        let of_cells = |nodes: &[Range]| -> Vec<Range> {
+        let of_cells = |nodes: &[ValueRange]| -> Vec<ValueRange> {
             let range = |cell| {
                 let ranges = nodes_of(mesh, cell).map(|n| nodes[n as usize]);
-                ranges.fold(Range::EMPTY, Range::and)
+                ranges.fold(ValueRange::EMPTY, ValueRange::and)
             };
             (0..mesh.cell_count()).into_par_iter().map(range).collect()
         };
-        let of_nodes = |cells: &[Range]| -> Vec<Range> {
+        let of_nodes = |cells: &[ValueRange]| -> Vec<ValueRange> {
             let range = |node| {
                 let around = self.around.of(first_of(self.first, index_u32(node)));
                 let ranges = around.iter().map(|&c| cells[c as usize]);
-                ranges.fold(Range::EMPTY, Range::and)
+                ranges.fold(ValueRange::EMPTY, ValueRange::and)
             };
             (0..mesh.nodes.len()).into_par_iter().map(range).collect()
         };
         let own = |(sample, &kernel): (usize, &u32)| match kernel {
-            NONE => Range::EMPTY,
-            _ => Range::of(self.values.get(sample)),
+            NONE => ValueRange::EMPTY,
+            _ => ValueRange::of(self.values.get(sample)),
         };
-        let own: Vec<Range> = kernel_of.iter().enumerate().map(own).collect();
+        let own: Vec<ValueRange> = kernel_of.iter().enumerate().map(own).collect();
         if self.of_nodes {
             of_nodes(&of_cells(&of_nodes(&of_cells(&own))))
         } else {
@@ -290,6 +295,7 @@ mod tests {
             first: &[],
             of_nodes,
             kernels: &kernels,
+            own: 0..kernels.kept.len(),
             values: &values,
         };
         let models = models(&of_mesh, None).unwrap();

@@ -1,0 +1,154 @@
+//! Some cells of a mesh with their nodes and a field, on their way from one rank to another.
+
+use std::path::Path;
+
+use super::message::{put, take, unknown};
+use crate::error::Result;
+use crate::io::{Association, CellKind, CellMesh, check_cells, renumber};
+use crate::sample::nodes_of;
+use crate::scene::Values;
+
+/// Cells, their nodes, and the values of either.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Patch {
+    pub(super) mesh: CellMesh,
+    /// 1 for each node, and for each cell, that is hidden.
+    pub(super) hidden_nodes: Vec<u8>,
+    pub(super) hidden_cells: Vec<u8>,
+    pub(super) association: Association,
+    pub(super) values: Values,
+}
+
+impl Patch {
+    /// Nothing, with a field as another has it.
+    pub(super) fn none_of(other: &Self) -> Self {
+        Self {
+            mesh: CellMesh {
+                offsets: vec![0],
+                ..CellMesh::default()
+            },
+            hidden_nodes: Vec::new(),
+            hidden_cells: Vec::new(),
+            association: other.association,
+            values: Values::of_type(other.values.type_name(), &[]),
+        }
+    }
+
+    /// Some nodes and some cells.
+    ///
+    /// - `number`: what a node is called there.
+    pub(super) fn some(&self, nodes: &[u32], cells: &[u32], number: impl Fn(u32) -> u32) -> Self {
+        let mut some = Self::none_of(self);
+        let own = &self.mesh;
+        let of = |all: &[u8], some: &[u32]| some.iter().map(|&i| all[i as usize]).collect();
+        some.hidden_nodes = of(&self.hidden_nodes, nodes);
+        some.hidden_cells = of(&self.hidden_cells, cells);
+        some.values = self.values.gather(match self.association {
+            Association::Nodes => nodes,
+            Association::Cells => cells,
+        });
+        let mesh = &mut some.mesh;
+        mesh.nodes = nodes.iter().map(|&i| own.nodes[i as usize]).collect();
+        for &cell in cells {
+            let kind = own.kinds[cell as usize];
+            let start = mesh.connectivity.len();
+            mesh.connectivity.extend(own.cell(cell as usize));
+            renumber(kind, &mut mesh.connectivity[start..], &number);
+            mesh.kinds.push(kind);
+            mesh.offsets.push(mesh.connectivity.len() as u32);
+        }
+        some
+    }
+
+    /// Some cells and their nodes, and which nodes these are.
+    pub(super) fn of_cells(&self, cells: &[u32]) -> (Self, Vec<u32>) {
+        let of_cell = |&cell: &u32| nodes_of(&self.mesh, cell as usize);
+        let mut nodes: Vec<u32> = cells.iter().flat_map(of_cell).collect();
+        nodes.sort_unstable();
+        nodes.dedup();
+        let number = |node: u32| nodes.partition_point(|&other| other < node) as u32;
+        (self.some(&nodes, cells, number), nodes)
+    }
+
+    /// Adds what follows.
+    ///
+    /// - `shift`: what is added to the numbers of its nodes.
+    pub(super) fn append(&mut self, mut other: Self, shift: u32) {
+        let CellMesh {
+            nodes,
+            kinds,
+            offsets,
+            connectivity,
+        } = &mut other.mesh;
+        let first = self.mesh.connectivity.len() as u32;
+        for (i, &kind) in kinds.iter().enumerate().filter(|_| shift > 0) {
+            let cell = offsets[i] as usize..offsets[i + 1] as usize;
+            renumber(kind, &mut connectivity[cell], |node| node + shift);
+        }
+        self.mesh.nodes.append(nodes);
+        self.mesh.kinds.append(kinds);
+        let ends = offsets.iter().skip(1);
+        self.mesh.offsets.extend(ends.map(|end| end + first));
+        self.mesh.connectivity.append(connectivity);
+        self.hidden_nodes.append(&mut other.hidden_nodes);
+        self.hidden_cells.append(&mut other.hidden_cells);
+        self.values.append(other.values);
+    }
+
+    pub(super) fn put(&self, bytes: &mut Vec<u8>) {
+        let kinds: Vec<u8> = self.mesh.kinds.iter().map(|kind| kind.0).collect();
+        put(bytes, &self.mesh.nodes);
+        put(bytes, &kinds);
+        put(bytes, &self.mesh.offsets);
+        put(bytes, &self.mesh.connectivity);
+        put(bytes, &self.hidden_nodes);
+        put(bytes, &self.hidden_cells);
+        match &self.values {
+            Values::U8(values) => put(bytes, values),
+            Values::I16(values) => put(bytes, values),
+            Values::U16(values) => put(bytes, values),
+            Values::F32(values) => put(bytes, values),
+        }
+    }
+
+    /// What [`Self::put`] has put there.
+    ///
+    /// - `alike`: one with a field of the same type.
+    ///
+    /// # Errors
+    /// Cells that no rank of this program sends.
+    pub(super) fn take(bytes: &mut &[u8], alike: &Self) -> Result<Self> {
+        let nodes = take(bytes)?;
+        let kinds: Vec<u8> = take(bytes)?;
+        let mesh = CellMesh {
+            nodes,
+            kinds: kinds.into_iter().map(CellKind).collect(),
+            offsets: take(bytes)?,
+            connectivity: take(bytes)?,
+        };
+        let patch = Self {
+            mesh,
+            hidden_nodes: take(bytes)?,
+            hidden_cells: take(bytes)?,
+            association: alike.association,
+            values: match &alike.values {
+                Values::U8(_) => Values::U8(take(bytes)?),
+                Values::I16(_) => Values::I16(take(bytes)?),
+                Values::U16(_) => Values::U16(take(bytes)?),
+                Values::F32(_) => Values::F32(take(bytes)?),
+            },
+        };
+        let counts = [
+            patch.hidden_nodes.len(),
+            patch.hidden_cells.len(),
+            patch.values.len(),
+        ];
+        let count = |association| patch.mesh.count_of(association);
+        let expected = [Association::Nodes, Association::Cells, alike.association].map(count);
+        if counts != expected {
+            return Err(unknown("another number of values than of nodes or cells"));
+        }
+        check_cells(Path::new("message"), &patch.mesh)?;
+        Ok(patch)
+    }
+}

@@ -1,0 +1,498 @@
+//! An unstructured grid in pieces, of which each rank reads some.
+
+use glam::DVec3;
+
+use super::message::unknown;
+use super::patch::Patch;
+use super::planes::joined;
+use super::ranks::Ranks;
+use super::rings::Rings;
+use super::share::Share;
+use super::shown::{found_by_all, models_of_all, show};
+use crate::error::Result;
+use crate::io::{
+    ArrayKey, ArraysSeen, Association, Blanking, CellMesh, Dataset, Field, FieldSource, Geometry,
+    VtuPieces, is_of_higher_order,
+};
+use crate::math::ExactSum;
+use crate::prepared::Found;
+use crate::sample::{
+    CellField, CellsApart, SampleOptions, SampleReport, check_len, default_field, take_scalar,
+    turned,
+};
+use crate::scene::Values;
+
+/// What ranks made of a file, each of a part.
+pub(crate) struct PiecesRead {
+    /// This rank's.
+    pub(crate) share: Share,
+    /// Of all pieces.
+    pub(crate) report: SampleReport,
+    /// What all pieces have: their fields, without nodes and cells but for two corners.
+    pub(crate) head: Dataset,
+    /// The least and the greatest coordinates of all; `None` where none is finite.
+    pub(crate) corners: Option<(DVec3, DVec3)>,
+}
+
+/// What a rank says of its pieces: which arrays of nodes and of cells they have ([`ArraysSeen`]), and whether they have any
+/// solid cells, or any of higher order.
+type Told = ([(usize, Vec<(ArrayKey, usize)>); 2], [bool; 2]);
+
+/// Reads this rank's pieces and makes particles of them: those that [`sample::volume`](crate::sample::volume) makes of the
+/// whole grid. `None` where these are made otherwise: of surfaces and points, of cells of higher order, and where a boundary
+/// may be sharp, which is so of meshes alone whose nodes all lie apart.
+///
+/// # Errors
+/// What reading or sampling says, on any rank; nothing that can be drawn; a rank that is gone.
+pub(crate) fn read_pieces(
+    file: &VtuPieces,
+    options: &SampleOptions,
+    ranks: &mut Ranks,
+) -> Result<Option<PiecesRead>> {
+    if options.flatten.is_some() || options.shepard_passes > 0 || options.keeps_value_sample {
+        return Ok(None);
+    }
+    let own = file.read(file.part(ranks.rank(), ranks.size()));
+    let own = ranks.agree(own)?;
+    let seen = own.seen.clone().map(|seen| (seen.parts, seen.arrays));
+    let told: Told = (seen, own.meshes().fold([false; 2], kinds_of));
+    let (seen, [is_solid, is_higher]) = seen_by_all(&told, ranks)?;
+    if !is_solid || is_higher {
+        return Ok(None);
+    }
+    let dataset = own.dataset(file.path(), &seen);
+    let dataset = ranks.agree(dataset)?;
+    let head = head_of(&dataset, ranks)?;
+    let field = match &options.field {
+        Some(field) => field.clone(),
+        None => default_field(&head)?,
+    };
+    let corners = dataset.bounds();
+    let own = ranks.agree(patch_of(dataset, &field))?;
+    let counts = turned(&own.mesh).into_iter().flatten();
+    let counts = ranks.sums(Ok(counts.map(|count| count as u64).collect()))?;
+    let turned: Vec<[usize; 2]> = counts
+        .chunks_exact(2)
+        .map(|pair| [pair[0] as usize, pair[1] as usize])
+        .collect();
+    // Kernels look at the cells around a sample; normals at which of these cells' samples have kernels, too; local models at
+    // the neighbours of these.
+    let rings = match (options.local_models, options.normals) {
+        (true, _) => 3,
+        (false, true) => 2,
+        (false, false) => 1,
+    };
+    let rings = Rings::around(own, rings, ranks);
+    let rings = ranks.agree(rings)?;
+    let of_nodes = rings.patch.association == Association::Nodes;
+    let welded = rings.welded;
+    let is_sharp = options.is_sharp() && of_nodes;
+    if is_sharp && ranks.sums(Ok(vec![welded as u64]))? == [0] {
+        return Ok(None);
+    }
+    let mut volume_sum = ExactSum::default();
+    let sampled = sampled(rings, &turned, options, &mut volume_sum);
+    let CellsApart {
+        mut volume,
+        models,
+        mut report,
+    } = ranks.agree(sampled)?;
+    if is_sharp {
+        report.note_welded(welded, options);
+    }
+    let count = report.particle_count as u64;
+    let counts = ranks.gather_records(Ok(vec![count]))?.concat();
+    let before: u64 = counts[..ranks.rank()].iter().sum();
+    let found = Found {
+        report: SampleReport {
+            field: Some(field),
+            ..report
+        },
+        corners,
+        volume_sum,
+    };
+    let (mut found, spacing) = found_by_all(&found, &head, file.path(), options, ranks)?;
+    let count = found.report.particle_count;
+    let picked = CellsApart::picked(&volume, before as usize, count);
+    let shown = (&mut found, spacing);
+    show(&mut volume, picked, count, shown, options, ranks)?;
+    if let Some(models) = models {
+        volume.local_models = Some(models_of_all(&models, ranks)?);
+    }
+    let corners = found.corners.into_iter();
+    let geometry = Geometry::Cells(CellMesh {
+        nodes: corners.flat_map(|(a, b)| [a, b]).collect(),
+        ..CellMesh::default()
+    });
+    Ok(Some(PiecesRead {
+        share: Share::from(vec![volume]),
+        report: found.report,
+        head: Dataset { geometry, ..head },
+        corners: found.corners,
+    }))
+}
+
+fn kinds_of([is_solid, is_higher]: [bool; 2], mesh: &CellMesh) -> [bool; 2] {
+    let has_solid = mesh.kinds.iter().any(|kind| kind.is_solid());
+    [is_solid | has_solid, is_higher | is_of_higher_order(mesh)]
+}
+
+/// The arrays that the pieces of all ranks have, and whether any has solid cells, or such of higher order.
+fn seen_by_all(own: &Told, ranks: &mut Ranks) -> Result<([ArraysSeen; 2], [bool; 2])> {
+    // Words and numbers.
+    let part = serde_json::to_vec(own).unwrap_or_default();
+    let mut all: [ArraysSeen; 2] = Default::default();
+    let mut has = [false; 2];
+    for part in ranks.gather_to_all(Ok(part))? {
+        let told = serde_json::from_slice(&part).map_err(|e| unknown(&e.to_string()));
+        let (seen, own): Told = told?;
+        for (all, (parts, arrays)) in all.iter_mut().zip(seen) {
+            all.add(ArraysSeen { parts, arrays });
+        }
+        has = [0, 1].map(|i| has[i] | own[i]);
+    }
+    Ok((all, has))
+}
+
+/// The fields of all ranks, of each component the least and the greatest value alone, without nodes and cells: what a field
+/// is chosen by, and what is known of it.
+fn head_of(own: &Dataset, ranks: &mut Ranks) -> Result<Dataset> {
+    let range = |values: &Values| {
+        let range = values.finite_range();
+        range.unwrap_or([f32::INFINITY, f32::NEG_INFINITY])
+    };
+    let of_field = |field: &Field| -> Vec<[f32; 2]> {
+        match &field.source {
+            FieldSource::Scalar(values) => vec![range(values)],
+            FieldSource::Vector(components) => components.iter().map(range).collect(),
+            FieldSource::Derived(_) => Vec::new(),
+        }
+    };
+    let all = ranks.gather_records(Ok(own.fields.iter().flat_map(of_field).collect()))?;
+    let mut n = 0..;
+    let mut head = |values: &Values| {
+        let place = n.next().unwrap_or(usize::MAX);
+        let of_ranks = all.iter().filter_map(|ranges| ranges.get(place).copied());
+        let range = of_ranks
+            .filter(|[lo, hi]| lo <= hi)
+            .map(Some)
+            .fold(None, joined);
+        Values::of_type(
+            values.type_name(),
+            &range.map_or(Vec::new(), |r| r.to_vec()),
+        )
+    };
+    let fields = own.fields.iter().map(|field| Field {
+        name: field.name.clone(),
+        association: field.association,
+        source: match &field.source {
+            FieldSource::Scalar(values) => FieldSource::Scalar(head(values)),
+            FieldSource::Vector(components) => {
+                FieldSource::Vector(components.iter().map(&mut head).collect())
+            }
+            FieldSource::Derived(derive) => FieldSource::Derived(*derive),
+        },
+        unit: field.unit.clone(),
+    });
+    let geometry = Geometry::Cells(CellMesh::default());
+    Ok(Dataset {
+        notes: own.notes.clone(),
+        ..Dataset::new(&own.path, own.format, geometry, fields.collect())
+    })
+}
+
+/// This rank's cells with the field that is shown.
+fn patch_of(mut dataset: Dataset, field: &str) -> Result<Patch> {
+    let blanking = Blanking::of(&dataset)?;
+    let taken = take_scalar(&mut dataset, Some(field))?;
+    let Geometry::Cells(mesh) = &mut dataset.geometry else {
+        unreachable!("pieces of an unstructured grid are cells")
+    };
+    let mesh = std::mem::take(mesh);
+    check_len(&dataset, &taken, mesh.count_of(taken.association))?;
+    Ok(Patch {
+        hidden_nodes: (0..mesh.nodes.len())
+            .map(|i| blanking.node(i).into())
+            .collect(),
+        hidden_cells: (0..mesh.cell_count())
+            .map(|i| blanking.cell(i).into())
+            .collect(),
+        mesh,
+        association: taken.association,
+        values: taken.values,
+    })
+}
+
+/// The particles of a rank's own nodes or cells.
+fn sampled(
+    rings: Rings,
+    turned: &[[usize; 2]],
+    options: &SampleOptions,
+    volume_sum: &mut ExactSum,
+) -> Result<CellsApart> {
+    let Rings {
+        patch,
+        nodes,
+        cells,
+        ..
+    } = rings;
+    let blanking = Blanking::of_masks(
+        patch.hidden_nodes.iter().map(|own| *own != 0).collect(),
+        patch.hidden_cells.iter().map(|own| *own != 0).collect(),
+    );
+    let field = CellField {
+        mesh: &patch.mesh,
+        blanking: &blanking,
+        association: patch.association,
+        values: &patch.values,
+        nodes,
+        cells,
+    };
+    field.apart(turned, options, volume_sum)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fmt::Write as _;
+    use std::path::{Path, PathBuf};
+
+    use super::super::ThreadRank;
+    use super::super::shown::check_parts;
+    use super::*;
+    use crate::io::{CellKind, OpenOptions, open};
+    use crate::sample::{BoundaryChoice, Sampled, TransferChoice, volume};
+
+    const CELLS: [usize; 3] = [11, 7, 6];
+
+    /// Six tetrahedra around a cube's diagonal, by its corners x fastest.
+    const TETRAHEDRA: [[usize; 4]; 6] = [
+        [0, 1, 3, 7],
+        [0, 2, 6, 7],
+        [0, 4, 5, 7],
+        [0, 5, 1, 7],
+        [0, 3, 2, 7],
+        [0, 6, 4, 7],
+    ];
+
+    /// A number from -1 to 1 for each.
+    fn noise(n: usize) -> f64 {
+        let hashed = (n as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        let hashed = (hashed ^ (hashed >> 31)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        ((hashed ^ (hashed >> 29)) >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    }
+
+    /// A piece of a mesh, and the numbers of its nodes in the lattice that it is made of.
+    #[derive(Default)]
+    struct Piece {
+        nodes: Vec<usize>,
+        cells: Vec<(CellKind, Vec<usize>)>,
+    }
+
+    impl Piece {
+        fn add(&mut self, kind: CellKind, corners: &[usize]) {
+            let place = |&node: &usize| {
+                let known = self.nodes.iter().position(|own| *own == node);
+                known.unwrap_or_else(|| {
+                    self.nodes.push(node);
+                    self.nodes.len() - 1
+                })
+            };
+            let entries = corners.iter().map(place).collect();
+            self.cells.push((kind, entries));
+        }
+
+        fn write(&self, n: usize, path: &Path, place: impl Fn(usize) -> DVec3) {
+            let is_second = n == 1;
+            let (mut points, mut heat, mut flow) = (String::new(), String::new(), String::new());
+            for &node in &self.nodes {
+                let p = place(node);
+                writeln!(points, "{:?} {:?} {:?}", p.x, p.y, p.z).unwrap();
+                let value = (p.x * 0.7).sin() + 0.3 * p.y * p.z - 0.01 * n as f64;
+                // Some are left out, so that others have fewer neighbours.
+                let value = if node % 41 == 5 { f64::NAN } else { value };
+                writeln!(heat, "{value}").unwrap();
+                writeln!(flow, "{} {} 0", p.y, -p.x).unwrap();
+            }
+            let [mut kinds, mut ends, mut entries, mut ghosts, mut load] =
+                [(); 5].map(|()| String::new());
+            let mut end = 0;
+            for (i, (kind, cell)) in self.cells.iter().enumerate() {
+                end += cell.len();
+                write!(kinds, "{} ", kind.0).unwrap();
+                write!(ends, "{end} ").unwrap();
+                cell.iter().for_each(|n| write!(entries, "{n} ").unwrap());
+                write!(ghosts, "{} ", u8::from(is_second && i % 19 == 3) * 32).unwrap();
+                write!(load, "{} ", (i * 7 + n) % 23).unwrap();
+            }
+            let array = |name: &str, kind: &str, more: &str, body: &str| {
+                format!(
+                    r#"<DataArray type="{kind}" Name="{name}" {more} format="ascii">{body}</DataArray>"#
+                )
+            };
+            let own = if is_second {
+                array("only_here", "Float32", "", &heat)
+            } else {
+                String::new()
+            };
+            let text = format!(
+                r#"<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian"><UnstructuredGrid>
+<Piece NumberOfPoints="{}" NumberOfCells="{}"><PointData>{own}{}{}</PointData><CellData>{}{}</CellData>
+<Points>{}</Points><Cells>{}{}{}</Cells></Piece></UnstructuredGrid></VTKFile>"#,
+                self.nodes.len(),
+                self.cells.len(),
+                array("flow", "Float32", r#"NumberOfComponents="3""#, &flow),
+                array("heat", "Float32", "", &heat),
+                array("vtkGhostType", "UInt8", "", &ghosts),
+                array("load", "UInt8", "", &load),
+                array("Points", "Float64", r#"NumberOfComponents="3""#, &points),
+                array("connectivity", "Int64", "", &entries),
+                array("offsets", "Int64", "", &ends),
+                array("types", "UInt8", "", &kinds),
+            );
+            std::fs::write(path, text).unwrap();
+        }
+    }
+
+    /// A block of hexahedra and tetrahedra in pieces whose borders are no planes, one of them empty.
+    ///
+    /// - `gap`: how far each piece lies from the one before.
+    fn write(folder: &Path, gap: f64) -> PathBuf {
+        let mut pieces: Vec<Piece> = (0..7).map(|_| Piece::default()).collect();
+        let [x, y, z] = CELLS;
+        let node = |i: usize, j: usize, k: usize| i + (x + 1) * (j + (y + 1) * k);
+        for n in 0..x * y * z {
+            let [i, j, k] = [n % x, n / x % y, n / (x * y)];
+            let corners: [usize; 8] =
+                std::array::from_fn(|c| node(i + (c & 1), j + (c >> 1 & 1), k + (c >> 2)));
+            // Slabs with teeth, and a crumb within others.
+            let own = match (i + (j + k) % 2) / 3 {
+                _ if (i, j, k) == (5, 3, 3) => 5,
+                3 => 6,
+                slab => slab,
+            };
+            if (i + j * k) % 4 == 0 {
+                for t in TETRAHEDRA {
+                    pieces[own].add(CellKind::TETRA, &t.map(|c| corners[c]));
+                }
+            } else {
+                pieces[own].add(CellKind::VOXEL, &corners);
+            }
+        }
+        // A node of no cell, and one that lies nowhere with the cells around it.
+        pieces[1].nodes.push(node(0, 0, 0));
+        let nowhere = node(8, 2, 2);
+        let mut index = String::from(
+            r#"<VTKFile type="PUnstructuredGrid" version="1.0"><PUnstructuredGrid GhostLevel="0">"#,
+        );
+        for (n, piece) in pieces.iter().enumerate() {
+            let place = |node: usize| {
+                let at = [
+                    node % (x + 1),
+                    node / (x + 1) % (y + 1),
+                    node / ((x + 1) * (y + 1)),
+                ];
+                let own = DVec3::from([0, 1, 2].map(|d| at[d] as f64 + 0.2 * noise(3 * node + d)));
+                // Of pieces that meet, -0 and 0 are one.
+                let own = if node == 0 {
+                    DVec3::splat(if n == 0 { -0.0 } else { 0.0 })
+                } else {
+                    own
+                };
+                if node == nowhere {
+                    DVec3::NAN
+                } else {
+                    own + DVec3::X * (gap * n as f64)
+                }
+            };
+            piece.write(n, &folder.join(format!("{n}.vtu")), place);
+            write!(index, r#"<Piece Source="{n}.vtu"/>"#).unwrap();
+        }
+        index += "</PUnstructuredGrid></VTKFile>";
+        let path = folder.join("all.pvtu");
+        std::fs::write(&path, index).unwrap();
+        path
+    }
+
+    fn check(path: &Path, options: &SampleOptions, sizes: &[usize]) -> Sampled {
+        let dataset = open(path, &OpenOptions::default()).unwrap();
+        let (corners, notes) = (dataset.bounds(), dataset.notes.clone());
+        let whole = volume(dataset, options).unwrap();
+        for &size in sizes {
+            check_parts(&whole, size, |ranks| {
+                let file = VtuPieces::open(path).unwrap().unwrap();
+                let own = read_pieces(&file, options, ranks).unwrap().unwrap();
+                assert_eq!((own.corners, &own.head.notes), (corners, &notes));
+                (own.share, own.report)
+            });
+        }
+        whole
+    }
+
+    #[test]
+    fn pieces_that_ranks_read_are_sampled_as_the_whole() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = write(folder.path(), 0.0);
+        let plain = SampleOptions {
+            boundary: BoundaryChoice::Automatic,
+            ..SampleOptions::default()
+        };
+        let found = check(&path, &plain, &[1, 2, 3, 4, 7, 9]);
+        assert_eq!(found.report.field.as_deref(), Some("heat"));
+        assert!(found.volume.boundary.is_none() && found.volume.local_models.is_some());
+        assert!(found.report.left_out_count() > 10);
+        let lit = SampleOptions {
+            field: Some("load".into()),
+            normals: true,
+            transfer: TransferChoice::Named("plasma".into()),
+            unit_distance: Some(0.4),
+            ..plain.clone()
+        };
+        let found = check(&path, &lit, &[2, 3, 7]);
+        assert!(found.volume.normals.is_some());
+        let lit = SampleOptions {
+            field: Some("flow:y".into()),
+            local_models: false,
+            boundary: BoundaryChoice::Sharp,
+            ..lit
+        };
+        let found = check(&path, &lit, &[3]);
+        let is_welded = |f: &crate::sample::Finding| f.reason.contains("welded") && f.count > 100;
+        assert!(found.report.findings.iter().any(is_welded));
+        let bare = SampleOptions {
+            field: Some("load".into()),
+            local_models: false,
+            for_columns: true,
+            boundary: BoundaryChoice::Sharp,
+            ..plain
+        };
+        check(&path, &bare, &[4]);
+    }
+
+    #[test]
+    fn what_may_end_sharply_is_left_to_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = write(folder.path(), 100.0);
+        let read = |options: &SampleOptions| {
+            let file = VtuPieces::open(&path).unwrap().unwrap();
+            let own = ThreadRank::group(1).swap_remove(0);
+            let mut ranks = Ranks::new(Box::new(own));
+            read_pieces(&file, options, &mut ranks).unwrap().is_some()
+        };
+        let automatic = SampleOptions {
+            boundary: BoundaryChoice::Automatic,
+            ..SampleOptions::default()
+        };
+        assert!(!read(&automatic));
+        let soft = SampleOptions {
+            boundary: BoundaryChoice::Soft,
+            ..automatic.clone()
+        };
+        check(&path, &soft, &[2, 5]);
+        // Values of cells have no boundary.
+        let of_cells = SampleOptions {
+            field: Some("load".into()),
+            ..automatic
+        };
+        check(&path, &of_cells, &[3]);
+    }
+}

@@ -1,0 +1,218 @@
+//! Cells of other ranks that meet this rank's, and those that meet these.
+//!
+//! Nodes at one position are one, whichever rank has them. Around its nodes a rank asks for the cells of others; around the
+//! nodes of these for theirs, and so on, ring after ring. What the cells, the nodes and the values of a mesh say within so many
+//! rings around a rank's own is then what they say in the whole mesh, in the same order.
+
+use std::collections::HashSet;
+use std::ops::Range;
+
+use glam::DVec3;
+
+use super::message::{put, take, unknown};
+use super::patch::Patch;
+use super::ranks::Ranks;
+use crate::blocks::Peers;
+use crate::error::Result;
+use crate::sample::{CellsAround, compare, is_same, sort_by_position};
+
+/// A rank's cells among those around them, in the order of the whole mesh.
+pub(super) struct Rings {
+    pub(super) patch: Patch,
+    /// The rank's own.
+    pub(super) nodes: Range<usize>,
+    pub(super) cells: Range<usize>,
+    /// How many of its nodes lie where others do, of whichever rank.
+    pub(super) welded: usize,
+}
+
+/// Cells of other ranks.
+struct Others {
+    /// Their places in the whole mesh, some more than once.
+    nodes: Vec<u64>,
+    cells: Vec<u64>,
+    patch: Patch,
+}
+
+/// A rank's own nodes by their positions.
+struct Places<'a> {
+    nodes: &'a [DVec3],
+    order: Vec<u32>,
+}
+
+impl<'a> Places<'a> {
+    fn of(nodes: &'a [DVec3]) -> Self {
+        let finite = (0..).zip(nodes).filter(|(_, p)| p.is_finite());
+        let mut order: Vec<u32> = finite.map(|(i, _)| i).collect();
+        sort_by_position(nodes, &mut order);
+        Self { nodes, order }
+    }
+
+    fn at(&self, place: DVec3) -> &[u32] {
+        let is_before = |&i: &u32| compare(self.nodes[i as usize], place).is_lt();
+        let rest = &self.order[self.order.partition_point(is_before)..];
+        let is_there = |&i: &u32| is_same(self.nodes[i as usize], place);
+        &rest[..rest.partition_point(is_there)]
+    }
+
+    /// Those that lie where others of them do.
+    fn shared(&self) -> HashSet<u32> {
+        let is_one = |a: &u32, b: &u32| is_same(self.nodes[*a as usize], self.nodes[*b as usize]);
+        let groups = self.order.chunk_by(is_one).filter(|group| group.len() > 1);
+        groups.flatten().copied().collect()
+    }
+}
+
+impl Rings {
+    /// Finds the rings around a rank's cells.
+    ///
+    /// - `own`: with numbers after those of the ranks before.
+    /// - `count`: of rings.
+    ///
+    /// # Errors
+    /// More nodes or entries of cells than 32 bits count; a rank that is gone.
+    pub(super) fn around(own: Patch, count: usize, ranks: &mut Ranks) -> Result<Self> {
+        let (rank, size) = (ranks.rank(), ranks.size());
+        let counts = [own.mesh.nodes.len(), own.mesh.cell_count()].map(|n| n as u64);
+        let counts = ranks.gather_records(Ok(counts.to_vec()))?;
+        let before = |n: usize| {
+            let of_rank = |counts: &Vec<u64>| counts.get(n).copied().unwrap_or(0);
+            counts[..rank].iter().map(of_rank).sum::<u64>()
+        };
+        let first = [before(0), before(1)];
+        let places = Places::of(&own.mesh.nodes);
+        let mut welded = places.shared();
+        let around = CellsAround::new(&own.mesh, &[]);
+        let finite = || own.mesh.nodes.iter().filter(|p| p.is_finite());
+        let none = [DVec3::INFINITY, DVec3::NEG_INFINITY];
+        let bounds = finite().fold(none, |[a, b], p| [a.min(*p), b.max(*p)]);
+        let boxes = ranks.gather_records(Ok(bounds.to_vec()))?;
+        let is_within = |p: DVec3, other: usize| match boxes[other][..] {
+            [low, high] => other != rank && p.cmpge(low).all() && p.cmple(high).all(),
+            _ => false,
+        };
+        let mut others = Others {
+            nodes: Vec::new(),
+            cells: Vec::new(),
+            patch: Patch::none_of(&own),
+        };
+        let mut asked = HashSet::new();
+        let mut sent = vec![HashSet::new(); size];
+        let mut frontier: Vec<DVec3> = finite().copied().collect();
+        for ring in 0..count {
+            frontier.retain(|&p| (0..size).any(|other| is_within(p, other)));
+            // + 0 makes -0 and 0 one.
+            frontier.retain(|p| asked.insert((p + DVec3::ZERO).to_array().map(f64::to_bits)));
+            let of_rank = |other| {
+                let there = frontier.iter().filter(|p| is_within(**p, other));
+                there.copied().collect::<Vec<DVec3>>()
+            };
+            let asks = (0..size).map(of_rank).collect();
+            let peers: &mut dyn Peers = ranks;
+            let theirs = peers.exchange_records(Ok(asks))?;
+            if ring == 0 {
+                // All nodes of others that lie where any of these does.
+                welded.extend(theirs.iter().flatten().flat_map(|&p| places.at(p)));
+            }
+            let answer = |(asked, sent): (&Vec<DVec3>, &mut HashSet<u32>)| {
+                let found = asked.iter().flat_map(|&p| places.at(p));
+                let cells = found.flat_map(|&node| around.of(node)).copied();
+                let mut cells: Vec<u32> = cells.filter(|&cell| sent.insert(cell)).collect();
+                cells.sort_unstable();
+                let (patch, nodes) = own.of_cells(&cells);
+                let numbers = |of: &[u32], first: u64| -> Vec<u64> {
+                    of.iter().map(|&i| first + u64::from(i)).collect()
+                };
+                let mut bytes = Vec::new();
+                put(&mut bytes, &numbers(&nodes, first[0]));
+                put(&mut bytes, &numbers(&cells, first[1]));
+                if !cells.is_empty() {
+                    patch.put(&mut bytes);
+                }
+                bytes
+            };
+            let answers = theirs.iter().zip(&mut sent).map(answer).collect();
+            let answers = ranks.exchange(Ok(answers))?;
+            frontier.clear();
+            let mut answers = answers.iter();
+            let heard = answers.try_for_each(|part| others.hear(part, &own, &mut frontier));
+            ranks.agree(heard)?;
+        }
+        drop((places, around, sent, asked));
+        Self::joined(own, first, others, welded.len())
+    }
+
+    fn joined(mut own: Patch, first: [u64; 2], others: Others, welded: usize) -> Result<Self> {
+        let [of_nodes, of_cells] = [&others.nodes, &others.cells].map(|numbers| {
+            let mut order: Vec<u32> = (0..numbers.len() as u32).collect();
+            order.sort_unstable_by_key(|&i| numbers[i as usize]);
+            order.dedup_by_key(|i| numbers[*i as usize]);
+            order
+        });
+        let below = of_nodes.partition_point(|&i| others.nodes[i as usize] < first[0]);
+        let cells_below = of_cells.partition_point(|&i| others.cells[i as usize] < first[1]);
+        let (node_count, cell_count) = (own.mesh.nodes.len(), own.mesh.cell_count());
+        // Where each of the others' nodes lies among all.
+        let mut place_of = vec![0; others.nodes.len()];
+        let number = |i: u32| others.nodes[i as usize];
+        for (i, place) in place_of.iter_mut().enumerate() {
+            let among = of_nodes.partition_point(|&other| number(other) < others.nodes[i]);
+            *place = (if among < below {
+                among
+            } else {
+                among + node_count
+            }) as u32;
+        }
+        let entries = |patch: &Patch| patch.mesh.connectivity.len();
+        check_fits(of_nodes.len() + node_count)?;
+        check_fits(entries(&own) + entries(&others.patch))?;
+        let of_place = |i: u32| place_of[i as usize];
+        let some = |nodes, cells| others.patch.some(nodes, cells, of_place);
+        let mut patch = some(&of_nodes[..below], &of_cells[..cells_below]);
+        let after = some(&of_nodes[below..], &of_cells[cells_below..]);
+        drop(others.patch);
+        if below == 0 {
+            std::mem::swap(&mut patch, &mut own);
+        } else {
+            patch.append(own, below as u32);
+        }
+        patch.append(after, 0);
+        Ok(Self {
+            patch,
+            nodes: below..below + node_count,
+            cells: cells_below..cells_below + cell_count,
+            welded,
+        })
+    }
+}
+
+fn check_fits(count: usize) -> Result<()> {
+    match u32::try_from(count) {
+        Ok(_) => Ok(()),
+        Err(_) => Err(unknown("more cells than 32 bits count: start more ranks")),
+    }
+}
+
+impl Others {
+    /// Adds what a rank answers.
+    ///
+    /// - `frontier`: to which the nodes of its cells are added.
+    fn hear(&mut self, mut part: &[u8], own: &Patch, frontier: &mut Vec<DVec3>) -> Result<()> {
+        let (nodes, cells) = (take::<u64>(&mut part)?, take::<u64>(&mut part)?);
+        if cells.is_empty() {
+            return Ok(());
+        }
+        let patch = Patch::take(&mut part, own)?;
+        if patch.mesh.nodes.len() != nodes.len() || patch.mesh.cell_count() != cells.len() {
+            return Err(unknown("another number of cells than of their places"));
+        }
+        let entries = self.patch.mesh.connectivity.len() + patch.mesh.connectivity.len();
+        let shift = self.patch.mesh.nodes.len();
+        check_fits(entries.max(shift + nodes.len()))?;
+        frontier.extend(patch.mesh.nodes.iter().filter(|p| p.is_finite()));
+        self.nodes.extend(nodes);
+        self.cells.extend(cells);
+        self.patch.append(patch, shift as u32);
+        Ok(())
+    }
+}

@@ -1,0 +1,137 @@
+//! How a field is shown of which each rank has some values: as all of them say together.
+
+use std::path::Path;
+#[cfg(test)]
+use std::thread;
+
+#[cfg(test)]
+use super::ThreadRank;
+use super::planes::least_of_all;
+use super::ranks::Ranks;
+use super::read::told_by_all;
+#[cfg(test)]
+use super::share::Share;
+use crate::error::Result;
+use crate::io::Dataset;
+use crate::prepared::Found;
+use crate::sample::{SampleOptions, function_apart, mean_spacing, nothing_left};
+#[cfg(test)]
+use crate::sample::{SampleReport, Sampled};
+#[cfg(test)]
+use crate::scene::rows::{rows_of, volume_of};
+use crate::scene::{LocalModel, LocalModels, PickedRow, PointVolume, Values};
+
+/// What all ranks found, and how far apart their particles lie on average.
+///
+/// - `head`: what is known of the field that is shown.
+///
+/// # Errors
+/// No particle on any rank; a rank that is gone.
+pub(super) fn found_by_all(
+    own: &Found,
+    head: &Dataset,
+    path: &Path,
+    options: &SampleOptions,
+    ranks: &mut Ranks,
+) -> Result<(Found, f64)> {
+    let mut all = told_by_all(own, ranks)?;
+    let report = &mut all.report;
+    if report.particle_count == 0 {
+        return Err(nothing_left(path, report));
+    }
+    let field = report.field.as_deref();
+    report.unit = field.and_then(|name| head.unit(name)).map(str::to_owned);
+    let spacing = mean_spacing(all.volume_sum.value(), report.particle_count);
+    report.unit_distance = options.unit_distance.unwrap_or(spacing);
+    Ok((all, spacing))
+}
+
+/// Gives a rank's volume the function of all values, where it has any.
+///
+/// - `picked`: those of its particles that the function may be chosen from.
+/// - `count`: of the rows among which these are, of all ranks.
+/// - `found`: of all ranks, to which the function is added.
+///
+/// # Errors
+/// A function that cannot be read, or does not fit what is asked for; a rank that is gone.
+pub(super) fn show(
+    volume: &mut PointVolume,
+    picked: Vec<PickedRow>,
+    count: usize,
+    (found, spacing): (&mut Found, f64),
+    options: &SampleOptions,
+    ranks: &mut Ranks,
+) -> Result<()> {
+    let mut picked = ranks.gather_records(Ok(picked))?.concat();
+    if volume.values.is_none() {
+        return Ok(());
+    }
+    picked.sort_unstable_by_key(|own| own.row);
+    let function = function_apart(&picked, count, spacing, &mut found.report, options);
+    let function = ranks.agree(function)?;
+    let scale = function.value_scale();
+    let values = volume.values.take().unwrap_or(Values::U8(Vec::new()));
+    let least = least_of_all(scale.lowest(&values), ranks)?;
+    volume.values = Some(scale.positions_from(values, least));
+    volume.transfer_function = Some(function);
+    Ok(())
+}
+
+/// The codes of a rank's local models, of one scale with those of all.
+pub(super) fn models_of_all(own: &[LocalModel], ranks: &mut Ranks) -> Result<LocalModels> {
+    let scales = ranks.gather_records(Ok(vec![LocalModels::scales_of(own)]))?;
+    let greatest = |a: [f32; 2], b: [f32; 2]| [a[0].max(b[0]), a[1].max(b[1])];
+    let scales = scales.into_iter().flatten().fold([0.0; 2], greatest);
+    Ok(LocalModels::with(own, scales))
+}
+
+/// Whether ranks make the same of data as one does: particles, bit for bit, and reports.
+///
+/// - `read`: a rank's share, and what it reports of all.
+#[cfg(test)]
+pub(super) fn check_parts(
+    whole: &Sampled,
+    size: usize,
+    read: impl Fn(&mut Ranks) -> (Share, SampleReport) + Sync,
+) {
+    let all: Vec<u64> = (0..whole.volume.particles.len() as u64).collect();
+    let found: Vec<(Share, SampleReport)> = thread::scope(|scope| {
+        let ranks = ThreadRank::group(size).into_iter();
+        let read = |own| read(&mut Ranks::new(Box::new(own)));
+        let threads: Vec<_> = ranks.map(|own| scope.spawn(move || read(own))).collect();
+        threads.into_iter().map(|t| t.join().unwrap()).collect()
+    });
+    let without = |volume: &PointVolume| volume_of(&[], volume).unwrap();
+    // Ranks meet what they find in another order.
+    let sorted = |report: &SampleReport| {
+        let mut report = report.clone();
+        report.findings.sort_by_key(|f| (f.reason.clone(), f.count));
+        report
+    };
+    let (mut parts, mut first) = (Vec::new(), 0);
+    for (share, report) in &found {
+        assert_eq!(sorted(report), sorted(&whole.report), "{size} ranks");
+        let volume = &share.volumes[0];
+        assert!(without(volume) == without(&whole.volume), "{size} ranks");
+        let count = volume.particles.len();
+        assert!(size == 1 || count < all.len());
+        let numbers = match &share.numbers {
+            Some(numbers) => numbers[0].clone(),
+            None => (first..first + count as u64).collect(),
+        };
+        first += count as u64;
+        parts.push(rows_of(volume, &numbers));
+    }
+    let parts: Vec<&[u8]> = parts.iter().map(Vec::as_slice).collect();
+    let joined = volume_of(&parts, &whole.volume).unwrap();
+    // In the order of one.
+    assert_eq!(joined.particles.len(), all.len(), "{size} ranks");
+    let rows = [&joined, &whole.volume].map(|volume| rows_of(volume, &all));
+    let stride = rows[0].len() / all.len();
+    let mut pairs = rows[0]
+        .chunks(stride)
+        .zip(rows[1].chunks(stride))
+        .enumerate();
+    let other = pairs.find(|(_, (a, b))| a != b);
+    assert!(other.is_none(), "{size} ranks: {other:?}");
+}

@@ -1,0 +1,146 @@
+//! The pieces of an unstructured grid that an index (`.pvtu`) names, some of them at a time.
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use super::dataset::{Association, Dataset, Geometry};
+use super::file::{HEAD, Input};
+use super::vtk_array::Array;
+use super::vtk_meshes::{Part, append_arrays, arrays_of, mesh_of};
+use super::vtk_pieces::{self, ArraysSeen, element_of, to_fields};
+use super::vtk_xml::{self, Frame};
+use super::{CellMesh, name_units, vtu};
+use crate::error::Result;
+
+/// What fields belong to, in the order of files.
+const ASSOCIATIONS: [Association; 2] = [Association::Nodes, Association::Cells];
+
+/// The files of a grid, each of which holds pieces of it.
+#[derive(Debug)]
+pub(crate) struct VtuPieces {
+    path: PathBuf,
+    /// In their order, and how long each is.
+    files: Vec<(PathBuf, u64)>,
+}
+
+/// Some of the pieces, one after another.
+#[derive(Debug, Default)]
+pub(crate) struct SomePieces {
+    parts: Vec<Part>,
+    arrays: [Vec<Vec<Array>>; 2],
+    /// Which arrays they have: of nodes, of cells.
+    pub(crate) seen: [ArraysSeen; 2],
+}
+
+impl VtuPieces {
+    /// Opens an index, of which the files that it names are looked for; `None` of any other file.
+    ///
+    /// # Errors
+    /// Those of [`open`](super::open) about an index; a piece's file that is not there.
+    pub(crate) fn open(path: &Path) -> Result<Option<Self>> {
+        let input = Input::of_file(path);
+        let index_kind = format!("P{}", vtu::KIND);
+        let (head, _) = input.head(HEAD)?;
+        if !vtk_xml::looks_like(&head) || vtk_xml::file_type(&head) != Some(&index_kind) {
+            return Ok(None);
+        }
+        let bytes = input.read_all()?;
+        let frame = Frame::new(path, &bytes)?;
+        let document = frame.document()?;
+        let element = vtk_pieces::data_set(path, &document, &index_kind)?;
+        let files = vtk_pieces::sources(input, element)?.into_iter();
+        let with_length = |file: PathBuf| {
+            let length = std::fs::metadata(&file).map_or(0, |meta| meta.len());
+            (file, length)
+        };
+        Ok(Some(Self {
+            path: path.to_path_buf(),
+            files: files.map(with_length).collect(),
+        }))
+    }
+
+    /// The index.
+    pub(crate) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The lengths of the files, in bytes.
+    pub(crate) fn lengths(&self) -> impl Iterator<Item = u64> {
+        self.files.iter().map(|(_, length)| *length)
+    }
+
+    /// The files that one of several readers takes, of about as many bytes as others do.
+    pub(crate) fn part(&self, reader: usize, readers: usize) -> Range<usize> {
+        let all: u128 = self.lengths().map(u128::from).sum();
+        let mut before = 0_u128;
+        let middles: Vec<u128> = self
+            .lengths()
+            .map(|length| {
+                before += u128::from(length);
+                2 * before - u128::from(length)
+            })
+            .collect();
+        // Those whose middle lies before that share of all bytes.
+        let first = |reader: usize| {
+            middles.partition_point(|middle| middle * readers as u128 <= 2 * all * reader as u128)
+        };
+        match reader {
+            0 => 0..first(1),
+            _ => first(reader)..first(reader + 1),
+        }
+    }
+
+    /// Reads the pieces of some of the files.
+    ///
+    /// # Errors
+    /// Those of [`open`](super::open).
+    pub(crate) fn read(&self, files: Range<usize>) -> Result<SomePieces> {
+        let input = Input::of_file(&self.path);
+        let mut parts = Vec::new();
+        for (file, _) in &self.files[files] {
+            vtk_pieces::read_file(input, file, vtu::KIND, |piece| {
+                parts.extend(vtu::read_part(piece)?);
+                Ok(())
+            })?;
+        }
+        let arrays = ASSOCIATIONS.map(|association| arrays_of(&mut parts, association));
+        Ok(SomePieces {
+            seen: arrays.each_ref().map(|arrays| ArraysSeen::of(arrays)),
+            parts,
+            arrays,
+        })
+    }
+}
+
+impl SomePieces {
+    /// The cells of each.
+    pub(crate) fn meshes(&self) -> impl Iterator<Item = &CellMesh> {
+        self.parts.iter().map(Part::mesh)
+    }
+
+    /// A data set of them, with the arrays that all pieces have, and notes of what others have.
+    ///
+    /// - `path`: of the index.
+    /// - `all`: of which arrays all pieces have, of nodes and of cells.
+    ///
+    /// # Errors
+    /// More nodes or entries than `u32` counts.
+    pub(crate) fn dataset(self, path: &Path, all: &[ArraysSeen; 2]) -> Result<Dataset> {
+        let mut fields = Vec::new();
+        let mut notes = Vec::new();
+        let each = ASSOCIATIONS.into_iter().zip(self.arrays).zip(all);
+        for ((association, mut arrays), seen) in each {
+            if seen.parts > 1 {
+                arrays.iter_mut().for_each(|arrays| seen.keep(arrays));
+                notes.extend(seen.note(element_of(association)));
+            }
+            let joined = arrays.into_iter().reduce(append_arrays);
+            let joined = joined.unwrap_or_else(|| seen.common().map(Array::none_of).collect());
+            fields.extend(to_fields(joined, association));
+        }
+        let mesh = mesh_of(path, self.parts)?;
+        let mut data = Dataset::new(path, vtu::FORMAT, Geometry::Cells(mesh), fields);
+        name_units(&mut data);
+        Ok(Dataset { notes, ..data })
+    }
+}

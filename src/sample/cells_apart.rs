@@ -1,0 +1,105 @@
+//! Meshes of which some cells, among the neighbours of these, are elsewhere.
+
+use super::cells::{CellField, CellKernels};
+use super::kernels::Kernels;
+use super::{SampleOptions, SampleReport, check_options, keep};
+use crate::error::Result;
+use crate::math::ExactSum;
+use crate::scene::{Colour, LocalModel, Particles, PickedRow, PointVolume, Strength};
+
+/// The particles of the nodes or cells of a mesh that are asked for.
+pub(crate) struct CellsApart {
+    /// Values as they stand in the data, and no function.
+    pub(crate) volume: PointVolume,
+    pub(crate) models: Option<Vec<LocalModel>>,
+    pub(crate) report: SampleReport,
+}
+
+impl CellField<'_> {
+    /// Those of some of the nodes or cells of a mesh.
+    ///
+    /// - `turned`: how many cells of each kind of the whole mesh are numbered one way and the other.
+    /// - `volume_sum`: of the particles \[length³\].
+    ///
+    /// # Errors
+    /// Options that are none; work that was cancelled.
+    pub(crate) fn apart(
+        &self,
+        turned: &[[usize; 2]],
+        options: &SampleOptions,
+        volume_sum: &mut ExactSum,
+    ) -> Result<CellsApart> {
+        check_options(options)?;
+        let mut report = SampleReport {
+            sample_count: self.own().len(),
+            ..SampleReport::default()
+        };
+        let made = self.kernels(turned, &mut report, options)?;
+        let CellKernels {
+            kernels,
+            own,
+            normals,
+            models,
+            ..
+        } = made;
+        let Kernels {
+            mut positions,
+            mut factors,
+            mut volumes,
+            mut kept,
+        } = kernels;
+        // Those that are elsewhere have done their work.
+        fn of_own<T>(all: &mut Vec<T>, own: &std::ops::Range<usize>) {
+            all.truncate(own.end);
+            all.drain(..own.start);
+            all.shrink_to_fit();
+        }
+        of_own(&mut positions, &own);
+        of_own(&mut factors, &own);
+        of_own(&mut volumes, &own);
+        of_own(&mut kept, &own);
+        let values = keep(self.values.clone(), &kept);
+        report.particle_count = kept.len();
+        report.value_range = values.finite_range();
+        volumes.iter().for_each(|v| volume_sum.add(f64::from(*v)));
+        Ok(CellsApart {
+            volume: PointVolume {
+                particles: Particles::Anisotropic { positions, factors },
+                strength: Strength::Classified { volumes },
+                colour: Colour::Classified,
+                values: Some(values),
+                transfer_function: None,
+                boundary: None,
+                normals,
+                local_models: None,
+            },
+            models,
+            report,
+        })
+    }
+}
+
+impl CellsApart {
+    /// Those of its particles that a function may be chosen from.
+    ///
+    /// - `first`: how many particles of the mesh come before these.
+    /// - `count`: of the mesh.
+    pub(crate) fn picked(volume: &PointVolume, first: usize, count: usize) -> Vec<PickedRow> {
+        let (Some(values), Strength::Classified { volumes }) = (&volume.values, &volume.strength)
+        else {
+            return Vec::new();
+        };
+        let positions = volume.particles.positions();
+        let row = |row: usize| {
+            let i = row.checked_sub(first).filter(|&i| i < volumes.len())?;
+            Some(PickedRow {
+                row: row as u64,
+                position: positions[i].to_array(),
+                volume: volumes[i].into(),
+                value: values.get(i).into(),
+            })
+        };
+        let picked = PickedRow::picked(count).into_iter();
+        picked.filter_map(row).collect()
+    }
+}
