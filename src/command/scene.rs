@@ -3,13 +3,11 @@
 use std::path::Path;
 
 use crate::distributed::{PiecesRead, RowsRead};
-use crate::io::{Dataset, Geometry, Mesh, Planes, RowFile, Up, VtuPieces};
+use crate::io::{Mesh, Planes, RowFile, Up, VtuPieces};
 use crate::legend::title_of;
 use crate::prepared::{About, PointFile, PreparedScene};
-use crate::sample::mesh::Spread;
 use crate::sample::{
-    RowsApart, SampleOptions, SampleReport, SampledScene, TransferChoice, automatic,
-    shared_functions,
+    RowsApart, SampleOptions, SampleReport, TransferChoice, automatic, shared_functions,
 };
 use crate::scene::{PointVolume, ValueSample};
 use crate::view::Bounds;
@@ -21,8 +19,9 @@ use super::edits::Edit;
 use super::input::{DataOptions, refused_surface, transfer_of};
 use super::prepared::{self, Members, is_prepared};
 use super::progress::note;
+use super::reads::{Read, ReadAbout, is_automatic, note_missing, read, shows, uses};
 use super::source::Input;
-use super::usage::{Kind, Uses, is_surface};
+use super::usage::{Kind, Uses};
 
 /// What the inputs hold.
 pub(crate) struct Scene {
@@ -127,6 +126,39 @@ impl Scene {
         }
     }
 
+    /// Says what those of so many volumes show that have no name yet.
+    fn name(&mut self, count: usize, report: SampleReport) {
+        let (field, unit) = (report.field, report.unit);
+        let title = field.as_deref().map(|f| title_of(f, unit.as_deref()));
+        self.titles.resize(count, title);
+        self.fields.resize(count, field);
+    }
+
+    /// Of inputs of which every rank has read some.
+    ///
+    /// - `volumes`: of all, those of other ranks without particles.
+    pub(super) fn of_reads(
+        volumes: Vec<PointVolume>,
+        reads: Vec<ReadAbout>,
+        has_boundary: bool,
+    ) -> Self {
+        let mut scene = Self {
+            volumes,
+            prepared: Vec::new(),
+            fields: Vec::new(),
+            titles: Vec::new(),
+            selectors: Vec::new(),
+            grids_only: reads.iter().all(ReadAbout::is_grid_or_splats),
+            has_boundary,
+            up: Up::of_scene(reads.iter().map(|read| read.up)),
+            corners: reads.iter().filter_map(|read| read.corners).collect(),
+        };
+        for read in reads {
+            scene.name(scene.fields.len() + read.volume_count, read.report);
+        }
+        scene
+    }
+
     /// Adds a prepared scene, and volumes that stand for its own.
     fn add(&mut self, own: PreparedScene, about: About) {
         let first = self.volumes.len();
@@ -172,21 +204,6 @@ impl Scene {
 /// Points from which on a scene is prepared as a stream.
 const STREAMED: usize = 1 << 22;
 
-/// An input's volumes, and how they came about.
-struct Read {
-    volumes: Vec<PointVolume>,
-    report: SampleReport,
-    selectors: Vec<String>,
-    kind: Kind,
-    up: Up,
-    /// The least and the greatest coordinates.
-    corners: Option<(DVec3, DVec3)>,
-    /// Whether its transfer function is chosen from its own values.
-    is_automatic: bool,
-    /// The field that it was asked for, if for any.
-    field_asked: Option<String>,
-}
-
 impl DataOptions {
     /// Reads and samples all of a scene, and says what was left out. Inputs that show the same field by a function
     /// that is chosen from values share one, of the values of all.
@@ -223,46 +240,23 @@ impl DataOptions {
         let inputs = &*data;
         for input in inputs {
             progress.set_message(format!("reading {}", input.path.display()));
-            let dataset = self.open(input)?;
-            for note in &dataset.notes {
-                progress.suspend(|| note!("{}: {note}", input.path.display()));
-            }
-            let mut options = self.of_input(input, &options);
-            if let (Geometry::Mesh(mesh), [_]) = (&dataset.geometry, inputs)
-                && options.spread == Spread::Automatic
-                && let Some(density) = most_pixels(mesh, dataset.up())?
-            {
-                options.spread = Spread::NoDenser(density);
-            }
-            // What one input lacks another may have.
-            if let (Some(field), None, true) = (&options.field, &input.field, inputs.len() > 1)
-                && !matches!(dataset.geometry, Geometry::Mesh(_))
-                && let Some(error) = absence(&dataset, field)
-            {
-                missing.push((input, error));
-                options.field = None;
-            }
-            let read = read(dataset, &options)?;
-            for line in read.report.warnings() {
-                progress.suspend(|| note!("{}: {line}", input.path.display()));
-            }
+            let path = input.path.display();
+            let mut say = |line: &str| progress.suspend(|| note!("{path}: {line}"));
+            let is_alone = inputs.len() == 1;
+            let (read, error) = self.read_one(input, is_alone, &options, &most_pixels, &mut say)?;
+            missing.extend(error.map(|error| (input, error)));
             reads.push(read);
         }
-        let wanted = options.field.as_deref().unwrap_or_default();
-        let is_wanted = |read: &Read| {
-            let shown = read.report.field.as_deref();
-            shown.is_some_and(|shown| shown.eq_ignore_ascii_case(wanted))
-        };
-        let is_shown = reads.iter().any(is_wanted);
+        let abouts: Vec<&ReadAbout> = reads.iter().map(|read| &read.of).collect();
+        let is_shown = shows(&abouts, &options);
         for (input, error) in missing {
             if !is_shown {
                 return Err(error);
             }
-            let (path, field) = (input.path.display(), wanted);
-            progress.suspend(|| note!("{path}: no field `{field}`: shown by its own"));
+            progress.suspend(|| note_missing(input, &options));
         }
+        let mut shown = uses(&abouts, &options);
         let is_prepared = inputs.is_empty() && !all.is_empty();
-        let mut shown = uses(&reads, &options);
         shown.of_prepared = is_prepared.then(|| {
             let scenes = opened.iter().flatten();
             scenes
@@ -278,14 +272,10 @@ impl DataOptions {
             titles: Vec::new(),
             selectors: Vec::new(),
             grids_only: opened.iter().all(Option::is_none)
-                && reads
-                    .iter()
-                    .all(|read| !matches!(read.kind, Kind::Points | Kind::Mesh)),
-            has_boundary: self.flatten.is_none()
-                && self.shepard == 0
-                && reads.iter().any(|read| read.kind.is_grid()),
+                && reads.iter().all(|read| read.of.is_grid_or_splats()),
+            has_boundary: self.may_end_sharply(reads.iter().map(|read| &read.of)),
             up: Up::of_scene([]),
-            corners: reads.iter().filter_map(|read| read.corners).collect(),
+            corners: reads.iter().filter_map(|read| read.of.corners).collect(),
         };
         let mut ups = Vec::new();
         let mut reads = reads.into_iter();
@@ -301,22 +291,25 @@ impl DataOptions {
             if i == 0 {
                 scene.selectors = read.selectors;
             }
-            ups.push(read.up);
+            ups.push(read.of.up);
             scene.volumes.extend(read.volumes);
-            let (field, unit) = (read.report.field, read.report.unit);
-            let title = field.as_deref().map(|f| title_of(f, unit.as_deref()));
-            scene.titles.resize(scene.volumes.len(), title);
-            scene.fields.resize(scene.volumes.len(), field);
+            scene.name(scene.volumes.len(), read.of.report);
         }
-        if self.flatten.is_some() && scene.fields.iter().all(Option::is_none) {
-            return Err(refused_surface("a field", "none"));
-        }
+        self.check_fields(&scene)?;
         scene.up = Up::of_scene(ups);
         Ok(scene)
     }
 
+    /// Refuses a surface of a field where nothing shows one.
+    pub(super) fn check_fields(&self, scene: &Scene) -> Result<()> {
+        match self.flatten.is_some() && scene.fields.iter().all(Option::is_none) {
+            true => Err(refused_surface("a field", "none")),
+            false => Ok(()),
+        }
+    }
+
     /// Refuses what says nothing of the surface, or of the transfer function, that is asked for.
-    fn check_function(&self, options: &SampleOptions) -> Result<()> {
+    pub(super) fn check_function(&self, options: &SampleOptions) -> Result<()> {
         self.check_surface()?;
         if self.scale.is_some() && matches!(options.transfer, TransferChoice::File(_)) {
             let expected = "an automatic transfer function, or a named colour map";
@@ -501,7 +494,7 @@ impl DataOptions {
     }
 
     /// The options of one input.
-    fn of_input(&self, input: &Input, options: &SampleOptions) -> SampleOptions {
+    pub(super) fn of_input(&self, input: &Input, options: &SampleOptions) -> SampleOptions {
         let mut own = options.clone();
         own.field = input.field.clone().or(own.field);
         if let Some(function) = &input.function {
@@ -528,9 +521,9 @@ impl DataOptions {
             progress.set_message(format!("reading {}", input.path.display()));
             let own = self.of_input(input, &options);
             let step = read(self.open(input)?, &own)?;
-            self.check_use(&uses(std::slice::from_ref(&step), &own))?;
-            unit_distance = unit_distance.min(step.report.unit_distance);
-            samples.extend(step.report.value_sample);
+            self.check_use(&uses(&[&step.of], &own))?;
+            unit_distance = unit_distance.min(step.of.report.unit_distance);
+            samples.extend(step.of.report.value_sample);
             let whole = SceneOptions {
                 level_of_detail: false,
                 ..SceneOptions::default()
@@ -561,22 +554,12 @@ impl DataOptions {
             .collect();
         let mut reports: Vec<_> = reads
             .iter_mut()
-            .map(|read| &mut read.report)
+            .map(|read| &mut read.of.report)
             .zip(&own)
             .collect();
         for (function, members) in shared_functions(&mut reports)? {
             for i in members {
-                let input = &inputs[i];
-                progress.set_message(format!("reading {}", input.path.display()));
-                // Freed before the next is there.
-                reads[i].volumes.clear();
-                let own = SampleOptions {
-                    field: reads[i].field_asked.clone(),
-                    transfer: TransferChoice::Given(function.clone()),
-                    keeps_value_sample: false,
-                    ..own[i].clone()
-                };
-                reads[i] = read(self.open(input)?, &own)?;
+                self.read_again(&inputs[i], options, &function, &mut reads[i], progress)?;
             }
         }
         Ok(())
@@ -607,91 +590,4 @@ pub(crate) struct Series {
     pub(crate) transfer: TransferChoice,
     /// Around the data of all.
     pub(crate) boxes: Vec<Bounds>,
-}
-
-/// What inputs are, for options.
-fn uses(reads: &[Read], options: &SampleOptions) -> Uses {
-    let volumes = || reads.iter().flat_map(|read| &read.volumes);
-    let is_classified = |volume: &&PointVolume| volume.transfer_function.is_some();
-    Uses {
-        kinds: reads.iter().map(|read| read.kind).collect(),
-        is_classified: volumes().any(|volume| is_classified(&volume)),
-        has_opacity: volumes()
-            .filter(is_classified)
-            .any(|volume| !is_surface(volume)),
-        has_file_function: reads
-            .iter()
-            .any(|read| !read.is_automatic && read.report.field.is_some()),
-        for_columns: options.for_columns,
-        of_prepared: None,
-    }
-}
-
-/// Why a field cannot be shown, if it is not there.
-fn absence(dataset: &Dataset, selector: &str) -> Option<Error> {
-    let name = selector.rsplit_once(':').map_or(selector, |(name, _)| name);
-    let is_there = |name: &str| {
-        let mut names = dataset.fields.iter().map(|f| &f.name);
-        names.any(|own| own.eq_ignore_ascii_case(name))
-    };
-    if is_there(selector) || is_there(name) {
-        return None;
-    }
-    dataset.scalar(selector).err()
-}
-
-/// Bytes that a point takes at the least while it is sampled and sorted, beyond what was read: a hundred million spheres
-/// with masses, 32 bytes each once they are read, take 67 at the peak.
-const LEAST_PER_POINT: usize = 32;
-
-/// The same of a node of a curvilinear grid or of cells: three million nodes, 28 bytes each once they are read, take 179 at
-/// the peak, with local models.
-const LEAST_PER_NODE: usize = 60;
-
-/// The same of a value on a lattice: as it is read, and with ghosts or in blocks.
-const LEAST_PER_CELL: usize = 2;
-
-/// Refuses data that do not fit into memory once they are particles.
-fn check_memory(dataset: &Dataset) -> Result<()> {
-    let (count, each) = match &dataset.geometry {
-        Geometry::Points { positions } => (positions.len(), LEAST_PER_POINT),
-        Geometry::Lattice(lattice) => (lattice.len(), LEAST_PER_CELL),
-        Geometry::Curvilinear { blocks } => {
-            let counts = blocks.iter().map(|block| block.nodes.len());
-            (counts.sum(), LEAST_PER_NODE)
-        }
-        // One kernel for each of either.
-        Geometry::Cells(mesh) => (mesh.nodes.len().min(mesh.cell_count()), LEAST_PER_NODE),
-        Geometry::Splats(splats) => (splats.positions.len(), LEAST_PER_POINT),
-        // Surfels are counted before they are spread.
-        Geometry::Mesh(_) => return Ok(()),
-    };
-    crate::memory::check(count, each).map_err(|e| e.in_file(&dataset.path))
-}
-
-/// Whether a transfer function is chosen from values.
-fn is_automatic(options: &SampleOptions) -> bool {
-    let transfer = &options.transfer;
-    matches!(
-        transfer,
-        TransferChoice::Automatic | TransferChoice::Named(_)
-    )
-}
-
-fn read(dataset: Dataset, options: &SampleOptions) -> Result<Read> {
-    check_memory(&dataset)?;
-    let kind = Kind::of(&dataset);
-    let (up, corners) = (dataset.up(), dataset.bounds());
-    let selectors = dataset.selectors();
-    let SampledScene { volumes, report } = crate::sample::scene(dataset, options)?;
-    Ok(Read {
-        volumes,
-        report,
-        selectors,
-        kind,
-        up,
-        corners,
-        is_automatic: is_automatic(options),
-        field_asked: options.field.clone(),
-    })
 }

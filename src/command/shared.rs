@@ -79,7 +79,8 @@ impl DataOptions {
         let together = ranks.agree(together)?;
         // A file may be another, or be missing, where some ranks are.
         let found = match &together {
-            None => u64::from(is_whole),
+            None if is_whole => 0,
+            None => inputs.len() as u64,
             Some(together) => together.number(),
         };
         if let Some(rank) = ranks.first_other(found)? {
@@ -93,6 +94,10 @@ impl DataOptions {
         }
         if is_whole {
             return Ok((read()?, None));
+        }
+        if inputs.len() > 1 {
+            let (scene, share) = self.dealt(inputs, options, progress, ranks)?;
+            return Ok((check(scene)?, Some(share)));
         }
         let Some(together) = together else {
             return self.of_first(inputs, options, ranks, read);

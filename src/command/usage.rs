@@ -1,5 +1,7 @@
 //! Options that nothing in the inputs uses, which are refused: a wrong picture without a word is worse.
 
+use serde::{Deserialize, Serialize};
+
 use crate::io::{Dataset, Geometry};
 use crate::sample::TransferChoice;
 use crate::scene::{PointVolume, Strength};
@@ -8,7 +10,7 @@ use crate::{Error, Result};
 use super::input::{BoundaryName, DataOptions, Shape};
 
 /// What an input is, as far as options are for one kind alone.
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) enum Kind {
     Raw,
     Plot3d,

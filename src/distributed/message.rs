@@ -26,7 +26,7 @@ pub(super) fn take<T: Pod>(bytes: &mut &[u8]) -> Result<Vec<T>> {
 }
 
 /// That another rank said what no rank of this program says.
-pub(super) fn unknown(found: &str) -> Error {
+pub(crate) fn unknown(found: &str) -> Error {
     let advice = "start the same program on every rank";
     let expected = "records as this program sends them";
     Error::invalid("ranks", "message", expected, found, advice)

@@ -70,10 +70,12 @@ mod tiles;
 
 pub use communicator::Communicator;
 pub(crate) use frames::RankFrames;
+#[cfg(feature = "cli")]
+pub(crate) use message::unknown;
 #[cfg(feature = "mpi")]
 pub use mpi::MpiRank;
 #[cfg(feature = "cli")]
-pub(crate) use pieces::{PiecesRead, read_pieces};
+pub(crate) use pieces::{PiecesRead, dealt, read_pieces};
 #[cfg(feature = "cli")]
 pub(crate) use planes::read_planes;
 pub(crate) use ranks::Ranks;
@@ -85,7 +87,7 @@ pub(crate) use renderer::shared;
 #[cfg(feature = "cli")]
 pub(crate) use rows::{RowsRead, read_rows};
 #[cfg(feature = "cli")]
-pub(crate) use scatter::scatter;
+pub(crate) use scatter::{hand_out, scatter};
 pub use share::Share;
 pub use statistics::{RankStats, RankTimes};
 pub use threads::ThreadRank;

@@ -1,5 +1,7 @@
 //! An unstructured grid in pieces, of which each rank reads some.
 
+use std::ops::Range;
+
 use glam::DVec3;
 
 use super::message::unknown;
@@ -21,6 +23,23 @@ use crate::sample::{
     turned,
 };
 use crate::scene::Values;
+
+/// The files that one of several readers takes, one after another, of about as many bytes as others do.
+pub(crate) fn dealt(lengths: &[u64], reader: usize, readers: usize) -> Range<usize> {
+    let all: u128 = lengths.iter().map(|&length| u128::from(length)).sum();
+    let mut before = 0;
+    let middle = |&length: &u64| {
+        before += u128::from(length);
+        2 * before - u128::from(length)
+    };
+    let middles: Vec<u128> = lengths.iter().map(middle).collect();
+    // Those whose middle lies before that share of all bytes.
+    let first = |reader: usize| match reader {
+        0 => 0,
+        _ => middles.partition_point(|middle| middle * readers as u128 <= 2 * all * reader as u128),
+    };
+    first(reader)..first(reader + 1)
+}
 
 /// What ranks made of a file, each of a part.
 pub(crate) struct PiecesRead {
@@ -52,7 +71,8 @@ pub(crate) fn read_pieces(
     if options.flatten.is_some() || options.shepard_passes > 0 || options.keeps_value_sample {
         return Ok(None);
     }
-    let own = file.read(file.part(ranks.rank(), ranks.size()));
+    let lengths: Vec<u64> = file.lengths().collect();
+    let own = file.read(dealt(&lengths, ranks.rank(), ranks.size()));
     let own = ranks.agree(own)?;
     let seen = own.seen.clone().map(|seen| (seen.parts, seen.arrays));
     let told: Told = (seen, own.meshes().fold([false; 2], kinds_of));
@@ -466,6 +486,31 @@ mod tests {
             ..plain
         };
         check(&path, &bare, &[4]);
+    }
+
+    #[test]
+    fn files_are_dealt_by_their_lengths() {
+        for lengths in [
+            &[][..],
+            &[0, 0, 0],
+            &[7, 1, 1, 1, 1, 1, 2],
+            &[u64::MAX; 5],
+            &[3],
+        ] {
+            for readers in 1..9 {
+                let mut next = 0;
+                for reader in 0..readers {
+                    let part = dealt(lengths, reader, readers);
+                    assert_eq!(part.start, next, "{lengths:?} {readers}");
+                    next = part.end;
+                }
+                assert_eq!(next, lengths.len(), "{lengths:?} {readers}");
+            }
+        }
+        assert_eq!(
+            [0, 1].map(|n| dealt(&[7, 1, 1, 1, 1, 1, 2], n, 2)),
+            [0..1, 1..7]
+        );
     }
 
     #[test]

@@ -60,7 +60,7 @@ impl Ranks {
     }
 
     /// What each rank gives, for all; or the reason of the first that failed.
-    pub(super) fn gather_to_all(&mut self, part: Result<Vec<u8>>) -> Result<Vec<Vec<u8>>> {
+    pub(crate) fn gather_to_all(&mut self, part: Result<Vec<u8>>) -> Result<Vec<Vec<u8>>> {
         let flagged = match &part {
             Ok(part) => flagged(part.clone(), WHOLE),
             Err(error) => flagged(error.to_string().into_bytes(), FAILED),
@@ -84,15 +84,30 @@ impl Ranks {
     /// The first rank's reason why there is nothing.
     #[cfg(feature = "prepared")]
     pub(crate) fn of_first(&mut self, own: Result<Option<Vec<u8>>>) -> Result<Vec<u8>> {
+        self.of_rank(0, own)
+    }
+
+    /// The same of any rank.
+    #[cfg(feature = "prepared")]
+    pub(super) fn of_rank(&mut self, rank: usize, own: Result<Option<Vec<u8>>>) -> Result<Vec<u8>> {
         let size = self.size();
         let parts = own.map(|own| match own {
             Some(own) => vec![own; size],
             None => vec![Vec::new(); size],
         });
-        let begun = self.begin(parts);
-        let parts = self.complete();
-        begun?;
-        Ok(parts?.swap_remove(0))
+        Ok(self.exchange(parts)?.swap_remove(rank))
+    }
+
+    /// What each rank gives, on the first; on others nothing.
+    #[cfg(feature = "cli")]
+    pub(crate) fn to_first(&mut self, own: Result<Vec<u8>>) -> Result<Vec<Vec<u8>>> {
+        let size = self.size();
+        let parts = own.map(|own| {
+            let mut parts = vec![Vec::new(); size];
+            parts[0] = own;
+            parts
+        });
+        self.exchange(parts)
     }
 
     /// The records of each rank, for all.
@@ -125,20 +140,17 @@ impl Ranks {
     /// The pictures that ranks have, by rank, on the first; none on others.
     #[cfg(feature = "cli")]
     pub(crate) fn gather_images(&mut self, own: Result<Option<Image>>) -> Result<Vec<Image>> {
-        let size = self.size();
-        let parts = own.map(|image| {
-            let mut parts = vec![Vec::new(); size];
+        let part = own.map(|image| {
+            let mut part = Vec::new();
             if let Some(image) = image {
-                put(&mut parts[0], &[image.width as u64, image.height as u64]);
-                put(&mut parts[0], &image.pixels);
+                put(&mut part, &[image.width as u64, image.height as u64]);
+                put(&mut part, &image.pixels);
             }
-            parts
+            part
         });
-        let begun = self.begin(parts);
-        let parts = self.complete();
-        begun?;
+        let parts = self.to_first(part)?;
         let mut images = Vec::new();
-        for part in parts?.iter().filter(|part| !part.is_empty()) {
+        for part in parts.iter().filter(|part| !part.is_empty()) {
             let mut part = part.as_slice();
             let sides = take::<u64>(&mut part)?;
             let pixels = take(&mut part)?;

@@ -40,18 +40,55 @@ pub(crate) fn scatter(own: Option<Vec<PointVolume>>, ranks: &mut Ranks) -> Resul
     let heads = heard(&ranks.of_first(heads)?)?;
     let without = heads.iter().map(Head::volume);
     let without: Vec<PointVolume> = without.collect::<Result<_>>()?;
-    let mut volumes = own.filter(|_| is_first).unwrap_or(without);
+    let volumes = own.filter(|_| is_first).unwrap_or(without);
+    let heads: Vec<(usize, Head)> = heads.into_iter().map(|head| (0, head)).collect();
+    handed_out(volumes, &heads, ranks)
+}
+
+/// Volumes of which each rank has some, in the order of the ranks: of those of others it gets all but the particles, as of
+/// [`scatter`].
+///
+/// # Errors
+/// Volumes that are not whole, or numbers that are none among what they have besides particles; a rank that is gone.
+#[cfg(feature = "cli")]
+pub(crate) fn hand_out(own: Vec<PointVolume>, ranks: &mut Ranks) -> Result<Share> {
+    let valid = own.iter().try_for_each(PointVolume::validate);
+    let heads: Vec<Head> = own.iter().map(Head::of).collect();
+    let told = ranks.gather_to_all(valid.and_then(|()| told(&heads)))?;
+    let mut own = own.into_iter();
+    let (mut volumes, mut heads) = (Vec::new(), Vec::new());
+    for (rank, told) in told.iter().enumerate() {
+        for head in heard(told)? {
+            let its_own = if rank == ranks.rank() {
+                own.next()
+            } else {
+                None
+            };
+            volumes.push(its_own.map_or_else(|| head.volume(), Ok)?);
+            heads.push((rank, head));
+        }
+    }
+    handed_out(volumes, &heads, ranks)
+}
+
+/// - `heads`: of each volume, and the rank that has it.
+fn handed_out(
+    mut volumes: Vec<PointVolume>,
+    heads: &[(usize, Head)],
+    ranks: &mut Ranks,
+) -> Result<Share> {
     let mut planes = Vec::with_capacity(volumes.len());
-    for (volume, head) in volumes.iter_mut().zip(&heads) {
+    for (volume, (owner, head)) in volumes.iter_mut().zip(heads) {
         let Particles::Lattice { lattice, .. } = &volume.particles else {
             planes.push(Vec::new());
             continue;
         };
         let all = 0..lattice.dims[2];
         if head.is_plain {
-            planes.push(if is_first { vec![all] } else { Vec::new() });
+            let is_here = *owner == ranks.rank();
+            planes.push(if is_here { vec![all] } else { Vec::new() });
         } else {
-            send_lattice(volume, ranks)?;
+            send_lattice(volume, *owner, ranks)?;
             planes.push(vec![all]);
         }
     }
@@ -63,7 +100,7 @@ pub(crate) fn scatter(own: Option<Vec<PointVolume>>, ranks: &mut Ranks) -> Resul
 }
 
 /// Gives every rank all that a lattice has.
-fn send_lattice(volume: &mut PointVolume, ranks: &mut Ranks) -> Result<()> {
+fn send_lattice(volume: &mut PointVolume, owner: usize, ranks: &mut Ranks) -> Result<()> {
     match &mut volume.strength {
         Strength::Classified { volumes: stored }
         | Strength::Mass(stored)
@@ -71,45 +108,138 @@ fn send_lattice(volume: &mut PointVolume, ranks: &mut Ranks) -> Result<()> {
         | Strength::Translucent(stored)
         | Strength::PeakOpacity {
             opacities: stored, ..
-        } => send(stored, ranks)?,
+        } => send(stored, owner, ranks)?,
     }
     match &mut volume.colour {
-        Colour::PerParticle(colours) => send(colours, ranks)?,
-        Colour::Harmonics { coefficients, .. } => send(coefficients, ranks)?,
+        Colour::PerParticle(colours) => send(colours, owner, ranks)?,
+        Colour::Harmonics { coefficients, .. } => send(coefficients, owner, ranks)?,
         Colour::Classified | Colour::Uniform(_) => {}
     }
     match &mut volume.values {
         None => {}
-        Some(Values::U8(values)) => send(values, ranks)?,
-        Some(Values::I16(values)) => send(values, ranks)?,
-        Some(Values::U16(values)) => send(values, ranks)?,
-        Some(Values::F32(values)) => send(values, ranks)?,
+        Some(Values::U8(values)) => send(values, owner, ranks)?,
+        Some(Values::I16(values)) => send(values, owner, ranks)?,
+        Some(Values::U16(values)) => send(values, owner, ranks)?,
+        Some(Values::F32(values)) => send(values, owner, ranks)?,
     }
     volume
         .normals
         .as_mut()
-        .map_or(Ok(()), |normals| send(normals, ranks))
+        .map_or(Ok(()), |normals| send(normals, owner, ranks))
 }
 
-/// Gives every rank the first one's column.
-fn send<T: Pod>(column: &mut Vec<T>, ranks: &mut Ranks) -> Result<()> {
-    let is_first = ranks.rank() == 0;
+/// Gives every rank its owner's column.
+fn send<T: Pod>(column: &mut Vec<T>, owner: usize, ranks: &mut Ranks) -> Result<()> {
+    let is_here = ranks.rank() == owner;
     let count = column.len() as u64;
-    let count = ranks.of_first(Ok(is_first.then(|| count.to_le_bytes().to_vec())))?;
+    let count = ranks.of_rank(owner, Ok(is_here.then(|| count.to_le_bytes().to_vec())))?;
     let count = count.first_chunk().map(|n| u64::from_le_bytes(*n));
     let count = count.and_then(|n| usize::try_from(n).ok());
     let count = count.ok_or_else(|| unknown("no count"))?;
     // One copy for each rank lies in memory at a time.
     let step = (PARCEL / ranks.size() / size_of::<T>()).max(1);
     for first in (0..count).step_by(step) {
-        let own = is_first.then(|| {
+        let own = is_here.then(|| {
             let run = &column[first..(first + step).min(count)];
             bytemuck::cast_slice(run).to_vec()
         });
-        let run = ranks.of_first(Ok(own))?;
-        if !is_first {
+        let run = ranks.of_rank(owner, Ok(own))?;
+        if !is_here {
             column.extend(bytemuck::pod_collect_to_vec::<u8, T>(&run));
         }
     }
     Ok(())
+}
+
+#[cfg(all(test, feature = "cli"))]
+mod tests {
+    use std::thread;
+
+    use glam::DVec3;
+
+    use super::super::ThreadRank;
+    use super::*;
+    use crate::scene::{Lattice, TransferFunction};
+
+    #[test]
+    fn volumes_of_several_ranks_are_where_they_are_or_stood_for() {
+        let points = |n: usize| PointVolume {
+            particles: Particles::Isotropic {
+                positions: vec![DVec3::splat(n as f64); n],
+                sigmas: vec![1.0; n],
+            },
+            strength: Strength::Mass(vec![0.5; n]),
+            colour: Colour::Uniform([0.25; 3]),
+            values: None,
+            transfer_function: None,
+            boundary: None,
+            normals: None,
+            local_models: None,
+        };
+        let function = TransferFunction::from_curves(|_| [1.0; 3], |_| 0.5, [0.0, 24.0], 1.0);
+        let function = function.unwrap();
+        // With volumes of their own all ranks need all of them.
+        let lattice = |volumes: Vec<f32>| PointVolume {
+            particles: Particles::Lattice {
+                lattice: Lattice::uniform([2, 3, 4], DVec3::ZERO, DVec3::ONE),
+                kernel_width: 0.6,
+            },
+            strength: Strength::Classified { volumes },
+            colour: Colour::Classified,
+            values: Some(Values::U8((0..24).collect())),
+            transfer_function: Some(function.clone()),
+            ..points(0)
+        };
+        let of_ranks = [
+            vec![points(3), lattice(vec![2.0; 24])],
+            vec![],
+            vec![lattice(Vec::new()), points(5)],
+        ];
+        let shares: Vec<Share> = thread::scope(|scope| {
+            let ranks = ThreadRank::group(3).into_iter().zip(of_ranks.clone());
+            let share = |own, volumes| hand_out(volumes, &mut Ranks::new(Box::new(own))).unwrap();
+            let threads: Vec<_> = ranks
+                .map(|(own, volumes)| scope.spawn(move || share(own, volumes)))
+                .collect();
+            threads.into_iter().map(|t| t.join().unwrap()).collect()
+        });
+        let owners = [0, 0, 2, 2];
+        let all = of_ranks.concat();
+        for (rank, share) in shares.iter().enumerate() {
+            let planes = share.planes.as_ref().unwrap();
+            assert_eq!((share.volumes.len(), planes.len()), (4, 4));
+            let each = share.volumes.iter().zip(&all).zip(planes).zip(owners);
+            for (v, (((volume, whole), planes), owner)) in each.enumerate() {
+                if owner == rank || v == 1 {
+                    assert!(volume == whole, "{rank} {v}");
+                } else {
+                    assert!(*volume == Head::of(whole).volume().unwrap(), "{rank} {v}");
+                }
+                let has_planes = v == 1 || (v == 2 && rank == 2);
+                assert_eq!(
+                    planes.iter().map(std::ops::Range::len).sum::<usize>(),
+                    if has_planes { 4 } else { 0 },
+                    "{rank} {v}"
+                );
+            }
+        }
+        // What is not whole is told by its rank.
+        let broken = PointVolume {
+            strength: Strength::Mass(vec![0.5; 2]),
+            ..points(3)
+        };
+        let errors: Vec<String> = thread::scope(|scope| {
+            let ranks = ThreadRank::group(2).into_iter().zip([vec![], vec![broken]]);
+            let share =
+                |own, volumes| hand_out(volumes, &mut Ranks::new(Box::new(own))).unwrap_err();
+            let threads: Vec<_> = ranks
+                .map(|(own, volumes)| scope.spawn(move || share(own, volumes).to_string()))
+                .collect();
+            threads.into_iter().map(|t| t.join().unwrap()).collect()
+        });
+        assert!(
+            errors[0].starts_with("rank 1: ") && errors[0].ends_with(&errors[1]),
+            "{errors:?}"
+        );
+    }
 }

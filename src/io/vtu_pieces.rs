@@ -69,27 +69,6 @@ impl VtuPieces {
         self.files.iter().map(|(_, length)| *length)
     }
 
-    /// The files that one of several readers takes, of about as many bytes as others do.
-    pub(crate) fn part(&self, reader: usize, readers: usize) -> Range<usize> {
-        let all: u128 = self.lengths().map(u128::from).sum();
-        let mut before = 0_u128;
-        let middles: Vec<u128> = self
-            .lengths()
-            .map(|length| {
-                before += u128::from(length);
-                2 * before - u128::from(length)
-            })
-            .collect();
-        // Those whose middle lies before that share of all bytes.
-        let first = |reader: usize| {
-            middles.partition_point(|middle| middle * readers as u128 <= 2 * all * reader as u128)
-        };
-        match reader {
-            0 => 0..first(1),
-            _ => first(reader)..first(reader + 1),
-        }
-    }
-
     /// Reads the pieces of some of the files.
     ///
     /// # Errors

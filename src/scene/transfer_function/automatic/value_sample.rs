@@ -155,6 +155,36 @@ impl ValueSample {
         }
     }
 
+    /// What [`Self::joined`] needs of it: value, volume and count of each, and whether there are surroundings.
+    #[cfg(feature = "cli")]
+    pub(crate) fn to_records(&self) -> (Vec<[f64; 3]>, bool) {
+        let record = |s: &Sample| [s.value.into(), s.volume, s.count];
+        let has_surroundings = self.surroundings == Surroundings::Included;
+        (self.samples.iter().map(record).collect(), has_surroundings)
+    }
+
+    /// The same again, without lengths.
+    #[cfg(feature = "cli")]
+    pub(crate) fn of_records(records: &[[f64; 3]], has_surroundings: bool) -> Self {
+        let sample = |&[value, volume, count]: &[f64; 3]| {
+            #[expect(clippy::cast_possible_truncation, reason = "it was single precision")]
+            Sample {
+                value: value as f32,
+                volume,
+                count,
+                lengths: [0.0; 3],
+            }
+        };
+        Self {
+            samples: records.iter().map(sample).collect(),
+            surroundings: match has_surroundings {
+                true => Surroundings::Included,
+                false => Surroundings::Absent,
+            },
+            has_lengths: false,
+        }
+    }
+
     /// Those of several data sets that show one field. They have surroundings if any has.
     pub fn joined(parts: impl IntoIterator<Item = Self>) -> Option<Self> {
         let mut parts = parts.into_iter();

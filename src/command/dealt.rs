@@ -1,0 +1,285 @@
+//! Several inputs that ranks read in turn: each samples some of them, and hears what the others are.
+
+use std::collections::HashMap;
+use std::mem::take;
+
+use glam::DVec3;
+use indicatif::ProgressBar;
+use serde::{Deserialize, Serialize};
+
+use super::input::DataOptions;
+use super::progress::note;
+use super::reads::{OneRead, Read, ReadAbout, note_missing, shows, uses};
+use super::scene::Scene;
+use super::source::Input;
+use super::usage::Kind;
+use crate::distributed::{Ranks, Share, dealt, hand_out, unknown};
+use crate::io::Up;
+use crate::prepared::about::Function;
+use crate::sample::{SampleOptions, SampleReport, shared_functions};
+use crate::scene::{TransferFunction, ValueSample};
+use crate::{Error, Result};
+
+/// What one says of an input that it has read, to the others.
+#[derive(Debug, Serialize, Deserialize)]
+struct Told {
+    field: Option<String>,
+    unit: Option<String>,
+    /// The bits of the length over which opacities are stated.
+    unit_distance: u64,
+    kind: Kind,
+    up: [f64; 3],
+    front: Option<[f64; 3]>,
+    is_plane: bool,
+    is_of_mesh: bool,
+    corners: Option<[[f64; 3]; 2]>,
+    is_automatic: bool,
+    field_asked: Option<String>,
+    volume_count: usize,
+    is_classified: bool,
+    has_opacity: bool,
+    /// For people.
+    lines: Vec<String>,
+    /// Whether it lacks the field that is asked for.
+    is_lacking: bool,
+}
+
+/// An input that was read here, and what there is to say of it.
+struct Own {
+    read: Read,
+    error: Option<Error>,
+    lines: Vec<String>,
+}
+
+impl Told {
+    fn of(own: &Own) -> Self {
+        let about = &own.read.of;
+        let (report, up) = (&about.report, &about.up);
+        Self {
+            field: report.field.clone(),
+            unit: report.unit.clone(),
+            unit_distance: report.unit_distance.to_bits(),
+            kind: about.kind,
+            up: up.direction.to_array(),
+            front: up.front.map(|front| front.to_array()),
+            is_plane: up.is_plane,
+            is_of_mesh: up.is_of_mesh,
+            corners: about.corners.map(|(a, b)| [a.to_array(), b.to_array()]),
+            is_automatic: about.is_automatic,
+            field_asked: about.field_asked.clone(),
+            volume_count: about.volume_count,
+            is_classified: about.is_classified,
+            has_opacity: about.has_opacity,
+            lines: own.lines.clone(),
+            is_lacking: own.error.is_some(),
+        }
+    }
+
+    fn about(self) -> ReadAbout {
+        ReadAbout {
+            report: SampleReport {
+                field: self.field,
+                unit: self.unit,
+                unit_distance: f64::from_bits(self.unit_distance),
+                ..SampleReport::default()
+            },
+            kind: self.kind,
+            up: Up {
+                direction: DVec3::from(self.up),
+                reason: "as the rank says that has read it",
+                front: self.front.map(DVec3::from),
+                is_plane: self.is_plane,
+                is_of_mesh: self.is_of_mesh,
+            },
+            corners: self.corners.map(|[a, b]| (a.into(), b.into())),
+            is_automatic: self.is_automatic,
+            field_asked: self.field_asked,
+            volume_count: self.volume_count,
+            is_classified: self.is_classified,
+            has_opacity: self.has_opacity,
+        }
+    }
+}
+
+impl DataOptions {
+    /// A scene of several inputs, of which each rank reads some, and this one's share, whose volumes are in the scene.
+    ///
+    /// # Errors
+    /// What reading says, on any rank; a field that no input has; a rank that is gone.
+    pub(super) fn dealt(
+        &self,
+        inputs: &[Input],
+        options: &SampleOptions,
+        progress: &ProgressBar,
+        ranks: &mut Ranks,
+    ) -> Result<(Scene, Share)> {
+        let options = &SampleOptions {
+            keeps_value_sample: !options.for_columns,
+            ..options.clone()
+        };
+        let lengths = inputs
+            .iter()
+            .map(|input| std::fs::metadata(&input.path).map_or(0, |meta| meta.len()));
+        let lengths = (ranks.rank() == 0).then(|| lengths.flat_map(u64::to_le_bytes).collect());
+        let lengths = ranks.of_first(Ok(lengths))?;
+        let (lengths, _) = lengths.as_chunks();
+        let lengths: Vec<u64> = lengths.iter().map(|n| u64::from_le_bytes(*n)).collect();
+        let part = dealt(&lengths, ranks.rank(), ranks.size());
+        let first = part.start;
+        let own = self.read_some(inputs.get(part).unwrap_or_default(), options, progress);
+        let mut own = ranks.agree(own)?;
+        let told = told_by_all(&own, ranks)?;
+        let mut lacking = Vec::new();
+        let mut reads = Vec::with_capacity(inputs.len());
+        for (input, told) in inputs.iter().zip(told) {
+            let path = input.path.display();
+            for line in &told.lines {
+                progress.suspend(|| note!("{path}: {line}"));
+            }
+            lacking.extend(told.is_lacking.then_some(input));
+            reads.push(told.about());
+        }
+        let abouts: Vec<&ReadAbout> = reads.iter().collect();
+        let is_shown = shows(&abouts, options);
+        let error = own.iter_mut().find_map(|own| own.error.take());
+        ranks.agree(error.filter(|_| !is_shown).map_or(Ok(()), Err))?;
+        for input in lacking {
+            progress.suspend(|| note_missing(input, options));
+        }
+        self.check_use(&uses(&abouts, options))?;
+        let functions = self.functions_of_all(inputs, &reads, first, &mut own, options, ranks)?;
+        let again = own.iter_mut().zip(first..).try_for_each(|(own, i)| {
+            let function = functions.get(&i);
+            function.map_or(Ok(()), |function| {
+                self.read_again(&inputs[i], options, function, &mut own.read, progress)
+            })
+        });
+        ranks.agree(again)?;
+        let volumes = own.into_iter().flat_map(|own| own.read.volumes);
+        let mut share = hand_out(volumes.collect(), ranks)?;
+        let has_boundary = self.may_end_sharply(reads.iter());
+        let scene = Scene::of_reads(take(&mut share.volumes), reads, has_boundary);
+        self.check_fields(&scene)?;
+        Ok((scene, share))
+    }
+
+    fn read_some(
+        &self,
+        inputs: &[Input],
+        options: &SampleOptions,
+        progress: &ProgressBar,
+    ) -> Result<Vec<Own>> {
+        self.check_function(options)?;
+        let read = |input: &Input| {
+            progress.set_message(format!("reading {}", input.path.display()));
+            let mut lines = Vec::new();
+            let mut say = |line: &str| lines.push(line.to_owned());
+            let (read, error): OneRead =
+                self.read_one(input, false, options, &|_, _| Ok(None), &mut say)?;
+            Ok(Own { read, error, lines })
+        };
+        inputs.iter().map(read).collect()
+    }
+
+    /// The functions that inputs share, by the inputs' numbers: the first rank chooses them, of the values of all.
+    ///
+    /// - `first`: the number of the first input that was read here.
+    fn functions_of_all(
+        &self,
+        inputs: &[Input],
+        reads: &[ReadAbout],
+        first: usize,
+        own: &mut [Own],
+        options: &SampleOptions,
+        ranks: &mut Ranks,
+    ) -> Result<HashMap<usize, TransferFunction>> {
+        let mut samples = Vec::new();
+        for (own, i) in own.iter_mut().zip(first..) {
+            if let Some(sample) = own.read.of.report.value_sample.take() {
+                let (records, has_surroundings) = sample.to_records();
+                samples.push((i, records, has_surroundings));
+            }
+        }
+        let samples = bytes_of(&samples);
+        let samples = ranks.to_first(Ok(samples))?;
+        let shared = (ranks.rank() == 0).then(|| {
+            let mut reports: Vec<SampleReport> =
+                reads.iter().map(|read| read.report.clone()).collect();
+            for (i, records, has_surroundings) in samples.iter().flat_map(|part| samples_of(part)) {
+                if let Some(report) = reports.get_mut(i) {
+                    let sample = ValueSample::of_records(&records, has_surroundings);
+                    report.value_sample = Some(sample);
+                }
+            }
+            let own: Vec<SampleOptions> = inputs
+                .iter()
+                .map(|input| self.of_input(input, options))
+                .collect();
+            let mut reports: Vec<_> = reports.iter_mut().zip(&own).collect();
+            let shared = shared_functions(&mut reports)?;
+            let told: Vec<(Function, Vec<usize>)> = shared
+                .into_iter()
+                .map(|(function, members)| (Function::of(&function), members))
+                .collect();
+            // Finite numbers and words.
+            Ok(serde_json::to_vec(&told).unwrap_or_default())
+        });
+        let shared = ranks.of_first(shared.transpose())?;
+        let shared: Vec<(Function, Vec<usize>)> =
+            serde_json::from_slice(&shared).map_err(|e| unknown(&e.to_string()))?;
+        let mut functions = HashMap::new();
+        for (function, members) in shared {
+            let function = function.transfer();
+            let function = function.ok_or_else(|| unknown("no transfer function"))?;
+            functions.extend(members.into_iter().map(|i| (i, function.clone())));
+        }
+        Ok(functions)
+    }
+}
+
+/// What all ranks say of their inputs, in the order of these.
+fn told_by_all(own: &[Own], ranks: &mut Ranks) -> Result<Vec<Told>> {
+    let told: Vec<Told> = own.iter().map(Told::of).collect();
+    // Finite numbers and words.
+    let part = serde_json::to_vec(&told).unwrap_or_default();
+    let mut all = Vec::new();
+    for part in ranks.gather_to_all(Ok(part))? {
+        let told: Result<Vec<Told>> =
+            serde_json::from_slice(&part).map_err(|e| unknown(&e.to_string()));
+        all.extend(told?);
+    }
+    Ok(all)
+}
+
+/// An input's number, its values as [`ValueSample::to_records`] has them, and whether there are surroundings.
+type InputSample = (usize, Vec<[f64; 3]>, bool);
+
+fn bytes_of(samples: &[InputSample]) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    for (i, records, has_surroundings) in samples {
+        let head = [
+            *i as u64,
+            u64::from(*has_surroundings),
+            records.len() as u64,
+        ];
+        bytes.extend(head.into_iter().flat_map(u64::to_le_bytes));
+        bytes.extend_from_slice(bytemuck::cast_slice(records));
+    }
+    bytes
+}
+
+/// The same again; what is cut short is left out.
+fn samples_of(mut bytes: &[u8]) -> Vec<InputSample> {
+    let mut samples = Vec::new();
+    while let Some((head, rest)) = bytes.split_first_chunk::<24>() {
+        let (words, _) = head.as_chunks::<8>();
+        let word = |n: usize| usize::try_from(u64::from_le_bytes(words[n])).unwrap_or(usize::MAX);
+        let length = word(2).saturating_mul(24);
+        let Some((records, rest)) = rest.split_at_checked(length) else {
+            break;
+        };
+        samples.push((word(0), bytemuck::pod_collect_to_vec(records), word(1) == 1));
+        bytes = rest;
+    }
+    samples
+}
