@@ -200,16 +200,17 @@ impl DataOptions {
                 samples.push((i, records, has_surroundings));
             }
         }
-        let samples = bytes_of(&samples);
-        let samples = ranks.to_first(Ok(samples))?;
+        let samples = ranks.to_first(Ok(bytes_of(samples)))?;
         let shared = (ranks.rank() == 0).then(|| {
             let mut reports: Vec<SampleReport> =
                 reads.iter().map(|read| read.report.clone()).collect();
-            for (i, records, has_surroundings) in samples.iter().flat_map(|part| samples_of(part)) {
-                if let Some(report) = reports.get_mut(i) {
-                    let sample = ValueSample::of_records(&records, has_surroundings);
-                    report.value_sample = Some(sample);
-                }
+            for part in samples {
+                each_sample(&part, |i, records, has_surroundings| {
+                    if let Some(report) = reports.get_mut(i) {
+                        let sample = ValueSample::of_records(records, has_surroundings);
+                        report.value_sample = Some(sample);
+                    }
+                });
             }
             let own: Vec<SampleOptions> = inputs
                 .iter()
@@ -254,23 +255,18 @@ fn told_by_all(own: &[Own], ranks: &mut Ranks) -> Result<Vec<Told>> {
 /// An input's number, its values as [`ValueSample::to_records`] has them, and whether there are surroundings.
 type InputSample = (usize, Vec<[f64; 3]>, bool);
 
-fn bytes_of(samples: &[InputSample]) -> Vec<u8> {
+fn bytes_of(samples: Vec<InputSample>) -> Vec<u8> {
     let mut bytes = Vec::new();
     for (i, records, has_surroundings) in samples {
-        let head = [
-            *i as u64,
-            u64::from(*has_surroundings),
-            records.len() as u64,
-        ];
+        let head = [i as u64, u64::from(has_surroundings), records.len() as u64];
         bytes.extend(head.into_iter().flat_map(u64::to_le_bytes));
-        bytes.extend_from_slice(bytemuck::cast_slice(records));
+        bytes.extend_from_slice(bytemuck::cast_slice(&records));
     }
     bytes
 }
 
-/// The same again; what is cut short is left out.
-fn samples_of(mut bytes: &[u8]) -> Vec<InputSample> {
-    let mut samples = Vec::new();
+/// Calls `each` with what [`bytes_of`] has made bytes of; what is cut short is left out.
+fn each_sample(mut bytes: &[u8], mut each: impl FnMut(usize, &[[f64; 3]], bool)) {
     while let Some((head, rest)) = bytes.split_first_chunk::<24>() {
         let (words, _) = head.as_chunks::<8>();
         let word = |n: usize| usize::try_from(u64::from_le_bytes(words[n])).unwrap_or(usize::MAX);
@@ -278,8 +274,8 @@ fn samples_of(mut bytes: &[u8]) -> Vec<InputSample> {
         let Some((records, rest)) = rest.split_at_checked(length) else {
             break;
         };
-        samples.push((word(0), bytemuck::pod_collect_to_vec(records), word(1) == 1));
+        let records: Vec<[f64; 3]> = bytemuck::pod_collect_to_vec(records);
+        each(word(0), &records, word(1) == 1);
         bytes = rest;
     }
-    samples
 }

@@ -9,7 +9,7 @@ use super::source::Input;
 use super::usage::{Kind, Uses, is_surface};
 use crate::io::{Dataset, Geometry, Mesh, Up};
 use crate::sample::mesh::Spread;
-use crate::sample::{SampleOptions, SampleReport, SampledScene, TransferChoice};
+use crate::sample::{LEAST_PER_NODE, SampleOptions, SampleReport, SampledScene, TransferChoice};
 use crate::scene::{PointVolume, TransferFunction};
 use crate::{Error, Result};
 
@@ -171,11 +171,7 @@ fn absence(dataset: &Dataset, selector: &str) -> Option<Error> {
 /// with masses, 32 bytes each once they are read, take 67 at the peak.
 const LEAST_PER_POINT: usize = 32;
 
-/// The same of a node of a curvilinear grid or of cells: three million nodes, 28 bytes each once they are read, take 179 at
-/// the peak, with local models.
-const LEAST_PER_NODE: usize = 60;
-
-/// The same of a value on a lattice: as it is read, and with ghosts or in blocks.
+/// The same of a value on a lattice ([`LEAST_PER_NODE`] of one on a grid): as it is read, and with ghosts or in blocks.
 const LEAST_PER_CELL: usize = 2;
 
 /// Refuses data that do not fit into memory once they are particles.

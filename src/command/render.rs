@@ -601,10 +601,11 @@ impl Arguments {
             None => (read()?, None),
             Some(ranks) => {
                 let inputs = &self.inputs;
-                let takes_planes = !self.cut.cut_faces;
+                // Faces are cut of whole volumes.
+                let takes_parts = !self.cut.cut_faces;
                 let check = |scene| self.checked(scene);
                 self.data
-                    .shared(inputs, options, progress, ranks, takes_planes, read, check)?
+                    .shared(inputs, options, progress, ranks, takes_parts, read, check)?
             }
         };
         let is_shared = shared.is_some();

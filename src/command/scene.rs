@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::distributed::{PiecesRead, RowsRead};
-use crate::io::{Mesh, Planes, RowFile, Up, VtuPieces};
+use crate::io::{Mesh, Planes, RowFile, Up, VtsPieces, VtuPieces};
 use crate::legend::title_of;
 use crate::prepared::{About, PointFile, PreparedScene};
 use crate::sample::{
@@ -57,7 +57,7 @@ impl Scene {
         Self::of_points(field, unit, read.up(), read.corners)
     }
 
-    /// Of an unstructured grid of which every rank has read some pieces.
+    /// Of a grid of which every rank has read some pieces.
     pub(crate) fn of_pieces(read: &PiecesRead) -> Self {
         let (field, unit) = (read.report.field.as_deref(), read.report.unit.as_deref());
         Self {
@@ -199,6 +199,12 @@ impl Scene {
         let (lower, upper) = corners.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))?;
         Some(((lower + upper) / 2.0, (upper - lower) / 2.0))
     }
+}
+
+/// A grid in pieces that may be read apart.
+pub(crate) enum Pieces {
+    Cells(VtuPieces),
+    Grid(VtsPieces),
 }
 
 /// Points from which on a scene is prepared as a stream.
@@ -443,12 +449,12 @@ impl DataOptions {
         Ok(Some(file))
     }
 
-    /// An input as pieces of an unstructured grid that may be read apart, where it is an index of such, to be drawn as it is.
+    /// An input as pieces of a grid that may be read apart, where it is an index of such, to be drawn as it is.
     pub(crate) fn pieces(
         &self,
         input: &Input,
         options: &SampleOptions,
-    ) -> Result<Option<(VtuPieces, SampleOptions)>> {
+    ) -> Result<Option<(Pieces, SampleOptions)>> {
         let is_plain = input.path.is_file()
             && input.edit == Edit::default()
             && input.time_step.is_none()
@@ -456,8 +462,12 @@ impl DataOptions {
             && self.read_as.is_none()
             && self.scales.is_none()
             && !self.has_types();
+        let path = &input.path;
         let file = match is_plain {
-            true => VtuPieces::open(&input.path)?,
+            true => match VtuPieces::open(path)?.map(Pieces::Cells) {
+                None => VtsPieces::open(path)?.map(Pieces::Grid),
+                cells => cells,
+            },
             false => None,
         };
         let Some(file) = file else {
@@ -469,7 +479,7 @@ impl DataOptions {
         Ok(Some((file, options)))
     }
 
-    /// Refuses options that say nothing of an unstructured grid in pieces.
+    /// Refuses options that say nothing of a grid in pieces.
     pub(crate) fn check_pieces(&self, options: &SampleOptions) -> Result<()> {
         self.check_use(&Uses {
             kinds: vec![Kind::Grid],

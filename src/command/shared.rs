@@ -8,13 +8,13 @@ use indicatif::ProgressBar;
 use super::input::DataOptions;
 use super::prepared::is_prepared;
 use super::progress::note;
-use super::scene::Scene;
+use super::scene::{Pieces, Scene};
 use super::source::Input;
 use crate::blocks::ParticleStream;
 use crate::distributed::{
-    Ranks, Share, read_pieces, read_planes, read_rows, read_together, scatter,
+    Ranks, Share, read_grid, read_pieces, read_planes, read_rows, read_together, scatter,
 };
-use crate::io::{Planes, RowFile, VtuPieces};
+use crate::io::{Planes, RowFile};
 use crate::prepared::{About, PointFile};
 use crate::sample::{SampleOptions, SampleReport};
 use crate::{Error, Result};
@@ -23,7 +23,7 @@ use crate::{Error, Result};
 enum Together {
     Points(Box<PointFile>),
     Rows(Box<(RowFile, SampleOptions)>),
-    Pieces(Box<(VtuPieces, SampleOptions)>),
+    Pieces(Box<(Pieces, SampleOptions)>),
     Planes(Box<Planes>),
 }
 
@@ -35,7 +35,10 @@ impl Together {
             Self::Points(file) => (1, file.len(), file.field()).hash(&mut hasher),
             Self::Rows(rows) => (2, rows.0.count(), &rows.1.field).hash(&mut hasher),
             Self::Pieces(pieces) => {
-                let lengths: Vec<u64> = pieces.0.lengths().collect();
+                let lengths: Vec<u64> = match &pieces.0 {
+                    Pieces::Cells(file) => file.lengths().collect(),
+                    Pieces::Grid(file) => file.lengths().collect(),
+                };
                 (4, lengths, &pieces.1.field).hash(&mut hasher);
             }
             Self::Planes(file) => {
@@ -51,7 +54,7 @@ impl DataOptions {
     /// A scene that ranks share, and this one's share, whose volumes are in the scene; `None` where every rank has the
     /// whole: of prepared scenes.
     ///
-    /// - `takes_planes`: whether the planes of a lattice may come apart.
+    /// - `takes_parts`: whether what is read may come apart before it is checked.
     /// - `read`: reads the whole.
     /// - `check`: refuses what the options are not for.
     ///
@@ -67,13 +70,13 @@ impl DataOptions {
         options: &SampleOptions,
         progress: &ProgressBar,
         ranks: &mut Ranks,
-        takes_planes: bool,
+        takes_parts: bool,
         read: impl FnOnce() -> Result<Scene>,
         check: impl FnOnce(Scene) -> Result<Scene>,
     ) -> Result<(Scene, Option<Share>)> {
         let is_whole = inputs.iter().any(|input| is_prepared(&input.path));
         let together = match inputs {
-            [input] if !is_whole => self.together(input, options, takes_planes),
+            [input] if !is_whole => self.together(input, options, takes_parts),
             _ => Ok(None),
         };
         let together = ranks.agree(together)?;
@@ -95,7 +98,7 @@ impl DataOptions {
         if is_whole {
             return Ok((read()?, None));
         }
-        if inputs.len() > 1 {
+        if inputs.len() > 1 && takes_parts {
             let (scene, share) = self.dealt(inputs, options, progress, ranks)?;
             return Ok((check(scene)?, Some(share)));
         }
@@ -128,7 +131,11 @@ impl DataOptions {
             }
             Together::Pieces(pieces) => {
                 let (file, options) = &*pieces;
-                let Some(mut own) = read_pieces(file, options, ranks)? else {
+                let own = match file {
+                    Pieces::Cells(file) => read_pieces(file, options, ranks)?,
+                    Pieces::Grid(file) => read_grid(file, options, ranks)?,
+                };
+                let Some(mut own) = own else {
                     return self.of_first(inputs, options, ranks, read);
                 };
                 self.check_pieces(options)?;
@@ -154,8 +161,11 @@ impl DataOptions {
         &self,
         input: &Input,
         options: &SampleOptions,
-        takes_planes: bool,
+        takes_parts: bool,
     ) -> Result<Option<Together>> {
+        if !takes_parts {
+            return Ok(None);
+        }
         if let Some(file) = self.stream(input, options)? {
             return Ok(Some(Together::Points(Box::new(file))));
         }
@@ -165,10 +175,7 @@ impl DataOptions {
         if let Some(pieces) = self.pieces(input, options)? {
             return Ok(Some(Together::Pieces(Box::new(pieces))));
         }
-        let planes = match takes_planes {
-            true => self.planes(input, options)?,
-            false => None,
-        };
+        let planes = self.planes(input, options)?;
         Ok(planes.map(|file| Together::Planes(Box::new(file))))
     }
 

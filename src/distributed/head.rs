@@ -1,4 +1,4 @@
-//! What volumes have besides their particles, as the first rank tells it to others.
+//! What volumes have besides their particles, as the rank that has them tells it to others.
 
 use serde::{Deserialize, Serialize};
 

@@ -3,6 +3,8 @@
 use bytemuck::Pod;
 
 use crate::error::{Error, Result};
+#[cfg(feature = "cli")]
+use crate::scene::Values;
 
 /// Appends records, their number before them.
 pub(super) fn put<T: Pod>(bytes: &mut Vec<u8>, records: &[T]) {
@@ -23,6 +25,31 @@ pub(super) fn take<T: Pod>(bytes: &mut &[u8]) -> Result<Vec<T>> {
     let (records, rest) = rest.split_at(size);
     *bytes = rest;
     Ok(bytemuck::pod_collect_to_vec(records))
+}
+
+/// Appends values.
+#[cfg(feature = "cli")]
+pub(super) fn put_values(bytes: &mut Vec<u8>, values: &Values) {
+    match values {
+        Values::U8(values) => put(bytes, values),
+        Values::I16(values) => put(bytes, values),
+        Values::U16(values) => put(bytes, values),
+        Values::F32(values) => put(bytes, values),
+    }
+}
+
+/// Takes values of the same type as others.
+///
+/// # Errors
+/// Those of [`take`].
+#[cfg(feature = "cli")]
+pub(super) fn take_values(bytes: &mut &[u8], alike: &Values) -> Result<Values> {
+    Ok(match alike {
+        Values::U8(_) => Values::U8(take(bytes)?),
+        Values::I16(_) => Values::I16(take(bytes)?),
+        Values::U16(_) => Values::U16(take(bytes)?),
+        Values::F32(_) => Values::F32(take(bytes)?),
+    })
 }
 
 /// That another rank said what no rank of this program says.

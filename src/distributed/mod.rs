@@ -18,11 +18,12 @@
 //! | `rows.rs` | a file of points that look at their neighbours, whose rows ranks read together (feature `cli`) |
 //! | `surroundings.rs` | points of other ranks among these neighbours (feature `cli`) |
 //! | `pieces.rs` | an unstructured grid whose pieces ranks read together (feature `cli`) |
+//! | `grid.rs` | a curvilinear grid in pieces, of which ranks get planes (feature `cli`) |
 //! | `rings.rs` | cells of other ranks around these (feature `cli`) |
 //! | `patch.rs` | some of its cells, as bytes (feature `cli`) |
 //! | `planes.rs` | a lattice whose planes ranks read together (feature `cli`) |
 //! | `shown.rs` | the function of a field of which each rank has some values (feature `cli`) |
-//! | `scatter.rs` | what one rank has read, for all (feature `prepared`) |
+//! | `scatter.rs` | volumes that one rank has, for all (feature `prepared`) |
 //! | `head.rs` | what volumes have besides their particles (feature `prepared`) |
 //! | `tiles.rs` | which rank draws which tiles |
 //! | `exchange.rs` | footprints on their way |
@@ -38,6 +39,8 @@
 mod communicator;
 mod exchange;
 mod frames;
+#[cfg(feature = "cli")]
+mod grid;
 #[cfg(feature = "prepared")]
 mod head;
 mod message;
@@ -70,6 +73,8 @@ mod tiles;
 
 pub use communicator::Communicator;
 pub(crate) use frames::RankFrames;
+#[cfg(feature = "cli")]
+pub(crate) use grid::read_grid;
 #[cfg(feature = "cli")]
 pub(crate) use message::unknown;
 #[cfg(feature = "mpi")]

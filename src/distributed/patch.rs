@@ -2,10 +2,9 @@
 
 use std::path::Path;
 
-use super::message::{put, take, unknown};
+use super::message::{put, put_values, take, take_values, unknown};
 use crate::error::Result;
 use crate::io::{Association, CellKind, CellMesh, check_cells, renumber};
-use crate::sample::nodes_of;
 use crate::scene::Values;
 
 /// Cells, their nodes, and the values of either.
@@ -62,8 +61,15 @@ impl Patch {
 
     /// Some cells and their nodes, and which nodes these are.
     pub(super) fn of_cells(&self, cells: &[u32]) -> (Self, Vec<u32>) {
-        let of_cell = |&cell: &u32| nodes_of(&self.mesh, cell as usize);
-        let mut nodes: Vec<u32> = cells.iter().flat_map(of_cell).collect();
+        let mut nodes = Vec::new();
+        for &cell in cells {
+            // All that it names, those of faces that are none among them.
+            let mut entries = self.mesh.cell(cell as usize).to_vec();
+            renumber(self.mesh.kinds[cell as usize], &mut entries, |node| {
+                nodes.push(node);
+                node
+            });
+        }
         nodes.sort_unstable();
         nodes.dedup();
         let number = |node: u32| nodes.partition_point(|&other| other < node) as u32;
@@ -103,12 +109,7 @@ impl Patch {
         put(bytes, &self.mesh.connectivity);
         put(bytes, &self.hidden_nodes);
         put(bytes, &self.hidden_cells);
-        match &self.values {
-            Values::U8(values) => put(bytes, values),
-            Values::I16(values) => put(bytes, values),
-            Values::U16(values) => put(bytes, values),
-            Values::F32(values) => put(bytes, values),
-        }
+        put_values(bytes, &self.values);
     }
 
     /// What [`Self::put`] has put there.
@@ -131,12 +132,7 @@ impl Patch {
             hidden_nodes: take(bytes)?,
             hidden_cells: take(bytes)?,
             association: alike.association,
-            values: match &alike.values {
-                Values::U8(_) => Values::U8(take(bytes)?),
-                Values::I16(_) => Values::I16(take(bytes)?),
-                Values::U16(_) => Values::U16(take(bytes)?),
-                Values::F32(_) => Values::F32(take(bytes)?),
-            },
+            values: take_values(bytes, &alike.values)?,
         };
         let counts = [
             patch.hidden_nodes.len(),

@@ -19,10 +19,10 @@ use crate::io::{
 use crate::math::ExactSum;
 use crate::prepared::Found;
 use crate::sample::{
-    CellField, CellsApart, SampleOptions, SampleReport, check_len, default_field, take_scalar,
-    turned,
+    CellField, CellsApart, LEAST_PER_NODE, SampleOptions, SampleReport, check_len, default_field,
+    take_scalar, turned,
 };
-use crate::scene::Values;
+use crate::scene::{Surroundings, Values};
 
 /// The files that one of several readers takes, one after another, of about as many bytes as others do.
 pub(crate) fn dealt(lengths: &[u64], reader: usize, readers: usize) -> Range<usize> {
@@ -55,11 +55,11 @@ pub(crate) struct PiecesRead {
 
 /// What a rank says of its pieces: which arrays of nodes and of cells they have ([`ArraysSeen`]), and whether they have any
 /// solid cells, or any of higher order.
-type Told = ([(usize, Vec<(ArrayKey, usize)>); 2], [bool; 2]);
+pub(super) type Told = ([(usize, Vec<(ArrayKey, usize)>); 2], [bool; 2]);
 
 /// Reads this rank's pieces and makes particles of them: those that [`sample::volume`](crate::sample::volume) makes of the
-/// whole grid. `None` where these are made otherwise: of surfaces and points, of cells of higher order, and where a boundary
-/// may be sharp, which is so of meshes alone whose nodes all lie apart.
+/// whole grid. `None` where these are made otherwise: of surfaces and points, of cells of higher order, flattened ones, and where a
+/// boundary may be sharp, which is so of meshes alone whose nodes all lie apart.
 ///
 /// # Errors
 /// What reading or sampling says, on any rank; nothing that can be drawn; a rank that is gone.
@@ -102,14 +102,12 @@ pub(crate) fn read_pieces(
         (false, true) => 2,
         (false, false) => 1,
     };
-    let rings = Rings::around(own, rings, ranks);
-    let rings = ranks.agree(rings)?;
-    let of_nodes = rings.patch.association == Association::Nodes;
-    let welded = rings.welded;
-    let is_sharp = options.is_sharp() && of_nodes;
-    if is_sharp && ranks.sums(Ok(vec![welded as u64]))? == [0] {
+    let is_sharp = options.is_sharp() && own.association == Association::Nodes;
+    let rings = Rings::around(own, rings, is_sharp, ranks);
+    let Some(rings) = ranks.agree(rings)? else {
         return Ok(None);
-    }
+    };
+    let welded = rings.welded;
     let mut volume_sum = ExactSum::default();
     let sampled = sampled(rings, &turned, options, &mut volume_sum);
     let CellsApart {
@@ -135,7 +133,14 @@ pub(crate) fn read_pieces(
     let count = found.report.particle_count;
     let picked = CellsApart::picked(&volume, before as usize, count);
     let shown = (&mut found, spacing);
-    show(&mut volume, picked, count, shown, options, ranks)?;
+    show(
+        &mut volume,
+        picked,
+        (count, Surroundings::Absent),
+        shown,
+        options,
+        ranks,
+    )?;
     if let Some(models) = models {
         volume.local_models = Some(models_of_all(&models, ranks)?);
     }
@@ -158,7 +163,7 @@ fn kinds_of([is_solid, is_higher]: [bool; 2], mesh: &CellMesh) -> [bool; 2] {
 }
 
 /// The arrays that the pieces of all ranks have, and whether any has solid cells, or such of higher order.
-fn seen_by_all(own: &Told, ranks: &mut Ranks) -> Result<([ArraysSeen; 2], [bool; 2])> {
+pub(super) fn seen_by_all(own: &Told, ranks: &mut Ranks) -> Result<([ArraysSeen; 2], [bool; 2])> {
     // Words and numbers.
     let part = serde_json::to_vec(own).unwrap_or_default();
     let mut all: [ArraysSeen; 2] = Default::default();
@@ -176,7 +181,7 @@ fn seen_by_all(own: &Told, ranks: &mut Ranks) -> Result<([ArraysSeen; 2], [bool;
 
 /// The fields of all ranks, of each component the least and the greatest value alone, without nodes and cells: what a field
 /// is chosen by, and what is known of it.
-fn head_of(own: &Dataset, ranks: &mut Ranks) -> Result<Dataset> {
+pub(super) fn head_of(own: &Dataset, ranks: &mut Ranks) -> Result<Dataset> {
     let range = |values: &Values| {
         let range = values.finite_range();
         range.unwrap_or([f32::INFINITY, f32::NEG_INFINITY])
@@ -214,7 +219,9 @@ fn head_of(own: &Dataset, ranks: &mut Ranks) -> Result<Dataset> {
         },
         unit: field.unit.clone(),
     });
-    let geometry = Geometry::Cells(CellMesh::default());
+    let geometry = Geometry::Points {
+        positions: Vec::new(),
+    };
     Ok(Dataset {
         notes: own.notes.clone(),
         ..Dataset::new(&own.path, own.format, geometry, fields.collect())
@@ -229,6 +236,9 @@ fn patch_of(mut dataset: Dataset, field: &str) -> Result<Patch> {
         unreachable!("pieces of an unstructured grid are cells")
     };
     let mesh = std::mem::take(mesh);
+    // One kernel for each of either.
+    let count = mesh.nodes.len().min(mesh.cell_count());
+    crate::memory::check(count, LEAST_PER_NODE).map_err(|e| e.in_file(&dataset.path))?;
     check_len(&dataset, &taken, mesh.count_of(taken.association))?;
     Ok(Patch {
         hidden_nodes: (0..mesh.nodes.len())
@@ -257,8 +267,8 @@ fn sampled(
         ..
     } = rings;
     let blanking = Blanking::of_masks(
-        patch.hidden_nodes.iter().map(|own| *own != 0).collect(),
-        patch.hidden_cells.iter().map(|own| *own != 0).collect(),
+        patch.hidden_nodes.into_iter().map(|own| own != 0).collect(),
+        patch.hidden_cells.into_iter().map(|own| own != 0).collect(),
     );
     let field = CellField {
         mesh: &patch.mesh,
@@ -283,6 +293,9 @@ mod tests {
     use crate::sample::{BoundaryChoice, Sampled, TransferChoice, volume};
 
     const CELLS: [usize; 3] = [11, 7, 6];
+
+    /// The number of a node without a place.
+    const NOWHERE: usize = 1 << 20;
 
     /// Six tetrahedra around a cube's diagonal, by its corners x fastest.
     const TETRAHEDRA: [[usize; 4]; 6] = [
@@ -398,8 +411,15 @@ mod tests {
                 pieces[own].add(CellKind::VOXEL, &corners);
             }
         }
-        // A node of no cell, and one that lies nowhere with the cells around it.
+        // A node of no cell, and two that lie nowhere: one with the cells around it, the other with cells that share nothing else.
         pieces[1].nodes.push(node(0, 0, 0));
+        let blind = &mut pieces[2];
+        let (last, count) = (blind.nodes.len(), blind.cells.len());
+        blind.nodes.push(NOWHERE);
+        for n in [0, count / 2, count - 1] {
+            let corner = blind.cells[n].1.last_mut().unwrap();
+            *corner = last;
+        }
         let nowhere = node(8, 2, 2);
         let mut index = String::from(
             r#"<VTKFile type="PUnstructuredGrid" version="1.0"><PUnstructuredGrid GhostLevel="0">"#,
@@ -418,7 +438,7 @@ mod tests {
                 } else {
                     own
                 };
-                if node == nowhere {
+                if node == nowhere || node == NOWHERE {
                     DVec3::NAN
                 } else {
                     own + DVec3::X * (gap * n as f64)

@@ -34,6 +34,14 @@ struct Others {
     patch: Patch,
 }
 
+/// What a rank has told another.
+#[derive(Debug, Clone, Default)]
+struct Sent {
+    cells: HashSet<u32>,
+    /// Nodes without a place, which the other cannot ask for by it.
+    nowhere: HashSet<u32>,
+}
+
 /// A rank's own nodes by their positions.
 struct Places<'a> {
     nodes: &'a [DVec3],
@@ -68,10 +76,16 @@ impl Rings {
     ///
     /// - `own`: with numbers after those of the ranks before.
     /// - `count`: of rings.
+    /// - `is_refused`: whether a mesh is whose nodes, on whichever rank, all lie apart.
     ///
     /// # Errors
     /// More nodes or entries of cells than 32 bits count; a rank that is gone.
-    pub(super) fn around(own: Patch, count: usize, ranks: &mut Ranks) -> Result<Self> {
+    pub(super) fn around(
+        own: Patch,
+        count: usize,
+        is_refused: bool,
+        ranks: &mut Ranks,
+    ) -> Result<Option<Self>> {
         let (rank, size) = (ranks.rank(), ranks.size());
         let counts = [own.mesh.nodes.len(), own.mesh.cell_count()].map(|n| n as u64);
         let counts = ranks.gather_records(Ok(counts.to_vec()))?;
@@ -97,7 +111,7 @@ impl Rings {
             patch: Patch::none_of(&own),
         };
         let mut asked = HashSet::new();
-        let mut sent = vec![HashSet::new(); size];
+        let mut sent = vec![Sent::default(); size];
         let mut frontier: Vec<DVec3> = finite().copied().collect();
         for ring in 0..count {
             frontier.retain(|&p| (0..size).any(|other| is_within(p, other)));
@@ -113,13 +127,20 @@ impl Rings {
             if ring == 0 {
                 // All nodes of others that lie where any of these does.
                 welded.extend(theirs.iter().flatten().flat_map(|&p| places.at(p)));
+                if is_refused && ranks.sums(Ok(vec![welded.len() as u64]))? == [0] {
+                    return Ok(None);
+                }
             }
-            let answer = |(asked, sent): (&Vec<DVec3>, &mut HashSet<u32>)| {
+            let answer = |(asked, sent): (&Vec<DVec3>, &mut Sent)| {
                 let found = asked.iter().flat_map(|&p| places.at(p));
+                let found = found.chain(&sent.nowhere);
                 let cells = found.flat_map(|&node| around.of(node)).copied();
-                let mut cells: Vec<u32> = cells.filter(|&cell| sent.insert(cell)).collect();
+                let mut cells: Vec<u32> = cells.filter(|&cell| sent.cells.insert(cell)).collect();
                 cells.sort_unstable();
                 let (patch, nodes) = own.of_cells(&cells);
+                let is_nowhere = |&node: &u32| !own.mesh.nodes[node as usize].is_finite();
+                sent.nowhere
+                    .extend(nodes.iter().copied().filter(is_nowhere));
                 let numbers = |of: &[u32], first: u64| -> Vec<u64> {
                     of.iter().map(|&i| first + u64::from(i)).collect()
                 };
@@ -139,7 +160,7 @@ impl Rings {
             ranks.agree(heard)?;
         }
         drop((places, around, sent, asked));
-        Self::joined(own, first, others, welded.len())
+        Self::joined(own, first, others, welded.len()).map(Some)
     }
 
     fn joined(mut own: Patch, first: [u64; 2], others: Others, welded: usize) -> Result<Self> {

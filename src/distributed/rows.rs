@@ -10,7 +10,7 @@ use super::planes::joined;
 use super::ranks::Ranks;
 use super::share::Share;
 use super::shown::{found_by_all, models_of_all, show};
-use super::surroundings::{Surroundings, sent, sent_values};
+use super::surroundings::{PointsAround, sent, sent_values};
 use crate::blocks::territories;
 use crate::error::Result;
 use crate::io::{Association, Dataset, Field, FieldSource, Geometry, RowFile, Up};
@@ -19,7 +19,7 @@ use crate::sample::{
     Elsewhere, FITTED_NEIGHBOURS, Fitted, Neighbourhoods, RowsApart, SampleOptions, SampleReport,
     Surrounded, fit_apart, sample_apart, scalars, without_spacing,
 };
-use crate::scene::{PointVolume, Values};
+use crate::scene::{PointVolume, Surroundings, Values};
 
 /// What ranks made of a file, each of a part.
 pub(crate) struct RowsRead {
@@ -113,7 +113,14 @@ pub(crate) fn read_rows(
     found.report = sampled.report;
     let (mut found, spacing) = found_by_all(&found, &head, file.path(), &options, ranks)?;
     let shown = (&mut found, spacing);
-    show(&mut volume, picked, count, shown, &options, ranks)?;
+    show(
+        &mut volume,
+        picked,
+        (count, Surroundings::Absent),
+        shown,
+        &options,
+        ranks,
+    )?;
     fit(&mut volume, &options, ranks)?;
     Ok(Some(RowsRead {
         share: Share {
@@ -161,7 +168,7 @@ fn fitted(
     ranks: &mut Ranks,
 ) -> Result<Fitted> {
     let positions = volume.particles.positions();
-    let around = Surroundings::of(positions, count, ranks)?;
+    let around = PointsAround::of(positions, count, ranks)?;
     let places = around.fetch(positions, ranks)?;
     let values = match &volume.values {
         None => Values::U8(Vec::new()),
@@ -326,7 +333,7 @@ fn neighbourhoods(
     path: &Path,
 ) -> Result<Neighbourhoods> {
     let neighbours = |i: u32| RowsApart::neighbours(own.numbers[i as usize], count as u64);
-    let around = Surroundings::of(&own.positions, &neighbours, ranks)?;
+    let around = PointsAround::of(&own.positions, &neighbours, ranks)?;
     let others = around.fetch(&own.positions, ranks)?;
     let positions = [own.positions.as_slice(), &others].concat();
     let points = Surrounded {
@@ -341,7 +348,7 @@ fn neighbourhoods(
 }
 
 struct Others<'a> {
-    around: Surroundings,
+    around: PointsAround,
     ranks: &'a mut Ranks,
 }
 

@@ -1,4 +1,4 @@
-//! A scene that the first rank has, for all: what cannot be read apart one reads, and hands out.
+//! Volumes that one rank has, for all: what cannot be read apart one reads, and hands out.
 
 use bytemuck::Pod;
 
@@ -59,12 +59,14 @@ pub(crate) fn hand_out(own: Vec<PointVolume>, ranks: &mut Ranks) -> Result<Share
     let (mut volumes, mut heads) = (Vec::new(), Vec::new());
     for (rank, told) in told.iter().enumerate() {
         for head in heard(told)? {
+            // All ranks look at all heads, so that none fails alone.
+            let stand_in = head.volume()?;
             let its_own = if rank == ranks.rank() {
                 own.next()
             } else {
                 None
             };
-            volumes.push(its_own.map_or_else(|| head.volume(), Ok)?);
+            volumes.push(its_own.unwrap_or(stand_in));
             heads.push((rank, head));
         }
     }

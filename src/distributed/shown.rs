@@ -19,7 +19,7 @@ use crate::sample::{SampleOptions, function_apart, mean_spacing, nothing_left};
 use crate::sample::{SampleReport, Sampled};
 #[cfg(test)]
 use crate::scene::rows::{rows_of, volume_of};
-use crate::scene::{LocalModel, LocalModels, PickedRow, PointVolume, Values};
+use crate::scene::{LocalModel, LocalModels, PickedRow, PointVolume, Surroundings, Values};
 
 /// What all ranks found, and how far apart their particles lie on average.
 ///
@@ -49,7 +49,7 @@ pub(super) fn found_by_all(
 /// Gives a rank's volume the function of all values, where it has any.
 ///
 /// - `picked`: those of its particles that the function may be chosen from.
-/// - `count`: of the rows among which these are, of all ranks.
+/// - `count`: of the rows among which these are, of all ranks; `surroundings`: whether there is anything around them.
 /// - `found`: of all ranks, to which the function is added.
 ///
 /// # Errors
@@ -57,7 +57,7 @@ pub(super) fn found_by_all(
 pub(super) fn show(
     volume: &mut PointVolume,
     picked: Vec<PickedRow>,
-    count: usize,
+    (count, surroundings): (usize, Surroundings),
     (found, spacing): (&mut Found, f64),
     options: &SampleOptions,
     ranks: &mut Ranks,
@@ -67,7 +67,14 @@ pub(super) fn show(
         return Ok(());
     }
     picked.sort_unstable_by_key(|own| own.row);
-    let function = function_apart(&picked, count, spacing, &mut found.report, options);
+    let function = function_apart(
+        &picked,
+        count,
+        surroundings,
+        spacing,
+        &mut found.report,
+        options,
+    );
     let function = ranks.agree(function)?;
     let scale = function.value_scale();
     let values = volume.values.take().unwrap_or(Values::U8(Vec::new()));

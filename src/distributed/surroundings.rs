@@ -12,12 +12,12 @@ use crate::scene::Values;
 
 /// Who looks at which of this rank's points.
 #[derive(Debug)]
-pub(super) struct Surroundings {
+pub(super) struct PointsAround {
     /// Of each rank those of this one's points that it asked for, ascending.
     wanted: Vec<Vec<u32>>,
 }
 
-impl Surroundings {
+impl PointsAround {
     /// Finds out.
     ///
     /// - `count`: of the nearest distinct places that a point looks at, on whichever rank they are.

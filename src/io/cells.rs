@@ -113,7 +113,7 @@ impl CellMesh {
 }
 
 /// Gives the nodes of a cell, whose entries have been checked, other numbers.
-pub(crate) fn renumber(kind: CellKind, mut cell: &mut [u32], number: impl Fn(u32) -> u32) {
+pub(crate) fn renumber(kind: CellKind, mut cell: &mut [u32], mut number: impl FnMut(u32) -> u32) {
     if kind != CellKind::POLYHEDRON {
         cell.iter_mut().for_each(|n| *n = number(*n));
         return;

@@ -272,7 +272,7 @@ impl Dataset {
     }
 
     /// The field that a selector of [`Dataset::scalar`] names, and the component of a vector.
-    pub(super) fn selected(&self, selector: &str) -> Option<(&Field, Option<usize>)> {
+    pub(crate) fn selected(&self, selector: &str) -> Option<(&Field, Option<usize>)> {
         let component = selector.rsplit_once(':').and_then(|(name, component)| {
             let index = match component.to_ascii_lowercase().as_str() {
                 "x" => 0,

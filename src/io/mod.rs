@@ -111,6 +111,8 @@ mod vtk_xml_kinds;
 mod vtp;
 mod vtr;
 mod vts;
+#[cfg(feature = "cli")]
+mod vts_pieces;
 mod vtu;
 #[cfg(feature = "cli")]
 mod vtu_pieces;
@@ -161,6 +163,8 @@ pub use up::Up;
 pub(crate) use vtk_grid::check as check_cells;
 #[cfg(feature = "cli")]
 pub(crate) use vtk_pieces::{ArrayKey, ArraysSeen};
+#[cfg(feature = "cli")]
+pub(crate) use vts_pieces::{BlockPlanes, VtsPieces};
 #[cfg(feature = "cli")]
 pub(crate) use vtu_pieces::VtuPieces;
 pub use write_splats::{FLAT_SHARE, WrittenSplats, check_splats_path, write_splats};

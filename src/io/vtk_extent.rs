@@ -189,6 +189,43 @@ impl Part {
     }
 }
 
+#[cfg(feature = "cli")]
+impl<G> Part<G> {
+    /// - `node_arrays`, `cell_arrays`: a number for each node and each cell of the extent.
+    pub(super) fn of(
+        extent: Extent,
+        geometry: G,
+        node_arrays: Vec<Array>,
+        cell_arrays: Vec<Array>,
+    ) -> Self {
+        Self {
+            extent,
+            geometry,
+            node_arrays,
+            cell_arrays,
+        }
+    }
+
+    /// Whether it has any nodes, or cells.
+    pub(super) fn has_any(&self, association: Association) -> bool {
+        self.extent.count(association) != Some(0)
+    }
+
+    pub(super) fn arrays(&self, association: Association) -> &[Array] {
+        match association {
+            Association::Nodes => &self.node_arrays,
+            Association::Cells => &self.cell_arrays,
+        }
+    }
+
+    pub(super) fn arrays_mut(&mut self, association: Association) -> &mut Vec<Array> {
+        match association {
+            Association::Nodes => &mut self.node_arrays,
+            Association::Cells => &mut self.cell_arrays,
+        }
+    }
+}
+
 impl<G> Part<G> {
     /// What else was read, apart from the rest.
     pub(super) fn split(self) -> (Part, (Extent, G)) {

@@ -111,6 +111,20 @@ pub(super) fn sources(input: Input<'_>, element: Node<'_, '_>) -> Result<Vec<Pat
     Ok(files)
 }
 
+/// The same with the length of each.
+#[cfg(feature = "cli")]
+pub(super) fn sources_with_lengths(
+    input: Input<'_>,
+    element: Node<'_, '_>,
+) -> Result<Vec<(PathBuf, u64)>> {
+    let with_length = |file: PathBuf| {
+        let length = std::fs::metadata(&file).map_or(0, |meta| meta.len());
+        (file, length)
+    };
+    let files = sources(input, element)?.into_iter();
+    Ok(files.map(with_length).collect())
+}
+
 /// Calls `work` with the pieces of one file that an index names.
 ///
 /// - `kind`: the `type` of the file.
@@ -244,14 +258,14 @@ pub(crate) struct ArraysSeen {
 }
 
 impl ArraysSeen {
-    pub(super) fn of(parts: &[Vec<Array>]) -> Self {
+    pub(super) fn of<A: AsRef<[Array]>>(parts: &[A]) -> Self {
         let mut seen = Self::default();
         let mut place_of = HashMap::new();
         for arrays in parts {
             seen.parts += 1;
             let mut of_part = HashSet::new();
             let is_first = |key: &ArrayKey| of_part.insert(key.clone());
-            for key in arrays.iter().map(key).filter(is_first) {
+            for key in arrays.as_ref().iter().map(key).filter(is_first) {
                 seen.count(key, 1, &mut place_of);
             }
         }
@@ -313,7 +327,7 @@ impl ArraysSeen {
     }
 }
 
-fn key(array: &Array) -> ArrayKey {
+pub(super) fn key(array: &Array) -> ArrayKey {
     let kinds = array.components.iter().map(|c| c.type_name().to_owned());
     (array.name.clone(), kinds.collect())
 }

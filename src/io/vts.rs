@@ -12,14 +12,22 @@
 //! Nodes are stored i fastest, then j, then k. Several pieces are put together, see
 //! [`super::vtk_extent`].
 
+use std::path::Path;
+
 use glam::DVec3;
 
 use super::CurvilinearBlock;
-use super::dataset::{Association, Dataset, Geometry};
+use super::dataset::{Association, Dataset, Field, Geometry};
 use super::file::Input;
 use super::vtk_extent::{Extent, Part, check_cover, join, place};
 use super::vtk_pieces::{self, Piece};
 use crate::error::Result;
+
+/// The format's name, for people.
+pub(super) const FORMAT: &str = "VTK structured grid";
+
+/// The `type` of such a file.
+pub(super) const KIND: &str = "StructuredGrid";
 
 /// Reads a structured grid.
 ///
@@ -27,29 +35,42 @@ use crate::error::Result;
 /// Not such a grid, damaged arrays, or pieces that do not make up the whole.
 pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
-    let (whole, parts) = vtk_pieces::read(input, "StructuredGrid", Extent::whole, read_part)?;
-    let (parts, mut nodes): (Vec<_>, Vec<_>) = parts.into_iter().map(Part::split).unzip();
-    let nodes = match nodes.as_mut_slice() {
-        [(extent, nodes)] if *extent == whole => std::mem::take(nodes),
-        _ => {
-            let extents: Vec<Extent> = nodes.iter().map(|(extent, _)| *extent).collect();
-            check_cover(path, &whole, &extents, Association::Nodes, "Points")?;
-            let parts = nodes.into_iter();
-            place(&whole, Association::Nodes, DVec3::NAN, parts, |_, b| b)
-        }
-    };
-    let (fields, notes) = join(path, &whole, parts)?;
+    let (whole, parts) = vtk_pieces::read(input, KIND, Extent::whole, read_part)?;
+    let (nodes, fields, notes) = joined(path, &whole, parts)?;
     let dims = whole.dims(Association::Nodes);
     let blocks = vec![CurvilinearBlock { dims, nodes }];
     let geometry = Geometry::Curvilinear { blocks };
     Ok(Dataset {
         notes,
-        ..Dataset::new(path, "VTK structured grid", geometry, fields)
+        ..Dataset::new(path, FORMAT, geometry, fields)
     })
 }
 
+/// Nodes and fields of pieces, put together, and notes on what was left out.
+///
+/// # Errors
+/// Pieces that do not make up the whole.
+pub(super) fn joined(
+    path: &Path,
+    whole: &Extent,
+    parts: Vec<Part<Vec<DVec3>>>,
+) -> Result<(Vec<DVec3>, Vec<Field>, Vec<String>)> {
+    let (parts, mut nodes): (Vec<_>, Vec<_>) = parts.into_iter().map(Part::split).unzip();
+    let nodes = match nodes.as_mut_slice() {
+        [(extent, nodes)] if *extent == *whole => std::mem::take(nodes),
+        _ => {
+            let extents: Vec<Extent> = nodes.iter().map(|(extent, _)| *extent).collect();
+            check_cover(path, whole, &extents, Association::Nodes, "Points")?;
+            let parts = nodes.into_iter();
+            place(whole, Association::Nodes, DVec3::NAN, parts, |_, b| b)
+        }
+    };
+    let (fields, notes) = join(path, whole, parts)?;
+    Ok((nodes, fields, notes))
+}
+
 /// A piece with its own nodes.
-fn read_part(whole: &Extent, piece: Piece<'_>) -> Result<Option<Part<Vec<DVec3>>>> {
+pub(super) fn read_part(whole: &Extent, piece: Piece<'_>) -> Result<Option<Part<Vec<DVec3>>>> {
     let Some(part) = Part::read(whole, piece)? else {
         return Ok(None);
     };

@@ -48,14 +48,9 @@ impl VtuPieces {
         let frame = Frame::new(path, &bytes)?;
         let document = frame.document()?;
         let element = vtk_pieces::data_set(path, &document, &index_kind)?;
-        let files = vtk_pieces::sources(input, element)?.into_iter();
-        let with_length = |file: PathBuf| {
-            let length = std::fs::metadata(&file).map_or(0, |meta| meta.len());
-            (file, length)
-        };
         Ok(Some(Self {
             path: path.to_path_buf(),
-            files: files.map(with_length).collect(),
+            files: vtk_pieces::sources_with_lengths(input, element)?,
         }))
     }
 
@@ -109,10 +104,8 @@ impl SomePieces {
         let mut notes = Vec::new();
         let each = ASSOCIATIONS.into_iter().zip(self.arrays).zip(all);
         for ((association, mut arrays), seen) in each {
-            if seen.parts > 1 {
-                arrays.iter_mut().for_each(|arrays| seen.keep(arrays));
-                notes.extend(seen.note(element_of(association)));
-            }
+            arrays.iter_mut().for_each(|arrays| seen.keep(arrays));
+            notes.extend(seen.note(element_of(association)));
             let joined = arrays.into_iter().reduce(append_arrays);
             let joined = joined.unwrap_or_else(|| seen.common().map(Array::none_of).collect());
             fields.extend(to_fields(joined, association));

@@ -17,7 +17,7 @@ use super::incidence::CellsAround;
 use super::kernels::{Kernel, Kernels};
 use super::left_out::LeftOut;
 use super::local_models::mesh::SampledMesh;
-use super::sharp::{apply, even_out};
+use super::sharp::{Nobody, Own, apply, even_out};
 use super::sharp_cells::{DrawnCells, Surface, sharp_cells};
 use super::{
     SampleOptions, SampleReport, Sampled, check_count, check_len, classified_kernels, gradient,
@@ -317,8 +317,12 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     let task = options.task.as_ref();
     // The mesh has done its work.
     drop((surface, around, duals, dataset));
-    if let Some(ghosts) = apply(volume, report, vec![changes], options) {
-        even_out(volume, &ghosts, |kernels, volumes| {
+    let own = &mut Own {
+        range: 0..kept.len(),
+        rest: &mut Nobody,
+    };
+    if let Some(ghosts) = apply(volume, report, vec![changes], options, own)? {
+        even_out(volume, &ghosts, own, |kernels, volumes| {
             let mut sums = kernels.sums(volumes, task)?;
             // Beside them something is missing.
             if let Some(sums) = &mut sums {

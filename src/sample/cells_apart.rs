@@ -2,7 +2,7 @@
 
 use super::cells::{CellField, CellKernels};
 use super::kernels::Kernels;
-use super::{SampleOptions, SampleReport, check_options, keep};
+use super::{SampleOptions, SampleReport, check_options};
 use crate::error::Result;
 use crate::math::ExactSum;
 use crate::scene::{Colour, LocalModel, Particles, PickedRow, PointVolume, Strength};
@@ -58,7 +58,7 @@ impl CellField<'_> {
         of_own(&mut factors, &own);
         of_own(&mut volumes, &own);
         of_own(&mut kept, &own);
-        let values = keep(self.values.clone(), &kept);
+        let values = self.values.gather(&kept);
         report.particle_count = kept.len();
         report.value_range = values.finite_range();
         volumes.iter().for_each(|v| volume_sum.add(f64::from(*v)));

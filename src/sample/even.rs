@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use super::kernel_sums::Summand;
 use super::narrowed;
 use super::neighbours::PointIndex;
+use super::sharp::Own;
 use crate::error::Result;
 use crate::math::{lower_matrix, principal_sigmas};
 use crate::scene::{BoundaryPlanes, cut_kernel};
@@ -84,11 +85,23 @@ impl CutKernels<'_> {
     ///
     /// - `sums`: at each sample; not finite where it stays as it is.
     /// - `inside`: that volume.
-    pub(super) fn even_out(&self, volumes: &mut [f32], sums: &[f64], inside: f64) {
-        let own = self.own_count();
+    ///
+    /// # Errors
+    /// What those say who have the other samples.
+    pub(super) fn even_out(
+        &self,
+        volumes: &mut [f32],
+        sums: &[f64],
+        inside: f64,
+        own: &mut Own<'_>,
+    ) -> Result<()> {
+        let count = self.own_count();
+        let sample = |i: usize| match i.checked_sub(count) {
+            None => i,
+            Some(ghost) => self.sources[ghost],
+        };
         volumes.par_iter_mut().enumerate().for_each(|(i, volume)| {
-            let sample = if i < own { i } else { self.sources[i - own] };
-            let sum = sums[sample];
+            let sum = sums[sample(i)];
             if sum.is_finite() {
                 let held = sum.clamp(1.0 / MOST_CHANGE, MOST_CHANGE);
                 *volume = narrowed(f64::from(*volume) / held);
@@ -100,13 +113,18 @@ impl CutKernels<'_> {
             });
             share * f64::from(*volume)
         };
-        // In order, whatever the number of threads.
         let all: Vec<f64> = volumes.par_iter().enumerate().map(left).collect();
-        let scale = inside / all.iter().sum::<f64>();
+        let range = own.range.clone();
+        let of_own = all
+            .iter()
+            .enumerate()
+            .filter(|(i, _)| range.contains(&sample(*i)));
+        let scale = inside / own.sum(of_own.map(|(_, left)| *left))?;
         if scale.is_finite() {
             volumes
                 .par_iter_mut()
                 .for_each(|volume| *volume = narrowed(f64::from(*volume) * scale));
         }
+        Ok(())
     }
 }

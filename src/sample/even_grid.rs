@@ -20,6 +20,15 @@ const MOST_REACH: isize = 6;
 /// Beyond so many standard deviations a kernel leaves 3e-4 of its peak.
 const CUTOFF: f64 = 4.0;
 
+/// Nodes that are looked at along an index.
+///
+/// - `width`: of kernels, in spacings.
+pub(super) fn reach(width: f64) -> isize {
+    // Three deviations: a node there adds exp(-9/2) / (2 pi)^(3/2) / .6³ of itself, .3 %.
+    let reach = (1..MOST_REACH).find(|&n| n as f64 >= 3.0 * width);
+    reach.unwrap_or(MOST_REACH)
+}
+
 /// The nodes of one grid and of its layers of ghosts.
 pub(super) struct GridNodes<'a, 'b> {
     grid: &'a Grid<'b>,
@@ -128,9 +137,7 @@ impl<'a, 'b> GridNodes<'a, 'b> {
             is_bent[n] = true;
         }
         let all_densities = &*all_densities.get_or_insert_with(|| densities(kernels, volumes));
-        // Three deviations: a node there adds exp(-9/2) / (2 pi)^(3/2) / .6³ of itself, .3 %.
-        let reach = (1..MOST_REACH).find(|&n| n as f64 >= 3.0 * width);
-        let reach = reach.unwrap_or(MOST_REACH);
+        let reach = reach(width);
         let sum = |at: [usize; 3], own: usize| {
             let is_near_bend = (0..3).any(|a| {
                 (-2..=2).any(|by| {

@@ -10,7 +10,7 @@ pub(super) fn first_of(first: &[u32], node: u32) -> u32 {
 }
 
 /// The nodes of a cell; of a polyhedron once for each face.
-pub(crate) fn nodes_of(mesh: &CellMesh, cell: usize) -> impl Iterator<Item = u32> {
+pub(super) fn nodes_of(mesh: &CellMesh, cell: usize) -> impl Iterator<Item = u32> {
     let entries = mesh.cell(cell);
     let is_polyhedron = mesh.kinds[cell] == CellKind::POLYHEDRON;
     let (plain, faces) = if is_polyhedron {

@@ -6,6 +6,8 @@
 //! cut by the tangent plane at the nearest boundary node: exact on plane faces, of second order in
 //! curvature times spacing on others. A face that has collapsed to a line or a point, a pole, is none.
 
+use std::ops::Range;
+
 use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -13,11 +15,11 @@ use super::even::CutKernels;
 use super::even_grid::GridNodes;
 use super::kernels::Kernel;
 use super::local_models::matrix_of;
-use super::structured::{Grid, Part};
+use super::structured::{Grid, Part, Window};
 use super::{SampleOptions, SampleReport, index_u32, narrowed};
 use crate::constants::{EDGE_REACH, MOST_EDGES};
 use crate::error::Result;
-use crate::math::lower_factor;
+use crate::math::{ExactSum, lower_factor};
 use crate::scene::{
     Boundary, BoundaryPlanes, LocalModel, LocalModels, NO_EDGE, Particles, PointVolume, Strength,
 };
@@ -27,7 +29,7 @@ const LAYERS: usize = 2;
 
 /// How many cells away a face may cut a kernel: in a boundary layer kernels grow almost as fast as
 /// their distance.
-const FARTHEST: usize = 6;
+pub(super) const FARTHEST: usize = 6;
 
 /// Two tangents whose angle has a lesser sine span no face.
 const LEAST_SINE: f64 = 1e-6;
@@ -53,11 +55,37 @@ impl Face {
 }
 
 impl Grid<'_> {
-    /// The nodes on the faces of indices that do not close, those on edges more than once.
-    fn face_nodes(&self) -> impl Iterator<Item = usize> + use<> {
-        let (dims, periodic) = (self.dims, self.periodic);
-        let axes = (0..3).filter(move |&a| !periodic[a]);
-        axes.flat_map(move |a| face_nodes(dims, a))
+    /// The nodes on the grid's faces of indices that do not close, those on edges more than once.
+    fn face_nodes(&self) -> impl Iterator<Item = usize> {
+        let axes = (0..3).filter(|&a| !self.periodic[a]);
+        axes.flat_map(move |a| {
+            let sides = [0, self.dims[a] - 1].into_iter().enumerate();
+            let faces = sides.filter(move |(side, _)| self.is_face(a, *side == 1));
+            faces.flat_map(move |(_, at)| plane_nodes(self.dims, a, at))
+        })
+    }
+
+    /// Whether the last plane, or the first, along an index that does not close is the grid's, not one where it goes on
+    /// elsewhere.
+    fn is_face(&self, a: usize, is_upper: bool) -> bool {
+        let Window { first, count, .. } = self.window;
+        a < 2
+            || (if is_upper {
+                first + self.dims[2] == count
+            } else {
+                first == 0
+            })
+    }
+
+    /// How many nodes a place lies from the grid's first and last plane along an index.
+    fn from_faces(&self, a: usize, i: isize) -> [isize; 2] {
+        let Window { first, count, .. } = self.window;
+        let [before, count] = match a {
+            2 => [first, count],
+            _ => [0, self.dims[a]],
+        };
+        let i = i + before as isize;
+        [i, count as isize - 1 - i]
     }
 
     /// How far the grid is continued along each index.
@@ -152,11 +180,13 @@ impl Grid<'_> {
         let dims = [0, 1, 2].map(|a| self.dims[a] + 2 * layers[a]);
         let faces: Vec<Face> = (0..3)
             .filter(|&a| !self.periodic[a])
-            .flat_map(|a| [false, true].map(|is_upper| self.face(a, is_upper, dims)))
+            .flat_map(|a| [false, true].map(|is_upper| (a, is_upper)))
+            .filter(|&(a, is_upper)| self.is_face(a, is_upper))
+            .map(|(a, is_upper)| self.face(a, is_upper, dims))
             .collect();
-        let last = self.dims.map(|n| n as isize - 1);
         let is_near = |ijk: [isize; 3], a: usize| {
-            !self.periodic[a] && ijk[a].min(last[a] - ijk[a]) <= FARTHEST as isize
+            let [below, above] = self.from_faces(a, ijk[a]);
+            !self.periodic[a] && below.min(above) <= FARTHEST as isize
         };
         let of_row = |row: usize| {
             let [j, k] = [row % dims[1], row / dims[1]];
@@ -226,6 +256,7 @@ impl Grid<'_> {
         let nearest = [0, 1, 2].map(|a| ijk[a].clamp(0, last[a]));
         let beyond = [0, 1, 2].map(|a| ijk[a] - nearest[a]);
         if beyond.iter().any(|d| d.abs() > 1)
+            || (beyond[2] != 0 && !self.is_face(2, beyond[2] > 0))
             || (0..3).any(|a| self.periodic[a] && ijk[a] == last[a])
         {
             return None;
@@ -241,7 +272,7 @@ impl Grid<'_> {
         let mut is_on_boundary = false;
         let mut is_whole = true;
         for a in (0..3).filter(|&a| !self.periodic[a]) {
-            for (is_upper, distance) in [(false, ijk[a]), (true, last[a] - ijk[a])] {
+            for (is_upper, distance) in [false, true].into_iter().zip(self.from_faces(a, ijk[a])) {
                 if distance > FARTHEST as isize {
                     continue;
                 }
@@ -283,12 +314,16 @@ impl Grid<'_> {
 
 /// The nodes of both faces of a grid along index `a`, by their numbers.
 pub(super) fn face_nodes(dims: [usize; 3], a: usize) -> impl Iterator<Item = usize> {
+    let faces = [0, dims[a] - 1].into_iter();
+    faces.flat_map(move |at| plane_nodes(dims, a, at))
+}
+
+/// The nodes of a plane along index `a`.
+fn plane_nodes(dims: [usize; 3], a: usize, at: usize) -> impl Iterator<Item = usize> {
     let strides = [1, dims[0], dims[0] * dims[1]];
     let (b, c) = ((a + 1) % 3, (a + 2) % 3);
-    [0, dims[a] - 1].into_iter().flat_map(move |at| {
-        let across = (0..dims[b]).flat_map(move |i| (0..dims[c]).map(move |j| (i, j)));
-        across.map(move |(i, j)| at * strides[a] + i * strides[b] + j * strides[c])
-    })
+    let across = (0..dims[b]).flat_map(move |i| (0..dims[c]).map(move |j| (i, j)));
+    across.map(move |(i, j)| at * strides[a] + i * strides[b] + j * strides[c])
 }
 
 /// Those of some planes (a normal into the domain and a point each) that reach a kernel.
@@ -322,17 +357,64 @@ pub(super) struct SharpParticle {
     pub(super) edges: Option<[[f32; 4]; MOST_EDGES]>,
 }
 
+/// Whoever has the rest of the data.
+pub(crate) trait Rest {
+    /// Whether anyone says so.
+    fn any(&mut self, own: bool) -> Result<bool>;
+
+    /// The sum of what all say.
+    fn sum(&mut self, own: ExactSum) -> Result<ExactSum>;
+
+    /// The greatest that anyone says, place by place.
+    fn greatest(&mut self, own: [f32; 2]) -> Result<[f32; 2]>;
+}
+
+/// Nobody: all data are here.
+pub(super) struct Nobody;
+
+impl Rest for Nobody {
+    fn any(&mut self, own: bool) -> Result<bool> {
+        Ok(own)
+    }
+
+    fn sum(&mut self, own: ExactSum) -> Result<ExactSum> {
+        Ok(own)
+    }
+
+    fn greatest(&mut self, own: [f32; 2]) -> Result<[f32; 2]> {
+        Ok(own)
+    }
+}
+
+/// The particles that are asked for, of those of samples that are here, and whoever has the others.
+pub(super) struct Own<'a> {
+    pub(super) range: Range<usize>,
+    pub(super) rest: &'a mut dyn Rest,
+}
+
+impl Own<'_> {
+    /// The exact sum of what all particles add.
+    pub(super) fn sum(&mut self, each: impl Iterator<Item = f64>) -> Result<f64> {
+        let mut sum = ExactSum::default();
+        each.for_each(|x| sum.add(x));
+        Ok(self.rest.sum(sum)?.value())
+    }
+}
+
 /// Gives a volume of nodes of curvilinear grids, as it was sampled, a sharp boundary.
 ///
 /// - `grids`: with the number of each one's first node.
 /// - `kept`: which node each particle is, ascending.
+///
+/// Gives which of them each ghost belongs to; none where nothing is cut.
 pub(super) fn sharpen_grids(
     volume: &mut PointVolume,
     report: &mut SampleReport,
     grids: &[(usize, Grid<'_>)],
     kept: &[u32],
     options: &SampleOptions,
-) -> Result<()> {
+    own: &mut Own<'_>,
+) -> Result<Vec<usize>> {
     let node_count: usize = grids.iter().map(|(_, grid)| grid.nodes.len()).sum();
     let particle = |node: usize| {
         if kept.len() == node_count {
@@ -345,8 +427,11 @@ pub(super) fn sharpen_grids(
     let on_faces = grids
         .iter()
         .flat_map(|(first, grid)| grid.face_nodes().map(move |node| first + node));
-    if !options.cuts(volume, on_faces.filter_map(particle)) {
-        return Ok(());
+    let on_faces = on_faces.filter_map(particle);
+    let on_faces = on_faces.filter(|i| own.range.contains(i));
+    let is_cut = options.cuts(volume, on_faces);
+    if !own.rest.any(is_cut)? {
+        return Ok(Vec::new());
     }
     let mut changes = Vec::new();
     let mut all_nodes = Vec::with_capacity(grids.len());
@@ -354,8 +439,8 @@ pub(super) fn sharpen_grids(
     for (first, grid) in grids {
         let members = kept.partition_point(|&node| (node as usize) < *first)
             ..kept.partition_point(|&node| (node as usize) < first + grid.nodes.len());
-        let own = members.map(|i| (kept[i] as usize - first, index_u32(i)));
-        let mut nodes = GridNodes::new(grid, grid.layers(), own);
+        let members = members.map(|i| (kept[i] as usize - first, index_u32(i)));
+        let mut nodes = GridNodes::new(grid, grid.layers(), members);
         let of_grid = |node: usize| particle(first + node);
         let kernel = |particle: usize| {
             let (centre, factor, _) = volume.particles.shape(particle);
@@ -370,10 +455,10 @@ pub(super) fn sharpen_grids(
         }
         all_nodes.push(nodes);
     }
-    let Some(ghosts) = apply(volume, report, changes, options) else {
-        return Ok(());
+    let Some(ghosts) = apply(volume, report, changes, options, own)? else {
+        return Ok(Vec::new());
     };
-    even_out(volume, &ghosts, |kernels, volumes| {
+    even_out(volume, &ghosts, own, |kernels, volumes| {
         let mut densities = None;
         let of_grid = |nodes: &GridNodes<'_, '_>| {
             nodes.sums(kernels, volumes, &mut densities, options.kernel_width)
@@ -387,7 +472,8 @@ pub(super) fn sharpen_grids(
             sums[i] = sum;
         }
         Ok(Some(sums))
-    })
+    })?;
+    Ok(ghosts.sources)
 }
 
 /// Evens out the volumes of a volume with a boundary.
@@ -396,6 +482,7 @@ pub(super) fn sharpen_grids(
 pub(super) fn even_out(
     volume: &mut PointVolume,
     ghosts: &Ghosts,
+    own: &mut Own<'_>,
     sums: impl FnOnce(&CutKernels<'_>, &[f32]) -> Result<Option<Vec<f64>>>,
 ) -> Result<()> {
     let (
@@ -412,8 +499,12 @@ pub(super) fn even_out(
         boundary,
         sources: &ghosts.sources,
     };
-    if let Some(sums) = sums(&kernels, volumes)? {
-        kernels.even_out(volumes, &sums, ghosts.inside);
+    let sums = sums(&kernels, volumes)?;
+    let found = sums.iter().flat_map(|sums| &sums[own.range.clone()]);
+    let is_uneven = found.into_iter().any(|sum| !sum.is_nan());
+    if own.rest.any(is_uneven)? {
+        let sums = sums.unwrap_or_else(|| vec![f64::NAN; kernels.own_count()]);
+        kernels.even_out(volumes, &sums, ghosts.inside, own)?;
     }
     Ok(())
 }
@@ -434,18 +525,22 @@ pub(super) fn apply(
     report: &mut SampleReport,
     changes: Vec<Vec<SharpParticle>>,
     options: &SampleOptions,
-) -> Option<Ghosts> {
+    own: &mut Own<'_>,
+) -> Result<Option<Ghosts>> {
+    let range = own.range.clone();
+    let is_own = |change: &SharpParticle| range.contains(&change.sources[0]);
     let all = || changes.iter().flatten();
-    let on_boundary = all().filter(|c| c.kernel.is_some() && !c.is_ghost);
-    if !options.cuts(volume, on_boundary.map(|c| c.sources[0])) {
-        return None;
+    let on_boundary = all().filter(|c| c.kernel.is_some() && !c.is_ghost && is_own(c));
+    let is_cut = options.cuts(volume, on_boundary.map(|c| c.sources[0]));
+    if !own.rest.any(is_cut)? {
+        return Ok(None);
     }
     let (Particles::Anisotropic { positions, factors }, Strength::Classified { volumes }) =
         (&mut volume.particles, &mut volume.strength)
     else {
-        return None;
+        return Ok(None);
     };
-    let inside = volumes.iter().copied().map(f64::from).sum();
+    let inside = own.sum(volumes[range.clone()].iter().copied().map(f64::from))?;
     // The gradient stays, over another kernel; what the samples' centroids did to values goes with them.
     let over = |models: &LocalModels, source: usize, factor: &[f32; 6]| {
         let model = models.get(source);
@@ -462,12 +557,20 @@ pub(super) fn apply(
             .par_iter()
             .flatten()
             .filter_map(|change| {
-                let own = change.sources[0];
-                let model = over(&models, own, &change.kernel?.factor);
-                Some(((!change.is_ghost).then_some(own), model))
+                let source = change.sources[0];
+                let factor = &change.kernel?.factor;
+                // Those that are not asked for have none.
+                match (is_own(change), change.is_ghost) {
+                    (false, false) => None,
+                    (false, true) => Some((None, LocalModel::NONE)),
+                    (true, is_ghost) => {
+                        Some(((!is_ghost).then_some(source), over(&models, source, factor)))
+                    }
+                }
             })
             .collect();
-        volume.local_models = Some(models.changed(&changed));
+        let greatest = &mut |scales| own.rest.greatest(scales);
+        volume.local_models = Some(models.changed(&changed, greatest)?);
     }
     let ghost_count = all().filter(|c| c.is_ghost).count();
     let cut_count = all().filter(|c| c.edges.is_some()).count();
@@ -487,7 +590,7 @@ pub(super) fn apply(
             boundary.edges.push(edges);
             word = index_u32(boundary.edges.len());
         }
-        let [own, _] = change.sources;
+        let [source, _] = change.sources;
         match change.kernel {
             Some(kernel) if change.is_ghost => {
                 positions.push(kernel.position);
@@ -498,13 +601,13 @@ pub(super) fn apply(
                 continue;
             }
             Some(kernel) => {
-                positions[own] = kernel.position;
-                factors[own] = kernel.factor;
-                volumes[own] = kernel.volume;
+                positions[source] = kernel.position;
+                factors[source] = kernel.factor;
+                volumes[source] = kernel.volume;
             }
             None => {}
         }
-        boundary.of_particle[own] = word;
+        boundary.of_particle[source] = word;
     }
     if let Some(values) = &mut volume.values {
         values.extrapolate(&sources);
@@ -516,8 +619,8 @@ pub(super) fn apply(
     }
     report.particle_count = positions.len();
     volume.boundary = Some(Boundary::Planes(boundary));
-    Some(Ghosts {
+    Ok(Some(Ghosts {
         sources: sources.iter().map(|([nearest, _], _)| *nearest).collect(),
         inside,
-    })
+    }))
 }

@@ -9,12 +9,15 @@
 //! Nodes and cells are taken in runs along i, their coordinates in arrays of lanes: the compiler turns
 //! the loops over these into vectors.
 
+use std::ops::Range;
+
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
 use super::SampleReport;
 use super::left_out::LeftOut;
 use crate::io::Blanking;
+use crate::math::ExactSum;
 
 /// How far from its corner the Gauss point of an eighth lies along each index: (1 - 1/√3) / 2.
 const GAUSS: f64 = 0.211_324_865_405_187_13;
@@ -39,8 +42,85 @@ pub(super) struct Grid<'a> {
     /// Where the grid's nodes and cells begin among those of all blocks.
     pub(super) first_node: usize,
     pub(super) first_cell: usize,
+    /// Which of a larger grid's planes these are.
+    pub(super) window: Window,
     /// The volume that an eighth of each cell must exceed to count: infinite in blanked cells.
     least_eighths: Vec<f64>,
+}
+
+/// Planes of constant k of a grid, of some of which kernels are asked for. The others are there because these look at them.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Window {
+    /// The first that is here, among `count` of the grid.
+    pub(crate) first: usize,
+    pub(crate) count: usize,
+    /// Those that are asked for, counted from the first.
+    pub(crate) own: Range<usize>,
+}
+
+impl Window {
+    /// The planes of cells that are asked for.
+    ///
+    /// - `dims`: of the nodes that are here.
+    pub(crate) fn cells(&self, dims: [usize; 3]) -> Range<usize> {
+        let last = dims[2].saturating_sub(1);
+        self.own.start.min(last)..self.own.end.min(last)
+    }
+
+    /// A whole grid.
+    pub(super) fn whole(count: usize) -> Self {
+        Self {
+            first: 0,
+            count,
+            own: 0..count,
+        }
+    }
+}
+
+/// Whether the first and the last plane along an index are one, as far as some nodes tell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Seam {
+    pub(crate) is_closed: bool,
+    /// Whether there is anything between the planes.
+    pub(crate) is_crossed: bool,
+}
+
+impl Seam {
+    pub(crate) const NOTHING: Self = Self {
+        is_closed: true,
+        is_crossed: false,
+    };
+
+    /// What it and another tell.
+    #[must_use]
+    pub(crate) fn and(self, other: Self) -> Self {
+        Self {
+            is_closed: self.is_closed && other.is_closed,
+            is_crossed: self.is_crossed || other.is_crossed,
+        }
+    }
+
+    /// Of a line of nodes: the first two, the last but one, the last.
+    fn of([first, second, before, last]: [DVec3; 4]) -> Self {
+        let spacing = first.distance(second).max(before.distance(last));
+        Self {
+            // Phrased so that NaN says no.
+            is_closed: first.distance(last) <= SEAM_TOLERANCE * spacing,
+            is_crossed: spacing > 0.0,
+        }
+    }
+
+    /// Along k, of the nodes of these four planes.
+    #[cfg(feature = "cli")]
+    pub(crate) fn of_planes([first, second, before, last]: [&[DVec3]; 4]) -> Self {
+        let lines = first.iter().zip(second).zip(before.iter().zip(last));
+        let seams = lines.map(|((a, b), (c, d))| Self::of([*a, *b, *c, *d]));
+        seams.fold(Self::NOTHING, Self::and)
+    }
+
+    pub(crate) fn is_seam(self) -> bool {
+        self.is_closed && self.is_crossed
+    }
 }
 
 /// A kernel before narrowing.
@@ -240,13 +320,21 @@ pub(super) struct CellCounts {
 
 /// What is in a row of cells.
 #[derive(Default)]
-struct CellRow {
+pub(super) struct CellRow {
     /// Of all together, with its sign.
     volume: f64,
     collapsed: usize,
     empty: usize,
     /// How many have a positive and how many a negative volume.
     of_sign: [usize; 2],
+}
+
+/// The volume of the cells in rows, with its sign.
+pub(super) fn volume_of(rows: &[CellRow]) -> ExactSum {
+    let mut sum = ExactSum::default();
+    // Cells without volume have volume 0 here.
+    rows.iter().for_each(|row| sum.add(row.volume));
+    sum
 }
 
 impl CellCounts {
@@ -300,6 +388,34 @@ impl pulp::NullaryFnOnce for AddEighths<'_, '_> {
     }
 }
 
+/// Whether the first and last plane along index `d` coincide (an O-grid's seam), by the lines of nodes that begin in some
+/// planes of constant k.
+pub(crate) fn seam(dims: [usize; 3], nodes: &[DVec3], d: usize, planes: Range<usize>) -> Seam {
+    let n = dims[d];
+    // Three cells or more: two would have no inside.
+    if n < 4 {
+        return Seam {
+            is_closed: false,
+            is_crossed: false,
+        };
+    }
+    let strides = [1, dims[0], dims[0] * dims[1]];
+    let ranges = [0..dims[0], 0..dims[1], planes];
+    let [a, b] = [(d + 1) % 3, (d + 2) % 3];
+    let mut all = Seam::NOTHING;
+    for p in ranges[a].clone() {
+        for q in ranges[b].clone() {
+            let start = p * strides[a] + q * strides[b];
+            let at = |along: usize| nodes[start + along * strides[d]];
+            all = all.and(Seam::of([at(0), at(1), at(n - 2), at(n - 1)]));
+            if !all.is_closed {
+                return all;
+            }
+        }
+    }
+    all
+}
+
 impl<'a> Grid<'a> {
     /// A block with its seams and its handedness found, and cells with something about them counted.
     pub(super) fn new(
@@ -310,28 +426,62 @@ impl<'a> Grid<'a> {
         first_cell: usize,
         counts: &mut CellCounts,
     ) -> Self {
+        let periodic = [0, 1, 2].map(|d| seam(dims, nodes, d, 0..dims[2]).is_seam());
         let mut grid = Self {
             dims,
             nodes,
-            periodic: [false; 3],
+            periodic,
             handedness: 1.0,
             blanking,
             first_node,
             first_cell,
+            window: Window::whole(dims[2]),
             least_eighths: Vec::new(),
         };
-        grid.periodic = [0, 1, 2].map(|d| grid.is_seam(d));
         let rows = grid.look_at_cells();
-        // Cells without volume have volume 0 here.
-        let sum: f64 = rows.iter().map(|row| row.volume).sum();
-        grid.handedness = if sum < 0.0 { -1.0 } else { 1.0 };
-        let inverted = usize::from(sum >= 0.0);
+        grid.turn(volume_of(&rows).value(), &rows, counts);
+        grid
+    }
+
+    /// Some planes of a grid whose seams are known, and what is in the rows of those cells that are asked for; it is to be
+    /// [turned](Self::turn) by what is in the rows of all.
+    #[cfg(feature = "cli")]
+    pub(super) fn of_planes(
+        dims: [usize; 3],
+        nodes: &'a [DVec3],
+        blanking: &'a Blanking,
+        periodic: [bool; 3],
+        window: Window,
+    ) -> (Self, Vec<CellRow>) {
+        let own = window.cells(dims);
+        let mut grid = Self {
+            dims,
+            nodes,
+            periodic,
+            handedness: 1.0,
+            blanking,
+            first_node: 0,
+            first_cell: 0,
+            window,
+            least_eighths: Vec::new(),
+        };
+        let of_plane = dims[1].saturating_sub(1);
+        let mut rows = grid.look_at_cells();
+        rows.truncate(own.end * of_plane);
+        rows.drain(..(own.start * of_plane).min(rows.len()));
+        (grid, rows)
+    }
+
+    /// - `volume`: of the grid's cells, with its sign.
+    /// - `rows`: of the cells that are counted.
+    pub(super) fn turn(&mut self, volume: f64, rows: &[CellRow], counts: &mut CellCounts) {
+        self.handedness = if volume < 0.0 { -1.0 } else { 1.0 };
+        let inverted = usize::from(volume >= 0.0);
         for row in rows {
             counts.collapsed += row.collapsed;
             counts.empty += row.empty;
             counts.inverted += row.of_sign[inverted];
         }
-        grid
     }
 
     /// A grid of the same seams and handedness of which nothing is blanked.
@@ -342,6 +492,7 @@ impl<'a> Grid<'a> {
             blanking: &Blanking::NONE,
             first_node: 0,
             first_cell: 0,
+            window: Window::whole(dims[2]),
             least_eighths: Vec::new(),
             ..*other
         };
@@ -423,34 +574,6 @@ impl<'a> Grid<'a> {
 
     pub(super) fn cell_corners(&self, cell: [usize; 3]) -> [DVec3; 8] {
         self.corners(cell).map(|node| self.nodes[node])
-    }
-
-    /// Whether the first and last plane along index `d` coincide (an O-grid's seam).
-    fn is_seam(&self, d: usize) -> bool {
-        let n = self.dims[d];
-        // Three cells or more: two would have no inside.
-        if n < 4 {
-            return false;
-        }
-        let [a, b] = [(d + 1) % 3, (d + 2) % 3];
-        let mut crossed = false;
-        for p in 0..self.dims[a] {
-            for q in 0..self.dims[b] {
-                let at = |along: usize| {
-                    let mut ijk = [0; 3];
-                    (ijk[d], ijk[a], ijk[b]) = (along, p, q);
-                    self.nodes[self.node_index(ijk)]
-                };
-                let spacing = at(0).distance(at(1)).max(at(n - 2).distance(at(n - 1)));
-                // Phrased so that NaN says no.
-                let closed = at(0).distance(at(n - 1)) <= SEAM_TOLERANCE * spacing;
-                if !closed {
-                    return false;
-                }
-                crossed |= spacing > 0.0;
-            }
-        }
-        crossed
     }
 
     /// Loads the run of nodes that begins at one.
@@ -543,7 +666,7 @@ impl<'a> Grid<'a> {
     /// Calls `each` with the parts of the grid that belong to some nodes, `RUN` of a row at a time.
     pub(super) fn node_parts(
         &self,
-        nodes: std::ops::Range<usize>,
+        nodes: Range<usize>,
         mut each: impl FnMut(usize, Result<Part, LeftOut>),
     ) {
         let [ni, nj, _] = self.dims;

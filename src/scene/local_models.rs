@@ -15,6 +15,7 @@ use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::storage::{Owned, Shared, Storage};
+use crate::error::Result;
 use crate::math::{from_octahedral, to_octahedral};
 
 /// Bits of each octahedral coordinate of a slope's direction.
@@ -87,13 +88,11 @@ impl LocalModels {
     }
 
     /// The same with the scales of these and of others: [`Self::scales_of`] of all.
-    #[cfg(feature = "cli")]
     pub(crate) fn with(models: &[LocalModel], scales: [f32; 2]) -> Self {
         Self::scaled(&[]).with_scales(scales).coded(models)
     }
 
     /// The greatest slope and the greatest departure of models.
-    #[cfg(feature = "cli")]
     pub(crate) fn scales_of(models: &[LocalModel]) -> [f32; 2] {
         Self::scaled(models).scales()
     }
@@ -120,14 +119,18 @@ impl LocalModels {
     /// The same with some models changed, and others behind them.
     ///
     /// - `changes`: which particle's, ascending or not, or none of those that are there; and its model.
-    pub(crate) fn changed(mut self, changes: &[(Option<usize>, LocalModel)]) -> Self {
+    /// - `greatest`: the greatest of the scales of some models and of those that are elsewhere.
+    ///
+    /// # Errors
+    /// What `greatest` says.
+    pub(crate) fn changed(
+        mut self,
+        changes: &[(Option<usize>, LocalModel)],
+        greatest: &mut dyn FnMut([f32; 2]) -> Result<[f32; 2]>,
+    ) -> Result<Self> {
         let models: Vec<LocalModel> = changes.iter().map(|(_, model)| *model).collect();
-        let Self {
-            greatest_slope,
-            greatest_departure,
-            ..
-        } = Self::scaled(&models);
-        if greatest_slope <= self.greatest_slope && greatest_departure <= self.greatest_departure {
+        let [slope, departure] = greatest(Self::scales_of(&models))?;
+        if slope <= self.greatest_slope && departure <= self.greatest_departure {
             let codes: Vec<[u16; 3]> = models.par_iter().map(|m| self.code(m)).collect();
             for ((i, _), code) in changes.iter().zip(codes) {
                 match i {
@@ -135,7 +138,7 @@ impl LocalModels {
                     None => self.codes.push(code),
                 }
             }
-            return self;
+            return Ok(self);
         }
         let mut all: Vec<LocalModel> = (0..self.len())
             .into_par_iter()
@@ -147,7 +150,8 @@ impl LocalModels {
                 None => all.push(*model),
             }
         }
-        Self::new(&all)
+        let scales = greatest(Self::scales_of(&all))?;
+        Ok(Self::with(&all, scales))
     }
 
     /// Codes of other particles that were made with the same scales.
@@ -513,7 +517,7 @@ mod tests {
                 (Some(0), some),
                 (None, other),
             ];
-            let changed = LocalModels::new(&all).changed(&changes);
+            let changed = LocalModels::new(&all).changed(&changes, &mut Ok).unwrap();
             let mut truth = all.clone();
             (truth[4], truth[0]) = (other, some);
             truth.extend([some, other]);

@@ -13,7 +13,9 @@ use super::{Made, Part, of_some, picked_rows};
 use crate::error::Result;
 use crate::io::{Dataset, FieldSource, Geometry, SCALES, VARIANCE};
 use crate::math::ExactSum;
-use crate::scene::{LocalModel, PickedRow, PointVolume, TransferFunction, ValueSample, Values};
+use crate::scene::{
+    LocalModel, PickedRow, PointVolume, Surroundings, TransferFunction, ValueSample, Values,
+};
 
 /// What points are made of that show a field: as it depends on nothing but names, known of any row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -163,6 +165,7 @@ pub(crate) fn sample_apart(
 /// The transfer function of particles.
 ///
 /// - `picked`: those of [`ApartSample::picked`] of all, in the order of their numbers, of `count` rows.
+/// - `surroundings`: whether there is anything around the particles.
 /// - `report`: of all, with the range of the values.
 ///
 /// # Errors
@@ -170,11 +173,12 @@ pub(crate) fn sample_apart(
 pub(crate) fn function_apart(
     picked: &[PickedRow],
     count: usize,
+    surroundings: Surroundings,
     mean_spacing: f64,
     report: &mut SampleReport,
     options: &SampleOptions,
 ) -> Result<TransferFunction> {
-    let sample = || ValueSample::of_rows(picked, count);
+    let sample = || ValueSample::of_rows(picked, count, surroundings);
     function_of(sample, mean_spacing, report, options)
 }
 

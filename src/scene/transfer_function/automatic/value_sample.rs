@@ -95,9 +95,11 @@ impl ValueSample {
     ///
     /// - `rows`: those of [`picked`](PickedRow::picked) of which there are particles, in their order.
     /// - `count`: of all rows.
-    pub(crate) fn of_rows(rows: &[PickedRow], count: usize) -> Self {
+    /// - `surroundings`: where there are none, positions count.
+    pub(crate) fn of_rows(rows: &[PickedRow], count: usize, surroundings: Surroundings) -> Self {
         let stands_for = count as f64 / picked(count).len().max(1) as f64;
-        Self::of_sample(rows, stands_for, Surroundings::Absent, true)
+        let has_positions = surroundings == Surroundings::Absent;
+        Self::of_sample(rows, stands_for, surroundings, has_positions)
     }
 
     fn new(

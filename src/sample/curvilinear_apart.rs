@@ -1,0 +1,257 @@
+//! Curvilinear grids of which some planes are here, and the others elsewhere.
+
+use std::ops::Range;
+
+use glam::DVec3;
+
+use super::curvilinear::{GridField, GridFit};
+use super::even_grid;
+use super::kernels::Kernels;
+use super::sharp::{FARTHEST, Own, Rest, sharpen_grids};
+use super::structured::{CellCounts, Grid, Window, volume_of};
+use super::{SampleOptions, SampleReport, check_options};
+use crate::error::Result;
+use crate::io::{Association, Blanking};
+use crate::math::ExactSum;
+use crate::scene::{
+    Boundary, Colour, LocalModel, Particles, PickedRow, PointVolume, Strength, Values,
+};
+
+/// Planes of constant k of a grid, with a field.
+pub(crate) struct GridPlanes {
+    /// Nodes along i, j and k that are here.
+    pub(crate) dims: [usize; 3],
+    pub(crate) nodes: Vec<DVec3>,
+    pub(crate) blanking: Blanking,
+    pub(crate) association: Association,
+    /// Of the nodes, or of the cells between them.
+    pub(crate) values: Values,
+    /// Whether the first and the last plane of the grid along each index are one; not along k.
+    pub(crate) periodic: [bool; 3],
+    pub(crate) window: Window,
+}
+
+/// Which planes are to be here where kernels of some are asked for.
+///
+/// - `own`: these, among `count`.
+pub(crate) fn planes_around(
+    own: &Range<usize>,
+    count: usize,
+    options: &SampleOptions,
+) -> Range<usize> {
+    // What a uniform field reads at a node is asked of kernels so far away; where the spacing bends, two nodes away, of the
+    // kernels beside these; local models look as far as two nodes. Kernels look at the nodes beside theirs.
+    let reach = even_grid::reach(options.kernel_width).unsigned_abs();
+    let reach = reach.max(3) + 2;
+    let first = own.start.saturating_sub(reach);
+    let end = (own.end + reach).min(count);
+    // Kernels near a face are cut there.
+    let near = FARTHEST + 2;
+    let first = if first <= near { 0 } else { first };
+    let end = if end + near >= count { count } else { end };
+    first..end
+}
+
+/// What is made of them.
+pub(crate) struct GridApart<'a> {
+    here: &'a GridPlanes,
+    grid: Grid<'a>,
+    /// The sample of each particle.
+    kept: Vec<u32>,
+    /// The particles that are asked for; the others are there because these look at them.
+    own: Range<usize>,
+    /// Of all that are here. Values as they stand in the data, and no function.
+    pub(crate) volume: PointVolume,
+    /// As many.
+    pub(crate) models: Option<Vec<LocalModel>>,
+    /// Of those that are asked for.
+    pub(crate) report: SampleReport,
+}
+
+impl GridPlanes {
+    fn samples(&self) -> Range<usize> {
+        let [i, j, _] = self.dims;
+        let (planes, each) = match self.association {
+            Association::Nodes => (self.window.own.clone(), i * j),
+            Association::Cells => (self.window.cells(self.dims), (i - 1) * (j - 1)),
+        };
+        planes.start * each..planes.end * each
+    }
+
+    /// Particles of the planes that are asked for, and of those that they look at.
+    ///
+    /// - `volume_sum`: of the particles that are asked for \[length³\].
+    ///
+    /// # Errors
+    /// What `rest` says; work that was cancelled.
+    pub(crate) fn sampled(
+        &self,
+        options: &SampleOptions,
+        volume_sum: &mut ExactSum,
+        rest: &mut dyn Rest,
+    ) -> Result<GridApart<'_>> {
+        check_options(options)?;
+        let mut counts = CellCounts::default();
+        let (mut grid, rows) = Grid::of_planes(
+            self.dims,
+            &self.nodes,
+            &self.blanking,
+            self.periodic,
+            self.window.clone(),
+        );
+        let volume = rest.sum(volume_of(&rows))?;
+        grid.turn(volume.value(), &rows, &mut counts);
+        let samples = self.samples();
+        let mut report = SampleReport {
+            sample_count: samples.len(),
+            ..SampleReport::default()
+        };
+        counts.report(&mut report);
+        let grids = [(0, grid)];
+        let field = GridField {
+            grids: &grids,
+            association: self.association,
+            values: &self.values,
+            own: samples.clone(),
+        };
+        let kernels = field.kernels(&mut report, options)?;
+        let place = |sample: usize| {
+            kernels
+                .kept
+                .partition_point(|&kept| (kept as usize) < sample)
+        };
+        let own = place(samples.start)..place(samples.end);
+        let GridFit { normals, models } = field.fit(&kernels, own.clone(), options)?;
+        let count = kernels.kept.len();
+        let Kernels {
+            positions,
+            factors,
+            volumes,
+            kept,
+        } = kernels;
+        let values = self.values.gather(&kept);
+        report.particle_count = own.len();
+        report.value_range = values.part(own.clone()).finite_range();
+        let of_own = &volumes[own.clone()];
+        of_own.iter().for_each(|v| volume_sum.add(f64::from(*v)));
+        let [(_, grid)] = grids;
+        Ok(GridApart {
+            here: self,
+            grid,
+            kept,
+            volume: PointVolume {
+                particles: Particles::Anisotropic { positions, factors },
+                strength: Strength::Classified { volumes },
+                colour: Colour::Classified,
+                values: Some(values),
+                transfer_function: None,
+                boundary: None,
+                normals: normals.map(|normals| padded(normals, 0, &own, count)),
+                local_models: None,
+            },
+            models: models.map(|models| padded(models, LocalModel::NONE, &own, count)),
+            own,
+            report,
+        })
+    }
+}
+
+/// Of those that are asked for, and something for the others.
+fn padded<T: Copy>(of_own: Vec<T>, none: T, own: &Range<usize>, count: usize) -> Vec<T> {
+    let mut all = vec![none; count];
+    all[own.clone()].copy_from_slice(&of_own);
+    all
+}
+
+impl GridApart<'_> {
+    /// Those of the particles that a function may be chosen from.
+    ///
+    /// - `first`: how many particles of the grid come before these.
+    /// - `count`: of the grid.
+    pub(crate) fn picked(&self, first: usize, count: usize) -> Vec<PickedRow> {
+        let (Some(values), Strength::Classified { volumes }) =
+            (&self.volume.values, &self.volume.strength)
+        else {
+            return Vec::new();
+        };
+        let row = |row: usize| {
+            let i = row.checked_sub(first).filter(|&i| i < self.own.len())?;
+            let i = self.own.start + i;
+            Some(PickedRow {
+                row: row as u64,
+                position: [0.0; 3],
+                volume: volumes[i].into(),
+                value: values.get(i).into(),
+            })
+        };
+        let picked = PickedRow::picked(count).into_iter();
+        picked.filter_map(row).collect()
+    }
+
+    /// The particles that are asked for, with a sharp boundary where that is wanted, and how many of them, at the end, are
+    /// ghosts.
+    ///
+    /// # Errors
+    /// What `rest` says.
+    pub(crate) fn finished(
+        self,
+        options: &SampleOptions,
+        rest: &mut dyn Rest,
+    ) -> Result<(PointVolume, usize)> {
+        let Self {
+            here,
+            grid,
+            kept,
+            own,
+            mut volume,
+            mut report,
+            ..
+        } = self;
+        let mut wanted: Vec<u32> = own.clone().map(super::index_u32).collect();
+        let mut ghosts = 0;
+        if options.is_sharp() && here.association == Association::Nodes {
+            let own_and_rest = &mut Own {
+                range: own.clone(),
+                rest,
+            };
+            let grids = [(0, grid)];
+            let report = &mut report;
+            let sources = sharpen_grids(&mut volume, report, &grids, &kept, options, own_and_rest)?;
+            let is_own = |(_, source): &(usize, &usize)| own.contains(source);
+            let of_own = sources.iter().enumerate().filter(is_own);
+            wanted.extend(of_own.map(|(i, _)| super::index_u32(kept.len() + i)));
+            ghosts = wanted.len() - own.len();
+        }
+        Ok((some_of(volume, &wanted), ghosts))
+    }
+}
+
+/// Some particles of a volume of ellipsoids that a function classifies.
+fn some_of(volume: PointVolume, wanted: &[u32]) -> PointVolume {
+    fn some<T: Copy>(all: &[T], wanted: &[u32]) -> Vec<T> {
+        wanted.iter().map(|&i| all[i as usize]).collect()
+    }
+    PointVolume {
+        particles: match volume.particles {
+            Particles::Anisotropic { positions, factors } => Particles::Anisotropic {
+                positions: some(&positions, wanted),
+                factors: some(&factors, wanted),
+            },
+            other => other,
+        },
+        strength: match volume.strength {
+            Strength::Classified { volumes } => Strength::Classified {
+                volumes: some(&volumes, wanted),
+            },
+            other => other,
+        },
+        values: volume.values.map(|values| values.gather(wanted)),
+        boundary: volume.boundary.map(|boundary| match boundary {
+            Boundary::Planes(planes) => Boundary::Planes(planes.gather(wanted)),
+            Boundary::Lattice => Boundary::Lattice,
+        }),
+        normals: volume.normals.map(|normals| some(&normals, wanted)),
+        local_models: volume.local_models.map(|models| models.gather(wanted)),
+        ..volume
+    }
+}
