@@ -292,7 +292,7 @@ mod tests {
     use crate::io::{CellKind, OpenOptions, open};
     use crate::sample::{BoundaryChoice, Sampled, TransferChoice, volume};
 
-    const CELLS: [usize; 3] = [11, 7, 6];
+    const CELLS: [usize; 3] = [20, 5, 5];
 
     /// The number of a node without a place.
     const NOWHERE: usize = 1 << 20;
@@ -341,8 +341,12 @@ mod tests {
                 let p = place(node);
                 writeln!(points, "{:?} {:?} {:?}", p.x, p.y, p.z).unwrap();
                 let value = (p.x * 0.7).sin() + 0.3 * p.y * p.z - 0.01 * n as f64;
-                // Some are left out, so that others have fewer neighbours.
-                let value = if node % 41 == 5 { f64::NAN } else { value };
+                // Some are left out, so that others have fewer neighbours; one stands out.
+                let value = match node {
+                    n if n % 41 == 5 => f64::NAN,
+                    n if n == 11 + 21 * (2 + 6 * 2) => 9.0,
+                    _ => value,
+                };
                 writeln!(heat, "{value}").unwrap();
                 writeln!(flow, "{} {} 0", p.y, -p.x).unwrap();
             }
@@ -398,11 +402,16 @@ mod tests {
             let corners: [usize; 8] =
                 std::array::from_fn(|c| node(i + (c & 1), j + (c >> 1 & 1), k + (c >> 2)));
             // Slabs with teeth, and a crumb within others.
-            let own = match (i + (j + k) % 2) / 3 {
-                _ if (i, j, k) == (5, 3, 3) => 5,
-                3 => 6,
+            let own = match (i + (j + k) % 2) / 7 {
+                _ if (i, j, k) == (16, 3, 3) => 5,
+                _ if i > 17 => 6,
                 slab => slab,
             };
+            let mut corners = corners;
+            if matches!([i, j, k], [7 | 10, 2, 2]) {
+                // Cells three apart, that share nothing else.
+                corners[7] = NOWHERE;
+            }
             if (i + j * k) % 4 == 0 {
                 for t in TETRAHEDRA {
                     pieces[own].add(CellKind::TETRA, &t.map(|c| corners[c]));
@@ -411,15 +420,8 @@ mod tests {
                 pieces[own].add(CellKind::VOXEL, &corners);
             }
         }
-        // A node of no cell, and two that lie nowhere: one with the cells around it, the other with cells that share nothing else.
+        // A node of no cell, and one that lies nowhere with the cells around it.
         pieces[1].nodes.push(node(0, 0, 0));
-        let blind = &mut pieces[2];
-        let (last, count) = (blind.nodes.len(), blind.cells.len());
-        blind.nodes.push(NOWHERE);
-        for n in [0, count / 2, count - 1] {
-            let corner = blind.cells[n].1.last_mut().unwrap();
-            *corner = last;
-        }
         let nowhere = node(8, 2, 2);
         let mut index = String::from(
             r#"<VTKFile type="PUnstructuredGrid" version="1.0"><PUnstructuredGrid GhostLevel="0">"#,
