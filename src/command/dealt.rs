@@ -200,7 +200,7 @@ impl DataOptions {
                 samples.push((i, records, has_surroundings));
             }
         }
-        let samples = ranks.to_first(Ok(bytes_of(samples)))?;
+        let samples = ranks.gather_on_first(Ok(bytes_of(samples)))?;
         let shared = (ranks.rank() == 0).then(|| {
             let mut reports: Vec<SampleReport> =
                 reads.iter().map(|read| read.report.clone()).collect();

@@ -228,7 +228,7 @@ fn seams(here: &GridPlanes, ranks: &mut Ranks) -> Result<[bool; 3]> {
         put(&mut last, plane(planes - 2));
         put(&mut last, plane(planes - 1));
     }
-    let lasts = ranks.to_first(Ok(last))?;
+    let lasts = ranks.gather_on_first(Ok(last))?;
     let along_k = match lasts.last().filter(|last| !last.is_empty()) {
         Some(last) if *count > 3 => {
             let mut last = last.as_slice();

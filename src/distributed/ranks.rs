@@ -100,7 +100,7 @@ impl Ranks {
 
     /// What each rank gives, on the first; on others nothing.
     #[cfg(feature = "cli")]
-    pub(crate) fn to_first(&mut self, own: Result<Vec<u8>>) -> Result<Vec<Vec<u8>>> {
+    pub(crate) fn gather_on_first(&mut self, own: Result<Vec<u8>>) -> Result<Vec<Vec<u8>>> {
         let size = self.size();
         let parts = own.map(|own| {
             let mut parts = vec![Vec::new(); size];
@@ -148,7 +148,7 @@ impl Ranks {
             }
             part
         });
-        let parts = self.to_first(part)?;
+        let parts = self.gather_on_first(part)?;
         let mut images = Vec::new();
         for part in parts.iter().filter(|part| !part.is_empty()) {
             let mut part = part.as_slice();

@@ -129,6 +129,7 @@ use std::path::{Path, PathBuf};
 pub(crate) use atomic::write_atomically;
 pub use atomic::write_bytes_atomically;
 pub(crate) use blanking::Blanking;
+#[cfg(feature = "cli")]
 pub(crate) use cells::renumber;
 pub use cells::{CellKind, CellMesh};
 pub use column_file::{column_colours, column_picture, write_column};

@@ -48,6 +48,7 @@ pub(super) struct CellKernels {
     /// Of all samples.
     pub(super) kernels: Kernels,
     /// Those of the samples that are asked for, of which all else is.
+    #[cfg(feature = "cli")]
     pub(super) own: Range<usize>,
     pub(super) normals: Option<Vec<u32>>,
     pub(super) models: Option<Vec<LocalModel>>,
@@ -133,6 +134,7 @@ impl CellField<'_> {
             duals,
             around,
             kernels,
+            #[cfg(feature = "cli")]
             own,
             normals,
             models,

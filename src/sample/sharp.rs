@@ -78,7 +78,7 @@ impl Grid<'_> {
     }
 
     /// How many nodes a place lies from the grid's first and last plane along an index.
-    fn from_faces(&self, a: usize, i: isize) -> [isize; 2] {
+    fn face_distances(&self, a: usize, i: isize) -> [isize; 2] {
         let Window { first, count, .. } = self.window;
         let [before, count] = match a {
             2 => [first, count],
@@ -185,7 +185,7 @@ impl Grid<'_> {
             .map(|(a, is_upper)| self.face(a, is_upper, dims))
             .collect();
         let is_near = |ijk: [isize; 3], a: usize| {
-            let [below, above] = self.from_faces(a, ijk[a]);
+            let [below, above] = self.face_distances(a, ijk[a]);
             !self.periodic[a] && below.min(above) <= FARTHEST as isize
         };
         let of_row = |row: usize| {
@@ -272,7 +272,10 @@ impl Grid<'_> {
         let mut is_on_boundary = false;
         let mut is_whole = true;
         for a in (0..3).filter(|&a| !self.periodic[a]) {
-            for (is_upper, distance) in [false, true].into_iter().zip(self.from_faces(a, ijk[a])) {
+            for (is_upper, distance) in [false, true]
+                .into_iter()
+                .zip(self.face_distances(a, ijk[a]))
+            {
                 if distance > FARTHEST as isize {
                     continue;
                 }

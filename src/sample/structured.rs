@@ -62,6 +62,7 @@ impl Window {
     /// The planes of cells that are asked for.
     ///
     /// - `dims`: of the nodes that are here.
+    #[cfg(feature = "cli")]
     pub(crate) fn cells(&self, dims: [usize; 3]) -> Range<usize> {
         let last = dims[2].saturating_sub(1);
         self.own.start.min(last)..self.own.end.min(last)
