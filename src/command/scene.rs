@@ -32,7 +32,7 @@ pub(crate) struct Scene {
     pub(crate) fields: Vec<Option<String>>,
     /// What legends call these: with their units, where they are known.
     pub(crate) titles: Vec<Option<String>>,
-    /// What can be shown of the first input: [`Dataset::selectors`].
+    /// What can be shown of the first input: [`Dataset::selectors`](crate::io::Dataset::selectors).
     pub(crate) selectors: Vec<String>,
     /// Whether all are grids, whose kernels follow the spacing.
     pub(crate) grids_only: bool,

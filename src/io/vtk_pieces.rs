@@ -22,9 +22,13 @@ use std::path::{Path, PathBuf};
 use roxmltree::{Document, Node};
 
 use super::dataset::{Association, Field, FieldSource};
+#[cfg(feature = "cli")]
+use super::file::HEAD;
 use super::file::Input;
 use super::vtk_array::{Array, Decoder};
 use super::vtk_xml::{Frame, child, clip};
+#[cfg(feature = "cli")]
+use super::vtk_xml::{file_type, looks_like};
 use crate::error::{Error, Result};
 
 /// One `Piece` element of a file.
@@ -71,6 +75,30 @@ pub(super) fn read<H, P>(
         })?;
     }
     Ok((head, pieces))
+}
+
+/// What `found` finds in an index of pieces; `None` of any other file.
+///
+/// - `kind`: the `type` of the pieces' files.
+///
+/// # Errors
+/// A damaged index, and what `found` says.
+#[cfg(feature = "cli")]
+pub(super) fn in_index<T>(
+    path: &Path,
+    kind: &str,
+    found: impl FnOnce(Input<'_>, Node<'_, '_>) -> Result<T>,
+) -> Result<Option<T>> {
+    let input = Input::of_file(path);
+    let index_kind = format!("P{kind}");
+    let (head, _) = input.head(HEAD)?;
+    if !looks_like(&head) || file_type(&head) != Some(&index_kind) {
+        return Ok(None);
+    }
+    let bytes = input.read_all()?;
+    let frame = Frame::new(path, &bytes)?;
+    let document = frame.document()?;
+    found(input, data_set(path, &document, &index_kind)?).map(Some)
 }
 
 /// The files that an index names, each beside it.

@@ -7,11 +7,10 @@ use glam::DVec3;
 
 use super::blanking::Blanking;
 use super::dataset::{Association, Dataset, Field, Geometry};
-use super::file::{HEAD, Input};
+use super::file::Input;
 use super::vtk_array::Array;
 use super::vtk_extent::{Extent, Part};
 use super::vtk_pieces::{self, ArrayKey, ArraysSeen, element_of, to_fields};
-use super::vtk_xml::{self, Frame};
 use super::{CurvilinearBlock, name_units, vts};
 use crate::error::Result;
 use crate::scene::Values;
@@ -52,21 +51,13 @@ impl VtsPieces {
     /// # Errors
     /// Those of [`open`](super::open) about an index; a piece's file that is not there.
     pub(crate) fn open(path: &Path) -> Result<Option<Self>> {
-        let input = Input::of_file(path);
-        let index_kind = format!("P{}", vts::KIND);
-        let (head, _) = input.head(HEAD)?;
-        if !vtk_xml::looks_like(&head) || vtk_xml::file_type(&head) != Some(&index_kind) {
-            return Ok(None);
-        }
-        let bytes = input.read_all()?;
-        let frame = Frame::new(path, &bytes)?;
-        let document = frame.document()?;
-        let element = vtk_pieces::data_set(path, &document, &index_kind)?;
-        Ok(Some(Self {
-            path: path.to_path_buf(),
-            whole: Extent::whole(path, element)?,
-            files: vtk_pieces::sources_with_lengths(input, element)?,
-        }))
+        vtk_pieces::in_index(path, vts::KIND, |input, element| {
+            Ok(Self {
+                path: path.to_path_buf(),
+                whole: Extent::whole(path, element)?,
+                files: vtk_pieces::sources_with_lengths(input, element)?,
+            })
+        })
     }
 
     /// The index.

@@ -4,11 +4,10 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use super::dataset::{Association, Dataset, Geometry};
-use super::file::{HEAD, Input};
+use super::file::Input;
 use super::vtk_array::Array;
 use super::vtk_meshes::{Part, append_arrays, arrays_of, mesh_of};
 use super::vtk_pieces::{self, ArraysSeen, element_of, to_fields};
-use super::vtk_xml::{self, Frame};
 use super::{CellMesh, name_units, vtu};
 use crate::error::Result;
 
@@ -38,20 +37,12 @@ impl VtuPieces {
     /// # Errors
     /// Those of [`open`](super::open) about an index; a piece's file that is not there.
     pub(crate) fn open(path: &Path) -> Result<Option<Self>> {
-        let input = Input::of_file(path);
-        let index_kind = format!("P{}", vtu::KIND);
-        let (head, _) = input.head(HEAD)?;
-        if !vtk_xml::looks_like(&head) || vtk_xml::file_type(&head) != Some(&index_kind) {
-            return Ok(None);
-        }
-        let bytes = input.read_all()?;
-        let frame = Frame::new(path, &bytes)?;
-        let document = frame.document()?;
-        let element = vtk_pieces::data_set(path, &document, &index_kind)?;
-        Ok(Some(Self {
-            path: path.to_path_buf(),
-            files: vtk_pieces::sources_with_lengths(input, element)?,
-        }))
+        vtk_pieces::in_index(path, vtu::KIND, |input, element| {
+            Ok(Self {
+                path: path.to_path_buf(),
+                files: vtk_pieces::sources_with_lengths(input, element)?,
+            })
+        })
     }
 
     /// The index.

@@ -123,7 +123,7 @@ impl PointFile {
         self.corners
     }
 
-    /// Which way is up, once all particles were asked for: [`Dataset::up`].
+    /// Which way is up, once all particles were asked for: [`Dataset::up`](crate::io::Dataset::up).
     pub fn up(&self) -> Up {
         Up::of_points(self.corners)
     }

@@ -17,7 +17,8 @@ use super::incidence::CellsAround;
 use super::kernels::{Kernel, Kernels};
 use super::left_out::LeftOut;
 use super::local_models::mesh::SampledMesh;
-use super::sharp::{Nobody, Own, apply, even_out};
+use super::rest::{Nobody, Own};
+use super::sharp::{apply, even_out};
 use super::sharp_cells::{DrawnCells, Surface, sharp_cells};
 use super::{
     SampleOptions, SampleReport, Sampled, check_count, check_len, classified_kernels, gradient,

@@ -22,7 +22,8 @@ use super::left_out::LeftOut;
 use super::levels;
 use super::local_models;
 use super::local_models::grid::{GridKernel, RUN, Run};
-use super::sharp::{Nobody, Own, sharpen_grids};
+use super::rest::{Nobody, Own};
+use super::sharp::sharpen_grids;
 use super::structured::{CellCounts, Grid, Part};
 use super::{
     SampleOptions, SampleReport, Sampled, check_count, check_len, classified_kernels, nothing_left,

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::kernel_sums::Summand;
 use super::narrowed;
 use super::neighbours::PointIndex;
-use super::sharp::Own;
+use super::rest::Own;
 use crate::error::Result;
 use crate::math::{lower_matrix, principal_sigmas};
 use crate::scene::{BoundaryPlanes, cut_kernel};

@@ -34,6 +34,8 @@ mod positions;
 #[cfg(feature = "cli")]
 mod reach;
 mod report;
+mod rest;
+mod seam;
 mod sharp;
 mod sharp_cells;
 mod shepard;
@@ -42,6 +44,7 @@ mod splats;
 mod statistics;
 mod structured;
 mod together;
+mod window;
 mod yu_turk;
 
 use std::path::{Path, PathBuf};
@@ -94,13 +97,15 @@ pub(crate) use positions::{compare, is_same, sort_by_position};
 pub(crate) use reach::{Boxes, Leaf, Near, Reach};
 pub use report::{Finding, SampleReport};
 #[cfg(feature = "cli")]
-pub(crate) use sharp::Rest;
-pub use statistics::{PERCENTILES, ShapeStatistics};
+pub(crate) use rest::Rest;
 #[cfg(feature = "cli")]
-pub(crate) use structured::{Seam, Window, seam};
+pub(crate) use seam::{Seam, seam};
+pub use statistics::{PERCENTILES, ShapeStatistics};
 #[cfg(feature = "cli")]
 pub(crate) use together::automatic;
 pub use together::shared_functions;
+#[cfg(feature = "cli")]
+pub(crate) use window::Window;
 
 /// Corrections of cell volumes at most ([`SampleOptions::shepard_passes`]).
 pub const MOST_SHEPARD_PASSES: u32 = 100;

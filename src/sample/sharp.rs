@@ -6,8 +6,6 @@
 //! cut by the tangent plane at the nearest boundary node: exact on plane faces, of second order in
 //! curvature times spacing on others. A face that has collapsed to a line or a point, a pole, is none.
 
-use std::ops::Range;
-
 use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -15,11 +13,13 @@ use super::even::CutKernels;
 use super::even_grid::GridNodes;
 use super::kernels::Kernel;
 use super::local_models::matrix_of;
-use super::structured::{Grid, Part, Window};
+use super::rest::Own;
+use super::structured::{Grid, Part};
+use super::window::Window;
 use super::{SampleOptions, SampleReport, index_u32, narrowed};
 use crate::constants::{EDGE_REACH, MOST_EDGES};
 use crate::error::Result;
-use crate::math::{ExactSum, lower_factor};
+use crate::math::lower_factor;
 use crate::scene::{
     Boundary, BoundaryPlanes, LocalModel, LocalModels, NO_EDGE, Particles, PointVolume, Strength,
 };
@@ -358,50 +358,6 @@ pub(super) struct SharpParticle {
     /// Of a ghost its value, where that is not extrapolated from its sources.
     pub(super) value: Option<f64>,
     pub(super) edges: Option<[[f32; 4]; MOST_EDGES]>,
-}
-
-/// Whoever has the rest of the data.
-pub(crate) trait Rest {
-    /// Whether anyone says so.
-    fn any(&mut self, own: bool) -> Result<bool>;
-
-    /// The sum of what all say.
-    fn sum(&mut self, own: ExactSum) -> Result<ExactSum>;
-
-    /// The greatest that anyone says, place by place.
-    fn greatest(&mut self, own: [f32; 2]) -> Result<[f32; 2]>;
-}
-
-/// Nobody: all data are here.
-pub(super) struct Nobody;
-
-impl Rest for Nobody {
-    fn any(&mut self, own: bool) -> Result<bool> {
-        Ok(own)
-    }
-
-    fn sum(&mut self, own: ExactSum) -> Result<ExactSum> {
-        Ok(own)
-    }
-
-    fn greatest(&mut self, own: [f32; 2]) -> Result<[f32; 2]> {
-        Ok(own)
-    }
-}
-
-/// The particles that are asked for, of those of samples that are here, and whoever has the others.
-pub(super) struct Own<'a> {
-    pub(super) range: Range<usize>,
-    pub(super) rest: &'a mut dyn Rest,
-}
-
-impl Own<'_> {
-    /// The exact sum of what all particles add.
-    pub(super) fn sum(&mut self, each: impl Iterator<Item = f64>) -> Result<f64> {
-        let mut sum = ExactSum::default();
-        each.for_each(|x| sum.add(x));
-        Ok(self.rest.sum(sum)?.value())
-    }
 }
 
 /// Gives a volume of nodes of curvilinear grids, as it was sampled, a sharp boundary.
