@@ -35,11 +35,11 @@ impl Together {
             Self::Points(file) => (1, file.len(), file.field()).hash(&mut hasher),
             Self::Rows(rows) => (2, rows.0.count(), &rows.1.field).hash(&mut hasher),
             Self::Pieces(pieces) => {
-                let lengths: Vec<u64> = match &pieces.0 {
-                    Pieces::Cells(file) => file.lengths().collect(),
-                    Pieces::Grid(file) => file.lengths().collect(),
+                let (dims, lengths): (_, Vec<u64>) = match &pieces.0 {
+                    Pieces::Cells(file) => ([0; 3], file.lengths().collect()),
+                    Pieces::Grid(file) => (file.dims(), file.lengths().collect()),
                 };
-                (4, lengths, &pieces.1.field).hash(&mut hasher);
+                (4, dims, lengths, &pieces.1.field).hash(&mut hasher);
             }
             Self::Planes(file) => {
                 (3, file.lattice().dims, file.field()).hash(&mut hasher);

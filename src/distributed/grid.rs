@@ -15,8 +15,8 @@ use crate::io::{
 use crate::math::ExactSum;
 use crate::prepared::Found;
 use crate::sample::{
-    GridPlanes, LEAST_PER_NODE, Rest, SampleOptions, SampleReport, Seam, Window, check_len,
-    default_field, planes_around, seam, take_scalar,
+    GridPlanes, LEAST_PER_NODE, Rest, SampleOptions, SampleReport, Seam, Window, check_count,
+    check_len, default_field, planes_around, seam, take_scalar,
 };
 use crate::scene::{Surroundings, Values};
 
@@ -26,8 +26,8 @@ fn own_planes(count: usize, rank: usize, size: usize) -> Range<usize> {
 }
 
 /// Reads this rank's pieces, gets its planes of constant k with those around, and makes particles of them: those that
-/// [`sample::volume`](crate::sample::volume) makes of the whole grid. `None` where these are made otherwise: of a surface, of a
-/// grid that closes along k, and where finer cells stand for some.
+/// [`sample::volume`](crate::sample::volume) makes of the whole grid. `None` where these are made otherwise: of a surface and of a
+/// flattened field, of a grid that closes along k, and where finer cells stand for some.
 ///
 /// # Errors
 /// What reading or sampling says, on any rank; nothing that can be drawn; a rank that is gone.
@@ -64,7 +64,11 @@ pub(crate) fn read_grid(
         return Ok(None);
     };
     let arrays = own.keep(&head, field);
-    let window = |rank: usize| planes_around(&own_planes(count, rank, size), count, options);
+    let window = |rank: usize| match own_planes(count, rank, size) {
+        // Of more ranks than planes the first has none, but is asked for the first ones.
+        none if none.is_empty() => 0..2,
+        own => planes_around(&own, count, options),
+    };
     let to_rank = |rank: usize| {
         let mut bytes = Vec::new();
         let blocks = own.of_planes(file, &window(rank));
@@ -73,10 +77,16 @@ pub(crate) fn read_grid(
     };
     let blocks = ranks.exchange(Ok((0..size).map(to_rank).collect()))?;
     drop(own);
-    let here = planes_of(file, window(rank), blocks, &arrays, &name);
+    let has_cells = head
+        .fields
+        .iter()
+        .any(|f| f.association == Association::Cells);
+    let here = planes_of(file, window(rank), blocks, (&arrays, has_cells), &name);
     let (mut here, corners, is_refined) = ranks.agree(here)?;
     let of_planes = own_planes(count, rank, size);
-    here.window.own = of_planes.start - here.window.first..of_planes.end - here.window.first;
+    if !of_planes.is_empty() {
+        here.window.own = of_planes.start - here.window.first..of_planes.end - here.window.first;
+    }
     let refined = ranks.sums(Ok(vec![u64::from(is_refined)]))?;
     let [i, j, k] = seams(&here, ranks)?;
     if refined != [0] || k {
@@ -171,7 +181,7 @@ fn planes_of(
     file: &VtsPieces,
     planes: Range<usize>,
     blocks: Vec<Vec<u8>>,
-    arrays: &[Vec<ArrayKey>; 2],
+    (arrays, has_cells): (&[Vec<ArrayKey>; 2], bool),
     name: &str,
 ) -> Result<(GridPlanes, Option<(glam::DVec3, glam::DVec3)>, bool)> {
     let kinds = arrays.iter().flatten().flat_map(|(_, kinds)| kinds);
@@ -184,7 +194,7 @@ fn planes_of(
         }
     }
     let keys = arrays.each_ref().map(Vec::as_slice);
-    let mut dataset = file.planes(&planes, own, keys)?;
+    let mut dataset = file.planes(&planes, own, keys, has_cells)?;
     let corners = dataset.bounds();
     let blanking = Blanking::of(&dataset)?;
     let taken = take_scalar(&mut dataset, Some(name))?;
@@ -195,6 +205,7 @@ fn planes_of(
     crate::memory::check(block.nodes.len(), LEAST_PER_NODE)
         .map_err(|e| e.in_file(&dataset.path))?;
     let samples = block.dims_of(taken.association).iter().product();
+    check_count(&dataset, samples)?;
     check_len(&dataset, &taken, samples)?;
     let is_refined = taken.association == Association::Cells && blanking.has_refined_cells();
     let here = GridPlanes {
@@ -309,9 +320,10 @@ mod tests {
             y + 5,
             z - 3
         );
-        let cuts = [0, 20, 41, 44, z];
-        for n in 0..8 {
-            let (js, ks) = ([[0, 3], [3, y]][n % 2], [cuts[n / 2], cuts[n / 2 + 1]]);
+        // The last is one node thick.
+        let cuts = [[0, 20], [20, 41], [41, 44], [44, z], [60, 60]];
+        for n in 0..9 {
+            let (js, ks) = ([[0, 3], [3, y]][n % 2], cuts[n / 2]);
             let nodes = || {
                 (ks[0]..=ks[1]).flat_map(move |k| {
                     (js[0]..=js[1]).flat_map(move |j| (0..=x).map(move |i| [i, j, k]))

@@ -9,7 +9,7 @@ use super::blanking::Blanking;
 use super::dataset::{Association, Dataset, Field, Geometry};
 use super::file::Input;
 use super::vtk_array::Array;
-use super::vtk_extent::{Extent, Part};
+use super::vtk_extent::{Extent, Part, check_cover};
 use super::vtk_pieces::{self, ArrayKey, ArraysSeen, element_of, to_fields};
 use super::{CurvilinearBlock, name_units, vts};
 use crate::error::Result;
@@ -100,6 +100,7 @@ impl VtsPieces {
     ///
     /// - `blocks`: of all pieces what these have of the planes, in the order of the pieces.
     /// - `arrays`: which arrays of nodes and of cells they have.
+    /// - `has_cells`: whether any array of cells is in all pieces, so that these have to cover the cells, too.
     ///
     /// # Errors
     /// Pieces that do not cover the planes.
@@ -108,7 +109,18 @@ impl VtsPieces {
         planes: &Range<usize>,
         blocks: Vec<BlockPlanes>,
         arrays: [&[ArrayKey]; 2],
+        has_cells: bool,
     ) -> Result<Dataset> {
+        let slab = self.slab(planes);
+        if has_cells {
+            let extents = blocks.iter().map(|block| {
+                let [first, last] = block.extent;
+                Extent { first, last }
+            });
+            let extents: Vec<Extent> = extents.collect();
+            let (cells, element) = (Association::Cells, element_of(Association::Cells));
+            check_cover(&self.path, &slab, &extents, cells, element)?;
+        }
         let parts = blocks.into_iter().map(|block| {
             let [first, last] = block.extent;
             let mut values = block.values.into_iter();
@@ -122,7 +134,6 @@ impl VtsPieces {
             let [of_nodes, of_cells] = arrays.map(&mut named);
             Part::of(Extent { first, last }, block.nodes, of_nodes, of_cells)
         });
-        let slab = self.slab(planes);
         let (nodes, fields, _) = vts::joined(&self.path, &slab, parts.collect())?;
         let dims = slab.dims(Association::Nodes);
         let blocks = vec![CurvilinearBlock { dims, nodes }];
@@ -186,7 +197,16 @@ impl SomeBlocks {
             let fields = head.fields.iter().cloned();
             let kept = fields.filter(|f| is_kept(&f.name, f.association));
             let arrays = kept.filter_map(Array::of_field);
-            arrays.map(|array| vtk_pieces::key(&array)).collect()
+            let keys: Vec<ArrayKey> = arrays.map(|array| vtk_pieces::key(&array)).collect();
+            // A piece one node thick has no cells.
+            let without = self
+                .parts
+                .iter_mut()
+                .filter(|part| !part.has_any(association));
+            for part in without {
+                *part.arrays_mut(association) = keys.iter().map(Array::none_of).collect();
+            }
+            keys
         })
     }
 

@@ -280,10 +280,12 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         true => kernels.kept.clone(),
         false => Vec::new(),
     };
+    // Coded, they take a quarter.
+    let local_models = models.map(|models| LocalModels::new(&models));
     let mut sampled =
         classified_kernels(kernels, taken.values, report, Surroundings::Absent, options)?;
     sampled.volume.normals = normals;
-    sampled.volume.local_models = models.as_deref().map(LocalModels::new);
+    sampled.volume.local_models = local_models;
     if kept.is_empty() {
         return Ok(sampled);
     }

@@ -97,7 +97,8 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         levels::even_out(&mut kernels, options.task.as_ref())?;
     }
     let GridFit { normals, models } = field.fit(&kernels, 0..kernels.kept.len(), options)?;
-    let local_models = models.as_deref().map(LocalModels::new);
+    // Coded, they take a quarter.
+    let local_models = models.map(|models| LocalModels::new(&models));
     let is_sharp = options.is_sharp() && taken.association == Association::Nodes;
     let kept = if is_sharp {
         kernels.kept.clone()

@@ -897,7 +897,7 @@ fn index_u32(i: usize) -> u32 {
 }
 
 /// At least one sample and fewer than 2³².
-fn check_count(dataset: &Dataset, count: usize) -> Result<()> {
+pub(crate) fn check_count(dataset: &Dataset, count: usize) -> Result<()> {
     if count == 0 || u32::try_from(count).is_err() {
         return Err(Error::format(
             &dataset.path,
