@@ -85,6 +85,11 @@ fn of_each<'a, T: Copy>(
 }
 
 impl Edit {
+    /// The box, where there is nothing but a box.
+    pub(crate) fn crop_alone(&self) -> Option<[DVec3; 2]> {
+        self.crop.filter(|_| self.placement.is_none())
+    }
+
     /// The data where they are to be, and what of them is to be read on.
     ///
     /// # Errors

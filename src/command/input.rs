@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::edit::open_within;
 use crate::error::{Hint, Parameter};
 use crate::io::{
     Dataset, LengthMeaning, OpenOptions, ParticleType, RawLayout, RawType, ReadAs, ScaleMeaning,
@@ -216,8 +217,10 @@ impl DataOptions {
             time_step: input.time_step,
             ..self.open_options()
         };
-        let dataset = crate::io::open(&input.path, &options)?;
-        input.edit.applied(dataset)
+        match input.edit.crop_alone() {
+            Some([lower, upper]) => open_within(&input.path, &options, lower, upper),
+            None => input.edit.applied(crate::io::open(&input.path, &options)?),
+        }
     }
 
     /// What is said of the files of all inputs.

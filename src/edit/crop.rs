@@ -10,7 +10,7 @@ use super::select::{Runs, Selection, reselect};
 use crate::error::{Error, Result};
 use crate::io::{
     Association, CellKind, CellMesh, CurvilinearBlock, Dataset, Field, FieldSource, Geometry, Mesh,
-    SplatCloud, leave_out_unused,
+    SplatCloud, Up, leave_out_unused,
 };
 use crate::scene::{Lattice, LatticeSpacing, Values};
 
@@ -63,7 +63,24 @@ impl Area {
 /// Those of [`Dataset::validate`]; corners that are not finite, or of which the upper one is not greater along each
 /// axis; a box in which nothing lies, or of a lattice that had more along an axis a single sample: its cells
 /// would have no width.
-pub fn crop(mut dataset: Dataset, lower: DVec3, upper: DVec3) -> Result<Dataset> {
+pub fn crop(dataset: Dataset, lower: DVec3, upper: DVec3) -> Result<Dataset> {
+    crop_of(dataset, lower, upper, None)
+}
+
+/// What is known of data of which some were not read.
+pub(super) struct Whole {
+    pub(super) up: Up,
+    /// The least and the greatest coordinates.
+    pub(super) bounds: Option<(DVec3, DVec3)>,
+}
+
+/// [`crop`], of a part of a whole.
+pub(super) fn crop_of(
+    mut dataset: Dataset,
+    lower: DVec3,
+    upper: DVec3,
+    whole: Option<Whole>,
+) -> Result<Dataset> {
     if !(lower.is_finite() && upper.is_finite() && lower.cmplt(upper).all()) {
         return Err(Error::invalid(
             "crop",
@@ -75,8 +92,10 @@ pub fn crop(mut dataset: Dataset, lower: DVec3, upper: DVec3) -> Result<Dataset>
     }
     dataset.validate()?;
     let area = Area { lower, upper };
-    let up = dataset.up();
-    let bounds = dataset.bounds();
+    let Whole { up, bounds } = whole.unwrap_or_else(|| Whole {
+        up: dataset.up(),
+        bounds: dataset.bounds(),
+    });
     dataset.format_up = Some((up.direction, up.reason));
     let nothing = Geometry::Points {
         positions: Vec::new(),

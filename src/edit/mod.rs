@@ -1,6 +1,7 @@
 //! Data sets moved and cut before anything is made of them.
 //!
-//! [`place`] resizes, turns and moves a data set, [`crop`] keeps what lies in a box. Both give a [`Dataset`] again, so
+//! [`place`] resizes, turns and moves a data set, [`crop`] keeps what lies in a box ([`open_within`] of a file, of which it may read less).
+//! All give a [`Dataset`] again, so
 //! that all that follows (sampling, cameras, the true image) sees the edited data as if a file held them.
 //!
 //! ```
@@ -31,6 +32,8 @@ mod crop;
 mod fixtures;
 mod place;
 mod select;
+mod within;
 
 pub use crop::crop;
 pub use place::{Placement, place};
+pub use within::open_within;

@@ -139,6 +139,7 @@ pub use encoded_splats::{PlyForm, SplatFileOptions, SpzVersion};
 pub(crate) use first_order::{is_of_higher_order, to_first_order};
 pub use formats::{Family, Format, format_of, formats};
 pub(crate) use handedness::Handedness;
+pub(crate) use hdf5::{CellRows, cell_rows};
 pub use image_file::{
     check_depth_path, check_folder, check_image_path, png_bytes, read_image, write_depth,
     write_image, write_normals,

@@ -73,6 +73,11 @@ impl RowFile {
         &self.path
     }
 
+    /// Whether it is a snapshot in one file.
+    pub(crate) fn is_one_snapshot(&self) -> bool {
+        matches!(&self.rows, Rows::Snapshot { pieces, .. } if pieces.len() == 1)
+    }
+
     /// How many rows there are.
     pub fn count(&self) -> usize {
         match &self.rows {

@@ -83,7 +83,6 @@ impl Up {
     /// What points up in a set of points, of which it depends on their bounds alone.
     ///
     /// - `corners`: the least and the greatest coordinates; `None` where none is finite.
-    #[cfg(feature = "prepared")]
     pub(crate) fn of_points(corners: Option<(DVec3, DVec3)>) -> Self {
         let positions = corners.map_or(Vec::new(), |(a, b)| vec![a, b]);
         let geometry = Geometry::Points { positions };

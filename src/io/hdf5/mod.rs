@@ -5,6 +5,7 @@
 //! one that takes limits on what a read may allocate; a few hundred bytes of HDF5 can declare
 //! gigabytes.
 
+mod cell_table;
 pub(super) mod gadget;
 mod layout;
 mod phantom;
@@ -177,6 +178,8 @@ pub(crate) fn row_pieces(
     drop(file);
     pieces::counts(input, &pieces, wanted)
 }
+
+pub(crate) use cell_table::{CellRows, cell_rows};
 
 /// The type of particles that is asked for, and files with how many of them each has.
 pub(crate) type RowPieces = (Option<ParticleType>, Vec<(PathBuf, usize)>);
