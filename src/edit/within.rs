@@ -253,7 +253,7 @@ mod tests {
             let mut bytes = sound.clone();
             for _ in 0..1 + next() % 3 {
                 let at = next() % bytes.len();
-                bytes[at] = (next() % 256) as u8;
+                bytes[at] = next().to_le_bytes()[0];
             }
             std::fs::write(&path, &bytes).unwrap();
             let found = open_within(&path, &OpenOptions::default(), lower, upper);
