@@ -1,7 +1,6 @@
 //! Several inputs that ranks read in turn: each samples some of them, and hears what the others are.
 
 use std::collections::HashMap;
-use std::mem::take;
 
 use glam::DVec3;
 use indicatif::ProgressBar;
@@ -13,7 +12,7 @@ use super::reads::{OneRead, Read, ReadAbout, note_missing, shows, uses};
 use super::scene::Scene;
 use super::source::Input;
 use super::usage::Kind;
-use crate::distributed::{Ranks, Share, dealt, hand_out, unknown};
+use crate::distributed::{Ranks, Share, dealt, hand_out, put, take, unknown};
 use crate::io::Up;
 use crate::prepared::about::Function;
 use crate::sample::{SampleOptions, SampleReport, shared_functions};
@@ -120,15 +119,14 @@ impl DataOptions {
         let lengths = inputs
             .iter()
             .map(|input| std::fs::metadata(&input.path).map_or(0, |meta| meta.len()));
-        let lengths = (ranks.rank() == 0).then(|| lengths.flat_map(u64::to_le_bytes).collect());
-        let lengths = ranks.of_first(Ok(lengths))?;
-        let (lengths, _) = lengths.as_chunks();
-        let lengths: Vec<u64> = lengths.iter().map(|n| u64::from_le_bytes(*n)).collect();
+        // What the first rank sees is what all go by.
+        let lengths = ranks.gather_records(Ok(lengths.collect()))?.swap_remove(0);
         let part = dealt(&lengths, ranks.rank(), ranks.size());
         let first = part.start;
         let own = self.read_some(inputs.get(part).unwrap_or_default(), options, progress);
         let mut own = ranks.agree(own)?;
-        let told = told_by_all(&own, ranks)?;
+        let told: Vec<Told> = own.iter().map(Told::of).collect();
+        let told = ranks.told_by_all(&told)?.into_iter().flatten();
         let mut lacking = Vec::new();
         let mut reads = Vec::with_capacity(inputs.len());
         for (input, told) in inputs.iter().zip(told) {
@@ -158,7 +156,7 @@ impl DataOptions {
         let volumes = own.into_iter().flat_map(|own| own.read.volumes);
         let mut share = hand_out(volumes.collect(), ranks)?;
         let has_boundary = self.may_end_sharply(reads.iter());
-        let scene = Scene::of_reads(take(&mut share.volumes), reads, has_boundary);
+        let scene = Scene::of_reads(std::mem::take(&mut share.volumes), reads, has_boundary);
         self.check_fields(&scene)?;
         Ok((scene, share))
     }
@@ -194,23 +192,30 @@ impl DataOptions {
         ranks: &mut Ranks,
     ) -> Result<HashMap<usize, TransferFunction>> {
         let mut samples = Vec::new();
-        for (own, i) in own.iter_mut().zip(first..) {
+        for (own, i) in own.iter_mut().zip(first as u64..) {
             if let Some(sample) = own.read.of.report.value_sample.take() {
                 let (records, has_surroundings) = sample.to_records();
-                samples.push((i, records, has_surroundings));
+                put(&mut samples, &[i, u64::from(has_surroundings)]);
+                put(&mut samples, &records);
             }
         }
-        let samples = ranks.gather_on_first(Ok(bytes_of(samples)))?;
+        let samples = ranks.gather_on_first(Ok(samples))?;
         let shared = (ranks.rank() == 0).then(|| {
             let mut reports: Vec<SampleReport> =
                 reads.iter().map(|read| read.report.clone()).collect();
             for part in samples {
-                each_sample(&part, |i, records, has_surroundings| {
-                    if let Some(report) = reports.get_mut(i) {
-                        let sample = ValueSample::of_records(records, has_surroundings);
+                let mut part = part.as_slice();
+                while !part.is_empty() {
+                    let (of, records) = (take::<u64>(&mut part)?, take::<[f64; 3]>(&mut part)?);
+                    let report = of
+                        .first()
+                        .and_then(|&i| reports.get_mut(usize::try_from(i).ok()?));
+                    if let Some(report) = report {
+                        let has_surroundings = of.get(1) == Some(&1);
+                        let sample = ValueSample::of_records(&records, has_surroundings);
                         report.value_sample = Some(sample);
                     }
-                });
+                }
             }
             let own: Vec<SampleOptions> = inputs
                 .iter()
@@ -222,12 +227,9 @@ impl DataOptions {
                 .into_iter()
                 .map(|(function, members)| (Function::of(&function), members))
                 .collect();
-            // Finite numbers and words.
-            Ok(serde_json::to_vec(&told).unwrap_or_default())
+            Ok(told)
         });
-        let shared = ranks.of_first(shared.transpose())?;
-        let shared: Vec<(Function, Vec<usize>)> =
-            serde_json::from_slice(&shared).map_err(|e| unknown(&e.to_string()))?;
+        let shared: Vec<(Function, Vec<usize>)> = ranks.told_by_first(shared.transpose())?;
         let mut functions = HashMap::new();
         for (function, members) in shared {
             let function = function.transfer();
@@ -235,47 +237,5 @@ impl DataOptions {
             functions.extend(members.into_iter().map(|i| (i, function.clone())));
         }
         Ok(functions)
-    }
-}
-
-/// What all ranks say of their inputs, in the order of these.
-fn told_by_all(own: &[Own], ranks: &mut Ranks) -> Result<Vec<Told>> {
-    let told: Vec<Told> = own.iter().map(Told::of).collect();
-    // Finite numbers and words.
-    let part = serde_json::to_vec(&told).unwrap_or_default();
-    let mut all = Vec::new();
-    for part in ranks.gather_to_all(Ok(part))? {
-        let told: Result<Vec<Told>> =
-            serde_json::from_slice(&part).map_err(|e| unknown(&e.to_string()));
-        all.extend(told?);
-    }
-    Ok(all)
-}
-
-/// An input's number, its values as [`ValueSample::to_records`] has them, and whether there are surroundings.
-type InputSample = (usize, Vec<[f64; 3]>, bool);
-
-fn bytes_of(samples: Vec<InputSample>) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    for (i, records, has_surroundings) in samples {
-        let head = [i as u64, u64::from(has_surroundings), records.len() as u64];
-        bytes.extend(head.into_iter().flat_map(u64::to_le_bytes));
-        bytes.extend_from_slice(bytemuck::cast_slice(&records));
-    }
-    bytes
-}
-
-/// Calls `each` with what [`bytes_of`] has made bytes of; what is cut short is left out.
-fn each_sample(mut bytes: &[u8], mut each: impl FnMut(usize, &[[f64; 3]], bool)) {
-    while let Some((head, rest)) = bytes.split_first_chunk::<24>() {
-        let (words, _) = head.as_chunks::<8>();
-        let word = |n: usize| usize::try_from(u64::from_le_bytes(words[n])).unwrap_or(usize::MAX);
-        let length = word(2).saturating_mul(24);
-        let Some((records, rest)) = rest.split_at_checked(length) else {
-            break;
-        };
-        let records: Vec<[f64; 3]> = bytemuck::pod_collect_to_vec(records);
-        each(word(0), &records, word(1) == 1);
-        bytes = rest;
     }
 }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::distributed::{PiecesRead, RowsRead};
+use crate::distributed::PartRead;
 use crate::io::{Mesh, Planes, RowFile, Up, VtsPieces, VtuPieces};
 use crate::legend::title_of;
 use crate::prepared::{About, PointFile, PreparedScene};
@@ -51,19 +51,15 @@ impl Scene {
         Self::of_points(file.field(), unit, file.up(), file.bounds())
     }
 
-    /// Of a file of points of which every rank has read some rows.
-    pub(crate) fn of_rows(read: &RowsRead) -> Self {
-        let (field, unit) = (read.report.field.as_deref(), read.report.unit.as_deref());
-        Self::of_points(field, unit, read.up(), read.corners)
-    }
-
-    /// Of a grid of which every rank has read some pieces.
-    pub(crate) fn of_pieces(read: &PiecesRead) -> Self {
+    /// Of a file of which every rank has read a part.
+    ///
+    /// - `is_grid`: whether it is a grid; points otherwise.
+    pub(crate) fn of_part(read: &PartRead, is_grid: bool) -> Self {
         let (field, unit) = (read.report.field.as_deref(), read.report.unit.as_deref());
         Self {
-            grids_only: true,
-            has_boundary: true,
-            ..Self::of_points(field, unit, Up::of_scene([read.head.up()]), read.corners)
+            grids_only: is_grid,
+            has_boundary: is_grid,
+            ..Self::of_points(field, unit, read.head.up(), read.corners)
         }
     }
 
@@ -380,14 +376,7 @@ impl DataOptions {
         }
         self.check_function(&options)?;
         self.check_spacing()?;
-        self.check_use(&Uses {
-            kinds: vec![Kind::Points],
-            is_classified: true,
-            has_opacity: true,
-            has_file_function: !is_automatic(&options),
-            for_columns: options.for_columns,
-            of_prepared: None,
-        })?;
+        self.check_classified(Kind::Points, &options)?;
         Ok(Some((file, options)))
     }
 
@@ -438,14 +427,7 @@ impl DataOptions {
         let Some(file) = file.filter(|file| is_large(file) && is_typed(file)) else {
             return Ok(None);
         };
-        self.check_use(&Uses {
-            kinds: vec![kind(&file)],
-            is_classified: true,
-            has_opacity: true,
-            has_file_function: !is_automatic(options),
-            for_columns: options.for_columns,
-            of_prepared: None,
-        })?;
+        self.check_classified(kind(&file), options)?;
         Ok(Some(file))
     }
 
@@ -479,10 +461,10 @@ impl DataOptions {
         Ok(Some((file, options)))
     }
 
-    /// Refuses options that say nothing of a grid in pieces.
-    pub(crate) fn check_pieces(&self, options: &SampleOptions) -> Result<()> {
+    /// Refuses options that say nothing of one input of a kind that is shown by a function.
+    pub(super) fn check_classified(&self, kind: Kind, options: &SampleOptions) -> Result<()> {
         self.check_use(&Uses {
-            kinds: vec![Kind::Grid],
+            kinds: vec![kind],
             is_classified: true,
             has_opacity: true,
             has_file_function: !is_automatic(options),

@@ -10,9 +10,10 @@ use super::prepared::is_prepared;
 use super::progress::note;
 use super::scene::{Pieces, Scene};
 use super::source::Input;
+use super::usage::Kind;
 use crate::blocks::ParticleStream;
 use crate::distributed::{
-    Ranks, Share, read_grid, read_pieces, read_planes, read_rows, read_together, scatter,
+    PartRead, Ranks, Share, read_grid, read_pieces, read_planes, read_rows, read_together, scatter,
 };
 use crate::io::{Planes, RowFile};
 use crate::prepared::{About, PointFile};
@@ -107,6 +108,13 @@ impl DataOptions {
         };
         let say =
             |line: &String| progress.suspend(|| note!("{}: {line}", inputs[0].path.display()));
+        let of_part = |mut own: PartRead, is_grid: bool| {
+            own.head.notes.iter().for_each(say);
+            own.report.warnings().iter().for_each(say);
+            let mut scene = Scene::of_part(&own, is_grid);
+            scene.volumes = take(&mut own.share.volumes);
+            (scene, own.share)
+        };
         progress.set_message(format!("reading {}", inputs[0].path.display()));
         let (scene, share) = match together {
             Together::Points(mut file) => {
@@ -120,14 +128,10 @@ impl DataOptions {
             }
             Together::Rows(mut rows) => {
                 let (file, options) = &mut *rows;
-                let Some(mut own) = read_rows(file, options, ranks)? else {
+                let Some(own) = read_rows(file, options, ranks)? else {
                     return self.of_first(inputs, options, ranks, read);
                 };
-                own.head.notes.iter().for_each(say);
-                own.report.warnings().iter().for_each(say);
-                let mut scene = Scene::of_rows(&own);
-                scene.volumes = take(&mut own.share.volumes);
-                (scene, own.share)
+                of_part(own, false)
             }
             Together::Pieces(pieces) => {
                 let (file, options) = &*pieces;
@@ -135,15 +139,11 @@ impl DataOptions {
                     Pieces::Cells(file) => read_pieces(file, options, ranks)?,
                     Pieces::Grid(file) => read_grid(file, options, ranks)?,
                 };
-                let Some(mut own) = own else {
+                let Some(own) = own else {
                     return self.of_first(inputs, options, ranks, read);
                 };
-                self.check_pieces(options)?;
-                own.head.notes.iter().for_each(say);
-                own.report.warnings().iter().for_each(say);
-                let mut scene = Scene::of_pieces(&own);
-                scene.volumes = take(&mut own.share.volumes);
-                (scene, own.share)
+                self.check_classified(Kind::Grid, options)?;
+                of_part(own, true)
             }
             Together::Planes(file) => {
                 file.notes().iter().for_each(say);
@@ -195,24 +195,14 @@ impl DataOptions {
         let told = own.map(|own| {
             own_scene = own;
             let about = own_scene.as_ref();
-            about.map(|scene| {
-                // Finite numbers and words.
-                serde_json::to_vec(&scene.about(inputs, options.for_columns)).unwrap_or_default()
-            })
+            about.map(|scene| scene.about(inputs, options.for_columns))
         });
-        let about = ranks.of_first(told)?;
+        let about: About = ranks.told_by_first(told)?;
         let volumes = own_scene.as_mut().map(|own| take(&mut own.volumes));
         let mut share = scatter(volumes, ranks)?;
         let mut scene = match own_scene {
             Some(own) => own,
-            None => {
-                let about: About = serde_json::from_slice(&about).map_err(|e| {
-                    let advice = "start the same program on every rank";
-                    let expected = "what this program knows of its inputs";
-                    Error::invalid("ranks", "message", expected, e.to_string(), advice)
-                })?;
-                Scene::of_about(about)
-            }
+            None => Scene::of_about(about),
         };
         scene.volumes = take(&mut share.volumes);
         Ok((scene, Some(share)))

@@ -3,10 +3,10 @@
 use std::ops::Range;
 
 use super::message::{put, put_values, take, take_values};
-use super::pieces::{PiecesRead, Told, dealt, head_of, seen_by_all};
+use super::pieces::{dealt, head_of, seen_by_all};
 use super::ranks::Ranks;
 use super::share::Share;
-use super::shown::{found_by_all, models_of_all, show};
+use super::shown::{PartRead, found_by_all, greatest_of_all, models_of_all, show};
 use crate::blocks::Peers;
 use crate::error::Result;
 use crate::io::{
@@ -35,7 +35,7 @@ pub(crate) fn read_grid(
     file: &VtsPieces,
     options: &SampleOptions,
     ranks: &mut Ranks,
-) -> Result<Option<PiecesRead>> {
+) -> Result<Option<PartRead>> {
     let [ni, nj, count] = file.dims();
     let is_plain = options.flatten.is_none()
         && options.shepard_passes == 0
@@ -48,11 +48,7 @@ pub(crate) fn read_grid(
     let lengths: Vec<u64> = file.lengths().collect();
     let own = file.read(dealt(&lengths, rank, size));
     let mut own = ranks.agree(own)?;
-    let told: Told = (
-        own.seen.clone().map(|seen| (seen.parts, seen.arrays)),
-        [false; 2],
-    );
-    let (seen, _) = seen_by_all(&told, ranks)?;
+    let seen = seen_by_all(&own.seen, ranks)?;
     let head = head_of(&own.head(file, &seen), ranks)?;
     let name = match &options.field {
         Some(field) => field.clone(),
@@ -81,12 +77,18 @@ pub(crate) fn read_grid(
         .fields
         .iter()
         .any(|f| f.association == Association::Cells);
-    let here = planes_of(file, window(rank), blocks, (&arrays, has_cells), &name);
+    let planes = window(rank);
+    let own = own_planes(count, rank, size);
+    let window = Window {
+        first: planes.start,
+        count,
+        own: match own.is_empty() {
+            true => 0..0,
+            false => own.start - planes.start..own.end - planes.start,
+        },
+    };
+    let here = planes_of(file, planes, window, blocks, (&arrays, has_cells), &name);
     let (mut here, corners, is_refined) = ranks.agree(here)?;
-    let of_planes = own_planes(count, rank, size);
-    if !of_planes.is_empty() {
-        here.window.own = of_planes.start - here.window.first..of_planes.end - here.window.first;
-    }
     let refined = ranks.sums(Ok(vec![u64::from(is_refined)]))?;
     let [i, j, k] = seams(&here, ranks)?;
     if refined != [0] || k {
@@ -104,7 +106,7 @@ pub(crate) fn read_grid(
         corners,
         volume_sum,
     };
-    let before = before(sampled.report.particle_count, ranks)?;
+    let before = ranks.before(sampled.report.particle_count)? as usize;
     let (mut found, spacing) = found_by_all(&found, &head, file.path(), options, ranks)?;
     let count = found.report.particle_count;
     let picked = sampled.picked(before, count);
@@ -116,7 +118,7 @@ pub(crate) fn read_grid(
     }
     let finished = sampled.finished(options, &mut OtherRanks(ranks));
     let (volume, ghosts) = ranks.agree(finished)?;
-    let ghosts_before = self::before(ghosts, ranks)?;
+    let ghosts_before = ranks.before(ghosts)? as usize;
     let all_ghosts = ranks.sums(Ok(vec![ghosts as u64]))?;
     let own = volume.particles.len() - ghosts;
     let of_ghosts = count + ghosts_before..count + ghosts_before + ghosts;
@@ -130,7 +132,7 @@ pub(crate) fn read_grid(
     let geometry = Geometry::Curvilinear {
         blocks: vec![corners],
     };
-    Ok(Some(PiecesRead {
+    Ok(Some(PartRead {
         share: Share {
             numbers: Some(vec![numbers.map(|n| n as u64).collect()]),
             ..Share::from(vec![volume])
@@ -139,12 +141,6 @@ pub(crate) fn read_grid(
         head: Dataset { geometry, ..head },
         corners: found.corners,
     }))
-}
-
-/// How many all ranks before this one have.
-fn before(own: usize, ranks: &mut Ranks) -> Result<usize> {
-    let all = ranks.gather_records(Ok(vec![own as u64]))?.concat();
-    Ok(all[..ranks.rank()].iter().sum::<u64>() as usize)
 }
 
 fn put_block(block: &BlockPlanes, bytes: &mut Vec<u8>) {
@@ -180,6 +176,7 @@ fn take_block(bytes: &mut &[u8], kinds: &[&str]) -> Result<BlockPlanes> {
 fn planes_of(
     file: &VtsPieces,
     planes: Range<usize>,
+    window: Window,
     blocks: Vec<Vec<u8>>,
     (arrays, has_cells): (&[Vec<ArrayKey>; 2], bool),
     name: &str,
@@ -215,11 +212,7 @@ fn planes_of(
         association: taken.association,
         values: taken.values,
         periodic: [false; 3],
-        window: Window {
-            first: planes.start,
-            count: file.dims()[2],
-            own: 0..0,
-        },
+        window,
     };
     Ok((here, corners, is_refined))
 }
@@ -288,9 +281,7 @@ impl Rest for OtherRanks<'_> {
     }
 
     fn greatest(&mut self, own: [f32; 2]) -> Result<[f32; 2]> {
-        let all = self.0.gather_records(Ok(vec![own]))?;
-        let greatest = |a: [f32; 2], b: [f32; 2]| [a[0].max(b[0]), a[1].max(b[1])];
-        Ok(all.into_iter().flatten().fold([0.0; 2], greatest))
+        greatest_of_all(own, self.0)
     }
 }
 
@@ -302,10 +293,9 @@ mod tests {
     use glam::DVec3;
 
     use super::super::ThreadRank;
-    use super::super::shown::check_parts;
+    use super::super::shown::check_file;
     use super::*;
-    use crate::io::{OpenOptions, open};
-    use crate::sample::{BoundaryChoice, Sampled, TransferChoice, volume};
+    use crate::sample::{BoundaryChoice, Sampled, TransferChoice};
     use crate::scene::{Boundary, ScaleName};
 
     const DIMS: [usize; 3] = [9, 8, 75];
@@ -412,18 +402,10 @@ mod tests {
     }
 
     fn check(path: &Path, options: &SampleOptions, sizes: &[usize]) -> Sampled {
-        let dataset = open(path, &OpenOptions::default()).unwrap();
-        let (corners, notes) = (dataset.bounds(), dataset.notes.clone());
-        let whole = volume(dataset, options).unwrap();
-        for &size in sizes {
-            check_parts(&whole, size, |ranks| {
-                let file = VtsPieces::open(path).unwrap().unwrap();
-                let own = read_grid(&file, options, ranks).unwrap().unwrap();
-                assert_eq!((own.corners, &own.head.notes), (corners, &notes));
-                (own.share, own.report)
-            });
-        }
-        whole
+        check_file(path, options, sizes, |ranks| {
+            let file = VtsPieces::open(path).unwrap().unwrap();
+            read_grid(&file, options, ranks).unwrap().unwrap()
+        })
     }
 
     #[test]

@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::scene::Values;
 
 /// Appends records, their number before them.
-pub(super) fn put<T: Pod>(bytes: &mut Vec<u8>, records: &[T]) {
+pub(crate) fn put<T: Pod>(bytes: &mut Vec<u8>, records: &[T]) {
     bytes.extend_from_slice(&(records.len() as u64).to_le_bytes());
     bytes.extend_from_slice(bytemuck::cast_slice(records));
 }
@@ -16,7 +16,7 @@ pub(super) fn put<T: Pod>(bytes: &mut Vec<u8>, records: &[T]) {
 ///
 /// # Errors
 /// Fewer bytes than that: not what a rank of this program sends.
-pub(super) fn take<T: Pod>(bytes: &mut &[u8]) -> Result<Vec<T>> {
+pub(crate) fn take<T: Pod>(bytes: &mut &[u8]) -> Result<Vec<T>> {
     let short = || unknown("fewer bytes");
     let (count, rest) = bytes.split_first_chunk::<8>().ok_or_else(short)?;
     let size = usize::try_from(u64::from_le_bytes(*count)).ok();

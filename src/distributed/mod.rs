@@ -76,11 +76,11 @@ pub(crate) use frames::RankFrames;
 #[cfg(feature = "cli")]
 pub(crate) use grid::read_grid;
 #[cfg(feature = "cli")]
-pub(crate) use message::unknown;
+pub(crate) use message::{put, take, unknown};
 #[cfg(feature = "mpi")]
 pub use mpi::MpiRank;
 #[cfg(feature = "cli")]
-pub(crate) use pieces::{PiecesRead, dealt, read_pieces};
+pub(crate) use pieces::{dealt, read_pieces};
 #[cfg(feature = "cli")]
 pub(crate) use planes::read_planes;
 pub(crate) use ranks::Ranks;
@@ -90,9 +90,11 @@ pub use renderer::Renderer;
 #[cfg(feature = "cli")]
 pub(crate) use renderer::shared;
 #[cfg(feature = "cli")]
-pub(crate) use rows::{RowsRead, read_rows};
+pub(crate) use rows::read_rows;
 #[cfg(feature = "cli")]
 pub(crate) use scatter::{hand_out, scatter};
 pub use share::Share;
+#[cfg(feature = "cli")]
+pub(crate) use shown::PartRead;
 pub use statistics::{RankStats, RankTimes};
 pub use threads::ThreadRank;

@@ -80,22 +80,7 @@ impl Patch {
     ///
     /// - `shift`: what is added to the numbers of its nodes.
     pub(super) fn append(&mut self, mut other: Self, shift: u32) {
-        let CellMesh {
-            nodes,
-            kinds,
-            offsets,
-            connectivity,
-        } = &mut other.mesh;
-        let first = self.mesh.connectivity.len() as u32;
-        for (i, &kind) in kinds.iter().enumerate().filter(|_| shift > 0) {
-            let cell = offsets[i] as usize..offsets[i + 1] as usize;
-            renumber(kind, &mut connectivity[cell], |node| node + shift);
-        }
-        self.mesh.nodes.append(nodes);
-        self.mesh.kinds.append(kinds);
-        let ends = offsets.iter().skip(1);
-        self.mesh.offsets.extend(ends.map(|end| end + first));
-        self.mesh.connectivity.append(connectivity);
+        self.mesh.append(other.mesh, shift);
         self.hidden_nodes.append(&mut other.hidden_nodes);
         self.hidden_cells.append(&mut other.hidden_cells);
         self.values.append(other.values);

@@ -2,19 +2,16 @@
 
 use std::ops::Range;
 
-use glam::DVec3;
-
-use super::message::unknown;
 use super::patch::Patch;
 use super::planes::joined;
 use super::ranks::Ranks;
 use super::rings::Rings;
 use super::share::Share;
-use super::shown::{found_by_all, models_of_all, show};
+use super::shown::{PartRead, found_by_all, models_of_all, show};
 use crate::error::Result;
 use crate::io::{
-    ArrayKey, ArraysSeen, Association, Blanking, CellMesh, Dataset, Field, FieldSource, Geometry,
-    VtuPieces, is_of_higher_order,
+    ArraysSeen, Association, Blanking, CellMesh, Dataset, Field, FieldSource, Geometry, VtuPieces,
+    is_of_higher_order,
 };
 use crate::math::ExactSum;
 use crate::prepared::Found;
@@ -41,22 +38,6 @@ pub(crate) fn dealt(lengths: &[u64], reader: usize, readers: usize) -> Range<usi
     first(reader)..first(reader + 1)
 }
 
-/// What ranks made of a file, each of a part.
-pub(crate) struct PiecesRead {
-    /// This rank's.
-    pub(crate) share: Share,
-    /// Of all pieces.
-    pub(crate) report: SampleReport,
-    /// What all pieces have: their fields, without nodes and cells but for two corners.
-    pub(crate) head: Dataset,
-    /// The least and the greatest coordinates of all; `None` where none is finite.
-    pub(crate) corners: Option<(DVec3, DVec3)>,
-}
-
-/// What a rank says of its pieces: which arrays of nodes and of cells they have ([`ArraysSeen`]), and whether they have any
-/// solid cells, or any of higher order.
-pub(super) type Told = ([(usize, Vec<(ArrayKey, usize)>); 2], [bool; 2]);
-
 /// Reads this rank's pieces and makes particles of them: those that [`sample::volume`](crate::sample::volume) makes of the
 /// whole grid. `None` where these are made otherwise: of surfaces and points, of cells of higher order, flattened ones, and where a
 /// boundary may be sharp, which is so of meshes alone whose nodes all lie apart.
@@ -67,17 +48,22 @@ pub(crate) fn read_pieces(
     file: &VtuPieces,
     options: &SampleOptions,
     ranks: &mut Ranks,
-) -> Result<Option<PiecesRead>> {
+) -> Result<Option<PartRead>> {
     if options.flatten.is_some() || options.shepard_passes > 0 || options.keeps_value_sample {
         return Ok(None);
     }
     let lengths: Vec<u64> = file.lengths().collect();
     let own = file.read(dealt(&lengths, ranks.rank(), ranks.size()));
     let own = ranks.agree(own)?;
-    let seen = own.seen.clone().map(|seen| (seen.parts, seen.arrays));
-    let told: Told = (seen, own.meshes().fold([false; 2], kinds_of));
-    let (seen, [is_solid, is_higher]) = seen_by_all(&told, ranks)?;
-    if !is_solid || is_higher {
+    let seen = seen_by_all(&own.seen, ranks)?;
+    // Pieces with solid cells, and with such of higher order.
+    let has_solid = |mesh: &&CellMesh| mesh.kinds.iter().any(|kind| kind.is_solid());
+    let solid = own.meshes().filter(has_solid).count() as u64;
+    let higher = own.meshes().filter(|mesh| is_of_higher_order(mesh)).count() as u64;
+    let [solid, higher] = ranks.sums(Ok(vec![solid, higher]))?[..] else {
+        return Ok(None);
+    };
+    if solid == 0 || higher > 0 {
         return Ok(None);
     }
     let dataset = own.dataset(file.path(), &seen);
@@ -118,9 +104,7 @@ pub(crate) fn read_pieces(
     if is_sharp {
         report.note_welded(welded, options);
     }
-    let count = report.particle_count as u64;
-    let counts = ranks.gather_records(Ok(vec![count]))?.concat();
-    let before: u64 = counts[..ranks.rank()].iter().sum();
+    let before = ranks.before(report.particle_count)?;
     let found = Found {
         report: SampleReport {
             field: Some(field),
@@ -149,7 +133,7 @@ pub(crate) fn read_pieces(
         nodes: corners.flat_map(|(a, b)| [a, b]).collect(),
         ..CellMesh::default()
     });
-    Ok(Some(PiecesRead {
+    Ok(Some(PartRead {
         share: Share::from(vec![volume]),
         report: found.report,
         head: Dataset { geometry, ..head },
@@ -157,26 +141,16 @@ pub(crate) fn read_pieces(
     }))
 }
 
-fn kinds_of([is_solid, is_higher]: [bool; 2], mesh: &CellMesh) -> [bool; 2] {
-    let has_solid = mesh.kinds.iter().any(|kind| kind.is_solid());
-    [is_solid | has_solid, is_higher | is_of_higher_order(mesh)]
-}
-
-/// The arrays that the pieces of all ranks have, and whether any has solid cells, or such of higher order.
-pub(super) fn seen_by_all(own: &Told, ranks: &mut Ranks) -> Result<([ArraysSeen; 2], [bool; 2])> {
-    // Words and numbers.
-    let part = serde_json::to_vec(own).unwrap_or_default();
+/// Which arrays the pieces of all ranks have, of nodes and of cells.
+pub(super) fn seen_by_all(own: &[ArraysSeen; 2], ranks: &mut Ranks) -> Result<[ArraysSeen; 2]> {
+    let told = own.each_ref().map(|seen| (seen.parts, seen.arrays.clone()));
     let mut all: [ArraysSeen; 2] = Default::default();
-    let mut has = [false; 2];
-    for part in ranks.gather_to_all(Ok(part))? {
-        let told = serde_json::from_slice(&part).map_err(|e| unknown(&e.to_string()));
-        let (seen, own): Told = told?;
+    for seen in ranks.told_by_all(&told)? {
         for (all, (parts, arrays)) in all.iter_mut().zip(seen) {
             all.add(ArraysSeen { parts, arrays });
         }
-        has = [0, 1].map(|i| has[i] | own[i]);
     }
-    Ok((all, has))
+    Ok(all)
 }
 
 /// The fields of all ranks, of each component the least and the greatest value alone, without nodes and cells: what a field
@@ -186,14 +160,11 @@ pub(super) fn head_of(own: &Dataset, ranks: &mut Ranks) -> Result<Dataset> {
         let range = values.finite_range();
         range.unwrap_or([f32::INFINITY, f32::NEG_INFINITY])
     };
-    let of_field = |field: &Field| -> Vec<[f32; 2]> {
-        match &field.source {
-            FieldSource::Scalar(values) => vec![range(values)],
-            FieldSource::Vector(components) => components.iter().map(range).collect(),
-            FieldSource::Derived(_) => Vec::new(),
-        }
-    };
-    let all = ranks.gather_records(Ok(own.fields.iter().flat_map(of_field).collect()))?;
+    let ranges = own
+        .fields
+        .iter()
+        .flat_map(|field| field.arrays().iter().map(range));
+    let all = ranks.gather_records(Ok(ranges.collect()))?;
     let mut n = 0..;
     let mut head = |values: &Values| {
         let place = n.next().unwrap_or(usize::MAX);
@@ -286,11 +257,13 @@ mod tests {
     use std::fmt::Write as _;
     use std::path::{Path, PathBuf};
 
+    use glam::DVec3;
+
     use super::super::ThreadRank;
-    use super::super::shown::check_parts;
+    use super::super::shown::check_file;
     use super::*;
-    use crate::io::{CellKind, OpenOptions, open};
-    use crate::sample::{BoundaryChoice, Sampled, TransferChoice, volume};
+    use crate::io::CellKind;
+    use crate::sample::{BoundaryChoice, Sampled, TransferChoice};
 
     const CELLS: [usize; 3] = [20, 5, 5];
 
@@ -456,18 +429,10 @@ mod tests {
     }
 
     fn check(path: &Path, options: &SampleOptions, sizes: &[usize]) -> Sampled {
-        let dataset = open(path, &OpenOptions::default()).unwrap();
-        let (corners, notes) = (dataset.bounds(), dataset.notes.clone());
-        let whole = volume(dataset, options).unwrap();
-        for &size in sizes {
-            check_parts(&whole, size, |ranks| {
-                let file = VtuPieces::open(path).unwrap().unwrap();
-                let own = read_pieces(&file, options, ranks).unwrap().unwrap();
-                assert_eq!((own.corners, &own.head.notes), (corners, &notes));
-                (own.share, own.report)
-            });
-        }
-        whole
+        check_file(path, options, sizes, |ranks| {
+            let file = VtuPieces::open(path).unwrap().unwrap();
+            read_pieces(&file, options, ranks).unwrap().unwrap()
+        })
     }
 
     #[test]

@@ -1,8 +1,12 @@
 //! Ranks that know of one another's failures.
 
 use bytemuck::Pod;
+#[cfg(feature = "prepared")]
+use serde::{Serialize, de::DeserializeOwned};
 
 use super::communicator::Communicator;
+#[cfg(feature = "prepared")]
+use super::message::unknown;
 use super::message::{put, take};
 use crate::blocks::Peers;
 use crate::error::{Error, Result};
@@ -60,7 +64,7 @@ impl Ranks {
     }
 
     /// What each rank gives, for all; or the reason of the first that failed.
-    pub(crate) fn gather_to_all(&mut self, part: Result<Vec<u8>>) -> Result<Vec<Vec<u8>>> {
+    pub(super) fn gather_to_all(&mut self, part: Result<Vec<u8>>) -> Result<Vec<Vec<u8>>> {
         let flagged = match &part {
             Ok(part) => flagged(part.clone(), WHOLE),
             Err(error) => flagged(error.to_string().into_bytes(), FAILED),
@@ -111,7 +115,7 @@ impl Ranks {
     }
 
     /// The records of each rank, for all.
-    pub(super) fn gather_records<T: Pod>(
+    pub(crate) fn gather_records<T: Pod>(
         &mut self,
         records: Result<Vec<T>>,
     ) -> Result<Vec<Vec<T>>> {
@@ -122,6 +126,37 @@ impl Ranks {
         });
         let all = self.gather_to_all(part)?;
         all.iter().map(|part| take(&mut part.as_slice())).collect()
+    }
+
+    /// How many all ranks before this one have.
+    #[cfg(feature = "cli")]
+    pub(super) fn before(&mut self, own: usize) -> Result<u64> {
+        let all = self.gather_records(Ok(vec![own as u64]))?;
+        Ok(all[..self.rank()].iter().flatten().sum())
+    }
+
+    /// What each rank tells, in finite numbers and words, for all.
+    #[cfg(feature = "prepared")]
+    pub(crate) fn told_by_all<T: Serialize + DeserializeOwned>(
+        &mut self,
+        own: &T,
+    ) -> Result<Vec<T>> {
+        let part = serde_json::to_vec(own).unwrap_or_default();
+        let all = self.gather_to_all(Ok(part))?;
+        all.iter().map(|part| heard(part)).collect()
+    }
+
+    /// What the first rank tells, for all; of others nothing.
+    ///
+    /// # Errors
+    /// Those of [`Self::of_first`].
+    #[cfg(feature = "cli")]
+    pub(crate) fn told_by_first<T: Serialize + DeserializeOwned>(
+        &mut self,
+        own: Result<Option<T>>,
+    ) -> Result<T> {
+        let told = |own: T| serde_json::to_vec(&own).unwrap_or_default();
+        heard(&self.of_first(own.map(|own| own.map(told)))?)
     }
 
     /// The sums of the ranks' numbers, place by place.
@@ -207,6 +242,11 @@ impl Peers for Ranks {
         let parts = self.complete();
         begun.and(parts)
     }
+}
+
+#[cfg(feature = "prepared")]
+fn heard<T: DeserializeOwned>(part: &[u8]) -> Result<T> {
+    serde_json::from_slice(part).map_err(|e| unknown(&e.to_string()))
 }
 
 fn flagged(mut part: Vec<u8>, flag: u8) -> Vec<u8> {

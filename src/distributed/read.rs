@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::ranks::Ranks;
 use super::share::Share;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::math::ExactSum;
 use crate::prepared::{Found, PointFile};
 use crate::sample::{Finding, SampleReport, summed_function};
@@ -77,15 +77,8 @@ impl Told {
 /// # Errors
 /// A rank that is gone, or another program.
 pub(super) fn told_by_all(own: &Found, ranks: &mut Ranks) -> Result<Found> {
-    // Finite numbers and words.
-    let part = serde_json::to_vec(&Told::of(own)).unwrap_or_default();
     let mut all = Found::none_of(&own.report);
-    for part in ranks.gather_to_all(Ok(part))? {
-        let told: Told = serde_json::from_slice(&part).map_err(|e| {
-            let advice = "start the same program on every rank";
-            let expected = "what this program finds of a file";
-            Error::invalid("ranks", "message", expected, e.to_string(), advice)
-        })?;
+    for told in ranks.told_by_all(&Told::of(own))? {
         told.add_to(&mut all);
     }
     Ok(all)

@@ -87,13 +87,10 @@ impl Rings {
         ranks: &mut Ranks,
     ) -> Result<Option<Self>> {
         let (rank, size) = (ranks.rank(), ranks.size());
-        let counts = [own.mesh.nodes.len(), own.mesh.cell_count()].map(|n| n as u64);
-        let counts = ranks.gather_records(Ok(counts.to_vec()))?;
-        let before = |n: usize| {
-            let of_rank = |counts: &Vec<u64>| counts.get(n).copied().unwrap_or(0);
-            counts[..rank].iter().map(of_rank).sum::<u64>()
-        };
-        let first = [before(0), before(1)];
+        let first = [
+            ranks.before(own.mesh.nodes.len())?,
+            ranks.before(own.mesh.cell_count())?,
+        ];
         let places = Places::of(&own.mesh.nodes);
         let mut welded = places.shared();
         let around = CellsAround::new(&own.mesh, &[]);

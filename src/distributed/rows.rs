@@ -9,36 +9,17 @@ use glam::DVec3;
 use super::planes::joined;
 use super::ranks::Ranks;
 use super::share::Share;
-use super::shown::{found_by_all, models_of_all, show};
+use super::shown::{PartRead, found_by_all, models_of_all, show};
 use super::surroundings::{PointsAround, sent, sent_values};
 use crate::blocks::territories;
 use crate::error::Result;
-use crate::io::{Association, Dataset, Field, FieldSource, Geometry, RowFile, Up};
+use crate::io::{Association, Dataset, Field, FieldSource, Geometry, RowFile};
 use crate::prepared::{Found, ROWS};
 use crate::sample::{
-    Elsewhere, FITTED_NEIGHBOURS, Fitted, Neighbourhoods, RowsApart, SampleOptions, SampleReport,
-    Surrounded, fit_apart, sample_apart, scalars, without_spacing,
+    Elsewhere, FITTED_NEIGHBOURS, Fitted, Neighbourhoods, RowsApart, SampleOptions, Surrounded,
+    fit_apart, sample_apart, scalars, without_spacing,
 };
 use crate::scene::{PointVolume, Surroundings, Values};
-
-/// What ranks made of a file, each of a part.
-pub(crate) struct RowsRead {
-    /// This rank's.
-    pub(crate) share: Share,
-    /// Of all rows.
-    pub(crate) report: SampleReport,
-    /// The first row.
-    pub(crate) head: Dataset,
-    /// The least and the greatest coordinates of all; `None` where none is finite.
-    pub(crate) corners: Option<(DVec3, DVec3)>,
-}
-
-impl RowsRead {
-    /// What is up in all rows: of points it depends on their bounds.
-    pub(crate) fn up(&self) -> Up {
-        Up::of_points(self.corners)
-    }
-}
 
 /// Reads this rank's rows and makes particles of as many that lie together: the particles that
 /// [`sample::volume`](crate::sample::volume) makes of the whole file. `None` where these are made otherwise
@@ -50,7 +31,7 @@ pub(crate) fn read_rows(
     file: &mut RowFile,
     options: &SampleOptions,
     ranks: &mut Ranks,
-) -> Result<Option<RowsRead>> {
+) -> Result<Option<PartRead>> {
     let count = file.count();
     let head = file.read(0..count.min(1));
     let head = ranks.agree(head)?;
@@ -122,13 +103,17 @@ pub(crate) fn read_rows(
         ranks,
     )?;
     fit(&mut volume, &options, ranks)?;
-    Ok(Some(RowsRead {
+    let corners = found.corners.into_iter();
+    let geometry = Geometry::Points {
+        positions: corners.flat_map(|(a, b)| [a, b]).collect(),
+    };
+    Ok(Some(PartRead {
         share: Share {
             numbers: Some(vec![kept]),
             ..Share::from(vec![volume])
         },
         report: found.report,
-        head,
+        head: Dataset { geometry, ..head },
         corners: found.corners,
     }))
 }
@@ -368,10 +353,9 @@ impl Elsewhere for Others<'_> {
 #[cfg(test)]
 mod tests {
     use super::super::ThreadRank;
-    use super::super::shown::check_parts;
+    use super::super::shown::check_file;
     use super::*;
-    use crate::io::{OpenOptions, open};
-    use crate::sample::{ParticleShape, TransferChoice, volume};
+    use crate::sample::{ParticleShape, TransferChoice};
     use crate::scene::ScaleName;
 
     /// A random number of 0 to 1 for each number.
@@ -440,19 +424,11 @@ mod tests {
         }
     }
 
-    /// Whether ranks make the same of a file as one does.
     fn check(path: &Path, options: &SampleOptions, sizes: &[usize]) -> PointVolume {
-        let dataset = open(path, &OpenOptions::default()).unwrap();
-        let corners = dataset.bounds();
-        let whole = volume(dataset, options).unwrap();
-        for &size in sizes {
-            check_parts(&whole, size, |ranks| {
-                let mut file = RowFile::open(path, None).unwrap().unwrap();
-                let own = read_rows(&mut file, options, ranks).unwrap().unwrap();
-                assert_eq!(own.corners, corners);
-                (own.share, own.report)
-            });
-        }
+        let whole = check_file(path, options, sizes, |ranks| {
+            let mut file = RowFile::open(path, None).unwrap().unwrap();
+            read_rows(&mut file, options, ranks).unwrap().unwrap()
+        });
         whole.volume
     }
 

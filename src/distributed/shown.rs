@@ -4,22 +4,37 @@ use std::path::Path;
 #[cfg(test)]
 use std::thread;
 
+use glam::DVec3;
+
 #[cfg(test)]
 use super::ThreadRank;
 use super::planes::least_of_all;
 use super::ranks::Ranks;
 use super::read::told_by_all;
-#[cfg(test)]
 use super::share::Share;
 use crate::error::Result;
 use crate::io::Dataset;
-use crate::prepared::Found;
-use crate::sample::{SampleOptions, function_apart, mean_spacing, nothing_left};
 #[cfg(test)]
-use crate::sample::{SampleReport, Sampled};
+use crate::io::{OpenOptions, open};
+use crate::prepared::Found;
+use crate::sample::{SampleOptions, SampleReport, function_apart, mean_spacing, nothing_left};
+#[cfg(test)]
+use crate::sample::{Sampled, volume};
 #[cfg(test)]
 use crate::scene::rows::{rows_of, volume_of};
 use crate::scene::{LocalModel, LocalModels, PickedRow, PointVolume, Surroundings, Values};
+
+/// What ranks made of a file, each of a part.
+pub(crate) struct PartRead {
+    /// This rank's.
+    pub(crate) share: Share,
+    /// Of the whole.
+    pub(crate) report: SampleReport,
+    /// What is known of the whole besides its samples, of which there are two corners.
+    pub(crate) head: Dataset,
+    /// The least and the greatest coordinates of all; `None` where none is finite.
+    pub(crate) corners: Option<(DVec3, DVec3)>,
+}
 
 /// What all ranks found, and how far apart their particles lie on average.
 ///
@@ -86,17 +101,46 @@ pub(super) fn show(
 
 /// The codes of a rank's local models, of one scale with those of all.
 pub(super) fn models_of_all(own: &[LocalModel], ranks: &mut Ranks) -> Result<LocalModels> {
-    let scales = ranks.gather_records(Ok(vec![LocalModels::scales_of(own)]))?;
-    let greatest = |a: [f32; 2], b: [f32; 2]| [a[0].max(b[0]), a[1].max(b[1])];
-    let scales = scales.into_iter().flatten().fold([0.0; 2], greatest);
+    let scales = greatest_of_all(LocalModels::scales_of(own), ranks)?;
     Ok(LocalModels::with(own, scales))
+}
+
+/// The greatest that any rank says, place by place, none less than 0.
+pub(super) fn greatest_of_all(own: [f32; 2], ranks: &mut Ranks) -> Result<[f32; 2]> {
+    let all = ranks.gather_records(Ok(vec![own]))?;
+    let greatest = |a: [f32; 2], b: [f32; 2]| [a[0].max(b[0]), a[1].max(b[1])];
+    Ok(all.into_iter().flatten().fold([0.0; 2], greatest))
+}
+
+/// Whether ranks make the same of a file as one does.
+///
+/// - `sizes`: how many ranks; `read`: one's part.
+#[cfg(test)]
+pub(super) fn check_file(
+    path: &Path,
+    options: &SampleOptions,
+    sizes: &[usize],
+    read: impl Fn(&mut Ranks) -> PartRead + Sync,
+) -> Sampled {
+    let dataset = open(path, &OpenOptions::default()).unwrap();
+    let (corners, notes, up) = (dataset.bounds(), dataset.notes.clone(), dataset.up());
+    let whole = volume(dataset, options).unwrap();
+    for &size in sizes {
+        check_parts(&whole, size, |ranks| {
+            let own = read(ranks);
+            assert_eq!((own.corners, &own.head.notes), (corners, &notes));
+            assert_eq!(own.head.up(), up);
+            (own.share, own.report)
+        });
+    }
+    whole
 }
 
 /// Whether ranks make the same of data as one does: particles, bit for bit, and reports.
 ///
 /// - `read`: a rank's share, and what it reports of all.
 #[cfg(test)]
-pub(super) fn check_parts(
+fn check_parts(
     whole: &Sampled,
     size: usize,
     read: impl Fn(&mut Ranks) -> (Share, SampleReport) + Sync,

@@ -7,9 +7,7 @@ use glam::DVec3;
 
 use super::crop::{Whole, crop, crop_of};
 use crate::error::Result;
-use crate::io::{
-    CellRows, Dataset, Field, FieldSource, Geometry, OpenOptions, RowFile, Up, cell_rows, open,
-};
+use crate::io::{CellRows, Dataset, Field, Geometry, OpenOptions, RowFile, Up, cell_rows, open};
 use crate::scene::Values;
 
 /// Rows between two runs that are rather read than left out: each run costs a look at the file's tables.
@@ -130,12 +128,7 @@ fn append(all: &mut Dataset, own: Dataset) -> bool {
 
 /// The types of a field's components.
 fn types_of(field: &Field) -> impl Iterator<Item = &'static str> {
-    let components = match &field.source {
-        FieldSource::Scalar(values) => std::slice::from_ref(values),
-        FieldSource::Vector(components) => components,
-        FieldSource::Derived(_) => &[],
-    };
-    components.iter().map(Values::type_name)
+    field.arrays().iter().map(Values::type_name)
 }
 
 #[cfg(test)]

@@ -102,7 +102,7 @@ pub(super) fn dataset(
         ));
     }
     let mut fields = Vec::new();
-    for association in [Association::Nodes, Association::Cells] {
+    for association in Association::BOTH {
         if !patches.iter().any(|patch| has_arrays(patch, association)) {
             continue;
         }

@@ -106,6 +106,26 @@ impl CellMesh {
         }
     }
 
+    /// Adds cells and their nodes, as many of either as 32 bits count.
+    ///
+    /// - `shift`: what is added to the numbers of their nodes.
+    pub(crate) fn append(&mut self, mut other: Self, shift: u32) {
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "callers count entries first"
+        )]
+        let first = self.connectivity.len() as u32;
+        for (i, &kind) in other.kinds.iter().enumerate().filter(|_| shift > 0) {
+            let cell = other.offsets[i] as usize..other.offsets[i + 1] as usize;
+            renumber(kind, &mut other.connectivity[cell], |node| node + shift);
+        }
+        self.nodes.append(&mut other.nodes);
+        self.kinds.append(&mut other.kinds);
+        let ends = other.offsets.iter().skip(1);
+        self.offsets.extend(ends.map(|end| end + first));
+        self.connectivity.append(&mut other.connectivity);
+    }
+
     /// The entries of `connectivity` of one cell.
     pub fn cell(&self, i: usize) -> &[u32] {
         &self.connectivity[self.offsets[i] as usize..self.offsets[i + 1] as usize]

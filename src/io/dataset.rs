@@ -124,6 +124,11 @@ pub enum Association {
     Cells,
 }
 
+impl Association {
+    /// Nodes and cells, in the order of files.
+    pub(crate) const BOTH: [Self; 2] = [Self::Nodes, Self::Cells];
+}
+
 /// Where the numbers of a [`Field`] come from.
 #[derive(Debug, Clone)]
 pub enum FieldSource {
@@ -137,6 +142,15 @@ pub enum FieldSource {
 
 impl Field {
     /// Its numbers, one array per component; none of what is derived.
+    pub(crate) fn arrays(&self) -> &[Values] {
+        match &self.source {
+            FieldSource::Scalar(values) => std::slice::from_ref(values),
+            FieldSource::Vector(components) => components,
+            FieldSource::Derived(_) => &[],
+        }
+    }
+
+    /// The same, to be changed.
     pub(crate) fn arrays_mut(&mut self) -> &mut [Values] {
         match &mut self.source {
             FieldSource::Scalar(values) => std::slice::from_mut(values),

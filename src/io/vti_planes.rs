@@ -38,8 +38,6 @@ const MOST_ELEMENTS_LEN: u64 = 1 << 16;
 /// Pieces are looked at so often, at most, to find whether they have all nodes: some forty times each of a hundred thousand.
 const MOST_LOOKS: usize = 1 << 22;
 
-const ASSOCIATIONS: [Association; 2] = [Association::Nodes, Association::Cells];
-
 /// Where the values of an image are.
 #[derive(Debug)]
 pub(super) struct Pieces {
@@ -79,7 +77,7 @@ fn find_in_file(input: Input<'_>) -> Result<Option<(Dataset, Pieces)>> {
     let Ok(Some((extent, piece))) = only_piece(path, &whole, image) else {
         return Ok(None);
     };
-    let all = ASSOCIATIONS.map(|association| arrays_of(piece, association));
+    let all = Association::BOTH.map(|association| arrays_of(piece, association));
     let arrays = all.each_ref().map(|all| kinds(all));
     let ([Some(nodes), Some(cells)], true) = (arrays, extent == whole) else {
         return Ok(None);
@@ -106,7 +104,7 @@ fn find_in_index(input: Input<'_>) -> Result<Option<(Dataset, Pieces)>> {
     let Some(pieces) = named_pieces(path, &whole, image) else {
         return Ok(None);
     };
-    let arrays = ASSOCIATIONS.map(|association| {
+    let arrays = Association::BOTH.map(|association| {
         let element = child(image, &format!("P{}", element_of(association)));
         let all = element.map(|element| declared(element, "PDataArray"));
         kinds(&all.unwrap_or_default())
@@ -474,7 +472,7 @@ impl Pieces {
                 "save the image again: index and pieces are of different ones",
             ));
         };
-        for (association, expected) in ASSOCIATIONS.into_iter().zip(&self.arrays) {
+        for (association, expected) in Association::BOTH.into_iter().zip(&self.arrays) {
             // A piece one node thick has no cells.
             let is_empty = extent.count(association) == Some(0);
             let arrays = kinds(&arrays_of(piece, association));

@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use super::cells::renumber;
 use super::dataset::{Association, Dataset};
 use super::vtk_array::Array;
 use super::vtk_pieces::{Piece, element_of, keep_common, to_fields};
@@ -216,7 +215,7 @@ pub(super) fn join(
 ) -> Result<Dataset> {
     let mut notes = Vec::new();
     let mut fields = Vec::new();
-    for association in [Association::Nodes, Association::Cells] {
+    for association in Association::BOTH {
         let mut arrays = arrays_of(&mut parts, association);
         keep_common(&mut arrays, element_of(association), &mut notes);
         let arrays = arrays.into_iter().reduce(append_arrays).unwrap_or_default();
@@ -283,19 +282,19 @@ pub(super) fn append_arrays(mut all: Vec<Array>, part: Vec<Array>) -> Vec<Array>
 }
 
 /// Appends a mesh, whose nodes are renumbered to follow.
-fn append_mesh(path: &Path, all: &mut CellMesh, mut part: CellMesh) -> Result<()> {
+fn append_mesh(path: &Path, all: &mut CellMesh, part: CellMesh) -> Result<()> {
     let sum = |name: &str, a: usize, b: usize| match u32::try_from(a.saturating_add(b)) {
         Ok(_) => u32::try_from(a).map_err(|_| name.to_owned()),
         Err(_) => Err(name.to_owned()),
     };
-    let (node_shift, entry_shift) = sum("nodes", all.nodes.len(), part.nodes.len())
+    let node_shift = sum("nodes", all.nodes.len(), part.nodes.len())
         .and_then(|nodes| {
-            let entries = sum(
+            sum(
                 "entries of cells",
                 all.connectivity.len(),
                 part.connectivity.len(),
             )?;
-            Ok((nodes, entries))
+            Ok(nodes)
         })
         .map_err(|name| {
             Error::format(
@@ -306,16 +305,6 @@ fn append_mesh(path: &Path, all: &mut CellMesh, mut part: CellMesh) -> Result<()
                 "read the pieces one by one",
             )
         })?;
-    for (i, &kind) in part.kinds.iter().enumerate() {
-        let range = part.offsets[i] as usize..part.offsets[i + 1] as usize;
-        renumber(kind, &mut part.connectivity[range], |node| {
-            node + node_shift
-        });
-    }
-    all.nodes.append(&mut part.nodes);
-    all.kinds.append(&mut part.kinds);
-    all.connectivity.append(&mut part.connectivity);
-    let offsets = part.offsets.iter().skip(1);
-    all.offsets.extend(offsets.map(|&n| n + entry_shift));
+    all.append(part, node_shift);
     Ok(())
 }

@@ -59,21 +59,16 @@ pub(super) fn read<H, P>(
     let is_index = document.root_element().attribute("type") == Some(&index_kind);
     let element = data_set(path, &document, if is_index { &index_kind } else { kind })?;
     let head = head(path, element)?;
-    let mut pieces = Vec::new();
     if !is_index {
+        let mut pieces = Vec::new();
         each_piece(path, &frame, &document, element, |p| {
             pieces.extend(piece(&head, p)?);
             Ok(())
         })?;
         return Ok((head, pieces));
     }
-
-    for file in sources(input, element)? {
-        read_file(input, &file, kind, |p| {
-            pieces.extend(piece(&head, p)?);
-            Ok(())
-        })?;
-    }
+    let files = sources(input, element)?;
+    let pieces = read_files(input, &files, kind, |p| piece(&head, p))?;
     Ok((head, pieces))
 }
 
@@ -153,23 +148,30 @@ pub(super) fn sources_with_lengths(
     Ok(files.map(with_length).collect())
 }
 
-/// Calls `work` with the pieces of one file that an index names.
+/// Reads the pieces of files that an index names with `piece`, which may leave out empty ones.
 ///
-/// - `kind`: the `type` of the file.
+/// - `kind`: the `type` of the files.
 ///
 /// # Errors
-/// A file of another type, a damaged one, what `work` says.
-pub(super) fn read_file(
+/// A file of another type, a damaged one, what `piece` says.
+pub(super) fn read_files<'f, P>(
     input: Input<'_>,
-    file: &Path,
+    files: impl IntoIterator<Item = &'f PathBuf>,
     kind: &str,
-    work: impl FnMut(Piece<'_>) -> Result<()>,
-) -> Result<()> {
-    let bytes = input.read_beside(file)?;
-    let frame = Frame::new(file, &bytes)?;
-    let document = frame.document()?;
-    let element = data_set(file, &document, kind)?;
-    each_piece(file, &frame, &document, element, work)
+    mut piece: impl FnMut(Piece<'_>) -> Result<Option<P>>,
+) -> Result<Vec<P>> {
+    let mut pieces = Vec::new();
+    for file in files {
+        let bytes = input.read_beside(file)?;
+        let frame = Frame::new(file, &bytes)?;
+        let document = frame.document()?;
+        let element = data_set(file, &document, kind)?;
+        each_piece(file, &frame, &document, element, |p| {
+            pieces.extend(piece(p)?);
+            Ok(())
+        })?;
+    }
+    Ok(pieces)
 }
 
 /// The data set's element, named as the file's `type` is.

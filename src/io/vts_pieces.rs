@@ -15,9 +15,6 @@ use super::{CurvilinearBlock, name_units, vts};
 use crate::error::Result;
 use crate::scene::Values;
 
-/// What fields belong to, in the order of files.
-const ASSOCIATIONS: [Association; 2] = [Association::Nodes, Association::Cells];
-
 /// The files of a grid, each of which holds pieces of it.
 #[derive(Debug)]
 pub(crate) struct VtsPieces {
@@ -81,14 +78,11 @@ impl VtsPieces {
     /// Those of [`open`](super::open).
     pub(crate) fn read(&self, files: Range<usize>) -> Result<SomeBlocks> {
         let input = Input::of_file(&self.path);
-        let mut parts = Vec::new();
-        for (file, _) in &self.files[files] {
-            vtk_pieces::read_file(input, file, vts::KIND, |piece| {
-                parts.extend(vts::read_part(&self.whole, piece)?);
-                Ok(())
-            })?;
-        }
-        let seen = ASSOCIATIONS.map(|association| {
+        let files = self.files[files].iter().map(|(file, _)| file);
+        let parts = vtk_pieces::read_files(input, files, vts::KIND, |piece| {
+            vts::read_part(&self.whole, piece)
+        })?;
+        let seen = Association::BOTH.map(|association| {
             let with_any = parts.iter().filter(|part| part.has_any(association));
             let arrays: Vec<&[Array]> = with_any.map(|part| part.arrays(association)).collect();
             ArraysSeen::of(&arrays)
@@ -158,7 +152,7 @@ impl SomeBlocks {
     pub(crate) fn head(&mut self, file: &VtsPieces, all: &[ArraysSeen; 2]) -> Dataset {
         let mut fields = Vec::new();
         let mut notes = Vec::new();
-        for (association, seen) in ASSOCIATIONS.into_iter().zip(all) {
+        for (association, seen) in Association::BOTH.into_iter().zip(all) {
             let parts = self.parts.iter_mut();
             parts.for_each(|part| seen.keep(part.arrays_mut(association)));
             notes.extend(seen.note(element_of(association)));
@@ -184,7 +178,7 @@ impl SomeBlocks {
 
     /// Leaves one field, and what says which nodes and cells are hidden. Gives which arrays of nodes and of cells these are.
     pub(crate) fn keep(&mut self, head: &Dataset, field: &Field) -> [Vec<ArrayKey>; 2] {
-        ASSOCIATIONS.map(|association| {
+        Association::BOTH.map(|association| {
             let is_kept = |name: &str, of: Association| {
                 of == association
                     && ((name == field.name && of == field.association)
@@ -228,7 +222,7 @@ impl SomeBlocks {
                 let count = extent.count(association).unwrap_or(0);
                 skipped..skipped + count
             };
-            let values = ASSOCIATIONS.into_iter().flat_map(|association| {
+            let values = Association::BOTH.into_iter().flat_map(|association| {
                 let components = part.arrays(association).iter().flat_map(|a| &a.components);
                 components.map(move |values| values.part(run(association)))
             });

@@ -11,9 +11,6 @@ use super::vtk_pieces::{self, ArraysSeen, element_of, to_fields};
 use super::{CellMesh, name_units, vtu};
 use crate::error::Result;
 
-/// What fields belong to, in the order of files.
-const ASSOCIATIONS: [Association; 2] = [Association::Nodes, Association::Cells];
-
 /// The files of a grid, each of which holds pieces of it.
 #[derive(Debug)]
 pub(crate) struct VtuPieces {
@@ -61,14 +58,9 @@ impl VtuPieces {
     /// Those of [`open`](super::open).
     pub(crate) fn read(&self, files: Range<usize>) -> Result<SomePieces> {
         let input = Input::of_file(&self.path);
-        let mut parts = Vec::new();
-        for (file, _) in &self.files[files] {
-            vtk_pieces::read_file(input, file, vtu::KIND, |piece| {
-                parts.extend(vtu::read_part(piece)?);
-                Ok(())
-            })?;
-        }
-        let arrays = ASSOCIATIONS.map(|association| arrays_of(&mut parts, association));
+        let files = self.files[files].iter().map(|(file, _)| file);
+        let mut parts = vtk_pieces::read_files(input, files, vtu::KIND, vtu::read_part)?;
+        let arrays = Association::BOTH.map(|association| arrays_of(&mut parts, association));
         Ok(SomePieces {
             seen: arrays.each_ref().map(|arrays| ArraysSeen::of(arrays)),
             parts,
@@ -93,7 +85,7 @@ impl SomePieces {
     pub(crate) fn dataset(self, path: &Path, all: &[ArraysSeen; 2]) -> Result<Dataset> {
         let mut fields = Vec::new();
         let mut notes = Vec::new();
-        let each = ASSOCIATIONS.into_iter().zip(self.arrays).zip(all);
+        let each = Association::BOTH.into_iter().zip(self.arrays).zip(all);
         for ((association, mut arrays), seen) in each {
             arrays.iter_mut().for_each(|arrays| seen.keep(arrays));
             notes.extend(seen.note(element_of(association)));

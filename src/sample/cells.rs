@@ -109,12 +109,7 @@ impl CellField<'_> {
             true => self.of_nodes(&duals, report, options)?,
             false => self.of_cells(&duals, report, options)?,
         };
-        let place = |sample: usize| {
-            kernels
-                .kept
-                .partition_point(|&kept| (kept as usize) < sample)
-        };
-        let own = place(self.own().start)..place(self.own().end);
+        let own = kernels.within(self.own());
         let is_around = options.normals || options.local_models;
         let around = is_around.then(|| CellsAround::new(mesh, &duals.first));
         let samples = around.as_ref().map(|around| SampledMesh {

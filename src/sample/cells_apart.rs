@@ -2,10 +2,11 @@
 
 use super::cells::{CellField, CellKernels};
 use super::kernels::Kernels;
-use super::{SampleOptions, SampleReport, check_options};
+use super::picked::picked_of;
+use super::{SampleOptions, SampleReport, check_options, unclassified};
 use crate::error::Result;
 use crate::math::ExactSum;
-use crate::scene::{Colour, LocalModel, Particles, PickedRow, PointVolume, Strength};
+use crate::scene::{LocalModel, Particles, PickedRow, PointVolume};
 
 /// The particles of the nodes or cells of a mesh that are asked for.
 pub(crate) struct CellsApart {
@@ -64,14 +65,12 @@ impl CellField<'_> {
         volumes.iter().for_each(|v| volume_sum.add(f64::from(*v)));
         Ok(CellsApart {
             volume: PointVolume {
-                particles: Particles::Anisotropic { positions, factors },
-                strength: Strength::Classified { volumes },
-                colour: Colour::Classified,
-                values: Some(values),
-                transfer_function: None,
-                boundary: None,
                 normals,
-                local_models: None,
+                ..unclassified(
+                    Particles::Anisotropic { positions, factors },
+                    volumes,
+                    values,
+                )
             },
             models,
             report,
@@ -85,21 +84,6 @@ impl CellsApart {
     /// - `first`: how many particles of the mesh come before these.
     /// - `count`: of the mesh.
     pub(crate) fn picked(volume: &PointVolume, first: usize, count: usize) -> Vec<PickedRow> {
-        let (Some(values), Strength::Classified { volumes }) = (&volume.values, &volume.strength)
-        else {
-            return Vec::new();
-        };
-        let positions = volume.particles.positions();
-        let row = |row: usize| {
-            let i = row.checked_sub(first).filter(|&i| i < volumes.len())?;
-            Some(PickedRow {
-                row: row as u64,
-                position: positions[i].to_array(),
-                volume: volumes[i].into(),
-                value: values.get(i).into(),
-            })
-        };
-        let picked = PickedRow::picked(count).into_iter();
-        picked.filter_map(row).collect()
+        picked_of(volume, &(0..volume.particles.len()), first, count)
     }
 }

@@ -7,17 +7,16 @@ use glam::DVec3;
 use super::curvilinear::{GridField, GridFit};
 use super::even_grid;
 use super::kernels::Kernels;
+use super::picked::picked_of;
 use super::rest::{Own, Rest};
 use super::sharp::{FARTHEST, sharpen_grids};
 use super::structured::{CellCounts, Grid, volume_of};
 use super::window::Window;
-use super::{SampleOptions, SampleReport, check_options};
+use super::{SampleOptions, SampleReport, check_options, unclassified};
 use crate::error::Result;
 use crate::io::{Association, Blanking};
 use crate::math::ExactSum;
-use crate::scene::{
-    Boundary, Colour, LocalModel, Particles, PickedRow, PointVolume, Strength, Values,
-};
+use crate::scene::{Boundary, LocalModel, Particles, PickedRow, PointVolume, Strength, Values};
 
 /// Planes of constant k of a grid, with a field.
 pub(crate) struct GridPlanes {
@@ -117,12 +116,7 @@ impl GridPlanes {
             own: samples.clone(),
         };
         let kernels = field.kernels(&mut report, options)?;
-        let place = |sample: usize| {
-            kernels
-                .kept
-                .partition_point(|&kept| (kept as usize) < sample)
-        };
-        let own = place(samples.start)..place(samples.end);
+        let own = kernels.within(&samples);
         let GridFit { normals, models } = field.fit(&kernels, own.clone(), options)?;
         let count = kernels.kept.len();
         let Kernels {
@@ -142,14 +136,12 @@ impl GridPlanes {
             grid,
             kept,
             volume: PointVolume {
-                particles: Particles::Anisotropic { positions, factors },
-                strength: Strength::Classified { volumes },
-                colour: Colour::Classified,
-                values: Some(values),
-                transfer_function: None,
-                boundary: None,
                 normals: normals.map(|normals| padded(normals, 0, &own, count)),
-                local_models: None,
+                ..unclassified(
+                    Particles::Anisotropic { positions, factors },
+                    volumes,
+                    values,
+                )
             },
             models: models.map(|models| padded(models, LocalModel::NONE, &own, count)),
             own,
@@ -171,23 +163,7 @@ impl GridApart<'_> {
     /// - `first`: how many particles of the grid come before these.
     /// - `count`: of the grid.
     pub(crate) fn picked(&self, first: usize, count: usize) -> Vec<PickedRow> {
-        let (Some(values), Strength::Classified { volumes }) =
-            (&self.volume.values, &self.volume.strength)
-        else {
-            return Vec::new();
-        };
-        let row = |row: usize| {
-            let i = row.checked_sub(first).filter(|&i| i < self.own.len())?;
-            let i = self.own.start + i;
-            Some(PickedRow {
-                row: row as u64,
-                position: [0.0; 3],
-                volume: volumes[i].into(),
-                value: values.get(i).into(),
-            })
-        };
-        let picked = PickedRow::picked(count).into_iter();
-        picked.filter_map(row).collect()
+        picked_of(&self.volume, &self.own, first, count)
     }
 
     /// The particles that are asked for, with a sharp boundary where that is wanted, and how many of them, at the end, are

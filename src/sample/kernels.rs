@@ -126,6 +126,12 @@ impl Kernels {
         Ok(all)
     }
 
+    /// Those of a range of samples.
+    pub(super) fn within(&self, samples: &Range<usize>) -> Range<usize> {
+        let place = |sample: usize| self.kept.partition_point(|&kept| (kept as usize) < sample);
+        place(samples.start)..place(samples.end)
+    }
+
     /// The cube root of their mean volume.
     pub(super) fn mean_spacing(&self) -> f64 {
         let mut total = ExactSum::default();

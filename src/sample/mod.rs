@@ -29,6 +29,7 @@ mod local_models;
 pub mod mesh;
 mod mesh_field;
 mod neighbours;
+mod picked;
 mod points;
 mod positions;
 #[cfg(feature = "cli")]
@@ -792,6 +793,20 @@ fn function_of(
     Ok(function)
 }
 
+/// A volume whose strength and colour are to be classified from `values`, without a function.
+fn unclassified(particles: Particles, volumes: Vec<f32>, values: Values) -> PointVolume {
+    PointVolume {
+        particles,
+        strength: Strength::Classified { volumes },
+        colour: Colour::Classified,
+        values: Some(values),
+        transfer_function: None,
+        boundary: None,
+        normals: None,
+        local_models: None,
+    }
+}
+
 /// A volume whose strength and colour are classified from `values`.
 fn classified(
     particles: Particles,
@@ -813,14 +828,8 @@ fn classified(
     report.particle_count = particles.len();
     Ok(Sampled {
         volume: PointVolume {
-            particles,
-            strength: Strength::Classified { volumes },
-            colour: Colour::Classified,
-            values: Some(values),
             transfer_function: Some(transfer_function),
-            boundary: None,
-            normals: None,
-            local_models: None,
+            ..unclassified(particles, volumes, values)
         },
         report,
     })

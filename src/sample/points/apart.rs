@@ -4,12 +4,13 @@ use glam::DVec3;
 
 use super::super::local_models::{FIRST_NEIGHBOURS, models_among};
 use super::super::neighbours::{MOST_FITTED, NEIGHBOUR_COUNT, PointIndex};
+use super::super::picked::picked_rows;
 use super::super::{
     ParticleShape, SampleOptions, SampleReport, Sampled, check_options, function_of,
 };
 use super::columns::{Columns, INTENSITIES};
 use super::neighbourhoods::{Neighbourhoods, neighbours_of};
-use super::{Made, Part, of_some, picked_rows};
+use super::{Made, Part, of_some};
 use crate::error::Result;
 use crate::io::{Dataset, FieldSource, Geometry, SCALES, VARIANCE};
 use crate::math::ExactSum;

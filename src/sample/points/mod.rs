@@ -22,6 +22,7 @@ pub(crate) use self::neighbourhoods::Neighbourhoods;
 pub(crate) use self::neighbourhoods::{Surrounded, without_spacing};
 use self::shape::Shape;
 use super::left_out::LeftOut;
+use super::picked::picked_rows;
 use super::{
     DEFAULT_KERNEL_WIDTH, SampleOptions, SampleReport, Sampled, TransferChoice, check_count,
     index_u32, keep, mean_spacing, narrowed, nothing_left, take_scalar, under_function,
@@ -31,11 +32,8 @@ use super::{OfRows, ParticleShape};
 use crate::error::Result;
 use crate::io::{Dataset, Geometry};
 use crate::math::ExactSum;
-use crate::scene::{
-    Colour, Particles, PickedRow, PointVolume, Strength, Surroundings, ValueSample, Values,
-};
+use crate::scene::{Colour, Particles, PointVolume, Strength, Surroundings, ValueSample, Values};
 use crate::task::Stage;
-use glam::DVec3;
 
 /// The name that the report gives to the field computed for bare positions. The logarithm,
 /// because clustered points span many decades of density.
@@ -391,29 +389,4 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
         #[cfg(feature = "cli")]
         volumes,
     })
-}
-
-/// Those rows that are looked at of so many of which there are particles.
-///
-/// - `place`: of a row's particle, if it has one.
-fn picked_rows(
-    count: usize,
-    place: impl Fn(usize) -> Option<usize>,
-    volumes: &[f32],
-    positions: &[DVec3],
-    values: &Values,
-) -> Vec<PickedRow> {
-    let row = |row: usize| {
-        let i = place(row)?;
-        Some(PickedRow {
-            row: row as u64,
-            position: positions[i].to_array(),
-            volume: volumes[i].into(),
-            value: values.get(i).into(),
-        })
-    };
-    PickedRow::picked(count)
-        .into_iter()
-        .filter_map(row)
-        .collect()
 }

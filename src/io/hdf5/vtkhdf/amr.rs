@@ -118,7 +118,7 @@ impl Block<'_, '_> {
                 cell_arrays: Vec::new(),
             });
         }
-        for association in [Association::Nodes, Association::Cells] {
+        for association in Association::BOTH {
             self.fill(group, steps, association, &mut patches[first..])?;
         }
         Ok(())

@@ -99,20 +99,14 @@ pub(super) fn dataset(path: &Path, mut images: Vec<Image>) -> Result<Dataset> {
     let mut fields = Vec::new();
     if let [image] = images.as_mut_slice() {
         let Image { lattice, arrays } = image;
-        for (arrays, association) in arrays
-            .iter_mut()
-            .zip([Association::Nodes, Association::Cells])
-        {
+        for (arrays, association) in arrays.iter_mut().zip(Association::BOTH) {
             fields.extend(to_fields(std::mem::take(arrays), association));
         }
         let geometry = Geometry::Lattice(lattice.clone());
         return Ok(Dataset::new(path, FORMAT, geometry, fields));
     }
     let mut notes = Vec::new();
-    for (i, association) in [Association::Nodes, Association::Cells]
-        .into_iter()
-        .enumerate()
-    {
+    for (i, association) in Association::BOTH.into_iter().enumerate() {
         let arrays = images
             .iter_mut()
             .map(|image| std::mem::take(&mut image.arrays[i]));

@@ -1,0 +1,56 @@
+//! Particles that a transfer function may be chosen from.
+
+#[cfg(feature = "cli")]
+use std::ops::Range;
+
+use glam::DVec3;
+
+use crate::scene::{PickedRow, Values};
+#[cfg(feature = "cli")]
+use crate::scene::{PointVolume, Strength};
+
+/// Those rows that are looked at of so many of which there are particles.
+///
+/// - `place`: of a row's particle, if it has one.
+pub(super) fn picked_rows(
+    count: usize,
+    place: impl Fn(usize) -> Option<usize>,
+    volumes: &[f32],
+    positions: &[DVec3],
+    values: &Values,
+) -> Vec<PickedRow> {
+    let row = |row: usize| {
+        let i = place(row)?;
+        Some(PickedRow {
+            row: row as u64,
+            position: positions[i].to_array(),
+            volume: volumes[i].into(),
+            value: values.get(i).into(),
+        })
+    };
+    PickedRow::picked(count)
+        .into_iter()
+        .filter_map(row)
+        .collect()
+}
+
+/// Those of some particles of a volume of kernels.
+///
+/// - `own`: these; `first`: how many come before them elsewhere, of `count` particles.
+#[cfg(feature = "cli")]
+pub(super) fn picked_of(
+    volume: &PointVolume,
+    own: &Range<usize>,
+    first: usize,
+    count: usize,
+) -> Vec<PickedRow> {
+    let (Some(values), Strength::Classified { volumes }) = (&volume.values, &volume.strength)
+    else {
+        return Vec::new();
+    };
+    let place = |row: usize| {
+        let i = row.checked_sub(first).filter(|&i| i < own.len())?;
+        Some(own.start + i)
+    };
+    picked_rows(count, place, volumes, volume.particles.positions(), values)
+}
