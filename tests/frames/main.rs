@@ -5,7 +5,7 @@
     reason = "helpers of tests fail by panicking, as tests do; numbers are narrowed on purpose"
 )]
 
-#[path = "../../examples/scenes/analytic.rs"]
+#[path = "../../lab/examples/scenes/analytic.rs"]
 mod analytic;
 #[path = "../common/mod.rs"]
 mod common;

@@ -303,7 +303,7 @@ fn real_data_are_within_the_tolerance_of_exact_pictures() {
     hold_files(&real_files());
 }
 
-/// The opaque checkerboard of Chen et al. 2004 (`examples/paper_2004/checkerboard.rs`), smaller: edges of
+/// The opaque checkerboard of Chen et al. 2004 (`lab/examples/paper_2004/checkerboard.rs`), smaller: edges of
 /// full contrast everywhere, a rim against nothing, and from afar tens of layers in a pixel. Not all
 /// of it is within the promise: opaque kernels that overlap act as one of their depth together.
 #[test]

@@ -1,4 +1,4 @@
-//! The scene and its true pictures as files, for other renderers (`examples/vtk_truth.py`).
+//! The scene and its true pictures as files, for other renderers (`lab/examples/vtk_truth.py`).
 
 use std::path::Path;
 

@@ -2,10 +2,10 @@
 //! and on jittered tetrahedra, drawn in each way, against its own emission-absorption integrals and against
 //! those of the data interpolated.
 //!
-//!     cargo run --release --example truth -- [--size N] [--export DIR | --turn] [GRID|FUNCTION|WAY ...]
+//!     cargo run --release -p ewa-splat-lab --example truth -- [--size N] [--export DIR | --turn] [GRID|FUNCTION|WAY ...]
 //!
 //! Prints the rows of docs/truth.md; with `--turn` those of what changes from frame to frame. Words name what is wanted, such as `lattice-65 shells "extent .15"`; where
-//! none is of a kind all of it are. `--export` writes grids and truths for `examples/vtk_truth.py`.
+//! none is of a kind all of it are. `--export` writes grids and truths for `lab/examples/vtk_truth.py`.
 
 #![allow(
     clippy::cast_possible_truncation,

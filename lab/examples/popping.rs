@@ -5,7 +5,7 @@
 //! depth of its centre, would help: a plain f64 loop over all kernels, sorted anew for every pixel,
 //! the best that any window of sorted fragments could do.
 //!
-//! `cargo run --release --example popping`
+//! `cargo run --release -p ewa-splat-lab --example popping`
 
 #![allow(
     clippy::cast_possible_truncation,

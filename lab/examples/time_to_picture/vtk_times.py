@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """Times VTK from data on disk to the picture, on the files that `time_to_picture` makes, and this program beside it.
 
-    cargo run --release --example time_to_picture          # makes the data
+    cargo run --release -p ewa-splat-lab --example time_to_picture          # makes the data
     pip install vtk numpy
-    python3 examples/time_to_picture/vtk_times.py FOLDER [--program PROGRAM] [--pictures FOLDER] [WORD ...]
+    python3 lab/examples/time_to_picture/vtk_times.py FOLDER [--program PROGRAM] [--pictures FOLDER] [WORD ...]
 
 FOLDER has the data; a WORD chooses what has it in its name. Prints Markdown. Every row is a process of its own,
 ended after two minutes. Both programs get the same view, 512 x 512, and the same transfer function: the time of

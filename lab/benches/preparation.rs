@@ -1,6 +1,6 @@
 //! What a command does before its first frame, each step alone: reading a file, making particles of what it
 //! holds, and sorting these into blocks with their levels of detail. The data are those of
-//! `examples/time_to_picture`, smaller, and read from memory: no disk is timed.
+//! `lab/examples/time_to_picture`, smaller, and read from memory: no disk is timed.
 #![allow(
     missing_docs,
     clippy::unwrap_used,

@@ -368,7 +368,7 @@ pub(crate) fn textured_box(folder: &Path) -> Result<PathBuf> {
 
 /// Some particles of the repository.
 pub(crate) fn small(_: &Path) -> Result<PathBuf> {
-    Ok(Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/particles.csv"))
+    Ok(Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/particles.csv"))
 }
 
 pub(crate) fn lattice(folder: &Path) -> Result<PathBuf> {

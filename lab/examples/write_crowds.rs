@@ -2,7 +2,7 @@
 //! the square of the distance from its middle, as in a simulation of gravity. NPY with columns x, y, z, sigma and
 //! mass, 20 bytes a particle.
 //!
-//!     cargo run --release --example write_crowds PARTICLES FILE.npy
+//!     cargo run --release -p ewa-splat-lab --example write_crowds PARTICLES FILE.npy
 
 use std::f32::consts::{PI, TAU};
 use std::fs::File;

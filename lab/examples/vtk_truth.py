@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""VTK's volume renderers on the grids of `examples/truth`, against the same true pictures.
+"""VTK's volume renderers on the grids of `lab/examples/truth`, against the same true pictures.
 
-    cargo run --release --example truth -- --export out/truth "extent .15"
+    cargo run --release -p ewa-splat-lab --example truth -- --export out/truth "extent .15"
     pip install vtk numpy
-    python3 examples/vtk_truth.py out/truth [GRID|FUNCTION|MAPPER ...] [--pictures]
+    python3 lab/examples/vtk_truth.py out/truth [GRID|FUNCTION|MAPPER ...] [--pictures]
 
 Prints rows like those of the example: RMSE and 99.9th percentile in levels of 255, linear colour, and
 milliseconds of a frame. Pictures are read back from a window of 8 bits a channel, which costs .3 RMSE.

@@ -1,7 +1,7 @@
 //! Draws twenty million particles of arbitrary shape and 1 px on the GPU and on the processor, and
 //! says how far the pictures are apart.
 //!
-//!     cargo run --release --example twenty_million [PARTICLES] [WIDTH] [HEIGHT] [IMAGE]
+//!     cargo run --release -p ewa-splat-lab --example twenty_million [PARTICLES] [WIDTH] [HEIGHT] [IMAGE]
 
 mod scenes;
 

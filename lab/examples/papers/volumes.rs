@@ -122,7 +122,7 @@ pub(crate) fn nucleon() -> Result<Option<Volume>> {
 /// word about it, where it is absent.
 fn real(name: &'static str, file: &str, dims: [usize; 3]) -> Result<Option<Volume>> {
     let folder = std::env::var_os("EWA_DATA_DIR").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"),
         PathBuf::from,
     );
     let path = folder.join("volumes").join(file);

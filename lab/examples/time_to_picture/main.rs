@@ -1,7 +1,7 @@
 //! Times whole commands: from data on disk to the picture.
 //!
 //!     cargo build --release
-//!     cargo run --release --example time_to_picture [--only WORD] [PROGRAM ...]
+//!     cargo run --release -p ewa-splat-lab --example time_to_picture [--only WORD] [PROGRAM ...]
 //!
 //! Every program given, by default the one beside this example, runs every command in turn, so that builds
 //! are compared on the same machine in the same minutes. Prints Markdown: what `--stats` says of each stage,

@@ -2,7 +2,7 @@
 //! same cube, filling the same picture, at the same optical depth, of 10⁴ spheres to 10⁷; and a
 //! million of them (or as many as are asked for) from 16 times the distance.
 //!
-//!     cargo run --release --example detail_cost -- [SVG] [LARGEST] [SIZE] [FRAMES]
+//!     cargo run --release -p ewa-splat-lab --example detail_cost -- [SVG] [LARGEST] [SIZE] [FRAMES]
 
 mod scenes;
 

@@ -1,6 +1,6 @@
 //! The experiments of Chen et al. 2004, *Hardware-Accelerated Adaptive EWA Volume Splatting*, redone.
 //!
-//!     cargo run --release --example paper_2004 -- FIGURE [FOLDER [SIZE [FRAMES]]]
+//!     cargo run --release -p ewa-splat-lab --example paper_2004 -- FIGURE [FOLDER [SIZE [FRAMES]]]
 //!
 //! Prints a table for each figure and writes pictures to FOLDER; times are medians of FRAMES, and mean
 //! something against one another only. FIGURE is `all`, or one of

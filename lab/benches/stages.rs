@@ -6,7 +6,7 @@
     reason = "criterion's macros write the entry point; inputs are narrowed on purpose"
 )]
 
-#[path = "../tests/common/mod.rs"]
+#[path = "../../tests/common/mod.rs"]
 mod common;
 
 use std::hint::black_box;

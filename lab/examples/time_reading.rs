@@ -1,7 +1,7 @@
 //! How long files take to be read: the least of some times over.
 //!
 //! ```sh
-//! cargo run --release --example time_reading -- FILE...
+//! cargo run --release -p ewa-splat-lab --example time_reading -- FILE...
 //! ```
 
 use std::path::Path;

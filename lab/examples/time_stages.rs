@@ -1,7 +1,7 @@
 //! Times every stage of a frame on generated particles, and the rasteriser at every instruction
 //! set of this processor; then column densities of the same number of particles.
 //!
-//!     cargo run --release --example time_stages [PARTICLES] [WIDTH] [HEIGHT]
+//!     cargo run --release -p ewa-splat-lab --example time_stages [PARTICLES] [WIDTH] [HEIGHT]
 
 mod scenes;
 

@@ -11,7 +11,7 @@
 //! kernels make it the recurrence's: .18 of the peak at 1:100 over 1024 pixels, .7 over 4096.
 //! Direct evaluation is within 2e-6 throughout.
 //!
-//! `cargo bench --bench forward_differences`
+//! `cargo bench -p ewa-splat-lab --bench forward_differences`
 #![allow(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,

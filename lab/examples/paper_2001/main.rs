@@ -1,6 +1,6 @@
 //! The experiments of Zwicker et al. 2001, *EWA Volume Splatting*, redone.
 //!
-//!     cargo run --release --example paper_2001 -- FIGURE [FOLDER [SIZE [FRAMES]]]
+//!     cargo run --release -p ewa-splat-lab --example paper_2001 -- FIGURE [FOLDER [SIZE [FRAMES]]]
 //!
 //! Prints a table for each figure and writes pictures to FOLDER. FIGURE is `all`, or one of
 //!

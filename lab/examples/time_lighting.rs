@@ -1,7 +1,7 @@
 //! What lighting once per particle saves against lighting at every pixel of every splat: the claim
 //! of two-pass shading, section 4.4 of Chen et al. 2004.
 //!
-//!     cargo run --release --example time_lighting [FILE] [SIZE] [X,Y,Z of a raw volume of bytes]
+//!     cargo run --release -p ewa-splat-lab --example time_lighting [FILE] [SIZE] [X,Y,Z of a raw volume of bytes]
 //!
 //! The same function runs over the particles of a frame once, and as often as the rasteriser
 //! evaluates a splat at a pixel.
@@ -24,7 +24,7 @@ const FRAMES: usize = 5;
 
 fn main() -> ewa_splat::Result<()> {
     let mut arguments = std::env::args().skip(1);
-    let wake = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/wake.xyz");
+    let wake = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/wake.xyz");
     let file = arguments
         .next()
         .map_or_else(|| PathBuf::from(wake), Into::into);

@@ -3,7 +3,7 @@
 # them are vectors', and that none calls a function of the mathematical library, as it does where a closure or
 # a function that was not inlined loses the set's features.
 #
-# After `cargo build --release` on x86-64 Linux: benches/hot_loops.sh [PROGRAM]
+# After `cargo build --release` on x86-64 Linux: lab/benches/hot_loops.sh [PROGRAM]
 set -euo pipefail
 program="${1:-target/release/ewa-splat}"
 {

@@ -1,7 +1,7 @@
 #!/bin/sh
 # Public data sets against the integral of their own field (`--reference data`), drawn in each way.
 #
-#     examples/truth/real.sh DATA OUT [NAME...]
+#     lab/examples/truth/real.sh DATA OUT [NAME...]
 #
 # DATA holds the files named below. OUT gets a picture of each way as .npy and .png; the rows of
 # docs/truth.md are printed: RMSE and 99.9th percentile over premultiplied linear RGBA, in levels of 255, and
@@ -28,10 +28,10 @@ row() {
     case " ${WAYS:-$way} " in *" $way "*) ;; *) return ;; esac
     to=$out/$name-$way
     # shellcheck disable=SC2086
-    "$EWA" render $input $camera --transfer-function "examples/truth/transfer/$name.json" --size "$size" --backend cpu \
+    "$EWA" render $input $camera --transfer-function "lab/examples/truth/transfer/$name.json" --size "$size" --backend cpu \
         --frames 3 --stats "$to.json" --out "$to.npy" "$@" >/dev/null
     # shellcheck disable=SC2086
-    "$EWA" render $input $camera --transfer-function "examples/truth/transfer/$name.json" --size "$size" \
+    "$EWA" render $input $camera --transfer-function "lab/examples/truth/transfer/$name.json" --size "$size" \
         --backend cpu --out "$to.png" "$@" >/dev/null
     "$EWA" compare "$out/$name-truth.npy" "$to.npy" --json >"$to-errors.json"
     "$EWA" compare "$out/$name-truth.npy" "$to.npy" --difference "$to-difference.png" >/dev/null
@@ -72,7 +72,7 @@ for name in $names; do
     esac
     if [ ! -f "$out/$name-truth.npy" ]; then
         # shellcheck disable=SC2086
-        "$EWA" render $input $camera --transfer-function "examples/truth/transfer/$name.json" --size "$size" \
+        "$EWA" render $input $camera --transfer-function "lab/examples/truth/transfer/$name.json" --size "$size" \
             --reference=data --tolerance 1e-3 --low-pass 0.15 --out "$out/$name-truth.npy"
     fi
     row "$name" particle-1 --classify particle --low-pass 1 --boundary soft

@@ -2,7 +2,7 @@
 //! particles of 2 px and a lattice of 256 x 256 x 128 bytes of which 670,000 are visible; an edit of
 //! the transfer function beside a rebuild; the sort.
 //!
-//!     cargo run --release --example time_gpu_stages [WIDTH HEIGHT [PARTICLES ...]]
+//!     cargo run --release -p ewa-splat-lab --example time_gpu_stages [WIDTH HEIGHT [PARTICLES ...]]
 //!
 //! A software adapter gets a twentieth of the particles where none are given, and the lattice a
 //! quarter of the resolution. A stage's time is the device's own; the frame's is how long its caller
