@@ -37,6 +37,17 @@ pub fn gpu() -> Option<&'static Gpu> {
     .as_ref()
 }
 
+/// The same where whole pictures are compared: always on a graphics card, on a software adapter with `EWA_PICTURES=1` alone.
+/// Twins of single stages, and a few pictures, hold the same formulas in a tenth of the time.
+pub fn pictures() -> Option<&'static Gpu> {
+    let is_asked = std::env::var_os("EWA_PICTURES").is_some_and(|v| v == "1");
+    let gpu = gpu().filter(|gpu| is_asked || !gpu.is_software());
+    if gpu.is_none() {
+        println!("skipped: a whole picture on a software adapter (EWA_PICTURES=1)");
+    }
+    gpu
+}
+
 /// The largest difference between the two back ends' pictures, in shares of full scale, where no
 /// threshold lies between them: roundings of f32 in different orders along a ray of many layers.
 pub const ALIKE: f32 = 2e-5;

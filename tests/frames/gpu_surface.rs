@@ -8,7 +8,7 @@
 
 use crate::common::depth_of;
 use crate::common::frame::Frame;
-use crate::common::gpu::{ALIKE, gpu};
+use crate::common::gpu::{ALIKE, gpu, pictures};
 use crate::common::scene::{Particle, camera, difference, volume};
 use crate::common::{Random, some};
 use ewa_splat::Filter;
@@ -1042,7 +1042,7 @@ fn surfaces_look_alike() {
 /// Surfels with a value each, coloured by a transfer function.
 #[test]
 fn surfaces_with_fields_look_alike() {
-    if gpu().is_none() {
+    if pictures().is_none() {
         return;
     }
     let mut surface = spheres_on_a_plane();
@@ -1079,7 +1079,7 @@ fn gas(count: usize) -> PointVolume {
 
 #[test]
 fn surfaces_in_gas_look_alike() {
-    if gpu().is_none() {
+    if pictures().is_none() {
         return;
     }
     let scene = [gas(800), spheres_on_a_plane()];
@@ -1115,7 +1115,7 @@ fn splats(count: usize) -> PointVolume {
 
 #[test]
 fn surfaces_among_splats_and_panes_look_alike() {
-    if gpu().is_none() {
+    if pictures().is_none() {
         return;
     }
     let edges = [DVec3::X * 2.0, DVec3::new(0.0, 0.3, 1.5)];
@@ -1131,7 +1131,7 @@ fn surfaces_among_splats_and_panes_look_alike() {
 
 #[test]
 fn pictures_do_not_depend_on_how_the_frame_is_cut() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = pictures() else { return };
     let settings = Settings {
         depth: true,
         normals: true,
@@ -1164,7 +1164,7 @@ fn pictures_do_not_depend_on_how_the_frame_is_cut() {
 
 #[test]
 fn frames_follow_one_another() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = pictures() else { return };
     // What is asked for changes from frame to frame; what one leaves behind does not show in the
     // next.
     let scene = vec![gas(300), spheres_on_a_plane()];
