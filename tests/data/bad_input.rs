@@ -11,6 +11,7 @@
 
 use std::sync::OnceLock;
 
+use crate::common::some;
 use crate::support::VtkEncoding;
 use crate::support::damage::{apply, damage};
 use crate::support::gzip;
@@ -305,14 +306,16 @@ fn legacy_files_cut_at_every_byte_are_answered() {
     let path = folder.path().join("cut.vtk");
     for bytes in legacy_vtk() {
         let mut errors = 0;
-        for len in 1..bytes.len() {
+        let lengths = some(1..bytes.len(), bytes.len(), 4);
+        let answered = lengths.len();
+        for len in lengths {
             std::fs::write(&path, &bytes[..len]).unwrap();
             let answer = open(&path, &OpenOptions::default());
             errors += usize::from(answer.is_err());
             check(answer.map(drop));
         }
         // Whole sections are few, but each may be followed by a name or a blank.
-        assert!(errors > bytes.len() / 2, "{errors} of {}", bytes.len());
+        assert!(errors > answered / 2, "{errors} of {answered}");
     }
 }
 
@@ -332,13 +335,14 @@ fn legacy_files_with_wrong_counts_are_answered_at_once() {
                 .take_while(|b| b.is_ascii_digit())
                 .count();
             at = start + len;
-            for count in [
+            let counts = [
                 "0",
                 "3",
                 "4294967295",
                 "9223372036854775807",
                 "18446744073709551615",
-            ] {
+            ];
+            for count in some(counts, start, 2) {
                 let damaged = [&text[..start], count.as_bytes(), &text[at..]].concat();
                 std::fs::write(&path, damaged).unwrap();
                 check(open(&path, &OpenOptions::default()).map(drop));
