@@ -39,8 +39,8 @@ pub(crate) fn dealt(lengths: &[u64], reader: usize, readers: usize) -> Range<usi
 }
 
 /// Reads this rank's pieces and makes particles of them: those that [`sample::volume`](crate::sample::volume) makes of the
-/// whole grid. `None` where these are made otherwise: of surfaces and points, of cells of higher order, flattened ones, and where a
-/// boundary may be sharp, which is so of meshes alone whose nodes all lie apart.
+/// whole grid. `None` where these are made otherwise: of surfaces and points, of cells of higher order, flattened ones, and where the
+/// boundary may be sharp: which faces are boundary the whole mesh says.
 ///
 /// # Errors
 /// What reading or sampling says, on any rank; nothing that can be drawn; a rank that is gone.
@@ -89,21 +89,19 @@ pub(crate) fn read_pieces(
         (false, false) => 1,
     };
     let is_sharp = options.is_sharp() && own.association == Association::Nodes;
-    let rings = Rings::around(own, rings, is_sharp, ranks);
-    let Some(rings) = ranks.agree(rings)? else {
+    if is_sharp && options.is_sharp_anyway() {
         return Ok(None);
-    };
-    let welded = rings.welded;
+    }
+    let rings = Rings::around(own, rings, ranks);
+    let rings = ranks.agree(rings)?;
     let mut volume_sum = ExactSum::default();
     let sampled = sampled(rings, &turned, options, &mut volume_sum);
     let CellsApart {
         mut volume,
         models,
-        mut report,
+        on_boundary,
+        report,
     } = ranks.agree(sampled)?;
-    if is_sharp {
-        report.note_welded(welded, options);
-    }
     let before = ranks.before(report.particle_count)?;
     let found = Found {
         report: SampleReport {
@@ -125,6 +123,10 @@ pub(crate) fn read_pieces(
         options,
         ranks,
     )?;
+    let is_cut = is_sharp && options.cuts(&volume, on_boundary.into_iter());
+    if ranks.sums(Ok(vec![u64::from(is_cut)]))? != [0] {
+        return Ok(None);
+    }
     if let Some(models) = models {
         volume.local_models = Some(models_of_all(&models, ranks)?);
     }
@@ -207,6 +209,7 @@ fn patch_of(mut dataset: Dataset, field: &str) -> Result<Patch> {
         unreachable!("pieces of an unstructured grid are cells")
     };
     let mesh = std::mem::take(mesh);
+    let blanking = blanking.of_mesh(&mesh);
     // One kernel for each of either.
     let count = mesh.nodes.len().min(mesh.cell_count());
     crate::memory::check(count, LEAST_PER_NODE).map_err(|e| e.in_file(&dataset.path))?;
@@ -440,7 +443,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = write(folder.path(), 0.0);
         let plain = SampleOptions {
-            boundary: BoundaryChoice::Automatic,
+            boundary: BoundaryChoice::Soft,
             ..SampleOptions::default()
         };
         let found = check(&path, &plain, &[1, 2, 3, 4, 7, 9]);
@@ -459,17 +462,24 @@ mod tests {
         let lit = SampleOptions {
             field: Some("flow:y".into()),
             local_models: false,
-            boundary: BoundaryChoice::Sharp,
             ..lit
         };
-        let found = check(&path, &lit, &[3]);
-        let is_welded = |f: &crate::sample::Finding| f.reason.contains("welded") && f.count > 100;
-        assert!(found.report.findings.iter().any(is_welded));
+        check(&path, &lit, &[3]);
+        // Shown inside alone, where one value stands out.
+        let inside = r#"{"range": [-5, 20], "points": [{"value": 5, "color": [1, 1, 1], "opacity": 0},
+            {"value": 9, "color": [1, 0, 0], "opacity": 0.9}]}"#;
+        let inside = SampleOptions {
+            transfer: TransferChoice::Text(inside.into()),
+            boundary: BoundaryChoice::Automatic,
+            ..plain.clone()
+        };
+        let found = check(&path, &inside, &[1, 3]);
+        assert!(found.volume.boundary.is_none());
         let bare = SampleOptions {
             field: Some("load".into()),
             local_models: false,
             for_columns: true,
-            boundary: BoundaryChoice::Sharp,
+            boundary: BoundaryChoice::Automatic,
             ..plain
         };
         check(&path, &bare, &[4]);
@@ -503,7 +513,7 @@ mod tests {
     #[test]
     fn what_may_end_sharply_is_left_to_one() {
         let folder = tempfile::tempdir().unwrap();
-        let path = write(folder.path(), 100.0);
+        let path = write(folder.path(), 0.0);
         let read = |options: &SampleOptions| {
             let file = VtuPieces::open(&path).unwrap().unwrap();
             let own = ThreadRank::group(1).swap_remove(0);
@@ -515,6 +525,11 @@ mod tests {
             ..SampleOptions::default()
         };
         assert!(!read(&automatic));
+        let sharp = SampleOptions {
+            boundary: BoundaryChoice::Sharp,
+            ..automatic.clone()
+        };
+        assert!(!read(&sharp));
         let soft = SampleOptions {
             boundary: BoundaryChoice::Soft,
             ..automatic.clone()

@@ -22,8 +22,6 @@ pub(super) struct Rings {
     /// The rank's own.
     pub(super) nodes: Range<usize>,
     pub(super) cells: Range<usize>,
-    /// How many of its nodes lie where others do, of whichever rank.
-    pub(super) welded: usize,
 }
 
 /// Cells of other ranks.
@@ -62,13 +60,6 @@ impl<'a> Places<'a> {
         let is_there = |&i: &u32| is_same(self.nodes[i as usize], place);
         &rest[..rest.partition_point(is_there)]
     }
-
-    /// Those that lie where others of them do.
-    fn shared(&self) -> HashSet<u32> {
-        let is_one = |a: &u32, b: &u32| is_same(self.nodes[*a as usize], self.nodes[*b as usize]);
-        let groups = self.order.chunk_by(is_one).filter(|group| group.len() > 1);
-        groups.flatten().copied().collect()
-    }
 }
 
 impl Rings {
@@ -76,23 +67,20 @@ impl Rings {
     ///
     /// - `own`: with numbers after those of the ranks before.
     /// - `count`: of rings.
-    /// - `is_refused`: whether a mesh is whose nodes, on whichever rank, all lie apart.
     ///
     /// # Errors
     /// More nodes or entries of cells than 32 bits count; a rank that is gone.
     pub(super) fn around(
         own: Patch,
         count: usize,
-        is_refused: bool,
         ranks: &mut Ranks,
-    ) -> Result<Option<Self>> {
+    ) -> Result<Self> {
         let (rank, size) = (ranks.rank(), ranks.size());
         let first = [
             ranks.before(own.mesh.nodes.len())?,
             ranks.before(own.mesh.cell_count())?,
         ];
         let places = Places::of(&own.mesh.nodes);
-        let mut welded = places.shared();
         let around = CellsAround::new(&own.mesh, &[]);
         let finite = || own.mesh.nodes.iter().filter(|p| p.is_finite());
         let none = [DVec3::INFINITY, DVec3::NEG_INFINITY];
@@ -110,7 +98,7 @@ impl Rings {
         let mut asked = HashSet::new();
         let mut sent = vec![Sent::default(); size];
         let mut frontier: Vec<DVec3> = finite().copied().collect();
-        for ring in 0..count {
+        for _ in 0..count {
             frontier.retain(|&p| (0..size).any(|other| is_within(p, other)));
             // + 0 makes -0 and 0 one.
             frontier.retain(|p| asked.insert((p + DVec3::ZERO).to_array().map(f64::to_bits)));
@@ -121,13 +109,6 @@ impl Rings {
             let asks = (0..size).map(of_rank).collect();
             let peers: &mut dyn Peers = ranks;
             let theirs = peers.exchange_records(Ok(asks))?;
-            if ring == 0 {
-                // All nodes of others that lie where any of these does.
-                welded.extend(theirs.iter().flatten().flat_map(|&p| places.at(p)));
-                if is_refused && ranks.sums(Ok(vec![welded.len() as u64]))? == [0] {
-                    return Ok(None);
-                }
-            }
             let answer = |(asked, sent): (&Vec<DVec3>, &mut Sent)| {
                 let found = asked.iter().flat_map(|&p| places.at(p));
                 let found = found.chain(&sent.nowhere);
@@ -157,10 +138,10 @@ impl Rings {
             ranks.agree(heard)?;
         }
         drop((places, around, sent, asked));
-        Self::joined(own, first, others, welded.len()).map(Some)
+        Self::joined(own, first, others)
     }
 
-    fn joined(mut own: Patch, first: [u64; 2], others: Others, welded: usize) -> Result<Self> {
+    fn joined(mut own: Patch, first: [u64; 2], others: Others) -> Result<Self> {
         let [of_nodes, of_cells] = [&others.nodes, &others.cells].map(|numbers| {
             let mut order: Vec<u32> = (0..numbers.len() as u32).collect();
             order.sort_unstable_by_key(|&i| numbers[i as usize]);
@@ -199,7 +180,6 @@ impl Rings {
             patch,
             nodes: below..below + node_count,
             cells: cells_below..cells_below + cell_count,
-            welded,
         })
     }
 }

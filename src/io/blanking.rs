@@ -1,6 +1,6 @@
 //! Nodes and cells that a file declares not to be part of its data.
 
-use super::{Association, Dataset};
+use super::{Association, CellKind, CellMesh, Dataset, polyhedron_faces};
 use crate::error::Result;
 use crate::scene::Values;
 
@@ -78,6 +78,63 @@ impl Blanking {
             cells: Some(cells),
             has_refined: false,
         }
+    }
+
+    /// The same with cells of which a corner is hidden: no field is known all over them.
+    pub(crate) fn of_mesh(mut self, mesh: &CellMesh) -> Self {
+        let Some(hidden) = self.nodes.as_ref().filter(|nodes| nodes.contains(&true)) else {
+            return self;
+        };
+        let cells = self.cells.take();
+        let is_hidden = |node: &u32| hidden.get(*node as usize) == Some(&true);
+        let of_cell = |cell: usize| {
+            let own = cells.as_ref().and_then(|cells| cells.get(cell).copied());
+            let entries = mesh.cell(cell);
+            let has_hidden = match mesh.kinds[cell] {
+                CellKind::POLYHEDRON => polyhedron_faces(entries).flatten().any(is_hidden),
+                _ => entries.iter().any(is_hidden),
+            };
+            own.unwrap_or(false) || has_hidden
+        };
+        self.cells = Some((0..mesh.cell_count()).map(of_cell).collect());
+        self
+    }
+
+    /// The same of a lattice of so many nodes: cells of which a corner is hidden are hidden, and nodes whose cells all are.
+    pub(crate) fn of_lattice(mut self, dims: [usize; 3]) -> Self {
+        // An axis of one node has one layer of cells.
+        let of_cells = dims.map(|n| n.max(2) - 1);
+        let step = dims.map(|n| usize::from(n > 1));
+        let corners = |at: [usize; 3]| {
+            (0..8_usize).map(move |c| {
+                let [i, j, k] = [0, 1, 2].map(|d| at[d] + (c >> d & 1) * step[d]);
+                i + dims[0] * (j + dims[1] * k)
+            })
+        };
+        let count: usize = of_cells.iter().product();
+        let place = |n: usize| {
+            let [ci, cj, _] = of_cells;
+            [n % ci, n / ci % cj, n / (ci * cj)]
+        };
+        let cells: Vec<bool> = (0..count)
+            .map(|n| self.cell(n) || corners(place(n)).any(|node| self.node(node)))
+            .collect();
+        if !cells.contains(&true) {
+            return self;
+        }
+        let mut nodes = vec![true; dims.iter().product()];
+        for n in (0..count).filter(|&n| !cells[n]) {
+            corners(place(n)).for_each(|node| nodes[node] = false);
+        }
+        self.nodes = Some(nodes);
+        self.cells = Some(cells);
+        self
+    }
+
+    /// Whether anything is hidden.
+    pub(crate) fn hides_any(&self) -> bool {
+        let masks = [&self.nodes, &self.cells];
+        masks.into_iter().flatten().any(|mask| mask.contains(&true))
     }
 
     /// Whether finer cells stand in the place of some.

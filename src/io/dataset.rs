@@ -67,6 +67,16 @@ pub struct CurvilinearBlock {
 }
 
 impl CurvilinearBlock {
+    /// The nodes of a lattice.
+    pub(crate) fn of_lattice(lattice: &Lattice) -> Self {
+        let [x, y, _] = lattice.dims;
+        let at = |n: usize| lattice.position([n % x, n / x % y, n / (x * y)]);
+        Self {
+            dims: lattice.dims,
+            nodes: (0..lattice.len()).map(at).collect(),
+        }
+    }
+
     /// Checks that there are as many nodes as the dimensions say.
     ///
     /// # Errors

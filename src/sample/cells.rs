@@ -19,7 +19,7 @@ use super::left_out::LeftOut;
 use super::local_models::mesh::SampledMesh;
 use super::rest::{Nobody, Own};
 use super::sharp::{apply, even_out};
-use super::sharp_cells::{DrawnCells, Surface, sharp_cells};
+use super::sharp_cells::{DrawnCells, NodeParticles, SharpCells, Surface, sharp_cells};
 use super::{
     SampleOptions, SampleReport, Sampled, check_count, check_len, classified_kernels, gradient,
     local_models, nothing_left, take_scalar,
@@ -43,7 +43,7 @@ pub(crate) struct CellField<'a> {
 
 /// What is made of a field on a mesh.
 pub(super) struct CellKernels {
-    duals: Duals,
+    pub(super) duals: Duals,
     /// Where anything looked at neighbours.
     around: Option<CellsAround>,
     /// Of all samples.
@@ -203,21 +203,6 @@ impl CellField<'_> {
     }
 }
 
-impl SampleReport {
-    /// Notes nodes that keep a boundary from being sharp, where it is asked for.
-    ///
-    /// - `count`: of the nodes at one place with others.
-    pub(crate) fn note_welded(&mut self, count: usize, options: &SampleOptions) {
-        if options.is_sharp_anyway() {
-            self.note(
-                count,
-                "nodes",
-                "at one place with others: a mesh that is welded of pieces has no sharp boundary",
-            );
-        }
-    }
-}
-
 pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     let blanking = Blanking::of(&dataset)?;
     let taken = take_scalar(&mut dataset, options.field.as_deref())?;
@@ -226,6 +211,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     };
     check_count(&dataset, mesh.nodes.len())?;
     check_count(&dataset, mesh.cell_count())?;
+    let blanking = blanking.of_mesh(mesh);
     if !mesh.kinds.iter().any(|kind| kind.is_solid()) {
         return Err(Error::format(
             &dataset.path,
@@ -266,11 +252,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     if kernels.kept.is_empty() {
         return Err(nothing_left(&dataset.path, &report));
     }
-    // What is welded of pieces keeps its dual cells.
-    let is_sharp = options.is_sharp() && of_nodes && !duals.is_welded();
-    if options.is_sharp() && of_nodes {
-        report.note_welded(duals.welded(), options);
-    }
+    let is_sharp = options.is_sharp() && of_nodes;
     let kept = match is_sharp {
         true => kernels.kept.clone(),
         false => Vec::new(),
@@ -284,7 +266,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     if kept.is_empty() {
         return Ok(sampled);
     }
-    let particle = |node: u32| kept.binary_search(&node).ok();
+    let particles = NodeParticles::new(&duals, &kept);
     let cells = DrawnCells {
         mesh,
         duals: &duals,
@@ -292,7 +274,8 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     };
     let surface = Surface::new(&cells);
     // Most of what is transparent there needs no more than this.
-    let on_boundary = surface.nodes().iter().filter_map(|&node| particle(node));
+    let on_boundary = surface.nodes().iter().flat_map(|&node| particles.at(node));
+    let on_boundary = on_boundary.map(|(_, particle)| particle);
     if !options.cuts(&sampled.volume, on_boundary) {
         return Ok(sampled);
     }
@@ -301,22 +284,26 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         return Ok(sampled);
     };
     let around = around.unwrap_or_else(|| CellsAround::new(mesh, &duals.first));
-    let (changes, reentrant) = sharp_cells(
+    let sharp = sharp_cells(
         &cells,
         &surface,
         &around,
-        particle,
+        &particles,
         values,
         options.kernel_width,
     );
-    report.note(
-        reentrant.len(),
-        "nodes",
-        "on edges where the boundary goes in: not cut there",
-    );
+    let SharpCells {
+        changes,
+        reentrant,
+        undecided,
+    } = sharp;
+    let what = "on edges where the boundary goes in: not cut there";
+    report.note(reentrant.len(), "nodes", what);
+    let what = "of faces that others cover in part: not cut there";
+    report.note(undecided.len(), "nodes", what);
     let task = options.task.as_ref();
     // The mesh has done its work.
-    drop((surface, around, duals, dataset));
+    drop((surface, around, particles, duals, dataset));
     let own = &mut Own {
         range: 0..kept.len(),
         rest: &mut Nobody,
@@ -326,7 +313,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
             let mut sums = kernels.sums(volumes, task)?;
             // Beside them something is missing.
             if let Some(sums) = &mut sums {
-                for i in reentrant {
+                for i in reentrant.into_iter().chain(undecided) {
                     sums[i] = f64::NAN;
                 }
             }

@@ -3,8 +3,10 @@
 use super::cells::{CellField, CellKernels};
 use super::kernels::Kernels;
 use super::picked::picked_of;
+use super::sharp_cells::DrawnCells;
 use super::{SampleOptions, SampleReport, check_options, unclassified};
 use crate::error::Result;
+use crate::io::Association;
 use crate::math::ExactSum;
 use crate::scene::{LocalModel, Particles, PickedRow, PointVolume};
 
@@ -13,6 +15,8 @@ pub(crate) struct CellsApart {
     /// Values as they stand in the data, and no function.
     pub(crate) volume: PointVolume,
     pub(crate) models: Option<Vec<LocalModel>>,
+    /// Those of the particles that may lie on a boundary that is to be sharp.
+    pub(crate) on_boundary: Vec<usize>,
     pub(crate) report: SampleReport,
 }
 
@@ -37,6 +41,7 @@ impl CellField<'_> {
         };
         let made = self.kernels(turned, &mut report, options)?;
         let CellKernels {
+            duals,
             kernels,
             own,
             normals,
@@ -49,6 +54,19 @@ impl CellField<'_> {
             mut volumes,
             mut kept,
         } = kernels;
+        let mut on_boundary = Vec::new();
+        if options.is_sharp() && self.association == Association::Nodes {
+            let outer = DrawnCells {
+                mesh: self.mesh,
+                duals: &duals,
+                blanking: self.blanking,
+            }
+            .outer_nodes();
+            let is_outer = |node: u32| outer.binary_search(&duals.first_of(node)).is_ok();
+            let of_own = kept[own.clone()].iter().enumerate();
+            on_boundary.extend(of_own.filter(|(_, node)| is_outer(**node)).map(|(i, _)| i));
+        }
+        drop(duals);
         // Those that are elsewhere have done their work.
         fn of_own<T>(all: &mut Vec<T>, own: &std::ops::Range<usize>) {
             all.truncate(own.end);
@@ -73,6 +91,7 @@ impl CellField<'_> {
                 )
             },
             models,
+            on_boundary,
             report,
         })
     }

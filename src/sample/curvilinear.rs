@@ -82,6 +82,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         first_sample += samples_of(block);
     }
     counts.report(&mut report);
+    report.note_overlap(&samples);
 
     let field = GridField {
         grids: &samples,

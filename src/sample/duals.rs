@@ -230,6 +230,8 @@ pub(super) struct Duals {
     pub(super) first: Vec<u32>,
     /// The volume of each node's own share; empty as `first` is.
     shares: Vec<f64>,
+    /// The solid cells that are left out for a fault, ascending.
+    left_out: Vec<u32>,
     /// For each cell kind, which way its cells are numbered.
     pub(super) handedness: [Handedness; 256],
 }
@@ -326,6 +328,7 @@ impl Duals {
             moments: vec![Moments::default(); mesh.nodes.len()],
             first: Vec::new(),
             shares: Vec::new(),
+            left_out: Vec::new(),
             handedness,
         };
         let mut faults = Vec::new();
@@ -354,9 +357,7 @@ impl Duals {
                             }
                             Err(fault) => {
                                 parts.truncate(first_part);
-                                if own.contains(&cell) {
-                                    faults.push(fault);
-                                }
+                                faults.push((super::index_u32(cell), fault));
                             }
                         }
                         (parts, faults)
@@ -373,7 +374,10 @@ impl Duals {
             stage.advance(CHUNK * CHUNKS_AT_ONCE);
         }
         duals.weld(mesh);
-        let of = |fault: LeftOut| faults.iter().filter(|f| **f == fault).count();
+        duals.left_out = faults.iter().map(|(cell, _)| *cell).collect();
+        duals.left_out.sort_unstable();
+        faults.retain(|(cell, _)| own.contains(&(*cell as usize)));
+        let of = |fault: LeftOut| faults.iter().filter(|(_, f)| *f == fault).count();
         report.note(
             of(LeftOut::Degenerate),
             "cells",
@@ -402,21 +406,18 @@ impl Duals {
         self.first = first;
     }
 
-    /// Whether any nodes lie at one position.
-    pub(super) fn is_welded(&self) -> bool {
-        !self.first.is_empty()
+    /// Whether a solid cell is left out for a fault.
+    pub(super) fn is_left_out(&self, cell: usize) -> bool {
+        self.left_out
+            .binary_search(&super::index_u32(cell))
+            .is_ok()
     }
 
-    /// How many nodes lie at one position with others.
-    pub(super) fn welded(&self) -> usize {
-        let mut is_welded = vec![false; self.first.len()];
-        for (node, &first) in self.first.iter().enumerate() {
-            if first as usize != node {
-                is_welded[node] = true;
-                is_welded[first as usize] = true;
-            }
-        }
-        is_welded.into_iter().filter(|welded| *welded).count()
+    /// All nodes by the first at their position, ascending; empty where no two are at one.
+    pub(super) fn copies(&self) -> Vec<(u32, u32)> {
+        let mut copies: Vec<(u32, u32)> = self.first.iter().copied().zip(0..).collect();
+        copies.par_sort_unstable();
+        copies
     }
 
     /// The dual cell that a node has a share of.
@@ -429,7 +430,7 @@ impl Duals {
         self.first.get(node as usize).copied().unwrap_or(node)
     }
 
-    /// Of a node that has its dual cell for itself: volume, and first and second moments about the node.
+    /// The dual cell that a node has a share of: volume, and first and second moments about the node.
     pub(super) fn cell(&self, node: usize) -> Option<(f64, DVec3, DMat3)> {
         let moments = self.moments(node);
         let [xx, xy, xz, yy, yz, zz] = moments.second;
@@ -438,11 +439,7 @@ impl Duals {
             DVec3::new(xy, yy, yz),
             DVec3::new(xz, yz, zz),
         );
-        (!self.is_welded() && moments.volume > 0.0).then_some((
-            moments.volume,
-            moments.first,
-            second,
-        ))
+        (moments.volume > 0.0).then_some((moments.volume, moments.first, second))
     }
 
     /// The volume of a node's share.

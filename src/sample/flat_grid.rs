@@ -24,15 +24,7 @@ pub(super) fn as_surface(mut dataset: Dataset) -> Result<Dataset> {
     }
     dataset.validate()?;
     let blocks = match &dataset.geometry {
-        Geometry::Lattice(lattice) => {
-            let [x, y, _] = lattice.dims;
-            let count = lattice.dims.iter().product();
-            let at = |n: usize| lattice.position([n % x, n / x % y, n / (x * y)]);
-            vec![CurvilinearBlock {
-                dims: lattice.dims,
-                nodes: (0..count).map(at).collect(),
-            }]
-        }
+        Geometry::Lattice(lattice) => vec![CurvilinearBlock::of_lattice(lattice)],
         Geometry::Curvilinear { blocks } => blocks.clone(),
         _ => return Ok(dataset),
     };

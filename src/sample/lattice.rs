@@ -5,10 +5,11 @@ use glam::DVec3;
 use super::left_out::LeftOut;
 use super::sharp::face_nodes;
 use super::{
-    SampleOptions, SampleReport, Sampled, check_count, check_len, classified, take_scalar,
+    SampleOptions, SampleReport, Sampled, check_count, check_len, classified, default_field,
+    take_scalar,
 };
 use crate::error::Result;
-use crate::io::{Association, Blanking, Dataset, Geometry};
+use crate::io::{Association, Blanking, CurvilinearBlock, Dataset, Field, Geometry};
 use crate::scene::{
     Boundary, LONE_CELL_WIDTH, Lattice, LatticeSpacing, Particles, Surroundings, Values,
 };
@@ -17,6 +18,43 @@ use crate::scene::{Colour, PointVolume, Strength, ValueSample};
 
 const NOT_FINITE: &str =
     "not finite; NaN is drawn as transparent, infinity as the end of the range";
+
+/// Bytes that a node takes at the least as one of a curvilinear grid.
+const LEAST_PER_GRID_NODE: u64 = 100;
+
+/// A lattice with values at nodes of which some cells or nodes are hidden, as the grid whose nodes have what is left of
+/// the cells around them; any other data set as it is. A lattice is drawn whole where there is no memory for that: its nodes
+/// beside hidden cells then reach half a cell too far.
+///
+/// # Errors
+/// Arrays that say what is hidden and cannot be read.
+pub(super) fn without_hidden(mut dataset: Dataset, options: &SampleOptions) -> Result<Dataset> {
+    let Geometry::Lattice(lattice) = &dataset.geometry else {
+        return Ok(dataset);
+    };
+    let is_solid = lattice.dims.iter().all(|&n| n > 1);
+    let has_told = |field: &Field| Blanking::is_told_by(&field.name);
+    if !is_solid || !dataset.fields.iter().any(has_told) {
+        return Ok(dataset);
+    }
+    let name = match &options.field {
+        Some(name) => name.clone(),
+        None => default_field(&dataset)?,
+    };
+    let is_of_nodes = dataset
+        .selected(&name)
+        .is_none_or(|(field, _)| field.association == Association::Nodes);
+    let count = lattice.len();
+    if !is_of_nodes
+        || !Blanking::of(&dataset)?.hides_any()
+        || crate::memory::no_room(count as u64 * LEAST_PER_GRID_NODE).is_some()
+    {
+        return Ok(dataset);
+    }
+    let blocks = vec![CurvilinearBlock::of_lattice(lattice)];
+    dataset.geometry = Geometry::Curvilinear { blocks };
+    Ok(dataset)
+}
 
 pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     let blanking = Blanking::of(&dataset)?;
@@ -36,6 +74,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         ..SampleReport::default()
     };
     report.note(taken.values.non_finite_count(), "values", NOT_FINITE);
+    let blanking = blanking.of_lattice(nodes.dims);
     let mask = blanking.mask(taken.association).unwrap_or(&[]);
     let blank = mask.iter().take(lattice.len()).filter(|blank| **blank);
     let blank_count = blank.count();

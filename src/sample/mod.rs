@@ -5,6 +5,7 @@ mod cells;
 #[cfg(feature = "cli")]
 mod cells_apart;
 mod convert;
+mod covered;
 mod curvilinear;
 #[cfg(feature = "cli")]
 mod curvilinear_apart;
@@ -29,6 +30,7 @@ mod local_models;
 pub mod mesh;
 mod mesh_field;
 mod neighbours;
+mod overlap;
 mod picked;
 mod points;
 mod positions;
@@ -388,6 +390,7 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
         }
         _ => (dataset, 0),
     };
+    let dataset = lattice::without_hidden(dataset, options)?;
     let mut sampled = match &dataset.geometry {
         Geometry::Lattice(_) => lattice::volume(dataset, options),
         Geometry::Curvilinear { .. } => curvilinear::volume(dataset, options),
@@ -852,7 +855,11 @@ impl SampleOptions {
     }
 
     /// Whether that of a volume is, of whose samples these lie on it.
-    fn cuts(&self, volume: &PointVolume, mut on_boundary: impl Iterator<Item = usize>) -> bool {
+    pub(crate) fn cuts(
+        &self,
+        volume: &PointVolume,
+        mut on_boundary: impl Iterator<Item = usize>,
+    ) -> bool {
         let (Some(values), Some(transfer)) = (&volume.values, &volume.transfer_function) else {
             return true;
         };

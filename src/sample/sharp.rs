@@ -154,16 +154,7 @@ impl Grid<'_> {
 
     /// Whether nothing around a node is blanked.
     fn is_clear(&self, ijk: [usize; 3]) -> bool {
-        let cells = (0..8usize).filter_map(|side| {
-            let mut cell = [0; 3];
-            for d in 0..3 {
-                let i = (ijk[d] + (side >> d & 1)).checked_sub(1)?;
-                cell[d] = (i + 1 < self.dims[d]).then_some(i)?;
-            }
-            Some(self.first_cell + self.cell_index(cell))
-        });
-        !self.blanking.node(self.first_node + self.node_index(ijk))
-            && cells.into_iter().all(|cell| !self.blanking.cell(cell))
+        !self.blanking.node(self.first_node + self.node_index(ijk)) && !self.is_beside_blanked(ijk)
     }
 
     /// What changes at nodes beside the boundary, and ghosts, row by row; which nodes of the grid continued by

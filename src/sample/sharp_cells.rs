@@ -8,13 +8,17 @@
 //! times spacing.
 //!
 //! The planes of one kernel bound a convex piece. At an edge that goes in, as that of an L, the domain is
-//! none: nodes there keep their own dual cells and are cut by nothing.
+//! none: nodes there keep their own dual cells and are cut by nothing. So do nodes at faces that others cover in part;
+//! faces that are covered all over are no boundary ([`super::covered`]).
+//!
+//! Nodes at one position have one dual cell between them, and a kernel and its images each, of their shares.
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
+use super::covered::{OuterFace, Side, sides};
 use super::duals::Duals;
-use super::incidence::CellsAround;
+use super::incidence::{CellsAround, nodes_of};
 use super::index_u32;
 use super::kernels::Kernel;
 use super::sharp::{SharpParticle, edges};
@@ -47,13 +51,6 @@ struct Tangent {
     node: u32,
 }
 
-/// A face of the boundary: its nodes, its normal into the domain as long as its area, its middle.
-struct Face {
-    nodes: Vec<u32>,
-    normal: DVec3,
-    middle: DVec3,
-}
-
 /// The cells of a mesh that are drawn and have a volume.
 pub(super) struct DrawnCells<'a> {
     pub(super) mesh: &'a CellMesh,
@@ -63,12 +60,14 @@ pub(super) struct DrawnCells<'a> {
 
 /// The boundary of a mesh.
 pub(super) struct Surface {
-    faces: Vec<Face>,
+    faces: Vec<OuterFace>,
     /// The nodes of the boundary, ascending.
     nodes: Vec<u32>,
     /// Where the faces around each of them begin in `around`; one more at the end.
     starts: Vec<usize>,
     around: Vec<u32>,
+    /// Those of the nodes at which faces are covered in part, ascending.
+    undecided: Vec<u32>,
 }
 
 /// Tangent planes of nodes, by their numbers.
@@ -97,63 +96,114 @@ impl Tangents {
     }
 }
 
-/// What changes at the boundary, and which particles lie on edges that go in, ascending.
+/// The changes that a sharp boundary makes.
+pub(super) struct SharpCells {
+    pub(super) changes: Vec<SharpParticle>,
+    /// Particles that are not cut, on edges that go in, ascending.
+    pub(super) reentrant: Vec<usize>,
+    /// The same at faces that are covered in part.
+    pub(super) undecided: Vec<usize>,
+}
+
+/// The particles of nodes, also of those that share a position.
+pub(super) struct NodeParticles<'a> {
+    /// The node of each particle, ascending.
+    kept: &'a [u32],
+    /// [`Duals::copies`].
+    copies: Vec<(u32, u32)>,
+}
+
+impl<'a> NodeParticles<'a> {
+    /// - `kept`: which node each particle is, ascending.
+    pub(super) fn new(duals: &Duals, kept: &'a [u32]) -> Self {
+        let copies = duals.copies();
+        Self { kept, copies }
+    }
+
+    /// The nodes at the position of the first there, and the particle of each that is one.
+    pub(super) fn at(&self, first: u32) -> impl Iterator<Item = (u32, usize)> {
+        let start = self.copies.partition_point(|&(own, _)| own < first);
+        let copies = self.copies[start..].iter();
+        let copies = copies.take_while(move |&&(own, _)| own == first);
+        let alone = self.copies.is_empty().then_some(first);
+        let nodes = alone.into_iter().chain(copies.map(|&(_, node)| node));
+        nodes.filter_map(|node| Some((node, self.kept.binary_search(&node).ok()?)))
+    }
+
+    /// The first particle at a position.
+    fn first(&self, first: u32) -> Option<usize> {
+        self.at(first).next().map(|(_, particle)| particle)
+    }
+}
+
+/// The changes that a sharp boundary makes to the particles of a mesh.
 ///
 /// - `around`: which cells meet at which nodes.
-/// - `particle`: which particle a node is, if it is any.
 /// - `values`: of the particles.
 pub(super) fn sharp_cells(
     cells: &DrawnCells<'_>,
     surface: &Surface,
     around: &CellsAround,
-    particle: impl Fn(u32) -> Option<usize> + Sync,
+    particles: &NodeParticles<'_>,
     values: &Values,
     kernel_width: f64,
-) -> (Vec<SharpParticle>, Vec<usize>) {
+) -> SharpCells {
     let mesh = cells.mesh;
     let of_surface = |n: usize| surface.planes(mesh, n);
     let planes: Vec<Option<Vec<Tangent>>> = (0..surface.nodes.len())
         .into_par_iter()
         .map(of_surface)
         .collect();
-    let mut reentrant = Vec::new();
+    let (mut reentrant, mut undecided) = (Vec::new(), Vec::new());
     let mut own = Tangents {
         place_of: vec![Tangents::NONE; mesh.nodes.len()],
         lists: Vec::with_capacity(planes.len()),
     };
     for (&node, planes) in surface.nodes.iter().zip(planes) {
         if planes.is_none() {
-            reentrant.extend(particle(node));
+            let list = match surface.is_undecided(node) {
+                true => &mut undecided,
+                false => &mut reentrant,
+            };
+            list.extend(particles.at(node).map(|(_, particle)| particle));
         }
         own.set(node, planes.unwrap_or_default());
     }
     reentrant.sort_unstable();
+    undecided.sort_unstable();
     let beside = beside(cells, around, &own, &surface.nodes);
     let change = |&(node, ref near): &(u32, Vec<Tangent>)| {
         let mut changes = Vec::new();
         let incident = own.of(node);
         // Not on an edge that goes in.
-        if let Some(index) = particle(node).filter(|_| incident != Some(&[])) {
-            let change = Change {
-                mesh,
-                surface,
-                values,
-                kernel_width,
-                index,
-            };
-            let incident = incident.unwrap_or(&[]);
-            change.of_node(cells.duals, node, incident, near, &particle, &mut changes);
+        if incident != Some(&[]) {
+            for (copy, index) in particles.at(node) {
+                let change = Change {
+                    mesh,
+                    surface,
+                    particles,
+                    values,
+                    kernel_width,
+                    index,
+                };
+                let incident = incident.unwrap_or(&[]);
+                change.of_node(cells.duals, copy, incident, near, &mut changes);
+            }
         }
         changes
     };
-    let changes = beside.par_iter().flat_map_iter(change).collect();
-    (changes, reentrant)
+    SharpCells {
+        changes: beside.par_iter().flat_map_iter(change).collect(),
+        reentrant,
+        undecided,
+    }
 }
 
 /// A node beside the boundary.
 struct Change<'a> {
     mesh: &'a CellMesh,
     surface: &'a Surface,
+    particles: &'a NodeParticles<'a>,
     values: &'a Values,
     kernel_width: f64,
     index: usize,
@@ -166,13 +216,14 @@ impl Change<'_> {
         node: u32,
         incident: &[Tangent],
         near: &[Tangent],
-        particle: &impl Fn(u32) -> Option<usize>,
         changes: &mut Vec<SharpParticle>,
     ) {
         let origin = self.mesh.nodes[node as usize];
         let Some((mut volume, mut first, mut second)) = duals.cell(node as usize) else {
             return;
         };
+        // Of nodes at one position each has its share.
+        let share = duals.share(node as usize) / volume;
         for tangent in incident {
             let mirror = mirror(tangent.normal);
             volume *= 2.0;
@@ -210,7 +261,7 @@ impl Change<'_> {
         let shaped = |centre: DVec3, variance: DMat3| {
             let [x, y, z] = [variance.x_axis, variance.y_axis, variance.z_axis];
             let lower = factor_of_variance([x.x, x.y, x.z, y.y, y.z, z.z])?;
-            let kernel = Kernel::new(centre, lower, volume).ok()?;
+            let kernel = Kernel::new(centre, lower, volume * share).ok()?;
             Some((kernel, edges(&planes, centre, &lower_matrix(lower))))
         };
         let Some((kernel, own_edges)) = shaped(centre, variance) else {
@@ -238,7 +289,8 @@ impl Change<'_> {
                 let distance = inside(tangent, at);
                 let met = at - tangent.normal * distance;
                 let at_wall = self.surface.value(self.mesh, tangent.node, met, |n| {
-                    particle(n).map(|i| f64::from(self.values.get(i)))
+                    let particle = self.particles.first(n)?;
+                    Some(f64::from(self.values.get(particle)))
                 });
                 let own = f64::from(self.values.get(self.index));
                 value += at_wall.map_or(0.0, |v| 2.0 * (v - own));
@@ -264,26 +316,36 @@ fn mirror(n: DVec3) -> DMat3 {
     DMat3::IDENTITY - DMat3::from_cols(n * n.x, n * n.y, n * n.z) * 2.0
 }
 
-/// The three lowest nodes of a face, which tell it from others; `None` where it has fewer.
-fn key(face: &[u32]) -> Option<[u32; 3]> {
-    let mut lowest = [u32::MAX; 3];
-    for &node in face {
-        let mut moved = node;
-        for low in &mut lowest {
-            if moved == *low {
-                break;
-            }
-            if moved < *low {
-                std::mem::swap(low, &mut moved);
-            }
+/// Two numbers that tell a face from others, whatever its nodes' order: the lowest of these, and a hash of all, of which
+/// repeated ones count once. `None` where it has fewer than three.
+fn key(face: &[u32]) -> Option<(u32, [u32; 2])> {
+    let (mut lowest, mut count, mut hash) = (u32::MAX, 0_u64, 0_u64);
+    for (i, &node) in face.iter().enumerate() {
+        if face[..i].contains(&node) {
+            continue;
         }
+        lowest = lowest.min(node);
+        count += 1;
+        hash = hash.wrapping_add(mixed(u64::from(node) + 1));
     }
-    (lowest[2] != u32::MAX).then_some(lowest)
+    let hash = mixed(hash.wrapping_add(count));
+    let halves = [(hash >> 32) as u32, hash as u32];
+    (count > 2).then_some((lowest, halves))
+}
+
+/// Bits in which each bit of a number changes half of all (splitmix64).
+fn mixed(x: u64) -> u64 {
+    let x = x.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^ (x >> 31)
 }
 
 impl DrawnCells<'_> {
     fn is_drawn(&self, cell: usize) -> bool {
-        self.mesh.kinds[cell].is_solid() && !self.blanking.cell(cell)
+        self.mesh.kinds[cell].is_solid()
+            && !self.blanking.cell(cell)
+            && !self.duals.is_left_out(cell)
     }
 
     /// Calls `each` for the nodes of every face of a cell, the first of those at one position. `nodes` holds them in
@@ -327,10 +389,42 @@ impl DrawnCells<'_> {
         corners.dedup();
     }
 
-    /// The faces that one cell alone has, by that cell, ascending.
-    fn outer_faces(&self) -> Vec<(u32, [u32; 3])> {
+    /// Whether two cells that share a face are one, stated twice.
+    fn are_one(&self, a: usize, b: usize) -> bool {
+        let sum = |cell: usize| {
+            let corners = nodes_of(self.mesh, cell).map(|n| u64::from(self.duals.first_of(n)));
+            corners.fold(0, u64::wrapping_add)
+        };
+        if self.mesh.kinds[a] != self.mesh.kinds[b] || sum(a) != sum(b) {
+            return false;
+        }
+        let (mut of_a, mut of_b) = (Vec::new(), Vec::new());
+        self.corners(a, &mut of_a);
+        self.corners(b, &mut of_b);
+        of_a == of_b
+    }
+
+    /// The nodes of all faces that one cell alone has, ascending, whether others cover these or not.
+    #[cfg(feature = "cli")]
+    pub(super) fn outer_nodes(&self) -> Vec<u32> {
+        let (mut found, mut nodes) = (Vec::new(), Vec::new());
+        for of_cell in self.outer_faces().chunk_by(|x, y| x.0 == y.0) {
+            self.each_face(of_cell[0].0 as usize, &mut nodes, |face| {
+                let key = key(face).map(|(_, key)| key);
+                if of_cell.iter().any(|(_, outer)| Some(*outer) == key) {
+                    found.extend_from_slice(face);
+                }
+            });
+        }
+        found.sort_unstable();
+        found.dedup();
+        found
+    }
+
+    /// The keys of the faces that one cell alone has, by that cell, ascending.
+    fn outer_faces(&self) -> Vec<(u32, [u32; 2])> {
         let mesh = self.mesh;
-        let each_key = |visit: &mut dyn FnMut([u32; 3], usize)| {
+        let each_key = |visit: &mut dyn FnMut((u32, [u32; 2]), usize)| {
             let mut nodes = Vec::new();
             for cell in (0..mesh.cell_count()).filter(|&cell| self.is_drawn(cell)) {
                 self.each_face(cell, &mut nodes, |face| {
@@ -342,15 +436,15 @@ impl DrawnCells<'_> {
         };
         // Sorted by the lowest node at first: what is left is short.
         let mut starts = vec![0; mesh.nodes.len() + 1];
-        each_key(&mut |[a, ..], _| starts[a as usize + 1] += 1);
+        each_key(&mut |(lowest, _), _| starts[lowest as usize + 1] += 1);
         for node in 0..mesh.nodes.len() {
             starts[node + 1] += starts[node];
         }
         let mut next = starts.clone();
         let mut faces = vec![[0; 3]; starts[mesh.nodes.len()]];
-        each_key(&mut |[a, b, c], cell| {
-            let next = &mut next[a as usize];
-            faces[*next] = [b, c, index_u32(cell)];
+        each_key(&mut |(lowest, [a, b]), cell| {
+            let next = &mut next[lowest as usize];
+            faces[*next] = [a, b, index_u32(cell)];
             *next += 1;
         });
         drop(next);
@@ -358,18 +452,23 @@ impl DrawnCells<'_> {
         let mut of_nodes = Vec::with_capacity(mesh.nodes.len());
         for node in 0..mesh.nodes.len() {
             let (own, others) = rest.split_at_mut(starts[node + 1] - starts[node]);
-            of_nodes.push((index_u32(node), own));
+            of_nodes.push(own);
             rest = others;
         }
-        let alone = |(node, faces): (u32, &mut [[u32; 3]])| {
+        let is_alone = |same: &&[[u32; 3]]| {
+            let first = same[0][2] as usize;
+            let mut others = same[1..].iter();
+            others.all(|other| self.are_one(first, other[2] as usize))
+        };
+        let alone = |faces: &mut [[u32; 3]]| {
             faces.sort_unstable();
-            let alone = faces
-                .chunk_by(|x, y| x[..2] == y[..2])
-                .filter(|same| same.len() == 1);
-            let alone = alone.map(|same| (same[0][2], [node, same[0][0], same[0][1]]));
+            let same = faces.chunk_by(|x, y| x[..2] == y[..2]);
+            let alone = same
+                .filter(is_alone)
+                .map(|same| (same[0][2], [same[0][0], same[0][1]]));
             alone.collect::<Vec<_>>()
         };
-        let mut outer: Vec<(u32, [u32; 3])> =
+        let mut outer: Vec<(u32, [u32; 2])> =
             of_nodes.into_par_iter().flat_map_iter(alone).collect();
         outer.par_sort_unstable();
         outer
@@ -377,22 +476,24 @@ impl DrawnCells<'_> {
 }
 
 impl Surface {
-    /// The faces that one drawn cell has.
+    /// The faces that one drawn cell has and that no others cover.
     pub(super) fn new(cells: &DrawnCells<'_>) -> Self {
         let node = |n: u32| cells.mesh.nodes[n as usize];
         let middle_of = |nodes: &[u32]| {
             nodes.iter().map(|&n| node(n)).sum::<DVec3>() / nodes.len().max(1) as f64
         };
         let (mut nodes, mut corners) = (Vec::new(), Vec::new());
-        let mut faces: Vec<Face> = Vec::new();
+        let mut faces: Vec<OuterFace> = Vec::new();
         for of_cell in cells.outer_faces().chunk_by(|x, y| x.0 == y.0) {
-            let cell = of_cell[0].0 as usize;
+            let cell = of_cell[0].0;
             corners.clear();
-            cells.each_face(cell, &mut nodes, |face| corners.extend_from_slice(face));
+            cells.each_face(cell as usize, &mut nodes, |face| {
+                corners.extend_from_slice(face);
+            });
             let inner = middle_of(&corners);
-            cells.each_face(cell, &mut nodes, |face| {
-                let is_outer = |key: [u32; 3]| of_cell.iter().any(|(_, outer)| *outer == key);
-                if !key(face).is_some_and(is_outer) {
+            cells.each_face(cell as usize, &mut nodes, |face| {
+                let is_outer = |key: [u32; 2]| of_cell.iter().any(|(_, outer)| *outer == key);
+                if !key(face).is_some_and(|(_, key)| is_outer(key)) {
                     return;
                 }
                 let middle = middle_of(face);
@@ -403,38 +504,54 @@ impl Surface {
                 let area = turned.sum::<DVec3>() * 0.5;
                 let normal = area * area.dot(inner - middle).signum();
                 if normal.is_finite() && normal.length() > 0.0 {
-                    faces.push(Face {
+                    faces.push(OuterFace {
+                        cell,
                         nodes: face.to_vec(),
                         normal,
                         middle,
+                        depth: normal.normalize_or_zero().dot(inner - middle),
                     });
                 }
             });
         }
-        let with_nodes = |(place, face): (usize, &Face)| {
-            let place = index_u32(place);
-            face.nodes
-                .iter()
-                .map(move |&n| (n, place))
-                .collect::<Vec<_>>()
-        };
-        let mut pairs: Vec<(u32, u32)> = faces.iter().enumerate().flat_map(with_nodes).collect();
-        pairs.sort_unstable();
+        let sides = sides(&cells.mesh.nodes, &faces);
+        // The nodes of each face, and what is behind it there.
+        let mut all: Vec<(u32, u32, Side)> = Vec::new();
+        for (place, (face, sides)) in faces.iter().zip(&sides).enumerate() {
+            for (i, &node) in face.nodes.iter().enumerate() {
+                let side = sides.as_ref().map_or(Side::Open, |sides| sides[i]);
+                all.push((node, index_u32(place), side));
+            }
+        }
+        all.par_sort_unstable_by_key(|&(node, place, _)| (node, place));
         let mut surface = Self {
             faces,
             nodes: Vec::new(),
             starts: Vec::new(),
-            around: Vec::with_capacity(pairs.len()),
+            around: Vec::with_capacity(all.len()),
+            undecided: Vec::new(),
         };
-        for (node, face) in pairs {
-            if surface.nodes.last() != Some(&node) {
-                surface.nodes.push(node);
-                surface.starts.push(surface.around.len());
+        for of_node in all.chunk_by(|x, y| x.0 == y.0) {
+            let has = |side: Side| of_node.iter().any(|own| own.2 == side);
+            let is_undecided = has(Side::Partly) || (has(Side::Rim) && has(Side::Open));
+            if !is_undecided && !has(Side::Open) {
+                continue;
             }
-            surface.around.push(face);
+            let node = of_node[0].0;
+            if is_undecided {
+                surface.undecided.push(node);
+            }
+            surface.nodes.push(node);
+            surface.starts.push(surface.around.len());
+            let open = of_node.iter().filter(|own| own.2 == Side::Open);
+            surface.around.extend(open.map(|own| own.1));
         }
         surface.starts.push(surface.around.len());
         surface
+    }
+
+    fn is_undecided(&self, node: u32) -> bool {
+        self.undecided.binary_search(&node).is_ok()
     }
 
     /// The nodes of the boundary, ascending.
@@ -443,7 +560,7 @@ impl Surface {
     }
 
     /// The faces around the `n`-th node.
-    fn faces_around(&self, n: usize) -> impl Iterator<Item = &Face> {
+    fn faces_around(&self, n: usize) -> impl Iterator<Item = &OuterFace> {
         let around = &self.around[self.starts[n]..self.starts[n + 1]];
         around.iter().map(|&face| &self.faces[face as usize])
     }
@@ -451,10 +568,13 @@ impl Surface {
     /// The tangent planes at the `n`-th boundary node; `None` where they bound no convex piece.
     fn planes(&self, mesh: &CellMesh, n: usize) -> Option<Vec<Tangent>> {
         let node = self.nodes[n];
+        if self.is_undecided(node) {
+            return None;
+        }
         let origin = mesh.nodes[node as usize];
         // Sums of normals and of the faces' middles, both weighted by area.
         let mut groups: Vec<(DVec3, DVec3)> = Vec::new();
-        let mut faces: Vec<&Face> = self.faces_around(n).collect();
+        let mut faces: Vec<&OuterFace> = self.faces_around(n).collect();
         faces.sort_by(|a, b| b.normal.length().total_cmp(&a.normal.length()));
         for face in faces {
             let unit = face.normal.normalize_or_zero();

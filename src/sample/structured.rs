@@ -18,7 +18,7 @@ use super::SampleReport;
 use super::left_out::LeftOut;
 use super::seam::seam;
 use super::window::Window;
-use crate::io::Blanking;
+use crate::io::{Association, Blanking};
 use crate::math::ExactSum;
 
 /// How far from its corner the Gauss point of an eighth lies along each index: (1 - 1/√3) / 2.
@@ -443,10 +443,7 @@ impl<'a> Grid<'a> {
                 found.empty += usize::from(cell.volume.abs() <= 0.0);
                 found.of_sign[0] += usize::from(cell.volume > 0.0);
                 found.of_sign[1] += usize::from(cell.volume < 0.0);
-                if !self
-                    .blanking
-                    .cell(self.first_cell + self.cell_index([first + i, j, k]))
-                {
+                if !self.is_blanked([first + i, j, k]) {
                     *least = DEGENERATE_VOLUME / 8.0 * cell.of_box;
                 }
             }
@@ -460,6 +457,14 @@ impl<'a> Grid<'a> {
 
     pub(super) fn cell_index(&self, [i, j, k]: [usize; 3]) -> usize {
         i + (self.dims[0] - 1) * (j + (self.dims[1] - 1) * k)
+    }
+
+    /// Whether a cell is blanked, or a node at one of its corners.
+    fn is_blanked(&self, cell: [usize; 3]) -> bool {
+        let is_blank = |node: usize| self.blanking.node(self.first_node + node);
+        self.blanking.cell(self.first_cell + self.cell_index(cell))
+            || (self.blanking.mask(Association::Nodes).is_some()
+                && self.corners(cell).into_iter().any(is_blank))
     }
 
     /// The nodes at a cell's corners, i fastest.
@@ -608,15 +613,14 @@ impl<'a> Grid<'a> {
         }
     }
 
-    /// Whether a cell at a node is blanked.
+    /// Whether a cell at a node is blanked, or a node at one of its corners.
     pub(super) fn is_beside_blanked(&self, ijk: [usize; 3]) -> bool {
         (0..8_usize).any(|side| {
             let along = |d: usize| self.side(d, ijk[d], side >> d & 1 == 1);
             let (Some(i), Some(j), Some(k)) = (along(0), along(1), along(2)) else {
                 return false;
             };
-            let cell = [i, j, k].map(|[a, b]| a.min(b));
-            self.blanking.cell(self.first_cell + self.cell_index(cell))
+            self.is_blanked([i, j, k].map(|[a, b]| a.min(b)))
         })
     }
 
@@ -624,10 +628,7 @@ impl<'a> Grid<'a> {
     pub(super) fn cell_part(&self, index: usize) -> Result<Part, LeftOut> {
         let [ci, cj, _] = self.dims.map(|n| n - 1);
         let ijk = [index % ci, index / ci % cj, index / (ci * cj)];
-        let is_blank = |node: usize| self.blanking.node(self.first_node + node);
-        if self.blanking.cell(self.first_cell + index)
-            || self.corners(ijk).into_iter().any(is_blank)
-        {
+        if self.is_blanked(ijk) {
             return Err(LeftOut::Blanked);
         }
         let corners = self.cell_corners(ijk);
@@ -651,7 +652,7 @@ impl<'a> Grid<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::{Association, Dataset, Field, FieldSource, Geometry};
+    use crate::io::{Dataset, Field, FieldSource, Geometry};
     use crate::scene::Values;
 
     /// Numbers from -1 to 1.

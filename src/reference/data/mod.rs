@@ -31,7 +31,7 @@ use super::sight::Sight;
 use super::{PixelFilter, ReferenceFrame, ReferenceSettings, check};
 use crate::error::{Error, Result};
 use crate::io::{Association, Blanking, CurvilinearBlock, Dataset, Geometry, to_first_order};
-use crate::scene::{TransferFunction, Values};
+use crate::scene::TransferFunction;
 use crate::view::{Camera, ClipPlane};
 use cells::{Mesh, Scratch};
 use emission::Emission;
@@ -47,7 +47,7 @@ const ELEMENT_SLACK: f64 = 0.001;
 /// |---|---|---|
 /// | lattice, values at nodes | trilinear between nodes | the box of the nodes |
 /// | lattice, values of cells | trilinear between the cells' centres, constant from the outermost on | all cells |
-/// | curvilinear grid | trilinear in each cell's own parameters; values of cells are constant in each | all cells |
+/// | curvilinear grid, lattice with anything hidden | trilinear in each cell's own parameters; values of cells are constant in each | all cells |
 /// | tetrahedra | linear; values of cells constant, here and below | all cells |
 /// | hexahedra, voxels, wedges, pyramids | VTK's shape functions | all cells |
 /// | prisms, polyhedra | linear in tetrahedra around the mean of the corners, and of each face's, where the value is the mean of theirs | all cells |
@@ -157,8 +157,14 @@ impl DataIntegrator {
             return fault("samples".into(), expected, found, "split the data set");
         }
         let (domain, left_out) = match &dataset.geometry {
+            Geometry::Lattice(lattice)
+                if blanking.hides_any() && lattice.dims.iter().all(|&n| n > 1) =>
+            {
+                let blocks = [CurvilinearBlock::of_lattice(lattice)];
+                let (mesh, left_out) = curvilinear::mesh(&blocks, association, &values, &blanking);
+                (Domain::Cells(mesh), left_out)
+            }
             Geometry::Lattice(lattice) => {
-                let values = without_blanked(values, blanking.mask(association));
                 let Some(grid) = Grid::new(lattice, association, values) else {
                     let [x, y, z] = lattice.dims;
                     return fault(
@@ -264,18 +270,6 @@ fn refused(dataset: &Dataset) -> Error {
         found,
         advice,
     )
-}
-
-/// Blanked samples have no value.
-fn without_blanked(values: Values, mask: Option<&[bool]>) -> Values {
-    let Some(mask) = mask.filter(|mask| mask.contains(&true)) else {
-        return values;
-    };
-    let known = |i: usize| match mask.get(i) {
-        Some(true) => f32::NAN,
-        _ => values.get(i),
-    };
-    Values::F32((0..values.len()).map(known).collect())
 }
 
 /// The data as one camera sees them.

@@ -1,0 +1,328 @@
+//! Faces inside a mesh that do not match one to one.
+//!
+//! A face that one cell alone has is boundary where nothing lies on its other side. Hanging nodes, diagonals that do not
+//! meet, tied interfaces and pieces with nodes of their own have cells there, behind other faces. Each corner's part of a
+//! face is probed at [`ACROSS`]² places: a place is covered if a face of another cell, turned the other way, lies within
+//! [`GAP`] of it along the normal.
+
+use glam::{DVec3, Vec3A};
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::Bvh2;
+use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
+use rayon::prelude::*;
+
+use super::index_u32;
+
+/// How far apart two faces of one interface may lie, as a share of the larger one's size: chords of a circle of 16 cells
+/// lie that far from it, and kernels of that size show no such gap.
+const GAP: f64 = 0.05;
+
+/// The same as a share of the distance from a face to the middle of its cell: thin cells are no gap.
+const GAP_OF_DEPTH: f64 = 0.5;
+
+/// The cosine that the normals of two faces of one interface have at most: chords of one curve differ.
+const OPPOSED: f64 = -0.5;
+
+/// Places across a corner's part of a face, each way.
+const ACROSS: usize = 3;
+
+/// How far outside a triangle a place may lie, as a share of it: places of interfaces are rounded.
+const SLACK: f64 = 1e-3;
+
+/// How far corners and middles of two faces that are one may lie apart, as a share of their size.
+const SAME: f64 = 1e-3;
+
+/// Faces that are looked at for one place. Meshes that fold over themselves have more: there nothing is decided.
+const MOST: usize = 256;
+
+/// Faces in the box of one before it is probed place by place.
+const MOST_NEAR: usize = 16 * MOST;
+
+/// Boxes grow by this share of the whole: obvhs works in f32, and faces at one place are moved apart.
+const ROUNDING: f64 = 4e-6;
+
+/// A face that one cell alone has.
+pub(super) struct OuterFace {
+    pub(super) cell: u32,
+    pub(super) nodes: Vec<u32>,
+    /// Into the cell, as long as the face's area.
+    pub(super) normal: DVec3,
+    pub(super) middle: DVec3,
+    /// The distance from the face to the middle of its cell.
+    pub(super) depth: f64,
+}
+
+/// The far side of a face, in the part of one of its corners.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Side {
+    /// Nothing lies there.
+    Open,
+    /// Other cells lie there.
+    Covered,
+    /// Other cells lie there, behind a face that is open elsewhere.
+    Rim,
+    /// Other cells lie behind some of it, or it could not be found out.
+    Partly,
+}
+
+/// The sides of all corners of each face, in the order of its nodes; `None` where all are open.
+pub(super) fn sides(nodes: &[DVec3], faces: &[OuterFace]) -> Vec<Option<Vec<Side>>> {
+    let Some(index) = FaceIndex::new(nodes, faces) else {
+        return (0..faces.len()).map(|_| None).collect();
+    };
+    let found: Vec<Option<Probed>> = (0..faces.len())
+        .into_par_iter()
+        .map(|face| index.probed(face))
+        .collect();
+    let is_covered = |&face: &u32| {
+        let probed = found[face as usize].as_ref();
+        probed.is_some_and(|probed| probed.sides.iter().all(|side| *side == Side::Covered))
+    };
+    let with_rims = |probed: &Option<Probed>| {
+        let probed = probed.as_ref()?;
+        let is_inner = probed.behind.iter().all(is_covered);
+        let side = |side: &Side| match side {
+            Side::Covered if !is_inner => Side::Rim,
+            other => *other,
+        };
+        Some(probed.sides.iter().map(side).collect())
+    };
+    found.par_iter().map(with_rims).collect()
+}
+
+/// A face with others near its far side.
+struct Probed {
+    sides: Vec<Side>,
+    /// The faces that cover it.
+    behind: Vec<u32>,
+}
+
+/// Faces by place.
+struct FaceIndex<'a> {
+    nodes: &'a [DVec3],
+    faces: &'a [OuterFace],
+    bvh: Bvh2,
+    units: Units,
+}
+
+/// The units of boxes: unit size, so that nothing overflows or vanishes in f32.
+#[derive(Clone, Copy)]
+struct Units {
+    middle: DVec3,
+    widest: f64,
+}
+
+impl Units {
+    fn boxed(self, low: DVec3, high: DVec3, margin: f64) -> Aabb {
+        let corner = |v: DVec3| Vec3A::from(((v - self.middle) / self.widest).as_vec3());
+        let margin = DVec3::splat(margin + ROUNDING * self.widest);
+        Aabb::new(corner(low - margin), corner(high + margin))
+    }
+}
+
+impl OuterFace {
+    fn size(&self) -> f64 {
+        self.normal.length().sqrt()
+    }
+
+    /// How far from it others are still on it.
+    fn gap(&self) -> f64 {
+        (GAP * self.size()).min(GAP_OF_DEPTH * self.depth)
+    }
+
+    /// Out of the cell, of unit length.
+    fn outward(&self) -> DVec3 {
+        -self.normal.normalize_or_zero()
+    }
+}
+
+impl<'a> FaceIndex<'a> {
+    /// `None` of fewer than two faces, or without extent.
+    fn new(nodes: &'a [DVec3], faces: &'a [OuterFace]) -> Option<Self> {
+        let of_face = |face: &OuterFace| {
+            let places = face.nodes.iter().map(|&n| nodes[n as usize]);
+            let (low, high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+            places.fold((low, high), |(low, high), p| (low.min(p), high.max(p)))
+        };
+        let all = faces.par_iter().map(of_face);
+        let none = || (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        let (low, high) = all.reduce(none, |a, b| (a.0.min(b.0), a.1.max(b.1)));
+        let widest = (high - low).max_element();
+        if faces.len() < 2 || !(widest > 0.0 && widest.is_finite()) {
+            return None;
+        }
+        let units = Units {
+            middle: (low + high) / 2.0,
+            widest,
+        };
+        let boxed = |(number, face): (usize, &OuterFace)| {
+            let (low, high) = of_face(face);
+            let moved = moved(number) * widest;
+            units.boxed(low + moved, high + moved, face.gap())
+        };
+        let boxes: Vec<Aabb> = faces.par_iter().enumerate().map(boxed).collect();
+        let bvh = PlocBuilder::with_capacity(boxes.len()).build(
+            PlocSearchDistance::Minimum,
+            &boxes,
+            (0..index_u32(boxes.len())).collect(),
+            SortPrecision::U64,
+            0,
+        );
+        Some(Self {
+            nodes,
+            faces,
+            bvh,
+            units,
+        })
+    }
+
+    /// Calls `visit` for the faces in a box until it says no.
+    fn within(&self, low: DVec3, high: DVec3, mut visit: impl FnMut(u32) -> bool) {
+        let around = self.units.boxed(low, high, 0.0);
+        self.bvh.aabb_traverse(around, |bvh, node| {
+            let node = &bvh.nodes[node as usize];
+            let first = node.first_index as usize;
+            let mut members = bvh.primitive_indices[first..first + node.prim_count as usize].iter();
+            members.all(|&face| visit(face))
+        });
+    }
+
+    fn corner(&self, face: &OuterFace, i: usize) -> DVec3 {
+        self.nodes[face.nodes[i % face.nodes.len()] as usize]
+    }
+
+    /// The sides of a face; `None` where nothing is near.
+    fn probed(&self, number: usize) -> Option<Probed> {
+        let face = &self.faces[number];
+        let (outward, gap) = (face.outward(), face.gap());
+        let places = || (0..face.nodes.len()).map(|i| self.corner(face, i));
+        let low = places().fold(DVec3::INFINITY, DVec3::min) - gap;
+        let high = places().fold(DVec3::NEG_INFINITY, DVec3::max) + gap;
+        let (mut is_near, mut same, mut count) = (false, None, 0);
+        self.within(low, high, |other| {
+            if self.may_cover(face, outward, other) {
+                is_near = true;
+                if self.is_same(face, &self.faces[other as usize]) {
+                    same = Some(other);
+                }
+            }
+            count += 1;
+            is_near |= count > MOST_NEAR;
+            same.is_none() && !(is_near && count > MOST)
+        });
+        if let Some(other) = same {
+            return Some(Probed {
+                sides: vec![Side::Covered; face.nodes.len()],
+                behind: vec![other],
+            });
+        }
+        if !is_near {
+            return None;
+        }
+        let mut behind = Vec::new();
+        let corners = 0..face.nodes.len();
+        let sides: Vec<Side> = corners
+            .map(|i| self.side(face, outward, i, &mut behind))
+            .collect();
+        behind.sort_unstable();
+        behind.dedup();
+        let is_open = sides.iter().all(|side| *side == Side::Open);
+        (!is_open).then_some(Probed { sides, behind })
+    }
+
+    fn may_cover(&self, face: &OuterFace, outward: DVec3, other: u32) -> bool {
+        let other = &self.faces[other as usize];
+        other.cell != face.cell && other.outward().dot(outward) < OPPOSED
+    }
+
+    /// Whether two faces have the same corners but for rounding.
+    fn is_same(&self, face: &OuterFace, other: &OuterFace) -> bool {
+        let slack = SAME * face.size();
+        let count = face.nodes.len();
+        let is_corner = |i: usize| {
+            let at = self.corner(face, i);
+            (0..count).any(|j| self.corner(other, j).distance(at) <= slack)
+        };
+        other.nodes.len() == count
+            && face.middle.distance(other.middle) <= slack
+            && (0..count).all(is_corner)
+    }
+
+    /// The side of one corner's part of a face.
+    fn side(&self, face: &OuterFace, outward: DVec3, i: usize, behind: &mut Vec<u32>) -> Side {
+        let own = self.corner(face, i);
+        let next = own.midpoint(self.corner(face, i + 1));
+        let before = own.midpoint(self.corner(face, i + face.nodes.len() - 1));
+        let mut covered = 0;
+        for m in 0..ACROSS * ACROSS {
+            // On no diagonal, and at no share that meshes are divided at.
+            let u = ((m % ACROSS) as f64 + 0.537) / ACROSS as f64;
+            let v = ((m / ACROSS) as f64 + 0.471) / ACROSS as f64;
+            let across = own.lerp(next, u);
+            let place = across.lerp(before.lerp(face.middle, u), v);
+            match self.behind(face, outward, place) {
+                Some(Some(other)) => {
+                    behind.push(other);
+                    covered += 1;
+                }
+                Some(None) => {}
+                None => return Side::Partly,
+            }
+        }
+        match covered {
+            0 => Side::Open,
+            n if n == ACROSS * ACROSS => Side::Covered,
+            _ => Side::Partly,
+        }
+    }
+
+    /// The face behind a place of a face, if there is one; `None` where there are too many to tell.
+    fn behind(&self, face: &OuterFace, outward: DVec3, place: DVec3) -> Option<Option<u32>> {
+        let reach = outward * face.gap();
+        let (mut found, mut count) = (None, 0);
+        let [low, high] = [
+            (place - reach).min(place + reach),
+            (place - reach).max(place + reach),
+        ];
+        self.within(low, high, |other| {
+            count += 1;
+            if self.may_cover(face, outward, other) {
+                let of_other = &self.faces[other as usize];
+                let out = face.gap().max(of_other.gap());
+                // Into the cells no farther than these are thin.
+                let thin = GAP_OF_DEPTH * face.depth.min(of_other.depth);
+                if self.meets(of_other, place, outward, [-out.min(thin), out]) {
+                    found = Some(other);
+                }
+            }
+            found.is_none() && count < MOST
+        });
+        (found.is_some() || count < MOST).then_some(found)
+    }
+
+    /// Whether a line through a place meets a face within some distances.
+    fn meets(&self, face: &OuterFace, place: DVec3, direction: DVec3, [from, to]: [f64; 2]) -> bool {
+        (0..face.nodes.len()).any(|i| {
+            let (a, b) = (self.corner(face, i), self.corner(face, i + 1));
+            let (u, v) = (a - face.middle, b - face.middle);
+            let normal = u.cross(v);
+            let along = (face.middle - place).dot(normal) / normal.dot(direction);
+            // Phrased so that NaN, of triangles seen edge on, fails.
+            if !(along >= from && along <= to) {
+                return false;
+            }
+            let at = place + direction * along - face.middle;
+            let area = normal.length_squared();
+            let p = at.cross(v).dot(normal) / area;
+            let q = u.cross(at).dot(normal) / area;
+            p >= -SLACK && q >= -SLACK && p + q <= 1.0 + SLACK
+        })
+    }
+}
+
+/// A millionth of the whole at most: PLOC is quadratic in boxes at one place.
+fn moved(number: usize) -> DVec3 {
+    let bits = (number as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    let axis = |shift: u32| (bits >> shift & 0xffff) as f64 / 65_536.0 - 0.5;
+    DVec3::new(axis(16), axis(32), axis(48)) * 2e-6
+}
