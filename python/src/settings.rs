@@ -2,6 +2,7 @@
 
 use ewa_splat::io::{
     LengthMeaning, OpenOptions, ParticleType, RawLayout, RawType, ReadAs, ScaleMeaning, SphKernel,
+    StepChoice,
 };
 use ewa_splat::render::{Classification, ClassifyAt};
 use ewa_splat::sample::mesh::Spread;
@@ -235,7 +236,7 @@ pub(crate) fn check_transfer_function(text: &str) -> PyResult<()> {
 /// What files do not say of themselves; the types of particles and the step of time that are named.
 pub(crate) fn open_options(
     dict: Option<&Bound<'_, PyDict>>,
-) -> PyResult<(OpenOptions, Vec<ParticleType>, Option<usize>)> {
+) -> PyResult<(OpenOptions, Vec<ParticleType>, Option<StepChoice>)> {
     let said = Keywords::new(dict)?;
     let dims = said.take::<[usize; 3]>("dims")?;
     let scalar = said.choice(
@@ -293,7 +294,19 @@ pub(crate) fn open_options(
         particle_type: None,
         time_step: None,
     };
-    let step = said.take("time_step")?;
+    let number = said.take::<i64>("time_step")?.map(|number| match number {
+        -1 => Ok(StepChoice::Last),
+        number => usize::try_from(number).map(StepChoice::Number),
+    });
+    let number = number.transpose().map_err(|_| {
+        PyValueError::new_err("time_step: expected a number from 0, or -1 for the last, found less")
+    })?;
+    let time = said.take("time")?.map(StepChoice::Time);
+    if number.is_some() && time.is_some() {
+        let text = "time: expected time_step or time, found both";
+        return Err(PyValueError::new_err(text));
+    }
+    let step = number.or(time);
     said.end()?;
     Ok((options, types, step))
 }

@@ -5,8 +5,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use ewa_splat::io::{
     Association, CellMesh, CurvilinearBlock, Dataset, Field, FieldSource, Geometry, Mesh,
-    OpenOptions, SplatCloud, SplatFileOptions, TextureImage, Up, format_of, has_particle_types,
-    open, read, write_splats,
+    OpenOptions, SplatCloud, SplatFileOptions, StepChoice, TextureImage, Up, format_of,
+    has_particle_types, open, read, write_splats,
 };
 use ewa_splat::sample::{
     BoundaryChoice, SampleOptions, SampleReport, Sampled, SampledScene, discs, scene, splat_cloud,
@@ -438,14 +438,9 @@ impl Thing {
             let parts = match format {
                 Ok(format) => {
                     let steps = format.time_steps(&path)?;
-                    let count = steps.len();
-                    let chosen = steps.into_iter().nth(step.unwrap_or(0));
-                    let chosen = chosen.ok_or_else(|| {
-                        let expected = format!("one of {count} steps, counted from 0");
-                        let found = step.unwrap_or(0).to_string();
-                        Error::format(&path, "time_step", expected, found, "name another")
-                    })?;
-                    let parts = chosen.parts.into_iter();
+                    let chosen = step.unwrap_or(StepChoice::Number(0)).of(&path, &steps)?;
+                    let parts = steps.into_iter().skip(chosen).take(1);
+                    let parts = parts.flat_map(|step| step.parts);
                     parts.map(|part| (part.path, part.time_step)).collect()
                 }
                 Err(_) => vec![(path.clone(), None)],
@@ -485,7 +480,14 @@ impl Thing {
     ) -> PyResult<Self> {
         let Said { options, up, .. } = sample_options(options)?;
         let (mut how, types, step) = open_options(how)?;
-        how.time_step = step;
+        how.time_step = match step {
+            None => None,
+            Some(StepChoice::Number(number)) => Some(number),
+            Some(_) => {
+                let text = "time, time_step: expected a step's number from 0 for a file-like object, found another";
+                return Err(PyValueError::new_err(text));
+            }
+        };
         how.particle_type = types.first().copied();
         if types.len() > 1 {
             let text = "particle_type: expected one type of a file-like object, found several";

@@ -12,10 +12,14 @@ use super::parse::{self, OrNone};
 #[derive(Args)]
 #[command(next_help_heading = "Placement")]
 pub(crate) struct EditOptions {
-    /// Make everything F times as large, about the origin; --rotate and then --translate follow. Given once, each
-    /// option here is for all inputs; else once for each in their order, with `none` for those it leaves alone
+    /// Make everything F times as large, about the origin, or by three factors (1,1,50 exaggerates heights); --rotate
+    /// and then --translate follow. Given once, each option here is for all inputs; else once for each in their order,
+    /// with `none` for those it leaves alone
+    #[arg(long, value_name = "F|x,y,z", value_parser = parse::or_none(parse::sizes), allow_hyphen_values = true)]
+    resize: Vec<OrNone<DVec3>>,
+    /// Multiply heights by F, along what is up in the data, beside --resize
     #[arg(long, value_name = "F", value_parser = parse::or_none(parse::positive), allow_hyphen_values = true)]
-    resize: Vec<OrNone<f64>>,
+    exaggerate: Vec<OrNone<f64>>,
     /// Turn by an angle about an axis through the origin, right-handed; vectors turn, too
     #[arg(long, value_name = "x,y,z,DEGREES", value_parser = parse::or_none(parse::turn), allow_hyphen_values = true)]
     rotate: Vec<OrNone<DQuat>>,
@@ -32,6 +36,8 @@ pub(crate) struct EditOptions {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Edit {
     placement: Option<Placement>,
+    /// What heights are multiplied by besides.
+    exaggeration: Option<f64>,
     crop: Option<[DVec3; 2]>,
 }
 
@@ -42,6 +48,7 @@ impl EditOptions {
     /// An option is given neither once nor once for each input.
     pub(crate) fn of_inputs(&self, count: usize) -> Result<Vec<Edit>> {
         let resize = of_each("--resize", &self.resize, count)?;
+        let exaggerate = of_each("--exaggerate", &self.exaggerate, count)?;
         let rotate = of_each("--rotate", &self.rotate, count)?;
         let translate = of_each("--translate", &self.translate, count)?;
         let crop = of_each("--crop", &self.crop, count)?;
@@ -54,6 +61,7 @@ impl EditOptions {
             };
             Edit {
                 placement: (placement != none).then_some(placement),
+                exaggeration: exaggerate(i),
                 crop: crop(i),
             }
         };
@@ -87,15 +95,21 @@ fn of_each<'a, T: Copy>(
 impl Edit {
     /// The box, where there is nothing but a box.
     pub(crate) fn crop_alone(&self) -> Option<[DVec3; 2]> {
-        self.crop.filter(|_| self.placement.is_none())
+        let is_moved = self.placement.is_some() || self.exaggeration.is_some();
+        self.crop.filter(|_| !is_moved)
     }
 
     /// The data where they are to be, and what of them is to be read on.
     ///
     /// # Errors
-    /// Those of [`place`] and [`crop`].
+    /// Those of [`place`] and [`crop`]; heights of data whose up is along no axis.
     pub(crate) fn applied(&self, mut dataset: Dataset) -> Result<Dataset> {
-        if let Some(placement) = &self.placement {
+        let mut placement = self.placement;
+        if let Some(factor) = self.exaggeration {
+            let size = &mut placement.get_or_insert_default().size;
+            *size *= heights(&dataset, factor)?;
+        }
+        if let Some(placement) = &placement {
             dataset = place(dataset, placement)?;
         }
         match self.crop {
@@ -103,6 +117,25 @@ impl Edit {
             None => Ok(dataset),
         }
     }
+}
+
+/// How far the direction up may be from an axis, in shares of its length.
+const ALONG: f64 = 1e-6;
+
+/// The sizes that multiply heights by a factor.
+fn heights(dataset: &Dataset, factor: f64) -> Result<DVec3> {
+    let up = dataset.up().direction;
+    let axes = [DVec3::X, DVec3::Y, DVec3::Z];
+    let along = axes
+        .into_iter()
+        .find(|axis| up.dot(*axis).abs() >= 1.0 - ALONG);
+    let axis = along.ok_or_else(|| {
+        let expected = "data that have x, y or z up";
+        let found = format!("{} {} {}", up.x, up.y, up.z);
+        let advice = "use --resize x,y,z";
+        Error::format(&dataset.path, "--exaggerate", expected, found, advice)
+    })?;
+    Ok(DVec3::ONE + (factor - 1.0) * axis)
 }
 
 #[cfg(test)]
@@ -113,12 +146,16 @@ mod tests {
     fn options_are_for_all_inputs_or_one_for_each() {
         let of = |resize: &[Option<f64>], count| {
             let options = EditOptions {
-                resize: resize.iter().copied().map(OrNone).collect(),
+                resize: resize
+                    .iter()
+                    .map(|size| OrNone(size.map(DVec3::splat)))
+                    .collect(),
+                exaggerate: Vec::new(),
                 rotate: Vec::new(),
                 translate: Vec::new(),
                 crop: Vec::new(),
             };
-            let sizes = |edit: Edit| edit.placement.map(|placement| placement.size);
+            let sizes = |edit: Edit| edit.placement.map(|placement| placement.size.x);
             let edits = options.of_inputs(count).ok()?;
             Some(edits.into_iter().map(sizes).collect::<Vec<_>>())
         };

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::io::{OpenOptions, format_of};
+use crate::io::{OpenOptions, format_of, is_foreign_folder};
 use crate::{Error, Result};
 
 /// The files that inputs name.
@@ -61,9 +61,9 @@ fn matching(pattern: &Path) -> Result<Vec<PathBuf>> {
     Ok(paths)
 }
 
-/// Whether a path is a folder that is not a data set of its own.
+/// Whether a path is a folder that is not a data set of its own, be it one of a format that is not read.
 fn is_list_of_files(path: &Path) -> bool {
-    path.is_dir() && format_of(path, &OpenOptions::default()).is_err()
+    path.is_dir() && !is_foreign_folder(path) && format_of(path, &OpenOptions::default()).is_err()
 }
 
 /// All files below a folder. Links to folders are not followed: they may lead around in circles.

@@ -80,8 +80,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         if !(known.is_empty() || unknown.is_empty()) {
             super::say!("");
         }
-        for file in &unknown {
-            super::say!("{}", problem_line(file, "error"));
+        for line in unread_lines(&unknown) {
+            super::say!("{line}");
         }
     }
     if known_count == 0 {
@@ -96,6 +96,43 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
+/// Files named in a line at most.
+const MOST_NAMES: usize = 3;
+
+const NOT_RECOGNISED: &str = "not recognised";
+
+/// A line for each file that is not read; one line for all that share a reason.
+fn unread_lines(unread: &[Value]) -> Vec<String> {
+    let mut by_reason: Vec<(&Value, Vec<&Value>)> = Vec::new();
+    for file in unread {
+        match by_reason
+            .iter_mut()
+            .find(|(reason, _)| **reason == file["error"])
+        {
+            Some((_, files)) => files.push(file),
+            None => by_reason.push((&file["error"], vec![file])),
+        }
+    }
+    let line = |(reason, files): (&Value, Vec<&Value>)| {
+        if let [file] = files.as_slice() {
+            return problem_line(file, "error");
+        }
+        let names = files.iter().filter_map(|file| file["file"].as_str());
+        let names: Vec<&str> = names.take(MOST_NAMES).collect();
+        let more = match files.len().saturating_sub(MOST_NAMES) {
+            0 => String::new(),
+            more => format!(" and {more} more"),
+        };
+        let reason = reason.as_str().unwrap_or_default();
+        format!(
+            "{} files: {reason}: {}{more}",
+            files.len(),
+            names.join(", ")
+        )
+    };
+    by_reason.into_iter().map(line).collect()
+}
+
 /// Why one of several files is not read: in few words where it is of another format, because the list of those
 /// that are read is long.
 fn why_unread(error: &Error) -> String {
@@ -103,7 +140,12 @@ fn why_unread(error: &Error) -> String {
         Error::Format {
             advice: Advice::Hint(Hint::ConvertOrGiveLayout),
             ..
-        } => "not recognised".into(),
+        } => NOT_RECOGNISED.into(),
+        Error::Format { place, found, .. }
+            if place.to_string() == "format" && found.ends_with("none of these") =>
+        {
+            NOT_RECOGNISED.into()
+        }
         Error::Format { place, found, .. } if place.to_string() == "format" => found.clone(),
         _ => problem(error),
     }
@@ -121,9 +163,21 @@ impl Arguments {
         if is_prepared(&input.path) {
             return describe_prepared(input);
         }
-        let dataset = self.data.open(input)?;
+        let options = self.data.open_options();
+        let mut own = input.clone();
+        let mut time_steps = None;
+        if let Some(choice) = self.data.step_choice() {
+            let steps = format_of(&input.path, &options)?.time_steps(&input.path)?;
+            let part = &steps[choice.of(&input.path, &steps)?].parts[0];
+            (own.path, own.time_step) = (part.path.clone(), part.time_step);
+            time_steps = Some(steps);
+        }
+        let dataset = self.data.open(&own)?;
         let mut description = describe(&dataset);
-        let steps = format_of(&input.path, &self.data.open_options())?.time_steps(&input.path)?;
+        let steps = match time_steps {
+            Some(steps) => steps,
+            None => format_of(&input.path, &options)?.time_steps(&input.path)?,
+        };
         let is_alone = steps.iter().all(|step| step.time.is_none()) && steps[0].parts.len() == 1;
         if !is_alone {
             let of_step = |step: &TimeStep| {

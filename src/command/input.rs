@@ -6,7 +6,7 @@ use crate::edit::open_within;
 use crate::error::{Hint, Parameter};
 use crate::io::{
     Dataset, LengthMeaning, OpenOptions, ParticleType, RawLayout, RawType, ReadAs, ScaleMeaning,
-    SphKernel,
+    SphKernel, StepChoice,
 };
 use crate::sample::mesh::Spread;
 use crate::sample::{BoundaryChoice, ParticleShape, SampleOptions, Sampled, TransferChoice};
@@ -17,7 +17,7 @@ use glam::DVec3;
 
 use super::edits::EditOptions;
 use super::parse::{self, Spacing, TypeName};
-use super::source::{Input, steps};
+use super::source::{Input, Shown, steps};
 
 #[derive(Args)]
 #[command(next_help_heading = "Data")]
@@ -56,6 +56,12 @@ pub(crate) struct DataOptions {
     /// Kernel width: standard deviation over spacing [default: 0.6; 0.55 sharp, 0.7 smooth]
     #[arg(long, value_name = "RHO", value_parser = parse::positive, allow_hyphen_values = true)]
     pub(crate) kernel_width: Option<f64>,
+    /// Files of several time steps: show this one, counted from 0, or `last` [default: the first]
+    #[arg(long, value_name = "N|last", value_parser = parse::step, conflicts_with = "time")]
+    pub(crate) step: Option<StepChoice>,
+    /// Files of several time steps: show the one whose time is nearest to T
+    #[arg(long, value_name = "T", value_parser = parse::finite, allow_hyphen_values = true)]
+    pub(crate) time: Option<f64>,
     /// Particles: what their lengths mean, where the file's convention does not hold
     #[arg(long, value_enum, value_name = "MEANING")]
     pub(crate) length: Option<Length>,
@@ -294,8 +300,29 @@ impl DataOptions {
     /// Those of [`Self::note_edits`], [`steps`] and [`Self::resolved`].
     pub(crate) fn inputs(&self, mut named: Vec<Input>, is_series: bool) -> Result<Vec<Input>> {
         self.note_edits(&mut named)?;
-        let inputs = steps(named, is_series, &self.open_options())?;
+        let shown = match (is_series, self.step_choice()) {
+            (false, None) => Shown::First,
+            (false, Some(choice)) => Shown::One(choice),
+            (true, None) => Shown::Series,
+            (true, Some(_)) => {
+                let found = "one step of time beside them";
+                let advice = "leave --step and --time out, or --series";
+                return Err(Error::invalid(
+                    "--series",
+                    "use",
+                    "all steps of time",
+                    found,
+                    advice,
+                ));
+            }
+        };
+        let inputs = steps(named, shown, &self.open_options())?;
         self.resolved(inputs, is_series)
+    }
+
+    /// The step of time that is asked for.
+    pub(crate) fn step_choice(&self) -> Option<StepChoice> {
+        self.step.or_else(|| self.time.map(StepChoice::Time))
     }
 
     /// What the inputs stand for: a snapshot for the particles of each type that is asked for.

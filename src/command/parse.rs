@@ -1,7 +1,7 @@
 //! Values of command-line options.
 
 use crate::image::linear_from_srgb;
-use crate::io::{ParticleType, RawType};
+use crate::io::{ParticleType, RawType, StepChoice};
 use crate::scene::{Light, LightFrame};
 use crate::view::ClipPlane;
 use glam::{DQuat, DVec2, DVec3, Vec3};
@@ -42,6 +42,15 @@ pub(crate) fn type_name(text: &str) -> Result<TypeName, String> {
         let names = ParticleType::NAMED.map(|t| t.to_string()).join(", ");
         format!("u8, i16, u16 or f32 of a raw volume; {names} or a number of particles")
     })
+}
+
+/// `N` or `last`: a step of time.
+pub(crate) fn step(text: &str) -> Result<StepChoice, String> {
+    if text.eq_ignore_ascii_case("last") {
+        return Ok(StepChoice::Last);
+    }
+    let number = text.parse().map(StepChoice::Number);
+    number.map_err(|_| "a step's number, counted from 0, or last".into())
 }
 
 /// A value, or `none`.
@@ -101,6 +110,17 @@ pub(crate) fn spacing(text: &str) -> Result<Spacing, String> {
         vector(text).map(Spacing::Axes)
     } else {
         positive(text).map(Spacing::Even)
+    }
+}
+
+/// `F` or `x,y,z`, all above 0.
+pub(crate) fn sizes(text: &str) -> Result<DVec3, String> {
+    if !text.contains(',') {
+        return positive(text).map(DVec3::splat);
+    }
+    match finite_numbers(text).as_deref() {
+        Some(&[x, y, z]) if x.min(y).min(z) > 0.0 => Ok(DVec3::new(x, y, z)),
+        _ => Err("a number above 0, or three such as 1,1,50".into()),
     }
 }
 

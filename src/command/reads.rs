@@ -43,6 +43,18 @@ pub(super) struct ReadAbout {
 pub(super) type OneRead = (Read, Option<Error>);
 
 impl ReadAbout {
+    /// What is said of a field that has one value everywhere: its picture shows nothing else.
+    fn uniform(&self, input: &Input) -> Option<String> {
+        let [least, greatest] = self.report.value_range?;
+        let field = self.report.field.as_deref()?;
+        let is_one = least >= greatest && self.report.sample_count > 1;
+        let others = match input.time {
+            Some(_) => "; other time steps may differ (--step, --time)",
+            None => "",
+        };
+        is_one.then(|| format!("`{field}` is {least} everywhere{others}"))
+    }
+
     /// Whether it is a grid, whose kernels follow the spacing, or splats.
     pub(super) fn is_grid_or_splats(&self) -> bool {
         !matches!(self.kind, Kind::Points | Kind::Mesh)
@@ -88,6 +100,9 @@ impl DataOptions {
         let read = read(dataset, &options)?;
         let warnings = read.of.report.warnings();
         warnings.iter().for_each(|line| say(line));
+        if let Some(line) = read.of.uniform(input) {
+            say(&line);
+        }
         Ok((read, missing))
     }
 

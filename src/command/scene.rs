@@ -7,7 +7,8 @@ use crate::io::{Mesh, Planes, RowFile, Up, VtsPieces, VtuPieces};
 use crate::legend::title_of;
 use crate::prepared::{About, PointFile, PreparedScene};
 use crate::sample::{
-    RowsApart, SampleOptions, SampleReport, TransferChoice, automatic, shared_functions,
+    RowsApart, SampleOptions, SampleReport, TransferChoice, automatic, function_of_file,
+    shared_functions,
 };
 use crate::scene::{PointVolume, ValueSample};
 use crate::view::Bounds;
@@ -507,7 +508,7 @@ impl DataOptions {
             local_models: false,
             ..options.clone()
         };
-        let (mut boxes, mut samples) = (Vec::new(), Vec::new());
+        let (mut boxes, mut samples, mut ranges) = (Vec::new(), Vec::new(), Vec::new());
         let mut unit_distance = f64::INFINITY;
         for input in inputs {
             progress.set_message(format!("reading {}", input.path.display()));
@@ -515,6 +516,7 @@ impl DataOptions {
             let step = read(self.open(input)?, &own)?;
             self.check_use(&uses(&[&step.of], &own))?;
             unit_distance = unit_distance.min(step.of.report.unit_distance);
+            ranges.extend(step.of.report.value_range);
             samples.extend(step.of.report.value_sample);
             let whole = SceneOptions {
                 level_of_detail: false,
@@ -522,10 +524,21 @@ impl DataOptions {
             };
             boxes.extend(Renderer::with_options(step.volumes, &whole)?.boxes());
         }
-        let transfer = match ValueSample::joined(samples) {
-            None => options.transfer.clone(),
-            Some(sample) => {
-                let unit_distance = options.opacity_scale * unit_distance;
+        let unit_distance = options.opacity_scale * unit_distance;
+        let range = ranges
+            .into_iter()
+            .reduce(|[a, b]: [f32; 2], [c, d]| [a.min(c), b.max(d)]);
+        let transfer = match (ValueSample::joined(samples), range) {
+            // A preset is stretched over the values of all steps.
+            (None, Some(range)) if matches!(options.transfer, TransferChoice::File(_)) => {
+                let read = function_of_file(&options, range, unit_distance)?;
+                match read.stretched {
+                    Some(_) => TransferChoice::Given(read.function),
+                    None => options.transfer.clone(),
+                }
+            }
+            (None, _) => options.transfer.clone(),
+            (Some(sample), _) => {
                 TransferChoice::Given(automatic(&sample, &options, unit_distance)?)
             }
         };

@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use crate::Result;
-use crate::io::{OpenOptions, Part, ParticleType, TimeStep, format_of};
+use crate::io::{OpenOptions, Part, ParticleType, StepChoice, TimeStep, format_of};
+use crate::{Error, Result};
 use clap::builder::{PathBufValueParser, TypedValueParser};
 
 use super::edits::Edit;
@@ -77,18 +77,27 @@ impl Input {
     }
 }
 
-/// The inputs with what collections and files of several steps hold in their place: the first time step, or all steps of a
+/// Which steps of time are shown of files that hold several.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Shown {
+    /// The first, which a note says.
+    First,
+    One(StepChoice),
+    /// All, one after another.
+    Series,
+}
+
+/// The inputs with what collections and files of several steps hold in their place: one time step, or all steps of a
 /// series.
 ///
 /// # Errors
-/// Collections that cannot be read. Other files that cannot be read stay: reading them says why.
-pub(crate) fn steps(
-    inputs: Vec<Input>,
-    is_series: bool,
-    options: &OpenOptions,
-) -> Result<Vec<Input>> {
+/// Collections that cannot be read; a step or time that is not there, or chosen where no input has several. Other files
+/// that cannot be read stay: reading them says why.
+pub(crate) fn steps(inputs: Vec<Input>, shown: Shown, options: &OpenOptions) -> Result<Vec<Input>> {
     let mut files: Vec<Input> = Vec::new();
     let mut step = 0;
+    let mut has_steps = false;
+    let names: Vec<PathBuf> = inputs.iter().map(|input| input.path.clone()).collect();
     // Files that others stand for, or that stand for others.
     let mut stood_in: Vec<PathBuf> = Vec::new();
     for input in inputs {
@@ -97,7 +106,7 @@ pub(crate) fn steps(
             step += 1;
             continue;
         };
-        let steps = format.time_steps(&input.path)?;
+        let mut steps = format.time_steps(&input.path)?;
         let count = steps.len();
         // All pieces of one snapshot are named, perhaps.
         if let [TimeStep { time: None, parts }] = steps.as_slice()
@@ -119,11 +128,34 @@ pub(crate) fn steps(
                 stood_in.push(part.path.clone());
             }
         }
-        if let (true, false, Some(time)) = (count > 1, is_series, steps[0].time) {
-            let path = input.path.display();
-            note!("{path}: the first of {count} time steps, of time {time}; --series draws all");
-        }
-        for found in steps.into_iter().take(if is_series { count } else { 1 }) {
+        let is_of_time = count > 1 || steps[0].time.is_some();
+        has_steps |= is_of_time;
+        let path = &input.path;
+        let chosen = match shown {
+            Shown::Series => 0..count,
+            // What has no steps of time stands beside what has.
+            Shown::One(choice) if is_of_time => {
+                let number = choice.of(path, &steps)?;
+                if let (StepChoice::Time(_), Some(time)) = (choice, steps[number].time) {
+                    note!(
+                        "{}: step {number} of {count}, of time {time}",
+                        path.display()
+                    );
+                }
+                number..number + 1
+            }
+            Shown::First | Shown::One(_) => {
+                if let (true, Some(time)) = (count > 1, steps[0].time) {
+                    let path = path.display();
+                    note!(
+                        "{path}: the first of {count} time steps, of time {time}; --step N, --step last and --time T \
+                         choose another, --series draws all"
+                    );
+                }
+                0..1
+            }
+        };
+        for found in steps.drain(chosen) {
             let of_step = |part: Part| Input {
                 path: part.path,
                 time_step: part.time_step,
@@ -134,6 +166,19 @@ pub(crate) fn steps(
             files.extend(found.parts.into_iter().map(of_step));
             step += 1;
         }
+    }
+    if let (Shown::One(choice), false, Some(first)) = (shown, has_steps, names.first()) {
+        let option = match choice {
+            StepChoice::Time(_) => "--time",
+            StepChoice::Number(_) | StepChoice::Last => "--step",
+        };
+        return Err(Error::format(
+            first,
+            option,
+            "a file with steps of time",
+            "one without",
+            format!("leave {option} out"),
+        ));
     }
     Ok(files)
 }

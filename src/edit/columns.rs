@@ -1,7 +1,8 @@
 //! The columns of particles that hold lengths and shapes.
 
-use glam::{DMat3, DQuat};
+use glam::{DMat3, DQuat, DVec3};
 
+use crate::error::{Error, Result};
 use crate::io::{Association, Dataset, Field, FieldSource, LENGTHS, SCALES, VARIANCE};
 use crate::math::{factor_of_variance, lower_matrix, scales_and_rotation, symmetric};
 use crate::scene::Values;
@@ -20,31 +21,59 @@ pub(super) fn is_of_axes(rotation: DMat3) -> bool {
 
 /// Multiplies what has a length in it, and turns shapes.
 ///
-/// - `size`: what lengths are multiplied by.
+/// - `sizes`: what lengths along x, y and z are multiplied by.
 /// - `rotation`: a rotation matrix.
-pub(super) fn place(dataset: &mut Dataset, size: f64, rotation: DMat3) {
-    dataset.volume_scale *= size.powi(3);
-    if let Some(smoothing) = &dataset.smoothing {
+///
+/// # Errors
+/// Lengths, where sizes differ.
+pub(super) fn place(dataset: &mut Dataset, sizes: DVec3, rotation: DMat3) -> Result<()> {
+    let of_smoothing = dataset.smoothing.as_ref().map(|s| s.length.clone());
+    let lengths: Vec<String> = match &of_smoothing {
         // Names that mean something in tables say nothing here.
-        if let Some(length) = smoothing.length.clone() {
-            multiply(dataset, &length, size);
+        Some(length) => length.iter().cloned().collect(),
+        None => LENGTHS.map(str::to_owned).into(),
+    };
+    let volume = match even(sizes) {
+        Some(size) => size.powi(3),
+        None => sizes.element_product(),
+    };
+    let size = match even(sizes) {
+        Some(size) => size,
+        None => {
+            let length = lengths
+                .iter()
+                .find(|name| index_of(dataset, name).is_some());
+            if let Some(length) = length {
+                return Err(Error::format(
+                    &dataset.path,
+                    "placement",
+                    "one factor for particles with lengths, whose kernels stay round",
+                    format!("three that differ, and lengths `{length}`"),
+                    "give one factor, or write variances (vxx, vxy, vxz, vyy, vyz, vzz) in their place",
+                ));
+            }
+            volume.cbrt()
         }
-        return;
-    }
-    for name in LENGTHS {
+    };
+    dataset.volume_scale *= volume;
+    for name in &lengths {
         multiply(dataset, name, size);
     }
-    multiply(dataset, "volume", size.powi(3));
+    if of_smoothing.is_some() {
+        return Ok(());
+    }
+    multiply(dataset, "volume", volume);
     multiply(dataset, "extinction", 1.0 / size);
     // Extinction times volume.
     multiply(dataset, "mass", size * size);
-    if columns(dataset, SCALES).is_some() {
-        for name in &SCALES[..3] {
-            multiply(dataset, name, size);
-        }
-        turn_quaternions(dataset, rotation);
-    }
-    turn_variances(dataset, size, rotation);
+    turn_scales(dataset, sizes, rotation);
+    turn_variances(dataset, sizes, rotation);
+    Ok(())
+}
+
+/// The one number that three sizes are.
+pub(super) fn even(DVec3 { x, y, z }: DVec3) -> Option<f64> {
+    ((x - y).abs() <= 0.0 && (y - z).abs() <= 0.0).then_some(x)
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
@@ -116,13 +145,14 @@ fn map_rows<const N: usize>(
     }
 }
 
-/// V becomes size² R V Rᵀ. At an angle to the axes thin kernels would lose their thickness in single precision: there
-/// the columns become those of standard deviations and a rotation, which keep it.
-fn turn_variances(dataset: &mut Dataset, size: f64, rotation: DMat3) {
+/// V becomes M V Mᵀ with M the rotation times the sizes. At an angle to the axes thin kernels would lose their thickness
+/// in single precision: there the columns become those of standard deviations and a rotation, which keep it.
+fn turn_variances(dataset: &mut Dataset, sizes: DVec3, rotation: DMat3) {
+    let by = rotation * DMat3::from_diagonal(sizes);
     if is_of_axes(rotation) {
         map_rows(dataset, VARIANCE, |[xx, xy, xz, yy, yz, zz]| {
             let v = DMat3::from_cols_array(&[xx, xy, xz, xy, yy, yz, xz, yz, zz]);
-            symmetric(rotation * v * rotation.transpose()).map(|v| v * size * size)
+            symmetric(by * v * by.transpose())
         });
         return;
     }
@@ -134,8 +164,8 @@ fn turn_variances(dataset: &mut Dataset, size: f64, rotation: DMat3) {
         let variance = places.map(|place| f64::from(values(dataset, place).get(i)));
         let row = match factor_of_variance(variance) {
             Some(factor) => {
-                let ([x, y, z], q) = scales_and_rotation(rotation * lower_matrix(factor));
-                [size * x, size * y, size * z, q.w, q.x, q.y, q.z]
+                let ([x, y, z], q) = scales_and_rotation(by * lower_matrix(factor));
+                [x, y, z, q.w, q.x, q.y, q.z]
             }
             // Left out and counted where it is sampled, as it would have been.
             None => [f64::NAN; 7],
@@ -159,13 +189,33 @@ fn turn_variances(dataset: &mut Dataset, size: f64, rotation: DMat3) {
     }
 }
 
-fn turn_quaternions(dataset: &mut Dataset, rotation: DMat3) {
-    if rotation == DMat3::IDENTITY {
+/// Standard deviations and their rotations; of sizes that differ both change.
+fn turn_scales(dataset: &mut Dataset, sizes: DVec3, rotation: DMat3) {
+    if columns(dataset, SCALES).is_none() {
         return;
     }
-    let by = DQuat::from_mat3(&rotation);
-    map_rows(dataset, ROTATION, |[w, x, y, z]| {
-        let q = by * DQuat::from_xyzw(x, y, z, w);
-        [q.w, q.x, q.y, q.z]
+    if let Some(size) = even(sizes) {
+        for name in &SCALES[..3] {
+            multiply(dataset, name, size);
+        }
+        if rotation != DMat3::IDENTITY {
+            let by = DQuat::from_mat3(&rotation);
+            map_rows(dataset, ROTATION, |[w, x, y, z]| {
+                let q = by * DQuat::from_xyzw(x, y, z, w);
+                [q.w, q.x, q.y, q.z]
+            });
+        }
+        return;
+    }
+    let by = rotation * DMat3::from_diagonal(sizes);
+    map_rows(dataset, SCALES, |[sx, sy, sz, w, x, y, z]| {
+        let own = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
+        let factor = by * own * DMat3::from_diagonal(DVec3::new(sx, sy, sz));
+        // Left out and counted where it is sampled.
+        if !factor.is_finite() {
+            return [f64::NAN; 7];
+        }
+        let ([sx, sy, sz], q) = scales_and_rotation(factor);
+        [sx, sy, sz, q.w, q.x, q.y, q.z]
     });
 }

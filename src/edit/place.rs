@@ -3,20 +3,20 @@
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
-use super::columns::{self, is_of_axes, narrowed};
+use super::columns::{self, even, is_of_axes, narrowed};
 use super::select::{Turned, reselect};
 use crate::error::{Error, Result};
 use crate::io::{
     Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry, Mesh, SplatCloud,
 };
-use crate::math::rotation_matrix;
+use crate::math::{rotation_matrix, scales_and_rotation};
 use crate::scene::{Lattice, LatticeSpacing, Values};
 
 /// Where data go: about the origin resized, then turned, then moved.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placement {
-    /// What lengths are multiplied by; above 0.
-    pub size: f64,
+    /// What lengths along x, y and z are multiplied by; above 0.
+    pub size: DVec3,
     /// The turn, right-handed; of any length but zero.
     pub rotation: DQuat,
     /// What is added in the end, world units.
@@ -27,7 +27,7 @@ impl Default for Placement {
     /// Where the data are.
     fn default() -> Self {
         Self {
-            size: 1.0,
+            size: DVec3::ONE,
             rotation: DQuat::IDENTITY,
             translation: DVec3::ZERO,
         }
@@ -47,7 +47,7 @@ impl Placement {
 
     fn validate(&self) -> Result<()> {
         let length = self.rotation.length();
-        let is_sound = self.size > 0.0
+        let is_sound = self.size.min_element() > 0.0
             && self.size.is_finite()
             && length > 0.0
             && length.is_finite()
@@ -58,7 +58,7 @@ impl Placement {
         Err(Error::invalid(
             "placement",
             "numbers",
-            "a size above 0, a rotation that is not zero, all finite",
+            "sizes above 0, a rotation that is not zero, all finite",
             format!("{} {} {}", self.size, self.rotation, self.translation),
             "correct them",
         ))
@@ -70,13 +70,14 @@ impl Placement {
 /// - **Lattices** stay lattices. One with uneven coordinates becomes a curvilinear grid where it is turned by other
 ///   than quarter turns about axes. An axis with a single uneven sample is still one world unit wide.
 /// - **Grids, unstructured cells and meshes**: their nodes and corners, and the normals of meshes.
-/// - **Splats**: scales, rotations, and the harmonics of their colours, exactly.
+/// - **Splats**: scales, rotations, and the harmonics of their colours, exactly; colours turn with the rotation alone.
 /// - **Particles**: lengths (smoothing lengths, standard deviations, variances, scales and rotations) and
 ///   what the sampler multiplies by lengths: `volume` by size³, `mass` (extinction times volume) by size², `extinction`
 ///   by 1 / size, so that a picture stays the same as seen by an eye that is placed likewise. Physical masses (`m`)
 ///   stay, and densities, which are shown, keep their values: volumes are masses over densities times
 ///   [`Dataset::volume_scale`]. Variances that are turned by other than quarter turns become `scale_0..2` and
-///   `rot_0..3`.
+///   `rot_0..3`. Of three sizes that differ the geometric mean counts in these, and lengths are refused: their kernels
+///   would no longer be round.
 /// - **Fields** keep their values, but vectors of three components, which turn. Colours do not, nor do bytes,
 ///   tensors, and scalars of which a vector is made up (`vx`, `vy`, `vz` of a table).
 /// - **What is up** stays ([`Dataset::up`]): a turned thing is seen turned.
@@ -85,7 +86,8 @@ impl Placement {
 ///
 /// # Errors
 /// Those of [`Dataset::validate`], before and after; a size that is not positive, numbers that are not finite; an uneven
-/// lattice with a single sample along an axis, turned by other than quarter turns.
+/// lattice with a single sample along an axis, turned by other than quarter turns; particles with lengths and sizes that
+/// differ.
 pub fn place(mut dataset: Dataset, placement: &Placement) -> Result<Dataset> {
     placement.validate()?;
     dataset.validate()?;
@@ -110,15 +112,18 @@ pub fn place(mut dataset: Dataset, placement: &Placement) -> Result<Dataset> {
         Geometry::Cells(mesh) => to(&mut mesh.nodes),
         Geometry::Points { positions } => {
             to(positions);
-            columns::place(&mut dataset, placement.size, rotation);
+            columns::place(&mut dataset, placement.size, rotation)?;
         }
         Geometry::Splats(cloud) => {
+            resize_splats(cloud, placement);
             cloud.turn(placement.rotation.normalize());
-            place_splats(cloud, placement);
+            for position in &mut cloud.positions {
+                *position += placement.translation;
+            }
         }
         Geometry::Mesh(mesh) => {
             mesh.parts.iter_mut().for_each(|p| to(&mut p.positions));
-            turn_normals(mesh, rotation);
+            turn_normals(mesh, rotation, placement.size);
         }
     }
     dataset.validate()?;
@@ -161,7 +166,7 @@ fn place_lattice(
                 dims: *dims,
                 spacing: LatticeSpacing::Uniform {
                     origin: placement.apply(*origin),
-                    step: rotation * *step * placement.size,
+                    step: rotation * (DMat3::from_diagonal(placement.size) * *step),
                 },
             });
             return Ok(());
@@ -171,9 +176,10 @@ fn place_lattice(
     if is_of_axes(rotation) {
         let turned = turned_axes(rotation, *dims);
         let moved = [0, 1, 2].map(|new| {
-            let line = &coordinates[turned.axes[new]];
+            let old = turned.axes[new];
+            let line = &coordinates[old];
             let sign = if turned.is_reversed[new] { -1.0 } else { 1.0 };
-            let moved = |x: &f64| sign * (placement.size * x) + placement.translation[new];
+            let moved = |x: &f64| sign * (placement.size[old] * x) + placement.translation[new];
             let mut line: Vec<f64> = line.iter().map(moved).collect();
             if turned.is_reversed[new] {
                 line.reverse();
@@ -235,18 +241,41 @@ fn turned_axes(rotation: DMat3, dims: [usize; 3]) -> Turned {
     }
 }
 
-fn place_splats(cloud: &mut SplatCloud, placement: &Placement) {
+fn resize_splats(cloud: &mut SplatCloud, placement: &Placement) {
     for position in &mut cloud.positions {
-        *position = placement.size * *position + placement.translation;
+        *position *= placement.size;
     }
-    for scale in cloud.scales.as_flattened_mut() {
-        *scale = narrowed(f64::from(*scale) * placement.size);
+    if let Some(size) = even(placement.size) {
+        for scale in cloud.scales.as_flattened_mut() {
+            *scale = narrowed(f64::from(*scale) * size);
+        }
+        return;
+    }
+    let size = DMat3::from_diagonal(placement.size);
+    for (scales, rotation) in cloud.scales.iter_mut().zip(&mut cloud.rotations) {
+        let [w, x, y, z] = rotation.map(f64::from);
+        let turned = DQuat::from_xyzw(x, y, z, w);
+        let own = DMat3::from_diagonal(DVec3::from(scales.map(f64::from)));
+        let factor = size * DMat3::from_quat(turned.normalize()) * own;
+        // What is not finite is left out and counted where it is sampled.
+        if !factor.is_finite() {
+            continue;
+        }
+        let (sigmas, q) = scales_and_rotation(factor);
+        *scales = sigmas.map(narrowed);
+        *rotation = [q.w, q.x, q.y, q.z].map(narrowed);
     }
 }
 
-fn turn_normals(mesh: &mut Mesh, rotation: DMat3) {
+/// Normals stay perpendicular to what is stretched.
+fn turn_normals(mesh: &mut Mesh, rotation: DMat3, size: DVec3) {
     for normal in mesh.parts.iter_mut().flat_map(|part| &mut part.normals) {
-        *normal = (rotation * normal.as_dvec3()).as_vec3();
+        let own = normal.as_dvec3();
+        let stretched = match even(size).is_some() {
+            true => own,
+            false => (own / size).normalize_or_zero() * own.length(),
+        };
+        *normal = (rotation * stretched).as_vec3();
     }
 }
 
@@ -259,7 +288,7 @@ mod tests {
 
     fn oblique() -> Placement {
         Placement {
-            size: 2.5,
+            size: DVec3::splat(2.5),
             rotation: DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), 0.9),
             translation: DVec3::new(3.0, -2.0, 1.0),
         }
@@ -378,13 +407,13 @@ mod tests {
             let axis = DVec3::from(axis);
             prop_assume!(axis.length() > 0.1);
             let there = Placement {
-                size,
+                size: DVec3::splat(size),
                 rotation: DQuat::from_axis_angle(axis.normalize(), angle),
                 translation: translation.into(),
             };
             let rotation = there.rotation.inverse();
             let back = Placement {
-                size: 1.0 / size,
+                size: DVec3::splat(1.0 / size),
                 rotation,
                 translation: rotation * -DVec3::from(translation) / size,
             };
@@ -493,6 +522,50 @@ mod tests {
         assert!((first(&placed, "scale_2") / 2.5e-5 - 1.0).abs() < 1e-6);
     }
 
+    /// Three sizes stretch kernels as they stretch the space.
+    #[test]
+    fn uneven_sizes_stretch_shapes() {
+        let ellipsoid = [
+            ("scale_0", 0.5),
+            ("scale_1", 0.2),
+            ("scale_2", 0.1),
+            ("rot_0", 1.0),
+            ("rot_1", 0.4),
+            ("rot_2", -0.2),
+            ("rot_3", 0.7),
+        ];
+        let matrix = [
+            ("vxx", 1.0),
+            ("vxy", 0.25),
+            ("vxz", 0.0),
+            ("vyy", 1.0),
+            ("vyz", -0.5),
+            ("vzz", 2.0),
+        ];
+        let size = DVec3::new(1.0, 2.0, 0.5);
+        for columns in [&matrix[..], &ellipsoid[..]] {
+            for placement in [oblique(), turn(DVec3::ONE, 120.0)] {
+                let placement = Placement { size, ..placement };
+                let dataset = table(columns);
+                let by = placement.matrix() * DMat3::from_diagonal(size);
+                let expected = by * variance(&dataset) * by.transpose();
+                let placed = place(dataset, &placement).unwrap();
+                let gap = variance(&placed) - expected;
+                // Some roundings of f32, of elements up to 4.
+                assert!(gap.to_cols_array().iter().all(|x| x.abs() < 4e-6), "{gap}");
+            }
+        }
+        let placement = Placement {
+            size,
+            ..Placement::default()
+        };
+        let round = place(table(&[("h", 1.0)]), &placement).unwrap_err();
+        assert!(round.to_string().contains("one factor"), "{round}");
+        let placed = place(table(&[("volume", 1.0), ("rho", 1.0)]), &placement).unwrap();
+        assert_eq!(first(&placed, "volume"), 1.0);
+        assert_eq!(placed.volume_scale, 1.0);
+    }
+
     #[test]
     fn colours_and_bytes_do_not_turn() {
         let mut dataset = fixtures::points();
@@ -517,11 +590,11 @@ mod tests {
     fn wrong_placements_are_refused() {
         for placement in [
             Placement {
-                size: 0.0,
+                size: DVec3::new(1.0, 0.0, 1.0),
                 ..oblique()
             },
             Placement {
-                size: f64::NAN,
+                size: DVec3::NAN,
                 ..oblique()
             },
             Placement {

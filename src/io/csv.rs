@@ -85,13 +85,13 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Dataset> {
             ));
         }
         let mut xyz = [0.0; 3];
-        for (axis, &column) in position.iter().enumerate() {
+        for (axis, column) in position.axes().into_iter().enumerate() {
             xyz[axis] = number(&record[column])
                 .ok_or_else(|| bad_cell(path, line, &names[column], &shown(&record[column])))?;
         }
         positions.push(DVec3::from_array(xyz));
         for (i, (column, cell)) in columns.iter_mut().zip(&record).enumerate() {
-            if position.contains(&i) {
+            if position.contains(i) {
                 continue;
             }
             let value = match number(cell) {
@@ -117,7 +117,7 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Dataset> {
         .into_iter()
         .zip(columns)
         .enumerate()
-        .filter(|(i, (_, column))| !position.contains(i) && column.first_word.is_none())
+        .filter(|(i, (_, column))| !position.contains(*i) && column.first_word.is_none())
         .map(|(i, (name, column))| {
             let name = if name.is_empty() {
                 format!("column {}", i + 1)
@@ -127,7 +127,10 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Dataset> {
             scalar_field(name, Values::F32(column.values))
         })
         .collect();
-    dataset(path, "CSV particle table", positions, fields)
+    let flat = position.flatten(&mut positions);
+    let mut data = dataset(path, "CSV particle table", positions, fields)?;
+    data.notes.extend(flat);
+    Ok(data)
 }
 
 /// The column names and how they were found.
@@ -135,6 +138,13 @@ struct Header {
     names: Vec<String>,
     separator: u8,
     in_comment: bool,
+}
+
+/// What separates the cells of a line.
+fn separator_of(line: &[u8]) -> u8 {
+    // Semicolons and tabs first: a decimal comma must not split a cell.
+    let known = [b';', b'\t', b','];
+    known.into_iter().find(|s| line.contains(s)).unwrap_or(b',')
 }
 
 fn header(path: &Path, bytes: &[u8]) -> Result<Header> {
@@ -149,13 +159,6 @@ fn header(path: &Path, bytes: &[u8]) -> Result<Header> {
             break;
         }
     }
-    let separator_of = |line: &[u8]| {
-        // Semicolons and tabs first: a decimal comma must not split a cell.
-        [b';', b'\t', b',']
-            .into_iter()
-            .find(|s| line.contains(s))
-            .unwrap_or(b',')
-    };
     let split = |line: &[u8], separator: u8| -> Vec<String> {
         line.split(|&b| b == separator)
             .map(|name| {
@@ -194,11 +197,34 @@ fn header(path: &Path, bytes: &[u8]) -> Result<Header> {
     })
 }
 
-/// Whether the first line that is no comment names x, y and z.
+/// Whether the first line that is no comment names x and y, and z or none.
 pub(crate) fn names_positions(head: &[u8]) -> bool {
     let path = Path::new("");
     header(path, head)
         .is_ok_and(|h| position_columns(path, h.names.iter().map(String::as_str)).is_ok())
+}
+
+/// Whether these first bytes are those of a table: lines of two cells or more with numbers in them, under a line of as
+/// many names or alone.
+pub(crate) fn looks_like_table(head: &[u8]) -> bool {
+    let head = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head);
+    let lines = head.split(|&b| b == b'\n' || b == b'\r');
+    let lines = lines.map(<[u8]>::trim_ascii);
+    let mut lines = lines.filter(|line| !line.is_empty() && !line.starts_with(b"#"));
+    let (Some(first), second) = (lines.next(), lines.next()) else {
+        return false;
+    };
+    let separator = separator_of(first);
+    let cells = |line: &[u8]| -> Vec<bool> {
+        let cells = line.split(|&b| b == separator);
+        cells.map(|cell| number(cell).is_some()).collect()
+    };
+    let first = cells(first);
+    let is_row = |second: &[u8]| {
+        let second = cells(second);
+        second.len() == first.len() && second.contains(&true)
+    };
+    first.len() > 1 && (second.is_some_and(is_row) || first.iter().all(|is_number| *is_number))
 }
 
 fn number(cell: &[u8]) -> Option<f64> {
@@ -268,6 +294,17 @@ mod tests {
     }
 
     #[test]
+    fn particles_of_a_plane_lie_at_zero() {
+        let data = parse_text("h,y,x\n.5,2,1\n.5,4,3\n").unwrap();
+        let Geometry::Points { positions } = &data.geometry else {
+            panic!()
+        };
+        assert_eq!(positions, &[DVec3::new(1., 2., 0.), DVec3::new(3., 4., 0.)]);
+        assert_eq!(data.field_names(), ["h"]);
+        assert!(data.notes[0].contains("z = 0"));
+    }
+
+    #[test]
     fn positions_keep_double_precision() {
         let data = parse_text("x,y,z\n1000000.0000001,0,0\n").unwrap();
         let Geometry::Points { positions } = &data.geometry else {
@@ -284,7 +321,8 @@ mod tests {
             ("x,y,z,h\n1,2,3,oops\n1,2,3,4\n", "line 2, column `h`"),
             ("x,y,z\n1,2,\n", "line 2, column `z`"),
             ("x,y,z\n1,2,3\n1,2\n", "line 3"),
-            ("x,y,h\n1,2,3\n", "no column `z`"),
+            ("x,z,h\n1,2,3\n", "no column `y`"),
+            ("x,y,z,Z\n1,2,3,4\n", "more than one column `z`"),
             ("x,X,y,z\n1,2,3,4\n", "more than one column `x`"),
             ("1,2,3\n", "numbers only"),
             ("x,y,z\n", "at least one particle"),

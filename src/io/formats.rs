@@ -17,10 +17,10 @@ use super::plane_source::{self, Find};
 use super::probe::Probe;
 use super::time_steps::{self, TimeStep};
 use super::{
-    Dataset, OpenOptions, arrow, csv, ensight, gadget, gltf, gltf_splats, hdf5, image_series,
-    ksplat, las, meta_image, nifti, npy, npz, nrrd, obj, of_folder, openfoam, pcd, plot3d,
-    plotfile, ply, pvd, raw, refused, sog, splat, spz, stl, tecplot, threemf, tiff, vtk_collection,
-    vtk_legacy, vtk_xml, vtk_xml_kinds, xyz, zip,
+    Dataset, OpenOptions, arrow, csv, ensight, file_series, gadget, gltf, gltf_splats, hdf5,
+    image_series, ksplat, las, meta_image, nifti, npy, npz, nrrd, obj, of_folder, openfoam, packed,
+    pcd, plot3d, plotfile, ply, pvd, raw, refused, sog, splat, spz, stl, tecplot, threemf, tiff,
+    vtk_collection, vtk_legacy, vtk_xml, vtk_xml_kinds, xyz, zip,
 };
 use crate::error::{Error, Hint, Result};
 
@@ -42,6 +42,8 @@ pub struct Format {
     is_pattern: fn(&Path) -> bool,
     /// Whether the name is that of this format.
     is_named: fn(&Probe<'_>) -> bool,
+    /// Whether its files may begin with any bytes, so that no signature of another format tells.
+    is_bare: bool,
     /// Whether the first bytes, or the size, may be those of this format.
     resembles: fn(&Probe<'_>) -> bool,
     pub(super) read: fn(Input<'_>, &OpenOptions) -> Result<Dataset>,
@@ -140,6 +142,7 @@ const PLAIN: Format = Format {
     begins: |_| false,
     is_pattern: |_| false,
     is_named: |_| false,
+    is_bare: false,
     resembles: |_| false,
     read: |input, _| npy::read(input),
     steps: None,
@@ -163,21 +166,50 @@ pub(super) fn recognise(input: Input<'_>, options: &OpenOptions) -> Result<&'sta
     if let Some(format) = FORMATS.iter().find(|f| (f.is_pattern)(input.path)) {
         return Ok(format);
     }
-    let (head, len) = input.head(HEAD)?;
-    let probe = Probe::new(input, &head, len, options);
-    let is_named = |f: &Format| probe.ends_in(f.endings) || (f.is_named)(&probe);
-    let mut formats = FORMATS.iter();
-    let known = formats.find(|f| (f.begins)(&probe));
-    if let Some(known) = known.or_else(|| FORMATS.iter().find(|f| is_named(f))) {
-        return Ok(known);
-    }
-    if let Some(refusal) = refused::by_name(input.path, &head, names) {
+    if input.is_on_disk()
+        && input.path.is_dir()
+        && let Some(refusal) = refused::folder(input.path)
+    {
         return Err(refusal);
     }
-    let similar = FORMATS.iter().find(|f| (f.resembles)(&probe));
-    similar.ok_or_else(|| {
-        let advice = Hint::ConvertOrGiveLayout;
-        Error::format(input.path, "format", names(), "none of these", advice)
+    let (head, len) = input.head(HEAD)?;
+    let probe = Probe::new(input, &head, len, options);
+    if let Some(refusal) = refused::archive(input.path, &head) {
+        return Err(refusal);
+    }
+    if let Some(known) = FORMATS.iter().find(|f| (f.begins)(&probe)) {
+        return Ok(known);
+    }
+    let is_named = |f: &&Format| probe.ends_in(f.endings) || (f.is_named)(&probe);
+    let named = FORMATS.iter().find(is_named);
+    // What is laid out as the caller says may be anything.
+    if options.raw.is_none()
+        && let is_bare = named.is_some_and(|f| f.is_bare)
+        && let Some(refusal) = refused::by_content(input.path, &head, len, is_bare)
+    {
+        return Err(refusal);
+    }
+    if let Some(named) = named {
+        return Ok(named);
+    }
+    if let Some(similar) = FORMATS.iter().find(|f| (f.resembles)(&probe)) {
+        return Ok(similar);
+    }
+    if let Some(refusal) = refused::by_name(input.path, &head) {
+        return Err(refusal);
+    }
+    Err(match probe.is_text() {
+        true => Error::format(
+            input.path,
+            "format",
+            names(),
+            "text of none of these",
+            "convert it to one of them; of a table, name the columns x,y,z in its first line",
+        ),
+        false => {
+            let advice = Hint::ConvertOrGiveLayout;
+            Error::format(input.path, "format", names(), "none of these", advice)
+        }
     })
 }
 
@@ -275,12 +307,23 @@ static FORMATS: &[Format] = &[
         name: "ParaView's collections",
         family: Family::Collections,
         endings: &["pvd"],
-        reads: "the first time step, or with `--series` all in the order of time; the parts of one time are drawn \
-                together (`info` and `io::open` take the first). Paths are relative to the collection; another \
+        reads: "the first time step, another (`--step`, `--time`), or with `--series` all in the order of time; the parts of \
+                one time are drawn together (`info` and `io::open` take the first). Paths are relative to the collection; another \
                 collection in it is refused",
         begins: |p| pvd::looks_like(p.head),
         read: pvd::read,
         steps: Some(pvd::steps),
+        ..PLAIN
+    },
+    Format {
+        name: "ParaView's file series",
+        family: Family::Collections,
+        endings: &["series"],
+        reads: "JSON lists of files with their times (`a.vtu.series`), as ParaView's collections are read. Names are \
+                relative to the series",
+        begins: |p| file_series::looks_like(p.head),
+        read: file_series::read,
+        steps: Some(file_series::steps),
         ..PLAIN
     },
     Format {
@@ -348,6 +391,7 @@ static FORMATS: &[Format] = &[
         family: Family::Splats,
         endings: &["splat"],
         reads: "records of 32 bytes",
+        is_bare: true,
         read: |input, _| splat::read(input),
         ..PLAIN
     },
@@ -558,6 +602,7 @@ static FORMATS: &[Format] = &[
         family: Family::Meshes,
         endings: &["stl"],
         reads: "text and binary, with the colours of VisCAM, SolidView and Materialise",
+        is_bare: true,
         resembles: |p| stl::looks_like(p.head, p.len),
         read: |input, _| stl::read(input),
         ..PLAIN
@@ -582,8 +627,10 @@ static FORMATS: &[Format] = &[
         endings: &["csv", "tsv"],
         reads: "columns of particles with a line of names: see [tables](#tables)",
         begins: |p| p.is_text() && csv::names_positions(p.head),
-        // Other names, and text that names nothing: the reader says what is missing.
-        resembles: |p| p.is_text(),
+        // Tables without x, y and z: the reader says what is missing.
+        resembles: |p| {
+            p.is_text() && !refused::is_named(p.input.path) && csv::looks_like_table(p.head)
+        },
         read: |input, _| csv::read(input),
         ..PLAIN
     },
@@ -608,14 +655,28 @@ static FORMATS: &[Format] = &[
         ..PLAIN
     },
     Format {
+        name: "packed files",
+        family: Family::Collections,
+        endings: &[
+            "vtk.gz", "vti.gz", "vtr.gz", "vts.gz", "vtu.gz", "vtp.gz", "tec.gz", "dat.gz",
+            "csv.gz", "ply.gz",
+        ],
+        reads: "files of the other formats that gzip has packed, unpacked in memory: VTK, Tecplot, tables and whatever \
+                begins as what it is",
+        resembles: packed::looks_like,
+        read: packed::read,
+        steps: Some(packed::steps),
+        ..PLAIN
+    },
+    Format {
         name: "PLOT3D",
         family: Family::Grids,
         endings: &["xyz", "x", "g", "p3d", "p3dx", "q", "f", "fun"],
-        reads: "one or several grids, binary (f32 or f64, either byte order, with or without record marks) or text, with \
+        reads: "one or several grids of three dimensions or two, binary (f32 or f64, either byte order, with or without record marks) or text, with \
                 or without iblank, all detected, also as `.bin`; its solution (`.q`) and its functions (`.f`, `.fun`) \
                 beside it, or one of them by `--solution`. Fields: density, momentum, energy, and derived velocity \
                 magnitude, pressure, Mach; functions by their names in a `.nam` beside them, or `f1`, `f2`, ...",
-        resembles: |p| p.ends_in(&["bin"]) || plot3d::looks_like_grid(p.head, p.len),
+        resembles: |p| plot3d::looks_like(p.head, p.len, p.ends_in(&["bin"])),
         read: |input, options| plot3d::read(input, options.solution.as_deref()),
         ..PLAIN
     },

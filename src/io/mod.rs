@@ -24,6 +24,7 @@ mod element;
 mod encoded_splats;
 mod ensight;
 mod file;
+mod file_series;
 mod first_order;
 mod formats;
 mod gadget;
@@ -52,6 +53,7 @@ mod npz;
 mod nrrd;
 mod obj;
 mod openfoam;
+mod packed;
 mod particle_type;
 mod pcd;
 mod plain_numbers;
@@ -158,7 +160,7 @@ pub use smoothing::{LengthMeaning, Smoothing, SphKernel};
 pub use splat_axes::SplatAxes;
 pub use splats::SplatCloud;
 pub(crate) use splats::constant_of_colour;
-pub use time_steps::{Part, TimeStep};
+pub use time_steps::{Part, StepChoice, TimeStep};
 #[cfg(feature = "legend")]
 pub(crate) use unit::divided as name_and_unit;
 pub use up::Up;
@@ -245,6 +247,12 @@ pub(crate) fn of_folder(path: &Path) -> Cow<'_, Path> {
         plotfile().or_else(scene).or_else(series)
     });
     file.flatten().map_or(Cow::Borrowed(path), Cow::Owned)
+}
+
+/// Whether a folder is a data set of a format that is not read.
+#[cfg(feature = "cli")]
+pub(crate) fn is_foreign_folder(path: &Path) -> bool {
+    refused::folder(path).is_some()
 }
 
 /// Whether a file may hold particles of several types, of which [`OpenOptions::particle_type`] names one: whether it is

@@ -9,7 +9,7 @@
 //! | then | the numbers |
 //!
 //! Tables are structured arrays with named columns, or plain arrays of shape (N, 3 or more)
-//! whose columns are x, y, z, `c3`, `c4`, ...
+//! whose columns are x, y, z, `c3`, `c4`, ..., or of shape (N, 2) with x and y in a plane.
 //!
 //! Written headers are of version 1.0 and padded with spaces, so that the numbers start at a
 //! multiple of 64 bytes, as NumPy does.
@@ -21,7 +21,7 @@ use glam::DVec3;
 use super::dataset::{Association, Dataset, Field, FieldSource};
 use super::file::Input;
 use super::scalars::{Encoding, ScalarType, Stride, positions, values};
-use super::table::{dataset, position_columns};
+use super::table::{PositionColumns, dataset, position_columns};
 use crate::error::{Error, Result};
 
 /// The first bytes of every NPY file.
@@ -120,14 +120,15 @@ pub(super) fn table_of(path: &Path, format: &'static str, array: &Array<'_>) -> 
             .filter_map(|m| m.encoding.map(|e| (m, e)))
             .collect();
         let xyz = position_columns(path, numeric.iter().map(|(m, _)| m.name.as_str()))?;
-        let axes = xyz.map(|column| {
+        let axes = xyz.axes().map(|column| {
             let (member, encoding) = numeric[column];
             (encoding, stride(member, 0, 0))
         });
-        let positions = positions(array.data, axes).ok_or_else(broken)?;
+        let mut positions = positions(array.data, axes).ok_or_else(broken)?;
+        let flat = xyz.flatten(&mut positions);
         let mut fields = Vec::new();
         for (i, &(member, encoding)) in numeric.iter().enumerate() {
-            if xyz.contains(&i) {
+            if xyz.contains(i) {
                 continue;
             }
             let size = encoding.scalar.size();
@@ -138,29 +139,46 @@ pub(super) fn table_of(path: &Path, format: &'static str, array: &Array<'_>) -> 
             }
             fields.push(field(member.name.clone(), components));
         }
-        return dataset(path, format, positions, fields);
+        let mut data = dataset(path, format, positions, fields)?;
+        data.notes.extend(flat);
+        return Ok(data);
     }
 
-    let &[_, columns] = array.shape.as_slice() else {
+    let &[count, columns] = array.shape.as_slice() else {
         return Err(broken());
     };
     let encoding = array.plain_encoding(path)?;
-    if columns < 3 {
+    // Two numbers a row are positions in a plane where they are no integers and more rows than columns.
+    let is_real = matches!(
+        encoding.scalar,
+        ScalarType::F16 | ScalarType::F32 | ScalarType::F64
+    );
+    let of_plane = columns == 2 && count > columns && is_real;
+    if columns < 3 && !of_plane {
         return Err(broken());
     }
+    let xyz = PositionColumns {
+        x: 0,
+        y: 1,
+        z: (!of_plane).then_some(2),
+    };
     let axis = |i: usize| {
         let stride = array.column(i, encoding).ok_or_else(broken)?;
         Ok((encoding, stride))
     };
-    let axes = [axis(0)?, axis(1)?, axis(2)?];
-    let positions = positions(array.data, axes).ok_or_else(broken)?;
+    let [x, y, z] = xyz.axes();
+    let axes = [axis(x)?, axis(y)?, axis(z)?];
+    let mut positions = positions(array.data, axes).ok_or_else(broken)?;
+    let flat = xyz.flatten(&mut positions);
     let mut fields = Vec::new();
     for column in 3..columns {
         let stride = array.column(column, encoding).ok_or_else(broken)?;
         let column_values = values(array.data, encoding, stride).ok_or_else(broken)?;
         fields.push(field(format!("c{column}"), vec![column_values]));
     }
-    dataset(path, format, positions, fields)
+    let mut data = dataset(path, format, positions, fields)?;
+    data.notes.extend(flat);
+    Ok(data)
 }
 
 /// Positions from their coordinates.
@@ -275,7 +293,7 @@ impl Array<'_> {
             None => Err(Error::format(
                 path,
                 "header, `descr`",
-                "integers of 1 to 8 bytes, or floats of 4 or 8",
+                "integers of 1 to 8 bytes, or floats of 2, 4 or 8",
                 "another type",
                 "convert the array with .astype('f4')",
             )),
@@ -424,6 +442,7 @@ fn member(
         ('u', 4) => Some(S::U32),
         ('i', 8) => Some(S::I64),
         ('u', 8) => Some(S::U64),
+        ('f', 2) => Some(S::F16),
         ('f', 4) => Some(S::F32),
         ('f', 8) => Some(S::F64),
         ('b' | 'i' | 'u' | 'f' | 'c' | 'm' | 'M' | 'S' | 'a' | 'U' | 'V', _) => None,

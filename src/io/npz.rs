@@ -1,6 +1,6 @@
 //! NumPy archives: ZIP files of NPY arrays, as `numpy.savez` and `savez_compressed` write them.
 //!
-//! A table is one array, as in an NPY file; or an array of positions of shape (N, 3) named
+//! A table is one array, as in an NPY file; or an array of positions of shape (N, 3), or (N, 2) in a plane, named
 //! `positions`, `pos`, `xyz`, `coordinates` or `points`, beside others; or one-dimensional
 //! arrays `x`, `y` and `z`, beside others. The others become fields where they have N rows.
 
@@ -14,7 +14,7 @@ use super::file::Input;
 use super::npy::{self, Array};
 use super::raw::DEFLATE_RATIO;
 use super::scalars::{doubles, values};
-use super::table::{dataset, position_columns};
+use super::table::{PositionColumns, dataset, position_columns};
 use super::zip;
 use crate::error::{Error, Result};
 
@@ -41,23 +41,36 @@ pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
     }
 
     let is_positions = |name: &str| POSITIONS.iter().any(|p| name.eq_ignore_ascii_case(p));
-    let whole = arrays
-        .iter()
-        .position(|(name, array)| is_positions(name) && array.columns() == Some(3));
+    let of_columns = |columns: usize| {
+        let mut arrays = arrays.iter();
+        arrays.position(|(name, array)| is_positions(name) && array.columns() == Some(columns))
+    };
+    // Two columns are places in a plane.
+    let whole = of_columns(3).map(|i| (i, 2));
+    let whole = whole.or_else(|| of_columns(2).map(|i| (i, 0)));
+    let flat;
     let (positions, taken) = match whole {
-        Some(index) => {
+        Some((index, column_of_z)) => {
             let (name, array) = &arrays[index];
             let axes = [axis(path, name, array, 0)?, axis(path, name, array, 1)?];
-            let z = axis(path, name, array, 2)?;
-            (zipped(axes, &z), vec![index])
+            let z = axis(path, name, array, column_of_z)?;
+            let mut positions = zipped(axes, &z);
+            let xyz = PositionColumns {
+                x: 0,
+                y: 1,
+                z: (column_of_z == 2).then_some(2),
+            };
+            flat = xyz.flatten(&mut positions);
+            (positions, vec![index])
         }
         None => {
             let xyz = position_columns(path, arrays.iter().map(|(name, _)| *name))?;
-            let of = |i: usize| {
-                let (name, array) = &arrays[xyz[i]];
+            let of = |column: usize| {
+                let (name, array) = &arrays[column];
                 axis(path, name, array, 0)
             };
-            let (x, y, z) = (of(0)?, of(1)?, of(2)?);
+            let [x, y, z] = xyz.axes();
+            let (x, y, z) = (of(x)?, of(y)?, of(z)?);
             if x.len() != y.len() || x.len() != z.len() {
                 return Err(Error::format(
                     path,
@@ -67,7 +80,9 @@ pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
                     "save the archive again",
                 ));
             }
-            (zipped([x, y], &z), xyz.to_vec())
+            let mut positions = zipped([x, y], &z);
+            flat = xyz.flatten(&mut positions);
+            (positions, xyz.axes().to_vec())
         }
     };
 
@@ -84,6 +99,7 @@ pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
         }
     }
     let mut data = dataset(path, FORMAT, positions, fields)?;
+    data.notes.extend(flat);
     if !left_out.is_empty() {
         let shown: Vec<String> = left_out
             .iter()

@@ -375,6 +375,7 @@ fn push(bytes: &mut Vec<u8>, column: &Column, word: &str) -> Option<()> {
     use ScalarType as S;
     let size = column.scalar.size();
     match column.scalar {
+        S::F16 => return None,
         S::F32 => bytes.extend(word.parse::<f32>().ok()?.to_le_bytes()),
         S::F64 => bytes.extend(word.parse::<f64>().ok()?.to_le_bytes()),
         S::I8 | S::I16 | S::I32 | S::I64 => {

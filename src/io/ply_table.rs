@@ -78,7 +78,7 @@ impl Table<'_> {
 
     pub(super) fn positions(&self) -> Result<(Vec<DVec3>, Vec<usize>)> {
         let names = self.rows.members.iter().map(|m| m.name.as_str());
-        let columns = position_columns(self.path, names)?;
+        let columns = position_columns(self.path, names)?.of_space(self.path)?;
         let axes = columns.map(|column| self.place(column));
         let positions = positions(&self.rows.data, axes).ok_or_else(|| self.damaged())?;
         Ok((positions, columns.to_vec()))

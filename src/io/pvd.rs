@@ -103,6 +103,26 @@ pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
         // Zero has one sign.
         parts.push((time + 0.0, part, file));
     }
+    let steps = by_time(input, parts, damaged)?;
+    if steps.is_empty() {
+        let expected = "at least one `DataSet`";
+        return Err(Error::format(path, TYPE, expected, "none", damaged));
+    }
+    Ok(steps)
+}
+
+/// The steps of files by their times and the numbers of their parts, in this order. VTK's collections of blocks stand for
+/// their files.
+///
+/// - `damaged`: what to do where one file is named twice at one time.
+///
+/// # Errors
+/// Such a file.
+pub(super) fn by_time(
+    input: Input<'_>,
+    mut parts: Vec<(f64, i64, PathBuf)>,
+    damaged: &str,
+) -> Result<Vec<TimeStep>> {
     parts.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let mut steps: Vec<TimeStep> = Vec::new();
     for (time, _, file) in parts {
@@ -126,12 +146,8 @@ pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
             let place = format!("files of time {}", step.time.unwrap_or(0.0));
             let found = format!("`{}` again", clip(&twice[0].display().to_string()));
             let expected = "each file once";
-            return Err(Error::format(path, place, expected, found, damaged));
+            return Err(Error::format(input.path, place, expected, found, damaged));
         }
-    }
-    if steps.is_empty() {
-        let expected = "at least one `DataSet`";
-        return Err(Error::format(path, TYPE, expected, "none", damaged));
     }
     Ok(steps)
 }

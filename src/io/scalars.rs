@@ -1,8 +1,9 @@
-//! Numbers as files hold them: ten scalar types, two byte orders, narrowed to [`Values`].
+//! Numbers as files hold them: eleven scalar types, two byte orders, narrowed to [`Values`].
 
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::half::half;
 use crate::scene::Values;
 
 /// Numbers that a thread takes at a time.
@@ -22,6 +23,8 @@ pub(crate) enum ScalarType {
     U32,
     I64,
     U64,
+    /// IEEE 754 half floats.
+    F16,
     F32,
     F64,
 }
@@ -31,7 +34,7 @@ impl ScalarType {
     pub(crate) fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
+            Self::I16 | Self::U16 | Self::F16 => 2,
             Self::I32 | Self::U32 | Self::F32 => 4,
             Self::I64 | Self::U64 | Self::F64 => 8,
         }
@@ -166,6 +169,9 @@ pub(crate) fn values(bytes: &[u8], encoding: Encoding, stride: Stride) -> Option
         S::U64 => Values::F32(gather(bytes, stride, big, |b| {
             u64::from_le_bytes(b) as f32
         })?),
+        S::F16 => Values::F32(gather(bytes, stride, big, |b| {
+            narrow(half(u16::from_le_bytes(b)))
+        })?),
         S::F32 => Values::F32(gather(bytes, stride, big, f32::from_le_bytes)?),
         S::F64 => Values::F32(gather(bytes, stride, big, |b| {
             narrow(f64::from_le_bytes(b))
@@ -205,6 +211,7 @@ fn fill_doubles(out: &mut [f64], bytes: &[u8], encoding: Encoding, first: usize,
         S::U32 => each!(|b| f64::from(u32::from_le_bytes(b))),
         S::I64 => each!(|b| i64::from_le_bytes(b) as f64),
         S::U64 => each!(|b| u64::from_le_bytes(b) as f64),
+        S::F16 => each!(|b| half(u16::from_le_bytes(b))),
         S::F32 => each!(|b| f64::from(f32::from_le_bytes(b))),
         S::F64 => each!(f64::from_le_bytes),
     }
@@ -233,6 +240,7 @@ pub(crate) fn double(bytes: &[u8], encoding: Encoding) -> f64 {
         S::U32 => f64::from(u32::from_le_bytes([a, b, c, d])),
         S::I64 => i64::from_le_bytes(word) as f64,
         S::U64 => u64::from_le_bytes(word) as f64,
+        S::F16 => half(u16::from_le_bytes([a, b])),
         S::F32 => f64::from(f32::from_le_bytes([a, b, c, d])),
         S::F64 => f64::from_le_bytes(word),
     }
@@ -348,7 +356,7 @@ pub(crate) fn integers<T: Copy + Default + Send>(
         ScalarType::U32 => each!(u32),
         ScalarType::I64 => each!(i64),
         ScalarType::U64 => each!(u64),
-        ScalarType::F32 | ScalarType::F64 => Err(NotIntegers::Fractions),
+        ScalarType::F16 | ScalarType::F32 | ScalarType::F64 => Err(NotIntegers::Fractions),
     }
 }
 

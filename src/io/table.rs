@@ -17,42 +17,93 @@ use crate::scene::Values;
 /// What ParaView calls the position columns of the tables that it writes.
 pub(crate) const PARAVIEW: [&str; 3] = ["Points:0", "Points:1", "Points:2"];
 
-/// Which columns are x, y and z.
+/// Said of tables without a column z.
+const FLAT: &str = "There is no column `z`: all particles are put at z = 0.";
+
+/// The columns that hold positions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct PositionColumns {
+    pub(crate) x: usize,
+    pub(crate) y: usize,
+    /// `None` of particles in a plane, which lie at z = 0.
+    pub(crate) z: Option<usize>,
+}
+
+impl PositionColumns {
+    /// The columns of all three.
+    ///
+    /// # Errors
+    /// There is none of z.
+    pub(crate) fn of_space(&self, path: &Path) -> Result<[usize; 3]> {
+        match self.z {
+            Some(z) => Ok([self.x, self.y, z]),
+            None => Err(misnamed(path, "no column `z`".to_owned())),
+        }
+    }
+
+    pub(crate) fn contains(&self, column: usize) -> bool {
+        self.x == column || self.y == column || self.z == Some(column)
+    }
+
+    /// The column of each axis; of a plane that of x for z, until [`Self::flatten`].
+    pub(crate) fn axes(&self) -> [usize; 3] {
+        [self.x, self.y, self.z.unwrap_or(self.x)]
+    }
+
+    /// Brings particles of a plane to z = 0; a note for their data set.
+    pub(crate) fn flatten(&self, positions: &mut [DVec3]) -> Option<String> {
+        if self.z.is_some() {
+            return None;
+        }
+        positions.iter_mut().for_each(|p| p.z = 0.0);
+        Some(FLAT.to_owned())
+    }
+}
+
+/// The columns that are called x, y and z; z may be missing.
 ///
 /// # Errors
-/// One is missing or stands there twice.
+/// x or y is missing, or one of the three stands there twice.
 pub(crate) fn position_columns<'a>(
     path: &Path,
     names: impl Iterator<Item = &'a str> + Clone,
-) -> Result<[usize; 3]> {
-    let mut columns = [0; 3];
+) -> Result<PositionColumns> {
     let is_there = |wanted: &str| names.clone().any(|name| name.eq_ignore_ascii_case(wanted));
     let wanted = match PARAVIEW.iter().all(|name| is_there(name)) && !is_there("x") {
         true => PARAVIEW,
         false => ["x", "y", "z"],
     };
-    for (column, wanted) in columns.iter_mut().zip(wanted) {
+    let column = |wanted: &str| {
         let mut matching = names
             .clone()
             .enumerate()
             .filter(|(_, name)| name.eq_ignore_ascii_case(wanted));
         let found = match (matching.next(), matching.next()) {
-            (Some((index, _)), None) => {
-                *column = index;
-                continue;
-            }
+            (Some((index, _)), None) => return Ok(Some(index)),
+            (None, _) => return Ok(None),
             (Some(_), Some(_)) => format!("more than one column `{wanted}`"),
-            (None, _) => format!("no column `{wanted}` among {}", list(names)),
         };
-        return Err(Error::format(
-            path,
-            "column names",
-            "one column each for x, y and z",
-            found,
-            "name the position columns x, y and z",
-        ));
+        Err(misnamed(path, found))
+    };
+    let [x, y, z] = [column(wanted[0])?, column(wanted[1])?, column(wanted[2])?];
+    match (x, y) {
+        (Some(x), Some(y)) => Ok(PositionColumns { x, y, z }),
+        _ => {
+            let missing = if x.is_none() { wanted[0] } else { wanted[1] };
+            let found = format!("no column `{missing}` among {}", list(names));
+            Err(misnamed(path, found))
+        }
     }
-    Ok(columns)
+}
+
+fn misnamed(path: &Path, found: String) -> Error {
+    Error::format(
+        path,
+        "column names",
+        "one column each for x, y and z, or for x and y of a plane",
+        found,
+        "name the position columns x, y and z",
+    )
 }
 
 /// A bounded list of names, for messages.

@@ -658,6 +658,7 @@ fn ascii(text: &str, scalar: ScalarType, count: Option<usize>) -> Result<Vec<u8>
             ScalarType::U32 => push!(u32),
             ScalarType::I64 => push!(i64),
             ScalarType::U64 => push!(u64),
+            ScalarType::F16 => None,
             ScalarType::F32 => push!(f32),
             ScalarType::F64 => push!(f64),
         };

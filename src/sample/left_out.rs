@@ -60,7 +60,9 @@ impl LeftOut {
             Self::Indefinite => "variance indefinite or not finite",
             Self::Rotation => "quaternion zero or not finite",
             Self::Opacity => "opacity negative or not a number",
-            Self::Strength => "strength or volume negative or not finite",
+            Self::Strength => {
+                "strength or volume negative, not finite or beyond single precision (3.4e38)"
+            }
             Self::Colour => "colour not finite",
             Self::BeyondSinglePrecision => "shape, volume or mass beyond single precision; rescale",
         }

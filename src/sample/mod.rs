@@ -62,8 +62,8 @@ use crate::io::{
 #[cfg(feature = "prepared")]
 use crate::math::ExactSum;
 use crate::scene::{
-    AutomaticOptions, Colour, Particles, PointVolume, ScaleName, Strength, Surroundings,
-    TransferDefaults, TransferFunction, ValueSample, Values,
+    AutomaticOptions, Colour, FileFunction, Particles, PointVolume, ScaleName, Strength,
+    Surroundings, TransferDefaults, TransferFunction, ValueSample, Values,
 };
 use crate::task::Task;
 
@@ -756,44 +756,76 @@ fn function_of(
         TransferChoice::Named(name) => of_own(Some(name), report),
         TransferChoice::Given(function) => restated(function.clone()),
         TransferChoice::File(_) | TransferChoice::Text(_) => {
-            let is_scaled = options
-                .scale
-                .is_some_and(|scale| scale != ScaleName::Linear);
-            let chosen = [
-                (options.range.is_some(), "range", "a range"),
-                (is_scaled, "scale", "a scale"),
-            ];
-            if let Some((_, place, own)) = chosen.into_iter().find(|(is_stated, ..)| *is_stated) {
-                return Err(Error::invalid(
-                    "transfer function",
-                    place,
-                    "an automatic transfer function, or a named colour map",
-                    format!("a file, which has {own} of its own"),
-                    format!("change the file, or leave the {place} out"),
-                ));
+            let range = report.value_range.unwrap_or([0.0, 1.0]);
+            let read = function_of_file(options, range, unit_distance)?;
+            // A preset from 0 to 1 is made to be stretched.
+            if let (Some([from, to]), None) = (read.stretched, options.range)
+                && [from, to] != [0.0, 1.0]
+            {
+                let [lo, hi] = range;
+                let reason = format!(
+                    "of values from {from} to {to}, stretched over the data's, {lo} to {hi} (a range or opacities say otherwise)"
+                );
+                report.findings.push(Finding {
+                    count: 1,
+                    noun: "colour map".into(),
+                    reason: reason.into(),
+                    left_out: false,
+                });
             }
-            let read;
-            let (path, text) = match &options.transfer {
-                TransferChoice::File(path) => {
-                    read = std::fs::read_to_string(path).map_err(|e| {
-                        Error::io(path, "opening", e, "name a transfer function that exists")
-                    })?;
-                    (path.as_path(), &read)
-                }
-                TransferChoice::Text(text) => (Path::new("transfer function"), text),
-                _ => unreachable!("matched above"),
-            };
-            let defaults = TransferDefaults {
-                range: report.value_range.unwrap_or([0.0, 1.0]),
-                unit_distance,
-            };
-            restated(TransferFunction::from_json(path, text, &defaults)?)
+            restated(read.function)
         }
     }?;
     let unit_distance = function.unit_distance() / options.opacity_scale;
     let function = function.with_unit_distance(unit_distance)?;
     report.unit_distance = unit_distance;
     Ok(function)
+}
+
+/// The transfer function of a file or text.
+///
+/// - `range`: what a preset is stretched over, unless the options state a range.
+///
+/// # Errors
+/// A file that cannot be read; a scale, or a range of a function that has its own.
+pub(crate) fn function_of_file(
+    options: &SampleOptions,
+    range: [f32; 2],
+    unit_distance: f64,
+) -> Result<FileFunction> {
+    let fault = |place: &str, own: &str| {
+        Error::invalid(
+            "transfer function",
+            place,
+            "an automatic transfer function, or a named colour map",
+            format!("a file, which has {own} of its own"),
+            format!("change the file, or leave the {place} out"),
+        )
+    };
+    let is_scaled = |scale: ScaleName| scale != ScaleName::Linear;
+    if options.scale.is_some_and(is_scaled) {
+        return Err(fault("scale", "a scale"));
+    }
+    let text;
+    let (path, text) = match &options.transfer {
+        TransferChoice::File(path) => {
+            text = std::fs::read_to_string(path).map_err(|e| {
+                Error::io(path, "opening", e, "name a transfer function that exists")
+            })?;
+            (path.as_path(), text.as_str())
+        }
+        TransferChoice::Text(text) => (Path::new("transfer function"), text.as_str()),
+        _ => unreachable!("the caller looks"),
+    };
+    let defaults = TransferDefaults {
+        range: options.range.unwrap_or(range),
+        unit_distance,
+    };
+    let read = TransferFunction::from_file(path, text, &defaults)?;
+    match options.range.is_some() && read.stretched.is_none() {
+        true => Err(fault("range", "a range")),
+        false => Ok(read),
+    }
 }
 
 /// A volume whose strength and colour are to be classified from `values`, without a function.

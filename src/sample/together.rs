@@ -1,11 +1,11 @@
 //! What data sets share that are drawn together: one function of the values of all.
 
-use super::{SampleOptions, SampleReport, TransferChoice};
+use super::{SampleOptions, SampleReport, TransferChoice, function_of_file};
 use crate::error::Result;
 use crate::scene::{AutomaticOptions, TransferFunction, ValueSample};
 
 /// The functions that data sets share which are drawn together: those that show the same field by a function that is
-/// chosen from values, in the same colours, have one, of the values of all.
+/// chosen from values, in the same colours, or by the same preset of colours, have one, of the values of all.
 ///
 /// - `sampled`: how each was sampled, by options with [`SampleOptions::keeps_value_sample`]; their
 ///   [`SampleReport::value_sample`]s are taken.
@@ -53,6 +53,46 @@ pub fn shared_functions(
         let options = sampled[members[0]].1;
         let unit_distance = options.opacity_scale * unit_distance;
         shared.push((automatic(&sample, options, unit_distance)?, members));
+    }
+    shared.extend(shared_presets(sampled)?);
+    Ok(shared)
+}
+
+/// The same of presets in files, which are stretched over the values of all.
+fn shared_presets(
+    sampled: &[(&mut SampleReport, &SampleOptions)],
+) -> Result<Vec<(TransferFunction, Vec<usize>)>> {
+    let mut groups: Vec<Vec<usize>> = Vec::new();
+    for (i, (report, options)) in sampled.iter().enumerate() {
+        let is_file = matches!(
+            options.transfer,
+            TransferChoice::File(_) | TransferChoice::Text(_)
+        );
+        let (Some(field), Some(_), true) = (&report.field, report.value_range, is_file) else {
+            continue;
+        };
+        let is_same = |members: &&mut Vec<usize>| {
+            let (other, of_other) = &sampled[members[0]];
+            let has_field = |own: &String| own.eq_ignore_ascii_case(field);
+            other.field.as_ref().is_some_and(has_field) && of_other.transfer == options.transfer
+        };
+        match groups.iter_mut().find(is_same) {
+            Some(members) => members.push(i),
+            None => groups.push(vec![i]),
+        }
+    }
+    let mut shared = Vec::new();
+    for members in groups.into_iter().filter(|members| members.len() > 1) {
+        let reports = || members.iter().map(|&i| &*sampled[i].0);
+        let ranges = reports().filter_map(|report| report.value_range);
+        let range = ranges.reduce(|[a, b], [c, d]| [a.min(c), b.max(d)]);
+        let units = reports().map(|report| report.unit_distance);
+        let options = sampled[members[0]].1;
+        let unit_distance = options.opacity_scale * units.fold(f64::INFINITY, f64::min);
+        let read = function_of_file(options, range.unwrap_or([0.0, 1.0]), unit_distance)?;
+        if read.stretched.is_some() {
+            shared.push((read.function, members));
+        }
     }
     Ok(shared)
 }

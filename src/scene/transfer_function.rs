@@ -14,6 +14,7 @@ pub use automatic::{AutomaticOptions, Surroundings, ValueSample};
 pub(crate) use averages::FAR_ENTRIES;
 pub use averages::{Averages, Slopes, Weighting};
 pub use colour_maps::{COLOUR_MAP_NAMES, ColourSpace};
+pub(crate) use file::FileFunction;
 pub use lobes::{
     ALONE_DEPTH, LEAST_WINDOW_SHARE, LOBE_REACH, Lobe, Lobes, MAX_LOBES, MAX_PIECE_WIDTH,
     MAX_WINDOWS, Piece, Window,

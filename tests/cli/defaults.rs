@@ -564,10 +564,63 @@ fn a_collection_is_a_series_with_times() {
     // Without --series the first step, with a word of it.
     let said = draw(&["a.pvd", "--out", "own.npy", "--transfer-function", "f.json"]);
     assert!(
-        said.contains("the first of 2 time steps, of time 1; --series"),
+        said.contains("the first of 2 time steps, of time 1; --step N")
+            && said.contains("--series"),
         "{said}"
     );
     assert!(read("own.npy") == first);
+
+    // Or another, by its number or its time: the picture of its file.
+    let alone = ["--transfer-function", "f.json"];
+    draw(&[&["late.csv", "--out", "late.npy"][..], &alone].concat());
+    for choice in [
+        &["--step", "last"][..],
+        &["--step", "1"],
+        &["--time", "2.5"],
+        &["--time", "1.8"],
+    ] {
+        let said = draw(&[&["a.pvd", "--out", "chosen.npy"][..], &alone, choice].concat());
+        assert!(read("chosen.npy") == read("late.npy"), "{choice:?}");
+        assert_eq!(
+            said.contains("step 1 of 2, of time 2.5"),
+            choice[0] == "--time",
+            "{said}"
+        );
+        assert!(!said.contains("the first of"), "{said}");
+    }
+    let info = run(
+        folder.path(),
+        &["info", "a.pvd", "--json", "--step", "last"],
+    );
+    let info: serde_json::Value = serde_json::from_slice(&info.stdout).unwrap();
+    assert!(
+        (info["bounds"][0][0].as_f64().unwrap() - 0.2).abs() < 1e-6,
+        "{info}"
+    );
+    for (line, says) in [
+        ("a.pvd --step 2", "one of 2 steps, 0 to 1, found 2"),
+        (
+            "a.pvd --time 2.6",
+            "a time from 1 to 2.5, of 2 steps, found 2.6",
+        ),
+        ("a.pvd --time 0.9", "from 1 to 2.5"),
+        ("late.csv --step 0", "a file with steps of time"),
+        ("late.csv --time 0", "a file with steps of time"),
+        ("a.pvd --step 0 --series", "leave --step and --time out"),
+        ("a.pvd --step first", "or last"),
+        ("a.pvd --step 0 --time 1", "cannot be used with"),
+    ] {
+        let words = line
+            .split(' ')
+            .chain(["--out", "no%d.npy", "--backend", "cpu"]);
+        let words: Vec<&str> = ["render"].into_iter().chain(words).collect();
+        let output = run(folder.path(), &words);
+        let said = text(&output.stderr);
+        assert!(
+            !output.status.success() && said.contains(says),
+            "{line}: {said}"
+        );
+    }
 
     // The stamp is what is written by hand for each time.
     draw(

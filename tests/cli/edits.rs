@@ -433,6 +433,38 @@ fn each_input_has_its_own_place() {
     assert_ne!(bounds, sizes("info a.csv --json")["bounds"].to_string());
 }
 
+/// Three factors stretch each axis by its own; heights alone are those along what is up.
+#[test]
+fn grids_are_stretched_along_each_axis() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    write_grids(folder);
+    let bounds = |line: &str| {
+        let words: Vec<&str> = line.split(' ').collect();
+        let output = run(folder, &words);
+        assert!(output.status.success(), "{line}: {}", text(&output.stderr));
+        let info: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let up = info["up"]["direction"].clone();
+        let corner = |i: usize| [0, 1, 2].map(|axis| info["bounds"][i][axis].as_f64().unwrap());
+        ([corner(0), corner(1)], up)
+    };
+    let ([low, high], up) = bounds("info even.vtk --json");
+    let (stretched, _) = bounds("info even.vtk --json --resize 2,1,50");
+    for (corner, own) in stretched.iter().zip([low, high]) {
+        assert_eq!(*corner, [2.0 * own[0], own[1], 50.0 * own[2]]);
+    }
+    let along = (0..3)
+        .find(|&i| up[i].as_f64().unwrap().abs() > 0.5)
+        .unwrap();
+    let (raised, _) = bounds("info even.vtk --json --resize 3 --exaggerate 10");
+    for (corner, own) in raised.iter().zip([low, high]) {
+        for axis in 0..3 {
+            let factor = if axis == along { 30.0 } else { 3.0 };
+            assert!((corner[axis] - factor * own[axis]).abs() < 1e-9, "{axis}");
+        }
+    }
+}
+
 #[test]
 fn a_series_is_placed_step_by_step() {
     let folder = tempfile::tempdir().unwrap();

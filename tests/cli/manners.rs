@@ -130,6 +130,44 @@ fn info_of_several_files_is_a_row_for_each() {
     }
 }
 
+/// Files of other programs beside data do not hide what can be read: one line for each reason.
+#[test]
+fn info_of_a_folder_says_once_what_is_not_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    for i in 0..5 {
+        std::fs::write(
+            path.join(format!("note{i}.txt")),
+            "some words\nand others\n",
+        )
+        .unwrap();
+        std::fs::write(path.join(format!("m{i}.mtl")), "newmtl a\nKd 1 1 1\n").unwrap();
+    }
+    std::fs::create_dir(path.join("a.zarr")).unwrap();
+    std::fs::write(path.join("a.zarr/.zgroup"), "{\"zarr_format\": 2}").unwrap();
+    for i in 0..9 {
+        std::fs::write(path.join(format!("a.zarr/0.{i}")), [i, 255, 0]).unwrap();
+    }
+    std::fs::write(path.join("a.csv"), "x,y,z,sigma\n0,0,0,1\n1,0,0,1\n").unwrap();
+    let output = run(path, &["info", "."]);
+    assert!(output.status.success());
+    let table = text(&output.stdout);
+    let lines: Vec<&str> = table.lines().collect();
+    let has = |part: &str| lines.iter().filter(|line| line.contains(part)).count();
+    assert_eq!(
+        has("5 files: not recognised: ./note0.txt") + has("5 files: not recognised: note0.txt"),
+        1,
+        "{table}"
+    );
+    assert_eq!(has("5 files: a library of materials (MTL)"), 1, "{table}");
+    assert_eq!(
+        (has("and 2 more"), has("a.zarr"), has("0.3")),
+        (2, 1, 0),
+        "{table}"
+    );
+    assert!(lines.len() < 9, "{table}");
+}
+
 /// What cannot be drawn has a geometry and fields all the same, and a reason that does not send one to `info`.
 #[test]
 fn info_explains_what_cannot_be_drawn() {

@@ -314,6 +314,18 @@ const WRONG: &[(&str, i32, &str)] = &[
     ),
     ("render WAKE --out a.png --rotate 0,0,1", 2, "an axis"),
     ("render WAKE --out a.png --resize 0", 2, "above 0"),
+    ("render WAKE --out a.png --resize 1,2", 2, "such as 1,1,50"),
+    (
+        "render WAKE --out a.png --resize 1,0,1",
+        2,
+        "such as 1,1,50",
+    ),
+    ("render WAKE --out a.png --exaggerate 0", 2, "above 0"),
+    (
+        "render WAKE --out a.png --step last",
+        1,
+        "expected a file with steps of time",
+    ),
     (
         "render WAKE --out a.png --translate 1,2",
         2,

@@ -42,6 +42,12 @@ pub fn fixture(name: &str) -> Value {
     serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
 }
 
+/// The path of one of the small inputs from elsewhere that lie beside the real data, or `None` (with a word about it) where
+/// it is absent.
+pub fn case(name: &str) -> Option<PathBuf> {
+    real_data(&format!("../cases/{name}"))
+}
+
 /// The path of a real file, or `None` (with a word about it) where it is absent.
 pub fn real_data(name: &str) -> Option<PathBuf> {
     let folder = std::env::var_os("EWA_DATA_DIR").map_or_else(

@@ -240,3 +240,99 @@ fn circles_and_paths_out_of_the_folder_are_refused() {
     let error = error.unwrap_err().to_string();
     assert!(error.contains("another collection, `b.xml`"), "{error}");
 }
+
+#[test]
+fn a_series_of_files_is_its_steps() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, z) in [("a", 1), ("b", 2), ("c", 3)] {
+        let path = folder.path().join(name).with_extension("csv");
+        std::fs::write(path, format!("x,y,z,m\n0,0,{z},1\n")).unwrap();
+    }
+    let path = folder.path().join("a.csv.series");
+    let write = |files: &str| {
+        let text = format!("{{\n\"file-series-version\" : \"1.0\",\n\"files\" : [{files}]\n}}");
+        std::fs::write(&path, text).unwrap();
+    };
+    let file =
+        |name: &str, time: &str| format!("{{ \"name\" : \"{name}.csv\", \"time\" : {time} }}");
+    write(&[file("c", "2.5"), file("a", "-1"), file("b", "0")].join(","));
+    let steps = steps_of(&path).unwrap();
+    let times: Vec<_> = steps.iter().map(|step| step.time).collect();
+    assert_eq!(times, [Some(-1.0), Some(0.0), Some(2.5)]);
+    assert_eq!(steps[2].parts[0].path, folder.path().join("c.csv"));
+    let data = open(&path, &OpenOptions::default()).unwrap();
+    assert_eq!(data.bounds().unwrap().0.z, 1.0);
+    assert!(
+        data.notes[0].contains("The first of 3 time steps"),
+        "{:?}",
+        data.notes
+    );
+    // Without times the places in the list are the times.
+    write("{ \"name\": \"b.csv\" }, { \"name\": \"a.csv\" }");
+    let times: Vec<_> = steps_of(&path).unwrap().iter().map(|s| s.time).collect();
+    assert_eq!(times, [Some(0.0), Some(1.0)]);
+    for (files, says) in [
+        ("", "one file at least"),
+        (&*file("a", "\"soon\""), "line"),
+        ("{ \"time\": 1 }", "missing field `name`"),
+        ("{ \"name\": \" \" }", "files[0].name"),
+        ("{ \"name\": \"b.vtk.series\" }", "files[0].name"),
+        (&[file("a", "1"), file("a", "1")].join(","), "again"),
+    ] {
+        write(files);
+        let error = steps_of(&path).unwrap_err().to_string();
+        assert!(error.contains(says), "{files}: {error}");
+    }
+}
+
+/// Whatever begins as a format that is read is read from a packed file, too.
+#[test]
+fn packed_files_are_what_they_are_once_unpacked() {
+    use crate::support::gzip;
+
+    let vtk = b"# vtk DataFile Version 3.0\nt\nASCII\nDATASET STRUCTURED_POINTS\nDIMENSIONS 2 2 2\n\
+        ORIGIN 0 0 0\nSPACING 1 1 1\nPOINT_DATA 8\nSCALARS a float\nLOOKUP_TABLE default\n1 2 3 4 5 6 7 8\n";
+    let tecplot = crate::support::tecplot::BRICKS.as_bytes();
+    let table = b"x,y,z,m\n1,2,3,4\n";
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    for (name, bytes, format) in [
+        ("a.vtk.gz", &vtk[..], "legacy VTK"),
+        ("a.vtk", &vtk[..], "legacy VTK"),
+        ("a.dat.gz", tecplot, "Tecplot text"),
+        ("a.csv.gz", &table[..], "CSV particle table"),
+        ("a.gz", &table[..], "CSV particle table"),
+    ] {
+        let packed = gzip(bytes);
+        let path = folder.join(name);
+        std::fs::write(&path, &packed).unwrap();
+        let whole = ewa_splat::io::read("a", bytes, &OpenOptions::default()).unwrap();
+        let data = open(&path, &OpenOptions::default()).unwrap();
+        assert!(
+            data.format.contains(format) && data.format == whole.format,
+            "{}",
+            data.format
+        );
+        assert_eq!(
+            (data.path.as_path(), data.bounds()),
+            (path.as_path(), whole.bounds())
+        );
+        let steps = steps_of(&path).unwrap();
+        assert!(
+            steps.iter().all(|step| step.parts[0].path == path),
+            "{steps:?}"
+        );
+        // Cut short.
+        std::fs::write(&path, &packed[..packed.len() - 9]).unwrap();
+        let error = open(&path, &OpenOptions::default())
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains("gzip"), "{name}: {error}");
+    }
+    let twice = gzip(&gzip(vtk));
+    let error = ewa_splat::io::read("a.vtk.gz", &twice, &OpenOptions::default()).unwrap_err();
+    assert!(error.to_string().contains("packed once"), "{error}");
+    let unknown = gzip(b"no format begins like this, and so on");
+    let error = ewa_splat::io::read("a.gz", &unknown, &OpenOptions::default()).unwrap_err();
+    assert!(error.to_string().contains("a gzip archive"), "{error}");
+}

@@ -17,6 +17,7 @@ mod bad_input;
 mod cells;
 mod clouds;
 mod collections;
+mod colour_maps;
 mod convert;
 #[cfg(feature = "dicom")]
 mod dicom;

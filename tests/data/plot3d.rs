@@ -8,7 +8,7 @@
 
 use std::path::Path;
 
-use ewa_splat::io::{Dataset, OpenOptions, open, read_with};
+use ewa_splat::io::{Dataset, Geometry, OpenOptions, open, read_with};
 
 use crate::support::{Folder, Plot3dBlock, Plot3dEncoding};
 
@@ -205,4 +205,73 @@ fn functions_that_do_not_fit_are_explained() {
     folder.file("many.f", b"1\n1 1 1 5000\n5000*1\n");
     let many = folder.refuse("many.xyz", &text.grid([1, 1, 1], &[0.0; 3], None));
     assert!(many.contains("at most 20 numbers"), "{many}");
+}
+
+/// Two dimensions: no nk, no z, no momentum along it; in a layer at z = 0.
+#[test]
+fn files_of_two_dimensions_are_layers() {
+    let folder = Folder::new();
+    let words = |words: &[u32]| {
+        words
+            .iter()
+            .flat_map(|w| w.to_le_bytes())
+            .collect::<Vec<u8>>()
+    };
+    let reals = |reals: &[f32]| {
+        reals
+            .iter()
+            .flat_map(|x| x.to_le_bytes())
+            .collect::<Vec<u8>>()
+    };
+    let x = [0.0, 1.0, 2.0, 0.0, 1.0, 2.0];
+    let y = [0.0, 0.0, 0.0, 1.0, 1.5, 1.0];
+    let mut grid = words(&[3, 2]);
+    grid.extend(reals(&[x, y].concat()));
+    let mut solution = words(&[3, 2]);
+    let state = [[1.0; 6], [2.0; 6], [0.0; 6], [5.0; 6]].concat();
+    solution.extend(reals(&[&[0.5, 0.0, 1.0, 0.0][..], &state].concat()));
+    let mut functions = words(&[3, 2, 1]);
+    functions.extend(reals(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]));
+    folder.file("flat.q", &solution);
+    folder.file("flat.f", &functions);
+    let data = folder.open("flat.xyz", &grid);
+    let Geometry::Curvilinear { blocks } = &data.geometry else {
+        panic!("a grid is expected");
+    };
+    assert_eq!(blocks[0].dims, [3, 2, 1]);
+    assert_eq!(blocks[0].nodes[4].to_array(), [1.0, 1.5, 0.0]);
+    let first = |name: &str| data.scalar(name).unwrap().1.get(0);
+    assert_eq!(data.scalar("f1").unwrap().1.get(5), 6.0);
+    assert_eq!(
+        (
+            first("momentum:x"),
+            first("momentum:y"),
+            first("momentum:z")
+        ),
+        (2.0, 0.0, 0.0)
+    );
+    // p = (gamma - 1) (e - rho u^2 / 2).
+    assert!((first("pressure") - 0.4 * 3.0).abs() < 1e-6);
+    let alone = folder.refuse("other.xyz", &solution);
+    assert!(alone.contains("a solution"), "{alone}");
+}
+
+/// VTK's own file of two grids with 11 x 17 nodes each, in double precision.
+#[test]
+fn vtk_s_grids_of_two_dimensions_are_read() {
+    let Some(path) = crate::common::case("grids/multi-bin-2D.xyz") else {
+        return;
+    };
+    let data = ewa_splat::io::open(&path, &OpenOptions::default()).unwrap();
+    let Geometry::Curvilinear { blocks } = &data.geometry else {
+        panic!("a grid is expected");
+    };
+    let dims: Vec<_> = blocks.iter().map(|block| block.dims).collect();
+    assert_eq!(dims, [[11, 17, 1], [11, 17, 1]]);
+    assert!(
+        blocks
+            .iter()
+            .flat_map(|b| &b.nodes)
+            .all(|p| p.is_finite() && p.z == 0.0)
+    );
 }

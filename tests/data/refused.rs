@@ -43,6 +43,264 @@ fn formats_that_are_not_read_have_names_and_ways_out() {
     }
 }
 
+/// Files with what their formats begin with, as their programs write them.
+#[test]
+fn what_others_write_is_named_by_content_whatever_its_name() {
+    let mut mrc = vec![0; 1024];
+    mrc[208..212].copy_from_slice(b"MAP ");
+    let mut xtc = [1995_i32, 3, 0, 0].map(i32::to_be_bytes).concat();
+    xtc.resize(52, 0);
+    xtc.extend(3_i32.to_be_bytes());
+    let mut tipsy = vec![0; 8];
+    tipsy.extend([3_u32, 3, 1, 1, 1, 0].map(u32::to_be_bytes).concat());
+    tipsy.resize(32 + 48 + 36 + 44, 0);
+    let mut phantom = [136_u32, 60769].map(u32::to_le_bytes).concat();
+    phantom.extend(1.0_f64.to_le_bytes());
+    phantom.extend([60878_u32, 1, 690_706].map(u32::to_le_bytes).concat());
+    let gro = b"water\n    1\n    1SOL     OW    1   0.126   1.624   1.679\n   1.8 1.8 1.8\n";
+    let pdb = b"ATOM      1  N   ALA A   1      11.104   6.134  -6.504  1.00  0.00           N\n";
+    let cube = b"density\nmade by hand\n 1 0.0 0.0 0.0\n 2 1 0 0\n 2 0 1 0\n 2 0 0 1\n 1 0.0 0.0 0.0 0.0\n 1.0\n";
+    let files: &[(&str, &[u8], &str, &str)] = &[
+        (
+            "XDMF",
+            b"<?xml version=\"1.0\" ?>\n<!DOCTYPE Xdmf SYSTEM \"Xdmf.dtd\" []>\n<Xdmf>",
+            "an XDMF file",
+            "ParaView",
+        ),
+        ("Gmsh", b"$MeshFormat\n4.1 0 8\n", "a Gmsh file", "gmsh"),
+        (
+            "Fluent",
+            b"(0 \"Mesh\")\n(2 3)\n",
+            "a Fluent file",
+            "EnSight",
+        ),
+        (
+            "Fluent, by meshio",
+            b"(1 \"meshio 5.3.5\")\n(2 3)\n(3010 (\0\xff",
+            "a Fluent file",
+            "EnSight",
+        ),
+        (
+            "SU2",
+            b"% a comment\nNDIME= 3\nNELEM= 1\n",
+            "an SU2 file",
+            "PARAVIEW",
+        ),
+        (
+            "Abaqus",
+            b"** made by hand\n*Heading\nbox\n*NODE\n1, 0., 0., 0.\n",
+            "Abaqus",
+            "meshio",
+        ),
+        (
+            "CalculiX",
+            b"    1C\n    1UUSER\n",
+            "CalculiX result",
+            "ccx2paraview",
+        ),
+        (
+            "Nastran",
+            b"$ made by hand\nBEGIN BULK\nGRID,1,,0.,0.,0.\n",
+            "a Nastran file",
+            "meshio",
+        ),
+        (
+            "Nastran, fixed",
+            b"GRID           1              0.      0.      0.\n",
+            "a Nastran file",
+            "meshio",
+        ),
+        (
+            "Nek5000",
+            b"#std 4  8  8  8     512     512  0.0E+00 ",
+            "Nek5000",
+            "ParaView",
+        ),
+        (
+            "Nek5000's index",
+            b"filetemplate: eddy%01d.f%05d\nfirsttimestep: 1\n",
+            "Nek5000",
+            "ParaView",
+        ),
+        (
+            "EnSight's geometry",
+            b"EnSight Model Geometry File\nEnSight 7.1.0\n",
+            "EnSight",
+            ".case",
+        ),
+        (
+            "AFNI",
+            b"\ntype  = string-attribute\nname = TYPESTRING\n",
+            "an AFNI header",
+            "3dAFNItoNIFTI",
+        ),
+        (
+            "PAR",
+            b"# === DATA DESCRIPTION FILE ======\n#\n",
+            "PAR/REC",
+            "parrec2nii",
+        ),
+        ("cube", cube, "a Gaussian cube file", "NRRD"),
+        (
+            "LUT",
+            b"TITLE \"warm\"\nLUT_3D_SIZE 2\n0 0 0\n",
+            "a colour table",
+            "films",
+        ),
+        ("MRC", &mrc, "an MRC map", "mrcfile"),
+        (
+            "FITS",
+            b"SIMPLE  =                    T",
+            "a FITS file",
+            "astropy",
+        ),
+        ("GRIB", b"GRIB\0\0\0\x02", "a GRIB file", "cdo"),
+        ("HDF4", b"\x0e\x03\x13\x01\0\0", "an HDF4 file", "h4toh5"),
+        (
+            "LAMMPS",
+            b"ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n",
+            "a LAMMPS dump",
+            "OVITO",
+        ),
+        (
+            "LAMMPS data",
+            b"made by hand\n\n3 atoms\n1 atom types\n\n0 1 xlo xhi\n",
+            "a LAMMPS data file",
+            "OVITO",
+        ),
+        ("GROMACS", gro, "a GROMACS file", "MDAnalysis"),
+        ("xtc", &xtc, "a GROMACS file", "MDAnalysis"),
+        (
+            "DCD",
+            b"\x54\0\0\0CORD\x01",
+            "a DCD trajectory",
+            "MDAnalysis",
+        ),
+        ("PDB", pdb, "a file of atoms (PDB)", "ASE"),
+        (
+            "molecule",
+            b"3\nwater\nO 0 0 .1\nH 0 .7 -.5\nH 0 -.7 -.5\n",
+            "a file of atoms",
+            "ASE",
+        ),
+        (
+            "molecule, numbers",
+            b"2\n\n6 0 0 .1\n1 0 .7 -.5\n",
+            "a file of atoms",
+            "ASE",
+        ),
+        ("tipsy", &tipsy, "a tipsy snapshot", "pynbody"),
+        ("Phantom", &phantom, "a native dump of Phantom", "sarracen"),
+        ("Houdini", b"\x7fNSJb\0", "a Houdini geometry", "PLY"),
+        ("OFF", b"# made by hand\nOFF\n4 4 6\n", "an OFF mesh", "PLY"),
+        (
+            "COLLADA",
+            b"<?xml version=\"1.0\"?>\n<COLLADA version=\"1.4.1\">",
+            "a COLLADA file",
+            ".glb",
+        ),
+        (
+            "MTL",
+            b"# Blender MTL File\n\nnewmtl white\nKd 1 1 1\n",
+            "MTL",
+            "OBJ",
+        ),
+        ("Blender", b"BLENDER-v300", "a Blender file", ".glb"),
+        ("STEP", b"ISO-10303-21;\nHEADER;\n", "a CAD file", "STL"),
+        (
+            "MATLAB",
+            b"MATLAB 7.3 MAT-file, Platform: GLNXA64",
+            "a MATLAB file",
+            "CSV",
+        ),
+        (
+            "LFS",
+            b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n",
+            "Git LFS",
+            "git lfs pull",
+        ),
+        ("page", b"<!DOCTYPE html>\n<html>", "a web page", "download"),
+        (
+            "Zarr",
+            b"{\n  \"zarr_format\": 3,\n",
+            "a Zarr array",
+            "xarray",
+        ),
+    ];
+    for (of, bytes, what, way) in files {
+        for name in ["a", "a.dat", "a.txt", "a.xyz", "a.obj"] {
+            let error = read(name, bytes, &OpenOptions::default()).unwrap_err();
+            let error = error.to_string();
+            let is_named = error.contains(what) && error.contains("which is not read");
+            assert!(is_named && error.contains(way), "{of} as {name}: {error}");
+        }
+    }
+}
+
+#[test]
+fn names_say_what_contents_do_not() {
+    for (name, what) in [
+        ("a.xmf", "XDMF"),
+        ("a.msh", "Gmsh or Fluent"),
+        ("a.cas", "Fluent"),
+        ("a.b8.ugrid", "UGRID"),
+        ("a0.f00001", "Nek5000"),
+        ("a+orig.BRIK", "AFNI"),
+        ("a+orig.BRIK.gz", "AFNI"),
+        ("a.rec", "PAR/REC"),
+        ("a.ptc", "partio"),
+        ("a.pdb", "PDB"),
+        ("a.geo", "EnSight, Gmsh or Houdini"),
+        ("a.bgeo.sc", "Houdini"),
+        ("a.trr", "GROMACS"),
+        ("a.zarr", "Zarr"),
+        ("a.bdf", "Nastran"),
+    ] {
+        let error = read(name, &[1, 255, 0, 3, 9], &OpenOptions::default()).unwrap_err();
+        let error = error.to_string();
+        assert!(
+            error.contains(what) && error.contains("not read"),
+            "{name}: {error}"
+        );
+    }
+}
+
+/// Text of other kinds is no table, bytes are no PLOT3D grid, and what is one stays one whatever it is called.
+#[test]
+fn last_guesses_need_content_that_agrees() {
+    for (name, bytes) in [
+        (
+            "README.md",
+            &b"# A title\n\nSome words, and more of them.\n"[..],
+        ),
+        ("notes.txt", b"first line\nsecond line\n"),
+        ("a.json", b"{ \"a\": [1, 2, 3] }"),
+        (
+            "run.log",
+            b"step 1, residual 0.5\nstep 2, residual 0.25 and falling\n",
+        ),
+        ("a.f", b"      PROGRAM MAIN\n      END\n"),
+    ] {
+        let error = read(name, bytes, &OpenOptions::default()).unwrap_err();
+        let error = error.to_string();
+        assert!(error.contains("text of none of these"), "{name}: {error}");
+    }
+    let error = read("a.bin", &[7; 900], &OpenOptions::default()).unwrap_err();
+    assert!(error.to_string().contains("found none of these"), "{error}");
+    // A table without positions says what it lacks.
+    let error = read("a.dat", b"a,b\n1,2\n3,4\n", &OpenOptions::default()).unwrap_err();
+    assert!(error.to_string().contains("no column `x`"), "{error}");
+    // Tables and clouds keep their endings' freedom.
+    for name in ["a.pos", "a.par", "a.map", "a.std", "a.xyz"] {
+        let cloud = b"1.5 2 3\n4 5.25 6\n";
+        assert!(read(name, cloud, &OpenOptions::default()).is_ok(), "{name}");
+        let table = b"x,y,z,m\n1,2,3,4\n";
+        if name != "a.xyz" {
+            assert!(read(name, table, &OpenOptions::default()).is_ok(), "{name}");
+        }
+    }
+}
+
 /// A ZIP archive that is cut short shows nothing of what it holds: its name says what it is to be, or else the message says which
 /// formats are ZIP archives.
 #[test]

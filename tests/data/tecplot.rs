@@ -155,3 +155,43 @@ fn damage_is_said_by_line() {
         assert!(error.contains(expected), "{to}: {error}");
     }
 }
+
+/// Some programs give either key the values of the other.
+#[test]
+fn blocks_of_elements_may_be_called_so_by_either_key() {
+    let text = |packing: &str| {
+        format!(
+            "VARIABLES=\"X\",\"Y\",\"Z\",\"P\"\nZONE N=4, E=1, ET=QUADRILATERAL, {packing}, \
+             VARLOCATION=([4]=CELLCENTERED)\n0 1 1 0 2 2 1 1 0 0 0 0\n7.5\n1 2 3 4\n"
+        )
+    };
+    for packing in ["DATAPACKING=FEBLOCK", "F=FEBLOCK", "DATAPACKING=BLOCK"] {
+        let data = data(&text(packing));
+        let (association, p) = numbers(&data, "p");
+        // Two triangles of one cell.
+        assert_eq!(
+            (association, p),
+            (Association::Cells, vec![7.5, 7.5]),
+            "{packing}"
+        );
+    }
+}
+
+/// VTK's test of values at cells, in blocks and elements.
+#[test]
+fn vtk_s_file_of_cell_values_is_read() {
+    let Some(path) = crate::common::case("grids/cellcentered.tec") else {
+        return;
+    };
+    let data = ewa_splat::io::open(&path, &OpenOptions::default()).unwrap();
+    let (association, p) = numbers(&data, "P");
+    assert_eq!(
+        (association, p),
+        (Association::Cells, vec![1.0, 1.0, 2.0, 2.0])
+    );
+    let (_, t) = numbers(&data, "T");
+    assert_eq!(t, [15.0, 15.0, -15.0, -15.0]);
+    let (association, v) = numbers(&data, "V");
+    assert_eq!(association, Association::Nodes);
+    assert_eq!(v, [0.2, 0.25, 0.3, 0.05, 0.2, 0.25, 0.3, 0.05]);
+}

@@ -53,6 +53,20 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
             seeds.push(("b.vti".into(), super::vti(encoding, attributes, &halves)));
             seeds.extend(vtk_grids(encoding));
         }
+        let series = br#"{"file-series-version":"1.0","files":[{"name":"a.vtk","time":0},{"name":"b.vtk","time":.5}]}"#;
+        for _ in 0..8 {
+            seeds.push(("a.vtk.series".into(), series.to_vec()));
+        }
+        for file in legacy_vtk() {
+            seeds.push(("a.vtk.gz".into(), gzip(&file)));
+        }
+        seeds.push(("a.dat.gz".into(), gzip(tecplot::BRICKS.as_bytes())));
+        let halves = "{'descr': '<f2', 'fortran_order': False, 'shape': (4, 2), }     \n";
+        seeds.push(("c.npy".into(), super::npy(1, halves, &[0x3c; 16])));
+        // Two dimensions, counted: 2 x 3 nodes, f32.
+        let mut flat = [1_u32, 2, 3].map(u32::to_le_bytes).concat();
+        flat.extend((0..12).flat_map(|i| (i as f32).to_le_bytes()));
+        seeds.push(("flat.xyz".into(), flat));
         for encoding in Plot3dEncoding::all() {
             let coordinates: Vec<f64> = (0..24).map(f64::from).collect();
             seeds.push(("a.xyz".into(), encoding.grid([2, 2, 2], &coordinates, None)));

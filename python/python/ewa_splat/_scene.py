@@ -655,6 +655,7 @@ def load(
     *,
     name: str | None = None,
     time_step: int | None = None,
+    time: float | None = None,
     particle_type: str | int | Sequence[str | int] | None = None,
     solution: str | os.PathLike[str] | None = None,
     texture: str | os.PathLike[str] | None = None,
@@ -678,7 +679,9 @@ def load(
     name
         Of a file-like object: what its file would be called, of which the ending says what the contents leave open.
     time_step
-        Which of several, counted from 0.
+        Which of several, counted from 0; -1 is the last.
+    time
+        In place of `time_step`: the step whose time is nearest, between the first and the last.
     particle_type
         Snapshots: which particles, ``"gas"``, ``"dark-matter"``, ``"stars"``, ... or a number; several are drawn
         together.
@@ -708,6 +711,7 @@ def load(
         types = [types]
     how: dict[str, Any] = {
         "time_step": time_step,
+        "time": time,
         "particle_types": None if types is None else [str(t) for t in types],
         "read_as": read_as,
         "scales": scales,

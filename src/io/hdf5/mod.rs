@@ -30,6 +30,7 @@ use self::pieces::Pieces;
 use super::dataset::{Association, Dataset, Field, FieldSource};
 use super::file::{Input, open_regular};
 use super::particle_type::{ParticleCount, ParticleType};
+use super::refused;
 use super::scalars::{Encoding, ScalarType, Stride, doubles, points, values};
 use super::table::list;
 use super::time_steps::{self, TimeStep};
@@ -128,24 +129,7 @@ pub(crate) fn read(input: Input<'_>, options: &super::OpenOptions) -> Result<Dat
     if let Some(dataset) = gadget::read(&file, wanted)? {
         return Ok(dataset);
     }
-    if file.group("CGNSLibraryVersion")?.is_some() {
-        let advice = "save it as VTK XML (.vtu, .vts), or as VTKHDF";
-        let found = "a CGNS file, which is not read";
-        return Err(Error::format(
-            path,
-            "format",
-            "particles, or VTKHDF",
-            found,
-            advice,
-        ));
-    }
-    Err(Error::format(
-        path,
-        "groups",
-        "`VTKHDF`, `PartType0/Coordinates` (Gadget, SWIFT) or `particles/xyz` (Phantom)",
-        "none of them",
-        "export the particles as CSV or NPY",
-    ))
+    Err(refused::hdf5(path, &file.members()?))
 }
 
 /// The files of a snapshot of Gadget's family, how many particles of the type that is read each has, and that type, where
@@ -270,6 +254,15 @@ impl<'a> SnapshotFile<'a> {
 
     fn note(&self, note: impl Into<String>) {
         self.notes.borrow_mut().push(note.into());
+    }
+
+    /// The names of what the root holds.
+    fn members(&self) -> Result<Vec<String>> {
+        let fault = |e| broken(self.path, "root group", &e);
+        let root = self.file.root_group().map_err(fault)?;
+        let (mut names, datasets) = root.member_names().map_err(fault)?;
+        names.extend(datasets);
+        Ok(names)
     }
 
     /// A group of the root, where there is one of that name.
@@ -588,6 +581,8 @@ fn read_rows(
         ScalarType::U32 => of!(u32),
         ScalarType::I64 => of!(i64),
         ScalarType::U64 => of!(u64),
+        // Their layout is not native: they come as bits.
+        ScalarType::F16 => of!(u16),
         ScalarType::F32 => of!(f32),
         ScalarType::F64 => of!(f64),
     })

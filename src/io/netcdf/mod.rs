@@ -28,6 +28,7 @@ use netcdf_reader::{
 use super::dataset::Dataset;
 use super::file::Input;
 use super::hdf5::storage;
+use super::refused;
 use super::scalars::narrow;
 use super::time_steps::{self, TimeStep};
 use super::{ReadAs, hdf5};
@@ -70,6 +71,10 @@ pub(super) fn read(
     read_as: Option<ReadAs>,
 ) -> Result<Dataset> {
     let file = NetcdfFile::open(input)?;
+    let names = file.variables()?.iter().map(|v| v.name.as_str());
+    if let Some(refusal) = refused::minc(input.path, names) {
+        return Err(refusal);
+    }
     match exodus::is_exodus(&file)? {
         true => exodus::read(&file, time_step, read_as),
         false => grid::read(&file, time_step),

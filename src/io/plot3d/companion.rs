@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::super::file::Input;
 use super::super::scalars::narrow;
-use super::layout::{Contents, Kind, Layout, describe_dims};
+use super::layout::{Content, Contents, Kind, Layout, describe_dims};
 use super::text;
 use crate::error::{Error, Hint, Result};
 use crate::scene::Values;
@@ -16,7 +16,7 @@ pub(super) struct Companion<'a> {
     path: &'a Path,
     /// The file of the grid.
     grid: &'a Path,
-    /// Solution or functions.
+    /// Solution or functions, of as many dimensions as the grid.
     kind: Kind,
 }
 
@@ -74,13 +74,15 @@ impl Body<'_> {
 }
 
 impl<'a> Companion<'a> {
-    pub(super) fn new(path: &'a Path, grid: &'a Path, kind: Kind) -> Self {
+    /// - `content`: solution or functions.
+    pub(super) fn new(path: &'a Path, grid: &'a Path, content: Content, layout: &Layout) -> Self {
+        let kind = Kind::of(content, layout.axes);
         Self { path, grid, kind }
     }
 
     fn name(&self) -> &'static str {
-        match self.kind {
-            Kind::Functions => "functions",
+        match self.kind.content {
+            Content::Functions => "functions",
             _ => "solution",
         }
     }
@@ -124,9 +126,12 @@ impl<'a> Companion<'a> {
 
     /// That there are fewer numbers than the layout says.
     fn broken(&self) -> Error {
-        let (expected, advice) = match self.kind {
-            Kind::Functions => ("the functions of each node", "write the file again"),
-            _ => ("five variables per node", "write the solution again"),
+        let (expected, advice) = match self.kind.content {
+            Content::Functions => ("the functions of each node", "write the file again"),
+            _ => (
+                "density, momentum and energy of each node",
+                "write the solution again",
+            ),
         };
         Error::format(self.path, self.place(), expected, "fewer", advice)
     }

@@ -6,7 +6,7 @@ use super::super::dataset::{Field, FieldSource};
 use super::super::extension;
 use super::super::file::Input;
 use super::companion::{Body, Companion};
-use super::layout::{Kind, Layout};
+use super::layout::{Content, Layout};
 use super::{node_field, text};
 use crate::error::{Error, Result};
 
@@ -37,8 +37,10 @@ pub(super) fn is_given(path: &Path, grid: Input<'_>, grid_layout: &Layout) -> Re
         return Ok(ending != "q");
     }
     let bytes = grid.read_beside(path)?;
-    let fits = |kind: Kind| Companion::new(path, grid.path, kind).fits(&bytes, grid_layout);
-    Ok(!fits(Kind::Solution) && fits(Kind::Functions))
+    let fits = |content: Content| {
+        Companion::new(path, grid.path, content, grid_layout).fits(&bytes, grid_layout)
+    };
+    Ok(!fits(Content::Solution) && fits(Content::Functions))
 }
 
 /// The functions at all nodes of a grid, one grid after another, and what was left out.
@@ -51,7 +53,7 @@ pub(super) fn read(
     grid_layout: &Layout,
 ) -> Result<(Vec<Field>, Vec<String>)> {
     let bytes = grid.read_beside(path)?;
-    let companion = Companion::new(path, grid.path, Kind::Functions);
+    let companion = Companion::new(path, grid.path, Content::Functions, grid_layout);
     companion.read(&bytes, grid_layout, |body| of_body(path, grid, body))
 }
 

@@ -24,26 +24,34 @@ pub(super) enum Contents<'a> {
 
 /// What a file holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum Content {
     Grid,
     Solution,
     /// Any number of functions at the nodes of a grid.
     Functions,
-    /// A grid of two dimensions.
-    FlatGrid,
+}
+
+/// What a file holds, and of how many dimensions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Kind {
+    pub(super) content: Content,
+    /// 3, or 2: then the header has no nk, the grid no z and the solution no momentum along it.
+    pub(super) axes: usize,
 }
 
 impl Kind {
-    fn axes(self) -> usize {
-        match self {
-            Self::Grid | Self::Solution | Self::Functions => 3,
-            Self::FlatGrid => 2,
-        }
+    pub(super) const GRID: Self = Self::of(Content::Grid, 3);
+    pub(super) const FLAT_GRID: Self = Self::of(Content::Grid, 2);
+    #[cfg(test)]
+    pub(super) const SOLUTION: Self = Self::of(Content::Solution, 3);
+
+    pub(super) const fn of(content: Content, axes: usize) -> Self {
+        Self { content, axes }
     }
 
     /// How many counts the header has of each grid: its nodes along each axis, and of functions how many there are.
     fn counts(self) -> usize {
-        self.axes() + usize::from(self == Self::Functions)
+        self.axes + usize::from(self.content == Content::Functions)
     }
 }
 
@@ -59,6 +67,8 @@ pub(super) struct Layout {
     pub(super) dims: Vec<[usize; 3]>,
     /// Functions only: how many each grid has.
     pub(super) functions: Vec<usize>,
+    /// Dimensions: 3 or 2.
+    pub(super) axes: usize,
 }
 
 impl Form {
@@ -188,9 +198,9 @@ impl Layout {
                 }
             }
         }
-        let blanked = match kind {
-            Kind::Grid | Kind::FlatGrid => &[false, true][..],
-            Kind::Solution | Kind::Functions => &[false],
+        let blanked = match kind.content {
+            Content::Grid => &[false, true][..],
+            Content::Solution | Content::Functions => &[false],
         };
         headers
             .into_iter()
@@ -226,12 +236,11 @@ impl Layout {
     /// The sizes of the records of a file.
     fn record_sizes(&self, kind: Kind) -> Option<Vec<usize>> {
         let (real, word) = (self.form.real_size(), self.form.word_size());
-        let per_node = |grid: usize| match kind {
-            Kind::Grid | Kind::FlatGrid => {
-                Some(kind.axes() * real + usize::from(self.blanked) * word)
-            }
-            Kind::Solution => Some(5 * real),
-            Kind::Functions => self.functions.get(grid)?.checked_mul(real),
+        let per_node = |grid: usize| match kind.content {
+            Content::Grid => Some(kind.axes * real + usize::from(self.blanked) * word),
+            // Density, momentum, energy.
+            Content::Solution => Some((kind.axes + 2) * real),
+            Content::Functions => self.functions.get(grid)?.checked_mul(real),
         };
         let mut sizes = Vec::new();
         if self.counted {
@@ -239,7 +248,7 @@ impl Layout {
         }
         sizes.push(self.dims.len().checked_mul(kind.counts() * word)?);
         for (grid, nodes) in self.node_counts()?.into_iter().enumerate() {
-            if kind == Kind::Solution {
+            if kind.content == Content::Solution {
                 sizes.push(4 * real);
             }
             sizes.push(nodes.checked_mul(per_node(grid)?)?);
@@ -252,7 +261,11 @@ impl Layout {
         let mark = self.form.mark_size();
         let sizes = self.record_sizes(kind)?;
         let header = 1 + usize::from(self.counted);
-        let per_grid = if kind == Kind::Solution { 2 } else { 1 };
+        let per_grid = if kind.content == Content::Solution {
+            2
+        } else {
+            1
+        };
         let mut starts = Vec::with_capacity(self.dims.len());
         let mut at: usize = 0;
         for (i, size) in sizes.into_iter().enumerate() {
@@ -309,7 +322,7 @@ impl Layout {
             return false;
         };
         // The header names the grids, not the planes.
-        let end = planes.end(Kind::Grid);
+        let end = planes.end(Kind::GRID);
         end.and_then(|end| end.checked_sub(12 * extra)) == Some(contents.len())
     }
 
@@ -334,13 +347,18 @@ impl Layout {
         let counted = if self.counted { ", grid count" } else { "" };
         let blanked = if self.blanked { ", iblank" } else { "" };
         let dims = describe_dims(&self.dims);
+        let flat = if self.axes == 2 {
+            " in two dimensions"
+        } else {
+            ""
+        };
         let functions = match self.functions.as_slice() {
             [] => String::new(),
             [1] => ", 1 function".to_owned(),
             [n] => format!(", {n} functions"),
             [n, ..] => format!(", {n} functions of the first"),
         };
-        format!("{dims} {form}{counted}{blanked}{functions}")
+        format!("{dims}{flat} {form}{counted}{blanked}{functions}")
     }
 }
 
@@ -379,14 +397,15 @@ fn of_header(head: Contents<'_>, form: Form, counted: bool, kind: Kind) -> Optio
         blanked: false,
         dims: Vec::with_capacity(grids),
         functions: Vec::new(),
+        axes: kind.axes,
     };
     for _ in 0..grids {
         let mut dims = [1; 3];
-        for n in dims.iter_mut().take(kind.axes()) {
+        for n in dims.iter_mut().take(kind.axes) {
             *n = next()?;
         }
         layout.dims.push(dims);
-        if kind == Kind::Functions {
+        if kind.content == Content::Functions {
             layout.functions.push(next()?);
         }
     }
@@ -467,10 +486,11 @@ mod tests {
                         blanked,
                         dims: dims.to_vec(),
                         functions: vec![],
+                        axes: 3,
                     };
-                    let bytes = file(&layout, Kind::Grid);
+                    let bytes = file(&layout, Kind::GRID);
                     let fitting: Vec<_> =
-                        Layout::fitting(Contents::Bytes(&bytes), Kind::Grid).collect();
+                        Layout::fitting(Contents::Bytes(&bytes), Kind::GRID).collect();
                     assert_eq!(fitting, [layout]);
                 }
             }
@@ -491,9 +511,10 @@ mod tests {
             blanked: false,
             dims: vec![[2, 4, 2], [2, 2, 1]],
             functions: vec![],
+            axes: 3,
         };
-        let bytes = file(&layout, Kind::Grid);
-        let fitting: Vec<_> = Layout::fitting(Contents::Bytes(&bytes), Kind::Grid).collect();
+        let bytes = file(&layout, Kind::GRID);
+        let fitting: Vec<_> = Layout::fitting(Contents::Bytes(&bytes), Kind::GRID).collect();
         assert_eq!(fitting.len(), 2);
         assert_eq!(fitting[0], layout);
         assert_eq!(fitting[1].dims, [[2, 2, 4]]);

@@ -38,9 +38,11 @@
 //! before none, because a coordinate's first bits are hardly ever a small count.) Solutions and functions
 //! may be followed by zero bytes; grids may not.
 //!
+//! Files of two dimensions have no nk, no z and no momentum along it; they are taken where no layout of three agrees,
+//! and are a layer at z = 0.
+//!
 //! Coordinates stand whole, not by planes of k. Planes are refused where record marks show
-//! them; without marks they look the same and cannot be told. Grids of two dimensions are
-//! refused.
+//! them; without marks they look the same and cannot be told.
 
 mod companion;
 mod functions;
@@ -53,16 +55,24 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use self::layout::{Contents, Kind, Layout, describe_dims};
+use self::layout::{Content, Contents, Kind, Layout, describe_dims};
 use super::dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use super::file::Input;
 use crate::error::{Advice, Error, Hint, Result};
 use crate::scene::Values;
 
 /// Whether a binary file of `len` bytes that begins with `head` has the size of a PLOT3D grid.
-pub(crate) fn looks_like_grid(head: &[u8], len: u64) -> bool {
-    Layout::all(Contents::Bytes(head), Kind::Grid)
-        .any(|layout| layout.end(Kind::Grid).map(|end| end as u64) == Some(len))
+///
+/// - `has_its_name`: whether a solution, functions or a grid of two dimensions will do.
+pub(crate) fn looks_like(head: &[u8], len: u64, has_its_name: bool) -> bool {
+    let contents = [Content::Grid, Content::Solution, Content::Functions];
+    let kinds = [3, 2].map(|axes| contents.map(|content| Kind::of(content, axes)));
+    let count = if has_its_name { 6 } else { 1 };
+    let mut kinds = kinds.into_iter().flatten().take(count);
+    kinds.any(|kind| {
+        let mut layouts = Layout::all(Contents::Bytes(head), kind);
+        layouts.any(|layout| layout.end(kind).map(|end| end as u64) == Some(len))
+    })
 }
 
 /// Whether a file of text holds as many numbers as a PLOT3D grid of the size that its first numbers say.
@@ -71,7 +81,7 @@ pub(crate) fn is_text_grid(input: Input<'_>) -> bool {
         .read_all()
         .and_then(|bytes| text::numbers(input.path, &bytes, bytes.len()));
     numbers.is_ok_and(|numbers| {
-        let mut fitting = Layout::fitting(Contents::Numbers(&numbers), Kind::Grid);
+        let mut fitting = Layout::fitting(Contents::Numbers(&numbers), Kind::GRID);
         fitting.next().is_some()
     })
 }
@@ -92,11 +102,20 @@ pub(crate) fn read(input: Input<'_>, given: Option<&Path>) -> Result<Dataset> {
         Contents::Bytes(&bytes)
     };
     let broken = || no_grid(path, contents);
-    let mut fitting = Layout::fitting(contents, Kind::Grid);
+    let mut fitting: Vec<Layout> = Layout::fitting(contents, Kind::GRID).collect();
+    if fitting.is_empty() && companion_of(contents, 3).is_none() {
+        // A line of nodes is no surface either.
+        let is_surface = |layout: &Layout| layout.dims.iter().all(|d| d[0] > 1 && d[1] > 1);
+        fitting = Layout::fitting(contents, Kind::FLAT_GRID)
+            .filter(is_surface)
+            .collect();
+    }
+    let mut fitting = fitting.into_iter();
     let layout = fitting.next().ok_or_else(broken)?;
     let others: Vec<String> = fitting.map(|layout| layout.describe()).collect();
+    let kind = Kind::of(Content::Grid, layout.axes);
 
-    let (starts, _) = layout.bodies(Kind::Grid).ok_or_else(broken)?;
+    let (starts, _) = layout.bodies(kind).ok_or_else(broken)?;
     let node_counts = layout.node_counts().ok_or_else(broken)?;
     let mut blocks = Vec::with_capacity(starts.len());
     let mut blanks: Vec<i16> = Vec::new();
@@ -113,12 +132,14 @@ pub(crate) fn read(input: Input<'_>, given: Option<&Path>) -> Result<Dataset> {
         for (node, y) in nodes.iter_mut().zip(axis(1)?) {
             node.y = y;
         }
-        for (node, z) in nodes.iter_mut().zip(axis(2)?) {
-            node.z = z;
+        if layout.axes == 3 {
+            for (node, z) in nodes.iter_mut().zip(axis(2)?) {
+                node.z = z;
+            }
         }
         blocks.push(CurvilinearBlock { dims, nodes });
         if layout.blanked {
-            let at = start + 3 * axis_size;
+            let at = start + layout.axes * axis_size;
             let words = contents.numbers(layout.form, false, at, count);
             #[allow(
                 clippy::cast_possible_truncation,
@@ -221,38 +242,29 @@ fn node_field(name: &str, source: FieldSource) -> Field {
     }
 }
 
-/// Why a file is no grid that can be read: a solution, functions, two dimensions, planes, or another size.
+/// What a file is in place of a grid: a solution or functions of one.
+fn companion_of(contents: Contents<'_>, axes: usize) -> Option<&'static str> {
+    let solution = Kind::of(Content::Solution, axes);
+    let mut solutions = Layout::all(contents, solution);
+    if solutions.any(|layout| layout.fits_padded(contents, solution)) {
+        return Some("a solution (density, momentum, energy)");
+    }
+    let functions = Kind::of(Content::Functions, axes);
+    let mut fitting = Layout::fitting(contents, functions);
+    fitting.next().map(|_| "functions at nodes")
+}
+
+/// Why a file is no grid that can be read: a solution, functions, planes, or another size.
 fn no_grid(path: &Path, contents: Contents<'_>) -> Error {
     let error = |expected: String, found: String, advice: Advice| {
         Error::format(path, "PLOT3D grid", expected, found, advice)
     };
-    let mut solutions = Layout::all(contents, Kind::Solution);
-    if solutions.any(|layout| layout.fits_padded(contents, Kind::Solution)) {
-        return error(
-            "node positions".to_owned(),
-            "a solution (density, momentum, energy)".to_owned(),
-            Hint::GiveGridOfSolution.into(),
-        );
-    }
-    if Layout::fitting(contents, Kind::Functions).next().is_some() {
-        return error(
-            "node positions".to_owned(),
-            "functions at nodes".to_owned(),
-            Hint::GiveGridOfSolution.into(),
-        );
-    }
-    let flat = Layout::fitting(contents, Kind::FlatGrid)
-        .find(|layout| layout.dims.iter().all(|d| d[0] > 1 && d[1] > 1));
-    if let Some(layout) = flat {
-        let [ni, nj, _] = layout.dims.first().copied().unwrap_or_default();
-        return error(
-            "a grid of three dimensions".to_owned(),
-            format!("one of two: {ni} x {nj}"),
-            "a surface has no volume to render".into(),
-        );
+    if let Some(found) = companion_of(contents, 3).or_else(|| companion_of(contents, 2)) {
+        let expected = "node positions".to_owned();
+        return error(expected, found.to_owned(), Hint::GiveGridOfSolution.into());
     }
     let mut tried: Vec<String> = Vec::new();
-    for layout in Layout::all(contents, Kind::Grid) {
+    for layout in Layout::all(contents, Kind::GRID) {
         if layout.is_in_planes(contents) {
             return error(
                 "all planes of a grid in one record".to_owned(),
@@ -260,7 +272,7 @@ fn no_grid(path: &Path, contents: Contents<'_>) -> Error {
                 "write the grid in PLOT3D's whole format".into(),
             );
         }
-        if let Some(end) = layout.end(Kind::Grid)
+        if let Some(end) = layout.end(Kind::GRID)
             && end as u64 <= (contents.len() as u64).saturating_mul(1 << 20)
         {
             tried.push(format!("{end} for {}", layout.describe()));

@@ -8,7 +8,7 @@ use std::path::Path;
 use super::super::dataset::{Dataset, Field, FieldSource};
 use super::super::file::Input;
 use super::companion::{Body, Companion};
-use super::layout::{Kind, Layout};
+use super::layout::{Content, Layout};
 use super::node_field;
 use crate::error::Result;
 use crate::scene::Values;
@@ -26,22 +26,23 @@ pub(super) fn read(
     grid_layout: &Layout,
 ) -> Result<(Vec<Field>, Vec<String>)> {
     let bytes = grid.read_beside(path)?;
-    let companion = Companion::new(path, grid.path, Kind::Solution);
+    let companion = Companion::new(path, grid.path, Content::Solution, grid_layout);
     companion.read(&bytes, grid_layout, of_body)
 }
 
 fn of_body(body: &Body<'_>) -> Result<(Vec<Field>, Vec<String>)> {
     let variable = |v: usize| body.values(v);
-    let (density, energy) = (variable(0)?, variable(4)?);
+    let axes = body.layout.axes;
+    let (density, energy) = (variable(0)?, variable(1 + axes)?);
+    let mut momentum = (1..=axes).map(variable).collect::<Result<Vec<_>>>()?;
+    // In two dimensions nothing moves along the third.
+    momentum.resize(3, Values::F32(vec![0.0; density.len()]));
     // What is nowhere above 0 was not stored, and nothing follows from it.
     let is_stored = |values: &Values| values.finite_range().is_some_and(|[_, most]| most > 0.0);
     let has = [is_stored(&density), is_stored(&energy)];
     let mut fields = vec![
         node_field("density", FieldSource::Scalar(density)),
-        node_field(
-            "momentum",
-            FieldSource::Vector(vec![variable(1)?, variable(2)?, variable(3)?]),
-        ),
+        node_field("momentum", FieldSource::Vector(momentum)),
         node_field("energy", FieldSource::Scalar(energy)),
     ];
     let mut notes = Vec::new();

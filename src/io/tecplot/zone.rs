@@ -168,13 +168,13 @@ impl Header {
                 "K" => header.sizes[2] = Some(count()?),
                 "N" | "NODES" => header.nodes = Some(count()?),
                 "E" | "ELEMENTS" => header.elements = Some(count()?),
-                "F" => {
+                // Either key is given either's values: BLOCK, FEBLOCK.
+                "F" | "DATAPACKING" => {
                     header.is_block = upper.ends_with("BLOCK");
                     if upper.starts_with("FE") && header.kind.is_empty() {
                         "FE".clone_into(&mut header.kind);
                     }
                 }
-                "DATAPACKING" => header.is_block = upper == "BLOCK",
                 "ZONETYPE" => header.kind = upper,
                 "ET" => header.kind = format!("FE{upper}"),
                 "SOLUTIONTIME" => {

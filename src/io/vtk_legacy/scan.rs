@@ -374,6 +374,8 @@ impl<'a> Scanner<'a> {
             S::U32 => self.numbers(count, "a positive number of 32 bits", take!(u32)),
             S::I64 => self.numbers(count, "a whole number of 64 bits", take!(i64)),
             S::U64 => self.numbers(count, "a positive number of 64 bits", take!(u64)),
+            // No type of VTK's.
+            S::F16 => return Err(self.fault("a type of VTK's", "half floats")),
             S::F32 => self.numbers(
                 count,
                 "a number",

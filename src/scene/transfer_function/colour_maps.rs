@@ -7,7 +7,7 @@ use crate::error::{Error, Parameter, Result};
 use crate::image::linear_from_srgb;
 
 /// The names that [`TransferFunction::named`] knows.
-pub const COLOUR_MAP_NAMES: [&str; 9] = [
+pub const COLOUR_MAP_NAMES: [&str; 12] = [
     "viridis",
     "plasma",
     "inferno",
@@ -17,7 +17,46 @@ pub const COLOUR_MAP_NAMES: [&str; 9] = [
     "coolwarm",
     "grayscale",
     "gray",
+    "jet",
+    "hot",
+    "rainbow",
 ];
+
+/// Positions and values of red, green and blue in matplotlib's `jet`, sRGB.
+const JET: [&[[f32; 2]]; 3] = [
+    &[
+        [0.0, 0.0],
+        [0.35, 0.0],
+        [0.66, 1.0],
+        [0.89, 1.0],
+        [1.0, 0.5],
+    ],
+    &[
+        [0.0, 0.0],
+        [0.125, 0.0],
+        [0.375, 1.0],
+        [0.64, 1.0],
+        [0.91, 0.0],
+        [1.0, 0.0],
+    ],
+    &[
+        [0.0, 0.5],
+        [0.11, 1.0],
+        [0.34, 1.0],
+        [0.65, 0.0],
+        [1.0, 0.0],
+    ],
+];
+
+/// The same of its `hot`.
+const HOT: [&[[f32; 2]]; 3] = [
+    &[[0.0, 0.0416], [0.365_079, 1.0], [1.0, 1.0]],
+    &[[0.0, 0.0], [0.365_079, 0.0], [0.746_032, 1.0], [1.0, 1.0]],
+    &[[0.0, 0.0], [0.746_032, 0.0], [1.0, 1.0]],
+];
+
+/// The hue at the lower end of VTK's `rainbow`, blue, in turns; the other end is red.
+const RAINBOW_HUE: f32 = 2.0 / 3.0;
 
 /// Opacity per unit distance at the top of the ramp of a named map. With the mean spacing as
 /// unit distance a few dozen bright samples hide what is behind them, faint ones do not.
@@ -141,6 +180,18 @@ fn rgb_from_hsv([h, s, v]: [f32; 3]) -> [f32; 3] {
     })
 }
 
+/// A linear colour by lines between the points of each channel.
+fn piecewise(channels: [&[[f32; 2]]; 3], s: f32) -> [f32; 3] {
+    channels.map(|points| {
+        let s = s.clamp(0.0, 1.0);
+        let value = match super::segment(points, |p| p[0], s) {
+            Some((a, b, t)) => points[a][1] + (points[b][1] - points[a][1]) * t,
+            None => 0.0,
+        };
+        linear_from_srgb(value)
+    })
+}
+
 /// A linear colour for each place of a range, 0..1.
 pub(super) type ColourMap = Box<dyn Fn(f32) -> [f32; 3]>;
 
@@ -185,6 +236,12 @@ pub(super) fn colour_map(name: &str) -> Option<ColourMap> {
                 ColourSpace::Lab.mix_to_linear(neutral, warm, s - 1.0)
             }
         }),
+        "jet" => Box::new(|s| piecewise(JET, s)),
+        "hot" => Box::new(|s| piecewise(HOT, s)),
+        "rainbow" => Box::new(|s| {
+            let hue = RAINBOW_HUE * (1.0 - s.clamp(0.0, 1.0));
+            rgb_from_hsv([hue, 1.0, 1.0]).map(linear_from_srgb)
+        }),
         "grayscale" | "gray" => Box::new(|s| [linear_from_srgb(s.clamp(0.0, 1.0)); 3]),
         _ => return None,
     })
@@ -196,7 +253,7 @@ impl TransferFunction {
     ///
     /// Names (case-insensitive): [`COLOUR_MAP_NAMES`]. The maps are the crate `colorgrad`'s
     /// splines and polynomials, within a few 255ths of the published tables; `coolwarm`
-    /// is Moreland's, interpolated in L*a*b*.
+    /// is Moreland's, interpolated in L*a*b*; `jet` and `hot` are matplotlib's, `rainbow` is VTK's from blue to red.
     ///
     /// # Errors
     /// An unknown name (the message lists the known ones); defaults that are no range or no
@@ -247,10 +304,10 @@ mod tests {
             let expected = -(0.8f32.ln()) / 0.5;
             assert!((t.classify(3.0)[3] - expected).abs() < 1e-5, "{name}");
         }
-        let message = TransferFunction::named("jet", &DEFAULTS)
+        let message = TransferFunction::named("parula", &DEFAULTS)
             .unwrap_err()
             .to_string();
-        assert!(message.contains("viridis, plasma") && message.contains("jet"));
+        assert!(message.contains("viridis, plasma") && message.contains("parula"));
     }
 
     #[test]
@@ -261,6 +318,30 @@ mod tests {
             let colour = map(s).map(crate::image::srgb_from_linear);
             for (c, p) in colour.iter().zip(published) {
                 assert!((c * 255.0 - p as f32).abs() < 2.0, "{colour:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn older_maps_have_their_published_colours() {
+        for (name, s, published) in [
+            ("jet", 0.0, [0.0, 0.0, 0.5]),
+            ("jet", 0.5, [0.483_871, 1.0, 0.483_871]),
+            ("jet", 1.0, [0.5, 0.0, 0.0]),
+            ("hot", 0.0, [0.0416, 0.0, 0.0]),
+            ("hot", 0.5, [1.0, 0.354_166, 0.0]),
+            ("hot", 1.0, [1.0, 1.0, 1.0]),
+            ("rainbow", 0.0, [0.0, 0.0, 1.0]),
+            ("rainbow", 0.5, [0.0, 1.0, 0.0]),
+            ("rainbow", 1.0, [1.0, 0.0, 0.0]),
+        ] {
+            let colour = colour_map(name).unwrap()(s);
+            for (c, p) in colour.iter().zip(published) {
+                // Rounding of f32.
+                assert!(
+                    (c - linear_from_srgb(p)).abs() < 1e-5,
+                    "{name} {s}: {colour:?}"
+                );
             }
         }
     }

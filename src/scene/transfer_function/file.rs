@@ -1,4 +1,4 @@
-//! Transfer functions in JSON: this library's own form and ParaView's exported colour maps.
+//! Transfer functions in files: this library's own form in JSON, and ParaView's colour maps in JSON and XML.
 
 use std::path::Path;
 
@@ -51,18 +51,43 @@ impl TransferFunction {
     /// - `RGBPoints`: x, r, g, b, ... (sRGB-encoded);
     /// - `Points` (default: a ramp from 0 to 1): x, opacity, midpoint, sharpness, ...,
     ///   interpolated by VTK's formula for `vtkPiecewiseFunction`;
-    /// - `ColorSpace`: `RGB` (default), `HSV`, `Lab`, `LabCIEDE2000` or `Diverging`; the last
-    ///   two are drawn as `Lab` (see [`ColourSpace::Lab`]).
+    /// - `ColorSpace`: `RGB` (default), `HSV`, `Lab`, `LabCIEDE2000`, `Diverging` or `Step`; `Lab...` and `Diverging`
+    ///   are drawn as `Lab` (see [`ColourSpace::Lab`]);
+    /// - or, in place of `RGBPoints`, `IndexedColors`: r, g, b, ... of categories, with `Annotations` (value, label, ...)
+    ///   or for the values 0, 1, 2, ...
     ///
-    /// Its other keys are ParaView's own business and passed over. Values are absolute, except
-    /// that a map whose points run from exactly 0 to exactly 1 is stretched over
-    /// `defaults.range`.
+    /// Its other keys are ParaView's own business and passed over. A map with `Points`, or of categories, keeps its
+    /// values. One without them is a preset, which is stretched over `defaults.range` as ParaView does; and so is one
+    /// whose points run from exactly 0 to exactly 1.
+    ///
+    /// **ParaView's XML**: the first `ColorMap` in it, with its `space` and its `Point`s (`x`, `r`, `g`, `b`), as a preset;
+    /// opacities (`o`) are passed over, as ParaView does.
     ///
     /// # Errors
-    /// Text that is not JSON, unknown keys, wrong types, points that are empty, out of order or
+    /// Text that is neither JSON nor XML, unknown keys, wrong types, points that are empty, out of order or
     /// outside 0..1; each with its place.
     pub fn from_json(path: &Path, text: &str, defaults: &TransferDefaults) -> Result<Self> {
+        Ok(Self::from_file(path, text, defaults)?.function)
+    }
+
+    /// As [`TransferFunction::from_json`], with what was made of the values of a preset.
+    ///
+    /// # Errors
+    /// As [`TransferFunction::from_json`].
+    pub(crate) fn from_file(
+        path: &Path,
+        text: &str,
+        defaults: &TransferDefaults,
+    ) -> Result<FileFunction> {
         let document = Document { path };
+        if text
+            .trim_start_matches('\u{feff}')
+            .trim_start()
+            .starts_with('<')
+        {
+            let object = document.of_xml(text)?;
+            return document.paraview(&object, defaults);
+        }
         let value: Value = serde_json::from_str(text).map_err(|e| {
             document.fault(
                 format!("line {}, column {}", e.line(), e.column()),
@@ -84,14 +109,26 @@ impl TransferFunction {
             },
             other => return Err(document.fault("the document", "an object", describe(other))),
         };
-        if object.contains_key("RGBPoints") {
+        let is_paraviews = ["RGBPoints", "IndexedColors"].map(|key| object.contains_key(key));
+        if is_paraviews.contains(&true) {
             document.paraview(object, defaults)
         } else if value.is_array() {
             Err(document.fault("[0].RGBPoints", "a list of x, r, g, b", "no such key"))
         } else {
-            document.own(object, defaults)
+            let function = document.own(object, defaults)?;
+            Ok(FileFunction {
+                function,
+                stretched: None,
+            })
         }
     }
+}
+
+/// A transfer function of a file.
+pub(crate) struct FileFunction {
+    pub(crate) function: TransferFunction,
+    /// The range that a preset has in its file, where it was stretched over the data's.
+    pub(crate) stretched: Option<[f32; 2]>,
 }
 
 /// How far a file's opacities and colours may lie from the table's.
@@ -395,28 +432,112 @@ impl Document<'_> {
         }
     }
 
+    /// The keys of the first colour map in ParaView's XML.
+    fn of_xml(&self, text: &str) -> Result<Map<String, Value>> {
+        let text = text.trim_start_matches('\u{feff}');
+        let document = roxmltree::Document::parse(text)
+            .map_err(|e| self.fault("the document", "XML, or JSON", e.to_string()))?;
+        let map = document.descendants().find(|n| n.has_tag_name("ColorMap"));
+        let map = map.ok_or_else(|| self.fault("the document", "a `ColorMap`", "none"))?;
+        let mut points = Vec::new();
+        let nodes = map.children().filter(|n| n.has_tag_name("Point"));
+        for (i, node) in nodes.enumerate() {
+            for key in ["x", "r", "g", "b"] {
+                let stated = node.attribute(key).unwrap_or("");
+                let number: Option<f64> = stated.trim().parse().ok();
+                points.push(number.map(Value::from).ok_or_else(|| {
+                    let found = format!("`{}`", stated.chars().take(40).collect::<String>());
+                    self.fault(format!("Point {i}, `{key}`"), "a number", found)
+                })?);
+            }
+        }
+        let mut object = Map::new();
+        object.insert("RGBPoints".to_owned(), Value::Array(points));
+        if let Some(space) = map.attribute("space") {
+            object.insert("ColorSpace".to_owned(), Value::from(space));
+        }
+        Ok(object)
+    }
+
+    /// The colours of ParaView's categories as steps: half way between two values one gives way to the next.
+    fn of_categories(&self, object: &Map<String, Value>) -> Result<Vec<[f32; 4]>> {
+        let flat = self.numbers(&object["IndexedColors"], "IndexedColors")?;
+        if flat.is_empty() || !flat.len().is_multiple_of(3) {
+            let found = format!("{} numbers", flat.len());
+            return Err(self.fault("IndexedColors", "a positive multiple of 3 numbers", found));
+        }
+        let (colours, _) = flat.as_chunks::<3>();
+        let stated = object.get("Annotations").and_then(Value::as_array);
+        let stated = stated.filter(|list| !list.is_empty());
+        let mut values: Vec<f32> = match stated {
+            None => (0..colours.len()).map(|i| i as f32).collect(),
+            Some(list) => {
+                let value = |(i, value): (usize, &Value)| {
+                    let text = value.as_str().and_then(|text| text.trim().parse().ok());
+                    let number: Option<f64> = value.as_f64().or(text);
+                    let number = number.map(narrowed).filter(|x| x.is_finite());
+                    let place = format!("Annotations[{}]", 2 * i);
+                    number.ok_or_else(|| self.fault(place, "a number", describe(value)))
+                };
+                let values = list.iter().step_by(2).enumerate();
+                values.map(value).collect::<Result<_>>()?
+            }
+        };
+        // ParaView begins again where the colours end.
+        let mut of_value: Vec<(f32, [f32; 3])> = values
+            .drain(..)
+            .enumerate()
+            .map(|(i, value)| (value, colours[i % colours.len()]))
+            .collect();
+        of_value.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let last = of_value.len() - 1;
+        let gap = |i: usize| 0.5 * (of_value[i + 1].0 - of_value[i].0);
+        let ends = match last {
+            0 => [0.5, 0.5],
+            _ => [gap(0), gap(last - 1)],
+        };
+        // Each colour ends at its own point, as steps do.
+        let mut rows = vec![[of_value[0].0 - ends[0], 0.0, 0.0, 0.0]];
+        for (i, (value, [r, g, b])) in of_value.iter().enumerate() {
+            let half = if i < last { gap(i) } else { ends[1] };
+            rows.push([value + half, *r, *g, *b]);
+        }
+        let [_, r, g, b] = rows[1];
+        rows[0] = [rows[0][0], r, g, b];
+        Ok(rows)
+    }
+
     fn paraview(
         &self,
         object: &Map<String, Value>,
         defaults: &TransferDefaults,
-    ) -> Result<TransferFunction> {
+    ) -> Result<FileFunction> {
+        let is_of_categories = !object.contains_key("RGBPoints");
+        let mut is_stepped = is_of_categories;
         let space = match object.get("ColorSpace") {
             None => ColourSpace::Srgb,
             Some(Value::String(s)) => match s.as_str() {
                 "RGB" => ColourSpace::Srgb,
                 "HSV" => ColourSpace::Hsv,
                 "Lab" | "LabCIEDE2000" | "Diverging" => ColourSpace::Lab,
+                "Step" => {
+                    is_stepped = true;
+                    ColourSpace::Srgb
+                }
                 _ => {
                     return Err(self.fault(
                         "ColorSpace",
-                        "RGB, HSV, Lab, LabCIEDE2000 or Diverging",
+                        "RGB, HSV, Lab, LabCIEDE2000, Diverging or Step",
                         format!("\"{s}\""),
                     ));
                 }
             },
             Some(other) => return Err(self.fault("ColorSpace", "a name", describe(other))),
         };
-        let colours: Vec<[f32; 4]> = self.rows(&object["RGBPoints"], "RGBPoints")?;
+        let colours: Vec<[f32; 4]> = match is_of_categories {
+            true => self.of_categories(object)?,
+            false => self.rows(&object["RGBPoints"], "RGBPoints")?,
+        };
         let unit = |x: &f32| (0.0..=1.0).contains(x);
         if let Some(i) = colours.iter().position(|c| !c[1..].iter().all(unit)) {
             return Err(self.fault(
@@ -427,7 +548,9 @@ impl Document<'_> {
         }
         let first = colours[0][0];
         let last = colours[colours.len() - 1][0];
-        let opacities: Vec<OpacityPoint> = match object.get("Points").filter(|p| !p.is_null()) {
+        let stated = object.get("Points").filter(|p| !p.is_null());
+        let is_preset = stated.is_none() && !is_of_categories;
+        let opacities: Vec<OpacityPoint> = match stated {
             None => [(first, 0.0), (last, 1.0)]
                 .map(|(value, opacity)| OpacityPoint {
                     value,
@@ -456,27 +579,28 @@ impl Document<'_> {
                 ));
             }
         }
+        let from = [
+            first.min(opacities[0].value),
+            last.max(opacities[opacities.len() - 1].value),
+        ];
         #[expect(
             clippy::float_cmp,
             reason = "a map counts as normalised only if it says exactly so"
         )]
-        let normalised = first == 0.0 && last == 1.0 && opacities.iter().all(|p| unit(&p.value));
-        let range = if normalised {
-            defaults.range
-        } else {
-            [
-                first.min(opacities[0].value),
-                last.max(opacities[opacities.len() - 1].value),
-            ]
+        let is_normalised = !is_of_categories && from == [0.0, 1.0];
+        let is_stretched = is_preset || is_normalised;
+        let range = if is_stretched { defaults.range } else { from };
+        let share = super::colour_maps::over_range(defaults.range);
+        let own = |value: f32| match is_stretched {
+            true => from[0] + (from[1] - from[0]) * share(value),
+            false => value,
         };
-        let over_range = super::colour_maps::over_range(defaults.range);
-        let own = |value: f32| {
-            if normalised { over_range(value) } else { value }
-        };
-        TransferFunction::from_curves(
+        let function = TransferFunction::from_curves(
             |value| match super::segment(&colours, |c| c[0], own(value)) {
                 Some((a, b, s)) => {
                     let rgb = |c: [f32; 4]| [c[1], c[2], c[3]];
+                    // VTK's steps have the colour of the point at their end.
+                    let s = if is_stepped && s > 0.0 { 1.0 } else { s };
                     space.mix_to_linear(rgb(colours[a]), rgb(colours[b]), s)
                 }
                 None => [1.0; 3],
@@ -487,8 +611,11 @@ impl Document<'_> {
             },
             range,
             defaults.unit_distance,
-        )
-        .map_err(|e| self.renamed(e))
+        );
+        Ok(FileFunction {
+            function: function.map_err(|e| self.renamed(e))?,
+            stretched: is_stretched.then_some(from),
+        })
     }
 }
 
@@ -663,9 +790,16 @@ mod tests {
                 "Points[0]",
             ),
             (
-                r#"{"RGBPoints": [0, 1, 1, 1], "ColorSpace": "Step"}"#,
+                r#"{"RGBPoints": [0, 1, 1, 1], "ColorSpace": "Oklab"}"#,
                 "ColorSpace",
             ),
+            (r#"{"IndexedColors": [1, 1]}"#, "IndexedColors"),
+            (
+                r#"{"IndexedColors": [1, 1, 1], "Annotations": ["bone", "bone"]}"#,
+                "Annotations[0]",
+            ),
+            ("<ColorMaps/>", "the document"),
+            ("<ColorMap><Point x='a'/></ColorMap>", "Point 0, `x`"),
         ] {
             let message = read(text).unwrap_err().to_string();
             assert!(

@@ -1,0 +1,109 @@
+//! ParaView's series of files (`.series`): which files are which steps of time.
+//!
+//! ```text
+//! { "file-series-version": "1.0",
+//!   "files": [ { "name": "a_0.vtu", "time": 0 }, { "name": "a_1.vtu", "time": 0.5 } ] }
+//! ```
+//!
+//! A `name` is relative to the folder of the series. A file without a `time` has its place in the list for one. Files of one
+//! time are drawn together.
+
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+
+use super::dataset::Dataset;
+use super::file::Input;
+use super::time_steps::TimeStep;
+use super::vtk_xml::clip;
+use super::{OpenOptions, pvd, vtk_collection};
+use crate::error::{Error, Result};
+
+/// The key that stands in every such file.
+const VERSION: &[u8] = b"\"file-series-version\"";
+
+/// Bytes of a series at most: hundreds of thousands of files.
+const MOST_BYTES: u64 = 64 << 20;
+
+const DAMAGED: &str = "the series is damaged: save it again";
+
+#[derive(Deserialize)]
+struct Series {
+    files: Vec<Entry>,
+}
+
+#[derive(Deserialize)]
+struct Entry {
+    name: String,
+    time: Option<f64>,
+}
+
+/// Whether a file that begins with `head` is a series.
+pub(super) fn looks_like(head: &[u8]) -> bool {
+    let head = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head);
+    head.trim_ascii_start().starts_with(b"{") && head.windows(VERSION.len()).any(|w| w == VERSION)
+}
+
+/// Reads the first part of the first time step, with notes of what else there is.
+///
+/// # Errors
+/// Those of [`steps`], and those of the part.
+pub(super) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
+    vtk_collection::read_first(input, &steps(input)?, options)
+}
+
+/// The steps, in the order of time; at least one. The files that it names are not looked for.
+///
+/// # Errors
+/// A file that is no series; names that are empty or of another series, times that are not finite, one file twice at one
+/// time; none at all.
+pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
+    let path = input.path;
+    let (_, len) = input.head(1)?;
+    if len > MOST_BYTES {
+        let expected = format!("a list of files, of {MOST_BYTES} bytes at most");
+        let advice = "give the files themselves";
+        return Err(Error::format(
+            path,
+            "series",
+            expected,
+            format!("{len} bytes"),
+            advice,
+        ));
+    }
+    let bytes = input.read_all()?;
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
+    let series: Series = serde_json::from_slice(bytes).map_err(|e| {
+        let place = format!("line {}, column {}", e.line(), e.column());
+        let expected = "`files` with a `name` and a `time` each";
+        Error::format(path, place, expected, e.to_string(), DAMAGED)
+    })?;
+    if series.files.is_empty() {
+        let expected = "one file at least";
+        return Err(Error::format(path, "files", expected, "none", DAMAGED));
+    }
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let part = |(i, entry): (usize, Entry)| -> Result<(f64, i64, PathBuf)> {
+        let fault = |key: &str, expected: &str, found: String| {
+            Error::format(path, format!("files[{i}].{key}"), expected, found, DAMAGED)
+        };
+        let time = entry.time.unwrap_or(i as f64);
+        if !time.is_finite() {
+            return Err(fault("time", "a finite number", time.to_string()));
+        }
+        let file = folder.join(&entry.name);
+        let is_series = |ending: &OsStr| {
+            let mut nested = ["series", "pvd"].iter();
+            nested.any(|known| ending.eq_ignore_ascii_case(known))
+        };
+        if entry.name.trim().is_empty() || file.extension().is_some_and(is_series) {
+            let found = format!("`{}`", clip(&entry.name));
+            return Err(fault("name", "the name of a file of data", found));
+        }
+        // Zero has one sign.
+        Ok((time + 0.0, i64::try_from(i).unwrap_or(i64::MAX), file))
+    };
+    let parts: Result<Vec<_>> = series.files.into_iter().enumerate().map(part).collect();
+    pvd::by_time(input, parts?, DAMAGED)
+}

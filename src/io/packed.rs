@@ -1,0 +1,120 @@
+//! Files of other formats that gzip has packed: unpacked in memory, and read as what they are.
+//!
+//! NIfTI, SPZ, raw volumes and OpenFOAM are packed by rules of their own, and unpacked by their readers.
+
+use std::borrow::Cow;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use flate2::read::MultiGzDecoder;
+
+use super::dataset::Dataset;
+use super::file::{HEAD, Input, read_all};
+use super::formats::{Format, recognise};
+use super::probe::Probe;
+use super::raw::DEFLATE_RATIO;
+use super::time_steps::TimeStep;
+use super::voxels::GZIP;
+use super::{OpenOptions, extension};
+use crate::error::{Error, Result};
+use crate::memory::left;
+
+/// Bytes that are unpacked between two looks at the memory that is left.
+const STEP: u64 = 1 << 26;
+
+/// Whether a file is packed and begins, once unpacked, as one of a format that is read.
+pub(super) fn looks_like(probe: &Probe<'_>) -> bool {
+    if !probe.head.starts_with(GZIP) {
+        return false;
+    }
+    let mut head = Vec::new();
+    // The first bytes of the packed ones hold no whole stream: what they hold counts.
+    let stream = MultiGzDecoder::new(probe.head).take(HEAD as u64);
+    let _cut = { stream }.read_to_end(&mut head);
+    let name = unpacked_name(probe.input.path);
+    let nothing = |_: &Path| None;
+    let inner = Input::of_bytes(&name, &head, &nothing);
+    // A stream in a stream would never end.
+    let is_nested = head.starts_with(GZIP);
+    !is_nested && !head.is_empty() && recognise(inner, probe.options).is_ok()
+}
+
+/// The name without the ending of gzip.
+fn unpacked_name(path: &Path) -> PathBuf {
+    match extension(path) == "gz" {
+        true => path.with_extension(""),
+        false => path.to_path_buf(),
+    }
+}
+
+/// Has the unpacked bytes looked at, under the file's own name.
+fn with_unpacked<T>(
+    input: Input<'_>,
+    options: &OpenOptions,
+    look: impl FnOnce(Input<'_>, &'static Format) -> Result<T>,
+) -> Result<T> {
+    let bytes = unpacked(input)?;
+    let name = unpacked_name(input.path);
+    let on_disk = |path: &Path| read_all(path).ok();
+    let in_memory = |path: &Path| input.read_beside(path).ok();
+    let beside: &dyn Fn(&Path) -> Option<Vec<u8>> = match input.is_on_disk() {
+        true => &on_disk,
+        false => &in_memory,
+    };
+    let format = recognise(Input::of_bytes(&name, &bytes, beside), options)?;
+    look(Input::of_bytes(input.path, &bytes, beside), format)
+}
+
+/// Reads a file as what it is once unpacked.
+///
+/// # Errors
+/// A damaged stream, one that does not fit into memory, and those of its format.
+pub(super) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
+    with_unpacked(input, options, |input, format| {
+        (format.read)(input, options)
+    })
+}
+
+/// The steps of time in the file.
+///
+/// # Errors
+/// As [`read`].
+pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
+    let options = OpenOptions::default();
+    with_unpacked(input, &options, |input, format| match format.steps {
+        Some(steps) => steps(input),
+        None => Ok(super::time_steps::of_file(input.path, &[])),
+    })
+}
+
+/// All bytes of a packed file, no more than deflate can pack into it and than there is memory for.
+fn unpacked(input: Input<'_>) -> Result<Vec<u8>> {
+    let path = input.path;
+    let packed: Cow<'_, [u8]> = input.read_all()?;
+    let fault = |expected: &str, found: String| {
+        let advice = "copy the file again, or unpack it with gunzip";
+        Error::format(path, "gzip stream", expected, found, advice)
+    };
+    let most = (packed.len() as u64).saturating_mul(DEFLATE_RATIO as u64);
+    let mut stream = MultiGzDecoder::new(&*packed).take(most);
+    let mut bytes = Vec::new();
+    loop {
+        let has_room = bytes.is_empty() || left().is_none_or(|(left, _)| left > 2 * STEP);
+        if !has_room {
+            let found = format!("more than {} bytes", bytes.len());
+            return Err(fault("what fits into memory once it is unpacked", found));
+        }
+        let read = (&mut stream).take(STEP).read_to_end(&mut bytes);
+        match read.map_err(|e| fault("a sound stream", e.to_string()))? {
+            0 => break,
+            _ => continue,
+        }
+    }
+    match bytes.starts_with(GZIP) {
+        true => Err(fault(
+            "a file packed once",
+            "another gzip stream in it".to_owned(),
+        )),
+        false => Ok(bytes),
+    }
+}
