@@ -73,9 +73,9 @@ impl ColourNumbers {
                 Self {
                     greatest: range.map_or(0.0, |[_, greatest]| greatest),
                     are_whole: match column {
-                        Values::F32(numbers) => numbers
-                            .iter()
-                            .all(|x| x.fract() == 0.0 || !x.is_finite()),
+                        Values::F32(numbers) => {
+                            numbers.iter().all(|x| x.fract() == 0.0 || !x.is_finite())
+                        }
                         _ => true,
                     },
                     of_type: match column {
@@ -91,6 +91,16 @@ impl ColourNumbers {
                 are_whole: true,
                 of_type: None,
             })
+    }
+
+    /// Numbers that no column holds.
+    pub(crate) fn of_floats(numbers: impl Iterator<Item = f32> + Clone) -> Self {
+        let finite = numbers.filter(|x| x.is_finite());
+        Self {
+            greatest: finite.clone().fold(0.0, f32::max),
+            are_whole: finite.clone().all(|x| x.fract() == 0.0),
+            of_type: None,
+        }
     }
 
     /// The same of these and of others.
@@ -145,27 +155,32 @@ impl ColourScale {
         }
     }
 
-    /// A channel, linear.
+    /// A channel, linear, from 0 up; NaN of NaN.
     pub(crate) fn linear(self, number: f32) -> f32 {
-        let share = number / self.full;
+        let share = self.share(number);
         match self.is_encoded {
-            true => linear_from_srgb(share.max(0.0)),
+            true => linear_from_srgb(share),
             false => share,
         }
     }
 
     /// A channel, encoded by sRGB.
     pub(crate) fn encoded(self, number: f32) -> f32 {
-        let share = number / self.full;
+        let share = self.share(number);
         match self.is_encoded {
             true => share,
-            false => srgb_from_linear(share.max(0.0)),
+            false => srgb_from_linear(share),
         }
     }
 
-    /// A number as a share of what stands for 1.
+    /// What stands for 1.
+    pub(crate) fn full(self) -> f32 {
+        self.full
+    }
+
+    /// A number as a share of what stands for 1, from 0 up; NaN of NaN.
     pub(crate) fn share(self, number: f32) -> f32 {
-        number / self.full
+        (number / self.full).clamp(0.0, f32::INFINITY)
     }
 
     /// What was taken for granted, as the end of a sentence about colours.

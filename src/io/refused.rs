@@ -73,6 +73,27 @@ const ENDINGS: &[(&str, &str, &str)] = &[
     ("usdz", "a USD file", MESH),
 ];
 
+/// Indices in JSON that name files of others: keys that they have, what they are, and what to do.
+const INDICES: &[(&[&str], &str, &str)] = &[
+    (
+        &["lodLevels", "filenames"],
+        "an index of levels of detail that a viewer of splats streams, not splats",
+        "give the SOG (`meta.json`) of one of the folders that it names, or save the scene as PLY, SPZ or SOG",
+    ),
+    (
+        &["geometricError", "root"],
+        "a tileset of 3D Tiles, which names its tiles",
+        "give one of the tiles (.glb)",
+    ),
+];
+
+/// What a text in JSON is that is an index of files, and what to do; `has` tells which keys it has.
+pub(super) fn index(has: impl Fn(&str) -> bool) -> Option<(&'static str, &'static str)> {
+    let mut known = INDICES.iter();
+    let (_, name, advice) = known.find(|(keys, ..)| keys.iter().all(|key| has(key)))?;
+    Some((name, advice))
+}
+
 const IMAGE: &str = "an image holds no volume: give a data file";
 #[cfg(not(feature = "dicom"))]
 const NO_DICOM: &str = "build with the feature `dicom`, or save the series as NIfTI or NRRD";
@@ -97,6 +118,12 @@ pub(super) fn by_name(path: &Path, head: &[u8], names: fn() -> String) -> Option
     let ending = extension(path);
     if let Some((_, name, advice)) = ENDINGS.iter().find(|(known, ..)| *known == ending) {
         return refuse(name, (*advice).into());
+    }
+    if head.trim_ascii_start().starts_with(b"{") {
+        let text = String::from_utf8_lossy(head);
+        if let Some((name, advice)) = index(|key| text.contains(&format!("\"{key}\""))) {
+            return refuse(name, advice.into());
+        }
     }
     match head.starts_with(GZIP) {
         true => refuse("a gzip archive", Hint::UnpackOrGiveLayout.into()),

@@ -17,6 +17,7 @@ mod bad_input;
 mod cells;
 mod clouds;
 mod collections;
+mod colours;
 mod convert;
 #[cfg(feature = "dicom")]
 mod dicom;
@@ -24,6 +25,7 @@ mod faces;
 mod fixtures;
 mod from_bytes;
 mod gadget;
+mod gltf_variations;
 mod hdf5;
 mod image_series;
 mod mesh_sampling;
