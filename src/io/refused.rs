@@ -91,7 +91,7 @@ const INDICES: &[(&[&str], &str, &str)] = &[
 pub(super) fn index(has: impl Fn(&str) -> bool) -> Option<(&'static str, &'static str)> {
     let mut known = INDICES.iter();
     let (_, name, advice) = known.find(|(keys, ..)| keys.iter().all(|key| has(key)))?;
-    Some((name, advice))
+    Some((*name, *advice))
 }
 
 const IMAGE: &str = "an image holds no volume: give a data file";

@@ -59,14 +59,16 @@ fn light() -> Vec<[f32; 3]> {
     CODES.iter().map(|rgb| rgb.map(decode)).collect()
 }
 
-/// How numbers are stored: names of columns, type, and what stands for a code.
-fn stored() -> Vec<([&'static str; 3], &'static str, Box<dyn Fn(f64) -> f64>)> {
+/// Names of columns, their type, and what stands for a code.
+type Stored = ([&'static str; 3], &'static str, Box<dyn Fn(f64) -> f64>);
+
+fn stored() -> Vec<Stored> {
     let named = [
         ["red", "green", "blue"],
         ["diffuse_red", "diffuse_green", "diffuse_blue"],
         ["Red", "Green", "Blue"],
     ];
-    let mut all: Vec<([&str; 3], &str, Box<dyn Fn(f64) -> f64>)> = Vec::new();
+    let mut all: Vec<Stored> = Vec::new();
     for names in named.into_iter().chain([["r", "g", "b"]]) {
         all.push((names, "uchar", Box::new(|code| code)));
         all.push((names, "ushort", Box::new(|code| 257.0 * code)));

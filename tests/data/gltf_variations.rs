@@ -12,7 +12,7 @@ type File = (Value, Vec<u8>);
 
 fn files() -> [File; 2] {
     let mesh = rich_gltf();
-    let splats = glb_splats(&some_splats(5, 4));
+    let splats = glb_splats(&some_splats(5, 1));
     let word = |at: usize| u32::from_le_bytes(splats[at..at + 4].try_into().unwrap()) as usize;
     let (json, bin) = splats[20..].split_at(word(12));
     let document = serde_json::from_slice(json).unwrap();
@@ -40,8 +40,9 @@ fn each_object(value: &mut Value, change: &mut dyn FnMut(&mut serde_json::Map<St
                 match key.as_str() {
                     "attributes" | "targets" | "extras" => {}
                     "extensions" => {
-                        let extensions = member.as_object_mut().unwrap();
-                        extensions.values_mut().for_each(|e| each_object(e, change));
+                        let extensions = member.as_object_mut().into_iter();
+                        let extensions = extensions.flat_map(|map| map.values_mut());
+                        extensions.for_each(|e| each_object(e, change));
                     }
                     _ => each_object(member, change),
                 }
