@@ -1,9 +1,9 @@
 //! One rule for columns of colours: points, vertices and faces, whatever file they are in and however they are stored.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-use ewa_splat::Colour;
 use ewa_splat::io::{Dataset, Geometry, Mesh, OpenOptions, read};
 use ewa_splat::sample::{SampleOptions, Sampled, volume};
+use ewa_splat::scene::Colour;
 
 fn open(name: &str, bytes: &[u8]) -> Dataset {
     match read(name, bytes, &OpenOptions::default()) {
