@@ -169,25 +169,34 @@ impl Field {
         }
     }
 
-    /// Whether it holds colours: three or four bytes, or numbers from 0 to 1, under a name that says so.
-    pub(crate) fn is_colour(&self) -> bool {
+    /// Whether its name says that it holds colours.
+    pub(crate) fn is_named_colour(&self) -> bool {
         let lower = self.name.to_ascii_lowercase();
-        let is_named = lower.starts_with("color")
+        lower.starts_with("color")
             || lower.starts_with("colour")
             || matches!(lower.as_str(), "rgb" | "rgba")
             || ["_rgb", "_rgba", "_color", "_colors"]
                 .iter()
-                .any(|end| lower.ends_with(end));
+                .any(|end| lower.ends_with(end))
+    }
+
+    /// Whether it holds colours: three or four unsigned integers of 8 or 16 bits, numbers from 0 to 1 or whole ones from 0
+    /// to 255, under a name that says so.
+    pub(crate) fn is_colour(&self) -> bool {
         let FieldSource::Vector(components) = &self.source else {
             return false;
         };
-        let is_channel = |values: &Values| {
-            matches!(values, Values::U8(_))
-                || values
-                    .finite_range()
-                    .is_some_and(|[lo, hi]| lo >= 0.0 && hi <= 1.0)
+        let is_channel = |values: &Values| match values {
+            Values::U8(_) | Values::U16(_) => true,
+            Values::I16(_) => values.finite_range().is_some_and(|[lo, _]| lo >= 0.0),
+            Values::F32(numbers) => values.finite_range().is_some_and(|[lo, hi]| {
+                let are_whole = || numbers.iter().all(|x| x.fract() == 0.0 || !x.is_finite());
+                lo >= 0.0 && (hi <= 1.0 || (hi <= 255.0 && are_whole()))
+            }),
         };
-        is_named && matches!(components.len(), 3 | 4) && components.iter().all(is_channel)
+        self.is_named_colour()
+            && matches!(components.len(), 3 | 4)
+            && components.iter().all(is_channel)
     }
 }
 

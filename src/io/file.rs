@@ -191,6 +191,35 @@ impl<'a> Input<'a> {
         self.len_beside(path).is_some()
     }
 
+    /// A file whose path differs from this one in upper and lower case alone, below the folder of this input: names of
+    /// systems that do not tell these apart. Folders in memory cannot be listed.
+    pub(crate) fn in_another_case(&self, path: &Path) -> Option<PathBuf> {
+        let folder = self.path.parent().unwrap_or(Path::new(""));
+        let within = path
+            .strip_prefix(folder)
+            .ok()
+            .filter(|_| self.is_on_disk())?;
+        let mut found = folder.to_path_buf();
+        for component in within.components() {
+            let exact = found.join(component);
+            if exact.exists() {
+                found = exact;
+                continue;
+            }
+            let listed = match found.as_os_str().is_empty() {
+                true => Path::new("."),
+                false => &found,
+            };
+            let wanted = component.as_os_str().to_str()?.to_lowercase();
+            let names = fs::read_dir(listed).ok()?;
+            let names = names.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
+            // The first of several, so that it is the same one on all machines.
+            let name = names.filter(|name| name.to_lowercase() == wanted).min()?;
+            found = found.join(name);
+        }
+        self.has_beside(&found).then_some(found)
+    }
+
     /// All bytes of another file.
     pub(crate) fn read_beside(&self, path: &Path) -> Result<Vec<u8>> {
         let Some(memory) = self.memory else {

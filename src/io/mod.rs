@@ -12,6 +12,7 @@ mod blanking;
 mod cells;
 mod closed;
 mod cloud;
+mod colour_columns;
 mod column_file;
 mod count_file;
 mod csv;
@@ -134,6 +135,7 @@ pub(crate) use blanking::Blanking;
 #[cfg(feature = "cli")]
 pub(crate) use cells::renumber;
 pub use cells::{CellKind, CellMesh};
+pub(crate) use colour_columns::{COLOUR_SETS, ColourNumbers, ColourScale, ColourSet, colour_sets};
 pub use column_file::{column_colours, column_picture, write_column};
 pub use count_file::write_count;
 pub use dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};

@@ -4,12 +4,13 @@
 //! | element | property | what |
 //! |---|---|---|
 //! | `vertex` | `x`, `y`, `z` | corners |
-//! | | `red`, `green`, `blue`, `alpha`, or these after `diffuse_` | colours, sRGB-encoded: whole bytes or words, or 0 to 1, or 0 to 255 where one exceeds 1 |
+//! | | `red`, `green`, `blue`, `alpha`, or others that name colours | colours: see [`super::colour_columns`] |
 //! | | `nx`, `ny`, `nz` | normals |
 //! | | `s`, `t`, or `u`, `v`, or `texture_u`, `texture_v`, or `texture_s`, `texture_t` | texture coordinates, v upwards |
 //! | `face` | the list `vertex_indices` or `vertex_index` | a polygon of any size, concave ones too |
 //! | | the list `texcoord` | u and v of each of its corners, in place of the vertices' |
 //! | | `texnumber` | which of several textures, from 0 |
+//! | | `red`, `green`, `blue`, `alpha`, or others that name colours | the colour of the whole polygon, if vertices have none |
 //! | `tristrips` | the list `vertex_indices` or `vertex_index` | strips of triangles, one after another with -1 between them |
 //!
 //! Comments `TextureFile NAME` name textures. Nothing in PLY says what its units and axes are, nor whether a
@@ -22,6 +23,7 @@ use std::sync::Arc;
 use glam::{Affine2, DVec3, Vec2, Vec3};
 
 use super::closed::are_closed;
+use super::colour_columns::{COLOUR_SETS, ColourNumbers, ColourScale, ColourSet, colour_sets};
 use super::dataset::{Dataset, Geometry};
 use super::file::Input;
 use super::mesh_part::{LeftOut, check_not_empty, finish, plain};
@@ -33,7 +35,7 @@ use super::table::list;
 use super::texture::ImageBudget;
 use super::{AlphaMode, Mesh, MeshPart, Texture, TextureUse, Wrap};
 use crate::error::Result;
-use crate::image::linear_from_srgb;
+use crate::scene::Values;
 
 const FORMAT: &str = "PLY mesh";
 
@@ -55,6 +57,18 @@ pub(super) struct Faces {
     coordinate_ends: Vec<usize>,
     /// For each polygon the number of its texture.
     texture_numbers: Vec<u32>,
+    /// Of polygons: the columns of a colour and of its opacity.
+    channels: Vec<Channel>,
+}
+
+/// A column of the colours of polygons.
+#[derive(Debug)]
+struct Channel {
+    name: &'static str,
+    /// Of its property: its number, and its type.
+    property: (usize, usize),
+    scalar: ScalarType,
+    numbers: Vec<f32>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -63,12 +77,14 @@ enum Role {
     Strips,
     Coordinates,
     TextureNumber,
+    Channel,
 }
 
 impl Faces {
     /// What the elements of a file with so many vertices hold of faces; `None` where that is nothing.
     pub(super) fn of(elements: &[Element], vertex_count: usize) -> Option<Self> {
         let mut roles = Vec::new();
+        let mut channels: Vec<Channel> = Vec::new();
         for (e, element) in elements.iter().enumerate().filter(|(_, e)| e.count > 0) {
             for (p, property) in element.properties.iter().enumerate() {
                 let is_list = matches!(property.kind, Kind::List { .. });
@@ -77,6 +93,24 @@ impl Faces {
                     ("tristrips", "vertex_indices" | "vertex_index", true) => Role::Strips,
                     ("face", "texcoord", true) => Role::Coordinates,
                     ("face", "texnumber", false) => Role::TextureNumber,
+                    ("face", name, false) => {
+                        let mut names = COLOUR_SETS
+                            .iter()
+                            .flat_map(|set| set.names.into_iter().chain([set.alpha]));
+                        let known = names.find(|known| known.eq_ignore_ascii_case(name));
+                        if let (Some(name), Kind::Scalar(scalar)) = (known, property.kind)
+                            && !channels.iter().any(|c| c.name == name)
+                        {
+                            channels.push(Channel {
+                                name,
+                                property: (e, p),
+                                scalar,
+                                numbers: Vec::new(),
+                            });
+                            roles.push((e, p, Role::Channel));
+                        }
+                        continue;
+                    }
                     _ => continue,
                 };
                 // A second list of the same name is no other face.
@@ -97,6 +131,7 @@ impl Faces {
             coordinates: Vec::new(),
             coordinate_ends: Vec::new(),
             texture_numbers: Vec::new(),
+            channels,
         })
     }
 
@@ -151,9 +186,37 @@ impl Faces {
                 let number = items.first().copied().and_then(whole);
                 self.texture_numbers.push(number.unwrap_or(u32::MAX));
             }
+            Some(Role::Channel) => {
+                let place = (self.element, property);
+                let channel = self.channels.iter_mut().find(|c| c.property == place);
+                if let (Some(channel), Some(&number)) = (channel, items.first()) {
+                    channel.numbers.push(super::scalars::narrow(number));
+                }
+            }
             None => {}
         }
         Ok(())
+    }
+
+    /// The colours of polygons, one for each, linear; empty if these have none.
+    fn colours(&mut self, notes: &mut Vec<String>) -> Vec<[f32; 4]> {
+        let count = self.ends.len();
+        let channels = std::mem::take(&mut self.channels);
+        // As many as polygons, unless strips are among these.
+        if channels.iter().any(|c| c.numbers.len() != count) {
+            notes.push("colours of faces are not one for each: not used".into());
+            return Vec::new();
+        }
+        let columns: Vec<(&str, Values)> = channels
+            .into_iter()
+            .map(|channel| (channel.name, channel.values()))
+            .collect();
+        let find = |name: &str| columns.iter().find(|(own, _)| *own == name).map(|(_, v)| v);
+        let sets = colour_sets(find);
+        let Some(&(set, channels)) = sets.first() else {
+            return Vec::new();
+        };
+        linear_colours("faces", set, channels, find(set.alpha), notes)
     }
 
     fn vertex(&self, item: f64) -> Result<u32, (String, String)> {
@@ -181,6 +244,58 @@ impl Faces {
             self.texture_numbers.clear();
         }
     }
+}
+
+impl Channel {
+    /// The column, in the type that the file has it in as far as that says what stands for 1.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "these numbers were of this type"
+    )]
+    fn values(self) -> Values {
+        match self.scalar {
+            ScalarType::U8 => Values::U8(self.numbers.iter().map(|x| *x as u8).collect()),
+            ScalarType::U16 => Values::U16(self.numbers.iter().map(|x| *x as u16).collect()),
+            _ => Values::F32(self.numbers),
+        }
+    }
+}
+
+/// Linear RGBA of columns of colours, which are finite or not; notes say what was taken for granted.
+///
+/// - `noun`: what has the colours, in the plural.
+fn linear_colours(
+    noun: &str,
+    set: &ColourSet,
+    channels: [&Values; 3],
+    alpha: Option<&Values>,
+    notes: &mut Vec<String>,
+) -> Vec<[f32; 4]> {
+    let scale = ColourScale::of(Some(set), ColourNumbers::of(channels));
+    if let Some(assumed) = scale.assumed() {
+        notes.push(format!("colours of {noun} {assumed}"));
+    }
+    let of_alpha = alpha.map(|alpha| (alpha, ColourScale::of(None, ColourNumbers::of([alpha]))));
+    // Written by programs that have no opacity, and nothing would be seen.
+    let is_unseen = |alpha: &Values| alpha.finite_range().is_some_and(|[_, hi]| hi <= 0.0);
+    let of_alpha = of_alpha.filter(|(alpha, _)| {
+        let is_unseen = is_unseen(alpha);
+        if is_unseen {
+            notes.push(format!("the opacity of all {noun} is 0 and is not used"));
+        }
+        !is_unseen
+    });
+    let opacity = |i: usize| match of_alpha {
+        Some((alpha, scale)) => scale.share(alpha.get(i)).clamp(0.0, 1.0),
+        None => 1.0,
+    };
+    (0..channels[0].len())
+        .map(|i| {
+            let [r, g, b] = channels.map(|c| scale.linear(c.get(i)));
+            [r, g, b, opacity(i)]
+        })
+        .collect()
 }
 
 /// A whole number from 0 on; `None` for any other.
@@ -223,6 +338,11 @@ pub(super) fn dataset(
 ) -> Result<Dataset> {
     faces.check(&mut notes);
     let vertices = Vertices::read(table, &mut notes)?;
+    let mut face_colours = faces.colours(&mut notes);
+    if !(face_colours.is_empty() || vertices.colours.is_empty()) {
+        notes.push("colours of faces are not used beside those of vertices".into());
+        face_colours.clear();
+    }
     let has_coordinates = !(faces.coordinates.is_empty() && vertices.coordinates.is_empty());
     let mut images = ImageBudget::default();
     let mut mesh = Mesh::default();
@@ -250,9 +370,10 @@ pub(super) fn dataset(
         let image = image.map_err(|note| notes.push(note)).ok();
         named.push(image.map(|image| add(&mut mesh, image)));
     }
+    notes.append(&mut images.notes);
 
     let mut approximate = 0;
-    for (number, group) in groups(faces, named.len()) {
+    for (number, group) in groups(faces, face_colours, named.len()) {
         let mut part = group.part(&vertices, &mut approximate);
         let texture = named.get(number).copied().flatten().or(fallback);
         let texture = texture.filter(|_| has_coordinates);
@@ -261,7 +382,7 @@ pub(super) fn dataset(
         match texture {
             Some(texture) => {
                 if !part.colours.is_empty() {
-                    notes.push("colours of vertices are not used beside the texture".into());
+                    notes.push("colours are not used beside the texture".into());
                     part.colours.clear();
                 }
                 material.base_texture = Some(TextureUse {
@@ -309,16 +430,21 @@ struct Group {
     ends: Vec<usize>,
     /// u and v for each corner, or nothing.
     coordinates: Vec<f32>,
-    /// Whether it has only a part of the polygons, or vertices have another place in each texture: corners
-    /// are then numbered anew.
+    /// Of each polygon, or nothing.
+    colours: Vec<[f32; 4]>,
+    /// Whether it has only a part of the polygons, or vertices have another place in the texture or another colour in
+    /// each: corners are then numbered anew.
     is_renumbered: bool,
 }
 
 /// The polygons by the numbers of their textures, of which there are `texture_count`.
-fn groups(faces: Faces, texture_count: usize) -> Vec<(usize, Group)> {
+///
+/// - `colours`: of each polygon, or none.
+fn groups(faces: Faces, colours: Vec<[f32; 4]>, texture_count: usize) -> Vec<(usize, Group)> {
     if texture_count < 2 || faces.texture_numbers.is_empty() {
         let whole = Group {
-            is_renumbered: !faces.coordinates.is_empty(),
+            is_renumbered: !(faces.coordinates.is_empty() && colours.is_empty()),
+            colours,
             corners: faces.corners,
             ends: faces.ends,
             coordinates: faces.coordinates,
@@ -329,11 +455,12 @@ fn groups(faces: Faces, texture_count: usize) -> Vec<(usize, Group)> {
     let mut groups: Vec<Group> = Vec::new();
     groups.resize_with(texture_count + 1, Group::default);
     let mut start = 0;
-    for (&end, &number) in faces.ends.iter().zip(&faces.texture_numbers) {
+    for (i, (&end, &number)) in faces.ends.iter().zip(&faces.texture_numbers).enumerate() {
         let group = &mut groups[texture_count.min(number as usize)];
         group.is_renumbered = true;
         group.corners.extend_from_slice(&faces.corners[start..end]);
         group.ends.push(group.corners.len());
+        group.colours.extend(colours.get(i));
         if !faces.coordinates.is_empty() {
             let coordinates = &faces.coordinates[2 * start..2 * end];
             group.coordinates.extend_from_slice(coordinates);
@@ -352,18 +479,24 @@ impl Group {
         let mut indices = self.corners;
         if self.is_renumbered {
             let (uvs, _) = self.coordinates.as_chunks::<2>();
-            let mut index_of: HashMap<(u32, [u32; 2]), u32> = HashMap::new();
+            let mut index_of: HashMap<(u32, [u32; 2], [u32; 4]), u32> = HashMap::new();
+            let mut polygon = 0;
             for (i, index) in indices.iter_mut().enumerate() {
+                while self.ends.get(polygon).is_some_and(|end| *end <= i) {
+                    polygon += 1;
+                }
+                let colour = self.colours.get(polygon);
                 let uv = uvs.get(i).map(|uv| Vec2::new(uv[0], 1.0 - uv[1]));
-                let key = uv.unwrap_or_default().to_array().map(f32::to_bits);
+                let of_uv = uv.unwrap_or_default().to_array().map(f32::to_bits);
+                let of_colour = colour.copied().unwrap_or_default().map(f32::to_bits);
                 let next = u32::try_from(index_of.len()).unwrap_or(u32::MAX);
                 let vertex = *index as usize;
-                *index = *index_of.entry((*index, key)).or_insert(next);
+                *index = *index_of.entry((*index, of_uv, of_colour)).or_insert(next);
                 if *index < next {
                     continue;
                 }
                 part.positions.push(vertices.positions[vertex]);
-                part.colours.extend(vertices.colours.get(vertex));
+                part.colours.extend(colour.or(vertices.colours.get(vertex)));
                 part.normals.extend(vertices.normals.get(vertex));
                 coordinates.extend(uv.or(vertices.coordinates.get(vertex).copied()));
             }
@@ -421,35 +554,18 @@ impl Vertices {
                 .map(|((&x, &y), &z)| Vec3::new(x, y, z));
             vertices.normals = normals.collect();
         }
-        for (rgb, alpha) in [
-            (["red", "green", "blue"], "alpha"),
-            (
-                ["diffuse_red", "diffuse_green", "diffuse_blue"],
-                "diffuse_alpha",
-            ),
-        ] {
-            let Some(mut colours) = columns(&rgb)? else {
-                continue;
+        let find = |name: &str| table.index_of(name);
+        if let Some((set, members)) = colour_sets(find).first() {
+            let mut column = |member: usize| {
+                used.push(member);
+                table.values(member)
             };
-            let greatest = scale_colours(table, &rgb, &mut colours);
-            if greatest > 1.0 {
-                notes.push("colours of vertices exceed 1 and are taken as 0 to 255".into());
+            let channels: Result<Vec<Values>> = members.iter().map(|m| column(*m)).collect();
+            let alpha = find(set.alpha).map(column).transpose()?;
+            if let [r, g, b] = channels?.as_slice() {
+                let channels = [r, g, b];
+                vertices.colours = linear_colours("vertices", set, channels, alpha.as_ref(), notes);
             }
-            let mut alphas = columns(&[alpha])?.unwrap_or_default();
-            scale_colours(table, &[alpha], &mut alphas);
-            let mut alphas = alphas.pop().unwrap_or_default();
-            // Written by programs that have no opacity, and nothing would be seen.
-            if !alphas.is_empty() && alphas.iter().all(|a| *a == 0.0) {
-                notes.push("the opacity of all vertices is 0 and is not used".into());
-                alphas.clear();
-            }
-            vertices.colours = (0..vertices.positions.len())
-                .map(|i| {
-                    let [r, g, b] = [0, 1, 2].map(|c| linear_from_srgb(colours[c][i]));
-                    [r, g, b, alphas.get(i).map_or(1.0, |a| a.clamp(0.0, 1.0))]
-                })
-                .collect();
-            break;
         }
         let members = table.rows.members.iter().enumerate();
         let others = members.filter(|(i, _)| !used.contains(i));
@@ -462,24 +578,4 @@ impl Vertices {
         }
         Ok(vertices)
     }
-}
-
-/// Brings colours to 0 to 1 by the type of their columns, `names`: that of a byte or a word says
-/// its greatest value. Returns the greatest of all others before they were brought to it.
-fn scale_colours(table: &Table<'_>, names: &[&str], colours: &mut [Vec<f32>]) -> f32 {
-    let numbers = colours.iter().flatten().copied().fold(0.0, f32::max);
-    let scalar = names
-        .first()
-        .and_then(|name| table.index(name))
-        .map(|m| table.rows.members[m].scalar);
-    let (scale, greatest) = match scalar {
-        Some(ScalarType::U8) => (255.0, 0.0),
-        Some(ScalarType::U16) => (65535.0, 0.0),
-        _ if numbers > 1.0 => (255.0, numbers),
-        _ => (1.0, numbers),
-    };
-    for colour in colours.iter_mut().flatten() {
-        *colour = (*colour / scale).clamp(0.0, f32::INFINITY);
-    }
-    greatest
 }

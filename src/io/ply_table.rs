@@ -36,6 +36,18 @@ impl Table<'_> {
         self.rows.members.iter().position(|m| m.name == name)
     }
 
+    /// A column by its name in either case.
+    pub(super) fn index_of(&self, name: &str) -> Option<usize> {
+        let mut members = self.rows.members.iter();
+        members.position(|m| m.name.eq_ignore_ascii_case(name))
+    }
+
+    /// A column in the type of the file, or in single precision.
+    pub(super) fn values(&self, member: usize) -> Result<Values> {
+        let (encoding, stride) = self.place(member);
+        values(&self.rows.data, encoding, stride).ok_or_else(|| self.damaged())
+    }
+
     fn place(&self, member: usize) -> (Encoding, Stride) {
         let member = &self.rows.members[member];
         let encoding = Encoding {
@@ -62,9 +74,7 @@ impl Table<'_> {
     }
 
     pub(super) fn floats(&self, member: usize) -> Result<Vec<f32>> {
-        let (encoding, stride) = self.place(member);
-        let column = values(&self.rows.data, encoding, stride).ok_or_else(|| self.damaged())?;
-        Ok(match column {
+        Ok(match self.values(member)? {
             Values::F32(column) => column,
             column => (0..column.len()).map(|i| column.get(i)).collect(),
         })
@@ -89,10 +99,7 @@ impl Table<'_> {
         let mut fields = Vec::new();
         for (i, member) in self.rows.members.iter().enumerate() {
             if !used.contains(&i) {
-                let (encoding, stride) = self.place(i);
-                let column = values(&self.rows.data, encoding, stride);
-                let column = column.ok_or_else(|| self.damaged())?;
-                fields.push(scalar_field(member.name.clone(), column));
+                fields.push(scalar_field(member.name.clone(), self.values(i)?));
             }
         }
         Ok(fields)

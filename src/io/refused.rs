@@ -29,6 +29,27 @@ struct Refused {
 /// Bytes of a signature at the least that decides against a file's name.
 const STRONG: usize = 4;
 
+/// Indices in JSON that name files of others: keys that they have, what they are, and what to do.
+const INDICES: &[(&[&str], &str, &str)] = &[
+    (
+        &["lodLevels", "filenames"],
+        "an index of levels of detail that a viewer of splats streams, not splats",
+        "give the SOG (`meta.json`) of one of the folders that it names, or save the scene as PLY, SPZ or SOG",
+    ),
+    (
+        &["geometricError", "root"],
+        "a tileset of 3D Tiles, which names its tiles",
+        "give one of the tiles (.glb)",
+    ),
+];
+
+/// What a text in JSON is that is an index of files, and what to do; `has` tells which keys it has.
+pub(super) fn index(has: impl Fn(&str) -> bool) -> Option<(&'static str, &'static str)> {
+    let mut known = INDICES.iter();
+    let (_, name, advice) = known.find(|(keys, ..)| keys.iter().all(|key| has(key)))?;
+    Some((*name, *advice))
+}
+
 const MESH: &str = "save it as glTF (.glb)";
 const GRID: &str =
     "save it as VTK XML (.vtu, .vts) with ParaView, or `meshio convert FILE out.vtu`";
@@ -679,7 +700,11 @@ pub(super) fn by_content(path: &Path, head: &[u8], len: u64, is_bare: bool) -> O
         let is_signed = !is_bare && row.is_signed(head, STRONG);
         is_signed || text.is_some_and(row.is_text) || text.is_none() && (row.is_binary)(head, len)
     };
-    REFUSED.iter().find(is_it).map(|row| row.refuse(path))
+    let by_row = || REFUSED.iter().find(is_it).map(|row| row.refuse(path));
+    let json = text.filter(|text| text.trim_start().starts_with('{'));
+    let by_keys = json.and_then(|text| index(|key| text.contains(&format!("\"{key}\""))));
+    let of_index = by_keys.map(|(name, advice)| refuse(path, name, advice));
+    of_index.or_else(by_row)
 }
 
 /// Why a file is not read, where its first bytes or its name say what it is.

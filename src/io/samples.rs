@@ -1,4 +1,5 @@
-//! PNG, JPEG, WebP and KTX 2 files decoded to samples: what images and textures share.
+//! PNG, JPEG, WebP and KTX 2 files decoded to samples: what images and textures share; and TGA, BMP, GIF and TIFF files of
+//! textures, which the crate `image` decodes.
 //!
 //! Decoding has two steps, so that the claimed size can be checked before memory is taken for it:
 //! [`Encoded::open`] reads the header, [`Encoded::decode`] the pixels. Colour profiles are not
@@ -6,6 +7,7 @@
 
 use std::io::Cursor;
 
+use image::{ImageDecoder, ImageFormat, ImageReader};
 use image_webp::WebPDecoder;
 use png::Transformations;
 use zune_jpeg::JpegDecoder;
@@ -16,6 +18,7 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 #[cfg(feature = "ktx2")]
 use super::ktx2::Ktx2;
 use super::raw::DEFLATE_RATIO;
+use super::tiff;
 use crate::scene::Values;
 
 /// The first bytes of every PNG file.
@@ -38,6 +41,9 @@ const WEBP_PIXELS_PER_BYTE: u64 = 1024;
 /// Without losses a picture of one colour takes no bits at all for its pixels: so many are taken from any file.
 const WEBP_PIXELS_OF_NOTHING: u64 = 1 << 22;
 
+/// The formats of textures.
+pub(super) const TEXTURES: &str = "PNG, JPEG, WebP, KTX 2, TGA, BMP, GIF or TIFF";
+
 /// A file whose header has been read and whose size its bytes could hold.
 pub(super) struct Encoded<'a> {
     form: Form<'a>,
@@ -51,6 +57,8 @@ enum Form<'a> {
     WebP(Box<WebPDecoder<Cursor<&'a [u8]>>>),
     #[cfg(feature = "ktx2")]
     Ktx2(Ktx2),
+    /// What the crate `image` decodes.
+    Other(Box<dyn ImageDecoder + 'a>),
 }
 
 /// Why there are no pixels, as the end of a sentence about the image.
@@ -58,6 +66,8 @@ enum Form<'a> {
 pub(super) enum Refusal {
     /// Its first bytes are of another format.
     Unknown,
+    /// The same of a texture.
+    UnknownTexture,
     /// A format, and the feature of the crate that reads it.
     #[cfg(not(feature = "ktx2"))]
     NotBuilt(&'static str, &'static str),
@@ -71,6 +81,7 @@ impl std::fmt::Display for Refusal {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Unknown => write!(f, "is neither PNG, JPEG, WebP nor KTX 2"),
+            Self::UnknownTexture => write!(f, "is no image that is read ({TEXTURES})"),
             #[cfg(not(feature = "ktx2"))]
             Self::NotBuilt(name, feature) => write!(
                 f,
@@ -109,6 +120,38 @@ impl<'a> Encoded<'a> {
         } else {
             Err(Refusal::Unknown)
         }
+    }
+
+    /// Reads the header of a texture, known by its first bytes.
+    pub(super) fn texture(bytes: &'a [u8]) -> Result<Self, Refusal> {
+        match Self::open(bytes) {
+            Err(Refusal::Unknown) => {
+                let format = other_format(bytes).ok_or(Refusal::UnknownTexture)?;
+                Self::other(bytes, format)
+            }
+            known => known,
+        }
+    }
+
+    /// Reads the header of a TGA, BMP, GIF or TIFF file.
+    fn other(bytes: &'a [u8], format: ImageFormat) -> Result<Self, Refusal> {
+        // The decoder of TIFF prints to standard error what is beyond its limits.
+        if format == ImageFormat::Tiff && tiff::has_long_lists(bytes) {
+            return Err(damaged("lists of tags that are longer than the file"));
+        }
+        let limit = bytes.len() as u64 * DEFLATE_RATIO + (1 << 20);
+        let mut limits = image::Limits::default();
+        limits.max_alloc = Some(limit.saturating_mul(8));
+        let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
+        reader.limits(limits);
+        let decoder = reader.into_decoder().map_err(damaged)?;
+        let (width, height) = decoder.dimensions();
+        let size = [width, height].map(|n| n as usize);
+        check_claim(size, bytes, PNG_PIXELS_PER_BYTE)?;
+        Ok(Self {
+            form: Form::Other(Box::new(decoder)),
+            size,
+        })
     }
 
     /// Reads the header of a PNG file.
@@ -226,6 +269,10 @@ impl<'a> Encoded<'a> {
                     Numbers::Eight(bytes),
                 )
             }
+            Form::Other(decoder) => {
+                let image = image::DynamicImage::from_decoder(decoder).map_err(damaged)?;
+                (4, Numbers::Eight(image.into_rgba8().into_raw()))
+            }
             #[cfg(feature = "ktx2")]
             Form::Ktx2(image) => (4, Numbers::Eight(image.decode().map_err(damaged)?)),
             Form::WebP(mut decoder) => {
@@ -251,6 +298,29 @@ impl<'a> Encoded<'a> {
             Err(damaged("another number of samples than of pixels"))
         }
     }
+}
+
+/// The format of a texture that is none of the others. TGA has no first bytes of its own: its header has to make sense.
+fn other_format(bytes: &[u8]) -> Option<ImageFormat> {
+    if bytes.starts_with(b"GIF87a") || bytes.starts_with(b"GIF89a") {
+        return Some(ImageFormat::Gif);
+    }
+    if bytes.starts_with(b"BM") {
+        return Some(ImageFormat::Bmp);
+    }
+    if tiff::looks_like(bytes) {
+        return Some(ImageFormat::Tiff);
+    }
+    // Length of a name, whether there is a palette, kind; then origin, width, height and bits per pixel.
+    let (start, rest) = (bytes.first_chunk::<3>()?, bytes.get(12..18)?);
+    let is_tga = match start {
+        [_, 1, 1 | 9] => rest[4] == 8 || rest[4] == 16,
+        [_, 0, 2 | 10] => matches!(rest[4], 15 | 16 | 24 | 32),
+        [_, 0, 3 | 11] => matches!(rest[4], 8 | 16),
+        _ => false,
+    };
+    let has_size = rest[..2] != [0, 0] && rest[2..4] != [0, 0];
+    (is_tga && has_size).then_some(ImageFormat::Tga)
 }
 
 /// Refuses a size that the file's bytes cannot hold, even packed as densely as can be.

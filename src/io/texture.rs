@@ -1,24 +1,46 @@
-//! Images of textures: PNG, JPEG, WebP and KTX 2, decoded to eight bits, within limits.
+//! Images of textures, decoded to eight bits, within limits.
 
 use std::path::{Path, PathBuf};
 
 use super::TextureImage;
 use super::file::Input;
-use super::samples::Encoded;
+use super::samples::{Encoded, TEXTURES};
 use super::vtk_xml::clip;
 use crate::error::{Error, Hint, Result};
 
+/// A file that a statement names.
+#[derive(Debug)]
+pub(crate) struct NamedFile {
+    pub(crate) path: PathBuf,
+    /// Says that its name is spelled otherwise.
+    pub(crate) note: Option<String>,
+}
+
 /// The file that a statement names: relative to the folder, or by its last name in it, as for
-/// paths of another machine.
-pub(crate) fn find(input: Input<'_>, name: &str) -> Option<PathBuf> {
+/// paths of another machine; or else one whose name differs in upper and lower case alone.
+pub(crate) fn find(input: Input<'_>, name: &str) -> Option<NamedFile> {
     let folder = input.path.parent().unwrap_or(Path::new(""));
     let name = name.replace('\\', "/");
     let last = name.rsplit('/').next().unwrap_or("");
-    [name.as_str(), last]
-        .into_iter()
-        .filter(|n| !n.is_empty())
-        .map(|n| folder.join(n))
-        .find(|file| input.has_beside(file))
+    let paths = || {
+        let names = [name.as_str(), last].into_iter();
+        names.filter(|n| !n.is_empty()).map(|n| folder.join(n))
+    };
+    if let Some(path) = paths().find(|file| input.has_beside(file)) {
+        return Some(NamedFile { path, note: None });
+    }
+    let path = paths().find_map(|file| input.in_another_case(&file))?;
+    Some(NamedFile {
+        note: Some(spelled_otherwise(&name, &path)),
+        path,
+    })
+}
+
+/// The note about a file whose name differs from the one stated in upper and lower case.
+pub(crate) fn spelled_otherwise(name: &str, path: &Path) -> String {
+    let found = path.file_name().unwrap_or_default().to_string_lossy();
+    let (name, found) = (clip(name), clip(&found));
+    format!("no file `{name}`: `{found}` is taken for it")
 }
 
 /// The most pixels that the textures of one file may have together: 2 GiB of them.
@@ -28,24 +50,27 @@ const MOST_PIXELS: u64 = 1 << 29;
 #[derive(Debug)]
 pub(crate) struct ImageBudget {
     pixels: u64,
+    /// Files that were found under other names.
+    pub(crate) notes: Vec<String>,
 }
 
 impl Default for ImageBudget {
     fn default() -> Self {
         Self {
             pixels: MOST_PIXELS,
+            notes: Vec::new(),
         }
     }
 }
 
 impl ImageBudget {
-    /// Decodes a PNG, JPEG, WebP or KTX 2 image, known by its first bytes.
+    /// Decodes an image of any format that [`Encoded::texture`] knows.
     ///
     /// # Errors
     /// Why it cannot be decoded, as the end of a sentence: readers of meshes go on without the
     /// image and tell of it.
     pub(crate) fn decode(&mut self, bytes: &[u8]) -> Result<TextureImage, String> {
-        let encoded = Encoded::open(bytes).map_err(|refusal| refusal.to_string())?;
+        let encoded = Encoded::texture(bytes).map_err(|refusal| refusal.to_string())?;
         let [width, height] = encoded.size();
         // Neither exceeds 32 bits.
         self.pixels = self
@@ -69,7 +94,8 @@ impl ImageBudget {
         let decoded = match find(input, name) {
             None => Err(format!("no file `{}`", clip(name))),
             Some(file) => {
-                let bytes = input.read_beside(&file).map_err(|e| e.to_string());
+                self.notes.extend(file.note);
+                let bytes = input.read_beside(&file.path).map_err(|e| e.to_string());
                 bytes.and_then(|bytes| {
                     self.decode(&bytes)
                         .map_err(|reason| format!("image `{}` {reason}", clip(name)))
@@ -89,7 +115,7 @@ impl ImageBudget {
             Error::format(
                 path,
                 "texture",
-                "a PNG, JPEG, WebP or KTX 2 image",
+                format!("an image ({TEXTURES})"),
                 format!("a file that {reason}"),
                 Hint::NameOtherTexture,
             )

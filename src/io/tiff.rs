@@ -148,7 +148,7 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
 /// | how many entries it has | u16 | u64 |
 /// | an entry: tag u16, type u16, count, value | count u32, 12 bytes in all | count u64, 20 bytes in all |
 /// | behind them, where the next directory is, 0 for none | u32 | u64 |
-fn has_long_lists(bytes: &[u8]) -> bool {
+pub(super) fn has_long_lists(bytes: &[u8]) -> bool {
     let is_big_endian = bytes.starts_with(b"MM");
     let number = |at: usize, len: usize| {
         let part = bytes.get(at..at.checked_add(len)?)?;

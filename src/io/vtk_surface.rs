@@ -1,27 +1,29 @@
 //! Flat cells of VTK files as a mesh.
 //!
-//! | array of the points | what |
+//! | array | what |
 //! |---|---|
-//! | the first of three or four bytes each | colours, sRGB-encoded, and opacity |
-//! | `Normals`, three numbers each | normals |
+//! | the first of three or four bytes each, or with a name of colours; of points, or else of cells | colours, sRGB-encoded, and opacity |
+//! | `Normals` of points, three numbers each | normals |
 //!
 //! Cells of higher order are cut where they are bent, and those that ghost arrays take out are left out. Other arrays stay
 //! fields: of points at the corners, of cells at the triangles.
 //! The surface is seen from behind, too, unless it is closed with its front outwards (see [`super::closed`]).
 
+use std::collections::HashMap;
 use std::path::Path;
 
 use glam::Vec3;
 
 use super::blanking::Blanking;
 use super::closed::are_closed;
+use super::colour_columns::{ColourNumbers, ColourScale};
 use super::dataset::{Association, Dataset, Field, FieldSource, Geometry};
 use super::first_order::surface_of_first_order;
 use super::mesh_part::{LeftOut, check_not_empty, finish, plain};
 use super::polygons::{approximate_note, strip, triangles_with};
+use super::vtk_xml::clip;
 use super::{AlphaMode, CellKind, CellMesh, Mesh, MeshPart};
 use crate::error::Result;
-use crate::image::linear_from_srgb;
 use crate::scene::Values;
 
 /// Whether cells are a surface: some are flat, and none is a solid or of a kind that is not known.
@@ -55,7 +57,14 @@ pub(super) fn dataset(
 
     let mut part = MeshPart::default();
     let mut used = Vec::new();
-    if let Some((i, colours)) = colours(&fields, cells.nodes.len()) {
+    let counts = (cells.nodes.len(), cells.kinds.len());
+    let notes = &mut data.notes;
+    let of_nodes = colours(&fields, Association::Nodes, counts.0, notes);
+    let of_cells = match of_nodes {
+        None => colours(&fields, Association::Cells, counts.1, notes),
+        Some(_) => None,
+    };
+    if let Some((i, colours)) = of_nodes {
         used.push(i);
         part.colours = colours;
     }
@@ -91,8 +100,19 @@ pub(super) fn dataset(
         owners.push(index(i));
     }
     part.positions = cells.nodes;
+    // The node of each corner; empty where they are the same.
+    let mut nodes = Vec::new();
+    if let Some((i, colours)) = of_cells {
+        used.push(i);
+        (nodes, part.colours) = split_by_colour(&mut corners, &ends, &owners, &colours);
+        let of_nodes = |i: &u32| part.positions[*i as usize];
+        part.positions = nodes.iter().map(of_nodes).collect();
+        if !part.normals.is_empty() {
+            part.normals = nodes.iter().map(|i| part.normals[*i as usize]).collect();
+        }
+    }
     let mut approximate = 0;
-    let (node_count, cell_count) = (part.positions.len(), cells.kinds.len());
+    let (node_count, cell_count) = counts;
     let mut cell_of_triangle = Vec::new();
     let mut polygons = owners.iter();
     let of_polygon = |count| {
@@ -139,6 +159,12 @@ pub(super) fn dataset(
     }
     data.notes.extend(approximate_note(approximate));
     data.notes.extend(left_out.notes());
+    let of_kept = |corner: &u32| nodes[*corner as usize];
+    let corners = match (nodes.is_empty(), kept.corners.is_empty()) {
+        (true, _) => kept.corners,
+        (false, true) => nodes,
+        (false, false) => kept.corners.iter().map(of_kept).collect(),
+    };
     let cells: Vec<u32> = kept
         .triangles
         .iter()
@@ -149,7 +175,7 @@ pub(super) fn dataset(
         others.filter(|(i, field)| !used.contains(i) && !Blanking::is_told_by(&field.name));
     for (_, mut field) in others {
         let (expected, chosen) = match field.association {
-            Association::Nodes => (node_count, &kept.corners),
+            Association::Nodes => (node_count, &corners),
             Association::Cells => (cell_count, &cells),
         };
         let all = field.association == Association::Nodes && chosen.is_empty();
@@ -184,28 +210,65 @@ fn outline(kind: CellKind, cell: &[u32], corners: &mut Vec<u32>) {
     }
 }
 
-/// The first field of points with three or four bytes each, as linear RGBA.
-fn colours(fields: &[Field], count: usize) -> Option<(usize, Vec<[f32; 4]>)> {
-    fields.iter().enumerate().find_map(|(i, field)| {
-        let FieldSource::Vector(components) = &field.source else {
-            return None;
-        };
-        let bytes = |c: &Values| match c {
-            Values::U8(bytes) if bytes.len() == count => Some(bytes.clone()),
-            _ => None,
-        };
-        let bytes: Option<Vec<Vec<u8>>> = components.iter().map(bytes).collect();
-        let bytes = bytes.filter(|c| matches!(c.len(), 3 | 4))?;
-        if field.association != Association::Nodes {
-            return None;
+/// The first field of points or of cells with three or four bytes each, or with another kind of colours
+/// ([`Field::is_colour`]), as linear RGBA.
+fn colours(
+    fields: &[Field],
+    association: Association,
+    count: usize,
+    notes: &mut Vec<String>,
+) -> Option<(usize, Vec<[f32; 4]>)> {
+    let is_bytes = |field: &Field| {
+        let arrays = field.arrays();
+        matches!(arrays.len(), 3 | 4) && arrays.iter().all(|a| matches!(a, Values::U8(_)))
+    };
+    let (i, field) = fields.iter().enumerate().find(|(_, field)| {
+        field.association == association
+            && field.arrays().iter().all(|array| array.len() == count)
+            && (is_bytes(field) || field.is_colour())
+    })?;
+    let (channels, alpha) = field.arrays().split_at_checked(3)?;
+    let scale = ColourScale::of(None, ColourNumbers::of(channels));
+    if let Some(assumed) = scale.assumed() {
+        notes.push(format!("colours `{}` {assumed}", clip(&field.name)));
+    }
+    let of_alpha = ColourScale::of(None, ColourNumbers::of(alpha));
+    let colour = |p: usize| {
+        let [r, g, b] = [0, 1, 2].map(|c: usize| scale.linear(channels[c].get(p)));
+        let opacity = alpha.first().map_or(1.0, |a| of_alpha.share(a.get(p)));
+        [r, g, b, opacity]
+    };
+    Some((i, (0..count).map(colour).collect()))
+}
+
+/// Gives each corner a number of its own for each colour of the polygons around it.
+///
+/// - `colours`: of cells; `owners`: of each polygon its cell.
+///
+/// Returns the node of each new corner, and its colour.
+fn split_by_colour(
+    corners: &mut [u32],
+    ends: &[usize],
+    owners: &[u32],
+    colours: &[[f32; 4]],
+) -> (Vec<u32>, Vec<[f32; 4]>) {
+    let mut number_of: HashMap<(u32, [u32; 4]), u32> = HashMap::new();
+    let (mut nodes, mut of_corner) = (Vec::new(), Vec::new());
+    let mut start = 0;
+    for (&end, &owner) in ends.iter().zip(owners) {
+        let colour = colours[owner as usize];
+        for corner in &mut corners[start..end] {
+            let next = u32::try_from(nodes.len()).unwrap_or(u32::MAX);
+            let key = (*corner, colour.map(f32::to_bits));
+            *corner = *number_of.entry(key).or_insert_with(|| {
+                nodes.push(key.0);
+                of_corner.push(colour);
+                next
+            });
         }
-        let share = |byte: u8| f32::from(byte) / 255.0;
-        let colour = |p: usize| {
-            let [r, g, b] = [0, 1, 2].map(|c| linear_from_srgb(share(bytes[c][p])));
-            [r, g, b, bytes.get(3).map_or(1.0, |alpha| share(alpha[p]))]
-        };
-        Some((i, (0..count).map(colour).collect()))
-    })
+        start = end;
+    }
+    (nodes, of_corner)
 }
 
 /// The normals of points.

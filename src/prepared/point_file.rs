@@ -7,10 +7,11 @@ use glam::DVec3;
 
 use crate::blocks::ParticleStream;
 use crate::error::{Error, Result};
-use crate::io::{ParticleType, RowFile, Up};
+use crate::io::{ColourNumbers, ParticleType, RowFile, Up};
 use crate::math::ExactSum;
 use crate::sample::{
-    OfRows, SampleOptions, SampleReport, mean_spacing, nothing_left, of_rows, rows, summed_function,
+    OfRows, SampleOptions, SampleReport, colour_numbers, mean_spacing, nothing_left, of_rows, rows,
+    summed_function,
 };
 use crate::scene::PointVolume;
 use crate::scene::rows::{append, kind_of, volume_of};
@@ -49,6 +50,8 @@ pub struct PointFile {
     options: SampleOptions,
     /// Whether column densities sum values, whose range and volume all of them make up.
     is_of_values: bool,
+    /// The numbers of all colours, where they say how these are stored.
+    colours: Option<ColourNumbers>,
     notes: Vec<String>,
     /// What was found when all were read first.
     report: Option<SampleReport>,
@@ -93,10 +96,18 @@ impl PointFile {
         if let OfRows::Summed(name) = kind {
             options.field = Some(name);
         }
+        let mut colours = None;
+        if colour_numbers(&head)?.is_some() {
+            for run in file.runs(ROWS) {
+                let own = colour_numbers(&file.read(run)?)?;
+                colours = own.into_iter().chain(colours).reduce(ColourNumbers::and);
+            }
+        }
         Ok(Some(Self {
             file,
             options,
             is_of_values,
+            colours,
             notes: head.notes,
             report: None,
             corners: None,
@@ -190,7 +201,7 @@ impl PointFile {
             if let Some(corners) = dataset.bounds() {
                 found.extend(corners);
             }
-            let sampled = rows(dataset, &self.options, &mut found.volume_sum)?;
+            let sampled = rows(dataset, &self.options, self.colours, &mut found.volume_sum)?;
             match &mut report {
                 Some(report) => report.add(&sampled.report),
                 None => report = Some(sampled.report),

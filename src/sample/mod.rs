@@ -55,6 +55,8 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 
 use crate::error::{Error, Hint, Parameter, Place, Result};
+#[cfg(feature = "prepared")]
+use crate::io::ColourNumbers;
 use crate::io::{
     Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry, LengthMeaning, SphKernel,
     is_of_higher_order, to_first_order,
@@ -470,9 +472,20 @@ pub(crate) fn of_rows(dataset: &Dataset, options: &SampleOptions) -> Option<OfRo
     points::kind_of_rows(dataset, options).filter(|_| is_alone)
 }
 
+/// The numbers of the colours of some rows of such a data set, from which with those of all others follows how they are
+/// stored; `None` where that depends on no numbers.
+///
+/// # Errors
+/// Columns of another length.
+#[cfg(feature = "prepared")]
+pub(crate) fn colour_numbers(dataset: &Dataset) -> Result<Option<ColourNumbers>> {
+    points::colour_numbers(dataset)
+}
+
 /// The same as [`volume`] of some of the rows of such a data set, of which none may be left, but for the function of those
 /// that column densities sum ([`summed_function`]).
 ///
+/// - `colours`: of all rows ([`colour_numbers`]).
 /// - `volume_sum`: of the particles before them, and then of these too \[length³\].
 ///
 /// # Errors
@@ -481,13 +494,14 @@ pub(crate) fn of_rows(dataset: &Dataset, options: &SampleOptions) -> Option<OfRo
 pub(crate) fn rows(
     dataset: Dataset,
     options: &SampleOptions,
+    colours: Option<ColourNumbers>,
     volume_sum: &mut ExactSum,
 ) -> Result<Sampled> {
     check_options(options)?;
     dataset.validate()?;
     let shown = options.field.as_ref();
     let unit = shown.and_then(|name| dataset.unit(name).map(str::to_owned));
-    let mut sampled = points::of_rows(dataset, options, volume_sum)?;
+    let mut sampled = points::of_rows(dataset, options, colours, volume_sum)?;
     sampled.report.unit = unit;
     Ok(sampled)
 }

@@ -18,6 +18,7 @@ mod cells;
 mod clouds;
 mod collections;
 mod colour_maps;
+mod colours;
 mod convert;
 #[cfg(feature = "dicom")]
 mod dicom;
@@ -25,6 +26,7 @@ mod faces;
 mod fixtures;
 mod from_bytes;
 mod gadget;
+mod gltf_variations;
 mod hdf5;
 mod image_series;
 mod mesh_sampling;

@@ -32,6 +32,24 @@ fn formats_that_are_not_read_have_names_and_ways_out() {
             "image holds no volume",
         ),
         ("a.gz", b"\x1f\x8b\x08\0\0\0\0\0", "gzip", "unpack"),
+        (
+            "lod-meta.json",
+            b"{\"version\":1,\"asset\":{\"generator\":\"x\"},\"lodLevels\":2,\"filenames\":[\"0_0/meta.json\"]}",
+            "an index of levels of detail",
+            "`meta.json`",
+        ),
+        (
+            "lod-meta.json",
+            b"{\"version\":1,\"lodLevels\":2,\"filenames\":[\"0_0/meta.json\"]}",
+            "an index of levels of detail",
+            "`meta.json`",
+        ),
+        (
+            "tileset.json",
+            b"{\"asset\":{\"version\":\"1.1\"},\"geometricError\":2,\"root\":{}}",
+            "a tileset of 3D Tiles",
+            ".glb",
+        ),
     ] {
         let error = read(name, bytes, &OpenOptions::default()).unwrap_err();
         let error = error.to_string();

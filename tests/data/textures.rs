@@ -191,3 +191,84 @@ fn claims_of_ktx2_are_checked() {
         assert!(is_told, "{name} {at}: {:?}", data.notes);
     }
 }
+
+/// The same four pixels, rows from the top, in the formats that older meshes come with.
+#[test]
+fn textures_of_other_formats_have_their_pixels() {
+    let pixels = [[255, 0, 0], [0, 255, 0], [0, 0, 255], [10, 20, 30]];
+    let bgr = |i: usize| [pixels[i][2], pixels[i][1], pixels[i][0]];
+    // Kind, size, bits, and whether rows run from the top.
+    let tga = |kind: u8, flags: u8, body: &[u8]| {
+        let header = [0, 0, kind, 0, 0, 0, 0, 0, 0, 0, 0, 0, 2, 0, 2, 0, 24, flags];
+        [&header[..], body].concat()
+    };
+    let from_top: Vec<u8> = (0..4).flat_map(bgr).collect();
+    let from_bottom: Vec<u8> = [2, 3, 0, 1].into_iter().flat_map(bgr).collect();
+    let runs: Vec<u8> = (0..4)
+        .flat_map(|i| [&[0x80][..], &bgr(i)].concat())
+        .collect();
+    let mut bmp = b"BM".to_vec();
+    for number in [
+        70_u32,
+        0,
+        54,
+        40,
+        2,
+        2,
+        24 << 16 | 1,
+        0,
+        16,
+        2835,
+        2835,
+        0,
+        0,
+    ] {
+        bmp.extend(number.to_le_bytes());
+    }
+    for row in from_bottom.chunks(6) {
+        bmp.extend(row);
+        bmp.extend([0; 2]);
+    }
+    let by_crate = |format: image::ImageFormat| {
+        let numbers = pixels.as_flattened().to_vec();
+        let picture = image::RgbImage::from_raw(2, 2, numbers).unwrap();
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        image::DynamicImage::from(picture)
+            .write_to(&mut bytes, format)
+            .unwrap();
+        bytes.into_inner()
+    };
+    for (name, file) in [
+        ("tga from the top", tga(2, 0x20, &from_top)),
+        ("tga from the bottom", tga(2, 0, &from_bottom)),
+        ("tga in runs", tga(10, 0x20, &runs)),
+        ("bmp", bmp),
+        ("gif", by_crate(image::ImageFormat::Gif)),
+        ("tiff", by_crate(image::ImageFormat::Tiff)),
+    ] {
+        let found = image(&file, json!({ "source": 0 }), &[]);
+        assert_eq!((found.width, found.height), (2, 2), "{name}");
+        for (found, [r, g, b]) in found.pixels.iter().zip(pixels) {
+            assert_eq!(*found, [r, g, b, 255], "{name}");
+        }
+        // Cut anywhere, it is an image that cannot be read, and no more.
+        for len in 0..file.len() {
+            let mut cut = rich_gltf();
+            let uri = format!("data:image/tga;base64,{}", STANDARD.encode(&file[..len]));
+            cut.json["images"][0] = json!({ "uri": uri });
+            read("a.gltf", &cut.text(), &OpenOptions::default()).unwrap();
+        }
+    }
+    // A size that its bytes cannot hold is refused before memory is taken.
+    let mut claims = tga(2, 0, &from_bottom);
+    claims[12..16].fill(255);
+    let mut file = rich_gltf();
+    let uri = format!("data:image/tga;base64,{}", STANDARD.encode(&claims));
+    file.json["images"][0] = json!({ "uri": uri });
+    let data = read("a.gltf", &file.text(), &OpenOptions::default()).unwrap();
+    assert!(
+        data.notes[0].contains("claims 65535 x 65535 pixels"),
+        "{:?}",
+        data.notes
+    );
+}

@@ -212,6 +212,25 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
                 seeds.push(("c.gltf".into(), picture.text()));
             }
         }
+        for format in [
+            image::ImageFormat::Tga,
+            image::ImageFormat::Bmp,
+            image::ImageFormat::Gif,
+            image::ImageFormat::Tiff,
+        ] {
+            let numbers = pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
+            let drawn = image::RgbImage::from_raw(8, 8, numbers).unwrap();
+            let mut bytes = std::io::Cursor::new(Vec::new());
+            image::DynamicImage::from(drawn)
+                .write_to(&mut bytes, format)
+                .unwrap();
+            picture.json["images"][0] = serde_json::json!({
+                "uri": format!("data:image/x;base64,{}", STANDARD.encode(bytes.into_inner())),
+            });
+            for _ in 0..4 {
+                seeds.push(("c.gltf".into(), picture.text()));
+            }
+        }
         let mut image = rich_gltf();
         image.json["images"][0] = serde_json::json!({
             "uri": format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg(16, [9, 99, 199]))),

@@ -1,20 +1,82 @@
 //! Typed numbers in buffers, checked in full before the first is read.
-//!
-//! The crate `gltf` has iterators for this; on short buffers they panic, or end early, and a
-//! sparse accessor whose indices are not in order reads wrong. So its types are used, and the
-//! bytes are read here.
 
 use std::borrow::Cow;
 
-use gltf_json::accessor::{ComponentType, Type};
-use gltf_json::validation::Checked;
-use gltf_json::{self as json, Index};
-
 use super::container::Buffers;
+use super::document::Object;
 use crate::error::Result;
+use crate::io::vtk_xml::clip;
+
+/// What an element is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::io) enum Type {
+    Scalar,
+    Vec2,
+    Vec3,
+    Vec4,
+    Mat4,
+}
+
+impl Type {
+    fn named(name: &str) -> Option<Self> {
+        Some(match name {
+            "SCALAR" => Self::Scalar,
+            "VEC2" => Self::Vec2,
+            "VEC3" => Self::Vec3,
+            "VEC4" => Self::Vec4,
+            "MAT4" => Self::Mat4,
+            _ => return None,
+        })
+    }
+
+    /// How many components it has.
+    fn width(self) -> usize {
+        match self {
+            Self::Scalar => 1,
+            Self::Vec2 => 2,
+            Self::Vec3 => 3,
+            Self::Vec4 => 4,
+            Self::Mat4 => 16,
+        }
+    }
+}
+
+/// What a component is stored as.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::io) enum ComponentType {
+    I8,
+    U8,
+    I16,
+    U16,
+    U32,
+    F32,
+}
+
+impl ComponentType {
+    fn of_code(code: u64) -> Option<Self> {
+        Some(match code {
+            5120 => Self::I8,
+            5121 => Self::U8,
+            5122 => Self::I16,
+            5123 => Self::U16,
+            5125 => Self::U32,
+            5126 => Self::F32,
+            _ => return None,
+        })
+    }
+
+    /// Its bytes.
+    pub(super) fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::U32 | Self::F32 => 4,
+        }
+    }
+}
 
 /// The component types that hold normalised or plain numbers of vertices.
-pub(super) const ANY_NUMBERS: &[ComponentType] = &[
+pub(in crate::io) const ANY_NUMBERS: &[ComponentType] = &[
     ComponentType::F32,
     ComponentType::U8,
     ComponentType::I8,
@@ -27,7 +89,7 @@ pub(super) const INDICES: &[ComponentType] =
     &[ComponentType::U8, ComponentType::U16, ComponentType::U32];
 
 /// An accessor whose elements are all there.
-pub(super) struct Accessor<'b> {
+pub(in crate::io) struct Accessor<'b> {
     count: usize,
     /// Components of an element.
     width: usize,
@@ -41,7 +103,7 @@ pub(super) struct Accessor<'b> {
 
 /// What an accessor says of itself.
 pub(super) struct Stated<'b> {
-    accessor: &'b json::Accessor,
+    accessor: Object<'b>,
     /// Where it is named, for messages.
     pub(super) place: String,
     /// Components of an element.
@@ -56,30 +118,28 @@ impl<'b> Stated<'b> {
     /// No such accessor, or another type.
     pub(super) fn find(
         buffers: &'b Buffers<'_>,
-        index: Index<json::Accessor>,
+        index: usize,
         place: &str,
         types: &[Type],
         components: &[ComponentType],
     ) -> Result<Self> {
-        let accessor = buffers.root.get(index).ok_or_else(|| {
-            let expected = format!("one of {} accessors", buffers.root.accessors.len());
-            buffers.refuse(place, expected, format!("accessor {}", index.value()))
-        })?;
-        let place = format!("{place}, accessor {}", index.value());
-        match (accessor.type_, accessor.component_type) {
-            (Checked::Valid(t), Checked::Valid(c))
-                if types.contains(&t) && components.contains(&c.0) =>
-            {
-                Ok(Self {
-                    accessor,
-                    place,
-                    width: t.multiplicity(),
-                    component: c.0,
-                })
-            }
-            (t, c) => {
+        let accessor = buffers.document.get("accessors", index, place)?;
+        let place = format!("{place}, accessor {index}");
+        let (kind, code) = (accessor.word("type")?, accessor.integer("componentType")?);
+        let type_ = kind.and_then(Type::named).filter(|t| types.contains(t));
+        let component = code.and_then(ComponentType::of_code);
+        let component = component.filter(|c| components.contains(c));
+        match (type_, component) {
+            (Some(type_), Some(component)) => Ok(Self {
+                accessor,
+                place,
+                width: type_.width(),
+                component,
+            }),
+            _ => {
                 let expected = format!("{types:?} of {components:?}");
-                let found = format!("{t:?} of {c:?}");
+                let code = code.map_or("none".into(), |code| code.to_string());
+                let found = format!("{} of component type {code}", clip(kind.unwrap_or("none")));
                 Err(buffers.refuse(place, expected, found))
             }
         }
@@ -93,10 +153,16 @@ impl<'b> Stated<'b> {
             count: bytes.len() / size,
             width: self.width,
             component,
-            is_normalized: self.accessor.normalized,
+            is_normalized: self.is_normalized(),
             base: Some((Cow::Owned(bytes), size)),
             sparse: None,
         }
+    }
+
+    /// Whether integers are fractions; floats say so themselves.
+    #[cfg(feature = "draco")]
+    fn is_normalized(&self) -> bool {
+        self.accessor.flag("normalized").unwrap_or(false)
     }
 
     /// Its elements in the buffers.
@@ -119,7 +185,7 @@ impl<'b> Stated<'b> {
             let fits = usize::try_from(count).ok().filter(|n| *n <= room);
             fits.ok_or_else(|| too_many(count, room))
         };
-        let elements = |view, offset: u64, wanted: u64, size: usize, name: &str| {
+        let elements = |view: usize, offset: u64, wanted: u64, size: usize, name: &str| {
             let (bytes, stride) = buffers.view(view, &format!("{place}{name}"))?;
             let stride = stride.unwrap_or(size);
             if stride < size {
@@ -132,47 +198,49 @@ impl<'b> Stated<'b> {
             count(wanted, room)?;
             Ok((bytes, stride))
         };
-        let base = match stated.buffer_view {
+        let stated_count = stated.size("count")?;
+        let base = match stated.index("bufferView")? {
             Some(view) => {
-                let offset = stated.byte_offset.map_or(0, |o| o.0);
-                let (bytes, stride) = elements(view, offset, stated.count.0, size, "")?;
+                let offset = stated.integer("byteOffset")?.unwrap_or(0);
+                let (bytes, stride) = elements(view, offset, stated_count, size, "")?;
                 Some((Cow::Borrowed(bytes), stride))
             }
             None => None,
         };
         let count_all = match base {
-            Some(_) => usize::try_from(stated.count.0).unwrap_or(usize::MAX),
+            Some(_) => usize::try_from(stated_count).unwrap_or(usize::MAX),
             // Zeros need no bytes: but there is no sense in more of them than the file has.
-            None => count(stated.count.0, buffers.byte_count())?,
+            None => count(stated_count, buffers.byte_count())?,
         };
-        let sparse = match &stated.sparse {
+        let sparse = match stated.object("sparse")? {
             None => None,
             Some(sparse) => {
-                let Checked::Valid(kind) = sparse.indices.component_type else {
+                let part = |key: &'static str| -> Result<(Object<'_>, usize, u64)> {
+                    let part = sparse.object(key)?;
+                    let missing = || buffers.refuse(&place, format!("sparse {key}"), "none");
+                    let part = part.ok_or_else(missing)?;
+                    let view = part.index("bufferView")?.unwrap_or(usize::MAX);
+                    Ok((part, view, part.integer("byteOffset")?.unwrap_or(0)))
+                };
+                let (indices, view, offset) = part("indices")?;
+                let kind = indices.integer("componentType")?;
+                let kind = kind.and_then(ComponentType::of_code);
+                let Some(kind) = kind.filter(|kind| INDICES.contains(kind)) else {
                     let expected = "indices of type U8, U16 or U32";
                     return Err(buffers.refuse(place, expected, "another type"));
                 };
-                let size_of_index = kind.0.size();
-                let (bytes, stride) = elements(
-                    sparse.indices.buffer_view,
-                    sparse.indices.byte_offset.0,
-                    sparse.count.0,
-                    size_of_index,
-                    ", sparse indices",
-                )?;
-                let (values, stride_of_values) = elements(
-                    sparse.values.buffer_view,
-                    sparse.values.byte_offset.0,
-                    sparse.count.0,
-                    size,
-                    ", sparse values",
-                )?;
+                let sparse_count = sparse.size("count")?;
+                let (bytes, stride) =
+                    elements(view, offset, sparse_count, kind.size(), ", sparse indices")?;
+                let (_, view, offset) = part("values")?;
+                let (values, stride_of_values) =
+                    elements(view, offset, sparse_count, size, ", sparse values")?;
                 if stride_of_values != size {
                     let expected = "sparse values without a stride";
                     return Err(buffers.refuse(place, expected, stride_of_values.to_string()));
                 }
-                let count = usize::try_from(sparse.count.0).unwrap_or(0);
-                let at = |i: usize| unsigned(kind.0, &bytes[i * stride..]) as usize;
+                let count = usize::try_from(sparse_count).unwrap_or(0);
+                let at = |i: usize| unsigned(kind, &bytes[i * stride..]) as usize;
                 let indices: Vec<usize> = (0..count).map(at).collect();
                 let is_sound = indices.is_sorted_by(|a, b| a < b)
                     && indices.last().is_none_or(|last| *last < count_all);
@@ -187,7 +255,7 @@ impl<'b> Stated<'b> {
             count: count_all,
             width,
             component,
-            is_normalized: stated.normalized,
+            is_normalized: stated.flag("normalized")?,
             base,
             sparse,
         })
@@ -199,9 +267,9 @@ impl<'b> Accessor<'b> {
     ///
     /// # Errors
     /// Another type, or bytes that are not there.
-    pub(super) fn open(
+    pub(in crate::io) fn open(
         buffers: &'b Buffers<'_>,
-        index: Index<json::Accessor>,
+        index: usize,
         place: &str,
         types: &[Type],
         components: &[ComponentType],
@@ -210,7 +278,7 @@ impl<'b> Accessor<'b> {
     }
 
     /// How many elements there are.
-    pub(super) fn len(&self) -> usize {
+    pub(in crate::io) fn len(&self) -> usize {
         self.count
     }
 
@@ -233,7 +301,7 @@ impl<'b> Accessor<'b> {
 
     /// Element `i`, which is in range, as numbers; those that it does not have are 0. Normalised
     /// integers are fractions of the greatest one.
-    pub(super) fn numbers<const N: usize>(&self, i: usize) -> [f64; N] {
+    pub(in crate::io) fn numbers<const N: usize>(&self, i: usize) -> [f64; N] {
         let mut numbers = [0.0; N];
         if let Some(bytes) = self.element(i) {
             let components = bytes.chunks_exact(self.component.size());

@@ -1,20 +1,24 @@
 //! The bytes of a glTF file: its JSON, its binary chunk, and the buffers and files it names.
 
 use std::borrow::Cow;
-use std::cell::{Cell, OnceCell};
+use std::cell::{Cell, OnceCell, RefCell};
 use std::path::{Path, PathBuf};
 
 use base64::Engine;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
-use gltf_json::{self as json, Index, Root};
 
+use super::document::{BROKEN, Document};
 use super::meshopt;
 use crate::error::{Error, Result};
 use crate::io::file::Input;
+use crate::io::texture::spelled_otherwise;
 use crate::io::vtk_xml::clip;
 
 /// The first bytes of a binary file.
 const MAGIC: &[u8] = b"glTF";
+
+/// The kind of the chunk that is the first buffer.
+const BIN: &[u8; 4] = b"BIN\0";
 
 /// Whether a file's first bytes are those of a binary file, or JSON that holds an asset.
 pub(crate) fn looks_like(head: &[u8]) -> bool {
@@ -29,13 +33,26 @@ pub(crate) fn looks_like(head: &[u8]) -> bool {
             .any(|w| text.contains(w))
 }
 
+/// A file's parts.
+#[derive(Debug)]
+pub(in crate::io) struct Chunks<'f> {
+    pub(in crate::io) json: &'f [u8],
+    /// The binary chunk.
+    pub(in crate::io) bin: Option<&'f [u8]>,
+    pub(in crate::io) note: Option<&'static str>,
+}
+
 /// The JSON of a file and, for a binary file, the chunk after it.
 ///
 /// # Errors
 /// A binary file of another version, or one whose chunks are longer than it.
-pub(crate) fn split<'f>(path: &Path, bytes: &'f [u8]) -> Result<(&'f [u8], Option<&'f [u8]>)> {
+pub(in crate::io) fn split<'f>(path: &Path, bytes: &'f [u8]) -> Result<Chunks<'f>> {
     if !bytes.starts_with(MAGIC) {
-        return Ok((bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes), None));
+        return Ok(Chunks {
+            json: bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes),
+            bin: None,
+            note: None,
+        });
     }
     let advice = "the file is damaged or cut off: get it again";
     let word = |at: usize| {
@@ -48,40 +65,62 @@ pub(crate) fn split<'f>(path: &Path, bytes: &'f [u8]) -> Result<(&'f [u8], Optio
         let found = format!("version {version}");
         return Err(Error::format(path, "header", "version 2", found, advice));
     }
-    // The length in the header is not needed: some writers leave it wrong.
-    let (mut at, mut json, mut bin) = (12, None, None);
+    // Some writers leave the length in the header wrong: it is looked at only where a chunk does not fit.
+    let stated = word(8).and_then(|len| usize::try_from(len).ok());
+    let (mut at, mut json, mut bin, mut note) = (12, None, None, None);
     while let (Some(len), Some(kind)) = (word(at), word(at + 4)) {
         let start = at + 8;
         let rest = bytes.get(start..).unwrap_or(&[]);
         let chunk = usize::try_from(len).ok().and_then(|len| rest.get(..len));
-        let chunk = chunk.ok_or_else(|| {
-            Error::format(
+        let Some(chunk) = chunk else {
+            if json.is_some() && stated.is_some_and(|end| end <= at) {
+                note = Some("there are bytes after the end that its header states: not read");
+                break;
+            }
+            let place = format!("chunk at byte {at}");
+            let found = rest.len().to_string();
+            return Err(Error::format(
                 path,
-                format!("chunk at byte {at}"),
+                place,
                 format!("{len} bytes"),
-                format!("{}", rest.len()),
+                found,
                 advice,
-            )
-        })?;
+            ));
+        };
         match &kind.to_le_bytes() {
             b"JSON" if json.is_none() => json = Some(chunk),
-            b"BIN\0" if bin.is_none() => bin = Some(chunk),
+            BIN if bin.is_none() => bin = Some(chunk),
             // Chunks of other kinds are for others.
             _ => {}
         }
-        at = start + chunk.len().next_multiple_of(4);
+        let end = start + chunk.len();
+        at = end.next_multiple_of(4);
+        if at != end {
+            note = Some(
+                "chunks are not filled up to a multiple of four bytes, as the format asks: read all the same",
+            );
+            // A chunk that the file has room for, of a kind in letters.
+            let follows = |at: usize| {
+                let fits = word(at).is_some_and(|len| len as usize <= bytes.len() - at - 4);
+                let kind = bytes.get(at + 4..at + 8).unwrap_or(&[]);
+                fits && kind.len() == 4 && kind.iter().all(|b| b.is_ascii_graphic() || *b == 0)
+            };
+            if follows(end) && !follows(at) {
+                at = end;
+            }
+        }
     }
     let json =
         json.ok_or_else(|| Error::format(path, "chunks", "one of kind `JSON`", "none", advice))?;
-    Ok((json, bin))
+    Ok(Chunks { json, bin, note })
 }
 
 /// What a URI of a buffer or an image stands for.
 pub(super) enum Source<'f> {
     /// The bytes of a `data:` URI.
     Bytes(Vec<u8>),
-    /// A file, and its name as the URI states it.
-    File(Input<'f>, PathBuf),
+    /// A file, its path, and a note where its name is spelled otherwise.
+    File(Input<'f>, PathBuf, Option<String>),
 }
 
 impl<'f> Source<'f> {
@@ -112,17 +151,31 @@ impl<'f> Source<'f> {
             return Err(format!("`{}`, which is no relative path", clip(uri)));
         }
         let file = input.path.parent().unwrap_or(Path::new("")).join(&name);
-        if !input.has_beside(&file) {
-            return Err(format!("no file `{}`", clip(&name)));
+        if input.has_beside(&file) {
+            return Ok(Self::File(input, file, None));
         }
-        Ok(Self::File(input, file))
+        match input.in_another_case(&file) {
+            Some(file) => {
+                let note = spelled_otherwise(&name, &file);
+                Ok(Self::File(input, file, Some(note)))
+            }
+            None => Err(format!("no file `{}`", clip(&name))),
+        }
+    }
+
+    /// What is to be said of it.
+    pub(super) fn note(&self) -> Option<&str> {
+        match self {
+            Self::Bytes(_) => None,
+            Self::File(_, _, note) => note.as_deref(),
+        }
     }
 
     /// The bytes.
     pub(super) fn read(self) -> Result<Vec<u8>> {
         match self {
             Self::Bytes(bytes) => Ok(bytes),
-            Self::File(input, file) => input.read_beside(&file),
+            Self::File(input, file, _) => input.read_beside(&file),
         }
     }
 }
@@ -147,11 +200,11 @@ pub(in crate::io) fn percent_decoded(uri: &str) -> String {
 }
 
 /// The buffers of a file, each read when it is first needed.
-pub(super) struct Buffers<'f> {
+pub(in crate::io) struct Buffers<'f> {
     pub(super) input: Input<'f>,
     /// Of the file.
-    pub(super) path: &'f Path,
-    pub(super) root: &'f Root,
+    pub(in crate::io) path: &'f Path,
+    pub(in crate::io) document: &'f Document<'f>,
     bin: Option<&'f [u8]>,
     loaded: Vec<OnceCell<Cow<'f, [u8]>>>,
     /// Views that are packed, each unpacked when it is first needed.
@@ -163,6 +216,8 @@ pub(super) struct Buffers<'f> {
     bytes: Cell<usize>,
     /// Bytes that were unpacked so far.
     unpacked_bytes: Cell<usize>,
+    /// Of the files that were read.
+    notes: RefCell<Vec<String>>,
 }
 
 /// What may be unpacked of any file, in bytes.
@@ -172,24 +227,31 @@ const UNPACKED: usize = 16 << 20;
 const UNPACKED_PER_BYTE: usize = 12;
 
 impl<'f> Buffers<'f> {
-    pub(super) fn new(
+    pub(in crate::io) fn new(
         input: Input<'f>,
-        root: &'f Root,
+        document: &'f Document<'f>,
         bin: Option<&'f [u8]>,
         file_len: usize,
     ) -> Self {
+        let cells = |list: &str| 0..document.count(list);
         Self {
             input,
             path: input.path,
-            root,
+            document,
             bin,
-            loaded: root.buffers.iter().map(|_| OnceCell::new()).collect(),
-            unpacked: root.buffer_views.iter().map(|_| OnceCell::new()).collect(),
+            loaded: cells("buffers").map(|_| OnceCell::new()).collect(),
+            unpacked: cells("bufferViews").map(|_| OnceCell::new()).collect(),
             #[cfg(feature = "draco")]
-            meshes: root.buffer_views.iter().map(|_| OnceCell::new()).collect(),
+            meshes: cells("bufferViews").map(|_| OnceCell::new()).collect(),
             bytes: Cell::new(file_len),
             unpacked_bytes: Cell::new(0),
+            notes: RefCell::default(),
         }
+    }
+
+    /// What is to be said of the files that were read so far.
+    pub(in crate::io) fn take_notes(&self) -> Vec<String> {
+        self.notes.take()
     }
 
     /// How many bytes there are: no sound accessor has more elements than this.
@@ -210,31 +272,23 @@ impl<'f> Buffers<'f> {
     }
 
     /// An error at a place of this file.
-    pub(super) fn refuse(
+    pub(in crate::io) fn refuse(
         &self,
         place: impl Into<String>,
         expected: impl Into<String>,
         found: impl Into<String>,
     ) -> Error {
-        let advice = "the file is damaged or breaks the format's rules: export it again";
         let place: String = place.into();
-        Error::format(self.path, place, expected, found, advice)
+        Error::format(self.path, place, expected, found, BROKEN)
     }
 
     /// A view's bytes and stride.
-    pub(super) fn view(
-        &self,
-        index: Index<json::buffer::View>,
-        place: &str,
-    ) -> Result<(&[u8], Option<usize>)> {
-        let view = self.root.get(index).ok_or_else(|| {
-            let count = self.root.buffer_views.len();
-            let found = format!("buffer view {}", index.value());
-            self.refuse(place, format!("one of {count} buffer views"), found)
-        })?;
-        let place = format!("buffer view {}", index.value());
-        let stride = view.byte_stride.map(|s| s.0).filter(|s| *s > 0);
-        let bytes = match (meshopt::packed(view), self.unpacked.get(index.value())) {
+    pub(in crate::io) fn view(&self, index: usize, place: &str) -> Result<(&[u8], Option<usize>)> {
+        let view = self.document.get("bufferViews", index, place)?;
+        let place = format!("buffer view {index}");
+        let stride = view.index("byteStride")?.filter(|s| *s > 0);
+        let len = view.size("byteLength")?;
+        let bytes = match (meshopt::packed(view), self.unpacked.get(index)) {
             (Some(packed), Some(cell)) => match cell.get() {
                 Some(bytes) => bytes,
                 None => {
@@ -249,14 +303,15 @@ impl<'f> Buffers<'f> {
                 }
             },
             _ => {
-                let offset = view.byte_offset.map_or(0, |o| o.0);
-                let range = [offset, view.byte_length.0];
-                return Ok((self.part(view.buffer.value(), range, &place)?, stride));
+                let range = [view.integer("byteOffset")?.unwrap_or(0), len];
+                let buffer = view.size("buffer")?;
+                let buffer = usize::try_from(buffer).unwrap_or(usize::MAX);
+                return Ok((self.part(buffer, range, &place)?, stride));
             }
         };
-        let stated = usize::try_from(view.byte_length.0).ok();
+        let stated = usize::try_from(len).ok();
         let bytes = stated.and_then(|len| bytes.get(..len)).ok_or_else(|| {
-            let expected = format!("{} bytes", view.byte_length.0);
+            let expected = format!("{len} bytes");
             self.refuse(place, expected, format!("{} when unpacked", bytes.len()))
         })?;
         Ok((bytes, stride))
@@ -269,12 +324,12 @@ impl<'f> Buffers<'f> {
     #[cfg(feature = "draco")]
     pub(super) fn packed_mesh(
         &self,
-        index: Index<json::buffer::View>,
+        index: usize,
         unpack: impl FnOnce(&[u8]) -> Result<draco_core::Mesh>,
     ) -> Result<&draco_core::Mesh> {
         let (bytes, _) = self.view(index, "")?;
         // The view is there.
-        let cell = &self.meshes[index.value()];
+        let cell = &self.meshes[index];
         match cell.get() {
             Some(mesh) => Ok(mesh),
             None => {
@@ -301,22 +356,23 @@ impl<'f> Buffers<'f> {
     }
 
     fn buffer(&self, index: usize, place: &str) -> Result<&[u8]> {
-        let (Some(buffer), Some(cell)) = (self.root.buffers.get(index), self.loaded.get(index))
-        else {
-            let expected = format!("one of {} buffers", self.root.buffers.len());
-            return Err(self.refuse(place, expected, format!("buffer {index}")));
-        };
+        let buffer = self.document.get("buffers", index, place)?;
+        // There are as many.
+        let cell = &self.loaded[index];
         if let Some(bytes) = cell.get() {
             return Ok(bytes);
         }
         let place = format!("buffer {index}");
-        let bytes = match (&buffer.uri, self.bin) {
+        let bytes = match (buffer.word("uri")?, self.bin) {
             (Some(uri), _) => {
                 let source = Source::of(self.input, uri).map_err(|found| {
                     let advice = "put the file there, or export as one .glb";
                     let expected = "a file beside this one, or base64 data";
                     Error::format(self.path, place.clone(), expected, found, advice)
                 })?;
+                self.notes
+                    .borrow_mut()
+                    .extend(source.note().map(str::to_owned));
                 let bytes = source.read()?;
                 self.bytes.set(self.bytes.get().saturating_add(bytes.len()));
                 Cow::Owned(bytes)
@@ -327,8 +383,9 @@ impl<'f> Buffers<'f> {
                 return Err(self.refuse(place, expected, "neither"));
             }
         };
-        if (bytes.len() as u64) < buffer.byte_length.0 {
-            let expected = format!("{} bytes", buffer.byte_length.0);
+        let stated = buffer.integer("byteLength")?.unwrap_or(0);
+        if (bytes.len() as u64) < stated {
+            let expected = format!("{stated} bytes");
             return Err(self.refuse(place, expected, bytes.len().to_string()));
         }
         Ok(cell.get_or_init(|| bytes))

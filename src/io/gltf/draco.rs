@@ -11,13 +11,11 @@
 //! Source: the text of the extension in Khronos' registry. The crate `draco-core` decodes.
 
 use draco_core::{DecodeLimits, DecoderBuffer, Mesh, MeshDecoder};
-use gltf_json::accessor::ComponentType;
-use gltf_json::{Index, mesh};
-use serde_json::Value;
 
 use super::DRACO;
-use super::accessor::{Accessor, Stated};
+use super::accessor::{Accessor, ComponentType, Stated};
 use super::container::Buffers;
+use super::document::Object;
 use crate::error::Result;
 use crate::io::vtk_xml::clip;
 
@@ -30,7 +28,7 @@ const FACES_PER_BYTE: usize = 8;
 /// What is packed of a primitive.
 pub(super) struct Primitive<'b> {
     /// For names of attributes, their identifiers.
-    attributes: &'b Value,
+    attributes: Option<Object<'b>>,
     mesh: &'b Mesh,
 }
 
@@ -41,23 +39,18 @@ impl<'b> Primitive<'b> {
     /// A view that is not there, a mesh that is damaged, or one of more than the file's bytes may stand for.
     pub(super) fn of(
         buffers: &'b Buffers<'_>,
-        primitive: &'b mesh::Primitive,
+        primitive: Object<'b>,
         place: &str,
     ) -> Result<Option<Self>> {
-        let extensions = primitive.extensions.as_ref();
-        let Some(stated) = extensions.and_then(|e| e.others.get(DRACO)) else {
+        let Some(stated) = primitive.extension(DRACO) else {
             return Ok(None);
         };
         let place = format!("{place}, {DRACO}");
-        let view = stated["bufferView"].as_u64();
-        let view = view.and_then(|view| u32::try_from(view).ok());
-        let view = view.ok_or_else(|| {
-            let found = clip(&stated["bufferView"].to_string());
-            buffers.refuse(&place, "a number `bufferView`", found)
-        })?;
-        let mesh = buffers.packed_mesh(Index::new(view), |bytes| unpack(buffers, bytes, &place))?;
+        let view = stated.index("bufferView")?;
+        let view = view.ok_or_else(|| buffers.refuse(&place, "a `bufferView`", "none"))?;
+        let mesh = buffers.packed_mesh(view, |bytes| unpack(buffers, bytes, &place))?;
         Ok(Some(Self {
-            attributes: &stated["attributes"],
+            attributes: stated.object("attributes")?,
             mesh,
         }))
     }
@@ -77,15 +70,19 @@ impl<'b> Primitive<'b> {
             let bytes = corners.flat_map(|corner| corner.0.to_le_bytes()).collect();
             return Ok(stated.with_elements(bytes, ComponentType::U32));
         }
-        let Some(id) = self.attributes.get(name) else {
+        let id = match self.attributes {
+            Some(attributes) => attributes.integer(name)?,
+            None => None,
+        };
+        let Some(id) = id else {
             return stated.open(buffers);
         };
-        let id_number = id.as_u64().and_then(|id| u32::try_from(id).ok());
-        let attribute = id_number.and_then(|id| self.mesh.attribute_by_unique_id(id));
+        let attribute = u32::try_from(id).ok();
+        let attribute = attribute.and_then(|id| self.mesh.attribute_by_unique_id(id));
         let width = attribute.map_or(0, |a| usize::from(a.num_components()));
         let (Some(attribute), true) = (attribute, width == stated.width) else {
             let expected = format!("{} components of a packed attribute", stated.width);
-            let found = format!("{width} of attribute {}", clip(&id.to_string()));
+            let found = format!("{width} of attribute {id}");
             return Err(buffers.refuse(stated.place, expected, found));
         };
         let numbers = attribute.read_f32s(self.mesh.num_points(), width);

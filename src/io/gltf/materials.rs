@@ -4,12 +4,9 @@ use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
 
 use glam::{Affine2, Mat2, Vec2};
-use gltf_json::material::AlphaMode as StatedAlpha;
-use gltf_json::texture::{Info, WrappingMode};
-use gltf_json::validation::Checked;
-use gltf_json::{self as json, Index};
 
 use super::container::{Buffers, Source};
+use super::document::Object;
 use crate::error::Result;
 use crate::io::texture::ImageBudget;
 use crate::io::vtk_xml::clip;
@@ -65,24 +62,24 @@ impl<'b, 'f> Materials<'b, 'f> {
     /// A material or a texture that is not there. Images that cannot be read are noted.
     pub(super) fn get(
         &mut self,
-        material: Option<Index<json::Material>>,
+        index: Option<usize>,
         has_set: impl Fn(u32) -> bool,
     ) -> Result<MaterialSets> {
-        let root = self.buffers.root;
-        let default = json::Material::default();
-        let stated = match material {
-            None => &default,
-            Some(index) => root.get(index).ok_or_else(|| {
-                let expected = format!("one of {} materials", root.materials.len());
-                let found = format!("material {}", index.value());
-                self.buffers.refuse("primitive", expected, found)
-            })?,
+        let document = self.buffers.document;
+        let stated = match index {
+            None => None,
+            Some(index) => Some(document.get("materials", index, "primitive")?),
         };
-        let index = material.map(|m| m.value());
-        let (base, emissive) = (base_texture(stated), stated.emissive_texture.as_ref());
-        let is_there = |info: Option<&Info>| info.is_some_and(|info| has_set(set_of(info)));
-        let relief = stated.normal_texture.as_ref().map(of_normals);
-        let relief = relief.as_ref();
+        let Colours {
+            base_colour,
+            base,
+            emissive: factor,
+            emissive_texture: emissive,
+            relief,
+            relief_scale,
+        } = Colours::of(stated)?;
+        let (base, emissive, relief) = (base.as_ref(), emissive.as_ref(), relief.as_ref());
+        let is_there = |info: Option<&Info>| info.is_some_and(|info| has_set(info.set));
         let key = (
             index,
             [is_there(base), is_there(emissive), is_there(relief)],
@@ -90,19 +87,20 @@ impl<'b, 'f> Materials<'b, 'f> {
         if let Some(&known) = self.made.get(&key) {
             return Ok(known);
         }
-        let name = stated.name.clone().unwrap_or_default();
+        let name = stated.as_ref().and_then(Object::name).unwrap_or_default();
+        let name = name.to_owned();
         for (info, is_there) in [base, emissive].into_iter().zip(key.1) {
             if let (Some(info), false) = (info, is_there) {
                 self.notes.insert(format!(
                     "a primitive of material `{}` has no TEXCOORD_{}: the texture is not used \
                      there",
                     clip(&name),
-                    set_of(info)
+                    info.set
                 ));
             }
         }
-        let base_set = base.filter(|_| key.1[0]).map(set_of);
-        let emissive_set = emissive.filter(|_| key.1[1]).map(set_of);
+        let base_set = base.filter(|_| key.1[0]).map(|info| info.set);
+        let emissive_set = emissive.filter(|_| key.1[1]).map(|info| info.set);
         let base_texture = match base.filter(|_| key.1[0]) {
             Some(info) => self.texture_use(info, 0)?,
             None => None,
@@ -124,52 +122,46 @@ impl<'b, 'f> Materials<'b, 'f> {
         let free = sets.iter().position(Option::is_none);
         let place = |set: u32| sets.iter().position(|own| *own == Some(set)).or(free);
         let relief = relief.filter(|_| key.1[2]);
-        let normal_texture = match relief.and_then(|info| Some((info, place(set_of(info))?))) {
+        let normal_texture = match relief.and_then(|info| Some((info, place(info.set)?))) {
             Some((info, place)) => {
                 let used = self.texture_use(info, place)?;
                 if used.is_some() {
-                    sets[place] = Some(set_of(info));
+                    sets[place] = Some(info.set);
                 }
                 used
             }
             None => None,
         };
-        let strength = stated
-            .extensions
-            .as_ref()
-            .and_then(|e| e.emissive_strength.as_ref())
-            .map_or(1.0, |e| e.emissive_strength.0);
-        // Light through a texture that cannot be read would be light everywhere.
-        let is_dark = emissive.is_some() && emissive_texture.is_none();
-        let emissive = stated.emissive_factor.0;
-        self.materials.push(Material {
-            base_colour: base_colour(stated),
-            base_texture,
-            emissive: if is_dark {
-                [0.0; 3]
-            } else {
-                emissive.map(|c| c * strength)
-            },
-            emissive_texture,
-            normal_texture,
-            normal_scale: stated.normal_texture.as_ref().map_or(1.0, |n| n.scale),
-            is_unlit: stated
-                .extensions
-                .as_ref()
-                .is_some_and(|e| e.unlit.is_some()),
-            alpha: match stated.alpha_mode {
-                Checked::Valid(StatedAlpha::Opaque) => AlphaMode::Opaque,
-                Checked::Valid(StatedAlpha::Mask) => {
-                    AlphaMode::Mask(stated.alpha_cutoff.map_or(0.5, |c| c.0))
-                }
-                Checked::Valid(StatedAlpha::Blend) => AlphaMode::Blend,
-                Checked::Invalid => {
+        let alpha = match stated {
+            None => AlphaMode::Opaque,
+            Some(stated) => match stated.word("alphaMode")? {
+                None | Some("OPAQUE") => AlphaMode::Opaque,
+                Some("MASK") => AlphaMode::Mask(stated.number("alphaCutoff")?.map_or(0.5, narrow)),
+                Some("BLEND") => AlphaMode::Blend,
+                Some(other) => {
                     let place = format!("material `{}`, alphaMode", clip(&name));
                     let expected = "OPAQUE, MASK or BLEND";
-                    return Err(self.buffers.refuse(place, expected, "another word"));
+                    let found = format!("`{}`", clip(other));
+                    return Err(self.buffers.refuse(place, expected, found));
                 }
             },
-            is_double_sided: stated.double_sided,
+        };
+        let is_double_sided = match stated {
+            None => false,
+            Some(stated) => stated.flag("doubleSided")?,
+        };
+        // Light through a texture that cannot be read would be light everywhere.
+        let is_dark = emissive.is_some() && emissive_texture.is_none();
+        self.materials.push(Material {
+            base_colour,
+            base_texture,
+            emissive: if is_dark { [0.0; 3] } else { factor },
+            emissive_texture,
+            normal_texture,
+            normal_scale: relief_scale,
+            is_unlit: stated.is_some_and(|s| s.extension("KHR_materials_unlit").is_some()),
+            alpha,
+            is_double_sided,
             name,
         });
         let made = MaterialSets {
@@ -183,28 +175,24 @@ impl<'b, 'f> Materials<'b, 'f> {
     /// A texture under its transform, with the part's set of coordinates; `None` and a note where
     /// it cannot be read.
     fn texture_use(&mut self, info: &Info, coordinates: usize) -> Result<Option<TextureUse>> {
-        let root = self.buffers.root;
-        let texture = root.get(info.index).ok_or_else(|| {
-            let expected = format!("one of {} textures", root.textures.len());
-            let found = format!("texture {}", info.index.value());
-            self.buffers.refuse("material", expected, found)
-        })?;
-        let Some(index) = image_of(texture).filter(|index| root.get(*index).is_some()) else {
-            let extension = texture.extensions.as_ref().and_then(|e| {
-                let known = |name: &&&str| e.others.contains_key(**name);
-                TEXTURE_FORMATS.iter().find(known)
-            });
+        let document = self.buffers.document;
+        let texture = document.get("textures", info.texture, "material")?;
+        let index = image_of(texture)?;
+        let image = index.and_then(|index| Some((index, document.find("images", index)?)));
+        let Some((source, image)) = image else {
+            let extension = TEXTURE_FORMATS
+                .iter()
+                .find(|name| texture.extensions().any(|own| own == **name));
             let reason = extension.map_or("it has no image".to_owned(), |name| {
                 format!("its only image needs {name}")
             });
-            let texture = info.index.value();
+            let texture = info.texture;
             self.notes
                 .insert(format!("texture {texture} is not used: {reason}"));
             return Ok(None);
         };
-        let source = index.value();
         if !self.images.contains_key(&source) {
-            let decoded = match self.decode(&root.images[source], source) {
+            let decoded = match self.decode(image, source) {
                 Ok(decoded) => Some(Arc::new(decoded)),
                 Err(reason) => {
                     self.notes
@@ -217,19 +205,18 @@ impl<'b, 'f> Materials<'b, 'f> {
         let Some(Some(image)) = self.images.get(&source) else {
             return Ok(None);
         };
-        let wrap = match texture.sampler {
+        let wrap = match texture.index("sampler")? {
             None => [Wrap::Repeat; 2],
             Some(index) => {
-                let sampler = root.get(index).ok_or_else(|| {
-                    let expected = format!("one of {} samplers", root.samplers.len());
-                    let found = format!("sampler {}", index.value());
-                    self.buffers.refuse("texture", expected, found)
-                })?;
-                [sampler.wrap_s, sampler.wrap_t].map(|mode| match mode {
-                    Checked::Valid(WrappingMode::ClampToEdge) => Wrap::ClampToEdge,
-                    Checked::Valid(WrappingMode::MirroredRepeat) => Wrap::MirroredRepeat,
-                    Checked::Valid(WrappingMode::Repeat) | Checked::Invalid => Wrap::Repeat,
-                })
+                let sampler = document.get("samplers", index, "texture")?;
+                let mode = |key: &str| -> Result<Wrap> {
+                    Ok(match sampler.integer(key)? {
+                        Some(33_071) => Wrap::ClampToEdge,
+                        Some(33_648) => Wrap::MirroredRepeat,
+                        _ => Wrap::Repeat,
+                    })
+                };
+                [mode("wrapS")?, mode("wrapT")?]
             }
         };
         let textures = &mut self.textures;
@@ -243,18 +230,21 @@ impl<'b, 'f> Materials<'b, 'f> {
         Ok(Some(TextureUse {
             texture,
             coordinates,
-            transform: transform(info),
+            transform: info.transform,
         }))
     }
 
     /// An image's pixels, or why there are none.
-    fn decode(&mut self, image: &json::Image, index: usize) -> Result<TextureImage, String> {
+    fn decode(&mut self, image: Object<'_>, index: usize) -> Result<TextureImage, String> {
         let place = format!("image {index}");
+        let uri = image.word("uri").map_err(|e| e.to_string())?;
+        let view = image.index("bufferView").map_err(|e| e.to_string())?;
         let owned;
-        let bytes = match (&image.uri, image.buffer_view) {
+        let bytes = match (uri, view) {
             (Some(uri), _) => {
-                owned = Source::of(self.buffers.input, uri)
-                    .and_then(|source| source.read().map_err(|e| e.to_string()))?;
+                let source = Source::of(self.buffers.input, uri)?;
+                self.notes.extend(source.note().map(str::to_owned));
+                owned = source.read().map_err(|e| e.to_string())?;
                 owned.as_slice()
             }
             (None, Some(view)) => {
@@ -263,7 +253,7 @@ impl<'b, 'f> Materials<'b, 'f> {
             }
             (None, None) => return Err("it has neither a URI nor a buffer view".into()),
         };
-        let name = match (&image.uri, &image.name) {
+        let name = match (uri, image.name()) {
             (Some(uri), _) if !uri.starts_with("data:") => format!("`{}`", clip(uri)),
             (_, Some(name)) => format!("`{}`", clip(name)),
             _ => "it".into(),
@@ -273,80 +263,115 @@ impl<'b, 'f> Materials<'b, 'f> {
     }
 }
 
-/// The image of a texture: its own, or else the one that an extension names.
-fn image_of(texture: &json::Texture) -> Option<Index<json::Image>> {
-    // What is missing is the greatest index.
-    if texture.source.value() != u32::MAX as usize {
-        return Some(texture.source);
+/// The number of a texture's image: its own, or else the one that an extension names.
+fn image_of(texture: Object<'_>) -> Result<Option<usize>> {
+    if let Some(source) = texture.index("source")? {
+        return Ok(Some(source));
     }
-    let others = &texture.extensions.as_ref()?.others;
-    let stated = SOURCES.iter().find_map(|name| others.get(*name));
-    let source = stated?.get("source")?.as_u64()?;
-    u32::try_from(source).ok().map(Index::new)
-}
-
-/// The texture of the base colour; of `KHR_materials_pbrSpecularGlossiness` where the material
-/// states its colour by that alone.
-fn base_texture(stated: &json::Material) -> Option<&Info> {
-    let metallic = stated.pbr_metallic_roughness.base_color_texture.as_ref();
-    metallic.or_else(|| specular(stated)?.diffuse_texture.as_ref())
-}
-
-fn base_colour(stated: &json::Material) -> [f32; 4] {
-    specular(stated).map_or(
-        stated.pbr_metallic_roughness.base_color_factor.0,
-        |specular| specular.diffuse_factor.0,
-    )
-}
-
-/// The older description of colours, where the newer one says nothing.
-fn specular(stated: &json::Material) -> Option<&json::extensions::material::PbrSpecularGlossiness> {
-    let metallic = &stated.pbr_metallic_roughness;
-    let says_nothing = metallic.base_color_texture.is_none()
-        && metallic.base_color_factor.0.iter().all(|c| *c >= 1.0);
-    let extensions = stated.extensions.as_ref().filter(|_| says_nothing)?;
-    extensions.pbr_specular_glossiness.as_ref()
-}
-
-/// A texture of normals as others are stated.
-fn of_normals(stated: &json::material::NormalTexture) -> Info {
-    let others = stated.extensions.as_ref().map(|e| &e.others);
-    let transform = others.and_then(|others| others.get("KHR_texture_transform"));
-    let texture_transform = transform.and_then(|t| serde_json::from_value(t.clone()).ok());
-    Info {
-        index: stated.index,
-        tex_coord: stated.tex_coord,
-        extensions: Some(json::extensions::texture::Info {
-            texture_transform,
-            ..json::extensions::texture::Info::default()
-        }),
-        extras: stated.extras.clone(),
+    let stated = SOURCES.into_iter().find_map(|name| texture.extension(name));
+    match stated {
+        Some(stated) => stated.index("source"),
+        None => Ok(None),
     }
 }
 
-/// The set of coordinates of a texture; a transform may name another.
-fn set_of(info: &Info) -> u32 {
-    let transform = info
-        .extensions
-        .as_ref()
-        .and_then(|e| e.texture_transform.as_ref());
-    transform
-        .and_then(|t| t.tex_coord)
-        .unwrap_or(info.tex_coord)
+/// A texture of a material.
+struct Info {
+    /// Its number.
+    texture: usize,
+    /// The set of its coordinates; a transform may name another than the material.
+    set: u32,
+    transform: Affine2,
 }
 
-/// `KHR_texture_transform`: scaled, then turned, then moved. With v downwards, as glTF has it, a
-/// turn against the clock takes (u, v) to (u cos + v sin, v cos - u sin).
-fn transform(info: &Info) -> Affine2 {
-    let Some(stated) = info
-        .extensions
-        .as_ref()
-        .and_then(|e| e.texture_transform.as_ref())
-    else {
-        return Affine2::IDENTITY;
-    };
-    let (sin, cos) = stated.rotation.0.sin_cos();
-    let turn = Mat2::from_cols(Vec2::new(cos, -sin), Vec2::new(sin, cos));
-    let scale = Mat2::from_diagonal(Vec2::from_array(stated.scale.0));
-    Affine2::from_mat2_translation(turn * scale, Vec2::from_array(stated.offset.0))
+impl Info {
+    fn of(stated: Object<'_>) -> Result<Self> {
+        let texture = stated.size("index")?;
+        let mut set = stated.integer("texCoord")?;
+        let mut transform = Affine2::IDENTITY;
+        if let Some(own) = stated.extension("KHR_texture_transform") {
+            set = own.integer("texCoord")?.or(set);
+            // Scaled, then turned, then moved. With v downwards, as glTF has it, a turn against the clock takes (u, v)
+            // to (u cos + v sin, v cos - u sin).
+            let (sin, cos) = own.number("rotation")?.map_or(0.0, narrow).sin_cos();
+            let turn = Mat2::from_cols(Vec2::new(cos, -sin), Vec2::new(sin, cos));
+            let pair = |numbers: Option<[f64; 2]>, otherwise| {
+                numbers.map_or(otherwise, |n| Vec2::from_array(n.map(narrow)))
+            };
+            let scale = Mat2::from_diagonal(pair(own.numbers("scale")?, Vec2::ONE));
+            let offset = pair(own.numbers("offset")?, Vec2::ZERO);
+            transform = Affine2::from_mat2_translation(turn * scale, offset);
+        }
+        Ok(Self {
+            texture: usize::try_from(texture).unwrap_or(usize::MAX),
+            set: u32::try_from(set.unwrap_or(0)).unwrap_or(u32::MAX),
+            transform,
+        })
+    }
+
+    fn within(stated: Object<'_>, key: &'static str) -> Result<Option<Self>> {
+        stated.object(key)?.map(Self::of).transpose()
+    }
+}
+
+/// The colours and textures of a material.
+struct Colours {
+    /// Linear.
+    base_colour: [f32; 4],
+    base: Option<Info>,
+    /// Linear.
+    emissive: [f32; 3],
+    emissive_texture: Option<Info>,
+    relief: Option<Info>,
+    relief_scale: f32,
+}
+
+impl Colours {
+    /// Those of a material, or of the one that primitives without any have.
+    fn of(stated: Option<Object<'_>>) -> Result<Self> {
+        let mut colours = Self {
+            base_colour: [1.0; 4],
+            base: None,
+            emissive: [0.0; 3],
+            emissive_texture: None,
+            relief: None,
+            relief_scale: 1.0,
+        };
+        let Some(stated) = stated else {
+            return Ok(colours);
+        };
+        if let Some(metallic) = stated.object("pbrMetallicRoughness")? {
+            if let Some(factor) = metallic.numbers("baseColorFactor")? {
+                colours.base_colour = factor.map(narrow);
+            }
+            colours.base = Info::within(metallic, "baseColorTexture")?;
+        }
+        // The older description of colours, where the newer one says nothing.
+        let says_nothing = colours.base.is_none() && colours.base_colour.iter().all(|c| *c >= 1.0);
+        let older = stated.extension("KHR_materials_pbrSpecularGlossiness");
+        if let Some(older) = older.filter(|_| says_nothing) {
+            if let Some(factor) = older.numbers("diffuseFactor")? {
+                colours.base_colour = factor.map(narrow);
+            }
+            colours.base = Info::within(older, "diffuseTexture")?;
+        }
+        let strength = match stated.extension("KHR_materials_emissive_strength") {
+            Some(extension) => extension.number("emissiveStrength")?.map_or(1.0, narrow),
+            None => 1.0,
+        };
+        if let Some(factor) = stated.numbers::<3>("emissiveFactor")? {
+            colours.emissive = factor.map(|c| narrow(c) * strength);
+        }
+        colours.emissive_texture = Info::within(stated, "emissiveTexture")?;
+        if let Some(relief) = stated.object("normalTexture")? {
+            colours.relief_scale = relief.number("scale")?.map_or(1.0, narrow);
+            colours.relief = Some(Info::of(relief)?);
+        }
+        Ok(colours)
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
+fn narrow(x: f64) -> f32 {
+    x as f32
 }

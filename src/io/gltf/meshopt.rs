@@ -14,10 +14,9 @@
 
 use std::path::Path;
 
-use gltf_json::buffer::View;
 use meshoptimizer_rs::{Error as CodecError, Limits, Workspace, codec};
-use serde_json::Value;
 
+use super::document::Object;
 use crate::error::{Error, Result};
 use crate::io::vtk_xml::clip;
 
@@ -25,9 +24,8 @@ use crate::io::vtk_xml::clip;
 const NAMES: [&str; 2] = ["KHR_meshopt_compression", "EXT_meshopt_compression"];
 
 /// What a view says of how it is packed.
-pub(super) fn packed(view: &View) -> Option<&Value> {
-    let others = &view.extensions.as_ref()?.others;
-    NAMES.iter().find_map(|name| others.get(*name))
+pub(super) fn packed(view: Object<'_>) -> Option<Object<'_>> {
+    NAMES.into_iter().find_map(|name| view.extension(name))
 }
 
 /// Gives `length` bytes from `offset` on of a buffer by its number; the place is for errors.
@@ -49,28 +47,18 @@ type Filter = fn(&mut [u8], usize, usize, &mut Workspace) -> Result<(), CodecErr
 /// # Errors
 /// Keys that are missing or name what is not there, more elements than the file's bytes may stand for, and packed bytes
 /// that are damaged.
-pub(super) fn unpack(source: &Source<'_>, stated: &Value, place: &str) -> Result<Vec<u8>> {
+pub(super) fn unpack(source: &Source<'_>, stated: Object<'_>, place: &str) -> Result<Vec<u8>> {
     let place = format!("{place}, meshopt");
     let refuse = |expected: String, found: String| {
         let advice = "the file is damaged or breaks the format's rules: export it again";
         Error::format(source.path, place.clone(), expected, found, advice)
     };
-    let number = |key: &str, otherwise: Option<u64>| {
-        let number = match &stated[key] {
-            Value::Null => otherwise,
-            value => value.as_u64(),
-        };
-        number.ok_or_else(|| {
-            let found = clip(&stated[key].to_string());
-            refuse(format!("a number `{key}`"), found)
-        })
-    };
-    let size = |key: &str| {
-        let number = number(key, None)?;
-        Ok(usize::try_from(number).unwrap_or(usize::MAX))
+    let size = |key: &str| -> Result<usize> {
+        Ok(usize::try_from(stated.size(key)?).unwrap_or(usize::MAX))
     };
     let buffer = size("buffer")?;
-    let range = [number("byteOffset", Some(0))?, number("byteLength", None)?];
+    let offset = stated.integer("byteOffset")?.unwrap_or(0);
+    let range = [offset, stated.size("byteLength")?];
     let packed = (source.part)(buffer, range, &place)?;
     let (count, stride) = (size("count")?, size("byteStride")?);
     let room = source.room;
@@ -79,17 +67,17 @@ pub(super) fn unpack(source: &Source<'_>, stated: &Value, place: &str) -> Result
         let found = format!("{count} elements of {stride} bytes");
         return Err(refuse(expected, found));
     }
-    let decode = match stated["mode"].as_str() {
+    let decode = match stated.word("mode")? {
         Some("ATTRIBUTES") => codec::decode_vertex_buffer,
         Some("TRIANGLES") => codec::decode_index_buffer,
         Some("INDICES") => codec::decode_index_sequence,
-        _ => {
-            let found = clip(&stated["mode"].to_string());
+        other => {
+            let found = other.map_or("none".into(), |other| format!("`{}`", clip(other)));
             let expected = "a mode `ATTRIBUTES`, `TRIANGLES` or `INDICES`";
             return Err(refuse(expected.into(), found));
         }
     };
-    let filter: Option<Filter> = match stated["filter"].as_str().unwrap_or("NONE") {
+    let filter: Option<Filter> = match stated.word("filter")?.unwrap_or("NONE") {
         "NONE" => None,
         "OCTAHEDRAL" => Some(codec::decode_filter_oct),
         "QUATERNION" => Some(codec::decode_filter_quat),

@@ -14,11 +14,11 @@
 //! | `KHR_materials_unlit`, and those in [`OF_LIGHT`] | nothing: they change no colour or shape |
 //! | others | nothing and a note; refused by name where the file requires them |
 //!
-//! The crate `gltf-json` supplies the types of the JSON; all that indexes or counts is checked here
-//! before it is used.
+//! What is not drawn may be anything ([`document`]); all that is drawn is checked before it is used.
 
 mod accessor;
 mod container;
+mod document;
 #[cfg(feature = "draco")]
 mod draco;
 mod materials;
@@ -30,11 +30,12 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use glam::DVec3;
-use gltf_json::Root;
-use serde_json::Value;
 
+pub(super) use accessor::{ANY_NUMBERS, Accessor, ComponentType, Type};
 pub(crate) use container::looks_like;
-pub(super) use container::percent_decoded;
+pub(super) use container::{Buffers, split};
+pub(super) use document::{Document, Object};
+pub(super) use nodes::{Nodes, instances};
 
 use super::dataset::{Dataset, Geometry};
 use super::file::Input;
@@ -42,9 +43,7 @@ use super::mesh_part::{LeftOut, check_not_empty, finish};
 use super::vtk_xml::clip;
 use super::{Mesh, MeshPart};
 use crate::error::{Error, Result};
-use container::Buffers;
 use materials::Materials;
-use nodes::Nodes;
 use primitives::PrimitiveReader;
 
 /// The most corners that all triangles, lines and points of a scene may have together. Nodes and instances share
@@ -85,6 +84,15 @@ const OF_LIGHT: &[&str] = &[
 /// What packs the meshes of whole primitives.
 const DRACO: &str = "KHR_draco_mesh_compression";
 
+/// The extension of Gaussian splats.
+pub(super) const SPLATS: &str = "KHR_gaussian_splatting";
+
+/// The extension within that one whose buffer view holds an SPZ stream.
+pub(super) const PACKED_SPLATS: &str = "KHR_gaussian_splatting_compression_spz_2";
+
+/// Extensions that the reader of splats reads.
+const OF_SPLATS: &[&str] = &[SPLATS, PACKED_SPLATS];
+
 /// Reads a scene.
 ///
 /// # Errors
@@ -93,23 +101,11 @@ const DRACO: &str = "KHR_draco_mesh_compression";
 pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
     let bytes = input.read_all()?;
-    let (json, bin) = container::split(path, &bytes)?;
-    let document: Value = serde_json::from_slice(json).map_err(|e| broken_json(path, &e))?;
-    check_version(path, &document)?;
-    if holds_splats(&document) {
-        return Err(Error::format(
-            path,
-            "primitives",
-            "triangles",
-            "Gaussian splats (KHR_gaussian_splatting), which are not read yet",
-            "save them as PLY or SPZ",
-        ));
-    }
-    let mut notes = Vec::new();
-    check_extensions(path, &document, &mut notes)?;
-    drop(document);
-    let root = Root::from_slice(json).map_err(|e| broken_json(path, &e))?;
-    let buffers = Buffers::new(input, &root, bin, bytes.len());
+    let chunks = split(path, &bytes)?;
+    let document = Document::parse(path, chunks.json)?;
+    let mut notes: Vec<String> = chunks.note.into_iter().map(str::to_owned).collect();
+    check_extensions(path, &document, &[], &mut notes)?;
+    let buffers = Buffers::new(input, &document, chunks.bin, bytes.len());
     let mesh = scene(&buffers, &mut notes)?;
     check_not_empty(path, &mesh)?;
     let mut data = Dataset::new(path, "glTF mesh", Geometry::Mesh(mesh), Vec::new());
@@ -118,51 +114,22 @@ pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
     Ok(data)
 }
 
-fn broken_json(path: &Path, error: &serde_json::Error) -> Error {
-    let found = error.to_string();
-    let found = match found.len() {
-        0..=200 => found,
-        _ => format!("{} ...", clip(&found)),
-    };
-    let advice = "the file is damaged or no glTF 2.0 file: export it again";
-    Error::format(path, "JSON", "a glTF 2.0 asset", found, advice)
-}
-
-fn check_version(path: &Path, document: &Value) -> Result<()> {
-    let version = document["asset"]["version"].as_str().unwrap_or("none");
-    if version.starts_with("2.") {
-        return Ok(());
-    }
-    Err(Error::format(
-        path,
-        "asset, version",
-        "2.0",
-        format!("`{}`", clip(version)),
-        "export it as glTF 2.0",
-    ))
-}
-
-/// Whether a primitive holds Gaussian splats (`KHR_gaussian_splatting`).
-fn holds_splats(document: &Value) -> bool {
-    let items = |value: &'_ Value, key: &str| value[key].as_array().cloned().unwrap_or_default();
-    items(document, "meshes")
-        .iter()
-        .flat_map(|mesh| items(mesh, "primitives"))
-        .any(|primitive| {
-            primitive["extensions"]
-                .get("KHR_gaussian_splatting")
-                .is_some()
-        })
-}
-
 /// Refuses required extensions that are not read, and notes others that are used.
-fn check_extensions(path: &Path, document: &Value, notes: &mut Vec<String>) -> Result<()> {
+///
+/// - `others`: extensions that are read beside those of meshes.
+pub(super) fn check_extensions(
+    path: &Path,
+    document: &Document<'_>,
+    others: &[&str],
+    notes: &mut Vec<String>,
+) -> Result<()> {
     let names = |key: &str| -> BTreeSet<&str> {
-        let names = document[key].as_array().into_iter().flatten();
-        names
-            .filter_map(Value::as_str)
-            .filter(|name| !READ.contains(name) && !OF_LIGHT.contains(name))
-            .collect()
+        let is_known = |name: &&str| {
+            [READ, OF_LIGHT, others]
+                .iter()
+                .any(|list| list.contains(name))
+        };
+        document.words(key).filter(|name| !is_known(name)).collect()
     };
     if let Some(name) = names("extensionsRequired").first() {
         return Err(Error::format(
@@ -187,28 +154,38 @@ fn check_extensions(path: &Path, document: &Value, notes: &mut Vec<String>) -> R
 
 /// All primitives of the nodes shown, in their places.
 fn scene(buffers: &Buffers<'_>, notes: &mut Vec<String>) -> Result<Mesh> {
-    let root = buffers.root;
     let nodes = Nodes::new(buffers)?;
     let mut materials = Materials::new(buffers);
     let mut parts: Vec<MeshPart> = Vec::new();
     let mut left_out = LeftOut::default();
     let mut corners_left = MOST_CORNERS;
     for &n in &nodes.shown {
-        let node = &root.nodes[n];
-        let Some(index) = node.mesh else { continue };
-        let mesh = root.get(index).ok_or_else(|| {
-            let expected = format!("one of {} meshes", root.meshes.len());
-            let found = format!("mesh {}", index.value());
-            buffers.refuse(format!("node {n}"), expected, found)
-        })?;
-        let instances = nodes::instances(buffers, n, node)?;
-        let joints = match node.skin {
+        let node = &nodes.all[n];
+        let Some((index, mesh)) = node.mesh(buffers)? else {
+            continue;
+        };
+        let instances = instances(buffers, node)?;
+        let joints = match node.skin()? {
             Some(skin) => Some(nodes::joints(buffers, &nodes, skin)?),
             None => None,
         };
-        let weights = node.weights.as_ref().or(mesh.weights.as_ref());
-        for (p, primitive) in mesh.primitives.iter().enumerate() {
-            let place = format!("mesh {}, primitive {p}", index.value());
+        let weights = match node.weights()? {
+            Some(weights) => weights,
+            None => mesh.list("weights")?.unwrap_or_default(),
+        };
+        for (p, primitive) in mesh.objects("primitives")?.into_iter().enumerate() {
+            let place = format!("mesh {index}, primitive {p}");
+            if primitive.extension(SPLATS).is_some() {
+                let expected = "a file named `.glb` or `.gltf`";
+                let found = format!("Gaussian splats ({SPLATS}) under another name");
+                return Err(Error::format(
+                    buffers.path,
+                    place,
+                    expected,
+                    found,
+                    "rename it",
+                ));
+            }
             #[cfg(not(feature = "draco"))]
             check_has_copy(buffers, primitive, &place)?;
             let reader = PrimitiveReader {
@@ -227,12 +204,12 @@ fn scene(buffers: &Buffers<'_>, notes: &mut Vec<String>) -> Result<Mesh> {
                 let found = "more, all instances together";
                 Error::format(buffers.path, reader.place.clone(), expected, found, advice)
             })?;
-            let material = materials.get(primitive.material, |set| reader.has_set(set))?;
+            let material =
+                materials.get(primitive.index("material")?, |set| reader.has_set(set))?;
             let joint_count = joints.as_ref().map(Vec::len);
-            let weights = weights.map_or(&[][..], Vec::as_slice);
-            let shape = reader.read(weights, material.sets, joint_count)?;
+            let shape = reader.read(&weights, material.sets, joint_count)?;
             for instance in &instances {
-                let world = nodes.world_from_node[n] * *instance;
+                let world = node.world_from_node * *instance;
                 let mut part = shape.placed(world, joints.as_deref(), material.material);
                 finish(&mut part, &mut left_out);
                 if !part.is_empty() {
@@ -241,6 +218,7 @@ fn scene(buffers: &Buffers<'_>, notes: &mut Vec<String>) -> Result<Mesh> {
             }
         }
     }
+    notes.extend(buffers.take_notes());
     notes.extend(materials.notes);
     notes.extend(left_out.notes());
     Ok(Mesh {
@@ -252,19 +230,19 @@ fn scene(buffers: &Buffers<'_>, notes: &mut Vec<String>) -> Result<Mesh> {
 
 /// Refuses a primitive whose vertices are packed by Draco and have no other copy.
 #[cfg(not(feature = "draco"))]
-fn check_has_copy(
-    buffers: &Buffers<'_>,
-    primitive: &gltf_json::mesh::Primitive,
-    place: &str,
-) -> Result<()> {
-    let extensions = primitive.extensions.as_ref();
-    let is_packed = extensions.is_some_and(|e| e.others.contains_key(DRACO));
-    let mut accessors = primitive.attributes.values().chain(&primitive.indices);
-    let has_no_bytes = |index: &gltf_json::Index<gltf_json::Accessor>| {
-        let accessor = buffers.root.get(*index);
-        accessor.is_some_and(|a| a.buffer_view.is_none())
+fn check_has_copy(buffers: &Buffers<'_>, primitive: Object<'_>, place: &str) -> Result<()> {
+    let attributes = primitive.object("attributes")?;
+    let mut accessors: Vec<usize> = primitive.index("indices")?.into_iter().collect();
+    for name in ["POSITION", "NORMAL", "TEXCOORD_0", "COLOR_0"] {
+        if let Some(attributes) = attributes {
+            accessors.extend(attributes.index(name)?);
+        }
+    }
+    let has_no_bytes = |index: &usize| {
+        let accessor = buffers.document.find("accessors", *index);
+        accessor.is_some_and(|a| !a.has("bufferView"))
     };
-    if is_packed && accessors.any(has_no_bytes) {
+    if primitive.extensions().any(|name| name == DRACO) && accessors.iter().any(has_no_bytes) {
         return Err(Error::format(
             buffers.path,
             place,

@@ -1,32 +1,74 @@
 //! Nodes: where meshes stand.
 
 use glam::{DAffine3, DMat4, DQuat, DVec3};
-use gltf_json::{Index, Node, Root};
 
-use super::accessor::{ANY_NUMBERS, Accessor};
+use super::accessor::{ANY_NUMBERS, Accessor, ComponentType, Type};
 use super::container::Buffers;
+use super::document::Object;
 use crate::error::Result;
-use gltf_json::accessor::{ComponentType, Type};
 
-/// The nodes of a file, with their places in the world.
-pub(super) struct Nodes {
-    pub(super) world_from_node: Vec<DAffine3>,
-    /// The nodes to show, each once: those of the default scene, or of the first, or all.
-    pub(super) shown: Vec<usize>,
+/// A node.
+pub(in crate::io) struct Node<'b> {
+    pub(in crate::io) world_from_node: DAffine3,
+    object: Object<'b>,
+    children: Vec<usize>,
 }
 
-impl Nodes {
+impl<'b> Node<'b> {
+    /// The number of its mesh, which is there, and the mesh.
+    ///
+    /// # Errors
+    /// A mesh that is not there.
+    pub(in crate::io) fn mesh(
+        &self,
+        buffers: &'b Buffers<'_>,
+    ) -> Result<Option<(usize, Object<'b>)>> {
+        let Some(index) = self.object.index("mesh")? else {
+            return Ok(None);
+        };
+        let place = format!("node {}", self.object.number_in_list());
+        let mesh = buffers.document.get("meshes", index, &place)?;
+        Ok(Some((index, mesh)))
+    }
+
+    /// The number of its skin.
+    pub(super) fn skin(&self) -> Result<Option<usize>> {
+        self.object.index("skin")
+    }
+
+    /// The weights of its morph targets, if it has its own.
+    pub(super) fn weights(&self) -> Result<Option<Vec<f64>>> {
+        self.object.list("weights")
+    }
+}
+
+/// The nodes of a file, with their places in the world.
+pub(in crate::io) struct Nodes<'b> {
+    pub(in crate::io) all: Vec<Node<'b>>,
+    /// The nodes to show, each once: those of the default scene, or of the first, or all.
+    pub(in crate::io) shown: Vec<usize>,
+}
+
+impl<'b> Nodes<'b> {
     /// Places all nodes.
     ///
     /// # Errors
     /// Children that are not there, nodes with two parents or that are their own ancestors, and
     /// matrices that are not affine.
-    pub(super) fn new(buffers: &Buffers<'_>) -> Result<Self> {
-        let root = buffers.root;
-        let count = root.nodes.len();
+    pub(in crate::io) fn new(buffers: &'b Buffers<'_>) -> Result<Self> {
+        let count = buffers.document.count("nodes");
+        let mut all = Vec::with_capacity(count);
+        for i in 0..count {
+            let object = buffers.document.get("nodes", i, "nodes")?;
+            all.push(Node {
+                world_from_node: DAffine3::IDENTITY,
+                object,
+                children: object.indices("children")?,
+            });
+        }
         let mut has_parent = vec![false; count];
-        for (i, node) in root.nodes.iter().enumerate() {
-            for child in children(node) {
+        for (i, node) in all.iter().enumerate() {
+            for &child in &node.children {
                 match has_parent.get_mut(child) {
                     Some(has) if !*has => *has = true,
                     Some(_) => {
@@ -42,49 +84,40 @@ impl Nodes {
                 }
             }
         }
-        let mut world_from_node = vec![None; count];
+        let mut placed = 0;
         let mut open: Vec<(usize, DAffine3)> = (0..count)
             .filter(|&i| !has_parent[i])
             .map(|i| (i, DAffine3::IDENTITY))
             .collect();
         while let Some((i, world_from_parent)) = open.pop() {
-            let node = &root.nodes[i];
-            let world = world_from_parent * parent_from_node(buffers, i, node)?;
-            world_from_node[i] = Some(world);
-            open.extend(children(node).map(|child| (child, world)));
+            let node = &mut all[i];
+            let world = world_from_parent * parent_from_node(buffers, node.object)?;
+            node.world_from_node = world;
+            placed += 1;
+            open.extend(node.children.iter().map(|&child| (child, world)));
         }
-        let world_from_node: Option<Vec<DAffine3>> = world_from_node.iter().copied().collect();
-        let world_from_node = world_from_node.ok_or_else(|| {
+        // Each has one parent at most: those that no root leads to are in loops.
+        if placed < count {
             let expected = "a tree without loops";
-            buffers.refuse("nodes", expected, "a node that is its own ancestor")
-        })?;
-        let shown = shown(buffers, &has_parent)?;
-        Ok(Self {
-            world_from_node,
-            shown,
-        })
+            return Err(buffers.refuse("nodes", expected, "a node that is its own ancestor"));
+        }
+        let shown = shown(buffers, &all, &has_parent)?;
+        Ok(Self { all, shown })
     }
 }
 
-fn children(node: &Node) -> impl DoubleEndedIterator<Item = usize> {
-    node.children.iter().flatten().map(Index::value)
-}
-
 /// The nodes of the scene, parents before children.
-fn shown(buffers: &Buffers<'_>, has_parent: &[bool]) -> Result<Vec<usize>> {
-    let root: &Root = buffers.root;
-    let roots: Vec<usize> = match (root.scene, root.scenes.first()) {
-        (Some(scene), _) => {
-            let scene = root.get(scene).ok_or_else(|| {
-                let expected = format!("one of {} scenes", root.scenes.len());
-                buffers.refuse("scene", expected, scene.value().to_string())
-            })?;
-            scene.nodes.iter().map(Index::value).collect()
-        }
-        (None, Some(scene)) => scene.nodes.iter().map(Index::value).collect(),
-        (None, None) => (0..has_parent.len()).filter(|&i| !has_parent[i]).collect(),
+fn shown(buffers: &Buffers<'_>, all: &[Node<'_>], has_parent: &[bool]) -> Result<Vec<usize>> {
+    let document = buffers.document;
+    let scene = match document.scene()? {
+        Some(scene) => Some(document.get("scenes", scene, "scene")?),
+        None => document.find("scenes", 0),
     };
-    let mut is_shown = vec![false; has_parent.len()];
+    let roots: Vec<usize> = match scene {
+        Some(scene) => scene.indices("nodes")?,
+        None => (0..all.len()).filter(|&i| !has_parent[i]).collect(),
+    };
+    let mut is_shown = vec![false; all.len()];
     let mut shown = Vec::new();
     let mut open: Vec<usize> = roots.into_iter().rev().collect();
     while let Some(i) = open.pop() {
@@ -93,35 +126,34 @@ fn shown(buffers: &Buffers<'_>, has_parent: &[bool]) -> Result<Vec<usize>> {
             // Listed beside its ancestor.
             Some(_) => continue,
             None => {
-                let expected = format!("some of {} nodes", has_parent.len());
+                let expected = format!("some of {} nodes", all.len());
                 return Err(buffers.refuse("scene, nodes", expected, format!("node {i}")));
             }
         }
         shown.push(i);
-        open.extend(children(&root.nodes[i]).rev());
+        open.extend(all[i].children.iter().rev());
     }
     Ok(shown)
 }
 
-fn parent_from_node(buffers: &Buffers<'_>, index: usize, node: &Node) -> Result<DAffine3> {
-    if let Some(matrix) = node.matrix {
-        let matrix = DMat4::from_cols_array(&matrix.map(f64::from));
+fn parent_from_node(buffers: &Buffers<'_>, node: Object<'_>) -> Result<DAffine3> {
+    if let Some(matrix) = node.numbers::<16>("matrix")? {
+        let matrix = DMat4::from_cols_array(&matrix);
         return affine(matrix).ok_or_else(|| {
             let expected = "an affine matrix (its last row 0, 0, 0, 1)";
             let found = format!("{}", matrix.row(3));
-            buffers.refuse(format!("node {index}, matrix"), expected, found)
+            let place = format!("node {}, matrix", node.number_in_list());
+            buffers.refuse(place, expected, found)
         });
     }
-    let vector = |v: Option<[f32; 3]>, otherwise| {
-        v.map_or(otherwise, |v| DVec3::from_array(v.map(f64::from)))
+    let vector = |key: &str, otherwise| -> Result<DVec3> {
+        Ok(node.numbers(key)?.map_or(otherwise, DVec3::from_array))
     };
-    let rotation = node
-        .rotation
-        .map_or(DQuat::IDENTITY, |q| DQuat::from_array(q.0.map(f64::from)));
+    let rotation = node.numbers("rotation")?;
     Ok(DAffine3::from_scale_rotation_translation(
-        vector(node.scale, DVec3::ONE),
-        unit(rotation),
-        vector(node.translation, DVec3::ZERO),
+        vector("scale", DVec3::ONE)?,
+        unit(rotation.map_or(DQuat::IDENTITY, DQuat::from_array)),
+        vector("translation", DVec3::ZERO)?,
     ))
 }
 
@@ -148,15 +180,13 @@ fn affine(matrix: DMat4) -> Option<DAffine3> {
 /// A skin or a joint that is not there, or fewer matrices than joints.
 pub(super) fn joints(
     buffers: &Buffers<'_>,
-    nodes: &Nodes,
-    skin: Index<gltf_json::Skin>,
+    nodes: &Nodes<'_>,
+    skin: usize,
 ) -> Result<Vec<DAffine3>> {
-    let place = format!("skin {}", skin.value());
-    let skin = buffers.root.get(skin).ok_or_else(|| {
-        let expected = format!("one of {} skins", buffers.root.skins.len());
-        buffers.refuse("node, skin", expected, place.clone())
-    })?;
-    let matrices = match skin.inverse_bind_matrices {
+    let place = format!("skin {skin}");
+    let skin = buffers.document.get("skins", skin, "node, skin")?;
+    let joints = skin.indices("joints")?;
+    let matrices = match skin.index("inverseBindMatrices")? {
         None => None,
         Some(accessor) => {
             let place = format!("{place}, inverseBindMatrices");
@@ -167,25 +197,25 @@ pub(super) fn joints(
                 &[Type::Mat4],
                 &[ComponentType::F32],
             )?;
-            if matrices.len() < skin.joints.len() {
-                let expected = format!("{} matrices", skin.joints.len());
+            if matrices.len() < joints.len() {
+                let expected = format!("{} matrices", joints.len());
                 return Err(buffers.refuse(place, expected, matrices.len().to_string()));
             }
             Some(matrices)
         }
     };
-    let joint = |(i, joint): (usize, &Index<Node>)| {
-        let world = nodes.world_from_node.get(joint.value()).ok_or_else(|| {
-            let expected = format!("some of {} nodes", nodes.world_from_node.len());
-            let found = format!("node {}", joint.value());
+    let joint = |(i, joint): (usize, &usize)| {
+        let node = nodes.all.get(*joint).ok_or_else(|| {
+            let expected = format!("some of {} nodes", nodes.all.len());
+            let found = format!("node {joint}");
             buffers.refuse(format!("{place}, joints"), expected, found)
         })?;
         let bind = matrices.as_ref().map_or(DAffine3::IDENTITY, |m| {
             DAffine3::from_mat4(DMat4::from_cols_array(&m.numbers::<16>(i)))
         });
-        Ok(*world * bind)
+        Ok(node.world_from_node * bind)
     };
-    skin.joints.iter().enumerate().map(joint).collect()
+    joints.iter().enumerate().map(joint).collect()
 }
 
 /// The places of a node's instances within it (`EXT_mesh_gpu_instancing`), or the one that a
@@ -193,18 +223,21 @@ pub(super) fn joints(
 ///
 /// # Errors
 /// Accessors of unequal lengths, or that are not there.
-pub(super) fn instances(buffers: &Buffers<'_>, index: usize, node: &Node) -> Result<Vec<DAffine3>> {
-    let extension = node.extensions.as_ref();
-    let Some(attributes) = extension.and_then(|e| e.others.get("EXT_mesh_gpu_instancing")) else {
+pub(in crate::io) fn instances(buffers: &Buffers<'_>, node: &Node<'_>) -> Result<Vec<DAffine3>> {
+    let Some(stated) = node.object.extension("EXT_mesh_gpu_instancing") else {
         return Ok(vec![DAffine3::IDENTITY]);
     };
+    let attributes = stated.object("attributes")?;
+    let index = node.object.number_in_list();
     let place = format!("node {index}, EXT_mesh_gpu_instancing");
     let open = |name: &str, type_: Type| {
-        let Some(number) = attributes["attributes"].get(name) else {
+        let accessor = match attributes {
+            Some(attributes) => attributes.index(name)?,
+            None => None,
+        };
+        let Some(accessor) = accessor else {
             return Ok(None);
         };
-        let accessor = number.as_u64().and_then(|n| u32::try_from(n).ok());
-        let accessor = Index::new(accessor.unwrap_or(u32::MAX));
         let place = format!("{place}, {name}");
         Accessor::open(buffers, accessor, &place, &[type_], ANY_NUMBERS).map(Some)
     };

@@ -3,13 +3,10 @@
 use std::collections::HashMap;
 
 use glam::{DAffine3, DMat3, DVec3, Vec2};
-use gltf_json::accessor::{ComponentType, Type};
-use gltf_json::mesh::{Mode, Primitive, Semantic};
-use gltf_json::validation::Checked;
-use gltf_json::{self as json, Index};
 
-use super::accessor::{ANY_NUMBERS, Accessor, INDICES, Stated};
+use super::accessor::{ANY_NUMBERS, Accessor, ComponentType, INDICES, Stated, Type};
 use super::container::Buffers;
+use super::document::Object;
 use crate::error::Result;
 use crate::io::MeshPart;
 
@@ -23,10 +20,35 @@ pub(super) struct Shape {
     influences: Vec<Vec<(usize, f64)>>,
 }
 
+/// How vertices are put together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Mode {
+    Points,
+    Lines,
+    LineLoop,
+    LineStrip,
+    Triangles,
+    TriangleStrip,
+    TriangleFan,
+}
+
+impl Mode {
+    /// By their codes.
+    const ALL: [Self; 7] = [
+        Self::Points,
+        Self::Lines,
+        Self::LineLoop,
+        Self::LineStrip,
+        Self::Triangles,
+        Self::TriangleStrip,
+        Self::TriangleFan,
+    ];
+}
+
 /// A primitive of a mesh, and what messages call it.
 pub(super) struct PrimitiveReader<'b, 'f> {
     pub(super) buffers: &'b Buffers<'f>,
-    pub(super) primitive: &'b Primitive,
+    pub(super) primitive: Object<'b>,
     pub(super) place: String,
     /// What is packed by `KHR_draco_mesh_compression`.
     #[cfg(feature = "draco")]
@@ -35,14 +57,16 @@ pub(super) struct PrimitiveReader<'b, 'f> {
 
 impl<'b> PrimitiveReader<'b, '_> {
     /// The accessor of an attribute.
-    fn attribute(&self, semantic: Semantic) -> Option<Index<json::Accessor>> {
-        let attributes = &self.primitive.attributes;
-        attributes.get(&Checked::Valid(semantic)).copied()
+    fn attribute(&self, name: &str) -> Result<Option<usize>> {
+        match self.primitive.object("attributes")? {
+            Some(attributes) => attributes.index(name),
+            None => Ok(None),
+        }
     }
 
     fn open(
         &self,
-        accessor: Index<json::Accessor>,
+        accessor: usize,
         name: &str,
         types: &[Type],
         components: &[ComponentType],
@@ -61,10 +85,11 @@ impl<'b> PrimitiveReader<'b, '_> {
     /// # Errors
     /// No mode of the format.
     fn mode(&self) -> Result<Mode> {
-        let Checked::Valid(mode) = self.primitive.mode else {
+        let code = self.primitive.index("mode")?.unwrap_or(4);
+        let mode = *Mode::ALL.get(code).ok_or_else(|| {
             let place = format!("{}, mode", self.place);
-            return Err(self.buffers.refuse(place, "0 to 6", "another number"));
-        };
+            self.buffers.refuse(place, "0 to 6", code.to_string())
+        })?;
         #[cfg(feature = "draco")]
         if self.draco.is_some() {
             // Strips are unpacked as triangles.
@@ -76,17 +101,16 @@ impl<'b> PrimitiveReader<'b, '_> {
     /// An attribute with as many elements as there are positions.
     fn vertices(
         &self,
-        semantic: Semantic,
+        name: &str,
         types: &[Type],
         components: &[ComponentType],
         count: usize,
     ) -> Result<Option<Accessor<'b>>> {
-        let name = semantic.to_string();
-        let Some(accessor) = self.attribute(semantic) else {
+        let Some(accessor) = self.attribute(name)? else {
             return Ok(None);
         };
-        let accessor = self.open(accessor, &name, types, components)?;
-        self.check_count(&name, accessor.len(), count)?;
+        let accessor = self.open(accessor, name, types, components)?;
+        self.check_count(name, accessor.len(), count)?;
         Ok(Some(accessor))
     }
 
@@ -101,7 +125,7 @@ impl<'b> PrimitiveReader<'b, '_> {
 
     /// Whether it has a set of texture coordinates.
     pub(super) fn has_set(&self, set: u32) -> bool {
-        self.attribute(Semantic::TexCoords(set)).is_some()
+        matches!(self.attribute(&format!("TEXCOORD_{set}")), Ok(Some(_)))
     }
 
     /// How many corners its triangles, lines and points have together.
@@ -109,7 +133,7 @@ impl<'b> PrimitiveReader<'b, '_> {
     /// # Errors
     /// No positions, or accessors that are not there.
     pub(super) fn corner_count(&self) -> Result<usize> {
-        let count = match self.primitive.indices {
+        let count = match self.primitive.index("indices")? {
             Some(accessor) => self
                 .open(accessor, "indices", &[Type::Scalar], INDICES)?
                 .len(),
@@ -123,7 +147,7 @@ impl<'b> PrimitiveReader<'b, '_> {
     }
 
     fn positions(&self) -> Result<Accessor<'b>> {
-        let accessor = self.attribute(Semantic::Positions).ok_or_else(|| {
+        let accessor = self.attribute("POSITION")?.ok_or_else(|| {
             let expected = "an attribute POSITION";
             self.buffers.refuse(self.place.clone(), expected, "none")
         })?;
@@ -132,7 +156,7 @@ impl<'b> PrimitiveReader<'b, '_> {
 
     /// A part with its triangles, lines and points as indices of vertices, and nothing else.
     fn elements(&self, vertex_count: usize) -> Result<MeshPart> {
-        let indices: Vec<u32> = match self.primitive.indices {
+        let indices: Vec<u32> = match self.primitive.index("indices")? {
             Some(accessor) => {
                 let accessor = self.open(accessor, "indices", &[Type::Scalar], INDICES)?;
                 (0..accessor.len()).map(|i| accessor.index(i)).collect()
@@ -185,7 +209,7 @@ impl<'b> PrimitiveReader<'b, '_> {
     /// Accessors of the wrong type, or that are shorter than they say, or than the positions are.
     pub(super) fn read(
         &self,
-        weights: &[f32],
+        weights: &[f64],
         sets: [Option<u32>; 2],
         joint_count: Option<usize>,
     ) -> Result<Shape> {
@@ -196,7 +220,7 @@ impl<'b> PrimitiveReader<'b, '_> {
         let point = |accessor: &Accessor<'_>, i: usize| DVec3::from_array(accessor.numbers(i));
 
         let vec3 = [Type::Vec3];
-        let normals = self.vertices(Semantic::Normals, &vec3, ANY_NUMBERS, count)?;
+        let normals = self.vertices("NORMAL", &vec3, ANY_NUMBERS, count)?;
         let mut shape = Shape {
             part: MeshPart {
                 positions: used.iter().map(|&i| point(&positions, i)).collect(),
@@ -214,14 +238,14 @@ impl<'b> PrimitiveReader<'b, '_> {
         }
         for (coordinates, set) in shape.part.texture_coordinates.iter_mut().zip(sets) {
             let Some(set) = set else { continue };
-            let semantic = Semantic::TexCoords(set);
-            if let Some(accessor) = self.vertices(semantic, &[Type::Vec2], ANY_NUMBERS, count)? {
+            let name = format!("TEXCOORD_{set}");
+            if let Some(accessor) = self.vertices(&name, &[Type::Vec2], ANY_NUMBERS, count)? {
                 let uv = |&i: &usize| Vec2::from_array(narrow(accessor.numbers::<2>(i)));
                 *coordinates = used.iter().map(uv).collect();
             }
         }
         let types = [Type::Vec3, Type::Vec4];
-        if let Some(colours) = self.vertices(Semantic::Colors(0), &types, ANY_NUMBERS, count)? {
+        if let Some(colours) = self.vertices("COLOR_0", &types, ANY_NUMBERS, count)? {
             let is_opaque = colours.width() < 4;
             let rgba = |&i: &usize| {
                 let mut rgba = narrow(colours.numbers::<4>(i));
@@ -242,18 +266,18 @@ impl<'b> PrimitiveReader<'b, '_> {
     fn morph(
         &self,
         shape: &mut Shape,
-        weights: &[f32],
+        weights: &[f64],
         used: &[usize],
         count: usize,
     ) -> Result<()> {
-        let targets = self.primitive.targets.iter().flatten();
-        for (t, (target, &weight)) in targets.zip(weights).enumerate() {
-            let weight = f64::from(weight);
+        let targets = self.primitive.objects("targets")?;
+        for (t, (target, &weight)) in targets.into_iter().zip(weights).enumerate() {
             if weight == 0.0 {
                 continue;
             }
-            let add = |accessor: Option<Index<json::Accessor>>, name: &str, to: &mut [DVec3]| {
-                let Some(accessor) = accessor.filter(|_| !to.is_empty()) else {
+            let add = |name: &str, to: &mut [DVec3]| {
+                let accessor = target.index(name)?.filter(|_| !to.is_empty());
+                let Some(accessor) = accessor else {
                     return Ok(());
                 };
                 let name = format!("target {t}, {name}");
@@ -264,8 +288,8 @@ impl<'b> PrimitiveReader<'b, '_> {
                 }
                 Ok(())
             };
-            add(target.positions, "POSITION", &mut shape.part.positions)?;
-            add(target.normals, "NORMAL", &mut shape.normals)?;
+            add("POSITION", &mut shape.part.positions)?;
+            add("NORMAL", &mut shape.normals)?;
         }
         Ok(())
     }
@@ -281,8 +305,8 @@ impl<'b> PrimitiveReader<'b, '_> {
         for set in 0.. {
             let types = [Type::Vec4];
             let kinds = [ComponentType::U8, ComponentType::U16];
-            let joints = self.vertices(Semantic::Joints(set), &types, &kinds, count)?;
-            let weights = self.vertices(Semantic::Weights(set), &types, ANY_NUMBERS, count)?;
+            let joints = self.vertices(&format!("JOINTS_{set}"), &types, &kinds, count)?;
+            let weights = self.vertices(&format!("WEIGHTS_{set}"), &types, ANY_NUMBERS, count)?;
             let (Some(joints), Some(weights)) = (joints, weights) else {
                 if set == 0 {
                     return Ok(Vec::new());

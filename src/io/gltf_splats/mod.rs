@@ -22,37 +22,41 @@
 //! stretches, shapes stay exact and harmonics of degree 1 and up become the nearest ones. Primitives of
 //! other kinds are not read.
 //!
-//! The crate `gltf-json` does not know attributes of such names, hence a reader of the JSON.
+//! Document, nodes and accessors are those of [`super::gltf`].
 
-mod document;
-mod nodes;
 mod write;
 
 use std::collections::BTreeSet;
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
-use self::document::{Document, Primitive};
 use super::dataset::Dataset;
 use super::file::Input;
+use super::gltf::{
+    ANY_NUMBERS, Accessor, Buffers, ComponentType, Document, Nodes, Object, PACKED_SPLATS, SPLATS,
+    Type, check_extensions, instances, split,
+};
 use super::log_scales::{self, ScaleMeaning};
 use super::splats::{SplatCloud, constant_of_colour};
 use super::spz;
+use super::vtk_xml::clip;
 use crate::error::{Error, Result};
 use crate::image::srgb_from_linear;
 use crate::math::{
     HARMONIC_0, HarmonicsTransform, MAX_HARMONICS_DEGREE, harmonics_count, scales_and_rotation,
 };
 
-pub(super) use self::document::looks_like;
 pub(super) use self::write::encode;
 
 /// What the format is called.
 pub(super) const FORMAT: &str = "glTF splats";
 
-const EXTENSION: &str = "KHR_gaussian_splatting";
-/// The extension of that one whose buffer view holds an SPZ stream.
-const PACKED: &str = "KHR_gaussian_splatting_compression_spz_2";
+const EXTENSION: &str = SPLATS;
+const PACKED: &str = PACKED_SPLATS;
+
+/// The spaces of colours that are told apart; those of files without one are the first.
+const ENCODED: &str = "srgb_rec709_display";
+const LINEAR: &str = "lin_rec709_display";
 
 /// So many splats may come of repeated meshes in the smallest file; of larger ones, one for every
 /// eight bytes.
@@ -70,28 +74,37 @@ fn harmonic_name(degree: u8, n: usize) -> String {
 /// attribute that is missing; splats packed by a further extension.
 pub(super) fn read(input: Input<'_>, meaning: Option<ScaleMeaning>) -> Result<Dataset> {
     let path = input.path;
-    let mut document = Document::open(input)?;
-    let placed = nodes::placed_meshes(path, &document.root)?;
-    let mut notes = Vec::new();
+    let bytes = input.read_all()?;
+    let len = bytes.len() as u64;
+    let chunks = split(path, &bytes)?;
+    let document = Document::parse(path, chunks.json)?;
+    let mut notes: Vec<String> = chunks.note.into_iter().map(str::to_owned).collect();
+    check_extensions(path, &document, &[EXTENSION, PACKED], &mut notes)?;
+    let buffers = Buffers::new(input, &document, chunks.bin, bytes.len());
+    let nodes = Nodes::new(&buffers)?;
     let mut cloud = SplatCloud::default();
     let mut others = 0_usize;
     let mut logarithms = 0;
     // A file may show one mesh many times, but not make gigabytes of a kilobyte.
-    let mut most = (document.len / 8).max(MOST_OF_ANY_FILE);
+    let mut most = (len / 8).max(MOST_OF_ANY_FILE);
     let mut unpacked = BTreeSet::new();
-    let meshes = std::mem::take(&mut document.root.meshes);
-    for (mesh, world_from_mesh) in placed {
-        for (i, primitive) in meshes[mesh].primitives.iter().enumerate() {
-            let Some(extension) = &primitive.extensions.splats else {
+    for &n in &nodes.shown {
+        let node = &nodes.all[n];
+        let Some((index, mesh)) = node.mesh(&buffers)? else {
+            continue;
+        };
+        let instances = instances(&buffers, node)?;
+        for (p, primitive) in mesh.objects("primitives")?.into_iter().enumerate() {
+            let Some(extension) = primitive.extension(EXTENSION) else {
                 others += 1;
                 continue;
             };
-            let linear = extension.color_space.as_deref() == Some("lin_rec709_display");
-            let mut part = match document.packed(extension)? {
+            let color_space = extension.word("colorSpace")?;
+            let mut part = match packed(&buffers, extension)? {
                 Some(stream) => {
-                    let (part, said) = spz::splats(path, &stream)?;
+                    let (part, said) = spz::splats(path, stream)?;
                     // Packed splats may take less; their stream has been checked against its size.
-                    if unpacked.insert((mesh, i)) {
+                    if unpacked.insert((index, p)) {
                         most += part.positions.len() as u64;
                     }
                     said.into_iter()
@@ -99,34 +112,57 @@ pub(super) fn read(input: Input<'_>, meaning: Option<ScaleMeaning>) -> Result<Da
                     part
                 }
                 None => {
-                    let mut part = read_primitive(&mut document, primitive)?;
+                    let reader = Reader {
+                        buffers: &buffers,
+                        extension,
+                        attributes: primitive.object("attributes")?,
+                        place: format!("mesh {index}, primitive {p}"),
+                    };
+                    let mut part = reader.read()?;
                     // Before nodes multiply them. SPZ's are what they are.
                     logarithms += log_scales::settle_splats(&mut part.scales, meaning);
                     part
                 }
             };
-            if linear {
-                encode_colours(&mut part, &mut notes);
+            match color_space {
+                Some(LINEAR) => encode_colours(&mut part, &mut notes),
+                None | Some(ENCODED) => {}
+                Some(other) => {
+                    let other = clip(other);
+                    let note = format!(
+                        "colorSpace `{other}` is not known (it may be `{ENCODED}` or `{LINEAR}`): colours are taken for \
+                         `{ENCODED}`"
+                    );
+                    note_once(&mut notes, note);
+                }
             }
-            if let Some(kernel) = extension.kernel.as_deref().filter(|k| *k != "ellipse") {
-                note_once(
-                    &mut notes,
-                    format!("kernel `{kernel}` is taken for `ellipse`"),
-                );
+            let kernel = extension.word("kernel")?;
+            if let Some(kernel) = kernel.filter(|kernel| *kernel != "ellipse") {
+                let note = format!("kernel `{}` is taken for `ellipse`", clip(kernel));
+                note_once(&mut notes, note);
             }
-            transform(&mut part, world_from_mesh);
-            if (cloud.positions.len() + part.positions.len()) as u64 > most {
-                return Err(Error::format(
-                    path,
-                    "nodes",
-                    format!("at most {most} splats in a file of {} bytes", document.len),
-                    "more, by nodes that repeat meshes",
-                    "show each mesh fewer times",
-                ));
+            for instance in &instances {
+                let world = node.world_from_node * *instance;
+                if !world.is_finite() {
+                    let found = "another";
+                    return Err(buffers.refuse(format!("node {n}"), "a finite transform", found));
+                }
+                if (cloud.positions.len() + part.positions.len()) as u64 > most {
+                    return Err(Error::format(
+                        path,
+                        "nodes",
+                        format!("at most {most} splats in a file of {len} bytes"),
+                        "more, by nodes that repeat meshes",
+                        "show each mesh fewer times",
+                    ));
+                }
+                let mut placed = part.clone();
+                transform(&mut placed, world);
+                cloud.append(placed);
             }
-            cloud.append(part);
         }
     }
+    notes.extend(buffers.take_notes());
     if logarithms > 0 {
         notes.push(log_scales::note(logarithms, "splats", meaning));
     }
@@ -147,87 +183,203 @@ fn note_once(notes: &mut Vec<String>, note: String) {
     }
 }
 
-/// The splats of a primitive in its own space.
-fn read_primitive(document: &mut Document<'_>, primitive: &Primitive) -> Result<SplatCloud> {
-    let path = document.path;
-    let positions = document.floats::<3>(primitive, "POSITION")?;
-    let count = positions.len();
-    let has = |name: &str| primitive.attributes.contains_key(name);
-    let opacity = format!("{EXTENSION}:OPACITY");
-    let constant = format!("{EXTENSION}:{}", harmonic_name(0, 0));
-    let is_draft = (!has(&opacity) || !has(&constant)) && has("COLOR_0");
-    let draft_colours = match is_draft {
-        true => Some(document.floats::<4>(primitive, "COLOR_0")?),
-        false => None,
-    };
-    let named = |name: &str| {
-        let (final_name, draft) = (format!("{EXTENSION}:{name}"), format!("_{name}"));
-        if has(&final_name) || !has(&draft) {
-            final_name
-        } else {
-            draft
-        }
-    };
-    let mut harmonics: Vec<Vec<[f32; 3]>> = Vec::new();
-    let mut degree = 0;
-    for l in 0..=MAX_HARMONICS_DEGREE {
-        let is_there = primitive
-            .attributes
-            .contains_key(&format!("{EXTENSION}:{}", harmonic_name(l, 0)));
-        if l > 0 && !is_there {
-            break;
-        }
-        degree = l;
-        if let (0, Some(colours), false) = (l, &draft_colours, is_there) {
-            let constants = colours.iter().map(|[r, g, b, _]| [r, g, b]);
-            harmonics.push(
-                constants
-                    .map(|rgb| rgb.map(|c| constant_of_colour(*c)))
-                    .collect(),
-            );
-            continue;
-        }
-        for n in 0..=2 * usize::from(l) {
-            let name = format!("{EXTENSION}:{}", harmonic_name(l, n));
-            harmonics.push(document.floats::<3>(primitive, &name)?);
-        }
+/// Whether a file is glTF that shows splats: `head` has its first bytes, the JSON is looked through.
+pub(super) fn looks_like(input: Input<'_>, head: &[u8]) -> bool {
+    let is_named = super::extension(input.path) == "gltf";
+    if !is_named && !super::gltf::looks_like(head) {
+        return false;
     }
-    let scales = document.floats::<3>(primitive, &named("SCALE"))?;
-    let rotations = document.floats::<4>(primitive, &named("ROTATION"))?;
-    let opacities = match &draft_colours {
-        Some(colours) if !has(&opacity) => colours.iter().map(|[.., a]| [*a]).collect(),
-        _ => document.floats::<1>(primitive, &opacity)?,
+    let Ok(bytes) = input.read_all() else {
+        return false;
     };
-    let lengths = [scales.len(), rotations.len(), opacities.len()];
-    let lengths = lengths.into_iter().chain(harmonics.iter().map(Vec::len));
-    if let Some(len) = lengths.into_iter().find(|&len| len != count) {
-        return Err(Error::format(
-            path,
-            "attributes",
-            format!("{count} of each, as of POSITION"),
-            len.to_string(),
-            "the file is damaged: get it again",
-        ));
+    let Ok(chunks) = split(input.path, &bytes) else {
+        return false;
+    };
+    let name = EXTENSION.as_bytes();
+    if !chunks.json.windows(name.len()).any(|w| w == name) {
+        return false;
     }
-    let mut coefficients = Vec::with_capacity(count * 3 * harmonics_count(degree));
-    for i in 0..count {
-        coefficients.extend(harmonics.iter().flat_map(|rgb| rgb[i]));
+    let shows_splats = || -> Result<bool> {
+        let document = Document::parse(input.path, chunks.json)?;
+        let buffers = Buffers::new(input, &document, chunks.bin, bytes.len());
+        let nodes = Nodes::new(&buffers)?;
+        for &n in &nodes.shown {
+            if let Some((_, mesh)) = nodes.all[n].mesh(&buffers)? {
+                let primitives = mesh.objects("primitives")?;
+                if primitives.iter().any(|p| p.extension(EXTENSION).is_some()) {
+                    return Ok(true);
+                }
+            }
+        }
+        Ok(false)
+    };
+    // Of one that is broken, the reader says how.
+    shows_splats().unwrap_or(true)
+}
+
+/// The SPZ stream that a primitive's numbers are packed in, or `None` where they are not.
+///
+/// # Errors
+/// A view that is not there.
+fn packed<'b>(buffers: &'b Buffers<'_>, extension: Object<'b>) -> Result<Option<&'b [u8]>> {
+    let Some(packed) = extension.extension(PACKED) else {
+        return Ok(None);
+    };
+    let view = packed.index("bufferView")?;
+    let missing = || buffers.refuse(PACKED, "a buffer view that is there", "none");
+    let (bytes, _) = buffers.view(view.ok_or_else(missing)?, PACKED)?;
+    Ok(Some(bytes))
+}
+
+/// A primitive of splats whose numbers are in accessors.
+struct Reader<'b, 'f> {
+    buffers: &'b Buffers<'f>,
+    extension: Object<'b>,
+    attributes: Option<Object<'b>>,
+    place: String,
+}
+
+impl Reader<'_, '_> {
+    fn has(&self, name: &str) -> bool {
+        self.attributes
+            .is_some_and(|attributes| attributes.has(name))
     }
-    Ok(SplatCloud {
-        positions: positions
-            .into_iter()
-            .map(|p| DVec3::from(p.map(f64::from)))
-            .collect(),
-        scales,
-        rotations: rotations
-            .into_iter()
-            .map(|[x, y, z, w]| [w, x, y, z])
-            .collect(),
-        opacities: opacities.into_iter().map(|[a]| a).collect(),
-        harmonics_degree: degree,
-        harmonics: coefficients,
-        is_anti_aliased: false,
-    })
+
+    /// An attribute of `N` numbers per point.
+    fn floats<const N: usize>(&self, name: &str) -> Result<Vec<[f32; N]>> {
+        let place = format!("{}, attribute `{name}`", self.place);
+        let index = match self.attributes {
+            Some(attributes) => attributes.index(name)?,
+            None => None,
+        };
+        let accessor = index.and_then(|i| self.buffers.document.find("accessors", i));
+        let has_bytes = accessor.is_some_and(|a| a.has("bufferView") || a.has("sparse"));
+        if accessor.is_some() && !has_bytes || index.is_none() {
+            let (expected, found, advice) = match self.extension.extensions().next() {
+                Some(packing) => (
+                    "numbers that are not packed",
+                    format!("the extension `{}`", clip(packing)),
+                    "save the splats without it",
+                ),
+                None if index.is_none() => (
+                    "one",
+                    "none".into(),
+                    "write all that the extension asks for",
+                ),
+                None => (
+                    "numbers",
+                    "an accessor without a buffer view".into(),
+                    "write all numbers into a buffer",
+                ),
+            };
+            return Err(Error::format(
+                self.buffers.path,
+                place,
+                expected,
+                found,
+                advice,
+            ));
+        }
+        let type_ = [
+            Type::Scalar,
+            Type::Scalar,
+            Type::Vec2,
+            Type::Vec3,
+            Type::Vec4,
+        ][N];
+        // What the extension and `KHR_mesh_quantization` let be bytes or shorts; harmonics are floats.
+        let is_short = ["SCALE", "ROTATION", "OPACITY", "POSITION", "COLOR_0"]
+            .iter()
+            .any(|n| name.ends_with(n));
+        let components = match is_short {
+            true => ANY_NUMBERS,
+            false => &[ComponentType::F32],
+        };
+        let index = index.unwrap_or(usize::MAX);
+        let accessor = Accessor::open(self.buffers, index, &place, &[type_], components)?;
+        let numbers = |i: usize| accessor.numbers::<N>(i).map(narrowed);
+        Ok((0..accessor.len()).map(numbers).collect())
+    }
+
+    /// The splats in the primitive's own space.
+    fn read(&self) -> Result<SplatCloud> {
+        let positions = self.floats::<3>("POSITION")?;
+        let count = positions.len();
+        let has = |name: &str| self.has(name);
+        let opacity = format!("{EXTENSION}:OPACITY");
+        let constant = format!("{EXTENSION}:{}", harmonic_name(0, 0));
+        let is_draft = (!has(&opacity) || !has(&constant)) && has("COLOR_0");
+        let draft_colours = match is_draft {
+            true => Some(self.floats::<4>("COLOR_0")?),
+            false => None,
+        };
+        let named = |name: &str| {
+            let (final_name, draft) = (format!("{EXTENSION}:{name}"), format!("_{name}"));
+            if has(&final_name) || !has(&draft) {
+                final_name
+            } else {
+                draft
+            }
+        };
+        let mut harmonics: Vec<Vec<[f32; 3]>> = Vec::new();
+        let mut degree = 0;
+        for l in 0..=MAX_HARMONICS_DEGREE {
+            let is_there = has(&format!("{EXTENSION}:{}", harmonic_name(l, 0)));
+            if l > 0 && !is_there {
+                break;
+            }
+            degree = l;
+            if let (0, Some(colours), false) = (l, &draft_colours, is_there) {
+                let constants = colours.iter().map(|[r, g, b, _]| [r, g, b]);
+                harmonics.push(
+                    constants
+                        .map(|rgb| rgb.map(|c| constant_of_colour(*c)))
+                        .collect(),
+                );
+                continue;
+            }
+            for n in 0..=2 * usize::from(l) {
+                let name = format!("{EXTENSION}:{}", harmonic_name(l, n));
+                harmonics.push(self.floats::<3>(&name)?);
+            }
+        }
+        let scales = self.floats::<3>(&named("SCALE"))?;
+        let rotations = self.floats::<4>(&named("ROTATION"))?;
+        let opacities = match &draft_colours {
+            Some(colours) if !has(&opacity) => colours.iter().map(|[.., a]| [*a]).collect(),
+            _ => self.floats::<1>(&opacity)?,
+        };
+        let lengths = [scales.len(), rotations.len(), opacities.len()];
+        let lengths = lengths.into_iter().chain(harmonics.iter().map(Vec::len));
+        if let Some(len) = lengths.into_iter().find(|&len| len != count) {
+            return Err(Error::format(
+                self.buffers.path,
+                "attributes",
+                format!("{count} of each, as of POSITION"),
+                len.to_string(),
+                "the file is damaged: get it again",
+            ));
+        }
+        let mut coefficients = Vec::with_capacity(count * 3 * harmonics_count(degree));
+        for i in 0..count {
+            coefficients.extend(harmonics.iter().flat_map(|rgb| rgb[i]));
+        }
+        Ok(SplatCloud {
+            positions: positions
+                .into_iter()
+                .map(|p| DVec3::from(p.map(f64::from)))
+                .collect(),
+            scales,
+            rotations: rotations
+                .into_iter()
+                .map(|[x, y, z, w]| [w, x, y, z])
+                .collect(),
+            opacities: opacities.into_iter().map(|[a]| a).collect(),
+            harmonics_degree: degree,
+            harmonics: coefficients,
+            is_anti_aliased: false,
+        })
+    }
 }
 
 /// Colours in linear light to the encoded ones that splats have here.

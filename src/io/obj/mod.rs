@@ -3,12 +3,12 @@
 //! | statement | what is made of it |
 //! |---|---|
 //! | `v x y z` | a vertex, in f64; a fourth number (a weight of curves) is not used |
-//! | `v x y z r g b` | its colour too, sRGB-encoded, 0 to 1, or 0 to 255 where one exceeds 1 |
+//! | `v x y z r g b` | its colour too, sRGB-encoded: see [`super::colour_columns`] |
 //! | `vt u v`, `vn x y z` | texture coordinates, v upwards; normals |
 //! | `f` with v, v/vt, v//vn, v/vt/vn | polygons of any size, concave ones too; indices from 1, or back from the latest; texture coordinates and normals that are not there are left out, with a note |
 //! | `usemtl`, `mtllib` | materials; see [`mtl`] |
 //! | `o`, `g`, `s` | nothing: faces of one material are one part |
-//! | `p`, `l` (and `f` with one or two corners) | points and lines |
+//! | `p`, `l` (and `f` with one or two corners) | points and lines; vertices without any of these and without faces are a cloud of points |
 //! | `curv`, `surf` | nothing, with a note |
 //!
 //! OBJ does not say whether a surface is seen from behind. Where all that a material covers is
@@ -26,10 +26,13 @@ use glam::{Affine2, DVec3, Vec2};
 pub(crate) use scan::looks_like;
 
 use super::closed::are_closed;
+use super::cloud::colour_fields;
+use super::colour_columns::{ColourNumbers, ColourScale};
 use super::dataset::{Dataset, Geometry};
 use super::file::Input;
 use super::mesh_part::{LeftOut, check_not_empty, finish};
 use super::polygons::{approximate_note, triangles};
+use super::table;
 use super::texture::{ImageBudget, find};
 use super::vtk_xml::clip;
 use super::{AlphaMode, Material, Mesh, MeshPart, Texture, TextureImage, TextureUse, Wrap};
@@ -50,13 +53,7 @@ pub(crate) fn read(input: Input<'_>, texture: Option<&Path>) -> Result<Dataset> 
     drop(bytes);
     let mut notes = std::mem::take(&mut scan.notes);
     if scan.groups.is_empty() {
-        return Err(Error::format(
-            path,
-            "faces",
-            "a face, a line or a point (`f`, `l`, `p`)",
-            format!("{} vertices and none of them", scan.positions.len()),
-            "give a mesh; save points as PLY or CSV",
-        ));
+        return cloud(input, scan, notes);
     }
     let mut parts = parts(&scan, &mut notes);
     let are_closed = are_closed(&parts);
@@ -74,6 +71,7 @@ pub(crate) fn read(input: Input<'_>, texture: Option<&Path>) -> Result<Dataset> 
     }
     let mut mesh = materials.mesh;
     mesh.textures = materials.images.textures;
+    notes.append(&mut materials.images.budget.notes);
     notes.append(&mut materials.images.notes);
     let mut left_out = LeftOut::default();
     for (part, is_closed) in parts.iter_mut().zip(are_closed) {
@@ -90,16 +88,72 @@ pub(crate) fn read(input: Input<'_>, texture: Option<&Path>) -> Result<Dataset> 
     Ok(data)
 }
 
+/// Vertices alone, as points.
+///
+/// # Errors
+/// No vertices.
+fn cloud(input: Input<'_>, scan: Scan, mut notes: Vec<String>) -> Result<Dataset> {
+    let path = input.path;
+    if scan.positions.is_empty() {
+        return Err(Error::format(
+            path,
+            "vertices",
+            "a vertex (`v`)",
+            "none",
+            "save the mesh again",
+        ));
+    }
+    notes.push("there are no faces, lines and points: all vertices are drawn as points".into());
+    if !scan.libraries.is_empty() {
+        notes.push("files of materials are not used without faces".into());
+    }
+    let mut fields = Vec::new();
+    if !scan.colours.is_empty() {
+        let scale = colour_scale(scan.colours.iter().copied(), &mut notes);
+        let white = [f64::from(scale.full()); 3];
+        let channel = |c: usize| {
+            let colours = scan.colours.iter();
+            let encoded = |rgb: &Option<[f64; 3]>| scale.encoded(narrow(rgb.unwrap_or(white))[c]);
+            colours.map(encoded).collect()
+        };
+        fields = colour_fields([0, 1, 2].map(channel));
+    }
+    let mut data = table::dataset(path, "Wavefront OBJ points", scan.positions, fields)?;
+    data.format_up = Some((DVec3::Y, "OBJ mostly has y up"));
+    data.notes = notes;
+    Ok(data)
+}
+
+/// How the colours of vertices are stored.
+fn colour_scale(
+    colours: impl Iterator<Item = Option<[f64; 3]>> + Clone,
+    notes: &mut Vec<String>,
+) -> ColourScale {
+    let numbers = colours.flatten().flat_map(narrow);
+    let scale = ColourScale::of(None, ColourNumbers::of_floats(numbers));
+    if let Some(assumed) = scale.assumed() {
+        notes.push(format!("colours of vertices {assumed}"));
+    }
+    scale
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "colours need no more than f32"
+)]
+fn narrow(rgb: [f64; 3]) -> [f32; 3] {
+    rgb.map(|c| c as f32)
+}
+
 /// One part for each group of faces, in its order, with texture coordinates where the faces have
 /// them.
 fn parts(scan: &Scan, notes: &mut Vec<String>) -> Vec<MeshPart> {
-    let mut colour_scale = 1.0;
-    let corners = scan.faces.iter().flat_map(|faces| &faces.corners);
-    let mut colours = corners.filter_map(|[v, ..]| *scan.colours.get(*v as usize)?);
-    if colours.any(|rgb| rgb.iter().any(|c| *c > 1.0)) {
-        colour_scale = 255.0;
-        notes.push("colours of vertices exceed 1 and are taken as 0 to 255".into());
-    }
+    let used = scan.faces.iter().flat_map(|faces| {
+        let marks = faces.lines.as_flattened().iter().chain(&faces.points);
+        faces.corners.iter().chain(marks)
+    });
+    let colours = used.map(|[v, ..]| scan.colours.get(*v as usize).copied().flatten());
+    let colour_scale = colour_scale(colours, notes);
     let mut approximate = 0;
     let parts = scan
         .faces
@@ -117,7 +171,7 @@ fn part_of(
     scan: &Scan,
     faces: &Faces,
     group: &Group,
-    colour_scale: f64,
+    colour_scale: ColourScale,
     approximate: &mut usize,
 ) -> MeshPart {
     let mut part = MeshPart::default();
@@ -157,14 +211,10 @@ fn part_of(
 }
 
 /// A vertex's colour, linear; white where it has none and others have one.
-#[expect(
-    clippy::cast_possible_truncation,
-    reason = "colours need no more than f32"
-)]
-fn vertex_colour(stated: Option<[f64; 3]>, scale: f64) -> [f32; 4] {
+fn vertex_colour(stated: Option<[f64; 3]>, scale: ColourScale) -> [f32; 4] {
     // Numbers below 0 are no colour.
     let [r, g, b] = match stated.filter(|rgb| !rgb.iter().any(|c| *c < 0.0)) {
-        Some(rgb) => rgb.map(|c| linear_from_srgb((c / scale) as f32)),
+        Some(rgb) => narrow(rgb).map(|c| scale.linear(c)),
         None => [1.0; 3],
     };
     [r, g, b, 1.0]
@@ -206,7 +256,8 @@ impl<'a> Materials<'a> {
                     notes.push(format!("no file `{}` of materials", clip(name)));
                     continue;
                 };
-                match input.read_beside(&file) {
+                notes.extend(file.note);
+                match input.read_beside(&file.path) {
                     Ok(bytes) => library.extend(
                         mtl::read(&bytes, notes)
                             .into_iter()
@@ -215,6 +266,18 @@ impl<'a> Materials<'a> {
                     Err(e) => notes.push(e.to_string()),
                 }
             }
+        }
+        let is_bare =
+            |(group, faces): (&Group, &Faces)| group.material.is_none() && !faces.ends.is_empty();
+        if !library.is_empty() && scan.groups.iter().zip(&scan.faces).any(is_bare) {
+            let whose = match scan.materials.is_empty() {
+                true => "faces name no material (`usemtl`)",
+                false => "some faces come before the first `usemtl`",
+            };
+            notes.push(format!(
+                "{whose}: the {} of the files of materials are not used for these, which are white",
+                library.len()
+            ));
         }
         let missing: Vec<&str> = scan
             .materials

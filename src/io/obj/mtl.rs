@@ -9,7 +9,8 @@
 //! | `map_Kd`, `map_Ke` | textures of both, with the options `-s`, `-o` and `-clamp` |
 //! | `map_d` | opacity: the image's alpha channel, or its brightness where that is 1 all over |
 //!
-//! Everything else (reflections, bumps, `illum`) is light, and is left to the light.
+//! Notes tell of `map_Ka` where it is another image than `map_Kd`'s, and of options of textures that are not used. Everything
+//! else (reflections, bumps, `illum`) is light, and is left to the light.
 
 use std::io::Cursor;
 
@@ -113,6 +114,65 @@ impl Map {
     }
 }
 
+/// Options that change a picture and are not used, unless their values are these.
+const UNUSED: &[(&str, &[f32])] = &[
+    ("-boost", &[]),
+    ("-cc", &[]),
+    ("-imfchan", &[]),
+    ("-mm", &[0.0, 1.0]),
+    ("-t", &[0.0, 0.0, 0.0]),
+];
+
+/// The options of a texture statement that would change the picture and are not used.
+fn unused_options(statement: &str) -> Vec<&'static str> {
+    let words: Vec<&str> = statement.split_whitespace().collect();
+    let is_unused = |(option, neutral): &&(&str, &[f32])| {
+        words.iter().enumerate().any(|(i, word)| {
+            let values = words[i + 1..].iter().map_while(|w| w.parse::<f32>().ok());
+            let values = values.take(neutral.len());
+            word.eq_ignore_ascii_case(option)
+                && (neutral.is_empty()
+                    || values
+                        .zip(*neutral)
+                        .any(|(value, own)| (value - own).abs() > 0.0))
+        })
+    };
+    UNUSED
+        .iter()
+        .filter(is_unused)
+        .map(|(name, _)| *name)
+        .collect()
+}
+
+/// Tells of statements about a material's textures that are not used.
+fn note_unused(material: &str, statements: &[(String, String)], notes: &mut Vec<String>) {
+    let file_of = |name: &str| {
+        let statement = statements.iter().find(|(own, _)| own == name);
+        statement
+            .and_then(|(_, rest)| Map::parse(rest))
+            .map(|map| map.file)
+    };
+    if let Some(ambient) = file_of("map_ka")
+        && file_of("map_kd").is_none_or(|diffuse| diffuse != ambient)
+    {
+        notes.push(format!(
+            "material `{}`: `map_Ka` (`{}`) is not used, there is no ambient light: `map_Kd` has the colour",
+            clip(material),
+            clip(&ambient)
+        ));
+    }
+    for (name, rest) in statements.iter().filter(|(name, _)| name != "map_ka") {
+        let unused = unused_options(rest);
+        if !unused.is_empty() {
+            notes.push(format!(
+                "material `{}`: options of `{name}` are not used: {}",
+                clip(material),
+                unused.join(", ")
+            ));
+        }
+    }
+}
+
 /// Reads the materials of a library.
 pub(super) fn read(bytes: &[u8], notes: &mut Vec<String>) -> Vec<MtlMaterial> {
     let text = String::from_utf8_lossy(bytes);
@@ -158,6 +218,8 @@ pub(super) fn read(bytes: &[u8], notes: &mut Vec<String>) -> Vec<MtlMaterial> {
 /// on colours of fewer than three numbers, and gives up on a file for one bad line.
 fn plain(text: &str, notes: &mut Vec<String>) -> String {
     let mut plain = String::new();
+    // Of the material that is being read: its name, and its statements of textures.
+    let mut current = (String::new(), Vec::new());
     let mut lines = text.lines();
     while let Some(line) = lines.next() {
         let mut joined = line.to_owned();
@@ -176,6 +238,8 @@ fn plain(text: &str, notes: &mut Vec<String>) -> String {
         let statement = match keyword.to_ascii_lowercase().as_str() {
             "newmtl" => {
                 let name = if rest.is_empty() { "(unnamed)" } else { rest };
+                note_unused(&current.0, &current.1, notes);
+                current = (name.to_owned(), Vec::new());
                 Some(format!("newmtl {name}"))
             }
             colour @ ("kd" | "ke") => {
@@ -193,7 +257,12 @@ fn plain(text: &str, notes: &mut Vec<String>) -> String {
             }
             "d" => words.find_map(finite).map(|d| format!("d {d}")),
             "tr" => words.find_map(finite).map(|t| format!("Tr {t}")),
+            "map_ka" => {
+                current.1.push(("map_ka".to_owned(), rest.to_owned()));
+                None
+            }
             map @ ("map_kd" | "map_ke" | "map_d") if !rest.is_empty() => {
+                current.1.push((map.to_owned(), rest.to_owned()));
                 let name = match map {
                     "map_kd" => "map_Kd",
                     "map_ke" => "map_Ke",
@@ -208,6 +277,7 @@ fn plain(text: &str, notes: &mut Vec<String>) -> String {
             plain.push('\n');
         }
     }
+    note_unused(&current.0, &current.1, notes);
     plain
 }
 

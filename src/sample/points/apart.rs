@@ -149,6 +149,7 @@ pub(crate) fn sample_apart(
     let part = Part {
         volume_sum,
         neighbourhoods,
+        colours: None,
     };
     let Made {
         sampled: Sampled { volume, report },

@@ -3,13 +3,11 @@
 use super::super::{TakenScalar, check_len, describes_the_grid};
 use super::neighbourhoods::Neighbourhoods;
 use crate::error::{Error, Result};
-use crate::image::linear_from_srgb;
-use crate::io::{Association, Dataset, Field, FieldSource, SCALES, Smoothing, VARIANCE};
+use crate::io::{
+    Association, COLOUR_SETS, ColourNumbers, ColourScale, ColourSet, Dataset, Field, FieldSource,
+    SCALES, Smoothing, VARIANCE, colour_sets,
+};
 use crate::scene::Values;
-
-pub(super) const RGB: [&str; 3] = ["r", "g", "b"];
-/// The names that scanners give to colours: bytes, as displays take them.
-pub(super) const RED_GREEN_BLUE: [&str; 3] = ["red", "green", "blue"];
 
 /// Columns with a meaning of their own: none is the field to show by default.
 pub(super) const RESERVED: [&str; 12] = [
@@ -33,11 +31,27 @@ pub(super) const DENSITIES: [&str; 2] = ["rho", "density"];
 /// What scanners measure beside places.
 pub(super) const INTENSITIES: [&str; 2] = ["intensity", "reflectance"];
 
-/// A channel of a colour: as it is, or decoded from sRGB where it is a byte.
-pub(super) fn linear_channel(column: &Values, i: usize) -> f32 {
-    match column {
-        Values::U8(bytes) => linear_from_srgb(f32::from(bytes[i]) / 255.0),
-        _ => column.get(i),
+/// The colours of a table.
+#[derive(Clone, Copy)]
+pub(super) struct Colours<'a> {
+    /// The names of their columns; `None` for a vector.
+    pub(super) set: Option<&'static ColourSet>,
+    pub(super) channels: [&'a Values; 3],
+    /// Whether there are others.
+    pub(super) has_others: bool,
+}
+
+impl Colours<'_> {
+    /// What their range is known by.
+    pub(super) fn numbers(&self) -> ColourNumbers {
+        ColourNumbers::of(self.channels)
+    }
+
+    /// How the numbers stand for colours.
+    ///
+    /// - `all`: of all rows; `None` where these are all.
+    pub(super) fn scale(&self, all: Option<ColourNumbers>) -> ColourScale {
+        ColourScale::of(self.set, all.unwrap_or_else(|| self.numbers()))
     }
 }
 
@@ -82,17 +96,57 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// Red, green and blue of the first array that holds colours ([`Field::is_colour`]).
-    pub(super) fn colours(&self) -> Option<[&'a Values; 3]> {
+    /// Red, green and blue: of the first three columns that are named so, or else of the first array that holds
+    /// colours ([`Field::is_colour`]).
+    ///
+    /// # Errors
+    /// Columns of another length.
+    pub(super) fn colours(&self) -> Result<Option<Colours<'a>>> {
+        let sets = self.colour_sets();
+        let Some((set, _)) = sets.first() else {
+            return Ok(self.colour_vector());
+        };
+        Ok(self.set(set.names)?.map(|channels| Colours {
+            set: Some(set),
+            channels,
+            has_others: sets.len() > 1 || self.colour_vector().is_some(),
+        }))
+    }
+
+    fn colour_vector(&self) -> Option<Colours<'a>> {
         let of_nodes = |f: &&Field| f.association == Association::Nodes && f.is_colour();
-        let found = self.dataset.fields.iter().find(of_nodes)?;
-        match &found.source {
+        let mut found = self.dataset.fields.iter().filter(of_nodes);
+        match &found.next()?.source {
             FieldSource::Vector(components) => match components.as_slice() {
-                [r, g, b, ..] if r.len() == self.count => Some([r, g, b]),
+                [r, g, b, ..] if r.len() == self.count => Some(Colours {
+                    set: None,
+                    channels: [r, g, b],
+                    has_others: found.next().is_some(),
+                }),
                 _ => None,
             },
             _ => None,
         }
+    }
+
+    /// Whether one or two columns of a set are there that name colours and nothing else.
+    pub(super) fn has_part_of_colours(&self) -> bool {
+        let is_there = |name: &str| matches!(self.get(name), Ok(Some(_)));
+        let named = COLOUR_SETS.iter().filter(|set| set.alpha.len() > 1);
+        let count = |set: &ColourSet| set.names.iter().filter(|name| is_there(name)).count();
+        named.map(count).any(|count| count == 1 || count == 2)
+    }
+
+    /// The sets of columns of colours of which all three are there.
+    fn colour_sets(&self) -> Vec<(&'static ColourSet, [(); 3])> {
+        colour_sets(|name| {
+            let is_it = |f: &Field| {
+                f.association == Association::Nodes
+                    && matches!(f.source, FieldSource::Scalar(_))
+                    && f.name.eq_ignore_ascii_case(name)
+            };
+            self.dataset.fields.iter().any(is_it).then_some(())
+        })
     }
 
     /// A column whose name has a meaning in tables, which says nothing of a snapshot's fields.
@@ -122,11 +176,25 @@ impl<'a> Columns<'a> {
         lengths.into_iter().any(is_there) || matches!(self.set(VARIANCE), Ok(Some(_)))
     }
 
-    /// Whether there are colours.
+    /// Whether there are colours, in some rows of a table.
     #[cfg(feature = "prepared")]
     pub(super) fn states_colour(&self) -> bool {
-        let is_there = |rgb| !matches!(self.set(rgb), Ok(None));
-        [RGB, RED_GREEN_BLUE].into_iter().any(is_there) || self.colours().is_some()
+        !self.colour_sets().is_empty() || self.named_vectors().next().is_some()
+    }
+
+    /// Whether an array may hold colours, which depends on all rows.
+    #[cfg(feature = "prepared")]
+    pub(super) fn may_have_colour_vector(&self) -> bool {
+        let is_typed = |f: &Field| f.arrays().iter().all(|a| matches!(a, Values::U8(_)));
+        self.named_vectors().any(|f| !is_typed(f))
+    }
+
+    /// Arrays with names of colours.
+    #[cfg(feature = "prepared")]
+    fn named_vectors(&self) -> impl Iterator<Item = &'a Field> {
+        let is_vector = |f: &&Field| matches!(f.source, FieldSource::Vector(_));
+        let vectors = self.dataset.fields.iter().filter(is_vector);
+        vectors.filter(|f| f.is_named_colour())
     }
 
     /// Whether there are strengths, of a table.
@@ -242,7 +310,9 @@ impl<'a> Columns<'a> {
         let is = |name: &str, list: &[&str]| list.iter().any(|l| l.eq_ignore_ascii_case(name));
         let (length, mass, _) = self.names();
         let own = [length, mass];
-        let kept: [&[&str]; 6] = [&RESERVED, &VARIANCE, &SCALES, &RGB, &RED_GREEN_BLUE, &own];
+        let sets = self.colour_sets();
+        let of_colours: Vec<&str> = sets.iter().flat_map(|(set, _)| set.names).collect();
+        let kept: [&[&str]; 5] = [&RESERVED, &VARIANCE, &SCALES, &of_colours, &own];
         let mut varying = self.dataset.fields.iter().filter(|f| match &f.source {
             FieldSource::Scalar(values) => {
                 (names.is_empty() || is(&f.name, names))

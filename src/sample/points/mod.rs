@@ -15,7 +15,7 @@ use rayon::prelude::*;
 pub(crate) use self::apart::{
     FITTED_NEIGHBOURS, Fitted, RowsApart, fit_apart, function_apart, sample_apart, scalars,
 };
-use self::columns::{Columns, INTENSITIES, RED_GREEN_BLUE, RGB, linear_channel};
+use self::columns::{Columns, INTENSITIES};
 use self::mass::Mass;
 pub(crate) use self::neighbourhoods::Neighbourhoods;
 #[cfg(feature = "cli")]
@@ -30,7 +30,7 @@ use super::{
 #[cfg(feature = "prepared")]
 use super::{OfRows, ParticleShape};
 use crate::error::Result;
-use crate::io::{Dataset, Geometry};
+use crate::io::{ColourNumbers, Dataset, Geometry};
 use crate::math::ExactSum;
 use crate::scene::{Colour, Particles, PointVolume, Strength, Surroundings, ValueSample, Values};
 use crate::task::Stage;
@@ -78,7 +78,7 @@ pub(super) fn kind_of_rows(dataset: &Dataset, options: &SampleOptions) -> Option
     }
     let has_shape = options.radius.is_some() || columns.states_shape();
     if columns.states_strength() {
-        let is_stated = has_shape && options.field.is_none();
+        let is_stated = has_shape && options.field.is_none() && !columns.may_have_colour_vector();
         return is_stated.then_some(OfRows::Stated);
     }
     let (length, mass, density) = columns.names();
@@ -99,16 +99,34 @@ pub(super) fn kind_of_rows(dataset: &Dataset, options: &SampleOptions) -> Option
     field.map(OfRows::Summed)
 }
 
+/// The numbers of the colours of some rows, if these have any; `None` where their type says how they are stored, too.
+///
+/// # Errors
+/// Columns of another length.
+#[cfg(feature = "prepared")]
+pub(super) fn colour_numbers(dataset: &Dataset) -> Result<Option<ColourNumbers>> {
+    let Geometry::Points { positions } = &dataset.geometry else {
+        return Ok(None);
+    };
+    let colours = Columns::of(dataset, positions.len()).colours()?;
+    let open = colours.filter(|c| !c.channels.iter().all(|c| matches!(c, Values::U8(_))));
+    Ok(open.map(|colours| colours.numbers()))
+}
+
 /// A volume of some of the rows of a data set, of which none may be left, without a function.
+///
+/// - `colours`: of all rows ([`colour_numbers`]).
 #[cfg(feature = "prepared")]
 pub(super) fn of_rows(
     dataset: Dataset,
     options: &SampleOptions,
+    colours: Option<ColourNumbers>,
     volume_sum: &mut ExactSum,
 ) -> Result<Sampled> {
     let part = Part {
         volume_sum,
         neighbourhoods: None,
+        colours,
     };
     of_some(dataset, options, Some(part)).map(|made| made.sampled)
 }
@@ -119,6 +137,8 @@ struct Part<'a> {
     volume_sum: &'a mut ExactSum,
     /// What neighbours say of bare points.
     neighbourhoods: Option<&'a Neighbourhoods>,
+    /// The numbers of the colours of all rows, where colours depend on them.
+    colours: Option<ColourNumbers>,
 }
 
 /// What is made of rows.
@@ -148,10 +168,7 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
     let shapes = columns.shapes(positions, options)?;
     let mass = columns.mass(&shapes, options)?;
     let shape = &shapes.shape;
-    let rgb = match columns.set(RGB)? {
-        Some(rgb) => Some(rgb),
-        None => columns.set(RED_GREEN_BLUE)?.or_else(|| columns.colours()),
-    };
+    let rgb = columns.colours()?;
     // Points of a scanner, of which nothing is known but places and colours: what they lie on hides what is behind.
     let is_scan = rgb.is_some()
         && shapes.bare
@@ -190,7 +207,10 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
     };
     // A named field colours, even beside masses; else r, g, b do.
     let named = options.field.is_some();
-    let rgb = rgb.filter(|_| !named);
+    let rgb = rgb.filter(|_| !named).map(|colours| {
+        let scale = colours.scale(part.as_ref().and_then(|part| part.colours));
+        (colours, scale)
+    });
     let field: Option<Cow<'_, Values>> = match &wanted {
         Some(name) => match columns.get(name)? {
             Some(stored) => Some(Cow::Borrowed(stored)),
@@ -214,7 +234,9 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
         let (factor, sigmas) = shape.at(i, scale)?;
         let kernel_volume = sigmas.iter().product::<f64>() / width_cubed;
         let (strength, volume) = mass.at(i, sigmas, kernel_volume)?;
-        let colour = rgb.map_or([1.0; 3], |c| c.map(|c| linear_channel(c, i)));
+        let colour = rgb.map_or([1.0; 3], |(colours, scale)| {
+            colours.channels.map(|c| scale.linear(c.get(i)))
+        });
         if !colour.iter().all(|c| c.is_finite()) {
             return Err(LeftOut::Colour);
         }
@@ -297,6 +319,31 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
     }
     stage.check()?;
     LeftOut::report(&mut report, "particles", faults.into_iter());
+    if !named && columns.has_part_of_colours() {
+        let reason = "have one or two of the three columns of a colour, which are not used";
+        report.note(count, "particles", reason);
+    }
+    if let Some((colours, scale)) = rgb {
+        if let Some(assumed) = scale.assumed() {
+            report.note(count, "colours", assumed);
+        }
+        if colours.has_others {
+            let reason = "have other columns of colours, too, which are not used";
+            report.note(count, "particles", reason);
+        }
+        if let Some(alpha) = colours.set.map(|set| set.alpha).filter(|a| a.len() > 1)
+            && let Some(opacities) = columns.get(alpha)?
+        {
+            let full = match opacities {
+                Values::U8(_) => 255.0,
+                Values::U16(_) => 65535.0,
+                _ => 1.0,
+            };
+            let translucent = (0..count).filter(|&i| opacities.get(i) < full).count();
+            let reason = "have an `alpha` below 1 that is not used: call a peak opacity `opacity`";
+            report.note(translucent, "particles", reason);
+        }
+    }
     let is_picture = !named && !options.for_columns;
     if is_picture && matches!(mass, Mass::Stated(_)) && columns.default_field(false).is_some() {
         report.note(

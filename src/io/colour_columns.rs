@@ -1,0 +1,223 @@
+//! Columns that hold colours: one rule for points, vertices, faces and splats, whatever file they are in.
+//!
+//! | columns | linear numbers | encoded numbers (sRGB) |
+//! |---|---|---|
+//! | `r`, `g`, `b` | up to 1, and fractions up to 16 | integers of 8 and 16 bits, whole numbers above 1, all above 16 |
+//! | `red`, `green`, `blue`; the same after `diffuse_` | none | all |
+//! | vectors `rgb`, `Colors`, ... | none | all |
+//!
+//! Encoded numbers are shares of their type's greatest for unsigned integers of 8 and 16 bits (those of 16 bits that
+//! do not exceed 255 are bytes), and otherwise 0 to 1, or 0 to 255 if the greatest exceeds 1, or 0 to 65535 if it
+//! exceeds 255. Three columns are colours together; one or two of a set are numbers like any other.
+
+use crate::image::{linear_from_srgb, srgb_from_linear};
+use crate::scene::Values;
+
+/// Names of columns that hold a colour together.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) struct ColourSet {
+    pub(crate) names: [&'static str; 3],
+    /// The opacity of vertices and faces, encoded by the same range, and linear.
+    pub(crate) alpha: &'static str,
+    /// Whether small numbers are linear.
+    may_be_linear: bool,
+}
+
+/// All sets, the first that is there before others.
+pub(crate) const COLOUR_SETS: [ColourSet; 3] = [
+    ColourSet {
+        names: ["r", "g", "b"],
+        alpha: "a",
+        may_be_linear: true,
+    },
+    ColourSet {
+        names: ["red", "green", "blue"],
+        alpha: "alpha",
+        may_be_linear: false,
+    },
+    ColourSet {
+        names: ["diffuse_red", "diffuse_green", "diffuse_blue"],
+        alpha: "diffuse_alpha",
+        may_be_linear: false,
+    },
+];
+
+/// The sets of which all three columns are there, with what `find` returns for them.
+pub(crate) fn colour_sets<T>(
+    mut find: impl FnMut(&str) -> Option<T>,
+) -> Vec<(&'static ColourSet, [T; 3])> {
+    let mut whole = |set: &'static ColourSet| {
+        let [r, g, b] = set.names.map(&mut find);
+        Some((set, [r?, g?, b?]))
+    };
+    COLOUR_SETS.iter().filter_map(&mut whole).collect()
+}
+
+/// What the numbers of colours are, as far as their range depends on it: of all columns of a colour together.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct ColourNumbers {
+    /// The greatest finite one.
+    greatest: f32,
+    are_whole: bool,
+    /// What stands for 1, if all are of one type of unsigned integers.
+    of_type: Option<f32>,
+}
+
+impl ColourNumbers {
+    /// The numbers of the columns of a colour.
+    pub(crate) fn of<'a>(columns: impl IntoIterator<Item = &'a Values>) -> Self {
+        columns
+            .into_iter()
+            .map(|column| {
+                let range = column.finite_range();
+                Self {
+                    greatest: range.map_or(0.0, |[_, greatest]| greatest),
+                    are_whole: match column {
+                        Values::F32(numbers) => {
+                            numbers.iter().all(|x| x.fract() == 0.0 || !x.is_finite())
+                        }
+                        _ => true,
+                    },
+                    of_type: match column {
+                        Values::U8(_) => Some(255.0),
+                        Values::U16(_) => Some(65535.0),
+                        _ => None,
+                    },
+                }
+            })
+            .reduce(Self::and)
+            .unwrap_or(Self {
+                greatest: 0.0,
+                are_whole: true,
+                of_type: None,
+            })
+    }
+
+    /// Numbers that no column holds.
+    pub(crate) fn of_floats(numbers: impl Iterator<Item = f32> + Clone) -> Self {
+        let finite = numbers.filter(|x| x.is_finite());
+        Self {
+            greatest: finite.clone().fold(0.0, f32::max),
+            are_whole: finite.clone().all(|x| x.fract() == 0.0),
+            of_type: None,
+        }
+    }
+
+    /// The same of these and of others.
+    pub(crate) fn and(self, other: Self) -> Self {
+        Self {
+            greatest: self.greatest.max(other.greatest),
+            are_whole: self.are_whole && other.are_whole,
+            of_type: self.of_type.filter(|_| self.of_type == other.of_type),
+        }
+    }
+}
+
+/// How numbers stand for colours.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct ColourScale {
+    /// What stands for 1.
+    full: f32,
+    is_encoded: bool,
+    /// Whether the numbers themselves say so, and not their type.
+    is_guessed: bool,
+}
+
+impl ColourScale {
+    /// How the numbers of a set stand for colours; `set` is `None` for a vector.
+    pub(crate) fn of(set: Option<&ColourSet>, numbers: ColourNumbers) -> Self {
+        /// What rounding leaves above 1.
+        const ROUNDING: f32 = 1e-3;
+        /// The brightest linear number: four stops above white.
+        const BRIGHTEST: f32 = 16.0;
+        let may_be_linear = set.is_some_and(|set| set.may_be_linear);
+        let ColourNumbers {
+            greatest,
+            are_whole,
+            of_type,
+        } = numbers;
+        let is_share = greatest <= 1.0 + ROUNDING;
+        let is_bright = may_be_linear && !are_whole && greatest <= BRIGHTEST;
+        let by_greatest = match greatest {
+            _ if is_share || is_bright => 1.0,
+            g if g <= 255.5 => 255.0,
+            _ => 65535.0,
+        };
+        let (full, is_guessed) = match of_type {
+            Some(full) if full > 255.0 && greatest <= 255.0 && !is_share => (255.0, true),
+            Some(full) => (full, false),
+            None => (by_greatest, by_greatest > 1.0),
+        };
+        Self {
+            full,
+            is_encoded: !may_be_linear || full > 1.0,
+            is_guessed,
+        }
+    }
+
+    /// A channel, linear, from 0 up; NaN of NaN.
+    pub(crate) fn linear(self, number: f32) -> f32 {
+        let share = self.share(number);
+        match self.is_encoded {
+            true => linear_from_srgb(share),
+            false => share,
+        }
+    }
+
+    /// A channel, encoded by sRGB.
+    pub(crate) fn encoded(self, number: f32) -> f32 {
+        let share = self.share(number);
+        match self.is_encoded {
+            true => share,
+            false => srgb_from_linear(share),
+        }
+    }
+
+    /// What stands for 1.
+    pub(crate) fn full(self) -> f32 {
+        self.full
+    }
+
+    /// A number as a share of what stands for 1, from 0 up; NaN of NaN.
+    pub(crate) fn share(self, number: f32) -> f32 {
+        (number / self.full).clamp(0.0, f32::INFINITY)
+    }
+
+    /// What was taken for granted, as the end of a sentence about colours.
+    pub(crate) fn assumed(self) -> Option<&'static str> {
+        self.is_guessed.then_some(match self.full {
+            full if full > 255.0 => "exceed 255 and are taken as 0 to 65535, encoded by sRGB",
+            _ => "exceed 1 and are taken as 0 to 255, encoded by sRGB",
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_and_names_say_how_colours_are_stored() {
+        let [rgb, red, _] = &COLOUR_SETS;
+        let floats = |x: f32| Values::F32(vec![0.0, x, f32::NAN]);
+        let scale = |set, column: Values| ColourScale::of(set, ColourNumbers::of([&column]));
+        // Half the light is 188 of 255.
+        for (set, column, number, linear) in [
+            (Some(rgb), floats(1.0), 0.5, 0.5),
+            (Some(rgb), floats(2.5), 2.5, 2.5),
+            (Some(rgb), floats(255.0), 255.0, 1.0),
+            (Some(rgb), floats(200.5), 188.0, 0.5),
+            (Some(rgb), Values::U8(vec![1]), 188.0, 0.5),
+            (Some(red), floats(0.9), 0.737, 0.5),
+            (Some(red), floats(2.5), 255.0, 1.0),
+            (Some(red), floats(60_000.0), 65535.0, 1.0),
+            (Some(red), Values::U16(vec![256]), 65535.0, 1.0),
+            (Some(red), Values::U16(vec![200]), 255.0, 1.0),
+            (None, floats(1.0), 0.737, 0.5),
+            (None, Values::U8(vec![0]), 255.0, 1.0),
+        ] {
+            let found = scale(set, column.clone()).linear(number);
+            assert!((found - linear).abs() < 6e-3, "{set:?} {column:?}: {found}");
+        }
+    }
+}
