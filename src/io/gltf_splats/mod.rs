@@ -39,10 +39,7 @@ use super::log_scales::{self, ScaleMeaning};
 use super::splats::{SplatCloud, constant_of_colour};
 use super::spz;
 use crate::error::{Error, Result};
-use crate::image::srgb_from_linear;
-use crate::math::{
-    HARMONIC_0, HarmonicsTransform, MAX_HARMONICS_DEGREE, harmonics_count, scales_and_rotation,
-};
+use crate::math::{HarmonicsTransform, MAX_HARMONICS_DEGREE, harmonics_count, scales_and_rotation};
 
 pub(super) use self::document::looks_like;
 pub(super) use self::write::encode;
@@ -57,6 +54,9 @@ const PACKED: &str = "KHR_gaussian_splatting_compression_spz_2";
 /// So many splats may come of repeated meshes in the smallest file; of larger ones, one for every
 /// eight bytes.
 const MOST_OF_ANY_FILE: u64 = 1 << 17;
+
+/// The colour space of splats in linear light.
+const LINEAR: &str = "lin_rec709_display";
 
 /// The attribute of a harmonic.
 fn harmonic_name(degree: u8, n: usize) -> String {
@@ -86,7 +86,7 @@ pub(super) fn read(input: Input<'_>, meaning: Option<ScaleMeaning>) -> Result<Da
                 others += 1;
                 continue;
             };
-            let linear = extension.color_space.as_deref() == Some("lin_rec709_display");
+            let linear = extension.color_space.as_deref() == Some(LINEAR);
             let mut part = match document.packed(extension)? {
                 Some(stream) => {
                     let (part, said) = spz::splats(path, &stream)?;
@@ -105,8 +105,12 @@ pub(super) fn read(input: Input<'_>, meaning: Option<ScaleMeaning>) -> Result<Da
                     part
                 }
             };
-            if linear {
-                encode_colours(&mut part, &mut notes);
+            part.is_linear = linear;
+            let mixes = !cloud.positions.is_empty() && cloud.is_linear != linear;
+            if mixes && cloud.harmonics_degree.max(part.harmonics_degree) > 0 {
+                let note =
+                    "splats of two colour spaces: of some the colours do not depend on the view";
+                note_once(&mut notes, note.into());
             }
             if let Some(kernel) = extension.kernel.as_deref().filter(|k| *k != "ellipse") {
                 note_once(
@@ -227,25 +231,8 @@ fn read_primitive(document: &mut Document<'_>, primitive: &Primitive) -> Result<
         harmonics_degree: degree,
         harmonics: coefficients,
         is_anti_aliased: false,
+        is_linear: false,
     })
-}
-
-/// Colours in linear light to the encoded ones that splats have here.
-fn encode_colours(cloud: &mut SplatCloud, notes: &mut Vec<String>) {
-    if cloud.harmonics_degree > 0 {
-        let note = "harmonics in linear light are not read: colours do not depend on the view";
-        note_once(notes, note.into());
-        let stride = cloud.harmonics_stride();
-        let constants = cloud
-            .harmonics
-            .chunks_exact(stride)
-            .flat_map(|set| &set[..3]);
-        cloud.harmonics = constants.copied().collect();
-        cloud.harmonics_degree = 0;
-    }
-    for c in &mut cloud.harmonics {
-        *c = constant_of_colour(srgb_from_linear(0.5 + HARMONIC_0 * *c));
-    }
 }
 
 /// Moves splats to the world.
