@@ -2,10 +2,12 @@
 // src/cpu/cut.rs.
 
 struct Background {
-    // Linear RGB.
     colour: vec3<f32>,
     // How many pixels the band has.
     pixels: u32,
+    is_shown: u32,
+    is_encoded: u32,
+    unused: vec2<u32>,
 }
 
 // Only the number of pixels is read.

@@ -1,6 +1,6 @@
-// Stage: colours that depend on the view, per visible particle, once: harmonics of the direction
+// Stage: colours of radiance fields, per visible particle, once: harmonics of the direction
 // from the eye to the particle (an orthographic camera's: its axis).
-// Twin: src/cpu/shade.rs, src/math/harmonics.rs, linear_from_srgb of src/image.rs.
+// Twin: src/cpu/shade.rs, src/math/harmonics.rs.
 
 @group(0) @binding(0) var<storage, read> camera: CameraUniform;
 @group(0) @binding(1) var<storage, read> state: PartState;
@@ -15,6 +15,9 @@
 override POINT_WORDS: u32 = 4u;
 // Coefficients of one colour channel.
 override HARMONICS_COUNT: u32 = 1u;
+// Into the space that is blended in: sums are sRGB codes and light is blended, or the other way round.
+override DECODES: bool = true;
+override ENCODES: bool = false;
 
 // The sixteen harmonics up to degree 3 in a direction of unit length.
 fn harmonics(direction: vec3<f32>) -> array<f32, 16> {
@@ -57,23 +60,21 @@ fn harmonics_sum(first: u32, basis: array<f32, 16>) -> vec3<f32> {
     return sum;
 }
 
-// The linear value of an sRGB code value from 0 up (IEC 61966-2-1).
-fn linear_from_srgb(code: f32) -> f32 {
-    if code <= 0.04045 {
-        return code / 12.92;
-    }
-    return pow((code + 0.055) / 1.055, 2.4);
-}
-
-// NaN is 0.
-fn decoded(code: f32) -> f32 {
-    if !is_positive(code) {
+// A sum from 0 up in the space that is blended in. NaN is 0.
+fn into_space(sum: f32) -> f32 {
+    if !is_positive(sum) {
         return 0.0;
     }
-    if !is_finite(code) {
-        return code;
+    if !is_finite(sum) {
+        return sum;
     }
-    return linear_from_srgb(code);
+    if DECODES {
+        return linear_from_srgb(sum);
+    }
+    if ENCODES {
+        return srgb_from_linear(sum);
+    }
+    return sum;
 }
 
 // Zero where v has no direction.
@@ -106,6 +107,6 @@ fn shade(
         );
         direction = normalize_or_zero(from_eye + vec3<f32>(points[p], points[p + 1u], points[p + 2u]));
     }
-    let codes = harmonics_sum(3u * HARMONICS_COUNT * i, harmonics(direction));
-    classified[n].carried = array<f32, 3>(decoded(codes.x), decoded(codes.y), decoded(codes.z));
+    let sums = harmonics_sum(3u * HARMONICS_COUNT * i, harmonics(direction));
+    classified[n].carried = array<f32, 3>(into_space(sums.x), into_space(sums.y), into_space(sums.z));
 }

@@ -15,6 +15,10 @@ pub const SRGB_OFFSET: f32 = 0.055;
 /// See [`SRGB_LINEAR_END`].
 pub const SRGB_GAMMA: f32 = 2.4;
 
+/// The slope of linear light over code at code 1, the greatest up to there: [`SRGB_GAMMA`] / [`SRGB_SCALE`]. An error of
+/// codes is so much of one of linear colour at most.
+pub const GREATEST_SRGB_SLOPE: f32 = SRGB_GAMMA / SRGB_SCALE;
+
 /// Pixels of a raster tile.
 pub const TILE_PIXELS: usize = TILE_SIZE * TILE_SIZE;
 

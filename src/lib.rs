@@ -192,6 +192,7 @@ pub use wgpu;
 pub use error::{Error, Result};
 pub use image::{ColumnImage, DepthImage, Image, NormalImage};
 pub use render::{
-    Backend, ClassifyAt, ColumnSettings, Composite, Filter, Renderer, SceneOptions, Settings, Show,
+    Backend, Blend, ClassifyAt, ColumnSettings, Composite, Filter, Renderer, SceneOptions,
+    Settings, Show,
 };
 pub use task::{Progress, Task};

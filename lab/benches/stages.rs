@@ -175,7 +175,7 @@ fn stages(c: &mut Criterion) {
     let mut image = Image::new(SIZE, SIZE);
     group.throughput(Throughput::Elements((SIZE * SIZE) as u64));
     group.bench_function("resolve", |b| {
-        b.iter(|| resolve(&tiles, Some([0.1; 3]), black_box(&mut image)));
+        b.iter(|| resolve(&tiles, Some([0.1; 3]), false, black_box(&mut image)));
     });
     group.finish();
 }

@@ -486,7 +486,7 @@ impl Renderer {
             let up = state.up(view);
             let of_boxes = |boxes: &[Bounds]| camera(view, up, boxes, lens, size, 0);
             let ready = state.prepare(purpose, &of_boxes, clip, task)?;
-            let boxes = left_of(ready.renderer.visible_boxes(), clip);
+            let boxes = left_of(ready.renderer.fitted_boxes(), clip);
             let room = match drawing.legend {
                 true => legend_width(&ready.bars, size),
                 false => 0,
@@ -707,7 +707,7 @@ impl Renderer {
             let (boxes, suitable) = {
                 let ready = state.prepare(purpose.clone(), &of_boxes, &settings.clip, task)?;
                 let renderer = &ready.renderer;
-                (renderer.visible_boxes(), renderer.suitable_low_pass_px2())
+                (renderer.fitted_boxes(), renderer.suitable_low_pass_px2())
             };
             let boxes = left_of(boxes, &settings.clip);
             let camera = camera(view.as_ref(), up, &boxes, lens, size, 0);

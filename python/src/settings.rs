@@ -4,7 +4,7 @@ use ewa_splat::io::{
     LengthMeaning, OpenOptions, ParticleType, RawLayout, RawType, ReadAs, ScaleMeaning, SphKernel,
     StepChoice,
 };
-use ewa_splat::render::{Classification, ClassifyAt};
+use ewa_splat::render::{Blend, Classification, ClassifyAt};
 use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{BoundaryChoice, ParticleShape, SampleOptions, TransferChoice};
 use ewa_splat::scene::{
@@ -432,6 +432,16 @@ pub(crate) fn drawing(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Drawing> {
             clip: planes.iter().map(plane).collect(),
             low_pass_variance_px2: low_pass.map_or(defaults.low_pass_variance_px2, narrowed),
             cutoff: cutoff.map(narrowed),
+            blend: said
+                .choice(
+                    "blend",
+                    &[
+                        ("auto", Blend::Auto),
+                        ("encoded", Blend::Encoded),
+                        ("linear", Blend::Linear),
+                    ],
+                )?
+                .unwrap_or_default(),
             background: said.take("background")?,
             depth: said.take("depth")?.unwrap_or(false),
             normals: said.take("normals")?.unwrap_or(false),

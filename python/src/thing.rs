@@ -416,6 +416,7 @@ impl Thing {
             harmonics_degree: degree,
             harmonics: harmonics.0,
             is_anti_aliased: false,
+            is_linear: false,
         };
         Self::of(py, "splats", Geometry::Splats(cloud), Vec::new(), options)
     }

@@ -56,6 +56,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
 
 use crate::constants::FAINT_SHARE;
+use crate::math::Core;
 #[cfg(feature = "prepared")]
 use crate::scene::Requirements;
 use crate::scene::{
@@ -323,7 +324,51 @@ impl BlockedVolume {
         boxes.into_iter().flatten().collect()
     }
 
-    /// The same of each block, under another transfer function.
+    /// The same for a camera that is fitted: of splats those far from where 99.5 % of opacity times area lie do not count.
+    pub(crate) fn fitted_boxes(&self) -> Vec<(DVec3, DVec3)> {
+        let core = self.core();
+        let of_core = |core: &Core| {
+            let boxes = self.blocks.iter();
+            let boxes: Vec<_> = boxes
+                .filter_map(|b| self.splats_box(b, Some(core)))
+                .collect();
+            Some(boxes).filter(|boxes| !boxes.is_empty())
+        };
+        let boxes = core.as_ref().and_then(of_core);
+        boxes.unwrap_or_else(|| self.visible_boxes())
+    }
+
+    /// Where the most of splats lie.
+    fn core(&self) -> Option<Core> {
+        /// Of more splats some that lie evenly among all say enough.
+        const MOST: usize = 1 << 20;
+        let StrengthIn::PeakOpacity { opacities, .. } = &self.strength else {
+            return None;
+        };
+        let BlockedParticles::Anisotropic { offsets, factors } = &self.particles else {
+            return None;
+        };
+        // Lines and points of meshes are splats, too, and none is stray.
+        if !matches!(
+            self.colour,
+            ColourIn::Harmonics { .. } | ColourIn::Classified
+        ) {
+            return None;
+        }
+        let step = self.particle_count().div_ceil(MOST).max(1);
+        let weight = |i: usize| {
+            let area = greatest_area(factors[i].map(f64::from));
+            f64::from(opacities[i]) * area
+        };
+        let points = self.blocks.iter().flat_map(|block| {
+            let members = block.first as usize..(block.first + block.count) as usize;
+            let chosen = members.filter(move |i| i % step == 0 && opacities[*i] >= FAINT_SHARE);
+            chosen.map(move |i| (block.origin + Vec3::from(offsets[i]).as_dvec3(), weight(i)))
+        });
+        Core::of(&points.collect::<Vec<_>>())
+    }
+
+    /// The visible box of each block, under another transfer function.
     pub(crate) fn visible_box_of_each(
         &self,
         transfer: Option<&TransferFunction>,
@@ -331,7 +376,10 @@ impl BlockedVolume {
         let (transfer, values) = match (&self.strength, transfer, &self.values) {
             (StrengthIn::Classified { .. }, Some(transfer), Some(values)) => (transfer, values),
             _ => {
-                let seen = |b: &Block| self.splats_box(b).unwrap_or_else(|| self.whole_box(b));
+                let seen = |b: &Block| {
+                    self.splats_box(b, None)
+                        .unwrap_or_else(|| self.whole_box(b))
+                };
                 return self.blocks.iter().map(|b| Some(seen(b))).collect();
             }
         };
@@ -471,9 +519,23 @@ impl BlockedVolume {
         matches!(self.strength, StrengthIn::PeakOpacity { .. })
     }
 
+    /// Whether its particles are splats of a radiance field whose colours are sRGB codes.
+    pub fn is_encoded(&self) -> bool {
+        self.is_of_splats()
+            && matches!(
+                self.colour,
+                ColourIn::Harmonics {
+                    is_linear: false,
+                    ..
+                }
+            )
+    }
+
     /// The box of splats that state their opacity, each grown by its own extent: among small ones
     /// there are very large ones.
-    fn splats_box(&self, block: &Block) -> Option<(DVec3, DVec3)> {
+    ///
+    /// - `core`: where those lie that count, if not all do.
+    fn splats_box(&self, block: &Block, core: Option<&Core>) -> Option<(DVec3, DVec3)> {
         let StrengthIn::PeakOpacity { opacities, .. } = &self.strength else {
             return None;
         };
@@ -483,6 +545,11 @@ impl BlockedVolume {
         let members = block.first as usize..(block.first + block.count) as usize;
         let bounds = members
             .filter(|&i| opacities[i] >= FAINT_SHARE)
+            .filter(|&i| {
+                let place =
+                    |core: &Core| core.holds(block.origin + Vec3::from(offsets[i]).as_dvec3());
+                core.is_none_or(place)
+            })
             .map(|i| {
                 let [l00, l10, l11, l20, l21, l22] = factors[i];
                 let rows = [
@@ -511,6 +578,19 @@ impl BlockedVolume {
             (block.half_extent + block.max_sigma).as_dvec3(),
         )
     }
+}
+
+/// The product of a kernel's two greatest standard deviations within a factor of sqrt(3): the root of the second invariant of
+/// L Lᵀ, the sum of the squares of the minors of L.
+fn greatest_area([l00, l10, l11, l20, l21, l22]: [f64; 6]) -> f64 {
+    let rows = [
+        DVec3::new(l00, 0.0, 0.0),
+        DVec3::new(l10, l11, 0.0),
+        DVec3::new(l20, l21, l22),
+    ];
+    let [a, b, c] = rows;
+    let minors = [a.cross(b), b.cross(c), c.cross(a)];
+    minors.map(DVec3::length_squared).iter().sum::<f64>().sqrt()
 }
 
 /// Gives a volume and its levels of detail another transfer function; no particle is touched.

@@ -164,12 +164,14 @@ impl Rest {
                 ColourIn::Harmonics {
                     degree,
                     coefficients,
+                    is_linear,
                 } => {
                     let stride = 3 * harmonics_count(degree);
                     let set = |&i: &u32| &coefficients[i as usize * stride..][..stride];
                     ColourIn::Harmonics {
                         degree,
                         coefficients: order.iter().flat_map(set).copied().collect(),
+                        is_linear,
                     }
                 }
                 other => other,
@@ -288,9 +290,12 @@ impl<'a> PointsBuilder<'a> {
                 },
                 colour: match like.colour {
                     ColourIn::PerParticle(_) => ColourIn::PerParticle(self.colours.finish()?),
-                    ColourIn::Harmonics { degree, .. } => ColourIn::Harmonics {
+                    ColourIn::Harmonics {
+                        degree, is_linear, ..
+                    } => ColourIn::Harmonics {
                         degree,
                         coefficients: self.coefficients.finish()?,
+                        is_linear,
                     },
                     ColourIn::Uniform(colour) => ColourIn::Uniform(colour),
                     ColourIn::Classified => ColourIn::Classified,

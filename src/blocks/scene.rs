@@ -66,6 +66,8 @@ pub struct BlockedScene {
 struct Known {
     /// Boxes of what is visible, under the transfer function that is shown.
     visible: Option<Vec<Bounds>>,
+    /// The same for a camera that is fitted, where the particles are not here.
+    fitted: Option<Vec<Bounds>>,
     amplitudes: Option<AmplitudeSummary>,
 }
 
@@ -182,6 +184,7 @@ impl BlockedScene {
             scene.requirements.push(share.requirements);
             scene.known.push(Known {
                 visible: Some(share.visible),
+                fitted: Some(share.fitted),
                 amplitudes: None,
             });
             own.extend(share.own);
@@ -236,6 +239,7 @@ impl BlockedScene {
             scene.families.push(first..scene.volumes.len());
             scene.known.push(Known {
                 visible: Some(kept.visible.into_iter().flatten().collect()),
+                fitted: None,
                 amplitudes: Some(kept.amplitudes),
             });
             densities.extend(kept.densities);
@@ -338,6 +342,20 @@ impl BlockedScene {
         let of_volume = |(i, known): (usize, &Known)| match &known.visible {
             Some(boxes) => boxes.clone(),
             None => self.visible_box_of_each(i).into_iter().flatten().collect(),
+        };
+        self.known.iter().enumerate().flat_map(of_volume).collect()
+    }
+
+    /// The same for a camera that is fitted: without splats far from where 99.5 % of opacity times area of a set of splats
+    /// lie.
+    pub fn fitted_boxes(&self) -> Vec<Bounds> {
+        let of_volume = |(i, known): (usize, &Known)| {
+            let own = &self.family(i)[0];
+            match (&known.fitted, own.is_of_splats(), &known.visible) {
+                (Some(boxes), true, _) | (_, false, Some(boxes)) => boxes.clone(),
+                (None, true, _) => own.fitted_boxes(),
+                (_, false, None) => self.visible_box_of_each(i).into_iter().flatten().collect(),
+            }
         };
         self.known.iter().enumerate().flat_map(of_volume).collect()
     }

@@ -449,6 +449,7 @@ mod tests {
             colour: Colour::Harmonics {
                 degree: 1,
                 coefficients: some(12 * count, 13),
+                is_linear: false,
             },
             values: None,
             transfer_function: None,

@@ -110,7 +110,7 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
     )?;
     let prepared = std::mem::take(&mut scene.prepared);
     let mut renderer = renderer_of(scene.volumes.clone(), prepared, &SceneOptions::default())?;
-    let boxes = renderer.visible_boxes();
+    let boxes = arguments.camera.boxes(&renderer);
     let camera = arguments.camera.camera(&boxes, scene.up, &canvas)?;
     let suitable = renderer.suitable_low_pass_px2();
     let low_pass = arguments.low_pass.unwrap_or(suitable);

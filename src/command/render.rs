@@ -13,9 +13,10 @@ use crate::io::{
 use crate::legend::{ColourBar, legend_width};
 use crate::measure::{ErrorSample, SampledError};
 use crate::reference::ReferenceSettings;
-use crate::render::{Classification, ClassifyAt, Composite};
+use crate::render::{Blend, Classification, ClassifyAt, Composite};
 use crate::sample::SampleOptions;
 use crate::scene::{Lighting, Particles, PointVolume, ScaleName, TransferFunction};
+use crate::stages::blocks::BlockedVolume;
 use crate::view::{Bounds, Camera, ClipPlane, Lens};
 use crate::{
     Backend, ColumnSettings, Error, Image, Renderer, Result, SceneOptions, Settings, Show, Task,
@@ -124,6 +125,10 @@ pub(super) struct Method {
     /// for each particle
     #[arg(long, conflicts_with_all = ["reference", "column_density"])]
     post_classification: bool,
+    /// Space in which colours are composited: auto is encoded for splats of radiance fields alone, as
+    /// viewers show them, and linear elsewhere
+    #[arg(long, value_enum, default_value = "auto", conflicts_with_all = ["reference", "column_density"])]
+    blend: BlendName,
     /// Where the transfer function is asked: over each kernel's extent, with the field's slope, or at
     /// each sample's value alone
     #[arg(long, value_enum, default_value = "extent", conflicts_with_all = ["column_density"])]
@@ -205,6 +210,26 @@ enum CompositeName {
     Slabs,
     /// The colour of the greatest mean value over the slabs of each ray
     Maximum,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum BlendName {
+    /// What the scene's colours are made for
+    Auto,
+    /// sRGB codes, decoded afterwards
+    Encoded,
+    /// Linear light
+    Linear,
+}
+
+impl From<BlendName> for Blend {
+    fn from(name: BlendName) -> Self {
+        match name {
+            BlendName::Auto => Self::Auto,
+            BlendName::Encoded => Self::Encoded,
+            BlendName::Linear => Self::Linear,
+        }
+    }
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -350,6 +375,12 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
         return arguments.integrate(&truth, &camera, low_pass, &overlays, prepared);
     }
     let mut settings = arguments.settings(low_pass);
+    let blend = blend_of(&renderer, &settings)?;
+    if is_first {
+        if let Some(note) = blend.note() {
+            progress.suspend(|| super::progress::note!("{note}"));
+        }
+    }
     if is_sequence {
         let mut draw = |n: usize| {
             let camera = &cameras[n];
@@ -405,6 +436,7 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
     }
     let mut stats = stats(&renderer, &times, prepared);
     stats["tolerance"] = json!(settings.tolerance);
+    stats["blend"] = json!(blend.name());
     let footprints = renderer.counts().footprints;
     let layers = renderer.layers().cloned();
     if arguments.method.measure_error || arguments.method.calibrate {
@@ -450,6 +482,50 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// The space that a picture is composited in, and what is said of it.
+struct BlendOf {
+    is_encoded: bool,
+    /// Whether splats that state codes are composited in linear light for what lies beside them.
+    gives_way: bool,
+}
+
+impl BlendOf {
+    fn name(&self) -> &'static str {
+        match self.is_encoded {
+            true => "encoded",
+            false => "linear",
+        }
+    }
+
+    fn note(&self) -> Option<&'static str> {
+        self.gives_way.then_some(
+            "splats are composited in linear light, because not all that is shown are splats of sRGB codes; viewers              composite the codes, and so does --blend encoded",
+        )
+    }
+}
+
+/// # Errors
+/// A space asked for where there are no splats of radiance fields.
+fn blend_of(renderer: &Renderer, settings: &Settings) -> Result<BlendOf> {
+    let has_encoded = renderer.volumes().iter().any(BlockedVolume::is_encoded);
+    let has_splats = renderer.volumes().iter().any(BlockedVolume::is_of_splats);
+    if settings.blend != Blend::Auto && !has_splats {
+        return Err(Error::invalid(
+            "--blend",
+            "inputs",
+            "splats of radiance fields",
+            "none",
+            "leave it out",
+        ));
+    }
+    let is_encoded = renderer.blends_encoded(settings);
+    let is_auto = settings.blend == Blend::Auto && settings.show == Show::Scene;
+    Ok(BlendOf {
+        is_encoded,
+        gives_way: has_encoded && !is_encoded && is_auto,
+    })
 }
 
 /// Refuses light where nothing has a normal.
@@ -666,7 +742,11 @@ impl Arguments {
             (renderer.boxes(), Canvas { lens, ..whole })
         } else {
             let room_px = legend_width(&legend, whole.size());
-            (renderer.visible_boxes(), Canvas { room_px, ..whole })
+            let boxes = self.camera.boxes(&renderer);
+            if is_first && let Some(note) = self.camera.strays(&renderer, &boxes) {
+                progress.suspend(|| super::progress::note!("{note}"));
+            }
+            (boxes, Canvas { room_px, ..whole })
         };
         let mut boxes = left_of(all, &self.clip_planes());
         // An outline is seen whole, what it is around as a whole or not.
@@ -814,6 +894,12 @@ impl Arguments {
             }
             let suitable = renderer.suitable_low_pass_px2();
             let settings = self.settings(self.method.low_pass.unwrap_or(suitable));
+            let blend = blend_of(&renderer, &settings)?;
+            if n == 0 {
+                if let Some(note) = blend.note() {
+                    progress.suspend(|| super::progress::note!("{note}"));
+                }
+            }
             let image = renderer.render(&camera, &settings)?;
             let annotations = self.annotations.at(steps[n]);
             let over = Overlays::new(&annotations, legend, bounds, &camera)?;
@@ -988,6 +1074,7 @@ impl Arguments {
             clip: self.clip_planes(),
             low_pass_variance_px2: low_pass,
             cutoff: self.method.cutoff,
+            blend: self.method.blend.into(),
             background: self.background(),
             depth: self.output.depth.is_some(),
             normals: self.output.normals.is_some(),

@@ -428,6 +428,11 @@ impl Asked {
         Ok(series.transfer)
     }
 
+    /// The boxes that a camera is fitted to.
+    pub fn boxes(&self, renderer: &Renderer) -> Vec<Bounds> {
+        self.arguments.camera.boxes(renderer)
+    }
+
     /// The camera that `render` would take.
     ///
     /// - `up`: what points up in the data.

@@ -9,7 +9,7 @@ use crate::view::{
     Bounds, Camera, ClipPlane, DEFAULT_FOV_DEG, Lens, Viewpoint, clip_boxes, read_camera,
     sphere_around,
 };
-use crate::{Error, Result};
+use crate::{Error, Renderer, Result};
 use clap::{Args, ValueEnum};
 use glam::DVec3;
 
@@ -95,7 +95,7 @@ pub(crate) struct CameraOptions {
     #[arg(long, value_name = "F", value_parser = parse::positive)]
     zoom: Option<f64>,
     /// What a fitted camera shows: the data as large as this view of them allows, or the sphere around all of them,
-    /// which is as large from every side
+    /// which is as large from every side, stray splats included, which do not count otherwise
     #[arg(long, value_enum, value_name = "WHAT", conflicts_with_all = ["eye", "camera"])]
     fit: Option<Fit>,
 }
@@ -107,6 +107,34 @@ enum Fit {
 }
 
 impl CameraOptions {
+    /// The boxes that a camera is fitted to.
+    pub(crate) fn boxes(&self, renderer: &Renderer) -> Vec<Bounds> {
+        match self.fit {
+            Some(Fit::All) => renderer.visible_boxes(),
+            Some(Fit::View) | None => renderer.fitted_boxes(),
+        }
+    }
+
+    /// What is said of splats that a fitted camera does not count.
+    ///
+    /// - `boxes`: those of [`CameraOptions::boxes`].
+    pub(crate) fn strays(&self, renderer: &Renderer, boxes: &[Bounds]) -> Option<String> {
+        /// A reach that pictures show.
+        const LEAST: f64 = 1.05;
+        if self.fit == Some(Fit::All) || self.eye.is_some() || self.camera.is_some() {
+            return None;
+        }
+        let (_, all) = sphere_around(&renderer.visible_boxes())?;
+        let (_, fitted) = sphere_around(boxes)?;
+        (all > LEAST * fitted).then(|| {
+            format!(
+                "the camera is fitted to what 99.5 % of the splats' opacity times area lie in; stray ones reach {:.3} \
+                 times as far: --fit all shows them, --crop leaves them out",
+                all / fitted
+            )
+        })
+    }
+
     /// Reads the camera's file, where one is named and was not read before.
     pub(crate) fn read_file(&self, size: Option<[usize; 2]>) -> Result<()> {
         if let (Some(path), None) = (&self.camera, self.read.get()) {

@@ -104,7 +104,7 @@ impl CpuFrames {
         }
         images.resize(plan);
         let tiles = self.picture(plan);
-        resolve(tiles, plan.background, &mut images.image);
+        resolve(tiles, plan.background, plan.is_encoded, &mut images.image);
         if let Some(depth) = &mut images.depth {
             resolve_depth(tiles, depth);
         }

@@ -58,7 +58,7 @@ pub(crate) use pass::{MOST_ENTRIES, cut_into_bands, tile_size};
 pub(crate) use pick::shares;
 pub use project::{ProjectInput, ProjectOutput, project};
 pub use resolve::{resolve, resolve_depth, resolve_normals};
-pub use shade::shade;
+pub use shade::{encode, shade};
 pub use sort::{footprint_index, sort};
 pub(crate) use strips::is_cut_into_strips;
 pub(crate) use tile::TileSums;

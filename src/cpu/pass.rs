@@ -5,7 +5,7 @@ use std::ops::Range;
 use super::frame::CpuFrames;
 use super::{
     ColumnInput, NormalTile, Pieces, PostClassification, ProjectInput, RasteriseSettings, Tile,
-    bin, bin_columns, classify, count_amplitudes, count_classified, fill_amplitudes,
+    bin, bin_columns, classify, count_amplitudes, count_classified, encode, fill_amplitudes,
     is_cut_into_strips, light, list_visible, project, rasterise, rasterise_surface, shade, sort,
 };
 use crate::blocks::{
@@ -359,9 +359,12 @@ impl CpuFrames {
             } else {
                 classify(volume, views, out);
             }
-            shade(volume, views, &plan.camera, out);
+            shade(volume, views, &plan.camera, plan.is_encoded, out);
             if let (Some(lighting), true) = (&plan.lighting, pass.lights_particles) {
                 light(volume, views, rotation, lighting, out);
+            }
+            if plan.is_encoded {
+                encode(volume, out);
             }
         });
         self.terms = terms;

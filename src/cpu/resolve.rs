@@ -5,17 +5,25 @@ use rayon::prelude::*;
 
 use super::tile::{NormalTile, Tile};
 use crate::constants::TILE_SIZE;
-use crate::image::{DepthImage, Image, NormalImage, over};
+use crate::image::{DepthImage, Image, NormalImage, linear_from_srgb, over, srgb_from_linear};
 use crate::view::Camera;
 
 /// Writes the tiles' pixels, over a background where there is one, into an image whose size is
 /// set.
-pub fn resolve(tiles: &[Tile], background: Option<[f32; 3]>, image: &mut Image) {
+///
+/// - `background`: linear RGB.
+/// - `is_encoded`: whether tiles have sRGB codes times opacity. The background is then encoded and what shows
+///   decoded; without a background the colour is decoded that opacity multiplies.
+pub fn resolve(tiles: &[Tile], background: Option<[f32; 3]>, is_encoded: bool, image: &mut Image) {
     let width = image.width;
     if width == 0 {
         return;
     }
     let columns = width.div_ceil(TILE_SIZE);
+    let background = match is_encoded {
+        true => background.map(|colour| colour.map(srgb_from_linear)),
+        false => background,
+    };
     image
         .pixels
         .par_chunks_mut(width)
@@ -31,9 +39,20 @@ pub fn resolve(tiles: &[Tile], background: Option<[f32; 3]>, image: &mut Image) 
                     if let Some(background) = background {
                         *pixel = over(*pixel, background);
                     }
+                    if is_encoded {
+                        *pixel = decoded(*pixel);
+                    }
                 }
             }
         });
+}
+
+/// A pixel of codes times opacity as one of linear light times opacity.
+fn decoded([r, g, b, a]: [f32; 4]) -> [f32; 4] {
+    // What has no opacity adds nothing.
+    let share = if a > 0.0 { a } else { 1.0 };
+    let [r, g, b] = [r, g, b].map(|c| share * linear_from_srgb(c / share));
+    [r, g, b, a]
 }
 
 /// Writes the tiles' depths, into an image whose size is set.

@@ -1,29 +1,34 @@
-//! Stage: colours that depend on the view, per visible particle, once.
+//! Stage: colours of radiance fields, and colours in the space that a picture blends in; per visible particle, once.
 
 use rayon::prelude::*;
 
 use crate::blocks::BlockedVolume;
-use crate::image::linear_from_srgb;
+use crate::image::{linear_from_srgb, srgb_from_linear};
 use crate::math::{harmonics, harmonics_count, harmonics_sum};
 use crate::record::{BlockView, Carried, ClassifiedParticle};
 use crate::scene::ColourIn;
 use crate::view::{Camera, Projection};
 
+/// Particles per parallel task at least.
+const GRAIN: usize = 1024;
+
 /// Fills the colours of `classified` where they are harmonics of the direction from the eye to
 /// the particle (an orthographic camera's: its axis); does nothing elsewhere.
 ///
-/// Sums are clamped at 0, not at 1, and decoded from sRGB: compositing is linear.
+/// Sums are clamped at 0, not at 1, and brought into the space that is blended in.
+///
+/// - `is_encoded`: whether that is sRGB codes instead of linear light.
 pub fn shade(
     volume: &BlockedVolume,
     views: &[BlockView],
     camera: &Camera,
+    is_encoded: bool,
     classified: &mut [ClassifiedParticle],
 ) {
-    /// Particles per parallel task at least.
-    const GRAIN: usize = 1024;
     let ColourIn::Harmonics {
         degree,
         coefficients,
+        is_linear,
     } = &volume.colour
     else {
         return;
@@ -33,6 +38,11 @@ pub fn shade(
         Projection::Perspective => None,
         Projection::Orthographic => Some(camera.camera_from_world.row(2).as_vec3()),
     };
+    let into_space: fn(f32) -> f32 = match (*is_linear, is_encoded) {
+        (false, true) | (true, false) => |sum| sum,
+        (false, false) => linear_from_srgb,
+        (true, true) => srgb_from_linear,
+    };
     let shade_one = |particle: &mut ClassifiedParticle| {
         let index = views[particle.view as usize].block;
         let block = &volume.blocks[index as usize];
@@ -40,12 +50,27 @@ pub fn shade(
         let direction = axis.unwrap_or_else(|| {
             ((block.origin - camera.eye).as_vec3() + offset).normalize_or_zero()
         });
-        let codes = harmonics_sum(&coefficients[i * stride..][..stride], &harmonics(direction));
+        let sums = harmonics_sum(&coefficients[i * stride..][..stride], &harmonics(direction));
         // `max` takes the other argument when one is NaN.
-        particle.carried = Carried::of_colour(codes.map(|c| linear_from_srgb(c.max(0.0))));
+        particle.carried = Carried::of_colour(sums.map(|c| into_space(c.max(0.0))));
     };
     classified
         .par_iter_mut()
         .with_min_len(GRAIN)
         .for_each(shade_one);
+}
+
+/// Encodes the linear colours of `classified` as sRGB codes; does nothing where [`shade`] has filled them.
+pub fn encode(volume: &BlockedVolume, classified: &mut [ClassifiedParticle]) {
+    if matches!(volume.colour, ColourIn::Harmonics { .. }) {
+        return;
+    }
+    let encode_one = |particle: &mut ClassifiedParticle| {
+        let colour = particle.carried.colour();
+        particle.carried = Carried::of_colour(colour.map(srgb_from_linear));
+    };
+    classified
+        .par_iter_mut()
+        .with_min_len(GRAIN)
+        .for_each(encode_one);
 }

@@ -56,7 +56,9 @@ impl Head {
                     Colour::Classified => about::Colour::Classified,
                     Colour::PerParticle(_) => about::Colour::PerParticle,
                     Colour::Uniform(colour) => about::Colour::Uniform(colour),
-                    Colour::Harmonics { degree, .. } => about::Colour::Harmonics { degree },
+                    Colour::Harmonics {
+                        degree, is_linear, ..
+                    } => about::Colour::Harmonics { degree, is_linear },
                 },
                 values: volume.values.as_ref().map(|values| match values {
                     Values::U8(_) => about::Values::U8,
@@ -122,9 +124,10 @@ impl Head {
                 about::Colour::Classified => Colour::Classified,
                 about::Colour::PerParticle => Colour::PerParticle(Vec::new()),
                 about::Colour::Uniform(colour) => Colour::Uniform(colour),
-                about::Colour::Harmonics { degree } => Colour::Harmonics {
+                about::Colour::Harmonics { degree, is_linear } => Colour::Harmonics {
                     degree,
                     coefficients: Vec::new(),
+                    is_linear,
                 },
             },
             values: columns.values.map(|values| match values {

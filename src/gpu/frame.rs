@@ -237,7 +237,7 @@ impl Frame {
             rows = rows.min(pass.band_rows(gpu, kind)?);
         }
         let bands = Bands { size, tiles, rows };
-        let background = gpu.uniform("background", &Background::new([0.0; 3], 0))?;
+        let background = gpu.uniform("background", &Background::new(None, false, 0))?;
         let mut made: Vec<PassFrame> = Vec::with_capacity(passes.len());
         for ((pass, kind), of_plan) in passes.iter().zip(kinds).zip(&plan.passes) {
             let surface = made.last().map(|surface| &surface.pixels);
@@ -327,13 +327,13 @@ impl Frame {
         present: Option<&BoundPresent<'_>>,
     ) {
         let pixels = self.bands.pixels(band);
-        let background = Background::new(plan.background.unwrap_or_default(), pixels);
+        let background = Background::new(plan.background, plan.is_encoded, pixels);
         gpu.write(&self.background, bytemuck::bytes_of(&background));
         for pass in &self.passes {
             pass.draw_band(gpu, timer, band);
         }
         let mut encoder = gpu.encoder();
-        self.encode_band_end(&mut encoder, timer, plan, pixels);
+        self.encode_band_end(&mut encoder, timer, plan, &background);
         if let Some(present) = present {
             present.encode(gpu, &mut encoder, &self.bands, band);
         }
@@ -349,9 +349,10 @@ impl Frame {
         encoder: &mut CommandEncoder,
         timer: &mut Timer,
         plan: &FramePlan,
-        pixels: u32,
+        background: &Background,
     ) {
-        if plan.background.is_some() {
+        let pixels = background.pixels;
+        if background.is_needed() {
             let mut pass = timer.pass(encoder, Stage::Resolve);
             self.resolve.dispatch(&mut pass, Resolve::groups(pixels));
         }

@@ -87,6 +87,8 @@ pub(super) struct Kinds {
     pub(super) colour: ColourKind,
     /// Coefficients of a colour channel; 0 without harmonics.
     pub(super) harmonics_count: u32,
+    /// Whether harmonics sum to linear light instead of sRGB codes.
+    pub(super) has_linear_harmonics: bool,
     /// Whether its particles stand for others.
     pub(super) is_merged: bool,
     /// Whether each strength is followed by the depth of its members.
@@ -132,6 +134,13 @@ impl Kinds {
                 .colour
                 .harmonics_degree()
                 .map_or(0, |degree| harmonics_count(degree) as u32),
+            has_linear_harmonics: matches!(
+                volume.colour,
+                ColourIn::Harmonics {
+                    is_linear: true,
+                    ..
+                }
+            ),
             is_merged: volume.merged.is_some(),
             has_member_depths: volume
                 .merged

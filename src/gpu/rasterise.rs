@@ -356,13 +356,13 @@ pub fn rasterise(
         let bound = kernel.bind(gpu, &buffers, &pixels, &of_surface, None);
         gpu.run(|pass| bound.encode(pass, tiles[0] * tiles[1], longest(lists)));
     }
-    let colour = background.unwrap_or([0.0; 3]);
-    let uniform = gpu.uniform("background", &Background::new(colour, count as u32))?;
+    let of_pixels = Background::new(background, false, count as u32);
+    let uniform = gpu.uniform("background", &of_pixels)?;
     if spec.has_surface() {
         let compose = Compose::new(gpu, &spec.axes).bind(gpu, &uniform, &pixels, &of_surface);
         gpu.run(|pass| compose.dispatch(pass, Resolve::groups(count as u32)));
     }
-    if background.is_some() {
+    if of_pixels.is_needed() {
         let resolve = Resolve::new(gpu).bind(gpu, &uniform, &pixels);
         gpu.run(|pass| resolve.dispatch(pass, Resolve::groups(count as u32)));
     }

@@ -404,5 +404,11 @@ fn structs_are_laid_out_alike() {
         first_layer,
         layers_needed,
     });
-    check_layout!(Background { colour, pixels });
+    check_layout!(Background {
+        colour,
+        pixels,
+        is_shown,
+        is_encoded,
+        unused,
+    });
 }

@@ -1,30 +1,50 @@
-//! Stage: a background behind pixels. Twin: [`crate::cpu::resolve`].
+//! Stage: a background behind pixels, and sRGB codes decoded. Twin: [`crate::cpu::resolve`].
 
 use bytemuck::{Pod, Zeroable};
 
 use super::constants::THREADS;
 use super::device::Gpu;
 use super::kernel::{Access, BoundKernel, Kernel};
-use super::shader::{DISPATCH, Shader};
+use super::shader::{DISPATCH, SRGB, Shader};
+use crate::image::srgb_from_linear;
 
 /// The background.
 pub(super) const SHADER: Shader = Shader::new(
     "resolve",
-    &[DISPATCH, include_str!("../../shaders/resolve.wgsl")],
+    &[DISPATCH, SRGB, include_str!("../../shaders/resolve.wgsl")],
 );
 
-/// The background and the number of pixels before it.
+/// The background, and the number of pixels before it and how they are encoded.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct Background {
     pub(super) colour: [f32; 3],
     pub(super) pixels: u32,
+    pub(super) is_shown: u32,
+    pub(super) is_encoded: u32,
+    pub(super) unused: [u32; 2],
 }
 
 impl Background {
-    /// Linear RGB.
-    pub(super) fn new(colour: [f32; 3], pixels: u32) -> Self {
-        Self { colour, pixels }
+    /// - `colour`: linear RGB, where there is one.
+    /// - `is_encoded`: whether pixels are sRGB codes.
+    pub(super) fn new(colour: Option<[f32; 3]>, is_encoded: bool, pixels: u32) -> Self {
+        let shown = colour.unwrap_or_default();
+        Self {
+            colour: match is_encoded {
+                true => shown.map(srgb_from_linear),
+                false => shown,
+            },
+            pixels,
+            is_shown: u32::from(colour.is_some()),
+            is_encoded: u32::from(is_encoded),
+            unused: [0; 2],
+        }
+    }
+
+    /// Whether the stage changes pixels.
+    pub(super) fn is_needed(&self) -> bool {
+        self.is_shown != 0 || self.is_encoded != 0
     }
 }
 

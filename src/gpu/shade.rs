@@ -12,20 +12,32 @@ use super::device::Gpu;
 use super::kernel::{Access, BoundKernel};
 use super::kinds::ColourKind;
 use super::scene::{FrameBuffers, Part, PartBuffers};
-use super::shader::{DISPATCH, F64_ARITHMETIC, STRUCTS, Shader};
+use super::shader::{DISPATCH, F64_ARITHMETIC, SRGB, STRUCTS, Shader};
 use crate::blocks::{BlockedVolume, Frustum};
 use crate::error::Result;
 use crate::record::{BlockView, ChoiceUniform, ClassifiedBy, ClassifiedParticle, PartState};
 use crate::view::Camera;
 
-/// Colours that depend on the view.
+/// Colours of radiance fields.
 pub(super) const SHADER: Shader = Shader::new(
     "shade",
     &[
         DISPATCH,
         STRUCTS,
         F64_ARITHMETIC,
+        SRGB,
         include_str!("../../shaders/shade.wgsl"),
+    ],
+);
+
+/// Colours in the space that is blended in.
+pub(super) const ENCODE_SHADER: Shader = Shader::new(
+    "encode",
+    &[
+        DISPATCH,
+        STRUCTS,
+        SRGB,
+        include_str!("../../shaders/encode.wgsl"),
     ],
 );
 
@@ -36,17 +48,22 @@ pub(super) struct BoundShade {
     arguments: wgpu::Buffer,
 }
 
-/// Binds the stage to a part, or nothing where its colours do not depend on the view.
+/// Binds the stage to a part, or nothing where its colours are no harmonics.
+///
+/// - `is_encoded`: whether sRGB codes are blended instead of linear light.
 pub(super) fn bind_shade(
     gpu: &Gpu,
     frame: &FrameBuffers,
     part: &Part,
     buffers: &PartBuffers,
+    is_encoded: bool,
 ) -> Option<BoundShade> {
     use Access::{Read, Write};
     if part.kinds.colour != ColourKind::Harmonics {
         return None;
     }
+    let is_linear = part.kinds.has_linear_harmonics;
+    let flag = |is: bool| f64::from(u8::from(is));
     let kernel = gpu.kernel(
         &SHADER,
         "shade",
@@ -57,6 +74,8 @@ pub(super) fn bind_shade(
                 part.kinds.particles.words_per_particle() as f64,
             ),
             ("HARMONICS_COUNT", f64::from(part.kinds.harmonics_count)),
+            ("DECODES", flag(!is_linear && !is_encoded)),
+            ("ENCODES", flag(is_linear && is_encoded)),
         ],
     );
     let PartBuffers {
@@ -88,6 +107,23 @@ pub(super) fn bind_shade(
     })
 }
 
+/// Binds what encodes the linear colours of a part, or nothing where [`bind_shade`] fills them.
+pub(super) fn bind_encode(gpu: &Gpu, part: &Part, buffers: &PartBuffers) -> Option<BoundShade> {
+    if part.kinds.colour == ColourKind::Harmonics {
+        return None;
+    }
+    let kernel = gpu.kernel(
+        &ENCODE_SHADER,
+        "encode",
+        &[Access::Read, Access::Write],
+        &[],
+    );
+    Some(BoundShade {
+        shade: kernel.bind(gpu, &[&buffers.state, &buffers.classified]),
+        arguments: buffers.arguments.clone(),
+    })
+}
+
 impl BoundShade {
     pub(super) fn encode(&self, pass: &mut wgpu::ComputePass<'_>) {
         let particles = u64::from(4 * PARTICLE_ARGUMENTS);
@@ -104,6 +140,8 @@ impl BoundShade {
 /// Codes differ from the twin's by roundings of the direction and the sum, some 2e-6 of the sum of
 /// the coefficients' magnitudes; decoding, a power by logarithms, adds 1e-5 of the result.
 ///
+/// - `is_encoded`: whether sRGB codes are blended instead of linear light.
+///
 /// # Errors
 /// No memory, a lost device, or volumes that only the CPU draws.
 pub fn shade(
@@ -111,6 +149,7 @@ pub fn shade(
     volume: &BlockedVolume,
     views: &[BlockView],
     camera: &Camera,
+    is_encoded: bool,
     classified: &mut [ClassifiedParticle],
     part_bytes: u64,
 ) -> Result<()> {
@@ -133,7 +172,7 @@ pub fn shade(
     gpu.write(&frame.camera, bytemuck::bytes_of(&uniform));
     let parts = uploaded.scene.parts.iter().zip(&uploaded.buffers);
     for ((part, buffers), range) in parts.zip(uploaded.views) {
-        let Some(bound) = bind_shade(gpu, &frame, part, buffers) else {
+        let Some(bound) = bind_shade(gpu, &frame, part, buffers, is_encoded) else {
             return Ok(());
         };
         recolour(gpu, buffers, views, range, classified, |pass| {

@@ -118,6 +118,8 @@ pub(super) const SCAN_THREADS: &str = include_str!("../../shaders/shared/scan_th
 pub(super) const FLOATS: &str = include_str!("../../shaders/shared/floats.wgsl");
 /// Kernels' factors.
 pub(super) const FACTOR: &str = include_str!("../../shaders/shared/factor.wgsl");
+/// Between linear light and sRGB codes.
+pub(super) const SRGB: &str = include_str!("../../shaders/shared/srgb.wgsl");
 /// What lights make of a colour.
 pub(super) const LIT: &str = include_str!("../../shaders/shared/lit.wgsl");
 

@@ -23,6 +23,7 @@ impl Shader {
             classify::NEIGHBOURS,
             classify::AMPLITUDES,
             shade::SHADER,
+            shade::ENCODE_SHADER,
             radix::SHADER,
             sort::SHADER,
             gather::SHADER,

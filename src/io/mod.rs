@@ -84,6 +84,7 @@ mod smoothing;
 mod sog;
 mod splat;
 mod splat_axes;
+mod splat_table;
 mod splats;
 mod spz;
 mod spz_write;
@@ -310,8 +311,10 @@ pub fn read_with(
 
 fn read_input(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     let mut data = (recognise(input, options)?.read)(input, options)?;
-    let has_scales =
-        data.format == gltf_splats::FORMAT || log_scales::settle_table(&mut data, options.scales);
+    let has_scales = data.format == gltf_splats::FORMAT
+        || (options.read_as != Some(ReadAs::Points)
+            && splat_table::settle(&mut data, options.scales)?)
+        || log_scales::settle_table(&mut data, options.scales);
     if options.scales.is_some() && !has_scales {
         return Err(Error::format(
             input.path,

@@ -13,9 +13,11 @@
 //! | `opacity` | logit of the peak opacity |
 //! | `scale_0`, `scale_1`, `scale_2` | natural logarithms of the standard deviations; without `scale_2` splats are flat |
 //! | `rot_0..3` | quaternion w, x, y, z of any length |
+//! | `filter_3D` | the 3-D filter of Yu et al. 2024, *Mip-Splatting*, which is applied |
 //! | all others | fields |
 //!
-//! A file with `packed_position` has packed splats (see [`super::ply_packed`]), one with `f_dc_0` the splat layout; of the others, one with faces is a mesh (see
+//! A file with `packed_position` has packed splats (see [`super::ply_packed`]), one with `f_dc_0` the splat layout (tables of scales, rotations and opacities with other colours are splats,
+//! too: see [`super::splat_table`]); of the others, one with faces is a mesh (see
 //! [`super::ply_mesh`]) unless its points are asked for, and any other is a table. A comment
 //! `SplatRenderMode: mip` (Brush) or `antialiased 1` (Postshot) marks splats made for the low-pass filter of Yu et al. 2024,
 //! *Mip-Splatting*, that keeps opacity times area.
@@ -36,7 +38,7 @@ use super::table::dataset;
 use super::{OpenOptions, ReadAs};
 use crate::error::{Error, Result};
 
-const FORMAT: &str = "PLY particle table";
+pub(super) const FORMAT: &str = "PLY particle table";
 
 /// Whether a file starts as PLY files do.
 pub(crate) fn looks_like(head: &[u8]) -> bool {

@@ -199,6 +199,7 @@ pub(super) fn read(path: &Path, bytes: &[u8], header: &Header) -> Result<Dataset
         harmonics_degree: degree,
         harmonics: coefficients,
         is_anti_aliased: false,
+        is_linear: false,
     };
     let mut data = cloud.dataset(path, FORMAT, Vec::new())?;
     data.notes = notes;

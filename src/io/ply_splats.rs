@@ -6,11 +6,12 @@ use std::path::Path;
 use super::dataset::Dataset;
 use super::encoded_splats::{Encoded, PlyForm, single_precision_quantum};
 use super::ply_table::Table;
+use super::splat_table::FILTER_NOTE;
 use super::splats::{SplatCloud, sigmoid};
 use crate::error::{Error, Result};
 use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count};
 
-const SPLAT_FORMAT: &str = "PLY splats";
+pub(super) const SPLAT_FORMAT: &str = "PLY splats";
 /// Properties `f_rest_` of degree 10: more than any program writes.
 const MOST_REST: usize = 360;
 
@@ -45,6 +46,8 @@ pub(super) fn splats(
     used.extend([opacity, scale_0, scale_1]);
     used.extend(scale_2);
     used.extend(rotation);
+    let filter = table.index("filter_3D");
+    used.extend(filter);
     used.extend(&rest);
 
     // Per channel (degree + 1)² - 1.
@@ -102,15 +105,20 @@ pub(super) fn splats(
         }
     }
     let mut marks = comments.iter().filter_map(|c| anti_aliasing_mark(c));
-    let cloud = SplatCloud {
+    let mut cloud = SplatCloud {
         scales: scales.collect(),
         rotations,
         opacities: table.floats(opacity)?.into_iter().map(sigmoid).collect(),
         harmonics_degree: degree,
         harmonics,
         is_anti_aliased: marks.next_back().unwrap_or(false),
+        is_linear: false,
         positions,
     };
+    if let Some(member) = filter {
+        cloud.widen(&table.floats(member)?);
+        notes.push(FILTER_NOTE.into());
+    }
     cloud.dataset(path, SPLAT_FORMAT, table.fields(&used)?)
 }
 

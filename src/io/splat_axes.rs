@@ -34,10 +34,15 @@ pub enum SplatAxes {
 }
 
 /// Formats of splats by their names ([`Dataset::format`](super::Dataset::format)): the axes of the file, and of what is read.
-const OF_FORMATS: [(&str, SplatAxes, SplatAxes); 7] = {
+const OF_FORMATS: [(&str, SplatAxes, SplatAxes); 8] = {
     use SplatAxes::{LeftUpForward, RightDownForward, RightUpBack};
     [
         ("PLY splats", RightDownForward, RightDownForward),
+        (
+            super::splat_table::FORMAT,
+            RightDownForward,
+            RightDownForward,
+        ),
         ("compressed PLY splats", RightDownForward, RightDownForward),
         ("splat records", RightDownForward, RightDownForward),
         ("KSPLAT splats", RightDownForward, RightDownForward),

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::dataset::{Dataset, Field, Geometry};
 use super::scalars::narrow;
 use crate::error::{Error, Result};
+use crate::image::{linear_from_srgb, srgb_from_linear};
 use crate::math::{
     HARMONIC_0, HarmonicsTransform, MAX_HARMONICS_DEGREE, harmonics_count, rotation_matrix,
 };
@@ -32,9 +33,11 @@ pub struct SplatCloud {
     ///
     /// They are what the harmonics are multiplied by, the constant one of .28209479 included:
     /// with the basis Y of [`harmonics`](crate::math::harmonics) a colour is
-    /// 1/2 + sum c_k Y_k(d), d the unit direction from the eye to the splat; an sRGB-encoded
-    /// value, 0 where the sum is negative.
+    /// 1/2 + sum c_k Y_k(d), d the unit direction from the eye to the splat; an sRGB code, or linear
+    /// light where `is_linear` says so; 0 where the sum is negative.
     pub harmonics: Vec<f32>,
+    /// Whether colours are linear light, in which they are then composited; otherwise they are sRGB codes.
+    pub is_linear: bool,
     /// Whether the file says that it was made for a low-pass filter that keeps a splat's
     /// opacity times its area.
     pub is_anti_aliased: bool,
@@ -86,10 +89,25 @@ impl SplatCloud {
 
     /// Adds the splats of another cloud behind these; coefficients that one of the two does not have
     /// are 0. The mark of anti-aliased splats stays as it was, unless there were none yet.
+    ///
+    /// Of clouds in two spaces the one of codes becomes linear where its colours do not depend on the view, and the
+    /// linear one becomes one of codes otherwise.
     pub fn append(&mut self, mut other: Self) {
         if self.positions.is_empty() {
             *self = other;
             return;
+        }
+        if self.is_linear != other.is_linear {
+            let (linear, encoded) = match self.is_linear {
+                true => (&mut *self, &mut other),
+                false => (&mut other, &mut *self),
+            };
+            if encoded.harmonics_degree == 0 {
+                encoded.recolour(linear_from_srgb);
+                encoded.is_linear = true;
+            } else {
+                linear.encode();
+            }
         }
         let degree = self.harmonics_degree.max(other.harmonics_degree);
         self.raise_degree(degree);
@@ -121,6 +139,56 @@ impl SplatCloud {
             let stride = self.harmonics_stride();
             let sets = self.harmonics.par_chunks_mut(stride);
             sets.for_each(|coefficients| transform.apply(coefficients));
+        }
+    }
+
+    /// Turns colours in linear light into sRGB codes; those that depend on the view keep their constant alone. Whether
+    /// there were such.
+    pub(crate) fn encode(&mut self) -> bool {
+        if !self.is_linear {
+            return false;
+        }
+        let depended = self.harmonics_degree > 0;
+        if depended {
+            let stride = self.harmonics_stride();
+            let sets = self.harmonics.chunks_exact(stride);
+            self.harmonics = sets.flat_map(|set| &set[..3]).copied().collect();
+            self.harmonics_degree = 0;
+        }
+        self.recolour(srgb_from_linear);
+        self.is_linear = false;
+        depended
+    }
+
+    /// Replaces colours, which do not depend on the view.
+    fn recolour(&mut self, of: fn(f32) -> f32) {
+        for c in &mut self.harmonics {
+            *c = constant_of_colour(of(0.5 + HARMONIC_0 * *c));
+        }
+    }
+
+    /// Applies the 3-D filter of Yu et al. 2024, *Mip-Splatting*, as its authors do: of standard deviations s they make
+    /// sqrt(s² + f²), and of opacities those times the square root of the ratio of both variances' determinants. Flat splats keep
+    /// their plane.
+    ///
+    /// - `filters`: f of each splat, world units.
+    pub(crate) fn widen(&mut self, filters: &[f32]) {
+        let is_flat = self.scales.iter().all(|s| s[2] == 0.0);
+        let axes = if is_flat { 2 } else { 3 };
+        let splats = self.scales.iter_mut().zip(&mut self.opacities);
+        for ((scales, opacity), filter) in splats.zip(filters) {
+            let filter = f64::from(*filter);
+            let mut share = 1.0;
+            for scale in &mut scales[..axes] {
+                let before = f64::from(*scale);
+                let after = before.hypot(filter);
+                // What has no width stays without any.
+                if after > 0.0 {
+                    share *= before / after;
+                }
+                *scale = narrow(after);
+            }
+            *opacity = narrow(f64::from(*opacity) * share);
         }
     }
 
@@ -168,7 +236,7 @@ pub(crate) fn sigmoid(x: f32) -> f32 {
     1.0 / (1.0 + (-x).exp())
 }
 
-/// The coefficient of the constant harmonic that makes a colour, an sRGB code of 0 to 1.
+/// The coefficient of the constant harmonic that makes a colour, as a rule an sRGB code of 0 to 1.
 pub(crate) fn constant_of_colour(code: f32) -> f32 {
     (code - 0.5) / HARMONIC_0
 }

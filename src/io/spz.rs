@@ -21,7 +21,8 @@
 //! own; the table has two numbers (u64) for each, its bytes packed and unpacked, and the streams follow it. Versions 1 to 3 are read
 //! without gzip, too.
 //!
-//! Files hold x right, y up, z back by convention and are turned half a circle about x, to the
+//! Files hold x right, y up, z back by convention, or the axes that an extension record `SPZ_ADOBE_coordinate_system` states,
+//! which come before the table of version 4 and behind the arrays of others. They are turned half a circle about x, to the
 //! axes of PLY files: y and z of positions change their sign, y and z of quaternions, and the
 //! harmonics that are odd under this turn. `spz_write.rs` writes versions 3 and 4; `splat_axes.rs` has the axes of all formats.
 
@@ -30,7 +31,7 @@ use std::io::Read;
 use std::path::Path;
 
 use flate2::read::MultiGzDecoder;
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use ruzstd::decoding::StreamingDecoder;
 
 use super::dataset::Dataset;
@@ -53,6 +54,98 @@ pub(super) const STREAM_ROW: usize = 16;
 /// its size. (Runs of equal bytes can in zstd; no splats have such.)
 const GREATEST_RATIO: u64 = 1032;
 
+/// The extension record that states the axes: its type; its length and a number of [`Axes::of`] follow.
+const AXES_RECORD: u32 = 0xADBE_0003;
+/// Bytes of extension records that are looked at.
+const MOST_RECORD_BYTES: u64 = 1 << 16;
+
+/// The axes that splats are wanted in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Wanted {
+    /// PLY's: x right, y down, z forward.
+    Training,
+    /// SPZ's own: x right, y up, z back.
+    Own,
+}
+
+/// From a file's axes to those that are wanted: signs of the coordinates, then a turn.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Axes {
+    /// Of the harmonics; those of degree 1, of y, z and x, are the coordinates'.
+    signs: [f32; 16],
+    turn: Option<DQuat>,
+}
+
+impl Axes {
+    /// - `stated`: the number of the axes: 1 to 8 left or right (odd or even), down or up, back or front; 9 to 16 left or right, then
+    ///   forward or back along y, down or up along z. 0, and others, are x right, y up, z back.
+    fn of(stated: u32, wanted: Wanted) -> Self {
+        const HALF: f64 = std::f64::consts::FRAC_1_SQRT_2;
+        let sign = |is_kept: bool| if is_kept { 1.0_f32 } else { -1.0 };
+        let stated = if (1..=16).contains(&stated) {
+            stated
+        } else {
+            4
+        };
+        let n = (stated - 1) % 8;
+        let (is_right, is_up, is_second) = (n & 1 != 0, n & 2 != 0, n & 4 != 0);
+        let (signs, turn) = if stated <= 8 {
+            // To x right, y up, z back.
+            let [y, z] = match wanted {
+                Wanted::Own => [is_up, !is_second],
+                Wanted::Training => [!is_up, is_second],
+            };
+            ([is_right, y, z].map(sign), None)
+        } else {
+            // To x right, y forward, z up; and a quarter turn about x.
+            let quarter = match wanted {
+                Wanted::Own => -HALF,
+                Wanted::Training => HALF,
+            };
+            let turn = DQuat::from_xyzw(quarter, 0.0, 0.0, HALF);
+            ([is_right, !is_second, is_up].map(sign), Some(turn))
+        };
+        let [x, y, z] = signs;
+        let signs = [
+            1.0,
+            y,
+            z,
+            x,
+            x * y,
+            y * z,
+            1.0,
+            x * z,
+            1.0,
+            y,
+            x * y * z,
+            y,
+            z,
+            x,
+            z,
+            x,
+        ];
+        Self { signs, turn }
+    }
+}
+
+/// The axes that extension records state, and whether there are others.
+fn stated_axes(mut records: &[u8]) -> (Option<u32>, bool) {
+    let (mut stated, mut others) = (None, false);
+    while let Some((head, rest)) = records.split_first_chunk::<8>() {
+        let number = |at: usize| u32::from_le_bytes(array::from_fn(|i| head[at + i]));
+        let payload = usize::try_from(number(4)).ok();
+        let Some((payload, rest)) = payload.and_then(|len| rest.split_at_checked(len)) else {
+            return (stated, true);
+        };
+        match (number(0), payload.first_chunk::<4>()) {
+            (AXES_RECORD, Some(of)) => stated = Some(u32::from_le_bytes(*of)),
+            _ => others = true,
+        }
+        records = rest;
+    }
+    (stated, others || !records.is_empty())
+}
+
 /// The signs that the harmonics take under half a turn about x: (x, y, z) to (x, -y, -z).
 pub(super) const TURNED: [f32; 16] = [
     1.0, -1.0, -1.0, 1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0, -1.0, 1.0, -1.0, 1.0,
@@ -74,7 +167,7 @@ pub(crate) fn looks_like(head: &[u8]) -> bool {
 pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
     let (file, len) = input.open()?;
-    let (cloud, notes) = decode(path, file, len, &TURNED)?;
+    let (cloud, notes) = decode(path, file, len, Wanted::Training)?;
     let mut data = cloud.dataset(path, "SPZ splats", Vec::new())?;
     data.notes = notes;
     Ok(data)
@@ -85,16 +178,15 @@ pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
 /// # Errors
 /// As [`read`].
 pub(super) fn splats(path: &Path, bytes: &[u8]) -> Result<(SplatCloud, Vec<String>)> {
-    decode(path, bytes, bytes.len() as u64, &[1.0; 16])
+    decode(path, bytes, bytes.len() as u64, Wanted::Own)
 }
 
 /// - `len`: bytes of the file.
-/// - `signs`: what harmonics are multiplied by; those of degree 1, of y, z and x, say what positions and rotations are.
 fn decode(
     path: &Path,
     mut file: impl Read,
     len: u64,
-    signs: &[f32; 16],
+    wanted: Wanted,
 ) -> Result<(SplatCloud, Vec<String>)> {
     let io = |e| Error::io(path, "reading", e, "check the disk");
     let mut start = [0; HEADER];
@@ -112,7 +204,7 @@ fn decode(
         let mut packed = packed;
         let mut bytes = Vec::new();
         packed.read_to_end(&mut bytes).map_err(io)?;
-        return read_streams(path, &bytes, signs);
+        return read_streams(path, &bytes, wanted);
     }
     let mut unpacked: Box<dyn Read + '_> = if is_bare {
         Box::new(packed)
@@ -148,15 +240,23 @@ fn decode(
     if body.len() as u64 != size {
         return Err(header.too_short(path, format!("{} bytes", body.len())));
     }
-    let is_more = unpacked.read(&mut [0]).map_err(damaged)? > 0;
-    Ok(header.splats(&body, is_more, signs))
+    let mut records = Vec::new();
+    (&mut unpacked)
+        .take(MOST_RECORD_BYTES)
+        .read_to_end(&mut records)
+        .map_err(damaged)?;
+    Ok(header.splats(&body, &records, wanted))
 }
 
 /// Reads version 4.
 ///
 /// # Errors
 /// A table or streams that are not within the file, or that hold other sizes than the header says.
-fn read_streams(path: &Path, bytes: &[u8], signs: &[f32; 16]) -> Result<(SplatCloud, Vec<String>)> {
+fn read_streams(
+    path: &Path,
+    bytes: &[u8],
+    wanted_axes: Wanted,
+) -> Result<(SplatCloud, Vec<String>)> {
     let fault = |place: String, expected: String, found: String| {
         let advice = "the file is cut off or damaged: get it again";
         Error::format(path, place, expected, found, advice)
@@ -227,7 +327,8 @@ fn read_streams(path: &Path, bytes: &[u8], signs: &[f32; 16]) -> Result<(SplatCl
             ));
         }
     }
-    Ok(header.splats(&body, table_at > STREAMED_HEADER, signs))
+    let records = bytes.get(STREAMED_HEADER as usize..table_at as usize);
+    Ok(header.splats(&body, records.unwrap_or_default(), wanted_axes))
 }
 
 /// What the first bytes say.
@@ -283,20 +384,35 @@ impl Header {
         )
     }
 
-    /// - `is_more`: whether the file holds more than the arrays.
-    fn splats(&self, body: &[u8], is_more: bool, signs: &[f32; 16]) -> (SplatCloud, Vec<String>) {
+    /// - `records`: what the file holds besides the arrays.
+    fn splats(&self, body: &[u8], records: &[u8], wanted: Wanted) -> (SplatCloud, Vec<String>) {
         let degree = self.layout.degree;
         let mut notes = Vec::new();
-        if is_more || self.flags & 2 != 0 {
+        let has_records = self.flags & 2 != 0;
+        let (stated, others) = stated_axes(if has_records { records } else { &[] });
+        if others || !has_records && !records.is_empty() || has_records && records.is_empty() {
             notes.push("what follows the splats (extensions) is not read".into());
         }
+        match stated {
+            None | Some(0 | 4) => {}
+            Some(axes @ 1..=16) => notes.push(format!(
+                "the file states its axes, which are turned from there (SPZ_ADOBE_coordinate_system {axes})"
+            )),
+            Some(axes) => notes.push(format!(
+                "the file states unknown axes (SPZ_ADOBE_coordinate_system {axes}): taken for x right, y up, z back"
+            )),
+        }
+        let Axes { signs, turn } = Axes::of(stated.unwrap_or_default(), wanted);
         if degree > MAX_HARMONICS_DEGREE {
             notes.push(format!(
                 "harmonics of degree {degree}: those above {MAX_HARMONICS_DEGREE} are not used"
             ));
         }
         let scale = 0.5_f64.powi(i32::from(self.fraction_bits));
-        let cloud = self.layout.splats(body, scale, self.flags & 1 != 0, signs);
+        let mut cloud = self.layout.splats(body, scale, self.flags & 1 != 0, &signs);
+        if let Some(turn) = turn {
+            cloud.turn(turn);
+        }
         (cloud, notes)
     }
 }
@@ -396,7 +512,8 @@ impl Layout {
                 let [x, y, z] = array::from_fn(|i| f32::from(q[i]) / 127.5 - 1.0);
                 [x, y, z, (1.0 - x * x - y * y - z * z).max(0.0).sqrt()]
             };
-            [w, x * signs[3], y * signs[1], z * signs[2]]
+            // As axes of a turn: those of yz, xz and xy.
+            [w, x * signs[5], y * signs[7], z * signs[4]]
         };
         let scale_of = |s: &[u8]| array::from_fn(|i| (f32::from(s[i]) / 16.0 - 10.0).exp());
         SplatCloud {
@@ -412,6 +529,7 @@ impl Layout {
             opacities: opacities.iter().map(|&a| f32::from(a) / 255.0).collect(),
             harmonics_degree: degree,
             harmonics,
+            is_linear: false,
             is_anti_aliased,
         }
     }
@@ -447,6 +565,19 @@ mod tests {
     #[test]
     fn harmonics_turn_with_their_signs() {
         let d = Vec3::new(0.48, -0.6, 0.64);
+        for (stated, wanted, turned) in [
+            (0, Wanted::Own, d),
+            (6, Wanted::Training, d),
+            (1, Wanted::Own, Vec3::new(-d.x, -d.y, d.z)),
+            (8, Wanted::Training, Vec3::new(d.x, -d.y, d.z)),
+        ] {
+            let signs = Axes::of(stated, wanted).signs;
+            let turned = harmonics(turned);
+            for (i, (a, b)) in harmonics(d).into_iter().zip(turned).enumerate() {
+                assert!((signs[i] * a - b).abs() < 1e-6, "{stated}, {i}: {a}, {b}");
+            }
+        }
+        assert_eq!(Axes::of(4, Wanted::Training).signs, TURNED);
         let turned = harmonics(Vec3::new(d.x, -d.y, -d.z));
         for (i, (a, b)) in harmonics(d).into_iter().zip(turned).enumerate() {
             assert!((TURNED[i] * a - b).abs() < 1e-6, "{i}: {a}, {b}");

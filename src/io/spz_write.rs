@@ -10,13 +10,30 @@ use ruzstd::encoding::{CompressionLevel, compress_to_vec};
 use super::encoded_splats::{Encoded, SpzVersion, byte, note_cut};
 use super::splats::SplatCloud;
 use super::spz::{MAGIC, STREAM_ROW, STREAMED_HEADER, TURNED};
+use super::write_splats::median_size;
 use crate::error::{Error, Result};
+use crate::math::Core;
 
 /// Positions are counted in steps up to this many, with a sign.
 const MOST_STEPS: f64 = ((1 << 23) - 1) as f64;
 
 /// The most fractional bits that readers take.
 const MOST_FRACTION_BITS: u8 = 24;
+
+/// Steps of positions that no eye sees, as a share of the median size of splats.
+const LEAST_STEP: f64 = 0.02;
+
+/// The greatest coordinate among the splats that lie where the most do.
+fn greatest_of_core(cloud: &SplatCloud) -> Option<f64> {
+    let weight = |i: usize| {
+        let [a, b, c] = cloud.scales[i].map(f64::from);
+        f64::from(cloud.opacities[i]) * (a * b).max(b * c).max(c * a)
+    };
+    let points = cloud.positions.iter().enumerate();
+    let core = Core::of(&points.map(|(i, p)| (*p, weight(i))).collect::<Vec<_>>())?;
+    let kept = cloud.positions.iter().filter(|p| core.holds(**p));
+    Some(kept.fold(0.0, |most, p| most.max(p.abs().max_element())))
+}
 
 /// A packed file of splats.
 pub(super) fn encode(path: &Path, cloud: &SplatCloud, version: SpzVersion) -> Result<Encoded> {
@@ -34,8 +51,21 @@ pub(super) fn encode(path: &Path, cloud: &SplatCloud, version: SpzVersion) -> Re
         .positions
         .iter()
         .fold(0.0_f64, |m, p| m.max(p.abs().max_element()));
-    let fits = |bits: &u8| (greatest * f64::from(*bits).exp2()).round() <= MOST_STEPS;
-    let Some(fraction_bits) = (0..=MOST_FRACTION_BITS).rev().find(fits) else {
+    let most_bits = |greatest: f64| {
+        let fits = |bits: &u8| (greatest * f64::from(*bits).exp2()).round() <= MOST_STEPS;
+        (0..=MOST_FRACTION_BITS).rev().find(fits)
+    };
+    let of_all = most_bits(greatest);
+    // As fine as the splats ask for, where the many allow it: what lies far from them may have to move.
+    let fine = (1.0 / (LEAST_STEP * median_size(cloud))).log2().ceil();
+    let of_many = || {
+        let many = greatest_of_core(cloud)?;
+        let bits = most_bits(many)?;
+        let is_finer = |bits: &u8| of_all.is_none_or(|all| f64::from(all) < fine && *bits > all);
+        let enough = (0..=bits).find(|bits| f64::from(*bits) >= fine);
+        Some(enough.unwrap_or(bits)).filter(is_finer)
+    };
+    let Some(fraction_bits) = of_many().or(of_all) else {
         return Err(Error::format(
             path,
             "positions",
@@ -48,13 +78,14 @@ pub(super) fn encode(path: &Path, cloud: &SplatCloud, version: SpzVersion) -> Re
 
     let [mut scales, mut colours, mut coefficients, mut faint] = [0; 4];
     let mut positions = Vec::with_capacity(9 * count);
-    for p in &cloud.positions {
+    let mut outliers = Vec::new();
+    for (i, p) in cloud.positions.iter().enumerate() {
+        if (p.abs().max_element() * per_unit).round() > MOST_STEPS {
+            outliers.push(i);
+        }
         for x in [p.x, -p.y, -p.z] {
-            #[expect(
-                clippy::cast_possible_truncation,
-                reason = "24 bits hold it, by `fits`"
-            )]
-            let steps = (x * per_unit).round() as i32;
+            #[expect(clippy::cast_possible_truncation, reason = "clamped to 24 bits")]
+            let steps = (x * per_unit).round().clamp(-MOST_STEPS, MOST_STEPS) as i32;
             positions.extend(&steps.to_le_bytes()[..3]);
         }
     }
@@ -109,6 +140,22 @@ pub(super) fn encode(path: &Path, cloud: &SplatCloud, version: SpzVersion) -> Re
     };
 
     let mut notes = Vec::new();
+    if let Some(first) = outliers.first() {
+        let p = cloud.positions[*first];
+        let others = match outliers.len() - 1 {
+            0 => String::new(),
+            others => format!(" and {others} others"),
+        };
+        notes.push(format!(
+            "splat {first} at {:e}, {:e}, {:e}{others} lie far from all others and are moved to {:.6} from the origin, as far as \
+             positions in steps of {:.2e} reach, which the others ask for: --crop leaves them out",
+            p.x,
+            p.y,
+            p.z,
+            MOST_STEPS / per_unit,
+            1.0 / per_unit
+        ));
+    }
     note_cut(&mut notes, scales, "scales outside 4.5e-5 to 380 are cut");
     note_cut(
         &mut notes,

@@ -159,13 +159,11 @@ pub fn write_splats(
     }
     let turn = options.up.zip(format.axes());
     let turn = turn.map_or(DQuat::IDENTITY, |(up, axes)| axes.turn_from(up));
-    let cloud = if turn == DQuat::IDENTITY {
-        Cow::Borrowed(cloud)
-    } else {
-        let mut turned = cloud.clone();
-        turned.turn(turn);
-        Cow::Owned(turned)
-    };
+    let mut cloud = Cow::Borrowed(cloud);
+    if turn != DQuat::IDENTITY {
+        cloud.to_mut().turn(turn);
+    }
+    let loses_view = cloud.is_linear && format != Format::Glb && cloud.to_mut().encode();
     let cloud = cloud.as_ref();
     let mut encoded = match format {
         Format::Ply => ply_splats::encode(path, cloud, options.form)?,
@@ -176,6 +174,10 @@ pub fn write_splats(
         Format::Glb => gltf_splats::encode(path, cloud)?,
         Format::Vtu => vtu_write::encode(cloud),
     };
+    if loses_view {
+        let note = "colours in linear light that depend on the view are lost: the format has sRGB codes alone";
+        encoded.notes.push(note.into());
+    }
     // A tenth of a splat is seen.
     let size = median_size(cloud);
     if encoded.position_quantum > 0.1 * size {
@@ -195,7 +197,7 @@ pub fn write_splats(
 }
 
 /// The median of the splats' middle scales.
-fn median_size(cloud: &SplatCloud) -> f64 {
+pub(super) fn median_size(cloud: &SplatCloud) -> f64 {
     let middle = |s: &[f32; 3]| s[0].max(s[1]).min(s[0].min(s[1]).max(s[2]));
     let mut sizes: Vec<f32> = cloud.scales.iter().map(middle).collect();
     let half = sizes.len() / 2;

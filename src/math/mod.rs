@@ -1,6 +1,7 @@
 //! Small mathematics that the rest stands on: factors of variances,
 //! spherical harmonics and special functions.
 
+mod core_of;
 mod direction;
 mod ein;
 mod exact_sum;
@@ -14,6 +15,7 @@ mod truncated;
 mod variance;
 
 #[cfg(feature = "gpu")]
+pub(crate) use core_of::Core;
 pub(crate) use direction::NORMAL_STEPS;
 pub use direction::{NO_NORMAL, normal_code, normal_of_code, pack_normal, unpack_normal};
 pub(crate) use direction::{from_octahedral, to_octahedral};

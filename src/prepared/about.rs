@@ -100,7 +100,11 @@ pub(crate) enum Colour {
     Classified,
     PerParticle,
     Uniform([f32; 3]),
-    Harmonics { degree: u8 },
+    Harmonics {
+        degree: u8,
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+        is_linear: bool,
+    },
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -219,14 +219,15 @@ impl<'a> Reading<'a> {
             Colour::Classified => ColourIn::Classified,
             Colour::Uniform(colour) => ColourIn::Uniform(colour),
             Colour::PerParticle => ColourIn::PerParticle(of.column(Id::Colour, count)?),
-            Colour::Harmonics { degree } if degree <= MAX_HARMONICS_DEGREE => {
+            Colour::Harmonics { degree, is_linear } if degree <= MAX_HARMONICS_DEGREE => {
                 let numbers = count.checked_mul(3 * harmonics_count(degree));
                 ColourIn::Harmonics {
                     degree,
                     coefficients: of.column(Id::Harmonics, numbers.unwrap_or(usize::MAX))?,
+                    is_linear,
                 }
             }
-            Colour::Harmonics { degree } => {
+            Colour::Harmonics { degree, .. } => {
                 return wrong(
                     "colour",
                     "harmonics of degree 3 at most",

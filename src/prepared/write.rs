@@ -99,7 +99,9 @@ fn head_of(volume: &BlockedVolume) -> BatchHead {
             ColourIn::Classified => Colour::Classified,
             ColourIn::PerParticle(_) => Colour::PerParticle,
             ColourIn::Uniform(colour) => Colour::Uniform(colour),
-            ColourIn::Harmonics { degree, .. } => Colour::Harmonics { degree },
+            ColourIn::Harmonics {
+                degree, is_linear, ..
+            } => Colour::Harmonics { degree, is_linear },
         },
         values: volume.values.as_ref().map(|values| match values {
             ValuesIn::U8(_) => Values::U8,
@@ -181,6 +183,7 @@ fn batch_of<'a>(
         ColourIn::Harmonics {
             degree,
             coefficients,
+            ..
         } => batch.of_particles(Id::Harmonics, coefficients, 3 * harmonics_count(*degree)),
         ColourIn::Classified | ColourIn::Uniform(_) => {}
     }

@@ -1,6 +1,6 @@
 //! What settings and cameras are refused, and in which words.
 
-use super::settings::{Composite, Settings, Show};
+use super::settings::{Blend, Composite, Settings, Show};
 use crate::blocks::{BlockedScene, BlockedVolume};
 use crate::constants::{MAX_CLIP_PLANES, MAX_CUTOFF};
 use crate::error::{Error, Result};
@@ -131,6 +131,12 @@ fn check_pairs(settings: &Settings) -> Result<()> {
     }
     if !settings.composite.classifies_slabs() {
         return Ok(());
+    }
+    if settings.blend == Blend::Encoded {
+        return refuse(
+            "blending in codes",
+            "particles that carry colours, which are encoded",
+        );
     }
     if settings.show == Show::Choice {
         // Kernels carry a value there, and a colour has no place beside it.

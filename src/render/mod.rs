@@ -33,4 +33,4 @@ pub use crate::stats::{FrameCounts, StageTimes};
 pub use backend::{Backend, OpenBackend};
 pub use pick::Picked;
 pub use renderer::Renderer;
-pub use settings::{ClassifyAt, ColumnSettings, Composite, Settings, Show};
+pub use settings::{Blend, ClassifyAt, ColumnSettings, Composite, Settings, Show};

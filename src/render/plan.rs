@@ -1,9 +1,10 @@
 //! The plan of a frame: what is drawn, in which passes, and how. Made once, from scene, camera and
 //! settings; both back ends read it, and none decides again what it says.
 
-use super::settings::{ColumnSettings, Composite, Settings, Show};
+use super::settings::{Blend, ColumnSettings, Composite, Settings, Show};
 use super::uniforms::{choice_uniform, cull_planes, frustum, lighting_uniform, view_uniform};
 use crate::blocks::{BlockedScene, BlockedVolume, Frustum, LayerKind, Layers, distance_interval};
+use crate::constants::GREATEST_SRGB_SLOPE;
 use crate::error::Result;
 use crate::record::{ChoiceUniform, ClassifiedBy, LightingUniform, ViewUniform};
 use crate::scene::{Classification, TransferFunction};
@@ -77,6 +78,8 @@ pub(crate) struct FramePlan {
     pub(crate) lighting: Option<LightingUniform>,
     /// Linear RGB behind everything.
     pub(crate) background: Option<[f32; 3]>,
+    /// Whether colours are composited as sRGB codes, and decoded afterwards.
+    pub(crate) is_encoded: bool,
     /// Whether depths are wanted.
     pub(crate) depth: bool,
     /// Whether normals of opaque surfaces are wanted.
@@ -95,6 +98,18 @@ impl FramePlan {
     /// # Errors
     /// Layers too thin to be told apart.
     pub(crate) fn new(scene: &BlockedScene, camera: &Camera, settings: &Settings) -> Result<Self> {
+        let is_encoded = settings.blends_encoded(scene);
+        let in_codes;
+        let settings = if is_encoded {
+            // The tolerance is one of linear colour.
+            in_codes = Settings {
+                tolerance: settings.tolerance / GREATEST_SRGB_SLOPE,
+                ..settings.clone()
+            };
+            &in_codes
+        } else {
+            settings
+        };
         let layers = settings.composite.layer_kind().map(|kind| {
             let (thickness, tolerance) = (settings.composite.thickness(), settings.tolerance);
             Layers::new(scene, camera, kind, thickness, tolerance.into())
@@ -185,6 +200,7 @@ impl FramePlan {
             },
             lighting,
             background: settings.shown_background(),
+            is_encoded,
             depth: settings.depth,
             normals: settings.normals,
             passes,
@@ -236,6 +252,7 @@ impl FramePlan {
             },
             lighting: None,
             background: None,
+            is_encoded: false,
             depth: false,
             normals: false,
             passes: vec![pass],
@@ -266,6 +283,20 @@ impl FramePlan {
     /// The pass that draws volumes, if there is one.
     pub(crate) fn of_volumes(&self) -> Option<&PassPlan> {
         self.passes.iter().find(|p| p.draws == Draws::Volumes)
+    }
+}
+
+impl Settings {
+    /// Whether a picture of the scene is composited in sRGB codes.
+    pub(crate) fn blends_encoded(&self, scene: &BlockedScene) -> bool {
+        match (self.show, self.blend) {
+            (Show::Choice | Show::Count, _) | (_, Blend::Linear) => false,
+            (Show::Scene, Blend::Encoded) => true,
+            (Show::Scene, Blend::Auto) => {
+                let mut volumes = scene.data().peekable();
+                volumes.peek().is_some() && volumes.all(BlockedVolume::is_encoded)
+            }
+        }
     }
 }
 

@@ -420,10 +420,21 @@ impl Renderer {
         }
     }
 
+    /// Whether a picture is composited in sRGB codes, as [`Settings::blend`] asks of the scene.
+    pub fn blends_encoded(&self, settings: &Settings) -> bool {
+        settings.blends_encoded(&self.scene)
+    }
+
     /// Middles and half extents of the boxes that hold what is visible, for fitting a camera;
     /// world units.
     pub fn visible_boxes(&self) -> Vec<Bounds> {
         self.scene.visible_boxes()
+    }
+
+    /// The same without splats of radiance fields that lie far from where 99.5 % of the opacity times area of their set lie:
+    /// stray ones would make all others small.
+    pub fn fitted_boxes(&self) -> Vec<Bounds> {
+        self.scene.fitted_boxes()
     }
 
     /// Middles and half extents of the boxes that hold all particles, grown by one standard

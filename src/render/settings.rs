@@ -42,6 +42,8 @@ pub struct Settings {
     pub low_pass_variance_px2: f32,
     /// Cut-off radius in standard deviations; `None` follows the tolerance.
     pub cutoff: Option<f32>,
+    /// The space in which colours are composited.
+    pub blend: Blend,
     /// Linear RGB behind everything; `None` leaves the image transparent.
     pub background: Option<[f32; 3]>,
     /// Whether a depth image is wanted.
@@ -83,6 +85,7 @@ impl Default for Settings {
             clip: Vec::new(),
             low_pass_variance_px2: DEFAULT_LOW_PASS_VARIANCE_PX2,
             cutoff: None,
+            blend: Blend::Auto,
             background: None,
             depth: false,
             normals: false,
@@ -128,6 +131,20 @@ pub enum Show {
     /// background. The sum over the picture is [`FrameCounts::splat_pixels`](crate::render::FrameCounts::splat_pixels), as long as no pixel
     /// has more than 2²⁴.
     Count = 2,
+}
+
+/// The space in which colours are composited. Pictures are linear in any case.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Blend {
+    /// Encoded where a scene holds splats of radiance fields alone, and all state sRGB codes: what their training
+    /// composited, and what viewers show. Linear elsewhere.
+    #[default]
+    Auto,
+    /// In sRGB codes, which are decoded afterwards: splats, surfaces and volumes alike, and the background. Not for slabs
+    /// that are classified.
+    Encoded,
+    /// In linear light.
+    Linear,
 }
 
 /// How footprints that lie behind one another become a picture.

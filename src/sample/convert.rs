@@ -6,7 +6,7 @@
 //! | scene | opacity |
 //! |---|---|
 //! | volumes, absorbing sheets | 1 - exp(-g / (2 pi s1 s2)): that of the kernel seen along its shortest axis, s1 and s2 the two greatest standard deviations. The inverse of what a table's column `opacity` means. From other sides a volume is deeper than its splat. |
-//! | opaque surfaces | 1, or twice the share that is there where that is less than half (masks); kernels widened to [`CLOSED_WIDTH`] so that nothing shines through between them |
+//! | opaque surfaces | 1, or twice the share that is there where that is less than half (masks); kernels widened to [`CLOSED_WIDTH`] so that little shines through between them |
 //! | translucent surfaces | the one whose optical depth, averaged over the surface, is theirs: see [`translucent_splat`] |
 //! | splats | their own |
 //!
@@ -29,9 +29,10 @@ use crate::scene::{Boundary, Colour, Particles, PointVolume, Strength, Values};
 
 /// Standard deviation over spacing at which opaque surfels are written: wider ones stay.
 ///
-/// A viewer composites where the renderer here averages: what shines through between kernels is the
-/// product of all 1 - alpha. `tests/data/convert.rs` measures it on relaxed cells.
-pub const CLOSED_WIDTH: f64 = 0.9;
+/// A viewer composites where the renderer here averages: what lies in front hides what is beside it, so that wide kernels blur
+/// what is painted on a surface; what shines through between narrow ones is the product of all 1 - alpha.
+/// `tests/data/convert.rs` measures both on relaxed cells.
+pub const CLOSED_WIDTH: f64 = 0.6;
 
 /// Fainter particles of volumes give no splat: sixteen of them are less than one of 255 levels.
 pub const LEAST_OPACITY: f32 = 1.0 / (16.0 * 255.0);
@@ -165,7 +166,7 @@ fn of_volume(volume: &PointVolume) -> (SplatCloud, ConversionReport) {
     let closing = Closing::of(volume);
     let faults = [const { AtomicUsize::new(0) }; LeftOut::COUNT];
     let [transparent, unseen] = [const { AtomicUsize::new(0) }; 2];
-    let splats: Vec<(u32, Splat)> = (0..count)
+    let mut splats: Vec<(u32, Splat)> = (0..count)
         .into_par_iter()
         .filter_map(|i| match splat(volume, &closing, i) {
             Err(fault) => {
@@ -182,6 +183,12 @@ fn of_volume(volume: &PointVolume) -> (SplatCloud, ConversionReport) {
             }
         })
         .collect();
+
+    // Of splats at one depth viewers draw those first that come first: in rows, which overlap as tiles of a roof do, edges
+    // would lean to one side.
+    if matches!(volume.particles, Particles::Surfels { .. }) {
+        splats.par_sort_unstable_by_key(|(i, _)| (scattered(*i), *i));
+    }
 
     let mut counted = SampleReport::default();
     for (fault, number) in LeftOut::ALL.into_iter().zip(&faults) {
@@ -211,6 +218,13 @@ fn of_volume(volume: &PointVolume) -> (SplatCloud, ConversionReport) {
         opacities: splats.iter().map(|(_, s)| s.opacity).collect(),
         harmonics_degree: degree,
         harmonics,
+        is_linear: matches!(
+            volume.colour,
+            Colour::Harmonics {
+                is_linear: true,
+                ..
+            }
+        ),
         is_anti_aliased: matches!(
             volume.strength,
             Strength::PeakOpacity {
@@ -229,6 +243,7 @@ fn colours(volume: &PointVolume, indices: impl Iterator<Item = usize>) -> (u8, V
         Colour::Harmonics {
             degree,
             coefficients,
+            ..
         } => {
             let stride = 3 * harmonics_count(*degree);
             let set = |i: usize| &coefficients[i * stride..][..stride];
@@ -316,6 +331,7 @@ fn is_colour(volume: &PointVolume, i: usize) -> bool {
         Colour::Harmonics {
             degree,
             coefficients,
+            ..
         } => {
             let stride = 3 * harmonics_count(*degree);
             coefficients[i * stride..][..stride]
@@ -359,6 +375,14 @@ fn shape(particles: &Particles, i: usize) -> (DVec3, DMat3, DVec3) {
             )
         }
     }
+}
+
+/// A number without any order in those of its neighbours (the finaliser of SplitMix64).
+fn scattered(i: u32) -> u64 {
+    let mut x = u64::from(i).wrapping_add(0x9e37_79b9_7f4a_7c15);
+    x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^ (x >> 31)
 }
 
 /// The cell of a lattice with this index.

@@ -355,9 +355,8 @@ fn named(error: Error, file: &Path) -> Error {
 ///   sized by the distances to the nearest neighbours, or discs where the points make up a surface; where nothing is known but
 ///   colours, they are opaque.
 /// - Splats keep their shapes, opacities and colours, and their format's own rule of drawing;
-///   a named field replaces the colours. Their colours are sRGB-encoded and are decoded, because
-///   compositing is linear here; most viewers of splats blend the encoded values, so that
-///   half-transparent edges look lighter here than there.
+///   a named field replaces the colours. [`Blend`](crate::render::Blend) says in which space their colours
+///   are composited.
 ///
 /// With no field named, PLOT3D data and particles show their density, others their first scalar that
 /// is not constant, nodes before cells; particles with neither lengths nor densities show how

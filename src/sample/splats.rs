@@ -7,9 +7,8 @@ use super::{
     nothing_left, take_scalar, under_function,
 };
 use crate::error::Result;
-use crate::image::linear_from_srgb;
 use crate::io::{Dataset, Geometry, SplatCloud};
-use crate::math::{HARMONIC_0, harmonics_count};
+use crate::math::harmonics_count;
 use crate::scene::{Colour, Particles, PointVolume, Strength, ValueSample, Values};
 use crate::task::collect;
 
@@ -66,19 +65,16 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         harmonics,
         harmonics_degree: degree,
         is_anti_aliased,
+        is_linear,
         ..
     } = cloud;
     let colour = if values.is_some() {
         Colour::Classified
-    } else if degree == 0 {
-        let decoded = harmonics
-            .chunks_exact(3)
-            .map(|rgb| [0, 1, 2].map(|c| linear_from_srgb((0.5 + HARMONIC_0 * rgb[c]).max(0.0))));
-        Colour::PerParticle(picked(decoded.collect(), &kept, 1))
     } else {
         Colour::Harmonics {
             degree,
             coefficients: picked(harmonics, &kept, 3 * harmonics_count(degree)),
+            is_linear,
         }
     };
     let mut opacities = picked(opacities, &kept, 1);

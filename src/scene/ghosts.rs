@@ -46,12 +46,14 @@ impl PointVolume {
             Colour::Harmonics {
                 degree,
                 coefficients,
+                is_linear,
             } => {
                 let stride = 3 * harmonics_count(degree);
                 let sets: Vec<&[f32]> = coefficients.chunks_exact(stride).collect();
                 Colour::Harmonics {
                     degree,
                     coefficients: lattice.copied_to_ghosts(&sets).concat(),
+                    is_linear,
                 }
             }
             other => other,

@@ -121,13 +121,16 @@ pub enum ColourIn<S: Storage> {
     PerParticle(S::Of<[f32; 3]>),
     /// One linear RGB for all.
     Uniform([f32; 3]),
-    /// Colours that depend on the side from which a particle is seen: the sRGB-encoded value is
+    /// Colours of radiance fields, which may depend on the side from which a particle is seen:
     /// [`crate::math::harmonics_sum`] in the direction from the eye to the particle, at least 0.
     Harmonics {
-        /// 1 to 3.
+        /// 0 to 3.
         degree: u8,
         /// (degree + 1)² coefficients of R, G and B per particle, one particle after another.
         coefficients: S::Of<f32>,
+        /// Whether sums are linear light; otherwise they are sRGB codes, and are composited as such where
+        /// [`Blend`](crate::render::Blend) says so.
+        is_linear: bool,
     },
 }
 
@@ -235,9 +238,11 @@ impl Colour {
             Self::Harmonics {
                 degree,
                 coefficients,
+                is_linear,
             } => ColourIn::Harmonics {
                 degree,
                 coefficients: coefficients.into(),
+                is_linear,
             },
         }
     }
@@ -346,6 +351,7 @@ impl PointVolume {
             Colour::Harmonics {
                 degree,
                 coefficients,
+                ..
             } => {
                 if *degree > MAX_HARMONICS_DEGREE {
                     return Err(Error::invalid(

@@ -49,6 +49,7 @@ fn columns(volume: &PointVolume) -> Vec<Column<'_>> {
         Colour::Harmonics {
             degree,
             coefficients,
+            ..
         } => columns.push(column(coefficients, 3 * harmonics_count(*degree))),
         Colour::Classified | Colour::Uniform(_) => {}
     }
@@ -211,9 +212,12 @@ pub(crate) fn volume_in_order(rows: Vec<&[u8]>, like: &PointVolume) -> PointVolu
     let strength = strength_of(stored, &like.strength);
     let colour = match &like.colour {
         Colour::PerParticle(_) => Colour::PerParticle(rows.next(1)),
-        Colour::Harmonics { degree, .. } => Colour::Harmonics {
+        Colour::Harmonics {
+            degree, is_linear, ..
+        } => Colour::Harmonics {
             degree: *degree,
             coefficients: rows.next(3 * harmonics_count(*degree)),
+            is_linear: *is_linear,
         },
         other => other.clone(),
     };
@@ -381,7 +385,9 @@ pub(crate) fn kind_of(volume: &PointVolume) -> u64 {
         Colour::Classified => say(&"classified"),
         Colour::PerParticle(_) => say(&"colours"),
         Colour::Uniform(colour) => say(colour),
-        Colour::Harmonics { degree, .. } => say(&("harmonics", degree)),
+        Colour::Harmonics {
+            degree, is_linear, ..
+        } => say(&("harmonics", degree, is_linear)),
     }
     say(&volume.values.as_ref().map(Values::type_name));
     say(&volume.transfer_function);

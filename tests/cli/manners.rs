@@ -172,7 +172,7 @@ fn info_of_a_folder_says_once_what_is_not_read() {
 #[test]
 fn info_explains_what_cannot_be_drawn() {
     let folder = tempfile::tempdir().unwrap();
-    let table = "x,y,z,scale_0,scale_1,scale_2,rot_0,rot_1,rot_2,rot_3,opacity\n\
+    let table = "x,y,z,scale_0,scale_1,scale_2,rot_0,rot_1,rot_2,rot_3,mass\n\
                  0,0,0,-3,-4,-2,1,0,0,0,.5\n0.0100000001,0,1,-3,-4,-2,1,0,0,0,.5\n";
     std::fs::write(folder.path().join("a.csv"), table).unwrap();
     // Logarithms are known by their signs.

@@ -1079,8 +1079,8 @@ fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
     values[((values.len() - 1) as f64 * share) as usize]
 }
 
-/// Opaque surfels become splats between which nothing shines: less than a grey level. Narrower ones
-/// leak.
+/// Opaque surfels become splats between which little shines: 3 % on the mean. Of wider ones nothing does, less than a grey level
+/// at 99.9 % of all pixels, but they hide what is painted beside them.
 #[test]
 fn opaque_surfels_close() {
     for rounds in [0, 3] {
@@ -1090,7 +1090,7 @@ fn opaque_surfels_close() {
         assert_eq!((report.particle_count, report.splat_count), (400, 400));
         let share = cloud.opacities.iter().filter(|a| **a == 1.0).count();
         assert_eq!(share, 400, "whole cells are opaque");
-        for width in [0.6, 0.65, 0.7, 0.8, CLOSED_WIDTH, 1.0] {
+        for width in [0.5, CLOSED_WIDTH, 0.65, 0.7, 0.8, 0.9, 1.0] {
             let mut cloud = cloud.clone();
             let factor = (width / CLOSED_WIDTH) as f32;
             cloud.scales.iter_mut().flatten().for_each(|s| *s *= factor);
@@ -1101,8 +1101,14 @@ fn opaque_surfels_close() {
             println!(
                 "relaxed {rounds}, width {width}: mean {mean:.1e}, 99.9 % {p999:.1e}, most {most:.1e}"
             );
-            if rounds == 3 && width >= CLOSED_WIDTH {
+            if rounds == 3 && width >= 0.9 {
                 assert!(p999 < 1.0 / 255.0, "{width}: {p999}");
+            }
+            if width == CLOSED_WIDTH {
+                assert!(mean < 0.03, "{width}: {mean}");
+            }
+            if width == 0.5 {
+                assert!(mean > 0.03, "{width}: {mean}: narrower kernels would do");
             }
             if width <= 0.7 {
                 assert!(

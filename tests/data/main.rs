@@ -50,6 +50,7 @@ mod simulations;
 mod sog;
 mod sog_write;
 mod splat_axes;
+mod splat_tables;
 mod splats;
 mod stacks;
 mod stl;

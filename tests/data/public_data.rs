@@ -277,6 +277,7 @@ fn splats() -> SplatCloud {
         harmonics_degree: 1,
         harmonics: vec![0.1; 24],
         is_anti_aliased: false,
+        is_linear: false,
     }
 }
 
@@ -468,6 +469,7 @@ fn volumes_have_one_entry_for_each_particle() {
             v.colour = Colour::Harmonics {
                 degree: 1,
                 coefficients: vec![0.0; 23],
+                is_linear: false,
             }
         },
         |v| v.values = Some(Values::U8(vec![0])),

@@ -493,6 +493,7 @@ fn splats_that_cannot_be_drawn_are_counted() {
     let Colour::Harmonics {
         degree: 1,
         coefficients,
+        is_linear: false,
     } = &volume.colour
     else {
         panic!()
@@ -846,6 +847,7 @@ fn shaded(harmonics: &[[f32; 3]], degree: u8, camera: &Camera) -> [f32; 3] {
         colour: Colour::Harmonics {
             degree,
             coefficients: harmonics.concat(),
+            is_linear: false,
         },
         ..splats(&[Particle::sphere(DVec3::ZERO, 0.5, 0.5)], false)
     };
@@ -953,6 +955,7 @@ fn the_reference_refuses_splats() {
         colour: Colour::Harmonics {
             degree: 1,
             coefficients: vec![0.0; 12],
+            is_linear: false,
         },
         ..volume(&[particle])
     };
@@ -962,6 +965,7 @@ fn the_reference_refuses_splats() {
         let colour = Colour::Harmonics {
             degree,
             coefficients: vec![0.0; count],
+            is_linear: false,
         };
         let wrong = PointVolume {
             colour,
@@ -1236,7 +1240,7 @@ fn splats_of_gltf_open_under_their_first_names_and_in_shorts() {
 
 #[test]
 fn negative_columns_of_scales_are_logarithms() {
-    let table = b"x,y,z,scale_0,scale_1,scale_2,rot_0,rot_1,rot_2,rot_3,opacity\n\
+    let table = b"x,y,z,scale_0,scale_1,scale_2,rot_0,rot_1,rot_2,rot_3,mass\n\
         0,0,0,-3,0,-2,1,0,0,0,.5\n0,0,1,1,1,1,1,0,0,0,.5\n";
     let column = |meaning: Option<ScaleMeaning>| {
         let options = OpenOptions {

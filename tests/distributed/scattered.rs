@@ -67,6 +67,7 @@ fn splats(count: usize) -> PointVolume {
         Colour::Harmonics {
             degree: 1,
             coefficients,
+            is_linear: false,
         },
     )
 }

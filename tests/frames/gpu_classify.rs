@@ -289,6 +289,7 @@ fn colours(kind: usize, count: usize, random: &mut Random) -> Colour {
         _ => Colour::Harmonics {
             degree: 1,
             coefficients: vec![0.3; count * 12],
+            is_linear: false,
         },
     }
 }
@@ -727,7 +728,15 @@ fn harmonics_are_shaded_alike() {
     let mut random = Random::new(9);
     let mut worst = 0.0_f32;
     let mut shaded = 0;
-    for case in 0..8 {
+    for case in 0..16 {
+        // Sums in codes or light, blended in codes or light.
+        let (is_encoded, is_linear) = (case / 8 == 1, [0, 3, 5, 6, 9, 10, 12, 15].contains(&case));
+        let case = case % 8;
+        let into_space: fn(f32) -> f32 = match (is_linear, is_encoded) {
+            (false, false) => linear_from_srgb,
+            (true, true) => srgb_from_linear,
+            _ => |sum| sum,
+        };
         let degree = [1, 2, 3, 0][case % 4];
         let far = [0.0, 1e7, 0.0, 1e9][case / 2];
         let middle = DVec3::new(far, -far, far * 0.5);
@@ -759,6 +768,7 @@ fn harmonics_are_shaded_alike() {
             colour: Colour::Harmonics {
                 degree,
                 coefficients,
+                is_linear,
             },
             values: None,
             transfer_function: None,
@@ -782,10 +792,19 @@ fn harmonics_are_shaded_alike() {
             Camera::perspective(eye, aim, DVec3::Z, 60.0, size)
         };
         let mut on_cpu = particles.clone();
-        cpu::shade(&volume, &views, &camera, &mut on_cpu);
+        cpu::shade(&volume, &views, &camera, is_encoded, &mut on_cpu);
         let mut on_device = particles.clone();
         let part_bytes = [u64::MAX, 100_000][case % 2];
-        gpu::shade(gpu, &volume, &views, &camera, &mut on_device, part_bytes).unwrap();
+        gpu::shade(
+            gpu,
+            &volume,
+            &views,
+            &camera,
+            is_encoded,
+            &mut on_device,
+            part_bytes,
+        )
+        .unwrap();
         let ColourIn::Harmonics { coefficients, .. } = &volume.colour else {
             panic!("harmonics stay harmonics");
         };
@@ -815,7 +834,7 @@ fn harmonics_are_shaded_alike() {
                 let sum: f32 = own.iter().skip(c).step_by(3).map(|k| k.abs()).sum();
                 let slack = 2e-6 * (0.5 + sum);
                 let [low, high] =
-                    [code - slack, code + slack].map(|code| linear_from_srgb(code.max(0.0)));
+                    [code - slack, code + slack].map(|code| into_space(code.max(0.0)));
                 assert!(
                     ours >= low * (1.0 - 1e-5) && ours <= high * (1.0 + 1e-5),
                     "case {case}, {i}: {ours} {theirs}, code {code}"

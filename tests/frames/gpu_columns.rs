@@ -307,6 +307,7 @@ fn colours_that_depend_on_the_view_do_not_matter() {
     coloured.colour = Colour::Harmonics {
         degree: 1,
         coefficients: vec![-0.7; 24],
+        is_linear: false,
     };
     let camera = orthographic(64);
     let (expected, _, _) = on_gpu(gpu, &[plain], &camera, &settings());

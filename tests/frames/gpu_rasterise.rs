@@ -34,7 +34,7 @@ fn on_cpu(frame: &Frame, bins: &Bins, spec: RasterSpec, background: Option<[f32;
     let [width, height] = frame.uniform.size.map(|n| n as usize);
     let (tiles, splat_pixels) = frame.rasterised(bins, spec.axes, &[]);
     let mut image = Image::new(width, height);
-    cpu::resolve(&tiles, background, &mut image);
+    cpu::resolve(&tiles, background, false, &mut image);
     Drawn {
         image,
         depth: spec.axes.depth.then(|| depth_of(&tiles, [width, height])),

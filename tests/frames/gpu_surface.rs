@@ -573,7 +573,7 @@ fn on_cpu(frame: &Frame, bins: &Bins, spec: SurfaceSpec) -> (Vec<Tile>, SurfaceP
         )
     };
     let mut image = Image::new(width, height);
-    cpu::resolve(&tiles, None, &mut image);
+    cpu::resolve(&tiles, None, false, &mut image);
     let each = |i: usize| place(i);
     let depths = (0..width * height).map(each);
     let depths = depths.map(|(t, at)| tiles[t].depth[at]).collect();
@@ -1313,7 +1313,7 @@ fn cut_on_cpu(
         ..
     } = frame.uniform;
     let mut image = Image::new(width as usize, height as usize);
-    cpu::resolve(&tiles, None, &mut image);
+    cpu::resolve(&tiles, None, false, &mut image);
     let depth = depth_of(&tiles, [width as usize, height as usize]);
     (image, depth, splat_pixels)
 }

@@ -407,6 +407,7 @@ fn radiance_fields_and_bare_particles_stay_as_they_are() {
         coefficients: (0..400 * 3 * harmonics_count(1))
             .map(|_| random.range(-0.5, 0.5) as f32)
             .collect(),
+        is_linear: false,
     };
     let mut bare = cloud(|_| NO_NORMAL);
     bare.normals = None;

@@ -486,7 +486,7 @@ fn rasterise(frame: &Frame, level: SimdLevel) -> (Image, Vec<f32>, u64) {
         &mut tiles,
     );
     let mut image = Image::new(width, height);
-    cpu::resolve(&tiles, None, &mut image);
+    cpu::resolve(&tiles, None, false, &mut image);
     let depths = depth_of(&tiles, [width, height]).depths;
     (image, depths, count)
 }

@@ -442,7 +442,7 @@ fn without_cull(all: &[Particle], camera: &Camera, settings: &Settings) -> ewa_s
         &mut tiles,
     );
     let mut image = ewa_splat::Image::new(camera.width, camera.height);
-    resolve(&tiles, None, &mut image);
+    resolve(&tiles, None, false, &mut image);
     image
 }
 

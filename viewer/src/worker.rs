@@ -449,7 +449,7 @@ fn read(shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<Stage> {
         scene: load.scene,
         settings,
         up: shown.up,
-        boxes: renderer.visible_boxes(),
+        boxes: asked.boxes(&renderer),
         bounds: shown.bounds,
         has_boundary: shown.has_boundary,
         particle_count: renderer.particle_count(),

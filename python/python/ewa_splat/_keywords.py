@@ -67,6 +67,7 @@ class Drawing(TypedDict, total=False):
     classify           "extent" or "particle": where the transfer function is asked
     lit                True lights volumes, too; False lights nothing; without it surfaces are lit
     lights             directional lights: (x, y, z) towards each, or (x, y, z, r, g, b)
+    blend              "auto", "encoded" or "linear": the space in which colours are composited
     clip               planes (nx, ny, nz, d) that keep nx x + ny y + nz z + d >= 0, or boxes (x0, y0, z0, x1, y1, z1)
     background         linear (r, g, b) behind everything
     legend             whether a colour bar is drawn into the picture
@@ -89,6 +90,7 @@ class Drawing(TypedDict, total=False):
     classify: Literal["extent", "particle"]
     lit: bool
     lights: Sequence[Sequence[float]]
+    blend: Literal["auto", "encoded", "linear"]
     clip: Sequence[Sequence[float]]
     background: Sequence[float]
     legend: bool

@@ -126,6 +126,7 @@ pub(crate) fn build_lattice_together(
         densities: family.iter().map(densities).collect(),
         family,
         own,
+        fitted: visible.clone(),
         visible,
         requirements,
     })

@@ -136,6 +136,8 @@ pub(crate) struct SharedVolume {
     pub(crate) densities: Vec<Vec<f64>>,
     /// Boxes of what is visible.
     pub(crate) visible: Vec<Bounds>,
+    /// The same for a camera that is fitted.
+    pub(crate) fitted: Vec<Bounds>,
     pub(super) requirements: Requirements,
 }
 
@@ -165,6 +167,7 @@ impl SharedVolume {
         let mut family = build(volume, build_options, options.task.as_ref())?;
         let base = &family[0];
         let visible = base.visible_boxes();
+        let fitted = base.fitted_boxes();
         let densities = family.iter().map(super::density::densities).collect();
         let (rank, size) = (peers.rank(), peers.size());
         let mut own = Vec::with_capacity(family.len());
@@ -178,6 +181,7 @@ impl SharedVolume {
             own,
             densities,
             visible,
+            fitted,
             requirements,
         })
     }
@@ -211,6 +215,7 @@ pub(crate) fn build_together(
         own: Vec::new(),
         densities: Vec::new(),
         visible: Vec::new(),
+        fitted: Vec::new(),
         requirements,
     };
     let Some((points, _)) = Points::of(volume) else {
@@ -282,6 +287,7 @@ pub(crate) fn build_together(
     let joined = join::blocks(base, merged.as_ref(), &starts, peers)?;
     shared.own.push(joined.own);
     shared.densities.push(joined.densities);
+    shared.fitted.clone_from(&joined.visible);
     shared.visible = joined.visible;
     let base = joined.volume;
     let coarse = match merged {

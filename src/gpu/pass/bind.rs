@@ -18,7 +18,7 @@ use crate::gpu::light::{BoundLight, bind_light};
 use crate::gpu::project::{Project, ProjectBuffers, ProjectSpec, near_bytes};
 use crate::gpu::rasterise::Rasterise;
 use crate::gpu::scene::{FrameBuffers, Part, PartBuffers};
-use crate::gpu::shade::{BoundShade, bind_shade};
+use crate::gpu::shade::{BoundShade, bind_encode, bind_shade};
 use crate::gpu::sort::{BoundSort, Sort};
 use crate::gpu::surface::{BoundSurface, Surface};
 use crate::gpu::tile::{BoundTiles, TileBuffers, TileProgress};
@@ -50,6 +50,8 @@ pub(in crate::gpu) struct PassFrame {
     pub(super) cell_volumes: Vec<f64>,
     pub(super) shade: Vec<BoundShade>,
     pub(super) light: Vec<BoundLight>,
+    /// Into the space that is blended in.
+    pub(super) encode: Vec<BoundShade>,
     pub(super) project: Vec<BoundKernel>,
     pub(super) counts: wgpu::Buffer,
     pub(super) sort: BoundSort,
@@ -116,11 +118,14 @@ impl PassFrame {
         )?;
         // Signs of amplitudes lie where colours do otherwise.
         let shade = drawn.iter().zip(&parts).filter(|_| !kind.is_column());
-        let shade = shade.filter_map(|(part, b)| bind_shade(gpu, &buffers, part, b));
+        let shade =
+            shade.filter_map(|(part, b)| bind_shade(gpu, &buffers, part, b, kind.is_encoded));
         // Layers that are classified are lit themselves.
         let is_classified = kind.axes.classify != Classify::Particle;
         let light = drawn.iter().zip(&parts).filter(|_| kind.lights_particles);
         let light = light.filter_map(|(part, b)| bind_light(gpu, &buffers, part, b));
+        let encode = drawn.iter().zip(&parts).filter(|_| kind.is_encoded);
+        let encode = encode.filter_map(|(part, b)| bind_encode(gpu, part, b));
         let near = gpu.buffer("near kernels", near_bytes(capacity.near.max(1) as usize))?;
 
         let no_classes = || vec![[0.0_f32; 4]; CLASSIFICATION_TABLE_LEN];
@@ -232,6 +237,7 @@ impl PassFrame {
         Ok(Self {
             shade: shade.collect(),
             light: light.collect(),
+            encode: encode.collect(),
             buffers,
             parts,
             near,

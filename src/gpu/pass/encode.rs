@@ -101,6 +101,7 @@ impl PassFrame {
             self.classify.iter().for_each(|p| p.encode(&mut pass));
             self.shade.iter().for_each(|p| p.encode(&mut pass));
             self.light.iter().for_each(|p| p.encode(&mut pass));
+            self.encode.iter().for_each(|p| p.encode(&mut pass));
         }
         let count = u64::from(4 * CLASSIFIED_COUNT);
         for (i, part) in (0..).zip(&self.parts) {

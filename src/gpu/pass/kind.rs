@@ -15,6 +15,8 @@ pub(in crate::gpu) struct PassKind {
     /// What decides about kernels, where more is known than their values.
     pub(super) classified_by: ClassifiedBy,
     pub(super) lights_particles: bool,
+    /// Whether colours are composited as sRGB codes.
+    pub(super) is_encoded: bool,
     pub(super) axes: Axes,
 }
 
@@ -27,6 +29,7 @@ impl PassKind {
             detail: plan.has_detail(),
             classified_by: plan.classified_by(),
             lights_particles: pass.lights_particles,
+            is_encoded: plan.is_encoded,
             axes: pass.axes,
         }
     }

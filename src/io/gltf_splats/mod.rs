@@ -41,10 +41,7 @@ use super::splats::{SplatCloud, constant_of_colour};
 use super::spz;
 use super::vtk_xml::clip;
 use crate::error::{Error, Result};
-use crate::image::srgb_from_linear;
-use crate::math::{
-    HARMONIC_0, HarmonicsTransform, MAX_HARMONICS_DEGREE, harmonics_count, scales_and_rotation,
-};
+use crate::math::{HarmonicsTransform, MAX_HARMONICS_DEGREE, harmonics_count, scales_and_rotation};
 
 pub(super) use self::write::encode;
 
@@ -61,6 +58,9 @@ const LINEAR: &str = "lin_rec709_display";
 /// So many splats may come of repeated meshes in the smallest file; of larger ones, one for every
 /// eight bytes.
 const MOST_OF_ANY_FILE: u64 = 1 << 17;
+
+/// The colour space of splats in linear light.
+const LINEAR: &str = "lin_rec709_display";
 
 /// The attribute of a harmonic.
 fn harmonic_name(degree: u8, n: usize) -> String {
@@ -124,17 +124,19 @@ pub(super) fn read(input: Input<'_>, meaning: Option<ScaleMeaning>) -> Result<Da
                     part
                 }
             };
-            match color_space {
-                Some(LINEAR) => encode_colours(&mut part, &mut notes),
-                None | Some(ENCODED) => {}
-                Some(other) => {
-                    let other = clip(other);
-                    let note = format!(
-                        "colorSpace `{other}` is not known (it may be `{ENCODED}` or `{LINEAR}`): colours are taken for \
-                         `{ENCODED}`"
-                    );
-                    note_once(&mut notes, note);
-                }
+            part.is_linear = color_space == Some(LINEAR);
+            if let Some(other) = color_space.filter(|space| ![LINEAR, ENCODED].contains(space)) {
+                let other = clip(other);
+                let note = format!(
+                    "colorSpace `{other}` is not known (it may be `{ENCODED}` or `{LINEAR}`): colours are taken for `{ENCODED}`"
+                );
+                note_once(&mut notes, note);
+            }
+            let mixes = !cloud.positions.is_empty() && cloud.is_linear != part.is_linear;
+            if mixes && cloud.harmonics_degree.max(part.harmonics_degree) > 0 {
+                let note =
+                    "splats of two colour spaces: of some the colours do not depend on the view";
+                note_once(&mut notes, note.into());
             }
             let kernel = extension.word("kernel")?;
             if let Some(kernel) = kernel.filter(|kernel| *kernel != "ellipse") {
@@ -380,24 +382,25 @@ impl Reader<'_, '_> {
             is_anti_aliased: false,
         })
     }
-}
-
-/// Colours in linear light to the encoded ones that splats have here.
-fn encode_colours(cloud: &mut SplatCloud, notes: &mut Vec<String>) {
-    if cloud.harmonics_degree > 0 {
-        let note = "harmonics in linear light are not read: colours do not depend on the view";
-        note_once(notes, note.into());
-        let stride = cloud.harmonics_stride();
-        let constants = cloud
-            .harmonics
-            .chunks_exact(stride)
-            .flat_map(|set| &set[..3]);
-        cloud.harmonics = constants.copied().collect();
-        cloud.harmonics_degree = 0;
-    }
-    for c in &mut cloud.harmonics {
-        *c = constant_of_colour(srgb_from_linear(0.5 + HARMONIC_0 * *c));
-    }
+<<<<<<< HEAD
+=======
+    Ok(SplatCloud {
+        positions: positions
+            .into_iter()
+            .map(|p| DVec3::from(p.map(f64::from)))
+            .collect(),
+        scales,
+        rotations: rotations
+            .into_iter()
+            .map(|[x, y, z, w]| [w, x, y, z])
+            .collect(),
+        opacities: opacities.into_iter().map(|[a]| a).collect(),
+        harmonics_degree: degree,
+        harmonics: coefficients,
+        is_anti_aliased: false,
+        is_linear: false,
+    })
+>>>>>>> splats
 }
 
 /// Moves splats to the world.

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use super::super::encoded_splats::{Encoded, note_mark_lost, single_precision_quantum};
 use super::super::splats::SplatCloud;
-use super::{EXTENSION, harmonic_name, narrowed};
+use super::{EXTENSION, LINEAR, harmonic_name, narrowed};
 use crate::error::{Error, Result};
 
 /// How many times their extent positions may lie from the origin before a node's offset takes that
@@ -87,7 +87,7 @@ pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> 
             "attributes": names,
             "extensions": { EXTENSION: {
                 "kernel": "ellipse",
-                "colorSpace": "srgb_rec709_display",
+                "colorSpace": if cloud.is_linear { LINEAR } else { "srgb_rec709_display" },
                 "projection": "perspective",
                 "sortingMethod": "cameraDistance",
             } },

@@ -1,0 +1,112 @@
+//! Where the most of a set of weighted points lies.
+
+use glam::DVec3;
+
+/// The share of the weight that may lie outside.
+const OUTSIDE: f64 = 0.005;
+
+/// How much farther than the rest points may lie and still belong to it: a normal distribution of a million points reaches
+/// so far beyond where 99.5 % of it lie.
+const MARGIN: f64 = 1.5;
+
+/// Of fewer points each counts.
+const LEAST: usize = 64;
+
+/// A ball around the most of a set of points.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Core {
+    centre: DVec3,
+    radius: f64,
+}
+
+impl Core {
+    /// The ball around the weighted medians of the coordinates that holds 99.5 % of the weight, and a margin; `None` of few
+    /// points, or where none has a weight.
+    ///
+    /// Sums are of whole numbers: no order of the points changes them.
+    ///
+    /// - `points`: finite, with weights from 0 up.
+    pub(crate) fn of(points: &[(DVec3, f64)]) -> Option<Self> {
+        /// Weights in units of the greatest one's.
+        const UNITS: f64 = (1 << 24) as f64;
+        if points.len() < LEAST {
+            return None;
+        }
+        let greatest = points.iter().fold(0.0_f64, |most, (_, w)| most.max(*w));
+        if !(greatest > 0.0 && greatest.is_finite()) {
+            return None;
+        }
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "from 0 to 2^24"
+        )]
+        let weights: Vec<u64> = points
+            .iter()
+            .map(|(_, w)| (w / greatest * UNITS).round() as u64)
+            .collect();
+        let median = |axis: usize| {
+            let coordinates = points.iter().map(|(p, _)| p[axis]);
+            quantile(coordinates, &weights, 0.5)
+        };
+        let centre = DVec3::new(median(0), median(1), median(2));
+        let distances = points.iter().map(|(p, _)| p.distance(centre));
+        let radius = MARGIN * quantile(distances, &weights, 1.0 - OUTSIDE);
+        (centre.is_finite() && radius.is_finite()).then_some(Self { centre, radius })
+    }
+
+    /// Whether a point is in it.
+    pub(crate) fn holds(&self, point: DVec3) -> bool {
+        point.distance(self.centre) <= self.radius
+    }
+}
+
+/// The number below which a share of the weight lies, rounded up in its 21st binary digit.
+fn quantile(numbers: impl Iterator<Item = f64> + Clone, weights: &[u64], share: f64) -> f64 {
+    let total: u64 = weights.iter().sum();
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        clippy::cast_precision_loss,
+        reason = "a share of a number of 64 bits, in 53"
+    )]
+    let wanted = ((total as f64 * share).ceil() as u64).clamp(1, total.max(1));
+    // Upper halves of the upper halves, then the lower halves of those.
+    let [mut below, mut upper] = [0; 2];
+    for digit in 0..2 {
+        let mut counts = vec![0_u64; 1 << 16];
+        for (number, weight) in numbers.clone().zip(weights) {
+            let bits = ordered(number) >> 32;
+            match digit {
+                0 => counts[(bits >> 16) as usize] += weight,
+                _ if bits >> 16 == upper => counts[(bits & 0xffff) as usize] += weight,
+                _ => {}
+            }
+        }
+        let mut place = 0;
+        while place + 1 < counts.len() && below + counts[place] < wanted {
+            below += counts[place];
+            place += 1;
+        }
+        upper = upper << 16 | place as u64;
+    }
+    number_of(upper << 32 | 0xffff_ffff)
+}
+
+/// A number's bits in the order of the numbers.
+fn ordered(x: f64) -> u64 {
+    let bits = x.to_bits();
+    if bits >> 63 == 0 {
+        bits | 1 << 63
+    } else {
+        !bits
+    }
+}
+
+fn number_of(ordered: u64) -> f64 {
+    f64::from_bits(if ordered >> 63 == 0 {
+        !ordered
+    } else {
+        ordered & !(1 << 63)
+    })
+}
