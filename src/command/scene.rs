@@ -522,7 +522,7 @@ impl DataOptions {
             };
             boxes.extend(Renderer::with_options(step.volumes, &whole)?.boxes());
         }
-        let transfer = match ValueSample::joined(samples) {
+        let transfer = match ValueSample::mean(samples) {
             None => options.transfer.clone(),
             Some(sample) => {
                 let unit_distance = options.opacity_scale * unit_distance;

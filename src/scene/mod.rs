@@ -36,7 +36,6 @@ pub use requirements::Requirements;
 #[cfg(feature = "prepared")]
 pub(crate) use storage::SharedBytes;
 pub use storage::{Column, Owned, Shared, Storage};
-pub(crate) use transfer_function::PickedRow;
 pub use transfer_function::{
     ALONE_DEPTH, AutomaticOptions, Averages, CLASSIFICATION_TABLE_LEN, COLOUR_MAP_NAMES,
     ColourSpace, ControlPoint, LEAST_WINDOW_SHARE, LOBE_REACH, Lobe, Lobes, MAX_LOBES, MAX_OPACITY,
@@ -48,4 +47,5 @@ pub(crate) use transfer_function::{
     FAR_ENTRIES, LOBE_CELLS_PER_DEVIATION, LOBE_ROWS_PER_OCTAVE, LobeRow, MAX_LOBE_CELLS,
     MAX_LOBE_ROWS, MAX_WINDOW_CELLS, MAXIMUM_ROUNDING,
 };
+pub(crate) use transfer_function::{PickedRow, Tiling};
 pub use values::{Values, ValuesIn};

@@ -21,3 +21,4 @@ mod manners;
 #[cfg(all(target_os = "linux", feature = "prepared"))]
 mod memory;
 mod usage;
+mod values;
