@@ -64,6 +64,7 @@ impl<'a, 'py> FromPyObject<'a, 'py> for Numbers {
             (b'u', 1) => Values::U8(of(object)?),
             (b'i', 2) => Values::I16(of(object)?),
             (b'u', 2) => Values::U16(of(object)?),
+            (b'f', 8) => of::<f64>(object)?.into(),
             _ => Values::F32(of(object)?),
         }))
     }

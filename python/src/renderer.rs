@@ -354,10 +354,10 @@ fn exchanged(
         let one = of([low, high], unit)?;
         // What the text leaves open differs with what stands in for it.
         let other = of([low - 1.0, high + 1.0], 2.0 * unit)?;
-        if one != other || one.value_scale() != old.value_scale() {
+        let Some(moved) = one.moved_to(old.value_scale()).filter(|_| one == other) else {
             return Ok(None);
-        }
-        new.push(Some(one));
+        };
+        new.push(Some(moved));
     }
     Ok(Some(new))
 }
@@ -762,7 +762,7 @@ impl Renderer {
             };
             let value = |volume: usize, position: f32| match &ready.functions[volume] {
                 Some(function) => function.value_scale().value(position),
-                None => position,
+                None => f64::from(position),
             };
             let found = picked.iter().map(|p| {
                 let place = p.position.to_array();

@@ -87,8 +87,8 @@ impl<'py> Keywords<'py> {
     }
 
     /// Two numbers, the lower one first.
-    fn range(&self, name: &str) -> PyResult<Option<[f32; 2]>> {
-        let range = self.take::<[f32; 2]>(name)?;
+    fn range(&self, name: &str) -> PyResult<Option<[f64; 2]>> {
+        let range = self.take::<[f64; 2]>(name)?;
         match range.filter(|[a, b]| !(a < b && a.is_finite() && b.is_finite())) {
             None => Ok(range),
             Some([a, b]) => Err(PyValueError::new_err(format!(

@@ -622,6 +622,7 @@ impl BrickGrid {
                 ValuesIn::I16(v) => value_range(v[row].iter().map(|&v| f32::from(v))),
                 ValuesIn::U16(v) => value_range(v[row].iter().map(|&v| f32::from(v))),
                 ValuesIn::F32(v) => value_range(v[row].iter().copied()),
+                ValuesIn::F64(_) => value_range(row.map(|i| values.get(i))),
             };
             range = [range[0].min(lo), range[1].max(hi)];
         }

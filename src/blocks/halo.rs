@@ -40,9 +40,10 @@ impl Halo {
             ValuesIn::U8(v) => halo.fill(grid, cells, |i| f32::from(v[i])),
             ValuesIn::I16(v) => halo.fill(grid, cells, |i| f32::from(v[i])),
             ValuesIn::U16(v) => halo.fill(grid, cells, |i| f32::from(v[i])),
-            ValuesIn::F32(v) => halo.fill(grid, cells, |i| {
+            ValuesIn::F32(_) | ValuesIn::F64(_) => halo.fill(grid, cells, |i| {
                 // An infinite neighbour says nothing of a slope.
-                if v[i].is_finite() { v[i] } else { f32::NAN }
+                let value = values.get(i);
+                if value.is_finite() { value } else { f32::NAN }
             }),
         }
         halo

@@ -183,6 +183,7 @@ impl Rest {
                     ValuesIn::I16(v) => ValuesIn::I16(room.pick(v, order)?),
                     ValuesIn::U16(v) => ValuesIn::U16(room.pick(v, order)?),
                     ValuesIn::F32(v) => ValuesIn::F32(room.pick(v, order)?),
+                    ValuesIn::F64(v) => ValuesIn::F64(room.pick(v, order)?),
                 }),
             },
             boundary: self.boundary.map(|planes| planes.gather(order)),
@@ -232,7 +233,9 @@ impl<'a> PointsBuilder<'a> {
                 Some(Values::U8(_)) => Some(ValuesBuilder::U8(room.column(count)?)),
                 Some(Values::I16(_)) => Some(ValuesBuilder::I16(room.column(count)?)),
                 Some(Values::U16(_)) => Some(ValuesBuilder::U16(room.column(count)?)),
-                Some(Values::F32(_)) => Some(ValuesBuilder::F32(room.column(count)?)),
+                Some(Values::F32(_) | Values::F64(_)) => {
+                    Some(ValuesBuilder::F32(room.column(count)?))
+                }
             },
         })
     }

@@ -174,6 +174,7 @@ impl Sparse {
             Values::I16(v) => bytemuck::cast_slice(v),
             Values::U16(v) => bytemuck::cast_slice(v),
             Values::F32(v) => bytemuck::cast_slice(v),
+            Values::F64(v) => bytemuck::cast_slice(v),
         };
         let at = at * self.kind.bytes_per_value();
         #[cfg(feature = "prepared")]
@@ -190,6 +191,7 @@ impl Sparse {
             Values::I16(_) => ValuesIn::I16(self.column()?),
             Values::U16(_) => ValuesIn::U16(self.column()?),
             Values::F32(_) => ValuesIn::F32(self.column()?),
+            Values::F64(_) => ValuesIn::F64(self.column()?),
         })
     }
 

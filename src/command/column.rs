@@ -116,7 +116,7 @@ fn in_words(
         return "no column density above zero: an empty picture".into();
     };
     let (of, own) = match colours.value_scale() {
-        ValueScale::Linear => ("", column.range()),
+        ValueScale::Linear | ValueScale::Shifted { .. } => ("", column.range()),
         ValueScale::Log => ("log10 of ", column.shown_range()),
         ValueScale::Symlog { .. } => ("a symmetric logarithm of ", column.range()),
     };

@@ -9,10 +9,11 @@ use crate::io::{
     SplatAxes, TextureUse, TimeStep, format_of,
 };
 use crate::sample::{PERCENTILES, ShapeStatistics, doubts};
-use crate::scene::{LatticeSpacing, Requirements};
+use crate::scene::{LatticeSpacing, Requirements, Values};
 use crate::stages::blocks::BlockedVolume;
 use crate::{Error, Result};
 use clap::Args;
+use glam::DVec2;
 use serde_json::{Value, json};
 
 use super::files::Files;
@@ -421,12 +422,21 @@ fn describe_field(dataset: &Dataset, field: &Field) -> Value {
     match dataset.field_scalar(field) {
         Ok(values) => {
             description["type"] = json!(values.type_name());
-            description["range"] = json!(values.finite_range());
+            description["range"] = json!(shown_range(&values));
             description["non_finite"] = json!(values.non_finite_count());
         }
         Err(error) => description["problem"] = json!(problem(&error)),
     }
     description
+}
+
+/// The range of values, in as many digits as they have.
+fn shown_range(values: &Values) -> Option<Value> {
+    let range = values.finite_range()?;
+    Some(match values {
+        Values::F64(_) => json!(range),
+        _ => json!(DVec2::from(range).as_vec2().to_array()),
+    })
 }
 
 /// What a mesh consists of; materials with the triangles that they cover.

@@ -41,7 +41,7 @@ pub(crate) struct DataOptions {
     /// The range of an automatic transfer function or of a colour map [default: that of the values, less a
     /// thousandth at either end]
     #[arg(long, value_name = "LO,HI", value_parser = parse::range, allow_hyphen_values = true)]
-    pub(crate) range: Option<[f32; 2]>,
+    pub(crate) range: Option<[f64; 2]>,
     /// Where values lie in an automatic transfer function: evenly, or by their logarithm; symlog is for either sign
     /// [default: log where positive values lie over decades, otherwise linear]
     #[arg(long, value_name = "SCALE", value_enum)]

@@ -4,7 +4,7 @@ use crate::image::linear_from_srgb;
 use crate::io::{ParticleType, RawType, StepChoice};
 use crate::scene::{Light, LightFrame};
 use crate::view::ClipPlane;
-use glam::{DQuat, DVec2, DVec3, Vec3};
+use glam::{DQuat, DVec3, Vec3};
 
 /// `x,y,z`
 pub(crate) fn vector(text: &str) -> Result<DVec3, String> {
@@ -255,10 +255,8 @@ pub(crate) fn positive(text: &str) -> Result<f64, String> {
 }
 
 /// `LO,HI` of values.
-pub(crate) fn range(text: &str) -> Result<[f32; 2], String> {
-    let ends = finite_numbers(text).and_then(|v| <[f64; 2]>::try_from(v).ok());
-    // Narrowed, ends may meet or leave the range of f32.
-    match ends.map(|ends| DVec2::from(ends).as_vec2().to_array()) {
+pub(crate) fn range(text: &str) -> Result<[f64; 2], String> {
+    match finite_numbers(text).and_then(|v| <[f64; 2]>::try_from(v).ok()) {
         Some([lo, hi]) if lo < hi && lo.is_finite() && hi.is_finite() => Ok([lo, hi]),
         _ => Err("two finite numbers, the lower one first, such as 0,1".into()),
     }

@@ -89,7 +89,7 @@ pub(crate) fn with_function(
             unit_distance: own.unit_distance(),
         };
         let transfer = TransferFunction::from_json(function, &text, &defaults)?;
-        if transfer.value_scale() != own.value_scale() {
+        let Some(transfer) = transfer.moved_to(own.value_scale()) else {
             let advice = "prepare the scene with this function";
             let (expected, found) = ("values on the function's scale", "another scale");
             return Err(Error::format(
@@ -99,7 +99,7 @@ pub(crate) fn with_function(
                 found,
                 advice,
             ));
-        }
+        };
         scene.set_transfer_function(volume, transfer)?;
     }
     Ok(scene)

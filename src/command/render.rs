@@ -1116,7 +1116,10 @@ impl Arguments {
     pub(crate) fn column_look(&self) -> ColumnLook<'_> {
         ColumnLook {
             map: self.data.transfer_function.as_deref(),
-            range: self.data.range,
+            range: self
+                .data
+                .range
+                .map(|range| glam::DVec2::from(range).as_vec2().to_array()),
             scale: match (self.data.scale_name(), &self.method.column_mean) {
                 (None, Some(_)) => Some(ScaleName::Linear),
                 (scale, _) => scale,

@@ -527,8 +527,8 @@ impl DataOptions {
         let unit_distance = options.opacity_scale * unit_distance;
         let range = ranges
             .into_iter()
-            .reduce(|[a, b]: [f32; 2], [c, d]| [a.min(c), b.max(d)]);
-        let transfer = match (ValueSample::joined(samples), range) {
+            .reduce(|[a, b]: [f64; 2], [c, d]| [a.min(c), b.max(d)]);
+        let transfer = match (ValueSample::mean(samples), range) {
             // A preset is stretched over the values of all steps.
             (None, Some(range)) if matches!(options.transfer, TransferChoice::File(_)) => {
                 let read = function_of_file(&options, range, unit_distance)?;

@@ -98,7 +98,7 @@ pub struct Automatic {
     /// The name of a colour map; `None` chooses one.
     pub map: Option<String>,
     /// The range of values; `None` looks at them.
-    pub range: Option<[f32; 2]>,
+    pub range: Option<[f64; 2]>,
     /// Where values lie between its ends; `None` looks at them.
     pub scale: Option<ScaleName>,
 }

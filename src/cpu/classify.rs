@@ -147,6 +147,9 @@ fn visit(
         Some(ValuesIn::I16(v)) => visit_with(volume, block, |i| of(f32::from(v[i])), emit),
         Some(ValuesIn::U16(v)) => visit_with(volume, block, |i| of(f32::from(v[i])), emit),
         Some(ValuesIn::F32(v)) => visit_with(volume, block, |i| of(v[i]), emit),
+        Some(values @ ValuesIn::F64(_)) => {
+            visit_with(volume, block, |i| of(values.get(i)), emit);
+        }
     }
 }
 

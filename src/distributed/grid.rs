@@ -6,7 +6,9 @@ use super::message::{put, put_values, take, take_values};
 use super::pieces::{dealt, head_of, seen_by_all};
 use super::ranks::Ranks;
 use super::share::Share;
-use super::shown::{PartRead, found_by_all, greatest_of_all, models_of_all, show};
+use super::shown::{
+    PartRead, differences_of_all, found_by_all, greatest_of_all, models_of_all, show,
+};
 use crate::blocks::Peers;
 use crate::error::Result;
 use crate::io::{
@@ -18,7 +20,7 @@ use crate::sample::{
     GridPlanes, LEAST_PER_NODE, Rest, SampleOptions, SampleReport, Seam, Window, check_count,
     check_len, default_field, planes_around, seam, take_scalar,
 };
-use crate::scene::{Surroundings, Values};
+use crate::scene::{Surroundings, Tiling, ValueScale, Values};
 
 /// Planes of nodes that one of several ranks samples.
 fn own_planes(count: usize, rank: usize, size: usize) -> Range<usize> {
@@ -95,6 +97,7 @@ pub(crate) fn read_grid(
         return Ok(None);
     }
     here.periodic = [i, j, k];
+    here.differences = differences_of_all(&here.values, ranks)?;
     let mut volume_sum = ExactSum::default();
     let sampled = here.sampled(options, &mut volume_sum, &mut OtherRanks(ranks));
     let mut sampled = ranks.agree(sampled)?;
@@ -110,7 +113,7 @@ pub(crate) fn read_grid(
     let (mut found, spacing) = found_by_all(&found, &head, file.path(), options, ranks)?;
     let count = found.report.particle_count;
     let picked = sampled.picked(before, count);
-    let kind = (count, Surroundings::Included);
+    let kind = (count, (Surroundings::Included, Tiling::Whole));
     let shown = (&mut found, spacing);
     show(&mut sampled.volume, picked, kind, shown, options, ranks)?;
     if let Some(models) = sampled.models.take() {
@@ -211,6 +214,7 @@ fn planes_of(
         blanking,
         association: taken.association,
         values: taken.values,
+        differences: ValueScale::Linear,
         periodic: [false; 3],
         window,
     };

@@ -64,7 +64,7 @@ impl Head {
                     Values::U8(_) => about::Values::U8,
                     Values::I16(_) => about::Values::I16,
                     Values::U16(_) => about::Values::U16,
-                    Values::F32(_) => about::Values::F32,
+                    Values::F32(_) | Values::F64(_) => about::Values::F32,
                 }),
                 local_model_scales: volume.local_models.as_ref().map(|models| models.scales()),
                 has_normals: volume.normals.is_some(),

@@ -27,18 +27,25 @@ pub(crate) fn take<T: Pod>(bytes: &mut &[u8]) -> Result<Vec<T>> {
     Ok(bytemuck::pod_collect_to_vec(records))
 }
 
-/// Appends values.
+/// Appends values; floating-point ones with their precision, which differs from rank to rank.
 #[cfg(feature = "cli")]
 pub(super) fn put_values(bytes: &mut Vec<u8>, values: &Values) {
     match values {
         Values::U8(values) => put(bytes, values),
         Values::I16(values) => put(bytes, values),
         Values::U16(values) => put(bytes, values),
-        Values::F32(values) => put(bytes, values),
+        Values::F32(values) => {
+            put(bytes, &[4_u8]);
+            put(bytes, values);
+        }
+        Values::F64(values) => {
+            put(bytes, &[8_u8]);
+            put(bytes, values);
+        }
     }
 }
 
-/// Takes values of the same type as others.
+/// Takes values of the same type as others, floating-point ones of either precision.
 ///
 /// # Errors
 /// Those of [`take`].
@@ -48,7 +55,11 @@ pub(super) fn take_values(bytes: &mut &[u8], alike: &Values) -> Result<Values> {
         Values::U8(_) => Values::U8(take(bytes)?),
         Values::I16(_) => Values::I16(take(bytes)?),
         Values::U16(_) => Values::U16(take(bytes)?),
-        Values::F32(_) => Values::F32(take(bytes)?),
+        Values::F32(_) | Values::F64(_) => match take::<u8>(bytes)?[..] {
+            [4] => Values::F32(take(bytes)?),
+            [8] => Values::F64(take(bytes)?),
+            _ => return Err(unknown("values of no precision")),
+        },
     })
 }
 

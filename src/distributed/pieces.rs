@@ -7,7 +7,7 @@ use super::planes::joined;
 use super::ranks::Ranks;
 use super::rings::Rings;
 use super::share::Share;
-use super::shown::{PartRead, found_by_all, models_of_all, show};
+use super::shown::{PartRead, differences_of_all, found_by_all, models_of_all, show};
 use crate::error::Result;
 use crate::io::{
     ArraysSeen, Association, Blanking, CellMesh, Dataset, Field, FieldSource, Geometry, VtuPieces,
@@ -19,7 +19,7 @@ use crate::sample::{
     CellField, CellsApart, LEAST_PER_NODE, SampleOptions, SampleReport, check_len, default_field,
     take_scalar, turned,
 };
-use crate::scene::{Surroundings, Values};
+use crate::scene::{Surroundings, Tiling, ValueScale, Values};
 
 /// The files that one of several readers takes, one after another, of about as many bytes as others do.
 pub(crate) fn dealt(lengths: &[u64], reader: usize, readers: usize) -> Range<usize> {
@@ -75,6 +75,7 @@ pub(crate) fn read_pieces(
     };
     let corners = dataset.bounds();
     let own = ranks.agree(patch_of(dataset, &field))?;
+    let differences = differences_of_all(&own.values, ranks)?;
     let counts = turned(&own.mesh).into_iter().flatten();
     let counts = ranks.sums(Ok(counts.map(|count| count as u64).collect()))?;
     let turned: Vec<[usize; 2]> = counts
@@ -95,7 +96,7 @@ pub(crate) fn read_pieces(
     let rings = Rings::around(own, rings, ranks);
     let rings = ranks.agree(rings)?;
     let mut volume_sum = ExactSum::default();
-    let sampled = sampled(rings, &turned, options, &mut volume_sum);
+    let sampled = sampled(rings, &turned, differences, options, &mut volume_sum);
     let CellsApart {
         mut volume,
         models,
@@ -118,7 +119,7 @@ pub(crate) fn read_pieces(
     show(
         &mut volume,
         picked,
-        (count, Surroundings::Absent),
+        (count, (Surroundings::Absent, Tiling::Whole)),
         shown,
         options,
         ranks,
@@ -160,7 +161,7 @@ pub(super) fn seen_by_all(own: &[ArraysSeen; 2], ranks: &mut Ranks) -> Result<[A
 pub(super) fn head_of(own: &Dataset, ranks: &mut Ranks) -> Result<Dataset> {
     let range = |values: &Values| {
         let range = values.finite_range();
-        range.unwrap_or([f32::INFINITY, f32::NEG_INFINITY])
+        range.unwrap_or([f64::INFINITY, f64::NEG_INFINITY])
     };
     let ranges = own
         .fields
@@ -231,6 +232,7 @@ fn patch_of(mut dataset: Dataset, field: &str) -> Result<Patch> {
 fn sampled(
     rings: Rings,
     turned: &[[usize; 2]],
+    differences: ValueScale,
     options: &SampleOptions,
     volume_sum: &mut ExactSum,
 ) -> Result<CellsApart> {
@@ -244,11 +246,13 @@ fn sampled(
         patch.hidden_nodes.into_iter().map(|own| own != 0).collect(),
         patch.hidden_cells.into_iter().map(|own| own != 0).collect(),
     );
+    let seen = differences.seen(&patch.values);
     let field = CellField {
         mesh: &patch.mesh,
         blanking: &blanking,
         association: patch.association,
         values: &patch.values,
+        seen: &seen,
         nodes,
         cells,
     };

@@ -97,10 +97,10 @@ fn known_of_all(
         let place = held
             .place(i / samples)
             .filter(|_| own.binary_search(&(i / samples)).is_ok());
-        place.map(|place| held.values.get(place * samples + i % samples))
+        place.map(|place| held.values.wide(place * samples + i % samples))
     };
     let picked = ValueSample::picked(samples * planes);
-    let picked: Vec<f32> = picked.iter().filter_map(at).collect();
+    let picked: Vec<f64> = picked.iter().filter_map(at).collect();
     let mut part = Vec::new();
     put(&mut part, range.as_slice());
     put(&mut part, &[not_finite as u64]);
@@ -108,10 +108,10 @@ fn known_of_all(
     let mut known = PlaneValues::default();
     for part in ranks.gather_to_all(Ok(part))? {
         let mut part = part.as_slice();
-        known.range = joined(known.range, take::<[f32; 2]>(&mut part)?.first().copied());
+        known.range = joined(known.range, take::<[f64; 2]>(&mut part)?.first().copied());
         let count: u64 = take::<u64>(&mut part)?.iter().sum();
         known.not_finite += usize::try_from(count).unwrap_or(usize::MAX);
-        known.picked.extend(take::<f32>(&mut part)?);
+        known.picked.extend(take::<f64>(&mut part)?);
     }
     Ok(known)
 }
@@ -121,7 +121,7 @@ fn plane_of(held: &Held, samples: usize, plane: usize) -> Values {
     held.values.part(place * samples..(place + 1) * samples)
 }
 
-pub(super) fn joined(a: Option<[f32; 2]>, b: Option<[f32; 2]>) -> Option<[f32; 2]> {
+pub(super) fn joined(a: Option<[f64; 2]>, b: Option<[f64; 2]>) -> Option<[f64; 2]> {
     match (a, b) {
         (Some([a, b]), Some([c, d])) => Some([a.min(c), b.max(d)]),
         (a, b) => a.or(b),
@@ -129,9 +129,9 @@ pub(super) fn joined(a: Option<[f32; 2]>, b: Option<[f32; 2]>) -> Option<[f32; 2
 }
 
 /// The least number that any rank gives.
-pub(super) fn least_of_all(own: f32, ranks: &mut Ranks) -> Result<f32> {
+pub(super) fn least_of_all(own: f64, ranks: &mut Ranks) -> Result<f64> {
     let all = ranks.gather_records(Ok(vec![own]))?;
-    Ok(all.into_iter().flatten().fold(f32::INFINITY, f32::min))
+    Ok(all.into_iter().flatten().fold(f64::INFINITY, f64::min))
 }
 
 /// Whether a function shows any of the samples on a lattice's faces that lie in planes of this rank.

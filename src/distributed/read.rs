@@ -15,7 +15,7 @@ use crate::sample::{Finding, SampleReport, summed_function};
 struct Told {
     sample_count: usize,
     particle_count: usize,
-    value_range: Option<[f32; 2]>,
+    value_range: Option<[f64; 2]>,
     corners: Option<[[f64; 3]; 2]>,
     /// [`ExactSum::to_limbs`].
     volume_sum: Vec<i64>,

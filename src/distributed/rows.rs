@@ -19,7 +19,7 @@ use crate::sample::{
     Elsewhere, FITTED_NEIGHBOURS, Fitted, Neighbourhoods, RowsApart, SampleOptions, Surrounded,
     fit_apart, sample_apart, scalars, without_spacing,
 };
-use crate::scene::{PointVolume, Surroundings, Values};
+use crate::scene::{PointVolume, Surroundings, Tiling, Values};
 
 /// Reads this rank's rows and makes particles of as many that lie together: the particles that
 /// [`sample::volume`](crate::sample::volume) makes of the whole file. `None` where these are made otherwise
@@ -46,7 +46,7 @@ pub(crate) fn read_rows(
             let all = ranks.gather_records(ranges)?;
             let varies = |name: &str| {
                 let place = scalars(&head).position(|(own, _)| own == name);
-                let of_rank = |ranges: &Vec<[f32; 2]>| {
+                let of_rank = |ranges: &Vec<[f64; 2]>| {
                     let own = place.and_then(|n| ranges.get(n));
                     own.copied().filter(|[lo, hi]| lo <= hi)
                 };
@@ -97,7 +97,7 @@ pub(crate) fn read_rows(
     show(
         &mut volume,
         picked,
-        (count, Surroundings::Absent),
+        (count, (Surroundings::Absent, Tiling::Loose)),
         shown,
         &options,
         ranks,
@@ -173,9 +173,9 @@ struct Rows {
 }
 
 /// The least and the greatest finite value of each column of some rows; reversed infinities where there is none.
-fn ranges_of(file: &mut RowFile, part: &Range<usize>, head: &Dataset) -> Result<Vec<[f32; 2]>> {
+fn ranges_of(file: &mut RowFile, part: &Range<usize>, head: &Dataset) -> Result<Vec<[f64; 2]>> {
     let names: Vec<&str> = scalars(head).map(|(name, _)| name).collect();
-    let mut ranges = vec![[f32::INFINITY, f32::NEG_INFINITY]; names.len()];
+    let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; names.len()];
     for run in file.runs_within(ROWS, part) {
         let dataset = file.read(run)?;
         for (name, values) in scalars(&dataset) {
@@ -216,7 +216,7 @@ impl Rows {
             let mut dataset = file.read(run.clone())?;
             let columns = columns_of(&dataset, kind, head, field)?;
             let is_alike = |(own, other): (&(String, Values), &(String, Values))| {
-                own.0 == other.0 && own.1.type_name() == other.1.type_name()
+                own.0 == other.0 && own.1.kind_name() == other.1.kind_name()
             };
             let Geometry::Points { positions } = &mut dataset.geometry else {
                 return Ok(None);

@@ -123,6 +123,7 @@ fn send_lattice(volume: &mut PointVolume, owner: usize, ranks: &mut Ranks) -> Re
         Some(Values::I16(values)) => send(values, owner, ranks)?,
         Some(Values::U16(values)) => send(values, owner, ranks)?,
         Some(Values::F32(values)) => send(values, owner, ranks)?,
+        Some(Values::F64(values)) => send(values, owner, ranks)?,
     }
     volume
         .normals

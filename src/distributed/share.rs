@@ -579,7 +579,10 @@ mod tests {
                 coordinates: dims.map(line),
             };
         }
-        let range = values.finite_range().unwrap_or([0.0, 1.0]);
+        let range = values
+            .finite_range()
+            .unwrap_or([0.0, 1.0])
+            .map(|x| x as f32);
         let shells = |v: f32| if (v - 0.6).abs() < 0.05 { 0.8 } else { 0.01 };
         PointVolume {
             particles: Particles::Lattice {

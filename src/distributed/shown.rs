@@ -22,7 +22,9 @@ use crate::sample::{SampleOptions, SampleReport, function_apart, mean_spacing, n
 use crate::sample::{Sampled, volume};
 #[cfg(test)]
 use crate::scene::rows::{rows_of, volume_of};
-use crate::scene::{LocalModel, LocalModels, PickedRow, PointVolume, Surroundings, Values};
+use crate::scene::{
+    LocalModel, LocalModels, PickedRow, PointVolume, Surroundings, Tiling, ValueScale, Values,
+};
 
 /// What ranks made of a file, each of a part.
 pub(crate) struct PartRead {
@@ -64,7 +66,8 @@ pub(super) fn found_by_all(
 /// Gives a rank's volume the function of all values, where it has any.
 ///
 /// - `picked`: those of its particles that the function may be chosen from.
-/// - `count`: of the rows among which these are, of all ranks; `surroundings`: whether there is anything around them.
+/// - `count`: of the rows among which these are, of all ranks; `kind`: whether there is anything around them, and
+///   whether they lie beside each other.
 /// - `found`: of all ranks, to which the function is added.
 ///
 /// # Errors
@@ -72,7 +75,7 @@ pub(super) fn found_by_all(
 pub(super) fn show(
     volume: &mut PointVolume,
     picked: Vec<PickedRow>,
-    (count, surroundings): (usize, Surroundings),
+    (count, kind): (usize, (Surroundings, Tiling)),
     (found, spacing): (&mut Found, f64),
     options: &SampleOptions,
     ranks: &mut Ranks,
@@ -82,14 +85,7 @@ pub(super) fn show(
         return Ok(());
     }
     picked.sort_unstable_by_key(|own| own.row);
-    let function = function_apart(
-        &picked,
-        count,
-        surroundings,
-        spacing,
-        &mut found.report,
-        options,
-    );
+    let function = function_apart(&picked, count, kind, spacing, &mut found.report, options);
     let function = ranks.agree(function)?;
     let scale = function.value_scale();
     let values = volume.values.take().unwrap_or(Values::U8(Vec::new()));
@@ -103,6 +99,19 @@ pub(super) fn show(
 pub(super) fn models_of_all(own: &[LocalModel], ranks: &mut Ranks) -> Result<LocalModels> {
     let scales = greatest_of_all(LocalModels::scales_of(own), ranks)?;
     Ok(LocalModels::with(own, scales))
+}
+
+/// The scale on which all ranks take differences of a field.
+pub(super) fn differences_of_all(own: &Values, ranks: &mut Ranks) -> Result<ValueScale> {
+    let is_wide = matches!(own, Values::F64(_));
+    let range = own.finite_range();
+    let [lo, hi] = range.unwrap_or([f64::INFINITY, f64::NEG_INFINITY]);
+    let own = [lo, hi, f64::from(u8::from(is_wide))];
+    let all = ranks.gather_records(Ok(vec![own]))?;
+    let joined = |a: [f64; 3], b: [f64; 3]| [a[0].min(b[0]), a[1].max(b[1]), a[2].max(b[2])];
+    let all = all.into_iter().flatten().fold(own, joined);
+    let range = (all[0] <= all[1]).then_some([all[0], all[1]]);
+    Ok(ValueScale::of_differences(range, all[2] > 0.0))
 }
 
 /// The greatest that any rank says, place by place, none less than 0.

@@ -112,13 +112,21 @@ pub(super) fn sent<T: Pod>(own: &[T], to: &[Vec<u32>], ranks: &mut Ranks) -> Res
     Ok(ranks.exchange_records(Ok(entries(own, to)))?.concat())
 }
 
-/// The same of values.
+/// The same of values; floating-point ones are in double precision where any rank has some in that.
 pub(super) fn sent_values(own: &Values, to: &[Vec<u32>], ranks: &mut Ranks) -> Result<Values> {
+    if matches!(own, Values::F32(_) | Values::F64(_)) {
+        let is_wide = u64::from(matches!(own, Values::F64(_)));
+        if ranks.sums(Ok(vec![is_wide]))? != [0] {
+            let wide: Vec<f64> = (0..own.len()).map(|i| own.wide(i)).collect();
+            return Ok(sent(&wide, to, ranks)?.into());
+        }
+    }
     Ok(match own {
         Values::U8(own) => Values::U8(sent(own, to, ranks)?),
         Values::I16(own) => Values::I16(sent(own, to, ranks)?),
         Values::U16(own) => Values::U16(sent(own, to, ranks)?),
         Values::F32(own) => Values::F32(sent(own, to, ranks)?),
+        Values::F64(own) => Values::F64(sent(own, to, ranks)?),
     })
 }
 

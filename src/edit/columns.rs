@@ -112,15 +112,15 @@ fn values(dataset: &Dataset, place: usize) -> &Values {
     }
 }
 
-/// A column times a factor, in single precision.
+/// A column times a factor.
 fn multiply(dataset: &mut Dataset, name: &str, factor: f64) {
     let is_one = (factor - 1.0).abs() <= 0.0;
     let Some(place) = index_of(dataset, name).filter(|_| !is_one) else {
         return;
     };
     let column = values(dataset, place);
-    let product = (0..column.len()).map(|i| narrowed(f64::from(column.get(i)) * factor));
-    let product = Values::F32(product.collect());
+    let product = (0..column.len()).map(|i| column.wide(i) * factor);
+    let product = product.collect::<Vec<f64>>().into();
     dataset.fields[place].source = FieldSource::Scalar(product);
 }
 

@@ -144,12 +144,12 @@ fn turn_vectors(fields: &mut [Field], rotation: DMat3) {
         }
         let mut turned = [(); 3].map(|()| Vec::with_capacity(x.len()));
         for i in 0..x.len() {
-            let v = DVec3::from([x, y, z].map(|v| f64::from(v.get(i))));
+            let v = DVec3::from([x, y, z].map(|v| v.wide(i)));
             for (column, x) in turned.iter_mut().zip((rotation * v).to_array()) {
-                column.push(narrowed(x));
+                column.push(x);
             }
         }
-        *components = turned.map(Values::F32).into();
+        *components = turned.map(Values::from).into();
     }
 }
 

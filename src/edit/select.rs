@@ -17,6 +17,7 @@ pub(super) trait Selection {
             Values::I16(v) => Values::I16(self.pick(v)),
             Values::U16(v) => Values::U16(self.pick(v)),
             Values::F32(v) => Values::F32(self.pick(v)),
+            Values::F64(v) => Values::F64(self.pick(v)),
         }
     }
 

@@ -126,9 +126,9 @@ fn append(all: &mut Dataset, own: Dataset) -> bool {
     true
 }
 
-/// The types of a field's components.
+/// The types of a field's components, floating-point ones of either precision alike.
 fn types_of(field: &Field) -> impl Iterator<Item = &'static str> {
-    field.arrays().iter().map(Values::type_name)
+    field.arrays().iter().map(Values::kind_name)
 }
 
 #[cfg(test)]

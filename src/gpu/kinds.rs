@@ -110,7 +110,7 @@ impl Kinds {
                 Some(ValuesIn::U8(_)) if is_classified => ValueKind::U8,
                 Some(ValuesIn::U16(_)) if is_classified => ValueKind::U16,
                 Some(ValuesIn::I16(_)) if is_classified => ValueKind::I16,
-                Some(ValuesIn::F32(_)) if is_classified => ValueKind::F32,
+                Some(ValuesIn::F32(_) | ValuesIn::F64(_)) if is_classified => ValueKind::F32,
                 _ => ValueKind::None,
             },
             strength: match (&volume.strength, &volume.particles) {

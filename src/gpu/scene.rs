@@ -241,6 +241,10 @@ fn upload(
                 ValuesIn::I16(v) => upload_values(gpu, volume, &with_values, v)?,
                 ValuesIn::U16(v) => upload_values(gpu, volume, &with_values, v)?,
                 ValuesIn::F32(v) => upload_values(gpu, volume, &with_values, v)?,
+                ValuesIn::F64(_) => {
+                    let narrow: Vec<f32> = (0..values.len()).map(|i| values.get(i)).collect();
+                    upload_values(gpu, volume, &with_values, &narrow)?
+                }
             },
             _ => nothing.clone(),
         };

@@ -3,7 +3,6 @@
 //! Scanners store colours as displays take them, in bytes, words or shares of a range that the file states.
 
 use super::dataset::Field;
-use super::scalars::narrow;
 use super::table::scalar_field;
 use crate::image::linear_from_srgb;
 use crate::scene::Values;
@@ -47,7 +46,7 @@ fn byte(x: f32) -> u8 {
     }
 }
 
-/// A column in single precision, as small integers where all its numbers are whole and lie from 0 to 65,535.
+/// A column, as small integers where all its numbers are whole and lie from 0 to 65,535.
 pub(super) fn column(name: &str, numbers: &[f64]) -> Field {
     let is_word = |x: &f64| (0.0..=65535.0).contains(x) && x.fract() == 0.0;
     let values = match numbers.iter().all(is_word) {
@@ -60,7 +59,7 @@ pub(super) fn column(name: &str, numbers: &[f64]) -> Field {
             )]
             Values::U16(numbers.iter().map(|x| *x as u16).collect())
         }
-        false => Values::F32(numbers.iter().map(|x| narrow(*x)).collect()),
+        false => numbers.to_vec().into(),
     };
     scalar_field(name, values)
 }

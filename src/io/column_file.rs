@@ -79,7 +79,7 @@ pub fn column_colours(
     let Some(range) = range.or(own) else {
         return Ok(None);
     };
-    TransferFunction::of_colours(map.unwrap_or("viridis"), range, name).map(Some)
+    TransferFunction::of_colours(map.unwrap_or("viridis"), range.map(f64::from), name).map(Some)
 }
 
 /// The picture of a column density by [`column_colours`]; what is less than their range is transparent. An empty one
@@ -92,7 +92,7 @@ pub fn column_picture(column: &ColumnImage, colours: &TransferFunction) -> Image
     let scale = colours.value_scale();
     let [least, _] = colours.range();
     for (pixel, &value) in picture.pixels.iter_mut().zip(&column.values) {
-        let position = scale.position(value);
+        let position = scale.position(value.into());
         if position >= least {
             let [red, green, blue, _] = colours.classify(position);
             *pixel = [red, green, blue, 1.0];

@@ -17,15 +17,13 @@ use glam::DVec3;
 
 use super::dataset::Dataset;
 use super::file::Input;
-use super::scalars::narrow;
 use super::table::{dataset, position_columns, scalar_field};
 use crate::error::{Error, Result};
-use crate::scene::Values;
 
 /// One column while it is read.
 #[derive(Debug, Default)]
 struct Column {
-    values: Vec<f32>,
+    values: Vec<f64>,
     has_numbers: bool,
     /// Line and text of the first cell that is neither empty nor a number.
     first_word: Option<(u64, String)>,
@@ -109,7 +107,7 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Dataset> {
             if let (true, Some((line, word))) = (column.has_numbers, &column.first_word) {
                 return Err(bad_cell(path, *line, &names[i], word));
             }
-            column.values.push(narrow(value));
+            column.values.push(value);
         }
     }
 
@@ -124,7 +122,7 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Dataset> {
             } else {
                 name
             };
-            scalar_field(name, Values::F32(column.values))
+            scalar_field(name, column.values.into())
         })
         .collect();
     let flat = position.flatten(&mut positions);

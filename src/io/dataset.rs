@@ -105,6 +105,19 @@ impl CurvilinearBlock {
     }
 }
 
+/// The magnitudes of vectors, in double precision; of those whose squares are beyond it, too.
+fn magnitudes(components: &[Values], count: usize) -> Vec<f64> {
+    let of = |i: usize| {
+        let each = || components.iter().map(|c| c.wide(i));
+        let greatest = each().fold(0.0, |most: f64, x| most.max(x.abs()));
+        match (1e-150..1e150).contains(&greatest) {
+            true => each().map(|x| x * x).sum::<f64>().sqrt(),
+            false => each().fold(0.0, f64::hypot),
+        }
+    };
+    (0..count).map(of).collect()
+}
+
 fn bounds(points: impl Iterator<Item = DVec3>) -> Option<(DVec3, DVec3)> {
     points
         .filter(|p| p.is_finite())
@@ -358,17 +371,21 @@ impl Dataset {
             FieldSource::Vector(components) => {
                 self.check_field(field)?;
                 let n = components.first().map_or(0, Values::len);
-                Ok(Values::F32(
-                    (0..n)
-                        .map(|i| {
-                            components
-                                .iter()
-                                .map(|c| c.get(i).powi(2))
-                                .sum::<f32>()
-                                .sqrt()
-                        })
-                        .collect(),
-                ))
+                let is_wide = components.iter().any(|c| matches!(c, Values::F64(_)));
+                Ok(match is_wide {
+                    true => magnitudes(components, n).into(),
+                    false => Values::F32(
+                        (0..n)
+                            .map(|i| {
+                                components
+                                    .iter()
+                                    .map(|c| c.get(i).powi(2))
+                                    .sum::<f32>()
+                                    .sqrt()
+                            })
+                            .collect(),
+                    ),
+                })
             }
             FieldSource::Derived(derive) => derive(self),
         }

@@ -98,14 +98,14 @@ pub(super) fn surface_of_first_order(mesh: CellMesh, fields: Vec<Field>) -> (Cel
             let is_bytes = matches!(values, Values::U8(_));
             *values = cut.values(association, values);
             // Bytes of three or four components are colours by being bytes.
-            if let (true, Values::F32(numbers)) = (is_bytes, &*values) {
+            if is_bytes && !matches!(values, Values::U8(_)) {
                 #[expect(
                     clippy::cast_possible_truncation,
                     clippy::cast_sign_loss,
                     reason = "casts saturate"
                 )]
-                let byte = |x: &f32| x.round() as u8;
-                *values = Values::U8(numbers.iter().map(byte).collect());
+                let byte = |i: usize| values.get(i).round() as u8;
+                *values = Values::U8((0..values.len()).map(byte).collect());
             }
         }
         Some(field)

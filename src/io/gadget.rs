@@ -267,7 +267,7 @@ pub(super) fn read(input: Input<'_>, wanted: Option<ParticleType>) -> Result<Dat
     }
     notes.extend(gathered.notes());
     let fields = gathered.fields.into_iter().map(|(name, components)| {
-        let mut components: Vec<Values> = components.into_iter().map(Values::F32).collect();
+        let mut components: Vec<Values> = components.into_iter().map(Values::from).collect();
         let source = match components.len() {
             1 => FieldSource::Scalar(components.swap_remove(0)),
             _ => FieldSource::Vector(components),
@@ -307,7 +307,7 @@ pub(super) fn read(input: Input<'_>, wanted: Option<ParticleType>) -> Result<Dat
 #[derive(Debug, Default)]
 struct Gathered {
     positions: Vec<DVec3>,
-    fields: Vec<(String, Vec<Vec<f32>>)>,
+    fields: Vec<(String, Vec<Vec<f64>>)>,
     left_out: Vec<String>,
     has_table_mass: bool,
 }
@@ -427,7 +427,7 @@ impl Gathered {
             self.fields.len() - 1
         });
         for (all, more) in self.fields[at].1.iter_mut().zip(components) {
-            more.append_to(0..more.len(), all);
+            all.extend((0..more.len()).map(|i| more.wide(i)));
         }
     }
 }

@@ -95,6 +95,7 @@ fn retain(values: &mut Values, is_kept: impl Fn(usize) -> bool) {
         Values::I16(values) => keep(values, is_kept),
         Values::U16(values) => keep(values, is_kept),
         Values::F32(values) => keep(values, is_kept),
+        Values::F64(values) => keep(values, is_kept),
     }
 }
 
@@ -356,8 +357,8 @@ impl<'a> Las<'a> {
                     let scale = if scaled { number(112) } else { 1.0 };
                     let offset = if moved { number(136) } else { 0.0 };
                     let numbers = self.numbers(scalar, at)?;
-                    let turned = numbers.iter().map(|x| narrow(x * scale + offset));
-                    Values::F32(turned.collect())
+                    let turned = numbers.iter().map(|x| x * scale + offset);
+                    turned.collect::<Vec<f64>>().into()
                 }
             };
             at += scalar.size();
@@ -405,5 +406,5 @@ fn degrees(steps: Vec<f64>) -> Values {
 /// Seconds of a week, or since 1980, are more than single precision tells apart.
 fn since_the_first(times: Vec<f64>) -> Values {
     let first = times.iter().copied().fold(f64::INFINITY, f64::min);
-    Values::F32(times.iter().map(|t| narrow(t - first)).collect())
+    times.iter().map(|t| t - first).collect::<Vec<f64>>().into()
 }

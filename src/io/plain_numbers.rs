@@ -56,6 +56,7 @@ impl PlainNumbers {
             Values::I16(all) => all.reserve_exact(run.len()),
             Values::U16(all) => all.reserve_exact(run.len()),
             Values::F32(all) => all.reserve_exact(run.len()),
+            Values::F64(all) => all.reserve_exact(run.len()),
         }
         let mut chunk = Vec::new();
         let mut left = run.len();

@@ -1,4 +1,4 @@
-//! Numbers as files hold them: eleven scalar types, two byte orders, narrowed to [`Values`].
+//! Numbers as files hold them: eleven scalar types, two byte orders, as [`Values`].
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -134,7 +134,7 @@ fn fill<const N: usize, T>(
     }
 }
 
-/// `f64` to the `f32` that [`Values`] holds.
+/// `f64` to `f32`, for what is single precision by design: colours, shapes of splats.
 pub(crate) fn narrow(x: f64) -> f32 {
     #[allow(
         clippy::cast_possible_truncation,
@@ -145,8 +145,8 @@ pub(crate) fn narrow(x: f64) -> f32 {
     }
 }
 
-/// The numbers of one component, narrowed: 8-bit and 16-bit integers stay integers (`i8` as
-/// `i16`), everything else becomes `f32`. `None` where they do not lie within `bytes`.
+/// The numbers of one component: 8-bit and 16-bit integers stay integers (`i8` as `i16`), everything else becomes `f32`
+/// where that has the same numbers, and else `f64`. `None` where they do not lie within `bytes`.
 pub(crate) fn values(bytes: &[u8], encoding: Encoding, stride: Stride) -> Option<Values> {
     use ScalarType as S;
     let big = encoding.big_endian;
@@ -157,25 +157,11 @@ pub(crate) fn values(bytes: &[u8], encoding: Encoding, stride: Stride) -> Option
         })?),
         S::I16 => Values::I16(gather(bytes, stride, big, i16::from_le_bytes)?),
         S::U16 => Values::U16(gather(bytes, stride, big, u16::from_le_bytes)?),
-        S::I32 => Values::F32(gather(bytes, stride, big, |b| {
-            i32::from_le_bytes(b) as f32
-        })?),
-        S::U32 => Values::F32(gather(bytes, stride, big, |b| {
-            u32::from_le_bytes(b) as f32
-        })?),
-        S::I64 => Values::F32(gather(bytes, stride, big, |b| {
-            i64::from_le_bytes(b) as f32
-        })?),
-        S::U64 => Values::F32(gather(bytes, stride, big, |b| {
-            u64::from_le_bytes(b) as f32
-        })?),
         S::F16 => Values::F32(gather(bytes, stride, big, |b| {
             narrow(half(u16::from_le_bytes(b)))
         })?),
         S::F32 => Values::F32(gather(bytes, stride, big, f32::from_le_bytes)?),
-        S::F64 => Values::F32(gather(bytes, stride, big, |b| {
-            narrow(f64::from_le_bytes(b))
-        })?),
+        S::I32 | S::U32 | S::I64 | S::U64 | S::F64 => doubles(bytes, encoding, stride)?.into(),
     })
 }
 
@@ -369,8 +355,10 @@ pub(super) fn scaled(
 ) -> Values {
     let values = match scale {
         None => values(bytes, encoding, stride),
-        Some([factor, summand]) => doubles(bytes, encoding, stride)
-            .map(|x| Values::F32(x.iter().map(|x| narrow(factor * x + summand)).collect())),
+        Some([factor, summand]) => doubles(bytes, encoding, stride).map(|mut x| {
+            x.iter_mut().for_each(|x| *x = factor * *x + summand);
+            x.into()
+        }),
     };
     values.unwrap_or(Values::U8(Vec::new()))
 }

@@ -5,7 +5,7 @@
 //! | glTF, its splats too; OBJ | +y: what the formats or their writers agree on |
 //! | other splats | -y: training scenes have y down, and what is read is turned to their axes (`splat_axes.rs`) |
 //! | particles in a flat layer across x or y | the axis across it |
-//! | grids, and meshes with fields, in a plane across an axis | +y of that across z, +z of others: they are seen straight on |
+//! | grids a cell thick or less, and meshes with fields in a plane, across an axis | +y of that across z, +z of others: they are seen straight on |
 //! | all else: grids, other particles, PLY and VTK meshes | +z; meshes of scanners vary |
 //!
 //! Splats that lie beside the origin are a piece of a scene whose cameras stood around that, and are good from
@@ -112,7 +112,8 @@ impl Dataset {
         // Meshes with fields are plots.
         let is_shown = !is_of_mesh || !self.fields.is_empty();
         let has_choice = self.format_up.is_none() && !is_of_splats && !is_of_points && is_shown;
-        if let Some((direction, front)) = bounds.filter(|_| has_choice).and_then(plane) {
+        let thin = || bounds.map(|bounds| self.thin_axes(bounds));
+        if let Some((direction, front)) = thin().filter(|_| has_choice).and_then(plane) {
             return Up {
                 direction,
                 reason: "a plane, seen straight on",
@@ -132,12 +133,58 @@ impl Dataset {
     }
 }
 
+/// A layer of cells is no thicker than this share of the lesser of its other two extents.
+const LAYER: f64 = 0.5;
+
+/// Planes of nodes lie within this share of the thickness between them.
+const PLANE: f64 = 1e-6;
+
+impl Dataset {
+    /// Across which axes the data have no more than two planes of nodes: one layer of cells.
+    fn thin_axes(&self, (lower, upper): (DVec3, DVec3)) -> [bool; 3] {
+        let extent = upper - lower;
+        let nodes: Box<dyn Iterator<Item = DVec3> + '_> = match &self.geometry {
+            Geometry::Lattice(lattice) => {
+                let [x, y, _] = lattice.dims;
+                let at = move |n: usize| lattice.position([n % x, n / x % y, n / (x * y)]);
+                Box::new((0..lattice.len()).map(at))
+            }
+            Geometry::Curvilinear { blocks } => {
+                Box::new(blocks.iter().flat_map(|block| block.nodes.iter().copied()))
+            }
+            Geometry::Cells(mesh) => Box::new(mesh.nodes.iter().copied()),
+            _ => Box::new(std::iter::empty()),
+        };
+        let count = match &self.geometry {
+            Geometry::Lattice(lattice) => lattice.len(),
+            Geometry::Curvilinear { blocks } => blocks.iter().map(|b| b.nodes.len()).sum(),
+            Geometry::Cells(mesh) => mesh.nodes.len(),
+            _ => 0,
+        };
+        let is_layer = |axis: usize| {
+            let others = [1, 2].map(|step| extent[(axis + step) % 3]);
+            // One cell is no layer, and corners alone say nothing of what lies between them.
+            count > 8 && extent[axis] <= LAYER * others[0].min(others[1])
+        };
+        let mut is_thin = [0, 1, 2].map(|axis| extent[axis] <= 0.0 || is_layer(axis));
+        let slack = PLANE * extent;
+        for node in nodes.filter(|node| node.is_finite()) {
+            for axis in 0..3 {
+                let depth = node[axis] - lower[axis];
+                is_thin[axis] &= depth.min(extent[axis] - depth) <= slack[axis];
+            }
+            if is_thin == [false; 3] {
+                break;
+            }
+        }
+        is_thin
+    }
+}
+
 /// What points up in a plane across an axis, and the direction of view that shows it as plots do: x to the right of y or z,
 /// y to the left of z.
-fn plane((lower, upper): (DVec3, DVec3)) -> Option<(DVec3, DVec3)> {
-    let extent = upper - lower;
-    let is_thin = (0..3).map(|axis| extent[axis] <= 0.0);
-    match is_thin.collect::<Vec<_>>()[..] {
+fn plane(is_thin: [bool; 3]) -> Option<(DVec3, DVec3)> {
+    match is_thin {
         [false, false, true] => Some((DVec3::Y, DVec3::NEG_Z)),
         [false, true, false] => Some((DVec3::Z, DVec3::Y)),
         [true, false, false] => Some((DVec3::Z, DVec3::NEG_X)),

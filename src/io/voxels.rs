@@ -722,13 +722,10 @@ fn unpacking(path: &Path, error: &io::Error) -> Error {
 }
 
 pub(super) fn append(all: &mut Option<Values>, more: Values) {
-    match (all, more) {
-        (Some(Values::U8(all)), Values::U8(more)) => all.extend(more),
-        (Some(Values::I16(all)), Values::I16(more)) => all.extend(more),
-        (Some(Values::U16(all)), Values::U16(more)) => all.extend(more),
-        (Some(Values::F32(all)), Values::F32(more)) => all.extend(more),
-        // Chunks of one file have one type.
-        (all, more) => *all = Some(more),
+    // Chunks of one file have one type.
+    match all {
+        Some(all) if all.kind_name() == more.kind_name() => all.append(more),
+        all => *all = Some(more),
     }
 }
 

@@ -337,7 +337,7 @@ impl Pieces {
             Values::U8(_) => Values::U8(vec![0; count]),
             Values::I16(_) => Values::I16(vec![0; count]),
             Values::U16(_) => Values::U16(vec![0; count]),
-            Values::F32(_) => Values::F32(vec![0.0; count]),
+            Values::F32(_) | Values::F64(_) => Values::F32(vec![0.0; count]),
         };
         for (path, extent, parts, place) in wanted {
             let [dx, dy, _] = extent.shift_from(&self.whole);
@@ -362,11 +362,19 @@ impl Pieces {
                     let to = ((to + k) * ny + dy + j) * nx + dx;
                     (from..from + width, to..to + width)
                 });
+                if let (Values::F32(narrow), Values::F64(_)) = (&all, part) {
+                    all = Values::F64(narrow.iter().map(|&v| v.into()).collect());
+                }
                 match (&mut all, part) {
                     (Values::U8(all), Values::U8(part)) => copy(all, part, rows),
                     (Values::I16(all), Values::I16(part)) => copy(all, part, rows),
                     (Values::U16(all), Values::U16(part)) => copy(all, part, rows),
                     (Values::F32(all), Values::F32(part)) => copy(all, part, rows),
+                    (Values::F64(all), Values::F64(part)) => copy(all, part, rows),
+                    (Values::F64(all), Values::F32(part)) => {
+                        let wide: Vec<f64> = part.iter().map(|&v| v.into()).collect();
+                        copy(all, &wide, rows);
+                    }
                     // It was of this type when it was looked at.
                     _ => return Err(other_arrays(path, Association::Nodes)),
                 }

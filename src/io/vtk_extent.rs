@@ -323,6 +323,7 @@ fn join_array(
     let mut whole_components = Vec::new();
     loop {
         let parts: Vec<Values> = components.iter_mut().filter_map(Iterator::next).collect();
+        let parts = Values::alike(parts);
         macro_rules! copy {
             ($kind:ident, $fill:expr, $combine:expr) => {{
                 let parts =
@@ -343,6 +344,7 @@ fn join_array(
             Some(Values::I16(_)) => copy!(I16, 0, |_, b| b),
             Some(Values::U16(_)) => copy!(U16, 0, |_, b| b),
             Some(Values::F32(_)) => copy!(F32, 0.0, |_, b| b),
+            Some(Values::F64(_)) => copy!(F64, 0.0, |_, b| b),
         });
     }
     Array {

@@ -358,7 +358,7 @@ impl ArraysSeen {
 }
 
 pub(super) fn key(array: &Array) -> ArrayKey {
-    let kinds = array.components.iter().map(|c| c.type_name().to_owned());
+    let kinds = array.components.iter().map(|c| c.kind_name().to_owned());
     (array.name.clone(), kinds.collect())
 }
 

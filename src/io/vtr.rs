@@ -160,5 +160,6 @@ pub(super) fn reverse(values: &mut Values, dims: [usize; 3], axis: usize) {
         Values::I16(all) => swap(all, dims, axis),
         Values::U16(all) => swap(all, dims, axis),
         Values::F32(all) => swap(all, dims, axis),
+        Values::F64(all) => swap(all, dims, axis),
     }
 }

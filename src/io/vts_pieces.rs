@@ -161,8 +161,8 @@ impl SomeBlocks {
                 for (all, own) in arrays.iter_mut().zip(part.arrays(association)) {
                     for (all, own) in all.components.iter_mut().zip(&own.components) {
                         let joined = [&*all, own].map(Values::finite_range);
-                        let joined: Vec<f32> = joined.into_iter().flatten().flatten().collect();
-                        let joined = Values::F32(joined).finite_range();
+                        let joined: Vec<f64> = joined.into_iter().flatten().flatten().collect();
+                        let joined = Values::F64(joined).finite_range();
                         *all = Values::of_type(own.type_name(), joined.as_ref().map_or(&[], |r| r));
                     }
                 }

@@ -132,9 +132,7 @@ impl ColourBar {
     /// The values at the ends.
     fn range(&self) -> [f64; 2] {
         let scale = self.scale();
-        self.transfer()
-            .range()
-            .map(|end| f64::from(scale.value(end)))
+        self.transfer().range().map(|end| scale.value(end))
     }
 
     /// Where values lie between the ends.
@@ -145,6 +143,7 @@ impl ColourBar {
     fn ticks(&self, most: usize) -> Vec<Tick> {
         match self.scale() {
             ValueScale::Linear => ticks::linear(self.range(), most),
+            ValueScale::Shifted { .. } => ticks::shifted(self.range(), most),
             ValueScale::Log => ticks::logarithmic(self.range(), most),
             ValueScale::Symlog { linear } => ticks::symmetric(self.range(), linear.into(), most),
         }
@@ -154,11 +153,10 @@ impl ColourBar {
     fn fraction(&self, value: f64) -> f64 {
         let [low, high] = self.range();
         let fraction = match self.scale() {
-            ValueScale::Linear => (value - low) / (high - low),
+            ValueScale::Linear | ValueScale::Shifted { .. } => (value - low) / (high - low),
             ValueScale::Log => (value / low).ln() / (high / low).ln(),
             scale @ ValueScale::Symlog { .. } => {
-                let [low, high, value] =
-                    [low, high, value].map(|v| f64::from(scale.position(narrowed(v))));
+                let [low, high, value] = [low, high, value].map(|v| f64::from(scale.position(v)));
                 (value - low) / (high - low)
             }
         };

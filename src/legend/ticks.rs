@@ -95,6 +95,12 @@ pub(super) fn linear([low, high]: [f64; 2], most: usize) -> Vec<Tick> {
     if span > 0.0 && span < ONE_VALUE * greatest && greatest < f64::INFINITY {
         return single(0.5 * (low + high)).into_iter().collect();
     }
+    shifted([low, high], most)
+}
+
+/// The same of a range that may be a smaller part of its values than single precision tells apart.
+pub(super) fn shifted([low, high]: [f64; 2], most: usize) -> Vec<Tick> {
+    let span = high - low;
     let first_exponent = (span / most as f64).log10().floor();
     if !(span > 0.0 && first_exponent.is_finite()) {
         return Vec::new();

@@ -163,6 +163,7 @@ pub(crate) struct Function {
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 enum Scale {
     Linear,
+    Shifted { origin: f64, unit: f64 },
     Log,
     Symlog { linear: f32 },
 }
@@ -175,6 +176,7 @@ impl Function {
             range: transfer.range(),
             scale: match transfer.value_scale() {
                 ValueScale::Linear => Scale::Linear,
+                ValueScale::Shifted { origin, unit } => Scale::Shifted { origin, unit },
                 ValueScale::Log => Scale::Log,
                 ValueScale::Symlog { linear } => Scale::Symlog { linear },
             },
@@ -195,6 +197,10 @@ impl Function {
         };
         let scale = match self.scale {
             Scale::Linear => ValueScale::Linear,
+            Scale::Shifted { origin, unit } if unit > 0.0 && (origin + unit).is_finite() => {
+                ValueScale::Shifted { origin, unit }
+            }
+            Scale::Shifted { .. } => return None,
             Scale::Log => ValueScale::Log,
             Scale::Symlog { linear } if linear > 0.0 && linear.is_finite() => {
                 ValueScale::Symlog { linear }

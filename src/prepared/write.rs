@@ -107,7 +107,7 @@ fn head_of(volume: &BlockedVolume) -> BatchHead {
             ValuesIn::U8(_) => Values::U8,
             ValuesIn::I16(_) => Values::I16,
             ValuesIn::U16(_) => Values::U16,
-            ValuesIn::F32(_) => Values::F32,
+            ValuesIn::F32(_) | ValuesIn::F64(_) => Values::F32,
         }),
         local_model_scales: volume.local_models.as_ref().map(|models| models.scales()),
         has_normals: volume.normals.is_some(),
@@ -192,6 +192,8 @@ fn batch_of<'a>(
         Some(ValuesIn::I16(values)) => batch.of_particles(Id::ValueI16, values, 1),
         Some(ValuesIn::U16(values)) => batch.of_particles(Id::ValueU16, values, 1),
         Some(ValuesIn::F32(values)) => batch.of_particles(Id::ValueF32, values, 1),
+        // A volume's values are narrowed where it is made.
+        Some(ValuesIn::F64(_)) => {}
         None => {}
     }
     if let Some(models) = &volume.local_models {

@@ -21,8 +21,8 @@ use super::rest::{Nobody, Own};
 use super::sharp::{apply, even_out};
 use super::sharp_cells::{DrawnCells, NodeParticles, SharpCells, Surface, sharp_cells};
 use super::{
-    SampleOptions, SampleReport, Sampled, check_count, check_len, classified_kernels, gradient,
-    local_models, nothing_left, take_scalar,
+    SampleOptions, SampleReport, Sampled, check_count, check_len, classified_kernels, differences,
+    gradient, local_models, nothing_left, take_scalar,
 };
 use crate::error::{Error, Result};
 use crate::io::{Association, Blanking, CellMesh, Dataset, Geometry, Handedness};
@@ -36,6 +36,8 @@ pub(crate) struct CellField<'a> {
     pub(crate) association: Association,
     /// Of all nodes, or of all cells.
     pub(crate) values: &'a Values,
+    /// The same as differences are taken of them: [`ValueScale::of_differences`].
+    pub(crate) seen: &'a Values,
     /// Those that are asked for.
     pub(crate) nodes: Range<usize>,
     pub(crate) cells: Range<usize>,
@@ -80,12 +82,7 @@ impl CellField<'_> {
         report: &mut SampleReport,
         options: &SampleOptions,
     ) -> Result<CellKernels> {
-        let &Self {
-            mesh,
-            blanking,
-            values,
-            ..
-        } = self;
+        let &Self { mesh, blanking, .. } = self;
         let of_nodes = self.is_of_nodes();
         let task = options.task.as_ref();
         let own_kinds = mesh.kinds[self.cells.clone()].iter();
@@ -119,7 +116,7 @@ impl CellField<'_> {
             of_nodes,
             kernels: &kernels,
             own: own.clone(),
-            values,
+            values: self.seen,
         });
         let of_normals = samples.as_ref().filter(|_| options.normals);
         let normals = of_normals.map(gradient::of_mesh);
@@ -162,7 +159,7 @@ impl CellField<'_> {
                 return Err(LeftOut::Blanked);
             }
             let shape = duals.shape(i).ok_or_else(|| if_any(i))?;
-            if !self.values.get(i).is_finite() {
+            if !self.values.wide(i).is_finite() {
                 return Err(LeftOut::Value);
             }
             let dual = duals.moments(i);
@@ -189,7 +186,7 @@ impl CellField<'_> {
             let mut parts = Vec::with_capacity(8);
             let (volume, centroid) = cut(mesh, i, &mut parts);
             let volume = sound_volume(mesh, kind, &parts, volume, &duals.handedness)?;
-            if !self.values.get(i).is_finite() {
+            if !self.values.wide(i).is_finite() {
                 return Err(LeftOut::Value);
             }
             let mut mean = [0.0; 6];
@@ -225,11 +222,13 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
             "lines are not rendered: give a volume mesh, a surface, or the points alone",
         ));
     }
+    let seen = differences(&taken.values);
     let field = CellField {
         mesh,
         blanking: &blanking,
         association: taken.association,
         values: &taken.values,
+        seen: &seen,
         nodes: 0..mesh.nodes.len(),
         cells: 0..mesh.cell_count(),
     };
@@ -259,6 +258,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     };
     // Coded, they take a quarter.
     let local_models = models.map(|models| LocalModels::new(&models));
+    drop(seen);
     let mut sampled =
         classified_kernels(kernels, taken.values, report, Surroundings::Absent, options)?;
     sampled.volume.normals = normals;

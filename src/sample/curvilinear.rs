@@ -26,8 +26,8 @@ use super::rest::{Nobody, Own};
 use super::sharp::sharpen_grids;
 use super::structured::{CellCounts, Grid, Part};
 use super::{
-    SampleOptions, SampleReport, Sampled, check_count, check_len, classified_kernels, nothing_left,
-    take_scalar,
+    SampleOptions, SampleReport, Sampled, check_count, check_len, classified_kernels, differences,
+    nothing_left, take_scalar,
 };
 use crate::error::{Error, Result};
 use crate::io::{Association, Blanking, CurvilinearBlock, Dataset, Geometry};
@@ -84,10 +84,11 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     counts.report(&mut report);
     report.note_overlap(&samples);
 
+    let seen = differences(&taken.values);
     let field = GridField {
         grids: &samples,
         association: taken.association,
-        values: &taken.values,
+        values: &seen,
         own: 0..sample_count,
     };
     let mut kernels = field.kernels(&mut report, options)?;
@@ -106,6 +107,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     } else {
         Vec::new()
     };
+    drop(seen);
     let mut sampled = classified_kernels(
         kernels,
         taken.values,
@@ -164,7 +166,7 @@ impl GridField<'_> {
         };
         let kernel = |i: usize, part: Result<Part, LeftOut>| {
             let part = part?;
-            if !self.values.get(i).is_finite() {
+            if !self.values.wide(i).is_finite() {
                 return Err(LeftOut::Value);
             }
             let factor = lower_factor(part.jacobian * options.kernel_width);

@@ -16,7 +16,9 @@ use super::{SampleOptions, SampleReport, check_options, unclassified};
 use crate::error::Result;
 use crate::io::{Association, Blanking};
 use crate::math::ExactSum;
-use crate::scene::{Boundary, LocalModel, Particles, PickedRow, PointVolume, Strength, Values};
+use crate::scene::{
+    Boundary, LocalModel, Particles, PickedRow, PointVolume, Strength, ValueScale, Values,
+};
 
 /// Planes of constant k of a grid, with a field.
 pub(crate) struct GridPlanes {
@@ -27,6 +29,8 @@ pub(crate) struct GridPlanes {
     pub(crate) association: Association,
     /// Of the nodes, or of the cells between them.
     pub(crate) values: Values,
+    /// On which differences of the values of all planes are taken.
+    pub(crate) differences: ValueScale,
     /// Whether the first and the last plane of the grid along each index are one; not along k.
     pub(crate) periodic: [bool; 3],
     pub(crate) window: Window,
@@ -109,10 +113,11 @@ impl GridPlanes {
         };
         counts.report(&mut report);
         let grids = [(0, grid)];
+        let seen = self.differences.seen(&self.values);
         let field = GridField {
             grids: &grids,
             association: self.association,
-            values: &self.values,
+            values: &seen,
             own: samples.clone(),
         };
         let kernels = field.kernels(&mut report, options)?;

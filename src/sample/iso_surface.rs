@@ -62,7 +62,7 @@ pub(super) fn iso_surface(
     else {
         return refuse("a field", "strengths of their own");
     };
-    let [lo, hi] = values.finite_range().unwrap_or([0.0; 2]).map(f64::from);
+    let [lo, hi] = values.finite_range().unwrap_or([0.0; 2]);
     let absent = |expected: String| {
         let found = wanted.to_string();
         Err(Error::invalid(
@@ -77,10 +77,14 @@ pub(super) fn iso_surface(
     let scale = transfer.value_scale();
     let value = match scale {
         ValueScale::Linear => wanted,
-        _ => f64::from(scale.position(narrowed(wanted))),
+        _ => f64::from(scale.position(wanted)),
     };
     if !(lo <= value && value <= hi) {
-        let [lo, hi] = [lo, hi].map(|end| scale.value(narrowed(end)));
+        let ends = [lo, hi].map(|end| scale.value(narrowed(end)));
+        let [lo, hi] = ends.map(|end| match scale {
+            ValueScale::Shifted { .. } => end.to_string(),
+            _ => narrowed(end).to_string(),
+        });
         return absent(format!("one that the field has, from {lo} to {hi}"));
     }
     let particles = &volume.particles;

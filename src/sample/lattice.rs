@@ -9,10 +9,8 @@ use super::{
     take_scalar,
 };
 use crate::error::Result;
-use crate::io::{Association, Blanking, CurvilinearBlock, Dataset, Field, Geometry};
-use crate::scene::{
-    Boundary, LONE_CELL_WIDTH, Lattice, LatticeSpacing, Particles, Surroundings, Values,
-};
+use crate::io::{Association, Blanking, CurvilinearBlock, Dataset, Geometry};
+use crate::scene::{Boundary, LONE_CELL_WIDTH, Lattice, LatticeSpacing, Particles, Surroundings};
 #[cfg(feature = "cli")]
 use crate::scene::{Colour, PointVolume, Strength, ValueSample};
 
@@ -80,11 +78,11 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     let blank_count = blank.count();
     if blank_count > 0 {
         // The only way for a lattice to leave samples out; seldom, so that the width is borne.
-        let mut values: Vec<f32> = (0..lattice.len()).map(|i| taken.values.get(i)).collect();
+        let mut values: Vec<f64> = (0..lattice.len()).map(|i| taken.values.wide(i)).collect();
         for (value, _) in values.iter_mut().zip(mask).filter(|(_, blank)| **blank) {
-            *value = f32::NAN;
+            *value = f64::NAN;
         }
-        taken.values = Values::F32(values);
+        taken.values = values.into();
         report.leave_out(blank_count, "samples", LeftOut::Blanked.reason());
     }
     let mean_spacing = mean_spacing(&lattice);
@@ -113,11 +111,11 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
 #[derive(Debug, Default)]
 pub(crate) struct PlaneValues {
     /// The least and the greatest finite one.
-    pub(crate) range: Option<[f32; 2]>,
+    pub(crate) range: Option<[f64; 2]>,
     /// How many are not finite.
     pub(crate) not_finite: usize,
     /// Those of [`ValueSample::picked`], in any order.
-    pub(crate) picked: Vec<f32>,
+    pub(crate) picked: Vec<f64>,
 }
 
 /// As [`volume`] makes it, without values and boundary, of values at nodes that lie in several places.
@@ -142,7 +140,7 @@ pub(crate) fn lattice_of_planes(
     report.note(known.not_finite, "values", NOT_FINITE);
     let mean_spacing = mean_spacing(&lattice);
     let spacing = options.unit_distance.unwrap_or(mean_spacing);
-    let sample = || ValueSample::of_picked(known.picked, count, spacing);
+    let sample = || ValueSample::of_picked(&known.picked, &lattice, spacing);
     let function = super::function_of(sample, mean_spacing, &mut report, options)?;
     let volume = PointVolume {
         particles: Particles::Lattice {

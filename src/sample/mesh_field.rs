@@ -73,7 +73,7 @@ pub(super) fn scene(
         .bounds()
         .map_or(1.0, |(low, high)| (high - low).max_element());
     let (values, function) = under_function(taken.values, sample, extent, &mut report, options)?;
-    let [low, high] = values.finite_range().unwrap_or([0.0, 1.0]);
+    let [low, high] = values.finite_range().unwrap_or([0.0, 1.0]).map(narrowed);
     let width = if high > low { high - low } else { 1.0 };
     // The mean of colours is taken in f64 and stored in f32, as values are.
     let share = |i: usize| (values.get(i) - low) / width;

@@ -50,6 +50,7 @@ mod together;
 mod window;
 mod yu_turk;
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
@@ -65,7 +66,7 @@ use crate::io::{
 use crate::math::ExactSum;
 use crate::scene::{
     AutomaticOptions, Colour, FileFunction, Particles, PointVolume, ScaleName, Strength,
-    Surroundings, TransferDefaults, TransferFunction, ValueSample, Values,
+    Surroundings, TransferDefaults, TransferFunction, ValueSample, ValueScale, Values,
 };
 use crate::task::Task;
 
@@ -133,7 +134,7 @@ pub struct SampleOptions {
     pub unit_distance: Option<f64>,
     /// The range of an automatic transfer function, whether it has a colour map of its own or a named one; `None`
     /// looks at the values.
-    pub range: Option<[f32; 2]>,
+    pub range: Option<[f64; 2]>,
     /// The scale of an automatic transfer function; `None` looks at the values, as the program does. On another scale than
     /// a linear one the volume's values are no longer the data's but their positions on it
     /// ([`ValueScale`](crate::scene::ValueScale)), which functions that take the place of the sampled one must know.
@@ -518,10 +519,10 @@ pub(crate) fn mean_spacing(volume_sum: f64, count: usize) -> f64 {
 /// # Errors
 /// A range or a distance that is none.
 pub(crate) fn summed_function(
-    range: Option<[f32; 2]>,
+    range: Option<[f64; 2]>,
     unit_distance: f64,
 ) -> Result<TransferFunction> {
-    let range = range.unwrap_or([0.0, 1.0]);
+    let range = range.unwrap_or([0.0, 1.0]).map(narrowed);
     TransferFunction::from_curves(|_| [1.0; 3], |_| 0.5, range, unit_distance)
 }
 
@@ -719,6 +720,13 @@ pub(crate) fn nothing_left(path: &Path, report: &SampleReport) -> Error {
     )
 }
 
+/// Values as differences are taken of them.
+fn differences(values: &Values) -> Cow<'_, Values> {
+    let is_wide = matches!(values, Values::F64(_));
+    let range = values.finite_range().filter(|_| is_wide);
+    ValueScale::of_differences(range, is_wide).seen(values)
+}
+
 /// The values' positions on the scale of the transfer function that is asked for, with the function.
 ///
 /// - `sample`: what an automatic one is chosen from, noted in the report if that is wanted.
@@ -803,7 +811,7 @@ fn function_of(
 /// A file that cannot be read; a scale, or a range of a function that has its own.
 pub(crate) fn function_of_file(
     options: &SampleOptions,
-    range: [f32; 2],
+    range: [f64; 2],
     unit_distance: f64,
 ) -> Result<FileFunction> {
     let fault = |place: &str, own: &str| {
@@ -831,7 +839,7 @@ pub(crate) fn function_of_file(
         _ => unreachable!("the caller looks"),
     };
     let defaults = TransferDefaults {
-        range: options.range.unwrap_or(range),
+        range: options.range.unwrap_or(range).map(narrowed),
         unit_distance,
     };
     let read = TransferFunction::from_file(path, text, &defaults)?;
@@ -864,12 +872,12 @@ fn classified(
     (mean_spacing, surroundings): (f64, Surroundings),
     options: &SampleOptions,
 ) -> Result<Sampled> {
-    let sample = |values: &Values| match surroundings {
-        Surroundings::Included => {
+    let sample = |values: &Values| match &particles {
+        Particles::Lattice { lattice, .. } => {
             let spacing = options.unit_distance.unwrap_or(mean_spacing);
-            ValueSample::of_grid(values, &volumes, spacing)
+            ValueSample::of_lattice(values, lattice, spacing)
         }
-        Surroundings::Absent => ValueSample::of_body(values, &volumes, particles.positions()),
+        _ => ValueSample::of_cells(values, &volumes, particles.positions(), surroundings),
     };
     let (values, transfer_function) =
         under_function(values, sample, mean_spacing, &mut report, options)?;

@@ -25,7 +25,7 @@ pub(super) fn picked_rows(
             row: row as u64,
             position: positions[i].to_array(),
             volume: volumes[i].into(),
-            value: values.get(i).into(),
+            value: values.wide(i),
         })
     };
     PickedRow::picked(count)

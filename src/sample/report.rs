@@ -13,7 +13,7 @@ pub struct SampleReport {
     /// Its unit, where the file states it.
     pub unit: Option<String>,
     /// Its least and greatest finite value.
-    pub value_range: Option<[f32; 2]>,
+    pub value_range: Option<[f64; 2]>,
     /// The length \[world units\] over which opacities are stated.
     pub unit_distance: f64,
     /// What the particles' lengths are taken for, in words; `None` where there are none.

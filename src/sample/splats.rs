@@ -115,7 +115,7 @@ pub(super) fn factor(
     let stride = cloud.harmonics_stride();
     let harmonics = &cloud.harmonics[i * stride..][..stride];
     missing(harmonics.iter().all(|c| c.is_finite()), LeftOut::Colour)?;
-    missing(values.is_none_or(|v| v.get(i).is_finite()), LeftOut::Value)?;
+    missing(values.is_none_or(|v| v.wide(i).is_finite()), LeftOut::Value)?;
     let is_there =
         factor.iter().all(|l| l.is_finite()) && factor.iter().any(|l| l.abs() >= f32::MIN_POSITIVE);
     missing(is_there, LeftOut::Size)?;

@@ -238,6 +238,10 @@ impl Values {
             Self::I16(v) => Self::I16(integers!(v, i16)),
             Self::U16(v) => Self::U16(integers!(v, u16)),
             Self::F32(v) => Self::F32(pairs.map(|[a, b]| beyond(v[a], v[b])).collect()),
+            Self::F64(_) => {
+                let of = |[a, b]: [usize; 2]| f64::from(beyond(self.get(a), self.get(b)));
+                Self::F64(pairs.map(of).collect())
+            }
         }
     }
 
@@ -253,6 +257,7 @@ impl Values {
                     Self::I16(v) => v[i] = given.round() as i16,
                     Self::U16(v) => v[i] = given.round() as u16,
                     Self::F32(v) => v[i] = given as f32,
+                    Self::F64(v) => v[i] = given,
                 }
             }
         }
@@ -262,6 +267,7 @@ impl Values {
             (Self::I16(v), Self::I16(ghosts)) => v.extend(ghosts),
             (Self::U16(v), Self::U16(ghosts)) => v.extend(ghosts),
             (Self::F32(v), Self::F32(ghosts)) => v.extend(ghosts),
+            (Self::F64(v), Self::F64(ghosts)) => v.extend(ghosts),
             // They have the same type.
             _ => {}
         }

@@ -47,5 +47,5 @@ pub(crate) use transfer_function::{
     FAR_ENTRIES, LOBE_CELLS_PER_DEVIATION, LOBE_ROWS_PER_OCTAVE, LobeRow, MAX_LOBE_CELLS,
     MAX_LOBE_ROWS, MAX_WINDOW_CELLS, MAXIMUM_ROUNDING,
 };
-pub(crate) use transfer_function::{FileFunction, PickedRow};
+pub(crate) use transfer_function::{FileFunction, PickedRow, Tiling};
 pub use values::{Values, ValuesIn};

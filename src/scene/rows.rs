@@ -58,6 +58,7 @@ fn columns(volume: &PointVolume) -> Vec<Column<'_>> {
         Some(Values::I16(values)) => columns.push(column(values, 1)),
         Some(Values::U16(values)) => columns.push(column(values, 1)),
         Some(Values::F32(values)) => columns.push(column(values, 1)),
+        Some(Values::F64(values)) => columns.push(column(values, 1)),
         None => {}
     }
     if let Some(Boundary::Planes(planes)) = &volume.boundary {
@@ -226,6 +227,7 @@ pub(crate) fn volume_in_order(rows: Vec<&[u8]>, like: &PointVolume) -> PointVolu
         Values::I16(_) => Values::I16(rows.next(1)),
         Values::U16(_) => Values::U16(rows.next(1)),
         Values::F32(_) => Values::F32(rows.next(1)),
+        Values::F64(_) => Values::F64(rows.next(1)),
     });
     let boundary = match &like.boundary {
         Some(Boundary::Planes(_)) => Some(Boundary::Planes(planes_of(&rows.next(1)))),
@@ -324,6 +326,7 @@ pub(crate) fn append(all: &mut PointVolume, part: PointVolume) {
         (Some(Values::I16(values)), Some(Values::I16(own))) => values.extend(own),
         (Some(Values::U16(values)), Some(Values::U16(own))) => values.extend(own),
         (Some(Values::F32(values)), Some(Values::F32(own))) => values.extend(own),
+        (Some(Values::F64(values)), Some(Values::F64(own))) => values.extend(own),
         _ => {}
     }
     if let (Some(Boundary::Planes(planes)), Some(Boundary::Planes(own))) =

@@ -8,8 +8,8 @@ mod lobes;
 mod maxima;
 mod value_scale;
 
-pub(crate) use automatic::PickedRow;
 pub use automatic::{AutomaticOptions, Surroundings, ValueSample};
+pub(crate) use automatic::{PickedRow, Tiling};
 #[cfg(feature = "gpu")]
 pub(crate) use averages::FAR_ENTRIES;
 pub use averages::{Averages, Slopes, Weighting};
@@ -297,6 +297,22 @@ impl TransferFunction {
         };
         let first = bisect(&is_below, 0);
         first..bisect(&is_not_above, first)
+    }
+
+    /// The same function of values on another linear scale; `None` where either scale is none, or has no place for its
+    /// range.
+    #[must_use]
+    pub fn moved_to(&self, value_scale: ValueScale) -> Option<Self> {
+        if !(self.value_scale.is_linear() && value_scale.is_linear()) {
+            return (self.value_scale == value_scale).then(|| self.clone());
+        }
+        if self.value_scale == value_scale {
+            return Some(self.clone());
+        }
+        let end = |end: f32| value_scale.position(self.value_scale.value(end));
+        let range = widened(self.range.map(end)).ok()?;
+        let function = Self::from_table(self.table.clone(), range, self.unit_distance);
+        Some(function.on_scale(value_scale))
     }
 
     /// The same function, whose values are henceforth positions on a scale: its range, its table, and what

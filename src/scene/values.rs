@@ -1,5 +1,7 @@
 //! Scalar values in the type that their file holds them in.
 
+use rayon::prelude::*;
+
 use super::storage::{Owned, Shared, Storage};
 
 /// Scalar values in vectors.
@@ -14,8 +16,11 @@ pub enum ValuesIn<S: Storage> {
     I16(S::Of<i16>),
     /// Unsigned 16-bit integers.
     U16(S::Of<u16>),
-    /// Single precision; wider file types are narrowed to this.
+    /// Single precision.
     F32(S::Of<f32>),
+    /// Double precision, where single has not the same numbers. A volume's values are never wider than single:
+    /// [`ValueScale::positions`](super::ValueScale::positions) narrows them.
+    F64(S::Of<f64>),
 }
 
 impl From<Vec<u8>> for Values {
@@ -42,6 +47,33 @@ impl From<Vec<f32>> for Values {
     }
 }
 
+impl From<Vec<f64>> for Values {
+    /// In single precision where this has the same numbers.
+    fn from(values: Vec<f64>) -> Self {
+        let is_same = |v: &f64| f64::from(narrowed(*v)).to_bits() == v.to_bits() || v.is_nan();
+        match values.par_iter().with_min_len(BATCH).all(is_same) {
+            true => Self::F32(
+                values
+                    .par_iter()
+                    .with_min_len(BATCH)
+                    .map(|v| narrowed(*v))
+                    .collect(),
+            ),
+            false => Self::F64(values),
+        }
+    }
+}
+
+/// Values that a thread takes at a time.
+const BATCH: usize = 1 << 16;
+
+/// To single precision; what is greater than any number of it becomes infinite.
+#[inline]
+#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
+pub(crate) fn narrowed(x: f64) -> f32 {
+    x as f32
+}
+
 impl<S: Storage> ValuesIn<S> {
     /// How many values there are.
     pub fn len(&self) -> usize {
@@ -50,6 +82,7 @@ impl<S: Storage> ValuesIn<S> {
             Self::I16(v) => v.len(),
             Self::U16(v) => v.len(),
             Self::F32(v) => v.len(),
+            Self::F64(v) => v.len(),
         }
     }
 
@@ -58,7 +91,7 @@ impl<S: Storage> ValuesIn<S> {
         self.len() == 0
     }
 
-    /// Value `i`, widened.
+    /// Value `i` in single precision.
     #[inline]
     pub fn get(&self, i: usize) -> f32 {
         match self {
@@ -66,16 +99,27 @@ impl<S: Storage> ValuesIn<S> {
             Self::I16(v) => f32::from(v[i]),
             Self::U16(v) => f32::from(v[i]),
             Self::F32(v) => v[i],
+            Self::F64(v) => narrowed(v[i]),
         }
     }
 
-    /// Adds a run of values to `out`, widened, in one pass of their type.
+    /// Value `i` in double precision.
+    #[inline]
+    pub fn wide(&self, i: usize) -> f64 {
+        match self {
+            Self::F64(v) => v[i],
+            _ => f64::from(self.get(i)),
+        }
+    }
+
+    /// Adds a run of values to `out`, in single precision, in one pass of their type.
     pub(crate) fn append_to(&self, run: std::ops::Range<usize>, out: &mut Vec<f32>) {
         match self {
             Self::U8(v) => out.extend(v[run].iter().map(|&v| f32::from(v))),
             Self::I16(v) => out.extend(v[run].iter().map(|&v| f32::from(v))),
             Self::U16(v) => out.extend(v[run].iter().map(|&v| f32::from(v))),
             Self::F32(v) => out.extend_from_slice(&v[run]),
+            Self::F64(v) => out.extend(v[run].iter().map(|&v| narrowed(v))),
         }
     }
 
@@ -93,6 +137,7 @@ impl<S: Storage> ValuesIn<S> {
             Self::I16(v) => Self::I16(pick(v, indices)),
             Self::U16(v) => Self::U16(pick(v, indices)),
             Self::F32(v) => Self::F32(pick(v, indices)),
+            Self::F64(v) => Self::F64(pick(v, indices)),
         }
     }
 
@@ -102,16 +147,26 @@ impl<S: Storage> ValuesIn<S> {
             Self::U8(_) => 1,
             Self::I16(_) | Self::U16(_) => 2,
             Self::F32(_) => 4,
+            Self::F64(_) => 8,
         }
     }
 
-    /// The type's name as the command line spells it: `u8`, `i16`, `u16` or `f32`.
+    /// The type's name as the command line spells it: `u8`, `i16`, `u16`, `f32` or `f64`.
     pub fn type_name(&self) -> &'static str {
         match self {
             Self::U8(_) => "u8",
             Self::I16(_) => "i16",
             Self::U16(_) => "u16",
             Self::F32(_) => "f32",
+            Self::F64(_) => "f64",
+        }
+    }
+
+    /// The same, by which floating-point values of either precision are alike.
+    pub(crate) fn kind_name(&self) -> &'static str {
+        match self {
+            Self::F64(_) => "f32",
+            other => other.type_name(),
         }
     }
 
@@ -119,13 +174,18 @@ impl<S: Storage> ValuesIn<S> {
     pub fn non_finite_count(&self) -> usize {
         match self {
             Self::F32(v) => v.iter().filter(|x| !x.is_finite()).count(),
+            Self::F64(v) => v.iter().filter(|x| !x.is_finite()).count(),
             _ => 0,
         }
     }
 
     /// Whether any value is infinite.
     pub(crate) fn has_infinite(&self) -> bool {
-        matches!(self, Self::F32(v) if v.iter().any(|x| x.is_infinite()))
+        match self {
+            Self::F32(v) => v.iter().any(|x| x.is_infinite()),
+            Self::F64(v) => v.iter().any(|x| x.is_infinite()),
+            _ => false,
+        }
     }
 }
 
@@ -137,6 +197,7 @@ impl ValuesIn<Shared> {
             Self::I16(v) => v.is_mapped(),
             Self::U16(v) => v.is_mapped(),
             Self::F32(v) => v.is_mapped(),
+            Self::F64(v) => v.is_mapped(),
         }
     }
 }
@@ -149,6 +210,7 @@ impl Values {
             Self::I16(v) => ValuesIn::I16(v.into()),
             Self::U16(v) => ValuesIn::U16(v.into()),
             Self::F32(v) => ValuesIn::F32(v.into()),
+            Self::F64(v) => ValuesIn::F32(v.into_iter().map(narrowed).collect::<Vec<_>>().into()),
         }
     }
 
@@ -159,28 +221,44 @@ impl Values {
         clippy::cast_sign_loss,
         reason = "what a type does not have ends at its bounds"
     )]
-    pub(crate) fn of_type(type_name: &str, values: &[f32]) -> Self {
+    pub(crate) fn of_type(type_name: &str, values: &[f64]) -> Self {
         match type_name {
             "u8" => Self::U8(values.iter().map(|v| *v as u8).collect()),
             "i16" => Self::I16(values.iter().map(|v| *v as i16).collect()),
             "u16" => Self::U16(values.iter().map(|v| *v as u16).collect()),
-            _ => Self::F32(values.to_vec()),
+            _ => values.to_vec().into(),
         }
     }
 
-    /// Appends values of the same type; of another none. Where there are none yet these are taken as they are.
+    /// Appends values of the same type, floating-point ones of either precision; of another none. Where there are none
+    /// yet these are taken as they are.
     pub(crate) fn append(&mut self, more: Self) {
-        if self.is_empty() && self.type_name() == more.type_name() {
+        if self.is_empty() && self.kind_name() == more.kind_name() {
             *self = more;
             return;
         }
+        if let (Self::F32(v), Self::F64(_)) = (&*self, &more) {
+            *self = Self::F64(v.iter().map(|&v| v.into()).collect());
+        }
         match (self, more) {
+            (Self::F64(v), Self::F64(more)) => v.extend(more),
+            (Self::F64(v), Self::F32(more)) => v.extend(more.into_iter().map(f64::from)),
             (Self::U8(v), Self::U8(more)) => v.extend(more),
             (Self::I16(v), Self::I16(more)) => v.extend(more),
             (Self::U16(v), Self::U16(more)) => v.extend(more),
             (Self::F32(v), Self::F32(more)) => v.extend(more),
             _ => {}
         }
+    }
+
+    /// Of several arrays all floating-point ones in double precision where any of them is.
+    pub(crate) fn alike(all: Vec<Self>) -> Vec<Self> {
+        let is_wide = all.iter().any(|values| matches!(values, Self::F64(_)));
+        let widened = |values: Self| match values {
+            Self::F32(v) if is_wide => Self::F64(v.into_iter().map(f64::from).collect()),
+            other => other,
+        };
+        all.into_iter().map(widened).collect()
     }
 
     /// Leaves out all but the first, and gives their memory back.
@@ -194,6 +272,7 @@ impl Values {
             Self::I16(v) => cut(v, count),
             Self::U16(v) => cut(v, count),
             Self::F32(v) => cut(v, count),
+            Self::F64(v) => cut(v, count),
         }
     }
 
@@ -204,27 +283,27 @@ impl Values {
             Self::I16(v) => Self::I16(v[run].to_vec()),
             Self::U16(v) => Self::U16(v[run].to_vec()),
             Self::F32(v) => Self::F32(v[run].to_vec()),
+            Self::F64(v) => Self::F64(v[run].to_vec()),
         }
     }
 
     /// The least and the greatest finite value, or `None` where there is none.
-    pub fn finite_range(&self) -> Option<[f32; 2]> {
+    pub fn finite_range(&self) -> Option<[f64; 2]> {
+        fn of_all<T: Copy + PartialOrd + Into<f64>>(values: &[T]) -> Option<[f64; 2]> {
+            let finite = values
+                .iter()
+                .map(|&v| v.into())
+                .filter(|v: &f64| v.is_finite());
+            finite.fold(None, |r, v| {
+                Some(r.map_or([v, v], |[a, b]: [f64; 2]| [a.min(v), b.max(v)]))
+            })
+        }
         match self {
-            Self::U8(v) => {
-                let (lo, hi) = (v.iter().min()?, v.iter().max()?);
-                Some([f32::from(*lo), f32::from(*hi)])
-            }
-            Self::I16(v) => {
-                let (lo, hi) = (v.iter().min()?, v.iter().max()?);
-                Some([f32::from(*lo), f32::from(*hi)])
-            }
-            Self::U16(v) => {
-                let (lo, hi) = (v.iter().min()?, v.iter().max()?);
-                Some([f32::from(*lo), f32::from(*hi)])
-            }
-            Self::F32(v) => v.iter().filter(|x| x.is_finite()).fold(None, |r, &x| {
-                Some(r.map_or([x, x], |[a, b]: [f32; 2]| [a.min(x), b.max(x)]))
-            }),
+            Self::U8(v) => of_all(v),
+            Self::I16(v) => of_all(v),
+            Self::U16(v) => of_all(v),
+            Self::F32(v) => of_all(v),
+            Self::F64(v) => of_all(v),
         }
     }
 }

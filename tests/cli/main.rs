@@ -22,3 +22,4 @@ mod manners;
 mod memory;
 mod splats;
 mod usage;
+mod values;

@@ -13,6 +13,7 @@ mod examples;
 mod support;
 
 mod amr;
+mod automatic;
 mod bad_input;
 mod cells;
 mod clouds;
@@ -63,3 +64,4 @@ mod threemf;
 mod vtk_legacy;
 mod vtk_xml;
 mod vtkhdf;
+mod wide_values;

@@ -178,7 +178,7 @@ fn halo_particles_lie_in_their_box() {
 }
 
 /// Ranges that the manifest prints with so many decimals.
-fn assert_range(data: &Dataset, field: &str, range: [f32; 2], tolerance: f32) {
+fn assert_range(data: &Dataset, field: &str, range: [f64; 2], tolerance: f64) {
     let found = data.scalar(field).unwrap().1.finite_range().unwrap();
     let close = |i: usize| (found[i] - range[i]).abs() <= tolerance;
     assert!(close(0) && close(1), "{field}: {found:?} for {range:?}");

@@ -17,13 +17,13 @@ const SIMPLER: f32 = 0.01;
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Curve {
     /// Where the table lies.
-    pub(crate) range: [f32; 2],
+    pub(crate) range: [f64; 2],
     scale: ValueScale,
     unit_distance: f64,
     /// Values, not decreasing, and opacities from 0 to 1.
-    pub(crate) opacities: Vec<(f32, f32)>,
+    pub(crate) opacities: Vec<(f64, f32)>,
     /// Values, not decreasing, and colours as displays take them.
-    pub(crate) colours: Vec<(f32, [f32; 3])>,
+    pub(crate) colours: Vec<(f64, [f32; 3])>,
 }
 
 impl Curve {
@@ -32,12 +32,12 @@ impl Curve {
         let file: Value = serde_json::from_str(&function.to_json()).ok()?;
         let number = |value: &Value| value.as_f64().map(narrowed);
         let range = file.get("range")?.as_array()?;
-        let range = [number(range.first()?)?, number(range.get(1)?)?];
+        let range = [range.first()?.as_f64()?, range.get(1)?.as_f64()?];
         let scale = function.value_scale();
         let is_linear = file.get("color_space").and_then(Value::as_str) == Some("linear");
         let (mut opacities, mut colours) = (Vec::new(), Vec::new());
         for point in file.get("points")?.as_array()? {
-            let value = number(point.get("value")?)?;
+            let value = point.get("value")?.as_f64()?;
             if let Some(opacity) = point.get("opacity").and_then(number) {
                 opacities.push((value, opacity));
             }
@@ -49,7 +49,7 @@ impl Curve {
                 colours.push((value, colour.map(encode)));
             }
         }
-        let place = |value: f32| scale.position(value);
+        let place = |value: f64| scale.position(value);
         let opacities = simplified(
             &opacities,
             place,
@@ -81,7 +81,7 @@ impl Curve {
             .colours
             .iter()
             .map(|&(value, colour)| (value, json!({ "value": value, "color": colour })));
-        let mut points: Vec<(f32, Value)> = opacities.chain(colours).collect();
+        let mut points: Vec<(f64, Value)> = opacities.chain(colours).collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
         let points: Vec<Value> = points.into_iter().map(|(_, point)| point).collect();
         let mut file = json!({
@@ -91,7 +91,7 @@ impl Curve {
             "points": points,
         });
         match self.scale {
-            ValueScale::Linear => {}
+            ValueScale::Linear | ValueScale::Shifted { .. } => {}
             ValueScale::Log => file["scale"] = json!("log"),
             ValueScale::Symlog { linear } => {
                 file["scale"] = json!("symlog");
@@ -107,23 +107,26 @@ impl Curve {
     /// Points that are no function.
     pub(crate) fn function(&self) -> Result<TransferFunction> {
         let defaults = TransferDefaults {
-            range: self.range,
+            range: self.range.map(narrowed),
             unit_distance: self.unit_distance,
         };
-        TransferFunction::from_json(Path::new("the edited function"), &self.to_json(), &defaults)
+        let path = Path::new("the edited function");
+        let function = TransferFunction::from_json(path, &self.to_json(), &defaults)?;
+        // The data's values lie on the scale that the first function had.
+        Ok(function.moved_to(self.scale).unwrap_or(function))
     }
 
     /// What the scale is called.
     pub(crate) fn scale_name(&self) -> ScaleName {
         match self.scale {
-            ValueScale::Linear => ScaleName::Linear,
+            ValueScale::Linear | ValueScale::Shifted { .. } => ScaleName::Linear,
             ValueScale::Log => ScaleName::Log,
             ValueScale::Symlog { .. } => ScaleName::Symlog,
         }
     }
 
     /// Moves the ends of the range, and all points with them; a range that the scale has none of is left as it was.
-    pub(crate) fn set_range(&mut self, range: [f32; 2]) {
+    pub(crate) fn set_range(&mut self, range: [f64; 2]) {
         let places = range.map(|end| self.scale.position(end));
         if !(places[0] < places[1] && (places[1] - places[0]).is_finite()) {
             return;
@@ -139,13 +142,13 @@ impl Curve {
     }
 
     /// Where a value lies between the ends of the range, 0 to 1.
-    pub(crate) fn share(&self, value: f32) -> f32 {
+    pub(crate) fn share(&self, value: f64) -> f32 {
         let [lo, hi] = self.range.map(|end| self.scale.position(end));
         (self.scale.position(value) - lo) / (hi - lo)
     }
 
     /// The value at a share of the range.
-    pub(crate) fn value(&self, share: f32) -> f32 {
+    pub(crate) fn value(&self, share: f32) -> f64 {
         let [lo, hi] = self.range.map(|end| self.scale.position(end));
         let value = self.scale.value(lo + (hi - lo) * share.clamp(0.0, 1.0));
         value.clamp(self.range[0], self.range[1])
@@ -163,7 +166,7 @@ impl Curve {
         self.colours[i].0 = value;
     }
 
-    fn between<T>(&self, points: &[(f32, T)], i: usize, value: f32) -> f32 {
+    fn between<T>(&self, points: &[(f64, T)], i: usize, value: f64) -> f64 {
         let before = i.checked_sub(1).map_or(self.range[0], |i| points[i].0);
         let after = points.get(i + 1).map_or(self.range[1], |point| point.0);
         value.clamp(before, after.max(before))
@@ -206,11 +209,11 @@ fn narrowed(x: f64) -> f32 {
 
 /// Points of which none is farther than [`SIMPLER`] from the line between those that stay (Douglas and Peucker 1973).
 fn simplified<T: Copy>(
-    points: &[(f32, T)],
-    place: impl Fn(f32) -> f32,
+    points: &[(f64, T)],
+    place: impl Fn(f64) -> f32,
     mix: impl Fn(T, T, f32) -> T,
     distance: impl Fn(T, T) -> f32,
-) -> Vec<(f32, T)> {
+) -> Vec<(f64, T)> {
     let mut kept = vec![false; points.len()];
     let mut left = Vec::new();
     if let Some(last) = points.len().checked_sub(1) {
@@ -284,7 +287,7 @@ impl History {
     }
 
     /// Where the table of the function lay that the data were read with.
-    pub(crate) fn first_range(&self) -> [f32; 2] {
+    pub(crate) fn first_range(&self) -> [f64; 2] {
         self.states[0].curve.range
     }
 
@@ -399,7 +402,7 @@ mod tests {
             colours: vec![(1.0, [0.0; 3]), (100.0, [1.0; 3])],
         };
         curve.move_opacity(1, 0.25, 2.0);
-        assert!((curve.opacities[1].0 - 10_f32.sqrt()).abs() < 1e-4);
+        assert!((curve.opacities[1].0 - 10_f64.sqrt()).abs() < 1e-4);
         assert_eq!(curve.opacities[1].1, 1.0);
         curve.move_opacity(0, 0.9, 0.1);
         assert_eq!(curve.opacities[0].0, curve.opacities[1].0);
@@ -428,8 +431,8 @@ mod tests {
             [-1.0, 5.0],
             [5.0, 5.0],
             [7.0, 5.0],
-            [1.0, f32::INFINITY],
-            [f32::NAN, 1.0],
+            [1.0, f64::INFINITY],
+            [f64::NAN, 1.0],
         ] {
             let mut same = curve.clone();
             same.set_range(none);

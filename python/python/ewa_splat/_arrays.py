@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ._units import strip_unit
 
-#: Types that values keep: others become float32.
+#: Types that values keep: others become float32 where that has all their numbers, and else float64.
 KEPT = (np.dtype(np.uint8), np.dtype(np.int16), np.dtype(np.uint16), np.dtype(np.float32))
 
 
@@ -98,7 +98,8 @@ def kept(array: NDArray[Any]) -> NDArray[Any]:
     native = array.dtype.newbyteorder("=")
     if native.kind == "b":
         native = np.dtype(np.uint8)
-    return narrowed(array, native if native in KEPT else np.float32)
+    wider = np.float32 if np.can_cast(native, np.float32) else np.float64
+    return narrowed(array, native if native in KEPT else wider)
 
 
 def fortran(array: NDArray[Any]) -> NDArray[Any]:

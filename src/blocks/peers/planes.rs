@@ -129,6 +129,7 @@ impl Held {
             Values::I16(v) => Values::I16(traffic.collect(&self, v, samples, peers)?),
             Values::U16(v) => Values::U16(traffic.collect(&self, v, samples, peers)?),
             Values::F32(v) => Values::F32(traffic.collect(&self, v, samples, peers)?),
+            Values::F64(v) => Values::F64(traffic.collect(&self, v, samples, peers)?),
         };
         Ok(Self {
             runs: wanted[rank].clone(),

@@ -130,9 +130,8 @@ fn put_together(path: &Path, slices: Vec<Slice>) -> Result<Vec<Values>> {
             let values = match is_one_kind {
                 true => values,
                 false => {
-                    let mut floats = Vec::with_capacity(values.len());
-                    values.append_to(0..values.len(), &mut floats);
-                    Values::F32(floats)
+                    let floats: Vec<f64> = (0..values.len()).map(|i| values.wide(i)).collect();
+                    floats.into()
                 }
             };
             if all.is_none() {
@@ -156,6 +155,7 @@ fn with_room(path: &Path, like: &Values, count: usize) -> Result<Values> {
         Values::I16(_) => room(count).map(Values::I16),
         Values::U16(_) => room(count).map(Values::U16),
         Values::F32(_) => room(count).map(Values::F32),
+        Values::F64(_) => room(count).map(Values::F64),
     };
     empty.ok_or_else(|| {
         let expected = "a series that fits into memory";

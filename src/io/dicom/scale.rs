@@ -4,7 +4,7 @@ use super::data_set::DataSet;
 use super::groups::Groups;
 use super::pixels::Layout;
 use super::tags;
-use crate::io::scalars::{ScalarType, narrow};
+use crate::io::scalars::ScalarType;
 use crate::scene::Values;
 
 /// What is done to the numbers of a frame.
@@ -45,8 +45,8 @@ impl Scale {
 
     fn values(&self, values: Values) -> Values {
         let padding = self.padding.filter(|[low, high]| {
-            let is_padding = |x: f32| (*low..=*high).contains(&f64::from(x));
-            (0..values.len()).any(|i| is_padding(values.get(i)))
+            let is_padding = |x: f64| (*low..=*high).contains(&x);
+            (0..values.len()).any(|i| is_padding(values.wide(i)))
         });
         if padding.is_none() && self.slope == 1.0 && self.intercept == 0.0 {
             return values;
@@ -58,29 +58,27 @@ impl Scale {
             return integers;
         }
         let number = |i: usize| {
-            let x = f64::from(values.get(i));
+            let x = values.wide(i);
             match padding {
-                Some([low, high]) if (low..=high).contains(&x) => f32::NAN,
-                _ => narrow(self.slope * x + self.intercept),
+                Some([low, high]) if (low..=high).contains(&x) => f64::NAN,
+                _ => self.slope * x + self.intercept,
             }
         };
-        Values::F32((0..values.len()).map(number).collect())
+        (0..values.len()).map(number).collect::<Vec<f64>>().into()
     }
 
     /// Integers and the intercept, where all of these fit into 16 bits with a sign.
     fn integers(&self, values: &Values) -> Option<Values> {
-        if matches!(values, Values::F32(_)) {
+        if matches!(values, Values::F32(_) | Values::F64(_)) {
             return None;
         }
-        let range = values
-            .finite_range()?
-            .map(|x| f64::from(x) + self.intercept);
+        let range = values.finite_range()?.map(|x| x + self.intercept);
         let most = [f64::from(i16::MIN), f64::from(i16::MAX)];
         if range[0] < most[0] || range[1] > most[1] {
             return None;
         }
         #[allow(clippy::cast_possible_truncation, reason = "within the range above")]
-        let numbers = (0..values.len()).map(|i| (f64::from(values.get(i)) + self.intercept) as i16);
+        let numbers = (0..values.len()).map(|i| (values.wide(i) + self.intercept) as i16);
         Some(Values::I16(numbers.collect()))
     }
 }

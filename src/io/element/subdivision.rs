@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use glam::DVec3;
 
 use super::Element;
+use crate::io::scalars::narrow;
 use crate::io::{Association, CellKind, CellMesh};
 use crate::scene::Values;
 
@@ -55,7 +56,7 @@ pub(crate) fn steps(
     let known = elements.values().flatten();
     let order = known.map(|element| element.order).max()?;
     let range = values.and_then(Values::finite_range);
-    let width = range.map_or(0.0, |[low, high]| f64::from(high) - f64::from(low));
+    let width = range.map_or(0.0, |[low, high]| high - low);
     let is_known = |i: &usize| {
         let key = (mesh.kinds[*i], mesh.cell(*i).len());
         matches!(elements.get(&key), Some(Some(_)))
@@ -91,7 +92,7 @@ pub(crate) fn steps(
             for difference in halves {
                 let position: DVec3 = nodes().zip(difference).map(|(p, w)| p * *w).sum();
                 let value = |values: &Values| -> f64 {
-                    let of_cell = cell.iter().map(|&n| f64::from(values.get(n as usize)));
+                    let of_cell = cell.iter().map(|&n| values.wide(n as usize));
                     of_cell.zip(difference).map(|(v, w)| v * w).sum()
                 };
                 let value = values.map_or(0.0, value).abs();
@@ -232,13 +233,17 @@ impl Subdivision {
         match association {
             Association::Cells => values.gather(&self.parents),
             Association::Nodes => {
-                let stated = (0..values.len()).map(|i| values.get(i));
-                #[expect(clippy::cast_possible_truncation, reason = "fields are in f32")]
+                let stated = (0..values.len()).map(|i| values.wide(i));
                 let of = |weights: &Vec<(u32, f64)>| {
-                    let value = |(n, w): &(u32, f64)| f64::from(values.get(*n as usize)) * w;
-                    weights.iter().map(value).sum::<f64>() as f32
+                    let value = |(n, w): &(u32, f64)| values.wide(*n as usize) * w;
+                    weights.iter().map(value).sum::<f64>()
                 };
-                Values::F32(stated.chain(self.between.iter().map(of)).collect())
+                let all: Vec<f64> = stated.chain(self.between.iter().map(of)).collect();
+                // What is stated in single precision is so in between.
+                match values {
+                    Values::F64(_) => all.into(),
+                    _ => Values::F32(all.into_iter().map(narrow).collect()),
+                }
             }
         }
     }

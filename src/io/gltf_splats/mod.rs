@@ -380,27 +380,9 @@ impl Reader<'_, '_> {
             harmonics_degree: degree,
             harmonics: coefficients,
             is_anti_aliased: false,
+            is_linear: false,
         })
     }
-<<<<<<< HEAD
-=======
-    Ok(SplatCloud {
-        positions: positions
-            .into_iter()
-            .map(|p| DVec3::from(p.map(f64::from)))
-            .collect(),
-        scales,
-        rotations: rotations
-            .into_iter()
-            .map(|[x, y, z, w]| [w, x, y, z])
-            .collect(),
-        opacities: opacities.into_iter().map(|[a]| a).collect(),
-        harmonics_degree: degree,
-        harmonics: coefficients,
-        is_anti_aliased: false,
-        is_linear: false,
-    })
->>>>>>> splats
 }
 
 /// Moves splats to the world.

@@ -131,7 +131,7 @@ pub(super) fn read(
         .collect();
 
     let scalar = |name: &str, numbers: &mut dyn Iterator<Item = f64>| {
-        table::scalar_field(name, Values::F32(numbers.map(narrow).collect()))
+        table::scalar_field(name, numbers.collect::<Vec<f64>>().into())
     };
     let mut fields = vec![
         scalar("h", &mut lengths.iter().copied()),

@@ -305,19 +305,19 @@ fn element_results(
         file.spend(
             || format!("results `{name}`"),
             Some(count),
-            size_of::<f32>(),
+            size_of::<f64>(),
         )?;
-        let mut all = vec![f32::NAN; count];
+        let mut all = vec![f64::NAN; count];
         for block in blocks.iter().filter(|block| !block.cells.is_empty()) {
             let own = file.variable(&format!("vals_elem_var{}eb{}", i + 1, block.number))?;
             // A block that has none of this result has no variable of it.
             let Some(own) = own else { continue };
             let values = numbers(file, own, &[step], block.cells.len())?;
             for (to, from) in block.cells.clone().zip(0..) {
-                all[to] = values.get(from);
+                all[to] = values.wide(from);
             }
         }
-        results.push((name, Values::F32(all)));
+        results.push((name, all.into()));
     }
     Ok(results)
 }

@@ -29,7 +29,6 @@ use super::dataset::Dataset;
 use super::file::Input;
 use super::hdf5::storage;
 use super::refused;
-use super::scalars::narrow;
 use super::time_steps::{self, TimeStep};
 use super::{ReadAs, hdf5};
 use crate::error::{Error, Result};
@@ -191,8 +190,7 @@ impl<'a> NetcdfFile<'a> {
     /// As [`NetcdfFile::doubles`], as fields hold them.
     fn values(&self, variable: &NcVariable, at: &[usize]) -> Result<Values> {
         if *variable.dtype() != NcType::Float {
-            let numbers = self.doubles(variable, at)?;
-            return Ok(Values::F32(numbers.into_iter().map(narrow).collect()));
+            return Ok(self.doubles(variable, at)?.into());
         }
         let part = self.part(variable, at, size_of::<f32>())?;
         self.file
@@ -221,8 +219,7 @@ impl<'a> NetcdfFile<'a> {
 
     /// As [`NetcdfFile::unpacked_doubles`], as fields hold them.
     fn unpacked(&self, variable: &NcVariable, at: &[usize]) -> Result<Values> {
-        let numbers = self.unpacked_doubles(variable, at)?;
-        Ok(Values::F32(numbers.into_iter().map(narrow).collect()))
+        Ok(self.unpacked_doubles(variable, at)?.into())
     }
 
     /// The texts of a variable of characters, without what fills them up.

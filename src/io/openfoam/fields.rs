@@ -1,7 +1,6 @@
 //! The fields of a case: one file for each, in the folder of its time.
 
 use super::super::dataset::{Association, Field, FieldSource};
-use super::super::scalars::narrow;
 use super::text::{CaseFile, Kind, Scanner};
 use crate::error::Result;
 use crate::scene::Values;
@@ -16,7 +15,7 @@ pub(super) struct Gathered {
     pub(super) name: String,
     pub(super) association: Association,
     unit: Option<String>,
-    components: Vec<Vec<f32>>,
+    components: Vec<Vec<f64>>,
 }
 
 /// What a file in the folder of a time is.
@@ -98,7 +97,7 @@ pub(super) fn read(file: &CaseFile, counts: [usize; 2]) -> Result<Found> {
     };
     let component = |i: usize| {
         let of_component = numbers.iter().skip(i).step_by(components);
-        of_component.map(|&x| narrow(x)).collect()
+        of_component.copied().collect()
     };
     Ok(Found::Field(Gathered {
         name: file.name.rsplit('/').next().unwrap_or_default().to_owned(),
@@ -169,7 +168,7 @@ impl Gathered {
             source,
             unit: unit.clone(),
         };
-        let mut components: Vec<Values> = self.components.into_iter().map(Values::F32).collect();
+        let mut components: Vec<Values> = self.components.into_iter().map(Values::from).collect();
         let names: &[&str] = match components.len() {
             6 => &SYMMETRIC,
             9 => &FULL,

@@ -4,7 +4,6 @@
 use std::path::{Path, PathBuf};
 
 use super::super::file::Input;
-use super::super::scalars::narrow;
 use super::layout::{Content, Contents, Kind, Layout, describe_dims};
 use super::text;
 use crate::error::{Error, Hint, Result};
@@ -62,14 +61,14 @@ impl Body<'_> {
     /// Fewer than the layout says.
     pub(super) fn values(&self, number: usize) -> Result<Values> {
         let form = self.layout.form;
-        let mut all = Vec::with_capacity(self.grids.iter().map(|(_, count)| count).sum());
+        let mut all: Vec<f64> = Vec::with_capacity(self.grids.iter().map(|(_, count)| count).sum());
         for &(start, count) in &self.grids {
             let at = start + number * count * form.real_size();
             let part = self.contents.numbers(form, true, at, count);
             let part = part.ok_or_else(|| self.of.broken())?;
-            all.extend(part.into_iter().map(narrow));
+            all.extend(part);
         }
-        Ok(Values::F32(all))
+        Ok(all.into())
     }
 }
 

@@ -30,12 +30,10 @@ use self::scan::{Scanner, Token};
 use self::zone::{File, Shape, Zone};
 use super::dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use super::file::Input;
-use super::scalars::narrow;
 use super::table::list;
 use super::time_steps::{TimeStep, chosen, of_file};
 use super::{CellKind, CellMesh, ReadAs, vtk_grid};
 use crate::error::{Error, Result};
-use crate::scene::Values;
 
 const FORMAT: &str = "Tecplot text";
 
@@ -198,17 +196,13 @@ fn fields(file: &File, axes: &[Option<usize>; 3], notes: &mut Vec<String>) -> Ve
             .zones
             .first()
             .is_some_and(|zone| zone.at_cells[variable]);
-        let mut all: Vec<f32> = Vec::new();
+        let mut all: Vec<f64> = Vec::new();
         let is_whole = file.zones.iter().all(|zone| {
             let values = zone.values[variable].as_ref();
             // A line of nodes is read as points, which have no cells.
             let has_place = zone.at_cells[variable] == at_cells && !(at_cells && zone.is_line());
             let values = values.filter(|_| has_place);
-            all.extend(
-                values
-                    .into_iter()
-                    .flat_map(|v| v.iter().map(|&x| narrow(x))),
-            );
+            all.extend(values.into_iter().flat_map(|v| v.iter().copied()));
             values.is_some()
         });
         if !is_whole {
@@ -221,7 +215,7 @@ fn fields(file: &File, axes: &[Option<usize>; 3], notes: &mut Vec<String>) -> Ve
                 true => Association::Cells,
                 false => Association::Nodes,
             },
-            source: FieldSource::Scalar(Values::F32(all)),
+            source: FieldSource::Scalar(all.into()),
             unit: None,
         });
     }

@@ -252,8 +252,9 @@ impl Attributes {
                 FieldSource::Derived(_) => &mut [],
             };
             for values in components {
-                if let Values::F32(intensities) = values {
-                    *values = Values::U8(intensities.iter().copied().map(byte).collect());
+                if matches!(values, Values::F32(_) | Values::F64(_)) {
+                    let bytes = (0..values.len()).map(|i| byte(values.get(i)));
+                    *values = Values::U8(bytes.collect());
                 }
             }
         }

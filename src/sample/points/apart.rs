@@ -15,7 +15,7 @@ use crate::error::Result;
 use crate::io::{Dataset, FieldSource, Geometry, SCALES, VARIANCE};
 use crate::math::ExactSum;
 use crate::scene::{
-    LocalModel, PickedRow, PointVolume, Surroundings, TransferFunction, ValueSample, Values,
+    LocalModel, PickedRow, PointVolume, Surroundings, Tiling, TransferFunction, ValueSample, Values,
 };
 
 /// What points are made of that show a field: as it depends on nothing but names, known of any row.
@@ -167,7 +167,7 @@ pub(crate) fn sample_apart(
 /// The transfer function of particles.
 ///
 /// - `picked`: those of [`ApartSample::picked`] of all, in the order of their numbers, of `count` rows.
-/// - `surroundings`: whether there is anything around the particles.
+/// - `surroundings`: whether there is anything around the particles; `tiling`: whether they lie beside each other.
 /// - `report`: of all, with the range of the values.
 ///
 /// # Errors
@@ -175,12 +175,12 @@ pub(crate) fn sample_apart(
 pub(crate) fn function_apart(
     picked: &[PickedRow],
     count: usize,
-    surroundings: Surroundings,
+    (surroundings, tiling): (Surroundings, Tiling),
     mean_spacing: f64,
     report: &mut SampleReport,
     options: &SampleOptions,
 ) -> Result<TransferFunction> {
-    let sample = || ValueSample::of_rows(picked, count, surroundings);
+    let sample = || ValueSample::of_rows(picked, count, surroundings, tiling);
     function_of(sample, mean_spacing, report, options)
 }
 

@@ -32,7 +32,9 @@ use super::{OfRows, ParticleShape};
 use crate::error::Result;
 use crate::io::{ColourNumbers, Dataset, Geometry};
 use crate::math::ExactSum;
-use crate::scene::{Colour, Particles, PointVolume, Strength, Surroundings, ValueSample, Values};
+use crate::scene::{
+    Colour, Particles, PointVolume, Strength, Surroundings, Tiling, ValueSample, Values,
+};
 use crate::task::Stage;
 
 /// The name that the report gives to the field computed for bare positions. The logarithm,
@@ -391,8 +393,9 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
     report.unit_distance = options.unit_distance.unwrap_or(mean_spacing);
     let place = |row: usize| kept.binary_search(&index_u32(row)).ok();
     let picked = |values: &Values| picked_rows(count, place, &volumes, &positions, values);
-    let of_body =
-        |values: &Values| ValueSample::of_rows(&picked(values), count, Surroundings::Absent);
+    let of_body = |values: &Values| {
+        ValueSample::of_rows(&picked(values), count, Surroundings::Absent, Tiling::Loose)
+    };
     let (values, transfer_function) = match values {
         Some(values) if is_part => {
             report.value_range = values.finite_range();

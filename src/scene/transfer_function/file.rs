@@ -159,16 +159,16 @@ impl TransferFunction {
             .map(|i| {
                 let [red, green, blue, opacity] = entries[i];
                 let value = f64::from(lo) + (f64::from(hi) - f64::from(lo)) * (i as f64 / last);
-                let value = scale.value(narrowed(value));
+                let value = written(scale, narrowed(value));
                 json!({"value": value, "color": [red, green, blue], "opacity": opacity})
             })
             .collect();
         let mut text = json!({
-            "range": [scale.value(lo), scale.value(hi)], "unit_distance": unit,
+            "range": [written(scale, lo), written(scale, hi)], "unit_distance": unit,
             "color_space": "linear", "points": points,
         });
         match scale {
-            ValueScale::Linear => {}
+            ValueScale::Linear | ValueScale::Shifted { .. } => {}
             ValueScale::Log => text["scale"] = json!("log"),
             ValueScale::Symlog { linear } => {
                 text["scale"] = json!("symlog");
@@ -176,6 +176,15 @@ impl TransferFunction {
             }
         }
         format!("{text:#}\n")
+    }
+}
+
+/// The value at a position, in as many digits as it is known to.
+fn written(scale: ValueScale, position: f32) -> Value {
+    let value = scale.value(position);
+    match scale {
+        ValueScale::Shifted { .. } => json!(value),
+        _ => json!(narrowed(value)),
     }
 }
 
@@ -320,6 +329,8 @@ impl Document<'_> {
             .as_array()
             .ok_or_else(|| self.fault("points", "a list of points", describe(list)))?;
         let mut points = Vec::with_capacity(list.len());
+        // In double precision: single has perhaps not their differences.
+        let mut values = Vec::with_capacity(list.len());
         for (i, value) in list.iter().enumerate() {
             let place = format!("points[{i}].");
             let point = value
@@ -330,6 +341,7 @@ impl Document<'_> {
             let value = point
                 .get("value")
                 .ok_or_else(|| self.fault(at("value"), "a number", "no such key"))?;
+            values.push(value.as_f64().unwrap_or_default());
             points.push(ControlPoint {
                 value: self.number(value, &at("value"))?,
                 colour: point
@@ -346,7 +358,9 @@ impl Document<'_> {
             .map_err(|(place, expected, found)| self.fault(place, expected, found))?;
         let range = match object.get("range") {
             Some(range) => {
-                let [lo, hi] = self.tuple(range, "range")?;
+                let _: [f32; 2] = self.tuple(range, "range")?;
+                let end = |i: usize| range[i].as_f64().unwrap_or_default();
+                let [lo, hi] = [end(0), end(1)];
                 if lo >= hi {
                     return Err(self.fault(
                         "range",
@@ -356,7 +370,7 @@ impl Document<'_> {
                 }
                 [lo, hi]
             }
-            None => [points[0].value, points[points.len() - 1].value],
+            None => [values[0], values[values.len() - 1]],
         };
         let unit_distance = match object.get("unit_distance") {
             Some(value) => {
@@ -381,8 +395,8 @@ impl Document<'_> {
             }
         };
         let scale = self.scale(object, range)?;
-        for (i, point) in points.iter_mut().enumerate() {
-            point.value = self.position(scale, point.value, &format!("points[{i}].value"))?;
+        for (i, (point, value)) in points.iter_mut().zip(values).enumerate() {
+            point.value = self.position(scale, value, &format!("points[{i}].value"))?;
         }
         let [lo, hi] = range;
         let range = [
@@ -394,7 +408,7 @@ impl Document<'_> {
             .map_err(|e| self.renamed(e))
     }
 
-    fn scale(&self, object: &Map<String, Value>, range: [f32; 2]) -> Result<ValueScale> {
+    fn scale(&self, object: &Map<String, Value>, range: [f64; 2]) -> Result<ValueScale> {
         let name = match object.get("scale") {
             None => ScaleName::Linear,
             Some(Value::String(s)) if s == "linear" => ScaleName::Linear,
@@ -406,7 +420,10 @@ impl Document<'_> {
             }
         };
         let Some(linear) = object.get("linear_within") else {
-            return Ok(ScaleName::over(range, name));
+            return Ok(match name {
+                ScaleName::Linear => ValueScale::linear_over(range),
+                name => ScaleName::over(range, name),
+            });
         };
         let linear = self.number(linear, "linear_within")?;
         if name != ScaleName::Symlog || linear < f32::MIN_POSITIVE {
@@ -420,7 +437,7 @@ impl Document<'_> {
     }
 
     /// Where a value lies on a scale that has a place for it.
-    fn position(&self, scale: ValueScale, value: f32, place: &str) -> Result<f32> {
+    fn position(&self, scale: ValueScale, value: f64, place: &str) -> Result<f32> {
         let position = scale.position(value);
         match position.is_finite() {
             true => Ok(position),

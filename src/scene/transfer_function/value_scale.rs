@@ -1,6 +1,16 @@
 //! Where values lie before a transfer function is asked: linearly, or by their logarithm.
 
+use std::borrow::Cow;
+
 use crate::scene::Values;
+use crate::scene::values::narrowed;
+
+/// Single precision has fewer steps than this within a range of values that are far from 0 for their differences: the
+/// positions are then those from an origin among them. A transfer function's table has a fourth as many entries.
+const LEAST_STEPS: f64 = 16_384.0;
+
+/// From this magnitude on differences of values, and from its inverse down, are not taken in single precision.
+const GREATEST: f64 = 1e30;
 
 /// The scale on which a transfer function lies over its values. A table, colours and kernels' extents are even on
 /// it: a field over decades is classified, interpolated and shown by its logarithm.
@@ -11,6 +21,13 @@ pub enum ValueScale {
     /// Positions are values.
     #[default]
     Linear,
+    /// (value - origin) / unit: of values whose differences, or which themselves, single precision does not have.
+    Shifted {
+        /// The value at position 0.
+        origin: f64,
+        /// The difference of values whose positions differ by 1, above 0; a power of two.
+        unit: f64,
+    },
     /// log10 of the value; of values above 0.
     Log,
     /// sign(v) log10(1 + |v| / linear): of either sign, linear within `linear` of 0 and logarithmic beyond.
@@ -42,44 +59,96 @@ impl ScaleName {
     }
 
     /// The scale over a range of values.
-    pub(super) fn over([lo, hi]: [f32; 2], name: Self) -> ValueScale {
+    pub(super) fn over([lo, hi]: [f64; 2], name: Self) -> ValueScale {
         match name {
             Self::Linear => ValueScale::Linear,
             Self::Log => ValueScale::Log,
             Self::Symlog => ValueScale::Symlog {
-                linear: (1e-3 * lo.abs().max(hi.abs())).max(f32::MIN_POSITIVE),
+                linear: narrowed(1e-3 * lo.abs().max(hi.abs())).max(f32::MIN_POSITIVE),
             },
         }
     }
 }
 
 impl ValueScale {
+    /// The linear scale over a range of values in double precision: [`Self::Linear`], unless single precision tells less
+    /// than some 2^14 values apart within it, or is left by it.
+    pub(super) fn linear_over([lo, hi]: [f64; 2]) -> Self {
+        let greatest = lo.abs().max(hi.abs());
+        let width = hi - lo;
+        let is_far = width > 0.0 && width < LEAST_STEPS * f64::from(f32::EPSILON) * greatest;
+        // The differences, or the values themselves where nothing differs or differences are too great for any number.
+        let size = match width > 0.0 && width.is_finite() {
+            true => width,
+            false => greatest,
+        };
+        let is_ordinary = size <= 0.0 || (1.0 / GREATEST..GREATEST).contains(&size);
+        if is_ordinary && !is_far {
+            return Self::Linear;
+        }
+        Self::Shifted {
+            origin: if is_far { lo.midpoint(hi) } else { 0.0 },
+            // Powers of two leave the digits of differences as they are; the least and the greatest have inverses.
+            unit: match is_ordinary {
+                true => 1.0,
+                false => size.log2().floor().clamp(-1000.0, 1000.0).exp2(),
+            },
+        }
+    }
+
+    /// The scale on which differences of values are taken that may need double precision, in single precision.
+    ///
+    /// - `range`: of all of them; `is_wide`: whether any are in double precision.
+    pub(crate) fn of_differences(range: Option<[f64; 2]>, is_wide: bool) -> Self {
+        match range {
+            Some(range) if is_wide => Self::linear_over(range),
+            _ => Self::Linear,
+        }
+    }
+
+    /// Whether positions are counted from a value other than 0.
+    pub(super) fn is_shifted(self) -> bool {
+        matches!(self, Self::Shifted { origin, .. } if origin.abs() > 0.0)
+    }
+
+    /// Whether positions have the signs of their values.
+    pub(super) fn has_signs(self) -> bool {
+        self != Self::Log && !self.is_shifted()
+    }
+
+    /// Whether values lie evenly on it.
+    pub fn is_linear(self) -> bool {
+        matches!(self, Self::Linear | Self::Shifted { .. })
+    }
+
     /// Where a value lies: minus infinity for what a logarithm has no place for.
-    pub fn position(self, value: f32) -> f32 {
-        let v = f64::from(value);
+    pub fn position(self, value: f64) -> f32 {
         let position = match self {
-            Self::Linear => return value,
-            Self::Log if v <= 0.0 => f64::NEG_INFINITY,
-            Self::Log => v.log10(),
+            Self::Linear => value,
+            Self::Shifted { origin, unit } => (value - origin) / unit,
+            Self::Log if value <= 0.0 => f64::NEG_INFINITY,
+            Self::Log => value.log10(),
             Self::Symlog { linear } => {
-                (v.abs() / f64::from(linear)).ln_1p() * std::f64::consts::LOG10_E * v.signum()
+                (value.abs() / f64::from(linear)).ln_1p()
+                    * std::f64::consts::LOG10_E
+                    * value.signum()
             }
         };
         narrowed(position)
     }
 
     /// The value at a position: the inverse of [`ValueScale::position`].
-    pub fn value(self, position: f32) -> f32 {
+    pub fn value(self, position: f32) -> f64 {
         let p = f64::from(position);
-        let value = match self {
-            Self::Linear => return position,
+        match self {
+            Self::Linear => p,
+            Self::Shifted { origin, unit } => origin + unit * p,
             Self::Log => 10f64.powf(p),
             Self::Symlog { linear } => {
                 let decades = p.abs() * std::f64::consts::LN_10;
                 f64::from(linear) * decades.exp_m1() * p.signum()
             }
-        };
-        narrowed(value)
+        }
     }
 
     /// The positions of values. What a logarithm has no place for counts as the least value above 0: beside its
@@ -89,35 +158,39 @@ impl ValueScale {
         self.positions_from(values, lowest)
     }
 
-    /// The least value above 0, on a scale that has a place for no other.
-    pub(crate) fn lowest(self, values: &Values) -> f32 {
-        match self {
-            Self::Log => (0..values.len())
-                .map(|i| values.get(i))
-                .filter(|v| *v > 0.0)
-                .fold(f32::INFINITY, f32::min),
-            _ => f32::NEG_INFINITY,
+    /// The positions of values that are not moved, copied where they differ from these.
+    pub(crate) fn seen(self, values: &Values) -> Cow<'_, Values> {
+        match values {
+            Values::F64(_) => Cow::Owned(self.positions(values.clone())),
+            _ if self == Self::Linear => Cow::Borrowed(values),
+            _ => Cow::Owned(self.positions(values.clone())),
         }
     }
 
-    /// The positions of some values.
+    /// The least value above 0, on a scale that has a place for no other.
+    pub(crate) fn lowest(self, values: &Values) -> f64 {
+        match self {
+            Self::Log => (0..values.len())
+                .map(|i| values.wide(i))
+                .filter(|v| *v > 0.0)
+                .fold(f64::INFINITY, f64::min),
+            _ => f64::NEG_INFINITY,
+        }
+    }
+
+    /// The positions of some values, in single precision at most.
     ///
     /// - `lowest`: [`Self::lowest`] of all.
-    pub(crate) fn positions_from(self, values: Values, lowest: f32) -> Values {
-        if self == Self::Linear {
+    pub(crate) fn positions_from(self, values: Values, lowest: f64) -> Values {
+        if self == Self::Linear && !matches!(values, Values::F64(_)) {
             return values;
         }
         let position = |i: usize| {
-            let value = values.get(i);
+            let value = values.wide(i);
             self.position(if value < lowest { lowest } else { value })
         };
         Values::F32((0..values.len()).map(position).collect())
     }
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
-fn narrowed(x: f64) -> f32 {
-    x as f32
 }
 
 #[cfg(test)]
@@ -127,7 +200,7 @@ mod tests {
     #[test]
     fn values_come_back_from_their_positions() {
         let symlog = ValueScale::Symlog { linear: 0.5 };
-        for value in [1e-30f32, 3e-7, 0.02, 1.0, 7.5, 4e12] {
+        for value in [1e-30, 3e-7, 0.02, 1.0, 7.5, 4e12] {
             for scale in [ValueScale::Linear, ValueScale::Log, symlog] {
                 let back = scale.value(scale.position(value));
                 // A position near 38 is known to 4e-6: as an exponent of ten 9e-6.

@@ -84,7 +84,7 @@ fn opacities(app: &App, curve: &mut Curve, ui: &mut Ui) -> bool {
             painter.rect_filled(bar, 0.0, Color32::from_gray(60));
         }
     }
-    let place = |value: f32, opacity: f32, curve: &Curve| {
+    let place = |value: f64, opacity: f32, curve: &Curve| {
         Pos2::new(
             rect.left() + curve.share(value) * rect.width(),
             rect.bottom() - opacity * rect.height(),
@@ -237,12 +237,12 @@ fn byte(share: f32) -> u8 {
 /// The ends of the range; whether a drag goes on.
 fn range(curve: &mut Curve, ui: &mut Ui) -> bool {
     let mut ends = curve.range;
-    let speed = f64::from(ends[1] - ends[0]) / 300.0;
+    let speed = (ends[1] - ends[0]) / 300.0;
     let mut goes_on = false;
     ui.horizontal(|ui| {
         let label = ui.label("range");
         for end in &mut ends {
-            let field = ui.add(DragValue::new(end).speed(speed).max_decimals(6));
+            let field = ui.add(DragValue::new(end).speed(speed).max_decimals(9));
             let field = field.labelled_by(label.id);
             goes_on |= field.dragged() && !field.drag_started();
         }
@@ -335,7 +335,7 @@ fn automatic(app: &mut App, curve: &Curve, ui: &mut Ui) {
 
 /// The colours of a map over the range of a curve.
 fn of_map(name: &str, curve: &Curve) -> Option<TransferFunction> {
-    let ends = ewa_splat::scene::Values::F32(curve.range.to_vec());
+    let ends = ewa_splat::scene::Values::from(curve.range.to_vec());
     let places = [glam::DVec3::ZERO, glam::DVec3::X];
     let sample = ValueSample::of_body(&ends, &[1.0; 2], &places);
     let options = AutomaticOptions {

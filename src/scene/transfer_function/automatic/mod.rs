@@ -1,9 +1,11 @@
 //! A transfer function from the data themselves, for a first look.
 
+mod background;
+mod silhouette;
 mod value_sample;
 mod worth;
 
-pub(crate) use self::value_sample::PickedRow;
+pub(crate) use self::value_sample::{PickedRow, Tiling};
 pub use self::value_sample::{Surroundings, ValueSample};
 
 use self::worth::Worth;
@@ -11,6 +13,7 @@ use super::TransferFunction;
 use super::colour_maps::{DIVERGING, known_map, over_range};
 use super::value_scale::{ScaleName, ValueScale};
 use crate::error::{Error, Result};
+use crate::scene::values::narrowed;
 
 /// The optical depth aimed at: beside a background along a line were the values spread evenly, of a body along one
 /// through its middle. Interesting values of lattices lie together: medians over the axis-parallel lines through the
@@ -21,16 +24,20 @@ const DEPTH: f64 = 1.5;
 /// all behind it and the picture shows its kernels.
 const MAX_DEPTH_PER_UNIT: f64 = 3.0;
 
+/// The unit distance of flat data is at most this part of their thickness: what is seen across a few samples needs more in
+/// each.
+const PART_OF_FLAT: f64 = 0.25;
+
 /// From this ratio of the values at the ends of the range on they may be spread over decades.
-const LEAST_DECADES_RATIO: f32 = 1e3;
+const LEAST_DECADES_RATIO: f64 = 1e3;
 
 /// Values over decades have their median in this lowest share of the range, by volume and by count.
-const LOW_SHARE: f32 = 0.05;
+const LOW_SHARE: f64 = 0.05;
 
 /// A field that is zero-centred reaches this share of its greatest value on the other side, too, and
-const LEAST_OTHER_SIDE: f32 = 0.25;
+const LEAST_OTHER_SIDE: f64 = 0.25;
 /// its median lies within this share of it around 0.
-const ZERO_SHARE: f32 = 0.1;
+const ZERO_SHARE: f64 = 0.1;
 
 /// What is asked of an automatic transfer function.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,10 +45,10 @@ pub struct AutomaticOptions<'a> {
     /// A map's name ([`super::COLOUR_MAP_NAMES`]), from the low end to the high one; `None` chooses one.
     pub colour_map: Option<&'a str>,
     /// The range \[values\]; those outside count as its ends. `None` takes the values' own.
-    pub range: Option<[f32; 2]>,
+    pub range: Option<[f64; 2]>,
     /// The scale; `None` chooses one.
     pub scale: Option<ScaleName>,
-    /// The length \[world units\] over which opacities are stated.
+    /// The length \[world units\] over which opacities are stated; of flat data at most a quarter of their thickness.
     pub unit_distance: f64,
 }
 
@@ -63,7 +70,9 @@ impl TransferFunction {
     /// - Scale: logarithmic where all values are above 0, the ends of the range differ by a factor of 1000 and the
     ///   medians by count and by volume both lie in its lowest twentieth; else linear.
     /// - Ordinary, **with surroundings** (lattices, grids): the bin of the histogram with the greatest volume (air in
-    ///   a scan, the free stream of a flow), if it holds three times its even share, and else the low end. **Without**
+    ///   a scan, the free stream of a flow), if it holds three times its even share, and else the low end. In place of
+    ///   a bin that is one saturated level, a least or a greatest value, or of padding below all else: the broad mode at
+    ///   an end of the other values, if that holds more. **Without**
     ///   (cells of a mesh, particles): the median by volume. Of a zero-centred field 0: one that reaches a quarter of
     ///   its greatest value on the other side of 0, too, with its median within a tenth of that around 0; the range
     ///   is then even to either side.
@@ -73,8 +82,9 @@ impl TransferFunction {
     ///   worth less than .02 is transparent. Without surroundings: .1 + .9 rank x distance, so that nothing is.
     /// - Extinction: in proportion to worth. With surroundings such that a line through the whole volume, as long
     ///   as its cube root, has an optical depth of 1.5 on average; without such that lines through the middle have
-    ///   it (of three along the axes the middle one, over a quarter of the data's width); at most 3 per unit
-    ///   distance.
+    ///   it (of three along the axes the middle one, over a quarter of the data's width). Flat data, thinner than half
+    ///   the cube root of their volume, increasingly have it across them. At most 3 per unit distance, which is a
+    ///   quarter of the thickness of flat data where that is less.
     /// - Colours: coolwarm for zero-centred fields; inferno on a logarithmic scale and where the background lies in
     ///   the lowest tenth of the range, inferno from bright to dark where in the highest, so that what is far from it
     ///   is bright; else viridis. A named map replaces the colours alone; one that diverges (`coolwarm`) has its
@@ -91,29 +101,47 @@ impl TransferFunction {
         if let Some(range) = options.range {
             check_range(range)?;
         }
-        let unit = options.unit_distance;
+        // An opacity over a length that is far greater than the data's has no digits for what shows them.
+        let unit = match sample.flat() {
+            Some((thickness, _)) if options.unit_distance > 0.0 => {
+                (PART_OF_FLAT * thickness).min(options.unit_distance)
+            }
+            _ => options.unit_distance,
+        };
         let Some(own) = sample.trimmed_range() else {
             let range = options.range.unwrap_or([0.0, 1.0]);
-            return Self::from_curves(|_| [1.0; 3], |_| 0.0, range, 1.0)?.with_unit_distance(unit);
+            let scale = ValueScale::Linear;
+            let positions = range.map(|end| scale.position(end));
+            return Self::from_curves(|_| [1.0; 3], |_| 0.0, positions, 1.0)?
+                .with_unit_distance(unit);
         };
         let values = options.range.unwrap_or(own);
+        // Of values that single precision has they are positions themselves.
+        let linear = match sample.is_wide() {
+            true => ValueScale::linear_over(values),
+            false => ValueScale::Linear,
+        };
         let scale = match options.scale {
+            Some(ScaleName::Linear) => linear,
+            // Over so small a part of their magnitude logarithms differ from a line by less than an entry of the table.
+            Some(_) if linear.is_shifted() => linear,
             Some(name) => ScaleName::over(values, name),
             None if spans_decades(sample, own) && values[0] > 0.0 => ValueScale::Log,
-            None => ValueScale::Linear,
+            None => linear,
         };
         let sample = &sample.on(scale);
         let own = sample.trimmed_range().unwrap_or_default();
         let mut range = match options.range {
-            None if own.iter().all(|end| end.is_finite()) => own,
+            None if own.iter().all(|end| end.is_finite()) => own.map(narrowed),
             _ => positions_of(values, scale)?,
         };
         let diverges = match options.colour_map {
             Some(name) => DIVERGING.contains(&name.to_ascii_lowercase().as_str()),
-            None => is_zero_centred(sample, range),
+            // Signs are those of values: a logarithm has one where the value is 1 of its unit.
+            None => scale.has_signs() && is_zero_centred(sample, range),
         };
         let [lo, hi] = range;
-        let neutral = diverges.then(|| match lo < 0.0 && hi > 0.0 && scale != ValueScale::Log {
+        let neutral = diverges.then(|| match lo < 0.0 && hi > 0.0 && scale.has_signs() {
             true => 0.0,
             false => lo + 0.5 * (hi - lo),
         });
@@ -168,7 +196,7 @@ impl TransferFunction {
     ///
     /// # Errors
     /// An unknown map; a range whose ends do not rise, or that is not above 0 on a logarithmic scale.
-    pub(crate) fn of_colours(map: &str, range: [f32; 2], scale: ScaleName) -> Result<Self> {
+    pub(crate) fn of_colours(map: &str, range: [f64; 2], scale: ScaleName) -> Result<Self> {
         let map = known_map(map)?;
         let scale = ScaleName::over(range, scale);
         let positions = positions_of(range, scale)?;
@@ -179,7 +207,7 @@ impl TransferFunction {
 }
 
 /// A range of values on a scale that has a place for its ends.
-fn positions_of([lo, hi]: [f32; 2], scale: ValueScale) -> Result<[f32; 2]> {
+fn positions_of([lo, hi]: [f64; 2], scale: ValueScale) -> Result<[f32; 2]> {
     let positions = [lo, hi].map(|end| scale.position(end));
     if positions.iter().all(|end| end.is_finite()) && lo <= hi {
         return Ok(positions);
@@ -193,7 +221,7 @@ fn positions_of([lo, hi]: [f32; 2], scale: ValueScale) -> Result<[f32; 2]> {
     ))
 }
 
-fn check_range([lo, hi]: [f32; 2]) -> Result<()> {
+fn check_range([lo, hi]: [f64; 2]) -> Result<()> {
     if lo < hi && lo.is_finite() && hi.is_finite() {
         return Ok(());
     }
@@ -207,9 +235,9 @@ fn check_range([lo, hi]: [f32; 2]) -> Result<()> {
 }
 
 /// Whether values are spread over decades: densities, masses.
-fn spans_decades(sample: &ValueSample, [lo, hi]: [f32; 2]) -> bool {
+fn spans_decades(sample: &ValueSample, [lo, hi]: [f64; 2]) -> bool {
     let is_positive = sample.samples.first().is_some_and(|s| s.value > 0.0);
-    let is_low = |median: Option<f32>| median.is_some_and(|m| m - lo < LOW_SHARE * (hi - lo));
+    let is_low = |median: Option<f64>| median.is_some_and(|m| m - lo < LOW_SHARE * (hi - lo));
     is_positive
         && hi / lo >= LEAST_DECADES_RATIO
         && is_low(sample.at_count(0.5))
@@ -218,9 +246,10 @@ fn spans_decades(sample: &ValueSample, [lo, hi]: [f32; 2]) -> bool {
 
 /// Whether values lie around 0: components of a velocity, charges.
 fn is_zero_centred(sample: &ValueSample, [lo, hi]: [f32; 2]) -> bool {
+    let (lo, hi) = (f64::from(lo), f64::from(hi));
     let greatest = hi.max(-lo);
     let other = hi.min(-lo);
-    let median = sample.at_volume(0.5).unwrap_or(f32::INFINITY);
+    let median = sample.at_volume(0.5).unwrap_or(f64::INFINITY);
     other >= LEAST_OTHER_SIDE * greatest && other > 0.0 && median.abs() <= ZERO_SHARE * greatest
 }
 
@@ -456,7 +485,7 @@ mod tests {
             let is_middle = |at: &DVec3| (at.x - 10.0).abs() < 2.5 && (at.y - 10.0).abs() < 2.5;
             let volume = 8000.0 / count as f64;
             let column = (0..count).filter(|&i| is_middle(&places[i]));
-            let position = |i: usize| t.value_scale().position(values.get(i));
+            let position = |i: usize| t.value_scale().position(values.wide(i));
             let depths = column.map(|i| f64::from(t.classify(position(i))[3]) * volume / 25.0);
             let depth: f64 = depths.sum();
             // Of three lines the middle one; at 4,000 a column has 250 particles, ± 6 %.

@@ -3,8 +3,10 @@
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
-use crate::scene::Values;
+use super::silhouette::Silhouette;
 use crate::scene::transfer_function::value_scale::ValueScale;
+use crate::scene::values::narrowed;
+use crate::scene::{Lattice, Values};
 
 /// Values looked at; more are sampled evenly. At 2^18 the thousandth at either end is still
 /// 262 values.
@@ -19,6 +21,10 @@ const COLUMN_HALF_WIDTH: f64 = 0.125;
 /// Particles that a column through the middle must have, of those looked at, to stand for a line.
 const LEAST_IN_COLUMN: usize = 32;
 
+/// Data are flat whose thickness over the cube root of their volume is less than the first; from the second on they are
+/// as any others.
+const FLATNESS: [f64; 2] = [0.25, 0.5];
+
 /// Whether data come with what is around the thing that they show.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Surroundings {
@@ -31,7 +37,7 @@ pub enum Surroundings {
 /// A value, the volume it stands for and what that adds to lines through the middle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Sample {
-    pub(super) value: f32,
+    pub(super) value: f64,
     /// \[length³\]
     pub(super) volume: f64,
     /// Values of the data that it stands for.
@@ -48,6 +54,17 @@ pub struct ValueSample {
     pub(super) surroundings: Surroundings,
     /// Whether [`Sample::lengths`] are known.
     pub(super) has_lengths: bool,
+    /// What the data cover, where that is known.
+    pub(super) silhouette: Option<Silhouette>,
+}
+
+/// Whether samples lie beside each other without gaps, where they have places.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Tiling {
+    /// Cells and nodes of grids.
+    Whole,
+    /// Particles may lie apart.
+    Loose,
 }
 
 impl ValueSample {
@@ -56,24 +73,48 @@ impl ValueSample {
     /// - `volumes`: what each value stands for \[length³\]; if empty, each stands for a cube of `spacing`.
     pub fn of_grid(values: &Values, volumes: &[f32], spacing: f64) -> Self {
         let volume = |i: usize| volumes.get(i).copied().map_or(spacing.powi(3), f64::from);
-        Self::new(values, volume, Surroundings::Included, &[])
+        Self::new(values, volume, Surroundings::Included, &[], Tiling::Whole)
     }
 
-    /// Of a lattice or a grid whose values lie in several places, each of which stands for a cube of `spacing`.
+    /// Of a lattice, by which what it covers is known.
+    ///
+    /// - `spacing`: as of [`Self::of_grid`].
+    pub(crate) fn of_lattice(values: &Values, lattice: &Lattice, spacing: f64) -> Self {
+        Self {
+            silhouette: Silhouette::of_lattice(lattice),
+            ..Self::of_grid(values, &[], spacing)
+        }
+    }
+
+    /// Of kernels that lie beside each other without gaps.
+    pub(crate) fn of_cells(
+        values: &Values,
+        volumes: &[f32],
+        positions: &[DVec3],
+        surroundings: Surroundings,
+    ) -> Self {
+        let volume = |i: usize| volumes.get(i).copied().map_or(1.0, f64::from);
+        Self::new(values, volume, surroundings, positions, Tiling::Whole)
+    }
+
+    /// As [`Self::of_lattice`], of values that lie in several places.
     ///
     /// - `values`: those of [`ValueSample::picked`], in any order.
-    /// - `count`: of all values.
     #[cfg(feature = "cli")]
-    pub(crate) fn of_picked(values: Vec<f32>, count: usize, spacing: f64) -> Self {
+    pub(crate) fn of_picked(values: &[f64], lattice: &Lattice, spacing: f64) -> Self {
+        let count = lattice.len();
         let stands_for = count as f64 / picked(count).len().max(1) as f64;
-        let row = |value: f32| PickedRow {
+        let row = |value: &f64| PickedRow {
             row: 0,
             position: [0.0; 3],
             volume: spacing.powi(3),
-            value: value.into(),
+            value: *value,
         };
-        let rows: Vec<PickedRow> = values.into_iter().map(row).collect();
-        Self::of_sample(&rows, stands_for, Surroundings::Included, false)
+        let rows: Vec<PickedRow> = values.iter().map(row).collect();
+        Self {
+            silhouette: Silhouette::of_lattice(lattice),
+            ..Self::of_sample(&rows, stands_for, Surroundings::Included, None)
+        }
     }
 
     /// Which of so many values are looked at.
@@ -88,18 +129,22 @@ impl ValueSample {
     /// - `positions`: where each lies; if empty, a line through the data is as long as the cube root of their volume.
     pub fn of_body(values: &Values, volumes: &[f32], positions: &[DVec3]) -> Self {
         let volume = |i: usize| volumes.get(i).copied().map_or(1.0, f64::from);
-        Self::new(values, volume, Surroundings::Absent, positions)
+        let (surroundings, tiling) = (Surroundings::Absent, Tiling::Loose);
+        Self::new(values, volume, surroundings, positions, tiling)
     }
 
     /// The same of particles that are made of some of the rows of a table.
     ///
     /// - `rows`: those of [`picked`](PickedRow::picked) of which there are particles, in their order.
     /// - `count`: of all rows.
-    /// - `surroundings`: where there are none, positions count.
-    pub(crate) fn of_rows(rows: &[PickedRow], count: usize, surroundings: Surroundings) -> Self {
+    pub(crate) fn of_rows(
+        rows: &[PickedRow],
+        count: usize,
+        surroundings: Surroundings,
+        tiling: Tiling,
+    ) -> Self {
         let stands_for = count as f64 / picked(count).len().max(1) as f64;
-        let has_positions = surroundings == Surroundings::Absent;
-        Self::of_sample(rows, stands_for, surroundings, has_positions)
+        Self::of_sample(rows, stands_for, surroundings, Some(tiling))
     }
 
     fn new(
@@ -107,6 +152,7 @@ impl ValueSample {
         volume: impl Fn(usize) -> f64,
         surroundings: Surroundings,
         positions: &[DVec3],
+        tiling: Tiling,
     ) -> Self {
         let picked = picked(values.len());
         let count = values.len() as f64 / picked.len().max(1) as f64;
@@ -114,24 +160,32 @@ impl ValueSample {
             row: i as u64,
             position: positions.get(i).map_or([0.0; 3], DVec3::to_array),
             volume: volume(i),
-            value: values.get(i).into(),
+            value: values.wide(i),
         };
         let rows: Vec<PickedRow> = picked.into_iter().map(row).collect();
-        Self::of_sample(&rows, count, surroundings, !positions.is_empty())
+        let tiling = (!positions.is_empty()).then_some(tiling);
+        Self::of_sample(&rows, count, surroundings, tiling)
     }
 
     /// - `count`: values that each stands for.
+    /// - `tiling`: where rows have positions.
     fn of_sample(
         rows: &[PickedRow],
         count: f64,
         surroundings: Surroundings,
-        has_positions: bool,
+        tiling: Option<Tiling>,
     ) -> Self {
         let is_sound =
             |row: &&PickedRow| row.value.is_finite() && row.volume > 0.0 && row.volume.is_finite();
         let rows: Vec<&PickedRow> = rows.iter().filter(is_sound).collect();
         let places: Vec<DVec3> = rows.iter().map(|row| row.position.into()).collect();
-        let column = has_positions.then(|| Column::through(&places)).flatten();
+        let has_lines = tiling.is_some() && surroundings == Surroundings::Absent;
+        let column = has_lines.then(|| Column::through(&places)).flatten();
+        let volumes: Vec<f64> = rows.iter().map(|row| row.volume).collect();
+        let silhouette = tiling.and_then(|tiling| {
+            let loose = (tiling == Tiling::Loose).then_some(volumes.as_slice());
+            Silhouette::of_places(&places, count, loose)
+        });
         let mut samples: Vec<Sample> = rows
             .iter()
             .zip(places)
@@ -140,9 +194,8 @@ impl ValueSample {
                 let lengths = column
                     .as_ref()
                     .map_or([0.0; 3], |column| column.lengths(place, volume));
-                #[expect(clippy::cast_possible_truncation, reason = "it was single precision")]
                 Sample {
-                    value: row.value as f32,
+                    value: row.value,
                     volume,
                     count,
                     lengths,
@@ -154,31 +207,43 @@ impl ValueSample {
             samples,
             surroundings,
             has_lengths: column.is_some(),
+            silhouette,
         }
     }
 
-    /// What [`Self::joined`] needs of it: value, volume and count of each, and whether there are surroundings.
+    /// What [`Self::joined`] needs of it: what the data cover, where that is known; value, volume and count of each
+    /// sample; and whether there are surroundings.
     #[cfg(feature = "cli")]
     pub(crate) fn to_records(&self) -> (Vec<[f64; 3]>, bool) {
-        let record = |s: &Sample| [s.value.into(), s.volume, s.count];
+        let record = |s: &Sample| [s.value, s.volume, s.count];
         let has_surroundings = self.surroundings == Surroundings::Included;
-        (self.samples.iter().map(record).collect(), has_surroundings)
+        let silhouette = self
+            .silhouette
+            .map_or([[f64::NAN; 3]; 3], Silhouette::to_records);
+        let samples = self.samples.iter().map(record);
+        (
+            silhouette.into_iter().chain(samples).collect(),
+            has_surroundings,
+        )
     }
 
     /// The same again, without lengths.
     #[cfg(feature = "cli")]
     pub(crate) fn of_records(records: &[[f64; 3]], has_surroundings: bool) -> Self {
-        let sample = |&[value, volume, count]: &[f64; 3]| {
-            #[expect(clippy::cast_possible_truncation, reason = "it was single precision")]
-            Sample {
-                value: value as f32,
-                volume,
-                count,
-                lengths: [0.0; 3],
-            }
+        let sample = |&[value, volume, count]: &[f64; 3]| Sample {
+            value,
+            volume,
+            count,
+            lengths: [0.0; 3],
         };
+        let (silhouette, samples) = match records.split_first_chunk::<3>() {
+            Some((silhouette, samples)) => (Some(*silhouette), samples),
+            None => (None, records),
+        };
+        let is_known = |s: &[[f64; 3]; 3]| s.as_flattened().iter().all(|x| x.is_finite());
         Self {
-            samples: records.iter().map(sample).collect(),
+            silhouette: silhouette.filter(is_known).map(Silhouette::of_records),
+            samples: samples.iter().map(sample).collect(),
             surroundings: match has_surroundings {
                 true => Surroundings::Included,
                 false => Surroundings::Absent,
@@ -194,6 +259,8 @@ impl ValueSample {
         for part in parts {
             all.samples.extend(part.samples);
             all.has_lengths = false;
+            let silhouettes = all.silhouette.zip(part.silhouette);
+            all.silhouette = silhouettes.map(|(own, part)| own.joined(part));
             if part.surroundings == Surroundings::Included {
                 all.surroundings = Surroundings::Included;
             }
@@ -203,9 +270,40 @@ impl ValueSample {
         Some(all)
     }
 
+    /// Those of steps of time that show one field, as of one step: the mean of their volumes.
+    pub(crate) fn mean(steps: Vec<Self>) -> Option<Self> {
+        let share = 1.0 / steps.len().max(1) as f64;
+        let mut all = Self::joined(steps)?;
+        for s in &mut all.samples {
+            s.volume *= share;
+        }
+        Some(all)
+    }
+
+    /// Whether single precision has not all of the values.
+    pub(super) fn is_wide(&self) -> bool {
+        let is_same = |s: &Sample| f64::from(narrowed(s.value)).to_bits() == s.value.to_bits();
+        !self.samples.iter().all(is_same)
+    }
+
+    /// The thickness \[length\] of flat data, across which a view of them looks, and how flat they are, above 0 to 1;
+    /// `None` of others.
+    pub(super) fn flat(&self) -> Option<(f64, f64)> {
+        let volume = self.volume();
+        let thickness = self.silhouette?.thickness(volume)?;
+        let [flat, full] = FLATNESS;
+        let flatness = ((full - thickness / volume.cbrt()) / (full - flat)).min(1.0);
+        (flatness > 0.0).then_some((thickness, flatness))
+    }
+
+    /// Of all samples \[length³\].
+    pub(super) fn volume(&self) -> f64 {
+        self.samples.iter().map(|s| s.volume).sum()
+    }
+
     /// The values without a thousandth at either end; with them where nothing would be left between. `None` where no
     /// value is finite.
-    pub(super) fn trimmed_range(&self) -> Option<[f32; 2]> {
+    pub(super) fn trimmed_range(&self) -> Option<[f64; 2]> {
         let whole = [self.samples.first()?.value, self.samples.last()?.value];
         let trimmed = [
             self.at_share(TAIL, |s| s.count)?,
@@ -219,16 +317,16 @@ impl ValueSample {
     }
 
     /// The value below which a share of the volume lies.
-    pub(super) fn at_volume(&self, share: f64) -> Option<f32> {
+    pub(super) fn at_volume(&self, share: f64) -> Option<f64> {
         self.at_share(share, |s| s.volume)
     }
 
     /// The value below which a share of the values lies.
-    pub(super) fn at_count(&self, share: f64) -> Option<f32> {
+    pub(super) fn at_count(&self, share: f64) -> Option<f64> {
         self.at_share(share, |s| s.count)
     }
 
-    fn at_share(&self, share: f64, weight: impl Fn(&Sample) -> f64) -> Option<f32> {
+    fn at_share(&self, share: f64, weight: impl Fn(&Sample) -> f64) -> Option<f64> {
         let wanted = share * self.samples.iter().map(&weight).sum::<f64>();
         let mut up_to = 0.0;
         let is_there = |s: &&Sample| {
@@ -240,25 +338,35 @@ impl ValueSample {
     }
 
     /// The length of a line through the data that lies in what `share` says of each sample: the middle one of the
-    /// lines along x, y and z; where these are not known, of a line as long as the volume's cube root.
+    /// lines along x, y and z; where these are not known, of a line as long as the volume's cube root. Of flat data it is
+    /// that of a line across them.
     pub(super) fn length_in(&self, share: impl Fn(&Sample) -> f64) -> f64 {
-        let total: f64 = self.samples.iter().map(|s| s.volume).sum();
+        let total = self.volume();
         let mean = self
             .samples
             .iter()
             .map(|s| s.volume * share(s))
             .sum::<f64>()
             / total;
-        if !self.has_lengths {
-            return total.cbrt() * mean;
-        }
-        let along = |axis: usize| -> f64 {
-            let of = |s: &Sample| f64::from(s.lengths[axis]) * share(s);
-            self.samples.iter().map(of).sum()
+        let cube = total.cbrt();
+        let length = match self.has_lengths {
+            false => cube * mean,
+            true => {
+                let along = |axis: usize| -> f64 {
+                    let of = |s: &Sample| f64::from(s.lengths[axis]) * share(s);
+                    self.samples.iter().map(of).sum()
+                };
+                let mut lengths = [0, 1, 2].map(along);
+                lengths.sort_unstable_by(f64::total_cmp);
+                lengths[1]
+            }
         };
-        let mut lengths = [0, 1, 2].map(along);
-        lengths.sort_unstable_by(f64::total_cmp);
-        lengths[1]
+        match self.flat() {
+            Some((thickness, flatness)) if length > 0.0 => {
+                length.powf(1.0 - flatness) * (thickness * mean).powf(flatness)
+            }
+            _ => length,
+        }
     }
 }
 
@@ -365,15 +473,19 @@ impl ValueSample {
     /// The same with its values' positions on a scale.
     pub(super) fn on(&self, scale: ValueScale) -> Self {
         let mut sample = self.clone();
-        if scale != ValueScale::Linear {
-            let mut positions = self.samples.iter().map(|s| scale.position(s.value));
-            let least = positions.find(|p| p.is_finite());
-            for s in &mut sample.samples {
-                // As a volume's values are counted: ValueScale::positions.
-                s.value = scale
-                    .position(s.value)
-                    .max(least.unwrap_or(f32::NEG_INFINITY));
+        let least = match scale {
+            ValueScale::Log => {
+                let mut positions = self.samples.iter().map(|s| scale.position(s.value));
+                positions.find(|p| p.is_finite())
             }
+            _ => None,
+        };
+        for s in &mut sample.samples {
+            // As a volume's values are counted: ValueScale::positions.
+            let position = scale
+                .position(s.value)
+                .max(least.unwrap_or(f32::NEG_INFINITY));
+            s.value = f64::from(position);
         }
         sample
     }

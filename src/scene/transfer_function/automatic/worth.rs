@@ -1,12 +1,10 @@
 //! How much a value is worth seeing.
 
+use super::background::Background;
 use super::value_sample::{Surroundings, ValueSample};
 
 /// Bins of the histogram, where there are values enough.
 const BIN_COUNT: usize = 256;
-
-/// How many times its even share the fullest bin must hold to count as the background.
-const BACKGROUND_DOMINANCE: f64 = 3.0;
 
 /// Beside a background, values less worth seeing than this, on a scale to 1, are left quite transparent: what is
 /// nowhere visible is never projected.
@@ -25,8 +23,12 @@ pub(super) struct Worth {
     distances: Vec<(f64, f64)>,
     /// The volume of all samples.
     total: f64,
-    /// Share of the volume that is background: nearer to it than half a bin.
+    /// Share of the volume that is background: within half its width of its middle.
     background_share: f64,
+    /// The value of the background that lies farthest out.
+    background_outer: f64,
+    /// Whether the low end is padding, and of the background.
+    is_padded: bool,
     /// Lengths that count as distance 1, below and above the ordinary value.
     scales: [f64; 2],
     surroundings: Surroundings,
@@ -39,25 +41,18 @@ impl Worth {
         let (lo, hi) = (f64::from(lo), f64::from(hi));
         let samples = &sample.samples;
         let bin_count = (samples.len() / 32).clamp(16, BIN_COUNT);
-        let width = (hi - lo) / bin_count as f64;
-        let ordinary = match (neutral, sample.surroundings) {
-            (Some(neutral), _) => f64::from(neutral),
-            (None, Surroundings::Included) => {
-                fullest_bin(sample, [lo, hi], bin_count).unwrap_or(lo)
-            }
-            (None, Surroundings::Absent) => {
-                let median = sample.at_volume(0.5).map_or(lo, f64::from);
-                median.clamp(lo, hi)
+        let background = match (neutral, sample.surroundings) {
+            (None, Surroundings::Included) => Background::of(sample, [lo, hi], bin_count),
+            (neutral, _) => {
+                let median = || sample.at_volume(0.5).unwrap_or(lo).clamp(lo, hi);
+                let ordinary = neutral.map_or_else(median, f64::from);
+                Background::narrow(ordinary, [lo, hi], bin_count)
             }
         };
+        let ordinary = background.ordinary;
         let mut distances: Vec<(f64, f64)> = samples
             .iter()
-            .map(|s| {
-                (
-                    (f64::from(s.value).clamp(lo, hi) - ordinary).abs(),
-                    s.volume,
-                )
-            })
+            .map(|s| ((s.value.clamp(lo, hi) - ordinary).abs(), s.volume))
             .collect();
         distances.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
         let mut up_to = 0.0;
@@ -75,11 +70,13 @@ impl Worth {
             // As the running sum has it, so that the last share is 1.
             total: up_to,
             background_share: 0.0,
+            background_outer: background.outer,
+            is_padded: background.is_padded,
             scales: [below, above].map(|side| (side * longer).sqrt()),
             surroundings: sample.surroundings,
         };
         if sample.surroundings == Surroundings::Included {
-            worth.background_share = worth.share_within(0.5 * width);
+            worth.background_share = worth.share_within(background.half);
         }
         worth
     }
@@ -101,6 +98,7 @@ impl Worth {
         let scale = self.scales[usize::from(value > self.ordinary)];
         let is_far = if distance > 0.0 { 1.0 } else { 0.0 };
         match self.surroundings {
+            Surroundings::Included if self.is_padded && value < self.ordinary => 0.0,
             Surroundings::Included if scale <= 0.0 || self.background_share >= 1.0 => is_far,
             Surroundings::Included => {
                 let rank = ((self.share_within(distance) - self.background_share)
@@ -122,33 +120,6 @@ impl Worth {
 
     /// Where in the range the background lies, 0..1; 0 for constant data.
     pub(super) fn background_place(&self) -> f64 {
-        (self.ordinary - self.lo) / (self.hi - self.lo).max(f64::MIN_POSITIVE)
+        (self.background_outer - self.lo) / (self.hi - self.lo).max(f64::MIN_POSITIVE)
     }
-}
-
-/// The middle of the bin with the greatest volume, if that is three times its even share.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "a bin's index, within the histogram"
-)]
-fn fullest_bin(sample: &ValueSample, [lo, hi]: [f64; 2], bin_count: usize) -> Option<f64> {
-    let width = (hi - lo) / bin_count as f64;
-    if width <= 0.0 {
-        return None;
-    }
-    let mut histogram = vec![0.0; bin_count];
-    for s in &sample.samples {
-        let bin = ((f64::from(s.value).clamp(lo, hi) - lo) / width) as usize;
-        histogram[bin.min(bin_count - 1)] += s.volume;
-    }
-    let total: f64 = histogram.iter().sum();
-    let (fullest, volume) =
-        histogram.iter().enumerate().fold(
-            (0, 0.0),
-            |best, (i, &v)| if v > best.1 { (i, v) } else { best },
-        );
-    // The lowest one is the low end itself.
-    let is_background = volume >= BACKGROUND_DOMINANCE * total / bin_count as f64 && fullest > 0;
-    is_background.then_some(lo + (fullest as f64 + 0.5) * width)
 }
