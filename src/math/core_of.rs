@@ -9,6 +9,9 @@ const OUTSIDE: f64 = 0.005;
 /// so far beyond where 99.5 % of it lie.
 const MARGIN: f64 = 1.5;
 
+/// Weights count as so many times their median at most.
+const MOST: f64 = 64.0;
+
 /// Of fewer points each counts.
 const LEAST: usize = 64;
 
@@ -32,7 +35,18 @@ impl Core {
         if points.len() < LEAST {
             return None;
         }
-        let greatest = points.iter().fold(0.0_f64, |most, (_, w)| most.max(*w));
+        // One that is as large as all others together says nothing of where they are.
+        let mut all: Vec<f64> = points.iter().map(|(_, w)| *w).collect();
+        let half = all.len() / 2;
+        let median = *all.select_nth_unstable_by(half, f64::total_cmp).1;
+        let most = if median > 0.0 {
+            MOST * median
+        } else {
+            f64::MAX
+        };
+        let greatest = points
+            .iter()
+            .fold(0.0_f64, |all, (_, w)| all.max(w.min(most)));
         if !(greatest > 0.0 && greatest.is_finite()) {
             return None;
         }
@@ -43,7 +57,7 @@ impl Core {
         )]
         let weights: Vec<u64> = points
             .iter()
-            .map(|(_, w)| (w / greatest * UNITS).round() as u64)
+            .map(|(_, w)| (w.min(most) / greatest * UNITS).round() as u64)
             .collect();
         let median = |axis: usize| {
             let coordinates = points.iter().map(|(p, _)| p[axis]);

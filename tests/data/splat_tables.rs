@@ -297,7 +297,7 @@ fn far_splats_do_not_coarsen_the_others() {
         harmonics: vec![0.2; 3 * count],
         ..SplatCloud::default()
     };
-    let path = folder.path("a.spz");
+    let path = folder.path().join("a.spz");
     for version in [None, Some(SpzVersion::Four)] {
         let options = SplatFileOptions {
             spz_version: version,
