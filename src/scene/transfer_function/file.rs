@@ -272,6 +272,12 @@ impl Document<'_> {
         }
     }
 
+    /// A number of the values, which may be beyond single precision.
+    fn wide(&self, value: &Value, place: &str) -> Result<f64> {
+        let number = value.as_f64().filter(|number| number.is_finite());
+        number.ok_or_else(|| self.fault(place, "a number", describe(value)))
+    }
+
     fn numbers(&self, value: &Value, place: &str) -> Result<Vec<f32>> {
         let list = value
             .as_array()
@@ -341,9 +347,10 @@ impl Document<'_> {
             let value = point
                 .get("value")
                 .ok_or_else(|| self.fault(at("value"), "a number", "no such key"))?;
-            values.push(value.as_f64().unwrap_or_default());
+            let wide = self.wide(value, &at("value"))?;
+            values.push(wide);
             points.push(ControlPoint {
-                value: self.number(value, &at("value"))?,
+                value: narrowed(wide).clamp(f32::MIN, f32::MAX),
                 colour: point
                     .get("color")
                     .map(|c| self.tuple(c, &at("color")))
@@ -358,9 +365,11 @@ impl Document<'_> {
             .map_err(|(place, expected, found)| self.fault(place, expected, found))?;
         let range = match object.get("range") {
             Some(range) => {
-                let _: [f32; 2] = self.tuple(range, "range")?;
-                let end = |i: usize| range[i].as_f64().unwrap_or_default();
-                let [lo, hi] = [end(0), end(1)];
+                let Some([lo, hi]) = range.as_array().map(Vec::as_slice) else {
+                    return Err(self.fault("range", "2 numbers", describe(range)));
+                };
+                let lo = self.wide(lo, "range[0]")?;
+                let hi = self.wide(hi, "range[1]")?;
                 if lo >= hi {
                     return Err(self.fault(
                         "range",
