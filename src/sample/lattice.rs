@@ -5,7 +5,8 @@ use glam::DVec3;
 use super::left_out::LeftOut;
 use super::sharp::face_nodes;
 use super::{
-    SampleOptions, SampleReport, Sampled, check_count, check_len, classified, take_scalar,
+    SampleOptions, SampleReport, Sampled, check_count, check_len, classified, shown_field,
+    take_scalar,
 };
 use crate::error::Result;
 use crate::io::{Association, Blanking, Dataset, Geometry};
@@ -20,7 +21,8 @@ const NOT_FINITE: &str =
 
 pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     let blanking = Blanking::of(&dataset)?;
-    let mut taken = take_scalar(&mut dataset, options.field.as_deref())?;
+    let shown = shown_field(&dataset, options)?;
+    let mut taken = take_scalar(&mut dataset, &shown)?;
     let Geometry::Lattice(nodes) = &dataset.geometry else {
         unreachable!("the caller matched the geometry")
     };

@@ -20,4 +20,5 @@ mod gpu;
 mod manners;
 #[cfg(all(target_os = "linux", feature = "prepared"))]
 mod memory;
+mod scenes;
 mod usage;

@@ -26,8 +26,9 @@ mod meshopt;
 mod nodes;
 mod primitives;
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap};
 use std::path::Path;
+use std::sync::Arc;
 
 use glam::DVec3;
 use gltf_json::Root;
@@ -45,7 +46,7 @@ use crate::error::{Error, Result};
 use container::Buffers;
 use materials::Materials;
 use nodes::Nodes;
-use primitives::PrimitiveReader;
+use primitives::{PrimitiveReader, Shape};
 
 /// The most corners that all triangles, lines and points of a scene may have together. Nodes and instances share
 /// meshes, so a small file can state a scene of any size.
@@ -185,6 +186,12 @@ fn check_extensions(path: &Path, document: &Value, notes: &mut Vec<String>) -> R
     Ok(())
 }
 
+/// A primitive that several nodes show.
+struct Unpacked {
+    corners: usize,
+    shape: Shape,
+}
+
 /// All primitives of the nodes shown, in their places.
 fn scene(buffers: &Buffers<'_>, notes: &mut Vec<String>) -> Result<Mesh> {
     let root = buffers.root;
@@ -193,6 +200,13 @@ fn scene(buffers: &Buffers<'_>, notes: &mut Vec<String>) -> Result<Mesh> {
     let mut parts: Vec<MeshPart> = Vec::new();
     let mut left_out = LeftOut::default();
     let mut corners_left = MOST_CORNERS;
+    // How many nodes name each mesh, and the primitives of those that several do.
+    let mut named: HashMap<usize, usize> = HashMap::new();
+    for &n in &nodes.shown {
+        let mesh = root.nodes[n].mesh.iter();
+        mesh.for_each(|mesh| *named.entry(mesh.value()).or_default() += 1);
+    }
+    let mut unpacked: HashMap<(usize, usize), Arc<Unpacked>> = HashMap::new();
     for &n in &nodes.shown {
         let node = &root.nodes[n];
         let Some(index) = node.mesh else { continue };
@@ -218,7 +232,15 @@ fn scene(buffers: &Buffers<'_>, notes: &mut Vec<String>) -> Result<Mesh> {
                 draco: draco::Primitive::of(buffers, primitive, &place)?,
                 place,
             };
-            let corners = reader.corner_count()?;
+            // A mesh that many nodes name is unpacked once.
+            let is_plain = node.skin.is_none() && node.weights.is_none();
+            let key = is_plain.then_some((index.value(), p));
+            let known = key.and_then(|key| unpacked.get(&key).cloned());
+            let corners = match &known {
+                Some(known) => known.corners,
+                None => reader.corner_count()?,
+            };
+            let corners_of_one = corners;
             let corners = corners.saturating_mul(instances.len());
             corners_left = corners_left.checked_sub(corners).ok_or_else(|| {
                 let advice = "export fewer instances, or a part of the scene";
@@ -230,7 +252,17 @@ fn scene(buffers: &Buffers<'_>, notes: &mut Vec<String>) -> Result<Mesh> {
             let material = materials.get(primitive.material, |set| reader.has_set(set))?;
             let joint_count = joints.as_ref().map(Vec::len);
             let weights = weights.map_or(&[][..], Vec::as_slice);
-            let shape = reader.read(weights, material.sets, joint_count)?;
+            let known = match known {
+                Some(known) => known,
+                None => Arc::new(Unpacked {
+                    corners: corners_of_one,
+                    shape: reader.read(weights, material.sets, joint_count)?,
+                }),
+            };
+            let shape = &known.shape;
+            if let Some(key) = key.filter(|key| named.get(&key.0).is_some_and(|&count| count > 1)) {
+                unpacked.insert(key, Arc::clone(&known));
+            }
             for instance in &instances {
                 let world = nodes.world_from_node[n] * *instance;
                 let mut part = shape.placed(world, joints.as_deref(), material.material);
