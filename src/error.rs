@@ -196,6 +196,8 @@ pub enum Advice {
     Text(Box<str>),
     /// A step for which front ends have options of their own.
     Hint(Hint),
+    /// In words, of a file that is sound and holds nothing to draw.
+    NoData(Box<str>),
 }
 
 impl Error {
@@ -306,8 +308,20 @@ impl Error {
         };
         match advice {
             Advice::Hint(hint) => Some(*hint),
-            Advice::Text(_) => None,
+            Advice::Text(_) | Advice::NoData(_) => None,
         }
+    }
+
+    /// Whether a file is sound, but holds nothing to draw, so that others that belong to it may be drawn without it.
+    pub fn holds_nothing(&self) -> bool {
+        let is_empty = matches!(
+            self,
+            Self::Format {
+                advice: Advice::NoData(_),
+                ..
+            }
+        );
+        is_empty || self.hint() == Some(Hint::LookAtFile)
     }
 
     /// The file that is at fault, if it is one.
@@ -351,9 +365,16 @@ impl From<Parameter> for Place {
 impl fmt::Display for Advice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Text(text) => f.write_str(text),
+            Self::Text(text) | Self::NoData(text) => f.write_str(text),
             Self::Hint(hint) => hint.fmt(f),
         }
+    }
+}
+
+impl Advice {
+    /// The next step where a sound file holds nothing to draw: [`Error::holds_nothing`].
+    pub(crate) fn no_data(text: &str) -> Self {
+        Self::NoData(text.into())
     }
 }
 

@@ -1,17 +1,19 @@
 //! Scenes that are drawn.
 
+use std::borrow::Cow;
 use std::sync::{Mutex, MutexGuard, TryLockError};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use ewa_splat::command::{Prepared, left_of, most_pixels, stats};
-use ewa_splat::io::{Geometry, Mesh, Up};
+use ewa_splat::command::{Prepared, Wanted, left_of, stats};
+use ewa_splat::io::{Dataset, Geometry, Up};
 use ewa_splat::legend::{ColourBar, check_legend_size, draw_legend, legend_width, title_of};
 use ewa_splat::measure::{About, ErrorSample, ReferenceSummary, Subject, SweepOptions, sweep};
 use ewa_splat::reference::{DataIntegrator, Integrator, ReferenceFrame, ReferenceSettings};
-use ewa_splat::sample::mesh::Spread;
+use ewa_splat::sample::mesh::{Spread, share_out};
 use ewa_splat::sample::{
-    BoundaryChoice, SampleOptions, SampledScene, TransferChoice, shared_functions,
+    BoundaryChoice, SampleOptions, SampledScene, TransferChoice, as_surface, field_choices,
+    is_surface, shared_fields, shared_functions,
 };
 use ewa_splat::scene::{PointVolume, TransferDefaults, TransferFunction, Values};
 use ewa_splat::view::{Bounds, Camera, ClipPlane, DEFAULT_FOV_DEG, Lens};
@@ -27,7 +29,7 @@ use crate::settings::{Drawing, Keywords, drawing, transfer};
 use crate::task::run;
 use crate::thing::{Data, Source, Thing};
 
-/// A mesh is sampled again where a picture would show so many times as many surfels as there are.
+/// Meshes are sampled again where a picture would show so many times as many surfels of one as there are.
 const DENSER: f64 = 1.5;
 
 /// Things in memory and what was made of them; one picture at a time is drawn of it.
@@ -67,8 +69,8 @@ struct Ready {
     functions: Vec<Option<TransferFunction>>,
     /// Of each thing the number of its first volume, and whether each of its samples is a particle.
     firsts: Vec<(usize, bool)>,
-    /// Of a mesh alone that states no density, surfels per unit area at most.
-    density: Option<f64>,
+    /// Of each surface that states no number of surfels how many it has at most, by the pixels of a picture.
+    counts: Vec<Option<usize>>,
     prepared: Prepared,
 }
 
@@ -78,7 +80,7 @@ struct Sampled {
     titles: Vec<Option<String>>,
     fields: Vec<Option<String>>,
     firsts: Vec<(usize, bool)>,
-    density: Option<f64>,
+    counts: Vec<Option<usize>>,
 }
 
 /// A picture with all that is told of it.
@@ -106,6 +108,55 @@ impl State {
         }
     }
 
+    /// How surfels are spread over each surface that states no number of them, and how many there are at most: by the
+    /// pixels of a camera, and no more in all than one mesh gets.
+    fn spreads(
+        &self,
+        purpose: &Purpose,
+        camera: &dyn Fn(&[Bounds]) -> Camera,
+        clip: &[ClipPlane],
+    ) -> Result<Vec<Option<(Spread, usize)>>> {
+        let is_open = |source: &Source| source.options.spread == Spread::Automatic;
+        let surfaces = self.sources().map(|(_, source)| {
+            let surface = source.surface(purpose.for_columns)?;
+            Ok(surface.filter(|_| is_open(source)))
+        });
+        let surfaces: Vec<Option<Cow<'_, Dataset>>> = surfaces.collect::<Result<_>>()?;
+        if surfaces.iter().all(Option::is_none) {
+            return Ok(vec![None; surfaces.len()]);
+        }
+        let corners = self.sources().filter_map(|(_, source)| source.corners());
+        let boxes = corners.map(|(a, b)| ((a + b) / 2.0, (b - a) / 2.0));
+        let cameras = [camera(&left_of(boxes.collect(), clip))];
+        let wanted: Vec<Option<Wanted>> = surfaces
+            .iter()
+            .map(|surface| match &surface.as_ref()?.geometry {
+                Geometry::Mesh(mesh) => Some(Wanted::of(mesh, &cameras)),
+                _ => None,
+            })
+            .collect();
+        let counts = wanted.iter().map(|own| own.map_or(0, |own| own.count()));
+        let shares = share_out(&counts.collect::<Vec<_>>());
+        let is_alone = surfaces.len() == 1;
+        let spreads = wanted.into_iter().zip(shares);
+        Ok(spreads
+            .map(|(own, count)| own.map(|own| (own.spread(count, is_alone), count)))
+            .collect())
+    }
+
+    /// Lets things that name no field show the one that they have in common.
+    fn prefer_shared_fields(&self, options: &mut [SampleOptions]) {
+        let choices = self.sources().zip(&*options);
+        let choices = choices.map(|((_, source), own)| match (&source.data, &own.field) {
+            (Data::Set(dataset), None) => field_choices(dataset),
+            _ => Vec::new(),
+        });
+        let shared = shared_fields(&choices.collect::<Vec<_>>());
+        for (own, shared) in options.iter_mut().zip(shared) {
+            own.preferred_field = shared.or(own.preferred_field.take());
+        }
+    }
+
     /// Samples all things: those that show one field by an automatic function share one.
     fn sample(
         &self,
@@ -115,11 +166,14 @@ impl State {
         task: &Task,
     ) -> Result<Sampled> {
         let count = self.sources().count();
-        let mut density = None;
+        let spreads = self.spreads(purpose, camera, clip)?;
+        let counts = spreads.iter().map(|own| own.map(|(_, count)| count));
+        let counts: Vec<Option<usize>> = counts.collect();
         let mut options = Vec::new();
-        for (_, source) in self.sources() {
+        for ((_, source), spread) in self.sources().zip(&spreads) {
             let own = source.options.clone();
-            let mut own = SampleOptions {
+            let own = SampleOptions {
+                spread: spread.map_or(own.spread, |(spread, _)| spread),
                 transfer: purpose.transfer.clone().unwrap_or(own.transfer),
                 for_columns: purpose.for_columns,
                 normals: purpose.normals && own.flatten.is_none(),
@@ -128,14 +182,10 @@ impl State {
                 task: Some(task.clone()),
                 ..own
             };
-            if count == 1
-                && own.spread == Spread::Automatic
-                && let Some(mesh) = source.mesh()
-            {
-                density = most_pixels(mesh, clip, |boxes| Ok(vec![camera(boxes)]))?;
-                own.spread = density.map_or(own.spread, Spread::NoDenser);
-            }
             options.push(own);
+        }
+        if count > 1 {
+            self.prefer_shared_fields(&mut options);
         }
         let mut scenes: Vec<SampledScene> = Vec::new();
         for ((_, source), options) in self.sources().zip(&options) {
@@ -149,7 +199,7 @@ impl State {
                     // Freed before the next is there.
                     scenes[i].volumes.clear();
                     let own = SampleOptions {
-                        transfer: TransferChoice::Given(function.clone()),
+                        transfer: TransferChoice::Shared(function.clone()),
                         keeps_value_sample: false,
                         ..options[i].clone()
                     };
@@ -162,7 +212,7 @@ impl State {
             titles: Vec::new(),
             fields: Vec::new(),
             firsts: Vec::new(),
-            density,
+            counts,
         };
         for ((thing, _), scene) in self.sources().zip(scenes) {
             if thing == sampled.firsts.len() {
@@ -194,15 +244,15 @@ impl State {
                 shapes: ready.purpose.shapes || purpose.shapes,
                 ..purpose.clone()
             };
-            let own = self.sources().next().and_then(|(_, source)| source.mesh());
-            let denser = own.zip(ready.density).is_some_and(|(mesh, density)| {
-                let wanted = most_pixels(mesh, clip, |boxes| Ok(vec![camera(boxes)]));
-                wanted
-                    .ok()
-                    .flatten()
-                    .is_some_and(|wanted| wanted > DENSER * density)
-            });
-            ready.purpose == serves && !denser
+            let denser = || {
+                let wanted = self.spreads(&purpose, camera, clip).unwrap_or_default();
+                let mut pairs = ready.counts.iter().zip(wanted);
+                pairs.any(|(own, wanted)| {
+                    own.zip(wanted)
+                        .is_some_and(|(own, (_, wanted))| wanted as f64 > DENSER * own as f64)
+                })
+            };
+            ready.purpose == serves && !denser()
         });
         if !is_ready {
             // Freed before the next is there.
@@ -260,7 +310,7 @@ impl State {
             bars: different,
             functions,
             firsts: sampled.firsts,
-            density: sampled.density,
+            counts: sampled.counts,
             prepared: Prepared {
                 begun,
                 read_ms,
@@ -377,7 +427,7 @@ impl Source {
             Data::Set(dataset) => matches!(dataset.geometry, Geometry::Points { .. }),
             Data::Surfels(_) => true,
         };
-        let is_soft = options.boundary == BoundaryChoice::Soft && self.mesh().is_none();
+        let is_soft = options.boundary == BoundaryChoice::Soft && !self.is_mesh();
         let is_scaled = (options.opacity_scale - 1.0).abs() > 0.0;
         (is_of_points || is_soft)
             && options.flatten.is_none()
@@ -385,15 +435,27 @@ impl Source {
             && !is_scaled
     }
 
-    /// The mesh that it is, if it is one.
-    fn mesh(&self) -> Option<&Mesh> {
+    /// Whether it is a mesh.
+    fn is_mesh(&self) -> bool {
         match &self.data {
-            Data::Set(dataset) => match &dataset.geometry {
-                Geometry::Mesh(mesh) => Some(mesh),
-                _ => None,
-            },
-            Data::Surfels(_) => None,
+            Data::Set(dataset) => matches!(dataset.geometry, Geometry::Mesh(_)),
+            Data::Surfels(_) => false,
         }
+    }
+
+    /// The mesh of which surfels are made, if any are.
+    fn surface(&self, for_columns: bool) -> Result<Option<Cow<'_, Dataset>>> {
+        let Data::Set(dataset) = &self.data else {
+            return Ok(None);
+        };
+        if self.is_mesh() {
+            return Ok(Some(Cow::Borrowed(&**dataset)));
+        }
+        if for_columns || !is_surface(dataset) {
+            return Ok(None);
+        }
+        let surface = as_surface(Dataset::clone(dataset), &self.options)?;
+        Ok(Some(Cow::Owned(surface)))
     }
 }
 

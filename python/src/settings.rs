@@ -138,6 +138,7 @@ pub(crate) fn sample_options(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Said>
     };
     let options = SampleOptions {
         field: said.take("field")?,
+        preferred_field: None,
         kernel_width: said
             .positive("kernel_width")?
             .unwrap_or(defaults.kernel_width),

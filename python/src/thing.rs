@@ -446,7 +446,7 @@ impl Thing {
                 }
                 Err(_) => vec![(path.clone(), None)],
             };
-            let mut sets = Vec::new();
+            let (mut sets, mut empty, mut nothing) = (Vec::new(), Vec::new(), None);
             for (path, time_step) in parts {
                 let has_types = !types.is_empty() && has_particle_types(&path)?;
                 let types = types.iter().copied().map(Some);
@@ -461,8 +461,24 @@ impl Thing {
                         particle_type: particle_type.or(how.particle_type),
                         ..how.clone()
                     };
-                    sets.push(open(&path, &how)?);
+                    match open(&path, &how) {
+                        // Another part may hold something.
+                        Err(error) if error.holds_nothing() => {
+                            empty.push(path.display().to_string());
+                            nothing.get_or_insert(error);
+                        }
+                        set => sets.push(set?),
+                    }
                 }
+            }
+            if let (true, Some(error)) = (sets.is_empty(), nothing) {
+                return Err(error);
+            }
+            if let (false, Some(set)) = (empty.is_empty(), sets.first_mut()) {
+                let names = empty.join(", ");
+                set.notes.push(format!(
+                    "parts that hold nothing to draw are left out: {names}"
+                ));
             }
             Ok(sets)
         })?;
@@ -602,8 +618,8 @@ impl Thing {
 fn of_sets(sets: Vec<Dataset>, options: &SampleOptions, up: Option<DVec3>) -> PyResult<Thing> {
     let lacks = |set: &Dataset| {
         let field = options.field.as_deref()?;
-        let is_mesh = matches!(set.geometry, Geometry::Mesh(_));
-        set.scalar(field).err().filter(|_| !is_mesh)
+        let has_none = matches!(set.geometry, Geometry::Mesh(_)) && set.fields.is_empty();
+        set.scalar(field).err().filter(|_| !has_none)
     };
     let lacking: Vec<_> = sets.iter().map(lacks).collect();
     let all_lack = lacking.iter().all(Option::is_some);

@@ -36,7 +36,7 @@ pub(crate) fn weighed(
         field: Some(field.into()),
         ..options.clone()
     };
-    let scene = data.scene(inputs, &options, |_, _| Ok(None), progress)?;
+    let scene = data.scene(inputs, &options, &|_, _| Ok(Vec::new()), progress)?;
     let mut titles = scene.titles.into_iter().flatten();
     let pairs = volumes.iter().zip(scene.volumes);
     let weighed = pairs.map(|(volume, of_field)| times(volume, &of_field));

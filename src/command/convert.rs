@@ -6,9 +6,10 @@ use crate::io::{
     Dataset, Geometry, PlyForm, SplatCloud, SplatFileOptions, SpzVersion, Up, WrittenSplats,
     check_folder, check_splats_path, write_splats,
 };
-use crate::sample::mesh::MeshReport;
+use crate::sample::mesh::{MeshReport, Spread, share_out};
 use crate::sample::{
-    BoundaryChoice, ConversionReport, Finding, SampleOptions, scene, sound_splats, splat_cloud,
+    BoundaryChoice, ConversionReport, Finding, SampleOptions, as_surface, field_choices, scene,
+    sound_splats, splat_cloud,
 };
 use crate::{Error, Result};
 use clap::{Args, ValueEnum};
@@ -21,6 +22,7 @@ use super::outputs::check_collisions;
 use super::prepare::{PrepareOptions, is_scene};
 use super::progress;
 use super::source::Input;
+use super::together::{Wanted, prefer};
 
 #[derive(Args)]
 pub(crate) struct Arguments {
@@ -90,16 +92,31 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     }
     let bar = progress::bar(inputs.len() as u64 + 1);
     let mut converted = Converted::default();
-    for input in &inputs {
+    let mut nothing = None;
+    for (input, options) in inputs.iter().zip(arguments.options(&inputs)?) {
         let path = &input.path;
         bar.set_message(format!("converting {}", path.display()));
-        let dataset = arguments.data.open(input)?;
-        for note in &dataset.notes {
-            converted.notes.push(format!("{}: {note}", path.display()));
+        let added = arguments.data.open(input).and_then(|dataset| {
+            for note in &dataset.notes {
+                converted.notes.push(format!("{}: {note}", path.display()));
+            }
+            let up = dataset.up();
+            converted.add(dataset, &options, &bar)?;
+            converted.ups.push((path.clone(), up));
+            Ok(())
+        });
+        match added {
+            Err(error) if inputs.len() > 1 && error.holds_nothing() => {
+                let note = format!("{}: holds nothing to draw: left out", path.display());
+                converted.notes.push(note);
+                nothing.get_or_insert(error);
+            }
+            added => added?,
         }
-        converted.ups.push((path.clone(), dataset.up()));
-        converted.add(dataset, &arguments.data, &bar)?;
         bar.inc(1);
+    }
+    if let Some(error) = nothing.filter(|_| converted.ups.is_empty()) {
+        return Err(error);
     }
     bar.set_message("writing");
     let Converted {
@@ -156,6 +173,45 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 }
 
 impl Arguments {
+    /// How each input is sampled: meshes share the surfels that one would get, and data that name no field show one that
+    /// they have in common.
+    fn options(&self, inputs: &[Input]) -> Result<Vec<SampleOptions>> {
+        let options = SampleOptions {
+            // Splats of a file are cut by nothing.
+            boundary: BoundaryChoice::Soft,
+            ..self.data.sample_options()
+        };
+        let mut all = vec![options.clone(); inputs.len()];
+        if inputs.len() < 2 {
+            return Ok(all);
+        }
+        let (mut wanted, mut choices) = (Vec::new(), Vec::new());
+        for input in inputs {
+            let dataset = match self.data.open(input) {
+                Err(error) if error.holds_nothing() => {
+                    wanted.push(None);
+                    choices.push(Vec::new());
+                    continue;
+                }
+                dataset => as_surface(dataset?, &options)?,
+            };
+            wanted.push(match &dataset.geometry {
+                Geometry::Mesh(mesh) => Some(Wanted::of(mesh, &[])),
+                _ => None,
+            });
+            choices.push(field_choices(&dataset));
+        }
+        prefer(&mut all, choices);
+        let counts = wanted.iter().map(|own| own.map_or(0, |own| own.count()));
+        let shares = share_out(&counts.collect::<Vec<_>>());
+        for ((own, wanted), count) in all.iter_mut().zip(wanted).zip(shares) {
+            if let (Some(wanted), Spread::Automatic) = (wanted, own.spread) {
+                own.spread = wanted.spread(count, false);
+            }
+        }
+        Ok(all)
+    }
+
     /// Refuses what says nothing of a prepared scene.
     fn check_scene(&self) -> Result<()> {
         check_folder(&self.out)?;
@@ -207,7 +263,7 @@ fn say_turns(out: &Path, up: &Up, ups: &[(PathBuf, Up)], written: &WrittenSplats
 }
 
 /// An axis in words: `+y`.
-fn axis(direction: DVec3) -> String {
+pub(super) fn axis(direction: DVec3) -> String {
     let of = ["x", "y", "z"].into_iter().zip(direction.to_array());
     let known = of.clone().find(|(_, c)| c.abs() == direction.length());
     known.map_or_else(
@@ -246,18 +302,13 @@ fn mesh_summary(path: &Path, report: &MeshReport) -> Value {
 
 impl Converted {
     /// Adds the splats of a data set.
-    fn add(&mut self, dataset: Dataset, options: &DataOptions, bar: &ProgressBar) -> Result<()> {
+    fn add(&mut self, dataset: Dataset, options: &SampleOptions, bar: &ProgressBar) -> Result<()> {
         let path = dataset.path.clone();
         let (cloud, report) = match dataset.geometry {
             // As they are; a named field replaces colours and goes the other way.
             Geometry::Splats(cloud) if options.field.is_none() => sound_splats(cloud)?,
             _ => {
-                // Splats of a file are cut by nothing.
-                let soft = SampleOptions {
-                    boundary: BoundaryChoice::Soft,
-                    ..options.sample_options()
-                };
-                let sampled = scene(dataset, &soft)?;
+                let sampled = scene(dataset, options)?;
                 match sampled.report.mesh {
                     Some(mesh) => self.meshes.push(mesh_summary(&path, &mesh)),
                     None => {

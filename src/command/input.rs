@@ -22,7 +22,7 @@ use super::source::{Input, Shown, steps};
 #[derive(Args)]
 #[command(next_help_heading = "Data")]
 pub(crate) struct DataOptions {
-    /// Field to show; a vector field gives its magnitude, NAME:x a component
+    /// Field to show; a vector field gives its magnitude, NAME:x a component, NAME@cells the one of cells
     #[arg(long, value_name = "NAME")]
     pub(crate) field: Option<String>,
     /// PLOT3D solution or functions of a grid; by default files beside it, named with q and with f or fun for xyz
@@ -82,8 +82,8 @@ pub(crate) struct DataOptions {
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true,
           value_parser = clap::value_parser!(u32).range(0..=100))]
     pub(crate) shepard: u32,
-    /// Meshes: surfels per unit area [default: by the texture's texels and the mesh's size, and of a mesh
-    /// alone no more than one for each pixel on half of those that it covers]
+    /// Meshes: surfels per unit area [default: by the texture's texels and the mesh's size, no more than one
+    /// for each pixel on half of those that it covers, a million in all]
     #[arg(long, value_name = "N", value_parser = parse::positive, allow_hyphen_values = true)]
     pub(crate) density: Option<f64>,
     /// Meshes: surfels in all
@@ -118,6 +118,9 @@ pub(crate) struct DataOptions {
     pub(crate) endian: Endian,
     #[command(flatten)]
     pub(crate) edits: EditOptions,
+    /// Whether inputs of different axes stay as they are, beside one another.
+    #[arg(skip)]
+    pub(crate) keeps_axes: bool,
 }
 
 /// What to make of points with faces.
@@ -431,6 +434,7 @@ impl DataOptions {
     pub(crate) fn sample_options(&self) -> SampleOptions {
         SampleOptions {
             field: self.field.clone(),
+            preferred_field: None,
             kernel_width: self.kernel_width(),
             transfer: self
                 .transfer_function

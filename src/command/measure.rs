@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::time::Instant;
 
-use crate::io::{Mesh, read_image, write_bytes_atomically, write_image};
+use crate::io::{Up, read_image, write_bytes_atomically, write_image};
 use crate::measure::{
     ACCURATE, About, DEFAULT, FAST, ReferenceSummary, Report, Resampling, Row, Subject,
     SweepOptions, sweep,
@@ -25,7 +25,7 @@ use super::progress::{bar, spinner, task_of, with_bar};
 use super::scene::Scene;
 use super::source::{Input, paths};
 use super::truth::Truth;
-use super::viewpoint::{CameraOptions, Canvas, most_pixels};
+use super::viewpoint::{CameraOptions, Canvas};
 
 /// Width and height of a measurement in pixels.
 const DEFAULT_SIZE: [usize; 2] = [256, 256];
@@ -94,13 +94,10 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
         default_size: DEFAULT_SIZE,
         ..Canvas::of(arguments.size)
     };
-    let densest = |mesh: &Mesh, up| {
-        let of_boxes = |boxes: &[Bounds]| Ok(vec![arguments.camera.camera(boxes, up, &canvas)?]);
-        most_pixels(mesh, &[], of_boxes)
-    };
+    let cameras = |boxes: &[Bounds], up: Up| Ok(vec![arguments.camera.camera(boxes, up, &canvas)?]);
     let mut scene = arguments
         .data
-        .scene(&arguments.inputs, &options, densest, &progress)?;
+        .scene(&arguments.inputs, &options, &cameras, &progress)?;
     refuse_beside(
         &scene.prepared,
         &[(

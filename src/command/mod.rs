@@ -46,6 +46,7 @@ mod shared;
 mod shell;
 mod source;
 mod statistics;
+mod together;
 mod truth;
 mod usage;
 mod view;
@@ -57,8 +58,9 @@ use std::process::ExitCode;
 
 pub use self::animation::Animation;
 pub use self::statistics::{Prepared, stats};
+pub use self::together::Wanted;
 pub use self::view::{Asked, Automatic, Frame, Over, Shown, line};
-pub use self::viewpoint::{left_of, most_pixels};
+pub use self::viewpoint::left_of;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 /// Renders volumes, particles, splats and meshes by EWA splatting, and converts them to splats.

@@ -115,7 +115,7 @@ impl PrepareOptions {
                 (prepared, about)
             }
             None => {
-                let scene = data.scene(inputs, &options, |_, _| Ok(None), &bar)?;
+                let scene = data.scene(inputs, &options, &|_, _| Ok(Vec::new()), &bar)?;
                 refuse_beside(&scene.prepared, &[("convert", true)])?;
                 let about = scene.about(inputs, self.column_density);
                 bar.set_message("sorting into blocks");

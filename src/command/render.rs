@@ -7,7 +7,7 @@ use crate::Filter;
 use crate::distributed::{self, Ranks, Share};
 use crate::image::DARK_GREY;
 use crate::io::{
-    Mesh, check_depth_path, check_folder, check_image_path, write_bytes_atomically, write_count,
+    check_depth_path, check_folder, check_image_path, write_bytes_atomically, write_count,
     write_depth, write_normals,
 };
 use crate::legend::{ColourBar, legend_width};
@@ -36,7 +36,7 @@ use super::lit::LightOptions;
 use super::outputs::{check_collisions, warn_unconverged};
 use super::parse::{self, Background, Clip};
 use super::prepared::{refuse_beside, renderer as renderer_of};
-use super::progress::{bar, spinner, task_of, with_bar};
+use super::progress::{bar, note, spinner, task_of, with_bar};
 use super::ranks;
 use super::scene::Scene;
 use super::sequence::SequenceOptions;
@@ -44,7 +44,8 @@ use super::source::{Input, paths};
 use super::statistics::{Prepared, stats};
 use super::truth::{ReferenceName, Truth};
 use super::usage::{CLASSIFIED, is_filtered, is_surface, refuse_unused};
-use super::viewpoint::{CameraOptions, Canvas, left_of, most_pixels};
+use super::viewpoint::{CameraOptions, Canvas, left_of};
+use super::words;
 
 #[derive(Args)]
 pub(crate) struct Arguments {
@@ -67,6 +68,10 @@ pub(crate) struct Arguments {
     pub(super) mpi: bool,
     #[command(flatten)]
     pub(super) camera: CameraOptions,
+    /// Leave inputs whose formats have other axes than the first has (y up beside z up) as they are, instead of turning
+    /// them to it
+    #[arg(long, help_heading = "Placement")]
+    keep_axes: bool,
     #[command(flatten)]
     pub(super) data: DataOptions,
     #[command(flatten)]
@@ -453,9 +458,7 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
         stats["tolerance_asked"] = json!(asked);
         stats["measured_error"] = json!(error);
         if arguments.output.stats.is_none() {
-            progress.suspend(|| {
-                super::progress::note!("{}", in_words(&error, asked, settings.tolerance))
-            });
+            progress.suspend(|| note!("{}", in_words(&error, asked, settings.tolerance)));
         }
     }
     if let Some(path) = &arguments.output.stats {
@@ -463,16 +466,14 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
     }
     progress.finish_and_clear();
     if footprints == 0 {
-        super::progress::note!(
-            "nothing visible: no particle reaches the image with an opacity above zero"
-        );
+        note!("nothing visible: no particle reaches the image with an opacity above zero");
     } else if shows_count {
-        super::progress::note!("{}", describe(renderer.image(), arguments.is_png()));
+        note!("{}", describe(renderer.image(), arguments.is_png()));
     }
     if let (Some(layers), None) = (layers, arguments.method.slab_thickness) {
         let tolerance = f64::from(settings.tolerance);
         if layers.error > tolerance {
-            super::progress::note!(
+            note!(
                 "slabs {:.1e} thick are thicker than the tolerance of {tolerance:.1e} asks of the \
                  thinnest kernels: they err by {:.1e} at most, as a rule far less; --slab-thickness \
                  makes them thinner",
@@ -596,6 +597,7 @@ impl Arguments {
         }
         let named = std::mem::take(&mut self.inputs);
         self.inputs = self.data.inputs(named, self.sequence.is_series())?;
+        self.take_axes();
         if is_first {
             self.check_outputs()?;
         }
@@ -608,6 +610,11 @@ impl Arguments {
         self.annotations.check_time(&self.inputs)?;
         self.method.check()?;
         self.check_show()
+    }
+
+    /// Tells the data whether they keep their axes.
+    pub(super) fn take_axes(&mut self) {
+        self.data.keeps_axes = self.keep_axes;
     }
 
     /// Whether all that is to be written can be, beside the inputs.
@@ -665,10 +672,12 @@ impl Arguments {
             sequence.cameras(&self.camera, boxes, up, canvas)
         };
         let whole = Canvas::of(self.size);
-        let densest =
-            |mesh: &Mesh, up| most_pixels(mesh, &planes, |boxes| cameras(boxes, up, &whole));
+        let of_boxes =
+            |boxes: &[Bounds], up| cameras(&left_of(boxes.to_vec(), &planes), up, &whole);
         let read = || {
-            let scene = self.data.scene(&self.inputs, options, densest, progress)?;
+            let scene = self
+                .data
+                .scene(&self.inputs, options, &of_boxes, progress)?;
             self.checked(scene)
         };
         // Where ranks share a picture, each may read a part.
@@ -680,8 +689,16 @@ impl Arguments {
                 // Faces are cut of whole volumes.
                 let takes_parts = !self.cut.cut_faces;
                 let check = |scene| self.checked(scene);
-                self.data
-                    .shared(inputs, options, progress, ranks, takes_parts, read, check)?
+                self.data.shared(
+                    inputs,
+                    options,
+                    &of_boxes,
+                    progress,
+                    ranks,
+                    takes_parts,
+                    read,
+                    check,
+                )?
             }
         };
         let is_shared = shared.is_some();
@@ -721,12 +738,7 @@ impl Arguments {
             }
         };
         let truth = truth.map(|truth| truth.clipped(&self.clip_planes()));
-        let draws_merged = self.settings(0.0).draws_merged();
-        let scene_options = SceneOptions {
-            level_of_detail: draws_merged && !is_column && truth.is_none(),
-            task: options.task.clone(),
-            ..SceneOptions::default()
-        };
+        let scene_options = self.scene_options(options);
         let renderer = match (shared, ranks.take_if(|_| is_shared)) {
             (Some(share), Some(ranks)) => {
                 let share = Share {
@@ -763,6 +775,17 @@ impl Arguments {
             read_ms,
             prepare_start,
         })
+    }
+
+    /// How a scene is sorted into blocks.
+    fn scene_options(&self, options: &SampleOptions) -> SceneOptions {
+        let method = &self.method;
+        let draws_merged = self.settings(0.0).draws_merged();
+        SceneOptions {
+            level_of_detail: draws_merged && !method.column_density && method.reference.is_none(),
+            task: options.task.clone(),
+            ..SceneOptions::default()
+        }
     }
 
     /// What was read, once it is known to be what the options are for; with its cut faces, where these are asked for.
@@ -831,45 +854,50 @@ impl Arguments {
         let planes = self.clip_planes();
         let whole = Canvas::of(self.size);
         let steps: Vec<&[Input]> = self.inputs.chunk_by(|a, b| a.step == b.step).collect();
-        let begun = || {
-            let series = self.data.series(&self.inputs, options, progress)?;
-            let options = SampleOptions {
-                transfer: series.transfer,
-                ..options.clone()
-            };
-            Ok((options, left_of(series.boxes, &planes)))
+        let series = self.data.series(&self.inputs, options, progress);
+        let series = match &mut ranks {
+            Some(ranks) => ranks.agree(series)?,
+            None => series?,
         };
-        let begun = begun();
-        let (options, boxes) = match &mut ranks {
-            Some(ranks) => ranks.agree(begun)?,
-            None => begun?,
-        };
+        let options = series.of_step(options);
+        let boxes = left_of(series.boxes, &planes);
         let place = |up, canvas: &Canvas| self.camera.camera(&boxes, up, canvas);
         let read = |step: &[Input]| {
-            let densest =
-                |mesh: &Mesh, up| most_pixels(mesh, &[], |_| Ok(vec![place(up, &whole)?]));
-            let mut scene = self.data.scene(step, &options, densest, progress)?;
+            let cameras = |_: &[Bounds], up| Ok(vec![place(up, &whole)?]);
+            let scene = match self.data.scene(step, &options, &cameras, progress) {
+                // A step of nothing is a picture of nothing.
+                Err(error) if error.holds_nothing() => {
+                    progress.suspend(|| note!("{}; an empty picture", words::line(&error)));
+                    Scene::of_nothing()
+                }
+                scene => self.checked(scene?)?,
+            };
             let bounds = scene.bounds();
             let legend = match self.legend.legend {
                 true => bars(&scene)?,
                 false => Vec::new(),
             };
-            self.method.check_use(&scene.volumes)?;
-            if self.cut.cut_faces {
-                add_faces(&mut scene.volumes, &planes, self.is_lit())?;
-            }
             Ok((scene, bounds, legend))
         };
+        let shown = |step: &(Scene, _, _)| !step.0.volumes.is_empty();
         let first = || {
+            // The first that shows something says how much room a legend takes, and its function is that of all.
             let first = read(steps[0])?;
-            let (scene, _, legend) = &first;
+            let mut said = None;
+            let mut rest = steps.iter().skip(1);
+            let mut own = &first;
+            while !shown(own)
+                && let Some(step) = rest.next()
+            {
+                own = said.insert(read(step)?);
+            }
+            let (scene, _, legend) = own;
             if let (Some(path), true) = (&self.output.write_transfer_function, is_first) {
                 let function = written_function(&scene.volumes)?;
                 write_bytes_atomically(path, function.to_json().as_bytes())?;
             }
-            // What is up of the first step is up of all.
             let room_px = legend_width(legend, whole.size());
-            let camera = place(scene.up, &Canvas { room_px, ..whole })?;
+            let camera = place(series.up, &Canvas { room_px, ..whole })?;
             Ok((first, camera))
         };
         let first = first();
@@ -879,26 +907,25 @@ impl Arguments {
         };
         let mut first = Some(first);
         let is_alone = ranks.is_none();
+        let scene_options = self.scene_options(&options);
         let mut draw = |n: usize| {
             let (scene, bounds, legend) = match first.take_if(|_| n == 0) {
                 Some(first) => first,
                 None => read(steps[n])?,
             };
-            let cut_faces = ("--cut-faces", self.cut.cut_faces);
-            refuse_beside(&scene.prepared, &[cut_faces])?;
-            let whole = SceneOptions::default();
-            let mut renderer = renderer_of(scene.volumes, scene.prepared, &whole)?;
+            let mut renderer = renderer_of(scene.volumes, scene.prepared, &scene_options)?;
             if is_alone {
                 let backend = self.backend(&renderer, &camera);
                 renderer = renderer.on_backend(backend)?;
             }
             let suitable = renderer.suitable_low_pass_px2();
-            let settings = self.settings(self.method.low_pass.unwrap_or(suitable));
+            let settings = Settings {
+                task: options.task.clone(),
+                ..self.settings(self.method.low_pass.unwrap_or(suitable))
+            };
             let blend = blend_of(&renderer, &settings)?;
-            if n == 0 {
-                if let Some(note) = blend.note() {
-                    progress.suspend(|| super::progress::note!("{note}"));
-                }
+            if let Some(note) = blend.note().filter(|_| n == 0) {
+                progress.suspend(|| super::progress::note!("{note}"));
             }
             let image = renderer.render(&camera, &settings)?;
             let annotations = self.annotations.at(steps[n]);

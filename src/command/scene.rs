@@ -3,26 +3,24 @@
 use std::path::Path;
 
 use crate::distributed::PartRead;
-use crate::io::{Mesh, Planes, RowFile, Up, VtsPieces, VtuPieces};
+use crate::io::{Planes, RowFile, Up, VtsPieces, VtuPieces};
 use crate::legend::title_of;
 use crate::prepared::{About, PointFile, PreparedScene};
-use crate::sample::{
-    RowsApart, SampleOptions, SampleReport, TransferChoice, automatic, function_of_file,
-    shared_functions,
-};
-use crate::scene::{PointVolume, ValueSample};
+use crate::sample::{RowsApart, SampleOptions, SampleReport, TransferChoice};
+use crate::scene::PointVolume;
 use crate::view::Bounds;
-use crate::{Error, Renderer, Result, SceneOptions};
+use crate::{Error, Result};
 use glam::DVec3;
 use indicatif::ProgressBar;
 
 use super::edits::Edit;
 use super::input::{DataOptions, refused_surface, transfer_of};
 use super::prepared::{self, Members, is_prepared};
-use super::progress::note;
-use super::reads::{Read, ReadAbout, is_automatic, note_missing, read, shows, uses};
+use super::reads::{ReadAbout, is_automatic, uses};
 use super::source::Input;
+use super::together::{Gathered, Series, Together};
 use super::usage::{Kind, Uses};
+use super::viewpoint::Cameras;
 
 /// What the inputs hold.
 pub(crate) struct Scene {
@@ -46,6 +44,11 @@ pub(crate) struct Scene {
 }
 
 impl Scene {
+    /// Of nothing.
+    pub(crate) fn of_nothing() -> Self {
+        Self::of_reads(Vec::new(), Vec::new(), false)
+    }
+
     /// Of a file of points that was read as a stream: what is known of it besides its particles.
     pub(crate) fn of_stream(file: &PointFile) -> Self {
         let unit = file.report().and_then(|report| report.unit.as_deref());
@@ -147,7 +150,12 @@ impl Scene {
             selectors: Vec::new(),
             grids_only: reads.iter().all(ReadAbout::is_grid_or_splats),
             has_boundary,
-            up: Up::of_scene(reads.iter().map(|read| read.up)),
+            up: Up::of_scene(
+                reads
+                    .iter()
+                    .filter(|read| !read.is_nothing)
+                    .map(|read| read.up),
+            ),
             corners: reads.iter().filter_map(|read| read.corners).collect(),
         };
         for read in reads {
@@ -208,26 +216,17 @@ pub(crate) enum Pieces {
 const STREAMED: usize = 1 << 22;
 
 impl DataOptions {
-    /// Reads and samples all of a scene, and says what was left out. Inputs that show the same field by a function
-    /// that is chosen from values share one, of the values of all.
+    /// Reads and samples all of a scene, and says what was left out: [`Together`].
     ///
-    /// A mesh alone, for which no number of
-    /// surfels was asked for, gets no more than a picture shows: `most_pixels` are those per unit area
-    /// ([`pixels_per_area`](crate::sample::mesh::pixels_per_area)). (Beside other data the camera is not known before these are sampled.)
+    /// - `cameras`: those of the pictures, which say how many surfels meshes get.
     pub(crate) fn scene(
         &self,
         inputs: &[Input],
         options: &SampleOptions,
-        most_pixels: impl Fn(&Mesh, Up) -> Result<Option<f64>>,
+        cameras: Cameras<'_>,
         progress: &ProgressBar,
     ) -> Result<Scene> {
         self.check_function(options)?;
-        let options = SampleOptions {
-            keeps_value_sample: inputs.len() > 1 && !options.for_columns,
-            ..options.clone()
-        };
-        let mut missing = Vec::new();
-        let mut reads = Vec::new();
         // Of each input a prepared scene, where it is one.
         let mut opened = Vec::new();
         let all = inputs;
@@ -240,26 +239,32 @@ impl DataOptions {
             }
             opened.push(own.transpose()?);
         }
-        let inputs = &*data;
-        for input in inputs {
-            progress.set_message(format!("reading {}", input.path.display()));
-            let path = input.path.display();
-            let mut say = |line: &str| progress.suspend(|| note!("{path}: {line}"));
-            let is_alone = inputs.len() == 1;
-            let (read, error) = self.read_one(input, is_alone, &options, &most_pixels, &mut say)?;
-            missing.extend(error.map(|error| (input, error)));
-            reads.push(read);
-        }
-        let abouts: Vec<&ReadAbout> = reads.iter().map(|read| &read.of).collect();
-        let is_shown = shows(&abouts, &options);
-        for (input, error) in missing {
-            if !is_shown {
-                return Err(error);
-            }
-            progress.suspend(|| note_missing(input, &options));
-        }
-        let mut shown = uses(&abouts, &options);
-        let is_prepared = inputs.is_empty() && !all.is_empty();
+        let beside: Vec<_> = opened
+            .iter()
+            .flatten()
+            .map(|(_, about)| {
+                let corners = about.corners.iter();
+                let corners = corners.map(|[a, b]| (DVec3::from(*a), DVec3::from(*b)));
+                let corners = corners.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
+                (corners, prepared::up_of(about))
+            })
+            .collect();
+        let together = Together {
+            data: self,
+            inputs: &data,
+            own: 0..data.len(),
+            options,
+            cameras,
+            beside: &beside,
+            progress,
+        };
+        let Gathered {
+            abouts,
+            volumes,
+            selectors,
+        } = together.read(&mut None)?;
+        let mut shown = uses(&abouts, options);
+        let is_prepared = data.is_empty() && !all.is_empty();
         shown.of_prepared = is_prepared.then(|| {
             let scenes = opened.iter().flatten();
             scenes
@@ -267,36 +272,37 @@ impl DataOptions {
                 .any(|r| r.classification)
         });
         self.check_use(&shown)?;
-        self.share_functions(inputs, &options, &mut reads, progress)?;
         let mut scene = Scene {
             volumes: Vec::new(),
             prepared: Vec::new(),
             fields: Vec::new(),
             titles: Vec::new(),
-            selectors: Vec::new(),
+            selectors: match opened.first() {
+                Some(Some(_)) => Vec::new(),
+                _ => selectors,
+            },
             grids_only: opened.iter().all(Option::is_none)
-                && reads.iter().all(|read| read.of.is_grid_or_splats()),
-            has_boundary: self.may_end_sharply(reads.iter().map(|read| &read.of)),
+                && abouts.iter().all(ReadAbout::is_grid_or_splats),
+            has_boundary: self.may_end_sharply(abouts.iter()),
             up: Up::of_scene([]),
-            corners: reads.iter().filter_map(|read| read.of.corners).collect(),
+            corners: abouts.iter().filter_map(|read| read.corners).collect(),
         };
         let mut ups = Vec::new();
-        let mut reads = reads.into_iter();
-        for (i, (input, own)) in all.iter().zip(opened).enumerate() {
+        let mut reads = abouts.into_iter().zip(volumes);
+        for (input, own) in all.iter().zip(opened) {
             if let Some((own, about)) = own {
                 ups.push(prepared::up_of(&about));
                 scene.add(self.shown(own, &input.path, is_prepared)?, about);
                 continue;
             }
-            let Some(read) = reads.next() else {
+            let Some((read, volumes)) = reads.next() else {
                 break;
             };
-            if i == 0 {
-                scene.selectors = read.selectors;
+            if !read.is_nothing {
+                ups.push(read.up);
             }
-            ups.push(read.of.up);
-            scene.volumes.extend(read.volumes);
-            scene.name(scene.volumes.len(), read.of.report);
+            scene.volumes.extend(volumes);
+            scene.name(scene.volumes.len(), read.report);
         }
         self.check_fields(&scene)?;
         scene.up = Up::of_scene(ups);
@@ -496,7 +502,7 @@ impl DataOptions {
         own
     }
 
-    /// What the steps of a series share: the function of the values of all, and a box around each.
+    /// What the steps of a series share: one field, the function of the values of all, and a box around each.
     pub(crate) fn series(
         &self,
         inputs: &[Input],
@@ -508,66 +514,16 @@ impl DataOptions {
             local_models: false,
             ..options.clone()
         };
-        let (mut boxes, mut samples, mut ranges) = (Vec::new(), Vec::new(), Vec::new());
-        let mut unit_distance = f64::INFINITY;
-        for input in inputs {
-            progress.set_message(format!("reading {}", input.path.display()));
-            let own = self.of_input(input, &options);
-            let step = read(self.open(input)?, &own)?;
-            self.check_use(&uses(&[&step.of], &own))?;
-            unit_distance = unit_distance.min(step.of.report.unit_distance);
-            ranges.extend(step.of.report.value_range);
-            samples.extend(step.of.report.value_sample);
-            let whole = SceneOptions {
-                level_of_detail: false,
-                ..SceneOptions::default()
-            };
-            boxes.extend(Renderer::with_options(step.volumes, &whole)?.boxes());
-        }
-        let unit_distance = options.opacity_scale * unit_distance;
-        let range = ranges
-            .into_iter()
-            .reduce(|[a, b]: [f64; 2], [c, d]| [a.min(c), b.max(d)]);
-        let transfer = match (ValueSample::mean(samples), range) {
-            // A preset is stretched over the values of all steps.
-            (None, Some(range)) if matches!(options.transfer, TransferChoice::File(_)) => {
-                let read = function_of_file(&options, range, unit_distance)?;
-                match read.stretched {
-                    Some(_) => TransferChoice::Given(read.function),
-                    None => options.transfer.clone(),
-                }
-            }
-            (None, _) => options.transfer.clone(),
-            (Some(sample), _) => {
-                TransferChoice::Given(automatic(&sample, &options, unit_distance)?)
-            }
+        let together = Together {
+            data: self,
+            inputs,
+            own: 0..inputs.len(),
+            options: &options,
+            cameras: &|_, _| Ok(Vec::new()),
+            beside: &[],
+            progress,
         };
-        Ok(Series { transfer, boxes })
-    }
-
-    /// Samples inputs again that show the same field, by one function of the values of all.
-    fn share_functions(
-        &self,
-        inputs: &[Input],
-        options: &SampleOptions,
-        reads: &mut [Read],
-        progress: &ProgressBar,
-    ) -> Result<()> {
-        let own: Vec<SampleOptions> = inputs
-            .iter()
-            .map(|input| self.of_input(input, options))
-            .collect();
-        let mut reports: Vec<_> = reads
-            .iter_mut()
-            .map(|read| &mut read.of.report)
-            .zip(&own)
-            .collect();
-        for (function, members) in shared_functions(&mut reports)? {
-            for i in members {
-                self.read_again(&inputs[i], options, &function, &mut reads[i], progress)?;
-            }
-        }
-        Ok(())
+        together.series()
     }
 
     /// The scene's volumes with kernels of another width, read anew.
@@ -587,12 +543,4 @@ impl DataOptions {
         }
         Ok(volumes)
     }
-}
-
-/// What the steps of a series share.
-pub(crate) struct Series {
-    /// Their transfer function.
-    pub(crate) transfer: TransferChoice,
-    /// Around the data of all.
-    pub(crate) boxes: Vec<Bounds>,
 }

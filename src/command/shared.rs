@@ -11,6 +11,7 @@ use super::progress::note;
 use super::scene::{Pieces, Scene};
 use super::source::Input;
 use super::usage::Kind;
+use super::viewpoint::Cameras;
 use crate::blocks::ParticleStream;
 use crate::distributed::{
     PartRead, Ranks, Share, read_grid, read_pieces, read_planes, read_rows, read_together, scatter,
@@ -55,6 +56,7 @@ impl DataOptions {
     /// A scene that ranks share, and this one's share, whose volumes are in the scene; `None` where every rank has the
     /// whole: of prepared scenes.
     ///
+    /// - `cameras`: those of the picture, which say how many surfels meshes get.
     /// - `takes_parts`: whether what is read may come apart before it is checked.
     /// - `read`: reads the whole.
     /// - `check`: refuses what the options are not for.
@@ -69,6 +71,7 @@ impl DataOptions {
         &self,
         inputs: &[Input],
         options: &SampleOptions,
+        cameras: Cameras<'_>,
         progress: &ProgressBar,
         ranks: &mut Ranks,
         takes_parts: bool,
@@ -100,7 +103,7 @@ impl DataOptions {
             return Ok((read()?, None));
         }
         if inputs.len() > 1 && takes_parts {
-            let (scene, share) = self.dealt(inputs, options, progress, ranks)?;
+            let (scene, share) = self.dealt(inputs, options, cameras, progress, ranks)?;
             return Ok((check(scene)?, Some(share)));
         }
         let Some(together) = together else {

@@ -13,6 +13,7 @@ use indicatif::ProgressBar;
 use super::render::{self, BackendName};
 use super::scene::Scene;
 use super::source::Input;
+use super::together::Series;
 use super::viewpoint::{Canvas, left_of};
 use crate::io::Up;
 use crate::prepared::PreparedScene;
@@ -86,7 +87,7 @@ pub struct Asked {
     arguments: Arc<render::Arguments>,
     given: Vec<(String, Option<String>)>,
     /// What the steps of a series share.
-    series: OnceLock<TransferChoice>,
+    series: OnceLock<Series>,
     boundary: BoundaryChoice,
     /// What the window asked for in place of the options.
     automatic: Option<Automatic>,
@@ -198,7 +199,8 @@ impl Asked {
             ));
         }
         let arguments = render::Arguments::from_arg_matches(matches);
-        let arguments = arguments.unwrap_or_else(|error| error.exit());
+        let mut arguments = arguments.unwrap_or_else(|error| error.exit());
+        arguments.take_axes();
         Ok(Self {
             boundary: arguments.data.sample_options().boundary,
             arguments: Arc::new(arguments),
@@ -365,7 +367,9 @@ impl Asked {
             options.field = Some(field.to_owned());
         }
         if arguments.sequence.is_series() {
-            options.transfer = self.of_all_steps(&inputs, &options, field)?;
+            options = self
+                .of_all_steps(&inputs, &options, field)?
+                .of_step(&options);
             let steps: Vec<usize> = inputs
                 .chunk_by(|a, b| a.step == b.step)
                 .map(|step| step[0].step)
@@ -376,12 +380,11 @@ impl Asked {
         let silent = ProgressBar::hidden();
         let planes = arguments.clip_planes();
         let canvas = Canvas::of(arguments.size);
-        let densest = |mesh: &crate::io::Mesh, up| {
-            super::viewpoint::most_pixels(mesh, &planes, |boxes| {
-                Ok(vec![arguments.camera.camera(boxes, up, &canvas)?])
-            })
+        let cameras = |boxes: &[Bounds], up: Up| {
+            let boxes = left_of(boxes.to_vec(), &planes);
+            Ok(vec![arguments.camera.camera(&boxes, up, &canvas)?])
         };
-        let scene = arguments.data.scene(&inputs, &options, densest, &silent)?;
+        let scene = arguments.data.scene(&inputs, &options, &cameras, &silent)?;
         arguments.method.check_use(&scene.volumes)?;
         let bounds = scene.bounds();
         let Scene {
@@ -410,22 +413,22 @@ impl Asked {
         })
     }
 
-    /// The function of the values of all steps; that of the field that was asked for is found once.
+    /// What all steps share; that of the field that was asked for is found once.
     fn of_all_steps(
         &self,
         inputs: &[Input],
         options: &SampleOptions,
         field: Option<&str>,
-    ) -> Result<TransferChoice> {
+    ) -> Result<Series> {
         if let (Some(found), None) = (self.series.get(), field) {
             return Ok(found.clone());
         }
         let silent = ProgressBar::hidden();
         let series = self.arguments.data.series(inputs, options, &silent)?;
         if field.is_none() {
-            return Ok(self.series.get_or_init(|| series.transfer).clone());
+            return Ok(self.series.get_or_init(|| series).clone());
         }
-        Ok(series.transfer)
+        Ok(series)
     }
 
     /// The boxes that a camera is fitted to.

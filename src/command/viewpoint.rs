@@ -4,14 +4,13 @@ use std::path::PathBuf;
 use std::sync::OnceLock;
 
 use crate::io::{Mesh, Up};
-use crate::sample::mesh::pixels_per_area;
 use crate::view::{
-    Bounds, Camera, ClipPlane, DEFAULT_FOV_DEG, Lens, Viewpoint, clip_boxes, read_camera,
-    sphere_around,
+    Bounds, Camera, ClipPlane, DEFAULT_FOV_DEG, Lens, Projection, Viewpoint, clip_boxes,
+    read_camera, sphere_around,
 };
 use crate::{Error, Renderer, Result};
 use clap::{Args, ValueEnum};
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 use super::parse;
 
@@ -253,28 +252,43 @@ impl CameraOptions {
     }
 }
 
-/// The most [`pixels_per_area`] of a mesh that any of the cameras for its boxes sees, drawn alone.
-///
-/// # Errors
-/// Those of `cameras`.
-pub fn most_pixels(
-    mesh: &Mesh,
-    planes: &[ClipPlane],
-    cameras: impl Fn(&[Bounds]) -> Result<Vec<Camera>>,
-) -> Result<Option<f64>> {
+/// The cameras of pictures of boxes in which this points up; none where they are not known.
+pub(crate) type Cameras<'a> = &'a dyn Fn(&[Bounds], Up) -> Result<Vec<Camera>>;
+
+/// Whether a camera may see any of a mesh, by the box around it.
+pub(crate) fn is_seen(mesh: &Mesh, camera: &Camera) -> bool {
     let positions = mesh.parts.iter().flat_map(|part| &part.positions);
-    let corners = positions.filter(|p| p.is_finite()).map(|&p| (p, p));
-    let bounds = corners.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
-    let Some((low, high)) = bounds else {
-        return Ok(None);
+    let ends = positions.filter(|p| p.is_finite()).map(|&p| (p, p));
+    let Some((low, high)) = ends.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))) else {
+        return false;
     };
-    let all = vec![((low + high) / 2.0, (high - low) / 2.0)];
-    let boxes = left_of(all, planes);
-    let cameras = cameras(&boxes)?;
-    let densities = cameras
-        .iter()
-        .filter_map(|camera| pixels_per_area(mesh, camera));
-    Ok(densities.reduce(f64::max))
+    let corner = |i: usize| {
+        let pick = |axis: usize| {
+            if i >> axis & 1 == 0 {
+                low[axis]
+            } else {
+                high[axis]
+            }
+        };
+        camera.camera_point(DVec3::new(pick(0), pick(1), pick(2)))
+    };
+    let corners: Vec<DVec3> = (0..8).map(corner).collect();
+    let is_flat = camera.projection == Projection::Orthographic;
+    let size = DVec2::new(camera.width as f64, camera.height as f64);
+    let (low, high) = (-camera.centre_px, size - camera.centre_px);
+    // A box lies beside the picture where all its corners lie beyond one of its sides.
+    let beyond = |side: &dyn Fn(DVec2, f64) -> bool| {
+        corners.iter().all(|p| {
+            let depth = if is_flat { 1.0 } else { p.z };
+            side(camera.focal_px * p.truncate(), depth)
+        })
+    };
+    let is_behind = !is_flat && corners.iter().all(|p| p.z <= 0.0);
+    !(is_behind
+        || beyond(&|p, depth| p.x < low.x * depth)
+        || beyond(&|p, depth| p.x > high.x * depth)
+        || beyond(&|p, depth| p.y < low.y * depth)
+        || beyond(&|p, depth| p.y > high.y * depth))
 }
 
 /// What clip planes leave of boxes; all where they leave nothing, so that a camera can be fitted.

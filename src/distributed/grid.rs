@@ -18,7 +18,7 @@ use crate::math::ExactSum;
 use crate::prepared::Found;
 use crate::sample::{
     GridPlanes, LEAST_PER_NODE, Rest, SampleOptions, SampleReport, Seam, Window, check_count,
-    check_len, default_field, planes_around, seam, take_scalar,
+    check_len, planes_around, seam, shown_field, take_scalar,
 };
 use crate::scene::{Surroundings, Tiling, ValueScale, Values};
 
@@ -52,10 +52,7 @@ pub(crate) fn read_grid(
     let mut own = ranks.agree(own)?;
     let seen = seen_by_all(&own.seen, ranks)?;
     let head = head_of(&own.head(file, &seen), ranks)?;
-    let name = match &options.field {
-        Some(field) => field.clone(),
-        None => default_field(&head)?,
-    };
+    let name = shown_field(&head, options)?;
     // A name that is none is an error of all ranks.
     head.scalar(&name)?;
     let Some((field, _)) = head.selected(&name) else {
@@ -197,7 +194,7 @@ fn planes_of(
     let mut dataset = file.planes(&planes, own, keys, has_cells)?;
     let corners = dataset.bounds();
     let blanking = Blanking::of(&dataset)?;
-    let taken = take_scalar(&mut dataset, Some(name))?;
+    let taken = take_scalar(&mut dataset, name)?;
     let Geometry::Curvilinear { blocks } = &mut dataset.geometry else {
         unreachable!("planes of a curvilinear grid are one")
     };

@@ -16,7 +16,7 @@ use crate::io::{
 use crate::math::ExactSum;
 use crate::prepared::Found;
 use crate::sample::{
-    CellField, CellsApart, LEAST_PER_NODE, SampleOptions, SampleReport, check_len, default_field,
+    CellField, CellsApart, LEAST_PER_NODE, SampleOptions, SampleReport, check_len, shown_field,
     take_scalar, turned,
 };
 use crate::scene::{Surroundings, Tiling, ValueScale, Values};
@@ -69,10 +69,7 @@ pub(crate) fn read_pieces(
     let dataset = own.dataset(file.path(), &seen);
     let dataset = ranks.agree(dataset)?;
     let head = head_of(&dataset, ranks)?;
-    let field = match &options.field {
-        Some(field) => field.clone(),
-        None => default_field(&head)?,
-    };
+    let field = shown_field(&head, options)?;
     let corners = dataset.bounds();
     let own = ranks.agree(patch_of(dataset, &field))?;
     let differences = differences_of_all(&own.values, ranks)?;
@@ -205,7 +202,7 @@ pub(super) fn head_of(own: &Dataset, ranks: &mut Ranks) -> Result<Dataset> {
 /// This rank's cells with the field that is shown.
 fn patch_of(mut dataset: Dataset, field: &str) -> Result<Patch> {
     let blanking = Blanking::of(&dataset)?;
-    let taken = take_scalar(&mut dataset, Some(field))?;
+    let taken = take_scalar(&mut dataset, field)?;
     let Geometry::Cells(mesh) = &mut dataset.geometry else {
         unreachable!("pieces of an unstructured grid are cells")
     };

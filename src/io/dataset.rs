@@ -150,6 +150,21 @@ pub enum Association {
 impl Association {
     /// Nodes and cells, in the order of files.
     pub(crate) const BOTH: [Self; 2] = [Self::Nodes, Self::Cells];
+
+    /// The word by which a selector of [`Dataset::scalar`] names it: `nodes` or `cells`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Nodes => "nodes",
+            Self::Cells => "cells",
+        }
+    }
+
+    /// A selector without the word for nodes or cells behind it (`NAME@cells`), and what the word says.
+    pub(crate) fn split(selector: &str) -> Option<(&str, Self)> {
+        let (name, word) = selector.rsplit_once('@')?;
+        let is = |of: &Self| of.name().eq_ignore_ascii_case(word);
+        Self::BOTH.into_iter().find(is).map(|of| (name, of))
+    }
 }
 
 /// Where the numbers of a [`Field`] come from.
@@ -292,8 +307,9 @@ impl Dataset {
     }
 
     /// The scalar that `selector` names: a field's name (case-insensitive; a vector field
-    /// gives its magnitude), or `NAME:COMPONENT` with a component `x`, `y`, `z` or its index. `Temp` finds `Temp [K]`,
-    /// too, where no field has that very name and no other that name and a unit.
+    /// gives its magnitude), or `NAME:COMPONENT` with a component `x`, `y`, `z` or its index. `NAME@nodes` and
+    /// `NAME@cells` tell two fields of one name apart, of which `NAME` is the first. `Temp` finds `Temp [K]`, too, where
+    /// no field has that very name and no other that name and a unit.
     ///
     /// # Errors
     /// An unknown name or component; the message lists the fields there are.
@@ -311,7 +327,7 @@ impl Dataset {
         Err(Error::format(
             &self.path,
             format!("field `{selector}`"),
-            format!("one of {}", self.field_names().join(", ")),
+            format!("one of {}", self.whole_selectors().join(", ")),
             "no field of that name",
             Hint::NameField,
         ))
@@ -319,6 +335,19 @@ impl Dataset {
 
     /// The field that a selector of [`Dataset::scalar`] names, and the component of a vector.
     pub(crate) fn selected(&self, selector: &str) -> Option<(&Field, Option<usize>)> {
+        if let Some(found) = self.selected_of(selector, None) {
+            return Some(found);
+        }
+        let (selector, of) = Association::split(selector)?;
+        self.selected_of(selector, Some(of))
+    }
+
+    /// - `of`: nodes or cells, where only fields of these are meant.
+    fn selected_of(
+        &self,
+        selector: &str,
+        of: Option<Association>,
+    ) -> Option<(&Field, Option<usize>)> {
         let component = selector.rsplit_once(':').and_then(|(name, component)| {
             let index = match component.to_ascii_lowercase().as_str() {
                 "x" => 0,
@@ -333,25 +362,27 @@ impl Dataset {
             .find_map(|find| {
                 let of_vector = || {
                     let (name, index) = component?;
-                    let field = find(self, name)?;
+                    let field = find(self, name, of)?;
                     let is_vector = matches!(field.source, FieldSource::Vector(_));
                     is_vector.then_some((field, Some(index)))
                 };
-                let whole = find(self, selector).map(|field| (field, None));
+                let whole = find(self, selector, of).map(|field| (field, None));
                 whole.or_else(of_vector)
             })
     }
 
-    fn of_name(&self, name: &str) -> Option<&Field> {
-        let mut fields = self.fields.iter();
+    fn of_name(&self, name: &str, of: Option<Association>) -> Option<&Field> {
+        let is_meant = |f: &&Field| of.is_none_or(|of| of == f.association);
+        let mut fields = self.fields.iter().filter(is_meant);
         fields.find(|f| f.name.eq_ignore_ascii_case(name))
     }
 
     /// The one field that has this name and a unit behind it.
-    fn of_bare_name(&self, name: &str) -> Option<&Field> {
+    fn of_bare_name(&self, name: &str, of: Option<Association>) -> Option<&Field> {
         let mut found = self
             .fields
             .iter()
+            .filter(|f| of.is_none_or(|of| of == f.association))
             .filter(|f| divided(&f.name).is_some_and(|(bare, _)| bare.eq_ignore_ascii_case(name)));
         found.next().filter(|_| found.next().is_none())
     }
@@ -396,7 +427,25 @@ impl Dataset {
         self.fields.iter().map(|f| f.name.as_str()).collect()
     }
 
-    /// What [`Dataset::scalar`] takes: the names of the fields, and those of the first three components of vectors.
+    /// What [`Dataset::scalar`] takes for a field as a whole: its name, with `@nodes` or `@cells` where the other have a
+    /// field of that name, too.
+    pub fn selector_of(&self, field: &Field) -> String {
+        let is_other = |f: &Field| {
+            f.association != field.association && f.name.eq_ignore_ascii_case(&field.name)
+        };
+        match self.fields.iter().any(is_other) {
+            true => format!("{}@{}", field.name, field.association.name()),
+            false => field.name.clone(),
+        }
+    }
+
+    /// Those of all fields.
+    fn whole_selectors(&self) -> Vec<String> {
+        self.fields.iter().map(|f| self.selector_of(f)).collect()
+    }
+
+    /// What [`Dataset::scalar`] takes: the fields, each by a name of its own ([`Dataset::selector_of`]), and the first three
+    /// components of vectors.
     pub fn selectors(&self) -> Vec<String> {
         let of_field = |field: &Field| {
             let count = match &field.source {
@@ -404,9 +453,15 @@ impl Dataset {
                 _ => 0,
             };
             let axes = ["x", "y", "z"].into_iter().take(count);
-            let components: Vec<String> =
-                axes.map(|axis| format!("{}:{axis}", field.name)).collect();
-            std::iter::once(field.name.clone()).chain(components)
+            let whole = self.selector_of(field);
+            let of_axis = |axis| match Association::split(&whole) {
+                Some((name, of)) if name == field.name => {
+                    format!("{name}:{axis}@{}", of.name())
+                }
+                _ => format!("{whole}:{axis}"),
+            };
+            let components: Vec<String> = axes.map(of_axis).collect();
+            std::iter::once(whole).chain(components)
         };
         self.fields.iter().flat_map(of_field).collect()
     }

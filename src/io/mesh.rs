@@ -219,6 +219,12 @@ impl Mesh {
         self
     }
 
+    /// Whether corners or textures say what colours it has.
+    pub(crate) fn has_colours(&self) -> bool {
+        self.parts.iter().any(|part| !part.colours.is_empty())
+            || self.materials.iter().any(|m| m.base_texture.is_some())
+    }
+
     /// Checks that what parts have per corner is there for each and that pictures have all their
     /// pixels. Triangles and parts that name a corner or a material that does not exist are left
     /// out, and counted, where surfels are made.

@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::{DVec3, Vec2, Vec3};
 
 use super::{Material, Mesh, MeshPart};
-use crate::error::{Error, Result};
+use crate::error::{Advice, Error, Result};
 
 /// A triangle's area over the square of its longest side below which its corners are collinear
 /// but for rounding: a cross product of f64 edges errs by a few of its last places.
@@ -196,6 +196,6 @@ pub(crate) fn check_not_empty(path: &Path, mesh: &Mesh) -> Result<()> {
         "mesh",
         "a triangle with an area",
         "none",
-        "save the mesh again, with its faces",
+        Advice::no_data("save the mesh again, with its faces"),
     ))
 }

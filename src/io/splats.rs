@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::dataset::{Dataset, Field, Geometry};
 use super::scalars::narrow;
-use crate::error::{Error, Result};
+use crate::error::{Advice, Error, Result};
 use crate::image::{linear_from_srgb, srgb_from_linear};
 use crate::math::{
     HARMONIC_0, HarmonicsTransform, MAX_HARMONICS_DEGREE, harmonics_count, rotation_matrix,
@@ -224,7 +224,7 @@ impl SplatCloud {
                 "splats",
                 "at least one",
                 "none",
-                "check that the file was written completely",
+                Advice::no_data("check that the file was written completely"),
             ));
         }
         Ok(Dataset::new(path, format, Geometry::Splats(self), fields))

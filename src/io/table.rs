@@ -11,7 +11,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::dataset::{Association, Dataset, Field, FieldSource, Geometry};
-use crate::error::{Error, Result};
+use crate::error::{Advice, Error, Result};
 use crate::scene::Values;
 
 /// What ParaView calls the position columns of the tables that it writes.
@@ -138,7 +138,7 @@ pub(crate) fn dataset(
             "rows",
             "at least one particle",
             "none",
-            "check that the table was written completely",
+            Advice::no_data("check that the table was written completely"),
         ));
     }
     let geometry = Geometry::Points { positions };

@@ -23,7 +23,7 @@ use super::file::{HEAD, Input};
 use super::time_steps::{Part, TimeStep};
 use super::vtk_xml::{self, Frame, child_among, clip};
 use super::{OpenOptions, extension, read_input, voxels};
-use crate::error::{Error, Result};
+use crate::error::{Advice, Error, Result};
 
 /// Endings of these files.
 pub(super) const ENDINGS: [&str; 4] = ["vtm", "vtmb", "vtpc", "vtpd"];
@@ -84,8 +84,9 @@ pub(super) fn files(input: Input<'_>) -> Result<Vec<PathBuf>> {
     collect(input, &mut Vec::new(), &mut files)?;
     if files.is_empty() {
         let expected = "at least one `DataSet` with a `file`";
+        let advice = Advice::no_data(DAMAGED);
         return Err(Error::format(
-            input.path, "DataSet", expected, "none", DAMAGED,
+            input.path, "DataSet", expected, "none", advice,
         ));
     }
     Ok(files)
@@ -174,7 +175,7 @@ fn walk(path: &Path, node: Node<'_, '_>, depth: usize, files: &mut Vec<PathBuf>)
     Ok(())
 }
 
-/// Reads the first part of the first step of a collection, with notes of what else there is.
+/// Reads the first part of the first step of a collection that holds anything, with notes of what else there is.
 ///
 /// # Errors
 /// Those of the part; a part that is a collection.
@@ -193,17 +194,35 @@ pub(super) fn read_first(
         let of = first.time.map_or("", |_| " of the time step");
         notes.push(format!("The first of {parts} parts{of}."));
     }
-    let file = &first.parts[0].path;
-    let mut data = input.with_beside(file, |part| {
-        // What a collection names could name the collection.
-        let head = part.head(HEAD)?.0;
-        if looks_like(&head) || vtk_xml::file_type(&head) == Some(PARAVIEWS) {
-            return Err(refuse_nested(input.path, "DataSet, `file`", file));
+    let read = |file: &PathBuf| {
+        input.with_beside(file, |part| {
+            // What a collection names could name the collection.
+            let head = part.head(HEAD)?.0;
+            if looks_like(&head) || vtk_xml::file_type(&head) == Some(PARAVIEWS) {
+                return Err(refuse_nested(input.path, "DataSet, `file`", file));
+            }
+            read_input(part, options)
+        })
+    };
+    let mut nothing = None;
+    for (empty, part) in first.parts.iter().enumerate() {
+        let mut data = match read(&part.path) {
+            Err(error) if error.holds_nothing() => {
+                nothing.get_or_insert(error);
+                continue;
+            }
+            data => data?,
+        };
+        if empty > 0 {
+            notes.push(format!("{empty} parts before it hold nothing to draw."));
         }
-        read_input(part, options)
-    })?;
-    data.notes.extend(notes);
-    Ok(data)
+        data.notes.extend(notes);
+        return Ok(data);
+    }
+    Err(nothing.unwrap_or_else(|| {
+        let expected = "at least one part";
+        Error::format(input.path, "DataSet", expected, "none", DAMAGED)
+    }))
 }
 
 /// That a collection names another where it must not.

@@ -20,7 +20,7 @@ use super::dataset::{Association, Field};
 use super::vtk_array::Array;
 use super::vtk_pieces::{Piece, element_of, keep_common, to_fields};
 use super::vtk_xml::numbers;
-use crate::error::{Error, Result};
+use crate::error::{Advice, Error, Result};
 use crate::scene::Values;
 
 /// First and last node along each axis.
@@ -64,12 +64,16 @@ impl Extent {
     pub(super) fn whole(path: &Path, element: Node<'_, '_>) -> Result<Self> {
         let whole = Self::from_numbers(numbers(path, element, "WholeExtent", None)?);
         if whole.is_empty() || whole.count(Association::Nodes).is_none() {
+            let correct = "correct the attribute";
             return Err(Error::format(
                 path,
                 format!("{}, `WholeExtent`", element.tag_name().name()),
                 "last nodes that are not before the first ones, and a count that fits into memory",
                 format!("{:?} to {:?}", whole.first, whole.last),
-                "correct the attribute",
+                match whole.is_empty() {
+                    true => Advice::no_data(correct),
+                    false => correct.into(),
+                },
             ));
         }
         Ok(whole)
@@ -268,7 +272,9 @@ pub(super) fn join(
             "PointData and CellData",
             "at least one array of numbers",
             format!("none{separator}{why}"),
-            "save the grid with its data (one that is one node thick has no cells)",
+            Advice::no_data(
+                "save the grid with its data (one that is one node thick has no cells)",
+            ),
         ));
     }
     Ok((fields, notes))

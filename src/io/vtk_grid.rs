@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::dataset::{Association, Dataset, Field, FieldSource, Geometry};
 use super::{CellKind, CellMesh, ReadAs, vtk_surface};
-use crate::error::{Error, Result};
+use crate::error::{Advice, Error, Result};
 
 /// A data set of cells, checked; a mesh where they are a surface; particles where the only cells
 /// are points, or where there are none, or where `read_as` asks for a surface's points.
@@ -101,7 +101,7 @@ pub(crate) fn check(path: &Path, mesh: &CellMesh) -> Result<()> {
             "points",
             "at least one point",
             "none",
-            "the file holds no data: save another",
+            Advice::no_data("the file holds no data: save another"),
         ));
     }
     if mesh.offsets.len() != mesh.kinds.len() + 1

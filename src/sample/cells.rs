@@ -22,7 +22,7 @@ use super::sharp::{apply, even_out};
 use super::sharp_cells::{DrawnCells, NodeParticles, SharpCells, Surface, sharp_cells};
 use super::{
     SampleOptions, SampleReport, Sampled, check_count, check_len, classified_kernels, differences,
-    gradient, local_models, nothing_left, take_scalar,
+    gradient, local_models, nothing_left, shown_field, take_scalar,
 };
 use crate::error::{Error, Result};
 use crate::io::{Association, Blanking, CellMesh, Dataset, Geometry, Handedness};
@@ -202,7 +202,8 @@ impl CellField<'_> {
 
 pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     let blanking = Blanking::of(&dataset)?;
-    let taken = take_scalar(&mut dataset, options.field.as_deref())?;
+    let shown = shown_field(&dataset, options)?;
+    let taken = take_scalar(&mut dataset, &shown)?;
     let Geometry::Cells(mesh) = &dataset.geometry else {
         unreachable!("the caller matched the geometry")
     };

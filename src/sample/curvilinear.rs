@@ -27,7 +27,7 @@ use super::sharp::sharpen_grids;
 use super::structured::{CellCounts, Grid, Part};
 use super::{
     SampleOptions, SampleReport, Sampled, check_count, check_len, classified_kernels, differences,
-    nothing_left, take_scalar,
+    nothing_left, shown_field, take_scalar,
 };
 use crate::error::{Error, Result};
 use crate::io::{Association, Blanking, CurvilinearBlock, Dataset, Geometry};
@@ -37,7 +37,8 @@ use crate::task::fill;
 
 pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     let blanking = Blanking::of(&dataset)?;
-    let taken = take_scalar(&mut dataset, options.field.as_deref())?;
+    let shown = shown_field(&dataset, options)?;
+    let taken = take_scalar(&mut dataset, &shown)?;
     let Geometry::Curvilinear { blocks } = &dataset.geometry else {
         unreachable!("the caller matched the geometry")
     };

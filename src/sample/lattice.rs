@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::left_out::LeftOut;
 use super::sharp::face_nodes;
 use super::{
-    SampleOptions, SampleReport, Sampled, check_count, check_len, classified, default_field,
+    SampleOptions, SampleReport, Sampled, check_count, check_len, classified, shown_field,
     take_scalar,
 };
 use crate::error::Result;
@@ -35,10 +35,7 @@ pub(super) fn without_hidden(mut dataset: Dataset, options: &SampleOptions) -> R
     if !is_solid || !dataset.fields.iter().any(has_told) {
         return Ok(dataset);
     }
-    let name = match &options.field {
-        Some(name) => name.clone(),
-        None => default_field(&dataset)?,
-    };
+    let name = shown_field(&dataset, options)?;
     let is_of_nodes = dataset
         .selected(&name)
         .is_none_or(|(field, _)| field.association == Association::Nodes);
@@ -56,7 +53,8 @@ pub(super) fn without_hidden(mut dataset: Dataset, options: &SampleOptions) -> R
 
 pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     let blanking = Blanking::of(&dataset)?;
-    let mut taken = take_scalar(&mut dataset, options.field.as_deref())?;
+    let shown = shown_field(&dataset, options)?;
+    let mut taken = take_scalar(&mut dataset, &shown)?;
     let Geometry::Lattice(nodes) = &dataset.geometry else {
         unreachable!("the caller matched the geometry")
     };

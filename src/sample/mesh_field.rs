@@ -8,8 +8,8 @@ use glam::DVec3;
 
 use super::mesh::{self, MeshOptions};
 use super::{
-    SampleOptions, SampleReport, SampledScene, TransferChoice, check_len, default_field, narrowed,
-    take_scalar, under_function,
+    SampleOptions, SampleReport, SampledScene, TakenScalar, TransferChoice, check_len, has_choice,
+    narrowed, shown_field, take_scalar, under_function,
 };
 use crate::error::Result;
 use crate::io::{AlphaMode, Association, Dataset, Geometry, Material, Mesh, MeshPart};
@@ -34,12 +34,68 @@ pub(super) fn shown(dataset: &Dataset, options: &SampleOptions) -> Result<Option
     if let Some(field) = &options.field {
         return Ok(Some(field.clone()));
     }
-    let has_colours = mesh.parts.iter().any(|part| !part.colours.is_empty());
-    let has_textures = mesh.materials.iter().any(|m| m.base_texture.is_some());
-    if has_colours || has_textures {
+    if mesh.has_colours() || !has_choice(dataset) {
         return Ok(None);
     }
-    default_field(dataset).map(Some)
+    shown_field(dataset, options).map(Some)
+}
+
+/// Values of a mesh under the function that shows them.
+struct Valued {
+    values: Values,
+    function: TransferFunction,
+    report: SampleReport,
+    /// Whether they belong to corners; otherwise to triangles.
+    of_corners: bool,
+}
+
+/// The report of a mesh's field, without its surfels: which field, and what a function of several meshes is chosen from.
+///
+/// # Errors
+/// A field that is not there or has the wrong length.
+pub(super) fn report(
+    dataset: &Dataset,
+    field: &str,
+    options: &SampleOptions,
+) -> Result<SampleReport> {
+    let (association, values) = dataset.scalar(field)?;
+    let taken = TakenScalar {
+        name: field.to_owned(),
+        association,
+        values,
+    };
+    let mut report = under_field(dataset, taken, options)?.report;
+    report.unit = dataset.unit(field).map(str::to_owned);
+    Ok(report)
+}
+
+fn under_field(dataset: &Dataset, taken: TakenScalar, options: &SampleOptions) -> Result<Valued> {
+    let Geometry::Mesh(own) = &dataset.geometry else {
+        unreachable!("the caller matched the geometry")
+    };
+    let of_corners = taken.association == Association::Nodes;
+    let expected = match of_corners {
+        true => own.parts.iter().map(|part| part.positions.len()).sum(),
+        false => own.triangle_count(),
+    };
+    check_len(dataset, &taken, expected)?;
+    let mut report = SampleReport {
+        field: Some(taken.name.clone()),
+        sample_count: own.triangle_count(),
+        ..SampleReport::default()
+    };
+    let areas = areas(own, of_corners);
+    let sample = |values: &Values| ValueSample::of_body(values, &areas, &[]);
+    let extent = dataset
+        .bounds()
+        .map_or(1.0, |(low, high)| (high - low).max_element());
+    let (values, function) = under_function(taken.values, sample, extent, &mut report, options)?;
+    Ok(Valued {
+        values,
+        function,
+        report,
+        of_corners,
+    })
 }
 
 /// Surfels of a mesh, by the values of a field.
@@ -52,27 +108,16 @@ pub(super) fn scene(
     mesh_options: &MeshOptions,
     options: &SampleOptions,
 ) -> Result<SampledScene> {
-    let taken = take_scalar(&mut dataset, Some(field))?;
+    let taken = take_scalar(&mut dataset, field)?;
+    let Valued {
+        values,
+        function,
+        mut report,
+        of_corners,
+    } = under_field(&dataset, taken, options)?;
     let Geometry::Mesh(own) = &dataset.geometry else {
         unreachable!("the caller matched the geometry")
     };
-    let of_corners = taken.association == Association::Nodes;
-    let expected = match of_corners {
-        true => own.parts.iter().map(|part| part.positions.len()).sum(),
-        false => own.triangle_count(),
-    };
-    check_len(&dataset, &taken, expected)?;
-    let mut report = SampleReport {
-        field: Some(taken.name.clone()),
-        sample_count: own.triangle_count(),
-        ..SampleReport::default()
-    };
-    let areas = areas(own, of_corners);
-    let sample = |values: &Values| ValueSample::of_body(values, &areas, &[]);
-    let extent = dataset
-        .bounds()
-        .map_or(1.0, |(low, high)| (high - low).max_element());
-    let (values, function) = under_function(taken.values, sample, extent, &mut report, options)?;
     let [low, high] = values.finite_range().unwrap_or([0.0, 1.0]).map(narrowed);
     let width = if high > low { high - low } else { 1.0 };
     // The mean of colours is taken in f64 and stored in f32, as values are.

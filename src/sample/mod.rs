@@ -4,6 +4,7 @@
 mod cells;
 #[cfg(feature = "cli")]
 mod cells_apart;
+mod choice;
 mod convert;
 mod covered;
 mod curvilinear;
@@ -19,6 +20,7 @@ mod factor;
 mod fit;
 mod flat_grid;
 mod gradient;
+mod hull;
 mod incidence;
 mod iso_surface;
 mod kernel_sums;
@@ -55,7 +57,7 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use crate::error::{Error, Hint, Parameter, Place, Result};
+use crate::error::{Advice, Error, Hint, Parameter, Place, Result};
 #[cfg(feature = "prepared")]
 use crate::io::ColourNumbers;
 use crate::io::{
@@ -76,6 +78,9 @@ use crate::constants::FAINT_SHARE;
 pub(crate) use cells::CellField;
 #[cfg(feature = "cli")]
 pub(crate) use cells_apart::CellsApart;
+use choice::has_choice;
+pub use choice::{FieldChoice, field_choices, shared_fields};
+pub(crate) use choice::{describes_the_grid, shown_field};
 pub use convert::{CLOSED_WIDTH, ConversionReport, LEAST_OPACITY, sound_splats, splat_cloud};
 #[cfg(feature = "cli")]
 pub(crate) use curvilinear_apart::{GridPlanes, planes_around};
@@ -125,6 +130,9 @@ const ELEMENT_SLACK: f64 = 0.01;
 pub struct SampleOptions {
     /// The scalar to show ([`Dataset::scalar`]'s selector); `None` chooses one.
     pub field: Option<String>,
+    /// The scalar that is chosen where none is named, if the data have it and would show any: what data sets that are
+    /// drawn together have in common ([`shared_fields`]).
+    pub preferred_field: Option<String>,
     /// Standard deviation of a kernel over the local spacing; see [`DEFAULT_KERNEL_WIDTH`].
     pub kernel_width: f64,
     /// The transfer function.
@@ -215,6 +223,7 @@ impl Default for SampleOptions {
     fn default() -> Self {
         Self {
             field: None,
+            preferred_field: None,
             kernel_width: DEFAULT_KERNEL_WIDTH,
             transfer: TransferChoice::Automatic,
             unit_distance: None,
@@ -252,6 +261,9 @@ pub enum TransferChoice {
     Named(String),
     /// This one; the unit distance is its own, unless the options state one.
     Given(TransferFunction),
+    /// The same, chosen automatically of several data sets ([`shared_functions`]): it leaves surfaces opaque, as one that
+    /// is chosen of one data set does.
+    Shared(TransferFunction),
 }
 
 /// A point volume and how it came about.
@@ -277,6 +289,35 @@ pub fn is_surface(dataset: &Dataset) -> bool {
     matches!(dataset.geometry, Geometry::Mesh(_)) || flat_grid::is_flat(dataset)
 }
 
+/// A data set as [`scene`] samples it: the mesh of what it makes surfels of (grids of one layer, and the outside of cells
+/// without any field), all others as they are.
+///
+/// # Errors
+/// Those of [`Dataset::validate`]; fields that say what is hidden and cannot be read.
+pub fn as_surface(dataset: Dataset, options: &SampleOptions) -> Result<Dataset> {
+    // Column densities are sums of values, which a layer of kernels has.
+    if options.for_columns {
+        return Ok(dataset);
+    }
+    let is_of_cells = matches!(dataset.geometry, Geometry::Cells(_));
+    match is_of_cells && options.field.is_none() && !has_choice(&dataset) {
+        true => hull::as_mesh(dataset),
+        false => flat_grid::as_surface(dataset),
+    }
+}
+
+/// How [`scene`] would sample the values of a mesh, without its surfels: the field, its unit, and what an automatic
+/// function is chosen from. Of a mesh that shows no field nothing.
+///
+/// # Errors
+/// A field that is not there or has the wrong length; a transfer function that cannot be read.
+pub fn surface_report(dataset: &Dataset, options: &SampleOptions) -> Result<SampleReport> {
+    match mesh_field::shown(dataset, options)? {
+        Some(field) => mesh_field::report(dataset, &field, options),
+        None => Ok(SampleReport::default()),
+    }
+}
+
 /// Makes what is drawn of any data set: surfels of a mesh ([`mesh::surfels`]), the one point volume
 /// of all others ([`volume`]).
 ///
@@ -287,11 +328,7 @@ pub fn is_surface(dataset: &Dataset) -> bool {
 /// # Errors
 /// Those of the two.
 pub fn scene(dataset: Dataset, options: &SampleOptions) -> Result<SampledScene> {
-    // Column densities are sums of values, which a layer of kernels has.
-    let dataset = match options.for_columns {
-        true => dataset,
-        false => flat_grid::as_surface(dataset)?,
-    };
+    let dataset = as_surface(dataset, options)?;
     let Geometry::Mesh(mesh) = &dataset.geometry else {
         let path = dataset.path.clone();
         let Sampled { mut volume, report } = volume(dataset, options)?;
@@ -380,15 +417,12 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     let asked = options.field.as_ref();
     let asked = asked.map(|name| (name.clone(), dataset.unit(name).map(str::to_owned)));
     let fields = dataset.fields.iter();
-    let units = fields.map(|f| (f.name.clone(), f.unit.clone()));
+    let units = fields.map(|f| (dataset.selector_of(f), f.unit.clone()));
     let units: Vec<(String, Option<String>)> = asked.into_iter().chain(units).collect();
     let (dataset, cut_count) = match &dataset.geometry {
         Geometry::Cells(mesh) if is_of_higher_order(mesh) => {
-            let named = options
-                .field
-                .clone()
-                .map_or_else(|| default_field(&dataset), Ok);
-            to_first_order(dataset, &named?, ELEMENT_SLACK)?
+            let shown = shown_field(&dataset, options)?;
+            to_first_order(dataset, &shown, ELEMENT_SLACK)?
         }
         _ => (dataset, 0),
     };
@@ -624,70 +658,35 @@ pub(crate) struct TakenScalar {
     pub(crate) values: Values,
 }
 
-/// The scalar of `selector`, or of the default field; moved where the data set stores it.
-pub(crate) fn take_scalar(dataset: &mut Dataset, selector: Option<&str>) -> Result<TakenScalar> {
-    let name = match selector {
-        Some(name) => name.to_owned(),
-        None => default_field(dataset)?,
+/// The scalar of a selector ([`Dataset::scalar`]); moved where the data set stores it.
+pub(crate) fn take_scalar(dataset: &mut Dataset, selector: &str) -> Result<TakenScalar> {
+    let whole = match dataset.selected(selector) {
+        Some((field, None)) => {
+            let mut fields = dataset.fields.iter();
+            fields.position(|other| std::ptr::eq(other, field))
+        }
+        _ => None,
     };
-    let stored = dataset
-        .fields
-        .iter_mut()
-        .find(|f| f.name.eq_ignore_ascii_case(&name))
-        .and_then(|f| match &mut f.source {
-            FieldSource::Scalar(values) => Some((f.association, values)),
-            _ => None,
-        });
+    let stored = whole.and_then(|i| match &mut dataset.fields[i] {
+        Field {
+            association,
+            source: FieldSource::Scalar(values),
+            ..
+        } => Some((*association, values)),
+        _ => None,
+    });
     let (association, values) = match stored {
         Some((association, values)) => (
             association,
             std::mem::replace(values, Values::U8(Vec::new())),
         ),
-        None => dataset.scalar(&name)?,
+        None => dataset.scalar(selector)?,
     };
     Ok(TakenScalar {
-        name,
+        name: selector.to_owned(),
         association,
         values,
     })
-}
-
-/// Whether a field describes the grid or numbers its parts, and is nothing to show.
-fn describes_the_grid(name: &str) -> bool {
-    let lower = name.to_ascii_lowercase();
-    let is_number = matches!(lower.as_str(), "id" | "ids" | "index" | "indices")
-        || ["Id", "Ids", "_id", "_ids"]
-            .iter()
-            .any(|end| name.ends_with(end));
-    lower == "iblank" || lower.starts_with("vtkghost") || is_number
-}
-
-/// The field that is shown where none is named.
-pub(crate) fn default_field(dataset: &Dataset) -> Result<String> {
-    let shown = |f: &&Field| !describes_the_grid(&f.name) && !f.is_colour();
-    let is_varied = |values: &Values| values.finite_range().is_some_and(|[lo, hi]| lo < hi);
-    let varies = |f: &&Field| matches!(&f.source, FieldSource::Scalar(v) if is_varied(v));
-    let turns = |f: &&Field| matches!(&f.source, FieldSource::Vector(v) if v.iter().any(is_varied));
-    let of = |association: Association| move |f: &&Field| f.association == association;
-    let fields = || dataset.fields.iter().filter(shown);
-    let density = fields()
-        .filter(varies)
-        .find(|f| dataset.format.contains("PLOT3D") && f.name.eq_ignore_ascii_case("density"));
-    density
-        .or_else(|| fields().filter(of(Association::Nodes)).find(varies))
-        .or_else(|| fields().filter(of(Association::Cells)).find(varies))
-        .or_else(|| fields().find(turns))
-        .or_else(|| fields().next())
-        .map(|f| f.name.clone())
-        .ok_or_else(|| {
-            Error::format(
-                &dataset.path,
-                "fields",
-                "a field to show",
-                "none",
-                Hint::NameSolution,
-            )
-        })
 }
 
 /// A value per sample, or the error that says so.
@@ -775,7 +774,9 @@ fn function_of(
     let function = match &options.transfer {
         TransferChoice::Automatic => of_own(None, report),
         TransferChoice::Named(name) => of_own(Some(name), report),
-        TransferChoice::Given(function) => restated(function.clone()),
+        TransferChoice::Given(function) | TransferChoice::Shared(function) => {
+            restated(function.clone())
+        }
         TransferChoice::File(_) | TransferChoice::Text(_) => {
             let range = report.value_range.unwrap_or([0.0, 1.0]);
             let read = function_of_file(options, range, unit_distance)?;
@@ -973,7 +974,10 @@ pub(crate) fn check_count(dataset: &Dataset, count: usize) -> Result<()> {
             "samples",
             "between 1 and 2^32 - 1 samples",
             count.to_string(),
-            "split the data set",
+            match count {
+                0 => Advice::no_data("the file holds no data: save another"),
+                _ => "split the data set".into(),
+            },
         ));
     }
     Ok(())

@@ -22,7 +22,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     // A named field colours; nothing else of the fields is looked at.
     let field = match &options.field {
         Some(name) => {
-            let taken = take_scalar(&mut dataset, Some(name))?;
+            let taken = take_scalar(&mut dataset, name)?;
             check_len(&dataset, &taken, count)?;
             Some(taken)
         }

@@ -11,7 +11,7 @@ use crate::scene::{AutomaticOptions, TransferFunction, ValueSample};
 ///   [`SampleReport::value_sample`]s are taken.
 ///
 /// Each function comes with the numbers of the data sets it is for, two at least: these are to be sampled again with it
-/// ([`TransferChoice::Given`]; its unit distance has [`SampleOptions::opacity_scale`] in it already). What is missing in
+/// ([`TransferChoice::Shared`]; its unit distance has [`SampleOptions::opacity_scale`] in it already). What is missing in
 /// the list keeps its own.
 ///
 /// # Errors

@@ -26,8 +26,9 @@ mod meshopt;
 mod nodes;
 mod primitives;
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap};
 use std::path::Path;
+use std::sync::Arc;
 
 use glam::DVec3;
 
@@ -44,7 +45,7 @@ use super::vtk_xml::clip;
 use super::{Mesh, MeshPart};
 use crate::error::{Error, Result};
 use materials::Materials;
-use primitives::PrimitiveReader;
+use primitives::{PrimitiveReader, Shape};
 
 /// The most corners that all triangles, lines and points of a scene may have together. Nodes and instances share
 /// meshes, so a small file can state a scene of any size.
@@ -152,6 +153,12 @@ pub(super) fn check_extensions(
     Ok(())
 }
 
+/// A primitive that several nodes show.
+struct Unpacked {
+    corners: usize,
+    shape: Shape,
+}
+
 /// All primitives of the nodes shown, in their places.
 fn scene(buffers: &Buffers<'_>, notes: &mut Vec<String>) -> Result<Mesh> {
     let nodes = Nodes::new(buffers)?;
@@ -159,6 +166,14 @@ fn scene(buffers: &Buffers<'_>, notes: &mut Vec<String>) -> Result<Mesh> {
     let mut parts: Vec<MeshPart> = Vec::new();
     let mut left_out = LeftOut::default();
     let mut corners_left = MOST_CORNERS;
+    // How many nodes name each mesh, and the primitives of those that several do.
+    let mut named: HashMap<usize, usize> = HashMap::new();
+    for &n in &nodes.shown {
+        if let Some((mesh, _)) = nodes.all[n].mesh(buffers)? {
+            *named.entry(mesh).or_default() += 1;
+        }
+    }
+    let mut unpacked: HashMap<(usize, usize), Arc<Unpacked>> = HashMap::new();
     for &n in &nodes.shown {
         let node = &nodes.all[n];
         let Some((index, mesh)) = node.mesh(buffers)? else {
@@ -195,7 +210,15 @@ fn scene(buffers: &Buffers<'_>, notes: &mut Vec<String>) -> Result<Mesh> {
                 draco: draco::Primitive::of(buffers, primitive, &place)?,
                 place,
             };
-            let corners = reader.corner_count()?;
+            // A mesh that many nodes name is unpacked once.
+            let is_plain = joints.is_none() && node.weights()?.is_none();
+            let key = is_plain.then_some((index, p));
+            let known = key.and_then(|key| unpacked.get(&key).cloned());
+            let corners = match &known {
+                Some(known) => known.corners,
+                None => reader.corner_count()?,
+            };
+            let corners_of_one = corners;
             let corners = corners.saturating_mul(instances.len());
             corners_left = corners_left.checked_sub(corners).ok_or_else(|| {
                 let advice = "export fewer instances, or a part of the scene";
@@ -207,7 +230,17 @@ fn scene(buffers: &Buffers<'_>, notes: &mut Vec<String>) -> Result<Mesh> {
             let material =
                 materials.get(primitive.index("material")?, |set| reader.has_set(set))?;
             let joint_count = joints.as_ref().map(Vec::len);
-            let shape = reader.read(&weights, material.sets, joint_count)?;
+            let known = match known {
+                Some(known) => known,
+                None => Arc::new(Unpacked {
+                    corners: corners_of_one,
+                    shape: reader.read(&weights, material.sets, joint_count)?,
+                }),
+            };
+            let shape = &known.shape;
+            if let Some(key) = key.filter(|key| named.get(&key.0).is_some_and(|&count| count > 1)) {
+                unpacked.insert(key, Arc::clone(&known));
+            }
             for instance in &instances {
                 let world = node.world_from_node * *instance;
                 let mut part = shape.placed(world, joints.as_deref(), material.material);

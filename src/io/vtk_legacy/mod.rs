@@ -40,7 +40,7 @@ use self::scan::{Block, Scanner, quote};
 use super::dataset::{CurvilinearBlock, Dataset, Geometry};
 use super::file::Input;
 use super::{CellKind, CellMesh, ReadAs, vtk_grid};
-use crate::error::Result;
+use crate::error::{Advice, Result};
 use crate::scene::{Lattice, LatticeSpacing};
 
 /// What every legacy VTK file starts with.
@@ -229,7 +229,7 @@ fn with_attributes(
         return Err(scan.error(
             "at least one array of numbers",
             format!("none, for {} nodes", samples.nodes),
-            "save the grid with its data (a grid one node thick has no cells)",
+            Advice::no_data("save the grid with its data (a grid one node thick has no cells)"),
         ));
     }
     Ok(Dataset {

@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::super::scalars::{Encoding, ScalarType, Stride, doubles, node_ids, points, values};
-use crate::error::{Error, Result};
+use crate::error::{Advice, Error, Result};
 use crate::scene::Values;
 
 /// The types of arrays.
@@ -417,7 +417,7 @@ impl<'a> Scanner<'a> {
         &self,
         expected: impl Into<String>,
         found: impl Into<String>,
-        advice: &str,
+        advice: impl Into<Advice>,
     ) -> Error {
         let place = if self.is_binary {
             format!("{}, byte {}", self.section, self.word_at)

@@ -34,7 +34,7 @@ pub(super) fn kernels(mesh: &Mesh, spread: Spread) -> Option<PointVolume> {
     let finite = || positions().filter(|p| p.is_finite()).copied();
     let diagonal = (finite().reduce(DVec3::max)? - finite().reduce(DVec3::min)?).length();
     let pixel = match spread {
-        Spread::NoDenser(density) => 1.0 / density.sqrt(),
+        Spread::NoDenser(density) | Spread::Within { density, .. } => 1.0 / density.sqrt(),
         // One point alone has no extent: any size is as good.
         _ if diagonal > 0.0 => diagonal * PIXEL,
         _ => 1.0,

@@ -37,7 +37,7 @@ use cells::Cells;
 use coverage::Ripple;
 use normals::Normals;
 use paint::Paints;
-pub use spread::pixels_per_area;
+pub use spread::{pixels_per_area, share_out, surfel_count};
 use squares::Squares;
 use surface::{Kind, Surface, area};
 use surfels::{FAINTEST, Surfel};
@@ -91,6 +91,13 @@ pub enum Spread {
     /// The same, but no more than this per unit area \[1/length²\]: [`pixels_per_area`] is what a picture
     /// shows.
     NoDenser(f64),
+    /// The same, and no more than a number in all: the share that a mesh has of a scene's surfels ([`share_out`]).
+    Within {
+        /// Surfels per unit area at most \[1/length²\].
+        density: f64,
+        /// In all at most.
+        count: usize,
+    },
     /// Surfels per unit area \[1/length²\].
     Density(f64),
     /// The root of the area for each \[length\].
@@ -169,7 +176,7 @@ impl MeshReport {
 /// - Colours are linear: the means over the cells, of what is there. What a material emits is added.
 ///
 /// Lines are rows of round kernels, and points one each: some two pixels wide in the picture that `spread` is for
-/// ([`Spread::NoDenser`]), else two thousandths of the bounding box's diagonal. They have the colours of their ends and
+/// ([`Spread::NoDenser`], [`Spread::Within`]), else two thousandths of the bounding box's diagonal. They have the colours of their ends and
 /// the material, and no texture.
 ///
 /// Texture lookups are Gaussian averages over each piece (EWA, Heckbert 1989), so that a

@@ -47,6 +47,13 @@ pub(super) fn count(surface: &Surface, spread: Spread) -> Result<usize> {
             density,
             automatic(surface, area).min(area * density),
         ),
+        Spread::Within { density, count } => (
+            Parameter::SurfelDensity.into(),
+            density,
+            automatic(surface, area)
+                .min(area * density)
+                .min(count as f64),
+        ),
         Spread::Density(density) => (Parameter::SurfelDensity.into(), density, area * density),
         Spread::Spacing(spacing) => (
             Parameter::SurfelSpacing.into(),
@@ -89,6 +96,44 @@ pub(super) fn count(surface: &Surface, spread: Spread) -> Result<usize> {
             "ask for fewer surfels",
         )),
     }
+}
+
+/// The number of surfels that [`surfels`](super::surfels) spreads over the triangles of a mesh; 0 of a mesh without any
+/// area.
+///
+/// # Errors
+/// Those of [`Mesh::validate`]; numbers of `spread` that are not positive, more surfels than
+/// [`MOST_SURFELS`] or than there is memory for.
+pub fn surfel_count(mesh: &Mesh, spread: Spread) -> Result<usize> {
+    mesh.validate()?;
+    let surface = Surface::new(mesh);
+    match surface.area() > 0.0 {
+        true => count(&surface, spread),
+        false => Ok(0),
+    }
+}
+
+/// The most surfels of each of several meshes that are drawn together: as many in all as a mesh alone gets at most where
+/// nothing is asked for, shared in proportion to what each would get by itself.
+///
+/// - `wanted`: surfels of each mesh alone ([`surfel_count`]).
+///
+/// ```
+/// use ewa_splat::sample::mesh::share_out;
+///
+/// assert_eq!(share_out(&[40_000, 60_000]), [40_000, 60_000]);
+/// assert_eq!(share_out(&[1_000_000, 3_000_000]), [250_000, 750_000]);
+/// ```
+pub fn share_out(wanted: &[usize]) -> Vec<usize> {
+    let sum: f64 = wanted.iter().map(|&count| count as f64).sum();
+    let share = (MOST_AUTOMATIC / sum.max(1.0)).min(1.0);
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a share of a count"
+    )]
+    let of = |&count: &usize| (count as f64 * share).ceil() as usize;
+    wanted.iter().map(of).collect()
 }
 
 /// How many pixels fall on a unit of a mesh's area, at most, on half of the pixels that it covers

@@ -1,6 +1,6 @@
 //! The columns of a table, by name.
 
-use super::super::{TakenScalar, check_len, describes_the_grid};
+use super::super::{FieldChoice, TakenScalar, check_len, describes_the_grid};
 use super::neighbourhoods::Neighbourhoods;
 use crate::error::{Error, Result};
 use crate::io::{
@@ -280,8 +280,34 @@ impl<'a> Columns<'a> {
 
     /// A density if there is one, else, where `any` will do, the first column without a meaning of
     /// its own that is not constant.
-    pub(super) fn default_field(&self, any: bool) -> Option<String> {
-        self.default_field_that(any, &is_varied)
+    ///
+    /// - `preferred`: chosen before others, if it is one of these, constant or not.
+    pub(super) fn default_field(&self, any: bool, preferred: Option<&str>) -> Option<String> {
+        let of_all = || {
+            let name = preferred?;
+            let found = self.first_that(&[name], &|_, _| true)?;
+            (any || self.is_density(&found)).then_some(found)
+        };
+        of_all().or_else(|| self.default_field_that(any, &is_varied))
+    }
+
+    fn is_density(&self, name: &str) -> bool {
+        let (_, _, density) = self.names();
+        let mut densities = DENSITIES.iter().chain(std::iter::once(&density));
+        densities.any(|known| known.eq_ignore_ascii_case(name))
+    }
+
+    /// The columns among which [`Self::default_field`] chooses, in the data's order.
+    pub(super) fn choices(&self) -> Vec<FieldChoice> {
+        let mut choices = Vec::new();
+        for field in &self.dataset.fields {
+            let name = field.name.as_str();
+            if self.first_that(&[name], &|_, _| true).as_deref() == Some(name) {
+                let rank = if self.is_density(name) { 0 } else { 1 };
+                choices.push(FieldChoice::of(name.to_owned(), field, rank));
+            }
+        }
+        choices
     }
 
     /// The same, where something else tells which columns vary.

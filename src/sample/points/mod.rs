@@ -24,8 +24,9 @@ use self::shape::Shape;
 use super::left_out::LeftOut;
 use super::picked::picked_rows;
 use super::{
-    DEFAULT_KERNEL_WIDTH, SampleOptions, SampleReport, Sampled, TransferChoice, check_count,
-    index_u32, keep, mean_spacing, narrowed, nothing_left, take_scalar, under_function,
+    DEFAULT_KERNEL_WIDTH, FieldChoice, SampleOptions, SampleReport, Sampled, TransferChoice,
+    check_count, index_u32, keep, mean_spacing, narrowed, nothing_left, take_scalar,
+    under_function,
 };
 #[cfg(feature = "prepared")]
 use super::{OfRows, ParticleShape};
@@ -62,6 +63,11 @@ struct Particle {
     /// The volume it stands for \[length³\], for the mean spacing.
     volume: f64,
     colour: [f32; 3],
+}
+
+/// The columns among which one is chosen where none is named.
+pub(super) fn choices_of_points(dataset: &Dataset) -> Vec<FieldChoice> {
+    Columns::of(dataset, 0).choices()
 }
 
 pub(super) fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
@@ -177,7 +183,7 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
         && options.field.is_none()
         && !options.for_columns
         && matches!(options.transfer, TransferChoice::Automatic)
-        && columns.default_field(false).is_none()
+        && columns.default_field(false, None).is_none()
         && columns.get(columns.names().1)?.is_none();
     let mass = match mass {
         Mass::Classified(_) if is_scan => Mass::Uniform(SCAN_OPACITY),
@@ -185,10 +191,11 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
     };
     let is_classified = matches!(mass, Mass::Classified(_));
 
+    let preferred = options.preferred_field.as_deref();
     // The field: the one named; else, where masses are classified, a default one.
     let wanted = match &options.field {
         Some(name) => Some(name.clone()),
-        None if is_classified => columns.default_field(!shapes.bare).or_else(|| {
+        None if is_classified => columns.default_field(!shapes.bare, preferred).or_else(|| {
             let of_scan = columns.varying(&INTENSITIES);
             of_scan.filter(|_| shapes.bare && !options.for_columns)
         }),
@@ -347,7 +354,8 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
         }
     }
     let is_picture = !named && !options.for_columns;
-    if is_picture && matches!(mass, Mass::Stated(_)) && columns.default_field(false).is_some() {
+    if is_picture && matches!(mass, Mass::Stated(_)) && columns.default_field(false, None).is_some()
+    {
         report.note(
             count,
             "particles",
@@ -367,10 +375,7 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
     });
     let values = match (field, &wanted) {
         (Some(Some(derived)), _) => Some(keep(derived, &kept)),
-        (Some(None), Some(name)) => Some(keep(
-            take_scalar(&mut dataset, Some(name.as_str()))?.values,
-            &kept,
-        )),
+        (Some(None), Some(name)) => Some(keep(take_scalar(&mut dataset, name)?.values, &kept)),
         _ if computed => {
             let density = volumes.iter().zip(&kept).map(|(volume, &i)| match masses {
                 Some(m) => narrowed(f64::from(m.get(i as usize)) / volume),
