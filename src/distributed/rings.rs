@@ -70,11 +70,7 @@ impl Rings {
     ///
     /// # Errors
     /// More nodes or entries of cells than 32 bits count; a rank that is gone.
-    pub(super) fn around(
-        own: Patch,
-        count: usize,
-        ranks: &mut Ranks,
-    ) -> Result<Self> {
+    pub(super) fn around(own: Patch, count: usize, ranks: &mut Ranks) -> Result<Self> {
         let (rank, size) = (ranks.rank(), ranks.size());
         let first = [
             ranks.before(own.mesh.nodes.len())?,

@@ -301,7 +301,13 @@ impl<'a> FaceIndex<'a> {
     }
 
     /// Whether a line through a place meets a face within some distances.
-    fn meets(&self, face: &OuterFace, place: DVec3, direction: DVec3, [from, to]: [f64; 2]) -> bool {
+    fn meets(
+        &self,
+        face: &OuterFace,
+        place: DVec3,
+        direction: DVec3,
+        [from, to]: [f64; 2],
+    ) -> bool {
         (0..face.nodes.len()).any(|i| {
             let (a, b) = (self.corner(face, i), self.corner(face, i + 1));
             let (u, v) = (a - face.middle, b - face.middle);

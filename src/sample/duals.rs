@@ -408,9 +408,7 @@ impl Duals {
 
     /// Whether a solid cell is left out for a fault.
     pub(super) fn is_left_out(&self, cell: usize) -> bool {
-        self.left_out
-            .binary_search(&super::index_u32(cell))
-            .is_ok()
+        self.left_out.binary_search(&super::index_u32(cell)).is_ok()
     }
 
     /// All nodes by the first at their position, ascending; empty where no two are at one.
