@@ -47,7 +47,9 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
 fn views(app: &mut App, ui: &mut Ui) {
     let tip = "Look along an axis, parallel to it (1 to 6)\n--eye, --target, --up";
     group(ui, "Look along", tip, |ui, row| {
-        ui.spacing_mut().item_spacing.x = 2.0;
+        // All six beside one another in a narrow panel.
+        ui.spacing_mut().item_spacing.x = 1.0;
+        ui.spacing_mut().button_padding.x = 2.0;
         for (name, forward) in VIEWS {
             if row.tells(ui.small_button(name)).clicked() {
                 app.look_along(forward);

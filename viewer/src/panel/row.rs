@@ -10,7 +10,7 @@ use super::numbers::short;
 /// Width of names, points.
 const NAME: f32 = 84.0;
 /// Width of the number beside a slider, points.
-const NUMBER: f32 = 66.0;
+const NUMBER: f32 = 78.0;
 
 /// A value that can be chosen: its name, the value, and a description.
 pub(super) type Choice<'a, T> = (&'a str, T, &'a str);
@@ -77,7 +77,9 @@ pub(super) fn row(
 fn named(ui: &mut Ui, name: &str, tip: &str, sense: Sense) -> Response {
     let size = Vec2::new(NAME, ui.spacing().interact_size.y);
     let layout = Layout::left_to_right(Align::Center);
-    let label = Label::new(name).sense(sense).truncate();
+    // Of one colour, whether it can be clicked or not.
+    let text = egui::RichText::new(name).color(ui.visuals().text_color());
+    let label = Label::new(text).sense(sense).truncate();
     let label = ui.allocate_ui_with_layout(size, layout, |ui| {
         ui.set_min_width(NAME);
         ui.add(label)
