@@ -7,9 +7,9 @@
 /// folder that does not exist there is just no display, which is true; real errors are still printed, and
 /// the layer's own variables (`MESA_VK_DEVICE_SELECT`, `DRI_PRIME`) hold.
 ///
-/// To be called first of all: see the safety comment.
+/// To be called first of all in `main`, before any thread is started: it may set that variable.
 #[cfg(all(unix, not(target_vendor = "apple")))]
-pub(crate) fn hush() {
+pub fn quiet_drivers() {
     const VARIABLE: &str = "XDG_RUNTIME_DIR";
     let folder = std::env::var_os(VARIABLE);
     if !folder.is_some_and(|folder| std::path::Path::new(&folder).is_absolute()) {
@@ -25,6 +25,6 @@ pub(crate) fn hush() {
     }
 }
 
-/// Nothing: other systems' drivers are quiet.
+/// Does nothing: other systems' drivers are quiet.
 #[cfg(not(all(unix, not(target_vendor = "apple"))))]
-pub(crate) fn hush() {}
+pub fn quiet_drivers() {}

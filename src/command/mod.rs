@@ -57,6 +57,7 @@ use std::ffi::OsString;
 use std::process::ExitCode;
 
 pub use self::animation::Animation;
+pub use self::driver::quiet_drivers;
 pub use self::statistics::{Prepared, stats};
 pub use self::together::Wanted;
 pub use self::view::{Asked, Automatic, Frame, Over, Shown, line};
@@ -102,7 +103,7 @@ pub fn main() -> ExitCode {
 /// Runs the program `ewa-splat` with these words, the first its own name: for processes that are another's, as an
 /// interpreter's. It may end the process.
 pub fn main_of(words: impl IntoIterator<Item = OsString>) -> ExitCode {
-    driver::hush();
+    quiet_drivers();
     let words = truth::join_reference(words.into_iter());
     measure::note_command_line(&words);
     let program = Arguments::command()

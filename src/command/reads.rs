@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::input::DataOptions;
+use super::source::Input;
 use super::usage::{Kind, Uses, is_surface};
 use crate::Result;
 use crate::io::{Dataset, Geometry, Up};

@@ -59,7 +59,7 @@ struct Look {
     /// Whether surfels are made of it.
     is_surface: bool,
     /// The fields among which one is chosen: name, ranges of components, rank.
-    choices: Vec<(String, Vec<[f32; 2]>, u8)>,
+    choices: Vec<(String, Vec<[f64; 2]>, u8)>,
     /// Which of the axes points up as its format, or by convention, and why.
     axes: [f64; 3],
     reason: String,

@@ -10,6 +10,7 @@
 //! do not exceed 255 are bytes), and otherwise 0 to 1, or 0 to 255 if the greatest exceeds 1, or 0 to 65535 if it
 //! exceeds 255. Three columns are colours together; one or two of a set are numbers like any other.
 
+use super::scalars::narrow;
 use crate::image::{linear_from_srgb, srgb_from_linear};
 use crate::scene::Values;
 
@@ -71,9 +72,12 @@ impl ColourNumbers {
             .map(|column| {
                 let range = column.finite_range();
                 Self {
-                    greatest: range.map_or(0.0, |[_, greatest]| greatest),
+                    greatest: range.map_or(0.0, |[_, greatest]| narrow(greatest)),
                     are_whole: match column {
                         Values::F32(numbers) => {
+                            numbers.iter().all(|x| x.fract() == 0.0 || !x.is_finite())
+                        }
+                        Values::F64(numbers) => {
                             numbers.iter().all(|x| x.fract() == 0.0 || !x.is_finite())
                         }
                         _ => true,

@@ -13,7 +13,7 @@ pub struct FieldChoice {
     /// What [`Dataset::scalar`] takes.
     pub name: String,
     /// The least and the greatest value of each component; empty where these are not known without work.
-    pub ranges: Vec<[f32; 2]>,
+    pub ranges: Vec<[f64; 2]>,
     /// How likely it is meant: less is better.
     pub rank: u8,
 }
@@ -92,7 +92,7 @@ pub fn field_choices(dataset: &Dataset) -> Vec<FieldChoice> {
 /// ```
 /// use ewa_splat::sample::{FieldChoice, shared_fields};
 ///
-/// let choice = |name: &str, ranges: &[[f32; 2]]| FieldChoice {
+/// let choice = |name: &str, ranges: &[[f64; 2]]| FieldChoice {
 ///     name: name.into(),
 ///     ranges: ranges.to_vec(),
 ///     rank: 1,
@@ -128,7 +128,7 @@ fn is_named(choice: &FieldChoice, name: &str) -> bool {
 fn best_of<'a>(choices: impl Iterator<Item = &'a [FieldChoice]>) -> Option<String> {
     struct Candidate<'a> {
         name: &'a str,
-        ranges: Vec<[f32; 2]>,
+        ranges: Vec<[f64; 2]>,
         rank: u8,
         count: usize,
     }

@@ -9,7 +9,7 @@ use super::{
     take_scalar,
 };
 use crate::error::Result;
-use crate::io::{Association, Blanking, CurvilinearBlock, Dataset, Geometry};
+use crate::io::{Association, Blanking, CurvilinearBlock, Dataset, Field, Geometry};
 use crate::scene::{Boundary, LONE_CELL_WIDTH, Lattice, LatticeSpacing, Particles, Surroundings};
 #[cfg(feature = "cli")]
 use crate::scene::{Colour, PointVolume, Strength, ValueSample};

@@ -21,6 +21,7 @@ mod cancel;
 mod column_density;
 mod column_scenes;
 mod composite;
+mod covered_faces;
 mod cut_faces;
 mod detail;
 mod exchange;
@@ -58,6 +59,7 @@ mod gpu_stages;
 mod gpu_surface;
 #[cfg(feature = "gpu")]
 mod gpu_texture;
+mod hidden_cells;
 mod maximum;
 mod mesh_lines;
 mod mesh_pictures;

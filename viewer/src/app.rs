@@ -1,9 +1,9 @@
 //! What the window shows: its state, which panels change, and what the worker is told of it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use egui::Context;
+use egui::{Context, ViewportCommand};
 use ewa_splat::Settings;
 use ewa_splat::command::{Asked, Automatic, Frame, Over, line};
 use ewa_splat::legend::legend_width;
@@ -13,12 +13,11 @@ use glam::DVec3;
 use crate::canvas::Canvas;
 use crate::controller::Coarseness;
 use crate::curve::History;
-use crate::dialogs::{Dialogs, Purpose};
+use crate::dialogs::Dialogs;
+use crate::handles::Handles;
 use crate::instead::Instead;
 use crate::orbit::Orbit;
 use crate::output::Output;
-use crate::panel::handles::Handles;
-use crate::panel::{output, path};
 use crate::path::KeyFrames;
 use crate::probe::Probe;
 use crate::time::Time;
@@ -67,6 +66,8 @@ pub(crate) struct App {
     pub(crate) progress: Option<String>,
     pub(crate) probe: Option<Probe>,
     pub(crate) shows_panels: bool,
+    /// Whether what keys and the mouse do is listed.
+    pub(crate) shows_help: bool,
     /// The last view that the worker was told of.
     view: Option<View>,
     /// How many views there were.
@@ -119,7 +120,11 @@ impl App {
         let worker = Worker::new(move || told.request_repaint());
         let mut app = Self {
             inputs: Vec::new(),
-            over: asked.over(),
+            over: Over {
+                legend: true,
+                axes: true,
+                ..asked.over()
+            },
             handles: Handles::default(),
             path: KeyFrames::default(),
             automatic: asked.automatic(),
@@ -151,6 +156,7 @@ impl App {
             progress: None,
             probe: None,
             shows_panels: true,
+            shows_help: false,
             view: None,
             views: 0,
             size: [0, 0],
@@ -188,33 +194,6 @@ impl App {
         }
     }
 
-    /// Does what files were chosen for.
-    pub(crate) fn take_chosen(&mut self) {
-        for (purpose, paths) in self.dialogs.chosen() {
-            let name = paths.first().map(|path| path.display().to_string());
-            let name = name.unwrap_or_default();
-            match purpose {
-                Purpose::Open => self.open(paths),
-                Purpose::Picture => {
-                    self.output.picture = name;
-                    output::save_picture(self);
-                }
-                Purpose::Function => {
-                    self.output.function = name;
-                    output::load_function(self);
-                }
-                Purpose::Path => {
-                    self.path.file = name;
-                    path::load_path(self);
-                }
-                Purpose::Film => {
-                    self.path.film = name;
-                    path::film_path(self);
-                }
-            }
-        }
-    }
-
     /// What is to be read for what is chosen.
     fn wanted(&self) -> Load {
         Load {
@@ -229,7 +208,7 @@ impl App {
 
     /// Asks for the integral of the kernels in place of the picture.
     pub(crate) fn ask_truth(&mut self) {
-        self.progress = Some("the true picture".into());
+        self.progress = Some("the reference image".into());
         self.worker.ask_truth(self.wanted());
     }
 
@@ -245,7 +224,7 @@ impl App {
         }
     }
 
-    /// Ends what is being read, or the true picture.
+    /// Ends what is being read, or the reference image.
     pub(crate) fn cancel(&mut self) {
         self.worker.cancel();
     }
@@ -389,7 +368,10 @@ impl App {
                         self.progress = Some(text);
                     }
                 }
-                News::Loaded(loaded) if loaded.scene == self.scene => self.loaded(*loaded),
+                News::Loaded(loaded) if loaded.scene == self.scene => {
+                    self.loaded(*loaded);
+                    context.send_viewport_cmd(ViewportCommand::Title(self.title()));
+                }
                 News::Drawn(drawn) => {
                     self.canvas.show(context, &drawn.picture);
                     self.drawn = Some(*drawn);
@@ -398,7 +380,7 @@ impl App {
                 News::True(errors) => {
                     self.progress = None;
                     self.say(format!(
-                        "the true picture, without light; the splatted one is off by {:.1e}, {:.1e} at the worst",
+                        "the reference image, without light; the splatted picture is off by {:.1e}, {:.1e} at the worst",
                         errors.p999, errors.max
                     ));
                 }
@@ -420,6 +402,24 @@ impl App {
                 News::Loaded(_) | News::NotLoaded(..) => {}
             }
         }
+    }
+
+    /// The title of the window: the first file that is shown, its field, and the program.
+    fn title(&self) -> String {
+        let shown = self.inputs.iter().zip(&self.chosen);
+        let mut shown = shown.filter_map(|(input, is_chosen)| is_chosen.then_some(input));
+        let first = shown.next().map_or("", |input| input.as_str());
+        let name = Path::new(first).file_name();
+        let mut title = name.map_or(first.into(), |name| name.to_string_lossy().into_owned());
+        match shown.count() {
+            0 => {}
+            more => title += &format!(" and {more} more"),
+        }
+        let volumes = self.loaded.iter().flat_map(|loaded| &loaded.volumes);
+        if let Some(volume) = volumes.into_iter().find(|volume| volume.bar.is_some()) {
+            title += &format!(": {}", volume.title);
+        }
+        title + " - ewa-splat"
     }
 
     fn loaded(&mut self, loaded: Loaded) {

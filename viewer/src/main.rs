@@ -10,12 +10,14 @@ mod clip;
 mod controller;
 mod curve;
 mod dialogs;
+mod handles;
 mod headless;
 mod histogram;
 mod instead;
 mod orbit;
 mod output;
 mod over;
+mod overlay;
 mod panel;
 mod path;
 mod probe;
@@ -38,6 +40,7 @@ use canvas::Canvas;
 use window::Window;
 
 fn main() -> ExitCode {
+    ewa_splat::command::quiet_drivers();
     match run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(text) => {
@@ -72,6 +75,8 @@ fn run() -> Result<(), String> {
         "ewa-splat",
         options,
         Box::new(|context| {
+            // Pictures and what is over them are judged on dark.
+            context.egui_ctx.set_theme(egui::Theme::Dark);
             let canvas = Canvas::new(context.wgpu_render_state.clone());
             let mut app = App::new(arguments.asked, &context.egui_ctx, canvas);
             app.recall_from(context.storage);

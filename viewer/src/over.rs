@@ -1,44 +1,13 @@
-//! What is drawn over pictures, in the window and in files.
+//! What is switched on over the picture, in the window and in files.
 
-use std::borrow::Cow;
-
-use ewa_splat::annotate::{Annotations, draw};
+use ewa_splat::annotate::Annotations;
 use ewa_splat::command::Over;
-use ewa_splat::legend::{ColourBar, columns_beside_legend, draw_legend};
+use ewa_splat::legend::ColourBar;
 use ewa_splat::render::Show;
-use ewa_splat::view::Camera;
-use ewa_splat::{Image, Result};
 
 use crate::app::App;
 use crate::curve::History;
-
-/// What the library draws over a picture that is written.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub(crate) struct Overlay {
-    pub(crate) annotations: Annotations,
-    pub(crate) bars: Vec<ColourBar>,
-}
-
-impl Overlay {
-    /// A picture with all of it, as `ewa-splat render` draws it.
-    ///
-    /// # Errors
-    /// A picture that has no room for it.
-    pub(crate) fn drawn<'a>(&self, image: &'a Image, camera: &Camera) -> Result<Cow<'a, Image>> {
-        if *self == Self::default() {
-            return Ok(Cow::Borrowed(image));
-        }
-        let mut image = image.clone();
-        let size = [image.width, image.height];
-        let annotations = Annotations {
-            title_columns: Some(columns_beside_legend(&self.bars, size)?),
-            ..self.annotations.clone()
-        };
-        draw(&mut image, camera, &annotations)?;
-        draw_legend(&self.bars, &mut image)?;
-        Ok(Cow::Owned(image))
-    }
-}
+use crate::overlay::Overlay;
 
 impl App {
     /// The colour bar of each volume that has one, by the functions in force; those of one field and one function share

@@ -1,8 +1,15 @@
 //! Where the world lies in the window: pixels of the picture and points of the interface.
 
-use egui::{Pos2, Rect, Vec2};
+use egui::{Color32, Pos2, Rect, Vec2};
 use ewa_splat::view::Camera;
 use glam::{DVec2, DVec3};
+
+/// The colours of x, y and z.
+pub(crate) const AXES: [(&str, Color32); 3] = [
+    ("x", Color32::from_rgb(235, 90, 80)),
+    ("y", Color32::from_rgb(110, 200, 90)),
+    ("z", Color32::from_rgb(100, 150, 250)),
+];
 
 /// A picture's place in the window, and the camera that it is seen by.
 #[derive(Debug, Clone)]

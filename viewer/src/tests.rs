@@ -4,6 +4,7 @@ mod device;
 mod editor;
 mod files;
 mod over;
+mod panels;
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -28,7 +29,9 @@ fn window(words: &[&str]) -> Harness<'static, App> {
     let asked = crate::arguments::parse(words.map(Into::into))
         .unwrap()
         .asked;
-    let app = App::new(asked, &egui::Context::default(), Canvas::default());
+    let mut app = App::new(asked, &egui::Context::default(), Canvas::default());
+    // Pictures are compared without what a window draws over them unasked.
+    app.over = app.asked.over();
     let size = Vec2::new(960.0, 640.0);
     let mut window = Harness::builder()
         .with_size(size)
@@ -278,7 +281,7 @@ fn depths_and_normals_are_shown() {
     );
 }
 
-/// The true picture is near the one that is splatted, and is said to be.
+/// The reference image is near the one that is splatted, and is said to be.
 #[test]
 fn truth_is_drawn() {
     let folder = tempfile::tempdir().unwrap();
@@ -298,7 +301,10 @@ fn truth_is_drawn() {
     assert!(window.state().progress.is_some());
     rest(&mut window);
     let message = window.state().message.clone().unwrap();
-    assert!(message.text.starts_with("the true picture"), "{message:?}");
+    assert!(
+        message.text.starts_with("the reference image"),
+        "{message:?}"
+    );
     let after = pixels(&window);
     let apart = before.iter().zip(&after).map(|(a, b)| a.abs_diff(*b)).max();
     // Kernels that overlap in depth do not mix when they are composited one by one.
@@ -338,14 +344,14 @@ fn every_panel_opens() {
         "Data",
         "Method",
         "Clip",
-        "Over the picture",
+        "Annotations",
         "Light",
         "Camera",
-        "Key frames",
+        "Camera path",
         "Output",
         "Transfer function",
         "Probe",
-        "Cost",
+        "Statistics",
     ] {
         window.get_by_label(name).click();
         window.step();

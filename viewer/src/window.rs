@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use egui::Ui;
 
 use crate::app::App;
-use crate::panel;
+use crate::dialogs::Purpose;
+use crate::panel::{self, output, path};
 
 /// The window, as eframe asks for it.
 pub(crate) struct Window(pub(crate) App);
@@ -31,7 +32,7 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
     if !dropped.is_empty() {
         app.open(dropped);
     }
-    app.take_chosen();
+    take_chosen(app);
     app.follow();
     panel::keys::answer(app, &context);
     panel::path::play(app, &context);
@@ -42,5 +43,33 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
         panel::right(app, ui);
     }
     panel::picture::show(app, ui);
+    panel::help::show(app, &context);
     app.show_view();
+}
+
+/// Does what files were chosen for.
+fn take_chosen(app: &mut App) {
+    for (purpose, paths) in app.dialogs.chosen() {
+        let name = paths.first().map(|path| path.display().to_string());
+        let name = name.unwrap_or_default();
+        match purpose {
+            Purpose::Open => app.open(paths),
+            Purpose::Picture => {
+                app.output.picture = name;
+                output::save_picture(app);
+            }
+            Purpose::Function => {
+                app.output.function = name;
+                output::load_function(app);
+            }
+            Purpose::Path => {
+                app.path.file = name;
+                path::load_path(app);
+            }
+            Purpose::Film => {
+                app.path.film = name;
+                path::film_path(app);
+            }
+        }
+    }
 }

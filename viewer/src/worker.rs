@@ -22,7 +22,7 @@ use ewa_splat::{Composite, Error, Image, Renderer, SceneOptions, Settings, Show,
 use crate::controller::{Coarseness, Controller};
 use crate::histogram::Histogram;
 use crate::instead::{self, Instead};
-use crate::over::Overlay;
+use crate::overlay::Overlay;
 use crate::path::RATE;
 
 /// How long nothing must change before a picture is refined.
@@ -31,7 +31,7 @@ const REST: Duration = Duration::from_millis(120);
 /// How much looser than the asked tolerance the first whole picture is.
 const FIRST_STEP: f32 = 4.0;
 
-/// The error of the true picture, as a share of the tolerance.
+/// The error of the reference image, as a share of the tolerance.
 const TRUTH_SHARE: f64 = 0.1;
 
 /// Seconds within which a whole picture needs no step before it.
@@ -137,14 +137,14 @@ pub(crate) enum News {
     Loaded(Box<Loaded>),
     Drawn(Box<Drawn>),
     Picked(Vec<Picked>),
-    /// The true picture is drawn: how far the one before is off.
+    /// The reference image is drawn: how far the one before is off.
     True(ImageErrors),
     Written(PathBuf),
     /// A scene that is not read, by its number, and why; cancelled where nothing is said. What was there stays.
     NotLoaded(u64, Option<String>),
     /// All pictures of a film are written.
     Filmed(PathBuf),
-    /// The true picture, or a film, is no longer wanted.
+    /// The reference image, or a film, is no longer wanted.
     Ended,
     /// In the words of the command line; what was there stays.
     Failed(String),
@@ -156,7 +156,7 @@ struct Mailbox {
     view: Option<View>,
     pick: Option<[usize; 2]>,
     write: Option<(View, Box<Overlay>, PathBuf)>,
-    /// What the true picture is of, read anew.
+    /// What the reference image is of, read anew.
     truth: Option<Load>,
     film: Option<Box<Film>>,
     ends: bool,
@@ -250,7 +250,7 @@ impl Worker {
         self.wish(|mailbox| mailbox.write = Some((view, Box::new(over), path)));
     }
 
-    /// Draws the true picture of the last view.
+    /// Draws the reference image of the last view.
     ///
     /// - `load`: what was read for it, which is read anew.
     pub(crate) fn ask_truth(&self, load: Load) {
@@ -262,7 +262,7 @@ impl Worker {
         self.wish(|mailbox| mailbox.film = Some(Box::new(film)));
     }
 
-    /// Ends what is being read, the true picture, or a film.
+    /// Ends what is being read, the reference image, or a film.
     pub(crate) fn cancel(&self) {
         self.wish(|mailbox| {
             if let Some(load) = mailbox.load.take() {
@@ -408,7 +408,7 @@ enum Purpose {
     Film,
     /// A picture: ended by any newer wish.
     Picture,
-    /// The true picture: told, and ended by any newer wish.
+    /// The reference image: told, and ended by any newer wish.
     Truth,
 }
 
@@ -668,7 +668,7 @@ impl Stage {
         let mut shown = load.asked.read(field, chosen, load.step, &task)?;
         if !shown.prepared.is_empty() {
             return Err(Error::invalid(
-                "the true picture",
+                "the reference image",
                 "inputs",
                 "the data themselves",
                 "a prepared scene, which keeps its particles alone",
@@ -682,7 +682,7 @@ impl Stage {
         }
         let settings = Settings {
             task: Some(task.clone()),
-            // The true picture has none.
+            // The reference image has none.
             lighting: None,
             ..view.settings.clone()
         };

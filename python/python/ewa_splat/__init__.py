@@ -14,12 +14,15 @@ Image(160 x 120)
 
 from ._adapt import adapt
 from ._camera import Camera
+from ._driver import quiet as _quiet
 from ._image import Column, Image, compare
 from ._keywords import Drawing, Sampling
 from ._notebook import view
 from ._renderer import Picked, Renderer, convert, measure
 from ._scene import Report, Splats, Surfels, Thing, Volume, load
 from ._transfer import TransferFunction
+
+_quiet()
 
 __all__ = [
     "Camera",

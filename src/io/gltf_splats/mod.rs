@@ -59,9 +59,6 @@ const LINEAR: &str = "lin_rec709_display";
 /// eight bytes.
 const MOST_OF_ANY_FILE: u64 = 1 << 17;
 
-/// The colour space of splats in linear light.
-const LINEAR: &str = "lin_rec709_display";
-
 /// The attribute of a harmonic.
 fn harmonic_name(degree: u8, n: usize) -> String {
     format!("SH_DEGREE_{degree}_COEF_{n}")

@@ -1,8 +1,9 @@
 //! Where it is seen from.
 
-use egui::{CollapsingHeader, Ui};
+use egui::{DragValue, Ui};
 use glam::DVec3;
 
+use super::row::{Choice, button, choose, group, row, section, switch};
 use crate::app::App;
 use crate::orbit::Lens;
 
@@ -17,76 +18,109 @@ pub(crate) const VIEWS: [(&str, DVec3); 6] = [
 ];
 
 pub(crate) fn show(app: &mut App, ui: &mut Ui) {
-    CollapsingHeader::new("Camera")
-        .default_open(true)
-        .show(ui, |ui| {
-            ui.horizontal(|ui| {
-                ui.label("along");
-                for (name, forward) in VIEWS {
-                    if ui.small_button(name).clicked() {
-                        app.look_along(forward);
-                    }
-                }
-            });
-            ui.horizontal(|ui| {
-                if ui
-                    .button("Home")
-                    .on_hover_text("the first view (H)")
-                    .clicked()
-                {
-                    app.orbit.clone_from(&app.home);
-                }
-                let is_flat = matches!(
-                    app.orbit.as_ref().map(|orbit| orbit.lens),
-                    Some(Lens::Orthographic(_))
-                );
-                let other = if is_flat {
-                    "Perspective"
-                } else {
-                    "Orthographic"
-                };
-                if ui
-                    .button(other)
-                    .on_hover_text("the other lens (O)")
-                    .clicked()
-                    && let Some(orbit) = &mut app.orbit
-                {
-                    orbit.change_lens();
-                }
-                ui.checkbox(&mut app.flies, "fly")
-                    .on_hover_text("W, A, S, D, Q, E; drag to look (F)");
-            });
-            ui.horizontal(|ui| {
-                if ui
-                    .button("Copy")
-                    .on_hover_text("as JSON that --camera reads (C)")
-                    .clicked()
-                {
-                    copy(app, ui.ctx());
-                }
-                if ui.button("Save view").clicked() {
-                    app.saved.extend(app.orbit.clone());
-                }
-            });
-            let mut left = None;
-            let mut taken = None;
-            for (i, orbit) in app.saved.iter().enumerate() {
-                ui.horizontal(|ui| {
-                    if ui.button(format!("View {}", i + 1)).clicked() {
-                        taken = Some(orbit.clone());
-                    }
-                    if ui.small_button("x").clicked() {
-                        left = Some(i);
-                    }
-                });
+    let tip =
+        "Where the data are seen from; drags and the wheel move it in the picture (? lists them)";
+    section(ui, "Camera", true, tip, |ui| {
+        views(app, ui);
+        lens(app, ui);
+        let tip = "Fly through the data: W, A, S, D, Q and E move, drags look around (F)";
+        switch(ui, "Fly", tip, &mut app.flies);
+        ui.horizontal_wrapped(|ui| {
+            let tip = "Back to the first view, which shows all of the data (H)";
+            if button(ui, "Reset view", tip) {
+                app.orbit.clone_from(&app.home);
             }
-            if taken.is_some() {
-                app.orbit = taken;
+            let tip = "Put the camera on the clipboard, as JSON; ctrl+V takes one from there (C)\n--camera FILE";
+            if button(ui, "Copy", tip) {
+                copy(app, ui.ctx());
             }
-            if let Some(i) = left {
-                app.saved.remove(i);
+            let tip = "Keep this view in a list below; it is remembered with these data";
+            if button(ui, "Save view", tip) {
+                app.saved.extend(app.orbit.clone());
             }
         });
+        saved(app, ui);
+    });
+}
+
+/// Buttons that look along an axis.
+fn views(app: &mut App, ui: &mut Ui) {
+    let tip = "Look along an axis, parallel to it (1 to 6)\n--eye, --target, --up";
+    group(ui, "Look along", tip, |ui, row| {
+        // All six beside one another in a narrow panel.
+        ui.spacing_mut().item_spacing.x = 1.0;
+        ui.spacing_mut().button_padding.x = 2.0;
+        for (name, forward) in VIEWS {
+            if row.tells(ui.small_button(name)).clicked() {
+                app.look_along(forward);
+            }
+        }
+    });
+}
+
+fn lens(app: &mut App, ui: &mut Ui) {
+    const LENSES: [Choice<'_, bool>; 2] = [
+        (
+            "perspective",
+            false,
+            "What is farther away is smaller\n--fov DEG",
+        ),
+        (
+            "orthographic",
+            true,
+            "What is farther away is as large\n--ortho HEIGHT",
+        ),
+    ];
+    let Some(orbit) = &mut app.orbit else {
+        return;
+    };
+    let before = matches!(orbit.lens, Lens::Orthographic(_));
+    let mut is_flat = before;
+    let tip = "Perspective or orthographic (O)\n--fov, --ortho";
+    choose(ui, "Projection", tip, &mut is_flat, &LENSES);
+    if is_flat != before {
+        orbit.change_lens();
+    }
+    match &mut orbit.lens {
+        Lens::Perspective(fov) => {
+            let tip = "Vertical field of view in degrees\n--fov DEG";
+            row(ui, "Field of view", tip, |ui| {
+                let field = DragValue::new(fov).range(1.0..=179.0).speed(0.2);
+                ui.add(field.max_decimals(2).suffix("°"))
+            });
+        }
+        Lens::Orthographic(height) => {
+            let tip = "Height of the picture, in the data's units of length\n--ortho HEIGHT";
+            row(ui, "Height", tip, |ui| {
+                let speed = (*height / 200.0).max(f64::MIN_POSITIVE);
+                let most = f64::MAX;
+                let field = DragValue::new(height).range(f64::MIN_POSITIVE..=most);
+                ui.add(field.speed(speed))
+            });
+        }
+    }
+}
+
+/// Views that were saved: each can be gone to, and left out.
+fn saved(app: &mut App, ui: &mut Ui) {
+    let mut left = None;
+    let mut taken = None;
+    for (i, orbit) in app.saved.iter().enumerate() {
+        ui.horizontal(|ui| {
+            if button(ui, &format!("View {}", i + 1), "Go to this view") {
+                taken = Some(orbit.clone());
+            }
+            if button(ui, "✖", "Forget this view") {
+                left = Some(i);
+            }
+        });
+    }
+    if taken.is_some() {
+        app.orbit = taken;
+    }
+    if let Some(i) = left {
+        app.saved.remove(i);
+    }
 }
 
 /// Puts the camera's JSON on the clipboard.

@@ -1,14 +1,16 @@
 //! What is cut off: a box by its faces, and one plane of any direction.
 
-use egui::{CollapsingHeader, DragValue, Slider, Ui};
+use egui::{DragValue, Slider, Ui};
 use ewa_splat::view::{Bounds, ClipPlane};
 use glam::DVec3;
 
+use super::row::{button, button_if, group, row, section, slide, switch};
 use crate::app::App;
 use crate::clip::Clip;
 
 pub(crate) fn show(app: &mut App, ui: &mut Ui) {
-    CollapsingHeader::new("Clip").show(ui, |ui| {
+    let tip = "What is cut off: all beyond a box, and one side of a plane\n--clip";
+    section(ui, "Clip", false, tip, |ui| {
         let Some(bounds) = app.loaded.as_ref().and_then(|loaded| loaded.bounds) else {
             ui.label("no data");
             return;
@@ -17,8 +19,9 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
         let mut clip = before.clone();
         faces(&mut clip, bounds, ui);
         let mut is_cut = clip.plane.is_some();
-        let tip = "one plane of any direction; its square and the tip of its arrow are dragged in the picture";
-        if ui.checkbox(&mut is_cut, "plane").on_hover_text(tip).changed() {
+        let tip = "Cut off one side of a plane; its square and the tip of its arrow are dragged in the picture, too\n\
+                   --clip nx,ny,nz,d";
+        if switch(ui, "Plane", tip, &mut is_cut).changed() {
             let forward = app.orbit.as_ref().map(|orbit| orbit.target - orbit.eye);
             clip.plane = is_cut.then(|| through_middle(forward.unwrap_or(DVec3::X), bounds));
             app.handles.pivot = None;
@@ -29,7 +32,13 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
         if clip != before {
             app.settings.clip = clip.planes();
         }
-        if !app.settings.clip.is_empty() && ui.button("All").on_hover_text("nothing is cut off").clicked() {
+        let is_clipped = !app.settings.clip.is_empty();
+        if button_if(
+            ui,
+            is_clipped,
+            "Clip nothing",
+            "Take the box and all planes away",
+        ) {
             app.settings.clip.clear();
         }
     });
@@ -37,36 +46,26 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
 
 /// A switch of the box, and a slider for each of its faces.
 fn faces(clip: &mut Clip, (centre, half): Bounds, ui: &mut Ui) {
+    const FACES: [[&str; 2]; 3] = [["x from", "x to"], ["y from", "y to"], ["z from", "z to"]];
     let (lower, upper) = (centre - half, centre + half);
     let mut is_boxed = clip.corners.is_some();
-    let tip = "its faces are dragged by the squares in the picture, too";
-    if ui
-        .checkbox(&mut is_boxed, "box")
-        .on_hover_text(tip)
-        .changed()
-    {
+    let tip = "Show what lies in a box alone; its faces are dragged by the squares in the picture, too\n\
+               --clip x0,y0,z0,x1,y1,z1";
+    if switch(ui, "Box", tip, &mut is_boxed).changed() {
         clip.corners = is_boxed.then_some([lower, upper]);
     }
-    let mut corners = clip.corners.unwrap_or([lower, upper]);
-    let mut changed = false;
-    for axis in 0..3 {
+    let Some(corners) = &mut clip.corners else {
+        return;
+    };
+    for (axis, names) in FACES.into_iter().enumerate() {
         let range = lower[axis]..=upper[axis];
-        let [low, high] = &mut corners;
-        let name = ["x", "y", "z"][axis];
-        ui.horizontal(|ui| {
-            ui.label(name);
-            ui.spacing_mut().slider_width = 62.0;
-            changed |= ui.add(Slider::new(&mut low[axis], range.clone())).changed();
-        });
-        ui.horizontal(|ui| {
-            ui.label("  ");
-            ui.spacing_mut().slider_width = 62.0;
-            changed |= ui.add(Slider::new(&mut high[axis], range)).changed();
-        });
-        high[axis] = high[axis].max(low[axis]);
-    }
-    if changed {
-        clip.corners = Some(corners);
+        for (corner, name) in corners.iter_mut().zip(names) {
+            let tip = "A face of the box\n--clip x0,y0,z0,x1,y1,z1";
+            row(ui, name, tip, |ui| {
+                slide(ui, Slider::new(&mut corner[axis], range.clone()))
+            });
+        }
+        corners[1][axis] = corners[1][axis].max(corners[0][axis]);
     }
 }
 
@@ -84,23 +83,19 @@ fn through_middle(forward: DVec3, (centre, _): Bounds) -> ClipPlane {
 /// The numbers of a plane, as `--clip` takes them.
 fn numbers(plane: &mut ClipPlane, (_, half): Bounds, ui: &mut Ui) {
     let mut wanted = *plane;
-    ui.horizontal(|ui| {
-        ui.label("normal");
-        for axis in 0..3 {
-            let component = &mut wanted.normal[axis];
-            ui.add(DragValue::new(component).speed(0.01).max_decimals(3));
+    let tip = "The direction across the plane, towards what is kept: x, y and z\n--clip nx,ny,nz,d";
+    group(ui, "Normal", tip, |ui, row| {
+        let normal: &mut [f64; 3] = wanted.normal.as_mut();
+        for component in normal {
+            let field = DragValue::new(component).speed(0.01).max_decimals(2);
+            row.of(ui.add(field));
         }
     });
-    ui.horizontal(|ui| {
-        ui.label("offset");
+    let tip = "Kept is where normal . position + offset is positive\n--clip nx,ny,nz,d";
+    group(ui, "Offset", tip, |ui, row| {
         let speed = half.max_element() / 200.0;
-        ui.add(DragValue::new(&mut wanted.distance).speed(speed))
-            .on_hover_text("kept is where normal . position + offset is positive");
-        if ui
-            .button("Flip")
-            .on_hover_text("keep the other side")
-            .clicked()
-        {
+        row.of(ui.add(DragValue::new(&mut wanted.distance).speed(speed)));
+        if button(ui, "Flip", "Keep the other side") {
             wanted = ClipPlane {
                 normal: -wanted.normal,
                 distance: -wanted.distance,

@@ -6,62 +6,23 @@ use egui::{
 use ewa_splat::view::{Bounds, ClipPlane};
 use glam::{DVec2, DVec3};
 
-use super::over::{AXES, outline, rimmed};
+use super::over::{outline, rimmed};
 use crate::app::App;
 use crate::clip::{self, Clip};
-use crate::screen::Screen;
+use crate::handles::{Grip, Part};
+use crate::screen::{AXES, Screen};
 
 /// The sides of a handle's square, points.
 const SIDE: f32 = 11.0;
 const BOX: Color32 = Color32::from_rgb(240, 200, 90);
 const PLANE: Color32 = Color32::from_rgb(120, 220, 230);
 
-/// What hands hold.
-#[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Handles {
-    grip: Option<Grip>,
-    /// The point whose foot on the plane has the plane's handles; the middle of the data at first.
-    pub(crate) pivot: Option<DVec3>,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Part {
-    /// Of the box: across an axis, the upper one or the lower one.
-    Face(usize, bool),
-    /// The plane's place.
-    Move,
-    /// The plane's direction.
-    Turn,
-}
-
-impl Part {
-    fn name(self) -> String {
-        match self {
-            Self::Face(axis, is_upper) => {
-                let end = if is_upper { "upper" } else { "lower" };
-                format!("{end} {} face", AXES[axis].0)
-            }
-            Self::Move => "clip plane".into(),
-            Self::Turn => "normal of the clip plane".into(),
-        }
+/// The colour of a handle.
+fn colour(part: Part) -> Color32 {
+    match part {
+        Part::Face(axis, _) => AXES[axis].1,
+        Part::Move | Part::Turn => PLANE,
     }
-
-    fn colour(self) -> Color32 {
-        match self {
-            Self::Face(axis, _) => AXES[axis].1,
-            Self::Move | Self::Turn => PLANE,
-        }
-    }
-}
-
-/// A handle that is held.
-#[derive(Debug, Clone, Copy)]
-struct Grip {
-    part: Part,
-    /// Where the handle was.
-    from: DVec3,
-    /// From the pointer to the handle, pixels.
-    offset: DVec2,
 }
 
 /// The plane, where its handles stand, and how long its arrow is, world units.
@@ -205,7 +166,7 @@ fn handle(ui: &Ui, painter: &Painter, at: Pos2, part: Part) -> Response {
     let colour = if is_held {
         Color32::WHITE
     } else {
-        part.colour()
+        colour(part)
     };
     let rim = Stroke::new(1.5, Color32::from_black_alpha(200));
     match part {

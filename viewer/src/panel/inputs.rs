@@ -2,68 +2,98 @@
 
 use std::path::Path;
 
-use egui::{CollapsingHeader, ComboBox, Ui};
+use egui::Ui;
 
+use super::numbers::{grouped, short};
+use super::row::{button, fact, list, row, section, switch};
 use crate::app::App;
 use crate::dialogs::Purpose;
 
 pub(crate) fn show(app: &mut App, ui: &mut Ui) {
-    CollapsingHeader::new("Data")
-        .default_open(true)
-        .show(ui, |ui| {
-            let mut changed = false;
-            for (input, chosen) in app.inputs.iter().zip(&mut app.chosen) {
-                let name = Path::new(input).file_name();
-                let name = name.map_or(input.clone(), |name| name.to_string_lossy().into_owned());
-                changed |= ui.checkbox(chosen, name).on_hover_text(input).changed();
+    let tip = "The files, the field that is shown, and how much there is of it";
+    section(ui, "Data", true, tip, |ui| {
+        let mut changed = files(app, ui);
+        changed |= field(app, ui);
+        facts(app, ui);
+        ui.horizontal_wrapped(|ui| {
+            if button(ui, "Open…", "Choose other files in place of these (ctrl+O)") {
+                app.dialogs.ask(Purpose::Open, ui.ctx());
             }
-            let titles = app.loaded.iter().flat_map(|loaded| &loaded.volumes);
-            let shown = titles.map(|volume| volume.title.clone()).next();
-            let fields = app.loaded.as_ref().map(|loaded| loaded.fields.as_slice());
-            let fields = fields.unwrap_or_default();
-            if !fields.is_empty() {
-                let shown = app.field.clone().or(shown).unwrap_or_default();
-                ComboBox::from_label("field")
-                    .selected_text(shown)
-                    .show_ui(ui, |ui| {
-                        for name in fields {
-                            let value = Some(name.clone());
-                            changed |= ui.selectable_value(&mut app.field, value, name).changed();
-                        }
-                    });
-            } else if let Some(shown) = shown {
-                ui.label(format!("field: {shown}"));
-            }
-            if let Some(loaded) = &app.loaded {
-                let count = loaded.particle_count;
-                let megabytes = count as f64 * loaded.bytes_per_particle / 1e6;
-                ui.label(format!("{count} particles, {megabytes:.1} MB"));
-            }
-            ui.horizontal(|ui| {
-                let tip = "other files in place of these (ctrl+O)";
-                if ui.button("Open ...").on_hover_text(tip).clicked() {
-                    app.dialogs.ask(Purpose::Open, ui.ctx());
-                }
-                if ui
-                    .button("Reload")
-                    .on_hover_text("read the files again (F5)")
-                    .clicked()
-                {
-                    changed = true;
-                }
-                if app.progress.is_some() && ui.button("Cancel").clicked() {
-                    app.cancel();
-                }
-            });
-            let tip = "read the files again once one of them has changed";
-            ui.checkbox(&mut app.follows, "follow changes")
-                .on_hover_text(tip);
-            if changed {
-                if app.chosen.contains(&true) {
-                    app.load();
-                } else {
-                    app.fail("nothing is chosen".into());
-                }
+            changed |= button(ui, "Reload", "Read the files again (F5)");
+            if app.progress.is_some() && button(ui, "Cancel", "End what is being done (Escape)") {
+                app.cancel();
             }
         });
+        let tip =
+            "Read the files again whenever one of them changes; camera and transfer function stay";
+        switch(ui, "Auto-reload", tip, &mut app.follows);
+        if changed {
+            if app.chosen.contains(&true) {
+                app.load();
+            } else {
+                app.fail(
+                    "Data: expected a file to show, found none switched on; switch one on".into(),
+                );
+            }
+        }
+    });
+}
+
+/// A switch for each file; whether another is shown.
+fn files(app: &mut App, ui: &mut Ui) -> bool {
+    let mut changed = false;
+    for (input, chosen) in app.inputs.iter().zip(&mut app.chosen) {
+        let name = Path::new(input).file_name();
+        let name = name.map_or(input.clone(), |name| name.to_string_lossy().into_owned());
+        let tip = format!("Show {input}\nINPUT: FILE, FILE@FIELD or FILE@FIELD@FUNCTION");
+        changed |= ui.checkbox(chosen, name).on_hover_text(tip).changed();
+    }
+    changed
+}
+
+/// The field that is shown; whether it is another.
+fn field(app: &mut App, ui: &mut Ui) -> bool {
+    const TIP: &str =
+        "The field that is shown; a vector's magnitude, or NAME:x, a component of it\n--field NAME";
+    let mut changed = false;
+    let titles = app.loaded.iter().flat_map(|loaded| &loaded.volumes);
+    let shown = titles.map(|volume| volume.title.clone()).next();
+    let fields = app.loaded.as_ref().map(|loaded| loaded.fields.as_slice());
+    let fields = fields.unwrap_or_default();
+    if !fields.is_empty() {
+        let shown = app.field.clone().or(shown).unwrap_or_default();
+        row(ui, "Field", TIP, |ui| {
+            list(ui, "Field", &shown, |ui| {
+                for name in fields {
+                    let value = Some(name.clone());
+                    changed |= ui.selectable_value(&mut app.field, value, name).changed();
+                }
+            })
+        });
+    } else if let Some(shown) = shown {
+        fact(ui, "Field", shown, TIP);
+    }
+    changed
+}
+
+/// How many particles there are, and where.
+fn facts(app: &App, ui: &mut Ui) {
+    let Some(loaded) = &app.loaded else {
+        return;
+    };
+    let count = loaded.particle_count;
+    let megabytes = count as f64 * loaded.bytes_per_particle / 1e6;
+    let text = format!("{}, {megabytes:.1} MB", grouped(count));
+    let tip = "Kernels that the data became, and what they take of memory";
+    fact(ui, "Particles", text, tip);
+    let Some((centre, half)) = loaded.bounds else {
+        return;
+    };
+    let (lower, upper) = (centre - half, centre + half);
+    for (axis, name) in ["Extent x", "Extent y", "Extent z"].into_iter().enumerate() {
+        let text = format!("{} to {}", short(lower[axis]), short(upper[axis]));
+        let tip =
+            "Where the data lie, in their own units of length; Annotations, Outline draws this box";
+        fact(ui, name, text, tip);
+    }
 }

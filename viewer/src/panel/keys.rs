@@ -60,8 +60,15 @@ pub(crate) fn answer(app: &mut App, context: &Context) {
     if pressed(Key::F5) {
         app.load();
     }
-    if pressed(Key::Escape) && app.progress.is_some() {
-        app.cancel();
+    if pressed(Key::Escape) {
+        if app.shows_help {
+            app.shows_help = false;
+        } else if app.progress.is_some() {
+            app.cancel();
+        }
+    }
+    if pressed(Key::Questionmark) || pressed(Key::F1) {
+        app.shows_help = !app.shows_help;
     }
     let numbers = [
         Key::Num1,

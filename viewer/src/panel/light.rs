@@ -1,22 +1,22 @@
 //! Where the light comes from: a ball that is lit as surfaces are, on which it is dragged.
 
-use egui::{CollapsingHeader, Color32, Pos2, Sense, Ui, Vec2};
+use egui::{Color32, Pos2, Response, Sense, Ui, Vec2};
 use ewa_splat::scene::{Light, LightFrame, Lighting};
 use glam::DVec3;
 
+use super::row::{button, group, section, switch};
 use crate::app::App;
 
 const RADIUS: f32 = 40.0;
 
 pub(crate) fn show(app: &mut App, ui: &mut Ui) {
-    CollapsingHeader::new("Light").show(ui, |ui| {
+    let tip = "Where the light comes from that surfaces are shaded by";
+    section(ui, "Light", false, tip, |ui| {
         let lighting = &mut app.settings.lighting;
         let mut is_lit = lighting.is_some();
-        if ui
-            .checkbox(&mut is_lit, "lit")
-            .on_hover_text("surfaces; volumes where the window was started with --lit")
-            .changed()
-        {
+        let tip = "Shade surfaces by their normals; volumes by their gradients where the window was started with --lit\n\
+                   --lit, --unlit";
+        if switch(ui, "Shading", tip, &mut is_lit).changed() {
             *lighting = is_lit.then(Lighting::default);
         }
         let (Some(lighting), Some(orbit)) = (lighting, &app.orbit) else {
@@ -30,7 +30,13 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
             LightFrame::World => turn * first.direction,
             LightFrame::Camera => first.direction,
         };
-        if let Some(towards) = ball(ui, towards.normalize_or(DVec3::NEG_Z)) {
+        let tip = "Where the light comes from, as the camera sees it: drag on the ball\n--light x,y,z[,r,g,b]";
+        let dragged = group(ui, "Direction", tip, |ui, row| {
+            let (ball, dragged) = ball(ui, towards.normalize_or(DVec3::NEG_Z));
+            row.tells(ball);
+            dragged
+        });
+        if let Some(towards) = dragged {
             // Fixed to the world, as the command line's are.
             let light = Light {
                 direction: turn.transpose() * towards,
@@ -39,14 +45,16 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
             };
             lighting.lights = vec![light];
         }
-        if ui.button("Headlight").clicked() {
+        let tip =
+            "The light that moves with the camera, over the left shoulder\n--lit without --light";
+        if button(ui, "Headlight", tip) {
             *lighting = Lighting::default();
         }
     });
 }
 
-/// Draws the ball; where the light was dragged to, as the camera sees it: x right, y down, z away.
-fn ball(ui: &mut Ui, towards: DVec3) -> Option<DVec3> {
+/// Draws the ball, and answers where the light was dragged to, as the camera sees it: x right, y down, z away.
+fn ball(ui: &mut Ui, towards: DVec3) -> (Response, Option<DVec3>) {
     let (response, painter) =
         ui.allocate_painter(Vec2::splat(2.0 * RADIUS + 4.0), Sense::click_and_drag());
     let centre = response.rect.center();
@@ -73,15 +81,16 @@ fn ball(ui: &mut Ui, towards: DVec3) -> Option<DVec3> {
         towards.x, towards.y, towards.z
     );
     response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Slider, true, &label));
-    let at: Pos2 = response.interact_pointer_pos()?;
-    if !(response.dragged() || response.clicked()) {
-        return None;
-    }
-    let from = (at - centre) / RADIUS;
-    let (x, y) = (f64::from(from.x), f64::from(from.y));
-    let length = (x * x + y * y).sqrt();
-    Some(match length < 1.0 {
-        true => DVec3::new(x, y, -(1.0 - length * length).sqrt()),
-        false => DVec3::new(x, y, 0.0) / length,
-    })
+    let at: Option<Pos2> = response.interact_pointer_pos();
+    let at = at.filter(|_| response.dragged() || response.clicked());
+    let towards = at.map(|at| {
+        let from = (at - centre) / RADIUS;
+        let (x, y) = (f64::from(from.x), f64::from(from.y));
+        let length = (x * x + y * y).sqrt();
+        match length < 1.0 {
+            true => DVec3::new(x, y, -(1.0 - length * length).sqrt()),
+            false => DVec3::new(x, y, 0.0) / length,
+        }
+    });
+    (response, towards)
 }

@@ -3,28 +3,48 @@
 pub(crate) mod camera;
 pub(crate) mod clip;
 pub(crate) mod handles;
+pub(crate) mod help;
 pub(crate) mod inputs;
 pub(crate) mod keys;
 pub(crate) mod light;
 pub(crate) mod method;
+pub(crate) mod numbers;
 pub(crate) mod output;
 pub(crate) mod over;
 pub(crate) mod path;
 pub(crate) mod picture;
 pub(crate) mod probe;
+pub(crate) mod row;
 pub(crate) mod statistics;
 pub(crate) mod status;
 pub(crate) mod time;
 pub(crate) mod transfer;
 
-use egui::{Panel, ScrollArea, Ui};
+use egui::{Panel, ScrollArea, Ui, UiBuilder};
 
 use crate::app::App;
 
+/// The width of a panel, points: a share of a small window, so that the picture keeps half of it.
+fn width(ui: &Ui, share: f32, most: f32) -> f32 {
+    (share * ui.ctx().content_rect().width()).clamp(0.7 * most, most)
+}
+
+/// What is in a panel, which is as wide as hands make it, whatever is in it.
+fn body(ui: &mut Ui, add: impl FnOnce(&mut Ui)) {
+    let rect = ui.available_rect_before_wrap();
+    let mut inside = ui.new_child(UiBuilder::new().id_salt("body").max_rect(rect));
+    inside.shrink_clip_rect(rect);
+    let area = ScrollArea::vertical().auto_shrink(false);
+    area.show(&mut inside, add);
+    ui.advance_cursor_after_rect(rect);
+}
+
 /// What is drawn, and how.
 pub(crate) fn left(app: &mut App, ui: &mut Ui) {
-    Panel::left("left").default_size(230.0).show(ui, |ui| {
-        ScrollArea::vertical().show(ui, |ui| {
+    let width = width(ui, 0.21, 260.0);
+    let panel = Panel::left("left").default_size(width);
+    panel.min_size(150.0).show(ui, |ui| {
+        body(ui, |ui| {
             inputs::show(app, ui);
             time::show(app, ui);
             method::show(app, ui);
@@ -40,8 +60,10 @@ pub(crate) fn left(app: &mut App, ui: &mut Ui) {
 
 /// What it is coloured by, and what it costs.
 pub(crate) fn right(app: &mut App, ui: &mut Ui) {
-    Panel::right("right").default_size(310.0).show(ui, |ui| {
-        ScrollArea::vertical().show(ui, |ui| {
+    let width = width(ui, 0.235, 300.0);
+    let panel = Panel::right("right").default_size(width);
+    panel.min_size(150.0).show(ui, |ui| {
+        body(ui, |ui| {
             transfer::show(app, ui);
             probe::show(app, ui);
             statistics::show(app, ui);

@@ -2,56 +2,59 @@
 
 use std::path::{Path, PathBuf};
 
-use egui::{CollapsingHeader, TextEdit, Ui};
+use egui::Ui;
 use ewa_splat::io::{check_image_path, write_bytes_atomically};
 
+use super::row::{button, group, row, section, text};
 use crate::app::App;
 use crate::dialogs::Purpose;
 use crate::words::{self, State};
 
 pub(crate) fn show(app: &mut App, ui: &mut Ui) {
-    CollapsingHeader::new("Output").show(ui, |ui| {
-        ui.horizontal(|ui| {
-            ui.add(TextEdit::singleline(&mut app.output.picture).desired_width(110.0));
-            if ui
-                .button("Save picture")
-                .on_hover_text("png, exr, pfm or npy")
-                .clicked()
-            {
+    let tip = "What is written: the picture, the transfer function, and the command that draws the picture again";
+    section(ui, "Output", false, tip, |ui| {
+        let tip = "The file of the picture: png, exr, pfm or npy\n--out FILE";
+        row(ui, "Picture file", tip, |ui| {
+            text(ui, &mut app.output.picture)
+        });
+        let tip = "Width and height of the picture in pixels; 0: those of the picture in the window\n--size WxH";
+        group(ui, "Size", tip, |ui, row| {
+            for n in &mut app.output.size {
+                row.of(ui.add(egui::DragValue::new(n).range(0..=65_535)));
+            }
+        });
+        ui.horizontal_wrapped(|ui| {
+            if button(
+                ui,
+                "Save picture",
+                "Draw the picture and write the file\n--out FILE",
+            ) {
                 save_picture(app);
             }
-            let tip = "choose a name and save the picture";
-            if ui.button("...").on_hover_text(tip).clicked() {
+            if button(ui, "Save as…", "Choose a name and save the picture") {
                 app.dialogs.ask(Purpose::Picture, ui.ctx());
             }
         });
-        ui.horizontal(|ui| {
-            let label = ui.label("size");
-            for n in &mut app.output.size {
-                let field = ui.add(egui::DragValue::new(n).range(0..=65_535));
-                field.labelled_by(label.id);
-            }
-            ui.label("0: the window's");
+        let tip = "The file of the transfer function, JSON\n--transfer-function FILE";
+        row(ui, "Function file", tip, |ui| {
+            text(ui, &mut app.output.function)
         });
-        ui.horizontal(|ui| {
-            ui.add(TextEdit::singleline(&mut app.output.function).desired_width(110.0));
-            if ui
-                .button("Save")
-                .on_hover_text("the transfer function")
-                .clicked()
-            {
+        ui.horizontal_wrapped(|ui| {
+            let tip = "Write the transfer function to the file\n--write-transfer-function FILE";
+            if button(ui, "Save function", tip) {
                 save_function(app);
             }
-            if ui.button("Load").clicked() {
+            let tip = "Read the transfer function from the file: this program's or ParaView's\n--transfer-function FILE";
+            if button(ui, "Load function", tip) {
                 load_function(app);
             }
-            let tip = "choose a transfer function and load it: a file of --transfer-function, or ParaView's";
-            if ui.button("...").on_hover_text(tip).clicked() {
+            if button(ui, "Browse…", "Choose a transfer function and load it") {
                 app.dialogs.ask(Purpose::Function, ui.ctx());
             }
         });
-        let tip = "the line that makes this picture; a function that was edited is saved first";
-        if ui.button("Copy command").on_hover_text(tip).clicked()
+        let tip = "Put the command on the clipboard that draws this picture; a transfer function that was edited is saved \
+                   first, under the name above\newa-splat render";
+        if button(ui, "Copy command", tip)
             && let Some(line) = command(app)
         {
             ui.ctx().copy_text(line);

@@ -1,17 +1,15 @@
 //! What is drawn over the picture: the box of the data, the directions of the axes, legends.
 
-use egui::{
-    Align2, CollapsingHeader, Color32, FontId, Mesh, Painter, Pos2, Rect, Rgba, Shape, Stroke, Ui,
-    Vec2,
-};
+use egui::{Align2, Color32, FontId, Mesh, Painter, Pos2, Rect, Rgba, Shape, Stroke, Ui, Vec2};
 use ewa_splat::annotate::box_edges;
 use ewa_splat::legend::ColourBar;
 use ewa_splat::render::Show;
 use ewa_splat::view::{Bounds, Camera};
 use glam::DVec3;
 
+use super::row::{section, switch_if};
 use crate::app::App;
-use crate::screen::Screen;
+use crate::screen::{AXES, Screen};
 
 /// Behind text.
 const PLATE: Color32 = Color32::from_black_alpha(170);
@@ -21,42 +19,31 @@ const FONT_SIZE: f32 = 12.0;
 
 /// The switches.
 pub(crate) fn show(app: &mut App, ui: &mut Ui) {
-    CollapsingHeader::new("Over the picture").show(ui, |ui| {
+    let tip = "What is drawn over the picture, in the window and in files";
+    section(ui, "Annotations", false, tip, |ui| {
         let loaded = app.loaded.as_ref();
         let has_bars = loaded.is_some_and(|l| l.volumes.iter().any(|volume| volume.bar.is_some()));
         let has_bounds = loaded.is_some_and(|loaded| loaded.bounds.is_some());
         let is_count = app.settings.show == Show::Count;
-        let numbers = "numbers are shown, not a picture";
-        let why = |is_possible: bool, why: &'static str| match is_count {
-            true => Err(numbers),
-            false if is_possible => Ok(()),
+        let is_scene = app.settings.show == Show::Scene;
+        let if_possible = |is_possible: bool, tip, why| match is_count {
+            true => Err("numbers are shown, not a picture"),
+            false if is_possible => Ok(tip),
             false => Err(why),
         };
-        let is_scene = app.settings.show == Show::Scene;
-        let no_bars = match is_scene {
+        let tip = "A colour bar of the values for each transfer function, with its opacity over a checker\n--legend";
+        let why = match is_scene {
             true => "nothing is coloured by a transfer function",
             false => "colours of filters are shown",
         };
-        let rows = [
-            ("axes", &mut app.over.axes, why(true, "")),
-            (
-                "outline of the data",
-                &mut app.over.outline,
-                why(has_bounds, "no data"),
-            ),
-            (
-                "legend",
-                &mut app.over.legend,
-                why(has_bars && is_scene, no_bars),
-            ),
-        ];
-        for (name, is_on, possible) in rows {
-            let row = egui::Checkbox::new(is_on, name);
-            let row = ui.add_enabled(possible.is_ok(), row);
-            if let Err(why) = possible {
-                row.on_disabled_hover_text(why);
-            }
-        }
+        let tip = if_possible(has_bars && is_scene, tip, why);
+        switch_if(ui, "Legend", &mut app.over.legend, tip);
+        let tip = "The directions of x, y and z, in the lower left corner\n--axes";
+        let tip = if_possible(true, tip, "");
+        switch_if(ui, "Axes", &mut app.over.axes, tip);
+        let tip = "The box of the data\n--outline";
+        let tip = if_possible(has_bounds, tip, "no data");
+        switch_if(ui, "Outline", &mut app.over.outline, tip);
     });
 }
 
@@ -73,6 +60,15 @@ pub(crate) fn draw(app: &App, painter: &Painter, screen: &Screen) {
     if over.legend {
         legends(painter, screen.rect, &app.bars());
     }
+}
+
+/// A text around a point, on a plate.
+pub(crate) fn plate(painter: &Painter, at: Pos2, text: &str) {
+    let font = FontId::proportional(16.0);
+    let galley = painter.layout_no_wrap(text.to_owned(), font, Color32::WHITE);
+    let rect = Align2::CENTER_CENTER.anchor_size(at, galley.size());
+    painter.rect_filled(rect.expand(8.0), 4.0, PLATE);
+    painter.galley(rect.min, galley, Color32::WHITE);
 }
 
 /// The edges of a box: those that it hides itself are dimmer.
@@ -99,13 +95,6 @@ pub(crate) fn rimmed(
     painter.line_segment(ends, Stroke::new(width + 2.0, rim));
     painter.line_segment(ends, Stroke::new(width, colour.gamma_multiply(strength)));
 }
-
-/// The colours of x, y and z.
-pub(crate) const AXES: [(&str, Color32); 3] = [
-    ("x", Color32::from_rgb(235, 90, 80)),
-    ("y", Color32::from_rgb(110, 200, 90)),
-    ("z", Color32::from_rgb(100, 150, 250)),
-];
 
 /// The directions of x, y and z, as the camera sees them, in the lower left corner.
 fn triad(painter: &Painter, camera: &Camera, rect: Rect) {

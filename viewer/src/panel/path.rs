@@ -2,60 +2,59 @@
 
 use std::path::{Path, PathBuf};
 
-use egui::{CollapsingHeader, Context, DragValue, TextEdit, Ui};
+use egui::{Context, DragValue, Ui};
 use ewa_splat::command::{Animation, line};
 use ewa_splat::io::write_bytes_atomically;
 use ewa_splat::view::CameraPath;
 
+use super::row::{button, button_if, row, section, text};
 use crate::app::App;
 use crate::dialogs::Purpose;
 use crate::orbit::Orbit;
 use crate::path::{key_of, orbit_of};
 
 pub(crate) fn show(app: &mut App, ui: &mut Ui) {
-    CollapsingHeader::new("Key frames").show(ui, |ui| {
+    let tip = "Views that the camera passes, shown one after another and written as an animation\n--camera-path FILE";
+    section(ui, "Camera path", false, tip, |ui| {
         keys(app, ui);
         let has_path = app.path.keys.len() > 1;
-        ui.horizontal(|ui| {
-            let frames = DragValue::new(&mut app.path.frames).range(2..=10_000);
-            let frames = ui.add(frames);
-            frames.labelled_by(ui.label("pictures").id);
-            let is_playing = app.path.playing.is_some();
-            let label = if is_playing { "Stop" } else { "Show path" };
-            let tip = "along the keys, as --camera-path draws them";
-            let button = ui.add_enabled(has_path, egui::Button::new(label));
-            if button.on_hover_text(tip).clicked() {
-                match is_playing {
-                    true => app.path.playing = None,
-                    false => app.path.play(ui.input(|input| input.time)),
-                }
-            }
+        let tip = "How many pictures the whole path has, 25 in a second";
+        row(ui, "Frames", tip, |ui| {
+            ui.add(DragValue::new(&mut app.path.frames).range(2..=10_000))
         });
-        ui.horizontal(|ui| {
-            ui.add(TextEdit::singleline(&mut app.path.file).desired_width(90.0));
-            let save = ui.add_enabled(has_path, egui::Button::new("Save path"));
-            if save.on_hover_text("a file of --camera-path").clicked() {
+        let is_playing = app.path.playing.is_some();
+        let label = if is_playing { "Stop" } else { "Play path" };
+        let tip = "Move the camera along the key frames, of which there are two at least\n--camera-path FILE";
+        if button_if(ui, has_path, label, tip) {
+            match is_playing {
+                true => app.path.playing = None,
+                false => app.path.play(ui.input(|input| input.time)),
+            }
+        }
+        let tip = "The file of the path, JSON\n--camera-path FILE";
+        row(ui, "Path file", tip, |ui| text(ui, &mut app.path.file));
+        ui.horizontal_wrapped(|ui| {
+            let tip = "Write the key frames to the file\n--camera-path FILE";
+            if button_if(ui, has_path, "Save path", tip) {
                 save_path(app);
             }
-            if ui.button("Load path").clicked() {
+            let tip = "Read key frames from the file, in place of these\n--camera-path FILE";
+            if button(ui, "Load path", tip) {
                 load_path(app);
             }
-            let tip = "choose a path and load it";
-            if ui.button("...").on_hover_text(tip).clicked() {
+            if button(ui, "Browse…", "Choose a path and load it") {
                 app.dialogs.ask(Purpose::Path, ui.ctx());
             }
         });
-        ui.horizontal(|ui| {
-            ui.add(TextEdit::singleline(&mut app.path.film).desired_width(90.0));
-            let tip =
-                "an .apng, a .gif, or pictures: film_%04d.png (exr, pfm, npy); Escape cancels";
-            let film = ui.add_enabled(has_path, egui::Button::new("Film"));
-            if film.on_hover_text(tip).clicked() {
+        let tip = "The file of the animation: an .apng, a .gif, or pictures: film_%04d.png (exr, pfm, npy)\n--out FILE";
+        row(ui, "Animation file", tip, |ui| text(ui, &mut app.path.film));
+        ui.horizontal_wrapped(|ui| {
+            let tip = "Draw all pictures of the path and write them; Escape cancels\n--camera-path FILE --out FILE";
+            if button_if(ui, has_path, "Save animation", tip) {
                 film_path(app);
             }
-            let tip = "choose a name and write the film";
-            let choose = ui.add_enabled(has_path, egui::Button::new("..."));
-            if choose.on_hover_text(tip).clicked() {
+            let tip = "Choose a name and write the animation";
+            if button_if(ui, has_path, "Save as…", tip) {
                 app.dialogs.ask(Purpose::Film, ui.ctx());
             }
         });
@@ -64,20 +63,16 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
 
 /// The keys: each can be looked at, and left out.
 fn keys(app: &mut App, ui: &mut Ui) {
-    if ui
-        .button("Add key")
-        .on_hover_text("this view (K)")
-        .clicked()
-    {
+    if button(ui, "Add key frame", "Add this view to the path (K)") {
         add(app);
     }
     let (mut taken, mut left) = (None, None);
     for (i, key) in app.path.keys.iter().enumerate() {
         ui.horizontal(|ui| {
-            if ui.button(format!("Key {}", i + 1)).clicked() {
+            if button(ui, &format!("Key {}", i + 1), "Go to this key frame") {
                 taken = Some(*key);
             }
-            if ui.small_button("x").clicked() {
+            if button(ui, "✖", "Take this key frame out") {
                 left = Some(i);
             }
         });
@@ -94,7 +89,9 @@ fn keys(app: &mut App, ui: &mut Ui) {
 pub(crate) fn add(app: &mut App) {
     match app.orbit.as_ref().map(key_of) {
         Some(Some(key)) => app.path.keys.push(key),
-        Some(None) => app.fail("a key has perspective: O changes the lens".into()),
+        Some(None) => {
+            app.fail("a key frame has perspective: press O to change the projection".into())
+        }
         None => {}
     }
 }

@@ -33,15 +33,7 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
             handles::show(app, ui, &painter, &screen);
         }
         if let Some(text) = &app.progress {
-            let at = rect.center();
-            let font = egui::FontId::proportional(16.0);
-            painter.text(
-                at,
-                egui::Align2::CENTER_CENTER,
-                text,
-                font,
-                Color32::LIGHT_GRAY,
-            );
+            over::plate(&painter, rect.center(), text);
         }
         answer(app, ui, &response);
     });

@@ -1,7 +1,9 @@
 //! The steps of a series: a slider, and play.
 
-use egui::{CollapsingHeader, Context, Slider, Ui};
+use egui::{Context, Slider, Ui};
 
+use super::numbers::short;
+use super::row::{button, fact, row, section, slide};
 use crate::app::App;
 
 pub(crate) fn show(app: &mut App, ui: &mut Ui) {
@@ -9,22 +11,30 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
     if count < 2 {
         return;
     }
-    CollapsingHeader::new("Time")
-        .default_open(true)
-        .show(ui, |ui| {
-            let mut step = app.time.step;
-            ui.add(Slider::new(&mut step, 0..=count - 1).text("step"));
-            if let Some(time) = app.time.steps[app.time.step] {
-                ui.label(format!("time {time}"));
-            }
-            let label = if app.time.plays { "Pause" } else { "Play" };
-            if ui.button(label).clicked() {
-                app.time.plays = !app.time.plays;
-            }
-            if step != app.time.step {
-                app.go(step);
-            }
-        });
+    let tip = "The time steps of a series, all by one transfer function\n--series";
+    section(ui, "Time", true, tip, |ui| {
+        let mut step = app.time.step;
+        row(
+            ui,
+            "Step",
+            "The time step that is shown, from 0\n--series",
+            |ui| slide(ui, Slider::new(&mut step, 0..=count - 1)),
+        );
+        if let Some(time) = app.time.steps[app.time.step] {
+            fact(ui, "Time", short(time), "The time that the file states");
+        }
+        let label = if app.time.plays { "Pause" } else { "Play" };
+        if button(
+            ui,
+            label,
+            "Show the steps one after another, and over again",
+        ) {
+            app.time.plays = !app.time.plays;
+        }
+        if step != app.time.step {
+            app.go(step);
+        }
+    });
 }
 
 /// Reads the next step once this one has been seen.

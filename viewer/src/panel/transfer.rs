@@ -1,14 +1,12 @@
 //! The transfer function: opacity points over a histogram, colour stops, maps, undo.
 
-use egui::{
-    CollapsingHeader, Color32, ComboBox, DragValue, Pos2, Rect, Response, Sense, Shape, Stroke, Ui,
-    Vec2,
-};
+use egui::{Color32, DragValue, Pos2, Rect, Response, Sense, Shape, Stroke, Ui, Vec2};
 use ewa_splat::image::srgb_from_linear;
 use ewa_splat::scene::{
     AutomaticOptions, COLOUR_MAP_NAMES, ScaleName, TransferFunction, ValueSample,
 };
 
+use super::row::{Choice, button, button_if, choose, group, list, row, section, switch};
 use crate::app::App;
 use crate::curve::Curve;
 
@@ -17,29 +15,29 @@ const STRIP: f32 = 18.0;
 const RADIUS: f32 = 5.0;
 
 pub(crate) fn show(app: &mut App, ui: &mut Ui) {
-    CollapsingHeader::new("Transfer function")
-        .default_open(true)
-        .show(ui, |ui| {
-            volumes(app, ui);
-            let Some(history) = app.histories.get(app.edited).and_then(Option::as_ref) else {
-                ui.label("colours of their own");
-                return;
-            };
-            let mut curve = history.curve().clone();
-            let goes_on = opacities(app, &mut curve, ui);
-            let goes_on = colours(app, &mut curve, ui) || goes_on;
-            let goes_on = range(&mut curve, ui) || goes_on;
-            buttons(app, &mut curve, ui);
-            map(app, &mut curve, ui);
-            automatic(app, &curve, ui);
-            // What was undone is no edit.
-            if let Some(history) = app.history()
-                && *history.curve() != curve
-                && let Err(error) = history.edit(curve, goes_on)
-            {
-                app.fail(ewa_splat::command::line(&error));
-            }
-        });
+    let tip = "Colour and opacity of each value: drag points and stops, double click adds one, right click takes one out\n\
+               --transfer-function FILE|NAME";
+    section(ui, "Transfer function", true, tip, |ui| {
+        volumes(app, ui);
+        let Some(history) = app.histories.get(app.edited).and_then(Option::as_ref) else {
+            ui.label("These data have colours of their own");
+            return;
+        };
+        let mut curve = history.curve().clone();
+        let goes_on = opacities(app, &mut curve, ui);
+        let goes_on = colours(app, &mut curve, ui) || goes_on;
+        let goes_on = range(&mut curve, ui) || goes_on;
+        map(app, &mut curve, ui);
+        buttons(app, &mut curve, ui);
+        automatic(app, &curve, ui);
+        // What was undone is no edit.
+        if let Some(history) = app.history()
+            && *history.curve() != curve
+            && let Err(error) = history.edit(curve, goes_on)
+        {
+            app.fail(ewa_splat::command::line(&error));
+        }
+    });
 }
 
 /// Which volume's function is edited, where several have one.
@@ -54,13 +52,15 @@ fn volumes(app: &mut App, ui: &mut Ui) {
         return;
     }
     let name = |i: usize| format!("{}: {}", i + 1, loaded.volumes[i].title);
-    ComboBox::from_label("volume")
-        .selected_text(name(app.edited))
-        .show_ui(ui, |ui| {
+    let tip = "The volume whose transfer function is edited";
+    let chosen = name(app.edited);
+    row(ui, "Volume", tip, |ui| {
+        list(ui, "Volume", &chosen, |ui| {
             for i in with {
                 ui.selectable_value(&mut app.edited, i, name(i));
             }
-        });
+        })
+    });
 }
 
 /// The curve of opacities over the histogram; whether a drag goes on.
@@ -128,7 +128,7 @@ fn opacities(app: &App, curve: &mut Curve, ui: &mut Ui) -> bool {
             RADIUS,
             Color32::WHITE,
         );
-        point.on_hover_text(label);
+        point.on_hover_text(label + "\ndrag moves it, right click takes it out");
     }
     if let Some(i) = left_out {
         curve.opacities.remove(i);
@@ -139,6 +139,9 @@ fn opacities(app: &App, curve: &mut Curve, ui: &mut Ui) -> bool {
         let [share, opacity] = at(pos);
         curve.add_opacity(share, opacity);
     }
+    let tip = "Opacity, from 0 at the bottom to 1 at the top, over the values; behind it how many samples have each value\n\
+               --transfer-function FILE";
+    response.on_hover_text(tip);
     goes_on
 }
 
@@ -196,7 +199,9 @@ fn colours(app: &mut App, curve: &mut Curve, ui: &mut Ui) -> bool {
             Color32::WHITE
         };
         painter.circle_stroke(at(curve), RADIUS - 1.0, Stroke::new(2.0, edge));
-        stop.on_hover_text(label);
+        stop.on_hover_text(
+            label + "\ndrag moves it, click edits its colour, right click takes it out",
+        );
     }
     if let Some(i) = left_out {
         curve.colours.remove(i);
@@ -207,16 +212,19 @@ fn colours(app: &mut App, curve: &mut Curve, ui: &mut Ui) -> bool {
     {
         curve.add_colour((pos.x - strip.left()) / strip.width());
     }
+    let tip = "Colour of each value, from the lower end of the range to the upper one\n--transfer-function FILE|NAME";
+    response.on_hover_text(tip);
     if let Some(i) = app.stop
         && let Some((value, colour)) = curve.colours.get_mut(i)
     {
-        ui.horizontal(|ui| {
+        let tip = "The colour of the stop that was clicked, sRGB, and its value";
+        group(ui, "Stop", tip, |ui, row| {
             let [r, g, b] = colour.map(byte);
             let mut bytes = [r, g, b];
-            if ui.color_edit_button_srgb(&mut bytes).changed() {
+            if row.of(ui.color_edit_button_srgb(&mut bytes)).changed() {
                 *colour = bytes.map(|c| f32::from(c) / 255.0);
             }
-            ui.label(format!("at {value:.5}"));
+            row.tells(ui.label(format!("at {value:.5}")));
         });
     }
     goes_on
@@ -239,14 +247,14 @@ fn range(curve: &mut Curve, ui: &mut Ui) -> bool {
     let mut ends = curve.range;
     let speed = (ends[1] - ends[0]) / 300.0;
     let mut goes_on = false;
-    ui.horizontal(|ui| {
-        let label = ui.label("range");
+    let tip = "The values at the ends, with points and stops between them, and how values lie there\n--range LO,HI";
+    group(ui, "Range", tip, |ui, row| {
         for end in &mut ends {
             let field = ui.add(DragValue::new(end).speed(speed).max_decimals(9));
-            let field = field.labelled_by(label.id);
+            let field = row.of(field);
             goes_on |= field.dragged() && !field.drag_started();
         }
-        ui.label(curve.scale_name().name());
+        row.tells(ui.label(curve.scale_name().name()));
     });
     if ends != curve.range {
         curve.set_range(ends);
@@ -256,50 +264,47 @@ fn range(curve: &mut Curve, ui: &mut Ui) -> bool {
 
 /// Undo, and the clipboard.
 fn buttons(app: &mut App, curve: &mut Curve, ui: &mut Ui) {
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         let (can_undo, can_redo) = app
             .history()
             .map_or((false, false), |h| (h.can_undo(), h.can_redo()));
-        if ui
-            .add_enabled(can_undo, egui::Button::new("Undo"))
-            .clicked()
+        if button_if(ui, can_undo, "Undo", "Take the last edit back (ctrl+Z)")
             && let Some(history) = app.history()
         {
             history.undo();
             *curve = history.curve().clone();
         }
-        if ui
-            .add_enabled(can_redo, egui::Button::new("Redo"))
-            .clicked()
+        if button_if(ui, can_redo, "Redo", "Make it again (ctrl+Y)")
             && let Some(history) = app.history()
         {
             history.redo();
             *curve = history.curve().clone();
         }
-        if ui
-            .button("Copy")
-            .on_hover_text("as JSON that --transfer-function reads")
-            .clicked()
-        {
+        let tip = "Put the transfer function on the clipboard, as JSON\n--transfer-function FILE";
+        if button(ui, "Copy JSON", tip) {
             ui.ctx().copy_text(curve.to_json());
             app.say("the transfer function is on the clipboard".into());
         }
-        ui.checkbox(&mut app.logarithmic_counts, "log counts");
     });
+    let tip = "Show the histogram's counts by their logarithm";
+    switch(ui, "Log histogram", tip, &mut app.logarithmic_counts);
 }
 
 /// The colours of a named map, in place of those that are there.
 fn map(app: &mut App, curve: &mut Curve, ui: &mut Ui) {
     let mut chosen = None;
-    ComboBox::from_label("colours")
-        .selected_text(app.automatic.map.as_deref().unwrap_or("a map"))
-        .show_ui(ui, |ui| {
+    let tip =
+        "A colour map in place of the colours above; opacities stay\n--transfer-function NAME";
+    let shown = app.automatic.map.as_deref().unwrap_or("automatic");
+    row(ui, "Colour map", tip, |ui| {
+        list(ui, "Colour map", shown, |ui| {
             for name in COLOUR_MAP_NAMES {
                 if ui.selectable_label(false, name).clicked() {
                     chosen = Some(name);
                 }
             }
-        });
+        })
+    });
     if let Some(name) = chosen
         && let Some(function) = of_map(name, curve)
         && let Some(mapped) = Curve::of(&function)
@@ -312,25 +317,38 @@ fn map(app: &mut App, curve: &mut Curve, ui: &mut Ui) {
 
 /// What finds the function from the values: a scale, the range where it was changed, the map that was chosen.
 fn automatic(app: &mut App, curve: &Curve, ui: &mut Ui) {
-    const SCALES: [(&str, Option<ScaleName>); 4] = [
-        ("any scale", None),
-        ("linear", Some(ScaleName::Linear)),
-        ("log", Some(ScaleName::Log)),
-        ("symlog", Some(ScaleName::Symlog)),
+    const SCALES: [Choice<'_, Option<ScaleName>>; 4] = [
+        (
+            "automatic",
+            None,
+            "Logarithmic where positive values lie over decades, otherwise linear",
+        ),
+        ("linear", Some(ScaleName::Linear), "Evenly\n--scale linear"),
+        (
+            "log",
+            Some(ScaleName::Log),
+            "By their logarithm: positive values alone\n--scale log",
+        ),
+        (
+            "symlog",
+            Some(ScaleName::Symlog),
+            "By their logarithm, on either side of 0\n--scale symlog",
+        ),
     ];
-    ui.horizontal(|ui| {
-        super::method::choose(ui, "scale", &mut app.automatic.scale, &SCALES);
-        let tip = "opacities from the values, as --transfer-function, --range and --scale of a command find them; \
-                   reads the files again";
-        if ui.button("Automatic").on_hover_text(tip).clicked() {
-            if let Some(history) = app.history()
-                && history.first_range() != curve.range
-            {
-                app.automatic.range = Some(curve.range);
-            }
-            app.find_functions();
+    ui.separator();
+    let tip =
+        "How values lie between the ends of the range, once Automatic is pressed\n--scale SCALE";
+    choose(ui, "Scale", tip, &mut app.automatic.scale, &SCALES);
+    let tip = "Find opacities and colours from the values, by this scale, the colour map and a range that was edited; in \
+               place of all edits. Reads the files again\n--transfer-function NAME, --range, --scale";
+    if button(ui, "Automatic", tip) {
+        if let Some(history) = app.history()
+            && history.first_range() != curve.range
+        {
+            app.automatic.range = Some(curve.range);
         }
-    });
+        app.find_functions();
+    }
 }
 
 /// The colours of a map over the range of a curve.

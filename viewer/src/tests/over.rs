@@ -145,11 +145,11 @@ fn background(window: &Harness<'_, App>) -> String {
 #[test]
 fn what_is_over_the_picture_is_switched() {
     let mut window = wake();
-    click(&mut window, "Over the picture");
+    click(&mut window, "Annotations");
     for (name, is_on) in [
-        ("axes", (|app| app.over.axes) as fn(&App) -> bool),
-        ("outline of the data", |app| app.over.outline),
-        ("legend", |app| app.over.legend),
+        ("Axes", (|app| app.over.axes) as fn(&App) -> bool),
+        ("Outline", |app| app.over.outline),
+        ("Legend", |app| app.over.legend),
     ] {
         assert!(!is_on(window.state()), "{name}");
         click(&mut window, name);
@@ -158,8 +158,13 @@ fn what_is_over_the_picture_is_switched() {
     rest(&mut window);
     let vase = fixture("vase.glb");
     let mut window = super::window(&[&vase, "--count", "5000", "--legend"]);
-    click(&mut window, "Over the picture");
-    assert!(window.get_by_label("legend").accesskit_node().is_disabled());
+    click(&mut window, "Annotations");
+    assert!(
+        window
+            .get_by_role_and_label(egui::accesskit::Role::CheckBox, "Legend")
+            .accesskit_node()
+            .is_disabled()
+    );
     assert!(!window.state().shown_over().legend);
 }
 
@@ -168,7 +173,7 @@ fn what_is_over_the_picture_is_switched() {
 fn faces_of_the_clip_box_are_dragged() {
     let mut window = wake();
     click(&mut window, "Clip");
-    click(&mut window, "box");
+    click(&mut window, "Box");
     rest(&mut window);
     for is_flat in [false, true] {
         if is_flat {
@@ -209,7 +214,7 @@ fn faces_of_the_clip_box_are_dragged() {
         PointerButton::Primary,
     );
     assert_ne!(window.state().orbit, before);
-    click(&mut window, "All");
+    click(&mut window, "Clip nothing");
     assert!(window.state().settings.clip.is_empty());
 }
 
@@ -218,7 +223,7 @@ fn faces_of_the_clip_box_are_dragged() {
 fn the_clip_plane_is_dragged() {
     let mut window = wake();
     click(&mut window, "Clip");
-    click(&mut window, "plane");
+    click(&mut window, "Plane");
     rest(&mut window);
     let camera = window.state().orbit.clone();
     let plane = |window: &Harness<'_, App>| window.state().settings.clip[0];
@@ -266,7 +271,7 @@ fn boundaries_are_chosen_where_there_are_any() {
     let mut window = wake();
     let first = pixels(&window);
     for choice in ["soft", "sharp"] {
-        let row = window.get_by_role_and_label(Role::ComboBox, "boundary");
+        let row = window.get_by_role_and_label(Role::ComboBox, "Boundary");
         row.click();
         window.step();
         window.step();
@@ -283,6 +288,6 @@ fn boundaries_are_chosen_where_there_are_any() {
     }
     let vase = fixture("vase.glb");
     let window = super::window(&[&vase, "--count", "5000"]);
-    let row = window.get_by_role_and_label(Role::ComboBox, "boundary");
+    let row = window.get_by_role_and_label(Role::ComboBox, "Boundary");
     assert!(row.accesskit_node().is_disabled());
 }
