@@ -73,15 +73,7 @@ impl ColourNumbers {
                 let range = column.finite_range();
                 Self {
                     greatest: range.map_or(0.0, |[_, greatest]| narrow(greatest)),
-                    are_whole: match column {
-                        Values::F32(numbers) => {
-                            numbers.iter().all(|x| x.fract() == 0.0 || !x.is_finite())
-                        }
-                        Values::F64(numbers) => {
-                            numbers.iter().all(|x| x.fract() == 0.0 || !x.is_finite())
-                        }
-                        _ => true,
-                    },
+                    are_whole: column.are_whole(),
                     of_type: match column {
                         Values::U8(_) => Some(255.0),
                         Values::U16(_) => Some(65535.0),

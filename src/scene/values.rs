@@ -179,6 +179,15 @@ impl<S: Storage> ValuesIn<S> {
         }
     }
 
+    /// Whether all finite values are whole numbers.
+    pub(crate) fn are_whole(&self) -> bool {
+        match self {
+            Self::F32(v) => v.iter().all(|x| x.fract() == 0.0 || !x.is_finite()),
+            Self::F64(v) => v.iter().all(|x| x.fract() == 0.0 || !x.is_finite()),
+            _ => true,
+        }
+    }
+
     /// Whether any value is infinite.
     pub(crate) fn has_infinite(&self) -> bool {
         match self {
