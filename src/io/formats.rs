@@ -657,12 +657,10 @@ static FORMATS: &[Format] = &[
     Format {
         name: "packed files",
         family: Family::Collections,
-        endings: &[
-            "vtk.gz", "vti.gz", "vtr.gz", "vts.gz", "vtu.gz", "vtp.gz", "tec.gz", "dat.gz",
-            "csv.gz", "ply.gz",
-        ],
+        endings: packed::ENDINGS,
         reads: "files of the other formats that gzip has packed, unpacked in memory: VTK, Tecplot, tables and whatever \
                 begins as what it is",
+        begins: packed::is_under_plain_name,
         resembles: packed::looks_like,
         read: packed::read,
         steps: Some(packed::steps),

@@ -22,6 +22,18 @@ use crate::memory::left;
 /// Bytes that are unpacked between two looks at the memory that is left.
 const STEP: u64 = 1 << 26;
 
+/// The endings of packed files whose formats do not unpack them themselves.
+pub(super) const ENDINGS: &[&str] = &[
+    "vtk.gz", "vti.gz", "vtr.gz", "vts.gz", "vtu.gz", "vtp.gz", "tec.gz", "dat.gz", "csv.gz", "ply.gz",
+];
+
+/// Whether a file is packed though its name lacks `.gz`.
+pub(super) fn is_under_plain_name(probe: &Probe<'_>) -> bool {
+    let ending = extension(probe.input.path);
+    let is_one = |packed: &&str| packed.strip_suffix(".gz") == Some(ending.as_str());
+    ENDINGS.iter().any(|packed| is_one(&packed)) && looks_like(probe)
+}
+
 /// Whether a file is packed and begins, once unpacked, as one of a format that is read.
 pub(super) fn looks_like(probe: &Probe<'_>) -> bool {
     if !probe.head.starts_with(GZIP) {

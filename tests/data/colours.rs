@@ -204,7 +204,7 @@ fn what_is_no_colour_is_a_field_and_what_is_ignored_is_said() {
     );
     assert_eq!(colours(&found)[0], [1.0, 0.0, 0.0]);
     assert!(warnings(&found).contains("other columns of colours"));
-    assert!(warnings(&found).contains("2 particles have an `alpha` below 1"));
+    assert!(warnings(&found).contains("2 particles: have an `alpha` below 1"));
 }
 
 #[test]

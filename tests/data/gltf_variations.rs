@@ -347,7 +347,9 @@ fn what_is_drawn_is_checked() {
         (&splats, "/nodes/0/mesh", json!(4), "one of 1 meshes"),
     ] {
         let mut broken = file.clone();
-        *broken.pointer_mut(pointer).unwrap() = value;
+        let (parent, key) = pointer.rsplit_once('/').unwrap();
+        let parent = broken.pointer_mut(parent).unwrap();
+        parent[key] = value;
         let bin = if std::ptr::eq(file, &mesh) {
             &mesh_bin
         } else {

@@ -417,7 +417,8 @@ fn rows_that_are_left_out_take_nothing_of_others_with_them() {
         .collect();
     assert_eq!(sampled.report.particle_count, kept.len());
     let findings = &sampled.report.findings;
-    let left_out: usize = findings.iter().map(|finding| finding.count).sum();
+    let left_out = findings.iter().filter(|finding| finding.left_out);
+    let left_out: usize = left_out.map(|finding| finding.count).sum();
     assert_eq!(left_out, COUNT - kept.len());
     let Particles::Isotropic { positions, sigmas } = &sampled.volume.particles else {
         panic!("spheres expected")

@@ -326,7 +326,7 @@ fn a_far_origin_changes_nothing() {
 
 #[test]
 fn lattices_stay_lattices_and_values_move() {
-    let lattice = Lattice::uniform([3, 4, 5], DVec3::ONE, DVec3::new(1.0, 2.0, 4.0));
+    let lattice = Lattice::uniform([5, 4, 3], DVec3::ONE, DVec3::new(1.0, 2.0, 4.0));
     let bytes: Vec<u8> = (0..60).collect();
     let address = bytes.as_ptr();
     let sampled = sample(dataset(
@@ -742,14 +742,15 @@ fn an_explicit_unit_distance_wins_over_the_file() {
 
 #[test]
 fn hidden_samples_of_a_lattice_are_transparent_and_counted() {
-    let lattice = Geometry::Lattice(Lattice::uniform([2, 2, 1], DVec3::ZERO, DVec3::ONE));
-    let values = field("v", Association::Nodes, Values::U8(vec![1, 2, 3, 4]));
-    let hidden = Values::U8(vec![0, 2, 1, 0]);
+    let lattice = Geometry::Lattice(Lattice::uniform([3, 2, 1], DVec3::ZERO, DVec3::ONE));
+    let values = field("v", Association::Nodes, Values::U8(vec![1, 2, 3, 4, 5, 6]));
+    // Hidden with the node is its cell, and with that the one other node that has no other cell.
+    let hidden = Values::U8(vec![2, 0, 1, 0, 0, 0]);
     let ghosts = field("vtkGhostType", Association::Nodes, hidden);
     let sampled = sample(dataset(lattice, vec![values, ghosts]));
     let values = sampled.volume.values.unwrap();
-    assert!(values.get(1).is_nan() && values.get(2) == 3.0);
-    assert_eq!(sampled.report.left_out_count(), 1);
+    assert!(values.get(0).is_nan() && values.get(3).is_nan() && values.get(2) == 3.0);
+    assert_eq!(sampled.report.left_out_count(), 2);
 }
 
 #[test]

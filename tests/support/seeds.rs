@@ -53,7 +53,7 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
             seeds.push(("b.vti".into(), super::vti(encoding, attributes, &halves)));
             seeds.extend(vtk_grids(encoding));
         }
-        let series = br#"{"file-series-version":"1.0","files":[{"name":"a.vtk","time":0},{"name":"b.vtk","time":.5}]}"#;
+        let series = br#"{"file-series-version":"1.0","files":[{"name":"a.vtk","time":0},{"name":"b.vtk","time":0.5}]}"#;
         for _ in 0..8 {
             seeds.push(("a.vtk.series".into(), series.to_vec()));
         }
