@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::io::{OpenOptions, Part, ParticleType, StepChoice, TimeStep, format_of};
+use crate::io::{Association, OpenOptions, Part, ParticleType, StepChoice, TimeStep, format_of};
 use crate::{Error, Result};
 use clap::builder::{PathBufValueParser, TypedValueParser};
 
@@ -28,14 +28,21 @@ pub(crate) struct Input {
 }
 
 impl Input {
-    /// `FILE`, `FILE@FIELD` or `FILE@FIELD@FUNCTION`. Where a file is called that with the @ in it, it is meant.
+    /// `FILE`, `FILE@FIELD` or `FILE@FIELD@FUNCTION`, with `FIELD@nodes` or `FIELD@cells` for a field of these. Where a file
+    /// is called that with the @ in it, it is meant.
     pub(crate) fn parse(path: PathBuf) -> Self {
         let text = path
             .to_str()
             .filter(|text| text.contains('@') && !path.exists());
         let parts: Vec<&str> = text.map_or_else(Vec::new, |text| text.split('@').collect());
         let stated = |part: &str| (!part.is_empty()).then(|| part.to_owned());
+        let of = |word: &str| Association::of_name(word).is_some();
         match parts.as_slice() {
+            [file, field, word, function @ ..] if of(word) && function.len() < 2 => Self {
+                field: Some(format!("{field}@{word}")),
+                function: function.first().copied().and_then(stated),
+                ..Self::file(file.into())
+            },
             [file, field] => Self {
                 field: stated(field),
                 ..Self::file(file.into())
@@ -207,6 +214,11 @@ mod tests {
             of("a.vtu", Some("v:x"), Some("f.json"))
         );
         assert_eq!(parse("a.vtu@@plasma"), of("a.vtu", None, Some("plasma")));
+        assert_eq!(parse("a.vtu@p@cells"), of("a.vtu", Some("p@cells"), None));
+        assert_eq!(
+            parse("a.vtu@p@nodes@plasma"),
+            of("a.vtu", Some("p@nodes"), Some("plasma"))
+        );
         assert_eq!(parse("a@b@c@d"), of("a@b@c@d", None, None));
     }
 }

@@ -162,8 +162,13 @@ impl Association {
     /// A selector without the word for nodes or cells behind it (`NAME@cells`), and what the word says.
     pub(crate) fn split(selector: &str) -> Option<(&str, Self)> {
         let (name, word) = selector.rsplit_once('@')?;
+        Some((name, Self::of_name(word)?))
+    }
+
+    /// The one that a word names.
+    pub(crate) fn of_name(word: &str) -> Option<Self> {
         let is = |of: &Self| of.name().eq_ignore_ascii_case(word);
-        Self::BOTH.into_iter().find(is).map(|of| (name, of))
+        Self::BOTH.into_iter().find(is)
     }
 }
 
