@@ -54,6 +54,7 @@ mod obj;
 mod openfoam;
 mod particle_type;
 mod pcd;
+mod periodic;
 mod plain_numbers;
 mod plane_source;
 mod planes;

@@ -30,6 +30,7 @@ use self::pieces::Pieces;
 use super::dataset::{Association, Dataset, Field, FieldSource};
 use super::file::{Input, open_regular};
 use super::particle_type::{ParticleCount, ParticleType};
+use super::periodic::note_reach;
 use super::scalars::{Encoding, ScalarType, Stride, doubles, points, values};
 use super::table::list;
 use super::time_steps::{self, TimeStep};
@@ -125,7 +126,8 @@ pub(crate) fn read(input: Input<'_>, options: &super::OpenOptions) -> Result<Dat
         return pieces::read(input, &pieces, wanted);
     }
     gadget::note_other_files(&file)?;
-    if let Some(dataset) = gadget::read(&file, wanted)? {
+    if let Some(mut dataset) = gadget::read(&file, wanted)? {
+        note_reach(&mut dataset, &gadget::box_size(&file)?);
         return Ok(dataset);
     }
     if file.group("CGNSLibraryVersion")?.is_some() {
