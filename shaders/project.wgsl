@@ -236,7 +236,7 @@ fn splat_footprint(
     if !peak.exists {
         return out;
     }
-    let depth = peak.image.tau * peak.image.enlargement * crowding;
+    let depth = peak.image.tau * peak.image.enlargement * meeting(crowding);
     let r = cutoff_radius(depth, 1.0, view.tolerance, view.cutoff);
     affine_part(&out, peak.screen, peak.image, r);
     out.tau = peak.image.tau;
@@ -378,7 +378,7 @@ fn footprint(
         return out;
     }
     // Of what ends together.
-    let depth = image.tau * image.enlargement * crowding;
+    let depth = image.tau * image.enlargement * meeting(crowding);
     var r = cutoff_radius(depth, 1.0, view.tolerance, view.cutoff);
     let choice = choose_exact(view, filter_kind, screen, image, crowding);
     if choice.exists {
@@ -574,7 +574,7 @@ fn near_footprint(
         // A flat kernel's bound is infinite, and NaN must not shrink anything.
         highest = LARGEST;
     }
-    let r = cutoff_radius(highest * crowding, 1.0, view.tolerance, view.cutoff);
+    let r = cutoff_radius(highest * meeting(crowding), 1.0, view.tolerance, view.cutoff);
     let x_axis = vec3<f32>(1.0, 0.0, 0.0);
     let y_axis = vec3<f32>(0.0, 1.0, 0.0);
     let columns = near_range(kernel, x_axis, kernel.factor.x, view, 0u, r, h);

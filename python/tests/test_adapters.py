@@ -214,6 +214,24 @@ class TestSnapshots:
         # The integral of the field over all: its sum, as cells have unit volume; to the rounding of float32.
         assert np.isclose(column.amplitude_sum, (FIELD + 1).sum(dtype=float), rtol=1e-6)
 
+    def test_particles_of_yt(self):
+        yt = needs("yt")
+        yt.set_log_level(50)
+        random, count = np.random.default_rng(1), 100
+        data = {("io", f"particle_position_{axis}"): random.random(count) for axis in "xyz"}
+        density = random.uniform(50.0, 150.0, count)
+        data |= {("io", "particle_mass"): np.ones(count), ("io", "density"): density}
+        data[("io", "smoothing_length")] = np.full(count, 0.1)
+        particles = yt.load_particles(data, bbox=np.array([[0, 1]] * 3)).all_data()
+        for field in (None, ("io", "density"), "density", ("gas", "density")):
+            thing = es.adapt(particles, field)
+            column = es.Renderer(thing, backend="cpu").column_density(size=(64, 48))
+            # The mass, as that of yt's own projection.
+            assert np.isclose(column.amplitude_sum, count, rtol=1e-5), field
+            assert "support radius" in thing.report.lengths
+        # Lengths are told otherwise where they are.
+        assert "smoothing length" in es.adapt(particles, "density", length="h").report.lengths
+
 
 class TestXarray:
     @pytest.fixture

@@ -264,3 +264,24 @@ def test_matplotlib_maps_have_their_colours():
     assert points[0]["opacity"] == 0 and points[-1]["opacity"] == 1
     with pytest.raises(ValueError, match="opacity"):
         es.TransferFunction.from_matplotlib("magma", [], vmin=0, vmax=1)
+
+
+@pytest.mark.parametrize("package", ["astropy", "unyt"])
+def test_volumes_and_variances_come_into_the_unit_of_positions(package):
+    if package == "astropy":
+        units = pytest.importorskip("astropy.units")
+        kpc, pc, sun = units.kpc, units.pc, units.Msun
+    else:
+        unyt = pytest.importorskip("unyt")
+        kpc, pc, sun = unyt.kpc, unyt.pc, unyt.Msun
+    positions, lengths = POSITIONS * kpc, np.full(200, 0.2) * kpc
+    density, volume = np.full(200, 100.0) * sun / kpc**3, np.full(200, 0.01) * kpc**3
+    for own in (volume, volume.to(pc**3)):
+        thing = es.Volume.from_points(positions, density, volume=own, smoothing_length=lengths)
+        column = es.Renderer(thing, backend="cpu").column_density(size=(32, 32))
+        assert column.amplitude_sum == pytest.approx(200.0, rel=1e-5)
+    variances = np.tile(0.04 * np.eye(3), (200, 1, 1)) * kpc**2
+    pictures = [drawn(es.Volume.from_points(positions, covariance=own)) for own in (variances, variances.to(pc**2))]
+    assert np.allclose(*pictures, atol=1e-5)
+    with pytest.raises(ValueError, match="expected volumes in kpc"):
+        es.Volume.from_points(positions, density, volume=lengths)

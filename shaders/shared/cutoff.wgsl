@@ -13,6 +13,11 @@ fn cutoff_radius(tau: f32, growth: f32, tolerance: f32, by_hand: f32) -> f32 {
     return min(sqrt(max(2.0 * log(ratio), 1.0)), MAX_CUTOFF);
 }
 
+// What a kernel's depth is multiplied by where it ends together with others.
+fn meeting(crowding: f32) -> f32 {
+    return select(crowding, MEETING * crowding, crowding > 1.0);
+}
+
 // The share of a two-dimensional Gaussian within radius `r`: 1 - exp(-r²/2).
 fn cutoff_share(r: f32) -> f32 {
     return -exp_m1(-0.5 * r * r);

@@ -46,13 +46,7 @@ fn with_edge(
 
 // Within how many standard deviations a plane cuts a kernel.
 fn reach_within(tolerance: f32) -> f32 {
-    if tolerance >= 3.9e-3 {
-        return 3.0;
-    }
-    if tolerance >= 7e-4 {
-        return 3.5;
-    }
-    return select(EDGE_REACH, 4.0, tolerance >= 1e-4);
+    return select(EDGE_REACH, 3.5, tolerance >= 1.5e-2);
 }
 
 // Whether rays meet an exact footprint's planes: the low-pass filter's share of its narrower side is no more

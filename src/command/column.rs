@@ -9,7 +9,7 @@ use indicatif::ProgressBar;
 use serde_json::json;
 
 use super::annotations::Overlays;
-use super::column_mean::{ColumnMean, quotient};
+use super::column_mean::{ColumnMean, quotient, shown};
 use super::legend::column_title;
 use super::render::{Arguments, ColumnLook};
 use super::statistics::{Prepared, stats};
@@ -58,10 +58,10 @@ impl Arguments {
                 let sums = Renderer::with_options(mean.weighed, &options)?;
                 let backend = self.backend(&sums, camera);
                 let mut sums = sums.on_backend(backend)?;
-                Some(quotient(
-                    sums.column_density(camera, &settings)?,
-                    renderer.column(),
-                ))
+                let sums = sums.column_density(camera, &settings)?.clone();
+                let on = |renderer: &Renderer| self.backend(renderer, camera);
+                let shown = shown(mean.places, on, camera, &settings)?;
+                Some(quotient(&sums, renderer.column(), &shown))
             }
         };
         let column = own.as_ref().unwrap_or_else(|| renderer.column());

@@ -1,9 +1,13 @@
 //! `ewa-splat render --column-density --column-mean FIELD`: the mean of a field along each ray, weighed by what columns
-//! are of.
+//! are of: masses, where they are known.
 
 use crate::sample::SampleOptions;
-use crate::scene::{PointVolume, Strength, Values};
-use crate::{ColumnImage, Error, Result};
+use crate::scene::{Colour, PointVolume, Strength, Values};
+use crate::view::Camera;
+use crate::{
+    Backend, ColumnImage, ColumnSettings, Error, Image, Renderer, Result, SceneOptions, Settings,
+    Show,
+};
 use indicatif::ProgressBar;
 
 use super::input::DataOptions;
@@ -12,19 +16,24 @@ use super::source::Input;
 /// The option's name, for errors.
 const OPTION: &str = "--column-mean";
 
+/// How far from a kernel's centre there is a mean, standard deviations: beyond, less than a ninetieth of its peak.
+const REACH: f32 = 3.0;
+
 /// What the columns of a mean are divided by others for.
 pub(crate) struct ColumnMean {
     /// What a legend calls the field.
     pub(crate) title: String,
     /// What its sums are of.
     pub(crate) weighed: Vec<PointVolume>,
+    /// Where it may stand: [`shown`].
+    pub(crate) places: Vec<PointVolume>,
 }
 
 /// What columns of the mean are divided from: the volumes whose columns are those of `volumes` times a field, particle
 /// by particle.
 ///
 /// # Errors
-/// A field that is not there, or that some particle has no value of.
+/// A field that is not there, or that some particle has no value of; weights below 0.
 pub(crate) fn weighed(
     data: &DataOptions,
     inputs: &[Input],
@@ -43,6 +52,7 @@ pub(crate) fn weighed(
     Ok(ColumnMean {
         title: titles.next().unwrap_or_else(|| field.to_owned()),
         weighed: weighed.collect::<Result<_>>()?,
+        places: volumes.iter().map(places).collect(),
     })
 }
 
@@ -57,38 +67,116 @@ fn times(volume: &PointVolume, of_field: &PointVolume) -> Result<PointVolume> {
     if field.len() != count {
         return Err(fault(&format!("{count} values"), field.len().to_string()));
     }
-    let mut product = volume.clone();
-    let scaled = |own: f32, i: usize| own * field.get(i);
-    match (&mut product.strength, &volume.values) {
-        (Strength::Classified { .. }, Some(values)) => {
-            let values = (0..count).map(|i| scaled(values.get(i), i));
-            product.values = Some(Values::F32(values.collect()));
-        }
-        (Strength::Mass(masses), _) => {
-            // A mass is positive: the sign of the field has no place in it.
-            if field.finite_range().is_some_and(|[least, _]| least < 0.0) {
-                return Err(fault(
-                    "values from 0 up, beside masses",
-                    "values below 0".into(),
+    if volume.particles.positions() != of_field.particles.positions() {
+        return Err(fault(expected, "values of other particles".into()));
+    }
+    match (&volume.strength, &volume.values) {
+        (Strength::Classified { .. }, Some(weights)) => {
+            if weights.finite_range().is_some_and(|[least, _]| least < 0.0) {
+                return Err(Error::invalid(
+                    OPTION,
+                    "weights",
+                    "values from 0 up",
+                    "values below 0",
+                    "weigh by another field: --field DENSITY",
                 ));
             }
-            for (i, mass) in masses.iter_mut().enumerate() {
-                *mass = scaled(*mass, i);
-            }
+            let products = (0..count).map(|i| weights.get(i) * field.get(i));
+            Ok(PointVolume {
+                values: Some(Values::F32(products.collect())),
+                ..volume.clone()
+            })
         }
-        _ => return Err(fault("a volume or particles", "surfaces or splats".into())),
+        // Values times masses, in the place of values times volumes: a mass has no sign, a field may.
+        (Strength::Mass(masses), _) => Ok(PointVolume {
+            strength: Strength::Classified {
+                volumes: masses.clone(),
+            },
+            colour: of_field.colour.clone(),
+            values: of_field.values.clone(),
+            transfer_function: of_field.transfer_function.clone(),
+            ..volume.clone()
+        }),
+        _ => Err(fault("a volume or particles", "surfaces or splats".into())),
     }
-    Ok(product)
 }
 
-/// One column over another, pixel by pixel; NaN where there is nothing to divide by.
-pub(crate) fn quotient(sums: &ColumnImage, weights: &ColumnImage) -> ColumnImage {
-    let mean = |(sum, weight): (&f32, &f32)| match *weight > 0.0 {
+/// Kernels where those of a volume have weights, each as deep as the others: where a mean may stand.
+fn places(volume: &PointVolume) -> PointVolume {
+    let weight = |i: usize| match (&volume.strength, &volume.values) {
+        (Strength::Mass(masses), _) => masses[i],
+        (_, Some(values)) => values.get(i),
+        (_, None) => 0.0,
+    };
+    let depth = |i: usize| {
+        let (_, factor, _) = volume.particles.shape(i);
+        let columns = [factor.x_axis, factor.y_axis, factor.z_axis];
+        let longest = columns
+            .map(|column| column.length_squared())
+            .into_iter()
+            .fold(0.0, f64::max);
+        match weight(i) > 0.0 {
+            true => narrowed(longest),
+            false => 0.0,
+        }
+    };
+    PointVolume {
+        particles: volume.particles.clone(),
+        strength: Strength::Mass((0..volume.particles.len()).map(depth).collect()),
+        colour: Colour::Uniform([1.0; 3]),
+        values: None,
+        transfer_function: None,
+        boundary: volume.boundary.clone(),
+        normals: None,
+        local_models: None,
+    }
+}
+
+/// As f32, a positive number within its normal ones.
+#[allow(clippy::cast_possible_truncation, reason = "clamped to what f32 holds")]
+fn narrowed(x: f64) -> f32 {
+    x.clamp(f64::from(f32::MIN_POSITIVE), f64::from(f32::MAX)) as f32
+}
+
+/// The picture of how many kernels may have a mean at each pixel, within [`REACH`].
+///
+/// # Errors
+/// Those of any picture.
+pub(crate) fn shown(
+    places: Vec<PointVolume>,
+    on: impl FnOnce(&Renderer) -> Backend,
+    camera: &Camera,
+    columns: &ColumnSettings,
+) -> Result<Image> {
+    let options = SceneOptions {
+        level_of_detail: false,
+        ..SceneOptions::default()
+    };
+    let renderer = Renderer::with_options(places, &options)?;
+    let backend = on(&renderer);
+    let mut renderer = renderer.on_backend(backend)?;
+    let settings = Settings {
+        show: Show::Count,
+        cutoff: Some(REACH),
+        filter: columns.filter,
+        low_pass_variance_px2: columns.low_pass_variance_px2,
+        clip: columns.clip.clone(),
+        ..Settings::default()
+    };
+    Ok(renderer.render(camera, &settings)?.clone())
+}
+
+/// One column over another, pixel by pixel; NaN where no kernel is, or there is nothing to divide by.
+pub(crate) fn quotient(sums: &ColumnImage, weights: &ColumnImage, shown: &Image) -> ColumnImage {
+    let pairs = sums.values.iter().zip(&weights.values);
+    let mean = |((sum, weight), [count, ..]): ((&f32, &f32), &[f32; 4])| match *weight > 0.0
+        && *count > 0.0
+    {
         true => sum / weight,
         false => f32::NAN,
     };
     ColumnImage {
-        values: sums.values.iter().zip(&weights.values).map(mean).collect(),
+        values: pairs.zip(&shown.pixels).map(mean).collect(),
         ..sums.clone()
     }
 }

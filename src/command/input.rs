@@ -467,6 +467,7 @@ impl DataOptions {
             },
             shepard_passes: self.shepard,
             for_columns: false,
+            for_means: false,
             flatten: self.flatten,
             boundary: match self.boundary {
                 None => BoundaryChoice::Automatic,

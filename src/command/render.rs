@@ -174,12 +174,14 @@ pub(super) struct Method {
     reference: Option<ReferenceName>,
     /// Write the line integral of the field along each pixel's ray instead of a picture: no
     /// transfer function, no opacity; exr, pfm and npy hold the values, png their logarithm in
-    /// viridis, or what --transfer-function NAME, --range and --scale say. A low-pass variance below 1 loses mass of kernels smaller than a pixel
+    /// viridis, or what --transfer-function NAME, --range and --scale say. Values are means over pixels, or filtered by
+    /// --low-pass: below 1 that loses mass of kernels smaller than a pixel
     #[arg(long, conflicts_with_all = ["reference", "opacity", "background", "depth", "flatten",
                                       "opacity_scale", "write_transfer_function", "show",
                                       "sub_pixel_opacity"])]
     column_density: bool,
-    /// Beside --column-density: write the mean of this field along each ray, weighed by what the columns are of
+    /// Beside --column-density: write the mean of this field along each ray, weighed by mass where it is known, or by
+    /// what the columns are of
     #[arg(long, value_name = "FIELD")]
     column_mean: Option<String>,
 }
@@ -1057,6 +1059,7 @@ impl Arguments {
     pub(super) fn sample_options(&self, task: Option<Task>) -> SampleOptions {
         SampleOptions {
             for_columns: self.method.column_density,
+            for_means: self.method.column_mean.is_some(),
             normals: self.asks_normals(),
             local_models: self.asks_models(),
             task,

@@ -59,7 +59,10 @@ const CUT: [&str; 2] = [
 ];
 
 /// What kernels become together.
-const COLUMN: &str = include_str!("../../shaders/tile/accumulate/column.wgsl");
+const COLUMN: [&str; 2] = [
+    include_str!("../../shaders/shared/pixel_mean.wgsl"),
+    include_str!("../../shaders/tile/accumulate/column.wgsl"),
+];
 const OPACITY: &str = include_str!("../../shaders/tile/opacity.wgsl");
 const OVER: &str = include_str!("../../shaders/tile/accumulate/over.wgsl");
 const LAYERS: &str = include_str!("../../shaders/tile/accumulate/layers.wgsl");
@@ -95,7 +98,7 @@ fn shader(axes: &Axes, slots: u32) -> Shader {
     match axes.accumulate {
         Accumulate::Column => {
             name += " columns";
-            parts.push(COLUMN);
+            parts.extend(COLUMN);
         }
         Accumulate::Sheets | Accumulate::Slabs | Accumulate::Maximum => {
             let is_classified = axes.classify != Classify::Particle;

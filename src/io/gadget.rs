@@ -34,6 +34,7 @@ use super::dataset::{Association, Dataset, Field, FieldSource};
 use super::file::Input;
 use super::hdf5::gadget::{LENGTH_NOTE, NO_LENGTH_NOTE, TYPES, choose};
 use super::particle_type::{ParticleCount, ParticleType};
+use super::periodic::note_reach;
 use super::scalars::{Encoding, ScalarType, Stride, narrow, points, values};
 use super::smoothing::{LengthMeaning, Smoothing, SphKernel};
 use super::table::{self, list};
@@ -111,6 +112,8 @@ struct Header {
     masses: [f64; TYPE_COUNT],
     cools: bool,
     files: u32,
+    /// The edge of the box; 0 where there is none.
+    box_size: f64,
 }
 
 impl Header {
@@ -119,15 +122,18 @@ impl Header {
         let start = if form.has_names { 20 } else { 4 };
         let header = head.get(start..start + HEADER)?;
         let word = |at: usize| number(header, at, form.big_endian);
+        let double = |at: usize| {
+            let bytes = header.get(at..at + 8)?.try_into().ok()?;
+            Some(match form.big_endian {
+                true => f64::from_be_bytes(bytes),
+                false => f64::from_le_bytes(bytes),
+            })
+        };
         let mut counts = [0; TYPE_COUNT];
         let mut masses = [0.0; TYPE_COUNT];
         for (i, (count, mass)) in counts.iter_mut().zip(&mut masses).enumerate() {
             *count = usize::try_from(word(4 * i)?).ok()?;
-            let bytes = header.get(24 + 8 * i..32 + 8 * i)?.try_into().ok()?;
-            *mass = match form.big_endian {
-                true => f64::from_be_bytes(bytes),
-                false => f64::from_le_bytes(bytes),
-            };
+            *mass = double(24 + 8 * i)?;
         }
         Some(Self {
             form,
@@ -135,6 +141,7 @@ impl Header {
             masses,
             cools: word(120)? != 0,
             files: word(124)?,
+            box_size: double(128)?,
         })
     }
 
@@ -300,6 +307,7 @@ pub(super) fn read(input: Input<'_>, wanted: Option<ParticleType>) -> Result<Dat
     });
     data.particle_types = counts;
     data.notes = notes;
+    note_reach(&mut data, &[own.box_size]);
     Ok(data)
 }
 

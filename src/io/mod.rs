@@ -57,6 +57,7 @@ mod openfoam;
 mod packed;
 mod particle_type;
 mod pcd;
+mod periodic;
 mod plain_numbers;
 mod plane_source;
 mod planes;

@@ -29,6 +29,7 @@ pub use crate::gpu::{AdapterChoice, Gpu, device_descriptor};
 pub use crate::scene::Classification;
 pub use crate::simd::SimdLevel;
 pub use crate::splat::Filter;
+pub use crate::splat::PIXEL_VARIANCE_PX2;
 pub use crate::stats::{FrameCounts, StageTimes};
 pub use backend::{Backend, OpenBackend};
 pub use pick::Picked;

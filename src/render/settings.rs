@@ -3,7 +3,7 @@
 use crate::constants::{COLUMN_CUTOFF, DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE};
 use crate::scene::{Classification, Lighting};
 use crate::simd::SimdLevel;
-use crate::splat::Filter;
+use crate::splat::{Filter, PIXEL_VARIANCE_PX2};
 use crate::task::Task;
 use crate::view::ClipPlane;
 
@@ -270,9 +270,10 @@ pub struct ColumnSettings {
     pub tolerance: f32,
     /// Which footprint draws a kernel.
     pub filter: Filter,
-    /// Variance of the low-pass filter, px². Below about .5 pixels are too coarse to sample it, and
-    /// with none at all a kernel that falls between pixel centres is missed: mass is then
-    /// not conserved.
+    /// Variance of the low-pass filter, px². [`PIXEL_VARIANCE_PX2`], the default, stands for the pixel itself: values are
+    /// the means over pixels, of kernels of any size, by the adaptive filter and the EWA one; others then
+    /// have 1 px². Any other variance is sampled at the pixels' centres. Below about .5 they are too coarse for it, and
+    /// with none at all a kernel that falls between centres is missed: mass is then not conserved.
     pub low_pass_variance_px2: f32,
     /// Cut-off radius in standard deviations.
     pub cutoff: f32,
@@ -289,7 +290,7 @@ impl Default for ColumnSettings {
         Self {
             tolerance: DEFAULT_TOLERANCE,
             filter: Filter::Adaptive,
-            low_pass_variance_px2: DEFAULT_LOW_PASS_VARIANCE_PX2,
+            low_pass_variance_px2: PIXEL_VARIANCE_PX2,
             cutoff: COLUMN_CUTOFF,
             clip: Vec::new(),
             simd: SimdLevel::best(),
@@ -301,10 +302,17 @@ impl Default for ColumnSettings {
 impl ColumnSettings {
     /// What the stages that are shared with a picture read.
     pub(super) fn shared(&self) -> Settings {
+        let own = self.low_pass_variance_px2;
+        // A pixel's variance is given back of kernels that it was added to.
+        let is_added = matches!(self.filter, Filter::Adaptive | Filter::Ewa);
+        let low_pass_variance_px2 = match own == PIXEL_VARIANCE_PX2 && !is_added {
+            true => DEFAULT_LOW_PASS_VARIANCE_PX2,
+            false => own,
+        };
         Settings {
             tolerance: self.tolerance,
             filter: self.filter,
-            low_pass_variance_px2: self.low_pass_variance_px2,
+            low_pass_variance_px2,
             cutoff: Some(self.cutoff),
             clip: self.clip.clone(),
             simd: self.simd,

@@ -166,6 +166,9 @@ pub struct SampleOptions {
     /// Whether column densities are wanted: particles with nothing but positions then show their
     /// number density itself, whose columns count particles, instead of its logarithm.
     pub for_columns: bool,
+    /// Whether columns of particles are to weigh a mean: without a field that is named they are then of masses, of a
+    /// density, or of the particles' number, whichever is known first.
+    pub for_means: bool,
     /// A value of the field whose iso-surface is drawn, opaque, in place of the volume ([`scene`]): of each kernel over
     /// whose extent the field has it the disc in which it does, a surfel. Of lattices, grids, cells and particles
     /// with a field.
@@ -236,6 +239,7 @@ impl Default for SampleOptions {
             shape: ParticleShape::Automatic,
             shepard_passes: 0,
             for_columns: false,
+            for_means: false,
             flatten: None,
             normals: false,
             local_models: true,

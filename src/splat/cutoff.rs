@@ -2,7 +2,7 @@
 //!
 //! Twin: `shaders/shared/cutoff.wgsl`.
 
-use super::budget::{CUTOFF_SHARE, OVERLAP};
+use super::budget::{CUTOFF_SHARE, MEETING, OVERLAP};
 use crate::constants::MAX_CUTOFF;
 use crate::math::lane::{ln, opacity};
 
@@ -18,7 +18,7 @@ use crate::math::lane::{ln, opacity};
 /// tau / epsilon = 4e10 on. That is one kernel; where the edges of many meet in a pixel, what
 /// they leave out adds up: five epsilons were seen among hundreds of kernels, two in one pixel of
 /// a thousand. Of n kernels in one place, n/6 epsilons at most: beyond six of them `tau` comes
-/// multiplied by n/6 ([`Block::crowding`](crate::blocks::Block::crowding)), which leaves one.
+/// multiplied by n/6, which leaves one, and by what may meet them from beside ([`meeting`]).
 #[inline(always)]
 pub fn cutoff_radius(tau: f32, growth: f32, tolerance: f32, by_hand: f32) -> f32 {
     if by_hand > 0.0 {
@@ -29,6 +29,17 @@ pub fn cutoff_radius(tau: f32, growth: f32, tolerance: f32, by_hand: f32) -> f32
         .max(1.0)
         .sqrt()
         .min(MAX_CUTOFF)
+}
+
+/// What a kernel's depth is multiplied by where it ends together with others, of which so many times [`OVERLAP`] lie in one
+/// place ([`Block::crowding`](crate::blocks::Block::crowding)).
+#[inline(always)]
+pub fn meeting(crowding: f32) -> f32 {
+    if crowding > 1.0 {
+        MEETING * crowding
+    } else {
+        crowding
+    }
 }
 
 /// The share of a two-dimensional Gaussian within radius `r`: 1 - exp(-r²/2).

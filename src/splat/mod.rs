@@ -9,6 +9,7 @@
 //! | `near.rs` | kernels that cross the camera plane |
 //! | `peak.rs` | splats of radiance fields, whose opacity is stated |
 //! | `sub_pixel.rs` | the opacity of lone kernels smaller than a pixel |
+//! | `pixel_mean.rs` | means over pixels, for column densities |
 //! | `outline.rs` | where a cut-off ends on the image, for the tiles' lists |
 //! | `surfel.rs` | surfels of opaque surfaces: weights and planes |
 //! | `axes.rs` | what a pass's rasteriser is specialised for |
@@ -30,6 +31,7 @@ mod footprint;
 mod near;
 mod outline;
 mod peak;
+mod pixel_mean;
 mod show;
 mod sub_pixel;
 mod surfel;
@@ -38,7 +40,7 @@ pub use axes::{Accumulate, Axes, Classify, Interval};
 pub use bounds::{affine_error, edge_growth, opacity_amplification};
 pub use choose::choose_exact;
 pub(crate) use choose::suffices as affine_suffices;
-pub use cutoff::{cutoff_radius, cutoff_share};
+pub use cutoff::{cutoff_radius, cutoff_share, meeting};
 pub use edges::Edges;
 pub use exact::{depth_terms, exact_extent, exact_terms};
 pub use filter::Filter;
@@ -48,6 +50,11 @@ pub(crate) use outline::{KernelOutline, Outline, PlaneOutline};
 #[cfg(feature = "gpu")]
 pub(crate) use peak::JACOBIAN_MARGIN;
 pub use peak::{ANTI_ALIASED_LOW_PASS_PX2, SPLAT_LOW_PASS_PX2, peak_footprint};
+#[cfg(feature = "gpu")]
+pub(crate) use pixel_mean::{
+    BAND_NODES, BAND_REACH, CDF_WHOLE, LEAST_MEAN_SIGMA_PX, SAMPLED_FROM_PX2,
+};
+pub use pixel_mean::{Band, PIXEL_VARIANCE_PX2, PixelMean};
 pub use show::{CHOICE_COLOURS, choice_index};
 #[cfg(feature = "gpu")]
 pub(crate) use sub_pixel::{

@@ -79,6 +79,66 @@ fn a_mean_along_a_ray_is_weighed_by_mass() {
 }
 
 #[test]
+fn means_are_weighed_by_masses_and_never_by_signed_fields() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |text: &str| std::fs::write(folder.path().join("p.csv"), text).unwrap();
+    let words = ["--azimuth", "0", "--elevation", "0", "--out", "m.npy"];
+    let middle = |more: &[&str]| {
+        draw(folder.path(), &[more, &words[..]].concat());
+        numbers(&folder.path().join("m.npy"))[16 * 33 + 16]
+    };
+    // Like masses, and a temperature that would outweigh one of them.
+    for header in ["x,y,z,h,m,rho,t,v", "x,y,z,h,m,density,t,v"] {
+        write(&format!("{header}\n0,0,0,1,1,1,1,1\n0,0,0,1,1,1,1e6,-1\n"));
+        let mean = middle(&["--column-mean", "v"]);
+        assert!(mean.abs() < 1e-5, "{header}: {mean}");
+        let mean = middle(&["--field", "t", "--column-mean", "v"]);
+        assert!((mean + 1.0).abs() < 1e-3, "{header}: {mean}");
+    }
+    // Without masses each particle counts once; strengths that are stated weigh as they are.
+    write("x,y,z,h,t,v\n0,0,0,1,1,1\n0,0,0,1,1e6,-1\n");
+    let mean = middle(&["--column-mean", "v"]);
+    assert!(mean.abs() < 1e-5, "{mean}");
+    write("x,y,z,h,mass,v\n0,0,0,1,3,1\n0,0,0,1,1,-1\n");
+    let mean = middle(&["--column-mean", "v"]);
+    assert!((mean - 0.5).abs() < 1e-5, "{mean}");
+    let command = "render p.csv --column-density --field v --column-mean mass --out m.npy";
+    let refused = run(folder.path(), &command.split(' ').collect::<Vec<_>>());
+    let said = text(&refused.stderr);
+    assert_eq!(refused.status.code(), Some(1), "{said}");
+    assert!(
+        said.contains("weights: expected values from 0 up"),
+        "{said}"
+    );
+}
+
+#[test]
+fn means_are_round_about_lone_particles() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(
+        folder.path().join("p.csv"),
+        "x,y,z,h,m,rho,t\n0,0,0,1,1,1,7\n",
+    )
+    .unwrap();
+    let words = ["--column-mean", "t", "--zoom", "0.25", "--out", "m.npy"];
+    draw(folder.path(), &words);
+    let mean = numbers(&folder.path().join("m.npy"));
+    let reach: Vec<f64> = (0..33 * 33)
+        .filter(|i| !mean[*i].is_nan())
+        .map(|i| (i % 33) as f64 - 16.0)
+        .collect();
+    let radius = reach.iter().copied().fold(0.0, f64::max);
+    assert!(radius > 3.0 && radius < 16.0, "{radius}");
+    for (i, mean) in mean.iter().enumerate() {
+        let from = ((i % 33) as f64 - 16.0).hypot((i / 33) as f64 - 16.0);
+        match mean.is_nan() {
+            true => assert!(from > radius - 1.0, "{from} {radius}"),
+            false => assert!(from < radius + 1.0, "{from} {radius}"),
+        }
+    }
+}
+
+#[test]
 fn a_picture_of_columns_takes_a_map_a_range_and_a_scale() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(

@@ -69,6 +69,22 @@ fn has_note(data: &Dataset, words: &str) -> bool {
 }
 
 #[test]
+fn kernels_beyond_the_faces_of_the_box_are_said() {
+    // One of two like particles lies at .01 of a box of 1.
+    let data = read("cases/periodic_one.hdf5");
+    assert!(
+        has_note(
+            &data,
+            "50 % of the mass reach beyond the faces of the box (1 x 1 x 1)"
+        ),
+        "{:?}",
+        data.notes
+    );
+    // No box is stated, or none is reached.
+    assert!(!has_note(&read("gadget_old.h5"), "the box"));
+}
+
+#[test]
 fn gadget_snapshots_in_every_layout() {
     for name in [
         "gadget_old.h5",

@@ -303,6 +303,42 @@ fn real_data_are_within_the_tolerance_of_exact_pictures() {
     hold_files(&real_files());
 }
 
+/// Curvilinear grids of the CFD kind, cut at their faces, fitted and nearer, from three sides.
+#[test]
+fn grids_cut_at_their_faces_are_within_the_tolerance_of_exact_pictures() {
+    const CUT_SIZE: usize = 96;
+    let mut table = Table::default();
+    let files = real_files().into_iter();
+    for file in files.filter(|file| file.path.to_string_lossy().contains("curvilinear")) {
+        let options = SampleOptions {
+            boundary: BoundaryChoice::Sharp,
+            ..SampleOptions::default()
+        };
+        let data = open(&file.path, &OpenOptions::default()).unwrap();
+        let mut renderer = Renderer::new(vec![sample(data, &options).unwrap().volume]).unwrap();
+        let boxes = renderer.visible_boxes();
+        let mut all = Vec::new();
+        for (name, azimuth) in [("at 40", 40.0), ("at 130", 130.0), ("at 220", 220.0)] {
+            let viewpoint = Viewpoint {
+                azimuth_deg: azimuth,
+                elevation_deg: 25.0,
+                zoom: 1.0,
+                up: DVec3::Z,
+            };
+            let camera = viewpoint.camera(&boxes, LENS, [CUT_SIZE; 2]).unwrap();
+            all.push(View { name, camera });
+        }
+        hold(
+            &mut table,
+            &file.name(),
+            &mut renderer,
+            &all,
+            &TOLERANCES[2..],
+        );
+    }
+    table.finish();
+}
+
 /// The opaque checkerboard of Chen et al. 2004 (`lab/examples/paper_2004/checkerboard.rs`), smaller: edges of
 /// full contrast everywhere, a rim against nothing, and from afar tens of layers in a pixel. Not all
 /// of it is within the promise: opaque kernels that overlap act as one of their depth together.
@@ -462,6 +498,22 @@ fn crowds_are_within_the_tolerance_of_exact_pictures() {
     });
     let chain = crowd(500, 1_000.0, &mut random, members);
     volumes.push(("a chain of ten".into(), chain));
+    // Along a curve and over a sheet, where more meet in a pixel than lie in one place.
+    let turns: Vec<f64> = (0..3_000).map(|_| random.log_range(1.0, 540.0)).collect();
+    let on_ring = turns.iter().map(|turn| {
+        let (sin, cos) = (turn.ln()).sin_cos();
+        (DVec3::new(4.0 * SIGMA * cos, 4.0 * SIGMA * sin, 0.3), SIGMA)
+    });
+    let volume = crowd(50, 80.0, &mut random, on_ring);
+    volumes.push(("on a ring".into(), volume));
+    let on_sheet: Vec<_> = (0..4_000)
+        .map(|_| {
+            let at = 4.0 * SIGMA * random.point(1.0);
+            (DVec3::new(at.x, at.y, 0.3), SIGMA)
+        })
+        .collect();
+    let volume = crowd(50, 120.0, &mut random, on_sheet);
+    volumes.push(("over a sheet".into(), volume));
     // Widths of all sizes, in one place and with one side in common.
     let widths: Vec<f64> = (0..2_000).map(|_| random.log_range(0.02, 0.2)).collect();
     let members = widths.iter().map(|&sigma| (centre, sigma));

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._scene import Surfels, Thing, Volume, load
-from ._units import unit_text
+from ._units import in_unit_of, unit_text
 
 #: VTK's numbers for meshio's names of cells.
 _MESHIO_CELLS = {
@@ -427,10 +427,17 @@ def _of_pynbody(data: Any, field: str | None, options: dict[str, Any]) -> Thing:
     keywords: dict[str, Any] = {}
     names = set(gas.loadable_keys()) | set(gas.keys()) | set(gas.all_keys())
     positions = gas["pos"]
+    def in_positions(array: Any, power: int) -> NDArray[Any]:
+        try:
+            return np.asarray(in_unit_of(array, positions, power), np.float64)
+        except ValueError:
+            # Without units, which pynbody has a unit for.
+            return np.asarray(array, np.float64)
+
     if "smooth" in names and "gas" in families:
-        keywords["smoothing_length"] = np.asarray(gas["smooth"])
+        keywords["smoothing_length"] = in_positions(gas["smooth"], 1)
     if "gas" in families and "mass" in names and "rho" in names:
-        keywords["volume"] = np.asarray(gas["mass"], np.float64) / np.asarray(gas["rho"], np.float64)
+        keywords["volume"] = in_positions(gas["mass"] / gas["rho"], 3)
     shown = field if field is not None else ("rho" if "gas" in families and "rho" in names else None)
     if shown is None:
         return Volume.from_points(np.asarray(positions), **keywords, **options)
@@ -442,25 +449,41 @@ def _of_pynbody(data: Any, field: str | None, options: dict[str, Any]) -> Thing:
 
 
 def _is_yt(data: Any) -> bool:
-    return hasattr(data, "ds") and hasattr(data, "field_info" if not hasattr(data, "fcoords") else "fcoords")
+    # Containers of particles raise where they are asked for cells: the data set tells.
+    return hasattr(getattr(data, "ds", None), "derived_field_list")
+
+
+#: yt's names of kernels, and the command line's.
+_YT_KERNELS = {
+    "cubic": "cubic", "quartic": "quartic", "quintic": "quintic", "wendland2": "wendland-c2", "wendland4": "wendland-c4",
+    "wendland6": "wendland-c6",
+}  # fmt: skip
 
 
 def _of_yt(data: Any, field: str | None, options: dict[str, Any]) -> Thing:
-    known = {name[1]: name for name in data.ds.derived_field_list} | {name: name for name in data.ds.derived_field_list}
+    listed = data.ds.derived_field_list
+    known = {name[1]: name for name in listed} | {name[1]: name for name in listed if name[0] == "gas"}
+    known |= {name: name for name in listed}
     shown: Any = field if field is not None else "density"
     wanted = known.get(tuple(shown) if isinstance(shown, list) else shown, shown)
     kind = wanted[0] if isinstance(wanted, tuple) else "gas"
     values = data[wanted]
     name = wanted[1] if isinstance(wanted, tuple) else str(wanted)
-    is_particle = (kind, "particle_position") in data.ds.derived_field_list and len(
-        data[kind, "particle_position"]
-    ) == len(values)
+    is_particle = (kind, "particle_position") in listed and len(data[kind, "particle_position"]) == len(values)
     if is_particle:
         positions = data[kind, "particle_position"].to("code_length")
         keywords: dict[str, Any] = {}
-        if (kind, "smoothing_length") in data.ds.derived_field_list:
-            keywords["smoothing_length"] = data[kind, "smoothing_length"].to("code_length")
-        return Volume.from_points(positions, values, name=name, **keywords, **options)
+        if (kind, "smoothing_length") in listed:
+            keywords["smoothing_length"] = data[kind, "smoothing_length"]
+            # yt's lengths are the radii at which kernels end.
+            options.setdefault("length", "support")
+            kernel = _YT_KERNELS.get(str(getattr(data.ds, "kernel_name", None)))
+            if kernel is not None:
+                options.setdefault("kernel", kernel)
+        mass, density = (kind, "particle_mass"), (kind, "density")
+        if mass in listed and density in listed and len(data[density]) == len(values):
+            keywords["volume"] = data[mass] / data[density]
+        return Volume.from_points(positions, _magnitude(values), name=name, **keywords, **options)
     # Cells of any level of refinement: kernels as wide as their cell.
     positions = np.stack([np.asarray(data["index", axis].to("code_length")) for axis in "xyz"], axis=1)
     widths = np.stack([np.asarray(data["index", f"d{axis}"].to("code_length")) for axis in "xyz"], axis=1)

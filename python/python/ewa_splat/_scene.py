@@ -143,7 +143,8 @@ class Volume(Thing):
             Standard deviations along axes of a kernel's own, and the quaternions w, x, y, z that turn x, y, z to them.
         mass : (n,)
             Masses in any unit; over `volume`, or over the space that each particle has among its neighbours, they
-            are the density.
+            are the density. Beside `color` and no values they are extinction times volume, world units squared, as the
+            column ``mass`` of a table is.
         volume : (n,)
             The space that each particle stands for, world units cubed.
         opacity : (n,) or one number
@@ -208,7 +209,7 @@ class Volume(Thing):
         if smoothing_length is not None:
             add("h", in_unit_of(smoothing_length, positions), "smoothing_length")
         if covariance is not None:
-            for column, data in zip(_VARIANCE, _variances(covariance, count), strict=True):
+            for column, data in zip(_VARIANCE, _variances(in_unit_of(covariance, positions, 2), count), strict=True):
                 add(column, data, "covariance")
         if scales is not None and rotations is not None:
             sizes = _arrays.rows(in_unit_of(scales, positions), "scales", 3, count)
@@ -218,9 +219,13 @@ class Volume(Thing):
             for i in range(4):
                 add(f"rot_{i}", turns[:, i], "rotations")
         if mass is not None:
-            add("m", mass, "mass")
+            # Colours leave nothing for a function to show: these are strengths then, of which `m` says nothing.
+            if color is None:
+                add("m", mass, "mass")
+            else:
+                add("mass", in_unit_of(mass, positions, 2), "mass")
         if volume is not None:
-            add("volume", volume, "volume")
+            add("volume", in_unit_of(volume, positions, 3), "volume")
         if opacity is not None:
             add("opacity", opacity, "opacity")
         if color is not None:

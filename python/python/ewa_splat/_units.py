@@ -39,22 +39,29 @@ def strip_unit(data: object) -> tuple[Any, object | None]:
     return np.asarray(data), unit
 
 
-def in_unit_of(data: object, other: object) -> object:
-    """Lengths in the unit of others, where both have one.
+def in_unit_of(data: object, other: object, power: int = 1) -> object:
+    """Lengths in the unit of others, where both have one; areas and volumes in its powers.
 
     Raises
     ------
     ValueError
         Units that do not go into each other.
     """
-    own, wanted = unit_of(data), unit_of(other)
-    if own is None or wanted is None or isinstance(own, str) or isinstance(wanted, str) or own == wanted:
+    own, length = unit_of(data), unit_of(other)
+    if own is None or length is None or isinstance(own, str) or isinstance(length, str):
         return data
-    convert: Any = getattr(data, "to", None)
+    # pynbody says `in_units`, the others `to`.
+    convert: Any = getattr(data, "to", None) or getattr(data, "in_units", None)
     if convert is None:
         return data
     try:
+        # Of any class of units, none of which is imported here.
+        unit: Any = length
+        wanted = unit if power == 1 else unit**power
+        if own == wanted:
+            return data
         converted: object = convert(wanted)
     except Exception as error:
-        raise ValueError(f"expected lengths in {wanted}, found {own} ({error})") from None
+        kind = {1: "lengths", 2: "areas", 3: "volumes"}[power]
+        raise ValueError(f"expected {kind} in {length}{'' if power == 1 else f'^{power}'}, found {own} ({error})") from None
     return converted

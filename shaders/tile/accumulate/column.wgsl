@@ -56,7 +56,19 @@ fn add(n: u32, footprint: TileFootprint, sample: Sample, ray: TileRay, side: u32
         let end = share_before(footprint, sample, ray, span.far);
         part = max(end - begin, 0.0);
     }
-    sums.x = sums.x + sample.tau * part * footprint.carried.x;
+    var tau = sample.tau;
+    if footprint.path == PATH_AFFINE {
+        let own = pixel_mean_of(
+            view.low_pass_variance_px2,
+            footprint.form_p,
+            footprint.form_r,
+            footprint.peak,
+        );
+        if own.is_mean {
+            tau = mean_at(own, offset_from(footprint.centre_px, ray));
+        }
+    }
+    sums.x = sums.x + tau * part * footprint.carried.x;
 }
 
 fn end_pixel(own: TilePixel, inside: u32, is_end: bool) {

@@ -14,7 +14,8 @@ use crate::record::{
 use crate::splat::{
     Edges, Filter, ImageKernel, Kernel, ScreenFactor, SurfelFootprint, budget::CUTOFF_SHARE,
     choose_exact, cutoff_radius, cutoff_share, depth_terms, edge_growth, exact_extent,
-    half_line_terms, near_surfel, near_terms, peak_footprint, project_kernel, surfel_footprint,
+    half_line_terms, meeting, near_surfel, near_terms, peak_footprint, project_kernel,
+    surfel_footprint,
 };
 
 /// The key of the distance |B + o| = |B| + o.(2B + o)/(|B + o| + |B|): the block's own key, exact,
@@ -86,7 +87,7 @@ pub(super) fn splat_footprint(
     let Some((screen, image)) = peak_footprint(view, kernel, is_anti_aliased) else {
         return out;
     };
-    let depth = image.tau * image.enlargement * crowding;
+    let depth = image.tau * image.enlargement * meeting(crowding);
     let r = cutoff_radius(depth, 1.0, view.tolerance, view.cutoff);
     affine_part(&mut out, &screen, &image, r);
     out.tau = image.tau;
@@ -224,7 +225,7 @@ pub(super) fn footprint(
         return out;
     }
     // Of what ends together.
-    let depth = image.tau * image.enlargement * crowding;
+    let depth = image.tau * image.enlargement * meeting(crowding);
     let mut r = cutoff_radius(depth, 1.0, view.tolerance, view.cutoff);
     let mut terms = choose_exact(view, filter, &screen, &image, crowding);
     if let Some(terms) = &terms {
@@ -394,7 +395,12 @@ fn near_footprint(
         // A flat kernel's bound is infinite, and NaN must not shrink anything.
         highest = f32::MAX;
     }
-    let r = cutoff_radius(highest * crowding, 1.0, view.tolerance, view.cutoff);
+    let r = cutoff_radius(
+        highest * meeting(crowding),
+        1.0,
+        view.tolerance,
+        view.cutoff,
+    );
     let columns = near_range(kernel, Vec3::X, kernel.factor.x, view, 0, r, h);
     let rows = near_range(kernel, Vec3::Y, kernel.factor.y, view, 1, r, h);
     if let (Some(columns), Some(rows)) = (columns, rows) {

@@ -13,7 +13,7 @@ use crate::math::Factor;
 use crate::record::{Carried, ExactTerms, Footprint, PATH_AFFINE, PATH_EXACT, ViewUniform};
 use crate::splat::{
     Filter, ImageKernel, Kernel, ScreenFactor, affine_suffices, cutoff_radius, cutoff_share,
-    depth_terms, edge_growth, exact_extent, exact_terms, project_kernel,
+    depth_terms, edge_growth, exact_extent, exact_terms, meeting, project_kernel,
 };
 
 /// How many kernels are taken at once: as many as the widest vectors hold.
@@ -155,7 +155,7 @@ impl Batch {
             let image = screen.filtered(filter, h2);
             self.screens.set(lane, of_screen(screen));
             self.images.set(lane, of_image(image));
-            let depth = image.tau * image.enlargement * crowding;
+            let depth = image.tau * image.enlargement * meeting(crowding);
             self.radius[lane] = cutoff_radius(depth, 1.0, view.tolerance, view.cutoff);
             self.tau[lane] = image.tau;
             self.is_exact[lane] = false;
@@ -176,7 +176,7 @@ impl Batch {
                 let terms = terms_of(self.terms.get(lane));
                 let r = self.radius[lane];
                 let growth = edge_growth(view, &screen, &image, &terms, 1.1 * r);
-                let depth = image.tau * image.enlargement * crowding;
+                let depth = image.tau * image.enlargement * meeting(crowding);
                 let wider = cutoff_radius(depth, growth, view.tolerance, view.cutoff);
                 let is_exact = self.is_exact[lane];
                 self.radius[lane] = if is_exact { r.max(wider) } else { r };

@@ -51,6 +51,13 @@ pub(in crate::io) const LENGTH_NOTE: &str = "Smoothing lengths are taken as the 
 pub(in crate::io) const NO_LENGTH_NOTE: &str =
     "No smoothing lengths: sizes come from mass over density, or from the distances.";
 
+/// The edges of the box, as the header states them: one of a cube; none where it states none.
+pub(super) fn box_size(file: &SnapshotFile<'_>) -> Result<Vec<f64>> {
+    let header = file.group("Header")?;
+    let size = header.and_then(|header| file.attribute(&header, "BoxSize"));
+    Ok(size.unwrap_or_default())
+}
+
 /// The types that a file has groups of, by their numbers.
 pub(super) fn present(file: &SnapshotFile<'_>) -> Result<Vec<(usize, Group, ParticleCount)>> {
     let mut present = Vec::new();

@@ -30,6 +30,7 @@ use self::pieces::Pieces;
 use super::dataset::{Association, Dataset, Field, FieldSource};
 use super::file::{Input, open_regular};
 use super::particle_type::{ParticleCount, ParticleType};
+use super::periodic::note_reach;
 use super::refused;
 use super::scalars::{Encoding, ScalarType, Stride, doubles, points, values};
 use super::table::list;
@@ -126,7 +127,8 @@ pub(crate) fn read(input: Input<'_>, options: &super::OpenOptions) -> Result<Dat
         return pieces::read(input, &pieces, wanted);
     }
     gadget::note_other_files(&file)?;
-    if let Some(dataset) = gadget::read(&file, wanted)? {
+    if let Some(mut dataset) = gadget::read(&file, wanted)? {
+        note_reach(&mut dataset, &gadget::box_size(&file)?);
         return Ok(dataset);
     }
     Err(refused::hdf5(path, &file.members()?))

@@ -13,6 +13,7 @@ use super::super::Association;
 use super::super::dataset::{Dataset, Field, Geometry};
 use super::super::file::Input;
 use super::super::particle_type::{ParticleCount, ParticleType};
+use super::super::periodic::note_reach;
 use super::super::table::list;
 use super::super::vtk_array::Array;
 use super::super::vtk_meshes::append_arrays;
@@ -139,6 +140,7 @@ pub(super) fn read(
         data: None,
         arrays: Vec::new(),
         units: HashMap::new(),
+        box_size: Vec::new(),
     };
     for i in 0..pieces.count {
         input.with_beside(&pieces.path(i), |piece| {
@@ -217,6 +219,8 @@ struct All<'a> {
     arrays: Vec<Vec<Array>>,
     /// Of fields that state them.
     units: HashMap<String, String>,
+    /// The edges of the box.
+    box_size: Vec<f64>,
 }
 
 impl All<'_> {
@@ -258,7 +262,10 @@ impl All<'_> {
                 .collect(),
         );
         match &mut self.data {
-            None => self.data = Some(data),
+            None => {
+                self.box_size = gadget::box_size(file)?;
+                self.data = Some(data);
+            }
             Some(all) => {
                 if let (Geometry::Points { positions: all }, Geometry::Points { mut positions }) =
                     (&mut all.geometry, data.geometry)
@@ -283,6 +290,7 @@ impl All<'_> {
         }
         data.path = self.path.to_path_buf();
         data.particle_types = self.counts;
+        note_reach(&mut data, &self.box_size);
         Ok(data)
     }
 }

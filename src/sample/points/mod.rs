@@ -195,6 +195,10 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
     // The field: the one named; else, where masses are classified, a default one.
     let wanted = match &options.field {
         Some(name) => Some(name.clone()),
+        None if is_classified && options.for_means => match columns.get(columns.names().1)? {
+            Some(_) => None,
+            None => columns.default_field(false, preferred),
+        },
         None if is_classified => columns.default_field(!shapes.bare, preferred).or_else(|| {
             let of_scan = columns.varying(&INTENSITIES);
             of_scan.filter(|_| shapes.bare && !options.for_columns)

@@ -19,7 +19,7 @@ use rayon::prelude::*;
 
 use crate::constants::{COLUMN_TILE_SIZE, TILE_SIZE};
 use crate::cpu::bin::{Bins, bin_into};
-use crate::cpu::tile::evaluate::affine::RowForm;
+use crate::cpu::tile::evaluate::affine::{RowForm, is_aligned};
 use crate::cpu::tile::evaluate::exact::{ExactAt, RowOfExact};
 use crate::cpu::tile::evaluate::{Evaluate, depth_reach};
 use crate::cpu::tile::interval::cut::{Cut, Side, Spans};
@@ -28,11 +28,12 @@ use crate::cpu::tile::interval::{between, shares_at, whole};
 use crate::cpu::tile::pixels::{Patch, TilePlace, prefetch, ray};
 use crate::math::lane::{exp_minus_half, madd};
 use crate::record::{
-    ExactTerms, Footprint, FootprintTerms, NearTerms, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR,
-    ViewUniform,
+    ExactTerms, Footprint, FootprintTerms, NearTerms, PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE,
+    PATH_NEAR, ViewUniform,
 };
 use crate::simd::SimdLevel;
 use crate::simd::{SimdWork, run_at};
+use crate::splat::{Band, PixelMean};
 use crate::task::{Stage, Task};
 
 const SIZE: usize = COLUMN_TILE_SIZE;
@@ -352,9 +353,11 @@ impl<'a> ColumnTile<'a> {
             (PATH_NEAR | PATH_HALF_LINE, _) => self.add_parts::<FMA>(fine, footprint, None, &patch),
             (PATH_EXACT, Some(terms)) => self.add_form::<FMA, true>(fine, footprint, terms, &patch),
             _ => {
-                let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
-                if (px == 0.0 || rx == 0.0) && (py == 0.0 || ry == 0.0) {
-                    self.add_separable::<FMA>(fine, footprint, &patch)
+                let mean = PixelMean::of(self.input.view, footprint);
+                if is_aligned(footprint) {
+                    self.add_separable::<FMA>(fine, footprint, mean, &patch)
+                } else if let Some(mean) = mean {
+                    self.add_mean::<FMA>(fine, footprint, &mean, &patch)
                 } else {
                     let none = ExactTerms::default();
                     self.add_form::<FMA, false>(fine, footprint, &none, &patch)
@@ -370,11 +373,13 @@ impl<'a> ColumnTile<'a> {
         &self,
         fine: &mut FineSums,
         footprint: &Footprint,
+        mean: Option<PixelMean>,
         patch: &Patch,
     ) -> u32 {
         let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
         // One of each pair is zero.
         let inverse_sigma = [px + rx, py + ry];
+        let sign = footprint.carried.sign();
         let profile = |axis: usize, [first, end]: [usize; 2], peak: f32, out: &mut [f32; SIZE]| {
             let (centre, scale) = (footprint.centre_px[axis], inverse_sigma[axis]);
             for chunk in first / CHUNK..end.div_ceil(CHUNK) {
@@ -397,9 +402,27 @@ impl<'a> ColumnTile<'a> {
             }
         };
         let (mut row, mut column) = ([0.0; SIZE], [0.0; SIZE]);
-        profile(0, patch.columns, 1.0, &mut row);
-        let amplitude = footprint.tau * footprint.carried.sign();
-        profile(1, patch.rows, amplitude, &mut column);
+        if let Some(mean) = mean {
+            let centre = footprint.centre_px;
+            let offset = |axis: usize, i: usize| self.place.px(axis, i) - centre[axis];
+            let (along, bands, across, others, axis) = match mean.has_rows {
+                true => (patch.rows, &mut column, patch.columns, &mut row, 1),
+                false => (patch.columns, &mut row, patch.rows, &mut column, 0),
+            };
+            let mut last = Band::default();
+            for i in along[0]..along[1] {
+                last = mean.band::<FMA>(offset(axis, i));
+                bands[i] = sign * last.mass;
+            }
+            // Alike in all bands: the axes of the kernel are the image's.
+            let one = Band { mass: 1.0, ..last };
+            for i in across[0]..across[1] {
+                others[i] = one.at::<FMA>(offset(1 - axis, i));
+            }
+        } else {
+            profile(0, patch.columns, 1.0, &mut row);
+            profile(1, patch.rows, footprint.tau * sign, &mut column);
+        }
         let column = &column[patch.rows[0]..patch.rows[1]];
         // A single chunk takes another, of zeros, along: by itself it would be turned into gathers
         // and scatters over sixteen rows, in three times the time.
@@ -414,6 +437,67 @@ impl<'a> ColumnTile<'a> {
         }
         let [width, height] = [patch.columns, patch.rows].map(|[first, end]| (end - first) as u32);
         width * height
+    }
+
+    /// Any affine footprint of which pixels have means: bands first, then the pixels of each, within the ellipse.
+    #[inline(always)]
+    fn add_mean<const FMA: bool>(
+        &self,
+        fine: &mut FineSums,
+        footprint: &Footprint,
+        mean: &PixelMean,
+        patch: &Patch,
+    ) -> u32 {
+        // Copies, which stores to the sums cannot change.
+        let (footprint, mean) = (&{ *footprint }, &{ *mean });
+        let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
+        let cutoff = footprint.cutoff_squared;
+        let sign = footprint.carried.sign();
+        let [cx, cy] = footprint.centre_px;
+        let a = px * px + rx * rx;
+        let (tilt, least) = (-(px * py + rx * ry) / a, (px * ry - py * rx).powi(2) / a);
+        // Three columns rather than a column of three: the loops below read them as vectors.
+        let mut columns = ([0.0; SIZE], [0.0; SIZE], [0.0; SIZE]);
+        if !mean.has_rows {
+            for i in patch.columns[0]..patch.columns[1] {
+                let band = mean.band::<FMA>(self.place.px(0, i) - cx);
+                (columns.0[i], columns.1[i], columns.2[i]) = (band.mass, band.mean, band.per_sigma);
+            }
+        }
+        let mut count = 0;
+        for y in patch.rows[0]..patch.rows[1] {
+            let dy = self.place.px(1, y) - cy;
+            // A pixel more on either side: rounding is left to the test of each pixel.
+            let middle = cx + tilt * dy - self.place.px(0, 0);
+            let half = ((cutoff - least * dy * dy).max(0.0) / a).sqrt() + 1.0;
+            let first = patch.columns[0].max((middle - half).max(0.0) as usize);
+            let end = patch.columns[1].min((middle + half + 1.0).max(0.0) as usize);
+            let form = RowForm::new(footprint, dy);
+            let row = &mut fine.0[y * SIZE..(y + 1) * SIZE];
+            let band = match mean.has_rows {
+                true => mean.band::<FMA>(dy),
+                false => Band::default(),
+            };
+            for x in first..end {
+                let dx = self.place.px(0, x) - cx;
+                let value = match mean.has_rows {
+                    true => band.at::<FMA>(dx),
+                    false => {
+                        let band = Band {
+                            mass: columns.0[x],
+                            mean: columns.1[x],
+                            per_sigma: columns.2[x],
+                        };
+                        band.at::<FMA>(dy)
+                    }
+                };
+                // NaN compares false: outside.
+                let is_inside = form.q::<FMA>(dx) <= cutoff;
+                row[x] += if is_inside { sign * value } else { 0.0 };
+                count += u32::from(is_inside);
+            }
+        }
+        count
     }
 
     /// Any footprint: a quadratic form and an exponential per pixel, row by row between the ends
@@ -509,6 +593,10 @@ impl<'a> ColumnTile<'a> {
         let parts = |[first, end]: [usize; 2]| first / TILE_SIZE..end.div_ceil(TILE_SIZE);
         let is_exact = footprint.path == PATH_EXACT;
         let sign = footprint.carried.sign();
+        let mean = match footprint.path {
+            PATH_AFFINE => PixelMean::of(self.input.view, footprint),
+            _ => None,
+        };
         let mut count = 0;
         for part_y in parts(patch.rows) {
             for part_x in parts(patch.columns) {
@@ -533,6 +621,15 @@ impl<'a> ColumnTile<'a> {
                     count += row.count;
                     if row.count == 0 {
                         continue;
+                    }
+                    if let Some(mean) = &mean {
+                        let from =
+                            |axis: usize, i: usize| place.px(axis, i) - footprint.centre_px[axis];
+                        for (x, tau) in row.tau.iter_mut().enumerate() {
+                            if row.inside[x] != 0 {
+                                *tau = mean.at::<FMA>([from(0, x), from(1, y)]);
+                            }
+                        }
                     }
                     row.domain = domain_of::<FMA>(&evaluate, &row);
                     let mut taus = whole(&row);

@@ -1,0 +1,193 @@
+//! Means of footprints over pixels, where columns are summed: the exact ones of kernels whose axes are the image's.
+//!
+//! Footprints are widened by the variance of a pixel, 1/12 px². From two pixels of deviation up that is the mean over the
+//! pixel, within 1.3e-4 of the kernel's peak. Narrower ones give that variance back here, and the integral over the pixel
+//! is taken in bands, the pixels' rows or columns, whichever the longer axis crosses: a band has the kernel's exact mass,
+//! which across the band is spread as a Gaussian with the mean and the variance of what lies in it. Sums over pixels
+//! telescope, so that mass is conserved for every size, down to points.
+//!
+//! Twin: `shaders/shared/pixel_mean.wgsl`.
+
+use crate::constants::FRAC_1_SQRT_2PI;
+use crate::math::lane::{cdf_near, exp_minus_half, madd};
+use crate::record::{Footprint, ViewUniform};
+
+/// Variance of a pixel along either axis \[px²\]. As the low-pass variance of a column density it stands for the pixel
+/// itself: its values are means over pixels.
+pub const PIXEL_VARIANCE_PX2: f32 = 1.0 / 12.0;
+
+/// Widened footprints of this variance and more are sampled at the pixels' centres \[px²\].
+pub(crate) const SAMPLED_FROM_PX2: f32 = 4.0 + PIXEL_VARIANCE_PX2;
+
+/// The least deviation \[px\]: below it f32 does not tell what is left without the pixel.
+pub(crate) const LEAST_MEAN_SIGMA_PX: f32 = 1.0 / 64.0;
+
+/// 1 / (2 Phi(5) - 1): what `cdf_near` leaves out on both sides.
+pub(crate) const CDF_WHOLE: f32 = 1.000_000_6;
+
+/// How far along a band's axis its mean and its variance look, standard deviations.
+pub(crate) const BAND_REACH: f32 = 4.5;
+
+/// Gauss and Legendre's places on half of -1 to 1, and their weights.
+pub(crate) const BAND_NODES: [[f32; 2]; 4] = [
+    [0.183_434_64, 0.362_683_78],
+    [0.525_532_4, 0.313_706_65],
+    [0.796_666_5, 0.222_381_03],
+    [0.960_289_9, 0.101_228_535],
+];
+
+/// A footprint that is narrower than [`SAMPLED_FROM_PX2`] along one axis at least.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PixelMean {
+    /// Whether bands are rows, and not columns.
+    pub(crate) has_rows: bool,
+    /// Whether the masses of bands are sampled at their middles.
+    is_sampled: bool,
+    /// What all bands have together; of sampled ones the mass of that through the centre \[px\].
+    mass: f32,
+    /// The deviation along the axis that crosses bands, px.
+    sigma: f32,
+    per_sigma: f32,
+    /// Change of the mean across a band per pixel along that axis.
+    slope: f32,
+    /// Variance across a band where it crosses a place, px²; one over its root.
+    variance: f32,
+    per_across: f32,
+}
+
+/// What lies in a row or a column of pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Band {
+    /// px².
+    pub(crate) mass: f32,
+    /// The middle across the band, from the footprint's centre, px.
+    pub(crate) mean: f32,
+    /// One over the deviation across, 1/px.
+    pub(crate) per_sigma: f32,
+}
+
+impl PixelMean {
+    /// `None` where footprints are sampled at centres.
+    #[inline(always)]
+    pub fn of(view: &ViewUniform, footprint: &Footprint) -> Option<Self> {
+        if view.low_pass_variance_px2 != PIXEL_VARIANCE_PX2 {
+            return None;
+        }
+        // The inverse of the widened variance.
+        let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
+        let (xx, xy, yy) = (px * px + rx * rx, px * py + rx * ry, py * py + ry * ry);
+        let (half, turn) = (0.5 * (xx + yy), 0.5 * (xx - yy));
+        let sharpest = half + (turn * turn + xy * xy).sqrt();
+        if !(sharpest * SAMPLED_FROM_PX2 > 1.0) {
+            return None;
+        }
+        let per_determinant = px * ry - py * rx;
+        let determinant = 1.0 / (per_determinant * per_determinant);
+        let mass = footprint.tau * std::f32::consts::TAU / per_determinant.abs();
+        // The longer axis of the image has the sharper entry: one over it is the variance across, at one place along.
+        let has_rows = xx >= yy;
+        let sharp = if has_rows { xx } else { yy };
+        let wide = sharp * determinant;
+        let covariance = -xy * determinant;
+        if !(wide.is_finite() && mass.is_finite()) {
+            return None;
+        }
+        let least = LEAST_MEAN_SIGMA_PX * LEAST_MEAN_SIGMA_PX;
+        let is_sampled = wide >= SAMPLED_FROM_PX2;
+        let own = (wide - PIXEL_VARIANCE_PX2).max(least);
+        let widened_slope = covariance / wide;
+        let (slope, spread) = if is_sampled {
+            (widened_slope, wide)
+        } else {
+            (covariance / own, own)
+        };
+        let taken = if is_sampled {
+            PIXEL_VARIANCE_PX2
+        } else {
+            PIXEL_VARIANCE_PX2 * (1.0 + slope * widened_slope)
+        };
+        let variance = (1.0 / sharp - taken).max(least);
+        let per_sigma = 1.0 / spread.sqrt();
+        let whole = if is_sampled {
+            CDF_WHOLE * FRAC_1_SQRT_2PI * per_sigma
+        } else {
+            CDF_WHOLE * CDF_WHOLE
+        };
+        Some(Self {
+            has_rows,
+            is_sampled,
+            mass: mass * whole,
+            sigma: spread.sqrt(),
+            per_sigma,
+            slope,
+            variance,
+            per_across: 1.0 / variance.sqrt(),
+        })
+    }
+
+    /// The band whose middle lies `d` px from the centre.
+    #[inline(always)]
+    pub(crate) fn band<const FMA: bool>(&self, d: f32) -> Band {
+        if self.is_sampled {
+            let t = d * self.per_sigma;
+            return Band {
+                mass: self.mass * exp_minus_half::<FMA>((t * t).min(49.0)),
+                mean: self.slope * d,
+                per_sigma: self.per_across,
+            };
+        }
+        let (begin, end) = ((d - 0.5) * self.per_sigma, (d + 0.5) * self.per_sigma);
+        let mass = self.mass * (cdf_near::<FMA>(end) - cdf_near::<FMA>(begin));
+        let (begin, end) = (begin.max(-BAND_REACH), end.min(BAND_REACH));
+        if self.slope == 0.0 || !(begin < end) {
+            return Band {
+                mass,
+                mean: 0.0,
+                per_sigma: self.per_across,
+            };
+        }
+        let (middle, half) = (0.5 * (begin + end), 0.5 * (end - begin));
+        // The place of the band where there is most.
+        let top = begin.max(end.min(0.0));
+        let (mut sum, mut first, mut second) = (0.0, 0.0, 0.0);
+        for [node, weight] in BAND_NODES {
+            let u = node * half;
+            let (before, behind) = (middle - u, middle + u);
+            let least = top * top;
+            let low = weight * exp_minus_half::<FMA>((before * before - least).max(0.0));
+            let high = weight * exp_minus_half::<FMA>((behind * behind - least).max(0.0));
+            sum += low + high;
+            first = madd::<FMA>(u, high - low, first);
+            second = madd::<FMA>(u * u, high + low, second);
+        }
+        let mean = first / sum;
+        let spread = (second / sum - mean * mean).max(0.0);
+        let scale = self.slope * self.sigma;
+        let variance = madd::<FMA>(scale * scale, spread, self.variance);
+        Band {
+            mass,
+            mean: scale * (middle + mean),
+            per_sigma: 1.0 / variance.sqrt(),
+        }
+    }
+
+    /// The mean over the pixel whose centre lies `d` from the footprint's, px.
+    #[inline(always)]
+    pub(crate) fn at<const FMA: bool>(&self, d: [f32; 2]) -> f32 {
+        let (along, across) = match self.has_rows {
+            true => (d[1], d[0]),
+            false => (d[0], d[1]),
+        };
+        self.band::<FMA>(along).at::<FMA>(across)
+    }
+}
+
+impl Band {
+    /// The mean over the pixel whose centre lies `d` px across from the footprint's.
+    #[inline(always)]
+    pub(crate) fn at<const FMA: bool>(&self, d: f32) -> f32 {
+        let begin = ((d - 0.5) - self.mean) * self.per_sigma;
+        let end = ((d + 0.5) - self.mean) * self.per_sigma;
+        self.mass * (cdf_near::<FMA>(end) - cdf_near::<FMA>(begin))
+    }
+}
