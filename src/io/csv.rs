@@ -247,6 +247,7 @@ fn bad_cell(path: &Path, line: u64, column: &str, cell: &str) -> Error {
 mod tests {
     use super::super::dataset::Geometry;
     use super::*;
+    use crate::scene::Values;
 
     fn parse_text(text: &str) -> Result<Dataset> {
         parse(Path::new("t.csv"), text.as_bytes())

@@ -394,8 +394,8 @@ mod tests {
         for range in [
             [3.0, 3.0],
             [4.0, 3.0],
-            [f32::NAN, 3.0],
-            [0.0, f32::INFINITY],
+            [f64::NAN, 3.0],
+            [0.0, f64::INFINITY],
         ] {
             assert!(of(range).is_err());
         }
