@@ -818,7 +818,11 @@ impl Own {
             volume_count: volumes.len(),
             is_classified: volumes.iter().any(|v| v.transfer_function.is_some()),
             has_opacity: has_opacity(volumes),
-            lines: report.warnings().into_iter().chain(uniform(report, input)).collect(),
+            lines: report
+                .warnings()
+                .into_iter()
+                .chain(uniform(report, input))
+                .collect(),
             is_nothing: self.nothing.is_some(),
         }
     }

@@ -222,9 +222,9 @@ impl Field {
         let is_channel = |values: &Values| match values {
             Values::U8(_) | Values::U16(_) => true,
             Values::I16(_) => values.finite_range().is_some_and(|[lo, _]| lo >= 0.0),
-            Values::F32(_) | Values::F64(_) => values
-                .finite_range()
-                .is_some_and(|[lo, hi]| lo >= 0.0 && (hi <= 1.0 || (hi <= 255.0 && values.are_whole()))),
+            Values::F32(_) | Values::F64(_) => values.finite_range().is_some_and(|[lo, hi]| {
+                lo >= 0.0 && (hi <= 1.0 || (hi <= 255.0 && values.are_whole()))
+            }),
         };
         self.is_named_colour()
             && matches!(components.len(), 3 | 4)

@@ -24,7 +24,8 @@ const STEP: u64 = 1 << 26;
 
 /// The endings of packed files whose formats do not unpack them themselves.
 pub(super) const ENDINGS: &[&str] = &[
-    "vtk.gz", "vti.gz", "vtr.gz", "vts.gz", "vtu.gz", "vtp.gz", "tec.gz", "dat.gz", "csv.gz", "ply.gz",
+    "vtk.gz", "vti.gz", "vtr.gz", "vts.gz", "vtu.gz", "vtp.gz", "tec.gz", "dat.gz", "csv.gz",
+    "ply.gz",
 ];
 
 /// Whether a file is packed though its name lacks `.gz`.

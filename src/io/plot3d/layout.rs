@@ -42,8 +42,6 @@ pub(super) struct Kind {
 impl Kind {
     pub(super) const GRID: Self = Self::of(Content::Grid, 3);
     pub(super) const FLAT_GRID: Self = Self::of(Content::Grid, 2);
-    #[cfg(test)]
-    pub(super) const SOLUTION: Self = Self::of(Content::Solution, 3);
 
     pub(super) const fn of(content: Content, axes: usize) -> Self {
         Self { content, axes }
