@@ -14,6 +14,7 @@
 use glam::DVec3;
 
 use super::dataset::{Dataset, Geometry};
+use crate::math::Core;
 use crate::view::Viewpoint;
 
 /// A layer's thickness over the lesser of its other two extents, below which it is flat.
@@ -122,7 +123,10 @@ impl Dataset {
                 is_of_mesh,
             };
         }
-        let beside = bounds.filter(|_| is_of_splats);
+        let beside = match &self.geometry {
+            Geometry::Splats(cloud) => bounds_of_most(&cloud.positions),
+            _ => None,
+        };
         Up {
             direction,
             reason,
@@ -190,6 +194,26 @@ fn plane(is_thin: [bool; 3]) -> Option<(DVec3, DVec3)> {
         [true, false, false] => Some((DVec3::Z, DVec3::NEG_X)),
         _ => None,
     }
+}
+
+/// Positions among which the box of most splats is looked for.
+const SPLATS: usize = 1 << 16;
+
+/// The least and the greatest coordinates of positions without strays; `None` if none is finite.
+fn bounds_of_most(positions: &[DVec3]) -> Option<(DVec3, DVec3)> {
+    let some = positions
+        .iter()
+        .step_by(positions.len().div_ceil(SPLATS).max(1));
+    let finite = some.filter(|p| p.is_finite());
+    let points: Vec<(DVec3, f64)> = finite.map(|p| (*p, 1.0)).collect();
+    let core = Core::of(&points);
+    let kept = points
+        .iter()
+        .map(|(p, _)| *p)
+        .filter(|p| core.is_none_or(|core| core.holds(*p)));
+    let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    let (low, high) = kept.fold(none, |(low, high), p| (low.min(p), high.max(p)));
+    low.is_finite().then_some((low, high))
 }
 
 /// From the origin to the middle of a box that lies beside it, by more than the box's own size along some axis.
