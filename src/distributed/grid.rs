@@ -7,7 +7,8 @@ use super::pieces::{dealt, head_of, seen_by_all};
 use super::ranks::Ranks;
 use super::share::Share;
 use super::shown::{
-    PartRead, differences_of_all, found_by_all, greatest_of_all, models_of_all, show,
+    PartRead, differences_of_all, found_by_all, greatest_of_all, models_of_all, outline_of_all,
+    show,
 };
 use crate::blocks::Peers;
 use crate::error::Result;
@@ -94,6 +95,7 @@ pub(crate) fn read_grid(
         return Ok(None);
     }
     here.periodic = [i, j, k];
+    let outline = outline_of_all(&here.nodes, ranks)?;
     here.differences = differences_of_all(&here.values, ranks)?;
     let mut volume_sum = ExactSum::default();
     let sampled = here.sampled(options, &mut volume_sum, &mut OtherRanks(ranks));
@@ -124,13 +126,12 @@ pub(crate) fn read_grid(
     let of_ghosts = count + ghosts_before..count + ghosts_before + ghosts;
     let numbers = (before..before + own).chain(of_ghosts);
     found.report.particle_count += all_ghosts.first().map_or(0, |&n| n as usize);
-    let nodes = found.corners.into_iter().flat_map(|(a, b)| [a, b]);
-    let corners = CurvilinearBlock {
-        dims: [2, 1, 1],
-        nodes: nodes.collect(),
+    let outline = CurvilinearBlock {
+        dims: [outline.len(), 1, 1],
+        nodes: outline,
     };
     let geometry = Geometry::Curvilinear {
-        blocks: vec![corners],
+        blocks: vec![outline],
     };
     Ok(Some(PartRead {
         share: Share {

@@ -7,7 +7,9 @@ use super::planes::joined;
 use super::ranks::Ranks;
 use super::rings::Rings;
 use super::share::Share;
-use super::shown::{PartRead, differences_of_all, found_by_all, models_of_all, show};
+use super::shown::{
+    PartRead, differences_of_all, found_by_all, models_of_all, outline_of_all, show,
+};
 use crate::error::Result;
 use crate::io::{
     ArraysSeen, Association, Blanking, CellMesh, Dataset, Field, FieldSource, Geometry, VtuPieces,
@@ -90,6 +92,7 @@ pub(crate) fn read_pieces(
     if is_sharp && options.is_sharp_anyway() {
         return Ok(None);
     }
+    let outline = outline_of_all(&own.mesh.nodes, ranks)?;
     let rings = Rings::around(own, rings, ranks);
     let rings = ranks.agree(rings)?;
     let mut volume_sum = ExactSum::default();
@@ -128,9 +131,8 @@ pub(crate) fn read_pieces(
     if let Some(models) = models {
         volume.local_models = Some(models_of_all(&models, ranks)?);
     }
-    let corners = found.corners.into_iter();
     let geometry = Geometry::Cells(CellMesh {
-        nodes: corners.flat_map(|(a, b)| [a, b]).collect(),
+        nodes: outline,
         ..CellMesh::default()
     });
     Ok(Some(PartRead {

@@ -13,7 +13,7 @@ use super::ranks::Ranks;
 use super::read::told_by_all;
 use super::share::Share;
 use crate::error::Result;
-use crate::io::Dataset;
+use crate::io::{Dataset, in_end_planes};
 #[cfg(test)]
 use crate::io::{OpenOptions, open};
 use crate::prepared::Found;
@@ -32,7 +32,7 @@ pub(crate) struct PartRead {
     pub(crate) share: Share,
     /// Of the whole.
     pub(crate) report: SampleReport,
-    /// What is known of the whole besides its samples, of which there are two corners.
+    /// The whole without its samples and cells; its nodes are those of [`outline_of_all`].
     pub(crate) head: Dataset,
     /// The least and the greatest coordinates of all; `None` where none is finite.
     pub(crate) corners: Option<(DVec3, DVec3)>,
@@ -93,6 +93,43 @@ pub(super) fn show(
     volume.values = Some(scale.positions_from(values, least));
     volume.transfer_function = Some(function);
     Ok(())
+}
+
+/// Nodes that stand for those of all ranks where only their box and its planes count: its corners, and one node between two
+/// end planes if not all nodes lie in these.
+pub(super) fn outline_of_all(own: &[DVec3], ranks: &mut Ranks) -> Result<Vec<DVec3>> {
+    let finite = || own.iter().copied().filter(|p| p.is_finite());
+    let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    let joined = |(low, high): (DVec3, DVec3), p: DVec3| (low.min(p), high.max(p));
+    let (low, high) = finite().fold(none, joined);
+    let ends = match low.is_finite() {
+        true => vec![low.to_array(), high.to_array()],
+        false => Vec::new(),
+    };
+    let ends = ranks.gather_records(Ok(ends))?.concat();
+    let ends = ends.into_iter().map(DVec3::from);
+    let (low, high) = ends.fold(none, joined);
+    if !low.is_finite() {
+        return Ok(Vec::new());
+    }
+    let outside = in_end_planes(finite(), (low, high)).map(|is_in| u64::from(!is_in));
+    let sums = ranks.sums(Ok([&outside[..], &[own.len() as u64]].concat()))?;
+    let [x, y, z, count] = sums[..] else {
+        return Ok(vec![low, high]);
+    };
+    // Few nodes are no layer, whatever planes they lie in.
+    if count <= 8 {
+        return Ok(vec![low, high]);
+    }
+    let ends = [low, high];
+    let corner = |i: usize| DVec3::new(ends[i & 1].x, ends[i >> 1 & 1].y, ends[i >> 2 & 1].z);
+    let mut nodes: Vec<DVec3> = (0..8).chain([0]).map(corner).collect();
+    for (axis, _) in [x, y, z].iter().enumerate().filter(|(_, n)| **n > 0) {
+        let mut between = low;
+        between[axis] = low[axis].midpoint(high[axis]);
+        nodes.push(between);
+    }
+    Ok(nodes)
 }
 
 /// The codes of a rank's local models, of one scale with those of all.

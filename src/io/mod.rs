@@ -168,6 +168,8 @@ pub use time_steps::{Part, StepChoice, TimeStep};
 #[cfg(feature = "legend")]
 pub(crate) use unit::divided as name_and_unit;
 pub use up::Up;
+#[cfg(feature = "cli")]
+pub(crate) use up::in_end_planes;
 pub(crate) use vtk_grid::check as check_cells;
 #[cfg(feature = "cli")]
 pub(crate) use vtk_pieces::{ArrayKey, ArraysSeen};

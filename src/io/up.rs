@@ -143,6 +143,30 @@ const LAYER: f64 = 0.5;
 /// Planes of nodes lie within this share of the thickness between them.
 const PLANE: f64 = 1e-6;
 
+/// Tells across which axes all finite nodes lie in the two end planes of their box.
+pub(crate) fn in_end_planes(
+    nodes: impl Iterator<Item = DVec3>,
+    (lower, upper): (DVec3, DVec3),
+) -> [bool; 3] {
+    let (extent, slack) = (upper - lower, PLANE * (upper - lower));
+    let mut are_in = [true; 3];
+    for node in nodes.filter(|node| node.is_finite()) {
+        for axis in 0..3 {
+            let depth = node[axis] - lower[axis];
+            are_in[axis] &= depth.min(extent[axis] - depth) <= slack[axis];
+        }
+        if are_in == [false; 3] {
+            break;
+        }
+    }
+    are_in
+}
+
+fn is_layer(extent: DVec3, axis: usize) -> bool {
+    let others = [1, 2].map(|step| extent[(axis + step) % 3]);
+    extent[axis] <= LAYER * others[0].min(others[1])
+}
+
 impl Dataset {
     /// Across which axes the data have no more than two planes of nodes: one layer of cells.
     fn thin_axes(&self, (lower, upper): (DVec3, DVec3)) -> [bool; 3] {
@@ -165,23 +189,14 @@ impl Dataset {
             Geometry::Cells(mesh) => mesh.nodes.len(),
             _ => 0,
         };
-        let is_layer = |axis: usize| {
-            let others = [1, 2].map(|step| extent[(axis + step) % 3]);
-            // One cell is no layer, and corners alone say nothing of what lies between them.
-            count > 8 && extent[axis] <= LAYER * others[0].min(others[1])
-        };
-        let mut is_thin = [0, 1, 2].map(|axis| extent[axis] <= 0.0 || is_layer(axis));
-        let slack = PLANE * extent;
-        for node in nodes.filter(|node| node.is_finite()) {
-            for axis in 0..3 {
-                let depth = node[axis] - lower[axis];
-                is_thin[axis] &= depth.min(extent[axis] - depth) <= slack[axis];
-            }
-            if is_thin == [false; 3] {
-                break;
-            }
+        // One cell is no layer, and corners alone say nothing of what lies between them.
+        let is_layer = |axis: usize| count > 8 && is_layer(extent, axis);
+        let is_thin = [0, 1, 2].map(|axis| extent[axis] <= 0.0 || is_layer(axis));
+        if is_thin == [false; 3] {
+            return is_thin;
         }
-        is_thin
+        let are_in = in_end_planes(nodes, (lower, upper));
+        [0, 1, 2].map(|axis| is_thin[axis] && are_in[axis])
     }
 }
 
