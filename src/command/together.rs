@@ -714,7 +714,8 @@ impl Together<'_> {
         options: &[SampleOptions],
         ranks: &mut Option<&mut Ranks>,
     ) -> Result<Gathered> {
-        let facts = own.iter().map(|own| own.facts(&self.inputs[own.number]));
+        let alone = |own: &Own| self.inputs.get(own.number).filter(|_| self.is_alone());
+        let facts = own.iter().map(|own| own.facts(alone(own)));
         let facts = all(ranks, facts.collect())?;
         let is_nothing = |facts: &&Facts| facts.is_nothing;
         if !facts.is_empty() && facts.iter().all(|facts| facts.is_nothing) {
@@ -809,20 +810,18 @@ impl Own {
         }
     }
 
-    fn facts(&self, input: &Input) -> Facts {
+    /// - `input`: one that is drawn alone.
+    fn facts(&self, input: Option<&Input>) -> Facts {
         let report = &self.report;
         let volumes = &self.volumes;
+        let uniform = input.and_then(|input| uniform(report, input));
         Facts {
             field: report.field.clone(),
             unit: report.unit.clone(),
             volume_count: volumes.len(),
             is_classified: volumes.iter().any(|v| v.transfer_function.is_some()),
             has_opacity: has_opacity(volumes),
-            lines: report
-                .warnings()
-                .into_iter()
-                .chain(uniform(report, input))
-                .collect(),
+            lines: report.warnings().into_iter().chain(uniform).collect(),
             is_nothing: self.nothing.is_some(),
         }
     }

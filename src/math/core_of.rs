@@ -9,8 +9,12 @@ const OUTSIDE: f64 = 0.005;
 /// so far beyond where 99.5 % of it lie.
 const MARGIN: f64 = 1.5;
 
-/// Weights count as so many times their median at most.
+/// A weight counts as so many times the median at most, and as no more than [`MOST_SHARE`] of all if all were medians: one
+/// point says little of where the others are.
 const MOST: f64 = 64.0;
+
+/// See [`MOST`]: several points may be far away and still lie outside together.
+const MOST_SHARE: f64 = OUTSIDE / 4.0;
 
 /// Of fewer points each counts.
 const LEAST: usize = 64;
@@ -40,7 +44,7 @@ impl Core {
         let half = all.len() / 2;
         let median = *all.select_nth_unstable_by(half, f64::total_cmp).1;
         let most = if median > 0.0 {
-            MOST * median
+            MOST.min(MOST_SHARE * points.len() as f64).max(1.0) * median
         } else {
             f64::MAX
         };

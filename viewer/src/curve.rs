@@ -200,7 +200,7 @@ impl Curve {
     }
 }
 
-fn narrowed(x: f64) -> f32 {
+pub(crate) fn narrowed(x: f64) -> f32 {
     #[expect(clippy::cast_possible_truncation, reason = "files hold what f32 does")]
     {
         x as f32

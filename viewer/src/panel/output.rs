@@ -86,6 +86,7 @@ fn save_function(app: &mut App) {
 
 /// A file of this library's or of ParaView's.
 pub(crate) fn load_function(app: &mut App) {
+    use crate::curve::narrowed;
     use ewa_splat::scene::{TransferDefaults, TransferFunction};
     let path = app.output.function.clone();
     let path = Path::new(&path);
@@ -97,7 +98,7 @@ pub(crate) fn load_function(app: &mut App) {
         return app.fail("no transfer function".into());
     };
     let defaults = TransferDefaults {
-        range: history.curve().range,
+        range: history.curve().range.map(narrowed),
         unit_distance: history.function().unit_distance(),
     };
     let read = |text: &str| TransferFunction::from_json(path, text, &defaults);

@@ -52,7 +52,7 @@ fn functions_are_found_as_the_command_finds_them() {
     let app = window.state_mut();
     let history = app.history().unwrap();
     let mut curve = history.curve().clone();
-    curve.set_range([low, middle]);
+    curve.set_range([low, middle].map(f64::from));
     history.edit(curve, false).unwrap();
     app.automatic.map = Some("plasma".into());
     window.step();
