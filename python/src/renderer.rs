@@ -67,14 +67,14 @@ struct Ready {
     is_open: bool,
     bars: Vec<ColourBar>,
     functions: Vec<Option<TransferFunction>>,
-    /// Of each thing the number of its first volume, and whether each of its samples is a particle.
+    /// For each drawable, the number of its first volume, and whether each of its samples is a particle.
     firsts: Vec<(usize, bool)>,
-    /// Of each surface that states no number of surfels how many it has at most, by the pixels of a picture.
+    /// The most surfels of each surface by the pixels of a picture, if the surface states no number.
     counts: Vec<Option<usize>>,
     prepared: Prepared,
 }
 
-/// Sampled volumes and what is known of them.
+/// Sampled volumes with their titles, fields and numbers of surfels.
 struct Sampled {
     volumes: Vec<PointVolume>,
     titles: Vec<Option<String>>,
@@ -83,7 +83,7 @@ struct Sampled {
     counts: Vec<Option<usize>>,
 }
 
-/// A picture with all that is told of it.
+/// A picture with its depths, normals, camera and statistics.
 struct Drawn {
     image: Image,
     depth: Option<Vec<f32>>,

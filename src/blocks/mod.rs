@@ -324,7 +324,7 @@ impl BlockedVolume {
         boxes.into_iter().flatten().collect()
     }
 
-    /// The same for a camera that is fitted: of splats those far from where 99.5 % of opacity times area lie do not count.
+    /// The same for a fitted camera. Splats far from where 99.5 % of opacity times area lie do not count.
     pub(crate) fn fitted_boxes(&self) -> Vec<(DVec3, DVec3)> {
         let core = self.core();
         let of_core = |core: &Core| {
@@ -338,9 +338,9 @@ impl BlockedVolume {
         boxes.unwrap_or_else(|| self.visible_boxes())
     }
 
-    /// Where the most of splats lie.
+    /// The ball that holds 99.5 % of the splats' opacity times area, with a margin; `None` of other particles.
     fn core(&self) -> Option<Core> {
-        /// Of more splats some that lie evenly among all say enough.
+        /// The most splats that are looked at: of more, an even selection.
         const MOST: usize = 1 << 20;
         let StrengthIn::PeakOpacity { opacities, .. } = &self.strength else {
             return None;

@@ -1,5 +1,5 @@
-//! `ewa-splat render --column-density --column-mean FIELD`: the mean of a field along each ray, weighed by what columns
-//! are of: masses, where they are known.
+//! `ewa-splat render --column-density --column-mean FIELD`: the mean of a field along each ray. Weights are the quantity that
+//! the columns integrate: masses, if they are known.
 
 use crate::sample::SampleOptions;
 use crate::scene::{Colour, PointVolume, Strength, Values};
@@ -19,21 +19,20 @@ const OPTION: &str = "--column-mean";
 /// How far from a kernel's centre there is a mean, standard deviations: beyond, less than a ninetieth of its peak.
 const REACH: f32 = 3.0;
 
-/// What the columns of a mean are divided by others for.
+/// The volumes from which columns of a mean are drawn.
 pub(crate) struct ColumnMean {
-    /// What a legend calls the field.
+    /// The name of the field in a legend.
     pub(crate) title: String,
-    /// What its sums are of.
+    /// Volumes whose columns are the numerators: weight times field.
     pub(crate) weighed: Vec<PointVolume>,
-    /// Where it may stand: [`shown`].
+    /// Volumes whose kernels mark where a mean may stand: see [`shown`].
     pub(crate) places: Vec<PointVolume>,
 }
 
-/// What columns of the mean are divided from: the volumes whose columns are those of `volumes` times a field, particle
-/// by particle.
+/// The numerators of columns of the mean: volumes whose columns are those of `volumes` times a field, particle by particle.
 ///
 /// # Errors
-/// A field that is not there, or that some particle has no value of; weights below 0.
+/// A field that is absent, or that lacks a value of some particle; weights below 0.
 pub(crate) fn weighed(
     data: &DataOptions,
     inputs: &[Input],
@@ -138,10 +137,10 @@ fn narrowed(x: f64) -> f32 {
     x.clamp(f64::from(f32::MIN_POSITIVE), f64::from(f32::MAX)) as f32
 }
 
-/// The picture of how many kernels may have a mean at each pixel, within [`REACH`].
+/// Counts the kernels within [`REACH`] at each pixel: a mean stands at a pixel if there is one.
 ///
 /// # Errors
-/// Those of any picture.
+/// The errors of any picture.
 pub(crate) fn shown(
     places: Vec<PointVolume>,
     on: impl FnOnce(&Renderer) -> Backend,

@@ -1,4 +1,4 @@
-//! Where inputs go, and what of them is read on.
+//! Placement of inputs, and the boxes to which they are cropped.
 
 use crate::edit::{Placement, crop, place};
 use crate::io::Dataset;
@@ -32,17 +32,17 @@ pub(crate) struct EditOptions {
     crop: Vec<OrNone<[DVec3; 2]>>,
 }
 
-/// What is done to one input.
+/// The edits of one input.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Edit {
     placement: Option<Placement>,
-    /// What heights are multiplied by besides.
+    /// The factor of heights, in addition to the placement.
     exaggeration: Option<f64>,
     crop: Option<[DVec3; 2]>,
 }
 
 impl EditOptions {
-    /// What is done to each of so many inputs.
+    /// The edits of each of so many inputs.
     ///
     /// # Errors
     /// An option is given neither once nor once for each input.
@@ -99,10 +99,10 @@ impl Edit {
         self.crop.filter(|_| !is_moved)
     }
 
-    /// The data where they are to be, and what of them is to be read on.
+    /// Places the data and crops them to the box.
     ///
     /// # Errors
-    /// Those of [`place`] and [`crop`]; heights of data whose up is along no axis.
+    /// The errors of [`place`] and [`crop`]; an exaggeration of data whose direction up is along no axis.
     pub(crate) fn applied(&self, mut dataset: Dataset) -> Result<Dataset> {
         let mut placement = self.placement;
         if let Some(factor) = self.exaggeration {

@@ -1,4 +1,4 @@
-//! What is known of an input besides its particles, and whether it fits into memory.
+//! Facts about an input other than its particles, and a check that it fits into memory.
 
 use glam::DVec3;
 
@@ -10,9 +10,9 @@ use crate::io::{Dataset, Geometry, Up};
 use crate::sample::{LEAST_PER_NODE, SampleOptions, SampleReport, TransferChoice};
 use crate::scene::PointVolume;
 
-/// What is known of an input besides its particles.
+/// Facts about an input other than its particles.
 pub(super) struct ReadAbout {
-    /// What is shown, and in which unit.
+    /// The sampler's report: the field that is shown, and its unit.
     pub(super) report: SampleReport,
     pub(super) kind: Kind,
     pub(super) up: Up,
@@ -45,7 +45,7 @@ impl DataOptions {
     }
 }
 
-/// What inputs are, for options.
+/// The kinds of the inputs, for options that apply to some kinds alone.
 pub(super) fn uses(reads: &[ReadAbout], options: &SampleOptions) -> Uses {
     let has_own = |read: &&ReadAbout| !read.is_automatic && read.report.field.is_some();
     let reads = || reads.iter().filter(|read| !read.is_nothing);

@@ -221,7 +221,7 @@ enum CompositeName {
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
 enum BlendName {
-    /// What the scene's colours are made for
+    /// The space that the scene's colours are made for
     Auto,
     /// sRGB codes, decoded afterwards
     Encoded,

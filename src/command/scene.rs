@@ -22,42 +22,42 @@ use super::together::{Gathered, Series, Together};
 use super::usage::{Kind, Uses};
 use super::viewpoint::Cameras;
 
-/// What the inputs hold.
+/// The contents of the inputs.
 pub(crate) struct Scene {
     pub(crate) volumes: Vec<PointVolume>,
-    /// Prepared scenes, and which volumes stand for those of each.
+    /// Prepared scenes, and the volumes that stand for those of each.
     pub(crate) prepared: Members,
-    /// What each volume shows: the name of its field.
+    /// The name of the field that each volume shows.
     pub(crate) fields: Vec<Option<String>>,
-    /// What legends call these: with their units, where they are known.
+    /// The titles of these fields in legends, with their units if they are known.
     pub(crate) titles: Vec<Option<String>>,
-    /// What can be shown of the first input: [`Dataset::selectors`](crate::io::Dataset::selectors).
+    /// The fields and components of the first input: [`Dataset::selectors`](crate::io::Dataset::selectors).
     pub(crate) selectors: Vec<String>,
     /// Whether all are grids, whose kernels follow the spacing.
     pub(crate) grids_only: bool,
     /// Whether any of the data can end sharply: grids, unless options make them end softly.
     pub(crate) has_boundary: bool,
-    /// What points up: [`Up::of_scene`].
+    /// The direction up: [`Up::of_scene`].
     pub(crate) up: Up,
     /// The least and the greatest coordinates of each input's data.
     corners: Vec<(DVec3, DVec3)>,
 }
 
 impl Scene {
-    /// Of nothing.
+    /// A scene without inputs.
     pub(crate) fn of_nothing() -> Self {
         Self::of_reads(Vec::new(), Vec::new(), false)
     }
 
-    /// Of a file of points that was read as a stream: what is known of it besides its particles.
+    /// A scene of a file of points that was read as a stream: all facts other than its particles.
     pub(crate) fn of_stream(file: &PointFile) -> Self {
         let unit = file.report().and_then(|report| report.unit.as_deref());
         Self::of_points(file.field(), unit, file.up(), file.bounds())
     }
 
-    /// Of a file of which every rank has read a part.
+    /// A scene of a file of which every rank has read a part.
     ///
-    /// - `is_grid`: whether it is a grid; points otherwise.
+    /// - `is_grid`: whether the file holds a grid, and not points.
     pub(crate) fn of_part(read: &PartRead, is_grid: bool) -> Self {
         let (field, unit) = (read.report.field.as_deref(), read.report.unit.as_deref());
         Self {
@@ -502,7 +502,7 @@ impl DataOptions {
         own
     }
 
-    /// What the steps of a series share: one field, the function of the values of all, and a box around each.
+    /// Reads what the steps of a series share: one field, the function of the values of all steps, and a box around each.
     pub(crate) fn series(
         &self,
         inputs: &[Input],

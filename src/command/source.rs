@@ -84,22 +84,22 @@ impl Input {
     }
 }
 
-/// Which steps of time are shown of files that hold several.
+/// The time steps that are shown of files with several.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Shown {
-    /// The first, which a note says.
+    /// The first; a note reports this choice.
     First,
     One(StepChoice),
     /// All, one after another.
     Series,
 }
 
-/// The inputs with what collections and files of several steps hold in their place: one time step, or all steps of a
+/// The inputs, with collections and files of several steps replaced by their contents: one time step, or all steps of a
 /// series.
 ///
 /// # Errors
-/// Collections that cannot be read; a step or time that is not there, or chosen where no input has several. Other files
-/// that cannot be read stay: reading them says why.
+/// Collections that cannot be read; a step or time that is absent; a chosen step or time if no input has several. Other
+/// files that cannot be read stay: reading them reports the error.
 pub(crate) fn steps(inputs: Vec<Input>, shown: Shown, options: &OpenOptions) -> Result<Vec<Input>> {
     let mut files: Vec<Input> = Vec::new();
     let mut step = 0;

@@ -1,5 +1,5 @@
-//! Several inputs as one scene: one field where they have one in common, one function for it, and surfels by the pixels of
-//! the whole picture. Where ranks share a scene each reads some of the inputs, and all go by the same choices.
+//! Several inputs as one scene: one field if they have one in common, one function for it, and surfels by the pixels of the
+//! whole picture. If ranks share a scene, each reads some of the inputs, and all ranks make the same choices.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -49,7 +49,7 @@ const BEYOND: f64 = 0.02;
 
 type Corners = (DVec3, DVec3);
 
-/// Facts of an input that all need before any is sampled.
+/// Facts about an input that all ranks need before any input is sampled.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct Look {
     kind: Kind,
@@ -58,15 +58,15 @@ struct Look {
     selectors: Vec<String>,
     /// Whether surfels are made of it.
     is_surface: bool,
-    /// The fields among which one is chosen: name, ranges of components, rank.
+    /// The candidates for the field that is shown: name, ranges of components, rank.
     choices: Vec<(String, Vec<[f64; 2]>, u8)>,
-    /// Which of the axes points up as its format, or by convention, and why.
+    /// The axis that points up by the format or by convention, and the reason.
     axes: [f64; 3],
     reason: String,
     says: Says,
     /// Notes of the reader.
     lines: Vec<String>,
-    /// Whether it has the field that is asked for, and whether it is to have it and has not.
+    /// Whether it has the field that is asked for; whether it should have that field and lacks it.
     has_field: bool,
     is_lacking: bool,
 }
@@ -74,11 +74,11 @@ struct Look {
 /// How surely the axes of an input are known.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 enum Says {
-    /// Its format says them.
+    /// The format defines them.
     Axes,
-    /// Files of its format mostly have them.
+    /// Most files of the format have them.
     MostlyAxes,
-    /// Nothing but convention, or it was placed by hand.
+    /// They are convention alone, or the user placed the input.
     Nothing,
 }
 
@@ -114,7 +114,7 @@ impl From<ToldUp> for Up {
     }
 }
 
-/// Facts of an input once it is sampled.
+/// Facts about an input after sampling.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct Facts {
     field: Option<String>,
@@ -127,62 +127,62 @@ struct Facts {
     is_nothing: bool,
 }
 
-/// An input that is read here.
+/// An input that this process reads.
 struct Own {
     number: usize,
     look: Look,
-    /// As it is sampled, where it is kept.
+    /// The data set that is sampled, if it is kept in memory.
     dataset: Option<Dataset>,
-    /// How it is turned to the axes of the scene.
+    /// The rotation to the axes of the scene.
     turn: Option<DQuat>,
     volumes: Vec<PointVolume>,
     report: SampleReport,
-    /// That it holds nothing to draw.
+    /// The error that it holds nothing to draw.
     nothing: Option<Error>,
-    /// That it lacks the field that is asked for.
+    /// The error that it lacks the field that is asked for.
     absence: Option<Error>,
 }
 
 /// Inputs of data that are drawn together.
 pub(super) struct Together<'a> {
     pub(super) data: &'a DataOptions,
-    /// All of them.
+    /// All inputs, those of other ranks among them.
     pub(super) inputs: &'a [Input],
-    /// Those that are read here.
+    /// The inputs that this process reads.
     pub(super) own: Range<usize>,
     pub(super) options: &'a SampleOptions,
     /// The cameras of the pictures.
     pub(super) cameras: Cameras<'a>,
-    /// Corners and what points up of what is drawn beside them.
+    /// Corners and directions up of the data that are drawn beside the inputs.
     pub(super) beside: &'a [(Option<Corners>, Up)],
     pub(super) progress: &'a ProgressBar,
 }
 
-/// What became of the inputs.
+/// The inputs after reading and sampling.
 pub(super) struct Gathered {
-    /// Of all inputs, in their order.
+    /// Facts about all inputs, in their order.
     pub(super) abouts: Vec<ReadAbout>,
-    /// The volumes of those that were read here, input by input.
+    /// The volumes of the inputs that this process read, input by input.
     pub(super) volumes: Vec<Vec<PointVolume>>,
-    /// What can be shown of the first input.
+    /// The fields and components of the first input that can be shown.
     pub(super) selectors: Vec<String>,
 }
 
-/// What the steps of a series share.
+/// The choices that all steps of a series share.
 #[derive(Debug, Clone)]
 pub(crate) struct Series {
     /// Their transfer function.
     pub(crate) transfer: TransferChoice,
-    /// The field that they show where none is named.
+    /// The field that the steps show if none is named.
     pub(crate) field: Option<String>,
-    /// Around the data of all.
+    /// Boxes around the data of all steps.
     pub(crate) boxes: Vec<Bounds>,
-    /// What points up of the first.
+    /// The direction up of the first step.
     pub(crate) up: Up,
 }
 
 impl Series {
-    /// Options of a step.
+    /// The options that sample a step.
     pub(crate) fn of_step(&self, options: &SampleOptions) -> SampleOptions {
         SampleOptions {
             transfer: self.transfer.clone(),
@@ -192,7 +192,7 @@ impl Series {
     }
 }
 
-/// What all ranks have, in the order of the inputs; of one process what it has.
+/// Gathers the items of all ranks, in the order of the inputs. A single process gets its own.
 fn all<T>(ranks: &mut Option<&mut Ranks>, own: Vec<T>) -> Result<Vec<T>>
 where
     T: Serialize + DeserializeOwned,
@@ -203,7 +203,7 @@ where
     }
 }
 
-/// A result of this rank, once all have one.
+/// Returns the result of this rank if all ranks have one; otherwise an error.
 fn agreed<T>(ranks: &mut Option<&mut Ranks>, own: Result<T>) -> Result<T> {
     match ranks {
         None => own,
@@ -211,7 +211,7 @@ fn agreed<T>(ranks: &mut Option<&mut Ranks>, own: Result<T>) -> Result<T> {
     }
 }
 
-/// What a data set that is drawn with others adds to their boxes.
+/// The corners of a box as arrays, the form that ranks send.
 fn told((low, high): Corners) -> [[f64; 3]; 2] {
     [low.to_array(), high.to_array()]
 }
@@ -221,10 +221,10 @@ fn heard([low, high]: [[f64; 3]; 2]) -> Corners {
 }
 
 impl Together<'_> {
-    /// Reads and samples the inputs, and says what was left out.
+    /// Reads and samples the inputs, and notes what was left out.
     ///
     /// # Errors
-    /// What reading and sampling say, on any rank; a field that no input has; nothing to draw in any of them.
+    /// Errors of reading and sampling on any rank; a field that no input has; nothing to draw in any input.
     pub(super) fn read(&self, ranks: &mut Option<&mut Ranks>) -> Result<Gathered> {
         let own = self.opened();
         let mut own = agreed(ranks, own)?;
@@ -234,7 +234,7 @@ impl Together<'_> {
         agreed(ranks, turned)?;
         self.check_field(&looks, &mut own, ranks)?;
         let options = self.chosen(&looks);
-        // What is no surface is sampled; of surfaces the values are looked at.
+        // Inputs other than surfaces are sampled; of surfaces, values alone are read.
         let sampled = own
             .iter_mut()
             .try_for_each(|own| self.sample(own, &options[own.number]));
@@ -272,10 +272,10 @@ impl Together<'_> {
         self.gathered(looks, own, &options, ranks)
     }
 
-    /// What the inputs share as steps of time.
+    /// Reads the inputs as time steps, and returns the choices that they share.
     ///
     /// # Errors
-    /// What reading and sampling say; a field that a step lacks; nothing to draw in any of them.
+    /// Errors of reading and sampling; a field that a step lacks; nothing to draw in any step.
     pub(super) fn series(&self) -> Result<Series> {
         let mut own = self.opened()?;
         if let Some(absence) = own.iter_mut().find_map(|own| own.absence.take()) {
@@ -313,7 +313,7 @@ impl Together<'_> {
             ranges.extend(own.report.value_range);
             unit_distance = unit_distance.min(own.report.unit_distance);
             samples.extend(own.report.value_sample.take());
-            // What is up of the first step is up of all.
+            // The first step's direction up holds for all steps.
             let step = self.inputs[own.number].step;
             if *first.get_or_insert(step) == step {
                 ups.push(own.look.up.into());
@@ -450,10 +450,10 @@ impl Together<'_> {
         Ok(own)
     }
 
-    /// Turns inputs whose formats have other axes than the scene to those, and says so.
+    /// Turns inputs to the axes of the scene if their formats have others, and notes it.
     fn turn(&self, looks: &mut [Look], own: &mut [Own]) -> Result<()> {
         let scene = Up::of_scene(ups(looks));
-        // The axes of an input that is not turned, or else of the one by which it is known what points up.
+        // The axes of the first input that is not turned, or else of the input that decides the direction up.
         let stays = |look: &&Look| look.says == Says::Nothing && look.corners.is_some();
         let says_up = |look: &&Look| look.corners.is_some() && Up::from(look.up) == scene;
         let first = looks.iter().find(stays);
@@ -827,7 +827,7 @@ impl Own {
     }
 }
 
-/// What functions are chosen from, by the inputs' numbers: on the first rank of all inputs.
+/// Gathers the samples that functions are chosen from on the first rank, each with the number of its input.
 fn samples_of_all(own: &mut [Own], ranks: &mut Ranks) -> Result<Vec<(usize, Option<ValueSample>)>> {
     let mut samples = Vec::new();
     for own in own {
@@ -853,13 +853,13 @@ fn samples_of_all(own: &mut [Own], ranks: &mut Ranks) -> Result<Vec<(usize, Opti
     Ok(found)
 }
 
-/// What points up of each input that has a place.
+/// The directions up of the inputs that have a place.
 fn ups(looks: &[Look]) -> impl Iterator<Item = Up> {
     let placed = looks.iter().filter(|look| look.corners.is_some());
     placed.map(|look| look.up.into())
 }
 
-/// Which axis points up in the coordinates of an input, why, and how surely.
+/// The axis that points up in the coordinates of an input, the reason, and how surely it is known.
 fn axes_of(dataset: &Dataset, input: &Input) -> (DVec3, &'static str, Says) {
     let is_placed = input.edit != Edit::default();
     let (axes, reason, says) = match (dataset.format_up, &dataset.geometry) {
@@ -871,7 +871,7 @@ fn axes_of(dataset: &Dataset, input: &Input) -> (DVec3, &'static str, Says) {
         }
         (None, _) => (DVec3::Z, "z by convention", Says::Nothing),
     };
-    // Who places an input says where it goes.
+    // An input that the user placed stays there.
     let says = if is_placed { Says::Nothing } else { says };
     (axes, reason, says)
 }

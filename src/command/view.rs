@@ -413,7 +413,7 @@ impl Asked {
         })
     }
 
-    /// What all steps share; that of the field that was asked for is found once.
+    /// The choices that all steps share. If no field is named, they are found once and kept.
     fn of_all_steps(
         &self,
         inputs: &[Input],

@@ -114,11 +114,11 @@ impl CameraOptions {
         }
     }
 
-    /// What is said of splats that a fitted camera does not count.
+    /// A note on stray splats, which a fitted camera does not count.
     ///
-    /// - `boxes`: those of [`CameraOptions::boxes`].
+    /// - `boxes`: the boxes of [`CameraOptions::boxes`].
     pub(crate) fn strays(&self, renderer: &Renderer, boxes: &[Bounds]) -> Option<String> {
-        /// A reach that pictures show.
+        /// The least ratio of the radii that pictures show.
         const LEAST: f64 = 1.05;
         if self.fit == Some(Fit::All) || self.eye.is_some() || self.camera.is_some() {
             return None;

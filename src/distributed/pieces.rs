@@ -143,7 +143,7 @@ pub(crate) fn read_pieces(
     }))
 }
 
-/// Which arrays the pieces of all ranks have, of nodes and of cells.
+/// The arrays of nodes and of cells that the pieces of all ranks have.
 pub(super) fn seen_by_all(own: &[ArraysSeen; 2], ranks: &mut Ranks) -> Result<[ArraysSeen; 2]> {
     let told = own.each_ref().map(|seen| (seen.parts, seen.arrays.clone()));
     let mut all: [ArraysSeen; 2] = Default::default();
@@ -155,8 +155,8 @@ pub(super) fn seen_by_all(own: &[ArraysSeen; 2], ranks: &mut Ranks) -> Result<[A
     Ok(all)
 }
 
-/// The fields of all ranks, of each component the least and the greatest value alone, without nodes and cells: what a field
-/// is chosen by, and what is known of it.
+/// The fields of all ranks without nodes and cells: of each component, the least and the greatest value alone. The field that
+/// is shown is chosen by these.
 pub(super) fn head_of(own: &Dataset, ranks: &mut Ranks) -> Result<Dataset> {
     let range = |values: &Values| {
         let range = values.finite_range();

@@ -80,9 +80,9 @@ impl Ranks {
         }
     }
 
-    /// What the first rank gives, for all.
+    /// Broadcasts the bytes of the first rank to all ranks.
     ///
-    /// - `own`: of others nothing.
+    /// - `own`: `None` on other ranks.
     ///
     /// # Errors
     /// The first rank's reason why there is nothing.
@@ -102,7 +102,7 @@ impl Ranks {
         Ok(self.exchange(parts)?.swap_remove(rank))
     }
 
-    /// What each rank gives, on the first; on others nothing.
+    /// Gathers the bytes of each rank on the first rank; other ranks get none.
     #[cfg(feature = "cli")]
     pub(crate) fn gather_on_first(&mut self, own: Result<Vec<u8>>) -> Result<Vec<Vec<u8>>> {
         let size = self.size();
@@ -114,7 +114,7 @@ impl Ranks {
         self.exchange(parts)
     }
 
-    /// The records of each rank, for all.
+    /// Gathers the records of each rank on all ranks.
     pub(crate) fn gather_records<T: Pod>(
         &mut self,
         records: Result<Vec<T>>,
@@ -128,14 +128,14 @@ impl Ranks {
         all.iter().map(|part| take(&mut part.as_slice())).collect()
     }
 
-    /// How many all ranks before this one have.
+    /// The sum of the counts of all ranks before this one.
     #[cfg(feature = "cli")]
     pub(super) fn before(&mut self, own: usize) -> Result<u64> {
         let all = self.gather_records(Ok(vec![own as u64]))?;
         Ok(all[..self.rank()].iter().flatten().sum())
     }
 
-    /// What each rank tells, in finite numbers and words, for all.
+    /// Gathers a value of each rank on all ranks, as JSON: its numbers must be finite.
     #[cfg(feature = "prepared")]
     pub(crate) fn told_by_all<T: Serialize + DeserializeOwned>(
         &mut self,
@@ -146,10 +146,10 @@ impl Ranks {
         all.iter().map(|part| heard(part)).collect()
     }
 
-    /// What the first rank tells, for all; of others nothing.
+    /// Broadcasts a value of the first rank to all ranks; other ranks give `None`.
     ///
     /// # Errors
-    /// Those of [`Self::of_first`].
+    /// The errors of [`Self::of_first`].
     #[cfg(feature = "cli")]
     pub(crate) fn told_by_first<T: Serialize + DeserializeOwned>(
         &mut self,
@@ -172,7 +172,7 @@ impl Ranks {
         Ok(sums)
     }
 
-    /// The pictures that ranks have, by rank, on the first; none on others.
+    /// Gathers the ranks' pictures on the first rank, in the order of the ranks; other ranks get none.
     #[cfg(feature = "cli")]
     pub(crate) fn gather_images(&mut self, own: Result<Option<Image>>) -> Result<Vec<Image>> {
         let part = own.map(|image| {
@@ -209,10 +209,10 @@ impl Ranks {
         Ok(all.iter().position(|other| *other != all[0]))
     }
 
-    /// A result of this rank, once all have one.
+    /// Returns the result of this rank if all ranks have one.
     ///
     /// # Errors
-    /// Its own, or that of the first rank that has none.
+    /// The rank's own error, or that of the first rank without a result.
     pub(crate) fn agree<T>(&mut self, result: Result<T>) -> Result<T> {
         let mut value = None;
         let part = result.map(|own| {

@@ -1,4 +1,4 @@
-//! How a field is shown of which each rank has some values: as all of them say together.
+//! Display of a field whose values are partitioned over ranks: the values of all ranks decide together.
 
 use std::path::Path;
 #[cfg(test)]
@@ -26,21 +26,21 @@ use crate::scene::{
     LocalModel, LocalModels, PickedRow, PointVolume, Surroundings, Tiling, ValueScale, Values,
 };
 
-/// What ranks made of a file, each of a part.
+/// A file that all ranks have read, each a part.
 pub(crate) struct PartRead {
-    /// This rank's.
+    /// The part of this rank.
     pub(crate) share: Share,
-    /// Of the whole.
+    /// The report on the whole file.
     pub(crate) report: SampleReport,
-    /// The whole without its samples and cells; its nodes are those of [`outline_of_all`].
+    /// The header of the whole file: a data set whose few nodes have the outline of all ([`outline_of_all`]).
     pub(crate) head: Dataset,
-    /// The least and the greatest coordinates of all; `None` where none is finite.
+    /// The least and the greatest coordinates of all ranks; `None` if none is finite.
     pub(crate) corners: Option<(DVec3, DVec3)>,
 }
 
-/// What all ranks found, and how far apart their particles lie on average.
+/// Sums the findings of all ranks, and returns them with the mean spacing of the particles.
 ///
-/// - `head`: what is known of the field that is shown.
+/// - `head`: the header of the data, with the unit of the field that is shown.
 ///
 /// # Errors
 /// No particle on any rank; a rank that is gone.
@@ -63,12 +63,12 @@ pub(super) fn found_by_all(
     Ok((all, spacing))
 }
 
-/// Gives a rank's volume the function of all values, where it has any.
+/// Gives a rank's volume the transfer function of the values of all ranks, if it has values.
 ///
-/// - `picked`: those of its particles that the function may be chosen from.
-/// - `count`: of the rows among which these are, of all ranks; `kind`: whether there is anything around them, and
-///   whether they lie beside each other.
-/// - `found`: of all ranks, to which the function is added.
+/// - `picked`: the particles of this rank that the function may be chosen from.
+/// - `count`: the rows of all ranks among which these were picked; `kind`: whether anything surrounds them, and whether they
+///   tile space.
+/// - `found`: the findings of all ranks; the function is added to them.
 ///
 /// # Errors
 /// A function that cannot be read, or does not fit what is asked for; a rank that is gone.

@@ -12,19 +12,19 @@ use crate::io::{
 use crate::math::{rotation_matrix, scales_and_rotation};
 use crate::scene::{Lattice, LatticeSpacing, Values};
 
-/// Where data go: about the origin resized, then turned, then moved.
+/// A placement of data: scaled about the origin, then rotated, then translated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placement {
-    /// What lengths along x, y and z are multiplied by; above 0.
+    /// Factors of lengths along x, y and z; above 0.
     pub size: DVec3,
-    /// The turn, right-handed; of any length but zero.
+    /// The rotation, right-handed; a quaternion of any length but zero.
     pub rotation: DQuat,
-    /// What is added in the end, world units.
+    /// The translation, world units.
     pub translation: DVec3,
 }
 
 impl Default for Placement {
-    /// Where the data are.
+    /// The identity: data stay in place.
     fn default() -> Self {
         Self {
             size: DVec3::ONE,

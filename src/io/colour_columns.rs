@@ -1,4 +1,4 @@
-//! Columns that hold colours: one rule for points, vertices, faces and splats, whatever file they are in.
+//! Columns of colours: one rule for points, vertices, faces and splats in all file formats.
 //!
 //! | columns | linear numbers | encoded numbers (sRGB) |
 //! |---|---|---|
@@ -6,9 +6,9 @@
 //! | `red`, `green`, `blue`; the same after `diffuse_` | none | all |
 //! | vectors `rgb`, `Colors`, ... | none | all |
 //!
-//! Encoded numbers are shares of their type's greatest for unsigned integers of 8 and 16 bits (those of 16 bits that
-//! do not exceed 255 are bytes), and otherwise 0 to 1, or 0 to 255 if the greatest exceeds 1, or 0 to 65535 if it
-//! exceeds 255. Three columns are colours together; one or two of a set are numbers like any other.
+//! Encoded numbers are divided by the number that stands for 1. That is the greatest of their type for unsigned integers of
+//! 8 and 16 bits; those of 16 bits that do not exceed 255 count as bytes. For other types it is 1, or 255 if the greatest
+//! number exceeds 1, or 65535 if it exceeds 255. Three columns of a set are a colour; one or two are numbers like any other.
 
 use super::scalars::narrow;
 use crate::image::{linear_from_srgb, srgb_from_linear};
@@ -54,13 +54,13 @@ pub(crate) fn colour_sets<T>(
     COLOUR_SETS.iter().filter_map(&mut whole).collect()
 }
 
-/// What the numbers of colours are, as far as their range depends on it: of all columns of a colour together.
+/// The facts about the numbers of a colour that decide their scale, over all of its columns.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct ColourNumbers {
-    /// The greatest finite one.
+    /// The greatest finite number.
     greatest: f32,
     are_whole: bool,
-    /// What stands for 1, if all are of one type of unsigned integers.
+    /// The number that stands for 1, if all columns have one type of unsigned integers.
     of_type: Option<f32>,
 }
 
@@ -99,7 +99,7 @@ impl ColourNumbers {
         }
     }
 
-    /// The same of these and of others.
+    /// The facts about these numbers and others together.
     pub(crate) fn and(self, other: Self) -> Self {
         Self {
             greatest: self.greatest.max(other.greatest),
@@ -109,20 +109,20 @@ impl ColourNumbers {
     }
 }
 
-/// How numbers stand for colours.
+/// The scale by which numbers stand for colours.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct ColourScale {
-    /// What stands for 1.
+    /// The number that stands for 1.
     full: f32,
     is_encoded: bool,
-    /// Whether the numbers themselves say so, and not their type.
+    /// Whether the numbers decided the scale, and not their type.
     is_guessed: bool,
 }
 
 impl ColourScale {
-    /// How the numbers of a set stand for colours; `set` is `None` for a vector.
+    /// The scale of the numbers of a set; `set` is `None` for a vector.
     pub(crate) fn of(set: Option<&ColourSet>, numbers: ColourNumbers) -> Self {
-        /// What rounding leaves above 1.
+        /// The excess over 1 that rounding may leave.
         const ROUNDING: f32 = 1e-3;
         /// The brightest linear number: four stops above white.
         const BRIGHTEST: f32 = 16.0;
@@ -169,17 +169,17 @@ impl ColourScale {
         }
     }
 
-    /// What stands for 1.
+    /// The number that stands for 1.
     pub(crate) fn full(self) -> f32 {
         self.full
     }
 
-    /// A number as a share of what stands for 1, from 0 up; NaN of NaN.
+    /// A number divided by the number that stands for 1, from 0 up; NaN of NaN.
     pub(crate) fn share(self, number: f32) -> f32 {
         (number / self.full).clamp(0.0, f32::INFINITY)
     }
 
-    /// What was taken for granted, as the end of a sentence about colours.
+    /// The assumption about the scale, as the end of a sentence about colours; `None` if nothing was guessed.
     pub(crate) fn assumed(self) -> Option<&'static str> {
         self.is_guessed.then_some(match self.full {
             full if full > 255.0 => "exceed 255 and are taken as 0 to 65535, encoded by sRGB",

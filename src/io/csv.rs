@@ -138,7 +138,7 @@ struct Header {
     in_comment: bool,
 }
 
-/// What separates the cells of a line.
+/// The character that separates the cells of a line.
 fn separator_of(line: &[u8]) -> u8 {
     // Semicolons and tabs first: a decimal comma must not split a cell.
     let known = [b';', b'\t', b','];

@@ -431,8 +431,8 @@ impl Dataset {
         self.fields.iter().map(|f| f.name.as_str()).collect()
     }
 
-    /// What [`Dataset::scalar`] takes for a field as a whole: its name, with `@nodes` or `@cells` where the other have a
-    /// field of that name, too.
+    /// The name by which [`Dataset::scalar`] finds a whole field. It ends in `@nodes` or `@cells` if nodes and cells
+    /// each have a field of that name.
     pub fn selector_of(&self, field: &Field) -> String {
         let is_other = |f: &Field| {
             f.association != field.association && f.name.eq_ignore_ascii_case(&field.name)
@@ -443,13 +443,13 @@ impl Dataset {
         }
     }
 
-    /// Those of all fields.
+    /// The selectors of all fields, each as a whole.
     fn whole_selectors(&self) -> Vec<String> {
         self.fields.iter().map(|f| self.selector_of(f)).collect()
     }
 
-    /// What [`Dataset::scalar`] takes: the fields, each by a name of its own ([`Dataset::selector_of`]), and the first three
-    /// components of vectors.
+    /// The names that [`Dataset::scalar`] takes: the fields, each by a name of its own ([`Dataset::selector_of`]), and the first
+    /// three components of vectors.
     pub fn selectors(&self) -> Vec<String> {
         let of_field = |field: &Field| {
             let count = match &field.source {

@@ -1,11 +1,11 @@
-//! ParaView's series of files (`.series`): which files are which steps of time.
+//! ParaView's file series (`.series`): a list of files with their times.
 //!
 //! ```text
 //! { "file-series-version": "1.0",
 //!   "files": [ { "name": "a_0.vtu", "time": 0 }, { "name": "a_1.vtu", "time": 0.5 } ] }
 //! ```
 //!
-//! A `name` is relative to the folder of the series. A file without a `time` has its place in the list for one. Files of one
+//! A `name` is relative to the folder of the series. If a file has no `time`, its place in the list is its time. Files of one
 //! time are drawn together.
 
 use std::ffi::OsStr;
@@ -45,19 +45,19 @@ pub(super) fn looks_like(head: &[u8]) -> bool {
     head.trim_ascii_start().starts_with(b"{") && head.windows(VERSION.len()).any(|w| w == VERSION)
 }
 
-/// Reads the first part of the first time step, with notes of what else there is.
+/// Reads the first part of the first time step, with notes on the other parts and steps.
 ///
 /// # Errors
-/// Those of [`steps`], and those of the part.
+/// The errors of [`steps`], and of reading the part.
 pub(super) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     vtk_collection::read_first(input, &steps(input)?, options)
 }
 
-/// The steps, in the order of time; at least one. The files that it names are not looked for.
+/// The time steps, in the order of time; at least one. Files that the series names are not looked for.
 ///
 /// # Errors
-/// A file that is no series; names that are empty or of another series, times that are not finite, one file twice at one
-/// time; none at all.
+/// A file that is no series; names that are empty or name another series; times that are not finite; one file twice at one
+/// time; no file at all.
 pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
     let path = input.path;
     let (_, len) = input.head(1)?;

@@ -1,6 +1,6 @@
-//! Files of other formats that gzip has packed: unpacked in memory, and read as what they are.
+//! Files of other formats inside gzip, unpacked in memory and read by their own readers.
 //!
-//! NIfTI, SPZ, raw volumes and OpenFOAM are packed by rules of their own, and unpacked by their readers.
+//! NIfTI, SPZ, raw volumes and OpenFOAM use gzip by rules of their own; their readers unpack them.
 
 use std::borrow::Cow;
 use std::io::Read;

@@ -1,4 +1,4 @@
-//! Boxes of snapshots, whose faces meet in the simulation: what is drawn is not wrapped.
+//! Periodic boxes of snapshots: a note on kernels that reach beyond the faces, since pictures do not wrap them.
 
 use super::dataset::{Dataset, FieldSource, Geometry};
 use super::smoothing::LengthMeaning;
@@ -7,10 +7,10 @@ use crate::scene::Values;
 /// Deviations at which a cubic spline ends.
 const SPLINE_END: f64 = 3.651_484;
 
-/// Notes how much of the mass kernels have that reach beyond the faces of a box that begins at the origin. Nothing is noted
-/// where particles lie outside, which have no period, or where their sizes are not known.
+/// Notes the share of the mass whose kernels reach beyond the faces of a box that begins at the origin. Nothing is noted if
+/// particles lie outside the box, which then is not periodic, or if their sizes are unknown.
 ///
-/// - `size`: of the box; one number of a cube.
+/// - `size`: the edges of the box; one number for a cube.
 pub(super) fn note_reach(dataset: &mut Dataset, size: &[f64]) {
     let size = match *size {
         [edge] => [edge; 3],

@@ -43,7 +43,7 @@ const FORMAT: &str = "PLY mesh";
 #[derive(Debug)]
 pub(super) struct Faces {
     vertex_count: usize,
-    /// Elements and their properties that say something of faces.
+    /// The properties that describe faces: number of the element, number of the property, role.
     roles: Vec<(usize, usize, Role)>,
     /// The element whose rows are taken.
     element: usize,
@@ -55,17 +55,17 @@ pub(super) struct Faces {
     coordinates: Vec<f32>,
     /// Where each polygon's end.
     coordinate_ends: Vec<usize>,
-    /// For each polygon the number of its texture.
+    /// The texture number of each polygon.
     texture_numbers: Vec<u32>,
-    /// Of polygons: the columns of a colour and of its opacity.
+    /// Columns of the polygons' colour and opacity.
     channels: Vec<Channel>,
 }
 
-/// A column of the colours of polygons.
+/// A column of the polygons' colours.
 #[derive(Debug)]
 struct Channel {
     name: &'static str,
-    /// Of its property: its number, and its type.
+    /// The numbers of its element and its property; then the property's type.
     property: (usize, usize),
     scalar: ScalarType,
     numbers: Vec<f32>,
@@ -81,7 +81,7 @@ enum Role {
 }
 
 impl Faces {
-    /// What the elements of a file with so many vertices hold of faces; `None` where that is nothing.
+    /// Finds the properties of faces in a file with so many vertices; `None` if it has none.
     pub(super) fn of(elements: &[Element], vertex_count: usize) -> Option<Self> {
         let mut roles = Vec::new();
         let mut channels: Vec<Channel> = Vec::new();
@@ -430,16 +430,16 @@ struct Group {
     ends: Vec<usize>,
     /// u and v for each corner, or nothing.
     coordinates: Vec<f32>,
-    /// Of each polygon, or nothing.
+    /// The colour of each polygon, or nothing.
     colours: Vec<[f32; 4]>,
-    /// Whether it has only a part of the polygons, or vertices have another place in the texture or another colour in
-    /// each: corners are then numbered anew.
+    /// Whether corners are numbered anew: the group has only some of the polygons, or vertices have another place in the texture
+    /// or another colour in each polygon.
     is_renumbered: bool,
 }
 
-/// The polygons by the numbers of their textures, of which there are `texture_count`.
+/// Groups the polygons by the numbers of their textures, of which there are `texture_count`.
 ///
-/// - `colours`: of each polygon, or none.
+/// - `colours`: the colour of each polygon, or none.
 fn groups(faces: Faces, colours: Vec<[f32; 4]>, texture_count: usize) -> Vec<(usize, Group)> {
     if texture_count < 2 || faces.texture_numbers.is_empty() {
         let whole = Group {

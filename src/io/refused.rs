@@ -29,7 +29,7 @@ struct Refused {
 /// Bytes of a signature at the least that decides against a file's name.
 const STRONG: usize = 4;
 
-/// Indices in JSON that name files of others: keys that they have, what they are, and what to do.
+/// JSON files that index other files: their keys, their kind, and the advice.
 const INDICES: &[(&[&str], &str, &str)] = &[
     (
         &["lodLevels", "filenames"],
@@ -43,7 +43,7 @@ const INDICES: &[(&[&str], &str, &str)] = &[
     ),
 ];
 
-/// What a text in JSON is that is an index of files, and what to do; `has` tells which keys it has.
+/// The kind of a JSON file that indexes other files, and the advice; `has` returns whether it has a key.
 pub(super) fn index(has: impl Fn(&str) -> bool) -> Option<(&'static str, &'static str)> {
     let mut known = INDICES.iter();
     let (_, name, advice) = known.find(|(keys, ..)| keys.iter().all(|key| has(key)))?;
@@ -62,7 +62,7 @@ const IMAGE: &str = "an image holds no volume: give a data file";
 const SPLATS: &str = "save them as SPZ or PLY with the program that wrote them";
 const TABLE: &str = "save it as CSV or NPY with columns x,y,z";
 
-/// What a row of the table leaves out.
+/// The defaults of a row of the table.
 const PLAIN: Refused = Refused {
     name: "",
     endings: &[],

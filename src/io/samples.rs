@@ -57,21 +57,21 @@ enum Form<'a> {
     WebP(Box<WebPDecoder<Cursor<&'a [u8]>>>),
     #[cfg(feature = "ktx2")]
     Ktx2(Ktx2),
-    /// What the crate `image` decodes.
+    /// A decoder of the crate `image`.
     Other(Box<dyn ImageDecoder + 'a>),
 }
 
-/// Why there are no pixels, as the end of a sentence about the image.
+/// The reason why there are no pixels, as the end of a sentence about the image.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Refusal {
     /// Its first bytes are of another format.
     Unknown,
-    /// The same of a texture.
+    /// The first bytes of a texture are of another format.
     UnknownTexture,
     /// A format, and the feature of the crate that reads it.
     #[cfg(not(feature = "ktx2"))]
     NotBuilt(&'static str, &'static str),
-    /// What the decoder says.
+    /// The decoder's error.
     Damaged(String),
     /// More pixels than its bytes can hold, or none: width, height and bytes.
     Claim(usize, usize, usize),

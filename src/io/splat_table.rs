@@ -1,6 +1,6 @@
-//! Tables whose columns are those of splats: CSV, NPY, NPZ and PLY tables with scales, rotations and opacities.
+//! Tables of splats: CSV, NPY, NPZ and PLY tables with scales, rotations and opacities.
 //!
-//! | columns | what |
+//! | columns | content |
 //! |---|---|
 //! | `scale_0`, `scale_1`, `scale_2` | standard deviations, or their natural logarithms; beside `f_dc_0..2` the third may be missing: flat splats |
 //! | `rot_0..3` | quaternion w, x, y, z of any length |
@@ -9,8 +9,9 @@
 //! | `red`, `green`, `blue` or `r`, `g`, `b` | colours where there are no such coefficients: bytes are sRGB codes, `r`, `g`, `b` in other types linear light |
 //! | `filter_3D` | the 3-D filter of Yu et al. 2024, *Mip-Splatting* ([`SplatCloud::widen`]) |
 //!
-//! Programs export such columns as training has them: logarithms and logits. That is how they are taken beside `f_dc_0`, or where
-//! a scale is negative or an opacity outside 0 to 1. Tables with a `mass` or an `extinction` are particles.
+//! Programs export such columns as training stores them: scales as logarithms, opacities as logits. They are read so if
+//! `f_dc_0` is there, a scale is negative, or an opacity is outside 0 to 1. Tables with a `mass` or an `extinction` are
+//! particles.
 
 use super::dataset::{Association, Dataset, Field, FieldSource, Geometry};
 use super::log_scales::{self, ScaleMeaning};
@@ -219,7 +220,7 @@ impl Columns<'_> {
         (0..values.len()).any(|i| is(values.get(i)))
     }
 
-    /// Where colours are, and how they become codes.
+    /// The places of the colour columns, and the conversion of their numbers to sRGB codes.
     fn colours(&self) -> Option<([usize; 3], Code)> {
         let of = |[r, g, b]: [&str; 3]| Some([self.place(r)?, self.place(g)?, self.place(b)?]);
         let byte: Code = |values, i| values.get(i) / 255.0;

@@ -87,11 +87,11 @@ impl SplatCloud {
         Ok(())
     }
 
-    /// Adds the splats of another cloud behind these; coefficients that one of the two does not have
-    /// are 0. The mark of anti-aliased splats stays as it was, unless there were none yet.
+    /// Appends the splats of another cloud; coefficients that one of the two lacks are 0. The mark of anti-aliased splats stays
+    /// as it was, unless there were no splats yet.
     ///
-    /// Of clouds in two spaces the one of codes becomes linear where its colours do not depend on the view, and the
-    /// linear one becomes one of codes otherwise.
+    /// If one cloud is linear and the other is encoded, one is converted. The encoded cloud becomes linear if its colours do not
+    /// depend on the view; otherwise the linear cloud is encoded.
     pub fn append(&mut self, mut other: Self) {
         if self.positions.is_empty() {
             *self = other;

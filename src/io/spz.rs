@@ -68,17 +68,17 @@ enum Wanted {
     Own,
 }
 
-/// From a file's axes to those that are wanted: signs of the coordinates, then a turn.
+/// A change from a file's axes to those that are wanted: signs of the coordinates, then a rotation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Axes {
-    /// Of the harmonics; those of degree 1, of y, z and x, are the coordinates'.
+    /// The signs of the harmonics. Those of degree 1, in the order y, z and x, are the signs of the coordinates.
     signs: [f32; 16],
     turn: Option<DQuat>,
 }
 
 impl Axes {
-    /// - `stated`: the number of the axes: 1 to 8 left or right (odd or even), down or up, back or front; 9 to 16 left or right, then
-    ///   forward or back along y, down or up along z. 0, and others, are x right, y up, z back.
+    /// - `stated`: the number of the file's axes. 1 to 8: left or right (odd or even), down or up, back or front. 9 to 16: left
+    ///   or right, then forward or back along y, down or up along z. 0 and others: x right, y up, z back.
     fn of(stated: u32, wanted: Wanted) -> Self {
         const HALF: f64 = std::f64::consts::FRAC_1_SQRT_2;
         let sign = |is_kept: bool| if is_kept { 1.0_f32 } else { -1.0 };

@@ -1,25 +1,25 @@
-//! Where the most of a set of weighted points lies.
+//! A ball that holds almost all of the weight of a set of points.
 
 use glam::DVec3;
 
 /// The share of the weight that may lie outside.
 const OUTSIDE: f64 = 0.005;
 
-/// How much farther than the rest points may lie and still belong to it: a normal distribution of a million points reaches
-/// so far beyond where 99.5 % of it lie.
+/// The margin, as a factor of the radius: a normal distribution of a million points reaches so far beyond where 99.5 % of it
+/// lie.
 const MARGIN: f64 = 1.5;
 
-/// A weight counts as so many times the median at most, and as no more than [`MOST_SHARE`] of all if all were medians: one
-/// point says little of where the others are.
+/// The greatest weight that counts, in units of the median weight.
 const MOST: f64 = 64.0;
 
-/// See [`MOST`]: several points may be far away and still lie outside together.
+/// The greatest share of the points' number that one weight counts for: one point says little of where the others are, and
+/// several may lie outside together.
 const MOST_SHARE: f64 = OUTSIDE / 4.0;
 
-/// Of fewer points each counts.
+/// The least number of points that have a core: among fewer, none is stray.
 const LEAST: usize = 64;
 
-/// A ball around the most of a set of points.
+/// A ball that holds almost all of the weight of a set of points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Core {
     centre: DVec3,
@@ -27,19 +27,19 @@ pub(crate) struct Core {
 }
 
 impl Core {
-    /// The ball around the weighted medians of the coordinates that holds 99.5 % of the weight, and a margin; `None` of few
-    /// points, or where none has a weight.
+    /// The ball around the weighted medians of the coordinates that holds 99.5 % of the weight, with a margin. `None` of few
+    /// points, or if no point has a weight.
     ///
-    /// Sums are of whole numbers: no order of the points changes them.
+    /// Sums are of integers, so that the order of the points does not change them.
     ///
     /// - `points`: finite, with weights from 0 up.
     pub(crate) fn of(points: &[(DVec3, f64)]) -> Option<Self> {
-        /// Weights in units of the greatest one's.
+        /// The integer that stands for the greatest weight.
         const UNITS: f64 = (1 << 24) as f64;
         if points.len() < LEAST {
             return None;
         }
-        // One that is as large as all others together says nothing of where they are.
+        // A point that outweighs all others together would hide where these are.
         let mut all: Vec<f64> = points.iter().map(|(_, w)| *w).collect();
         let half = all.len() / 2;
         let median = *all.select_nth_unstable_by(half, f64::total_cmp).1;

@@ -69,10 +69,10 @@ pub(crate) const CDF_SERIES: [f32; 13] = [
     0.000_608_727_3,
 ];
 
-/// Where the series for Phi ends.
+/// The reach of the series for Phi, standard deviations.
 pub(crate) const CDF_REACH: f32 = 5.0;
 
-/// Phi(x) within 3e-7, in a third of the time of [`cdf`]: where it is a difference that counts, not a tail.
+/// Phi(x) within 3e-7, in a third of the time of [`cdf`], for differences of Phi. Its tails are not accurate.
 #[inline(always)]
 pub(crate) fn cdf_near<const FMA: bool>(x: f32) -> f32 {
     let x = x.clamp(-CDF_REACH, CDF_REACH);

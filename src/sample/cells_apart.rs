@@ -1,4 +1,4 @@
-//! Meshes of which some cells, among the neighbours of these, are elsewhere.
+//! Meshes partitioned over ranks: some cells, neighbours of local ones among them, are remote.
 
 use super::cells::{CellField, CellKernels};
 use super::kernels::Kernels;
@@ -12,22 +12,22 @@ use crate::scene::{LocalModel, Particles, PickedRow, PointVolume};
 
 /// The particles of the nodes or cells of a mesh that are asked for.
 pub(crate) struct CellsApart {
-    /// Values as they stand in the data, and no function.
+    /// Particles with values as they stand in the data, and without a function.
     pub(crate) volume: PointVolume,
     pub(crate) models: Option<Vec<LocalModel>>,
-    /// Those of the particles that may lie on a boundary that is to be sharp.
+    /// The numbers of the particles that may lie on a boundary that is to be sharp.
     pub(crate) on_boundary: Vec<usize>,
     pub(crate) report: SampleReport,
 }
 
 impl CellField<'_> {
-    /// Those of some of the nodes or cells of a mesh.
+    /// Samples some of the nodes or cells of a mesh.
     ///
-    /// - `turned`: how many cells of each kind of the whole mesh are numbered one way and the other.
-    /// - `volume_sum`: of the particles \[length³\].
+    /// - `turned`: for each kind of cell, how many of the whole mesh are numbered one way and the other.
+    /// - `volume_sum`: the sum to which the particles' volumes are added \[length³\].
     ///
     /// # Errors
-    /// Options that are none; work that was cancelled.
+    /// Invalid options; work that was cancelled.
     pub(crate) fn apart(
         &self,
         turned: &[[usize; 2]],
@@ -67,7 +67,7 @@ impl CellField<'_> {
             on_boundary.extend(of_own.filter(|(_, node)| is_outer(**node)).map(|(i, _)| i));
         }
         drop(duals);
-        // Those that are elsewhere have done their work.
+        // Remote particles are no longer needed.
         fn of_own<T>(all: &mut Vec<T>, own: &std::ops::Range<usize>) {
             all.truncate(own.end);
             all.drain(..own.start);

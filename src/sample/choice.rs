@@ -1,4 +1,4 @@
-//! The field that data show where none is named, alone and together.
+//! The field that is shown if none is named, for one data set and for several together.
 
 use crate::error::{Error, Hint, Result};
 use crate::io::{Association, Dataset, Field, FieldSource, Geometry};
@@ -7,19 +7,19 @@ use crate::scene::Values;
 use super::SampleOptions;
 use super::points::choices_of_points;
 
-/// A field that a data set could show where none is named.
+/// A field that a data set could show if none is named.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FieldChoice {
-    /// What [`Dataset::scalar`] takes.
+    /// The name by which [`Dataset::scalar`] finds the field.
     pub name: String,
-    /// The least and the greatest value of each component; empty where these are not known without work.
+    /// The least and the greatest value of each component; empty if they are not known without work.
     pub ranges: Vec<[f64; 2]>,
-    /// How likely it is meant: less is better.
+    /// The rank among the candidates: a lower one is more likely meant.
     pub rank: u8,
 }
 
 impl FieldChoice {
-    /// - `name`: what selects the field.
+    /// - `name`: the name that selects the field.
     pub(super) fn of(name: String, field: &Field, rank: u8) -> Self {
         let ranges = field.arrays().iter().filter_map(Values::finite_range);
         Self {

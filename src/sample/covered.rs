@@ -1,9 +1,9 @@
 //! Faces inside a mesh that do not match one to one.
 //!
-//! A face that one cell alone has is boundary where nothing lies on its other side. Hanging nodes, diagonals that do not
-//! meet, tied interfaces and pieces with nodes of their own have cells there, behind other faces. Each corner's part of a
-//! face is probed at [`ACROSS`]² places: a place is covered if a face of another cell, turned the other way, lies within
-//! [`GAP`] of it along the normal.
+//! A face that belongs to one cell alone is boundary if nothing lies on its other side. Hanging nodes, diagonals that do not
+//! meet, tied interfaces and pieces with separate nodes have cells there, behind other faces. Each corner's part of a face is
+//! probed at [`ACROSS`]² places. A place is covered if a face of another cell, with the opposite normal, lies within [`GAP`]
+//! of it along the normal.
 
 use glam::{DVec3, Vec3A};
 use obvhs::aabb::Aabb;

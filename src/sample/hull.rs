@@ -1,4 +1,4 @@
-//! Cells without any field to show as the mesh of their outside.
+//! The outer faces of cells that have no field to show, as a mesh.
 
 use std::collections::HashMap;
 
@@ -11,11 +11,11 @@ use crate::io::{
 /// The three least nodes of a face: two faces that share them are one.
 type Key = [u32; 3];
 
-/// A data set of cells as the mesh of the faces that one cell alone has, and of those cells that are surfaces; no field
+/// Turns a data set of cells into a mesh: the faces that belong to one cell alone, and the cells that are surfaces. No field
 /// is left.
 ///
 /// # Errors
-/// Those of [`Dataset::validate`]; fields that say what is hidden and cannot be read.
+/// The errors of [`Dataset::validate`]; fields that state hidden cells or nodes and cannot be read.
 pub(super) fn as_mesh(mut dataset: Dataset) -> Result<Dataset> {
     dataset.validate()?;
     let blanking = Blanking::of(&dataset)?;

@@ -126,7 +126,7 @@ impl Kernels {
         Ok(all)
     }
 
-    /// Those of a range of samples.
+    /// The kernels of a range of samples.
     pub(super) fn within(&self, samples: &Range<usize>) -> Range<usize> {
         let place = |sample: usize| self.kept.partition_point(|&kept| (kept as usize) < sample);
         place(samples.start)..place(samples.end)

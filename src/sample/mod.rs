@@ -293,11 +293,11 @@ pub fn is_surface(dataset: &Dataset) -> bool {
     matches!(dataset.geometry, Geometry::Mesh(_)) || flat_grid::is_flat(dataset)
 }
 
-/// A data set as [`scene`] samples it: the mesh of what it makes surfels of (grids of one layer, and the outside of cells
-/// without any field), all others as they are.
+/// Turns a data set into the mesh of which [`scene`] makes surfels: grids of one layer, and the outside of cells without any
+/// field. Other data sets stay as they are.
 ///
 /// # Errors
-/// Those of [`Dataset::validate`]; fields that say what is hidden and cannot be read.
+/// The errors of [`Dataset::validate`]; fields that state hidden cells or nodes and cannot be read.
 pub fn as_surface(dataset: Dataset, options: &SampleOptions) -> Result<Dataset> {
     // Column densities are sums of values, which a layer of kernels has.
     if options.for_columns {
@@ -310,8 +310,8 @@ pub fn as_surface(dataset: Dataset, options: &SampleOptions) -> Result<Dataset> 
     }
 }
 
-/// How [`scene`] would sample the values of a mesh, without its surfels: the field, its unit, and what an automatic
-/// function is chosen from. Of a mesh that shows no field nothing.
+/// The report of [`scene`] on the values of a mesh, without its surfels: the field, its unit, and the sample from which an
+/// automatic function is chosen. It is empty if the mesh shows no field.
 ///
 /// # Errors
 /// A field that is not there or has the wrong length; a transfer function that cannot be read.

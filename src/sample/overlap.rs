@@ -1,7 +1,7 @@
-//! Grids that overlap: how much of their volume more than one of them covers.
+//! Overlap of grids: the share of their volume that more than one of them covers.
 //!
-//! Kernels of each add up to the density of the data, so where two grids lie it comes out twice. Some cells are probed: those
-//! whose centre lies well within a cell of another grid are counted. Grids that abut have none.
+//! The kernels of each grid add up to the density of the data, so the density counts twice where two grids overlap. Some
+//! cells are probed: a cell counts if its centre lies well within a cell of another grid. Abutting grids have no overlap.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -146,7 +146,7 @@ fn is_chosen(cell: usize, stride: usize) -> bool {
     (mixed >> 20).is_multiple_of(stride as u64)
 }
 
-/// Which of the probes lie within cells of other grids.
+/// Marks the probes that lie within cells of other grids.
 fn covered(grids: &[&Grid<'_>], probes: &[Probe]) -> Vec<bool> {
     let [low, high] = around(probes.iter().map(|probe| probe.centre));
     let (middle, widest) = ((low + high) / 2.0, (high - low).max_element());

@@ -1,4 +1,4 @@
-//! Particles that a transfer function may be chosen from.
+//! Picks particles from which a transfer function may be chosen.
 
 #[cfg(feature = "cli")]
 use std::ops::Range;
@@ -9,9 +9,9 @@ use crate::scene::{PickedRow, Values};
 #[cfg(feature = "cli")]
 use crate::scene::{PointVolume, Strength};
 
-/// Those rows that are looked at of so many of which there are particles.
+/// The picked rows, among `count`, that have a particle.
 ///
-/// - `place`: of a row's particle, if it has one.
+/// - `place`: returns the number of a row's particle, if it has one.
 pub(super) fn picked_rows(
     count: usize,
     place: impl Fn(usize) -> Option<usize>,
@@ -34,9 +34,9 @@ pub(super) fn picked_rows(
         .collect()
 }
 
-/// Those of some particles of a volume of kernels.
+/// The picked rows among some particles of a volume of kernels.
 ///
-/// - `own`: these; `first`: how many come before them elsewhere, of `count` particles.
+/// - `own`: the local particles; `first`: how many of all `count` particles precede them on other ranks.
 #[cfg(feature = "cli")]
 pub(super) fn picked_of(
     volume: &PointVolume,

@@ -63,16 +63,16 @@ pub(super) struct Surface {
     faces: Vec<OuterFace>,
     /// The nodes of the boundary, ascending.
     nodes: Vec<u32>,
-    /// Where the faces around each of them begin in `around`; one more at the end.
+    /// The place in `around` where the faces at each node begin; one more at the end.
     starts: Vec<usize>,
     around: Vec<u32>,
-    /// Those of the nodes at which faces are covered in part, ascending.
+    /// The nodes at which faces are covered in part, ascending.
     undecided: Vec<u32>,
 }
 
 /// Tangent planes of nodes, by their numbers.
 struct Tangents {
-    /// Which list is a node's; `NONE` where it has none.
+    /// The list of each node; `NONE` if it has none.
     place_of: Vec<u32>,
     lists: Vec<Vec<Tangent>>,
 }

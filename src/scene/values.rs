@@ -260,7 +260,7 @@ impl Values {
         }
     }
 
-    /// Of several arrays all floating-point ones in double precision where any of them is.
+    /// Converts all floating-point arrays to double precision if one of them has it.
     pub(crate) fn alike(all: Vec<Self>) -> Vec<Self> {
         let is_wide = all.iter().any(|values| matches!(values, Self::F64(_)));
         let widened = |values: Self| match values {
@@ -270,7 +270,7 @@ impl Values {
         all.into_iter().map(widened).collect()
     }
 
-    /// Leaves out all but the first, and gives their memory back.
+    /// Keeps the first `count` values, and gives back the memory of the others.
     pub(crate) fn truncate(&mut self, count: usize) {
         fn cut<T>(v: &mut Vec<T>, count: usize) {
             v.truncate(count);

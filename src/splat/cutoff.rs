@@ -31,8 +31,8 @@ pub fn cutoff_radius(tau: f32, growth: f32, tolerance: f32, by_hand: f32) -> f32
         .min(MAX_CUTOFF)
 }
 
-/// What a kernel's depth is multiplied by where it ends together with others, of which so many times [`OVERLAP`] lie in one
-/// place ([`Block::crowding`](crate::blocks::Block::crowding)).
+/// The factor of a kernel's depth if its edge meets the edges of other kernels. In one place, `crowding` times [`OVERLAP`] of
+/// them overlap ([`Block::crowding`](crate::blocks::Block::crowding)).
 #[inline(always)]
 pub fn meeting(crowding: f32) -> f32 {
     if crowding > 1.0 {

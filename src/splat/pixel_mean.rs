@@ -1,10 +1,10 @@
-//! Means of footprints over pixels, where columns are summed: the exact ones of kernels whose axes are the image's.
+//! Means of footprints over pixels, for column sums: exact for kernels whose axes are the image's.
 //!
-//! Footprints are widened by the variance of a pixel, 1/12 px². From two pixels of deviation up that is the mean over the
-//! pixel, within 1.3e-4 of the kernel's peak. Narrower ones give that variance back here, and the integral over the pixel
-//! is taken in bands, the pixels' rows or columns, whichever the longer axis crosses: a band has the kernel's exact mass,
-//! which across the band is spread as a Gaussian with the mean and the variance of what lies in it. Sums over pixels
-//! telescope, so that mass is conserved for every size, down to points.
+//! Footprints are widened by the variance of a pixel, 1/12 px². For deviations of two pixels and more, the widened footprint
+//! is the mean over the pixel, within 1.3e-4 of the kernel's peak. Narrower footprints give that variance back here and are
+//! integrated over the pixel in bands. Bands are rows or columns of pixels, whichever the longer axis crosses. A band has the
+//! kernel's exact mass. Across the band, the mass is spread as a Gaussian with the mean and the variance of the kernel within
+//! the band. Sums over pixels telescope, so that mass is conserved for every size, down to points.
 //!
 //! Twin: `shaders/shared/pixel_mean.wgsl`.
 
@@ -43,22 +43,22 @@ pub struct PixelMean {
     pub(crate) has_rows: bool,
     /// Whether the masses of bands are sampled at their middles.
     is_sampled: bool,
-    /// What all bands have together; of sampled ones the mass of that through the centre \[px\].
+    /// The mass of all bands together; if their masses are sampled, the mass of the band through the centre \[px\].
     mass: f32,
     /// The deviation along the axis that crosses bands, px.
     sigma: f32,
     per_sigma: f32,
     /// Change of the mean across a band per pixel along that axis.
     slope: f32,
-    /// Variance across a band where it crosses a place, px²; one over its root.
+    /// Variance across a band at one place along it, px²; one over its root.
     variance: f32,
     per_across: f32,
 }
 
-/// What lies in a row or a column of pixels.
+/// The part of a footprint in a row or a column of pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Band {
-    /// px².
+    /// The mass in the band, px².
     pub(crate) mass: f32,
     /// The middle across the band, from the footprint's centre, px.
     pub(crate) mean: f32,
@@ -67,7 +67,7 @@ pub struct Band {
 }
 
 impl PixelMean {
-    /// `None` where footprints are sampled at centres.
+    /// The bands of a footprint; `None` if it is sampled at the pixels' centres.
     #[inline(always)]
     pub fn of(view: &ViewUniform, footprint: &Footprint) -> Option<Self> {
         if view.low_pass_variance_px2 != PIXEL_VARIANCE_PX2 {

@@ -1,4 +1,4 @@
-//! Several inputs as one picture: one field, surfels by the pixels of the whole, what holds nothing left out, one way up.
+//! Several inputs as one picture: one field, surfels by the pixels of the whole, empty inputs left out, one direction up.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::fmt::Write;
@@ -83,7 +83,7 @@ fn block(first: usize, nodes: &[(&str, f64)], cells: &[(&str, f64)]) -> String {
     )
 }
 
-/// What a picture has been made of, and what was said.
+/// Draws inputs; returns the statistics and the messages.
 fn drawn(folder: &Path, inputs: &[&str], more: &[&str]) -> (serde_json::Value, String) {
     let own = ["--size", "128x128", "--stats", "s.json", "--backend", "cpu"];
     let out = ["--out", "a.png"];

@@ -1,4 +1,4 @@
-//! Splats of radiance fields: the space in which they are blended, and cameras that are fitted to them.
+//! Splats of radiance fields: the space in which they are blended, and fitted cameras.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! Fields whose differences single precision does not have: absolute pressures, times, what is beyond it.
+//! Fields whose differences single precision cannot represent: absolute pressures, times, values beyond its range.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::fmt::Write as _;

@@ -99,7 +99,7 @@ fn xml_maps_are_presets() {
     }
 }
 
-/// What was done is said, and data sets that are drawn together are stretched together.
+/// A note reports the stretched range, and data sets that are drawn together share it.
 #[test]
 fn presets_say_their_range_and_are_shared() {
     let preset = "{\"RGBPoints\": [-1, 0, 0, 1, 1, 1, 0, 0]}";

@@ -1,4 +1,4 @@
-//! One rule for columns of colours: points, vertices and faces, whatever file they are in and however they are stored.
+//! One rule for columns of colours: points, vertices and faces in all file formats and number types.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use ewa_splat::io::{Dataset, Geometry, Mesh, OpenOptions, read};

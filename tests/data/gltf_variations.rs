@@ -1,4 +1,4 @@
-//! Valid variations of a glTF file show what the file shows: whatever stands in parts that nobody draws.
+//! Valid variations of a glTF file in parts that are not drawn: the variations show what the file shows.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use ewa_splat::io::{Dataset, OpenOptions, read};
@@ -26,7 +26,7 @@ fn open(bytes: &[u8]) -> Dataset {
     }
 }
 
-/// What is drawn.
+/// The drawn data, as text.
 fn shown(data: &Dataset) -> String {
     format!("{} {:?}", data.format, data.geometry)
 }
@@ -82,7 +82,7 @@ fn contents() -> Vec<Value> {
 
 type Change = Box<dyn Fn(&mut Value)>;
 
-/// What may stand in a file without changing what it shows.
+/// Changes of a file that leave the drawn data as they are.
 fn variations() -> Vec<(String, Change)> {
     let mut all: Vec<(String, Change)> = Vec::new();
     let mut add = |name: String, change: Change| all.push((name, change));

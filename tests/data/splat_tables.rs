@@ -1,4 +1,4 @@
-//! Splats in tables, the 3-D filter, and SPZ files of other axes and far splats.
+//! Splats in tables, the 3-D filter, and SPZ files with other axes and distant splats.
 
 use ewa_splat::io::{
     Geometry, OpenOptions, ReadAs, ScaleMeaning, SplatCloud, SplatFileOptions, SpzVersion, open,

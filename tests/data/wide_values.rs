@@ -1,4 +1,4 @@
-//! Numbers that single precision does not have, from files of each kind that holds such.
+//! Numbers that single precision cannot represent, in files of each kind that stores them.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::path::Path;

@@ -1,5 +1,5 @@
-//! Meshes whose faces do not match one to one: a uniform field has the depth of the ray's length inside, across
-//! interfaces and along them. The truth is the integral of the data's own field.
+//! Meshes whose faces do not match one to one. A ray through a uniform field has the optical depth of its length inside,
+//! across interfaces and along them. The reference is the integral of the data's own field.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -28,18 +28,18 @@ fn transfer() -> TransferFunction {
     TransferFunction::from_curves(|v| [v, 0.5, 1.0 - v], move |_| opacity, [0.0, 1.0], 1.0).unwrap()
 }
 
-/// Cells as they are put together, nodes at one place shared within a part.
+/// Cells under construction; within a part, cells share the nodes at one place.
 #[derive(Default, Clone)]
 struct Parts {
     nodes: Vec<DVec3>,
     kinds: Vec<u8>,
     cells: Vec<i64>,
-    /// Where the nodes of the part begin that is being added.
+    /// The first node of the current part.
     first: usize,
 }
 
 impl Parts {
-    /// From here on nodes are shared with none before.
+    /// Begins a part: its nodes are not shared with earlier parts.
     fn part(&mut self) {
         self.first = self.nodes.len();
     }

@@ -1,5 +1,5 @@
-//! Grids of which some nodes or cells are hidden: a uniform field has the depth of what is left, as the integral of the
-//! data's own field has it; and grids that overlap.
+//! Grids with hidden nodes or cells, and grids that overlap. A uniform field has the optical depth of the visible cells. The
+//! reference is the integral of the data's own field.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,

@@ -1,24 +1,24 @@
-//! Handles that hold on to what clips: which one a hand has, and from where.
+//! Handles of the clip box and the clip plane: the one that the user holds, and where it was taken.
 
 use glam::{DVec2, DVec3};
 
 use crate::screen::AXES;
 
-/// What hands hold.
+/// The handle that is held, and the place of the plane's handles.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Handles {
     pub(crate) grip: Option<Grip>,
-    /// The point whose foot on the plane has the plane's handles; the middle of the data at first.
+    /// The point whose foot on the plane carries the plane's handles; at first the middle of the data.
     pub(crate) pivot: Option<DVec3>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Part {
-    /// Of the box: across an axis, the upper one or the lower one.
+    /// A face of the box: its axis, and whether it is the upper one.
     Face(usize, bool),
-    /// The plane's place.
+    /// The position of the plane.
     Move,
-    /// The plane's direction.
+    /// The direction of the plane.
     Turn,
 }
 
@@ -39,8 +39,8 @@ impl Part {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Grip {
     pub(crate) part: Part,
-    /// Where the handle was.
+    /// The position of the handle when it was taken.
     pub(crate) from: DVec3,
-    /// From the pointer to the handle, pixels.
+    /// The offset from the pointer to the handle, pixels.
     pub(crate) offset: DVec2,
 }

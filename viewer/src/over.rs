@@ -1,4 +1,4 @@
-//! What is switched on over the picture, in the window and in files.
+//! The overlays that are switched on, in the window and in files.
 
 use ewa_splat::annotate::Annotations;
 use ewa_splat::command::Over;
@@ -31,8 +31,8 @@ impl App {
         bars
     }
 
-    /// What is switched on and says something of what is shown: a legend of colours, the rest of any picture, nothing of
-    /// numbers.
+    /// The overlays that are switched on and apply. A legend applies to pictures of the scene; axes and outline apply to all but
+    /// kernel counts.
     pub(crate) fn shown_over(&self) -> Over {
         let has_legend = self.loaded.iter().flat_map(|loaded| &loaded.volumes);
         let has_legend = has_legend.into_iter().any(|volume| volume.bar.is_some());
@@ -49,7 +49,7 @@ impl App {
         }
     }
 
-    /// What is drawn over a picture that is written.
+    /// The overlay of a picture that is written.
     pub(crate) fn overlay(&self) -> Overlay {
         let over = self.shown_over();
         let bounds = self.loaded.as_ref().and_then(|loaded| loaded.bounds);

@@ -1,4 +1,4 @@
-//! Annotations and legends of pictures that are written.
+//! Annotations and legends on pictures that are written.
 
 use std::borrow::Cow;
 
@@ -7,7 +7,7 @@ use ewa_splat::legend::{ColourBar, columns_beside_legend, draw_legend};
 use ewa_splat::view::Camera;
 use ewa_splat::{Image, Result};
 
-/// What the library draws over a picture that is written.
+/// Annotations and legends that the library draws over a picture that is written.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(crate) struct Overlay {
     pub(crate) annotations: Annotations,
@@ -15,10 +15,10 @@ pub(crate) struct Overlay {
 }
 
 impl Overlay {
-    /// A picture with all of it, as `ewa-splat render` draws it.
+    /// A picture with the overlay, as `ewa-splat render` draws it.
     ///
     /// # Errors
-    /// A picture that has no room for it.
+    /// A picture that is too small for the overlay.
     pub(crate) fn drawn<'a>(&self, image: &'a Image, camera: &Camera) -> Result<Cow<'a, Image>> {
         if *self == Self::default() {
             return Ok(Cow::Borrowed(image));

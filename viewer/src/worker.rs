@@ -119,7 +119,7 @@ pub(crate) enum Picture {
 /// A picture, and how it came about.
 #[derive(Debug, Clone)]
 pub(crate) struct Drawn {
-    /// Of which view: its number.
+    /// The number of its view.
     pub(crate) number: u64,
     pub(crate) picture: Picture,
     pub(crate) coarseness: Coarseness,
@@ -130,7 +130,7 @@ pub(crate) struct Drawn {
     pub(crate) times: StageTimes,
 }
 
-/// What the thread tells.
+/// Messages from the thread to the window.
 #[derive(Debug)]
 pub(crate) enum News {
     Progress(String),
@@ -140,13 +140,13 @@ pub(crate) enum News {
     /// The reference image is drawn: how far the one before is off.
     True(ImageErrors),
     Written(PathBuf),
-    /// A scene that is not read, by its number, and why; cancelled where nothing is said. What was there stays.
+    /// The number of a scene that was not read, and the error, or `None` if it was cancelled. The scene before it stays.
     NotLoaded(u64, Option<String>),
     /// All pictures of a film are written.
     Filmed(PathBuf),
     /// The reference image, or a film, is no longer wanted.
     Ended,
-    /// In the words of the command line; what was there stays.
+    /// An error, as the command line words it. The scene stays.
     Failed(String),
 }
 
@@ -156,13 +156,13 @@ struct Mailbox {
     view: Option<View>,
     pick: Option<[usize; 2]>,
     write: Option<(View, Box<Overlay>, PathBuf)>,
-    /// What the reference image is of, read anew.
+    /// The scene of a reference image, to be read anew.
     truth: Option<Load>,
     film: Option<Box<Film>>,
     ends: bool,
     /// Whether what is being read is no longer wanted.
     ends_reading: bool,
-    /// What is being done, and whether it is a picture, which a newer wish ends.
+    /// The current task, and whether it is a picture, which a newer request ends.
     task: Option<(Task, bool)>,
     news: Vec<News>,
 }

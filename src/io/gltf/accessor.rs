@@ -7,7 +7,7 @@ use super::document::Object;
 use crate::error::Result;
 use crate::io::vtk_xml::clip;
 
-/// What an element is.
+/// The type of an accessor's elements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::io) enum Type {
     Scalar,
@@ -41,7 +41,7 @@ impl Type {
     }
 }
 
-/// What a component is stored as.
+/// The number type of an element's components.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::io) enum ComponentType {
     I8,

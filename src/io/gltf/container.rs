@@ -163,7 +163,7 @@ impl<'f> Source<'f> {
         }
     }
 
-    /// What is to be said of it.
+    /// The note on the file, if its name is spelled otherwise.
     pub(super) fn note(&self) -> Option<&str> {
         match self {
             Self::Bytes(_) => None,
@@ -216,14 +216,14 @@ pub(in crate::io) struct Buffers<'f> {
     bytes: Cell<usize>,
     /// Bytes that were unpacked so far.
     unpacked_bytes: Cell<usize>,
-    /// Of the files that were read.
+    /// Notes on the files that were read.
     notes: RefCell<Vec<String>>,
 }
 
-/// What may be unpacked of any file, in bytes.
+/// The bytes that may be unpacked of any file.
 const UNPACKED: usize = 16 << 20;
 
-/// What may be unpacked of each byte of a file beyond that.
+/// The bytes that may be unpacked for each byte of a file beyond that.
 const UNPACKED_PER_BYTE: usize = 12;
 
 impl<'f> Buffers<'f> {
@@ -249,7 +249,7 @@ impl<'f> Buffers<'f> {
         }
     }
 
-    /// What is to be said of the files that were read so far.
+    /// Takes the notes on the files that were read so far.
     pub(in crate::io) fn take_notes(&self) -> Vec<String> {
         self.notes.take()
     }

@@ -1,8 +1,7 @@
 //! The JSON of a glTF file: members that are drawn, each checked when it is asked for.
 //!
-//! All else may hold anything that JSON can say, and is passed over while the text is parsed: `extras`, animations,
-//! cameras, extensions that are not read, members that the format does not name. Integers may be written as `4.0`, and
-//! `null` is as good as absent.
+//! The parser skips all other members, whatever JSON they hold: `extras`, animations, cameras, extensions that are not read,
+//! members that the format does not name. Integers may be written as `4.0`. `null` counts as absent.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -17,10 +16,10 @@ use crate::error::{Error, Result};
 use crate::io::refused;
 use crate::io::vtk_xml::clip;
 
-/// What to do about a file that breaks the format's rules.
+/// The advice for a file that breaks the format's rules.
 pub(super) const BROKEN: &str = "the file is damaged or breaks the format's rules: export it again";
 
-/// Members that are kept, of all objects; those of `attributes` and `targets` all are.
+/// Names of the members that are kept, of all objects; `attributes` and `targets` keep all of theirs.
 const MEMBERS: &[&str] = &[
     "accessors",
     "alphaCutoff",
@@ -367,7 +366,7 @@ impl<'d> Object<'d> {
             .unwrap_or_default())
     }
 
-    /// What an extension that is read says of this object.
+    /// This object's member in `extensions`, for an extension that is read.
     pub(in crate::io) fn extension(&self, name: &'static str) -> Option<Self> {
         let json = self.json.get("extensions")?.get(name)?;
         json.is_object().then_some(Self {
@@ -377,7 +376,7 @@ impl<'d> Object<'d> {
         })
     }
 
-    /// The names of its extensions, those that are not read among them.
+    /// The names of all its extensions, read or not.
     pub(in crate::io) fn extensions(&self) -> impl Iterator<Item = &'d str> {
         let extensions = self.json.get("extensions").and_then(Value::as_object);
         extensions
@@ -409,14 +408,14 @@ fn shortened(value: &Value) -> String {
     }
 }
 
-/// What is kept of a value.
+/// The members of a value that are kept.
 #[derive(Debug, Clone, Copy)]
 enum Kept {
-    /// Of objects the members that are read.
+    /// The members of objects that are read.
     Object,
     /// All members of objects.
     Attributes,
-    /// Of objects the names, and the contents of extensions that are read.
+    /// The names of all extensions, and the contents of those that are read.
     Extensions,
 }
 

@@ -327,7 +327,7 @@ struct Colours {
 }
 
 impl Colours {
-    /// Those of a material, or of the one that primitives without any have.
+    /// The colours of a material; without one, those of the format's default material.
     fn of(stated: Option<Object<'_>>) -> Result<Self> {
         let mut colours = Self {
             base_colour: [1.0; 4],

@@ -14,7 +14,7 @@
 //! | `KHR_materials_unlit`, and those in [`OF_LIGHT`] | nothing: they change no colour or shape |
 //! | others | nothing and a note; refused by name where the file requires them |
 //!
-//! What is not drawn may be anything ([`document`]); all that is drawn is checked before it is used.
+//! Parts that are not drawn may hold anything ([`document`]); all drawn parts are checked before they are used.
 
 mod accessor;
 mod container;

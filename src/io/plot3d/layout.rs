@@ -22,7 +22,7 @@ pub(super) enum Contents<'a> {
     Numbers(&'a [f64]),
 }
 
-/// What a file holds.
+/// The content of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Content {
     Grid,
@@ -31,7 +31,7 @@ pub(super) enum Content {
     Functions,
 }
 
-/// What a file holds, and of how many dimensions.
+/// The content of a file, and its number of dimensions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Kind {
     pub(super) content: Content,
@@ -47,7 +47,7 @@ impl Kind {
         Self { content, axes }
     }
 
-    /// How many counts the header has of each grid: its nodes along each axis, and of functions how many there are.
+    /// How many counts the header has for each grid: nodes along each axis, and the number of functions in a file of these.
     fn counts(self) -> usize {
         self.axes + usize::from(self.content == Content::Functions)
     }

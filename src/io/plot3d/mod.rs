@@ -242,7 +242,7 @@ fn node_field(name: &str, source: FieldSource) -> Field {
     }
 }
 
-/// What a file is in place of a grid: a solution or functions of one.
+/// The name of a file's content if it accompanies a grid: a solution, or functions.
 fn companion_of(contents: Contents<'_>, axes: usize) -> Option<&'static str> {
     let solution = Kind::of(Content::Solution, axes);
     let mut solutions = Layout::all(contents, solution);
@@ -254,7 +254,7 @@ fn companion_of(contents: Contents<'_>, axes: usize) -> Option<&'static str> {
     fitting.next().map(|_| "functions at nodes")
 }
 
-/// Why a file is no grid that can be read: a solution, functions, planes, or another size.
+/// The error for a file that is no readable grid: a solution, functions, planes, or another size.
 fn no_grid(path: &Path, contents: Contents<'_>) -> Error {
     let error = |expected: String, found: String, advice: Advice| {
         Error::format(path, "PLOT3D grid", expected, found, advice)

@@ -102,8 +102,8 @@ pub(super) fn count(surface: &Surface, spread: Spread) -> Result<usize> {
 /// area.
 ///
 /// # Errors
-/// Those of [`Mesh::validate`]; numbers of `spread` that are not positive, more surfels than
-/// [`MOST_SURFELS`] or than there is memory for.
+/// The errors of [`Mesh::validate`]; numbers of `spread` that are not positive; more surfels than [`MOST_SURFELS`] or than
+/// there is memory for.
 pub fn surfel_count(mesh: &Mesh, spread: Spread) -> Result<usize> {
     mesh.validate()?;
     let surface = Surface::new(mesh);

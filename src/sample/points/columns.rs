@@ -42,14 +42,14 @@ pub(super) struct Colours<'a> {
 }
 
 impl Colours<'_> {
-    /// What their range is known by.
+    /// The facts that decide the scale of the numbers.
     pub(super) fn numbers(&self) -> ColourNumbers {
         ColourNumbers::of(self.channels)
     }
 
-    /// How the numbers stand for colours.
+    /// The scale of the numbers.
     ///
-    /// - `all`: of all rows; `None` where these are all.
+    /// - `all`: the facts about all rows; `None` if these rows are all.
     pub(super) fn scale(&self, all: Option<ColourNumbers>) -> ColourScale {
         ColourScale::of(self.set, all.unwrap_or_else(|| self.numbers()))
     }

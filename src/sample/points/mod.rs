@@ -240,7 +240,7 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
         if !positions[i].is_finite() {
             return Err(LeftOut::Position);
         }
-        let is_known = |v: &Values| v.get(i).is_finite();
+        let is_known = |v: &Values| v.wide(i).is_finite();
         if !field.as_deref().is_none_or(is_known) || !masses.is_none_or(is_known) {
             return Err(LeftOut::Value);
         }

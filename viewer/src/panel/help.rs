@@ -1,13 +1,13 @@
-//! What keys and the mouse do, in a window over the picture.
+//! A window over the picture that lists the actions of keys and mouse.
 
 use egui::{Align2, Context, Grid, Vec2, Window};
 
 use crate::app::App;
 
-/// A list of what is done, and what it does.
+/// A title, and pairs of an input and its action.
 type List = (&'static str, &'static [(&'static str, &'static str)]);
 
-/// All of it: the manual has the same lists.
+/// All lists; the manual has the same.
 pub(crate) const LISTS: [List; 3] = [
     (
         "Mouse in the picture",

@@ -11,7 +11,7 @@ use super::row::{Choice, button, choose, row, section, slide, switch};
 use crate::app::App;
 use crate::instead::Instead;
 
-/// What can be shown, and how it is read.
+/// The kinds of picture, with descriptions of their colours.
 const SHOWN: [Choice<'_, (Show, Option<Instead>)>; 6] = [
     ("picture", (Show::Scene, None), "The picture\n--show scene"),
     (

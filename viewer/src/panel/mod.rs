@@ -29,7 +29,7 @@ fn width(ui: &Ui, share: f32, most: f32) -> f32 {
     (share * ui.ctx().content_rect().width()).clamp(0.7 * most, most)
 }
 
-/// What is in a panel, which is as wide as hands make it, whatever is in it.
+/// Adds the contents of a panel. The user sets the width of the panel, whatever its contents.
 fn body(ui: &mut Ui, add: impl FnOnce(&mut Ui)) {
     let rect = ui.available_rect_before_wrap();
     let mut inside = ui.new_child(UiBuilder::new().id_salt("body").max_rect(rect));
@@ -39,7 +39,7 @@ fn body(ui: &mut Ui, add: impl FnOnce(&mut Ui)) {
     ui.advance_cursor_after_rect(rect);
 }
 
-/// What is drawn, and how.
+/// The left panel: the inputs, and the settings of the picture.
 pub(crate) fn left(app: &mut App, ui: &mut Ui) {
     let width = width(ui, 0.21, 260.0);
     let panel = Panel::left("left").default_size(width);
@@ -58,7 +58,7 @@ pub(crate) fn left(app: &mut App, ui: &mut Ui) {
     });
 }
 
-/// What it is coloured by, and what it costs.
+/// The right panel: the transfer function, the probe and the statistics.
 pub(crate) fn right(app: &mut App, ui: &mut Ui) {
     let width = width(ui, 0.235, 300.0);
     let panel = Panel::right("right").default_size(width);

@@ -1,6 +1,6 @@
-//! Numbers as panels show them.
+//! Formats of numbers in panels.
 
-/// Five digits at most, without those that say nothing.
+/// Writes a number with five digits at most, without trailing zeros.
 pub(super) fn short(value: f64) -> String {
     let size = value.abs();
     if size == 0.0 {
@@ -18,7 +18,7 @@ pub(super) fn short(value: f64) -> String {
     }
 }
 
-/// A count with its thousands apart.
+/// Writes a count with spaces between its thousands.
 pub(super) fn grouped(count: usize) -> String {
     let digits = count.to_string();
     let mut text = String::new();

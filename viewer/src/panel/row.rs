@@ -1,4 +1,4 @@
-//! Rows of panels: a name, and beside it the widget that it names; both say the same where the pointer rests.
+//! Rows of panels: a name and the widget beside it, with one tooltip for both.
 
 use egui::{
     Align, Checkbox, CollapsingHeader, ComboBox, Label, Layout, Response, Sense, Slider, TextEdit,

@@ -1,4 +1,4 @@
-//! Panels as somebody sees them who has never seen them.
+//! Panels as a first-time user sees them.
 
 use egui::accesskit::Role;
 use egui_kittest::kittest::NodeT as _;
@@ -24,7 +24,7 @@ const SOURCES: [&str; 14] = [
     include_str!("../panel/transfer.rs"),
 ];
 
-/// What hands can use.
+/// Roles of the widgets that a user can operate.
 const USED: [Role; 8] = [
     Role::Button,
     Role::CheckBox,
@@ -36,7 +36,7 @@ const USED: [Role; 8] = [
     Role::RadioButton,
 ];
 
-/// Whatever the pointer rests on says what it does.
+/// Each widget has a tooltip that describes it.
 #[test]
 fn everything_has_a_tooltip() {
     let mut window = wake();
@@ -202,7 +202,7 @@ fn panels_stay_as_they_were_left() {
     assert_eq!(again.state().size, narrower);
 }
 
-/// Where the picture is in the window.
+/// The rectangle of the picture in the window.
 fn place(window: &Harness<'_, App>) -> egui::Rect {
     let texture = window.state().canvas.texture().unwrap();
     let shapes = window.output().shapes.iter();

@@ -1,4 +1,4 @@
-//! What is ordinary among values that come with surroundings: air in a scan, the free stream of a flow.
+//! The background of values that come with surroundings: air in a scan, the free stream of a flow.
 
 use super::value_sample::{Sample, ValueSample};
 
@@ -26,7 +26,7 @@ const BINS_BESIDE: usize = 2;
 pub(super) struct Background {
     /// Its middle.
     pub(super) ordinary: f64,
-    /// What lies no farther from that belongs to it.
+    /// The half width: values no farther from the middle belong to the background.
     pub(super) half: f64,
     /// Its value that lies farthest out.
     pub(super) outer: f64,
@@ -35,7 +35,7 @@ pub(super) struct Background {
 }
 
 impl Background {
-    /// - `bin_count`: of the fine histogram.
+    /// - `bin_count`: the number of bins of the fine histogram.
     pub(super) fn of(sample: &ValueSample, [lo, hi]: [f64; 2], bin_count: usize) -> Self {
         let histogram = Histogram::new(&sample.samples, [lo, hi], bin_count);
         let fullest = histogram.fullest();

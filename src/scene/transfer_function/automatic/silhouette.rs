@@ -1,4 +1,4 @@
-//! How much of a view data cover, and how thick they are across it.
+//! The area that data cover in a view, and their thickness along it.
 
 use glam::DVec3;
 
@@ -15,12 +15,12 @@ const MOST_COLUMNS: usize = 128;
 pub(crate) struct Silhouette {
     lower: DVec3,
     upper: DVec3,
-    /// Seen along x, y and z \[length²\].
+    /// The covered areas as seen along x, y and z \[length²\].
     areas: DVec3,
 }
 
 impl Silhouette {
-    /// Of a lattice, each of whose samples stands for a cell around it; `None` where it has none.
+    /// The silhouette of a lattice whose samples each stand for a cell around them; `None` if it has no samples.
     pub(super) fn of_lattice(lattice: &Lattice) -> Option<Self> {
         let [i, j, k] = lattice.dims;
         let last = [i.checked_sub(1)?, j.checked_sub(1)?, k.checked_sub(1)?];
@@ -53,11 +53,11 @@ impl Silhouette {
         })
     }
 
-    /// Of samples at places.
+    /// The silhouette of samples at positions.
     ///
-    /// - `count`: samples for which each stands.
-    /// - `volumes`: of one, where each covers no more than a cube of its volume does; `None` where they lie beside each
-    ///   other without gaps.
+    /// - `count`: the number of samples that each position stands for.
+    /// - `volumes`: the volume of one sample at each position, which covers no more than a cube of that volume; `None` if the
+    ///   samples tile space.
     pub(super) fn of_places(places: &[DVec3], count: f64, volumes: Option<&[f64]>) -> Option<Self> {
         let ends = places.iter().map(|p| (*p, *p));
         let (lower, upper) = ends.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))?;
@@ -92,8 +92,7 @@ impl Silhouette {
         })
     }
 
-    /// Of all of several data sets: of those beside each other the sum, of those behind each other not more than
-    /// their box.
+    /// The silhouette of two data sets together. Their areas add, but do not exceed the areas of their common box.
     pub(super) fn joined(self, other: Self) -> Self {
         let (lower, upper) = (self.lower.min(other.lower), self.upper.max(other.upper));
         let [x, y, z] = (upper - lower).to_array();
@@ -106,8 +105,8 @@ impl Silhouette {
         }
     }
 
-    /// The thickness \[length\] across which data of this volume are seen from where they cover most; `None` where
-    /// they cover nothing.
+    /// The thickness \[length\] of data of this volume along the axis on whose view they cover most; `None` if they cover
+    /// nothing.
     pub(super) fn thickness(&self, volume: f64) -> Option<f64> {
         let thickness = volume / self.areas.max_element();
         (thickness > 0.0 && thickness.is_finite()).then_some(thickness)
@@ -119,7 +118,7 @@ impl Silhouette {
         [self.lower, self.upper, self.areas].map(|v| v.to_array())
     }
 
-    /// The same again.
+    /// The silhouette that the records of [`Self::to_records`] store.
     #[cfg(feature = "cli")]
     pub(super) fn of_records([lower, upper, areas]: [[f64; 3]; 3]) -> Self {
         let [lower, upper, areas] = [lower, upper, areas].map(DVec3::from);

@@ -1,4 +1,4 @@
-//! The values that a transfer function is chosen from, with what they stand for in space.
+//! The values from which a transfer function is chosen, and the volumes that they stand for.
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
@@ -54,11 +54,11 @@ pub struct ValueSample {
     pub(super) surroundings: Surroundings,
     /// Whether [`Sample::lengths`] are known.
     pub(super) has_lengths: bool,
-    /// What the data cover, where that is known.
+    /// The area that the data cover, if it is known.
     pub(super) silhouette: Option<Silhouette>,
 }
 
-/// Whether samples lie beside each other without gaps, where they have places.
+/// Whether samples with positions tile space.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Tiling {
     /// Cells and nodes of grids.
@@ -68,17 +68,17 @@ pub(crate) enum Tiling {
 }
 
 impl ValueSample {
-    /// Of a lattice or a grid, which fills its box.
+    /// A sample of a lattice or a grid, which fills its box.
     ///
-    /// - `volumes`: what each value stands for \[length³\]; if empty, each stands for a cube of `spacing`.
+    /// - `volumes`: the volume that each value stands for \[length³\]; if empty, each stands for a cube of `spacing`.
     pub fn of_grid(values: &Values, volumes: &[f32], spacing: f64) -> Self {
         let volume = |i: usize| volumes.get(i).copied().map_or(spacing.powi(3), f64::from);
         Self::new(values, volume, Surroundings::Included, &[], Tiling::Whole)
     }
 
-    /// Of a lattice, by which what it covers is known.
+    /// A sample of a lattice, with the area that the lattice covers.
     ///
-    /// - `spacing`: as of [`Self::of_grid`].
+    /// - `spacing`: the spacing of [`Self::of_grid`].
     pub(crate) fn of_lattice(values: &Values, lattice: &Lattice, spacing: f64) -> Self {
         Self {
             silhouette: Silhouette::of_lattice(lattice),
@@ -86,7 +86,7 @@ impl ValueSample {
         }
     }
 
-    /// Of kernels that lie beside each other without gaps.
+    /// A sample of kernels that tile space.
     pub(crate) fn of_cells(
         values: &Values,
         volumes: &[f32],
@@ -97,9 +97,9 @@ impl ValueSample {
         Self::new(values, volume, surroundings, positions, Tiling::Whole)
     }
 
-    /// As [`Self::of_lattice`], of values that lie in several places.
+    /// The sample that [`Self::of_lattice`] returns, from values that several ranks hold.
     ///
-    /// - `values`: those of [`ValueSample::picked`], in any order.
+    /// - `values`: the values of [`ValueSample::picked`], in any order.
     #[cfg(feature = "cli")]
     pub(crate) fn of_picked(values: &[f64], lattice: &Lattice, spacing: f64) -> Self {
         let count = lattice.len();
@@ -117,16 +117,16 @@ impl ValueSample {
         }
     }
 
-    /// Which of so many values are looked at.
+    /// The numbers of the values that are looked at, of so many.
     #[cfg(feature = "cli")]
     pub(crate) fn picked(count: usize) -> Vec<usize> {
         picked(count)
     }
 
-    /// Of cells or particles, around which there is nothing.
+    /// A sample of cells or particles, with nothing around them.
     ///
-    /// - `volumes`: what each value stands for \[length³\]; if empty, all the same.
-    /// - `positions`: where each lies; if empty, a line through the data is as long as the cube root of their volume.
+    /// - `volumes`: the volume that each value stands for \[length³\]; if empty, all stand for the same.
+    /// - `positions`: the position of each; if empty, a line through the data is as long as the cube root of their volume.
     pub fn of_body(values: &Values, volumes: &[f32], positions: &[DVec3]) -> Self {
         let volume = |i: usize| volumes.get(i).copied().map_or(1.0, f64::from);
         let (surroundings, tiling) = (Surroundings::Absent, Tiling::Loose);
@@ -135,8 +135,8 @@ impl ValueSample {
 
     /// The same of particles that are made of some of the rows of a table.
     ///
-    /// - `rows`: those of [`picked`](PickedRow::picked) of which there are particles, in their order.
-    /// - `count`: of all rows.
+    /// - `rows`: the rows of [`picked`](PickedRow::picked) that have particles, in their order.
+    /// - `count`: the number of all rows.
     pub(crate) fn of_rows(
         rows: &[PickedRow],
         count: usize,
@@ -211,8 +211,8 @@ impl ValueSample {
         }
     }
 
-    /// What [`Self::joined`] needs of it: what the data cover, where that is known; value, volume and count of each
-    /// sample; and whether there are surroundings.
+    /// The records that [`Self::joined`] needs: the area that the data cover, if it is known; value, volume and count of each
+    /// sample; whether there are surroundings.
     #[cfg(feature = "cli")]
     pub(crate) fn to_records(&self) -> (Vec<[f64; 3]>, bool) {
         let record = |s: &Sample| [s.value, s.volume, s.count];
@@ -227,7 +227,7 @@ impl ValueSample {
         )
     }
 
-    /// The same again, without lengths.
+    /// The sample that the records of [`Self::to_records`] store, without lengths.
     #[cfg(feature = "cli")]
     pub(crate) fn of_records(records: &[[f64; 3]], has_surroundings: bool) -> Self {
         let sample = |&[value, volume, count]: &[f64; 3]| Sample {
@@ -252,7 +252,7 @@ impl ValueSample {
         }
     }
 
-    /// Those of several data sets that show one field. They have surroundings if any has.
+    /// The joined samples of several data sets that show one field. They have surroundings if any of these has.
     pub fn joined(parts: impl IntoIterator<Item = Self>) -> Option<Self> {
         let mut parts = parts.into_iter();
         let mut all = parts.next()?;
@@ -270,7 +270,7 @@ impl ValueSample {
         Some(all)
     }
 
-    /// Those of steps of time that show one field, as of one step: the mean of their volumes.
+    /// The joined samples of time steps that show one field, with the mean of their volumes.
     pub(crate) fn mean(steps: Vec<Self>) -> Option<Self> {
         let share = 1.0 / steps.len().max(1) as f64;
         let mut all = Self::joined(steps)?;
@@ -280,14 +280,14 @@ impl ValueSample {
         Some(all)
     }
 
-    /// Whether single precision has not all of the values.
+    /// Whether single precision cannot represent all of the values.
     pub(super) fn is_wide(&self) -> bool {
         let is_same = |s: &Sample| f64::from(narrowed(s.value)).to_bits() == s.value.to_bits();
         !self.samples.iter().all(is_same)
     }
 
-    /// The thickness \[length\] of flat data, across which a view of them looks, and how flat they are, above 0 to 1;
-    /// `None` of others.
+    /// The thickness \[length\] of flat data along a view that crosses it, and their flatness, above 0 to 1; `None` of other
+    /// data.
     pub(super) fn flat(&self) -> Option<(f64, f64)> {
         let volume = self.volume();
         let thickness = self.silhouette?.thickness(volume)?;
@@ -296,7 +296,7 @@ impl ValueSample {
         (flatness > 0.0).then_some((thickness, flatness))
     }
 
-    /// Of all samples \[length³\].
+    /// The volume of all samples \[length³\].
     pub(super) fn volume(&self) -> f64 {
         self.samples.iter().map(|s| s.volume).sum()
     }
@@ -382,13 +382,13 @@ pub(crate) struct PickedRow {
 }
 
 impl PickedRow {
-    /// Which of so many rows are looked at, whatever is made of them.
+    /// The numbers of the rows that are looked at, of so many, whether or not they have particles.
     pub(crate) fn picked(count: usize) -> Vec<usize> {
         picked(count)
     }
 }
 
-/// Which of `n` values are looked at.
+/// The numbers of the values that are looked at, of `n`.
 #[expect(
     clippy::cast_possible_truncation,
     reason = "an index below the count of values"
