@@ -20,8 +20,8 @@ struct Band {
 }
 
 // Phi(x) within 3e-7. Twin: `cdf_near` in src/math/lane.rs.
-fn cdf_near(of: f32) -> f32 {
-    let x = clamp(of, -CDF_REACH, CDF_REACH);
+fn cdf_near(place: f32) -> f32 {
+    let x = clamp(place, -CDF_REACH, CDF_REACH);
     let u = x * x * (2.0 / (CDF_REACH * CDF_REACH)) - 1.0;
     var series = CDF_SERIES[12];
     series = series * u + CDF_SERIES[11];
