@@ -11,6 +11,8 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use rayon::prelude::*;
 
+use crate::forked::with_workers;
+
 /// Rows of three numbers, float32 or float64.
 pub(crate) struct Points(pub(crate) Vec<DVec3>);
 
@@ -34,7 +36,9 @@ fn rows<const N: usize, T: Element + Copy + Sync, U: Send>(
         return Err(what());
     }
     let (rows, _) = array.as_slice().map_err(|_| what())?.as_chunks::<N>();
-    Ok(rows.par_iter().map(|row| of(*row)).collect())
+    Ok(with_workers(|| {
+        rows.par_iter().map(|row| of(*row)).collect()
+    }))
 }
 
 impl<'a, 'py> FromPyObject<'a, 'py> for Points {

@@ -4,6 +4,7 @@
 mod arrays;
 mod camera;
 mod errors;
+mod forked;
 mod pictures;
 mod program;
 mod renderer;

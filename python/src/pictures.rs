@@ -13,6 +13,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use crate::errors::exception;
+use crate::forked::detached;
 
 /// An array of four float32 a pixel as a picture.
 fn image(pixels: &PyReadonlyArray3<'_, f32>) -> PyResult<Image> {
@@ -46,7 +47,7 @@ pub(crate) fn write_image<'py>(
         let ending = path.extension();
         ending.is_some_and(|ending| ending.eq_ignore_ascii_case("png"))
     });
-    let bytes = py.detach(|| {
+    let bytes = detached(py, || {
         let image = match is_png && !transparent {
             true => image.over(DARK_GREY),
             false => image,
@@ -63,7 +64,7 @@ pub(crate) fn write_image<'py>(
 /// Reads a picture that was written.
 #[pyfunction]
 pub(crate) fn read_image(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray3<f32>>> {
-    let image = py.detach(|| io::read_image(&path));
+    let image = detached(py, || io::read_image(&path));
     let image = image.map_err(|error| exception(&error))?;
     let pixels = image.pixels.into_flattened().into_pyarray(py);
     pixels.reshape([image.height, image.width, 4])
@@ -84,7 +85,7 @@ pub(crate) fn write_column(
         values: values.as_slice()?.to_vec(),
         pixel_area,
     };
-    let written = py.detach(|| io::write_column(&path, &column));
+    let written = detached(py, || io::write_column(&path, &column));
     written.map_err(|error| exception(&error))
 }
 
@@ -96,7 +97,7 @@ pub(crate) fn compare(
     second: PyReadonlyArray3<'_, f32>,
 ) -> PyResult<String> {
     let (first, second) = (image(&first)?, image(&second)?);
-    let errors = py.detach(|| ewa_splat::measure::compare(&first, &second));
+    let errors = detached(py, || ewa_splat::measure::compare(&first, &second));
     let errors = errors.map_err(|error| exception(&error))?;
     Ok(serde_json::json!(errors).to_string())
 }

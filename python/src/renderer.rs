@@ -1,6 +1,8 @@
 //! Scenes that are drawn.
 
 use std::borrow::Cow;
+use std::process;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, MutexGuard, TryLockError};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
@@ -25,6 +27,7 @@ use pyo3::types::PyDict;
 
 use crate::arrays::Numbers;
 use crate::camera::View;
+use crate::forked::usable;
 use crate::settings::{Drawing, Keywords, drawing, transfer};
 use crate::task::run;
 use crate::thing::{Data, Source, Thing};
@@ -36,6 +39,8 @@ const DENSER: f64 = 1.5;
 #[pyclass(frozen, module = "ewa_splat._core")]
 pub(crate) struct Renderer {
     state: Mutex<State>,
+    /// The process that locked it last: a forked one inherits what its parent had locked.
+    process: AtomicU32,
 }
 
 struct State {
@@ -62,6 +67,8 @@ struct Purpose {
 /// A scene that is ready to be drawn.
 struct Ready {
     purpose: Purpose,
+    /// The process that made it.
+    process: u32,
     renderer: ewa_splat::Renderer,
     /// Whether a device was looked for.
     is_open: bool,
@@ -94,6 +101,16 @@ struct Drawn {
 }
 
 impl State {
+    /// Gives up a scene on a device that another process opened. Freeing it would call its driver.
+    fn leave_device(&mut self) {
+        let is_of_another = |ready: &mut Ready| {
+            ready.process != process::id() && ready.renderer.adapter().is_some()
+        };
+        if let Some(ready) = self.ready.take_if(is_of_another) {
+            std::mem::forget(ready);
+        }
+    }
+
     /// Which of the sources are there, thing by thing.
     fn sources(&self) -> impl Iterator<Item = (usize, &Source)> {
         let things = self.things.iter().enumerate();
@@ -298,13 +315,15 @@ impl State {
         };
         let renderer = ewa_splat::Renderer::with_options(sampled.volumes, &options)?;
         // Automatically when the first picture asks for one.
-        let is_open = self.backend != Backend::Auto;
+        let backend = usable(self.backend)?;
+        let is_open = backend != Backend::Auto;
         let renderer = match is_open {
-            true => renderer.on_backend(self.backend)?,
+            true => renderer.on_backend(backend)?,
             false => renderer,
         };
         Ok(Ready {
             purpose,
+            process: process::id(),
             renderer,
             is_open,
             bars: different,
@@ -324,7 +343,7 @@ impl State {
         let waits = |ready: &mut Ready| !ready.is_open && !ready.renderer.suits_cpu(camera, 1);
         if let Some(ready) = self.ready.take_if(waits) {
             self.ready = Some(Ready {
-                renderer: ready.renderer.on_backend(self.backend)?,
+                renderer: ready.renderer.on_backend(usable(self.backend)?)?,
                 is_open: true,
                 ..ready
             });
@@ -505,9 +524,14 @@ fn checked(size: [usize; 2]) -> PyResult<()> {
 impl Renderer {
     /// The state, once no other thread draws.
     fn lock(&self, task: &Task) -> Result<MutexGuard<'_, State>> {
+        let mut turns = 0;
         loop {
             match self.state.try_lock() {
-                Ok(state) => return Ok(state),
+                Ok(mut state) => {
+                    self.process.store(process::id(), Ordering::Relaxed);
+                    state.leave_device();
+                    return Ok(state);
+                }
                 // A panic left it as it was before, or without what is made anew.
                 Err(TryLockError::Poisoned(poisoned)) => {
                     let mut state = poisoned.into_inner();
@@ -518,6 +542,21 @@ impl Renderer {
                 Err(TryLockError::WouldBlock) => {
                     if task.is_cancelled() {
                         return Err(Error::Cancelled);
+                    }
+                    let owner = self.process.load(Ordering::Relaxed);
+                    // Whoever has just locked it in this process says so at once.
+                    turns = match owner == 0 || owner == process::id() {
+                        true => 0,
+                        false => turns + 1,
+                    };
+                    if turns > 100 {
+                        return Err(Error::invalid(
+                            "Renderer",
+                            "process",
+                            "one in which no other thread was drawing when it was forked",
+                            "a renderer that its parent was drawing with",
+                            "make another renderer of the same things",
+                        ));
                     }
                     sleep(Duration::from_millis(1));
                 }
@@ -590,6 +629,7 @@ impl Renderer {
                 keep_shapes,
                 ready: None,
             }),
+            process: AtomicU32::new(0),
         })
     }
 

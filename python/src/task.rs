@@ -9,6 +9,7 @@ use ewa_splat::{Result, Task};
 use pyo3::prelude::*;
 
 use crate::errors::exception;
+use crate::forked::with_workers;
 
 /// Time between questions whether a signal has come.
 const PATIENCE: Duration = Duration::from_millis(20);
@@ -29,7 +30,7 @@ pub(crate) fn run<T: Send>(
         let task = &task;
         scope.spawn(move || {
             // A panic is the caller's, with its message.
-            let result = catch_unwind(AssertUnwindSafe(|| work(task)));
+            let result = catch_unwind(AssertUnwindSafe(|| with_workers(|| work(task))));
             // Whoever waits is there until it has come.
             let _ = send.send(result);
         });

@@ -21,6 +21,7 @@ use pyo3::types::PyDict;
 
 use crate::arrays::{Floats, Numbers, Points, indices, pairs, quadruples, triples};
 use crate::errors::exception;
+use crate::forked::detached;
 use crate::settings::{Said, open_options, sample_options};
 use crate::task::run;
 
@@ -167,7 +168,7 @@ impl Thing {
         if let Some(field) = dataset.fields.first_mut() {
             field.unit = unit;
         }
-        let dataset = py.detach(|| dataset.validate().map(|()| dataset));
+        let dataset = detached(py, || dataset.validate().map(|()| dataset));
         let dataset = dataset.map_err(|error| exception(&error))?;
         let source = Source::new(Data::Set(Arc::new(dataset)), options);
         Ok(Self {
@@ -187,7 +188,7 @@ impl Thing {
                 "values: expected a volume, found surfels",
             ));
         };
-        let mut dataset = py.detach(|| Dataset::clone(dataset));
+        let mut dataset = detached(py, || Dataset::clone(dataset));
         for field in &mut dataset.fields {
             if field.name.eq_ignore_ascii_case(&name)
                 && let FieldSource::Scalar(own) = &mut field.source
@@ -384,7 +385,7 @@ impl Thing {
         let radii = radii.as_slice()?;
         let colours = colours.as_ref().map(triples).transpose()?;
         let colours = colours.unwrap_or_default();
-        let sampled = py.detach(|| discs(positions.0, &normals.0, radii, &colours));
+        let sampled = detached(py, || discs(positions.0, &normals.0, radii, &colours));
         let sampled = sampled.map_err(|error| exception(&error))?;
         let data = Data::Surfels(Arc::new(sampled));
         Ok(Self {
@@ -557,7 +558,7 @@ impl Thing {
 
     /// The least and the greatest coordinates.
     fn bounds(&self, py: Python<'_>) -> Option<([f64; 3], [f64; 3])> {
-        let ends = py.detach(|| {
+        let ends = detached(py, || {
             let all = self.sources.iter().filter_map(Source::corners);
             all.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
         });

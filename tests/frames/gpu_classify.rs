@@ -7,7 +7,7 @@
 
 use crate::common::Random;
 use crate::common::gpu::gpu;
-use ewa_splat::image::linear_from_srgb;
+use ewa_splat::image::{linear_from_srgb, srgb_from_linear};
 use ewa_splat::math::{ein, ein_share, harmonics, harmonics_count, harmonics_sum};
 use ewa_splat::scene::{
     Colour, ColourIn, Lattice, LatticeSpacing, Particles, PointVolume, Slopes, Strength,

@@ -1,0 +1,79 @@
+//! Processes made by `os.fork`, as `multiprocessing` makes them on Linux: of all threads only the one that forked goes on
+//! in them. Rayon's own pool has no workers there, and waits for ever; devices are not theirs.
+
+use std::process;
+use std::sync::OnceLock;
+
+use ewa_splat::{Backend, Error, Result};
+use pyo3::prelude::*;
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+/// The process that worked first: Rayon's own pool belongs to it.
+static FIRST: OnceLock<u32> = OnceLock::new();
+
+/// The pools of processes that were forked from it. None is freed: a process inherits those of its parents, whose workers
+/// it cannot end.
+static POOLS: OnceLock<Box<Pool>> = OnceLock::new();
+
+struct Pool {
+    process: u32,
+    threads: ThreadPool,
+    next: OnceLock<Box<Pool>>,
+}
+
+/// Whether this process was forked from one that had worked.
+pub(crate) fn is_forked() -> bool {
+    FIRST.get().is_some_and(|first| *first != process::id())
+}
+
+/// Runs `work` where its parallel loops have workers.
+///
+/// # Panics
+/// If the system gives no thread.
+pub(crate) fn with_workers<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+    let own = process::id();
+    if *FIRST.get_or_init(|| own) == own {
+        return work();
+    }
+    let mut place = &POOLS;
+    let pool = loop {
+        match place.get() {
+            Some(pool) if pool.process == own => break pool,
+            Some(pool) => place = &pool.next,
+            None => {
+                let threads = ThreadPoolBuilder::new().build();
+                let threads = threads.unwrap_or_else(|error| panic!("no threads: {error}"));
+                // Whoever comes second takes the pool of the first.
+                let _ = place.set(Box::new(Pool {
+                    process: own,
+                    threads,
+                    next: OnceLock::new(),
+                }));
+            }
+        }
+    };
+    pool.threads.install(work)
+}
+
+/// Runs `work` with the interpreter released, where its parallel loops have workers.
+pub(crate) fn detached<T: Send>(py: Python<'_>, work: impl FnOnce() -> T + Send) -> T {
+    py.detach(|| with_workers(work))
+}
+
+/// The back end that may be used in this process.
+///
+/// # Errors
+/// A GPU in a forked process: devices and their drivers do not survive a fork.
+pub(crate) fn usable(backend: Backend) -> Result<Backend> {
+    match backend {
+        Backend::Auto if is_forked() => Ok(Backend::Cpu),
+        Backend::Gpu if is_forked() => Err(Error::invalid(
+            "backend",
+            "process",
+            "one that was started afresh, for a GPU",
+            "one that was forked after pictures were drawn",
+            "use multiprocessing's \"spawn\" or \"forkserver\", or backend=\"cpu\"",
+        )),
+        backend => Ok(backend),
+    }
+}
