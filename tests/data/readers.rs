@@ -562,7 +562,7 @@ fn what_is_no_data_file_is_refused() {
     for (name, bytes, words) in [
         ("empty.vti", &b""[..], "empty"),
         ("a.vtk", b"# vtk DataFile Version 3.0\n", "ASCII or BINARY"),
-        ("a.obj", b"vn 0 0 1\n", "none of them"),
+        ("a.obj", b"vn 0 0 1\n", "expected a vertex"),
         ("a.h5", b"\x89HDF\r\n\x1a\n", "HDF5"),
         ("a.foo", b"\x00\x01\x02", "none of these"),
         ("a.raw", b"\x00\x01\x02", "dimensions and type"),
