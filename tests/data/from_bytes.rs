@@ -35,7 +35,10 @@ fn check(path: &Path, options: &OpenOptions) {
 fn seeds_of_every_format_are_the_same() {
     let folder = Folder::new();
     // Files that a series names are missed in other words from memory.
-    for (name, bytes) in seeds().iter().filter(|(name, _)| !name.ends_with(".series")) {
+    for (name, bytes) in seeds()
+        .iter()
+        .filter(|(name, _)| !name.ends_with(".series"))
+    {
         let path = folder.file(name, bytes);
         check(&path, &OpenOptions::default());
         // Cut off: the same error.
