@@ -246,7 +246,7 @@ fn bad_input_is_one_line_and_leaves_nothing() {
         (&[&table], "line 2, column `sigma`"),
         (&["missing.csv"], "missing.csv"),
         (&[&wake, "--field", "colour"], "density, momentum, energy"),
-        (&[&wake, "--transfer-function", "rainbow"], "viridis"),
+        (&[&wake, "--transfer-function", "no-such-map"], "viridis"),
         (&[&wake, "--transfer-function", &transfer], "bad.json"),
         (&[&wake, "--solution", &particles], "particles.csv: line 1"),
         (&[&wake, "--flatten", "6"], "has, from 0.37"),
@@ -925,7 +925,7 @@ fn a_reference_is_of_kernels_or_of_the_data() {
     std::fs::write(folder.path().join("v.raw"), data).unwrap();
     std::fs::write(folder.path().join("p.csv"), "x,y,z,sigma,mass\n0,0,0,1,1\n").unwrap();
     let draw = |line: &str| {
-        let line = format!("render {line} --size 24x24 --tolerance 1e-3");
+        let line = format!("render {line} --size 12x12 --tolerance 1e-3");
         run(folder.path(), &line.split(' ').collect::<Vec<_>>())
     };
     let read = |name: &str| ewa_splat::io::read_image(&folder.path().join(name)).unwrap();

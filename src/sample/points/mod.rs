@@ -381,12 +381,17 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
         (Some(Some(derived)), _) => Some(keep(derived, &kept)),
         (Some(None), Some(name)) => Some(keep(take_scalar(&mut dataset, name)?.values, &kept)),
         _ if computed => {
-            let density = volumes.iter().zip(&kept).map(|(volume, &i)| match masses {
-                Some(m) => narrowed(f64::from(m.get(i as usize)) / volume),
-                None if options.for_columns => narrowed(1.0 / volume),
-                None => narrowed(-volume.log10()),
-            });
-            Some(Values::F32(density.collect()))
+            let density = |(volume, &i): (&f64, &u32)| match masses {
+                Some(m) => m.wide(i as usize) / volume,
+                None if options.for_columns => 1.0 / volume,
+                None => -volume.log10(),
+            };
+            let density = || volumes.iter().zip(&kept).map(density);
+            // Beyond single precision double precision stays.
+            Some(match density().all(|d| narrowed(d).is_finite()) {
+                true => Values::F32(density().map(narrowed).collect()),
+                false => Values::F64(density().collect()),
+            })
         }
         _ => None,
     };
