@@ -383,10 +383,8 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
     }
     let mut settings = arguments.settings(low_pass);
     let blend = blend_of(&renderer, &settings)?;
-    if is_first {
-        if let Some(note) = blend.note() {
-            progress.suspend(|| super::progress::note!("{note}"));
-        }
+    if let Some(note) = blend.note().filter(|_| is_first) {
+        progress.suspend(|| super::progress::note!("{note}"));
     }
     if is_sequence {
         let mut draw = |n: usize| {

@@ -31,8 +31,8 @@ pub(super) const ENDINGS: &[&str] = &[
 /// Whether a file is packed though its name lacks `.gz`.
 pub(super) fn is_under_plain_name(probe: &Probe<'_>) -> bool {
     let ending = extension(probe.input.path);
-    let is_one = |packed: &&str| packed.strip_suffix(".gz") == Some(ending.as_str());
-    ENDINGS.iter().any(|packed| is_one(&packed)) && looks_like(probe)
+    let is_one = |packed: &str| packed.strip_suffix(".gz") == Some(ending.as_str());
+    ENDINGS.iter().any(|packed| is_one(packed)) && looks_like(probe)
 }
 
 /// Whether a file is packed and begins, once unpacked, as one of a format that is read.
@@ -108,7 +108,7 @@ fn unpacked(input: Input<'_>) -> Result<Vec<u8>> {
         let advice = "copy the file again, or unpack it with gunzip";
         Error::format(path, "gzip stream", expected, found, advice)
     };
-    let most = (packed.len() as u64).saturating_mul(DEFLATE_RATIO as u64);
+    let most = (packed.len() as u64).saturating_mul(DEFLATE_RATIO);
     let mut stream = MultiGzDecoder::new(&*packed).take(most);
     let mut bytes = Vec::new();
     loop {

@@ -744,9 +744,7 @@ pub(super) fn folder(path: &Path) -> Option<Error> {
 /// - `members`: the names of what its root holds.
 pub(super) fn hdf5(path: &Path, members: &[String]) -> Error {
     let has = |name: &&str| members.iter().any(|member| member == name);
-    let by_members = REFUSED
-        .iter()
-        .find(|row| row.members.iter().any(|name| has(&name)));
+    let by_members = REFUSED.iter().find(|row| row.members.iter().any(has));
     if let Some(row) = by_members.or_else(|| named(path)) {
         return row.refuse(path);
     }
@@ -798,11 +796,7 @@ fn named(path: &Path) -> Option<&'static Refused> {
         .rsplit_once(".f")
         .is_some_and(|(_, digits)| digits.len() == 5 && digits.bytes().all(|b| b.is_ascii_digit()));
     let of_nek = || REFUSED.iter().find(|row| row.endings.contains(&"nek5000"));
-    let of_ending = || {
-        REFUSED
-            .iter()
-            .find(|row| row.endings.iter().any(|e| ends(&e)))
-    };
+    let of_ending = || REFUSED.iter().find(|row| row.endings.iter().any(ends));
     if is_numbered { of_nek() } else { of_ending() }
 }
 

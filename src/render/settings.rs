@@ -3,7 +3,7 @@
 use crate::constants::{COLUMN_CUTOFF, DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE};
 use crate::scene::{Classification, Lighting};
 use crate::simd::SimdLevel;
-use crate::splat::{Filter, PIXEL_VARIANCE_PX2};
+use crate::splat::{Filter, PIXEL_VARIANCE_PX2, is_of_pixels};
 use crate::task::Task;
 use crate::view::ClipPlane;
 
@@ -305,7 +305,7 @@ impl ColumnSettings {
         let own = self.low_pass_variance_px2;
         // A pixel's variance is given back of kernels that it was added to.
         let is_added = matches!(self.filter, Filter::Adaptive | Filter::Ewa);
-        let low_pass_variance_px2 = match own == PIXEL_VARIANCE_PX2 && !is_added {
+        let low_pass_variance_px2 = match is_of_pixels(own) && !is_added {
             true => DEFAULT_LOW_PASS_VARIANCE_PX2,
             false => own,
         };

@@ -329,6 +329,7 @@ fn key(face: &[u32]) -> Option<(u32, [u32; 2])> {
         hash = hash.wrapping_add(mixed(u64::from(node) + 1));
     }
     let hash = mixed(hash.wrapping_add(count));
+    #[expect(clippy::cast_possible_truncation, reason = "the halves of a hash")]
     let halves = [(hash >> 32) as u32, hash as u32];
     (count > 2).then_some((lowest, halves))
 }

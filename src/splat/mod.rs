@@ -50,6 +50,7 @@ pub(crate) use outline::{KernelOutline, Outline, PlaneOutline};
 #[cfg(feature = "gpu")]
 pub(crate) use peak::JACOBIAN_MARGIN;
 pub use peak::{ANTI_ALIASED_LOW_PASS_PX2, SPLAT_LOW_PASS_PX2, peak_footprint};
+pub(crate) use pixel_mean::is_of_pixels;
 #[cfg(feature = "gpu")]
 pub(crate) use pixel_mean::{
     BAND_NODES, BAND_REACH, CDF_WHOLE, LEAST_MEAN_SIGMA_PX, SAMPLED_FROM_PX2,

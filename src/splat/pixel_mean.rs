@@ -16,6 +16,11 @@ use crate::record::{Footprint, ViewUniform};
 /// itself: its values are means over pixels.
 pub const PIXEL_VARIANCE_PX2: f32 = 1.0 / 12.0;
 
+/// Whether the variance of a low-pass filter stands for the pixel itself: to the bit.
+pub(crate) fn is_of_pixels(variance_px2: f32) -> bool {
+    variance_px2.to_bits() == PIXEL_VARIANCE_PX2.to_bits()
+}
+
 /// Widened footprints of this variance and more are sampled at the pixels' centres \[px²\].
 pub(crate) const SAMPLED_FROM_PX2: f32 = 4.0 + PIXEL_VARIANCE_PX2;
 
@@ -70,7 +75,7 @@ impl PixelMean {
     /// The bands of a footprint; `None` if it is sampled at the pixels' centres.
     #[inline(always)]
     pub fn of(view: &ViewUniform, footprint: &Footprint) -> Option<Self> {
-        if view.low_pass_variance_px2 != PIXEL_VARIANCE_PX2 {
+        if !is_of_pixels(view.low_pass_variance_px2) {
             return None;
         }
         // The inverse of the widened variance.

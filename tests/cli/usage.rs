@@ -50,7 +50,7 @@ const WRONG: &[(&str, i32, &str)] = &[
         "above 0",
     ),
     (
-        "render WAKE --out a.png --transfer-function jet",
+        "render WAKE --out a.png --transfer-function no-such-map",
         1,
         "viridis, plasma",
     ),

@@ -79,11 +79,8 @@ fn fields_far_from_0_have_the_picture_of_their_differences() {
     let folder = folder.path();
     write(folder);
     let ranges = [
-        ("p", "-0.5,0.5"),
         ("p_abs", "101324.995,101325.005"),
         ("t_big", "1699999997.5,1700000002.5"),
-        ("large", "-5e299,5e299"),
-        ("small", "-5e-201,5e-201"),
     ];
     let p = picture(folder, "p", &["--transfer-function", "viridis"]);
     let within = |(field, range): (&str, &str)| {
@@ -93,10 +90,12 @@ fn fields_far_from_0_have_the_picture_of_their_differences() {
             &["--transfer-function", "viridis", "--range", range],
         )
     };
-    let of_range = within(ranges[0]);
-    for (field, range) in &ranges[1..] {
+    for field in ["p_abs", "t_big", "large", "small"] {
         let own = picture(folder, field, &["--transfer-function", "viridis"]);
         assert_alike(&p, &own, field);
+    }
+    let of_range = within(("p", "-0.5,0.5"));
+    for (field, range) in ranges {
         assert_alike(&of_range, &within((field, range)), range);
     }
 }
@@ -106,12 +105,12 @@ fn values_are_named_in_the_fields_own_numbers() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     write(folder);
-    let iso = picture(folder, "p", &["--flatten", "0.25"]);
-    assert_alike(
-        &iso,
-        &picture(folder, "p_abs", &["--flatten", "101325.0025"]),
-        "iso-surface",
-    );
+    let at = |field: &str, value: &str| {
+        let words = ["--transfer-function", "viridis", "--flatten", value];
+        picture(folder, field, &words)
+    };
+    let iso = at("p", "0.25");
+    assert_alike(&iso, &at("p_abs", "101325.0025"), "iso-surface");
     let function = |low: &str, high: &str| {
         let json = format!(
             r#"{{"points": [{{"value": {low}, "opacity": 0.0, "color": [0, 0, 1]}},
@@ -150,7 +149,7 @@ fn prepared_scenes_keep_the_origin_of_values() {
     let folder = folder.path();
     write(folder);
     let own = picture(folder, "p_abs", &[]);
-    let prepare = ["prepare", "w.vti", "--field", "p_abs", "--out", "s.arrow"];
+    let prepare = ["convert", "w.vti", "--field", "p_abs", "--out", "s.arrow"];
     let output = run(folder, &prepare);
     assert!(output.status.success(), "{}", text(&output.stderr));
     let draw = [

@@ -410,14 +410,14 @@ impl<'a> ColumnTile<'a> {
                 false => (patch.columns, &mut row, patch.rows, &mut column, 0),
             };
             let mut last = Band::default();
-            for i in along[0]..along[1] {
+            for (i, band) in (along[0]..).zip(&mut bands[along[0]..along[1]]) {
                 last = mean.band::<FMA>(offset(axis, i));
-                bands[i] = sign * last.mass;
+                *band = sign * last.mass;
             }
             // Alike in all bands: the axes of the kernel are the image's.
             let one = Band { mass: 1.0, ..last };
-            for i in across[0]..across[1] {
-                others[i] = one.at::<FMA>(offset(1 - axis, i));
+            for (i, other) in (across[0]..).zip(&mut others[across[0]..across[1]]) {
+                *other = one.at::<FMA>(offset(1 - axis, i));
             }
         } else {
             profile(0, patch.columns, 1.0, &mut row);
@@ -478,7 +478,7 @@ impl<'a> ColumnTile<'a> {
                 true => mean.band::<FMA>(dy),
                 false => Band::default(),
             };
-            for x in first..end {
+            for (x, pixel) in row.iter_mut().enumerate().take(end).skip(first) {
                 let dx = self.place.px(0, x) - cx;
                 let value = match mean.has_rows {
                     true => band.at::<FMA>(dx),
@@ -493,7 +493,7 @@ impl<'a> ColumnTile<'a> {
                 };
                 // NaN compares false: outside.
                 let is_inside = form.q::<FMA>(dx) <= cutoff;
-                row[x] += if is_inside { sign * value } else { 0.0 };
+                *pixel += if is_inside { sign * value } else { 0.0 };
                 count += u32::from(is_inside);
             }
         }

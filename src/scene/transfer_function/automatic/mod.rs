@@ -150,7 +150,7 @@ impl TransferFunction {
             range = [middle - half, middle + half];
         }
         let worth = Worth::new(sample, range, neutral);
-        let length = sample.length_in(|s| worth.of(f64::from(s.value).clamp(worth.lo, worth.hi)));
+        let length = sample.length_in(|s| worth.of(s.value.clamp(worth.lo, worth.hi)));
         // Depth per unit distance of a value worth 1.
         let peak = (DEPTH * unit / length.max(f64::MIN_POSITIVE)).min(MAX_DEPTH_PER_UNIT);
         let place = worth.background_place();

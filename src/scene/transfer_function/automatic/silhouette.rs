@@ -1,22 +1,25 @@
 //! The area that data cover in a view, and their thickness along it.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
+use crate::math::eigen;
 use crate::scene::{LONE_CELL_WIDTH, Lattice, LatticeSpacing};
 
-/// Places that a column across the view should have at least, on average.
-const PLACES_IN_COLUMN: usize = 8;
+/// The variance of an even distribution over a length of 1 is one over this.
+const EVEN: f64 = 12.0;
 
-/// Columns along an axis at most.
-const MOST_COLUMNS: usize = 128;
-
-/// A box around data, and the areas that they cover along its axes.
+/// The extent of data along their principal axes: turned data have the same.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Silhouette {
-    lower: DVec3,
-    upper: DVec3,
-    /// The covered areas as seen along x, y and z \[length²\].
-    areas: DVec3,
+    /// The volume that the moments weigh \[length³\].
+    weight: f64,
+    middle: DVec3,
+    /// The variance about the middle: xx, xy, xz, yy, yz, zz \[length²\].
+    variance: [f64; 6],
+    /// The area that the data cover as seen along their thinnest axis \[length²\].
+    area: f64,
+    /// Whether samples may leave gaps between them, so that their volume says little of what they cover.
+    is_loose: bool,
 }
 
 impl Silhouette {
@@ -43,89 +46,128 @@ impl Silhouette {
             lattice.position([0, 1, 2].map(|axis| if n >> axis & 1 == 0 { 0 } else { last[axis] }))
         };
         let middle = corner(0).midpoint(corner(7));
-        let half = edges.iter().map(|edge| edge.abs()).sum::<DVec3>() / 2.0;
-        let [a, b, c] = edges;
-        let areas = a.cross(b).abs() + b.cross(c).abs() + c.cross(a).abs();
-        Some(Self {
-            lower: middle - half,
-            upper: middle + half,
-            areas,
-        })
+        let edges = DMat3::from_cols_array_2d(&edges.map(|edge| edge.to_array()));
+        Some(Self::of_moments(
+            edges.determinant().abs(),
+            middle,
+            products(edges).map(|v| v / EVEN),
+            false,
+        ))
     }
 
     /// The silhouette of samples at positions.
     ///
-    /// - `count`: the number of samples that each position stands for.
-    /// - `volumes`: the volume of one sample at each position, which covers no more than a cube of that volume; `None` if the
-    ///   samples tile space.
-    pub(super) fn of_places(places: &[DVec3], count: f64, volumes: Option<&[f64]>) -> Option<Self> {
-        let ends = places.iter().map(|p| (*p, *p));
-        let (lower, upper) = ends.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))?;
-        let extent = upper - lower;
-        let columns = (places.len() / PLACES_IN_COLUMN)
-            .isqrt()
-            .clamp(1, MOST_COLUMNS);
-        let area = |axis: usize| {
-            let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-            let column = extent[u] * extent[v] / (columns * columns) as f64;
-            let mut covered = vec![0.0_f64; columns * columns];
-            for (i, p) in places.iter().enumerate() {
-                #[expect(
-                    clippy::cast_possible_truncation,
-                    clippy::cast_sign_loss,
-                    reason = "a column's number, within the box"
-                )]
-                let at = |axis: usize| {
-                    let share = (p[axis] - lower[axis]) / extent[axis];
-                    ((share * columns as f64) as usize).min(columns - 1)
-                };
-                let own =
-                    volumes.map_or(f64::INFINITY, |volumes| count * volumes[i].cbrt().powi(2));
-                covered[at(u) + columns * at(v)] += own;
+    /// - `volumes`: the volume of one sample at each position.
+    /// - `is_loose`: whether there may be gaps between samples.
+    pub(super) fn of_places(places: &[DVec3], volumes: &[f64], is_loose: bool) -> Option<Self> {
+        let weight: f64 = volumes.iter().sum();
+        let all = || places.iter().zip(volumes);
+        let middle = all().map(|(p, v)| *p * *v).sum::<DVec3>() / weight;
+        let mut variance = [0.0; 6];
+        for (p, v) in all() {
+            let d = *p - middle;
+            // Each sample is a cube by itself.
+            let own = v.cbrt().powi(2) / EVEN;
+            let terms = [
+                d.x * d.x + own,
+                d.x * d.y,
+                d.x * d.z,
+                d.y * d.y + own,
+                d.y * d.z,
+                d.z * d.z + own,
+            ];
+            for (sum, term) in variance.iter_mut().zip(terms) {
+                *sum += v * term / weight;
             }
-            covered.iter().map(|own| own.min(column)).sum()
-        };
-        Some(Self {
-            lower,
-            upper,
-            areas: DVec3::from([0, 1, 2].map(area)),
-        })
+        }
+        let is_known = weight > 0.0 && variance.iter().all(|v| v.is_finite());
+        is_known.then(|| Self::of_moments(weight, middle, variance, is_loose))
     }
 
-    /// The silhouette of two data sets together. Their areas add, but do not exceed the areas of their common box.
-    pub(super) fn joined(self, other: Self) -> Self {
-        let (lower, upper) = (self.lower.min(other.lower), self.upper.max(other.upper));
-        let [x, y, z] = (upper - lower).to_array();
-        let most = DVec3::new(y * z, z * x, x * y);
-        let most = most.max(self.areas).max(other.areas);
+    fn of_moments(weight: f64, middle: DVec3, variance: [f64; 6], is_loose: bool) -> Self {
+        let [widest, wide, _] = widths(variance);
         Self {
-            lower,
-            upper,
-            areas: (self.areas + other.areas).min(most),
+            weight,
+            middle,
+            variance,
+            area: widest * wide,
+            is_loose,
         }
     }
 
-    /// The thickness \[length\] of data of this volume along the axis on whose view they cover most; `None` if they cover
-    /// nothing.
-    pub(super) fn thickness(&self, volume: f64) -> Option<f64> {
-        let thickness = volume / self.areas.max_element();
-        (thickness > 0.0 && thickness.is_finite()).then_some(thickness)
+    /// The silhouette of two data sets together. Their areas add, but do not exceed that of their common distribution.
+    pub(super) fn joined(self, other: Self) -> Self {
+        let weight = self.weight + other.weight;
+        let share = other.weight / weight;
+        let apart = other.middle - self.middle;
+        let between = products(DMat3::from_cols(apart, DVec3::ZERO, DVec3::ZERO));
+        let variance = std::array::from_fn(|i| {
+            let within = self.variance[i] + share * (other.variance[i] - self.variance[i]);
+            within + share * (1.0 - share) * between[i]
+        });
+        let middle = self.middle + share * apart;
+        let all = Self::of_moments(weight, middle, variance, self.is_loose || other.is_loose);
+        Self {
+            area: all.area.min(self.area + other.area),
+            ..all
+        }
     }
 
-    /// As records of three numbers.
+    /// The thickness \[length\] of data of this volume along the axis on whose view they cover most, and the volume
+    /// \[length³\] that it belongs to; `None` if they cover nothing.
+    pub(super) fn thickness(&self, volume: f64) -> Option<(f64, f64)> {
+        let [widest, wide, thin] = widths(self.variance);
+        let (thickness, volume) = match self.is_loose {
+            true => (thin, widest * wide * thin),
+            false => (volume / self.area, volume),
+        };
+        (thickness > 0.0 && thickness.is_finite()).then_some((thickness, volume))
+    }
+
+    /// The silhouette as records of three numbers.
     #[cfg(feature = "cli")]
-    pub(super) fn to_records(self) -> [[f64; 3]; 3] {
-        [self.lower, self.upper, self.areas].map(|v| v.to_array())
+    pub(super) fn to_records(self) -> [[f64; 3]; RECORDS] {
+        let [xx, xy, xz, yy, yz, zz] = self.variance;
+        let is_loose = f64::from(u8::from(self.is_loose));
+        let middle = self.middle.to_array();
+        [
+            [self.weight, self.area, is_loose],
+            middle,
+            [xx, xy, xz],
+            [yy, yz, zz],
+        ]
     }
 
     /// The silhouette that the records of [`Self::to_records`] store.
     #[cfg(feature = "cli")]
-    pub(super) fn of_records([lower, upper, areas]: [[f64; 3]; 3]) -> Self {
-        let [lower, upper, areas] = [lower, upper, areas].map(DVec3::from);
+    pub(super) fn of_records(records: [[f64; 3]; RECORDS]) -> Self {
+        let [[weight, area, is_loose], middle, [xx, xy, xz], [yy, yz, zz]] = records;
         Self {
-            lower,
-            upper,
-            areas,
+            weight,
+            middle: middle.into(),
+            variance: [xx, xy, xz, yy, yz, zz],
+            area,
+            is_loose: is_loose > 0.0,
         }
     }
+}
+
+/// Records of three numbers that a silhouette takes.
+#[cfg(feature = "cli")]
+pub(super) const RECORDS: usize = 4;
+
+/// The elements xx, xy, xz, yy, yz, zz of m mᵀ.
+fn products(m: DMat3) -> [f64; 6] {
+    let v = m * m.transpose();
+    [
+        v.x_axis.x, v.x_axis.y, v.x_axis.z, v.y_axis.y, v.y_axis.z, v.z_axis.z,
+    ]
+}
+
+/// The edges of the box that has a variance if it is filled evenly, the longest first.
+fn widths(variance: [f64; 6]) -> [f64; 3] {
+    let (eigenvalues, _) = eigen(variance);
+    let mut widths = eigenvalues.to_array().map(|v| (EVEN * v.max(0.0)).sqrt());
+    widths.sort_unstable_by(|a, b| b.total_cmp(a));
+    widths
 }

@@ -3,6 +3,8 @@
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
+#[cfg(feature = "cli")]
+use super::silhouette::RECORDS;
 use super::silhouette::Silhouette;
 use crate::scene::transfer_function::value_scale::ValueScale;
 use crate::scene::values::narrowed;
@@ -182,10 +184,8 @@ impl ValueSample {
         let has_lines = tiling.is_some() && surroundings == Surroundings::Absent;
         let column = has_lines.then(|| Column::through(&places)).flatten();
         let volumes: Vec<f64> = rows.iter().map(|row| row.volume).collect();
-        let silhouette = tiling.and_then(|tiling| {
-            let loose = (tiling == Tiling::Loose).then_some(volumes.as_slice());
-            Silhouette::of_places(&places, count, loose)
-        });
+        let silhouette = tiling
+            .and_then(|tiling| Silhouette::of_places(&places, &volumes, tiling == Tiling::Loose));
         let mut samples: Vec<Sample> = rows
             .iter()
             .zip(places)
@@ -219,7 +219,7 @@ impl ValueSample {
         let has_surroundings = self.surroundings == Surroundings::Included;
         let silhouette = self
             .silhouette
-            .map_or([[f64::NAN; 3]; 3], Silhouette::to_records);
+            .map_or([[f64::NAN; 3]; RECORDS], Silhouette::to_records);
         let samples = self.samples.iter().map(record);
         (
             silhouette.into_iter().chain(samples).collect(),
@@ -236,11 +236,11 @@ impl ValueSample {
             count,
             lengths: [0.0; 3],
         };
-        let (silhouette, samples) = match records.split_first_chunk::<3>() {
+        let (silhouette, samples) = match records.split_first_chunk::<RECORDS>() {
             Some((silhouette, samples)) => (Some(*silhouette), samples),
             None => (None, records),
         };
-        let is_known = |s: &[[f64; 3]; 3]| s.as_flattened().iter().all(|x| x.is_finite());
+        let is_known = |s: &[[f64; 3]; RECORDS]| s.as_flattened().iter().all(|x| x.is_finite());
         Self {
             silhouette: silhouette.filter(is_known).map(Silhouette::of_records),
             samples: samples.iter().map(sample).collect(),
@@ -290,7 +290,7 @@ impl ValueSample {
     /// data.
     pub(super) fn flat(&self) -> Option<(f64, f64)> {
         let volume = self.volume();
-        let thickness = self.silhouette?.thickness(volume)?;
+        let (thickness, volume) = self.silhouette?.thickness(volume)?;
         let [flat, full] = FLATNESS;
         let flatness = ((full - thickness / volume.cbrt()) / (full - flat)).min(1.0);
         (flatness > 0.0).then_some((thickness, flatness))
