@@ -853,7 +853,7 @@ impl Renderer {
         view: Option<View>,
         size: [usize; 2],
         said: Option<&Bound<'_, PyDict>>,
-    ) -> PyResult<Vec<(usize, usize, Option<f32>, [f64; 3], f64, f32)>> {
+    ) -> PyResult<Vec<(usize, usize, Option<f64>, [f64; 3], f64, f32)>> {
         let drawing = drawing(said)?;
         let asked = (view.as_ref(), size, &drawing);
         self.with_picture(py, asked, true, |ready, camera, settings| {

@@ -12,7 +12,7 @@ use ewa_splat::sample::{
     BoundaryChoice, SampleOptions, SampleReport, Sampled, SampledScene, discs, scene, splat_cloud,
 };
 use ewa_splat::scene::{Lattice, LatticeSpacing};
-use ewa_splat::{Error, Result, Task};
+use ewa_splat::{Result, Task};
 use glam::{DMat3, DVec3};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
