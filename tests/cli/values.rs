@@ -15,17 +15,18 @@ fn write(folder: &Path) {
         let [x, y, z] = [n % SIDE, n / SIDE % SIDE, n / (SIDE * SIDE)].map(|i| i as f64);
         (0.6 * x).sin() * (0.4 * y).cos() + 0.2 * z / SIDE as f64
     };
-    let fields: [(&str, fn(f64) -> f64); 5] = [
-        ("p", |p| p),
-        ("p_abs", |p| 101_325.0 + 0.01 * p),
-        ("t_big", |p| 1.7e9 + 5.0 * p),
-        ("large", |p| 1e300 * p),
-        ("small", |p| 1e-200 * p),
+    // Names, values at 0, and factors.
+    let fields = [
+        ("p", 0.0, 1.0),
+        ("p_abs", 101_325.0, 0.01),
+        ("t_big", 1.7e9, 5.0),
+        ("large", 0.0, 1e300),
+        ("small", 0.0, 1e-200),
     ];
     let mut arrays = String::new();
-    for (name, of) in fields {
+    for (name, origin, factor) in fields {
         let numbers: Vec<String> = (0..SIDE.pow(3))
-            .map(|n| format!("{:?}", of(wave(n))))
+            .map(|n| format!("{:?}", origin + factor * wave(n)))
             .collect();
         writeln!(
             arrays,

@@ -188,9 +188,9 @@ fn the_filter_in_space_is_applied() {
     for i in 0..splats.len() {
         let before = plain.scales[i].map(f64::from);
         let mut share = 1.0;
-        for axis in 0..3 {
-            let after = before[axis].hypot(7.0);
-            share *= before[axis] / after;
+        for (axis, own) in before.into_iter().enumerate() {
+            let after = own.hypot(7.0);
+            share *= own / after;
             near(filtered.scales[i][axis], after, "scale");
         }
         near(
