@@ -160,7 +160,7 @@ mod tests {
         };
         assert!((level - 0.5).abs() < 1e-3, "{level}");
         for (map, range) in [
-            (Some("jet"), None),
+            (Some("no-such-map"), None),
             (None, Some([0.0, 1.0])),
             (None, Some([2.0, 1.0])),
         ] {

@@ -188,10 +188,13 @@ pub(super) mod tests {
     use super::super::{RawLayout, RawType, open};
     use super::*;
 
-    /// Type and numbers to the last bit.
-    pub(in crate::io) fn bits(values: &Values) -> (&'static str, Vec<u32>) {
-        let bits = (0..values.len()).map(|i| values.get(i).to_bits());
-        (values.type_name(), bits.collect())
+    /// Kind and numbers to the last bit. Planes that single precision holds may be narrower than the whole.
+    pub(in crate::io) fn bits(values: &Values) -> (&'static str, Vec<u64>) {
+        let number = |i| match values.wide(i) {
+            nan if nan.is_nan() => f64::NAN.to_bits(),
+            number => number.to_bits(),
+        };
+        (values.kind_name(), (0..values.len()).map(number).collect())
     }
 
     /// All planes in runs of so many.
@@ -199,13 +202,9 @@ pub(super) mod tests {
         let count = planes.lattice().dims[2];
         let mut all = planes.empty_values();
         for start in (0..count).step_by(run) {
-            match (&mut all, planes.read(start..count.min(start + run))?) {
-                (Values::U8(all), Values::U8(more)) => all.extend(more),
-                (Values::I16(all), Values::I16(more)) => all.extend(more),
-                (Values::U16(all), Values::U16(more)) => all.extend(more),
-                (Values::F32(all), Values::F32(more)) => all.extend(more),
-                (all, more) => panic!("{} and {}", all.type_name(), more.type_name()),
-            }
+            let more = planes.read(start..count.min(start + run))?;
+            assert_eq!(all.kind_name(), more.kind_name());
+            all.append(more);
         }
         Ok(all)
     }

@@ -368,7 +368,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn small_integers_keep_their_type_and_the_rest_is_narrowed() {
+    fn small_integers_keep_their_type_and_wide_ones_their_digits() {
         let at = |scalar, big_endian, count| {
             let bytes = [0xff, 0x01, 0x02, 0x03, 0x04, 0x05, 0x06, 0x07];
             let step = ScalarType::size(scalar);
@@ -394,7 +394,7 @@ mod tests {
         );
         assert_eq!(
             at(ScalarType::U32, false, 1),
-            Some(Values::F32(vec![50_463_232.0]))
+            Some(Values::F64(vec![50_463_231.0]))
         );
         assert_eq!(at(ScalarType::F64, false, 2), None);
     }

@@ -778,7 +778,6 @@ mod tests {
             (r#"{"points": [], "colour": 1}"#, "colour"),
             (r#"{"points": []}"#, "points"),
             (r#"{"points": [{"value": "a"}]}"#, "points[0].value"),
-            (r#"{"points": [{"value": 1e39}]}"#, "points[0].value"),
             (r#"{"points": [{"opacity": 1}]}"#, "points[0].value"),
             (
                 r#"{"points": [{"value": 1, "colour": [1]}]}"#,

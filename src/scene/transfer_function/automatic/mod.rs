@@ -373,7 +373,7 @@ mod tests {
                 assert!((a - b).abs() < 0.01, "{value}");
             }
         }
-        assert!(of_lattice(&values, &named("jet")).is_err());
+        assert!(of_lattice(&values, &named("no-such-map")).is_err());
     }
 
     #[test]
