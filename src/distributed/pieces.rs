@@ -323,7 +323,7 @@ mod tests {
                 // Some are left out, so that others have fewer neighbours; one stands out.
                 let value = match node {
                     n if n % 41 == 5 => f64::NAN,
-                    n if n == 5 + 21 * (2 + 6 * 2) => 9.0,
+                    n if n == 5 + 21 * (2 + 6 * 2) => 20.0,
                     _ => value,
                 };
                 writeln!(heat, "{value}").unwrap();
@@ -469,8 +469,8 @@ mod tests {
         };
         check(&path, &lit, &[3]);
         // Shown inside alone, where one value stands out.
-        let inside = r#"{"range": [-5, 20], "points": [{"value": 5, "color": [1, 1, 1], "opacity": 0},
-            {"value": 9, "color": [1, 0, 0], "opacity": 0.9}]}"#;
+        let inside = r#"{"range": [-5, 20], "points": [{"value": 12, "color": [1, 1, 1], "opacity": 0},
+            {"value": 20, "color": [1, 0, 0], "opacity": 0.9}]}"#;
         let inside = SampleOptions {
             transfer: TransferChoice::Text(inside.into()),
             boundary: BoundaryChoice::Automatic,
