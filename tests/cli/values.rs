@@ -44,7 +44,7 @@ fn write(folder: &Path) {
 
 /// The picture of a field, with further options.
 fn picture(folder: &Path, field: &str, words: &[&str]) -> Vec<[f32; 4]> {
-    let all = [
+    let mut all = [
         &[
             "render",
             "w.vti",
@@ -52,14 +52,15 @@ fn picture(folder: &Path, field: &str, words: &[&str]) -> Vec<[f32; 4]> {
             field,
             "--size",
             "48x48",
-            "--backend",
-            "cpu",
             "--out",
             "o.npy",
         ],
         words,
     ]
     .concat();
+    if !words.contains(&"--reference") {
+        all.extend(["--backend", "cpu"]);
+    }
     let output = run(folder, &all);
     assert!(output.status.success(), "{field}: {}", text(&output.stderr));
     read_image(&folder.join("o.npy")).unwrap().pixels
