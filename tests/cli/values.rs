@@ -46,14 +46,7 @@ fn write(folder: &Path) {
 fn picture(folder: &Path, field: &str, words: &[&str]) -> Vec<[f32; 4]> {
     let mut all = [
         &[
-            "render",
-            "w.vti",
-            "--field",
-            field,
-            "--size",
-            "48x48",
-            "--out",
-            "o.npy",
+            "render", "w.vti", "--field", field, "--size", "48x48", "--out", "o.npy",
         ],
         words,
     ]

@@ -734,10 +734,11 @@ fn bad_settings_are_refused() {
     // A picture and a column density of one renderer do not disturb each other.
     let camera = orthographic(64);
     let first = renderer.render(&camera, &scene::linear()).unwrap().clone();
-    let column = renderer
-        .column_density(&camera, &ColumnSettings::default())
-        .unwrap()
-        .clone();
+    let as_drawn = ColumnSettings {
+        low_pass_variance_px2: scene::linear().low_pass_variance_px2,
+        ..ColumnSettings::default()
+    };
+    let column = renderer.column_density(&camera, &as_drawn).unwrap().clone();
     assert_eq!(*renderer.render(&camera, &scene::linear()).unwrap(), first);
     // Thin enough for opacity min(tau, 1) to be tau.
     for (pixel, value) in first.pixels.iter().zip(&column.values) {
