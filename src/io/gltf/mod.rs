@@ -167,7 +167,7 @@ fn scene(buffers: &Buffers<'_>, notes: &mut Vec<String>) -> Result<Mesh> {
     let mut parts: Vec<MeshPart> = Vec::new();
     let mut left_out = LeftOut::default();
     let mut corners_left = MOST_CORNERS;
-    // Number of nodes that name each mesh.
+    // Number of nodes that name each mesh. Below, `unpacked` keeps the primitives of meshes that several nodes name.
     let mut named: HashMap<usize, usize> = HashMap::new();
     for &n in &nodes.shown {
         if let Some((mesh, _)) = nodes.all[n].mesh(buffers)? {
