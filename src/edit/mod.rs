@@ -1,8 +1,8 @@
 //! Transforms and crops data sets before they are sampled.
 //!
 //! [`place`] resizes, rotates and translates a data set. [`crop`] keeps the part in a box. [`open_within`] reads the
-//! part of a file in a box, which may take less reading. All return a [`Dataset`]. Sampling, cameras and the reference
-//! image then use the edited data as if they came from a file.
+//! part of a file in a box, and may skip the rest of the file. All return a [`Dataset`]. Sampling, cameras and the
+//! reference image then use the edited data as if they came from a file.
 //!
 //! ```
 //! use ewa_splat::edit::{Placement, crop, place};

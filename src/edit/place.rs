@@ -74,10 +74,10 @@ impl Placement {
 /// - **Particles**: lengths (smoothing lengths, standard deviations, variances, scales and rotations) are transformed.
 ///   So are quantities that the sampler multiplies by lengths: `volume` by size³, `mass` (extinction times volume) by
 ///   size², `extinction` by 1 / size. A picture then looks the same from a camera that is placed likewise. Physical
-///   masses (`m`) and densities keep their values, because pictures show them. Volumes are masses over densities times
-///   [`Dataset::volume_scale`]. Variances become `scale_0..2` and `rot_0..3`, unless the rotation consists of quarter
-///   turns. If the three sizes differ, these factors use their geometric mean, and lengths are refused, because their
-///   kernels would no longer be round.
+///   masses (`m`) stay. Densities keep their values, because pictures show them. Volumes are masses over densities
+///   times [`Dataset::volume_scale`]. Variances become `scale_0..2` and `rot_0..3`, unless the rotation consists of
+///   quarter turns. If the three sizes differ, these factors use their geometric mean, and lengths are refused, because
+///   their kernels would no longer be round.
 /// - **Fields** keep their values, except vectors of three components, which are rotated. Colours, bytes, tensors, and
 ///   scalars that together form a vector (`vx`, `vy`, `vz` of a table) are not rotated.
 /// - **The upward direction** stays ([`Dataset::up`]), so a picture shows the rotation.
@@ -85,9 +85,9 @@ impl Placement {
 /// Lengths in other settings (such as a transfer function's unit distance) are world units after the placement.
 ///
 /// # Errors
-/// The errors of [`Dataset::validate`], before and after; a size that is not positive; numbers that are not finite. An
-/// uneven lattice with a single sample along an axis, unless rotated by quarter turns. Particles with lengths and sizes
-/// that differ.
+/// The errors of [`Dataset::validate`], before and after; a size that is not positive; numbers that are not finite;
+/// particles with lengths and sizes that differ. An uneven lattice with a single sample along an axis can be rotated by
+/// quarter turns only.
 pub fn place(mut dataset: Dataset, placement: &Placement) -> Result<Dataset> {
     placement.validate()?;
     dataset.validate()?;

@@ -177,7 +177,7 @@ mod tests {
 
     #[test]
     fn arrays_are_turned() {
-        // An array of 2 x 3 x 1, x fastest, under a quarter turn about z: the new x is the old -y, and the new y is the
+        // An array of 2 x 3 x 1, x fastest, under a quarter turn about z. The new x is the old -y, and the new y is the
         // old x.
         let turned = Turned {
             dims: [3, 2, 1],

@@ -2,8 +2,8 @@
 //! share it.
 //!
 //! Each level is a lattice with its own spacing; each box holds a part of its level. A cell is covered if a finer box
-//! contains its centre. If boxes of one level overlap, the cell belongs to the first. Other cells are marked in a cell
-//! field `vtkGhostType`, as VTK marks them. A box with no valid cells is left out.
+//! contains its centre. If boxes of one level overlap, the cell belongs to the first. Covered and duplicate cells are
+//! marked in a cell field `vtkGhostType`, as VTK marks them. A box without valid cells is left out.
 //!
 //! Boxes become separate curvilinear grids. Kernels lie at cell centres and are as wide as their level's cells. Boxes
 //! of one level join without a seam. Two-dimensional data become a layer as thick as the shorter step of the coarsest

@@ -106,7 +106,7 @@ impl CurvilinearBlock {
     }
 }
 
-/// Returns the magnitudes of vectors in double precision. Components whose squares overflow or underflow are handled.
+/// Returns the magnitudes of vectors in double precision, even if the squares of components overflow or underflow.
 fn magnitudes(components: &[Values], count: usize) -> Vec<f64> {
     let of = |i: usize| {
         let each = || components.iter().map(|c| c.wide(i));
@@ -312,7 +312,7 @@ impl Dataset {
 
     /// Returns the scalar that `selector` names.
     ///
-    /// - `NAME`: the field of this name, in upper or lower case. A vector field gives its magnitude.
+    /// - `NAME`: the field of this name, ignoring case. A vector field gives its magnitude.
     /// - `NAME:COMPONENT`: one component, given as `x`, `y`, `z` or its index.
     /// - `NAME@nodes` and `NAME@cells`: the field of nodes or of cells, if both have a field of this name. `NAME` alone
     ///   is the first.

@@ -56,7 +56,7 @@ pub(super) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
 /// Returns the time steps in order, at least one. Files that the series names are not opened.
 ///
 /// # Errors
-/// The file is no series, or names no file; a name is empty or that of another series; a time is not finite; a file
+/// The file is no series, or names no file. A name is empty or that of another series, a time is not finite, or a file
 /// occurs twice at one time.
 pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
     let path = input.path;

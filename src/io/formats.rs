@@ -38,7 +38,7 @@ pub struct Format {
     pub reads: &'static str,
     /// Returns true if the first bytes are those of this format and of no other.
     begins: fn(&Probe<'_>) -> bool,
-    /// Returns true if a path is a pattern for several files of this format.
+    /// Returns true if a path is no file but a pattern for several files of this format.
     is_pattern: fn(&Path) -> bool,
     /// Returns true if the name is that of this format.
     is_named: fn(&Probe<'_>) -> bool,

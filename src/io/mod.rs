@@ -1,4 +1,4 @@
-//! Reads data files and writes images; each format has its own module.
+//! Reads and writes data files and images; each format has its own module.
 //!
 //! [`open`] recognises a data file by its content, then by its name. [`write_image`], [`write_depth`] and
 //! [`read_image`] choose the format by the file's extension.
