@@ -1,4 +1,4 @@
-//! The columns of particles that hold lengths and shapes.
+//! Transforms the columns of particles that contain lengths and shapes.
 
 use glam::{DMat3, DQuat, DVec3};
 
@@ -7,29 +7,29 @@ use crate::io::{Association, Dataset, Field, FieldSource, LENGTHS, SCALES, VARIA
 use crate::math::{factor_of_variance, lower_matrix, scales_and_rotation, symmetric};
 use crate::scene::Values;
 
-/// The last four of [`SCALES`].
+/// Names of the rotation: the last four of [`SCALES`].
 const ROTATION: [&str; 4] = {
     let [_, _, _, w, x, y, z] = SCALES;
     [w, x, y, z]
 };
 
-/// Whether a rotation of a placement takes axes to axes.
+/// Returns true if a rotation maps coordinate axes to coordinate axes.
 pub(super) fn is_of_axes(rotation: DMat3) -> bool {
     let is_whole = |x: f64| (x - x.round()).abs() <= 0.0;
     rotation.to_cols_array().into_iter().all(is_whole)
 }
 
-/// Multiplies what has a length in it, and turns shapes.
+/// Multiplies columns with a dimension of length, and rotates shapes.
 ///
-/// - `sizes`: what lengths along x, y and z are multiplied by.
+/// - `sizes`: factors of lengths along x, y and z.
 /// - `rotation`: a rotation matrix.
 ///
 /// # Errors
-/// Lengths, where sizes differ.
+/// There are lengths, and the sizes differ.
 pub(super) fn place(dataset: &mut Dataset, sizes: DVec3, rotation: DMat3) -> Result<()> {
     let of_smoothing = dataset.smoothing.as_ref().map(|s| s.length.clone());
     let lengths: Vec<String> = match &of_smoothing {
-        // Names that mean something in tables say nothing here.
+        // If the format defines the length, the names of table columns have no meaning here.
         Some(length) => length.iter().cloned().collect(),
         None => LENGTHS.map(str::to_owned).into(),
     };
@@ -64,14 +64,14 @@ pub(super) fn place(dataset: &mut Dataset, sizes: DVec3, rotation: DMat3) -> Res
     }
     multiply(dataset, "volume", volume);
     multiply(dataset, "extinction", 1.0 / size);
-    // Extinction times volume.
+    // This `mass` is extinction times volume.
     multiply(dataset, "mass", size * size);
     turn_scales(dataset, sizes, rotation);
     turn_variances(dataset, sizes, rotation);
     Ok(())
 }
 
-/// The one number that three sizes are.
+/// Returns the common value of three sizes; `None` if they differ.
 pub(super) fn even(DVec3 { x, y, z }: DVec3) -> Option<f64> {
     ((x - y).abs() <= 0.0 && (y - z).abs() <= 0.0).then_some(x)
 }
@@ -81,7 +81,7 @@ pub(super) fn narrowed(x: f64) -> f32 {
     x as f32
 }
 
-/// The place of a column among the fields, if it is there.
+/// Returns the index of a column among the fields, if it exists.
 fn index_of(dataset: &Dataset, name: &str) -> Option<usize> {
     let is_column = |f: &Field| {
         f.association == Association::Nodes
@@ -91,7 +91,7 @@ fn index_of(dataset: &Dataset, name: &str) -> Option<usize> {
     dataset.fields.iter().position(is_column)
 }
 
-/// All columns of a set, if they are there and of one length.
+/// Returns the indices of all columns of a set and their length, if they all exist and have the same length.
 fn columns<const N: usize>(dataset: &Dataset, names: [&str; N]) -> Option<([usize; N], usize)> {
     let mut places = [0; N];
     let mut count = None;
@@ -112,7 +112,7 @@ fn values(dataset: &Dataset, place: usize) -> &Values {
     }
 }
 
-/// A column times a factor.
+/// Multiplies a column by a factor.
 fn multiply(dataset: &mut Dataset, name: &str, factor: f64) {
     let is_one = (factor - 1.0).abs() <= 0.0;
     let Some(place) = index_of(dataset, name).filter(|_| !is_one) else {
@@ -145,8 +145,8 @@ fn map_rows<const N: usize>(
     }
 }
 
-/// V becomes M V Mᵀ with M the rotation times the sizes. At an angle to the axes thin kernels would lose their thickness
-/// in single precision: there the columns become those of standard deviations and a rotation, which keep it.
+/// Replaces V by M V Mᵀ; M is the rotation times the sizes. At an angle to the axes, thin kernels would lose their
+/// thickness in single precision. There the columns become standard deviations and a rotation, which keep it.
 fn turn_variances(dataset: &mut Dataset, sizes: DVec3, rotation: DMat3) {
     let by = rotation * DMat3::from_diagonal(sizes);
     if is_of_axes(rotation) {
@@ -167,7 +167,7 @@ fn turn_variances(dataset: &mut Dataset, sizes: DVec3, rotation: DMat3) {
                 let ([x, y, z], q) = scales_and_rotation(by * lower_matrix(factor));
                 [x, y, z, q.w, q.x, q.y, q.z]
             }
-            // Left out and counted where it is sampled, as it would have been.
+            // The sampler leaves out and counts such a kernel, as it would have without this step.
             None => [f64::NAN; 7],
         };
         for (column, x) in moved.iter_mut().zip(row) {
@@ -189,7 +189,7 @@ fn turn_variances(dataset: &mut Dataset, sizes: DVec3, rotation: DMat3) {
     }
 }
 
-/// Standard deviations and their rotations; of sizes that differ both change.
+/// Transforms standard deviations and their rotations. If the sizes differ, both change.
 fn turn_scales(dataset: &mut Dataset, sizes: DVec3, rotation: DMat3) {
     if columns(dataset, SCALES).is_none() {
         return;
@@ -211,7 +211,7 @@ fn turn_scales(dataset: &mut Dataset, sizes: DVec3, rotation: DMat3) {
     map_rows(dataset, SCALES, |[sx, sy, sz, w, x, y, z]| {
         let own = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
         let factor = by * own * DMat3::from_diagonal(DVec3::new(sx, sy, sz));
-        // Left out and counted where it is sampled.
+        // The sampler leaves out and counts such a kernel.
         if !factor.is_finite() {
             return [f64::NAN; 7];
         }

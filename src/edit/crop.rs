@@ -1,4 +1,4 @@
-//! What lies in a box.
+//! Crops a data set to a box.
 
 use std::ops::Range;
 use std::path::Path;
@@ -14,10 +14,10 @@ use crate::io::{
 };
 use crate::scene::{Lattice, LatticeSpacing, Values};
 
-/// The value of `vtkGhostType` of a cell that is hidden.
+/// Value of `vtkGhostType` for a hidden cell.
 const HIDDEN_CELL: u8 = 32;
 
-/// The samples, nodes and cells that are kept, with how many there were.
+/// Samples, nodes and cells that are kept, with the numbers before.
 struct Kept {
     nodes: Runs,
     node_count: usize,
@@ -25,7 +25,7 @@ struct Kept {
     cell_count: usize,
 }
 
-/// A box, its faces included.
+/// Box, including its faces.
 #[derive(Clone, Copy)]
 struct Area {
     lower: DVec3,
@@ -33,7 +33,7 @@ struct Area {
 }
 
 impl Area {
-    /// NaN is outside.
+    /// Returns true if a point is in the box; NaN is outside.
     fn holds(self, point: DVec3) -> bool {
         point.cmpge(self.lower).all() && point.cmple(self.upper).all()
     }
@@ -43,38 +43,38 @@ impl Area {
     }
 }
 
-/// What of a data set lies in a box, its faces included; fields, lengths and colours follow.
+/// Keeps the part of a data set in a box, including the box's faces, with its fields, lengths and colours.
 ///
-/// | data | what is kept |
+/// | data | part that is kept |
 /// |---|---|
-/// | lattices | the smallest range of indices with all samples in the box; of cells those between kept samples |
-/// | curvilinear grids | of each block the smallest range of cells with all whose centre (the mean of eight corners) is in the box; others in the range are hidden by a field `vtkGhostType` |
+/// | lattices | the smallest range of indices with all samples in the box, and the cells between kept samples |
+/// | curvilinear grids | for each block, the smallest range of cells with all whose centre (the mean of eight corners) is in the box; others in the range are hidden by a field `vtkGhostType` |
 /// | unstructured grids | cells whose centre (the mean of their nodes) is in the box, and their nodes |
-/// | particles, splats | those whose centre is |
-/// | meshes | triangles whose centroid is; a part that loses some is seen from both sides from then on |
+/// | particles, splats | those whose centre is in the box |
+/// | meshes | triangles whose centroid is in the box; a part that loses any becomes visible from both sides |
 ///
-/// A lattice that stands at an angle to the axes keeps samples outside the box, as its range of indices has them.
-/// What is up ([`Dataset::up`]) stays as it was of the whole. Fields that have another number of values than the data
-/// have samples are left out, with a note.
+/// A lattice at an angle to the axes also keeps samples outside the box, because it keeps a range of indices. The
+/// upward direction ([`Dataset::up`]) remains that of the whole. Fields whose number of values does not match the
+/// samples are left out, with a note.
 ///
 /// - `lower`, `upper`: the box's corners, in the coordinates of the data.
 ///
 /// # Errors
-/// Those of [`Dataset::validate`]; corners that are not finite, or of which the upper one is not greater along each
-/// axis; a box in which nothing lies, or of a lattice that had more along an axis a single sample: its cells
-/// would have no width.
+/// The errors of [`Dataset::validate`]; corners that are not finite; an upper corner that is not greater along each
+/// axis; an empty result. A lattice with several samples along an axis must keep more than one, or its cells would have
+/// no width.
 pub fn crop(dataset: Dataset, lower: DVec3, upper: DVec3) -> Result<Dataset> {
     crop_of(dataset, lower, upper, None)
 }
 
-/// What is known of data of which some were not read.
+/// Properties of a whole data set of which only a part was read.
 pub(super) struct Whole {
     pub(super) up: Up,
-    /// The least and the greatest coordinates.
+    /// Least and greatest coordinates.
     pub(super) bounds: Option<(DVec3, DVec3)>,
 }
 
-/// [`crop`], of a part of a whole.
+/// Crops as [`crop`] does; `whole` describes the whole if `dataset` is a part.
 pub(super) fn crop_of(
     mut dataset: Dataset,
     lower: DVec3,
@@ -161,12 +161,12 @@ pub(super) fn crop_of(
     Ok(dataset)
 }
 
-/// Three numbers as options take them.
+/// Formats three numbers as options take them.
 fn numbers(v: DVec3) -> String {
     format!("{},{},{}", v.x, v.y, v.z)
 }
 
-/// Those of so many along an axis that are held, from the first to the last.
+/// Returns the range from the first to the last held index of an axis.
 fn extent(count: usize, is_held: impl Fn(usize) -> bool) -> Range<usize> {
     match (0..count).find(|&i| is_held(i)) {
         None => 0..0,
@@ -177,7 +177,7 @@ fn extent(count: usize, is_held: impl Fn(usize) -> bool) -> Range<usize> {
     }
 }
 
-/// The smallest box of indices that holds two; one that is empty holds nothing.
+/// Returns the smallest box of indices that contains both; an empty box contains nothing.
 fn joined(a: [Range<usize>; 3], b: [Range<usize>; 3]) -> [Range<usize>; 3] {
     if a.iter().any(Range::is_empty) {
         return b;
@@ -188,7 +188,7 @@ fn joined(a: [Range<usize>; 3], b: [Range<usize>; 3]) -> [Range<usize>; 3] {
     [0, 1, 2].map(|d| a[d].start.min(b[d].start)..a[d].end.max(b[d].end))
 }
 
-/// The smallest box of indices with all that are held, x fastest.
+/// Returns the smallest box of indices with all that are held, x fastest.
 fn index_box(
     [x, y, z]: [usize; 3],
     is_held: impl Fn([usize; 3]) -> bool + Sync,
@@ -234,7 +234,7 @@ fn of_lattice(lattice: Lattice, area: Area, path: &Path) -> Result<(Lattice, Kep
             "give a greater box",
         ));
     }
-    // One layer of cells at the samples of an axis that has one.
+    // An axis with one sample has one layer of cells.
     let cell_dims = dims.map(|n| n.max(2) - 1);
     let cells = [0, 1, 2].map(|d| match dims[d] {
         1 => part[d].clone(),
@@ -265,7 +265,7 @@ fn of_lattice(lattice: Lattice, area: Area, path: &Path) -> Result<(Lattice, Kep
     Ok((Lattice { dims, spacing }, kept))
 }
 
-/// What is kept of the blocks, and the marks of hidden cells if there are any.
+/// Returns the kept blocks, the selection, and the marks of hidden cells if there are any.
 fn of_blocks(
     blocks: &[CurvilinearBlock],
     area: Area,
@@ -316,7 +316,7 @@ fn of_blocks(
     (left, kept, hidden)
 }
 
-/// Calls `each` with the entries of a cell that are nodes: all, but for the counts that polyhedra have between them.
+/// Calls `each` with the entries of a cell that are nodes. It skips the counts in a polyhedron.
 fn each_node(kind: CellKind, entries: &mut [u32], mut each: impl FnMut(&mut u32)) {
     if kind != CellKind::POLYHEDRON {
         entries.iter_mut().for_each(each);
@@ -337,11 +337,11 @@ fn of_cells(mut mesh: CellMesh, area: Area) -> (CellMesh, Kept) {
         each_node(mesh.kinds[i], &mut mesh.cell(i).to_vec(), |n| {
             corners.push(*n)
         });
-        // The faces of a polyhedron share theirs.
+        // The faces of a polyhedron share corners.
         corners.sort_unstable();
         corners.dedup();
         let sum: DVec3 = corners.iter().map(|&n| nodes[n as usize]).sum();
-        // Of nothing: NaN, which is outside.
+        // A cell without nodes gives NaN, which is outside.
         area.holds(sum / corners.len() as f64)
     };
     let inside: Vec<bool> = (0..mesh.cell_count())
@@ -360,7 +360,7 @@ fn of_cells(mut mesh: CellMesh, area: Area) -> (CellMesh, Kept) {
         let entries = &mut mesh.connectivity[run];
         each_node(mesh.kinds[i], entries, |n| is_used[*n as usize] = true);
         left.connectivity.extend_from_slice(entries);
-        // No more than there were.
+        // The number is no greater than before, so it fits.
         left.offsets
             .push(u32::try_from(left.connectivity.len()).unwrap_or(u32::MAX));
     }
@@ -411,7 +411,7 @@ fn of_splats(cloud: SplatCloud, area: Area) -> (SplatCloud, Kept) {
     (left, kept)
 }
 
-/// The triangles that are kept stand for nodes: a mesh has no fields.
+/// Crops a mesh. Kept elements count as nodes, because a mesh has no fields.
 fn of_mesh(mesh: &mut Mesh, area: Area) -> Kept {
     let count = |mesh: &Mesh| mesh.triangle_count() + mesh.line_count() + mesh.point_count();
     let node_count = count(mesh);
@@ -436,7 +436,7 @@ fn of_mesh(mesh: &mut Mesh, area: Area) -> Kept {
         if after == before {
             continue;
         }
-        // Opened, it may show its inside.
+        // An opened surface may show its inside.
         if let Some(material) = mesh.materials.get(part.material)
             && !material.is_double_sided
         {
@@ -467,7 +467,7 @@ mod tests {
         (0..values.len()).map(|i| values.get(i)).collect()
     }
 
-    /// Samples and cells that fields may belong to.
+    /// Returns the numbers of samples and cells that fields may have values for.
     fn counts(dataset: &Dataset) -> [usize; 2] {
         match &dataset.geometry {
             Geometry::Lattice(lattice) => [
@@ -501,7 +501,7 @@ mod tests {
                         prop_assert!(cropped.validate().is_ok());
                         prop_assert!(cropped.notes.is_empty());
                         prop_assert_eq!(cropped.up().direction, up);
-                        // The marks of hidden cells may have come in.
+                        // A field with the marks of hidden cells may be new.
                         prop_assert!(cropped.fields.len() - field_count <= 1);
                         let [nodes, cells] = counts(&cropped);
                         prop_assert!(nodes > 0);
@@ -528,7 +528,7 @@ mod tests {
     #[test]
     fn lattices_keep_the_samples_in_the_box_and_the_cells_between() {
         let diagonal = |x| DMat3::from_diagonal(DVec3::new(x, 0.5, 2.0));
-        // x is -1, 0, 1, 2, 3 or falls from -1; y 0, .5, 1, 1.5; z .5, 2.5, 4.5.
+        // x is -1, 0, 1, 2, 3 or falls from -1; y is 0, .5, 1, 1.5; z is .5, 2.5, 4.5.
         let (lower, upper) = (DVec3::new(0.0, 0.4, 0.0), DVec3::new(2.5, 1.1, 2.0));
         assert!(crop(fixtures::uniform(diagonal(1.0)), lower, upper).is_err());
         let upper = upper + 3.0 * DVec3::Z;
@@ -599,7 +599,7 @@ mod tests {
 
     #[test]
     fn cells_of_curvilinear_grids_outside_the_box_are_hidden() {
-        // Of the bent block: its outermost cells reach beyond the box at one end.
+        // The bent block's outermost cells reach beyond the box at one end.
         let (lower, upper) = (DVec3::new(0.9, 0.0, 0.0), DVec3::new(2.5, 1.0, 0.5));
         let cropped = crop(fixtures::curvilinear(), lower, upper).unwrap();
         let Geometry::Curvilinear { blocks } = &cropped.geometry else {
@@ -625,7 +625,7 @@ mod tests {
             let is_shown = at.is_some_and(|at| marks[at] == 0.0);
             assert_eq!(is_shown, area.holds(centre(n)), "cell {n}");
         }
-        // The other block alone, whole: nothing is hidden.
+        // The other block is kept alone and whole, so nothing is hidden.
         let (lower, upper) = (DVec3::splat(-4.0), DVec3::new(0.0, 4.0, 4.0));
         let other = crop(fixtures::curvilinear(), lower, upper).unwrap();
         assert_eq!(
@@ -650,7 +650,7 @@ mod tests {
         let (mesh, nodes, cells) = corners([0.4; 3], [0.6; 3]);
         assert_eq!(nodes, (1..9).map(|n| n as f32).collect::<Vec<_>>());
         assert_eq!(cells, [0.0]);
-        // The faces have their own counts, and nodes that begin at 0.
+        // The faces have their own counts, and nodes are counted from 0.
         assert_eq!(mesh.connectivity[..6], [6, 4, 0, 2, 3, 1]);
         assert_eq!(mesh.offsets, [0, 31]);
         let (mesh, nodes, cells) = corners([-1.0, 0.0, 0.0], [0.5, 0.5, 2.0]);

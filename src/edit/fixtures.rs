@@ -1,4 +1,4 @@
-//! A small data set of each kind, for tests.
+//! Defines a small data set of each kind, for tests.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use crate::io::{
 };
 use crate::scene::{Lattice, LatticeSpacing, Values};
 
-/// Numbers that name their samples, and a vector.
+/// Returns a field with the index of each sample, and a vector field.
 fn fields(association: Association, count: usize) -> Vec<Field> {
     let numbers = |first: usize| Values::F32((first..first + count).map(|i| i as f32).collect());
     let name = |name: &str| match association {
@@ -62,7 +62,7 @@ pub(super) fn rectilinear() -> Dataset {
     dataset(Geometry::Lattice(Lattice { dims, spacing }), 60, 24)
 }
 
-/// A bent block of 4 x 4 x 3 nodes and a straight one of 3 x 3 x 2 beside it.
+/// Returns a bent block of 4 x 4 x 3 nodes and a straight one of 3 x 3 x 2 beside it.
 pub(super) fn curvilinear() -> Dataset {
     let block = |dims: [usize; 3], place: fn(f64, f64, f64) -> DVec3| {
         let [x, y, z] = dims;
@@ -81,7 +81,7 @@ pub(super) fn curvilinear() -> Dataset {
     dataset(Geometry::Curvilinear { blocks }, 48 + 18, 18 + 4)
 }
 
-/// A cube as a polyhedron, a tetrahedron upon it, a triangle beside, and a node of no cell.
+/// Returns a cube as a polyhedron, a tetrahedron on top of it, a triangle beside it, and a node without a cell.
 pub(super) fn cells() -> Dataset {
     let corner = |i: u32| DVec3::from([0, 1, 2].map(|d| f64::from(i >> d & 1)));
     let mut nodes = vec![DVec3::splat(9.0)];
@@ -140,7 +140,7 @@ pub(super) fn splats() -> Dataset {
     dataset(Geometry::Splats(cloud), count, 0)
 }
 
-/// Two triangles that share an edge, seen from one side.
+/// Returns two triangles that share an edge, visible from one side.
 pub(super) fn mesh() -> Dataset {
     let corners = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::new(1.0, 1.0, 1.0)];
     let mut mesh = Mesh::of_triangles(corners, [[0, 1, 2], [1, 3, 2]]);

@@ -1,8 +1,8 @@
-//! Data sets moved and cut before anything is made of them.
+//! Transforms and crops data sets before they are sampled.
 //!
-//! [`place`] resizes, turns and moves a data set, [`crop`] keeps what lies in a box ([`open_within`] of a file, of which it may read less).
-//! All give a [`Dataset`] again, so
-//! that all that follows (sampling, cameras, the true image) sees the edited data as if a file held them.
+//! [`place`] resizes, rotates and translates a data set. [`crop`] keeps the part in a box. [`open_within`] reads the
+//! part of a file in a box, and may skip the rest of the file. All return a [`Dataset`]. Sampling, cameras and the
+//! reference image then use the edited data as if they came from a file.
 //!
 //! ```
 //! use ewa_splat::edit::{Placement, crop, place};

@@ -1,4 +1,4 @@
-//! Data sets resized, turned and moved.
+//! Resizes, rotates and translates data sets.
 
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
@@ -12,19 +12,19 @@ use crate::io::{
 use crate::math::{rotation_matrix, scales_and_rotation};
 use crate::scene::{Lattice, LatticeSpacing, Values};
 
-/// A placement of data: scaled about the origin, then rotated, then translated.
+/// Placement of data: scaling about the origin, then rotation, then translation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placement {
     /// Factors of lengths along x, y and z; above 0.
     pub size: DVec3,
-    /// The rotation, right-handed; a quaternion of any length but zero.
+    /// Rotation, right-handed; a quaternion of any length but zero.
     pub rotation: DQuat,
-    /// The translation, world units.
+    /// Translation, world units.
     pub translation: DVec3,
 }
 
 impl Default for Placement {
-    /// The identity: data stay in place.
+    /// Returns the identity.
     fn default() -> Self {
         Self {
             size: DVec3::ONE,
@@ -35,12 +35,12 @@ impl Default for Placement {
 }
 
 impl Placement {
-    /// Where a point goes.
+    /// Returns the position of a point after the placement.
     pub fn apply(&self, point: DVec3) -> DVec3 {
         self.matrix() * (self.size * point) + self.translation
     }
 
-    /// The rotation; exact where it takes axes to axes.
+    /// Returns the rotation matrix, exact if it maps axes to axes.
     fn matrix(&self) -> DMat3 {
         rotation_matrix(self.rotation)
     }
@@ -65,34 +65,34 @@ impl Placement {
     }
 }
 
-/// A data set resized, turned and moved.
+/// Resizes, rotates and translates a data set.
 ///
-/// - **Lattices** stay lattices. One with uneven coordinates becomes a curvilinear grid where it is turned by other
-///   than quarter turns about axes. An axis with a single uneven sample is still one world unit wide.
-/// - **Grids, unstructured cells and meshes**: their nodes and corners, and the normals of meshes.
-/// - **Splats**: scales, rotations, and the harmonics of their colours, exactly; colours turn with the rotation alone.
-/// - **Particles**: lengths (smoothing lengths, standard deviations, variances, scales and rotations) and
-///   what the sampler multiplies by lengths: `volume` by size³, `mass` (extinction times volume) by size², `extinction`
-///   by 1 / size, so that a picture stays the same as seen by an eye that is placed likewise. Physical masses (`m`)
-///   stay, and densities, which are shown, keep their values: volumes are masses over densities times
-///   [`Dataset::volume_scale`]. Variances that are turned by other than quarter turns become `scale_0..2` and
-///   `rot_0..3`. Of three sizes that differ the geometric mean counts in these, and lengths are refused: their kernels
-///   would no longer be round.
-/// - **Fields** keep their values, but vectors of three components, which turn. Colours do not, nor do bytes,
-///   tensors, and scalars of which a vector is made up (`vx`, `vy`, `vz` of a table).
-/// - **What is up** stays ([`Dataset::up`]): a turned thing is seen turned.
+/// - **Lattices** stay lattices. One with uneven coordinates becomes a curvilinear grid, unless the rotation consists
+///   of quarter turns about axes. An axis with a single uneven sample keeps a width of one world unit.
+/// - **Grids, unstructured cells and meshes**: nodes and corners, and the normals of meshes, are transformed.
+/// - **Splats**: scales, rotations and harmonics of colours are transformed exactly. Only the rotation affects colours.
+/// - **Particles**: lengths (smoothing lengths, standard deviations, variances, scales and rotations) are transformed.
+///   So are quantities that the sampler multiplies by lengths: `volume` by size³, `mass` (extinction times volume) by
+///   size², `extinction` by 1 / size. A picture then looks the same from a camera that is placed likewise. Physical
+///   masses (`m`) stay. Densities keep their values, because pictures show them. Volumes are masses over densities
+///   times [`Dataset::volume_scale`]. Variances become `scale_0..2` and `rot_0..3`, unless the rotation consists of
+///   quarter turns. If the three sizes differ, these factors use their geometric mean, and lengths are refused, because
+///   their kernels would no longer be round.
+/// - **Fields** keep their values, except vectors of three components, which are rotated. Colours, bytes, tensors, and
+///   scalars that together form a vector (`vx`, `vy`, `vz` of a table) are not rotated.
+/// - **The upward direction** stays ([`Dataset::up`]), so a picture shows the rotation.
 ///
-/// Lengths that are stated elsewhere (a transfer function's unit distance) are world units after the move.
+/// Lengths in other settings (such as a transfer function's unit distance) are world units after the placement.
 ///
 /// # Errors
-/// Those of [`Dataset::validate`], before and after; a size that is not positive, numbers that are not finite; an uneven
-/// lattice with a single sample along an axis, turned by other than quarter turns; particles with lengths and sizes that
-/// differ.
+/// The errors of [`Dataset::validate`], before and after; a size that is not positive; numbers that are not finite;
+/// particles with lengths and sizes that differ. An uneven lattice with a single sample along an axis can be rotated by
+/// quarter turns only.
 pub fn place(mut dataset: Dataset, placement: &Placement) -> Result<Dataset> {
     placement.validate()?;
     dataset.validate()?;
     let rotation = placement.matrix();
-    // What is up in pictures is the world's: who turns a thing wants to see it turned.
+    // The upward direction belongs to the world: a user who rotates an object wants to see it rotated.
     let up = dataset.up();
     dataset.format_up = Some((up.direction, up.reason));
     let turns = rotation != DMat3::IDENTITY;
@@ -130,7 +130,7 @@ pub fn place(mut dataset: Dataset, placement: &Placement) -> Result<Dataset> {
     Ok(dataset)
 }
 
-/// Turns the fields that are vectors in space.
+/// Rotates the fields that are vectors in space.
 fn turn_vectors(fields: &mut [Field], rotation: DMat3) {
     for field in fields.iter_mut().filter(|field| !field.is_colour()) {
         let FieldSource::Vector(components) = &mut field.source else {
@@ -225,7 +225,7 @@ fn place_lattice(
     Ok(())
 }
 
-/// How the indices of an array go with its axes.
+/// Returns the permutation and reversal of an array's indices for a rotation by quarter turns.
 fn turned_axes(rotation: DMat3, dims: [usize; 3]) -> Turned {
     let (mut axes, mut is_reversed) = ([0; 3], [false; 3]);
     for new in 0..3 {
@@ -257,7 +257,7 @@ fn resize_splats(cloud: &mut SplatCloud, placement: &Placement) {
         let turned = DQuat::from_xyzw(x, y, z, w);
         let own = DMat3::from_diagonal(DVec3::from(scales.map(f64::from)));
         let factor = size * DMat3::from_quat(turned.normalize()) * own;
-        // What is not finite is left out and counted where it is sampled.
+        // The sampler leaves out and counts shapes that are not finite.
         if !factor.is_finite() {
             continue;
         }
@@ -267,7 +267,7 @@ fn resize_splats(cloud: &mut SplatCloud, placement: &Placement) {
     }
 }
 
-/// Normals stay perpendicular to what is stretched.
+/// Transforms normals so that they stay perpendicular to stretched surfaces.
 fn turn_normals(mesh: &mut Mesh, rotation: DMat3, size: DVec3) {
     for normal in mesh.parts.iter_mut().flat_map(|part| &mut part.normals) {
         let own = normal.as_dvec3();
@@ -294,7 +294,7 @@ mod tests {
         }
     }
 
-    /// Positions of all samples, in the order of the fields' values.
+    /// Returns the positions of all samples, in the order of the fields' values.
     fn positions(dataset: &Dataset) -> Vec<DVec3> {
         match &dataset.geometry {
             Geometry::Lattice(lattice) => {
@@ -312,11 +312,11 @@ mod tests {
         }
     }
 
-    /// Numbers and vectors of the samples, by their positions.
+    /// Returns the positions, numbers and vectors of the samples.
     fn samples(dataset: &Dataset) -> Vec<(DVec3, f32, DVec3)> {
         let value = |name: &str, i| match dataset.scalar(name) {
             Ok((_, values)) => values.get(i),
-            // Of a mesh.
+            // A mesh has no fields.
             Err(_) => 0.0,
         };
         let vector = |i| {
@@ -356,11 +356,11 @@ mod tests {
                 for (position, number, vector) in before {
                     let goal = placement.apply(position);
                     let found = after.iter().find(|(p, n, _)| {
-                        // Some roundings of f64 of coordinates below 20.
+                        // The tolerance allows for some f64 roundings of coordinates below 20.
                         (*p - goal).length() < 1e-13 && *n == number
                     });
                     let (_, _, turned) = found.unwrap();
-                    // Of f32, of numbers below 100.
+                    // The vectors are f32, with components below 100.
                     assert!((rotation * vector - *turned).length() < 1e-5);
                 }
             }
@@ -375,10 +375,10 @@ mod tests {
         let Geometry::Lattice(lattice) = &placed.geometry else {
             panic!("quarter turns keep a lattice");
         };
-        // x goes to y, y to z, z to x.
+        // The rotation maps x to y, y to z, z to x.
         assert_eq!(lattice.dims, [3, 5, 4]);
         let (_, cells) = placed.scalar("number of cells").unwrap();
-        // Old cells are 4 x 3 x 2, new ones 2 x 4 x 3: of the first row two layers of z.
+        // Old cells are 4 x 3 x 2, new ones 2 x 4 x 3. The first row holds two layers of z.
         assert_eq!([0, 1, 2].map(|i| cells.get(i)), [0.0, 12.0, 1.0]);
         let placed = place(whole, &oblique()).unwrap();
         assert!(matches!(placed.geometry, Geometry::Curvilinear { .. }));
@@ -396,7 +396,7 @@ mod tests {
     }
 
     proptest! {
-        /// Composed with its inverse, a placement changes nothing but for rounding.
+        /// Composed with its inverse, a placement changes nothing up to rounding.
         #[test]
         fn there_and_back(
             axis in prop::array::uniform3(-1.0f64..1.0),
@@ -421,7 +421,7 @@ mod tests {
                 let before = samples(&dataset);
                 let returned = place(place(dataset, &there).unwrap(), &back).unwrap();
                 for (a, b) in before.iter().zip(samples(&returned)) {
-                    // f64 positions up to 1000 / size on the way; f32 vectors up to 100.
+                    // Intermediate positions are f64 up to 1000 / size; vectors are f32 up to 100.
                     prop_assert!((a.0 - b.0).length() < 1e-10, "{} and {}", a.0, b.0);
                     prop_assert_eq!(a.1, b.1);
                     prop_assert!((a.2 - b.2).length() < 1e-4);
@@ -474,7 +474,7 @@ mod tests {
         assert_eq!(placed.volume_scale, 15.625);
     }
 
-    /// V of the first particle, by whatever columns it has.
+    /// Returns V of the first particle, from its columns of either kind.
     fn variance(dataset: &Dataset) -> DMat3 {
         let number = |name: &str| f64::from(first(dataset, name));
         if dataset.scalar("vxx").is_ok() {
@@ -489,7 +489,7 @@ mod tests {
 
     #[test]
     fn shapes_of_particles_turn() {
-        // A thin disc, whose thickness single precision would lose in a variance at an angle.
+        // At an angle to the axes, a variance in single precision would lose the thickness of this disc.
         let disc = [
             ("vxx", 1.0),
             ("vxy", 0.0),
@@ -514,7 +514,7 @@ mod tests {
                 let expected = turn * variance(&dataset) * turn.transpose() * 6.25;
                 let placed = place(dataset, &placement).unwrap();
                 let gap = variance(&placed) - expected;
-                // Some roundings of f32, of elements up to 6.25.
+                // The tolerance allows for some f32 roundings of elements up to 6.25.
                 assert!(gap.to_cols_array().iter().all(|x| x.abs() < 4e-6), "{gap}");
             }
         }
@@ -522,7 +522,7 @@ mod tests {
         assert!((first(&placed, "scale_2") / 2.5e-5 - 1.0).abs() < 1e-6);
     }
 
-    /// Three sizes stretch kernels as they stretch the space.
+    /// Three sizes stretch kernels as they stretch space.
     #[test]
     fn uneven_sizes_stretch_shapes() {
         let ellipsoid = [
@@ -551,7 +551,7 @@ mod tests {
                 let expected = by * variance(&dataset) * by.transpose();
                 let placed = place(dataset, &placement).unwrap();
                 let gap = variance(&placed) - expected;
-                // Some roundings of f32, of elements up to 4.
+                // The tolerance allows for some f32 roundings of elements up to 4.
                 assert!(gap.to_cols_array().iter().all(|x| x.abs() < 4e-6), "{gap}");
             }
         }
@@ -608,7 +608,7 @@ mod tests {
         ] {
             assert!(place(fixtures::points(), &placement).is_err());
         }
-        // Coordinates that fall together.
+        // At this distance, neighbouring coordinates become equal.
         let far = Placement {
             translation: DVec3::splat(1e20),
             ..Placement::default()

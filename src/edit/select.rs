@@ -1,16 +1,16 @@
-//! Parts of arrays, of whatever type their values have.
+//! Selects parts of arrays with values of any type.
 
 use std::ops::Range;
 
 use crate::io::{Association, Dataset, FieldSource};
 use crate::scene::Values;
 
-/// Which entries of an array are taken, and in what order.
+/// Selection of the entries of an array, with their order.
 pub(super) trait Selection {
-    /// The chosen entries.
+    /// Returns the selected entries.
     fn pick<T: Copy>(&self, all: &[T]) -> Vec<T>;
 
-    /// The chosen values, of the same type.
+    /// Returns the selected values, in the same type.
     fn values(&self, all: &Values) -> Values {
         match all {
             Values::U8(v) => Values::U8(self.pick(v)),
@@ -21,7 +21,7 @@ pub(super) trait Selection {
         }
     }
 
-    /// The same of each component; what is derived follows from the fields that it is derived from.
+    /// Selects the values of each component. A derived source stays, because it follows from other fields.
     fn source(&self, all: &FieldSource) -> FieldSource {
         match all {
             FieldSource::Scalar(values) => FieldSource::Scalar(self.values(values)),
@@ -33,10 +33,10 @@ pub(super) trait Selection {
     }
 }
 
-/// Gives each field what a selection leaves of it. Fields of another number of values than there are samples are left
-/// out, with a note.
+/// Applies a selection to each field. Fields whose number of values does not match the samples are left out, with a
+/// note.
 ///
-/// - `of`: for nodes or cells, what is taken, and how many there are.
+/// - `of`: returns the selection of nodes or cells, and their number before.
 pub(super) fn reselect<'a, S: Selection + 'a>(
     dataset: &mut Dataset,
     of: impl Fn(Association) -> (&'a S, usize),
@@ -62,12 +62,12 @@ pub(super) fn reselect<'a, S: Selection + 'a>(
     dataset.fields = left;
 }
 
-/// Runs of entries that are kept, in order.
+/// Runs of kept entries, in order.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Runs(Vec<Range<usize>>);
 
 impl Runs {
-    /// Those that `is_kept` says, of so many.
+    /// Builds the runs of the entries below `count` for which `is_kept` returns true.
     pub(super) fn of(count: usize, is_kept: impl Fn(usize) -> bool) -> Self {
         let mut runs = Self::default();
         for i in (0..count).filter(|&i| is_kept(i)) {
@@ -76,7 +76,7 @@ impl Runs {
         runs
     }
 
-    /// Adds a run behind the others; one that begins where they end makes the last one longer.
+    /// Appends a run. A run that begins at the end of the last one extends it.
     pub(super) fn push(&mut self, run: Range<usize>) {
         match self.0.last_mut() {
             Some(last) if last.end == run.start => last.end = run.end,
@@ -85,7 +85,7 @@ impl Runs {
         }
     }
 
-    /// Adds a box of indices of an array, x fastest, that begins at `first`.
+    /// Appends a box of indices of an array, x fastest, that begins at `first`.
     pub(super) fn push_box(&mut self, first: usize, dims: [usize; 3], part: &[Range<usize>; 3]) {
         let [i, j, k] = part;
         for k in k.clone() {
@@ -96,17 +96,17 @@ impl Runs {
         }
     }
 
-    /// How many entries are kept.
+    /// Returns the number of kept entries.
     pub(super) fn len(&self) -> usize {
         self.0.iter().map(Range::len).sum()
     }
 
-    /// The kept entries' indices.
+    /// Returns the indices of the kept entries.
     pub(super) fn indices(&self) -> impl Iterator<Item = usize> + '_ {
         self.0.iter().cloned().flatten()
     }
 
-    /// The same of sets of `stride` entries each.
+    /// Returns the runs of an array with `stride` entries for each entry of this one.
     pub(super) fn strided(&self, stride: usize) -> Self {
         let wide = |run: &Range<usize>| stride * run.start..stride * run.end;
         Self(self.0.iter().map(wide).collect())
@@ -123,14 +123,14 @@ impl Selection for Runs {
     }
 }
 
-/// An array of three indices whose axes are exchanged and reversed.
+/// Permutation and reversal of the axes of a three-dimensional array.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Turned {
-    /// Entries along the new axes.
+    /// Number of entries along the new axes.
     pub(super) dims: [usize; 3],
-    /// Which old axis each new one was.
+    /// Old axis of each new axis.
     pub(super) axes: [usize; 3],
-    /// Whether it runs the other way.
+    /// True for each new axis that is reversed.
     pub(super) is_reversed: [bool; 3],
 }
 
@@ -168,7 +168,7 @@ mod tests {
         assert_eq!(runs.pick(b"abcdefghi"), b"bcdfgh");
         assert_eq!(runs.strided(2).len(), 12);
         let mut part = Runs::default();
-        // Of 3 x 2 x 2 entries behind 10 others.
+        // The box is part of 3 x 2 x 2 entries behind 10 others.
         part.push_box(10, [3, 2, 2], &[1..3, 0..2, 1..2]);
         assert_eq!(part.indices().collect::<Vec<_>>(), [17, 18, 20, 21]);
         part.push_box(22, [3, 2, 2], &[0..3, 0..2, 0..0]);
@@ -177,7 +177,8 @@ mod tests {
 
     #[test]
     fn arrays_are_turned() {
-        // 2 x 3 x 1, x fastest; a quarter turn about z: the new x is the old -y, the new y the old x.
+        // An array of 2 x 3 x 1, x fastest, under a quarter turn about z. The new x is the old -y, and the new y is the
+        // old x.
         let turned = Turned {
             dims: [3, 2, 1],
             axes: [1, 0, 2],

@@ -1,4 +1,4 @@
-//! What of a file lies in a box, of which no more is read than that, where the file says where its particles lie.
+//! Reads the part of a file in a box. If the file states where its particles lie, no more than that part is read.
 
 use std::ops::Range;
 use std::path::Path;
@@ -10,18 +10,19 @@ use crate::error::Result;
 use crate::io::{CellRows, Dataset, Field, Geometry, OpenOptions, RowFile, Up, cell_rows, open};
 use crate::scene::Values;
 
-/// Rows between two runs that are rather read than left out: each run costs a look at the file's tables.
+/// Greatest gap of rows between two runs that is read rather than skipped. Each separate run costs a search in the
+/// file's tables.
 const GAP: usize = 1 << 16;
 
-/// Positions may be stored with fewer digits than the boxes of cells: so much, in shares of these and of their places, is looked
-/// around them.
+/// Margin around the boxes of cells: fractions of their size and of their coordinates. Positions may be stored with
+/// fewer digits than the boxes.
 const SLACK: [f64; 2] = [1e-2, 1e-6];
 
-/// What of a file lies in a box: [`crop`] of what [`open`] reads. Of a snapshot with SWIFT's table of cells, which says where the
-/// particles of which rows lie, the cells that meet the box are read alone.
+/// Reads a file and crops it to a box: the result is [`crop`] of [`open`]. SWIFT's snapshots have a table of cells,
+/// which states the bounds of the particles in each range of rows. From these, only cells that meet the box are read.
 ///
 /// # Errors
-/// Those of [`open`] and of [`crop`].
+/// The errors of [`open`] and of [`crop`].
 pub fn open_within(
     path: &Path,
     options: &OpenOptions,
@@ -39,9 +40,10 @@ pub fn open_within(
     }
 }
 
-/// Particles of the cells that meet a box, in the order of the file; `None` where all are to be read.
+/// Reads the particles of the cells that meet a box, in the order of the file. Returns `None` if the whole file is to
+/// be read.
 ///
-/// - `gap`: rows between two runs that are read along with these.
+/// - `gap`: greatest gap of rows between two runs that is read along with them.
 fn part_of(
     path: &Path,
     options: &OpenOptions,
@@ -81,7 +83,8 @@ fn part_of(
             _ => runs.push(cell.rows.clone()),
         }
     }
-    // Of nothing the whole says what is wrong, and of most the whole is read faster.
+    // If no cell meets the box, the caller reads the whole file, which gives the error. If most do, reading the whole
+    // is faster.
     let read: usize = runs.iter().map(Range::len).sum();
     if read == 0 || read > file.count() / 2 {
         return Ok(None);
@@ -104,7 +107,7 @@ fn part_of(
     Ok(all.map(|all| (all, whole)))
 }
 
-/// Adds further rows; whether they have the same columns.
+/// Appends further rows; returns false if they have other columns.
 fn append(all: &mut Dataset, own: Dataset) -> bool {
     let (Geometry::Points { positions }, Geometry::Points { positions: more }) =
         (&mut all.geometry, own.geometry)
@@ -126,7 +129,7 @@ fn append(all: &mut Dataset, own: Dataset) -> bool {
     true
 }
 
-/// The types of a field's components, floating-point ones of either precision alike.
+/// Returns the types of a field's components. Both floating-point precisions count as the same type.
 fn types_of(field: &Field) -> impl Iterator<Item = &'static str> {
     field.arrays().iter().map(Values::kind_name)
 }
@@ -177,7 +180,7 @@ mod tests {
         let options = OpenOptions::default();
         let boxes = [
             [DVec3::splat(0.1), DVec3::splat(2.4)],
-            // Some have drifted in here from cells beside it.
+            // Some particles have drifted into this box from neighbouring cells.
             [DVec3::new(4.0, 1.0, 6.5), DVec3::new(6.1, 3.9, 9.0)],
             [DVec3::new(-9.0, 5.2, 5.2), DVec3::new(99.0, 6.8, 7.2)],
         ];
@@ -186,7 +189,7 @@ mod tests {
             let count = count_of(&whole);
             let whole = crop(whole, lower, upper).unwrap();
             check(&open_within(&path, &options, lower, upper).unwrap(), &whole);
-            // Run by run.
+            // With a gap of 0, each run is read alone.
             let part = part_of(&path, &options, [lower, upper], 0).unwrap();
             let (part, of_whole) = part.unwrap();
             let read = count_of(&part);
@@ -196,7 +199,7 @@ mod tests {
                 &whole,
             );
         }
-        // What says nothing, or cannot be, is said of the whole.
+        // Empty and invalid boxes give the same error as reading the whole file.
         for [lower, upper] in [[20.0, 30.0], [3.0, 2.0], [f64::NAN, 4.0]] {
             let [lower, upper] = [lower, upper].map(DVec3::splat);
             let part = open_within(&path, &options, lower, upper).unwrap_err();
@@ -252,7 +255,7 @@ mod tests {
             let found = open_within(&path, &OpenOptions::default(), lower, upper);
             read += usize::from(found.is_ok());
         }
-        // Most of a file is packed columns, whose faults are found, or numbers.
+        // Most of a file is packed columns, whose faults are detected, or plain numbers.
         assert!((1..300).contains(&read), "{read}");
     }
 }

@@ -1,12 +1,13 @@
-//! What the formats of adaptive mesh refinement share: boxes of several levels as one data set.
+//! Converts adaptive mesh refinement (AMR) data, boxes of several levels, to one data set. The readers of AMR formats
+//! share it.
 //!
-//! Each level is a lattice of its own spacing, of which boxes hold parts. A cell counts where no finer box has its
-//! centre; of boxes of one level that overlap, the first has the cell. What does not count is marked in a field
-//! `vtkGhostType` of cells, as VTK marks it, and a box of which nothing counts is left out.
+//! Each level is a lattice with its own spacing; each box holds a part of its level. A cell is covered if a finer box
+//! contains its centre. If boxes of one level overlap, the cell belongs to the first. Covered and duplicate cells are
+//! marked in a cell field `vtkGhostType`, as VTK marks them. A box without valid cells is left out.
 //!
-//! Boxes become curvilinear grids beside one another: kernels lie at the centres of cells, as wide as their level's, and
-//! boxes of one level go on into each other as if they were one. Data of two dimensions are a layer as thick as the
-//! shorter step of the coarsest level.
+//! Boxes become separate curvilinear grids. Kernels lie at cell centres and are as wide as their level's cells. Boxes
+//! of one level join without a seam. Two-dimensional data become a layer as thick as the shorter step of the coarsest
+//! level.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -21,36 +22,36 @@ use super::{CurvilinearBlock, blanking};
 use crate::error::{Error, Result};
 use crate::scene::Values;
 
-/// VTK's mark of cells that finer ones replace.
+/// VTK's mark for cells that finer ones replace.
 const REFINED: u8 = blanking::REFINED_CELL;
-/// Of cells that another box has.
+/// VTK's mark for cells that another box owns.
 const DUPLICATE: u8 = 1;
 
-/// Comparisons of boxes and marks of cells that damaged boxes may cost at least.
+/// Least budget for comparing boxes and marking cells; it bounds the work that a damaged file can cause.
 const LEAST_WORK: usize = 1 << 24;
 
-/// The lattice of a level.
+/// Lattice of a level.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Level {
-    /// Where the lower corner of cell (0, 0, 0) lies.
+    /// Lower corner of cell (0, 0, 0).
     pub(super) origin: DVec3,
     pub(super) spacing: DVec3,
 }
 
-/// A part of a level's lattice.
+/// Box: a part of a level's lattice.
 #[derive(Debug)]
 pub(super) struct Patch {
     pub(super) level: usize,
-    /// Its first cell.
+    /// Index of the box's first cell.
     pub(super) first: [i64; 3],
-    /// Cells along each axis; 0 along the one that data of two dimensions lack.
+    /// Cells along each axis; 0 along the missing axis of two-dimensional data.
     pub(super) cells: [usize; 3],
     pub(super) node_arrays: Vec<Array>,
     pub(super) cell_arrays: Vec<Array>,
 }
 
 impl Patch {
-    /// Nodes or cells; `None` where there are more than can be counted.
+    /// Returns the number of nodes or cells; `None` if it overflows.
     pub(super) fn count(cells: [usize; 3], association: Association) -> Option<usize> {
         let [x, y, z] = match association {
             Association::Nodes => [0, 1, 2].map(|axis| cells[axis].checked_add(1)),
@@ -60,12 +61,13 @@ impl Patch {
     }
 }
 
-/// The boxes of all levels as one data set.
+/// Returns the boxes of all levels as one data set.
 ///
-/// - `levels`: the coarsest first.
+/// - `levels`: coarsest first.
 ///
 /// # Errors
-/// Spacings that are none or that do not shrink, boxes without an array or more of them than their sizes are worth.
+/// A spacing is not positive and finite or is wider than that of the level before; a box has no array; boxes overlap
+/// too often for their sizes.
 pub(super) fn dataset(
     path: &Path,
     format: &'static str,
@@ -86,7 +88,7 @@ pub(super) fn dataset(
         all.filter(|mark| **mark & bit != 0).count()
     };
     let (refined, doubled) = (covered(REFINED), covered(DUPLICATE));
-    // Nothing of them is seen.
+    // Boxes without a valid cell draw nothing.
     let is_left: Vec<bool> = marks.iter().map(|m| m.contains(&0)).collect();
     let mut kept = is_left.iter();
     patches.retain(|_| kept.next() == Some(&true));
@@ -134,7 +136,7 @@ pub(super) fn dataset(
     })
 }
 
-/// Takes the ghosts that a box states over into its marks.
+/// Merges the ghost array of a box into its marks and removes the array.
 fn join_ghosts(arrays: &mut Vec<Array>, marks: &mut [u8]) {
     arrays.retain(|array| {
         let is_ghosts = array.name.eq_ignore_ascii_case(blanking::GHOST_TYPE);
@@ -147,7 +149,7 @@ fn join_ghosts(arrays: &mut Vec<Array>, marks: &mut [u8]) {
     });
 }
 
-/// The nodes of a box.
+/// Returns the nodes of a box.
 fn block(levels: &[Level], patch: &Patch) -> CurvilinearBlock {
     let Level { origin, spacing } = levels[patch.level];
     let dims = patch.cells.map(|n| n + 1);
@@ -164,7 +166,7 @@ fn block(levels: &[Level], patch: &Patch) -> CurvilinearBlock {
     CurvilinearBlock { dims, nodes }
 }
 
-/// Gives data of two dimensions a third: a layer of one cell, as thick for all levels.
+/// Extrudes two-dimensional data to a layer of one cell, equally thick on all levels.
 fn thicken(levels: &mut [Level], patches: &mut [Patch]) {
     for axis in 0..3 {
         if patches.iter().any(|patch| patch.cells[axis] > 0) {
@@ -181,7 +183,7 @@ fn thicken(levels: &mut [Level], patches: &mut [Patch]) {
         }
         for patch in patches.iter_mut() {
             (patch.first[axis], patch.cells[axis]) = (0, 1);
-            // Both of its planes of nodes have the same values.
+            // Both planes of nodes of the layer have the same values.
             for array in &mut patch.node_arrays {
                 let components = std::mem::take(&mut array.components);
                 array.components = components
@@ -193,7 +195,7 @@ fn thicken(levels: &mut [Level], patches: &mut [Patch]) {
     }
 }
 
-/// The values of a plane of nodes, and the same again for another beside it.
+/// Returns the values of a plane of nodes twice, for the two planes of the layer.
 fn doubled(values: &Values, cells: &[usize; 3], axis: usize) -> Values {
     let dims = cells.map(|n| n + 1);
     let run: usize = dims[..axis].iter().product();
@@ -219,7 +221,7 @@ fn check(path: &Path, levels: &[Level], patches: &[Patch]) -> Result<()> {
             let found = format!("{} from {}", level.spacing, level.origin);
             return error(format!("level {i}"), "a spacing and an origin", found);
         }
-        // A little of rounding.
+        // The factor allows for rounding.
         let is_finer = |coarse: &Level| level.spacing.cmple(coarse.spacing * 1.001).all();
         if !levels[..i].last().is_none_or(is_finer) {
             let found = format!("{} after {}", level.spacing, levels[i - 1].spacing);
@@ -235,7 +237,7 @@ fn check(path: &Path, levels: &[Level], patches: &[Patch]) -> Result<()> {
             let found = format!("level {}, cells {:?}", patch.level, patch.cells);
             return error(place(), "a box of a level", found);
         }
-        // Each cell is then backed by numbers.
+        // This check ensures that numbers in the file back each cell.
         if patch.node_arrays.is_empty() && patch.cell_arrays.is_empty() {
             return error(place(), "an array of numbers", "none".into());
         }
@@ -247,7 +249,7 @@ fn check(path: &Path, levels: &[Level], patches: &[Patch]) -> Result<()> {
     Ok(())
 }
 
-/// For each cell of each box what takes it out; 0 where it counts.
+/// Returns a mark for each cell of each box; 0 means that the cell is valid.
 fn marks(path: &Path, levels: &[Level], patches: &[Patch]) -> Result<Vec<Vec<u8>>> {
     let counts = patches.iter().map(|p| p.cells.iter().product());
     let mut marks: Vec<Vec<u8>> = counts.map(|count| vec![0; count]).collect();
@@ -286,7 +288,7 @@ fn marks(path: &Path, levels: &[Level], patches: &[Patch]) -> Result<Vec<Vec<u8>
     Ok(marks)
 }
 
-/// First and behind-the-last cell along each axis.
+/// First cell along each axis, and one past the last.
 type Range = [[i64; 2]; 3];
 
 fn range_of(patch: &Patch) -> Range {
@@ -294,7 +296,7 @@ fn range_of(patch: &Patch) -> Range {
     [0, 1, 2].map(|axis| [patch.first[axis], patch.first[axis] + cells(axis)])
 }
 
-/// Which cells of a level have their centres in a box of a finer one.
+/// Returns the cells of a level whose centres lie in a box of a finer one.
 fn covered(level: &Level, finer: &Level, patch: &Patch) -> Range {
     let range = range_of(patch);
     [0, 1, 2].map(|axis| {
@@ -321,7 +323,7 @@ fn count_of(range: Range) -> usize {
     range.into_iter().map(along).fold(1, usize::saturating_mul)
 }
 
-/// Marks the cells of a range, which lies within the box.
+/// Marks the cells of a range inside the box.
 fn mark(marks: &mut [u8], patch: &Patch, range: Range, bit: u8) {
     let place = |axis: usize, n: i64| usize::try_from(n - patch.first[axis]).unwrap_or(0);
     let [[i0, i1], [j0, j1], [k0, k1]] = range;
@@ -338,7 +340,7 @@ fn mark(marks: &mut [u8], patch: &Patch, range: Range, bit: u8) {
     }
 }
 
-/// The boxes of a level, by where they are: each in the few bins, as large as the largest box, that it touches.
+/// Spatial hash of the boxes of a level. A bin is as large as the largest box, so each box touches few bins.
 struct Bins {
     size: [i64; 3],
     boxes: HashMap<[i64; 3], Vec<usize>>,
@@ -346,7 +348,7 @@ struct Bins {
 }
 
 impl Bins {
-    /// `None` where the level has no boxes.
+    /// Returns `None` if the level has no boxes.
     fn new(patches: &[Patch], level: usize) -> Option<Self> {
         let of_level = patches.iter().enumerate().filter(|(_, p)| p.level == level);
         let members: Vec<usize> = of_level.map(|(i, _)| i).collect();
@@ -382,7 +384,7 @@ impl Bins {
         })
     }
 
-    /// Boxes that may have cells of a range, each once.
+    /// Returns the boxes that may share cells with a range, each once.
     fn near(&self, range: Range, most: usize) -> Vec<usize> {
         let [x, y, z] = self.ends(range).map(|[a, b]| (b - a + 1).max(0));
         let bin_count = x.saturating_mul(y).saturating_mul(z);

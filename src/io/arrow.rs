@@ -1,11 +1,11 @@
-//! Prepared scenes, which are no data: recognised, so that what is asked of data says so.
+//! Recognises prepared scenes. They are not data, so the reader refuses them with an explanation.
 
 use crate::error::{Error, Result};
 
 use super::Dataset;
 use super::file::Input;
 
-/// What a file of Arrow's IPC format begins with.
+/// First bytes of a file in Arrow's IPC format.
 const MAGIC: &[u8] = b"ARROW1\0\0";
 
 pub(super) fn looks_like(head: &[u8]) -> bool {
@@ -13,7 +13,7 @@ pub(super) fn looks_like(head: &[u8]) -> bool {
 }
 
 /// # Errors
-/// Always: particles in blocks are drawn as they are, and not sampled.
+/// Always: a prepared scene is drawn without conversion and cannot be sampled.
 pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     Err(Error::format(
         input.path,

@@ -1,4 +1,4 @@
-//! Outputs that are whole or absent.
+//! Writes files atomically: they are complete or absent.
 
 use std::fs::{self, File};
 use std::io::{self, ErrorKind, Write};
@@ -7,11 +7,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::error::{Error, Result};
 
-/// Writes a file so that nothing half-written is ever seen under its name: into a temporary
-/// file in the same folder, which is then renamed.
+/// Writes a file through a temporary file in the same folder, which is renamed when it is complete. A half-written file
+/// never appears under the name.
 ///
-/// The file gets the permissions that newly created files usually get. A link is followed;
-/// what is no regular file (a pipe, `/dev/null`) is written to directly.
+/// The file gets the usual permissions of new files. A link is followed. A path that is no regular file (a pipe,
+/// `/dev/null`) is written to directly.
 ///
 /// # Errors
 /// The folder is missing, or the system refuses.
@@ -19,9 +19,9 @@ pub fn write_bytes_atomically(path: &Path, bytes: &[u8]) -> Result<()> {
     write_atomically(path, |file| file.write_all(bytes))
 }
 
-/// The same of what is written part by part.
+/// Writes a file part by part, atomically as [`write_bytes_atomically`] does.
 ///
-/// - `write`: into a file that is empty.
+/// - `write`: writes into an empty file.
 pub(crate) fn write_atomically<T>(
     path: &Path,
     write: impl FnOnce(&mut File) -> io::Result<T>,
@@ -66,22 +66,22 @@ pub(crate) fn write_atomically<T>(
     }
     let (mut file, temporary) = Temporary::create(folder).map_err(failed)?;
     let written = write(&mut file).map_err(failed)?;
-    // Some systems rename no open file.
+    // Some systems do not rename an open file.
     drop(file);
     fs::rename(&temporary.path, &target).map_err(failed)?;
     Ok(written)
 }
 
-/// A file under a name of its own, which is removed unless it has been renamed.
+/// Temporary file, removed on drop unless it has been renamed.
 struct Temporary {
     path: PathBuf,
 }
 
 impl Temporary {
-    /// How many names are tried: others are taken by what another process left behind.
+    /// Greatest number of names to try. Files that another process left behind may occupy some.
     const MOST_NAMES: usize = 1000;
 
-    /// Creates a file that was not there, with the permissions of any new file.
+    /// Creates a file that did not exist, with the permissions of any new file.
     fn create(folder: &Path) -> io::Result<(File, Self)> {
         static NEXT: AtomicU64 = AtomicU64::new(0);
         let mut names = 0;
@@ -99,7 +99,7 @@ impl Temporary {
 
 impl Drop for Temporary {
     fn drop(&mut self) {
-        // After a rename there is none of this name, and otherwise nobody could be told.
+        // After a rename this name does not exist; any other error could not be reported here.
         let _ = fs::remove_file(&self.path);
     }
 }
@@ -138,7 +138,7 @@ mod tests {
         let digits = name.trim_end_matches(".tmp").rsplit('-').next().unwrap();
         let number: u64 = digits.parse().unwrap();
         let prefix = name.strip_suffix(&format!("{digits}.tmp")).unwrap();
-        // What a process of the same number left behind, under the next names.
+        // Files of an earlier process with the same number occupy the next names.
         for next in number + 1..number + 40 {
             let left = folder.path().join(format!("{prefix}{next}.tmp"));
             fs::write(left, b"other").unwrap();

@@ -1,4 +1,4 @@
-//! Nodes and cells that a file declares not to be part of its data.
+//! Reads which nodes and cells a file declares not to be part of its data.
 
 use super::{Association, CellKind, CellMesh, Dataset, polyhedron_faces};
 use crate::error::Result;
@@ -6,20 +6,20 @@ use crate::scene::Values;
 
 /// VTK's name for the array that marks cells and nodes.
 pub(super) const GHOST_TYPE: &str = "vtkGhostType";
-/// Bits of VTK's `vtkGhostType` that take a cell out: a copy of another piece's, replaced by a
-/// finer one, hidden.
+/// Bits of VTK's `vtkGhostType` that remove a cell: a copy of a cell of another piece, a cell replaced by finer ones, a
+/// hidden cell.
 const GHOST_CELL: u8 = 1 | REFINED_CELL | 32;
-/// The one of these that says that finer cells stand in its place.
+/// Bit of a cell that finer cells replace.
 pub(super) const REFINED_CELL: u8 = 8;
-/// The bit that hides a node. Copies of another piece's nodes stay: they carry their own cells.
+/// Bit that hides a node. Copies of another piece's nodes stay, because their own cells use them.
 const HIDDEN_NODE: u8 = 2;
 
-/// Which nodes and cells are blanked: by PLOT3D's `iblank`, by VTK's ghost arrays.
+/// Masks of blanked nodes and cells, from PLOT3D's `iblank` and VTK's ghost arrays.
 #[derive(Debug, Default)]
 pub(crate) struct Blanking {
     nodes: Option<Vec<bool>>,
     cells: Option<Vec<bool>>,
-    /// Whether finer cells stand for some.
+    /// True if finer cells replace some cells.
     has_refined: bool,
 }
 
@@ -30,7 +30,7 @@ impl Blanking {
         has_refined: false,
     };
 
-    /// Whether a field of this name says what is blanked.
+    /// Returns true if a field of this name marks blanked nodes or cells.
     pub(crate) fn is_told_by(name: &str) -> bool {
         let names = ["iblank", "vtkGhostType", "vtkGhostLevels"];
         names.iter().any(|known| name.eq_ignore_ascii_case(known))
@@ -43,7 +43,7 @@ impl Blanking {
             let is = |name: &str| field.name.eq_ignore_ascii_case(name);
             let bits = if of_nodes { HIDDEN_NODE } else { GHOST_CELL };
             let is_blank: &dyn Fn(f32) -> bool = if is("iblank") {
-                // 0 blanked, 1 field, 2 wall, negative: interpolated from another block.
+                // Values: 0 blanked, 1 field, 2 wall, negative: interpolated from another block.
                 &|v| v.abs() < 0.5
             } else if is(GHOST_TYPE) {
                 &|v| ghost_bits(v) & bits != 0
@@ -70,7 +70,7 @@ impl Blanking {
         Ok(blanking)
     }
 
-    /// Of masks of all nodes and of all cells.
+    /// Builds the blanking from masks of all nodes and all cells.
     #[cfg(feature = "cli")]
     pub(crate) fn of_masks(nodes: Vec<bool>, cells: Vec<bool>) -> Self {
         Self {
@@ -80,7 +80,7 @@ impl Blanking {
         }
     }
 
-    /// The same with cells of which a corner is hidden: no field is known all over them.
+    /// Hides also the cells with a hidden corner, because no field is known everywhere in them.
     pub(crate) fn of_mesh(mut self, mesh: &CellMesh) -> Self {
         let Some(hidden) = self.nodes.as_ref().filter(|nodes| nodes.contains(&true)) else {
             return self;
@@ -100,7 +100,9 @@ impl Blanking {
         self
     }
 
-    /// The same of a lattice of so many nodes: cells of which a corner is hidden are hidden, and nodes whose cells all are.
+    /// Hides also the cells of a lattice with a hidden corner, then the nodes whose cells are all hidden.
+    ///
+    /// - `dims`: number of nodes along each axis.
     pub(crate) fn of_lattice(mut self, dims: [usize; 3]) -> Self {
         // An axis of one node has one layer of cells.
         let of_cells = dims.map(|n| n.max(2) - 1);
@@ -131,18 +133,18 @@ impl Blanking {
         self
     }
 
-    /// Whether anything is hidden.
+    /// Returns true if any node or cell is hidden.
     pub(crate) fn hides_any(&self) -> bool {
         let masks = [&self.nodes, &self.cells];
         masks.into_iter().flatten().any(|mask| mask.contains(&true))
     }
 
-    /// Whether finer cells stand in the place of some.
+    /// Returns true if finer cells replace some cells.
     pub(crate) fn has_refined_cells(&self) -> bool {
         self.has_refined
     }
 
-    /// One entry per node or cell, if any array speaks of them.
+    /// Returns the mask, one entry per node or cell; `None` if no array marks any.
     pub(crate) fn mask(&self, association: Association) -> Option<&[bool]> {
         match association {
             Association::Nodes => self.nodes.as_deref(),
@@ -161,7 +163,7 @@ impl Blanking {
     }
 }
 
-/// The bits of a ghost array's number, an unsigned byte.
+/// Returns the bits of a ghost array's number, an unsigned byte.
 #[expect(
     clippy::cast_possible_truncation,
     reason = "ghost arrays are bytes; anything else saturates"

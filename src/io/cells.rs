@@ -1,4 +1,4 @@
-//! Unstructured grids as files hold them.
+//! Defines unstructured grids as files store them.
 
 use glam::DVec3;
 
@@ -12,20 +12,20 @@ pub struct CellMesh {
     pub nodes: Vec<DVec3>,
     /// Kind of each cell.
     pub kinds: Vec<CellKind>,
-    /// Where each cell's entries of `connectivity` begin; one more at the end.
+    /// Index of each cell's first entry in `connectivity`; one more at the end.
     pub offsets: Vec<u32>,
-    /// Nodes of the cells, in VTK's order. A polyhedron has its faces instead: their number, then
-    /// for each face the number of its nodes and the nodes.
+    /// Nodes of the cells, in VTK's order. A polyhedron stores its faces instead: their number, then for each face the
+    /// number of its nodes and the nodes.
     pub connectivity: Vec<u32>,
 }
 
 impl CellMesh {
-    /// Cells in the lists that VTK's programs hold in memory.
+    /// Builds a grid from lists as VTK programs hold them in memory.
     ///
     /// - `nodes`: positions, world units.
     /// - `kinds`: VTK's number for the kind of each cell.
-    /// - `cells`: of each cell how many numbers follow, and these: its nodes, in VTK's order, or the faces of a
-    ///   polyhedron as in [`CellMesh::connectivity`].
+    /// - `cells`: for each cell the number of its entries, then the entries. They are its nodes, in VTK's order, or the
+    ///   faces of a polyhedron as in [`CellMesh::connectivity`].
     ///
     /// ```
     /// use ewa_splat::io::{CellKind, CellMesh};
@@ -40,7 +40,7 @@ impl CellMesh {
     /// ```
     ///
     /// # Errors
-    /// Another number of lists than of kinds, a list that ends too soon, a number that is no node.
+    /// The numbers of lists and of kinds differ, a list ends too soon, or a number is not that of a node.
     pub fn of_lists(nodes: impl Into<Vec<DVec3>>, kinds: &[u8], cells: &[i64]) -> Result<Self> {
         let fault = |place: String, expected: &str, found: String| {
             let advice = "give the cells as VTK counts them";
@@ -93,12 +93,12 @@ impl CellMesh {
         Ok(mesh)
     }
 
-    /// How many cells there are.
+    /// Returns the number of cells.
     pub fn cell_count(&self) -> usize {
         self.kinds.len()
     }
 
-    /// How many values a field of nodes or of cells has.
+    /// Returns the number of values of a field of nodes or cells.
     pub(crate) fn count_of(&self, association: Association) -> usize {
         match association {
             Association::Nodes => self.nodes.len(),
@@ -106,9 +106,9 @@ impl CellMesh {
         }
     }
 
-    /// Adds cells and their nodes, as many of either as 32 bits count.
+    /// Appends the cells and nodes of another grid. The caller checks that 32-bit integers can count them.
     ///
-    /// - `shift`: what is added to the numbers of their nodes.
+    /// - `shift`: number that is added to the node indices of `other`.
     pub(crate) fn append(&mut self, mut other: Self, shift: u32) {
         #[expect(
             clippy::cast_possible_truncation,
@@ -126,13 +126,13 @@ impl CellMesh {
         self.connectivity.append(&mut other.connectivity);
     }
 
-    /// The entries of `connectivity` of one cell.
+    /// Returns the entries of one cell in `connectivity`.
     pub fn cell(&self, i: usize) -> &[u32] {
         &self.connectivity[self.offsets[i] as usize..self.offsets[i + 1] as usize]
     }
 }
 
-/// Gives the nodes of a cell, whose entries have been checked, other numbers.
+/// Renumbers the nodes of a cell whose entries have been checked.
 pub(crate) fn renumber(kind: CellKind, mut cell: &mut [u32], mut number: impl FnMut(u32) -> u32) {
     if kind != CellKind::POLYHEDRON {
         cell.iter_mut().for_each(|n| *n = number(*n));
@@ -146,16 +146,16 @@ pub(crate) fn renumber(kind: CellKind, mut cell: &mut [u32], mut number: impl Fn
     }
 }
 
-/// The kind of a cell, by VTK's number for it.
+/// Kind of a cell: VTK's number for it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Default)]
 pub struct CellKind(pub u8);
 
 impl CellKind {
-    /// Nothing: a place that is kept free.
+    /// An unused cell.
     pub const EMPTY: Self = Self(0);
     /// A single node.
     pub const VERTEX: Self = Self(1);
-    /// Several nodes, each a point of its own.
+    /// Several nodes, each a separate point.
     pub const POLY_VERTEX: Self = Self(2);
     /// A line.
     pub const LINE: Self = Self(3);
@@ -186,7 +186,7 @@ impl CellKind {
     /// A solid bounded by any polygons.
     pub const POLYHEDRON: Self = Self(42);
 
-    /// The name, for people.
+    /// Returns the name, for people.
     pub fn name(self) -> &'static str {
         match self.0 {
             0 => "empty cell",
@@ -243,7 +243,7 @@ impl CellKind {
         }
     }
 
-    /// Whether it is a piece of a surface.
+    /// Returns true if the cell is a piece of a surface.
     pub(crate) fn is_flat(self) -> bool {
         let has_any_count = matches!(
             self,
@@ -252,8 +252,8 @@ impl CellKind {
         has_any_count || self.flat_corner_count().is_some()
     }
 
-    /// How many corners a piece of a surface has, if its kind says it. Cells of higher order are
-    /// taken by their corners, which VTK numbers first.
+    /// Returns the number of corners of a piece of a surface, if its kind fixes it. Cells of higher order count by
+    /// their corners, which VTK numbers first.
     pub(crate) fn flat_corner_count(self) -> Option<usize> {
         match self.0 {
             5 | 22 | 34 | 69 | 76 => Some(3),
@@ -262,19 +262,19 @@ impl CellKind {
         }
     }
 
-    /// Whether it has no area: points, lines, nothing.
+    /// Returns true if the cell has no area: points, lines, empty cells.
     pub(crate) fn is_thin(self) -> bool {
         matches!(self.0, 0..=4 | 21 | 35 | 68 | 75)
     }
 
-    /// Whether it is a solid whose faces are known: a polyhedron states them.
+    /// Returns true if the cell is a solid whose faces are known. A polyhedron states them itself.
     pub(crate) fn is_solid(self) -> bool {
         self.faces().is_some() || self == Self::POLYHEDRON
     }
 
-    /// The corners of a solid cell of fixed shape, by their places among the cell's nodes, face by
-    /// face, seen from outside anticlockwise. Cells of higher order are taken by their corners,
-    /// which VTK numbers first. `None` for all others, polyhedra among them.
+    /// Returns the faces of a solid cell of fixed shape, each a list of corners, as indices of the cell's nodes. Seen
+    /// from outside, corners run anticlockwise. Cells of higher order are represented by their corners, which VTK
+    /// numbers first. Returns `None` for all others, including polyhedra.
     pub fn faces(self) -> Option<&'static [&'static [u8]]> {
         Some(match self.0 {
             10 | 24 | 71 | 78 => &[&[0, 1, 3], &[1, 2, 3], &[2, 0, 3], &[0, 2, 1]],
@@ -331,7 +331,7 @@ impl CellKind {
         })
     }
 
-    /// Whether [`CellKind::faces`] leaves out nodes of the cell that are no corners.
+    /// Returns true if the cell has nodes that are no corners, which [`CellKind::faces`] leaves out.
     pub fn is_of_higher_order(self) -> bool {
         matches!(self.0, 21..=37 | 68..=81)
     }

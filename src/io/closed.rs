@@ -1,4 +1,4 @@
-//! Which surfaces enclose a volume: they need be seen from outside only.
+//! Finds the surfaces that enclose a volume. They need to be drawn from outside only.
 
 use std::collections::HashMap;
 
@@ -6,12 +6,11 @@ use glam::DVec3;
 
 use crate::io::MeshPart;
 
-/// For each part, whether all that it consists of is closed and turned outwards.
+/// Returns for each part whether all its components are closed and oriented outwards.
 ///
-/// Corners in one place are one. A connected component (which may run through several parts) is
-/// closed where each of its edges has two triangles that pass it in opposite directions, and
-/// turned outwards where it encloses a positive volume. Triangles with a corner that is not
-/// finite are not looked at.
+/// Corners at the same position are merged. A connected component may run through several parts. It is closed if each
+/// of its edges has two triangles that pass it in opposite directions. It is oriented outwards if it encloses a
+/// positive volume. Triangles with a corner that is not finite are skipped.
 pub(crate) fn are_closed(parts: &[MeshPart]) -> Vec<bool> {
     let mut vertices: HashMap<[u64; 3], u32> = HashMap::new();
     let mut places: Vec<DVec3> = Vec::new();
@@ -21,7 +20,7 @@ pub(crate) fn are_closed(parts: &[MeshPart]) -> Vec<bool> {
             .positions
             .iter()
             .map(|&position| {
-                // Both zeros are one place.
+                // Adding zero turns -0 into +0, so both are one position.
                 let key = (position + DVec3::ZERO).to_array().map(f64::to_bits);
                 let next = u32::try_from(places.len()).unwrap_or(u32::MAX);
                 *vertices.entry(key).or_insert_with(|| {
@@ -35,7 +34,7 @@ pub(crate) fn are_closed(parts: &[MeshPart]) -> Vec<bool> {
             let is_finite = triangle
                 .iter()
                 .all(|&i| part.positions[i as usize].is_finite());
-            // A triangle of two corners closes nothing and opens nothing.
+            // A triangle with two equal corners closes nothing and opens nothing.
             if is_finite && a != b && b != c && c != a {
                 triangles.push((p, [a, b, c]));
             }
@@ -59,7 +58,7 @@ pub(crate) fn are_closed(parts: &[MeshPart]) -> Vec<bool> {
             is_open[components.root(edge[0].0[0]) as usize] = true;
         }
     }
-    // Six times the volume, about a corner of the component.
+    // Six times the volume, measured from a corner of the component.
     let mut volumes = vec![0.0; places.len()];
     for &(_, triangle) in &triangles {
         let root = components.root(triangle[0]) as usize;

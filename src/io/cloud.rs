@@ -1,20 +1,20 @@
-//! What the readers of point clouds share: colours.
+//! Converts the colours and columns of point clouds; the readers of point clouds share it.
 //!
-//! Scanners store colours as displays take them, in bytes, words or shares of a range that the file states.
+//! Scanners store display (sRGB-encoded) colours as bytes, 16-bit words or fractions of a range that the file states.
 
 use super::dataset::Field;
 use super::table::scalar_field;
 use crate::image::linear_from_srgb;
 use crate::scene::Values;
 
-/// What to do about a file that is not as its format says.
+/// Advice for a file that breaks its format's rules.
 pub(super) const DAMAGED: &str =
     "the file is damaged or cut off: copy it again or save it with the program that wrote it";
 
-/// Red, green and blue, sRGB-encoded, from 0 to 1: bytes `red`, `green`, `blue` where all are whole 255ths, and otherwise
-/// linear numbers `r`, `g`, `b`.
+/// Returns the fields of sRGB-encoded red, green and blue from 0 to 1. They are bytes `red`, `green`, `blue` if all are
+/// whole 255ths, and linear numbers `r`, `g`, `b` otherwise.
 pub(super) fn colour_fields(encoded: [Vec<f32>; 3]) -> Vec<Field> {
-    /// Of a byte's step: what single precision leaves of a quotient.
+    /// Tolerance in steps of a byte: the rounding of a quotient in single precision.
     const ROUNDING: f32 = 1e-3;
     let is_byte = |x: &f32| {
         let byte = x * 255.0;
@@ -46,7 +46,7 @@ fn byte(x: f32) -> u8 {
     }
 }
 
-/// A column, as small integers where all its numbers are whole and lie from 0 to 65,535.
+/// Returns a column. It has 16-bit integers if all numbers are whole and lie from 0 to 65,535.
 pub(super) fn column(name: &str, numbers: &[f64]) -> Field {
     let is_word = |x: &f64| (0.0..=65535.0).contains(x) && x.fract() == 0.0;
     let values = match numbers.iter().all(is_word) {

@@ -1,4 +1,4 @@
-//! Columns of colours: one rule for points, vertices, faces and splats in all file formats.
+//! Interprets columns of colours: one rule for points, vertices, faces and splats in all file formats.
 //!
 //! | columns | linear numbers | encoded numbers (sRGB) |
 //! |---|---|---|
@@ -18,13 +18,13 @@ use crate::scene::Values;
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct ColourSet {
     pub(crate) names: [&'static str; 3],
-    /// The opacity of vertices and faces, encoded by the same range, and linear.
+    /// Column of the opacity of vertices and faces. It is scaled as the colours are, and linear.
     pub(crate) alpha: &'static str,
-    /// Whether small numbers are linear.
+    /// True if small numbers are linear.
     may_be_linear: bool,
 }
 
-/// All sets, the first that is there before others.
+/// All sets, in order of precedence.
 pub(crate) const COLOUR_SETS: [ColourSet; 3] = [
     ColourSet {
         names: ["r", "g", "b"],
@@ -43,7 +43,7 @@ pub(crate) const COLOUR_SETS: [ColourSet; 3] = [
     },
 ];
 
-/// The sets of which all three columns are there, with what `find` returns for them.
+/// Returns the sets whose three columns all exist, with the results of `find` for them.
 pub(crate) fn colour_sets<T>(
     mut find: impl FnMut(&str) -> Option<T>,
 ) -> Vec<(&'static ColourSet, [T; 3])> {
@@ -54,18 +54,18 @@ pub(crate) fn colour_sets<T>(
     COLOUR_SETS.iter().filter_map(&mut whole).collect()
 }
 
-/// The facts about the numbers of a colour that decide their scale, over all of its columns.
+/// Properties of the numbers of a colour, over all of its columns, that decide their scale.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct ColourNumbers {
-    /// The greatest finite number.
+    /// Greatest finite number.
     greatest: f32,
     are_whole: bool,
-    /// The number that stands for 1, if all columns have one type of unsigned integers.
+    /// Number that represents 1, if all columns have the same type of unsigned integers.
     of_type: Option<f32>,
 }
 
 impl ColourNumbers {
-    /// The numbers of the columns of a colour.
+    /// Collects the properties of the columns of a colour.
     pub(crate) fn of<'a>(columns: impl IntoIterator<Item = &'a Values>) -> Self {
         columns
             .into_iter()
@@ -89,7 +89,7 @@ impl ColourNumbers {
             })
     }
 
-    /// Numbers that no column holds.
+    /// Collects the properties of floats that are in no column.
     pub(crate) fn of_floats(numbers: impl Iterator<Item = f32> + Clone) -> Self {
         let finite = numbers.filter(|x| x.is_finite());
         Self {
@@ -99,7 +99,7 @@ impl ColourNumbers {
         }
     }
 
-    /// The facts about these numbers and others together.
+    /// Combines the properties of these numbers with those of others.
     pub(crate) fn and(self, other: Self) -> Self {
         Self {
             greatest: self.greatest.max(other.greatest),
@@ -109,22 +109,22 @@ impl ColourNumbers {
     }
 }
 
-/// The scale by which numbers stand for colours.
+/// Scale by which numbers represent colours.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct ColourScale {
-    /// The number that stands for 1.
+    /// Number that represents 1.
     full: f32,
     is_encoded: bool,
-    /// Whether the numbers decided the scale, and not their type.
+    /// True if the numbers decided the scale, and not their type.
     is_guessed: bool,
 }
 
 impl ColourScale {
-    /// The scale of the numbers of a set; `set` is `None` for a vector.
+    /// Returns the scale of the numbers of a set; `set` is `None` for a vector.
     pub(crate) fn of(set: Option<&ColourSet>, numbers: ColourNumbers) -> Self {
-        /// The excess over 1 that rounding may leave.
+        /// Greatest excess over 1 through rounding.
         const ROUNDING: f32 = 1e-3;
-        /// The brightest linear number: four stops above white.
+        /// Brightest linear number: four stops above white.
         const BRIGHTEST: f32 = 16.0;
         let may_be_linear = set.is_some_and(|set| set.may_be_linear);
         let ColourNumbers {
@@ -151,7 +151,7 @@ impl ColourScale {
         }
     }
 
-    /// A channel, linear, from 0 up; NaN of NaN.
+    /// Converts a channel to a linear number, at least 0; NaN stays NaN.
     pub(crate) fn linear(self, number: f32) -> f32 {
         let share = self.share(number);
         match self.is_encoded {
@@ -160,7 +160,7 @@ impl ColourScale {
         }
     }
 
-    /// A channel, encoded by sRGB.
+    /// Converts a channel to an sRGB-encoded number.
     pub(crate) fn encoded(self, number: f32) -> f32 {
         let share = self.share(number);
         match self.is_encoded {
@@ -169,17 +169,17 @@ impl ColourScale {
         }
     }
 
-    /// The number that stands for 1.
+    /// Returns the number that represents 1.
     pub(crate) fn full(self) -> f32 {
         self.full
     }
 
-    /// A number divided by the number that stands for 1, from 0 up; NaN of NaN.
+    /// Divides a number by the one that represents 1. The result is at least 0; NaN stays NaN.
     pub(crate) fn share(self, number: f32) -> f32 {
         (number / self.full).clamp(0.0, f32::INFINITY)
     }
 
-    /// The assumption about the scale, as the end of a sentence about colours; `None` if nothing was guessed.
+    /// Returns the assumption about the scale, as the end of a sentence about colours; `None` if nothing was guessed.
     pub(crate) fn assumed(self) -> Option<&'static str> {
         self.is_guessed.then_some(match self.full {
             full if full > 255.0 => "exceed 255 and are taken as 0 to 65535, encoded by sRGB",
@@ -197,7 +197,7 @@ mod tests {
         let [rgb, red, _] = &COLOUR_SETS;
         let floats = |x: f32| Values::F32(vec![0.0, x, f32::NAN]);
         let scale = |set, column: Values| ColourScale::of(set, ColourNumbers::of([&column]));
-        // Half the light is 188 of 255.
+        // Half of full linear intensity encodes to 188 of 255.
         for (set, column, number, linear) in [
             (Some(rgb), floats(1.0), 0.5, 0.5),
             (Some(rgb), floats(2.5), 2.5, 2.5),

@@ -1,11 +1,11 @@
-//! Column densities to files, by extension.
+//! Writes column densities to files; the extension chooses the format.
 //!
 //! | extension | numbers |
 //! |---|---|
 //! | `.npy` | f32 (height, width), rows from the top |
 //! | `.pfm` | f32 grey, rows from the bottom |
 //! | `.exr` | f32, one channel Y |
-//! | `.png` | a picture: viridis over the logarithm, nothing and next to nothing transparent |
+//! | `.png` | colours: viridis over the logarithm; values below the shown range are transparent |
 
 use std::path::Path;
 
@@ -15,12 +15,11 @@ use crate::error::Result;
 use crate::image::{ColumnImage, Image, linear_from_srgb};
 use crate::scene::{ScaleName, TransferFunction};
 
-/// Writes a column density in the format that the extension names: `npy`, `pfm`, `exr` (channel
-/// Y) hold the values, `png` a picture of them, its colours over
-/// [`ColumnImage::shown_range`]; what is less is transparent.
+/// Writes a column density in the format that the extension names. `npy`, `pfm` and `exr` (channel Y) store the values.
+/// `png` stores their colours over [`ColumnImage::shown_range`]; lower values are transparent.
 ///
 /// # Errors
-/// As [`write_image`](super::write_image).
+/// The errors of [`write_image`](super::write_image).
 pub fn write_column(path: &Path, column: &ColumnImage) -> Result<()> {
     let (width, height) = (column.width, column.height);
     check_size(path, width, height, column.values.len())?;
@@ -42,7 +41,7 @@ pub fn write_column(path: &Path, column: &ColumnImage) -> Result<()> {
     write_bytes_atomically(path, &bytes)
 }
 
-/// Viridis over 0 to 1: linear RGB, opaque.
+/// Returns the viridis map from 0 to 1: linear RGB, opaque.
 pub(crate) fn viridis() -> impl Fn(f32) -> [f32; 4] {
     use colorgrad::Gradient;
     let map = colorgrad::preset::viridis();
@@ -53,14 +52,15 @@ pub(crate) fn viridis() -> impl Fn(f32) -> [f32; 4] {
     }
 }
 
-/// The colours of a column density's picture, as a transfer function over its values; `None` where it shows nothing.
+/// Returns the colours of a column density as a transfer function over its values; `None` if there is nothing to show.
 ///
 /// - `map`: a colour map's name ([`COLOUR_MAP_NAMES`](crate::scene::COLOUR_MAP_NAMES)); `None` is viridis.
-/// - `range`: of the values; `None` takes [`ColumnImage::shown_range`] on a logarithmic scale, all values on others.
+/// - `range`: range of the values. `None` takes [`ColumnImage::shown_range`] on a logarithmic scale and all values on
+///   others.
 /// - `scale`: `None` is logarithmic.
 ///
 /// # Errors
-/// An unknown map; a range whose ends do not rise, or that is not above 0 on a logarithmic scale.
+/// An unknown map; a range whose ends do not rise; a range that is not above 0 on a logarithmic scale.
 pub fn column_colours(
     column: &ColumnImage,
     map: Option<&str>,
@@ -69,7 +69,7 @@ pub fn column_colours(
 ) -> Result<Option<TransferFunction>> {
     let name = scale.unwrap_or(ScaleName::Log);
     let own = match name {
-        // One value alone has the greatest colour, and a decade of its own.
+        // A single value gets the last colour, and a range of one decade.
         ScaleName::Log => column.shown_range().map(|[least, greatest]| {
             let is_one = least >= greatest;
             [if is_one { greatest / 10.0 } else { least }, greatest]
@@ -82,8 +82,8 @@ pub fn column_colours(
     TransferFunction::of_colours(map.unwrap_or("viridis"), range.map(f64::from), name).map(Some)
 }
 
-/// The picture of a column density by [`column_colours`]; what is less than their range is transparent. An empty one
-/// where the values are fewer or more than the pixels.
+/// Colours a column density by [`column_colours`]; values below their range are transparent. Returns an empty image if
+/// the numbers of values and pixels differ.
 pub fn column_picture(column: &ColumnImage, colours: &TransferFunction) -> Image {
     if column.width.checked_mul(column.height) != Some(column.values.len()) {
         return Image::new(0, 0);
@@ -116,8 +116,8 @@ mod tests {
         let colours = column_colours(&column, None, None, None).unwrap().unwrap();
         let pixels = column_picture(&column, &colours).pixels;
         assert_eq!(pixels[..3], [[0.0; 4]; 3]);
-        // Viridis: #440154 and #fde725; in the middle the preset has #26838f, where matplotlib's
-        // table has #21918c. Its spline leaves its ends and middle by a level or two of 255.
+        // Viridis: #440154 and #fde725. In the middle the preset has #26838f and matplotlib's table #21918c. The
+        // preset's spline misses the table's ends and middle by a level or two of 255.
         for (pixel, code) in pixels[3..]
             .iter()
             .zip([[68, 1, 84], [38, 131, 143], [253, 231, 37]])
@@ -143,18 +143,18 @@ mod tests {
             let encoded = |p: &[f32; 4]| (crate::image::srgb_from_linear(p[0]), p[3]);
             picture.pixels.iter().map(encoded).collect::<Vec<_>>()
         };
-        // Evenly from -2 to 3, within a step of the table.
+        // The levels are even from -2 to 3, within a step of the table.
         for ((level, alpha), expected) in grey(None, Some(ScaleName::Linear))
             .iter()
             .zip([0.0, 0.4, 0.6, 1.0])
         {
             assert!((level - expected).abs() < 1e-3 && *alpha >= 1.0);
         }
-        // What is less is transparent, what is more has the last colour.
+        // Lower values are transparent; higher values have the last colour.
         let shown = grey(Some([0.5, 1.0]), Some(ScaleName::Linear));
         assert_eq!(shown.iter().filter(|p| p.1 > 0.0).count(), 2);
         assert!((shown[2].0 - 1.0).abs() < 1e-3 && (shown[3].0 - 1.0).abs() < 1e-3);
-        // Half of three decades.
+        // The value lies in the middle of three decades.
         let [.., (level, _)] = grey(Some([0.1, 90.0]), None)[..] else {
             panic!("four pixels")
         };

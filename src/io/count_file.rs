@@ -1,4 +1,4 @@
-//! Counts of kernels to files, by extension: numbers as pixels, or in colours.
+//! Writes kernel counts to files, as numbers or in colours; the extension chooses the format.
 
 use std::path::Path;
 
@@ -7,11 +7,11 @@ use super::image_file::write_image;
 use crate::error::Result;
 use crate::image::Image;
 
-/// Writes the picture of [`Show::Count`](crate::Show::Count): `exr`, `pfm` and `npy` hold the
-/// numbers as [`write_image`] writes pixels, `png` has viridis from 0 to the greatest of them.
+/// Writes the image of [`Show::Count`](crate::Show::Count). `exr`, `pfm` and `npy` store the numbers as [`write_image`]
+/// writes pixels. `png` stores viridis colours from 0 to the greatest number.
 ///
 /// # Errors
-/// As [`write_image`].
+/// The errors of [`write_image`].
 pub fn write_count(path: &Path, count: &Image) -> Result<()> {
     if super::extension(path) == "png" {
         write_image(path, &picture(count))
@@ -23,7 +23,7 @@ pub fn write_count(path: &Path, count: &Image) -> Result<()> {
 fn picture(count: &Image) -> Image {
     let colour_of = viridis();
     let greatest = count.pixels.iter().map(|p| p[0]).fold(0.0, f32::max);
-    // Where all are zero, so is their share.
+    // If all counts are zero, this scale keeps them zero.
     let scale = 1.0 / greatest.max(1.0);
     Image {
         pixels: count

@@ -1,15 +1,14 @@
-//! Particle tables in CSV.
+//! Reads particle tables in CSV.
 //!
-//! | lines | what |
+//! | lines | contents |
 //! |---|---|
 //! | `# ...` | a comment, anywhere; `# x,y,z,...` directly before the first row is the header, as `numpy.savetxt` writes it |
 //! | first | column names, separated by `,`, `;` or tabs |
 //! | others | one particle each |
 //!
-//! A column whose cells are all words (labels) is left out; a column that mixes words and
-//! numbers is an error, since one of them is a mistake. An empty cell, `nan` and `inf` are
-//! not-a-number, not-a-number and infinity, which sampling counts and leaves out; positions
-//! must not be empty.
+//! A column whose cells are all words (labels) is left out. A column that mixes words and numbers is an error, since
+//! one of them is a mistake. An empty cell and `nan` are read as not-a-number, and `inf` as infinity; sampling counts
+//! these values and leaves them out. Positions must not be empty.
 
 use std::path::Path;
 
@@ -20,7 +19,7 @@ use super::file::Input;
 use super::table::{dataset, position_columns, scalar_field};
 use crate::error::{Error, Result};
 
-/// One column while it is read.
+/// State of one column during reading.
 #[derive(Debug, Default)]
 struct Column {
     values: Vec<f64>,
@@ -131,16 +130,16 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Dataset> {
     Ok(data)
 }
 
-/// The column names and how they were found.
+/// Column names, and how they were found.
 struct Header {
     names: Vec<String>,
     separator: u8,
     in_comment: bool,
 }
 
-/// The character that separates the cells of a line.
+/// Returns the character that separates the cells of a line.
 fn separator_of(line: &[u8]) -> u8 {
-    // Semicolons and tabs first: a decimal comma must not split a cell.
+    // Semicolons and tabs come first, because a decimal comma must not split a cell.
     let known = [b';', b'\t', b','];
     known.into_iter().find(|s| line.contains(s)).unwrap_or(b',')
 }
@@ -195,15 +194,15 @@ fn header(path: &Path, bytes: &[u8]) -> Result<Header> {
     })
 }
 
-/// Whether the first line that is no comment names x and y, and z or none.
+/// Returns true if the first line that is no comment names x and y, and perhaps z.
 pub(crate) fn names_positions(head: &[u8]) -> bool {
     let path = Path::new("");
     header(path, head)
         .is_ok_and(|h| position_columns(path, h.names.iter().map(String::as_str)).is_ok())
 }
 
-/// Whether these first bytes are those of a table: lines of two cells or more with numbers in them, under a line of as
-/// many names or alone.
+/// Returns true if these first bytes are those of a table. Its lines have two or more cells that contain numbers. A
+/// header, if present, has as many names.
 pub(crate) fn looks_like_table(head: &[u8]) -> bool {
     let head = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head);
     let lines = head.split(|&b| b == b'\n' || b == b'\r');

@@ -1,4 +1,4 @@
-//! A data set as its file holds it, before anything is made of it.
+//! Defines a data set as its file stores it, before any conversion.
 
 use std::path::{Path, PathBuf};
 
@@ -9,32 +9,33 @@ use super::{CellMesh, Mesh, ParticleCount, Smoothing, SplatCloud};
 use crate::error::{Error, Hint, Result};
 use crate::scene::{Lattice, Values};
 
-/// What a reader returns: geometry, fields, and nothing that the file does not say.
+/// Geometry and fields of a data file, as a reader returns them. It contains nothing that the file does not state.
 #[derive(Debug, Clone)]
 pub struct Dataset {
-    /// The file it came from.
+    /// File that was read.
     pub path: PathBuf,
-    /// The format's name, for people: "VTK image data", "PLOT3D grid", ...
+    /// Name of the format, for people: "VTK image data", "PLOT3D grid", ...
     pub format: &'static str,
-    /// Where the samples lie.
+    /// Positions of the samples.
     pub geometry: Geometry,
-    /// What is known at them.
+    /// Values at the samples.
     pub fields: Vec<Field>,
-    /// Which fields carry the lengths, masses and densities of smoothed particles, where the
-    /// format says so; tables are known by their columns' names instead.
+    /// Names of the fields with the lengths, masses and densities of smoothed particles, if the format defines them. In
+    /// tables, the names of columns identify them instead.
     pub smoothing: Option<Smoothing>,
-    /// The types of particles that the file tells apart, those that were not read among them; of other formats empty.
+    /// Types of particles that the file distinguishes, including those that were not read; empty for other formats.
     pub particle_types: Vec<ParticleCount>,
-    /// What masses of particles over their densities are multiplied by to be volumes: 1, unless the particles were
-    /// resized ([`edit::place`](crate::edit::place)) and the densities are still those of the file.
+    /// Factor from mass over density to volume of a particle. It is 1, unless [`edit::place`](crate::edit::place)
+    /// resized the particles and their densities are still those of the file.
     pub volume_scale: f64,
-    /// What points up, a unit vector, and why, in a few words, where the format says so; see [`Dataset::up`].
+    /// Upward direction (a unit vector) and the reason for it in a few words, if the format defines one; see
+    /// [`Dataset::up`].
     pub format_up: Option<(DVec3, &'static str)>,
-    /// What the reader left out or took for granted, one sentence each, for people.
+    /// Omissions and assumptions of the reader, one sentence each, for people.
     pub notes: Vec<String>,
 }
 
-/// Where the samples of a [`Dataset`] lie.
+/// Positions of the samples of a [`Dataset`].
 #[derive(Debug, Clone)]
 pub enum Geometry {
     /// Samples on a regular or rectilinear lattice.
@@ -46,12 +47,12 @@ pub enum Geometry {
     },
     /// An unstructured grid.
     Cells(CellMesh),
-    /// Particles, with whatever columns their table has.
+    /// Particles; the columns of their table are fields.
     Points {
         /// Positions.
         positions: Vec<DVec3>,
     },
-    /// Splats with a peak opacity each, as radiance fields are stored.
+    /// Splats with a peak opacity each, as radiance fields store them.
     Splats(SplatCloud),
     /// A polygon mesh.
     Mesh(Mesh),
@@ -67,7 +68,7 @@ pub struct CurvilinearBlock {
 }
 
 impl CurvilinearBlock {
-    /// The nodes of a lattice.
+    /// Returns the nodes of a lattice as a curvilinear grid.
     pub(crate) fn of_lattice(lattice: &Lattice) -> Self {
         let [x, y, _] = lattice.dims;
         let at = |n: usize| lattice.position([n % x, n / x % y, n / (x * y)]);
@@ -77,10 +78,10 @@ impl CurvilinearBlock {
         }
     }
 
-    /// Checks that there are as many nodes as the dimensions say.
+    /// Checks that the number of nodes is the product of the dimensions.
     ///
     /// # Errors
-    /// More or fewer.
+    /// There are more or fewer nodes.
     pub fn validate(&self) -> Result<()> {
         let [x, y, z] = self.dims;
         let count = x.checked_mul(y).and_then(|n| n.checked_mul(z));
@@ -96,7 +97,7 @@ impl CurvilinearBlock {
         ))
     }
 
-    /// Nodes or cells along i, j and k.
+    /// Returns the number of nodes or cells along i, j and k.
     pub fn dims_of(&self, association: Association) -> [usize; 3] {
         match association {
             Association::Nodes => self.dims,
@@ -105,7 +106,7 @@ impl CurvilinearBlock {
     }
 }
 
-/// The magnitudes of vectors, in double precision; of those whose squares are beyond it, too.
+/// Returns the magnitudes of vectors in double precision, even if the squares of components overflow or underflow.
 fn magnitudes(components: &[Values], count: usize) -> Vec<f64> {
     let of = |i: usize| {
         let each = || components.iter().map(|c| c.wide(i));
@@ -128,30 +129,30 @@ fn bounds(points: impl Iterator<Item = DVec3>) -> Option<(DVec3, DVec3)> {
 /// Named numbers at the samples of a [`Dataset`].
 #[derive(Debug, Clone)]
 pub struct Field {
-    /// The name in the file.
+    /// Name in the file.
     pub name: String,
-    /// What the values belong to.
+    /// Elements that the values belong to.
     pub association: Association,
     /// The numbers.
     pub source: FieldSource,
-    /// The unit of the numbers as they are stored, where the file states it: `K`, `g/cm^3`.
+    /// Unit of the stored numbers, if the file states it: `K`, `g/cm^3`.
     pub unit: Option<String>,
 }
 
-/// What the values of a [`Field`] belong to.
+/// Elements that the values of a [`Field`] belong to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Association {
     /// Nodes of a grid, or particles.
     Nodes,
-    /// Cells of a grid; where it is structured, one fewer than the nodes along each axis.
+    /// Cells of a grid. A structured grid has one cell fewer than nodes along each axis.
     Cells,
 }
 
 impl Association {
-    /// Nodes and cells, in the order of files.
+    /// Nodes and cells, in the order in which files store them.
     pub(crate) const BOTH: [Self; 2] = [Self::Nodes, Self::Cells];
 
-    /// The word by which a selector of [`Dataset::scalar`] names it: `nodes` or `cells`.
+    /// Word that selects this association in [`Dataset::scalar`]: `nodes` or `cells`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Nodes => "nodes",
@@ -159,32 +160,32 @@ impl Association {
         }
     }
 
-    /// A selector without the word for nodes or cells behind it (`NAME@cells`), and what the word says.
+    /// Splits a selector `NAME@cells` or `NAME@nodes` into its name and its association.
     pub(crate) fn split(selector: &str) -> Option<(&str, Self)> {
         let (name, word) = selector.rsplit_once('@')?;
         Some((name, Self::of_name(word)?))
     }
 
-    /// The one that a word names.
+    /// Finds the association with this name.
     pub(crate) fn of_name(word: &str) -> Option<Self> {
         let is = |of: &Self| of.name().eq_ignore_ascii_case(word);
         Self::BOTH.into_iter().find(is)
     }
 }
 
-/// Where the numbers of a [`Field`] come from.
+/// Source of the numbers of a [`Field`].
 #[derive(Debug, Clone)]
 pub enum FieldSource {
     /// One scalar per sample.
     Scalar(Values),
     /// Several numbers per sample, one array per component.
     Vector(Vec<Values>),
-    /// Computed from other fields when asked for, and stored nowhere until then.
+    /// Computed from other fields on request, and not stored before.
     Derived(fn(&Dataset) -> Result<Values>),
 }
 
 impl Field {
-    /// Its numbers, one array per component; none of what is derived.
+    /// Returns the field's numbers, one array per component; returns none for a derived field.
     pub(crate) fn arrays(&self) -> &[Values] {
         match &self.source {
             FieldSource::Scalar(values) => std::slice::from_ref(values),
@@ -193,7 +194,7 @@ impl Field {
         }
     }
 
-    /// The same, to be changed.
+    /// Returns the same arrays as [`Field::arrays`], mutable.
     pub(crate) fn arrays_mut(&mut self) -> &mut [Values] {
         match &mut self.source {
             FieldSource::Scalar(values) => std::slice::from_mut(values),
@@ -202,7 +203,7 @@ impl Field {
         }
     }
 
-    /// Whether its name says that it holds colours.
+    /// Returns true if the field's name is that of colours.
     pub(crate) fn is_named_colour(&self) -> bool {
         let lower = self.name.to_ascii_lowercase();
         lower.starts_with("color")
@@ -213,8 +214,8 @@ impl Field {
                 .any(|end| lower.ends_with(end))
     }
 
-    /// Whether it holds colours: three or four unsigned integers of 8 or 16 bits, numbers from 0 to 1 or whole ones from 0
-    /// to 255, under a name that says so.
+    /// Returns true if the field holds colours. Its name must be that of colours, and it must have three or four
+    /// components. They are unsigned integers of 8 or 16 bits, numbers from 0 to 1, or whole numbers from 0 to 255.
     pub(crate) fn is_colour(&self) -> bool {
         let FieldSource::Vector(components) = &self.source else {
             return false;
@@ -233,7 +234,7 @@ impl Field {
 }
 
 impl Dataset {
-    /// A data set without smoothing lengths and without notes.
+    /// Creates a data set without smoothing lengths and without notes.
     pub fn new(path: &Path, format: &'static str, geometry: Geometry, fields: Vec<Field>) -> Self {
         Self {
             path: path.to_path_buf(),
@@ -248,8 +249,8 @@ impl Dataset {
         }
     }
 
-    /// The least and the greatest coordinates of all samples, nodes or corners that are finite; `None` where
-    /// none is.
+    /// Returns the least and the greatest finite coordinates of all samples, nodes or corners; `None` if there are
+    /// none.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
         match &self.geometry {
             Geometry::Lattice(lattice) => {
@@ -271,9 +272,8 @@ impl Dataset {
         }
     }
 
-    /// Checks that geometry and fields hold together: what readers promise, and what data sets made
-    /// by hand may miss. Fields that belong to another number of samples are refused where they are
-    /// used.
+    /// Checks that geometry and fields are consistent. Readers guarantee this; data sets made by hand may not be.
+    /// Fields with a wrong number of samples are refused when they are used.
     ///
     /// # Errors
     /// The first part that does not fit the others.
@@ -292,7 +292,7 @@ impl Dataset {
         self.fields.iter().try_for_each(|f| self.check_field(f))
     }
 
-    /// As many numbers in each component of a vector.
+    /// Checks that all components of a vector have the same number of values.
     fn check_field(&self, field: &Field) -> Result<()> {
         let FieldSource::Vector(components) = &field.source else {
             return Ok(());
@@ -310,13 +310,17 @@ impl Dataset {
         }
     }
 
-    /// The scalar that `selector` names: a field's name (case-insensitive; a vector field
-    /// gives its magnitude), or `NAME:COMPONENT` with a component `x`, `y`, `z` or its index. `NAME@nodes` and
-    /// `NAME@cells` tell two fields of one name apart, of which `NAME` is the first. `Temp` finds `Temp [K]`, too, where
-    /// no field has that very name and no other that name and a unit.
+    /// Returns the scalar that `selector` names.
+    ///
+    /// - `NAME`: the field of this name, ignoring case. A vector field gives its magnitude.
+    /// - `NAME:COMPONENT`: one component, given as `x`, `y`, `z` or its index.
+    /// - `NAME@nodes` and `NAME@cells`: the field of nodes or of cells, if both have a field of this name. `NAME` alone
+    ///   is the first.
+    ///
+    /// `Temp` also finds `Temp [K]`, if no field is named `Temp` and only one has that name with a unit.
     ///
     /// # Errors
-    /// An unknown name or component; the message lists the fields there are.
+    /// An unknown name or component; the message lists the fields of the data set.
     pub fn scalar(&self, selector: &str) -> Result<(Association, Values)> {
         if let Some((field, component)) = self.selected(selector) {
             let values = match (component, &field.source) {
@@ -337,7 +341,7 @@ impl Dataset {
         ))
     }
 
-    /// The field that a selector of [`Dataset::scalar`] names, and the component of a vector.
+    /// Finds the field that a selector of [`Dataset::scalar`] names, and the component of a vector.
     pub(crate) fn selected(&self, selector: &str) -> Option<(&Field, Option<usize>)> {
         if let Some(found) = self.selected_of(selector, None) {
             return Some(found);
@@ -346,7 +350,7 @@ impl Dataset {
         self.selected_of(selector, Some(of))
     }
 
-    /// - `of`: nodes or cells, where only fields of these are meant.
+    /// - `of`: the association of the field; `None` for either.
     fn selected_of(
         &self,
         selector: &str,
@@ -381,7 +385,7 @@ impl Dataset {
         fields.find(|f| f.name.eq_ignore_ascii_case(name))
     }
 
-    /// The one field that has this name and a unit behind it.
+    /// Finds the only field whose name is `name` followed by a unit.
     fn of_bare_name(&self, name: &str, of: Option<Association>) -> Option<&Field> {
         let mut found = self
             .fields
@@ -391,15 +395,15 @@ impl Dataset {
         found.next().filter(|_| found.next().is_none())
     }
 
-    /// The unit of what [`Dataset::scalar`] gives for a selector, where it is known.
+    /// Returns the unit of the scalar that [`Dataset::scalar`] returns for a selector, if it is known.
     pub fn unit(&self, selector: &str) -> Option<&str> {
         self.selected(selector)?.0.unit.as_deref()
     }
 
-    /// The scalar of one field: its values, its magnitude, or what it is derived as.
+    /// Returns the scalar of one field: its values, its magnitude or its derived values.
     ///
     /// # Errors
-    /// What the derivation says; components of unequal lengths.
+    /// The error of the derivation; components of unequal lengths.
     pub fn field_scalar(&self, field: &Field) -> Result<Values> {
         match &field.source {
             FieldSource::Scalar(values) => Ok(values.clone()),
@@ -426,13 +430,13 @@ impl Dataset {
         }
     }
 
-    /// The names of all fields, in the file's order, derived ones last.
+    /// Returns the names of all fields in the order of the file, derived ones last.
     pub fn field_names(&self) -> Vec<&str> {
         self.fields.iter().map(|f| f.name.as_str()).collect()
     }
 
-    /// The name by which [`Dataset::scalar`] finds a whole field. It ends in `@nodes` or `@cells` if nodes and cells
-    /// each have a field of that name.
+    /// Returns the name by which [`Dataset::scalar`] finds a whole field. It ends in `@nodes` or `@cells` if nodes and
+    /// cells each have a field of that name.
     pub fn selector_of(&self, field: &Field) -> String {
         let is_other = |f: &Field| {
             f.association != field.association && f.name.eq_ignore_ascii_case(&field.name)
@@ -443,13 +447,13 @@ impl Dataset {
         }
     }
 
-    /// The selectors of all fields, each as a whole.
+    /// Returns the selectors of all fields, without those of components.
     fn whole_selectors(&self) -> Vec<String> {
         self.fields.iter().map(|f| self.selector_of(f)).collect()
     }
 
-    /// The names that [`Dataset::scalar`] takes: the fields, each by a name of its own ([`Dataset::selector_of`]), and the first
-    /// three components of vectors.
+    /// Returns the names that [`Dataset::scalar`] accepts: each field's own ([`Dataset::selector_of`]), and those of
+    /// the first three components of vectors.
     pub fn selectors(&self) -> Vec<String> {
         let of_field = |field: &Field| {
             let count = match &field.source {

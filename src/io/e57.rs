@@ -1,9 +1,9 @@
-//! Scans in E57 (`.e57`), ASTM E2807: an XML index and packed columns of points in pages with check sums, which the crate
-//! `e57` reads.
+//! Reads scans in E57 (`.e57`, ASTM E2807), an XML index and packed columns of points in pages with checksums. The
+//! crate `e57` decodes them.
 //!
-//! A file holds one scan or several, each with a pose that takes its points to the coordinates of the file; all are put
-//! together. Points without a valid position are left out. Colours and intensities have ranges of their own, by which
-//! colours are scaled; intensities are as they are stored.
+//! A file contains one or more scans. Each has a pose that transforms its points to the coordinates of the file; all
+//! scans are merged. Points without a valid position are left out. Colours are scaled by their stated range.
+//! Intensities stay as stored.
 
 use std::io::Cursor;
 
@@ -17,13 +17,13 @@ use super::table::{dataset, scalar_field};
 use crate::error::{Error, Result};
 use crate::scene::Values;
 
-/// Bytes of a file for each of its points, at least: a position alone takes more.
+/// Least number of bytes per point in a file; a position alone needs more.
 const LEAST_POINT: u64 = 2;
 
-/// What points without a colour have where others have one, encoded: grey.
+/// Encoded grey for points without a colour in a file whose other points have one.
 const NO_COLOUR: f32 = 0.5;
 
-/// The points of all scans.
+/// Points of all scans.
 #[derive(Default)]
 struct Points {
     positions: Vec<DVec3>,
@@ -37,7 +37,7 @@ struct Points {
 /// Reads all scans.
 ///
 /// # Errors
-/// What the crate finds wrong, or more points than the file can hold.
+/// The errors of the crate; the file states more points than it can contain.
 pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
     let bytes = input.read_all()?;

@@ -1,78 +1,78 @@
-//! Splats as a file's bytes, and what formats lose of them.
+//! Holds splats as a file's bytes, and notes what a format loses.
 
 use glam::DVec3;
 
 use super::splats::SplatCloud;
 
-/// Which of PLY's two forms is written.
+/// Form of a PLY file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum PlyForm {
-    /// With `scale_2`, as viewers read it.
+    /// With `scale_2`, as viewers expect.
     #[default]
     Volumetric,
-    /// Without `scale_2`, marked `SplatRenderMode: 2dgs`: flat splats as 2-D Gaussian splatting
-    /// stores them.
+    /// Without `scale_2` and marked `SplatRenderMode: 2dgs`: flat splats as 2-D Gaussian splatting stores them.
     Surfels,
 }
 
-/// Which version of SPZ is written.
+/// Version of an SPZ file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum SpzVersion {
-    /// One gzip stream: what more viewers read.
+    /// One gzip stream; more viewers read this version.
     #[default]
     Three,
-    /// A zstd stream for each array, which those made before it refuse.
+    /// One zstd stream for each array; viewers for earlier versions refuse it.
     Four,
 }
 
-/// What a file of splats is to be, beyond what its name says.
+/// Options for a file of splats, beyond the format that its name gives.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SplatFileOptions {
-    /// Which of PLY's forms; of other formats volumetric.
+    /// Form of a PLY file; volumetric for other formats.
     pub form: PlyForm,
-    /// The version of an SPZ file; of other formats `None`.
+    /// Version of an SPZ file; `None` for other formats.
     pub spz_version: Option<SpzVersion>,
-    /// What points up among the splats, a unit vector ([`Up::of_scene`](super::Up::of_scene)): they are turned so that this is up in
-    /// the file, as [`SplatAxes`](super::SplatAxes) has it. Without it they keep the coordinates that readers give.
+    /// Upward direction among the splats, a unit vector ([`Up::of_scene`](super::Up::of_scene)). The splats are rotated
+    /// so that it becomes the file's upward axis; [`SplatAxes`](super::SplatAxes) defines that axis. If `None`, they
+    /// keep the readers' coordinates.
     pub up: Option<DVec3>,
 }
 
-/// A file's bytes before they are written.
+/// Bytes of a file before they are written.
 pub(super) struct Encoded {
     pub(super) bytes: Vec<u8>,
     pub(super) position_quantum: f64,
     pub(super) notes: Vec<String>,
 }
 
-/// The step between neighbouring f32 numbers at the greatest coordinate.
+/// Returns the step between neighbouring f32 numbers at the greatest coordinate.
 pub(super) fn single_precision_quantum(positions: impl Iterator<Item = DVec3>) -> f64 {
     let greatest = positions.fold(0.0_f64, |m, p| m.max(p.abs().max_element()));
     let exponent = greatest.max(f64::from(f32::MIN_POSITIVE)).log2().floor();
     (exponent - 23.0).exp2()
 }
 
-/// That a format has no harmonics beyond the constant, where there are some.
+/// Notes that harmonics beyond the constant are lost, if there are any.
 pub(super) fn note_harmonics_lost(notes: &mut Vec<String>, cloud: &SplatCloud) {
     if cloud.harmonics_degree > 0 {
         notes.push("colours that depend on the view are lost: the format has none".into());
     }
 }
 
-/// That a format has no mark of anti-aliased splats, where these are some.
+/// Notes that the mark of anti-aliased splats is lost, if they have it.
 pub(super) fn note_mark_lost(notes: &mut Vec<String>, cloud: &SplatCloud) {
     if cloud.is_anti_aliased {
         notes.push("the mark of anti-aliased splats is lost: the format has none".into());
     }
 }
 
-/// Counts numbers that a format's range cuts.
+/// Notes the number of values that were clamped to a format's range.
 pub(super) fn note_cut(notes: &mut Vec<String>, count: usize, what: &str) {
     if count > 0 {
         notes.push(format!("{count} {what}"));
     }
 }
 
-/// `round(x)` as a byte, and whether the range cut it by more than rounding does.
+/// Returns `round(x)` as a byte. Increments `cut` if the range clamps it by more than rounding does.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,

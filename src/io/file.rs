@@ -1,5 +1,6 @@
-//! Opening files: only regular, non-empty ones, and never more bytes than they hold; and bytes in
-//! memory in place of files.
+//! Opens data files, or bytes in memory in their place.
+//!
+//! Only regular, non-empty files are opened, and never more bytes are read than the file had when it was opened.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -10,10 +11,10 @@ use std::path::{Component, Path, PathBuf};
 use crate::error::{Error, Result};
 use crate::memory::{left, trying};
 
-/// Bytes that are enough for every magic number and for a line of column names.
+/// Number of bytes that contain every magic number and a line of column names.
 pub(crate) const HEAD: usize = 4096;
 
-/// The length in bytes of a regular, non-empty file.
+/// Returns the length in bytes of a regular, non-empty file.
 ///
 /// Pipes and devices are refused before they are opened: opening a pipe may wait for ever,
 /// and a device may never end.
@@ -46,10 +47,10 @@ pub(crate) fn open_regular(path: &Path) -> Result<(File, u64)> {
     Ok((file, len))
 }
 
-/// All bytes of a regular file: as many as it had when it was opened.
+/// Reads all bytes of a regular file: as many as it had when it was opened.
 pub(crate) fn read_all(path: &Path) -> Result<Vec<u8>> {
     let (file, len) = open_regular(path)?;
-    // Refused before memory is taken that is all zeros, which cannot be refused.
+    // A vector of zeros aborts the program if there is no memory, so the size is checked first.
     let has_room = |n: usize| Vec::<u8>::new().try_reserve_exact(n).is_ok();
     let is_left = |n: usize| left().is_none_or(|(left, _)| n as u64 <= left);
     let fits = |n: &usize| is_left(*n) && trying(|| has_room(*n));
@@ -67,7 +68,8 @@ pub(crate) fn read_all(path: &Path) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Fills `bytes` with the start of a file, on all cores: half of what this takes is the system's work on new memory.
+/// Fills `bytes` with the start of a file on all cores. Half of the time goes to the system's preparation of new
+/// memory.
 #[cfg(unix)]
 fn fill(file: &File, bytes: &mut [u8]) -> io::Result<()> {
     use std::os::unix::fs::FileExt;
@@ -85,15 +87,15 @@ fn fill(mut file: &File, bytes: &mut [u8]) -> io::Result<()> {
     file.read_exact(bytes)
 }
 
-/// A file on the disk, or bytes in memory that go by its name, and the files beside either.
+/// A file on the disk, or named bytes in memory, with access to the files beside it.
 #[derive(Clone, Copy)]
 pub(crate) struct Input<'a> {
-    /// The file's path, or the name given for the bytes: what errors say.
+    /// Path of the file, or the name given for the bytes; error messages contain it.
     pub(crate) path: &'a Path,
     memory: Option<Memory<'a>>,
 }
 
-/// Bytes, and what gives those of other files by their paths.
+/// Bytes of a file, and a function that returns the bytes of other files by path.
 #[derive(Clone, Copy)]
 struct Memory<'a> {
     bytes: &'a [u8],
@@ -101,12 +103,12 @@ struct Memory<'a> {
 }
 
 impl<'a> Input<'a> {
-    /// A file on the disk.
+    /// Creates an input from a file on the disk.
     pub(crate) fn of_file(path: &'a Path) -> Self {
         Self { path, memory: None }
     }
 
-    /// Bytes in memory; `beside` gives those of the files that they name.
+    /// Creates an input from bytes in memory; `beside` returns the bytes of the files that they name.
     pub(crate) fn of_bytes(
         path: &'a Path,
         bytes: &'a [u8],
@@ -116,12 +118,12 @@ impl<'a> Input<'a> {
         Self { path, memory }
     }
 
-    /// Whether it is a file on the disk, where folders can be listed.
+    /// Returns true for a file on the disk. Its folder can then be listed.
     pub(crate) fn is_on_disk(&self) -> bool {
         self.memory.is_none()
     }
 
-    /// Reads from the start, and the length in bytes.
+    /// Opens the input for reading from its start, and returns its length in bytes.
     pub(crate) fn open(&self) -> Result<(Box<dyn Read + 'a>, u64)> {
         match self.memory {
             None => {
@@ -135,7 +137,7 @@ impl<'a> Input<'a> {
         }
     }
 
-    /// As [`Input::open`] of another file.
+    /// Opens another file as [`Input::open`] does.
     pub(crate) fn open_beside(&self, path: &Path) -> Result<(Box<dyn Read + 'a>, u64)> {
         if self.memory.is_none() {
             let (file, len) = open_regular(path)?;
@@ -146,7 +148,7 @@ impl<'a> Input<'a> {
         Ok((Box::new(Cursor::new(bytes)), len))
     }
 
-    /// The first bytes, at most `count`, and the length of the whole.
+    /// Returns the first bytes, at most `count`, and the length of the whole input.
     pub(crate) fn head(&self, count: usize) -> Result<(Vec<u8>, u64)> {
         let (bytes, len) = self.open()?;
         let mut head = Vec::new();
@@ -157,7 +159,7 @@ impl<'a> Input<'a> {
         Ok((head, len))
     }
 
-    /// All bytes: those of a file, as many as it had when it was opened.
+    /// Reads all bytes; from a file, as many as it had when it was opened.
     pub(crate) fn read_all(&self) -> Result<Cow<'a, [u8]>> {
         match self.memory {
             None => read_all(self.path).map(Cow::Owned),
@@ -175,7 +177,7 @@ impl<'a> Input<'a> {
         Ok(bytes)
     }
 
-    /// How many bytes another file has, or `None` where there is none of this path.
+    /// Returns the length in bytes of another file, or `None` if there is no file of this path.
     pub(crate) fn len_beside(&self, path: &Path) -> Option<u64> {
         match self.memory {
             None => fs::metadata(path)
@@ -186,13 +188,13 @@ impl<'a> Input<'a> {
         }
     }
 
-    /// Whether there is a file of this path.
+    /// Returns true if there is a file of this path.
     pub(crate) fn has_beside(&self, path: &Path) -> bool {
         self.len_beside(path).is_some()
     }
 
-    /// A file whose path differs from this one in upper and lower case alone, below the folder of this input: names of
-    /// systems that do not tell these apart. Folders in memory cannot be listed.
+    /// Finds a file below this input's folder whose path differs from `path` in upper and lower case only. File systems
+    /// that ignore case write such names. Folders in memory cannot be listed, so the result is then `None`.
     pub(crate) fn in_another_case(&self, path: &Path) -> Option<PathBuf> {
         let folder = self.path.parent().unwrap_or(Path::new(""));
         let within = path
@@ -213,14 +215,14 @@ impl<'a> Input<'a> {
             let wanted = component.as_os_str().to_str()?.to_lowercase();
             let names = fs::read_dir(listed).ok()?;
             let names = names.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
-            // The first of several, so that it is the same one on all machines.
+            // The first of several names in order, so that all machines choose the same one.
             let name = names.filter(|name| name.to_lowercase() == wanted).min()?;
             found = found.join(name);
         }
         self.has_beside(&found).then_some(found)
     }
 
-    /// All bytes of another file.
+    /// Reads all bytes of another file.
     pub(crate) fn read_beside(&self, path: &Path) -> Result<Vec<u8>> {
         let Some(memory) = self.memory else {
             return read_all(path);
@@ -236,7 +238,7 @@ impl<'a> Input<'a> {
         })
     }
 
-    /// Has another file read as this one is: from the disk, or from the bytes that are given for it.
+    /// Calls `read` with another file as the input: from the disk, or from the bytes given for it.
     pub(crate) fn with_beside<T>(
         &self,
         path: &Path,
@@ -251,7 +253,7 @@ impl<'a> Input<'a> {
         }
     }
 
-    /// One path for all that name the same file, or `None` where there is none.
+    /// Returns the same path for all paths to the same file, or `None` if there is no file.
     pub(crate) fn resolved_beside(&self, path: &Path) -> Option<PathBuf> {
         if self.memory.is_none() {
             return path.canonicalize().ok();

@@ -1,12 +1,12 @@
-//! ParaView's file series (`.series`): a list of files with their times.
+//! Reads ParaView's file series (`.series`): a list of files with their times.
 //!
 //! ```text
 //! { "file-series-version": "1.0",
 //!   "files": [ { "name": "a_0.vtu", "time": 0 }, { "name": "a_1.vtu", "time": 0.5 } ] }
 //! ```
 //!
-//! A `name` is relative to the folder of the series. If a file has no `time`, its place in the list is its time. Files of one
-//! time are drawn together.
+//! A `name` is relative to the folder of the series. If a file has no `time`, its index in the list is its time. Files
+//! with the same time are drawn together.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -20,10 +20,10 @@ use super::vtk_xml::clip;
 use super::{OpenOptions, pvd, vtk_collection};
 use crate::error::{Error, Result};
 
-/// The key that stands in every such file.
+/// Key that every series file contains.
 const VERSION: &[u8] = b"\"file-series-version\"";
 
-/// Bytes of a series at most: hundreds of thousands of files.
+/// Greatest size of a series in bytes, enough for hundreds of thousands of files.
 const MOST_BYTES: u64 = 64 << 20;
 
 const DAMAGED: &str = "the series is damaged: save it again";
@@ -39,7 +39,7 @@ struct Entry {
     time: Option<f64>,
 }
 
-/// Whether a file that begins with `head` is a series.
+/// Returns true if a file that begins with `head` is a series.
 pub(super) fn looks_like(head: &[u8]) -> bool {
     let head = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head);
     head.trim_ascii_start().starts_with(b"{") && head.windows(VERSION.len()).any(|w| w == VERSION)
@@ -53,11 +53,11 @@ pub(super) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     vtk_collection::read_first(input, &steps(input)?, options)
 }
 
-/// The time steps, in the order of time; at least one. Files that the series names are not looked for.
+/// Returns the time steps in order, at least one. Files that the series names are not opened.
 ///
 /// # Errors
-/// A file that is no series; names that are empty or name another series; times that are not finite; one file twice at one
-/// time; no file at all.
+/// The file is no series, or names no file. A name is empty or that of another series, a time is not finite, or a file
+/// occurs twice at one time.
 pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
     let path = input.path;
     let (_, len) = input.head(1)?;
@@ -101,7 +101,7 @@ pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
             let found = format!("`{}`", clip(&entry.name));
             return Err(fault("name", "the name of a file of data", found));
         }
-        // Zero has one sign.
+        // Adding zero turns -0 into +0, so both are one time.
         Ok((time + 0.0, i64::try_from(i).unwrap_or(i64::MAX), file))
     };
     let parts: Result<Vec<_>> = series.files.into_iter().enumerate().map(part).collect();

@@ -1,25 +1,26 @@
-//! Cells of higher order, cut so finely that cells of first order say the same of one field.
+//! Cuts cells of higher order so finely that cells of first order represent one field.
 
 use super::element::{Subdivision, steps};
 use super::{Association, Blanking, CellMesh, Dataset, Field, FieldSource, Geometry};
 use crate::error::{Error, Result};
 use crate::scene::Values;
 
-/// Whether there are solid cells of higher order.
+/// Returns true if there are solid cells of higher order.
 pub(crate) fn is_of_higher_order(mesh: &CellMesh) -> bool {
     let mut kinds = mesh.kinds.iter();
     kinds.any(|kind| kind.is_of_higher_order() && kind.is_solid())
 }
 
-/// A data set with its cells of higher order cut, one field of it, and what says which cells are hidden; with how many
-/// cells were cut. As it was where none is of higher order, or where their corners say as much.
+/// Cuts the cells of higher order of a data set and returns it with the number of cells cut. Of its fields, it keeps
+/// the selected one and those that mark hidden cells. Returns the data set unchanged if no cell is of higher order or
+/// the corners alone are accurate enough.
 ///
 /// - `selector`: the field, as [`Dataset::scalar`] takes it.
-/// - `slack`: how far what is drawn may be from what the elements say, at 999 places of 1000: of the range of the field, and
-///   of a cell's size.
+/// - `slack`: greatest difference between the drawn linear cells and the elements, as a fraction of the field's range
+///   and of a cell's size. It holds at 999 of 1000 positions.
 ///
 /// # Errors
-/// A field that is not there, or that has another number of values than there are samples.
+/// The field does not exist, or its number of values differs from the number of samples.
 pub(crate) fn to_first_order(
     mut dataset: Dataset,
     selector: &str,
@@ -74,11 +75,11 @@ pub(crate) fn to_first_order(
     Ok((dataset, count))
 }
 
-/// How far a surface may be from what its elements say, as a share of their size.
+/// Greatest distance of a surface from its elements, as a fraction of their size.
 const SURFACE_SLACK: f64 = 0.01;
 
-/// Flat cells with those of higher order cut, and all fields with them. They are cut as finely as their nodes lie at least, so
-/// that no value is lost.
+/// Cuts flat cells of higher order, and interpolates all stored fields. Cells are cut at least as finely as their nodes
+/// lie, so that no value is lost.
 pub(super) fn surface_of_first_order(mesh: CellMesh, fields: Vec<Field>) -> (CellMesh, Vec<Field>) {
     let steps = steps(&mesh, None, SURFACE_SLACK, false);
     let Some(cut) = steps.and_then(|steps| Subdivision::new(&mesh, steps)) else {
@@ -97,7 +98,7 @@ pub(super) fn surface_of_first_order(mesh: CellMesh, fields: Vec<Field>) -> (Cel
         for values in arrays {
             let is_bytes = matches!(values, Values::U8(_));
             *values = cut.values(association, values);
-            // Bytes of three or four components are colours by being bytes.
+            // Bytes must stay bytes: three or four components are colours only in this type.
             if is_bytes && !matches!(values, Values::U8(_)) {
                 #[expect(
                     clippy::cast_possible_truncation,
@@ -123,7 +124,8 @@ mod tests {
     use super::*;
     use crate::io::CellKind;
 
-    /// Two quadratic hexahedra of 20 nodes beside each other, the second with its edges at x = 2 bent outwards by `bulge`.
+    /// Returns two adjacent quadratic hexahedra of 20 nodes. The edges of the second at x = 2 are bent outwards by
+    /// `bulge`.
     fn two_hexahedra(bulge: f64) -> CellMesh {
         let corner = [
             [0, 0, 0],
@@ -202,7 +204,7 @@ mod tests {
         let linear = |p: DVec3| 3.0 + p.x - 2.0 * p.y + 0.5 * p.z;
         let (data, count) = to_first_order(dataset(two_hexahedra(0.0), linear), "f", 0.01).unwrap();
         assert_eq!((count, cells(&data).cell_count()), (0, 2));
-        // The same field on edges that are bent is another one inside.
+        // On bent edges the same nodal values give another field inside.
         let (data, count) = to_first_order(dataset(two_hexahedra(0.3), linear), "f", 0.01).unwrap();
         assert_eq!(count, 2);
         assert!(cells(&data).cell_count() >= 2 * 8);
@@ -218,13 +220,14 @@ mod tests {
         assert_eq!(data.unit("F"), Some("K"));
         let (_, values) = data.scalar("F").unwrap();
         for (i, node) in mesh.nodes.iter().enumerate() {
-            // In single precision.
+            // The values are in single precision.
             assert!(
                 (f64::from(values.get(i)) - quadratic(*node)).abs() < 1e-5,
                 "{node}"
             );
         }
-        // n steps along each edge: 2n + 1 by n + 1 by n + 1 places, and of those that were there all are among them.
+        // With n steps along each edge, there are 2n + 1 by n + 1 by n + 1 positions; all original nodes are among
+        // them.
         let of_cell = mesh.cell_count() / 2;
         let n = [4_usize, 8]
             .into_iter()

@@ -1,8 +1,8 @@
-//! The formats that are read: one table, from which recognition, the program's help, the lists in the documentation and
-//! the tests of damaged files are made.
+//! Defines the table of formats that are read. Recognition, the program's help, the lists in the documentation and the
+//! tests of damaged files are made from it.
 //!
-//! A file is what its first bytes say beyond doubt ([`Format::begins`]); or else what its name says; or else what its text
-//! or its size suggest ([`Format::resembles`]). Within each of these, the first line of the table decides.
+//! The first bytes of a file decide its format if they identify it ([`Format::begins`]), or else its name, or else its
+//! text or size ([`Format::resembles`]). Within each of these steps, the first matching entry of the table decides.
 
 use std::path::Path;
 
@@ -27,48 +27,48 @@ use crate::error::{Error, Hint, Result};
 /// A format that is read.
 #[derive(Debug)]
 pub struct Format {
-    /// What it is called in lists.
+    /// Name in lists.
     pub name: &'static str,
-    /// What its files hold.
+    /// Family of the format.
     pub family: Family,
-    /// The endings of its files, in lower case, without the dot before the first word: `vti`, `nii.gz`. Files with other
-    /// names are recognised, too, where their content says what they are.
+    /// Extensions of its files, in lower case, without the leading dot: `vti`, `nii.gz`. Files with other names are
+    /// recognised if their content identifies them.
     pub endings: &'static [&'static str],
-    /// What of it is read, for people: Markdown.
+    /// Features that are read, for people: Markdown.
     pub reads: &'static str,
-    /// Whether the first bytes are those of this format, and of no other.
+    /// Returns true if the first bytes are those of this format and of no other.
     begins: fn(&Probe<'_>) -> bool,
-    /// Whether a name that is no file's stands for files of this format.
+    /// Returns true if a path is no file but a pattern for several files of this format.
     is_pattern: fn(&Path) -> bool,
-    /// Whether the name is that of this format.
+    /// Returns true if the name is that of this format.
     is_named: fn(&Probe<'_>) -> bool,
-    /// Whether its files may begin with any bytes, so that no signature of another format tells.
+    /// True if files may begin with any bytes. Signatures of other formats are then ignored.
     is_bare: bool,
-    /// Whether the first bytes, or the size, may be those of this format.
+    /// Returns true if the first bytes or the size may be those of this format.
     resembles: fn(&Probe<'_>) -> bool,
     pub(super) read: fn(Input<'_>, &OpenOptions) -> Result<Dataset>,
-    /// The steps of time that a file stands for, and the files or places in it where each is.
+    /// Reads the time steps of a file, and the files or places in the file that hold each.
     pub(super) steps: Option<Steps>,
-    /// Finds the values of a file that can be read some planes at a time.
+    /// Finds the values of a file that can be read a few planes at a time.
     pub(super) planes: Option<Find>,
 }
 
-/// Reads the steps of time of a file.
+/// Reads the time steps of a file.
 type Steps = fn(Input<'_>) -> Result<Vec<TimeStep>>;
 
 impl Format {
-    /// The steps of time that a file of this format stands for, in their order, at least one: those of a collection, those
-    /// in the file, or the file itself. Files that it names are not looked for.
+    /// Returns the time steps of a file of this format in order, at least one: those of a collection, those in the
+    /// file, or the file itself. Files that it names are not opened.
     ///
     /// # Errors
-    /// A file that cannot be read, or breaks its format's rules.
+    /// The file cannot be read or breaks its format's rules.
     pub fn time_steps(&self, path: &Path) -> Result<Vec<TimeStep>> {
         match self.steps {
             Some(steps) => {
                 let file = of_folder(path);
                 let mut steps = steps(Input::of_file(&file))?;
                 let parts = steps.iter_mut().flat_map(|step| &mut step.parts);
-                // What was given stands for that file.
+                // The steps name the path that the caller gave, not the file found in a folder.
                 for part in parts.filter(|part| part.path == file) {
                     part.path = path.to_path_buf();
                 }
@@ -79,19 +79,19 @@ impl Format {
     }
 }
 
-/// What the files of a format hold.
+/// Kind of data that the files of a format hold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 #[non_exhaustive]
 pub enum Family {
     /// Grids of scientific data.
     Grids,
-    /// Images of scanners and simulations: samples on a lattice.
+    /// Images from scanners and simulations: samples on a lattice.
     Volumes,
     /// Results of simulation codes.
     Simulations,
     /// Particles and tables of points.
     Particles,
-    /// Clouds of points from scanners.
+    /// Point clouds from scanners.
     Clouds,
     /// Meshes.
     Meshes,
@@ -99,12 +99,12 @@ pub enum Family {
     Splats,
     /// Files that name others.
     Collections,
-    /// What is drawn as it is.
+    /// Prepared scenes, which are drawn without conversion.
     Scenes,
 }
 
 impl Family {
-    /// All of them, in the order of lists.
+    /// All families, in the order of lists.
     pub const ALL: [Self; 9] = [
         Self::Grids,
         Self::Volumes,
@@ -117,7 +117,7 @@ impl Family {
         Self::Scenes,
     ];
 
-    /// For headings.
+    /// Returns the name, for headings.
     pub fn name(self) -> &'static str {
         match self {
             Self::Grids => "grids",
@@ -133,7 +133,7 @@ impl Family {
     }
 }
 
-/// What most formats leave out: recognised by nothing, they say so by what they put in its place.
+/// Defaults for the entries of the table: a format that recognises no file, and has no time steps and no planes.
 const PLAIN: Format = Format {
     name: "",
     family: Family::Grids,
@@ -149,15 +149,15 @@ const PLAIN: Format = Format {
     planes: None,
 };
 
-/// The formats that are read, in the order in which they are looked for.
+/// Returns the formats that are read, in the order in which they are tried.
 pub fn formats() -> &'static [Format] {
     FORMATS
 }
 
-/// The format of a file.
+/// Recognises the format of a file.
 ///
 /// # Errors
-/// The file cannot be read, or is of none of [`formats`].
+/// The file cannot be read, or has none of the [`formats`].
 pub fn format_of(path: &Path, options: &OpenOptions) -> Result<&'static Format> {
     recognise(Input::of_file(&of_folder(path)), options)
 }
@@ -182,7 +182,7 @@ pub(super) fn recognise(input: Input<'_>, options: &OpenOptions) -> Result<&'sta
     }
     let is_named = |f: &&Format| probe.ends_in(f.endings) || (f.is_named)(&probe);
     let named = FORMATS.iter().find(is_named);
-    // What is laid out as the caller says may be anything.
+    // A raw layout accepts any content, so signatures of other formats are ignored.
     if options.raw.is_none()
         && let is_bare = named.is_some_and(|f| f.is_bare)
         && let Some(refusal) = refused::by_content(input.path, &head, len, is_bare)
@@ -213,7 +213,7 @@ pub(super) fn recognise(input: Input<'_>, options: &OpenOptions) -> Result<&'sta
     })
 }
 
-/// What is read, in messages about what is not.
+/// Returns the names of all formats, for messages about files that are not read.
 pub(super) fn names() -> String {
     let names: Vec<&str> = FORMATS.iter().map(|format| format.name).collect();
     names.join(", ")
@@ -261,7 +261,8 @@ static FORMATS: &[Format] = &[
         planes: Some(|input, _| plane_source::of_image(input, meta_image::image)),
         ..PLAIN
     },
-    // Before TIFF, which the bytes before it may begin as, so that either kind of program shows the picture.
+    // Before TIFF: the preamble of a DICOM file may begin as a TIFF file, so that either kind of program can show the
+    // image.
     #[cfg(feature = "dicom")]
     Format {
         name: "DICOM",
@@ -395,7 +396,7 @@ static FORMATS: &[Format] = &[
         read: |input, _| splat::read(input),
         ..PLAIN
     },
-    // Before glTF, with which it shares an `asset`, and before the other archives.
+    // Before glTF, because both have an `asset`, and before the other archives.
     Format {
         name: "SOG",
         family: Family::Splats,
@@ -417,7 +418,7 @@ static FORMATS: &[Format] = &[
         read: |input, _| threemf::read(input),
         ..PLAIN
     },
-    // Before the meshes of glTF files, which may hold both.
+    // Before the meshes of glTF files, because a glTF file may hold splats and meshes.
     Format {
         name: "KSPLAT",
         family: Family::Splats,
@@ -471,7 +472,7 @@ static FORMATS: &[Format] = &[
         read: |input, _| npz::read(input),
         ..PLAIN
     },
-    // Before the particles of HDF5 files, which netCDF-4 files are, too.
+    // Before the particles of HDF5 files, because netCDF-4 files are HDF5 files.
     #[cfg(feature = "netcdf")]
     Format {
         name: "netCDF",
@@ -607,7 +608,7 @@ static FORMATS: &[Format] = &[
         read: |input, _| stl::read(input),
         ..PLAIN
     },
-    // Before tables, whose names its own may be.
+    // Before tables, because Tecplot files may have the names of tables.
     Format {
         name: "Tecplot",
         family: Family::Simulations,
@@ -627,7 +628,7 @@ static FORMATS: &[Format] = &[
         endings: &["csv", "tsv"],
         reads: "columns of particles with a line of names: see [tables](#tables)",
         begins: |p| p.is_text() && csv::names_positions(p.head),
-        // Tables without x, y and z: the reader says what is missing.
+        // Tables without x, y and z are accepted here: the reader reports the missing columns.
         resembles: |p| {
             p.is_text() && !refused::is_named(p.input.path) && csv::looks_like_table(p.head)
         },

@@ -1,29 +1,29 @@
-//! Binary snapshots of Gadget-1 and Gadget-2, in their formats 1 and 2 ("User guide for GADGET-2", section 6).
+//! Reads binary snapshots of Gadget-1 and Gadget-2, formats 1 and 2 ("User guide for GADGET-2", section 6).
 //!
-//! A file is a sequence of records: a mark of four bytes that says how many bytes follow, these bytes, and the mark again. The
-//! first mark tells the byte order, and the format: in format 2 a record of eight bytes with four letters of a name, and the
-//! bytes to the next such record, stands before each other.
+//! A file is a sequence of records: a mark of four bytes with the number of bytes that follow, these bytes, and the
+//! mark again. The first mark determines the byte order and the format. In format 2, an extra record precedes each
+//! other record. Its eight bytes are a four-letter name and the number of bytes to the next such record.
 //!
-//! | record | name | of it |
+//! | record | name | contents |
 //! |---|---|---|
 //! | the header, 256 bytes | `HEAD` | see below |
 //! | positions | `POS ` | three numbers for each particle, those of type 0 first |
 //! | velocities | `VEL ` | the same |
 //! | identifiers | `ID  ` | one each |
-//! | masses | `MASS` | one for each particle of the types that have none in the header; no record where there are none |
-//! | internal energy, density | `U   `, `RHO ` | one for each particle of gas |
-//! | electron and hydrogen abundance, where the header says that gas cools | `NE  `, `NH  ` | the same |
+//! | masses | `MASS` | one for each particle of a type without a mass in the header; if no type lacks it, no record |
+//! | internal energy, density | `U   `, `RHO ` | one for each gas particle |
+//! | electron and hydrogen abundance, if the header states that gas cools | `NE  `, `NH  ` | the same |
 //! | smoothing length | `HSML` | the same |
 //!
-//! | byte of the header | what |
+//! | byte of the header | contents |
 //! |---|---|
-//! | 0 | how many particles of the types 0 to 5 are in this file, u32 each |
-//! | 24 | the mass of each particle of a type, f64 each; 0 where each has its own |
-//! | 120 | whether gas cools, i32 |
-//! | 124 | how many files the snapshot is in, i32: `NAME.0`, `NAME.1`, ... |
+//! | 0 | number of particles of the types 0 to 5 in this file, u32 each |
+//! | 24 | mass of each particle of a type, f64 each; 0 if each has its own |
+//! | 120 | nonzero if gas cools, i32 |
+//! | 124 | number of files of the snapshot, i32: `NAME.0`, `NAME.1`, ... |
 //!
-//! Numbers are of 32 or 64 bits, as a record's length says. Types and lengths mean what they do in HDF5 ([`hdf5::gadget`]),
-//! and the fields have their names there.
+//! Numbers have 32 or 64 bits, which follows from a record's length. Types, lengths and names of fields are those of
+//! the HDF5 reader ([`hdf5::gadget`]).
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -44,18 +44,18 @@ use crate::scene::Values;
 
 const HEADER: usize = 256;
 
-/// Bytes that tell a snapshot: the header's record, behind its name in format 2.
+/// Number of bytes that identify a snapshot: the header's record, behind its name in format 2.
 const BEGINNING: usize = 16 + 4 + HEADER + 4;
 
-/// Types of particles.
+/// Number of particle types.
 const TYPE_COUNT: usize = 6;
 
-/// Files of one snapshot at most; far more than anything writes.
+/// Greatest number of files of one snapshot, far more than any code writes.
 const MOST_FILES: u32 = 1 << 16;
 
 const DAMAGED: &str = "the snapshot is damaged: copy it again";
 
-/// Names of records in format 2, and of the fields that they become.
+/// Names of records in format 2, and of their fields.
 const NAMES: [(&str, &str); 12] = [
     ("POS", "Coordinates"),
     ("VEL", "Velocities"),
@@ -71,7 +71,7 @@ const NAMES: [(&str, &str); 12] = [
     ("SFR", "StarFormationRate"),
 ];
 
-/// What the first bytes say.
+/// Byte order and format, from the first bytes.
 #[derive(Debug, Clone, Copy)]
 struct Form {
     big_endian: bool,
@@ -104,7 +104,7 @@ fn number(bytes: &[u8], at: usize, big_endian: bool) -> Option<u32> {
     })
 }
 
-/// What is taken from the header.
+/// Values from the header.
 #[derive(Debug, Clone)]
 struct Header {
     form: Form,
@@ -112,7 +112,7 @@ struct Header {
     masses: [f64; TYPE_COUNT],
     cools: bool,
     files: u32,
-    /// The edge of the box; 0 where there is none.
+    /// Edge of the box; 0 if there is none.
     box_size: f64,
 }
 
@@ -154,12 +154,12 @@ impl Header {
         })
     }
 
-    /// Whether the particles of a type have masses of their own.
+    /// Returns true if the particles of a type have individual masses.
     fn has_own_mass(&self, kind: usize) -> bool {
         self.counts[kind] > 0 && self.masses[kind] == 0.0
     }
 
-    /// The types that a record is of, by its name.
+    /// Returns the types whose particles a record covers, by its name and length.
     fn types_of(&self, name: &str, len: usize) -> Option<Vec<usize>> {
         let with = |is_so: &dyn Fn(usize) -> bool| (0..TYPE_COUNT).filter(|&t| is_so(t)).collect();
         match name {
@@ -168,7 +168,7 @@ impl Header {
             "U" | "RHO" | "NE" | "NH" | "HSML" | "SFR" => return Some(vec![0]),
             _ => {}
         }
-        // Of others the length tells.
+        // For other records the length decides.
         let fits = |types: &Vec<usize>| {
             let count = self.count_of(types);
             count.checked_mul(4) == Some(len) || count.checked_mul(12) == Some(len)
@@ -182,12 +182,12 @@ impl Header {
     }
 }
 
-/// Whether a file that begins with `head` is a snapshot.
+/// Returns true if a file that begins with `head` is a snapshot.
 pub(super) fn looks_like(head: &[u8]) -> bool {
     Form::of(head).is_some()
 }
 
-/// The files that a file stands for: those of its snapshot, or itself alone where its name does not say which it is.
+/// Returns all files of the snapshot of a file, or the file alone if its name has no index.
 fn files(input: Input<'_>, header: &Header) -> Result<Vec<PathBuf>> {
     let path = input.path;
     let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -214,19 +214,19 @@ fn files(input: Input<'_>, header: &Header) -> Result<Vec<PathBuf>> {
     }
 }
 
-/// One step: the snapshot, which the first of its files stands for.
+/// Returns one time step: the snapshot, represented by its first file.
 ///
 /// # Errors
-/// Files that are not there or no snapshots.
+/// A file is missing or is no snapshot.
 pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
     let files = files(input, &Header::read(input)?)?;
     Ok(of_file(&files[0], &[]))
 }
 
-/// Reads the particles of a type or, where none is asked for, those of the first type there is.
+/// Reads the particles of a type; if none is given, of the first type in the snapshot.
 ///
 /// # Errors
-/// Damaged records, files that are missing, no particles of the type.
+/// Records are damaged, files are missing, or there are no particles of the type.
 pub(super) fn read(input: Input<'_>, wanted: Option<ParticleType>) -> Result<Dataset> {
     let path = input.path;
     let own = Header::read(input)?;
@@ -311,7 +311,7 @@ pub(super) fn read(input: Input<'_>, wanted: Option<ParticleType>) -> Result<Dat
     Ok(data)
 }
 
-/// The particles of one type, of all files.
+/// Particles of one type from all files.
 #[derive(Debug, Default)]
 struct Gathered {
     positions: Vec<DVec3>,
@@ -326,7 +326,7 @@ impl Gathered {
         if self.has_table_mass {
             notes.push("All masses are that of the header.".to_owned());
         }
-        // Fields that not all files have.
+        // Fields that some files lack are dropped.
         let count = self.positions.len();
         let left_out = &mut self.left_out;
         self.fields.retain(|(name, components)| {
@@ -347,7 +347,7 @@ impl Gathered {
         notes
     }
 
-    /// Puts the particles of a file behind those of others.
+    /// Appends the particles of a file.
     fn add(&mut self, input: Input<'_>, header: &Header, kind: usize) -> Result<()> {
         let path = input.path;
         let bytes = input.read_all()?;
@@ -371,7 +371,7 @@ impl Gathered {
             };
             let components = match name {
                 "POS" | "VEL" | "ACCE" => 3,
-                // Of others the length told whose they are.
+                // For unknown records, the length determined the types and determines the components.
                 _ if !is_known(name) && total.checked_mul(12) == Some(data.len()) => 3,
                 _ => 1,
             };
@@ -444,13 +444,13 @@ fn is_known(name: &str) -> bool {
     NAMES.iter().any(|(known, _)| *known == name)
 }
 
-/// A record behind the header.
+/// Record behind the header.
 struct Record {
     name: String,
     bytes: Range<usize>,
 }
 
-/// The records behind the header, with the names of format 2, or those that format 1 has in this order.
+/// Returns the records behind the header, with their names from format 2 or in the order of format 1.
 fn records(path: &Path, bytes: &[u8], header: &Header) -> Result<Vec<Record>> {
     let fault = |at: usize, expected: String, found: String| {
         Error::format(path, format!("byte {at}"), expected, found, DAMAGED)
@@ -504,7 +504,7 @@ fn records(path: &Path, bytes: &[u8], header: &Header) -> Result<Vec<Record>> {
     Ok(records)
 }
 
-/// The records of format 1, in their order.
+/// Returns the names of the records of format 1, in order.
 fn unnamed(header: &Header) -> Vec<&'static str> {
     let mut names = vec!["POS", "VEL", "ID"];
     if (0..TYPE_COUNT).any(|kind| header.has_own_mass(kind)) {

@@ -1,6 +1,6 @@
-//! Half floats.
+//! Decodes half floats.
 
-/// An IEEE 754 half float.
+/// Decodes an IEEE 754 half float.
 pub(super) fn half(bits: u16) -> f64 {
     let sign = if bits >> 15 == 0 { 1.0 } else { -1.0 };
     let (exponent, fraction) = (bits >> 10 & 31, f64::from(bits & 1023));

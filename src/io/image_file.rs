@@ -1,14 +1,14 @@
-//! Image files, in and out, by extension.
+//! Reads and writes image files; the extension chooses the format.
 //!
 //! | extension | numbers | colour |
 //! |---|---|---|
-//! | `.png` | 8-bit RGBA (RGB where all is opaque) | sRGB, alpha not multiplied in |
+//! | `.png` | 8-bit RGBA (RGB if all pixels are opaque) | sRGB, straight alpha |
 //! | `.exr` | f32 R, G, B, A; depth: Z | linear, premultiplied |
 //! | `.pfm` | f32 RGB, little-endian, rows from the bottom; depth: one channel | linear, over black |
 //! | `.npy` | f32 (height, width, 4); depth: (height, width) | linear, premultiplied |
 //!
-//! PFM: the lines `PF` (colour) or `Pf` (grey), `width height`, and a scale whose sign gives
-//! the byte order (negative: little-endian), then the numbers.
+//! A PFM file begins with the lines `PF` (colour) or `Pf` (grey), `width height`, and a scale. The sign of the scale
+//! gives the byte order (negative: little-endian). The numbers follow.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -28,23 +28,23 @@ use crate::error::{Error, Result};
 use crate::image::{DepthImage, Image, NormalImage, linear_from_srgb};
 use crate::scene::Values;
 
-/// What [`write_image`] writes.
+/// Extensions that [`write_image`] writes.
 pub(super) const IMAGE_EXTENSIONS: &str = "png, exr, pfm or npy";
-/// What [`write_depth`] and [`write_normals`] write.
+/// Extensions that [`write_depth`] and [`write_normals`] write.
 const DEPTH_EXTENSIONS: &str = "exr, pfm or npy";
 
-/// Whether [`write_image`] could write to `path`, asked before the work of an image.
+/// Checks, before an image is computed, that [`write_image`] could write to `path`.
 ///
 /// # Errors
-/// An unknown extension or a missing folder.
+/// The extension is unknown or the folder is missing.
 pub fn check_image_path(path: &Path) -> Result<()> {
     check_path(path, IMAGE_EXTENSIONS)
 }
 
-/// Whether [`write_depth`] and [`write_normals`] could write to `path`, asked before the work of an image.
+/// Checks, before an image is computed, that [`write_depth`] and [`write_normals`] could write to `path`.
 ///
 /// # Errors
-/// An unknown extension or a missing folder.
+/// The extension is unknown or the folder is missing.
 pub fn check_depth_path(path: &Path) -> Result<()> {
     check_path(path, DEPTH_EXTENSIONS)
 }
@@ -60,10 +60,10 @@ fn check_path(path: &Path, known: &str) -> Result<()> {
     check_folder(path)
 }
 
-/// Whether there is a folder for a file to be written, asked before the work of making it.
+/// Checks that the folder of a file exists, before the file's contents are computed.
 ///
 /// # Errors
-/// A missing folder.
+/// The folder is missing.
 pub fn check_folder(path: &Path) -> Result<()> {
     match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() && !folder.is_dir() => Err(Error::format(
@@ -79,12 +79,12 @@ pub fn check_folder(path: &Path) -> Result<()> {
 
 /// Writes an image in the format that the extension names: `png`, `exr`, `pfm` or `npy`.
 ///
-/// Alpha is kept, but for `pfm`, which has none: black shows through there. A `png` has alpha
-/// where the image is not opaque.
+/// Alpha is stored except in `pfm`, which shows the image over black. A `png` has an alpha channel unless the image is
+/// opaque.
 ///
 /// # Errors
-/// An unknown extension, an image without pixels, or what
-/// [`write_bytes_atomically`](super::write_bytes_atomically) says.
+/// The extension is unknown, or the image has no pixels; the errors of
+/// [`write_bytes_atomically`](super::write_bytes_atomically).
 pub fn write_image(path: &Path, image: &Image) -> Result<()> {
     check_size(path, image.width, image.height, image.pixels.len())?;
     let bytes = match super::extension(path).as_str() {
@@ -108,11 +108,10 @@ pub fn write_image(path: &Path, image: &Image) -> Result<()> {
     write_bytes_atomically(path, &bytes)
 }
 
-/// Writes a depth image in the format that the extension names: `exr` (channel Z), `pfm` or
-/// `npy`.
+/// Writes a depth image in the format that the extension names: `exr` (channel Z), `pfm` or `npy`.
 ///
 /// # Errors
-/// As [`write_image`].
+/// The errors of [`write_image`].
 pub fn write_depth(path: &Path, depth: &DepthImage) -> Result<()> {
     let (width, height) = (depth.width, depth.height);
     check_size(path, width, height, depth.depths.len())?;
@@ -125,7 +124,7 @@ pub fn write_depth(path: &Path, depth: &DepthImage) -> Result<()> {
 /// `normals`), `pfm` (as colours) or `npy` (height, width, 3).
 ///
 /// # Errors
-/// As [`write_image`].
+/// The errors of [`write_image`].
 pub fn write_normals(path: &Path, normals: &NormalImage) -> Result<()> {
     let (width, height) = (normals.width, normals.height);
     check_size(path, width, height, normals.normals.len())?;
@@ -167,8 +166,8 @@ pub fn write_normals(path: &Path, normals: &NormalImage) -> Result<()> {
     write_bytes_atomically(path, &bytes)
 }
 
-/// The bytes of a file of one f32 per pixel: `exr`, `pfm` or `npy`, by the extension of `path`;
-/// `None` for another. `names`: of the channel and the layer.
+/// Returns the bytes of a file with one f32 per pixel. The extension of `path` chooses `exr`, `pfm` or `npy`; `None`
+/// for others. `names` are those of the channel and the layer.
 pub(super) fn grey_bytes(
     path: &Path,
     [width, height]: [usize; 2],
@@ -205,11 +204,11 @@ pub(super) fn grey_bytes(
     }
 }
 
-/// Reads an image that [`write_image`] or another program wrote: `png`, `exr`, `pfm` or
-/// `npy` (shape (height, width, 3 or 4)).
+/// Reads an image that [`write_image`] or another program wrote: `png`, `exr`, `pfm` or `npy` (shape (height, width, 3
+/// or 4)).
 ///
 /// # Errors
-/// An unknown extension or a damaged file.
+/// The extension is unknown or the file is damaged.
 pub fn read_image(path: &Path) -> Result<Image> {
     let extension = super::extension(path);
     if !matches!(extension.as_str(), "png" | "exr" | "pfm" | "npy") {
@@ -276,10 +275,10 @@ fn damaged(path: &Path, expected: &str, found: impl Into<String>) -> Error {
     )
 }
 
-/// The bytes of a PNG file, which [`write_image`] would write; `path` is for messages.
+/// Returns the bytes of the PNG file that [`write_image`] would write; `path` is for messages.
 ///
 /// # Errors
-/// A picture of no pixels, or of more than the format holds.
+/// The image has no pixels, or more than the format allows.
 pub fn png_bytes(path: &Path, image: &Image) -> Result<Vec<u8>> {
     let size = [image.width, image.height].map(|n| u32::try_from(n).unwrap_or(u32::MAX));
     let (mut channels, mut numbers) = (4, image.to_srgb8());
@@ -347,8 +346,8 @@ fn read_png(path: &Path, bytes: &[u8]) -> Result<Image> {
     })
 }
 
-/// The first layer with channels R, G and B, over the display window: pixels outside of the
-/// layer are transparent, those outside of the window are left out. Without A, it is opaque.
+/// Reads the first layer with channels R, G and B, over the display window. Pixels outside the layer are transparent;
+/// pixels outside the window are left out. A layer without A is opaque.
 fn read_exr(path: &Path, bytes: &[u8]) -> Result<Image> {
     let broken = |e: exr::Error| damaged(path, "an EXR image", e.to_string());
     let reader = block::read(Cursor::new(bytes), false).map_err(broken)?;
@@ -395,8 +394,7 @@ fn read_exr(path: &Path, bytes: &[u8]) -> Result<Image> {
     })
 }
 
-/// Refuses dimensions that the file's bytes cannot hold, even as compressed as can be (one
-/// bit per pixel, deflated).
+/// Refuses dimensions that the file's bytes cannot contain at the strongest compression (one bit per pixel, deflated).
 fn check_claim(path: &Path, len: usize, [width, height]: [usize; 2]) -> Result<()> {
     let most = (len as u64).saturating_mul(8 * DEFLATE_RATIO);
     let claimed = (width as u64).saturating_mul(height as u64);
@@ -553,7 +551,7 @@ mod tests {
     fn a_png_holds_straight_srgb() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.png");
-        // Half-transparent mid grey, premultiplied; NaN and overflow must not break it.
+        // The pixel is half-transparent mid grey, premultiplied. NaN and overflow must not break the file.
         let grey = linear_from_srgb(128.0 / 255.0);
         let image = Image {
             width: 3,

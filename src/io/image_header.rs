@@ -1,4 +1,4 @@
-//! Headers of images in text, field by field, as NRRD and MetaImage have them.
+//! Reads text headers of images field by field, for NRRD and MetaImage.
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -7,18 +7,18 @@ use super::voxels;
 use super::vtk_xml::clip;
 use crate::error::{Error, Result};
 
-/// What to do about a header that is wrong.
+/// Advice for a damaged header.
 pub(super) const DAMAGED: &str =
     "the header is damaged or breaks the format's rules: correct it or save the file again";
 
-/// The fields of a header.
+/// Fields of a header.
 pub(super) struct Header<'h> {
     pub(super) path: &'h Path,
-    /// Names as their format compares them, and values.
+    /// Names, spelled as their format compares them, and values.
     pub(super) fields: Vec<(String, String)>,
-    /// The lines behind a field that says that files are listed.
+    /// Lines behind a field that announces a list of files.
     pub(super) list: Vec<String>,
-    /// Where the numbers begin, if they follow.
+    /// Start of the numbers, if they follow the header.
     pub(super) end: Option<usize>,
 }
 
@@ -32,7 +32,7 @@ impl<'h> Header<'h> {
         }
     }
 
-    /// The value of the first of these names that there is.
+    /// Returns the value of the first of these names that the header contains.
     pub(super) fn get(&self, names: &[&str]) -> Option<&str> {
         names.iter().find_map(|name| {
             let mut fields = self.fields.iter();
@@ -56,9 +56,9 @@ impl<'h> Header<'h> {
         self.get(&[name]).ok_or_else(none)
     }
 
-    /// So many numbers, or nothing.
+    /// Returns exactly `count` numbers, or `None` if the field is absent.
     ///
-    /// - `expected`: what is said of another number of them.
+    /// - `expected`: noun in the error for another number of values.
     pub(super) fn numbers<T: FromStr>(
         &self,
         names: &[&str],
@@ -74,7 +74,7 @@ impl<'h> Header<'h> {
         numbers.ok_or_else(fault).map(Some)
     }
 
-    /// How much is to be passed over: 0 where nothing is said, -1 for all but what is needed.
+    /// Returns the length to skip: 0 if absent, -1 for everything before the numbers at the end.
     pub(super) fn skipped(&self, name: &str) -> Result<i64> {
         let Some(text) = self.get(&[name]) else {
             return Ok(0);
@@ -83,7 +83,7 @@ impl<'h> Header<'h> {
         number.ok_or_else(|| self.fault(name, "a whole number, at least -1", text))
     }
 
-    /// The files that are listed, beside this one.
+    /// Returns the listed files, relative to the header's folder.
     pub(super) fn listed(&self) -> Result<Vec<PathBuf>> {
         let names = self.list.iter();
         names.map(|name| voxels::beside(self.path, name)).collect()

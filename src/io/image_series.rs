@@ -1,8 +1,9 @@
-//! Numbered images as one volume: `slice_%03d.png` names all files beside each other that have a number there.
+//! Reads numbered images as one volume. The pattern `slice_%03d.png` names all files in its folder with a number in
+//! that place.
 //!
-//! `%d` stands for numbers without zeros before them, `%03d` for those of three digits at least. Layers lie a step of the
-//! pixels apart, in the order of their numbers, of which none may be missing between the first and the last. Images are PNG,
-//! JPEG, WebP and TIFF; rows go along y. Colours are not decoded: they are a field `rgb` of numbers.
+//! `%d` represents numbers without leading zeros, and `%03d` numbers with at least three digits. Layers are one pixel
+//! step apart, in the order of their numbers. No number may be missing between the first and the last. Images are PNG,
+//! JPEG, WebP and TIFF; rows run along y. Colours are not decoded; they become a field `rgb` of stored numbers.
 
 use std::path::{Path, PathBuf};
 
@@ -16,19 +17,19 @@ use super::{tiff, voxels};
 use crate::error::{Error, Result};
 use crate::scene::{LatticeSpacing, Values};
 
-/// Digits of a number at most.
+/// Greatest number of digits.
 const MOST_DIGITS: usize = 18;
 
-/// A name with one place for a number.
+/// Name with one place for a number.
 struct Pattern<'a> {
     before: &'a str,
-    /// Digits at least; without it numbers have no zeros before them.
+    /// Least number of digits; if `None`, numbers have no leading zeros.
     width: Option<usize>,
     after: &'a str,
 }
 
 impl<'a> Pattern<'a> {
-    /// The pattern of a name, where it is one.
+    /// Parses a name; returns `None` if it is no pattern.
     fn of(name: &'a str) -> Option<Self> {
         let (before, rest) = name.split_once('%')?;
         let (digits, after) = rest.split_once('d')?;
@@ -48,7 +49,7 @@ impl<'a> Pattern<'a> {
         })
     }
 
-    /// The number of a name that has this pattern.
+    /// Returns the number in a name that matches this pattern.
     fn number(&self, name: &str) -> Option<u64> {
         let digits = name.strip_prefix(self.before)?.strip_suffix(self.after)?;
         let is_number = !digits.is_empty()
@@ -69,15 +70,15 @@ fn name_of(path: &Path) -> &str {
     name.to_str().unwrap_or_default()
 }
 
-/// Whether a path is such a pattern, and no file.
+/// Returns true if a path is a pattern and no existing file.
 pub(super) fn is_pattern(path: &Path) -> bool {
     Pattern::of(name_of(path)).is_some() && !path.exists()
 }
 
-/// Reads the images that the pattern stands for, which is the input's path.
+/// Reads the images of a pattern, which is the input's path.
 ///
 /// # Errors
-/// No image, numbers that are missing, and images that cannot be read or are of another size or kind than the first.
+/// There is no image, a number is missing, or an image cannot be read or differs from the first in size or kind.
 pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
     let files = files(path)?;
@@ -97,7 +98,7 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     else {
         return Err(none(path));
     };
-    // As thick as a step of the pixels: nothing says otherwise.
+    // No file states the distance of layers, so it is a step of the pixels.
     let z = x.cross(y).normalize_or_zero() * x.length().min(y.length());
     let dims = [width, height, files.len()];
     let steps = [x, y, z];
@@ -120,7 +121,7 @@ fn none(path: &Path) -> Error {
     Error::format(path, "files", expected, "none", advice)
 }
 
-/// The files of a pattern in the order of their numbers.
+/// Returns the files of a pattern in the order of their numbers.
 fn files(path: &Path) -> Result<Vec<PathBuf>> {
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -154,11 +155,11 @@ fn files(path: &Path) -> Result<Vec<PathBuf>> {
     Ok(found.into_iter().map(|(_, file)| file).collect())
 }
 
-/// One image, or several on top of each other.
+/// One image, or several stacked ones.
 struct Layer {
     /// Width and height, pixels.
     size: [usize; 2],
-    /// From a pixel to the next along each.
+    /// Step from one pixel to the next along each axis.
     steps: [DVec3; 2],
     fields: Vec<(String, Vec<Values>)>,
 }
@@ -212,7 +213,7 @@ fn layer(file: &Path) -> Result<Layer> {
     let fields = match channels.len() {
         3 => vec![("rgb".into(), channels)],
         4 => vec![("rgba".into(), channels)],
-        // Grey; alpha behind it is none of the data.
+        // Grey; its alpha is not data and is dropped.
         _ => {
             channels.truncate(1);
             vec![("value".into(), channels)]
@@ -225,7 +226,7 @@ fn layer(file: &Path) -> Result<Layer> {
     })
 }
 
-/// A TIFF file of one page.
+/// Reads a TIFF file with one page.
 fn of_stack(file: &Path, data: Dataset) -> Result<Layer> {
     let depth = |found: String| {
         let advice = "give the stack itself";

@@ -1,32 +1,32 @@
-//! KSPLAT (mkkellogg's viewer for three.js): sections of splats, whole or packed; little-endian.
+//! Reads KSPLAT (the format of mkkellogg's viewer for three.js): sections of splats, packed or not; little-endian.
 //!
-//! | bytes | what |
+//! | bytes | contents |
 //! |---|---|
 //! | 0, 1 | version 0, 1 |
-//! | 4..8 | number of sections S there is room for |
+//! | 4..8 | number of sections S that there is storage for |
 //! | 16..20 | number of splats |
-//! | 20..22 | mode: 0 nothing is packed, 1 in half floats, 2 harmonics in bytes, too |
-//! | 36..44 | what bytes 0 and 255 of harmonics mean, two f32; 0 stands for -1.5 and 1.5 |
+//! | 20..22 | mode: 0 unpacked, 1 half floats, 2 also harmonics in bytes |
+//! | 36..44 | values of harmonics for bytes 0 and 255, two f32; 0 means -1.5 and 1.5 |
 //! | 4096.. | S headers of 1024 bytes |
-//! | then | the sections: sizes of buckets that are not full (u32 each), centres of all buckets, records |
+//! | then | the sections: sizes of partly filled buckets (u32 each), centres of all buckets, records |
 //!
 //! A section's header:
 //!
-//! | bytes | what |
+//! | bytes | contents |
 //! |---|---|
 //! | 0..4 | number of splats N |
-//! | 4..8 | number that there is room for |
+//! | 4..8 | number that there is storage for |
 //! | 8..12 | splats of a full bucket |
 //! | 12..16 | number of buckets |
 //! | 16..20 | side b of a bucket, f32 |
 //! | 20..22 | bytes for each bucket's centre, three f32 first |
-//! | 24..28 | steps s in half a side; 0 stands for 32767 |
-//! | 32..36, 36..40 | buckets that are full, and that are not |
+//! | 24..28 | steps s in half a side; 0 means 32767 |
+//! | 32..36, 36..40 | numbers of full and of partly filled buckets |
 //! | 40..42 | degree of the harmonics, 0 to 2 |
 //!
 //! A record:
 //!
-//! | mode 0 | modes 1, 2 | what |
+//! | mode 0 | modes 1, 2 | contents |
 //! |---|---|---|
 //! | 3 f32 | 3 u16 | position; packed as centre + (n - s) b / 2s |
 //! | 3 f32 | 3 halves | standard deviations |
@@ -34,7 +34,7 @@
 //! | 4 u8 | 4 u8 | red, green, blue and peak opacity |
 //! | f32 | halves, bytes | degree 1: three coefficients of red, then of green, of blue; then five each of degree 2 |
 //!
-//! Facts of the format are those that its viewer's and other programs' readers agree on. It has no mark of anti-aliased splats.
+//! The viewer's reader and those of other programs agree on these facts. The format has no mark of anti-aliased splats.
 
 use std::array;
 use std::path::Path;
@@ -51,16 +51,16 @@ use crate::math::harmonics_count;
 
 const HEADER: usize = 4096;
 const SECTION_HEADER: usize = 1024;
-/// Steps in half a bucket's side, where a section does not say it.
+/// Number of steps in half a bucket's side, if a section does not state it.
 const STEPS: u32 = 32_767;
-/// Bytes of harmonics mean values from minus this to this, where the file does not say it.
+/// Harmonics in bytes range from minus this to this value, if the file states no range.
 const HARMONICS_RANGE: f32 = 1.5;
 const MAX_DEGREE: u16 = 2;
 
 /// Reads splats.
 ///
 /// # Errors
-/// Another version or mode, and sections that are not within the file.
+/// The version or mode is not supported, or a section reaches beyond the file.
 pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
     let bytes = input.read_all()?;
@@ -87,7 +87,7 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     let mut at = HEADER as u64 + headers_len;
     let mut cloud = SplatCloud::default();
     for (i, header) in headers.chunks_exact(SECTION_HEADER).enumerate() {
-        // There is room for more sections than there are: those have headers of zeros.
+        // Unused sections have headers of zeros.
         if word(header, 0) == 0 && word(header, 4) == 0 {
             continue;
         }
@@ -105,7 +105,7 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     cloud.dataset(path, "KSPLAT splats", Vec::new())
 }
 
-/// A file and its name, for errors.
+/// Bytes of a file, and its path for errors.
 struct File<'a> {
     path: &'a Path,
     bytes: &'a [u8],
@@ -117,7 +117,7 @@ impl<'a> File<'a> {
         Error::format(self.path, place, expected, found, advice)
     }
 
-    /// `len` bytes from byte `at` on.
+    /// Returns `len` bytes from byte `at` on.
     fn part(&self, at: u64, len: u64, place: &str) -> Result<&'a [u8]> {
         let bounds = [Some(at), at.checked_add(len)].map(|n| usize::try_from(n?).ok());
         let part = match bounds {
@@ -131,12 +131,12 @@ impl<'a> File<'a> {
     }
 }
 
-/// How numbers are packed.
+/// Packing of numbers.
 #[derive(Clone, Copy)]
 struct Mode {
-    /// Whether positions, scales and rotations are.
+    /// True if positions, scales and rotations are packed.
     is_packed: bool,
-    /// What harmonics of bytes 0 and 255 mean, where they are bytes.
+    /// Values of harmonics for bytes 0 and 255; `None` if harmonics are not bytes.
     harmonics: Option<[f32; 2]>,
 }
 
@@ -158,12 +158,12 @@ impl Mode {
         })
     }
 
-    /// Bytes of a number.
+    /// Returns the number of bytes of a number.
     fn number_len(self) -> usize {
         if self.is_packed { 2 } else { 4 }
     }
 
-    /// Bytes before a record's harmonics: ten numbers and four bytes.
+    /// Returns the number of bytes before a record's harmonics: ten numbers and four bytes.
     fn harmonics_at(self) -> usize {
         10 * self.number_len() + 4
     }
@@ -176,7 +176,7 @@ impl Mode {
         }
     }
 
-    /// The float, whole or half, at a byte.
+    /// Reads a float or half float at byte `at`.
     fn float(self, record: &[u8], at: usize) -> f32 {
         if self.is_packed {
             narrow(half(short(record, at)))
@@ -194,27 +194,27 @@ impl Mode {
     }
 }
 
-/// A section whose arrays lie within the file.
+/// Section whose arrays lie within the file.
 struct Section<'a> {
     count: usize,
     degree: u8,
     record_len: usize,
     records: &'a [u8],
-    /// Splats of the buckets, in their order.
+    /// Number of splats in each bucket.
     bucket_sizes: Vec<u32>,
     bucket_len: usize,
-    /// `bucket_len` bytes each.
+    /// Centres of the buckets, `bucket_len` bytes each.
     centres: &'a [u8],
-    /// Side of a bucket over its steps.
+    /// Length of a step.
     step: f64,
-    /// The step in the middle of a bucket.
+    /// Step at the middle of a bucket.
     middle: f64,
-    /// The byte behind the section.
+    /// First byte behind the section.
     end: u64,
 }
 
 impl<'a> Section<'a> {
-    /// - `at`: the byte where it begins.
+    /// - `at`: byte at which it begins.
     fn of(file: &File<'a>, place: &str, header: &[u8], mode: Mode, at: u64) -> Result<Self> {
         let number = |at: usize| u64::from(word(header, at));
         let (count, capacity) = (number(0), number(4).max(number(0)));
@@ -237,7 +237,7 @@ impl<'a> Section<'a> {
         let buckets = full_count.saturating_add(others_count);
         let mut bucket_sizes = Vec::new();
         if mode.is_packed && count > 0 {
-            // Centres are there for each, so their number is bounded.
+            // Each bucket has a centre in the file, which bounds their number.
             if bucket_len < 12 || buckets > bucket_count {
                 let found = format!("{bucket_count} of {bucket_len} bytes");
                 let expected = format!("centres of {buckets} buckets, 12 bytes each or more");
@@ -256,7 +256,7 @@ impl<'a> Section<'a> {
             stated => stated,
         };
         let room = capacity.saturating_mul(record_len as u64);
-        // All within `bytes`, whose length is an usize.
+        // All these lie within `bytes`, so they fit into an usize.
         let size = |x: u64| usize::try_from(x).unwrap_or(usize::MAX);
         Ok(Self {
             count: size(count),
@@ -286,7 +286,7 @@ impl<'a> Section<'a> {
         let (mut bucket, mut left) = (0, self.bucket_sizes.first().copied().unwrap_or(0));
         let number_len = mode.number_len();
         for record in self.records.chunks_exact(self.record_len) {
-            // Some buckets may be empty; `of` has counted that there are enough.
+            // Some buckets may be empty; `of` has checked that there are enough splats.
             while mode.is_packed && left == 0 {
                 bucket += 1;
                 left = self.bucket_sizes.get(bucket).copied().unwrap_or(u32::MAX);
@@ -311,7 +311,7 @@ impl<'a> Section<'a> {
                 .harmonics
                 .extend((0..3).map(|c| constant_of_colour(code(c))));
             for degree in 1..=usize::from(self.degree) {
-                // What the degrees below have, then so many of each channel.
+                // Coefficients of lower degrees come first, then `count` for each channel.
                 let (before, count) = (3 * (degree * degree - 1), 2 * degree + 1);
                 for k in 0..count {
                     let of = |channel| mode.coefficient(record, before + channel * count + k);

@@ -1,16 +1,16 @@
-//! KTX 2 images in Basis Universal's two codes, ETC1S and UASTC, as `KHR_texture_basisu` has them; little-endian.
+//! Decodes KTX 2 images in Basis Universal's codecs ETC1S and UASTC, which `KHR_texture_basisu` uses; little-endian.
 //!
-//! | bytes | what |
+//! | bytes | contents |
 //! |---|---|
 //! | 0..12 | `«KTX 20»\r\n\x1a\n` |
-//! | 12..48 | format (0), size of a type (1), width, height, depth (0), layers, faces, levels, how levels are packed: 0 not, 1 ETC1S, 2 zstd |
-//! | 48..80 | where the description, keys and the data of all levels are, and how long |
-//! | 80.. | for each level from the largest on: where it is, its length, its length unpacked |
-//! | description | 44 bytes, or 60 with a second sample; byte 12 is the code: 163 ETC1S, 166 UASTC |
-//! | data of all levels, of ETC1S | 20 bytes with the lengths of three tables, 20 for each image, the tables |
+//! | 12..48 | format (0), size of a type (1), width, height, depth (0), layers, faces, levels, compression of levels: 0 none, 1 ETC1S, 2 zstd |
+//! | 48..80 | offsets and lengths of the description, the keys and the global data |
+//! | 80.. | for each level from the largest on: its offset, its length, its unpacked length |
+//! | description | 44 bytes, or 60 with a second sample; byte 12 is the codec: 163 ETC1S, 166 UASTC |
+//! | global data, of ETC1S | 20 bytes with the lengths of three tables, 20 for each image, the tables |
 //!
-//! Only the largest level is decoded. It is put into a file of its own, whose every offset and length is made here, before the
-//! decoder sees it: that one believes sizes.
+//! Only the largest level is decoded. The decoder does not check sizes. So this module writes the level into a new file
+//! with its own offsets and lengths, and passes that to the decoder.
 //!
 //! Source: the KTX File Format Specification 2.0 and the crate `basisu`.
 
@@ -19,25 +19,25 @@ use std::io::Read;
 use basisu::{DecodeFlags, TargetFormat, Transcoder};
 use ruzstd::decoding::StreamingDecoder;
 
-/// The first bytes.
+/// First bytes of a file.
 const MAGIC: &[u8] = b"\xabKTX 20\xbb\r\n\x1a\n";
 const HEADER: usize = 80;
 const LEVEL: usize = 24;
 const ETC1S: u8 = 163;
 const UASTC: u8 = 166;
-/// The data of all levels of ETC1S begin with these bytes; so many say where an image is.
+/// Length of the start of ETC1S's global data, and of each image's entry in them.
 const TABLES: usize = 20;
 const IMAGE: usize = 20;
 
-/// Runs of equal blocks take no bits in ETC1S: so many blocks of 16 pixels are taken from any file, and so many more for each byte.
+/// Greatest number of blocks of 16 pixels in ETC1S, for any file and for each byte. Runs of equal blocks need no bits.
 const BLOCKS_OF_NOTHING: u64 = 1 << 16;
 const BLOCKS_PER_BYTE: u64 = 64;
 
-/// An image whose header holds together.
+/// Image whose header is consistent.
 pub(super) struct Ktx2 {
     /// Width and height, pixels.
     pub(super) size: [usize; 2],
-    /// A file of the largest level alone.
+    /// File with only the largest level.
     file: Vec<u8>,
 }
 
@@ -45,7 +45,7 @@ fn word(bytes: &[u8], at: usize) -> Option<u32> {
     Some(u32::from_le_bytes(*bytes.get(at..)?.first_chunk()?))
 }
 
-/// A stretch that two numbers of 64 bits state.
+/// Returns the bytes that a 64-bit offset and length state.
 fn stretch(bytes: &[u8], at: usize) -> Option<&[u8]> {
     let long = |at: usize| {
         let number = u64::from_le_bytes(*bytes.get(at..)?.first_chunk()?);
@@ -57,7 +57,7 @@ fn stretch(bytes: &[u8], at: usize) -> Option<&[u8]> {
 
 impl Ktx2 {
     /// # Errors
-    /// What is wrong with the file, as a phrase.
+    /// The fault of the file, as a phrase.
     pub(super) fn of(bytes: &[u8]) -> Result<Self, &'static str> {
         let cut = "it is cut off";
         let number = |at: usize| word(bytes, at).ok_or(cut);
@@ -94,7 +94,7 @@ impl Ktx2 {
             }
             (UASTC, 0 | 2) => {
                 let expected = blocks.checked_mul(16).ok_or("too many pixels")?;
-                // No picture packs to less than a thousandth.
+                // Images compress to no less than a thousandth.
                 if expected > 1024 * (level.len() as u64) {
                     return Err("more pixels than its bytes can hold");
                 }
@@ -109,10 +109,10 @@ impl Ktx2 {
         })
     }
 
-    /// The pixels.
+    /// Returns the pixels.
     ///
     /// # Errors
-    /// Blocks that the decoder refuses.
+    /// The decoder refuses a block.
     pub(super) fn decode(&self) -> Result<Vec<u8>, &'static str> {
         let damaged = |_| "the decoder refuses its blocks";
         let decoder = Transcoder::new(&self.file).map_err(damaged)?;
@@ -121,7 +121,7 @@ impl Ktx2 {
     }
 }
 
-/// The data of all levels with the place of the first image alone, which has to lie in its level.
+/// Returns the global data with the entry of the first image only. The image must lie within its level.
 fn etc1s(
     data: &[u8],
     level: &[u8],
@@ -139,7 +139,7 @@ fn etc1s(
     let lengths = [4, 8, 12].map(|at| number(at).unwrap_or(usize::MAX));
     let all = lengths.into_iter().try_fold(0_usize, usize::checked_add);
     let rest = all.and_then(|all| rest.get(..all)).ok_or(wrong)?;
-    // Frames of films go on from the one before.
+    // In films, frames depend on the frame before.
     if number(TABLES).is_some_and(|flags| flags & 2 != 0) {
         return Err("it is a film");
     }
@@ -154,7 +154,7 @@ fn etc1s(
     Ok([tables, image, rest].concat())
 }
 
-/// So many bytes of blocks, unpacked.
+/// Returns exactly `expected` bytes of unpacked blocks.
 fn uastc(level: &[u8], scheme: u32, expected: u64) -> Result<Vec<u8>, &'static str> {
     let mut blocks = Vec::new();
     if scheme == 0 {
@@ -171,7 +171,7 @@ fn uastc(level: &[u8], scheme: u32, expected: u64) -> Result<Vec<u8>, &'static s
     }
 }
 
-/// A file of one image.
+/// Returns a file with one image.
 fn file_of(size: [u32; 2], description: &[u8], data: &[u8], level: &[u8]) -> Option<Vec<u8>> {
     let described = HEADER + LEVEL;
     let data_at = described + description.len();
@@ -190,7 +190,7 @@ fn file_of(size: [u32; 2], description: &[u8], data: &[u8], level: &[u8]) -> Opt
     let short = |n: usize| u32::try_from(n).ok();
     let index = [short(described)?, short(description.len())?, 0, 0];
     let data_at = if data.is_empty() { 0 } else { data_at };
-    // Of ETC1S no unpacked length is stated.
+    // ETC1S files state no unpacked length.
     let unpacked = if data.is_empty() { level.len() } else { 0 };
     let long = [data_at, data.len(), level_at, level.len(), unpacked];
     let mut file = MAGIC.to_vec();

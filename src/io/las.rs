@@ -1,24 +1,24 @@
-//! Point clouds of laser scanners in LAS 1.0 to 1.4 (`.las`), little-endian.
+//! Reads point clouds of laser scanners in LAS 1.0 to 1.4 (`.las`), little-endian.
 //!
-//! | bytes | what |
+//! | bytes | contents |
 //! |---|---|
 //! | 0 to 4 | `LASF` |
 //! | 24, 25 | version |
-//! | 94, 96 | size of the header (u16), where the points begin (u32) |
-//! | 100 | records between header and points (u32): 54 bytes of header each, the last numbers of which are an id at 18 and a length at 20 |
-//! | 104, 105 | format of a point, whose upper two bits say that points are packed by LAZ; bytes of a point (u16) |
+//! | 94, 96 | size of the header (u16), start of the points (u32) |
+//! | 100 | number of records between header and points (u32); each has a header of 54 bytes, with an id at 18 and a length at 20 |
+//! | 104, 105 | format of a point, whose upper two bits mark points packed by LAZ; bytes of a point (u16) |
 //! | 107 | number of points (u32); from version 1.4 also at 247 (u64) |
 //! | 131, 155 | scale and offset along x, y and z (f64) |
 //!
-//! A point begins with x, y, z (i32, times the scale plus the offset) and the intensity (u16). What follows:
+//! A point begins with x, y, z (i32, times the scale plus the offset) and the intensity (u16). Then follow:
 //!
 //! | formats | returns, flags | class | angle | user, source | time | colour, infrared | bytes |
 //! |---|---|---|---|---|---|---|---|
 //! | 0 to 5 | 14 | 15, five bits | 16 (i8) | 17, 18 | 20: 1, 3, 4, 5 | 20: 2; 28: 3, 5 | 20, 28, 26, 34, 57, 63 |
 //! | 6 to 10 | 14, 15 | 16 | 18 (i16, .006 degrees) | 17, 20 | 22 | 30: 7, 8, 10; 36: 8, 10 | 30, 36, 38, 59, 67 |
 //!
-//! Bytes behind these are fields of the user's, which a record of id 4 of `LASF_Spec` describes, 192 bytes each. Columns
-//! that are 0 everywhere are what nobody measured, and are left out. Points that are flagged as withheld count as deleted.
+//! Further bytes are user-defined fields. A record of id 4 of `LASF_Spec` describes them, 192 bytes each. Columns that
+//! are 0 everywhere were not measured and are left out. Points flagged as withheld count as deleted.
 //!
 //! <https://www.asprs.org/wp-content/uploads/2019/07/LAS_1_4_r15.pdf>
 
@@ -35,28 +35,28 @@ use super::vtk_xml::clip;
 use crate::error::{Error, Result};
 use crate::scene::Values;
 
-/// The first bytes.
+/// First bytes of a file.
 pub(super) const MAGIC: &[u8] = b"LASF";
 
-/// Of a record between header and points.
+/// Length in bytes of the header of a record between header and points.
 const RECORD_HEADER: usize = 54;
 
-/// Of a description of a field of the user's.
+/// Length in bytes of the description of a user-defined field.
 const DESCRIPTION: usize = 192;
 
-/// Bytes of a point in each format.
+/// Length in bytes of a point in each format.
 const SIZES: [usize; 11] = [20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67];
 
-/// What to do about LAZ. Its times of GPS may switch to another sequence any number of times within a point, and the decoder
-/// `laz` 0.13 calls itself at each switch: some damaged bytes overflow the stack, which no check of the file's lengths
-/// foresees and which ends the program.
+/// Advice for LAZ files, which are refused. GPS times in LAZ may switch to another sequence any number of times within
+/// a point. The decoder `laz` 0.13 recurses at each switch, so a few damaged bytes overflow the stack and end the
+/// program. No check of the file's lengths prevents this.
 const UNPACK: &str = "unpack them: `las2las -i in.laz -o out.las`, `pdal translate in.laz out.las`, or `laspy decompress in.laz` \
                       (of the Python package `laspy[cli,lazrs]`)";
 
-/// Reads a cloud.
+/// Reads a point cloud.
 ///
 /// # Errors
-/// Points that are packed by LAZ, a format of points that there is not, or fewer points than the header says.
+/// Points are packed by LAZ, their format is unknown, or there are fewer points than the header states.
 pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
     let bytes = input.read_all()?;
@@ -99,12 +99,12 @@ fn retain(values: &mut Values, is_kept: impl Fn(usize) -> bool) {
     }
 }
 
-/// A file whose header agrees with its bytes.
+/// File whose header agrees with its bytes.
 struct Las<'a> {
     path: &'a Path,
     bytes: &'a [u8],
     format: u8,
-    /// Where the points begin, and bytes of each.
+    /// Offset of the points, and bytes of each.
     start: usize,
     size: usize,
     count: usize,
@@ -151,7 +151,7 @@ impl<'a> Las<'a> {
         let mut count = long(107) as u64;
         if let (4, Some(wide)) = (minor, bytes.get(247..255).filter(|_| header >= 375)) {
             let wide = wide.iter().rev().fold(0, |n, b| n << 8 | u64::from(*b));
-            // Some writers fill in the old field alone.
+            // Some writers set only the old field.
             count = if wide == 0 { count } else { wide };
         }
         let start = long(96);
@@ -207,7 +207,7 @@ impl<'a> Las<'a> {
         doubles(self.bytes, encoding, stride).ok_or_else(|| self.damaged())
     }
 
-    /// Some bits of a byte of each point.
+    /// Reads some bits of a byte of each point.
     fn bits(&self, at: usize, shift: u32, mask: u8) -> Result<Values> {
         Ok(match self.column(ScalarType::U8, at)? {
             Values::U8(bytes) => Values::U8(bytes.iter().map(|b| b >> shift & mask).collect()),
@@ -233,7 +233,7 @@ impl<'a> Las<'a> {
         Ok(positions)
     }
 
-    /// Which points count as deleted; `None` where none does.
+    /// Returns the points that count as deleted; `None` if there are none.
     fn withheld(&self) -> Result<Option<Vec<bool>>> {
         let (at, bit) = if self.format < 6 { (15, 7) } else { (15, 2) };
         let Values::U8(flags) = self.bits(at, bit, 1)? else {
@@ -289,7 +289,7 @@ impl<'a> Las<'a> {
         Ok(fields)
     }
 
-    /// Colours, unless all are black, as nobody measures them.
+    /// Reads the colours. All black means that they were not measured, and returns none.
     fn colours(&self) -> Result<Vec<Field>> {
         let at = match self.format {
             2 => 20,
@@ -305,14 +305,14 @@ impl<'a> Las<'a> {
         if most == 0.0 {
             return Ok(Vec::new());
         }
-        // Words by the format; bytes by many writers.
+        // The format prescribes 16-bit values, but many writers store 8-bit ones.
         let whole = if most <= 255.0 { 255.0 } else { 65535.0 };
         Ok(colour_fields(channels.map(|channel| {
             channel.iter().map(|x| narrow(x / whole)).collect()
         })))
     }
 
-    /// The fields that a record describes, behind those of the format.
+    /// Reads the user-defined fields, which follow those of the format.
     fn extra(&self, notes: &mut Vec<String>) -> Result<Vec<Field>> {
         let mut at = SIZES[usize::from(self.format)];
         let mut fields = Vec::new();
@@ -334,7 +334,7 @@ impl<'a> Las<'a> {
                     at += usize::from(options);
                     continue;
                 }
-                // Arrays are no longer of the format: what lies behind them is not known.
+                // The format has deprecated arrays; the offsets of the fields behind one are unknown.
                 _ => {
                     let left = format!("Extra bytes from `{}` on are left out.", clip(&name));
                     notes.push(left);
@@ -369,7 +369,7 @@ impl<'a> Las<'a> {
         Ok(fields)
     }
 
-    /// What describes the extra bytes, one for each field.
+    /// Returns the descriptions of the extra bytes, one for each field.
     fn descriptions(&self) -> impl Iterator<Item = &'a [u8]> {
         let mut records = self.bytes.get(self.header..self.start).unwrap_or(&[]);
         let mut found: &[u8] = &[];
@@ -387,7 +387,7 @@ impl<'a> Las<'a> {
     }
 }
 
-/// Text that ends at the first zero.
+/// Returns the text up to the first zero.
 fn text(bytes: &[u8]) -> String {
     let text = bytes.split(|b| *b == 0).next().unwrap_or(bytes);
     String::from_utf8_lossy(text).trim().to_owned()
@@ -398,12 +398,12 @@ fn is_measured(column: &Values) -> bool {
 }
 
 fn degrees(steps: Vec<f64>) -> Values {
-    /// Degrees.
+    /// Degrees per step.
     const STEP: f64 = 0.006;
     Values::F32(steps.iter().map(|n| narrow(n * STEP)).collect())
 }
 
-/// Seconds of a week, or since 1980, are more than single precision tells apart.
+/// Subtracts the earliest time. Seconds of a week, or since 1980, exceed the resolution of single precision.
 fn since_the_first(times: Vec<f64>) -> Values {
     let first = times.iter().copied().fold(f64::INFINITY, f64::min);
     times.iter().map(|t| t - first).collect::<Vec<f64>>().into()

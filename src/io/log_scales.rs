@@ -1,14 +1,14 @@
-//! Scales that may be logarithms: those of splats in glTF files, and the columns `scale_0..2` of tables.
+//! Resolves scales that may be logarithms: those of splats in glTF files, and the columns `scale_0..2` of tables.
 //!
-//! Both are standard deviations by their definitions, and both are met as natural logarithms: drafts of the glTF extension had them,
-//! and programs export the columns of PLY splats as they are. Of standard deviations none is negative; of the logarithms of
-//! a scene nearly all are.
+//! By definition, both are standard deviations, but natural logarithms also occur. Drafts of the glTF extension used
+//! them, and programs export the columns of PLY splats unchanged. Standard deviations are never negative; nearly all
+//! logarithms in a scene are.
 
 use super::dataset::{Dataset, FieldSource, Geometry};
 use super::shape_columns::SCALES;
 use crate::scene::Values;
 
-/// What scales of splats in glTF files and columns `scale_0..2` of tables are.
+/// Meaning of the scales of splats in glTF files and of the columns `scale_0..2` of tables.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ScaleMeaning {
     /// Standard deviations.
@@ -17,8 +17,8 @@ pub enum ScaleMeaning {
     Logarithms,
 }
 
-/// Takes scales as what they are said to be or, where nothing is said, as logarithms if any is negative. How many became standard
-/// deviations.
+/// Converts scales that are logarithms to standard deviations. If `meaning` is `None`, they are logarithms if any is
+/// negative. Returns the number of converted scales.
 pub(super) fn settle_splats(scales: &mut [[f32; 3]], meaning: Option<ScaleMeaning>) -> usize {
     let is_negative = || scales.iter().flatten().any(|s| *s < 0.0);
     if !are_logarithms(meaning, is_negative) {
@@ -30,7 +30,7 @@ pub(super) fn settle_splats(scales: &mut [[f32; 3]], meaning: Option<ScaleMeanin
     scales.len()
 }
 
-/// The same of a table's columns, where it has scales and rotations; a note says so. Whether there are such columns.
+/// Converts the columns of a table with scales and rotations, and adds a note. Returns true if there are such columns.
 pub(super) fn settle_table(data: &mut Dataset, meaning: Option<ScaleMeaning>) -> bool {
     let Geometry::Points { positions } = &data.geometry else {
         return false;
@@ -72,7 +72,7 @@ fn are_logarithms(meaning: Option<ScaleMeaning>, is_negative: impl FnOnce() -> b
     }
 }
 
-/// What is said of logarithms that were taken as such.
+/// Returns the note on scales that were taken as logarithms.
 pub(super) fn note(count: usize, of: &str, meaning: Option<ScaleMeaning>) -> String {
     match meaning {
         Some(_) => format!("The scales of {count} {of} are taken as logarithms."),

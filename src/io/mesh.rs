@@ -1,4 +1,4 @@
-//! A polygon mesh with its materials and textures, as OBJ and glTF files hold it.
+//! Defines a polygon mesh with materials and textures, as OBJ and glTF files store it.
 
 use std::sync::Arc;
 
@@ -6,125 +6,125 @@ use glam::{Affine2, DVec3, Vec2, Vec3};
 
 use crate::error::{Error, Result};
 
-/// Triangles with materials, in world space: transforms of nodes are applied, and where one mirrors,
-/// the triangles' winding is reversed, so that corners run counter-clockwise seen from the front.
+/// Triangles with materials, in world space: transforms of nodes are applied. If a transform mirrors, the winding of
+/// its triangles is reversed, so that corners run counter-clockwise seen from the front.
 #[derive(Debug, Clone, Default)]
 pub struct Mesh {
-    /// Runs of triangles of one material.
+    /// Parts of one material each.
     pub parts: Vec<MeshPart>,
-    /// What the parts are made of.
+    /// Materials of the parts.
     pub materials: Vec<Material>,
-    /// What the materials name.
+    /// Textures that the materials refer to.
     pub textures: Vec<Texture>,
 }
 
-/// Triangles of one material, and lines and points beside them.
+/// Triangles of one material, with lines and points.
 #[derive(Debug, Clone, Default)]
 pub struct MeshPart {
     /// Corners, world units; finite.
     pub positions: Vec<DVec3>,
     /// Indices into `positions`; in range.
     pub triangles: Vec<[u32; 3]>,
-    /// Lines as indices into `positions`; those of a polyline follow one another.
+    /// Lines as indices into `positions`; the lines of a polyline follow one another.
     pub lines: Vec<[u32; 2]>,
     /// Points as indices into `positions`.
     pub points: Vec<u32>,
-    /// Unit normals per corner; empty where the file has none.
+    /// Unit normals per corner; empty if the file has none.
     pub normals: Vec<Vec3>,
-    /// Whether triangles without normals are flat, as glTF says; those of other formats are smooth where they meet at
-    /// less than 40 degrees.
+    /// True if triangles without normals are flat, as in glTF. In other formats they are smooth if they meet at less
+    /// than 40 degrees.
     pub is_flat: bool,
-    /// Texture coordinates per corner for each set, origin at the texture's top left corner, v down;
-    /// sets that no material uses are left out and are empty.
+    /// Texture coordinates per corner for each set, origin at the texture's top left corner, v down. Sets that no
+    /// material uses are empty.
     pub texture_coordinates: Vec<Vec<Vec2>>,
-    /// Linear RGBA per corner that multiplies the material's colour; empty where the file has none.
+    /// Linear RGBA per corner that multiplies the material's colour; empty if the file has none.
     pub colours: Vec<[f32; 4]>,
     /// Index into [`Mesh::materials`].
     pub material: usize,
 }
 
-/// What a surface is made of, without light: colour and opacity.
+/// Material of a surface, without lighting: colour and opacity.
 #[derive(Debug, Clone)]
 pub struct Material {
-    /// The name in the file.
+    /// Name in the file.
     pub name: String,
     /// Linear RGBA that multiplies the texture.
     pub base_colour: [f32; 4],
-    /// The texture that holds colour (sRGB-encoded) and opacity.
+    /// Texture with colour (sRGB-encoded) and opacity.
     pub base_texture: Option<TextureUse>,
-    /// Linear RGB that is added to the colour, times the texture below.
+    /// Linear RGB of emitted light, multiplied by the texture below.
     pub emissive: [f32; 3],
-    /// The texture of what is emitted (sRGB-encoded).
+    /// Texture of the emitted light (sRGB-encoded).
     pub emissive_texture: Option<TextureUse>,
-    /// The texture of normals: red, green and blue, 0 to 1 for -1 to 1, to the right and to the top of the texture and
-    /// outwards.
+    /// Normal map: red, green and blue from 0 to 1 represent -1 to 1. The directions are the texture's right and top,
+    /// and outwards.
     pub normal_texture: Option<TextureUse>,
-    /// What the first two components of those normals are multiplied by.
+    /// Factor of the first two components of those normals.
     pub normal_scale: f32,
-    /// Whether light changes nothing.
+    /// True if lighting has no effect.
     pub is_unlit: bool,
-    /// What alpha means.
+    /// Meaning of alpha.
     pub alpha: AlphaMode,
-    /// Whether triangles are seen from behind, too.
+    /// True if triangles are visible from behind, too.
     pub is_double_sided: bool,
 }
 
-/// What a material's alpha means.
+/// Meaning of a material's alpha.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum AlphaMode {
-    /// Nothing: all is opaque.
+    /// Alpha is ignored: the surface is opaque.
     Opaque,
-    /// Opaque from this value on, absent below.
+    /// The surface is opaque where alpha is at least this value, and absent elsewhere.
     Mask(f32),
-    /// Opacity, the same from every side.
+    /// Opacity, the same from every direction.
     Blend,
 }
 
-/// How a material uses a texture.
+/// Reference from a material to a texture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TextureUse {
     /// Index into [`Mesh::textures`].
     pub texture: usize,
-    /// Which set of texture coordinates.
+    /// Index of the set of texture coordinates.
     pub coordinates: usize,
-    /// From texture coordinates to those of the texture, in units of its size.
+    /// Transform from texture coordinates to positions in the texture, in units of its size.
     pub transform: Affine2,
 }
 
-/// An image and how it goes on beyond its edges.
+/// Image, and its continuation beyond its edges.
 #[derive(Debug, Clone)]
 pub struct Texture {
-    /// The pixels, shared by all textures of one image.
+    /// Pixels, shared by all textures of one image.
     pub image: Arc<TextureImage>,
-    /// Beyond the left and right edges, and beyond top and bottom.
+    /// Continuation beyond the left and right edges, and beyond top and bottom.
     pub wrap: [Wrap; 2],
 }
 
-/// Pixels of 8 bits, as most files have them.
+/// Image of 8-bit pixels.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TextureImage {
-    /// Columns; at least 1.
+    /// Number of columns; at least 1.
     pub width: usize,
-    /// Rows; at least 1.
+    /// Number of rows; at least 1.
     pub height: usize,
     /// sRGB-encoded RGB and linear alpha, rows from the top.
     pub pixels: Vec<[u8; 4]>,
 }
 
-/// How a texture goes on beyond an edge.
+/// Continuation of a texture beyond an edge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Wrap {
-    /// Again from the other side.
+    /// Repeats the texture.
     #[default]
     Repeat,
-    /// Back and forth.
+    /// Repeats the texture, mirrored every other time.
     MirroredRepeat,
-    /// With the pixel at the edge.
+    /// Repeats the pixel at the edge.
     ClampToEdge,
 }
 
 impl Default for Material {
-    /// White, opaque, seen from both sides.
+    /// White, opaque, visible from both sides.
     fn default() -> Self {
         Self {
             name: String::new(),
@@ -142,14 +142,14 @@ impl Default for Material {
 }
 
 impl MeshPart {
-    /// Whether it has no triangle, no line and no point.
+    /// Returns true if there are no triangles, lines or points.
     pub(crate) fn is_empty(&self) -> bool {
         self.triangles.is_empty() && self.lines.is_empty() && self.points.is_empty()
     }
 }
 
 impl Mesh {
-    /// Triangles in memory, white, opaque, seen from both sides.
+    /// Creates a mesh from triangles in memory: white, opaque, visible from both sides.
     ///
     /// - `positions`: corners, world units.
     /// - `triangles`: three corners each, counter-clockwise seen from the front.
@@ -183,7 +183,7 @@ impl Mesh {
         }
     }
 
-    /// The same with a linear RGBA colour for each corner of its first part.
+    /// Sets a linear RGBA colour for each corner of the first part.
     #[must_use]
     pub fn with_colours(mut self, colours: impl Into<Vec<[f32; 4]>>) -> Self {
         if let Some(part) = self.parts.first_mut() {
@@ -192,7 +192,7 @@ impl Mesh {
         self
     }
 
-    /// The same with a texture that repeats, for which each corner of its first part has coordinates.
+    /// Sets a repeating texture and the texture coordinates of each corner of the first part.
     ///
     /// - `coordinates`: origin at the texture's top left corner, v down.
     #[must_use]
@@ -219,18 +219,18 @@ impl Mesh {
         self
     }
 
-    /// Whether corners or textures say what colours it has.
+    /// Returns true if corners or textures define colours.
     pub(crate) fn has_colours(&self) -> bool {
         self.parts.iter().any(|part| !part.colours.is_empty())
             || self.materials.iter().any(|m| m.base_texture.is_some())
     }
 
-    /// Checks that what parts have per corner is there for each and that pictures have all their
-    /// pixels. Triangles and parts that name a corner or a material that does not exist are left
-    /// out, and counted, where surfels are made.
+    /// Checks that per-corner arrays have an entry for each corner, and that images have all their pixels. Triangles
+    /// and parts may name a corner or a material that does not exist; the sampler of surfels leaves them out and counts
+    /// them.
     ///
     /// # Errors
-    /// The first array of another length, or the name of a texture that is none.
+    /// The first array of another length, or a reference to a texture that does not exist.
     pub fn validate(&self) -> Result<()> {
         let fault = |place: String, expected: String, found: String| {
             Err(Error::invalid(
@@ -284,17 +284,17 @@ impl Mesh {
         Ok(())
     }
 
-    /// How many triangles there are.
+    /// Returns the number of triangles.
     pub fn triangle_count(&self) -> usize {
         self.parts.iter().map(|part| part.triangles.len()).sum()
     }
 
-    /// How many lines there are.
+    /// Returns the number of lines.
     pub fn line_count(&self) -> usize {
         self.parts.iter().map(|part| part.lines.len()).sum()
     }
 
-    /// How many points there are.
+    /// Returns the number of points.
     pub fn point_count(&self) -> usize {
         self.parts.iter().map(|part| part.points.len()).sum()
     }

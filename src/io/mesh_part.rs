@@ -1,4 +1,4 @@
-//! The last steps of every reader of meshes: what cannot be shown is left out and counted.
+//! Finishes a mesh for all mesh readers: removes and counts the elements that cannot be drawn.
 
 use std::path::Path;
 
@@ -7,11 +7,11 @@ use glam::{DVec3, Vec2, Vec3};
 use super::{Material, Mesh, MeshPart};
 use crate::error::{Advice, Error, Result};
 
-/// A triangle's area over the square of its longest side below which its corners are collinear
-/// but for rounding: a cross product of f64 edges errs by a few of its last places.
+/// Ratio of a triangle's area to the square of its longest side below which its corners are collinear up to rounding. A
+/// cross product of f64 edges errs by a few units in the last place.
 const FLAT: f64 = 8.0 * f64::EPSILON;
 
-/// What was left out of a mesh.
+/// Numbers of elements that were left out or replaced.
 #[derive(Debug, Default)]
 pub(crate) struct LeftOut {
     /// Triangles with a corner that is not finite.
@@ -20,14 +20,14 @@ pub(crate) struct LeftOut {
     pub(crate) zero_area: usize,
     /// Lines and points that are not finite.
     pub(crate) marks: usize,
-    /// Texture coordinates that are not finite, taken as 0.
+    /// Texture coordinates that are not finite; they became 0.
     pub(crate) coordinates: usize,
-    /// Colours that are not finite, taken as white.
+    /// Colours that are not finite; they became white.
     pub(crate) colours: usize,
 }
 
 impl LeftOut {
-    /// One sentence for each kind that occurs.
+    /// Returns one sentence for each kind that occurs.
     pub(crate) fn notes(&self) -> impl Iterator<Item = String> {
         [
             (
@@ -51,22 +51,22 @@ impl LeftOut {
     }
 }
 
-/// The cross product of two sides, or `None` where a corner (or the product) is not finite.
+/// Returns the cross product of two sides, or `None` if a corner (or the product) is not finite.
 pub(crate) fn cross(part: &MeshPart, triangle: [u32; 3]) -> Option<DVec3> {
     let [a, b, c] = triangle.map(|i| part.positions[i as usize]);
     Some((b - a).cross(c - a)).filter(|n| n.is_finite() && a.is_finite())
 }
 
-/// What is left of a part, by its numbers before.
+/// Old indices of the kept elements of a part.
 #[derive(Debug)]
 pub(crate) struct Kept {
-    /// Corners; all where it is empty.
+    /// Kept corners; empty if all are kept.
     pub(crate) corners: Vec<u32>,
     pub(crate) triangles: Vec<u32>,
 }
 
-/// Leaves out triangles that cannot be shown and corners that none uses, and makes the rest
-/// what [`MeshPart`] promises. Indices are in range.
+/// Removes triangles that cannot be drawn and corners that nothing uses, and establishes the guarantees of
+/// [`MeshPart`]. Indices must be in range.
 pub(crate) fn finish(part: &mut MeshPart, left_out: &mut LeftOut) -> Kept {
     let mut triangles = std::mem::take(&mut part.triangles);
     let mut kept = Vec::new();
@@ -113,7 +113,8 @@ pub(crate) fn finish(part: &mut MeshPart, left_out: &mut LeftOut) -> Kept {
     }
 }
 
-/// Leaves out corners that nothing uses; those that are left, or none where all are. Indices are in range.
+/// Removes unused corners. Returns the old indices of the kept corners, or an empty list if all are kept. Indices must
+/// be in range.
 pub(crate) fn leave_out_unused(part: &mut MeshPart) -> Vec<u32> {
     let mut is_used = vec![false; part.positions.len()];
     let in_lines = part.lines.as_flattened().iter().chain(&part.points);
@@ -151,7 +152,7 @@ pub(crate) fn leave_out_unused(part: &mut MeshPart) -> Vec<u32> {
     used.map(|(i, _)| i).collect()
 }
 
-/// Normals of unit length; one that has no direction is taken from its triangles.
+/// Normalises the normals. One without a direction is computed from its triangles.
 fn unit_normals(part: &mut MeshPart) {
     let unit = |n: Vec3| n.as_dvec3().try_normalize().map(DVec3::as_vec3);
     if part.normals.iter().any(|n| unit(*n).is_none()) {
@@ -164,7 +165,7 @@ fn unit_normals(part: &mut MeshPart) {
         }
         for (n, sum) in part.normals.iter_mut().zip(sums) {
             if unit(*n).is_none() {
-                // Opposite triangles may cancel; any direction is as good there.
+                // Opposite triangles may cancel; then any direction is acceptable.
                 *n = sum.try_normalize().unwrap_or(DVec3::Z).as_vec3();
             }
         }
@@ -174,10 +175,10 @@ fn unit_normals(part: &mut MeshPart) {
     }
 }
 
-/// Linear grey of what states no colour: 80 % when sRGB-encoded, so that white light leaves it short of white.
+/// Linear grey for meshes without colours. It is 80 % in sRGB encoding, so that lit surfaces stay below white.
 const PLAIN_GREY: f32 = 0.604;
 
-/// The material of a mesh whose format has none: white under colours of its own, light grey else.
+/// Returns the material for a format without materials: white if the mesh has colours, and light grey otherwise.
 pub(crate) fn plain(has_colours: bool) -> Material {
     let grey = if has_colours { 1.0 } else { PLAIN_GREY };
     Material {
@@ -186,7 +187,7 @@ pub(crate) fn plain(has_colours: bool) -> Material {
     }
 }
 
-/// Refuses a mesh of which nothing is left.
+/// Refuses a mesh with no elements.
 pub(crate) fn check_not_empty(path: &Path, mesh: &Mesh) -> Result<()> {
     if mesh.triangle_count() > 0 || mesh.line_count() + mesh.point_count() > 0 {
         return Ok(());

@@ -1,4 +1,4 @@
-//! MetaImage (`.mha`, and `.mhd` with the numbers in other files).
+//! Reads MetaImage (`.mha`, or `.mhd` with the numbers in other files).
 //!
 //! ```text
 //! ObjectType = Image
@@ -13,10 +13,10 @@
 //! numbers, the first axis fastest, the channels of a sample beside each other
 //! ```
 //!
-//! `ElementDataFile` is the last line. It says `LOCAL`, the name of a file, a pattern with its first, last and step, or
-//! `LIST` with one name to a line behind it. Row n of `TransformMatrix` is the direction of axis n: sample (i, j, k) lies
-//! at `Offset` plus i, j and k times the rows, each times its `ElementSpacing`. World axes are those of the file, and
-//! nothing is turned.
+//! `ElementDataFile` is the last line. Its value is `LOCAL`, the name of a file, a pattern with its first number, last
+//! number and step, or `LIST`. Behind `LIST`, each line names a file. Row n of `TransformMatrix` is the direction of
+//! axis n. Sample (i, j, k) lies at `Offset` plus i, j and k times the rows, each times its `ElementSpacing`. World
+//! axes are those of the file, without any rotation.
 //!
 //! <https://itk.org/Wiki/ITK/MetaIO/Documentation>
 
@@ -31,13 +31,13 @@ use super::voxels::{self, Image, Numbers, Packing, Skip, Source};
 use super::vtk_xml::clip;
 use crate::error::{Error, Result};
 
-/// More than any header has, lists of some ten thousand files among them.
+/// Greatest length of a header; a list of ten thousand files is shorter.
 const MOST_HEADER: usize = 1 << 22;
 
-/// As many as MetaIO reads.
+/// Greatest number of axes, the same as in MetaIO.
 const MOST_AXES: usize = 10;
 
-/// Whether a file begins as headers of images do.
+/// Returns true if a file begins as a MetaImage header does.
 pub(super) fn looks_like(head: &[u8]) -> bool {
     let text = head.trim_ascii_start();
     ["ObjectType", "NDims", "Comment"].iter().any(|key| {
@@ -46,10 +46,10 @@ pub(super) fn looks_like(head: &[u8]) -> bool {
     })
 }
 
-/// Reads the header of a volume, or of an image as a layer.
+/// Reads the header of a volume, or of an image as a single layer.
 ///
 /// # Errors
-/// One that breaks the format's rules.
+/// The header breaks the format's rules.
 pub(super) fn image(input: Input<'_>) -> Result<Image> {
     let path = input.path;
     let (head, _) = input.head(MOST_HEADER)?;
@@ -130,7 +130,7 @@ pub(super) fn image(input: Input<'_>) -> Result<Image> {
     })
 }
 
-/// The fields of a header, and the lines behind `ElementDataFile = LIST`.
+/// Parses the fields of a header, and the lines behind `ElementDataFile = LIST`.
 fn parse<'h>(path: &'h Path, head: &[u8]) -> Result<Header<'h>> {
     let mut header = Header::new(path);
     let mut end = 0;
@@ -178,7 +178,7 @@ impl Header<'_> {
     }
 }
 
-/// The position of the first sample, and the steps along the axes of space.
+/// Returns the position of the first sample, and the steps along the axes of space.
 fn placement(header: &Header<'_>, axis_count: usize) -> Result<(DVec3, Vec<DVec3>)> {
     let of_space = axis_count.min(3);
     let vector = |numbers: &[f64]| {
@@ -214,7 +214,7 @@ fn scalar_type(header: &Header<'_>) -> Result<ScalarType> {
         "MET_UCHAR" => ScalarType::U8,
         "MET_SHORT" => ScalarType::I16,
         "MET_USHORT" => ScalarType::U16,
-        // MetaIO's long has 32 bits in files, whatever the machine.
+        // MetaIO's long has 32 bits in files on every machine.
         "MET_INT" | "MET_LONG" => ScalarType::I32,
         "MET_UINT" | "MET_ULONG" => ScalarType::U32,
         "MET_LONG_LONG" => ScalarType::I64,

@@ -1,9 +1,10 @@
-//! Files in and out, one file of code per format.
+//! Reads and writes data files and images; each format has its own module.
 //!
-//! [`open`] recognises a data file by its content, then by its name; [`write_image`],
-//! [`write_depth`] and [`read_image`] go by extension. Every reader checks what a header
-//! claims against the bytes that are there before it allocates, and every writer writes to a
-//! temporary file that is renamed when complete.
+//! [`open`] recognises a data file by its content, then by its name. [`write_image`], [`write_depth`] and
+//! [`read_image`] choose the format by the file's extension.
+//!
+//! Every reader compares the sizes in a header with the length of the file before it allocates. Every writer writes a
+//! temporary file and renames it when it is complete.
 
 mod amr;
 mod arrow;
@@ -184,36 +185,36 @@ use formats::recognise;
 
 use crate::error::{Error, Hint, Parameter, Result};
 
-/// What files do not say about themselves.
+/// Settings for [`open`]: properties of the data that the file does not state, and choices among its contents.
 #[derive(Debug, Clone, Default)]
 pub struct OpenOptions {
-    /// How raw volumes are laid out; other formats ignore it.
+    /// Layout of a raw volume; other formats ignore it.
     pub raw: Option<RawLayout>,
-    /// The solution of a PLOT3D grid, or its functions; what is not given is taken from beside the grid. Other formats
-    /// ignore it.
-    pub solution: Option<PathBuf>,
-    /// An image for the parts of an OBJ or PLY mesh that have texture coordinates and no texture. Other
+    /// Solution of a PLOT3D grid, or its function file. If absent, the reader looks for it beside the grid. Other
     /// formats ignore it.
+    pub solution: Option<PathBuf>,
+    /// Texture image for the parts of an OBJ or PLY mesh that have texture coordinates but no texture. Other formats
+    /// ignore it.
     pub texture: Option<PathBuf>,
-    /// What to make of a file that may be one or the other; without it a file with faces is a mesh. A
-    /// file that cannot be read as this is refused.
+    /// Geometry to read from a file that may hold points or a mesh. If absent, a file with faces is read as a mesh. A
+    /// file that cannot be read this way is refused.
     pub read_as: Option<ReadAs>,
-    /// The type of the particles to read of a snapshot that holds several; without it, gas or the first type there is,
-    /// and of Phantom all but its sinks. A file without particles of this type is refused, and so is one of another
-    /// format.
+    /// Type of the particles to read from a snapshot with several types. If absent, gas is read, or else the first type
+    /// in the file; from Phantom files, everything but the sinks. A file without particles of this type is refused, and
+    /// so is a file of another format.
     pub particle_type: Option<ParticleType>,
-    /// What the scales of splats in glTF files and the columns `scale_0..2` of tables are; without it, logarithms where any
-    /// is negative, and otherwise standard deviations. Data without such scales are refused.
+    /// Meaning of the scales of splats in glTF files and of the columns `scale_0..2` of tables. If absent, they are
+    /// logarithms if any is negative, and standard deviations otherwise. Data without such scales are refused.
     pub scales: Option<ScaleMeaning>,
-    /// Which step of time to read of a file that holds several, counted from 0 ([`Format::time_steps`]); without it the first,
-    /// which a note says. Other formats ignore it.
+    /// Time step to read from a file with several, counted from 0 ([`Format::time_steps`]). If absent, the first is
+    /// read and a note states this. Other formats ignore it.
     pub time_step: Option<usize>,
 }
 
-/// What to make of points with faces: of PLY files, and of VTK files whose cells are flat.
+/// Geometry to read from points with faces: from PLY files, and from VTK files with flat cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ReadAs {
-    /// Particles, with all that is known of the points as fields.
+    /// Particles, with all attributes of the points as fields.
     Points,
     /// A mesh.
     Mesh,
@@ -221,18 +222,21 @@ pub enum ReadAs {
 
 /// Reads a data file.
 ///
-/// [`formats`] lists what is read. A file is what its first bytes say, or else its name; text and sizes decide last. Where
-/// [`OpenOptions::raw`] is given, it is a raw volume before it is any of those that only a size or text suggests. A folder is
-/// that of a SOG scene, for its `meta.json`, an AMReX plotfile, an OpenFOAM case, or the largest DICOM series in it.
+/// [`formats`] lists the formats that are read. The first bytes of the file decide its format, or else its name, or
+/// else its text or size. If [`OpenOptions::raw`] is given, the file is read as a raw volume before its text or size is
+/// examined.
+///
+/// A folder may be a SOG scene with its `meta.json`, an AMReX plotfile, an OpenFOAM case, or DICOM series (the largest
+/// is read).
 ///
 /// # Errors
-/// The file cannot be read, is of no known format, or breaks its format's rules.
+/// The file cannot be read, has no known format, or breaks its format's rules.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     let path = of_folder(path);
     read_input(Input::of_file(&path), options)
 }
 
-/// Of a folder that is a data set the file in it that is opened, of all else the path itself.
+/// Returns the file to open for a folder that is a data set; returns any other path unchanged.
 pub(crate) fn of_folder(path: &Path) -> Cow<'_, Path> {
     if let Some(case) = openfoam::case_in(path) {
         return Cow::Owned(case);
@@ -255,14 +259,14 @@ pub(crate) fn of_folder(path: &Path) -> Cow<'_, Path> {
     file.flatten().map_or(Cow::Borrowed(path), Cow::Owned)
 }
 
-/// Whether a folder is a data set of a format that is not read.
+/// Returns true if a folder is a data set of a format that is not read.
 #[cfg(feature = "cli")]
 pub(crate) fn is_foreign_folder(path: &Path) -> bool {
     refused::folder(path).is_some()
 }
 
-/// Whether a file may hold particles of several types, of which [`OpenOptions::particle_type`] names one: whether it is
-/// HDF5, or a binary snapshot of Gadget.
+/// Returns true if a file may hold particles of several types: if it is HDF5 or a binary Gadget snapshot.
+/// [`OpenOptions::particle_type`] chooses one of the types.
 ///
 /// # Errors
 /// The file cannot be read.
@@ -273,11 +277,10 @@ pub fn has_particle_types(path: &Path) -> Result<bool> {
 
 /// Reads a data file from its bytes, as [`open`] does from the disk.
 ///
-/// - `name`: what the file is called; its extension says what the contents leave open, and errors
-///   have it.
+/// - `name`: name of the file. Its extension decides the format if the content does not. Error messages contain it.
 ///
-/// Files that name others (VTK indices, OBJ with materials, glTF with buffers beside it, headers of images) need
-/// [`read_with`]; nothing is looked for on the disk.
+/// Files that name others (VTK indices, OBJ with materials, glTF with separate buffers, image headers) need
+/// [`read_with`]. This function reads nothing from the disk.
 ///
 /// ```
 /// use ewa_splat::io::{OpenOptions, read};
@@ -291,18 +294,18 @@ pub fn has_particle_types(path: &Path) -> Result<bool> {
 /// ```
 ///
 /// # Errors
-/// As [`open`], and a file that is named and not given.
+/// The errors of [`open`]; the file names another file.
 pub fn read(name: &str, bytes: &[u8], options: &OpenOptions) -> Result<Dataset> {
     read_with(name, bytes, options, &|_| None)
 }
 
-/// As [`read`], and `beside` gives the bytes of other files.
+/// Reads a data file as [`read`] does; `beside` returns the bytes of other files that it names.
 ///
-/// It is asked by paths relative to the folder of `name`, as the file spells them, more than once for
-/// some; [`OpenOptions::solution`] and [`OpenOptions::texture`] are asked for as they are.
+/// The argument of `beside` is a path relative to the folder of `name`, as the file spells it. The reader may ask for
+/// the same path more than once. [`OpenOptions::solution`] and [`OpenOptions::texture`] are passed unchanged.
 ///
 /// # Errors
-/// As [`read`].
+/// The errors of [`read`]; `beside` returns `None` for a file that is needed.
 pub fn read_with(
     name: &str,
     bytes: &[u8],
@@ -361,7 +364,7 @@ fn read_input(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     ))
 }
 
-/// Takes units that fields' names have where nothing else states them.
+/// Takes units from the names of fields whose unit is not stated otherwise.
 fn name_units(data: &mut Dataset) {
     for field in &mut data.fields {
         let stated = field.unit.take();
@@ -370,7 +373,7 @@ fn name_units(data: &mut Dataset) {
     }
 }
 
-/// The extension in lower case, or nothing.
+/// Returns the extension in lower case, or an empty string.
 fn extension(path: &Path) -> String {
     path.extension()
         .map(|e| e.to_string_lossy().to_ascii_lowercase())

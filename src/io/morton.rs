@@ -1,11 +1,11 @@
-//! The order of points along a Morton curve, on which those that follow one another lie close together.
+//! Sorts points along a Morton curve, so that successive points lie close together.
 
 use glam::DVec3;
 
-/// Bits of an axis on the curve.
+/// Number of bits per axis on the curve.
 const BITS: u32 = 21;
 
-/// Points in their order along a Morton curve through the box of all.
+/// Returns the indices of the points in their order along a Morton curve through their bounding box.
 pub(super) fn morton_order(positions: &[DVec3]) -> Vec<usize> {
     let least = positions.iter().copied().fold(DVec3::INFINITY, DVec3::min);
     let most = (positions.iter().copied()).fold(DVec3::NEG_INFINITY, DVec3::max);
@@ -13,7 +13,7 @@ pub(super) fn morton_order(positions: &[DVec3]) -> Vec<usize> {
     let code = |p: &DVec3| {
         (0..3).fold(0_u64, |code, axis| {
             let share = (p[axis] - least[axis]) / extent[axis];
-            // None of a layer without thickness.
+            // The quotient is not finite along an axis without extent.
             let share = if share.is_finite() { share } else { 0.0 };
             code | spread(share) << axis
         })
@@ -23,7 +23,7 @@ pub(super) fn morton_order(positions: &[DVec3]) -> Vec<usize> {
     order.into_iter().map(|(_, i)| i).collect()
 }
 
-/// A share of [`BITS`] bits, each three places from the next.
+/// Converts a fraction to [`BITS`] bits, each three places from the next.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,

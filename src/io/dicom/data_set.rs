@@ -1,41 +1,42 @@
-//! The data set of a DICOM file: elements of a tag, a type (VR), a length and a value, which may be a sequence of data sets.
+//! Parses the data set of a DICOM file. Its elements have a tag, a type (VR), a length and a value; the value may be a
+//! sequence of data sets.
 //!
-//! | bytes, explicit | implicit | what |
+//! | bytes, explicit | implicit | contents |
 //! |---|---|---|
 //! | 0..4 | 0..4 | the tag: a group and an element, 16 bits each |
 //! | 4..6 | | the VR: two letters |
-//! | 6..8, or 8..12 of the VRs in [`LONG`] | 4..8 | the length of the value; `ffffffff` where a delimiter ends it |
+//! | 6..8, or 8..12 of the VRs in [`LONG`] | 4..8 | the length of the value; `ffffffff` if a delimiter ends it |
 //!
-//! Items of sequences and fragments of packed pixels have the tag (fffe,e000) and no VR. A delimiter is (fffe,e00d) behind an
-//! item and (fffe,e0dd) behind a sequence. What is of type UN and has no length is implicit and little-endian, whatever the file
-//! is (PS3.5, 6.2.2).
+//! Items of sequences and fragments of packed pixels have the tag (fffe,e000) and no VR. The delimiter (fffe,e00d) ends
+//! an item, and (fffe,e0dd) ends a sequence. An element of type UN without a length is implicit and little-endian in
+//! any file (PS3.5, 6.2.2).
 //!
-//! Only what the reader asks for is kept: values are parts of the file's bytes, and an element takes its first place. All else
-//! is passed over, so that a file cannot ask for more memory than some of its own length.
+//! The parser keeps only the elements that the reader uses, and skips all others. Values are slices of the file's
+//! bytes. If a tag repeats, its first element counts. So memory use is bounded by the length of the file.
 
 use super::tags::{self, Kind, Tag};
 use crate::io::scalars::{Encoding, ScalarType, double};
 
-/// VRs whose lengths have 32 bits, behind two bytes that are not used.
+/// VRs with 32-bit lengths, behind two unused bytes.
 const LONG: [&[u8; 2]; 13] = [
     b"OB", b"OD", b"OF", b"OL", b"OV", b"OW", b"SQ", b"SV", b"UC", b"UN", b"UR", b"UT", b"UV",
 ];
 
-/// VRs whose lengths have 16 bits.
+/// VRs with 16-bit lengths.
 const SHORT: [&[u8; 2]; 21] = [
     b"AE", b"AS", b"AT", b"CS", b"DA", b"DS", b"DT", b"FD", b"FL", b"IS", b"LO", b"LT", b"PN",
     b"SH", b"SL", b"SS", b"ST", b"TM", b"UI", b"UL", b"US",
 ];
 
-/// What to do about most faults.
+/// Advice for most faults.
 pub(super) const DAMAGED: &str = "the file is damaged: copy it or save it again";
 
 const UNDEFINED: u32 = u32::MAX;
 
-/// Sequences in each other: more than any standard file has.
+/// Greatest depth of nested sequences, more than in any standard file.
 const DEEPEST: usize = 32;
 
-/// Why a data set cannot be read, and where in its bytes.
+/// Reason why a data set cannot be read, and its place in the bytes.
 #[derive(Debug)]
 pub(super) struct Fault {
     pub(super) at: usize,
@@ -43,7 +44,7 @@ pub(super) struct Fault {
     pub(super) found: String,
 }
 
-/// How elements are laid out.
+/// Layout of elements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Coding {
     pub(super) explicit: bool,
@@ -60,7 +61,7 @@ impl Coding {
         big_endian: false,
     };
 
-    /// The same with VRs or without, by the first element: some files state the other.
+    /// Corrects the layout by the first element, because some files state the wrong one of explicit and implicit.
     pub(super) fn as_found(self, start: &[u8]) -> Self {
         let vr = start.get(4..6).and_then(|vr| vr.try_into().ok());
         match vr {
@@ -73,7 +74,7 @@ impl Coding {
     }
 }
 
-/// Whether two bytes are a VR.
+/// Returns true if two bytes are a VR.
 pub(super) fn is_vr(vr: &[u8; 2]) -> bool {
     LONG.contains(&vr) || SHORT.contains(&vr)
 }
@@ -82,19 +83,19 @@ pub(super) fn is_vr(vr: &[u8; 2]) -> bool {
 pub(super) enum Value<'b> {
     Bytes(&'b [u8]),
     Items(Vec<DataSet<'b>>),
-    /// Packed pixels: the table of offsets, then the parts.
+    /// Packed pixels: the table of offsets, then the fragments.
     Fragments(Vec<&'b [u8]>),
 }
 
 #[derive(Debug)]
 pub(super) struct Element<'b> {
     tag: Tag,
-    /// Of implicit files zeros.
+    /// Zeros in implicit files.
     pub(super) vr: [u8; 2],
     pub(super) value: Value<'b>,
 }
 
-/// The elements that are known, each once.
+/// Elements with known tags, each once.
 #[derive(Debug, Default)]
 pub(super) struct DataSet<'b> {
     elements: Vec<Element<'b>>,
@@ -113,14 +114,14 @@ impl<'b> DataSet<'b> {
         }
     }
 
-    /// A text without the spaces and zeros around it; `None` where there is nothing else.
+    /// Returns a text without leading and trailing spaces and zeros; `None` if nothing remains.
     pub(super) fn text(&self, tag: Tag) -> Option<&'b str> {
         let text = std::str::from_utf8(self.bytes(tag)?).ok()?;
         let text = text.trim_matches(|c: char| c == '\0' || c.is_whitespace());
         (!text.is_empty()).then_some(text)
     }
 
-    /// Numbers in text between backslashes: all of them, or `None`.
+    /// Returns numbers in text, separated by backslashes; `None` if any cannot be parsed.
     pub(super) fn numbers(&self, tag: Tag) -> Option<Vec<f64>> {
         let text = self.text(tag)?;
         let number = |word: &str| {
@@ -130,7 +131,7 @@ impl<'b> DataSet<'b> {
         text.split('\\').map(number).collect()
     }
 
-    /// As many numbers in text.
+    /// Returns exactly `N` numbers in text.
     pub(super) fn numbers_of<const N: usize>(&self, tag: Tag) -> Option<[f64; N]> {
         self.numbers(tag)?.try_into().ok()
     }
@@ -139,7 +140,7 @@ impl<'b> DataSet<'b> {
         self.numbers(tag)?.first().copied()
     }
 
-    /// A binary number of 16 bits.
+    /// Returns a binary 16-bit number.
     pub(super) fn short(&self, tag: Tag) -> Option<u16> {
         let bytes: [u8; 2] = self.bytes(tag)?.get(..2)?.try_into().ok()?;
         Some(match self.big_endian {
@@ -148,7 +149,7 @@ impl<'b> DataSet<'b> {
         })
     }
 
-    /// A binary number of single or double precision.
+    /// Returns a binary number in single or double precision.
     pub(super) fn float(&self, tag: Tag, scalar: ScalarType) -> Option<f64> {
         let bytes = self.bytes(tag)?.get(..scalar.size())?;
         let big_endian = self.big_endian;
@@ -162,13 +163,13 @@ impl<'b> DataSet<'b> {
         }
     }
 
-    /// The first item of a sequence.
+    /// Returns the first item of a sequence.
     pub(super) fn item(&self, tag: Tag) -> Option<&DataSet<'b>> {
         self.items(tag).first()
     }
 }
 
-/// Reads elements of a group alone, as far as they go: where the next begins.
+/// Reads elements as long as they belong to `group`, and returns the start of the next element.
 pub(super) fn read_group<'b>(
     bytes: &'b [u8],
     start: usize,
@@ -187,7 +188,7 @@ pub(super) fn read_group<'b>(
     Ok(parser.at)
 }
 
-/// Reads elements up to the pixels, and these. What stood before a fault is kept.
+/// Reads elements up to the pixels, and the pixels. On a fault, the elements before it are kept.
 pub(super) fn read_into<'b>(
     bytes: &'b [u8],
     start: usize,
@@ -218,7 +219,7 @@ pub(super) fn read_into<'b>(
 impl<'b> DataSet<'b> {
     fn keep(&mut self, header: &Header, value: Value<'b>) {
         if self.get(header.tag).is_none() {
-            // There are many items of few elements.
+            // Exact reservation saves memory: there are many items with few elements.
             self.elements.reserve_exact(1);
             self.elements.push(Element {
                 tag: header.tag,
@@ -306,7 +307,7 @@ impl<'b> Parser<'b> {
         Ok(Header { tag, vr, len })
     }
 
-    /// Where a value of this length ends.
+    /// Returns the end of a value of this length.
     fn end_of(&self, len: usize, end: usize) -> Result<usize, Fault> {
         let ends = self.at.checked_add(len).filter(|ends| *ends <= end);
         ends.ok_or_else(|| {
@@ -316,7 +317,7 @@ impl<'b> Parser<'b> {
         })
     }
 
-    /// Reads the value of an element, and keeps what is known.
+    /// Reads the value of an element, and keeps it if its tag is known.
     fn element(
         &mut self,
         header: &Header,
@@ -344,9 +345,9 @@ impl<'b> Parser<'b> {
         Ok(())
     }
 
-    /// The items of a sequence, none where they are not kept.
+    /// Returns the items of a sequence, or none if they are not kept.
     ///
-    /// - `has_end`: whether it ends where its bytes do, and not at a delimiter.
+    /// - `has_end`: true if the sequence ends where its bytes do, and not at a delimiter.
     fn sequence(
         &mut self,
         header: &Header,
@@ -399,7 +400,7 @@ impl<'b> Parser<'b> {
         Ok(items)
     }
 
-    /// The elements of an item, up to its end or to a delimiter.
+    /// Reads the elements of an item, up to its end or to a delimiter.
     fn item(
         &mut self,
         ends: Option<usize>,
@@ -417,10 +418,10 @@ impl<'b> Parser<'b> {
         Ok(())
     }
 
-    /// The table of offsets and the parts of packed pixels.
+    /// Returns the table of offsets and the fragments of packed pixels.
     fn fragments(&mut self) -> Result<Vec<&'b [u8]>, Fault> {
         let mut fragments = Vec::new();
-        // Some writers leave out the end of the last sequence.
+        // The delimiter of the last sequence may be missing.
         while self.at < self.bytes.len() {
             let item = self.header()?;
             match (item.tag, item.len) {

@@ -1,7 +1,8 @@
-//! Frames in space: which belong to one volume, in which order, and where its samples lie.
+//! Arranges frames in space: chooses the frames of one volume, sorts them and computes the positions of its samples.
 //!
 //! Pixel (i, j) of a frame lies at `ImagePositionPatient` plus i steps along the first three numbers of
-//! `ImageOrientationPatient` and j along the last three (PS3.3, C.7.6.2.1.1). Frames follow along the normal of both.
+//! `ImageOrientationPatient` and j along the last three (PS3.3, C.7.6.2.1.1). Frames follow one another along the cross
+//! product of these two directions.
 
 use std::path::Path;
 
@@ -13,30 +14,31 @@ use crate::io::dataset::{CurvilinearBlock, Geometry};
 use crate::io::voxels;
 use crate::scene::{Lattice, LatticeSpacing};
 
-/// Frames nearer to each other than this part of a pixel are at one place.
+/// Greatest distance of frames that count as being at one place, in pixels.
 const SAME: f64 = 0.01;
 
-/// How far a frame may be from its place on a lattice, in steps: positions are decimal numbers of some digits.
+/// Greatest offset of a frame from its place on a lattice, in steps. Files store positions as decimal numbers with few
+/// digits.
 const EVEN: f64 = 0.01;
 
-/// How far directions and steps of one volume may differ.
+/// Greatest difference between directions, and relative difference between steps, in one volume.
 const ALIKE: f64 = 1e-3;
 
-/// How exactly rows and columns must be along x and y for planes at coordinates.
+/// Greatest deviation of rows and columns from x and y for a lattice with planes at uneven coordinates.
 const UPRIGHT: f64 = 1e-9;
 
-/// Bytes of nodes for each byte of numbers that is there, and how many more.
+/// Greatest number of bytes of nodes: this much for each byte of numbers, and a constant.
 const NODES_PER_BYTE: usize = 12;
 const LEAST_NODES: usize = 16 << 20;
 
-/// Frames of one volume in their order, and where its samples lie.
+/// Frames of one volume in order, and the positions of its samples.
 pub(super) struct Placed {
     pub(super) slices: Vec<Slice>,
     pub(super) geometry: Geometry,
     pub(super) notes: Vec<String>,
 }
 
-/// Whether frames can be layers of one volume.
+/// Returns true if two frames can be layers of one volume.
 fn are_alike(a: &Slice, b: &Slice) -> bool {
     let near = |a: DVec3, b: DVec3| a.distance(b) < ALIKE;
     let (one, other) = (&a.place, &b.place);
@@ -53,9 +55,10 @@ fn are_alike(a: &Slice, b: &Slice) -> bool {
         && is_step(1)
 }
 
-/// The largest set of frames that are alike, and how many there are besides.
+/// Returns the largest set of frames that are alike, and the number of other frames.
 fn largest(slices: Vec<Slice>) -> (Vec<Slice>, usize) {
-    /// More kinds than a scout and some orientations: each frame is compared with the first of each.
+    /// Greatest number of kinds of frames; a scout and some orientations need fewer. Each frame is compared with the
+    /// first of each kind.
     const MOST_KINDS: usize = 64;
     let total = slices.len();
     let mut kinds: Vec<Vec<Slice>> = Vec::new();
@@ -66,17 +69,17 @@ fn largest(slices: Vec<Slice>) -> (Vec<Slice>, usize) {
             None => {}
         }
     }
-    // The first of those that are as large.
+    // The sort is stable, so the first of equally large sets is taken.
     kinds.sort_by_key(|kind| std::cmp::Reverse(kind.len()));
     let largest = kinds.into_iter().next().unwrap_or_default();
     let others = total - largest.len();
     (largest, others)
 }
 
-/// Puts frames together.
+/// Arranges frames as one volume.
 ///
 /// # Errors
-/// Positions or steps without a volume; frames at uneven distances that would take too much memory.
+/// The positions or steps span no volume, or frames at uneven distances would need too much memory.
 pub(super) fn place(path: &Path, slices: Vec<Slice>, bytes_read: usize) -> Result<Placed> {
     let (mut slices, others) = largest(slices);
     let mut notes = Vec::new();
@@ -153,7 +156,7 @@ pub(super) fn place(path: &Path, slices: Vec<Slice>, bytes_read: usize) -> Resul
     })
 }
 
-/// Of neighbours at one place keeps the one that comes first in the order of images: how many are left out.
+/// Keeps, of neighbouring frames at one place, the first in the order of images; returns the number of frames left out.
 fn keep_first(slices: &mut Vec<Slice>, is_same: impl Fn(&Slice, &Slice) -> bool) -> usize {
     let before = slices.len();
     let mut kept: Vec<Slice> = Vec::new();
@@ -179,7 +182,7 @@ fn uneven(positions: &[DVec3], normal: DVec3) -> String {
     format!("Layers lie {least:.4} to {most:.4} apart, as the file states.")
 }
 
-/// Planes at coordinates where rows and columns are along x and y, or else nodes.
+/// Returns a lattice with planes at coordinates if rows and columns run along x and y, and nodes otherwise.
 fn uneven_planes(
     path: &Path,
     dims: [usize; 3],

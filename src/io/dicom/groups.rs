@@ -1,9 +1,9 @@
-//! What a file states of each frame, where it may stand in several places.
+//! Finds attributes of a frame, which a file may state in several places.
 
 use super::data_set::DataSet;
 use super::tags::{self, Tag};
 
-/// What is stated of one frame: by itself, of all frames, or of the file.
+/// Sources of a frame's attributes: the frame's own group, the group shared by all frames, and the file.
 pub(super) struct Groups<'s, 'b> {
     sets: [Option<&'s DataSet<'b>>; 2],
     pub(super) root: &'s DataSet<'b>,

@@ -1,4 +1,4 @@
-//! A file as images: what it states of each frame, and the frames' numbers.
+//! Reads a file as images: the attributes of each frame, and its numbers.
 
 use std::borrow::Cow;
 use std::io::Read;
@@ -16,15 +16,15 @@ use super::tags;
 use crate::error::{Error, Result};
 use crate::scene::Values;
 
-/// Bytes before the first element, and the letters at their end.
+/// Length of the bytes before the first element, and the letters at their end.
 const PREAMBLE: usize = 132;
 const MAGIC: &[u8] = b"DICM";
 
-/// What a deflated data set may unpack to: a constant, and for each byte of the file.
+/// Greatest size of an inflated data set: a constant, and a factor of the file's length.
 const LEAST_INFLATED: u64 = 12 << 20;
 const INFLATION: u64 = 3;
 
-/// What the numbers of a series may take: a constant, and for each byte of its files.
+/// Greatest memory for the numbers of a series: a constant, and a factor of its files' lengths.
 const LEAST_READ: usize = 32 << 20;
 const READ_PER_BYTE: usize = 7;
 
@@ -45,25 +45,25 @@ const DIRECTORY: &str = "1.2.840.10008.1.3.10";
 #[derive(Debug)]
 pub(super) struct Slice {
     pub(super) place: Place,
-    /// The number of the image, the place of its file, and that of the frame in it.
+    /// Image number, index of its file, and index of the frame in the file; they sort frames.
     pub(super) order: (i64, usize, usize),
     pub(super) components: Vec<Values>,
 }
 
-/// Where a frame lies, as far as it is stated.
+/// Position of a frame, as far as it is stated.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Place {
     /// Columns and rows.
     pub(super) size: [usize; 2],
-    /// Of the middle of the first pixel.
+    /// Centre of the first pixel.
     pub(super) position: Option<DVec3>,
-    /// Along a row, and along a column.
+    /// Directions along a row and along a column.
     pub(super) axes: Option<[DVec3; 2]>,
-    /// From a pixel to the next along each of these.
+    /// Steps from one pixel to the next along each of these directions.
     pub(super) steps: [f64; 2],
-    /// Whether the steps are in units of length.
+    /// True if the steps have units of length.
     pub(super) has_steps: bool,
-    /// To the next frame.
+    /// Distance to the next frame.
     pub(super) distance: Option<f64>,
 }
 
@@ -75,7 +75,7 @@ pub(super) struct Image {
     pub(super) notes: Vec<String>,
 }
 
-/// Bytes that the numbers of a series may still take.
+/// Bytes that the numbers of a series may still use.
 #[derive(Debug)]
 pub(super) struct Budget(usize);
 
@@ -85,12 +85,12 @@ impl Budget {
     }
 }
 
-/// Whether a file begins as DICOM files do.
+/// Returns true if a file begins as DICOM files do.
 pub(in crate::io) fn looks_like(head: &[u8]) -> bool {
     head.get(PREAMBLE - MAGIC.len()..PREAMBLE) == Some(MAGIC)
 }
 
-/// Whether a file may begin with a data set: two elements of the groups that come first, the second behind the first.
+/// Returns true if a file may begin with a bare data set: two elements of groups 2 or 8 in ascending order.
 pub(in crate::io) fn looks_bare(head: &[u8]) -> bool {
     let element = |at: usize| {
         let tag: &[u8; 4] = head.get(at..)?.first_chunk()?;
@@ -111,23 +111,23 @@ pub(in crate::io) fn looks_bare(head: &[u8]) -> bool {
     next.is_some_and(|(next_group, next, _)| (group, number) < (next_group, next))
 }
 
-/// The first group and the syntax of a file, and where what is behind it begins.
+/// Reads the first group, which states the syntax, and returns the start of the bytes behind it.
 fn start<'b>(bytes: &'b [u8], meta: &mut DataSet<'b>) -> std::result::Result<usize, Fault> {
     let at = if looks_like(bytes) { PREAMBLE } else { 0 };
     read_group(bytes, at, 2, meta)
 }
 
-/// How elements are laid out: as the syntax says, or as the first of them looks.
+/// Returns the layout of elements, from the syntax or from the first element.
 fn coding(stated: Option<Syntax>, body: &[u8]) -> Coding {
     let plain = Coding {
-        // The first groups are below 256.
+        // The first groups are below 256, so a first byte of 0 means big-endian.
         big_endian: body.first() == Some(&0) && body.get(1) != Some(&0),
         ..Coding::EXPLICIT
     };
     stated.map_or(plain, |syntax| syntax.coding).as_found(body)
 }
 
-/// The series that a file is of, by as many of its first bytes as there are; `None` where they do not say it.
+/// Returns the series of a file from its first bytes; `None` if they do not contain it.
 pub(super) fn series_of(head: &[u8]) -> Option<String> {
     let mut meta = DataSet::default();
     let at = start(head, &mut meta).ok()?;
@@ -138,7 +138,7 @@ pub(super) fn series_of(head: &[u8]) -> Option<String> {
     let body = if syntax.is_deflated {
         let most = head.len() as u64 * INFLATION + LEAST_INFLATED;
         let unpacked = DeflateDecoder::new(&head[at..]).take(most);
-        // What is cut off gives fewer bytes.
+        // Truncated input gives fewer bytes.
         std::io::BufReader::new(unpacked)
             .read_to_end(&mut inflated)
             .ok();
@@ -148,17 +148,17 @@ pub(super) fn series_of(head: &[u8]) -> Option<String> {
     };
     let mut set = DataSet::default();
     let coding = coding(uid.map(|_| syntax), body);
-    // As far as it goes.
+    // A fault at the end of the bytes is ignored.
     read_into(body, 0, coding, &mut set).ok();
     set.text(tags::SERIES).map(str::to_owned)
 }
 
-/// Reads all frames of a file; `None` where it is no image.
+/// Reads all frames of a file; returns `None` if it is no image.
 ///
-/// - `number`: the place of the file among those of the series.
+/// - `number`: index of the file in its series.
 ///
 /// # Errors
-/// A data set that is damaged, or says what is not read.
+/// The data set is damaged, or has a feature that is not supported.
 pub(super) fn read(
     path: &Path,
     bytes: &[u8],
@@ -193,7 +193,7 @@ pub(super) fn read(
     images(path, &set, syntax, number, budget)
 }
 
-/// What stands deflated behind the first group.
+/// Inflates the bytes behind the first group.
 fn inflated(path: &Path, bytes: &[u8], at: usize) -> Result<Vec<u8>> {
     let most = (bytes.len() as u64).saturating_mul(INFLATION) + LEAST_INFLATED;
     let mut out = Vec::new();
@@ -278,7 +278,7 @@ fn images(
     }))
 }
 
-/// What of a file's numbers is not applied.
+/// Notes the attributes of a file's numbers that are not applied.
 fn notes(set: &DataSet<'_>) -> Vec<String> {
     let mut notes = Vec::new();
     if set.get(tags::MODALITY_LUT).is_some() {
@@ -297,13 +297,13 @@ fn notes(set: &DataSet<'_>) -> Vec<String> {
     notes
 }
 
-/// The unit of the numbers.
+/// Returns the unit of the numbers.
 fn unit(set: &DataSet<'_>, class: &str) -> Option<String> {
     let groups = Groups::of(set, 0);
     let rescale = groups.text(tags::PIXEL_VALUE_TRANSFORMATION, tags::RESCALE_TYPE);
     let stated = rescale.or_else(|| set.text(tags::UNITS));
     let stated = stated.or_else(|| set.text(tags::DOSE_UNITS));
-    // Numbers of CT are HU unless they say otherwise.
+    // Scaled CT numbers are in HU, unless the file states another unit.
     let is_scaled = set.get(tags::RESCALE_SLOPE).is_some();
     let stated = stated.or((class == CT && is_scaled).then_some("HU"))?;
     let known = UNIT_CODES.iter().find(|(code, _)| *code == stated);
@@ -312,7 +312,7 @@ fn unit(set: &DataSet<'_>, class: &str) -> Option<String> {
     is_unit.then(|| unit.to_owned())
 }
 
-/// Where each frame lies.
+/// Returns the position of each frame.
 fn places(set: &DataSet<'_>, layout: &Layout) -> Vec<Place> {
     let offsets = set.numbers(tags::FRAME_OFFSETS);
     let offsets = offsets.filter(|offsets| offsets.len() == layout.frames);
@@ -328,9 +328,9 @@ fn places(set: &DataSet<'_>, layout: &Layout) -> Vec<Place> {
         let axes = axes.or_else(|| of_detector(tags::IMAGE_ORIENTATION)?.try_into().ok());
         let axes =
             axes.map(|[a, b, c, d, e, f]: [f64; 6]| [DVec3::new(a, b, c), DVec3::new(d, e, f)]);
-        // Those of the standard have the length 1, to their digits.
+        // In standard files the axes have length 1, up to their number of digits.
         let axes = axes.filter(|axes| axes[0].cross(axes[1]).length() > 0.5);
-        // The first is from a row to the next.
+        // The first number is the step from one row to the next.
         let spacing = groups
             .numbers_of(tags::PIXEL_MEASURES, tags::PIXEL_SPACING)
             .or_else(|| set.numbers_of(tags::IMAGER_PIXEL_SPACING));
@@ -351,12 +351,12 @@ fn places(set: &DataSet<'_>, layout: &Layout) -> Vec<Place> {
             has_steps: spacing.is_some(),
             distance,
         };
-        // One position of many frames: they follow along the normal.
+        // If many frames share one position, they follow along the normal.
         if let (Some([x, y]), Some(first), false) = (axes, place.position, has_groups) {
             let normal = x.cross(y);
             let along = match (&offsets, first_offset) {
                 (Some(offsets), Some(0.0)) => Some(offsets[i]),
-                // Offsets are positions along the patient's axis.
+                // The offsets are positions along the patient's axis.
                 (Some(offsets), Some(start)) => Some((offsets[i] - start) * normal.z.signum()),
                 _ => distance.map(|distance| distance * i as f64),
             };
@@ -370,7 +370,7 @@ fn places(set: &DataSet<'_>, layout: &Layout) -> Vec<Place> {
     (0..layout.frames).map(place).collect()
 }
 
-/// Why a file without pixels is no image.
+/// Returns the error for a file without pixels, with the reason.
 pub(super) fn no_image(path: &Path, bytes: &[u8]) -> Error {
     let mut meta = DataSet::default();
     let mut set = DataSet::default();

@@ -1,15 +1,15 @@
-//! DICOM: images of scanners, a file for each slice of a series, or all slices as frames of one file.
+//! Reads DICOM: images from scanners, with a file for each slice of a series, or all slices as frames of one file.
 //!
-//! | bytes | what |
+//! | bytes | contents |
 //! |---|---|
-//! | 0..128 | anything; missing in some files, and so is what follows up to the data set |
+//! | 0..128 | anything; some files lack all bytes before the data set |
 //! | 128..132 | `DICM` |
 //! | from there | elements of group 2, always explicit and little-endian; among them the transfer syntax ([`syntax`]) |
 //! | then | the data set ([`data_set`]), whose last element is the pixels ([`pixels`], [`packed`]) |
 //!
-//! A file stands for all of its folder that state its series ([`series`]). Where frames lie is [`geometry`]; positions are those
-//! of the patient as the file states them (+x left, +y to the back, +z up), and nothing is turned. Numbers are multiplied and
-//! moved by `RescaleSlope` and `RescaleIntercept` ([`scale`]).
+//! A file represents all files in its folder that state its series ([`series`]). [`geometry`] computes positions. They
+//! are those of the patient as the file states them (+x left, +y to the back, +z up), without any rotation. Numbers are
+//! scaled by `RescaleSlope` and shifted by `RescaleIntercept` ([`scale`]).
 //!
 //! <https://www.dicomstandard.org/current>: parts 3 (attributes of images), 5 (data structures) and 10 (files).
 
@@ -36,15 +36,15 @@ use crate::scene::Values;
 
 pub(in crate::io) use self::image::{looks_bare, looks_like};
 
-/// A file of the largest series in a folder, if there is one.
+/// Returns a file of the largest series in a folder, if there is a series.
 pub(super) fn series_in(folder: &Path) -> Option<PathBuf> {
     series::largest_in(folder)
 }
 
-/// Reads the series that a file is of.
+/// Reads the series that a file belongs to.
 ///
 /// # Errors
-/// A file that holds no image, or breaks the format's rules; pixels that are packed as nothing that is read.
+/// A file contains no image or breaks the format's rules, or the compression of its pixels is not supported.
 pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
     let series = series::of(input)?;
@@ -54,7 +54,7 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     let mut unit = None;
     let mut without_pixels = 0;
     for (number, file) in series.files.iter().enumerate() {
-        // The file that was given may be bytes in memory.
+        // The given file may be bytes in memory.
         let is_given = file.file_name() == path.file_name();
         let bytes = match is_given {
             true => input.read_all()?,
@@ -111,7 +111,7 @@ fn bytes_of(slice: &Slice) -> usize {
     slice.components.iter().map(of).sum()
 }
 
-/// The numbers of all slices one after another: of their type, or floats where they are of several.
+/// Concatenates the numbers of all slices. They keep their type, or become floats if slices have several types.
 fn put_together(path: &Path, slices: Vec<Slice>) -> Result<Vec<Values>> {
     let kinds = |slice: &Slice| -> Vec<_> {
         let values = slice.components.iter();
@@ -143,7 +143,7 @@ fn put_together(path: &Path, slices: Vec<Slice>) -> Result<Vec<Values>> {
     Ok(all.into_iter().flatten().collect())
 }
 
-/// No values of this kind, and room for so many.
+/// Returns an empty array of the same type, with capacity for `count` values.
 fn with_room(path: &Path, like: &Values, count: usize) -> Result<Values> {
     fn room<T>(count: usize) -> Option<Vec<T>> {
         let mut values = Vec::new();

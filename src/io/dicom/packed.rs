@@ -1,11 +1,11 @@
-//! Packed pixels: run lengths and JPEG, a frame at a time.
+//! Unpacks pixels frame by frame: run lengths and JPEG.
 //!
-//! Run lengths (PS3.5, annex G) are 64 bytes of a count and 15 places, then as many segments: one for each byte of each sample of
-//! a pixel, the highest byte first. In a segment a byte n below 128 stands before n + 1 bytes as they are, and one above 128 before
-//! a byte that is repeated 257 - n times.
+//! Run lengths (PS3.5, annex G) begin with 64 bytes: a count and 15 offsets. As many segments follow, one for each byte
+//! of each sample of a pixel, the highest byte first. In a segment, a byte n below 128 precedes n + 1 literal bytes. A
+//! byte n above 128 precedes a byte that is repeated 257 - n times.
 //!
-//! The JPEG decoder takes memory for what a stream's header claims, and some claims it does not check: [`check_jpeg`] reads the
-//! header first.
+//! The JPEG decoder allocates memory for the sizes in a stream's header and leaves some of them unchecked. So
+//! [`check_jpeg`] reads the header first.
 
 use std::io::Cursor;
 
@@ -14,20 +14,20 @@ use jpeg_decoder::{ColorTransform, Decoder, PixelFormat};
 use super::data_set::DAMAGED;
 use super::syntax::UNPACK;
 
-/// Bytes that a byte of run lengths stands for at most.
+/// Greatest number of bytes that one byte of run lengths represents.
 pub(super) const RUN_RATIO: usize = 64;
 
-/// Samples that a byte of JPEG stands for at most: a bit for each block of 64, and without losses a bit for each sample.
+/// Greatest number of samples per byte of JPEG: one bit for each block of 64, or for each sample if lossless.
 const JPEG_RATIO: usize = 8 * 64;
 const LOSSLESS_RATIO: usize = 8;
 
-/// Bytes of the header of run lengths.
+/// Length in bytes of the header of run lengths.
 const RUN_HEADER: usize = 64;
 
-/// Why a frame is not unpacked.
+/// Reason why a frame is not unpacked.
 #[derive(Debug)]
 pub(super) struct Reason {
-    /// As the end of a sentence about the frame.
+    /// End of a sentence about the frame.
     pub(super) text: String,
     pub(super) advice: &'static str,
 }
@@ -51,7 +51,7 @@ impl Reason {
 /// Unpacks run lengths to planes of `size` bytes each, one for every byte of a pixel, in the order of the file.
 ///
 /// # Errors
-/// What is wrong with the frame.
+/// The reason why the frame cannot be unpacked.
 pub(super) fn runs(packed: &[u8], plane_count: usize, size: usize) -> Result<Vec<Vec<u8>>, Reason> {
     let word = |i: usize| {
         let bytes = packed.get(4 * i..4 * i + 4)?.try_into().ok()?;
@@ -105,20 +105,20 @@ fn unpack_runs(mut packed: &[u8], size: usize) -> Option<Vec<u8>> {
     Some(out)
 }
 
-/// What a JPEG frame is unpacked to.
+/// Result of unpacking a JPEG frame.
 pub(super) struct Unpacked {
-    /// The samples of a pixel beside each other, 16 bits in the byte order of this machine.
+    /// Samples, interleaved by pixel. Samples of 16 bits are in the byte order of this machine.
     pub(super) bytes: Vec<u8>,
     /// 8 or 16.
     pub(super) bits: u16,
 }
 
-/// Unpacks JPEG: with losses 8 bits, without up to 16.
+/// Unpacks JPEG: lossy with 8 bits, lossless with up to 16.
 ///
-/// - `is_rgb`: whether colours are stored as red, green and blue.
+/// - `is_rgb`: true if colours are stored as red, green and blue.
 ///
 /// # Errors
-/// As [`runs`].
+/// The errors of [`runs`].
 pub(super) fn jpeg(
     packed: &[u8],
     [width, height]: [usize; 2],
@@ -150,7 +150,7 @@ pub(super) fn jpeg(
     Ok(Unpacked { bytes, bits })
 }
 
-/// Compares the header of a JPEG stream with the image that it is of, and with its length.
+/// Compares the header of a JPEG stream with the size of the image and with the length of the stream.
 fn check_jpeg(packed: &[u8], [width, height]: [usize; 2], samples: usize) -> Result<(), Reason> {
     let damaged = || Reason::damaged("is no sound JPEG stream");
     let be = |at: usize| -> Option<usize> {
@@ -163,7 +163,7 @@ fn check_jpeg(packed: &[u8], [width, height]: [usize; 2], samples: usize) -> Res
     let mut at = 2;
     let mut lossless_precision = None;
     let mut has_frame = false;
-    // Scans are looked for behind the first, too: headers of others may stand between them.
+    // The search goes on behind the first scan, because headers of other scans may stand between them.
     while let Some(next) = packed.get(at..).and_then(|rest| {
         let is_marker = |pair: &[u8]| pair[0] == 0xff && !matches!(pair[1], 0 | 0xff | 0xd0..=0xd7);
         rest.windows(2).position(is_marker)
@@ -176,7 +176,7 @@ fn check_jpeg(packed: &[u8], [width, height]: [usize; 2], samples: usize) -> Res
         let len = be(at + 2).filter(|len| *len >= 2).ok_or_else(damaged)?;
         let segment = packed.get(at + 4..at + 2 + len).ok_or_else(damaged)?;
         match marker {
-            // Frames: of these with Huffman codes and no differences.
+            // Frames with Huffman codes and no differential coding.
             0xc0..=0xc3 => {
                 let size = [be(at + 7), be(at + 5)];
                 let found = segment.get(5).copied().map(usize::from);
@@ -185,7 +185,7 @@ fn check_jpeg(packed: &[u8], [width, height]: [usize; 2], samples: usize) -> Res
                 }
                 has_frame = true;
                 let ratio = if marker == 0xc3 {
-                    // One block of every component for each place.
+                    // Every component has one block at each place.
                     let factors = segment.get(6..).unwrap_or_default().chunks_exact(3);
                     let is_plain = factors.len() == samples
                         && factors.clone().all(|component| component[1] == 0x11);
@@ -206,7 +206,7 @@ fn check_jpeg(packed: &[u8], [width, height]: [usize; 2], samples: usize) -> Res
             0xc5..=0xc7 | 0xc9..=0xcb | 0xcd..=0xcf => {
                 return Err(Reason::unread("is JPEG of a kind that is not read"));
             }
-            // A scan: its predictor, then the bits that are left out.
+            // A scan ends with its predictor, then the number of bits left out.
             0xda => {
                 let last = segment.len().checked_sub(3).map(|at| &segment[at..]);
                 let is_sound = match (lossless_precision, last) {

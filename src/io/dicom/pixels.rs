@@ -1,4 +1,4 @@
-//! The pixels of a file as numbers: how they lie in their bytes, frame by frame.
+//! Decodes the pixels of a file to numbers, frame by frame.
 
 use std::borrow::Cow;
 
@@ -9,7 +9,7 @@ use super::tags;
 use crate::io::scalars::{Encoding, ScalarType, Stride, values};
 use crate::scene::Values;
 
-/// Why pixels are not read.
+/// Reason why pixels are not read.
 #[derive(Debug)]
 pub(super) struct Fault {
     pub(super) expected: String,
@@ -27,47 +27,47 @@ impl From<(&str, String)> for Fault {
     }
 }
 
-/// What a pixel is.
+/// Meaning of a pixel's samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Colours {
     /// One number.
     Grey,
     Rgb,
-    /// Brightness and two differences.
+    /// Luma and two colour differences.
     Ybr,
-    /// The same, the differences of two pixels stored once.
+    /// As `Ybr`, but two neighbouring pixels share one pair of differences.
     YbrHalved,
 }
 
-/// How the pixels of a file lie.
+/// Layout of the pixels of a file.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Layout {
     /// Columns and rows.
     pub(super) size: [usize; 2],
     pub(super) frames: usize,
-    /// Bits of a sample, with those that are not used.
+    /// Bits of a sample, including unused ones.
     allocated: u16,
-    /// The lowest bit of a number, and how many it has.
+    /// Lowest bit of a number in its sample, and number of bits.
     low: u16,
     stored: u16,
     signed: bool,
     is_float: bool,
     colours: Colours,
-    /// Whether each sample of all pixels stands behind another.
+    /// True if the samples are stored as planes, one component after another.
     is_planar: bool,
     packing: Packing,
-    /// Whether the bytes of a word are swapped.
+    /// True if words are big-endian.
     big_endian: bool,
 }
 
-/// Frames in their order, a list of numbers for each component.
+/// Frames in order; each has a list of numbers for every component.
 pub(super) type Frames = Vec<Vec<Values>>;
 
 impl Layout {
-    /// The layout that a data set states of its pixels.
+    /// Reads the layout of the pixels from a data set.
     ///
     /// # Errors
-    /// What is missing, or is not read.
+    /// An element is missing, or states something that is not supported.
     pub(super) fn of(set: &DataSet<'_>, syntax: Syntax) -> Result<Self, Fault> {
         let required = |tag, name: &str| {
             let none = || ("this element", format!("no `{name}`"));
@@ -79,7 +79,7 @@ impl Layout {
         ];
         let frames = match set.text(tags::FRAME_COUNT) {
             None => 1,
-            // 0 in some files of one frame.
+            // Some files with one frame state 0.
             Some(text) => {
                 let fault = |_| ("a count as `NumberOfFrames`", format!("`{text}`"));
                 text.parse::<usize>().map_err(fault)?.max(1)
@@ -147,7 +147,7 @@ impl Layout {
         })
     }
 
-    /// Numbers of a frame.
+    /// Returns the number of pixels of a frame.
     fn pixels(&self) -> usize {
         self.size[0].saturating_mul(self.size[1])
     }
@@ -160,7 +160,7 @@ impl Layout {
         self.is_float
     }
 
-    /// A number of 16 bits as the pixels are.
+    /// Interprets a 16-bit padding value with the sign of the pixels.
     pub(super) fn padding_of(&self, word: u16) -> f64 {
         match self.signed {
             true => f64::from(word.cast_signed()),
@@ -168,7 +168,7 @@ impl Layout {
         }
     }
 
-    /// Bytes of all numbers when they are read.
+    /// Returns the size in bytes of all numbers in memory.
     pub(super) fn bytes_read(&self, is_scaled: bool) -> usize {
         let each = match self.allocated {
             _ if is_scaled => 4,
@@ -182,7 +182,7 @@ impl Layout {
         all.into_iter().fold(self.pixels(), product)
     }
 
-    /// Bits of a frame that is not packed.
+    /// Returns the number of bits of a frame that is not packed.
     fn frame_bits(&self) -> usize {
         let samples = match self.colours {
             Colours::YbrHalved => 2,
@@ -192,10 +192,10 @@ impl Layout {
         self.pixels().saturating_mul(bits)
     }
 
-    /// The numbers of all frames.
+    /// Reads the numbers of all frames.
     ///
     /// # Errors
-    /// Fewer bytes than the pixels take, packed ones that cannot be unpacked.
+    /// There are fewer bytes than the pixels need, or packed ones cannot be unpacked.
     pub(super) fn read(&self, element: &Element<'_>) -> Result<Frames, Fault> {
         match &element.value {
             Value::Bytes(bytes) => self.read_plain(bytes, element.vr == *b"OW"),
@@ -214,7 +214,7 @@ impl Layout {
             let found = format!("{} bytes", bytes.len());
             return Err((expected.as_str(), found).into());
         }
-        // Bytes in words of which the highest stands first.
+        // In big-endian files, pairs of bytes stored as words are swapped.
         let bytes = match self.big_endian && self.allocated <= 8 && is_words {
             true => Cow::Owned(swapped(bytes)),
             false => Cow::Borrowed(bytes),
@@ -228,7 +228,7 @@ impl Layout {
         frames.ok_or_else(|| ("an even number of columns", found()).into())
     }
 
-    /// A bit for each pixel, the lowest of a byte first, without a gap between frames.
+    /// Reads one bit for each pixel, the lowest bit of a byte first, without gaps between frames.
     fn of_bits(&self, bytes: &[u8]) -> Frames {
         let frame = |n: usize| {
             let places = n * self.pixels()..(n + 1) * self.pixels();
@@ -252,7 +252,7 @@ impl Layout {
             .collect()
     }
 
-    /// The packed bytes of each frame: a fragment, several, or those from one offset to the next.
+    /// Returns the packed bytes of each frame: one fragment, all of them, or those from one offset to the next.
     fn packed_frames<'f>(&self, fragments: &[&'f [u8]]) -> Result<Vec<Cow<'f, [u8]>>, Fault> {
         let (offsets, fragments) = match fragments {
             [offsets, fragments @ ..] => (*offsets, fragments),
@@ -264,7 +264,7 @@ impl Layout {
         if self.frames == 1 && !fragments.is_empty() {
             return Ok(vec![Cow::Owned(fragments.concat())]);
         }
-        // Offsets count the eight bytes before each fragment.
+        // Offsets include the eight bytes before each fragment.
         let offsets = offsets.chunks_exact(4).map(|word| {
             let word = word.try_into().unwrap_or_default();
             u32::from_le_bytes(word) as usize
@@ -338,7 +338,7 @@ impl Layout {
         }
     }
 
-    /// The numbers of a frame that is not packed, of whole bytes; `None` where there are too few.
+    /// Reads the numbers of an unpacked frame of whole bytes; returns `None` if there are too few bytes.
     fn frame(&self, bytes: &[u8]) -> Option<Vec<Values>> {
         let halved;
         let bytes = if self.colours == Colours::YbrHalved {
@@ -382,7 +382,7 @@ impl Layout {
 
     fn encoding(&self) -> Encoding {
         use ScalarType as S;
-        // Bits that are not used are cut off before the sign is looked at.
+        // Unused bits must be removed before the sign is read, so such words are read as unsigned.
         let signed = self.signed && self.stored == self.allocated;
         let scalar = match (self.allocated, self.is_float, signed) {
             (32, true, _) => S::F32,
@@ -400,7 +400,7 @@ impl Layout {
         }
     }
 
-    /// As [`Layout::of_bits_stored`], of words of 32 bits that lie within `bytes`.
+    /// Extracts numbers as [`Layout::of_bits_stored`] does, from 32-bit words within `bytes`.
     fn of_wide(&self, bytes: &[u8], stride: Stride) -> Values {
         let unused = 32 - self.stored;
         let number = |at: usize| {
@@ -409,7 +409,7 @@ impl Layout {
                 true => u32::from_be_bytes(word),
                 false => u32::from_le_bytes(word),
             };
-            // To the top, so that the sign comes down with the rest.
+            // The number is shifted to the top, so that the shift back down extends its sign.
             let bits = word >> self.low << unused;
             match self.signed {
                 true => (bits.cast_signed() >> unused) as f32,
@@ -420,7 +420,7 @@ impl Layout {
         Values::F32(places.map(number).collect())
     }
 
-    /// The bits of a number alone, with their sign.
+    /// Extracts the used bits of each number, with their sign.
     fn of_bits_stored(&self, words: Values) -> Values {
         let ones = u16::MAX >> 16_u16.saturating_sub(self.stored);
         let sign = 1 << (self.stored.min(16) - 1);
@@ -451,14 +451,14 @@ impl Layout {
     }
 }
 
-/// Pairs of bytes in the other order.
+/// Swaps the bytes of each pair.
 fn swapped(bytes: &[u8]) -> Vec<u8> {
     let mut swapped = bytes.to_vec();
     swapped.chunks_exact_mut(2).for_each(<[u8]>::reverse);
     swapped
 }
 
-/// Planes of bytes, the highest of each sample first, as planes of little-endian samples.
+/// Interleaves planes of bytes, the highest byte of each sample first, into little-endian samples.
 fn of_planes(planes: &[Vec<u8>], bytes: usize) -> Vec<u8> {
     let mut out = Vec::with_capacity(planes.iter().map(Vec::len).sum());
     for sample in planes.chunks(bytes.max(1)) {
@@ -470,7 +470,7 @@ fn of_planes(planes: &[Vec<u8>], bytes: usize) -> Vec<u8> {
     out
 }
 
-/// Two brightnesses with the differences of both, as pixels of three samples.
+/// Expands two luma samples with shared colour differences to two pixels of three samples.
 fn doubled(bytes: &[u8]) -> Vec<u8> {
     let pixels = bytes.chunks_exact(4);
     pixels
@@ -478,7 +478,7 @@ fn doubled(bytes: &[u8]) -> Vec<u8> {
         .collect()
 }
 
-/// Brightness and differences as colours (PS3.3, C.7.6.3.1.2).
+/// Converts luma and colour differences to RGB (PS3.3, C.7.6.3.1.2).
 fn to_rgb(components: Vec<Values>) -> Vec<Values> {
     let [Values::U8(y), Values::U8(b), Values::U8(r)] = &components[..] else {
         return components;

@@ -1,4 +1,4 @@
-//! Stored numbers to what they mean: a slope, an intercept, and numbers that stand for no value.
+//! Converts stored numbers to values: by a slope, an intercept and padding values that mean "no value".
 
 use super::data_set::DataSet;
 use super::groups::Groups;
@@ -7,12 +7,12 @@ use super::tags;
 use crate::io::scalars::ScalarType;
 use crate::scene::Values;
 
-/// What is done to the numbers of a frame.
+/// Conversion of the numbers of a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Scale {
     slope: f64,
     intercept: f64,
-    /// Numbers from here to there stand for none.
+    /// Range of the numbers that mean "no value", both ends included.
     padding: Option<[f64; 2]>,
 }
 
@@ -22,14 +22,14 @@ impl Scale {
         let dose = groups.root.number(tags::DOSE_SCALING);
         let slope = number(tags::RESCALE_SLOPE).or(dose);
         Self {
-            // 0 in headers that were never filled in.
+            // A slope of 0 comes from headers that were never filled in.
             slope: slope.filter(|slope| *slope != 0.0).unwrap_or(1.0),
             intercept: number(tags::RESCALE_INTERCEPT).unwrap_or(0.0),
             padding: padding(groups.root, layout),
         }
     }
 
-    /// Whether numbers may become floats.
+    /// Returns true if numbers may become floats.
     pub(super) fn makes_floats(&self) -> bool {
         self.padding.is_some() || !self.keeps_integers()
     }
@@ -38,7 +38,7 @@ impl Scale {
         self.slope == 1.0 && self.intercept.fract() == 0.0
     }
 
-    /// Integers stay such where they can.
+    /// Converts numbers; integers stay integers if possible.
     pub(super) fn apply(&self, components: Vec<Values>) -> Vec<Values> {
         components.into_iter().map(|v| self.values(v)).collect()
     }
@@ -67,7 +67,7 @@ impl Scale {
         (0..values.len()).map(number).collect::<Vec<f64>>().into()
     }
 
-    /// Integers and the intercept, where all of these fit into 16 bits with a sign.
+    /// Adds the intercept to integers; returns `None` unless all sums fit into signed 16 bits.
     fn integers(&self, values: &Values) -> Option<Values> {
         if matches!(values, Values::F32(_) | Values::F64(_)) {
             return None;
@@ -83,7 +83,7 @@ impl Scale {
     }
 }
 
-/// The numbers that stand for none, by a data set's own elements: from the first to the last.
+/// Returns the range of numbers that mean "no value", from the data set's padding elements.
 fn padding(root: &DataSet<'_>, layout: &Layout) -> Option<[f64; 2]> {
     let float = [
         (tags::FLOAT_PADDING, ScalarType::F32),

@@ -1,4 +1,4 @@
-//! The files of a series: those of a folder that state the same `SeriesInstanceUID`.
+//! Finds the files of a series: those in a folder with the same `SeriesInstanceUID`.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -7,24 +7,24 @@ use super::image::{looks_bare, looks_like, series_of};
 use crate::error::{Error, Result};
 use crate::io::file::{HEAD, Input};
 
-/// Files of a folder that are looked at: more than any series has.
+/// Greatest number of files of a folder that are read, more than in any series.
 const MOST_FILES: usize = 1 << 16;
 
-/// As many first bytes say the series of nearly all files.
+/// Number of first bytes that contain the series in nearly all files.
 const START: usize = 1 << 14;
 
-/// The files of one series, by their names.
+/// Files of one series, sorted by name.
 pub(super) struct Series {
     pub(super) files: Vec<PathBuf>,
     pub(super) note: Option<String>,
 }
 
-/// Whether the file may be one, by its first bytes.
+/// Returns true if the first bytes may be those of a DICOM file.
 pub(super) fn may_be(head: &[u8]) -> bool {
     looks_like(head) || looks_bare(head)
 }
 
-/// The series that a file is of, if it is one and says so.
+/// Returns the series of a file, if it is a DICOM file that states one.
 fn series(path: &Path) -> Option<String> {
     let input = Input::of_file(path);
     let (head, _) = input.head(HEAD).ok()?;
@@ -42,7 +42,7 @@ fn series(path: &Path) -> Option<String> {
     }
 }
 
-/// The files of a folder, at most some, by their names.
+/// Returns the files of a folder, limited in number and sorted by name.
 fn listed(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     let entries = std::fs::read_dir(folder)?.take(MOST_FILES);
     let files = entries.map(|entry| entry.map(|entry| entry.path()));
@@ -51,8 +51,8 @@ fn listed(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-/// The first file of the series of a folder that has the most files. A folder most of whose files are something else is no
-/// folder of series.
+/// Returns the first file of the series with the most files in a folder. Returns `None` if most files of the folder
+/// belong to no series.
 pub(super) fn largest_in(folder: &Path) -> Option<PathBuf> {
     let mut series_of: BTreeMap<String, (usize, PathBuf)> = BTreeMap::new();
     let mut others = 0;
@@ -68,10 +68,10 @@ pub(super) fn largest_in(folder: &Path) -> Option<PathBuf> {
     largest.map(|(_, path)| path)
 }
 
-/// All files of the series that a file is of.
+/// Returns all files of the series that a file belongs to.
 ///
 /// # Errors
-/// A folder that cannot be listed.
+/// The folder cannot be listed.
 pub(super) fn of(input: Input<'_>) -> Result<Series> {
     let path = input.path;
     let alone = || Series {
@@ -99,7 +99,7 @@ pub(super) fn of(input: Input<'_>) -> Result<Series> {
             None => {}
         }
     }
-    // The file itself, where it is recognised by its name alone.
+    // The given file itself may be missing from the list, if it was recognised only by its name.
     if !files
         .iter()
         .any(|file| file.file_name() == path.file_name())

@@ -1,8 +1,8 @@
-//! Transfer syntaxes: how elements are laid out, and how pixels are packed (PS3.5, annex A).
+//! Defines the transfer syntaxes: the layout of elements and the packing of pixels (PS3.5, annex A).
 
 use super::data_set::Coding;
 
-/// How pixels are packed.
+/// Packing of pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Packing {
     None,
@@ -10,39 +10,39 @@ pub(super) enum Packing {
     Jpeg,
 }
 
-/// A transfer syntax that is read.
+/// Transfer syntax that is read.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Syntax {
     pub(super) coding: Coding,
     pub(super) packing: Packing,
-    /// Whether all behind the first group is deflated.
+    /// True if everything behind the first group is deflated.
     pub(super) is_deflated: bool,
 }
 
-/// How pixels are packed that are not read, and what unpacks them.
+/// Packing that is not read, with the program that unpacks it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Refused {
     pub(super) name: &'static str,
     pub(super) advice: &'static str,
 }
 
-/// What unpacks most pixels.
+/// Advice that fits most packings.
 pub(super) const UNPACK: &str = "unpack it: `gdcmconv --raw IN OUT`";
 const VIDEO: &str = "take its pictures out with a program for video";
 const UNKNOWN: &str = "save it uncompressed with the program that wrote it";
 
 impl Syntax {
-    /// That of files that state none.
+    /// Syntax of files that state none.
     pub(super) const PLAIN: Self = Self {
         coding: Coding::EXPLICIT,
         packing: Packing::None,
         is_deflated: false,
     };
 
-    /// The syntax of an identifier.
+    /// Returns the syntax with this identifier.
     ///
     /// # Errors
-    /// One that is not read, by its name.
+    /// The syntax is not read; the error names it.
     pub(super) fn of(uid: &str) -> Result<Self, Refused> {
         let refused = |name, advice| Err(Refused { name, advice });
         let packed = |packing| {
@@ -62,7 +62,7 @@ impl Syntax {
         };
         match behind {
             "" => coded(Coding::IMPLICIT),
-            // The second has whole frames as fragments.
+            // The second one has whole frames as fragments.
             ".1" | ".1.98" => Ok(Self::PLAIN),
             ".1.99" => Ok(Self {
                 is_deflated: true,

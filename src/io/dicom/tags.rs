@@ -1,12 +1,12 @@
-//! The elements that are read, by their tags (PS3.6).
+//! Lists the elements that are read, by tag (PS3.6).
 
-/// A group and an element.
+/// Group and element number.
 pub(super) type Tag = u32;
 
-/// What a value is. Implicit files do not say it.
+/// Kind of a value. Implicit files do not state it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
-    /// Text, or bytes that are taken as what their tag says.
+    /// Text, or bytes whose tag defines their meaning.
     Plain,
     /// Data sets.
     Sequence,
@@ -19,14 +19,14 @@ pub(super) const SEQUENCE_END: Tag = 0xfffe_e0dd;
 pub(super) const FLOAT_PIXEL_DATA: Tag = 0x7fe0_0008;
 pub(super) const DOUBLE_PIXEL_DATA: Tag = 0x7fe0_0009;
 pub(super) const PIXEL_DATA: Tag = 0x7fe0_0010;
-/// The pixels, of which there is one of these.
+/// Tags of the pixels; a file has one of them.
 pub(super) const PIXELS: [Tag; 3] = [PIXEL_DATA, FLOAT_PIXEL_DATA, DOUBLE_PIXEL_DATA];
 
 macro_rules! tags {
     ($($name:ident = $tag:literal $kind:ident;)*) => {
         $(pub(super) const $name: Tag = $tag;)*
 
-        /// What an element holds that is read; `None` of all others.
+        /// Returns the kind of an element that is read; `None` for all others.
         pub(super) fn kind(tag: Tag) -> Option<Kind> {
             match tag {
                 $($name => Some(Kind::$kind),)*
@@ -82,7 +82,7 @@ tags! {
     PER_FRAME_GROUPS = 0x5200_9230 Sequence;
 }
 
-/// As the standard writes it.
+/// Returns a tag as the standard writes it.
 pub(super) fn shown(tag: Tag) -> String {
     format!("{:04x},{:04x}", tag >> 16, tag & 0xffff)
 }

@@ -1,19 +1,20 @@
-//! Cells of higher order: what their nodes say of every place inside, and how they are cut into cells of first order.
+//! Interpolates in cells of higher order, and cuts them into cells of first order.
 //!
-//! A position or a value inside is a sum over the nodes, each with the weight that the element's shape function gives it:
-//! of Lagrange and quadratic elements polynomials that are 1 at their node and 0 at the others, of Bezier elements
-//! Bernstein's. Incomplete (serendipity) elements have the polynomials that their nodes determine; the quadratic pyramid
-//! the rational functions of Bedrosian (1992), which agree with those of its neighbours on every face.
+//! A position or a value inside a cell is a weighted sum over its nodes. The element's shape functions give the
+//! weights. Those of Lagrange and quadratic elements are polynomials that are 1 at their node and 0 at the others.
+//! Those of Bezier elements are Bernstein polynomials. Incomplete (serendipity) elements use the polynomials that their
+//! nodes determine. The quadratic pyramid uses the rational functions of Bedrosian (1992), which agree with those of
+//! its neighbours on every face.
 //!
 //! | kinds of VTK | nodes | functions |
 //! |---|---|---|
-//! | 22, 24, 28, 29, 32 and 69 to 73 | all of a lattice | Lagrange's |
-//! | 30, 31 | two steps along some axes, one along the others | Lagrange's |
-//! | 23, 25, 26, 33, 34 | some of a lattice | those of the terms in [`terms`] |
-//! | 27 | corners and edges of a pyramid | the same |
-//! | 76 to 80 | as 69 to 73 | Bernstein's, without weights of their own |
+//! | 22, 24, 28, 29, 32 and 69 to 73 | all of a lattice | Lagrange |
+//! | 30, 31 | two steps along some axes, one along the others | Lagrange |
+//! | 23, 25, 26, 33, 34 | some of a lattice | from the terms in [`terms`] |
+//! | 27 | corners and edges of a pyramid | from the terms in [`terms`] |
+//! | 76 to 80 | as 69 to 73 | Bernstein, without rational weights |
 //!
-//! Triquadratic, Lagrange and Bezier pyramids (37, 74, 81), and elements whose axes differ in order, are not known here.
+//! Triquadratic, Lagrange and Bezier pyramids (37, 74, 81), and elements whose axes differ in order, are not supported.
 
 mod nodes;
 mod split;
@@ -24,10 +25,10 @@ pub(crate) use subdivision::{Subdivision, steps};
 
 use super::CellKind;
 
-/// The most steps along an edge of Lagrange and Bezier elements.
+/// Greatest number of steps along an edge of Lagrange and Bezier elements.
 const MOST_ORDER: i32 = 8;
 
-/// What an element looks like.
+/// Shape of an element.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) enum Shape {
     Triangle,
@@ -39,7 +40,8 @@ pub(super) enum Shape {
 }
 
 impl Shape {
-    /// Its axes, those of one simplex together: of a line, a triangle or a tetrahedron.
+    /// Returns the shape's axes, grouped by simplex: a line, a triangle or a tetrahedron. The shape is the product of
+    /// these simplices.
     fn simplices(self) -> &'static [&'static [usize]] {
         match self {
             Self::Triangle => &[&[0, 1]],
@@ -51,16 +53,16 @@ impl Shape {
     }
 }
 
-/// An element of higher order.
+/// Element of higher order.
 #[derive(Debug)]
 pub(crate) struct Element {
     shape: Shape,
-    /// Steps along each axis.
+    /// Number of steps along each axis.
     orders: [i32; 3],
-    /// Where its nodes are, in steps.
+    /// Positions of the nodes, in steps.
     places: Vec<Place>,
     functions: Functions,
-    /// The greatest number of steps from node to node along an edge.
+    /// Greatest number of steps from node to node along an edge.
     order: i32,
 }
 
@@ -68,12 +70,12 @@ pub(crate) struct Element {
 enum Functions {
     Lagrange,
     Bernstein,
-    /// Row by row the coefficients of each node's function in the terms of this kind.
+    /// Terms of this kind, and row by row the coefficients of each node's function.
     Terms(CellKind, Vec<f64>),
 }
 
 impl Element {
-    /// The element of a cell, where it is one of higher order that is known.
+    /// Returns the element of a cell; `None` if it is of first order or not supported.
     pub(crate) fn of(kind: CellKind, node_count: usize) -> Option<Self> {
         let quadratic = |shape, places: Vec<Place>, count: usize| {
             let places = places.get(..count)?.to_vec();
@@ -82,7 +84,7 @@ impl Element {
         let (shape, orders, places) = match kind.0 {
             22 => quadratic(Shape::Triangle, nodes::triangles(2), 6),
             34 => {
-                // The middle is no place of two steps: three times as fine.
+                // The middle lies between two-step positions, so the lattice is three times as fine.
                 let middle = [[2, 2, 0]];
                 let fine = nodes::triangles(2)
                     .into_iter()
@@ -149,9 +151,9 @@ impl Element {
         })
     }
 
-    /// The weights of the nodes at a place inside.
+    /// Returns the weights of the nodes at a position inside.
     ///
-    /// - `at`: from 0 to 1 along each axis; the apex of a pyramid is above the middle of its base.
+    /// - `at`: position from 0 to 1 along each axis. The apex of a pyramid is above the middle of its base.
     pub(crate) fn weights(&self, at: [f64; 3]) -> Vec<f64> {
         match &self.functions {
             Functions::Terms(kind, coefficients) => {
@@ -168,8 +170,8 @@ impl Element {
         }
     }
 
-    /// The weight of the node at a place of a whole lattice: a product over the simplices of which the element is one, and
-    /// in each over the barycentric coordinates.
+    /// Returns the weight of a node of a whole lattice: a product over the element's simplices, and in each over the
+    /// barycentric coordinates.
     fn weight(&self, node: Place, at: [f64; 3]) -> f64 {
         let of_simplex = |axes: &&[usize]| {
             let n = self.orders[axes[0]];
@@ -194,11 +196,11 @@ impl Element {
         self.shape.simplices().iter().map(of_simplex).product()
     }
 
-    /// Small cells of first order, `n` along each edge: their kinds and their corners.
+    /// Returns small cells of first order, `n` along each edge, as their kinds and corners.
     fn split(&self, n: i32) -> Vec<(CellKind, Vec<[f64; 3]>)> {
         let shape = self.shape;
         let at = |[i, j, k]: Place| match shape {
-            // Steps of its own layer.
+            // In a pyramid, i and j count the steps of their own layer.
             Shape::Pyramid => {
                 let middle = |i: i32| (f64::from(i) + 0.5 * f64::from(k)) / f64::from(n);
                 [middle(i), middle(j), f64::from(k) / f64::from(n)]
@@ -212,7 +214,7 @@ impl Element {
     }
 }
 
-/// An element with all nodes of a lattice.
+/// Returns an element with all nodes of a lattice.
 fn whole(
     shape: Shape,
     nodes: fn(i32) -> Vec<Place>,
@@ -224,25 +226,25 @@ fn whole(
     })
 }
 
-/// Where a node is, from 0 to 1 along each axis.
+/// Returns the position of a node, from 0 to 1 along each axis.
 fn local(shape: Shape, place: Place, orders: [i32; 3]) -> [f64; 3] {
     let share = |axis: usize| f64::from(place[axis]) / f64::from(orders[axis]);
     let [x, y, z] = [0, 1, 2].map(share);
     match shape {
-        // The nodes of its sides lie above those of its base, moved in.
+        // The nodes of the sides lie above those of the base, moved inwards.
         Shape::Pyramid => [x + (0.5 - x) * z, y + (0.5 - y) * z, z],
         _ => [x, y, z],
     }
 }
 
-/// The polynomial of one barycentric coordinate that is 1 at step `i` of `n` and 0 at those before it.
+/// Returns the polynomial of one barycentric coordinate that is 1 at step `i` of `n` and 0 at the steps before `i`.
 fn lagrange(i: i32, n: i32, share: f64) -> f64 {
     let steps = f64::from(n) * share;
     let factors = (0..i).map(|m| (steps - f64::from(m)) / f64::from(i - m));
     factors.product()
 }
 
-/// (sum)! over the product of the factorials.
+/// Returns the multinomial coefficient: the factorial of the sum over the product of the factorials.
 fn multinomial(counts: impl Iterator<Item = i32>) -> f64 {
     let mut total = 0;
     let mut product = 1.0;
@@ -255,9 +257,9 @@ fn multinomial(counts: impl Iterator<Item = i32>) -> f64 {
     product
 }
 
-/// The terms of which the functions of an incomplete element are sums, at a place.
+/// Returns the terms of an incomplete element at a position. The element's functions are sums of these terms.
 fn terms(kind: CellKind, [x, y, z]: [f64; 3]) -> Vec<f64> {
-    // Of a quadrilateral with a node on each edge.
+    // Terms of a quadrilateral with a node on each edge.
     let flat = |x: f64, y: f64| [1.0, x, y, x * x, x * y, y * y, x * x * y, x * y * y];
     match kind.0 {
         23 => flat(x, y).to_vec(),
@@ -273,7 +275,8 @@ fn terms(kind: CellKind, [x, y, z]: [f64; 3]) -> Vec<f64> {
         }
         27 => {
             let (p, q, wide) = (2.0 * x - 1.0, 2.0 * y - 1.0, 1.0 - z);
-            // Shares of the width at that height; at the apex the terms they are in are 0.
+            // Fractions of the width at that height. At the apex they may be 0, because the width multiplies their
+            // terms.
             let [r, s] = [p, q].map(|distance| if wide > 0.0 { distance / wide } else { 0.0 });
             let whole = [1.0, p, q, z, p * p, p * q, q * q, p * z, q * z, z * z];
             let rational = [r * s * wide, r * p * q, s * p * q];
@@ -292,8 +295,9 @@ fn terms(kind: CellKind, [x, y, z]: [f64; 3]) -> Vec<f64> {
     }
 }
 
-/// From the terms at each node the coefficients of each node's function, row by row: the transposed inverse, by Gauss and
-/// Jordan with row exchanges. `None` where the terms do not determine it.
+/// Inverts and transposes the matrix of the terms at each node. Row by row, the result holds the coefficients of each
+/// node's function. The method is Gauss-Jordan elimination with row exchanges. Returns `None` if the terms do not
+/// determine the functions.
 fn inverse(mut rows: Vec<Vec<f64>>) -> Option<Vec<f64>> {
     let n = rows.len();
     for (i, row) in rows.iter_mut().enumerate() {
@@ -329,7 +333,7 @@ fn inverse(mut rows: Vec<Vec<f64>>) -> Option<Vec<f64>> {
 mod tests {
     use super::*;
 
-    /// Weights that another program computes: each kind at places inside.
+    /// Compares the weights of each kind, at positions inside, with those that VTK computed.
     #[test]
     fn weights_are_those_of_vtk() {
         let text = include_str!("../../../fixtures/elements_cases.json");
@@ -377,7 +381,7 @@ mod tests {
         }
     }
 
-    /// On its base a pyramid agrees with a quadratic quadrilateral, on its sides with a quadratic triangle.
+    /// A pyramid agrees with a quadratic quadrilateral on its base and with a quadratic triangle on its sides.
     #[test]
     fn pyramids_agree_with_their_neighbours() {
         let pyramid = Element::of(CellKind(27), 13).unwrap();
@@ -392,7 +396,7 @@ mod tests {
         for [x, y] in [[0.2, 0.7], [0.5, 0.1], [0.3, 0.4]] {
             let below = spread(&base.weights([x, y, 0.0]), &[0, 1, 2, 3, 5, 6, 7, 8]);
             assert!(is_same(&pyramid.weights([x, y, 0.0]), &below));
-            // The side over the edge from corner 0 to corner 1, by its barycentric coordinates of corner 1 and the apex.
+            // Side over the edge from corner 0 to corner 1, in barycentric coordinates of corner 1 and the apex.
             let beside = spread(&side.weights([x, y, 0.0]), &[0, 1, 4, 5, 10, 9]);
             let at = [x + 0.5 * y, 0.5 * y, y];
             assert!(is_same(&pyramid.weights(at), &beside));

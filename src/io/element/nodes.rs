@@ -1,27 +1,27 @@
-//! Where the nodes of cells of higher order lie, in VTK's numbering: corners, then edges, faces and the inside.
+//! Lists the nodes of cells of higher order in VTK's numbering: corners, then edges, faces and the inside.
 //!
-//! Places are whole numbers of steps of which an edge has `order`. Triangles, tetrahedra and wedges (their first two axes)
-//! have those whose sum is at most the order.
+//! Positions are whole numbers of steps, `order` steps per edge. In triangles, tetrahedra and wedges (their first two
+//! axes), the numbers sum to at most `order`.
 
-/// A place on the lattice of an element.
+/// Position on the lattice of an element.
 pub(super) type Place = [i32; 3];
 
 fn add(a: Place, b: Place, times: i32) -> Place {
     [0, 1, 2].map(|axis| a[axis] + times * b[axis])
 }
 
-/// One step of `n` from one place to another.
+/// Returns one of `n` steps from one position to another.
 fn step(from: Place, to: Place, n: i32) -> Place {
     [0, 1, 2].map(|axis| (to[axis] - from[axis]) / n)
 }
 
-/// The places between two corners, in the order from the first to the second.
+/// Returns the positions between two corners, from the first to the second.
 fn edge(from: Place, to: Place, n: i32) -> impl Iterator<Item = Place> {
     let along = step(from, to, n.max(1));
     (1..n).map(move |i| add(from, along, i))
 }
 
-/// A triangle of `n` steps between three corners, whole, with triangles inside triangles.
+/// Adds all nodes of a triangle of `n` steps between three corners; smaller triangles lie inside it.
 fn triangle(corners: [Place; 3], n: i32, places: &mut Vec<Place>) {
     let [a, b, c] = corners;
     if n == 0 {
@@ -35,7 +35,7 @@ fn triangle(corners: [Place; 3], n: i32, places: &mut Vec<Place>) {
     inside_triangle(corners, n, places);
 }
 
-/// What lies inside such a triangle.
+/// Adds the nodes inside such a triangle.
 fn inside_triangle([a, b, c]: [Place; 3], n: i32, places: &mut Vec<Place>) {
     if n < 3 {
         return;
@@ -45,7 +45,7 @@ fn inside_triangle([a, b, c]: [Place; 3], n: i32, places: &mut Vec<Place>) {
     triangle([at(1, 1), at(n - 2, 1), at(1, n - 2)], n - 3, places);
 }
 
-/// What lies inside a parallelogram: along the first edge fastest.
+/// Adds the nodes inside a parallelogram, fastest along the first edge.
 fn inside_quadrilateral(corner: Place, ends: [Place; 2], n: i32, places: &mut Vec<Place>) {
     let [u, v] = ends.map(|end| step(corner, end, n));
     for j in 1..n {
@@ -65,7 +65,7 @@ pub(super) fn tetrahedron(n: i32) -> Vec<Place> {
     places
 }
 
-/// A tetrahedron of `n` steps, with tetrahedra inside tetrahedra.
+/// Adds all nodes of a tetrahedron of `n` steps; smaller tetrahedra lie inside it.
 fn tetrahedron_at(origin: Place, n: i32, places: &mut Vec<Place>) {
     if n == 0 {
         places.push(origin);

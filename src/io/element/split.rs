@@ -1,14 +1,14 @@
-//! Elements cut into small cells of first order, on a lattice of `n` steps along each edge.
+//! Cuts elements into small cells of first order, on a lattice of `n` steps along each edge.
 //!
-//! Neighbours cut what they share in the same way: edges into equal parts, triangles into those of three families of lines,
-//! quadrilaterals into `n` by `n`.
+//! Neighbours cut a shared edge or face in the same way: edges into equal parts, triangles along three families of
+//! lines, quadrilaterals into `n` by `n` cells.
 
 use super::Shape;
 use super::nodes::Place;
 use crate::io::CellKind;
 
-/// Small cells, by the places of their corners in VTK's order. Those of pyramids count steps of their own layer: k from the
-/// base, and i and j of n - k.
+/// Returns the small cells, with the lattice positions of their corners in VTK's order. In pyramids, k counts layers
+/// from the base, and i and j count the n - k steps of a layer.
 pub(super) fn cells(shape: Shape, n: i32) -> Vec<(CellKind, Vec<Place>)> {
     match shape {
         Shape::Triangle => triangles(n)
@@ -56,8 +56,8 @@ fn prisms<const N: usize>(
         .collect()
 }
 
-/// The tetrahedron as the part x >= y >= z of a cube, which is cut as each small cube is: into six, one for each order of
-/// the axes (Freudenthal's subdivision).
+/// Cuts the tetrahedron x >= y >= z of a cube. Each small cube is cut into six tetrahedra, one for each order of the
+/// axes (Freudenthal's subdivision).
 fn tetrahedra(n: i32) -> Vec<(CellKind, Vec<Place>)> {
     const ORDERS: [([usize; 3], bool); 6] = [
         ([0, 1, 2], true),
@@ -68,7 +68,7 @@ fn tetrahedra(n: i32) -> Vec<(CellKind, Vec<Place>)> {
         ([1, 0, 2], false),
     ];
     let is_inside = |[x, y, z]: &Place| n >= *x && x >= y && y >= z && *z >= 0;
-    // From x >= y >= z to the steps along the three edges at the first corner.
+    // Converts from x >= y >= z to the steps along the three edges at the first corner.
     let along_edges = |[x, y, z]: Place| [x - y, y - z, z];
     let mut all = Vec::new();
     for z in 0..n {
@@ -96,7 +96,7 @@ fn tetrahedra(n: i32) -> Vec<(CellKind, Vec<Place>)> {
     all
 }
 
-/// Layers of pyramids that stand, pyramids upside down between them, and tetrahedra between their sides.
+/// Returns layers of upright pyramids, inverted pyramids between them, and tetrahedra between their sides.
 fn pyramids(n: i32) -> Vec<(CellKind, Vec<Place>)> {
     let square = |i, j, k| {
         let corners = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)];
@@ -144,7 +144,7 @@ fn pyramids(n: i32) -> Vec<(CellKind, Vec<Place>)> {
 mod tests {
     use super::*;
 
-    /// The signed volume of a small cell, six times, of integers: by tetrahedra from the first corner.
+    /// Returns six times the signed volume of a small cell in integers, as a sum of tetrahedra at the first corner.
     fn volume(kind: CellKind, corners: &[Place]) -> i64 {
         let edge = |a: usize, b: usize| [0, 1, 2].map(|c| i64::from(corners[b][c] - corners[a][c]));
         let six = |a, b, c, d| {
@@ -178,7 +178,7 @@ mod tests {
                 let cells = cells(shape, n);
                 let mut sum = 0;
                 for (kind, corners) in &cells {
-                    // Upright corners of pyramids are half a step further in with each layer: twice as fine a lattice.
+                    // In a pyramid, each layer is shifted inwards by half a step, so the lattice is twice as fine.
                     let placed: Vec<Place> = corners
                         .iter()
                         .map(|&[i, j, k]| match shape {

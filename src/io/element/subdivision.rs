@@ -1,4 +1,4 @@
-//! Grids whose cells of higher order are cut into cells of first order.
+//! Builds grids in which cells of higher order are cut into cells of first order.
 
 use std::collections::HashMap;
 
@@ -9,22 +9,22 @@ use crate::io::scalars::narrow;
 use crate::io::{Association, CellKind, CellMesh};
 use crate::scene::Values;
 
-/// Weights below this are rounding: a node beside the face or the edge on which a place lies.
+/// Greatest weight that counts as rounding, of a node outside the face or edge of a position.
 const NOTHING: f64 = 1e-9;
 
-/// Steps of weights that tell places apart.
+/// Resolution of weights that distinguishes positions: this many steps from 0 to 1.
 const WEIGHT_STEPS: f64 = 1e6;
 
-/// The most small cells: some gigabytes when they are sampled.
+/// Greatest number of small cells; sampling that many takes some gigabytes.
 const MOST_CELLS: usize = 8_000_000;
 
-/// Cells that are looked at to choose how finely all are cut.
+/// Number of sampled cells that decide the fineness of all.
 const LOOKED_AT: usize = 2000;
 
-/// The part of the places that are looked at that may differ by more.
+/// Fraction of the tested positions that may differ by more than the tolerance.
 const TAIL: f64 = 0.001;
 
-/// Elements of higher order, by what tells them apart.
+/// Elements of higher order, by the kind and number of nodes of their cells.
 type Elements = HashMap<(CellKind, usize), Option<Element>>;
 
 fn elements(mesh: &CellMesh) -> Elements {
@@ -39,13 +39,15 @@ fn elements(mesh: &CellMesh) -> Elements {
     known
 }
 
-/// Into how many steps each edge is to be cut: a multiple of the order of the elements. `None` where there are none that are
-/// known, or where the corners say as much and cells `may_stay`.
+/// Returns the number of steps into which each edge is to be cut, a multiple of the elements' order. Returns `None` if
+/// no cell has a known element of higher order. If `may_stay` is true, it also returns `None` if the corners alone are
+/// accurate enough.
 ///
-/// Between corners of small cells what is drawn is linear. Halfway between two it is compared with what the element says:
-/// positions may differ by `slack` of the cell's size, values by `slack` of their range, at 999 places of 1000.
+/// Drawing is linear between corners of small cells. At the midpoint of two corners it is compared with the element:
+/// positions may differ by `slack` of the cell's size, and values by `slack` of their range. At least 999 of 1000
+/// midpoints must meet this.
 ///
-/// - `values`: of the nodes, or `None` where values belong to cells.
+/// - `values`: values of the nodes, or `None` if values belong to cells.
 pub(crate) fn steps(
     mesh: &CellMesh,
     values: Option<&Values>,
@@ -111,7 +113,7 @@ pub(crate) fn steps(
     (chosen > 1).then_some(chosen)
 }
 
-/// Halfway between two corners of a small cell: the weights of the element less those of the straight line.
+/// Node weights of the element at the midpoint of two corners of a small cell, minus those of the straight line.
 type Between = Vec<f64>;
 
 fn between(element: &Element, steps: i32) -> Vec<Between> {
@@ -133,22 +135,22 @@ fn between(element: &Element, steps: i32) -> Vec<Between> {
     all
 }
 
-/// A grid whose cells of higher order are cut, and where its nodes and cells come from.
+/// Grid in which cells of higher order are cut, with the origin of its nodes and cells.
 #[derive(Debug)]
 pub(crate) struct Subdivision {
-    /// All nodes that there were, and those between.
+    /// All original nodes, then the new ones.
     pub(crate) mesh: CellMesh,
-    /// For each cell the one that it is, or a part of.
+    /// For each cell, the original cell that it is or is a part of.
     pub(crate) parents: Vec<u32>,
-    /// Cells that were cut.
+    /// Number of original cells that were cut.
     pub(crate) cut: usize,
-    /// Of each node between: nodes that there were, with their weights.
+    /// For each new node, the original nodes and their weights.
     between: Vec<Vec<(u32, f64)>>,
 }
 
 impl Subdivision {
-    /// Cuts the cells of higher order that are known, each edge into so many steps. `None` where that would be more
-    /// nodes than numbers are for, or memory.
+    /// Cuts the known cells of higher order, each edge into `steps` steps. Returns `None` if there would be too many
+    /// nodes for their indices or for memory.
     pub(crate) fn new(mesh: &CellMesh, steps: i32) -> Option<Self> {
         let elements = elements(mesh);
         let templates: HashMap<(CellKind, usize), Template> = elements
@@ -202,7 +204,7 @@ impl Subdivision {
         Some(())
     }
 
-    /// The node between some of a cell's: one for all cells that meet there.
+    /// Returns a new node of a cell; all cells that meet there share it.
     fn node(
         &mut self,
         mesh: &CellMesh,
@@ -228,7 +230,7 @@ impl Subdivision {
         Some(node)
     }
 
-    /// What a field of the grid says at the nodes or cells of the cut one.
+    /// Interpolates a field of the original grid at the nodes or cells of the cut one.
     pub(crate) fn values(&self, association: Association, values: &Values) -> Values {
         match association {
             Association::Cells => values.gather(&self.parents),
@@ -239,7 +241,7 @@ impl Subdivision {
                     weights.iter().map(value).sum::<f64>()
                 };
                 let all: Vec<f64> = stated.chain(self.between.iter().map(of)).collect();
-                // What is stated in single precision is so in between.
+                // Values in single precision stay in single precision.
                 match values {
                     Values::F64(_) => all.into(),
                     _ => Values::F32(all.into_iter().map(narrow).collect()),
@@ -249,11 +251,11 @@ impl Subdivision {
     }
 }
 
-/// How all cells of one element are cut.
+/// Cut that all cells of one element share.
 struct Template {
-    /// Small cells by the numbers of their corners' places.
+    /// Small cells, as indices of their corners in `places`.
     cells: Vec<(CellKind, Vec<usize>)>,
-    /// The nodes of the element that have a part in each place, with their weights.
+    /// For each corner, the nodes of the element that contribute, with their weights.
     places: Vec<Vec<(usize, f64)>>,
 }
 

@@ -1,4 +1,4 @@
-//! The case file: which files hold the geometry and the variables, and at which times.
+//! Parses the case file, which names the files of the geometry and the variables and lists the times.
 
 use std::path::{Path, PathBuf};
 
@@ -7,18 +7,18 @@ use super::super::voxels::beside;
 use super::DAMAGED;
 use crate::error::{Error, Result};
 
-/// What a case file says.
+/// Contents of a case file.
 #[derive(Default)]
 pub(super) struct Case {
     pub(super) model: Option<Named>,
     pub(super) variables: Vec<Variable>,
     time_sets: Vec<TimeSet>,
     file_sets: Vec<FileSet>,
-    /// What is named and not read.
+    /// Names of entries that are not read.
     pub(super) left_out: Vec<String>,
 }
 
-/// A file, or one for each step, and the numbers of its sets.
+/// Name of a file, or a pattern for one file per step, with the numbers of its sets.
 #[derive(Clone)]
 pub(super) struct Named {
     time_set: Option<u32>,
@@ -26,7 +26,7 @@ pub(super) struct Named {
     pattern: String,
 }
 
-/// A variable of nodes or of elements.
+/// Variable of nodes or of elements.
 pub(super) struct Variable {
     pub(super) name: String,
     pub(super) components: usize,
@@ -47,17 +47,17 @@ struct TimeSet {
 #[derive(Default)]
 struct FileSet {
     number: u32,
-    /// The index in the names of files, where there is one, and the steps in each.
+    /// For each file, the index in its name (if it has one) and the number of steps in it.
     files: Vec<(Option<usize>, usize)>,
 }
 
-/// A file, and which step of those in it is meant.
+/// File, and the index of a step in it.
 pub(super) struct Place {
     pub(super) path: PathBuf,
     pub(super) step: usize,
 }
 
-/// Whether a text is that of a case file.
+/// Returns true if a text is that of a case file.
 pub(in crate::io) fn looks_like(head: &[u8]) -> bool {
     let text = String::from_utf8_lossy(head);
     let mut lines = lines(&text);
@@ -68,13 +68,13 @@ pub(in crate::io) fn looks_like(head: &[u8]) -> bool {
             .is_some_and(|line| line.trim_start().starts_with("type"))
 }
 
-/// Lines that say something.
+/// Returns the lines that are neither empty nor comments.
 fn lines(text: &str) -> impl Iterator<Item = &str> {
     let lines = text.lines().map(str::trim);
     lines.filter(|line| !line.is_empty() && !line.starts_with('#'))
 }
 
-/// Words, and what stands in quotes as one.
+/// Splits a line into words; quoted text is one word.
 fn words(text: &str) -> Vec<String> {
     let mut words = Vec::new();
     let mut rest = text.trim();
@@ -93,7 +93,7 @@ fn words(text: &str) -> Vec<String> {
 
 impl Case {
     /// # Errors
-    /// A format that is not EnSight Gold, a line that is not understood where it decides which file is read.
+    /// The format is not EnSight Gold; a line that decides which file is read cannot be parsed.
     pub(super) fn parse(path: &Path, text: &str) -> Result<Self> {
         let mut case = Self::default();
         let mut section = String::new();
@@ -106,7 +106,7 @@ impl Case {
             }
             let (key, value) = match line.split_once(':') {
                 Some((key, value)) => (key.trim().to_ascii_lowercase(), value),
-                // Lists of numbers go on for several lines.
+                // A list of numbers continues on lines without a key.
                 None => (last_key.clone(), line),
             };
             match section.as_str() {
@@ -154,7 +154,7 @@ impl Case {
                 file,
             }));
         };
-        // The sets before it, the name, and the files of the real and the imaginary part with their frequency.
+        // The line ends with the name and the file, or with the files of the real and imaginary part and the frequency.
         let behind = if is_complex { 3 } else { 1 };
         let Some(at) = words.len().checked_sub(behind + 1) else {
             return;
@@ -230,7 +230,7 @@ impl Case {
         }
     }
 
-    /// The times of all sets, rising, each once.
+    /// Returns the times of all sets, sorted, each once.
     pub(super) fn times(&self) -> Vec<f64> {
         let used = |set: &&TimeSet| {
             let files = self.variables.iter().map(|v| &v.file).chain(&self.model);
@@ -246,10 +246,10 @@ impl Case {
         times
     }
 
-    /// The file that holds what is named, at a time.
+    /// Returns the file of a named entry at a time.
     ///
     /// # Errors
-    /// A set that is not there, a path that leads elsewhere than beside the case file or below.
+    /// A set does not exist, or a path leads outside the folder of the case file.
     pub(super) fn place(&self, path: &Path, named: &Named, time: Option<f64>) -> Result<Place> {
         let missing = |what: &str, number: u32| {
             let expected = format!("{what} {number}, which a file is said to have");
@@ -260,7 +260,7 @@ impl Case {
         if let Some(of) = named.time_set {
             let set = self.time_sets.iter().find(|set| set.number == of);
             let set = set.ok_or_else(|| missing("time set", of))?;
-            // The last step that is not later.
+            // The step is the last one that is not later.
             let time = time.unwrap_or(f64::NEG_INFINITY);
             step = set
                 .values
@@ -296,7 +296,7 @@ impl Case {
         })
     }
 
-    /// That something named is left out.
+    /// Returns a note of the entries that are left out.
     pub(super) fn note(&self) -> Option<String> {
         let names = || list(self.left_out.iter().map(String::as_str));
         (!self.left_out.is_empty()).then(|| format!("Left out: {}.", names()))
@@ -304,7 +304,7 @@ impl Case {
 }
 
 impl Named {
-    /// - `words`: the numbers of its sets, `before` words, the file's name, and what is not read.
+    /// - `words`: the numbers of its sets, `before` other words, the file's name, and words that are ignored.
     fn parse(words: &[String], before: usize) -> Option<Self> {
         let is_number = |w: &&String| w.parse::<u32>().is_ok();
         let sets: Vec<u32> = words
@@ -347,7 +347,7 @@ fn number<T: std::str::FromStr>(words: &[String]) -> Option<T> {
     words.first()?.parse().ok()
 }
 
-/// A name with a number in place of its asterisks, as wide as they are.
+/// Replaces the asterisks of a name by a number, padded to their width.
 fn numbered(pattern: &str, number: usize) -> String {
     let Some(first) = pattern.find('*') else {
         return pattern.to_owned();

@@ -1,4 +1,4 @@
-//! The geometry: parts, each of elements over nodes of its own, or a structured block.
+//! Reads the geometry: parts that are structured blocks, or elements over their own nodes.
 //!
 //! ```text
 //! two lines of text
@@ -18,13 +18,13 @@ use super::super::CellKind;
 use super::stream::Stream;
 use crate::error::Result;
 
-/// A part.
+/// One part of the geometry.
 pub(super) struct Part {
     pub(super) number: i32,
     pub(super) shape: Shape,
 }
 
-/// What a part is made of.
+/// Contents of a part.
 pub(super) enum Shape {
     Elements {
         nodes: Vec<DVec3>,
@@ -35,27 +35,27 @@ pub(super) enum Shape {
 
 /// Elements of one type.
 pub(super) struct Elements {
-    /// Its name in the file.
+    /// Name of the type in the file.
     pub(super) name: String,
     pub(super) count: usize,
-    /// `None`: copies of another part's, or of a type that is not read.
+    /// Cells of the elements; `None` if they copy those of another part or their type is not read.
     pub(super) cells: Option<Cells>,
 }
 
 /// Cells over the nodes of their part, counted from 0.
 pub(super) struct Cells {
     pub(super) kind: CellKind,
-    /// The nodes of one after those of another; of polyhedra the faces as in [`super::super::CellMesh`].
+    /// Nodes of one cell after another; for polyhedra the faces as in [`super::super::CellMesh`].
     pub(super) connectivity: Vec<u32>,
-    /// Where each ends.
+    /// End of each cell in `connectivity`.
     pub(super) ends: Vec<usize>,
 }
 
-/// A structured block.
+/// Structured block.
 pub(super) struct Block {
     pub(super) dims: [usize; 3],
     pub(super) places: Places,
-    /// 0 where a node is blanked.
+    /// Blanking of nodes; 0 means blanked.
     pub(super) iblank: Option<Vec<i32>>,
 }
 
@@ -75,12 +75,12 @@ impl Part {
 }
 
 impl Block {
-    /// Cells along i, j and k; a layer of nodes has one of cells.
+    /// Returns the number of cells along i, j and k; an axis with one node has one layer of cells.
     pub(super) fn cell_dims(&self) -> [usize; 3] {
         self.dims.map(|n| n.saturating_sub(1).max(1))
     }
 
-    /// The positions of all nodes.
+    /// Returns the positions of all nodes.
     pub(super) fn nodes(&self) -> Vec<DVec3> {
         let [x, y, z] = self.dims;
         let places = (0..x * y * z).map(|i| [i % x, i / x % y, i / (x * y)]);
@@ -96,7 +96,7 @@ impl Block {
     }
 }
 
-/// The nodes of an element of a type; `None` for one that says it itself, and for one that is not known.
+/// Returns the kind and node count of an element type; `None` if the type has no fixed count or is not known.
 fn type_of(name: &str) -> Option<(CellKind, usize)> {
     let (kind, nodes) = match name {
         "point" => (1, 1),
@@ -122,7 +122,7 @@ fn type_of(name: &str) -> Option<(CellKind, usize)> {
 /// Reads all parts.
 ///
 /// # Errors
-/// A keyword that is not known, or an end before its numbers.
+/// A keyword is not known, or the file ends before its numbers.
 pub(super) fn read(stream: &mut Stream<'_>) -> Result<Vec<Part>> {
     let first = stream.line()?.to_ascii_lowercase();
     if first.starts_with("c binary") || first.starts_with("fortran binary") {
@@ -169,7 +169,7 @@ fn unknown(stream: &Stream<'_>, expected: &str, found: &str) -> crate::Error {
     stream.fault(expected, format!("`{found}`"))
 }
 
-/// Whether `node id` or `element id` says that numbers follow.
+/// Returns true if `node id` or `element id` states that numbers follow.
 fn has_numbers(stream: &mut Stream<'_>) -> Result<bool> {
     let line = stream.keyword().unwrap_or_default().to_ascii_lowercase();
     match line.split_ascii_whitespace().last() {
@@ -234,7 +234,7 @@ fn elements(stream: &mut Stream<'_>, node_numbers: bool, element_numbers: bool) 
     Ok(Shape::Elements { nodes, blocks })
 }
 
-/// Nodes counted from 0.
+/// Reads node numbers and returns them counted from 0.
 fn node_numbers_of(stream: &mut Stream<'_>, count: usize, node_count: usize) -> Result<Vec<u32>> {
     let numbers = stream.integers(count)?;
     let node = |&number: &i32| {
@@ -246,7 +246,7 @@ fn node_numbers_of(stream: &mut Stream<'_>, count: usize, node_count: usize) -> 
     numbers.iter().map(node).collect()
 }
 
-/// Counts of nodes or faces of each, and their sum.
+/// Reads the number of nodes or faces of each cell, and returns them with their sum.
 fn counts(stream: &mut Stream<'_>, count: usize) -> Result<(Vec<usize>, usize)> {
     let mut counts = Vec::new();
     for number in stream.integers(count)? {
@@ -285,7 +285,7 @@ fn polyhedra(stream: &mut Stream<'_>, count: usize, node_count: usize) -> Result
         connectivity: Vec::new(),
         ends: Vec::new(),
     };
-    // Counts came from numbers of 32 bits.
+    // The counts were read from 32-bit numbers.
     let small = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
     for faces in face_counts {
         cells.connectivity.push(small(faces));
@@ -369,7 +369,7 @@ fn block(
             stream.integers(count)?;
         }
     }
-    // What is blanked for no reason that is stated stays.
+    // If no node is blanked, the mask is dropped.
     if block
         .iblank
         .as_ref()

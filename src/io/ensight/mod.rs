@@ -1,5 +1,5 @@
-//! EnSight Gold: a case file (`.case`) that names a geometry and variables, each in files of their own, at one or several
-//! times.
+//! Reads EnSight Gold: a case file (`.case`) that names a geometry and variables, each in separate files, at one or
+//! several times.
 //!
 //! | file | module |
 //! |---|---|
@@ -8,9 +8,9 @@
 //! | variables, for each part that has them | [`variable`] |
 //! | their words and numbers: text, C binary, Fortran binary | [`stream`] |
 //!
-//! Parts of elements are one unstructured grid together; a single block is a lattice where it is one, several are curvilinear
-//! blocks; blocks beside parts of elements become hexahedra and quadrilaterals. Tensors are vectors of six or nine numbers,
-//! complex numbers two fields.
+//! All parts of elements form one unstructured grid. A single block becomes a lattice if its axes allow it, and several
+//! become curvilinear blocks. Blocks beside parts of elements become hexahedra and quadrilaterals. Tensors become
+//! vectors of six or nine numbers, and complex numbers become two fields.
 //!
 //! Source: the chapter on EnSight Gold files in EnSight's user manual.
 
@@ -38,19 +38,21 @@ pub(in crate::io) use self::case::looks_like;
 
 const DAMAGED: &str = "the file is damaged: save it again";
 
-/// How often a file may be named: real and imaginary parts are the same in some.
+/// Greatest number of times that a file may be named. Some case files name one file for the real and the imaginary
+/// part.
 const MOST_USES: usize = 2;
 
-/// All fields together may have so many bytes for each that was read, where parts lack some of them.
+/// Greatest number of bytes of all fields per byte read. Fields may be larger than files, because parts may lack
+/// variables.
 const MOST_INFLATION: usize = 8;
 
-/// ... and so many more.
+/// Additional bytes that fields may use in any case.
 const SMALL: usize = 16 << 20;
 
-/// Reads the geometry and all variables of one time.
+/// Reads the geometry and all variables at one time.
 ///
 /// # Errors
-/// A file that is missing or named too often, what is not EnSight Gold, numbers that end too early.
+/// A file is missing or named too often, is not EnSight Gold, or ends before its numbers do.
 pub(super) fn read(
     input: Input<'_>,
     time_step: Option<usize>,
@@ -106,20 +108,20 @@ pub(super) fn read(
     Ok(data)
 }
 
-/// The steps of time that the case file names.
+/// Reads the time steps that the case file names.
 ///
 /// # Errors
-/// As [`read`], but for the other files.
+/// The errors of [`read`] for the case file itself.
 pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
     let case = Case::parse(input.path, &String::from_utf8_lossy(&input.read_all()?))?;
     Ok(time_steps::of_file(input.path, &case.times()))
 }
 
-/// The files that a case file names.
+/// Reader of the files that a case file names.
 struct Files<'a> {
     input: Input<'a>,
     uses: HashMap<PathBuf, usize>,
-    /// What was read of them.
+    /// Total number of bytes read.
     byte_count: usize,
 }
 
@@ -143,7 +145,7 @@ impl Files<'_> {
         Ok(bytes)
     }
 
-    /// That so many numbers of all nodes and cells are in keeping with what was read.
+    /// Checks that a field's size is in proportion to the bytes read.
     fn check_share(&mut self, layout: &variable::Layout<'_>, components: usize) -> Result<()> {
         let most = self
             .byte_count
@@ -168,7 +170,7 @@ impl Files<'_> {
     }
 }
 
-/// What takes nodes out, as a field: 1 where nothing does.
+/// Returns the blanking of all nodes as a field: 1 for nodes without blanking.
 fn iblank(parts: &[Part]) -> Option<Field> {
     let blanks = |part: &Part| matches!(&part.shape, Shape::Block(block) if block.iblank.is_some());
     if !parts.iter().any(blanks) {
@@ -192,7 +194,7 @@ fn iblank(parts: &[Part]) -> Option<Field> {
     })
 }
 
-/// All parts as one geometry.
+/// Joins all parts to one geometry.
 fn joined(
     path: &Path,
     parts: Vec<Part>,
@@ -223,7 +225,7 @@ fn joined(
         })
         .collect();
     if let Some(blocks) = blocks.filter(|blocks| !blocks.is_empty()) {
-        // Values of a wall's cells are as many as a volume's would be only where it has a thickness.
+        // A block with a single layer of nodes has one layer of cells; a curvilinear grid would have none.
         let is_flat = |block: &&Block| block.dims.contains(&1);
         if !blocks.iter().any(is_flat) {
             let blocks = blocks.into_iter().map(|block| CurvilinearBlock {
@@ -249,7 +251,7 @@ fn joined(
     vtk_grid::dataset(path, FORMAT, mesh, fields, read_as)
 }
 
-/// A uniform or rectilinear block whose coordinates rise.
+/// Returns a uniform or rectilinear block as a lattice, if its coordinates increase.
 fn lattice(block: &Block) -> Option<Lattice> {
     let dims = block.dims;
     let rises = |axis: &Vec<f64>| {
@@ -269,7 +271,7 @@ fn lattice(block: &Block) -> Option<Lattice> {
     (lattice.validate().is_ok() && !dims.contains(&1)).then_some(lattice)
 }
 
-/// Appends a part's cells.
+/// Appends the cells of a part.
 fn append(path: &Path, mesh: &mut CellMesh, shape: Shape) -> Result<()> {
     let too_many = || {
         let expected = format!("at most {} nodes, and entries of cells", u32::MAX);
@@ -305,7 +307,7 @@ fn append(path: &Path, mesh: &mut CellMesh, shape: Shape) -> Result<()> {
     Ok(())
 }
 
-/// Appends the cells of a block: hexahedra, or quadrilaterals, lines or a point where it has a single node along an axis.
+/// Appends the cells of a block: hexahedra, or quadrilaterals, lines or a point if axes have a single node.
 fn append_block(mesh: &mut CellMesh, block: &Block, first: usize) -> Option<()> {
     let [nx, ny, _] = block.dims;
     let [cx, cy, cz] = block.cell_dims();
@@ -337,7 +339,7 @@ fn append_block(mesh: &mut CellMesh, block: &Block, first: usize) -> Option<()> 
     Some(())
 }
 
-/// Renumbers the nodes of a cell.
+/// Shifts the node numbers of a cell.
 fn shift(kind: CellKind, mut cell: &mut [u32], by: u32) {
     if kind != CellKind::POLYHEDRON {
         cell.iter_mut().for_each(|n| *n += by);

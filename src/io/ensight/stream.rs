@@ -1,4 +1,4 @@
-//! Words and numbers of a geometry or of a variable, in text or in one of the two binary forms.
+//! Reads words and numbers of a geometry or a variable, from text or one of the two binary forms.
 //!
 //! | form | how it is known | a line | numbers |
 //! |---|---|---|---|
@@ -6,21 +6,21 @@
 //! | C binary | `C Binary` in the first 80 bytes | 80 bytes | of 32 bits |
 //! | Fortran binary | a record of 80 bytes that says so | the same, in records | the same: each record has its length in 32 bits before and behind it |
 //!
-//! Only geometries say which they are; variables are of the same form. The byte order is that in which record marks or the
-//! number of the first part make sense.
+//! Only geometry files state their form; variable files have the same form. The byte order is the one in which the
+//! record marks or the number of the first part are plausible.
 
 use std::path::Path;
 
 use super::DAMAGED;
 use crate::error::{Error, Result};
 
-/// A line of binary files.
+/// Length in bytes of a line in binary files.
 const LINE: usize = 80;
 
-/// The greatest number of a part by which the byte order is told.
+/// Greatest plausible part number; it decides the byte order.
 const MOST_PARTS: u32 = 1 << 16;
 
-/// How files are encoded.
+/// Encoding of the files.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Form {
     Text,
@@ -29,7 +29,7 @@ pub(super) enum Form {
 }
 
 impl Form {
-    /// The form of a geometry.
+    /// Returns the form of a geometry file.
     pub(super) fn of(bytes: &[u8]) -> Self {
         let has = |at: usize, name: &str| {
             let start = bytes.get(at..at + name.len());
@@ -45,7 +45,7 @@ impl Form {
     }
 }
 
-/// What is left of a file.
+/// Unread rest of a file.
 pub(super) struct Stream<'a> {
     path: &'a Path,
     form: Form,
@@ -55,7 +55,7 @@ pub(super) struct Stream<'a> {
 }
 
 impl<'a> Stream<'a> {
-    /// - `step`: which of those that the file holds between `BEGIN TIME STEP` and `END TIME STEP`, if it does.
+    /// - `step`: index of the section to read, if the file has several between `BEGIN TIME STEP` and `END TIME STEP`.
     pub(super) fn new(path: &'a Path, bytes: Vec<u8>, form: Form, step: usize) -> Result<Self> {
         let (bytes, big_endian) = match form {
             Form::Fortran => {
@@ -90,7 +90,7 @@ impl<'a> Stream<'a> {
         Ok(stream)
     }
 
-    /// The next line, without what fills it up.
+    /// Reads the next line, without its padding.
     pub(super) fn line(&mut self) -> Result<String> {
         let rest = &self.bytes[self.at.min(self.bytes.len())..];
         let (line, len) = match self.form {
@@ -113,12 +113,12 @@ impl<'a> Stream<'a> {
         Ok(text)
     }
 
-    /// The next line that is not empty, which stays; `None` at the end of the step.
+    /// Returns the next line that is not empty, without consuming it; `None` at the end of the step.
     pub(super) fn peek(&mut self) -> Option<String> {
         loop {
             let at = self.at;
             let line = self.line().ok()?;
-            // An index of the steps is behind the last one.
+            // The index of the steps follows the last step.
             if line.starts_with("END TIME STEP") || line.starts_with("FILE_INDEX") {
                 self.at = at;
                 return None;
@@ -133,7 +133,7 @@ impl<'a> Stream<'a> {
         }
     }
 
-    /// The next line that is not empty, where there is one.
+    /// Reads the next line that is not empty, if there is one.
     pub(super) fn keyword(&mut self) -> Option<String> {
         self.peek()?;
         self.line().ok()
@@ -143,7 +143,7 @@ impl<'a> Stream<'a> {
         Ok(self.integers(1)?.first().copied().unwrap_or(0))
     }
 
-    /// So many whole numbers.
+    /// Reads `count` whole numbers.
     pub(super) fn integers(&mut self, count: usize) -> Result<Vec<i32>> {
         if self.form == Form::Text {
             return self.parsed(count, |word| word.parse().ok());
@@ -168,13 +168,13 @@ impl<'a> Stream<'a> {
         Ok(bytes.chunks_exact(4).map(number).collect())
     }
 
-    /// A number that counts.
+    /// Reads a number that must not be negative.
     pub(super) fn count(&mut self) -> Result<usize> {
         let number = self.integer()?;
         usize::try_from(number).map_err(|_| self.fault("a count", number.to_string()))
     }
 
-    /// So many real numbers.
+    /// Reads `count` real numbers.
     pub(super) fn reals(&mut self, count: usize) -> Result<Vec<f32>> {
         if self.form == Form::Text {
             return self.parsed(count, real);
@@ -192,7 +192,7 @@ impl<'a> Stream<'a> {
         Ok(bytes.chunks_exact(4).map(number).collect())
     }
 
-    /// The bytes of so many numbers of 32 bits.
+    /// Reads the bytes of `count` 32-bit numbers.
     fn take(&mut self, count: usize) -> Result<Vec<u8>> {
         let end = count
             .checked_mul(4)
@@ -209,7 +209,7 @@ impl<'a> Stream<'a> {
     }
 
     fn parsed<T>(&mut self, count: usize, parse: impl Fn(&str) -> Option<T>) -> Result<Vec<T>> {
-        // A number and what parts it from the next are two bytes.
+        // A number and a separator take at least two bytes.
         if count / 2 > self.bytes.len() - self.at {
             return Err(self.cut_short(&format!("{count} numbers")));
         }
@@ -231,7 +231,7 @@ impl<'a> Stream<'a> {
             numbers.push(number);
             self.at += passed;
         }
-        // What is left of the line.
+        // Skips the rest of the line if it is blank.
         let rest = &self.bytes[self.at..];
         let blank = rest
             .iter()
@@ -253,7 +253,7 @@ impl<'a> Stream<'a> {
     }
 }
 
-/// A number as C or Fortran write it: `1.5`, `1.5D0`, `1.5+003`.
+/// Parses a number as C or Fortran writes it: `1.5`, `1.5D0`, `1.5+003`.
 fn real(word: &str) -> Option<f32> {
     if let Ok(number) = word.parse() {
         return Some(number);
@@ -267,7 +267,7 @@ fn real(word: &str) -> Option<f32> {
     format!("{digits}e{exponent}").parse().ok()
 }
 
-/// What records hold, and whether their marks are big-endian.
+/// Returns the contents of the records, and true if their marks are big-endian.
 fn records(path: &Path, bytes: &[u8]) -> Result<(Vec<u8>, bool)> {
     let mark = |at: usize, big_endian: bool| {
         let mark: [u8; 4] = bytes.get(at..at.checked_add(4)?)?.try_into().ok()?;

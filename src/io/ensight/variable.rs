@@ -1,4 +1,4 @@
-//! Variables: for each part that has one, numbers of all its nodes or of its elements type by type.
+//! Reads variables. For each part that has one, the file stores a number per node, or per element, type by type.
 //!
 //! ```text
 //! a line of text
@@ -6,8 +6,8 @@
 //! coordinates|block|hexa8 ... [undef|partial]   all first components, all second ones ...
 //! ```
 //!
-//! `undef` has a number before the others that stands for no value; `partial` has a count and the places, from 1, that have
-//! values. What has none is NaN.
+//! `undef` is followed by a number that means "no value". `partial` is followed by a count and the indices, from 1, of
+//! the elements with values. Elements without a value get NaN.
 
 use super::super::dataset::Association;
 use super::geometry::{Part, Shape};
@@ -15,19 +15,19 @@ use super::stream::Stream;
 use crate::error::Result;
 use crate::scene::Values;
 
-/// Where the numbers of all parts stand in fields.
+/// Positions of the numbers of all parts in the fields.
 pub(super) struct Layout<'a> {
     parts: Vec<Places<'a>>,
     node_count: usize,
     cell_count: usize,
 }
 
-/// Where those of one part do.
+/// Positions of the numbers of one part.
 struct Places<'a> {
     number: i32,
     first_node: usize,
     node_count: usize,
-    /// The types of its elements, how many there are, and where they begin; `None` where they are left out.
+    /// Element types, their numbers of elements, and their first cells; `None` for types that are left out.
     cells: Vec<(&'a str, usize, Option<usize>)>,
 }
 
@@ -64,15 +64,15 @@ impl<'a> Layout<'a> {
         layout
     }
 
-    /// The greater of the counts of nodes and of cells.
+    /// Returns the greater of the counts of nodes and of cells.
     pub(super) fn most(&self) -> usize {
         self.node_count.max(self.cell_count)
     }
 
-    /// Reads a variable: one array for each component.
+    /// Reads a variable, one array for each component.
     ///
     /// # Errors
-    /// A part or a type of elements that the geometry does not have, an end before the numbers.
+    /// The geometry lacks a part or an element type, or the file ends before the numbers.
     pub(super) fn read(
         &self,
         stream: &mut Stream<'_>,
@@ -122,7 +122,7 @@ impl<'a> Layout<'a> {
     }
 }
 
-/// Reads the numbers of one section into their places.
+/// Reads the numbers of one section into the arrays.
 fn read_section(
     stream: &mut Stream<'_>,
     sort: &str,

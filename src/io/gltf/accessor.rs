@@ -1,4 +1,4 @@
-//! Typed numbers in buffers, checked in full before the first is read.
+//! Reads typed numbers from buffers. All sizes are checked before the first number is read.
 
 use std::borrow::Cow;
 
@@ -7,7 +7,7 @@ use super::document::Object;
 use crate::error::Result;
 use crate::io::vtk_xml::clip;
 
-/// The type of an accessor's elements.
+/// Type of an accessor's elements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::io) enum Type {
     Scalar,
@@ -29,7 +29,7 @@ impl Type {
         })
     }
 
-    /// How many components it has.
+    /// Returns the number of components.
     fn width(self) -> usize {
         match self {
             Self::Scalar => 1,
@@ -41,7 +41,7 @@ impl Type {
     }
 }
 
-/// The number type of an element's components.
+/// Number type of an element's components.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::io) enum ComponentType {
     I8,
@@ -65,7 +65,7 @@ impl ComponentType {
         })
     }
 
-    /// Its bytes.
+    /// Returns the size in bytes.
     pub(super) fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
@@ -75,7 +75,7 @@ impl ComponentType {
     }
 }
 
-/// The component types that hold normalised or plain numbers of vertices.
+/// Component types of normalised or plain numbers of vertices.
 pub(in crate::io) const ANY_NUMBERS: &[ComponentType] = &[
     ComponentType::F32,
     ComponentType::U8,
@@ -84,38 +84,38 @@ pub(in crate::io) const ANY_NUMBERS: &[ComponentType] = &[
     ComponentType::I16,
 ];
 
-/// The component types of indices.
+/// Component types of indices.
 pub(super) const INDICES: &[ComponentType] =
     &[ComponentType::U8, ComponentType::U16, ComponentType::U32];
 
-/// An accessor whose elements are all there.
+/// Accessor whose elements all exist.
 pub(in crate::io) struct Accessor<'b> {
     count: usize,
-    /// Components of an element.
+    /// Number of components of an element.
     width: usize,
     component: ComponentType,
     is_normalized: bool,
-    /// Bytes from the first element on and their stride; without them all elements are 0.
+    /// Bytes from the first element on, and their stride; if `None`, all elements are 0.
     base: Option<(Cow<'b, [u8]>, usize)>,
-    /// Indices of the elements that are replaced, in order, and what replaces them.
+    /// Sorted indices of the elements that are replaced, and the replacing bytes.
     sparse: Option<(Vec<usize>, &'b [u8])>,
 }
 
-/// What an accessor says of itself.
+/// Accessor as the file states it, before its bytes are found.
 pub(super) struct Stated<'b> {
     accessor: Object<'b>,
-    /// Where it is named, for messages.
+    /// Place of the reference to it, for messages.
     pub(super) place: String,
-    /// Components of an element.
+    /// Number of components of an element.
     pub(super) width: usize,
     pub(super) component: ComponentType,
 }
 
 impl<'b> Stated<'b> {
-    /// The accessor at `place`, which may be of any of these types.
+    /// Finds the accessor at `place`, which may have any of these types.
     ///
     /// # Errors
-    /// No such accessor, or another type.
+    /// The accessor does not exist, or has another type.
     pub(super) fn find(
         buffers: &'b Buffers<'_>,
         index: usize,
@@ -145,7 +145,7 @@ impl<'b> Stated<'b> {
         }
     }
 
-    /// It with elements from elsewhere, one after another: `component` says how their numbers are stored.
+    /// Returns the accessor with elements from another source, stored one after another as `component`.
     #[cfg(feature = "draco")]
     pub(super) fn with_elements(self, bytes: Vec<u8>, component: ComponentType) -> Accessor<'b> {
         let size = self.width * component.size();
@@ -159,16 +159,16 @@ impl<'b> Stated<'b> {
         }
     }
 
-    /// Whether integers are fractions; floats say so themselves.
+    /// Returns true if integers represent fractions.
     #[cfg(feature = "draco")]
     fn is_normalized(&self) -> bool {
         self.accessor.flag("normalized").unwrap_or(false)
     }
 
-    /// Its elements in the buffers.
+    /// Finds the elements in the buffers.
     ///
     /// # Errors
-    /// Bytes that are not there.
+    /// The bytes do not exist.
     pub(super) fn open(self, buffers: &'b Buffers<'_>) -> Result<Accessor<'b>> {
         let Self {
             accessor: stated,
@@ -209,7 +209,7 @@ impl<'b> Stated<'b> {
         };
         let count_all = match base {
             Some(_) => usize::try_from(stated_count).unwrap_or(usize::MAX),
-            // Zeros need no bytes: but there is no sense in more of them than the file has.
+            // Zeros need no bytes, but a sound file has no more of them than it has bytes.
             None => count(stated_count, buffers.byte_count())?,
         };
         let sparse = match stated.object("sparse")? {
@@ -263,10 +263,10 @@ impl<'b> Stated<'b> {
 }
 
 impl<'b> Accessor<'b> {
-    /// The accessor at `place`, which may be of any of these types.
+    /// Opens the accessor at `place`, which may have any of these types.
     ///
     /// # Errors
-    /// Another type, or bytes that are not there.
+    /// The accessor has another type, or its bytes do not exist.
     pub(in crate::io) fn open(
         buffers: &'b Buffers<'_>,
         index: usize,
@@ -277,17 +277,17 @@ impl<'b> Accessor<'b> {
         Stated::find(buffers, index, place, types, components)?.open(buffers)
     }
 
-    /// How many elements there are.
+    /// Returns the number of elements.
     pub(in crate::io) fn len(&self) -> usize {
         self.count
     }
 
-    /// Components of an element.
+    /// Returns the number of components of an element.
     pub(super) fn width(&self) -> usize {
         self.width
     }
 
-    /// The bytes of an element, or `None` where it is 0; `i` is in range.
+    /// Returns the bytes of an element, or `None` if it is 0; `i` must be in range.
     fn element(&self, i: usize) -> Option<&[u8]> {
         if let Some((indices, values)) = &self.sparse
             && let Ok(k) = indices.binary_search(&i)
@@ -299,8 +299,8 @@ impl<'b> Accessor<'b> {
             .map(|(bytes, stride)| &bytes[i * stride..])
     }
 
-    /// Element `i`, which is in range, as numbers; those that it does not have are 0. Normalised
-    /// integers are fractions of the greatest one.
+    /// Returns element `i`, which must be in range, as numbers; missing components are 0. Normalised integers are
+    /// fractions of the greatest one.
     pub(in crate::io) fn numbers<const N: usize>(&self, i: usize) -> [f64; N] {
         let mut numbers = [0.0; N];
         if let Some(bytes) = self.element(i) {
@@ -326,20 +326,20 @@ impl<'b> Accessor<'b> {
             kind @ ComponentType::U32 => (f64::from(unsigned(kind, bytes)), 4_294_967_295.0),
         };
         if self.is_normalized {
-            // The least signed integer stands for -1, as the one above it.
+            // The least signed integer represents -1, as does the one above it.
             (number / greatest).max(-1.0)
         } else {
             number
         }
     }
 
-    /// Element `i`, which is in range, as an index; of a scalar accessor of [`INDICES`].
+    /// Returns element `i`, which must be in range, as an index; for scalar accessors of [`INDICES`].
     pub(super) fn index(&self, i: usize) -> u32 {
         self.element(i)
             .map_or(0, |bytes| unsigned(self.component, bytes))
     }
 
-    /// Element `i`, which is in range, as four indices.
+    /// Returns element `i`, which must be in range, as four indices.
     pub(super) fn indices(&self, i: usize) -> [u32; 4] {
         let Some(bytes) = self.element(i) else {
             return [0; 4];
@@ -352,7 +352,7 @@ impl<'b> Accessor<'b> {
     }
 }
 
-/// An unsigned integer at the start of bytes that hold one.
+/// Reads an unsigned integer from the start of `bytes`.
 fn unsigned(kind: ComponentType, bytes: &[u8]) -> u32 {
     match kind {
         ComponentType::U32 => u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]),

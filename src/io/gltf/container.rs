@@ -1,4 +1,4 @@
-//! The bytes of a glTF file: its JSON, its binary chunk, and the buffers and files it names.
+//! Finds the bytes of a glTF file: its JSON, its binary chunk, and the buffers and files that it names.
 
 use std::borrow::Cow;
 use std::cell::{Cell, OnceCell, RefCell};
@@ -14,13 +14,13 @@ use crate::io::file::Input;
 use crate::io::texture::spelled_otherwise;
 use crate::io::vtk_xml::clip;
 
-/// The first bytes of a binary file.
+/// First bytes of a binary file.
 const MAGIC: &[u8] = b"glTF";
 
-/// The kind of the chunk that is the first buffer.
+/// Kind of the chunk that is the first buffer.
 const BIN: &[u8; 4] = b"BIN\0";
 
-/// Whether a file's first bytes are those of a binary file, or JSON that holds an asset.
+/// Returns true if the first bytes are those of a binary file, or JSON with an asset.
 pub(crate) fn looks_like(head: &[u8]) -> bool {
     if head.starts_with(MAGIC) {
         return true;
@@ -33,19 +33,19 @@ pub(crate) fn looks_like(head: &[u8]) -> bool {
             .any(|w| text.contains(w))
 }
 
-/// A file's parts.
+/// Parts of a file.
 #[derive(Debug)]
 pub(in crate::io) struct Chunks<'f> {
     pub(in crate::io) json: &'f [u8],
-    /// The binary chunk.
+    /// Binary chunk.
     pub(in crate::io) bin: Option<&'f [u8]>,
     pub(in crate::io) note: Option<&'static str>,
 }
 
-/// The JSON of a file and, for a binary file, the chunk after it.
+/// Splits a file into its JSON and, for a binary file, the binary chunk after it.
 ///
 /// # Errors
-/// A binary file of another version, or one whose chunks are longer than it.
+/// A binary file has another version, or a chunk is longer than the file.
 pub(in crate::io) fn split<'f>(path: &Path, bytes: &'f [u8]) -> Result<Chunks<'f>> {
     if !bytes.starts_with(MAGIC) {
         return Ok(Chunks {
@@ -65,7 +65,7 @@ pub(in crate::io) fn split<'f>(path: &Path, bytes: &'f [u8]) -> Result<Chunks<'f
         let found = format!("version {version}");
         return Err(Error::format(path, "header", "version 2", found, advice));
     }
-    // Some writers leave the length in the header wrong: it is looked at only where a chunk does not fit.
+    // Some writers state a wrong length in the header, so it is read only if a chunk does not fit.
     let stated = word(8).and_then(|len| usize::try_from(len).ok());
     let (mut at, mut json, mut bin, mut note) = (12, None, None, None);
     while let (Some(len), Some(kind)) = (word(at), word(at + 4)) {
@@ -90,7 +90,7 @@ pub(in crate::io) fn split<'f>(path: &Path, bytes: &'f [u8]) -> Result<Chunks<'f
         match &kind.to_le_bytes() {
             b"JSON" if json.is_none() => json = Some(chunk),
             BIN if bin.is_none() => bin = Some(chunk),
-            // Chunks of other kinds are for others.
+            // Chunks of other kinds are skipped, as the format asks.
             _ => {}
         }
         let end = start + chunk.len();
@@ -99,7 +99,7 @@ pub(in crate::io) fn split<'f>(path: &Path, bytes: &'f [u8]) -> Result<Chunks<'f
             note = Some(
                 "chunks are not filled up to a multiple of four bytes, as the format asks: read all the same",
             );
-            // A chunk that the file has room for, of a kind in letters.
+            // Returns true if a chunk that fits into the file, and whose kind is letters, starts at this byte.
             let follows = |at: usize| {
                 let fits = word(at).is_some_and(|len| len as usize <= bytes.len() - at - 4);
                 let kind = bytes.get(at + 4..at + 8).unwrap_or(&[]);
@@ -115,11 +115,11 @@ pub(in crate::io) fn split<'f>(path: &Path, bytes: &'f [u8]) -> Result<Chunks<'f
     Ok(Chunks { json, bin, note })
 }
 
-/// What a URI of a buffer or an image stands for.
+/// Target of a URI of a buffer or an image.
 pub(super) enum Source<'f> {
-    /// The bytes of a `data:` URI.
+    /// Bytes of a `data:` URI.
     Bytes(Vec<u8>),
-    /// A file, its path, and a note where its name is spelled otherwise.
+    /// File, its path, and a note if its name is spelled otherwise.
     File(Input<'f>, PathBuf, Option<String>),
 }
 
@@ -127,14 +127,14 @@ impl<'f> Source<'f> {
     /// Resolves a URI against the folder of the file that states it.
     ///
     /// # Errors
-    /// Why not, as the end of a sentence that begins with what was found.
+    /// The reason, as the end of a sentence that begins with what was found.
     pub(super) fn of(input: Input<'f>, uri: &str) -> Result<Self, String> {
         if let Some(data) = uri.strip_prefix("data:") {
             let (kind, text) = data.split_once(',').unwrap_or((data, ""));
             if !kind.ends_with(";base64") {
                 return Err("a `data:` URI that is not base64".into());
             }
-            // Padding is often left out.
+            // Padding is often absent.
             let config = GeneralPurposeConfig::new()
                 .with_decode_padding_mode(DecodePaddingMode::Indifferent);
             return GeneralPurpose::new(&base64::alphabet::STANDARD, config)
@@ -143,7 +143,7 @@ impl<'f> Source<'f> {
                 .map_err(|e| format!("damaged base64 ({e})"));
         }
         let name = percent_decoded(uri);
-        // `http:`, `file:`, `C:`.
+        // Schemes such as `http:`, `file:`, `C:`.
         let has_scheme = name
             .split_once(':')
             .is_some_and(|(scheme, _)| scheme.chars().all(|c| c.is_ascii_alphanumeric()));
@@ -163,7 +163,7 @@ impl<'f> Source<'f> {
         }
     }
 
-    /// The note on the file, if its name is spelled otherwise.
+    /// Returns the note on the file, if its name is spelled otherwise.
     pub(super) fn note(&self) -> Option<&str> {
         match self {
             Self::Bytes(_) => None,
@@ -171,7 +171,7 @@ impl<'f> Source<'f> {
         }
     }
 
-    /// The bytes.
+    /// Reads the bytes.
     pub(super) fn read(self) -> Result<Vec<u8>> {
         match self {
             Self::Bytes(bytes) => Ok(bytes),
@@ -180,7 +180,7 @@ impl<'f> Source<'f> {
     }
 }
 
-/// `%20` as a space, and so on; what is no such code stays.
+/// Decodes percent codes (`%20` is a space). Invalid codes stay.
 pub(in crate::io) fn percent_decoded(uri: &str) -> String {
     let mut bytes = Vec::with_capacity(uri.len());
     let mut rest = uri.as_bytes();
@@ -199,31 +199,31 @@ pub(in crate::io) fn percent_decoded(uri: &str) -> String {
     String::from_utf8_lossy(&bytes).into_owned()
 }
 
-/// The buffers of a file, each read when it is first needed.
+/// Buffers of a file; each is read on first use.
 pub(in crate::io) struct Buffers<'f> {
     pub(super) input: Input<'f>,
-    /// Of the file.
+    /// Path of the file.
     pub(in crate::io) path: &'f Path,
     pub(in crate::io) document: &'f Document<'f>,
     bin: Option<&'f [u8]>,
     loaded: Vec<OnceCell<Cow<'f, [u8]>>>,
-    /// Views that are packed, each unpacked when it is first needed.
+    /// Unpacked bytes of packed views; each is unpacked on first use.
     unpacked: Vec<OnceCell<Vec<u8>>>,
-    /// For views, the meshes that they pack, each unpacked when it is first needed.
+    /// Unpacked meshes by view; each is unpacked on first use.
     #[cfg(feature = "draco")]
     meshes: Vec<OnceCell<draco_core::Mesh>>,
-    /// Bytes of the file and of all buffers read so far.
+    /// Total bytes of the file and of all buffers read so far.
     bytes: Cell<usize>,
-    /// Bytes that were unpacked so far.
+    /// Total bytes unpacked so far.
     unpacked_bytes: Cell<usize>,
     /// Notes on the files that were read.
     notes: RefCell<Vec<String>>,
 }
 
-/// The bytes that may be unpacked of any file.
+/// Number of bytes that may be unpacked from any file.
 const UNPACKED: usize = 16 << 20;
 
-/// The bytes that may be unpacked for each byte of a file beyond that.
+/// Number of additional bytes that may be unpacked for each byte of a file.
 const UNPACKED_PER_BYTE: usize = 12;
 
 impl<'f> Buffers<'f> {
@@ -249,29 +249,29 @@ impl<'f> Buffers<'f> {
         }
     }
 
-    /// Takes the notes on the files that were read so far.
+    /// Takes the notes on the files read so far.
     pub(in crate::io) fn take_notes(&self) -> Vec<String> {
         self.notes.take()
     }
 
-    /// How many bytes there are: no sound accessor has more elements than this.
+    /// Returns the number of bytes read; no sound accessor has more elements than this.
     pub(super) fn byte_count(&self) -> usize {
         self.bytes.get()
     }
 
-    /// How many bytes may be unpacked from now on: as many as the bytes that there are may stand for.
+    /// Returns the number of bytes that may still be unpacked. The limit is in proportion to the bytes read.
     pub(super) fn room_to_unpack(&self) -> usize {
         let most = UNPACKED.saturating_add(self.bytes.get().saturating_mul(UNPACKED_PER_BYTE));
         most.saturating_sub(self.unpacked_bytes.get())
     }
 
-    /// Counts what was unpacked.
+    /// Adds to the number of unpacked bytes.
     pub(super) fn count_unpacked(&self, bytes: usize) {
         let before = self.unpacked_bytes.get();
         self.unpacked_bytes.set(before.saturating_add(bytes));
     }
 
-    /// An error at a place of this file.
+    /// Returns an error at a place of this file.
     pub(in crate::io) fn refuse(
         &self,
         place: impl Into<String>,
@@ -282,7 +282,7 @@ impl<'f> Buffers<'f> {
         Error::format(self.path, place, expected, found, BROKEN)
     }
 
-    /// A view's bytes and stride.
+    /// Returns the bytes and the stride of a view.
     pub(in crate::io) fn view(&self, index: usize, place: &str) -> Result<(&[u8], Option<usize>)> {
         let view = self.document.get("bufferViews", index, place)?;
         let place = format!("buffer view {index}");
@@ -317,10 +317,10 @@ impl<'f> Buffers<'f> {
         Ok((bytes, stride))
     }
 
-    /// The mesh that a view packs; `unpack` makes it of the view's bytes.
+    /// Returns the mesh that a view packs; `unpack` decodes it from the view's bytes.
     ///
     /// # Errors
-    /// Bytes that are not there, and those of `unpack`.
+    /// The bytes do not exist, or `unpack` fails.
     #[cfg(feature = "draco")]
     pub(super) fn packed_mesh(
         &self,
@@ -328,7 +328,7 @@ impl<'f> Buffers<'f> {
         unpack: impl FnOnce(&[u8]) -> Result<draco_core::Mesh>,
     ) -> Result<&draco_core::Mesh> {
         let (bytes, _) = self.view(index, "")?;
-        // The view is there.
+        // `view` has checked that the view exists.
         let cell = &self.meshes[index];
         match cell.get() {
             Some(mesh) => Ok(mesh),
@@ -339,7 +339,7 @@ impl<'f> Buffers<'f> {
         }
     }
 
-    /// A part of a buffer: from this byte on, so many bytes.
+    /// Returns part of a buffer; `range` is its first byte and its length.
     pub(super) fn part(&self, index: usize, range: [u64; 2], place: &str) -> Result<&[u8]> {
         let [offset, len] = range;
         let buffer = self.buffer(index, place)?;
@@ -357,7 +357,7 @@ impl<'f> Buffers<'f> {
 
     fn buffer(&self, index: usize, place: &str) -> Result<&[u8]> {
         let buffer = self.document.get("buffers", index, place)?;
-        // There are as many.
+        // `get` has checked the index, and `loaded` is as long as the list.
         let cell = &self.loaded[index];
         if let Some(bytes) = cell.get() {
             return Ok(bytes);

@@ -1,7 +1,7 @@
-//! The JSON of a glTF file: members that are drawn, each checked when it is asked for.
+//! Parses the JSON of a glTF file. It keeps the members that the reader uses, and checks each when it is requested.
 //!
-//! The parser skips all other members, whatever JSON they hold: `extras`, animations, cameras, extensions that are not read,
-//! members that the format does not name. Integers may be written as `4.0`. `null` counts as absent.
+//! The parser skips all other members, whatever JSON they contain: `extras`, animations, cameras, unsupported
+//! extensions, and names that the format does not define. Integers may be written as `4.0`. `null` counts as absent.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -16,10 +16,10 @@ use crate::error::{Error, Result};
 use crate::io::refused;
 use crate::io::vtk_xml::clip;
 
-/// The advice for a file that breaks the format's rules.
+/// Advice for a file that breaks the format's rules.
 pub(super) const BROKEN: &str = "the file is damaged or breaks the format's rules: export it again";
 
-/// Names of the members that are kept, of all objects; `attributes` and `targets` keep all of theirs.
+/// Names of the members that are kept, for all objects; `attributes` and `targets` keep all their members.
 const MEMBERS: &[&str] = &[
     "accessors",
     "alphaCutoff",
@@ -91,7 +91,7 @@ const MEMBERS: &[&str] = &[
     "wrapT",
 ];
 
-/// The lists of a file's objects, and what messages call one of each.
+/// Lists of a file's objects, and the noun in messages for one object of each.
 const LISTS: &[(&str, &str)] = &[
     ("accessors", "accessor"),
     ("bufferViews", "buffer view"),
@@ -106,7 +106,7 @@ const LISTS: &[(&str, &str)] = &[
     ("textures", "texture"),
 ];
 
-/// A file's JSON.
+/// JSON of a file.
 #[derive(Debug)]
 pub(in crate::io) struct Document<'f> {
     path: &'f Path,
@@ -117,7 +117,7 @@ impl<'f> Document<'f> {
     /// Parses the text.
     ///
     /// # Errors
-    /// Text that is no JSON, another version of the format, lists of objects that are no lists.
+    /// The text is no JSON, states another version of the format, or has a member instead of a list of objects.
     pub(in crate::io) fn parse(path: &'f Path, json: &[u8]) -> Result<Self> {
         let mut parser = serde_json::Deserializer::from_slice(json);
         let parsed = Kept::Object.deserialize(&mut parser);
@@ -135,7 +135,7 @@ impl<'f> Document<'f> {
         if !version.starts_with("2.") {
             let found = format!("`{}`", clip(version));
             let advice = "export it as glTF 2.0";
-            // Other formats have an asset, too.
+            // Other formats also have an asset.
             let keys: HashMap<String, IgnoredAny> =
                 serde_json::from_slice(json).unwrap_or_default();
             if let Some((name, advice)) = refused::index(|key| keys.contains_key(key)) {
@@ -160,12 +160,12 @@ impl<'f> Document<'f> {
         Ok(Self { path, root })
     }
 
-    /// How many objects a list has.
+    /// Returns the number of objects in a list.
     pub(in crate::io) fn count(&self, list: &str) -> usize {
         self.root[list].as_array().map_or(0, Vec::len)
     }
 
-    /// An object of a list, one of those that the format names.
+    /// Finds an object by its index in one of the format's lists.
     pub(in crate::io) fn find(&self, list: &'static str, index: usize) -> Option<Object<'_>> {
         let noun = LISTS.iter().find(|(name, _)| *name == list)?.1;
         Some(Object {
@@ -177,10 +177,10 @@ impl<'f> Document<'f> {
         })
     }
 
-    /// The same of an object that is there, or an error that says at `place` how many there are.
+    /// Finds an object by its index, or returns an error at `place` that states the length of the list.
     ///
     /// # Errors
-    /// No such object.
+    /// The object does not exist.
     pub(in crate::io) fn get(
         &self,
         list: &'static str,
@@ -200,10 +200,10 @@ impl<'f> Document<'f> {
         })
     }
 
-    /// The number of the scene to show, if one is stated.
+    /// Returns the index of the default scene, if the file states one.
     ///
     /// # Errors
-    /// No whole number.
+    /// The member is no whole number.
     pub(in crate::io) fn scene(&self) -> Result<Option<usize>> {
         let root = Object {
             path: self.path,
@@ -215,21 +215,21 @@ impl<'f> Document<'f> {
         root.index("scene")
     }
 
-    /// The words of a list of them.
+    /// Returns the words of a list.
     pub(super) fn words(&self, list: &str) -> impl Iterator<Item = &str> {
         let words = self.root[list].as_array().into_iter().flatten();
         words.filter_map(Value::as_str)
     }
 }
 
-/// A JSON object of a file, with its place for messages. Members that are asked for are checked, and no others.
+/// JSON object of a file, with its place for messages. Only requested members are checked.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::io) struct Object<'d> {
     path: &'d Path,
     json: &'d Value,
     noun: &'static str,
     index: usize,
-    /// The member that it is of the one with this number; empty for that one itself.
+    /// Member of the listed object that this object is; empty for the listed object itself.
     within: &'static str,
 }
 
@@ -243,7 +243,7 @@ impl<'d> Object<'d> {
         Error::format(self.path, place, expected, shortened(found), BROKEN)
     }
 
-    /// A member, if it is there.
+    /// Reads a member, if it exists.
     fn member<T>(
         &self,
         key: &str,
@@ -259,38 +259,38 @@ impl<'d> Object<'d> {
         }
     }
 
-    /// Its number in its list.
+    /// Returns its index in its list.
     pub(in crate::io) fn number_in_list(&self) -> usize {
         self.index
     }
 
-    /// Whether a member is there.
+    /// Returns true if a member exists.
     pub(in crate::io) fn has(&self, key: &str) -> bool {
         self.json.get(key).is_some()
     }
 
-    /// A whole number from 0 on.
+    /// Reads a whole number, at least 0.
     pub(in crate::io) fn integer(&self, key: &str) -> Result<Option<u64>> {
         self.member(key, "a whole number from 0 on", whole)
     }
 
-    /// The number of another object.
+    /// Reads the index of another object.
     pub(in crate::io) fn index(&self, key: &str) -> Result<Option<usize>> {
         Ok(self
             .integer(key)?
             .map(|n| usize::try_from(n).unwrap_or(usize::MAX)))
     }
 
-    /// A number of elements or bytes.
+    /// Reads a number of elements or bytes.
     ///
     /// # Errors
-    /// None, or no whole number.
+    /// The member does not exist or is no whole number.
     pub(in crate::io) fn size(&self, key: &str) -> Result<u64> {
         let size = self.integer(key)?;
         size.ok_or_else(|| self.refuse(key, "a whole number from 0 on", &Value::Null))
     }
 
-    /// The numbers of other objects; empty where there are none.
+    /// Reads the indices of other objects; empty if absent.
     pub(in crate::io) fn indices(&self, key: &str) -> Result<Vec<usize>> {
         let read = |value: &Value| {
             let index = |item| whole(item).map(|n| usize::try_from(n).unwrap_or(usize::MAX));
@@ -300,18 +300,18 @@ impl<'d> Object<'d> {
         Ok(indices.unwrap_or_default())
     }
 
-    /// A number.
+    /// Reads a number.
     pub(in crate::io) fn number(&self, key: &str) -> Result<Option<f64>> {
         self.member(key, "a number", Value::as_f64)
     }
 
-    /// A list of numbers.
+    /// Reads a list of numbers.
     pub(in crate::io) fn list(&self, key: &str) -> Result<Option<Vec<f64>>> {
         let read = |value: &Value| value.as_array()?.iter().map(Value::as_f64).collect();
         self.member(key, "a list of numbers", read)
     }
 
-    /// A list of `N` numbers.
+    /// Reads a list of `N` numbers.
     pub(in crate::io) fn numbers<const N: usize>(&self, key: &str) -> Result<Option<[f64; N]>> {
         let read = |value: &Value| {
             let numbers: Option<Vec<f64>> = value.as_array()?.iter().map(Value::as_f64).collect();
@@ -320,23 +320,23 @@ impl<'d> Object<'d> {
         self.member(key, &format!("{N} numbers"), read)
     }
 
-    /// Whether a member is there and true.
+    /// Returns true if a member exists and is true.
     pub(in crate::io) fn flag(&self, key: &str) -> Result<bool> {
         let flag = self.member(key, "true or false", Value::as_bool)?;
         Ok(flag.unwrap_or(false))
     }
 
-    /// A word that says how something is meant.
+    /// Reads a string, such as the name of a mode.
     pub(in crate::io) fn word(&self, key: &str) -> Result<Option<&'d str>> {
         self.member(key, "a word in quotes", Value::as_str)
     }
 
-    /// The name, if it has one that is text.
+    /// Returns the name, if it is a string.
     pub(in crate::io) fn name(&self) -> Option<&'d str> {
         self.json.get("name")?.as_str()
     }
 
-    /// An object within this one.
+    /// Reads an object within this one.
     pub(in crate::io) fn object(&self, key: &'static str) -> Result<Option<Self>> {
         let of = |value: &'d Value| {
             value.is_object().then_some(Self {
@@ -348,7 +348,7 @@ impl<'d> Object<'d> {
         self.member(key, "an object", of)
     }
 
-    /// Objects within this one; empty where there are none.
+    /// Reads a list of objects within this one; empty if absent.
     pub(in crate::io) fn objects(&self, key: &'static str) -> Result<Vec<Self>> {
         let of = |value: &'d Value| {
             let items = value.as_array()?.iter();
@@ -366,7 +366,7 @@ impl<'d> Object<'d> {
             .unwrap_or_default())
     }
 
-    /// This object's member in `extensions`, for an extension that is read.
+    /// Returns this object's data for a supported extension.
     pub(in crate::io) fn extension(&self, name: &'static str) -> Option<Self> {
         let json = self.json.get("extensions")?.get(name)?;
         json.is_object().then_some(Self {
@@ -376,7 +376,7 @@ impl<'d> Object<'d> {
         })
     }
 
-    /// The names of all its extensions, read or not.
+    /// Returns the names of all its extensions, supported or not.
     pub(in crate::io) fn extensions(&self) -> impl Iterator<Item = &'d str> {
         let extensions = self.json.get("extensions").and_then(Value::as_object);
         extensions
@@ -385,9 +385,9 @@ impl<'d> Object<'d> {
     }
 }
 
-/// A whole number from 0 on, however it is written.
+/// Reads a whole number, at least 0, in any notation.
 fn whole(value: &Value) -> Option<u64> {
-    /// From here on doubles leave whole numbers out.
+    /// From this number on, doubles cannot represent every whole number.
     const END: f64 = 9_007_199_254_740_992.0;
     #[expect(
         clippy::cast_possible_truncation,
@@ -401,21 +401,21 @@ fn whole(value: &Value) -> Option<u64> {
 fn shortened(value: &Value) -> String {
     match value {
         Value::Null => "none".into(),
-        // Not written out: it may be long.
+        // Lists may be long, so only their length is shown.
         Value::Array(items) => format!("a list of {}", items.len()),
         Value::Object(_) => "an object".into(),
         value => format!("`{}`", clip(&value.to_string())),
     }
 }
 
-/// The members of a value that are kept.
+/// Choice of the members of a value that are kept.
 #[derive(Debug, Clone, Copy)]
 enum Kept {
-    /// The members of objects that are read.
+    /// Members of objects that are read.
     Object,
     /// All members of objects.
     Attributes,
-    /// The names of all extensions, and the contents of those that are read.
+    /// Names of all extensions, and contents of those that are supported.
     Extensions,
 }
 

@@ -1,12 +1,12 @@
-//! Primitives that are packed by `KHR_draco_mesh_compression`.
+//! Decodes primitives that are packed by `KHR_draco_mesh_compression`.
 //!
-//! | key of the extension | what it says |
+//! | key of the extension | contents |
 //! |---|---|
-//! | `bufferView` | where the packed mesh is: triangles, and attributes of their vertices |
+//! | `bufferView` | view with the packed mesh: triangles, and attributes of their vertices |
 //! | `attributes` | for names of attributes (`POSITION`, `TEXCOORD_0`), the identifier of the packed one |
 //!
-//! The primitive's accessors say what kind of numbers the attributes and the indices are, and how many; they need no
-//! bytes. Attributes that the extension does not name are not packed.
+//! The primitive's accessors state the types and numbers of the attributes and the indices; they need no bytes.
+//! Attributes that the extension does not name are not packed.
 //!
 //! Source: the text of the extension in Khronos' registry. The crate `draco-core` decodes.
 
@@ -19,24 +19,24 @@ use super::document::Object;
 use crate::error::Result;
 use crate::io::vtk_xml::clip;
 
-/// How many triangles any file may have.
+/// Number of triangles that any file may have.
 const FACES: usize = 1 << 17;
 
-/// How many a byte of a packed mesh may stand for beyond that: those of large meshes take two bits or so.
+/// Additional triangles per byte of a packed mesh. Large meshes use about two bits per triangle.
 const FACES_PER_BYTE: usize = 8;
 
-/// What is packed of a primitive.
+/// Packed part of a primitive.
 pub(super) struct Primitive<'b> {
-    /// For names of attributes, their identifiers.
+    /// Identifiers of the packed attributes, by name.
     attributes: Option<Object<'b>>,
     mesh: &'b Mesh,
 }
 
 impl<'b> Primitive<'b> {
-    /// The packed mesh of a primitive, if it has one.
+    /// Returns the packed mesh of a primitive, if it has one.
     ///
     /// # Errors
-    /// A view that is not there, a mesh that is damaged, or one of more than the file's bytes may stand for.
+    /// The view does not exist, or the mesh is damaged or too large for the file's bytes.
     pub(super) fn of(
         buffers: &'b Buffers<'_>,
         primitive: Object<'b>,
@@ -55,10 +55,10 @@ impl<'b> Primitive<'b> {
         }))
     }
 
-    /// The elements of an attribute, or of the `indices`.
+    /// Returns the elements of an attribute, or of the `indices`.
     ///
     /// # Errors
-    /// Attributes that are not in the packed mesh, or have another number of components there.
+    /// The packed mesh lacks the attribute, or has another number of components for it.
     pub(super) fn open(
         &self,
         buffers: &'b Buffers<'_>,
@@ -121,7 +121,7 @@ fn unpack(buffers: &Buffers<'_>, bytes: &[u8], place: &str) -> Result<Mesh> {
     Ok(mesh)
 }
 
-/// Appends numbers, stored as `component` says.
+/// Appends numbers, stored as `component`.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,

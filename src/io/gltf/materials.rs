@@ -1,4 +1,4 @@
-//! Materials and textures.
+//! Reads materials and textures.
 
 use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
@@ -12,25 +12,25 @@ use crate::io::texture::ImageBudget;
 use crate::io::vtk_xml::clip;
 use crate::io::{AlphaMode, Material, Texture, TextureImage, TextureUse, Wrap};
 
-/// Extensions that say how a texture is stored; without another source it is not read.
+/// Extensions for texture formats that are not read. A texture with no other source is left out.
 const TEXTURE_FORMATS: &[&str] = &["KHR_texture_basisu", "EXT_texture_avif", "MSFT_texture_dds"];
 
-/// The extensions that name an image in WebP or KTX 2, which is taken where there is no other.
+/// Extensions that name an image in WebP or KTX 2; it is used if there is no other image.
 const SOURCES: [&str; 2] = ["EXT_texture_webp", "KHR_texture_basisu"];
 
-/// A material for the primitives that have certain sets of texture coordinates.
+/// Material for primitives with certain sets of texture coordinates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct MaterialSets {
     /// Index of the material.
     pub(super) material: usize,
-    /// The file's sets that become the first and the second of a part.
+    /// Indices of the file's sets that become the first and the second set of a part.
     pub(super) sets: [Option<u32>; 2],
 }
 
-/// A material and which of its three textures the primitive has coordinates for.
+/// Index of a material, and which of its three textures the primitive has coordinates for.
 type Key = (Option<usize>, [bool; 3]);
 
-/// Materials and textures, made as primitives ask for them.
+/// Materials and textures, made when primitives request them.
 pub(super) struct Materials<'b, 'f> {
     buffers: &'b Buffers<'f>,
     pub(super) materials: Vec<Material>,
@@ -56,10 +56,10 @@ impl<'b, 'f> Materials<'b, 'f> {
         }
     }
 
-    /// The material of a primitive that has the sets of coordinates that `has_set` says.
+    /// Returns the material of a primitive; `has_set` returns true for its sets of coordinates.
     ///
     /// # Errors
-    /// A material or a texture that is not there. Images that cannot be read are noted.
+    /// A material or a texture does not exist. Images that cannot be read cause notes only.
     pub(super) fn get(
         &mut self,
         index: Option<usize>,
@@ -105,7 +105,7 @@ impl<'b, 'f> Materials<'b, 'f> {
             Some(info) => self.texture_use(info, 0)?,
             None => None,
         };
-        // Both may use one set.
+        // Both textures may use the same set.
         let second = usize::from(base_texture.is_some() && base_set != emissive_set);
         let emissive_texture = match emissive.filter(|_| key.1[1]) {
             Some(info) => self.texture_use(info, second)?,
@@ -118,7 +118,7 @@ impl<'b, 'f> Materials<'b, 'f> {
         if emissive_texture.is_some() {
             sets[second] = emissive_set;
         }
-        // Of a part's two sets one must be the relief's.
+        // A part has two sets; the normal map must use one of them.
         let free = sets.iter().position(Option::is_none);
         let place = |set: u32| sets.iter().position(|own| *own == Some(set)).or(free);
         let relief = relief.filter(|_| key.1[2]);
@@ -150,7 +150,7 @@ impl<'b, 'f> Materials<'b, 'f> {
             None => false,
             Some(stated) => stated.flag("doubleSided")?,
         };
-        // Light through a texture that cannot be read would be light everywhere.
+        // Emission would cover the whole surface without its texture, so it is dropped if the texture cannot be read.
         let is_dark = emissive.is_some() && emissive_texture.is_none();
         self.materials.push(Material {
             base_colour,
@@ -172,8 +172,8 @@ impl<'b, 'f> Materials<'b, 'f> {
         Ok(made)
     }
 
-    /// A texture under its transform, with the part's set of coordinates; `None` and a note where
-    /// it cannot be read.
+    /// Returns a texture with its transform and the part's set of coordinates. Returns `None` and adds a note if it
+    /// cannot be read.
     fn texture_use(&mut self, info: &Info, coordinates: usize) -> Result<Option<TextureUse>> {
         let document = self.buffers.document;
         let texture = document.get("textures", info.texture, "material")?;
@@ -234,7 +234,7 @@ impl<'b, 'f> Materials<'b, 'f> {
         }))
     }
 
-    /// An image's pixels, or why there are none.
+    /// Decodes an image, or returns the reason why this fails.
     fn decode(&mut self, image: Object<'_>, index: usize) -> Result<TextureImage, String> {
         let place = format!("image {index}");
         let uri = image.word("uri").map_err(|e| e.to_string())?;
@@ -263,7 +263,7 @@ impl<'b, 'f> Materials<'b, 'f> {
     }
 }
 
-/// The number of a texture's image: its own, or else the one that an extension names.
+/// Returns the index of a texture's image: its own, or else the one that an extension names.
 fn image_of(texture: Object<'_>) -> Result<Option<usize>> {
     if let Some(source) = texture.index("source")? {
         return Ok(Some(source));
@@ -275,11 +275,11 @@ fn image_of(texture: Object<'_>) -> Result<Option<usize>> {
     }
 }
 
-/// A texture of a material.
+/// Reference from a material to a texture.
 struct Info {
-    /// Its number.
+    /// Index of the texture.
     texture: usize,
-    /// The set of its coordinates; a transform may name another than the material.
+    /// Index of its set of coordinates. The transform may override the material's.
     set: u32,
     transform: Affine2,
 }
@@ -291,8 +291,8 @@ impl Info {
         let mut transform = Affine2::IDENTITY;
         if let Some(own) = stated.extension("KHR_texture_transform") {
             set = own.integer("texCoord")?.or(set);
-            // Scaled, then turned, then moved. With v downwards, as glTF has it, a turn against the clock takes (u, v)
-            // to (u cos + v sin, v cos - u sin).
+            // The order is scale, rotation, translation. In glTF v points downwards, so a counterclockwise rotation
+            // takes (u, v) to (u cos + v sin, v cos - u sin).
             let (sin, cos) = own.number("rotation")?.map_or(0.0, narrow).sin_cos();
             let turn = Mat2::from_cols(Vec2::new(cos, -sin), Vec2::new(sin, cos));
             let pair = |numbers: Option<[f64; 2]>, otherwise| {
@@ -314,12 +314,12 @@ impl Info {
     }
 }
 
-/// The colours and textures of a material.
+/// Colours and textures of a material.
 struct Colours {
-    /// Linear.
+    /// Linear colour.
     base_colour: [f32; 4],
     base: Option<Info>,
-    /// Linear.
+    /// Linear colour.
     emissive: [f32; 3],
     emissive_texture: Option<Info>,
     relief: Option<Info>,
@@ -327,7 +327,7 @@ struct Colours {
 }
 
 impl Colours {
-    /// The colours of a material; without one, those of the format's default material.
+    /// Returns the colours of a material; without one, those of the format's default material.
     fn of(stated: Option<Object<'_>>) -> Result<Self> {
         let mut colours = Self {
             base_colour: [1.0; 4],
@@ -346,7 +346,7 @@ impl Colours {
             }
             colours.base = Info::within(metallic, "baseColorTexture")?;
         }
-        // The older description of colours, where the newer one says nothing.
+        // The older extension gives the colours if the material states none itself.
         let says_nothing = colours.base.is_none() && colours.base_colour.iter().all(|c| *c >= 1.0);
         let older = stated.extension("KHR_materials_pbrSpecularGlossiness");
         if let Some(older) = older.filter(|_| says_nothing) {

@@ -1,14 +1,14 @@
-//! Buffer views that are packed by `EXT_meshopt_compression` or `KHR_meshopt_compression`, which are the same but for
-//! version 1 of the codec of attributes and the filter `COLOR`, which the second has.
+//! Unpacks buffer views that use `EXT_meshopt_compression` or `KHR_meshopt_compression`. The second adds version 1 of
+//! the attribute codec and the filter `COLOR`; otherwise they are the same.
 //!
-//! | key of the extension | what it says |
+//! | key of the extension | contents |
 //! |---|---|
-//! | `buffer`, `byteOffset`, `byteLength` | where the packed bytes are |
+//! | `buffer`, `byteOffset`, `byteLength` | position of the packed bytes |
 //! | `mode` | `ATTRIBUTES`: vertices; `TRIANGLES`: indices of a list of triangles; `INDICES`: any indices |
-//! | `count`, `byteStride` | how many elements there are, of so many bytes |
-//! | `filter` | what is done to the elements after that: `NONE`, `OCTAHEDRAL` (unit vectors), `QUATERNION`, `EXPONENTIAL` (floats of few bits), `COLOR` |
+//! | `count`, `byteStride` | number of elements, and bytes of each |
+//! | `filter` | conversion of the unpacked elements: `NONE`, `OCTAHEDRAL` (unit vectors), `QUATERNION`, `EXPONENTIAL` (floats of few bits), `COLOR` |
 //!
-//! The view itself names a fallback buffer, which mostly has no bytes: it is not read.
+//! The view itself names a fallback buffer, which usually has no bytes. The reader ignores it.
 //!
 //! Source: the texts of both extensions in Khronos' registry. The crate `meshoptimizer-rs` decodes.
 
@@ -20,33 +20,34 @@ use super::document::Object;
 use crate::error::{Error, Result};
 use crate::io::vtk_xml::clip;
 
-/// The extensions, which are stated alike.
+/// Names of the extensions, whose members are the same.
 const NAMES: [&str; 2] = ["KHR_meshopt_compression", "EXT_meshopt_compression"];
 
-/// What a view says of how it is packed.
+/// Returns the compression data of a view, if it is packed.
 pub(super) fn packed(view: Object<'_>) -> Option<Object<'_>> {
     NAMES.into_iter().find_map(|name| view.extension(name))
 }
 
-/// Gives `length` bytes from `offset` on of a buffer by its number; the place is for errors.
+/// Function that returns a range (offset, length) of the buffer with this index; the last argument is the place for
+/// errors.
 type PartOf<'a> = dyn Fn(usize, [u64; 2], &str) -> Result<&'a [u8]> + 'a;
 
-/// Where packed bytes come from.
+/// Access to packed bytes.
 pub(super) struct Source<'a> {
     pub(super) path: &'a Path,
     pub(super) part: &'a PartOf<'a>,
-    /// How many bytes may still be unpacked.
+    /// Number of bytes that may still be unpacked.
     pub(super) room: usize,
 }
 
-/// Undoes a filter: of all elements, how many there are, and their size.
+/// Function that undoes a filter. Its arguments are the bytes of all elements, their number and their size.
 type Filter = fn(&mut [u8], usize, usize, &mut Workspace) -> Result<(), CodecError>;
 
-/// The bytes of a view that is packed as `stated`.
+/// Unpacks the bytes of a view that is packed as `stated`.
 ///
 /// # Errors
-/// Keys that are missing or name what is not there, more elements than the file's bytes may stand for, and packed bytes
-/// that are damaged.
+/// A key is missing or names something that does not exist, there are too many elements for the file's bytes, or the
+/// packed bytes are damaged.
 pub(super) fn unpack(source: &Source<'_>, stated: Object<'_>, place: &str) -> Result<Vec<u8>> {
     let place = format!("{place}, meshopt");
     let refuse = |expected: String, found: String| {

@@ -1,20 +1,21 @@
-//! glTF 2.0: meshes with their materials, textures and places, as JSON with binary buffers
-//! (`.gltf`), or all in one file (`.glb`).
+//! Reads glTF 2.0: meshes with materials, textures and positions in a scene. Files are JSON with binary buffers
+//! (`.gltf`) or a single binary file (`.glb`).
 //!
-//! Shown is the default scene (else the first, else all nodes) in its rest pose: nodes'
-//! transforms in f64, skins by their joints, morph targets by their default weights. Base
-//! colours, emission and opacity are read; what only light would show is not.
+//! The reader returns the default scene (or else the first scene, or else all nodes) in its rest pose. Nodes have their
+//! transforms in f64, skins the pose of their joints, and morph targets their default weights. Base colours, emission,
+//! opacity and normal maps are read. Other properties that only lighting would show are not.
 //!
-//! | extension | what is made of it |
+//! | extension | treatment |
 //! |---|---|
-//! | `KHR_texture_transform`, `KHR_mesh_quantization`, `KHR_materials_emissive_strength`, `EXT_mesh_gpu_instancing`, `EXT_texture_webp`, `KHR_texture_basisu` | as it says |
+//! | `KHR_texture_transform`, `KHR_mesh_quantization`, `KHR_materials_emissive_strength`, `EXT_mesh_gpu_instancing`, `EXT_texture_webp`, `KHR_texture_basisu` | supported |
 //! | `EXT_meshopt_compression`, `KHR_meshopt_compression` | views are unpacked: see [`meshopt`] |
 //! | `KHR_draco_mesh_compression` | primitives are unpacked, with the feature `draco` |
-//! | `KHR_materials_pbrSpecularGlossiness` | its diffuse colour, where the material has no other |
-//! | `KHR_materials_unlit`, and those in [`OF_LIGHT`] | nothing: they change no colour or shape |
-//! | others | nothing and a note; refused by name where the file requires them |
+//! | `KHR_materials_pbrSpecularGlossiness` | its diffuse colour is used if the material has no other |
+//! | `KHR_materials_unlit` | the material is marked as unlit |
+//! | those in [`OF_LIGHT`] | ignored: they change no colour or shape |
+//! | others | ignored with a note; refused by name if the file requires them |
 //!
-//! Parts that are not drawn may hold anything ([`document`]); all drawn parts are checked before they are used.
+//! Parts that are not drawn may contain anything ([`document`]). All drawn parts are checked before they are used.
 
 mod accessor;
 mod container;
@@ -47,8 +48,8 @@ use crate::error::{Error, Result};
 use materials::Materials;
 use primitives::{PrimitiveReader, Shape};
 
-/// The most corners that all triangles, lines and points of a scene may have together. Nodes and instances share
-/// meshes, so a small file can state a scene of any size.
+/// Greatest number of corners of all triangles, lines and points of a scene. Nodes and instances share meshes, so a
+/// small file can describe a scene of any size.
 const MOST_CORNERS: usize = 1 << 27;
 
 /// Extensions that are read.
@@ -82,23 +83,23 @@ const OF_LIGHT: &[&str] = &[
     "KHR_xmp_json_ld",
 ];
 
-/// What packs the meshes of whole primitives.
+/// Extension that packs the meshes of whole primitives.
 const DRACO: &str = "KHR_draco_mesh_compression";
 
-/// The extension of Gaussian splats.
+/// Extension for Gaussian splats.
 pub(super) const SPLATS: &str = "KHR_gaussian_splatting";
 
-/// The extension within that one whose buffer view holds an SPZ stream.
+/// Extension within [`SPLATS`] whose buffer view contains an SPZ stream.
 pub(super) const PACKED_SPLATS: &str = "KHR_gaussian_splatting_compression_spz_2";
 
-/// Extensions that the reader of splats reads.
+/// Extensions that the reader of splats supports.
 const OF_SPLATS: &[&str] = &[SPLATS, PACKED_SPLATS];
 
 /// Reads a scene.
 ///
 /// # Errors
-/// JSON or buffers that break the format's rules or are not there, required extensions that are
-/// not read, and scenes without triangles, lines or points.
+/// JSON or buffers break the format's rules or do not exist; a required extension is not supported; the scene has no
+/// triangles, lines or points.
 pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
     let bytes = input.read_all()?;
@@ -117,7 +118,7 @@ pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
 
 /// Refuses required extensions that are not read, and notes others that are used.
 ///
-/// - `others`: extensions that are read beside those of meshes.
+/// - `others`: additional extensions that the caller reads.
 pub(super) fn check_extensions(
     path: &Path,
     document: &Document<'_>,
@@ -141,7 +142,7 @@ pub(super) fn check_extensions(
             "export it without this extension",
         ));
     }
-    // One that breaks the rules may name any number of them.
+    // A damaged file may name any number of extensions, so the list is cut.
     let used: Vec<String> = names("extensionsUsed")
         .into_iter()
         .take(8)
@@ -153,20 +154,20 @@ pub(super) fn check_extensions(
     Ok(())
 }
 
-/// A primitive that several nodes show.
+/// Primitive that several nodes share.
 struct Unpacked {
     corners: usize,
     shape: Shape,
 }
 
-/// All primitives of the nodes shown, in their places.
+/// Returns all primitives of the drawn nodes, transformed to world space.
 fn scene(buffers: &Buffers<'_>, notes: &mut Vec<String>) -> Result<Mesh> {
     let nodes = Nodes::new(buffers)?;
     let mut materials = Materials::new(buffers);
     let mut parts: Vec<MeshPart> = Vec::new();
     let mut left_out = LeftOut::default();
     let mut corners_left = MOST_CORNERS;
-    // How many nodes name each mesh, and the primitives of those that several do.
+    // Number of nodes that name each mesh. Below, `unpacked` keeps the primitives of meshes that several nodes name.
     let mut named: HashMap<usize, usize> = HashMap::new();
     for &n in &nodes.shown {
         if let Some((mesh, _)) = nodes.all[n].mesh(buffers)? {
@@ -210,7 +211,7 @@ fn scene(buffers: &Buffers<'_>, notes: &mut Vec<String>) -> Result<Mesh> {
                 draco: draco::Primitive::of(buffers, primitive, &place)?,
                 place,
             };
-            // A mesh that many nodes name is unpacked once.
+            // A primitive that several nodes share is unpacked once.
             let is_plain = joints.is_none() && node.weights()?.is_none();
             let key = is_plain.then_some((index, p));
             let known = key.and_then(|key| unpacked.get(&key).cloned());
@@ -261,7 +262,7 @@ fn scene(buffers: &Buffers<'_>, notes: &mut Vec<String>) -> Result<Mesh> {
     })
 }
 
-/// Refuses a primitive whose vertices are packed by Draco and have no other copy.
+/// Refuses a primitive whose vertices exist only in Draco's packed form.
 #[cfg(not(feature = "draco"))]
 fn check_has_copy(buffers: &Buffers<'_>, primitive: Object<'_>, place: &str) -> Result<()> {
     let attributes = primitive.object("attributes")?;

@@ -1,4 +1,4 @@
-//! Nodes: where meshes stand.
+//! Reads nodes, which place meshes in the scene.
 
 use glam::{DAffine3, DMat4, DQuat, DVec3};
 
@@ -7,7 +7,7 @@ use super::container::Buffers;
 use super::document::Object;
 use crate::error::Result;
 
-/// A node.
+/// Node of the scene graph.
 pub(in crate::io) struct Node<'b> {
     pub(in crate::io) world_from_node: DAffine3,
     object: Object<'b>,
@@ -15,10 +15,10 @@ pub(in crate::io) struct Node<'b> {
 }
 
 impl<'b> Node<'b> {
-    /// The number of its mesh, which is there, and the mesh.
+    /// Returns the index of its mesh, and the mesh.
     ///
     /// # Errors
-    /// A mesh that is not there.
+    /// The mesh does not exist.
     pub(in crate::io) fn mesh(
         &self,
         buffers: &'b Buffers<'_>,
@@ -31,30 +31,29 @@ impl<'b> Node<'b> {
         Ok(Some((index, mesh)))
     }
 
-    /// The number of its skin.
+    /// Returns the index of its skin.
     pub(super) fn skin(&self) -> Result<Option<usize>> {
         self.object.index("skin")
     }
 
-    /// The weights of its morph targets, if it has its own.
+    /// Returns the weights of its morph targets, if it overrides the mesh's.
     pub(super) fn weights(&self) -> Result<Option<Vec<f64>>> {
         self.object.list("weights")
     }
 }
 
-/// The nodes of a file, with their places in the world.
+/// Nodes of a file, with their world transforms.
 pub(in crate::io) struct Nodes<'b> {
     pub(in crate::io) all: Vec<Node<'b>>,
-    /// The nodes to show, each once: those of the default scene, or of the first, or all.
+    /// Indices of the nodes to draw, each once: those of the default scene, or of the first scene, or all.
     pub(in crate::io) shown: Vec<usize>,
 }
 
 impl<'b> Nodes<'b> {
-    /// Places all nodes.
+    /// Computes the world transforms of all nodes.
     ///
     /// # Errors
-    /// Children that are not there, nodes with two parents or that are their own ancestors, and
-    /// matrices that are not affine.
+    /// A child does not exist, a node has two parents or is its own ancestor, or a matrix is not affine.
     pub(in crate::io) fn new(buffers: &'b Buffers<'_>) -> Result<Self> {
         let count = buffers.document.count("nodes");
         let mut all = Vec::with_capacity(count);
@@ -96,7 +95,7 @@ impl<'b> Nodes<'b> {
             placed += 1;
             open.extend(node.children.iter().map(|&child| (child, world)));
         }
-        // Each has one parent at most: those that no root leads to are in loops.
+        // Each node has at most one parent, so nodes that no root reaches are in loops.
         if placed < count {
             let expected = "a tree without loops";
             return Err(buffers.refuse("nodes", expected, "a node that is its own ancestor"));
@@ -106,7 +105,7 @@ impl<'b> Nodes<'b> {
     }
 }
 
-/// The nodes of the scene, parents before children.
+/// Returns the nodes of the scene, parents before children.
 fn shown(buffers: &Buffers<'_>, all: &[Node<'_>], has_parent: &[bool]) -> Result<Vec<usize>> {
     let document = buffers.document;
     let scene = match document.scene()? {
@@ -123,7 +122,7 @@ fn shown(buffers: &Buffers<'_>, all: &[Node<'_>], has_parent: &[bool]) -> Result
     while let Some(i) = open.pop() {
         match is_shown.get_mut(i) {
             Some(is) if !*is => *is = true,
-            // Listed beside its ancestor.
+            // The scene lists this node and an ancestor of it.
             Some(_) => continue,
             None => {
                 let expected = format!("some of {} nodes", all.len());
@@ -157,7 +156,7 @@ fn parent_from_node(buffers: &Buffers<'_>, node: Object<'_>) -> Result<DAffine3>
     ))
 }
 
-/// A unit quaternion; none at all turns nothing.
+/// Normalises a quaternion; a zero or infinite one becomes the identity.
 fn unit(rotation: DQuat) -> DQuat {
     let length = rotation.length();
     if length > 0.0 && length.is_finite() {
@@ -168,16 +167,16 @@ fn unit(rotation: DQuat) -> DQuat {
 }
 
 fn affine(matrix: DMat4) -> Option<DAffine3> {
-    // Some writers round here: a sixteenth of a million is no perspective.
+    // Some writers round the last row; a difference of a millionth is no perspective.
     const ROUNDING: f64 = 1e-6;
     let last = matrix.row(3) - glam::DVec4::W;
     (last.abs().max_element() <= ROUNDING).then(|| DAffine3::from_mat4(matrix))
 }
 
-/// The matrices of a skin's joints: world from the mesh's bind pose.
+/// Returns the matrices of a skin's joints: world from the mesh's bind pose.
 ///
 /// # Errors
-/// A skin or a joint that is not there, or fewer matrices than joints.
+/// A skin or a joint does not exist, or there are fewer matrices than joints.
 pub(super) fn joints(
     buffers: &Buffers<'_>,
     nodes: &Nodes<'_>,
@@ -218,11 +217,11 @@ pub(super) fn joints(
     joints.iter().enumerate().map(joint).collect()
 }
 
-/// The places of a node's instances within it (`EXT_mesh_gpu_instancing`), or the one that a
-/// node without them has.
+/// Returns the transforms of a node's instances within it (`EXT_mesh_gpu_instancing`), or the identity for a node
+/// without them.
 ///
 /// # Errors
-/// Accessors of unequal lengths, or that are not there.
+/// Accessors have unequal lengths or do not exist.
 pub(in crate::io) fn instances(buffers: &Buffers<'_>, node: &Node<'_>) -> Result<Vec<DAffine3>> {
     let Some(stated) = node.object.extension("EXT_mesh_gpu_instancing") else {
         return Ok(vec![DAffine3::IDENTITY]);

@@ -1,4 +1,4 @@
-//! Primitives: the triangles, lines and points of meshes.
+//! Reads primitives: the triangles, lines and points of meshes.
 
 use std::collections::HashMap;
 
@@ -10,17 +10,17 @@ use super::document::Object;
 use crate::error::Result;
 use crate::io::MeshPart;
 
-/// A primitive's triangles in the space of its mesh, morphed and not yet placed.
+/// Elements of a primitive in the space of its mesh, morphed and not yet transformed to the world.
 pub(super) struct Shape {
-    /// Positions, triangles, coordinates and colours; the corners that triangles use.
+    /// Positions, elements, texture coordinates and colours, restricted to the vertices in use.
     part: MeshPart,
     /// Normals, of any length.
     normals: Vec<DVec3>,
-    /// Joints and their weights, for each corner; empty without a skin.
+    /// Joints and their weights for each vertex; empty without a skin.
     influences: Vec<Vec<(usize, f64)>>,
 }
 
-/// How vertices are put together.
+/// Assembly of vertices to elements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Mode {
     Points,
@@ -33,7 +33,7 @@ enum Mode {
 }
 
 impl Mode {
-    /// By their codes.
+    /// All modes, in the order of their codes.
     const ALL: [Self; 7] = [
         Self::Points,
         Self::Lines,
@@ -45,18 +45,18 @@ impl Mode {
     ];
 }
 
-/// A primitive of a mesh, and what messages call it.
+/// Primitive of a mesh, and its name in messages.
 pub(super) struct PrimitiveReader<'b, 'f> {
     pub(super) buffers: &'b Buffers<'f>,
     pub(super) primitive: Object<'b>,
     pub(super) place: String,
-    /// What is packed by `KHR_draco_mesh_compression`.
+    /// Data packed by `KHR_draco_mesh_compression`.
     #[cfg(feature = "draco")]
     pub(super) draco: Option<super::draco::Primitive<'b>>,
 }
 
 impl<'b> PrimitiveReader<'b, '_> {
-    /// The accessor of an attribute.
+    /// Returns the accessor of an attribute.
     fn attribute(&self, name: &str) -> Result<Option<usize>> {
         match self.primitive.object("attributes")? {
             Some(attributes) => attributes.index(name),
@@ -80,10 +80,10 @@ impl<'b> PrimitiveReader<'b, '_> {
         stated.open(self.buffers)
     }
 
-    /// How vertices are put together.
+    /// Returns the mode in which vertices are assembled.
     ///
     /// # Errors
-    /// No mode of the format.
+    /// The format has no such mode.
     fn mode(&self) -> Result<Mode> {
         let code = self.primitive.index("mode")?.unwrap_or(4);
         let mode = *Mode::ALL.get(code).ok_or_else(|| {
@@ -92,13 +92,13 @@ impl<'b> PrimitiveReader<'b, '_> {
         })?;
         #[cfg(feature = "draco")]
         if self.draco.is_some() {
-            // Strips are unpacked as triangles.
+            // The Draco decoder returns strips as triangles.
             return Ok(Mode::Triangles);
         }
         Ok(mode)
     }
 
-    /// An attribute with as many elements as there are positions.
+    /// Opens an attribute, which must have as many elements as there are positions.
     fn vertices(
         &self,
         name: &str,
@@ -123,15 +123,15 @@ impl<'b> PrimitiveReader<'b, '_> {
         Err(self.buffers.refuse(place, expected, found.to_string()))
     }
 
-    /// Whether it has a set of texture coordinates.
+    /// Returns true if it has a set of texture coordinates.
     pub(super) fn has_set(&self, set: u32) -> bool {
         matches!(self.attribute(&format!("TEXCOORD_{set}")), Ok(Some(_)))
     }
 
-    /// How many corners its triangles, lines and points have together.
+    /// Returns the total number of corners of its triangles, lines and points.
     ///
     /// # Errors
-    /// No positions, or accessors that are not there.
+    /// There are no positions, or accessors do not exist.
     pub(super) fn corner_count(&self) -> Result<usize> {
         let count = match self.primitive.index("indices")? {
             Some(accessor) => self
@@ -154,7 +154,7 @@ impl<'b> PrimitiveReader<'b, '_> {
         self.open(accessor, "POSITION", &[Type::Vec3], ANY_NUMBERS)
     }
 
-    /// A part with its triangles, lines and points as indices of vertices, and nothing else.
+    /// Returns a part with only its triangles, lines and points, as indices of vertices.
     fn elements(&self, vertex_count: usize) -> Result<MeshPart> {
         let indices: Vec<u32> = match self.primitive.index("indices")? {
             Some(accessor) => {
@@ -185,7 +185,7 @@ impl<'b> PrimitiveReader<'b, '_> {
                     (true, _) => [w[0], w[2], w[1]],
                     (false, _) => [w[1], w[2], indices[0]],
                 });
-                // Strips are joined by triangles of two corners.
+                // Degenerate triangles, which join strips, are dropped.
                 part.triangles = triangles
                     .filter(|[a, b, c]| a != b && b != c && c != a)
                     .collect();
@@ -203,10 +203,10 @@ impl<'b> PrimitiveReader<'b, '_> {
         Ok(part)
     }
 
-    /// Reads it with these weights of morph targets and these sets of texture coordinates.
+    /// Reads the primitive with these weights of morph targets and these sets of texture coordinates.
     ///
     /// # Errors
-    /// Accessors of the wrong type, or that are shorter than they say, or than the positions are.
+    /// An accessor has the wrong type, is shorter than it states, or has fewer elements than there are positions.
     pub(super) fn read(
         &self,
         weights: &[f64],
@@ -262,7 +262,7 @@ impl<'b> PrimitiveReader<'b, '_> {
         Ok(shape)
     }
 
-    /// Adds morph targets times their weights.
+    /// Adds the morph targets, multiplied by their weights.
     fn morph(
         &self,
         shape: &mut Shape,
@@ -294,7 +294,7 @@ impl<'b> PrimitiveReader<'b, '_> {
         Ok(())
     }
 
-    /// The joints that move each corner, with weights that sum to 1.
+    /// Returns the joints that move each vertex, with weights that sum to 1.
     fn influences(
         &self,
         used: &[usize],
@@ -337,14 +337,14 @@ impl<'b> PrimitiveReader<'b, '_> {
     }
 }
 
-/// Numbers the vertices that a part uses, in order of their use, and returns which they are.
+/// Renumbers the vertices that a part uses, in order of their use, and returns their old indices.
 fn gather(part: &mut MeshPart) -> Vec<usize> {
     let mut used = Vec::new();
     let mut index_of: HashMap<u32, u32> = HashMap::new();
     let in_triangles = part.triangles.as_flattened_mut().iter_mut();
     let in_lines = part.lines.as_flattened_mut().iter_mut();
     for i in in_triangles.chain(in_lines).chain(&mut part.points) {
-        // Not more than there are corners, whose number is limited.
+        // Their number is at most that of the corners, which is limited.
         let next = u32::try_from(used.len()).unwrap_or(u32::MAX);
         let vertex = *i;
         *i = *index_of.entry(vertex).or_insert_with(|| {
@@ -364,7 +364,7 @@ fn narrow<const N: usize>(numbers: [f64; N]) -> [f32; N] {
 }
 
 impl Shape {
-    /// The part in the world: moved by its node, or by its joints.
+    /// Returns the part in world space, transformed by its node or by its joints.
     pub(super) fn placed(
         &self,
         world_from_mesh: DAffine3,
@@ -404,7 +404,7 @@ impl Shape {
     }
 }
 
-/// The inverse transpose times the determinant: what turns normals, for singular matrices too.
+/// Returns the inverse transpose times the determinant. It transforms normals, and exists for singular matrices too.
 fn cofactors(m: DMat3) -> DMat3 {
     DMat3::from_cols(
         m.y_axis.cross(m.z_axis),

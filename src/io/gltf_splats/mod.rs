@@ -1,9 +1,9 @@
-//! Splats in glTF 2.0 files, by the extension
+//! Reads splats from glTF 2.0 files with the extension
 //! [`KHR_gaussian_splatting`](https://github.com/KhronosGroup/glTF/tree/main/extensions/2.0/Khronos/KHR_gaussian_splatting).
 //!
-//! A primitive of points is splats where its `extensions` name it; per point it has
+//! A primitive of points contains splats if its `extensions` name this one. Each point has these attributes:
 //!
-//! | attribute | type | what |
+//! | attribute | type | contents |
 //! |---|---|---|
 //! | `POSITION` | VEC3 | centre |
 //! | `KHR_gaussian_splatting:SCALE` | VEC3 | standard deviations, linear; drafts until 2026 had logarithms: see [`super::log_scales`] |
@@ -11,18 +11,19 @@
 //! | `KHR_gaussian_splatting:OPACITY` | SCALAR | peak opacity, 0 to 1 |
 //! | `KHR_gaussian_splatting:SH_DEGREE_l_COEF_n` | VEC3 | R, G, B of harmonic n = 0 to 2 l of degree l |
 //!
-//! The first drafts called scales and rotations `_SCALE` and `_ROTATION`, and had the constant colour and the opacity in `COLOR_0`:
-//! these are taken where the others are not there. Numbers may be bytes and shorts, as the extension and `KHR_mesh_quantization`
-//! have them.
+//! The first drafts named scales and rotations `_SCALE` and `_ROTATION`, and stored the constant colour and the opacity
+//! in `COLOR_0`. The reader takes these if the others are absent. Numbers may be bytes and shorts, as the extension and
+//! `KHR_mesh_quantization` allow.
 //!
-//! By `KHR_gaussian_splatting_compression_spz_2` all of them are packed in one buffer view, an SPZ stream (version 2 by the extension;
-//! all versions are read) in the axes of the glTF file; accessors without views may name the attributes.
+//! `KHR_gaussian_splatting_compression_spz_2` packs all attributes in one buffer view, an SPZ stream in the axes of the
+//! glTF file. The extension prescribes version 2; the reader accepts all versions. Accessors without views may name the
+//! attributes.
 //!
-//! Nodes move splats: rotations and uniform scales exactly, harmonics with them. Where a node
-//! stretches, shapes stay exact and harmonics of degree 1 and up become the nearest ones. Primitives of
-//! other kinds are not read.
+//! Nodes transform splats. Rotations and uniform scales are exact, and rotate the harmonics. For other linear
+//! transforms, shapes stay exact, and harmonics of degree 1 and higher become the nearest ones. Primitives of other
+//! kinds are not read.
 //!
-//! Document, nodes and accessors are those of [`super::gltf`].
+//! The modules of [`super::gltf`] read the document, nodes and accessors.
 
 mod write;
 
@@ -45,21 +46,20 @@ use crate::math::{HarmonicsTransform, MAX_HARMONICS_DEGREE, harmonics_count, sca
 
 pub(super) use self::write::encode;
 
-/// What the format is called.
+/// Name of the format.
 pub(super) const FORMAT: &str = "glTF splats";
 
 const EXTENSION: &str = SPLATS;
 const PACKED: &str = PACKED_SPLATS;
 
-/// The spaces of colours that are told apart; those of files without one are the first.
+/// Supported colour spaces; a file without one has the first.
 const ENCODED: &str = "srgb_rec709_display";
 const LINEAR: &str = "lin_rec709_display";
 
-/// So many splats may come of repeated meshes in the smallest file; of larger ones, one for every
-/// eight bytes.
+/// Number of splats that repeated meshes may give in any file. Larger files may have one for every eight bytes.
 const MOST_OF_ANY_FILE: u64 = 1 << 17;
 
-/// The attribute of a harmonic.
+/// Returns the name of a harmonic's attribute.
 fn harmonic_name(degree: u8, n: usize) -> String {
     format!("SH_DEGREE_{degree}_COEF_{n}")
 }
@@ -67,8 +67,8 @@ fn harmonic_name(degree: u8, n: usize) -> String {
 /// Reads the splats of a file's scene.
 ///
 /// # Errors
-/// JSON, containers, accessors or buffers that break glTF's rules or hold less than they say; an
-/// attribute that is missing; splats packed by a further extension.
+/// JSON, containers, accessors or buffers break glTF's rules or are shorter than they state; an attribute is missing; a
+/// further extension packs the splats.
 pub(super) fn read(input: Input<'_>, meaning: Option<ScaleMeaning>) -> Result<Dataset> {
     let path = input.path;
     let bytes = input.read_all()?;
@@ -82,7 +82,7 @@ pub(super) fn read(input: Input<'_>, meaning: Option<ScaleMeaning>) -> Result<Da
     let mut cloud = SplatCloud::default();
     let mut others = 0_usize;
     let mut logarithms = 0;
-    // A file may show one mesh many times, but not make gigabytes of a kilobyte.
+    // A file may show a mesh many times, but a kilobyte must not expand to gigabytes.
     let mut most = (len / 8).max(MOST_OF_ANY_FILE);
     let mut unpacked = BTreeSet::new();
     for &n in &nodes.shown {
@@ -100,7 +100,7 @@ pub(super) fn read(input: Input<'_>, meaning: Option<ScaleMeaning>) -> Result<Da
             let mut part = match packed(&buffers, extension)? {
                 Some(stream) => {
                     let (part, said) = spz::splats(path, stream)?;
-                    // Packed splats may take less; their stream has been checked against its size.
+                    // Packed splats may take fewer bytes; their stream has been checked against its size.
                     if unpacked.insert((index, p)) {
                         most += part.positions.len() as u64;
                     }
@@ -116,7 +116,7 @@ pub(super) fn read(input: Input<'_>, meaning: Option<ScaleMeaning>) -> Result<Da
                         place: format!("mesh {index}, primitive {p}"),
                     };
                     let mut part = reader.read()?;
-                    // Before nodes multiply them. SPZ's are what they are.
+                    // Logarithms are resolved before nodes scale the splats. SPZ defines its scales itself.
                     logarithms += log_scales::settle_splats(&mut part.scales, meaning);
                     part
                 }
@@ -182,7 +182,7 @@ fn note_once(notes: &mut Vec<String>, note: String) {
     }
 }
 
-/// Whether a file is glTF that shows splats: `head` has its first bytes, the JSON is looked through.
+/// Returns true if a file is glTF with splats in its scene. `head` contains its first bytes; the JSON is searched.
 pub(super) fn looks_like(input: Input<'_>, head: &[u8]) -> bool {
     let is_named = super::extension(input.path) == "gltf";
     if !is_named && !super::gltf::looks_like(head) {
@@ -212,14 +212,14 @@ pub(super) fn looks_like(input: Input<'_>, head: &[u8]) -> bool {
         }
         Ok(false)
     };
-    // Of one that is broken, the reader says how.
+    // A broken file counts as one with splats, so that the reader reports its error.
     shows_splats().unwrap_or(true)
 }
 
-/// The SPZ stream that a primitive's numbers are packed in, or `None` where they are not.
+/// Returns the SPZ stream that packs a primitive's numbers, or `None` if they are not packed.
 ///
 /// # Errors
-/// A view that is not there.
+/// The view does not exist.
 fn packed<'b>(buffers: &'b Buffers<'_>, extension: Object<'b>) -> Result<Option<&'b [u8]>> {
     let Some(packed) = extension.extension(PACKED) else {
         return Ok(None);
@@ -230,7 +230,7 @@ fn packed<'b>(buffers: &'b Buffers<'_>, extension: Object<'b>) -> Result<Option<
     Ok(Some(bytes))
 }
 
-/// A primitive of splats whose numbers are in accessors.
+/// Primitive of splats whose numbers are in accessors.
 struct Reader<'b, 'f> {
     buffers: &'b Buffers<'f>,
     extension: Object<'b>,
@@ -244,7 +244,7 @@ impl Reader<'_, '_> {
             .is_some_and(|attributes| attributes.has(name))
     }
 
-    /// An attribute of `N` numbers per point.
+    /// Reads an attribute of `N` numbers per point.
     fn floats<const N: usize>(&self, name: &str) -> Result<Vec<[f32; N]>> {
         let place = format!("{}, attribute `{name}`", self.place);
         let index = match self.attributes {
@@ -286,7 +286,7 @@ impl Reader<'_, '_> {
             Type::Vec3,
             Type::Vec4,
         ][N];
-        // What the extension and `KHR_mesh_quantization` let be bytes or shorts; harmonics are floats.
+        // The extension and `KHR_mesh_quantization` allow bytes and shorts for these attributes. Harmonics are floats.
         let is_short = ["SCALE", "ROTATION", "OPACITY", "POSITION", "COLOR_0"]
             .iter()
             .any(|n| name.ends_with(n));
@@ -300,7 +300,7 @@ impl Reader<'_, '_> {
         Ok((0..accessor.len()).map(numbers).collect())
     }
 
-    /// The splats in the primitive's own space.
+    /// Reads the splats in the primitive's own space.
     fn read(&self) -> Result<SplatCloud> {
         let positions = self.floats::<3>("POSITION")?;
         let count = positions.len();
@@ -382,7 +382,7 @@ impl Reader<'_, '_> {
     }
 }
 
-/// Moves splats to the world.
+/// Transforms splats to world space.
 fn transform(cloud: &mut SplatCloud, world_from_mesh: DAffine3) {
     if world_from_mesh == DAffine3::IDENTITY {
         return;
@@ -400,7 +400,7 @@ fn transform(cloud: &mut SplatCloud, world_from_mesh: DAffine3) {
         let local = DQuat::from_xyzw(x, y, z, w);
         let length = local.length();
         if !(length > 0.0 && length.is_finite()) {
-            // Left out later, and counted.
+            // Such splats are left out and counted later.
             continue;
         }
         let local = local * (1.0 / length);
@@ -424,10 +424,10 @@ fn transform(cloud: &mut SplatCloud, world_from_mesh: DAffine3) {
     }
 }
 
-/// The scale and the rotation of a matrix that has nothing else but a mirror image, which Gaussians
-/// do not show.
+/// Returns the scale and the rotation of a similarity; `None` for other matrices. A reflection is ignored, because
+/// Gaussians are symmetric.
 fn as_similarity(m: DMat3) -> Option<(f64, DQuat)> {
-    // What four f32 products in a file's matrices leave.
+    // Tolerance for the rounding of four f32 products in a file's matrices.
     const ROUNDING: f64 = 1e-6;
     let gram = m.transpose() * m;
     let mean = (gram.x_axis.x + gram.y_axis.y + gram.z_axis.z) / 3.0;
@@ -436,7 +436,7 @@ fn as_similarity(m: DMat3) -> Option<(f64, DQuat)> {
         .to_cols_array()
         .into_iter()
         .fold(0.0_f64, |a, b| a.max(b.abs()));
-    // Phrased so that NaN is none.
+    // The condition is negated so that NaN returns `None`.
     if !(apart <= ROUNDING * mean && mean > 0.0) {
         return None;
     }

@@ -1,4 +1,4 @@
-//! A .glb file of splats.
+//! Writes splats as a .glb file.
 
 use std::path::Path;
 
@@ -10,11 +10,11 @@ use super::super::splats::SplatCloud;
 use super::{EXTENSION, LINEAR, harmonic_name, narrowed};
 use crate::error::{Error, Result};
 
-/// How many times their extent positions may lie from the origin before a node's offset takes that
-/// away from them: six bits of f32's 24.
+/// Ratio of distance and extent from which a node's offset moves positions to the origin. It costs six of f32's 24
+/// bits.
 const FAR: f64 = 64.0;
 
-/// A file of one node with one mesh of points, everything in f32.
+/// Returns a file with one node and one mesh of points, all numbers in f32.
 pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> {
     let count = cloud.positions.len();
     let offset = offset(&cloud.positions);
@@ -105,7 +105,7 @@ pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> 
     })
 }
 
-/// What is taken off positions far from the origin: the middle of their box.
+/// Returns the offset that is subtracted from positions far from the origin: the middle of their box.
 fn offset(positions: &[DVec3]) -> DVec3 {
     let lower = positions.iter().copied().fold(DVec3::INFINITY, DVec3::min);
     let upper = positions
@@ -114,7 +114,7 @@ fn offset(positions: &[DVec3]) -> DVec3 {
         .fold(DVec3::NEG_INFINITY, DVec3::max);
     let extent = (upper - lower).max_element();
     let farthest = lower.abs().max(upper.abs()).max_element();
-    // One splat, or all at one place, keep their coordinates where f32 holds them.
+    // A single splat, or several at one position, keep their coordinates if f32 represents them.
     if farthest > FAR * extent && positions.iter().any(|p| p.as_vec3().as_dvec3() != *p) {
         (lower + upper) * 0.5
     } else {
@@ -122,7 +122,7 @@ fn offset(positions: &[DVec3]) -> DVec3 {
     }
 }
 
-/// Attributes, each an accessor with a view of its own.
+/// Attributes, each an accessor with its own view.
 #[derive(Default)]
 struct Attributes {
     names: Vec<String>,
@@ -146,15 +146,15 @@ impl Attributes {
         }));
         self.views.push(json!({
             "buffer": 0, "byteOffset": start, "byteLength": self.bytes.len() - start,
-            // Of vertices.
+            // Code of vertex data (`ARRAY_BUFFER`).
             "target": 34962,
         }));
         self.names.push(name);
     }
 }
 
-/// The two chunks with their headers, each padded to four bytes: JSON by spaces, numbers are whole
-/// words.
+/// Returns the two chunks with their headers, padded to four bytes. Spaces pad the JSON; the binary chunk consists of
+/// whole words.
 fn container(path: &Path, mut json: Vec<u8>, binary: &[u8]) -> Result<Vec<u8>> {
     json.resize(json.len().next_multiple_of(4), b' ');
     let len = 12 + 8 + json.len() + 8 + binary.len();
@@ -167,7 +167,7 @@ fn container(path: &Path, mut json: Vec<u8>, binary: &[u8]) -> Result<Vec<u8>> {
             "split the scene, or write .ply",
         ));
     };
-    // Both are shorter than the whole.
+    // Both chunks are shorter than the file.
     let chunk_len = |len: usize| u32::try_from(len).unwrap_or(len_u32).to_le_bytes();
     let mut bytes = Vec::with_capacity(len);
     bytes.extend(b"glTF");

@@ -1,4 +1,4 @@
-//! SWIFT's table of cells: where in space the particles of which rows lie.
+//! Reads SWIFT's table of cells, which states the rows and the bounds of the particles of each cell.
 //!
 //! ```text
 //! Cells/Counts/PartType0         particles of each cell
@@ -17,7 +17,7 @@ use super::super::particle_type::{ParticleCount, ParticleType};
 use super::{Array, SnapshotFile, gadget, whole};
 use crate::error::Result;
 
-/// The rows of a cell's particles, of which there is one at least, and a box around these.
+/// Rows of a cell's particles, at least one, and their bounding box.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct CellRows {
     pub(crate) rows: Range<usize>,
@@ -25,11 +25,11 @@ pub(crate) struct CellRows {
     pub(crate) upper: DVec3,
 }
 
-/// The cells of the particles that are read of a file, in the order of their rows; `None` where a file does not say where all of
-/// them lie, or contradicts itself.
+/// Returns the cells of the particles to read from a file, in the order of their rows. Returns `None` if the file does
+/// not place all particles in cells, or contradicts itself.
 ///
 /// # Errors
-/// A damaged file, or one without such particles.
+/// The file is damaged, or has no such particles.
 pub(crate) fn cell_rows(
     path: &Path,
     wanted: Option<ParticleType>,
@@ -77,7 +77,7 @@ pub(crate) fn cell_rows(
     ))
 }
 
-/// - `count`: of all particles.
+/// - `count`: total number of particles.
 fn table(
     lengths: &Array,
     offsets: &Array,
@@ -109,7 +109,7 @@ fn table(
         }
     }
     cells.sort_unstable_by_key(|cell| cell.rows.start);
-    // Each particle in one of them.
+    // Each particle must be in exactly one cell.
     let mut next = 0;
     for cell in &cells {
         if cell.rows.start != next {

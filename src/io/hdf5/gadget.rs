@@ -1,6 +1,6 @@
-//! Snapshots of Gadget and of the codes that took over its format: Gizmo, Arepo, SWIFT.
+//! Reads snapshots of Gadget, and of the codes that share its format: Gizmo, Arepo, SWIFT.
 //!
-//! | what | where |
+//! | quantity | place |
 //! |---|---|
 //! | gas | group `PartType0`; dark matter `PartType1`, ...: [`ParticleType`] |
 //! | positions | `Coordinates`, (N, 3) |
@@ -8,9 +8,8 @@
 //! | densities | `Density`, in SWIFT `Densities` |
 //! | lengths | `SmoothingLength`, in SWIFT `SmoothingLengths` |
 //!
-//! Gadget's `SmoothingLength` is the radius at which the kernel ends. SWIFT's is two standard
-//! deviations of the kernel, whichever kernel it is (Dehnen & Aly 2012): the radius at which a
-//! cubic spline ends is 1.825742 of them.
+//! Gadget's `SmoothingLength` is the radius at which the kernel ends. SWIFT's is two standard deviations of the kernel,
+//! for every kernel (Dehnen & Aly 2012). The radius at which a cubic spline ends is 1.825742 of SWIFT's lengths.
 
 use std::path::Path;
 
@@ -25,7 +24,7 @@ use super::{SnapshotFile, absent};
 use crate::error::Result;
 use crate::scene::Values;
 
-/// The groups, and what is in them; SWIFT has neutrinos in the last.
+/// Names of the groups, and the types in them. SWIFT stores neutrinos in the last group.
 pub(in crate::io) const TYPES: [(&str, &[ParticleType]); 7] = [
     ("PartType0", &[ParticleType::Gas]),
     ("PartType1", &[ParticleType::DarkMatter]),
@@ -42,23 +41,23 @@ pub(in crate::io) const TYPES: [(&str, &[ParticleType]); 7] = [
     ("PartType6", &[]),
 ];
 
-/// The name of the field of SWIFT's lengths as standard deviations.
+/// Name of the field with SWIFT's lengths, converted to standard deviations.
 const SIGMA: &str = "sigma";
 
-/// What lengths are taken as, or where sizes come from, in notes.
+/// Note on the meaning of lengths; the next one explains sizes without lengths.
 pub(in crate::io) const LENGTH_NOTE: &str = "Smoothing lengths are taken as the radius at which a cubic spline ends, as \
                                              Gadget defines them.";
 pub(in crate::io) const NO_LENGTH_NOTE: &str =
     "No smoothing lengths: sizes come from mass over density, or from the distances.";
 
-/// The edges of the box, as the header states them: one of a cube; none where it states none.
+/// Returns the edges of the box from the header: one for a cube, none if absent.
 pub(super) fn box_size(file: &SnapshotFile<'_>) -> Result<Vec<f64>> {
     let header = file.group("Header")?;
     let size = header.and_then(|header| file.attribute(&header, "BoxSize"));
     Ok(size.unwrap_or_default())
 }
 
-/// The types that a file has groups of, by their numbers.
+/// Returns the particle types that a file has groups for, with the index of each.
 pub(super) fn present(file: &SnapshotFile<'_>) -> Result<Vec<(usize, Group, ParticleCount)>> {
     let mut present = Vec::new();
     for (kind, (name, types)) in TYPES.iter().enumerate() {
@@ -89,7 +88,7 @@ pub(super) fn note_other_files(file: &SnapshotFile<'_>) -> Result<()> {
     Ok(())
 }
 
-/// The number of the first type that a snapshot in several files has, as the header of each says.
+/// Returns the index of the first type in a snapshot of several files. Each file's header states the totals.
 pub(super) fn first_of_all(file: &SnapshotFile<'_>) -> Result<Option<usize>> {
     let Some(header) = file.group("Header")? else {
         return Ok(None);
@@ -102,12 +101,14 @@ pub(super) fn first_of_all(file: &SnapshotFile<'_>) -> Result<Option<usize>> {
     Ok(found.min())
 }
 
-/// Which of the types that are there is read, which is marked, and a note of the others where none is asked for.
+/// Chooses the type to read and marks it. Returns its position in `counts`, and a note of the other types if `wanted`
+/// is `None`.
 ///
-/// - `counts`: the types, at least one; `numbers`: their own.
+/// - `counts`: the types, at least one.
+/// - `numbers`: index of each type.
 ///
 /// # Errors
-/// No particles of the type that is asked for.
+/// There are no particles of the wanted type.
 pub(in crate::io) fn choose(
     path: &Path,
     counts: &mut [ParticleCount],
@@ -116,7 +117,7 @@ pub(in crate::io) fn choose(
 ) -> Result<(usize, Option<String>)> {
     let number = |i: usize| u32::try_from(numbers[i]).ok();
     let found = match wanted {
-        // A group that is empty stands for a type that has no particles here.
+        // An empty group counts only if every group is empty.
         None => Some(counts.iter().position(|c| c.count > 0).unwrap_or(0)),
         Some(wanted) => {
             let is = |i: &usize| counts[*i].count > 0 && counts[*i].is(number(*i), wanted);
@@ -137,8 +138,8 @@ pub(in crate::io) fn choose(
     Ok((at, note))
 }
 
-/// The particles of a type or, where none is asked for, the gas of a snapshot or, where it has none, the particles of
-/// the first type it has: `None` where it has no particles.
+/// Reads the particles of the wanted type; if it is `None`, of the first type with particles. Returns `None` if the
+/// file has no groups of particles.
 pub(super) fn read(
     file: &SnapshotFile<'_>,
     wanted: Option<ParticleType>,
@@ -230,7 +231,7 @@ pub(super) fn read(
     Ok(Some(dataset))
 }
 
-/// The kernel that SWIFT's attribute `HydroScheme/Kernel function` names.
+/// Returns the kernel that SWIFT's attribute `HydroScheme/Kernel function` names.
 fn swift_kernel(file: &SnapshotFile<'_>) -> Result<SphKernel> {
     let scheme = file.group("HydroScheme")?;
     let name = scheme

@@ -1,9 +1,9 @@
-//! How the bits of a number stand in an HDF5 file, where that is not how memory holds them.
+//! Decodes numbers whose bits in an HDF5 file differ from those in memory.
 //!
-//! A datatype message states it (HDF5 File Format Specification, IV.A.2.d); the decoder keeps size and byte order of it alone.
-//! SWIFT's lossy compression shortens mantissas in this way, and then lets the n-bit filter leave the unused bits away:
+//! A datatype message states the layout (HDF5 File Format Specification, IV.A.2.d). The HDF5 decoder uses only its size
+//! and byte order. SWIFT's lossy compression shortens mantissas, and its n-bit filter then drops the unused bits:
 //!
-//! | SWIFT's name | exponent | mantissa | bytes, as they come out of the filter |
+//! | SWIFT's name | exponent | mantissa | bytes after the filter |
 //! |---|---|---|---|
 //! | `FMantissa9`, `FMantissa13` | 8, bias 127 | 9, 13 | 4 |
 //! | `HalfFloat` | 5, bias 15 | 10 | 4 |
@@ -11,21 +11,21 @@
 //! | `DMantissa9`, `DMantissa13`, `DMantissa21` | 11, bias 1023 | 9, 13, 21 | 8 |
 //! | `Nbit36` ... `Nbit56` | integers of so many bits | | 8 |
 //!
-//! Such numbers are widened to the next IEEE type that holds each of them exactly.
+//! Such numbers are widened to the smallest IEEE type that represents each of them exactly.
 
 use rayon::prelude::*;
 
 use super::super::scalars::{Encoding, ScalarType};
 
-/// Numbers that a thread takes at least.
+/// Least number of values per thread.
 const BATCH: usize = 4096;
 
-/// The bits of a number, counted from the least significant one.
+/// Layout of the bits of a number, counted from the least significant one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Layout {
-    /// As memory holds it.
+    /// As in memory.
     Native(Encoding),
-    /// An integer in some of its bytes' bits.
+    /// Integer in some of the bits.
     Integer {
         size: usize,
         big_endian: bool,
@@ -33,7 +33,7 @@ pub(super) enum Layout {
         first: u32,
         count: u32,
     },
-    /// A floating-point number with the leading 1 of its mantissa left out.
+    /// Floating-point number with an implicit leading 1 in its mantissa.
     Float {
         size: usize,
         big_endian: bool,
@@ -44,24 +44,24 @@ pub(super) enum Layout {
     },
 }
 
-/// A run of bits.
+/// Run of bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Bits {
     first: u32,
     count: u32,
 }
 
-/// Why numbers are not read.
+/// Reason why numbers are not read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum NotRead {
-    /// They are no numbers, or of no size that numbers have.
+    /// The type is no number, or has a size that numbers never have.
     NoNumbers,
-    /// Numbers of a layout that is described here.
+    /// The layout is not supported; the text describes it.
     Layout(String),
 }
 
 impl Layout {
-    /// The layout that a datatype message states.
+    /// Reads the layout from a datatype message.
     pub(super) fn of(message: &[u8]) -> Result<Self, NotRead> {
         let byte = |at: usize| message.get(at).copied().map(u32::from);
         let word = |at: usize| Some(byte(at)? | byte(at + 1)? << 8);
@@ -194,7 +194,7 @@ impl Layout {
         Ok(layout)
     }
 
-    /// The type in which [`Self::widened`] holds numbers.
+    /// Returns the type in which [`Self::widened`] returns numbers.
     pub(super) fn encoding(self) -> Encoding {
         let scalar = match self {
             Self::Native(encoding) => return encoding,
@@ -220,7 +220,7 @@ impl Layout {
         }
     }
 
-    /// Bytes of a number in the file, filters undone.
+    /// Returns the size in bytes of a number in the file, after filters are undone.
     pub(super) fn stored_size(self) -> usize {
         match self {
             Self::Native(encoding) => encoding.scalar.size(),
@@ -228,7 +228,7 @@ impl Layout {
         }
     }
 
-    /// Numbers of this layout in their [encoding](Self::encoding).
+    /// Converts numbers of this layout to their [encoding](Self::encoding).
     pub(super) fn widened(self, bytes: Vec<u8>) -> Vec<u8> {
         if let Self::Native(_) = self {
             return bytes;
@@ -251,7 +251,7 @@ impl Layout {
         rewritten.collect::<Vec<[u8; N]>>().into_flattened()
     }
 
-    /// The bits of a number in its encoding, from the stored bytes.
+    /// Returns the bits of a number in its encoding, from the stored bytes.
     fn number(self, bytes: &[u8]) -> u64 {
         let word = |big_endian: bool| {
             let mut word = [0; 8];
@@ -292,12 +292,12 @@ impl Layout {
                 let magnitude = if e == most {
                     if m == 0 { f64::INFINITY } else { f64::NAN }
                 } else {
-                    // Without the leading 1 the least exponent goes on down to 0.
+                    // Subnormal numbers have no implicit leading 1.
                     let (m, e) = match e {
                         0 => (m, 1),
                         _ => (m | 1 << mantissa.count, e),
                     };
-                    // Both factors are exact, and their product, by `fits`.
+                    // `fits` ensures that both factors and their product are exact.
                     let e = i32::try_from(e).unwrap_or(i32::MAX);
                     let last_bit = e - bias - i32::try_from(mantissa.count).unwrap_or(0);
                     m as f64 * power_of_two(last_bit)
@@ -320,7 +320,7 @@ impl Bits {
     }
 }
 
-/// Bits in so many bytes.
+/// Returns the number of bits in `size` bytes.
 fn width(size: usize) -> u32 {
     8 * u32::try_from(size).unwrap_or(0)
 }
@@ -339,7 +339,7 @@ fn integers(size: usize, is_signed: bool) -> ScalarType {
     }
 }
 
-/// Whether an IEEE type holds every number of a layout exactly.
+/// Returns true if an IEEE type represents every number of a layout exactly.
 fn fits(exponent: Bits, mantissa: Bits, bias: i32, scalar: ScalarType) -> bool {
     let (least, greatest, digits) = match scalar {
         ScalarType::F32 => (-126, 127, 23),
@@ -351,7 +351,7 @@ fn fits(exponent: Bits, mantissa: Bits, bias: i32, scalar: ScalarType) -> bool {
         && (1 << exponent.count) - 2 - bias <= greatest
 }
 
-/// 2ⁿ for n from -1074, the least one of double precision, to 1023.
+/// Returns 2ⁿ for n from -1074, the least exponent of double precision, to 1023.
 fn power_of_two(n: i32) -> f64 {
     let bits = |shift: i32| u64::from(shift.unsigned_abs());
     f64::from_bits(if n >= -1022 {
@@ -365,7 +365,7 @@ fn power_of_two(n: i32) -> f64 {
 mod tests {
     use super::*;
 
-    /// The message of a float: sign, exponent, mantissa from the top down to bit `first`.
+    /// Returns the message of a float: sign, exponent and mantissa, from the top bit down to bit `first`.
     fn message(size: u8, first: u8, exponent: u8, mantissa: u8, bias: u32) -> Vec<u8> {
         let sign = first + exponent + mantissa;
         let mut message = vec![0x11, 0x20, sign, 0, size, 0, 0, 0];
@@ -380,7 +380,7 @@ mod tests {
         super::super::super::scalars::double(&layout.widened(bytes.to_vec()), layout.encoding())
     }
 
-    /// Every half: the value that the formula of IEEE 754 gives, and those of the published table of its corners.
+    /// Compares every half with the formula of IEEE 754, and the published table of corner cases.
     #[test]
     fn halves_are_exact_and_so_are_shortened_doubles() {
         let half = message(2, 0, 5, 10, 15);
@@ -398,18 +398,18 @@ mod tests {
         }
         assert!(decoded(&half, &0x7c01_u16.to_le_bytes()).is_nan());
         assert!(decoded(&half, &0x8000_u16.to_le_bytes()).is_sign_negative());
-        // The upper bits of doubles, subnormal ones too.
+        // The same for the upper bits of doubles, including subnormal ones.
         for mantissa in [9_u8, 13, 21, 48] {
             let shortened = message(8, 3, 11, mantissa, 1023);
             for x in [1.5, -2.0_f64.powi(-1030), 1e300, f64::MIN_POSITIVE, 0.1] {
                 let kept = x.to_bits() >> (52 - mantissa);
                 let value = f64::from_bits(kept << (52 - mantissa));
-                // Bits that the layout does not name mean nothing: here the lowest three.
+                // Bits outside the layout are ignored: here the lowest three.
                 let stored = (kept << 3 | 5).to_le_bytes();
                 assert_eq!(decoded(&shortened, &stored), value, "{x} {mantissa}");
             }
         }
-        // And of floats, each as a float.
+        // The same for shortened floats, which are read as floats.
         let shortened = message(4, 0, 8, 9, 127);
         for kept in 0..1_u32 << 18 {
             let value = f32::from_bits(kept << 14);

@@ -1,9 +1,8 @@
-//! HDF5 snapshots of particle codes: Phantom's dumps, and those of Gadget and its kin (Gizmo,
-//! Arepo, SWIFT).
+//! Reads HDF5 snapshots of particle codes: Phantom's dumps, and those of Gadget and related codes (Gizmo, Arepo,
+//! SWIFT). It also reads VTKHDF files.
 //!
-//! The format itself is decoded by the `hdf5-reader` crate. Of the pure-Rust readers it is the
-//! one that takes limits on what a read may allocate; a few hundred bytes of HDF5 can declare
-//! gigabytes.
+//! The crate `hdf5-reader` decodes HDF5. Of the pure-Rust readers, it is the one that accepts limits on the memory of a
+//! read. A few hundred bytes of HDF5 can declare gigabytes.
 
 mod cell_table;
 pub(super) mod gadget;
@@ -40,18 +39,18 @@ use crate::error::{Error, Parameter, Result};
 use crate::memory::check_room;
 use crate::scene::Values;
 
-/// The first bytes of every HDF5 file.
+/// First bytes of every HDF5 file.
 pub(crate) const MAGIC: &[u8] = b"\x89HDF\r\n\x1a\n";
 
-/// All arrays of a file together may have so many times its bytes. Snapshots compress to about
-/// half; a lattice of equal particles, to a thirtieth.
+/// Greatest total size of a file's arrays, as a multiple of its length. Snapshots compress to about half; a lattice of
+/// equal particles compresses to a thirtieth.
 const MOST_INFLATION: usize = 32;
 
-/// ... and so many bytes more, for files so small that the ratio says nothing.
+/// Additional bytes, because the ratio says little about small files.
 const SMALL: usize = 16 << 20;
 
-/// Arrays that decide where particles are, how large and how heavy: a file in which one of them cannot be read is refused,
-/// where others are left out with a note.
+/// Arrays that determine position, size or mass of particles. A file is refused if one of them cannot be read; other
+/// arrays are left out with a note.
 const DECISIVE: [&str; 10] = [
     "Coordinates",
     "Masses",
@@ -65,23 +64,23 @@ const DECISIVE: [&str; 10] = [
     "itype",
 ];
 
-/// What to do about numbers that are not read.
+/// Advice for numbers that are not read.
 const AS_FLOATS: &str = "write it as 32-bit floats (h5py, swiftsimio)";
 
-/// Numbers per particle that an array may have.
+/// Greatest number of values per particle in an array.
 const MOST_COMPONENTS: usize = 16;
 
-/// Whether the first bytes name the group of VTKHDF files. Where they do not, as the group may stand farther behind, it is
-/// found when the file is read.
+/// Returns true if the first bytes contain the name of VTKHDF's group. The name may also stand farther behind; then the
+/// reader finds it.
 pub(super) fn names_vtk(head: &[u8]) -> bool {
     let name = vtkhdf::ROOT.as_bytes();
     head.windows(name.len()).any(|bytes| bytes == name)
 }
 
-/// The steps of time of a VTKHDF file.
+/// Returns the time steps of a VTKHDF file.
 ///
 /// # Errors
-/// A damaged file.
+/// The file is damaged.
 pub(super) fn vtk_steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
     let file = SnapshotFile::open(input)?;
     let times = match file.group(vtkhdf::ROOT)? {
@@ -91,10 +90,11 @@ pub(super) fn vtk_steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
     Ok(time_steps::of_file(input.path, &times.unwrap_or_default()))
 }
 
-/// The one step of a snapshot: of one in several files the first file, which any of them stands for.
+/// Returns the single step of a snapshot. For a snapshot in several files, any file gives the same step, which names
+/// the first file.
 ///
 /// # Errors
-/// A damaged file.
+/// The file is damaged.
 pub(super) fn snapshot_steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
     let file = SnapshotFile::open(input)?;
     let pieces = Pieces::of(&file, |piece| input.has_beside(piece))?;
@@ -106,10 +106,10 @@ pub(super) fn snapshot_steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
     ))
 }
 
-/// Reads a snapshot, or a VTKHDF file.
+/// Reads a snapshot or a VTKHDF file.
 ///
 /// # Errors
-/// A damaged file, or one that holds no particles under the names these codes use, or none of the type that is asked for.
+/// The file is damaged, or has no particles under the names of these codes or none of the requested type.
 pub(crate) fn read(input: Input<'_>, options: &super::OpenOptions) -> Result<Dataset> {
     let path = input.path;
     let wanted = options.particle_type;
@@ -134,11 +134,12 @@ pub(crate) fn read(input: Input<'_>, options: &super::OpenOptions) -> Result<Dat
     Err(refused::hdf5(path, &file.members()?))
 }
 
-/// The files of a snapshot of Gadget's family, how many particles of the type that is read each has, and that type, where
-/// there are several files or it was asked for; `None` of other files, and of those without particles.
+/// Returns the files of a Gadget snapshot with their numbers of particles of the type to read, and that type. The type
+/// is `None` for a single file if the caller names none. Returns `None` for other files, and for files without
+/// particles.
 ///
 /// # Errors
-/// A damaged file, or one that is not there.
+/// A file is damaged or does not exist.
 pub(crate) fn row_pieces(
     input: Input<'_>,
     wanted: Option<ParticleType>,
@@ -152,7 +153,7 @@ pub(crate) fn row_pieces(
         let present = gadget::present(&file)?;
         let mut counts: Vec<ParticleCount> = present.iter().map(|(.., c)| c.clone()).collect();
         let numbers: Vec<usize> = present.iter().map(|(kind, ..)| *kind).collect();
-        // Of more than a file can hold, reading all of them says so.
+        // If a count exceeds the file's size, the caller reads everything, which reports the error.
         let is_sound = |count: &ParticleCount| count.count <= file.budget.get();
         if counts.iter().all(|count| count.count == 0) || !counts.iter().all(is_sound) {
             return Ok(None);
@@ -167,13 +168,13 @@ pub(crate) fn row_pieces(
 
 pub(crate) use cell_table::{CellRows, cell_rows};
 
-/// The type of particles that is asked for, and files with how many of them each has.
+/// Requested type of particles, and the files with their numbers of such particles.
 pub(crate) type RowPieces = (Option<ParticleType>, Vec<(PathBuf, usize)>);
 
-/// Some rows of one file of a snapshot of Gadget's family.
+/// Reads some rows of one file of a Gadget snapshot.
 ///
 /// # Errors
-/// A damaged file, or one without such particles.
+/// The file is damaged, or has no such particles.
 pub(crate) fn read_rows_of(
     input: Input<'_>,
     wanted: Option<ParticleType>,
@@ -188,18 +189,18 @@ pub(crate) fn read_rows_of(
     }
 }
 
-/// A snapshot while it is read.
+/// Snapshot during reading.
 struct SnapshotFile<'a> {
     path: &'a Path,
     file: Hdf5File,
     /// Bytes that may still be read into memory.
     budget: Cell<usize>,
     notes: RefCell<Vec<String>>,
-    /// Which rows are read, and how many there are; without them all.
+    /// Rows to read, and the total number of rows; `None` reads all.
     rows: Option<(Range<usize>, usize)>,
 }
 
-/// The numbers of a dataset: `components` of them for each of `count` rows.
+/// Numbers of a dataset: `components` of them for each of `count` rows.
 struct Array {
     name: String,
     count: usize,
@@ -209,16 +210,17 @@ struct Array {
     unit: Option<String>,
 }
 
-/// What a dataset of a group is.
+/// Contents of a dataset.
 enum Found {
     Numbers(Array),
-    /// No numbers in rows.
+    /// Not numbers in rows.
     Other,
-    /// Numbers of a layout that is not read.
+    /// Numbers in an unsupported layout, described by the text.
     Unreadable(String),
 }
 
-/// The bytes of a file and their count. Of one on the disk no more is read than is asked for, and none of it is held.
+/// Returns the bytes of a file and their number. A file on the disk is read in parts on request, and not held in
+/// memory.
 pub(super) fn storage(input: Input<'_>) -> Result<(DynStorage, usize)> {
     if input.is_on_disk() {
         let (file, len) = open_regular(input.path)?;
@@ -236,7 +238,7 @@ impl<'a> SnapshotFile<'a> {
         let (storage, len) = storage(input)?;
         let budget = len.saturating_mul(MOST_INFLATION).saturating_add(SMALL);
         let options = OpenOptions {
-            // Every array is read once.
+            // Each array is read once, so no cache is needed.
             chunk_cache_bytes: 0,
             max_chunk_bytes: budget,
             max_read_bytes: budget,
@@ -258,7 +260,7 @@ impl<'a> SnapshotFile<'a> {
         self.notes.borrow_mut().push(note.into());
     }
 
-    /// The names of what the root holds.
+    /// Returns the names of the root's members.
     fn members(&self) -> Result<Vec<String>> {
         let fault = |e| broken(self.path, "root group", &e);
         let root = self.file.root_group().map_err(fault)?;
@@ -267,14 +269,14 @@ impl<'a> SnapshotFile<'a> {
         Ok(names)
     }
 
-    /// A group of the root, where there is one of that name.
+    /// Returns the group of the root with this name, if there is one.
     fn group(&self, name: &str) -> Result<Option<Group>> {
         let root = self.file.root_group();
         let root = root.map_err(|e| broken(self.path, "root group", &e))?;
         self.child(&root, name)
     }
 
-    /// A group of another, where there is one of that name.
+    /// Returns the group within another with this name, if there is one.
     fn child(&self, parent: &Group, name: &str) -> Result<Option<Group>> {
         let groups = parent.member_names().map(|(groups, _)| groups);
         let groups = groups.map_err(|e| broken(self.path, parent.name(), &e))?;
@@ -285,7 +287,7 @@ impl<'a> SnapshotFile<'a> {
         group.map(Some).map_err(|e| broken(self.path, name, &e))
     }
 
-    /// The names of the datasets of a group.
+    /// Returns the names of the datasets of a group.
     fn names(&self, group: &Group) -> Result<Vec<String>> {
         let names = group.member_names();
         names
@@ -297,8 +299,7 @@ impl<'a> SnapshotFile<'a> {
         Ok(self.names(group)?.iter().any(|n| n == name))
     }
 
-    /// The numbers of a dataset of a group: `None` where there is none of that name, or it
-    /// holds no numbers in rows.
+    /// Reads a dataset of a group. Returns `None` if it does not exist or holds no numbers in rows.
     fn array(&self, group: &Group, name: &str) -> Result<Option<Array>> {
         if !self.has(group, name)? {
             return Ok(None);
@@ -310,7 +311,7 @@ impl<'a> SnapshotFile<'a> {
         }
     }
 
-    /// What a dataset is that is known to be there: numbers in rows.
+    /// Reads a dataset that is known to exist.
     fn present_array(&self, group: &Group, name: &str) -> Result<Found> {
         let rows = match &self.rows {
             None => None,
@@ -320,10 +321,11 @@ impl<'a> SnapshotFile<'a> {
         self.selected_array(group, name, 1, rows)
     }
 
-    /// What a dataset is that is known to be there.
+    /// Reads some rows of a dataset that is known to exist.
     ///
-    /// - `ranks`: how many of its dimensions count samples, those of `rows` among them; one behind them counts components.
-    /// - `rows`: which of the first dimension are read; without them all.
+    /// - `ranks`: number of its leading dimensions that count samples, including that of `rows`. One further dimension
+    ///   counts components.
+    /// - `rows`: range of the first dimension to read; `None` reads all.
     fn selected_array(
         &self,
         group: &Group,
@@ -376,7 +378,7 @@ impl<'a> SnapshotFile<'a> {
                 "the file is damaged, or compressed beyond reason: write it uncompressed",
             )
         };
-        // What is stored is in memory beside what it is widened to.
+        // Stored and widened numbers are in memory together, so the larger size counts.
         let size = encoding.scalar.size().max(layout.stored_size());
         let byte_count = count
             .checked_mul(components)
@@ -393,7 +395,8 @@ impl<'a> SnapshotFile<'a> {
             (Some(rows), _) if rows.is_empty() => (Vec::new(), encoding),
             (Some(rows), Layout::Native(stored)) => {
                 let bytes = read_rows(&dataset, stored.scalar, &rows).map_err(failed)?;
-                // The decoder turns them to the order of this machine, and they are written as little-endian ones.
+                // The decoder returns numbers in the byte order of this machine, and `read_rows` writes them as
+                // little-endian.
                 let big_endian = false;
                 (
                     bytes,
@@ -403,7 +406,7 @@ impl<'a> SnapshotFile<'a> {
                     },
                 )
             }
-            // Rows of other layouts are taken out of all of them.
+            // For other layouts, all rows are read and the wanted ones are taken.
             (Some(rows), layout) => {
                 let of_row = count / rows.len() * components * encoding.scalar.size();
                 let all = layout.widened(dataset.read_raw_bytes().map_err(failed)?);
@@ -432,7 +435,7 @@ impl<'a> SnapshotFile<'a> {
         )
     }
 
-    /// How many rows a dataset of a group has, which is not read.
+    /// Returns the number of rows of a dataset, without reading it.
     fn row_count(&self, group: &Group, name: &str) -> Result<usize> {
         let place = format!("dataset `{}/{name}`", group.name());
         let dataset = group.dataset(name);
@@ -441,7 +444,7 @@ impl<'a> SnapshotFile<'a> {
         Ok(usize::try_from(rows).unwrap_or(usize::MAX))
     }
 
-    /// Positions of N particles from an array of shape (N, 3).
+    /// Reads the positions of N particles from an array of shape (N, 3).
     fn positions(&self, group: &Group, name: &str) -> Result<Vec<DVec3>> {
         let shape_error = |found: String| {
             Error::format(
@@ -462,8 +465,8 @@ impl<'a> SnapshotFile<'a> {
         points(&array.bytes, array.encoding, array.count).ok_or_else(wrong)
     }
 
-    /// All arrays of a group with one row per particle as fields, but for `except`; what is
-    /// left out is noted.
+    /// Reads all arrays of a group with one row per particle as fields, except those in `except`. Adds a note on arrays
+    /// that are left out.
     fn fields(&self, group: &Group, count: usize, except: &[&str]) -> Result<Vec<Field>> {
         let mut fields = Vec::new();
         let mut left_out = Vec::new();
@@ -498,7 +501,7 @@ impl<'a> SnapshotFile<'a> {
         Ok(fields)
     }
 
-    /// The numbers of an attribute of a group.
+    /// Reads the numbers of an attribute of a group.
     fn attribute(&self, group: &Group, name: &str) -> Option<Vec<f64>> {
         let attributes = group.raw_attributes().ok()?;
         attribute_numbers(attributes.iter().find(|a| a.name() == name)?)
@@ -541,20 +544,20 @@ impl Array {
     }
 }
 
-/// All bytes of a dataset; `most` were found to be within the budget.
+/// Reads all bytes of a dataset; the budget allows `most` bytes.
 fn read_bytes(dataset: &hdf5_reader::Dataset, most: usize) -> hdf5_reader::error::Result<Vec<u8>> {
     let len = dataset.raw_byte_len()?;
     if len > most {
-        // Within the decoder's own limit, or refused.
+        // The decoder's own limit bounds this read or refuses it.
         return dataset.read_raw_bytes();
     }
-    // New pages are zeros already: they are touched once here, and twice where the decoder clears them first.
+    // New pages are zero already. If the decoder cleared them first, each would be written twice.
     let mut bytes = vec![0; len];
     dataset.read_raw_bytes_into(&mut bytes)?;
     Ok(bytes)
 }
 
-/// The numbers of some rows of a dataset, little-endian.
+/// Reads the numbers of some rows of a dataset, as little-endian bytes.
 fn read_rows(
     dataset: &hdf5_reader::Dataset,
     scalar: ScalarType,
@@ -583,14 +586,14 @@ fn read_rows(
         ScalarType::U32 => of!(u32),
         ScalarType::I64 => of!(i64),
         ScalarType::U64 => of!(u64),
-        // Their layout is not native: they come as bits.
+        // Their layout is not native, so they are read as bits.
         ScalarType::F16 => of!(u16),
         ScalarType::F32 => of!(f32),
         ScalarType::F64 => of!(f64),
     })
 }
 
-/// That a file has no particles of a type, and which it has.
+/// Returns an error: the file has no particles of a type. It lists the types in the file.
 fn absent(path: &Path, wanted: ParticleType, present: &[ParticleCount]) -> Error {
     let present = present.iter().filter(|p| p.count > 0);
     let names: Vec<String> = present.map(ParticleCount::to_string).collect();
@@ -603,10 +606,10 @@ fn absent(path: &Path, wanted: ParticleType, present: &[ParticleCount]) -> Error
     )
 }
 
-/// The unit of a dataset's numbers as they are stored.
+/// Returns the unit of a dataset's numbers as stored.
 ///
-/// SWIFT states what the numbers are in once they are converted to cgs (`a^-3 U_M U_L^-3 [ g cm^-3 ]`) beside the factors of
-/// the conversion: that is the unit of the numbers themselves only where these factors are 1.
+/// SWIFT states the unit of the numbers after conversion to cgs (`a^-3 U_M U_L^-3 [ g cm^-3 ]`), and the factors of the
+/// conversion. It is the unit of the stored numbers only if these factors are 1.
 fn stated_unit(attributes: &[Attribute], raw: &[RawAttribute]) -> Option<String> {
     let read = |attribute: &Attribute| attribute.read_string().ok();
     let is_unit = |a: &&Attribute| {
@@ -633,7 +636,7 @@ fn stated_unit(attributes: &[Attribute], raw: &[RawAttribute]) -> Option<String>
     unit::cleaned(bracket.split_once(']')?.0)
 }
 
-/// The numbers of an attribute.
+/// Returns the numbers of an attribute.
 fn attribute_numbers(attribute: &RawAttribute) -> Option<Vec<f64>> {
     let layout = Layout::of(attribute.raw_datatype()).ok()?;
     let encoding = layout.encoding();
@@ -646,7 +649,7 @@ fn attribute_numbers(attribute: &RawAttribute) -> Option<Vec<f64>> {
     doubles(&bytes, encoding, stride)
 }
 
-/// A count or a place that a file states as a number.
+/// Converts a count or an index that a file stores as a float.
 fn whole(number: f64) -> Option<usize> {
     let is_whole = number >= 0.0 && number <= 2.0_f64.powi(53) && number.fract() == 0.0;
     #[allow(
@@ -657,7 +660,7 @@ fn whole(number: f64) -> Option<usize> {
     is_whole.then_some(number as usize)
 }
 
-/// Filters that the decoder does not undo, by their registered numbers.
+/// Filters that the decoder does not support, by their registered numbers.
 const FILTERS: &[(&str, &str)] = &[
     ("307", "bzip2"),
     ("32000", "LZF"),
@@ -669,7 +672,7 @@ const FILTERS: &[(&str, &str)] = &[
     ("32026", "Blosc2"),
 ];
 
-/// What the decoder found wrong, as an error of this library.
+/// Converts an error of the decoder to an error of this library.
 fn broken(path: &Path, place: &str, error: &hdf5_reader::error::Error) -> Error {
     let text = error.to_string();
     let number = text.rsplit_once("filter id ").map(|(_, number)| number);

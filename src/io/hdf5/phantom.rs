@@ -1,6 +1,6 @@
-//! Phantom's dumps.
+//! Reads Phantom's dumps.
 //!
-//! | what | where |
+//! | quantity | place |
 //! |---|---|
 //! | positions | `particles/xyz`, (N, 3) |
 //! | smoothing lengths h; 0 or less for dead and accreted particles | `particles/h` |
@@ -10,7 +10,7 @@
 //!
 //! | sinks: positions, masses, accretion radii | `sinks/xyz`, `sinks/m`, `sinks/h` |
 //!
-//! Phantom stores no densities: rho = m (hfact / h)³ (Price et al. 2018, eq. 6).
+//! Phantom stores no densities. They are rho = m (hfact / h)³ (Price et al. 2018, eq. 6).
 
 use std::collections::BTreeMap;
 
@@ -26,25 +26,25 @@ use super::{SnapshotFile, absent};
 use crate::error::{Error, Result};
 use crate::scene::Values;
 
-/// What the format is called.
+/// Name of the format.
 const FORMAT: &str = "Phantom dump";
 
 /// Opacity of a sink through its centre.
 const SINK_OPACITY: f32 = 0.999;
 
-/// The group of the sinks.
+/// Group of the sinks.
 const SINKS: &str = "sinks";
 
-/// The first type of dust, where the header does not say it.
+/// First type of dust, if the header does not state it.
 const IDUST: u32 = 7;
 
-/// Radius of a sink that states none, as a share of the box of all particles.
+/// Radius of a sink that states none, as a fraction of the box of all particles.
 const SINK_SHARE: f64 = 0.01;
 
-/// Reads the particles of a type, or of all but the sinks.
+/// Reads the particles of a type, or all but the sinks.
 ///
 /// # Errors
-/// Lengths or masses that are not there, and a type of which there are no particles.
+/// Lengths or masses do not exist, or there are no particles of the type.
 pub(super) fn read(
     file: &SnapshotFile<'_>,
     particles: &Group,
@@ -146,7 +146,7 @@ pub(super) fn read(
         fields.push(scalar("rho", &mut rho));
         file.note("Densities are m (hfact / h)³; the dump stores none.");
     }
-    // `m` and `rho` would be there twice if a dump had them.
+    // Names that are set above are skipped, or `m` and `rho` could occur twice.
     fields.extend(file.fields(particles, count, &["xyz", "h", "m", "rho"])?);
 
     let is_dead = |i: usize| lengths[i] <= 0.0 || lengths[i].is_nan();
@@ -189,7 +189,7 @@ pub(super) fn read(
     Ok(dataset)
 }
 
-/// The number of a type; those of particles that take no part are negative.
+/// Returns the number of a type. Inactive particles store it with a negative sign.
 #[allow(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -199,14 +199,14 @@ fn code_of(itype: f64) -> u32 {
     itype.abs() as u32
 }
 
-/// The type that an entry of the header names.
+/// Returns the type that an entry of the header names.
 fn first_code(numbers: Vec<f64>) -> u32 {
     numbers.first().map_or(u32::MAX, |n| code_of(*n))
 }
 
-/// The types there are with their numbers, in the order of these.
+/// Counts the particles of each type, in the order of type numbers.
 ///
-/// - `dust`: the first type of dust, and the first of dust that bounds others.
+/// - `dust`: first type of dust, and first type of dust that is a boundary.
 fn counted(types: &[f64], dust: [u32; 2]) -> Vec<(u32, ParticleCount)> {
     let mut counts: BTreeMap<u32, usize> = BTreeMap::new();
     for itype in types {
@@ -238,7 +238,7 @@ fn counted(types: &[f64], dust: [u32; 2]) -> Vec<(u32, ParticleCount)> {
     counts.into_iter().map(of_code).collect()
 }
 
-/// The rows that are kept.
+/// Returns the kept rows.
 fn rows(kept: &[u32], positions: &[DVec3], fields: Vec<Field>) -> (Vec<DVec3>, Vec<Field>) {
     let positions = kept.iter().map(|&i| positions[i as usize]).collect();
     let of_kept = |field: Field| Field {
@@ -254,9 +254,10 @@ fn rows(kept: &[u32], positions: &[DVec3], fields: Vec<Field>) -> (Vec<DVec3>, V
     (positions, fields.into_iter().map(of_kept).collect())
 }
 
-/// The sinks, as opaque spheres of their accretion radii: a ball of radius R has the variance R²/5 along each axis.
+/// Reads the sinks as opaque spheres of their accretion radii: a ball of radius R has the variance R²/5 along each
+/// axis.
 ///
-/// - `others`: where the other particles are, for the size of sinks that state no radius.
+/// - `others`: positions of the other particles. They set the radius of sinks that state none.
 fn read_sinks(
     file: &SnapshotFile<'_>,
     group: &Group,
@@ -281,7 +282,7 @@ fn read_sinks(
     let extent = lower
         .zip(upper)
         .map_or(0.0, |(lower, upper)| (upper - lower).max_element());
-    // One sink alone has no extent.
+    // A single sink has no extent.
     let stand_in = if extent > 0.0 {
         SINK_SHARE * extent
     } else {

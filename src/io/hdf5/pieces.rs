@@ -1,8 +1,8 @@
-//! Snapshots of Gadget's family in several files: `snap_010.0.hdf5`, `snap_010.1.hdf5`, ..., as many as the attribute
-//! `NumFilesPerSnapshot` of `Header` says.
+//! Reads Gadget snapshots in several files: `snap_010.0.hdf5`, `snap_010.1.hdf5`, .... The attribute
+//! `NumFilesPerSnapshot` of `Header` states their number.
 //!
-//! Any of them stands for all, which are read as one data set. SWIFT's files of virtual datasets (the attribute `Virtual`)
-//! stand for the pieces beside them: of `snap.hdf5` these are `snap.0.hdf5`, ... or `snap/snap.0.hdf5`, ....
+//! Any one of the files selects all, which are read as one data set. A SWIFT file of virtual datasets (attribute
+//! `Virtual`) selects the pieces beside it: `snap.hdf5` selects `snap.0.hdf5`, ... or `snap/snap.0.hdf5`, ....
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -21,10 +21,10 @@ use super::super::vtk_pieces::{keep_common, to_fields};
 use super::{RowPieces, SnapshotFile, absent, gadget, whole};
 use crate::error::{Error, Result};
 
-/// Pieces at most; far more than anything writes.
+/// Greatest number of pieces, far more than any code writes.
 const MOST_PIECES: usize = 1 << 16;
 
-/// The pieces of a snapshot.
+/// Pieces of a snapshot.
 pub(super) struct Pieces {
     stem: String,
     ending: String,
@@ -33,10 +33,10 @@ pub(super) struct Pieces {
 }
 
 impl Pieces {
-    /// The pieces that a file stands for; `None` where it is a snapshot of its own, or where its name does not say which
-    /// piece it is.
+    /// Returns the pieces that a file selects. Returns `None` if it is a complete snapshot, or its name has no piece
+    /// number.
     ///
-    /// - `has`: whether there is a file of a path.
+    /// - `has`: returns true if there is a file with this path.
     pub(super) fn of(file: &SnapshotFile<'_>, has: impl Fn(&Path) -> bool) -> Result<Option<Self>> {
         let Some(header) = file.group("Header")? else {
             return Ok(None);
@@ -93,7 +93,7 @@ impl Pieces {
             .join(format!("{}.{i}.{}", self.stem, self.ending))
     }
 
-    /// Refuses a snapshot of which a piece is missing.
+    /// Refuses a snapshot with a missing piece.
     fn check(&self, path: &Path, has: impl Fn(&Path) -> bool) -> Result<()> {
         let missing: Vec<usize> = (0..self.count).filter(|&i| !has(&self.path(i))).collect();
         if missing.is_empty() {
@@ -122,10 +122,10 @@ impl Pieces {
     }
 }
 
-/// All pieces as one data set.
+/// Reads all pieces as one data set.
 ///
 /// # Errors
-/// Pieces that are not there, damaged ones, none with particles of the type.
+/// A piece does not exist or is damaged, or no piece has particles of the type.
 pub(super) fn read(
     input: Input<'_>,
     pieces: &Pieces,
@@ -155,10 +155,10 @@ pub(super) fn read(
     Ok(data)
 }
 
-/// All pieces with particles of a type, how many each has, and that type.
+/// Returns all pieces with particles of a type, their numbers of particles, and the type.
 ///
 /// # Errors
-/// Pieces that are not there, or damaged ones.
+/// A piece does not exist or is damaged.
 pub(super) fn counts(
     input: Input<'_>,
     pieces: &Pieces,
@@ -188,7 +188,7 @@ pub(super) fn counts(
             Ok(Some(own.map_or(0, |(.., count)| count.count)))
         })?;
         match count {
-            // Of more than a file can hold, reading all of them says so.
+            // If a count exceeds the file's size, the caller reads everything, which reports the error.
             None => return Ok(None),
             Some(0) => {}
             Some(count) => counts.push((path, count)),
@@ -197,7 +197,8 @@ pub(super) fn counts(
     Ok((!counts.is_empty()).then_some((wanted, counts)))
 }
 
-/// The type that is read of all pieces: what the header of the first says, or its first that has particles.
+/// Returns the type to read from all pieces: the one that the header determines, or the first of this piece that has
+/// particles.
 fn first_type(
     file: &SnapshotFile<'_>,
     present: &[(usize, Group, ParticleCount)],
@@ -208,25 +209,25 @@ fn first_type(
     Ok(number.map(ParticleType::Number))
 }
 
-/// What the pieces hold, one after another.
+/// Contents of the pieces, one after another.
 struct All<'a> {
     path: &'a Path,
     wanted: Option<ParticleType>,
     counts: Vec<ParticleCount>,
-    /// The first with particles of the type, and the places of those of all.
+    /// Data set of the first piece with particles of the type, extended by the positions of all.
     data: Option<Dataset>,
-    /// Of each piece.
+    /// Arrays of each piece.
     arrays: Vec<Vec<Array>>,
-    /// Of fields that state them.
+    /// Units of the fields that state them.
     units: HashMap<String, String>,
-    /// The edges of the box.
+    /// Edges of the box.
     box_size: Vec<f64>,
 }
 
 impl All<'_> {
     fn add(&mut self, file: &SnapshotFile<'_>) -> Result<()> {
         let present = gadget::present(file)?;
-        // What is read of all is what the first piece with particles, or the header, says.
+        // The first piece with particles, or the header, decides the type for all.
         let wanted = match self.wanted {
             Some(wanted) => wanted,
             None => match first_type(file, &present)? {

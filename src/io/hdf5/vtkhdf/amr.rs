@@ -1,13 +1,13 @@
-//! Levels of refinement: `Level0`, `Level1`, ..., each with boxes of cells.
+//! Reads adaptive mesh refinement: `Level0`, `Level1`, ..., each with boxes of cells.
 //!
-//! | of a level | |
+//! | member of a level | contents |
 //! |---|---|
-//! | attribute `Spacing` | between its nodes |
-//! | `AMRBox`, (boxes, 6) | the first and the last cell of each box along each axis, i0 i1 j0 j1 k0 k1; the last before the first along the axis that data of two dimensions lack |
-//! | `PointData`, `CellData` | the numbers of one box after those of another |
+//! | attribute `Spacing` | distance between nodes |
+//! | `AMRBox`, (boxes, 6) | first and last cell of each box along each axis, i0 i1 j0 j1 k0 k1; along the missing axis of two-dimensional data, the last precedes the first |
+//! | `PointData`, `CellData` | numbers of one box after those of another |
 //!
-//! The attribute `Origin` of the whole says where cell 0 begins. At a time the boxes are `NumberOfAMRBox` from
-//! `AMRBoxOffset` on, both in `Steps/LevelN`, where `PointDataOffset` and `CellDataOffset` are, too.
+//! The root's attribute `Origin` is the corner of cell 0. At a time step, `NumberOfAMRBox` boxes from `AMRBoxOffset` on
+//! are valid. Both arrays are in `Steps/LevelN`, with `PointDataOffset` and `CellDataOffset`.
 
 use std::path::Path;
 
@@ -21,7 +21,7 @@ use super::super::super::vtk_pieces::element_of;
 use super::{Block, numbers};
 use crate::error::Result;
 
-/// Levels; far more than anything writes.
+/// Greatest number of levels, far more than any code writes.
 const MOST_LEVELS: usize = 64;
 
 /// Levels with their boxes.
@@ -31,7 +31,7 @@ pub(super) struct Amr {
 }
 
 impl Amr {
-    /// Whether it is what is read of a collection whose first block is of a kind.
+    /// Returns true if a collection whose first block is of this kind is read as AMR.
     pub(super) fn is_first(&self, kind: &str) -> bool {
         kind == "levels of refinement"
     }
@@ -75,7 +75,7 @@ impl Block<'_, '_> {
         Ok(found)
     }
 
-    /// The boxes of a level.
+    /// Reads the boxes of a level.
     fn patches(
         &self,
         level: usize,
@@ -124,7 +124,7 @@ impl Block<'_, '_> {
         Ok(())
     }
 
-    /// Gives the boxes of a level their arrays.
+    /// Reads the arrays of the boxes of a level.
     fn fill(
         &self,
         group: &Group,

@@ -1,4 +1,4 @@
-//! Unstructured grids and polygonal data: parts one after another, and times one after another.
+//! Reads unstructured grids and polygonal data. Parts follow one another, and so do time steps.
 //!
 //! | array | rows of a part |
 //! |---|---|
@@ -7,11 +7,11 @@
 //! | `Types` | its cells |
 //! | `Offsets` | its cells and one more: where each cell's nodes begin, from 0 in each part |
 //! | `Connectivity` | its connectivity, nodes counted from 0 in each part |
-//! | `PolyhedronOffsets`, `PolyhedronToFaces`, `FaceOffsets`, `FaceConnectivity` | of polyhedra: as the last two, faces of cells and nodes of faces |
+//! | `PolyhedronOffsets`, `PolyhedronToFaces`, `FaceOffsets`, `FaceConnectivity` | for polyhedra, like the last two: faces of cells, and nodes of faces |
 //!
-//! Polygonal data have the cells' arrays in groups `Vertices`, `Lines`, `Polygons` and `Strips`, which is also the order
-//! in which cells count. At a time its parts are `NumberOfParts` from `PartOffsets` on, and the others of `Steps` say where
-//! its rows begin.
+//! Polygonal data have the cells' arrays in groups `Vertices`, `Lines`, `Polygons` and `Strips`. Cells are numbered in
+//! this order. At a time step, `NumberOfParts` parts from `PartOffsets` on are valid. The other arrays of `Steps` state
+//! where their rows begin.
 
 use std::ops::Range;
 
@@ -24,10 +24,10 @@ use super::super::super::{CellKind, CellMesh, vtk_grid, vtp};
 use super::Block;
 use crate::error::Result;
 
-/// The groups of polygonal data, in the order of [`vtp::ELEMENTS`].
+/// Groups of polygonal data, in the order of [`vtp::ELEMENTS`].
 const GROUPS: [&str; 4] = ["Vertices", "Lines", "Polygons", "Strips"];
 
-/// Where a part's rows begin in the arrays of one kind of cells.
+/// First rows of a part in the arrays of one kind of cells.
 #[derive(Clone, Copy)]
 struct Starts {
     cell: usize,
@@ -35,7 +35,7 @@ struct Starts {
 }
 
 impl Block<'_, '_> {
-    /// The parts of the step.
+    /// Returns the parts of the time step.
     fn parts(&self, count: usize) -> Result<Range<usize>> {
         let Some(steps) = &self.steps else {
             return Ok(0..count);
@@ -54,7 +54,7 @@ impl Block<'_, '_> {
         Ok(first..end)
     }
 
-    /// The parts of an unstructured grid.
+    /// Reads the parts of an unstructured grid.
     pub(super) fn solids(&self) -> Result<Vec<Part>> {
         let group = &self.group;
         let points = self.counts(group, "NumberOfPoints")?;
@@ -117,7 +117,7 @@ impl Block<'_, '_> {
         Ok(parts)
     }
 
-    /// The parts of polygonal data.
+    /// Reads the parts of polygonal data.
     pub(super) fn polygons(&self) -> Result<Vec<Part>> {
         struct Kind {
             group: Group,
@@ -182,7 +182,7 @@ impl Block<'_, '_> {
         Ok(parts)
     }
 
-    /// A part with its nodes and arrays; `None` where it is empty.
+    /// Adds nodes and arrays to the cells of a part; returns `None` if the part is empty.
     fn part(&self, mut mesh: CellMesh, rows_of: PartRows) -> Result<Option<Part>> {
         if rows_of.points.is_empty() && rows_of.cells.is_empty() {
             return Ok(None);
@@ -209,7 +209,7 @@ impl Block<'_, '_> {
         )))
     }
 
-    /// Cells, or faces, of a part, whose offsets begin with 0.
+    /// Reads the cells or faces of a part. Its offsets must begin with 0.
     fn runs(
         &self,
         group: &Group,
@@ -243,7 +243,7 @@ impl Block<'_, '_> {
         })
     }
 
-    /// Refuses arrays that do not have a count for each part.
+    /// Checks that each array has one count per part.
     fn check_counts(&self, points: &[usize], others: &[&[usize]]) -> Result<()> {
         match others.iter().find(|counts| counts.len() != points.len()) {
             None => Ok(()),
@@ -256,7 +256,7 @@ impl Block<'_, '_> {
     }
 }
 
-/// The rows of a part among those of its step, and where those of points and cells begin.
+/// Rows of a part relative to its step, and the first rows of points and cells of the step.
 struct PartRows {
     points: Range<usize>,
     cells: Range<usize>,
@@ -267,14 +267,14 @@ fn rows(first: usize, count: usize) -> Range<usize> {
     first..first.saturating_add(count)
 }
 
-/// How many faces the polyhedra of each part have, how many nodes these, and how many faces cells name.
+/// Numbers of faces, of nodes of faces, and of faces that cells name, for each part.
 struct Faces {
     faces: Vec<usize>,
     nodes: Vec<usize>,
     of_cells: Vec<usize>,
 }
 
-/// Where a part's rows begin.
+/// First rows of a part in the arrays of polyhedra.
 #[derive(Default)]
 struct FaceStarts {
     face: usize,
@@ -311,7 +311,7 @@ impl Faces {
         Ok(faces)
     }
 
-    /// The polyhedra of a part in the form of [`CellMesh`].
+    /// Returns the polyhedra of a part in the form of [`CellMesh`].
     fn of_part(
         &self,
         block: &Block<'_, '_>,

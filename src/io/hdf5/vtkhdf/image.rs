@@ -1,4 +1,4 @@
-//! Images: a lattice with arrays (z, y, x), and (step, z, y, x) where there are times.
+//! Reads images: a lattice with arrays (z, y, x), or (step, z, y, x) if there are time steps.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ use super::{Block, numbers};
 use crate::error::{Error, Result};
 use crate::scene::Lattice;
 
-/// An image.
+/// Lattice and arrays of an image.
 pub(super) struct Image {
     lattice: Lattice,
     arrays: [Vec<Array>; 2],
@@ -63,7 +63,7 @@ impl Block<'_, '_> {
             let shape = self.shape(&data, &name)?;
             let steps = usize::from(self.steps.is_some());
             let samples = shape.get(steps..).unwrap_or_default();
-            // Axes of one sample may be left away.
+            // Trailing axes with one sample may be absent.
             let ranks = (1..=samples.len()).rev().find(|&n| {
                 let product = samples[..n]
                     .iter()
@@ -93,7 +93,7 @@ impl Block<'_, '_> {
     }
 }
 
-/// One image as a lattice, several as grids beside one another.
+/// Returns one image as a lattice, and several as separate curvilinear grids.
 pub(super) fn dataset(path: &Path, mut images: Vec<Image>) -> Result<Dataset> {
     const FORMAT: &str = "VTKHDF image data";
     let mut fields = Vec::new();

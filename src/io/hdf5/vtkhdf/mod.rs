@@ -1,18 +1,18 @@
-//! VTKHDF files (`.vtkhdf`, `.hdf`): VTK's data sets as HDF5, by the description in VTK's documentation ("VTKHDF File
+//! Reads VTKHDF files (`.vtkhdf`, `.hdf`): VTK's data sets in HDF5, as VTK's documentation describes them ("VTKHDF File
 //! Format", versions 1.0 to 2.5).
 //!
-//! | in the group `VTKHDF` | |
+//! | member of the group `VTKHDF` | contents |
 //! |---|---|
 //! | attribute `Type` | `ImageData`, `UnstructuredGrid`, `PolyData`, `OverlappingAMR`, `MultiBlockDataSet`, `PartitionedDataSetCollection` |
 //! | `PointData`, `CellData` | an array for each field; `FieldData` is not read |
-//! | `Steps` | where there are times: the attribute `NSteps`, `Values`, and where each step's numbers begin |
+//! | `Steps` | if there are time steps: the attribute `NSteps`, `Values`, and the position of each step's numbers |
 //!
-//! | type | what it has | read by |
+//! | type | contents | read by |
 //! |---|---|---|
 //! | `ImageData` | attributes `WholeExtent`, `Origin`, `Spacing`, `Direction`; arrays (z, y, x) | [`image`] |
 //! | `UnstructuredGrid`, `PolyData` | parts one after another, each with its own numbers of points and cells | [`cells`] |
 //! | `OverlappingAMR` | `Level0`, `Level1`, ... with `AMRBox` and the attribute `Spacing` | [`amr`] |
-//! | the last two | a group of a type of its own for each block, with the attribute `Index`; `Assembly` links to them | here |
+//! | the last two | a group with its own type for each block, with the attribute `Index`; `Assembly` links to them | this module |
 
 mod amr;
 mod cells;
@@ -31,21 +31,21 @@ use super::super::{ReadAs, scalars};
 use super::{Found, SnapshotFile, broken, shortened, whole};
 use crate::error::{Error, Result};
 
-/// The group that holds it all.
+/// Name of the file's top group.
 pub(super) const ROOT: &str = "VTKHDF";
 
 const DAMAGED: &str = "the file is damaged: save it again";
 
-/// Blocks of a collection; far more than anything writes.
+/// Greatest number of blocks of a collection, far more than any code writes.
 const MOST_BLOCKS: usize = 1 << 16;
 
 /// Reads a VTKHDF file.
 ///
-/// - `root`: its group.
-/// - `time_step`: which of its times, from 0; without it the first, with a note.
+/// - `root`: the group `VTKHDF`.
+/// - `time_step`: index of the time step, from 0; if absent, the first is read with a note.
 ///
 /// # Errors
-/// Types that are not read, arrays that are damaged or not there, a time that is not there.
+/// The type is not supported, arrays are damaged or missing, or the time step does not exist.
 pub(super) fn read(
     file: &SnapshotFile<'_>,
     root: Group,
@@ -78,7 +78,7 @@ pub(super) fn read(
     Ok(data)
 }
 
-/// What a group of a type holds.
+/// Contents of a group with a type.
 enum Piece {
     Cells(&'static str, Vec<Part>),
     Image(image::Image),
@@ -95,7 +95,7 @@ impl Piece {
     }
 }
 
-/// All blocks as one data set: those of the kind that the first has.
+/// Joins all blocks to one data set. It keeps the blocks of the same kind as the first.
 fn together(
     file: &SnapshotFile<'_>,
     found: Vec<Piece>,
@@ -139,18 +139,18 @@ fn together(
     }
 }
 
-/// A group of a type at one time.
+/// Group with a type, at one time step.
 struct Block<'f, 'a> {
     file: &'f SnapshotFile<'a>,
     group: Group,
     steps: Option<Group>,
     step: usize,
-    /// The step that was asked for.
+    /// Requested time step.
     wanted: usize,
 }
 
 impl<'f, 'a> Block<'f, 'a> {
-    /// A block of other times than the first has its own last one where it has fewer.
+    /// Opens a group at a time step. If it has fewer time steps, its last one is used.
     fn new(file: &'f SnapshotFile<'a>, group: Group, step: usize) -> Result<Self> {
         let steps = file.child(&group, "Steps")?;
         let mut block = Self {
@@ -170,7 +170,7 @@ impl<'f, 'a> Block<'f, 'a> {
         Error::format(self.file.path, place, expected, found, DAMAGED)
     }
 
-    /// The times that it holds, if it holds any.
+    /// Returns the times in the group, if there are any.
     fn times(&self) -> Result<Option<Vec<f64>>> {
         let Some(steps) = &self.steps else {
             return Ok(None);
@@ -188,7 +188,7 @@ impl<'f, 'a> Block<'f, 'a> {
             .map_err(|e| broken(self.file.path, "VTKHDF, attribute `Type`", &e))
     }
 
-    /// The blocks of a collection, in the order of their indices.
+    /// Returns the blocks of a collection, in the order of their indices.
     fn blocks(&self) -> Result<Vec<Self>> {
         let names = self.group.member_names();
         let (names, _) = names.map_err(|e| broken(self.file.path, ROOT, &e))?;
@@ -197,7 +197,7 @@ impl<'f, 'a> Block<'f, 'a> {
             let Some(group) = self.file.child(&self.group, name)? else {
                 continue;
             };
-            // `Assembly` has no type of its own.
+            // `Assembly` has no type.
             if group.attribute("Type").is_err() {
                 continue;
             }
@@ -229,7 +229,7 @@ impl<'f, 'a> Block<'f, 'a> {
         })
     }
 
-    /// Where the numbers of the step begin, as `Steps` says under a name; 0 without times.
+    /// Returns the start of the step's numbers, which `Steps` states under `name`; 0 without time steps.
     fn start(&self, name: &str, column: usize) -> Result<usize> {
         match &self.steps {
             None => Ok(0),
@@ -237,7 +237,7 @@ impl<'f, 'a> Block<'f, 'a> {
         }
     }
 
-    /// The same in a group; `None` where it says nothing.
+    /// Returns the start that another group states; `None` if it states none.
     fn start_in(&self, group: &Group, name: &str, column: usize) -> Result<Option<usize>> {
         let Some(array) = self.file.array(group, name)? else {
             return Ok(None);
@@ -251,7 +251,7 @@ impl<'f, 'a> Block<'f, 'a> {
         })
     }
 
-    /// Where an array of nodes or cells begins at the step, if `Steps` says it.
+    /// Returns the start of an array of nodes or cells at the step, if `Steps` states it.
     fn data_start(&self, association: Association, name: &str) -> Result<Option<usize>> {
         let Some(steps) = &self.steps else {
             return Ok(None);
@@ -263,9 +263,9 @@ impl<'f, 'a> Block<'f, 'a> {
         }
     }
 
-    /// The arrays of nodes or cells: the rows of the step from `first` of its own numbers on.
+    /// Reads the arrays of nodes or cells. `rows` are relative to the start of the step's numbers.
     ///
-    /// - `start`: where the step's numbers begin in arrays of which `Steps` does not say it.
+    /// - `start`: start of the step's numbers in arrays for which `Steps` states none.
     fn arrays(
         &self,
         group: &Group,
@@ -288,7 +288,7 @@ impl<'f, 'a> Block<'f, 'a> {
         Ok(arrays)
     }
 
-    /// An array of a group that holds numbers; others are left out with a note.
+    /// Reads an array of numbers of a group. Other arrays are left out with a note.
     fn array(
         &self,
         group: &Group,
@@ -313,7 +313,7 @@ impl<'f, 'a> Block<'f, 'a> {
         }))
     }
 
-    /// The bytes of an array that must be there.
+    /// Reads an array that must exist.
     fn needed(
         &self,
         group: &Group,
@@ -331,13 +331,13 @@ impl<'f, 'a> Block<'f, 'a> {
         }
     }
 
-    /// Counts of a group, one for each part.
+    /// Reads the counts of a group, one for each part.
     fn counts(&self, group: &Group, name: &str) -> Result<Vec<usize>> {
         let array = self.needed(group, name, None)?;
         self.whole_numbers(name, &array, |n| usize::try_from(n).ok())
     }
 
-    /// Indices from 0 to 4294967295, or kinds of cells.
+    /// Reads indices from 0 to 4294967295, or kinds of cells.
     fn indices<T: Copy + Default + Send>(
         &self,
         group: &Group,
@@ -366,7 +366,7 @@ impl<'f, 'a> Block<'f, 'a> {
     }
 }
 
-/// Numbers of an attribute, as many as are wanted.
+/// Reads exactly `N` numbers of an attribute.
 fn numbers<const N: usize>(
     block: &Block<'_, '_>,
     group: &Group,
@@ -384,16 +384,16 @@ fn numbers<const N: usize>(
         })
 }
 
-/// The times of a file, if it has any.
+/// Returns the times of a file, if it has any.
 ///
 /// # Errors
-/// A damaged file.
+/// The file is damaged.
 pub(super) fn times(file: &SnapshotFile<'_>, root: &Group) -> Result<Option<Vec<f64>>> {
     let block = Block::new(file, root.clone(), 0)?;
     if let Some(times) = block.times()? {
         return Ok(Some(times));
     }
-    // Of collections each block has them.
+    // In a collection, each block has its own times.
     let blocks = block.blocks()?;
     match blocks.first() {
         Some(first) => first.times(),
