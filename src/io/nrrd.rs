@@ -308,7 +308,7 @@ impl Axes {
         const MOST_COMPONENTS: usize = 9;
         /// Greatest number of colour channels.
         const MOST_CHANNELS: usize = 4;
-        /// Least extent of an image with channels; smaller arrays may be volumes with few samples along x.
+        /// Least extent of an image with channels; a thinner array may be a volume with few samples along x.
         const LEAST_IMAGE: usize = 9;
         let unknown = self.count(Role::Unknown);
         let open = unknown + self.count(Role::Space);

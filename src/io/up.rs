@@ -199,8 +199,8 @@ impl Dataset {
     }
 }
 
-/// The up direction of a plane across an axis, and the direction of view of a plot of it: x to the right for y
-/// or z up, y to the left for z up.
+/// The up direction of a plane across an axis, and the direction of view. As in plots, x points right with y or
+/// z up; in a plane across x, y points right with z up.
 fn plane(is_thin: [bool; 3]) -> Option<(DVec3, DVec3)> {
     match is_thin {
         [false, false, true] => Some((DVec3::Y, DVec3::NEG_Z)),

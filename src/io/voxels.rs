@@ -745,8 +745,8 @@ pub(super) fn field(name: &str, mut components: Vec<Values>, unit: Option<String
     }
 }
 
-/// The lattice of an image. An image of two dimensions is a layer perpendicular to its two steps, and as thick
-/// as the shorter of these.
+/// The lattice of an image. An image of two dimensions is a layer. Its third step is perpendicular to the two
+/// given ones, and as long as the shorter of these.
 ///
 /// - `place`: place in the header, for messages.
 ///

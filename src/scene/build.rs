@@ -29,7 +29,7 @@ impl PointVolume {
     /// let camera = Camera::perspective(-5.0 * DVec3::Y, DVec3::ZERO, DVec3::Z, 40.0, [64, 48]);
     /// let mut renderer = Renderer::new(vec![stars])?;
     /// let image = renderer.render(&camera, &Settings::default())?;
-    /// 1 - exp(-1), less what the pixel's filter spreads.
+    /// // 1 - exp(-1), less what the pixel's filter spreads.
     /// assert!((0.4..0.64).contains(&image.pixel(32, 24)[3]));
     /// # Ok(())
     /// # }

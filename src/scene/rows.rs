@@ -358,8 +358,8 @@ fn planes_of(cuts: &[Cut]) -> BoundaryPlanes {
     planes
 }
 
-/// A hash of everything that a volume has besides its particles. Ranks whose volumes have the same hash may
-/// exchange particles.
+/// A hash of everything that a volume has besides its particles. Parts with the same hash can be joined to one
+/// volume, on several ranks too.
 ///
 /// If there are any particles, the hash includes the scales of local models, because the models' codes mean
 /// nothing without.

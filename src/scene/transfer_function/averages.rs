@@ -92,8 +92,8 @@ impl Averages {
         }
     }
 
-    /// The average colour and extinction \[1/length\] of values spread evenly over `value - spread ..= value +
-    /// spread`.
+    /// The average colour and extinction \[1/length\] of values spread evenly over
+    /// `value - spread ..= value + spread`.
     ///
     /// Colours are averaged with the weighting: \[∫ e c / ∫ e, mean e\] or \[mean c, mean e\]. With
     /// [`Weighting::Extinction`] the colours are 0 if the mean extinction is. Parts of the interval beyond the
