@@ -1,21 +1,21 @@
-//! NIfTI-1 and NIfTI-2 (`.nii`, `.nii.gz`, and `.hdr` with its numbers in `.img`).
+//! Reads NIfTI-1 and NIfTI-2 (`.nii`, `.nii.gz`, and `.hdr` with its numbers in `.img`).
 //!
-//! | bytes of NIfTI-1 | of NIfTI-2 | what |
+//! | bytes of NIfTI-1 | of NIfTI-2 | content |
 //! |---|---|---|
 //! | 0..4: 348 | 0..4: 540 | the header's length, in the byte order of the file |
 //! | 344..348 | 4..12 | `n+1`, `n+2`, or `ni1`, `ni2` with the numbers in another file |
-//! | 40..56: i16 | 16..80: i64 | `dim`: how many axes, then their sizes |
+//! | 40..56: i16 | 16..80: i64 | `dim`: number of axes, then their sizes |
 //! | 70..72 | 12..14 | `datatype` |
 //! | 76..108: f32 | 104..168: f64 | `pixdim`: a sign, then the spacings |
-//! | 108..112: f32 | 168..176: i64 | `vox_offset`: where the numbers begin |
+//! | 108..112: f32 | 168..176: i64 | `vox_offset`: offset of the numbers |
 //! | 112..120: f32 | 176..192: f64 | `scl_slope` and `scl_inter` |
 //! | 252..256: i16 | 344..352: i32 | `qform_code` and `sform_code` |
 //! | 256..280: f32 | 352..400: f64 | `quatern_b`, `c`, `d`, `qoffset_x`, `y`, `z` |
 //! | 280..328: f32 | 400..496: f64 | `srow_x`, `y`, `z` |
 //!
-//! World axes are the format's: +x right, +y to the front, +z up. Sample (i, j, k) lies where `srow` puts it, if
-//! `sform_code` is above 0; or else where the quaternion puts it, if `qform_code` is; or else at `pixdim` times
-//! (i, j, k). A `scl_slope` of 0 or none leaves the numbers as they are.
+//! World axes are the format's: +x right, +y to the front, +z up. Sample (i, j, k) lies at the position from
+//! `srow` if `sform_code` is above 0; else from the quaternion if `qform_code` is; else at `pixdim` times (i,
+//! j, k). A `scl_slope` of 0 or none leaves the numbers unscaled.
 //!
 //! <https://nifti.nimh.nih.gov/nifti-1>, <https://nifti.nimh.nih.gov/pub/dist/doc/nifti2.h>
 
@@ -32,13 +32,13 @@ use super::scalars::{Encoding, ScalarType, double};
 use super::voxels::{self, GZIP, Image, Numbers, Packing, Skip, Source};
 use crate::error::{Error, Hint, Result};
 
-/// Bytes of a header.
+/// Lengths of the headers.
 const FIRST: usize = 348;
 const SECOND: usize = 540;
 
 const DAMAGED: &str = "the file is damaged: copy it or save it again";
 
-/// Which version a header is of.
+/// Version of a header.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Version {
     One,
@@ -46,7 +46,8 @@ enum Version {
 }
 
 impl Version {
-    /// By the length and the magic number, and whether the numbers are in the same file; `None` where it is neither.
+    /// The version by the length and the magic number, and whether the numbers are in the same file; `None` for
+    /// other files.
     fn of(head: &[u8]) -> Option<(Self, bool)> {
         match (head.get(344..348), head.get(4..8)) {
             (Some(b"n+1\0"), _) => Some((Self::One, true)),
@@ -65,11 +66,11 @@ impl Version {
     }
 }
 
-/// The first bytes, unpacked where they are gzip: as many as a header has, or all there are.
+/// The first bytes, unpacked if they are gzip: as many as a header has, or all there are.
 fn start(head: &[u8]) -> Vec<u8> {
     let mut start = Vec::new();
     if head.starts_with(GZIP) {
-        // What is cut off or damaged gives fewer bytes.
+        // A cut or damaged stream gives fewer bytes.
         let mut unpacked = MultiGzDecoder::new(head).take(SECOND as u64);
         unpacked.read_to_end(&mut start).ok();
     } else {
@@ -78,38 +79,38 @@ fn start(head: &[u8]) -> Vec<u8> {
     start
 }
 
-/// Whether a file begins as headers do.
+/// Whether a file begins with a header.
 ///
 /// - `head`: some hundred bytes more than a header.
 pub(super) fn looks_like(head: &[u8]) -> bool {
     Version::of(&start(head)).is_some()
 }
 
-/// Whether a file begins as the header of an Analyze 7.5 image, from which NIfTI descends and which does not say
-/// which way round it is.
+/// Whether a file begins with the header of an Analyze 7.5 image. NIfTI descends from this format, which does
+/// not state the orientation of the axes.
 pub(super) fn looks_like_analyze(head: &[u8]) -> bool {
     let len = head.get(..4).and_then(|b| <[u8; 4]>::try_from(b).ok());
     let is_len = len.is_some_and(|b| [i32::from_le_bytes(b), i32::from_be_bytes(b)].contains(&348));
     is_len && head.get(38) == Some(&b'r')
 }
 
-/// The header of an image (`.img`) by the image's name, if there is one beside it.
+/// The header beside an image (`.img`), by the image's name; `None` if there is none.
 pub(super) fn header_beside(input: Input<'_>) -> Option<std::path::PathBuf> {
     let header = input.path.with_extension("hdr");
     let is_image = extension(input.path) == "img";
     (is_image && input.has_beside(&header)).then_some(header)
 }
 
-/// Reads the first volume of a series, or an image as a layer, by the header beside it where that stands alone.
+/// Reads the first volume of a series, or an image as a layer; the header may be in a file beside it.
 ///
 /// # Errors
-/// An Analyze 7.5 header, one that breaks the format's rules, a type that is not read, or fewer numbers than the header
-/// says.
+/// An Analyze 7.5 header; one that breaks the format's rules; a type that is not read; fewer numbers than the
+/// header states.
 pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     with_header(input, |input| image(input)?.read(input))
 }
 
-/// Does the work on the file that begins with the header: this one, or the one beside it where that stands alone.
+/// Applies `work` to the file that begins with the header: this one, or the one beside it.
 pub(super) fn with_header<T>(
     input: Input<'_>,
     work: impl FnOnce(Input<'_>) -> Result<T>,
@@ -121,10 +122,10 @@ pub(super) fn with_header<T>(
     }
 }
 
-/// Reads the header that a file begins with.
+/// Reads the header at the start of a file.
 ///
 /// # Errors
-/// Those of [`read`] but for numbers.
+/// Those of [`read`], except for numbers.
 pub(super) fn image(input: Input<'_>) -> Result<Image> {
     let path = input.path;
     let (head, _) = input.head(HEAD)?;
@@ -205,7 +206,7 @@ pub(super) fn image(input: Input<'_>) -> Result<Image> {
             let expected = format!("0 or at least {least}");
             return Err(fault("`vox_offset`", &expected, offset.to_string()));
         }
-        // Some write 0 for the first place behind the header and its four bytes of flags.
+        // Some writers store 0 for the first offset after the header and its four bytes of flags.
         let offset = if offset == 0 { least + 4 } else { offset };
         (Source::Attached(0), packing(is_gzip), offset)
     } else {
@@ -241,7 +242,7 @@ fn packing(is_gzip: bool) -> Packing {
     }
 }
 
-/// The file of numbers of a header, and whether it is packed.
+/// The file of a header's numbers, and whether it is compressed.
 fn image_beside(input: Input<'_>) -> Result<(std::path::PathBuf, bool)> {
     let path = input.path;
     // `a.hdr` and `a.hdr.gz` have `a.img` or `a.img.gz`.
@@ -273,7 +274,7 @@ fn image_beside(input: Input<'_>) -> Result<(std::path::PathBuf, bool)> {
     ))
 }
 
-/// The analysed types that are not numbers one by one.
+/// Types of the format that are not single numbers.
 fn refused_type(code: i64) -> Option<&'static str> {
     Some(match code {
         1 => "bits",
@@ -290,7 +291,7 @@ struct Header<'h> {
 }
 
 impl<'h> Header<'h> {
-    /// `None` where the first word is not the length of the header in either order.
+    /// `None` if the first word is not the length of the header in either byte order.
     fn of(bytes: &'h [u8], version: Version) -> Option<Self> {
         let word: [u8; 4] = bytes.get(..4)?.try_into().ok()?;
         let len = u32::try_from(version.header_len()).ok()?;
@@ -306,7 +307,7 @@ impl<'h> Header<'h> {
         })
     }
 
-    /// The number at a place of each version, of the type that it has there.
+    /// The number at each version's offset, of its type there.
     fn number(&self, one: (usize, ScalarType), two: (usize, ScalarType)) -> f64 {
         let (at, scalar) = match self.version {
             Version::One => one,
@@ -317,7 +318,7 @@ impl<'h> Header<'h> {
         double(bytes, Encoding { scalar, big_endian })
     }
 
-    /// Floats of single and of double precision, the `i`-th of those that begin there.
+    /// The `i`-th real of an array, by its offsets in both versions; f32 in the first, f64 in the second.
     fn real(&self, one: usize, two: usize, i: usize) -> f64 {
         self.number(
             (one + 4 * i, ScalarType::F32),
@@ -336,7 +337,7 @@ impl<'h> Header<'h> {
             .map_or(0, |n| n as usize)
     }
 
-    /// The sizes of seven axes, 1 for those that there are not.
+    /// The sizes of seven axes; 1 for axes that do not exist.
     fn sizes(&self, path: &Path) -> Result<[usize; 7]> {
         let fault = |i: usize, expected: &str| {
             let place = format!("header, `dim[{i}]`");
@@ -368,7 +369,7 @@ impl<'h> Header<'h> {
         Ok(sizes)
     }
 
-    /// The type of a number, and how many there are in a sample.
+    /// The type of a number, and the number of them in a sample.
     fn data_type(&self, path: &Path) -> Result<(ScalarType, usize)> {
         let code = self.number((70, ScalarType::I16), (12, ScalarType::I16));
         #[allow(clippy::cast_possible_truncation, reason = "it was an i16")]
@@ -420,7 +421,7 @@ impl<'h> Header<'h> {
 
     fn offset(&self, path: &Path) -> Result<u64> {
         let offset = self.number((108, ScalarType::F32), (168, ScalarType::I64));
-        /// More than any file has.
+        /// More than the length of any file.
         const MOST: f64 = 9e15;
         if !(0.0..=MOST).contains(&offset) {
             let place = "header, `vox_offset`";
@@ -436,8 +437,8 @@ impl<'h> Header<'h> {
         Ok(offset as u64)
     }
 
-    /// The position of the first sample and the steps along `of_space` axes, by the first of the three ways that
-    /// can be used, and a note of those that were passed over.
+    /// The position of the first sample and the steps along `of_space` axes, from the first of the three ways
+    /// that can be used, and a note on those that cannot.
     fn placement(&self, of_space: usize) -> (DVec3, Vec<DVec3>, Option<String>) {
         let code = |i: usize| {
             self.number(
@@ -473,14 +474,14 @@ impl<'h> Header<'h> {
         (!passed_over.is_empty()).then_some(note)
     }
 
-    /// Origin and steps of the rows.
+    /// Origin and steps from the rows.
     fn sform(&self) -> (DVec3, DMat3) {
         let row = |axis: usize, i: usize| self.real(280, 400, 4 * axis + i);
         let column = |i: usize| DVec3::new(row(0, i), row(1, i), row(2, i));
         (column(3), DMat3::from_cols(column(0), column(1), column(2)))
     }
 
-    /// Origin and steps of the quaternion, whose first number is such that its length is 1.
+    /// Origin and steps from the quaternion, whose first number follows from its length of 1.
     fn qform(&self) -> (DVec3, DMat3) {
         let [b, c, d, x, y, z] = [0, 1, 2, 3, 4, 5].map(|i| self.real(256, 352, i));
         let a = (1.0 - (b * b + c * c + d * d)).max(0.0).sqrt();
@@ -493,7 +494,7 @@ impl<'h> Header<'h> {
     }
 }
 
-/// An Analyze 7.5 image is refused by name.
+/// The error for an Analyze 7.5 image.
 fn refuse_analyze(path: &Path) -> Error {
     let found = "an Analyze 7.5 header, which does not say which way round the image is";
     let expected = "a NIfTI header (`n+1`, `ni1`, `n+2` or `ni2`)";

@@ -1,6 +1,6 @@
-//! NumPy arrays: particle tables, and the header that images share.
+//! Reads NumPy arrays of particles, and writes the header that images use.
 //!
-//! | bytes | what |
+//! | bytes | content |
 //! |---|---|
 //! | 0..6 | `\x93NUMPY` |
 //! | 6..8 | version: 1.0, 2.0 or 3.0 |
@@ -11,8 +11,8 @@
 //! Tables are structured arrays with named columns, or plain arrays of shape (N, 3 or more)
 //! whose columns are x, y, z, `c3`, `c4`, ..., or of shape (N, 2) with x and y in a plane.
 //!
-//! Written headers are of version 1.0 and padded with spaces, so that the numbers start at a
-//! multiple of 64 bytes, as NumPy does.
+//! Written headers are of version 1.0 and padded with spaces, so that the numbers start at a multiple of 64
+//! bytes, as NumPy does.
 
 use std::path::Path;
 
@@ -49,7 +49,7 @@ pub(crate) fn header(descr: &str, shape: &[usize]) -> Vec<u8> {
     [MAGIC, &[1, 0], &length.to_le_bytes(), text.as_bytes()].concat()
 }
 
-/// What a table is called.
+/// The format's name for a table.
 pub(super) const TABLE: &str = "NPY particle table";
 
 /// One member of an array's element: the element itself, or a column of a structured array.
@@ -57,15 +57,15 @@ pub(super) const TABLE: &str = "NPY particle table";
 pub(crate) struct Member {
     /// The column's name; empty for a plain array.
     pub(crate) name: String,
-    /// Its type; `None` where it holds no numbers (text, dates, padding).
+    /// Type; `None` if it has no numbers (text, dates, padding).
     pub(crate) encoding: Option<Encoding>,
-    /// Its first byte within the element.
+    /// Offset within the element.
     offset: usize,
-    /// How many numbers it has.
+    /// Number of numbers.
     components: usize,
 }
 
-/// An array whose size has been checked against the bytes that are there.
+/// An array whose size has been checked against the file's bytes.
 #[derive(Debug)]
 pub(crate) struct Array<'a> {
     pub(crate) members: Vec<Member>,
@@ -148,7 +148,7 @@ pub(super) fn table_of(path: &Path, format: &'static str, array: &Array<'_>) -> 
         return Err(broken());
     };
     let encoding = array.plain_encoding(path)?;
-    // Two numbers a row are positions in a plane where they are no integers and more rows than columns.
+    // Two numbers a row are positions in a plane if they are not integers and there are more rows than columns.
     let is_real = matches!(
         encoding.scalar,
         ScalarType::F16 | ScalarType::F32 | ScalarType::F64
@@ -208,7 +208,7 @@ pub(crate) fn field(name: String, mut components: Vec<crate::scene::Values>) -> 
 }
 
 impl Array<'_> {
-    /// Checks that there are as many bytes after the header as its shape says.
+    /// Checks that the number of bytes after the header is that of the shape.
     pub(super) fn check_len(&self, path: &Path, len: u64) -> Result<()> {
         let counts = self.shape.iter();
         let expected = counts.copied().try_fold(self.item_size, usize::checked_mul);
@@ -228,7 +228,7 @@ impl Array<'_> {
         ))
     }
 
-    /// Bytes of a row of an array of rows, where these lie one after another.
+    /// Bytes per row, if rows are stored one after another.
     pub(super) fn row_len(&self) -> Option<usize> {
         match self.shape.as_slice() {
             [_] => Some(self.item_size),
@@ -237,7 +237,7 @@ impl Array<'_> {
         }
     }
 
-    /// The same array of so many rows.
+    /// The same array with `count` rows.
     pub(super) fn of_rows<'a>(&self, count: usize, data: &'a [u8]) -> Array<'a> {
         let mut shape = self.shape.clone();
         shape[0] = count;
@@ -266,7 +266,7 @@ impl Array<'_> {
         }
     }
 
-    /// Where one column of such an array stands.
+    /// The stride of one column of such an array.
     pub(crate) fn column(&self, column: usize, encoding: Encoding) -> Option<Stride> {
         let columns = self.columns().filter(|&n| column < n)?;
         let count = self.shape[0];
@@ -286,7 +286,7 @@ impl Array<'_> {
     /// The type of a plain array's numbers.
     ///
     /// # Errors
-    /// It holds none.
+    /// The array has none.
     pub(crate) fn plain_encoding(&self, path: &Path) -> Result<Encoding> {
         match self.encoding() {
             Some(encoding) => Ok(encoding),
@@ -301,7 +301,7 @@ impl Array<'_> {
     }
 }
 
-/// Parses a header and checks it against the bytes that are there.
+/// Parses a header and checks it against the file's bytes.
 pub(crate) fn parse<'a>(path: &Path, bytes: &'a [u8]) -> Result<Array<'a>> {
     let (array, start) = parse_header(path, bytes)?;
     let data = &bytes[start..];
@@ -309,7 +309,7 @@ pub(crate) fn parse<'a>(path: &Path, bytes: &'a [u8]) -> Result<Array<'a>> {
     Ok(Array { data, ..array })
 }
 
-/// An array without its numbers, and where these begin.
+/// An array without its numbers, and their offset.
 pub(super) fn parse_header(path: &Path, bytes: &[u8]) -> Result<(Array<'static>, usize)> {
     let broken = |expected: &str, found: String| {
         Error::format(
@@ -389,8 +389,8 @@ pub(super) fn parse_header(path: &Path, bytes: &[u8]) -> Result<(Array<'static>,
     Ok((array, end))
 }
 
-/// Adds a column of a structured array, `(name, type)` or `(name, type, shape)`, and returns
-/// where the next one starts.
+/// Adds a column of a structured array, `(name, type)` or `(name, type, shape)`, and returns the offset of the
+/// next one.
 fn struct_member(members: &mut Vec<Member>, column: &Literal, offset: usize) -> Option<usize> {
     let Literal::List(parts) = column else {
         return None;
@@ -418,7 +418,7 @@ fn struct_member(members: &mut Vec<Member>, column: &Literal, offset: usize) -> 
     member(members, name, code, components, offset)
 }
 
-/// Adds a member of type `code`, such as `<f4`, and returns where the next one starts.
+/// Adds a member of type `code`, such as `<f4`, and returns the offset of the next one.
 fn member(
     members: &mut Vec<Member>,
     name: String,
@@ -430,7 +430,7 @@ fn member(
     let big_endian = code.starts_with('>');
     let code = code.trim_start_matches(['<', '>', '|', '=']);
     let kind = code.chars().next()?;
-    // Dates carry their unit after the size: M8[ns].
+    // Dates have their unit after the size: M8[ns].
     let digits = code[kind.len_utf8()..].split('[').next()?;
     let size: usize = digits.parse().ok()?;
     let scalar = match (kind, size) {
@@ -473,7 +473,7 @@ enum Literal {
 }
 
 impl Literal {
-    /// How deep brackets may nest; a structured array with sub-arrays has four levels.
+    /// Greatest depth of brackets; a structured array with sub-arrays has four levels.
     const DEEPEST: usize = 8;
 
     fn parse(text: &str) -> Option<Self> {
@@ -595,7 +595,7 @@ mod tests {
 
     #[test]
     fn written_headers_are_those_of_numpy() {
-        // What numpy.save writes before the numbers of np.zeros((2, 3, 4), "f4").
+        // Header that numpy.save writes for np.zeros((2, 3, 4), "f4").
         let mut expected = b"\x93NUMPY\x01\0\x76\0".to_vec();
         expected.extend(b"{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3, 4), }");
         expected.resize(127, b' ');

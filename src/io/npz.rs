@@ -1,8 +1,8 @@
-//! NumPy archives: ZIP files of NPY arrays, as `numpy.savez` and `savez_compressed` write them.
+//! Reads NumPy archives: ZIP files of NPY arrays, as written by `numpy.savez` and `savez_compressed`.
 //!
-//! A table is one array, as in an NPY file; or an array of positions of shape (N, 3), or (N, 2) in a plane, named
-//! `positions`, `pos`, `xyz`, `coordinates` or `points`, beside others; or one-dimensional
-//! arrays `x`, `y` and `z`, beside others. The others become fields where they have N rows.
+//! A table is one array, as in an NPY file. Or it has an array of positions of shape (N, 3), or (N, 2) in a
+//! plane, named `positions`, `pos`, `xyz`, `coordinates` or `points`. Or it has one-dimensional arrays `x`, `y`
+//! and `z`. Other arrays become fields if they have N rows.
 
 use std::path::Path;
 
@@ -22,7 +22,7 @@ const FORMAT: &str = "NPZ particle table";
 
 const POSITIONS: [&str; 5] = ["positions", "pos", "xyz", "coordinates", "points"];
 
-/// Columns that an array may have, in a field.
+/// Greatest number of an array's columns in a field.
 const MOST_COMPONENTS: usize = 16;
 
 /// Reads a particle table.
@@ -45,7 +45,7 @@ pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
         let mut arrays = arrays.iter();
         arrays.position(|(name, array)| is_positions(name) && array.columns() == Some(columns))
     };
-    // Two columns are places in a plane.
+    // Two columns are positions in a plane.
     let whole = of_columns(3).map(|i| (i, 2));
     let whole = whole.or_else(|| of_columns(2).map(|i| (i, 0)));
     let flat;
@@ -122,7 +122,7 @@ fn members(input: Input<'_>) -> Result<Vec<(String, Vec<u8>)>> {
     let bytes = input.read_all()?;
     let len = bytes.len() as u64;
     let broken = |found: String| {
-        // What else is called by no other ending may be any archive that is read.
+        // A file with another extension may be any archive that is read.
         let (expected, advice) = match extension(path).as_str() {
             "npz" => (
                 "a sound NPZ archive of arrays",
@@ -179,7 +179,7 @@ fn axis(path: &Path, name: &str, array: &Array<'_>, column: usize) -> Result<Vec
         })
 }
 
-/// The columns of an array of `count` rows; `None` where it is none of numbers, or of others.
+/// The columns of an array of `count` rows; `None` if it has no numbers, or another number of rows.
 fn components(array: &Array<'_>, count: usize) -> Option<Vec<crate::scene::Values>> {
     let encoding = array.encoding()?;
     let columns = array

@@ -1,4 +1,4 @@
-//! NRRD, "nearly raw raster data" (`.nrrd`, and `.nhdr` with the numbers in other files).
+//! Reads NRRD, "nearly raw raster data" (`.nrrd`, and `.nhdr` with the numbers in other files).
 //!
 //! ```text
 //! NRRD0004
@@ -15,13 +15,12 @@
 //! numbers, the first axis fastest
 //! ```
 //!
-//! Sample (i, j, k) lies at `space origin` + i d0 + j d1 + k d2, d being the `space directions`: world axes are those
-//! that the file's `space` names, and nothing is turned. Without directions it lies by `spacings`, `axis mins`
-//! and `axis maxs` along x, y and z, as Teem computes it: half a step behind the minimum, unless `centers` says
-//! `node`.
+//! Sample (i, j, k) lies at `space origin` + i d0 + j d1 + k d2, d being the `space directions`. World axes are
+//! those of the file's `space`; nothing is rotated. Without directions, `spacings`, `axis mins` and `axis maxs`
+//! give the positions along x, y and z, as in Teem: half a step after the minimum, unless `centers` is `node`.
 //!
-//! An axis that is not of space (`none` for a direction, or a kind such as `vector` or `RGB-color`) holds the
-//! components of a vector; of an axis of `time` or of a `list` behind the others the first entry is taken.
+//! An axis that is not of space (`none` for a direction, or a kind such as `vector` or `RGB-color`) is that of
+//! a vector's components. Of an axis of `time` or of a `list` after the others, the first entry is read.
 //!
 //! <https://teem.sourceforge.net/nrrd/format.html>
 
@@ -40,19 +39,19 @@ use crate::error::{Error, Result};
 /// The first bytes; a version of four digits follows.
 pub(super) const MAGIC: &[u8] = b"NRRD";
 
-/// More than any header has, lists of some ten thousand files among them.
+/// Greatest length of a header: more than any has, even with lists of some ten thousand files.
 const MOST_HEADER: usize = 1 << 22;
 
-/// As many as the format allows.
+/// The format's limit.
 const MOST_AXES: usize = 16;
 
-/// What is expected of a field of numbers, behind their count.
+/// Expectation for a field of numbers, after their count.
 const PER_AXIS: &str = "numbers, one for each axis";
 
 /// Reads the header of a volume, or of an image as a layer.
 ///
 /// # Errors
-/// One that breaks the format's rules.
+/// A header that breaks the format's rules.
 pub(super) fn image(input: Input<'_>) -> Result<Image> {
     let path = input.path;
     let (head, _) = input.head(MOST_HEADER)?;
@@ -102,7 +101,7 @@ pub(super) fn image(input: Input<'_>) -> Result<Image> {
     })
 }
 
-/// The fields of a header: names in lower case and without blanks, as `data file` is `datafile` too.
+/// The fields of a header, with names in lower case and without blanks, as `data file` is `datafile` too.
 fn parse<'h>(path: &'h Path, head: &[u8]) -> Result<Header<'h>> {
     let mut header = Header::new(path);
     let mut at = 0;
@@ -133,7 +132,7 @@ fn parse<'h>(path: &'h Path, head: &[u8]) -> Result<Header<'h>> {
             let found = format!("`{}`", clip(&text));
             return Err(Error::format(path, place, expected, found, DAMAGED));
         };
-        // A key of the user's own.
+        // A user's key.
         if value.starts_with('=') {
             continue;
         }
@@ -166,7 +165,7 @@ impl Header<'_> {
         Err(self.fault(name, format!("{count} words, one for each axis"), text))
     }
 
-    /// Vectors in parentheses; `None` stands for `none`.
+    /// Vectors in parentheses; `None` for `none`.
     fn vectors(&self, name: &str, count: usize) -> Result<Option<Vec<Option<Vector>>>> {
         let Some(text) = self.get(&[name]) else {
             return Ok(None);
@@ -185,7 +184,7 @@ impl Header<'_> {
                     .map(|n| n.trim().parse().ok().filter(|n: &f64| n.is_finite()))
                     .collect();
                 let vector = numbers.and_then(|numbers| Vector::of(&numbers));
-                // Four of nothing but NaN are written for `none` by some.
+                // Some writers store four NaN in place of `none`.
                 let is_none = inner
                     .split(',')
                     .all(|n| n.trim().eq_ignore_ascii_case("nan"));
@@ -229,18 +228,18 @@ impl Vector {
     }
 }
 
-/// What an axis is.
+/// Meaning of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Role {
     Space,
     Components,
-    /// Entries that are volumes of their own: times, a list.
+    /// Entries that are separate volumes: times, a list.
     Entries,
-    /// The header does not say.
+    /// Not stated in the header.
     Unknown,
 }
 
-/// What the header says of each axis.
+/// The header's description of the axes.
 struct Axes {
     sizes: Vec<usize>,
     roles: Vec<Role>,
@@ -303,13 +302,13 @@ impl Axes {
         self.roles.iter().filter(|r| **r == role).count()
     }
 
-    /// Decides what the header leaves open, by what writers do: components come first, times last.
+    /// Guesses roles that the header leaves open, as writers use them: components come first, times last.
     fn guess(&mut self) {
-        /// A tensor of three dimensions has nine.
+        /// Number of components of a tensor of three dimensions.
         const MOST_COMPONENTS: usize = 9;
-        /// Colours.
+        /// Greatest number of colour channels.
         const MOST_CHANNELS: usize = 4;
-        /// Thinner volumes than this, with fewer samples along x than there are colours, may be meant.
+        /// Least extent of an image with channels; a thinner array may be a volume with few samples along x.
         const LEAST_IMAGE: usize = 9;
         let unknown = self.count(Role::Unknown);
         let open = unknown + self.count(Role::Space);
@@ -330,7 +329,7 @@ impl Axes {
                 *role = Role::Space;
             }
         }
-        // A fourth axis of "domain", or of nothing that is known.
+        // A fourth axis of "domain", or of unknown meaning.
         let last = self.roles.len() - 1;
         if self.count(Role::Space) == 4 && self.roles[last] == Role::Space {
             self.roles[last] = Role::Entries;
@@ -338,7 +337,7 @@ impl Axes {
     }
 }
 
-/// How the numbers make up a lattice.
+/// The lattice's layout of the numbers.
 struct Shape {
     dims: [usize; 3],
     beside: usize,
@@ -501,7 +500,7 @@ fn source(input: Input<'_>, header: &Header<'_>) -> Result<Source> {
         return Ok(Source::Beside(header.listed()?));
     }
     let is_number = |w: &&str| w.parse::<i64>().is_ok();
-    // The axes that a file holds may follow: the sizes say it as well.
+    // The number of axes per file may follow; the sizes give it as well.
     let numbers = words.iter().rev().take_while(|w| is_number(w)).count();
     if text.contains('%') && matches!(numbers, 3 | 4) && words.len() > numbers {
         let first = words.len() - numbers;

@@ -1,4 +1,4 @@
-//! Files of other formats inside gzip, unpacked in memory and read by their own readers.
+//! Unpacks files of other formats from gzip in memory, and reads them with their own readers.
 //!
 //! NIfTI, SPZ, raw volumes and OpenFOAM use gzip by rules of their own; their readers unpack them.
 
@@ -19,40 +19,40 @@ use super::{OpenOptions, extension};
 use crate::error::{Error, Result};
 use crate::memory::left;
 
-/// Bytes that are unpacked between two looks at the memory that is left.
+/// Number of bytes unpacked between two checks of the available memory.
 const STEP: u64 = 1 << 26;
 
-/// The endings of packed files whose formats do not unpack them themselves.
+/// Extensions of compressed files whose readers do not unpack them.
 pub(super) const ENDINGS: &[&str] = &[
     "vtk.gz", "vti.gz", "vtr.gz", "vts.gz", "vtu.gz", "vtp.gz", "tec.gz", "dat.gz", "csv.gz",
     "ply.gz",
 ];
 
-/// Whether a file is packed though its name lacks `.gz`.
+/// Whether a file is compressed though its name lacks `.gz`.
 pub(super) fn is_under_plain_name(probe: &Probe<'_>) -> bool {
     let ending = extension(probe.input.path);
     let is_one = |packed: &str| packed.strip_suffix(".gz") == Some(ending.as_str());
     ENDINGS.iter().any(|packed| is_one(packed)) && looks_like(probe)
 }
 
-/// Whether a file is packed and begins, once unpacked, as one of a format that is read.
+/// Whether a file is compressed and, once unpacked, begins as a format that is read.
 pub(super) fn looks_like(probe: &Probe<'_>) -> bool {
     if !probe.head.starts_with(GZIP) {
         return false;
     }
     let mut head = Vec::new();
-    // The first bytes of the packed ones hold no whole stream: what they hold counts.
+    // The first compressed bytes are an incomplete stream: the bytes before its error are used.
     let stream = MultiGzDecoder::new(probe.head).take(HEAD as u64);
     let _cut = { stream }.read_to_end(&mut head);
     let name = unpacked_name(probe.input.path);
     let nothing = |_: &Path| None;
     let inner = Input::of_bytes(&name, &head, &nothing);
-    // A stream in a stream would never end.
+    // Nested streams could be endless.
     let is_nested = head.starts_with(GZIP);
     !is_nested && !head.is_empty() && recognise(inner, probe.options).is_ok()
 }
 
-/// The name without the ending of gzip.
+/// The name without the extension of gzip.
 fn unpacked_name(path: &Path) -> PathBuf {
     match extension(path) == "gz" {
         true => path.with_extension(""),
@@ -60,7 +60,7 @@ fn unpacked_name(path: &Path) -> PathBuf {
     }
 }
 
-/// Has the unpacked bytes looked at, under the file's own name.
+/// Applies `look` to the unpacked bytes, under the file's own name.
 fn with_unpacked<T>(
     input: Input<'_>,
     options: &OpenOptions,
@@ -78,17 +78,17 @@ fn with_unpacked<T>(
     look(Input::of_bytes(input.path, &bytes, beside), format)
 }
 
-/// Reads a file as what it is once unpacked.
+/// Reads a file in its format once unpacked.
 ///
 /// # Errors
-/// A damaged stream, one that does not fit into memory, and those of its format.
+/// A damaged stream; one that does not fit into memory; errors of its format.
 pub(super) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     with_unpacked(input, options, |input, format| {
         (format.read)(input, options)
     })
 }
 
-/// The steps of time in the file.
+/// The time steps in the file.
 ///
 /// # Errors
 /// As [`read`].
@@ -100,7 +100,7 @@ pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
     })
 }
 
-/// All bytes of a packed file, no more than deflate can pack into it and than there is memory for.
+/// All bytes of a compressed file, within the greatest ratio of deflate and the available memory.
 fn unpacked(input: Input<'_>) -> Result<Vec<u8>> {
     let path = input.path;
     let packed: Cow<'_, [u8]> = input.read_all()?;

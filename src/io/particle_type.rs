@@ -1,4 +1,5 @@
-//! The types of the particles of snapshots, as `--type` and [`OpenOptions::particle_type`](super::OpenOptions) name them.
+//! Defines the types of particles in snapshots, as named by `--type` and
+//! [`OpenOptions::particle_type`](super::OpenOptions).
 
 use std::fmt;
 
@@ -17,8 +18,9 @@ use std::fmt;
 /// | sinks | `PartType3` | group `sinks` |
 /// | a number N | `PartTypeN` | itype N |
 ///
-/// What a number of Gadget's means has changed from code to code, and files do not say it: 3 is Gadget's bulge, Gizmo's
-/// dust and SWIFT's sinks; 5 is Gadget's boundary and the black holes of its heirs. Either name finds it.
+/// The meaning of Gadget's numbers differs between codes, and files do not state it. 3 is Gadget's bulge,
+/// Gizmo's dust and SWIFT's sinks; 5 is Gadget's boundary and the black holes of its descendants. Either name
+/// selects the number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum ParticleType {
     /// Gas.
@@ -35,7 +37,7 @@ pub enum ParticleType {
     BlackHoles,
     /// Dust.
     Dust,
-    /// What bounds the others.
+    /// Boundary particles.
     Boundary,
     /// Points that accrete.
     Sinks,
@@ -44,7 +46,7 @@ pub enum ParticleType {
 }
 
 impl ParticleType {
-    /// All that have names.
+    /// All types with names.
     pub const NAMED: [Self; 9] = [
         Self::Gas,
         Self::DarkMatter,
@@ -57,7 +59,7 @@ impl ParticleType {
         Self::Sinks,
     ];
 
-    /// The type of a name as `Display` writes it, or of a number.
+    /// The type with a name as written by `Display`, or with a number.
     ///
     /// ```
     /// use ewa_splat::io::ParticleType;
@@ -92,20 +94,20 @@ impl fmt::Display for ParticleType {
 /// The particles of one type in a snapshot.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ParticleCount {
-    /// What the file calls it: `PartType1`, `itype 1`, `sinks`.
+    /// Name in the file: `PartType1`, `itype 1`, `sinks`.
     pub name: String,
-    /// Which types it answers to; more than one where codes disagree, none where it has a number alone.
+    /// Types that select these particles: several if codes disagree, none if there is only a number.
     pub types: Vec<ParticleType>,
-    /// How many particles.
+    /// Number of particles.
     pub count: usize,
-    /// Whether the data set has them.
+    /// Whether the data set includes them.
     pub is_read: bool,
 }
 
 impl ParticleCount {
     /// Whether these are the particles of a type.
     ///
-    /// - `number`: the code's own number of these.
+    /// - `number`: the code's own number of these particles.
     pub(super) fn is(&self, number: Option<u32>, wanted: ParticleType) -> bool {
         match wanted {
             ParticleType::Number(n) => number == Some(n),

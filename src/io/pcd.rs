@@ -1,4 +1,4 @@
-//! Point clouds of the Point Cloud Library (`.pcd`).
+//! Reads point clouds of the Point Cloud Library (`.pcd`).
 //!
 //! ```text
 //! # .PCD v0.7 - Point Cloud Data file format
@@ -14,9 +14,9 @@
 //! DATA ascii
 //! ```
 //!
-//! Behind it lie the points: `ascii`, a line each; `binary`, one after the other, little-endian; `binary_compressed`, the
-//! bytes of the packed and of the unpacked numbers (u32 each), then all numbers of each field after those of the field
-//! before, packed by LZF. `rgb` and `rgba` are the bits of a u32, 0xAARRGGBB, whatever their type.
+//! The points follow. `ascii`: a line each. `binary`: one after the other, little-endian. `binary_compressed`:
+//! the number of packed and of unpacked bytes (u32 each), then all numbers field by field, packed by LZF. `rgb`
+//! and `rgba` are the bits of a u32, 0xAARRGGBB, whatever their type.
 //!
 //! <https://pointclouds.org/documentation/tutorials/pcd_file_format.html>
 
@@ -33,13 +33,13 @@ use super::vtk_xml::clip;
 use crate::error::{Error, Result};
 use crate::scene::Values;
 
-/// How many bytes LZF makes of one, at most: 264 of three.
+/// Greatest number of bytes that LZF makes from one byte: 264 from three.
 const LZF_RATIO: usize = 88;
 
-/// No viewpoint: at the origin, not turned.
+/// The default viewpoint: at the origin, not rotated.
 const NOWHERE: [f64; 7] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0];
 
-/// Whether a file begins as one of these: with the comment that its writers put there, or with the version.
+/// Whether a file begins as this format: with the comment of its writers, or with the version.
 pub(super) fn looks_like(head: &[u8]) -> bool {
     let mut lines = head.split(|b| *b == b'\n').map(<[u8]>::trim_ascii);
     let first = lines.find(|line| !line.is_empty() && !line.starts_with(b"#"));
@@ -52,7 +52,7 @@ pub(super) fn looks_like(head: &[u8]) -> bool {
 /// Reads a cloud.
 ///
 /// # Errors
-/// A header that breaks the format's rules, or points that are not as it says.
+/// A header that breaks the format's rules, or points that do not agree with it.
 pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
     let bytes = input.read_all()?;
@@ -74,7 +74,7 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
         members: header.members(),
         data,
     };
-    // Rows are walked over by their count: all must be there.
+    // Rows are read by count: all must be there.
     if rows.data.len() / header.size.max(1) < header.count {
         let found = format!("{} bytes", rows.data.len());
         let expected = format!("{} points of {} bytes", header.count, header.size);
@@ -111,9 +111,9 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
 struct Column {
     name: String,
     scalar: ScalarType,
-    /// Numbers of one point.
+    /// Numbers per point.
     count: usize,
-    /// Where they begin in a point.
+    /// Offset within a point.
     offset: usize,
 }
 
@@ -138,7 +138,7 @@ impl Column {
     fn fields(&self, path: &Path, rows: &Rows<'_>) -> Result<Vec<Field>> {
         let lost = || Error::format(path, "points", "whole points", "the end", DAMAGED);
         if matches!(self.name.as_str(), "rgb" | "rgba") && self.size() == 4 {
-            // Blue lies first.
+            // Blue comes first.
             let mut channels = [const { Vec::new() }; 3];
             for (i, channel) in channels.iter_mut().enumerate() {
                 let bytes = self.component(rows, 2 - i, ScalarType::U8);
@@ -166,19 +166,19 @@ impl Column {
 struct Header<'p> {
     path: &'p Path,
     columns: Vec<Column>,
-    /// Bytes of a point.
+    /// Bytes per point.
     size: usize,
-    /// Points.
+    /// Number of points.
     count: usize,
     viewpoint: [f64; 7],
     data: String,
-    /// Where the points begin.
+    /// Offset of the points.
     end: usize,
 }
 
 impl<'p> Header<'p> {
     fn of(path: &'p Path, bytes: &[u8]) -> Result<Self> {
-        /// Lines before the points.
+        /// Greatest number of lines before the points.
         const MOST_LINES: usize = 4096;
         let mut header = Self {
             path,
@@ -275,7 +275,7 @@ impl<'p> Header<'p> {
         Error::format(self.path, place, expected, found, DAMAGED)
     }
 
-    /// The columns of one number.
+    /// The columns with one number per point.
     fn members(&self) -> Vec<Member> {
         let single = self.columns.iter().filter(|column| column.count == 1);
         let member = |column: &Column| Member {
@@ -286,9 +286,9 @@ impl<'p> Header<'p> {
         single.map(member).collect()
     }
 
-    /// Points from lines of text, as a binary file has them.
+    /// Points from lines of text, in the layout of a binary file.
     fn parsed(&self, body: &[u8]) -> Result<Vec<u8>> {
-        // Each number takes a character and what parts it from the next.
+        // Each number takes a character and a separator.
         let numbers: usize = self.columns.iter().map(|column| column.count).sum();
         let least = self.count.saturating_mul(numbers) / 2;
         if least > body.len() {
@@ -316,7 +316,7 @@ impl<'p> Header<'p> {
         Ok(bytes)
     }
 
-    /// Points from columns that are packed by LZF, as a binary file has them.
+    /// Points from columns packed by LZF, in the layout of a binary file.
     fn unpacked(&self, body: &[u8]) -> Result<Vec<u8>> {
         let fault = |expected: String, found: String| {
             Error::format(self.path, "packed points", expected, found, DAMAGED)
@@ -370,7 +370,7 @@ fn scalar_type(kind: &str, size: &str) -> Option<ScalarType> {
     })
 }
 
-/// A number from text in the bytes of its type.
+/// Converts a number in text to the bytes of its type.
 fn push(bytes: &mut Vec<u8>, column: &Column, word: &str) -> Option<()> {
     use ScalarType as S;
     let size = column.scalar.size();
@@ -393,11 +393,11 @@ fn push(bytes: &mut Vec<u8>, column: &Column, word: &str) -> Option<()> {
     Some(())
 }
 
-/// Unpacks LZF to so many bytes: `None` where there are not as many, or a copy begins before the first.
+/// Unpacks LZF to `wanted` bytes; `None` if their number differs, or a copy starts before the first byte.
 ///
-/// A control byte below 32 is followed by that many bytes and one, as they are. Others have the length of a copy, less
-/// two, in their upper three bits (of seven, the next byte is added) and its distance, less one, in the lower five and the
-/// byte behind.
+/// A control byte n below 32 is followed by n + 1 literal bytes. Others start a copy. The upper three bits are
+/// its length less two (if they are seven, the next byte is added). The lower five bits and the byte after are
+/// its distance less one.
 fn unpack_lzf(packed: &[u8], wanted: usize) -> Option<Vec<u8>> {
     let mut out = Vec::with_capacity(wanted);
     let mut rest = packed;
@@ -435,12 +435,12 @@ mod tests {
 
     #[test]
     fn lzf_repeats_what_it_has_written() {
-        // A byte, then nine more from one place back, which overlap what they write.
+        // A byte, then nine copies from one byte back, which overlap the bytes that they write.
         assert_eq!(unpack_lzf(&[0, b'a', 0xe0, 0, 0], 10), Some(vec![b'a'; 10]));
-        // Three bytes, and two more of them from three places back: the shortest run is three long.
+        // Three bytes, and a copy from three bytes back: the shortest copy has three bytes.
         let packed = [2, b'x', b'y', b'z', 0x20, 2];
         assert_eq!(unpack_lzf(&packed, 6), Some(b"xyzxyz".to_vec()));
-        // From before the beginning, too many, too few.
+        // A copy from before the first byte; too many bytes; too few.
         assert_eq!(unpack_lzf(&[0, b'a', 0x20, 1], 4), None);
         assert_eq!(unpack_lzf(&packed, 5), None);
         assert_eq!(unpack_lzf(&packed, 7), None);

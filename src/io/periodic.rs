@@ -1,14 +1,14 @@
-//! Periodic boxes of snapshots: a note on kernels that reach beyond the faces, since pictures do not wrap them.
+//! Notes kernels that reach beyond the faces of a periodic box, since images do not wrap them.
 
 use super::dataset::{Dataset, FieldSource, Geometry};
 use super::smoothing::LengthMeaning;
 use crate::scene::Values;
 
-/// Deviations at which a cubic spline ends.
+/// Support of a cubic spline, in standard deviations.
 const SPLINE_END: f64 = 3.651_484;
 
-/// Notes the share of the mass whose kernels reach beyond the faces of a box that begins at the origin. Nothing is noted if
-/// particles lie outside the box, which then is not periodic, or if their sizes are unknown.
+/// Notes the share of the mass whose kernels reach beyond the faces of a box that begins at the origin. Nothing
+/// is noted if particles lie outside the box, which then is not periodic, or if their sizes are unknown.
 ///
 /// - `size`: the edges of the box; one number for a cube.
 pub(super) fn note_reach(dataset: &mut Dataset, size: &[f64]) {

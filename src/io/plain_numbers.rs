@@ -1,4 +1,4 @@
-//! Numbers one after the other in a file, neither packed nor in text: any run of them is read without the others.
+//! Reads runs of numbers stored one after the other in a file, neither packed nor in text.
 
 #![cfg_attr(
     not(feature = "cli"),
@@ -18,25 +18,25 @@ use crate::scene::Values;
 #[derive(Debug, Clone)]
 pub(super) struct PlainNumbers {
     pub(super) path: PathBuf,
-    /// Where the first one begins.
+    /// Offset of the first number.
     pub(super) start: u64,
     pub(super) encoding: Encoding,
-    /// Factor and summand of every number.
+    /// Factor and offset of every number.
     pub(super) scale: Option<[f64; 2]>,
 }
 
 impl PlainNumbers {
-    /// None of them, in the type that they are read as.
+    /// No numbers, of the type in which they are read.
     pub(super) fn no_values(&self) -> Values {
         converted(&[], self.encoding, 0, self.scale)
     }
 
-    /// A run of them, which was found to lie in the file.
+    /// Reads a run of numbers, which was checked to lie in the file.
     ///
     /// # Errors
-    /// The file cannot be read, or has become shorter.
+    /// A file that cannot be read, or has become shorter.
     pub(super) fn read(&self, run: Range<usize>) -> Result<Values> {
-        /// As many bytes are worth more than one thread.
+        /// Number of bytes that is worth more than one thread.
         const CHUNK: usize = 1 << 22;
         let failed = |e| {
             Error::io(
@@ -72,7 +72,7 @@ impl PlainNumbers {
     }
 }
 
-/// So many numbers from the start of `bytes`, which are as many at the least.
+/// Converts `count` numbers from the start of `bytes`.
 fn converted(bytes: &[u8], encoding: Encoding, count: usize, scale: Option<[f64; 2]>) -> Values {
     let stride = Stride {
         first: 0,

@@ -1,4 +1,4 @@
-//! Where values on a lattice lie that are read some planes at a time, by format.
+//! Locates the values of lattices that are read by planes, by format.
 
 #![cfg_attr(
     not(feature = "cli"),
@@ -14,18 +14,18 @@ use super::voxels::Image;
 use super::vti_planes::{self, Pieces};
 use crate::error::Result;
 
-/// Where values are.
+/// Location of the values.
 #[derive(Debug)]
 pub(super) enum Source {
     Numbers(PlainNumbers),
     Pieces(Pieces),
 }
 
-/// Finds the values of a file: all else that it holds, of fields of scalars with no values of their types; `None` where
-/// values cannot be read apart from one another.
+/// Locates the values of a file. Returns the rest of its data set, in which fields of scalars have no values.
+/// `None` if values cannot be read by planes.
 pub(super) type Find = fn(Input<'_>, &OpenOptions) -> Result<Option<(Dataset, Source)>>;
 
-/// Those of an image by its header.
+/// Locates the values of an image by its header.
 pub(super) fn of_image(
     input: Input<'_>,
     header: fn(Input<'_>) -> Result<Image>,
@@ -34,7 +34,7 @@ pub(super) fn of_image(
     Ok(found.map(|(head, numbers)| (head, Source::Numbers(numbers))))
 }
 
-/// Those of a raw volume.
+/// Locates the values of a raw volume.
 pub(super) fn of_raw(
     input: Input<'_>,
     layout: Option<&RawLayout>,
@@ -43,7 +43,7 @@ pub(super) fn of_raw(
     Ok(found.map(|(head, numbers)| (head, Source::Numbers(numbers))))
 }
 
-/// Those of VTK image data.
+/// Locates the values of VTK image data.
 pub(super) fn of_vti(input: Input<'_>) -> Result<Option<(Dataset, Source)>> {
     let found = vti_planes::find(input)?;
     Ok(found.map(|(head, pieces)| (head, Source::Pieces(pieces))))

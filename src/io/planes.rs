@@ -1,4 +1,5 @@
-//! Values on a lattice, some planes at a time: of formats that keep them where they can be found without the others.
+//! Reads values on a lattice, some planes at a time, from formats in which planes can be located without
+//! reading the others.
 //!
 //! | format | what is read by planes |
 //! |---|---|
@@ -7,7 +8,7 @@
 //! | `.pvti` | scalars of nodes, of the pieces that meet the planes |
 //! | `.vti` | scalars of nodes, appended raw and not compressed, in one piece |
 //!
-//! Whatever the runs of planes, their values one after the other are those that [`open`](super::open) gives.
+//! However the planes are divided into runs, their joined values are those that [`open`](super::open) reads.
 
 #![cfg_attr(
     not(feature = "cli"),
@@ -26,10 +27,10 @@ use crate::error::{Error, Result};
 use crate::memory::check_room;
 use crate::scene::{Lattice, Values};
 
-/// Values on a lattice that are read some planes (of constant k: the slowest index) at a time.
+/// Values on a lattice, read some planes of constant k (the slowest index) at a time.
 #[derive(Debug)]
 pub(crate) struct Planes {
-    /// What the file holds, with one field and none of its values.
+    /// The file's metadata, with one field and none of its values.
     head: Dataset,
     lattice: Lattice,
     name: String,
@@ -39,20 +40,20 @@ pub(crate) struct Planes {
 }
 
 impl Planes {
-    /// Opens a file, of which its header is read; `None` where values cannot be read apart from one another. Such a file
-    /// is read as a whole, by [`open`](super::open), which says, too, what is wrong with a file.
+    /// Opens a file and reads its header; `None` if values cannot be read by planes. [`open`](super::open)
+    /// reads such a file whole, and reports what is wrong with it.
     ///
-    /// - `field`: which field, as [`Dataset::scalar`] takes it, but no vector and no component of one; without it, the
-    ///   only one there is.
+    /// - `field`: selects a field as [`Dataset::scalar`] does, but no vector and no component of one. Without
+    ///   it, the file must have one field.
     ///
     /// # Errors
-    /// Those of [`open`](super::open) about headers and files that are not there.
+    /// Those of [`open`](super::open) for headers and missing files.
     pub(crate) fn open(
         path: &Path,
         options: &OpenOptions,
         field: Option<&str>,
     ) -> Result<Option<Self>> {
-        // No lattice is read with any of these.
+        // These options exclude a lattice.
         let is_refused = options.read_as.is_some()
             || options.scales.is_some()
             || options.particle_type.is_some();
@@ -98,7 +99,7 @@ impl Planes {
         }))
     }
 
-    /// Where the values of all planes lie.
+    /// The lattice of all planes.
     pub(crate) fn lattice(&self) -> &Lattice {
         &self.lattice
     }
@@ -113,32 +114,32 @@ impl Planes {
         self.unit.as_deref()
     }
 
-    /// No values, of the type that [`Self::read`] gives.
+    /// No values, of the type that [`Self::read`] returns.
     pub(crate) fn empty_values(&self) -> Values {
         self.empty.clone()
     }
 
-    /// [`Dataset::notes`].
+    /// The file's [`Dataset::notes`].
     pub(crate) fn notes(&self) -> &[String] {
         &self.head.notes
     }
 
-    /// [`Dataset::format`].
+    /// The file's [`Dataset::format`].
     pub(crate) fn format(&self) -> &str {
         self.head.format
     }
 
-    /// What [`open`](super::open) gives, but for other fields and the values of this one: for its path, its bounds and
-    /// what is up.
+    /// The data set that [`open`](super::open) returns, without the values and the other fields: for its path,
+    /// bounds and up direction.
     pub(crate) fn head(&self) -> &Dataset {
         &self.head
     }
 
-    /// The values of some runs of planes, x fastest, run after run.
+    /// Reads the values of some runs of planes, x fastest, run after run.
     ///
     /// # Errors
-    /// Planes that there are not, no memory for them, a file that cannot be read, is damaged or is not what was found of
-    /// it at first: a piece that is not there or is another than its index says.
+    /// Planes that do not exist; too little memory; a file that cannot be read, is damaged or has changed since
+    /// it was opened; a missing piece, or one that differs from its index.
     pub(crate) fn read_runs(&self, runs: &[Range<usize>]) -> Result<Values> {
         let [nx, ny, nz] = self.lattice.dims;
         let is_there = |run: &&Range<usize>| run.start <= run.end && run.end <= nz;
@@ -151,7 +152,7 @@ impl Planes {
                 "read planes that there are",
             ));
         }
-        // All samples were found to be countable.
+        // The lattice was checked: its samples can be counted.
         let plane = nx * ny;
         let planes: u64 = runs.iter().map(|run| run.len() as u64).sum();
         let bytes = planes.saturating_mul(plane as u64);
@@ -172,7 +173,7 @@ impl Planes {
 
 #[cfg(test)]
 impl Planes {
-    /// One run of planes.
+    /// Reads one run of planes.
     pub(super) fn read(&self, planes: Range<usize>) -> Result<Values> {
         self.read_runs(&std::iter::once(planes).collect::<Vec<_>>())
     }
@@ -188,7 +189,8 @@ pub(super) mod tests {
     use super::super::{RawLayout, RawType, open};
     use super::*;
 
-    /// Kind and numbers to the last bit. Planes that single precision holds may be narrower than the whole.
+    /// Type and bits of the values. Planes in single precision may be narrower than the whole: both
+    /// floating-point types count as one.
     pub(in crate::io) fn bits(values: &Values) -> (&'static str, Vec<u64>) {
         let number = |i| match values.wide(i) {
             nan if nan.is_nan() => f64::NAN.to_bits(),
@@ -197,7 +199,7 @@ pub(super) mod tests {
         (values.kind_name(), (0..values.len()).map(number).collect())
     }
 
-    /// All planes in runs of so many.
+    /// All planes, read in runs of `run` planes.
     pub(in crate::io) fn joined(planes: &Planes, run: usize) -> Result<Values> {
         let count = planes.lattice().dims[2];
         let mut all = planes.empty_values();
@@ -213,7 +215,7 @@ pub(super) mod tests {
         open(path, options).unwrap().scalar(field).unwrap().1
     }
 
-    /// The law: planes in any runs are the whole.
+    /// The law: planes in any runs equal the whole.
     pub(in crate::io) fn check(
         path: &Path,
         options: &OpenOptions,
@@ -266,7 +268,7 @@ pub(super) mod tests {
         }
     }
 
-    /// Bytes that are every kind of number, of NaN, too.
+    /// Bytes that give every kind of number, NaN included.
     fn bytes(count: usize) -> Vec<u8> {
         (0..count)
             .map(|i| i.wrapping_mul(2_654_435_761).to_le_bytes()[2])
@@ -373,7 +375,7 @@ pub(super) mod tests {
                 let planes = plain(&nrrd(&folder, &fields, 60 * size)).unwrap();
                 assert_eq!(planes.unit(), Some("mm"));
                 assert!(planes.notes().is_empty());
-                // Bytes behind them are noted, fewer are not enough.
+                // Extra bytes behind the values are noted; too few are refused.
                 let planes = plain(&nrrd(&folder, &fields, 60 * size + 1)).unwrap();
                 assert_eq!(planes.notes().len(), 1);
                 assert!(plain(&nrrd(&folder, &fields, 60 * size - 1)).is_none());
@@ -467,7 +469,7 @@ pub(super) mod tests {
         }
     }
 
-    /// The header of version 1 of an image of 4 x 3 x 5 samples.
+    /// A header of version 1, for an image of 4 x 3 x 5 samples.
     fn nifti(magic: &[u8; 4], datatype: i16, times: i16, scale: [f32; 2]) -> Vec<u8> {
         let mut header = vec![0; 352];
         let mut put = |at: usize, bytes: &[u8]| header[at..at + bytes.len()].copy_from_slice(bytes);
@@ -512,7 +514,7 @@ pub(super) mod tests {
                     let planes = plain(&folder.file("a.nii", &file)).unwrap();
                     assert_eq!(planes.notes().len(), usize::from(times > 1));
                     assert!(plain(&folder.file("a.nii", &file[..file.len() - 1])).is_none());
-                    // Bytes behind them are noted, but not behind volumes that are left out.
+                    // Extra bytes behind the values are noted, but not behind volumes that are left out.
                     file.push(0);
                     assert!(plain(&folder.file("a.nii", &file)).is_some());
                 }
@@ -521,7 +523,7 @@ pub(super) mod tests {
         let mut rgb = nifti(b"n+1\0", 128, 1, [0.0; 2]);
         rgb.extend(bytes(180));
         assert!(plain(&folder.file("a.nii", &rgb)).is_none());
-        // Header and numbers apart, given by either.
+        // A header and values in two files; either can be opened.
         let header = folder.file("b.hdr", &nifti(b"ni1\0", 4, 1, [0.0; 2]));
         let image = folder.file("b.img", &bytes(125));
         for path in [header, image] {

@@ -1,11 +1,10 @@
-//! PLY: particle tables, meshes, and splats in the layout of Kerbl et al. 2023 (INRIA's).
+//! Reads PLY: particle tables, meshes, and splats in the layout of Kerbl et al. 2023 (INRIA's).
 //!
-//! A text header names elements and the properties of each; the body holds the elements one
-//! after another, as text or as binary numbers in either byte order. The header is obeyed as
-//! written: properties in any order and of any type, lists and other elements passed over, bytes
-//! past the last element left alone.
+//! A text header names elements and the properties of each. The body has the elements one after another, as
+//! text or as binary numbers in either byte order. Properties may have any order and any type; lists and other
+//! elements are skipped, and bytes after the last element are ignored.
 //!
-//! | properties of `vertex` | what |
+//! | properties of `vertex` | content |
 //! |---|---|
 //! | `x`, `y`, `z` | position |
 //! | `f_dc_0..2` | coefficients of the constant harmonic, R, G, B |
@@ -16,15 +15,16 @@
 //! | `filter_3D` | the 3-D filter of Yu et al. 2024, *Mip-Splatting*, which is applied |
 //! | all others | fields |
 //!
-//! A file with `packed_position` has packed splats (see [`super::ply_packed`]), one with `f_dc_0` the splat layout (tables of scales, rotations and opacities with other colours are splats,
-//! too: see [`super::splat_table`]); of the others, one with faces is a mesh (see
-//! [`super::ply_mesh`]) unless its points are asked for, and any other is a table. A comment
-//! `SplatRenderMode: mip` (Brush) or `antialiased 1` (Postshot) marks splats made for the low-pass filter of Yu et al. 2024,
-//! *Mip-Splatting*, that keeps opacity times area.
+//! A file with `packed_position` has packed splats (see [`super::ply_packed`]), one with `f_dc_0` the splat
+//! layout. Tables of scales, rotations and opacities with other colours are splats, too (see
+//! [`super::splat_table`]). Of the others, one with faces is a mesh (see [`super::ply_mesh`]) unless `options`
+//! ask for its points, and any other is a table. A comment `SplatRenderMode: mip` (Brush) or `antialiased 1`
+//! (Postshot) marks splats made for the low-pass filter of Yu et al. 2024, *Mip-Splatting*, that keeps opacity
+//! times area.
 //!
-//! The parser is our own: `ply-rs-bw` 4.0 reads into a map of names per vertex (some kilobytes
-//! for the 62 numbers of a splat), `serde-ply` 0.2 into structs whose fields are known when the
-//! program is compiled; columns are read here from where they lie.
+//! The parser is our own. `ply-rs-bw` 4.0 reads into a map of names per vertex (some kilobytes for the 62
+//! numbers of a splat), and `serde-ply` 0.2 into structs whose fields are known at compile time. This parser
+//! reads columns in place.
 
 use super::dataset::{Dataset, Geometry};
 use super::file::Input;
@@ -48,8 +48,8 @@ pub(crate) fn looks_like(head: &[u8]) -> bool {
 /// Reads particles, a mesh or splats.
 ///
 /// # Errors
-/// A broken header, a body shorter than it says, no positions, half a splat layout, a face of
-/// vertices that are not there, or an image named by `options` that cannot be read.
+/// A broken header; a body shorter than it states; no positions; half a splat layout; a face with vertices that
+/// do not exist; an image named by `options` that cannot be read.
 pub(crate) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     let path = input.path;
     let bytes = input.read_all()?;

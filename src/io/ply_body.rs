@@ -1,4 +1,4 @@
-//! The elements of PLY files, walked over front to back: columns of scalars, and lists of faces.
+//! Walks over the elements of PLY files, front to back: columns of scalars, and lists of faces.
 
 use std::path::Path;
 
@@ -8,11 +8,11 @@ use super::ply_table::{Member, Rows};
 use super::scalars::{Encoding, ScalarType, double};
 use crate::error::{Error, Result};
 
-/// The scalars of element `wanted` as columns, and what `faces` takes; all elements are walked
-/// over, so that a body that ends early is found out wherever it ends.
+/// The scalars of element `wanted` as columns; `faces` stores those of faces. All elements are walked over, so
+/// that a truncated body is found wherever it ends.
 ///
 /// # Errors
-/// A body shorter than the header says, numbers that do not fit their types, a face that `faces` refuses.
+/// A body shorter than the header states; numbers that do not fit their types; a face that `faces` refuses.
 pub(super) fn rows<'a>(
     header: &Header,
     path: &Path,
@@ -68,7 +68,7 @@ pub(super) fn rows<'a>(
     rows.ok_or_else(|| Error::format(path, "header", "an element `vertex`", "none", "give one"))
 }
 
-/// Where the scalars of an element stand in its rows.
+/// The layout of an element's scalars in its rows.
 struct Columns {
     members: Vec<Member>,
     /// Bytes per row.
@@ -104,8 +104,8 @@ impl Columns {
     }
 }
 
-/// The type of a column in memory. Text may hold more digits than the type that the header gives
-/// it, and positions can use them: all but small integers is kept in double precision.
+/// The type of a column in memory. Text may have more digits than the header's type, and positions can use
+/// them: all types but small integers are stored in double precision.
 fn stored_as(scalar: ScalarType, format: Format) -> ScalarType {
     use ScalarType as S;
     match (format, scalar) {
@@ -114,7 +114,7 @@ fn stored_as(scalar: ScalarType, format: Format) -> ScalarType {
     }
 }
 
-/// Appends a number of a text as `scalar`, little-endian; `None` where that cannot hold it.
+/// Appends a number from text as `scalar`, little-endian; `None` if it is out of range.
 fn append(out: &mut Vec<u8>, number: f64, scalar: ScalarType) -> Option<()> {
     use ScalarType as S;
     let [least, most] = match stored_as(scalar, Format::Ascii) {
@@ -137,11 +137,11 @@ fn append(out: &mut Vec<u8>, number: f64, scalar: ScalarType) -> Option<()> {
     Some(())
 }
 
-/// What becomes of the numbers of an element.
+/// Use of an element's numbers.
 enum Taker<'t> {
-    /// They are passed over.
+    /// Skips them.
     None,
-    /// Scalars are appended, byte for byte; text as [`append`] has it.
+    /// Appends scalars, byte for byte; text by [`append`].
     Scalars(&'t mut Vec<u8>),
     Faces(&'t mut Faces),
 }
@@ -153,7 +153,7 @@ struct Body<'a> {
     at: usize,
 }
 
-/// What stands in the body in place of a row.
+/// A fault in a row of the body.
 struct Fault {
     row: String,
     expected: String,
@@ -161,7 +161,7 @@ struct Fault {
 }
 
 impl Fault {
-    /// A face that cannot be: what was expected and what was found.
+    /// The fault of an invalid face: expected, found.
     fn of_face(row: String, (expected, found): (String, String)) -> Self {
         Self {
             row,
@@ -172,7 +172,7 @@ impl Fault {
 }
 
 impl<'a> Body<'a> {
-    /// Passes over an element.
+    /// Walks over an element.
     fn walk(&mut self, element: &Element, taker: Taker<'_>) -> Result<(), Fault> {
         match self.format {
             Format::Ascii => self.walk_text(element, taker),
@@ -192,7 +192,7 @@ impl<'a> Body<'a> {
             expected: "a whole row".into(),
             found: "the end of the file".into(),
         };
-        // Rows of one size are passed over in one step: none may be there for a count to be huge.
+        // Rows of one size are skipped in one step, because a huge count may belong to empty rows.
         let size = element
             .properties
             .iter()
@@ -205,7 +205,7 @@ impl<'a> Body<'a> {
             self.at += all.ok_or_else(|| short(left / size.max(1)))?;
             return Ok(());
         }
-        // A row has a list, so it takes a byte at least, and the file bounds the loop.
+        // A row has a list, so it takes at least a byte, and the file bounds the loop.
         let mut items = Vec::new();
         for row in 0..element.count {
             for (p, property) in element.properties.iter().enumerate() {
@@ -257,7 +257,7 @@ impl<'a> Body<'a> {
         Some(taken)
     }
 
-    /// One line per row; empty lines are passed over.
+    /// Walks over one line per row; empty lines are skipped.
     fn walk_text(&mut self, element: &Element, mut taker: Taker<'_>) -> Result<(), Fault> {
         if element.properties.is_empty() {
             return Ok(());
@@ -342,7 +342,7 @@ impl<'a> Body<'a> {
         }
     }
 
-    /// Bytes that no element holds; white space at the end of text does not count.
+    /// Number of bytes after the last element; white space at the end of text does not count.
     fn left(&self) -> usize {
         let rest = &self.bytes[self.at..];
         match self.format {
@@ -352,7 +352,7 @@ impl<'a> Body<'a> {
     }
 }
 
-/// A list's length; `None` where it is negative.
+/// A list's length; `None` if it is negative.
 fn integer(bytes: &[u8], scalar: ScalarType, big_endian: bool) -> Option<usize> {
     let fold = |n: u64, &b: &u8| n << 8 | u64::from(b);
     let n = if big_endian {

@@ -1,16 +1,16 @@
-//! The header of PLY files: what elements there are, and the properties of each.
+//! Parses the header of PLY files: the elements, and the properties of each.
 
 use std::path::Path;
 
 use super::scalars::ScalarType;
 use crate::error::{Error, Result};
 
-/// What the text at the beginning says.
+/// The parsed header.
 pub(super) struct Header {
     pub(super) format: Format,
     pub(super) elements: Vec<Element>,
     pub(super) comments: Vec<String>,
-    /// The first byte after it.
+    /// Offset of the first byte after the header.
     pub(super) body: usize,
 }
 
@@ -20,10 +20,10 @@ pub(super) enum Format {
     Binary { big_endian: bool },
 }
 
-/// A kind of row, as the header describes it.
+/// A kind of row, as described in the header.
 pub(super) struct Element {
     pub(super) name: String,
-    /// How many rows the header says that there are.
+    /// Stated number of rows.
     pub(super) count: usize,
     pub(super) properties: Vec<Property>,
 }
@@ -41,10 +41,10 @@ pub(super) enum Kind {
 }
 
 impl Header {
-    /// Reads it.
+    /// Parses the header.
     ///
     /// # Errors
-    /// A line that breaks the format's rules, or no end.
+    /// A line that breaks the format's rules, or a missing end.
     pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Self> {
         let broken = |line: usize, expected: &str, found: &str| {
             Error::format(
@@ -128,8 +128,8 @@ impl Header {
     }
 }
 
-/// The line that begins at `at`, without its end, and where the next one begins. Lines end with
-/// \n, \r\n or \r.
+/// The line that begins at `at`, without its end, and the offset of the next one. Lines end with \n, \r\n or
+/// \r.
 pub(super) fn line(bytes: &[u8], at: usize) -> Option<(&[u8], usize)> {
     let rest = bytes.get(at..)?;
     let end = rest.iter().position(|&b| b == b'\n' || b == b'\r')?;

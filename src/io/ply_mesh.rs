@@ -1,20 +1,20 @@
-//! Meshes in PLY files: what their elements and properties mean. `ply_header.rs` and
-//! `ply_body.rs` have the parser.
+//! Reads meshes in PLY files: the meaning of their elements and properties. `ply_header.rs` and `ply_body.rs`
+//! have the parser.
 //!
-//! | element | property | what |
+//! | element | property | meaning |
 //! |---|---|---|
 //! | `vertex` | `x`, `y`, `z` | corners |
-//! | | `red`, `green`, `blue`, `alpha`, or others that name colours | colours: see [`super::colour_columns`] |
+//! | | `red`, `green`, `blue`, `alpha`, or other names of colours | colours: see [`super::colour_columns`] |
 //! | | `nx`, `ny`, `nz` | normals |
 //! | | `s`, `t`, or `u`, `v`, or `texture_u`, `texture_v`, or `texture_s`, `texture_t` | texture coordinates, v upwards |
 //! | `face` | the list `vertex_indices` or `vertex_index` | a polygon of any size, concave ones too |
 //! | | the list `texcoord` | u and v of each of its corners, in place of the vertices' |
-//! | | `texnumber` | which of several textures, from 0 |
-//! | | `red`, `green`, `blue`, `alpha`, or others that name colours | the colour of the whole polygon, if vertices have none |
+//! | | `texnumber` | index of one of several textures, from 0 |
+//! | | `red`, `green`, `blue`, `alpha`, or other names of colours | the colour of the whole polygon, if vertices have none |
 //! | `tristrips` | the list `vertex_indices` or `vertex_index` | strips of triangles, one after another with -1 between them |
 //!
-//! Comments `TextureFile NAME` name textures. Nothing in PLY says what its units and axes are, nor whether a
-//! surface is seen from behind: where it is closed with its front outwards, it is not (see [`super::closed`]).
+//! Comments `TextureFile NAME` name textures. PLY does not state its units and axes, nor whether a surface is
+//! seen from behind: a surface that is closed with its front outwards is not (see [`super::closed`]).
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -39,23 +39,23 @@ use crate::scene::Values;
 
 const FORMAT: &str = "PLY mesh";
 
-/// The polygons of a file, taken while its body is walked over.
+/// The polygons of a file, collected while its body is read.
 #[derive(Debug)]
 pub(super) struct Faces {
     vertex_count: usize,
-    /// The properties that describe faces: number of the element, number of the property, role.
+    /// The properties that describe faces: element index, property index, role.
     roles: Vec<(usize, usize, Role)>,
-    /// The element whose rows are taken.
+    /// The element whose rows are being read.
     element: usize,
     /// Vertices of all polygons; strips are triangles already.
     corners: Vec<u32>,
-    /// Where each polygon's end.
+    /// End of each polygon in `corners`.
     ends: Vec<usize>,
     /// u and v of corners, one after the other.
     coordinates: Vec<f32>,
-    /// Where each polygon's end.
+    /// End of each polygon in `coordinates`.
     coordinate_ends: Vec<usize>,
-    /// The texture number of each polygon.
+    /// The texture index of each polygon.
     texture_numbers: Vec<u32>,
     /// Columns of the polygons' colour and opacity.
     channels: Vec<Channel>,
@@ -65,7 +65,7 @@ pub(super) struct Faces {
 #[derive(Debug)]
 struct Channel {
     name: &'static str,
-    /// The numbers of its element and its property; then the property's type.
+    /// Indices of its element and its property; then the property's type.
     property: (usize, usize),
     scalar: ScalarType,
     numbers: Vec<f32>,
@@ -81,7 +81,7 @@ enum Role {
 }
 
 impl Faces {
-    /// Finds the properties of faces in a file with so many vertices; `None` if it has none.
+    /// Finds the properties of faces in a file with `vertex_count` vertices; `None` if it has none.
     pub(super) fn of(elements: &[Element], vertex_count: usize) -> Option<Self> {
         let mut roles = Vec::new();
         let mut channels: Vec<Channel> = Vec::new();
@@ -113,7 +113,7 @@ impl Faces {
                     }
                     _ => continue,
                 };
-                // A second list of the same name is no other face.
+                // A second list of the same name is ignored.
                 if !roles.iter().any(|(_, _, known)| *known == role) {
                     roles.push((e, p, role));
                 }
@@ -135,7 +135,7 @@ impl Faces {
         })
     }
 
-    /// Whether rows of an element are taken; they are the next that [`Faces::take`] gets.
+    /// Starts an element, whose rows [`Faces::take`] gets next. Returns whether any property of it is used.
     pub(super) fn begin(&mut self, element: usize) -> bool {
         self.element = element;
         self.roles.iter().any(|(e, _, _)| *e == element)
@@ -146,15 +146,15 @@ impl Faces {
         self.roles.iter().find(same).map(|(_, _, role)| *role)
     }
 
-    /// Whether a property of the element is taken.
+    /// Whether a property of the element is used.
     pub(super) fn wants(&self, property: usize) -> bool {
         self.role(property).is_some()
     }
 
-    /// Takes the numbers of one property of a row.
+    /// Stores the numbers of one property of a row.
     ///
     /// # Errors
-    /// A vertex that is not there: what was expected, what was found.
+    /// A vertex that does not exist: expected, found.
     pub(super) fn take(&mut self, property: usize, items: &[f64]) -> Result<(), (String, String)> {
         match self.role(property) {
             Some(Role::Polygon) => {
@@ -165,7 +165,7 @@ impl Faces {
                 self.ends.push(self.corners.len());
             }
             Some(Role::Strips) => {
-                // -1, or what it is as an unsigned number.
+                // -1, or the same bits as an unsigned number.
                 let is_end = |item: &f64| *item < 0.0 || *item == f64::from(u32::MAX);
                 let mut triangles = Vec::new();
                 for run in items.split(is_end) {
@@ -198,11 +198,11 @@ impl Faces {
         Ok(())
     }
 
-    /// The colours of polygons, one for each, linear; empty if these have none.
+    /// The colours of polygons, one each, linear; empty if they have none.
     fn colours(&mut self, notes: &mut Vec<String>) -> Vec<[f32; 4]> {
         let count = self.ends.len();
         let channels = std::mem::take(&mut self.channels);
-        // As many as polygons, unless strips are among these.
+        // As many as polygons, unless these include strips.
         if channels.iter().any(|c| c.numbers.len() != count) {
             notes.push("colours of faces are not one for each: not used".into());
             return Vec::new();
@@ -227,8 +227,8 @@ impl Faces {
         })
     }
 
-    /// Forgets texture coordinates that are not two for each corner of each polygon, and numbers of
-    /// textures that are not one for each polygon.
+    /// Discards texture coordinates that are not two for each corner of each polygon, and texture indices that
+    /// are not one for each polygon.
     fn check(&mut self, notes: &mut Vec<String>) {
         let fit = self.ends.len() == self.coordinate_ends.len()
             && (self.ends.iter().zip(&self.coordinate_ends)).all(|(e, c)| 2 * e == *c);
@@ -247,7 +247,7 @@ impl Faces {
 }
 
 impl Channel {
-    /// The column, in the type that the file has it in as far as that says what stands for 1.
+    /// The column; in the file's type, if that decides which number means 1.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -262,9 +262,9 @@ impl Channel {
     }
 }
 
-/// Linear RGBA of columns of colours, which are finite or not; notes say what was taken for granted.
+/// Linear RGBA from columns of colours, which may have non-finite numbers; notes state assumptions.
 ///
-/// - `noun`: what has the colours, in the plural.
+/// - `noun`: the objects with the colours, in the plural.
 fn linear_colours(
     noun: &str,
     set: &ColourSet,
@@ -277,7 +277,7 @@ fn linear_colours(
         notes.push(format!("colours of {noun} {assumed}"));
     }
     let of_alpha = alpha.map(|alpha| (alpha, ColourScale::of(None, ColourNumbers::of([alpha]))));
-    // Written by programs that have no opacity, and nothing would be seen.
+    // Some programs without opacity write 0, with which nothing would be visible.
     let is_unseen = |alpha: &Values| alpha.finite_range().is_some_and(|[_, hi]| hi <= 0.0);
     let of_alpha = of_alpha.filter(|(alpha, _)| {
         let is_unseen = is_unseen(alpha);
@@ -311,7 +311,7 @@ fn whole(number: f64) -> Option<u32> {
     rounded.filter(|&n| f64::from(n) == number)
 }
 
-/// What vertices have beside their places; each empty where they do not have it.
+/// Positions and properties of vertices; a property that they lack is empty.
 #[derive(Debug)]
 struct Vertices {
     positions: Vec<DVec3>,
@@ -320,14 +320,14 @@ struct Vertices {
     coordinates: Vec<Vec2>,
 }
 
-/// Puts a mesh together from its vertices and faces.
+/// Makes a mesh from its vertices and faces.
 ///
 /// - `comments`: of the header.
-/// - `texture`: an image of the user's, for what has texture coordinates and no texture.
+/// - `texture`: the user's image, for meshes with texture coordinates and no texture.
 ///
 /// # Errors
-/// No positions, no triangle with an area, or a `texture` that cannot be read. Textures that the
-/// file names and that cannot be read are told of in notes.
+/// No positions, no triangle with an area, or a `texture` that cannot be read. Unreadable textures that the
+/// file names are noted.
 pub(super) fn dataset(
     input: Input<'_>,
     table: &Table<'_>,
@@ -432,12 +432,12 @@ struct Group {
     coordinates: Vec<f32>,
     /// The colour of each polygon, or nothing.
     colours: Vec<[f32; 4]>,
-    /// Whether corners are numbered anew: the group has only some of the polygons, or vertices have another place in the texture
-    /// or another colour in each polygon.
+    /// Whether corners are renumbered: the group has only some of the polygons, or vertices have another
+    /// texture position or another colour in each polygon.
     is_renumbered: bool,
 }
 
-/// Groups the polygons by the numbers of their textures, of which there are `texture_count`.
+/// Groups the polygons by their textures, of which there are `texture_count`.
 ///
 /// - `colours`: the colour of each polygon, or none.
 fn groups(faces: Faces, colours: Vec<[f32; 4]>, texture_count: usize) -> Vec<(usize, Group)> {
@@ -451,7 +451,7 @@ fn groups(faces: Faces, colours: Vec<[f32; 4]>, texture_count: usize) -> Vec<(us
         };
         return vec![(0, whole)];
     }
-    // The last group has what names none of them.
+    // The last group has the polygons without a valid texture.
     let mut groups: Vec<Group> = Vec::new();
     groups.resize_with(texture_count + 1, Group::default);
     let mut start = 0;
@@ -472,7 +472,7 @@ fn groups(faces: Faces, colours: Vec<[f32; 4]>, texture_count: usize) -> Vec<(us
 }
 
 impl Group {
-    /// The polygons as triangles; `approximate` counts those that a fan stands for.
+    /// The polygons as triangles; `approximate` counts those replaced by a fan.
     fn part(self, vertices: &Vertices, approximate: &mut usize) -> MeshPart {
         let mut part = MeshPart::default();
         let mut coordinates = Vec::new();
@@ -515,7 +515,7 @@ impl Group {
 }
 
 impl Vertices {
-    /// The columns that mean something to a mesh; notes name the others.
+    /// Reads the columns that a mesh uses; notes name the others.
     fn read(table: &Table<'_>, notes: &mut Vec<String>) -> Result<Self> {
         let (positions, mut used) = table.positions()?;
         let mut columns = |names: &[&str]| -> Result<Option<Vec<Vec<f32>>>> {
@@ -540,7 +540,7 @@ impl Vertices {
             ["texture_s", "texture_t"],
         ] {
             if let Some([u, v]) = columns(&names)?.as_deref() {
-                // v upwards in the file.
+                // v is upwards in the file.
                 let pairs = u.iter().zip(v).map(|(&u, &v)| Vec2::new(u, 1.0 - v));
                 vertices.coordinates = pairs.collect();
                 break;

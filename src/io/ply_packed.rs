@@ -1,13 +1,13 @@
-//! Compressed PLY (PlayCanvas, SuperSplat): splats in sixteen bytes each, in chunks of 256.
+//! Reads compressed PLY (PlayCanvas, SuperSplat): splats in sixteen bytes each, in chunks of 256.
 //!
-//! | element | properties | what |
+//! | element | properties | content |
 //! |---|---|---|
 //! | `chunk` | `min_x` ... `max_z` | box of the positions of 256 splats |
-//! | | `min_scale_x` ... `max_scale_z` | ... and of the logarithms of their standard deviations |
-//! | | `min_r` ... `max_b` | ... and of their colours; without these from 0 to 1 |
+//! | | `min_scale_x` ... `max_scale_z` | box of the logarithms of their standard deviations |
+//! | | `min_r` ... `max_b` | box of their colours; without these from 0 to 1 |
 //! | `vertex` | `packed_position` | x, y, z in 11, 10 and 11 bits, from the highest down, each a share of the chunk's box |
 //! | | `packed_scale` | the same |
-//! | | `packed_rotation` | which component of the quaternion w, x, y, z is left out, being the largest, in 2 bits; the others in 10 bits each, -√½ to √½ |
+//! | | `packed_rotation` | index of the largest component of the quaternion w, x, y, z, which is left out, in 2 bits; the others in 10 bits each, -√½ to √½ |
 //! | | `packed_color` | R, G, B as shares of the chunk's box, the peak opacity; 8 bits each |
 //! | `sh` | `f_rest_0..` | the other harmonics, in PLY's order: bytes, -4 to 4 |
 //!
@@ -29,7 +29,7 @@ use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count};
 
 const FORMAT: &str = "compressed PLY splats";
 
-/// Splats of a chunk; the last one has fewer.
+/// Number of splats in a chunk; the last chunk may have fewer.
 pub(super) const CHUNK: usize = 256;
 
 /// The least and the greatest of three numbers, by the middle of their names.
@@ -55,8 +55,8 @@ pub(super) fn is_packed(header: &Header) -> bool {
 /// Reads the splats.
 ///
 /// # Errors
-/// A body that is shorter than the header says, properties that are missing or of other types, and fewer chunks or harmonics than
-/// the splats take.
+/// A body that is shorter than the header states; properties that are missing or of other types; fewer chunks
+/// or harmonics than the splats need.
 pub(super) fn read(path: &Path, bytes: &[u8], header: &Header) -> Result<Dataset> {
     let mut notes = Vec::new();
     let mut element = |name: &str| -> Result<Option<Rows<'_>>> {
@@ -206,11 +206,11 @@ pub(super) fn read(path: &Path, bytes: &[u8], header: &Header) -> Result<Dataset
     Ok(data)
 }
 
-/// The least and the greatest of three numbers in each chunk: columns as [`BOXES`] names them.
+/// The least and the greatest of three numbers in each chunk: columns in the order of [`BOXES`].
 struct Bounds(Vec<Vec<f64>>);
 
 impl Bounds {
-    /// What shares of a box stand for in the chunk of splat `i`.
+    /// Values of shares of a box, in the chunk of splat `i`.
     fn at(&self, i: usize, shares: [f64; 3]) -> [f64; 3] {
         std::array::from_fn(|axis| {
             let (least, most) = (self.0[axis][i / CHUNK], self.0[axis + 3][i / CHUNK]);
@@ -219,7 +219,7 @@ impl Bounds {
     }
 }
 
-/// `count` bits from bit `low` on as a share of the greatest number that they hold.
+/// `count` bits from bit `low` on, as a share of their greatest number.
 fn share(packed: u32, low: u32, count: u32) -> f64 {
     let greatest = (1 << count) - 1;
     f64::from(packed >> low & greatest) / f64::from(greatest)
@@ -238,8 +238,8 @@ fn rotation(packed: u32) -> [f32; 4] {
     quaternion
 }
 
-/// A harmonic's coefficient: writers cut the range from -4 to 4 into 256 steps, whose middle is meant, and mean the ends of the
-/// range by the first and the last.
+/// A harmonic's coefficient. Writers divide the range from -4 to 4 into 256 steps: a byte is a step's middle,
+/// but the first and the last byte are the ends of the range.
 fn coefficient(byte: f32) -> f32 {
     let share = match byte {
         b if b <= 0.0 => 0.0,

@@ -1,4 +1,4 @@
-//! Compressed PLY: the layout is that of `ply_packed.rs`.
+//! Writes compressed PLY in the layout of `ply_packed.rs`.
 
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::path::Path;
@@ -10,13 +10,13 @@ use super::splats::SplatCloud;
 use crate::error::{Error, Result};
 use crate::math::{HARMONIC_0, harmonics_count};
 
-/// Logarithms of scales are cut to this range, as PlayCanvas's writers do.
+/// Greatest magnitude of scales' logarithms, to which they are clamped as in PlayCanvas's writers.
 const GREATEST_LOGARITHM: f32 = 20.0;
 
-/// A file of splats, sorted along a Morton curve, so that the 256 of a chunk lie close together.
+/// Encodes splats, sorted along a Morton curve, so that the 256 of a chunk lie close together.
 ///
 /// # Errors
-/// More splats than a header counts.
+/// More splats than a header can count.
 pub(super) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> {
     let count = cloud.positions.len();
     if u32::try_from(count).is_err() {
@@ -117,7 +117,7 @@ pub(super) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> {
     })
 }
 
-/// - `rest`: harmonics beyond the constant ones, of all channels.
+/// - `rest`: number of harmonics beyond the constant ones, in all channels.
 fn header(count: usize, rest: usize) -> Vec<u8> {
     let mut header = format!(
         "ply\nformat binary_little_endian 1.0\nelement chunk {}\n",
@@ -140,7 +140,7 @@ fn header(count: usize, rest: usize) -> Vec<u8> {
     header.into_bytes()
 }
 
-/// The least and the greatest of each component, as the file has them.
+/// The least and the greatest of each component, rounded as in the file.
 struct Bounds {
     least: [f32; 3],
     most: [f32; 3],
@@ -162,7 +162,7 @@ impl Bounds {
         f64::from(self.most[axis]) - f64::from(self.least[axis])
     }
 
-    /// Where values lie between the bounds, from 0 to 1.
+    /// The positions of values between the bounds, from 0 to 1.
     fn shares(&self, values: [f32; 3]) -> [f64; 3] {
         [0, 1, 2].map(|axis| {
             let extent = self.extent(axis);
@@ -178,7 +178,7 @@ impl Bounds {
     }
 }
 
-/// A share as a whole number of so many bits.
+/// A share as an integer of `bits` bits.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -189,10 +189,10 @@ fn packed(share: f64, bits: u32) -> u32 {
     (greatest * share.clamp(0.0, 1.0)).round() as u32
 }
 
-/// A unit quaternion w, x, y, z: the number of its largest component, then the others.
+/// A unit quaternion w, x, y, z: the index of its largest component, then the others.
 fn rotation(q: [f64; 4]) -> u32 {
     let largest = (1..4).fold(0, |m, i| if q[i].abs() > q[m].abs() { i } else { m });
-    // q and -q are one rotation: what is left out is positive.
+    // q and -q are one rotation: the component left out is made positive.
     let sign = q[largest].signum();
     let others = (0..4).filter(|i| *i != largest);
     let number = u32::try_from(largest).unwrap_or(0);
@@ -201,7 +201,7 @@ fn rotation(q: [f64; 4]) -> u32 {
     })
 }
 
-/// A harmonic's coefficient: the step of 256 from -4 to 4 that it lies in.
+/// A harmonic's coefficient: the index of its step among 256 from -4 to 4.
 fn harmonic(coefficient: f32, cut: &mut usize) -> u8 {
     let step = 256.0 * (f64::from(coefficient) / 8.0 + 0.5);
     byte(step - 0.5, cut)

@@ -1,5 +1,4 @@
-//! The splat layout of PLY files (INRIA's): what its properties mean, and how it is written.
-//! `ply_table.rs` has the rows.
+//! Reads and writes the splat layout of PLY files (INRIA's). `ply_table.rs` has the rows.
 
 use std::path::Path;
 
@@ -15,7 +14,7 @@ pub(super) const SPLAT_FORMAT: &str = "PLY splats";
 /// Properties `f_rest_` of degree 10: more than any program writes.
 const MOST_REST: usize = 360;
 
-/// Whether a comment says that splats are, or are not, made for the anti-aliasing filter.
+/// The mark of a comment for splats that are, or are not, made for the anti-aliasing filter.
 fn anti_aliasing_mark(comment: &str) -> Option<bool> {
     let words = comment.to_ascii_lowercase().replace(':', " ");
     match words.split_ascii_whitespace().collect::<Vec<_>>()[..] {
@@ -38,7 +37,7 @@ pub(super) fn splats(
     let [scale_0, scale_1] = table.columns(["scale_0", "scale_1"])?;
     let scale_2 = table.index("scale_2");
     let rotation = table.columns(["rot_0", "rot_1", "rot_2", "rot_3"])?;
-    // No degree that is read has more; a header of a million names is none.
+    // No supported degree has more; a header of a million names is refused.
     let rest: Vec<usize> = (0..=MOST_REST)
         .map_while(|i| table.index(&format!("f_rest_{i}")))
         .collect();
@@ -122,10 +121,10 @@ pub(super) fn splats(
     cloud.dataset(path, SPLAT_FORMAT, table.fields(&used)?)
 }
 
-/// Opacities are written as logits no farther from 0 than this: 3.1e-7 from 0 and from 1.
+/// Greatest magnitude of a written logit: opacities stay 3.1e-7 from 0 and from 1.
 const GREATEST_LOGIT: f64 = 15.0;
 
-/// A file of splats: binary, little-endian, normals of zeros as the layout has them.
+/// Encodes splats: binary, little-endian, with normals of zeros as in the layout.
 pub(super) fn encode(path: &Path, cloud: &SplatCloud, form: PlyForm) -> Result<Encoded> {
     let count = cloud.positions.len();
     let is_flat = form == PlyForm::Surfels;
@@ -148,7 +147,7 @@ pub(super) fn encode(path: &Path, cloud: &SplatCloud, form: PlyForm) -> Result<E
     let mut bytes = format!(
         "ply\nformat binary_little_endian 1.0\ncomment SplatRenderMode: {mode}\n{}\
          element vertex {count}\n",
-        // The mode of surfels has no room for it.
+        // The mode of surfels has no place for it.
         if is_flat && cloud.is_anti_aliased {
             "comment antialiased 1\n"
         } else {

@@ -1,4 +1,4 @@
-//! The rows of a PLY file's vertices, column by column.
+//! Reads the rows of a PLY file's vertices, column by column.
 
 use std::path::Path;
 
@@ -36,7 +36,7 @@ impl Table<'_> {
         self.rows.members.iter().position(|m| m.name == name)
     }
 
-    /// A column by its name in either case.
+    /// The index of a column by its name, in upper or lower case.
     pub(super) fn index_of(&self, name: &str) -> Option<usize> {
         let mut members = self.rows.members.iter();
         members.position(|m| m.name.eq_ignore_ascii_case(name))
@@ -62,7 +62,7 @@ impl Table<'_> {
         (encoding, stride)
     }
 
-    /// Rows were walked over before: they are there.
+    /// The error for missing rows; rows were checked before, so they exist.
     fn damaged(&self) -> Error {
         Error::format(
             self.path,
@@ -80,7 +80,7 @@ impl Table<'_> {
         })
     }
 
-    /// A column in double precision, which holds every 32-bit number.
+    /// A column in double precision, which can represent every 32-bit number.
     pub(super) fn numbers(&self, member: usize) -> Result<Vec<f64>> {
         let (encoding, stride) = self.place(member);
         doubles(&self.rows.data, encoding, stride).ok_or_else(|| self.damaged())
@@ -105,7 +105,7 @@ impl Table<'_> {
         Ok(fields)
     }
 
-    /// The columns of a splat layout, in this order.
+    /// The columns of a splat layout, in the order of `names`.
     pub(super) fn columns<const N: usize>(&self, names: [&str; N]) -> Result<[usize; N]> {
         let mut columns = [0; N];
         for (column, name) in columns.iter_mut().zip(names) {

@@ -1,5 +1,5 @@
-//! Polygons into triangles: a fan where it covers the polygon, a constrained Delaunay
-//! triangulation in the polygon's plane elsewhere.
+//! Triangulates polygons: by a fan if it covers the polygon, else by a constrained Delaunay triangulation in
+//! the polygon's plane.
 
 use std::collections::HashMap;
 
@@ -7,29 +7,29 @@ use glam::{DVec2, DVec3};
 use spade::handles::FixedVertexHandle;
 use spade::{ConstrainedDelaunayTriangulation, Point2, Triangulation};
 
-/// Twice the least area of a fan's triangle, in units of the squared extent of its polygon: below,
-/// three corners count as collinear, and a fan would leave out what is next to them.
+/// Twice the least area of a fan's triangle, in units of the squared extent of its polygon. Below it, three
+/// corners count as collinear, and a fan would leave out the area next to them.
 const LEAST_FAN_AREA: f64 = 1e-10;
 
-/// How many fans are tried for a polygon that crosses itself; each takes a look at all corners.
+/// Number of fans that are tried for a polygon that crosses itself; each visits all corners.
 const MOST_FANS: usize = 16;
 
-/// How a polygon was triangulated.
+/// Result of a triangulation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Outcome {
-    /// As it should.
+    /// The triangles cover the polygon.
     Exact,
-    /// It crosses itself or has no area: a fan stands for it.
+    /// The polygon crosses itself or has no area: a fan replaces it.
     Approximate,
 }
 
-/// The triangles of polygons, in their order.
+/// The triangles of polygons, in order.
 ///
 /// - `indices`: the polygons' corners, one polygon after another, as indices into `positions`.
-/// - `ends`: where each polygon's end, the last one with all.
-/// - `approximate`: is raised by the polygons that a fan stands for; see [`approximate_note`].
+/// - `ends`: end of each polygon in `indices`; the last is the length of `indices`.
+/// - `approximate`: is increased by the number of polygons replaced by a fan; see [`approximate_note`].
 ///
-/// A polygon without three corners becomes a triangle without an area: it is counted with those.
+/// A polygon with fewer than three corners becomes a triangle without an area, and is counted with those.
 pub(crate) fn triangles(
     indices: &[u32],
     ends: &[usize],
@@ -39,7 +39,7 @@ pub(crate) fn triangles(
     triangles_with(indices, ends, positions, approximate, |_| ())
 }
 
-/// As [`triangles`]; `of_polygon` is told how many each polygon has become, in their order.
+/// As [`triangles`]; calls `of_polygon` with the number of triangles of each polygon, in order.
 pub(crate) fn triangles_with(
     indices: &[u32],
     ends: &[usize],
@@ -80,7 +80,7 @@ pub(crate) fn triangles_with(
     triangles
 }
 
-/// What is to be said of polygons that a fan stands for.
+/// The note on polygons replaced by a fan.
 pub(crate) fn approximate_note(count: usize) -> Option<String> {
     (count > 0).then(|| {
         format!(
@@ -89,9 +89,9 @@ pub(crate) fn approximate_note(count: usize) -> Option<String> {
     })
 }
 
-/// Appends the triangles of a strip, with its winding: each corner from the third on makes one
-/// with the two before it. Those of fewer than three corners, by which strips turn or are joined,
-/// are passed over.
+/// Appends the triangles of a strip, with its winding: each corner from the third on makes one with the two
+/// before it. Triangles of fewer than three different corners, which join strips or change their direction, are
+/// skipped.
 pub(crate) fn strip(corners: &[u32], triangles: &mut Vec<[u32; 3]>) {
     for (i, window) in corners.windows(3).enumerate() {
         let [a, b, c] = [window[0], window[1], window[2]];
@@ -101,10 +101,10 @@ pub(crate) fn strip(corners: &[u32], triangles: &mut Vec<[u32; 3]>) {
     }
 }
 
-/// Appends the triangles of one polygon, as indices of its corners, and says how it went.
+/// Appends the triangles of one polygon, as indices of its corners. Returns the outcome.
 ///
-/// The plane is that of Newell's normal. A polygon may touch itself (a hole reached by a cut that
-/// is passed twice): what it winds around once is inside.
+/// The plane is that of Newell's normal. A polygon may touch itself (a hole connected by a cut that is
+/// traversed twice): regions of winding number 1 are inside.
 fn triangulate(corners: &[DVec3], triangles: &mut Vec<[usize; 3]>) -> Outcome {
     let n = corners.len();
     match n {
@@ -125,7 +125,7 @@ fn triangulate(corners: &[DVec3], triangles: &mut Vec<[usize; 3]>) -> Outcome {
             return Outcome::Exact;
         }
     }
-    // The fan of the least area: of a twisted quad, it is the one without an overhang.
+    // The fan of least area: for a twisted quad, it is the one without an overhang.
     let area = |start: &usize| -> f64 {
         fan(n, *start)
             .map(|t| {
@@ -146,8 +146,7 @@ fn fan(corner_count: usize, start: usize) -> impl Iterator<Item = [usize; 3]> {
     (1..corner_count - 1).map(move |i| [corner(0), corner(i), corner(i + 1)])
 }
 
-/// The corners in their plane, counter-clockwise, scaled to a unit extent; `None` where there is
-/// no plane.
+/// The corners in their plane, counter-clockwise, scaled to a unit extent; `None` if there is no plane.
 fn in_plane(corners: &[DVec3]) -> Option<Vec<DVec2>> {
     let origin = *corners.first()?;
     let extent = corners
@@ -176,8 +175,8 @@ fn in_plane(corners: &[DVec3]) -> Option<Vec<DVec2>> {
     )
 }
 
-/// Whether the triangles between the first corner and each edge tile the polygon: they turn
-/// about it in order, through less than half a turn.
+/// Whether the triangles between the first corner and each edge tile the polygon: they are in order around the
+/// corner, through less than half a turn.
 fn fan_covers(points: &[DVec2]) -> bool {
     let arm = |i: usize| points[i] - points[0];
     (1..points.len() - 1).all(|i| {
@@ -188,7 +187,7 @@ fn fan_covers(points: &[DVec2]) -> bool {
 /// The triangles of a polygon that does not cross itself, or `None`.
 fn delaunay(points: &[DVec2]) -> Option<Vec<[usize; 3]>> {
     let mut mesh = ConstrainedDelaunayTriangulation::<Point2<f64>>::new();
-    // Corners in one place share a vertex, which keeps the first one's index.
+    // Corners at one position share a vertex, which keeps the first one's index.
     let mut corner_of: HashMap<FixedVertexHandle, usize> = HashMap::new();
     let mut handles = Vec::with_capacity(points.len());
     // spade refuses numbers that are tiny and not zero.
@@ -198,15 +197,15 @@ fn delaunay(points: &[DVec2]) -> Option<Vec<[usize; 3]>> {
         corner_of.entry(handle).or_insert(i);
         handles.push(handle);
     }
-    // How often the polygon runs along each edge, from the lower vertex to the higher one less
-    // the other way: what winding numbers change by across it.
+    // Number of times that the polygon traverses each edge from the lower vertex to the higher one, minus the
+    // other direction: the change of the winding number across it.
     let mut runs: HashMap<[usize; 2], i64> = HashMap::new();
     let next = handles.iter().cycle().skip(1);
     for (&from, &to) in handles.iter().zip(next) {
         if from == to {
             continue;
         }
-        // More than one edge where a vertex lies on the way.
+        // More than one edge if a vertex lies on the way.
         let edges = mesh.try_add_constraint(from, to);
         let mut at = from;
         for edge in edges {
@@ -268,7 +267,7 @@ fn delaunay(points: &[DVec2]) -> Option<Vec<[usize; 3]>> {
                 };
                 triangles.push([a, b, c]);
             }
-            // Wound around backwards or twice: it crosses itself.
+            // Winding number -1 or 2, say: the polygon crosses itself.
             _ => return None,
         }
     }
@@ -317,7 +316,7 @@ mod tests {
                 "{found} for {expected}, turned {turn}: {triangles:?}"
             );
             if outcome == Outcome::Exact {
-                // No triangle is turned over: together with the area, none overlaps another.
+                // No triangle is inverted: together with the area, none overlaps another.
                 assert!(triangles.iter().all(|t| area(&points, &[*t]) >= 0.0));
             }
         }
@@ -354,7 +353,7 @@ mod tests {
             &[[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]],
             Outcome::Exact,
         );
-        // A hole, reached by a cut that is passed twice.
+        // A hole, connected by a cut that is traversed twice.
         check(
             &[
                 [0.0, 0.0],
@@ -391,7 +390,7 @@ mod tests {
     #[test]
     fn polygons_that_cross_themselves_are_told() {
         for xy in [
-            // A bow tie of unequal halves, a pentagram, a polygon passed twice.
+            // A bow tie of unequal halves, a pentagram, a polygon traversed twice.
             vec![[0.0, 0.0], [3.0, 3.0], [3.0, 0.0], [0.0, 1.0]],
             (0..5)
                 .map(|i| {

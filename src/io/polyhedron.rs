@@ -1,4 +1,4 @@
-//! Polyhedra as VTK lists them.
+//! Reads polyhedra in VTK's form.
 
 /// The faces of a polyhedron that have three nodes or more.
 pub(crate) fn polyhedron_faces(entries: &[u32]) -> impl Iterator<Item = &[u32]> {

@@ -1,4 +1,4 @@
-//! What formats are recognised by.
+//! Provides the facts by which formats are recognised.
 
 use std::borrow::Cow;
 use std::cell::OnceCell;
@@ -7,7 +7,7 @@ use super::OpenOptions;
 use super::file::Input;
 use super::zip;
 
-/// What is known of a file before it is read.
+/// A file before it is read: its name, length, first bytes and options.
 pub(super) struct Probe<'a> {
     pub(super) input: Input<'a>,
     /// Its first bytes.
@@ -15,7 +15,7 @@ pub(super) struct Probe<'a> {
     /// Its length in bytes.
     pub(super) len: u64,
     pub(super) options: &'a OpenOptions,
-    /// All its bytes, once a format has asked for them; nothing where they cannot be read.
+    /// All its bytes, once a format has needed them; empty if they cannot be read.
     bytes: OnceCell<Cow<'a, [u8]>>,
 }
 
@@ -45,18 +45,18 @@ impl<'a> Probe<'a> {
         })
     }
 
-    /// Whether it is a ZIP archive that is named as a format's or holds what the format's do.
+    /// Whether the file is a ZIP archive with the format's extension or content.
     pub(super) fn is_archive(&self, ending: &str, holds: fn(&[zip::Entry<'_>]) -> bool) -> bool {
         let looked_at = || {
             let bytes = || self.input.read_all().unwrap_or_default();
             zip::entries(self.bytes.get_or_init(bytes)).is_ok_and(|entries| holds(&entries))
         };
-        // Archives of arrays may be large, and are what their name says.
+        // Archives of arrays may be large, and are recognised by name.
         let is_archive = self.head.starts_with(zip::MAGIC) && !self.ends_in(&["npz"]);
         is_archive && (self.ends_in(&[ending]) || looked_at())
     }
 
-    /// Whether there is nothing but text in the first bytes.
+    /// Whether the first bytes are text.
     pub(super) fn is_text(&self) -> bool {
         let is_control = |b: &u8| *b < 0x20 && !b.is_ascii_whitespace();
         !self.head.iter().any(is_control)

@@ -1,4 +1,4 @@
-//! ParaView's collections: which files are which steps of time.
+//! Reads ParaView's collections: files by time step.
 //!
 //! ```text
 //! <VTKFile type="Collection">
@@ -8,9 +8,9 @@
 //! </VTKFile>
 //! ```
 //!
-//! A `file` is relative to the collection's folder. What has the same `timestep` (0 where none is stated) is one step, its
-//! files in the order of their `part`. A collection names data, or VTK's collections of blocks
-//! ([`super::vtk_collection`]), whose files stand in their place; never another one of its own kind.
+//! A `file` is relative to the collection's folder. Entries with the same `timestep` (0 if none is stated) are
+//! one step, with their files in the order of `part`. A collection names data, or VTK's collections of blocks
+//! ([`super::vtk_collection`]), which are replaced by their files; never another collection of its own kind.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -25,7 +25,7 @@ use crate::error::{Error, Result};
 /// The `type` of these files.
 const TYPE: &str = vtk_collection::PARAVIEWS;
 
-/// Bytes of a collection at most: hundreds of thousands of entries. A larger one is no list of files.
+/// Greatest size of a collection in bytes: hundreds of thousands of entries. A larger file is no list of files.
 const MOST_BYTES: u64 = 64 << 20;
 
 /// Whether a file that begins with `head` is a collection.
@@ -33,7 +33,7 @@ pub(super) fn looks_like(head: &[u8]) -> bool {
     vtk_xml::looks_like(head) && vtk_xml::file_type(head) == Some(TYPE)
 }
 
-/// Reads the first part of the first time step, with notes of what else there is.
+/// Reads the first part of the first time step, with notes on the others.
 ///
 /// # Errors
 /// Those of [`steps`], and those of the part.
@@ -41,11 +41,11 @@ pub(super) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     vtk_collection::read_first(input, &steps(input)?, options)
 }
 
-/// The steps, in the order of time; at least one. The files that it names are not looked for.
+/// The steps, in the order of time; at least one. The named files are not checked to exist.
 ///
 /// # Errors
-/// A file that is no collection; entries without a file, with a time that is no number, that name one file twice at one
-/// time, or that name a collection; none at all.
+/// A file that is no collection; entries without a file, with a time that is no number, that name one file
+/// twice at one time, or that name a collection; no entries.
 pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
     let path = input.path;
     let (_, len) = input.head(1)?;
@@ -100,7 +100,7 @@ pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
         if file.extension().is_some_and(is_nested) {
             return Err(vtk_collection::refuse_nested(path, &place("file"), &file));
         }
-        // Zero has one sign.
+        // Makes -0 equal to 0.
         parts.push((time + 0.0, part, file));
     }
     let steps = by_time(input, parts, damaged)?;
@@ -111,10 +111,10 @@ pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
     Ok(steps)
 }
 
-/// The steps of files by their times and the numbers of their parts, in this order. VTK's collections of blocks stand for
-/// their files.
+/// The steps of files, in the order of their times and then of their parts' numbers. VTK's collections of
+/// blocks are replaced by their files.
 ///
-/// - `damaged`: what to do where one file is named twice at one time.
+/// - `damaged`: advice if one file is named twice at one time.
 ///
 /// # Errors
 /// Such a file.
@@ -126,7 +126,7 @@ pub(super) fn by_time(
     parts.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let mut steps: Vec<TimeStep> = Vec::new();
     for (time, _, file) in parts {
-        // One that cannot be read stays: reading it says why.
+        // A collection that cannot be read stays: reading it reports the error.
         let is_of_blocks = vtk_collection::is_named(&file);
         let blocks = is_of_blocks.then(|| input.with_beside(&file, vtk_collection::files));
         let files = blocks.and_then(Result::ok).unwrap_or_else(|| vec![file]);

@@ -1,12 +1,11 @@
-//! Raw volumes: numbers without a header, as the Open SciVis data sets have them.
+//! Reads raw volumes: numbers without a header, as in the Open SciVis data sets.
 //!
-//! | bytes | what |
+//! | bytes | content |
 //! |---|---|
 //! | all | `dims[0] * dims[1] * dims[2]` numbers, x fastest, then y, then z |
 //!
-//! Nothing in the file says its dimensions, type or byte order: the user does. The size must
-//! match exactly. A gzip-compressed file (`.raw.gz`) is inflated while it is read, never
-//! beyond the bytes that the dimensions ask for.
+//! The file does not state its dimensions, type or byte order: the user does. The length must match exactly. A
+//! gzip-compressed file (`.raw.gz`) is unpacked while it is read, never beyond the bytes of the dimensions.
 
 use std::io::Read;
 use std::path::Path;
@@ -21,8 +20,8 @@ use super::scalars::{Encoding, ScalarType, Stride, values};
 use crate::error::{Error, Hint, Parameter, Result, SuggestedLayout};
 use crate::scene::{Lattice, Values};
 
-/// The most bytes that one byte of a deflate stream can stand for: a match of 258 bytes
-/// coded in two bits.
+/// Greatest number of bytes that one byte of a deflate stream can decode to: a match of 258 bytes coded in two
+/// bits.
 pub(crate) const DEFLATE_RATIO: u64 = 1032;
 
 /// Scalar types of raw volumes.
@@ -49,10 +48,10 @@ impl RawType {
     }
 }
 
-/// What a raw volume does not say about itself.
+/// The parameters that a raw volume's file does not state.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RawLayout {
-    /// Samples along x, y and z.
+    /// Number of samples along x, y and z.
     pub dims: [usize; 3],
     /// Distance from one sample to the next along each axis, world units.
     pub spacing: DVec3,
@@ -88,7 +87,7 @@ impl RawLayout {
 /// field is named `value`.
 ///
 /// # Errors
-/// A layout that makes no sense, or a size that differs from it.
+/// An invalid layout, or a file of another length.
 pub(crate) fn read(input: Input<'_>, layout: Option<&RawLayout>) -> Result<Dataset> {
     let path = input.path;
     let (layout, count, byte_count) = checked(path, layout)?;
@@ -133,11 +132,11 @@ pub(crate) fn read(input: Input<'_>, layout: Option<&RawLayout>) -> Result<Datas
     Ok(dataset(path, layout, numbers))
 }
 
-/// Where the numbers lie, and all else as [`read`] gives it; `None` where the size differs from the layout, as that of a
-/// gzip file does.
+/// Locates the numbers; the data set is that of [`read`] without values. `None` if the file's length differs
+/// from the layout, as that of a gzip file does.
 ///
 /// # Errors
-/// A layout that makes no sense; the file cannot be opened.
+/// An invalid layout; a file that cannot be opened.
 pub(super) fn plain(
     input: Input<'_>,
     layout: Option<&RawLayout>,
@@ -170,7 +169,7 @@ fn dataset(path: &Path, layout: &RawLayout, numbers: Values) -> Dataset {
     Dataset::new(path, "raw volume", geometry, vec![field])
 }
 
-/// A layout that makes sense, how many numbers it has, and how many bytes they are.
+/// A checked layout, its number of numbers, and their bytes.
 fn checked<'l>(
     path: &Path,
     layout: Option<&'l RawLayout>,
@@ -205,7 +204,7 @@ fn checked<'l>(
     Ok((layout, count, byte_count))
 }
 
-/// Reads exactly `count` numbers, by chunks, so that no second copy of the file is held.
+/// Reads exactly `count` numbers, in chunks, so that there is no second copy of the file in memory.
 fn read_values(
     path: &Path,
     mut source: &mut dyn Read,
@@ -258,7 +257,7 @@ fn read_values(
     Ok(all)
 }
 
-/// The layout that a name such as `engine_256x256x128_uint8.raw` suggests.
+/// The layout in a name such as `engine_256x256x128_uint8.raw`.
 pub(crate) fn layout_from_name(path: &Path) -> Option<SuggestedLayout> {
     let name = path.file_name()?.to_str()?.to_ascii_lowercase();
     let words: Vec<&str> = name.split(|c: char| !c.is_ascii_alphanumeric()).collect();

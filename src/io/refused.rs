@@ -1,6 +1,6 @@
-//! Formats that are recognised in order to be refused by name, each with a way out: one table of them.
+//! Refuses known formats that are not read, by name and with advice, from one table.
 //!
-//! The content decides before the name does: signatures, words of text, members of HDF5 files.
+//! The content takes precedence over the name: signatures, words of text, members of HDF5 files.
 
 use std::path::Path;
 
@@ -10,23 +10,23 @@ use crate::error::{Error, Hint};
 
 /// A format that is not read.
 struct Refused {
-    /// Its name with an article, for messages.
+    /// The format's name with an article, for messages.
     name: &'static str,
-    /// The endings of its files, in lower case, without the dot before the first word.
+    /// Extensions of its files, in lower case, without the leading dot.
     endings: &'static [&'static str],
-    /// Bytes that its files have at a place, any of these.
+    /// Signatures: an offset, and the bytes there; any of these.
     magic: &'static [(usize, &'static [u8])],
-    /// Whether text is this format's; binary bytes where [`Refused::is_binary`] is given.
+    /// Whether text is of this format; for binary bytes see [`Refused::is_binary`].
     is_text: fn(&str) -> bool,
-    /// Whether bytes, of a file of so many, are this format's where no signature says so.
+    /// Whether bytes, from a file of the given length, are of this format although it has no signature.
     is_binary: fn(&[u8], u64) -> bool,
     /// Members of the root of HDF5 files, any of these.
     members: &'static [&'static str],
-    /// The way out.
+    /// Advice for the user.
     advice: &'static str,
 }
 
-/// Bytes of a signature at the least that decides against a file's name.
+/// Least length of a signature that takes precedence over a file's name.
 const STRONG: usize = 4;
 
 /// JSON files that index other files: their keys, their kind, and the advice.
@@ -73,7 +73,7 @@ const PLAIN: Refused = Refused {
     advice: "",
 };
 
-/// The table, in the order in which rows are tried: those with signatures and words before those with names alone.
+/// The table, in the order in which rows are tried: signatures and words before names alone.
 static REFUSED: &[Refused] = &[
     // Results of simulation codes, and their grids.
     Refused {
@@ -691,7 +691,7 @@ static REFUSED: &[Refused] = &[
     },
 ];
 
-/// Why a file is not read, where its content says what it is, whatever its name is.
+/// The error for a file whose content identifies a refused format, whatever its name is.
 ///
 /// - `is_bare`: whether its name is that of a format whose files may begin with any bytes.
 pub(super) fn by_content(path: &Path, head: &[u8], len: u64, is_bare: bool) -> Option<Error> {
@@ -707,7 +707,7 @@ pub(super) fn by_content(path: &Path, head: &[u8], len: u64, is_bare: bool) -> O
     of_index.or_else(by_row)
 }
 
-/// Why a file is not read, where its first bytes or its name say what it is.
+/// The error for a file whose first bytes or name identify a refused format.
 pub(super) fn by_name(path: &Path, head: &[u8]) -> Option<Error> {
     let signed = REFUSED.iter().find(|row| row.is_signed(head, 1));
     if let Some(row) = signed.or_else(|| named(path)) {
@@ -722,14 +722,14 @@ pub(super) fn is_named(path: &Path) -> bool {
     named(path).is_some()
 }
 
-/// Why a ZIP archive is not read, where its name says what it is.
+/// The error for a ZIP archive whose name identifies a refused format.
 pub(super) fn archive(path: &Path, head: &[u8]) -> Option<Error> {
     let is_archive = head.starts_with(zip::MAGIC);
     let row = named(path).filter(|_| is_archive);
     row.map(|row| row.refuse(path))
 }
 
-/// Why a folder is not read, where what it holds says what it is.
+/// The error for a folder whose content identifies a refused format.
 pub(super) fn folder(path: &Path) -> Option<Error> {
     let holds = |name: &&str| path.join(name).is_file();
     let row = REFUSED.iter().find(|row| row.endings.contains(&"zarr"))?;
@@ -739,9 +739,9 @@ pub(super) fn folder(path: &Path) -> Option<Error> {
     is_zarr.then(|| row.refuse(path))
 }
 
-/// Why an HDF5 file is not read.
+/// The error for an HDF5 file that is not read.
 ///
-/// - `members`: the names of what its root holds.
+/// - `members`: names of the members of its root.
 pub(super) fn hdf5(path: &Path, members: &[String]) -> Error {
     let has = |name: &&str| members.iter().any(|member| member == name);
     let by_members = REFUSED.iter().find(|row| row.members.iter().any(has));
@@ -759,7 +759,7 @@ pub(super) fn hdf5(path: &Path, members: &[String]) -> Error {
     Error::format(path, "format", expected, found, OF_HDF5)
 }
 
-/// Why a netCDF file is not read: whether the names of its variables are those of MINC.
+/// The error for a netCDF file if its variables have the names of MINC's.
 #[cfg(feature = "netcdf")]
 pub(super) fn minc<'a>(path: &Path, mut variables: impl Iterator<Item = &'a str>) -> Option<Error> {
     let is_minc = variables.any(|name| ["rootvariable", "image-max"].contains(&name));
@@ -768,7 +768,7 @@ pub(super) fn minc<'a>(path: &Path, mut variables: impl Iterator<Item = &'a str>
 }
 
 impl Refused {
-    /// Whether a file begins with one of its signatures, of so many bytes at the least.
+    /// Whether a file begins with one of the row's signatures of at least `least` bytes.
     fn is_signed(&self, head: &[u8], least: usize) -> bool {
         let mut magic = self.magic.iter().filter(|(_, bytes)| bytes.len() >= least);
         magic.any(|(at, bytes)| head.get(*at..).is_some_and(|rest| rest.starts_with(bytes)))
@@ -784,7 +784,7 @@ fn refuse(path: &Path, name: &str, advice: impl Into<crate::error::Advice>) -> E
     Error::format(path, "format", "a format that is read", found, advice)
 }
 
-/// The row that a name belongs to.
+/// The row for a file name.
 fn named(path: &Path) -> Option<&'static Refused> {
     let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
     let ends = |ending: &&str| {
@@ -800,7 +800,7 @@ fn named(path: &Path) -> Option<&'static Refused> {
     if is_numbered { of_nek() } else { of_ending() }
 }
 
-/// The first bytes as text without its mark, less a character that is cut; `None` where they are binary.
+/// The first bytes as text, without a byte order mark or a cut character; `None` if they are binary.
 fn text_of(head: &[u8]) -> Option<&str> {
     let head = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head);
     let is_control = |b: &u8| *b < 0x20 && !b.is_ascii_whitespace();
@@ -813,7 +813,7 @@ fn text_of(head: &[u8]) -> Option<&str> {
     }
 }
 
-/// The first word of a text that is in no comment; comments go from `mark` to the end of a line.
+/// The first word of a text outside comments, which extend from `mark` to the end of a line.
 fn first_word(text: &str, mark: char) -> &str {
     let lines = text.lines().map(str::trim);
     let mut lines = lines.filter(|line| !line.is_empty() && !line.starts_with(mark));
@@ -962,7 +962,7 @@ fn is_protein(text: &str) -> bool {
         && (text.lines().any(is_atom) || first.is_some_and(|l| l.starts_with("HEADER ")))
 }
 
-/// A count, a comment, then an element and its place in each line: `O 0.0 0.0 0.1`.
+/// A count, a comment, then an element and its position in each line: `O 0.0 0.0 0.1`.
 fn is_atoms(text: &str) -> bool {
     let mut lines = text.lines();
     let count = lines
@@ -971,7 +971,7 @@ fn is_atoms(text: &str) -> bool {
     let (Some(1..), Some(comment)) = (count, lines.next()) else {
         return false;
     };
-    // Rows of numbers alone are a point cloud or a grid, unless a comment stands before them.
+    // Rows of numbers alone are a point cloud or a grid, unless a comment precedes them.
     let is_comment = numbers(comment).is_none_or(|numbers| numbers.is_empty());
     let is_element = |word: &str| {
         let letters = word.chars().take_while(char::is_ascii_alphabetic).count();
@@ -991,12 +991,13 @@ fn is_atoms(text: &str) -> bool {
         .filter(|line| !line.trim().is_empty())
         .take(8)
         .collect();
-    // The last of the first bytes may be cut.
+    // The last line of the first bytes may be cut.
     let whole = atoms.len().saturating_sub(1).max(1);
     !atoms.is_empty() && atoms.iter().take(whole).all(is_atom)
 }
 
-/// Time, counts, three dimensions: in either byte order, with padding or without, and as many bytes as the counts say.
+/// Time, counts, three dimensions: in either byte order, with padding or without, and as many bytes as follow
+/// from the counts.
 fn is_tipsy(head: &[u8], len: u64) -> bool {
     let word = |at: usize, is_big: bool| {
         let bytes = head.get(at..)?.first_chunk()?;
@@ -1016,7 +1017,7 @@ fn is_tipsy(head: &[u8], len: u64) -> bool {
     })
 }
 
-/// The numbers in the first record of a dump, by which Phantom knows its own: 60769, a real, 60878.
+/// The numbers in the first record of a dump, by which Phantom identifies its files: 60769, a real, 60878.
 fn is_phantom(head: &[u8], _: u64) -> bool {
     let is_at = |at: usize, number: u32| {
         let bytes = head.get(at..at + 4);

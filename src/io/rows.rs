@@ -1,4 +1,4 @@
-//! Points of a file, a run of rows at a time.
+//! Reads the points of a file, a run of rows at a time.
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -10,13 +10,13 @@ use super::particle_type::ParticleType;
 use super::{Dataset, hdf5, npy};
 use crate::error::{Error, Result};
 
-/// Bytes of a header at most; longer ones are read with the whole file.
+/// Greatest length of a header; a file with a longer one is read whole.
 const LONGEST_HEADER: u64 = 1 << 20;
 
-/// Bytes that are read at a time, about.
+/// Approximate number of bytes read at a time.
 const BYTES: usize = 1 << 26;
 
-/// A file of points whose rows can be read some at a time.
+/// A file of points whose rows can be read in runs.
 #[derive(Debug)]
 pub struct RowFile {
     path: PathBuf,
@@ -28,7 +28,7 @@ enum Rows {
     Npy(NpyRows),
     Snapshot {
         wanted: Option<ParticleType>,
-        /// Each of its files, and how many rows it has.
+        /// Each file of the snapshot, with its number of rows.
         pieces: Vec<(PathBuf, usize)>,
     },
 }
@@ -37,20 +37,21 @@ enum Rows {
 struct NpyRows {
     file: File,
     array: npy::Array<'static>,
-    /// Where the first row begins.
+    /// Offset of the first row.
     start: u64,
-    /// Bytes of a row.
+    /// Bytes per row.
     len: usize,
 }
 
 impl RowFile {
-    /// Opens a file, of which its header is read; `None` where its format is not read by rows. NPY is, whose arrays lie
-    /// row after row, and so are snapshots of Gadget's family in HDF5, in one file or several.
+    /// Opens a file and reads its header; `None` if the format cannot be read by rows. NPY can, because its
+    /// arrays store row after row, and so can snapshots of Gadget's family in HDF5, in one file or several.
     ///
-    /// - `particle_type`: which of a snapshot's particles are read; without it those that [`open`](super::open) reads.
+    /// - `particle_type`: type of a snapshot's particles; without it, the particles that [`open`](super::open)
+    ///   reads.
     ///
     /// # Errors
-    /// Those of [`open`](super::open) about headers, lengths and files that are not there.
+    /// Those of [`open`](super::open) for headers, lengths and missing files.
     pub fn open(path: &Path, particle_type: Option<ParticleType>) -> Result<Option<Self>> {
         let (mut file, len) = open_regular(path)?;
         let mut head = Vec::new();
@@ -68,17 +69,17 @@ impl RowFile {
         Ok(rows.map(|rows| Self { path, rows }))
     }
 
-    /// The file that was opened.
+    /// Path of the opened file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Whether it is a snapshot in one file.
+    /// Whether the file is a snapshot in one file.
     pub(crate) fn is_one_snapshot(&self) -> bool {
         matches!(&self.rows, Rows::Snapshot { pieces, .. } if pieces.len() == 1)
     }
 
-    /// How many rows there are.
+    /// Number of rows.
     pub fn count(&self) -> usize {
         match &self.rows {
             Rows::Npy(rows) => rows.array.shape.first().copied().unwrap_or(0),
@@ -86,9 +87,9 @@ impl RowFile {
         }
     }
 
-    /// All rows in runs, each of one file and of some tens of megabytes.
+    /// Divides all rows into runs, each within one file and some tens of megabytes long.
     ///
-    /// - `most`: rows of a run.
+    /// - `most`: greatest number of rows per run.
     pub fn runs(&self, most: usize) -> Vec<Range<usize>> {
         let (most, pieces) = match &self.rows {
             Rows::Npy(rows) => ((BYTES / rows.len).clamp(1, most), vec![self.count()]),
@@ -109,7 +110,7 @@ impl RowFile {
         runs
     }
 
-    /// The runs that make up a part of all rows.
+    /// The parts of runs that lie in a range of rows.
     #[cfg(feature = "prepared")]
     pub(crate) fn runs_within(&self, most: usize, part: &Range<usize>) -> Vec<Range<usize>> {
         let runs = self.runs(most).into_iter();
@@ -117,11 +118,11 @@ impl RowFile {
         within.filter(|run| !run.is_empty()).collect()
     }
 
-    /// One of [`Self::runs`], or a part of it, as [`open`](super::open) reads all; but columns `scale_0..2` are as they
-    /// stand in the file: whether they are logarithms depends on all of them.
+    /// Reads one of [`Self::runs`], or a part of it, as [`open`](super::open) reads the whole. But columns
+    /// `scale_0..2` keep the file's numbers: whether they are logarithms depends on all rows.
     ///
     /// # Errors
-    /// Those of [`open`](super::open); rows that are not there, or of several files.
+    /// Those of [`open`](super::open); rows that do not exist, or lie in several files.
     pub fn read(&mut self, run: Range<usize>) -> Result<Dataset> {
         let mut data = self.read_run(run)?;
         super::name_units(&mut data);
@@ -160,7 +161,7 @@ impl RowFile {
 
 impl NpyRows {
     fn of(path: &Path, file: File, head: &[u8], len: u64) -> Result<Option<Self>> {
-        // Of a header that is broken or longer the whole file says what is wrong with it.
+        // If the header is damaged or too long, reading the whole file reports the error.
         let Ok((array, start)) = npy::parse_header(path, head) else {
             return Ok(None);
         };

@@ -1,9 +1,9 @@
-//! PNG, JPEG, WebP and KTX 2 files decoded to samples: what images and textures share; and TGA, BMP, GIF and TIFF files of
-//! textures, which the crate `image` decodes.
+//! Decodes PNG, JPEG, WebP and KTX 2 files to samples, for images and textures; and, with the crate `image`,
+//! TGA, BMP, GIF and TIFF files of textures.
 //!
-//! Decoding has two steps, so that the claimed size can be checked before memory is taken for it:
-//! [`Encoded::open`] reads the header, [`Encoded::decode`] the pixels. Colour profiles are not
-//! applied: numbers are taken as sRGB.
+//! Decoding has two steps, so that the stated size can be checked before memory is allocated: [`Encoded::open`]
+//! reads the header, [`Encoded::decode`] the pixels. Colour profiles are not applied: numbers are taken as
+//! sRGB.
 
 use std::io::Cursor;
 
@@ -25,20 +25,20 @@ use crate::scene::Values;
 pub(super) const PNG_MAGIC: &[u8] = b"\x89PNG\r\n\x1a\n";
 /// The first bytes of every JPEG file.
 pub(super) const JPEG_MAGIC: &[u8] = b"\xff\xd8\xff";
-/// How KTX 2 files begin.
+/// The first bytes of every KTX 2 file.
 const KTX2_START: &[u8] = b"\xabKTX 20\xbb";
 
-/// A PNG holds eight pixels in a byte at most, deflated.
+/// Greatest number of a PNG's pixels per byte: eight, deflated.
 const PNG_PIXELS_PER_BYTE: u64 = 8 * DEFLATE_RATIO;
 
-/// A JPEG spends a bit on each block of 64 pixels at least.
+/// Greatest number of a JPEG's pixels per byte: a block of 64 takes at least a bit.
 const JPEG_PIXELS_PER_BYTE: u64 = 8 * 64;
 
-/// A WebP with losses spends more than three bits on the modes of prediction of each 256 pixels: their
-/// probabilities are fixed.
+/// Greatest number of a lossy WebP's pixels per byte: each 256 pixels take more than three bits for the modes
+/// of prediction, whose probabilities are fixed.
 const WEBP_PIXELS_PER_BYTE: u64 = 1024;
 
-/// Without losses a picture of one colour takes no bits at all for its pixels: so many are taken from any file.
+/// Number of pixels that any lossless WebP may have: an image of one colour takes no bits for its pixels.
 const WEBP_PIXELS_OF_NOTHING: u64 = 1 << 22;
 
 /// The formats of textures.
@@ -64,16 +64,16 @@ enum Form<'a> {
 /// The reason why there are no pixels, as the end of a sentence about the image.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Refusal {
-    /// Its first bytes are of another format.
+    /// The first bytes are of an unknown format.
     Unknown,
-    /// The first bytes of a texture are of another format.
+    /// The first bytes of a texture are of an unknown format.
     UnknownTexture,
-    /// A format, and the feature of the crate that reads it.
+    /// A format, and the crate's feature that reads it.
     #[cfg(not(feature = "ktx2"))]
     NotBuilt(&'static str, &'static str),
     /// The decoder's error.
     Damaged(String),
-    /// More pixels than its bytes can hold, or none: width, height and bytes.
+    /// More pixels than the bytes can hold, or none: width, height and bytes.
     Claim(usize, usize, usize),
 }
 
@@ -100,14 +100,14 @@ pub(super) fn is_webp(head: &[u8]) -> bool {
     head.starts_with(b"RIFF") && head.get(8..12) == Some(b"WEBP")
 }
 
-/// What a decoder says, its first line.
+/// The first line of a decoder's error.
 fn damaged(error: impl std::fmt::Display) -> Refusal {
     let text = error.to_string();
     Refusal::Damaged(text.lines().next().unwrap_or("").to_owned())
 }
 
 impl<'a> Encoded<'a> {
-    /// Reads the header of a file, known by its first bytes.
+    /// Reads the header of a file; the format follows from its first bytes.
     pub(super) fn open(bytes: &'a [u8]) -> Result<Self, Refusal> {
         if bytes.starts_with(PNG_MAGIC) {
             Self::png(bytes)
@@ -122,7 +122,7 @@ impl<'a> Encoded<'a> {
         }
     }
 
-    /// Reads the header of a texture, known by its first bytes.
+    /// Reads the header of a texture; the format follows from its first bytes.
     pub(super) fn texture(bytes: &'a [u8]) -> Result<Self, Refusal> {
         match Self::open(bytes) {
             Err(Refusal::Unknown) => {
@@ -135,7 +135,7 @@ impl<'a> Encoded<'a> {
 
     /// Reads the header of a TGA, BMP, GIF or TIFF file.
     fn other(bytes: &'a [u8], format: ImageFormat) -> Result<Self, Refusal> {
-        // The decoder of TIFF prints to standard error what is beyond its limits.
+        // The decoder of TIFF prints to standard error if its limits are exceeded.
         if format == ImageFormat::Tiff && tiff::has_long_lists(bytes) {
             return Err(damaged("lists of tags that are longer than the file"));
         }
@@ -156,7 +156,7 @@ impl<'a> Encoded<'a> {
 
     /// Reads the header of a PNG file.
     pub(super) fn png(bytes: &'a [u8]) -> Result<Self, Refusal> {
-        // At its best, deflate packs this many bytes into one; some more for small images.
+        // The greatest ratio of deflate, with some more for small images.
         let limit = bytes.len() as u64 * DEFLATE_RATIO + (1 << 20);
         let limits = png::Limits {
             bytes: usize::try_from(limit).unwrap_or(usize::MAX),
@@ -185,7 +185,7 @@ impl<'a> Encoded<'a> {
         decoder.decode_headers().map_err(damaged)?;
         let (width, height) = decoder.dimensions().unwrap_or((0, 0));
         check_claim([width, height], bytes, JPEG_PIXELS_PER_BYTE)?;
-        // Grey stays grey; all else is turned into RGB.
+        // Grey stays grey; all else is converted to RGB.
         let colours = match decoder.input_colorspace() {
             Some(ColorSpace::Luma) => ColorSpace::Luma,
             _ => ColorSpace::RGB,
@@ -300,7 +300,7 @@ impl<'a> Encoded<'a> {
     }
 }
 
-/// The format of a texture that is none of the others. TGA has no first bytes of its own: its header has to make sense.
+/// The format of a texture that is none of the others. TGA has no signature: its header must be plausible.
 fn other_format(bytes: &[u8]) -> Option<ImageFormat> {
     if bytes.starts_with(b"GIF87a") || bytes.starts_with(b"GIF89a") {
         return Some(ImageFormat::Gif);
@@ -323,7 +323,7 @@ fn other_format(bytes: &[u8]) -> Option<ImageFormat> {
     (is_tga && has_size).then_some(ImageFormat::Tga)
 }
 
-/// Refuses a size that the file's bytes cannot hold, even packed as densely as can be.
+/// Refuses a size that the file's bytes cannot hold, even at the greatest ratio.
 fn check_claim(size: [usize; 2], bytes: &[u8], pixels_per_byte: u64) -> Result<(), Refusal> {
     let [width, height] = size;
     let claimed = (width as u64).saturating_mul(height as u64);
@@ -333,7 +333,7 @@ fn check_claim(size: [usize; 2], bytes: &[u8], pixels_per_byte: u64) -> Result<(
     Ok(())
 }
 
-/// An image as its file has it: grey, grey and alpha, RGB or RGBA, rows from the top.
+/// Samples in the file's channels: grey, grey and alpha, RGB or RGBA, rows from the top.
 pub(super) struct Samples {
     size: [usize; 2],
     /// Numbers per pixel, 1 to 4.
@@ -387,7 +387,7 @@ impl Samples {
     }
 }
 
-/// Numbers as pixels of four channels: grey thrice, `opaque` where there is no alpha.
+/// Numbers as pixels of four channels: grey is repeated; without alpha it is `opaque`.
 fn pixels<T, U: Copy>(
     numbers: &[T],
     channels: usize,
@@ -408,7 +408,7 @@ fn pixels<T, U: Copy>(
 /// A PNG file of eight bits and `channels` (3 or 4) per pixel, deflated fast.
 ///
 /// # Errors
-/// What the encoder says: sizes that disagree.
+/// The encoder's error: sizes that disagree.
 pub(super) fn png_file(
     [width, height]: [u32; 2],
     channels: usize,
@@ -433,7 +433,7 @@ pub(super) fn png_file(
 mod tests {
     use super::*;
 
-    /// A PNG file of one row; `numbers` as stored.
+    /// A PNG file of one row; `numbers` are the stored bytes.
     fn png_row(
         width: u32,
         colour: png::ColorType,
@@ -492,7 +492,7 @@ mod tests {
     #[test]
     fn jpegs_are_grey_or_coloured() {
         use jpeg_encoder::{ColorType, Encoder};
-        // Uniform blocks, of the best quality: all that is left is the rounding of the colours.
+        // Uniform blocks, of the best quality: only the rounding of the colours is left.
         for (colours, numbers, expected) in [
             (ColorType::Luma, &[77][..], [77, 77, 77]),
             (ColorType::Rgb, &[200, 100, 50], [200, 100, 50]),

@@ -1,4 +1,4 @@
-//! Numbers as files hold them: eleven scalar types, two byte orders, as [`Values`].
+//! Converts numbers of files, in eleven scalar types and two byte orders, to [`Values`].
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -6,10 +6,10 @@ use rayon::prelude::*;
 use super::half::half;
 use crate::scene::Values;
 
-/// Numbers that a thread takes at a time.
+/// Number of numbers that a thread converts at a time.
 const BATCH: usize = 1 << 16;
 
-/// Positions that are put together at a time, of numbers that stay in the first cache.
+/// Number of positions assembled at a time: their numbers stay in the first-level cache.
 const POSITIONS: usize = 512;
 
 /// The scalar types of binary files.
@@ -48,14 +48,14 @@ pub(crate) struct Encoding {
     pub(crate) big_endian: bool,
 }
 
-/// Where the numbers of one component stand in a block of bytes.
+/// The layout of one component's numbers in a block of bytes.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Stride {
-    /// Byte of the first number.
+    /// Offset of the first number.
     pub(crate) first: usize,
     /// Bytes from one number to the next.
     pub(crate) step: usize,
-    /// How many numbers.
+    /// Number of numbers.
     pub(crate) count: usize,
 }
 
@@ -71,7 +71,8 @@ impl Stride {
     }
 }
 
-/// The numbers of one component, each made by `from_le` of its bytes; `None` where they do not lie within `bytes`.
+/// The numbers of one component, each made by `from_le` from its bytes; `None` if they do not lie within
+/// `bytes`.
 fn gather<const N: usize, T: Copy + Default + Send>(
     bytes: &[u8],
     stride: Stride,
@@ -101,8 +102,8 @@ fn gather<const N: usize, T: Copy + Default + Send>(
     Some(all)
 }
 
-/// Every `step` bytes a number, from byte `first` on. They were found to lie within `bytes`: those that do not
-/// would be left as they are.
+/// Reads a number every `step` bytes, from byte `first` on. The caller has checked that they lie within
+/// `bytes`; others would be left unchanged.
 fn fill<const N: usize, T>(
     out: &mut [T],
     bytes: &[u8],
@@ -118,7 +119,7 @@ fn fill<const N: usize, T>(
         from_le(number)
     };
     let bytes = bytes.get(first..).unwrap_or_default();
-    // Numbers beside each other are a loop over arrays, which compilers make vectors of.
+    // Adjacent numbers are a loop over arrays, which compilers vectorise.
     if step == N {
         let (numbers, _) = bytes.as_chunks::<N>();
         for (out, number) in out.iter_mut().zip(numbers) {
@@ -134,7 +135,7 @@ fn fill<const N: usize, T>(
     }
 }
 
-/// `f64` to `f32`, for what is single precision by design: colours, shapes of splats.
+/// `f64` to `f32`, for data that are single precision by design: colours, shapes of splats.
 pub(crate) fn narrow(x: f64) -> f32 {
     #[allow(
         clippy::cast_possible_truncation,
@@ -145,8 +146,8 @@ pub(crate) fn narrow(x: f64) -> f32 {
     }
 }
 
-/// The numbers of one component: 8-bit and 16-bit integers stay integers (`i8` as `i16`), everything else becomes `f32`
-/// where that has the same numbers, and else `f64`. `None` where they do not lie within `bytes`.
+/// The numbers of one component. 8-bit and 16-bit integers stay integers (`i8` as `i16`). All other types
+/// become `f32` if it can represent all numbers, else `f64`. `None` if the numbers do not lie within `bytes`.
 pub(crate) fn values(bytes: &[u8], encoding: Encoding, stride: Stride) -> Option<Values> {
     use ScalarType as S;
     let big = encoding.big_endian;
@@ -203,8 +204,8 @@ fn fill_doubles(out: &mut [f64], bytes: &[u8], encoding: Encoding, first: usize,
     }
 }
 
-/// One number in double precision, from as many bytes as its type has. Lists of a few numbers are read by it:
-/// what reads columns is made for long ones.
+/// One number in double precision, from as many bytes as its type has. It is for lists of a few numbers; the
+/// readers of columns are made for long ones.
 pub(crate) fn double(bytes: &[u8], encoding: Encoding) -> f64 {
     use ScalarType as S;
     let mut word = [0; 8];
@@ -232,8 +233,8 @@ pub(crate) fn double(bytes: &[u8], encoding: Encoding) -> f64 {
     }
 }
 
-/// Integers as node numbers, sizes or kinds of cells: exact, and never negative. The error is the
-/// place of the first number that is negative, too large or no integer.
+/// Integers as node numbers, sizes or kinds of cells: exact, and never negative. The error is the index of the
+/// first number that is negative, too large or no integer.
 pub(crate) fn node_ids(bytes: &[u8], encoding: Encoding) -> Result<Vec<u32>, usize> {
     integers(bytes, encoding, |n| u32::try_from(n).ok()).map_err(|fault| match fault {
         NotIntegers::Fractions => 0,
@@ -241,8 +242,7 @@ pub(crate) fn node_ids(bytes: &[u8], encoding: Encoding) -> Result<Vec<u32>, usi
     })
 }
 
-/// `count` positions, x, y and z of one after those of another. `None` where they do not lie
-/// within `bytes`.
+/// `count` positions, stored x, y, z, one after another. `None` if they do not lie within `bytes`.
 pub(crate) fn points(bytes: &[u8], encoding: Encoding, count: usize) -> Option<Vec<DVec3>> {
     let size = encoding.scalar.size();
     let axis = |i: usize| {
@@ -256,8 +256,8 @@ pub(crate) fn points(bytes: &[u8], encoding: Encoding, count: usize) -> Option<V
     positions(bytes, [axis(0), axis(1), axis(2)])
 }
 
-/// Positions from as many numbers of each axis, without a second copy of all of them. `None` where these do not
-/// lie within `bytes`.
+/// Positions from equally many numbers of each axis, without a second copy of all of them. `None` if they do
+/// not lie within `bytes`.
 pub(crate) fn positions(bytes: &[u8], axes: [(Encoding, Stride); 3]) -> Option<Vec<DVec3>> {
     let count = axes[0].1.count;
     let fits = |(encoding, stride): &(Encoding, Stride)| {
@@ -290,16 +290,16 @@ pub(crate) fn positions(bytes: &[u8], axes: [(Encoding, Stride); 3]) -> Option<V
     Some(positions)
 }
 
-/// Why numbers are not the integers that are wanted.
+/// The reason why numbers are not the wanted integers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum NotIntegers {
     /// They are floating-point numbers.
     Fractions,
-    /// This number, at this place, is not allowed.
+    /// An index, and the number there, which is not allowed.
     Refused(usize, i128),
 }
 
-/// All of `bytes` as integers, each exactly, as far as `convert` allows it; the first that it does not is the error.
+/// All of `bytes` as integers, each exactly, if `convert` allows it; the error is the first that it does not.
 pub(crate) fn integers<T: Copy + Default + Send>(
     bytes: &[u8],
     encoding: Encoding,
@@ -470,7 +470,7 @@ mod tests {
         }
     }
 
-    /// 2^24 + 1 is the first integer that single precision misses.
+    /// 2^24 + 1 is the first integer that single precision cannot represent.
     #[test]
     fn integers_are_exact_and_none_is_wrapped() {
         let index = |n: i128| u32::try_from(n).ok();

@@ -1,21 +1,21 @@
-//! What the lengths of smoothed particles mean.
+//! Defines the meaning of smoothed particles' lengths.
 
-/// Which fields of a data set describe smoothed particles, and what their lengths mean.
+/// The fields of a data set that describe smoothed particles, and the meaning of their lengths.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Smoothing {
-    /// The field with one length per particle; `None` where the neighbours tell.
+    /// The field with one length per particle; `None` to estimate it from the neighbours.
     pub length: Option<String>,
-    /// What that length is.
+    /// Meaning of that length.
     pub meaning: LengthMeaning,
-    /// The kernel it belongs to.
+    /// The kernel to which the length belongs.
     pub kernel: SphKernel,
     /// The field with the particles' masses.
     pub mass: Option<String>,
-    /// The field with their densities.
+    /// The field with the particles' densities.
     pub density: Option<String>,
 }
 
-/// What a particle's length is.
+/// Meaning of a particle's length.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LengthMeaning {
     /// The smoothing length h of the kernel's usual definition; see [`SphKernel`].
@@ -24,12 +24,12 @@ pub enum LengthMeaning {
     Support,
     /// One standard deviation.
     Sigma,
-    /// Full width at half maximum of the Gaussian that stands for the kernel.
+    /// Full width at half maximum of the Gaussian that replaces the kernel.
     Fwhm,
 }
 
-/// The smoothing kernels of SPH. W(r) is zero from the support radius on, which is so many
-/// smoothing lengths h:
+/// The smoothing kernels of SPH. W(r) is zero from the support radius on, which is a multiple of the smoothing
+/// length h:
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SphKernel {
     /// M4, the cubic B-spline: support 2 h.

@@ -1,14 +1,14 @@
-//! .splat: 32 bytes per splat, no header, little-endian.
+//! Reads and writes .splat: 32 bytes per splat, no header, little-endian.
 //!
-//! | bytes | what |
+//! | bytes | content |
 //! |---|---|
 //! | 0..12 | position, three f32 |
 //! | 12..24 | standard deviations, three f32 |
 //! | 24..28 | red, green, blue and peak opacity, 0 to 255 |
 //! | 28..32 | quaternion w, x, y, z, each (byte - 128) / 128 |
 //!
-//! Colours do not depend on the view. Nothing in the format says whether splats are made for an
-//! anti-aliasing filter; they are taken not to be.
+//! Colours do not depend on the view. The format does not mark splats made for an anti-aliasing filter; they
+//! are taken not to be.
 
 use std::array;
 
@@ -71,8 +71,8 @@ pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
     cloud.dataset(path, "splat records", Vec::new())
 }
 
-/// A file of splats, the important ones first: by size times opacity, as the format's first tool
-/// orders them for viewers that draw while they load.
+/// Encodes splats, the important ones first: by size times opacity, as the format's first tool orders them for
+/// viewers that draw while they load.
 pub(super) fn encode(cloud: &SplatCloud) -> Encoded {
     let importance = |i: usize| {
         let volume: f64 = cloud.thick_scales(i).map(f64::from).iter().product();
@@ -97,8 +97,7 @@ pub(super) fn encode(cloud: &SplatCloud) -> Encoded {
         let opacity = byte(255.0 * f64::from(cloud.opacities[i]), &mut 0);
         faint += usize::from(opacity == 0 && cloud.opacities[i] > 0.0);
         bytes.push(opacity);
-        // q and -q are one rotation. A byte reaches -1 but not 1: the largest component is
-        // negative.
+        // q and -q are one rotation. A byte reaches -1 but not 1, so the largest component is made negative.
         let q = cloud.unit_rotation(i);
         let largest = q
             .into_iter()

@@ -1,4 +1,4 @@
-//! Axes of splats: those of each format, and the turns between them.
+//! Defines the axes of each format of splats, and the rotations between them.
 //!
 //! Files of splats do not state their axes; these are the conventions:
 //!
@@ -8,24 +8,26 @@
 //! | SPZ | right | up | back | +y |
 //! | glTF | left | up | forward | +y |
 //!
-//! The first are those of the training scenes (COLMAP's). SPZ's are turned to them by half a turn about x, glTF's by half a turn
-//! about z, as PlayCanvas's `splat-transform` 2.7 does, too: numbers of that program are in `tests/data/splat_axes.rs`. Its version 3.7
-//! turns glTF's alike, but reads and writes SPZ without a turn; nothing in such a file says so.
+//! The first row is the convention of the training scenes (COLMAP's). SPZ's axes are rotated to it by half a
+//! turn about x, glTF's by half a turn about z, as in PlayCanvas's `splat-transform` 2.7: numbers of that
+//! program are in `tests/data/splat_axes.rs`. Its version 3.7 rotates glTF's the same way, but reads and writes
+//! SPZ without a rotation; such files have no mark of it.
 //!
-//! Readers give the coordinates of the file, but those of SPZ, which they turn to the axes of PLY. glTF splats are left where they
-//! are, so that they stay in place beside meshes of glTF files. Writers of splats are told what points up among what they
-//! are given, and turn that to where the format has it ([`write_splats`](super::write_splats)): meshes of glTF and OBJ files, y up,
-//! are turned as glTF splats are; z up, of grids and tables, becomes y down by a quarter turn about x, (x, y, z) to (x, -z, y).
+//! Readers return the coordinates of the file, except for SPZ, which is rotated to the axes of PLY. glTF splats
+//! are not rotated, so that they stay in place beside meshes of glTF files. Writers of splats get the up
+//! direction of their input, and rotate it to the format's ([`write_splats`](super::write_splats)). Meshes of
+//! glTF and OBJ files, y up, are rotated as glTF splats are. z up, of grids and tables, becomes y down by a
+//! quarter turn about x, (x, y, z) to (x, -z, y).
 
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::fmt;
 
 use glam::{DQuat, DVec3};
 
-/// The axes of a format of splats, as the camera sees them that the format is made for.
+/// The axes of a format of splats, as seen by the camera for which the format is made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SplatAxes {
-    /// x right, y down, z forward: PLY and what follows it.
+    /// x right, y down, z forward: PLY and formats derived from it.
     RightDownForward,
     /// x right, y up, z back: SPZ.
     RightUpBack,
@@ -33,7 +35,8 @@ pub enum SplatAxes {
     LeftUpForward,
 }
 
-/// Formats of splats by their names ([`Dataset::format`](super::Dataset::format)): the axes of the file, and of what is read.
+/// Formats of splats by name ([`Dataset::format`](super::Dataset::format)): the axes of the file, and of the
+/// data that are read.
 const OF_FORMATS: [(&str, SplatAxes, SplatAxes); 8] = {
     use SplatAxes::{LeftUpForward, RightDownForward, RightUpBack};
     [
@@ -53,13 +56,14 @@ const OF_FORMATS: [(&str, SplatAxes, SplatAxes); 8] = {
 };
 
 impl SplatAxes {
-    /// The axes of a file and those of what is read of it, by the name of the format; `None` of what holds no splats.
+    /// The axes of a file and of the data read from it, by the format's name; `None` for a format without
+    /// splats.
     pub fn of_format(format: &str) -> Option<(Self, Self)> {
         let of = OF_FORMATS.iter().find(|(name, ..)| *name == format);
         of.map(|&(_, file, read)| (file, read))
     }
 
-    /// What points up.
+    /// The up direction.
     pub fn up(self) -> DVec3 {
         match self {
             Self::RightDownForward => DVec3::NEG_Y,
@@ -67,9 +71,10 @@ impl SplatAxes {
         }
     }
 
-    /// The turn that brings what has `up`, a unit vector, on top to these axes; none where it is so already.
+    /// The rotation from coordinates with up direction `up`, a unit vector, to these axes; the identity if they
+    /// agree.
     ///
-    /// Axes with y up are taken for glTF's. Turns are exact where `up` is an axis.
+    /// Axes with y up are taken for glTF's. Rotations are exact if `up` is an axis.
     pub(super) fn turn_from(self, up: DVec3) -> DQuat {
         let of_training = match self {
             Self::RightDownForward => DQuat::IDENTITY,
@@ -83,10 +88,10 @@ impl SplatAxes {
 const HALF_ABOUT_X: DQuat = DQuat::from_xyzw(1.0, 0.0, 0.0, 0.0);
 const HALF_ABOUT_Z: DQuat = DQuat::from_xyzw(0.0, 0.0, 1.0, 0.0);
 
-/// The turn from coordinates in which `up` points up to those of training scenes.
+/// The rotation from coordinates in which `up` points up to those of training scenes.
 fn training_from(up: DVec3) -> DQuat {
     const HALF: f64 = FRAC_1_SQRT_2;
-    // Turned back, a half turn gives the very numbers that there were: of a quaternion q, not -q.
+    // Rotated back, a half turn gives exactly the numbers from before: of a quaternion q, not -q.
     let turns = [
         (DVec3::NEG_Y, DQuat::IDENTITY),
         (DVec3::Y, HALF_ABOUT_Z.conjugate()),
@@ -155,7 +160,7 @@ mod tests {
             let turned = rotation_matrix(to.turn_from(up)) * p;
             assert_eq!(turned.to_array(), expected, "{up} to {to}");
         }
-        // The very quaternion comes back.
+        // The identical quaternion comes back.
         let there_and_back =
             RightDownForward.turn_from(DVec3::Y) * LeftUpForward.turn_from(DVec3::NEG_Y);
         assert_eq!(there_and_back, DQuat::IDENTITY);

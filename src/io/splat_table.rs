@@ -1,17 +1,17 @@
-//! Tables of splats: CSV, NPY, NPZ and PLY tables with scales, rotations and opacities.
+//! Reads tables of splats: CSV, NPY, NPZ and PLY tables with scales, rotations and opacities.
 //!
 //! | columns | content |
 //! |---|---|
 //! | `scale_0`, `scale_1`, `scale_2` | standard deviations, or their natural logarithms; beside `f_dc_0..2` the third may be missing: flat splats |
 //! | `rot_0..3` | quaternion w, x, y, z of any length |
 //! | `opacity` | peak opacity, or its logit |
-//! | `f_dc_0..2`, `f_rest_0..` | coefficients of harmonics, as PLY splats have them |
-//! | `red`, `green`, `blue` or `r`, `g`, `b` | colours where there are no such coefficients: bytes are sRGB codes, `r`, `g`, `b` in other types linear light |
+//! | `f_dc_0..2`, `f_rest_0..` | coefficients of harmonics, as in PLY splats |
+//! | `red`, `green`, `blue` or `r`, `g`, `b` | colours if there are no such coefficients: bytes are sRGB codes, `r`, `g`, `b` in other types linear light |
 //! | `filter_3D` | the 3-D filter of Yu et al. 2024, *Mip-Splatting* ([`SplatCloud::widen`]) |
 //!
-//! Programs export such columns as training stores them: scales as logarithms, opacities as logits. They are read so if
-//! `f_dc_0` is there, a scale is negative, or an opacity is outside 0 to 1. Tables with a `mass` or an `extinction` are
-//! particles.
+//! Programs export such columns as training stores them: scales as logarithms, opacities as logits. They are
+//! read as such if `f_dc_0` is there, a scale is negative, or an opacity is outside 0 to 1. Tables with a
+//! `mass` or an `extinction` are particles.
 
 use super::dataset::{Association, Dataset, Field, FieldSource, Geometry};
 use super::log_scales::{self, ScaleMeaning};
@@ -21,17 +21,18 @@ use crate::image::srgb_from_linear;
 use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count};
 use crate::scene::Values;
 
-/// The format that [`Dataset::format`] names.
+/// The name in [`Dataset::format`].
 pub(super) const FORMAT: &str = "table of splats";
 /// Columns `f_rest_` of degree 10: more than any program writes.
 const MOST_REST: usize = 360;
 
-/// Makes splats of a table that has their columns; leaves others alone. Whether it had.
+/// Converts a table with the columns of splats to splats; leaves others alone. Returns whether it converted the
+/// table.
 ///
-/// - `meaning`: what scales are, where that is said.
+/// - `meaning`: meaning of the scales, if it was given.
 ///
 /// # Errors
-/// A number of columns `f_rest_` that is no degree's.
+/// A number of columns `f_rest_` that no degree has.
 pub(super) fn settle(data: &mut Dataset, meaning: Option<ScaleMeaning>) -> Result<bool> {
     let Geometry::Points { positions } = &data.geometry else {
         return Ok(false);
@@ -186,7 +187,7 @@ pub(super) fn settle(data: &mut Dataset, meaning: Option<ScaleMeaning>) -> Resul
 pub(super) const FILTER_NOTE: &str =
     "`filter_3D`: scales and opacities are those with this 3-D filter (Mip-Splatting)";
 
-/// How a channel of a colour becomes an sRGB code.
+/// Conversion of a colour channel to an sRGB code.
 type Code = fn(&Values, usize) -> f32;
 
 /// The scalar columns of a table.
@@ -220,7 +221,7 @@ impl Columns<'_> {
         (0..values.len()).any(|i| is(values.get(i)))
     }
 
-    /// The places of the colour columns, and the conversion of their numbers to sRGB codes.
+    /// The indices of the colour columns, and the conversion of their numbers to sRGB codes.
     fn colours(&self) -> Option<([usize; 3], Code)> {
         let of = |[r, g, b]: [&str; 3]| Some([self.place(r)?, self.place(g)?, self.place(b)?]);
         let byte: Code = |values, i| values.get(i) / 255.0;

@@ -1,4 +1,4 @@
-//! Splats as radiance fields store them: what their formats share. `splat_axes.rs` has the axes of each.
+//! Defines splats as radiance fields store them, for all formats. `splat_axes.rs` has the axes of each.
 
 use std::path::Path;
 
@@ -13,14 +13,14 @@ use crate::math::{
     HARMONIC_0, HarmonicsTransform, MAX_HARMONICS_DEGREE, harmonics_count, rotation_matrix,
 };
 
-/// Anisotropic Gaussians with a peak opacity and a colour each. Their opacity on the image is
-/// peak x exp(-Q/2), the same from every side: not the optical depth of a volume.
+/// Anisotropic Gaussians with a peak opacity and a colour each. Their opacity on the image is peak x exp(-Q/2),
+/// the same from every side: not the optical depth of a volume.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SplatCloud {
     /// Centres.
     pub positions: Vec<DVec3>,
-    /// Standard deviations along the kernel's own axes, world units; the third is 0 where the
-    /// file holds flat splats.
+    /// Standard deviations along the kernel's own axes, world units; the third is 0 if the file stores flat
+    /// splats.
     pub scales: Vec<[f32; 3]>,
     /// Rotations as quaternions w, x, y, z of any length but zero.
     pub rotations: Vec<[f32; 4]>,
@@ -31,15 +31,14 @@ pub struct SplatCloud {
     /// (degree + 1)² coefficients of three colour channels per splat, one splat after another:
     /// R, G, B of the first coefficient, of the second, ...
     ///
-    /// They are what the harmonics are multiplied by, the constant one of .28209479 included:
-    /// with the basis Y of [`harmonics`](crate::math::harmonics) a colour is
-    /// 1/2 + sum c_k Y_k(d), d the unit direction from the eye to the splat; an sRGB code, or linear
-    /// light where `is_linear` says so; 0 where the sum is negative.
+    /// They multiply the harmonics, including the constant one of .28209479. With the basis Y of
+    /// [`harmonics`](crate::math::harmonics) a colour is 1/2 + sum c_k Y_k(d), d the unit direction from the
+    /// eye to the splat. It is an sRGB code, or linear light if `is_linear`; 0 if the sum is negative.
     pub harmonics: Vec<f32>,
     /// Whether colours are linear light, in which they are then composited; otherwise they are sRGB codes.
     pub is_linear: bool,
-    /// Whether the file says that it was made for a low-pass filter that keeps a splat's
-    /// opacity times its area.
+    /// Whether the file marks its splats as made for a low-pass filter that keeps a splat's opacity times its
+    /// area.
     pub is_anti_aliased: bool,
 }
 
@@ -52,8 +51,7 @@ impl SplatCloud {
     /// Checks that every array has one entry per splat.
     ///
     /// # Errors
-    /// The first of another length, or harmonics of a degree above
-    /// [`MAX_HARMONICS_DEGREE`].
+    /// The first array of another length, or harmonics of a degree above [`MAX_HARMONICS_DEGREE`].
     pub fn validate(&self) -> Result<()> {
         let count = self.positions.len();
         let fault = |place: &str, expected: String, found: usize| {
@@ -87,8 +85,8 @@ impl SplatCloud {
         Ok(())
     }
 
-    /// Appends the splats of another cloud; coefficients that one of the two lacks are 0. The mark of anti-aliased splats stays
-    /// as it was, unless there were no splats yet.
+    /// Appends the splats of another cloud; coefficients that one of the two lacks are 0. The mark of
+    /// anti-aliased splats does not change, unless there were no splats yet.
     ///
     /// If one cloud is linear and the other is encoded, one is converted. The encoded cloud becomes linear if its colours do not
     /// depend on the view; otherwise the linear cloud is encoded.
@@ -119,9 +117,10 @@ impl SplatCloud {
         self.harmonics.append(&mut other.harmonics);
     }
 
-    /// Turns all splats about the origin: positions, rotations and harmonics.
+    /// Rotates all splats about the origin: positions, rotations and harmonics.
     ///
-    /// - `rotation`: of unit length. Turns that take axes to axes are exact in positions, half turns in all numbers.
+    /// - `rotation`: of unit length. Rotations that map axes to axes are exact in positions, half turns in all
+    ///   numbers.
     pub(crate) fn turn(&mut self, rotation: DQuat) {
         let matrix = rotation_matrix(rotation);
         if matrix == DMat3::IDENTITY {
@@ -142,8 +141,8 @@ impl SplatCloud {
         }
     }
 
-    /// Turns colours in linear light into sRGB codes; those that depend on the view keep their constant alone. Whether
-    /// there were such.
+    /// Converts colours in linear light to sRGB codes; view-dependent colours keep only their constant. Returns
+    /// whether there were such.
     pub(crate) fn encode(&mut self) -> bool {
         if !self.is_linear {
             return false;
@@ -160,16 +159,16 @@ impl SplatCloud {
         depended
     }
 
-    /// Replaces colours, which do not depend on the view.
+    /// Replaces colours that do not depend on the view.
     fn recolour(&mut self, of: fn(f32) -> f32) {
         for c in &mut self.harmonics {
             *c = constant_of_colour(of(0.5 + HARMONIC_0 * *c));
         }
     }
 
-    /// Applies the 3-D filter of Yu et al. 2024, *Mip-Splatting*, as its authors do: of standard deviations s they make
-    /// sqrt(s² + f²), and of opacities those times the square root of the ratio of both variances' determinants. Flat splats keep
-    /// their plane.
+    /// Applies the 3-D filter of Yu et al. 2024, *Mip-Splatting*, as its authors do. Standard deviations s
+    /// become sqrt(s² + f²). Opacities are multiplied by the square root of the ratio of the determinants of
+    /// the two variances. Flat splats keep their plane.
     ///
     /// - `filters`: f of each splat, world units.
     pub(crate) fn widen(&mut self, filters: &[f32]) {
@@ -182,7 +181,7 @@ impl SplatCloud {
             for scale in &mut scales[..axes] {
                 let before = f64::from(*scale);
                 let after = before.hypot(filter);
-                // What has no width stays without any.
+                // An axis without width stays without.
                 if after > 0.0 {
                     share *= before / after;
                 }
@@ -211,7 +210,7 @@ impl SplatCloud {
     /// A data set of these splats.
     ///
     /// # Errors
-    /// There is not a single splat.
+    /// No splats.
     pub(crate) fn dataset(
         self,
         path: &Path,
@@ -236,7 +235,7 @@ pub(crate) fn sigmoid(x: f32) -> f32 {
     1.0 / (1.0 + (-x).exp())
 }
 
-/// The coefficient of the constant harmonic that makes a colour, as a rule an sRGB code of 0 to 1.
+/// The coefficient of the constant harmonic for a colour, as a rule an sRGB code of 0 to 1.
 pub(crate) fn constant_of_colour(code: f32) -> f32 {
     (code - 0.5) / HARMONIC_0
 }

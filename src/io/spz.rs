@@ -1,6 +1,7 @@
-//! SPZ, versions 1 to 4: splats in some 20 to 65 bytes each, behind gzip or (version 4) in zstd streams; little-endian.
+//! Reads SPZ, versions 1 to 4: splats in some 20 to 65 bytes each, compressed by gzip or (version 4) in zstd
+//! streams; little-endian.
 //!
-//! | bytes | what |
+//! | bytes | content |
 //! |---|---|
 //! | 0..4 | `NGSP` |
 //! | 4..8 | version |
@@ -17,14 +18,15 @@
 //! | 3 N | versions 1 and 2: quaternions' x, y, z, each byte / 127.5 - 1; w is not negative |
 //! | the rest | per splat and coefficient R, G, B, each (byte - 128) / 128 |
 //!
-//! Version 4 has 16 bytes more of header, at first where its table of streams begins (u32), and each array in a zstd stream of its
-//! own; the table has two numbers (u64) for each, its bytes packed and unpacked, and the streams follow it. Versions 1 to 3 are read
-//! without gzip, too.
+//! Version 4 has 16 bytes more of header, the first of them the offset of its table of streams (u32), and each
+//! array in a zstd stream of its own. The table has two numbers (u64) per stream, its packed and unpacked
+//! length; the streams follow it. Versions 1 to 3 are read without gzip, too.
 //!
-//! Files hold x right, y up, z back by convention, or the axes that an extension record `SPZ_ADOBE_coordinate_system` states,
-//! which come before the table of version 4 and behind the arrays of others. They are turned half a circle about x, to the
-//! axes of PLY files: y and z of positions change their sign, y and z of quaternions, and the
-//! harmonics that are odd under this turn. `spz_write.rs` writes versions 3 and 4; `splat_axes.rs` has the axes of all formats.
+//! Files have x right, y up, z back by convention, or the axes in an extension record
+//! `SPZ_ADOBE_coordinate_system`. Such records come before the table in version 4 and after the arrays in
+//! others. Splats are rotated by half a turn about x, to the axes of PLY files: y and z of positions change
+//! their sign, y and z of quaternions, and the harmonics that are odd under this rotation. `spz_write.rs`
+//! writes versions 3 and 4; `splat_axes.rs` has the axes of all formats.
 
 use std::array;
 use std::io::Read;
@@ -44,22 +46,22 @@ use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count};
 
 pub(super) const MAGIC: &[u8; 4] = b"NGSP";
 const HEADER: usize = 16;
-/// The version whose arrays are packed, not the file, and the length of its header.
+/// The version in which the arrays are compressed and not the file, and the length of its header.
 const STREAMED: u32 = 4;
 pub(super) const STREAMED_HEADER: u32 = 32;
-/// Bytes of a stream's row in the table.
+/// Bytes per stream in the table.
 pub(super) const STREAM_ROW: usize = 16;
 
-/// Deflate packs 258 bytes into two bits at best: no file unpacks to more than this many times
-/// its size. (Runs of equal bytes can in zstd; no splats have such.)
+/// Deflate packs 258 bytes into two bits at best: no file unpacks to more than this many times its size. (In
+/// zstd runs of equal bytes can; splats have none.)
 const GREATEST_RATIO: u64 = 1032;
 
-/// The extension record that states the axes: its type; its length and a number of [`Axes::of`] follow.
+/// Type of the extension record with the axes; its length and a number for [`Axes::of`] follow.
 const AXES_RECORD: u32 = 0xADBE_0003;
-/// Bytes of extension records that are looked at.
+/// Greatest length of extension records that are read, in bytes.
 const MOST_RECORD_BYTES: u64 = 1 << 16;
 
-/// The axes that splats are wanted in.
+/// The axes of the result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Wanted {
     /// PLY's: x right, y down, z forward.
@@ -68,7 +70,7 @@ enum Wanted {
     Own,
 }
 
-/// A change from a file's axes to those that are wanted: signs of the coordinates, then a rotation.
+/// The conversion from a file's axes to the wanted ones: signs of the coordinates, then a rotation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Axes {
     /// The signs of the harmonics. Those of degree 1, in the order y, z and x, are the signs of the coordinates.
@@ -77,8 +79,9 @@ struct Axes {
 }
 
 impl Axes {
-    /// - `stated`: the number of the file's axes. 1 to 8: left or right (odd or even), down or up, back or front. 9 to 16: left
-    ///   or right, then forward or back along y, down or up along z. 0 and others: x right, y up, z back.
+    /// - `stated`: the number of the file's axes. 1 to 8: left or right (odd or even), down or up, back or
+    ///   front. 9 to 16: left or right, then forward or back along y, down or up along z. 0 and others: x
+    ///   right, y up, z back.
     fn of(stated: u32, wanted: Wanted) -> Self {
         const HALF: f64 = std::f64::consts::FRAC_1_SQRT_2;
         let sign = |is_kept: bool| if is_kept { 1.0_f32 } else { -1.0 };
@@ -128,7 +131,7 @@ impl Axes {
     }
 }
 
-/// The axes that extension records state, and whether there are others.
+/// The axes in extension records, and whether there are other records.
 fn stated_axes(mut records: &[u8]) -> (Option<u32>, bool) {
     let (mut stated, mut others) = (None, false);
     while let Some((head, rest)) = records.split_first_chunk::<8>() {
@@ -146,12 +149,12 @@ fn stated_axes(mut records: &[u8]) -> (Option<u32>, bool) {
     (stated, others || !records.is_empty())
 }
 
-/// The signs that the harmonics take under half a turn about x: (x, y, z) to (x, -y, -z).
+/// Signs of the harmonics under half a turn about x: (x, y, z) to (x, -y, -z).
 pub(super) const TURNED: [f32; 16] = [
     1.0, -1.0, -1.0, 1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0, -1.0, 1.0, -1.0, 1.0,
 ];
 
-/// Whether a file's first bytes are those of an SPZ file, packed or (version 4) not.
+/// Whether a file's first bytes are those of an SPZ file, compressed or (version 4) not.
 pub(crate) fn looks_like(head: &[u8]) -> bool {
     let mut magic = [0; MAGIC.len()];
     head.starts_with(MAGIC)
@@ -163,7 +166,7 @@ pub(crate) fn looks_like(head: &[u8]) -> bool {
 /// Reads splats.
 ///
 /// # Errors
-/// Another version, or fewer bytes than the header says.
+/// Another version, or fewer bytes than the header states.
 pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
     let (file, len) = input.open()?;
@@ -173,7 +176,8 @@ pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
     Ok(data)
 }
 
-/// The splats of a stream in the axes that it has, which glTF files with such streams take for theirs; and notes.
+/// Decodes the splats of a stream in its own axes, which glTF files with such streams use as theirs. Returns
+/// notes, too.
 ///
 /// # Errors
 /// As [`read`].
@@ -181,7 +185,7 @@ pub(super) fn splats(path: &Path, bytes: &[u8]) -> Result<(SplatCloud, Vec<Strin
     decode(path, bytes, bytes.len() as u64, Wanted::Own)
 }
 
-/// - `len`: bytes of the file.
+/// - `len`: length of the file in bytes.
 fn decode(
     path: &Path,
     mut file: impl Read,
@@ -191,7 +195,7 @@ fn decode(
     let io = |e| Error::io(path, "reading", e, "check the disk");
     let mut start = [0; HEADER];
     let mut started = 0;
-    // A short file is told of below.
+    // A file that is too short is reported below.
     while started < HEADER {
         match file.read(&mut start[started..]).map_err(io)? {
             0 => break,
@@ -251,7 +255,7 @@ fn decode(
 /// Reads version 4.
 ///
 /// # Errors
-/// A table or streams that are not within the file, or that hold other sizes than the header says.
+/// A table or streams outside the file, or with sizes other than the header's.
 fn read_streams(
     path: &Path,
     bytes: &[u8],
@@ -331,21 +335,21 @@ fn read_streams(
     Ok(header.splats(&body, records.unwrap_or_default(), wanted_axes))
 }
 
-/// What the first bytes say.
+/// The parsed header.
 struct Header {
     layout: Layout,
     count: u32,
     fraction_bits: u8,
     flags: u8,
-    /// Bytes of all arrays.
+    /// Length of all arrays in bytes.
     size: u64,
 }
 
 impl Header {
-    /// - `len`: bytes of the file.
+    /// - `len`: length of the file in bytes.
     fn of(path: &Path, header: &[u8; HEADER], len: u64) -> Result<Self> {
         let [degree, fraction_bits, flags] = [header[12], header[13], header[14]];
-        // Degree 4 is the greatest that the format knows.
+        // Degree 4 is the format's greatest.
         if degree > 4 || fraction_bits > 24 {
             return Err(Error::format(
                 path,
@@ -384,7 +388,7 @@ impl Header {
         )
     }
 
-    /// - `records`: what the file holds besides the arrays.
+    /// - `records`: the file's extension records.
     fn splats(&self, body: &[u8], records: &[u8], wanted: Wanted) -> (SplatCloud, Vec<String>) {
         let degree = self.layout.degree;
         let mut notes = Vec::new();
@@ -431,7 +435,7 @@ fn unknown_version(path: &Path, version: u32) -> Error {
     )
 }
 
-/// How many bytes the arrays have per splat.
+/// Bytes per splat in each array.
 struct Layout {
     position: usize,
     rotation: usize,
@@ -450,7 +454,7 @@ impl Layout {
         }
     }
 
-    /// Bytes per splat of each array, in their order.
+    /// Bytes per splat of each array, in order.
     fn arrays(&self) -> [usize; 6] {
         [self.position, 1, 3, 3, self.rotation, 3 * self.coefficients]
     }
@@ -459,7 +463,7 @@ impl Layout {
         self.arrays().iter().sum()
     }
 
-    /// Decodes the arrays; `body` holds whole ones.
+    /// Decodes the arrays; `body` contains them completely.
     fn splats(
         &self,
         body: &[u8],
@@ -512,7 +516,7 @@ impl Layout {
                 let [x, y, z] = array::from_fn(|i| f32::from(q[i]) / 127.5 - 1.0);
                 [x, y, z, (1.0 - x * x - y * y - z * z).max(0.0).sqrt()]
             };
-            // As axes of a turn: those of yz, xz and xy.
+            // Signs of a rotation's axes: those of yz, xz and xy.
             [w, x * signs[5], y * signs[7], z * signs[4]]
         };
         let scale_of = |s: &[u8]| array::from_fn(|i| (f32::from(s[i]) / 16.0 - 10.0).exp());
@@ -535,9 +539,9 @@ impl Layout {
     }
 }
 
-/// A unit quaternion x, y, z, w from its three smaller components: the upper two bits say which
-/// is left out (not negative), then ten bits for each of the others, a sign and a magnitude in
-/// units of 1 / (511 sqrt 2), the last component in the lowest bits.
+/// A unit quaternion x, y, z, w from its three smaller components. The upper two bits are the index of the one
+/// left out (not negative). Ten bits for each of the others follow, a sign and a magnitude in units of 1 / (511
+/// sqrt 2), the last component in the lowest bits.
 fn smallest_three(packed: u32) -> [f32; 4] {
     const UNIT: f32 = std::f32::consts::FRAC_1_SQRT_2 / 511.0;
     let largest = (packed >> 30) as usize;
@@ -596,7 +600,7 @@ mod tests {
         let packed = 2 << 30 | bits(0.1) << 20 | bits(-0.2) << 10 | bits(0.3);
         let expected = [0.1, -0.2, 0.86_f32.sqrt(), 0.3];
         for (a, b) in smallest_three(packed).into_iter().zip(expected) {
-            // Half a unit of 1 / (511 sqrt 2), and what it does to the largest.
+            // Half a unit of 1 / (511 sqrt 2), and its effect on the largest component.
             assert!((a - b).abs() < 1.0e-3, "{a}, {b}");
         }
     }

@@ -1,4 +1,4 @@
-//! SPZ, versions 3 and 4: the layout is that of `spz.rs`.
+//! Writes SPZ, versions 3 and 4, in the layout of `spz.rs`.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -14,16 +14,16 @@ use super::write_splats::median_size;
 use crate::error::{Error, Result};
 use crate::math::Core;
 
-/// Positions are counted in steps up to this many, with a sign.
+/// Greatest number of steps in a position, with a sign.
 const MOST_STEPS: f64 = ((1 << 23) - 1) as f64;
 
-/// The most fractional bits that readers take.
+/// Greatest number of fractional bits that readers accept.
 const MOST_FRACTION_BITS: u8 = 24;
 
-/// Steps of positions that no eye sees, as a share of the median size of splats.
+/// Step of positions that is invisible, as a share of the median size of splats.
 const LEAST_STEP: f64 = 0.02;
 
-/// The greatest coordinate among the splats that lie where the most do.
+/// The greatest coordinate among the splats in the densest part.
 fn greatest_of_core(cloud: &SplatCloud) -> Option<f64> {
     let weight = |i: usize| {
         let [a, b, c] = cloud.scales[i].map(f64::from);
@@ -35,7 +35,7 @@ fn greatest_of_core(cloud: &SplatCloud) -> Option<f64> {
     Some(kept.fold(0.0, |most, p| most.max(p.abs().max_element())))
 }
 
-/// A packed file of splats.
+/// Encodes a compressed file of splats.
 pub(super) fn encode(path: &Path, cloud: &SplatCloud, version: SpzVersion) -> Result<Encoded> {
     let count = cloud.positions.len();
     let Ok(count_u32) = u32::try_from(count) else {
@@ -56,7 +56,7 @@ pub(super) fn encode(path: &Path, cloud: &SplatCloud, version: SpzVersion) -> Re
         (0..=MOST_FRACTION_BITS).rev().find(fits)
     };
     let of_all = most_bits(greatest);
-    // As fine as the splats ask for, where the many allow it: what lies far from them may have to move.
+    // As fine as the splats need, if the many allow it; splats far from them may then be moved.
     let fine = (1.0 / (LEAST_STEP * median_size(cloud))).log2().ceil();
     let of_many = || {
         let many = greatest_of_core(cloud)?;
@@ -179,7 +179,7 @@ pub(super) fn encode(path: &Path, cloud: &SplatCloud, version: SpzVersion) -> Re
     })
 }
 
-/// Version 3: header and arrays in one gzip stream.
+/// Writes version 3: header and arrays in one gzip stream.
 fn in_one_stream(header: &[u8], arrays: &[Vec<u8>]) -> io::Result<Vec<u8>> {
     let mut packed = GzEncoder::new(Vec::new(), Compression::default());
     packed.write_all(header)?;
@@ -189,7 +189,7 @@ fn in_one_stream(header: &[u8], arrays: &[Vec<u8>]) -> io::Result<Vec<u8>> {
     packed.finish()
 }
 
-/// Version 4: the header, a table, a zstd stream for each array; there is none for harmonics of degree 0.
+/// Writes version 4: the header, a table, and a zstd stream for each array; none for harmonics of degree 0.
 ///
 /// - `header`: the first fifteen bytes.
 fn in_streams(mut header: Vec<u8>, arrays: &[Vec<u8>]) -> Vec<u8> {
@@ -211,11 +211,11 @@ fn in_streams(mut header: Vec<u8>, arrays: &[Vec<u8>]) -> Vec<u8> {
     header
 }
 
-/// A unit quaternion x, y, z, w as 32 bits: the number of its largest component, then the others,
-/// each a sign and a magnitude in units of 1 / (511 sqrt 2).
+/// A unit quaternion x, y, z, w as 32 bits: the index of its largest component, then the others, each a sign
+/// and a magnitude in units of 1 / (511 sqrt 2).
 fn smallest_three(q: [f64; 4]) -> u32 {
     let largest = (1..4).fold(0, |m, i| if q[i].abs() > q[m].abs() { i } else { m });
-    // q and -q are one rotation: what is left out is positive.
+    // q and -q are one rotation: the component left out is made positive.
     let sign = q[largest].signum();
     let mut packed = u32::try_from(largest).unwrap_or(0);
     for (_, c) in q.iter().enumerate().filter(|(i, _)| *i != largest) {

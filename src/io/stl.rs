@@ -1,17 +1,18 @@
-//! STL (`.stl`): triangles without connections, as text or binary.
+//! Reads STL (`.stl`): triangles without connections, as text or binary.
 //!
-//! | bytes | what |
+//! | bytes | content |
 //! |---|---|
 //! | 0..80 | a comment, which may begin with `solid`, as text does: the size tells them apart |
 //! | 80..84 | n, u32, little-endian |
 //! | 84.. | n records of 50 bytes: normal and three corners, twelve f32, and a word of attributes, u16 |
 //!
-//! Normals are not read: the order of corners says the same, and many writers leave them 0. Corners in one place are
-//! one, so that surfaces are smooth where triangles meet at a small angle.
+//! Normals are not read: the order of corners gives the same, and many writers leave them 0. Corners at one
+//! position are merged, so that surfaces are smooth where triangles meet at a small angle.
 //!
-//! Colours of five bits each, sRGB-encoded, stand in the attributes in one of two ways. Of VisCAM and SolidView: the
-//! highest bit says that there is one, and blue has the lowest bits. Of Materialise, where the comment has `COLOR=` and
-//! four bytes: the highest bit says that the colour is that of the comment, and red has the lowest bits.
+//! The attributes may hold colours of five bits each, sRGB-encoded, in one of two conventions. VisCAM and
+//! SolidView: the highest bit marks a colour, and blue has the lowest bits. Materialise, if the comment has
+//! `COLOR=` and four bytes: the highest bit means that the comment's colour applies, and red has the lowest
+//! bits.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -27,19 +28,19 @@ use super::{AlphaMode, Mesh, MeshPart};
 use crate::error::{Error, Result};
 use crate::image::linear_from_srgb;
 
-/// The comment and the count.
+/// Length of the comment and the count.
 const HEADER: usize = 84;
 const RECORD: usize = 50;
 
 const DAMAGED: &str = "the file is damaged: copy it or save it again";
 
-/// How many triangles a binary file says it has.
+/// The stated number of triangles of a binary file.
 fn count(head: &[u8]) -> Option<u64> {
     let word = head.get(80..HEADER)?.try_into().ok()?;
     Some(u64::from(u32::from_le_bytes(word)))
 }
 
-/// Whether the size is that of a binary file with so many triangles.
+/// Whether the length is that of a binary file with its stated number of triangles.
 fn is_binary(head: &[u8], len: u64) -> bool {
     count(head).is_some_and(|n| n > 0 && len == HEADER as u64 + RECORD as u64 * n)
 }
@@ -57,7 +58,7 @@ fn is_text(head: &[u8]) -> bool {
     begins(b"solid") && (has(b"facet") || has(b"endsolid"))
 }
 
-/// Whether it is text of triangles, or has the size of a binary file.
+/// Whether a file is text of triangles, or has the length of a binary file.
 pub(super) fn looks_like(head: &[u8], len: u64) -> bool {
     is_binary(head, len) || is_text(head)
 }
@@ -65,7 +66,7 @@ pub(super) fn looks_like(head: &[u8], len: u64) -> bool {
 /// Reads a mesh.
 ///
 /// # Errors
-/// Fewer triangles than the file says, text that breaks the format's rules, or no triangle with an area.
+/// Fewer triangles than stated; text that breaks the format's rules; no triangle with an area.
 pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
     let bytes = input.read_all()?;
@@ -95,12 +96,12 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     })
 }
 
-/// Triangles whose corners are shared where they are in one place and of one colour.
+/// Triangles with merged corners: those at one position and of one colour.
 #[derive(Default)]
 struct Corners {
     numbers: HashMap<([u64; 3], Option<u16>), u32>,
     positions: Vec<DVec3>,
-    /// The attributes that each corner's colour is made of, where it has one.
+    /// The attributes with each corner's colour, if it has one.
     attributes: Vec<Option<u16>>,
     triangles: Vec<[u32; 3]>,
 }
@@ -108,7 +109,7 @@ struct Corners {
 impl Corners {
     fn add(&mut self, corners: [DVec3; 3], attributes: Option<u16>) {
         let triangle = corners.map(|position| {
-            // Both zeros are one place.
+            // 0 and -0 are one position.
             let key = (position + DVec3::ZERO).to_array().map(f64::to_bits);
             *self.numbers.entry((key, attributes)).or_insert_with(|| {
                 self.positions.push(position);
@@ -149,7 +150,7 @@ fn binary(path: &Path, bytes: &[u8], notes: &mut Vec<String>) -> Result<MeshPart
     }
     let records = records.take(usize::try_from(stated).unwrap_or(usize::MAX));
     let attributes = |record: &[u8]| u16::from_le_bytes([record[48], record[49]]);
-    /// In the attributes of VisCAM, that there is a colour; in those of Materialise, that there is none.
+    /// In VisCAM's attributes this bit marks a colour; in Materialise's it marks that there is none.
     const HIGHEST: u16 = 1 << 15;
     let marker = b"COLOR=";
     let whole = bytes[..80]
@@ -195,7 +196,7 @@ fn binary(path: &Path, bytes: &[u8], notes: &mut Vec<String>) -> Result<MeshPart
     Ok(corners.part(colours))
 }
 
-/// A colour that is not seen through.
+/// An opaque colour.
 fn opaque([r, g, b]: [f32; 3]) -> [f32; 4] {
     [r, g, b, 1.0]
 }

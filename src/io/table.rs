@@ -1,10 +1,9 @@
-//! Particle tables: what CSV, NPY and PLY files share.
+//! Converts columns to particle tables, for CSV, NPY and PLY files.
 //!
-//! A table has named columns. `x`, `y` and `z` (in either case) are needed and become the
-//! positions, in double precision; every other numeric column becomes a field. What the
-//! columns mean (`h`, `sigma`, `mass`, ...) is decided when the table is sampled: of lengths, `sigma`
-//! and `radius` are one standard deviation, `h` is the smoothing length of the cubic spline, which
-//! ends at 2 h ([`crate::irregular`]).
+//! A table has named columns. `x`, `y` and `z` (in either case) are required and become the positions, in
+//! double precision. Every other numeric column becomes a field. Sampling the table decides the meaning of
+//! columns (`h`, `sigma`, `mass`, ...). Among lengths, `sigma` and `radius` are one standard deviation; `h` is
+//! the smoothing length of the cubic spline, which ends at 2 h ([`crate::irregular`]).
 
 use std::path::Path;
 
@@ -14,26 +13,26 @@ use super::dataset::{Association, Dataset, Field, FieldSource, Geometry};
 use crate::error::{Advice, Error, Result};
 use crate::scene::Values;
 
-/// What ParaView calls the position columns of the tables that it writes.
+/// ParaView's names of position columns in the tables that it writes.
 pub(crate) const PARAVIEW: [&str; 3] = ["Points:0", "Points:1", "Points:2"];
 
-/// Said of tables without a column z.
+/// Note on tables without a column z.
 const FLAT: &str = "There is no column `z`: all particles are put at z = 0.";
 
-/// The columns that hold positions.
+/// The columns of positions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct PositionColumns {
     pub(crate) x: usize,
     pub(crate) y: usize,
-    /// `None` of particles in a plane, which lie at z = 0.
+    /// `None` for particles in a plane, which lie at z = 0.
     pub(crate) z: Option<usize>,
 }
 
 impl PositionColumns {
-    /// The columns of all three.
+    /// The columns of all three axes.
     ///
     /// # Errors
-    /// There is none of z.
+    /// There is no column z.
     pub(crate) fn of_space(&self, path: &Path) -> Result<[usize; 3]> {
         match self.z {
             Some(z) => Ok([self.x, self.y, z]),
@@ -45,12 +44,12 @@ impl PositionColumns {
         self.x == column || self.y == column || self.z == Some(column)
     }
 
-    /// The column of each axis; of a plane that of x for z, until [`Self::flatten`].
+    /// The column of each axis; in a plane that of x in place of z, until [`Self::flatten`].
     pub(crate) fn axes(&self) -> [usize; 3] {
         [self.x, self.y, self.z.unwrap_or(self.x)]
     }
 
-    /// Brings particles of a plane to z = 0; a note for their data set.
+    /// Moves particles of a plane to z = 0; returns a note for their data set.
     pub(crate) fn flatten(&self, positions: &mut [DVec3]) -> Option<String> {
         if self.z.is_some() {
             return None;
@@ -60,10 +59,10 @@ impl PositionColumns {
     }
 }
 
-/// The columns that are called x, y and z; z may be missing.
+/// The columns named x, y and z; z may be missing.
 ///
 /// # Errors
-/// x or y is missing, or one of the three stands there twice.
+/// x or y is missing, or one of the three occurs twice.
 pub(crate) fn position_columns<'a>(
     path: &Path,
     names: impl Iterator<Item = &'a str> + Clone,
@@ -125,7 +124,7 @@ pub(crate) fn list<'a>(names: impl Iterator<Item = &'a str>) -> String {
 /// A data set of particles.
 ///
 /// # Errors
-/// There is not a single particle.
+/// No particles.
 pub(crate) fn dataset(
     path: &Path,
     format: &'static str,

@@ -1,4 +1,4 @@
-//! Images of textures, decoded to eight bits, within limits.
+//! Decodes the images of textures to eight bits, within limits.
 
 use std::path::{Path, PathBuf};
 
@@ -12,12 +12,12 @@ use crate::error::{Error, Hint, Result};
 #[derive(Debug)]
 pub(crate) struct NamedFile {
     pub(crate) path: PathBuf,
-    /// Says that its name is spelled otherwise.
+    /// A note if the file's name is spelled differently.
     pub(crate) note: Option<String>,
 }
 
-/// The file that a statement names: relative to the folder, or by its last name in it, as for
-/// paths of another machine; or else one whose name differs in upper and lower case alone.
+/// Finds the file that a statement names: relative to the folder, or in the folder by its last component, for
+/// paths of another machine. Otherwise a file whose name differs in upper and lower case alone.
 pub(crate) fn find(input: Input<'_>, name: &str) -> Option<NamedFile> {
     let folder = input.path.parent().unwrap_or(Path::new(""));
     let name = name.replace('\\', "/");
@@ -36,21 +36,21 @@ pub(crate) fn find(input: Input<'_>, name: &str) -> Option<NamedFile> {
     })
 }
 
-/// The note about a file whose name differs from the one stated in upper and lower case.
+/// The note on a file whose name differs from the stated one in upper and lower case.
 pub(crate) fn spelled_otherwise(name: &str, path: &Path) -> String {
     let found = path.file_name().unwrap_or_default().to_string_lossy();
     let (name, found) = (clip(name), clip(&found));
     format!("no file `{name}`: `{found}` is taken for it")
 }
 
-/// The most pixels that the textures of one file may have together: 2 GiB of them.
+/// Greatest number of pixels in all textures of one file: 2 GiB of them.
 const MOST_PIXELS: u64 = 1 << 29;
 
-/// Decodes the images of one file, and holds them to a common limit.
+/// Decodes the images of one file, within a common limit.
 #[derive(Debug)]
 pub(crate) struct ImageBudget {
     pixels: u64,
-    /// Files that were found under other names.
+    /// Notes on files that were found under other names.
     pub(crate) notes: Vec<String>,
 }
 
@@ -64,11 +64,10 @@ impl Default for ImageBudget {
 }
 
 impl ImageBudget {
-    /// Decodes an image of any format that [`Encoded::texture`] knows.
+    /// Decodes an image of any format that [`Encoded::texture`] supports.
     ///
     /// # Errors
-    /// Why it cannot be decoded, as the end of a sentence: readers of meshes go on without the
-    /// image and tell of it.
+    /// The reason, as the end of a sentence: readers of meshes continue without the image and note it.
     pub(crate) fn decode(&mut self, bytes: &[u8]) -> Result<TextureImage, String> {
         let encoded = Encoded::texture(bytes).map_err(|refusal| refusal.to_string())?;
         let [width, height] = encoded.size();
@@ -86,10 +85,10 @@ impl ImageBudget {
             pixels: samples.rgba8(),
         })
     }
-    /// The image that a file of a mesh names.
+    /// The image in a file that a mesh names.
     ///
     /// # Errors
-    /// A note: why there is none.
+    /// A note with the reason why there is none.
     pub(crate) fn named(&mut self, input: Input<'_>, name: &str) -> Result<TextureImage, String> {
         let decoded = match find(input, name) {
             None => Err(format!("no file `{}`", clip(name))),
@@ -105,10 +104,10 @@ impl ImageBudget {
         decoded.map_err(|reason| format!("{reason}: its texture is not used"))
     }
 
-    /// The image that the user names as a texture.
+    /// The image that the user gave as a texture.
     ///
     /// # Errors
-    /// It cannot be read or decoded.
+    /// A file that cannot be read or decoded.
     pub(crate) fn named_by_user(&mut self, input: Input<'_>, path: &Path) -> Result<TextureImage> {
         let bytes = input.read_beside(path)?;
         self.decode(&bytes).map_err(|reason| {

@@ -1,9 +1,9 @@
-//! Stacks of images in TIFF (`.tif`, `.tiff`), which the crate `tiff` decodes.
+//! Reads stacks of images in TIFF (`.tif`, `.tiff`), with the crate `tiff`.
 //!
-//! Pages of one size are the layers of a volume, the first at z = 0; columns go along x, rows along y. ImageJ says more in
-//! the description of the first page, `key=value` in lines: `channels` pages for each of `slices` layers, `frames` times;
-//! `spacing`, the distance of layers, in the units (`unit`) of which the resolution says how many pixels one has. Other
-//! resolutions are of prints, and are left out.
+//! Pages of one size are the layers of a volume, the first at z = 0; columns are along x, rows along y. ImageJ
+//! writes more in the description of the first page, as lines of `key=value`. There are `channels` pages for
+//! each of `slices` layers, `frames` times; `spacing` is the distance of layers in the unit (`unit`) whose
+//! pixels per unit are the resolution. Other resolutions are for prints, and are left out.
 //!
 //! <https://www.itu.int/itudoc/itu-t/com16/tiff-fx/docs/tiff6.pdf>
 
@@ -23,10 +23,10 @@ use super::voxels;
 use crate::error::{Error, Result};
 use crate::scene::Values;
 
-/// How many bytes LZW makes of one, at most, and deflate fewer.
+/// Greatest number of bytes that LZW makes from one byte; deflate makes fewer.
 const RATIO: u64 = 2048;
 
-/// Bytes of a strip or tile while it is unpacked.
+/// Buffer for a strip or tile being unpacked, in bytes.
 const INTERMEDIATE: usize = 1 << 25;
 
 type Pages<'a> = Decoder<Cursor<&'a [u8]>>;
@@ -41,18 +41,20 @@ pub(super) fn looks_like(head: &[u8]) -> bool {
 /// Reads a stack, or one image as a layer.
 ///
 /// # Errors
-/// What the crate finds wrong, pages whose bytes are not there, or pixels that are no numbers of their own.
+/// Faults that the crate finds; pages whose bytes are missing; pixels that are indices or the like, not
+/// numbers.
 pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
     let bytes = input.read_all()?;
     let fault = |e: tiff::TiffError| damaged(path, &e);
     let mut limits = Limits::default();
-    // The crate bounds lists of tags by this, which take eight bytes in memory for each of the file; pixels go into a
-    // buffer of ours.
+    // The crate uses this limit for lists of tags, which take eight bytes in memory for each byte of the file;
+    // pixels have their own buffer here.
     limits.decoding_buffer_size = bytes.len().saturating_mul(8);
     limits.ifd_value_size = bytes.len();
     limits.intermediate_buffer_size = bytes.len().max(INTERMEDIATE);
-    // The decoder takes limits only once it has read the first directory, and prints to standard error what is beyond them.
+    // The decoder applies limits only after it has read the first directory, and prints to standard error if
+    // they are exceeded.
     if has_long_lists(&bytes) {
         let expected = "lists of tags that are no longer than the file";
         let found = "a longer one";
@@ -140,14 +142,15 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     })
 }
 
-/// Whether an entry of a directory has more numbers than the file has bytes, or the directories together more entries.
+/// Whether a directory's entry has more numbers than the file has bytes, or all directories together have more
+/// entries.
 ///
 /// | | TIFF | BigTIFF |
 /// |---|---|---|
-/// | where the first directory is | u32 at byte 4 | u64 at byte 8 |
-/// | how many entries it has | u16 | u64 |
+/// | offset of the first directory | u32 at byte 4 | u64 at byte 8 |
+/// | number of its entries | u16 | u64 |
 /// | an entry: tag u16, type u16, count, value | count u32, 12 bytes in all | count u64, 20 bytes in all |
-/// | behind them, where the next directory is, 0 for none | u32 | u64 |
+/// | after them, offset of the next directory, 0 for none | u32 | u64 |
 pub(super) fn has_long_lists(bytes: &[u8]) -> bool {
     let is_big_endian = bytes.starts_with(b"MM");
     let number = |at: usize, len: usize| {
@@ -178,7 +181,7 @@ pub(super) fn has_long_lists(bytes: &[u8]) -> bool {
             left -= 1;
             at = at.saturating_add(entry);
         }
-        // One without entries may lead back to itself.
+        // A directory without entries may lead back to itself.
         left = left.saturating_sub(1);
         next = directory(at).filter(|_| left > 0);
     }
@@ -202,7 +205,7 @@ fn damaged(path: &Path, error: &tiff::TiffError) -> Error {
     Error::format(path, "pages", expected, error.to_string(), DAMAGED)
 }
 
-/// What ImageJ says of a stack.
+/// ImageJ's description of a stack.
 struct ImageJ {
     is_stated: bool,
     channels: usize,
@@ -245,7 +248,7 @@ impl ImageJ {
     }
 }
 
-/// The distance of pixels, 1 where only a print's is stated.
+/// The distance of pixels; 1 if only a print's is stated.
 fn step(pages: &mut Pages<'_>, tag: Tag, image_j: &ImageJ) -> f64 {
     let resolution = match pages.get_tag(tag) {
         Ok(Value::Rational(pixels, units)) if image_j.is_stated => {
@@ -260,7 +263,7 @@ fn step(pages: &mut Pages<'_>, tag: Tag, image_j: &ImageJ) -> f64 {
     }
 }
 
-/// What pages of one stack share.
+/// The properties that pages of one stack share.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Page {
     size: [usize; 2],
@@ -323,9 +326,9 @@ impl Page {
         })
     }
 
-    /// The numbers of the page that the decoder is at, by components.
+    /// The numbers of the decoder's current page, by components.
     ///
-    /// - `left`: bytes of the file that no page has named.
+    /// - `left`: number of the file's bytes that no page has used yet.
     fn numbers(&self, path: &Path, pages: &mut Pages<'_>, left: &mut u64) -> Result<Vec<Values>> {
         let fault = |e: tiff::TiffError| damaged(path, &e);
         let counts = [Tag::StripByteCounts, Tag::TileByteCounts].map(|tag| {
@@ -384,7 +387,7 @@ mod tests {
 
     #[test]
     fn lists_longer_than_the_file_are_seen_before_they_are_read() {
-        // One entry: tag 273, of type 4, so many numbers, at byte 8.
+        // One entry: tag 273, of type 4, `count` numbers, at byte 8.
         let file = |count: u32| {
             let mut bytes = b"II\x2a\0\x08\0\0\0\x01\0\x11\x01\x04\0".to_vec();
             bytes.extend(count.to_le_bytes());
@@ -393,7 +396,7 @@ mod tests {
         };
         assert!(!has_long_lists(&file(2)));
         assert!(has_long_lists(&file(0x8000_0000)));
-        // Its next directory is the one behind it; and one that leads to itself, without entries, ends.
+        // Its next directory is the one after it; and one that leads to itself, without entries, ends.
         let mut second = file(2);
         second[22] = 26;
         second.extend(&file(u32::MAX)[8..]);

@@ -1,36 +1,36 @@
-//! Steps of time: what one file or several hold of one thing at one time.
+//! Defines time steps: the files, or the steps of a file, that hold data at one time.
 
 use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
 
-/// A step of time.
+/// A time step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TimeStep {
-    /// Its time, in the unit of whoever wrote it; `None` where the file states none.
+    /// Time, in the unit of the program that wrote it; `None` if the file does not state it.
     pub time: Option<f64>,
-    /// What is drawn together of it, at least one.
+    /// The parts drawn together; at least one.
     pub parts: Vec<Part>,
 }
 
-/// One of the steps of time of a file.
+/// The choice of one of a file's time steps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum StepChoice {
-    /// By its number, counted from 0.
+    /// By index, counted from 0.
     Number(usize),
     /// The last.
     Last,
-    /// The one whose time is nearest to this, between the first and the last time.
+    /// The step whose time is nearest to this, which must lie between the first and the last time.
     Time(f64),
 }
 
 impl StepChoice {
-    /// The number of the step that is chosen of a file's ([`Format::time_steps`](super::Format::time_steps)).
+    /// The index of the chosen step among a file's ([`Format::time_steps`](super::Format::time_steps)).
     ///
     /// - `path`: the file, for messages.
     ///
     /// # Errors
-    /// A number that is not there; a time beyond the first or the last, or of a file that states none.
+    /// An index that does not exist; a time before the first or after the last, or of a file without times.
     pub fn of(self, path: &Path, steps: &[TimeStep]) -> Result<usize> {
         match self {
             Self::Number(number) if number < steps.len() => Ok(number),
@@ -75,7 +75,7 @@ fn nearest(path: &Path, steps: &[TimeStep], time: f64) -> Result<usize> {
     Ok(nearest.map_or(0, |(i, _)| i))
 }
 
-/// That a file has no step of this number.
+/// The error for a missing step.
 fn absent(path: &Path, count: usize, number: usize) -> Error {
     let expected = match count {
         1 => "0, the one step there is".to_owned(),
@@ -85,17 +85,17 @@ fn absent(path: &Path, count: usize, number: usize) -> Error {
     Error::format(path, "time step", expected, number.to_string(), advice)
 }
 
-/// A file, or one step of a file that holds several.
+/// A file, or one time step of a file that has several.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Part {
-    /// A path that can be opened from where the file that names it can.
+    /// A path that can be opened from wherever the file that names it can.
     pub path: PathBuf,
-    /// What [`OpenOptions::time_step`](super::OpenOptions::time_step) is to be.
+    /// The value for [`OpenOptions::time_step`](super::OpenOptions::time_step).
     pub time_step: Option<usize>,
 }
 
 impl Part {
-    /// The whole of a file.
+    /// A whole file.
     pub(super) fn file(path: PathBuf) -> Self {
         Self {
             path,
@@ -104,7 +104,7 @@ impl Part {
     }
 }
 
-/// The steps of a file that holds them itself, one for each of `times`; the file as one step where it states none.
+/// The steps in one file, one for each of `times`; if there are none, the file as one step.
 pub(super) fn of_file(path: &Path, times: &[f64]) -> Vec<TimeStep> {
     if times.is_empty() {
         return vec![TimeStep {
@@ -122,10 +122,10 @@ pub(super) fn of_file(path: &Path, times: &[f64]) -> Vec<TimeStep> {
     times.iter().enumerate().map(step).collect()
 }
 
-/// Which of `times` is meant, and a note where nobody said.
+/// The index of the chosen time, and a note if none was chosen.
 ///
 /// # Errors
-/// A step that is not there.
+/// A step that does not exist.
 pub(super) fn chosen(
     path: &Path,
     times: &[f64],

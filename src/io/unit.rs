@@ -1,9 +1,9 @@
-//! Units of fields: what files state, and what stands in brackets behind names.
+//! Parses units of fields: stated in files, or in brackets after names.
 
-/// The greatest length of a unit in characters: what is longer is a description.
+/// Greatest length of a unit in characters: longer texts are descriptions.
 const MOST: usize = 24;
 
-/// What files write where a field has no unit.
+/// Texts that files have for fields without a unit.
 const NONE: [&str; 7] = [
     "dimensionless",
     "unitless",
@@ -14,8 +14,7 @@ const NONE: [&str; 7] = [
     "1",
 ];
 
-/// A unit as a legend may show it: `None` for an empty one, for what says that there is none, and for what no unit looks
-/// like.
+/// A unit for a legend: `None` if it is empty, states that there is none, or does not look like a unit.
 pub(super) fn cleaned(text: &str) -> Option<String> {
     let text = text.trim();
     let inner = text.strip_prefix('[').and_then(|t| t.strip_suffix(']'));
@@ -26,7 +25,7 @@ pub(super) fn cleaned(text: &str) -> Option<String> {
     is_unit.then(|| text.to_owned())
 }
 
-/// The name and the unit of `Temp [K]`; `None` where there is no such unit, as in `v[0]`.
+/// The name and the unit of `Temp [K]`; `None` if there is no such unit, as in `v[0]`.
 pub(crate) fn divided(name: &str) -> Option<(&str, &str)> {
     let (bare, rest) = name.trim_end().rsplit_once('[')?;
     let unit = rest.strip_suffix(']')?.trim();

@@ -1,15 +1,15 @@
-//! Which way is up in a data set: what a picture that is told nothing else has at its top.
+//! Finds the up direction of a data set, which an image shows at its top unless told otherwise.
 //!
 //! | data | up |
 //! |---|---|
-//! | glTF, its splats too; OBJ | +y: what the formats or their writers agree on |
-//! | other splats | -y: training scenes have y down, and what is read is turned to their axes (`splat_axes.rs`) |
+//! | glTF, its splats too; OBJ | +y: the convention of the formats or of their writers |
+//! | other splats | -y: training scenes have y down, and all are read in their axes (`splat_axes.rs`) |
 //! | particles in a flat layer across x or y | the axis across it |
-//! | grids a cell thick or less, and meshes with fields in a plane, across an axis | +y of that across z, +z of others: they are seen straight on |
+//! | grids a cell thick or less, and meshes with fields in a plane, across an axis | +y for planes across z, +z for others: seen straight on |
 //! | all else: grids, other particles, PLY and VTK meshes | +z; meshes of scanners vary |
 //!
-//! Splats that lie beside the origin are a piece of a scene whose cameras stood around that, and are good from
-//! there alone: they are looked at from the origin's side.
+//! Splats whose box lies beside the origin are a part of a scene whose cameras stood around the origin. They
+//! look right from there alone, so the default view is from the origin's side.
 
 use glam::DVec3;
 
@@ -20,24 +20,23 @@ use crate::view::Viewpoint;
 /// A layer's thickness over the lesser of its other two extents, below which it is flat.
 const FLAT: f64 = 0.25;
 
-/// Which way is up, and why.
+/// The up direction, and its reason.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Up {
-    /// Unit length, along an axis; a turn of the data ([`edit::place`](crate::edit::place)) leaves it as it was.
+    /// Unit vector along an axis; moving the data ([`edit::place`](crate::edit::place)) does not change it.
     pub direction: DVec3,
     /// For people, in a few words.
     pub reason: &'static str,
-    /// The direction of view, unit length, of a picture that is told none, where the data have a front.
+    /// The default direction of view, unit length, if the data have a front.
     pub front: Option<DVec3>,
     /// Whether the data are a plane, which is seen from its front without any elevation.
     pub is_plane: bool,
-    /// Whether a mesh says it. Beside other data it says nothing: see [`Up::of_scene`].
+    /// Whether a mesh gave the direction; other data take precedence: see [`Up::of_scene`].
     pub is_of_mesh: bool,
 }
 
 impl Up {
-    /// The side from which a picture that is told none looks at the data: from its front where it has one, a plane
-    /// straight on, all else from above.
+    /// The default viewpoint: from the front if there is one, a plane straight on, all else from above.
     pub fn viewpoint(&self) -> Viewpoint {
         let up = self.direction;
         let front = self.front.map(|front| Viewpoint::azimuth_of(front, up));
@@ -49,8 +48,8 @@ impl Up {
         }
     }
 
-    /// What points up in a picture of several data sets: the first that is no mesh says it, or the
-    /// first of meshes alone; z where there is none.
+    /// The up direction for an image of several data sets: that of the first data set that is no mesh; if all
+    /// are meshes, that of the first; z if there are none.
     ///
     /// ```
     /// use ewa_splat::io::{OpenOptions, Up, read};
@@ -81,9 +80,9 @@ impl Up {
         all.into_iter().fold(None, first_of).unwrap_or(none)
     }
 
-    /// What points up in a set of points, of which it depends on their bounds alone.
+    /// The up direction of a set of points, which depends on their bounds alone.
     ///
-    /// - `corners`: the least and the greatest coordinates; `None` where none is finite.
+    /// - `corners`: the least and the greatest coordinates; `None` if none is finite.
     pub(crate) fn of_points(corners: Option<(DVec3, DVec3)>) -> Self {
         let positions = corners.map_or(Vec::new(), |(a, b)| vec![a, b]);
         let geometry = Geometry::Points { positions };
@@ -92,7 +91,7 @@ impl Up {
 }
 
 impl Dataset {
-    /// Which way is up: as the format has it ([`Dataset::format_up`]), or else as what it holds suggests.
+    /// The up direction: that of the format ([`Dataset::format_up`]) if it has one, else a guess from the data.
     pub fn up(&self) -> Up {
         let is_of_mesh = matches!(self.geometry, Geometry::Mesh(_));
         let guessed = match &self.geometry {
@@ -137,13 +136,13 @@ impl Dataset {
     }
 }
 
-/// A layer of cells is no thicker than this share of the lesser of its other two extents.
+/// Greatest thickness of a layer of cells, as a share of the lesser of its other two extents.
 const LAYER: f64 = 0.5;
 
-/// Planes of nodes lie within this share of the thickness between them.
+/// Greatest distance of nodes from a plane, as a share of the thickness between planes.
 const PLANE: f64 = 1e-6;
 
-/// Tells across which axes all finite nodes lie in the two end planes of their box.
+/// The axes across which all finite nodes lie in the two end planes of their box.
 pub(crate) fn in_end_planes(
     nodes: impl Iterator<Item = DVec3>,
     (lower, upper): (DVec3, DVec3),
@@ -168,7 +167,7 @@ fn is_layer(extent: DVec3, axis: usize) -> bool {
 }
 
 impl Dataset {
-    /// Across which axes the data have no more than two planes of nodes: one layer of cells.
+    /// The axes across which the data have at most two planes of nodes: one layer of cells.
     fn thin_axes(&self, (lower, upper): (DVec3, DVec3)) -> [bool; 3] {
         let extent = upper - lower;
         let nodes: Box<dyn Iterator<Item = DVec3> + '_> = match &self.geometry {
@@ -189,7 +188,7 @@ impl Dataset {
             Geometry::Cells(mesh) => mesh.nodes.len(),
             _ => 0,
         };
-        // One cell is no layer, and corners alone say nothing of what lies between them.
+        // One cell is no layer, and its corners do not show what lies between them.
         let is_layer = |axis: usize| count > 8 && is_layer(extent, axis);
         let is_thin = [0, 1, 2].map(|axis| extent[axis] <= 0.0 || is_layer(axis));
         if is_thin == [false; 3] {
@@ -200,8 +199,8 @@ impl Dataset {
     }
 }
 
-/// What points up in a plane across an axis, and the direction of view that shows it as plots do: x to the right of y or z,
-/// y to the left of z.
+/// The up direction of a plane across an axis, and the direction of view. As in plots, x points right with y or
+/// z up; in a plane across x, y points right with z up.
 fn plane(is_thin: [bool; 3]) -> Option<(DVec3, DVec3)> {
     match is_thin {
         [false, false, true] => Some((DVec3::Y, DVec3::NEG_Z)),
@@ -211,7 +210,7 @@ fn plane(is_thin: [bool; 3]) -> Option<(DVec3, DVec3)> {
     }
 }
 
-/// Positions among which the box of most splats is looked for.
+/// Number of positions from which the box of most splats is computed.
 const SPLATS: usize = 1 << 16;
 
 /// The least and the greatest coordinates of positions without strays; `None` if none is finite.
@@ -231,21 +230,22 @@ fn bounds_of_most(positions: &[DVec3]) -> Option<(DVec3, DVec3)> {
     low.is_finite().then_some((low, high))
 }
 
-/// From the origin to the middle of a box that lies beside it, by more than the box's own size along some axis.
+/// The direction from the origin to the middle of a box, if the box lies beside the origin by more than its own
+/// size along some axis.
 fn front(lower: DVec3, upper: DVec3) -> Option<DVec3> {
     let (middle, size) = (lower.midpoint(upper), upper - lower);
     let is_beside = middle.abs().cmpgt(1.5 * size).any();
     middle.try_normalize().filter(|_| is_beside)
 }
 
-/// The axis across a flat layer of particles, a disc of stars say; z of all others.
+/// The axis across a flat layer of particles (a disc of stars, say); z for others.
 fn of_layer(positions: &[DVec3]) -> (DVec3, &'static str) {
     let finite = positions.iter().filter(|p| p.is_finite());
     let (low, high) = finite.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| {
         (a.min(*p), b.max(*p))
     });
     let extent = high - low;
-    // Phrased so that no extent, and extents that overflow, are no layer.
+    // Phrased so that an empty or overflowing extent is no layer.
     let is_thin = |axis: usize| {
         let others = [1, 2].map(|step| extent[(axis + step) % 3]);
         extent[axis].is_finite() && extent[axis] < FLAT * others[0].min(others[1])

@@ -1,9 +1,9 @@
-//! What the readers of images with a header share (NRRD, MetaImage, NIfTI): where their numbers lie, how these are
-//! packed, and how they become fields and a lattice.
+//! Reads the numbers of images with a header (NRRD, MetaImage, NIfTI): locates them, unpacks them, and converts
+//! them to fields and a lattice.
 //!
-//! Numbers are read from the start to the end, by chunks, so that no second copy of a file is held. What a header
-//! claims is compared with the bytes that are there before memory is taken: raw numbers byte by byte, packed ones
-//! by what deflate packs into a byte at most, text by a character for each number.
+//! Numbers are read from start to end in chunks, so that there is no second copy of a file in memory. Before
+//! memory is allocated, the header's sizes are compared with the bytes in the file: raw numbers byte by byte,
+//! packed ones by the greatest ratio of the compression, text by a character for each number.
 
 use std::collections::{HashSet, VecDeque};
 use std::io::{self, Read};
@@ -24,8 +24,8 @@ use crate::error::{Error, Result};
 use crate::memory::check_room;
 use crate::scene::{Lattice, LatticeSpacing, Values};
 
-/// How many bytes bzip2 makes of one, at most: blocks of 900,000 bytes, of which the first step makes 255 of five, in some
-/// forty bytes.
+/// Greatest number of bytes that bzip2 makes from one byte. Blocks have 900,000 bytes; the first step makes 255
+/// bytes from five, and a block takes some forty bytes.
 const BZIP2_RATIO: u64 = 1 << 21;
 
 /// The first bytes of every gzip file.
@@ -33,14 +33,14 @@ pub(super) const GZIP: &[u8] = b"\x1f\x8b";
 
 const DAMAGED: &str = "the file is damaged, or its header is wrong: copy it or save it again";
 
-/// How the numbers of a file are packed.
+/// Packing of a file's numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Packing {
-    /// Not at all.
+    /// No packing.
     Raw,
     /// Numbers as text, between white space.
     Text,
-    /// Bytes of two hexadecimal digits each; white space anywhere.
+    /// Two hexadecimal digits per byte; white space anywhere.
     Hex,
     /// A gzip file, or several one after the other.
     Gzip,
@@ -50,43 +50,43 @@ pub(super) enum Packing {
     Bzip2,
 }
 
-/// What is passed over at the start of each file of numbers.
+/// The part to skip at the start of each file of numbers.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Skip {
-    /// So many lines first, before anything is unpacked.
+    /// Number of lines to skip first, before anything is unpacked.
     pub(super) lines: u64,
-    /// Then so many bytes, of what is unpacked.
+    /// Number of unpacked bytes to skip then.
     pub(super) bytes: u64,
-    /// In place of both: all but the numbers themselves, which are the last bytes of the file.
+    /// In place of both: skips all but the numbers, which are the last bytes of the file.
     pub(super) to_the_end: bool,
 }
 
-/// Where numbers lie.
+/// Location of the numbers.
 pub(super) enum Source {
-    /// In the file of the header, from this byte on.
+    /// In the header's file, from this byte on.
     Attached(u64),
-    /// In other files, each with as many of them.
+    /// In other files, each with an equal share of the numbers.
     Beside(Vec<PathBuf>),
 }
 
-/// What the numbers are.
+/// Type, shape and scaling of the numbers.
 #[derive(Debug, Clone)]
 pub(super) struct Numbers {
     pub(super) encoding: Encoding,
     pub(super) dims: [usize; 3],
-    /// Components of a sample that lie beside each other.
+    /// Number of interleaved components of a sample.
     pub(super) beside: usize,
-    /// Whole volumes one after the other.
+    /// Number of whole volumes, one after the other.
     pub(super) volumes: usize,
-    /// The distance between those that are read, the first among them: all with 1, the first alone with as many
-    /// as there are.
+    /// Step between the volumes that are read, the first among them: 1 reads all; the number of volumes reads
+    /// the first alone.
     pub(super) volume_step: usize,
-    /// Factor and summand of every number.
+    /// Factor and offset of every number.
     pub(super) scale: Option<[f64; 2]>,
 }
 
 impl Numbers {
-    /// Samples of one volume, and bytes of all volumes.
+    /// The number of samples of one volume, and of bytes of all volumes.
     ///
     /// # Errors
     /// No samples, or more than can be counted.
@@ -113,7 +113,7 @@ impl Numbers {
     }
 }
 
-/// All that the header of an image says.
+/// Everything that an image's header states.
 pub(super) struct Image {
     /// The format's name, for people.
     pub(super) format: &'static str,
@@ -122,7 +122,7 @@ pub(super) struct Image {
     pub(super) source: Source,
     pub(super) packing: Packing,
     pub(super) skip: Skip,
-    /// The name of its field.
+    /// Name of the field.
     pub(super) field: &'static str,
     pub(super) unit: Option<String>,
     pub(super) notes: Vec<String>,
@@ -132,7 +132,8 @@ impl Image {
     /// Reads the numbers.
     ///
     /// # Errors
-    /// Files that are not there or named twice, numbers that are not of the type, fewer than the header says.
+    /// Files that are missing or named twice; numbers that are not of the type; fewer numbers than the header
+    /// states.
     pub(super) fn read(mut self, input: Input<'_>) -> Result<Dataset> {
         let (components, more) = read(input, &self.source, self.packing, self.skip, &self.numbers)?;
         self.notes.extend(more);
@@ -148,11 +149,11 @@ impl Image {
         }
     }
 
-    /// Where the numbers lie, and all else as [`Self::read`] gives it; `None` where they are packed, are several of a
-    /// sample or in several files, or are fewer than the header says.
+    /// Locates plain numbers; the data set is that of [`Self::read`] without values. `None` if the numbers are
+    /// packed, are several per sample, lie in several files, or are fewer than the header states.
     ///
     /// # Errors
-    /// The file cannot be opened.
+    /// A file that cannot be opened.
     pub(super) fn plain(mut self, input: Input<'_>) -> Result<Option<(Dataset, PlainNumbers)>> {
         let numbers = &self.numbers;
         let (_, wanted) = numbers.check(input.path)?;
@@ -184,7 +185,7 @@ impl Image {
             encoding: numbers.encoding,
             scale: numbers.scale,
         };
-        // Volumes that are left out are not looked behind.
+        // The bytes after volumes that are left out are not checked.
         if end < len && numbers.volume_step <= 1 {
             self.notes.push(excess(path));
         }
@@ -203,7 +204,7 @@ fn read(
 ) -> Result<(Vec<Values>, Vec<String>)> {
     let (_, wanted) = numbers.check(input.path)?;
     let mut numbers = numbers.clone();
-    // Those in text are parsed to little-endian bytes, whatever the header says.
+    // Numbers in text are parsed to little-endian bytes, whatever the header states.
     numbers.encoding.big_endian &= packing != Packing::Text;
     let numbers = &numbers;
     let mut notes = Vec::new();
@@ -242,7 +243,7 @@ fn read(
                 return Err(error);
             }
             let components = components?;
-            // A file that is longer than its part says so when its end is looked for.
+            // An overlong file is noted when its end is looked for.
             parts.close();
             notes.append(&mut parts.notes);
             components
@@ -251,7 +252,7 @@ fn read(
     Ok((components, notes))
 }
 
-/// The path of a file of numbers that a header names, beside the header.
+/// The path of a file of numbers that a header names, relative to the header.
 ///
 /// # Errors
 /// Those of [`beside_as`].
@@ -259,14 +260,14 @@ pub(super) fn beside(path: &Path, name: &str) -> Result<PathBuf> {
     beside_as(path, "header, the files of numbers", name)
 }
 
-/// The path of a file that another names, beside that one.
+/// The path of a file that another file names, relative to that file.
 ///
-/// - `place`: where it is named, for errors.
+/// - `place`: place of the name, for errors.
 ///
 /// # Errors
-/// A path that leads elsewhere: absolute, with a scheme, or by the folder above.
+/// A path that leads outside the folder: absolute, with a scheme, or through a parent folder.
 pub(super) fn beside_as(path: &Path, place: &str, name: &str) -> Result<PathBuf> {
-    // Written on Windows, perhaps.
+    // The path may use Windows separators.
     let name = name.trim().replace('\\', "/");
     let is_inside = |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
     let is_relative = Path::new(&name).components().all(is_inside);
@@ -283,12 +284,12 @@ pub(super) fn beside_as(path: &Path, place: &str, name: &str) -> Result<PathBuf>
     Ok(path.parent().unwrap_or(Path::new("")).join(name))
 }
 
-/// The files of a pattern such as `slice%03d.raw 1 60 1`, each checked to be there, so that a header cannot name
-/// more than there are.
+/// The files of a pattern such as `slice%03d.raw 1 60 1`. Each must exist, so that a header cannot name more
+/// files than there are.
 ///
 /// # Errors
-/// A pattern without one place for a number, numbers that do not lead from the first to the last, a file that is
-/// not there.
+/// A pattern without exactly one conversion; numbers that do not lead from the first to the last; a missing
+/// file.
 pub(super) fn by_pattern(
     input: Input<'_>,
     pattern: &str,
@@ -326,7 +327,7 @@ pub(super) fn by_pattern(
     Ok(files)
 }
 
-/// C's `printf` of one integer: `None` where the pattern has another number of places, or another kind.
+/// C's `printf` of one integer: `None` if the pattern has another number of conversions, or another kind.
 fn formatted(pattern: &str, number: i64) -> Option<String> {
     /// Wider than any integer.
     const MOST_WIDTH: usize = 32;
@@ -369,7 +370,7 @@ fn missing(path: &Path, file: &Path) -> Error {
     )
 }
 
-/// Each file once, and all there: one that is named often would be read as often.
+/// Checks that all files exist and that none is named twice: such a file would be read repeatedly.
 fn check_files(input: Input<'_>, files: &[PathBuf], each: u64, packing: Packing) -> Result<()> {
     let mut named = HashSet::new();
     for file in files {
@@ -387,7 +388,7 @@ fn check_files(input: Input<'_>, files: &[PathBuf], each: u64, packing: Packing)
                 DAMAGED,
             ));
         }
-        // A folder has none.
+        // A folder has no length.
         let Some(len) = input.len_beside(file) else {
             return Err(missing(input.path, file));
         };
@@ -398,14 +399,14 @@ fn check_files(input: Input<'_>, files: &[PathBuf], each: u64, packing: Packing)
     Ok(())
 }
 
-/// Whether `len` bytes of a file can stand for `wanted` bytes of numbers.
+/// Whether `len` bytes of a file can unpack to `wanted` bytes of numbers.
 fn could_hold(packing: Packing, len: u64, wanted: u64) -> bool {
     match packing {
         Packing::Raw => wanted <= len,
         Packing::Gzip | Packing::Zlib => wanted <= len.saturating_mul(DEFLATE_RATIO),
         Packing::Bzip2 => wanted <= len.saturating_mul(BZIP2_RATIO),
         Packing::Hex => wanted <= len / 2,
-        // A number of eight bytes takes a character and what parts it from the next.
+        // A number of eight bytes takes a character and a separator.
         Packing::Text => wanted / 8 <= len / 2 + 1,
     }
 }
@@ -426,7 +427,7 @@ struct Part<'a> {
 }
 
 impl<'a> Part<'a> {
-    /// What follows the first `start` bytes of a file, after what is to be skipped.
+    /// Opens a file from byte `start` on, and skips what is to be skipped.
     fn open(
         input: Input<'a>,
         start: u64,
@@ -518,7 +519,8 @@ impl<'a> Part<'a> {
         Ok(Self { bytes })
     }
 
-    /// That there is more than the header says: sound, as some writers pad, or a header of another file.
+    /// A note if there is more than the header states: some writers pad files, or the header belongs to another
+    /// file.
     fn excess_note(&mut self, path: &Path, numbers: &Numbers) -> Option<String> {
         // Volumes that are left out are not read.
         if numbers.volume_step > 1 {
@@ -530,18 +532,18 @@ impl<'a> Part<'a> {
     }
 }
 
-/// What is said of a file with more bytes than its header names.
+/// The note on a file with more bytes than its header states.
 fn excess(path: &Path) -> String {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     format!("bytes of {name} beyond those that the header names are left out")
 }
 
-/// Reads and forgets so many bytes, or all there are.
+/// Reads and discards `count` bytes, or all there are.
 fn pass(source: &mut dyn Read, count: u64) -> io::Result<()> {
     io::copy(&mut source.take(count), &mut io::sink()).map(drop)
 }
 
-/// Reads and forgets a line: its length, 0 at the end.
+/// Reads and discards a line. Returns its length, 0 at the end of the file.
 fn pass_line(source: &mut dyn io::BufRead) -> io::Result<u64> {
     let mut passed = 0;
     loop {
@@ -556,7 +558,7 @@ fn pass_line(source: &mut dyn io::BufRead) -> io::Result<u64> {
     }
 }
 
-/// Hexadecimal digits as bytes.
+/// Decodes hexadecimal digits to bytes.
 struct HexDecoder<R> {
     digits: R,
 }
@@ -603,7 +605,7 @@ struct Parts<'a> {
     skip: Skip,
     numbers: &'a Numbers,
     each: u64,
-    /// The file that is being read, and how much of it is still to come.
+    /// The file being read, and its remaining number of bytes.
     current: Option<(PathBuf, Part<'a>, u64)>,
     notes: Vec<String>,
     error: Option<Error>,
@@ -644,7 +646,7 @@ impl Read for Parts<'_> {
         let most = usize::try_from(*left).unwrap_or(out.len()).min(out.len());
         let count = part.bytes.read(&mut out[..most])?;
         if count == 0 && most > 0 {
-            // The next file's numbers are not the rest of this one's.
+            // The next file's numbers must not complete this one's.
             self.error = Some(too_short(file, self.each, self.each - *left));
             return Err(io::ErrorKind::UnexpectedEof.into());
         }
@@ -655,7 +657,7 @@ impl Read for Parts<'_> {
 
 /// Reads numbers by chunks into one [`Values`] for each component.
 pub(super) fn gather(path: &Path, source: &mut dyn Read, numbers: &Numbers) -> Result<Vec<Values>> {
-    /// About so many bytes are read at a time: they are unpacked where the second cache holds them.
+    /// Approximate number of bytes read at a time: they are unpacked in the second-level cache.
     const CHUNK: usize = 1 << 17;
     let (count, wanted) = numbers.check(path)?;
     let Numbers {
@@ -664,7 +666,7 @@ pub(super) fn gather(path: &Path, source: &mut dyn Read, numbers: &Numbers) -> R
         scale,
         ..
     } = *numbers;
-    // Of one volume at the least, in four bytes at most.
+    // One volume at least, in four bytes per number at most.
     let kept = count as u64 * beside as u64 * encoding.scalar.size().min(4) as u64;
     check_room(path, "header, the sizes", kept)?;
     let sample = encoding.scalar.size() * beside;
@@ -702,7 +704,7 @@ pub(super) fn gather(path: &Path, source: &mut dyn Read, numbers: &Numbers) -> R
     Ok(components)
 }
 
-/// Reads until `out` is full or nothing is left: how many bytes.
+/// Reads until `out` is full or the source ends. Returns the number of bytes.
 fn read_into(source: &mut dyn Read, out: &mut [u8]) -> io::Result<usize> {
     let mut read = 0;
     while read < out.len() {
@@ -743,10 +745,10 @@ pub(super) fn field(name: &str, mut components: Vec<Values>, unit: Option<String
     }
 }
 
-/// The lattice of an image. One of two dimensions is a layer that stands upright on its two steps, and as thick as the
-/// shorter of these.
+/// The lattice of an image. An image of two dimensions is a layer. Its third step is perpendicular to the two
+/// given ones, and as long as the shorter of these.
 ///
-/// - `place`: where the header says it, for messages.
+/// - `place`: place in the header, for messages.
 ///
 /// # Errors
 /// Numbers that are not finite, or cells without a volume.
@@ -772,7 +774,7 @@ pub(super) fn lattice(
     Ok(Lattice { dims, spacing })
 }
 
-/// The steps along three indices as columns, of two or three that are given; `None` where cells have no volume.
+/// The steps along three indices as columns, from two or three given ones; `None` if cells have no volume.
 pub(super) fn step(steps: &[DVec3]) -> Option<DMat3> {
     let step = match *steps {
         [x, y] => {

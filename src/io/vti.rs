@@ -1,4 +1,4 @@
-//! VTK image data (`.vti`, `.pvti`): a uniform lattice with named arrays.
+//! Reads VTK image data (`.vti`, `.pvti`): a uniform lattice with named arrays.
 //!
 //! ```text
 //! <ImageData WholeExtent="i0 i1 j0 j1 k0 k1" Origin="x y z" Spacing="x y z"
@@ -10,9 +10,8 @@
 //! </ImageData>
 //! ```
 //!
-//! Node (i, j, k), counted as the extents count, lies at Origin + Direction (Spacing * (i, j,
-//! k)); the lattice starts at the first node of `WholeExtent`. Several pieces are put together, see
-//! [`super::vtk_extent`].
+//! Node (i, j, k), with indices from the extents, lies at Origin + Direction (Spacing * (i, j, k)). The lattice
+//! starts at the first node of `WholeExtent`. Several pieces are put together, see [`super::vtk_extent`].
 
 use std::path::Path;
 
@@ -33,7 +32,7 @@ pub(super) const FORMAT: &str = "VTK image data";
 /// Reads an image.
 ///
 /// # Errors
-/// Not an image, damaged arrays, or pieces that do not make up the whole.
+/// A file of another type; damaged arrays; pieces that do not make up the whole.
 pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
     let ((whole, lattice), parts) =
@@ -48,18 +47,18 @@ pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
     })
 }
 
-/// The nodes of an image, and where they lie.
+/// The extent of an image, and its lattice.
 pub(super) fn shape(path: &Path, image: Node<'_, '_>) -> Result<(Extent, Lattice)> {
     let whole = Extent::whole(path, image)?;
     let lattice = Placement::of(path, image)?.lattice(path, &whole)?;
     Ok((whole, lattice))
 }
 
-/// How an image says where its nodes lie.
+/// The attributes of an image that place its nodes.
 pub(super) struct Placement {
     pub(super) origin: DVec3,
     pub(super) spacing: DVec3,
-    /// The directions of the indices, as the rows of a matrix have them.
+    /// The directions of the indices, as a matrix in row order.
     pub(super) by_rows: [f64; 9],
 }
 
@@ -73,7 +72,7 @@ impl Placement {
         })
     }
 
-    /// The lattice of an extent, which starts at its first node.
+    /// The lattice of an extent, which starts at the extent's first node.
     pub(super) fn lattice(&self, path: &Path, whole: &Extent) -> Result<Lattice> {
         let Self {
             origin,

@@ -1,8 +1,8 @@
-//! Planes of VTK image data: of the pieces that an index (`.pvti`) names, or of one file (`.vti`).
+//! Reads planes of VTK image data, from the pieces that an index (`.pvti`) names, or from one file (`.vti`).
 //!
-//! The index says which nodes each piece has, and by its `PPointData` and `PCellData` which arrays: a piece is opened
-//! when planes of it are wanted, and must be what the index says. Of an array that is appended raw and not compressed only
-//! these planes are read; else the file is read as a whole, one at a time.
+//! The index states each piece's nodes, and in `PPointData` and `PCellData` the arrays. A piece is opened when
+//! some of its planes are wanted, and must agree with the index. If an array is appended raw and not
+//! compressed, only the wanted planes are read; otherwise whole files are read, one at a time.
 
 #![cfg_attr(
     not(feature = "cli"),
@@ -32,30 +32,31 @@ use crate::scene::Values;
 const KIND: &str = "ImageData";
 const INDEX: &str = "PImageData";
 
-/// As many bytes of a file are looked at for the elements before its appended data.
+/// Number of bytes of a file in which the elements before its appended data are looked for.
 const MOST_ELEMENTS_LEN: u64 = 1 << 16;
 
-/// Pieces are looked at so often, at most, to find whether they have all nodes: some forty times each of a hundred thousand.
+/// Greatest number of pieces visited to find whether they cover all nodes: some forty visits for each of a
+/// hundred thousand pieces.
 const MOST_LOOKS: usize = 1 << 22;
 
-/// Where the values of an image are.
+/// Location of an image's values.
 #[derive(Debug)]
 pub(super) struct Pieces {
     whole: Extent,
-    /// Files and their nodes; of those that overlap the last one counts.
+    /// Files and their nodes; if pieces overlap, the last one counts.
     pieces: Vec<(PathBuf, Extent)>,
-    /// The arrays of nodes and of cells of every piece, sorted.
+    /// The arrays of nodes and of cells that every piece has, sorted.
     arrays: [Vec<Kind>; 2],
     is_index: bool,
 }
 
-/// What pieces must have alike of an array: name, components, type.
+/// An array's properties that must be equal in all pieces: name, components, type.
 type Kind = (String, usize, &'static str);
 
-/// Finds the values of an image. Of an index no piece is looked at but the first.
+/// Locates the values of an image. Of the pieces of an index only the first is opened.
 ///
 /// # Errors
-/// Those of [`vti::read`] about an index, and about what a file says of the lattice.
+/// Those of [`vti::read`] for an index, and for a file's description of the lattice.
 pub(super) fn find(input: Input<'_>) -> Result<Option<(Dataset, Pieces)>> {
     let (head, _) = input.head(HEAD)?;
     match file_type(&head) {
@@ -118,7 +119,7 @@ fn find_in_index(input: Input<'_>) -> Result<Option<(Dataset, Pieces)>> {
         arrays: [nodes, cells],
         is_index: true,
     };
-    // Indices that are written by hand may say nothing of the arrays, or something else.
+    // Handwritten indices may lack the arrays, or have others.
     let Ok(fields) = pieces.fields_of_first() else {
         return Ok(None);
     };
@@ -126,7 +127,7 @@ fn find_in_index(input: Input<'_>) -> Result<Option<(Dataset, Pieces)>> {
     Ok(Some((head, pieces)))
 }
 
-/// The pieces of an index; `None` where it does not say where each lies, or names a file twice.
+/// The pieces of an index; `None` if it lacks their extents, or names a file twice.
 fn named_pieces(
     path: &Path,
     whole: &Extent,
@@ -148,8 +149,8 @@ fn named_pieces(
     Some(pieces)
 }
 
-/// Whether pieces have all nodes; not where they lie too oddly for this to be found with little work. The whole is cut at
-/// faces of pieces until one has all nodes of what is cut out.
+/// Whether pieces cover all nodes; also false if finding out takes too much work. The whole is cut recursively
+/// at faces of pieces until one piece covers each part.
 fn covers(whole: &Extent, pieces: &[(PathBuf, Extent)]) -> bool {
     let meets = |a: &Extent, b: &Extent| {
         (0..3).all(|axis| a.first[axis] <= b.last[axis] && b.first[axis] <= a.last[axis])
@@ -164,7 +165,8 @@ fn covers(whole: &Extent, pieces: &[(PathBuf, Extent)]) -> bool {
         if near.iter().any(|extent| contains(extent, &part)) {
             continue;
         }
-        // Pieces are written in the order of their places: half of them lie on either side of the middle one.
+        // Pieces are written in the order of their positions, so half of them lie on either side of the middle
+        // one.
         let Some(middle) = near.get(near.len() / 2) else {
             return false;
         };
@@ -199,7 +201,8 @@ fn arrays_of<'d>(piece: Node<'d, 'd>, association: Association) -> Vec<Declared<
     all.unwrap_or_default()
 }
 
-/// What pieces must have alike of arrays, sorted; `None` where two have one name, or one is damaged.
+/// The arrays' properties that must be equal in all pieces, sorted; `None` if two arrays have one name, or one
+/// is damaged.
 fn kinds(arrays: &[Declared<'_>]) -> Option<Vec<Kind>> {
     let kind = |array: &Declared<'_>| {
         let components = array.component_count()?;
@@ -212,7 +215,7 @@ fn kinds(arrays: &[Declared<'_>]) -> Option<Vec<Kind>> {
     kinds.windows(2).all(is_once).then_some(kinds)
 }
 
-/// Fields without values. Those of cells are never read.
+/// Fields without values. Fields of cells are never read.
 fn fields(nodes: &[Declared<'_>], cells: &[Kind]) -> Vec<Field> {
     let field = |name: &str, association, source| Field {
         name: name.to_owned(),
@@ -233,7 +236,7 @@ fn fields(nodes: &[Declared<'_>], cells: &[Kind]) -> Vec<Field> {
     of_nodes.chain(of_cells).collect()
 }
 
-/// The only piece of a file that has nodes, and these.
+/// The only piece of a file that has nodes, with its extent.
 fn only_piece<'d>(
     path: &Path,
     whole: &Extent,
@@ -251,7 +254,7 @@ fn only_piece<'d>(
     Ok(only)
 }
 
-/// A file, its length, and as many of its bytes as the elements before appended data have.
+/// A file, its length, and its first bytes, which include the elements before the appended data.
 fn open_head(path: &Path) -> Result<(File, u64, Vec<u8>)> {
     let (mut file, len) = open_regular(path)?;
     let mut head = Vec::new();
@@ -266,17 +269,17 @@ fn unread(path: &Path, error: std::io::Error) -> Error {
     Error::io(path, "reading", error, "check the disk")
 }
 
-/// Where a piece's values are.
+/// Location of a piece's values.
 enum Place {
     Plain(PlainNumbers),
-    /// In the whole of the file.
+    /// The whole file must be read.
     Packed,
 }
 
 impl Pieces {
     /// Whether an array can be read by planes.
     pub(super) fn can_read(&self, array: &str) -> bool {
-        // A file of one piece that is read as a whole is better read once.
+        // A single file that must be read whole is better read once.
         let mut pieces = self.pieces.iter();
         self.is_index
             || pieces.all(|(path, extent)| {
@@ -285,7 +288,7 @@ impl Pieces {
             })
     }
 
-    /// The fields, those of nodes in the order of the first piece.
+    /// The fields; those of nodes in the order of the first piece.
     fn fields_of_first(&self) -> Result<Vec<Field>> {
         let Some((path, extent)) = self.pieces.first() else {
             return Ok(Vec::new());
@@ -302,9 +305,9 @@ impl Pieces {
         }
     }
 
-    /// The values of some planes of an array, run after run. A piece that is packed is unpacked once.
+    /// Reads some planes of an array, run after run. A packed piece is unpacked once.
     ///
-    /// - `empty`: none of them, in their type.
+    /// - `empty`: no values, of the array's type.
     pub(super) fn read(
         &self,
         array: &str,
@@ -327,7 +330,7 @@ impl Pieces {
                 before += run.len();
             }
             if !parts.is_empty() {
-                // Each is found to have as many values before there is memory for all of them.
+                // Each piece is checked to have its values before memory for all is allocated.
                 let place = self.place(path, extent, array)?;
                 wanted.push((path, extent, parts, place));
             }
@@ -375,7 +378,7 @@ impl Pieces {
                         let wide: Vec<f64> = part.iter().map(|&v| v.into()).collect();
                         copy(all, &wide, rows);
                     }
-                    // It was of this type when it was looked at.
+                    // The type was the same when the piece was checked.
                     _ => return Err(other_arrays(path, Association::Nodes)),
                 }
             }
@@ -383,7 +386,7 @@ impl Pieces {
         Ok(all)
     }
 
-    /// Where a piece's values are: as many as it is to have, for all that its length says.
+    /// Locates a piece's values, and checks their number against the file's length.
     fn place(&self, path: &Path, extent: &Extent, array: &str) -> Result<Place> {
         let count = extent.count(Association::Nodes).unwrap_or(usize::MAX);
         let (mut file, len, head) = open_head(path)?;
@@ -414,7 +417,7 @@ impl Pieces {
                         }));
                     }
                 }
-                // What is wrong is said by what reads the whole.
+                // The reader of the whole file reports the error.
             }
         }
         if count as u64 > len.saturating_mul(MOST_RATIO) {
@@ -441,7 +444,7 @@ impl Pieces {
         first.ok_or_else(|| other_arrays(path, Association::Nodes))
     }
 
-    /// An array of a file that is the piece that it is to be.
+    /// An array of a file whose piece agrees with the index.
     fn array<'d>(
         &self,
         path: &Path,
@@ -455,7 +458,7 @@ impl Pieces {
         found.ok_or_else(|| other_arrays(path, Association::Nodes))
     }
 
-    /// The piece of a file, which has the nodes and the arrays that it is to have.
+    /// The piece of a file; an error if its nodes or arrays are not those of the index.
     fn checked<'d>(
         &self,
         path: &Path,
@@ -492,7 +495,7 @@ impl Pieces {
     }
 }
 
-/// That a piece has other arrays than its index says.
+/// The error for a piece whose arrays differ from its index's.
 fn other_arrays(path: &Path, association: Association) -> Error {
     let element = element_of(association);
     Error::format(
@@ -525,7 +528,7 @@ mod tests {
     use super::*;
     use crate::io::planes::Planes;
 
-    /// How a piece is written.
+    /// The form of a piece's file.
     #[derive(Debug, Clone, Copy, PartialEq, Eq)]
     enum Form {
         Text,
@@ -548,7 +551,7 @@ mod tests {
         Form::Zlib,
     ];
 
-    /// Numbers that tell nodes apart, and the pieces that have them in common.
+    /// Numbers that identify nodes, and the piece if several share them.
     fn numbers(extent: [i64; 6], piece: usize) -> Vec<f32> {
         let [i0, i1, j0, j1, k0, k1] = extent;
         let mut all = Vec::new();
@@ -567,7 +570,7 @@ mod tests {
         x as i16
     }
 
-    /// A file of one piece with an array of floats, one of shorts, and what else is given.
+    /// A file of one piece with an array of floats, one of shorts, and the content of `more`.
     fn file(form: Form, extent: [i64; 6], piece: usize, more: &str) -> Vec<u8> {
         let numbers = numbers(extent, piece);
         let (wide, big_endian) = match form {
@@ -689,7 +692,7 @@ mod tests {
                 let planes = check(&path, &OpenOptions::default(), Some(field)).unwrap();
                 assert_eq!(planes.unit(), (field != "S").then_some("K"));
             }
-            // Several, none named; one that there is not.
+            // Several fields, none named; a field that does not exist.
             assert!(planes(&path, None).is_none());
             assert!(planes(&path, Some("u")).is_none());
         }
@@ -741,7 +744,7 @@ mod tests {
         assert!(planes(&path, Some("c")).is_none());
         fs::write(&path, file(RAW, extent, 0, &cells("vtkGhostType"))).unwrap();
         assert!(planes(&path, Some("s")).is_none());
-        // Of an index, too, whose first piece has no cells.
+        // For an index, too, whose first piece has no cells.
         let ghosts = "<PCellData><PDataArray type=\"UInt8\" Name=\"vtkGhostType\"/></PCellData>";
         let thin = [0, 1, 0, 1, 0, 0];
         fs::write(folder.path().join("thin.vti"), file(RAW, thin, 0, "")).unwrap();
@@ -790,7 +793,7 @@ mod tests {
                 "<Piece Extent=\"-1 4 0 3 8 8\"",
                 "<Piece Extent=\"-1 4 0 3 8 7\"",
             ),
-            // Those that leave a node out.
+            // Pieces that leave a node out.
             (
                 "<Piece Extent=\"-1 4 0 3 8 8\"",
                 "<Piece Extent=\"-1 4 1 3 8 8\"",
@@ -813,7 +816,7 @@ mod tests {
         };
         let whole = extent([0, 3, 0, 3, 0, 3]);
         assert!(!covers(&whole, &[]));
-        // Each node against each, for blocks that any numbers make.
+        // Every node is tested against every piece, for random blocks.
         let mut state = 1_u64;
         let mut next = |most: i64| {
             state = state
@@ -850,7 +853,7 @@ mod tests {
             assert_eq!(covers(&whole, &all(&blocks)), expected, "{blocks:?}");
         }
         assert!((300..2700).contains(&sound), "{sound}");
-        // Thousands of blocks, whose neighbours have a layer in common.
+        // Thousands of blocks, with a layer in common between neighbours.
         let mut blocks = Vec::new();
         for n in 0..32_768 {
             let [i, j, k] = [n % 32, n / 32 % 32, n / 1024].map(|n| 8 * n);
@@ -862,7 +865,7 @@ mod tests {
         assert!(!covers(&whole, &all(&blocks)));
     }
 
-    /// Any bytes end in data or in an error, and data are those of the whole.
+    /// Any bytes give data or an error; data equal those of the whole.
     #[test]
     fn damaged_bytes_end_in_data_or_an_error() {
         let mut same = 0;

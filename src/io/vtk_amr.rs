@@ -1,4 +1,4 @@
-//! VTK's levels of refinement as XML (`.vthb`, `.vth`, and `.vtm` of old ParaView): a list of images.
+//! Reads VTK's levels of refinement as XML (`.vthb`, `.vth`, and `.vtm` of old ParaView): a list of images.
 //!
 //! ```text
 //! <VTKFile type="vtkOverlappingAMR" version="1.1">         <VTKFile type="vtkHierarchicalBoxDataSet" version="0.1">
@@ -10,8 +10,8 @@
 //! </VTKFile>
 //! ```
 //!
-//! The images say themselves where they are and how far apart their nodes; the list says of which level they are, by `level`
-//! or by `group`. See [`super::amr`] for what is made of them.
+//! The images store their own positions and spacings; the list stores their levels, in `level` or `group`.
+//! [`super::amr`] converts them to a data set.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -35,7 +35,7 @@ pub(super) const TYPES: [&str; 3] = [
     "vtkHierarchicalDataSet",
 ];
 
-/// Levels; far more than anything writes.
+/// Greatest number of levels; far more than anything writes.
 const MOST_LEVELS: usize = 64;
 
 const DAMAGED: &str = "the file is damaged: save it again";
@@ -43,7 +43,7 @@ const DAMAGED: &str = "the file is damaged: save it again";
 /// Reads the boxes of all levels.
 ///
 /// # Errors
-/// A damaged list, images that are not there or named twice, ones that are not in the lattice of their level.
+/// A damaged list; images that are missing or named twice; images outside the lattice of their level.
 pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
     let bytes = input.read_all()?;
@@ -65,7 +65,7 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     let mut patches = Vec::new();
     let mut seen = HashSet::new();
     for (level, file) in named {
-        // A file that is named often would be in memory as often.
+        // A file named repeatedly would be in memory as many times.
         let resolved = input.resolved_beside(&file).ok_or_else(|| {
             let found = format!("no file `{}`", clip(&file.display().to_string()));
             let advice = "put the file there";
@@ -98,7 +98,7 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     amr::dataset(path, "VTK levels of refinement", levels, patches)
 }
 
-/// The level and the file of a `DataSet`; `None` of one that is empty.
+/// The level and the file of a `DataSet`; `None` if it is empty.
 fn entry(path: &Path, level: Option<&str>, node: Node<'_, '_>) -> Result<Option<(usize, PathBuf)>> {
     let Some(file) = node.attribute("file").filter(|file| !file.is_empty()) else {
         return Ok(None);
@@ -121,7 +121,7 @@ fn entry(path: &Path, level: Option<&str>, node: Node<'_, '_>) -> Result<Option<
     )))
 }
 
-/// An image as a part of the lattice of its level, which the first image of the level says.
+/// Converts an image to a part of its level's lattice, which the level's first image defines.
 fn patch(image: Dataset, level: usize, lattice: &mut Option<Level>) -> Result<Patch> {
     let fault = |expected: &str, found: String| {
         Error::format(&image.path, "ImageData", expected, found, DAMAGED)
@@ -144,7 +144,7 @@ fn patch(image: Dataset, level: usize, lattice: &mut Option<Level>) -> Result<Pa
     let first = (*origin - of_level.origin) / of_level.spacing;
     let off = (first - first.round()).abs().max_element();
     let stretched = (spacing / of_level.spacing - 1.0).abs().max_element();
-    // Single precision, some thousand cells away. Phrased so that NaN is refused.
+    // Tolerances for single precision, some thousand cells away. Phrased so that NaN is refused.
     if !(off < 0.01 && stretched < 1e-4) {
         let expected = "the lattice of the other images of its level";
         return Err(fault(expected, format!("spacing {spacing} from {origin}")));

@@ -1,6 +1,6 @@
-//! The arrays of VTK XML files, decoded.
+//! Decodes the arrays of VTK XML files.
 //!
-//! | `format` | where the numbers are |
+//! | `format` | location of the numbers |
 //! |---|---|
 //! | `ascii` | in the element, as text |
 //! | `binary` | in the element, as base64 |
@@ -15,9 +15,9 @@
 //!
 //! In base64, header and data may be one stream or two; both are read.
 //!
-//! Nothing is allocated on a header's word alone: an array must have the size that the mesh
-//! asks for, and its encoded bytes must be there (compressed: times [`Codec::ratio`]). All arrays
-//! together may not use more encoded bytes than the file has, so that no bytes count twice.
+//! Nothing is allocated on a header's word alone. An array must have the size that the mesh requires, and its
+//! encoded bytes must be there (compressed: times [`Codec::ratio`]). All arrays together may not use more
+//! encoded bytes than the file has, so that no bytes count twice.
 
 use std::borrow::Cow;
 use std::cell::Cell;
@@ -60,7 +60,7 @@ pub(crate) struct Array {
 }
 
 impl Array {
-    /// One without values.
+    /// An array without values.
     #[cfg(feature = "cli")]
     pub(super) fn none_of((name, kinds): &super::ArrayKey) -> Self {
         Self {
@@ -72,7 +72,7 @@ impl Array {
         }
     }
 
-    /// What a field holds; `None` of what is derived.
+    /// The values of a field; `None` if the field is derived.
     pub(crate) fn of_field(field: Field) -> Option<Self> {
         let components = match field.source {
             FieldSource::Scalar(values) => vec![values],
@@ -95,12 +95,12 @@ pub(super) struct Declared<'d> {
 }
 
 impl Declared<'_> {
-    /// Numbers of a tuple; `None` where that is damaged.
+    /// Numbers per tuple; `None` if the attribute is damaged.
     pub(super) fn component_count(&self) -> Option<usize> {
         component_count(self.node).ok()
     }
 
-    /// None of a component's numbers, in the type that they are read as.
+    /// No values, of the type in which a component is read.
     pub(super) fn no_values(&self) -> Values {
         let encoding = Encoding {
             scalar: self.scalar,
@@ -115,9 +115,9 @@ impl Declared<'_> {
     }
 }
 
-/// The arrays of numbers that an element declares; those of text or bits are left out.
+/// The arrays of numbers that an element declares; arrays of text or bits are left out.
 ///
-/// - `tag`: how the elements of arrays are named: `DataArray`, and `PDataArray` in an index.
+/// - `tag`: name of the arrays' elements: `DataArray`, or `PDataArray` in an index.
 pub(super) fn declared<'d>(element: Node<'d, 'd>, tag: &str) -> Vec<Declared<'d>> {
     let mut all = Vec::new();
     for node in element.children().filter(|n| n.has_tag_name(tag)) {
@@ -133,7 +133,7 @@ pub(super) fn declared<'d>(element: Node<'d, 'd>, tag: &str) -> Vec<Declared<'d>
     all
 }
 
-/// Why an array cannot be decoded: what was expected, found, and what to do.
+/// The reason why an array cannot be decoded: expected, found, and advice.
 struct Fault(String, String, &'static str);
 
 impl Fault {
@@ -226,8 +226,9 @@ impl<'a> Decoder<'a> {
         Ok(Array { name, components })
     }
 
-    /// Where in the appended bytes an array of one component is that lies there as it is, and how it is to be read: a
-    /// word with the number of its bytes, then these. `None` of all others.
+    /// The location and encoding of an array that is stored plain: one component, appended raw and not
+    /// compressed. At that offset in the appended bytes is a word with the number of bytes, then the bytes.
+    /// `None` for all other arrays.
     pub(super) fn plain(&self, declared: &Declared<'_>) -> Option<(u64, Encoding)> {
         let node = declared.node;
         let is_plain = self.codec.is_none()
@@ -242,12 +243,12 @@ impl<'a> Decoder<'a> {
         offset.filter(|_| is_plain).map(|offset| (offset, encoding))
     }
 
-    /// Bytes of a header word.
+    /// Bytes per header word.
     pub(super) fn word_size(&self) -> usize {
         self.word_size
     }
 
-    /// A header word.
+    /// The value of a header word.
     pub(super) fn word(&self, bytes: &[u8]) -> u64 {
         let fold = |n: u64, &b: &u8| n << 8 | u64::from(b);
         if self.big_endian {
@@ -284,8 +285,8 @@ impl<'a> Decoder<'a> {
         })
     }
 
-    /// Decodes an array of integers, `count` of them or, without it, as many as there are.
-    /// `convert` says which are allowed, `expected` says it in words.
+    /// Decodes an array of integers, `count` of them or, without it, as many as there are. `convert` returns
+    /// those that are allowed, `expected` describes them.
     pub(crate) fn integers<T: Copy + Default + Send>(
         &self,
         node: Node<'_, '_>,
@@ -306,7 +307,7 @@ impl<'a> Decoder<'a> {
         })
     }
 
-    /// Does the work on an array; its faults become errors that name it.
+    /// Runs `work` on an array; its faults become errors that name the array.
     fn named<T>(
         &self,
         node: Node<'_, '_>,
@@ -341,8 +342,8 @@ impl<'a> Decoder<'a> {
             .collect()
     }
 
-    /// The bytes of an array of so many tuples of so many components, or of any size, and how
-    /// they are to be read.
+    /// The bytes of an array, and their encoding. `shape`: number of tuples and of components; without it, any
+    /// size.
     fn bytes(
         &self,
         node: Node<'_, '_>,
@@ -528,7 +529,7 @@ impl<'a> Decoder<'a> {
         Ok(Cow::Owned(bytes))
     }
 
-    /// Header words.
+    /// Reads header words.
     fn words(&self, source: &mut Source<'_>, count: usize) -> Result<Vec<u64>, Fault> {
         let size = count
             .checked_mul(self.word_size)
@@ -539,7 +540,7 @@ impl<'a> Decoder<'a> {
     }
 }
 
-/// Encoded bytes and how far they have been read.
+/// Encoded bytes, and the position in them.
 enum Source<'d> {
     Raw(&'d [u8]),
     Base64 {
@@ -557,7 +558,7 @@ impl<'d> Source<'d> {
         }
     }
 
-    /// Encoded bytes that are left.
+    /// Number of encoded bytes left.
     fn remaining(&self) -> usize {
         match self {
             Self::Raw(data) => data.len(),
@@ -604,8 +605,8 @@ const BASE64: GeneralPurpose = GeneralPurpose::new(
         .with_decode_padding_mode(DecodePaddingMode::Indifferent),
 );
 
-/// Decodes whole quads from the front of `text`: enough for `count` bytes, at most a buffer
-/// full, and not beyond a padded quad, where one stream ends and the next may begin.
+/// Decodes whole quads from the front of `text`: enough for `count` bytes, at most a buffer full, and not
+/// beyond a padded quad, where one stream ends and the next may begin.
 fn decode_base64(text: &mut &[u8], count: usize, decoded: &mut Vec<u8>) -> Result<(), Fault> {
     const MOST_QUADS: usize = 1 << 14;
     let wanted = 4 * count.div_ceil(3).min(MOST_QUADS);
@@ -676,8 +677,8 @@ fn ascii(text: &str, scalar: ScalarType, count: Option<usize>) -> Result<Vec<u8>
     Ok(bytes)
 }
 
-/// So many numbers of a type in text, as little-endian bytes: for readers of other formats. The error is what was
-/// expected and what was found.
+/// Parses `count` numbers of a type in text to little-endian bytes, for readers of other formats. The error is
+/// the expectation and what was found.
 pub(super) fn parsed_text(
     text: &[u8],
     scalar: ScalarType,
@@ -692,7 +693,7 @@ pub(super) fn parsed_text(
     ascii(text, scalar, Some(count)).map_err(|Fault(expected, found, _)| [expected, found])
 }
 
-/// A header's size, if it fits into memory and is the one that is wanted.
+/// A header's size, if it fits into memory and equals the wanted one.
 fn checked_size(
     claimed: Option<u64>,
     wanted: Option<usize>,
@@ -714,7 +715,7 @@ fn fewer(count: usize) -> Fault {
     Fault::new(format!("{count} values"), "fewer")
 }
 
-/// The type of an array that cannot be left out.
+/// The type of an array that is required.
 fn numeric(node: Node<'_, '_>) -> Result<ScalarType, Fault> {
     let name = node.attribute("type").unwrap_or("");
     scalar_type(name).ok_or_else(|| Fault::new("a `type` of numbers", format!("`{}`", clip(name))))

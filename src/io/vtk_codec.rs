@@ -1,4 +1,4 @@
-//! The compressors of VTK XML files.
+//! Decompresses the blocks of VTK XML files.
 //!
 //! | `compressor` | each block is |
 //! |---|---|
@@ -13,18 +13,18 @@ use lzma_rust2::XzReader;
 
 use super::raw::DEFLATE_RATIO;
 
-/// The most bytes that one byte of an LZ4 block can stand for: a byte that lengthens a match.
+/// Greatest number of bytes that one byte of an LZ4 block can decode to: a byte that lengthens a match.
 const LZ4_RATIO: u64 = 255;
 
-/// More bytes than one byte of any of these can stand for.
+/// A bound on the number of bytes that one byte of any of these can decode to.
 pub(super) const MOST_RATIO: u64 = XZ_RATIO;
 
-/// More bytes than one byte of an .xz stream can stand for. Its shortest code for 273 bytes, the
-/// longest match, is 14 bits of probability 2017/2048 each, the extreme that an adaptive bit
-/// reaches: 0.31 bits, that is 7090 bytes to a byte.
+/// A bound on the number of bytes that one byte of an .xz stream can decode to. Its shortest code for 273
+/// bytes, the longest match, is 14 bits of probability 2017/2048 each, the extreme that an adaptive bit
+/// reaches: 0.31 bits, that is 7090 bytes per byte.
 const XZ_RATIO: u64 = 8192;
 
-/// How the blocks of a file are compressed.
+/// Compression of a file's blocks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Codec {
     Zlib,
@@ -33,7 +33,7 @@ pub(super) enum Codec {
 }
 
 impl Codec {
-    /// The names that a file may give.
+    /// The names that a file may have.
     pub(super) const NAMES: &str =
         "vtkZLibDataCompressor, vtkLZ4DataCompressor or vtkLZMADataCompressor";
 
@@ -55,7 +55,7 @@ impl Codec {
         }
     }
 
-    /// How many bytes one compressed byte can stand for at most.
+    /// Greatest number of bytes that one compressed byte can decode to.
     pub(super) fn ratio(self) -> u64 {
         match self {
             Self::Zlib => DEFLATE_RATIO,
@@ -67,7 +67,7 @@ impl Codec {
     /// Appends the bytes of one block, never more than one beyond `wanted`.
     ///
     /// # Errors
-    /// What the decoder says.
+    /// The decoder's message.
     pub(super) fn decode(
         self,
         block: &[u8],

@@ -1,4 +1,4 @@
-//! VTK's collections of blocks (`.vtm`, `.vtmb`, `.vtpc`, `.vtpd`): files that are drawn together.
+//! Reads VTK's collections of blocks (`.vtm`, `.vtmb`, `.vtpc`, `.vtpd`): files that are drawn together.
 //!
 //! ```text
 //! <VTKFile type="vtkMultiBlockDataSet">
@@ -10,9 +10,9 @@
 //! </VTKFile>
 //! ```
 //!
-//! `vtkMultiPieceDataSet`, `vtkPartitionedDataSet` and `vtkPartitionedDataSetCollection` (with `Partitions` for `Piece`) are
-//! alike. A `file` lies beside the collection or in a folder below. A `DataSet` without one is an empty place. Collections
-//! that a collection names are put in their place.
+//! `vtkMultiPieceDataSet`, `vtkPartitionedDataSet` and `vtkPartitionedDataSetCollection` (with `Partitions` for
+//! `Piece`) are alike. A `file` lies beside the collection or in a folder below. A `DataSet` without `file` is
+//! empty. A collection that another names is replaced by its files.
 
 use std::path::{Path, PathBuf};
 
@@ -25,7 +25,7 @@ use super::vtk_xml::{self, Frame, child_among, clip};
 use super::{OpenOptions, extension, read_input, voxels};
 use crate::error::{Advice, Error, Result};
 
-/// Endings of these files.
+/// Extensions of these files.
 pub(super) const ENDINGS: [&str; 4] = ["vtm", "vtmb", "vtpc", "vtpd"];
 
 const TYPES: [&str; 4] = [
@@ -38,16 +38,16 @@ const TYPES: [&str; 4] = [
 /// The type of ParaView's collections of time steps.
 pub(super) const PARAVIEWS: &str = "Collection";
 
-/// Elements that hold others.
+/// Elements that contain others.
 const GROUPS: [&str; 3] = ["Block", "Piece", "Partitions"];
 
-/// Bytes of a collection at most. A larger one is no list of files.
+/// Greatest size of a collection in bytes. A larger file is no list of files.
 const MOST_BYTES: u64 = 64 << 20;
 
-/// Groups in groups, and collections in collections, at most.
+/// Greatest depth of groups in groups, and of collections in collections.
 const DEEPEST: usize = 32;
 
-/// Files of all collections together at most.
+/// Greatest number of files in all collections together.
 const MOST_FILES: usize = 1 << 20;
 
 const DAMAGED: &str = "the collection is damaged: save it again";
@@ -58,7 +58,7 @@ pub(super) fn looks_like(head: &[u8]) -> bool {
     kind.flatten().is_some_and(|kind| TYPES.contains(&kind))
 }
 
-/// Reads the first of the files, with a note of how many there are.
+/// Reads the first of the files, with a note on their number.
 ///
 /// # Errors
 /// Those of [`steps`], and those of the file.
@@ -66,16 +66,17 @@ pub(super) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     read_first(input, &steps(input)?, options)
 }
 
-/// All files as the parts of one step without a time. Those that hold data are not looked for.
+/// All files as the parts of one step without a time. Files of data are not checked to exist.
 ///
 /// # Errors
-/// A file that is no collection, one that names itself or lies elsewhere, none at all.
+/// A file that is no collection; a collection that contains itself, names a file outside its folder, or names
+/// none.
 pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
     let parts = files(input)?.into_iter().map(Part::file).collect();
     Ok(vec![TimeStep { time: None, parts }])
 }
 
-/// The files of data of a collection, those of the collections that it names among them.
+/// The files of data in a collection and in the collections that it names.
 ///
 /// # Errors
 /// Those of [`steps`].
@@ -92,12 +93,12 @@ pub(super) fn files(input: Input<'_>) -> Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-/// Whether a name is that of a collection.
+/// Whether a file name is that of a collection.
 pub(super) fn is_named(path: &Path) -> bool {
     ENDINGS.contains(&extension(path).as_str())
 }
 
-/// - `within`: the collections that led here, each by one path for all that name it.
+/// - `within`: the chain of collections that led here, each by one path however it was named.
 fn collect(input: Input<'_>, within: &mut Vec<PathBuf>, files: &mut Vec<PathBuf>) -> Result<()> {
     let path = input.path;
     let (head, len) = input.head(HEAD)?;
@@ -136,7 +137,7 @@ fn collect(input: Input<'_>, within: &mut Vec<PathBuf>, files: &mut Vec<PathBuf>
         walk(path, whole, 0, &mut named)?;
     }
     for file in named {
-        // Levels of refinement have gone by the same name.
+        // Files of refinement levels have used the same extension.
         let begins = |nested: Input<'_>| Ok(looks_like(&nested.head(HEAD)?.0));
         if is_named(&file) && input.with_beside(&file, begins)? {
             input.with_beside(&file, |nested| collect(nested, within, files))?;
@@ -157,7 +158,7 @@ fn collect(input: Input<'_>, within: &mut Vec<PathBuf>, files: &mut Vec<PathBuf>
     Ok(())
 }
 
-/// The files that an element and those in it name, in their order, each once.
+/// The files that an element and its children name, in their order, each once.
 fn walk(path: &Path, node: Node<'_, '_>, depth: usize, files: &mut Vec<PathBuf>) -> Result<()> {
     if depth > DEEPEST {
         let expected = format!("blocks in blocks {DEEPEST} deep at most");
@@ -175,7 +176,7 @@ fn walk(path: &Path, node: Node<'_, '_>, depth: usize, files: &mut Vec<PathBuf>)
     Ok(())
 }
 
-/// Reads the first part of the first step of a collection that holds anything, with notes of what else there is.
+/// Reads the first part of the first step that has any, with notes on the other steps and parts.
 ///
 /// # Errors
 /// Those of the part; a part that is a collection.
@@ -196,7 +197,7 @@ pub(super) fn read_first(
     }
     let read = |file: &PathBuf| {
         input.with_beside(file, |part| {
-            // What a collection names could name the collection.
+            // A collection's file could name the collection again.
             let head = part.head(HEAD)?.0;
             if looks_like(&head) || vtk_xml::file_type(&head) == Some(PARAVIEWS) {
                 return Err(refuse_nested(input.path, "DataSet, `file`", file));
@@ -225,7 +226,7 @@ pub(super) fn read_first(
     }))
 }
 
-/// That a collection names another where it must not.
+/// The error for a collection that names another where this is not allowed.
 pub(super) fn refuse_nested(path: &Path, place: &str, file: &Path) -> Error {
     Error::format(
         path,

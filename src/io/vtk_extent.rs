@@ -1,4 +1,4 @@
-//! What the structured VTK XML formats share: extents, and pieces put together by them.
+//! Reads extents of the structured VTK XML formats, and joins pieces by them.
 //!
 //! ```text
 //! <StructuredGrid WholeExtent="i0 i1 j0 j1 k0 k1">
@@ -6,10 +6,9 @@
 //! </StructuredGrid>
 //! ```
 //!
-//! An extent names the first and the last node along each axis; cells lie between nodes. Pieces
-//! must cover the whole extent, and may overlap: then the last one counts, but for `vtkGhostType`,
-//! whose marks stay only where all of them have them (a node is another piece's in one piece and
-//! its own in the other).
+//! An extent names the first and the last node along each axis; cells lie between nodes. Pieces must cover the
+//! whole extent, and may overlap; then the last one counts. For `vtkGhostType` a mark stays only if all
+//! overlapping pieces have it, because a node marked as another piece's in one piece is that other piece's own.
 
 use std::path::Path;
 
@@ -79,12 +78,12 @@ impl Extent {
         Ok(whole)
     }
 
-    /// The extent of a piece; `None` where it is empty.
+    /// The extent of a piece; `None` if it is empty.
     pub(super) fn of_piece(whole: &Self, piece: Piece<'_>) -> Result<Option<Self>> {
         Self::of_element(whole, piece.path, piece.node)
     }
 
-    /// As [`Self::of_piece`], of its element.
+    /// The extent of a piece's element; `None` if it is empty.
     pub(super) fn of_element(
         whole: &Self,
         path: &Path,
@@ -116,7 +115,7 @@ impl Extent {
         (0..3).any(|axis| self.last[axis] < self.first[axis])
     }
 
-    /// Nodes, or cells, along each axis.
+    /// Number of nodes, or of cells, along each axis.
     pub(super) fn dims(&self, association: Association) -> [usize; 3] {
         [0, 1, 2].map(|axis| {
             let steps = usize::try_from(self.last[axis] - self.first[axis]).unwrap_or(0);
@@ -132,12 +131,12 @@ impl Extent {
         x.checked_mul(y)?.checked_mul(z)
     }
 
-    /// How far this extent begins after another one along each axis.
+    /// Offset of this extent's start from another's along each axis.
     pub(super) fn shift_from(&self, whole: &Self) -> [usize; 3] {
         [0, 1, 2].map(|axis| usize::try_from(self.first[axis] - whole.first[axis]).unwrap_or(0))
     }
 
-    /// Where each row along i goes: its start here, its start in the whole, its length.
+    /// The target of each row along i: its start here, its start in the whole, its length.
     fn rows(
         &self,
         whole: &Self,
@@ -155,7 +154,7 @@ impl Extent {
     }
 }
 
-/// One piece with its arrays decoded, and whatever else its format has.
+/// One piece with its arrays decoded, and with the data of its format.
 #[derive(Debug)]
 pub(super) struct Part<G = ()> {
     pub(super) extent: Extent,
@@ -165,7 +164,7 @@ pub(super) struct Part<G = ()> {
 }
 
 impl Part {
-    /// Decodes the arrays of a piece; `None` where it is empty.
+    /// Decodes the arrays of a piece; `None` if it is empty.
     pub(super) fn read(whole: &Extent, piece: Piece<'_>) -> Result<Option<Self>> {
         let Some(extent) = Extent::of_piece(whole, piece)? else {
             return Ok(None);
@@ -182,7 +181,7 @@ impl Part {
         }))
     }
 
-    /// The same with what else was read of the piece.
+    /// Adds the data of the piece's format.
     pub(super) fn with<G>(self, geometry: G) -> Part<G> {
         Part {
             extent: self.extent,
@@ -210,7 +209,7 @@ impl<G> Part<G> {
         }
     }
 
-    /// Whether it has any nodes, or cells.
+    /// Whether the part has any nodes, or cells.
     pub(super) fn has_any(&self, association: Association) -> bool {
         self.extent.count(association) != Some(0)
     }
@@ -231,7 +230,7 @@ impl<G> Part<G> {
 }
 
 impl<G> Part<G> {
-    /// What else was read, apart from the rest.
+    /// Separates the data of the piece's format from the rest.
     pub(super) fn split(self) -> (Part, (Extent, G)) {
         let part = Part {
             extent: self.extent,
@@ -243,7 +242,7 @@ impl<G> Part<G> {
     }
 }
 
-/// Puts the arrays of all parts together: fields, and notes on what was left out.
+/// Joins the arrays of all parts: fields, and notes on what was left out.
 ///
 /// # Errors
 /// Parts that do not cover the whole, or no array at all.
@@ -280,7 +279,7 @@ pub(super) fn join(
     Ok((fields, notes))
 }
 
-/// Puts the arrays of nodes, or those of cells, together.
+/// Joins the arrays of nodes, or those of cells.
 fn assemble(
     path: &Path,
     whole: &Extent,
@@ -306,7 +305,7 @@ fn assemble(
     let mut arrays: Vec<_> = arrays.into_iter().map(Vec::into_iter).collect();
     let mut joined = Vec::with_capacity(array_count);
     for _ in 0..array_count {
-        // One array of all parts at a time, so that the parts are freed on the way.
+        // One array of all parts at a time, so that parts are freed on the way.
         let parts: Vec<Array> = arrays.iter_mut().filter_map(Iterator::next).collect();
         joined.push(join_array(whole, &extents, parts, association));
     }
@@ -359,8 +358,8 @@ fn join_array(
     }
 }
 
-/// Puts the samples of all parts into the whole, first filled with `fill`. The parts must have
-/// been found to cover it.
+/// Copies the samples of all parts into the whole, which is first filled with `fill`. The parts must cover the
+/// whole.
 pub(super) fn place<T: Copy>(
     whole: &Extent,
     association: Association,
@@ -379,8 +378,8 @@ pub(super) fn place<T: Copy>(
     all
 }
 
-/// Refuses parts that leave holes. What is allocated is bounded: the parts' samples are in memory
-/// already, and the whole may not have more of them.
+/// Refuses parts that leave holes. This bounds the memory: the parts' samples are in memory already, and the
+/// whole may not have more.
 pub(super) fn check_cover(
     path: &Path,
     whole: &Extent,

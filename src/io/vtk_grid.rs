@@ -1,4 +1,4 @@
-//! What the VTK readers of cells share: from nodes and cells to a checked data set.
+//! Converts nodes and cells of the VTK readers to a checked data set.
 
 use std::path::Path;
 
@@ -8,15 +8,15 @@ use super::dataset::{Association, Dataset, Field, FieldSource, Geometry};
 use super::{CellKind, CellMesh, ReadAs, vtk_surface};
 use crate::error::{Advice, Error, Result};
 
-/// A data set of cells, checked; a mesh where they are a surface; particles where the only cells
-/// are points, or where there are none, or where `read_as` asks for a surface's points.
+/// A checked data set of cells. It is a mesh if the cells are a surface. It is particles if the only cells are
+/// points, if there are none, or if `read_as` asks for a surface's points.
 ///
-/// Values of vertex cells become the particles' own where there is one cell for each node;
-/// otherwise they are left out, with a note.
+/// Values of vertex cells become the particles' values if there is one cell for each node; otherwise they are
+/// left out, with a note.
 ///
 /// # Errors
-/// Not one node, offsets that run backwards or past the end, a cell with too few nodes for its
-/// kind, a node that does not exist.
+/// No nodes; offsets that decrease or exceed the end; a cell with too few nodes for its kind; a node that does
+/// not exist.
 pub(super) fn dataset(
     path: &Path,
     format: &'static str,
@@ -28,7 +28,7 @@ pub(super) fn dataset(
     of_checked(path, format, mesh, fields, read_as)
 }
 
-/// As [`dataset`], of cells that [`check`] has passed.
+/// Converts cells that [`check`] has passed; otherwise as [`dataset`].
 pub(super) fn of_checked(
     path: &Path,
     format: &'static str,
@@ -86,7 +86,7 @@ pub(super) fn of_checked(
     })
 }
 
-/// Refuses a mesh without nodes and cells that are not whole.
+/// Refuses a mesh without nodes, and incomplete cells.
 ///
 /// # Errors
 /// As [`dataset`].
@@ -135,7 +135,7 @@ pub(crate) fn check(path: &Path, mesh: &CellMesh) -> Result<()> {
     Ok(())
 }
 
-/// For each node the one vertex cell that is its own, if all nodes have one.
+/// The vertex cell of each node, if every node has exactly one.
 fn cell_of_node(mesh: &CellMesh) -> Option<Vec<u32>> {
     let count = mesh.nodes.len();
     if mesh.cell_count() != count || mesh.connectivity.len() != count {
@@ -149,7 +149,7 @@ fn cell_of_node(mesh: &CellMesh) -> Option<Vec<u32>> {
     one_each.then_some(cells)
 }
 
-/// The least number of nodes of a cell of each kind.
+/// Least number of nodes of a cell of each kind.
 fn least_nodes() -> [usize; 256] {
     std::array::from_fn(|kind| {
         let kind = CellKind(u8::try_from(kind).unwrap_or(u8::MAX));
@@ -161,9 +161,9 @@ fn least_nodes() -> [usize; 256] {
     })
 }
 
-/// Whether a cell's entries are what its kind asks for; else what was found.
+/// Checks a cell's entries against its kind; the error is what was found.
 ///
-/// - `least`: how many nodes its kind has at least.
+/// - `least`: least number of nodes of its kind.
 fn check_cell(kind: CellKind, least: usize, cell: &[u32], node_count: usize) -> Result<(), String> {
     let exists = |n: &u32| (*n as usize) < node_count;
     let missing = |nodes: &[u32]| match nodes.iter().find(|n| !exists(n)) {

@@ -1,4 +1,4 @@
-//! What the VTK XML formats of cells share: pieces with cells of their own, put one after another.
+//! Reads and joins the pieces of the VTK XML formats of cells, each of which has cells of its own.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use super::vtk_pieces::{Piece, element_of, keep_common, to_fields};
 use super::{CellKind, CellMesh, ReadAs, vtk_grid};
 use crate::error::{Error, Result};
 
-/// One piece, decoded. Its cells name its own nodes, counted from 0.
+/// One decoded piece. Its cells refer to its own nodes, counted from 0.
 #[derive(Debug)]
 pub(super) struct Part {
     mesh: CellMesh,
@@ -17,8 +17,8 @@ pub(super) struct Part {
 }
 
 impl Part {
-    /// Decodes the nodes and arrays of a piece, after `cells` has read so many cells, and checks
-    /// it all; `None` where it is empty.
+    /// Decodes the nodes and arrays of a piece, with its `cell_count` cells from `cells`, and checks them;
+    /// `None` if the piece is empty.
     pub(super) fn read(
         piece: Piece<'_>,
         cell_count: usize,
@@ -40,7 +40,7 @@ impl Part {
     }
 
     /// - `mesh`: with its nodes, checked.
-    /// - `node_arrays`, `cell_arrays`: a number for each of its nodes and cells.
+    /// - `node_arrays`, `cell_arrays`: a number for each node and each cell.
     pub(super) fn new(mesh: CellMesh, node_arrays: Vec<Array>, cell_arrays: Vec<Array>) -> Self {
         Self {
             mesh,
@@ -50,10 +50,10 @@ impl Part {
     }
 }
 
-/// Cells as an element stores them: the nodes of all, and where each cell's end.
+/// Lists of one length per cell, concatenated: nodes of cells, say, with the end of each list.
 #[derive(Debug)]
 pub(super) struct Runs {
-    /// Where each cell's nodes begin; one more at the end.
+    /// Start of each cell's nodes; one more at the end.
     pub(super) offsets: Vec<u32>,
     pub(super) connectivity: Vec<u32>,
 }
@@ -86,7 +86,8 @@ pub(super) fn without_nodes(kinds: Vec<CellKind>, runs: Runs) -> CellMesh {
     }
 }
 
-/// Cells without the nodes' positions: of polyhedra the entries of `faces`, of the others those of `runs`.
+/// Cells without the nodes' positions: the entries of polyhedra are those of `faces`, the entries of others
+/// those of `runs`.
 ///
 /// # Errors
 /// More entries than `u32` counts.
@@ -112,17 +113,16 @@ pub(super) fn with_polyhedra(
     Ok(without_nodes(kinds, all))
 }
 
-/// Polyhedra in the form of [`CellMesh`] from faces with numbers of their own, which cells may share.
+/// Converts polyhedra to the form of [`CellMesh`], from faces with indices, which cells may share.
 ///
-/// - `place`: what names the faces of cells, for errors.
+/// - `place`: name of the faces' array, for errors.
 /// - `faces`: the nodes of each face.
-/// - `cells`: the faces of each cell, none of those that are no polyhedra.
+/// - `cells`: the faces of each cell; empty for cells that are no polyhedra.
 ///
 /// # Errors
-/// Faces that are not there, or that more than two cells have.
+/// Faces that do not exist, or that more than two cells have.
 pub(super) fn face_streams(path: &Path, place: &str, faces: &Runs, cells: &Runs) -> Result<Runs> {
-    // A face lies between two cells. If one could be used at will, a small file could fill the
-    // memory.
+    // A face lies between two cells. If more cells could use one, a small file could fill the memory.
     let mut uses = vec![0_u8; faces.offsets.len() - 1];
     let mut streams = Runs {
         offsets: vec![0],
@@ -182,7 +182,7 @@ pub(super) fn read_indices(
         .integers(array, count, expected, |n| u32::try_from(n).ok())
 }
 
-/// Decodes an array of ends, which may not fall, and puts a 0 before them.
+/// Decodes an array of ends, which may not decrease, and puts a 0 before them.
 pub(super) fn read_offsets(
     piece: Piece<'_>,
     element: &str,
@@ -203,7 +203,7 @@ pub(super) fn read_offsets(
     Ok(offsets)
 }
 
-/// Puts parts one after another.
+/// Joins parts one after another.
 ///
 /// # Errors
 /// No part, or more nodes or entries than `u32` counts.
@@ -234,7 +234,7 @@ pub(super) fn join(
 pub(super) fn arrays_of(parts: &mut [Part], association: Association) -> Vec<Vec<Array>> {
     parts
         .iter_mut()
-        // A part without cells says nothing about arrays of cells; the same of nodes.
+        // A part without cells has no arrays of cells; likewise nodes.
         .filter(|part| part.count(association) > 0)
         .map(|part| match association {
             Association::Nodes => std::mem::take(&mut part.node_arrays),
@@ -260,7 +260,7 @@ pub(super) fn mesh_of(path: &Path, parts: Vec<Part>) -> Result<CellMesh> {
 }
 
 impl Part {
-    /// Its cells.
+    /// The cells of the part.
     #[cfg(feature = "cli")]
     pub(super) fn mesh(&self) -> &CellMesh {
         &self.mesh
@@ -281,7 +281,7 @@ pub(super) fn append_arrays(mut all: Vec<Array>, part: Vec<Array>) -> Vec<Array>
     all
 }
 
-/// Appends a mesh, whose nodes are renumbered to follow.
+/// Appends a mesh; its nodes are renumbered to follow.
 fn append_mesh(path: &Path, all: &mut CellMesh, part: CellMesh) -> Result<()> {
     let sum = |name: &str, a: usize, b: usize| match u32::try_from(a.saturating_add(b)) {
         Ok(_) => u32::try_from(a).map_err(|_| name.to_owned()),

@@ -1,5 +1,4 @@
-//! The pieces of a VTK XML data set: those of one file, or of the files that a parallel index
-//! names.
+//! Reads the pieces of a VTK XML data set, from one file or from the files that a parallel index names.
 //!
 //! ```text
 //! <VTKFile type="UnstructuredGrid">        <VTKFile type="PUnstructuredGrid">
@@ -12,9 +11,9 @@
 //! </VTKFile>
 //! ```
 //!
-//! A `Source` is relative to the index's folder, and names a file of pieces, never another index.
-//! What the index says of arrays (`PPointData`, ...) is not needed: the pieces say it themselves.
-//! One file at a time is in memory; what is made of its pieces is kept.
+//! A `Source` is relative to the index's folder, and names a file of pieces, never another index. The index's
+//! own list of arrays (`PPointData`, ...) is not needed, because each piece has one. One file at a time is in
+//! memory; only the results for its pieces are kept.
 
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
@@ -39,12 +38,11 @@ pub(super) struct Piece<'p> {
     pub(super) decoder: &'p Decoder<'p>,
 }
 
-/// Reads the data set's own attributes with `head` and each piece with `piece`, which may leave
-/// out empty ones. `kind` is the `type` of the pieces' files.
+/// Reads the data set's own attributes with `head` and each piece with `piece`, which may leave out empty ones.
+/// `kind` is the `type` of the pieces' files.
 ///
 /// # Errors
-/// A file of another type, a damaged one, a piece's file that is not there, and what `head` and
-/// `piece` say.
+/// A file of another type; a damaged file; a piece's missing file; errors of `head` and `piece`.
 pub(super) fn read<H, P>(
     input: Input<'_>,
     kind: &str,
@@ -72,12 +70,12 @@ pub(super) fn read<H, P>(
     Ok((head, pieces))
 }
 
-/// What `found` finds in an index of pieces; `None` of any other file.
+/// Applies `found` to an index of pieces; `None` for any other file.
 ///
 /// - `kind`: the `type` of the pieces' files.
 ///
 /// # Errors
-/// A damaged index, and what `found` says.
+/// A damaged index; errors of `found`.
 #[cfg(feature = "cli")]
 pub(super) fn in_index<T>(
     path: &Path,
@@ -96,14 +94,14 @@ pub(super) fn in_index<T>(
     found(input, data_set(path, &document, &index_kind)?).map(Some)
 }
 
-/// The files that an index names, each beside it.
+/// The files that an index names, relative to its folder.
 ///
 /// # Errors
-/// A piece without a file, one that is not there, one that is named twice.
+/// A piece without a file; a missing file; a file that is named twice.
 pub(super) fn sources(input: Input<'_>, element: Node<'_, '_>) -> Result<Vec<PathBuf>> {
     let path = input.path;
     let folder = path.parent().unwrap_or(Path::new(""));
-    // A file that is named often would be read into memory as often.
+    // A file named repeatedly would be in memory as many times.
     let mut named = HashSet::new();
     let mut files = Vec::new();
     for (i, node) in piece_nodes(element).enumerate() {
@@ -134,7 +132,7 @@ pub(super) fn sources(input: Input<'_>, element: Node<'_, '_>) -> Result<Vec<Pat
     Ok(files)
 }
 
-/// The same with the length of each.
+/// The files of [`sources`], with the length of each.
 #[cfg(feature = "cli")]
 pub(super) fn sources_with_lengths(
     input: Input<'_>,
@@ -153,7 +151,7 @@ pub(super) fn sources_with_lengths(
 /// - `kind`: the `type` of the files.
 ///
 /// # Errors
-/// A file of another type, a damaged one, what `piece` says.
+/// A file of another type; a damaged file; errors of `piece`.
 pub(super) fn read_files<'f, P>(
     input: Input<'_>,
     files: impl IntoIterator<Item = &'f PathBuf>,
@@ -174,7 +172,7 @@ pub(super) fn read_files<'f, P>(
     Ok(pieces)
 }
 
-/// The data set's element, named as the file's `type` is.
+/// The data set's element, named after the file's `type`.
 pub(super) fn data_set<'d>(
     path: &Path,
     document: &'d Document<'_>,
@@ -220,7 +218,7 @@ fn each_piece(
 }
 
 impl<'p> Piece<'p> {
-    /// A count among the attributes; 0 where there is none.
+    /// A count among the attributes; 0 if it is missing.
     pub(super) fn count(&self, name: &str) -> Result<usize> {
         let text = self.node.attribute(name).unwrap_or("0");
         text.trim().parse().map_err(|_| {
@@ -260,14 +258,14 @@ impl<'p> Piece<'p> {
         }
     }
 
-    /// That an array is not there.
+    /// The error for a missing array.
     pub(super) fn missing(&self, place: &str) -> Error {
         let advice = "the file is damaged: save it again";
         Error::format(self.path, place, "an array", "none", advice)
     }
 }
 
-/// The element that holds arrays of this kind.
+/// The name of the element with arrays of this association.
 pub(super) fn element_of(association: Association) -> &'static str {
     match association {
         Association::Nodes => "PointData",
@@ -278,12 +276,12 @@ pub(super) fn element_of(association: Association) -> &'static str {
 /// An array's name, and the kinds of its components' numbers.
 pub(crate) type ArrayKey = (String, Vec<String>);
 
-/// Which arrays the parts of a data set have, told apart by name, number of components and kind of numbers.
+/// The arrays of a data set's parts, distinguished by name, number of components and kind of numbers.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct ArraysSeen {
-    /// How many parts were looked at.
+    /// Number of parts.
     pub(crate) parts: usize,
-    /// In the order in which they are met, and how many parts have each.
+    /// Arrays in the order in which they were found, with the number of parts that have each.
     pub(crate) arrays: Vec<(ArrayKey, usize)>,
 }
 
@@ -310,7 +308,7 @@ impl ArraysSeen {
         self.arrays[*place].1 += parts;
     }
 
-    /// Adds those of the parts that follow.
+    /// Adds the arrays of later parts.
     #[cfg(feature = "cli")]
     pub(crate) fn add(&mut self, later: Self) {
         let places = self.arrays.iter().enumerate();
@@ -321,13 +319,13 @@ impl ArraysSeen {
         }
     }
 
-    /// Those that all parts have, in the order of the first.
+    /// The arrays that all parts have, in the order of the first part.
     pub(crate) fn common(&self) -> impl Iterator<Item = &ArrayKey> {
         let is_common = |(_, parts): &&(ArrayKey, usize)| *parts == self.parts;
         self.arrays.iter().filter(is_common).map(|(key, _)| key)
     }
 
-    /// Leaves a part only those that all have, in that order.
+    /// Removes from a part all arrays that some part lacks, and sorts the others.
     pub(super) fn keep(&self, arrays: &mut Vec<Array>) {
         let rank: HashMap<&ArrayKey, usize> = self.common().zip(0..).collect();
         let mut seen = HashSet::new();
@@ -335,7 +333,7 @@ impl ArraysSeen {
         arrays.sort_by_key(|array| rank.get(&key(array)).copied());
     }
 
-    /// What goes, in words; `None` where nothing does.
+    /// A note on the removed arrays; `None` if there are none.
     pub(crate) fn note(&self, element: &str) -> Option<String> {
         const MOST_NAMES: usize = 8;
         let others = self.arrays.iter().filter(|(_, n)| *n != self.parts);
@@ -362,8 +360,8 @@ pub(super) fn key(array: &Array) -> ArrayKey {
     (array.name.clone(), kinds.collect())
 }
 
-/// Leaves each part only the arrays that all of them have, with the same name, number of
-/// components and kind of numbers, in the order of the first. Says in `notes` which went.
+/// Keeps in each part only the arrays that all parts have, with the same name, number of components and kind of
+/// numbers, in the order of the first part. Adds a note on the others to `notes`.
 pub(super) fn keep_common(parts: &mut [Vec<Array>], element: &str, notes: &mut Vec<String>) {
     if parts.len() < 2 {
         return;

@@ -1,13 +1,13 @@
-//! Flat cells of VTK files as a mesh.
+//! Converts flat cells of VTK files to a mesh.
 //!
-//! | array | what |
+//! | array | use |
 //! |---|---|
-//! | the first of three or four bytes each, or with a name of colours; of points, or else of cells | colours, sRGB-encoded, and opacity |
+//! | the first of points, or else of cells, with three or four bytes each or with the name of a colour | colours, sRGB-encoded, and opacity |
 //! | `Normals` of points, three numbers each | normals |
 //!
-//! Cells of higher order are cut where they are bent, and those that ghost arrays take out are left out. Other arrays stay
-//! fields: of points at the corners, of cells at the triangles.
-//! The surface is seen from behind, too, unless it is closed with its front outwards (see [`super::closed`]).
+//! Cells of higher order are reduced to their corners. Cells that ghost arrays hide are left out. Other arrays
+//! stay fields: those of points at the corners, those of cells at the triangles. The surface is seen from
+//! behind, too, unless it is closed with its front outwards (see [`super::closed`]).
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -26,7 +26,7 @@ use super::{AlphaMode, CellKind, CellMesh, Mesh, MeshPart};
 use crate::error::Result;
 use crate::scene::Values;
 
-/// Whether cells are a surface: some are flat, and none is a solid or of a kind that is not known.
+/// Whether cells are a surface: some are flat, and none is a solid or of an unknown kind.
 pub(super) fn is_surface(cells: &CellMesh) -> bool {
     cells.kinds.iter().any(|kind| kind.is_flat())
         && cells
@@ -35,7 +35,7 @@ pub(super) fn is_surface(cells: &CellMesh) -> bool {
             .all(|kind| kind.is_flat() || kind.is_thin())
 }
 
-/// The mesh of checked cells that [`is_surface`] holds for.
+/// The mesh of checked cells for which [`is_surface`] holds.
 ///
 /// # Errors
 /// No triangle with an area.
@@ -100,7 +100,7 @@ pub(super) fn dataset(
         owners.push(index(i));
     }
     part.positions = cells.nodes;
-    // The node of each corner; empty where they are the same.
+    // The node of each corner; empty if they are the same.
     let mut nodes = Vec::new();
     if let Some((i, colours)) = of_cells {
         used.push(i);
@@ -193,7 +193,7 @@ pub(super) fn dataset(
     Ok(data)
 }
 
-/// A number of a cell. There are no more than entries of cells, which 32 bits count.
+/// A cell's index. Cells have at most as many as their offsets, which are u32.
 #[expect(clippy::cast_possible_truncation, reason = "offsets of cells are u32")]
 fn index(cell: usize) -> u32 {
     cell as u32
@@ -210,8 +210,8 @@ fn outline(kind: CellKind, cell: &[u32], corners: &mut Vec<u32>) {
     }
 }
 
-/// The first field of points or of cells with three or four bytes each, or with another kind of colours
-/// ([`Field::is_colour`]), as linear RGBA.
+/// The first field of points or of cells that has colours, as linear RGBA: three or four bytes each, or another
+/// kind of colours ([`Field::is_colour`]).
 fn colours(
     fields: &[Field],
     association: Association,
@@ -241,9 +241,9 @@ fn colours(
     Some((i, (0..count).map(colour).collect()))
 }
 
-/// Gives each corner a number of its own for each colour of the polygons around it.
+/// Splits each corner, so that it has one copy for each colour of the polygons around it.
 ///
-/// - `colours`: of cells; `owners`: of each polygon its cell.
+/// - `colours`: colours of cells; `owners`: the cell of each polygon.
 ///
 /// Returns the node of each new corner, and its colour.
 fn split_by_colour(

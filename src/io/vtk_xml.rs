@@ -1,4 +1,4 @@
-//! The frame that all VTK XML formats share: the file's XML and its appended bytes.
+//! Parses the frame that all VTK XML formats share: the file's XML and its appended bytes.
 //!
 //! ```text
 //! <VTKFile type="ImageData" byte_order="LittleEndian" header_type="UInt64"
@@ -8,8 +8,8 @@
 //! </VTKFile>
 //! ```
 //!
-//! Raw appended data is not XML: the file is cut at it before the rest is parsed. What the arrays
-//! hold is decoded by [`super::vtk_array`].
+//! Raw appended data are not XML: the file is cut there before the rest is parsed. [`super::vtk_array`] decodes
+//! the arrays.
 
 use std::borrow::Cow;
 use std::path::Path;
@@ -18,7 +18,7 @@ use roxmltree::{Document, Node, ParsingOptions};
 
 use crate::error::{Error, Result};
 
-/// Elements of one file; far more than any writer makes, far fewer than fill the memory.
+/// Most elements of a file: far more than any writer makes, far fewer than fill the memory.
 const MOST_ELEMENTS: u32 = 1 << 20;
 
 /// Whether a file that begins with `head` is a VTK XML file.
@@ -31,7 +31,7 @@ pub(crate) fn looks_like(head: &[u8]) -> bool {
             .starts_with(b"<")
 }
 
-/// The `type` of the file that begins with `head`, if its first tag says one.
+/// The `type` of the file that begins with `head`, if its first tag has one.
 pub(crate) fn file_type(head: &[u8]) -> Option<&str> {
     let tag = &head[find(head, b"<VTKFile")?..];
     let tag = std::str::from_utf8(&tag[..find(tag, b">")?]).ok()?;
@@ -65,11 +65,11 @@ fn find_last(haystack: &[u8], needle: &[u8]) -> Option<usize> {
 pub(crate) struct Frame<'a> {
     pub(super) path: &'a Path,
     xml: Cow<'a, str>,
-    /// What follows the `_`.
+    /// The bytes after the `_`.
     pub(super) appended: Option<&'a [u8]>,
-    /// Where in the file that begins; 0 where there is none.
+    /// Offset of the appended bytes in the file; 0 if there are none.
     pub(super) start: usize,
-    /// Bytes of the file.
+    /// Length of the file in bytes.
     pub(super) len: usize,
 }
 
@@ -131,7 +131,7 @@ impl<'a> Frame<'a> {
         })
     }
 
-    /// The same of the first bytes of a file, without the appended data; `None` where those do not begin in them.
+    /// Cuts the first bytes of a file, without the appended data; `None` if these do not begin in `head`.
     pub(super) fn of_head(path: &'a Path, head: &'a [u8]) -> Option<Self> {
         let frame = Self::new(path, head).ok();
         frame.filter(|frame| frame.appended.is_some())
@@ -164,7 +164,7 @@ impl<'a> Frame<'a> {
     }
 }
 
-/// The first child element of a name.
+/// The first child element with a name.
 pub(crate) fn child<'d, 'i>(node: Node<'d, 'i>, name: &str) -> Option<Node<'d, 'i>> {
     node.children().find(|n| n.has_tag_name(name))
 }
@@ -175,7 +175,7 @@ pub(super) fn child_among<'d, 'i>(node: Node<'d, 'i>, names: &[&str]) -> Option<
     node.children().find(is_among)
 }
 
-/// The `N` numbers of an attribute, or `default` where there is none.
+/// The `N` numbers of an attribute; `default` if it is missing.
 pub(crate) fn numbers<const N: usize, T: std::str::FromStr + Copy>(
     path: &Path,
     node: Node<'_, '_>,

@@ -1,11 +1,11 @@
-//! VTK XML files, each by the reader of its type.
+//! Reads VTK XML files, each with the reader for its type.
 
 use super::dataset::Dataset;
 use super::file::{HEAD, Input};
 use super::{ReadAs, vti, vtk_amr, vtk_xml, vtp, vtr, vts, vtu};
 use crate::error::{Error, Result};
 
-/// Types that are not read: how they begin, and what to do.
+/// Types that are not read: their prefixes, and advice.
 const NOT_READ: &[(&str, &str)] = &[
     (
         "vtkNonOverlapping",
@@ -20,7 +20,7 @@ const NOT_READ: &[(&str, &str)] = &[
 /// Reads a file of data, or an index of pieces.
 ///
 /// # Errors
-/// Another type, or those of its reader.
+/// Another type; errors of the type's reader.
 pub(super) fn read(input: Input<'_>, read_as: Option<ReadAs>) -> Result<Dataset> {
     let (head, _) = input.head(HEAD)?;
     match vtk_xml::file_type(&head).unwrap_or("") {

@@ -1,4 +1,4 @@
-//! VTK polygonal data (`.vtp`, `.pvtp`): points, lines, polygons and strips of triangles.
+//! Reads VTK polygonal data (`.vtp`, `.pvtp`): points, lines, polygons and strips of triangles.
 //!
 //! ```text
 //! <PolyData>
@@ -12,8 +12,8 @@
 //! </PolyData>
 //! ```
 //!
-//! Cells count through all four elements, in the order verts, lines, polys, strips, which is not
-//! the order they are written in. Several pieces are put one after another.
+//! Cells are numbered through all four elements, in the order verts, lines, polys, strips, which is not the
+//! order in the file. Several pieces are put one after another.
 
 use std::path::Path;
 
@@ -24,10 +24,10 @@ use super::vtk_pieces::{self, Piece};
 use super::{CellKind, CellMesh, ReadAs};
 use crate::error::{Error, Result};
 
-/// An element, the attribute with its number of cells, and the kind of a cell with so many nodes.
+/// An element, the attribute with its number of cells, and the kind of a cell by its number of nodes.
 type Element = (&'static str, &'static str, fn(usize) -> CellKind);
 
-/// In the order in which cells count.
+/// The elements, in the order in which cells are numbered.
 pub(super) const ELEMENTS: [Element; 4] = [
     ("Verts", "NumberOfVerts", |nodes| match nodes {
         1 => CellKind::VERTEX,
@@ -48,7 +48,7 @@ pub(super) const ELEMENTS: [Element; 4] = [
 /// Reads polygonal data.
 ///
 /// # Errors
-/// Not such data, damaged arrays, cells of nodes that are not there.
+/// A file of another type; damaged arrays; cells with nodes that do not exist.
 pub(crate) fn read(input: Input<'_>, read_as: Option<ReadAs>) -> Result<Dataset> {
     let path = input.path;
     let ((), parts) = vtk_pieces::read(
@@ -85,7 +85,7 @@ fn read_cells(piece: Piece<'_>, counts: [usize; 4]) -> Result<CellMesh> {
     Ok(mesh)
 }
 
-/// Appends cells of the kinds that their numbers of nodes say.
+/// Appends cells; their kinds follow from their numbers of nodes.
 ///
 /// # Errors
 /// More entries than `u32` counts.

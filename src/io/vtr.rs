@@ -1,4 +1,4 @@
-//! VTK rectilinear grids (`.vtr`, `.pvtr`): a lattice whose planes lie at any distances.
+//! Reads VTK rectilinear grids (`.vtr`, `.pvtr`): lattices with coordinates for each axis.
 //!
 //! ```text
 //! <RectilinearGrid WholeExtent="i0 i1 j0 j1 k0 k1">
@@ -9,8 +9,8 @@
 //! </RectilinearGrid>
 //! ```
 //!
-//! Node (i, j, k) lies at (x\[i\], y\[j\], z\[k\]). Axes that run downwards are turned round,
-//! their samples with them. Several pieces are put together, see [`super::vtk_extent`].
+//! Node (i, j, k) lies at (x\[i\], y\[j\], z\[k\]). Axes with falling coordinates are reversed, and their
+//! samples with them. Several pieces are put together, see [`super::vtk_extent`].
 
 use std::path::Path;
 
@@ -26,8 +26,8 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 /// Reads a rectilinear grid.
 ///
 /// # Errors
-/// Not such a grid, damaged arrays, pieces that do not make up the whole, or coordinates that
-/// neither rise nor fall throughout.
+/// A file of another type; damaged arrays; pieces that do not make up the whole; coordinates that neither rise
+/// nor fall throughout.
 pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
     let (whole, parts) = vtk_pieces::read(input, "RectilinearGrid", Extent::whole, read_part)?;
@@ -80,7 +80,7 @@ fn read_part(whole: &Extent, piece: Piece<'_>) -> Result<Option<Part<[Vec<f64>; 
     Ok(Some(part.with(coordinates)))
 }
 
-/// The coordinates of the whole along one axis; NaN where no part has them.
+/// The coordinates of the whole along one axis; NaN if no part has them.
 fn join_axis(
     path: &Path,
     whole: &Extent,
@@ -125,7 +125,7 @@ fn check_axis(path: &Path, all: &[f64], axis: usize) -> Result<()> {
     }
 }
 
-/// Turns the samples of a field round along one axis.
+/// Reverses the samples of a field along one axis.
 fn reverse_field(field: &mut Field, whole: &Extent, axis: usize) {
     let dims = whole.dims(field.association);
     match &mut field.source {
@@ -139,9 +139,9 @@ fn reverse_field(field: &mut Field, whole: &Extent, axis: usize) {
     }
 }
 
-/// Turns samples round along one axis.
+/// Reverses samples along one axis.
 pub(super) fn reverse(values: &mut Values, dims: [usize; 3], axis: usize) {
-    /// Swaps whole runs of samples: all those that share an index along the axis and those after.
+    /// Swaps runs of samples that share an index along the axis with their mirror images.
     fn swap<T>(all: &mut [T], dims: [usize; 3], axis: usize) {
         let run = dims[..axis].iter().product::<usize>();
         let n = dims[axis];

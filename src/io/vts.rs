@@ -1,4 +1,4 @@
-//! VTK structured grids (`.vts`, `.pvts`): a curvilinear grid.
+//! Reads VTK structured grids (`.vts`, `.pvts`): curvilinear grids.
 //!
 //! ```text
 //! <StructuredGrid WholeExtent="i0 i1 j0 j1 k0 k1">
@@ -32,7 +32,7 @@ pub(super) const KIND: &str = "StructuredGrid";
 /// Reads a structured grid.
 ///
 /// # Errors
-/// Not such a grid, damaged arrays, or pieces that do not make up the whole.
+/// A file of another type; damaged arrays; pieces that do not make up the whole.
 pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
     let (whole, parts) = vtk_pieces::read(input, KIND, Extent::whole, read_part)?;
@@ -46,7 +46,7 @@ pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
     })
 }
 
-/// Nodes and fields of pieces, put together, and notes on what was left out.
+/// Joined nodes and fields of pieces, and notes on what was left out.
 ///
 /// # Errors
 /// Pieces that do not make up the whole.

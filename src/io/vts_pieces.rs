@@ -1,4 +1,5 @@
-//! The pieces of a structured grid that an index (`.pvts`) names, some of them at a time, and planes of the grid.
+//! Reads the pieces of a structured grid that an index (`.pvts`) names, some of them at a time, and planes of
+//! the grid.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -15,12 +16,12 @@ use super::{CurvilinearBlock, name_units, vts};
 use crate::error::Result;
 use crate::scene::Values;
 
-/// The files of a grid, each of which holds pieces of it.
+/// The files of a grid, each with pieces of it.
 #[derive(Debug)]
 pub(crate) struct VtsPieces {
     path: PathBuf,
     whole: Extent,
-    /// In their order, and how long each is.
+    /// Files in the index's order, each with its length in bytes.
     files: Vec<(PathBuf, u64)>,
 }
 
@@ -28,25 +29,25 @@ pub(crate) struct VtsPieces {
 #[derive(Debug)]
 pub(crate) struct SomeBlocks {
     parts: Vec<Part<Vec<DVec3>>>,
-    /// Which arrays they have: of nodes, of cells.
+    /// Arrays that the pieces have, of nodes and of cells.
     pub(crate) seen: [ArraysSeen; 2],
 }
 
-/// What a piece has of some planes.
+/// A piece's part of some planes.
 #[derive(Debug)]
 pub(crate) struct BlockPlanes {
     /// The first and the last node along each axis.
     pub(crate) extent: [[i64; 3]; 2],
     pub(crate) nodes: Vec<DVec3>,
-    /// The components of the arrays of nodes and then of those of cells, in their order.
+    /// The components of the arrays of nodes, then of those of cells, in order.
     pub(crate) values: Vec<Values>,
 }
 
 impl VtsPieces {
-    /// Opens an index, of which the files that it names are looked for; `None` of any other file.
+    /// Opens an index and looks for the files that it names; `None` for any other file.
     ///
     /// # Errors
-    /// Those of [`open`](super::open) about an index; a piece's file that is not there.
+    /// Those of [`open`](super::open) for an index; a piece's missing file.
     pub(crate) fn open(path: &Path) -> Result<Option<Self>> {
         vtk_pieces::in_index(path, vts::KIND, |input, element| {
             Ok(Self {
@@ -57,12 +58,12 @@ impl VtsPieces {
         })
     }
 
-    /// The index.
+    /// Path of the index.
     pub(crate) fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Nodes along i, j and k.
+    /// Number of nodes along i, j and k.
     pub(crate) fn dims(&self) -> [usize; 3] {
         self.whole.dims(Association::Nodes)
     }
@@ -90,11 +91,11 @@ impl VtsPieces {
         Ok(SomeBlocks { parts, seen })
     }
 
-    /// Some planes of nodes of constant k, with the cells between them.
+    /// Joins planes of nodes of constant k, with the cells between them.
     ///
-    /// - `blocks`: of all pieces what these have of the planes, in the order of the pieces.
-    /// - `arrays`: which arrays of nodes and of cells they have.
-    /// - `has_cells`: whether any array of cells is in all pieces, so that these have to cover the cells, too.
+    /// - `blocks`: the planes' parts in all pieces, in the order of the pieces.
+    /// - `arrays`: arrays of nodes and of cells in the blocks.
+    /// - `has_cells`: whether all pieces have an array of cells, so that they must cover the cells too.
     ///
     /// # Errors
     /// Pieces that do not cover the planes.
@@ -145,10 +146,10 @@ impl VtsPieces {
 }
 
 impl SomeBlocks {
-    /// The fields that all pieces have, of each component the least and the greatest value of these alone, without nodes,
-    /// and notes of what others have.
+    /// Metadata of the fields that all pieces have, without nodes; notes name the other arrays. Each component
+    /// has two values: the least and the greatest of these pieces.
     ///
-    /// - `all`: of which arrays all pieces have, of nodes and of cells.
+    /// - `all`: arrays of nodes and of cells that all pieces have.
     pub(crate) fn head(&mut self, file: &VtsPieces, all: &[ArraysSeen; 2]) -> Dataset {
         let mut fields = Vec::new();
         let mut notes = Vec::new();
@@ -176,7 +177,8 @@ impl SomeBlocks {
         Dataset { notes, ..data }
     }
 
-    /// Leaves one field, and what says which nodes and cells are hidden. Gives which arrays of nodes and of cells these are.
+    /// Keeps one field and the arrays that hide nodes and cells. Returns the keys of the kept arrays of nodes
+    /// and of cells.
     pub(crate) fn keep(&mut self, head: &Dataset, field: &Field) -> [Vec<ArrayKey>; 2] {
         Association::BOTH.map(|association| {
             let is_kept = |name: &str, of: Association| {
@@ -204,7 +206,7 @@ impl SomeBlocks {
         })
     }
 
-    /// What the pieces have of some planes.
+    /// The pieces' parts of some planes.
     pub(crate) fn of_planes(&self, file: &VtsPieces, planes: &Range<usize>) -> Vec<BlockPlanes> {
         let slab = file.slab(planes);
         let of_part = |part: &Part<Vec<DVec3>>| {

@@ -1,4 +1,4 @@
-//! VTK unstructured grids (`.vtu`, `.pvtu`): cells of any shape over shared nodes.
+//! Reads VTK unstructured grids (`.vtu`, `.pvtu`): cells of any shape over shared nodes.
 //!
 //! ```text
 //! <UnstructuredGrid>
@@ -19,12 +19,12 @@
 //! | until version 2.2 | |
 //! |---|---|
 //! | `faces` | for each polyhedron the number of its faces, then for each face the number of its nodes and the nodes |
-//! | `faceoffsets` | for each cell where its entries of `faces` end, or -1 |
+//! | `faceoffsets` | for each cell the end of its entries in `faces`, or -1 |
 //!
 //! | version 2.3 | |
 //! |---|---|
-//! | `face_connectivity`, `face_offsets` | nodes of one face after those of another, and where each face's end |
-//! | `polyhedron_to_faces`, `polyhedron_offsets` | faces of one cell after those of another, and where each cell's end |
+//! | `face_connectivity`, `face_offsets` | the nodes of all faces, concatenated, and the end of each face |
+//! | `polyhedron_to_faces`, `polyhedron_offsets` | the faces of all cells, concatenated, and the end of each cell |
 
 use super::dataset::Dataset;
 use super::file::Input;
@@ -46,14 +46,14 @@ const CELLS: &str = "Cells";
 /// Reads an unstructured grid.
 ///
 /// # Errors
-/// Not such a grid, damaged arrays, cells of nodes that are not there.
+/// A file of another type; damaged arrays; cells with nodes that do not exist.
 pub(crate) fn read(input: Input<'_>, read_as: Option<ReadAs>) -> Result<Dataset> {
     let path = input.path;
     let ((), parts) = vtk_pieces::read(input, KIND, |_, _| Ok(()), |(), piece| read_part(piece))?;
     join(path, FORMAT, parts, read_as)
 }
 
-/// A piece; `None` of an empty one.
+/// Reads a piece; `None` if it is empty.
 pub(super) fn read_part(piece: Piece<'_>) -> Result<Option<Part>> {
     let cell_count = piece.count("NumberOfCells")?;
     Part::read(piece, cell_count, || read_cells(piece, cell_count))
@@ -86,7 +86,7 @@ fn read_cells(piece: Piece<'_>, count: usize) -> Result<CellMesh> {
     with_polyhedra(piece.path, kinds, &runs, &faces)
 }
 
-/// `faces` and `faceoffsets`: already in the form of [`CellMesh`].
+/// Reads `faces` and `faceoffsets`, which already have the form of [`CellMesh`].
 fn read_face_streams(piece: Piece<'_>, count: usize) -> Result<Runs> {
     let ends = piece.array_named(CELLS, "faceoffsets");
     let ends = ends.ok_or_else(|| piece.missing("Cells, `faceoffsets`"))?;
@@ -118,7 +118,7 @@ fn read_face_streams(piece: Piece<'_>, count: usize) -> Result<Runs> {
     })
 }
 
-/// Faces with numbers of their own, which cells may share.
+/// Reads faces with indices, which cells may share.
 fn read_shared_faces(piece: Piece<'_>, count: usize) -> Result<Runs> {
     let face_ends = read_offsets(piece, CELLS, "face_offsets", None)?;
     let node_count = face_ends.last().map(|&n| n as usize);

@@ -1,4 +1,4 @@
-//! The pieces of an unstructured grid that an index (`.pvtu`) names, some of them at a time.
+//! Reads the pieces of an unstructured grid that an index (`.pvtu`) names, some of them at a time.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -11,11 +11,11 @@ use super::vtk_pieces::{self, ArraysSeen, element_of, to_fields};
 use super::{CellMesh, name_units, vtu};
 use crate::error::Result;
 
-/// The files of a grid, each of which holds pieces of it.
+/// The files of a grid, each with pieces of it.
 #[derive(Debug)]
 pub(crate) struct VtuPieces {
     path: PathBuf,
-    /// In their order, and how long each is.
+    /// Files in the index's order, each with its length in bytes.
     files: Vec<(PathBuf, u64)>,
 }
 
@@ -24,15 +24,15 @@ pub(crate) struct VtuPieces {
 pub(crate) struct SomePieces {
     parts: Vec<Part>,
     arrays: [Vec<Vec<Array>>; 2],
-    /// Which arrays they have: of nodes, of cells.
+    /// Arrays that the pieces have, of nodes and of cells.
     pub(crate) seen: [ArraysSeen; 2],
 }
 
 impl VtuPieces {
-    /// Opens an index, of which the files that it names are looked for; `None` of any other file.
+    /// Opens an index and looks for the files that it names; `None` for any other file.
     ///
     /// # Errors
-    /// Those of [`open`](super::open) about an index; a piece's file that is not there.
+    /// Those of [`open`](super::open) for an index; a piece's missing file.
     pub(crate) fn open(path: &Path) -> Result<Option<Self>> {
         vtk_pieces::in_index(path, vtu::KIND, |input, element| {
             Ok(Self {
@@ -42,7 +42,7 @@ impl VtuPieces {
         })
     }
 
-    /// The index.
+    /// Path of the index.
     pub(crate) fn path(&self) -> &Path {
         &self.path
     }
@@ -70,15 +70,15 @@ impl VtuPieces {
 }
 
 impl SomePieces {
-    /// The cells of each.
+    /// The cells of each piece.
     pub(crate) fn meshes(&self) -> impl Iterator<Item = &CellMesh> {
         self.parts.iter().map(Part::mesh)
     }
 
-    /// A data set of them, with the arrays that all pieces have, and notes of what others have.
+    /// Joins the pieces to a data set with the arrays that all pieces have; notes name the other arrays.
     ///
-    /// - `path`: of the index.
-    /// - `all`: of which arrays all pieces have, of nodes and of cells.
+    /// - `path`: path of the index.
+    /// - `all`: arrays of nodes and of cells that all pieces have.
     ///
     /// # Errors
     /// More nodes or entries than `u32` counts.

@@ -1,13 +1,14 @@
-//! Splats as a VTK unstructured grid of vertices (`.vtu`), for ParaView and what else reads VTK.
+//! Writes splats as a VTK unstructured grid of vertices (`.vtu`), for ParaView and other readers of VTK.
 //!
-//! | array of the points | what |
+//! | array of the points | content |
 //! |---|---|
-//! | `shape`, 9 numbers | R diag(s) Rᵀ, the standard deviations: what a tensor glyph draws, scaled by eigenvalues, is the splat at one sigma |
-//! | `scale_0..2`, `rot_0..3` | standard deviations, and the quaternion w, x, y, z, as tables of particles have them |
+//! | `shape`, 9 numbers | R diag(s) Rᵀ, the standard deviations: a tensor glyph scaled by eigenvalues draws the splat at one sigma |
+//! | `scale_0..2`, `rot_0..3` | standard deviations, and the quaternion w, x, y, z, as in tables of particles |
 //! | `opacity` | peak opacity |
 //! | `rgb`, bytes | the constant colour, sRGB-encoded |
 //!
-//! Everything is appended raw, little-endian, with lengths of 64 bits. Harmonics beyond the constant are not written.
+//! Everything is appended raw, little-endian, with lengths of 64 bits. Harmonics beyond the constant are not
+//! written.
 
 use std::fmt::Write;
 
@@ -104,13 +105,13 @@ pub(super) fn encode(cloud: &SplatCloud) -> Encoded {
     }
 }
 
-/// To single precision, in which the scales are.
+/// Rounds to single precision, the type of the scales.
 #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
 fn narrowed(x: f64) -> f32 {
     x as f32
 }
 
-/// Arrays of a file: the elements that describe them, and their bytes, each behind its length.
+/// Arrays of a file: the elements that describe them, and their bytes, each after its length.
 #[derive(Default)]
 struct Arrays {
     elements: String,

@@ -1,4 +1,4 @@
-//! Splats to files, whole or not at all.
+//! Writes splats to files, completely or not at all.
 
 use std::borrow::Cow;
 use std::path::Path;
@@ -13,29 +13,28 @@ use super::splats::SplatCloud;
 use super::{extension, gltf_splats, ply_packed_write, ply_splats, sog, splat, spz, vtu_write};
 use crate::error::{Error, Result};
 
-/// The third scale of a flat splat in a format whose viewers expect volume, as a share of the next
-/// larger one.
+/// Third scale of a flat splat, as a share of the next larger one, in a format whose viewers expect volume.
 ///
-/// Logarithms have no zero, and viewers that form the variance in f32 keep ratios up to some 1:4000.
-/// Seen from its edge such a splat is a hundredth as wide as from its face: below a pixel's
-/// low-pass filter, .5 px, unless its face is 50 px across.
+/// Logarithms have no zero, and viewers that compute the variance in f32 keep ratios up to some 1:4000. Seen
+/// edge-on, such a splat is a hundredth as wide as seen face-on: below a pixel's low-pass filter, .5 px, unless
+/// its face is 50 px across.
 pub const FLAT_SHARE: f32 = 0.01;
 
-/// What was written.
+/// The result of writing a file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WrittenSplats {
     /// Size of the file.
     pub bytes: usize,
-    /// The greatest distance between neighbouring positions that the file can tell apart along an
-    /// axis, world units.
+    /// The greatest distance along an axis between neighbouring positions that the file can represent, world
+    /// units.
     pub position_quantum: f64,
-    /// The turn from the splats that were given to those that reading the file gives: see [`SplatFileOptions::up`].
+    /// Rotation from the given splats to those read back from the file: see [`SplatFileOptions::up`].
     pub turn: DQuat,
-    /// What was lost, one sentence each, for people.
+    /// Notes on what was lost, one sentence each, for people.
     pub notes: Vec<String>,
 }
 
-/// A format that splats are written in.
+/// A format for writing splats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Format {
     Ply,
@@ -48,7 +47,7 @@ enum Format {
 }
 
 impl Format {
-    /// By the end of the name.
+    /// The format by the extension; `None` if it is not known.
     fn of(path: &Path) -> Option<Self> {
         match extension(path).as_str() {
             "ply"
@@ -68,7 +67,8 @@ impl Format {
         }
     }
 
-    /// The axes that its writer takes; SPZ's turns from there to those of the file. VTK's grids have any.
+    /// The axes of the writer's input. SPZ's writer converts them to the file's axes. VTK's grids have no fixed
+    /// axes.
     fn axes(self) -> Option<SplatAxes> {
         match self {
             Self::Ply | Self::PackedPly | Self::Splat | Self::Spz | Self::Sog => {
@@ -80,10 +80,10 @@ impl Format {
     }
 }
 
-/// Whether [`write_splats`] could write to `path`, asked before the work of making splats.
+/// Checks whether [`write_splats`] could write to `path`, before splats are made.
 ///
 /// # Errors
-/// Another extension than `ply`, `splat`, `spz`, `sog`, `glb` and `vtu`, or a missing folder.
+/// An extension other than `ply`, `splat`, `spz`, `sog`, `glb` and `vtu`; a missing folder.
 pub fn check_splats_path(path: &Path) -> Result<()> {
     format_of(path).map(|_| ())
 }
@@ -107,7 +107,7 @@ fn format_of(path: &Path) -> Result<Format> {
     ))
 }
 
-/// Writes splats in the format that the name ends in.
+/// Writes splats in the format of the file's extension.
 ///
 /// | | `.ply` | `.compressed.ply` | `.splat` | `.spz` (version 3 or 4) | `.glb` (`KHR_gaussian_splatting`) | `.sog` (version 2) |
 /// |---|---|---|---|---|---|---|
@@ -120,21 +120,23 @@ fn format_of(path: &Path) -> Result<Format> {
 /// | anti-aliasing mark | kept | lost | lost | kept | lost | kept |
 /// | order | kept | along a Morton curve | by size times opacity | kept | kept | along a Morton curve |
 ///
-/// `.vtu` is for ParaView and other readers of VTK: vertices at positions in f64, with shapes as tensors, scales, rotations and
-/// opacities in f32 and the constant colour in bytes; harmonics and the mark are lost, and nothing is turned.
+/// `.vtu` is for ParaView and other readers of VTK: vertices at positions in f64, with shapes as tensors,
+/// scales, rotations and opacities in f32 and the constant colour in bytes. Harmonics and the mark are lost,
+/// and nothing is rotated.
 ///
-/// Errors are the greatest ones, of rotations in a component of the unit quaternion, of colours in a
-/// coefficient; what lies outside a range is clamped and counted in the notes. In all formats but
-/// the flat form of PLY an axis of length 0 becomes [`FLAT_SHARE`] of the next larger; in PLY an
-/// opacity keeps 3.1e-7 from 0 and 1, because a logit is finite.
+/// Errors are the greatest ones: of rotations in a component of the unit quaternion, of colours in a
+/// coefficient. Numbers outside a range are clamped and counted in the notes. In all formats but the flat form
+/// of PLY an axis of length 0 becomes [`FLAT_SHARE`] of the next larger. In PLY an opacity keeps 3.1e-7 from 0
+/// and 1, because a logit is finite.
 ///
-/// [`SplatFileOptions::up`] says what points up, and the splats are turned to the axes that [`SplatAxes`] says the format has. Without
-/// it coordinates are those that reading the file gives again; SPZ's are turned to that format's axes, which reading undoes.
+/// [`SplatFileOptions::up`] is the up direction, from which the splats are rotated to the format's axes
+/// ([`SplatAxes`]). Without it, reading the file returns the same coordinates; for SPZ, writing converts to the
+/// format's axes and reading converts back.
 ///
 /// # Errors
-/// Another extension, no splats, a number that no file should hold (not finite, an opacity outside 0
-/// to 1, a negative scale or three zeros, a quaternion of zeros), splats with volume in the flat
-/// form, positions or counts beyond the format, an option of another format, a folder that is missing.
+/// Another extension; no splats; a number that no file should hold (not finite, an opacity outside 0 to 1, a
+/// negative scale or three zeros, a quaternion of zeros); splats with volume in the flat form; positions or
+/// counts beyond the format; an option of another format; a missing folder.
 pub fn write_splats(
     path: &Path,
     cloud: &SplatCloud,
@@ -178,7 +180,7 @@ pub fn write_splats(
         let note = "colours in linear light that depend on the view are lost: the format has sRGB codes alone";
         encoded.notes.push(note.into());
     }
-    // A tenth of a splat is seen.
+    // A tenth of a splat is visible.
     let size = median_size(cloud);
     if encoded.position_quantum > 0.1 * size {
         encoded.notes.push(format!(
@@ -205,7 +207,7 @@ pub(super) fn median_size(cloud: &SplatCloud) -> f64 {
 }
 
 impl SplatCloud {
-    /// Whether every number may stand in a file.
+    /// Checks that every number can be stored in a file.
     fn check(&self, path: &Path) -> Result<()> {
         let count = self.positions.len();
         let fault = |place: String, expected: &str, found: String| {
@@ -258,7 +260,8 @@ impl SplatCloud {
         let mut scales = self.scales[i];
         let positive = scales.into_iter().filter(|s| *s > 0.0);
         let mut least = positive.fold(f32::MAX, f32::min);
-        // The last axes first to be found flat are the middle one of a needle, then the shortest.
+        // The first zero axis gets the larger thickness: the middle axis of a needle; the next gets the smaller
+        // one.
         for scale in &mut scales {
             if !(*scale > 0.0) {
                 least = (least * FLAT_SHARE).max(f32::MIN_POSITIVE);

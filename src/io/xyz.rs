@@ -1,4 +1,4 @@
-//! Point clouds as text (`.xyz`, `.txt`, `.pts`, `.asc`): a line for each point, and no names of columns.
+//! Reads point clouds as text (`.xyz`, `.txt`, `.pts`, `.asc`): a line per point, without names of columns.
 //!
 //! ```text
 //! 3
@@ -6,9 +6,10 @@
 //! ...
 //! ```
 //!
-//! Numbers are separated by blanks, tabs, commas or semicolons; lines that begin with `#` or `//` are comments; a first
-//! line of one number is the count of points (`.pts`). What follows x, y and z is known by its numbers: three of length 1
-//! are a normal; three whole numbers from 0 to 255, or three numbers from 0 to 1, are a colour; one number is an intensity.
+//! Numbers are separated by blanks, tabs, commas or semicolons. Lines that begin with `#` or `//` are comments.
+//! A first line of one number is the count of points (`.pts`). The columns after x, y and z are recognised by
+//! their numbers: three of length 1 are a normal; three whole numbers from 0 to 255, or three numbers from 0 to
+//! 1, are a colour; one number is an intensity.
 
 use std::path::Path;
 
@@ -24,13 +25,13 @@ use super::table::dataset;
 use super::vtk_xml::clip;
 use crate::error::{Error, Result};
 
-/// Columns, at least and at most: more are a table of something else.
+/// Least and greatest number of columns: files with more hold other data.
 const COLUMNS: std::ops::RangeInclusive<usize> = 3..=10;
 
-/// How far the length of a normal may be from 1, as it is rounded to some digits.
+/// Tolerance of a normal's length, for numbers rounded to some digits.
 const UNIT: f64 = 0.02;
 
-/// Whether the first lines are rows, two at least, of as many numbers each, and they are no PLOT3D grid.
+/// Whether the first lines are two or more rows with equal numbers of numbers, and no PLOT3D grid.
 pub(super) fn looks_like(probe: &Probe<'_>) -> bool {
     let is_whole = probe.head.len() as u64 == probe.len;
     let end = match is_whole {
@@ -56,7 +57,7 @@ pub(super) fn looks_like(probe: &Probe<'_>) -> bool {
     is_table && !is_grid()
 }
 
-/// Lines with numbers, and which these are, counted from 1.
+/// Lines with numbers, and their line numbers, counted from 1.
 fn rows(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let lines = text.lines().enumerate();
     let lines = lines.map(|(i, line)| (i + 1, line.trim()));
@@ -75,7 +76,7 @@ fn numbers(line: &str) -> Option<Vec<f64>> {
 /// Reads a cloud.
 ///
 /// # Errors
-/// A line that has other numbers than the first, or fewer lines than are counted.
+/// A line with another number of columns than the first; fewer lines than the stated count.
 pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
     let bytes = input.read_all()?;
@@ -111,7 +112,7 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     dataset(path, "text point cloud", positions, fields(rest))
 }
 
-/// That there are as many points as the first line counts.
+/// Checks that there are as many points as the first line states.
 fn check_count(path: &Path, stated: Option<(usize, &str)>, found: usize) -> Result<()> {
     let Some((at, stated)) = stated else {
         return Ok(());
@@ -128,7 +129,7 @@ fn check_count(path: &Path, stated: Option<(usize, &str)>, found: usize) -> Resu
     }
 }
 
-/// What columns behind the positions mean.
+/// Names the columns after the positions.
 fn fields(columns: Vec<Vec<f64>>) -> Vec<Field> {
     let mut named: Vec<Option<&str>> = vec![None; columns.len()];
     let free = |named: &[Option<&str>], at: usize| named[at..at + 3].iter().all(Option::is_none);
@@ -146,7 +147,8 @@ fn fields(columns: Vec<Vec<f64>>) -> Vec<Field> {
         }
     }
     let bytes = find(&named, &are_bytes).map(|at| {
-        // An intensity before colours may look like the first of them: whole colours come last.
+        // An intensity before the colours may look like their first column, so the last three columns are tried
+        // first.
         let last = columns.len() - 3;
         let is_last = free(&named, last)
             && are_bytes([&columns[last], &columns[last + 1], &columns[last + 2]]);
@@ -182,7 +184,7 @@ fn are_normals([x, y, z]: [&[f64]; 3]) -> bool {
     lengths.all(|length| (length - 1.0).abs() < UNIT)
 }
 
-/// Whole numbers of bytes, some of them above 1.
+/// Whether all numbers are whole and within a byte, and some are above 1.
 fn are_bytes(triple: [&[f64]; 3]) -> bool {
     let is_byte = |x: &f64| (0.0..=255.0).contains(x) && x.fract() == 0.0;
     let mut all = triple.iter().copied().flatten();

@@ -1,20 +1,20 @@
-//! ZIP archives, as far as NPZ, SOG and 3MF files and archives of OpenFOAM's folders need them: members stored or deflated,
-//! with sizes of 32 or 64 bits.
+//! Reads ZIP archives, as far as NPZ, SOG and 3MF files and archives of OpenFOAM's folders need them: members
+//! stored or deflated, with sizes of 32 or 64 bits.
 //!
-//! What is read, all numbers little-endian (PKWARE's APPNOTE, sections 4.3.7 to 4.3.16):
+//! Records, all numbers little-endian (PKWARE's APPNOTE, sections 4.3.7 to 4.3.16):
 //!
-//! | record | signature | what is taken from it |
+//! | record | signature | what is read from it |
 //! |---|---|---|
-//! | end of the directory, last in the file but for a comment | `PK\5\6` | where the directory is |
-//! | the same in 64 bits, and its locator | `PK\6\6`, `PK\6\7` | the same, where 32 bits do not do |
-//! | an entry of the directory | `PK\1\2` | name, method, checksum, sizes, place |
-//! | a member's own header | `PK\3\4` | where its bytes begin |
+//! | end of the directory, last in the file but for a comment | `PK\5\6` | offset of the directory |
+//! | its 64-bit form, and that form's locator | `PK\6\6`, `PK\6\7` | the same, if 32 bits are not enough |
+//! | an entry of the directory | `PK\1\2` | name, method, checksum, sizes, offset |
+//! | a member's own header | `PK\3\4` | offset of its bytes |
 //!
 //! Nothing is allocated that the archive's bytes cannot hold: entries borrow theirs.
 
 use std::io::Read;
 
-/// The first bytes of every archive that holds something.
+/// The first bytes of every archive that is not empty.
 pub(super) const MAGIC: &[u8] = b"PK\x03\x04";
 
 /// A member, still packed.
@@ -22,27 +22,27 @@ pub(super) const MAGIC: &[u8] = b"PK\x03\x04";
 pub(super) struct Entry<'a> {
     pub(super) name: String,
     pub(super) packed: &'a [u8],
-    /// Bytes when unpacked, as stated.
+    /// Stated size when unpacked, in bytes.
     pub(super) size: u64,
     method: u16,
     checksum: u32,
 }
 
-/// Where fields of 32 bits refer to ones of 64.
+/// The value of a 32-bit field that refers to a 64-bit one.
 const ELSEWHERE: u64 = 0xffff_ffff;
 
-/// The number of 2, 4 or 8 bytes at a place.
+/// The number in 2, 4 or 8 bytes at an offset.
 fn number(bytes: &[u8], at: usize, size: usize) -> Option<u64> {
     let digits = bytes.get(at..at.checked_add(size)?)?;
     Some(digits.iter().rev().fold(0, |n, &b| n << 8 | u64::from(b)))
 }
 
-/// The same as a place or a length.
+/// The number at an offset, as an offset or a length.
 fn place(bytes: &[u8], at: usize, size: usize) -> Option<usize> {
     usize::try_from(number(bytes, at, size)?).ok()
 }
 
-/// The bytes from a record on, where it begins with its signature.
+/// The bytes after a record's signature; `None` if it is not there.
 fn record<'a>(bytes: &'a [u8], at: usize, signature: &[u8; 4]) -> Option<&'a [u8]> {
     bytes.get(at..)?.strip_prefix(signature)
 }
@@ -50,7 +50,7 @@ fn record<'a>(bytes: &'a [u8], at: usize, signature: &[u8; 4]) -> Option<&'a [u8
 /// The members of an archive, in the order of its directory.
 ///
 /// # Errors
-/// What is wrong with it, as a phrase.
+/// A phrase with the fault.
 pub(super) fn entries(bytes: &[u8]) -> Result<Vec<Entry<'_>>, String> {
     let (mut directory, count) = directory(bytes).ok_or("no directory of members at its end")?;
     let mut entries = Vec::new();
@@ -67,7 +67,7 @@ pub(super) fn entries(bytes: &[u8]) -> Result<Vec<Entry<'_>>, String> {
 fn directory(bytes: &[u8]) -> Option<(&[u8], u64)> {
     const LEAST: usize = 22;
     let last = bytes.len().checked_sub(LEAST)?;
-    // A comment of any length with 16 bits follows, whose length it states.
+    // A comment follows, with its length in 16 bits.
     let is_end = |&at: &usize| {
         record(bytes, at, b"PK\x05\x06").is_some() && place(bytes, at + 20, 2) == Some(last - at)
     };
@@ -103,7 +103,7 @@ fn entry<'a>(bytes: &'a [u8], directory: &'a [u8]) -> Option<(Entry<'a>, &'a [u8
         let (field, others) = extra.get(4..)?.split_at_checked(length)?;
         extra = others;
         if id == 1 {
-            // Fields of 64 bits, in this order, of those that do not fit into 32.
+            // 64-bit fields, in this order, for those that do not fit into 32 bits.
             let mut at = 0;
             for small in sizes.iter_mut().chain([&mut start]) {
                 if *small == ELSEWHERE {
@@ -124,7 +124,7 @@ fn entry<'a>(bytes: &'a [u8], directory: &'a [u8]) -> Option<(Entry<'a>, &'a [u8
     let packed = bytes.get(first..first.checked_add(usize::try_from(packed).ok()?)?)?;
     let name = match std::str::from_utf8(name) {
         Ok(name) => name.to_owned(),
-        // Of old code pages, the first half is ASCII.
+        // In old code pages, the first half is ASCII.
         Err(_) => name.iter().map(|&b| char::from(b)).collect(),
     };
     let entry = Entry {
@@ -138,10 +138,10 @@ fn entry<'a>(bytes: &'a [u8], directory: &'a [u8]) -> Option<(Entry<'a>, &'a [u8
 }
 
 impl Entry<'_> {
-    /// The member's bytes. At most [`size`](Self::size) are allocated: check it before.
+    /// Unpacks the member. At most [`size`](Self::size) bytes are allocated: check that before.
     ///
     /// # Errors
-    /// What is wrong with it, as a phrase.
+    /// A phrase with the fault.
     pub(super) fn unpack(&self) -> Result<Vec<u8>, String> {
         let mut bytes = Vec::new();
         match self.method {
@@ -174,7 +174,7 @@ mod tests {
 
     use super::*;
 
-    /// An archive of an outside writer, with a comment at its end.
+    /// An archive from another writer, with a comment at its end.
     fn archive(method: CompressionMethod, large: bool) -> Vec<u8> {
         let mut writer = ZipWriter::new(std::io::Cursor::new(Vec::new()));
         let options = SimpleFileOptions::default()
@@ -212,7 +212,7 @@ mod tests {
         }
     }
 
-    /// Sizes and places where those of 32 bits refer to them, as in archives beyond 4 GiB.
+    /// 64-bit sizes and offsets, to which the 32-bit fields refer, as in archives beyond 4 GiB.
     #[test]
     fn numbers_of_64_bits_are_read() {
         let mut bytes = b"PK\x03\x04".to_vec();
@@ -230,7 +230,7 @@ mod tests {
         bytes.resize(bytes.len() + 10, 0);
         bytes.extend([0xff; 4]);
         bytes.push(b'x');
-        // Another field, then both sizes and the place.
+        // Another field, then both sizes and the offset.
         bytes.extend([9, 9, 2, 0, 1, 2, 1, 0, 24, 0]);
         bytes.extend([4_u64, 4, 0].map(u64::to_le_bytes).concat());
         let size = bytes.len() as u64 - start;

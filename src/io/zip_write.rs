@@ -1,17 +1,18 @@
-//! ZIP archives of members as they are: what is packed already. The records are those that `zip.rs` reads.
+//! Writes ZIP archives with stored (not compressed) members, for data that are compressed already. `zip.rs`
+//! reads the same records.
 
 use flate2::Crc;
 
-/// The version of the format that a reader has to know: 2.0.
+/// The format version that a reader must support: 2.0.
 const VERSION: [u8; 2] = [20, 0];
 
-/// Names are UTF-8.
+/// Flag: names are UTF-8.
 const FLAGS: [u8; 2] = [0, 8];
 
-/// Neither packed nor dated: method 0, and the first time and day that there are, so that equal contents are equal archives.
+/// Method 0 (stored), and the earliest time and day, so that equal contents give equal archives.
 const STORED_AT_THE_START: [u8; 6] = [0, 0, 0, 0, 0x21, 0];
 
-/// An archive of members, by their names; `None` where they are more than 32 bits count.
+/// An archive of members, with their names; `None` if counts or sizes exceed the format's fields.
 pub(super) fn stored(members: &[(&str, &[u8])]) -> Option<Vec<u8>> {
     let mut archive = Vec::new();
     let mut directory = Vec::new();
@@ -59,7 +60,7 @@ mod tests {
 
     use super::*;
 
-    /// By an outside reader, and by this library's.
+    /// Read by another library, and by this one.
     #[test]
     fn archives_are_read_by_others() {
         let members: [(&str, &[u8]); 3] = [("a.json", b"{}"), ("ü", b""), ("c", &[7; 300])];

@@ -1,5 +1,5 @@
-//! Where the data of a volume end: planes that cut the kernels beside them, which would leak out
-//! otherwise.
+//! Defines the boundary of a volume's data: planes that cut the kernels beside them, so that these do not leak
+//! out.
 
 #![allow(
     clippy::cast_possible_truncation,
@@ -14,39 +14,38 @@ use crate::math::Truncated;
 
 pub use crate::constants::MOST_EDGES;
 
-/// No plane: all of a kernel lies inside.
+/// No plane: the whole kernel lies inside.
 pub(crate) const NO_EDGE: [f32; 4] = [0.0, 0.0, 0.0, f32::INFINITY];
 
 /// The sharp boundary of a volume's data.
 ///
-/// Without one, kernels at the boundary leak out of the domain, and density falls to half at a face.
-/// With one, each kernel is cut at the domain, by its share of Phi along the ray, and one layer of
-/// ghosts beyond the boundary makes up for the kernels that would go on there: in a lattice's box a
-/// uniform field is uniform up to the faces.
+/// Without a boundary, kernels at the edge leak out of the domain, and density falls to half at a face. With
+/// one, each kernel is cut at the domain, by its share of Phi along the ray. One layer of ghosts beyond the
+/// boundary replaces the kernels that would continue there. So a uniform field in a lattice's box stays uniform
+/// up to the faces.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Boundary {
-    /// The box of a lattice's samples. Its ghosts, extrapolated linearly from the outermost two
-    /// samples (2 v0 - v1, as far as the values' type holds it), are added where blocks are made;
-    /// an axis of one sample has no faces.
+    /// The box of a lattice's samples. Ghosts are added when blocks are made. They are extrapolated linearly
+    /// from the outermost two samples (2 v0 - v1), clamped to the values' type. An axis of one sample has no
+    /// faces.
     Lattice,
-    /// Tangent planes of the boundary beside each particle of a set of ellipsoids. Ghosts are among
-    /// its particles.
+    /// Tangent planes of the boundary beside each particle of a set of ellipsoids. Ghosts are among the
+    /// particles.
     Planes(BoundaryPlanes),
 }
 
-/// Planes of the boundary in vectors.
+/// Planes of the boundary, in vectors.
 pub type BoundaryPlanes = BoundaryPlanesIn<Owned>;
 
-/// Which particles the boundary of their domain cuts, and where.
+/// The particles that the boundary of their domain cuts, and the planes that cut them.
 ///
-/// Of one kernel the domain is what lies inside all of its planes, a convex piece.
+/// The domain of one kernel is the convex region inside all of its planes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoundaryPlanesIn<S: Storage> {
-    /// One word per particle: 0 where nothing cuts it, otherwise one more than its place in `edges`.
+    /// One word per particle: 0 if nothing cuts it, otherwise its index in `edges` plus 1.
     pub of_particle: S::Of<u32>,
-    /// Of each particle that is cut up to [`MOST_EDGES`] planes: a unit normal into the domain and
-    /// how far the particle's centre lies inside \[world units\], negative outside; an infinite
-    /// distance where there are fewer.
+    /// Up to [`MOST_EDGES`] planes of each cut particle: a unit normal into the domain and the particle's
+    /// distance inside \[world units\], negative outside. Unused planes have an infinite distance.
     pub edges: S::Of<[[f32; 4]; MOST_EDGES]>,
 }
 
@@ -60,13 +59,13 @@ impl Default for BoundaryPlanes {
 }
 
 impl<S: Storage> BoundaryPlanesIn<S> {
-    /// The planes that cut a particle.
+    /// The planes that cut a particle; `None` if nothing cuts it.
     pub(crate) fn of(&self, particle: usize) -> Option<&[[f32; 4]; MOST_EDGES]> {
         let word = *self.of_particle.get(particle)?;
         self.edges.get((word as usize).checked_sub(1)?)
     }
 
-    /// The same for particles in another order.
+    /// Reorders the planes with their particles.
     pub(crate) fn gather(&self, order: &[u32]) -> Self {
         let mut of_particle = Vec::with_capacity(order.len());
         let mut kept = Vec::new();
@@ -88,7 +87,7 @@ impl<S: Storage> BoundaryPlanesIn<S> {
 }
 
 impl BoundaryPlanes {
-    /// The same as a renderer keeps them.
+    /// Converts the columns to a renderer's storage.
     pub(crate) fn shared(self) -> BoundaryPlanesIn<Shared> {
         BoundaryPlanesIn {
             of_particle: self.of_particle.into(),
@@ -97,21 +96,21 @@ impl BoundaryPlanes {
     }
 }
 
-/// What planes leave of a kernel.
+/// Moments of the part of a kernel inside its planes.
 #[derive(Debug, Clone)]
 pub(crate) struct CutKernel {
-    /// Of its mass.
+    /// Share of the kernel's mass.
     pub(crate) share: f64,
-    /// Of its mean, world units.
+    /// Shift of the mean, world units.
     pub(crate) shift: DVec3,
-    /// F of its variance F Fᵀ.
+    /// Factor F of the variance F Fᵀ.
     pub(crate) factor: DMat3,
-    /// Its third central moments are the sum of the third powers of these vectors.
+    /// Third central moments: the sum of the third powers of these vectors.
     pub(crate) skews: Vec<DVec3>,
 }
 
-/// Moments of what planes leave of a kernel of a factor, one after another: exact for one plane and for planes
-/// that know nothing of one another in the kernel's own measure. `None` where nothing is left that counts.
+/// Moments of a kernel cut by planes one after another. Exact for one plane, and for planes that are orthogonal
+/// in the kernel's own metric. `None` if nothing significant is left.
 pub(crate) fn cut_kernel(factor: DMat3, planes: &[[f32; 4]]) -> Option<CutKernel> {
     let mut left = CutKernel {
         share: 1.0,
@@ -143,7 +142,7 @@ pub(crate) fn cut_kernel(factor: DMat3, planes: &[[f32; 4]]) -> Option<CutKernel
 }
 
 impl Lattice {
-    /// How many ghosts lie before the first sample along each axis, and as many behind the last.
+    /// Number of ghosts before the first sample along each axis, and behind the last.
     pub(crate) fn ghosts(&self) -> [usize; 3] {
         self.dims.map(|n| usize::from(n > 1))
     }
@@ -176,14 +175,14 @@ impl Lattice {
         }
     }
 
-    /// For each sample of [`Self::with_ghosts`] the sample of this lattice that is nearest, and the
-    /// one as far behind that: the same but for ghosts.
+    /// The source samples for each sample of [`Self::with_ghosts`]: the nearest sample of this lattice, and the
+    /// one as far behind that. They are the same unless the sample is a ghost.
     fn ghost_sources(&self) -> impl Iterator<Item = [usize; 2]> + '_ {
         let planes = self.dims[2] + 2 * self.ghosts()[2];
         (0..planes).flat_map(|plane| self.ghost_sources_of(plane))
     }
 
-    /// The same of one plane of samples.
+    /// The source samples of [`Self::ghost_sources`], for one plane of samples.
     pub(crate) fn ghost_sources_of(
         &self,
         plane: usize,
@@ -203,20 +202,20 @@ impl Lattice {
         })
     }
 
-    /// Values with those of ghosts, of the same type.
+    /// Values of the samples and their ghosts, of the same type.
     pub(crate) fn values_with_ghosts(&self, values: &Values) -> Values {
         values.extrapolated(self.ghost_sources())
     }
 
-    /// What each sample has, with that of ghosts: the nearest sample's.
+    /// Entries of the samples and their ghosts; a ghost has its nearest sample's entry.
     pub(crate) fn copied_to_ghosts<T: Copy>(&self, entries: &[T]) -> Vec<T> {
         self.ghost_sources().map(|[a, _]| entries[a]).collect()
     }
 }
 
 impl Values {
-    /// For each pair of values that of a ghost beyond the first, which the second lies behind: 2 v0 - v1,
-    /// held to what the type has; v0 where that is not finite.
+    /// Extrapolates to a ghost from each pair of values: 2 v0 - v1, where v1 lies behind v0. Results are
+    /// clamped to the values' type; if one is not finite, it is v0.
     pub(crate) fn extrapolated(&self, pairs: impl Iterator<Item = [usize; 2]>) -> Self {
         macro_rules! integers {
             ($v:expr, $type:ty) => {
@@ -245,8 +244,8 @@ impl Values {
         }
     }
 
-    /// Appends the values of ghosts: those that are given, rounded and held to what the type has, or those
-    /// beyond pairs of values.
+    /// Appends the values of ghosts: a given value, rounded and clamped to the values' type, or one
+    /// extrapolated from a pair.
     pub(crate) fn extrapolate(&mut self, ghosts: &[([usize; 2], Option<f64>)]) {
         let mut beyond = self.extrapolated(ghosts.iter().map(|(pair, _)| *pair));
         for (i, given) in ghosts.iter().enumerate() {
@@ -285,7 +284,8 @@ mod tests {
             DVec3::new(0.0, 0.5, 0.3),
             DVec3::new(0.0, 0.0, 0.6),
         );
-        // Two planes that know nothing of one another: their normals are rows of the factor's inverse.
+        // Two planes that are orthogonal in the kernel's metric: their normals are rows of the factor's
+        // inverse.
         let rows = factor.inverse().transpose();
         let plane = |n: DVec3, deviations: f64| {
             let unit = n.normalize();
@@ -313,7 +313,8 @@ mod tests {
                 *sum += weight * x * x[a];
             }
         }
-        // Steps of a tenth that planes cut through: each end errs by a thousandth of what there is.
+        // Planes cut through integration steps of a tenth: each end contributes an error of about a thousandth
+        // of the whole.
         let mean = first / share;
         assert!((left.share - share).abs() < 2e-3 * share);
         assert!((left.shift - mean).length() < 5e-3);
@@ -331,7 +332,7 @@ mod tests {
         let wide = lattice.with_ghosts();
         assert_eq!(wide.dims, [5, 4, 1]);
         assert_eq!(wide.position([0, 0, 0]), DVec3::new(-1.0, -2.0, 0.0));
-        // Of a linear field, its ghosts are the field's own values, at corners too.
+        // Ghosts of a linear field have the field's own values, at corners too.
         let field = |p: DVec3| (10.0 + 2.0 * p.x - 3.0 * p.y) as f32;
         let cells = |l: &Lattice| -> Vec<DVec3> {
             let [x, y, _] = l.dims;
@@ -346,7 +347,7 @@ mod tests {
         for (found, place) in found.iter().zip(cells(&wide)) {
             assert!((found - field(place)).abs() < 1e-5, "{place}: {found}");
         }
-        // 2 x 250 - 240 is beyond a byte, 2 x 3 - 10 below it.
+        // 2 x 250 - 240 is above a byte's range, 2 x 3 - 10 below it.
         let bytes = Values::U8(vec![3, 10, 250, 3, 10, 250]);
         let Values::U8(found) = lattice.values_with_ghosts(&bytes) else {
             panic!("values keep their type");

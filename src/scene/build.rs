@@ -1,4 +1,4 @@
-//! Point volumes from arrays in memory.
+//! Builds point volumes from arrays in memory.
 
 use std::f64::consts::TAU;
 
@@ -11,8 +11,8 @@ use crate::error::{Error, Result};
 use crate::math::{Variance, lower_factor, principal_sigmas};
 
 impl PointVolume {
-    /// Spherical kernels, white, of an optical depth of 1 through their centres until masses or
-    /// values are given (other kernels: seen along their shortest axis).
+    /// Spherical white kernels. Until masses or values are given, each has an optical depth of 1 along a line
+    /// through its centre (other kernels: along their shortest axis).
     ///
     /// - `positions`: centres, world units.
     /// - `sigmas`: standard deviations, world units, one for each.
@@ -42,11 +42,11 @@ impl PointVolume {
         Self::of_particles(particles)
     }
 
-    /// Kernels with a variance matrix each, for the rest as [`PointVolume::spheres`].
+    /// Kernels with a variance matrix each; otherwise as [`PointVolume::spheres`].
     ///
     /// - `positions`: centres, world units.
-    /// - `variances`: xx, xy, xz, yy, yz, zz of each, or matrices; world units squared. Flat kernels,
-    ///   of which an eigenvalue is 0, are allowed.
+    /// - `variances`: xx, xy, xz, yy, yz, zz of each, or matrices; world units squared. Flat kernels, with an
+    ///   eigenvalue of 0, are allowed.
     ///
     /// ```
     /// use ewa_splat::scene::PointVolume;
@@ -62,7 +62,7 @@ impl PointVolume {
     /// ```
     ///
     /// # Errors
-    /// The first that is no variance ([`Variance::factor`]).
+    /// The first matrix that is no variance ([`Variance::factor`]).
     pub fn ellipsoids<V: Into<Variance> + Copy>(
         positions: impl Into<Vec<DVec3>>,
         variances: &[V],
@@ -78,11 +78,10 @@ impl PointVolume {
         }))
     }
 
-    /// Kernels with standard deviations along axes of their own, for the rest as
-    /// [`PointVolume::spheres`].
+    /// Kernels with standard deviations along axes of their own; otherwise as [`PointVolume::spheres`].
     ///
     /// - `scales`: standard deviations along x, y and z, world units.
-    /// - `rotations`: what turns x, y and z to the kernel's axes; of any length but zero.
+    /// - `rotations`: rotations from x, y and z to the kernel's axes; of any length but zero.
     ///
     /// ```
     /// use ewa_splat::scene::PointVolume;
@@ -97,8 +96,8 @@ impl PointVolume {
     /// ```
     ///
     /// # Errors
-    /// Scales that are negative, all 0 or not finite, a rotation of no length, more of the one than
-    /// of the other.
+    /// Scales that are negative, all 0 or not finite; a rotation of length zero; different numbers of scales
+    /// and rotations.
     pub fn turned(
         positions: impl Into<Vec<DVec3>>,
         scales: &[DVec3],
@@ -135,7 +134,7 @@ impl PointVolume {
         }))
     }
 
-    /// A lattice of values in the colours of a transfer function: no positions are stored.
+    /// A lattice of values, coloured by a transfer function. No positions are stored.
     ///
     /// - `values`: one per sample, x fastest, then y, then z.
     ///
@@ -191,32 +190,32 @@ impl PointVolume {
         }
     }
 
-    /// The same with masses \[length²\], one per particle: extinction x volume.
+    /// Sets masses \[length²\], one per particle: extinction x volume.
     #[must_use]
     pub fn with_masses(mut self, masses: impl Into<Vec<f32>>) -> Self {
         self.strength = Strength::Mass(masses.into());
         self
     }
 
-    /// The same with a linear RGB colour for each particle.
+    /// Sets a linear RGB colour for each particle.
     #[must_use]
     pub fn with_colours(mut self, colours: impl Into<Vec<[f32; 3]>>) -> Self {
         self.colour = Colour::PerParticle(colours.into());
         self
     }
 
-    /// The same with one linear RGB colour for all particles.
+    /// Sets one linear RGB colour for all particles.
     #[must_use]
     pub fn with_colour(mut self, colour: [f32; 3]) -> Self {
         self.colour = Colour::Uniform(colour);
         self
     }
 
-    /// The same with a value for each particle, of which the transfer function makes its colour and,
-    /// times its volume, its mass. The volume is that of the cell that such a kernel is made for, the
-    /// product of its standard deviations over [`DEFAULT_KERNEL_WIDTH`]³.
+    /// Sets a value for each particle. The transfer function gives its colour and its extinction; extinction
+    /// times the particle's volume is its mass. The volume is the cell for which such a kernel is made: the
+    /// product of the standard deviations over [`DEFAULT_KERNEL_WIDTH`]³.
     ///
-    /// Masses and colours that are given later take the place of these.
+    /// Masses and colours set later replace those of the transfer function.
     ///
     /// ```
     /// use ewa_splat::scene::{PointVolume, TransferDefaults, TransferFunction};
@@ -249,7 +248,7 @@ impl PointVolume {
     }
 }
 
-/// A number of each shape's principal standard deviations, greatest first; none of a lattice.
+/// A number computed from each shape's principal standard deviations, greatest first; empty for a lattice.
 fn sizes(particles: &Particles, of: impl Fn([f64; 3]) -> f64 + Sync) -> Vec<f32> {
     let wide = |shape: &[f32; 6]| shape.map(f64::from);
     match particles {
@@ -274,7 +273,7 @@ fn sizes(particles: &Particles, of: impl Fn([f64; 3]) -> f64 + Sync) -> Vec<f32>
     }
 }
 
-/// The error of one of several matrices, with its number.
+/// Adds a matrix's number to its error.
 fn numbered(error: Error, i: usize) -> Error {
     match error {
         Error::Invalid {
@@ -337,7 +336,7 @@ mod tests {
         let classified = turned.with_values(vec![0.5], viridis);
         assert!((strength(&classified) - 0.01 / 0.216).abs() < 1e-6);
         assert!(classified.validate().is_ok());
-        // Masses that are given later count.
+        // Masses set later replace those of the transfer function.
         let masses = classified.with_masses([2.0]);
         assert_eq!(
             (masses.strength.stored(), &masses.colour),
@@ -374,7 +373,7 @@ mod tests {
             assert!(PointVolume::turned([DVec3::ZERO], &[scale], &[turn]).is_err());
         }
         assert!(PointVolume::turned(at, &[DVec3::ONE; 2], &[turn]).is_err());
-        // Arrays of unequal lengths are seen where the volume is used.
+        // Arrays of unequal lengths are found when the volume is used.
         assert!(PointVolume::spheres(at, [1.0]).validate().is_err());
         assert!(
             PointVolume::ellipsoids(at, &[sound])

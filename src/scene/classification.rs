@@ -1,16 +1,16 @@
-//! Over what part of a kernel the transfer function is asked.
+//! Defines over which part of a kernel the transfer function is evaluated.
 
-/// Over what part of a kernel the transfer function is asked, for particles that have a value and a
-/// model of the field around (lattices have; see
-/// [`PointVolume::local_models`](crate::scene::PointVolume::local_models)).
+/// The part of a kernel over which the transfer function is evaluated, for particles with a value and a local
+/// model of the field. Lattices have such models; see
+/// [`PointVolume::local_models`](crate::scene::PointVolume::local_models) for others.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Classification {
-    /// Over its extent, with the field's local linear model: of a kernel over which the field crosses
-    /// a narrow lobe of the function a flattened and shifted piece is drawn, a splat of the iso-surface.
-    /// Where lobes are wide against what the field changes over a kernel, as [`Self::Particle`]
-    /// ([`ALONE_DEPTH`](crate::scene::ALONE_DEPTH)).
+    /// Over the kernel's extent, with the field's local linear model. If the field crosses a narrow lobe of the
+    /// function within a kernel, a flattened and shifted piece of the kernel is drawn: a splat of the
+    /// iso-surface. If lobes are wide compared with the field's change over a kernel, the result is that of
+    /// [`Self::Particle`] ([`ALONE_DEPTH`](crate::scene::ALONE_DEPTH)).
     #[default]
     Extent,
-    /// At its value alone: the whole kernel has the function's extinction and colour there.
+    /// At the particle's value alone: the whole kernel has the function's extinction and colour there.
     Particle,
 }

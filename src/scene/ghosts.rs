@@ -1,11 +1,11 @@
-//! What the ghosts around a lattice have: their values go on linearly, all else is their nearest
-//! sample's.
+//! Adds ghosts around a lattice: their values are extrapolated linearly, all else is copied from the nearest
+//! sample.
 
 use super::{Boundary, Colour, Particles, PointVolume, Strength};
 use crate::math::harmonics_count;
 
 impl PointVolume {
-    /// A lattice that has a boundary with its ghosts among its samples; all else as it is.
+    /// Adds its ghosts to a lattice that has a boundary; leaves other volumes as they are.
     pub(crate) fn with_ghosts(self) -> Self {
         let (
             Some(Boundary::Lattice),
@@ -70,7 +70,7 @@ impl PointVolume {
             transfer_function: self.transfer_function,
             boundary: self.boundary,
             normals,
-            // A lattice has none: they follow from its values, those of ghosts among them.
+            // A lattice has no local models: they follow from its values, including those of ghosts.
             local_models: self.local_models,
         }
     }

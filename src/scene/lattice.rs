@@ -1,4 +1,4 @@
-//! Grids whose positions follow from indices: nothing is stored per particle.
+//! Defines grids whose positions follow from indices: nothing is stored per particle.
 
 use glam::{DMat3, DVec3};
 
@@ -7,13 +7,13 @@ use crate::error::{Error, Result};
 /// A three-dimensional array of sample points, x fastest, then y, then z.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Lattice {
-    /// Samples along each axis.
+    /// Number of samples along each axis.
     pub dims: [usize; 3],
-    /// Where they lie.
+    /// Positions of the samples.
     pub spacing: LatticeSpacing,
 }
 
-/// Where the samples of a [`Lattice`] lie.
+/// Positions of a [`Lattice`]'s samples.
 #[derive(Debug, Clone, PartialEq)]
 pub enum LatticeSpacing {
     /// Sample (i, j, k) lies at origin + step * (i, j, k).
@@ -42,7 +42,7 @@ impl Lattice {
         }
     }
 
-    /// How many samples there are; the greatest number of all where there are more.
+    /// Number of samples; `usize::MAX` if there are more.
     pub fn len(&self) -> usize {
         self.checked_len().unwrap_or(usize::MAX)
     }
@@ -55,8 +55,8 @@ impl Lattice {
     /// Checks that every sample has a position.
     ///
     /// # Errors
-    /// More samples than can be counted, coordinates of another number than the dimensions say, that
-    /// do not rise or are not finite, an origin or a step that is not finite.
+    /// More samples than can be counted; a number of coordinates other than the dimensions; coordinates that do
+    /// not rise or are not finite; an origin or a step that is not finite.
     pub fn validate(&self) -> Result<()> {
         let [x, y, z] = self.dims;
         let fault = |place: &str, expected: &str, found: String| {
@@ -94,7 +94,7 @@ impl Lattice {
         Ok(())
     }
 
-    /// Whether there are none.
+    /// Whether there are no samples.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -151,6 +151,5 @@ pub(crate) fn cell_width(axis: &[f64], i: usize) -> f64 {
     ((axis[b] - axis[a]) / (b - a) as f64).abs()
 }
 
-/// What the cells of a rectilinear axis with one sample count as being wide, in world units: the
-/// file says nothing of it.
+/// Width of a cell along a rectilinear axis with one sample, in world units. Files do not store this width.
 pub(crate) const LONE_CELL_WIDTH: f64 = 1.0;

@@ -1,4 +1,4 @@
-//! Lights, and how particles reflect them.
+//! Defines lights, and how particles reflect them.
 
 use glam::DVec3;
 
@@ -13,46 +13,46 @@ use crate::error::{Error, Result};
 /// over lights of colour L in direction l. Highlights have the colour of the light: white ones
 /// show shape whatever the transfer function's colours are.
 ///
-/// [`crate::shading`] says where normals come from, why Blinn-Phong, and what the sign of a dot
-/// product means.
+/// [`crate::shading`] explains where normals come from, why the model is Blinn-Phong, and what the sign of a
+/// dot product means.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Lighting {
     /// At most [`MAX_LIGHTS`].
     pub lights: Vec<Light>,
-    /// Share of a colour that is there without any light.
+    /// Share of a colour that is present without any light.
     pub ambient: f32,
-    /// Share of a colour that a light of colour 1 adds where it falls in along the normal.
+    /// Share of a colour that a light of colour 1 adds at normal incidence.
     pub diffuse: f32,
-    /// What a light of colour 1 adds in the middle of a highlight, linear.
+    /// Linear light that a light of colour 1 adds in the middle of a highlight.
     pub specular: f32,
-    /// Exponent of highlights, 1 to 1000: the greater, the smaller they are.
+    /// Exponent of highlights, 1 to 1000: the greater, the smaller the highlights.
     pub shininess: f32,
 }
 
-/// A light so far away that its direction is the same everywhere.
+/// A directional light: so far away that its direction is the same everywhere.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Light {
-    /// Towards the light, of any length.
+    /// Direction towards the light, of any length.
     pub direction: DVec3,
-    /// What the direction is relative to.
+    /// Frame of the direction.
     pub frame: LightFrame,
     /// Linear RGB, from 0 up.
     pub colour: [f32; 3],
 }
 
-/// What a light is fixed to.
+/// The frame to which a light is fixed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LightFrame {
-    /// The world: the lit side of things stays where it is when the camera moves.
+    /// The world: the lit sides stay lit when the camera moves.
     World,
     /// The camera, whose x points right, y down and z away from the eye.
     Camera,
 }
 
 impl Default for Lighting {
-    /// A headlight over the left shoulder, and a quarter of it from the right. What faces the eye
-    /// reflects about .9 of its colour, and no more than all of it wherever it faces; highlights add
-    /// .2 at most.
+    /// A headlight over the left shoulder, and one of a quarter of its strength from the right. A surface that
+    /// faces the eye reflects about .9 of its colour; at no angle does one reflect more than all of it.
+    /// Highlights add .2 at most.
     fn default() -> Self {
         let light = |direction, colour| Light {
             direction,
@@ -73,7 +73,7 @@ impl Default for Lighting {
 }
 
 impl Lighting {
-    /// Checks that there are not too many lights and that every number is one.
+    /// Checks that there are at most [`MAX_LIGHTS`] lights and that every number is in range.
     ///
     /// # Errors
     /// The first number out of range.

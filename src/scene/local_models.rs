@@ -1,15 +1,15 @@
-//! What is known of a field over each kernel, so that a transfer function is applied to the field
-//! over the kernel's extent and not to its value alone: six bytes a particle.
+//! Stores a linear model of the field over each kernel, so that a transfer function can be applied over the
+//! kernel's extent and not to its value alone. A model takes six bytes per particle.
 //!
-//! | bits of a code | what | steps |
+//! | bits of a code | quantity | steps |
 //! |---|---|---|
 //! | 0 to 8, 9 to 17 | direction of the slope | octahedral coordinates, 510 steps from -1 to 1 |
 //! | 18 to 27 | length of the slope | 0: none; 1023: the greatest, each step down 1/51 octave |
 //! | 28 to 36, 37 | departure, its sign (1: below zero) | 0: none; 511: the greatest, each step down 1/25 octave |
 //! | 38 to 42, 43 to 47 | range below and above | quarters of the slope's length, rounded up; 31: no bound |
 //!
-//! Errors at most: directions .0083 rad (axes are exact), lengths .68 %, departures 1.4 %; what is
-//! 2^20 times smaller than the greatest is zero. Ranges are never too small.
+//! Errors at most: directions .0083 rad (axes are exact), lengths .68 %, departures 1.4 %. Lengths and
+//! departures 2^20 times smaller than the greatest are stored as zero. Ranges are never too small.
 
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
@@ -24,43 +24,39 @@ pub(crate) const DIRECTION_BITS: u32 = 9;
 pub(crate) const DIRECTION_STEPS: u32 = (1 << DIRECTION_BITS) - 2;
 /// Bits of a slope's length.
 pub(crate) const SLOPE_BITS: u32 = 10;
-/// Steps of it in an octave: twenty octaves in all.
+/// Steps of a slope's length per octave: twenty octaves in all.
 pub(crate) const SLOPE_STEPS_PER_OCTAVE: u32 = 51;
 /// Bits of a departure without its sign, which is the bit above.
 pub(crate) const DEPARTURE_BITS: u32 = 9;
-/// Steps of it in an octave: twenty octaves in all.
+/// Steps of a departure per octave: twenty octaves in all.
 pub(crate) const DEPARTURE_STEPS_PER_OCTAVE: u32 = 25;
 /// Bits of the range below the value, and of that above.
 pub(crate) const RANGE_BITS: u32 = 5;
-/// Steps of a range in the slope's length.
+/// Steps of a range per length of the slope.
 pub(crate) const RANGE_STEPS: f32 = 4.0;
 
-/// The range that a code cannot hold, or that nothing is known of: no value lies outside.
+/// A range that a code cannot hold, or that is not known: it has no bound.
 pub const NO_BOUND: f32 = f32::MAX;
 
-/// What is known of a field over one kernel: its local linear model, where the kernel's variance is
-/// V = L Lᵀ.
+/// The local linear model of a field over one kernel, whose variance is V = L Lᵀ.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LocalModel {
-    /// Lᵀ g \[value units\], g the field's gradient: how the field changes over one standard
-    /// deviation along each column of L. Its length sqrt(gᵀ V g) is the standard deviation of the
-    /// field's values over the kernel.
+    /// Lᵀ g \[value units\], g the field's gradient: the field's change over one standard deviation along each
+    /// column of L. The length sqrt(gᵀ V g) is the standard deviation of the field's values over the kernel.
     pub slope: Vec3,
-    /// By how much the value that masses are classified by exceeds the particle's own \[value
-    /// units\]: tr(H V) / 2, which sharpens what sums of linear models blur (H: the field's second
-    /// derivatives), and where the kernel's centre c is not the sample's place x,
-    /// g·(c - x) + (c - x)ᵀ H (c - x) / 2.
+    /// Difference between the value at which masses are classified and the particle's own \[value units\]. It
+    /// is tr(H V) / 2, which sharpens what sums of linear models blur (H: the field's second derivatives). If
+    /// the kernel's centre c is not the sample's position x, g·(c - x) + (c - x)ᵀ H (c - x) / 2 is added.
     pub departure: f32,
-    /// How far the values around go below the particle's own \[value units, from 0 up\]. What the
-    /// transfer function shows outside the range value - below to value + above is not there,
-    /// though the linear model reaches it.
+    /// Distance of the least value around below the particle's own \[value units, from 0 up\]. Values outside
+    /// the range value - below to value + above do not occur there, though the linear model reaches them.
     pub below: f32,
-    /// How far they go above.
+    /// Distance of the greatest value around above the particle's own.
     pub above: f32,
 }
 
 impl LocalModel {
-    /// Of a field that is the same everywhere.
+    /// The model of a constant field.
     pub(crate) const NONE: Self = Self {
         slope: Vec3::ZERO,
         departure: 0.0,
@@ -72,7 +68,7 @@ impl LocalModel {
 /// Local models in vectors.
 pub type LocalModels = LocalModelsIn<Owned>;
 
-/// Local models of a volume's particles, six bytes each; the head of this file has their bits.
+/// Local models of a volume's particles, six bytes each; the module's documentation has their bits.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LocalModelsIn<S: Storage> {
     codes: S::Of<[u16; 3]>,
@@ -81,13 +77,13 @@ pub struct LocalModelsIn<S: Storage> {
 }
 
 impl LocalModels {
-    /// Encodes one model for each particle. Slopes and departures that are not finite become zero,
-    /// ranges that are not become [`NO_BOUND`].
+    /// Encodes one model per particle. Slopes and departures that are not finite become zero; ranges that are
+    /// not finite become [`NO_BOUND`].
     pub fn new(models: &[LocalModel]) -> Self {
         Self::scaled(models).coded(models)
     }
 
-    /// The same with the scales of these and of others: [`Self::scales_of`] of all.
+    /// Encodes models with given scales: [`Self::scales_of`] of these models and others.
     pub(crate) fn with(models: &[LocalModel], scales: [f32; 2]) -> Self {
         Self::scaled(&[]).with_scales(scales).coded(models)
     }
@@ -97,13 +93,13 @@ impl LocalModels {
         Self::scaled(models).scales()
     }
 
-    /// These, with the scales that are there.
+    /// Encodes the models with the present scales.
     fn coded(mut self, models: &[LocalModel]) -> Self {
         self.codes = models.par_iter().map(|m| self.code(m)).collect();
         self
     }
 
-    /// None yet, with the scales of these.
+    /// No models, with the scales of these.
     fn scaled(models: &[LocalModel]) -> Self {
         let greatest = |of: &(dyn Fn(&LocalModel) -> f32 + Sync)| {
             let finite = models.par_iter().map(of).filter(|x| x.is_finite());
@@ -116,13 +112,13 @@ impl LocalModels {
         }
     }
 
-    /// The same with some models changed, and others behind them.
+    /// Changes some models, and appends others.
     ///
-    /// - `changes`: which particle's, ascending or not, or none of those that are there; and its model.
-    /// - `greatest`: the greatest of the scales of some models and of those that are elsewhere.
+    /// - `changes`: index of the particle, in any order (`None` appends), and its model.
+    /// - `greatest`: returns the greatest of given scales and of those of all partitions.
     ///
     /// # Errors
-    /// What `greatest` says.
+    /// Those of `greatest`.
     pub(crate) fn changed(
         mut self,
         changes: &[(Option<usize>, LocalModel)],
@@ -154,17 +150,17 @@ impl LocalModels {
         Ok(Self::with(&all, scales))
     }
 
-    /// Codes of other particles that were made with the same scales.
+    /// Codes of other particles, made with the same scales.
     pub(crate) fn with_codes(&self, codes: Vec<[u16; 3]>) -> Self {
         Self { codes, ..*self }
     }
 
-    /// Appends others of the same scales.
+    /// Appends models of the same scales.
     pub(crate) fn append(&mut self, others: &Self) {
         self.codes.extend(&others.codes);
     }
 
-    /// The same codes, counted from other scales.
+    /// The same codes, with other scales.
     pub(crate) fn with_scales(self, [greatest_slope, greatest_departure]: [f32; 2]) -> Self {
         Self {
             greatest_slope,
@@ -173,7 +169,7 @@ impl LocalModels {
         }
     }
 
-    /// The same as a renderer keeps them.
+    /// Converts the codes to a renderer's storage.
     pub(crate) fn shared(self) -> LocalModelsIn<Shared> {
         LocalModelsIn {
             codes: self.codes.into(),
@@ -197,7 +193,7 @@ impl<S: Storage> LocalModelsIn<S> {
         }
     }
 
-    /// Of codes, and what these count from: [`Self::codes`] and [`Self::scales`] of others.
+    /// Makes models from [`Self::codes`] and [`Self::scales`] of others.
     #[cfg(feature = "prepared")]
     pub(crate) fn of_codes(
         codes: S::Of<[u16; 3]>,
@@ -210,23 +206,23 @@ impl<S: Storage> LocalModelsIn<S> {
         }
     }
 
-    /// How many there are.
+    /// Number of models.
     pub fn len(&self) -> usize {
         self.codes.len()
     }
 
-    /// Whether there are none.
+    /// Whether there are no models.
     pub fn is_empty(&self) -> bool {
         self.codes.is_empty()
     }
 
-    /// The bits of each, sixteen of the lowest first.
+    /// The bits of each model, in words of sixteen, the lowest first.
     pub fn codes(&self) -> &[[u16; 3]] {
         &self.codes
     }
 
-    /// The greatest length of a slope and the greatest departure up or down \[value units\]: what the
-    /// codes' logarithms count from.
+    /// The greatest length of a slope and the greatest departure up or down \[value units\]: references of the
+    /// logarithmic codes.
     pub fn scales(&self) -> [f32; 2] {
         [self.greatest_slope, self.greatest_departure]
     }
@@ -236,8 +232,8 @@ impl<S: Storage> LocalModelsIn<S> {
         self.greatest_slope
     }
 
-    /// The model of particle `i`, in operations that shaders have too: whole numbers, f32, and
-    /// powers of two whose exponents lie between -1 and 0 or are whole.
+    /// The model of particle `i`, in operations that shaders have too: integers, f32, and powers of two whose
+    /// exponents lie between -1 and 0 or are whole.
     #[inline]
     pub fn get(&self, i: usize) -> LocalModel {
         let [low, middle, high] = self.codes[i].map(u64::from);
@@ -269,7 +265,7 @@ impl<S: Storage> LocalModelsIn<S> {
         }
     }
 
-    /// Of a model, its bits.
+    /// The bits of a model.
     fn code(&self, model: &LocalModel) -> [u16; 3] {
         let direction = model.slope.as_dvec3().normalize_or(DVec3::Z);
         let coordinates = to_octahedral(direction.as_vec3());
@@ -277,7 +273,7 @@ impl<S: Storage> LocalModelsIn<S> {
         let [x, y] = (coordinates * half + half).round().as_uvec2().to_array();
         let slope = length_code(length_of(model.slope), SLOPE, self.greatest_slope);
         let departure = length_code(model.departure.abs(), DEPARTURE, self.greatest_departure);
-        // Of the slope as it is read again.
+        // Steps of the decoded slope.
         let step = length(slope, SLOPE, self.greatest_slope) / RANGE_STEPS;
         let mut bits = 0_u64;
         let mut count = 0;
@@ -297,7 +293,7 @@ impl<S: Storage> LocalModelsIn<S> {
     }
 }
 
-/// A vector's length, whose square f32 need not hold.
+/// Length of a vector; its square may exceed f32.
 #[expect(
     clippy::cast_possible_truncation,
     reason = "rounding to f32; too great lengths become infinite, which is no slope"
@@ -312,19 +308,19 @@ const SLOPE: Scale = [(1 << SLOPE_BITS) - 1, SLOPE_STEPS_PER_OCTAVE];
 const DEPARTURE: Scale = [(1 << DEPARTURE_BITS) - 1, DEPARTURE_STEPS_PER_OCTAVE];
 const MOST_RANGE_STEPS: u32 = (1 << RANGE_BITS) - 1;
 
-/// Of a code, the length: `greatest` for the greatest code, 0 for 0.
+/// The length of a code: `greatest` for the greatest code, 0 for 0.
 #[inline]
 fn length(code: u32, [most, per_octave]: Scale, greatest: f32) -> f32 {
     if code == 0 {
         return 0.0;
     }
-    // Whole octaves apart: powers of two of greater exponents lose digits on some devices.
+    // Whole octaves separately: powers of two of greater exponents lose digits on some devices.
     let [octaves, steps] = [(most - code) / per_octave, (most - code) % per_octave];
     greatest * (-(steps as f32) / per_octave as f32).exp2() / (1_u32 << octaves) as f32
 }
 
-/// The code nearest to a length in ratio; 0 for one that is not finite, too small for the codes or
-/// for f32's full precision, which shaders take for zero.
+/// The code nearest to a length in ratio. It is 0 for a length that is not finite, too small for the codes, or
+/// below f32's full precision, where shaders may flush to zero.
 fn length_code(length: f32, [most, per_octave]: Scale, greatest: f32) -> u32 {
     if !(length >= 2.0 * f32::MIN_POSITIVE && length.is_finite()) {
         return 0;
@@ -339,7 +335,7 @@ fn length_code(length: f32, [most, per_octave]: Scale, greatest: f32) -> u32 {
     most.saturating_sub(steps)
 }
 
-/// How many steps reach as far as `range`.
+/// Number of steps that cover `range`.
 fn range_code(range: f32, step: f32) -> u32 {
     let reaches = |steps: &u32| range <= *steps as f32 * step;
     #[expect(
@@ -348,7 +344,7 @@ fn range_code(range: f32, step: f32) -> u32 {
         reason = "casts saturate, and NaN gives 0"
     )]
     let below = ((range / step) as u32).saturating_sub(1);
-    // NaN is reached by none.
+    // No number of steps covers NaN.
     (below..MOST_RANGE_STEPS)
         .find(reaches)
         .unwrap_or(MOST_RANGE_STEPS)
@@ -369,14 +365,14 @@ mod tests {
         }
     }
 
-    /// What becomes of a model beside one with the greatest slope and departure.
+    /// Encodes and decodes a model beside one with the greatest slope and departure.
     fn coded(one: LocalModel, greatest: [f32; 2]) -> LocalModel {
         let scale = model(Vec3::X * greatest[0], greatest[1], 0.0, 0.0);
         LocalModels::new(&[scale, one]).get(1)
     }
 
-    /// Half a step of 2 / 510 along each coordinate, sqrt(2) together, stretched by 3 at most: in the
-    /// middle of the octahedron's faces.
+    /// Half a step of 2 / 510 along each coordinate, sqrt(2) together, stretched by at most 3: in the middle of
+    /// the octahedron's faces.
     const DIRECTION: f32 = 8.32e-3;
     /// 2^(1 / (2 x 51)) - 1.
     const LENGTH: f32 = 6.83e-3;
@@ -407,7 +403,7 @@ mod tests {
             let read = coded(model(slope, 0.0, 0.0, 0.0), [1.0, 0.0]).slope;
             worst = worst.max((read.normalize() - slope).length());
         }
-        // The bound is met, not only kept.
+        // The bound is attained, not only kept.
         assert!((0.8 * DIRECTION..DIRECTION).contains(&worst), "{worst}");
         for axis in [Vec3::X, Vec3::Y, Vec3::Z, -Vec3::X, -Vec3::Y, -Vec3::Z] {
             let read = coded(model(axis, 0.0, 0.0, 0.0), [1.0, 0.0]);
@@ -436,7 +432,7 @@ mod tests {
             prop_assert!(is_within(read.departure, departure, HEIGHT));
             for (read, range) in [(read.below, below), (read.above, above)] {
                 prop_assert!(read >= range);
-                // A step of a quarter too much, or none where seven and a half are not enough.
+                // A step of a quarter too much, or no bound if seven and a half are not enough.
                 let most = if range < 7.4 * w { range + 0.26 * w } else { NO_BOUND };
                 prop_assert!(read <= most, "{range} {read} {w}");
             }
@@ -449,10 +445,10 @@ mod tests {
         assert_eq!(LocalModels::new(&[still]).get(0), still);
         assert_eq!(coded(still, [5.0, 5.0]), still);
         let small = model(Vec3::X * 1e-7, -1e-7, 0.0, 1e-9);
-        // Whatever the range, quarters of no slope do not reach it.
+        // Quarters of a zero slope cover no range.
         let read = coded(small, [1.0, 1.0]);
         assert_eq!(read, model(Vec3::ZERO, 0.0, 0.0, NO_BOUND));
-        // Below f32's full precision shaders may take numbers for zero.
+        // Shaders may flush numbers below f32's full precision to zero.
         let denormal = model(Vec3::Y * 1e-38, 1e-39, 0.0, 0.0);
         assert_eq!(LocalModels::new(&[denormal]).get(0), still);
     }
@@ -528,7 +524,7 @@ mod tests {
             assert_eq!(changed.len(), 32);
             for (i, truth) in truth.iter().enumerate() {
                 let read = changed.get(i);
-                // Coded twice where scales grow.
+                // Encoded twice if scales grow.
                 let off = (read.slope - truth.slope).length();
                 assert!(off <= 2.0 * (LENGTH + DIRECTION) * truth.slope.length());
                 assert!(is_within(read.departure, truth.departure, 2.0 * HEIGHT));
@@ -537,7 +533,7 @@ mod tests {
         }
     }
 
-    /// The bits as the head of the file has them: what shaders read.
+    /// The bits as the module's documentation has them: shaders read these.
     #[test]
     fn bits_lie_where_they_are_said_to() {
         let models = LocalModels::new(&[

@@ -1,4 +1,4 @@
-//! The one place where a file becomes memory.
+//! Maps files into memory; no other module does.
 
 use std::fs::File;
 use std::io;
@@ -9,7 +9,7 @@ use memmap2::{Mmap, MmapMut, MmapOptions};
 
 use super::storage::SharedBytes;
 
-/// Maps a file that somebody wrote. An empty one has no bytes to map and is an error of the system.
+/// Maps an existing file. An empty file has no bytes to map and gives an error of the operating system.
 pub(crate) fn map(path: &Path) -> io::Result<SharedBytes> {
     let file = File::open(path)?;
     if !file.metadata()?.is_file() {
@@ -18,13 +18,13 @@ pub(crate) fn map(path: &Path) -> io::Result<SharedBytes> {
         ));
     }
     let map = mapped(&file)?;
-    // Blocks that a frame looks at lie in many places: reading on beyond each would read most of a file.
+    // A frame reads blocks at scattered offsets: reading ahead of each would read most of a file.
     #[cfg(unix)]
     map.advise(memmap2::Advice::Random)?;
     Ok(Arc::new(map))
 }
 
-/// Maps a file of this process, which nobody changes any more.
+/// Maps a file of this process that is no longer written.
 pub(crate) fn map_file(file: &File) -> io::Result<SharedBytes> {
     Ok(Arc::new(mapped(file)?))
 }
@@ -35,21 +35,21 @@ fn mapped(file: &File) -> io::Result<Mmap> {
         reason = "a mapped file is a slice only as long as nobody changes the file, which no check can promise: \
                   callers are told so"
     )]
-    // SAFETY: the map is read only and private to this process, lives as long as what refers to it (`Column`), and its
-    // bytes are taken as numbers of which every pattern is one. What is outside of this program's power is another
-    // process that cuts the file: reading beyond its end is SIGBUS. That files must not change is said where they are
-    // opened; a temporary file has no name by which another process would find it.
+    // SAFETY: the map is read only and private to this process, lives as long as all references to it
+    // (`Column`), and every bit pattern of its bytes is a valid number. Another process may truncate the file,
+    // which this program cannot prevent: reading beyond the end is then SIGBUS. The functions that open files
+    // document that these must not change. A temporary file has no name by which another process would find it.
     unsafe {
         Mmap::map(file)
     }
 }
 
-/// Bytes in memory, all 0, which the system lends page by page as they are written: however many there are.
+/// Zeroed bytes in memory, of any number: the system allocates each page when it is first written.
 pub(crate) fn lent(bytes: usize) -> io::Result<MmapMut> {
     MmapOptions::new().len(bytes).no_reserve_swap().map_anon()
 }
 
-/// Bytes that begin at a multiple of 8, as those of a map do.
+/// Copies bytes to a buffer aligned to 8 bytes, as maps are.
 pub(crate) fn aligned(bytes: &[u8]) -> SharedBytes {
     let mut words = vec![0_u64; bytes.len().div_ceil(8)];
     bytemuck::cast_slice_mut(&mut words)[..bytes.len()].copy_from_slice(bytes);

@@ -1,4 +1,4 @@
-//! What is drawn: point volumes, the transfer functions that colour them and the light on them.
+//! Defines the contents of a scene: point volumes, the transfer functions that colour them, and lights.
 
 mod boundary;
 mod build;

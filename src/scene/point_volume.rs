@@ -1,4 +1,4 @@
-//! The volume as the renderer takes it: particles with a shape, a strength and a colour.
+//! Defines the renderer's input: particles with a shape, a strength and a colour.
 
 use glam::{DMat3, DVec3};
 
@@ -7,34 +7,34 @@ use super::{Boundary, Lattice, LocalModels, TransferFunction, Values};
 use crate::error::{Error, Parameter, Result};
 use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count, lower_matrix};
 
-/// A set of particles that emit and absorb light; each is a Gaussian kernel of unit integral
-/// times a mass g = extinction x volume \[length²\].
+/// A set of particles that emit and absorb light. Each is a Gaussian kernel of unit integral times a mass g =
+/// extinction x volume \[length²\].
 ///
-/// What is stored follows what the data needs: see [`Particles`].
+/// [`Particles`] has a variant for each kind of data, so that no more is stored than the data needs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PointVolume {
-    /// Where the particles lie and what shape they have.
+    /// Positions and shapes.
     pub particles: Particles,
-    /// Where their masses come from.
+    /// Source of the masses.
     pub strength: Strength,
-    /// Where their colours come from.
+    /// Source of the colours.
     pub colour: Colour,
-    /// One scalar per particle; needed where strength or colour is classified.
+    /// One scalar per particle; needed if strength or colour is classified.
     pub values: Option<Values>,
-    /// The transfer function; needed where strength or colour is classified.
+    /// The transfer function; needed if strength or colour is classified.
     pub transfer_function: Option<TransferFunction>,
-    /// Where the data end, for their kernels to be cut there; `None` lets these run out, so that
-    /// density falls to half at a face. What has a boundary has no levels of detail; ghosts of a set of
-    /// points are particles as all others, with values of their own.
+    /// Boundary of the data, at which kernels are cut. With `None` kernels extend beyond the data, and density
+    /// falls to half at a face. A volume with a boundary has no levels of detail. Ghosts of a set of points are
+    /// ordinary particles with values of their own.
     pub boundary: Option<Boundary>,
-    /// Where light is to fall on particles: a direction of each, mostly that of its field's
-    /// gradient ([`normal_code`](crate::math::normal_code); 0: none, the particle stays unlit).
-    /// Surfels without any have those of their tangents; with some they are those of a surface that is smoother than
-    /// the surfels' planes, towards the front. A volume with normals has no levels of detail,
-    /// because no bound is known of how merged particles would reflect.
+    /// Normals for lighting, one direction per particle: usually that of the field's gradient
+    /// ([`normal_code`](crate::math::normal_code); 0: no normal, the particle stays unlit). Surfels without
+    /// normals use those of their tangents. Normals given for surfels describe a surface smoother than the
+    /// surfels' planes and point to the front. A volume with normals has no levels of detail, because no bound
+    /// is known for the light that merged particles reflect.
     pub normals: Option<Vec<u32>>,
-    /// What is known of the field over each particle's kernel, where particles have shapes of their
-    /// own; lattices find it in the values beside.
+    /// Linear models of the field over each kernel, for particles with shapes of their own. Lattices compute
+    /// such models from neighbouring values.
     pub local_models: Option<LocalModels>,
 }
 
@@ -69,19 +69,19 @@ pub enum Particles {
         /// Two tangents t1 and t2 each, world units: x, y, z of the first, then of the second.
         /// They need not be orthogonal; the front faces the side to which t1 x t2 points.
         tangents: Vec<[f32; 6]>,
-        /// Whether surfels seen from behind are left out, as those of a closed surface may be. Where
-        /// planes clip, which open it, all are drawn.
+        /// Whether surfels seen from behind are left out, as those of a closed surface may be. If planes clip
+        /// the surface and so open it, all surfels are drawn.
         is_one_sided: bool,
     },
 }
 
-/// Where masses come from, in vectors.
+/// Source of the masses, with columns in vectors.
 pub type Strength = StrengthIn<Owned>;
 
-/// Where colours come from, in vectors.
+/// Source of the colours, with columns in vectors.
 pub type Colour = ColourIn<Owned>;
 
-/// Where the mass of a particle comes from.
+/// Source of a particle's mass.
 #[derive(Debug, Clone, PartialEq)]
 pub enum StrengthIn<S: Storage> {
     /// extinction(value) x cell volume.
@@ -91,28 +91,28 @@ pub enum StrengthIn<S: Storage> {
     },
     /// The masses themselves \[length²\].
     Mass(S::Of<f32>),
-    /// Splats of a radiance field: no extinction, but an opacity on the image of
-    /// peak x exp(-Q/2), the same from every side and distance.
+    /// Splats of a radiance field: no extinction, but an opacity on the image of peak x exp(-Q/2), the same
+    /// from every side and distance.
     ///
-    /// They are drawn by the rule of their format, whatever the settings say of filters and
-    /// opacities ([`crate::splat::peak_footprint`]).
+    /// They are drawn by the rule of their format; the settings for filters and opacities do not apply
+    /// ([`crate::splat::peak_footprint`]).
     PeakOpacity {
         /// The opacity at the centre, 0 to 1.
         opacities: S::Of<f32>,
         /// Whether the opacity falls as the low-pass filter widens the footprint.
         is_anti_aliased: bool,
     },
-    /// Surfels of an opaque surface: the area \[length²\] of which each stands for, times the
-    /// share of it that is there. Together they cover what lies behind them; where they overlap they
-    /// are averaged instead of absorbing one another ([`crate::splat::surfel_footprint`]).
+    /// Surfels of an opaque surface: the area \[length²\] that each represents, times its coverage. Together
+    /// they hide what lies behind them. Overlapping surfels are averaged instead of absorbing one another
+    /// ([`crate::splat::surfel_footprint`]).
     Surface(S::Of<f32>),
-    /// Surfels of a translucent surface whose opacity is the same from every side, as a mesh's
-    /// material has it: area x -ln(1 - opacity) \[length²\]. (Surfels with a
-    /// [`Strength::Mass`] absorb as sheets do: the more, the flatter they are seen.)
+    /// Surfels of a translucent surface whose opacity is the same from every side, as in a mesh's material:
+    /// area x -ln(1 - opacity) \[length²\]. (Surfels with a [`Strength::Mass`] absorb as sheets do: more at
+    /// grazing angles.)
     Translucent(S::Of<f32>),
 }
 
-/// Where the colour of a particle comes from.
+/// Source of a particle's colour.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ColourIn<S: Storage> {
     /// The transfer function's colour of the particle's value.
@@ -121,21 +121,21 @@ pub enum ColourIn<S: Storage> {
     PerParticle(S::Of<[f32; 3]>),
     /// One linear RGB for all.
     Uniform([f32; 3]),
-    /// Colours of radiance fields, which may depend on the side from which a particle is seen:
-    /// [`crate::math::harmonics_sum`] in the direction from the eye to the particle, at least 0.
+    /// Colours of radiance fields, which may depend on the viewing direction: [`crate::math::harmonics_sum`] in
+    /// the direction from the eye to the particle, at least 0.
     Harmonics {
         /// 0 to 3.
         degree: u8,
         /// (degree + 1)² coefficients of R, G and B per particle, one particle after another.
         coefficients: S::Of<f32>,
-        /// Whether sums are linear light; otherwise they are sRGB codes, and are composited as such where
+        /// Whether sums are linear light. Otherwise they are sRGB codes, which are composited as such if
         /// [`Blend`](crate::render::Blend) says so.
         is_linear: bool,
     },
 }
 
 impl Strength {
-    /// The same as a renderer keeps it.
+    /// Converts the columns to a renderer's storage.
     pub(crate) fn shared(self) -> StrengthIn<Shared> {
         match self {
             Self::Classified { volumes } => StrengthIn::Classified {
@@ -156,8 +156,8 @@ impl Strength {
 }
 
 impl<S: Storage> StrengthIn<S> {
-    /// The numbers that are stored, one per particle: volumes, masses, areas or opacities; none of a
-    /// classified lattice.
+    /// The stored numbers, one per particle: volumes, masses, areas or opacities. Empty for a classified
+    /// lattice.
     pub fn stored(&self) -> &[f32] {
         match self {
             Self::Classified { volumes } => volumes,
@@ -168,7 +168,7 @@ impl<S: Storage> StrengthIn<S> {
 }
 
 impl Particles {
-    /// Their positions; none are stored of a lattice.
+    /// Positions; empty for a lattice.
     pub(crate) fn positions(&self) -> &[DVec3] {
         match self {
             Self::Lattice { .. } => &[],
@@ -178,7 +178,7 @@ impl Particles {
         }
     }
 
-    /// How many particles there are.
+    /// Number of particles.
     pub fn len(&self) -> usize {
         match self {
             Self::Lattice { lattice, .. } => lattice.len(),
@@ -188,13 +188,13 @@ impl Particles {
         }
     }
 
-    /// Whether there are none.
+    /// Whether there are no particles.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Of a particle: its centre, a factor L of its variance V = L Lᵀ, world units, and of a lattice's
-    /// cell the volume, 0 of others.
+    /// A particle's centre, a factor L of its variance V = L Lᵀ (world units), and the volume of a lattice's
+    /// cell (0 for other particles).
     pub(crate) fn shape(&self, i: usize) -> (DVec3, DMat3, f64) {
         match self {
             Self::Lattice {
@@ -229,7 +229,7 @@ impl Particles {
 }
 
 impl Colour {
-    /// The same as a renderer keeps it.
+    /// Converts the columns to a renderer's storage.
     pub(crate) fn shared(self) -> ColourIn<Shared> {
         match self {
             Self::Classified => ColourIn::Classified,
@@ -249,7 +249,7 @@ impl Colour {
 }
 
 impl<S: Storage> ColourIn<S> {
-    /// The degree of its spherical harmonics, if it has any.
+    /// Degree of the spherical harmonics, if there are any.
     pub fn harmonics_degree(&self) -> Option<u8> {
         match self {
             Self::Harmonics { degree, .. } => Some(*degree),
@@ -269,7 +269,7 @@ impl PointVolume {
         is_classified(&self.strength, &self.colour)
     }
 
-    /// Whether it is a lattice of which only values are stored, which a transfer function shows.
+    /// Whether the volume is a lattice that stores values alone, for a transfer function to show.
     pub(crate) fn is_plain_lattice(&self) -> bool {
         matches!(self.particles, Particles::Lattice { .. })
             && matches!(&self.strength, Strength::Classified { volumes } if volumes.is_empty())
@@ -279,19 +279,19 @@ impl PointVolume {
             && !matches!(self.boundary, Some(Boundary::Planes(_)))
     }
 
-    /// Checks that every array has one entry per particle, that a lattice has a position and a width
-    /// for each of its kernels and that what is classified can be.
+    /// Checks that every array has one entry per particle, that a lattice has a position and a width for each
+    /// kernel, and that classified quantities have values and a transfer function.
     ///
     /// # Errors
-    /// The first array of another length, or the missing one; those of [`Lattice::validate`]; a kernel
-    /// width that is not a positive number.
+    /// The first array of another length, or the missing one; those of [`Lattice::validate`]; a kernel width
+    /// that is not a positive number.
     pub fn validate(&self) -> Result<()> {
         self.validate_of(self.particles.len())
     }
 
-    /// The same where some of its particles alone are stored.
+    /// Validates a volume that stores only some of its particles.
     ///
-    /// - `count`: how many of them.
+    /// - `count`: number of stored particles.
     pub(crate) fn validate_of(&self, count: usize) -> Result<()> {
         if let Particles::Lattice {
             lattice,

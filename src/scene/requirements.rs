@@ -1,4 +1,4 @@
-//! What a scene requires of storage and code: decided once, read by whoever lays out memory.
+//! Defines what a scene requires of storage and code: decided once, used wherever memory is laid out.
 
 use serde::Serialize;
 
@@ -6,7 +6,7 @@ use super::point_volume::is_classified;
 use super::{ColourIn, Particles, PointVolume, Storage, StrengthIn, ValuesIn};
 use crate::math::harmonics_count;
 
-/// What one volume makes the renderer store and run.
+/// Storage and code that one volume requires of the renderer.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Requirements {
     /// Whether positions are stored; a lattice's follow from indices.
@@ -21,7 +21,7 @@ pub struct Requirements {
     pub strength_floats: usize,
     /// Floats of colour stored per particle.
     pub colour_floats: usize,
-    /// Whether particles are surfels of an opaque surface, which a pass of their own draws.
+    /// Whether particles are surfels of an opaque surface, which a separate pass draws.
     pub surface: bool,
     /// Whether particles state an opacity on the image instead of an optical depth.
     pub peak_opacity: bool,
@@ -34,7 +34,7 @@ pub struct Requirements {
 }
 
 impl Requirements {
-    /// What `volume` requires.
+    /// Requirements of `volume`.
     pub fn of(volume: &PointVolume) -> Self {
         let shape_floats = match volume.particles {
             Particles::Lattice { .. } => None,
@@ -53,9 +53,9 @@ impl Requirements {
         }
     }
 
-    /// What columns require, without normals and local models.
+    /// Requirements of columns, without normals and local models.
     ///
-    /// - `shape_floats`: per particle; `None` of a lattice.
+    /// - `shape_floats`: per particle; `None` for a lattice.
     pub(crate) fn of_columns<S: Storage>(
         shape_floats: Option<usize>,
         strength: &StrengthIn<S>,

@@ -1,4 +1,5 @@
-//! Particles as rows of bytes, each with its number: whatever a volume has of each of them.
+//! Packs particles as rows of bytes: each row is a particle's number and everything a volume stores of the
+//! particle.
 
 use std::borrow::Cow;
 use std::fmt::Write;
@@ -15,7 +16,7 @@ use super::{
 use crate::error::{Error, Result};
 use crate::math::harmonics_count;
 
-/// Where the domain cuts a particle, or that it does not.
+/// The planes that cut a particle, or none.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct Cut {
@@ -23,14 +24,14 @@ struct Cut {
     edges: [[f32; 4]; MOST_EDGES],
 }
 
-/// A column: bytes of each particle, and all of them.
+/// A column: bytes per particle, and the bytes of all particles.
 type Column<'a> = (usize, Cow<'a, [u8]>);
 
 fn column<T: Pod>(entries: &[T], each: usize) -> Column<'_> {
     (each * size_of::<T>(), bytemuck::cast_slice(entries).into())
 }
 
-/// What is stored of each particle of a set of points.
+/// Columns of everything that a set of points stores per particle.
 fn columns(volume: &PointVolume) -> Vec<Column<'_>> {
     let mut columns = vec![column(volume.particles.positions(), 1)];
     match &volume.particles {
@@ -84,14 +85,14 @@ fn columns(volume: &PointVolume) -> Vec<Column<'_>> {
     columns
 }
 
-/// The particles of a set of points as rows: the number of each, and what is stored of it.
+/// Packs the particles of a set of points as rows: each particle's number, then its columns.
 pub(crate) fn rows_of(volume: &PointVolume, numbers: &[u64]) -> Vec<u8> {
     let mut rows = Vec::new();
     Rows::of(volume).append(&mut rows, numbers.iter().copied().enumerate());
     rows
 }
 
-/// A set of points, as rows.
+/// Packer of a set of points.
 pub(crate) struct Rows<'a> {
     columns: Vec<Column<'a>>,
 }
@@ -103,7 +104,7 @@ impl<'a> Rows<'a> {
         }
     }
 
-    /// Appends the rows of some of them, each with a number.
+    /// Appends the rows of some particles, given as (index, number).
     pub(crate) fn append(
         &self,
         rows: &mut Vec<u8>,
@@ -130,7 +131,7 @@ pub(crate) fn number_of(row: &[u8]) -> u64 {
     row.first_chunk().map_or(0, |n| u64::from_le_bytes(*n))
 }
 
-/// The place of a row's particle.
+/// The position of a row's particle.
 pub(crate) fn position_of(row: &[u8]) -> DVec3 {
     bytemuck::pod_read_unaligned(&row[8..8 + size_of::<DVec3>()])
 }
@@ -139,20 +140,20 @@ fn stride(columns: &[Column<'_>]) -> usize {
     8 + columns.iter().map(|(size, _)| size).sum::<usize>()
 }
 
-/// Bytes of each of a volume's rows.
+/// Bytes per row of a volume.
 pub(crate) fn row_len(volume: &PointVolume) -> usize {
     stride(&columns(volume))
 }
 
-/// Rows of a volume in an order.
+/// Rows of a volume, in order.
 struct Sorted<'a> {
     rows: Vec<&'a [u8]>,
-    /// Where the next column begins.
+    /// Offset of the next column.
     at: usize,
 }
 
 impl Sorted<'_> {
-    /// The next column, `each` entries of every particle.
+    /// Unpacks the next column, `each` entries of every particle.
     fn next<T: Pod + Send>(&mut self, each: usize) -> Vec<T> {
         let (at, size) = (self.at, size_of::<T>());
         self.at += each * size;
@@ -164,7 +165,7 @@ impl Sorted<'_> {
     }
 }
 
-/// A volume of rows, in the order of their numbers, which has everything else of another.
+/// Unpacks rows to a volume, in the order of their numbers. Everything but the particles is copied from `like`.
 ///
 /// # Errors
 /// A number that two particles have; rows of another kind of volume.
@@ -183,13 +184,13 @@ pub(crate) fn volume_of(parts: &[&[u8]], like: &PointVolume) -> Result<PointVolu
     Ok(volume_in_order(rows, like))
 }
 
-/// Refuses a number that two particles have.
+/// The error for a number that two particles have.
 pub(crate) fn twice(number: u64) -> Error {
     let found = format!("two of number {number}");
     refused("a number of its own for each particle", &found)
 }
 
-/// As [`volume_of`], of rows in an order.
+/// Unpacks rows in the given order; otherwise as [`volume_of`].
 pub(crate) fn volume_in_order(rows: Vec<&[u8]>, like: &PointVolume) -> PointVolume {
     let mut rows = Sorted { rows, at: 8 };
     let positions = rows.next(1);
@@ -357,9 +358,11 @@ fn planes_of(cuts: &[Cut]) -> BoundaryPlanes {
     planes
 }
 
-/// A number for all that volumes have besides their particles, the same on ranks that may share one.
+/// A hash of everything that a volume has besides its particles. Parts with the same hash can be joined to one
+/// volume, on several ranks too.
 ///
-/// Scales of local models are part of it where there are any particles: their codes mean nothing without.
+/// If there are any particles, the hash includes the scales of local models, because the models' codes mean
+/// nothing without.
 pub(crate) fn kind_of(volume: &PointVolume) -> u64 {
     let mut words = String::new();
     let mut say = |what: &dyn std::fmt::Debug| {
@@ -411,7 +414,7 @@ fn refused(expected: &str, found: &str) -> Error {
     Error::invalid("scene", "parts of a volume", expected, found, advice)
 }
 
-/// The scales of a volume's local models, where it has any particles with some.
+/// The scales of a volume's local models, if any particles have some.
 pub(crate) fn model_scales(volume: &PointVolume) -> Option<[f32; 2]> {
     let models = volume.local_models.as_ref().filter(|m| !m.is_empty());
     models.map(LocalModels::scales)

@@ -1,5 +1,5 @@
-//! Where columns of numbers lie: in vectors of a volume's own, or in what a renderer keeps, which may be a file that
-//! is mapped into memory.
+//! Defines the storage of columns of numbers: vectors of a volume's own, or a renderer's columns, which may be
+//! parts of a file mapped into memory.
 
 use std::fmt;
 use std::ops::Deref;
@@ -10,17 +10,17 @@ use bytemuck::Pod;
 #[cfg(feature = "prepared")]
 use yoke::Yoke;
 
-/// How the columns of a volume are stored: [`Owned`] or [`Shared`].
+/// Storage of a volume's columns: [`Owned`] or [`Shared`].
 pub trait Storage {
     /// A column of `T`s.
     type Of<T: Pod + Send + Sync>: Deref<Target = [T]> + From<Vec<T>> + Default;
 }
 
-/// In vectors: volumes as callers make them.
+/// In vectors: volumes that callers make.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Owned {}
 
-/// In [`Column`]s: volumes as a renderer keeps them.
+/// In [`Column`]s: volumes that a renderer keeps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Shared {}
 
@@ -32,11 +32,11 @@ impl Storage for Shared {
     type Of<T: Pod + Send + Sync> = Column<T>;
 }
 
-/// Bytes that stay where they are as long as anything refers to them.
+/// Bytes that stay in place as long as anything refers to them.
 #[cfg(feature = "prepared")]
 pub(crate) type SharedBytes = Arc<dyn AsRef<[u8]> + Send + Sync>;
 
-/// A slice, and what keeps it: a vector, or a part of bytes that others keep too.
+/// A slice and its owner: a vector, or a part of shared bytes.
 #[derive(Clone)]
 pub struct Column<T: 'static>(Kept<T>);
 
@@ -49,8 +49,8 @@ enum Kept<T: 'static> {
 
 #[cfg(feature = "prepared")]
 impl<T: Pod> Column<T> {
-    /// A part of shared bytes; `None` where it goes beyond them, is no whole number of `T`s, or is not aligned as these
-    /// are.
+    /// A part of shared bytes. `None` if the part exceeds the bytes, is no whole number of `T`s, or is not
+    /// aligned for them.
     pub(crate) fn of_part(bytes: SharedBytes, part: std::ops::Range<usize>) -> Option<Self> {
         let whole = Yoke::try_attach_to_cart(bytes, |bytes| {
             let part = bytes.as_ref().get(part).ok_or(())?;
@@ -61,7 +61,7 @@ impl<T: Pod> Column<T> {
 }
 
 impl<T> Column<T> {
-    /// Whether others keep it too: a part of a file that is mapped.
+    /// Whether the column is a part of shared bytes: of a mapped file.
     pub(crate) fn is_mapped(&self) -> bool {
         match &self.0 {
             Kept::Vector(_) => false,
@@ -72,7 +72,7 @@ impl<T> Column<T> {
 }
 
 impl<T: Clone> Column<T> {
-    /// Its elements to be changed: what others keep too is copied first.
+    /// Mutable access to the elements; shared bytes are copied first.
     pub fn to_mut(&mut self) -> &mut Vec<T> {
         #[cfg(feature = "prepared")]
         if let Kept::Part(part) = &self.0 {

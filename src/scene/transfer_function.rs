@@ -1,4 +1,4 @@
-//! From a value to a colour and an extinction.
+//! Maps values to colours and extinctions.
 
 mod automatic;
 mod averages;
@@ -31,30 +31,31 @@ use std::ops::Range;
 use self::maxima::Maxima;
 use crate::error::{Error, Result};
 
-/// Entries of a transfer function's table. At 4096 a byte or a 12-bit value has an entry (or
-/// sixteen) of its own, and one function takes 64 KiB of device memory.
+/// Number of entries in a transfer function's table. At 4096 each byte has sixteen entries and each 12-bit
+/// value one of its own, and one function takes 64 KiB of device memory.
 pub const CLASSIFICATION_TABLE_LEN: usize = 4096;
 
-/// The greatest opacity that is told from 1, whose extinction would be infinite: 1 - 2^-16,
-/// one step of a 16-bit image; -ln(1 - opacity) is then 11.09.
+/// Greatest opacity distinguished from 1, whose extinction would be infinite: 1 - 2^-16, one step of a 16-bit
+/// image; -ln(1 - opacity) is then 11.09.
 pub const MAX_OPACITY: f64 = 1.0 - 1.0 / 65536.0;
 
-/// Interpolation rounds: a + (b - a) s may pass the greater of a and b by an ulp or two.
+/// Margin for rounding in interpolation: a + (b - a) s may exceed the greater of a and b by an ulp or two.
 pub(crate) const MAXIMUM_ROUNDING: f32 = 1.0 + 4.0 * f32::EPSILON;
 
 /// A transfer function, sampled once into a table of colours and extinctions.
 ///
-/// The table has [`CLASSIFICATION_TABLE_LEN`] entries, evenly over [`Self::range`], and is
-/// interpolated linearly; values outside the range take its ends. A step in the function is
-/// therefore a ramp of h = 1/4095 of the range, and within one entry of a control point the table
-/// stays between the function's least and greatest value there. Elsewhere the extinction errs by
-/// h²/8 of its second derivative: (h o'/(1 - o))² / (8 unit_distance) where the opacity o is
-/// linear; and by the grain of f32, EPSILON times the value where that is not small against h.
+/// The table has [`CLASSIFICATION_TABLE_LEN`] entries, evenly over [`Self::range`], and is interpolated
+/// linearly. Values outside the range take its ends. A step in the function is therefore a ramp of h = 1/4095
+/// of the range. Within one entry of a control point the table stays between the function's least and greatest
+/// value there. Elsewhere the extinction errs by h²/8 of its second derivative: (h o'/(1 - o))² / (8
+/// unit_distance) where the opacity o is linear. Rounding in f32 adds EPSILON times the value, if that is not
+/// small compared with h.
 ///
-/// Values are positions on a [`ValueScale`], linear unless [`Self::on_scale`] said otherwise: they lie evenly on it.
+/// Values are positions on a [`ValueScale`], on which they are spaced evenly; it is linear unless set by
+/// [`Self::on_scale`].
 ///
-/// Opacities are stated per `unit_distance`: extinction = -ln(1 - opacity) / unit_distance,
-/// with the opacity held to [0, [`MAX_OPACITY`]].
+/// Opacities are stated per `unit_distance`: extinction = -ln(1 - opacity) / unit_distance, with the opacity
+/// clamped to [0, [`MAX_OPACITY`]].
 #[derive(Debug, Clone, PartialEq)]
 pub struct TransferFunction {
     /// Positions on the values' scale.
@@ -64,13 +65,13 @@ pub struct TransferFunction {
     scale: f32,
     unit_distance: f64,
     table: Vec<[f32; 4]>,
-    /// Of the extinctions.
+    /// Maxima of the extinctions.
     maxima: Maxima,
     /// From the first entry with an extinction above 0 to after the last.
     support: Range<usize>,
 }
 
-/// What a transfer function takes from the data where its source does not say.
+/// Parameters taken from the data, for a transfer function whose source does not state them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TransferDefaults {
     /// Least and greatest value of the data.
@@ -79,13 +80,13 @@ pub struct TransferDefaults {
     pub unit_distance: f64,
 }
 
-/// A point of a piecewise transfer function; colour and opacity are each interpolated over
-/// the points that carry them.
+/// A point of a piecewise linear transfer function. Colour and opacity are each interpolated over the points
+/// that have them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ControlPoint {
     /// The value.
     pub value: f32,
-    /// Red, green, blue, 0..1, encoded as the function's [`ColourSpace`] says.
+    /// Red, green, blue, 0..1, encoded in the function's [`ColourSpace`].
     pub colour: Option<[f32; 3]>,
     /// Opacity per unit distance, 0..1.
     pub opacity: Option<f32>,
@@ -94,10 +95,10 @@ pub struct ControlPoint {
 impl TransferFunction {
     /// Samples a piecewise linear function.
     ///
-    /// - `points`: values not decreasing; two points at one value make a step (the second
-    ///   holds at the value itself). Before the first and after the last point their own
-    ///   colour and opacity hold. With no colour anywhere the function is white.
-    /// - `range`: where the table lies; values outside take its ends.
+    /// - `points`: values not decreasing; two points at one value make a step (the second applies at the value
+    ///   itself). The first and the last point's colour and opacity extend beyond them. If no point has a
+    ///   colour, the function is white.
+    /// - `range`: range of the table; values outside take its ends.
     /// - `unit_distance`: world units, for the opacities.
     ///
     /// # Errors
@@ -140,8 +141,7 @@ impl TransferFunction {
         )
     }
 
-    /// Samples any function: `colour` gives linear RGB, `opacity` the opacity per unit
-    /// distance.
+    /// Samples any function: `colour` returns linear RGB, `opacity` the opacity per unit distance.
     ///
     /// # Errors
     /// An empty range or a unit distance that is not positive.
@@ -163,15 +163,15 @@ impl TransferFunction {
         Ok(Self::from_table(table, range, unit_distance))
     }
 
-    /// The intervals of values that it shows, each with what it leaves of a kernel.
+    /// The lobes of the function, each with tables of the piece that it leaves of a kernel.
     ///
-    /// - `sigma`: the greatest standard deviation of a kernel, world units: what may be classified at its
-    ///   value alone follows from it.
+    /// - `sigma`: greatest standard deviation of a kernel, world units. It decides which kernels may be
+    ///   classified at their values alone.
     pub fn lobes(&self, sigma: f32) -> Lobes {
         Lobes::new(self, sigma)
     }
 
-    /// The intervals of values that it shows, without what they leave of kernels.
+    /// The lobes of the function, without tables.
     pub(crate) fn shown(&self) -> Lobes {
         Lobes::without_tables(self)
     }
@@ -181,9 +181,9 @@ impl TransferFunction {
         self.maxima.greatest(0, CLASSIFICATION_TABLE_LEN - 1)
     }
 
-    /// A function under which particles carry their values: the share of the range as red, green and
-    /// blue, and everywhere the greatest extinction of this one. What it says of a mixture of particles
-    /// is a mean value and a length, of which this function makes a colour and a depth.
+    /// A function under which particles carry their values: red, green and blue are the value's share of the
+    /// range, and the extinction is everywhere this function's greatest. Classifying a mixture of particles
+    /// with it gives a mean value and a length, from which this function computes a colour and a depth.
     pub(crate) fn carrier(&self) -> Self {
         let greatest = self.greatest_extinction();
         let table = (0..CLASSIFICATION_TABLE_LEN).map(|i| {
@@ -199,7 +199,7 @@ impl TransferFunction {
         self.between(table_segment(share * (CLASSIFICATION_TABLE_LEN - 1) as f32))
     }
 
-    /// From a finished table of [`CLASSIFICATION_TABLE_LEN`] entries and a widened range.
+    /// Makes a function from a finished table of [`CLASSIFICATION_TABLE_LEN`] entries and a widened range.
     fn from_table(table: Vec<[f32; 4]>, range: [f32; 2], unit_distance: f64) -> Self {
         debug_assert_eq!(table.len(), CLASSIFICATION_TABLE_LEN);
         let span = f64::from(range[1]) - f64::from(range[0]);
@@ -225,8 +225,8 @@ impl TransferFunction {
         }
     }
 
-    /// From what another function has: [`Self::table`], [`Self::range`], [`Self::unit_distance`] and
-    /// [`Self::value_scale`]. `None` where no function has that.
+    /// Makes a function from the parts of another: [`Self::table`], [`Self::range`], [`Self::unit_distance`]
+    /// and [`Self::value_scale`]. `None` if no function has such parts.
     #[cfg(feature = "prepared")]
     pub(crate) fn of_entries(
         table: Vec<[f32; 4]>,
@@ -253,7 +253,7 @@ impl TransferFunction {
         self.between(self.position(value))
     }
 
-    /// What stands between an entry of the table and the next.
+    /// Interpolates between an entry of the table and the next.
     #[inline]
     fn between(&self, (i, s): (usize, f32)) -> [f32; 4] {
         let (a, b) = (&self.table[i], &self.table[i + 1]);
@@ -268,19 +268,18 @@ impl TransferFunction {
 
     /// A bound on the extinction \[1/length\] of every value in `lo..=hi`, in constant time.
     ///
-    /// Never less than what [`Self::classify`] gives there; at most two entries of the table
-    /// wider than the interval. NaN ends stand for the whole range; swapped ends are put
-    /// right.
+    /// Never less than what [`Self::classify`] returns there; the bound covers at most two entries more than
+    /// the interval. NaN ends mean the whole range; swapped ends are put in order.
     pub fn max_extinction(&self, lo: f32, hi: f32) -> f32 {
         let (first, last) = entries(self.range[0], self.scale, lo, hi);
         self.maxima.greatest(first, last) * MAXIMUM_ROUNDING
     }
 
-    /// The run of values, in ascending order and NaN last, that may have an extinction above 0:
-    /// value i of `count` is `value(i)`. Those within may have none, those outside have none; by
-    /// bisection.
+    /// The run of sorted values that may have an extinction above 0, by bisection. Values ascend, with NaN
+    /// last; value i of `count` is `value(i)`. Values outside the run have no extinction; some within it may
+    /// have none either.
     pub(crate) fn seen_run(&self, count: usize, value: impl Fn(usize) -> f32) -> Range<usize> {
-        // Values are interpolated from an entry and the next: what `classify` would take.
+        // Values are interpolated between an entry and the next, as in `classify`.
         let is_below = |v: f32| !v.is_nan() && self.position(v).0 + 1 < self.support.start;
         let is_not_above = |v: f32| !v.is_nan() && self.position(v).0 < self.support.end;
         let bisect = |holds: &dyn Fn(f32) -> bool, mut first: usize| {
@@ -299,8 +298,8 @@ impl TransferFunction {
         first..bisect(&is_not_above, first)
     }
 
-    /// The same function of values on another linear scale; `None` where either scale is none, or has no place for its
-    /// range.
+    /// The same function on another linear scale. `None` if either scale is not linear and they differ, or if
+    /// the new scale has no finite position for the range.
     #[must_use]
     pub fn moved_to(&self, value_scale: ValueScale) -> Option<Self> {
         if !(self.value_scale.is_linear() && value_scale.is_linear()) {
@@ -315,8 +314,8 @@ impl TransferFunction {
         Some(function.on_scale(value_scale))
     }
 
-    /// The same function, whose values are henceforth positions on a scale: its range, its table, and what
-    /// [`Self::classify`] is asked for.
+    /// Reinterprets values as positions on a scale: in the range, in the table and in the argument of
+    /// [`Self::classify`].
     #[must_use]
     pub fn on_scale(self, value_scale: ValueScale) -> Self {
         Self {
@@ -325,7 +324,7 @@ impl TransferFunction {
         }
     }
 
-    /// The scale on which the values lie that it is asked for.
+    /// The scale of the function's values.
     pub fn value_scale(&self) -> ValueScale {
         self.value_scale
     }
@@ -347,18 +346,18 @@ impl TransferFunction {
         self.scale
     }
 
-    /// Row p, entry i: the greatest extinction \[1/length\] of entries i .. i + 2^p.
+    /// Maxima of runs of entries. Row p, entry i: the greatest extinction \[1/length\] of entries i .. i + 2^p.
     #[cfg(feature = "gpu")]
     pub(crate) fn maxima(&self) -> &[Vec<f32>] {
         self.maxima.rows()
     }
 
-    /// The length \[world units\] over which its opacities were stated.
+    /// The length \[world units\] over which the opacities were stated.
     pub fn unit_distance(&self) -> f64 {
         self.unit_distance
     }
 
-    /// The same opacities stated over another length: extinctions change in proportion.
+    /// States the same opacities over another length: extinctions change in proportion.
     ///
     /// # Errors
     /// A unit distance that is not positive and finite.
@@ -373,10 +372,10 @@ impl TransferFunction {
     }
 }
 
-/// The last entry's place in the table.
+/// Index of the table's last entry.
 const LAST: f32 = (CLASSIFICATION_TABLE_LEN - 1) as f32;
 
-/// The entry below a place in the table, at most the last but one, and the fraction to the next.
+/// The entry below a position in the table, at most the last but one, and the fraction to the next.
 #[inline]
 #[expect(
     clippy::cast_possible_truncation,
@@ -389,8 +388,8 @@ fn table_segment(x: f32) -> (usize, f32) {
     (i, x - i as f32)
 }
 
-/// The first and the last entry that values in `lo..=hi` are interpolated from, two at least, in a
-/// table that begins at `low` with `scale` entries per unit; of all values where an end is NaN.
+/// The first and the last entry from which values in `lo..=hi` are interpolated; at least two. The table begins
+/// at `low` with `scale` entries per unit. If an end is NaN, all entries.
 fn entries(low: f32, scale: f32, lo: f32, hi: f32) -> (usize, usize) {
     if lo.is_nan() || hi.is_nan() {
         return (0, CLASSIFICATION_TABLE_LEN - 1);
@@ -410,7 +409,7 @@ fn extinction(opacity: f32, unit_distance: f64) -> f32 {
     }
 }
 
-/// To f32, finite.
+/// Rounds to f32, clamped to be finite.
 #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
 fn narrowed(x: f64) -> f32 {
     x.min(f64::from(f32::MAX)) as f32
@@ -426,10 +425,10 @@ fn entry_value(range: [f32; 2], i: usize) -> f32 {
     }
 }
 
-/// A range that differences and their reciprocals can work with in f32: an empty one (constant
+/// Widens a range so that f32 can represent its differences and their reciprocals: an empty range (constant
 /// data) grows by a millionth of its value.
 fn widened([lo, hi]: [f32; 2]) -> Result<[f32; 2]> {
-    // Below, 4095 / span overflows; above, the difference of two values does.
+    // A smaller span overflows 4095 / span; greater ends overflow the difference of two values.
     const LEAST_SPAN: f32 = 1e-30;
     const GREATEST: f32 = f32::MAX / 4.0;
     if !(lo.is_finite() && hi.is_finite() && lo <= hi) {
@@ -501,8 +500,8 @@ fn check_points(points: &[ControlPoint]) -> Result<(), (String, &'static str, St
     Ok(())
 }
 
-/// The two points around a value and the fraction between them; the same point twice before
-/// the first and from the last on. `None` where there are no points.
+/// The two points around a value and the fraction between them; the same point twice before the first and from
+/// the last on. `None` if there are no points.
 fn segment<T>(
     points: &[T],
     value_of: impl Fn(&T) -> f32,
@@ -549,7 +548,7 @@ mod tests {
     #[test]
     fn extinction_follows_the_formula() {
         let t = ramp();
-        // Opacity .5 over a length of 2. The table's own lerp adds |second derivative| h^2/8.
+        // Opacity .5 over a length of 2. The table's interpolation adds |second derivative| h^2/8.
         let expected = 2f32.ln() / 2.0;
         assert!((t.classify(5.0)[3] - expected).abs() < 1e-6);
         assert!((t.classify(5.0)[0] - 0.5).abs() < 1e-6);

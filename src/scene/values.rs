@@ -1,4 +1,4 @@
-//! Scalar values in the type that their file holds them in.
+//! Stores scalar values in the type of their file.
 
 use rayon::prelude::*;
 
@@ -18,8 +18,8 @@ pub enum ValuesIn<S: Storage> {
     U16(S::Of<u16>),
     /// Single precision.
     F32(S::Of<f32>),
-    /// Double precision, where single has not the same numbers. A volume's values are never wider than single:
-    /// [`ValueScale::positions`](super::ValueScale::positions) narrows them.
+    /// Double precision, for numbers that single precision cannot represent. A volume's values are never wider
+    /// than single precision: [`ValueScale::positions`](super::ValueScale::positions) narrows them.
     F64(S::Of<f64>),
 }
 
@@ -48,7 +48,7 @@ impl From<Vec<f32>> for Values {
 }
 
 impl From<Vec<f64>> for Values {
-    /// In single precision where this has the same numbers.
+    /// Stores the values in single precision if all of them are the same in it.
     fn from(values: Vec<f64>) -> Self {
         let is_same = |v: &f64| f64::from(narrowed(*v)).to_bits() == v.to_bits() || v.is_nan();
         match values.par_iter().with_min_len(BATCH).all(is_same) {
@@ -64,10 +64,10 @@ impl From<Vec<f64>> for Values {
     }
 }
 
-/// Values that a thread takes at a time.
+/// Number of values that a thread processes at a time.
 const BATCH: usize = 1 << 16;
 
-/// To single precision; what is greater than any number of it becomes infinite.
+/// Rounds to single precision; a number beyond its range becomes infinite.
 #[inline]
 #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
 pub(crate) fn narrowed(x: f64) -> f32 {
@@ -75,7 +75,7 @@ pub(crate) fn narrowed(x: f64) -> f32 {
 }
 
 impl<S: Storage> ValuesIn<S> {
-    /// How many values there are.
+    /// Number of values.
     pub fn len(&self) -> usize {
         match self {
             Self::U8(v) => v.len(),
@@ -86,7 +86,7 @@ impl<S: Storage> ValuesIn<S> {
         }
     }
 
-    /// Whether there are none.
+    /// Whether there are no values.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -112,7 +112,7 @@ impl<S: Storage> ValuesIn<S> {
         }
     }
 
-    /// Adds a run of values to `out`, in single precision, in one pass of their type.
+    /// Appends a run of values to `out` in single precision, matching their type once.
     pub(crate) fn append_to(&self, run: std::ops::Range<usize>, out: &mut Vec<f32>) {
         match self {
             Self::U8(v) => out.extend(v[run].iter().map(|&v| f32::from(v))),
@@ -162,7 +162,7 @@ impl<S: Storage> ValuesIn<S> {
         }
     }
 
-    /// The same, by which floating-point values of either precision are alike.
+    /// The type's name, but `f32` for either floating-point precision.
     pub(crate) fn kind_name(&self) -> &'static str {
         match self {
             Self::F64(_) => "f32",
@@ -170,7 +170,7 @@ impl<S: Storage> ValuesIn<S> {
         }
     }
 
-    /// How many values are NaN or infinite.
+    /// Number of values that are NaN or infinite.
     pub fn non_finite_count(&self) -> usize {
         match self {
             Self::F32(v) => v.iter().filter(|x| !x.is_finite()).count(),
@@ -199,7 +199,8 @@ impl<S: Storage> ValuesIn<S> {
 }
 
 impl ValuesIn<Shared> {
-    /// Whether they lie in memory that is taken page by page, as it is looked at: [`Column::is_mapped`](super::Column).
+    /// Whether the values are in a mapped file, whose pages are read on first access:
+    /// [`Column::is_mapped`](super::Column).
     pub(crate) fn is_mapped(&self) -> bool {
         match self {
             Self::U8(v) => v.is_mapped(),
@@ -212,7 +213,7 @@ impl ValuesIn<Shared> {
 }
 
 impl Values {
-    /// The same as a renderer keeps them.
+    /// Converts the values to a renderer's storage, in single precision at most.
     pub(crate) fn shared(self) -> ValuesIn<Shared> {
         match self {
             Self::U8(v) => ValuesIn::U8(v.into()),
@@ -223,7 +224,7 @@ impl Values {
         }
     }
 
-    /// Values of the type that [`ValuesIn::type_name`] names so, as far as it has them.
+    /// Converts values to the type of this name ([`ValuesIn::type_name`]), clamped to its range.
     #[cfg(feature = "cli")]
     #[expect(
         clippy::cast_possible_truncation,
@@ -239,8 +240,8 @@ impl Values {
         }
     }
 
-    /// Appends values of the same type, floating-point ones of either precision; of another none. Where there are none
-    /// yet these are taken as they are.
+    /// Appends values of the same type; the two floating-point precisions count as one type. Values of another
+    /// type are not appended. Empty values are replaced.
     pub(crate) fn append(&mut self, more: Self) {
         if self.is_empty() && self.kind_name() == more.kind_name() {
             *self = more;
@@ -270,7 +271,7 @@ impl Values {
         all.into_iter().map(widened).collect()
     }
 
-    /// Keeps the first `count` values, and gives back the memory of the others.
+    /// Keeps the first `count` values and frees the memory of the others.
     pub(crate) fn truncate(&mut self, count: usize) {
         fn cut<T>(v: &mut Vec<T>, count: usize) {
             v.truncate(count);
@@ -296,7 +297,7 @@ impl Values {
         }
     }
 
-    /// The least and the greatest finite value, or `None` where there is none.
+    /// The least and the greatest finite value; `None` if there is none.
     pub fn finite_range(&self) -> Option<[f64; 2]> {
         fn of_all<T: Copy + PartialOrd + Into<f64>>(values: &[T]) -> Option<[f64; 2]> {
             let finite = values

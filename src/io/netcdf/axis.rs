@@ -1,43 +1,44 @@
-//! What a coordinate variable says of places: a longitude, a latitude, a length, a depth, a pressure.
+//! Interprets coordinate variables: longitudes, latitudes, lengths, depths, pressures.
 //!
-//! By CF the units decide, then `standard_name`, then `axis`; names are for files that state none of these.
+//! By CF, units take precedence, then `standard_name`, then `axis`; names are used for files that have none of
+//! these.
 
 use netcdf_reader::NcVariable;
 
 use super::text;
 
-/// Metres per degree of latitude: the sphere of the earth's mean radius, 6371.0088 km.
+/// Metres per degree of latitude, on a sphere of the earth's mean radius, 6371.0088 km.
 pub(super) const METRES_PER_DEGREE: f64 = 6_371_008.8 * std::f64::consts::PI / 180.0;
 
-/// The height in metres over which pressure falls to 1/e, as is usual for log-pressure heights.
+/// Height in metres over which pressure falls to 1/e, as usual for log-pressure heights.
 const SCALE_HEIGHT: f64 = 7000.0;
 
-/// The pressure in pascals of height 0.
+/// Pressure in pascals at height 0.
 const SURFACE_PRESSURE: f64 = 100_000.0;
 
-/// What the numbers of a horizontal coordinate are.
+/// Quantity of a horizontal coordinate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Horizontal {
     Longitude,
     Latitude,
-    /// A distance eastwards or to the right, and the metres of its unit; `None` where no unit is stated.
+    /// A distance eastwards or to the right, and the metres of its unit; `None` if it has no unit.
     X(Option<f64>),
     /// A distance northwards or upwards.
     Y(Option<f64>),
 }
 
-/// What the numbers of a vertical coordinate are.
+/// Quantity of a vertical coordinate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Vertical {
-    /// So many metres upwards each; negative for depths.
+    /// Upwards, in units of this many metres; negative for depths.
     Metres(f64),
-    /// So many pascals each.
+    /// Pressure, in units of this many pascals.
     Pressure(f64),
-    /// Upwards, or downwards, by a measure that is no length.
+    /// Upwards, or downwards, by a quantity that is no length.
     Level { is_down: bool },
 }
 
-/// Whether a variable holds times.
+/// Whether a variable contains times.
 pub(super) fn is_time(variable: &NcVariable) -> bool {
     let is = |name: &str, value: &str| {
         text(variable.attributes(), name).is_some_and(|t| t.eq_ignore_ascii_case(value))
@@ -46,7 +47,7 @@ pub(super) fn is_time(variable: &NcVariable) -> bool {
     units.contains(" since ") || is("standard_name", "time") || is("axis", "T")
 }
 
-/// What a horizontal coordinate is, where it is one.
+/// Quantity of a horizontal coordinate; `None` for other variables.
 pub(super) fn horizontal(variable: &NcVariable) -> Option<Horizontal> {
     let attribute = |name: &str| text(variable.attributes(), name).unwrap_or_default();
     let units = attribute("units").to_ascii_lowercase();
@@ -89,7 +90,7 @@ pub(super) fn horizontal(variable: &NcVariable) -> Option<Horizontal> {
     }
 }
 
-/// What a vertical coordinate is.
+/// Quantity of a vertical coordinate.
 pub(super) fn vertical(variable: &NcVariable) -> Vertical {
     let attribute = |name: &str| {
         text(variable.attributes(), name)
@@ -115,7 +116,7 @@ pub(super) fn vertical(variable: &NcVariable) -> Vertical {
     if let Some(pascals) = pascals {
         return Vertical::Pressure(pascals);
     }
-    // The sea's pressure grows by a decibar each metre.
+    // In the sea, pressure grows by a decibar each metre.
     if matches!(units.as_str(), "dbar" | "decibar" | "decibars") {
         return Vertical::Metres(-1.0);
     }
@@ -125,7 +126,7 @@ pub(super) fn vertical(variable: &NcVariable) -> Vertical {
     }
 }
 
-/// The metres of a unit of lengths.
+/// Length in metres of a unit.
 pub(super) fn metres(units: &str) -> Option<f64> {
     match units {
         "m" | "meter" | "meters" | "metre" | "metres" => Some(1.0),
@@ -136,7 +137,7 @@ pub(super) fn metres(units: &str) -> Option<f64> {
     }
 }
 
-/// The log-pressure height in metres: what an atmosphere of one temperature has.
+/// The log-pressure height in metres: the height in an isothermal atmosphere.
 pub(super) fn pressure_height(pascals: f64) -> f64 {
     SCALE_HEIGHT * (SURFACE_PRESSURE / pascals).ln()
 }

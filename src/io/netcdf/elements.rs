@@ -1,16 +1,16 @@
-//! Elements of Exodus II as cells in VTK's order of nodes.
+//! Converts elements of Exodus II to cells in VTK's order of nodes.
 //!
-//! Exodus numbers corners as VTK does, and midside nodes of solids from the bottom upwards: those on the edges of the bottom,
-//! on the upright edges, on the edges of the top, where VTK has the upright ones last. Types are known by the first letters
-//! of their names and by their number of nodes (Schoof and Yarberry, *EXODUS II: A Finite Element Data Model*, SAND92-2137,
-//! and its later tables of elements).
+//! Exodus numbers corners as VTK does. It orders midside nodes of solids from the bottom upwards: edges of the
+//! bottom, upright edges, edges of the top; VTK has the upright edges last. Types are recognised by the first
+//! letters of their names and by their number of nodes (Schoof and Yarberry, *EXODUS II: A Finite Element Data
+//! Model*, SAND92-2137, and its later tables of elements).
 
 use super::super::CellKind;
 
-/// A type of elements: its cells, and which of an element's nodes they take, in which order.
+/// A type of elements: the kind of its cells, and the order in which a cell takes the element's nodes.
 pub(super) struct Element {
     pub(super) kind: CellKind,
-    /// `None`: all, as they stand.
+    /// `None`: all nodes, in the file's order.
     pub(super) order: Option<&'static [u8]>,
 }
 
@@ -19,7 +19,7 @@ const FIRST_15: &[u8] = &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14];
 const HEXAHEDRON_20: &[u8] = &[
     0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 16, 17, 18, 19, 12, 13, 14, 15,
 ];
-/// Behind its edges Exodus has the centre, then bottom, top, left, right, front and back.
+/// After its edges Exodus has the centre, then bottom, top, left, right, front and back.
 const HEXAHEDRON_27: &[u8] = &[
     0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 16, 17, 18, 19, 12, 13, 14, 15, 23, 24, 25, 26, 21, 22,
     20,
@@ -27,11 +27,11 @@ const HEXAHEDRON_27: &[u8] = &[
 const WEDGE_15: &[u8] = &[0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 13, 14, 9, 10, 11];
 const WEDGE_18: &[u8] = &[0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 13, 14, 9, 10, 11, 15, 16, 17];
 
-/// The element of a name with so many nodes each; `None` for one that is not known.
+/// The element type with this name and number of nodes; `None` if it is not known.
 pub(super) fn element(name: &str, nodes: usize) -> Option<Element> {
     let name = name.trim().to_ascii_uppercase();
     let is = |starts: &[&str]| starts.iter().any(|start| name.starts_with(start));
-    // Nodes in the middle of faces and solids that VTK's cells do not have are left out.
+    // Nodes in the middle of faces and solids that VTK's cells lack are left out.
     let first = |count: usize| FIRST_15.get(..count);
     let (kind, order) = if is(&["SPH", "CIR"]) {
         (1, first(1))

@@ -1,16 +1,17 @@
-//! Exodus II: unstructured grids of finite elements, in blocks of one type each, with their results at several times.
+//! Reads Exodus II: unstructured grids of finite elements, in blocks of one type each, with results at several
+//! times.
 //!
-//! | variable | what |
+//! | variable | content |
 //! |---|---|
 //! | `coordx`, `coordy`, `coordz`, or `coord` (axis, node) | positions |
 //! | `connectB` (element, node), attribute `elem_type` | the elements of block B, by nodes counted from 1 |
-//! | the same of one dimension, `ebepecntB` (element) | polygons of several sizes (`NSIDED`), and how many nodes each has |
+//! | `connectB` of one dimension, `ebepecntB` (element) | polygons of several sizes (`NSIDED`), and the number of nodes of each |
 //! | `time_whole` (step) | times |
 //! | `name_nod_var`; `vals_nod_varV` (step, node), or `vals_nod_var` (step, variable, node) | results at nodes |
-//! | `name_elem_var`; `vals_elem_varVebB` (step, element) | results in the elements of those blocks that have them |
+//! | `name_elem_var`; `vals_elem_varVebB` (step, element) | results in elements, for blocks that have them |
 //!
-//! Positions stay where they are at first: displacements are fields. Names that differ in a last X, Y and Z become a vector,
-//! as in VTK. An element of a block without a result has NaN there.
+//! Positions are those of the start: displacements are fields. Results whose names differ in a last X, Y and Z
+//! become a vector, as in VTK. An element of a block without a result has NaN there.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -47,7 +48,7 @@ pub(super) fn times(file: &NetcdfFile<'_>) -> Result<Vec<f64>> {
 /// Reads the elements of all blocks, with the results of one time.
 ///
 /// # Errors
-/// No nodes, elements of nodes that are not there, arrays of other lengths than the file's dimensions.
+/// No nodes; elements with nodes that do not exist; arrays of other lengths than the file's dimensions.
 pub(super) fn read(
     file: &NetcdfFile<'_>,
     time_step: Option<usize>,
@@ -92,12 +93,12 @@ pub(super) fn read(
 
 /// The cells of one block.
 struct Block {
-    /// Counted from 1.
+    /// Block number, counted from 1.
     number: u64,
     cells: Range<usize>,
 }
 
-/// The elements of all blocks by their numbers, in the order of these. A block without elements has none.
+/// The elements of all blocks, with the block numbers, in their order. A block without elements has none.
 fn connectivities<'f>(file: &'f NetcdfFile<'_>) -> Result<Vec<(u64, &'f NcVariable)>> {
     let number = |v: &'f NcVariable| Some((v.name().strip_prefix("connect")?.parse().ok()?, v));
     let mut found: Vec<(u64, &NcVariable)> = file.variables()?.iter().filter_map(number).collect();
@@ -105,7 +106,7 @@ fn connectivities<'f>(file: &'f NetcdfFile<'_>) -> Result<Vec<(u64, &'f NcVariab
     Ok(found)
 }
 
-/// The positions of all nodes, and how many coordinates each has in the file.
+/// The positions of all nodes, and the number of coordinates in the file.
 fn positions(file: &NetcdfFile<'_>) -> Result<(Vec<DVec3>, usize)> {
     let axes = match file.variable("coord")? {
         Some(all) if all.ndim() == 2 => {
@@ -142,7 +143,7 @@ fn positions(file: &NetcdfFile<'_>) -> Result<(Vec<DVec3>, usize)> {
     Ok(((0..count).map(node).collect(), axes.len()))
 }
 
-/// Appends the elements of a block; says where they are left out.
+/// Appends the elements of a block; returns a note if they are left out.
 fn append_block(
     file: &NetcdfFile<'_>,
     number: u64,
@@ -249,7 +250,7 @@ fn node_numbers(
     numbers.iter().map(node).collect()
 }
 
-/// Names of results, and their numbers.
+/// Names of results, and their values.
 type Results = Vec<(String, Values)>;
 
 fn node_results(file: &NetcdfFile<'_>, step: usize, count: usize) -> Result<Results> {
@@ -271,7 +272,7 @@ fn node_results(file: &NetcdfFile<'_>, step: usize, count: usize) -> Result<Resu
     Ok(results)
 }
 
-/// The numbers of one time, one for each of `count` nodes or elements.
+/// The values at one time, one for each of `count` nodes or elements.
 fn numbers(
     file: &NetcdfFile<'_>,
     variable: &NcVariable,
@@ -310,7 +311,7 @@ fn element_results(
         let mut all = vec![f64::NAN; count];
         for block in blocks.iter().filter(|block| !block.cells.is_empty()) {
             let own = file.variable(&format!("vals_elem_var{}eb{}", i + 1, block.number))?;
-            // A block that has none of this result has no variable of it.
+            // A block without this result has no variable for it.
             let Some(own) = own else { continue };
             let values = numbers(file, own, &[step], block.cells.len())?;
             for (to, from) in block.cells.clone().zip(0..) {
@@ -322,7 +323,7 @@ fn element_results(
     Ok(results)
 }
 
-/// Results as fields: those that follow one another as X, Y and Z of one name are a vector.
+/// Results as fields: consecutive ones with X, Y and Z after one name are a vector.
 fn joined(results: Results, association: Association, axes: usize) -> Vec<Field> {
     let mut fields = Vec::new();
     let mut rest = VecDeque::from(results);
@@ -347,7 +348,8 @@ fn joined(results: Results, association: Association, axes: usize) -> Vec<Field>
     fields
 }
 
-/// What a vector is called whose components have these names: `DISPL` of `DISPLX`, `DISPLY`, `DISPLZ`, `v` of `v_x` ...
+/// The name of a vector with components of these names: `DISPL` for `DISPLX`, `DISPLY`, `DISPLZ`, `v` for `v_x`
+/// ...
 fn vector_name<'n>(
     first: &'n str,
     following: impl Iterator<Item = &'n str>,

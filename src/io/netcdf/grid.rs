@@ -1,17 +1,17 @@
-//! Grids by the CF conventions, and those of ROMS and NEMO: the variables of one set of dimensions at one time.
+//! Reads grids by the CF conventions, and those of ROMS and NEMO: the variables of one grid at one time.
 //!
-//! | dimensions of a variable | what |
+//! | dimensions of a variable | use |
 //! |---|---|
-//! | the first, if a variable of times or the name says so | the step |
-//! | (level, y, x) or (y, x) | the grid: that with most dimensions, then that which is not staggered, then that of most variables |
+//! | the first, if a variable of times or its name marks it | the step |
+//! | (level, y, x) or (y, x) | the grid: the one with most dimensions, among those one that is not staggered, among those the one with most variables |
 //!
 //! | positions | from |
 //! |---|---|
-//! | across | longitudes and latitudes, or x and y, in two dimensions (`coordinates` names them) or one each; or else counts |
-//! | upwards | ROMS' terrain-following coordinate; depths of each node; the levels' own variable; or else counts |
+//! | horizontal | longitudes and latitudes, or x and y, in two dimensions (`coordinates` names them) or one each; or else indices |
+//! | vertical | ROMS' terrain-following coordinate; depths of each node; the levels' own variable; or else indices |
 //!
-//! Numbers are scaled and masked as their attributes say: what is missing, as land is in the sea, is NaN.
-//! Sources: the CF conventions 1.11, and ROMS' *Vertical S-coordinate*.
+//! Numbers are scaled and masked by their attributes: missing ones, such as land in the sea, are NaN. Sources:
+//! the CF conventions 1.11, and ROMS' *Vertical S-coordinate*.
 
 use std::collections::BTreeSet;
 
@@ -26,15 +26,15 @@ use super::place::{self, Heights, Plane};
 use super::{NetcdfFile, text};
 use crate::error::{Error, Result};
 
-/// What is in the file besides the grid's numbers.
+/// The file's variables and time dimensions.
 struct Contents<'f> {
     file: &'f NetcdfFile<'f>,
     variables: &'f [NcVariable],
-    /// Names of dimensions of time.
+    /// Names of the dimensions of time.
     time_dimensions: BTreeSet<&'f str>,
 }
 
-/// The dimensions of a variable in space, and the places along those before them.
+/// The dimensions in space of a variable, and the indices along the dimensions before them.
 struct Shape<'f> {
     at: Vec<usize>,
     dimensions: &'f [NcDimension],
@@ -143,7 +143,7 @@ impl<'f> Contents<'f> {
         Ok((0..count.unwrap_or(0)).map(|i| i as f64).collect())
     }
 
-    /// The dimensions of space of a variable, where it has two or three of them.
+    /// The shape of a variable, if it has two or three dimensions in space.
     fn shape(&self, variable: &'f NcVariable, step: usize) -> Option<Shape<'f>> {
         let mut dimensions = variable.dimensions();
         let mut at = Vec::new();
@@ -162,7 +162,7 @@ impl<'f> Contents<'f> {
         (is_grid && is_number(variable)).then_some(Shape { at, dimensions })
     }
 
-    /// The variables of the grid that is read, and those of others.
+    /// The variables of the chosen grid, and the names of others.
     #[expect(
         clippy::type_complexity,
         reason = "variables with their shapes, and others"
@@ -208,7 +208,7 @@ impl<'f> Contents<'f> {
         Ok((main, others.into_iter().map(|(v, _)| v).collect()))
     }
 
-    /// The variables of these dimensions, those that `coordinates` names first.
+    /// The variables with these dimensions, those named by `coordinates` first.
     fn over<'a>(
         &'a self,
         dimensions: &'a [NcDimension],
@@ -239,7 +239,7 @@ impl<'f> Contents<'f> {
         found
     }
 
-    /// The places across of the last two dimensions.
+    /// The horizontal positions, from the last two dimensions.
     fn plane(
         &self,
         shape: &Shape<'f>,
@@ -286,7 +286,7 @@ impl<'f> Contents<'f> {
         Ok(Plane::axes(kinds, x, y))
     }
 
-    /// The places upwards of the first of three dimensions.
+    /// The vertical positions, from the first of three dimensions.
     fn heights(
         &self,
         first: &NcVariable,
@@ -338,7 +338,7 @@ impl<'f> Contents<'f> {
         Ok(Heights::of_levels(&name, kind, numbers, plane, notes))
     }
 
-    /// ROMS' heights, where its variables are there.
+    /// ROMS' heights, if its variables exist.
     fn terrain_following(&self, shape: &Shape<'f>, step: usize) -> Result<Option<Heights>> {
         let [level, y, x] = shape.dimensions else {
             return Ok(None);
@@ -389,7 +389,7 @@ impl<'f> Contents<'f> {
     }
 }
 
-/// Whether the numbers are those of faces or corners of cells, by the names of ROMS and WRF.
+/// Whether the values lie on faces or corners of cells, by the names of ROMS and WRF.
 fn is_staggered(shape: &Shape<'_>) -> bool {
     let ends = ["_u", "_v", "_psi", "_w", "_stag"];
     let is = |d: &NcDimension| ends.iter().any(|end| d.name.ends_with(end));

@@ -1,5 +1,5 @@
-//! NetCDF files: unstructured grids by the rules of Exodus II ([`exodus`]), and grids of the earth by those of CF
-//! ([`grid`]).
+//! Reads netCDF files: unstructured grids by the rules of Exodus II ([`exodus`]), and grids of the earth by
+//! those of CF ([`grid`]).
 //!
 //! | container | its first bytes |
 //! |---|---|
@@ -8,9 +8,9 @@
 //! | CDF-5 | `CDF\x05` |
 //! | netCDF-4 | `\x89HDF`: an HDF5 file |
 //!
-//! The containers are decoded by the `netcdf-reader` crate, which checks counts against the bytes that are there, and reads
-//! HDF5 by the same crate as snapshots of particles are read by, with the same limits. A file of HDF5 is taken for
-//! netCDF-4 by its name, or by the attribute `_NCProperties` that the netCDF library writes into the first bytes.
+//! The `netcdf-reader` crate decodes the containers and checks counts against the file's bytes. For HDF5 it
+//! uses the same crate as the readers of snapshots, with the same limits. A file of HDF5 is taken for netCDF-4
+//! by its name, or by the attribute `_NCProperties` that the netCDF library writes into the first bytes.
 
 mod axis;
 mod elements;
@@ -34,25 +34,25 @@ use super::{ReadAs, hdf5};
 use crate::error::{Error, Result};
 use crate::scene::Values;
 
-/// Endings of netCDF files, those of Exodus among them.
+/// Extensions of netCDF files, including those of Exodus.
 pub(super) const ENDINGS: &[&str] = &["nc", "nc4", "cdf", "ex2", "exo", "exii", "e"];
 
-/// All arrays of a file together may have so many times its bytes, which netCDF-4 may compress.
+/// Greatest ratio of all arrays together to the file's bytes, which netCDF-4 may compress.
 const MOST_INFLATION: usize = 32;
 
-/// ... and so many bytes more, for files so small that the ratio says nothing.
+/// Number of bytes allowed in addition, for small files, of which the ratio is not meaningful.
 const SMALL: usize = 16 << 20;
 
-/// What the netCDF library puts where nothing was written, in single and in double precision.
+/// Fill values of the netCDF library for numbers never written, in single and in double precision.
 const NEVER_WRITTEN: f32 = 9.969_21e36;
 const NEVER_WRITTEN_DOUBLE: f64 = 9.969_209_968_386_869e36;
 
-/// What to do about a file that breaks the rules.
+/// Advice for a file that breaks the rules.
 const DAMAGED: &str = "the file is damaged: copy it or save it again";
 
 /// Whether a file is netCDF.
 ///
-/// - `has_its_name`: whether it ends in one of [`ENDINGS`].
+/// - `has_its_name`: whether it has one of the extensions [`ENDINGS`].
 pub(super) fn looks_like(head: &[u8], has_its_name: bool) -> bool {
     const MARK: &[u8] = b"_NCProperties";
     let is_classic = head.starts_with(b"CDF") && matches!(head.get(3), Some(1 | 2 | 5));
@@ -80,7 +80,7 @@ pub(super) fn read(
     }
 }
 
-/// The steps of time in the file.
+/// The time steps in the file.
 ///
 /// # Errors
 /// As [`read`].
@@ -93,11 +93,11 @@ pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
     Ok(time_steps::of_file(input.path, &times))
 }
 
-/// A file while it is read.
+/// An open file.
 struct NetcdfFile<'a> {
     path: &'a Path,
     file: NcFile,
-    /// Bytes that may still be read into memory.
+    /// Number of bytes that may still be read into memory.
     budget: Cell<usize>,
 }
 
@@ -130,12 +130,12 @@ impl<'a> NetcdfFile<'a> {
             .map_err(|e| broken(self.path, "variables", &e))
     }
 
-    /// The variable of a name, where there is one.
+    /// The variable with this name, if there is one.
     fn variable(&self, name: &str) -> Result<Option<&NcVariable>> {
         Ok(self.variables()?.iter().find(|v| v.name == name))
     }
 
-    /// The length of the dimension of a name, where there is one.
+    /// The length of the dimension with this name, if there is one.
     fn dimension(&self, name: &str) -> Result<Option<u64>> {
         let dimensions = self.file.dimensions();
         let dimensions = dimensions.map_err(|e| broken(self.path, "dimensions", &e))?;
@@ -143,7 +143,7 @@ impl<'a> NetcdfFile<'a> {
         Ok(found.map(|d| d.size))
     }
 
-    /// Takes so many numbers of so many bytes from what may be read.
+    /// Subtracts `count` numbers of `size` bytes each from the budget.
     fn spend(
         &self,
         place: impl FnOnce() -> String,
@@ -166,7 +166,7 @@ impl<'a> NetcdfFile<'a> {
         Ok(())
     }
 
-    /// The part of a variable that has the given places along its first dimensions, and all along the others.
+    /// The slice of a variable at the given indices along its first dimensions, whole along the others.
     fn part(&self, variable: &NcVariable, at: &[usize], size: usize) -> Result<NcSliceInfo> {
         let mut selection = NcSliceInfo::all(variable.ndim());
         for (selected, &i) in selection.selections.iter_mut().zip(at) {
@@ -178,7 +178,7 @@ impl<'a> NetcdfFile<'a> {
         Ok(selection)
     }
 
-    /// Numbers of a variable in double precision, at the given places along its first dimensions.
+    /// Numbers of a variable in double precision, at the given indices along its first dimensions.
     fn doubles(&self, variable: &NcVariable, at: &[usize]) -> Result<Vec<f64>> {
         let part = self.part(variable, at, size_of::<f64>())?;
         self.file
@@ -187,7 +187,7 @@ impl<'a> NetcdfFile<'a> {
             .map_err(|e| broken(self.path, &place(variable), &e))
     }
 
-    /// As [`NetcdfFile::doubles`], as fields hold them.
+    /// As [`NetcdfFile::doubles`], in the type of a field.
     fn values(&self, variable: &NcVariable, at: &[usize]) -> Result<Values> {
         if *variable.dtype() != NcType::Float {
             return Ok(self.doubles(variable, at)?.into());
@@ -199,7 +199,7 @@ impl<'a> NetcdfFile<'a> {
             .map_err(|e| broken(self.path, &place(variable), &e))
     }
 
-    /// As [`NetcdfFile::doubles`], scaled and with NaN for what is missing, as the attributes say.
+    /// As [`NetcdfFile::doubles`], scaled and with NaN for missing numbers, by the attributes.
     fn unpacked_doubles(&self, variable: &NcVariable, at: &[usize]) -> Result<Vec<f64>> {
         let part = self.part(variable, at, size_of::<f64>())?;
         let array = self
@@ -217,12 +217,12 @@ impl<'a> NetcdfFile<'a> {
         Ok(numbers)
     }
 
-    /// As [`NetcdfFile::unpacked_doubles`], as fields hold them.
+    /// As [`NetcdfFile::unpacked_doubles`], in the type of a field.
     fn unpacked(&self, variable: &NcVariable, at: &[usize]) -> Result<Values> {
         Ok(self.unpacked_doubles(variable, at)?.into())
     }
 
-    /// The texts of a variable of characters, without what fills them up.
+    /// The texts of a variable of characters, without padding.
     fn texts(&self, variable: &NcVariable) -> Result<Vec<String>> {
         let count = variable.num_elements().ok();
         self.spend(
@@ -252,7 +252,7 @@ fn place(variable: &NcVariable) -> String {
     format!("variable `{}`", shortened(variable.name()))
 }
 
-/// What the decoder found wrong, as an error of this library.
+/// Converts the decoder's error to one of this library.
 fn broken(path: &Path, place: &str, error: &netcdf_reader::Error) -> Error {
     Error::format(
         path,

@@ -1,9 +1,9 @@
-//! Positions of the nodes of a grid in metres, and its geometry.
+//! Computes the positions of a grid's nodes in metres, and its geometry.
 //!
-//! Longitudes λ and latitudes φ become x = M cos(φ₀) λ and y = M φ, with M the metres of a degree of latitude on a sphere
-//! and φ₀ the latitude halfway between the least and the greatest: an equirectangular map, true to scale along φ₀ and
-//! along all meridians. Its axes stay straight: a grid of latitudes and longitudes is a rectilinear one. Heights are
-//! to the same scale.
+//! Longitudes λ and latitudes φ become x = M cos(φ₀) λ and y = M φ. M is the metres of a degree of latitude on
+//! a sphere, and φ₀ the latitude halfway between the least and the greatest. This equirectangular map is true
+//! to scale along φ₀ and along all meridians. Its axes stay straight, so a grid of latitudes and longitudes is
+//! a rectilinear one. Heights have the same scale.
 
 use glam::DVec3;
 use netcdf_reader::NcDimension;
@@ -15,30 +15,30 @@ use super::axis::{Horizontal, METRES_PER_DEGREE, Vertical, pressure_height};
 use crate::error::{Error, Result};
 use crate::scene::{Lattice, LatticeSpacing};
 
-/// What share of a grid's width its levels are spread over where they are no lengths.
+/// Share of a grid's width over which its levels are spread if they are no lengths.
 const LEVEL_SHARE: f64 = 0.1;
 
-/// The places across.
+/// The horizontal positions.
 pub(super) struct Plane {
     dims: [usize; 2],
-    /// One number for each column and each row, or one of each for each node.
+    /// Whether each column and each row has one coordinate; otherwise each node has both.
     is_straight: bool,
     x: Vec<f64>,
     y: Vec<f64>,
     /// Whether the numbers are metres.
     is_metric: bool,
-    /// Where longitudes are true to scale.
+    /// The latitude at which longitudes are true to scale.
     latitude: Option<f64>,
 }
 
 impl Plane {
-    /// From one coordinate for each column and each row.
+    /// Makes a plane from one coordinate for each column and each row.
     pub(super) fn axes(kinds: [Option<Horizontal>; 2], x: Vec<f64>, y: Vec<f64>) -> Self {
         let dims = [x.len(), y.len()];
         Self::new(dims, true, kinds, x, y)
     }
 
-    /// From two coordinates for each node, x fastest.
+    /// Makes a plane from two coordinates for each node, x fastest.
     pub(super) fn nodes(
         dims: [usize; 2],
         kinds: [Option<Horizontal>; 2],
@@ -84,14 +84,14 @@ impl Plane {
         }
     }
 
-    /// The greatest extent across.
+    /// The greater of the two horizontal extents.
     fn width(&self) -> f64 {
         let of = |numbers: &[f64]| range(numbers).map_or(0.0, |[a, b]| b - a);
         of(&self.x).max(of(&self.y))
     }
 }
 
-/// The places upwards.
+/// The vertical positions.
 pub(super) enum Heights {
     /// A single layer.
     None,
@@ -109,7 +109,7 @@ impl Heights {
         Self::Nodes(numbers)
     }
 
-    /// - `name`: of the dimension, for notes.
+    /// - `name`: name of the dimension, for notes.
     pub(super) fn of_levels(
         name: &str,
         kind: Vertical,
@@ -160,9 +160,9 @@ pub(super) struct Terrain {
     pub(super) critical_depth: f64,
     pub(super) s: Vec<f64>,
     pub(super) stretching: Vec<f64>,
-    /// The ground, below 0.
+    /// Heights of the ground, below 0.
     pub(super) depths: Vec<f64>,
-    /// The surface above 0, where the file has it.
+    /// Heights of the surface above 0, if the file has them.
     pub(super) surface: Option<Vec<f64>>,
 }
 
@@ -204,10 +204,10 @@ impl Terrain {
     }
 }
 
-/// The geometry of a grid, whose fields are turned round with its axes.
+/// The geometry of a grid. Fields are reversed with its axes.
 ///
 /// # Errors
-/// Coordinates of another number than the nodes.
+/// Coordinates whose number is not that of the nodes.
 pub(super) fn geometry(
     file: &NetcdfFile<'_>,
     plane: Plane,
@@ -276,8 +276,8 @@ pub(super) fn geometry(
     Ok(Geometry::Curvilinear { blocks })
 }
 
-/// Coordinates that rise throughout, after those that fall are turned round with the fields; `None`, and nothing turned,
-/// where one does neither.
+/// Rising coordinates: falling ones are reversed, and the fields with them. `None`, with nothing reversed, if
+/// one axis neither rises nor falls.
 fn rising(axes: [&[f64]; 3], fields: &mut [Field]) -> Option<[Vec<f64>; 3]> {
     let is_finite = axes.iter().all(|axis| axis.iter().all(|x| x.is_finite()));
     let rises = |axis: &[f64]| axis.windows(2).all(|w| w[0] < w[1]);
@@ -301,7 +301,7 @@ fn rising(axes: [&[f64]; 3], fields: &mut [Field]) -> Option<[Vec<f64>; 3]> {
     Some(coordinates)
 }
 
-/// Longitudes that do not jump by a turn from a node to the next: along each row, and from row to row.
+/// Removes jumps of a turn between the longitudes of neighbouring nodes: along each row, and from row to row.
 fn unwrap(longitudes: &mut [f64], width: usize) {
     let near = |longitude: f64, reference: f64| {
         let turns = ((reference - longitude) / 360.0).round();
@@ -324,7 +324,7 @@ fn unwrap(longitudes: &mut [f64], width: usize) {
     }
 }
 
-/// The least and the greatest number that are finite.
+/// The least and the greatest finite number.
 fn range(numbers: &[f64]) -> Option<[f64; 2]> {
     let finite = numbers.iter().copied().filter(|x| x.is_finite());
     finite

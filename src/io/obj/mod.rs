@@ -1,18 +1,18 @@
-//! Wavefront OBJ: polygon meshes as text, with materials in an MTL file.
+//! Reads Wavefront OBJ: polygon meshes as text, with materials in an MTL file.
 //!
-//! | statement | what is made of it |
+//! | statement | result |
 //! |---|---|
 //! | `v x y z` | a vertex, in f64; a fourth number (a weight of curves) is not used |
 //! | `v x y z r g b` | its colour too, sRGB-encoded: see [`super::colour_columns`] |
 //! | `vt u v`, `vn x y z` | texture coordinates, v upwards; normals |
-//! | `f` with v, v/vt, v//vn, v/vt/vn | polygons of any size, concave ones too; indices from 1, or back from the latest; texture coordinates and normals that are not there are left out, with a note |
+//! | `f` with v, v/vt, v//vn, v/vt/vn | polygons of any size, concave ones too; indices from 1, or back from the latest; references to missing texture coordinates and normals are left out, with a note |
 //! | `usemtl`, `mtllib` | materials; see [`mtl`] |
-//! | `o`, `g`, `s` | nothing: faces of one material are one part |
+//! | `o`, `g`, `s` | ignored: faces of one material are one part |
 //! | `p`, `l` (and `f` with one or two corners) | points and lines; vertices without any of these and without faces are a cloud of points |
-//! | `curv`, `surf` | nothing, with a note |
+//! | `curv`, `surf` | left out, with a note |
 //!
-//! OBJ does not say whether a surface is seen from behind. Where all that a material covers is
-//! closed and encloses a volume, with its front outwards, it is not: see [`super::closed`].
+//! OBJ does not state whether a surface is seen from behind. If the whole surface of a material is closed and
+//! encloses a volume, with its front outwards, it is not: see [`super::closed`].
 
 mod mtl;
 mod scan;
@@ -41,11 +41,11 @@ use crate::image::linear_from_srgb;
 use mtl::{Map, MtlMaterial};
 use scan::{Faces, Group, Scan};
 
-/// Reads a mesh; `texture` is bound to parts that have texture coordinates and no texture.
+/// Reads a mesh; `texture` is used for parts that have texture coordinates and no texture.
 ///
 /// # Errors
-/// No face, a line that breaks the format's rules, or a `texture` that cannot be read. Materials
-/// and textures that cannot be read are told of in notes.
+/// No face, a line that breaks the format's rules, or a `texture` that cannot be read. Unreadable materials and
+/// other textures are noted.
 pub(crate) fn read(input: Input<'_>, texture: Option<&Path>) -> Result<Dataset> {
     let path = input.path;
     let bytes = input.read_all()?;
@@ -88,7 +88,7 @@ pub(crate) fn read(input: Input<'_>, texture: Option<&Path>) -> Result<Dataset> 
     Ok(data)
 }
 
-/// Vertices alone, as points.
+/// Reads vertices alone, as points.
 ///
 /// # Errors
 /// No vertices.
@@ -124,7 +124,7 @@ fn cloud(input: Input<'_>, scan: Scan, mut notes: Vec<String>) -> Result<Dataset
     Ok(data)
 }
 
-/// How the colours of vertices are stored.
+/// The scale of vertices' colours.
 fn colour_scale(
     colours: impl Iterator<Item = Option<[f64; 3]>> + Clone,
     notes: &mut Vec<String>,
@@ -145,8 +145,7 @@ fn narrow(rgb: [f64; 3]) -> [f32; 3] {
     rgb.map(|c| c as f32)
 }
 
-/// One part for each group of faces, in its order, with texture coordinates where the faces have
-/// them.
+/// One part for each group of faces, in order, with texture coordinates if the faces have them.
 fn parts(scan: &Scan, notes: &mut Vec<String>) -> Vec<MeshPart> {
     let used = scan.faces.iter().flat_map(|faces| {
         let marks = faces.lines.as_flattened().iter().chain(&faces.points);
@@ -165,8 +164,7 @@ fn parts(scan: &Scan, notes: &mut Vec<String>) -> Vec<MeshPart> {
     parts
 }
 
-/// The faces of one group: corners that name the same vertex, texture coordinates and normal are
-/// one.
+/// The faces of one group. Corners with the same vertex, texture coordinates and normal are merged.
 fn part_of(
     scan: &Scan,
     faces: &Faces,
@@ -210,7 +208,7 @@ fn part_of(
     part
 }
 
-/// A vertex's colour, linear; white where it has none and others have one.
+/// A vertex's colour, linear; white if it has none although others have.
 fn vertex_colour(stated: Option<[f64; 3]>, scale: ColourScale) -> [f32; 4] {
     // Numbers below 0 are no colour.
     let [r, g, b] = match stated.filter(|rgb| !rgb.iter().any(|c| *c < 0.0)) {
@@ -229,7 +227,7 @@ fn texture_coordinates([u, v]: [f64; 2]) -> Vec2 {
     Vec2::new(u as f32, (1.0 - v) as f32)
 }
 
-/// The materials of a mesh, made as parts ask for them.
+/// The materials of a mesh, made when parts first use them.
 struct Materials<'a> {
     mesh: Mesh,
     library: HashMap<String, MtlMaterial>,
@@ -240,8 +238,7 @@ struct Materials<'a> {
 }
 
 impl<'a> Materials<'a> {
-    /// Reads the libraries that a file names, and tells of those and of materials that are not
-    /// there.
+    /// Reads the libraries that a file names; notes report missing libraries and materials.
     fn new(input: Input<'a>, scan: &Scan, notes: &mut Vec<String>) -> Self {
         let mut library = HashMap::new();
         for statement in &scan.libraries {
@@ -373,9 +370,9 @@ impl<'a> Materials<'a> {
             base_colour: [r, g, b, stated.opacity],
             base_texture,
             emissive: match (&stated.emissive_map, &emissive) {
-                // As with Kd: black with a texture stands for the texture.
+                // As for Kd: with a texture, black means that the texture applies.
                 (Some(_), Some(_)) if is_dark => [1.0; 3],
-                // Light through a texture that cannot be read would be light everywhere.
+                // Light from a texture that cannot be read would be light everywhere.
                 (Some(_), None) => [0.0; 3],
                 _ => stated.emissive.map(linear_from_srgb),
             },
@@ -389,10 +386,10 @@ impl<'a> Materials<'a> {
     }
 }
 
-/// What a texture is made of: two textures of one key are one.
+/// Identity of a texture: textures with equal keys are one.
 #[derive(PartialEq, Eq, Hash)]
 struct TextureKey {
-    /// The file of its colour; without it, it is white.
+    /// The file of its colour; without one it is white.
     colour: Option<String>,
     /// The file of its opacity.
     opacity: Option<String>,
@@ -422,7 +419,7 @@ impl<'a> Images<'a> {
         }
     }
 
-    /// The texture that the user names: an error where it cannot be read.
+    /// The texture that the user gave; an error if it cannot be read.
     fn named_by_user(&mut self, path: &Path) -> Result<usize> {
         let decoded = self.budget.named_by_user(self.input, path)?;
         self.textures.push(Texture {
@@ -432,7 +429,7 @@ impl<'a> Images<'a> {
         Ok(self.textures.len() - 1)
     }
 
-    /// An image, or `None` and a note.
+    /// A decoded image; `None`, with a note, if it cannot be read.
     fn decode(&mut self, name: &str) -> Option<Arc<TextureImage>> {
         if let Some(known) = self.decoded.get(name) {
             return known.clone();
@@ -454,8 +451,8 @@ impl<'a> Images<'a> {
         map.is_some_and(|map| self.decode(&map.file).is_some())
     }
 
-    /// The texture of colour and opacity of a material, and whether it cuts out: all opacities
-    /// are 0 or 1.
+    /// The texture of a material's colour and opacity, and whether it cuts out: whether all opacities are 0 or
+    /// 1.
     fn base(&mut self, stated: &MtlMaterial) -> Option<(TextureUse, bool)> {
         let colour = stated
             .diffuse_map
@@ -482,7 +479,7 @@ impl<'a> Images<'a> {
         }
     }
 
-    /// A texture of one image's colour (or white) and another's opacity.
+    /// A texture from one image's colour (or white) and another's opacity.
     fn texture(
         &mut self,
         colour: Option<&Map>,
@@ -500,7 +497,7 @@ impl<'a> Images<'a> {
             Some(&known) => known,
             None => {
                 let mut image = match &opacity {
-                    // An image that is its own opacity has it.
+                    // An image that is its own opacity map already has it.
                     Some((_, opacity)) if !Arc::ptr_eq(&image, opacity) || colour.is_none() => {
                         with_opacity(&image, opacity)
                     }
@@ -533,8 +530,8 @@ impl<'a> Images<'a> {
     }
 }
 
-/// A use of a texture under the options of its statement. They speak of v upwards: 1 - v turns
-/// into s v + (1 - s - o).
+/// A use of a texture with the options of its statement. The options assume v upwards: 1 - v becomes s v + (1 -
+/// s - o).
 fn placed(texture: usize, map: &Map) -> TextureUse {
     let [su, sv] = map.scale;
     let [ou, ov] = map.offset;
@@ -549,8 +546,8 @@ fn placed(texture: usize, map: &Map) -> TextureUse {
     }
 }
 
-/// An image with another's opacity, at the nearest pixel: its alpha channel, or its brightness
-/// where that is 1 all over.
+/// An image with another's opacity, from the nearest pixel: its alpha channel, or its brightness if that is 1
+/// everywhere.
 fn with_opacity(image: &TextureImage, opacity: &TextureImage) -> TextureImage {
     let mut image = image.clone();
     let has_alpha = opacity.pixels.iter().any(|p| p[3] < u8::MAX);

@@ -1,22 +1,22 @@
-//! MTL: the materials of OBJ files.
+//! Reads MTL: the materials of OBJ files.
 //!
-//! | statement | what is made of it |
+//! | statement | result |
 //! |---|---|
-//! | `Kd r g b` | colour, sRGB-encoded: viewers have shown these numbers as they are for decades. It multiplies `map_Kd`, but black does not: with a texture `Kd 0 0 0` stands for "see the texture" |
+//! | `Kd r g b` | colour, sRGB-encoded: viewers have shown these numbers unconverted for decades. It multiplies `map_Kd`, but black does not: with a texture, `Kd 0 0 0` means "see the texture" |
 //! | `Ke r g b` | emitted colour, sRGB-encoded |
 //! | `d a` | opacity |
-//! | `Tr t` | opacity 1 - t where 0 < t < 1; `Tr 0` and `Tr 1` are opaque, because some programs write one and some the other for every solid. `d` wins |
+//! | `Tr t` | opacity 1 - t if 0 < t < 1; `Tr 0` and `Tr 1` are opaque, because programs differ in which of them they write for solids. `d` takes precedence |
 //! | `map_Kd`, `map_Ke` | textures of both, with the options `-s`, `-o` and `-clamp` |
-//! | `map_d` | opacity: the image's alpha channel, or its brightness where that is 1 all over |
+//! | `map_d` | opacity: the image's alpha channel, or its brightness if that is 1 everywhere |
 //!
-//! Notes tell of `map_Ka` where it is another image than `map_Kd`'s, and of options of textures that are not used. Everything
-//! else (reflections, bumps, `illum`) is light, and is left to the light.
+//! Notes report a `map_Ka` that is another image than that of `map_Kd`, and options of textures that are not
+//! used. Everything else (reflections, bumps, `illum`) is left to the library's own lighting.
 
 use std::io::Cursor;
 
 use crate::io::vtk_xml::clip;
 
-/// A material as its file states it.
+/// A material as stated in its file.
 #[derive(Debug, Clone, Default)]
 pub(super) struct MtlMaterial {
     pub(super) name: String,
@@ -33,17 +33,17 @@ pub(super) struct MtlMaterial {
 /// A texture statement.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Map {
-    /// With slashes.
+    /// Path with slashes.
     pub(super) file: String,
-    /// `-s u v`: what texture coordinates are multiplied by, v upwards.
+    /// `-s u v`: factors of texture coordinates, v upwards.
     pub(super) scale: [f32; 2],
-    /// `-o u v`: what is added to them then.
+    /// `-o u v`: offsets added after the factors.
     pub(super) offset: [f32; 2],
     /// `-clamp on`.
     pub(super) is_clamped: bool,
 }
 
-/// Options of texture statements that take no file name, and how many words follow them.
+/// Options of texture statements, without the file name, and the number of words after each.
 const OPTIONS: &[(&str, usize)] = &[
     ("-blendu", 1),
     ("-blendv", 1),
@@ -58,7 +58,7 @@ const OPTIONS: &[(&str, usize)] = &[
 ];
 
 impl Map {
-    /// Options, then a file name that may hold spaces.
+    /// Parses options, then a file name that may contain spaces.
     fn parse(statement: &str) -> Option<Self> {
         let mut map = Self {
             file: String::new(),
@@ -82,7 +82,7 @@ impl Map {
                     map.is_clamped = values[0].eq_ignore_ascii_case("on");
                 }
             } else if matches!(option.as_str(), "-s" | "-o" | "-t") {
-                // One to three numbers: those that are left out keep their values.
+                // One to three numbers: missing ones keep their defaults.
                 let values = match option.as_str() {
                     "-s" => &mut map.scale,
                     "-o" => &mut map.offset,
@@ -93,7 +93,7 @@ impl Map {
                     let Ok(number) = word(&mut next).parse::<f32>() else {
                         break;
                     };
-                    // A file may be named by a number.
+                    // A file name may be a number.
                     if next.is_empty() {
                         break;
                     }
@@ -114,7 +114,7 @@ impl Map {
     }
 }
 
-/// Options that change a picture and are not used, unless their values are these.
+/// Options that change the image but are not used, and the values with which they change nothing.
 const UNUSED: &[(&str, &[f32])] = &[
     ("-boost", &[]),
     ("-cc", &[]),
@@ -123,7 +123,7 @@ const UNUSED: &[(&str, &[f32])] = &[
     ("-t", &[0.0, 0.0, 0.0]),
 ];
 
-/// The options of a texture statement that would change the picture and are not used.
+/// The options of a texture statement that would change the image and are not used.
 fn unused_options(statement: &str) -> Vec<&'static str> {
     let words: Vec<&str> = statement.split_whitespace().collect();
     let is_unused = |(option, neutral): &&(&str, &[f32])| {
@@ -144,7 +144,7 @@ fn unused_options(statement: &str) -> Vec<&'static str> {
         .collect()
 }
 
-/// Tells of statements about a material's textures that are not used.
+/// Notes statements about a material's textures that are not used.
 fn note_unused(material: &str, statements: &[(String, String)], notes: &mut Vec<String>) {
     let file_of = |name: &str| {
         let statement = statements.iter().find(|(own, _)| own == name);
@@ -214,17 +214,17 @@ pub(super) fn read(bytes: &[u8], notes: &mut Vec<String>) -> Vec<MtlMaterial> {
         .collect()
 }
 
-/// The statements that matter, in the spelling and with the words that tobj accepts: it panics
-/// on colours of fewer than three numbers, and gives up on a file for one bad line.
+/// The used statements, in the spelling and with the words that tobj accepts: it panics on colours of fewer
+/// than three numbers, and rejects a file for one bad line.
 fn plain(text: &str, notes: &mut Vec<String>) -> String {
     let mut plain = String::new();
-    // Of the material that is being read: its name, and its statements of textures.
+    // The current material: its name, and its texture statements.
     let mut current = (String::new(), Vec::new());
     let mut lines = text.lines();
     while let Some(line) = lines.next() {
         let mut joined = line.to_owned();
         while let Some(start) = joined.strip_suffix('\\') {
-            // A file name may end in a backslash, a statement that goes on has a space before it.
+            // A file name may end in a backslash; a continued statement has a space before it.
             if !start.ends_with(char::is_whitespace) {
                 break;
             }
@@ -246,7 +246,7 @@ fn plain(text: &str, notes: &mut Vec<String>) -> String {
                 let name = if colour == "kd" { "Kd" } else { "Ke" };
                 let numbers: Option<Vec<f64>> = words.clone().take(3).map(finite).collect();
                 match numbers.as_deref() {
-                    // One number stands for all three.
+                    // One number is all three.
                     Some([grey]) => Some(format!("{name} {grey} {grey} {grey}")),
                     Some([r, g, b]) => Some(format!("{name} {r} {g} {b}")),
                     _ => {

@@ -1,9 +1,9 @@
-//! The text of an OBJ file, read in one pass.
+//! Scans the text of an OBJ file in one pass.
 //!
-//! Real files hold a vertex colour here and none there, corners with and without texture
-//! coordinates in one object, faces of one or two corners (points and lines), materials that are not defined and
-//! indices out of range: all of that is settled or told of with line numbers at hand. What comes
-//! out are faces in groups, with indices that are in range.
+//! Real files have vertex colours on some vertices only, corners with and without texture coordinates in one
+//! object, faces of one or two corners (points and lines), undefined materials and indices out of range. All of
+//! that is resolved or noted here, while line numbers are known. The result is faces in groups, with indices
+//! that are in range.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -13,7 +13,7 @@ use glam::DVec3;
 use crate::error::{Error, Result};
 use crate::io::vtk_xml::clip;
 
-/// Faces that share a material and what their corners name.
+/// Faces that share a material and the kinds of their corners' indices.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) struct Group {
     /// Index into [`Scan::materials`], or none before the first `usemtl`.
@@ -25,38 +25,38 @@ pub(super) struct Group {
 /// The faces of a group.
 #[derive(Debug, Default)]
 pub(super) struct Faces {
-    /// Indices of a vertex, texture coordinates and a normal, from 0. Of what its group does not
-    /// have, the index says nothing.
+    /// Indices of a vertex, texture coordinates and a normal, from 0. The index of a kind that its group lacks
+    /// has no meaning.
     pub(super) corners: Vec<[u32; 3]>,
-    /// For each face, where its corners end; it has three or more.
+    /// End of each face's corners; a face has three or more.
     pub(super) ends: Vec<usize>,
     /// Corners of lines and of points.
     pub(super) lines: Vec<[[u32; 3]; 2]>,
     pub(super) points: Vec<[u32; 3]>,
 }
 
-/// What an OBJ file holds.
+/// The content of an OBJ file.
 #[derive(Debug, Default)]
 pub(super) struct Scan {
     pub(super) positions: Vec<DVec3>,
-    /// Of vertices, sRGB-encoded; `None` for one without. Empty where none has one.
+    /// Colours of vertices, sRGB-encoded; `None` for a vertex without. Empty if no vertex has one.
     pub(super) colours: Vec<Option<[f64; 3]>>,
-    /// v upwards.
+    /// Texture coordinates, v upwards.
     pub(super) coordinates: Vec<[f64; 2]>,
     pub(super) normals: Vec<DVec3>,
     pub(super) groups: Vec<Group>,
-    /// For each group.
+    /// Faces of each group.
     pub(super) faces: Vec<Faces>,
     /// Names after `usemtl`.
     pub(super) materials: Vec<String>,
-    /// What stands after each `mtllib`.
+    /// Text after each `mtllib`.
     pub(super) libraries: Vec<String>,
-    /// What was left out, for people.
+    /// Notes on what was left out, for people.
     pub(super) notes: Vec<String>,
 }
 
-/// Whether a file's first bytes are OBJ text: every line of them begins with a word that the
-/// format knows, and one is a vertex, a face or the name of a library.
+/// Whether a file's first bytes are OBJ text: every line begins with a keyword of the format, and one is a
+/// vertex, a face or the name of a library.
 pub(crate) fn looks_like(head: &[u8]) -> bool {
     const WORDS: &[&str] = &[
         "v", "vt", "vn", "vp", "f", "l", "p", "o", "g", "s", "mg", "mtllib", "usemtl",
@@ -86,21 +86,21 @@ pub(crate) fn looks_like(head: &[u8]) -> bool {
     is_obj
 }
 
-/// The kinds of things that corners name.
+/// The kinds of a corner's indices.
 const KINDS: [(&str, &str); 3] = [
     ("v", "vertices"),
     ("vt", "texture coordinates"),
     ("vn", "normals"),
 ];
 
-/// The index, from 1, of texture coordinates and normals that cannot be there.
+/// An index, from 1, of texture coordinates and normals that cannot exist.
 const NOWHERE: usize = usize::MAX;
 
 /// Reads all lines.
 ///
 /// # Errors
-/// A vertex without three numbers, or a face that names a vertex that is not there: with its line. Faces whose texture
-/// coordinates or normals are not there have none, which a note says.
+/// A vertex without three numbers, or a face with a vertex that does not exist, each with its line. Faces whose
+/// texture coordinates or normals do not exist have none, with a note.
 pub(super) fn scan(path: &Path, bytes: &[u8]) -> Result<Scan> {
     let text = String::from_utf8_lossy(bytes);
     let mut reader = Reader::new(path);
@@ -139,9 +139,9 @@ struct Reader<'p> {
     material: Option<usize>,
     material_index: HashMap<String, usize>,
     groups: HashMap<Group, usize>,
-    /// The greatest index of a vertex that came before what it names, and its line.
+    /// The greatest index of a vertex that is used before its definition, and the line of that use.
     ahead: (usize, usize),
-    /// Elements that are left out.
+    /// Number of elements that are left out.
     curves: usize,
     mixed: usize,
     corners: Vec<[usize; 3]>,
@@ -168,7 +168,7 @@ impl<'p> Reader<'p> {
         let keyword = line.split_whitespace().next().unwrap_or("");
         let rest = line[keyword.len()..].trim();
         let words = || {
-            // A number may hold a `#` (`1.#QNAN`); a comment begins a word with it.
+            // A number may contain a `#` (`1.#QNAN`); a comment begins a word with it.
             rest.split_whitespace().take_while(|w| !w.starts_with('#'))
         };
         match keyword {
@@ -219,7 +219,7 @@ impl<'p> Reader<'p> {
                 });
             }
             "mtllib" if !rest.is_empty() => self.scan.libraries.push(rest.to_owned()),
-            // Names, smoothing groups, display attributes and comments say nothing of the shape.
+            // Names, smoothing groups, display attributes and comments do not describe the shape.
             _ => {}
         }
         Ok(())
@@ -235,7 +235,7 @@ impl<'p> Reader<'p> {
         )
     }
 
-    /// The first numbers of a line; what C libraries print of no number is NaN.
+    /// The first numbers of a line; text that C libraries print for non-numbers is NaN.
     fn numbers<'w, const N: usize>(
         &self,
         mut words: impl Iterator<Item = &'w str>,
@@ -259,7 +259,7 @@ impl<'p> Reader<'p> {
         Ok(numbers)
     }
 
-    /// Numbers of vertices, coordinates and normals so far.
+    /// Numbers of vertices, texture coordinates and normals so far.
     fn counts(&self) -> [usize; 3] {
         let scan = &self.scan;
         [
@@ -292,7 +292,7 @@ impl<'p> Reader<'p> {
                 let used = [true, group.has_coordinates, group.has_normals];
                 faces.corners.extend(corners.iter().map(|corner| {
                     [0, 1, 2].map(|kind| {
-                        // Those of which there are too many for 32 bits are refused at the end.
+                        // Indices beyond 32 bits are refused at the end.
                         let index = u32::try_from(corner[kind]).unwrap_or(u32::MAX);
                         if used[kind] { index - 1 } else { 0 }
                     })
@@ -304,7 +304,7 @@ impl<'p> Reader<'p> {
         Ok(())
     }
 
-    /// Points, or lines from each to the next.
+    /// Adds points, or lines from each to the next.
     fn marks<'w>(
         &mut self,
         words: impl Iterator<Item = &'w str>,
@@ -316,7 +316,7 @@ impl<'p> Reader<'p> {
         Ok(())
     }
 
-    /// Of lines and points nothing but their vertices counts.
+    /// Adds lines and points, of which only the vertices are used.
     fn add_marks(&mut self, corners: &[[usize; 3]], are_lines: bool) {
         let index = self.faces_of(Group {
             material: self.material,
@@ -335,7 +335,7 @@ impl<'p> Reader<'p> {
         }
     }
 
-    /// The indices that a corner names, from 1; 0 where it names none.
+    /// The indices of a corner, from 1; 0 for kinds that it lacks.
     fn corner(&mut self, word: &str, number: usize) -> Result<[usize; 3]> {
         let mut indices = [0; 3];
         let mut names = word.split('/');
@@ -377,7 +377,7 @@ impl<'p> Reader<'p> {
         Ok(indices)
     }
 
-    /// Moves faces whose texture coordinates or normals are not there to a group without them.
+    /// Moves faces whose texture coordinates or normals do not exist to a group without them.
     fn leave_out(&mut self, kind: usize, count: usize) {
         let mut left_out = 0;
         for index in 0..self.scan.groups.len() {
@@ -431,7 +431,7 @@ impl<'p> Reader<'p> {
         let counts = self.counts();
         let [keyword, plural] = [KINDS[0].0, KINDS[0].1];
         let (index, number) = self.ahead;
-        // What there is more of than 32 bits count cannot be named.
+        // Vertices beyond the range of 32 bits cannot be used.
         let most = counts[0].min(u32::MAX as usize);
         if index > most {
             return Err(Error::format(

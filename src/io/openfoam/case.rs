@@ -1,4 +1,4 @@
-//! The files of a case: in a folder, or in a ZIP archive.
+//! Opens the files of a case: in a folder, or in a ZIP archive.
 
 use std::collections::BTreeSet;
 use std::io::Read;
@@ -10,7 +10,7 @@ use super::super::zip::{self, Entry};
 use super::text::CaseFile;
 use crate::error::{Error, Result};
 
-/// The file that every case has, whose folder's folder is that of the case.
+/// The file that every case has; the parent of its folder is the case.
 pub(super) const CONTROL: &str = "system/controlDict";
 
 /// A case.
@@ -19,12 +19,12 @@ pub(super) enum Case<'a> {
     Archive {
         path: &'a Path,
         entries: Vec<Entry<'a>>,
-        /// What the names of the case's members begin with.
+        /// Prefix of the names of the case's members.
         root: String,
     },
 }
 
-/// The folders of the cases in an archive: empty, or with a `/` at their end.
+/// The folders of the cases in an archive: empty, or with a `/` at the end.
 pub(super) fn roots<'e>(entries: &'e [Entry<'_>]) -> impl Iterator<Item = &'e str> {
     entries.iter().filter_map(|entry| {
         let root = entry.name.strip_suffix(CONTROL)?;
@@ -71,8 +71,8 @@ impl<'a> Case<'a> {
         ))
     }
 
-    /// The names of what is in a folder of the case (`` is its own), in order, those of packed files without `.gz`; none
-    /// where there is no such folder.
+    /// The names in a folder of the case (`` is the case itself), sorted, without the `.gz` of compressed
+    /// files; empty if there is no such folder.
     pub(super) fn list(&self, folder: &str) -> Vec<String> {
         let mut names = BTreeSet::new();
         let mut add = |name: &str| {
@@ -99,7 +99,7 @@ impl<'a> Case<'a> {
         names.into_iter().collect()
     }
 
-    /// The file that errors name.
+    /// The path that errors report.
     pub(super) fn path_of(&self, name: &str) -> PathBuf {
         match self {
             Self::Folder(root) => root.join(name),
@@ -107,12 +107,12 @@ impl<'a> Case<'a> {
         }
     }
 
-    /// Whether there is a file of this name, packed or not.
+    /// Whether there is a file of this name, compressed or not.
     pub(super) fn has(&self, name: &str) -> bool {
         self.found(name).is_some()
     }
 
-    /// The name as it is, or with `.gz`.
+    /// The name itself, or with `.gz`.
     fn found(&self, name: &str) -> Option<String> {
         let is_there = |name: &String| match self {
             Self::Folder(root) => root.join(name).is_file(),
@@ -125,10 +125,10 @@ impl<'a> Case<'a> {
             .find(is_there)
     }
 
-    /// A file of the case, unpacked: `None` where there is none of this name.
+    /// A file of the case, unpacked; `None` if there is none of this name.
     ///
     /// # Errors
-    /// What the system or the archive says.
+    /// Errors of the system or of the archive.
     pub(super) fn read(&self, name: &str) -> Result<Option<CaseFile>> {
         let Some(found) = self.found(name) else {
             return Ok(None);

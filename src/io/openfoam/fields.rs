@@ -1,4 +1,4 @@
-//! The fields of a case: one file for each, in the folder of its time.
+//! Reads the fields of a case: one file for each, in the folder of its time.
 
 use super::super::dataset::{Association, Field, FieldSource};
 use super::text::{CaseFile, Kind, Scanner};
@@ -9,7 +9,7 @@ use crate::scene::Values;
 const SYMMETRIC: [&str; 6] = ["xx", "xy", "xz", "yy", "yz", "zz"];
 const FULL: [&str; 9] = ["xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz"];
 
-/// A field while the pieces of its case are put together.
+/// A field, joined from the pieces read so far.
 #[derive(Debug)]
 pub(super) struct Gathered {
     pub(super) name: String,
@@ -18,17 +18,17 @@ pub(super) struct Gathered {
     components: Vec<Vec<f64>>,
 }
 
-/// What a file in the folder of a time is.
+/// Content of a file in the folder of a time.
 #[derive(Debug)]
 pub(super) enum Found {
     Field(Gathered),
-    /// Numbers of something else, or no numbers: the class that its header states.
+    /// Numbers of another kind, or no numbers: the class in its header.
     Other(String),
-    /// A field whose values are computed where the case is run.
+    /// A field whose values are computed when the case is run.
     Computed,
 }
 
-/// What the fields of a class belong to, and how many numbers a value has.
+/// The association of a class of fields, and the number of numbers per value.
 fn layout(class: &str) -> Option<(Association, usize)> {
     let class = class.strip_suffix("::Internal").unwrap_or(class);
     let (association, rank) = if let Some(rank) = class.strip_prefix("vol") {
@@ -48,7 +48,7 @@ fn layout(class: &str) -> Option<(Association, usize)> {
 
 /// Reads a file in the folder of a time.
 ///
-/// - `counts`: how many cells and how many nodes there are.
+/// - `counts`: number of cells and of nodes.
 ///
 /// # Errors
 /// A damaged file, or a field with another number of values.
@@ -86,7 +86,7 @@ pub(super) fn read(file: &CaseFile, counts: [usize; 2]) -> Result<Found> {
             value.repeat(count)
         }
         b"nonuniform" => {
-            // The type of the list may be left out.
+            // The type of the list may be missing.
             if scanner.peek().is_some_and(|b| !b.is_ascii_digit()) {
                 scanner.word();
             }
@@ -107,8 +107,8 @@ pub(super) fn read(file: &CaseFile, counts: [usize; 2]) -> Result<Found> {
     }))
 }
 
-/// The unit of `[0 1 -1 0 0 0 0]`: exponents of kilogram, metre, second, kelvin, mole, ampere and candela. `None` where
-/// there is none, or it is stated in another way.
+/// The unit of `[0 1 -1 0 0 0 0]`: exponents of kilogram, metre, second, kelvin, mole, ampere and candela.
+/// `None` if there is none, or if it has another form.
 fn read_unit(scanner: &mut Scanner<'_>) -> Option<String> {
     const NAMES: [&str; 7] = ["kg", "m", "s", "K", "mol", "A", "cd"];
     scanner.expect(b'[').ok()?;
@@ -142,12 +142,12 @@ fn read_unit(scanner: &mut Scanner<'_>) -> Option<String> {
 }
 
 impl Gathered {
-    /// Bytes of its values.
+    /// Size of its values in bytes.
     pub(super) fn size(&self) -> usize {
         self.components.iter().map(|c| 4 * c.len()).sum()
     }
 
-    /// Puts the values of another piece of the case behind these; whether it is the same kind of field.
+    /// Appends the values of another piece of the case. Returns whether it is the same kind of field.
     pub(super) fn append(&mut self, other: Self) -> bool {
         let is_same = self.association == other.association
             && self.components.len() == other.components.len();
@@ -159,7 +159,7 @@ impl Gathered {
         is_same
     }
 
-    /// The field; of tensors one for each component.
+    /// The field; a tensor becomes one field for each component.
     pub(super) fn fields(self) -> Vec<Field> {
         let (association, unit) = (self.association, self.unit);
         let field = |name: String, source| Field {

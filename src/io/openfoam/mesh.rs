@@ -1,4 +1,4 @@
-//! The mesh of a case: from faces, and the cells on their two sides, to cells in VTK's order.
+//! Converts the mesh of a case from faces, with the cells on their two sides, to cells in VTK's order.
 
 use glam::DVec3;
 
@@ -6,19 +6,19 @@ use super::super::{CellKind, CellMesh};
 use super::text::{CaseFile, Kind, Scanner};
 use crate::error::{Error, Result};
 
-/// What stands in the place of a cell beyond the boundary.
+/// Cell index beyond the boundary.
 const NONE: u32 = u32::MAX;
 
-/// A mesh as its files hold it.
+/// A mesh in the form of its files.
 #[derive(Debug)]
 pub(super) struct PolyMesh {
     points: Vec<DVec3>,
-    /// Where the nodes of each face begin; one more at the end.
+    /// Start of each face's nodes; one more at the end.
     face_starts: Vec<usize>,
     face_nodes: Vec<u32>,
-    /// The cell that a face's normal points out of.
+    /// The cell out of which a face's normal points.
     owners: Vec<u32>,
-    /// The cell that it points into, or [`NONE`].
+    /// The cell into which it points, or [`NONE`].
     neighbours: Vec<u32>,
     pub(super) cell_count: usize,
 }
@@ -36,7 +36,7 @@ impl PolyMesh {
     /// Reads the mesh.
     ///
     /// # Errors
-    /// A damaged file, faces of nodes that are not there, cells that no faces enclose.
+    /// A damaged file; faces with nodes that do not exist; cells that no faces enclose.
     pub(super) fn read(files: &MeshFiles) -> Result<Self> {
         let coordinates = Scanner::new(&files.points)?.list(Kind::Scalars(3), None)?;
         let points: Vec<DVec3> = coordinates.chunks_exact(3).map(DVec3::from_slice).collect();
@@ -86,7 +86,7 @@ impl PolyMesh {
         &self.face_nodes[self.face_starts[i]..self.face_starts[i + 1]]
     }
 
-    /// The faces of each cell: those of one after those of another, and where each cell's end.
+    /// The faces of all cells, concatenated, with the end of each cell.
     fn faces_of_cells(&self) -> (Vec<usize>, Vec<usize>) {
         let sides = [&self.owners, &self.neighbours];
         let mut ends = vec![0; self.cell_count];
@@ -108,10 +108,10 @@ impl PolyMesh {
         (ends, faces)
     }
 
-    /// Puts the cells behind those of other pieces of the mesh.
+    /// Appends the cells to those of other pieces of the mesh.
     ///
     /// # Errors
-    /// More entries than 32 bits count; no more is said.
+    /// More entries than 32 bits count; the error has no details.
     pub(super) fn append_to(self, mesh: &mut CellMesh) -> Result<(), TooMany> {
         let first = u32::try_from(mesh.nodes.len()).map_err(|_| TooMany)?;
         u32::try_from(mesh.nodes.len() + self.points.len()).map_err(|_| TooMany)?;
@@ -152,7 +152,7 @@ impl PolyMesh {
     }
 }
 
-/// That a mesh has more entries than 32 bits count.
+/// The error for a mesh with more entries than 32 bits count.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TooMany;
 
@@ -188,8 +188,8 @@ fn read_faces(file: &CaseFile) -> Result<(Vec<usize>, Vec<u32>)> {
     }
 }
 
-/// The cell of fixed shape that has these faces, whose nodes are in order seen from outside, anticlockwise; and its nodes
-/// in VTK's order.
+/// The cell of fixed shape with these faces, and its nodes in VTK's order. The faces' nodes are anticlockwise
+/// seen from outside.
 fn shape(faces: &[Vec<u32>]) -> Option<(CellKind, Vec<u32>)> {
     let triangles = faces.iter().filter(|face| face.len() == 3).count();
     let quads = faces.iter().filter(|face| face.len() == 4).count();
@@ -205,7 +205,7 @@ fn shape(faces: &[Vec<u32>]) -> Option<(CellKind, Vec<u32>)> {
     };
     let base = faces.iter().find(|face| face.len() == base_size)?;
     let mut nodes = base.clone();
-    // VTK numbers the base so that the rest lies above it, but for wedges.
+    // VTK orders the base so that the rest lies above it, except for wedges.
     if kind != CellKind::WEDGE {
         nodes.reverse();
     }
@@ -217,7 +217,7 @@ fn shape(faces: &[Vec<u32>]) -> Option<(CellKind, Vec<u32>)> {
         CellKind::TETRA | CellKind::PYRAMID => nodes.push(above[0]),
         _ => nodes.extend(above),
     }
-    // Others have as many faces of these sizes, too.
+    // Other shapes have the same numbers of faces of these sizes, too.
     let sorted = |face: &mut Vec<u32>| face.sort_unstable();
     let mut found = faces.to_vec();
     found.iter_mut().for_each(sorted);
@@ -230,7 +230,7 @@ fn shape(faces: &[Vec<u32>]) -> Option<(CellKind, Vec<u32>)> {
     (found == expected).then_some((kind, nodes))
 }
 
-/// The node that an edge joins to a node of the base and that is not in the base itself.
+/// The node outside the base that an edge joins to a node of the base.
 fn above(faces: &[Vec<u32>], base: &[u32], node: u32) -> Option<u32> {
     let of_face = |face: &Vec<u32>| {
         let at = face.iter().position(|&n| n == node)?;

@@ -1,17 +1,18 @@
-//! Cases of OpenFOAM: a folder, or a ZIP archive of one.
+//! Reads cases of OpenFOAM: a folder, or a ZIP archive of one.
 //!
-//! | file | what |
+//! | file | content |
 //! |---|---|
-//! | `system/controlDict` | marks the folder as a case; it is the file that is opened for the folder, or for an empty `NAME.foam` or `NAME.OpenFOAM` in it |
+//! | `system/controlDict` | marks the folder as a case; it is opened for the folder, or for an empty `NAME.foam` or `NAME.OpenFOAM` in it |
 //! | `constant/polyMesh/points` | nodes |
-//! | `.../faces` | polygons by their nodes; of class `faceCompactList` where each begins, then the nodes of all |
-//! | `.../owner`, `.../neighbour` | of each face the cell that its normal points out of, and the one that it points into; faces of the boundary, which come last, have no neighbour |
-//! | `TIME/NAME` | a field; of classes `vol...Field` at the cells, of `point...Field` at the nodes |
+//! | `.../faces` | polygons by their nodes; in class `faceCompactList` the start of each, then the nodes of all |
+//! | `.../owner`, `.../neighbour` | for each face the cell out of which its normal points, and the cell into which it points; faces of the boundary, which come last, have no neighbour |
+//! | `TIME/NAME` | a field; classes `vol...Field` at the cells, `point...Field` at the nodes |
 //! | `TIME/polyMesh/...` | the mesh, or its nodes, from this time on |
-//! | `processorN/...` | a piece of the case with a mesh and times of its own |
+//! | `processorN/...` | a partition of the case with a mesh and times of its own |
 //! | `constant/REGION/polyMesh/...`, `TIME/REGION/...` | one of several regions |
 //!
-//! Any of them may be packed as `NAME.gz`. Each begins with a header (OpenFOAM's guide, "Basic input/output format"):
+//! Any of them may be compressed as `NAME.gz`. Each begins with a header (OpenFOAM's guide, "Basic input/output
+//! format"):
 //!
 //! ```text
 //! FoamFile
@@ -25,9 +26,9 @@
 //! internalField nonuniform List<vector> 2((0 0 1)(0 0 2));    or: uniform (0 0 1)
 //! ```
 //!
-//! Lists are a count and the values in brackets, in binary files as bytes; `N{v}` is one value N times. The pieces of a
-//! case that is decomposed are put one after another; the whole is read instead where it has as many times. Patches of the
-//! boundary, values at faces and particles are left out.
+//! Lists are a count and the values in brackets, in binary files as bytes; `N{v}` is one value N times. The
+//! partitions of a decomposed case are put one after another; the undivided case is read instead if it has as
+//! many times. Patches of the boundary, values at faces and particles are left out.
 
 mod case;
 mod fields;
@@ -49,15 +50,15 @@ use crate::error::{Error, Result};
 
 const FORMAT: &str = "OpenFOAM case";
 
-/// Endings of the empty files that mark a case.
+/// Extensions of the empty files that mark a case.
 const MARKERS: [&str; 2] = ["foam", "openfoam"];
 
-/// Bytes that the values of all fields may take, and for each byte of the case's files. Fields of one value take few bytes
-/// in a file, and many in memory.
+/// Number of bytes that the values of all fields may take, and that number per byte of the case's files. Fields
+/// of one value take few bytes in a file, and many in memory.
 const LEAST_BUDGET: usize = 16 << 20;
 const BUDGET_PER_BYTE: usize = 4;
 
-/// Whether a file that begins with `head` is one of a case.
+/// Whether a file that begins with `head` belongs to a case.
 pub(super) fn looks_like(head: &[u8]) -> bool {
     let at = head.windows(8).position(|word| word == b"FoamFile");
     let Some(before) = at.map(|at| &head[..at]) else {
@@ -67,12 +68,12 @@ pub(super) fn looks_like(head: &[u8]) -> bool {
     start.is_empty() || start.starts_with(b"/*") || start.starts_with(b"//")
 }
 
-/// Whether an archive holds a case.
+/// Whether an archive contains a case.
 pub(super) fn is_archive(entries: &[Entry<'_>]) -> bool {
     case::roots(entries).next().is_some()
 }
 
-/// The file that stands for the case in a folder, or for that of a file that marks its folder as one.
+/// The control file of the case in a folder, or in the folder of a marker file.
 pub(super) fn case_in(path: &Path) -> Option<PathBuf> {
     let ending = super::extension(path);
     let folder = match path.is_dir() {
@@ -84,10 +85,10 @@ pub(super) fn case_in(path: &Path) -> Option<PathBuf> {
     control.is_file().then_some(control)
 }
 
-/// The steps of a case: one for each folder of a time.
+/// The time steps of a case: one for each folder of a time.
 ///
 /// # Errors
-/// A broken archive, or a file of a case that does not stand for the whole.
+/// A broken archive, or a file of a case other than its control file.
 pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
     let bytes = archive(input)?;
     let (case, _) = case_of(input, bytes.as_deref())?;
@@ -95,10 +96,10 @@ pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
     Ok(of_file(input.path, &times))
 }
 
-/// Reads one step of a case.
+/// Reads one time step of a case.
 ///
 /// # Errors
-/// As [`steps`]; a step that is not there; a mesh that is not there, or is damaged; fields that are.
+/// As [`steps`]; a step that does not exist; a missing or damaged mesh; damaged fields.
 pub(super) fn read(input: Input<'_>, time_step: Option<usize>) -> Result<Dataset> {
     let bytes = archive(input)?;
     let (case, others) = case_of(input, bytes.as_deref())?;
@@ -139,7 +140,7 @@ pub(super) fn read(input: Input<'_>, time_step: Option<usize>) -> Result<Dataset
     })
 }
 
-/// The bytes of an archive; of other files none.
+/// The bytes of an archive; `None` for other files.
 fn archive(input: Input<'_>) -> Result<Option<std::borrow::Cow<'_, [u8]>>> {
     let (head, _) = input.head(zip::MAGIC.len())?;
     match head == zip::MAGIC {
@@ -148,7 +149,7 @@ fn archive(input: Input<'_>) -> Result<Option<std::borrow::Cow<'_, [u8]>>> {
     }
 }
 
-/// The case that a file stands for, and the folders of others in the same archive.
+/// The case of a file, and the folders of other cases in the same archive.
 fn case_of<'a>(input: Input<'a>, archive: Option<&'a [u8]>) -> Result<(Case<'a>, Vec<String>)> {
     let path = input.path;
     if let Some(bytes) = archive {
@@ -174,19 +175,19 @@ fn case_of<'a>(input: Input<'a>, archive: Option<&'a [u8]>) -> Result<(Case<'a>,
     Ok((Case::Folder(root), Vec::new()))
 }
 
-/// Where in a case the mesh and the fields are.
+/// The location of the mesh and the fields in a case.
 struct Layout<'c> {
     case: &'c Case<'c>,
-    /// What their names begin with: nothing, or the folders of the pieces.
+    /// Prefixes of their names: empty, or the folders of the partitions.
     pieces: Vec<String>,
     /// Times and the names of their folders.
     times: Vec<(f64, String)>,
-    /// The folder of the region, with a `/`, or nothing.
+    /// The folder of the region, with a `/`, or empty.
     region: String,
     other_regions: Vec<String>,
 }
 
-/// The folders of times, in their order.
+/// The folders of times, sorted by time.
 fn times_in(case: &Case<'_>, folder: &str) -> Vec<(f64, String)> {
     let names = case.list(folder).into_iter();
     let mut times: Vec<(f64, String)> = names
@@ -243,7 +244,7 @@ impl<'c> Layout<'c> {
         self.times.iter().map(|(time, _)| *time).collect()
     }
 
-    /// The name of a file of the mesh at a time: the last that was written until then.
+    /// The name of a file of the mesh at a time: the last one written up to then.
     fn found(&self, piece: &str, step: usize, name: &str) -> Option<String> {
         let until = self.times.iter().take(step + 1).rev();
         let folders = until.map(|(_, folder)| folder.as_str());
@@ -255,14 +256,14 @@ impl<'c> Layout<'c> {
     }
 }
 
-/// A case while it is read.
+/// The state of reading a case.
 struct Reading<'c> {
     layout: &'c Layout<'c>,
     step: usize,
     mesh: CellMesh,
     fields: Vec<Gathered>,
     notes: Vec<String>,
-    /// Bytes of the files that were read.
+    /// Size in bytes of the files read so far.
     bytes: usize,
 }
 
@@ -292,7 +293,7 @@ impl Reading<'_> {
         Ok(())
     }
 
-    /// Appends the mesh of a piece, and says how many cells and nodes it has.
+    /// Appends the mesh of a partition, and returns its numbers of cells and nodes.
     fn read_mesh(&mut self, piece: &str) -> Result<[usize; 2]> {
         let layout = self.layout;
         let mut file = |name: &str| {
@@ -331,9 +332,9 @@ impl Reading<'_> {
         Ok(counts)
     }
 
-    /// Appends the fields of a piece at the time.
+    /// Appends the fields of a partition at the time.
     ///
-    /// - `counts`: how many cells and nodes the piece has.
+    /// - `counts`: numbers of cells and nodes of the partition.
     fn read_fields(&mut self, folder: &str, counts: [usize; 2], is_first: bool) -> Result<()> {
         let case = self.layout.case;
         let (mut others, mut computed, mut large) = (Vec::new(), Vec::new(), Vec::new());

@@ -1,24 +1,24 @@
-//! One file of a case: its header, and the words and lists behind it.
+//! Parses one file of a case: its header, and the words and lists after it.
 
 use std::path::PathBuf;
 
 use super::super::scalars::{Encoding, ScalarType, Stride, doubles};
 use crate::error::{Error, Result};
 
-/// The greatest depth of blocks in entries that are passed over.
+/// The greatest depth of blocks in skipped entries.
 const DEEPEST: usize = 64;
 
 /// A file of a case.
 #[derive(Debug)]
 pub(super) struct CaseFile {
-    /// The file that errors name.
+    /// The path that errors report.
     pub(super) path: PathBuf,
-    /// Where it is in the case: `0.5/U`.
+    /// Name in the case: `0.5/U`.
     pub(super) name: String,
     pub(super) bytes: Vec<u8>,
 }
 
-/// What a file's header says.
+/// The header of a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Header {
     pub(super) class: String,
@@ -27,7 +27,7 @@ pub(super) struct Header {
     scalar: Encoding,
 }
 
-/// A file while it is read.
+/// A file, and the position in it.
 #[derive(Debug)]
 pub(super) struct Scanner<'a> {
     file: &'a CaseFile,
@@ -35,12 +35,12 @@ pub(super) struct Scanner<'a> {
     at: usize,
 }
 
-/// What the numbers of a list are.
+/// Type of a list's numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     /// Whole numbers.
     Labels,
-    /// Of this many components, which stand in brackets where there are several.
+    /// Values of this many components, in brackets if there are several.
     Scalars(usize),
 }
 
@@ -54,7 +54,7 @@ impl Kind {
 }
 
 impl<'a> Scanner<'a> {
-    /// Begins behind the header.
+    /// Starts after the header.
     ///
     /// # Errors
     /// No header, or one with an unknown form of numbers.
@@ -97,7 +97,7 @@ impl<'a> Scanner<'a> {
         }
     }
 
-    /// `LSB;label=32;scalar=64`
+    /// Parses `LSB;label=32;scalar=64`.
     fn set_architecture(&mut self, text: &str) -> Result<()> {
         for part in text.split(';').map(str::trim) {
             match part {
@@ -118,7 +118,7 @@ impl<'a> Scanner<'a> {
         Ok(())
     }
 
-    /// An error at the place that was reached.
+    /// An error at the current position.
     pub(super) fn fault(&self, expected: &str) -> Error {
         let rest = self.rest();
         let found: String = String::from_utf8_lossy(&rest[..rest.len().min(60)])
@@ -143,7 +143,7 @@ impl<'a> Scanner<'a> {
         self.file.bytes.get(self.at..).unwrap_or_default()
     }
 
-    /// Goes past white space and comments.
+    /// Skips white space and comments.
     fn skip_space(&mut self) {
         loop {
             let rest = self.rest();
@@ -162,13 +162,14 @@ impl<'a> Scanner<'a> {
         }
     }
 
-    /// The next byte that is no white space.
+    /// The next byte that is not white space.
     pub(super) fn peek(&mut self) -> Option<u8> {
         self.skip_space();
         self.rest().first().copied()
     }
 
-    /// A bracket or semicolon, what stands in quotes, or all until the next of these or white space; at the end nothing.
+    /// A bracket or semicolon, a quoted text, or all bytes until the next of these or white space; empty at the
+    /// end.
     pub(super) fn word(&mut self) -> &'a [u8] {
         self.skip_space();
         let rest = self.rest();
@@ -193,7 +194,8 @@ impl<'a> Scanner<'a> {
         word
     }
 
-    /// Goes past the rest of an entry: to its `;`, or the end of its block; of a directive, to the end of the line.
+    /// Skips the rest of an entry: to its `;`, or to the end of its block; for a directive, to the end of the
+    /// line.
     pub(super) fn skip_entry(&mut self, key: &[u8]) -> Result<()> {
         if key.starts_with(b"#") {
             let rest = self.rest();
@@ -217,7 +219,7 @@ impl<'a> Scanner<'a> {
         }
     }
 
-    /// Goes on behind one byte that must be there.
+    /// Skips one required byte.
     pub(super) fn expect(&mut self, mark: u8) -> Result<()> {
         if self.peek() == Some(mark) {
             self.at += 1;
@@ -254,17 +256,18 @@ impl<'a> Scanner<'a> {
         self.expect(b')')
     }
 
-    /// The length of a list, which must stand before it. No list is longer than its bytes, unless it is of one value.
+    /// The length of a list, which precedes it. A list is no longer than its bytes, unless it has a single
+    /// value.
     pub(super) fn count(&mut self) -> Result<usize> {
         self.parsed("the length of a list")
     }
 
-    /// A list of numbers, all components of one value after those of another.
+    /// A list of numbers, value after value, each with all its components.
     ///
-    /// - `count`: how many values there must be; without it, as many as there are.
+    /// - `count`: required number of values; without it, any number.
     ///
     /// # Errors
-    /// Another count, other things than numbers, fewer than the list states.
+    /// Another count; something other than numbers; fewer than the list states.
     pub(super) fn list(&mut self, kind: Kind, count: Option<usize>) -> Result<Vec<f64>> {
         let components = kind.components();
         let stated = self.count()?;
@@ -274,7 +277,7 @@ impl<'a> Scanner<'a> {
             return Err(self.fault(&format!("a list of {count} values, not {stated}")));
         }
         match self.peek() {
-            // All values are the same.
+            // All values are equal.
             Some(b'{') if count.is_some() => {
                 self.at += 1;
                 let mut value = Vec::new();
@@ -337,7 +340,7 @@ impl<'a> Scanner<'a> {
     }
 }
 
-/// A label of a list; -1, which stands for none, as `u32::MAX`.
+/// A label of a list; -1, which means none, as `u32::MAX`.
 fn label(number: f64) -> Option<u32> {
     if number == -1.0 {
         return Some(u32::MAX);

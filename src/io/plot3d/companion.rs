@@ -1,5 +1,5 @@
-//! Files that belong to a grid: solutions and functions. Where they are looked for, and which of their layouts agrees with
-//! the grid.
+//! Finds and reads files that accompany a grid: solutions and functions, in the layout that agrees with the
+//! grid.
 
 use std::path::{Path, PathBuf};
 
@@ -15,12 +15,12 @@ pub(super) struct Companion<'a> {
     path: &'a Path,
     /// The file of the grid.
     grid: &'a Path,
-    /// Solution or functions, of as many dimensions as the grid.
+    /// Solution or functions, with the grid's number of dimensions.
     kind: Kind,
 }
 
-/// The file beside a grid that is named as it is, if there is such a file: with `ending` in place of `xyz` in its name, or
-/// in place of its extension `x`, `g` or `p3d`.
+/// The file beside a grid with the grid's name, if there is one. Its name has `ending` in place of `xyz`, or in
+/// place of the extension `x`, `g` or `p3d`.
 ///
 /// - `ending`: in lower case.
 pub(super) fn beside(input: Input<'_>, ending: &str) -> Option<PathBuf> {
@@ -45,20 +45,20 @@ pub(super) fn beside(input: Input<'_>, ending: &str) -> Option<PathBuf> {
     (len > 0).then_some(beside)
 }
 
-/// The numbers of a companion, found to agree with its grid.
+/// The numbers of a companion that agrees with its grid.
 pub(super) struct Body<'a> {
     pub(super) of: Companion<'a>,
     contents: Contents<'a>,
     pub(super) layout: Layout,
-    /// Where each grid's numbers begin, and how many nodes it has.
+    /// Offset and number of nodes of each grid's numbers.
     grids: Vec<(usize, usize)>,
 }
 
 impl Body<'_> {
-    /// One number of each node, of one grid after another.
+    /// One number for each node, grid after grid.
     ///
     /// # Errors
-    /// Fewer than the layout says.
+    /// Fewer numbers than the layout states.
     pub(super) fn values(&self, number: usize) -> Result<Values> {
         let form = self.layout.form;
         let mut all: Vec<f64> = Vec::with_capacity(self.grids.iter().map(|(_, count)| count).sum());
@@ -99,10 +99,10 @@ impl<'a> Companion<'a> {
         })
     }
 
-    /// Has the numbers read that agree with the grid.
+    /// Applies `read` to the numbers, if they agree with the grid.
     ///
     /// # Errors
-    /// The file is of another grid, or of no readable size; those of `read`.
+    /// A file of another grid, or of no readable size; errors of `read`.
     pub(super) fn read<T>(
         &self,
         bytes: &[u8],
@@ -123,7 +123,7 @@ impl<'a> Companion<'a> {
         })
     }
 
-    /// That there are fewer numbers than the layout says.
+    /// The error for fewer numbers than the layout states.
     fn broken(&self) -> Error {
         let (expected, advice) = match self.kind.content {
             Content::Functions => ("the functions of each node", "write the file again"),
@@ -135,11 +135,11 @@ impl<'a> Companion<'a> {
         Error::format(self.path, self.place(), expected, "fewer", advice)
     }
 
-    /// The numbers of a file of text. Where some are repeated by a count they may be more than its bytes: no more than a
+    /// The numbers of a text file. With repeat counts there may be more numbers than bytes, but no more than a
     /// solution of the grid has.
     ///
     /// # Errors
-    /// A word is no number, or the numbers are more.
+    /// A word that is no number, or more numbers.
     fn numbers(&self, bytes: &[u8], grid_layout: &Layout) -> Result<Option<Vec<f64>>> {
         if !text::looks_like_text(bytes) {
             return Ok(None);
@@ -153,7 +153,7 @@ impl<'a> Companion<'a> {
     /// The layout that agrees with the grid and with the file's size. Zero bytes may follow.
     ///
     /// # Errors
-    /// The file is of another grid, or of no readable size.
+    /// A file of another grid, or of no readable size.
     fn layout(&self, contents: Contents<'_>, grid_layout: &Layout) -> Result<Layout> {
         let mut found_dims = None;
         let mut sizes = Vec::new();
@@ -172,8 +172,8 @@ impl<'a> Companion<'a> {
                 found_dims = found_dims.or(Some(layout.dims));
             }
         }
-        // Trailing zeros make a large all-zero tail look like padding: exact sizes win, then the
-        // grid's own way of writing, then the order of `Layout::all`.
+        // Trailing zeros make a large all-zero tail look like padding. So exact sizes take precedence, then the
+        // grid's own layout, then the order of `Layout::all`.
         let exact = |l: &Layout| l.end(self.kind) == Some(contents.len());
         let like_grid = |l: &Layout| (l.form, l.counted) == (grid_layout.form, grid_layout.counted);
         let chosen = fitting
@@ -215,7 +215,7 @@ impl<'a> Companion<'a> {
         ))
     }
 
-    /// Where the dimensions of the grid and of the file part: what was expected, what was found.
+    /// The difference between the dimensions of the grid and of the file: expected, found.
     fn disagreement(&self, grid: &[[usize; 3]], found: &[[usize; 3]]) -> (String, String) {
         if grid.len() != found.len() {
             let count = |dims: &[[usize; 3]]| match dims.len() {

@@ -1,4 +1,5 @@
-//! PLOT3D function files: any numbers at the nodes of a grid, and the names that stand in a file beside them.
+//! Reads PLOT3D function files: any quantities at the nodes of a grid, with their names from a file beside
+//! them.
 
 use std::path::Path;
 
@@ -10,27 +11,29 @@ use super::layout::{Content, Layout};
 use super::{node_field, text};
 use crate::error::{Error, Result};
 
-/// Endings of such files.
+/// Extensions of such files.
 pub(super) const ENDINGS: [&str; 2] = ["f", "fun"];
 
-/// More functions than any code writes: each is a field, which takes more memory than a number in a file.
+/// Greatest number of functions, more than any code writes: each is a field, which takes more memory than a
+/// number in a file.
 const MOST: usize = 4096;
 
-/// Whether a file beside a grid, named as its functions are, holds them: `.f` is also the ending of programs in Fortran.
+/// Whether a file with the name of a grid's functions contains functions: `.f` is also the extension of Fortran
+/// programs.
 ///
 /// # Errors
-/// The file cannot be read.
+/// A file that cannot be read.
 pub(super) fn is_no_program(path: &Path, grid: Input<'_>) -> Result<bool> {
     let head = grid.with_beside(path, |file| Ok(file.head(256)?.0))?;
     let is_text = text::looks_like_text(&head);
     Ok(!is_text || text::begins_with_number(&head))
 }
 
-/// Whether a file that is given with a grid holds functions: its name says so, or it is no solution of that grid and holds
-/// functions.
+/// Whether a file given with a grid contains functions: by its extension, or because it is not a solution of
+/// that grid and agrees as functions.
 ///
 /// # Errors
-/// The file cannot be read.
+/// A file that cannot be read.
 pub(super) fn is_given(path: &Path, grid: Input<'_>, grid_layout: &Layout) -> Result<bool> {
     let ending = extension(path);
     if ENDINGS.contains(&ending.as_str()) || ending == "q" {
@@ -43,10 +46,10 @@ pub(super) fn is_given(path: &Path, grid: Input<'_>, grid_layout: &Layout) -> Re
     Ok(!fits(Content::Solution) && fits(Content::Functions))
 }
 
-/// The functions at all nodes of a grid, one grid after another, and what was left out.
+/// The functions at all nodes, grid after grid, and notes on what was left out.
 ///
 /// # Errors
-/// The file is of another grid, or of no readable size.
+/// A file of another grid, or of no readable size.
 pub(super) fn read(
     path: &Path,
     grid: Input<'_>,
@@ -86,13 +89,13 @@ fn of_body(path: &Path, grid: Input<'_>, body: &Body<'_>) -> Result<(Vec<Field>,
     Ok((fields, notes))
 }
 
-/// Names of `count` functions: those of the file beside theirs that ends in `.nam`, and `f1`, `f2`, ... for those that it
-/// does not name; and what is wrong with it.
+/// Names of `count` functions, from the file beside theirs with the extension `.nam`; others are `f1`, `f2`,
+/// ... Also returns a note on faults of that file.
 ///
-/// In FieldView's files the name of a vector follows that of its first component, behind a semicolon.
+/// In FieldView's files the name of a vector follows that of its first component, after a semicolon.
 ///
 /// # Errors
-/// The file is there and cannot be read.
+/// The file exists and cannot be read.
 fn names(path: &Path, grid: Input<'_>, count: usize) -> Result<(Vec<String>, Option<String>)> {
     let is_upper = path
         .extension()

@@ -1,8 +1,8 @@
-//! The ways to write a PLOT3D file, and which of them a file's size agrees with.
+//! Defines the layouts of PLOT3D files, and finds those that agree with a file's size.
 
 use super::super::scalars::{Encoding, ScalarType, Stride, doubles};
 
-/// How the numbers are written.
+/// Encoding of the numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Form {
     /// As text, separated by white space or commas.
@@ -15,7 +15,7 @@ pub(super) enum Form {
     },
 }
 
-/// A file's numbers: bytes, or what the text says.
+/// A file's numbers: bytes, or the numbers in its text.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Contents<'a> {
     Bytes(&'a [u8]),
@@ -35,7 +35,7 @@ pub(super) enum Content {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Kind {
     pub(super) content: Content,
-    /// 3, or 2: then the header has no nk, the grid no z and the solution no momentum along it.
+    /// 3; or 2, for which the header has no nk, the grid no z and the solution no momentum along z.
     pub(super) axes: usize,
 }
 
@@ -47,25 +47,26 @@ impl Kind {
         Self { content, axes }
     }
 
-    /// How many counts the header has for each grid: nodes along each axis, and the number of functions in a file of these.
+    /// Number of counts in the header for each grid: nodes along each axis, and the number of functions in a
+    /// file of these.
     fn counts(self) -> usize {
         self.axes + usize::from(self.content == Content::Functions)
     }
 }
 
-/// One way to read a file. Sizes and places are in bytes, or in numbers where it is text.
+/// One layout of a file. Sizes and offsets are in bytes, or in numbers for text.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Layout {
     pub(super) form: Form,
-    /// Whether the number of grids stands first.
+    /// Whether the number of grids comes first.
     pub(super) counted: bool,
     /// Grids only: whether iblank follows the coordinates.
     pub(super) blanked: bool,
     /// Nodes along i, j and k of each grid.
     pub(super) dims: Vec<[usize; 3]>,
-    /// Functions only: how many each grid has.
+    /// Functions only: number of functions of each grid.
     pub(super) functions: Vec<usize>,
-    /// Dimensions: 3 or 2.
+    /// Number of dimensions: 3 or 2.
     pub(super) axes: usize,
 }
 
@@ -108,7 +109,7 @@ impl Form {
 }
 
 impl<'a> Contents<'a> {
-    /// Those of a file; `numbers` are there where it is text.
+    /// The contents of a file; `numbers` are given for text.
     pub(super) fn of(bytes: &'a [u8], numbers: Option<&'a [f64]>) -> Self {
         numbers.map_or(Self::Bytes(bytes), Self::Numbers)
     }
@@ -120,7 +121,7 @@ impl<'a> Contents<'a> {
         }
     }
 
-    /// Whether nothing but zero bytes follows from `end` on; text must end there.
+    /// Whether only zero bytes follow from `end` on; text must end there.
     fn rest_is_padding(self, end: usize) -> bool {
         match self {
             Self::Bytes(bytes) => bytes
@@ -130,7 +131,7 @@ impl<'a> Contents<'a> {
         }
     }
 
-    /// `count` numbers from `at` on: reals, or the words that counts and iblank are.
+    /// `count` numbers from `at` on: reals, or the words of counts and iblank.
     pub(super) fn numbers(
         self,
         form: Form,
@@ -182,9 +183,8 @@ impl<'a> Contents<'a> {
 }
 
 impl Layout {
-    /// All ways to read a file that begins with `head`, in the order of preference: record
-    /// marks before none, a grid count before none, single before double precision, little
-    /// before big endian, no iblank before one.
+    /// All layouts of a file that begins with `head`, in the order of preference: record marks before none, a
+    /// grid count before none, single before double precision, little before big endian, no iblank before one.
     pub(super) fn all(head: Contents<'_>, kind: Kind) -> impl Iterator<Item = Self> {
         let forms = Form::all(head);
         let marked = |marked: bool| move |form: &Form| (form.mark_size() > 0) == marked;
@@ -211,14 +211,14 @@ impl Layout {
             })
     }
 
-    /// Those whose size is that of the file, and whose record marks say what they must.
+    /// The layouts with the size of the file and with the right record marks.
     pub(super) fn fitting(contents: Contents<'_>, kind: Kind) -> impl Iterator<Item = Self> {
         Self::all(contents, kind).filter(move |layout| {
             layout.end(kind) == Some(contents.len()) && layout.marks_agree(contents, kind)
         })
     }
 
-    /// Whether these contents can be read so, but for zero bytes after them.
+    /// Whether the contents have this layout, except for zero bytes after it.
     pub(super) fn fits_padded(&self, contents: Contents<'_>, kind: Kind) -> bool {
         self.end(kind)
             .is_some_and(|end| contents.rest_is_padding(end))
@@ -254,7 +254,7 @@ impl Layout {
         Some(sizes)
     }
 
-    /// Where the contents of each grid's last record start, and where the file ends.
+    /// Offsets of each grid's last record, and of the file's end.
     pub(super) fn bodies(&self, kind: Kind) -> Option<(Vec<usize>, usize)> {
         let mark = self.form.mark_size();
         let sizes = self.record_sizes(kind)?;
@@ -279,7 +279,7 @@ impl Layout {
         self.bodies(kind).map(|(_, end)| end)
     }
 
-    /// Whether the record marks, where this layout has them, say what they must.
+    /// Whether the record marks, if this layout has them, are right.
     pub(super) fn marks_agree(&self, contents: Contents<'_>, kind: Kind) -> bool {
         if self.form.mark_size() == 0 {
             return true;
@@ -300,9 +300,9 @@ impl Layout {
         })
     }
 
-    /// Whether the file holds each k plane as a record of its own.
+    /// Whether the file has each k plane as a separate record.
     pub(super) fn is_in_planes(&self, contents: Contents<'_>) -> bool {
-        // Only marks between them tell planes apart.
+        // Only marks between planes distinguish them.
         if self.form.mark_size() == 0 {
             return false;
         }
@@ -319,7 +319,7 @@ impl Layout {
         let Some(extra) = extra.filter(|&n| n > 0) else {
             return false;
         };
-        // The header names the grids, not the planes.
+        // The header counts the grids, not the planes.
         let end = planes.end(Kind::GRID);
         end.and_then(|end| end.checked_sub(12 * extra)) == Some(contents.len())
     }
@@ -371,7 +371,7 @@ pub(super) fn describe_dims(dims: &[[usize; 3]]) -> String {
     }
 }
 
-/// The layout that the words at the start give a file of this form, without iblank: all counts are at least 1.
+/// The layout from the words at the start of a file of this form, without iblank: all counts are at least 1.
 fn of_header(head: Contents<'_>, form: Form, counted: bool, kind: Kind) -> Option<Layout> {
     let (mark, word) = (form.mark_size(), form.word_size());
     let mut at = mark;
@@ -380,7 +380,7 @@ fn of_header(head: Contents<'_>, form: Form, counted: bool, kind: Kind) -> Optio
         grids = head.count(form, at)?;
         at += word + 2 * mark;
     }
-    // No more grids than the bytes that are there can name.
+    // There cannot be more grids than the file has counts for.
     if grids > head.len() / (kind.counts() * word) {
         return None;
     }
@@ -459,8 +459,8 @@ mod tests {
 
     #[test]
     fn the_size_tells_the_layouts_apart() {
-        // A grid count of 1 could be mistaken for a dimension; the size tells them apart for
-        // all grids of more than one node.
+        // A grid count of 1 could be mistaken for a dimension; the size distinguishes them for all grids of
+        // more than one node.
         let grids: [&[[usize; 3]]; 7] = [
             &[[2, 3, 4]],
             &[[1, 2, 3]],

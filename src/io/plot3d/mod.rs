@@ -1,48 +1,47 @@
-//! PLOT3D grids, solutions and functions: one or several grids, as NASA's codes write them.
+//! Reads PLOT3D grids, solutions and functions: one or several grids, as written by NASA's codes.
 //!
 //! Grid (`.xyz`, `.x`, `.g`, `.p3d`, `.bin`), i fastest, then j, then k:
 //!
-//! | what | type |
+//! | content | type |
 //! |---|---|
-//! | number of grids G; may be left out where it is 1 | i32 |
+//! | number of grids G; may be missing if it is 1 | i32 |
 //! | ni, nj, nk of every grid | i32 x 3 G |
-//! | of each grid in turn: all x, all y, all z | f32 or f64, N = ni nj nk each |
+//! | for each grid in turn: all x, all y, all z | f32 or f64, N = ni nj nk each |
 //! | ... and iblank, optional | i32 x N |
 //!
 //! Solution (`.q`, `.bin`):
 //!
-//! | what | type |
+//! | content | type |
 //! |---|---|
-//! | number of grids G; may be left out where it is 1 | i32 |
+//! | number of grids G; may be missing if it is 1 | i32 |
 //! | ni, nj, nk of every grid | i32 x 3 G |
-//! | of each grid in turn: free-stream Mach number, angle of attack, Reynolds number, time | f32 or f64, x 4 |
+//! | for each grid in turn: free-stream Mach number, angle of attack, Reynolds number, time | f32 or f64, x 4 |
 //! | ... and density, momentum x, y, z, energy | f32 or f64, N each |
 //!
 //! Functions (`.f`, `.fun`), with their names in a file `.nam` of the same name, one in each line:
 //!
-//! | what | type |
+//! | content | type |
 //! |---|---|
-//! | number of grids G; may be left out where it is 1 | i32 |
+//! | number of grids G; may be missing if it is 1 | i32 |
 //! | ni, nj, nk and the number of functions M of every grid | i32 x 4 G |
-//! | of each grid in turn: its functions, one after another | f32 or f64, M N |
+//! | for each grid in turn: its functions, one after another | f32 or f64, M N |
 //!
-//! Fortran programs put a u32 with the record's byte count before and after each row of these
-//! tables (coordinates and iblank of a grid are one record, and so are its functions). Either byte order is read. Text
-//! holds the same numbers, separated by white space or commas.
+//! Fortran programs put a u32 with the record's byte count before and after each row of these tables
+//! (coordinates and iblank of a grid are one record, and so are its functions). Either byte order is read. Text
+//! has the same numbers, separated by white space or commas.
 //!
-//! Nothing in a file says which of the layouts it has: the one is taken whose size agrees with
-//! the file's, in bytes (in numbers, where it is text), and whose record marks, if it has them,
-//! are those that must stand there. Where several agree, the first of this order is taken and
-//! the data set's notes say so: record marks before none, a grid count before none, single
-//! before double precision, little before big endian, no iblank before one. (A grid count
-//! before none, because a coordinate's first bits are hardly ever a small count.) Solutions and functions
+//! The file does not state which of these layouts it has. The reader takes the layout whose size agrees with
+//! the file's, in bytes (for text, in numbers), and whose record marks, if any, are right. If several agree, it
+//! takes the first in this order, and the data set's notes say so: record marks before none, a grid count
+//! before none, single before double precision, little before big endian, no iblank before one. (A grid count
+//! comes before none because a coordinate's first bits are hardly ever a small count.) Solutions and functions
 //! may be followed by zero bytes; grids may not.
 //!
-//! Files of two dimensions have no nk, no z and no momentum along it; they are taken where no layout of three agrees,
-//! and are a layer at z = 0.
+//! Files of two dimensions have no nk, no z and no momentum along z. They are tried if no layout of three
+//! dimensions agrees, and are a layer at z = 0.
 //!
-//! Coordinates stand whole, not by planes of k. Planes are refused where record marks show
-//! them; without marks they look the same and cannot be told.
+//! Coordinates are stored whole, not by planes of k. Files by planes are refused if record marks show the
+//! planes; without marks they cannot be distinguished.
 
 mod companion;
 mod functions;
@@ -63,7 +62,7 @@ use crate::scene::Values;
 
 /// Whether a binary file of `len` bytes that begins with `head` has the size of a PLOT3D grid.
 ///
-/// - `has_its_name`: whether a solution, functions or a grid of two dimensions will do.
+/// - `has_its_name`: whether solutions, functions and grids of two dimensions are accepted, too.
 pub(crate) fn looks_like(head: &[u8], len: u64, has_its_name: bool) -> bool {
     let contents = [Content::Grid, Content::Solution, Content::Functions];
     let kinds = [3, 2].map(|axes| contents.map(|content| Kind::of(content, axes)));
@@ -75,7 +74,7 @@ pub(crate) fn looks_like(head: &[u8], len: u64, has_its_name: bool) -> bool {
     })
 }
 
-/// Whether a file of text holds as many numbers as a PLOT3D grid of the size that its first numbers say.
+/// Whether a text file has as many numbers as a PLOT3D grid with the dimensions in its first numbers.
 pub(crate) fn is_text_grid(input: Input<'_>) -> bool {
     let numbers = input
         .read_all()
@@ -86,7 +85,7 @@ pub(crate) fn is_text_grid(input: Input<'_>) -> bool {
     })
 }
 
-/// Reads a grid, its solution and its functions: the file given, and what of the two it is not from beside the grid.
+/// Reads a grid, its solution and its functions: from `given`, and otherwise from files beside the grid.
 ///
 /// # Errors
 /// No layout agrees with a file's size; the sizes are listed.
@@ -95,7 +94,7 @@ pub(crate) fn read(input: Input<'_>, given: Option<&Path>) -> Result<Dataset> {
     let bytes = input.read_all()?;
     let numbers;
     let contents = if text::looks_like_text(&bytes) {
-        // Plain text holds at most half as many numbers as bytes.
+        // Plain text has at most half as many numbers as bytes.
         numbers = text::numbers(path, &bytes, bytes.len())?;
         Contents::Numbers(&numbers)
     } else {
@@ -173,7 +172,7 @@ pub(crate) fn read(input: Input<'_>, given: Option<&Path>) -> Result<Dataset> {
     Ok(dataset)
 }
 
-/// The fields of the solution and of the functions of a grid, and what is said of them.
+/// The fields of the solution and of the functions of a grid, and notes on them.
 fn fields_of_nodes(
     grid: Input<'_>,
     layout: &Layout,
@@ -219,7 +218,7 @@ fn functions_beside(grid: Input<'_>) -> Result<Option<PathBuf>> {
     Ok(None)
 }
 
-/// A name that is not taken yet, whatever its letters' case: `pressure (2)` beside the solution's.
+/// A name that is not used yet, ignoring case: `pressure (2)` beside the solution's.
 fn free_name(name: String, taken: &mut HashSet<String>) -> String {
     let numbered = (2..).map(|n| format!("{name} ({n})"));
     let mut names = std::iter::once(name.clone()).chain(numbered);
@@ -227,7 +226,7 @@ fn free_name(name: String, taken: &mut HashSet<String>) -> String {
     free.unwrap_or(name)
 }
 
-/// How many fields stand before the derived ones, which stay last.
+/// Number of fields before the derived ones, which stay last.
 fn stored_count(fields: &[Field]) -> usize {
     let is_stored = |f: &&Field| !matches!(f.source, FieldSource::Derived(_));
     fields.iter().take_while(is_stored).count()

@@ -1,7 +1,7 @@
-//! PLOT3D solutions: the flow at the nodes of a grid, and what follows from it.
+//! Reads PLOT3D solutions: the flow at the nodes of a grid, and fields derived from it.
 //!
-//! Derived fields use PLOT3D's non-dimensional perfect gas (velocities in units of the
-//! free-stream speed of sound, gamma = 1.4).
+//! Derived fields use PLOT3D's non-dimensional perfect gas (velocities in units of the free-stream speed of
+//! sound, gamma = 1.4).
 
 use std::path::Path;
 
@@ -16,10 +16,10 @@ use crate::scene::Values;
 /// Ratio of specific heats of air.
 const GAMMA: f32 = 1.4;
 
-/// The fields of the solution of a grid, for all its nodes, one grid after another.
+/// The fields of the solution at all nodes of a grid, grid after grid.
 ///
 /// # Errors
-/// The solution is of another grid, or of no readable size.
+/// A solution of another grid, or of no readable size.
 pub(super) fn read(
     path: &Path,
     grid: Input<'_>,
@@ -35,9 +35,9 @@ fn of_body(body: &Body<'_>) -> Result<(Vec<Field>, Vec<String>)> {
     let axes = body.layout.axes;
     let (density, energy) = (variable(0)?, variable(1 + axes)?);
     let mut momentum = (1..=axes).map(variable).collect::<Result<Vec<_>>>()?;
-    // In two dimensions nothing moves along the third.
+    // In two dimensions the momentum along the third is 0.
     momentum.resize(3, Values::F32(vec![0.0; density.len()]));
-    // What is nowhere above 0 was not stored, and nothing follows from it.
+    // A quantity that is nowhere above 0 was not stored, and nothing can be derived from it.
     let is_stored = |values: &Values| values.finite_range().is_some_and(|[_, most]| most > 0.0);
     let has = [is_stored(&density), is_stored(&energy)];
     let mut fields = vec![
@@ -108,8 +108,7 @@ mod tests {
 
     #[test]
     fn uniform_flow_has_its_mach_number_and_pressure() {
-        // Free stream of Mach 2 along x: rho = 1, a = 1, p = 1 / gamma,
-        // e = p / (gamma - 1) + rho u² / 2.
+        // Free stream of Mach 2 along x: rho = 1, a = 1, p = 1 / gamma, e = p / (gamma - 1) + rho u² / 2.
         let energy = 1.0 / (GAMMA * (GAMMA - 1.0)) + 2.0;
         let data = Dataset::new(
             Path::new("free-stream"),

@@ -1,4 +1,4 @@
-//! PLOT3D as text: numbers separated by white space or commas, as Fortran writes them.
+//! Parses PLOT3D as text: numbers separated by white space or commas, as Fortran writes them.
 
 use std::path::Path;
 
@@ -20,11 +20,11 @@ pub(super) fn begins_with_number(bytes: &[u8]) -> bool {
     real(first.split_once('*').map_or(&first, |(_, value)| value)).is_some()
 }
 
-/// All numbers of a text, no more than `most`: `r*v` stands for `r` times `v`, so that a short
-/// text can claim any count of them.
+/// All numbers of a text, at most `most`: `r*v` means `r` times `v`, so that a short text can claim any count
+/// of them.
 ///
 /// # Errors
-/// A word is no number, with its line; or the numbers are more than `most`.
+/// A word that is no number, with its line; or more than `most` numbers.
 pub(super) fn numbers(path: &Path, bytes: &[u8], most: usize) -> Result<Vec<f64>> {
     let mut numbers = Vec::new();
     for (line_index, line) in bytes.split(|&b| b == b'\n').enumerate() {
@@ -62,7 +62,7 @@ pub(super) fn numbers(path: &Path, bytes: &[u8], most: usize) -> Result<Vec<f64>
     Ok(numbers)
 }
 
-/// A Fortran real: the exponent may be marked D, or by its sign alone.
+/// A Fortran real: the exponent may be marked by D, or by its sign alone.
 fn real(word: &str) -> Option<f64> {
     if let Ok(value) = word.parse() {
         return Some(value);

@@ -1,12 +1,13 @@
-//! Blocks of numbers: a line of text, and the numbers of one component after those of another, x fastest.
+//! Reads blocks of numbers: a line of text, then the numbers component by component, x fastest.
 //!
 //! ```text
 //! FAB ((8, (64 11 52 0 1 12 0 1023)),(8, (8 7 6 5 4 3 2 1)))((0,0,0) (7,7,7) (0,0,0)) 2
 //! ```
 //!
-//! The first list is the form of a number: bits in all, of the exponent, of the mantissa, where sign, exponent and mantissa
-//! begin, whether the leading one of the mantissa is stored, the bias. The second is the order of its bytes: rising is
-//! big-endian. Then follow the box, which may be wider than the one that is meant by its ghosts, and the components.
+//! The first list is the form of a number: its bits, those of the exponent and of the mantissa; the first bits
+//! of sign, exponent and mantissa; whether the leading one of the mantissa is stored; the bias. The second is
+//! the order of its bytes: rising is big-endian. Then follow the box, which may be wider than the intended one
+//! by ghost cells, and the number of components.
 
 use std::path::Path;
 
@@ -17,10 +18,10 @@ use super::text::{Box3, Tokens};
 use crate::error::{Error, Result};
 use crate::scene::Values;
 
-/// Bytes of the line at most.
+/// Greatest length of the line in bytes.
 const LONGEST_LINE: usize = 1024;
 
-/// Forms of numbers: IEEE's.
+/// Supported forms of numbers: IEEE's.
 const FORMS: [(&str, ScalarType); 2] = [
     ("(32 8 23 0 1 9 0 127)", ScalarType::F32),
     ("(64 11 52 0 1 12 0 1023)", ScalarType::F64),
@@ -30,7 +31,7 @@ const FORMS: [(&str, ScalarType); 2] = [
 pub(super) struct Block<'a> {
     pub(super) path: &'a Path,
     pub(super) bytes: &'a [u8],
-    /// Where its line begins.
+    /// Offset of its line.
     pub(super) start: u64,
     pub(super) dimensions: usize,
 }
@@ -41,9 +42,9 @@ impl Block<'_> {
         fault(self.path, &place, expected, found)
     }
 
-    /// The numbers of the cells of a box, by components.
+    /// The numbers of the cells in a box, by components.
     ///
-    /// - `left`: bytes of the file that no block has had.
+    /// - `left`: number of the file's bytes that no block has used yet.
     pub(super) fn read(&self, of: &Box3, count: usize, left: &mut usize) -> Result<Vec<Values>> {
         let start = usize::try_from(self.start).ok();
         let rest = start
@@ -95,7 +96,7 @@ impl Block<'_> {
         components.ok_or_else(|| self.fault("numbers", "fewer".into()))
     }
 
-    /// The form of the numbers, and the text behind it.
+    /// The form of the numbers, and the text after it.
     fn form<'t>(&self, line: &'t str) -> Result<(Encoding, &'t str)> {
         let expected = "FAB, and IEEE numbers of 32 or 64 bits in one of the two orders of bytes";
         let wrong = || self.fault(expected, format!("`{}`", clip(line)));

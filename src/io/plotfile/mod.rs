@@ -1,14 +1,14 @@
-//! Plotfiles of BoxLib and AMReX: a folder of levels of refinement, by AMReX's documentation ("IO: Plotfile") and the
-//! sources that write them.
+//! Reads plotfiles of BoxLib and AMReX: a folder of levels of refinement, by AMReX's documentation ("IO:
+//! Plotfile") and the sources that write them.
 //!
-//! | file | what |
+//! | file | content |
 //! |---|---|
-//! | `Header` | text: the version, names of fields, dimensions, time, the domain, of each level its spacing and where its boxes are |
-//! | `Level_0/Cell_H` | text: the boxes of the level in indices, and the file and the byte where the numbers of each begin |
-//! | `Level_0/Cell_D_00000` | for each box a line that says the form of its numbers, and the numbers |
+//! | `Header` | text: the version, names of fields, dimensions, time, the domain, and for each level its spacing and the path of its boxes |
+//! | `Level_0/Cell_H` | text: the boxes of the level in indices, and the file and the offset of the numbers of each |
+//! | `Level_0/Cell_D_00000` | for each box a line with the form of its numbers, and the numbers |
 //!
-//! What is given is the folder or its `Header`. Numbers are those of cells; cells that finer ones cover, and a box's ghosts,
-//! are left out (see [`super::amr`]).
+//! The folder or its `Header` is opened. Numbers are those of cells. Cells covered by finer ones, and a box's
+//! ghost cells, are left out (see [`super::amr`]).
 
 mod fab;
 mod text;
@@ -25,13 +25,13 @@ use super::file::Input;
 use super::{voxels, vtk_array};
 use crate::error::{Error, Result};
 
-/// The name of the file that says what the folder holds.
+/// The name of the file that describes the folder.
 pub(super) const HEADER: &str = "Header";
 
-/// How headers begin.
+/// First bytes of headers.
 const VERSIONS: [&[u8]; 3] = [b"HyperCLaw-V", b"NavierStokes-V", b"CartGrid-V"];
 
-/// Levels and fields; far more than anything writes.
+/// Greatest numbers of levels and fields; far more than anything writes.
 const MOST_LEVELS: usize = 64;
 const MOST_FIELDS: usize = 1 << 16;
 
@@ -42,7 +42,7 @@ pub(super) fn looks_like(head: &[u8]) -> bool {
     VERSIONS.iter().any(|version| head.starts_with(version))
 }
 
-/// What `Header` says.
+/// The parsed `Header`.
 struct Header {
     names: Vec<String>,
     time: f64,
@@ -53,14 +53,14 @@ struct Header {
 
 struct HeaderLevel {
     lattice: Level,
-    /// The names of its files begin so, relative to the folder.
+    /// Prefix of its files' names, relative to the folder.
     prefix: String,
 }
 
 /// Reads a plotfile by its header.
 ///
 /// # Errors
-/// A damaged header, files that are not there or shorter than they say, numbers in forms that are not read.
+/// A damaged header; files that are missing or too short; numbers in unsupported forms.
 pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
     let bytes = input.read_all()?;
@@ -99,7 +99,7 @@ fn header(path: &Path, bytes: &[u8]) -> Result<Header> {
     }
     let lower = vector(&mut tokens, dimensions, "the lower end of the domain")?;
     vector(&mut tokens, dimensions, "the upper end of the domain")?;
-    // Ratios of refinement, as many as there are: the spacings say the same.
+    // Ratios of refinement, of any number: the spacings give the same.
     tokens.line();
     tokens.line();
     let domains: Result<Vec<Box3>> = (0..=finest).map(|_| tokens.box3(dimensions)).collect();
@@ -198,7 +198,7 @@ fn read_level(
     for name in names {
         let file: PathBuf = voxels::beside_as(&list, "FabOnDisk", name)?;
         let bytes = input.read_beside(&file)?;
-        // Blocks that overlap would make more of a file than it holds.
+        // Overlapping blocks would multiply a file's bytes.
         let mut left = bytes.len();
         for &i in &of_file[name] {
             let block = fab::Block {
@@ -226,7 +226,7 @@ fn read_level(
     Ok(())
 }
 
-/// A fault of a file of the plotfile.
+/// The error for a damaged file of the plotfile.
 fn fault(path: &Path, place: &str, expected: &str, found: String) -> Error {
     Error::format(path, place, expected, found, DAMAGED)
 }

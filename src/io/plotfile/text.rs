@@ -1,4 +1,4 @@
-//! The text of plotfiles: words, numbers and boxes `((0,0,0) (7,7,7) (0,0,0))`.
+//! Parses the text of plotfiles: words, numbers and boxes `((0,0,0) (7,7,7) (0,0,0))`.
 
 use std::path::Path;
 use std::str::FromStr;
@@ -15,7 +15,7 @@ pub(super) struct Box3 {
 }
 
 impl Box3 {
-    /// Cells along each axis; 0 along the one that data of two dimensions lack.
+    /// Number of cells along each axis; 0 along the third axis of data of two dimensions.
     pub(super) fn cells(&self, dimensions: usize) -> [usize; 3] {
         [0, 1, 2].map(|axis| match axis < dimensions {
             true => usize::try_from(self.last[axis] - self.first[axis] + 1).unwrap_or(0),
@@ -24,7 +24,7 @@ impl Box3 {
     }
 }
 
-/// Text, read word by word: `(`, `)` and `,` are between words, too, where boxes are read.
+/// A text, read word by word; in boxes `(`, `)` and `,` are separators, too.
 pub(super) struct Tokens<'a> {
     path: &'a Path,
     rest: &'a str,
@@ -41,7 +41,7 @@ impl<'a> Tokens<'a> {
         fault(self.path, place, expected, found)
     }
 
-    /// What is left of the line.
+    /// The rest of the line.
     pub(super) fn line(&mut self) -> &'a str {
         let (line, rest) = self.rest.split_once('\n').unwrap_or((self.rest, ""));
         self.rest = rest;
@@ -106,7 +106,7 @@ impl<'a> Tokens<'a> {
         }
     }
 
-    /// Widths of ghosts, which each box states again by its own extent.
+    /// Skips the widths of ghost layers, which each box's own extent includes.
     pub(super) fn skip_ghosts(&mut self) {
         let text = self.rest.trim_start();
         let end = match text.starts_with('(') {

@@ -1,16 +1,18 @@
-//! 256 numbers in place of many.
+//! Quantises numbers to a codebook of 256.
 
 use super::meta::Levels;
 
-/// Numbers are divided into so many groups of one width, and into so many of one count, before they are divided into levels.
+/// Number of groups of equal width, and of equal count, into which numbers are divided before the division into
+/// levels.
 const GROUPS: usize = 2048;
 
-/// The power of a group's count by which it weighs: the few far from the many, the largest splats among them, are not
-/// left to one level.
+/// Power of a group's count that is its weight, so that the few outlying numbers, the largest splats among
+/// them, get more than one level.
 const WEIGHT: f64 = 0.5;
 
-/// The 256 numbers, ascending, that are near to all of these: the means of 256 runs of groups, with the least squared error by the
-/// groups' weights. Where there are no more numbers, they are these.
+/// A codebook of 256 ascending numbers near to all values: the means of 256 runs of groups, with the least
+/// squared error by the groups' weights. If there are no more than 256 different values, the codebook has
+/// exactly these.
 ///
 /// - `values`: finite.
 pub(super) fn codebook(mut values: Vec<f32>) -> Levels {
@@ -28,7 +30,7 @@ pub(super) fn codebook(mut values: Vec<f32>) -> Levels {
     let sums = Sums::of(&values);
     let mut start = 0;
     for (level, end) in levels.iter_mut().zip(sums.best_ends()) {
-        // Fewer groups than levels leave some over.
+        // If there are fewer groups than levels, some levels are left over.
         if end > start {
             *level = sums.mean(start, end);
         }
@@ -38,7 +40,8 @@ pub(super) fn codebook(mut values: Vec<f32>) -> Levels {
     levels
 }
 
-/// Sums over the first groups: of weights, and of weighted means and their squares, less the mean of all.
+/// Sums over the first groups: of weights, and of weighted means and their squares, relative to the mean of
+/// all.
 struct Sums {
     mean: f64,
     weights: Vec<f64>,
@@ -89,15 +92,15 @@ impl Sums {
         }
     }
 
-    /// Where the groups of each of 256 levels end, with the least squared error: by dynamic programming, in which the best last
-    /// run begins the later, the later it ends.
+    /// Ends of the groups of each of 256 levels, with the least squared error. Dynamic programming: the later a
+    /// run ends, the later its best start.
     fn best_ends(&self) -> Vec<usize> {
         let count = self.weights.len();
         let mut errors: Vec<f64> = (0..count).map(|end| self.deviation(0, end)).collect();
         let mut begins_of_runs = Vec::new();
         for _ in 1..256 {
             let mut next = vec![(0.0, 0); count];
-            // Ends from here to there, whose runs begin in between.
+            // Ranges of ends, with the range of starts for each.
             let mut open = vec![(0, count, 0, count)];
             while let Some((first, last, least, most)) = open.pop() {
                 if first >= last {
@@ -126,8 +129,8 @@ impl Sums {
     }
 }
 
-/// Where groups end that are no wider than one part of the range in [`GROUPS`], nor have more than one of the numbers in so many:
-/// neither a few far numbers nor many close ones make them coarse.
+/// Ends of groups. Groups are no wider than one part in [`GROUPS`] of the range, and have at most that share of
+/// the numbers: neither a few outlying numbers nor many close ones make the groups coarse.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -148,7 +151,7 @@ fn middle(a: f32, b: f32) -> f32 {
     0.5 * a + 0.5 * b
 }
 
-/// The number of the level that is the nearest to a value.
+/// The index of the level nearest to a value.
 pub(super) fn nearest(levels: &Levels, value: f32) -> u8 {
     let above = levels.partition_point(|&level| level < value);
     let below = above.saturating_sub(1);
@@ -184,16 +187,16 @@ mod tests {
         assert_eq!(codebook(Vec::new()), [0.0; 256]);
     }
 
-    /// Of even numbers the best levels are even, and off by 1 / sqrt 12 of a step. Of a normal density the least error that there
-    /// is is what Panter and Dite's integral says, sqrt(pi sqrt 3 / 2) / 256 of its deviation; the weights take some of it for the
-    /// tails.
+    /// For evenly distributed numbers the best levels are even, with an rms error of 1 / sqrt 12 of a step. For
+    /// a normal density the least error follows from Panter and Dite's integral, sqrt(pi sqrt 3 / 2) / 256 of
+    /// its deviation; the weights use some of the levels for the tails.
     #[test]
     fn errors_are_nearly_as_small_as_can_be() {
         let even: Vec<f32> = (0..100_000).map(|i| i as f32 / 100_000.0).collect();
         let found = rms(&even, &codebook(even.clone())) * 256.0 * 12_f64.sqrt();
         assert!((0.999..1.02).contains(&found), "{found}");
 
-        // A sum of twelve even numbers is nearly normal, less its tails.
+        // A sum of twelve even numbers is nearly normal, without its tails.
         let mut state = 1_u32;
         let mut random = || {
             state = state.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);

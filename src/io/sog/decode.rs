@@ -1,4 +1,4 @@
-//! Splats from the pixels of images.
+//! Decodes splats from the pixels of images.
 
 use std::f32::consts::SQRT_2;
 use std::path::Path;
@@ -16,16 +16,16 @@ use crate::math::harmonics_count;
 
 const FORMAT: &str = "SOG splats";
 
-/// Entries of the palette in a row of its image.
+/// Number of the palette's entries in a row of its image.
 pub(super) const PALETTE_ROW: usize = 64;
-/// Rows of the palette's image at most: its entries have numbers of 16 bits.
+/// Greatest number of rows in the palette's image: its entries have indices of 16 bits.
 pub(super) const PALETTE_ROWS: usize = (1 << 16) / PALETTE_ROW;
 
-/// No scene has more splats than this for each byte of their positions' images, beyond so few that it does not matter.
+/// Greatest number of splats per byte of the positions' images, and a number of splats that is always allowed.
 const SPLATS_PER_BYTE: usize = 64;
 const FEW_SPLATS: usize = 1 << 14;
 
-/// The alpha that says that a quaternion's first component is left out.
+/// The alpha of a quaternion whose first component is left out.
 pub(super) const FIRST_LARGEST: u8 = 252;
 
 struct Image {
@@ -33,7 +33,7 @@ struct Image {
     pixels: Vec<[u8; 4]>,
 }
 
-/// What scenes are made of.
+/// The images of a scene.
 struct Scene<'a> {
     path: &'a Path,
     files: &'a Files<'a>,
@@ -142,7 +142,7 @@ impl Scene<'_> {
         Ok(pairs.map(position).collect())
     }
 
-    /// The image of this name, of a pixel at least for each splat.
+    /// The image of this name, with at least one pixel per splat.
     fn image(&self, name: &str) -> Result<Image> {
         self.decode(name, &self.files.bytes(name)?)
     }
@@ -162,7 +162,7 @@ impl Scene<'_> {
         )
     }
 
-    /// An image whose size `is_right`, which is asked before its pixels are decoded.
+    /// Decodes an image if `is_right` accepts its size, which is tested before pixels are decoded.
     fn decode_if(
         &self,
         name: &str,
@@ -215,16 +215,16 @@ impl Scene<'_> {
 /// Harmonics of degrees above 0 that splats share.
 struct Palette {
     degree: u8,
-    /// Entries.
+    /// Number of entries.
     count: usize,
     /// A pixel for each coefficient of each entry.
     pixels: Vec<[u8; 4]>,
-    /// The splats' entries.
+    /// The entry index of each splat.
     numbers: Vec<[u8; 4]>,
 }
 
 impl Palette {
-    /// The coefficients of a splat; `None` where its entry is not there.
+    /// The coefficients of a splat; `None` if its entry does not exist.
     fn entry(&self, splat: usize) -> Option<&[[u8; 4]]> {
         let [low, high, ..] = *self.numbers.get(splat)?;
         let entry = usize::from(u16::from_le_bytes([low, high]));
@@ -235,7 +235,7 @@ impl Palette {
     }
 }
 
-/// A quaternion w, x, y, z; no rotation where it does not say which component is left out.
+/// A quaternion w, x, y, z; no rotation if the component left out is not stated.
 fn rotation([a, b, c, largest]: [u8; 4]) -> [f32; 4] {
     let Some(largest) = largest.checked_sub(FIRST_LARGEST).map(usize::from) else {
         return [1.0, 0.0, 0.0, 0.0];

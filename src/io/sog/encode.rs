@@ -1,4 +1,4 @@
-//! Scenes as archives of version 2.
+//! Encodes scenes as archives of version 2.
 
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::path::Path;
@@ -19,34 +19,35 @@ use crate::io::splats::SplatCloud;
 use crate::io::zip_write::stored;
 use crate::math::harmonics_count;
 
-/// Pixels of an image's side at most: what WebP has bits for.
+/// Greatest side of an image in pixels: the limit of WebP.
 const MOST_SIDE: usize = 1 << 14;
 
-/// Sides of images are multiples of this many pixels, as those of PlayCanvas's own writer.
+/// Sides of images are multiples of this many pixels, as in PlayCanvas's own writer.
 const SIDE_STEP: usize = 4;
 
-/// As many entries as numbers of 16 bits tell apart.
+/// Greatest number of entries that indices of 16 bits can address.
 const MOST_ENTRIES: usize = 1 << 16;
 
-/// Scenes with no more splats have their own entry each, where they differ.
+/// Scenes with at most this many splats have an entry for each different splat.
 const FEW_SPLATS: usize = 2048;
 
 /// An image: its name, its width and its pixels.
 type Image = (&'static str, usize, Vec<[u8; 4]>);
 
-/// The splats of a scene in the order in which they are written.
+/// The splats of a scene, in the order of the file.
 struct Scene<'a> {
     cloud: &'a SplatCloud,
     order: Vec<usize>,
     width: usize,
-    /// Pixels of each image.
+    /// Number of pixels of each image.
     pixels: usize,
 }
 
-/// An archive of splats, sorted along a Morton curve: neighbours in images are alike, and take less.
+/// Encodes an archive of splats, sorted along a Morton curve: neighbours in images are then alike, and are
+/// compressed better.
 ///
 /// # Errors
-/// More splats than images have pixels, or than an archive holds.
+/// More splats than images have pixels, or than an archive can hold.
 pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> {
     let count = cloud.positions.len();
     let too_many = |expected: String| {
@@ -113,14 +114,15 @@ pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> 
 }
 
 impl Scene<'_> {
-    /// A pixel for each splat, and such ones without a meaning to the end of the last row.
+    /// An image with a pixel for each splat, and unused pixels to the end of the last row.
     fn image(&self, name: &'static str, pixel: impl FnMut(usize) -> [u8; 4]) -> Image {
         let mut pixels: Vec<[u8; 4]> = self.order.iter().copied().map(pixel).collect();
         pixels.resize(self.pixels, [0, 0, 0, 255]);
         (name, self.width, pixels)
     }
 
-    /// Low and high bytes of positions, the least and the greatest logarithms, and the greatest step.
+    /// Images of the low and high bytes of positions, the least and the greatest logarithms, and the greatest
+    /// step.
     fn means(&self) -> ([Image; 2], [[f64; 3]; 2], f64) {
         let positions = &self.cloud.positions;
         let logarithm = |x: f64| x.abs().ln_1p().copysign(x);
@@ -156,7 +158,7 @@ impl Scene<'_> {
         self.image("quats.webp", |i| {
             let q = self.cloud.unit_rotation(i);
             let largest = (1..4).fold(0, |m, i| if q[i].abs() > q[m].abs() { i } else { m });
-            // q and -q are one rotation: what is left out is positive.
+            // q and -q are one rotation: the component left out is made positive.
             let sign = q[largest].signum();
             let mut pixel = [0; 4];
             for (slot, i) in pixel.iter_mut().zip((0..4).filter(|&i| i != largest)) {
@@ -200,7 +202,7 @@ impl Scene<'_> {
         (image, levels)
     }
 
-    /// The palette of the other harmonics, the splats' numbers in it, and what is stated of both.
+    /// The palette of the other harmonics, the splats' indices in it, and the metadata of both.
     fn harmonics(&self, notes: &mut Vec<String>) -> ([Image; 2], Value) {
         let coefficients = harmonics_count(self.cloud.harmonics_degree) - 1;
         let components = 3 * coefficients;
@@ -235,7 +237,7 @@ impl Scene<'_> {
             let [low, high] = label.to_le_bytes();
             [low, high, 0, 255]
         });
-        // Sets are in the order of images already.
+        // The sets are already in the order of the images.
         let labels = self.image("shN_labels.webp", |_| labels.next().unwrap_or_default());
         let palette = ("shN_centroids.webp", width, pixels);
         let stated = json!({
@@ -248,7 +250,8 @@ impl Scene<'_> {
     }
 }
 
-/// How many entries the palette of so many splats has at most: a power of two from half as many on, as PlayCanvas's own writer has.
+/// Greatest number of entries in a palette for this many splats: the greatest power of two up to their number,
+/// as in PlayCanvas's own writer.
 fn entry_count(splats: usize) -> usize {
     if splats <= FEW_SPLATS {
         return splats;
@@ -256,7 +259,7 @@ fn entry_count(splats: usize) -> usize {
     (1 << splats.ilog2()).min(MOST_ENTRIES)
 }
 
-/// How far numbers are from the levels that stand for them, where they are.
+/// Adds a note on the errors of numbers quantised to levels, if there are any.
 fn note_errors(notes: &mut Vec<String>, what: &str, values: &[f32], levels: &Levels) {
     let error = |v: &f32| f64::from((v - levels[usize::from(nearest(levels, *v))]).abs());
     let squares: f64 = values.iter().map(|v| error(v).powi(2)).sum();
@@ -269,7 +272,7 @@ fn note_errors(notes: &mut Vec<String>, what: &str, values: &[f32], levels: &Lev
     }
 }
 
-/// A WebP image without losses, with or without prediction from neighbours, whichever is smaller.
+/// A lossless WebP image, with or without prediction from neighbours, whichever is smaller.
 fn webp(width: usize, pixels: &[[u8; 4]]) -> std::result::Result<Vec<u8>, EncodingError> {
     let side = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
     let [width, height] = [width, pixels.len() / width].map(side);

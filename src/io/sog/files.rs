@@ -1,4 +1,4 @@
-//! The images of a scene: beside `meta.json`, or in the archive that holds it.
+//! Opens the images of a scene: beside `meta.json`, or in the archive that contains it.
 
 use std::borrow::Cow;
 
@@ -15,7 +15,7 @@ pub(super) fn is_meta(name: &str) -> bool {
     name.rsplit('/').next() == Some(META)
 }
 
-/// Where the files of a scene are.
+/// Location of a scene's files.
 pub(super) enum Files<'a> {
     Beside {
         input: Input<'a>,
@@ -24,13 +24,13 @@ pub(super) enum Files<'a> {
     Archive {
         input: Input<'a>,
         entries: Vec<Entry<'a>>,
-        /// How the names of this scene's members begin.
+        /// Prefix of the names of this scene's members.
         folder: String,
     },
 }
 
 impl<'a> Files<'a> {
-    /// - `bytes`: those of `input`.
+    /// - `bytes`: the bytes of `input`.
     pub(super) fn of(input: Input<'a>, bytes: &'a [u8]) -> Result<Self> {
         if !bytes.starts_with(zip::MAGIC) {
             return Ok(Self::Beside { input, meta: bytes });

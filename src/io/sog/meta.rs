@@ -1,4 +1,4 @@
-//! What `meta.json` says.
+//! Parses `meta.json`.
 
 use std::path::Path;
 
@@ -8,16 +8,16 @@ use crate::error::{Error, Result};
 use crate::io::scalars::narrow;
 use crate::io::vtk_xml::clip;
 
-/// Numbers that the bytes of one channel stand for.
+/// Values of the bytes of one channel.
 pub(super) type Levels = [f32; 256];
 
-/// What is stated, checked.
+/// The checked content of `meta.json`.
 pub(super) struct Meta {
     pub(super) count: usize,
     pub(super) is_anti_aliased: bool,
     /// Least and greatest logarithms of positions.
     pub(super) bounds: [[f64; 3]; 2],
-    /// Of three channels each.
+    /// Levels of three channels each.
     pub(super) scales: Vec<Levels>,
     pub(super) colours: Vec<Levels>,
     /// The logits of opacities; without them bytes are shares of 255.
@@ -31,12 +31,12 @@ pub(super) struct Meta {
 
 /// The harmonics beyond the constant one.
 pub(super) struct Harmonics {
-    /// The degree, where it is stated.
+    /// The degree, if it is stated.
     pub(super) degree: Option<u8>,
-    /// Entries of the palette, where that is stated.
+    /// Number of the palette's entries, if it is stated.
     pub(super) count: Option<usize>,
     pub(super) levels: Levels,
-    /// The palette, and the splats' numbers in it.
+    /// The palette, and the splats' indices in it.
     pub(super) files: [String; 2],
 }
 
@@ -54,7 +54,7 @@ struct Stated {
     harmonics: Option<Channels>,
 }
 
-/// What is said of one property of splats; which parts there are differs.
+/// Description of one property of splats; its parts differ between properties.
 #[derive(Deserialize)]
 struct Channels {
     shape: Option<Vec<usize>>,
@@ -193,7 +193,7 @@ impl Meta {
     }
 }
 
-/// Numbers in even steps.
+/// Levels in even steps.
 fn between([least, most]: [f64; 2]) -> Levels {
     let mut levels = [0.0; 256];
     for (byte, level) in (0..=u8::MAX).zip(&mut levels) {
@@ -202,7 +202,7 @@ fn between([least, most]: [f64; 2]) -> Levels {
     levels
 }
 
-/// Numbers as they are listed; the first goes on as the others do where it was left out. `None` where there are others than 256.
+/// Levels from a list; if the first was left out, it is extrapolated. `None` if there are not 256.
 fn codebook(stated: &[Option<f64>]) -> Option<Levels> {
     let mut levels = [0.0; 256];
     let stated: &[Option<f64>; 256] = stated.try_into().ok()?;

@@ -1,19 +1,20 @@
-//! SOG (PlayCanvas), versions 1 and 2: splats in the pixels of lossless WebP images, which a `meta.json` names; beside it, or all
-//! in one archive (`.sog`, ZIP).
+//! Reads and writes SOG (PlayCanvas); reads versions 1 and 2. Splats are stored in the pixels of lossless WebP
+//! images, which a `meta.json` names; beside it, or all in one archive (`.sog`, ZIP).
 //!
-//! Splat i is pixel i of each image but the palette, rows from the top; R, G and B are x, y and z unless something else is said.
+//! Splat i is pixel i of each image but the palette, rows from the top; R, G and B are x, y and z unless stated
+//! otherwise.
 //!
-//! | in `meta.json` | images | what |
+//! | in `meta.json` | images | content |
 //! |---|---|---|
 //! | `means` | low bytes, high bytes | positions in 16 bits between `mins` and `maxs`, which hold sign(x) ln(1 + abs x) |
 //! | `scales` | one | logarithms of standard deviations |
-//! | `quats` | one | the quaternion w, x, y, z without its largest component, which is 0 to 3 for alpha 252 to 255; the others from -√½ to √½ |
+//! | `quats` | one | the quaternion w, x, y, z without its largest component, whose index 0 to 3 is alpha 252 to 255; the others from -√½ to √½ |
 //! | `sh0` | one | coefficients of the constant harmonic; alpha: the peak opacity, in version 1 its logit |
-//! | `shN`, if there are more | palette, numbers | coefficients of degree `bands` as an entry of the palette: 64 entries a row, a pixel for each coefficient; numbers in R and G, the low byte first |
+//! | `shN`, if there are more | palette, indices | coefficients of degree `bands` as an entry of the palette: 64 entries a row, a pixel for each coefficient; indices in R and G, the low byte first |
 //!
-//! Bytes of version 2 are places in a `codebook` of 256 numbers, its peak opacities shares of 255; those of version 1, which has
-//! no `version`, lie between `mins` and `maxs`. `count` (version 1: `means.shape`) says how many splats there are, `antialias`
-//! that they are made for an anti-aliasing filter. Axes are those of PLY files.
+//! Bytes of version 2 are indices in a `codebook` of 256 numbers, its peak opacities shares of 255. Those of
+//! version 1, which has no `version`, lie between `mins` and `maxs`. `count` (version 1: `means.shape`) is the
+//! number of splats; `antialias` marks splats made for an anti-aliasing filter. Axes are those of PLY files.
 //!
 //! Source: the description of the format in PlayCanvas' manual, and its program splat-transform for version 1.
 
@@ -36,7 +37,7 @@ use files::Files;
 /// The file that names the images.
 pub(super) const META: &str = "meta.json";
 
-/// What `meta.json` holds, some of which is near its beginning.
+/// Keys of `meta.json`, some of which are near its beginning.
 const KEYS: [&str; 4] = ["\"means\"", "\"scales\"", "\"quats\"", "\"sh0\""];
 
 /// Whether a file that begins with `head` is a `meta.json`.
@@ -58,8 +59,8 @@ pub(super) fn is_archive(entries: &[zip::Entry<'_>]) -> bool {
 /// Reads splats.
 ///
 /// # Errors
-/// Images that are not there, that are damaged or smaller than the splats take, and a `meta.json` of another version or without
-/// what it has to say.
+/// Images that are missing, damaged or too small for the splats; a `meta.json` of another version or without a
+/// required part.
 pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     let bytes = input.read_all()?;
     let files = Files::of(input, &bytes)?;

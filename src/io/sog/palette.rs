@@ -1,43 +1,45 @@
-//! Sets of harmonics that many splats share.
+//! Builds palettes: sets of harmonics that many splats share.
 //!
-//! Sets that are the same count as one. All are divided in two along their widest axis, each part again, until there are as many parts as the palette
-//! has entries: each entry is the mean of a part. Between the two parts of a division entries are shared out by what is left to gain
-//! in each, and the plane between them is moved as k-means of two does. Nothing is random, and parts are divided beside one another.
+//! Equal sets count as one. The sets are divided in two along their widest axis, then each part again, until
+//! there are as many parts as palette entries. Each entry is the mean of a part. At each division the entries
+//! are split between the parts by the error left in each, and the plane between them is moved as in k-means
+//! with two clusters. Nothing is random, and parts are divided in parallel.
 
 use std::collections::HashMap;
 
 use rayon::prelude::*;
 
-/// Components of a set at most: three colours of fifteen harmonics.
+/// Greatest number of a set's components: three colours of fifteen harmonics.
 const MOST_COMPONENTS: usize = 45;
 
-/// The power of a part's squared deviations by which it gets entries: d / (d + 2) where sets fill about eight dimensions.
+/// Power of a part's squared deviations by which it gets entries: d / (d + 2) for sets that fill about eight
+/// dimensions.
 const SHARE: f64 = 0.8;
 
-/// How often the plane between two parts is moved.
+/// Number of times that the plane between two parts is moved.
 const MOVES: usize = 4;
 
-/// Divisions one within another at most: sets that lie ever closer together are left in one part.
+/// Greatest depth of divisions: sets closer together than that stay in one part.
 const MOST_ROUNDS: usize = 64;
 
-/// The entries that sets are replaced by.
+/// A palette, and the entry of each set.
 pub(super) struct Palette {
-    /// The components of one entry after another.
+    /// The components of all entries, concatenated.
     pub(super) entries: Vec<f32>,
     /// The entry of each set.
     pub(super) labels: Vec<u16>,
 }
 
-/// Sets of numbers, one after another.
+/// Sets of numbers, concatenated.
 #[derive(Clone, Copy)]
 struct Sets<'a> {
     numbers: &'a [f32],
     components: usize,
-    /// How many splats have each, where it is the first of those that are the same.
+    /// Number of splats with each set, stored at the first of equal sets.
     counts: &'a [u32],
 }
 
-/// Some of the sets, and how many entries of the palette they get.
+/// Some of the sets, and the number of palette entries for them.
 struct Part {
     members: Vec<u32>,
     entries: usize,
@@ -50,9 +52,9 @@ struct Sums {
     second: [f64; MOST_COMPONENTS],
 }
 
-/// At most `most` entries for sets of so many components.
+/// A palette of at most `most` entries for sets of `components` numbers.
 ///
-/// - `numbers`: of one set after another, less than 2^32 sets.
+/// - `numbers`: the sets, concatenated; fewer than 2^32 sets.
 /// - `most`: from 1 to 65,536.
 pub(super) fn palette(numbers: &[f32], components: usize, most: usize) -> Palette {
     let count = numbers.len() / components;
@@ -95,14 +97,14 @@ pub(super) fn palette(numbers: &[f32], components: usize, most: usize) -> Palett
     palette
 }
 
-/// For each set the first that is the same, and how many there are of each of those.
+/// The first equal set of each set, and how many sets are equal to each of those.
 fn distinct(numbers: &[f32], components: usize) -> (Vec<u32>, Vec<u32>) {
     let mut seen: HashMap<Vec<u32>, u32> = HashMap::new();
     let sets = numbers.chunks_exact(components).zip(0..);
     let mut counts = vec![0; numbers.len() / components];
     let firsts = sets
         .map(|(set, i)| {
-            // 0 and -0 are two, which does no harm.
+            // 0 and -0 differ, which does no harm.
             let bits = set.iter().map(|x| x.to_bits()).collect();
             let first = *seen.entry(bits).or_insert(i);
             counts[first as usize] += 1;
@@ -126,7 +128,8 @@ impl<'a> Sets<'a> {
         sums
     }
 
-    /// Two parts of a part, or itself where it has one entry or nothing to gain; all its sets where there are entries for all.
+    /// Divides a part in two. A part with one entry, or without any error left, stays whole; if there are
+    /// entries for all its sets, each set becomes a part.
     fn divide(self, part: Part) -> Vec<Part> {
         let Part {
             mut members,
@@ -175,7 +178,7 @@ impl<'a> Sets<'a> {
             reason = "a share of some entries"
         )]
         let own = (share * entries as f64).round() as usize;
-        // None gets more than it has members, nor none.
+        // Neither part gets more entries than it has members, nor none.
         let own = own
             .max(entries.saturating_sub(above.len()))
             .clamp(1, entries - 1)
@@ -193,7 +196,7 @@ impl<'a> Sets<'a> {
         ]
     }
 
-    /// The sums of those that are not above, and of those that are.
+    /// The sums of the sets that are not above, and of those that are.
     fn two_sums(self, members: &[u32], is_above: impl Fn(&[f32]) -> bool) -> [Sums; 2] {
         let mut sides = [Sums::default(), Sums::default()];
         for &member in members {
@@ -246,7 +249,7 @@ impl Sums {
         self.first.map(|sum| (sum / self.count) as f32)
     }
 
-    /// The sums of squared deviations from the mean, of each component; 0 where no more is left than roundings.
+    /// The sums of squared deviations from the mean, for each component; 0 if only rounding is left.
     fn deviations(&self) -> [f64; MOST_COMPONENTS] {
         let mut deviations = [0.0; MOST_COMPONENTS];
         let sums = self.first.iter().zip(&self.second);
@@ -261,7 +264,7 @@ impl Sums {
         self.deviations().iter().sum()
     }
 
-    /// The component that deviates most, and its mean.
+    /// The component with the greatest deviation, and its mean.
     fn widest(&self) -> (usize, f64) {
         let deviations = self.deviations();
         let axes = 0..MOST_COMPONENTS;

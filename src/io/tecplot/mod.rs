@@ -1,4 +1,4 @@
-//! Tecplot's text files ("Tecplot 360 Data Format Guide", ASCII data).
+//! Reads Tecplot's text files ("Tecplot 360 Data Format Guide", ASCII data).
 //!
 //! ```text
 //! TITLE = "any"
@@ -10,13 +10,14 @@
 //! 1 2 3 4
 //! ```
 //!
-//! Older headers say `F=FEPOINT, ET=BRICK`. A number may be repeated (`5*0.25`), and a zone may share variables or elements
-//! with one before it (`VARSHARELIST`, `CONNECTIVITYSHAREZONE`). Zones of one `SOLUTIONTIME` are a step of time, together
-//! with those that state none.
+//! Older headers have `F=FEPOINT, ET=BRICK`. A number may be repeated (`5*0.25`), and a zone may share
+//! variables or elements with an earlier one (`VARSHARELIST`, `CONNECTIVITYSHAREZONE`). Zones of one
+//! `SOLUTIONTIME` are a time step, together with those without a time.
 //!
-//! Where all zones are ordered and have more than one node along each axis, they are curvilinear grids; otherwise cells:
-//! zones of one layer quadrilaterals, and single lines of nodes points. Bricks whose nodes coincide as the guide says are
-//! wedges, pyramids and tetrahedra. Text, geometry and named lists of labels are left out.
+//! If all zones are ordered and have more than one node along each axis, they are curvilinear grids. Otherwise
+//! they are cells: zones of one layer are quadrilaterals, and single lines of nodes are points. Bricks with
+//! coinciding nodes are wedges, pyramids and tetrahedra, as in the guide. Text, geometry and named lists of
+//! labels are left out.
 
 mod scan;
 mod zone;
@@ -37,10 +38,10 @@ use crate::error::{Error, Result};
 
 const FORMAT: &str = "Tecplot text";
 
-/// Numbers that zones may share beyond one for each byte of the file.
+/// Number of numbers that zones may share beyond one for each byte of the file.
 const LEAST_NUMBERS: usize = 1 << 20;
 
-/// Whether text that begins with `head` is of Tecplot: a record that only it begins with.
+/// Whether text that begins with `head` is Tecplot's: its first record is one that no other format begins with.
 pub(super) fn looks_like(head: &[u8]) -> bool {
     let text = String::from_utf8_lossy(head);
     let mut scanner = Scanner::new(Path::new(""), &text);
@@ -51,7 +52,7 @@ pub(super) fn looks_like(head: &[u8]) -> bool {
     }
 }
 
-/// The steps of time, or one without a time.
+/// The time steps, or one without a time.
 ///
 /// # Errors
 /// A file that breaks the format's rules.
@@ -75,7 +76,7 @@ fn times(file: &File) -> Vec<f64> {
 /// Reads the zones of a step.
 ///
 /// # Errors
-/// As [`steps`], and a step that is not there.
+/// As [`steps`]; a step that does not exist.
 pub(super) fn read(
     input: Input<'_>,
     time_step: Option<usize>,
@@ -155,7 +156,7 @@ pub(super) fn read(
     Ok(data)
 }
 
-/// Which variables are x, y and z; of z there may be none.
+/// The variables that are x, y and z; there may be no z.
 fn axes(file: &File, notes: &mut Vec<String>) -> [Option<usize>; 3] {
     let named = |axis: &str| {
         let is_it = |name: &String| {
@@ -170,7 +171,7 @@ fn axes(file: &File, notes: &mut Vec<String>) -> [Option<usize>; 3] {
     if found[0].is_some() && found[1].is_some() {
         return found;
     }
-    // What the program itself takes.
+    // Tecplot's own default.
     let needs_z = file.zones.iter().any(|zone| match zone.shape {
         Shape::Ordered(dims) => dims[2] > 1,
         Shape::Elements { kind, .. } => kind.is_solid(),
@@ -244,7 +245,7 @@ impl Zone {
         (0..count).map(node).collect()
     }
 
-    /// Puts nodes and cells behind those of other zones.
+    /// Appends nodes and cells to those of other zones.
     #[expect(
         clippy::cast_possible_truncation,
         reason = "the caller checks the number of all nodes"
@@ -294,7 +295,7 @@ impl Zone {
     }
 }
 
-/// An element whose nodes coincide as that of fewer corners that it is, in VTK's order.
+/// Converts an element with coinciding nodes to the kind with fewer corners, in VTK's order.
 fn reduced(kind: CellKind, nodes: &[u32]) -> (CellKind, Cow<'_, [u32]>) {
     let of = |kind: CellKind, corners: &[usize]| {
         let nodes: Vec<u32> = corners.iter().map(|&c| nodes[c]).collect();
@@ -307,7 +308,7 @@ fn reduced(kind: CellKind, nodes: &[u32]) -> (CellKind, Cow<'_, [u32]>) {
             match (is_triangle, is_point) {
                 (true, true) => of(CellKind::TETRA, &[0, 1, 2, 4]),
                 (false, true) => of(CellKind::PYRAMID, &[0, 1, 2, 3, 4]),
-                // VTK numbers the first triangle of a wedge the other way round.
+                // VTK orders the first triangle of a wedge the other way round.
                 (true, false) if g == h => of(CellKind::WEDGE, &[0, 2, 1, 4, 6, 5]),
                 _ => (kind, Cow::Borrowed(nodes)),
             }

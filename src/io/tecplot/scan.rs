@@ -1,22 +1,22 @@
-//! Words, strings and lists of a Tecplot file.
+//! Scans words, strings and lists of a Tecplot file.
 
 use std::path::Path;
 
 use crate::error::{Error, Result};
 
-/// A piece of a file.
+/// A token of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Token<'a> {
-    /// What stands between quotes.
+    /// The text between quotes.
     Quoted(&'a str),
-    /// What stands between brackets, other brackets in it included.
+    /// The text between brackets, nested brackets included.
     Group(&'a str),
     Equals,
     /// Anything else between white space and commas.
     Word(&'a str),
 }
 
-/// A text while it is read.
+/// A text, and the position in it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Scanner<'a> {
     path: &'a Path,
@@ -59,8 +59,8 @@ impl<'a> Scanner<'a> {
         self.at += rest.find('\n').map_or(rest.len(), |end| end + 1);
     }
 
-    /// The next piece; `None` at the end. What begins with a quote or bracket and does not end with one goes on to the
-    /// end of the file.
+    /// The next token; `None` at the end. A token without its closing quote or bracket extends to the end of
+    /// the file.
     pub(super) fn next(&mut self) -> Option<Token<'a>> {
         self.skip_space();
         let rest = &self.text[self.at..];
@@ -102,13 +102,13 @@ impl<'a> Scanner<'a> {
         ahead.next()
     }
 
-    /// Whether a word comes next that `=` follows.
+    /// Whether the next tokens are a word and `=`.
     pub(super) fn is_key(&self) -> bool {
         let mut ahead = *self;
         matches!(ahead.next(), Some(Token::Word(_))) && ahead.next() == Some(Token::Equals)
     }
 
-    /// What follows a word and `=`.
+    /// The token after a word and `=`.
     pub(super) fn value(&mut self) -> Result<Token<'a>> {
         let found = self.next();
         if found != Some(Token::Equals) {
@@ -119,7 +119,7 @@ impl<'a> Scanner<'a> {
     }
 }
 
-/// What a piece says, for messages and for values.
+/// The text of a token, for messages and for values.
 pub(super) fn text_of(token: Option<Token<'_>>) -> String {
     match token {
         Some(Token::Quoted(text) | Token::Group(text) | Token::Word(text)) => text.to_owned(),

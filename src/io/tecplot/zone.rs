@@ -1,4 +1,4 @@
-//! Zones of a Tecplot file: their headers and numbers.
+//! Reads the zones of a Tecplot file: their headers and numbers.
 
 use std::path::Path;
 use std::rc::Rc;
@@ -7,18 +7,18 @@ use super::super::CellKind;
 use super::scan::{Scanner, Token, text_of};
 use crate::error::{Error, Result};
 
-/// Numbers that repetition may put in a file beyond one for each byte.
+/// Number of numbers that repetition may add beyond one for each byte of the file.
 const LEAST_NUMBERS: usize = 1 << 20;
 
-/// Variables at most; far more than anything writes.
+/// Greatest number of variables; far more than anything writes.
 const MOST_VARIABLES: usize = 1 << 12;
 
-/// What a file holds.
+/// The content of a file.
 #[derive(Debug, Default)]
 pub(super) struct File {
     pub(super) variables: Vec<String>,
     pub(super) zones: Vec<Zone>,
-    /// Whether there is text or geometry, which is left out.
+    /// Whether the file has text or geometry, which is left out.
     pub(super) has_others: bool,
 }
 
@@ -27,15 +27,15 @@ pub(super) struct File {
 pub(super) struct Zone {
     pub(super) shape: Shape,
     pub(super) time: Option<f64>,
-    /// Which variables are at the cells.
+    /// Whether each variable is at the cells.
     pub(super) at_cells: Vec<bool>,
-    /// The numbers of each variable; `None` where it is passive.
+    /// The numbers of each variable; `None` if it is passive.
     pub(super) values: Vec<Option<Rc<Vec<f64>>>>,
     /// Nodes of finite elements, counted from 0.
     pub(super) elements: Rc<Vec<u32>>,
 }
 
-/// How the nodes of a zone are joined.
+/// Connection of a zone's nodes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Shape {
     /// Nodes along i, j and k.
@@ -62,7 +62,7 @@ impl Shape {
     }
 }
 
-/// What the header of a zone says.
+/// The header of a zone.
 #[derive(Debug, Default)]
 struct Header {
     sizes: [Option<usize>; 3],
@@ -74,12 +74,12 @@ struct Header {
     time: Option<f64>,
     at_cells: Vec<usize>,
     passive: Vec<usize>,
-    /// Variables, and the zone that has their numbers.
+    /// Variables, and the zone whose numbers they share.
     shared: Vec<(usize, usize)>,
     shared_elements: Option<usize>,
 }
 
-/// Whether a record that files begin with has this name.
+/// Whether a record with this name may begin a file.
 pub(super) fn is_start(word: &str) -> bool {
     ["TITLE", "VARIABLES", "ZONE", "FILETYPE"]
         .iter()
@@ -168,7 +168,7 @@ impl Header {
                 "K" => header.sizes[2] = Some(count()?),
                 "N" | "NODES" => header.nodes = Some(count()?),
                 "E" | "ELEMENTS" => header.elements = Some(count()?),
-                // Either key is given either's values: BLOCK, FEBLOCK.
+                // Either key may have either's values: BLOCK, FEBLOCK.
                 "F" | "DATAPACKING" => {
                     header.is_block = upper.ends_with("BLOCK");
                     if upper.starts_with("FE") && header.kind.is_empty() {
@@ -232,7 +232,7 @@ impl Header {
                 return Err(scanner.fault("ZONETYPE", expected, other));
             }
         };
-        // Old files count them as I and J.
+        // Old files state them as I and J.
         let nodes = self.nodes.or(self.sizes[0]);
         let cells = self.elements.or(self.sizes[1]);
         match (nodes, cells) {
@@ -251,8 +251,8 @@ fn is_auxiliary(token: Option<Token<'_>>) -> bool {
     matches!(token, Some(Token::Word(word)) if word.eq_ignore_ascii_case("AUXDATA"))
 }
 
-/// The lists of `[1-3,5]=A, [4]=B`, counted from 0, and what is behind each. Of `A, A, B`, which names no variables, each
-/// stands for one of them.
+/// Parses the lists of `[1-3,5]=A, [4]=B`, counted from 0, each with its value. In `A, A, B`, which has no
+/// lists, each value is that of one variable.
 fn lists(text: &str, variable_count: usize) -> Option<Vec<(Vec<usize>, String)>> {
     let mut found = Vec::new();
     if !text.contains('[') {
@@ -289,7 +289,7 @@ fn lists(text: &str, variable_count: usize) -> Option<Vec<(Vec<usize>, String)>>
     Some(found)
 }
 
-/// Numbers of a zone, repeated ones one by one.
+/// Iterates over the numbers of a zone, with repeated ones expanded.
 struct Numbers<'s, 'a> {
     scanner: &'s mut Scanner<'a>,
     budget: &'s mut usize,
@@ -321,7 +321,7 @@ impl Numbers<'_, '_> {
     }
 }
 
-/// A number, whose exponent Fortran may mark by `D`.
+/// A number, in which Fortran may write `D` before the exponent.
 fn parse(word: &str) -> Option<f64> {
     word.parse()
         .ok()

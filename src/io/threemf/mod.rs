@@ -1,18 +1,18 @@
-//! 3MF: what is to be printed, as meshes in XML in a ZIP archive.
+//! Reads 3MF: objects for 3D printing, as meshes in XML in a ZIP archive.
 //!
-//! | element | what is made of it |
+//! | element | result |
 //! |---|---|
-//! | `model`, `unit` | coordinates stay as they are; a note says what unit is not the millimetre |
+//! | `model`, `unit` | coordinates stay as they are; a note names a unit other than the millimetre |
 //! | `object` with `mesh` | `vertices` and `triangles` |
-//! | `object` with `components` | other objects in their places, those of other models in the archive (`p:path`) too |
-//! | `build`, `item` | what is shown, in its place |
+//! | `object` with `components` | other objects, transformed, including those of other models in the archive (`p:path`) |
+//! | `build`, `item` | the objects to show, transformed |
 //! | `basematerials`, `m:colorgroup` | colours of triangles or of their corners, sRGB-encoded |
 //! | `m:texture2dgroup`, `m:texture2d` | texture coordinates, v upwards; images in the archive |
-//! | `m:compositematerials`, `m:multiproperties` | nothing, with a note |
-//! | thumbnails, slices, beams | nothing |
+//! | `m:compositematerials`, `m:multiproperties` | left out, with a note |
+//! | thumbnails, slices, beams | left out |
 //!
-//! Transforms are twelve numbers, rows of a matrix that a row of coordinates is multiplied by from the left. Triangles run
-//! counter-clockwise seen from outside.
+//! Transforms are twelve numbers, rows of a matrix that multiplies a row of coordinates from the right.
+//! Triangles run counter-clockwise seen from outside.
 //!
 //! Source: the 3MF Core Specification 1.3, its Materials and Properties Extension 1.2 and its Production Extension 1.1.
 
@@ -36,17 +36,18 @@ use model::{Content, Model};
 use package::Package;
 use shapes::Shapes;
 
-/// What to do about an archive that breaks the rules.
+/// Advice for an archive that breaks the rules.
 const DAMAGED: &str = "the file is damaged or breaks the format's rules: save the mesh again";
 
-/// Components in components at most: more is a circle.
+/// Greatest depth of components: more is a cycle.
 const DEEPEST: usize = 32;
-/// Objects that are placed at most, all components together.
+/// Greatest number of placed objects, all components together.
 const MOST_PLACED: usize = 1 << 20;
-/// Corners of triangles that are placed at most: components share meshes, so a small file can state a scene of any size.
+/// Greatest number of placed triangles' corners: components share meshes, so a small file can describe a scene
+/// of any size.
 const MOST_CORNERS: usize = 1 << 27;
 
-/// Whether an archive holds a model.
+/// Whether an archive contains a model.
 pub(super) fn is_archive(entries: &[zip::Entry<'_>]) -> bool {
     entries.iter().any(|entry| entry.name.ends_with(".model"))
 }
@@ -54,7 +55,7 @@ pub(super) fn is_archive(entries: &[zip::Entry<'_>]) -> bool {
 /// Reads a mesh.
 ///
 /// # Errors
-/// An archive or XML that is damaged, objects and corners that are not there, components in a circle, and nothing to be shown.
+/// A damaged archive or XML; objects and corners that do not exist; a cycle of components; nothing to show.
 pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
     let bytes = input.read_all()?;
@@ -111,9 +112,9 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     Ok(data)
 }
 
-/// What has been read and placed so far.
+/// The models read and the parts placed so far.
 struct Scene {
-    /// By their names in the archive.
+    /// Models by their names in the archive.
     models: BTreeMap<String, Model>,
     shapes: Shapes,
     parts: Vec<MeshPart>,
@@ -122,7 +123,7 @@ struct Scene {
 }
 
 impl Scene {
-    /// Has a model read, once.
+    /// Reads a model, once.
     fn model(&mut self, package: &mut Package<'_>, file: &str) -> Result<()> {
         if !self.models.contains_key(file) {
             let text = package.text(file)?;

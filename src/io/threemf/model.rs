@@ -1,4 +1,4 @@
-//! A model: its objects, what they are made of, and what is to be built.
+//! Parses a model: its objects, their properties, and the items to build.
 
 use std::collections::HashMap;
 use std::str::FromStr;
@@ -15,7 +15,7 @@ use crate::io::vtk_xml::{child, clip};
 /// The unit of a model that states none.
 pub(super) const DEFAULT_UNIT: &str = "millimeter";
 
-/// What a file of XML holds.
+/// The content of one XML file.
 pub(super) struct Model {
     pub(super) unit: String,
     pub(super) objects: HashMap<u32, Object>,
@@ -24,10 +24,10 @@ pub(super) struct Model {
     pub(super) items: Vec<Placed>,
 }
 
-/// An object in its place.
+/// An object, with its transform.
 #[derive(Clone)]
 pub(super) struct Placed {
-    /// The file of the object's model, where it is another.
+    /// The file of the object's model, if it is another one.
     pub(super) file: Option<String>,
     pub(super) object: u32,
     pub(super) transform: DAffine3,
@@ -35,7 +35,7 @@ pub(super) struct Placed {
 
 pub(super) struct Object {
     pub(super) content: Content,
-    /// The properties of triangles that state none: a group and an index.
+    /// The default properties of triangles: a group and an index.
     pub(super) property: Option<(u32, u32)>,
 }
 
@@ -50,7 +50,7 @@ pub(super) enum Content {
 #[derive(Clone, Copy)]
 pub(super) struct Triangle {
     pub(super) corners: [u32; 3],
-    /// The group of the properties of its corners, and their indices.
+    /// The group of its corners' properties, and their indices.
     pub(super) property: Option<(u32, [u32; 3])>,
 }
 
@@ -58,7 +58,7 @@ pub(super) struct Triangle {
 pub(super) enum Properties {
     /// Linear RGBA.
     Colours(Vec<[f32; 4]>),
-    /// Texture coordinates, v downwards, and the number of the texture.
+    /// Texture coordinates, v downwards, and the id of the texture.
     Coordinates(u32, Vec<Vec2>),
 }
 
@@ -115,7 +115,7 @@ impl Model {
         Ok(model)
     }
 
-    /// All objects with meshes, where they are, in the order of their numbers.
+    /// All objects with meshes, without a transform, in the order of their ids.
     pub(super) fn all_meshes(&self) -> Vec<Placed> {
         let objects = self.objects.iter();
         let meshes = objects.filter(|(_, object)| matches!(object.content, Content::Mesh { .. }));
@@ -145,7 +145,7 @@ impl Reader<'_> {
         )
     }
 
-    /// The number of an attribute that has to be there.
+    /// The number in a required attribute.
     fn number<T: FromStr>(&self, node: Node<'_, '_>, name: &str) -> Result<T> {
         let text = node.attribute(name).unwrap_or("");
         text.trim().parse().map_err(|_| {
@@ -155,14 +155,14 @@ impl Reader<'_> {
         })
     }
 
-    /// The number of an attribute that may be there.
+    /// The number in an optional attribute.
     fn stated<T: FromStr>(&self, node: Node<'_, '_>, name: &str) -> Result<Option<T>> {
         let is_stated = node.attribute(name).is_some();
         is_stated.then(|| self.number(node, name)).transpose()
     }
 
     fn placed(&self, node: Node<'_, '_>) -> Result<Placed> {
-        // Of the production extension: in a namespace.
+        // The attribute belongs to the production extension: it is in a namespace.
         let mut attributes = node.attributes();
         let file = attributes.find(|attribute| attribute.name() == "path");
         Ok(Placed {
@@ -179,7 +179,7 @@ impl Reader<'_> {
         let numbers = text.split_ascii_whitespace().map(|word| word.parse().ok());
         let numbers: Option<Vec<f64>> = numbers.collect();
         let numbers = numbers.and_then(|numbers| <[f64; 12]>::try_from(numbers).ok());
-        // Rows of their matrix are the columns of ours.
+        // Rows of the file's matrix are columns of this one.
         let transform = numbers.map(|numbers| DAffine3::from_cols_array(&numbers));
         transform.ok_or_else(|| {
             let found = format!("`{}`", clip(text));
@@ -241,7 +241,7 @@ impl Reader<'_> {
                     Some([first, second, third])
                 }
             };
-            // Without a group of their own indices are of the object's.
+            // Without a group of their own, indices refer to the object's group.
             let group = match self.stated(triangle, "pid")? {
                 Some(group) => Some(group),
                 None => node

@@ -1,4 +1,4 @@
-//! The archive and the files in it.
+//! Opens the archive and the files in it.
 
 use std::path::Path;
 
@@ -9,12 +9,12 @@ use crate::error::{Error, Result};
 use crate::io::vtk_xml::clip;
 use crate::io::zip::{self, Entry};
 
-/// Bytes that all files of an archive may have unpacked for each of its own, and whatever it has: text of numbers packs to a
-/// fifth or a tenth.
+/// Greatest ratio of unpacked bytes to the archive's bytes, and the number of bytes allowed for any archive:
+/// text of numbers is compressed to a fifth or a tenth.
 const MOST_RATIO: u64 = 32;
 const ALWAYS: u64 = 4 << 20;
 
-/// The list of what the archive is about, and the model where that does not say it.
+/// The archive's list of relations, and the default model.
 const RELATIONS: &str = "_rels/.rels";
 const MODEL: &str = "3D/3dmodel.model";
 
@@ -22,7 +22,7 @@ const MODEL: &str = "3D/3dmodel.model";
 pub(super) struct Package<'a> {
     pub(super) path: &'a Path,
     entries: Vec<Entry<'a>>,
-    /// Bytes that may still be unpacked.
+    /// Number of bytes that may still be unpacked.
     left: u64,
 }
 
@@ -44,7 +44,7 @@ impl<'a> Package<'a> {
         Error::format(self.path, clip(place), expected, found, DAMAGED)
     }
 
-    /// The name of the model that is meant: the one that the archive's list of relations names, or else the usual one.
+    /// The name of the main model: the one in the archive's list of relations, or else the default.
     pub(super) fn first_model(&mut self) -> Result<String> {
         if !self.entries.iter().any(|entry| entry.name == RELATIONS) {
             return Ok(MODEL.to_owned());
@@ -81,7 +81,7 @@ impl<'a> Package<'a> {
 
     pub(super) fn document<'t>(&self, name: &str, text: &'t str) -> Result<Document<'t>> {
         let text = text.trim_start_matches('\u{feff}');
-        // An element has some bytes, and no more memory is taken than for such.
+        // An element has at least some bytes; this bounds the memory for elements.
         let nodes_limit = u32::try_from(text.len() / 8 + 4096).unwrap_or(u32::MAX);
         let options = ParsingOptions {
             nodes_limit,
@@ -92,7 +92,7 @@ impl<'a> Package<'a> {
     }
 }
 
-/// The name of an archive's file as its directory has it: names in models begin with a slash.
+/// The name of an archive's file in its directory: names in models begin with a slash.
 pub(super) fn name_of(stated: &str) -> &str {
     stated.trim_start_matches('/')
 }

@@ -1,4 +1,4 @@
-//! Objects as parts of a mesh, with their materials.
+//! Converts objects to parts of a mesh, with their materials.
 
 use std::collections::{BTreeSet, HashMap};
 use std::rc::Rc;
@@ -14,19 +14,19 @@ use crate::io::texture::ImageBudget;
 use crate::io::vtk_xml::clip;
 use crate::io::{AlphaMode, Material, MeshPart, Texture, TextureUse};
 
-/// What a part is made of.
+/// The material of a part.
 #[derive(Clone, PartialEq, Eq, Hash)]
 enum Kind {
-    /// Nothing that is stated.
+    /// No stated material.
     Plain,
     Coloured {
         is_translucent: bool,
     },
-    /// The texture of this number in a file.
+    /// The texture of this id in a file.
     Textured(String, u32),
 }
 
-/// The objects that have been asked for, and what they are made of.
+/// The objects converted so far, and their materials.
 #[derive(Default)]
 pub(super) struct Shapes {
     made: HashMap<(String, u32), Rc<[MeshPart]>>,
@@ -35,22 +35,22 @@ pub(super) struct Shapes {
     /// `None` for a texture that cannot be read.
     known: HashMap<Kind, Option<usize>>,
     budget: ImageBudget,
-    /// Triangles whose properties are of another kind, or not there.
+    /// Number of triangles whose properties are missing or of another kind.
     unknown: usize,
     notes: BTreeSet<String>,
 }
 
-/// A part's corners while they are collected.
+/// The corners of a part, as far as collected.
 #[derive(Default)]
 struct Collected {
     part: MeshPart,
-    /// By vertex, group of properties and index in it.
+    /// Indices by vertex, group of properties and index in the group.
     numbers: HashMap<(u32, Option<(u32, u32)>), u32>,
     coordinates: Vec<Vec2>,
 }
 
 impl Shapes {
-    /// The parts of an object of a mesh, in its own place.
+    /// The parts of an object with a mesh, without a transform.
     pub(super) fn of_object(
         &mut self,
         package: &mut Package<'_>,
@@ -78,7 +78,7 @@ impl Shapes {
         Ok(parts)
     }
 
-    /// Sorts the triangles of an object by what they are made of.
+    /// Sorts the triangles of an object by material.
     fn collect(
         &mut self,
         package: &mut Package<'_>,
@@ -140,7 +140,7 @@ impl Shapes {
         self.materials[material].base_texture.is_some()
     }
 
-    /// The properties of a triangle's corners, if they are there and of a kind that is read; others are counted.
+    /// The properties of a triangle's corners, if they exist and are of a supported kind; others are counted.
     fn known_property<'m>(
         &mut self,
         model: &'m Model,
@@ -158,7 +158,7 @@ impl Shapes {
         found.map(|found| (group, found, indices))
     }
 
-    /// The index of a material; `None` where its texture cannot be read.
+    /// The index of a material; `None` if its texture cannot be read.
     fn material(&mut self, package: &mut Package<'_>, model: &Model, kind: Kind) -> Option<usize> {
         if let Some(known) = self.known.get(&kind) {
             return *known;
@@ -188,10 +188,10 @@ impl Shapes {
         index
     }
 
-    /// A material of one texture.
+    /// A material with one texture.
     ///
     /// # Errors
-    /// A note: why there is none.
+    /// A note with the reason why there is none.
     fn texture(
         &mut self,
         package: &mut Package<'_>,
@@ -224,7 +224,7 @@ impl Shapes {
         })
     }
 
-    /// What was left out.
+    /// Notes on everything that was left out.
     pub(super) fn notes(self) -> Vec<String> {
         let mut notes: Vec<String> = self.notes.into_iter().collect();
         if self.unknown > 0 {
@@ -270,7 +270,7 @@ impl Collected {
     }
 }
 
-/// A part in its place; where that mirrors, triangles are turned round.
+/// A transformed part; if the transform mirrors, triangles are reversed.
 pub(super) fn placed(part: &MeshPart, transform: DAffine3) -> MeshPart {
     let mut placed = part.clone();
     for position in &mut placed.positions {

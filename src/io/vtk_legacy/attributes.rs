@@ -1,4 +1,4 @@
-//! What legacy VTK files say about their points and cells.
+//! Reads the attributes of points and cells in legacy VTK files.
 //!
 //! | keyword | then | numbers for each point or cell |
 //! |---|---|---|
@@ -11,7 +11,7 @@
 //! | `FIELD` | a name, the number of arrays; for each name, n, tuples, type | n |
 //! | `LOOKUP_TABLE` | name, size | 4 for each entry: colours, which are left out |
 //!
-//! They belong to the points after `POINT_DATA`, to the cells after `CELL_DATA`.
+//! Attributes after `POINT_DATA` belong to the points, those after `CELL_DATA` to the cells.
 
 use super::super::dataset::{Association, Field, FieldSource};
 use super::super::scalars::ScalarType;
@@ -19,18 +19,18 @@ use super::scan::{DataType, Scanner};
 use crate::error::Result;
 use crate::scene::Values;
 
-/// Arrays without numbers that a note names at most.
+/// Greatest number of arrays without numbers that a note names.
 const MOST_NOTED: usize = 64;
 
-/// More components than any array has, so that a wrong count is not taken for one.
+/// More components than any array has: a greater count is an error.
 const MOST_COMPONENTS: usize = 1024;
 
-/// How many points and cells attributes are for.
+/// Numbers of points and cells with attributes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Samples {
     pub(super) nodes: usize,
     pub(super) cells: usize,
-    /// Whether the geometry has a place for cell values: a flat structured grid has not.
+    /// Whether the geometry can hold cell values: a flat structured grid cannot.
     pub(super) keeps_cells: bool,
 }
 
@@ -53,7 +53,7 @@ impl Heading {
     }
 }
 
-/// Reads all attributes, to the end of the file: the fields, and what was left out.
+/// Reads all attributes, to the end of the file. Returns the fields, and notes on what was left out.
 pub(super) fn read(scan: &mut Scanner<'_>, samples: Samples) -> Result<(Vec<Field>, Vec<String>)> {
     let mut attributes = Attributes {
         samples,
@@ -102,7 +102,7 @@ pub(super) fn read(scan: &mut Scanner<'_>, samples: Samples) -> Result<(Vec<Fiel
     Ok((attributes.fields, notes))
 }
 
-/// Goes past a `FIELD` that belongs to the file as a whole, from the word after it on.
+/// Skips a `FIELD` that belongs to the file as a whole, from the word after it on.
 pub(super) fn skip_field(scan: &mut Scanner<'_>) -> Result<()> {
     for_each_array(scan, |scan, heading| {
         let count = heading.number_count(scan)?;
@@ -113,7 +113,7 @@ pub(super) fn skip_field(scan: &mut Scanner<'_>) -> Result<()> {
     })
 }
 
-/// Hands the headings of the arrays of a `FIELD` to `read`, which reads what follows them.
+/// Passes the headings of the arrays of a `FIELD` to `read`, which reads their values.
 fn for_each_array(
     scan: &mut Scanner<'_>,
     mut read: impl FnMut(&mut Scanner<'_>, Heading) -> Result<()>,
@@ -137,10 +137,10 @@ fn for_each_array(
     Ok(())
 }
 
-/// The attributes while they are read.
+/// The attributes read so far.
 struct Attributes {
     samples: Samples,
-    /// Of the section that is being read.
+    /// Association of the current section.
     association: Association,
     fields: Vec<Field>,
     /// Arrays of text and of values of many types.
@@ -235,7 +235,7 @@ impl Attributes {
         self.add(scan, heading)
     }
 
-    /// Colours become bytes, as binary files have them.
+    /// Colours become bytes, as in binary files.
     fn colours(&mut self, scan: &mut Scanner<'_>, tuple_count: usize) -> Result<()> {
         let heading = Heading {
             name: scan.name()?,
@@ -314,7 +314,7 @@ impl Attributes {
     }
 }
 
-/// What colours are made of.
+/// The type of colours' numbers.
 fn colour_type(scan: &Scanner<'_>) -> DataType {
     DataType::Number(if scan.is_binary {
         ScalarType::U8

@@ -1,12 +1,12 @@
-//! Lists of cells in legacy VTK files, in both their styles.
+//! Reads lists of cells in legacy VTK files, in both styles.
 //!
 //! | version | after the keyword | then |
 //! |---|---|---|
-//! | before 5 | how many cells, how many numbers | each cell's count of nodes and its nodes |
-//! | 5 | how many offsets, how many nodes | `OFFSETS` type, the offsets; `CONNECTIVITY` type, the nodes |
+//! | before 5 | number of cells, number of numbers | each cell's count of nodes and its nodes |
+//! | 5 | number of offsets, number of nodes | `OFFSETS` type, the offsets; `CONNECTIVITY` type, the nodes |
 //!
-//! Polyhedra have faces where others have nodes, as [`CellMesh`](super::super::CellMesh) keeps
-//! them. Which style it is is seen from the word `OFFSETS`.
+//! Polyhedra have faces in place of nodes, in the form of [`CellMesh`](super::super::CellMesh). The word
+//! `OFFSETS` distinguishes the styles.
 
 use super::super::CellKind;
 use super::super::scalars::ScalarType;
@@ -16,7 +16,7 @@ use crate::error::Result;
 /// Cells without their kinds.
 #[derive(Debug)]
 pub(super) struct CellList {
-    /// Where each cell's nodes begin; one more at the end.
+    /// Start of each cell's nodes; one more at the end.
     pub(super) offsets: Vec<u32>,
     /// The nodes.
     pub(super) connectivity: Vec<u32>,
@@ -92,7 +92,7 @@ impl CellList {
         let mut numbers = scan.ids(DataType::Number(ScalarType::I32), number_count)?;
         let mut offsets = Vec::with_capacity(cell_count + 1);
         offsets.push(0);
-        // The counts are taken out in place.
+        // The counts are removed in place.
         let (mut from, mut to) = (0, 0);
         for i in 0..cell_count {
             let end = numbers
@@ -118,7 +118,7 @@ impl CellList {
         })
     }
 
-    /// Adds the cells of `other` behind these.
+    /// Appends the cells of `other`.
     pub(super) fn append(&mut self, other: &Self, scan: &Scanner<'_>) -> Result<()> {
         let base = u32::try_from(self.connectivity.len()).map_err(|_| too_many(scan))?;
         for &offset in &other.offsets[1..] {
@@ -129,7 +129,7 @@ impl CellList {
         Ok(())
     }
 
-    /// How many nodes each cell has.
+    /// Number of nodes of each cell.
     pub(super) fn sizes(&self) -> impl Iterator<Item = u32> {
         self.offsets.windows(2).map(|w| w[1] - w[0])
     }

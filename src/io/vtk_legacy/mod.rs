@@ -1,4 +1,4 @@
-//! Legacy VTK files (`.vtk`), versions 1 to 5.
+//! Reads legacy VTK files (`.vtk`), versions 1 to 5.
 //!
 //! ```text
 //! # vtk DataFile Version 3.0
@@ -21,10 +21,9 @@
 //! | `UNSTRUCTURED_GRID` | `POINTS`, `CELLS`, `CELL_TYPES` | cells, a mesh, or particles |
 //! | `POLYDATA` | `POINTS`, `VERTICES`, `LINES`, `POLYGONS`, `TRIANGLE_STRIPS` | a mesh, or particles |
 //!
-//! `EXTENT` (first and last node along each axis) may stand for `DIMENSIONS`. Keywords are of
-//! either case. `FIELD` before the attributes belongs to the file as a whole and is left out, and
-//! so is `METADATA` anywhere. In binary files, the bytes of an array begin on the line after its
-//! heading; ids are of 32 bits where no type stands before them.
+//! `EXTENT` (first and last node along each axis) may replace `DIMENSIONS`. Keywords are not case-sensitive. A
+//! `FIELD` before the attributes belongs to the file as a whole and is left out, as is `METADATA` anywhere. In
+//! binary files, the bytes of an array begin on the line after its heading; ids without a type have 32 bits.
 
 mod attributes;
 mod cells;
@@ -43,14 +42,13 @@ use super::{CellKind, CellMesh, ReadAs, vtk_grid};
 use crate::error::{Advice, Result};
 use crate::scene::{Lattice, LatticeSpacing};
 
-/// What every legacy VTK file starts with.
+/// The first bytes of every legacy VTK file.
 pub(crate) const MAGIC: &[u8] = b"# vtk DataFile";
 
 /// Reads a file of any kind.
 ///
 /// # Errors
-/// A kind of data that has no geometry, a section that is missing or cut short, counts that do
-/// not agree.
+/// A kind of data without geometry; a section that is missing or cut short; counts that do not agree.
 pub(crate) fn read(input: Input<'_>, read_as: Option<ReadAs>) -> Result<Dataset> {
     let path = input.path;
     let bytes = input.read_all()?;
@@ -61,7 +59,7 @@ fn parse(path: &Path, bytes: &[u8], read_as: Option<ReadAs>) -> Result<Dataset> 
     let scan = &mut Scanner::new(path, bytes);
     header(scan)?;
     scan.section = "DATASET".to_owned();
-    // A field alone has no DATASET before it.
+    // A file of fields alone has no DATASET.
     sections(scan, "DATASET", |_, keyword| {
         Ok(if keyword == "DATASET" {
             Section::Last
@@ -87,7 +85,7 @@ fn no_geometry(scan: &Scanner<'_>, found: &str) -> crate::Error {
     scan.error(expected, found, "save the grid or the points themselves")
 }
 
-/// The first three lines.
+/// Reads the first three lines.
 fn header(scan: &mut Scanner<'_>) -> Result<()> {
     const NEWEST: u32 = 5;
     let line = String::from_utf8_lossy(scan.line()).into_owned();
@@ -110,16 +108,15 @@ fn header(scan: &mut Scanner<'_>) -> Result<()> {
     Ok(())
 }
 
-/// What became of a section.
+/// Outcome of reading a section.
 enum Section {
     Read,
-    /// No more are to be read.
+    /// No more sections are to be read.
     Last,
     Unknown,
 }
 
-/// Hands the sections' keywords, in upper case, to `read` until attributes begin or the file
-/// ends.
+/// Passes the sections' keywords, in upper case, to `read` until attributes begin or the file ends.
 fn sections(
     scan: &mut Scanner<'_>,
     known: &str,
@@ -152,7 +149,7 @@ fn sections(
     }
 }
 
-/// What a section gave, or an error that it is missing.
+/// The content of a section, or an error if it is missing.
 fn require<T>(scan: &mut Scanner<'_>, section: Option<T>, name: &str) -> Result<T> {
     section.ok_or_else(|| {
         scan.section = "DATASET".to_owned();
@@ -163,7 +160,7 @@ fn require<T>(scan: &mut Scanner<'_>, section: Option<T>, name: &str) -> Result<
     })
 }
 
-/// Nodes along each axis, and the number of the first ones.
+/// Number of nodes along each axis, and the indices of the first ones.
 #[derive(Debug, Clone, Copy)]
 struct Extent {
     first: [i64; 3],
@@ -171,7 +168,7 @@ struct Extent {
 }
 
 impl Extent {
-    /// Reads `DIMENSIONS` or `EXTENT`, if it is one of them.
+    /// Reads `DIMENSIONS` or `EXTENT`; `None` for other keywords.
     fn read(scan: &mut Scanner<'_>, keyword: &str) -> Result<Option<Self>> {
         let extent = match keyword {
             "DIMENSIONS" => Self {
@@ -188,7 +185,7 @@ impl Extent {
                 });
                 Self {
                     first: [a, c, e],
-                    // None is refused as 0 is.
+                    // Overflow is refused as 0 is.
                     dims: dims.map(Option::unwrap_or_default),
                 }
             }
@@ -210,7 +207,7 @@ impl Extent {
     fn samples(&self) -> Samples {
         Samples {
             nodes: self.node_count().unwrap_or(0),
-            // VTK counts the cells of a flat grid as if they had a thickness.
+            // VTK counts the cells of a flat grid as if it had a thickness.
             cells: self.dims.map(|n| (n - 1).max(1)).iter().product(),
             keeps_cells: self.dims.iter().all(|&n| n > 1),
         }
@@ -258,7 +255,7 @@ fn structured_points(scan: &mut Scanner<'_>) -> Result<Dataset> {
     })?;
     let extent: Extent = require(scan, extent, "DIMENSIONS")?;
     for axis in 0..3 {
-        // A distance to no other node.
+        // There is no other node at this distance.
         if extent.dims[axis] == 1 && spacing[axis] == 0.0 {
             spacing[axis] = 1.0;
         }
@@ -325,7 +322,7 @@ fn rectilinear_grid(scan: &mut Scanner<'_>) -> Result<Dataset> {
     )
 }
 
-/// Coordinates along one axis, from the word after the keyword on.
+/// Reads coordinates along one axis, from the word after the keyword on.
 fn axis_coordinates(scan: &mut Scanner<'_>) -> Result<Vec<f64>> {
     let count = scan.count("a number of coordinates")?;
     let block = numbers(scan, count)?;
@@ -343,13 +340,13 @@ fn axis_coordinates(scan: &mut Scanner<'_>) -> Result<Vec<f64>> {
     Ok(coordinates)
 }
 
-/// A type and `count` numbers of it.
+/// Reads a type and `count` numbers of that type.
 fn numbers<'a>(scan: &mut Scanner<'a>, count: usize) -> Result<Block<'a>> {
     let data_type = scan.data_type()?;
     scan.array(data_type, count)
 }
 
-/// `POINTS`, from the word after it on.
+/// Reads `POINTS`, from the word after it on.
 fn points(scan: &mut Scanner<'_>) -> Result<Vec<DVec3>> {
     let count = scan.count("a number of points")?;
     let coordinate_count = count.checked_mul(3);
@@ -369,7 +366,7 @@ fn structured_grid(scan: &mut Scanner<'_>) -> Result<Dataset> {
         }
         match keyword {
             "POINTS" => nodes = Some(points(scan)?),
-            // Which nodes are hidden: left out, as VTK leaves it out.
+            // The hidden nodes: ignored, as in VTK.
             "BLANKING" => {
                 let count = scan.count("a number of points")?;
                 numbers(scan, count)?;
@@ -417,7 +414,7 @@ fn unstructured_grid(scan: &mut Scanner<'_>, read_as: Option<ReadAs>) -> Result<
     })?;
     let nodes = require(scan, nodes, "POINTS")?;
     let (list, kinds) = match (list, kinds) {
-        // VTK writes neither where there are no cells.
+        // VTK writes neither if there are no cells.
         (None, None) => (CellList::default(), Vec::new()),
         (list, kinds) => (
             require(scan, list, "CELLS")?,
@@ -441,7 +438,7 @@ fn unstructured_grid(scan: &mut Scanner<'_>, read_as: Option<ReadAs>) -> Result<
 }
 
 fn polydata(scan: &mut Scanner<'_>, read_as: Option<ReadAs>) -> Result<Dataset> {
-    /// In the order in which cell data counts them, wherever they stand.
+    /// In the order in which cell data are numbered, wherever the lists are.
     const LISTS: [&str; 4] = ["VERTICES", "LINES", "POLYGONS", "TRIANGLE_STRIPS"];
     let mut nodes = None;
     let mut lists = [const { None }; 4];

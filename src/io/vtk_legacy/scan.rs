@@ -1,4 +1,4 @@
-//! Words, lines and blocks of numbers of a legacy VTK file.
+//! Scans words, lines and blocks of numbers of a legacy VTK file.
 
 use std::borrow::Cow;
 use std::path::Path;
@@ -12,7 +12,7 @@ use crate::scene::Values;
 /// The types of arrays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum DataType {
-    /// Numbers that stand in binary files as they are.
+    /// Numbers, stored in binary files in their own type.
     Number(ScalarType),
     /// VTK's ids: 32 bits in binary files.
     Id,
@@ -47,7 +47,7 @@ impl DataType {
     }
 }
 
-/// Numbers one after the other: those of the file, or those parsed from its text.
+/// Consecutive numbers, in the file's bytes or parsed from its text.
 #[derive(Debug)]
 pub(super) struct Block<'a> {
     bytes: Cow<'a, [u8]>,
@@ -86,17 +86,17 @@ impl Block<'_> {
     }
 }
 
-/// A place in a file, and what stands there.
+/// A position in a file, with the parsing state.
 #[derive(Debug)]
 pub(super) struct Scanner<'a> {
     path: &'a Path,
     bytes: &'a [u8],
     at: usize,
-    /// Where the word read last begins.
+    /// Offset of the word read last.
     word_at: usize,
-    /// Whether arrays are binary. The rest is text in any case.
+    /// Whether arrays are binary; everything else is text in binary files too.
     pub(super) is_binary: bool,
-    /// What is being read, for messages.
+    /// The section being read, for messages.
     pub(super) section: String,
 }
 
@@ -116,7 +116,7 @@ impl<'a> Scanner<'a> {
         self.path
     }
 
-    /// The next word: what stands between white space, line ends included.
+    /// The next word: bytes between white space, line ends included.
     pub(super) fn word(&mut self) -> Option<&'a [u8]> {
         let rest = &self.bytes[self.at..];
         let start = rest.iter().position(|b| !b.is_ascii_whitespace());
@@ -133,7 +133,7 @@ impl<'a> Scanner<'a> {
         Some(word)
     }
 
-    /// The next word, or an error that says what it should have been.
+    /// The next word; if there is none, an error with the expectation.
     pub(super) fn expect(&mut self, expected: &str) -> Result<&'a [u8]> {
         match self.word() {
             Some(word) => Ok(word),
@@ -149,7 +149,7 @@ impl<'a> Scanner<'a> {
         word
     }
 
-    /// The next word of this line in lower case, if it has one more.
+    /// The next word on this line in lower case; `None` if the line ends.
     pub(super) fn word_on_line(&mut self) -> Option<String> {
         let is_blank = |b: &u8| *b != b'\n' && b.is_ascii_whitespace();
         let next = self.bytes[self.at..].iter().find(|b| !is_blank(b));
@@ -186,14 +186,14 @@ impl<'a> Scanner<'a> {
         self.parse(what)
     }
 
-    /// Numbers that stand in the text of binary files too.
+    /// A number that is text in binary files too.
     pub(super) fn parse<T: std::str::FromStr>(&mut self, what: &str) -> Result<T> {
         let word = self.expect(what)?;
         let parsed = std::str::from_utf8(word).ok().and_then(|w| w.parse().ok());
         parsed.ok_or_else(|| self.fault(what, format!("`{}`", quote(word))))
     }
 
-    /// Three of them.
+    /// Three such numbers.
     pub(super) fn parse3<T: std::str::FromStr>(&mut self, what: &str) -> Result<[T; 3]> {
         Ok([self.parse(what)?, self.parse(what)?, self.parse(what)?])
     }
@@ -240,7 +240,7 @@ impl<'a> Scanner<'a> {
         Ok(Block { bytes, encoding })
     }
 
-    /// The next `count` numbers, which are node numbers, sizes or kinds.
+    /// The next `count` numbers, for node numbers, sizes or kinds.
     pub(super) fn ids(&mut self, data_type: DataType, count: usize) -> Result<Vec<u32>> {
         const WHAT: &str = "a whole number from 0 to 4294967295";
         if self.is_binary {
@@ -259,7 +259,7 @@ impl<'a> Scanner<'a> {
         Ok(ids)
     }
 
-    /// Goes past `count` values that are no numbers.
+    /// Skips `count` values that are not numbers.
     pub(super) fn skip_texts(&mut self, data_type: DataType, count: usize) -> Result<()> {
         if count == 0 {
             return Ok(());
@@ -276,7 +276,7 @@ impl<'a> Scanner<'a> {
                 self.line();
                 continue;
             }
-            // The first two bits say how many bytes the length has.
+            // The first two bits encode the size of the length.
             let rest = &self.bytes[self.at..];
             let width = [8, 4, 2, 1][usize::from(rest[0] >> 6)];
             let length = rest.get(..width).and_then(|bytes| {
@@ -292,9 +292,9 @@ impl<'a> Scanner<'a> {
         Ok(())
     }
 
-    /// Goes past a `METADATA` block, which ends at an empty line, if there is one here.
+    /// Skips a `METADATA` block, which ends at an empty line, if there is one here.
     ///
-    /// An array of that name has numbers behind it, on its line.
+    /// An array of that name has numbers after it, on its line.
     pub(super) fn skip_metadata(&mut self) -> bool {
         if self.peek().as_deref() != Some("METADATA") || !self.word_ends_line() {
             return false;
@@ -322,14 +322,14 @@ impl<'a> Scanner<'a> {
         Ok(&rest[..len])
     }
 
-    /// Hands the next `count` words to `take`, which says whether they are numbers.
+    /// Passes the next `count` words to `take`, which returns whether they are numbers.
     fn numbers(
         &mut self,
         count: usize,
         what: &str,
         mut take: impl FnMut(&str) -> bool,
     ) -> Result<()> {
-        // Each takes a separator and a digit: a count beyond that need not be tried.
+        // Each takes a separator and a digit: a count beyond that is refused at once.
         let left = self.bytes.len() - self.at;
         if count > left / 2 {
             return Err(self.cut_short(format!("{count} numbers"), format!("{left} bytes")));
@@ -393,7 +393,7 @@ impl<'a> Scanner<'a> {
         Ok(bytes)
     }
 
-    /// An error here: something else than `expected`.
+    /// An error at the last word: `expected` was not found.
     pub(super) fn fault(&self, expected: impl Into<String>, found: impl Into<String>) -> Error {
         self.error(
             expected,
@@ -402,7 +402,7 @@ impl<'a> Scanner<'a> {
         )
     }
 
-    /// An error here: the file ends too early.
+    /// An error at the last word: the file ends too early.
     pub(super) fn cut_short(&self, expected: impl Into<String>, found: impl Into<String>) -> Error {
         self.error(
             expected,
@@ -411,7 +411,7 @@ impl<'a> Scanner<'a> {
         )
     }
 
-    /// An error at the last word: the line, or in binary files, whose lines nobody counts, the
+    /// An error at the last word. Its place is the line; in binary files, where lines have no numbers, the
     /// byte.
     pub(super) fn error(
         &self,
@@ -430,8 +430,7 @@ impl<'a> Scanner<'a> {
     }
 }
 
-/// Numbers that are none, as the C library of Windows prints them: `1.#INF`, `-1.#IND`,
-/// `nan(ind)`.
+/// Not-a-number and infinity as the C library of Windows prints them: `1.#INF`, `-1.#IND`, `nan(ind)`.
 fn not_finite(word: &str) -> Option<f32> {
     let word = word.to_ascii_lowercase();
     let (negative, digits) = match word.strip_prefix('-') {
@@ -451,13 +450,13 @@ fn not_finite(word: &str) -> Option<f32> {
     }
 }
 
-/// A word for messages and comparisons: as text, and not longer than any that is known.
+/// A word for messages and comparisons: as text, clipped to more than the length of any known word.
 pub(super) fn quote(word: &[u8]) -> String {
     const LONGEST: usize = 40;
     String::from_utf8_lossy(&word[..word.len().min(LONGEST)]).into_owned()
 }
 
-/// `%20` and its like, decoded.
+/// Decodes `%20` and its like.
 fn decode_percent(word: &[u8]) -> String {
     let mut decoded = Vec::with_capacity(word.len());
     let mut rest = word;

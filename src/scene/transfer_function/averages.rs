@@ -1,35 +1,35 @@
-//! What merged particles need of a transfer function: its averages over intervals of values, and
-//! how fast it changes.
+//! Computes what merged particles need of a transfer function: averages over intervals of values, and bounds on
+//! its slope.
 
 use super::{
     CLASSIFICATION_TABLE_LEN, LAST, Maxima, TransferFunction, entries, narrowed, table_segment,
 };
 
-/// What the colours of several particles are weighted with.
+/// The weights with which the colours of several particles are averaged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Weighting {
-    /// Their extinctions: where masses are classified.
+    /// Extinctions: for classified masses.
     Extinction,
-    /// Nothing: where masses are given.
+    /// Equal weights: for given masses.
     Even,
 }
 
-/// What a table holds of an entry: with [`Weighting::Extinction`] e r, e g, e b and e, with
-/// [`Weighting::Even`] r, g, b and e.
+/// The averaged quantities of an entry: e r, e g, e b and e with [`Weighting::Extinction`], r, g, b and e with
+/// [`Weighting::Even`].
 type Products = [f32; 4];
 
-/// Farther from the table than any value's share tells, entries.
+/// A distance in entries, beyond which the share of any value inside the table is negligible.
 pub(crate) const FAR_ENTRIES: f32 = 1e30;
 
-/// Whole numbers that a sum of all entries comes to: just below 2^31.
+/// Integer value of the sum over all entries: just below 2^31.
 const UNITS: f64 = 2e9;
 
-/// Averages of a transfer function over intervals of values; it is taken as it classifies, linear
-/// between its entries and constant beyond its ends.
+/// Averages of a transfer function over intervals of values. The function is taken as it classifies: linear
+/// between entries and constant beyond its ends.
 ///
-/// Integrals from the first entry to every other are kept as whole numbers, so that differences of
-/// them are exact: a run of n entries errs by 2e-6 / n of the table's average. In f32 it would be a
-/// hundred times that, and what is faint beside what is opaque would be lost. Twin:
+/// Integrals from the first entry to each other entry are stored as integers, so that their differences are
+/// exact. The average over a run of n entries errs by 2e-6 / n of the table's average. In f32 the error would
+/// be a hundred times that, and faint values beside opaque ones would be lost. Twin:
 /// `shaders/shared/averages.wgsl`.
 #[derive(Debug, Clone)]
 pub struct Averages {
@@ -38,7 +38,7 @@ pub struct Averages {
     table: Vec<[f32; 4]>,
     weighting: Weighting,
     integrals: Vec<[i32; 4]>,
-    /// What 1 in `integrals` stands for: of the first three, of the last.
+    /// The value of 1 in `integrals`: for the first three components, for the last.
     units: [f32; 2],
 }
 
@@ -67,7 +67,7 @@ impl Averages {
         let colours = sizes[0].max(sizes[1]).max(sizes[2]);
         let units = [colours, sizes[3]].map(|size| narrowed(size / UNITS));
         let whole = |sum: f64, unit: f32| {
-            // The second: nothing at all, or so little that its unit is 0.
+            // The second case: the sum is zero, or so small that its unit is 0.
             #[expect(clippy::cast_possible_truncation, reason = "rounded, below 2^31")]
             if unit > 0.0 {
                 (sum / f64::from(unit)).round() as i32
@@ -95,18 +95,17 @@ impl Averages {
     /// The average colour and extinction \[1/length\] of values spread evenly over
     /// `value - spread ..= value + spread`.
     ///
-    /// Colours are averaged with the weighting: \[∫ e c / ∫ e, mean e\] or \[mean c, mean e\]; with
-    /// [`Weighting::Extinction`] they are 0 where the mean extinction is. The part of the interval
-    /// beyond the table counts with the end's entry. NaN is transparent.
+    /// Colours are averaged with the weighting: \[∫ e c / ∫ e, mean e\] or \[mean c, mean e\]. With
+    /// [`Weighting::Extinction`] the colours are 0 if the mean extinction is. Parts of the interval beyond the
+    /// table count with the end's entry. NaN is transparent.
     ///
-    /// Within one entry's width the average is taken in closed form: as the spread goes to 0 it
-    /// goes to [`TransferFunction::classify`], without a seam (the colour, where there is any
-    /// extinction to see it by).
+    /// Within one entry's width the average is computed in closed form. As the spread goes to 0, it goes to
+    /// [`TransferFunction::classify`] without a discontinuity (for colours: if there is any extinction).
     pub fn classify_spread(&self, value: f32, spread: f32) -> [f32; 4] {
         if value.is_nan() || spread.is_nan() {
             return [0.0; 4];
         }
-        // As the twin has it, whose numbers are finite.
+        // Clamped as in the twin, whose numbers are finite.
         const GREATEST: f32 = f32::MAX / 2.0;
         let difference = value.clamp(-GREATEST, GREATEST) - self.low;
         let x = (difference * self.scale).clamp(-FAR_ENTRIES, FAR_ENTRIES);
@@ -155,7 +154,7 @@ impl Averages {
         if self.weighting == Weighting::Even {
             return mean;
         }
-        // Of the product of two linear functions.
+        // Mean of the product of two linear functions.
         let curvature = difference[3] * (length * length * (1.0 / 12.0));
         [0, 1, 2, 3].map(|c| {
             if c < 3 {
@@ -166,7 +165,7 @@ impl Averages {
         })
     }
 
-    /// The colour and the extinction of averages.
+    /// Colour and extinction from averaged products.
     fn weighted(&self, [r, g, b, e]: Products) -> [f32; 4] {
         match self.weighting {
             Weighting::Even => [r, g, b, e],
@@ -175,26 +174,27 @@ impl Averages {
         }
     }
 
-    /// Integrals from the first entry to each, and what 1 of them stands for: of the first three,
-    /// of the last.
+    /// Integrals from the first entry to each, and the value of 1 in them: for the first three components, for
+    /// the last.
     #[cfg(feature = "gpu")]
     pub(crate) fn integrals(&self) -> (&[[i32; 4]], [f32; 2]) {
         (&self.integrals, self.units)
     }
 }
 
-/// How fast a transfer function changes.
+/// Bounds on the slope of a transfer function.
 #[derive(Debug, Clone)]
 pub struct Slopes {
     low: f32,
     scale: f32,
-    /// Entry i: from entry i of the table to the next; the last is 0.
+    /// Entry i: the slope from entry i of the table to the next; the last is 0.
     maxima: Maxima,
 }
 
 impl Slopes {
     fn new(transfer: &TransferFunction, weighting: Weighting) -> Self {
-        // The greater derivative of a product's two ends: between them it is linear. Rounded up.
+        // The slope of a product is linear between entries, so the greater one at its two ends bounds it.
+        // Rounded up.
         let scale = f64::from(transfer.scale) * (1.0 + 4.0 * f64::from(f32::EPSILON));
         let mut slopes: Vec<f32> = transfer
             .table
@@ -224,19 +224,20 @@ impl Slopes {
         }
     }
 
-    /// A bound on how fast, per unit of value, what is averaged changes between the values
-    /// `lo..=hi`, in constant time: with [`Weighting::Extinction`] the extinction and its products
-    /// with red, green and blue, with [`Weighting::Even`] red, green and blue.
+    /// A bound on the slope, per unit of value, of the averaged quantities between the values `lo..=hi`, in
+    /// constant time. With [`Weighting::Extinction`] these are the extinction and its products with red, green
+    /// and blue; with [`Weighting::Even`] red, green and blue.
     ///
-    /// At most two entries of the table wider than the interval. NaN ends stand for the whole
-    /// range; swapped ends are put right. Twin: `shaders/shared/maxima.wgsl`.
+    /// The bound covers at most two entries more than the interval. NaN ends mean the whole range; swapped ends
+    /// are put in order. Twin: `shaders/shared/maxima.wgsl`.
     pub fn max_slope(&self, lo: f32, hi: f32) -> f32 {
         let (first, last) = entries(self.low, self.scale, lo, hi);
-        // From entry `last` on lies outside.
+        // Entry `last` and those after it lie outside.
         self.maxima.greatest(first, last - 1)
     }
 
-    /// Row p, entry i: the greatest slope from entries i .. i + 2^p to the ones after them.
+    /// Maxima of runs of slopes. Row p, entry i: the greatest slope from entries i .. i + 2^p to the ones after
+    /// them.
     #[cfg(feature = "gpu")]
     pub(crate) fn maxima(&self) -> &[Vec<f32>] {
         self.maxima.rows()
@@ -244,12 +245,12 @@ impl Slopes {
 }
 
 impl TransferFunction {
-    /// Its averages over intervals of values.
+    /// Averages over intervals of values.
     pub fn averages(&self, weighting: Weighting) -> Averages {
         Averages::new(self, weighting)
     }
 
-    /// Bounds on how fast it changes.
+    /// Bounds on the slope.
     pub fn slopes(&self, weighting: Weighting) -> Slopes {
         Slopes::new(self, weighting)
     }
@@ -260,7 +261,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Steps, ramps, gaps, a faint range beside what is opaque, and colours that change with them.
+    /// Steps, ramps, gaps, a faint range beside an opaque one, and colours that change with them.
     fn transfer() -> TransferFunction {
         let opacity = |v: f32| match v {
             v if v < -50.0 => 0.0,
@@ -275,7 +276,7 @@ mod tests {
         TransferFunction::from_curves(colour, opacity, [-100.0, 150.0], 2.0).unwrap()
     }
 
-    /// The place of a value among the entries, and what is averaged there.
+    /// The averaged quantities at a position in the table.
     fn products(t: &TransferFunction, weighting: Weighting, x: f64) -> [f64; 4] {
         let x = x.clamp(0.0, f64::from(LAST));
         #[expect(
@@ -293,8 +294,8 @@ mod tests {
         }
     }
 
-    /// The average of `products`: Gauss's rule of two points between neighbouring entries, which is
-    /// exact, and the shares beyond the ends.
+    /// The average of `products`: two-point Gauss quadrature between neighbouring entries, which is exact, and
+    /// the shares beyond the ends.
     fn brute(t: &TransferFunction, weighting: Weighting, from: f64, to: f64) -> [f64; 4] {
         let last = f64::from(LAST);
         let mut cuts = vec![from, to];
@@ -318,12 +319,12 @@ mod tests {
         }
     }
 
-    /// Holds the averages of an interval to brute force.
+    /// Compares the averages of an interval with brute force.
     ///
-    /// Places are rounded in f32: a difference, two products and a sum, half an EPSILON of the
-    /// farthest place each. An end of the interval moves by so much, and the average by as much times
-    /// the steepest slope nearby, or by the share of the width. Five terms, each of six roundings
-    /// or fewer, err by 8 EPSILON of their sum; whole numbers by one unit over the width.
+    /// Positions are rounded in f32: a difference, two products and a sum, each with an error of half an
+    /// EPSILON of the farthest position. An end of the interval moves by that much, and the average by as much
+    /// times the steepest slope nearby, or by the share of the width. Five terms, each of six roundings or
+    /// fewer, err by 8 EPSILON of their sum; integers by one unit over the width.
     fn check(t: &TransferFunction, value: f32, spread: f32) {
         let epsilon = f64::from(f32::EPSILON);
         let scale = f64::from(t.scale);
@@ -358,7 +359,7 @@ mod tests {
                     Weighting::Even => {
                         assert!((got[c] - truth[c]).abs() <= error(c), "{}", context());
                     }
-                    // The emission; a colour is as sure as there is extinction to see it by.
+                    // Compares the emission; the precision of a colour is relative to its extinction.
                     Weighting::Extinction => {
                         let emitted = got[c] * got[3];
                         let bound = error(c) + 4.0 * f64::from(f32::EPSILON) * emitted;
@@ -403,7 +404,7 @@ mod tests {
                 prop_assert!(slopes.max_slope(f32::NAN, b) >= bound);
                 let place = |v: f32| (f64::from(v) - f64::from(t.range[0])) * f64::from(t.scale);
                 let (from, to) = (place(a), place(b));
-                // A rounding of the place may leave out a segment of which this much is touched.
+                // Rounding of a position may leave out a segment that the interval touches by less than this.
                 let margin = 1e-3;
                 for n in 0..200 {
                     let x = from + margin + (to - from - 2.0 * margin) * f64::from(n) / 200.0;
@@ -414,7 +415,7 @@ mod tests {
                     let (p, q) = (products(&t, weighting, x), products(&t, weighting, y));
                     for c in 0..if weighting == Weighting::Even { 3 } else { 4 } {
                         let rise = (q[c] - p[c]).abs() * f64::from(t.scale);
-                        // 1e-9: f64's grain in a difference of 1e-3 entries.
+                        // 1e-9: f64's rounding in a difference of 1e-3 entries.
                         prop_assert!(rise <= f64::from(bound) * (y - x) + 1e-9, "{}", c);
                     }
                 }
@@ -426,7 +427,7 @@ mod tests {
     fn slopes_are_tight() {
         let t = transfer();
         let slopes = t.slopes(Weighting::Extinction);
-        // Faint and constant; but for what the colours change: .1 and .03 per unit.
+        // Faint and constant, but colours change: .1 and .03 per unit.
         let faint = slopes.max_slope(5.0, 25.0);
         assert!(faint > 0.0 && faint < 0.11 * 1e-4, "{faint}");
         assert_eq!(slopes.max_slope(80.0, 130.0), 0.0);
@@ -473,12 +474,12 @@ mod tests {
             assert_eq!(of(1.0, f32::NAN), [0.0; 4]);
             assert_eq!(of(f32::INFINITY, 1.0)[3], last[3]);
             assert_eq!(of(f32::NEG_INFINITY, 1.0)[3], first[3]);
-            // Half of it beyond either end.
+            // Half of the interval beyond either end.
             for spread in [f32::INFINITY, f32::MAX] {
                 let half = (first[3] + last[3]) / 2.0;
                 assert!((of(20.0, spread)[3] - half).abs() < 1e-6, "{spread}");
             }
-            // Where nothing is, nothing is seen, to the bit.
+            // No extinction gives exactly zero.
             assert_eq!(of(100.0, 29.0)[3].to_bits(), 0);
         }
         let nothing =

@@ -1,4 +1,4 @@
-//! Colour spaces to interpolate in, and colour maps by name.
+//! Defines colour spaces for interpolation, and named colour maps.
 
 use colorgrad::Gradient;
 
@@ -6,7 +6,7 @@ use super::{TransferDefaults, TransferFunction};
 use crate::error::{Error, Parameter, Result};
 use crate::image::linear_from_srgb;
 
-/// The names that [`TransferFunction::named`] knows.
+/// The names that [`TransferFunction::named`] accepts.
 pub const COLOUR_MAP_NAMES: [&str; 12] = [
     "viridis",
     "plasma",
@@ -48,7 +48,7 @@ const JET: [&[[f32; 2]]; 3] = [
     ],
 ];
 
-/// The same of its `hot`.
+/// Positions and values of red, green and blue in matplotlib's `hot`, sRGB.
 const HOT: [&[[f32; 2]]; 3] = [
     &[[0.0, 0.0416], [0.365_079, 1.0], [1.0, 1.0]],
     &[[0.0, 0.0], [0.365_079, 0.0], [0.746_032, 1.0], [1.0, 1.0]],
@@ -58,8 +58,8 @@ const HOT: [&[[f32; 2]]; 3] = [
 /// The hue at the lower end of VTK's `rainbow`, blue, in turns; the other end is red.
 const RAINBOW_HUE: f32 = 2.0 / 3.0;
 
-/// Opacity per unit distance at the top of the ramp of a named map. With the mean spacing as
-/// unit distance a few dozen bright samples hide what is behind them, faint ones do not.
+/// Opacity per unit distance at the top of a named map's ramp. With the mean spacing as unit distance, a few
+/// dozen bright samples hide what is behind them; faint samples do not.
 const NAMED_PEAK_OPACITY: f32 = 0.2;
 
 /// Ends and middle of Moreland's cool-to-warm map (K. Moreland, "Diverging Color Maps for
@@ -70,16 +70,16 @@ const COOLWARM: [[f32; 3]; 3] = [
     [0.706, 0.016, 0.15],
 ];
 
-/// How the colours of control points are encoded and where they are interpolated.
+/// Encoding of control points' colours, and the space of their interpolation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ColourSpace {
     /// sRGB-encoded, interpolated as encoded (also ParaView's `RGB`).
     Srgb,
     /// Linear RGB, interpolated as such.
     Linear,
-    /// sRGB-encoded, interpolated in CIE L*a*b* under D65. ParaView's `Diverging` maps are
-    /// drawn with this too: its Msh space bends the path between two saturated colours through
-    /// white, which a map with its neutral middle among its points does not need.
+    /// sRGB-encoded, interpolated in CIE L*a*b* under D65. ParaView's `Diverging` maps are drawn with this too.
+    /// ParaView's Msh space bends the path between two saturated colours through white; a map with its neutral
+    /// middle among its points does not need that.
     Lab,
     /// sRGB-encoded, interpolated in hue (the shorter way round), saturation and value.
     Hsv,
@@ -133,7 +133,7 @@ fn lab_from_linear([r, g, b]: [f32; 3]) -> [f32; 3] {
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
 }
 
-/// The inverse of [`lab_from_linear`]; may leave 0..1.
+/// The inverse of [`lab_from_linear`]; results may lie outside 0..1.
 fn linear_from_lab([l, a, b]: [f32; 3]) -> [f32; 3] {
     let y = (l + 16.0) / 116.0;
     let g = |t: f32| {
@@ -180,7 +180,7 @@ fn rgb_from_hsv([h, s, v]: [f32; 3]) -> [f32; 3] {
     })
 }
 
-/// A linear colour by lines between the points of each channel.
+/// A linear colour, interpolated linearly between the points of each channel.
 fn piecewise(channels: [&[[f32; 2]]; 3], s: f32) -> [f32; 3] {
     channels.map(|points| {
         let s = s.clamp(0.0, 1.0);
@@ -192,13 +192,13 @@ fn piecewise(channels: [&[[f32; 2]]; 3], s: f32) -> [f32; 3] {
     })
 }
 
-/// A linear colour for each place of a range, 0..1.
+/// A linear colour for each position in a range, 0..1.
 pub(super) type ColourMap = Box<dyn Fn(f32) -> [f32; 3]>;
 
-/// The maps with a neutral colour in their middle.
+/// Maps with a neutral colour in their middle.
 pub(super) const DIVERGING: [&str; 1] = ["coolwarm"];
 
-/// [`colour_map`], or what is known instead.
+/// The map of [`colour_map`], or an error that lists the known names.
 pub(super) fn known_map(name: &str) -> Result<ColourMap> {
     colour_map(name).ok_or_else(|| {
         Error::invalid(
@@ -248,12 +248,12 @@ pub(super) fn colour_map(name: &str) -> Option<ColourMap> {
 }
 
 impl TransferFunction {
-    /// A perceptual colour map by name over the data's range, its opacity rising linearly from
-    /// 0 to 0.2 per unit distance.
+    /// A named colour map over the data's range, with an opacity that rises linearly from 0 to 0.2 per unit
+    /// distance.
     ///
-    /// Names (case-insensitive): [`COLOUR_MAP_NAMES`]. The maps are the crate `colorgrad`'s
-    /// splines and polynomials, within a few 255ths of the published tables; `coolwarm`
-    /// is Moreland's, interpolated in L*a*b*; `jet` and `hot` are matplotlib's, `rainbow` is VTK's from blue to red.
+    /// Names (case-insensitive): [`COLOUR_MAP_NAMES`]. The maps are the crate `colorgrad`'s splines and
+    /// polynomials, within a few 255ths of the published tables. But `coolwarm` is Moreland's, interpolated in
+    /// L*a*b*; `jet` and `hot` are matplotlib's, and `rainbow` is VTK's from blue to red.
     ///
     /// # Errors
     /// An unknown name (the message lists the known ones); defaults that are no range or no
@@ -270,7 +270,7 @@ impl TransferFunction {
     }
 }
 
-/// Where a value lies in a range, 0..1; an empty range (constant data) counts as its middle.
+/// The position of a value in a range, 0..1; 0.5 in an empty range (constant data).
 pub(super) fn over_range([lo, hi]: [f32; 2]) -> impl Fn(f32) -> f32 {
     let (lo, span) = (f64::from(lo), f64::from(hi) - f64::from(lo));
     move |value| {

@@ -1,4 +1,5 @@
-//! Transfer functions in files: this library's own form in JSON, and ParaView's colour maps in JSON and XML.
+//! Reads and writes transfer functions: this library's own form in JSON, and (read only) ParaView's colour maps
+//! in JSON and XML.
 
 use std::path::Path;
 
@@ -40,14 +41,15 @@ impl TransferFunction {
     /// - `points`: a list of {`value`, `color` \[r, g, b\], `opacity`}, values not decreasing,
     ///   colour and opacity each optional and interpolated linearly over the points that carry
     ///   it; two points at one value make a step;
-    /// - `range` \[a, b\] (default: from the first point to the last): where the table lies;
-    /// - `unit_distance` (default: `defaults`'): the length that opacities are stated over;
-    /// - `scale`: `linear` (default), `log` or `symlog`: where values lie between the points ([`ValueScale`]);
-    /// - `linear_within`: of a `symlog` scale, the distance from 0 up to which it is about linear (default: a
+    /// - `range` \[a, b\] (default: from the first point to the last): range of the table;
+    /// - `unit_distance` (default: that of `defaults`): length over which opacities are stated;
+    /// - `scale`: `linear` (default), `log` or `symlog`: the scale on which values between the points are
+    ///   interpolated ([`ValueScale`]);
+    /// - `linear_within`: for a `symlog` scale, the distance from 0 up to which it is about linear (default: a
     ///   thousandth of the range's greatest distance from 0);
     /// - `color_space`: `srgb` (default) or `linear`, for the colours and their interpolation.
     ///
-    /// **ParaView's form**: an object, or a list of which the first object counts, with
+    /// **ParaView's form**: an object, or a list whose first object is read, with
     /// - `RGBPoints`: x, r, g, b, ... (sRGB-encoded);
     /// - `Points` (default: a ramp from 0 to 1): x, opacity, midpoint, sharpness, ...,
     ///   interpolated by VTK's formula for `vtkPiecewiseFunction`;
@@ -56,12 +58,12 @@ impl TransferFunction {
     /// - or, in place of `RGBPoints`, `IndexedColors`: r, g, b, ... of categories, with `Annotations` (value, label, ...)
     ///   or for the values 0, 1, 2, ...
     ///
-    /// Its other keys are ParaView's own business and passed over. A map with `Points`, or of categories, keeps its
-    /// values. One without them is a preset, which is stretched over `defaults.range` as ParaView does; and so is one
-    /// whose points run from exactly 0 to exactly 1.
+    /// ParaView's other keys are ignored. A map with `Points`, or one of categories, keeps its values. A map
+    /// without them is a preset, which is stretched over `defaults.range` as in ParaView; so is one whose
+    /// points run from exactly 0 to exactly 1.
     ///
-    /// **ParaView's XML**: the first `ColorMap` in it, with its `space` and its `Point`s (`x`, `r`, `g`, `b`), as a preset;
-    /// opacities (`o`) are passed over, as ParaView does.
+    /// **ParaView's XML**: the first `ColorMap`, with its `space` and its `Point`s (`x`, `r`, `g`, `b`), as a
+    /// preset; opacities (`o`) are ignored, as in ParaView.
     ///
     /// # Errors
     /// Text that is neither JSON nor XML, unknown keys, wrong types, points that are empty, out of order or
@@ -70,7 +72,8 @@ impl TransferFunction {
         Ok(Self::from_file(path, text, defaults)?.function)
     }
 
-    /// As [`TransferFunction::from_json`], with what was made of the values of a preset.
+    /// Reads a file as [`TransferFunction::from_json`] does, and returns the range of a stretched preset as
+    /// well.
     ///
     /// # Errors
     /// As [`TransferFunction::from_json`].
@@ -127,16 +130,16 @@ impl TransferFunction {
 /// A transfer function of a file.
 pub(crate) struct FileFunction {
     pub(crate) function: TransferFunction,
-    /// The range that a preset has in its file, where it was stretched over the data's.
+    /// The range that a preset has in its file, if it was stretched over the data's.
     pub(crate) stretched: Option<[f32; 2]>,
 }
 
-/// How far a file's opacities and colours may lie from the table's.
+/// Greatest error of a written file's opacities and colours, relative to the table.
 const WRITTEN_ERROR: f32 = 5e-4;
 
 impl TransferFunction {
-    /// The text of a JSON file of [`TransferFunction::from_json`]'s own form: as few of the table's entries as
-    /// keep opacities and linear colours to 5e-4.
+    /// The text of a JSON file in [`TransferFunction::from_json`]'s own form. It has as few of the table's
+    /// entries as keep opacities and linear colours to 5e-4.
     pub fn to_json(&self) -> String {
         let unit = self.unit_distance();
         let scale = self.value_scale();
@@ -179,7 +182,7 @@ impl TransferFunction {
     }
 }
 
-/// The value at a position, in as many digits as it is known to.
+/// The value at a position, in as many digits as its precision has.
 fn written(scale: ValueScale, position: f32) -> Value {
     let value = scale.value(position);
     match scale {
@@ -188,8 +191,8 @@ fn written(scale: ValueScale, position: f32) -> Value {
     }
 }
 
-/// Which entries of a table are enough: the ends, and of what lies between the one that is farthest from the line
-/// between its neighbours, until none is far (Ramer, Douglas and Peucker).
+/// Indices of the table's entries to keep: the ends, and, repeatedly, the entry farthest from the line between
+/// its kept neighbours, until none is far (Ramer, Douglas and Peucker).
 fn kept(entries: &[[f32; 4]]) -> Vec<usize> {
     let last = entries.len() - 1;
     let mut keeps = vec![false; entries.len()];
@@ -232,7 +235,7 @@ impl Document<'_> {
         )
     }
 
-    /// A fault that the sampler found, told with this file's name.
+    /// Adds this file's name to an error from the sampler.
     fn renamed(&self, error: Error) -> Error {
         match error {
             Error::Invalid {
@@ -272,7 +275,7 @@ impl Document<'_> {
         }
     }
 
-    /// A number of the values, which may be beyond single precision.
+    /// A number among the values, which may exceed single precision.
     fn wide(&self, value: &Value, place: &str) -> Result<f64> {
         let number = value.as_f64().filter(|number| number.is_finite());
         number.ok_or_else(|| self.fault(place, "a number", describe(value)))
@@ -301,7 +304,7 @@ impl Document<'_> {
             })
     }
 
-    /// Rows of `N` numbers, one or more, their first rising.
+    /// One or more rows of `N` numbers, with rising first numbers.
     fn rows<const N: usize>(&self, value: &Value, place: &str) -> Result<Vec<[f32; N]>> {
         let flat = self.numbers(value, place)?;
         if flat.is_empty() || !flat.len().is_multiple_of(N) {
@@ -335,7 +338,7 @@ impl Document<'_> {
             .as_array()
             .ok_or_else(|| self.fault("points", "a list of points", describe(list)))?;
         let mut points = Vec::with_capacity(list.len());
-        // In double precision: single has perhaps not their differences.
+        // Double precision: single precision may lose the differences.
         let mut values = Vec::with_capacity(list.len());
         for (i, value) in list.iter().enumerate() {
             let place = format!("points[{i}].");
@@ -445,7 +448,7 @@ impl Document<'_> {
         Ok(ValueScale::Symlog { linear })
     }
 
-    /// Where a value lies on a scale that has a place for it.
+    /// The position of a value on a scale; an error if it has none.
     fn position(&self, scale: ValueScale, value: f64, place: &str) -> Result<f32> {
         let position = scale.position(value);
         match position.is_finite() {
@@ -458,7 +461,7 @@ impl Document<'_> {
         }
     }
 
-    /// The keys of the first colour map in ParaView's XML.
+    /// The first colour map in ParaView's XML, as the keys of its JSON form.
     fn of_xml(&self, text: &str) -> Result<Map<String, Value>> {
         let text = text.trim_start_matches('\u{feff}');
         let document = roxmltree::Document::parse(text)
@@ -485,7 +488,7 @@ impl Document<'_> {
         Ok(object)
     }
 
-    /// The colours of ParaView's categories as steps: half way between two values one gives way to the next.
+    /// ParaView's categories as steps of colour, half way between neighbouring values.
     fn of_categories(&self, object: &Map<String, Value>) -> Result<Vec<[f32; 4]>> {
         let flat = self.numbers(&object["IndexedColors"], "IndexedColors")?;
         if flat.is_empty() || !flat.len().is_multiple_of(3) {
@@ -509,7 +512,7 @@ impl Document<'_> {
                 values.map(value).collect::<Result<_>>()?
             }
         };
-        // ParaView begins again where the colours end.
+        // ParaView repeats the colours when they run out.
         let mut of_value: Vec<(f32, [f32; 3])> = values
             .drain(..)
             .enumerate()
@@ -646,9 +649,9 @@ impl Document<'_> {
 }
 
 impl OpacityPoint {
-    /// The opacity at fraction `s` of the way to the next point: `vtkPiecewiseFunction`'s
-    /// formula. The midpoint bends `s` so that it takes half the way; sharpness 0 is linear
-    /// from there, 1 a step, and between them a Hermite curve.
+    /// The opacity at fraction `s` of the way to the next point, by `vtkPiecewiseFunction`'s formula. `s` is
+    /// warped so that the midpoint lies at half the way. From there, sharpness 0 is linear, 1 a step, and
+    /// values between give a Hermite curve.
     fn toward(&self, next: &Self, s: f32) -> f32 {
         let (a, b) = (self.opacity, next.opacity);
         // VTK keeps the midpoint off the ends.
@@ -679,7 +682,7 @@ impl OpacityPoint {
     }
 }
 
-/// A JSON value as a message shows it: short ones as they are, long ones by kind.
+/// A JSON value for a message: short ones in full, long ones by kind.
 fn describe(value: &Value) -> String {
     match value {
         Value::Array(list) => format!("a list of {}", list.len()),
@@ -743,7 +746,7 @@ mod tests {
         TransferFunction::from_json(Path::new("map.json"), text, &DEFAULTS)
     }
 
-    /// Extinction per unit distance back to opacity.
+    /// Opacity per unit distance, from the extinction.
     fn opacity(t: &TransferFunction, value: f32) -> f64 {
         -(-f64::from(t.classify(value)[3]) * t.unit_distance()).exp_m1()
     }

@@ -1,21 +1,22 @@
-//! Lobes of a transfer function, and the Gaussian that a kernel becomes in each: classification over
-//! a kernel's own extent.
+//! Finds the lobes of a transfer function, and computes the Gaussian that a kernel becomes in each:
+//! classification over a kernel's extent.
 //!
-//! Over a kernel of variance V the field runs about linearly, f + g . (x - x_i), so that its values are
-//! spread as a Gaussian of standard deviation w = sqrt(gᵀ V g). A *lobe* is a maximal interval of
-//! values whose extinction is above 0. What a lobe leaves of the kernel has the moments
+//! Over a kernel of variance V the field is taken as linear, f + g . (x - x_i), so that its values have a
+//! Gaussian distribution of standard deviation w = sqrt(gᵀ V g). A *lobe* is a maximal interval of values whose
+//! extinction is above 0. The piece that a lobe leaves of the kernel has the moments
 //!
 //! M_j = ∫ N(t; 0, 1) kappa(f + w t) tʲ dt
 //!
-//! along the gradient, and becomes the Gaussian of equal mass M_0, mean mu = M_1/M_0 and variance
-//! s² = M_2/M_0 - mu², in standard deviations of the kernel: shifted along u = V g / w and flattened across
-//! it. Where the field is steep against the lobe that is a piece of the iso-surface, a splat of a
-//! surface; where it is flat it is the kernel as it was.
+//! along the gradient. It is replaced by the Gaussian of equal mass M_0, mean mu = M_1/M_0 and variance s² =
+//! M_2/M_0 - mu², in standard deviations of the kernel: shifted along u = V g / w and flattened across it. If
+//! the field is steep compared with the lobe, that is a piece of the iso-surface: a splat of a surface. If it
+//! is flat, the piece is the whole kernel.
 //!
-//! A lobe with steps, jumps of its extinction, is divided by smooth windows ([`windows`]), each of which leaves a
-//! Gaussian of its own: one for all would be half a kernel off where the step is seen along.
+//! A lobe with steps (jumps of its extinction) is divided by smooth windows ([`windows`]), each of which leaves
+//! a Gaussian of its own. A single Gaussian would be off by half a kernel where the step is seen edge-on.
 //!
-//! The three are tabulated over value and ln w ([`table`]), so that an edit of the function costs
+//! Mass, mean and variance are tabulated over value and ln w ([`table`]). An edit of the function costs
+//! milliseconds and a kernel a look-up; [`Lobes::piece`] states the errors. Twin: `shaders/shared/lobes.wgsl`.
 //! milliseconds and a kernel a look-up; [`Lobes::piece`] has the errors. Twin: `shaders/shared/lobes.wgsl`.
 
 #![allow(
@@ -31,87 +32,87 @@ use super::{CLASSIFICATION_TABLE_LEN, TransferFunction, entry_value};
 pub(crate) use table::Row;
 pub(crate) use windows::Shape;
 
-/// Lobes of a function at most; the nearest of more are taken together.
+/// Greatest number of lobes of a function; if there are more, the nearest are joined.
 pub const MAX_LOBES: usize = 16;
 
-/// Cells of the tables of all lobes at most: 128 KiB of device memory.
+/// Greatest number of cells in the tables of all lobes: 128 KiB of device memory.
 pub(crate) const MAX_LOBE_CELLS: usize = 1 << 13;
 
-/// Windows of all lobes at most: a bit each.
+/// Greatest number of windows of all lobes: a bit each.
 pub const MAX_WINDOWS: usize = 32;
 
-/// Cells of the tables of steps' windows at most, besides: 512 KiB of device memory.
+/// Greatest number of additional cells, for the windows of steps: 512 KiB of device memory.
 pub(crate) const MAX_WINDOW_CELLS: usize = 1 << 15;
 
-/// Rows of the tables of all windows at most.
+/// Greatest number of rows in the tables of all windows.
 #[cfg(feature = "gpu")]
 pub(crate) const MAX_LOBE_ROWS: usize = 64 * MAX_WINDOWS;
 
-/// What a window has of a kernel's mass in a lobe is left to the others below this share.
+/// Least share of a kernel's mass in a lobe that a window has; smaller shares are left to the other windows.
 pub const LEAST_WINDOW_SHARE: f64 = 1e-3;
 
-/// Farther from a lobe than this many standard deviations of a kernel's values, nothing of the kernel is
-/// in it that a picture shows: 1e-4 of what it has inside.
+/// Reach of kernels, in standard deviations of a kernel's values. A lobe farther away has too little of the
+/// kernel to be visible: 1e-4 of what it would have inside.
 pub const LOBE_REACH: f32 = 4.0;
 
-/// The greatest width of a piece: of a function with two peaks far apart the piece between them may be wider,
-/// and is no Gaussian.
+/// Greatest width of a piece. If a function has two peaks far apart, the piece between them may be wider, and
+/// is no Gaussian.
 pub const MAX_PIECE_WIDTH: f32 = 1.5;
 
-/// Rows of a table to a factor of two in w.
+/// Rows of a table per factor of two in w.
 pub(crate) const LOBE_ROWS_PER_OCTAVE: f32 = 4.0;
 
-/// Cells of a row to a standard deviation.
+/// Cells of a row per standard deviation.
 pub(crate) const LOBE_CELLS_PER_DEVIATION: f32 = 4.0;
 
-/// The optical depth that classifying kernels at their values alone may move across any place of a lobe:
-/// a grey level of 255 where nothing lies before it.
+/// Optical depth that classifying kernels at their values alone may move across any position in a lobe: a grey
+/// level of 255 if nothing lies in front.
 pub const ALONE_DEPTH: f64 = 1.0 / 255.0;
 
 /// A maximal interval of values whose extinction is above 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lobe {
-    /// Its ends: values without extinction, or the ends of the function's range where it is above 0
-    /// there.
+    /// Ends of the lobe: values without extinction, or the ends of the function's range if the extinction is
+    /// above 0 there.
     pub interval: [f32; 2],
-    /// The extinction \[1/length\] beyond its ends: above 0 where the function is at the end of its range,
-    /// from where on it is constant.
+    /// The extinction \[1/length\] beyond the ends: above 0 if the lobe reaches the end of the function's
+    /// range, beyond which the function is constant.
     pub beyond: [f32; 2],
-    /// The greatest standard deviation w of a kernel's values with which it is classified at its value
-    /// alone ([`ALONE_DEPTH`]); infinite for a function that is the same everywhere.
+    /// The greatest standard deviation w of a kernel's values at which the kernel is classified at its value
+    /// alone ([`ALONE_DEPTH`]); infinite for a constant function.
     pub threshold: f32,
-    /// Its greatest extinction \[1/length\].
+    /// Greatest extinction \[1/length\].
     pub(crate) peak: f32,
-    /// Its first window among those of all lobes, and how many it has: one without steps.
+    /// Index of the lobe's first window among those of all lobes, and their number: one if there are no steps.
     pub(crate) first_window: u32,
     pub(crate) window_count: u32,
-    /// The w of its first row.
+    /// The w of the first row.
     pub(crate) first_spread: f32,
 }
 
-/// A part of a lobe: all of it, or what a smooth window leaves beside a step, or far from it.
+/// A part of a lobe: the whole, or the part inside a smooth window beside a step or far from it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Window {
-    /// The values between which its table follows values, and beyond them deviations: the step's, twice, or
-    /// ends of the lobe and steps.
+    /// The interval of values over which the table's columns follow values; beyond it they follow deviations.
+    /// It is a step's value, twice, or lies between ends of the lobe and steps.
     pub(crate) interval: [f32; 2],
-    /// As of [`Lobe::beyond`]; 0 of a window that ends.
+    /// The extinction beyond the interval, as in [`Lobe::beyond`]; 0 if the window ends there.
     pub(crate) beyond: [f32; 2],
-    /// How many deviations its table reaches beyond its interval.
+    /// Number of deviations that the table reaches beyond its interval.
     pub(crate) reach: [f32; 2],
-    /// Its first row among those of all windows, and how many it has.
+    /// Index of the window's first row among those of all windows, and their number.
     pub(crate) first_row: u32,
     pub(crate) row_count: u32,
 }
 
-/// What a lobe leaves of a kernel.
+/// The piece that a lobe leaves of a kernel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Piece {
     /// Extinction \[1/length\]: times the kernel's volume, the mass.
     pub extinction: f32,
     /// Shift of the centre along u, standard deviations of the kernel.
     pub shift: f32,
-    /// Standard deviation across the gradient's planes, of that of the kernel; may pass 1.
+    /// Standard deviation across the gradient's planes, in those of the kernel; may exceed 1.
     pub width: f32,
 }
 
@@ -120,16 +121,16 @@ pub struct Piece {
 pub struct Lobes {
     pub(crate) lobes: Vec<Lobe>,
     pub(crate) windows: Vec<Window>,
-    /// Of each window: what it is, in entries of the function's table.
+    /// Shape of each window, in entries of the function's table.
     shapes: Vec<Shape>,
     /// The function's first value, and entries per unit of value.
     origin: f64,
     scale: f64,
     pub(crate) rows: Vec<Row>,
-    /// Of each row, from as many deviations before the window's interval as it reaches to as many after it:
-    /// the logarithm of m over the lobe's peak, and d²/2 with d the deviations outside of it; the mean value's
-    /// deviations from the interval's middle; the logarithm of s over [`MAX_PIECE_WIDTH`]; that of the window's
-    /// share of the lobe's mass over [`LEAST_WINDOW_SHARE`], held to -1 and 1.
+    /// Cells of each row, from `reach` deviations before the window's interval to `reach` after it. Four
+    /// numbers each: ln(m / the lobe's peak) + d²/2, with d the deviations outside the interval; the mean
+    /// value's deviations from the interval's middle; ln(s / [`MAX_PIECE_WIDTH`]); and ln(the window's share of
+    /// the lobe's mass / [`LEAST_WINDOW_SHARE`]), clamped to -1 and 1.
     pub(crate) cells: Vec<[f32; 4]>,
 }
 
@@ -139,7 +140,7 @@ impl Lobes {
         table::build(transfer, &runs, f64::from(sigma))
     }
 
-    /// The lobes alone, of which no piece is asked.
+    /// The lobes without tables, so that no pieces can be looked up.
     pub(super) fn without_tables(transfer: &TransferFunction) -> Self {
         let runs = runs(transfer.table());
         Self {
@@ -160,20 +161,20 @@ impl Lobes {
         }
     }
 
-    /// The lobes in the order of their values, and what each looks up.
+    /// The lobes in the order of their values.
     pub fn lobes(&self) -> &[Lobe] {
         &self.lobes
     }
 
-    /// The windows of a lobe: one, or more where it has steps.
+    /// The windows of a lobe: one, or more if it has steps.
     #[inline]
     pub fn windows(&self, lobe: &Lobe) -> &[Window] {
         let first = lobe.first_window as usize;
         &self.windows[first..first + lobe.window_count as usize]
     }
 
-    /// What each of a lobe's windows has of a value, for kernels whose values have the standard deviation
-    /// `spread`: numbers that add up to 1.
+    /// The share of each of a lobe's windows in a value, for kernels whose values have the standard deviation
+    /// `spread`. The shares add up to 1.
     pub fn weights(&self, lobe: &Lobe, value: f64, spread: f64) -> [f64; MAX_WINDOWS] {
         let first = lobe.first_window as usize;
         let shapes = &self.shapes[first..first + lobe.window_count as usize];
@@ -187,29 +188,30 @@ impl Lobes {
         self.lobes.iter().any(|lobe| lobe.meets(lo, hi))
     }
 
-    /// The greatest spread of values w at which every lobe that meets `lo..=hi` takes kernels at their
-    /// values alone; infinite where there is none.
+    /// The greatest spread of values w at which every lobe that meets `lo..=hi` classifies kernels at their
+    /// values alone; infinite if no lobe does.
     pub fn threshold(&self, lo: f32, hi: f32) -> f32 {
         let met = self.lobes.iter().filter(|lobe| lobe.meets(lo, hi));
         met.fold(f32::INFINITY, |least, lobe| least.min(lobe.threshold))
     }
 
-    /// What a window of a lobe leaves of a kernel whose values have the mean `value` and the standard deviation
-    /// `spread`, above its threshold; `None` where that is nothing.
+    /// The piece that a window of a lobe leaves of a kernel whose values have the mean `value` and the standard
+    /// deviation `spread`, above the lobe's threshold; `None` if nothing is left.
     ///
-    /// Against the integrals, over hats, trapezia and steps of any width: the
-    /// extinction within 1.2 % where it is above a hundredth of its greatest, shift within .01 and width within .007
-    /// (a unit test measures it). Of lobes with windows the sum of extinctions is within 1 %, of a window 2.2 %;
-    /// of boxes as wide as a kernel, whose windows fade, 3 and 8 %, shift within .02 and width within .011. Width is held to [`MAX_PIECE_WIDTH`].
+    /// Errors against the integrals, over hats, trapezia and steps of any width (a unit test measures them):
+    /// the extinction within 1.2 % where it is above a hundredth of its greatest, shift within .01, width
+    /// within .007. In lobes with windows the sum of extinctions is within 1 %, that of a window 2.2 %. In
+    /// boxes as wide as a kernel, whose windows fade, these are 3 and 8 %, shift is within .02 and width within
+    /// .011. Width is at most [`MAX_PIECE_WIDTH`].
     #[inline]
     pub fn piece(&self, lobe: &Lobe, window: &Window, value: f32, spread: f32) -> Option<Piece> {
         let [lo, hi] = window.interval;
         let nearest = value.clamp(lo, hi);
         let outside = (value - nearest) / spread;
-        // Phrased so that NaN has none.
+        // Phrased so that NaN gives none.
         let [before, after] = window.reach;
         if !(outside >= -before && outside <= after) {
-            // Beyond an open end the function is constant as far as the kernel goes.
+            // Beyond an open end the function is constant over the whole kernel.
             let extinction = window.beyond[usize::from(outside > 0.0)];
             let is_inside = outside.is_finite() && extinction > 0.0;
             return is_inside.then_some(Piece {
@@ -233,7 +235,7 @@ impl Lobes {
         });
         let [log_mass, mean, log_width, log_share] =
             [0, 1, 2, 3].map(|c| a[c] + (b[c] - a[c]) * share);
-        // Other windows have it.
+        // Other windows have the mass.
         if !(log_share > 0.0) {
             return None;
         }
@@ -243,7 +245,7 @@ impl Lobes {
         } else {
             1.0
         };
-        // One narrower than the first row stays the more as it is.
+        // A kernel narrower than the first row changes less, in proportion.
         let change = (spread / lobe.first_spread).min(1.0);
         let width = MAX_PIECE_WIDTH * log_width.min(0.0).exp() * shrink;
         let log_extinction = (log_mass - 0.5 * outside * outside).min(0.0);
@@ -254,8 +256,8 @@ impl Lobes {
         })
     }
 
-    /// Cells of a row, interpolated: `inside` cells from the interval's beginning, and so many deviations from
-    /// the first cell.
+    /// Interpolates the cells of a row: `inside` cells from the interval's start, plus `from_first` deviations
+    /// from the first cell.
     #[inline]
     fn cell(&self, row: Row, inside: f32, from_first: f32) -> [f32; 4] {
         let place = inside + from_first * LOBE_CELLS_PER_DEVIATION;
@@ -268,10 +270,10 @@ impl Lobes {
 }
 
 impl Lobe {
-    /// Of a run of entries, without its tables.
+    /// Makes the lobe of a run of entries, without tables.
     fn of(transfer: &TransferFunction, run: Run) -> Self {
         let entries = &transfer.table()[run.first..=run.last];
-        // Extinctions of entries are above 0 at an end only where the function ends there.
+        // At an end, an entry's extinction is above 0 only if the function ends there.
         let ends = [entries[0][3], entries[entries.len() - 1][3]];
         Self {
             interval: [run.first, run.last].map(|i| entry_value(transfer.range, i)),
@@ -284,13 +286,13 @@ impl Lobe {
         }
     }
 
-    /// Whether a value has an extinction of the lobe.
+    /// Whether a value has an extinction in this lobe.
     #[inline]
     pub fn holds(&self, value: f32) -> bool {
         self.meets(value, value)
     }
 
-    /// Whether any of the values `lo..=hi` has an extinction of the lobe.
+    /// Whether any of the values `lo..=hi` has an extinction in this lobe.
     #[inline]
     pub fn meets(&self, lo: f32, hi: f32) -> bool {
         let [first, last] = self.interval;
@@ -298,16 +300,16 @@ impl Lobe {
     }
 }
 
-/// A lobe among the entries of a function's table: the first and the last that belong to it, which are 0
-/// but at an open end.
+/// A lobe among the entries of a function's table: its first and last entry, which are 0 unless the end is
+/// open.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Run {
     first: usize,
     last: usize,
 }
 
-/// The lobes of a table: maximal runs of entries above 0 and the zeros next to them. Of more than
-/// [`MAX_LOBES`] those with the narrowest gaps between them become one.
+/// The lobes of a table: maximal runs of entries above 0, with the zeros next to them. If there are more than
+/// [`MAX_LOBES`], those with the narrowest gaps between them are joined.
 fn runs(table: &[[f32; 4]]) -> Vec<Run> {
     let mut runs: Vec<Run> = Vec::new();
     for (i, entry) in table.iter().enumerate() {
@@ -369,7 +371,7 @@ mod tests {
         knots
     }
 
-    /// The greatest errors of mass (share of the function's peak where that is above a hundredth of
+    /// The greatest errors of mass (as a share of the function's peak, where the mass is above a hundredth of
     /// it), shift and width, over all windows of all lobes; and that of the sum of all windows' masses.
     fn errors(transfer: &TransferFunction) -> [f64; 4] {
         let lobes = transfer.lobes(0.1);
@@ -414,8 +416,8 @@ mod tests {
                     if all > 0.01 * peak {
                         worst[3] = worst[3].max((sum / all - 1.0).abs());
                     } else if all > 2e-4 * peak {
-                        // Faint: it matters less, and is right to a tenth; beside a narrow box without what
-                        // its far step's windows would have, which do not reach as far.
+                        // Faint masses matter less, and are right to a tenth. Beside a narrow box, the windows
+                        // of its far step do not reach as far, so their share is missing.
                         let ratio = sum / all;
                         let least = if windows.len() > 1 { 0.85 } else { 0.9 };
                         assert!((least..1.1).contains(&ratio), "{value} {spread} {ratio}");
@@ -462,8 +464,8 @@ mod tests {
             let transfer = transfer(kappa);
             let errors = errors(&transfer);
             println!("{name}: {errors:.4?}");
-            // What a window has of a box that is as wide as a kernel changes fast from row to row; all of them
-            // have it still.
+            // In a box as wide as a kernel, a window's share changes fast from row to row; the sum of all
+            // windows stays right.
             let lobes = transfer.lobes(0.1);
             let bounds = if lobes.windows.len() > lobes.lobes.len() {
                 [0.085, 0.02, 0.012, 0.032]

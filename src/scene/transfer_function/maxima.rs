@@ -1,4 +1,4 @@
-//! The greatest of any run of a table's entries, in constant time.
+//! Finds the greatest of any run of a table's entries, in constant time.
 
 use super::CLASSIFICATION_TABLE_LEN;
 
@@ -9,7 +9,7 @@ pub(super) struct Maxima {
 }
 
 impl Maxima {
-    /// Of [`CLASSIFICATION_TABLE_LEN`] entries, none of them NaN.
+    /// Builds the rows from [`CLASSIFICATION_TABLE_LEN`] entries, none of them NaN.
     pub(super) fn new(entries: Vec<f32>) -> Self {
         debug_assert_eq!(entries.len(), CLASSIFICATION_TABLE_LEN);
         let len = entries.len();

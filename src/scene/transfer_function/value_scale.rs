@@ -1,19 +1,21 @@
-//! Where values lie before a transfer function is asked: linearly, or by their logarithm.
+//! Defines the scales of values, linear or logarithmic, on which transfer functions are evaluated.
 
 use std::borrow::Cow;
 
 use crate::scene::Values;
 use crate::scene::values::narrowed;
 
-/// Single precision has fewer steps than this within a range of values that are far from 0 for their differences: the
-/// positions are then those from an origin among them. A transfer function's table has a fourth as many entries.
+/// Least number of steps that single precision must have within a range. If values are so far from 0 that there
+/// are fewer, positions are counted from an origin among the values. A transfer function's table has a fourth
+/// as many entries.
 const LEAST_STEPS: f64 = 16_384.0;
 
-/// From this magnitude on differences of values, and from its inverse down, are not taken in single precision.
+/// Values whose differences reach this magnitude, or fall below its inverse, are rescaled before single
+/// precision is used.
 const GREATEST: f64 = 1e30;
 
-/// The scale on which a transfer function lies over its values. A table, colours and kernels' extents are even on
-/// it: a field over decades is classified, interpolated and shown by its logarithm.
+/// The scale on which a transfer function is evaluated. Its table, colours and kernels' extents are even on
+/// this scale: a field over decades is classified, interpolated and shown by its logarithm.
 ///
 /// A *position* is a place on the scale. A volume's values are positions on the scale of its transfer function.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -21,23 +23,25 @@ pub enum ValueScale {
     /// Positions are values.
     #[default]
     Linear,
-    /// (value - origin) / unit: of values whose differences, or which themselves, single precision does not have.
+    /// (value - origin) / unit: for values that single precision cannot represent, or whose differences it
+    /// cannot.
     Shifted {
         /// The value at position 0.
         origin: f64,
         /// The difference of values whose positions differ by 1, above 0; a power of two.
         unit: f64,
     },
-    /// log10 of the value; of values above 0.
+    /// log10 of the value; for values above 0.
     Log,
-    /// sign(v) log10(1 + |v| / linear): of either sign, linear within `linear` of 0 and logarithmic beyond.
+    /// sign(v) log10(1 + |v| / linear), for values of either sign: about linear within `linear` of 0 and
+    /// logarithmic beyond.
     Symlog {
-        /// The distance from 0 \[value units\] up to which it is about linear, above 0.
+        /// Distance from 0 \[value units\] up to which the scale is about linear, above 0.
         linear: f32,
     },
 }
 
-/// A scale by its name; what a symmetric one needs comes from the values.
+/// The name of a scale; its parameters are computed from the values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ScaleName {
     /// [`ValueScale::Linear`]
@@ -49,7 +53,7 @@ pub enum ScaleName {
 }
 
 impl ScaleName {
-    /// The name that `--scale` and files have for it.
+    /// The name in `--scale` and in files.
     pub fn name(self) -> &'static str {
         match self {
             Self::Linear => "linear",
@@ -71,13 +75,15 @@ impl ScaleName {
 }
 
 impl ValueScale {
-    /// The linear scale over a range of values in double precision: [`Self::Linear`], unless single precision tells less
-    /// than some 2^14 values apart within it, or is left by it.
+    /// The linear scale over a range of values in double precision. It is [`Self::Linear`], unless single
+    /// precision distinguishes less than some 2^14 values within the range, or the range exceeds single
+    /// precision.
     pub(super) fn linear_over([lo, hi]: [f64; 2]) -> Self {
         let greatest = lo.abs().max(hi.abs());
         let width = hi - lo;
         let is_far = width > 0.0 && width < LEAST_STEPS * f64::from(f32::EPSILON) * greatest;
-        // The differences, or the values themselves where nothing differs or differences are too great for any number.
+        // The size of differences; or that of the values themselves, if these are all equal or their difference
+        // overflows.
         let size = match width > 0.0 && width.is_finite() {
             true => width,
             false => greatest,
@@ -88,7 +94,7 @@ impl ValueScale {
         }
         Self::Shifted {
             origin: if is_far { lo.midpoint(hi) } else { 0.0 },
-            // Powers of two leave the digits of differences as they are; the least and the greatest have inverses.
+            // Powers of two keep the digits of differences; the clamped exponents have inverses.
             unit: match is_ordinary {
                 true => 1.0,
                 false => size.log2().floor().clamp(-1000.0, 1000.0).exp2(),
@@ -96,9 +102,9 @@ impl ValueScale {
         }
     }
 
-    /// The scale on which differences of values are taken that may need double precision, in single precision.
+    /// The scale for taking differences in single precision of values that may need double precision.
     ///
-    /// - `range`: of all of them; `is_wide`: whether any are in double precision.
+    /// - `range`: range of all values; `is_wide`: whether any are in double precision.
     pub(crate) fn of_differences(range: Option<[f64; 2]>, is_wide: bool) -> Self {
         match range {
             Some(range) if is_wide => Self::linear_over(range),
@@ -116,12 +122,12 @@ impl ValueScale {
         self != Self::Log && !self.is_shifted()
     }
 
-    /// Whether values lie evenly on it.
+    /// Whether equal differences of values are equal on the scale.
     pub fn is_linear(self) -> bool {
         matches!(self, Self::Linear | Self::Shifted { .. })
     }
 
-    /// Where a value lies: minus infinity for what a logarithm has no place for.
+    /// The position of a value: minus infinity if a logarithmic scale has none.
     pub fn position(self, value: f64) -> f32 {
         let position = match self {
             Self::Linear => value,
@@ -151,14 +157,14 @@ impl ValueScale {
         }
     }
 
-    /// The positions of values. What a logarithm has no place for counts as the least value above 0: beside its
-    /// neighbours nothing else is finite.
+    /// The positions of values. On a logarithmic scale, a value without a position takes that of the least
+    /// value above 0, because any other would be infinite beside its neighbours.
     pub fn positions(self, values: Values) -> Values {
         let lowest = self.lowest(&values);
         self.positions_from(values, lowest)
     }
 
-    /// The positions of values that are not moved, copied where they differ from these.
+    /// The positions of values that stay in place; copied only if they differ from the values.
     pub(crate) fn seen(self, values: &Values) -> Cow<'_, Values> {
         match values {
             Values::F64(_) => Cow::Owned(self.positions(values.clone())),
@@ -167,7 +173,7 @@ impl ValueScale {
         }
     }
 
-    /// The least value above 0, on a scale that has a place for no other.
+    /// The least value above 0 on a logarithmic scale; minus infinity on others.
     pub(crate) fn lowest(self, values: &Values) -> f64 {
         match self {
             Self::Log => (0..values.len())
@@ -180,7 +186,7 @@ impl ValueScale {
 
     /// The positions of some values, in single precision at most.
     ///
-    /// - `lowest`: [`Self::lowest`] of all.
+    /// - `lowest`: [`Self::lowest`] of all values.
     pub(crate) fn positions_from(self, values: Values, lowest: f64) -> Values {
         if self == Self::Linear && !matches!(values, Values::F64(_)) {
             return values;

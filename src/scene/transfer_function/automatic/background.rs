@@ -1,36 +1,36 @@
-//! The background of values that come with surroundings: air in a scan, the free stream of a flow.
+//! Finds the background of data that include surroundings: air in a scan, the free stream of a flow.
 
 use super::value_sample::{Sample, ValueSample};
 
-/// How many times its even share the fullest bin must hold to count as the background.
+/// Least ratio of the fullest bin to its even share, for the bin to count as the background.
 const DOMINANCE: f64 = 3.0;
 
-/// Bins in which a broad mode is looked for.
+/// Number of bins in which a broad mode is looked for.
 const MODE_BINS: usize = 64;
 
-/// A mode reaches to where there is less than this share of what its peak has.
+/// A mode extends to where a bin has less than this share of the peak.
 const MODE_EDGE: f64 = 0.25;
 
-/// A mode is broad where no value has more than this share of it.
+/// A mode is broad if no value has more than this share of it.
 const BROAD_SHARE: f64 = 0.25;
 
-/// The greatest share of the volume that a saturated level has, and padding; what has more is a background.
+/// The greatest shares of the volume of a saturated level and of padding; a level with more is a background.
 const MOST_SATURATED: f64 = 0.1;
 const MOST_PADDING: f64 = 0.25;
 
-/// Bins of a mode by which it may miss the end of the values, and padding adjoin it.
+/// Greatest gap in bins between a mode and the end of the values, and between padding and a mode.
 const BINS_BESIDE: usize = 2;
 
 /// The background of a range of values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Background {
-    /// Its middle.
+    /// Middle of the background.
     pub(super) ordinary: f64,
-    /// The half width: values no farther from the middle belong to the background.
+    /// Half width: values no farther from the middle belong to the background.
     pub(super) half: f64,
-    /// Its value that lies farthest out.
+    /// The background's value that lies farthest out.
     pub(super) outer: f64,
-    /// Whether the low end of the range belongs to it, too.
+    /// Whether the low end of the range belongs to the background, too.
     pub(super) is_padded: bool,
 }
 
@@ -40,7 +40,7 @@ impl Background {
         let histogram = Histogram::new(&sample.samples, [lo, hi], bin_count);
         let fullest = histogram.fullest();
         let is_background = |bin: usize| {
-            // The lowest one is the low end itself.
+            // Bin 0 is the low end itself.
             histogram.bins[bin] >= DOMINANCE * histogram.total() / bin_count as f64 && bin > 0
         };
         let chosen = fullest.filter(|&bin| is_background(bin));
@@ -49,7 +49,7 @@ impl Background {
             .unwrap_or_else(|| Self::narrow(ordinary, [lo, hi], bin_count))
     }
 
-    /// As wide as a bin.
+    /// A background as wide as one bin.
     pub(super) fn narrow(ordinary: f64, [lo, hi]: [f64; 2], bin_count: usize) -> Self {
         Self {
             ordinary,
@@ -60,7 +60,7 @@ impl Background {
     }
 }
 
-/// The broad mode at an end of the values, where the fullest bin is no background but one saturated or padded level.
+/// Finds the broad mode at an end of the values, if the fullest bin is one saturated or padded level.
 fn broad_mode(
     sample: &ValueSample,
     [lo, hi]: [f64; 2],
@@ -75,7 +75,7 @@ fn broad_mode(
     let least = DOMINANCE * total / bin_count as f64;
     let [low, high] = [volume(&samples[..below]), volume(&samples[above..])];
     let is_level = |level: f64, most: f64| level >= least && level <= most * total;
-    // What the fine histogram takes for the background: the level at either end, or something between.
+    // The level that the fine histogram takes for the background: at either end, or between.
     let level = match fullest {
         Some(bin) if bin + 1 == bin_count && is_level(high, MOST_SATURATED) => high,
         None if is_level(low, MOST_PADDING) => low,
@@ -109,7 +109,7 @@ fn broad_mode(
     }
     let has_gap = ends[0] - lo > BINS_BESIDE as f64 * bin;
     let is_padded = is_low && first > 0 && has_gap;
-    // Noise that is cut off at the low end has its background there; padding on the other side is none.
+    // Noise that is cut off at the low end has its background there; padding on the other side does not count.
     let is_found = match fullest {
         Some(_) => true,
         None => is_padded || (!is_low && is_level(low, MOST_SATURATED)),
@@ -122,7 +122,7 @@ fn broad_mode(
     })
 }
 
-/// The greatest volume that has one value.
+/// The greatest volume of a single value.
 fn fullest_level(samples: &[Sample]) -> f64 {
     let levels = samples.chunk_by(|a, b| a.value >= b.value);
     let volumes = levels.map(|level| level.iter().map(|s| s.volume).sum());
@@ -136,7 +136,7 @@ struct Histogram {
 }
 
 impl Histogram {
-    /// - `ends`: of the bins; values outside are in the first and the last one.
+    /// - `ends`: ends of the bins; values outside are counted in the first and the last one.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -167,7 +167,7 @@ impl Histogram {
         self.bins.iter().sum()
     }
 
-    /// The first of the fullest bins; `None` where all are empty.
+    /// The first of the fullest bins; `None` if all are empty.
     fn fullest(&self) -> Option<usize> {
         let bins = self.bins.iter().enumerate();
         let none = (None, 0.0);
@@ -178,8 +178,8 @@ impl Histogram {
         .0
     }
 
-    /// Its modes, the fullest first, each from its first bin to before the bin after its last: around a peak as far as
-    /// bins have a share of it that belong to no mode yet.
+    /// The modes, the fullest first, each from its first bin to the bin after its last. A mode extends around a
+    /// peak over bins that have a share of it and belong to no earlier mode.
     fn modes(&self) -> impl Iterator<Item = (usize, usize)> {
         let mut left = self.bins.clone();
         std::iter::from_fn(move || {
@@ -198,7 +198,8 @@ impl Histogram {
         })
     }
 
-    /// Each bin a mean of itself and its neighbours, by 1, 2 and 1; beyond the ends there is what they have.
+    /// Averages each bin with its neighbours, with weights 1, 2 and 1; the end bins are repeated beyond the
+    /// ends.
     fn smooth(&mut self) {
         let of = |i: usize| self.bins[i];
         let last = self.bins.len().saturating_sub(1);

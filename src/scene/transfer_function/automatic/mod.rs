@@ -1,4 +1,4 @@
-//! A transfer function from the data themselves, for a first look.
+//! Chooses a transfer function from the data, for a first look.
 
 mod background;
 mod silhouette;
@@ -15,40 +15,41 @@ use super::value_scale::{ScaleName, ValueScale};
 use crate::error::{Error, Result};
 use crate::scene::values::narrowed;
 
-/// The optical depth aimed at: beside a background along a line were the values spread evenly, of a body along one
-/// through its middle. Interesting values of lattices lie together: medians over the axis-parallel lines through the
-/// middle quarter are, by axis, 2.3, 3.2, 1.6 for an engine (CT) and 4.9, 4.9, 5.0 for a nucleon.
+/// Target optical depth. With a background: along a line, if values were spread evenly. For a body: along a
+/// line through its middle. Interesting values of lattices lie together: medians over the axis-parallel lines
+/// through the middle quarter are, by axis, 2.3, 3.2, 1.6 for an engine (CT) and 4.9, 4.9, 5.0 for a nucleon.
 const DEPTH: f64 = 1.5;
 
-/// The greatest optical depth per unit distance (opacity .95): beyond it a single sample hides
-/// all behind it and the picture shows its kernels.
+/// Greatest optical depth per unit distance (opacity .95). Beyond it a single sample hides all behind it, and
+/// the image shows single kernels.
 const MAX_DEPTH_PER_UNIT: f64 = 3.0;
 
-/// The unit distance of flat data is at most this part of their thickness: what is seen across a few samples needs more in
-/// each.
+/// Greatest unit distance of flat data, as a share of their thickness: a view that crosses few samples needs
+/// more opacity in each.
 const PART_OF_FLAT: f64 = 0.25;
 
-/// From this ratio of the values at the ends of the range on they may be spread over decades.
+/// Least ratio of the values at the ends of a range that may span decades.
 const LEAST_DECADES_RATIO: f64 = 1e3;
 
 /// Values over decades have their median in this lowest share of the range, by volume and by count.
 const LOW_SHARE: f64 = 0.05;
 
-/// A field that is zero-centred reaches this share of its greatest value on the other side, too, and
+/// A zero-centred field reaches at least this share of its greatest value on the other side of 0, and
 const LEAST_OTHER_SIDE: f64 = 0.25;
-/// its median lies within this share of it around 0.
+/// its median lies within this share of the greatest value around 0.
 const ZERO_SHARE: f64 = 0.1;
 
-/// What is asked of an automatic transfer function.
+/// Options of an automatic transfer function.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AutomaticOptions<'a> {
-    /// A map's name ([`super::COLOUR_MAP_NAMES`]), from the low end to the high one; `None` chooses one.
+    /// Name of a map ([`super::COLOUR_MAP_NAMES`]), from the low end to the high one; `None` chooses one.
     pub colour_map: Option<&'a str>,
-    /// The range \[values\]; those outside count as its ends. `None` takes the values' own.
+    /// The range \[values\]; values outside take its ends. `None` uses the values' own range.
     pub range: Option<[f64; 2]>,
     /// The scale; `None` chooses one.
     pub scale: Option<ScaleName>,
-    /// The length \[world units\] over which opacities are stated; of flat data at most a quarter of their thickness.
+    /// Length \[world units\] over which opacities are stated; for flat data at most a quarter of their
+    /// thickness.
     pub unit_distance: f64,
 }
 
@@ -64,44 +65,47 @@ impl Default for AutomaticOptions<'_> {
 }
 
 impl TransferFunction {
-    /// A transfer function that shows what is rare in the values and far from what is ordinary among them.
+    /// Chooses a transfer function that shows rare values far from the ordinary one.
     ///
-    /// - Range: the finite values less the thousandth at either end.
-    /// - Scale: logarithmic where all values are above 0, the ends of the range differ by a factor of 1000 and the
-    ///   medians by count and by volume both lie in its lowest twentieth; else linear.
-    /// - Ordinary, **with surroundings** (lattices, grids): the bin of the histogram with the greatest volume (air in
-    ///   a scan, the free stream of a flow), if it holds three times its even share, and else the low end. In place of
-    ///   a bin that is one saturated level, a least or a greatest value, or of padding below all else: the broad mode at
-    ///   an end of the other values, if that holds more. **Without**
-    ///   (cells of a mesh, particles): the median by volume. Of a zero-centred field 0: one that reaches a quarter of
-    ///   its greatest value on the other side of 0, too, with its median within a tenth of that around 0; the range
-    ///   is then even to either side.
-    /// - Worth of a value with surroundings: rank² x distance. Distance is from the ordinary value, 0 there and
-    ///   at most 1 (a shorter side counts as the geometric mean of both sides); rank is the
-    ///   share of the volume outside the background whose values lie no farther from it. What is
-    ///   worth less than .02 is transparent. Without surroundings: .1 + .9 rank x distance, so that nothing is.
-    /// - Extinction: in proportion to worth. With surroundings such that a line through the whole volume, as long
-    ///   as its cube root, has an optical depth of 1.5 on average; without such that lines through the middle have
-    ///   it (of three along the axes the middle one, over a quarter of the data's width). Flat data, thinner than half
-    ///   the cube root of their volume, increasingly have it across them. At most 3 per unit distance, which is a
-    ///   quarter of the thickness of flat data where that is less.
-    /// - Colours: coolwarm for zero-centred fields; inferno on a logarithmic scale and where the background lies in
-    ///   the lowest tenth of the range, inferno from bright to dark where in the highest, so that what is far from it
-    ///   is bright; else viridis. A named map replaces the colours alone; one that diverges (`coolwarm`) has its
-    ///   neutral colour at 0, if the values lie on both sides of that, and else in the middle of their range, and
-    ///   that is then the ordinary value.
+    /// - Range: the finite values without a thousandth at either end.
+    /// - Scale: logarithmic if all values are above 0, the ends of the range differ by a factor of 1000, and
+    ///   the medians by count and by volume both lie in its lowest twentieth; else linear.
+    /// - Ordinary value, **with surroundings** (lattices, grids): the bin of the histogram with the greatest
+    ///   volume (air in a scan, the free stream of a flow), if it holds three times its even share; else the
+    ///   low end. If that bin is one saturated level (a least or a greatest value) or padding below all else,
+    ///   the broad mode at an end of the other values takes its place, if it holds more. **Without
+    ///   surroundings** (cells of a mesh, particles): the median by volume.
+    /// - Zero-centred fields have the ordinary value 0, and a range that is symmetric around it. Such a field
+    ///   reaches a quarter of its greatest value on the other side of 0, and its median lies within a tenth of
+    ///   that value around 0.
+    /// - Worth of a value, with surroundings: rank² x distance. Distance is from the ordinary value, 0 there
+    ///   and at most 1 (a shorter side counts as the geometric mean of both sides). Rank is the share of the
+    ///   volume outside the background whose values lie no farther from the ordinary one. Values worth less
+    ///   than .02 are transparent. Without surroundings: .1 + .9 rank x distance, so that no value is
+    ///   transparent.
+    /// - Extinction: proportional to worth. With surroundings, a line through the whole volume, as long as its
+    ///   cube root, has an optical depth of 1.5 on average. Without, lines through the middle have that depth
+    ///   (the median of three along the axes, over a quarter of the data's width). For flat data, thinner than
+    ///   half the cube root of their volume, the depth is increasingly that across them. The depth is at most 3
+    ///   per unit distance; for flat data the unit distance is at most a quarter of their thickness.
+    /// - Colours: coolwarm for zero-centred fields. Inferno on a logarithmic scale, and if the background lies
+    ///   in the lowest tenth of the range; inferno from bright to dark if it lies in the highest, so that
+    ///   values far from it are bright. Else viridis. A named map replaces the colours alone. A diverging one
+    ///   (`coolwarm`) has its neutral colour at 0 if the values lie on both sides of it, else in the middle of
+    ///   their range; that is then the ordinary value.
     ///
-    /// Constant data are evenly translucent. Where no value is finite the range is 0 to 1 and nothing is shown.
+    /// Constant data are evenly translucent. If no value is finite, the range is 0 to 1 and nothing is visible.
     ///
     /// # Errors
-    /// An unknown map; a range whose ends do not rise, or that is not above 0 on a logarithmic scale; values none of
-    /// which are above 0 on such a scale; a unit distance that is not positive.
+    /// An unknown map; a range whose ends do not rise, or that is not above 0 on a logarithmic scale; no values
+    /// above 0 on such a scale; a unit distance that is not positive.
     pub fn automatic(sample: &ValueSample, options: &AutomaticOptions<'_>) -> Result<Self> {
         let named = options.colour_map.map(known_map).transpose()?;
         if let Some(range) = options.range {
             check_range(range)?;
         }
-        // An opacity over a length that is far greater than the data's has no digits for what shows them.
+        // An opacity over a length far greater than the data has no digits left for the extinctions that would
+        // show them.
         let unit = match sample.flat() {
             Some((thickness, _)) if options.unit_distance > 0.0 => {
                 (PART_OF_FLAT * thickness).min(options.unit_distance)
@@ -116,14 +120,15 @@ impl TransferFunction {
                 .with_unit_distance(unit);
         };
         let values = options.range.unwrap_or(own);
-        // Of values that single precision has they are positions themselves.
+        // Values that single precision can represent are positions themselves.
         let linear = match sample.is_wide() {
             true => ValueScale::linear_over(values),
             false => ValueScale::Linear,
         };
         let scale = match options.scale {
             Some(ScaleName::Linear) => linear,
-            // Over so small a part of their magnitude logarithms differ from a line by less than an entry of the table.
+            // Over such a small part of their magnitude, logarithms differ from a line by less than an entry of
+            // the table.
             Some(_) if linear.is_shifted() => linear,
             Some(name) => ScaleName::over(values, name),
             None if spans_decades(sample, own) && values[0] > 0.0 => ValueScale::Log,
@@ -137,7 +142,7 @@ impl TransferFunction {
         };
         let diverges = match options.colour_map {
             Some(name) => DIVERGING.contains(&name.to_ascii_lowercase().as_str()),
-            // Signs are those of values: a logarithm has one where the value is 1 of its unit.
+            // The sign must be the value's: a logarithm changes sign at 1.
             None => scale.has_signs() && is_zero_centred(sample, range),
         };
         let [lo, hi] = range;
@@ -192,7 +197,7 @@ impl TransferFunction {
 }
 
 impl TransferFunction {
-    /// The colours of a named map over a range of values, opaque.
+    /// An opaque function with the colours of a named map over a range of values.
     ///
     /// # Errors
     /// An unknown map; a range whose ends do not rise, or that is not above 0 on a logarithmic scale.
@@ -206,7 +211,7 @@ impl TransferFunction {
     }
 }
 
-/// A range of values on a scale that has a place for its ends.
+/// The positions of a range's ends on a scale; an error if they have none.
 fn positions_of([lo, hi]: [f64; 2], scale: ValueScale) -> Result<[f32; 2]> {
     let positions = [lo, hi].map(|end| scale.position(end));
     if positions.iter().all(|end| end.is_finite()) && lo <= hi {
@@ -234,7 +239,7 @@ fn check_range([lo, hi]: [f64; 2]) -> Result<()> {
     ))
 }
 
-/// Whether values are spread over decades: densities, masses.
+/// Whether values are spread over decades, as densities and masses may be.
 fn spans_decades(sample: &ValueSample, [lo, hi]: [f64; 2]) -> bool {
     let is_positive = sample.samples.first().is_some_and(|s| s.value > 0.0);
     let is_low = |median: Option<f64>| median.is_some_and(|m| m - lo < LOW_SHARE * (hi - lo));
@@ -244,7 +249,7 @@ fn spans_decades(sample: &ValueSample, [lo, hi]: [f64; 2]) -> bool {
         && is_low(sample.at_volume(0.5))
 }
 
-/// Whether values lie around 0: components of a velocity, charges.
+/// Whether values lie around 0, as components of a velocity or charges may.
 fn is_zero_centred(sample: &ValueSample, [lo, hi]: [f32; 2]) -> bool {
     let (lo, hi) = (f64::from(lo), f64::from(hi));
     let greatest = hi.max(-lo);
@@ -332,7 +337,7 @@ mod tests {
 
     #[test]
     fn the_background_is_what_fills_the_volume() {
-        // Most particles lie in a dense cloud, most of the volume around it.
+        // Most particles lie in a dense cloud, which has little of the volume.
         let values = Values::F32(
             (0..10_000)
                 .map(|i| if i < 9000 { 5.0 } else { 1.0 })
@@ -346,7 +351,7 @@ mod tests {
         assert!(t.classify(1.0)[3] <= 0.0 && t.classify(5.0)[3] > 0.0);
     }
 
-    /// Whole numbers from 0 to 99, as many of each.
+    /// Whole numbers from 0 to 99, about equally many of each.
     fn hundred() -> Values {
         let value = |i: u64| (split_mix(i) % 100) as f32;
         Values::F32((0..50_000).map(value).collect())
@@ -388,7 +393,7 @@ mod tests {
         };
         let t = of([20.0, 60.0]).unwrap();
         assert_eq!(t.range(), [20.0, 60.0]);
-        // What lies beyond counts as the end.
+        // Values beyond the range take its end.
         assert_eq!(t.classify(90.0), t.classify(60.0));
         assert!((depth(&t, &values) - DEPTH).abs() < 0.1);
         for range in [
@@ -437,7 +442,7 @@ mod tests {
         assert!(t.classify(f32::MAX)[3].is_finite());
     }
 
-    /// Values at random places of a cube of edge 20.
+    /// Values at random positions in a cube of edge 20.
     fn body(count: usize, value: impl Fn(DVec3, f64) -> f64) -> (ValueSample, Values, Vec<DVec3>) {
         let random = |i: u64| split_mix(i) as f64 / u64::MAX as f64;
         let places: Vec<DVec3> = (0..count as u64)
@@ -452,7 +457,7 @@ mod tests {
 
     #[test]
     fn a_body_has_no_background() {
-        // A shock tube: the half of it that is dense has one value, and so has the other.
+        // A shock tube: the dense half has one value, the other half another.
         let tube = |at: DVec3, _: f64| if at.x < 10.0 { 1.0 } else { 0.125 };
         let (sample, ..) = body(20_000, tube);
         let t = TransferFunction::automatic(&sample, &OPTIONS).unwrap();
@@ -477,7 +482,7 @@ mod tests {
 
     #[test]
     fn a_line_through_the_middle_of_a_body_has_the_depth_aimed_at() {
-        // What is rare lies in the middle, and the depth is there. Sums over particles in a column.
+        // Rare values lie in the middle, where the depth is measured: sums over particles in a column.
         let blob = |at: DVec3, u: f64| (-(at - 10.0).length_squared() / 8.0).exp() + 0.01 * u;
         for count in [4_000, 64_000] {
             let (sample, values, places) = body(count, blob);
@@ -488,7 +493,7 @@ mod tests {
             let position = |i: usize| t.value_scale().position(values.wide(i));
             let depths = column.map(|i| f64::from(t.classify(position(i))[3]) * volume / 25.0);
             let depth: f64 = depths.sum();
-            // Of three lines the middle one; at 4,000 a column has 250 particles, ± 6 %.
+            // The median of three lines; of 4,000 particles a column has 250, ± 6 %.
             assert!((depth - DEPTH).abs() < 0.3, "{count}: {depth}");
         }
     }
@@ -510,7 +515,7 @@ mod tests {
         };
         let t = TransferFunction::automatic(&sample, &linear).unwrap();
         assert_eq!(t.value_scale(), ValueScale::Linear);
-        // Neither what reaches 0, nor two decades, nor decades at the other end.
+        // Not for values that reach 0, nor over two decades, nor for decades at the other end.
         for value in [
             |u: f64| if u < 0.01 { 0.0 } else { 10f64.powf(6.0 * u) },
             |u: f64| 10f64.powf(2.0 * u),
@@ -533,7 +538,7 @@ mod tests {
         assert!(of_lattice(&values, &log(Some([-1.0, 10.0]))).is_err());
         let t = of_lattice(&values, &log(Some([1.0, 100.0]))).unwrap();
         assert_eq!(t.range(), [0.0, 2.0]);
-        // What lies below 0 counts as the least above it.
+        // Values below 0 count as the least one above it.
         let [lo, hi] = of_lattice(&values, &log(None)).unwrap().range();
         assert!(lo.abs() < 1e-6 && hi > 2.6);
         let negative = Values::F32(vec![-1.0, -2.0]);
@@ -563,7 +568,7 @@ mod tests {
             let [red, _, blue, low] = t.classify(-0.45);
             assert!(blue > red && (low - high).abs() < 0.05 * high);
         }
-        // A flow that goes one way does not, nor what hardly passes 0.
+        // A flow in one direction is not zero-centred, nor is a field that hardly passes 0.
         for value in [|u: f64| 1.2 * u - 0.3, |u: f64| u * u - 0.01] {
             let (sample, ..) = body(20_000, |_, u| value(u));
             let t = TransferFunction::automatic(&sample, &OPTIONS).unwrap();

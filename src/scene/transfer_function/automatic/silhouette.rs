@@ -5,13 +5,13 @@ use glam::{DMat3, DVec3};
 use crate::math::eigen;
 use crate::scene::{LONE_CELL_WIDTH, Lattice, LatticeSpacing};
 
-/// The variance of an even distribution over a length of 1 is one over this.
+/// Divisor of a squared length: the variance of an even distribution over it.
 const EVEN: f64 = 12.0;
 
-/// The extent of data along their principal axes: turned data have the same.
+/// Extent of the data along their principal axes; rotating the data does not change it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Silhouette {
-    /// The volume that the moments weigh \[length³\].
+    /// Volume over which the moments are taken \[length³\].
     weight: f64,
     middle: DVec3,
     /// The variance about the middle: xx, xy, xz, yy, yz, zz \[length²\].
@@ -23,7 +23,8 @@ pub(crate) struct Silhouette {
 }
 
 impl Silhouette {
-    /// The silhouette of a lattice whose samples each stand for a cell around them; `None` if it has no samples.
+    /// The silhouette of a lattice whose samples each represent the cell around them; `None` if it has no
+    /// samples.
     pub(super) fn of_lattice(lattice: &Lattice) -> Option<Self> {
         let [i, j, k] = lattice.dims;
         let last = [i.checked_sub(1)?, j.checked_sub(1)?, k.checked_sub(1)?];
@@ -66,7 +67,7 @@ impl Silhouette {
         let mut variance = [0.0; 6];
         for (p, v) in all() {
             let d = *p - middle;
-            // Each sample is a cube by itself.
+            // Each sample is a cube.
             let own = v.cbrt().powi(2) / EVEN;
             let terms = [
                 d.x * d.x + own,
@@ -95,7 +96,8 @@ impl Silhouette {
         }
     }
 
-    /// The silhouette of two data sets together. Their areas add, but do not exceed that of their common distribution.
+    /// The silhouette of two data sets together. Their areas add, but do not exceed that of their common
+    /// distribution.
     pub(super) fn joined(self, other: Self) -> Self {
         let weight = self.weight + other.weight;
         let share = other.weight / weight;
@@ -113,8 +115,8 @@ impl Silhouette {
         }
     }
 
-    /// The thickness \[length\] of data of this volume along the axis on whose view they cover most, and the volume
-    /// \[length³\] that it belongs to; `None` if they cover nothing.
+    /// The thickness \[length\] of data of this volume along their thinnest axis, and the volume \[length³\] to
+    /// which it belongs; `None` if the data cover nothing.
     pub(super) fn thickness(&self, volume: f64) -> Option<(f64, f64)> {
         let [widest, wide, thin] = widths(self.variance);
         let (thickness, volume) = match self.is_loose {
@@ -152,7 +154,7 @@ impl Silhouette {
     }
 }
 
-/// Records of three numbers that a silhouette takes.
+/// Number of records, of three numbers each, in a silhouette.
 #[cfg(feature = "cli")]
 pub(super) const RECORDS: usize = 4;
 

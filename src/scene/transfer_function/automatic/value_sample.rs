@@ -1,4 +1,4 @@
-//! The values from which a transfer function is chosen, and the volumes that they stand for.
+//! Samples the values from which a transfer function is chosen, with the volumes that they represent.
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
@@ -10,8 +10,8 @@ use crate::scene::transfer_function::value_scale::ValueScale;
 use crate::scene::values::narrowed;
 use crate::scene::{Lattice, Values};
 
-/// Values looked at; more are sampled evenly. At 2^18 the thousandth at either end is still
-/// 262 values.
+/// Greatest number of values sampled; more values are sampled evenly. At 2^18 the thousandth at either end is
+/// still 262 values.
 const SAMPLE_LEN: usize = 1 << 18;
 
 /// Share of the values left outside the range at either end.
@@ -20,35 +20,35 @@ const TAIL: f64 = 0.001;
 /// Half the width of the column through the middle of a body, as a share of its box's.
 const COLUMN_HALF_WIDTH: f64 = 0.125;
 
-/// Particles that a column through the middle must have, of those looked at, to stand for a line.
+/// Least number of sampled particles in a column through the middle, for the column to represent a line.
 const LEAST_IN_COLUMN: usize = 32;
 
-/// Data are flat whose thickness over the cube root of their volume is less than the first; from the second on they are
-/// as any others.
+/// Bounds on thickness over the cube root of the volume: data below the first are flat, data above the second
+/// are not.
 const FLATNESS: [f64; 2] = [0.25, 0.5];
 
-/// Whether data come with what is around the thing that they show.
+/// Whether data include what surrounds the object that they show.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Surroundings {
     /// Lattices and grids fill a box, or a channel: with air, with a free stream.
     Included,
-    /// Cells of a mesh and particles are the thing itself.
+    /// Cells of a mesh and particles are the object itself.
     Absent,
 }
 
-/// A value, the volume it stands for and what that adds to lines through the middle.
+/// A value, the volume that it represents, and the length that this adds to lines through the middle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Sample {
     pub(super) value: f64,
     /// \[length³\]
     pub(super) volume: f64,
-    /// Values of the data that it stands for.
+    /// Number of the data's values that the sample represents.
     pub(super) count: f64,
     /// Length along x, y and z that it adds to a line through the middle.
     pub(super) lengths: [f32; 3],
 }
 
-/// The finite values of a field, or 2^18 spread over them, with the volumes they stand for.
+/// The finite values of a field, or 2^18 spread over them, with the volumes that they represent.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ValueSample {
     /// In rising order.
@@ -65,14 +65,15 @@ pub struct ValueSample {
 pub(crate) enum Tiling {
     /// Cells and nodes of grids.
     Whole,
-    /// Particles may lie apart.
+    /// Particles may leave gaps.
     Loose,
 }
 
 impl ValueSample {
     /// A sample of a lattice or a grid, which fills its box.
     ///
-    /// - `volumes`: the volume that each value stands for \[length³\]; if empty, each stands for a cube of `spacing`.
+    /// - `volumes`: the volume that each value represents \[length³\]; if empty, each represents a cube of
+    ///   `spacing`.
     pub fn of_grid(values: &Values, volumes: &[f32], spacing: f64) -> Self {
         let volume = |i: usize| volumes.get(i).copied().map_or(spacing.powi(3), f64::from);
         Self::new(values, volume, Surroundings::Included, &[], Tiling::Whole)
@@ -119,7 +120,7 @@ impl ValueSample {
         }
     }
 
-    /// The numbers of the values that are looked at, of so many.
+    /// Indices of the values that are sampled out of `count`.
     #[cfg(feature = "cli")]
     pub(crate) fn picked(count: usize) -> Vec<usize> {
         picked(count)
@@ -127,7 +128,7 @@ impl ValueSample {
 
     /// A sample of cells or particles, with nothing around them.
     ///
-    /// - `volumes`: the volume that each value stands for \[length³\]; if empty, all stand for the same.
+    /// - `volumes`: the volume that each value represents \[length³\]; if empty, all represent the same.
     /// - `positions`: the position of each; if empty, a line through the data is as long as the cube root of their volume.
     pub fn of_body(values: &Values, volumes: &[f32], positions: &[DVec3]) -> Self {
         let volume = |i: usize| volumes.get(i).copied().map_or(1.0, f64::from);
@@ -135,10 +136,10 @@ impl ValueSample {
         Self::new(values, volume, surroundings, positions, tiling)
     }
 
-    /// The same of particles that are made of some of the rows of a table.
+    /// Makes the sample of [`Self::of_body`] from particles made of some rows of a table.
     ///
     /// - `rows`: the rows of [`picked`](PickedRow::picked) that have particles, in their order.
-    /// - `count`: the number of all rows.
+    /// - `count`: number of all rows.
     pub(crate) fn of_rows(
         rows: &[PickedRow],
         count: usize,
@@ -169,8 +170,8 @@ impl ValueSample {
         Self::of_sample(&rows, count, surroundings, tiling)
     }
 
-    /// - `count`: values that each stands for.
-    /// - `tiling`: where rows have positions.
+    /// - `count`: number of values that each row represents.
+    /// - `tiling`: tiling of rows that have positions.
     fn of_sample(
         rows: &[PickedRow],
         count: f64,
@@ -286,8 +287,8 @@ impl ValueSample {
         !self.samples.iter().all(is_same)
     }
 
-    /// The thickness \[length\] of flat data along a view that crosses it, and their flatness, above 0 to 1; `None` of other
-    /// data.
+    /// The thickness \[length\] of flat data along a view that crosses it, and their flatness, above 0 to 1;
+    /// `None` if the data are not flat.
     pub(super) fn flat(&self) -> Option<(f64, f64)> {
         let volume = self.volume();
         let (thickness, volume) = self.silhouette?.thickness(volume)?;
@@ -301,8 +302,8 @@ impl ValueSample {
         self.samples.iter().map(|s| s.volume).sum()
     }
 
-    /// The values without a thousandth at either end; with them where nothing would be left between. `None` where no
-    /// value is finite.
+    /// The range of values without a thousandth at either end; the whole range if nothing would be left. `None`
+    /// if no value is finite.
     pub(super) fn trimmed_range(&self) -> Option<[f64; 2]> {
         let whole = [self.samples.first()?.value, self.samples.last()?.value];
         let trimmed = [
@@ -337,9 +338,9 @@ impl ValueSample {
         Some(found.or(self.samples.last())?.value)
     }
 
-    /// The length of a line through the data that lies in what `share` says of each sample: the middle one of the
-    /// lines along x, y and z; where these are not known, of a line as long as the volume's cube root. Of flat data it is
-    /// that of a line across them.
+    /// The length of a line through the data, with each sample weighted by its `share`: the median of the lines
+    /// along x, y and z. If these are not known, the line is as long as the volume's cube root. For flat data
+    /// the line crosses them.
     pub(super) fn length_in(&self, share: impl Fn(&Sample) -> f64) -> f64 {
         let total = self.volume();
         let mean = self
@@ -370,25 +371,25 @@ impl ValueSample {
     }
 }
 
-/// A row of a table whose value is looked at.
+/// A row of a table whose value is sampled.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct PickedRow {
     pub(crate) row: u64,
     pub(crate) position: [f64; 3],
-    /// What it stands for \[length³\].
+    /// The volume that it represents \[length³\].
     pub(crate) volume: f64,
     pub(crate) value: f64,
 }
 
 impl PickedRow {
-    /// The numbers of the rows that are looked at, of so many, whether or not they have particles.
+    /// Indices of the rows that are sampled out of `count`, whether or not they have particles.
     pub(crate) fn picked(count: usize) -> Vec<usize> {
         picked(count)
     }
 }
 
-/// The numbers of the values that are looked at, of `n`.
+/// Indices of the values that are sampled out of `n`.
 #[expect(
     clippy::cast_possible_truncation,
     reason = "an index below the count of values"
@@ -397,8 +398,8 @@ fn picked(n: usize) -> Vec<usize> {
     if n <= SAMPLE_LEN {
         return (0..n).collect();
     }
-    // One from each of SAMPLE_LEN equal runs, at a place that hashing picks: a fixed
-    // stride would meet the same columns of every row.
+    // One from each of SAMPLE_LEN equal runs, at an index chosen by hashing: a fixed stride would meet the same
+    // columns of every row.
     (0..SAMPLE_LEN as u64)
         .map(|k| {
             let first = (u128::from(k) * n as u128 / SAMPLE_LEN as u128) as u64;
@@ -423,8 +424,8 @@ struct Column {
 }
 
 impl Column {
-    /// Through most of the positions: a thousandth at either end of each axis is not looked at. `None` where a
-    /// column has too few of them to stand for a line, or no width.
+    /// Columns through most of the positions, without a thousandth at either end of each axis. `None` if a
+    /// column has too few positions to represent a line, or no width.
     fn through(positions: &[DVec3]) -> Option<Self> {
         let mut ends = [[0.0; 2]; 3];
         for (axis, ends) in ends.iter_mut().enumerate() {
@@ -457,7 +458,7 @@ impl Column {
         [0, 1, 2].map(|axis| is_near.test((axis + 1) % 3) && is_near.test((axis + 2) % 3))
     }
 
-    /// What a volume there adds to the lengths of lines along x, y and z.
+    /// The length that a volume at a position adds to lines along x, y and z.
     fn lengths(&self, position: DVec3, volume: f64) -> [f32; 3] {
         let is_in = self.has(position);
         [0, 1, 2].map(|axis| {
@@ -470,7 +471,7 @@ impl Column {
 }
 
 impl ValueSample {
-    /// The same with its values' positions on a scale.
+    /// The same sample, with positions on a scale in place of values.
     pub(super) fn on(&self, scale: ValueScale) -> Self {
         let mut sample = self.clone();
         let least = match scale {
@@ -481,7 +482,7 @@ impl ValueSample {
             _ => None,
         };
         for s in &mut sample.samples {
-            // As a volume's values are counted: ValueScale::positions.
+            // Values are clamped as in ValueScale::positions.
             let position = scale
                 .position(s.value)
                 .max(least.unwrap_or(f32::NEG_INFINITY));

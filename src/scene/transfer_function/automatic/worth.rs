@@ -1,33 +1,34 @@
-//! How much a value is worth seeing.
+//! Computes how much a value is worth seeing.
 
 use super::background::Background;
 use super::value_sample::{Surroundings, ValueSample};
 
-/// Bins of the histogram, where there are values enough.
+/// Number of the histogram's bins, if there are enough values.
 const BIN_COUNT: usize = 256;
 
-/// Beside a background, values less worth seeing than this, on a scale to 1, are left quite transparent: what is
-/// nowhere visible is never projected.
+/// Least worth of a visible value, on a scale to 1, beside a background. Values worth less are fully
+/// transparent, so that particles with them are never projected.
 const VISIBLE_WEIGHT: f64 = 0.02;
 
-/// What any value of a body is worth at least: none of it disappears.
+/// Least worth of any value of a body, so that no part of it disappears.
 const LEAST_OF_A_BODY: f64 = 0.1;
 
-/// How much a value is worth seeing, 0..1, by how far it lies from the ordinary one and how rare it is that far.
+/// How much a value is worth seeing, 0..1, by its distance from the ordinary value and how rare such distances
+/// are.
 pub(super) struct Worth {
     pub(super) lo: f64,
     pub(super) hi: f64,
-    /// The background's; a body's median.
+    /// The background's value; a body's median.
     ordinary: f64,
     /// Distances from the ordinary value in rising order, each with the volume up to it.
     distances: Vec<(f64, f64)>,
     /// The volume of all samples.
     total: f64,
-    /// Share of the volume that is background: within half its width of its middle.
+    /// Share of the volume that is background: within its half width of its middle.
     background_share: f64,
     /// The value of the background that lies farthest out.
     background_outer: f64,
-    /// Whether the low end is padding, and of the background.
+    /// Whether the low end is padding and belongs to the background.
     is_padded: bool,
     /// Lengths that count as distance 1, below and above the ordinary value.
     scales: [f64; 2],
@@ -35,8 +36,8 @@ pub(super) struct Worth {
 }
 
 impl Worth {
-    /// - `sample`: on the scale that the function lies on, as the range is.
-    /// - `neutral`: the ordinary value, where it is not looked for.
+    /// - `sample`: on the function's scale, as the range is.
+    /// - `neutral`: the ordinary value; `None` to find it.
     pub(super) fn new(sample: &ValueSample, [lo, hi]: [f32; 2], neutral: Option<f32>) -> Self {
         let (lo, hi) = (f64::from(lo), f64::from(hi));
         let samples = &sample.samples;
@@ -67,7 +68,7 @@ impl Worth {
             hi,
             ordinary,
             distances,
-            // As the running sum has it, so that the last share is 1.
+            // The running sum itself, so that the last share is 1.
             total: up_to,
             background_share: 0.0,
             background_outer: background.outer,
@@ -118,7 +119,7 @@ impl Worth {
         }
     }
 
-    /// Where in the range the background lies, 0..1; 0 for constant data.
+    /// The background's position in the range, 0..1; 0 for constant data.
     pub(super) fn background_place(&self) -> f64 {
         (self.background_outer - self.lo) / (self.hi - self.lo).max(f64::MIN_POSITIVE)
     }

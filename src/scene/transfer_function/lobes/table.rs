@@ -1,9 +1,9 @@
-//! The tables of a function's lobes: moments of its extinction under Gaussians of many widths.
+//! Tabulates the lobes of a function: moments of its extinction under Gaussians of many widths.
 //!
-//! A row has one width w. The extinction, linear between the entries of the function's table, is
-//! smoothed by a hat of width h, an eighth of w or of a narrow lobe, and sampled h apart; sums of the
-//! samples under a Gaussian of variance w² - h²/6, which has what the hat left, and its derivatives are
-//! kappa_w, kappa_w' and kappa_w'': mu = w (ln kappa_w)', s² = 1 + w² (ln kappa_w)''.
+//! A row has one width w. The extinction, linear between the entries of the function's table, is smoothed by a
+//! hat of width h, an eighth of w or of a narrow lobe, and sampled h apart. The samples are summed under a
+//! Gaussian of variance w² - h²/6, the rest of the smoothing, and under its derivatives. The sums are kappa_w,
+//! kappa_w' and kappa_w'': mu = w (ln kappa_w)', s² = 1 + w² (ln kappa_w)''.
 
 #![allow(
     clippy::cast_possible_truncation,
@@ -27,39 +27,39 @@ use crate::scene::transfer_function::{CLASSIFICATION_TABLE_LEN, entry_value};
 /// A row of a lobe's table.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Row {
-    /// Its first cell among those of all rows, and how many it has: two at least.
+    /// Index of the first cell among those of all rows, and number of cells: two at least.
     pub(crate) first: u32,
     pub(crate) count: u32,
     /// Cells per unit of value.
     pub(crate) per_value: f32,
 }
 
-/// Samples to a standard deviation of the narrower of kernel and lobe.
+/// Samples per standard deviation of the narrower of kernel and lobe.
 const SAMPLES: f64 = 12.0;
 
-/// Of lobes with windows: some are a sixth of a kernel wide.
+/// Samples for lobes with windows, some of which are a sixth of a kernel wide.
 const WINDOW_SAMPLES: f64 = 24.0;
 
-/// A jump counts where it is more than this optical depth across a kernel's standard deviation: one of .042 has
-/// an error of .8 grey levels without windows, of .084 one of 1.9.
+/// Least optical depth of a jump across a kernel's standard deviation, for it to get windows: without them one
+/// of .042 has an error of .8 grey levels, one of .084 an error of 1.9.
 const JUMP_DEPTH: f64 = 0.05;
 
-/// How far a Gaussian is summed, standard deviations: beyond, 1e-15 of its peak.
+/// Range of the sum under a Gaussian, standard deviations: beyond it, 1e-15 of the peak.
 const FAR: f64 = 8.5;
 
-/// The first row has a w no smaller than this share of a lobe's width, and the last one so many times that
-/// width: there a lobe is a point, and more of the same.
+/// The first row's w is at least `LEAST_SHARE` of a lobe's width; the last row's is `GREATEST_MULTIPLE` times
+/// that width, beyond which the lobe is a point.
 const LEAST_SHARE: f64 = 1.0 / 1024.0;
 const GREATEST_MULTIPLE: f64 = 16.0;
 
-/// The extinction of a lobe over the places of a table's entries, with its integrals.
+/// The extinction of a lobe as a function of position in the table, with its integrals.
 struct Extinction {
     first: f64,
     last: f64,
     is_open: [bool; 2],
     /// At the entries from the first to the last.
     values: Vec<f64>,
-    /// Its integral from the first entry to each, and that of the integral.
+    /// The first integral from the first entry to each, and the second.
     once: Vec<f64>,
     twice: Vec<f64>,
 }
@@ -97,7 +97,7 @@ impl Extinction {
         !(self.is_open[0] || self.is_open[1])
     }
 
-    /// The second integral at a place, from the first entry on.
+    /// The second integral from the first entry to a position.
     fn second_integral(&self, place: f64) -> f64 {
         let x = place - self.first;
         let end = self.values.len() - 1;
@@ -120,11 +120,12 @@ impl Extinction {
         from_entry + s * s * (0.5 * value + slope * s / 6.0)
     }
 
-    /// Smoothed by a hat that is `2 h` wide, times h, `h` apart: where the samples begin, and they.
+    /// The extinction smoothed by a hat that is `2 h` wide, times h, sampled `h` apart. Returns the position of
+    /// the first sample, and the samples.
     ///
-    /// - `origin`: a place on a sample.
-    /// - `reach`: how far beyond open ends.
-    /// - `near`: how far from the origin to either side at most.
+    /// - `origin`: position of one sample.
+    /// - `reach`: distance beyond open ends.
+    /// - `near`: greatest distance from the origin to either side.
     fn samples(&self, h: f64, reach: f64, origin: f64, near: [f64; 2]) -> (f64, Vec<f64>) {
         let open = |end: usize| if self.is_open[end] { reach } else { 0.0 };
         let inside = origin - self.first;
@@ -139,8 +140,8 @@ impl Extinction {
         (begin, integrals.windows(3).map(sample).collect())
     }
 
-    /// Of a row of width `w`: kappa_w at its cells, the first two moments of kappa N about each, over
-    /// kappa_w, and the share of the lobe's mass; of what a window leaves.
+    /// Computes a window's row of width `w`. Each cell has kappa_w, the first two moments of kappa N about the
+    /// cell over kappa_w, and the window's share of the lobe's mass.
     ///
     /// - `shapes`: all windows of the lobe.
     fn row(&self, shapes: &[Shape], table: &TableOf, w: f64) -> Vec<[f64; 4]> {
@@ -151,7 +152,7 @@ impl Extinction {
         } else {
             f64::INFINITY
         };
-        // A whole number of samples to a cell.
+        // A whole number of samples per cell.
         let per_deviation = if shapes.len() > 1 {
             WINDOW_SAMPLES
         } else {
@@ -161,7 +162,7 @@ impl Extinction {
         let [before, after] = table.reach.map(|reach| (reach + FAR) * w);
         let near = [before, after + table.to - table.from];
         let (start, samples) = self.samples(h, before.max(after), table.from, near);
-        // What each window has of the samples, and which are above 0.
+        // Each window's part of the samples, and the span of those above 0.
         let mut parts = vec![samples; shapes.len()];
         let mut spans = vec![[0, parts[0].len()]; shapes.len()];
         if shapes.len() > 1 {
@@ -188,14 +189,14 @@ impl Extinction {
         (0..cell_count(table, w))
             .map(|cell| {
                 let place = begin + cell as f64 * (w * per_cell);
-                // Which sample lies there: exact to rounding.
+                // Index of the sample at this position: exact to rounding.
                 let centre = ((place - start) / h).round() as i64;
                 let sums = |window: usize| {
                     let [first, end] = spans[window];
                     let lowest = ((centre - far as i64).max(0) as usize).max(first);
                     let highest = (centre + far as i64 + 1).clamp(0, end as i64) as usize;
                     let mut sums = [0.0; 3];
-                    // None where the cell lies beyond them.
+                    // None if the cell lies beyond them.
                     let samples = parts[window].get(lowest..highest).unwrap_or_default();
                     for (n, sample) in samples.iter().enumerate() {
                         let away = (lowest + n) as i64 - centre;
@@ -222,7 +223,7 @@ impl Extinction {
             .collect()
     }
 
-    /// A window's share of a lobe's mass, and that of all that are drawn.
+    /// A window's share of a lobe's mass, and the share of all windows that are drawn.
     fn shares(&self, shapes: &[Shape], own: usize, mass: impl Fn(usize) -> f64) -> [f64; 2] {
         if shapes.len() == 1 {
             return [1.0; 2];
@@ -236,9 +237,9 @@ impl Extinction {
         [masses[own] / all, drawn.sum::<f64>() / all]
     }
 
-    /// The greatest integral of kappa_w - kappa up to any place, numerically: with kernels of a standard
-    /// deviation sigma, sigma/w times it is the optical depth that has moved across that place of a ray along
-    /// the gradient.
+    /// The greatest integral of kappa_w - kappa up to any position, computed numerically. For kernels of a
+    /// standard deviation sigma, sigma/w times this integral is the optical depth that has moved across that
+    /// position on a ray along the gradient.
     fn moved(&self, w: f64) -> f64 {
         let h = (w / 6.0).min(self.length() / 64.0);
         let far = (6.0 * w / h).ceil() as usize;
@@ -265,8 +266,8 @@ impl Extinction {
         greatest
     }
 
-    /// The greatest w, in entries, with which kernels of a standard deviation `sigma` move no more than
-    /// [`ALONE_DEPTH`] when they are classified at their values alone.
+    /// The greatest w, in entries, at which kernels of a standard deviation `sigma` move no more than
+    /// [`ALONE_DEPTH`] when classified at their values alone.
     fn threshold(&self, sigma: f64) -> f64 {
         let mut variation = 0.0;
         let mut turning = 0.0;
@@ -301,15 +302,15 @@ impl Extinction {
     }
 }
 
-/// Where the table of a window lies.
+/// The extent of a window's table.
 #[derive(Debug, Clone, Copy)]
 struct TableOf {
-    /// Which of the lobe's windows.
+    /// Index among the lobe's windows.
     window: usize,
-    /// Between these entries it follows values, beyond them deviations.
+    /// Between these entries the table follows values, beyond them deviations.
     from: f64,
     to: f64,
-    /// So many.
+    /// Number of deviations before and after.
     reach: [f64; 2],
 }
 
@@ -321,7 +322,7 @@ impl TableOf {
         let is_graded = shape.is_graded;
         // A step at the lobe's end is half an entry inside of it.
         let [first, last] = [extinction.first, extinction.last];
-        // As far as its share may count.
+        // The reach over which the window's share may count.
         let of_window = reach * (1.0 + shape.deviation * shape.deviation).sqrt();
         let reach = if is_graded {
             [-shape.offsets[0], shape.offsets[0]].map(|offset| (of_window + offset).max(reach))
@@ -345,7 +346,7 @@ impl TableOf {
     }
 }
 
-/// What the tables of a lobe are made of.
+/// The inputs of a lobe's tables.
 struct Source {
     run: Run,
     extinction: Extinction,
@@ -353,9 +354,9 @@ struct Source {
     shapes: Vec<Shape>,
 }
 
-/// The tables of all lobes.
+/// Builds the tables of all lobes.
 ///
-/// - `sigma`: the greatest standard deviation of a kernel, world units.
+/// - `sigma`: greatest standard deviation of a kernel, world units.
 pub(super) fn build(transfer: &TransferFunction, runs: &[Run], sigma: f64) -> Lobes {
     let scale = f64::from(transfer.scale);
     let per_entry = 1.0 / scale;
@@ -411,7 +412,7 @@ pub(super) fn build(transfer: &TransferFunction, runs: &[Run], sigma: f64) -> Lo
         for (table, rows) in tables.iter().zip(rows) {
             let is_at_end = [table.from <= extinction.first, table.to >= extinction.last];
             let value = |place: f64| {
-                // To the bit where it is an entry's.
+                // Equal to the bit at an entry.
                 if place.fract() == 0.0 {
                     entry_value(transfer.range, place as usize)
                 } else {
@@ -446,7 +447,7 @@ pub(super) fn build(transfer: &TransferFunction, runs: &[Run], sigma: f64) -> Lo
 }
 
 impl Source {
-    /// - `jumps`: of all lobes.
+    /// - `jumps`: jumps of all lobes.
     fn find_shapes(&mut self, lobe: usize, jumps: &[(usize, Jump)]) {
         let own = jumps.iter().filter(|(l, _)| *l == lobe);
         let mut own: Vec<Jump> = own.map(|(_, jump)| *jump).collect();
@@ -465,8 +466,8 @@ impl Source {
         windows.map(|window| TableOf::new(&self.extinction, &self.shapes, window))
     }
 
-    /// How many of a lobe's rows a window has: two at least, the last without anything where it fades, and
-    /// where it does not the last like all beyond.
+    /// Number of a lobe's rows that a window has: at least two. If the window fades, the last row is empty;
+    /// otherwise the last row holds for all greater widths.
     fn row_count(&self, table: &TableOf, widths: &[f64]) -> usize {
         let shape = &self.shapes[table.window];
         if !shape.is_graded {
@@ -478,8 +479,8 @@ impl Source {
     }
 }
 
-/// The jumps that lobes get windows for: of all that are deep enough the greatest, as far as there are
-/// windows; the greatest first.
+/// The jumps for which lobes get windows, the greatest first: the greatest of those that are deep enough, as
+/// far as there are windows.
 fn jumps_of(sources: &[Source], sigma: f64) -> Vec<(usize, Jump)> {
     let mut all: Vec<(usize, Jump)> = Vec::new();
     for (lobe, source) in sources.iter().enumerate() {
@@ -498,7 +499,7 @@ fn jumps_of(sources: &[Source], sigma: f64) -> Vec<(usize, Jump)> {
     all
 }
 
-/// The widths of each lobe's rows: as narrow as there is room for.
+/// The widths of each lobe's rows: as narrow as fits into the tables.
 fn widths_of(sources: &[Source]) -> Vec<Vec<f64>> {
     let mut least_share = LEAST_SHARE;
     loop {
@@ -513,7 +514,7 @@ fn widths_of(sources: &[Source]) -> Vec<Vec<f64>> {
     }
 }
 
-/// How many cells the tables have of the windows of steps, or of all others.
+/// Number of cells in the tables of steps' windows, or of all others.
 fn cells_of_all(sources: &[Source], widths: &[Vec<f64>], of_steps: bool) -> usize {
     let mut count = 0;
     for (source, widths) in sources.iter().zip(widths) {
@@ -527,7 +528,7 @@ fn cells_of_all(sources: &[Source], widths: &[Vec<f64>], of_steps: bool) -> usiz
     count
 }
 
-/// The widths of a lobe's rows, entries: two at least.
+/// The widths of a lobe's rows, in entries: at least two.
 fn row_widths(extinction: &Extinction, threshold: f64, least_share: f64) -> Vec<f64> {
     let length = extinction.length();
     let first = threshold.min(length).max(length * least_share);
@@ -553,7 +554,7 @@ fn cells_of(extinction: &Extinction, shapes: &[Shape], table: &TableOf, w: f64) 
     let narrow = |(i, [mass, mean, variance, share]): (usize, [f64; 4])| {
         let place = i as f64 / per_deviation - table.reach[0];
         let outside = place.min(0.0) + (place - inside).max(0.0);
-        // A mass that f64 does not hold is none; logarithms of it must be numbers.
+        // A mass that f64 cannot represent is none; its logarithm must be a number.
         let log_mass = (mass / peak).max(1e-300).ln() + 0.5 * outside * outside;
         [
             log_mass as f32,

@@ -1,59 +1,61 @@
-//! Windows of lobes with steps: where the extinction jumps, one Gaussian for all that a lobe leaves of a
-//! kernel is half a level's width off, and several of them, each of what a smooth window leaves, are not.
+//! Divides lobes with steps into windows. At a jump of the extinction, a single Gaussian for the piece of a
+//! kernel is off by half a level's width. Several Gaussians, one for each smooth window, are not.
 //!
-//! The windows of a lobe add up to 1 everywhere: Gaussians over their sum, with distances that grow
-//! from a step by [`GROWTH`] and the rest of the lobe in one. They are in units of the kernel's own w, so that
-//! kernels far from a step, in these units, meet one window alone.
+//! The windows of a lobe add up to 1 everywhere: they are Gaussians over their sum. Their distances from a step
+//! grow by [`GROWTH`], and one window has the rest of the lobe. Distances are in units of the kernel's own w,
+//! so that kernels far from a step, in these units, meet a single window.
 
 use super::MAX_WINDOWS;
 
-/// The distance of a step's first two windows, standard deviations of a kernel's values.
+/// Distance of a step's first two windows, in standard deviations of a kernel's values.
 const FIRST_DISTANCE: f64 = 0.5;
 
-/// By how much distances grow from window to window.
+/// Growth of distances from window to window.
 const GROWTH: f64 = 1.6;
 
-/// The deviation of a window, of its distance to the next.
+/// Deviation of a window, as a share of its distance to the next.
 const OVERLAP: f64 = 0.6;
 
-/// Windows of a step's side besides the rest of the lobe.
+/// Number of windows on one side of a step, besides the rest of the lobe.
 ///
-/// Opaque steps of 33³ and 65³ nodes have errors of 10.7 and 6.0 grey levels without windows; with one, two and
-/// three beside the rest 8.6 and 5.1, 6.4 and 3.9, 6.1 and 3.6, of 1.7 and 1.4, 2.4 and 1.9, 3.2 and 2.5 times
-/// the kernels. With half the distance three have 5.4 and 3.5, with twice the distance two 7.4 and 4.1.
+/// Errors of opaque steps of 33³ and 65³ nodes, in grey levels: 10.7 and 6.0 without windows; 8.6 and 5.1 with
+/// one besides the rest, 6.4 and 3.9 with two, 6.1 and 3.6 with three. These need 1.7 and 1.4, 2.4 and 1.9, 3.2
+/// and 2.5 times the kernels. With half the distance three windows have errors of 5.4 and 3.5, with twice the
+/// distance two have 7.4 and 4.1.
 const GRADED: usize = 2;
 
-/// A change of extinction from an entry to the next is a jump where it is above this share of the lobe's
-/// peak, and so many times those on both sides.
+/// A change of extinction from an entry to the next is a jump if it is above this share of the lobe's peak, and
+/// this multiple of the changes on both sides.
 const JUMP_SHARE: f64 = 1.0 / 16.0;
 const JUMP_CONTRAST: f64 = 4.0;
 
-/// A window fades out where w leaves too little room for it: how fast. With 8 a row of a table is too far from
-/// the next (a seventh of a faint window's mass).
+/// Rate at which a window fades out if w leaves too little room for it. With 8, a row of a table is too far
+/// from the next (a seventh of a faint window's mass).
 const FADE: f64 = 2.0;
 
-/// Where so many times too much room is needed, nothing is left: 2e-4.
+/// If a window needs this many times the room that it has, nothing is left: 2e-4.
 const FADED: f64 = 3.0;
 
-/// Entries of a lobe whose steps count: in a shorter one a step is a ramp as wide as the lobe.
+/// Least number of entries of a lobe with steps: in a shorter one a step is a ramp as wide as the lobe.
 const LEAST_ENTRIES: usize = 16;
 
-/// Beyond so many deviations of its own a window is 0.
+/// A window is 0 beyond this many of its deviations.
 const FAR: f64 = 8.0;
 
-/// A window before all are divided by their sum: 1 between two places that move with w, and falling as a
-/// Gaussian beyond them. Places in entries of the function's table.
+/// A window before all are divided by their sum: 1 between two positions that move with w, and falling as a
+/// Gaussian beyond them. Positions are in entries of the function's table.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Shape {
-    /// Steps that it begins and ends at, infinite where there is none, and how far from them, in w.
+    /// Steps at which the window begins and ends (infinite if there is none), and its distances from them, in
+    /// w.
     pub(super) anchors: [f64; 2],
     pub(super) offsets: [f64; 2],
     /// Standard deviation, in w.
     pub(super) deviation: f64,
-    /// It fades where `need` w is more than `room`.
+    /// The window fades if `need` w is more than `room`.
     need: f64,
     room: f64,
-    /// Whether it is one of a step's, and not the rest of the lobe.
+    /// Whether the window is one of a step's, and not the rest of the lobe.
     pub(super) is_graded: bool,
 }
 
@@ -68,12 +70,13 @@ impl Shape {
         is_graded: false,
     };
 
-    /// The least w at which it has faded.
+    /// The least w at which the window has faded.
     pub(super) fn gone(&self) -> f64 {
         FADED * self.room / self.need
     }
 
-    /// Its logarithm at a place, for kernels of a standard deviation `w`; `None` where that is nothing.
+    /// Logarithm of the window at a position, for kernels of a standard deviation `w`; `None` if the window is
+    /// negligible there.
     fn log(&self, place: f64, w: f64) -> Option<f64> {
         let [mut from, mut to] = [
             self.anchors[0] + self.offsets[0] * w,
@@ -86,14 +89,14 @@ impl Shape {
         let away = (place - place.clamp(from, to)) / (self.deviation * w);
         let mut lack = (self.need * w / self.room - 1.0).max(0.0);
         if self.is_graded {
-            // To a kernel narrower than an entry a jump is a ramp.
+            // For a kernel narrower than an entry, a jump is a ramp.
             lack = lack.max(1.0 / w - 1.0);
         }
         (away.abs() < FAR).then_some(-0.5 * away * away - FADE * lack * lack)
     }
 }
 
-/// What each window has of a place: numbers that add up to 1.
+/// The share of each window at a position; the shares add up to 1.
 pub(crate) fn weights(shapes: &[Shape], place: f64, w: f64) -> [f64; MAX_WINDOWS] {
     let mut out = [0.0; MAX_WINDOWS];
     if shapes.len() == 1 {
@@ -112,7 +115,7 @@ pub(crate) fn weights(shapes: &[Shape], place: f64, w: f64) -> [f64; MAX_WINDOWS
         sum += *weight;
     }
     if !(sum > 0.0) {
-        // Far from where the lobe is.
+        // Far from the lobe.
         out[0] = 1.0;
         return out;
     }
@@ -123,16 +126,16 @@ pub(crate) fn weights(shapes: &[Shape], place: f64, w: f64) -> [f64; MAX_WINDOWS
 /// A jump of a lobe's extinction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Jump {
-    /// Where, in entries of the function's table.
+    /// Position, in entries of the function's table.
     pub(super) place: f64,
-    /// By how much.
+    /// Change of the extinction.
     pub(super) size: f64,
-    /// Whether the lobe goes on on both sides.
+    /// Whether the lobe continues on both sides.
     pub(super) is_inside: bool,
 }
 
 impl Jump {
-    /// How many windows a lobe has for it besides the rest.
+    /// Number of windows that a lobe has for the jump, besides the rest.
     pub(super) fn window_count(&self) -> usize {
         if self.is_inside { 2 * GRADED } else { GRADED }
     }
@@ -141,7 +144,7 @@ impl Jump {
 /// The jumps of a lobe.
 ///
 /// - `first`: the entry of the first of `values`.
-/// - `least`: jumps of less extinction do not count.
+/// - `least`: least change of extinction that counts.
 pub(super) fn jumps(values: &[f64], first: f64, least: f64) -> Vec<Jump> {
     if values.len() < LEAST_ENTRIES {
         return Vec::new();
@@ -173,9 +176,9 @@ pub(super) fn jumps(values: &[f64], first: f64, least: f64) -> Vec<Jump> {
 
 /// The windows of a lobe.
 ///
-/// - `ends`: its first and last entry.
-/// - `is_open`: whether it goes on beyond them.
-/// - `jumps`: in the order of their places.
+/// - `ends`: first and last entry of the lobe.
+/// - `is_open`: whether the lobe continues beyond them.
+/// - `jumps`: in the order of their positions.
 pub(super) fn shapes(ends: [f64; 2], is_open: [bool; 2], jumps: &[Jump]) -> Vec<Shape> {
     let [Some(first_jump), Some(last_jump)] = [jumps.first(), jumps.last()] else {
         return vec![Shape::WHOLE];
@@ -191,7 +194,7 @@ pub(super) fn shapes(ends: [f64; 2], is_open: [bool; 2], jumps: &[Jump]) -> Vec<
     ];
     let own = GRADED;
     let distance = |n: usize| FIRST_DISTANCE * (0..n).map(|_| GROWTH).product::<f64>();
-    // Where window n is, and its deviation.
+    // Offset of window n, and its deviation.
     let offset = |n: usize| (0..n).map(distance).sum::<f64>();
     let deviation = |n: usize| {
         let before = distance(n.saturating_sub(1));
@@ -199,7 +202,7 @@ pub(super) fn shapes(ends: [f64; 2], is_open: [bool; 2], jumps: &[Jump]) -> Vec<
         OVERLAP * (before * after).sqrt()
     };
     let mut shapes = Vec::new();
-    // What is between steps is one window.
+    // The rest between two steps is one window.
     let mut rest = |from: Option<f64>, to: Option<f64>| {
         let at = |step: Option<f64>| step.map_or(0.0, |_| offset(own));
         let length = to.unwrap_or(ends[1]) - from.unwrap_or(ends[0]);
@@ -210,7 +213,7 @@ pub(super) fn shapes(ends: [f64; 2], is_open: [bool; 2], jumps: &[Jump]) -> Vec<
             ],
             offsets: [at(from), at(to)],
             deviation: deviation(own),
-            // Less than any of a step's: it is left where all fade.
+            // Less than any of a step's windows: the rest stays when all fade.
             need: 0.1 * FIRST_DISTANCE,
             room: length,
             is_graded: false,
@@ -226,7 +229,7 @@ pub(super) fn shapes(ends: [f64; 2], is_open: [bool; 2], jumps: &[Jump]) -> Vec<
         rest(Some(last_jump.place), None);
     }
     for (i, jump) in jumps.iter().enumerate() {
-        // Half the way to another step, all of it to where the lobe ends.
+        // Half the distance to another step, all of it to the lobe's end.
         let below = match i.checked_sub(1) {
             Some(i) => 0.5 * (jump.place - jumps[i].place),
             None => jump.place - ends[0],
