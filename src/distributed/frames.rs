@@ -51,7 +51,7 @@ struct Seen {
 }
 
 impl RankFrames {
-    /// Partitions a scene that every rank holds: this rank keeps the particles of every n-th run of blocks.
+    /// Partitions a scene that every rank holds: with n ranks, each keeps the particles of every n-th run of blocks.
     ///
     /// # Errors
     /// The errors of [`BlockedScene::keep`].

@@ -120,7 +120,7 @@ impl Renderer {
         }
     }
 
-    /// Builds a renderer of a scene that every rank holds entirely: each keeps every n-th run of blocks. Until then
+    /// Builds a renderer of a scene that every rank holds entirely: with n ranks, each keeps every n-th run of blocks. Until then
     /// each rank needs the memory of the whole scene.
     ///
     /// # Errors
