@@ -3,10 +3,11 @@
 //! The method is sort-middle parallel rendering. A frame takes four steps:
 //!
 //! 1. Each rank culls, classifies and projects the particles that it holds.
-//! 2. Each rank sends the footprints to the ranks that own the image tiles which they touch. Nothing else crosses the
-//!    network in bulk.
+//! 2. Each rank sends the footprints to the ranks that own the image tiles which they touch.
 //! 3. Each rank sorts the footprints of its tiles by depth, lists them by tile and draws them.
 //! 4. The first rank gathers the tiles.
+//!
+//! Ranks exchange footprints and finished tiles during a frame, never particles.
 //!
 //! The image is bit for bit that of a single rank, for any number of ranks and any partition of the particles. To that
 //! end, blocks, levels of detail, depth keys and layers are those of the whole scene. Footprints are drawn, and sums

@@ -120,8 +120,8 @@ impl Renderer {
         }
     }
 
-    /// Builds a renderer of a scene that every rank holds entirely: with n ranks, each keeps every n-th run of blocks. Until then
-    /// each rank needs the memory of the whole scene.
+    /// Builds a renderer of a scene that every rank holds entirely: with n ranks, each keeps every n-th run of blocks.
+    /// Until then each rank needs the memory of the whole scene.
     ///
     /// # Errors
     /// The errors of [`render::Renderer::with_options`], on any rank; a rank that is gone.
