@@ -578,8 +578,8 @@ impl BlockedVolume {
     }
 }
 
-/// The product of a kernel's two greatest standard deviations within a factor of sqrt(3): the root of the second invariant of
-/// L Lᵀ, the sum of the squares of the minors of L.
+/// Returns the product of a kernel's two greatest standard deviations, within a factor of sqrt(3). It is the root of
+/// the second invariant of L Lᵀ, the sum of the squares of the minors of L.
 fn greatest_area([l00, l10, l11, l20, l21, l22]: [f64; 6]) -> f64 {
     let rows = [
         DVec3::new(l00, 0.0, 0.0),
@@ -591,9 +591,9 @@ fn greatest_area([l00, l10, l11, l20, l21, l22]: [f64; 6]) -> f64 {
     minors.map(DVec3::length_squared).iter().sum::<f64>().sqrt()
 }
 
-/// Gives a volume and its levels of detail another transfer function; no particle is touched.
+/// Gives a volume and its levels of detail another transfer function; no particle changes.
 ///
-/// - `shown`: what classifies slabs, where particles carry their values under `transfer`.
+/// - `shown`: transfer function that classifies slabs, if particles carry their values under `transfer`.
 pub(crate) fn set_transfer_function(
     family: &mut [BlockedVolume],
     transfer: &TransferFunction,
