@@ -18,7 +18,6 @@ const MARGIN: usize = 5;
 ///
 /// # Errors
 /// The errors of the renderer.
-/// Those of the renderer.
 pub(crate) fn supersampled(
     renderer: &mut Renderer,
     camera: &Camera,
