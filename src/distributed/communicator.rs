@@ -1,4 +1,4 @@
-//! Defines the communicator: the messages between ranks, whatever carries them.
+//! Defines the interface of a communicator, which carries messages between ranks.
 
 use std::fmt::Debug;
 

@@ -44,7 +44,8 @@ pub(crate) fn dealt(lengths: &[u64], reader: usize, readers: usize) -> Range<usi
 /// makes of the whole grid.
 ///
 /// Returns `None` if one rank must read the whole grid: surfaces and points, cells of higher order, flattened cells,
-/// and a boundary that may be sharp. Only the whole mesh tells which faces lie on the boundary.
+/// sampling options that need all values on one rank, and a boundary that may be sharp. Only the whole mesh tells which
+/// faces lie on the boundary.
 ///
 /// # Errors
 /// The errors of reading or sampling, on any rank; nothing that can be drawn; a rank that is gone.

@@ -40,8 +40,9 @@ impl Renderer {
     /// each keeps the particles of some blocks.
     ///
     /// No rank needs the memory of the whole scene, except for two kinds of volumes that every rank holds entirely. The
-    /// first are small volumes: at most 262,144 particles for each rank, or sixty-four times as many in a lattice of
-    /// fewer than 64 planes. The second are lattices without [`Share::planes`].
+    /// first are small volumes: at most 262,144 particles for each rank, or sixty-four times as many in a lattice with
+    /// fewer than 64 planes for each rank. The second are lattices that every rank contributes entirely
+    /// ([`Share::planes`]).
     ///
     /// ```
     /// use ewa_splat::distributed::{Communicator, Renderer, ThreadRank};
