@@ -1,2 +1,2 @@
-//! Measurements of ewa-splat: `examples/` are programs that draw the papers' figures, time stages and compare pictures with
-//! the truth; `lab/benches/` time single stages.
+//! Measures ewa-splat: the programs in `examples/` reproduce the papers' figures, time stages, and compare images with
+//! reference images; `lab/benches/` time single stages.

@@ -1,15 +1,15 @@
-//! How Zwicker et al. 2001 (section 6) evaluate a footprint, against how the renderer does.
+//! Compares the footprint evaluation of Zwicker et al. 2001 (section 6) with the renderer's.
 //!
-//! The paper updates the radial index Q along a row of pixels by two additions each and looks
-//! exp(-Q/2) up in a table. The renderer evaluates Q from its triangular form and the exponential by a
-//! series, each pixel for itself (`src/cpu/tile/accumulate/over.rs`). Printed first: the largest error, as a share
-//! of the footprint's peak; then the time per pixel, both compiled for the processor's vectors.
+//! The paper updates the radial index Q along a row of pixels by two additions each, and looks exp(-Q/2) up in a table.
+//! The renderer evaluates Q from its triangular form and the exponential by a series, separately for each pixel
+//! (`src/cpu/tile/accumulate/over.rs`). The benchmark prints the largest error, as a share of the footprint's peak,
+//! then the time per pixel. Both are compiled for the processor's vectors.
 //!
-//! On an AMD EPYC with AVX2 direct evaluation takes .42 to .65 ns a pixel, forward differences 3 to 3.7
-//! times that: a step waits for the one before, and side by side each pixel still looks up its own
-//! entry. Their error is the table's, .01 for 256 entries and .003 for 1024, until long rows of narrow
-//! kernels make it the recurrence's: .18 of the peak at 1:100 over 1024 pixels, .7 over 4096.
-//! Direct evaluation is within 2e-6 throughout.
+//! On an AMD EPYC with AVX2 direct evaluation takes .42 to .65 ns a pixel; forward differences take 3 to 3.7 times as
+//! long. Each step waits for the one before, and even side by side each pixel still looks up its own entry. The error
+//! of forward differences is that of the table, .01 for 256 entries and .003 for 1024. In long rows of narrow kernels
+//! it is that of the recurrence: .18 of the peak at 1:100 over 1024 pixels, .7 over 4096. Direct evaluation is within
+//! 2e-6 throughout.
 //!
 //! `cargo bench -p ewa-splat-lab --bench forward_differences`
 #![allow(
@@ -23,11 +23,11 @@ use std::time::{Duration, Instant};
 
 use ewa_splat::constants::{EXP2_SERIES, MAX_CUTOFF};
 
-/// Cut-off radius, standard deviations: the default tolerance's for a faint kernel.
+/// Cut-off radius, standard deviations: that of the default tolerance for a faint kernel.
 const CUTOFF: f32 = 3.33;
 const CUTOFF_SQUARED: f32 = CUTOFF * CUTOFF;
 
-/// Rows of pixels: a tile's, and those that the errors of recurrences are known for.
+/// Lengths of rows, pixels: a tile's, and lengths at which the errors of recurrences are known.
 const ROWS: [usize; 4] = [16, 64, 1024, 4096];
 const RATIOS: [f64; 3] = [1.0, 10.0, 100.0];
 
@@ -36,11 +36,11 @@ struct Footprint {
     /// Rows of the triangular form, pixels: Q = (p . d)² + (r . d)².
     p: [f32; 2],
     r: [f32; 2],
-    /// The conic of the paper: Q = a dx² + 2 b dx dy + c dy².
+    /// Conic of the paper: Q = a dx² + 2 b dx dy + c dy².
     conic: [f32; 3],
-    /// The same in f64.
+    /// Conic in f64.
     exact: [f64; 3],
-    /// Half the box's height.
+    /// Half the height of the box.
     half_height: f64,
 }
 
@@ -56,7 +56,7 @@ impl Footprint {
             s * s + c * c * minor2,
         ]
         .map(|v| v * scale * scale);
-        // Of the axes, not as a difference.
+        // From the axes, not as a difference.
         let determinant = minor2 * scale.powi(4);
         let exact = [vyy / determinant, -vxy / determinant, vxx / determinant];
         let (p, r) = if vxx >= vyy {
@@ -76,7 +76,7 @@ impl Footprint {
     }
 }
 
-/// exp(-q/2) as the renderer has it.
+/// Returns exp(-q/2) as the renderer evaluates it.
 #[inline(always)]
 fn exp_minus_half(q: f32) -> f32 {
     const ROUND_TO_EXPONENT: f32 = 12_582_912.0 + 127.0;
@@ -89,7 +89,7 @@ fn exp_minus_half(q: f32) -> f32 {
     power.mul_add(series.mul_add(f, std::f32::consts::LN_2) * f, power)
 }
 
-/// exp(-Q/2) of the nearest of `len` values of Q from 0 to the cut-off's.
+/// Table of exp(-Q/2) at `len` values of Q from 0 to the cut-off; looked up at the nearest value.
 struct Table {
     entries: Vec<f32>,
     scale: f32,
@@ -112,13 +112,15 @@ impl Table {
     }
 }
 
-/// A way to add a footprint's row to sums.
+/// A method that adds a footprint's row to sums.
 trait Method {
-    /// - `dx`, `dy`: of the first pixel from the centre.
+    /// Adds a row.
+    ///
+    /// - `dx`, `dy`: offset of the first pixel from the centre.
     fn add(&self, footprint: &Footprint, dx: f32, dy: f32, sums: &mut [f32]);
 }
 
-/// Pixels side by side, as many as a tile's row has.
+/// Pixels that are evaluated together, as many as in a tile's row.
 const LANES: usize = 16;
 
 struct Direct;
@@ -144,7 +146,7 @@ impl Method for Direct {
 
 /// Forward differences in `LANES` interleaved runs: one as in the paper, more for vectors.
 struct Forward<'a, const LANES: usize> {
-    /// `None` evaluates the exponential: what the recurrence alone errs by.
+    /// Table, or `None` to evaluate the exponential, which shows the error of the recurrence alone.
     table: Option<&'a Table>,
 }
 
@@ -175,7 +177,7 @@ impl<const LANES: usize> Method for Forward<'_, LANES> {
     }
 }
 
-/// The largest error of a method over rows of footprints of `angles`.
+/// Returns the largest error of a method over rows of footprints at several angles.
 fn error(method: &impl Method, width: usize, ratio: f64) -> f64 {
     const ANGLES: usize = 12;
     const ROWS_EACH: usize = 33;
@@ -194,7 +196,7 @@ fn error(method: &impl Method, width: usize, ratio: f64) -> f64 {
                 let (x, y) = (f64::from(dx) + n as f64, f64::from(dy));
                 let [a, b, c] = footprint.exact;
                 let q = a * x * x + 2.0 * b * x * y + c * y * y;
-                // The edge of the cut-off falls either way.
+                // Either result is right at the edge of the cut-off.
                 if q <= 0.999 * f64::from(CUTOFF_SQUARED) {
                     worst = worst.max((f64::from(*found) - (-0.5 * q).exp()).abs());
                 }
@@ -204,7 +206,7 @@ fn error(method: &impl Method, width: usize, ratio: f64) -> f64 {
     worst
 }
 
-/// Nanoseconds per pixel, the least of many runs, with the processor's vectors.
+/// Returns nanoseconds per pixel, the least of many runs, with the processor's vectors.
 fn time(method: &impl Method, width: usize) -> f64 {
     const RUN: Duration = Duration::from_millis(400);
     const PIXELS: usize = 1 << 16;

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# The loops that are compiled once for each instruction set, by their instructions: how many there are, how many of
-# them are vectors', and that none calls a function of the mathematical library, as it does where a closure or
-# a function that was not inlined loses the set's features.
+# Checks the loops that are compiled once for each instruction set. Prints the number of their instructions, and of
+# those on vectors. Fails if a loop calls a function of the mathematical library: a closure, or a function that was not
+# inlined, has then lost the set's features.
 #
 # After `cargo build --release` on x86-64 Linux: lab/benches/hot_loops.sh [PROGRAM]
 set -euo pipefail
@@ -10,7 +10,7 @@ program="${1:-target/release/ewa-splat}"
     objdump -R "$program"
     objdump -d --no-show-raw-insn -C "$program"
 } | awk '
-    # Where addresses of library functions lie.
+    # Slots of the addresses of library functions.
     $2 ~ /GLOB_DAT|JUMP_SLOT/ { split($3, name, "@"); sub(/^0+/, "", $1); slot[$1] = name[1]; next }
     /^[0-9a-f]+ <.*>:$/ {
         inside = /simd::run_avx/

@@ -1,6 +1,6 @@
-//! What a command does before its first frame, each step alone: reading a file, making particles of what it
-//! holds, and sorting these into blocks with their levels of detail. The data are those of
-//! `lab/examples/time_to_picture`, smaller, and read from memory: no disk is timed.
+//! Times each step of a command before its first frame: reading a file, sampling it into particles, and sorting these
+//! into blocks with their levels of detail. The data are those of `lab/examples/time_to_picture`, smaller, and read
+//! from memory: no disk is timed.
 #![allow(
     missing_docs,
     clippy::unwrap_used,
@@ -31,13 +31,13 @@ use ewa_splat::{Renderer, SceneOptions};
 
 const SPH_COUNT: usize = 100_000;
 const GRID_NODES: usize = 64;
-/// Along each axis, six tetrahedra each: 48,000.
+/// Cubes along each axis, six tetrahedra each: 48,000.
 const TETRAHEDRA_CUBES: usize = 20;
 const SURFEL_COUNT: usize = 100_000;
 const ELLIPSOID_COUNT: usize = 200_000;
 const LATTICE_SIDE: usize = 128;
 
-/// Few samples: the slowest of these take a second, and the differences looked for are of a tenth.
+/// Few samples: the slowest steps take a second, and differences of a tenth are looked for.
 fn group<'a>(c: &'a mut Criterion, name: &str) -> BenchmarkGroup<'a, WallTime> {
     let mut group = c.benchmark_group(name);
     group
@@ -47,7 +47,7 @@ fn group<'a>(c: &'a mut Criterion, name: &str) -> BenchmarkGroup<'a, WallTime> {
     group
 }
 
-/// A file's bytes.
+/// Returns the bytes of a file.
 fn written(write: impl FnOnce(&mut Vec<u8>) -> std::io::Result<()>) -> Vec<u8> {
     let mut bytes = Vec::new();
     write(&mut bytes).unwrap();
@@ -70,7 +70,7 @@ fn read(name: &str, bytes: &[u8]) -> Dataset {
     io::read(name, bytes, &OpenOptions::default()).unwrap()
 }
 
-/// As the program samples where nothing is asked for.
+/// Options of the program without arguments.
 fn options() -> SampleOptions {
     SampleOptions {
         boundary: BoundaryChoice::Automatic,

@@ -1,5 +1,5 @@
-//! One benchmark per stage of a frame: 200,000 random ellipsoids of about 2 px at 512 x 512; and
-//! column densities of as many, and of spheres, as a whole.
+//! Times each stage of a frame: 200,000 random ellipsoids of about 2 px at 512 x 512. Also times whole column densities
+//! of as many ellipsoids, and of spheres.
 #![allow(
     missing_docs,
     clippy::cast_possible_truncation,
@@ -30,7 +30,7 @@ use glam::DVec3;
 
 const COUNT: usize = 200_000;
 const SIZE: usize = 512;
-/// Distance of the cloud's middle in its half sides: the image shows all of it.
+/// Distance of the cloud's middle, in half sides of the cloud: the image shows all of it.
 const DISTANCE: f64 = 3.5;
 const FOCAL: f64 = 600.0;
 
@@ -38,7 +38,7 @@ fn camera() -> Camera {
     scene::camera(Projection::Perspective, [FOCAL; 2], [SIZE; 2])
 }
 
-/// Axis ratios to 5, largest standard deviations about 3 px, geometric means about 2.
+/// Axis ratios up to 5, largest standard deviations about 3 px, geometric means about 2 px.
 fn cloud() -> PointVolume {
     let mut random = Random::new(1);
     let pixel = DISTANCE / FOCAL;
@@ -189,7 +189,7 @@ fn column_density(c: &mut Criterion) {
     let camera = scene::camera(Projection::Orthographic, [FOCAL / DISTANCE; 2], [SIZE; 2]);
     let mut random = Random::new(2);
     let mut ellipsoids = cloud();
-    // In front of the eye's plane as a whole.
+    // The whole cloud lies in front of the plane of the eye.
     if let Particles::Anisotropic { positions, .. } = &mut ellipsoids.particles {
         for position in positions {
             position.z += DISTANCE;

@@ -1,6 +1,6 @@
-//! What a frame costs against how many particles there are, with and without level of detail: the
-//! same cube, filling the same picture, at the same optical depth, of 10⁴ spheres to 10⁷; and a
-//! million of them (or as many as are asked for) from 16 times the distance.
+//! Measures the cost of a frame against the number of particles, with and without level of detail. The scene is the
+//! same cube, filling the same image at the same optical depth, of 10⁴ to 10⁷ spheres. A million spheres (or as many as
+//! requested) are also seen from 16 times the distance.
 //!
 //!     cargo run --release -p ewa-splat-lab --example detail_cost -- [SVG] [LARGEST] [SIZE] [FRAMES]
 
@@ -14,9 +14,9 @@ use ewa_splat::{Renderer, Result, Settings, io};
 use glam::DVec3;
 use scenes::{camera, uniform};
 
-/// Optical depth through the cube, on average.
+/// Mean optical depth through the cube.
 const DEPTH: f32 = 3.0;
-/// Of the view from afar.
+/// Distance of the far view, as a multiple of the near one.
 const FAR: f64 = 16.0;
 const FAR_COUNT: usize = 1_000_000;
 
@@ -60,7 +60,7 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// A number of particles, and milliseconds per frame with and without level of detail.
+/// Number of particles, and milliseconds per frame with and without level of detail.
 struct Row {
     count: usize,
     ms: [f64; 2],
@@ -82,7 +82,7 @@ fn measure(renderer: &mut Renderer, size: usize, away: f64, frames: usize) -> Re
     ];
     let mut counts = [renderer.counts(); 2];
     let mut times = [Vec::new(), Vec::new()];
-    // In rounds, after one that warms up.
+    // In rounds, after a warm-up round.
     for frame in 0..=frames {
         for i in 0..2 {
             renderer.render(&camera, &settings[i])?;
@@ -109,12 +109,12 @@ fn measure(renderer: &mut Renderer, size: usize, away: f64, frames: usize) -> Re
     Ok(Row { count, ms })
 }
 
-/// Spheres at random in a cube of side 2, as wide as gas particles of their density: standard
-/// deviations of .66 mean distances (a cubic spline whose smoothing length is 1.2 of them).
+/// Returns spheres at random in a cube of side 2, as wide as gas particles of their density: standard deviations of .66
+/// mean distances (a cubic spline with a smoothing length of 1.2 mean distances).
 fn spheres(count: usize) -> PointVolume {
     let mut random = uniform(3);
     let sigma = 0.3_f32.sqrt() * 1.2 * 2.0 / (count as f32).cbrt();
-    // Masses of .5 to 1.5 over a face of 4.
+    // Masses of .5 to 1.5 shares of the total, over a face of area 4.
     let mass = DEPTH * 4.0 / count as f32;
     let mut positions = Vec::with_capacity(count);
     let mut masses = Vec::with_capacity(count);
@@ -123,7 +123,7 @@ fn spheres(count: usize) -> PointVolume {
         let place = [random(), random(), random()];
         positions.push(DVec3::from(place.map(|x| 2.0 * f64::from(x) - 1.0)));
         masses.push(mass * (0.5 + random()));
-        // Waves across the cube, and noise from neighbour to neighbour.
+        // Waves across the cube, and noise between neighbours.
         colours.push(place.map(|x| 0.5 + 0.3 * (9.0 * x).sin() + 0.2 * random()));
     }
     PointVolume {
@@ -141,13 +141,13 @@ fn spheres(count: usize) -> PointVolume {
     }
 }
 
-/// Milliseconds against particles, both logarithmic, as SVG.
+/// Plots milliseconds against particles as SVG, both axes logarithmic.
 fn plot(rows: &[Row]) -> String {
     const INK: [&str; 2] = ["#b33c2e", "#2b2f36"];
-    /// Left, right, top and bottom of the plot in a picture of 720 x 480 pixels.
+    /// Left, right, top and bottom of the plot in an image of 720 x 480 pixels.
     const FRAME: [f64; 4] = [76.0, 680.0, 12.0, 420.0];
     let [left, right, top, bottom] = FRAME;
-    // Whole decades, whose ends have labels.
+    // Whole decades, with labels at their ends.
     let decades = |values: &mut dyn Iterator<Item = f64>| {
         let logs = values.map(f64::log10);
         let (low, high) = logs.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
@@ -159,7 +159,7 @@ fn plot(rows: &[Row]) -> String {
     let (least, most) = decades(&mut rows.iter().flat_map(|row| row.ms));
     let x = |count: f64| left + (count.log10() - first) / (last - first) * (right - left);
     let y = |ms: f64| bottom - (ms.log10() - least) / (most - least) * (bottom - top);
-    // From one whole logarithm to another.
+    // Powers of ten from one whole logarithm to another.
     let powers = |low: f64, high: f64| {
         let logs = std::iter::successors(Some(low), |log| Some(log + 1.0));
         let logs = logs.take_while(move |log| *log <= high).take(20);

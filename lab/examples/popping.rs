@@ -1,9 +1,9 @@
-//! How far a picture jumps while the view turns slowly: the largest change of a pixel from one frame to
-//! the next, for every way to composite, beside what changes in the true picture.
+//! Measures popping: the largest change of a pixel between successive frames while the view rotates slowly, for each
+//! way to composite, beside the change in the reference images.
 //!
-//! Also whether sorting by the depth of each kernel along each pixel's own ray, instead of by the
-//! depth of its centre, would help: a plain f64 loop over all kernels, sorted anew for every pixel,
-//! the best that any window of sorted fragments could do.
+//! It also tests whether sorting by each kernel's depth along each pixel's own ray, rather than by the depth of its
+//! centre, would help. A plain f64 loop sorts all kernels anew for every pixel: no window of sorted fragments could do
+//! better.
 //!
 //! `cargo run --release -p ewa-splat-lab --example popping`
 
@@ -19,12 +19,12 @@ use ewa_splat::view::Camera;
 use ewa_splat::{Image, Renderer, Result, Settings};
 use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
 
-/// Pixels along each side of the picture.
+/// Pixels along each side of the image.
 const SIZE: usize = 48;
 /// Frames of the orbit, and degrees between them.
 const FRAMES: usize = 120;
 const STEP_DEG: f64 = 0.5;
-/// Height of the picture in world units.
+/// Height of the image in world units.
 const HEIGHT: f64 = 6.0;
 
 struct Kernel {
@@ -34,7 +34,7 @@ struct Kernel {
     colour: [f32; 3],
 }
 
-/// Ellipsoids of axis ratios up to five that overlap, of random colours, some three optical depths in all.
+/// Returns overlapping ellipsoids of axis ratios up to five and random colours, some three optical depths in all.
 fn kernels() -> Vec<Kernel> {
     let mut state = 7_u64;
     let mut random = move || {
@@ -92,7 +92,7 @@ fn camera(frame: usize) -> Camera {
     Camera::orthographic(eye, DVec3::ZERO, DVec3::Z, HEIGHT, [SIZE, SIZE])
 }
 
-/// Kernels one by one in the order of their depths along each pixel's own ray.
+/// Composites kernels one by one, in the order of their depths along each pixel's own ray.
 fn sorted_by_pixel(kernels: &[Kernel], camera: &Camera) -> Image {
     struct Flat {
         centre: DVec2,
@@ -109,7 +109,7 @@ fn sorted_by_pixel(kernels: &[Kernel], camera: &Camera) -> Image {
             let turned = camera.camera_from_world * k.factor;
             let v = turned * turned.transpose();
             let f = camera.focal_px;
-            // The low-pass filter of one square pixel.
+            // Low-pass filter of variance one square pixel.
             let s = DMat2::from_cols(
                 DVec2::new(v.x_axis.x * f.x * f.x + 1.0, v.x_axis.y * f.x * f.y),
                 DVec2::new(v.x_axis.y * f.x * f.y, v.y_axis.y * f.y * f.y + 1.0),
@@ -149,8 +149,7 @@ fn sorted_by_pixel(kernels: &[Kernel], camera: &Camera) -> Image {
     image
 }
 
-/// The largest change of a pixel from frame to frame, and the largest of the root mean squares over the
-/// picture; linear colour.
+/// Returns the largest change of a pixel between frames, and the largest root mean square over an image; linear colour.
 fn jumps(images: &[Image]) -> [f64; 2] {
     let mut most = [0.0_f64; 2];
     for pair in images.windows(2) {
@@ -206,7 +205,7 @@ fn main() -> Result<()> {
             Composite::Sheets { .. } | Composite::AxisSheets { .. } => {
                 &[Some(0.4), Some(0.2), Some(0.1)]
             }
-            // Without layers.
+            // No layers.
             _ => &[None],
         };
         for &thickness in thicknesses {

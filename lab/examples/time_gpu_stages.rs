@@ -1,12 +1,12 @@
-//! Times every stage of a frame on the GPU, on generated scenes at 1920 x 1080: one and ten million
-//! particles of 2 px and a lattice of 256 x 256 x 128 bytes of which 670,000 are visible; an edit of
-//! the transfer function beside a rebuild; the sort.
+//! Times every stage of a frame on the GPU, on generated scenes at 1920 x 1080: one and ten million particles of 2 px,
+//! and a lattice of 256 x 256 x 128 bytes of which 670,000 are visible. Also times an edit of the transfer function
+//! against a rebuild, and the sort.
 //!
 //!     cargo run --release -p ewa-splat-lab --example time_gpu_stages [WIDTH HEIGHT [PARTICLES ...]]
 //!
-//! A software adapter gets a twentieth of the particles where none are given, and the lattice a
-//! quarter of the resolution. A stage's time is the device's own; the frame's is how long its caller
-//! waits, with the picture's way back and everything else. Times are medians of [`FRAMES`].
+//! Without PARTICLES, a software adapter gets a twentieth of the particles, and the lattice a quarter of the
+//! resolution. A stage's time is measured by the device; a frame's is the time its caller waits, which includes reading
+//! back the image and everything else. Times are medians of [`FRAMES`].
 
 mod scenes;
 
@@ -22,7 +22,7 @@ use ewa_splat::{Renderer, Result, Settings};
 use glam::DVec3;
 use scenes::{camera, particles};
 
-/// Frames that are timed, after one that makes buffers and pipelines.
+/// Number of timed frames, after one that creates buffers and pipelines.
 const FRAMES: usize = 5;
 
 fn main() -> Result<()> {
@@ -83,13 +83,13 @@ fn since(start: Instant) -> f64 {
     start.elapsed().as_secs_f64() * 1e3
 }
 
-/// The median of so many times.
+/// Returns the median of the times.
 fn median(mut times: Vec<f64>) -> f64 {
     times.sort_by(f64::total_cmp);
     times[times.len() / 2]
 }
 
-/// A line of the table.
+/// Prints a line of the table.
 fn time_frames(name: &str, renderer: &mut Renderer, camera: &Camera) -> Result<()> {
     let settings = Settings::default();
     let mut times = Vec::new();
@@ -124,7 +124,7 @@ fn time_frames(name: &str, renderer: &mut Renderer, camera: &Camera) -> Result<(
     Ok(())
 }
 
-/// The lattice's line, and what an edit of its transfer function costs.
+/// Prints the lattice's line, and the cost of an edit of its transfer function.
 fn time_lattice(gpu: &Gpu, size: [usize; 2], shrunk: usize) -> Result<()> {
     let [sharp, soft] = [transfer_function(0.02)?, transfer_function(0.01)?];
     let volume = hollow_ball([256 / shrunk, 256 / shrunk, 128 / shrunk], &sharp);
@@ -162,8 +162,8 @@ fn time_lattice(gpu: &Gpu, size: [usize; 2], shrunk: usize) -> Result<()> {
     Ok(())
 }
 
-/// Bytes on a lattice whose cells are cubes of side 1: a ball, flattened to fit, whose wall holds
-/// 8 % of the cells; its middle is the origin.
+/// Returns bytes on a lattice of unit cells: a hollow ball, flattened to fit, whose wall has 8 % of the cells; its
+/// middle is the origin.
 fn hollow_ball(dims: [usize; 3], transfer: &TransferFunction) -> PointVolume {
     let middle = DVec3::from_array(dims.map(|n| (n - 1) as f64 * 0.5));
     let mut values = Vec::with_capacity(dims.iter().product());
@@ -173,7 +173,7 @@ fn hollow_ball(dims: [usize; 3], transfer: &TransferFunction) -> PointVolume {
                 let offset = DVec3::new(x as f64, y as f64, z as f64) - middle;
                 let radius = (offset / (middle * 0.9)).length();
                 let is_wall = (0.924..1.0).contains(&radius);
-                // Stripes, so that colours differ.
+                // Stripes of different colours.
                 #[allow(clippy::cast_possible_truncation, reason = "fewer than 16")]
                 let stripe = ((x / 16 + y / 16 + z / 16) % 16) as u8;
                 values.push(if is_wall { 100 + 10 * stripe } else { 0 });
@@ -197,7 +197,7 @@ fn hollow_ball(dims: [usize; 3], transfer: &TransferFunction) -> PointVolume {
     }
 }
 
-/// Nothing below 90, and `opacity` per cell above 100.
+/// Shows nothing below 90, and `opacity` per cell above 100.
 fn transfer_function(opacity: f32) -> Result<TransferFunction> {
     let point = |value, colour, opacity| ControlPoint {
         value,

@@ -1,10 +1,10 @@
-//! What lighting once per particle saves against lighting at every pixel of every splat: the claim
-//! of two-pass shading, section 4.4 of Chen et al. 2004.
+//! Measures how much lighting once per particle saves over lighting at every pixel of every splat: the claim of
+//! two-pass shading, section 4.4 of Chen et al. 2004.
 //!
 //!     cargo run --release -p ewa-splat-lab --example time_lighting [FILE] [SIZE] [X,Y,Z of a raw volume of bytes]
 //!
-//! The same function runs over the particles of a frame once, and as often as the rasteriser
-//! evaluates a splat at a pixel.
+//! The same function lights the particles of a frame once each, and then as often as the rasteriser evaluates a splat
+//! at a pixel.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -19,7 +19,7 @@ use ewa_splat::view::{Lens, Viewpoint};
 use ewa_splat::{Renderer, Settings};
 use glam::DVec3;
 
-/// Frames, of which the fastest counts.
+/// Number of frames, of which the fastest counts.
 const FRAMES: usize = 5;
 
 fn main() -> ewa_splat::Result<()> {
@@ -60,7 +60,7 @@ fn main() -> ewa_splat::Result<()> {
     let mut frame_ms = |lighting: Option<&Lighting>| {
         let settings = Settings {
             lighting: lighting.cloned(),
-            // As a volume with normals is drawn lit.
+            // A volume with normals is lit without levels of detail.
             level_of_detail: false,
             ..Settings::default()
         };
@@ -82,8 +82,8 @@ fn main() -> ewa_splat::Result<()> {
     cpu::classify(&blocked, &views, &mut particles);
     let uniform = LightingUniform::new(&lighting, &camera);
     let rotation = camera.camera_from_world.as_mat3();
-    // Milliseconds to light so many, over and over again from the first: colours afresh, so that
-    // they stay those of particles, copied while no clock runs.
+    // Milliseconds to light so many, repeatedly from the first particle on. Colours are restored while no clock runs,
+    // so that they stay those of particles.
     let light_ms = |mut left: u64| {
         let mut total = 0.0;
         let mut colours: Vec<ClassifiedParticle> = particles.clone();

@@ -1,4 +1,4 @@
-//! How long files take to be read: the least of some times over.
+//! Times the reading of files: the least of several times.
 //!
 //! ```sh
 //! cargo run --release -p ewa-splat-lab --example time_reading -- FILE...
@@ -10,7 +10,7 @@ use std::time::Instant;
 use ewa_splat::Result;
 use ewa_splat::io::{OpenOptions, open};
 
-/// How often each file is read.
+/// Number of times that each file is read.
 const TIMES: usize = 5;
 
 fn main() -> Result<()> {

@@ -1,5 +1,5 @@
-//! Times every stage of a frame on generated particles, and the rasteriser at every instruction
-//! set of this processor; then column densities of the same number of particles.
+//! Times every stage of a frame on generated particles, and the rasteriser with every instruction set of this
+//! processor; then column densities of the same number of particles.
 //!
 //!     cargo run --release -p ewa-splat-lab --example time_stages [PARTICLES] [WIDTH] [HEIGHT]
 
@@ -93,11 +93,11 @@ fn time_pictures(count: usize, width: usize, height: usize) -> ewa_splat::Result
     Ok(())
 }
 
-/// Column densities at 1024 x 1024, orthographic: spheres as smoothed-particle hydrodynamics has
-/// them, spheres of very unequal size, and ellipsoids.
+/// Times column densities at 1024 x 1024, orthographic: spheres as in smoothed-particle hydrodynamics, spheres of very
+/// unequal size, and ellipsoids.
 fn time_columns(count: usize) -> ewa_splat::Result<()> {
     const SIZE: usize = 1024;
-    /// Support of a cubic spline, 2h, in the standard deviations of its Gaussian, sqrt(.3) h.
+    /// Support of a cubic spline, 2h, in standard deviations of its Gaussian, sqrt(.3) h.
     const SUPPORT: f64 = 3.651_483_716_701_107;
     println!("\ncolumn density, {SIZE} x {SIZE}, orthographic");
     println!(
@@ -116,7 +116,7 @@ fn time_columns(count: usize) -> ewa_splat::Result<()> {
         "M/core-s",
         "mass error"
     );
-    // World units are pixels: the cube's face fills the image, its corners lie in view.
+    // World units are pixels: the cube's face fills the image, and its corners are in view.
     let eye = DVec3::new(0.0, -4.0 * SIZE as f64, 0.0);
     let camera = Camera::orthographic(eye, DVec3::ZERO, DVec3::Z, SIZE as f64, [SIZE; 2]);
     let scenes = [
@@ -132,7 +132,7 @@ fn time_columns(count: usize) -> ewa_splat::Result<()> {
         ("ellipsoids of 2 px", particles_in_pixels(count)),
     ];
     for (name, scene) in scenes {
-        // Pixels within the support, as that field counts.
+        // Pixels within the support, the usual count in that field.
         let kernel_pixels = match &scene.particles {
             Particles::Isotropic { sigmas, .. } => sigmas
                 .iter()
@@ -179,7 +179,7 @@ fn time_columns(count: usize) -> ewa_splat::Result<()> {
     Ok(())
 }
 
-/// Spheres in a cube of `half_side`, standard deviations uniform in their logarithm.
+/// Returns spheres in a cube of `half_side`, standard deviations uniform in their logarithm.
 fn spheres(count: usize, [smallest, largest]: [f64; 2], half_side: f64) -> PointVolume {
     let mut random = uniform(2);
     let mut positions = Vec::with_capacity(count);
@@ -205,10 +205,10 @@ fn spheres(count: usize, [smallest, largest]: [f64; 2], half_side: f64) -> Point
     }
 }
 
-/// [`particles`] scaled such that a pixel of the column densities is a world unit.
+/// Returns [`particles`], scaled so that a pixel of the column densities is a world unit.
 fn particles_in_pixels(count: usize) -> PointVolume {
     const SCALE: f64 = 480.0;
-    // Standard deviations of 2 px at a distance of 4 cubes: `particles` for this focal length.
+    // Standard deviations of 2 px at a distance of 4 half sides: `particles` for this focal length.
     let mut volume = particles(count, 1024, 2.0);
     if let Particles::Anisotropic { positions, factors } = &mut volume.particles {
         let focal_px = 1024.0 / (2.0 * 15_f32.to_radians().tan());

@@ -1,5 +1,5 @@
-//! Draws twenty million particles of arbitrary shape and 1 px on the GPU and on the processor, and
-//! says how far the pictures are apart.
+//! Renders twenty million particles of arbitrary shape and 1 px on the GPU and on the processor, and prints the
+//! difference between the images.
 //!
 //!     cargo run --release -p ewa-splat-lab --example twenty_million [PARTICLES] [WIDTH] [HEIGHT] [IMAGE]
 
@@ -41,7 +41,7 @@ fn main() -> Result<()> {
         Ok(renderer)
     };
     println!("{count} particles, {} x {}", size[0], size[1]);
-    // One after the other, for the memory's sake.
+    // One after the other, to save memory.
     let image = draw(Backend::Gpu)?.image().clone();
     if let Some(path) = arguments.get(4) {
         io::write_image(Path::new(path), &image)?;

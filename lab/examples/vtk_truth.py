@@ -115,12 +115,12 @@ def tables(points, unit, as_rates):
     colour.SetColorSpaceToRGB()
     values, opacities = [], []
     for point in points:
-        # Two points in one place are one to VTK.
+        # VTK merges two points at the same value.
         values.append(point["value"] + (1e-6 if point["value"] in values else 0))
         opacities.append(point["opacity"])
         colour.AddRGBPoint(values[-1], *point["color"])
     if as_rates:
-        # Opacities are linear between points, rates are not.
+        # Opacities are linear between points; rates of extinction are not.
         fine = np.unique(np.concatenate([values, np.linspace(values[0], values[-1], 2000)]))
         rates = -np.log1p(-np.interp(fine, values, opacities))
         values, opacities = fine, rates / rates.max()
@@ -157,7 +157,7 @@ def draw(scene, mapper, look, rays=1):
     window.AddRenderer(renderer)
     times = []
     for _ in range(FRAMES + 1):
-        # The camera is set anew each time: else tetrahedra keep their order.
+        # Marks the camera as moved each time; otherwise tetrahedra keep their order.
         camera.Modified()
         start = time.perf_counter()
         window.Render()

@@ -1,6 +1,6 @@
-//! Writes a file of many particles, a piece at a time: a hundred crowds in a cube, each with a density that falls with
-//! the square of the distance from its middle, as in a simulation of gravity. NPY with columns x, y, z, sigma and
-//! mass, 20 bytes a particle.
+//! Writes a file of many particles, a piece at a time: a hundred clusters in a cube. Each has a density that falls with
+//! the square of the distance from its middle, as in a simulation of gravity. The file is NPY with columns x, y, z,
+//! sigma and mass, 20 bytes a particle.
 //!
 //!     cargo run --release -p ewa-splat-lab --example write_crowds PARTICLES FILE.npy
 
@@ -10,7 +10,7 @@ use std::io::{self, BufWriter, Write};
 
 const CROWDS: u64 = 100;
 
-/// Numbers from 0 to 1, the same for every run (splitmix64).
+/// Pseudo-random numbers from 0 to 1, the same in every run (splitmix64).
 struct Random(u64);
 
 impl Random {
@@ -38,7 +38,7 @@ fn main() -> io::Result<()> {
     let described = columns.join(", ");
     let header =
         format!("{{'descr': [{described}], 'fortran_order': False, 'shape': ({count},), }}");
-    // With the ten bytes before it a multiple of 64.
+    // A multiple of 64, with the ten bytes before it.
     let len = (10 + header.len() + 1).next_multiple_of(64) - 10;
     file.write_all(b"\x93NUMPY\x01\x00")?;
     file.write_all(&u16::try_from(len).map_err(io::Error::other)?.to_le_bytes())?;
@@ -55,7 +55,7 @@ fn main() -> io::Result<()> {
             ]
         })
         .collect();
-    // So many of each, in no order.
+    // About as many particles in each cluster, in random order.
     let share = count as f32 / CROWDS as f32;
     for _ in 0..count {
         let [x, y, z, reach] =
@@ -63,7 +63,7 @@ fn main() -> io::Result<()> {
         let r = reach * random.next().max(1e-4);
         let (cos, turn) = (2.0 * random.next() - 1.0, TAU * random.next());
         let sin = (1.0 - cos * cos).sqrt();
-        // The volume that each has there, as a length.
+        // Cube root of the volume that each particle has there.
         let sigma = (4.0 * PI * r * r * reach / share).cbrt();
         let mass = 0.4 * reach * reach / share;
         let place = [

@@ -1,4 +1,4 @@
-//! Amplitudes: what column densities sum.
+//! Summarises amplitudes, which column densities sum.
 
 use std::ops::Range;
 
@@ -7,31 +7,31 @@ use rayon::prelude::*;
 use super::BlockedVolume;
 use crate::scene::StrengthIn;
 
-/// The amplitudes of a scene.
+/// Summary of the amplitudes of a scene.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct AmplitudeSummary {
     /// The largest magnitude.
     pub largest: f64,
     /// The sum, signs kept.
     pub sum: f64,
-    /// Particles whose amplitude is no finite number.
+    /// Number of particles whose amplitude is not finite.
     pub not_finite: usize,
 }
 
 impl AmplitudeSummary {
-    /// Of what several have, in their order.
+    /// Combines several summaries, in their order.
     pub(crate) fn joined(summaries: impl IntoIterator<Item = Self>) -> Self {
         summaries
             .into_iter()
             .fold(Self::default(), |a, b| a.and(&b))
     }
 
-    /// What all of a scene's volumes have.
+    /// Summarises all volumes of a scene.
     pub fn of<'a>(volumes: impl Iterator<Item = &'a BlockedVolume>) -> Self {
         Self::joined(volumes.map(|v| Self::of_blocks(v, 0..v.blocks.len() as u32)))
     }
 
-    /// What both of two have.
+    /// Combines two summaries.
     pub(crate) fn and(self, other: &Self) -> Self {
         Self {
             largest: self.largest.max(other.largest),
@@ -40,7 +40,7 @@ impl AmplitudeSummary {
         }
     }
 
-    /// What some blocks of a volume have.
+    /// Summarises some blocks of a volume.
     pub(crate) fn of_blocks(volume: &BlockedVolume, blocks: Range<u32>) -> Self {
         let of_block = |volume: &BlockedVolume, block: u32| {
             let mut summary = Self::default();
@@ -54,7 +54,7 @@ impl AmplitudeSummary {
             });
             summary
         };
-        // Blocks first, then their sum: one order, whatever the threads.
+        // Blocks first, then their sum: the order does not depend on the threads.
         let blocks: Vec<Self> = blocks
             .into_par_iter()
             .with_min_len(64)
@@ -73,7 +73,7 @@ pub(crate) fn visit_amplitudes(volume: &BlockedVolume, block: u32, mut each: imp
             return;
         }
         StrengthIn::Classified { volumes } => volumes,
-        // An opacity is no amount of anything; the frame refuses it.
+        // An opacity is not an amount of anything; the frame refuses it.
         StrengthIn::PeakOpacity { .. } | StrengthIn::Surface(_) | StrengthIn::Translucent(_) => {
             return;
         }

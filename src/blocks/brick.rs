@@ -1,8 +1,8 @@
-//! Blocks of a lattice: bricks of neighbouring cells. Positions, shapes and volumes follow from
-//! indices, so that a voxel costs its value and a share of its brick.
+//! Cuts a lattice into bricks of neighbouring cells, which are its blocks. Positions, shapes and volumes follow from
+//! indices: a voxel costs its value and a share of its brick.
 //!
-//! A grid is the lattice itself or, for level of detail, one whose cells are cubes of the lattice's
-//! cells: mean and variance of a cube's kernels follow from indices as well.
+//! A grid is the lattice itself or, for level of detail, a coarser grid whose cells are cubes of the lattice's cells.
+//! The mean and variance of a cube's kernels follow from indices as well.
 
 use std::ops::Range;
 
@@ -27,27 +27,27 @@ pub struct BrickGrid {
     dims: [usize; 3],
     kernel_width: f64,
     bricks: [usize; 3],
-    /// Columns: what the axes' units are in the world; for a uniform lattice the step from one
-    /// cell to the next along each index.
+    /// Units of the axes in the world, as columns; for a uniform lattice, the step from one cell to the next along each
+    /// index.
     basis: Mat3,
     cells: Cells,
     faces: Option<Faces>,
 }
 
-/// The faces of the box of a lattice's own samples, around which the grid has a layer of ghosts.
+/// Faces of the box of a lattice's own samples. The grid has a layer of ghosts around that box.
 #[derive(Debug, Clone)]
 pub struct Faces {
     /// Ghosts before the first sample along each axis, and as many behind the last.
     ghosts: [usize; 3],
-    /// Unit normals of the lower faces, into the box; those of the upper ones are opposite.
+    /// Unit normals of the lower faces, into the box; the normals of the upper faces are opposite.
     pub normals: [Vec3; 3],
-    /// For each cell along each axis how far it lies inside the lower and the upper face, world
-    /// units; infinite where the face does not reach its kernel.
+    /// Distance of each cell along each axis inside the lower and the upper face, world units; infinite if the face
+    /// does not reach the cell's kernel.
     pub distances: [Vec<[f32; 2]>; 3],
 }
 
 impl Faces {
-    /// Of a lattice with a layer of ghosts around its own samples.
+    /// Finds the faces of a lattice that already has a layer of ghosts around its own samples.
     fn new(wide: &Lattice, ghosts: [usize; 3], kernel_width: f64) -> Self {
         let normal = |a: usize| match &wide.spacing {
             LatticeSpacing::Uniform { step, .. } => {
@@ -96,27 +96,27 @@ impl Faces {
     }
 }
 
-/// What cells within a brick follow from.
+/// Data from which the cells of a brick follow.
 #[derive(Debug, Clone)]
 enum Cells {
-    /// All alike, a unit of each axis apart.
+    /// All cells are alike, a unit of each axis apart.
     Uniform,
     /// The samples of each axis.
     Axes([Vec<AxisSample>; 3]),
 }
 
-/// A sample of a grid's axis as bricks see it, in units of the grid's basis.
+/// A sample of a grid's axis, in units of the grid's basis.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct AxisSample {
-    /// Its coordinate relative to the middle of its brick: subtracted in f64.
+    /// Coordinate relative to the middle of the brick: subtracted in f64.
     pub offset: f32,
-    /// The standard deviation of its kernel along the axis.
+    /// Standard deviation of the kernel along the axis.
     pub sigma: f32,
-    /// Its factor of the cell's volume \[world units\]: the volume is the product over the axes.
+    /// Factor of the cell's volume \[world units\]: the volume is the product over the axes.
     pub extent: f32,
-    /// How the spacing changes at it: (x+ - 2 x + x-) / (x+ - x-) of its neighbours; 0 where it is even, at
-    /// the ends, and of merged cells.
+    /// Change of the spacing: (x+ - 2 x + x-) / (x+ - x-) of the sample and its neighbours. 0 if the spacing is even,
+    /// at the ends, and for merged cells.
     pub bend: f32,
 }
 
@@ -128,8 +128,8 @@ impl BrickGrid {
         })
     }
 
-    /// The grid whose cells are cubes of `merged` of this one's along each edge: of its kernels as its faces,
-    /// where it has any, cut them.
+    /// Returns the grid whose cells are cubes of `merged` cells along each edge. If faces cut the kernels, the cubes
+    /// merge the cut kernels.
     pub(crate) fn merged(&self, merged: usize) -> Self {
         let kernels = self.axis_kernels();
         let lattice = self.lattice.clone();
@@ -138,13 +138,16 @@ impl BrickGrid {
         })
     }
 
-    /// The kernels of the lattice's own samples along each axis, as faces cut them; in units of the grid's basis.
+    /// Returns the kernels of the lattice's own samples along each axis, cut by the faces; in units of the grid's
+    /// basis.
     fn axis_kernels(&self) -> [Vec<AxisKernel>; 3] {
         let ghosts = self.faces.as_ref().map_or([0; 3], |faces| faces.ghosts);
         [0, 1, 2].map(|a| Axis::new(&self.lattice, a).kernels(self.kernel_width, ghosts[a]))
     }
 
-    /// - `samples`: of an axis.
+    /// Makes a grid whose cells are cubes of `merged` cells of a lattice.
+    ///
+    /// - `samples`: returns the samples of an axis.
     fn of_cubes(
         lattice: Lattice,
         kernel_width: f64,
@@ -179,15 +182,14 @@ impl BrickGrid {
         }
     }
 
-    /// The same with a layer of ghosts around the lattice's own samples, and its kernels cut at the box
-    /// of these.
+    /// Adds a layer of ghosts around the lattice's own samples, and cuts the kernels at the box of these samples.
     pub(super) fn with_faces(lattice: &Lattice, kernel_width: f64) -> Self {
         Self::of_wide(lattice.with_ghosts(), kernel_width, Some(lattice.ghosts()))
     }
 
-    /// Of a lattice that has its ghosts, where it has any.
+    /// Makes the grid of a lattice that already has its ghosts, if any.
     ///
-    /// - `ghosts`: how many before the first sample along each axis, where faces cut kernels.
+    /// - `ghosts`: number of ghosts before the first sample along each axis, if faces cut kernels.
     pub(crate) fn of_wide(lattice: Lattice, kernel_width: f64, ghosts: Option<[usize; 3]>) -> Self {
         Self {
             faces: ghosts.map(|ghosts| Faces::new(&lattice, ghosts, kernel_width)),
@@ -206,12 +208,12 @@ impl BrickGrid {
         self.faces.is_some()
     }
 
-    /// The faces that cut kernels, where any do.
+    /// Faces that cut kernels, if any do.
     pub fn faces(&self) -> Option<&Faces> {
         self.faces.as_ref()
     }
 
-    /// The faces that may cut a cell's kernel: of each axis the lower one and the upper one.
+    /// Returns the faces that may cut a cell's kernel: for each axis the lower one, then the upper one.
     #[inline]
     pub fn edges(&self, cell: [usize; 3]) -> [[f32; 4]; MOST_EDGES] {
         let mut edges = [NO_EDGE; MOST_EDGES];
@@ -225,7 +227,7 @@ impl BrickGrid {
         edges
     }
 
-    /// Least and greatest corner of the box that faces cut kernels at, where they do.
+    /// Returns the least and the greatest corner of the box at whose faces kernels are cut, if they are.
     pub(super) fn domain(&self) -> Option<[DVec3; 2]> {
         let faces = self.faces.as_ref()?;
         let ends = [0, 1, 2].map(|a| [faces.ghosts[a], self.dims[a] - 1 - faces.ghosts[a]]);
@@ -240,7 +242,7 @@ impl BrickGrid {
         )
     }
 
-    /// Which of the lattice's own samples a cell shows: of a ghost the nearest.
+    /// Returns the index of the lattice's own sample that a cell shows; for a ghost, that of the nearest sample.
     pub(super) fn own_index(&self, index: usize) -> usize {
         let Some(faces) = &self.faces else {
             return index;
@@ -257,17 +259,17 @@ impl BrickGrid {
         self.dims
     }
 
-    /// The sample points that the cells stand for.
+    /// Sample points at which the cells lie.
     pub(crate) fn lattice(&self) -> &Lattice {
         &self.lattice
     }
 
-    /// How many cells there are.
+    /// Number of cells.
     pub fn len(&self) -> usize {
         self.dims.iter().product()
     }
 
-    /// Whether there are none.
+    /// Whether the grid has no cells.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -277,7 +279,7 @@ impl BrickGrid {
         self.bricks
     }
 
-    /// The samples of each axis: none where all cells are alike.
+    /// Samples of each axis; `None` if all cells are alike.
     pub fn axes(&self) -> Option<&[Vec<AxisSample>; 3]> {
         match &self.cells {
             Cells::Uniform => None,
@@ -285,8 +287,8 @@ impl BrickGrid {
         }
     }
 
-    /// What the units of the axes are in the world, as columns: of a uniform lattice the step
-    /// between neighbouring cells along each index.
+    /// Units of the axes in the world, as columns; for a uniform lattice, the step between neighbouring cells along
+    /// each index.
     pub fn basis(&self) -> Mat3 {
         self.basis
     }
@@ -327,11 +329,11 @@ impl BrickGrid {
         (x + BRICK[0] * (y + BRICK[1] * z)) as u32
     }
 
-    /// Position of a cell of the brick of `cells` relative to the brick's middle, which is its
-    /// block's origin; world units.
+    /// Position of a cell of the brick of `cells` relative to the brick's middle, which is its block's origin; world
+    /// units.
     ///
-    /// In f32, without a position: half integers times the step err by three roundings of half a
-    /// brick, wherever the lattice lies. Twin: `shaders/shared/particles_lattice.wgsl`.
+    /// Computed in f32 from indices: half integers times the step err by three roundings of half a brick, wherever the
+    /// lattice lies. Twin: `shaders/shared/particles_lattice.wgsl`.
     #[inline]
     pub fn offset(&self, cells: [[usize; 2]; 3], [i, j, k]: [usize; 3]) -> Vec3 {
         let from_middle = |cell: usize, [first, end]: [usize; 2]| {
@@ -348,7 +350,7 @@ impl BrickGrid {
         self.basis * units
     }
 
-    /// The factor that all kernels share, world units: none where cells differ.
+    /// Returns the factor that all kernels share, world units; `None` if cells differ.
     pub fn shared_factor(&self) -> Option<Mat3> {
         match (&self.cells, &self.lattice.spacing) {
             (Cells::Uniform, LatticeSpacing::Uniform { step, .. }) => {
@@ -358,8 +360,8 @@ impl BrickGrid {
         }
     }
 
-    /// Rotated factor of a cell, where cells differ. `turned_basis`: the basis times the rotation
-    /// into camera space.
+    /// Returns the rotated factor of a cell, if cells differ. `turned_basis`: the basis times the rotation into camera
+    /// space.
     #[inline]
     pub fn cell_factor(&self, turned_basis: &Mat3, [i, j, k]: [usize; 3]) -> Factor {
         let sigmas = self.axes().map_or(Vec3::ONE, |[x, y, z]| {
@@ -368,7 +370,7 @@ impl BrickGrid {
         Factor::from_matrix(*turned_basis * Mat3::from_diagonal(sigmas))
     }
 
-    /// The volume that all cells share, world units cubed: none where cells differ.
+    /// Returns the volume that all cells share, world units cubed; `None` if cells differ.
     pub fn uniform_volume(&self) -> Option<f32> {
         match (&self.cells, &self.lattice.spacing) {
             (Cells::Uniform, LatticeSpacing::Uniform { step, .. }) => {
@@ -378,14 +380,14 @@ impl BrickGrid {
         }
     }
 
-    /// Volume of a cell, where cells differ; world units cubed.
+    /// Volume of a cell, if cells differ; world units cubed.
     #[inline]
     pub fn cell_volume(&self, cell: [usize; 3]) -> f32 {
         self.extents(cell).element_product()
     }
 
-    /// Volume of a cell of any lattice, world units cubed, in f64: cubes of lengths beyond 1e13
-    /// or below 1e-13 leave f32.
+    /// Volume of a cell of any lattice, world units cubed. In f64, because cubes of lengths beyond 1e13 or below 1e-13
+    /// leave the range of f32.
     #[inline]
     pub fn cell_volume_f64(&self, cell: [usize; 3]) -> f64 {
         match &self.lattice.spacing {
@@ -401,7 +403,7 @@ impl BrickGrid {
         })
     }
 
-    /// How the spacing changes at a cell along each axis, as [`AxisSample::bend`] has it.
+    /// Change of the spacing at a cell along each axis ([`AxisSample::bend`]).
     #[inline]
     pub(crate) fn bends(&self, [i, j, k]: [usize; 3]) -> Vec3 {
         self.axes().map_or(Vec3::ZERO, |[x, y, z]| {
@@ -409,8 +411,8 @@ impl BrickGrid {
         })
     }
 
-    /// Of a brick: the range of all values that classification over its kernels' extents may ask for, and
-    /// their greatest spread w.
+    /// Returns the range of all values that classification over a brick's kernel extents may need, and the greatest
+    /// spread w of its kernels.
     fn spread(&self, values: &ValuesIn<Shared>, cells: [[usize; 2]; 3]) -> ([f32; 2], f32) {
         let halo = Halo::new(self, values, cells);
         let ranges = halo.ranges();
@@ -438,12 +440,12 @@ impl BrickGrid {
         (around, steepest)
     }
 
-    /// Standard deviations of kernels, in spacings.
+    /// Standard deviation of the kernels, in spacings.
     pub(crate) fn kernel_width(&self) -> f64 {
         self.kernel_width
     }
 
-    /// One block per brick, of level of detail `level`.
+    /// Makes one block for each brick, of level of detail `level`.
     ///
     /// - `is_classified`: whether a transfer function makes masses of the values.
     pub(super) fn blocks(
@@ -457,7 +459,7 @@ impl BrickGrid {
         self.blocks_of(all, values, is_classified, level)
     }
 
-    /// The same of some bricks.
+    /// Makes the blocks of some bricks.
     pub(super) fn blocks_of(
         &self,
         bricks: Range<u32>,
@@ -468,7 +470,7 @@ impl BrickGrid {
         let shared = self.shared_factor().map(|m| sigma_range(&m.as_dmat3()));
         let block = |brick: u32| {
             let cells = self.cells(brick);
-            // The lattice's own cells, which bound those merged of them.
+            // The lattice's own cells bound the cells merged from them.
             let [x, y, z] = [0, 1, 2].map(|a| {
                 let [first, end] = cells[a].map(|cell| cell * self.merged);
                 [first, end.min(self.lattice.dims[a])]
@@ -511,7 +513,7 @@ impl BrickGrid {
         bricks.into_par_iter().with_min_len(64).map(block).collect()
     }
 
-    /// The moments of cubes of `merged` cells along each axis, in units of the grid's basis.
+    /// Returns the moments of cubes of `merged` cells along each axis, in units of the grid's basis.
     pub(super) fn axis_moments(&self, merged: usize) -> [Vec<AxisMoments>; 3] {
         let of_axis = |kernels: Vec<AxisKernel>| {
             let cubes = kernels.chunks(merged).map(AxisMoments::of);
@@ -520,16 +522,17 @@ impl BrickGrid {
         self.axis_kernels().map(of_axis)
     }
 
-    /// What each sample of the lattice along each axis contributes to the volume of its cell inside the faces, in
+    /// Returns the factor that each sample along each axis contributes to the volume of its cell inside the faces, in
     /// units of the grid's basis.
     pub(super) fn axis_extents(&self) -> [Vec<f64>; 3] {
         self.axis_kernels()
             .map(|kernels| kernels.iter().map(|kernel| kernel.extent).collect())
     }
 
-    /// How far the cells of a brick differ from the lattice's own cells in them, but for values.
+    /// Returns bounds on the difference between the cells of a brick and the lattice's own cells in them, apart from
+    /// values.
     ///
-    /// - `moments`: those of [`BrickGrid::axis_moments`].
+    /// - `moments`: the moments of [`BrickGrid::axis_moments`].
     pub(super) fn merge_bounds(
         &self,
         moments: &[Vec<AxisMoments>; 3],
@@ -554,8 +557,8 @@ impl BrickGrid {
                 widest = [0, 1, 2].map(|i| widest[i].max(own[i]));
             }
             second += widest[0] * length.powi(2);
-            // Moments of axes that know nothing of one another: a tensor's norm is the root of their squares
-            // where axes are at right angles, and their sum at most.
+            // The moments of the axes are independent. A tensor's norm is the root of their squares if the axes are at
+            // right angles, and at most their sum otherwise.
             let own = [widest[1] * length.powi(3), widest[2] * length.powi(4)];
             third = add(third, own[0]);
             fourth = add(fourth, own[1]);
@@ -581,14 +584,14 @@ impl BrickGrid {
         }
     }
 
-    /// The samples of a brick along each axis.
+    /// Returns the samples of a brick along each axis.
     fn samples(&self, cells: [[usize; 2]; 3]) -> impl Iterator<Item = &[AxisSample]> {
         let axes = self.axes().into_iter().flatten();
         axes.zip(cells)
             .map(|(axis, [first, end])| &axis[first..end])
     }
 
-    /// Bounds of the standard deviations of a brick's kernels.
+    /// Returns bounds on the standard deviations of a brick's kernels.
     fn brick_sigmas(&self, cells: [[usize; 2]; 3]) -> [f32; 2] {
         let mut bounds = [DVec3::INFINITY, DVec3::ZERO];
         for (a, samples) in self.samples(cells).enumerate() {
@@ -630,15 +633,15 @@ impl BrickGrid {
     }
 }
 
-/// The least and the greatest standard deviation of a kernel of factor F, rounded outwards.
+/// Returns the least and the greatest standard deviation of a kernel of factor F, rounded outwards.
 pub(super) fn sigma_range(factor: &DMat3) -> [f32; 2] {
     let [greatest, _, least] = principal_sigmas(lower_factor(*factor));
     outwards(least, greatest)
 }
 
-/// Bounds in f32.
+/// Rounds bounds outwards to f32.
 pub(super) fn outwards(least: f64, greatest: f64) -> [f32; 2] {
-    // The singular values' own rounding, and that of the narrowing.
+    // Rounding of the singular values, and of the narrowing to f32.
     const ROUNDING: f32 = 2.0 * f32::EPSILON;
     [
         least as f32 * (1.0 - ROUNDING),
@@ -649,14 +652,14 @@ pub(super) fn outwards(least: f64, greatest: f64) -> [f32; 2] {
 /// An axis of a lattice, in units of the grid's basis.
 struct Axis {
     coordinates: Vec<f64>,
-    /// Of the cell around each sample.
+    /// Width of the cell around each sample.
     widths: Vec<f64>,
 }
 
-/// A sample's kernel along an axis: what the domain leaves of it.
+/// A sample's kernel along an axis, cut by the domain.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct AxisKernel {
-    /// Of its cell, times the share of the kernel.
+    /// Width of the cell, times the share of the kernel inside.
     extent: f64,
     mean: f64,
     variance: f64,
@@ -681,8 +684,8 @@ impl Axis {
         }
     }
 
-    /// The kernels of all samples; those of the outermost `ghosts` lie beyond faces, at the outermost samples
-    /// but these, which cut all.
+    /// Returns the kernels of all samples. The outermost `ghosts` samples lie beyond the faces; the next samples lie on
+    /// the faces, which cut all kernels.
     fn kernels(&self, kernel_width: f64, ghosts: usize) -> Vec<AxisKernel> {
         let axis = &self.coordinates;
         let faces = (ghosts > 0).then(|| [axis[ghosts], axis[axis.len() - 1 - ghosts]]);
@@ -709,7 +712,7 @@ impl Axis {
         axis.iter().zip(&self.widths).map(kernel).collect()
     }
 
-    /// The samples in bricks of `brick`.
+    /// Returns the samples, for bricks of `brick` cells.
     fn samples(&self, kernel_width: f64, brick: usize) -> Vec<AxisSample> {
         let axis = &self.coordinates;
         let sample = |i: usize| {
@@ -724,7 +727,7 @@ impl Axis {
         (0..axis.len()).map(sample).collect()
     }
 
-    /// The same of kernels that are merged by `merged` and then cut into bricks of `brick`.
+    /// Returns the samples of kernels that are merged by `merged`, for bricks of `brick` merged cells.
     fn merged_samples(
         &self,
         kernels: &[AxisKernel],
@@ -743,7 +746,7 @@ impl Axis {
         kernels.chunks(merged).enumerate().map(sample).collect()
     }
 
-    /// The origin along this axis of the blocks of a row of bricks, as `BrickGrid::blocks` finds it.
+    /// Returns the origin along this axis of a brick's block, as `BrickGrid::blocks` finds it.
     fn middle(&self, brick: usize, samples: usize) -> f64 {
         let first = brick * samples;
         let last = (first + samples).min(self.coordinates.len()) - 1;
@@ -751,7 +754,7 @@ impl Axis {
     }
 }
 
-/// How the spacing of an axis changes at one of its samples, as [`AxisSample::bend`] has it.
+/// Returns the change of the spacing at one of an axis' samples ([`AxisSample::bend`]).
 fn bend(axis: &[f64], i: usize) -> f32 {
     if i == 0 || i + 1 == axis.len() {
         return 0.0;
@@ -766,9 +769,9 @@ pub(super) struct AxisMoments {
     /// The sum of the extents.
     pub(super) extent: f64,
     pub(super) mean: f64,
-    /// Of the kernels: their own and that of their places.
+    /// Variance of the mixture: of the kernels, and of their positions.
     pub(super) variance: f64,
-    /// That of the narrowest kernel by itself.
+    /// Variance of the narrowest kernel.
     pub(super) narrowest: f64,
     /// Third central moment.
     pub(super) third: f64,
@@ -810,7 +813,7 @@ mod tests {
 
     #[test]
     fn what_cubes_differ_by_from_their_cells_is_of_the_cells_places() {
-        // Two places a step apart: a variance of 1/4 and a fourth cumulant of 1/16 - 3/16, whatever the kernel.
+        // Two positions a step apart: a variance of 1/4 and a fourth cumulant of 1/16 - 3/16, for any kernel.
         let bounds = |lattice: Lattice| {
             let cells = BrickGrid::new(lattice, 0.6);
             let grid = cells.merged(2);
@@ -832,7 +835,7 @@ mod tests {
             "{even:?}"
         );
         assert!(even.third < 1e-4, "{even:?}");
-        // Slanted axes: the tensor of one may lie along that of another.
+        // Slanted axes: the tensor of one axis may lie along that of another.
         let mut slanted = Lattice::uniform([16, 16, 16], DVec3::ZERO, DVec3::ONE);
         if let LatticeSpacing::Uniform { step, .. } = &mut slanted.spacing {
             *step = DMat3::from_cols(DVec3::X, DVec3::new(0.6, 0.8, 0.0), DVec3::Z);

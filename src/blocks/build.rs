@@ -1,4 +1,4 @@
-//! Blocks of a point set: the subtrees of a BVH that hold few enough particles.
+//! Builds the blocks of a point set: the subtrees of a BVH with few enough particles.
 
 use std::ops::Range;
 
@@ -24,16 +24,16 @@ use crate::scene::{
 };
 use crate::task::{Stage, Task};
 
-/// How a volume becomes blocks.
+/// Options for building blocks of a volume.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct BuildOptions {
-    /// Whether there are levels of detail.
+    /// Whether to make levels of detail.
     pub(super) detail: bool,
-    /// Whether blocks keep which of the caller's particles each is.
+    /// Whether blocks keep the caller's number of each particle.
     pub(super) indices: bool,
 }
 
-/// Refuses more particles than indices can name.
+/// Refuses more particles than 32-bit indices can number.
 pub(crate) fn check_count(total: usize) -> Result<()> {
     if u32::try_from(total).is_ok() {
         return Ok(());
@@ -47,10 +47,10 @@ pub(crate) fn check_count(total: usize) -> Result<()> {
     ))
 }
 
-/// A volume in blocks and, where the options ask for it, its levels of detail, the finest first.
+/// Builds the blocks of a volume and, if the options ask for them, its levels of detail, the finest first.
 ///
 /// # Errors
-/// Cancelled.
+/// The task is cancelled.
 pub(super) fn build(
     volume: PointVolume,
     options: BuildOptions,
@@ -59,7 +59,8 @@ pub(super) fn build(
     build_ordered(volume, options, None, task)
 }
 
-/// A volume whose values can be exchanged: all of it but these, and its particles in the order of a tree.
+/// A volume whose values can be exchanged. It stores everything but the values, and the order of its particles in a
+/// tree.
 #[derive(Debug, Clone)]
 pub(super) struct Exchangeable {
     volume: PointVolume,
@@ -95,12 +96,12 @@ impl Exchangeable {
         })
     }
 
-    /// How many particles, and so values, there are.
+    /// Number of particles, and so of values.
     pub(super) fn len(&self) -> usize {
         self.volume.particles.len()
     }
 
-    /// The volume with values, in blocks, and its levels of detail.
+    /// Builds the blocks of the volume with these values, and its levels of detail.
     pub(super) fn with_values(
         &self,
         values: Option<Values>,
@@ -130,7 +131,7 @@ fn build_ordered(
         Some(ordered) => ordered,
         None => finite_block_order(&points.positions, task)?,
     };
-    // In the order of the tree from here on: what reads runs of it again and again finds them together.
+    // From here on in the order of the tree: stages that read runs of it repeatedly find them together in memory.
     let points = points.gather(&order, MEMORY)?;
     let sorted = Sorted {
         points,
@@ -167,7 +168,7 @@ fn build_lattice(
     else {
         return Ok(Vec::new());
     };
-    // Merged particles reflect like none of their members; see `PointVolume::normals`.
+    // Merged particles reflect unlike any of their members; see `PointVolume::normals`.
     let detail = options.detail && normals.is_none();
     let grid = match own {
         None => BrickGrid::new(lattice, kernel_width),
@@ -189,7 +190,7 @@ fn build_lattice(
         transfer_function,
         normals: normals.map(Into::into),
         boundary: None,
-        // A cell's number is its place.
+        // A cell's number is its index.
         indices: None,
         local_models: None,
         lobes: None,
@@ -207,18 +208,18 @@ fn build_lattice(
 #[derive(Debug)]
 pub(super) struct Sorted {
     pub(super) points: Points,
-    /// The number of each among those that were given.
+    /// Number of each point among the caller's points.
     pub(super) numbers: Column<u32>,
-    /// The blocks: runs of that order.
+    /// Blocks, as runs of that order.
     pub(super) runs: Vec<Range<usize>>,
-    /// Empty where all points are in one block.
+    /// Tree over the points; empty if all are in one block.
     pub(super) tree: Tree,
     pub(super) transfer_function: Option<TransferFunction>,
 }
 
-/// Points in blocks, and their levels of detail.
+/// Builds blocks of sorted points, and their levels of detail.
 ///
-/// - `room`: where the columns of the blocks are going to lie.
+/// - `room`: storage for the blocks' columns.
 pub(super) fn build_sorted(
     sorted: Sorted,
     options: BuildOptions,
@@ -255,11 +256,11 @@ pub(super) fn build_sorted(
     Ok(family(base, coarse.into_iter().collect()))
 }
 
-/// Points in blocks, which have no parents yet.
+/// Puts points into blocks, without parents.
 ///
-/// - `runs`: of the points, which become blocks where no far particle stretches them, and how crowded each is
-///   ([`Block::crowding`]).
-/// - `principal`: [`principal_ranges`].
+/// - `runs`: runs of the points, each with its overlap count ([`Block::crowding`]). A run becomes a block, or several
+///   if far particles stretch it.
+/// - `principal`: the result of [`principal_ranges`].
 pub(super) fn in_blocks(
     points: Points,
     numbers: Column<u32>,
@@ -269,9 +270,9 @@ pub(super) fn in_blocks(
     options: BuildOptions,
 ) -> Result<BlockedVolume> {
     let source = points.source(&principal);
-    // Within their blocks, particles have an order of their own.
+    // Particles are reordered within their blocks.
     let mut places: Vec<u32> = (0..numbers.len() as u32).collect();
-    // Crowds are those of whole runs: particles were looked for where the tree had them.
+    // Overlap counts belong to whole runs, in which the tree counted them.
     let (crowding, runs): (Vec<f32>, Vec<Range<usize>>) = runs.into_iter().unzip();
     let parts = without_outliers(&mut places, &runs, &points.positions, &|i| {
         source.sigmas(i as usize)[1]
@@ -330,9 +331,9 @@ pub(super) fn in_blocks(
     })
 }
 
-/// Of particles of blocks, from their blocks' origins.
+/// Returns the particles' offsets from their blocks' origins.
 ///
-/// - `places`: where each lies among `positions`, block by block.
+/// - `places`: index of each particle in `positions`, block by block.
 fn offsets(
     positions: &[DVec3],
     places: &[u32],
@@ -343,7 +344,7 @@ fn offsets(
     let mut of_run: Vec<[f32; 3]> = Vec::new();
     let mut rest = blocks;
     while let Some(first) = rest.first() {
-        // Whole blocks, some of the order of a run together.
+        // Whole blocks, of about a run's particles together.
         let end = first.first as usize + RUN;
         let count = rest.partition_point(|block| (block.first as usize) < end);
         let (own, later) = rest.split_at(count);
@@ -361,7 +362,7 @@ fn offsets(
     all.finish()
 }
 
-/// A volume and its levels of detail, which share a transfer function.
+/// Joins a volume and its levels of detail, which share a transfer function.
 pub(super) fn family(base: BlockedVolume, levels: Vec<BlockedVolume>) -> Vec<BlockedVolume> {
     let transfer = base.transfer_function.clone();
     let mut volumes = vec![base];
@@ -373,7 +374,7 @@ pub(super) fn family(base: BlockedVolume, levels: Vec<BlockedVolume>) -> Vec<Blo
     volumes
 }
 
-/// Least and greatest standard deviation of each kernel that is no sphere, rounded outwards.
+/// Returns the least and the greatest standard deviation of each kernel that is not a sphere, rounded outwards.
 pub(super) fn principal_ranges(shapes: &PointShapes) -> Vec<[f32; 2]> {
     match shapes {
         PointShapes::Spheres(_) => Vec::new(),
@@ -391,7 +392,7 @@ pub(super) fn principal_ranges(shapes: &PointShapes) -> Vec<[f32; 2]> {
     }
 }
 
-/// The greatest standard deviation of a surfel: sqrt of the greater eigenvalue of the tangents' Gram
+/// Returns the greatest standard deviation of a surfel: the square root of the greater eigenvalue of the tangents' Gram
 /// matrix.
 fn widest_tangent([ax, ay, az, bx, by, bz]: [f64; 6]) -> f64 {
     let (a, b) = (DVec3::new(ax, ay, az), DVec3::new(bx, by, bz));
@@ -399,12 +400,12 @@ fn widest_tangent([ax, ay, az, bx, by, bz]: [f64; 6]) -> f64 {
     (0.5 * (aa + bb) + (0.5 * (aa - bb)).hypot(a.dot(b))).sqrt()
 }
 
-/// How many times its kernels' width a block may span: 2^14 leaves f32 offsets a thousandth of
-/// a standard deviation.
+/// Greatest extent of a block, as a multiple of its kernels' width: 2^14 leaves f32 offsets a thousandth of a standard
+/// deviation.
 const WIDEST_BLOCK: f64 = 16_384.0;
 
-/// Splits blocks that a few far particles stretch, where one gap is most of the width: there
-/// the far ones would take the bits of the near ones' offsets.
+/// Splits blocks that a few far particles stretch, if one gap is most of the width. Otherwise the far particles would
+/// cost the others bits of their offsets.
 fn without_outliers(
     order: &mut [u32],
     runs: &[Range<usize>],
@@ -419,7 +420,7 @@ fn without_outliers(
     kept.collect()
 }
 
-/// The parts of a block that no far particle stretches.
+/// Returns the parts of a block that no far particle stretches.
 fn dense_parts(
     order: &mut [u32],
     positions: &[DVec3],
@@ -438,7 +439,7 @@ fn dense_parts(
                 )
             },
         );
-        // Halved first: the extent itself may overflow.
+        // Halved first, because the extent itself may overflow.
         let half = upper / 2.0 - lower / 2.0;
         let axis = half.max_position();
         let widest_kernel = members.iter().map(|&i| sigma(i)).fold(0.0, f32::max);
@@ -461,7 +462,7 @@ fn dense_parts(
     kept
 }
 
-/// Each block's part of the order.
+/// Splits the order into the blocks' parts.
 fn members_of<'a>(mut order: &'a mut [u32], runs: &[Range<usize>]) -> Vec<&'a mut [u32]> {
     let mut blocks = Vec::with_capacity(runs.len());
     for run in runs {
@@ -472,10 +473,10 @@ fn members_of<'a>(mut order: &'a mut [u32], runs: &[Range<usize>]) -> Vec<&'a mu
     blocks
 }
 
-/// Orders the particles of each run by their values, NaN last: those of an interval of values are
-/// a run of their own.
+/// Sorts the particles of each run by their values, NaN last. The particles in an interval of values are then a run of
+/// their own.
 ///
-/// - `numbers`: those of the particles as they were given: equal values keep their order.
+/// - `numbers`: the caller's numbers of the particles: equal values keep that order.
 fn sort_by_value(
     places: &mut [u32],
     runs: &[Range<usize>],
@@ -487,7 +488,7 @@ fn sort_by_value(
         .for_each(|members| {
             members.sort_unstable_by(|&a, &b| {
                 let (v, w) = (values.get(a as usize), values.get(b as usize));
-                // Zeros of either sign are the same.
+                // Zeros of either sign are equal.
                 let by_value = v.partial_cmp(&w).unwrap_or(v.is_nan().cmp(&w.is_nan()));
                 by_value.then_with(|| numbers[a as usize].cmp(&numbers[b as usize]))
             });
@@ -532,14 +533,14 @@ fn block(members: &[u32], first: usize, source: &Source<'_>) -> Block {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Ordered {
     pub(super) order: Vec<u32>,
-    /// The blocks: runs of the order.
+    /// Blocks, as runs of the order.
     pub(super) runs: Vec<Range<usize>>,
-    /// Empty where all particles are in one block.
+    /// Tree over the particles; empty if all are in one block.
     pub(super) tree: Tree,
 }
 
-/// [`block_order`] of the particles whose positions are numbers; the others, which would take
-/// the bounds of their block with them, are in no block.
+/// Returns [`block_order`] of the particles with finite positions. The others are in no block, because they would make
+/// the bounds of their block infinite.
 fn finite_block_order(positions: &[DVec3], task: Option<&Task>) -> Result<Ordered> {
     let stage = Stage::new(task, "sorting into blocks", 1);
     let ordered = if positions.par_iter().all(|p| p.is_finite()) {
@@ -558,10 +559,10 @@ fn finite_block_order(positions: &[DVec3], task: Option<&Task>) -> Result<Ordere
     Ok(ordered)
 }
 
-/// The particles' order in which every block is a run, and the runs: the largest subtrees of a
-/// PLOC BVH with at most [`BLOCK_CAPACITY`] particles.
+/// Returns the order of the particles in which every block is a run, and these runs: the largest subtrees of a PLOC BVH
+/// with at most [`BLOCK_CAPACITY`] particles.
 ///
-/// - `positions`, `numbers`: as [`Tree::over`] has them.
+/// - `positions`, `numbers`: as in [`Tree::over`].
 pub(super) fn block_order(positions: &[DVec3], numbers: &[u32]) -> Ordered {
     let count = u32::try_from(positions.len()).unwrap_or(u32::MAX);
     if positions.is_empty() {

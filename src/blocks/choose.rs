@@ -1,8 +1,8 @@
-//! What draws a block in a frame: which filter its particles share, and whether merged particles
-//! stand for others. Conservative for every particle of the block, and cheap: no particle is asked.
+//! Chooses how to draw a block in a frame: the filter that its particles share, and whether merged particles replace
+//! others. The choice is conservative for every particle of the block, and cheap: it reads no particle.
 //!
-//! Only sums, products, quotients and square roots, so that the device comes to the same choice.
-//! Twin: `shaders/shared/choose.wgsl`.
+//! Only sums, products, quotients and square roots are used, so that the device makes the same choice. Twin:
+//! `shaders/shared/choose.wgsl`.
 
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
@@ -17,11 +17,11 @@ use crate::splat::budget::{
 };
 use crate::view::Camera;
 
-/// How a block's kernels may appear on the image, whatever their place in it.
+/// Bounds on how a block's kernels appear on the image, wherever they lie in the block.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Appearance {
-    /// Least distance of a kernel's centre, world units; infinite for an orthographic camera, whose
-    /// projection is affine.
+    /// Least distance of a kernel's centre, world units; infinite for an orthographic camera, whose projection is
+    /// affine.
     distance: f32,
     /// Greatest tangent of an angle off the camera's axis.
     slope: f32,
@@ -32,9 +32,9 @@ struct Appearance {
 }
 
 impl Appearance {
-    /// - `centre`: of the block, camera space.
+    /// Returns `None` if the block may reach the plane of the eye.
     ///
-    /// `None` where the block may reach the plane of the eye.
+    /// - `centre`: centre of the block, camera space.
     fn new(
         choice: &ChoiceUniform,
         rotation: &Mat3,
@@ -69,7 +69,7 @@ impl Appearance {
     }
 }
 
-/// What is known of a block's particles besides their places.
+/// Bounds on a block's particles, apart from their positions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Kernels {
     /// Least and greatest standard deviation.
@@ -78,14 +78,15 @@ struct Kernels {
     are_round: bool,
     /// The greatest mass.
     mass: f32,
-    /// The most that lie in one place, as [`Block::crowding`].
+    /// Greatest overlap count, as [`Block::crowding`].
     crowding: f32,
-    /// Greatest change of the colour, or of the extinction as a share of its greatest, per unit of
-    /// value.
+    /// Greatest change of the colour, or of the extinction relative to its greatest, per unit of value.
     slope: f32,
 }
 
 impl Kernels {
+    /// Finds the bounds of a block.
+    ///
     /// - `is_spread`: whether the kernels are classified over their extents, and may be flattened.
     fn new(volume: &BlockedVolume, block: &Block, is_spread: bool) -> Self {
         let [low, high] = block.classified_range(is_spread);
@@ -113,7 +114,7 @@ impl Kernels {
         }
     }
 
-    /// A bound on the optical depth at a kernel's centre, low-passed.
+    /// Returns a bound on the optical depth at a kernel's centre, after the low-pass filter.
     fn peak(&self, appearance: &Appearance, h2: f32) -> f32 {
         let [least_px, greatest_px] = appearance.scale_px;
         let narrowest = self.sigmas[0] * least_px;
@@ -161,8 +162,8 @@ fn filter_of(
     }
 }
 
-/// Eq. 7 of Chen et al. 2004 for all of a block: r_k the kernels' standard deviation, r_h that of
-/// the low-pass filter, one unit in front of the eye.
+/// Evaluates eq. 7 of Chen et al. 2004 for all of a block: r_k is the kernels' standard deviation and r_h that of the
+/// low-pass filter, one unit in front of the eye.
 fn by_hand(choice: &ChoiceUniform, appearance: &Appearance, kernels: &Kernels) -> Filter {
     let h = choice.low_pass_variance_px2.sqrt();
     let [c_min, c_max] = choice.thresholds;
@@ -176,15 +177,15 @@ fn by_hand(choice: &ChoiceUniform, appearance: &Appearance, kernels: &Kernels) -
     }
 }
 
-/// The cheapest filter whose bound fits the tolerance for every kernel; [`Filter::Adaptive`] where
-/// each kernel is to be asked.
+/// Returns the cheapest filter whose bound fits the tolerance for every kernel, or [`Filter::Adaptive`] if each kernel
+/// must choose.
 fn by_tolerance(choice: &ChoiceUniform, appearance: &Appearance, kernels: &Kernels) -> Filter {
     let h2 = choice.low_pass_variance_px2;
     let [least_px, greatest_px] = appearance.scale_px;
     let [least, greatest] = kernels.sigmas;
     let amplification = amplification(kernels.peak(appearance, h2) * kernels.crowding);
-    // Section 2 of the mathematics: the low-pass filter, as a width at the kernel, counts with the
-    // widest; no smaller than it is at the far side.
+    // Section 2 of the mathematics: the low-pass filter, as a width at the kernel, counts with the widest kernel. Its
+    // width is bounded by that at the far side.
     if choice.orthographic == 0 {
         let filter = h2 / (least_px * least_px);
         let widest = (greatest * greatest + filter).sqrt() / appearance.distance;
@@ -202,7 +203,7 @@ fn by_tolerance(choice: &ChoiceUniform, appearance: &Appearance, kernels: &Kerne
     if widest_px2 * appearance.stretch <= allowed * h2 {
         return Filter::LowPass;
     }
-    // What the variances along a footprint's axes differ by at most, as a share of their mean.
+    // Greatest difference of the variances along a footprint's axes, relative to their mean.
     let unequal = choice.focal_px[0] / choice.focal_px[1];
     let beside = appearance.slope * appearance.slope + (1.0 - unequal * unequal);
     let own = if kernels.are_round {
@@ -222,7 +223,7 @@ fn by_tolerance(choice: &ChoiceUniform, appearance: &Appearance, kernels: &Kerne
     Filter::Ewa
 }
 
-/// A bound on [`opacity_amplification`](crate::splat::opacity_amplification), at least 1, without
+/// Returns a bound on [`opacity_amplification`](crate::splat::opacity_amplification), at least 1. It needs no
 /// logarithms: ln tau <= 4 (tau^(1/4) - 1).
 fn amplification(tau: f32) -> f32 {
     if tau <= 1.0 {
@@ -250,11 +251,11 @@ pub(super) fn merge_fits(
         <= choice.merge_tolerance * MERGE_SHARE
 }
 
-/// A bound on what merging changes of a pixel, for clusters that lie as they may.
+/// Returns a bound on the change of a pixel by merging, for any arrangement of clusters.
 fn merge_error(h2: f32, appearance: &Appearance, kernels: &Kernels, bounds: &MergeBounds) -> f32 {
     let [least_px, greatest_px] = appearance.scale_px;
     let narrowest = kernels.sigmas[0] * least_px;
-    // Lengths in units of what all members are blurred by.
+    // Lengths in units of the blur that all members have.
     let unit = greatest_px * appearance.stretch.sqrt() / (h2 + narrowest * narrowest).sqrt();
     let tau = kernels.peak(appearance, h2);
     let shape = |third: f32| {
@@ -263,11 +264,11 @@ fn merge_error(h2: f32, appearance: &Appearance, kernels: &Kernels, bounds: &Mer
         let square = fourth * fourth;
         MERGE_THIRD * (third * third * third) + MERGE_FOURTH * (square * square)
     };
-    // A cluster by itself; and many behind one another, whose errors have either sign.
+    // A single cluster; and many clusters behind one another, whose errors have either sign.
     let alone = if tau < 1.0 { tau } else { tau.sqrt().sqrt() };
     let many = MANY_SHARE * tau.min(1.0).sqrt();
     let [varied, unlike] = if kernels.slope == 0.0 {
-        // However far the values of a cluster spread: infinitely in places.
+        // The spread of a cluster's values does not matter here, and may be infinite.
         [0.0; 2]
     } else {
         [bounds.spread, bounds.uneven].map(|values| kernels.slope * values)
@@ -276,8 +277,8 @@ fn merge_error(h2: f32, appearance: &Appearance, kernels: &Kernels, bounds: &Mer
     let blurred = CONTRAST_SHARE * bounds.second * unit * many;
     // Values are classified as if they were spread evenly; all clusters along a ray may be alike.
     let misread = MISREAD_SHARE * unlike.min(1.0);
-    // Clusters side by side are a layer of this depth, in which front and back become one colour;
-    // of the layers that are seen, each errs to the same side.
+    // Clusters side by side are a layer of this optical depth, in which front and back become one colour. The visible
+    // layers all err to the same side.
     let layer = kernels.mass / (4.0 * bounds.second * bounds.second);
     let trend = contrast.min(TREND * layer.sqrt());
     let mixed = (MIXED_SHARE * layer).min(1.0) * trend;

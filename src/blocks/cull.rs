@@ -1,4 +1,4 @@
-//! Which blocks a frame sees.
+//! Finds the blocks that a frame sees.
 
 use std::ops::Range;
 
@@ -12,21 +12,21 @@ use crate::record::{BlockView, ChoiceUniform, ClassifiedBy};
 use crate::scene::{LOBE_REACH, MAX_PIECE_WIDTH, StrengthIn};
 use crate::view::{Camera, Projection};
 
-/// How far from its particle's centre a piece of a kernel may reach, standard deviations: shifted, and a
+/// Greatest distance of a piece of a kernel from its particle's centre, standard deviations: pieces are shifted, and a
 /// little wider.
 pub(crate) const PIECE_REACH: f32 = LOBE_REACH + MAX_PIECE_WIDTH * MAX_CUTOFF;
 
-/// The planes that bound what a camera sees: the sides, widened by the reach of the low-pass
-/// filter, the plane of the eye, and those that clip.
+/// Planes that bound the visible space: the sides, widened by the reach of the low-pass filter; the plane of the eye;
+/// and clipping planes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frustum {
     /// Inward unit normals in camera space and distances: inside where n . u + d >= 0.
     planes: Vec<(DVec3, f64)>,
-    /// How far the low-pass filter reaches beyond the image.
+    /// Reach of the low-pass filter beyond the image.
     margin_px: f64,
 }
 
-/// Where the planes of the image's sides stand.
+/// Indices of the planes through the image's sides.
 const SIDES: Range<usize> = 0..4;
 
 impl Frustum {
@@ -51,7 +51,7 @@ impl Frustum {
         }
     }
 
-    /// The same of a part of the image's pixels alone.
+    /// Returns the frustum of a part of the image's pixels.
     pub(crate) fn of_part(&self, camera: &Camera, [columns, rows]: &[Range<usize>; 2]) -> Self {
         let part = Camera {
             width: columns.len(),
@@ -65,7 +65,7 @@ impl Frustum {
         cut
     }
 
-    /// The same and cut by planes, in camera space.
+    /// Adds clipping planes, in camera space.
     pub fn clipped(mut self, planes: impl Iterator<Item = (DVec3, f64)>) -> Self {
         self.planes.extend(planes);
         self
@@ -91,9 +91,9 @@ impl Frustum {
     }
 }
 
-/// The blocks that may reach the image and hold something visible, in their own order. Without a
-/// frustum (for a filter that enlarges kernels without a bound) only what is transparent is left
-/// out. Keys and counts are left to later stages.
+/// Finds the blocks that may reach the image and hold something visible, in their own order. Without a frustum (for a
+/// filter that enlarges kernels without a bound), only transparent blocks are left out. Later stages set keys and
+/// counts.
 pub fn cull(
     volume: &BlockedVolume,
     camera: &Camera,
@@ -105,12 +105,11 @@ pub fn cull(
     cull_where(volume, camera, frustum, shown, views);
 }
 
-/// Which blocks of a volume and its levels of detail stand for their particles in a frame: the
-/// coarsest that fit. Otherwise as [`cull`] without merged particles.
+/// Chooses the blocks of a volume and its levels of detail that represent its particles in a frame: the coarsest that
+/// fit. Otherwise as [`cull`], without merged particles.
 ///
-/// - `family`: the volume and its levels, the finest first; `views`: of each.
-/// - `closed`: of each merged block, whether it or one that stands for it decides about its members;
-///   overwritten.
+/// - `family`: the volume and its levels, the finest first; `views`: the result for each.
+/// - `closed`: for each merged block, whether it or one of its ancestors decides about its members; overwritten.
 pub fn cull_detail(
     family: &[BlockedVolume],
     camera: &Camera,
@@ -160,7 +159,7 @@ pub fn cull_detail(
     cull_where(base, camera, frustum, shown, base_views);
 }
 
-/// A block as a frame sees it; keys, counts and filters are left to others.
+/// Returns the view of a block; other stages set keys, counts and filters.
 fn view_of(camera: &Camera, index: usize, block: &Block, by: ClassifiedBy) -> BlockView {
     BlockView {
         origin_camera: camera.camera_point(block.origin).as_vec3().into(),
@@ -174,7 +173,7 @@ fn view_of(camera: &Camera, index: usize, block: &Block, by: ClassifiedBy) -> Bl
     }
 }
 
-/// The blocks that may reach the image, whatever they hold; otherwise as [`cull`].
+/// Finds the blocks that may reach the image, also those that hold nothing visible; otherwise as [`cull`].
 pub fn cull_outside(
     volume: &BlockedVolume,
     camera: &Camera,
@@ -185,7 +184,9 @@ pub fn cull_outside(
     cull_where(volume, camera, frustum, shown, views);
 }
 
-/// - `shown`: what decides about the kernels of a block that holds something visible; `None` of others.
+/// Finds the blocks that are shown and may reach the image.
+///
+/// - `shown`: returns how to classify a block's kernels, or `None` if the block holds nothing visible.
 fn cull_where(
     volume: &BlockedVolume,
     camera: &Camera,
@@ -210,8 +211,8 @@ fn cull_where(
     );
 }
 
-/// What decides about a block's kernels; `None` where the transfer function leaves nothing of its value range,
-/// or of what their extents reach.
+/// Returns how to classify a block's kernels; `None` if the transfer function shows no value of the block's range, or
+/// of the range that its kernels' extents reach.
 fn shown_by(volume: &BlockedVolume, choice: &ChoiceUniform, block: &Block) -> Option<ClassifiedBy> {
     let by = volume.classified_by(choice, block);
     let (StrengthIn::Classified { .. }, Some(transfer)) =
@@ -220,16 +221,15 @@ fn shown_by(volume: &BlockedVolume, choice: &ChoiceUniform, block: &Block) -> Op
         return Some(by);
     };
     let [lo, hi] = block.classified_range(by == ClassifiedBy::Extent);
-    // No value at all (lo > hi): nothing is classified, nothing is visible.
+    // No value at all (lo > hi): nothing is classified, so nothing is visible.
     let is_transparent = lo > hi || transfer.max_extinction(lo, hi) <= 0.0;
     (!is_transparent).then_some(by)
 }
 
-/// Keys from the nearest to the farthest distance: four keys of slack for roundings at either
-/// end.
+/// Number of keys from the nearest to the farthest distance: four keys of slack for roundings at either end.
 pub(crate) const DEPTH_KEY_SPAN: f64 = ((1_u64 << DEPTH_KEY_BITS) - 8) as f64;
 
-/// The distances that a frame's depth keys span.
+/// Range of distances of a frame's depth keys.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DepthRange {
     near: f64,
@@ -237,9 +237,9 @@ pub struct DepthRange {
 }
 
 impl DepthRange {
-    /// The range from the nearest to the farthest of some (distance, radius) intervals.
+    /// Returns the range from the nearest to the farthest of some (distance, radius) intervals.
     ///
-    /// Only what is visible counts, so that a far outlier outside the picture costs no bits.
+    /// Pass visible intervals only, so that a far outlier outside the image costs no bits.
     pub fn of(intervals: impl Iterator<Item = (f64, f64)>) -> Self {
         let (near, far) = intervals
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(near, far), (d, r)| {
@@ -252,7 +252,7 @@ impl DepthRange {
         }
     }
 
-    /// A range in which certain distances have certain keys: `near` the key 4.
+    /// Returns the range with `keys_per_unit` keys per unit of distance, in which `near` has the key 4.
     pub(crate) fn given(near: f64, keys_per_unit: f64) -> Self {
         Self {
             near,
@@ -273,7 +273,7 @@ impl DepthRange {
     }
 }
 
-/// Distance of a block's origin and the radius of its kernels' centres, as depth keys measure them.
+/// Returns the distance of a block's origin and the radius of its kernels' centres, as depth keys measure them.
 ///
 /// - `is_spread`: whether its kernels are classified over their extents, and may be shifted.
 pub fn distance_interval(camera: &Camera, block: &Block, is_spread: bool) -> (f64, f64) {

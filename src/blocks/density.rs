@@ -1,18 +1,19 @@
-//! How dense the kernels of blocks are: what the thickness of slabs follows from.
+//! Bounds the density of blocks' kernels, from which the thickness of slabs follows.
 
 use rayon::prelude::*;
 
 use super::{Block, BlockedParticles, BlockedVolume};
 
-/// Of each block of a volume, the greatest strength over the volume that a kernel stands for: where one
-/// kernel is densest by itself, its extinction for a unit of strength; \[1/length\] where strengths are
-/// masses. Flat ones have none: a slab holds all of such a kernel.
+/// Returns, for each block of a volume, the greatest ratio of strength to the volume that a kernel represents.
+///
+/// It is the kernel's extinction at its densest for a unit of strength; \[1/length\] if strengths are masses. Flat
+/// kernels have density 0: a slab holds all of such a kernel.
 pub(crate) fn densities(volume: &BlockedVolume) -> Vec<f64> {
     let blocks = volume.blocks.par_iter();
     blocks.map(|block| density_of(volume, block)).collect()
 }
 
-/// A kernel of the default width stands for the volume (sigma / .6)³.
+/// Returns the density of a block. A kernel of the default width represents the volume (sigma / .6)³.
 pub(super) fn density_of(volume: &BlockedVolume, block: &Block) -> f64 {
     let members = block.first as usize..(block.first + block.count) as usize;
     let strengths = volume.strength.stored();

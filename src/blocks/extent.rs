@@ -1,5 +1,5 @@
-//! Which blocks' kernels are classified over their own extents: those over which the field changes too
-//! much for a lobe of the transfer function that it comes near.
+//! Finds the blocks whose kernels are classified over their own extents. Over these kernels the field changes too much
+//! for a lobe of the transfer function that it comes near.
 
 use super::layers::THICKEST_SLAB;
 use super::{Block, BlockedParticles, BlockedVolume, EMPTY_RANGE};
@@ -8,8 +8,8 @@ use crate::scene::{
     LOBE_REACH, Lobes, LocalModel, LocalModelsIn, Shared, StrengthIn, TransferFunction, ValuesIn,
 };
 
-/// The values that a lobe of a kernel may have: those around its sample, as far as its linear model
-/// reaches.
+/// Returns the range of values that a lobe of a kernel may have: the values around its sample, limited to the reach of
+/// its linear model.
 ///
 /// - `around`: least and greatest of the samples around.
 #[inline]
@@ -22,8 +22,8 @@ pub(crate) fn reached(value: f32, model: &LocalModel, around: [f32; 2]) -> [f32;
     ]
 }
 
-/// Of some particles: the range of all values that classification over their extents may ask for, and the
-/// greatest standard deviation of values over a kernel; nothing without models.
+/// Returns the range of all values that classification over some particles' extents may need, and the greatest standard
+/// deviation of values over a kernel. Without models, returns an empty range and 0.
 pub(super) fn spread_of(
     members: &[u32],
     values: Option<&ValuesIn<Shared>>,
@@ -44,8 +44,8 @@ pub(super) fn spread_of(
     (around, greatest)
 }
 
-/// The intervals of values that a function shows, where slabs are classified by it: by the values around them
-/// particles are left out.
+/// Returns the intervals of values that a function shows, if slabs are classified by them: particles are left out by
+/// the values around them.
 pub(super) fn shown_lobes(volume: &BlockedVolume, shown: &TransferFunction) -> Option<Lobes> {
     volume.may_have_pieces().then(|| shown.shown())
 }
@@ -68,9 +68,9 @@ fn is_spread(lobes: &Lobes, block: &Block) -> bool {
 }
 
 impl Block {
-    /// The values that the transfer function may be asked for.
+    /// Returns the range of values at which the transfer function may be evaluated.
     ///
-    /// - `is_spread`: whether its kernels are classified over their extents.
+    /// - `is_spread`: whether the kernels are classified over their extents.
     #[inline]
     pub(super) fn classified_range(&self, is_spread: bool) -> [f32; 2] {
         if is_spread {
@@ -82,7 +82,7 @@ impl Block {
 }
 
 impl BlockedVolume {
-    /// Whether it is known how its field runs over kernels, and masses follow from that.
+    /// Whether the variation of the field over the kernels is known, and masses follow from the field.
     pub(crate) fn may_have_pieces(&self) -> bool {
         let is_lattice = matches!(self.particles, BlockedParticles::Lattice(_));
         matches!(self.strength, StrengthIn::Classified { .. })
@@ -91,7 +91,7 @@ impl BlockedVolume {
             && (is_lattice || self.local_models.is_some())
     }
 
-    /// What decides about a block's kernels where a frame asks for more than their values.
+    /// Returns how to classify a block's kernels, if a frame asks for more than their values.
     #[inline]
     pub(super) fn classified_by(&self, choice: &ChoiceUniform, block: &Block) -> ClassifiedBy {
         let asked = ClassifiedBy::of(choice.classified_by);
@@ -103,14 +103,14 @@ impl BlockedVolume {
         if is_known { asked } else { ClassifiedBy::Value }
     }
 
-    /// Whether the values around its particles tell which of them slabs of a thickness show nothing of.
+    /// Whether the values around the block's particles tell which of them slabs of a thickness leave invisible.
     fn knows_neighbours(&self, block: &Block, slab_thickness: f32) -> bool {
         let [lo, hi] = block.values_around;
         self.lobes.is_some() && lo <= hi && slab_thickness <= THICKEST_SLAB * block.min_sigma
     }
 
-    /// Whether kernels of a block (of merged particles: of those that it stands for) are classified over
-    /// their extents, in frames that do that.
+    /// Whether kernels of a block are classified over their extents, in frames that do that. For merged particles: the
+    /// kernels of their members.
     #[inline]
     pub(crate) fn is_spread(&self, block: &Block) -> bool {
         self.lobes

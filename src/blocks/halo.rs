@@ -1,4 +1,4 @@
-//! The field around the cells of a brick: local models of a lattice, from neighbours on the fly.
+//! Loads the halo of a brick, and computes local models of a lattice from neighbouring cells on the fly.
 
 use glam::Vec3;
 
@@ -6,24 +6,23 @@ use super::BrickGrid;
 use crate::constants::{BLOCK_CAPACITY, BRICK};
 use crate::scene::{LocalModel, Shared, ValuesIn};
 
-/// Rings of cells around a brick: ranges of values are those of five cells along each axis.
+/// Layers of cells around a brick: ranges of values cover five cells along each axis.
 const RINGS: usize = 2;
 
-/// Cells of a brick and its rings along each axis.
+/// Cells of a brick and its halo along each axis.
 const WIDE: [usize; 3] = [
     BRICK[0] + 2 * RINGS,
     BRICK[1] + 2 * RINGS,
     BRICK[2] + 2 * RINGS,
 ];
 
-/// The values of a brick's cells and of two rings around; NaN where there is none.
+/// Values of a brick's cells and of two layers around; NaN where there is no cell.
 #[derive(Debug)]
 pub(crate) struct Halo {
     values: [f32; WIDE[0] * WIDE[1] * WIDE[2]],
 }
 
-/// The least and the greatest value around each cell of a brick, by its number; reversed where there is
-/// none.
+/// Least and greatest value around each cell of a brick, by the cell's number; reversed if there is none.
 #[derive(Debug)]
 pub(crate) struct Ranges {
     pub(crate) least: [f32; BLOCK_CAPACITY],
@@ -31,7 +30,7 @@ pub(crate) struct Ranges {
 }
 
 impl Halo {
-    /// Of the brick of `cells`, first and one past the last along each axis.
+    /// Loads the halo of the brick of `cells` (first and one past the last along each axis).
     pub(crate) fn new(grid: &BrickGrid, values: &ValuesIn<Shared>, cells: [[usize; 2]; 3]) -> Self {
         let mut halo = Self {
             values: [f32::NAN; WIDE[0] * WIDE[1] * WIDE[2]],
@@ -41,7 +40,7 @@ impl Halo {
             ValuesIn::I16(v) => halo.fill(grid, cells, |i| f32::from(v[i])),
             ValuesIn::U16(v) => halo.fill(grid, cells, |i| f32::from(v[i])),
             ValuesIn::F32(_) | ValuesIn::F64(_) => halo.fill(grid, cells, |i| {
-                // An infinite neighbour says nothing of a slope.
+                // An infinite neighbour gives no slope.
                 let value = values.get(i);
                 if value.is_finite() { value } else { f32::NAN }
             }),
@@ -69,7 +68,7 @@ impl Halo {
         }
     }
 
-    /// Where cell (i, j, k) of the brick lies among the values.
+    /// Returns the index of cell (i, j, k) of the brick among the values.
     #[inline]
     fn place([i, j, k]: [usize; 3]) -> usize {
         i + RINGS + WIDE[0] * (j + RINGS + WIDE[1] * (k + RINGS))
@@ -81,14 +80,16 @@ impl Halo {
         self.values[Self::place(cell)]
     }
 
-    /// The model of a cell of the brick, without its range: central differences, second differences
-    /// where there are neighbours on both sides, a one-sided slope where there is one, none without.
+    /// Returns the model of a cell of the brick, without its range. The slope is a central difference, or a one-sided
+    /// one if there is one neighbour, or 0 without neighbours. Second differences are used if there are neighbours on
+    /// both sides.
     ///
-    /// Lᵀ g of a lattice is the kernel's width times half the difference of the neighbours, however
-    /// far apart they lie; tr(H V)/2 is width²/2 times the sum of second differences over the axes,
-    /// of uneven ones less the slope's share of how the spacing changes.
+    /// For a lattice, Lᵀ g is the kernel's width times half the difference of the neighbours, however far apart they
+    /// lie. tr(H V)/2 is width²/2 times the sum of second differences over the axes. If the spacing is uneven, the
+    /// slope times the change of the spacing is subtracted from each.
     ///
-    /// - `bends`: of the cell along each axis, [`AxisSample::bend`](super::brick::AxisSample::bend).
+    /// - `bends`: change of the spacing at the cell along each axis,
+    ///   [`AxisSample::bend`](super::brick::AxisSample::bend).
     #[inline]
     pub(crate) fn model(&self, cell: [usize; 3], kernel_width: f32, bends: Vec3) -> LocalModel {
         const STRIDES: [usize; 3] = [1, WIDE[0], WIDE[0] * WIDE[1]];
@@ -118,7 +119,7 @@ impl Halo {
         }
     }
 
-    /// The ranges of the values around all cells.
+    /// Returns the ranges of the values around all cells.
     pub(crate) fn ranges(&self) -> Box<Ranges> {
         let mut least = self
             .values
@@ -126,7 +127,7 @@ impl Halo {
         let mut greatest = self
             .values
             .map(|v| if v.is_nan() { f32::NEG_INFINITY } else { v });
-        // Along one axis after the other; what wraps around at the rings is never asked for.
+        // Along one axis after the other; values that wrap around in the outer layers are never used.
         for stride in [1, WIDE[0], WIDE[0] * WIDE[1]] {
             least = around(&least, stride, f32::min);
             greatest = around(&greatest, stride, f32::max);
@@ -148,8 +149,8 @@ impl Halo {
     }
 }
 
-/// Of each value and two to either side, `stride` apart, the least or the greatest; the first and last two
-/// stay as they are.
+/// Returns, for each value, the least or the greatest of it and two values to either side, `stride` apart. The first
+/// and last two stay as they are.
 fn around<const N: usize>(
     values: &[f32; N],
     stride: usize,

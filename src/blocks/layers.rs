@@ -1,5 +1,4 @@
-//! Layers of a frame: the sheets and slabs in which kernels are summed, and the depth keys that tell
-//! them apart.
+//! Defines the layers of a frame: the sheets and slabs in which kernels are summed, and their depth keys.
 
 use glam::DVec3;
 
@@ -9,41 +8,41 @@ use crate::error::{Error, Result};
 use crate::scene::StrengthIn;
 use crate::view::Camera;
 
-/// The layers of a frame: from `near` on along an axis, each as thick as the next.
+/// Layers of a frame: from `near` on along an axis, all of the same thickness.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Layers {
     /// A unit vector in camera space, away from the eye.
     pub axis: DVec3,
-    /// Where the first begins, world units along the axis from the eye.
+    /// Beginning of the first layer, world units along the axis from the eye.
     pub near: f64,
-    /// World units.
+    /// Thickness of a layer, world units.
     pub thickness: f64,
-    /// A key belongs to the layer `key >> shift`.
+    /// Shift from keys to layers: a key belongs to the layer `key >> shift`.
     pub shift: u32,
-    /// By how much slabs of this thickness err at most, about, wherever kernels are densest; 0 of
-    /// sheets, of which nothing is promised.
+    /// Greatest error of slabs of this thickness, approximately, at the densest kernels. 0 for sheets, which promise no
+    /// bound.
     pub error: f64,
 }
 
-/// A slab of thickness D is off by about .01 kappa D²/sigma, kappa the extinction and sigma the
-/// standard deviation of the kernels: worst of 40 random arrangements of 120 kernels of random
-/// colours, optical depths 2 to 40, D/sigma 2 to 1/4 (`tests/frames/composite.rs`).
+/// Error of a slab of thickness D: about .01 kappa D²/sigma, with extinction kappa and standard deviation sigma of the
+/// kernels. Worst of 40 random arrangements of 120 kernels of random colours, optical depths 2 to 40, D/sigma 2 to 1/4
+/// (`tests/frames/composite.rs`).
 const SLAB_ERROR: f64 = 0.01;
-/// And never by more than kappa D / 8, however thin the kernels: a slab of depth t = kappa D whose front
-/// half has one colour and whose back half another is off by t²/8 of their difference, and as much of
-/// each of the slabs behind it shows as these let through, 1/t of them.
+/// Bound on the error of a slab however thin the kernels: kappa D / 8. If the front half of a slab of depth t = kappa D
+/// has one colour and the back half another, it is off by t²/8 of their difference. Of the slabs behind it, about 1/t
+/// show through, each as far off.
 const MIXED_ERROR: f64 = 0.125;
-/// Share of the tolerance that is the slabs'.
+/// Share of the tolerance for the slabs.
 const SLAB_SHARE: f64 = 0.5;
-/// Slabs that a kernel reaches at most: a tile keeps their sums, 5 KiB each, 11 where they are lit.
+/// Most slabs that a kernel reaches: a tile keeps their sums, 5 KiB each, 11 KiB if they are lit.
 pub(crate) const MOST_SLABS: u32 = 4096;
-/// Slabs are no thicker than so many standard deviations of the thinnest kernels, however faint they
-/// are, and (unless they are given) no thinner than a share of the thickest ones: a kernel then reaches
-/// 200 of them, which a GPU keeps.
+/// Greatest thickness of slabs, in standard deviations of the thinnest kernels, however faint they are. [`THINNEST`] is
+/// the least thickness, relative to the thickest kernels, unless the thickness is given: a kernel then reaches 200
+/// slabs, which a GPU can keep.
 pub(crate) const THICKEST_SLAB: f32 = 2.0;
 const THINNEST: f64 = 1.0 / 16.0;
 
-/// What the layers of a frame are.
+/// Kinds of layers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LayerKind {
     /// Sheets parallel to the image.
@@ -54,18 +53,18 @@ pub enum LayerKind {
     Slabs,
 }
 
-/// Slabs are no thinner than this share of the greatest depth: 16 roundings of f32, so that where one
-/// begins is right to a sixteenth of it.
+/// Least thickness of slabs, relative to the greatest depth: 16 roundings of f32, so that the beginning of a slab is
+/// accurate to a sixteenth of its thickness.
 const LEAST_STEP: f64 = 16.0 / (1 << 24) as f64;
 
 impl Layers {
-    /// The layers of a kind in which the kernels of a scene that a camera sees are summed.
+    /// Defines the layers of a kind in which the kernels that a camera sees are summed.
     ///
-    /// - `thickness`: world units; `None` follows from the data: of sheets the spacing of the samples
-    ///   (of a lattice's along the axis), of slabs the tolerance.
+    /// - `thickness`: world units. `None` derives it from the data: for sheets the spacing of the samples (along the
+    ///   axis of a lattice), for slabs the tolerance.
     ///
     /// # Errors
-    /// A thickness so small that the layers cannot be told apart, or that a kernel reaches thousands.
+    /// A thickness so small that the layers cannot be told apart, or that a kernel reaches thousands of them.
     pub fn new(
         scene: &BlockedScene,
         camera: &Camera,
@@ -74,7 +73,7 @@ impl Layers {
         tolerance: f64,
     ) -> Result<Self> {
         let (volumes, rotation) = (scene.volumes(), camera.camera_from_world);
-        // Sheets take kernels whole: nothing follows from these.
+        // Sheets take whole kernels: their thickness does not depend on the kernels.
         let mut kernels = SlabKernels::default();
         let (axis, phase, spacing) = match kind {
             LayerKind::Slabs => {
@@ -100,7 +99,7 @@ impl Layers {
         if first > last {
             (first, last) = (0.0, 0.0);
         }
-        // Slabs begin at depths of f32: below some roundings of the farthest kernels' they would coincide.
+        // Slabs begin at depths in f32: thinner than some roundings of the farthest depth, they would coincide.
         let resolved = kernels.farthest * LEAST_STEP;
         let thickness = thickness.unwrap_or(spacing.max(resolved));
         // Whole layers from the phase on; two to spare for roundings.
@@ -131,7 +130,7 @@ impl Layers {
         })
     }
 
-    /// Depth keys along the axis, so many that a layer has a power of two.
+    /// Returns depth keys along the axis; a layer has a power of two of them.
     pub fn depth_range(&self) -> DepthRange {
         let keys_per_unit = self.keys_per_unit();
         DepthRange::given(self.near_of_keys(), keys_per_unit)
@@ -142,18 +141,18 @@ impl Layers {
         (f64::from(self.shift).exp2() / self.thickness).min(f64::from(f32::MAX))
     }
 
-    /// Where keys begin: [`DepthRange::key`] adds four, and the first layer begins with key 0.
+    /// Returns the distance at which keys begin: [`DepthRange::key`] adds four, and the first layer begins with key 0.
     pub fn near_of_keys(&self) -> f64 {
         self.near + 4.0 / self.keys_per_unit()
     }
 }
 
-/// What the thickness of slabs follows from: of each visible block the greatest extinction that a kernel
-/// has where it is densest by itself, and the least and the greatest standard deviation.
+/// Kernels that determine the thickness of slabs. For each visible block: the greatest extinction of a kernel at its
+/// densest, and the least and the greatest standard deviation.
 #[derive(Default)]
 struct SlabKernels {
     kernels: Vec<[f64; 3]>,
-    /// The greatest distance of a block's centres from the plane of the eye.
+    /// Greatest distance of a block's centres from the plane of the eye.
     farthest: f64,
 }
 
@@ -185,7 +184,8 @@ impl SlabKernels {
             .fold(0.0, |most, [_, _, sigma]| sigma.max(most))
     }
 
-    /// The thickness at which slabs keep their share of the tolerance, as far as that goes.
+    /// Returns the thickness at which slabs keep their share of the tolerance, within the least and the greatest
+    /// thickness.
     fn thickness(&self, tolerance: f64) -> f64 {
         let share = SLAB_SHARE * tolerance;
         let mut wanted = f64::INFINITY;
@@ -203,7 +203,7 @@ impl SlabKernels {
         }
     }
 
-    /// What slabs of a thickness are off by.
+    /// Returns the error of slabs of a thickness.
     fn error(&self, thickness: f64) -> f64 {
         let of_block = |[kappa, sigma, _]: &[f64; 3]| {
             (SLAB_ERROR * kappa * thickness * thickness / sigma)
@@ -217,7 +217,7 @@ impl SlabKernels {
     }
 }
 
-/// The greatest extinction that a value of a block has, and 1 where masses are given.
+/// Returns the greatest extinction of a block's values, or 1 if masses are given.
 fn greatest_extinction(volume: &BlockedVolume, block: &Block) -> f64 {
     let [lo, hi] = block.value_range;
     match (&volume.strength, &volume.transfer_function) {
@@ -229,8 +229,8 @@ fn greatest_extinction(volume: &BlockedVolume, block: &Block) -> f64 {
     }
 }
 
-/// The distance between samples: of lattices the mean of their cells' edges, otherwise what kernels of
-/// the default width stand for.
+/// Returns the distance between samples: for lattices the mean of their cells' edges, otherwise the spacing that
+/// kernels of the default width represent.
 fn sample_spacing(volumes: &[BlockedVolume]) -> f64 {
     let of = |volume: &BlockedVolume| match &volume.particles {
         BlockedParticles::Lattice(grid) => grid.lattice().mean_step().determinant().abs().cbrt(),
@@ -255,8 +255,8 @@ fn sample_spacing(volumes: &[BlockedVolume]) -> f64 {
     }
 }
 
-/// The axis of the first lattice (the world where there is none) that is nearest to a direction: a unit
-/// vector along it, a place of a sample, and the distance between samples.
+/// Returns the axis that is nearest to a direction, of the first lattice or else of the world: a unit vector along it,
+/// the position of a sample, and the distance between samples.
 fn nearest_axis(volumes: &[BlockedVolume], forward: DVec3) -> (DVec3, DVec3, f64) {
     let lattice = volumes.iter().find_map(|volume| match &volume.particles {
         BlockedParticles::Lattice(grid) if volume.merged.is_none() => Some(grid.lattice()),
@@ -270,7 +270,7 @@ fn nearest_axis(volumes: &[BlockedVolume], forward: DVec3) -> (DVec3, DVec3, f64
             DVec3::ZERO,
         )
     });
-    // Slices of an axis lie across the other two: their normal.
+    // Slices along an axis lie across the other two: use their normal.
     let normals = step.inverse().transpose();
     let along =
         [normals.x_axis, normals.y_axis, normals.z_axis].map(|n| (n.normalize(), 1.0 / n.length()));

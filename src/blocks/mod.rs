@@ -1,26 +1,26 @@
-//! Particles reordered into blocks, so that a frame can reject many at once.
+//! Sorts particles into blocks, so that a frame can cull many at once.
 //!
 //! | file | subject |
 //! |---|---|
-//! | `amplitude.rs` | what column densities sum |
+//! | `amplitude.rs` | amplitudes, which column densities sum |
 //! | `build.rs` | blocks of a point set: subtrees of a BVH |
 //! | `brick.rs` | blocks of a lattice: bricks of cells, nothing reordered, nothing stored |
-//! | `merge/` | level of detail: clusters of particles as one particle each |
-//! | `overlap.rs` | where many kernels lie in one place |
-//! | `peers/` | blocks of points or of a lattice that several have together, each a part |
-//! | `choose.rs` | what draws a block: which filter, and whether merged |
-//! | `cull.rs` | which blocks a frame sees |
-//! | `density.rs` | how dense their kernels are |
-//! | `extent.rs` | whose kernels are classified over their extents |
-//! | `halo.rs` | the field around a lattice's cells |
-//! | `neighbours.rs` | beside which particles slabs show anything |
+//! | `merge/` | level of detail: clusters of particles, each drawn as one particle |
+//! | `overlap.rs` | overlap counts: the most kernels in one place |
+//! | `peers/` | blocks of points or of a lattice that is partitioned among ranks |
+//! | `choose.rs` | choice of a filter, and of merged particles |
+//! | `cull.rs` | culling: the blocks that a frame sees |
+//! | `density.rs` | density of the blocks' kernels |
+//! | `extent.rs` | kernels that are classified over their extents |
+//! | `halo.rs` | halo of a brick: the field around a lattice's cells |
+//! | `neighbours.rs` | particles that slabs leave invisible, by the values around them |
 //! | `layers.rs` | the sheets and slabs in which kernels are summed |
 //! | `points.rs` | a point set as columns |
-//! | `room.rs` | where columns lie while a scene is made: in memory or on the disk |
-//! | `rule.rs` | by what rule particles are drawn: as kernels, splats or surfels |
+//! | `room.rs` | storage of columns while a scene is made: in memory or on disk |
+//! | `rule.rs` | rule by which particles are drawn: as kernels, splats or surfels |
 //! | `scene.rs` | all volumes of a scene |
-//! | `share.rs` | the part of a scene that one of several owners keeps |
-//! | `stream.rs` | points that come a part at a time, sorted on the disk |
+//! | `share.rs` | partition of a scene's blocks among owners |
+//! | `stream.rs` | points that arrive a part at a time, sorted on disk |
 //! | `tree.rs` | a BVH over particles, built by obvhs in chunks |
 
 #![allow(
@@ -95,7 +95,7 @@ pub(crate) use share::runs_in_turn;
 #[cfg(feature = "prepared")]
 pub use stream::ParticleStream;
 
-/// A point volume made ready for rendering: its particles in blocks of at most
+/// A point volume that is ready for rendering: its particles in blocks of at most
 /// [`BLOCK_CAPACITY`](crate::constants::BLOCK_CAPACITY).
 #[derive(Debug, Clone)]
 pub struct BlockedVolume {
@@ -103,28 +103,27 @@ pub struct BlockedVolume {
     pub blocks: Vec<Block>,
     /// Positions and shapes in block order.
     pub particles: BlockedParticles,
-    /// Where masses come from, in block order.
+    /// Masses, or the volumes to classify, in block order.
     pub strength: StrengthIn<Shared>,
-    /// Where colours come from, in block order.
+    /// Colours in block order, or their source.
     pub colour: ColourIn<Shared>,
-    /// Values in block order (a lattice's stay in the lattice's order): those of a block of points
-    /// ascending, NaN last.
+    /// Values in block order (a lattice's stay in the lattice's order). The values of a block of points ascend, NaN
+    /// last.
     pub values: Option<ValuesIn<Shared>>,
-    /// The transfer function, where something is classified.
+    /// Transfer function, if anything is classified.
     pub transfer_function: Option<TransferFunction>,
-    /// Codes of normals in the order of the values, where light may fall on particles.
+    /// Codes of normals in the order of the values, if particles can be lit.
     pub normals: Option<Column<u32>>,
-    /// How the field runs over each kernel, where that is stored; a lattice's follows from its values.
+    /// Variation of the field over each kernel, if it is stored; that of a lattice follows from its values.
     pub local_models: Option<LocalModelsIn<Shared>>,
-    /// What the transfer function leaves of kernels over their extents, where any block's kernels are too
-    /// wide for it to be asked for their values alone.
+    /// Transfer function over the extents of kernels, if any block's kernels are too wide to be classified by their
+    /// values.
     pub lobes: Option<Arc<Lobes>>,
-    /// Of points in block order: where the domain of the data cuts them. A lattice's grid knows its own
-    /// faces.
+    /// Planes at which the domain of the data cuts points, in block order. A lattice's grid has its own faces.
     pub boundary: Option<BoundaryPlanesIn<Shared>>,
-    /// Which of the caller's particles each is, where that is kept; a lattice's stay in their order.
+    /// Caller's number of each particle, if that is kept; the particles of a lattice stay in their order.
     pub indices: Option<Column<u32>>,
-    /// Of a level of detail: what its particles stand for.
+    /// Data of merged particles, in a level of detail.
     pub merged: Option<Merged>,
 }
 
@@ -158,7 +157,7 @@ pub enum BlockedParticles {
     },
 }
 
-/// A run of particles and what bounds them.
+/// A run of particles and their bounds.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Block {
@@ -166,9 +165,9 @@ pub struct Block {
     pub origin: DVec3,
     /// Half the extent of the particles' centres.
     pub half_extent: Vec3,
-    /// No kernel's standard deviation exceeds this in any direction.
+    /// Greatest standard deviation of a kernel in any direction.
     pub max_sigma: f32,
-    /// None falls below this. Of merged particles, neither do their members'.
+    /// Least standard deviation of a kernel. For merged particles, also that of their members.
     pub min_sigma: f32,
     /// The greatest mass, cell volume or opacity of a particle.
     pub max_strength: f32,
@@ -176,40 +175,39 @@ pub struct Block {
     pub first: u32,
     /// Number of particles.
     pub count: u32,
-    /// Least and greatest finite value; reversed where there is none.
+    /// Least and greatest finite value; reversed if there is none.
     pub value_range: [f32; 2],
-    /// The same of all values that classification over its kernels' extents may ask for: those of the
-    /// samples around.
+    /// Range of all values that classification over the kernels' extents may need: those of the samples around.
     pub values_around: [f32; 2],
-    /// The greatest standard deviation w of the field's values over a kernel; 0 where that is not known.
+    /// Greatest standard deviation w of the field's values over a kernel; 0 if it is not known.
     pub greatest_spread: f32,
-    /// The block of merged particles that stands for this one among others, counted over the merged
-    /// blocks of its volume or, in a renderer, of all volumes; [`NO_PARENT`] for none.
+    /// Parent: the block of merged particles that represents this one and others. It is counted over the merged blocks
+    /// of its volume or, in a renderer, of all volumes; [`NO_PARENT`] for none.
     pub parent: u32,
     /// 0 for the data's own particles, above for merged ones.
     pub level: u32,
-    /// The most kernels that lie in one place, as a multiple of
-    /// [`OVERLAP`](crate::splat::budget::OVERLAP); no less than 1.
+    /// Overlap count: the most kernels in one place, as a multiple of [`OVERLAP`](crate::splat::budget::OVERLAP); at
+    /// least 1.
     pub crowding: f32,
 }
 
-/// In place of a block's parent: none.
+/// Stands for a block's parent: there is none.
 pub const NO_PARENT: u32 = u32::MAX;
 
-/// No value: contains nothing.
+/// Range that contains no value.
 pub(crate) const EMPTY_RANGE: [f32; 2] = [f32::INFINITY, f32::NEG_INFINITY];
 
 impl BlockedVolume {
     /// Sorts a volume's particles into blocks.
     ///
     /// # Panics
-    /// Never: the first of a family is the volume itself.
+    /// Never: the first of the volumes built is the volume itself.
     pub fn new(volume: PointVolume) -> Self {
         Self::built(volume, BuildOptions::default()).swap_remove(0)
     }
 
-    /// The same, and its levels of detail after it, the finest first; those of a point set are one
-    /// volume.
+    /// Sorts a volume's particles into blocks, and adds its levels of detail, the finest first. The levels of a point
+    /// set are one volume.
     pub fn with_detail(volume: PointVolume) -> Vec<Self> {
         let options = BuildOptions {
             detail: true,
@@ -219,17 +217,17 @@ impl BlockedVolume {
     }
 
     fn built(volume: PointVolume, options: BuildOptions) -> Vec<Self> {
-        // Nobody cancels it.
+        // Without a task nothing cancels it.
         build::build(volume, options, None).unwrap_or_default()
     }
 
-    /// Bytes kept per particle of a volume, its levels of detail and all blocks included.
+    /// Bytes kept per particle of a volume, including its levels of detail and all blocks.
     pub fn bytes_per_particle(family: &[Self]) -> f64 {
         let bytes: usize = family.iter().map(Self::bytes).sum();
         bytes as f64 / family.first().map_or(1, |v| v.particle_count().max(1)) as f64
     }
 
-    /// Bytes kept, blocks included.
+    /// Bytes kept, including the blocks.
     pub fn bytes(&self) -> usize {
         let per_particle = match &self.particles {
             BlockedParticles::Lattice(_) => 0,
@@ -268,7 +266,7 @@ impl BlockedVolume {
             + self.particle_count() * per_particle
     }
 
-    /// Whether its particles lie in a file that is mapped: what nobody asks for takes no memory.
+    /// Whether the particles lie in a mapped file, of which parts that are never read take no memory.
     pub(crate) fn is_mapped(&self) -> bool {
         match &self.particles {
             BlockedParticles::Lattice(_) => false,
@@ -278,7 +276,7 @@ impl BlockedVolume {
         }
     }
 
-    /// How many particles there are.
+    /// Number of particles.
     pub fn particle_count(&self) -> usize {
         match &self.particles {
             BlockedParticles::Lattice(grid) => grid.len(),
@@ -288,8 +286,8 @@ impl BlockedVolume {
         }
     }
 
-    /// Calls `each(local, i, cell)` for every particle of a block, in order: its number within the
-    /// block, its index in arrays of one entry per particle and, on a lattice, its cell.
+    /// Calls `each(local, i, cell)` for every particle of a block, in order: its number within the block, its index in
+    /// arrays of one entry per particle and, on a lattice, its cell.
     #[inline]
     pub(crate) fn for_each_particle(
         &self,
@@ -316,15 +314,15 @@ impl BlockedVolume {
         }
     }
 
-    /// Middles and half extents of boxes that hold what a viewer sees of the volume, grown by one
-    /// standard deviation; world units. What the transfer function gives less than
-    /// a hundredth of its greatest extinction does not count.
+    /// Returns the middles and half extents of boxes around the visible part of the volume, grown by one standard
+    /// deviation; world units. Values with less than a hundredth of the greatest extinction do not count.
     pub fn visible_boxes(&self) -> Vec<(DVec3, DVec3)> {
         let boxes = self.visible_box_of_each(self.transfer_function.as_ref());
         boxes.into_iter().flatten().collect()
     }
 
-    /// The same for a fitted camera. Splats far from where 99.5 % of opacity times area lie do not count.
+    /// Returns the boxes for a fitted camera. Splats far from the region with 99.5 % of opacity times area do not
+    /// count.
     pub(crate) fn fitted_boxes(&self) -> Vec<(DVec3, DVec3)> {
         let core = self.core();
         let of_core = |core: &Core| {
@@ -338,9 +336,9 @@ impl BlockedVolume {
         boxes.unwrap_or_else(|| self.visible_boxes())
     }
 
-    /// The ball that holds 99.5 % of the splats' opacity times area, with a margin; `None` of other particles.
+    /// Returns the ball that holds 99.5 % of the splats' opacity times area, with a margin; `None` for other particles.
     fn core(&self) -> Option<Core> {
-        /// The most splats that are looked at: of more, an even selection.
+        /// Most splats that are read: of more, an even selection.
         const MOST: usize = 1 << 20;
         let StrengthIn::PeakOpacity { opacities, .. } = &self.strength else {
             return None;
@@ -348,7 +346,7 @@ impl BlockedVolume {
         let BlockedParticles::Anisotropic { offsets, factors } = &self.particles else {
             return None;
         };
-        // Lines and points of meshes are splats, too, and none is stray.
+        // Lines and points of meshes are splats too, and none is stray.
         if !matches!(
             self.colour,
             ColourIn::Harmonics { .. } | ColourIn::Classified
@@ -368,7 +366,7 @@ impl BlockedVolume {
         Core::of(&points.collect::<Vec<_>>())
     }
 
-    /// The visible box of each block, under another transfer function.
+    /// Returns the visible box of each block, under another transfer function.
     pub(crate) fn visible_box_of_each(
         &self,
         transfer: Option<&TransferFunction>,
@@ -386,7 +384,7 @@ impl BlockedVolume {
         let [lowest, highest] = transfer.range();
         let least = (transfer.max_extinction(lowest, highest) * FAINT_SHARE).max(f32::MIN_POSITIVE);
         let offsets = match &self.particles {
-            // Bricks are small and have no gaps: their own ranges do.
+            // Bricks are small and have no gaps: their ranges suffice.
             BlockedParticles::Lattice(_) => None,
             BlockedParticles::Isotropic { offsets, .. }
             | BlockedParticles::Anisotropic { offsets, .. }
@@ -408,7 +406,7 @@ impl BlockedVolume {
                 .reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
             bounds.map(|(lower, upper)| {
                 let middle = block.origin + ((lower + upper) / 2.0).as_dvec3();
-                // The domain ends what would reach beyond.
+                // The domain cuts kernels that would reach beyond.
                 let reach = if self.boundary.is_some() {
                     0.0
                 } else {
@@ -420,7 +418,7 @@ impl BlockedVolume {
         self.blocks.iter().map(seen).collect()
     }
 
-    /// What it requires.
+    /// Returns the features that a frame needs to draw the volume.
     #[cfg(feature = "prepared")]
     pub(crate) fn requirements(&self) -> Requirements {
         let shape_floats = match self.particles {
@@ -440,7 +438,7 @@ impl BlockedVolume {
         }
     }
 
-    /// Of a box (middle and half extent) what lies in the box that faces cut a lattice's kernels at.
+    /// Intersects a box (middle and half extent) with the box at whose faces a lattice's kernels are cut.
     fn within_domain(&self, (middle, half): (DVec3, DVec3)) -> Option<(DVec3, DVec3)> {
         let BlockedParticles::Lattice(grid) = &self.particles else {
             return Some((middle, half));
@@ -460,16 +458,16 @@ impl BlockedVolume {
         edges.is_some_and(|edges| edges.iter().any(|edge| edge[3] < 0.0))
     }
 
-    /// Whether light falls on its particles, where there is any: surfels and what has normals. Splats
-    /// that state their opacity are of a radiance field, lit already.
+    /// Whether particles can be lit: surfels, and particles with normals. Splats that state their opacity belong to a
+    /// radiance field, which is lit already.
     pub fn is_lit(&self) -> bool {
         let has_normals =
             self.normals.is_some() || matches!(self.particles, BlockedParticles::Surfels { .. });
         has_normals && !self.is_of_splats()
     }
 
-    /// Where particle `local` of a block stands in arrays of one entry per particle, and its offset
-    /// from the block's origin, world units.
+    /// Returns the index of particle `local` of a block in arrays of one entry per particle, and its offset from the
+    /// block's origin, world units.
     #[inline]
     pub(crate) fn place(&self, block: u32, local: u32) -> (usize, Vec3) {
         match &self.particles {
@@ -487,12 +485,12 @@ impl BlockedVolume {
         }
     }
 
-    /// Whether it is known which of the caller's particles each is.
+    /// Whether the caller's number of each particle is known.
     pub(crate) fn is_numbered(&self) -> bool {
         matches!(self.particles, BlockedParticles::Lattice(_)) || self.indices.is_some()
     }
 
-    /// Which of the caller's particles stands at [`Self::place`] `index`, of a numbered volume.
+    /// Returns the caller's number of the particle at [`Self::place`] `index`, in a numbered volume.
     pub(crate) fn number(&self, index: usize) -> usize {
         if let BlockedParticles::Lattice(grid) = &self.particles {
             return grid.own_index(index);
@@ -501,7 +499,7 @@ impl BlockedVolume {
         order.map_or(index, |order| order[index] as usize)
     }
 
-    /// Whether the domain of its data cuts kernels.
+    /// Whether the domain of the data cuts kernels.
     pub fn has_boundary(&self) -> bool {
         match &self.particles {
             BlockedParticles::Lattice(grid) => grid.has_faces(),
@@ -509,17 +507,17 @@ impl BlockedVolume {
         }
     }
 
-    /// Whether its particles are surfels of an opaque surface.
+    /// Whether the particles are surfels of an opaque surface.
     pub fn is_surface(&self) -> bool {
         matches!(self.strength, StrengthIn::Surface(_))
     }
 
-    /// Whether its particles are splats, which state their opacity.
+    /// Whether the particles are splats, which state their opacity.
     pub fn is_of_splats(&self) -> bool {
         matches!(self.strength, StrengthIn::PeakOpacity { .. })
     }
 
-    /// Whether its particles are splats of a radiance field whose colours are sRGB codes.
+    /// Whether the particles are splats of a radiance field whose colours are sRGB codes.
     pub fn is_encoded(&self) -> bool {
         self.is_of_splats()
             && matches!(
@@ -531,10 +529,10 @@ impl BlockedVolume {
             )
     }
 
-    /// The box of splats that state their opacity, each grown by its own extent: among small ones
-    /// there are very large ones.
+    /// Returns the box of splats that state their opacity, each grown by its own extent: some are much larger than
+    /// others.
     ///
-    /// - `core`: where those lie that count, if not all do.
+    /// - `core`: region of the splats that count, if not all do.
     fn splats_box(&self, block: &Block, core: Option<&Core>) -> Option<(DVec3, DVec3)> {
         let StrengthIn::PeakOpacity { opacities, .. } = &self.strength else {
             return None;
@@ -580,8 +578,8 @@ impl BlockedVolume {
     }
 }
 
-/// The product of a kernel's two greatest standard deviations within a factor of sqrt(3): the root of the second invariant of
-/// L Lᵀ, the sum of the squares of the minors of L.
+/// Returns the product of a kernel's two greatest standard deviations, within a factor of sqrt(3). It is the root of
+/// the second invariant of L Lᵀ, the sum of the squares of the minors of L.
 fn greatest_area([l00, l10, l11, l20, l21, l22]: [f64; 6]) -> f64 {
     let rows = [
         DVec3::new(l00, 0.0, 0.0),
@@ -593,9 +591,9 @@ fn greatest_area([l00, l10, l11, l20, l21, l22]: [f64; 6]) -> f64 {
     minors.map(DVec3::length_squared).iter().sum::<f64>().sqrt()
 }
 
-/// Gives a volume and its levels of detail another transfer function; no particle is touched.
+/// Gives a volume and its levels of detail another transfer function; no particle changes.
 ///
-/// - `shown`: what classifies slabs, where particles carry their values under `transfer`.
+/// - `shown`: transfer function that classifies slabs, if particles carry their values under `transfer`.
 pub(crate) fn set_transfer_function(
     family: &mut [BlockedVolume],
     transfer: &TransferFunction,

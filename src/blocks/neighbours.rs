@@ -1,34 +1,34 @@
-//! Beside which particles slabs show anything, where these are classified and not the particles.
+//! Finds the particles of a block around which slabs show anything, if slabs are classified and not particles.
 //!
-//! What a slab shows is what the transfer function makes of its mean value, which lies among the values of the
-//! kernels in it. Of a kernel around which nothing between the least and the greatest value is shown nothing is seen:
-//! the values of two rings of cells, and as much beyond as a third ring has in a field that runs on. With two alone
-//! pixels where a surface leaves a lattice were .014 off, with these all are within 1e-4
+//! A slab shows the transfer function of its mean value, which lies among the values of the kernels in it. A kernel is
+//! invisible if the function shows nothing between the least and the greatest value around it. That range covers two
+//! layers of cells, extended by as much as a third layer adds in a field that continues evenly. With two layers alone,
+//! pixels where a surface leaves a lattice were .014 off; with the extension all are within 1e-4
 //! (`tests/frames/post_classification.rs`).
 
 use super::halo::{Halo, Ranges};
 use super::{BlockedParticles, BlockedVolume};
 use crate::scene::{Lobes, LocalModelsIn, Shared, ValuesIn};
 
-/// How far the values around are continued to either side, of their range: four steps of two rings to a side make
-/// it, and a third ring one more.
+/// Extension of the range of values to either side, as a share of it. Four steps, two layers to either side, make the
+/// range; a third layer adds one more.
 const BEYOND: f32 = 0.25;
 
-/// Which particles of a block have anything shown around.
+/// Tells which particles of a block have anything shown around them.
 pub(crate) struct Neighbours<'a> {
-    /// What is shown, and the values around each; `None` where that is not known.
+    /// Shown intervals, and the values around each particle; `None` if they are not known.
     known: Option<(&'a Lobes, Around<'a>)>,
 }
 
 enum Around<'a> {
-    /// Of a lattice's cells.
+    /// Ranges around a lattice's cells.
     Ranges(Box<Ranges>),
-    /// Of points, from the first of the block on.
+    /// Values and models of points, and the index of the block's first point.
     Models(&'a ValuesIn<Shared>, &'a LocalModelsIn<Shared>, usize),
 }
 
 impl<'a> Neighbours<'a> {
-    /// Of a block of a volume that carries its values.
+    /// Prepares a block of a volume whose particles carry their values.
     pub(crate) fn new(volume: &'a BlockedVolume, block: u32) -> Self {
         let around = match (&volume.particles, &volume.values, &volume.local_models) {
             (BlockedParticles::Lattice(grid), Some(values), _) => {

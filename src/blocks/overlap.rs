@@ -1,5 +1,5 @@
-//! Where more kernels of a point set lie in one place than the budget provides for: their edges meet
-//! there on the image, and what they leave out adds up.
+//! Counts overlapping kernels of a point set: finds the places with more kernels than the error budget provides for.
+//! The edges of such kernels meet on the image, and their errors add up.
 
 use std::ops::Range;
 
@@ -12,36 +12,36 @@ use super::tree::Tree;
 use crate::error::Result;
 use crate::splat::budget::OVERLAP;
 
-/// Kernels whose centres fit into a box of this diagonal, in units of the standard deviation that at least
-/// half of them have, lie in one place. Of kernels spread by .3, .5 and .7 standard deviations about a centre, a third, a
-/// twelfth and a thirtieth do: as much of the edge that they would have together is left.
+/// Greatest diagonal of the box around the centres of kernels in one place, in units of the standard deviation that at
+/// least half of them have. If kernels scatter by .3, .5 and .7 standard deviations about a centre, a third, a twelfth
+/// and a thirtieth of the edge remain that they would have together.
 const DIAGONAL: f64 = 1.0;
 
-/// Particles of a sum that is kept.
+/// Number of particles in each sum that is kept.
 const STEP: usize = 8;
 
-/// The places of a point set where more than [`OVERLAP`] kernels lie.
+/// Crowds of a point set: places where more than [`OVERLAP`] kernels overlap.
 #[derive(Debug, Default)]
 pub(in crate::blocks) struct Crowds {
-    /// Runs of block order, ascending and disjoint, and how many kernels lie in one place of each.
+    /// Runs of block order, ascending and disjoint, and the overlap count of each.
     runs: Vec<(Range<usize>, usize)>,
 }
 
-/// Kernels, as crowds are looked for among them.
+/// Kernels among which crowds are searched.
 struct Kernels<'a> {
     source: &'a Source<'a>,
-    /// Of every so many: how many are drawn, and the sum of their widths.
+    /// Number of drawn kernels, and the sum of their widths, for every [`STEP`] particles.
     kept: Vec<(usize, f64)>,
     widest: f64,
 }
 
-/// What is known of a run of kernels.
+/// Summary of a run of kernels.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct Summary {
-    /// How many are drawn.
+    /// Number of drawn kernels.
     count: u64,
-    /// Of their widths.
+    /// Sum of their widths.
     sum: f64,
     lower: DVec3,
     upper: DVec3,
@@ -67,10 +67,10 @@ impl Summary {
         (self.upper - self.lower).length()
     }
 
-    /// Whether they may lie in one place, by a lower bound of the diagonal of their box.
+    /// Whether they may lie in one place, by a lower bound on the diagonal of their box.
     ///
-    /// Where half have a width, the mean is half of it or more. The tree knows its boxes roughly: particles are asked where
-    /// it may be.
+    /// If at least half of them have a width, the mean is at least half of it. The tree bounds its boxes only roughly:
+    /// if this returns true, the particles must be read.
     fn may_be_one_place(&self, diagonal: f64) -> bool {
         diagonal <= reach(self.sum / self.count as f64)
     }
@@ -98,7 +98,7 @@ impl<'a> Kernels<'a> {
         own
     }
 
-    /// The least standard deviation, of what draws anything.
+    /// Returns the least standard deviation of a drawn kernel.
     fn width(&self, i: usize) -> Option<f64> {
         width(self.source, i)
     }
@@ -107,8 +107,8 @@ impl<'a> Kernels<'a> {
         self.width(i).map_or((count, sum), |w| (count + 1, sum + w))
     }
 
-    /// How many there are, and how wide together; not where. Sums of few and wide ones lose none of many narrow ones
-    /// that lie elsewhere.
+    /// Sums the number and the widths of kernels, without their positions. Sums of a few wide kernels are rounded
+    /// separately from those of many narrow kernels elsewhere.
     fn sums(&self, run: &Range<usize>) -> Summary {
         let (first, last) = (run.start.div_ceil(STEP), run.end / STEP);
         let singly = |sums, some: Range<usize>| some.fold(sums, |sums, i| self.add(sums, i));
@@ -144,7 +144,7 @@ impl<'a> Kernels<'a> {
             .fold(Summary::NONE, |all, own| all.and(&own))
     }
 
-    /// How many are so wide that a box of this diagonal is one place.
+    /// Counts the kernels that are so wide that a box of this diagonal is one place.
     fn wide(&self, run: &Range<usize>, diagonal: f64) -> u64 {
         let wide = self
             .drawn(run)
@@ -157,9 +157,9 @@ impl<'a> Kernels<'a> {
         2 * self.wide(run, all.diagonal()) >= all.count
     }
 
-    /// Finds the crowds among a tree's.
+    /// Finds the crowds in a tree.
     ///
-    /// - `at`: the place of its first.
+    /// - `at`: index of the tree's first particle.
     fn find(&self, tree: &Tree, at: usize) -> Vec<(Range<usize>, usize)> {
         let mut found = Vec::new();
         tree.visit(|run, diagonal| {
@@ -185,7 +185,7 @@ impl<'a> Kernels<'a> {
     }
 }
 
-/// The least standard deviation, of what draws anything.
+/// Returns the least standard deviation of a drawn kernel.
 fn width(source: &Source<'_>, i: usize) -> Option<f64> {
     let [least, greatest] = source.sigmas(i);
     let is_drawn = least >= 0.0 && greatest.is_finite() && {
@@ -196,11 +196,11 @@ fn width(source: &Source<'_>, i: usize) -> Option<f64> {
 }
 
 impl Crowds {
-    /// Finds them.
+    /// Finds the crowds of a point set.
     ///
-    /// Least standard deviations count; particles of no strength draw nothing, and add to no crowd.
+    /// A kernel's width is its least standard deviation. Particles without strength draw nothing, and do not count.
     ///
-    /// - `tree`: over the particles; empty where all are in one block.
+    /// - `tree`: over the particles; empty if all are in one block.
     pub(super) fn new(tree: &Tree, source: &Source<'_>) -> Self {
         if !tree.is_empty() {
             let runs = Kernels::new(source).find(tree, 0);
@@ -210,7 +210,7 @@ impl Crowds {
         let all = 0..source.positions.len();
         let drawn: Vec<usize> = all.filter(|&i| width(source, i).is_some()).collect();
         let beside = |&i: &usize| {
-            // A wide kernel is no place of many narrow ones.
+            // A wide kernel does not put many narrow ones in one place.
             let reach = |i: usize| 0.5 * DIAGONAL * width(source, i).unwrap_or(0.0);
             let is_near = |&&j: &&usize| at(i).distance(at(j)) <= reach(i).min(reach(j));
             drawn.iter().filter(is_near).count()
@@ -223,11 +223,11 @@ impl Crowds {
         Self { runs }
     }
 
-    /// Finds them among the particles of all.
+    /// Finds the crowds among the particles of all ranks.
     ///
-    /// - `trees`: over those that are here, and the number of each among the leaves of `crown`.
-    /// - `crown`: the tree whose leaves are the trees of all.
-    /// - `runs`: of each of its leaves the particles, in block order.
+    /// - `trees`: trees over this rank's particles, each with its index among the leaves of `crown`.
+    /// - `crown`: top tree, whose leaves are the trees of all ranks.
+    /// - `runs`: particles of each of its leaves, in block order.
     pub(super) fn together(
         trees: &[(usize, Grown<'_>)],
         crown: &Tree,
@@ -264,7 +264,7 @@ impl Crowds {
         });
         let wide = peers.sums(wide.collect())?;
         let mut found: Vec<(Range<usize>, usize)> = Vec::new();
-        // Who comes later lies within who comes earlier, or behind.
+        // Each run lies within an earlier one, or behind all of them.
         for ((run, all), wide) in asked.into_iter().zip(wide) {
             let is_within = found.last().is_some_and(|(last, _)| run.start < last.end);
             if !is_within && 2 * wide >= all.count {
@@ -291,10 +291,9 @@ impl Crowds {
         Ok(Self { runs })
     }
 
-    /// The most kernels that lie in one place among those of a run of block order, as a multiple of
-    /// [`OVERLAP`]; no less than 1.
+    /// Returns the greatest overlap count in a run of block order, as a multiple of [`OVERLAP`]; at least 1.
     ///
-    /// - `share`: how many of the particles that are drawn stand for one of these.
+    /// - `share`: number of drawn particles for each of these.
     pub(super) fn greatest(&self, run: &Range<usize>, share: f32) -> f32 {
         let first = self.runs.partition_point(|(own, _)| own.end <= run.start);
         self.runs[first..]
@@ -344,7 +343,7 @@ mod tests {
         blocks.map(|block| block.crowding).collect()
     }
 
-    /// Numbers without a pattern, 0 to 1.
+    /// Returns a pseudo-random number from 0 to 1.
     fn number(n: usize) -> f64 {
         ((n as f64 * 12.9898).sin() * 43_758.547).fract().abs()
     }
@@ -354,7 +353,7 @@ mod tests {
         (0..count).map(at).collect()
     }
 
-    /// Smoothing lengths of 1.2 mean distances, and twice them: data as they are meant to be.
+    /// Smoothing lengths of 1.2 mean distances, and twice that: ordinary data.
     #[test]
     fn what_lies_evenly_is_no_crowd() {
         let n = 24;
@@ -383,7 +382,7 @@ mod tests {
                 let all = crowding(positions, |_| 0.01);
                 let greatest = all.iter().copied().fold(0.0, f32::max);
                 let expected = crowd as f32 / OVERLAP;
-                // Others may lie beside them.
+                // Other particles may lie close by.
                 assert!(
                     greatest >= expected && greatest < 1.2 * expected,
                     "{greatest}"
@@ -395,7 +394,7 @@ mod tests {
 
     #[test]
     fn every_kernel_of_a_place_counts_and_none_beside_it() {
-        // Thirty-sevenths of the whole: no plane that halves it again and again cuts a place.
+        // Thirty-sevenths of the whole: no plane that halves the box repeatedly cuts a place.
         let place = |i: usize| DVec3::from([7, 11, 17].map(|k| (k * i % 38) as f64));
         let crowds = (0..38).map(|i| vec![place(i); i + 1]);
         let unordered: Vec<DVec3> = crowds.flatten().collect();
@@ -417,7 +416,7 @@ mod tests {
             assert_eq!(run.len(), *count);
             assert!(run.clone().all(|i| positions[i] == positions[run.start]));
         }
-        // The tree leaves single kernels of a place to its neighbour.
+        // The tree puts single kernels of a place with its neighbour.
         assert!((31..=32).contains(&runs.len()), "{}", runs.len());
     }
 
@@ -435,7 +434,7 @@ mod tests {
     fn what_draws_nothing_adds_to_no_crowd() {
         for broken in [f32::NAN, f32::INFINITY, 0.0, -1.0] {
             for count in [100, 1_000] {
-                // All at one place: with these, a crowd.
+                // All at one position: with the broken kernels they would be a crowd.
                 let all = crowding_of(
                     vec![DVec3::splat(0.3); count],
                     |_| 0.01,

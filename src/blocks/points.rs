@@ -1,4 +1,4 @@
-//! A set of points as columns.
+//! Defines a point set as columns.
 
 use glam::DVec3;
 
@@ -13,7 +13,7 @@ use crate::scene::{
     Particles, PointVolume, Shared, StrengthIn, TransferFunction, Values, ValuesIn,
 };
 
-/// Points, and what each of them has.
+/// Points, and their columns.
 #[derive(Debug)]
 pub(super) struct Points {
     pub(super) positions: Column<DVec3>,
@@ -32,7 +32,7 @@ pub(super) enum PointShapes {
     },
 }
 
-/// What particles have besides places and shapes.
+/// Columns of particles other than positions and shapes.
 #[derive(Debug)]
 pub(super) struct Rest {
     pub(super) strength: StrengthIn<Shared>,
@@ -44,7 +44,7 @@ pub(super) struct Rest {
 }
 
 impl Points {
-    /// Those of a volume, and its transfer function; `None` of a lattice.
+    /// Takes the points of a volume, and its transfer function; `None` for a lattice.
     pub(super) fn of(volume: PointVolume) -> Option<(Self, Option<TransferFunction>)> {
         let (positions, shapes) = match volume.particles {
             Particles::Lattice { .. } => return None,
@@ -85,9 +85,9 @@ impl Points {
         Some((points, volume.transfer_function))
     }
 
-    /// As they are merged and looked at.
+    /// Returns the points as levels of detail read them.
     ///
-    /// - `principal`: [`principal_ranges`](super::build::principal_ranges).
+    /// - `principal`: the result of [`principal_ranges`](super::build::principal_ranges).
     pub(super) fn source<'a>(&'a self, principal: &'a [[f32; 2]]) -> Source<'a> {
         Source {
             positions: &self.positions,
@@ -107,13 +107,13 @@ impl Points {
         }
     }
 
-    /// Whether levels of detail are made of them. Merged particles reflect like none of their members (see
+    /// Whether levels of detail may be made of them. Merged particles reflect unlike any of their members (see
     /// [`PointVolume::normals`]), and a cluster of surfels need not lie in a plane.
     pub(super) fn are_merged(&self) -> bool {
         self.rest.normals.is_none() && !matches!(self.shapes, PointShapes::Surfels { .. })
     }
 
-    /// Those of an order.
+    /// Reorders the points.
     pub(super) fn gather(self, order: &[u32], room: Room<'_>) -> Result<Self> {
         Ok(Self {
             positions: room.pick(self.positions, order)?,
@@ -124,7 +124,7 @@ impl Points {
 }
 
 impl PointShapes {
-    /// Those of the points of an order.
+    /// Reorders the shapes.
     pub(super) fn gather(self, order: &[u32], room: Room<'_>) -> Result<Self> {
         Ok(match self {
             Self::Spheres(sigmas) => Self::Spheres(room.pick(sigmas, order)?),
@@ -141,7 +141,7 @@ impl PointShapes {
 }
 
 impl Rest {
-    /// That of the particles of an order.
+    /// Reorders the columns.
     pub(super) fn gather(self, order: &[u32], room: Room<'_>) -> Result<Self> {
         Ok(Self {
             strength: match self.strength {
@@ -196,7 +196,7 @@ impl Rest {
     }
 }
 
-/// Columns of points in the making.
+/// Builds the columns of points from parts.
 #[cfg(feature = "prepared")]
 pub(super) struct PointsBuilder<'a> {
     positions: ColumnBuilder<'a, DVec3>,
@@ -265,7 +265,7 @@ impl<'a> PointsBuilder<'a> {
         }
     }
 
-    /// All of them, and their numbers.
+    /// Returns all points, and their numbers.
     pub(super) fn finish(self, like: &PointVolume) -> Result<(Points, Column<u32>)> {
         let strengths = self.strengths.finish()?;
         let points = Points {

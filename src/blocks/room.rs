@@ -1,4 +1,4 @@
-//! Where columns lie while a scene is made: in memory, or in files without a name that are mapped.
+//! Stores columns while a scene is made: in memory, or in mapped files without a name.
 
 #[cfg(feature = "prepared")]
 use std::fs::File;
@@ -16,23 +16,23 @@ use crate::error::Error;
 use crate::error::Result;
 use crate::scene::{Column, Shared, Values, ValuesIn};
 
-/// Elements that are gathered at a time where they do not lie in memory.
+/// Number of elements that are gathered at a time if they are not stored in memory.
 pub(super) const RUN: usize = 1 << 20;
 
-/// Where columns lie.
+/// Storage of columns.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Room<'a> {
     Memory(PhantomData<&'a ()>),
-    /// In files in this folder, which have no names and are gone with the columns. The system may take their memory at
+    /// Files in this folder, which have no names and disappear with the columns. The system may reclaim their memory at
     /// any time.
     #[cfg(feature = "prepared")]
     Folder(&'a Path),
 }
 
-/// In vectors.
+/// Storage in vectors.
 pub(super) const MEMORY: Room<'static> = Room::Memory(PhantomData);
 
-/// A column in the making.
+/// Builds a column.
 #[derive(Debug)]
 pub(super) struct ColumnBuilder<'a, T>(Kind<'a, T>);
 
@@ -48,9 +48,9 @@ enum Kind<'a, T> {
 }
 
 impl<'a> Room<'a> {
-    /// An empty column.
+    /// Starts an empty column.
     ///
-    /// - `count`: how many elements it is going to have.
+    /// - `count`: number of its elements in the end.
     pub(super) fn column<T>(self, count: usize) -> Result<ColumnBuilder<'a, T>> {
         Ok(ColumnBuilder(match self {
             Self::Memory(_) => Kind::Vector(Vec::with_capacity(count), PhantomData),
@@ -63,7 +63,7 @@ impl<'a> Room<'a> {
         }))
     }
 
-    /// Elements of a column in an order.
+    /// Picks elements of a column in an order.
     pub(super) fn pick<T: Pod + Send + Sync>(
         self,
         elements: Column<T>,
@@ -131,13 +131,13 @@ impl<T: Pod + Send + Sync> ColumnBuilder<'_, T> {
     }
 }
 
-/// Values that come in parts, anywhere: those that never come are 0, and take no memory.
+/// Values that are stored in parts, in any order. Values that are never stored are 0, and take no memory.
 #[derive(Debug)]
 pub(super) struct Sparse {
-    /// Of the type, and none.
+    /// No values, of the right type.
     kind: Values,
     count: usize,
-    /// None of no values.
+    /// `None` if there are no values.
     #[cfg(feature = "prepared")]
     bytes: Option<memmap2::MmapMut>,
     #[cfg(not(feature = "prepared"))]
@@ -145,6 +145,8 @@ pub(super) struct Sparse {
 }
 
 impl Sparse {
+    /// Makes room for `count` values.
+    ///
     /// - `like`: values of the same type.
     pub(super) fn new(count: usize, like: &Values) -> Result<Self> {
         let bytes = count * like.bytes_per_value();
@@ -165,9 +167,9 @@ impl Sparse {
         })
     }
 
-    /// Puts a run of values of the same type in its place.
+    /// Stores a run of values of the same type.
     ///
-    /// - `at`: of the first of them.
+    /// - `at`: index of the first of them.
     pub(super) fn put(&mut self, at: usize, values: &Values) {
         let own: &[u8] = match values {
             Values::U8(v) => v,
@@ -184,7 +186,7 @@ impl Sparse {
         bytes[at..at + own.len()].copy_from_slice(own);
     }
 
-    /// All of them.
+    /// Returns all values.
     pub(super) fn finish(self) -> Result<ValuesIn<Shared>> {
         Ok(match self.kind {
             Values::U8(_) => ValuesIn::U8(self.column()?),
@@ -215,7 +217,7 @@ impl Sparse {
     }
 }
 
-/// A file without a name in a folder.
+/// Creates a file without a name in a folder.
 #[cfg(feature = "prepared")]
 pub(super) fn nameless(folder: &Path) -> Result<File> {
     tempfile::tempfile_in(folder).map_err(|e| failed(folder, e))

@@ -1,18 +1,18 @@
-//! By what rule a volume's particles are drawn.
+//! Defines the rule by which a volume's particles are drawn.
 
 use super::{BlockedParticles, BlockedVolume};
 use crate::scene::StrengthIn;
 
-/// By what rule a volume's particles are drawn.
+/// Rule by which a volume's particles are drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(crate) enum Rule {
-    /// As kernels that absorb light.
+    /// Kernels that absorb light.
     Kernel,
-    /// As splats that state their opacity.
+    /// Splats that state their opacity.
     Peak { is_anti_aliased: bool },
-    /// As surfels of an opaque surface.
+    /// Surfels of an opaque surface.
     Surface { is_one_sided: bool },
-    /// As surfels of a translucent one.
+    /// Surfels of a translucent surface.
     Translucent { is_one_sided: bool },
 }
 

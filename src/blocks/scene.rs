@@ -1,4 +1,4 @@
-//! A scene made ready: its volumes in blocks, each with its levels of detail after it.
+//! Prepares a scene for rendering: its volumes in blocks, each followed by its levels of detail.
 
 use std::ops::Range;
 #[cfg(feature = "prepared")]
@@ -16,19 +16,19 @@ use crate::scene::{ColourIn, PointVolume, Requirements, StrengthIn, TransferFunc
 use crate::task::Task;
 use crate::view::Bounds;
 
-/// How a scene is made ready.
+/// Options for preparing a scene.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SceneOptions {
-    /// Whether levels of detail are made, by which [`Settings::level_of_detail`](crate::Settings::level_of_detail) draws
-    /// what lies far below a pixel. Column densities, slabs, and filters that are asked for never use them; making them
-    /// takes most of the time that a scene takes.
+    /// Whether to make levels of detail, which [`Settings::level_of_detail`](crate::Settings::level_of_detail) uses for
+    /// particles far below a pixel. Making them takes most of the time of preparing a scene. Column densities, slabs,
+    /// and explicitly chosen filters never use them.
     pub level_of_detail: bool,
-    /// Whether all is kept that does not depend on values, so that these can be exchanged while places and
-    /// shapes stay (the next time step): once more the memory of the data.
+    /// Whether to keep everything that does not depend on values. Values can then be exchanged (the next time step)
+    /// while positions and shapes stay. Takes the memory of the data once more.
     pub keep_shapes: bool,
-    /// Whether it is kept which of the caller's particles each is: 4 bytes per particle.
+    /// Whether to keep the caller's number of each particle: 4 bytes per particle.
     pub keep_indices: bool,
-    /// Is told how far the work is, and may cancel it.
+    /// Task that receives the progress, and may cancel the work.
     pub task: Option<Task>,
 }
 
@@ -48,39 +48,39 @@ impl Default for SceneOptions {
 pub struct BlockedScene {
     /// Volumes and their levels of detail.
     volumes: Vec<BlockedVolume>,
-    /// Each volume of the scene among `volumes`: itself, and its levels after it.
+    /// Range of each volume of the scene in `volumes`: itself, then its levels.
     families: Vec<Range<usize>>,
     requirements: Vec<Requirements>,
-    /// Of the volume whose particles carry their values in place of colours: its transfer function.
+    /// Transfer function of the volume whose particles carry their values in place of colours.
     carried: Option<TransferFunction>,
-    /// Of each volume its blocks' densities, once a frame asks for them.
+    /// Densities of each volume's blocks, once a frame needs them.
     densities: OnceLock<Vec<Vec<f64>>>,
-    /// Of each volume, where values can be exchanged.
+    /// Exchangeable form of each volume, if values can be exchanged.
     exchangeable: Vec<Exchangeable>,
-    /// Of each volume what is known without a look at its particles.
+    /// Data of each volume that are known without reading its particles.
     known: Vec<Known>,
 }
 
-/// What of a volume follows from its particles, and is known beforehand where they lie in a file.
+/// Data that follow from a volume's particles, and are known beforehand if the particles are stored in a file.
 #[derive(Debug, Clone, Default)]
 struct Known {
-    /// Boxes of what is visible, under the transfer function that is shown.
+    /// Boxes around the visible part, under the transfer function that is shown.
     visible: Option<Vec<Bounds>>,
-    /// The same for a camera that is fitted, where the particles are not here.
+    /// Boxes around the visible part for a fitted camera, if the particles are not here.
     fitted: Option<Vec<Bounds>>,
     amplitudes: Option<AmplitudeSummary>,
 }
 
-/// What a file keeps of a volume besides its particles.
+/// Data that a file stores of a volume besides its particles.
 #[cfg(feature = "prepared")]
 #[derive(Debug)]
 pub(crate) struct KeptOfVolume {
-    /// Of each block the box of what is visible.
+    /// Box of the visible part of each block.
     pub(crate) visible: Vec<Option<Bounds>>,
-    /// Of the blocks of the volume, and of each level of detail.
+    /// Densities of the volume's blocks, and of each level of detail.
     pub(crate) densities: Vec<Vec<f64>>,
     pub(crate) amplitudes: AmplitudeSummary,
-    /// The function that is shown.
+    /// Transfer function that is shown.
     pub(crate) transfer_function: Option<TransferFunction>,
 }
 
@@ -88,8 +88,8 @@ impl BlockedScene {
     /// Sorts the volumes' particles into blocks.
     ///
     /// # Errors
-    /// More particles than a 32-bit index can name, or a volume that says it is classified and
-    /// has no values or no transfer function; work that was cancelled.
+    /// More particles than 32-bit indices can number; a classified volume without values or without a transfer
+    /// function; cancelled work.
     pub fn new(scene: Vec<PointVolume>, options: &SceneOptions) -> Result<Self> {
         for volume in &scene {
             volume.validate()?;
@@ -126,12 +126,12 @@ impl BlockedScene {
         })
     }
 
-    /// Of points that come a part at a time: a volume of them, the same as of all at once.
+    /// Builds a scene of points that arrive a part at a time: one volume, the same as of all points at once.
     ///
-    /// - `folder`: where temporary files may lie, some 80 bytes for each.
+    /// - `folder`: folder for temporary files, some 80 bytes for each point.
     ///
     /// # Errors
-    /// As [`build_stream`]; shapes that are to be kept.
+    /// The errors of [`build_stream`]; the option to keep shapes.
     #[cfg(feature = "prepared")]
     pub(crate) fn of_stream(
         stream: &mut dyn ParticleStream,
@@ -165,7 +165,8 @@ impl BlockedScene {
         })
     }
 
-    /// Volumes of which others have particles too, and of each of [`Self::volumes`] the blocks whose particles are here.
+    /// Joins the volumes of which this rank holds a share. Also returns, for each of [`Self::volumes`], the blocks
+    /// whose particles are here.
     pub(crate) fn of_shares(shares: Vec<SharedVolume>) -> (Self, Vec<Vec<Range<u32>>>) {
         let mut scene = Self {
             volumes: Vec::new(),
@@ -194,12 +195,12 @@ impl BlockedScene {
         (scene, own)
     }
 
-    /// Leaves out the particles of all blocks but some of each volume, in the order of [`Self::volumes`].
+    /// Keeps the particles of some blocks of each volume, in the order of [`Self::volumes`], and drops the rest.
     ///
     /// # Errors
-    /// None that is known: what is kept lies in memory.
+    /// None that is known: the particles are kept in memory.
     pub(crate) fn keep(&mut self, own: &[Vec<Range<u32>>]) -> Result<()> {
-        // They are found of all particles.
+        // Densities need all particles: find them first.
         self.densities();
         for (volume, own) in self.volumes.iter_mut().zip(own) {
             volume.keep(own)?;
@@ -208,10 +209,10 @@ impl BlockedScene {
         Ok(())
     }
 
-    /// Volumes that are in blocks already, each with its levels of detail after it, and what is known of each.
+    /// Joins volumes that are in blocks already, each followed by its levels of detail, with the data stored for each.
     ///
     /// # Errors
-    /// More particles than a 32-bit index can name.
+    /// More particles than 32-bit indices can number.
     #[cfg(feature = "prepared")]
     pub(crate) fn of_families(
         mut families: Vec<Vec<BlockedVolume>>,
@@ -249,10 +250,10 @@ impl BlockedScene {
         Ok(scene)
     }
 
-    /// Several scenes as one, in their order.
+    /// Joins several scenes into one, in their order.
     ///
     /// # Errors
-    /// More particles than a 32-bit index can name.
+    /// More particles than 32-bit indices can number.
     #[cfg(feature = "prepared")]
     pub(crate) fn joined(scenes: impl IntoIterator<Item = Self>) -> Result<Self> {
         let mut scenes = scenes.into_iter();
@@ -275,7 +276,7 @@ impl BlockedScene {
             all.volumes.extend(scene.volumes);
             all.requirements.extend(scene.requirements);
             all.known.extend(scene.known);
-            // Of all volumes or of none.
+            // All volumes are exchangeable, or none.
             all.exchangeable.clear();
         }
         check_count(all.particle_count())?;
@@ -287,12 +288,12 @@ impl BlockedScene {
         &self.volumes
     }
 
-    /// Where each volume of the scene stands among [`Self::volumes`]: itself, and its levels after it.
+    /// Range of each volume of the scene in [`Self::volumes`]: itself, then its levels.
     pub fn families(&self) -> &[Range<usize>] {
         &self.families
     }
 
-    /// A volume of the scene, and its levels of detail after it.
+    /// Returns a volume of the scene, followed by its levels of detail.
     pub fn family(&self, volume: usize) -> &[BlockedVolume] {
         &self.volumes[self.families[volume].clone()]
     }
@@ -304,24 +305,23 @@ impl BlockedScene {
             .map(|family| &self.volumes[family.start])
     }
 
-    /// What each volume of the scene requires.
+    /// Features that a frame needs to draw each volume of the scene.
     pub fn requirements(&self) -> &[Requirements] {
         &self.requirements
     }
 
-    /// Blocks of all volumes and of their levels of detail.
+    /// Number of blocks of all volumes and of their levels of detail.
     pub fn block_count(&self) -> usize {
         self.volumes.iter().map(|v| v.blocks.len()).sum()
     }
 
-    /// How dense the kernels of each volume's blocks are; found once. They do not depend on transfer
-    /// functions.
+    /// Densities of each volume's blocks; found once. They do not depend on transfer functions.
     pub(crate) fn densities(&self) -> &[Vec<f64>] {
         self.densities
             .get_or_init(|| self.volumes.iter().map(densities).collect())
     }
 
-    /// How many particles all volumes have.
+    /// Number of particles in all volumes.
     pub fn particle_count(&self) -> usize {
         self.data().map(BlockedVolume::particle_count).sum()
     }
@@ -332,12 +332,12 @@ impl BlockedScene {
         bytes as f64 / self.particle_count().max(1) as f64
     }
 
-    /// Whether any volume is of splats, which state their opacity.
+    /// Whether any volume consists of splats, which state their opacity.
     pub fn has_splats(&self) -> bool {
         self.volumes.iter().any(BlockedVolume::is_of_splats)
     }
 
-    /// Middles and half extents of the boxes that hold what is visible, world units.
+    /// Returns the middles and half extents of the boxes around the visible part, world units.
     pub fn visible_boxes(&self) -> Vec<Bounds> {
         let of_volume = |(i, known): (usize, &Known)| match &known.visible {
             Some(boxes) => boxes.clone(),
@@ -346,8 +346,8 @@ impl BlockedScene {
         self.known.iter().enumerate().flat_map(of_volume).collect()
     }
 
-    /// The same for a camera that is fitted: without splats far from where 99.5 % of opacity times area of a set of splats
-    /// lie.
+    /// Returns the boxes for a fitted camera, without splats far from the region with 99.5 % of opacity times area of a
+    /// set of splats.
     pub fn fitted_boxes(&self) -> Vec<Bounds> {
         let of_volume = |(i, known): (usize, &Known)| {
             let own = &self.family(i)[0];
@@ -360,13 +360,13 @@ impl BlockedScene {
         self.known.iter().enumerate().flat_map(of_volume).collect()
     }
 
-    /// Of each block of a volume the box of what is visible of it.
+    /// Returns the box of the visible part of each block of a volume.
     pub(crate) fn visible_box_of_each(&self, volume: usize) -> Vec<Option<Bounds>> {
         self.family(volume)[0].visible_box_of_each(self.shown_function(volume))
     }
 
-    /// The transfer function that a volume is shown by: the one that slabs are classified by, where its particles carry
-    /// their values.
+    /// Returns the transfer function by which a volume is shown. If its particles carry their values, it is the one
+    /// that classifies slabs.
     pub(crate) fn shown_function(&self, volume: usize) -> Option<&TransferFunction> {
         let own = &self.family(volume)[0];
         match &self.carried {
@@ -375,12 +375,12 @@ impl BlockedScene {
         }
     }
 
-    /// What column densities sum of a volume, where that is known without a look at its particles.
+    /// Returns the amplitudes of a volume, which column densities sum, if they are known without reading its particles.
     pub(crate) fn known_amplitudes(&self, volume: usize) -> Option<AmplitudeSummary> {
         self.known[volume].amplitudes
     }
 
-    /// What column densities sum, of each volume.
+    /// Summarises the amplitudes of each volume, which column densities sum.
     pub(crate) fn amplitudes_of_volumes(&self) -> Vec<AmplitudeSummary> {
         let of_volume = |(known, volume): (&Known, &BlockedVolume)| match known.amplitudes {
             Some(amplitudes) => amplitudes,
@@ -389,13 +389,13 @@ impl BlockedScene {
         self.known.iter().zip(self.data()).map(of_volume).collect()
     }
 
-    /// Middles and half extents of the boxes that hold all particles, grown by one standard
-    /// deviation; world units.
+    /// Returns the middles and half extents of the boxes around all particles, grown by one standard deviation; world
+    /// units.
     pub fn boxes(&self) -> Vec<Bounds> {
         self.data().flat_map(BlockedVolume::boxes).collect()
     }
 
-    /// Replaces the transfer function of a volume; its particles stay as and where they are.
+    /// Replaces the transfer function of a volume; its particles do not change.
     ///
     /// # Errors
     /// No such volume, or one that is not classified.
@@ -430,11 +430,11 @@ impl BlockedScene {
         Ok(())
     }
 
-    /// Exchanges the values of a volume; places, shapes and the transfer function stay.
+    /// Exchanges the values of a volume; positions, shapes and the transfer function stay.
     ///
     /// # Errors
-    /// No such volume, one without values, not as many values as particles, or a scene that did not keep
-    /// its shapes ([`SceneOptions::keep_shapes`]).
+    /// No such volume, or one without values; a number of values that differs from that of the particles; a scene that
+    /// did not keep its shapes ([`SceneOptions::keep_shapes`]).
     pub fn set_values(&mut self, volume: usize, values: Values) -> Result<()> {
         let refuse = |place: &str, expected: &str, found: String, advice: &str| {
             Err(Error::invalid("scene", place, expected, found, advice))
@@ -480,16 +480,16 @@ impl BlockedScene {
         Ok(())
     }
 
-    /// What classifies slabs, where particles carry values.
+    /// Transfer function that classifies slabs, if particles carry values.
     pub fn carried(&self) -> Option<&TransferFunction> {
         self.carried.as_ref()
     }
 
-    /// Lets the particles of the one volume with a field carry their values, or their colours again.
-    /// Returns the volume whose tables changed by that, if any did.
+    /// Makes the particles of the one volume with a field carry their values, or their colours again. Returns the
+    /// volume whose tables changed, if any did.
     ///
     /// # Errors
-    /// No volume with a field, or others beside it.
+    /// No volume with a field, or other volumes beside it.
     pub fn carry_values(&mut self, values: bool) -> Result<Option<usize>> {
         if values == self.carried.is_some() {
             return Ok(None);
@@ -522,7 +522,7 @@ impl BlockedScene {
                 transfer
             }
         };
-        // The same is shown.
+        // The visible part stays the same.
         let visible = self.known[volume].visible.take();
         self.set_transfer_function(volume, own)?;
         self.known[volume].visible = visible;

@@ -1,4 +1,4 @@
-//! A share of a scene: all its blocks, and the particles of some.
+//! Partitions the blocks of a scene among owners: each keeps all blocks, and the particles of some.
 
 use std::mem::{replace, take};
 use std::ops::Range;
@@ -9,16 +9,16 @@ use super::{BlockedParticles, BlockedVolume};
 use crate::error::Result;
 use crate::scene::{ColourIn, Column, StrengthIn};
 
-/// How many runs of blocks each of several owners has of a volume, about: a view of a part of the scene then meets
-/// blocks of all of them.
+/// Number of runs of a volume's blocks for each owner, about: a view of a part of the scene then meets blocks of all
+/// owners.
 const RUNS: usize = 64;
 
-/// Blocks in a run at most.
+/// Most blocks in a run.
 const LONGEST_RUN: usize = 64;
 
-/// Which blocks of a volume an owner has, of `owners` that have all together: runs in turn, ascending.
+/// Returns the blocks of a volume that one of several owners has: runs in turn, ascending.
 ///
-/// - `first`: the owner of the first run.
+/// - `first`: owner of the first run.
 pub(crate) fn runs_in_turn(
     block_count: usize,
     owners: usize,
@@ -34,11 +34,13 @@ pub(crate) fn runs_in_turn(
 }
 
 impl BlockedVolume {
-    /// Leaves out the particles of all but some blocks. The blocks stay: which of them a frame draws does not depend on
-    /// who has their particles. A lattice keeps its values, which neighbours ask for, and what is mapped stays as it
-    /// is: of the particles of others no page is ever read.
+    /// Drops the particles of all but some blocks.
     ///
-    /// - `own`: ascending. Nothing may be asked of others' particles from now on.
+    /// The blocks themselves stay: the blocks that a frame draws do not depend on the partition of the particles. A
+    /// lattice keeps its values, which neighbouring cells need. Mapped particles stay as they are: pages of other
+    /// owners' particles are never read.
+    ///
+    /// - `own`: blocks to keep, ascending. Other blocks' particles must not be read afterwards.
     pub(super) fn keep(&mut self, own: &[Range<u32>]) -> Result<()> {
         if matches!(self.particles, BlockedParticles::Lattice(_)) || self.is_mapped() {
             return Ok(());
@@ -119,7 +121,7 @@ mod tests {
                     most = most.max(own.len());
                 }
                 assert!(owned.iter().all(|&n| n == 1));
-                // One run more than others at most.
+                // At most one run more than other owners.
                 assert!(most <= blocks / owners + LONGEST_RUN);
             }
         }

@@ -1,12 +1,12 @@
-//! Points that come a part at a time, sorted on the disk: no more of them lies in memory than a sort of a part of them
-//! takes, and what the tree over all knows of each.
+//! Sorts points on disk that arrive a part at a time. Memory holds no more than a part during its sort, and the tree
+//! over all points.
 //!
-//! 1. What box they fill, and a sample of them, along Morton's curve through that box, which cuts the curve into buckets
-//!    of about equal size.
-//! 2. Their rows, each to the end of its bucket's, in a temporary file.
-//! 3. One bucket after another, sorted along the curve, as columns. They are in the order of the tree's chunks then, so
-//!    that the tree and what is made of it reads of the disk what it reads of memory otherwise, and is the same to the
-//!    last bit.
+//! 1. Survey: finds the box of the points and takes a sample. The sample cuts Morton's curve through the box into
+//!    buckets of about equal size.
+//! 2. Fill: writes each point's row to its bucket in a temporary file.
+//! 3. Sort: reads one bucket after another, sorts it along the curve, and appends it to the columns. The columns are
+//!    then in the order of the tree's chunks. The tree and its blocks read from disk what they otherwise read from
+//!    memory, and are the same to the last bit.
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom, Write};
@@ -25,30 +25,30 @@ use crate::scene::rows::{kind_of, row_len, rows_of, volume_of};
 use crate::scene::{Particles, PointVolume};
 use crate::task::{Stage, Task};
 
-/// Points that come a part at a time, in their order, as often as they are asked for.
+/// Points that arrive a part at a time, in their order, and can be read repeatedly.
 pub trait ParticleStream {
-    /// How many there are, for whoever waits; some may be left out.
+    /// Number of points, for progress; some may be left out.
     fn len(&self) -> usize;
 
-    /// Whether there are none.
+    /// Whether there are no points.
     fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Calls `each` with all of them, in parts: volumes of one kind, which differ in their particles alone. Every time
-    /// the same.
+    /// Calls `each` with all points, in parts: volumes of one kind, which differ in their particles only. Every call
+    /// must give the same.
     ///
     /// # Errors
-    /// Those of `each`, and of whatever the particles come from.
+    /// The errors of `each`, and of the source of the particles.
     fn for_each(&mut self, each: &mut dyn FnMut(PointVolume) -> Result<()>) -> Result<()>;
 }
 
-/// How much lies in memory at a time.
+/// Amounts of data that memory holds at a time.
 #[derive(Debug, Clone, Copy)]
 struct Sizes {
-    /// Points of a bucket, about.
+    /// Number of points in a bucket, about.
     bucket: usize,
-    /// One of so many points is looked at to cut the curve.
+    /// Sampling stride: one of so many points is used to cut the curve.
     stride: usize,
     /// Bytes of a bucket that are written at a time, about.
     piece: usize,
@@ -60,12 +60,14 @@ const SIZES: Sizes = Sizes {
     piece: 1 << 17,
 };
 
-/// Points in blocks, and their levels of detail: what [`build`](super::build::build) makes of all of them.
+/// Builds blocks of points, and their levels of detail: the same that [`build`](super::build::build) makes of all of
+/// them.
 ///
-/// - `folder`: where temporary files may lie, some 80 bytes for each.
+/// - `folder`: folder for temporary files, some 80 bytes for each point.
 ///
 /// # Errors
-/// Parts of several kinds, or what cannot be sorted so ([`check`]); those of the stream; a disk that is full; cancelled.
+/// Parts of several kinds; particles that cannot be streamed ([`check`]); the errors of the stream; a full disk;
+/// cancelled work.
 pub(super) fn build_stream(
     stream: &mut dyn ParticleStream,
     options: BuildOptions,
@@ -125,15 +127,15 @@ fn sorted(
     })
 }
 
-/// What is known of points after a first look.
+/// Summary of the points after a first reading.
 struct Survey {
-    /// A volume of their kind without any.
+    /// A volume of their kind without particles.
     like: PointVolume,
-    /// How many have a place.
+    /// Number of points with finite positions.
     count: usize,
     lower: DVec3,
     upper: DVec3,
-    /// Some of them.
+    /// Some of their positions.
     sample: Vec<DVec3>,
 }
 
@@ -179,10 +181,10 @@ impl Survey {
         })
     }
 
-    /// The first cells of all buckets along the curve, ascending; the first of them is 0.
+    /// Returns the first cells of all buckets along the curve, ascending; the first of them is 0.
     fn cuts(&self, curve: &Curve, sizes: Sizes) -> Vec<u32> {
         let mut cuts = vec![0];
-        // The tree leaves few points in the order that they come in.
+        // The tree leaves few points in the order of their arrival.
         if self.count <= CHUNK {
             return cuts;
         }
@@ -190,7 +192,7 @@ impl Survey {
         cells.par_sort_unstable();
         let mut since = 0;
         for cell in cells.chunk_by(|a, b| a == b) {
-            // A cell that fills a bucket alone has one: it needs no sorting.
+            // A cell that alone fills a bucket gets one of its own, which needs no sorting.
             let own = cell.len() * sizes.stride;
             let is_full = own >= sizes.bucket;
             if (is_full || since + own > sizes.bucket) && since > 0 && cuts.last() != Some(&cell[0])
@@ -214,21 +216,21 @@ struct Buckets<'a> {
     file: File,
     curve_buckets: Vec<Bucket>,
     row: usize,
-    /// About so many rows are looked at together where they need no sorting.
+    /// Number of rows, about, that are read together if they need no sorting.
     batch: usize,
 }
 
 struct Bucket {
-    /// Whether all its points lie in one cell, or stay in the order that they came in.
+    /// Whether all its points lie in one cell, or stay in the order of their arrival.
     is_one_cell: bool,
-    /// What is not yet written.
+    /// Rows that are not yet written.
     rest: Vec<u8>,
-    /// Where pieces lie in the file, and how long they are.
+    /// Offsets of the pieces in the file, and their lengths.
     pieces: Vec<(u64, usize)>,
 }
 
 impl<'a> Buckets<'a> {
-    /// Goes through all points a second time.
+    /// Reads all points a second time, and writes them to their buckets.
     fn fill(
         stream: &mut dyn ParticleStream,
         like: &PointVolume,
@@ -255,7 +257,7 @@ impl<'a> Buckets<'a> {
         stream.for_each(&mut |part| {
             stage.check()?;
             let positions = part.particles.positions();
-            // What has no place is in no block, and takes no number.
+            // Points without a finite position are in no block, and get no number.
             let numbers = positions.iter().map(|p| {
                 let own = number;
                 number += u64::from(p.is_finite());
@@ -288,8 +290,8 @@ impl<'a> Buckets<'a> {
         Ok(own)
     }
 
-    /// Calls `each` with the points of one bucket after another, in the order that they came in, with their numbers and
-    /// whether they need no sorting: of such a bucket a part at a time.
+    /// Calls `each` with the points of one bucket after another in the order of their arrival, with their numbers, and
+    /// with whether they need no sorting. A bucket that needs none is passed a part at a time.
     fn for_each(
         mut self,
         like: &PointVolume,
@@ -303,7 +305,7 @@ impl<'a> Buckets<'a> {
                     return Ok(());
                 }
                 let number = |row: &[u8]| row.first_chunk().map_or(0, |n| u64::from_le_bytes(*n));
-                // Fewer than 2^32 were counted.
+                // The survey counted fewer than 2^32.
                 let of_rows = rows.par_chunks_exact(self.row);
                 let numbers: Vec<u32> = of_rows.map(|row| number(row) as u32).collect();
                 let volume = volume_of(&[rows], like)?;
@@ -328,7 +330,7 @@ impl<'a> Buckets<'a> {
     }
 }
 
-/// Refuses what is not carried from the stream to the disk.
+/// Refuses particles with columns that are not written to disk.
 fn check(part: &PointVolume) -> Result<()> {
     let found = if matches!(part.particles, Particles::Lattice { .. }) {
         "a lattice"
@@ -357,7 +359,7 @@ mod tests {
     use super::*;
     use crate::scene::{Colour, Strength, Values};
 
-    /// Parts of a volume, each of another length.
+    /// Parts of a volume, of varying lengths.
     struct Parts(PointVolume);
 
     impl ParticleStream for Parts {
@@ -380,7 +382,7 @@ mod tests {
         }
     }
 
-    /// Numbers without a pattern, 0 to 1.
+    /// Returns a pseudo-random number from 0 to 1.
     fn number(n: usize) -> f64 {
         ((n as f64 * 12.9898).sin() * 43_758.547).fract().abs()
     }
@@ -429,7 +431,7 @@ mod tests {
                 volumes: some(count, 9),
             },
             colour: Colour::PerParticle(colours),
-            // Many are equal: within their block, they are in the order of their numbers.
+            // Many values are equal: within their block, such particles are in the order of their numbers.
             values: Some(Values::U8((0..count).map(|n| (n % 7) as u8).collect())),
             transfer_function: Some(
                 crate::scene::TransferFunction::from_curves(|_| [1.0; 3], |v| v, [0.0, 7.0], 1.0)
@@ -527,7 +529,7 @@ mod tests {
             piece: 1_000,
         };
         for volume in volumes() {
-            // Numbers are those of points with a place.
+            // Only points with a finite position are numbered.
             let indices = volume.particles.positions().iter().all(|p| p.is_finite());
             let options = BuildOptions { indices, ..options };
             let all = build(volume.clone(), options, None).unwrap();

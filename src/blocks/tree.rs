@@ -1,4 +1,4 @@
-//! A tree of boxes over a point set: its subtrees become blocks, and clusters of particles.
+//! Builds a tree of boxes over a point set: its subtrees become blocks, and clusters of particles.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -13,47 +13,47 @@ use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use rayon::prelude::*;
 use rdst::RadixSort;
 
-/// Points of which a tree is built at a time, at most where they lie apart: some 180 bytes each while it is.
+/// Most points of which a tree is built at a time, unless they share a position; takes some 180 bytes each meanwhile.
 pub(super) const CHUNK: usize = 1 << 16;
 
-/// By how much less than its box the particles of a subtree may span, in units of the box: each is
-/// moved by a millionth along each axis, either way, and rounded.
+/// Greatest difference between the extents of a subtree's particles and of its box, in units of the whole box. Each
+/// point is moved by up to a millionth along each axis, either way, and rounded.
 const SLACK: f64 = 4e-6;
 
 /// A BVH whose subtrees are runs of particles in block order.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Tree {
-    /// Of every subtree of two particles and more, in depth-first order: the root, all of its first child's, all of its
-    /// second's. So a child's place follows from how many particles are before it, and nobody has to keep it.
+    /// Nodes of all subtrees of at least two particles, in depth-first order: the root, all nodes of its first child,
+    /// all nodes of its second. A child's index thus follows from the number of particles before it, and is not stored.
     nodes: Vec<Node>,
-    /// How many particles there are.
+    /// Number of particles.
     count: u32,
-    /// World units in the units of its boxes.
+    /// World units in a unit of its boxes.
     unit: f64,
 }
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct Node {
-    /// How many particles its first child has.
+    /// Number of particles in its first child.
     first: u32,
-    /// Squared diagonal of its box, in units of its own.
+    /// Squared diagonal of its box, in the tree's units.
     size: f32,
 }
 
 /// A subtree: one particle or more.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Subtree {
-    /// Its first particle in block order.
+    /// First particle in block order.
     start: u32,
-    /// How many it has.
+    /// Number of particles.
     count: u32,
-    /// Its root among the nodes, if it has two particles or more.
+    /// Index of its root among the nodes, if it has at least two particles.
     node: u32,
 }
 
 impl Subtree {
-    /// Its particles: a run of block order.
+    /// Particles of the subtree: a run of block order.
     pub(super) fn run(self) -> Range<usize> {
         let start = self.start as usize;
         start..start + self.count as usize
@@ -61,13 +61,13 @@ impl Subtree {
 }
 
 impl Tree {
-    /// A tree over points, and their order in which its subtrees are runs.
+    /// Builds a tree over points; also returns the order of the points in which its subtrees are runs.
     ///
-    /// PLOC (obvhs) of each chunk of [`chunks`] by itself, which caches hold, and of the chunks' boxes.
+    /// Runs PLOC (obvhs) over each chunk of [`chunks`] by itself, which fits caches, and over the chunks' boxes.
     ///
     /// - `positions`: finite.
-    /// - `numbers`: those of the points in the order that they were given in, ascending within each cell of [`Curve`]: the
-    ///   tree does not depend on another order then. Empty where it is this one.
+    /// - `numbers`: the caller's numbers of the points, which must ascend within each cell of [`Curve`]. The tree then
+    ///   does not depend on the order of `positions`. Empty if `positions` has the caller's order.
     pub(super) fn over(positions: &[DVec3], numbers: &[u32]) -> (Self, Vec<u32>) {
         if positions.is_empty() {
             return (Self::default(), Vec::new());
@@ -94,7 +94,7 @@ impl Tree {
         Self::over_chunks(&top, all, chunk, point)
     }
 
-    /// A tree over boxes, and their order in which its subtrees are runs.
+    /// Builds a tree over boxes; also returns the order of the boxes in which its subtrees are runs.
     pub(super) fn over_boxes(boxes: &[Aabb], units: Units) -> (Self, Vec<u32>) {
         let mut nodes = vec![Node::default(); boxes.len().saturating_sub(1)];
         let order = lay_out(&ploc(&mut PlocBuilder::new(), boxes), &mut nodes);
@@ -106,11 +106,11 @@ impl Tree {
         (tree, order)
     }
 
-    /// Of a subtree of a tree over chunks of points the tree over these points, and their order in which its subtrees are
-    /// runs.
+    /// Builds the tree over the points of a subtree of a tree over chunks; also returns the order of the points in
+    /// which its subtrees are runs.
     ///
-    /// - `chunk`: the points of the chunk at a place of the order of `top`.
-    /// - `point`: the box of each.
+    /// - `chunk`: returns the points of the chunk at a place in the order of `top`.
+    /// - `point`: returns the box of a point.
     pub(super) fn over_chunks<'a>(
         top: &Self,
         root: Subtree,
@@ -119,7 +119,7 @@ impl Tree {
     ) -> (Self, Vec<u32>) {
         let counts: Vec<usize> = root.run().map(|place| chunk(place).len()).collect();
         let count = counts.iter().sum::<usize>();
-        // Of n particles there are n - 1 subtrees of two and more.
+        // A tree over n particles has n - 1 subtrees of at least two.
         let mut all = vec![Node::default(); count.saturating_sub(1)];
         let grafts = top.graft(root, &counts, |i, node| all[i] = node);
         let mut order = vec![0; count];
@@ -153,11 +153,11 @@ impl Tree {
         (tree, order)
     }
 
-    /// Lays out the nodes of a subtree for what it is when each of its leaves becomes a tree of its own: where the nodes
-    /// of each of these begin.
+    /// Lays out the nodes of a subtree whose leaves become trees of their own; returns the index at which the nodes of
+    /// each of these trees begin.
     ///
-    /// - `counts`: of each leaf of the subtree, in its order, how many particles that tree has.
-    /// - `put`: is given each node and its place.
+    /// - `counts`: number of particles in the tree of each leaf of the subtree, in order.
+    /// - `put`: receives the index of each node, and the node.
     fn graft(
         &self,
         root: Subtree,
@@ -168,7 +168,7 @@ impl Tree {
             *sum += count;
             Some(*sum)
         };
-        // Up to each leaf.
+        // Number of particles up to each leaf.
         let before: Vec<usize> = std::iter::once(0)
             .chain(counts.iter().scan(0, sum))
             .collect();
@@ -195,9 +195,9 @@ impl Tree {
         grafts
     }
 
-    /// The tree whose leaves are subtrees of this one.
+    /// Returns the top tree, whose leaves are subtrees of this one.
     ///
-    /// - `leaves`: their runs, all particles together.
+    /// - `leaves`: runs of the subtrees, which together contain all particles.
     pub(super) fn above(&self, leaves: &[Range<usize>]) -> Self {
         let mut nodes = Vec::with_capacity(leaves.len().saturating_sub(1));
         let mut stack: Vec<Subtree> = self.root().into_iter().collect();
@@ -224,9 +224,9 @@ impl Tree {
         }
     }
 
-    /// The tree in which each leaf of this one is a tree of its own.
+    /// Replaces each leaf of this tree by a tree of its own.
     ///
-    /// - `parts`: in the order of the leaves.
+    /// - `parts`: these trees, in the order of the leaves.
     pub(super) fn grafted(&self, parts: &[Self]) -> Self {
         let counts: Vec<usize> = parts.iter().map(|part| part.count as usize).collect();
         let count: usize = counts.iter().sum();
@@ -244,12 +244,12 @@ impl Tree {
         }
     }
 
-    /// Its nodes, of which it can be made again ([`Self::of_nodes`]).
+    /// Nodes, from which [`Self::of_nodes`] makes the tree again.
     pub(super) fn nodes(&self) -> &[Node] {
         &self.nodes
     }
 
-    /// The tree of these nodes, whose boxes are in the units of this one's.
+    /// Makes a tree of nodes whose boxes are in the units of this tree.
     pub(super) fn of_nodes(&self, nodes: Vec<Node>) -> Self {
         Self {
             count: nodes.len() as u32 + 1,
@@ -258,7 +258,7 @@ impl Tree {
         }
     }
 
-    /// How many particles it has.
+    /// Number of particles.
     pub(super) fn len(&self) -> usize {
         self.count as usize
     }
@@ -268,7 +268,7 @@ impl Tree {
         self.count == 0
     }
 
-    /// All of it; none where there are no particles.
+    /// Returns the whole tree as a subtree; `None` if there are no particles.
     fn root(&self) -> Option<Subtree> {
         (self.count > 0).then_some(Subtree {
             start: 0,
@@ -282,7 +282,7 @@ impl Tree {
         (of.count > 1).then(|| &self.nodes[node])
     }
 
-    /// The two parts of a subtree; none of one particle.
+    /// Returns the two parts of a subtree; `None` for a single particle.
     fn children(&self, of: Subtree) -> Option<[Subtree; 2]> {
         let first = self.node(of)?.first;
         Some([
@@ -304,8 +304,8 @@ impl Tree {
         self.node(of).map_or(0.0, |node| node.size)
     }
 
-    /// Calls `each(run, diagonal)` for the root, and for the children of each subtree for which it
-    /// says so, in block order. The diagonal of its box is a lower bound, world units.
+    /// Calls `each(run, diagonal)` for the root, and for the children of each subtree for which it returns true, in
+    /// block order. `diagonal` is a lower bound on the diagonal of the subtree's box, world units.
     pub(super) fn visit(&self, mut each: impl FnMut(Range<usize>, f64) -> bool) {
         let mut stack: Vec<Subtree> = self.root().into_iter().collect();
         while let Some(subtree) = stack.pop() {
@@ -317,14 +317,14 @@ impl Tree {
         }
     }
 
-    /// The largest subtrees with at most `capacity` particles, in block order.
+    /// Returns the largest subtrees with at most `capacity` particles, in block order.
     pub(super) fn subtrees(&self, capacity: usize) -> Vec<Subtree> {
         self.largest(|run| run.len() <= capacity)
     }
 
-    /// The largest subtrees that are small enough, or one particle, in block order.
+    /// Returns the largest subtrees that are small enough or single particles, in block order.
     ///
-    /// - `is_small`: is asked of runs of block order.
+    /// - `is_small`: whether a run of block order is small enough.
     pub(super) fn largest(&self, is_small: impl Fn(Range<usize>) -> bool) -> Vec<Subtree> {
         let mut found = Vec::new();
         let mut stack: Vec<Subtree> = self.root().into_iter().collect();
@@ -339,8 +339,8 @@ impl Tree {
         found
     }
 
-    /// Cuts a subtree into `count` subtrees at most: the one with the widest box first, so that
-    /// what merging leaves out is even.
+    /// Cuts a subtree into at most `count` subtrees. Always cuts the one with the widest box, so that the errors of
+    /// merging are even.
     pub(super) fn clusters(&self, subtree: Subtree, count: usize) -> Vec<Subtree> {
         let widest = |subtree| Widest {
             size: self.size(subtree),
@@ -363,16 +363,16 @@ impl Tree {
     }
 }
 
-/// The units of boxes: obvhs works in f32.
+/// Units of boxes: obvhs works in f32.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Units {
-    /// Places count from here, so that a far origin costs no bits.
+    /// Origin of the units, so that a far origin costs no bits.
     middle: DVec3,
     scale: f64,
 }
 
 impl Units {
-    /// For points in a box.
+    /// Chooses units for points in a box.
     pub(super) fn of(lower: DVec3, upper: DVec3) -> Self {
         Self {
             middle: (lower + upper) / 2.0,
@@ -381,7 +381,7 @@ impl Units {
         }
     }
 
-    /// The box of a point.
+    /// Returns the box of a point.
     pub(super) fn point(self, position: DVec3, number: u32) -> Aabb {
         let p = (position - self.middle) * self.scale;
         Aabb::from_point(Vec3A::from(p.as_vec3()) + jitter(number))
@@ -393,8 +393,8 @@ impl Units {
     }
 }
 
-/// PLOC merges mutual nearest neighbours. Of points in one place only one pair per pass is mutual (20 s for
-/// 1e5 points, and quadratic), so each is moved by a millionth of the whole.
+/// Returns a displacement of up to a millionth of the whole. PLOC merges mutual nearest neighbours, and among points in
+/// one place only one pair per pass is mutual. That is quadratic: 20 s for 1e5 points.
 fn jitter(i: u32) -> Vec3A {
     let bits = u64::from(i).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     let axis = |shift: u32| (bits >> shift & 0xffff) as f32 / 65_536.0 - 0.5;
@@ -419,7 +419,7 @@ fn ploc(builder: &mut PlocBuilder, boxes: &[Aabb]) -> Bvh2 {
     )
 }
 
-/// Puts the nodes of a BVH into depth-first order, and finds the order of what it is over.
+/// Puts the nodes of a BVH into depth-first order; returns the order of its primitives.
 fn lay_out(bvh: &Bvh2, nodes: &mut [Node]) -> Vec<u32> {
     let primitive = |i: usize| bvh.primitive_indices[bvh.nodes[i].first_index as usize];
     // Children come after their parents.
@@ -451,10 +451,10 @@ fn lay_out(bvh: &Bvh2, nodes: &mut [Node]) -> Vec<u32> {
     order
 }
 
-/// The numbers of points in the order of chunks, and the chunks: cells of an octree, or halves and quarters of
-/// such, that hold at most [`CHUNK`] points where these do not all lie in one place.
+/// Returns the indices of the points in the order of chunks, and the chunks. These are cells of an octree, or halves
+/// and quarters of cells. They hold at most [`CHUNK`] points unless all of a chunk's points lie in one place.
 fn chunks(positions: &[DVec3]) -> (Vec<u32>, Vec<Range<usize>>) {
-    // The place on Morton's curve above, the point's number below.
+    // The cell on Morton's curve in the upper half, the point's index in the lower half.
     let mut keys: Vec<u64> = (0..positions.len() as u64).collect();
     let mut chunks = Vec::new();
     let mut rest: Vec<Range<usize>> = std::iter::once(0..keys.len()).collect();
@@ -469,7 +469,7 @@ fn chunks(positions: &[DVec3]) -> (Vec<u32>, Vec<Range<usize>>) {
             chunks.push(run);
             continue;
         }
-        // Parts of one place are looked at again, in its own bounds.
+        // Parts in one cell are sorted again, in their own bounds.
         let mut parts = vec![(run, 64_u32)];
         while let Some((part, bit)) = parts.pop() {
             if part.len() <= CHUNK || bit == 32 {
@@ -493,7 +493,7 @@ fn chunks(positions: &[DVec3]) -> (Vec<u32>, Vec<Range<usize>>) {
 
 /// Sorts points, given by the low halves of `keys`, along Morton's curve through their bounds.
 fn place(keys: &mut [u64], positions: &[DVec3]) {
-    /// The number of the point.
+    /// Mask of a point's index.
     const NUMBER: u64 = u32::MAX as u64;
     let at = |key: u64| &positions[(key & NUMBER) as usize];
     let (lower, upper) = bounds(keys.par_iter().map(|&key| at(key)));
@@ -503,17 +503,17 @@ fn place(keys: &mut [u64], positions: &[DVec3]) {
     keys.radix_sort_unstable();
 }
 
-/// Morton's curve through the cells of a cube: 2^32 of them, 2^11, 2^11 and 2^10 along the axes.
+/// Morton's curve through the 2^32 cells of a cube: 2^11, 2^11 and 2^10 along the axes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Curve {
     lower: DVec3,
-    /// Half the edge.
+    /// Half the edge of the cube.
     half: f64,
 }
 
 impl Curve {
     pub(super) fn through(lower: DVec3, upper: DVec3) -> Self {
-        // Halved first: the extent itself may overflow.
+        // Halved first, because the extent itself may overflow.
         let half = (upper / 2.0 - lower / 2.0).max_element();
         Self {
             lower,
@@ -521,7 +521,7 @@ impl Curve {
         }
     }
 
-    /// The number of the cell of a point along the curve.
+    /// Returns the number of a point's cell along the curve.
     pub(super) fn cell(&self, point: DVec3) -> u32 {
         // 1 would be beyond the last cell.
         let unit = (point / 2.0 - self.lower / 2.0) / self.half * (1.0 - f64::EPSILON);
@@ -530,7 +530,7 @@ impl Curve {
     }
 }
 
-/// A subtree in the order of sizes.
+/// A subtree, ordered by size.
 #[derive(Debug, Clone, Copy)]
 struct Widest {
     size: f32,
@@ -562,7 +562,7 @@ impl Ord for Widest {
 mod tests {
     use super::*;
 
-    /// Numbers without a pattern, 0 to 1.
+    /// Returns a pseudo-random number from 0 to 1.
     fn number(n: usize) -> f64 {
         ((n as f64 * 12.9898).sin() * 43_758.547).fract().abs()
     }
@@ -572,7 +572,8 @@ mod tests {
         (0..count).map(at).collect()
     }
 
-    /// Several chunks: scattered ones; many in one place; a dense cluster far narrower than a cell, and far away.
+    /// Returns sets of several chunks: scattered points; many in one place; a dense cluster far narrower than a cell,
+    /// and a few far away.
     fn sets() -> [Vec<DVec3>; 3] {
         let mut crowd = scattered(3_000);
         crowd.resize(CHUNK + 5_000, DVec3::new(0.3, 0.4, 0.5));
@@ -601,7 +602,7 @@ mod tests {
                 };
                 assert!(run.len() <= CHUNK || set == 1 && is_one_place());
             }
-            // Cells of an octree do not overlap: their boxes' volumes are no more than that of all.
+            // Cells of an octree do not overlap: the volumes of their boxes add up to no more than that of all.
             let volumes = runs.iter().map(|run| {
                 let points = members[run.clone()]
                     .par_iter()
@@ -624,7 +625,7 @@ mod tests {
             assert_eq!(tree.nodes.len(), positions.len() - 1);
             let root = tree.root().unwrap();
             assert_eq!(root.run(), 0..positions.len());
-            // Every particle moved by a millionth, and rounded: of the widest extent, either way.
+            // Every particle is moved by a millionth of the widest extent, either way, and rounded.
             let (lower, upper) = bounds(positions.par_iter());
             let slack = 2.0 * SLACK * (upper - lower).max_element();
             let mut is_met = vec![false; tree.nodes.len()];

@@ -1,4 +1,4 @@
-//! What ranks say to one another, however it travels.
+//! Defines the interface of a communicator, which carries messages between ranks.
 
 use std::fmt::Debug;
 
@@ -6,31 +6,32 @@ use crate::error::Result;
 
 /// One rank's end of a group of ranks that work together, numbered from 0.
 ///
-/// Every function but [`Self::rank`] and [`Self::size`] is collective: all ranks call the same ones in the same
-/// order. Errors are those of the way itself (a rank that is gone); what goes wrong within a rank is told to the
-/// others by those who use it.
+/// Every function but [`Self::rank`] and [`Self::size`] is collective: all ranks call the same functions in the same
+/// order. Errors concern the connection itself (a rank that is gone). If a rank's own work fails, the caller must send
+/// the error to the other ranks.
 pub trait Communicator: Debug + Send {
-    /// This one's number.
+    /// This rank's number.
     fn rank(&self) -> usize;
 
-    /// How many there are, at least one.
+    /// Number of ranks, at least one.
     fn size(&self) -> usize;
 
-    /// Begins to send a part to every rank, this one among them; it goes on while this rank works.
+    /// Begins to send a part to every rank, this one included; returns while the parts are under way.
     ///
-    /// - `parts`: by rank, as many as there are.
+    /// - `parts`: one for each rank, in the order of ranks.
     ///
     /// # Errors
-    /// What keeps them from being sent.
+    /// The parts cannot be sent.
     fn begin(&mut self, parts: Vec<Vec<u8>>) -> Result<()>;
 
-    /// Waits for the oldest exchange that was begun and not completed: what each rank sent here, by rank.
+    /// Waits for the oldest exchange that was begun and not completed; returns the part that each rank sent here, by
+    /// rank.
     ///
     /// # Errors
     /// A rank that is gone.
     fn complete(&mut self) -> Result<Vec<Vec<u8>>>;
 
-    /// What each rank gives, by rank, for all of them. No exchange is under way.
+    /// Gathers a part of each rank on all ranks, by rank. No exchange may be under way.
     ///
     /// # Errors
     /// A rank that is gone.

@@ -1,7 +1,7 @@
-//! Footprints on their way from the rank that projects a particle to those that draw it.
+//! Sends footprints from the rank that projects a particle to the ranks that draw it.
 //!
-//! They arrive in the order that one machine alone would give them: that of the blocks in view, which every rank knows,
-//! whoever has their particles.
+//! Each rank puts the footprints that it receives into the order of a single machine: the order of the blocks in view.
+//! Every rank knows that order, whichever rank holds the blocks' particles.
 
 use rayon::prelude::*;
 
@@ -11,18 +11,18 @@ use crate::cpu::{CpuFrames, ProjectOutput};
 use crate::error::Result;
 use crate::record::{BlockView, ExactTerms, Footprint, NearTerms, SurfelTerms};
 
-/// Blocks in view that one task sorts by their destinations.
+/// Number of blocks in view that one task sorts by their destinations.
 const GRAIN: usize = 64;
 
-/// A block of a volume among those in view, and how many of its footprints follow.
+/// Volume, number of a block among the volume's blocks in view, and number of its footprints that follow.
 type Run = [u32; 3];
 
-/// What goes to one rank.
+/// Footprints that one rank sends to another.
 #[derive(Debug, Default)]
 struct Parcel {
     runs: Vec<Run>,
     footprints: Vec<Footprint>,
-    /// As many, or none.
+    /// One for each footprint, or none at all.
     exact: Vec<ExactTerms>,
     surfels: Vec<SurfelTerms>,
     near: Vec<NearTerms>,
@@ -48,21 +48,22 @@ impl Parcel {
     }
 }
 
-/// What footprints of some blocks are sorted by.
+/// Parameters that decide which ranks a footprint is sent to.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sorting<'a> {
-    /// Who draws what.
+    /// Tiles that each rank draws.
     pub(super) shares: &'a TileShares,
-    /// How many ranks there are.
+    /// Number of ranks.
     pub(super) ranks: usize,
-    /// Whether they are surfels of opaque surfaces.
+    /// Whether the footprints are surfels of opaque surfaces.
     pub(super) is_opaque: bool,
 }
 
-/// A frame's footprints for each rank, as bytes; how many reach the image, and how many are sent.
+/// Packs a frame's footprints as bytes for each rank that draws them. Also returns how many footprints reach the image,
+/// and how many are sent: one that reaches the tiles of several ranks is sent to each.
 ///
-/// - `frames`: of the blocks in its `views`.
-/// - `numbers`: of each volume's views there, their numbers among all that are in view.
+/// - `frames`: footprints of the blocks in its `views`.
+/// - `numbers`: for each volume and each of those views, the block's number among all blocks of the volume in view.
 pub(super) fn parcels(
     frames: &mut CpuFrames,
     numbers: &[Vec<u32>],
@@ -113,7 +114,7 @@ pub(super) fn parcels(
     (parts.collect(), sum)
 }
 
-/// Puts a footprint of a block in view into the parcels of those who draw it.
+/// Puts a footprint of a block in view into the parcels of the ranks that draw it.
 fn sort_one(
     frames: &CpuFrames,
     near: &[NearTerms],
@@ -153,14 +154,14 @@ fn sort_one(
     });
 }
 
-/// What arrived of a pass.
+/// Footprints of a pass that this rank received.
 #[derive(Debug, Default)]
 pub(super) struct Arrived {
     parcels: Vec<Parcel>,
 }
 
 impl Arrived {
-    /// Takes what one rank sent.
+    /// Adds the bytes that one rank sent.
     pub(super) fn add(&mut self, mut bytes: &[u8]) -> Result<()> {
         while !bytes.is_empty() {
             self.parcels.push(Parcel::take(&mut bytes)?);
@@ -168,16 +169,16 @@ impl Arrived {
         Ok(())
     }
 
-    /// How many footprints there are.
+    /// Number of footprints.
     pub(super) fn len(&self) -> usize {
         self.parcels.iter().map(|p| p.footprints.len()).sum()
     }
 
-    /// Puts them in their order into a frame, in place of its own.
+    /// Replaces a frame's footprints by these, in the order of a single machine.
     ///
-    /// - `exact_count`: how many footprints of all ranks are on the exact path.
+    /// - `exact_count`: number of footprints of all ranks on the exact path.
     pub(super) fn put(self, frames: &mut CpuFrames, exact_count: usize, is_opaque: bool) {
-        /// A run: its block, which parcel, and where there.
+        /// A run: its volume and block, its parcel, the place of its first footprint there, and their number.
         type Place = (u32, u32, usize, usize, usize);
         let mut runs: Vec<Place> = Vec::new();
         let mut near_firsts = Vec::with_capacity(self.parcels.len());

@@ -1,4 +1,4 @@
-//! The back end of ranks: each projects the particles it has and draws the tiles it has; the first has the picture.
+//! Draws frames over ranks: each rank projects its particles and draws its tiles; the first rank assembles the image.
 
 use std::mem::{replace, take};
 use std::ops::Range;
@@ -21,40 +21,40 @@ use crate::render::plan::{FramePlan, PassPlan};
 use crate::splat::Accumulate;
 use crate::stats::Stopwatch;
 
-/// Particles that are projected before their footprints leave, while those before travel: some 50 MB of footprints.
+/// Particles that a rank projects before it sends their footprints (about 50 MB), while the batch before is under way.
 const BATCH: usize = 1 << 19;
 
-/// Particles in view for each rank that are always drawn at once.
+/// Particles in view for each rank up to which the image is drawn in one part.
 const FEW: usize = 1 << 18;
 
-/// Frames of a scene whose particles ranks share.
+/// Draws frames of a scene whose particles are partitioned among ranks.
 #[derive(Debug)]
 pub(crate) struct RankFrames {
     ranks: Ranks,
     cpu: CpuFrames,
-    /// Of each volume, the blocks whose particles are here.
+    /// Blocks whose particles this rank holds, for each volume.
     own: Vec<Vec<Range<u32>>>,
-    /// Of the last frame, by rank.
+    /// Statistics of the last frame, by rank.
     stats: Vec<RankStats>,
-    /// Of this rank, while a frame is drawn.
+    /// Statistics of this rank, for the frame that is being drawn.
     now: RankStats,
-    /// Footprints that a rank has at a time at most.
+    /// Most footprints that a rank may hold at a time.
     most: usize,
 }
 
-/// A pass that is about to be drawn.
+/// View and visible blocks of a pass that is about to be drawn.
 struct Seen {
-    /// With the scale of its depth keys.
+    /// View, with the scale of its depth keys.
     view: ViewUniform,
-    /// Of each volume the blocks in view, whoever has their particles.
+    /// Blocks in view for each volume, whichever rank holds their particles.
     views: Vec<Vec<BlockView>>,
 }
 
 impl RankFrames {
-    /// Of a scene that every rank has: this one keeps the particles of every so many blocks.
+    /// Partitions a scene that every rank holds: with n ranks, each keeps the particles of every n-th run of blocks.
     ///
     /// # Errors
-    /// Those of [`BlockedScene::keep`].
+    /// The errors of [`BlockedScene::keep`].
     pub(crate) fn sharing(ranks: Ranks, scene: &mut BlockedScene) -> Result<Self> {
         let (size, rank) = (ranks.size(), ranks.rank());
         let own = (0..).zip(scene.volumes());
@@ -64,9 +64,9 @@ impl RankFrames {
         Ok(Self::of_shared(ranks, own))
     }
 
-    /// Of a scene of which this rank has its share alone.
+    /// Takes a scene of which this rank holds its share only.
     ///
-    /// - `own`: of each volume, the blocks whose particles are here.
+    /// - `own`: for each volume, the blocks whose particles this rank holds.
     pub(super) fn of_shared(ranks: Ranks, own: Vec<Vec<Range<u32>>>) -> Self {
         Self {
             ranks,
@@ -78,7 +78,7 @@ impl RankFrames {
         }
     }
 
-    /// The amplitudes of all ranks' particles.
+    /// Summarises the amplitudes of all ranks' particles.
     ///
     /// # Errors
     /// A rank that is gone.
@@ -108,7 +108,7 @@ impl RankFrames {
         Ok(all.fold(known, |a, b| a.and(&b)))
     }
 
-    /// Of the last frame, by rank.
+    /// Statistics of the last frame, by rank.
     pub(crate) fn stats(&self) -> &[RankStats] {
         &self.stats
     }
@@ -117,7 +117,7 @@ impl RankFrames {
         self.ranks.rank()
     }
 
-    /// Which blocks every pass draws, and who draws which tiles.
+    /// Finds the blocks in view of every pass, and assigns tiles to ranks.
     fn see(
         &mut self,
         scene: &BlockedScene,
@@ -145,15 +145,15 @@ impl RankFrames {
         Ok((passes, work.shares(self.ranks.size())))
     }
 
-    /// Whether a block's particles are here.
+    /// Whether this rank holds a block's particles.
     fn is_own(&self, volume: usize, block: u32) -> bool {
         let runs = &self.own[volume];
         let run = runs.partition_point(|run| run.end <= block);
         runs.get(run).is_some_and(|run| run.contains(&block))
     }
 
-    /// How many parts of the picture are drawn one after another, so that ranks have no more footprints at a time, on
-    /// average, than there is memory for: the same for all of them.
+    /// Returns the number of parts of the image that are drawn one after another, the same on all ranks. A part's
+    /// footprints, averaged over the ranks, fit the memory of each rank.
     fn parts_of(
         &mut self,
         scene: &BlockedScene,
@@ -172,7 +172,7 @@ impl RankFrames {
         if in_view <= few || !is_cut_into_strips(plan, pass) {
             return Ok(1);
         }
-        // Of what is in view some may be transparent.
+        // Some of the particles in view may be transparent.
         for (v, views) in seen.views.iter().enumerate() {
             let is_own = |view: &&BlockView| self.is_own(v, view.block);
             let own = views.iter().filter(is_own).copied().collect();
@@ -185,15 +185,15 @@ impl RankFrames {
         let most = self.cpu.most_particles(each).min(self.most) as u64;
         let most = self.ranks.gather_records(Ok(vec![most]))?;
         let most = most.into_iter().flatten().min().unwrap_or(1).max(1);
-        // As many as tiles at the most.
+        // No more parts than tiles.
         let tiles = view_tiles(&seen.view, tile_size(pass));
         Ok((each.div_ceil(most as usize)).clamp(1, tiles.max(1)))
     }
 
-    /// The views of this rank's blocks and their numbers among all, in batches of some particles: of each batch those
-    /// of every volume.
+    /// Splits this rank's blocks in view into batches of about [`BATCH`] particles. A batch has the views of every
+    /// volume, and each block's number among all in view.
     ///
-    /// - `part`: where a part of the picture is drawn, what that is.
+    /// - `part`: the part of the image that is drawn, unless all of it is.
     fn batches(
         &self,
         scene: &BlockedScene,
@@ -234,7 +234,8 @@ impl RankFrames {
         batches
     }
 
-    /// Projects what is here of a pass and sends it, batch by batch, to those who draw it; takes what is drawn here.
+    /// Projects this rank's blocks of a pass, batch by batch, and sends the footprints to the ranks that draw them.
+    /// Returns the footprints that this rank draws.
     #[allow(
         clippy::too_many_arguments,
         reason = "a frame, a part of it, and what is counted"
@@ -254,7 +255,7 @@ impl RankFrames {
         let counts = self.ranks.gather_records(Ok(vec![batches.len() as u64]))?;
         let rounds = counts.concat().into_iter().max().unwrap_or(0);
         let mut out = Projected::default();
-        // A rank that failed goes on to take part, so that all learn of it.
+        // A rank that failed goes on to take part, so that all ranks receive its error.
         let mut fault = None;
         for round in 0..=rounds {
             if round < rounds {
@@ -287,7 +288,7 @@ impl RankFrames {
         fault.map_or(Ok(out), Err)
     }
 
-    /// The footprints of a batch for each rank.
+    /// Projects a batch and packs its footprints for each rank.
     #[allow(
         clippy::too_many_arguments,
         reason = "a frame, a part of it, and what is counted"
@@ -337,7 +338,7 @@ impl RankFrames {
         Ok(parts)
     }
 
-    /// All stages of a pass but the last.
+    /// Draws a pass, without resolving it.
     fn draw_pass(
         &mut self,
         scene: &BlockedScene,
@@ -365,7 +366,7 @@ impl RankFrames {
         Ok(())
     }
 
-    /// The same of some of the tiles of each rank, or of all.
+    /// Draws a part of the image, or all of it: the tiles in `shares`.
     #[allow(
         clippy::too_many_arguments,
         reason = "a frame, a part of it, and what is counted"
@@ -405,7 +406,8 @@ impl RankFrames {
             let rows = (view.size[1] as usize).div_ceil(size);
             self.cpu.bands(view, size, 0..rows, MOST_ENTRIES)
         } else if tile_count > MOST_ENTRIES {
-            // Sums are formed in parts that follow from the lists of a band: all ranks have the same bands.
+            // Sums are formed band by band in parts that follow the bands' tile lists: all ranks must have the same
+            // bands.
             cut_into_bands(rows, MOST_ENTRIES)
         } else {
             std::iter::once(0..(view.size[1] as usize).div_ceil(size)).collect()
@@ -433,7 +435,7 @@ impl RankFrames {
         self.ranks.agree(drawn)
     }
 
-    /// Brings the tiles of a frame to the first rank, which makes images of them.
+    /// Gathers the tiles of a frame on the first rank, which makes images of them.
     fn gather(
         &mut self,
         plan: &FramePlan,
@@ -475,7 +477,7 @@ impl RankFrames {
         resolved
     }
 
-    /// Puts the tiles of the other ranks where they belong.
+    /// Copies the tiles of the other ranks to their places in the image.
     fn place(&mut self, plan: &FramePlan, shares: &TileShares, parts: &[Vec<u8>]) -> Result<()> {
         for (rank, part) in parts.iter().enumerate().skip(1) {
             let mut part = part.as_slice();
@@ -543,21 +545,21 @@ fn view_tiles(view: &ViewUniform, size: usize) -> usize {
     columns * rows
 }
 
-/// A part of the picture that is drawn at a time.
+/// A part of the image that is drawn at a time.
 struct Part<'a> {
-    /// Around what each rank draws of it.
+    /// Frusta around the tiles that each rank draws in this part.
     frusta: Vec<Frustum>,
-    /// Of each volume's blocks in view, whether a part before had them.
+    /// Whether an earlier part had a block, for each volume's blocks in view.
     had: &'a mut Vec<Vec<bool>>,
 }
 
 /// Some of this rank's blocks in view.
 struct Batch {
-    /// Of each volume.
+    /// Views of the blocks, for each volume.
     views: Vec<Vec<BlockView>>,
-    /// Their numbers among all in view.
+    /// Number of each block among all of its volume in view.
     numbers: Vec<Vec<u32>>,
-    /// Whether a part of the picture before had them already.
+    /// Whether an earlier part of the image had the block already.
     again: Vec<Vec<bool>>,
 }
 
@@ -571,12 +573,12 @@ impl Batch {
     }
 }
 
-/// What was found of a pass.
+/// Footprints that a pass left on this rank, and counts of those made here.
 #[derive(Debug, Default)]
 struct Projected {
     arrived: Arrived,
-    /// Of the footprints that were made here: how many are on the exact path, how many tiles their boxes touch, and of
-    /// column densities how many tiles of each row.
+    /// Counts of the footprints that this rank made: how many are on the exact path, how many tiles their boxes touch,
+    /// and, for column densities, how many tiles in each row.
     exact_count: u64,
     tile_count: u64,
     rows: Vec<u64>,
@@ -597,7 +599,7 @@ mod tests {
     use crate::stats::FrameCounts;
     use crate::view::Camera;
 
-    /// Spheres about the origin, and surfels of an opaque plane among them.
+    /// Returns spheres about the origin, and an opaque plane of surfels among them.
     fn volumes() -> Vec<PointVolume> {
         let at = |i: usize| (DVec3::new(0.754_878, 0.569_840, 0.618_034) * i as f64).fract() - 0.5;
         let count = 12_000;
@@ -625,7 +627,7 @@ mod tests {
         vec![spheres, plane]
     }
 
-    /// The picture of some ranks, what they counted, and the most footprints that one of them received.
+    /// Draws with `size` ranks; returns the image, the counts, and the most footprints that one rank received.
     fn drawn(
         size: usize,
         most: usize,
@@ -676,7 +678,7 @@ mod tests {
                     let (cut, cut_counts, in_parts) = drawn(size, most, &camera, &settings);
                     assert_eq!(cut_counts, counts, "{size} ranks, {most}");
                     assert!(bits(&cut) == bits(&image), "{size} ranks, {most}");
-                    // What reaches several parts comes several times.
+                    // A footprint that reaches several parts is sent for each of them.
                     assert!(size > 1 || in_parts >= received, "{in_parts} {received}");
                     several += usize::from(size == 1 && in_parts > received);
                 }

@@ -1,4 +1,4 @@
-//! A curvilinear grid in pieces, of which each rank reads some and gets planes.
+//! Reads a curvilinear grid in pieces: each rank reads some pieces, and receives the planes that it samples.
 
 use std::ops::Range;
 
@@ -23,17 +23,19 @@ use crate::sample::{
 };
 use crate::scene::{Surroundings, Tiling, ValueScale, Values};
 
-/// Planes of nodes that one of several ranks samples.
+/// Returns the planes of nodes, of `count`, that a rank samples.
 fn own_planes(count: usize, rank: usize, size: usize) -> Range<usize> {
     rank * count / size..(rank + 1) * count / size
 }
 
-/// Reads this rank's pieces, gets its planes of constant k with those around, and makes particles of them: those that
-/// [`sample::volume`](crate::sample::volume) makes of the whole grid. `None` where these are made otherwise: of a surface and of a
-/// flattened field, of a grid that closes along k, and where finer cells stand for some.
+/// Reads this rank's pieces, receives its planes of constant k with the halo around them, and makes particles of them:
+/// the particles that [`sample::volume`](crate::sample::volume) makes of the whole grid.
+///
+/// Returns `None` if one rank must read the whole grid: a surface, a flattened field, a grid that closes along k, a
+/// grid with cells that finer cells replace, or sampling options that need all values on one rank.
 ///
 /// # Errors
-/// What reading or sampling says, on any rank; nothing that can be drawn; a rank that is gone.
+/// The errors of reading or sampling, on any rank; nothing that can be drawn; a rank that is gone.
 pub(crate) fn read_grid(
     file: &VtsPieces,
     options: &SampleOptions,
@@ -54,14 +56,14 @@ pub(crate) fn read_grid(
     let seen = seen_by_all(&own.seen, ranks)?;
     let head = head_of(&own.head(file, &seen), ranks)?;
     let name = shown_field(&head, options)?;
-    // A name that is none is an error of all ranks.
+    // An unknown name is an error on all ranks.
     head.scalar(&name)?;
     let Some((field, _)) = head.selected(&name) else {
         return Ok(None);
     };
     let arrays = own.keep(&head, field);
     let window = |rank: usize| match own_planes(count, rank, size) {
-        // Of more ranks than planes the first has none, but is asked for the first ones.
+        // If there are more ranks than planes, some ranks sample none; they receive the first two.
         none if none.is_empty() => 0..2,
         own => planes_around(&own, count, options),
     };
@@ -168,8 +170,8 @@ fn take_block(bytes: &mut &[u8], kinds: &[&str]) -> Result<BlockPlanes> {
     })
 }
 
-/// A rank's planes, of what all ranks have sent of them; the least and the greatest coordinates, and whether finer cells stand
-/// for some.
+/// Assembles a rank's planes from the blocks that all ranks sent. Also returns the least and the greatest coordinates,
+/// and whether finer cells replace some of these.
 #[allow(
     clippy::type_complexity,
     reason = "three things that are found at once"
@@ -219,7 +221,7 @@ fn planes_of(
     Ok((here, corners, is_refined))
 }
 
-/// Whether the first and the last plane along each index are one.
+/// Returns, for each index, whether the first and the last plane of the whole grid coincide.
 fn seams(here: &GridPlanes, ranks: &mut Ranks) -> Result<[bool; 3]> {
     let [ni, nj, planes] = here.dims;
     let Window { count, own, .. } = &here.window;
@@ -227,7 +229,7 @@ fn seams(here: &GridPlanes, ranks: &mut Ranks) -> Result<[bool; 3]> {
     let mut found = [0, 1]
         .map(|d| seam(here.dims, &here.nodes, d, own.clone()))
         .to_vec();
-    // The last rank has the last planes, the first one the first.
+    // The last rank holds the last planes, the first rank the first planes.
     let is_last = ranks.rank() + 1 == ranks.size();
     let mut last = Vec::new();
     if is_last && planes > 1 {
@@ -263,7 +265,7 @@ fn seams(here: &GridPlanes, ranks: &mut Ranks) -> Result<[bool; 3]> {
     Ok(all.map(Seam::is_seam))
 }
 
-/// The ranks that have the rest of a grid.
+/// Collective operations with the ranks that hold the rest of a grid.
 struct OtherRanks<'a>(&'a mut Ranks);
 
 impl Rest for OtherRanks<'_> {
@@ -304,7 +306,7 @@ mod tests {
 
     /// Writes a grid in pieces that share planes: two along j, four along k.
     ///
-    /// - `place`: of a node.
+    /// - `place`: position of a node.
     fn write(folder: &Path, place: &dyn Fn([usize; 3]) -> DVec3) -> PathBuf {
         let [x, y, z] = DIMS.map(|n| n - 1);
         let mut index = format!(
@@ -312,7 +314,7 @@ mod tests {
             y + 5,
             z - 3
         );
-        // The last is one node thick.
+        // The last piece is one node thick.
         let cuts = [[0, 20], [20, 41], [41, 44], [44, z], [60, 60]];
         for n in 0..9 {
             let (js, ks) = ([[0, 3], [3, y]][n % 2], cuts[n / 2]);
@@ -378,7 +380,7 @@ mod tests {
         path
     }
 
-    /// Sheared and jittered, with steps that grow and shrink at once; one node lies nowhere.
+    /// A sheared and jittered grid whose steps grow and jump; one node has no position.
     fn bent([i, j, k]: [usize; 3]) -> DVec3 {
         let jitter = |d: usize| {
             let n = i + 31 * j + 1_009 * k + 7 * d;
@@ -396,7 +398,7 @@ mod tests {
         )
     }
 
-    /// Closed along i.
+    /// A grid that closes along i.
     fn ring([i, j, k]: [usize; 3]) -> DVec3 {
         let turn = std::f64::consts::TAU * i as f64 / (DIMS[0] - 1) as f64;
         let radius = 2.0 + 0.5 * j as f64 + 0.01 * (j * j) as f64;
@@ -462,7 +464,7 @@ mod tests {
         let found = check(&path, &sharp, &[1, 3, 4]);
         let on_seam = |f: &crate::sample::Finding| f.reason.contains("seam") && f.count == 600;
         assert!(found.report.findings.iter().any(on_seam));
-        // Along k one reads for all.
+        // A grid that closes along k is read by one rank.
         let last = DIMS[2] - 1;
         let path = write(folder.path(), &|[i, j, k]| {
             let turn = std::f64::consts::TAU * k as f64 / last as f64;

@@ -1,4 +1,4 @@
-//! What volumes have besides their particles, as the rank that has them tells it to others.
+//! Describes volumes without their particles (metadata), as the rank that has them sends them to the others.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,14 +10,14 @@ use crate::scene::{
     TransferFunction, Values,
 };
 
-/// All that a volume has besides its particles.
+/// Metadata of a volume: everything but its particles.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Head {
     function: Option<Function>,
     lattice: Option<Grid>,
     columns: BatchHead,
     has_boundary: bool,
-    /// Whether it is a lattice of values alone.
+    /// Whether the volume is a lattice of values only.
     pub(super) is_plain: bool,
 }
 
@@ -76,10 +76,10 @@ impl Head {
         }
     }
 
-    /// The volume without particles; a lattice without values.
+    /// Returns the volume without particles, or a lattice without values.
     ///
     /// # Errors
-    /// What no rank of this program says.
+    /// Metadata that no rank of this program sends.
     pub(super) fn volume(&self) -> Result<PointVolume> {
         let columns = &self.columns;
         let particles = match (columns.particles, &self.lattice) {
@@ -148,13 +148,13 @@ impl Head {
     }
 }
 
-/// Heads as bytes.
+/// Encodes metadata as bytes.
 ///
 /// # Errors
-/// Lengths or colours that are no numbers.
+/// Lengths or colours that are not finite.
 pub(super) fn told(heads: &[Head]) -> Result<Vec<u8>> {
     let text = serde_json::to_vec(heads).unwrap_or_default();
-    // Numbers that are none come back as nothing.
+    // JSON stores numbers that are not finite as null, which cannot be read back.
     match heard(&text) {
         Ok(_) => Ok(text),
         Err(_) => Err(Error::invalid(

@@ -1,4 +1,4 @@
-//! Records as the bytes that travel between ranks, and back.
+//! Encodes records as the bytes that ranks send to one another, and decodes them.
 
 use bytemuck::Pod;
 
@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 #[cfg(feature = "cli")]
 use crate::scene::Values;
 
-/// Appends records, their number before them.
+/// Appends the number of the records, then the records.
 pub(crate) fn put<T: Pod>(bytes: &mut Vec<u8>, records: &[T]) {
     bytes.extend_from_slice(&(records.len() as u64).to_le_bytes());
     bytes.extend_from_slice(bytemuck::cast_slice(records));
@@ -15,7 +15,7 @@ pub(crate) fn put<T: Pod>(bytes: &mut Vec<u8>, records: &[T]) {
 /// Takes records off the beginning of bytes, as [`put`] appended them.
 ///
 /// # Errors
-/// Fewer bytes than that: not what a rank of this program sends.
+/// Fewer bytes than announced: no rank of this program sends that.
 pub(crate) fn take<T: Pod>(bytes: &mut &[u8]) -> Result<Vec<T>> {
     let short = || unknown("fewer bytes");
     let (count, rest) = bytes.split_first_chunk::<8>().ok_or_else(short)?;
@@ -27,7 +27,7 @@ pub(crate) fn take<T: Pod>(bytes: &mut &[u8]) -> Result<Vec<T>> {
     Ok(bytemuck::pod_collect_to_vec(records))
 }
 
-/// Appends values; floating-point ones with their precision, which differs from rank to rank.
+/// Appends values. Floating-point values carry their precision, which differs from rank to rank.
 #[cfg(feature = "cli")]
 pub(super) fn put_values(bytes: &mut Vec<u8>, values: &Values) {
     match values {
@@ -45,10 +45,10 @@ pub(super) fn put_values(bytes: &mut Vec<u8>, values: &Values) {
     }
 }
 
-/// Takes values of the same type as others, floating-point ones of either precision.
+/// Takes values of the same type as `alike`; floating-point values may have either precision.
 ///
 /// # Errors
-/// Those of [`take`].
+/// The errors of [`take`].
 #[cfg(feature = "cli")]
 pub(super) fn take_values(bytes: &mut &[u8], alike: &Values) -> Result<Values> {
     Ok(match alike {
@@ -63,7 +63,7 @@ pub(super) fn take_values(bytes: &mut &[u8], alike: &Values) -> Result<Values> {
     })
 }
 
-/// That another rank said what no rank of this program says.
+/// Returns the error that another rank sent a message that no rank of this program sends.
 pub(crate) fn unknown(found: &str) -> Error {
     let advice = "start the same program on every rank";
     let expected = "records as this program sends them";

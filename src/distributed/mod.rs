@@ -1,35 +1,45 @@
-//! One picture by many ranks, each of which has a share of the scene.
+//! Renders one image of a scene that is partitioned among ranks (MPI processes or threads).
 //!
-//! Sort-middle: a rank culls, classifies and projects the particles that it has; their footprints travel to the ranks
-//! that own the image's tiles; these sort them by depth, list them by tile and draw; the first rank gathers the tiles.
-//! What crosses the network is footprints, and the picture is that of one machine, bit for bit, whatever the number of
-//! ranks and wherever the particles are: blocks, levels of detail, depth keys and layers are those of the whole scene,
-//! footprints are drawn in the order that one machine gives them, and sums are formed in its order.
+//! The method is sort-middle parallel rendering. A frame takes four steps:
+//!
+//! 1. Each rank culls, classifies and projects the particles that it holds.
+//! 2. Each rank sends the footprints to the ranks that own the image tiles which they touch.
+//! 3. Each rank sorts the footprints of its tiles by depth, lists them by tile and draws them.
+//! 4. The first rank gathers the tiles.
+//!
+//! Ranks exchange footprints and finished tiles during a frame, never particles.
+//!
+//! The image is bit for bit that of a single rank, for any number of ranks and any partition of the particles. To that
+//! end, blocks, levels of detail, depth keys and layers are those of the whole scene. Footprints are drawn, and sums
+//! are formed, in the order of a single rank.
+//!
+//! All communication is collective: every rank calls the same functions in the same order ([`Communicator`]). A rank
+//! that fails sends its error in place of its data (`Ranks`).
 //!
 //! | file | subject |
 //! |---|---|
-//! | `communicator.rs` | what ranks say to one another |
+//! | `communicator.rs` | interface of the messages between ranks |
 //! | `threads.rs` | ranks that are threads of one process |
 //! | `mpi.rs` | ranks that are processes (feature `mpi`) |
-//! | `ranks.rs` | ranks that know of one another's failures |
-//! | `message.rs` | records as bytes |
-//! | `share.rs` | what each rank brings of a scene |
-//! | `read.rs` | a file of points that ranks read together (feature `prepared`) |
-//! | `rows.rs` | a file of points that look at their neighbours, whose rows ranks read together (feature `cli`) |
-//! | `surroundings.rs` | points of other ranks among these neighbours (feature `cli`) |
-//! | `pieces.rs` | an unstructured grid whose pieces ranks read together (feature `cli`) |
-//! | `grid.rs` | a curvilinear grid in pieces, of which ranks get planes (feature `cli`) |
-//! | `rings.rs` | cells of other ranks around these (feature `cli`) |
-//! | `patch.rs` | some of its cells, as bytes (feature `cli`) |
-//! | `planes.rs` | a lattice whose planes ranks read together (feature `cli`) |
-//! | `shown.rs` | the function of a field of which each rank has some values (feature `cli`) |
-//! | `scatter.rs` | volumes that one rank has, for all (feature `prepared`) |
-//! | `head.rs` | what volumes have besides their particles (feature `prepared`) |
-//! | `tiles.rs` | which rank draws which tiles |
-//! | `exchange.rs` | footprints on their way |
-//! | `frames.rs` | frames, stage after stage |
-//! | `statistics.rs` | what each rank did |
-//! | `renderer.rs` | a scene, and its pictures |
+//! | `ranks.rs` | collective calls that also carry errors |
+//! | `message.rs` | encoding of records as bytes |
+//! | `share.rs` | the part of a scene that a rank contributes, and blocks made of all parts |
+//! | `read.rs` | parallel reading of a file of points, by rows (feature `prepared`) |
+//! | `rows.rs` | parallel reading of points that are sampled by their neighbours (feature `cli`) |
+//! | `surroundings.rs` | halo of these points: neighbours on other ranks (feature `cli`) |
+//! | `pieces.rs` | parallel reading of an unstructured grid in pieces (feature `cli`) |
+//! | `rings.rs` | ghost layers of its cells (feature `cli`) |
+//! | `patch.rs` | encoding of some of its cells as bytes (feature `cli`) |
+//! | `grid.rs` | parallel reading of a curvilinear grid in pieces, sampled by planes (feature `cli`) |
+//! | `planes.rs` | parallel reading of a lattice, by planes (feature `cli`) |
+//! | `shown.rs` | transfer function chosen from the values of all ranks (feature `cli`) |
+//! | `scatter.rs` | scattering of volumes that one rank holds (feature `prepared`) |
+//! | `head.rs` | metadata of volumes: everything but their particles (feature `prepared`) |
+//! | `tiles.rs` | assignment of tiles to ranks |
+//! | `exchange.rs` | exchange of footprints |
+//! | `frames.rs` | stages of a frame |
+//! | `statistics.rs` | counts and times of each rank |
+//! | `renderer.rs` | the public renderer |
 
 #![allow(
     clippy::cast_possible_truncation,

@@ -1,7 +1,7 @@
-//! Ranks that are processes, over MPI.
+//! Implements ranks that are processes, over MPI.
 //!
-//! Calls are those of the C interface, whose return codes are looked at: the crate's own wrappers drop them. Lengths of
-//! MPI are 32-bit numbers: what is longer travels in rounds.
+//! Calls go to the C interface, because the crate's own wrappers drop the return codes that are checked here. MPI's
+//! lengths are 32-bit numbers: longer messages are sent in rounds.
 
 #![allow(
     unsafe_code,
@@ -18,22 +18,22 @@ use mpi::ffi;
 use super::communicator::Communicator;
 use crate::error::{Error, Result};
 
-/// Bytes of a round, of one rank to all others or of all to one.
+/// Bytes in a round, from one rank to all others or from all to one.
 const ROUND: usize = 1 << 30;
 
-/// A rank of an MPI job: of one that this program starts, or of a program that has a communicator of its own.
+/// A rank of an MPI job that this program starts, or of a host program's communicator.
 pub struct MpiRank {
-    /// A duplicate of the caller's, which reports errors instead of ending the program.
+    /// A duplicate of the caller's communicator, which reports errors instead of ending the program.
     communicator: ffi::MPI_Comm,
     rank: usize,
     size: usize,
     under_way: VecDeque<Exchange>,
-    /// Ends MPI where it was started here.
+    /// Ends MPI when dropped, if this rank started it.
     universe: Option<Universe>,
 }
 
-// SAFETY: a communicator is a handle without a thread of its own; MPI was started so that any thread may call it, one
-// at a time, and this one is called through `&mut`.
+// SAFETY: a communicator is a handle that belongs to no thread. MPI was started so that any thread may call it, one at
+// a time, and this communicator is called through `&mut`.
 unsafe impl Send for MpiRank {}
 
 impl fmt::Debug for MpiRank {
@@ -48,11 +48,11 @@ impl fmt::Debug for MpiRank {
 /// An exchange under way, in rounds.
 struct Exchange {
     rounds: Vec<Round>,
-    /// Bytes that each rank sends here.
+    /// Number of bytes that each rank sends here.
     lengths: Vec<usize>,
 }
 
-/// Boxed slices do not move while MPI reads and writes them.
+/// One round of an exchange. Boxed slices do not move while MPI reads and writes them.
 struct Round {
     request: ffi::MPI_Request,
     received: Box<[u8]>,
@@ -61,14 +61,14 @@ struct Round {
     _sent_places: Places,
 }
 
-/// Lengths of the parts of a buffer, and where they begin.
+/// Lengths and beginnings of the parts of a buffer.
 struct Places {
     counts: Box<[c_int]>,
     firsts: Box<[c_int]>,
 }
 
 impl Places {
-    /// Of the parts that a round has of messages of these lengths.
+    /// Places of the parts that a round carries of messages of these lengths.
     fn of(lengths: &[usize], round: usize, cap: usize) -> Self {
         let count = |&len: &usize| len.saturating_sub(round * cap).min(cap);
         let mut first = 0;
@@ -86,29 +86,29 @@ impl Places {
         self.counts.iter().map(|&count| count as usize).sum()
     }
 
-    /// A part of a buffer of the round.
+    /// Returns a rank's part of the round's buffer.
     fn part<'a>(&self, buffer: &'a [u8], rank: usize) -> &'a [u8] {
         let first = self.firsts[rank] as usize;
         &buffer[first..first + self.counts[rank] as usize]
     }
 }
 
-/// Rounds hold no more than a `c_int` counts.
+/// Narrows a length: rounds hold no more than a `c_int` counts.
 fn narrow(length: usize) -> c_int {
     c_int::try_from(length).unwrap_or(c_int::MAX)
 }
 
-/// Most bytes of a pair of ranks in a round, and how many rounds the longest message takes.
+/// Returns the most bytes that a pair of ranks sends in a round, and the number of rounds of the longest message.
 fn rounds(longest: usize, size: usize) -> (usize, usize) {
     let cap = (ROUND / size).max(1);
     (cap, longest.div_ceil(cap).max(1))
 }
 
 impl MpiRank {
-    /// This process among all that `mpirun` or `srun` started.
+    /// Joins all processes that `mpirun` or `srun` started.
     ///
     /// # Errors
-    /// MPI that does not start, has been started already, or may not be called by any thread.
+    /// MPI does not start, has been started already, or may not be called by any thread.
     pub fn world() -> Result<Self> {
         let refused = |found: &str| {
             let expected = "to start once, for calls from any thread";
@@ -131,11 +131,11 @@ impl MpiRank {
         Ok(rank)
     }
 
-    /// This process among those of a communicator of a program that has started MPI, for calls from any thread
-    /// (`MPI_THREAD_SERIALIZED`). It stays the program's: a duplicate is used.
+    /// Joins the processes of a host program's communicator. The host has started MPI for calls from any thread
+    /// (`MPI_THREAD_SERIALIZED`). The communicator stays the host's: this rank uses a duplicate.
     ///
     /// # Errors
-    /// What MPI says.
+    /// The errors of MPI.
     ///
     /// # Safety
     /// The communicator is valid and no intercommunicator, and MPI runs until this rank is dropped.
@@ -163,13 +163,13 @@ impl MpiRank {
         })
     }
 
-    /// What ends MPI when it is dropped, where this rank started it; the rank no longer does.
+    /// Takes the value that ends MPI when it is dropped, if this rank started MPI; the rank no longer ends it.
     #[cfg(feature = "cli")]
     pub(crate) fn universe(&mut self) -> Option<Universe> {
         self.universe.take()
     }
 
-    /// Waits until all processes of the job are here, while MPI runs.
+    /// Waits for all processes of the job, while MPI runs.
     #[cfg(feature = "cli")]
     pub(crate) fn wait_for_all() {
         // SAFETY: the world's communicator is valid while MPI runs. An error ends the job.
@@ -180,7 +180,7 @@ impl MpiRank {
 
     /// Ends all processes of the job.
     pub(crate) fn end_all() {
-        // SAFETY: the world's communicator is valid while MPI runs; without it nothing is to be ended.
+        // SAFETY: the world's communicator is valid while MPI runs; if MPI does not run, there is nothing to end.
         unsafe {
             let (mut begun, mut ended) = (0, 0);
             ffi::MPI_Initialized(&raw mut begun);
@@ -191,7 +191,8 @@ impl MpiRank {
         }
     }
 
-    /// Two numbers of each rank: one for each, and one for all.
+    /// Exchanges lengths. Returns the number of bytes that each rank sends here, and the greatest `longest` of all
+    /// ranks.
     fn lengths(&self, own: &[usize], longest: usize) -> Result<(Vec<usize>, usize)> {
         let sent: Vec<u64> = own
             .iter()
@@ -321,7 +322,7 @@ impl Communicator for MpiRank {
 
 impl Drop for MpiRank {
     fn drop(&mut self) {
-        // What MPI still reads and writes must not be freed before it is done.
+        // MPI may still read and write these buffers: they must not be freed before it is done.
         while !self.under_way.is_empty() && self.complete().is_ok() {}
         std::mem::forget(std::mem::take(&mut self.under_way));
         // SAFETY: the duplicate is this rank's own and is freed once.
@@ -331,14 +332,14 @@ impl Drop for MpiRank {
     }
 }
 
-/// An error code of MPI in words.
+/// Turns an error code of MPI into an error with MPI's text.
 fn check(place: &str, code: c_int) -> Result<()> {
     if code == 0 {
         return Ok(());
     }
     let mut text = [0_u8; 1024];
     let mut length = 0;
-    // SAFETY: a text has at most MPI_MAX_ERROR_STRING bytes, 512 of MPICH and 256 of Open MPI.
+    // SAFETY: a text has at most MPI_MAX_ERROR_STRING bytes: 512 in MPICH, 256 in Open MPI.
     unsafe {
         ffi::MPI_Error_string(code, text.as_mut_ptr().cast(), &raw mut length);
     }
@@ -357,7 +358,7 @@ fn check(place: &str, code: c_int) -> Result<()> {
 mod tests {
     use super::*;
 
-    /// Rounds of messages of any lengths are the messages, and each fits 32-bit lengths.
+    /// The rounds of messages of any lengths add up to the messages, and each fits 32-bit lengths.
     #[test]
     fn rounds_are_whole_messages() {
         for lengths in [

@@ -1,4 +1,4 @@
-//! Some cells of a mesh with their nodes and a field, on their way from one rank to another.
+//! Encodes some cells of a mesh with their nodes and a field, to send them from one rank to another.
 
 use std::path::Path;
 
@@ -7,11 +7,11 @@ use crate::error::Result;
 use crate::io::{Association, CellKind, CellMesh, check_cells, renumber};
 use crate::scene::Values;
 
-/// Cells, their nodes, and the values of either.
+/// Cells, their nodes, and values at the cells or at the nodes.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Patch {
     pub(super) mesh: CellMesh,
-    /// 1 for each node, and for each cell, that is hidden.
+    /// 1 for each hidden node, and for each hidden cell; else 0.
     pub(super) hidden_nodes: Vec<u8>,
     pub(super) hidden_cells: Vec<u8>,
     pub(super) association: Association,
@@ -19,7 +19,7 @@ pub(super) struct Patch {
 }
 
 impl Patch {
-    /// Nothing, with a field as another has it.
+    /// Returns an empty patch with a field of the same type as another patch's.
     pub(super) fn none_of(other: &Self) -> Self {
         Self {
             mesh: CellMesh {
@@ -33,9 +33,9 @@ impl Patch {
         }
     }
 
-    /// Some nodes and some cells.
+    /// Extracts some nodes and some cells.
     ///
-    /// - `number`: what a node is called there.
+    /// - `number`: a node's number in the new patch.
     pub(super) fn some(&self, nodes: &[u32], cells: &[u32], number: impl Fn(u32) -> u32) -> Self {
         let mut some = Self::none_of(self);
         let own = &self.mesh;
@@ -59,11 +59,11 @@ impl Patch {
         some
     }
 
-    /// Some cells and their nodes, and which nodes these are.
+    /// Extracts some cells with their nodes; also returns the numbers of these nodes.
     pub(super) fn of_cells(&self, cells: &[u32]) -> (Self, Vec<u32>) {
         let mut nodes = Vec::new();
         for &cell in cells {
-            // All that it names, those of faces that are none among them.
+            // All nodes that a cell names, also in faces that are not in use.
             let mut entries = self.mesh.cell(cell as usize).to_vec();
             renumber(self.mesh.kinds[cell as usize], &mut entries, |node| {
                 nodes.push(node);
@@ -76,9 +76,9 @@ impl Patch {
         (self.some(&nodes, cells, number), nodes)
     }
 
-    /// Adds what follows.
+    /// Appends another patch.
     ///
-    /// - `shift`: what is added to the numbers of its nodes.
+    /// - `shift`: number added to the node numbers of the other patch.
     pub(super) fn append(&mut self, mut other: Self, shift: u32) {
         self.mesh.append(other.mesh, shift);
         self.hidden_nodes.append(&mut other.hidden_nodes);
@@ -97,9 +97,9 @@ impl Patch {
         put_values(bytes, &self.values);
     }
 
-    /// What [`Self::put`] has put there.
+    /// Reads a patch that [`Self::put`] wrote.
     ///
-    /// - `alike`: one with a field of the same type.
+    /// - `alike`: a patch with a field of the same type.
     ///
     /// # Errors
     /// Cells that no rank of this program sends.

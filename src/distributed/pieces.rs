@@ -1,4 +1,4 @@
-//! An unstructured grid in pieces, of which each rank reads some.
+//! Reads an unstructured grid in pieces, some pieces on each rank.
 
 use std::ops::Range;
 
@@ -23,7 +23,7 @@ use crate::sample::{
 };
 use crate::scene::{Surroundings, Tiling, ValueScale, Values};
 
-/// The files that one of several readers takes, one after another, of about as many bytes as others do.
+/// Assigns a reader a run of files, so that all readers get about as many bytes.
 pub(crate) fn dealt(lengths: &[u64], reader: usize, readers: usize) -> Range<usize> {
     let all: u128 = lengths.iter().map(|&length| u128::from(length)).sum();
     let mut before = 0;
@@ -32,7 +32,7 @@ pub(crate) fn dealt(lengths: &[u64], reader: usize, readers: usize) -> Range<usi
         2 * before - u128::from(length)
     };
     let middles: Vec<u128> = lengths.iter().map(middle).collect();
-    // Those whose middle lies before that share of all bytes.
+    // A reader gets the files whose middle byte lies in its share of all bytes.
     let first = |reader: usize| match reader {
         0 => 0,
         _ => middles.partition_point(|middle| middle * readers as u128 <= 2 * all * reader as u128),
@@ -40,12 +40,15 @@ pub(crate) fn dealt(lengths: &[u64], reader: usize, readers: usize) -> Range<usi
     first(reader)..first(reader + 1)
 }
 
-/// Reads this rank's pieces and makes particles of them: those that [`sample::volume`](crate::sample::volume) makes of the
-/// whole grid. `None` where these are made otherwise: of surfaces and points, of cells of higher order, flattened ones, and where the
-/// boundary may be sharp: which faces are boundary the whole mesh says.
+/// Reads this rank's pieces and makes particles of them: the particles that [`sample::volume`](crate::sample::volume)
+/// makes of the whole grid.
+///
+/// Returns `None` if one rank must read the whole grid: surfaces and points, cells of higher order, flattened cells,
+/// sampling options that need all values on one rank, and a boundary that may be sharp. Only the whole mesh tells which
+/// faces lie on the boundary.
 ///
 /// # Errors
-/// What reading or sampling says, on any rank; nothing that can be drawn; a rank that is gone.
+/// The errors of reading or sampling, on any rank; nothing that can be drawn; a rank that is gone.
 pub(crate) fn read_pieces(
     file: &VtuPieces,
     options: &SampleOptions,
@@ -58,7 +61,7 @@ pub(crate) fn read_pieces(
     let own = file.read(dealt(&lengths, ranks.rank(), ranks.size()));
     let own = ranks.agree(own)?;
     let seen = seen_by_all(&own.seen, ranks)?;
-    // Pieces with solid cells, and with such of higher order.
+    // Number of pieces with solid cells, and with cells of higher order.
     let has_solid = |mesh: &&CellMesh| mesh.kinds.iter().any(|kind| kind.is_solid());
     let solid = own.meshes().filter(has_solid).count() as u64;
     let higher = own.meshes().filter(|mesh| is_of_higher_order(mesh)).count() as u64;
@@ -81,8 +84,8 @@ pub(crate) fn read_pieces(
         .chunks_exact(2)
         .map(|pair| [pair[0] as usize, pair[1] as usize])
         .collect();
-    // Kernels look at the cells around a sample; normals at which of these cells' samples have kernels, too; local models at
-    // the neighbours of these.
+    // Layers of ghost cells. Kernels need the cells around a sample. Normals also need the kernels of these cells'
+    // samples. Local models also need the neighbours of these samples.
     let rings = match (options.local_models, options.normals) {
         (true, _) => 3,
         (false, true) => 2,
@@ -143,7 +146,7 @@ pub(crate) fn read_pieces(
     }))
 }
 
-/// The arrays of nodes and of cells that the pieces of all ranks have.
+/// Returns the arrays of nodes and of cells in the pieces of all ranks.
 pub(super) fn seen_by_all(own: &[ArraysSeen; 2], ranks: &mut Ranks) -> Result<[ArraysSeen; 2]> {
     let told = own.each_ref().map(|seen| (seen.parts, seen.arrays.clone()));
     let mut all: [ArraysSeen; 2] = Default::default();
@@ -155,8 +158,8 @@ pub(super) fn seen_by_all(own: &[ArraysSeen; 2], ranks: &mut Ranks) -> Result<[A
     Ok(all)
 }
 
-/// The fields of all ranks without nodes and cells: of each component, the least and the greatest value alone. The field that
-/// is shown is chosen by these.
+/// Returns the fields of all ranks without nodes and cells. Each component stores only its least and greatest value
+/// over all ranks, by which the field to show is chosen.
 pub(super) fn head_of(own: &Dataset, ranks: &mut Ranks) -> Result<Dataset> {
     let range = |values: &Values| {
         let range = values.finite_range();
@@ -201,7 +204,7 @@ pub(super) fn head_of(own: &Dataset, ranks: &mut Ranks) -> Result<Dataset> {
     })
 }
 
-/// This rank's cells with the field that is shown.
+/// Returns this rank's cells with the field that is shown.
 fn patch_of(mut dataset: Dataset, field: &str) -> Result<Patch> {
     let blanking = Blanking::of(&dataset)?;
     let taken = take_scalar(&mut dataset, field)?;
@@ -210,7 +213,7 @@ fn patch_of(mut dataset: Dataset, field: &str) -> Result<Patch> {
     };
     let mesh = std::mem::take(mesh);
     let blanking = blanking.of_mesh(&mesh);
-    // One kernel for each of either.
+    // One kernel for each node, or for each cell.
     let count = mesh.nodes.len().min(mesh.cell_count());
     crate::memory::check(count, LEAST_PER_NODE).map_err(|e| e.in_file(&dataset.path))?;
     check_len(&dataset, &taken, mesh.count_of(taken.association))?;
@@ -227,7 +230,7 @@ fn patch_of(mut dataset: Dataset, field: &str) -> Result<Patch> {
     })
 }
 
-/// The particles of a rank's own nodes or cells.
+/// Makes the particles of a rank's own nodes or cells.
 fn sampled(
     rings: Rings,
     turned: &[[usize; 2]],
@@ -273,10 +276,10 @@ mod tests {
 
     const CELLS: [usize; 3] = [20, 5, 5];
 
-    /// The number of a node without a place.
+    /// Number of a node without a position.
     const NOWHERE: usize = 1 << 20;
 
-    /// Six tetrahedra around a cube's diagonal, by its corners x fastest.
+    /// Six tetrahedra around a cube's diagonal, by the cube's corners, x fastest.
     const TETRAHEDRA: [[usize; 4]; 6] = [
         [0, 1, 3, 7],
         [0, 2, 6, 7],
@@ -286,14 +289,14 @@ mod tests {
         [0, 6, 4, 7],
     ];
 
-    /// A number from -1 to 1 for each.
+    /// Returns a number from -1 to 1 that depends on `n` alone.
     fn noise(n: usize) -> f64 {
         let hashed = (n as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
         let hashed = (hashed ^ (hashed >> 31)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
         ((hashed ^ (hashed >> 29)) >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
     }
 
-    /// A piece of a mesh, and the numbers of its nodes in the lattice that it is made of.
+    /// A piece of a mesh, and its nodes' numbers in the lattice that the mesh is made of.
     #[derive(Default)]
     struct Piece {
         nodes: Vec<usize>,
@@ -320,7 +323,7 @@ mod tests {
                 let p = place(node);
                 writeln!(points, "{:?} {:?} {:?}", p.x, p.y, p.z).unwrap();
                 let value = (p.x * 0.7).sin() + 0.3 * p.y * p.z - 0.01 * n as f64;
-                // Some are left out, so that others have fewer neighbours; one stands out.
+                // Some values are missing, so that other nodes have fewer neighbours; one value stands out.
                 let value = match node {
                     n if n % 41 == 5 => f64::NAN,
                     n if n == 5 + 21 * (2 + 6 * 2) => 20.0,
@@ -369,9 +372,9 @@ mod tests {
         }
     }
 
-    /// A block of hexahedra and tetrahedra in pieces whose borders are no planes, one of them empty.
+    /// Writes a block of hexahedra and tetrahedra in pieces whose borders are not plane; one piece is empty.
     ///
-    /// - `gap`: how far each piece lies from the one before.
+    /// - `gap`: distance between each piece and the one before.
     fn write(folder: &Path, gap: f64) -> PathBuf {
         let mut pieces: Vec<Piece> = (0..7).map(|_| Piece::default()).collect();
         let [x, y, z] = CELLS;
@@ -380,7 +383,7 @@ mod tests {
             let [i, j, k] = [n % x, n / x % y, n / (x * y)];
             let corners: [usize; 8] =
                 std::array::from_fn(|c| node(i + (c & 1), j + (c >> 1 & 1), k + (c >> 2)));
-            // Slabs with teeth, and a crumb within others.
+            // Slabs with teeth, and one cell of another piece within a slab.
             let own = match (i + (j + k) % 2) / 7 {
                 _ if (i, j, k) == (16, 3, 3) => 5,
                 _ if i > 17 => 6,
@@ -388,7 +391,7 @@ mod tests {
             };
             let mut corners = corners;
             if matches!([i, j, k], [7 | 10, 2, 2]) {
-                // Cells three apart, that share nothing else.
+                // Two cells three apart that share one node, and it has no position.
                 corners[7] = NOWHERE;
             }
             if (i + j * k) % 4 == 0 {
@@ -399,7 +402,7 @@ mod tests {
                 pieces[own].add(CellKind::VOXEL, &corners);
             }
         }
-        // A node of no cell, and one that lies nowhere with the cells around it.
+        // A node of no cell, and a node without a position among the cells around it.
         pieces[1].nodes.push(node(0, 0, 0));
         let nowhere = node(8, 2, 2);
         let mut index = String::from(
@@ -413,7 +416,7 @@ mod tests {
                     node / ((x + 1) * (y + 1)),
                 ];
                 let own = DVec3::from([0, 1, 2].map(|d| at[d] as f64 + 0.2 * noise(3 * node + d)));
-                // Of pieces that meet, -0 and 0 are one.
+                // -0 and 0 are the same position where pieces meet.
                 let own = if node == 0 {
                     DVec3::splat(if n == 0 { -0.0 } else { 0.0 })
                 } else {
@@ -468,7 +471,7 @@ mod tests {
             ..lit
         };
         check(&path, &lit, &[3]);
-        // Shown inside alone, where one value stands out.
+        // The function shows values inside only, where one stands out.
         let inside = r#"{"range": [-5, 20], "points": [{"value": 12, "color": [1, 1, 1], "opacity": 0},
             {"value": 20, "color": [1, 0, 0], "opacity": 0.9}]}"#;
         let inside = SampleOptions {

@@ -1,4 +1,4 @@
-//! A lattice whose planes ranks read together, each those that it is going to draw.
+//! Reads the planes of a lattice on all ranks: each rank reads the planes that it draws.
 
 use super::message::{put, take};
 use super::ranks::Ranks;
@@ -10,11 +10,11 @@ use crate::io::Planes;
 use crate::sample::{PlaneValues, SampleOptions, SampleReport, lattice_of_planes};
 use crate::scene::{Boundary, PointVolume, TransferFunction, ValueSample, Values};
 
-/// Reads this rank's planes, and those beside that their neighbours are asked for: its share of the lattice, and what was
-/// found of all of it.
+/// Reads this rank's planes, and the adjacent planes that its neighbours need. Returns its share of the lattice, and
+/// the report of the whole lattice.
 ///
 /// # Errors
-/// What reading says, on any rank; too little memory for a rank's planes; a rank that is gone.
+/// The errors of reading, on any rank; too little memory for a rank's planes; a rank that is gone.
 pub(crate) fn read_planes(
     file: &Planes,
     options: &SampleOptions,
@@ -28,7 +28,8 @@ pub(crate) fn read_planes(
         check_count(lattice.len())?;
         let wanted = dealt.wanted(ranks.rank());
         let planes: usize = wanted.iter().map(std::ops::Range::len).sum();
-        // As they are read, and in the order of the whole lattice, of which every rank has all where it is small.
+        // Memory for the values as read, and in the order of the whole lattice. If the lattice is small, every rank
+        // holds all of it.
         let each = 2 * file.empty_values().bytes_per_value();
         let cells = match is_small(lattice, SMALL, ranks.size()) {
             true => lattice.len(),
@@ -79,7 +80,7 @@ pub(crate) fn read_planes(
     Ok((share, report))
 }
 
-/// What all values are: each rank looks at its own planes.
+/// Summarises the values of the whole lattice: each rank contributes its own planes.
 fn known_of_all(
     held: &Held,
     samples: usize,
@@ -128,13 +129,13 @@ pub(super) fn joined(a: Option<[f64; 2]>, b: Option<[f64; 2]>) -> Option<[f64; 2
     }
 }
 
-/// The least number that any rank gives.
+/// Returns the least number of all ranks.
 pub(super) fn least_of_all(own: f64, ranks: &mut Ranks) -> Result<f64> {
     let all = ranks.gather_records(Ok(vec![own]))?;
     Ok(all.into_iter().flatten().fold(f64::INFINITY, f64::min))
 }
 
-/// Whether a function shows any of the samples on a lattice's faces that lie in planes of this rank.
+/// Whether a function shows a sample on the lattice's faces, in the planes of this rank.
 fn shows_faces(held: &Held, dims: [usize; 3], own: &[usize], function: &TransferFunction) -> bool {
     let [x, y, z] = dims;
     let [lowest, highest] = function.range();
@@ -163,7 +164,7 @@ mod tests {
 
     const DIMS: [usize; 3] = [20, 18, 150];
 
-    /// Bits of values, so that NaN equals itself.
+    /// Returns the bits of values, so that NaN equals itself.
     fn bits(values: &Values, run: std::ops::Range<usize>) -> Vec<u32> {
         run.map(|i| values.get(i).to_bits()).collect()
     }
@@ -211,7 +212,7 @@ mod tests {
                 opacity_scale: 2.0,
                 ..automatic.clone()
             },
-            // Shown on all faces.
+            // All faces are shown.
             SampleOptions {
                 transfer: TransferChoice::Text(
                     r#"{"range": [-5, 20], "points": [{"value": -5, "color": [1, 1, 1], "opacity": 0.9},

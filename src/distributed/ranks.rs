@@ -1,4 +1,4 @@
-//! Ranks that know of one another's failures.
+//! Wraps a communicator so that ranks learn of one another's failures.
 
 use bytemuck::Pod;
 #[cfg(feature = "prepared")]
@@ -13,12 +13,12 @@ use crate::error::{Error, Result};
 #[cfg(feature = "cli")]
 use crate::image::Image;
 
-/// The last byte of every part: whether it is what was asked for, or why there is none.
+/// Last byte of every part: whether the rest is the part itself, or the error that took its place.
 const WHOLE: u8 = 0;
 const FAILED: u8 = 1;
 
-/// A communicator whose ranks take part in everything, also where they failed: the others learn why, and none waits
-/// for what never comes.
+/// A communicator whose ranks take part in every collective call, even after a failure. The other ranks receive the
+/// error, and none waits for a message that never comes.
 #[derive(Debug)]
 pub(crate) struct Ranks {
     communicator: Box<dyn Communicator>,
@@ -37,10 +37,10 @@ impl Ranks {
         self.communicator.size()
     }
 
-    /// Begins to send a part to every rank, or the reason why there is none.
+    /// Begins to send a part to every rank, or this rank's error in place of the parts.
     ///
     /// # Errors
-    /// That reason.
+    /// This rank's error.
     pub(super) fn begin(&mut self, parts: Result<Vec<Vec<u8>>>) -> Result<()> {
         match parts {
             Ok(parts) => {
@@ -55,15 +55,15 @@ impl Ranks {
         }
     }
 
-    /// What each rank sent in the oldest exchange that is not completed.
+    /// Waits for the oldest exchange that is not completed; returns the part that each rank sent here.
     ///
     /// # Errors
-    /// The first rank that failed, and why.
+    /// The error of the first rank that failed.
     pub(super) fn complete(&mut self) -> Result<Vec<Vec<u8>>> {
         unflagged(self.communicator.complete()?)
     }
 
-    /// What each rank gives, for all; or the reason of the first that failed.
+    /// Gathers the part of each rank on all ranks; returns the error of the first rank that failed, if any did.
     pub(super) fn gather_to_all(&mut self, part: Result<Vec<u8>>) -> Result<Vec<Vec<u8>>> {
         let flagged = match &part {
             Ok(part) => flagged(part.clone(), WHOLE),
@@ -74,7 +74,7 @@ impl Ranks {
             .gather_to_all(&flagged)
             .and_then(unflagged);
         match part {
-            // Its own words, where it has any.
+            // A rank that failed returns its own error.
             Err(error) => Err(error),
             Ok(_) => all,
         }
@@ -85,13 +85,13 @@ impl Ranks {
     /// - `own`: `None` on other ranks.
     ///
     /// # Errors
-    /// The first rank's reason why there is nothing.
+    /// The first rank's error.
     #[cfg(feature = "prepared")]
     pub(crate) fn of_first(&mut self, own: Result<Option<Vec<u8>>>) -> Result<Vec<u8>> {
         self.of_rank(0, own)
     }
 
-    /// The same of any rank.
+    /// Broadcasts the bytes of a rank to all ranks, as [`Self::of_first`] does of the first.
     #[cfg(feature = "prepared")]
     pub(super) fn of_rank(&mut self, rank: usize, own: Result<Option<Vec<u8>>>) -> Result<Vec<u8>> {
         let size = self.size();
@@ -128,7 +128,7 @@ impl Ranks {
         all.iter().map(|part| take(&mut part.as_slice())).collect()
     }
 
-    /// The sum of the counts of all ranks before this one.
+    /// Returns the sum of the counts of all ranks before this one.
     #[cfg(feature = "cli")]
     pub(super) fn before(&mut self, own: usize) -> Result<u64> {
         let all = self.gather_records(Ok(vec![own as u64]))?;
@@ -159,7 +159,7 @@ impl Ranks {
         heard(&self.of_first(own.map(|own| own.map(told)))?)
     }
 
-    /// The sums of the ranks' numbers, place by place.
+    /// Returns the sums of the ranks' numbers, place by place.
     pub(super) fn sums(&mut self, numbers: Result<Vec<u64>>) -> Result<Vec<u64>> {
         let all = self.gather_records(numbers)?;
         let mut sums = Vec::new();
@@ -172,7 +172,7 @@ impl Ranks {
         Ok(sums)
     }
 
-    /// Gathers the ranks' pictures on the first rank, in the order of the ranks; other ranks get none.
+    /// Gathers the ranks' images on the first rank, in the order of the ranks; other ranks get none.
     #[cfg(feature = "cli")]
     pub(crate) fn gather_images(&mut self, own: Result<Option<Image>>) -> Result<Vec<Image>> {
         let part = own.map(|image| {
@@ -199,7 +199,7 @@ impl Ranks {
         Ok(images)
     }
 
-    /// The first rank that gives another number than the first does.
+    /// Returns the first rank whose number differs from the first rank's.
     ///
     /// # Errors
     /// A rank that is gone.

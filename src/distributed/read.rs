@@ -1,4 +1,4 @@
-//! A file of points that ranks read together, each a run of its rows.
+//! Reads a file of points on all ranks, a run of rows on each.
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -10,16 +10,16 @@ use crate::math::ExactSum;
 use crate::prepared::{Found, PointFile};
 use crate::sample::{Finding, SampleReport, summed_function};
 
-/// What one found of its rows.
+/// Summary of a rank's rows, as it sends it to the others.
 #[derive(Debug, Serialize, Deserialize)]
 struct Told {
     sample_count: usize,
     particle_count: usize,
     value_range: Option<[f64; 2]>,
     corners: Option<[[f64; 3]; 2]>,
-    /// [`ExactSum::to_limbs`].
+    /// Limbs of the sum of volumes ([`ExactSum::to_limbs`]).
     volume_sum: Vec<i64>,
-    /// How many, of what, why, and whether they were left out.
+    /// Count, noun and reason of each finding, and whether the particles were left out.
     findings: Vec<(usize, String, String, bool)>,
 }
 
@@ -46,7 +46,7 @@ impl Told {
         }
     }
 
-    /// Adds what it tells.
+    /// Adds this rank's summary to that of all ranks.
     fn add_to(self, all: &mut Found) {
         let findings = self.findings.into_iter();
         all.report.add(&SampleReport {
@@ -72,10 +72,10 @@ impl Told {
     }
 }
 
-/// What all ranks found, of what each found of its rows.
+/// Adds up the summaries of all ranks.
 ///
 /// # Errors
-/// A rank that is gone, or another program.
+/// A rank that is gone, or that runs another program.
 pub(super) fn told_by_all(own: &Found, ranks: &mut Ranks) -> Result<Found> {
     let mut all = Found::none_of(&own.report);
     for told in ranks.told_by_all(&Told::of(own))? {
@@ -84,10 +84,10 @@ pub(super) fn told_by_all(own: &Found, ranks: &mut Ranks) -> Result<Found> {
     Ok(all)
 }
 
-/// Reads this rank's rows: its particles. What the file says of its particles is of those of all ranks then.
+/// Reads this rank's rows; returns their particles. The file's metadata then describe the particles of all ranks.
 ///
 /// # Errors
-/// What reading says, on any rank; nothing that can be drawn; a rank that is gone.
+/// The errors of reading, on any rank; nothing that can be drawn; a rank that is gone.
 pub(crate) fn read_together(file: &mut PointFile, ranks: &mut Ranks) -> Result<Share> {
     let own = file.read_part(ranks.rank(), ranks.size());
     let (mut volume, own) = ranks.agree(own)?;

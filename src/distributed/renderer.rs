@@ -1,4 +1,4 @@
-//! A scene over ranks, and its pictures.
+//! Defines the renderer of a scene that is partitioned among ranks.
 
 use super::communicator::Communicator;
 use super::frames::RankFrames;
@@ -12,8 +12,8 @@ use crate::render::{self, ColumnSettings, FrameCounts, SceneOptions, Settings};
 use crate::scene::PointVolume;
 use crate::view::{Bounds, Camera};
 
-/// A scene whose particles ranks share. All of them call the same functions in the same order; the first has the
-/// images.
+/// Renders a scene whose particles are partitioned among ranks. All ranks call the same functions in the same order;
+/// the first rank gets the images.
 #[derive(Debug)]
 pub struct Renderer {
     frames: render::Renderer,
@@ -21,10 +21,10 @@ pub struct Renderer {
     boxes: Vec<Bounds>,
 }
 
-/// A renderer of what ranks have together.
+/// Builds a renderer of the scene to which each rank contributes a share.
 ///
 /// # Errors
-/// Those of [`Renderer::new`].
+/// The errors of [`Renderer::new`].
 pub(crate) fn shared(
     share: Share,
     options: &SceneOptions,
@@ -36,10 +36,13 @@ pub(crate) fn shared(
 }
 
 impl Renderer {
-    /// Of a scene of which every rank brings a share, whichever: the blocks are made together, and each rank keeps the
-    /// particles of some of them. No rank needs the memory of the whole, but for volumes of few particles (262,144 for each
-    /// rank; of a lattice of fewer than 64 planes for each sixty-four times as many), which every rank builds by itself, and for
-    /// lattices of which each has all ([`Share::planes`]).
+    /// Builds a renderer of a scene of which every rank contributes any share. The ranks build the blocks together, and
+    /// each keeps the particles of some blocks.
+    ///
+    /// No rank needs the memory of the whole scene, except for two kinds of volumes that every rank holds entirely. The
+    /// first are small volumes: at most 262,144 particles for each rank, or sixty-four times as many in a lattice with
+    /// fewer than 64 planes for each rank. The second are lattices that every rank contributes entirely
+    /// ([`Share::planes`]).
     ///
     /// ```
     /// use ewa_splat::distributed::{Communicator, Renderer, ThreadRank};
@@ -63,7 +66,7 @@ impl Renderer {
     /// ```
     ///
     /// # Errors
-    /// Shares that are not of the same volumes; those of [`Self::of_whole`].
+    /// Shares of different volumes; the errors of [`Self::of_whole`].
     pub fn new(
         communicator: impl Communicator + 'static,
         share: impl Into<Share>,
@@ -73,11 +76,11 @@ impl Renderer {
         Ok(Self::of(shared(share.into(), options, ranks)?))
     }
 
-    /// Of a file of points, of which every rank reads a run of rows and has some of the particles: no rank needs the memory
-    /// of the whole.
+    /// Builds a renderer of a file of points. Every rank reads a run of rows and holds some of the particles: no rank
+    /// needs the memory of the whole.
     ///
     /// # Errors
-    /// What reading says, on any rank; those of [`Self::new`].
+    /// The errors of reading, on any rank; those of [`Self::new`].
     #[cfg(feature = "prepared")]
     pub fn of_file(
         communicator: impl Communicator + 'static,
@@ -89,14 +92,16 @@ impl Renderer {
         Ok(Self::of(shared(share, options, ranks)?))
     }
 
-    /// Of a scene that the first rank alone has, such as of a file that one reads for all: the others get their shares of
-    /// its particles, and need the memory of these, and of the volumes of which every rank has all ([`Self::new`]; lattices that
-    /// have more than values are among them); the first needs that of the whole while it hands it out.
+    /// Builds a renderer of a scene that only the first rank holds, for example of a file that one rank reads for all.
     ///
-    /// - `scene`: on the first rank the volumes; what others give counts nothing.
+    /// The first rank needs the memory of the whole scene while it scatters the particles. The others need the memory
+    /// of their shares, and of the volumes that every rank holds entirely ([`Self::new`]), among them lattices that
+    /// have more than values.
+    ///
+    /// - `scene`: the volumes, on the first rank; ignored on other ranks.
     ///
     /// # Errors
-    /// Those of [`Self::new`].
+    /// The errors of [`Self::new`].
     #[cfg(feature = "prepared")]
     pub fn of_first(
         communicator: impl Communicator + 'static,
@@ -116,11 +121,11 @@ impl Renderer {
         }
     }
 
-    /// Of a scene that every rank has as a whole: each keeps its share of it, every so many blocks. While these are
-    /// made, each rank needs the memory of the whole.
+    /// Builds a renderer of a scene that every rank holds entirely: with n ranks, each keeps every n-th run of blocks.
+    /// Until then each rank needs the memory of the whole scene.
     ///
     /// # Errors
-    /// Those of [`render::Renderer::with_options`], on any rank; a rank that is gone.
+    /// The errors of [`render::Renderer::with_options`], on any rank; a rank that is gone.
     pub fn of_whole(
         communicator: impl Communicator + 'static,
         scene: Vec<PointVolume>,
@@ -131,11 +136,11 @@ impl Renderer {
         Self::shared(ranks.agree(whole)?, ranks)
     }
 
-    /// Of prepared scenes, which every rank has mapped: each reads of them what it draws, so that no rank needs the
-    /// memory of the whole.
+    /// Builds a renderer of prepared scenes, which every rank has mapped. Each rank reads only the parts that it draws:
+    /// no rank needs the memory of the whole.
     ///
     /// # Errors
-    /// Those of [`render::Renderer::of_prepared`], on any rank; a rank that is gone.
+    /// The errors of [`render::Renderer::of_prepared`], on any rank; a rank that is gone.
     #[cfg(feature = "prepared")]
     pub fn of_prepared(
         communicator: impl Communicator + 'static,
@@ -155,19 +160,19 @@ impl Renderer {
         })
     }
 
-    /// Draws a frame; its image on the first rank, nothing on others.
+    /// Draws a frame; returns its image on the first rank, `None` on others.
     ///
     /// # Errors
-    /// Those of [`render::Renderer::render`] on any rank; a rank that is gone.
+    /// The errors of [`render::Renderer::render`] on any rank; a rank that is gone.
     pub fn render(&mut self, camera: &Camera, settings: &Settings) -> Result<Option<&Image>> {
         self.frames.render(camera, settings)?;
         Ok(self.is_first().then(|| self.frames.image()))
     }
 
-    /// Draws a column density; on the first rank, nothing on others.
+    /// Draws a column density; returns it on the first rank, `None` on others.
     ///
     /// # Errors
-    /// Those of [`render::Renderer::column_density`] on any rank; a rank that is gone.
+    /// The errors of [`render::Renderer::column_density`] on any rank; a rank that is gone.
     pub fn column_density(
         &mut self,
         camera: &Camera,
@@ -181,43 +186,45 @@ impl Renderer {
         self.frames.rank() == Some(0)
     }
 
-    /// The last frame's depths on the first rank, where the settings asked for them.
+    /// Returns the last frame's depths on the first rank, if the settings asked for them.
     pub fn depth(&self) -> Option<&DepthImage> {
         self.frames.depth().filter(|_| self.is_first())
     }
 
-    /// The last frame's normals of opaque surfaces on the first rank, where the settings asked for them.
+    /// Returns the last frame's normals of opaque surfaces on the first rank, if the settings asked for them.
     pub fn normals(&self) -> Option<&NormalImage> {
         self.frames.normals().filter(|_| self.is_first())
     }
 
-    /// What all ranks together counted for the last frame.
+    /// Counts of the last frame, summed over all ranks.
     pub fn counts(&self) -> FrameCounts {
         self.frames.counts()
     }
 
-    /// What each rank has and did for the last frame, by rank.
+    /// Statistics of each rank for the last frame, by rank.
     pub fn stats(&self) -> &[RankStats] {
         self.frames.rank_stats()
     }
 
-    /// The amplitudes of the scene, of which [`Self::column_density`] makes columns; their sum is that of the ranks'
+    /// Summarises the scene's amplitudes, which [`Self::column_density`] sums along rays; the sum is that of the ranks'
     /// sums.
     pub fn amplitudes(&mut self) -> AmplitudeSummary {
         self.frames.amplitudes()
     }
 
-    /// The variance of the low-pass filter that suits the scene, as [`render::Renderer::suitable_low_pass_px2`].
+    /// Returns the variance of the low-pass filter that suits the scene, as
+    /// [`render::Renderer::suitable_low_pass_px2`].
     pub fn suitable_low_pass_px2(&self) -> f32 {
         self.frames.suitable_low_pass_px2()
     }
 
-    /// Middles and half extents of the boxes that hold what is visible of the whole scene, as it was made; world units.
+    /// Returns the middles and half extents of the boxes around the visible part of the whole scene, as it was made;
+    /// world units.
     pub fn visible_boxes(&self) -> &[Bounds] {
         &self.visible
     }
 
-    /// Middles and half extents of the boxes that hold all particles of the whole scene, grown by one standard
+    /// Returns the middles and half extents of the boxes around all particles of the whole scene, grown by one standard
     /// deviation; world units.
     pub fn boxes(&self) -> &[Bounds] {
         &self.boxes

@@ -1,8 +1,8 @@
-//! Cells of other ranks that meet this rank's, and those that meet these.
+//! Builds ghost layers: the cells of other ranks around a rank's cells of an unstructured mesh.
 //!
-//! Nodes at one position are one, whichever rank has them. Around its nodes a rank asks for the cells of others; around the
-//! nodes of these for theirs, and so on, ring after ring. What the cells, the nodes and the values of a mesh say within so many
-//! rings around a rank's own is then what they say in the whole mesh, in the same order.
+//! Nodes at the same position are the same node, whichever rank holds them. A rank asks the others for their cells at
+//! its own nodes, then for their cells at the nodes of these, and so on, layer after layer. Within that many layers of
+//! its own cells, the rank then has the cells, nodes and values of the whole mesh, in the same order.
 
 use std::collections::HashSet;
 use std::ops::Range;
@@ -16,31 +16,31 @@ use crate::blocks::Peers;
 use crate::error::Result;
 use crate::sample::{CellsAround, compare, is_same, sort_by_position};
 
-/// A rank's cells among those around them, in the order of the whole mesh.
+/// A rank's cells and the ghost cells around them, in the order of the whole mesh.
 pub(super) struct Rings {
     pub(super) patch: Patch,
-    /// The rank's own.
+    /// The rank's own nodes and cells in the patch.
     pub(super) nodes: Range<usize>,
     pub(super) cells: Range<usize>,
 }
 
-/// Cells of other ranks.
+/// Ghost cells: cells that other ranks sent.
 struct Others {
-    /// Their places in the whole mesh, some more than once.
+    /// Numbers of their nodes and cells in the whole mesh; some occur more than once.
     nodes: Vec<u64>,
     cells: Vec<u64>,
     patch: Patch,
 }
 
-/// What a rank has told another.
+/// Cells that a rank has sent to another.
 #[derive(Debug, Clone, Default)]
 struct Sent {
     cells: HashSet<u32>,
-    /// Nodes without a place, which the other cannot ask for by it.
+    /// Nodes without a position, for which the other rank cannot ask.
     nowhere: HashSet<u32>,
 }
 
-/// A rank's own nodes by their positions.
+/// A rank's own nodes, sorted by position.
 struct Places<'a> {
     nodes: &'a [DVec3],
     order: Vec<u32>,
@@ -63,13 +63,13 @@ impl<'a> Places<'a> {
 }
 
 impl Rings {
-    /// Finds the rings around a rank's cells.
+    /// Finds the ghost layers around a rank's cells.
     ///
-    /// - `own`: with numbers after those of the ranks before.
-    /// - `count`: of rings.
+    /// - `own`: this rank's cells, numbered after those of the ranks before.
+    /// - `count`: number of layers.
     ///
     /// # Errors
-    /// More nodes or entries of cells than 32 bits count; a rank that is gone.
+    /// More nodes or cell entries than 32 bits count; a rank that is gone.
     pub(super) fn around(own: Patch, count: usize, ranks: &mut Ranks) -> Result<Self> {
         let (rank, size) = (ranks.rank(), ranks.size());
         let first = [
@@ -96,7 +96,7 @@ impl Rings {
         let mut frontier: Vec<DVec3> = finite().copied().collect();
         for _ in 0..count {
             frontier.retain(|&p| (0..size).any(|other| is_within(p, other)));
-            // + 0 makes -0 and 0 one.
+            // Adding 0 makes -0 and 0 the same.
             frontier.retain(|p| asked.insert((p + DVec3::ZERO).to_array().map(f64::to_bits)));
             let of_rank = |other| {
                 let there = frontier.iter().filter(|p| is_within(**p, other));
@@ -147,7 +147,7 @@ impl Rings {
         let below = of_nodes.partition_point(|&i| others.nodes[i as usize] < first[0]);
         let cells_below = of_cells.partition_point(|&i| others.cells[i as usize] < first[1]);
         let (node_count, cell_count) = (own.mesh.nodes.len(), own.mesh.cell_count());
-        // Where each of the others' nodes lies among all.
+        // Place of each of the others' nodes among all nodes.
         let mut place_of = vec![0; others.nodes.len()];
         let number = |i: u32| others.nodes[i as usize];
         for (i, place) in place_of.iter_mut().enumerate() {
@@ -188,9 +188,9 @@ fn check_fits(count: usize) -> Result<()> {
 }
 
 impl Others {
-    /// Adds what a rank answers.
+    /// Adds the cells that a rank answered.
     ///
-    /// - `frontier`: to which the nodes of its cells are added.
+    /// - `frontier`: receives the positions of their nodes.
     fn hear(&mut self, mut part: &[u8], own: &Patch, frontier: &mut Vec<DVec3>) -> Result<()> {
         let (nodes, cells) = (take::<u64>(&mut part)?, take::<u64>(&mut part)?);
         if cells.is_empty() {

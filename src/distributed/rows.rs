@@ -1,4 +1,4 @@
-//! A file of points that look at their neighbours, whose rows ranks read together.
+//! Reads a file of points on all ranks, a run of rows on each; points are sampled by means of their neighbours.
 
 use std::mem::take;
 use std::ops::Range;
@@ -21,12 +21,13 @@ use crate::sample::{
 };
 use crate::scene::{PointVolume, Surroundings, Tiling, Values};
 
-/// Reads this rank's rows and makes particles of as many that lie together: the particles that
-/// [`sample::volume`](crate::sample::volume) makes of the whole file. `None` where these are made otherwise
-/// ([`RowsApart::of`]), or not all rows have the same columns.
+/// Reads a run of rows on each rank, redistributes the rows by position, and makes particles of them: the particles
+/// that [`sample::volume`](crate::sample::volume) makes of the whole file.
+///
+/// Returns `None` if one rank must read the whole file ([`RowsApart::of`]), or if not all rows have the same columns.
 ///
 /// # Errors
-/// What reading or sampling says, on any rank; nothing that can be drawn; too little memory; a rank that is gone.
+/// The errors of reading or sampling, on any rank; nothing that can be drawn; too little memory; a rank that is gone.
 pub(crate) fn read_rows(
     file: &mut RowFile,
     options: &SampleOptions,
@@ -118,14 +119,14 @@ pub(crate) fn read_rows(
     }))
 }
 
-/// Normals and local models, which look at neighbours that have particles.
+/// Fits normals and local models to the neighbours that have particles.
 fn fit(volume: &mut PointVolume, options: &SampleOptions, ranks: &mut Ranks) -> Result<()> {
     if volume.values.is_none() || !(options.normals || options.local_models) {
         return Ok(());
     }
     let [few, most] = FITTED_NEIGHBOURS;
     let mut fitted = fitted(volume, &|_| few, options, ranks)?;
-    // Where these do not tell, they look farther.
+    // Some neighbourhoods are too small to fit: these particles use more neighbours.
     if ranks.sums(Ok(vec![fitted.far.len() as u64]))? != [0] {
         let far = take(&mut fitted.far);
         let count = |i: u32| {
@@ -145,7 +146,7 @@ fn fit(volume: &mut PointVolume, options: &SampleOptions, ranks: &mut Ranks) -> 
     Ok(())
 }
 
-/// The same, where each particle looks at so many neighbours.
+/// Fits normals and local models, with `count` neighbours for each particle.
 fn fitted(
     volume: &PointVolume,
     count: &(dyn Fn(u32) -> usize + Sync),
@@ -166,13 +167,14 @@ fn fitted(
 /// Some rows of a file.
 #[derive(Debug, Default)]
 struct Rows {
-    /// Among all, ascending.
+    /// Row numbers in the whole file, ascending.
     numbers: Vec<u64>,
     positions: Vec<DVec3>,
     columns: Vec<(String, Values)>,
 }
 
-/// The least and the greatest finite value of each column of some rows; reversed infinities where there is none.
+/// Returns the least and the greatest finite value of each column of some rows; reversed infinities if a column has
+/// none.
 fn ranges_of(file: &mut RowFile, part: &Range<usize>, head: &Dataset) -> Result<Vec<[f64; 2]>> {
     let names: Vec<&str> = scalars(head).map(|(name, _)| name).collect();
     let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; names.len()];
@@ -189,8 +191,8 @@ fn ranges_of(file: &mut RowFile, part: &Range<usize>, head: &Dataset) -> Result<
 }
 
 impl Rows {
-    /// Those of a part of a file, and their columns that are looked at, the field that is shown among them. `None` where they
-    /// have other columns than the first row.
+    /// Reads the rows of a part of a file, with the columns that sampling uses and the field that is shown. Returns
+    /// `None` if the rows have other columns than the first row.
     fn read(
         file: &mut RowFile,
         part: Range<usize>,
@@ -205,7 +207,7 @@ impl Rows {
         own.columns
             .iter_mut()
             .for_each(|(_, values)| values.truncate(0));
-        // As they are read, and as they go to whoever has others near them, and come from there.
+        // Memory for the rows as read, as sent to the ranks near them, and as received.
         let bytes = own
             .columns
             .iter()
@@ -238,7 +240,8 @@ impl Rows {
         Ok(Some(own))
     }
 
-    /// Those of all ranks that lie in this one's part of space, and those of its own that lie nowhere.
+    /// Redistributes the rows of all ranks by position: returns the rows in this rank's part of space, and this rank's
+    /// own rows without a finite position.
     fn gathered(self, ranks: &mut Ranks) -> Result<Self> {
         let (rank, size) = (ranks.rank(), ranks.size());
         let placed: Vec<u32> = (0..)
@@ -261,7 +264,7 @@ impl Rows {
             columns.push((name, sent_values(&values, &to, ranks)?));
         }
         Ok(Self {
-            // Ranks read one after another, so that numbers still ascend.
+            // Numbers still ascend, because ranks read one run after another.
             numbers: sent(&self.numbers, &to, ranks)?,
             positions: sent(&self.positions, &to, ranks)?,
             columns,
@@ -269,7 +272,7 @@ impl Rows {
     }
 }
 
-/// The columns of some rows that are looked at, and the field that is shown, by what the first row has.
+/// Returns the columns that sampling uses and the field that is shown, according to the first row.
 fn columns_of(
     dataset: &Dataset,
     kind: RowsApart,
@@ -292,7 +295,7 @@ fn columns_of(
     Ok(columns)
 }
 
-/// Rows as a reader hands them out that has read no more of them.
+/// Returns rows as a data set, as if a reader had read these columns only.
 fn dataset_of(head: &Dataset, positions: Vec<DVec3>, columns: Vec<(String, Values)>) -> Dataset {
     let fields = columns.into_iter().map(|(name, values)| Field {
         name,
@@ -308,7 +311,7 @@ fn dataset_of(head: &Dataset, positions: Vec<DVec3>, columns: Vec<(String, Value
     }
 }
 
-/// What the neighbours of bare points say of them, on whichever rank they are.
+/// Finds the neighbourhoods of points without stated sizes; neighbours may be on any rank.
 fn neighbourhoods(
     own: &Rows,
     kind: RowsApart,
@@ -358,15 +361,15 @@ mod tests {
     use crate::sample::{ParticleShape, TransferChoice};
     use crate::scene::ScaleName;
 
-    /// A random number of 0 to 1 for each number.
+    /// Returns a pseudo-random number from 0 to 1 for each `n`.
     fn random(n: usize) -> f64 {
         let hashed = (n as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
         let hashed = (hashed ^ (hashed >> 31)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
         ((hashed ^ (hashed >> 29)) >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    /// A lattice, many of whose neighbours are at one distance; a crowd; places that several points share; a few far away;
-    /// some that lie nowhere. In no order.
+    /// Returns points in random order: a lattice, many of whose neighbours are at the same distance; a cluster;
+    /// positions that several points share; a few far away; some that are not finite.
     fn places() -> Vec<DVec3> {
         let on_lattice = (0..40_usize.pow(3)).map(|i| {
             DVec3::new((i % 40) as f64, (i / 40 % 40) as f64, (i / 1600) as f64) * 0.1 + 7.0
@@ -446,7 +449,7 @@ mod tests {
         };
         let found = check(&path, &plain, &[1, 2, 3, 7]);
         assert!(found.local_models.is_some() && found.normals.is_none());
-        // Discs and needles, whose shapes neighbours of neighbours have a share in.
+        // Discs and needles, whose shapes depend on neighbours of neighbours too.
         let stretched = SampleOptions {
             shape: ParticleShape::Covariance,
             field: Some("temperature".into()),
@@ -457,7 +460,7 @@ mod tests {
         };
         let found = check(&path, &stretched, &[3]);
         assert!(found.normals.is_some());
-        // What a set lies on is asked of some of its points.
+        // A sheet: its dimension is estimated from some of its points.
         let path = folder.path().join("sheet.npy");
         let row = |(i, p): (usize, &DVec3)| {
             vec![
@@ -480,7 +483,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("smoothed.npy");
         let places = places();
-        // A density that is the same in all rows is not shown.
+        // A column that is the same in all rows, as the density here, is not chosen as the field.
         let row = |(i, p): (usize, &DVec3)| {
             vec![
                 p.x,
@@ -520,7 +523,7 @@ mod tests {
             read_rows(&mut file, options, &mut ranks).map(|read| read.is_some())
         };
         let plain = SampleOptions::default();
-        // Stated strengths, colours, lengths whose overlaps make up volumes.
+        // Stated strengths, colours, and lengths whose overlaps make up volumes.
         for names in [
             &["x", "y", "z", "sigma", "mass"][..],
             &["x", "y", "z", "r", "g", "b"],
@@ -533,7 +536,7 @@ mod tests {
             ..plain.clone()
         };
         assert!(!read(&["x", "y", "z"], &columns).unwrap());
-        // Three at one place have no spacing, on any rank.
+        // Three points at one position have no spacing, on any rank.
         let error = read(&["x", "y", "z"], &plain).unwrap_err().to_string();
         assert!(error.contains("distinct"), "{error}");
         assert!(read(&["x", "y", "z", "h", "m", "rho"], &plain).unwrap());

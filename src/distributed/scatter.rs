@@ -1,4 +1,4 @@
-//! Volumes that one rank has, for all: what cannot be read apart one reads, and hands out.
+//! Scatters volumes that one rank holds: data that ranks cannot read in parallel are read by one rank.
 
 use bytemuck::Pod;
 
@@ -9,16 +9,18 @@ use super::share::Share;
 use crate::error::{Error, Result};
 use crate::scene::{Colour, Particles, PointVolume, Strength, Values};
 
-/// Bytes that the first rank sends to all others at a time.
+/// Bytes that the owner sends to all others at a time.
 const PARCEL: usize = 1 << 26;
 
-/// The first rank's volumes, of which others get all but the particles: they have none of points, and no planes of a
-/// lattice of which blocks can be made together. Of other lattices every rank gets all.
+/// Scatters the first rank's volumes.
 ///
-/// - `own`: of the first rank.
+/// The other ranks receive the metadata of every volume. They receive no points, and no planes of a lattice whose
+/// blocks the ranks can build together. They receive every other lattice entirely.
+///
+/// - `own`: the volumes, on the first rank.
 ///
 /// # Errors
-/// Nothing on the first rank; numbers that are none among what volumes have besides particles; a rank that is gone.
+/// No volumes on the first rank; metadata with numbers that are not finite; a rank that is gone.
 pub(crate) fn scatter(own: Option<Vec<PointVolume>>, ranks: &mut Ranks) -> Result<Share> {
     let is_first = ranks.rank() == 0;
     let heads = match (&own, is_first) {
@@ -36,7 +38,7 @@ pub(crate) fn scatter(own: Option<Vec<PointVolume>>, ranks: &mut Ranks) -> Resul
             "give the first rank the scene",
         )),
     };
-    // What the first rank told the others is what all go by: they are asked the same way.
+    // All ranks use the metadata that the first rank sent, so that all make the same calls.
     let heads = heard(&ranks.of_first(heads)?)?;
     let without = heads.iter().map(Head::volume);
     let without: Vec<PointVolume> = without.collect::<Result<_>>()?;
@@ -45,11 +47,11 @@ pub(crate) fn scatter(own: Option<Vec<PointVolume>>, ranks: &mut Ranks) -> Resul
     handed_out(volumes, &heads, ranks)
 }
 
-/// Volumes of which each rank has some, in the order of the ranks: of those of others it gets all but the particles, as of
+/// Merges the volumes of all ranks, in the order of the ranks. Each rank receives the volumes of the others as in
 /// [`scatter`].
 ///
 /// # Errors
-/// Volumes that are not whole, or numbers that are none among what they have besides particles; a rank that is gone.
+/// Volumes that are not valid; metadata with numbers that are not finite; a rank that is gone.
 #[cfg(feature = "cli")]
 pub(crate) fn hand_out(own: Vec<PointVolume>, ranks: &mut Ranks) -> Result<Share> {
     let valid = own.iter().try_for_each(PointVolume::validate);
@@ -59,7 +61,7 @@ pub(crate) fn hand_out(own: Vec<PointVolume>, ranks: &mut Ranks) -> Result<Share
     let (mut volumes, mut heads) = (Vec::new(), Vec::new());
     for (rank, told) in told.iter().enumerate() {
         for head in heard(told)? {
-            // All ranks look at all heads, so that none fails alone.
+            // All ranks check all metadata, so that none fails alone.
             let stand_in = head.volume()?;
             let its_own = if rank == ranks.rank() {
                 own.next()
@@ -73,7 +75,9 @@ pub(crate) fn hand_out(own: Vec<PointVolume>, ranks: &mut Ranks) -> Result<Share
     handed_out(volumes, &heads, ranks)
 }
 
-/// - `heads`: of each volume, and the rank that has it.
+/// Makes a share of volumes that some rank holds, and sends the lattices that every rank needs entirely.
+///
+/// - `heads`: metadata of each volume, and the rank that holds it.
 fn handed_out(
     mut volumes: Vec<PointVolume>,
     heads: &[(usize, Head)],
@@ -101,7 +105,7 @@ fn handed_out(
     })
 }
 
-/// Gives every rank all that a lattice has.
+/// Broadcasts all columns of a lattice.
 fn send_lattice(volume: &mut PointVolume, owner: usize, ranks: &mut Ranks) -> Result<()> {
     match &mut volume.strength {
         Strength::Classified { volumes: stored }
@@ -131,7 +135,7 @@ fn send_lattice(volume: &mut PointVolume, owner: usize, ranks: &mut Ranks) -> Re
         .map_or(Ok(()), |normals| send(normals, owner, ranks))
 }
 
-/// Gives every rank its owner's column.
+/// Broadcasts the owner's column.
 fn send<T: Pod>(column: &mut Vec<T>, owner: usize, ranks: &mut Ranks) -> Result<()> {
     let is_here = ranks.rank() == owner;
     let count = column.len() as u64;
@@ -139,7 +143,7 @@ fn send<T: Pod>(column: &mut Vec<T>, owner: usize, ranks: &mut Ranks) -> Result<
     let count = count.first_chunk().map(|n| u64::from_le_bytes(*n));
     let count = count.and_then(|n| usize::try_from(n).ok());
     let count = count.ok_or_else(|| unknown("no count"))?;
-    // One copy for each rank lies in memory at a time.
+    // Memory holds one copy for each rank at a time.
     let step = (PARCEL / ranks.size() / size_of::<T>()).max(1);
     for first in (0..count).step_by(step) {
         let own = is_here.then(|| {
@@ -181,7 +185,7 @@ mod tests {
         };
         let function = TransferFunction::from_curves(|_| [1.0; 3], |_| 0.5, [0.0, 24.0], 1.0);
         let function = function.unwrap();
-        // With volumes of their own all ranks need all of them.
+        // With volumes of its own, a lattice is needed entirely on all ranks.
         let lattice = |volumes: Vec<f32>| PointVolume {
             particles: Particles::Lattice {
                 lattice: Lattice::uniform([2, 3, 4], DVec3::ZERO, DVec3::ONE),
@@ -226,7 +230,7 @@ mod tests {
                 );
             }
         }
-        // What is not whole is told by its rank.
+        // A rank whose volume is not valid reports the error to all.
         let broken = PointVolume {
             strength: Strength::Mass(vec![0.5; 2]),
             ..points(3)

@@ -1,4 +1,4 @@
-//! What a rank brings of a scene.
+//! Defines a rank's share of a scene, and builds the blocks of all shares together.
 
 use std::ops::Range;
 
@@ -14,21 +14,22 @@ use crate::scene::{Lattice, Particles, PointVolume, Values};
 
 /// A rank's share of a scene: some particles of each volume, or none.
 ///
-/// All ranks have the same volumes in the same order, alike but for their particles: of one kind, with one transfer
-/// function. Codes of local models are of one scale: shares are taken of models that
-/// were made of the whole ([`LocalModels::gather`](crate::scene::LocalModels::gather)).
+/// All ranks list the same volumes in the same order. A volume differs between ranks in its particles only: its kind
+/// and its transfer function are the same. The codes of its local models have the same scale on all ranks: take shares
+/// of models that were made of the whole ([`LocalModels::gather`](crate::scene::LocalModels::gather)).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Share {
     /// The volumes.
     pub volumes: Vec<PointVolume>,
-    /// Of each volume, the number of each of these particles among those of all ranks: the order that one machine
-    /// would have them in, which decides about ties of depth; of a lattice none count. `None` numbers them one rank after
-    /// another.
+    /// Number of each particle among those of all ranks, for each volume. It is the order of a single machine, which
+    /// decides ties of depth. It is ignored for lattices. `None` numbers the particles one rank after another.
     pub numbers: Option<Vec<Vec<u64>>>,
-    /// Of each volume that is a lattice, runs of planes (of constant k, the slowest index): its values are those of these
-    /// planes alone, one run after another, and ranks have all planes together. They may be any; of what several have, all
-    /// have the same. Lattices that are classified by their values alone are shared so, of others every rank has all
-    /// planes. Of points none count. `None` where every rank has all of every lattice.
+    /// Runs of planes (of constant k, the slowest index) that this rank holds, for each volume that is a lattice.
+    ///
+    /// The volume's values are those of these planes only, one run after another. All ranks together must hold every
+    /// plane; a plane that several ranks hold must be the same on each. Only lattices that are classified by nothing
+    /// but their values can be partitioned: every rank must hold all planes of other lattices. The runs of points are
+    /// ignored. `None`: every rank holds all planes of every lattice.
     pub planes: Option<Vec<Vec<Range<usize>>>>,
 }
 
@@ -43,13 +44,13 @@ impl From<Vec<PointVolume>> for Share {
 }
 
 impl Share {
-    /// The volumes of all ranks in blocks, of which each has a share of the particles: the same blocks as of all particles
-    /// in one place.
+    /// Builds the blocks of all ranks' volumes, and gives each rank some of their particles. The blocks are those of
+    /// all particles in one place.
     ///
-    /// - `small`: volumes of no more particles for each rank are built by each as a whole.
+    /// - `small`: every rank builds the whole of a volume with at most so many particles for each rank.
     ///
     /// # Errors
-    /// Shares that are not of the same volumes, or numbers that are not one for each particle; a rank that is gone.
+    /// Shares of different volumes; numbers that are not one for each particle; a rank that is gone.
     pub(super) fn built(
         self,
         options: &SceneOptions,
@@ -95,7 +96,7 @@ impl Share {
                 let placed = placed.filter(|p| p.is_finite()).count();
                 ranks.sums(Ok(vec![placed as u64]))?.iter().sum()
             };
-            // The same on all ranks.
+            // The count is the same on all ranks.
             total += count;
             check_count(usize::try_from(total).unwrap_or(usize::MAX))?;
             let own = if let (Particles::Lattice { lattice, .. }, true) =
@@ -126,7 +127,7 @@ impl Share {
         Ok(built)
     }
 
-    /// The planes of a volume whose values are here.
+    /// Returns the planes of a volume whose values this rank holds.
     fn planes_of(&self, v: usize) -> Vec<Range<usize>> {
         let Particles::Lattice { lattice, .. } = &self.volumes[v].particles else {
             return Vec::new();
@@ -172,10 +173,10 @@ impl Share {
     }
 }
 
-/// Whether a lattice is so small that every rank may have all of it: of few planes each, of which some ranks would have
-/// none or twice as many as others, only very many cells are not.
+/// Whether a lattice is so small that every rank may hold all of it. With few planes for each rank, some ranks would
+/// get none or twice as many as others; such a lattice is small unless it has very many cells.
 ///
-/// - `small`: cells of a small one for each rank, where each has planes enough.
+/// - `small`: most cells for each rank of a small lattice with enough planes.
 pub(super) fn is_small(lattice: &Lattice, small: u64, size: usize) -> bool {
     let few = lattice.dims[2] < FEW_PLANES * size;
     let small = if few {
@@ -186,22 +187,22 @@ pub(super) fn is_small(lattice: &Lattice, small: u64, size: usize) -> bool {
     lattice.len() as u64 <= small * size as u64
 }
 
-/// Particles for each rank up to which every rank builds the whole: a frame's work is shared more evenly then, by blocks
-/// and not by some 65,536 particles.
+/// Particles for each rank up to which every rank builds the whole. The work of a frame is then partitioned by blocks
+/// rather than by chunks of some 65,536 particles, which balances it better.
 pub(super) const SMALL: u64 = 1 << 18;
 
-/// Planes for each rank below which runs of them are shared unevenly.
+/// Planes for each rank below which runs of planes balance badly.
 const FEW_PLANES: usize = 64;
 
-/// A lattice whose planes ranks have together.
+/// A lattice whose planes are partitioned among ranks.
 struct SharedLattice {
-    /// Of this rank.
+    /// Planes of this rank.
     runs: Vec<Range<usize>>,
-    /// Of all ranks.
+    /// Planes of each rank.
     held: Vec<Vec<Range<usize>>>,
-    /// Whether it has values alone, on all ranks: one without planes cannot tell.
+    /// Whether the lattice has nothing but values on every rank: a rank without planes cannot tell by itself.
     is_plain: bool,
-    /// Whether every rank builds the whole.
+    /// Whether every rank builds the whole lattice.
     is_small: bool,
 }
 
@@ -251,35 +252,35 @@ fn refused(expected: &str, found: &str) -> Error {
     Error::invalid("scene", "shares of ranks", expected, found, advice)
 }
 
-/// What ranks told of their volumes.
+/// Description of all ranks' volumes, gathered from all ranks.
 struct Known {
-    /// Of each rank, how many particles it has of each volume.
+    /// Number of particles of each volume, by rank.
     counts: Vec<Vec<u64>>,
-    /// Of each volume the scales of its local models, where any rank has some.
+    /// Scales of each volume's local models, if any rank has some.
     scales: Vec<Option<[f32; 2]>>,
-    /// Whether any rank gives numbers.
+    /// Whether any rank numbers its particles.
     is_numbered: bool,
-    /// Whether any rank says which planes of lattices it has.
+    /// Whether any rank lists the planes that it holds.
     is_apart: bool,
-    /// Of each rank, which planes of each volume it has.
+    /// Planes of each volume, by rank.
     planes: Vec<Vec<Vec<Range<usize>>>>,
-    /// Of each volume, whether it is a lattice of values alone, by all that ranks have of it.
+    /// Whether each volume is a lattice of values only, on all ranks.
     plain: Vec<bool>,
 }
 
 impl Known {
-    /// Numbers of a rank that gives none, where others do.
+    /// Returns default numbers for a rank that gives none, if other ranks number theirs.
     fn numbers(&self, v: usize, rank: usize, count: usize) -> Option<Vec<u64>> {
         self.is_numbered.then(|| self.by_rank(v, rank, count))
     }
 
-    /// Numbers of a rank's particles, one rank after another.
+    /// Returns the numbers of a rank's particles, one rank after another.
     fn by_rank(&self, v: usize, rank: usize, count: usize) -> Vec<u64> {
         let first: u64 = self.counts[..rank].iter().map(|own| own[v]).sum();
         (first..first + count as u64).collect()
     }
 
-    /// A volume whose local models have the scales of all.
+    /// Gives a volume's local models the scales of all ranks.
     fn with_scales(&self, v: usize, mut volume: PointVolume) -> PointVolume {
         if let Some(scales) = self.scales[v] {
             volume.local_models = volume.local_models.map(|m| m.with_scales(scales));
@@ -287,7 +288,7 @@ impl Known {
         volume
     }
 
-    /// The particles of a volume that all ranks have, in the order of their numbers.
+    /// Gathers the particles of a volume on every rank, in the order of their numbers.
     fn gathered(
         &self,
         v: usize,
@@ -356,10 +357,10 @@ mod tests {
         ValuesIn,
     };
 
-    /// Points of a chunk of the tree at most.
+    /// Most points in a chunk of the tree.
     const CHUNK: usize = 1 << 16;
 
-    /// Numbers without a pattern, 0 to 1.
+    /// Returns a pseudo-random number from 0 to 1.
     fn number(n: usize) -> f64 {
         ((n as f64 * 12.9898).sin() * 43_758.547).fract().abs()
     }
@@ -418,8 +419,9 @@ mod tests {
         }
     }
 
-    /// Several chunks of points that lie apart; more than a chunk in one place, and nearly so; a dense cluster far narrower
-    /// than a cell of a curve through all.
+    /// Returns four volumes: more than a chunk of points in one place with more points close by; a dense cluster far
+    /// narrower than a cell of the space-filling curve through all points; several chunks of points that lie apart; and
+    /// a few points beside a chunk in one place.
     fn volumes() -> Vec<PointVolume> {
         let mut crowd = scattered(CHUNK);
         crowd.splice(1_000..1_000, vec![DVec3::new(0.3, 0.4, 0.5); CHUNK + 9_000]);
@@ -435,13 +437,13 @@ mod tests {
                 .collect::<Vec<_>>(),
         );
         let even = ellipsoids(scattered(3 * CHUNK));
-        // Few by themselves: a rank of two has these alone.
+        // A chunk of its own: with two ranks, one holds nothing but these.
         let mut lonely = vec![DVec3::splat(0.1); CHUNK + 50];
         lonely.extend(scattered(3).iter().map(|p| *p + 5.0));
         vec![spheres(crowd), coloured, even, spheres(lonely)]
     }
 
-    /// Parts of volumes, whose particles lie in turn on several ranks or one rank after another.
+    /// Partitions volumes: particles go to ranks in turn, or in runs.
     fn share(volumes: &[PointVolume], rank: usize, size: usize, in_turn: bool) -> Share {
         let part = |volume: &PointVolume| {
             let count = volume.particles.len();
@@ -481,7 +483,7 @@ mod tests {
         })
     }
 
-    /// What is stored of the particles of a block.
+    /// Returns the stored columns of the particles in a block.
     fn particles(volume: &BlockedVolume, block: &Block) -> (Vec<[f32; 3]>, Vec<Vec<f32>>) {
         let run = block.first as usize..(block.first + block.count) as usize;
         let (offsets, shapes) = match &volume.particles {
@@ -564,7 +566,7 @@ mod tests {
                 let blocks: usize = whole.iter().map(|own| own.blocks.len()).sum();
                 assert_eq!(owned[v], blocks);
             }
-            // Crowds of one place stay together; the rest is dealt out.
+            // Points at one position stay together; the rest is distributed.
             let even = 3 * CHUNK / size;
             assert!(most[2] <= even + CHUNK, "{} of {even}", most[2]);
         }
@@ -607,7 +609,8 @@ mod tests {
         }
     }
 
-    /// Planes of a lattice: one run each, runs in turn, all on the last rank, or some on several.
+    /// Returns a rank's planes of a lattice: one run for each rank, runs in turn, all on the last rank, or overlapping
+    /// runs.
     fn planes_of(planes: usize, rank: usize, size: usize, way: usize) -> Vec<Range<usize>> {
         match way {
             0 => std::iter::once(rank * planes / size..(rank + 1) * planes / size).collect(),
@@ -657,7 +660,8 @@ mod tests {
         let bytes = |dims| Values::U8(field(dims).map(|v| (127.0 * (v + 1.0)) as u8).collect());
         let floats = |dims| Values::F32(field(dims).map(|v| v as f32).collect());
         let shorts = |dims| Values::I16(field(dims).map(|v| (9e3 * v) as i16).collect());
-        // Cubes of 64 cells, which several ranks have slices of; one of fewer planes than a run; one with a hole.
+        // Cubes of 64 cells that several ranks hold slices of; a lattice of fewer planes than a run; a lattice with a
+        // hole.
         let mut holed = floats([20, 19, 70]);
         if let Values::F32(values) = &mut holed {
             values[12_345] = f32::NAN;
@@ -723,7 +727,7 @@ mod tests {
         }
     }
 
-    /// A brick's values, and those of the two rings around it, are there.
+    /// Asserts that a rank holds the values of a brick, and of the two layers of cells around it.
     fn assert_neighbours(
         volume: &BlockedVolume,
         brick: u32,

@@ -95,8 +95,8 @@ pub(super) fn show(
     Ok(())
 }
 
-/// Nodes that stand for those of all ranks where only their box and its planes count: its corners, and one node between two
-/// end planes if not all nodes lie in these.
+/// Returns a few nodes with the same box and the same end planes as the nodes of all ranks: the box's corners, and one
+/// node between two end planes if not all nodes lie in these.
 pub(super) fn outline_of_all(own: &[DVec3], ranks: &mut Ranks) -> Result<Vec<DVec3>> {
     let finite = || own.iter().copied().filter(|p| p.is_finite());
     let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
@@ -117,7 +117,7 @@ pub(super) fn outline_of_all(own: &[DVec3], ranks: &mut Ranks) -> Result<Vec<DVe
     let [x, y, z, count] = sums[..] else {
         return Ok(vec![low, high]);
     };
-    // Few nodes are no layer, whatever planes they lie in.
+    // Few nodes are not a layer, whatever planes they lie in.
     if count <= 8 {
         return Ok(vec![low, high]);
     }
@@ -132,7 +132,7 @@ pub(super) fn outline_of_all(own: &[DVec3], ranks: &mut Ranks) -> Result<Vec<DVe
     Ok(nodes)
 }
 
-/// The codes of a rank's local models, of one scale with those of all.
+/// Encodes a rank's local models, on one scale for all ranks.
 pub(super) fn models_of_all(own: &[LocalModel], ranks: &mut Ranks) -> Result<LocalModels> {
     let scales = greatest_of_all(LocalModels::scales_of(own), ranks)?;
     Ok(LocalModels::with(own, scales))
@@ -151,16 +151,16 @@ pub(super) fn differences_of_all(own: &Values, ranks: &mut Ranks) -> Result<Valu
     Ok(ValueScale::of_differences(range, all[2] > 0.0))
 }
 
-/// The greatest that any rank says, place by place, none less than 0.
+/// Returns the greatest numbers of all ranks, place by place, and at least 0.
 pub(super) fn greatest_of_all(own: [f32; 2], ranks: &mut Ranks) -> Result<[f32; 2]> {
     let all = ranks.gather_records(Ok(vec![own]))?;
     let greatest = |a: [f32; 2], b: [f32; 2]| [a[0].max(b[0]), a[1].max(b[1])];
     Ok(all.into_iter().flatten().fold([0.0; 2], greatest))
 }
 
-/// Whether ranks make the same of a file as one does.
+/// Checks that several ranks make the same of a file as one rank does.
 ///
-/// - `sizes`: how many ranks; `read`: one's part.
+/// - `sizes`: numbers of ranks; `read`: reads a rank's part.
 #[cfg(test)]
 pub(super) fn check_file(
     path: &Path,
@@ -182,9 +182,9 @@ pub(super) fn check_file(
     whole
 }
 
-/// Whether ranks make the same of data as one does: particles, bit for bit, and reports.
+/// Checks that several ranks make the same of data as one rank does: particles, bit for bit, and reports.
 ///
-/// - `read`: a rank's share, and what it reports of all.
+/// - `read`: returns a rank's share, and its report on all data.
 #[cfg(test)]
 fn check_parts(
     whole: &Sampled,
@@ -199,7 +199,7 @@ fn check_parts(
         threads.into_iter().map(|t| t.join().unwrap()).collect()
     });
     let without = |volume: &PointVolume| volume_of(&[], volume).unwrap();
-    // Ranks meet what they find in another order.
+    // Several ranks find things in another order.
     let sorted = |report: &SampleReport| {
         let mut report = report.clone();
         report.findings.sort_by_key(|f| (f.reason.clone(), f.count));
@@ -221,7 +221,7 @@ fn check_parts(
     }
     let parts: Vec<&[u8]> = parts.iter().map(Vec::as_slice).collect();
     let joined = volume_of(&parts, &whole.volume).unwrap();
-    // In the order of one.
+    // Particles in the order of one rank.
     assert_eq!(joined.particles.len(), all.len(), "{size} ranks");
     let rows = [&joined, &whole.volume].map(|volume| rows_of(volume, &all));
     let stride = rows[0].len() / all.len();

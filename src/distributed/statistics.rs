@@ -1,4 +1,4 @@
-//! What each rank did for a frame.
+//! Counts the work, bytes and times of each rank in a frame.
 
 use std::ops::Range;
 
@@ -8,47 +8,47 @@ use crate::blocks::BlockedScene;
 use crate::render::backend::FrameReport;
 use crate::stats::FrameCounts;
 
-/// What one rank has, did and exchanged for the last frame.
+/// Data held, work done and bytes exchanged by one rank for the last frame.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct RankStats {
-    /// Particles that it has, without merged ones.
+    /// Particles that the rank holds, without merged ones.
     pub particles: u64,
-    /// Bytes that it keeps of the scene: particles, levels of detail, and the blocks of all ranks. Of a prepared scene,
-    /// which is mapped, those that it may come to read; of a lattice that ranks have made together the values of its own
-    /// cells (those beside its planes come on top).
+    /// Bytes of the scene that the rank keeps: particles, levels of detail, and the blocks of all ranks. For a prepared
+    /// scene, which is mapped: the bytes that the rank may come to read. For a lattice that ranks built together: the
+    /// values of its own cells, without the planes beside them.
     pub bytes: u64,
-    /// Tiles that it draws.
+    /// Tiles that the rank draws.
     pub tiles: u64,
     /// Particles that the transfer function leaves visible, in its blocks in view.
     pub classified: u64,
-    /// Of these, in volumes whose kernels are classified over their extents.
+    /// Number of these in volumes whose kernels are classified over their extents.
     pub pieces: u64,
-    /// Footprints of its particles that reach the image.
+    /// Footprints of the rank's particles that reach the image.
     pub footprints_made: u64,
-    /// Of these, surfels of opaque surfaces.
+    /// Number of these that are surfels of opaque surfaces.
     pub surfels: u64,
-    /// Of these, on the exact path.
+    /// Number of these on the exact path.
     pub footprints_exact: u64,
-    /// Of these, kernels that cross the camera plane.
+    /// Number of these whose kernels cross the camera plane.
     pub footprints_near: u64,
-    /// Those that it sent, itself among the receivers: one for each that draws a tile of its box.
+    /// Footprints sent, also to itself: one for each rank that draws a tile of the footprint's box.
     pub footprints_sent: u64,
-    /// Those that it received.
+    /// Footprints received.
     pub footprints_received: u64,
-    /// Bytes that it sent with them.
+    /// Bytes of the footprints sent.
     pub bytes_sent: u64,
-    /// Bytes that it received with them.
+    /// Bytes of the footprints received.
     pub bytes_received: u64,
-    /// Entries of its tiles' lists.
+    /// Entries in the lists of the rank's tiles.
     pub tile_entries: u64,
     /// Kernels evaluated at pixel centres within their cut-off.
     pub splat_pixels: u64,
-    /// Milliseconds.
+    /// Times in milliseconds.
     pub times: RankTimes,
 }
 
-/// Milliseconds of a rank's frame.
+/// Times of a rank's frame, in milliseconds.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct RankTimes {
@@ -58,22 +58,22 @@ pub struct RankTimes {
     pub classify: f64,
     /// Projection.
     pub project: f64,
-    /// Sorting footprints by who draws them, and by depth.
+    /// Sorting footprints by the ranks that draw them, and by depth.
     pub sort: f64,
-    /// Sending and waiting for others.
+    /// Sending, and waiting for other ranks.
     pub exchange: f64,
-    /// Lists of tiles.
+    /// Making the lists of tiles.
     pub bin: f64,
     /// Drawing.
     pub rasterise: f64,
-    /// Making images of tiles; of the first rank alone.
+    /// Making images of tiles, on the first rank only.
     pub resolve: f64,
     /// The whole frame.
     pub frame: f64,
 }
 
 impl RankStats {
-    /// Of a rank that has done nothing yet.
+    /// Returns the statistics of a rank that has drawn nothing yet.
     pub(super) fn of(scene: &BlockedScene, own: &[Vec<Range<u32>>]) -> Self {
         let mut stats = Self::default();
         for (volume, own) in scene.volumes().iter().zip(own) {
@@ -86,7 +86,7 @@ impl RankStats {
                 Some(values) if values.is_mapped() => all * values.bytes_per_value() as u64,
                 _ => 0,
             };
-            // Of a lattice, whose blocks do not lie one after the other, its values alone.
+            // The blocks of a lattice are not stored one after another: only its values are partitioned.
             let apart = match volume.is_mapped() {
                 true => bytes - size_of_val(&*volume.blocks) as u64,
                 false => of_values,
@@ -99,7 +99,7 @@ impl RankStats {
         stats
     }
 
-    /// Adds what a frame counted here, and how long it took.
+    /// Adds this rank's counts and times of a frame.
     pub(super) fn add(&mut self, report: &FrameReport) {
         let FrameReport { counts, times } = report;
         self.classified = counts.classified as u64;
@@ -122,7 +122,8 @@ impl RankStats {
         };
     }
 
-    /// What all ranks counted, which is what one machine alone would have; what each counts of the whole stays.
+    /// Sums the counts of all ranks, which equal those of a single machine. Counts that each rank makes of the whole
+    /// scene stay.
     pub(super) fn sum(ranks: &[Self], counts: &mut FrameCounts) {
         let sum = |of: fn(&Self) -> u64| ranks.iter().map(of).sum::<u64>();
         let count = |of| sum(of) as usize;
@@ -136,7 +137,7 @@ impl RankStats {
         counts.splat_pixels = sum(|rank| rank.splat_pixels);
     }
 
-    /// The greatest of what ranks did over its mean: 1 where all did the same, or nothing.
+    /// Returns the greatest work of a rank over the mean: 1 if all did the same, or nothing.
     pub fn balance(ranks: &[Self], of: impl Fn(&Self) -> f64) -> f64 {
         let most = ranks.iter().map(&of).fold(0.0, f64::max);
         let mean = ranks.iter().map(&of).sum::<f64>() / ranks.len().max(1) as f64;

@@ -1,4 +1,4 @@
-//! Points of other ranks that are among the nearest neighbours of this rank's.
+//! Builds the halo of a rank's points: the points of other ranks among their nearest neighbours.
 
 use bytemuck::Pod;
 use glam::DVec3;
@@ -10,17 +10,17 @@ use crate::error::Result;
 use crate::sample::{Boxes, Leaf, Near, Reach};
 use crate::scene::Values;
 
-/// Who looks at which of this rank's points.
+/// Points of this rank that other ranks need as neighbours.
 #[derive(Debug)]
 pub(super) struct PointsAround {
-    /// Of each rank those of this one's points that it asked for, ascending.
+    /// Points of this rank that each rank asked for, ascending.
     wanted: Vec<Vec<u32>>,
 }
 
 impl PointsAround {
-    /// Finds out.
+    /// Finds the points that each rank needs from the others.
     ///
-    /// - `count`: of the nearest distinct places that a point looks at, on whichever rank they are.
+    /// - `count`: number of nearest distinct positions that a point needs, on any rank.
     pub(super) fn of(
         positions: &[DVec3],
         count: &(dyn Fn(u32) -> usize + Sync),
@@ -34,13 +34,13 @@ impl PointsAround {
         let near = Near::of(positions, count);
         let mut leaves: Vec<Reach> = near.leaves.iter().map(|leaf| leaf.reach).collect();
         let ranks: &mut dyn Peers = ranks;
-        // Where everybody's points are.
+        // Boxes around the points of every rank.
         let boxes = ranks.gather_records(Ok(&near.boxes()))?.into_iter();
         let boxes: Vec<Boxes> = boxes.map(Boxes::of).collect();
         let is_among = |own: &Reach, other: usize| {
             other != rank && boxes[other].any(&|theirs| own.touches(theirs))
         };
-        // Of each rank those whose neighbours may be where it has points.
+        // For each rank, the reaches that may extend to its points.
         let asked = |own: &[Reach]| -> Vec<Vec<u32>> {
             let of_rank = |other| {
                 let is_asked = |&n: &u32| is_among(&own[n as usize], other);
@@ -51,7 +51,8 @@ impl PointsAround {
             };
             (0..size).map(of_rank).collect()
         };
-        // Where this rank has few points others may have many: they tell how near as many of theirs are.
+        // A rank with few points near another's many reaches too far: the others send bounds on the distance to as many
+        // of their points.
         let first = asked(&leaves);
         let theirs = ranks.exchange_records(Ok(entries(&leaves, &first)))?;
         let bound = |theirs: &Vec<Reach>| theirs.par_iter().map(|own| near.bound(own)).collect();
@@ -61,7 +62,7 @@ impl PointsAround {
             let own = &mut leaves[n as usize].distance;
             *own = own.min(*bound);
         }
-        // The points of those that are left, one by one.
+        // The points of the leaves that still reach other ranks, one by one.
         let of_leaf = |(own, leaf): (&Reach, &Leaf)| {
             let is_asked = (0..size).any(|other| is_among(own, other));
             let alone = |&point: &u32| near.alone(point, count(point), own.distance);
@@ -93,26 +94,27 @@ impl PointsAround {
         })
     }
 
-    /// What others have of the points that this rank looks at: always in the same order.
+    /// Fetches the other ranks' entries for the halo, always in the same order.
     ///
-    /// - `own`: of each of this rank's points.
+    /// - `own`: one entry for each of this rank's points.
     pub(super) fn fetch<T: Pod>(&self, own: &[T], ranks: &mut Ranks) -> Result<Vec<T>> {
         sent(own, &self.wanted, ranks)
     }
 
-    /// The same of values.
+    /// Fetches the other ranks' values for the halo.
     pub(super) fn fetch_values(&self, own: &Values, ranks: &mut Ranks) -> Result<Values> {
         sent_values(own, &self.wanted, ranks)
     }
 }
 
-/// What others send of a column, some of whose entries go to each rank.
+/// Sends some entries of a column to each rank; returns the entries that the other ranks sent.
 pub(super) fn sent<T: Pod>(own: &[T], to: &[Vec<u32>], ranks: &mut Ranks) -> Result<Vec<T>> {
     let ranks: &mut dyn Peers = ranks;
     Ok(ranks.exchange_records(Ok(entries(own, to)))?.concat())
 }
 
-/// The same of values; floating-point ones are in double precision where any rank has some in that.
+/// Sends some values to each rank; returns those received. Floating-point values are in double precision if any rank's
+/// are.
 pub(super) fn sent_values(own: &Values, to: &[Vec<u32>], ranks: &mut Ranks) -> Result<Values> {
     if matches!(own, Values::F32(_) | Values::F64(_)) {
         let is_wide = u64::from(matches!(own, Values::F64(_)));
@@ -130,7 +132,7 @@ pub(super) fn sent_values(own: &Values, to: &[Vec<u32>], ranks: &mut Ranks) -> R
     })
 }
 
-/// Of each rank some entries.
+/// Returns the entries that go to each rank.
 fn entries<T: Copy>(own: &[T], to: &[Vec<u32>]) -> Vec<Vec<T>> {
     let of_rank = |some: &Vec<u32>| some.iter().map(|&i| own[i as usize]).collect();
     to.iter().map(of_rank).collect()

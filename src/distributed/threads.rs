@@ -1,4 +1,4 @@
-//! Ranks that are threads of one process.
+//! Implements ranks that are threads of one process.
 
 use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -6,7 +6,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use super::communicator::Communicator;
 use crate::error::{Error, Result};
 
-/// One of several ranks in one process, each for a thread of its own.
+/// One of several ranks in one process; each belongs to a thread of its own.
 ///
 /// ```
 /// use ewa_splat::distributed::{Communicator, ThreadRank};
@@ -27,19 +27,19 @@ use crate::error::{Error, Result};
 #[derive(Debug)]
 pub struct ThreadRank {
     rank: usize,
-    /// To each rank.
+    /// Channels to each rank.
     to: Vec<Sender<Vec<u8>>>,
-    /// From each rank.
+    /// Channels from each rank.
     from: Vec<Receiver<Vec<u8>>>,
-    /// What this rank sent to itself.
+    /// Parts that this rank sent to itself.
     own: VecDeque<Vec<u8>>,
 }
 
 impl ThreadRank {
-    /// So many ranks, at least one, in their order.
+    /// Creates `size` ranks, at least one, in their order.
     pub fn group(size: usize) -> Vec<Self> {
         let size = size.max(1);
-        // From each rank to each rank.
+        // Channels from each rank to each rank.
         let mut to = Vec::with_capacity(size);
         let mut from: Vec<Vec<Receiver<Vec<u8>>>> = Vec::new();
         from.resize_with(size, Vec::new);
@@ -75,7 +75,7 @@ impl Communicator for ThreadRank {
             if rank == self.rank {
                 self.own.push_back(part);
             } else {
-                // Whoever is gone is found where something is expected of it.
+                // A rank that is gone is reported when a part is expected from it.
                 let _ = self.to[rank].send(part);
             }
         }

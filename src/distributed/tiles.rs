@@ -1,7 +1,7 @@
-//! Which rank draws which tiles: runs of them, row by row, of about equal work.
+//! Assigns tiles to ranks: a run of tiles, row by row, of about equal work for each rank.
 //!
-//! Where the cuts lie changes no picture. They follow from the blocks in view, which every rank knows, before any
-//! particle is projected: so footprints can leave as soon as they are made.
+//! The assignment does not change the image. It follows from the blocks in view, which every rank knows before any
+//! particle is projected. A rank can therefore send footprints as soon as it has made them.
 
 use std::ops::Range;
 
@@ -9,39 +9,40 @@ use crate::blocks::BlockedVolume;
 use crate::constants::MAX_CUTOFF;
 use crate::record::{BlockView, Footprint, ViewUniform};
 
-/// The tiles of a picture, or some of them, and who draws them.
+/// Tiles of an image, or some of them, and the ranks that draw them.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct TileShares {
     /// Pixels along a side of a tile.
     size: usize,
     /// Tiles in a row.
     columns: usize,
-    /// The tiles of each rank.
+    /// Tiles of each rank.
     runs: Vec<Range<usize>>,
-    /// Of each tile, where those that follow it and have its owner end, and that rank; none where nobody draws them.
+    /// For each tile, the end of the run of tiles with the same owner, and that owner: [`NOBODY`] if no rank draws
+    /// them.
     owners: Vec<(u32, u32)>,
 }
 
-/// In place of a rank: nobody.
+/// Stands for a rank: no rank draws the tile.
 const NOBODY: u32 = u32::MAX;
 
-/// Work of a tile without any footprint, in evaluations of kernels at pixels: it is cleared, gathered and resolved.
+/// Work of a tile without footprints (clearing, gathering, resolving), in kernel evaluations at pixels.
 const EMPTY_TILE: f64 = 256.0;
-/// Of a footprint in the list of a tile, besides its pixels.
+/// Work of a footprint's entry in a tile's list, besides its pixels.
 const ENTRY: f64 = 32.0;
 
-/// How much work the tiles of a picture are, guessed of the blocks in view.
+/// Work of an image's tiles, estimated from the blocks in view.
 #[derive(Debug)]
 pub(super) struct Work {
     size: usize,
     columns: usize,
     rows: usize,
-    /// Differences of the work along both axes, one column and one row more than there are tiles.
+    /// Differences of the work along both axes; one column and one row more than there are tiles.
     differences: Vec<f64>,
 }
 
 impl Work {
-    /// None yet, of a picture in tiles of `size`².
+    /// Starts with no work, for an image in tiles of `size`² pixels.
     pub(super) fn new(view: &ViewUniform, size: usize) -> Self {
         let [columns, rows] = view.size.map(|n| (n as usize).div_ceil(size));
         Self {
@@ -52,7 +53,7 @@ impl Work {
         }
     }
 
-    /// Adds a volume's blocks in view, their particles spread evenly over the box of each.
+    /// Adds a volume's blocks in view, as if each block's particles were spread evenly over its box.
     pub(super) fn add(&mut self, volume: &BlockedVolume, views: &[BlockView], view: &ViewUniform) {
         let focal = view.focal_px.map(f64::from);
         let size = self.size as f64;
@@ -63,7 +64,7 @@ impl Work {
             let reach = block.half_extent.as_dvec3().length() + f64::from(MAX_CUTOFF) * sigma;
             let depth = if view.orthographic != 0 { 1.0 } else { z };
             let focal = focal.map(|f| f / depth);
-            // Blocks beside the eye may reach anything.
+            // Blocks beside the eye may reach any tile.
             let is_near = view.orthographic == 0 && z <= reach;
             let range = |axis: usize, at: f64, count: usize| {
                 let centre = focal[axis] * at + f64::from(view.centre_px[axis]);
@@ -75,7 +76,7 @@ impl Work {
                 tile(centre - half)..tile(centre + half) + 1
             };
             let (columns, rows) = (range(0, x, self.columns), range(1, y, self.rows));
-            // Of one footprint: its pixels, and the tiles that it is listed in.
+            // Work of one footprint: its pixels, and the tiles whose lists it enters.
             let radius = f64::from(MAX_CUTOFF).min(3.0)
                 * (focal[0].abs() * sigma).hypot(f64::from(view.low_pass_variance_px2).sqrt());
             let most = (self.columns * self.rows) as f64;
@@ -97,7 +98,7 @@ impl Work {
         }
     }
 
-    /// Tiles in runs of about equal work, one for each of `ranks`.
+    /// Cuts the tiles into runs of about equal work, one for each of `ranks`.
     pub(super) fn shares(mut self, ranks: usize) -> TileShares {
         let line = self.columns + 1;
         for row in 0..=self.rows {
@@ -114,7 +115,7 @@ impl Work {
         before.push(sum);
         for tile in 0..tiles {
             let (row, column) = (tile / self.columns, tile % self.columns);
-            // Rounding may leave less than nothing.
+            // Rounding may leave a negative number.
             sum += self.differences[row * line + column].max(0.0) + EMPTY_TILE;
             before.push(sum);
         }
@@ -129,6 +130,8 @@ impl Work {
 }
 
 impl TileShares {
+    /// Assigns each rank the tiles between two cuts.
+    ///
     /// - `cuts`: ascending, from 0 to the number of tiles.
     pub(super) fn new(size: usize, columns: usize, cuts: Vec<usize>) -> Self {
         let tiles = cuts.last().copied().unwrap_or(0);
@@ -136,7 +139,9 @@ impl TileShares {
         Self::of_runs(size, columns, tiles, runs)
     }
 
-    /// - `runs`: of each rank; ascending.
+    /// Assigns each rank a run of tiles.
+    ///
+    /// - `runs`: one for each rank, ascending.
     fn of_runs(size: usize, columns: usize, tiles: usize, runs: Vec<Range<usize>>) -> Self {
         let mut owners = Vec::with_capacity(tiles);
         for (rank, run) in (0..).zip(&runs) {
@@ -156,7 +161,7 @@ impl TileShares {
         }
     }
 
-    /// One of several parts of what each rank draws, of about as many tiles.
+    /// Returns one of `parts` parts of each rank's tiles, each with about as many tiles.
     pub(super) fn part(&self, part: usize, parts: usize) -> Self {
         let of_rank = |run: &Range<usize>| {
             let cut = |n: usize| run.start + n * run.len() / parts;
@@ -166,7 +171,7 @@ impl TileShares {
         Self::of_runs(self.size, self.columns, self.owners.len(), runs)
     }
 
-    /// Boxes of pixels, columns and rows, around the tiles of each rank that has any.
+    /// Returns the boxes of pixels (columns, rows) around the tiles of each rank that has any.
     pub(super) fn boxes(&self, [width, height]: [usize; 2]) -> Vec<[Range<usize>; 2]> {
         let with_tiles = self.runs.iter().filter(|run| !run.is_empty());
         let around = with_tiles.map(|run| {
@@ -183,12 +188,12 @@ impl TileShares {
         around.collect()
     }
 
-    /// The tiles of a rank.
+    /// Tiles of a rank.
     pub(super) fn of(&self, rank: usize) -> Range<usize> {
         self.runs[rank].clone()
     }
 
-    /// Tiles in a row.
+    /// Number of tiles in a row.
     pub(super) fn columns(&self) -> usize {
         self.columns
     }
@@ -231,7 +236,7 @@ mod tests {
 
     #[test]
     fn footprints_go_to_whoever_draws_a_tile_of_theirs_once() {
-        // Rows of five tiles; one rank without any, one with a part of a row.
+        // Rows of five tiles; one rank without any, and one with a part of a row.
         let shares = TileShares::new(16, 5, vec![0, 7, 7, 9, 20]);
         let ranks = |columns: [u32; 2], rows: [u32; 2]| {
             let footprint = Footprint {
@@ -274,7 +279,7 @@ mod tests {
                 let owner = (0..4).find(|&rank| some.of(rank).contains(&tile));
                 assert_eq!(ranks, owner.into_iter().collect::<Vec<_>>());
             }
-            // Every tile lies in a box of somebody's.
+            // Every tile lies in the box of a rank.
             let boxes = some.boxes([78, 60]);
             for tile in (0..4).flat_map(|rank| some.of(rank)) {
                 let [x, y] = [tile % 5 * 16, tile / 5 * 16];
@@ -311,7 +316,7 @@ mod tests {
             }
             assert_eq!(next, 7 * 5);
         }
-        // Nearly all work in one tile: nobody else has much of it.
+        // Nearly all work is in one tile: no other rank has much of it.
         let mut work = Work::new(&view, 16);
         work.spread(1e9, 2..3, 1..2);
         let shares = work.shares(2);

@@ -1,4 +1,4 @@
-//! What is said of a scene beside its columns: the value of the schema's key `ewa_splat`, JSON.
+//! Defines the metadata of a prepared scene: the value of the schema's key `ewa_splat`, JSON.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -8,34 +8,34 @@ use serde::{Deserialize, Serialize};
 use crate::blocks::AmplitudeSummary;
 use crate::scene::{Lattice, LatticeSpacing, TransferFunction, ValueScale};
 
-/// The version of files that are written, and alone are read.
+/// Version of the files that are written, and the only one that is read.
 pub(super) const VERSION: u32 = 1;
 
-/// What a front end keeps of the data that a scene was made of.
+/// Metadata that a front end keeps of the data in a scene.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct About {
-    /// The files that it was made of.
+    /// Files that the scene was made of.
     pub inputs: Vec<String>,
-    /// What each volume shows: the name of its field.
+    /// Field that each volume shows, by name.
     pub fields: Vec<Option<String>>,
-    /// What legends call these.
+    /// Titles of these fields in legends.
     pub titles: Vec<Option<String>>,
-    /// Least and greatest coordinates of the data; where nothing has a place, none.
+    /// Least and greatest coordinates of the data; empty if none is finite.
     pub corners: Vec<[[f64; 3]; 2]>,
-    /// What points up, unit length.
+    /// Upward direction, unit length.
     pub up: [f64; 3],
-    /// The direction of view of a picture that is told none, where the data have a front.
+    /// Default direction of view, if the data have a front.
     pub front: Option<[f64; 3]>,
     /// Whether the data are a plane.
     pub is_plane: bool,
-    /// Whether a mesh says what points up, which says nothing beside other data.
+    /// Whether a mesh determines the upward direction; it is then ignored beside other data.
     pub is_of_mesh: bool,
-    /// Whether the scene was made for column densities, which end softly.
+    /// Whether the scene was made for column densities, which have no sharp boundaries.
     pub for_columns: bool,
 }
 
-/// All that the key has.
+/// Whole value of the key.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Head {
@@ -44,18 +44,18 @@ pub(super) struct Head {
     pub(super) volumes: Vec<Volume>,
 }
 
-/// A volume and its levels of detail: as many batches as `batches` has.
+/// A volume and its levels of detail; each is a batch of the file.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Volume {
     pub(super) transfer_function: Option<Function>,
     pub(super) amplitudes: Amplitudes,
     pub(super) lattice: Option<Grid>,
-    /// The volume itself, and then its levels of detail, the finest first.
+    /// Headers of the volume itself, then of its levels of detail, the finest first.
     pub(super) batches: Vec<BatchHead>,
 }
 
-/// What the particles of a batch are.
+/// Header of a batch: the kind of its particles and columns.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct BatchHead {
@@ -63,7 +63,7 @@ pub(crate) struct BatchHead {
     pub(crate) strength: Strength,
     pub(crate) colour: Colour,
     pub(crate) values: Option<Values>,
-    /// What local models' codes count from.
+    /// Scales of the local models' codes.
     pub(crate) local_model_scales: Option<[f32; 2]>,
     pub(crate) has_normals: bool,
     pub(crate) has_indices: bool,
@@ -73,7 +73,7 @@ pub(crate) struct BatchHead {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub(crate) enum Particles {
-    /// Cubes of so many of the lattice's cells along each edge.
+    /// Cubes of `cube` cells of the lattice along each edge.
     Lattice {
         cube: usize,
     },
@@ -116,7 +116,7 @@ pub(crate) enum Values {
     F32,
 }
 
-/// [`AmplitudeSummary`].
+/// Stored form of [`AmplitudeSummary`].
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Amplitudes {
@@ -125,21 +125,21 @@ pub(crate) struct Amplitudes {
     not_finite: usize,
 }
 
-/// A lattice with its ghosts, and where faces cut its kernels.
+/// A lattice with its ghosts, and the faces that cut its kernels.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Grid {
     pub(crate) dims: [usize; 3],
     pub(crate) spacing: Spacing,
     pub(crate) kernel_width: f64,
-    /// Ghosts before the first sample along each axis, and as many behind the last; none where no face cuts.
+    /// Ghosts before the first sample along each axis, and as many behind the last; `None` if no face cuts kernels.
     pub(crate) ghosts: Option<[usize; 3]>,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub(crate) enum Spacing {
-    /// The first sample, and the columns of the step.
+    /// Position of the first sample, and the columns of the step.
     Uniform {
         origin: [f64; 3],
         step: [[f64; 3]; 3],
@@ -185,7 +185,7 @@ impl Function {
         }
     }
 
-    /// `None` where it is no function.
+    /// Decodes the function; `None` if it is not valid.
     pub(crate) fn transfer(&self) -> Option<TransferFunction> {
         let bytes = STANDARD.decode(&self.table).ok()?;
         let (words, []) = bytes.as_chunks::<4>() else {

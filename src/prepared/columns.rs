@@ -1,8 +1,8 @@
-//! The columns of a prepared scene. A file has those that any of its batches has entries in.
+//! Defines the columns of a prepared scene. A file has the columns in which any of its batches has entries.
 
 use arrow_schema::{DataType, Field};
 
-/// What the numbers of a column are.
+/// Type of the numbers in a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Number {
     U8,
@@ -35,24 +35,24 @@ impl Number {
     }
 }
 
-/// A column.
+/// Type of a column.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ColumnType {
     pub(super) name: &'static str,
     pub(super) number: Number,
-    /// How many numbers an element has.
+    /// Number of numbers in an element.
     pub(super) width: usize,
-    /// Whether each row has a list of elements, or one.
+    /// Whether each row has a list of elements, or a single one.
     pub(super) is_list: bool,
 }
 
 impl ColumnType {
-    /// Bytes of an element.
+    /// Bytes in an element.
     pub(super) fn stride(&self) -> usize {
         self.number.bytes() * self.width
     }
 
-    /// As Arrow has it: nothing is null.
+    /// Returns the column as an Arrow field without nulls.
     pub(super) fn field(&self) -> Field {
         let number = self.number.data_type();
         let element = match i32::try_from(self.width) {
@@ -73,11 +73,11 @@ impl ColumnType {
 
 macro_rules! columns {
     ($($id:ident $name:literal $number:ident $width:literal $is_list:literal;)*) => {
-        /// A column by its place in [`COLUMNS`].
+        /// A column, by its place in [`COLUMNS`].
         #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
         pub(super) enum Id { $($id),* }
 
-        /// All that there are, in the order of files.
+        /// All columns, in the order of files.
         pub(super) const COLUMNS: &[(Id, ColumnType)] = &[$(
             (Id::$id, ColumnType { name: $name, number: Number::$number, width: $width, is_list: $is_list }),
         )*];
@@ -127,7 +127,7 @@ impl Id {
         &COLUMNS[self as usize].1
     }
 
-    /// The column of a name.
+    /// Returns the column of a name.
     pub(super) fn named(name: &str) -> Option<Self> {
         let mut columns = COLUMNS.iter();
         columns.find(|(_, c)| c.name == name).map(|(id, _)| *id)

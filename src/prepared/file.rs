@@ -1,11 +1,11 @@
-//! Arrow's IPC format, of uncompressed batches without nulls: where columns lie in a file.
+//! Reads and writes Arrow's IPC format, for uncompressed batches without nulls; finds where a file stores its columns.
 //!
 //! ```text
 //! "ARROW1" 0 0 | schema | batch ... | end of the stream | footer | its length: i32 | "ARROW1"
 //! ```
 //!
-//! The schema and each batch are messages: ff ff ff ff, the length of what says what follows (i32, a multiple of 8),
-//! that, and of a batch its body, in which each buffer begins at a multiple of 64.
+//! The schema and each batch are messages: ff ff ff ff, the length of the message's metadata (i32, a multiple of 8),
+//! and the metadata. In a batch the body follows, in which each buffer begins at a multiple of 64.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
@@ -25,22 +25,22 @@ use super::columns::{COLUMNS, ColumnType, Id, Number};
 use crate::error::{Error, Result};
 
 pub(super) const MAGIC: &[u8] = b"ARROW1\0\0";
-/// The key under which the schema says what is said of a scene.
+/// Key of the schema under which the scene's metadata are stored.
 const KEY: &str = "ewa_splat";
 const CONTINUATION: [u8; 4] = [0xff; 4];
 const ALIGNMENT: usize = 64;
 
-/// A column of a batch that is to be written.
+/// A column of a batch to write.
 #[derive(Debug)]
 pub(super) struct Part<'a> {
     pub(super) id: Id,
-    /// Of a list, where each row's begins among the elements, and the end of the last.
+    /// Beginning of each row's list among the elements, and the end of the last list; empty if the column has no lists.
     pub(super) offsets: Vec<i64>,
     /// Elements.
     pub(super) bytes: Cow<'a, [u8]>,
 }
 
-/// A batch that is to be written: its columns in their order. Lists that it lacks are empty.
+/// A batch to write: its columns in their order. Lists that it lacks are empty.
 #[derive(Debug)]
 pub(super) struct Batch<'a> {
     pub(super) rows: usize,
@@ -48,7 +48,7 @@ pub(super) struct Batch<'a> {
 }
 
 impl Batch<'_> {
-    /// Nodes and buffers of the columns of a file, as a batch's message has them.
+    /// Returns the nodes and buffers of a file's columns for the message of a batch, and the length of its body.
     fn places(&self, columns: &[Id], empty: &[i64]) -> (Vec<FieldNode>, Vec<Buffer>, usize) {
         let (mut nodes, mut buffers, mut body) = (Vec::new(), Vec::new(), 0);
         self.visit(columns, empty, |piece| match piece {
@@ -61,7 +61,7 @@ impl Batch<'_> {
         (nodes, buffers, body)
     }
 
-    /// Calls `each` for all nodes and buffers in Arrow's order: those of a column before those of what it consists of.
+    /// Calls `each` for all nodes and buffers in Arrow's order: those of a column before those of its children.
     ///
     /// - `empty`: offsets of lists without elements.
     fn visit(&self, columns: &[Id], empty: &[i64], mut each: impl FnMut(Piece<'_>)) {
@@ -89,7 +89,7 @@ impl Batch<'_> {
     }
 }
 
-/// What a message lists, and a body holds.
+/// Entry of a message, or a buffer of its body.
 enum Piece<'a> {
     /// An array of so many elements.
     Node(usize),
@@ -97,9 +97,9 @@ enum Piece<'a> {
     Bytes(&'a [u8]),
 }
 
-/// Writes batches as a file of the columns that any of them has; returns how many bytes that takes.
+/// Writes batches as a file with the columns that any of them has; returns the number of bytes written.
 ///
-/// - `about`: what is said of the scene beside them.
+/// - `about`: metadata of the scene.
 pub(super) fn write(out: &mut impl Write, about: String, batches: &[Batch<'_>]) -> io::Result<u64> {
     let parts = || batches.iter().flat_map(|batch| &batch.parts);
     let is_used = |id: &Id| parts().any(|part| part.id == *id);
@@ -144,7 +144,7 @@ pub(super) fn write(out: &mut impl Write, about: String, batches: &[Batch<'_>]) 
         result?;
         blocks.push(Block::new(start as i64, metadata, body as i64));
     }
-    // The end of the stream.
+    // End of the stream.
     out.write_all(&CONTINUATION)?;
     out.write_all(&[0; 4])?;
     let mut builder = FlatBufferBuilder::new();
@@ -169,7 +169,7 @@ pub(super) fn write(out: &mut impl Write, about: String, batches: &[Batch<'_>]) 
     Ok(out.position)
 }
 
-/// Writes a message without its body, so that this begins at a multiple of [`ALIGNMENT`].
+/// Writes a message without its body, and pads it so that the body begins at a multiple of [`ALIGNMENT`].
 fn write_message(
     out: &mut Counted<impl Write>,
     mut builder: FlatBufferBuilder<'_>,
@@ -200,14 +200,14 @@ fn write_message(
     out.pad()
 }
 
-/// A writer that knows where it is.
+/// A writer that counts its bytes.
 struct Counted<W> {
     out: W,
     position: u64,
 }
 
 impl<W: Write> Counted<W> {
-    /// Zeros up to the next multiple of [`ALIGNMENT`].
+    /// Writes zeros up to the next multiple of [`ALIGNMENT`].
     fn pad(&mut self) -> io::Result<()> {
         let end = self.position.next_multiple_of(ALIGNMENT as u64);
         let count = usize::try_from(end - self.position).unwrap_or(0);
@@ -227,30 +227,30 @@ impl<W: Write> Write for Counted<W> {
     }
 }
 
-/// What a file says, and where its columns lie in it.
+/// Metadata of a file, and the places of its columns.
 #[derive(Debug)]
 pub(super) struct Places {
     pub(super) about: String,
     pub(super) batches: Vec<BatchPlaces>,
 }
 
-/// Where the columns of a batch lie.
+/// Places of the columns of a batch.
 #[derive(Debug)]
 pub(super) struct BatchPlaces {
     pub(super) rows: usize,
     pub(super) columns: BTreeMap<Id, ColumnPlace>,
 }
 
-/// Where the elements of a column lie.
+/// Place of a column's elements.
 #[derive(Debug, Clone)]
 pub(super) struct ColumnPlace {
-    /// Bytes of the file that they are.
+    /// Range of the elements in the file, bytes.
     pub(super) part: Range<usize>,
-    /// Of a list column the bytes that say where each row's elements begin.
+    /// Range of the offsets of the rows' lists in the file, bytes, in a list column.
     pub(super) offsets: Range<usize>,
 }
 
-/// Refuses a file.
+/// Returns the error that refuses a file.
 pub(super) fn fault<T>(
     path: &Path,
     place: &str,
@@ -261,7 +261,7 @@ pub(super) fn fault<T>(
     Err(Error::format(path, place, expected, found, advice))
 }
 
-/// Finds the columns of a file. Only what says where these lie is read of it.
+/// Finds the columns of a file. It reads no more than the schema, the footer and the headers of batches.
 pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Places> {
     let end_of = |len: usize| bytes.len().checked_sub(len);
     let tail = end_of(6).filter(|&tail| bytes.starts_with(MAGIC) && bytes[tail..] == MAGIC[..6]);
@@ -285,7 +285,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Places> {
             length.to_string(),
         );
     };
-    // Where a footer begins follows from its length: copied to where its numbers are aligned.
+    // A footer may begin anywhere: copy it to where its numbers are aligned.
     let footer_bytes = crate::scene::map::aligned(&bytes[footer_at..length_at]);
     let footer = match arrow_ipc::root_as_footer((*footer_bytes).as_ref()) {
         Ok(footer) => footer,
@@ -351,13 +351,13 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Places> {
     })
 }
 
-/// The one field that a field's type consists of.
+/// Returns the only child of a field.
 fn only_child(field: arrow_ipc::Field<'_>) -> Option<arrow_ipc::Field<'_>> {
     let children = field.children()?;
     (children.len() == 1).then(|| children.get(0))
 }
 
-/// Whether a field is what a column of that name is.
+/// Whether a field has the type of a column.
 fn is_of_type(field: &arrow_ipc::Field<'_>, column: &ColumnType) -> bool {
     let mut element = Some(*field);
     let mut is_right = true;
@@ -395,7 +395,7 @@ fn is_of_type(field: &arrow_ipc::Field<'_>, column: &ColumnType) -> bool {
     is_right && is_number && element.dictionary().is_none()
 }
 
-/// The columns of a batch, or what was expected and found of it.
+/// Finds the columns of a batch, or returns what was expected and what was found.
 fn batch(
     bytes: &[u8],
     block: &Block,
@@ -492,7 +492,7 @@ fn batch(
     })
 }
 
-/// What a verifier of buffers says, of which all but the first line is a trace.
+/// Returns the first line of a verifier's error; the rest is a trace.
 fn in_one_line(error: &flatbuffers::InvalidFlatbuffer) -> String {
     let text = error.to_string();
     text.lines()

@@ -1,17 +1,18 @@
-//! Prepared scenes: blocks, levels of detail and what bounds them in a file, which is mapped into memory and not read.
+//! Stores prepared scenes in files: blocks, levels of detail and their bounds. A file is mapped into memory rather than
+//! read.
 //!
 //! A file is in Arrow's IPC format, uncompressed. Each volume of a scene and each of its levels of detail is one record
-//! batch, with **one row per block**: what bounds it, and lists of what its particles have. A list column's elements lie
-//! one after the other for the whole batch, so that a renderer borrows them as slices; pages of blocks that no frame
-//! asks for are never read.
+//! batch, with **one row per block**: the block's bounds, and lists with the columns of its particles. The elements of
+//! a list column are contiguous over the whole batch, so that a renderer borrows them as slices. Pages of blocks that
+//! no frame needs are never read.
 //!
 //! | file | subject |
 //! |---|---|
-//! | `columns.rs` | the columns: their names, and what they hold |
-//! | `about.rs` | what is said of a scene beside its columns, as JSON |
-//! | `file.rs` | Arrow's IPC format: where columns lie in a file |
-//! | `write.rs` | a scene to a file |
-//! | `read.rs` | a file to a scene, and what is refused of damaged ones |
+//! | `columns.rs` | the columns: their names and types |
+//! | `about.rs` | metadata of a scene, as JSON |
+//! | `file.rs` | Arrow's IPC format: places of columns in a file |
+//! | `write.rs` | writing a scene |
+//! | `read.rs` | reading a scene, and checks for damaged files |
 //! | `point_file.rs` | points of a file as a stream of particles |
 
 pub(crate) mod about;
@@ -36,7 +37,7 @@ use crate::scene::{
     Colour, ColourIn, Particles, PointVolume, Requirements, Strength, StrengthIn, TransferFunction,
 };
 
-/// A scene that is ready to be drawn, in memory or in a file.
+/// A scene that is ready to be rendered, in memory or in a file.
 ///
 /// ```
 /// use ewa_splat::prepared::{About, PreparedScene};
@@ -68,23 +69,25 @@ impl PreparedScene {
     /// [`Renderer::with_options`]: crate::Renderer::with_options
     ///
     /// # Errors
-    /// Those of [`Renderer::with_options`](crate::Renderer::with_options).
+    /// The errors of [`Renderer::with_options`](crate::Renderer::with_options).
     pub fn new(volumes: Vec<PointVolume>, options: &SceneOptions) -> Result<Self> {
         Ok(Self {
             scene: BlockedScene::new(volumes, options)?,
         })
     }
 
-    /// As [`PreparedScene::new`], of a volume of points that come a part at a time, the same to the last bit. They are
-    /// sorted in temporary files, and so lie in memory what a tree over them knows (some 20 bytes for each while they
-    /// are sorted, where blocks take as many) and a part of them at a time.
+    /// Prepares a volume of points that arrive a part at a time; the result equals that of [`PreparedScene::new`] to
+    /// the last bit.
     ///
-    /// - `folder`: where these files may lie, some 80 bytes for each particle. They have no names, and are gone with the
-    ///   scene.
+    /// The points are sorted in temporary files. Memory holds one part at a time, and the tree over all points: some 20
+    /// bytes for each while they are sorted, and as many for their blocks.
+    ///
+    /// - `folder`: folder for the temporary files, some 80 bytes for each particle. The files have no names, and
+    ///   disappear with the scene.
     ///
     /// # Errors
-    /// Parts of several kinds; lattices, boundaries, local models and normals, which are made of all particles at once;
-    /// those of the stream; a disk that is full.
+    /// Parts of several kinds; lattices, boundaries, local models and normals, which need all particles at once; the
+    /// errors of the stream; a full disk.
     pub fn of_stream(
         stream: &mut dyn ParticleStream,
         options: &SceneOptions,
@@ -95,63 +98,63 @@ impl PreparedScene {
         })
     }
 
-    /// Maps a file into memory. What is said of the scene and what bounds its blocks is read; particles are not.
+    /// Maps a file into memory. Reads the scene's metadata and the blocks' bounds, but no particles.
     ///
-    /// The file must not change as long as the scene is there: bytes that are written to it appear in pictures, and
-    /// where it is cut short the system ends the program.
+    /// The file must not change while the scene exists: bytes that are written to it appear in images, and if it is
+    /// truncated, the system ends the program.
     ///
     /// # Errors
-    /// A file that cannot be read, is of another format or version, or is damaged.
+    /// A file that cannot be read, has another format or version, or is damaged.
     pub fn open(path: &Path) -> Result<(Self, About)> {
         let (scene, about) = read::open(path)?;
         Ok((Self { scene }, about))
     }
 
-    /// As [`PreparedScene::open`], of a file's bytes.
+    /// Opens a scene from the bytes of a file, as [`PreparedScene::open`] does.
     ///
     /// # Errors
-    /// Those of [`PreparedScene::open`], and bytes that are not aligned to 64.
+    /// The errors of [`PreparedScene::open`], and bytes that are not aligned to 64.
     pub fn of_bytes(name: &Path, bytes: Vec<u8>) -> Result<(Self, About)> {
         let (scene, about) = read::of_bytes(name, crate::scene::map::aligned(&bytes))?;
         Ok((Self { scene }, about))
     }
 
-    /// Writes the scene, whole or not at all; returns how many bytes it took.
+    /// Writes the scene, entirely or not at all; returns the number of bytes written.
     ///
     /// # Errors
-    /// A scene with numbers that JSON cannot hold, or a file that cannot be written.
+    /// A scene with numbers that JSON cannot store, or a file that cannot be written.
     pub fn write(&self, path: &Path, about: &About) -> Result<u64> {
         write::write(path, &self.scene, about)
     }
 
-    /// How many particles all volumes have.
+    /// Number of particles in all volumes.
     pub fn particle_count(&self) -> usize {
         self.scene.particle_count()
     }
 
-    /// Bytes kept per particle, blocks and levels of detail included.
+    /// Bytes kept per particle, including blocks and levels of detail.
     pub fn bytes_per_particle(&self) -> f64 {
         self.scene.bytes_per_particle()
     }
 
-    /// What each volume requires.
+    /// Features that a frame needs to draw each volume.
     pub fn requirements(&self) -> &[Requirements] {
         self.scene.requirements()
     }
 
-    /// The volumes in blocks, each with its levels of detail after it.
+    /// Volumes in blocks, each followed by its levels of detail.
     pub fn volumes(&self) -> &[BlockedVolume] {
         self.scene.volumes()
     }
 
-    /// The transfer function of each volume that has one.
+    /// Returns the transfer function of each volume, if it has one.
     pub fn transfer_functions(&self) -> Vec<Option<TransferFunction>> {
         let volumes = 0..self.scene.families().len();
         let shown = volumes.map(|volume| self.scene.shown_function(volume).cloned());
         shown.collect()
     }
 
-    /// Replaces the transfer function of a volume; no particle is touched.
+    /// Replaces the transfer function of a volume; no particle changes.
     ///
     /// # Errors
     /// No such volume, or one that is not classified.
@@ -163,14 +166,14 @@ impl PreparedScene {
         self.scene.set_transfer_function(volume, transfer)
     }
 
-    /// A volume without particles for each of the scene's: of the same kind, with the same transfer function, and with
-    /// normals where it has some. What is asked of the kinds of volumes can be asked of these.
+    /// Returns a volume without particles for each volume of the scene, of the same kind and with the same transfer
+    /// function. It has normals if the volume does. Use these where only the kinds of volumes matter.
     #[must_use]
     pub fn stand_ins(&self) -> Vec<PointVolume> {
         self.scene.data().map(stand_in).collect()
     }
 
-    /// The scene that stages take.
+    /// Takes the scene in blocks.
     pub(crate) fn into_scene(self) -> BlockedScene {
         self.scene
     }
@@ -218,7 +221,7 @@ fn stand_in(volume: &BlockedVolume) -> PointVolume {
     }
 }
 
-/// Whether a file is in the format of prepared scenes, by its first bytes.
+/// Whether the first bytes of a file are those of a prepared scene.
 pub fn looks_like(head: &[u8]) -> bool {
     head.starts_with(file::MAGIC)
 }

@@ -1,4 +1,4 @@
-//! Points of a file as a stream of particles.
+//! Reads the points of a file as a stream of particles.
 
 use std::ops::Range;
 use std::path::Path;
@@ -16,11 +16,11 @@ use crate::sample::{
 use crate::scene::PointVolume;
 use crate::scene::rows::{append, kind_of, volume_of};
 
-/// Rows that are read at a time.
+/// Number of rows that are read at a time.
 pub(crate) const ROWS: usize = 1 << 18;
 
-/// A file of points of which each becomes a particle by itself: a stream of what [`sample::volume`](crate::sample::volume)
-/// makes of all of them at once.
+/// A file of points, each of which becomes a particle by itself. Streams the particles that
+/// [`sample::volume`](crate::sample::volume) makes of all points at once.
 ///
 /// ```
 /// use ewa_splat::prepared::{PointFile, PreparedScene};
@@ -48,23 +48,25 @@ pub(crate) const ROWS: usize = 1 << 18;
 pub struct PointFile {
     file: RowFile,
     options: SampleOptions,
-    /// Whether column densities sum values, whose range and volume all of them make up.
+    /// Whether column densities sum values. Their range and volume need all particles.
     is_of_values: bool,
-    /// The numbers of all colours, where they say how these are stored.
+    /// Statistics of all colours' numbers, if these tell how colours are stored.
     colours: Option<ColourNumbers>,
     notes: Vec<String>,
-    /// What was found when all were read first.
+    /// Report of the first reading of all particles.
     report: Option<SampleReport>,
     corners: Option<(DVec3, DVec3)>,
 }
 
 impl PointFile {
-    /// Opens a file; `None` where it is not read by rows ([`RowFile`]), or a particle depends on others than its own row:
-    /// where shapes or strengths follow from neighbours, or a transfer function from values. For column densities
+    /// Opens a file.
+    ///
+    /// Returns `None` if the file cannot be read by rows ([`RowFile`]), or if a particle depends on more than its own
+    /// row: its shape or strength on neighbours, or its transfer function on values. For column densities
     /// ([`SampleOptions::for_columns`]) values are summed as they are.
     ///
     /// # Errors
-    /// A file that cannot be read; rows that say nothing of particles.
+    /// A file that cannot be read; rows that do not describe particles.
     pub fn open(
         path: &Path,
         particle_type: Option<ParticleType>,
@@ -76,10 +78,10 @@ impl PointFile {
         }
     }
 
-    /// As [`Self::open`], of a file that is open.
+    /// Takes a file that is open already, as [`Self::open`] does.
     ///
     /// # Errors
-    /// Those of [`Self::open`].
+    /// The errors of [`Self::open`].
     pub fn of(mut file: RowFile, options: &SampleOptions) -> Result<Option<Self>> {
         let Some(run) = file.runs(ROWS).into_iter().next() else {
             return Ok(None);
@@ -114,38 +116,37 @@ impl PointFile {
         }))
     }
 
-    /// What the reader says of the file.
+    /// Notes of the reader on the file.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
 
-    /// The field that column densities sum, if particles have one.
+    /// Field that column densities sum, if the particles have one.
     pub fn field(&self) -> Option<&str> {
         self.options.field.as_deref().filter(|_| self.is_of_values)
     }
 
-    /// What was found, once all particles were asked for.
+    /// Report on all particles, once all were read.
     pub fn report(&self) -> Option<&SampleReport> {
         self.report.as_ref()
     }
 
-    /// The least and the greatest coordinates, once all particles were asked for; `None` where none is finite.
+    /// Least and greatest coordinates, once all particles were read; `None` if none is finite.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
         self.corners
     }
 
-    /// Which way is up, once all particles were asked for: [`Dataset::up`](crate::io::Dataset::up).
+    /// Upward direction, once all particles were read: [`Dataset::up`](crate::io::Dataset::up).
     pub fn up(&self) -> Up {
         Up::of_points(self.corners)
     }
 
-    /// The particles of some rows, and what is found of these: of all rows the part that one of several reads who read
-    /// the file together.
+    /// Reads the rows of one of several readers that share the file; returns their particles and findings.
     pub(crate) fn read_part(&mut self, one: usize, of: usize) -> Result<(PointVolume, Found)> {
         let count = self.file.count();
         let part = one * count / of..(one + 1) * count / of;
         let mut read: Option<(PointVolume, u64)> = None;
-        // Of no rows the kind of the first.
+        // A reader without rows returns the kind of the first row.
         let looked_at = if part.is_empty() { 0..1 } else { part.clone() };
         let path = self.file.path().to_path_buf();
         let found = self.visit(looked_at, &mut |volume| {
@@ -169,10 +170,10 @@ impl PointFile {
         Ok((volume, found))
     }
 
-    /// Keeps what was found of all particles.
+    /// Keeps the findings on all particles.
     ///
     /// # Errors
-    /// None of them is left.
+    /// No particle is left.
     pub(crate) fn keep(&mut self, found: Found) -> Result<()> {
         let Found {
             mut report,
@@ -188,7 +189,7 @@ impl PointFile {
         Ok(())
     }
 
-    /// Goes through some rows.
+    /// Reads some rows, and calls `each` with their particles.
     fn visit(
         &mut self,
         part: Range<usize>,
@@ -218,17 +219,17 @@ impl PointFile {
     }
 }
 
-/// What is found of rows on the way.
+/// Findings on rows that were read.
 #[derive(Debug, Default)]
 pub(crate) struct Found {
     pub(crate) report: SampleReport,
     pub(crate) corners: Option<(DVec3, DVec3)>,
-    /// Of the particles \[length³\].
+    /// Sum of the particles' volumes \[length³\].
     pub(crate) volume_sum: ExactSum,
 }
 
 impl Found {
-    /// Of no particles of a kind of which others were looked at.
+    /// Returns findings on no particles, of the same kind as others.
     pub(crate) fn none_of(others: &SampleReport) -> Self {
         Self {
             report: SampleReport {

@@ -1,5 +1,5 @@
-//! A file to a scene: what blocks are is read, what their particles are is mapped. What does not belong together is
-//! refused; numbers of particles are taken as they are.
+//! Reads a scene from a file: reads the blocks, and maps the particles. Refuses parts that do not fit together, but
+//! does not check the particles' numbers.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -33,7 +33,7 @@ pub(super) fn open(path: &Path) -> Result<(BlockedScene, About)> {
     of_bytes(path, bytes)
 }
 
-/// Takes a file's bytes.
+/// Reads a scene from a file's bytes.
 pub(super) fn of_bytes(path: &Path, bytes: SharedBytes) -> Result<(BlockedScene, About)> {
     let places = file::read(path, (*bytes).as_ref())?;
     let head: Version = match serde_json::from_str(&places.about) {
@@ -93,13 +93,13 @@ pub(super) fn of_bytes(path: &Path, bytes: SharedBytes) -> Result<(BlockedScene,
     Ok((scene, head.about))
 }
 
-/// The version alone, whatever else a version says.
+/// The version alone, which can be read whatever else a version stores.
 #[derive(serde::Deserialize)]
 struct Version {
     version: u32,
 }
 
-/// What is wrong.
+/// Description of a fault.
 struct Wrong {
     place: &'static str,
     expected: &'static str,
@@ -117,15 +117,15 @@ fn wrong<T>(place: &'static str, expected: &'static str, found: impl Into<String
     })
 }
 
-/// A volume that is read, batch after batch.
+/// State of reading a volume, batch after batch.
 struct Reading<'a> {
     bytes: &'a SharedBytes,
     lattice: Option<&'a Grid>,
-    /// Of the volume itself.
+    /// Grid of the volume itself.
     grid: Option<BrickGrid>,
     transfer_function: Option<crate::scene::TransferFunction>,
     visible: Vec<Option<(DVec3, DVec3)>>,
-    /// Of the blocks of each batch.
+    /// Densities of the blocks of each batch.
     densities: Vec<Vec<f64>>,
 }
 
@@ -149,7 +149,7 @@ impl<'a> Reading<'a> {
         })
     }
 
-    /// A volume or, `is_merged`, a level of detail.
+    /// Reads a volume or, if `is_merged`, a level of detail.
     fn volume(
         &mut self,
         head: &BatchHead,
@@ -281,9 +281,9 @@ impl<'a> Reading<'a> {
         })
     }
 
-    /// The grid of a batch.
+    /// Makes the grid of a batch.
     ///
-    /// - `stored`: how many numbers there are of its cells, before anything is made for these.
+    /// - `stored`: number of stored cells, checked before memory is allocated for them.
     fn grid(&mut self, cube: usize, stored: usize, is_merged: bool) -> Checked<BrickGrid> {
         let Some(own) = self.lattice else {
             return wrong("lattice", "its dimensions", "none");
@@ -330,7 +330,7 @@ impl<'a> Reading<'a> {
     }
 }
 
-/// Bricks are in the order of their numbers, each with its cells.
+/// Checks that bricks are in the order of their numbers, each with its cells.
 fn check_bricks(grid: &BrickGrid, blocks: &mut [Block]) -> Checked<()> {
     if blocks.len() != grid.bricks().iter().product::<usize>() {
         return wrong("rows", "one for each brick", blocks.len().to_string());
@@ -345,14 +345,14 @@ fn check_bricks(grid: &BrickGrid, blocks: &mut [Block]) -> Checked<()> {
     Ok(())
 }
 
-/// The columns of a batch.
+/// Columns of a batch.
 struct Columns<'a> {
     bytes: &'a SharedBytes,
     places: &'a BatchPlaces,
 }
 
 impl Columns<'_> {
-    /// All of a column; nothing where there is none.
+    /// Returns all of a column; empty if there is none.
     fn whole<T: Pod>(&self, id: Id) -> Checked<Column<T>> {
         let Some(place) = self.places.columns.get(&id) else {
             return Ok(Column::default());
@@ -363,7 +363,7 @@ impl Columns<'_> {
         }
     }
 
-    /// A column of so many `T`s.
+    /// Returns a column of `count` elements.
     fn column<T: Pod>(&self, id: Id, count: usize) -> Checked<Column<T>> {
         let column = self.whole(id)?;
         if column.len() == count {
@@ -414,7 +414,7 @@ impl Columns<'_> {
         Ok((0..rows).map(block).collect())
     }
 
-    /// Points, whose blocks are runs one after the other.
+    /// Reads points, whose blocks must be contiguous runs.
     fn points(&self, kind: Particles, blocks: &[Block]) -> Checked<BlockedParticles> {
         let mut end = 0_u32;
         for block in blocks {
@@ -465,7 +465,7 @@ impl Columns<'_> {
         })
     }
 
-    /// Of each block the box of what is visible.
+    /// Returns the box of the visible part of each block.
     fn visible(&self) -> Checked<Vec<Option<(DVec3, DVec3)>>> {
         let boxes: Column<[f64; 6]> = self.whole(Id::Visible)?;
         let rows = self.places.rows;

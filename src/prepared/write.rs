@@ -1,4 +1,4 @@
-//! A scene to a file.
+//! Writes a scene to a file.
 
 use std::borrow::Cow;
 use std::io::BufWriter;
@@ -18,14 +18,14 @@ use crate::math::harmonics_count;
 use crate::scene::{ColourIn, StrengthIn, ValuesIn};
 use crate::view::Bounds;
 
-/// Writes a scene; returns how many bytes it took.
+/// Writes a scene; returns the number of bytes written.
 pub(super) fn write(path: &Path, scene: &BlockedScene, about: &About) -> Result<u64> {
     let amplitudes = scene.amplitudes_of_volumes();
     let volumes = scene.families().iter().zip(amplitudes).enumerate();
     let volumes = volumes.map(|(i, (_, amplitudes))| {
         let family = scene.family(i);
         let base = &family[0];
-        // What classifies; slabs' values are carried in its place by a frame that asks for them.
+        // Transfer function that classifies; a frame that classifies slabs carries values in its place.
         let transfer = scene.shown_function(i);
         Volume {
             transfer_function: transfer.map(Function::of),
@@ -116,9 +116,9 @@ fn head_of(volume: &BlockedVolume) -> BatchHead {
     }
 }
 
-/// The columns of a volume or of a level of detail.
+/// Collects the columns of a volume or of a level of detail.
 ///
-/// - `visible`: the box of what is visible of each block.
+/// - `visible`: box of the visible part of each block.
 fn batch_of<'a>(
     volume: &'a BlockedVolume,
     visible: &[Option<Bounds>],
@@ -192,7 +192,7 @@ fn batch_of<'a>(
         Some(ValuesIn::I16(values)) => batch.of_particles(Id::ValueI16, values, 1),
         Some(ValuesIn::U16(values)) => batch.of_particles(Id::ValueU16, values, 1),
         Some(ValuesIn::F32(values)) => batch.of_particles(Id::ValueF32, values, 1),
-        // A volume's values are narrowed where it is made.
+        // A volume's values are narrowed when it is made.
         Some(ValuesIn::F64(_)) => {}
         None => {}
     }
@@ -218,7 +218,7 @@ fn batch_of<'a>(
     batch.batch
 }
 
-/// Where lists of these lengths begin, and the last ends.
+/// Returns the beginnings of lists of these lengths, and the end of the last.
 fn sums(lengths: impl Iterator<Item = i64>) -> Vec<i64> {
     let sum = |sum: &mut i64, len| {
         *sum += len;
@@ -227,7 +227,7 @@ fn sums(lengths: impl Iterator<Item = i64>) -> Vec<i64> {
     std::iter::once(0).chain(lengths.scan(0, sum)).collect()
 }
 
-/// A batch in the making.
+/// Builds a batch.
 struct Rows<'a> {
     volume: &'a BlockedVolume,
     batch: Batch<'a>,
@@ -238,7 +238,7 @@ impl<'a> Rows<'a> {
         self.batch.parts.push(Part { id, offsets, bytes });
     }
 
-    /// A column of blocks.
+    /// Adds a column of blocks.
     fn of_blocks<const N: usize, T: bytemuck::Pod>(
         &mut self,
         id: Id,
@@ -249,15 +249,15 @@ impl<'a> Rows<'a> {
         self.push(id, Vec::new(), Cow::Owned(bytes));
     }
 
-    /// A column of lists, where there is anything in them.
+    /// Adds a column of lists, unless all are empty.
     fn list(&mut self, id: Id, offsets: Vec<i64>, bytes: Cow<'a, [u8]>) {
         if !bytes.is_empty() {
             self.push(id, offsets, bytes);
         }
     }
 
-    /// A column of `stride` elements for each particle: those of each block in its row, and of a lattice, whose order
-    /// is not that of its blocks, all in the first.
+    /// Adds a column of `stride` elements for each particle: those of each block in its row. A lattice's order is not
+    /// that of its blocks: its first row has all elements.
     fn of_particles<T: bytemuck::Pod>(&mut self, id: Id, elements: &'a [T], stride: usize) {
         let whole = elements.len() as i64;
         let blocks = self.volume.blocks.iter();

@@ -1,9 +1,9 @@
-//! Post-classification: the field is splatted, and the transfer function and light are asked for each
-//! slab of each pixel (the 2001 paper's conclusions leave it to the future; light is from the derivative
-//! of the resampling filter). Claim: sharper iso-features on coarse data.
+//! Tests post-classification: the field is splatted, and each slab of each pixel is classified and lit. The 2001
+//! paper's conclusions leave this to future work; light is from the derivative of the resampling filter. Claim: sharper
+//! iso-features on coarse data.
 //!
-//! The truth is what the nucleon's kernels interpolate on eight times as many nodes along each axis, each
-//! classified.
+//! The reference image is made on eight times as many nodes along each axis: the values that the nucleon's kernels
+//! interpolate there, each classified.
 
 #![allow(
     clippy::cast_possible_truncation,
@@ -23,7 +23,7 @@ use crate::papers::Arguments;
 use crate::papers::pictures::{contrast, table_of};
 use crate::papers::volumes::{Volume, nucleon, transfer};
 
-/// Nodes of the truth along each axis for one of the data.
+/// Nodes of the reference along each axis for each node of the data.
 const FINER: usize = 8;
 
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
@@ -42,7 +42,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// One volume, coarse and fine, before and after, unlit and lit.
+/// Renders one volume, coarse and fine, with classification before and after splatting, unlit and lit.
 fn one(
     arguments: &Arguments,
     coarse: &Volume,
@@ -61,7 +61,7 @@ fn one(
         level_of_detail: false,
         ..Settings::default()
     };
-    // As long as it is for the coarse one.
+    // Rays are as long, in the unit of opacity, as in the coarse volume.
     let of_fine = shells.clone().with_unit_distance(scale)?;
     let truth = {
         let mut renderer = Renderer::new(fine.scene(&of_fine)?)?;
@@ -111,7 +111,7 @@ fn one(
         arguments.write(&format!("classified-{file}.png"), &image)?;
         pictures.push(image);
     }
-    // Truth; by values, over extents, slabs a quarter thick.
+    // Reference image; by values; over extents; slabs a quarter thick.
     let row = [0, 1, 2, 4].map(|i| &pictures[i]);
     let file = coarse.name.replace(' ', "-");
     arguments.write(
@@ -120,7 +120,7 @@ fn one(
     )
 }
 
-/// Thin shells around values, each of a colour.
+/// Returns a transfer function with thin shells around values, each of one colour.
 fn shells(at: &[(f32, [f32; 3])]) -> Result<TransferFunction> {
     const HALF_WIDTH: f32 = 6.0;
     let mut points = vec![(0.0, at[0].1, 0.0)];
@@ -132,12 +132,13 @@ fn shells(at: &[(f32, [f32; 3])]) -> Result<TransferFunction> {
     transfer(&points)
 }
 
-/// The mean of the values under Gaussians of .6 of a node's distance, which is what volume kernels
-/// interpolate, on [`FINER`] times as many nodes along each axis.
+/// Interpolates the values as volume kernels do: the mean under Gaussians of .6 node distances, on [`FINER`] times as
+/// many nodes along each axis.
 fn interpolated(volume: &Volume) -> Volume {
     const REACH: usize = 3;
     let n = volume.dims[0];
-    // Of each fine node along an axis: the first node that it hears of, and what each weighs.
+    // For each fine node along an axis: the first node that contributes to it, and the weights of the nodes from there
+    // on.
     let weights: Vec<(usize, Vec<f64>)> = (0..n * FINER)
         .map(|i| {
             let at = (i as f64 + 0.5) / FINER as f64 - 0.5;
@@ -150,7 +151,7 @@ fn interpolated(volume: &Volume) -> Volume {
             (first, weights.iter().map(|w| w / sum).collect())
         })
         .collect();
-    // One axis after the other; `stride` of the axis in what is read, whose other axes are as they lie.
+    // One axis after the other; `stride` is that of the axis in the input.
     let along = |values: &[f64], dims: [usize; 3], axis: usize| -> Vec<f64> {
         let mut out_dims = dims;
         out_dims[axis] = n * FINER;

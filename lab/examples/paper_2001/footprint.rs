@@ -1,5 +1,5 @@
-//! Section 6: the footprint of every kernel and view from one table in one dimension, its argument by
-//! finite differences. Claims: one table suffices; two additions a pixel.
+//! Tests section 6: one table in one dimension gives the footprint of every kernel and view, and finite differences
+//! give its argument. Claims: one table suffices; two additions a pixel.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -10,9 +10,9 @@ use ewa_splat::Result;
 
 use crate::papers::Arguments;
 
-/// The paper's threshold: the radial index is evaluated up to it.
+/// Threshold of the paper, up to which the radial index is evaluated.
 const PAPER_THRESHOLD: f64 = 4.0;
-/// Ours at the default tolerance, for kernels of depth 1.
+/// Threshold of the renderer at the default tolerance, for kernels of depth 1.
 const WIDER_THRESHOLD: f64 = 14.6;
 
 pub(crate) fn run(_: &Arguments) -> Result<()> {
@@ -46,7 +46,7 @@ pub(crate) fn run(_: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// Largest errors of the nearest entry and of linear interpolation in a table up to `threshold`.
+/// Returns the largest errors of the nearest entry and of linear interpolation, in a table up to `threshold`.
 fn table_errors(entries: usize, threshold: f64) -> [f64; 2] {
     let step = threshold / (entries - 1) as f64;
     let table: Vec<f64> = (0..entries)
@@ -66,8 +66,7 @@ fn table_errors(entries: usize, threshold: f64) -> [f64; 2] {
     errors
 }
 
-/// Largest error of exp(-r/2) along rows of `pixels` across ellipses that fill them, turned to all
-/// sides.
+/// Returns the largest error of exp(-r/2) along rows of `pixels` across ellipses as wide as the rows, at all angles.
 fn difference_error(pixels: u16, ratio: f64) -> f64 {
     let half = 0.5 * f64::from(pixels);
     let long = half / WIDER_THRESHOLD.sqrt();

@@ -1,8 +1,7 @@
-//! Figure 9 of volumes: an iso-surface by volume kernels, whose transfer function shows a band of
-//! values or all from the value on, classified at their values and over their extents, against kernels flattened
-//! onto it. Claim (section 5): flattening
-//! along the gradient makes iso-surfaces more precise. On a ball whose place is known, and on an
-//! engine.
+//! Reproduces figure 9 for volumes. An iso-surface is drawn by volume kernels and by kernels that are flattened onto
+//! it. The volume kernels' transfer function shows a band of values, or all values above one, and classifies values or
+//! extents. Claim (section 5): flattening along the gradient makes iso-surfaces more precise. Tested on a ball of known
+//! position, and on an engine.
 #![allow(clippy::cast_possible_truncation, reason = "values are stored in f32")]
 
 use std::f64::consts::TAU;
@@ -17,14 +16,14 @@ use crate::papers::pictures::table_of;
 use crate::papers::volumes::{Volume, engine, head, transfer};
 use crate::papers::{Arguments, fitted_camera};
 
-/// Cells along each side of the ball's volume, and its radius.
+/// Cells along each side of the ball's volume.
 const CELLS: usize = 48;
 const RADIUS: f64 = 18.0;
-/// Change of the value from cell to cell.
+/// Change of the value per cell.
 const SLOPE: f64 = 8.0;
-/// The value of the ball's surface.
+/// Value on the ball's surface.
 const ON_BALL: f32 = 128.0;
-/// Opacity of a cell of the surface.
+/// Opacity of a cell on the surface.
 const OPACITY: f32 = 0.9;
 const BONE: [f32; 3] = [0.9, 0.8, 0.65];
 
@@ -68,7 +67,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         arguments.write(&format!("ball-{}.png", name.replace(' ', "-")), image)?;
     }
 
-    // What is shown of real data: the hard parts of an engine, or a computed skull, translucent.
+    // Real data: the hard parts of an engine, or else a computed skull; translucent.
     let (data, value) = match engine()? {
         Some(engine) => (engine, 200.0),
         None => (head(arguments.size), 150.0),
@@ -99,7 +98,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     arguments.write("iso-surface.png", &table_of(&[row.iter().collect()]))
 }
 
-/// Shown where the value is less than `reach` off.
+/// Shows values less than `reach` off.
 fn band(value: f32, reach: f32, opacity: f32) -> Result<TransferFunction> {
     let edge = 0.01 * reach;
     transfer(&[
@@ -110,12 +109,12 @@ fn band(value: f32, reach: f32, opacity: f32) -> Result<TransferFunction> {
     ])
 }
 
-/// Shown from a value on.
+/// Shows values from one on.
 fn solid(value: f32, opacity: f32) -> Result<TransferFunction> {
     transfer(&[(value - 0.1, BONE, 0.0), (value, BONE, opacity)])
 }
 
-/// Values that fall evenly from the middle to all sides.
+/// Returns values that fall linearly from the middle in all directions.
 fn ball() -> Volume {
     let at = |i: usize| i as f64 + 0.5 - 0.5 * CELLS as f64;
     let values = (0..CELLS.pow(3))
@@ -128,9 +127,9 @@ fn ball() -> Volume {
     }
 }
 
-/// The silhouette of a ball around the middle of the picture, pixels: the mean radius at which its
-/// opacity crosses a half, how far that strays (root mean square), and over how many pixels the
-/// opacity falls from 90 % of `top`, what it is at most, to 10 %.
+/// Measures the silhouette of a ball around the middle of the image, pixels. Returns the mean radius at which its
+/// opacity crosses one half, the root mean square deviation of that radius, and the width over which the opacity falls
+/// from 90 % of `top`, its maximum, to 10 %.
 fn rim(image: &Image, top: f32) -> [f64; 3] {
     const SIDES: u32 = 720;
     const PER_PIXEL: u32 = 8;
@@ -139,7 +138,7 @@ fn rim(image: &Image, top: f32) -> [f64; 3] {
     let (mut sum, mut squares, mut edges) = (0.0, 0.0, 0.0);
     for side in 0..SIDES {
         let direction = DVec2::from_angle(TAU * f64::from(side) / f64::from(SIDES));
-        // From outside, where the opacity first passes a share.
+        // From outside: the radius at which the opacity first exceeds a share.
         let reach = |share: f64| {
             let mut steps = longest;
             while steps > 0.0
@@ -163,7 +162,7 @@ fn rim(image: &Image, top: f32) -> [f64; 3] {
     ]
 }
 
-/// Between the four pixels around a place.
+/// Interpolates the opacity between the four pixels around a point.
 fn opacity(image: &Image, place: DVec2) -> f64 {
     let corner = place - 0.5;
     let whole = corner.floor();

@@ -1,16 +1,16 @@
-//! The experiments of Zwicker et al. 2001, *EWA Volume Splatting*, redone.
+//! Reproduces the experiments of Zwicker et al. 2001, *EWA Volume Splatting*.
 //!
 //!     cargo run --release -p ewa-splat-lab --example paper_2001 -- FIGURE [FOLDER [SIZE [FRAMES]]]
 //!
-//! Prints a table for each figure and writes pictures to FOLDER. FIGURE is `all`, or one of
+//! Prints a table for each figure and writes images to FOLDER. FIGURE is `all`, or one of
 //!
 //! - `fig8`: a zebra of elliptical kernels, the EWA filter against Swan's uniform scaling;
 //! - `fig9`: volume kernels against surface kernels, on a textured plane and of iso-surfaces;
 //! - `fig10`: semi-transparent CT with flattened iso-surfaces;
-//! - `classification`: slabs classified and lit themselves, against particles (conclusions);
+//! - `classification`: classifying and lighting slabs, against particles (conclusions);
 //! - `footprint`: a table in one dimension and finite differences for the footprint (section 6).
 //!
-//! `docs/papers.md` says what the paper claims and what was found.
+//! `docs/papers.md` compares the paper's claims with the results.
 
 #[path = "../papers/mod.rs"]
 mod papers;

@@ -1,7 +1,8 @@
-//! Figure 9: a textured plane. Claim: spheres, whose projections are all but circles, blur a texture
-//! seen at a slant as an isotropic filter does; kernels flattened onto the plane are EWA texture
-//! filtering. A checkerboard to the horizon (864 x 732 texels; the paper's has 512 x 512), from the
-//! truth: 80 x 80 samples under each pixel's filter.
+//! Reproduces figure 9 for a textured plane. Claim: spheres, whose projections are nearly circles, blur a texture seen
+//! at a slant as an isotropic filter does. Kernels that are flattened onto the plane are EWA texture filtering.
+//!
+//! The scene is a checkerboard to the horizon (864 x 732 texels; the paper's has 512 x 512). The reference image takes
+//! 80 x 80 samples under each pixel's filter.
 #![allow(
     clippy::cast_possible_truncation,
     reason = "counts and colours are rounded on purpose"
@@ -21,7 +22,7 @@ use crate::papers::pictures::{as_sheet, contrast, hit};
 
 /// Height of the eye above the plane, squares of the board.
 const EYE: f64 = 3.0;
-/// Where the board begins and ends before the eye, and half its width, squares.
+/// Beginning and end of the board in front of the eye, and half its width, squares.
 const NEAR: f64 = 3.0;
 const FAR: f64 = 64.0;
 const HALF_WIDTH: f64 = 36.0;
@@ -29,16 +30,16 @@ const HALF_WIDTH: f64 = 36.0;
 const PER_SQUARE: i32 = 12;
 /// Standard deviation over spacing.
 const KERNEL_WIDTH: f64 = 0.6;
-/// Samples along each side of a pixel's filter for the truth, out to four standard deviations.
+/// Samples along each side of a pixel's filter in the reference image, out to four standard deviations.
 const SAMPLES: i32 = 80;
-/// Optical depth of the board of kernels of any flatness: so small that nothing in it hides
-/// anything, to the horizon.
+/// Optical depth of the board, whatever the flatness of its kernels: so small that nothing in it hides anything, to the
+/// horizon.
 const DEPTH: f64 = 1e-4;
 
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let width = arguments.size * 5 / 4;
     let size = [width, width / 2];
-    // Slightly downwards: the horizon lies near the upper edge.
+    // The camera looks slightly downwards: the horizon is near the upper edge.
     let camera = Camera::perspective(
         DVec3::new(0.3, 0.0, EYE),
         DVec3::new(0.8, 10.0, 0.4),
@@ -62,7 +63,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         filtered(pixel, 1.0, |p| square_at(&camera, p))
     });
     let point = draw(&camera, |pixel| square_at(&camera, pixel));
-    // Round in the texture: as wide all around as the pixel is long there.
+    // A round filter in the texture, as wide as the pixel is long there.
     let isotropic = draw(&camera, |pixel| isotropic(&camera, pixel));
 
     let mut pictures = vec![
@@ -70,7 +71,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         ("isotropic filter".to_owned(), isotropic),
         ("point sampling".to_owned(), point),
     ];
-    // From spheres to all but surfels.
+    // From spheres to kernels that are nearly surfels.
     for (at, flatness) in [1.0, 2.0, 4.0, 100.0].into_iter().enumerate() {
         let mut renderer = Renderer::new(vec![board(Flattened(flatness))])?;
         let settings = Settings {
@@ -100,7 +101,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     arguments.write("plane-truth.png", &truth)
 }
 
-/// The colour of the board at a point of its plane; `None` beside it.
+/// Returns the colour of the board at a point of its plane; `None` beside the board.
 fn square(at: DVec2) -> Option<f64> {
     let is_board = at.x.abs() <= HALF_WIDTH && (NEAR..=FAR).contains(&at.y);
     is_board.then(|| {
@@ -109,12 +110,12 @@ fn square(at: DVec2) -> Option<f64> {
     })
 }
 
-/// What the board is made of.
+/// Kernels that the board is made of.
 #[derive(Clone, Copy)]
 enum Kernels {
     /// Opaque surfels.
     Surfels,
-    /// Faint spheres that are flattened along the plane's normal so many times.
+    /// Faint spheres, flattened along the plane's normal by this factor.
     Flattened(f64),
 }
 use Kernels::{Flattened, Surfels};
@@ -175,13 +176,13 @@ fn board(kernels: Kernels) -> PointVolume {
     }
 }
 
-/// Premultiplied grey and alpha.
+/// Returns premultiplied grey and alpha.
 fn square_at(camera: &Camera, pixel: DVec2) -> DVec2 {
     let colour = hit(camera, pixel).and_then(square);
     colour.map_or(DVec2::ZERO, |c| DVec2::new(c, 1.0))
 }
 
-/// The mean of `at` under a Gaussian of standard deviation `sigma` around `centre`.
+/// Returns the mean of `at` under a Gaussian of standard deviation `sigma` around `centre`.
 fn filtered(centre: DVec2, sigma: f64, at: impl Fn(DVec2) -> DVec2) -> DVec2 {
     let (mut sum, mut weights) = (DVec2::ZERO, 0.0);
     for j in 0..SAMPLES {
@@ -196,8 +197,8 @@ fn filtered(centre: DVec2, sigma: f64, at: impl Fn(DVec2) -> DVec2) -> DVec2 {
     sum / weights
 }
 
-/// A round filter in the texture: the low-pass filter's length along the longer axis of the pixel's
-/// image there, as a mipmap blurs.
+/// Evaluates a round filter in the texture, as a mipmap blurs. It is as wide as the low-pass filter along the longer
+/// axis of the pixel's image there.
 fn isotropic(camera: &Camera, pixel: DVec2) -> DVec2 {
     let Some(centre) = hit(camera, pixel) else {
         return DVec2::ZERO;

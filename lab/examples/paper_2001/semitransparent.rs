@@ -1,7 +1,6 @@
-//! Figure 10: a CT of which one iso-surface is drawn by flattened kernels, translucent, what is softer by volume
-//! kernels, under a series of transfer functions. Claim: semi-transparent objects are rendered
-//! correctly. A piece of the volume is held against the true integral, which knows neither
-//! footprints nor an order.
+//! Reproduces figure 10: a CT under a series of transfer functions. Flattened kernels draw one translucent iso-surface,
+//! and volume kernels the softer matter. Claim: semi-transparent objects are rendered correctly. A piece of the volume
+//! is compared with the reference integrator, which uses neither footprints nor an order.
 
 use ewa_splat::measure::compare;
 use ewa_splat::reference::{Integrator, PixelFilter, ReferenceSettings};
@@ -14,7 +13,7 @@ use crate::papers::pictures::table_of;
 use crate::papers::volumes::{Volume, engine, head, transfer};
 use crate::papers::{Arguments, fitted_camera};
 
-/// Voxels along each side of the piece, pixels of its picture.
+/// Voxels along each side of the piece, and pixels of its image.
 const PIECE: usize = 16;
 const PIECE_PX: usize = 40;
 const BONE: [f32; 3] = [1.0, 0.75, 0.35];
@@ -22,7 +21,7 @@ const BONE: [f32; 3] = [1.0, 0.75, 0.35];
 const SURFACE_DEPTH: f32 = 1.609;
 
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
-    // The surface, and where the piece begins: it holds the surface and what lies around it.
+    // The surface's value, and the first voxel of the piece, which contains the surface and its surroundings.
     let (data, value, first) = match engine()? {
         Some(engine) => (engine, 200.0, [112, 128, 32]),
         None => {
@@ -43,7 +42,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         "transfer function", "surfels", "visible", "ms", "opacity", "RMSE", "99.9 %"
     );
     let series = series(value)?;
-    // The same for all: what the fullest shows.
+    // The same camera for all: it fits the fullest transfer function.
     let fullest = Renderer::new(scene(&data, None, &series[2].2)?)?;
     let Some(camera) = fitted_camera(&fullest, arguments.size) else {
         println!("nothing to see");
@@ -77,7 +76,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     arguments.write("semi-transparent.png", &table_of(&rows))
 }
 
-/// The volume's kernels, and its iso-surface as translucent surfels.
+/// Returns the volume's kernels, and its iso-surface as translucent surfels.
 fn scene(
     data: &Volume,
     on_surface: Option<f64>,
@@ -98,7 +97,7 @@ fn scene(
     Ok(volumes)
 }
 
-/// From the surface alone to everything; whether the surface is drawn by surfels.
+/// Returns transfer functions from the surface alone to everything, and whether surfels draw the surface.
 fn series(value: f32) -> Result<[(&'static str, bool, TransferFunction); 4]> {
     let (bone, flesh, haze) = (BONE, [0.15, 0.35, 0.8], [0.3, 0.6, 0.4]);
     let (below, rise) = (0.92 * value, 0.05 * value);
@@ -125,8 +124,8 @@ fn series(value: f32) -> Result<[(&'static str, bool, TransferFunction); 4]> {
     ])
 }
 
-/// The true picture of a piece of the volume, and the drawn one. The low-pass filter is the kernels'
-/// in both, so that what differs is the order and the overlap of kernels.
+/// Returns the reference image of a piece of the volume, and the rendered one. Both apply the low-pass filter to the
+/// kernels, so that they differ only by the order and the overlap of kernels.
 fn true_piece(
     piece: &Volume,
     on_surface: Option<f64>,

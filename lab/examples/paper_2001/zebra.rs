@@ -1,6 +1,6 @@
-//! Figure 8: a square zebra of 1024 x 512 and of 1024 x 256 voxels, whose kernels are ellipses of
-//! 2:1 and 4:1. Claims: the EWA filter neither aliases nor blurs; Swan's uniform scaling of kernels,
-//! the same for round ones, blurs along the longer axis, the more so the longer it is.
+//! Reproduces figure 8: a square zebra of 1024 x 512 and of 1024 x 256 voxels, whose kernels are ellipses of 2:1 and
+//! 4:1. Claims: the EWA filter neither aliases nor blurs. Swan's uniform scaling of kernels equals it for round
+//! kernels, but blurs along the longer axis, the more so the longer it is.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -29,7 +29,7 @@ const PAPER_WIDTH: f64 = 1.0;
 const FOV_DEG: f64 = 30.0;
 /// Optical depth of the slice: so small that nothing in it hides anything.
 const DEPTH: f64 = 1e-3;
-/// Fine pixels along a pixel for the truth; half as many to see what more would change.
+/// Fine pixels along a pixel of the reference image; half as many show how well it has converged.
 const FACTOR: usize = 4;
 
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
@@ -86,7 +86,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             arguments.write(&format!("zebra-{rows}-{width}-{view}-truth.png"), &truth)?;
         }
     }
-    // The colour plate: rows of 1024 x 512 and 1024 x 256, EWA and uniform scaling beside it.
+    // Colour plate: a row for 1024 x 512 and one for 1024 x 256, EWA and uniform scaling side by side.
     let side = arguments.size / 2;
     let of = |rows: usize, view: &str, filter: Filter| {
         let found = pictures.iter().find(|p| {
@@ -110,10 +110,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     arguments.write("zebra.png", &table_of(&rows))
 }
 
-/// The square from straight above: small, filling the picture and from near; and from low above its
-/// left edge, where it is both magnified and minified, and minified most across the kernels.
+/// Returns views of the square: from straight above, small, filling the image and magnified; and from low above its
+/// left edge. The last one both magnifies and minifies it, and minifies it most across the kernels.
 fn views(size: usize) -> [(&'static str, Camera); 4] {
-    // The square is a little wider than the picture.
+    // The square is a little wider than the image.
     let height = 0.8 / (FOV_DEG / 2.0).to_radians().tan();
     let above = |height, size| from_above(DVec2::new(0.1, 0.05), height, FOV_DEG, [size; 2]);
     let low = Camera::perspective(
@@ -131,7 +131,7 @@ fn views(size: usize) -> [(&'static str, Camera); 4] {
     ]
 }
 
-/// What a sheet buffer holds where the picture shows the square, a little within its edges.
+/// Returns the contents of a sheet buffer where the image shows the square, a little within its edges.
 fn sheet(camera: &Camera, faint: &Image) -> Image {
     as_sheet(faint, |i| {
         let pixel = DVec2::new((i % camera.width) as f64, (i / camera.width) as f64) + 0.5;
@@ -140,7 +140,7 @@ fn sheet(camera: &Camera, faint: &Image) -> Image {
     })
 }
 
-/// One slice of voxels, `rows` of them from front to back, in the square from -1 to 1.
+/// Returns one slice of voxels, `rows` of them from front to back, in the square from -1 to 1.
 fn slice(rows: usize, kernel_width: f64) -> Result<PointVolume> {
     let [dx, dy] = [COLUMNS, rows].map(|n| 2.0 / n as f64);
     let first = DVec3::new(0.5 * dx - 1.0, 0.5 * dy - 1.0, 0.0);
@@ -148,7 +148,7 @@ fn slice(rows: usize, kernel_width: f64) -> Result<PointVolume> {
         first.truncate() + DVec2::new((i % COLUMNS) as f64 * dx, (i / COLUMNS) as f64 * dy)
     };
     let values = (0..COLUMNS * rows).map(|i| (255.0 * zebra(at(i))).round() as u8);
-    // Grey as the value says; the opacity of the slice's thickness.
+    // Grey according to the value; the opacity of the slice's thickness.
     let opacity = -(-DEPTH).exp_m1() as f32;
     let transfer =
         TransferFunction::from_curves(|v| [v / 255.0; 3], |_| opacity, [0.0, 255.0], dx)?;
@@ -169,11 +169,11 @@ fn slice(rows: usize, kernel_width: f64) -> Result<PointVolume> {
     })
 }
 
-/// A zebra's flank: stripes that bend to all sides and fork; 0.03 to 0.95.
+/// Evaluates a zebra's flank: stripes that bend in all directions and fork; 0.03 to 0.95.
 fn zebra(p: DVec2) -> f64 {
     let bend = 4.4 * (2.6 * p.y + 1.2 * p.x + 0.7).sin() + 2.0 * (5.1 * p.x - 3.7 * p.y).sin();
     let phase = TAU * (11.0 * p.x + bend);
-    // Half as many stripes again in places: forks.
+    // Half as many stripes again in some places: forks.
     let fork = 0.5 + 0.5 * (4.0 * p.y - 3.0 * p.x).sin();
     let wave = phase.sin() + 0.8 * fork * (1.5 * phase + 1.0).sin();
     0.03 + 0.46 * (1.0 + (4.0 * wave).tanh())

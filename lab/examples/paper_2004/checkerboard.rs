@@ -1,7 +1,6 @@
-//! Figure 8 and Table 2: a slab of 512 x 512 x 3 opaque black and white voxels. Claims: the
-//! reconstruction kernel alone aliases where voxels are smaller than pixels, the low-pass filter
-//! alone leaves holes where they are larger; EWA does neither; choosing block by block looks the same
-//! and costs less.
+//! Reproduces figure 8 and table 2: a slab of 512 x 512 x 3 opaque black and white voxels. Claims: the reconstruction
+//! kernel alone aliases where voxels are smaller than pixels. The low-pass filter alone leaves holes where they are
+//! larger. EWA does neither. Choosing a filter for each block looks the same and costs less.
 
 use ewa_splat::Filter;
 use ewa_splat::constants::MAX_CUTOFF;
@@ -17,7 +16,7 @@ use crate::papers::pictures::{part, table_of};
 use crate::papers::truth::supersampled;
 use crate::papers::{Arguments, times};
 
-/// Voxels along each side of the slab where pictures are 512 wide, and along a side of a square.
+/// Voxels along each side of the slab in images 512 pixels wide, and along a side of a square.
 const VOXELS: usize = 512;
 const SQUARE: usize = 8;
 /// Layers of voxels.
@@ -25,7 +24,7 @@ const LAYERS: usize = 3;
 const FOV_DEG: f64 = 45.0;
 /// Linear RGB behind the slab: neither black nor white.
 const SKY: [f32; 3] = [0.1, 0.25, 0.5];
-/// Fine pixels along a pixel for the truth.
+/// Fine pixels along a pixel of the reference image.
 const FACTOR: usize = 4;
 
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
@@ -44,7 +43,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     for (view, camera) in views(voxels as f64, arguments.size) {
         drawn.push(measure(&mut renderer, &camera, view, arguments)?);
     }
-    // The colour plate, a part of each picture.
+    // The colour plate: a part of each image.
     let side = arguments.size / 2;
     let [far, near, along, above] = [0, 1, 2, 3].map(|i| &drawn[i]);
     let cut = |pictures: &[(&str, Image)], name: &str, corner| {
@@ -70,7 +69,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     arguments.write("checkerboard.png", &table_of(&rows))
 }
 
-/// From afar, where a voxel is half a pixel; from near the edge, where it is tens of pixels; along
+/// Returns four views: from afar, where a voxel is half a pixel; from near the edge, where it is tens of pixels; along
 /// the slab, from voxels of several pixels to the horizon; and from high above.
 fn views(side: f64, size: usize) -> [(&'static str, Camera); 4] {
     let eye = |distance: f64, height: f64| DVec3::new(0.0, -(0.5 + distance) * side, height * side);
@@ -87,7 +86,7 @@ fn views(side: f64, size: usize) -> [(&'static str, Camera); 4] {
     ]
 }
 
-/// The rows of the table: all single filters and choices.
+/// Returns the rows of the table: single filters and adaptive choices.
 fn rows() -> Vec<(&'static str, Settings)> {
     let base = Settings {
         background: Some(SKY),
@@ -122,7 +121,7 @@ fn rows() -> Vec<(&'static str, Settings)> {
     ]
 }
 
-/// Prints one view's table; its pictures by their rows' names.
+/// Prints the table of a view; returns its images by the names of the rows.
 fn measure(
     renderer: &mut Renderer,
     camera: &Camera,
@@ -196,7 +195,7 @@ fn measure(
     Ok(pictures)
 }
 
-/// The slab around the origin, a unit from voxel to voxel, z up.
+/// Returns the slab around the origin, a unit between voxels, z up.
 pub(crate) fn checkerboard(voxels: usize) -> Result<PointVolume> {
     let dims = [voxels, voxels, LAYERS];
     let origin = dims.map(|n| 0.5 - 0.5 * n as f64);

@@ -1,11 +1,11 @@
-//! Table 5: edits of a transfer function, to the picture, against making everything anew. There lists
-//! of voxels by value replace the list of visible voxels that each edit rebuilt; claims: an edit is
-//! shown 9 to 13 times as fast, and where nothing is edited frames take a little longer. Here blocks
-//! of particles know their range of values, and nothing is kept of what is visible.
+//! Reproduces table 5: the time of an edit of the transfer function, up to the image, against building everything
+//! again. The paper replaces the list of visible voxels, which each edit rebuilt, by lists of voxels sorted by value.
+//! Claims: an edit is shown 9 to 13 times as fast, and frames without edits take a little longer. Here each block of
+//! particles has a range of values, and nothing is kept of what is visible.
 //!
-//! Particles with values, a lattice of 16.8 times as many bytes (256³ for a million), and the engine.
-//! Rebuilt is either everything, from the volume as it was read, or, where a renderer keeps the
-//! visible ones alone, their list. On the processor, and on a graphics card where there is one.
+//! The scenes are particles with values, a lattice of 16.8 times as many bytes (256³ for a million), and the engine.
+//! "Anew" builds everything from the volume as read. "List" rebuilds the list of visible particles, as a renderer does
+//! that keeps only these. Timed on the processor, and on a graphics card if there is one.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -21,10 +21,10 @@ use crate::papers::volumes::engine;
 use crate::papers::{Arguments, median};
 use crate::scenes::{camera, particles, uniform};
 
-/// Times that are long are medians of so many.
+/// Number of times of which long times are medians.
 const SLOW_EDITS: usize = 3;
 
-/// Parts of the range of values that are visible.
+/// Visible parts of the range of values.
 const WIDTHS: [(&str, [f32; 2]); 3] = [
     ("narrow", [0.50, 0.52]),
     ("medium", [0.45, 0.60]),
@@ -53,8 +53,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// A line for every scene and transfer function, in pictures of `size`, in which cells of the lattice
-/// are two pixels wide; `on` moves a renderer to its device.
+/// Prints a line for each scene and transfer function, in images of `size` in which cells of the lattice are two pixels
+/// wide. `on` moves a renderer to its device.
 fn time_scenes(size: usize, edits: usize, on: impl Fn(Renderer) -> Result<Renderer>) -> Result<()> {
     println!(
         "{:>18} {:>8} {:>9} {:>8} {:>8} {:>8} {:>8} {:>8} {:>7} {:>7} {:>7}",
@@ -98,12 +98,12 @@ fn time_edits(
     volume.transfer_function = Some(transfer(WIDTHS[0].1, 0.02)?);
     let mut renderer = on(Renderer::new(vec![volume.clone()])?)?;
     for (width, interval) in WIDTHS {
-        // Edited to and fro.
+        // Edited back and forth.
         let functions = [transfer(interval, 0.02)?, transfer(interval, 0.01)?];
         let mut times: [Vec<f64>; 5] = Default::default();
         for i in 0..=edits {
             let function = &functions[i % 2];
-            // What is made anew is copied before the clock runs.
+            // The data to build again are copied before the clock runs.
             let mut anew = volume.clone();
             anew.transfer_function = Some(function.clone());
             let edited = function.clone();
@@ -145,7 +145,7 @@ fn time_edits(
     Ok(())
 }
 
-/// The visible particles alone, as pre-classification lists them; of a lattice, spheres.
+/// Returns the visible particles only, as pre-classification lists them; spheres for a lattice.
 fn visible(volume: &PointVolume, transfer: &TransferFunction) -> PointVolume {
     let class = |i| {
         volume
@@ -200,7 +200,7 @@ fn visible(volume: &PointVolume, transfer: &TransferFunction) -> PointVolume {
     }
 }
 
-/// [`particles`] of 2 px with values that rise along x and waver, evenly spread over 0 to 255.
+/// Returns [`particles`] of 2 px with values that rise along x and vary, evenly spread over 0 to 255.
 fn with_values(count: usize, size: usize) -> PointVolume {
     let mut volume = particles(count, size, 2.0);
     if let (Particles::Anisotropic { positions, .. }, Strength::Mass(masses)) =
@@ -219,7 +219,7 @@ fn with_values(count: usize, size: usize) -> PointVolume {
     volume
 }
 
-/// A lattice of cubes, its longest side 2, the origin in its middle.
+/// Returns a lattice of cubes, its longest side 2, the origin in its middle.
 fn lattice(dims: [usize; 3], values: Values) -> PointVolume {
     let [x, y, z] = dims.map(|n| n as f64);
     let step = 2.0 / x.max(y).max(z);
@@ -241,7 +241,7 @@ fn lattice(dims: [usize; 3], values: Values) -> PointVolume {
     }
 }
 
-/// Twelve smooth blobs in a cube of cells.
+/// Returns twelve smooth blobs in a cube of cells.
 fn blobs(side: usize) -> Values {
     let mut random = uniform(3);
     let blobs: Vec<([f32; 3], f32)> = (0..12)
@@ -250,7 +250,7 @@ fn blobs(side: usize) -> Values {
             (centre, 0.06 + 0.08 * random())
         })
         .collect();
-    // A Gaussian is a product of three, each of one axis alone.
+    // A Gaussian is a product of three, one for each axis.
     let profiles: Vec<[Vec<f32>; 3]> = blobs
         .iter()
         .map(|(centre, sigma)| {
@@ -282,8 +282,7 @@ fn blobs(side: usize) -> Values {
     Values::U8(values)
 }
 
-/// Visible in a part of 0 to 255, with a slope on either side of it; `opacity` at the scale of
-/// a lattice's cells.
+/// Shows a part of 0 to 255, with a slope on either side; `opacity` at the scale of a lattice's cells.
 fn transfer([from, to]: [f32; 2], opacity: f32) -> Result<TransferFunction> {
     let (from, to) = (255.0 * from, 255.0 * to);
     let slope = 0.1 * (to - from);

@@ -1,17 +1,17 @@
-//! The experiments of Chen et al. 2004, *Hardware-Accelerated Adaptive EWA Volume Splatting*, redone.
+//! Reproduces the experiments of Chen et al. 2004, *Hardware-Accelerated Adaptive EWA Volume Splatting*.
 //!
 //!     cargo run --release -p ewa-splat-lab --example paper_2004 -- FIGURE [FOLDER [SIZE [FRAMES]]]
 //!
-//! Prints a table for each figure and writes pictures to FOLDER; times are medians of FRAMES, and mean
-//! something against one another only. FIGURE is `all`, or one of
+//! Prints a table for each figure and writes images to FOLDER. Times are medians of FRAMES; compare them with one
+//! another only. FIGURE is `all`, or one of
 //!
 //! - `fig8`: a checkerboard by single filters, by EWA and by adaptive filters (with Table 2);
 //! - `table3`: adaptive filters against EWA on volumes;
-//! - `table4`: a scene that is sent anew for every frame against one that stays;
-//! - `table5`: edits of the transfer function, against sorting out what is visible;
-//! - `fig9`: every sample by itself, against slices and slabs.
+//! - `table4`: a scene that is sent again for every frame, against one that stays;
+//! - `table5`: edits of the transfer function, against sorting out the visible voxels;
+//! - `fig9`: composition of every sample by itself, against slices and slabs.
 //!
-//! `docs/papers.md` says what the paper claims and what was found.
+//! `docs/papers.md` compares the paper's claims with the results.
 
 #[path = "../papers/mod.rs"]
 mod papers;

@@ -1,8 +1,8 @@
-//! Table 4: what a frame costs where the scene is sent with each, and where it stays. Claim: seven to
-//! twenty-four times as many frames where it stays, in a compressed form.
+//! Reproduces table 4: the cost of a frame if the scene is sent with each frame, and if it stays. Claim: seven to
+//! twenty-four times as many frames if it stays, in a compressed form.
 //!
-//! Of a graphics card, sending is the upload of all particles and blocks. The processor has no other
-//! memory to send to: there it is what a renderer makes of a scene once, blocks and levels of detail.
+//! On a graphics card, sending is the upload of all particles and blocks. The processor has no other memory to send to:
+//! there it is the building of blocks and levels of detail, which a renderer does once.
 
 use std::time::Instant;
 
@@ -15,7 +15,7 @@ use crate::checkerboard::checkerboard;
 use crate::papers::{Arguments, median};
 use crate::volumes::volumes;
 
-/// What a voxel of four vertices and indices of three orders takes uncompressed (section 4.2).
+/// Uncompressed bytes of a voxel with four vertices and indices of three orders (section 4.2).
 const QUAD_BYTES: f64 = 164.0;
 
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
@@ -46,7 +46,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// From where all of a scene of that width is in view.
+/// Returns a camera that sees all of a scene of that width.
 fn camera(side: f64, size: usize) -> Camera {
     let eye = DVec3::new(0.9, -1.6, 0.9) * side;
     Camera::perspective(eye, DVec3::ZERO, DVec3::Z, 35.0, [size; 2])
@@ -57,13 +57,13 @@ fn on_processor(name: &str, scene: &[PointVolume], side: f64, arguments: &Argume
     let mut kept = Renderer::new(scene.to_vec())?;
     let mut times = [Vec::new(), Vec::new()];
     for i in 0..=arguments.frames {
-        // Copied before the clock runs.
+        // The scene is copied before the clock runs.
         let copy = scene.to_vec();
         let start = Instant::now();
         Renderer::new(copy)?.render(&camera, &settings)?;
         let sent = start.elapsed().as_secs_f64() * 1e3;
         kept.render(&camera, &settings)?;
-        // The first fills buffers.
+        // The first frame fills buffers.
         if i > 0 {
             times[0].push(sent);
             times[1].push(kept.times().frame);
@@ -73,7 +73,7 @@ fn on_processor(name: &str, scene: &[PointVolume], side: f64, arguments: &Argume
     Ok(())
 }
 
-/// On a graphics card.
+/// Times a graphics card.
 #[cfg(feature = "gpu")]
 fn on_adapter(scenes: &[(&str, Vec<PointVolume>, f64)], arguments: &Arguments) -> Result<()> {
     use ewa_splat::render::{AdapterChoice, Gpu};

@@ -1,7 +1,7 @@
-//! Figure 9: splatting every sample by itself against adding up slices, under a series of transfer
-//! functions. Claims: every sample by itself is darker, because its visibility is wrong, and faster;
-//! slices across an axis of the volume pop where the axis changes. The truth is slabs so thin that
-//! thinner ones change nothing.
+//! Reproduces figure 9: splatting every sample by itself against adding up slices, under a series of transfer
+//! functions. Claims: every sample by itself is darker, because its visibility is wrong, and faster. Slices across an
+//! axis of the volume pop where the axis changes. The reference images are slabs so thin that thinner ones change
+//! nothing.
 
 use ewa_splat::Composite;
 use ewa_splat::measure::compare;
@@ -14,9 +14,9 @@ use crate::papers::pictures::table_of;
 use crate::papers::volumes::{engine, head, transfer};
 use crate::papers::{Arguments, times};
 
-/// Thickness of the slabs of the truth, voxels.
+/// Thickness of the slabs in the reference images, voxels.
 const THIN: f64 = 0.25;
-/// A small turn, degrees: over the place where the axis nearest to the view changes, and beside it.
+/// A small rotation, degrees: across the angle at which the axis nearest to the view changes, and beside it.
 const TURN_DEG: f64 = 0.02;
 
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
@@ -24,7 +24,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         Some(engine) => engine,
         None => head(arguments.size),
     };
-    // The truth is slow.
+    // The reference images are slow.
     let size = arguments.size / 2;
     println!(
         "{}, {1} x {1}, {2} threads, medians of {3} frames; brightness: mean green, as a share of the truth's; errors in 255ths from the truth (slabs of {THIN} voxels)",
@@ -90,7 +90,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             let image = renderer.render(&fitted, settings)?.clone();
             let visible = renderer.counts().classified;
             let errors = compare(&truth, &image)?;
-            // The same eye, turned about the volume's axis: at 45 degrees the nearest axis changes.
+            // The same eye, rotated about the volume's axis: at 45 degrees the nearest axis changes.
             let mut jump = |azimuth_deg: f64| -> Result<f64> {
                 let [before, after] = [-TURN_DEG, TURN_DEG].map(|turn| camera(azimuth_deg + turn));
                 let (Some(before), Some(after)) = (before, after) else {
@@ -130,7 +130,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     arguments.write("composition.png", &table_of(&rows))
 }
 
-/// Dark outside, bright within: translucent, opaque, and the inside alone.
+/// Dark outside, bright within: translucent, opaque, and the inside only.
 fn series() -> Result<[(&'static str, TransferFunction); 3]> {
     let (dark, bright) = ([0.12, 0.10, 0.08], [1.0, 0.85, 0.6]);
     let from = |value: f32, opacity| {
@@ -147,7 +147,7 @@ fn series() -> Result<[(&'static str, TransferFunction); 3]> {
     ])
 }
 
-/// The root mean square of what a turn changes.
+/// Returns the root mean square change that a rotation makes.
 fn difference(
     renderer: &mut Renderer,
     before: &Camera,
@@ -158,7 +158,7 @@ fn difference(
     Ok(compare(&first, renderer.render(after, settings)?)?.rmse)
 }
 
-/// The mean of green, premultiplied.
+/// Returns the mean of green, premultiplied.
 fn brightness(image: &Image) -> f64 {
     let sum: f64 = image.pixels.iter().map(|p| f64::from(p[1])).sum();
     sum / image.pixels.len() as f64

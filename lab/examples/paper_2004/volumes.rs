@@ -1,4 +1,4 @@
-//! Table 3: adaptive filters against EWA on volumes. Claim: 9 to 21 % more frames, the same picture.
+//! Reproduces table 3: adaptive filters against EWA on volumes. Claim: 9 to 21 % more frames, the same image.
 
 use ewa_splat::Filter;
 use ewa_splat::measure::{PAPER_THRESHOLDS, compare};
@@ -27,7 +27,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// The volumes at hand, each with a transfer function that leaves its inside translucent.
+/// Returns the available volumes, each with a transfer function that leaves its inside translucent.
 pub(crate) fn volumes(size: usize) -> Result<Vec<(Volume, TransferFunction)>> {
     let (cold, warm) = ([0.15, 0.35, 0.8], [1.0, 0.75, 0.35]);
     let between = |clear: f32, soft: f32, hard: f32| {
@@ -49,7 +49,7 @@ pub(crate) fn volumes(size: usize) -> Result<Vec<(Volume, TransferFunction)>> {
     Ok(all)
 }
 
-/// All of it, and from so far that a voxel is a fraction of a pixel.
+/// Returns three views: all of the volume; from so far that a voxel is a fraction of a pixel; and from near.
 fn views(renderer: &Renderer, size: usize) -> Vec<(&'static str, Camera)> {
     let Some(fitted) = fitted_camera(renderer, size) else {
         return Vec::new();

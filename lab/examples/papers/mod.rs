@@ -1,5 +1,5 @@
-//! What the examples that redo the papers' experiments share: arguments and times here, the truth,
-//! pictures and volumes in rooms of their own.
+//! Shares code among the examples that reproduce the papers' experiments: arguments and times here; reference images,
+//! pictures and volumes in modules of their own.
 #![allow(dead_code, reason = "each example uses a part")]
 
 pub(crate) mod pictures;
@@ -13,21 +13,21 @@ use ewa_splat::view::{Camera, Lens, Viewpoint};
 use ewa_splat::{Error, Image, Renderer, Result, Settings};
 use glam::DVec3;
 
-/// `FIGURE [FOLDER [SIZE [FRAMES]]]`.
+/// Arguments of an example: `FIGURE [FOLDER [SIZE [FRAMES]]]`.
 #[derive(Debug)]
 pub(crate) struct Arguments {
-    /// Which experiment, or `all`.
+    /// Experiment to run, or `all`.
     pub(crate) figure: String,
-    /// Where pictures go.
+    /// Folder for the images.
     pub(crate) folder: PathBuf,
-    /// Pixels along a side of a picture.
+    /// Pixels along a side of an image.
     pub(crate) size: usize,
-    /// Frames of which a time is the median.
+    /// Number of frames of which a time is the median.
     pub(crate) frames: usize,
 }
 
 impl Arguments {
-    /// Those of the program; the folder is made.
+    /// Reads the program's arguments; creates the folder.
     pub(crate) fn read() -> Result<Self> {
         let given: Vec<String> = std::env::args().skip(1).collect();
         let number = |i: usize, default| {
@@ -47,10 +47,10 @@ impl Arguments {
         })
     }
 
-    /// Runs the experiment that was asked for, or all.
+    /// Runs the requested experiment, or all.
     ///
     /// # Errors
-    /// Those of the experiments; a figure that is none of `experiments`.
+    /// The errors of the experiments; a figure that is none of `experiments`.
     pub(crate) fn run(&self, experiments: &[(&str, Experiment)]) -> Result<()> {
         let is_asked_for = |name: &str| self.figure == "all" || self.figure == name;
         let names: Vec<&str> = experiments.iter().map(|(name, _)| *name).collect();
@@ -71,16 +71,16 @@ impl Arguments {
         Ok(())
     }
 
-    /// Writes a picture to the folder.
+    /// Writes an image to the folder.
     pub(crate) fn write(&self, name: &str, image: &Image) -> Result<()> {
         write_image(&self.folder.join(name), image)
     }
 }
 
-/// Prints a table and writes pictures.
+/// An experiment, which prints a table and writes images.
 pub(crate) type Experiment = fn(&Arguments) -> Result<()>;
 
-/// The camera that sees all that a renderer shows, 30 degrees from the side and from above.
+/// Returns a camera that sees everything a renderer shows, 30 degrees from the side and from above.
 pub(crate) fn fitted_camera(renderer: &Renderer, size: usize) -> Option<Camera> {
     let view = Viewpoint {
         azimuth_deg: 30.0,
@@ -91,18 +91,18 @@ pub(crate) fn fitted_camera(renderer: &Renderer, size: usize) -> Option<Camera> 
     view.camera(&renderer.visible_boxes(), Lens::FovDeg(30.0), [size; 2])
 }
 
-/// The middle one.
+/// Returns the median.
 pub(crate) fn median(times: &mut [f64]) -> f64 {
     times.sort_by(f64::total_cmp);
     times[times.len() / 2]
 }
 
-/// Milliseconds of `frames` frames of each of the settings, medians; in rounds, so that a
-/// disturbance of the machine falls on all alike. Of each two frames the second counts: the first
-/// finds the memory as the settings before it left it.
+/// Returns the median milliseconds of `frames` frames of each of the settings. Frames are timed in rounds, so that a
+/// disturbance of the machine affects all alike. Each setting renders two frames and times the second: the first finds
+/// the memory as the previous settings left it.
 ///
 /// # Errors
-/// Those of the renderer.
+/// The errors of the renderer.
 pub(crate) fn times(
     renderer: &mut Renderer,
     camera: &Camera,

@@ -1,19 +1,18 @@
-//! Pictures: how sharp they are, sheets of faint kernels, several side by side; and where a plane
-//! lies in them.
+//! Measures sharpness, converts sheets of faint kernels, puts images side by side, and intersects rays with a plane.
 
 use ewa_splat::Image;
 use ewa_splat::view::Camera;
 use glam::{DVec2, DVec3};
 
-/// How much a picture varies from pixel to pixel, as a share of what the truth does: below 1 it is
-/// blurred, above 1 it has what is not there.
+/// Returns the variation of an image between neighbouring pixels, relative to the reference image's. Below 1 the image
+/// is blurred; above 1 it has spurious detail.
 pub(crate) fn contrast(image: &Image, truth: &Image) -> f64 {
     let variation = |image: &Image| {
         let at = |x: usize, y: usize| f64::from(image.pixel(x, y)[1]);
         let mut sum = 0.0;
         for y in 1..image.height {
             for x in 1..image.width {
-                // Where all three belong to what is shown.
+                // Only where the object covers all three pixels.
                 if [(x, y), (x - 1, y), (x, y - 1)].map(|(x, y)| image.pixel(x, y)[3] > 0.0)
                     == [true; 3]
                 {
@@ -26,21 +25,21 @@ pub(crate) fn contrast(image: &Image, truth: &Image) -> f64 {
     (variation(image) / variation(truth)).sqrt()
 }
 
-/// Where the ray through a point of the image meets the plane z = 0; `None` above the horizon.
+/// Returns the point at which the ray through a point of the image meets the plane z = 0; `None` above the horizon.
 pub(crate) fn hit(camera: &Camera, pixel: DVec2) -> Option<DVec2> {
     let slope = (pixel - camera.centre_px) / camera.focal_px;
     let ray = camera.camera_from_world.transpose() * slope.extend(1.0);
     (ray.z < 0.0).then(|| (camera.eye - ray * (camera.eye.z / ray.z)).truncate())
 }
 
-/// A camera above the plane z = 0 that looks straight down at a place of it, y up in the picture.
+/// Returns a camera above the plane z = 0 that looks straight down at one of its points, y up in the image.
 pub(crate) fn from_above(place: DVec2, height: f64, fov_deg: f64, size: [usize; 2]) -> Camera {
     let eye = place.extend(height);
     Camera::perspective(eye, place.extend(0.0), DVec3::Y, fov_deg, size)
 }
 
-/// The colours of a sheet so faint that nothing in it hides anything, divided by its opacity: what a
-/// sheet buffer adds up. `coverage` of a pixel's number is its alpha.
+/// Divides the colours of a sheet by its opacity, which gives the contents of a sheet buffer. The sheet must be so
+/// faint that nothing in it hides anything. `coverage` returns the alpha of a pixel's number.
 pub(crate) fn as_sheet(faint: &Image, coverage: impl Fn(usize) -> f32) -> Image {
     let pixels = faint.pixels.iter().enumerate();
     let pixels = pixels.map(|(i, &[r, g, b, a])| {
@@ -54,7 +53,7 @@ pub(crate) fn as_sheet(faint: &Image, coverage: impl Fn(usize) -> f32) -> Image 
     }
 }
 
-/// Pictures in rows and columns, a white line between them; smaller ones in the upper left.
+/// Puts images into rows and columns with a white line between them; smaller ones are at the upper left.
 pub(crate) fn table_of(rows: &[Vec<&Image>]) -> Image {
     const GAP: usize = 4;
     let width = |row: &Vec<&Image>| row.iter().map(|i| i.width + GAP).sum::<usize>();
@@ -78,7 +77,7 @@ pub(crate) fn table_of(rows: &[Vec<&Image>]) -> Image {
     out
 }
 
-/// Each pixel as four.
+/// Doubles an image: each pixel becomes four.
 pub(crate) fn doubled(image: &Image) -> Image {
     let (width, height) = (2 * image.width, 2 * image.height);
     let pixels = (0..width * height).map(|i| image.pixel(i % width / 2, i / width / 2));
@@ -89,7 +88,7 @@ pub(crate) fn doubled(image: &Image) -> Image {
     }
 }
 
-/// A part of a picture, or as much of it as there is.
+/// Returns a part of an image, or as much of it as there is.
 pub(crate) fn part(image: &Image, [x, y]: [usize; 2], [width, height]: [usize; 2]) -> Image {
     let (x, y) = (x.min(image.width - 1), y.min(image.height - 1));
     let (width, height) = (width.min(image.width - x), height.min(image.height - y));

@@ -1,4 +1,4 @@
-//! The picture that splatting approximates, by supersampling.
+//! Renders the reference image of splatting by supersampling.
 #![allow(
     clippy::cast_possible_truncation,
     reason = "weights are narrowed on purpose"
@@ -9,16 +9,15 @@ use ewa_splat::view::Camera;
 use ewa_splat::{Image, Renderer, Result, Settings};
 use rayon::prelude::*;
 
-/// Pixels around a picture that its filter reaches: standard deviations of a low-pass filter of
-/// 1 px.
+/// Pixels around an image that its filter reaches: standard deviations of a low-pass filter of 1 px.
 const MARGIN: usize = 5;
 
-/// The picture as eq. 6 of Zwicker et al. 2001 has it: the low-pass filter over the image, not over
-/// each kernel. Drawn `factor` times as large with exact footprints under a filter of one fine
-/// pixel, then filtered by the rest and sampled. As splatting, kernels are sorted whole.
+/// Renders the image of eq. 6 of Zwicker et al. 2001: the low-pass filter is applied to the image, not to each kernel.
+/// The image is rendered `factor` times as large, with exact footprints under a filter of one fine pixel. It is then
+/// filtered by the rest and sampled. As in splatting, kernels are sorted as wholes.
 ///
 /// # Errors
-/// Those of the renderer.
+/// The errors of the renderer.
 pub(crate) fn supersampled(
     renderer: &mut Renderer,
     camera: &Camera,
@@ -41,7 +40,7 @@ pub(crate) fn supersampled(
         ..settings.clone()
     };
     let drawn = renderer.render(&fine, &settings)?;
-    // As many fine pixels around a pixel's centre on either side.
+    // Number of fine pixels across the filter around a pixel's centre.
     let reach = (2 * MARGIN + 1) * factor;
     let variance = scale * scale - 1.0;
     let weights: Vec<f64> = (0..reach)
@@ -50,7 +49,7 @@ pub(crate) fn supersampled(
         .collect();
     let sum: f64 = weights.iter().sum();
     let weights: Vec<f32> = weights.iter().map(|w| (w / sum) as f32).collect();
-    // `count` places along a line of fine pixels, `stride` apart.
+    // Filters one place along a line of fine pixels, `stride` apart.
     let filtered = |pixels: &[[f32; 4]], first: usize, stride: usize| {
         let mut out = [0.0; 4];
         for (j, w) in weights.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Volumes of bytes: real ones where they are at hand, and one that is computed.
+//! Provides volumes of bytes: real ones if available, and a computed one.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -15,7 +15,7 @@ use ewa_splat::sample::{SampleOptions, scene};
 use ewa_splat::scene::{ColourSpace, ControlPoint, Lattice, PointVolume, TransferFunction, Values};
 use glam::DVec3;
 
-/// A volume of bytes, a unit from voxel to voxel, its middle at the origin.
+/// A volume of bytes, a unit between voxels, its middle at the origin.
 #[derive(Debug, Clone)]
 pub(crate) struct Volume {
     pub(crate) name: &'static str,
@@ -24,7 +24,7 @@ pub(crate) struct Volume {
 }
 
 impl Volume {
-    /// As a data set.
+    /// Returns the volume as a data set.
     pub(crate) fn dataset(&self) -> Dataset {
         let first = self.dims.map(|n| 0.5 - 0.5 * n as f64);
         let field = Field {
@@ -41,10 +41,10 @@ impl Volume {
         )
     }
 
-    /// Its iso-surface at a value, as opaque surfels.
+    /// Returns the iso-surface at a value, as opaque surfels.
     ///
     /// # Errors
-    /// Those of the sampler.
+    /// The errors of the sampler.
     pub(crate) fn surface(&self, value: f64) -> Result<Vec<PointVolume>> {
         let options = SampleOptions {
             flatten: Some(value),
@@ -53,10 +53,10 @@ impl Volume {
         Ok(scene(self.dataset(), &options)?.volumes)
     }
 
-    /// Its volume kernels, classified by `transfer`.
+    /// Returns the volume's kernels, classified by `transfer`.
     ///
     /// # Errors
-    /// Those of the sampler.
+    /// The errors of the sampler.
     pub(crate) fn scene(&self, transfer: &TransferFunction) -> Result<Vec<PointVolume>> {
         let mut volumes = scene(self.dataset(), &SampleOptions::default())?.volumes;
         for volume in &mut volumes {
@@ -65,7 +65,7 @@ impl Volume {
         Ok(volumes)
     }
 
-    /// A part of it.
+    /// Returns a part of the volume.
     pub(crate) fn part(&self, first: [usize; 3], dims: [usize; 3]) -> Self {
         let [nx, ny, _] = self.dims;
         let [dx, dy, dz] = dims;
@@ -86,7 +86,7 @@ impl Volume {
     }
 }
 
-/// Opacity of a cell and colour (linear) at values, straight lines between them.
+/// Makes a transfer function of opacities per cell and colours (linear) at values, linear between them.
 ///
 /// # Errors
 /// Points out of order.
@@ -102,7 +102,7 @@ pub(crate) fn transfer(points: &[(f32, [f32; 3], f32)]) -> Result<TransferFuncti
     TransferFunction::from_points(&points, ColourSpace::Linear, [0.0, 255.0], 1.0)
 }
 
-/// The CT of an engine block, where it is at hand.
+/// Returns the CT of an engine block, if available.
 ///
 /// # Errors
 /// A file that cannot be read.
@@ -110,7 +110,7 @@ pub(crate) fn engine() -> Result<Option<Volume>> {
     real("engine", "engine_256x256x128_uint8.raw", [256, 256, 128])
 }
 
-/// The simulated nucleon, where it is at hand.
+/// Returns the simulated nucleon, if available.
 ///
 /// # Errors
 /// A file that cannot be read.
@@ -118,8 +118,8 @@ pub(crate) fn nucleon() -> Result<Option<Volume>> {
     real("nucleon", "nucleon_41x41x41_uint8.raw", [41; 3])
 }
 
-/// A raw volume from the folder of real data (`EWA_DATA_DIR`, or `../shared/data`); `None`, with a
-/// word about it, where it is absent.
+/// Reads a raw volume from the folder of real data (`EWA_DATA_DIR`, or `../shared/data`); `None`, with a message, if it
+/// is absent.
 fn real(name: &'static str, file: &str, dims: [usize; 3]) -> Result<Option<Volume>> {
     let folder = std::env::var_os("EWA_DATA_DIR").map_or_else(
         || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"),
@@ -138,9 +138,9 @@ fn real(name: &'static str, file: &str, dims: [usize; 3]) -> Result<Option<Volum
     Ok(Some(Volume { name, dims, values }))
 }
 
-/// A head, computed: skin (60 to 90) around a skull (200) around a brain that wavers (100 to 130),
-/// with sockets of the eyes; 128 voxels along each axis for pictures of 512, fewer for smaller ones.
-/// Edges are two voxels of 128 wide, as those of a scanner.
+/// Computes a head: skin (60 to 90) around a skull (200) around a brain that varies (100 to 130), with eye sockets. It
+/// has 128 voxels along each axis for images of 512, fewer for smaller ones. Edges are two voxels of 128 wide, as a
+/// scanner's are.
 pub(crate) fn head(size: usize) -> Volume {
     let side = (size / 4).clamp(32, 128);
     // 1 within, 0 outside, over an edge of `width`.

@@ -1,12 +1,12 @@
-//! True pictures of fields that are known everywhere.
+//! Renders reference images of analytic fields.
 
 use ewa_splat::scene::{TransferFunction, Weighting};
 use ewa_splat::view::Camera;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
-/// Emission and absorption of a field over [-1, 1]³, premultiplied linear RGBA of each pixel: averages of the
-/// function over each of so many steps of a ray, and the mean of `rays`² rays of a pixel.
+/// Integrates emission and absorption of a field over [-1, 1]³; returns premultiplied linear RGBA of each pixel. Each
+/// of `steps` steps of a ray averages the transfer function over its values, and a pixel is the mean of `rays`² rays.
 #[allow(
     clippy::cast_possible_truncation,
     reason = "transfer functions take values in f32"

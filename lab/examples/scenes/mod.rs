@@ -1,11 +1,11 @@
-//! Particles that several examples draw.
+//! Provides particles that several examples render.
 #![allow(dead_code, reason = "each example uses a part")]
 
 use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
 use ewa_splat::view::Camera;
 use glam::DVec3;
 
-/// Uniform numbers in \[0, 1): the same everywhere.
+/// Returns uniform pseudo-random numbers in \[0, 1): the same in every run.
 pub(crate) fn uniform(seed: u64) -> impl FnMut() -> f32 {
     let mut state = seed;
     move || {
@@ -17,9 +17,8 @@ pub(crate) fn uniform(seed: u64) -> impl FnMut() -> f32 {
     }
 }
 
-/// Random needles, discs and blobs in a cube of side 2: standard deviations about `sigma_px` when
-/// seen from a distance of 4 in an image of `height` rows and 30 degrees, faint enough that hundreds
-/// overlap.
+/// Returns random needles, discs and blobs in a cube of side 2, so faint that hundreds overlap. Standard deviations are
+/// about `sigma_px` when seen from a distance of 4 in an image of `height` rows and 30 degrees.
 pub(crate) fn particles(count: usize, height: usize, sigma_px: f32) -> PointVolume {
     let mut random = uniform(1);
     let focal_px = height as f32 / (2.0 * 15_f32.to_radians().tan());
@@ -57,7 +56,7 @@ pub(crate) fn particles(count: usize, height: usize, sigma_px: f32) -> PointVolu
     }
 }
 
-/// The camera that [`particles`] are made for.
+/// Returns the camera for [`particles`].
 pub(crate) fn camera(size: [usize; 2]) -> Camera {
     let eye = DVec3::new(0.0, -4.0, 0.0);
     Camera::perspective(eye, DVec3::ZERO, DVec3::Z, 30.0, size)

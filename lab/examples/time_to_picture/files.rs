@@ -1,4 +1,4 @@
-//! The data that are timed: made once, kept in one folder.
+//! Generates the data to be timed, once, and keeps them in a folder.
 #![allow(
     clippy::cast_possible_truncation,
     reason = "data are made in f64 and kept in what their formats have"
@@ -13,7 +13,7 @@ use flate2::write::ZlibEncoder;
 
 use crate::scenes::uniform;
 
-/// A file of the folder: made by `write` where it is not there yet.
+/// Returns a file of the folder; `write` makes it if it does not exist.
 fn made(
     folder: &Path,
     name: &str,
@@ -31,7 +31,7 @@ fn made(
     Ok(path)
 }
 
-/// A table of f32 columns in NumPy's form.
+/// Writes a table of f32 columns in NumPy's format.
 fn table(
     out: &mut impl Write,
     columns: &[&str],
@@ -64,21 +64,21 @@ pub(crate) fn sph(folder: &Path) -> Result<PathBuf> {
     made(folder, "sph.npy", |out| write_sph(out, 1_000_000))
 }
 
-/// Particles with a smoothing length, clustered: half of them in thirty blobs.
+/// Writes particles with a smoothing length, clustered: half of them in thirty blobs.
 pub(crate) fn write_sph(out: &mut impl Write, count: usize) -> Result<()> {
     let mut random = uniform(2);
     let blobs: Vec<[f32; 4]> = (0..30)
         .map(|_| [random(), random(), random(), 0.02 + 0.08 * random()])
         .collect();
     let mut row = 0;
-    // As many neighbours within a length, however many particles: .012 is that of a million.
+    // The number of neighbours within a length does not depend on the number of particles: .012 for a million.
     let length = 1.2 / (count as f32).cbrt();
     table(out, &["x", "y", "z", "h", "mass", "rho"], count, |out| {
         let blob = blobs[row % blobs.len()];
         let at = if row % 2 == 0 {
             [random(), random(), random()]
         } else {
-            // Twelve uniform numbers are nearly normal.
+            // A sum of twelve uniform numbers is nearly normal.
             let mut normal = || (0..12).map(|_| random()).sum::<f32>() - 6.0;
             [0, 1, 2].map(|k| blob[k] + blob[3] * normal())
         };
@@ -96,7 +96,7 @@ pub(crate) fn write_sph(out: &mut impl Write, count: usize) -> Result<()> {
     })
 }
 
-/// Variances, masses and colours.
+/// Writes ellipsoids with variances, masses and colours.
 fn write_ellipsoids(out: &mut impl Write, count: usize, sigma: f32) -> Result<()> {
     let mut random = uniform(3);
     let columns = [
@@ -149,7 +149,7 @@ pub(crate) fn spheres(folder: &Path) -> Result<PathBuf> {
     })
 }
 
-/// A smooth field of six blobs, 0 to about 1.
+/// Evaluates a smooth field of six blobs, 0 to about 1.
 fn field(at: [f64; 3]) -> f32 {
     const BLOBS: [[f64; 5]; 6] = [
         [0.25, 0.3, 0.3, 0.14, 0.9],
@@ -169,7 +169,7 @@ fn field(at: [f64; 3]) -> f32 {
     sum as f32
 }
 
-/// An array of a VTK file, base64 apart: blocks of 32 KiB, compressed by zlib.
+/// Encodes an array of a VTK file, without base64: blocks of 32 KiB, compressed by zlib.
 fn compressed(bytes: &[u8]) -> Result<Vec<u8>> {
     const BLOCK: usize = 1 << 15;
     let blocks: Vec<Vec<u8>> = bytes
@@ -188,7 +188,7 @@ fn compressed(bytes: &[u8]) -> Result<Vec<u8>> {
     Ok(out)
 }
 
-/// A VTK XML file with compressed, appended arrays: `head` and `arrays` hold `{}` where an offset goes.
+/// Writes a VTK XML file with compressed, appended arrays; `body` has `{}` in place of each offset.
 fn vtk(out: &mut impl Write, kind: &str, body: &str, arrays: &[Vec<u8>]) -> Result<()> {
     let arrays: Vec<Vec<u8>> = arrays
         .iter()
@@ -218,7 +218,7 @@ pub(crate) fn curvilinear(folder: &Path) -> Result<PathBuf> {
     made(folder, "sector.vts", |out| write_curvilinear(out, 128))
 }
 
-/// Of a sector of a ring, bent and stretched, so many nodes along each axis.
+/// Writes a sector of a ring, bent and stretched, with `nodes` nodes along each axis.
 pub(crate) fn write_curvilinear(out: &mut impl Write, nodes: usize) -> Result<()> {
     let (mut points, mut values) = (Vec::new(), Vec::new());
     for k in 0..nodes {
@@ -252,7 +252,7 @@ pub(crate) fn tetrahedra(folder: &Path) -> Result<PathBuf> {
     made(folder, "tetrahedra.vtu", |out| write_tetrahedra(out, 54))
 }
 
-/// Of so many cubes of jittered corners along each axis, six each.
+/// Writes tetrahedra: cubes with jittered corners, `cubes` along each axis, six tetrahedra each.
 pub(crate) fn write_tetrahedra(out: &mut impl Write, cubes: usize) -> Result<()> {
     let mut random = uniform(5);
     let (mut points, mut values) = (Vec::new(), Vec::new());
@@ -277,7 +277,7 @@ pub(crate) fn write_tetrahedra(out: &mut impl Write, cubes: usize) -> Result<()>
     for k in 0..cubes {
         for j in 0..cubes {
             for i in 0..cubes {
-                // From corner to corner along the axes in each order.
+                // From corner to corner along the axes, in each order.
                 for order in [
                     [0, 1, 2],
                     [0, 2, 1],
@@ -320,7 +320,7 @@ pub(crate) fn write_tetrahedra(out: &mut impl Write, cubes: usize) -> Result<()>
     vtk(out, "UnstructuredGrid", &body, &arrays)
 }
 
-/// A box of side 2 with one texture of 512 x 512 on each face.
+/// Makes a box of side 2 with one texture of 512 x 512 on each face.
 pub(crate) fn textured_box(folder: &Path) -> Result<PathBuf> {
     const SIDE: u32 = 512;
     made(folder, "box.png", |out| {
@@ -366,7 +366,7 @@ pub(crate) fn textured_box(folder: &Path) -> Result<PathBuf> {
     })
 }
 
-/// Some particles of the repository.
+/// Returns a small file of particles in the repository.
 pub(crate) fn small(_: &Path) -> Result<PathBuf> {
     Ok(Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/particles.csv"))
 }
@@ -375,7 +375,7 @@ pub(crate) fn lattice(folder: &Path) -> Result<PathBuf> {
     made(folder, "lattice.raw", |out| write_lattice(out, 256))
 }
 
-/// Bytes, so many along each axis.
+/// Writes a lattice of bytes, `side` along each axis.
 pub(crate) fn write_lattice(out: &mut impl Write, side: usize) -> Result<()> {
     for k in 0..side {
         for j in 0..side {
@@ -388,7 +388,7 @@ pub(crate) fn write_lattice(out: &mut impl Write, side: usize) -> Result<()> {
     Ok(())
 }
 
-/// Shows a third of [`lattice`].
+/// Writes a transfer function that shows a third of [`lattice`].
 pub(crate) fn transfer_function(folder: &Path) -> Result<()> {
     let json = r#"{"range": [0, 255], "unit_distance": 4, "points": [
   {"value": 0, "color": [0, 0, 0.5], "opacity": 0}, {"value": 28, "color": [0, 0.2, 0.5], "opacity": 0},

@@ -1,12 +1,12 @@
-//! Times whole commands: from data on disk to the picture.
+//! Times whole commands: from data on disk to the image.
 //!
 //!     cargo build --release
 //!     cargo run --release -p ewa-splat-lab --example time_to_picture [--only WORD] [PROGRAM ...]
 //!
-//! Every program given, by default the one beside this example, runs every command in turn, so that builds
-//! are compared on the same machine in the same minutes. Prints Markdown: what `--stats` says of each stage,
-//! the processor's time and the greatest memory of the process (where the system tells). Data are made once,
-//! in `time_to_picture` beneath the system's temporary folder.
+//! Each given program runs every command in turn; the default is the program beside this example. Builds are thus
+//! compared on the same machine in the same minutes. Prints Markdown: the times of each stage from `--stats`, the
+//! processor time, and the peak memory of the process (where the system reports it). Data are generated once, in
+//! `time_to_picture` in the system's temporary folder.
 
 #[path = "../scenes/mod.rs"]
 mod scenes;
@@ -18,14 +18,14 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// A command: its name in the table, the files it needs, its arguments.
+/// A command: its name in the table, its input file, and its arguments.
 struct Work {
     name: &'static str,
     file: fn(&Path) -> std::io::Result<PathBuf>,
     arguments: &'static str,
 }
 
-/// What is timed; `{}` is the folder of the data.
+/// Commands to time; `{}` is the folder of the data.
 const WORKS: [Work; 18] = [
     Work {
         name: "1 M SPH particles, column density",
@@ -122,7 +122,7 @@ const WORKS: [Work; 18] = [
 /// One run of a program.
 struct Run {
     wall: Duration,
-    /// User and system, and the greatest resident memory in bytes, where the system tells.
+    /// User and system time, and the peak resident memory in bytes, where the system reports them.
     cpu_s: Option<f64>,
     peak: Option<u64>,
     stats: serde_json::Value,
@@ -180,7 +180,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Two significant digits where it matters.
+/// Formats a time with two significant digits where they matter.
 fn seconds(s: f64) -> String {
     if s < 0.1 {
         format!("{:.0} ms", s * 1000.0)
@@ -233,7 +233,7 @@ fn run(program: &Path, work: &Work, file: &Path, folder: &Path) -> Result<Run, B
     })
 }
 
-/// The fields of a process's line of state that follow its name.
+/// Returns the fields of a process's line of state after its name.
 fn state(process: u32) -> Option<Vec<String>> {
     let line = std::fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
     let (_, fields) = line.rsplit_once(')')?;
@@ -244,14 +244,14 @@ fn has_ended(process: u32) -> bool {
     state(process).is_none_or(|fields| fields[0] == "Z")
 }
 
-/// User and system time, seconds: clock ticks of a hundredth.
+/// Returns user and system time, seconds; a clock tick is a hundredth.
 fn processor_time(process: u32) -> Option<f64> {
     let fields = state(process)?;
     let ticks = |i: usize| fields.get(i)?.parse::<f64>().ok();
     Some((ticks(11)? + ticks(12)?) / 100.0)
 }
 
-/// The greatest resident memory so far, bytes.
+/// Returns the peak resident memory so far, bytes.
 fn peak_memory(process: u32) -> Option<u64> {
     let text = std::fs::read_to_string(format!("/proc/{process}/status")).ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;

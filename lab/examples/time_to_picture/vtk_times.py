@@ -35,18 +35,18 @@ from pathlib import Path
 SIZE = 512
 FOV_DEG = 30
 LIMIT_S = 120
-# Views as the program's own: degrees around z from -y, and above the horizon.
+# The program's own convention for views: degrees around z from -y, and above the horizon.
 AZIMUTH_DEG, ELEVATION_DEG = 30, 25
 
-# Each data set: its file, the box of what is visible, the value and the length that the transfer function is scaled by, and
-# further arguments of the program.
+# For each data set: its file, the box of the visible part, the value and the length by which the transfer function is
+# scaled, and further arguments of the program.
 DATA = {
     "lattice": ("lattice.raw", [(0, 0, 0), (255, 255, 255)], 255, 4, ["--type", "u8", "--dims", "256,256,256"]),
     "sector": ("sector.vts", [(-0.54, 0.09, 0.09), (1.61, 1.88, 1.08)], 1.275, 0.05, []),
     "tetrahedra": ("tetrahedra.vtu", [(0, 0, 0), (1, 1, 1)], 1.275, 0.05, []),
     "particles": ("sph.npy", [(0, 0, 0), (1, 1, 1)], None, None, ["--column-density", "--field", "rho"]),
 }
-# Fractions of the greatest value with a colour and an opacity over the unit of length.
+# Fractions of the greatest value, each with a colour and an opacity over the unit of length.
 POINTS = [
     (0, [0, 0, 0.5], 0),
     (0.11, [0, 0.2, 0.5], 0),
@@ -79,7 +79,7 @@ def read(vtk, data, path):
         reader.SetFileDimensionality(3)
         reader.SetDataExtent(0, 255, 0, 255, 0, 255)
         reader.SetDataScalarTypeToUnsignedChar()
-        # Rows as they come: else the last is the lowest.
+        # Rows in the file's order; otherwise VTK takes the last row as the lowest.
         reader.FileLowerLeftOn()
     elif data == "sector":
         reader = vtk.vtkXMLStructuredGridReader()
@@ -158,7 +158,7 @@ def splatter(vtk, cloud):
     mapper = vtk.vtkPointGaussianMapper()
     mapper.SetInputData(cloud)
     mapper.SetScaleArray("h")
-    # Standard deviations: about half of a cubic spline's length.
+    # Standard deviations: about half of a cubic spline's smoothing length.
     mapper.SetScaleFactor(0.55)
     mapper.EmissiveOn()
     mapper.ScalarVisibilityOff()
@@ -168,7 +168,7 @@ def splatter(vtk, cloud):
 PROJECTED = of_cells("vtkProjectedTetrahedraMapper")
 CELL_CAST = of_cells("vtkUnstructuredGridVolumeRayCastMapper")
 Z_SWEEP = of_cells("vtkUnstructuredGridVolumeZSweepMapper")
-# The data, what is made of them, and the mapper.
+# The data set, the conversion, and the mapper.
 METHODS = {
     "lattice, vtkFixedPointVolumeRayCastMapper": ("lattice", None, ray_caster),
     "lattice, vtkOpenGLGPUVolumeRayCastMapper": ("lattice", None, shader_caster),
@@ -225,7 +225,7 @@ def one(name, folder, picture):
     if data == "particles":
         actor = vtk.vtkActor()
         actor.SetMapper(mapper)
-        # The densest pixels stay below white. Channels of 8 bits cannot add so little: this pass sums in half precision.
+        # The densest pixels stay below white. Channels of 8 bits cannot add such small terms: this pass sums in half floats.
         actor.GetProperty().SetOpacity(0.0025)
         renderer.AddActor(actor)
         steps, sums = vtk.vtkRenderStepsPass(), vtk.vtkToneMappingPass()
@@ -252,13 +252,13 @@ def one(name, folder, picture):
     window.AddRenderer(renderer)
 
     def frame():
-        # The camera counts as moved each time: else tetrahedra keep their order.
+        # Marks the camera as moved each time; otherwise tetrahedra keep their order.
         camera.Modified()
         window.Render()
         grab = vtk.vtkWindowToImageFilter()
         grab.SetInput(window)
         grab.ReadFrontBufferOff()
-        # What has been drawn, not another frame.
+        # Grab the frame that has been drawn; do not draw another.
         grab.ShouldRerenderOff()
         grab.Update()
         return grab

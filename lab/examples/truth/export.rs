@@ -1,4 +1,4 @@
-//! The scene and its true pictures as files, for other renderers (`lab/examples/vtk_truth.py`).
+//! Writes the scene and its reference images for other renderers (`lab/examples/vtk_truth.py`).
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use crate::functions::{Point, UNIT};
 use crate::{EYE, FOV_DEG};
 
-/// What the files are: `scene.json`.
+/// Writes `scene.json`, the description of the other files.
 pub(crate) fn scene(folder: &Path, size: usize, functions: &[(&str, &[Point])]) -> Result<()> {
     let points = |points: &[Point]| -> Vec<Value> {
         let point = |&(value, opacity, colour): &Point| json!({ "value": value, "opacity": opacity, "color": colour });
@@ -30,7 +30,7 @@ pub(crate) fn scene(folder: &Path, size: usize, functions: &[(&str, &[Point])]) 
     )
 }
 
-/// `truth-NAME.npy`: height x width x 4, premultiplied linear RGBA.
+/// Writes `truth-NAME.npy`: height x width x 4, premultiplied linear RGBA.
 pub(crate) fn truth(folder: &Path, name: &str, size: usize, pixels: &[[f64; 4]]) -> Result<()> {
     let image = Image {
         width: size,
@@ -40,8 +40,8 @@ pub(crate) fn truth(folder: &Path, name: &str, size: usize, pixels: &[[f64; 4]])
     write_image(&folder.join(format!("truth-{name}.npy")), &image)
 }
 
-/// `NAME.values` (f32), `NAME.nodes` (x, y, z in f64), `NAME.cells` (four u32 each), little-endian, as far
-/// as the grid has them.
+/// Writes `NAME.values` (f32), `NAME.nodes` (x, y, z in f64) and `NAME.cells` (four u32 each), little-endian, as far as
+/// the grid has them.
 pub(crate) fn grid(folder: &Path, name: &str, dataset: &Dataset) -> Result<()> {
     let file = |what: &str| folder.join(format!("{name}.{what}"));
     if let FieldSource::Scalar(Values::F32(values)) = &dataset.fields[0].source {

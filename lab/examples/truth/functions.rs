@@ -1,9 +1,9 @@
-//! Transfer functions over the field: thin, smooth, hard, and many-coloured.
+//! Defines transfer functions over the field: thin, smooth, hard, and many-coloured.
 
 use ewa_splat::Result;
 use ewa_splat::scene::{ColourSpace, ControlPoint, TransferFunction};
 
-/// The length over which opacities are stated.
+/// Length over which opacities are stated.
 pub(crate) const UNIT: f64 = 0.1;
 
 /// Value, opacity over [`UNIT`], linear colour.
@@ -29,7 +29,7 @@ pub(crate) const FUNCTIONS: [(&str, &[Point]); 4] = [
         "step",
         &[(0.3, 0.0, BLUE), (0.3, 0.95, BLUE), (1.0, 0.95, ORANGE)],
     ),
-    // Nothing of the box is transparent: its faces show.
+    // The whole box is visible: its faces show.
     (
         "rainbow",
         &[

@@ -1,4 +1,4 @@
-//! One field, sampled on lattices, on a warped grid and on tetrahedra, all of which fill [-1, 1]³.
+//! Samples one field on lattices, on a warped grid and on tetrahedra, all of which fill [-1, 1]³.
 
 use std::path::Path;
 
@@ -18,7 +18,7 @@ const BLOBS: [([f64; 3], f64, f64); 6] = [
     ([0.05, -0.50, -0.50], 0.20, 0.60),
 ];
 
-/// A sum of Gaussian blobs, 0 to about 1.
+/// Evaluates a sum of Gaussian blobs, 0 to about 1.
 pub(crate) fn field(x: DVec3) -> f64 {
     BLOBS
         .iter()
@@ -45,7 +45,7 @@ pub(crate) const GRIDS: [(&str, Kind, usize); 6] = [
     ("tetrahedra-33", Kind::Tetrahedra, 33),
 ];
 
-/// The field on `n` nodes along each axis.
+/// Samples the field on `n` nodes along each axis.
 pub(crate) fn dataset(kind: Kind, n: usize) -> Dataset {
     let spacing = 2.0 / (n - 1) as f64;
     let nodes: Vec<DVec3> = (0..n.pow(3))
@@ -82,7 +82,7 @@ fn index(i: usize, n: usize) -> [usize; 3] {
     [i % n, i / n % n, i / (n * n)]
 }
 
-/// The box onto itself: each face stays in its plane.
+/// Maps the box onto itself: each face stays in its plane.
 fn warp(x: DVec3) -> DVec3 {
     let along = DVec3::new(
         (2.0 * x.y + x.z).sin(),
@@ -92,8 +92,8 @@ fn warp(x: DVec3) -> DVec3 {
     x + 0.25 * (1.0 - x * x) * along
 }
 
-/// Six tetrahedra to each cube of a lattice whose inner nodes are moved by up to `most` along each axis;
-/// by less where a tetrahedron would have less than a tenth of its volume.
+/// Makes six tetrahedra of each cube of a lattice, and moves the inner nodes by up to `most` along each axis. Nodes
+/// move less if a tetrahedron would have less than a tenth of its volume.
 fn jittered(at_rest: Vec<DVec3>, n: usize, most: f64) -> CellMesh {
     let mut state = 1_u64;
     let mut random = || {

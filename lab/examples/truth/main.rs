@@ -1,11 +1,12 @@
-//! How far splats are from the field that they stand for: an analytic field on lattices, on a warped grid
-//! and on jittered tetrahedra, drawn in each way, against its own emission-absorption integrals and against
-//! those of the data interpolated.
+//! Measures how far splats are from the field that they represent. An analytic field on lattices, on a warped grid and
+//! on jittered tetrahedra is rendered in several ways. The images are compared with the emission-absorption integrals
+//! of the field, and with those of the interpolated data.
 //!
 //!     cargo run --release -p ewa-splat-lab --example truth -- [--size N] [--export DIR | --turn] [GRID|FUNCTION|WAY ...]
 //!
-//! Prints the rows of docs/truth.md; with `--turn` those of what changes from frame to frame. Words name what is wanted, such as `lattice-65 shells "extent .15"`; where
-//! none is of a kind all of it are. `--export` writes grids and truths for `lab/examples/vtk_truth.py`.
+//! Prints the rows of docs/truth.md; with `--turn`, the rows of changes between frames. Words select grids, functions
+//! and ways, such as `lattice-65 shells "extent .15"`; without a word of a kind, all of that kind are run. `--export`
+//! writes grids and reference images for `lab/examples/vtk_truth.py`.
 
 #![allow(
     clippy::cast_possible_truncation,
@@ -37,19 +38,19 @@ use rayon::prelude::*;
 const EYE: [f64; 3] = [2.3, -4.2, 1.9];
 const FOV_DEG: f64 = 35.0;
 
-/// Rays to a pixel along each side, of both truths.
+/// Rays along each side of a pixel, in both kinds of reference images.
 const RAYS: usize = 4;
 
 /// Steps of a ray through the box.
 const STEPS: usize = 400;
 
-/// The data's own picture is known at one of so many pixels along each side: its rays are slow.
+/// Reference images of the data have every third pixel along each side, because their rays are slow.
 const EVERY: usize = 3;
 
-/// Of its rays, full scale 1.
+/// Error of these rays, full scale 1.
 const DATA_ERROR: f64 = 2e-4;
 
-/// Frames of which the time is the median, after one that warms up; fewer of slow ones.
+/// Number of frames of which the time is the median, after a warm-up frame; fewer if frames are slow.
 const FRAMES: usize = 3;
 
 /// Milliseconds of frames after which no more are timed.
@@ -97,14 +98,14 @@ impl Wanted {
         Ok(wanted)
     }
 
-    /// Whether one of a kind is wanted, or the kind not named.
+    /// Whether a name is wanted, or no name of its kind was given.
     fn has(&self, name: &str, kind: &[String]) -> bool {
         let named = |n: &str| self.words.iter().any(|w| w == n);
         named(name) || !kind.iter().any(|n| named(n))
     }
 }
 
-/// A way to draw.
+/// A way to render.
 struct Way {
     name: String,
     boundary: BoundaryChoice,
@@ -193,7 +194,7 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// A function's name, itself and its true picture.
+/// Name of a function, the function, and its reference image.
 type Truth = (&'static str, TransferFunction, Vec<[f64; 4]>);
 
 fn rows(
@@ -263,7 +264,7 @@ fn renderer(
     Renderer::new(vec![volume])
 }
 
-/// The pixels at which the data's own picture is known.
+/// Pixels at which the reference image of the data is computed.
 fn places(camera: &Camera) -> impl Iterator<Item = usize> {
     let [width, height] = [camera.width, camera.height];
     let row = move |y| {
@@ -274,7 +275,7 @@ fn places(camera: &Camera) -> impl Iterator<Item = usize> {
     (EVERY / 2..height).step_by(EVERY).flat_map(row)
 }
 
-/// The picture of the data, interpolated as their cells say, by as many rays as that of the field.
+/// Renders the reference image of the data, interpolated in their cells, with as many rays as that of the field.
 fn of_data(
     dataset: &Dataset,
     transfer: &TransferFunction,
@@ -297,7 +298,8 @@ fn of_data(
     Ok(places.into_par_iter().map(pixel).collect())
 }
 
-/// Root mean square and 99.9th percentile (largest channel of a pixel) in levels of 255, linear RGB.
+/// Returns the root mean square and the 99.9th percentile (largest channel of a pixel) of the error, in levels of 255,
+/// linear RGB.
 fn errors(pixels: &[[f64; 4]], truth: &[[f64; 4]]) -> String {
     let mut squares = 0.0;
     let mut largest: Vec<f64> = pixels

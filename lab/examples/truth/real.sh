@@ -1,14 +1,16 @@
 #!/bin/sh
-# Public data sets against the integral of their own field (`--reference data`), drawn in each way.
+# Compares renderings of public data sets, made in several ways, with the integral of their own field
+# (`--reference data`).
 #
 #     lab/examples/truth/real.sh DATA OUT [NAME...]
 #
-# DATA holds the files named below. OUT gets a picture of each way as .npy and .png; the rows of
-# docs/truth.md are printed: RMSE and 99.9th percentile over premultiplied linear RGBA, in levels of 255, and
-# milliseconds. Truths that lie in OUT are taken from there. EWA names another program than the one built here,
-# SIZE another size, WAYS some of the ways.
+# DATA is the folder of the files named below. The script writes an image of each way to OUT, as .npy and .png. It
+# prints the rows of docs/truth.md: RMSE and 99.9th percentile over premultiplied linear RGBA, in levels of 255, and
+# milliseconds. Reference images that are in OUT already are used again. The variable EWA names another program than
+# the one built here, SIZE another size, and WAYS some of the ways.
 #
-# Cameras are named: a fitted one follows what is visible, which is more where kernels lie beyond the boundary.
+# Cameras are given explicitly: a fitted camera would follow the visible part, which is larger if kernels lie beyond
+# the boundary.
 set -eu
 cd "$(dirname "$0")/../.."
 data=$1 out=$2
@@ -21,7 +23,7 @@ if [ -z "${EWA:-}" ]; then
 fi
 mkdir -p "$out"
 
-# ROW: name, way, options.
+# Renders and prints a row. Arguments: name, way, options.
 row() {
     name=$1 way=$2
     shift 2

@@ -1,5 +1,5 @@
-//! Crawling: what changes from frame to frame as the view turns, against what changes of the field's own
-//! pictures. Thin sheets seen edge-on ripple by the low-pass filter's variance.
+//! Measures crawling: the change between frames as the view rotates, against the change in the field's reference
+//! images. Thin sheets seen edge-on ripple according to the low-pass filter's variance.
 
 use ewa_splat::render::Classification;
 use ewa_splat::scene::TransferFunction;
@@ -11,11 +11,11 @@ use crate::{EYE, FOV_DEG, RAYS, STEPS, analytic, grids, widened};
 
 const FRAMES: usize = 9;
 
-/// At the silhouette a point moves by about a third of a pixel of 256.
+/// Angle between frames: at the silhouette a point moves by about a third of a pixel of 256.
 const STEP_DEG: f64 = 0.25;
 
-/// One row for each low-pass filter: the root mean square, over pixels, channels and pairs of frames, of the
-/// changes in the field's pictures, in those of splats, and of what these differ by; levels of 255.
+/// Prints one row for each low-pass filter: the root mean square change, over pixels, channels and pairs of frames, in
+/// the reference images, in those of splats, and in the difference of both; levels of 255.
 pub(crate) fn rows(
     name: &str,
     renderer: &mut Renderer,

@@ -1,4 +1,4 @@
-//! The levels of detail that are made of clusters, for which no particle is looked at but for its value.
+//! Builds the levels of detail that are merged from clusters; of the particles they read only values.
 
 use std::ops::Range;
 
@@ -13,23 +13,23 @@ use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;
 use crate::task::{Stage, Task};
 
-/// The clusters of the last of the fine levels, which are not divided again.
+/// Leaves of the coarse levels: clusters of the last fine level, which are not divided again.
 #[derive(Debug)]
 pub(in crate::blocks) struct Atoms {
-    /// Of all particles, in block order.
+    /// Clusters of all particles, in block order.
     pub(in crate::blocks) clusters: Vec<Cluster>,
-    /// Over them.
+    /// Tree over the clusters.
     pub(in crate::blocks) tree: Tree,
-    /// Of their blocks.
+    /// Headers of the clusters' blocks.
     pub(in crate::blocks) heads: Vec<Head>,
 }
 
-/// Finds where the values of the members of clusters lie.
+/// Finds the distribution of the values of clusters' members.
 pub(in crate::blocks) type FindPlaces<'a> = &'a mut dyn FnMut(&[Cluster]) -> Result<Vec<Places>>;
 
-/// The levels after the fine ones, up to one of a few particles.
+/// Builds the levels after the fine ones, up to one of a few particles.
 ///
-/// - `places`: where there are values.
+/// - `places`: given if there are values.
 pub(in crate::blocks) fn coarse_levels(
     atoms: &Atoms,
     crowds: &Crowds,
@@ -105,7 +105,7 @@ pub(in crate::blocks) fn coarse_levels(
 }
 
 impl Atoms {
-    /// The particles of a run of atoms.
+    /// Returns the particles of a run of atoms.
     fn particles(&self, run: &Range<usize>) -> Range<usize> {
         match &self.clusters[run.clone()] {
             [first, .., last] => first.run().start..last.run().end,
@@ -115,26 +115,26 @@ impl Atoms {
     }
 }
 
-/// What a level is made of.
+/// Data that a level is made of.
 #[derive(Debug, Clone, Copy)]
 struct Finer<'a> {
     atoms: &'a Atoms,
-    /// Of the level before.
+    /// Block headers of the level before.
     heads: &'a [Head],
-    /// Of the level before, in block order; none where these are the atoms.
+    /// Clusters of the level before, in block order; empty if these are the atoms.
     clusters: &'a [Cluster],
 }
 
 impl Finer<'_> {
-    /// The cluster of a run of atoms.
+    /// Merges a run of atoms into a cluster.
     fn cluster(&self, atoms: &Range<usize>) -> Cluster {
         let run = self.atoms.particles(atoms);
-        // Both are subtrees of one tree: one holds the other, or they have nothing in common.
+        // Both are subtrees of one tree: one contains the other, or they are disjoint.
         let first = self.clusters.partition_point(|c| c.run().end <= run.start);
         let count = self.clusters[first..].partition_point(|c| c.run().end <= run.end);
         let parts = match &self.clusters[first..first + count] {
             parts @ [first, ..] if first.run().start == run.start => parts,
-            // It is a part of one.
+            // The run is a part of one cluster.
             _ => &self.atoms.clusters[atoms.clone()],
         };
         Cluster::new(run, Sums::of_parts(parts))
@@ -150,13 +150,13 @@ mod tests {
     use crate::blocks::tree::Subtree;
     use crate::scene::{ColourIn, StrengthIn, ValuesIn};
 
-    /// Numbers without a pattern, 0 to 1.
+    /// Returns a pseudo-random number from 0 to 1.
     fn number(n: usize) -> f64 {
         ((n as f64 * 12.9898).sin() * 43_758.547).fract().abs()
     }
 
-    /// Crowded towards a corner, and some far away: clusters of a level then lie within one of the level before, or
-    /// hold several.
+    /// Points crowded towards a corner, and some far away. Clusters of a level then lie within one of the level before,
+    /// or contain several.
     #[test]
     fn sums_of_clusters_are_those_of_their_members() {
         const COUNT: usize = 40_000;
@@ -173,7 +173,7 @@ mod tests {
             .map(|(a, b)| [a, b, b, 0.1, a - b, 0.2].map(|l| 0.01 * l))
             .collect();
         let strength = StrengthIn::Classified {
-            // Every seventh draws nothing.
+            // Every seventh particle has no strength.
             volumes: of(2)
                 .enumerate()
                 .map(|(n, v)| if n % 7 == 0 { 0.0 } else { v })
@@ -220,7 +220,7 @@ mod tests {
             heads: &[],
             clusters,
         };
-        // Of atoms, of clusters of some, and of parts of clusters.
+        // Clusters of atoms, of several clusters, and of parts of clusters.
         let of_eight: Vec<Cluster> = of_atoms(8).map(|run| finer(&[]).cluster(&run)).collect();
         let of_many = of_atoms(64).map(|run| (finer(&of_eight), run));
         let of_few = of_atoms(3).map(|run| (finer(&of_eight), run));
@@ -243,7 +243,7 @@ mod tests {
                 assert!(direct.is_none() && cluster.drawn().is_none());
                 continue;
             };
-            // Some hundred roundings of f64, of places up to 40 among clusters far narrower.
+            // Some hundred roundings of f64, at positions up to 40 among far narrower clusters.
             let width =
                 direct.moments.second[0] + direct.moments.second[3] + direct.moments.second[5];
             let near = |a: f64, b: f64, unit: f64| (a - b).abs() <= 1e-9 * unit;

@@ -1,4 +1,4 @@
-//! The levels of detail that are made of particles: clusters of sixteen, and of 256.
+//! Builds the levels of detail that are merged from particles: clusters of 16 and of 256.
 
 use std::ops::Range;
 
@@ -14,21 +14,21 @@ use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;
 use crate::task::{Stage, Task};
 
-/// A tree over some of the particles.
+/// Partial tree: a tree over some of the particles.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::blocks) struct Grown<'a> {
     pub(in crate::blocks) tree: &'a Tree,
-    /// The place of the first of them among the particles that are here.
+    /// Index of its first particle among the particles that are here.
     pub(in crate::blocks) at: usize,
-    /// Its place in block order.
+    /// Index of its first particle in block order.
     pub(in crate::blocks) start: usize,
 }
 
-/// The levels of particles that are here, and the clusters of the last of them.
+/// Builds the levels of the particles that are here; also returns the clusters of the last level.
 ///
-/// - `are_all`: whether these are all particles: there are fewer levels then where a few merged particles are left.
-/// - `trees`: over all of them, in block order.
-/// - `crowds`: of block order.
+/// - `are_all`: whether these are all particles. If so, levels end once few merged particles are left.
+/// - `trees`: over all of these particles, in block order.
+/// - `crowds`: overlap counts in block order.
 pub(in crate::blocks) fn fine_levels(
     source: &Source<'_>,
     trees: &[Grown<'_>],
@@ -58,7 +58,7 @@ pub(in crate::blocks) fn fine_levels(
             .filter(|_| stage.goes_on())
             .map(|&(own, subtree)| {
                 let (head, particles, mut clusters) = of_level.block(own, subtree);
-                // Smaller ones would take as much memory as the particles do.
+                // Clusters of finer levels would take as much memory as the particles.
                 if number < FINE_LEVELS {
                     clusters = Vec::new();
                 }
@@ -82,28 +82,28 @@ pub(in crate::blocks) fn fine_levels(
     Ok((levels, clusters))
 }
 
-/// A level in the making.
+/// Context for making a level.
 #[derive(Debug, Clone, Copy)]
 struct Making<'a> {
     source: &'a Source<'a>,
-    /// The level before.
+    /// Block headers of the level before.
     finer: Option<&'a [Head]>,
     crowds: &'a Crowds,
-    /// Of a cluster.
+    /// Number of members of a cluster.
     members: usize,
 }
 
-/// Particles that a task merges at least.
+/// Least number of particles that a task merges.
 const TASK: usize = 8192;
 
 impl Making<'_> {
-    /// A block, its particles, and their clusters.
+    /// Makes a block: its header, its particles, and their clusters.
     fn block(&self, own: &Grown<'_>, subtree: Subtree) -> (Head, Vec<Particle>, Vec<Cluster>) {
         let source = self.source;
         let run = subtree.run();
         let in_order = moved(&run, own.start);
-        // A block's clusters are as many as fit its particles, the widest cut first: in
-        // one place there is no more than their share.
+        // A block gets one cluster for each `members` particles, and the widest subtree is cut first. The overlap count
+        // in one place is therefore at most that share.
         let crowding = self.crowds.greatest(&in_order, 1.0 / self.members as f32);
         let mut head = Head::new(in_order.start, crowding);
         match self.finer {

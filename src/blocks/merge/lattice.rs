@@ -1,4 +1,4 @@
-//! Clusters of a lattice: cubes of its cells, which are the cells of coarser grids.
+//! Builds the levels of detail of a lattice: clusters are cubes of its cells, which are the cells of coarser grids.
 
 use std::ops::Range;
 
@@ -11,19 +11,18 @@ use crate::error::Result;
 use crate::scene::{ColourIn, Column, Shared, StrengthIn, ValuesIn};
 use crate::task::{Stage, Task};
 
-/// Cells along the edge of a cube of the first level: 64 cells share what it stores.
+/// Cells along the edge of a cube of the first level: 64 cells share its storage.
 const FIRST_CUBE: usize = 4;
 
-/// How much longer the edges of the next level's cubes are.
+/// Ratio of the edges of the next level's cubes.
 const NEXT_CUBE: usize = 2;
 
-/// Cubes with longer edges are read where they lie, in parts on all cores: copies of several would take many times the
-/// memory of the lattice.
+/// Longest edge of cubes whose values are copied. Longer cubes are read in place, in parts on all cores: copies of
+/// several would take many times the memory of the lattice.
 pub(in crate::blocks) const LONGEST_COPIED: usize = 32;
 
-/// The coarser grids of a lattice, the finest first, and the parents of its own bricks are set;
-/// none where merging means nothing (masses or colours of its own, cells without a number) or does
-/// not pay.
+/// Builds the coarser grids of a lattice, the finest first, and sets the parents of its bricks. Returns none if the
+/// lattice cannot be merged (it has masses or colours of its own, or cells that are not finite) or is small.
 pub(in crate::blocks) fn merge_lattice(
     base: &mut BlockedVolume,
     task: Option<&Task>,
@@ -44,14 +43,14 @@ pub(in crate::blocks) fn merge_lattice(
     Ok(adopted(base, levels))
 }
 
-/// Whether there are cells enough to be merged.
+/// Whether the lattice has enough cells to be merged.
 pub(in crate::blocks) fn is_large(cells: &BrickGrid) -> bool {
     cells.len() > BLOCK_CAPACITY
 }
 
-/// The coarser grids of a lattice, the finest first.
+/// Builds the coarser grids of a lattice, the finest first.
 ///
-/// - `moments`: of the cubes of a number of its cells along each edge.
+/// - `moments`: returns the moments of cubes of a number of cells along each edge.
 pub(in crate::blocks) fn levels_of(
     base: &BlockedVolume,
     moments: &mut dyn FnMut(&BrickGrid, usize) -> Result<CubeMoments>,
@@ -73,7 +72,7 @@ pub(in crate::blocks) fn levels_of(
     }
 }
 
-/// The levels of a lattice, once they are the parents of its bricks and of one another's.
+/// Links the levels of a lattice as parents of its bricks and of one another's.
 pub(in crate::blocks) fn adopted(
     base: &mut BlockedVolume,
     mut levels: Vec<BlockedVolume>,
@@ -91,8 +90,7 @@ pub(in crate::blocks) fn adopted(
     levels
 }
 
-/// Sets the parents of a grid's bricks: a brick of the coarser grid spans `ratio` of them along
-/// each axis.
+/// Sets the parents of a grid's bricks: a brick of the coarser grid spans `ratio` of them along each axis.
 fn adopt(finer: &mut BlockedVolume, coarser: &BlockedVolume, ratio: usize, first: u32) {
     let (BlockedParticles::Lattice(fine), BlockedParticles::Lattice(coarse)) =
         (&finer.particles, &coarser.particles)
@@ -108,7 +106,7 @@ fn adopt(finer: &mut BlockedVolume, coarser: &BlockedVolume, ratio: usize, first
     }
 }
 
-/// What a level's cubes have of their cells' values, in the order of the level's grid.
+/// Moments of the values in a level's cubes, in the order of the level's grid.
 #[derive(Debug, Default)]
 pub(in crate::blocks) struct CubeMoments {
     pub(in crate::blocks) means: Vec<f32>,
@@ -125,10 +123,10 @@ impl CubeMoments {
         }
     }
 
-    /// Of some lines of cubes along x.
+    /// Computes the moments of some lines of cubes along x.
     ///
-    /// - `extents`: of the cells along each axis, those of [`BrickGrid::axis_extents`].
-    /// - `lines`: along y, then along z.
+    /// - `extents`: of the cells along each axis, from [`BrickGrid::axis_extents`].
+    /// - `lines`: counted along y, then along z.
     pub(in crate::blocks) fn of_lines(
         cells: &BrickGrid,
         values: &ValuesIn<Shared>,
@@ -178,7 +176,7 @@ impl CubeMoments {
         }
     }
 
-    /// The three of each cube, one cube after another.
+    /// Returns the three moments of each cube, one cube after another.
     pub(in crate::blocks) fn interleaved(&self) -> Vec<f32> {
         let others = self.spreads.iter().zip(&self.uneven);
         let each = self.means.iter().zip(others);
@@ -187,7 +185,7 @@ impl CubeMoments {
     }
 }
 
-/// One level: cubes of `cube` cells along each edge, means of their values and spreads.
+/// Builds one level: cubes of `cube` cells along each edge, with means and spreads of their values.
 pub(in crate::blocks) fn level_of(
     base: &BlockedVolume,
     cells: &BrickGrid,
@@ -246,23 +244,23 @@ pub(in crate::blocks) fn level_of(
     }
 }
 
-/// The cells of a line of cubes.
+/// Cells of a line of cubes.
 #[derive(Debug, Default)]
 struct Cubes {
     cube: usize,
-    /// How many cells the lattice has along x.
+    /// Number of cells of the lattice along x.
     columns: usize,
-    /// The rows of cells that the cubes cut: those at `rows` along y and at `slices` along z.
+    /// Rows of cells in the cubes: the rows at `rows` along y and at `slices` along z.
     rows: Range<usize>,
     slices: Range<usize>,
-    /// Their values, row after row.
+    /// Values of these cells, row after row.
     values: Vec<f32>,
-    /// Of the members of one cube: share of its volume, value relative to the first.
+    /// Members of one cube: share of its volume, and value relative to the first.
     members: Vec<(f64, f64)>,
 }
 
 impl Cubes {
-    /// The line of cubes at `[j, k]` along y and z.
+    /// Moves to the line of cubes at `[j, k]` along y and z.
     fn move_to(&mut self, cells: &BrickGrid, at: [usize; 2], cube: usize) {
         let [columns, rows, slices] = cells.dims();
         let range = |at: usize, count: usize| at * cube..((at + 1) * cube).min(count);
@@ -270,7 +268,7 @@ impl Cubes {
         (self.rows, self.slices) = (range(at[0], rows), range(at[1], slices));
     }
 
-    /// Copies the values of its cells.
+    /// Copies the values of the cells.
     fn copy(&mut self, cells: &BrickGrid, values: &ValuesIn<Shared>) {
         self.values.clear();
         for k in self.slices.clone() {
@@ -281,18 +279,18 @@ impl Cubes {
         }
     }
 
-    /// Where the cells of cube `i` lie along x.
+    /// Cells of cube `i` along x.
     fn of_cube(&self, i: usize) -> Range<usize> {
         i * self.cube..((i + 1) * self.cube).min(self.columns)
     }
 
-    /// Mean of the values of cube `i`'s cells, weighted by their volumes, the half width of the interval
-    /// over which even values would have their variance, and how far they are from being even.
+    /// Returns the mean of the values in cube `i`, weighted by volume; the half width of the interval over which evenly
+    /// spread values would have their variance; and their unevenness.
     fn moments(&mut self, extents: &[Vec<f64>; 3], i: usize) -> [f32; 3] {
         let range = self.of_cube(i);
         let [along_x, along_y, along_z] = extents;
         let widths = &along_x[range.clone()];
-        // Relative to the first, so that nothing cancels.
+        // Relative to the first value, so that nothing cancels.
         let first = f64::from(self.values[range.start]);
         let mut lines = self.values.chunks_exact(self.columns);
         self.members.clear();
@@ -318,7 +316,7 @@ impl Cubes {
         [(first + mean) as f32, spread as f32, uneven as f32]
     }
 
-    /// The same of values that were not copied: in sums of slices, so that the result does not depend on threads.
+    /// Computes the same from values in place, in sums over slices, so that the result does not depend on threads.
     fn moments_in_place(
         &self,
         cells: &BrickGrid,
@@ -345,27 +343,27 @@ impl Cubes {
     }
 }
 
-/// A cube that is read where it lies, slice by slice along z.
+/// A cube that is read in place, slice by slice along z.
 #[derive(Debug, Clone)]
 pub(in crate::blocks) struct LongCube<'a> {
     pub(in crate::blocks) cells: &'a BrickGrid,
     pub(in crate::blocks) values: &'a ValuesIn<Shared>,
-    /// [`BrickGrid::axis_extents`]
+    /// Extents from [`BrickGrid::axis_extents`].
     pub(in crate::blocks) extents: &'a [Vec<f64>; 3],
     pub(in crate::blocks) columns: Range<usize>,
     pub(in crate::blocks) rows: Range<usize>,
 }
 
 impl LongCube<'_> {
-    /// What its values are relative to.
+    /// Returns the value that the cube's values are relative to.
     ///
-    /// - `k`: its first slice.
+    /// - `k`: the first slice.
     pub(in crate::blocks) fn first(&self, k: usize) -> f64 {
         let at = self.cells.index([self.columns.start, self.rows.start, k]);
         f64::from(self.values.get(at))
     }
 
-    /// Of a slice: the volume, the sum of values relative to the first, and that of their squares.
+    /// Sums over a slice: the volume, the values relative to the first, and their squares.
     pub(in crate::blocks) fn sums(&self, k: usize, first: f64) -> [f64; 3] {
         let mut sums = [0.0; 3];
         self.for_each(k, |own, value| {
@@ -377,7 +375,7 @@ impl LongCube<'_> {
         sums
     }
 
-    /// Where a slice's values lie between those of the whole cube.
+    /// Returns the distribution of a slice's values, relative to the whole cube's.
     pub(in crate::blocks) fn places(&self, k: usize, whole: &WholeCube) -> Places {
         let mut places = whole.no_places();
         self.for_each(k, |own, value| {
@@ -403,7 +401,7 @@ impl LongCube<'_> {
     }
 }
 
-/// What is known of a long cube once the sums of all its slices are.
+/// Moments of a long cube, from the sums of all its slices.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::blocks) struct WholeCube {
     volume: f64,
@@ -413,7 +411,9 @@ pub(in crate::blocks) struct WholeCube {
 }
 
 impl WholeCube {
-    /// - `sums`: of its slices, in their order.
+    /// Combines sums.
+    ///
+    /// - `sums`: sums of the slices, in their order.
     pub(in crate::blocks) fn of(first: f64, sums: &[[f64; 3]]) -> Self {
         let of_all = |n: usize| sums.iter().map(|sums| sums[n]).sum::<f64>();
         let volume = of_all(0);
@@ -430,7 +430,7 @@ impl WholeCube {
         Places::new(self.mean, self.spread)
     }
 
-    /// Mean, spread and unevenness.
+    /// Returns mean, spread and unevenness.
     pub(in crate::blocks) fn moments(&self, places: &Places) -> [f32; 3] {
         [
             (self.first + self.mean) as f32,
@@ -440,8 +440,8 @@ impl WholeCube {
     }
 }
 
-/// The mean of values, and the half width of the interval over which even values would have their variance, of sums
-/// over them weighted by `volume` in all.
+/// Returns the mean of values, and the half width of the interval over which evenly spread values would have their
+/// variance. The arguments are the total weight, and weighted sums of values and of their squares.
 fn mean_and_spread(volume: f64, sum: f64, square: f64) -> (f64, f64) {
     let mean = sum / volume;
     let variance = (square / volume - mean * mean).max(0.0);
@@ -475,7 +475,7 @@ mod tests {
             for i in 0..dims[0].div_ceil(cube) {
                 let copied = cubes.moments(&extents, i);
                 let in_place = cubes.moments_in_place(&cells, &values, &extents, i);
-                // Sums in another order, narrowed.
+                // The sums have another order, and are narrowed to f32.
                 for (a, b) in copied.iter().zip(in_place) {
                     assert!(
                         (a - b).abs() <= 2e-6 * a.abs().max(1e-3),

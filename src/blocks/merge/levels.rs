@@ -1,4 +1,4 @@
-//! Levels of detail of points: merged particles in blocks.
+//! Defines levels of detail of points: merged particles in blocks.
 
 use std::ops::Range;
 
@@ -12,7 +12,7 @@ use crate::scene::{ColourIn, StrengthIn, ValuesIn};
 /// A cluster as a particle.
 #[derive(Debug, Clone, Copy, Default)]
 pub(in crate::blocks) struct Particle {
-    /// From the block's origin.
+    /// Centre relative to the block's origin.
     pub(super) centre: DVec3,
     pub(super) factor: [f32; 6],
     pub(super) strength: f32,
@@ -22,37 +22,37 @@ pub(in crate::blocks) struct Particle {
     pub(super) member_depth: f32,
 }
 
-/// A cluster as a particle, and what that leaves out.
+/// A cluster as a particle, and bounds on the difference from its members.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MergedCluster {
     pub(super) particle: Particle,
     pub(super) bounds: MergeBounds,
-    /// Its greatest standard deviation.
+    /// Greatest standard deviation of the particle.
     pub(super) widest: f32,
 }
 
-/// What bounds a block of merged particles, and all that these stand for.
+/// Header of a block of merged particles: bounds of these and of all their members.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 pub(in crate::blocks) struct Head {
-    /// Where its members begin in block order.
+    /// Beginning of its members in block order.
     start: u64,
-    /// Of the members' centres.
+    /// Bounds of the members' centres.
     pub(super) lower: DVec3,
     pub(super) upper: DVec3,
     bounds: MergeBounds,
-    /// The least of the members, the greatest of the merged particles.
+    /// Least standard deviation of the members, greatest of the merged particles.
     sigmas: [f32; 2],
     crowding: f32,
     max_strength: f32,
-    /// How many merged particles it has.
+    /// Number of merged particles in the block.
     pub(in crate::blocks) count: u32,
 }
 
 impl Head {
-    /// Of a block that has no particles yet.
+    /// Makes the header of a block without particles.
     ///
-    /// - `start`: where its members begin in block order.
+    /// - `start`: beginning of its members in block order.
     /// - `crowding`: as [`Block::crowding`].
     pub(super) fn new(start: usize, crowding: f32) -> Self {
         Self {
@@ -74,7 +74,7 @@ impl Head {
         self.sigmas[0] = self.sigmas[0].min(narrowest);
     }
 
-    /// With merged particles, in place of none.
+    /// Adds the merged particles to a header that has none.
     pub(super) fn with<'a>(mut self, merged: impl Iterator<Item = &'a MergedCluster>) -> Self {
         let (mut third_squares, mut uneven_squares) = (0.0, 0.0);
         for MergedCluster {
@@ -96,7 +96,7 @@ impl Head {
         self
     }
 
-    /// Where its members begin in block order.
+    /// Beginning of its members in block order.
     pub(in crate::blocks) fn start(&self) -> usize {
         self.start as usize
     }
@@ -105,13 +105,13 @@ impl Head {
         (self.lower + self.upper) / 2.0
     }
 
-    /// The least standard deviation of its members.
+    /// Least standard deviation of its members.
     pub(super) fn narrowest(&self) -> f32 {
         self.sigmas[0]
     }
 }
 
-/// The heads of those blocks that hold a run of particles.
+/// Returns the headers of the blocks within a run of particles.
 pub(super) fn heads_in<'a>(heads: &'a [Head], run: &Range<usize>) -> &'a [Head] {
     let first = heads.partition_point(|head| head.start() < run.start);
     let count = heads[first..].partition_point(|head| head.start() < run.end);
@@ -121,16 +121,16 @@ pub(super) fn heads_in<'a>(heads: &'a [Head], run: &Range<usize>) -> &'a [Head] 
 /// A level of detail.
 #[derive(Debug, Default)]
 pub(in crate::blocks) struct Level {
-    /// Of all blocks, in block order.
+    /// Headers of all blocks, in block order.
     pub(in crate::blocks) heads: Vec<Head>,
-    /// The blocks whose particles are here.
+    /// Blocks whose particles are here.
     pub(in crate::blocks) own: Vec<Range<u32>>,
-    /// The particles of each of these.
+    /// Particles of each of these blocks.
     pub(in crate::blocks) particles: Vec<Vec<Particle>>,
 }
 
 impl Level {
-    /// With the particles of some blocks alone, where those of all are here.
+    /// Keeps the particles of some blocks only; the particles of all blocks must be here.
     pub(in crate::blocks) fn keep(mut self, own: Vec<Range<u32>>) -> Self {
         let kept = own.iter().cloned().flatten();
         let kept = kept.map(|block| std::mem::take(&mut self.particles[block as usize]));
@@ -140,7 +140,7 @@ impl Level {
     }
 }
 
-/// The levels of a point set, the finest first.
+/// Levels of a point set, the finest first.
 #[derive(Debug)]
 pub(in crate::blocks) struct Levels(pub(in crate::blocks) Vec<Level>);
 
@@ -150,14 +150,14 @@ pub(super) fn is_last(heads: &[Head]) -> bool {
 }
 
 impl Levels {
-    /// The first-level block that stands for the particle at `place` of block order, counted as in
+    /// Returns the first-level block that contains the particle at `place` in block order, counted as in
     /// [`Levels::into_volume`].
     pub(in crate::blocks) fn parent_of(&self, place: usize) -> u32 {
         self.number(0, place)
     }
 
-    /// The number of the block of a level that holds the particle at `place` of block order: blocks
-    /// of the coarsest level come first.
+    /// Returns the number of the block of a level that contains the particle at `place` in block order. Blocks of the
+    /// coarsest level come first.
     fn number(&self, level: usize, place: usize) -> u32 {
         let coarser: usize = self.0[level + 1..].iter().map(|l| l.heads.len()).sum();
         let within = self.0[level]
@@ -167,9 +167,9 @@ impl Levels {
         (coarser + within) as u32
     }
 
-    /// All levels as one volume, the coarsest first, and those of its blocks whose particles are here.
+    /// Converts all levels to one volume, the coarsest first; also returns the blocks whose particles are here.
     ///
-    /// - `base`: the volume whose levels these are.
+    /// - `base`: the volume of which these are the levels.
     pub(in crate::blocks) fn into_volume(
         self,
         base: &BlockedVolume,

@@ -1,12 +1,11 @@
-//! Level of detail: clusters of particles that are drawn as one particle each where they lie far
-//! below a pixel.
+//! Builds levels of detail: clusters of particles that are drawn as one particle each where they lie far below a pixel.
 //!
-//! A cluster's particle has its members' mass (or volume), their centre, the sum of their variances
-//! and that of their places (the law of total variance), and their mean colour, all weighted by the
-//! strength: what is left out begins with the third moments, of which each block keeps bounds
-//! ([`MergeBounds`]). Values are kept as mean and spread, so that a transfer function is averaged
-//! over the interval they fill ([`TransferFunction::classify_spread`]); an edit of it touches no
-//! particle, merged or not.
+//! A cluster's particle has the mass (or volume) of its members, their centre and their mean colour. Its variance is
+//! the mean of their variances plus the variance of their positions (the law of total variance). All means are weighted
+//! by strength. The error begins with the third moments, on which each block keeps bounds ([`MergeBounds`]).
+//!
+//! Values are kept as mean and spread, and a transfer function is averaged over the interval that they fill
+//! ([`TransferFunction::classify_spread`]). An edit of the transfer function changes no particle, merged or not.
 //!
 //! [`TransferFunction::classify_spread`]: crate::scene::TransferFunction::classify_spread
 
@@ -41,18 +40,18 @@ pub(super) use levels::{Head, Level, Levels};
 pub(super) use source::{Shapes, Source};
 pub(super) use sums::Cluster;
 
-/// Particles in a cluster of the first level, and clusters in one of the next.
+/// Number of particles in a cluster of the first level, and of clusters in one of the next.
 pub(super) const MERGE_RATIO: usize = 16;
 
-/// Levels whose clusters are made of particles; those of later levels are made of clusters. A cluster of the last of them
-/// takes more memory than one of its particles, and stands for 256.
+/// Number of levels whose clusters are merged from particles; later levels are merged from clusters. A cluster of the
+/// last fine level takes more memory than a particle, and represents 256.
 const FINE_LEVELS: u32 = 2;
 
-/// Levels end with a block of at most so many particles.
+/// Most particles of the block at which levels end.
 const LAST_LEVEL: usize = 16;
 
-/// Merges particles level by level. `None` where merging means nothing ([`is_mergeable`]) or does not pay (all particles
-/// are in one block).
+/// Merges particles level by level. Returns `None` if they cannot be merged ([`is_mergeable`]), or if all are in one
+/// block.
 pub(super) fn merge_points(
     source: &Source<'_>,
     tree: &Tree,
@@ -82,31 +81,29 @@ pub(super) fn merge_points(
     Ok(Some(Levels(levels)))
 }
 
-/// Whether particles can be merged: not splats, which state opacities; nor where colours depend on the view.
+/// Whether particles can be merged. Splats that state opacities cannot, nor can particles with infinite values or with
+/// colours that depend on the view.
 pub(super) fn is_mergeable(source: &Source<'_>) -> bool {
     !matches!(source.strength, StrengthIn::PeakOpacity { .. })
         && !matches!(source.colour, ColourIn::Harmonics { .. })
         && source.values.is_none_or(|v| !v.has_infinite())
 }
 
-/// What is known of merged particles besides what particles are.
+/// Data of merged particles beyond those of other particles.
 #[derive(Debug, Clone, Default)]
 pub struct Merged {
-    /// Of each block.
+    /// Bounds of each block.
     pub bounds: Vec<MergeBounds>,
-    /// Half widths of the intervals that the members' values fill evenly, per particle; empty
-    /// without values.
+    /// Half widths of the intervals that the members' values fill evenly, per particle; empty without values.
     pub spreads: Column<f32>,
-    /// What the transfer function is to intervals of values; with values and a transfer function.
+    /// Transfer function over intervals of values; present with values and a transfer function.
     pub transfer: Option<Arc<MergedTransfer>>,
-    /// Peak optical depth of a member by itself, before any filter, over the optical depth of the
-    /// cluster's mass \[1/length²\], as far as its kernels lie apart; per particle, empty where
-    /// kernels overlap.
+    /// Peak optical depth of a single member before any filter, over the optical depth of the cluster's mass
+    /// \[1/length²\]. Scaled by how far the members' kernels lie apart. Per particle; empty where kernels overlap.
     pub member_depths: Column<f32>,
 }
 
-/// A transfer function's averages over intervals of values and how fast it changes, as the strength
-/// of a volume wants them.
+/// Averages of a transfer function over intervals of values, and its slopes, weighted to suit the strength of a volume.
 #[derive(Debug)]
 pub struct MergedTransfer {
     /// Averages.
@@ -116,7 +113,7 @@ pub struct MergedTransfer {
 }
 
 impl MergedTransfer {
-    /// Of a transfer function, colours averaged with this weighting.
+    /// Tabulates a transfer function; colours are averaged with this weighting.
     pub fn new(transfer: &TransferFunction, weighting: Weighting) -> Self {
         Self {
             averages: transfer.averages(weighting),
@@ -125,7 +122,7 @@ impl MergedTransfer {
     }
 }
 
-/// How colours of merged particles are averaged.
+/// Returns the weighting of colours in merged particles.
 pub(super) fn weighting(strength: &StrengthIn<Shared>) -> Weighting {
     match strength {
         StrengthIn::Classified { .. } => Weighting::Extinction,
@@ -147,31 +144,30 @@ impl Merged {
     }
 }
 
-/// How far merged particles may differ from their members, for a block: greatest over its clusters
-/// where nothing else is said. Lengths in world units.
+/// Bounds on the difference between merged particles and their members, for a block: the greatest over its clusters
+/// unless stated otherwise. Lengths in world units.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct MergeBounds {
     /// Cube root of the norm of the third central moments, root mean square over clusters.
     pub third_mean: f32,
-    /// The same, greatest.
+    /// Cube root of the norm of the third central moments, greatest over clusters.
     pub third: f32,
     /// Fourth root of the norm of the fourth cumulants.
     pub fourth: f32,
-    /// Square root of what the variance has beyond that of the narrowest member.
+    /// Square root of the excess of the variance over that of the narrowest member.
     pub second: f32,
     /// Half width of the interval that the members' values fill.
     pub spread: f32,
     /// Standard deviation of the members' colours.
     pub colour: f32,
-    /// How far the members' values lie from being spread evenly over that interval: the mean distance
-    /// by which values of one would have to move to become those of the other, root mean square over
-    /// clusters.
+    /// Unevenness of the members' values over that interval, root mean square over clusters. It is the mean distance by
+    /// which values must move to be spread evenly.
     pub uneven: f32,
 }
 
 impl MergeBounds {
-    /// The greater of each.
+    /// Returns the greater of each bound.
     fn max(self, other: Self) -> Self {
         Self {
             third_mean: self.third_mean.max(other.third_mean),
@@ -185,29 +181,29 @@ impl MergeBounds {
     }
 }
 
-/// How far values lie from being spread evenly over `mean - spread ..= mean + spread`: the mean
-/// distance by which those of one would have to move to become those of the other (the Wasserstein
-/// distance of first order). The averages over both of a function that changes by no more than 1 per
-/// unit of value differ by no more than this.
+/// Returns the unevenness of values: the Wasserstein distance of first order from values spread evenly over `mean -
+/// spread ..= mean + spread`. It is the mean distance by which the values must move to be spread evenly.
 ///
-/// - `members`: the share of each, 1 together, and its value.
+/// The averages over both of a function with slope at most 1 differ by no more than this.
+///
+/// - `members`: the share and the value of each; the shares add up to 1.
 fn unevenness(members: impl Iterator<Item = (f64, f64)>, mean: f64, spread: f64) -> f64 {
     let mut places = Places::new(mean, spread);
     members.for_each(|(share, value)| places.add(share, value));
     places.unevenness()
 }
 
-/// Places where cumulative shares are compared.
+/// Number of points at which cumulative shares are compared.
 const BINS: usize = 32;
 
-/// Shares are counted in these, so that sums of them do not depend on an order.
+/// Unit in which shares are counted, so that their sums do not depend on an order.
 const SHARE: f64 = 1.0 / (1_u64 << 52) as f64;
 
-/// Of a value how far beyond the interval it counts at most, in units of its half width. Values lie closer to their mean
-/// than half the width on average, so that a sum of what is beyond fits 63 bits.
+/// Greatest distance of a value beyond the interval that counts, in units of the half width. Values lie closer to their
+/// mean than half the width on average, so that the sum of the excess fits 63 bits.
 const FARTHEST: f64 = 1024.0;
 
-/// Where values lie about their mean: what [`unevenness`] sums.
+/// Distribution of values about their mean, which [`unevenness`] sums.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Places {
     mean: f64,
@@ -215,11 +211,11 @@ pub(super) struct Places {
     sums: PlaceSums,
 }
 
-/// In units of [`SHARE`]: of the members in each bin, and how far they lie beyond.
+/// Sums in units of [`SHARE`]: the share of the members in each bin, then the sum of distances beyond the interval.
 pub(super) type PlaceSums = [i64; BINS + 1];
 
 impl Places {
-    /// None yet.
+    /// Starts without values.
     fn new(mean: f64, spread: f64) -> Self {
         Self {
             mean,
@@ -239,12 +235,12 @@ impl Places {
         self.sums[BINS] += (share * beyond) as i64;
     }
 
-    /// Those of both.
+    /// Adds another distribution.
     fn and(self, other: &Self) -> Self {
         self.with(&other.sums)
     }
 
-    /// With others' beside.
+    /// Adds the sums of another distribution.
     pub(super) fn with(mut self, others: &PlaceSums) -> Self {
         for (own, other) in self.sums.iter_mut().zip(others) {
             *own += other;
@@ -252,7 +248,7 @@ impl Places {
         self
     }
 
-    /// What is summed.
+    /// Sums in units of [`SHARE`].
     pub(super) fn sums(&self) -> &PlaceSums {
         &self.sums
     }
@@ -272,8 +268,8 @@ impl Places {
     }
 }
 
-/// Gives the blocks of a family's volumes the ranges and bounds that hold for all they stand for:
-/// `volumes` from the finest to the coarsest, parents counted from the first merged block.
+/// Gives the blocks of a volume and its levels the ranges and bounds of all their members. `volumes` are listed from
+/// the finest to the coarsest, and parents are counted from the first merged block.
 pub(super) fn widen_to_members(volumes: &mut [BlockedVolume]) {
     let Some((base, merged)) = volumes.split_first_mut() else {
         return;
@@ -292,8 +288,7 @@ pub(super) fn widen_to_members(volumes: &mut [BlockedVolume]) {
         widen(&mut bounds, block);
     }
     for (volume, &first) in merged.iter_mut().zip(&firsts) {
-        // Children come before their parents: the finer volumes first, and of one volume's blocks
-        // the last.
+        // Children come before their parents: the finer volumes first, and within one volume the last blocks first.
         for (i, block) in volume.blocks.iter_mut().enumerate().rev() {
             if let Some(Members {
                 values,
@@ -313,7 +308,7 @@ pub(super) fn widen_to_members(volumes: &mut [BlockedVolume]) {
     }
 }
 
-/// What holds for all that a merged block stands for.
+/// Bounds on all members of a merged block.
 #[derive(Debug, Clone, Copy)]
 struct Members {
     values: [f32; 2],
@@ -359,15 +354,15 @@ mod tests {
         let ramp: Vec<f64> = (0..4096).map(f64::from).collect();
         // Less than a bin of 32 over both ends.
         assert!(of(&ramp) < 4096.0 / 32.0, "{}", of(&ramp));
-        // Two levels, 2 apart: by quantiles, the integral of |sqrt(3) t - 1| over 0..1 is
-        // (1/2 + (sqrt(3) - 1)²/2) / sqrt(3) = .443, to a bin's width.
+        // Two values, 2 apart: by quantiles, the integral of |sqrt(3) t - 1| over 0..1 is (1/2 + (sqrt(3) - 1)²/2) /
+        // sqrt(3) = .443, to a bin's width.
         let halves: Vec<f64> = (0..64).map(|i| f64::from(i % 2) * 2.0).collect();
         assert!((of(&halves) - 0.443).abs() < 0.06, "{}", of(&halves));
-        // One of many: its distance, mostly.
+        // One value of many differs: mostly its distance.
         let lone: Vec<f64> = (0..4096).map(|i| f64::from(u8::from(i == 9))).collect();
         let deviation = (1.0 / 4096.0_f64).sqrt();
         assert!(of(&lone) > 0.7 * deviation && of(&lone) < deviation);
-        // What is no number gives none to be compared with.
+        // NaN has no unevenness.
         assert!(unevenness([(1.0, f64::NAN)].into_iter(), 0.0, f64::NAN) == 0.0);
     }
 }

@@ -1,4 +1,4 @@
-//! Moments of mixtures of Gaussians, up to the fourth.
+//! Computes moments of mixtures of Gaussians, up to the fourth.
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
@@ -6,27 +6,26 @@ use glam::DVec3;
 /// A symmetric matrix: xx, xy, xz, yy, yz, zz.
 pub(super) type Symmetric = [f64; 6];
 
-/// Where a [`Symmetric`] has the element of two axes.
+/// Index of the element of two axes in a [`Symmetric`].
 const PAIR: [[usize; 3]; 3] = [[0, 1, 2], [1, 3, 4], [2, 4, 5]];
 
-/// Central moments of a mixture of Gaussians, as sums of products of places and variances: the
-/// tensors are put together at the end.
+/// Central moments of a mixture of Gaussians, as sums of products of positions and variances. [`Moments::tensors`]
+/// combines them.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Moments {
-    /// d dᵀ and V.
+    /// Sums of d dᵀ and of V.
     places: Symmetric,
     variances: Symmetric,
-    /// d to the powers of [`THIRD`], and d V.
+    /// Sums of the products of d in the order of [`THIRD`], and of d V.
     third: [f64; 10],
     third_mixed: [Symmetric; 3],
-    /// d to the powers of [`FOURTH`], d dᵀ V and V V.
+    /// Sums of the products of d in the order of [`FOURTH`], of d dᵀ V and of V V.
     fourth: [f64; 15],
     fourth_mixed: [Symmetric; 6],
     fourth_own: [Symmetric; 6],
 }
 
-/// Which axes the distinct elements of a symmetric tensor of third order belong to, and how many
-/// elements are equal to each.
+/// Axes of the distinct elements of a symmetric tensor of third order, and the number of elements equal to each.
 const THIRD: [([usize; 3], f64); 10] = [
     ([0, 0, 0], 1.0),
     ([1, 1, 1], 1.0),
@@ -40,7 +39,7 @@ const THIRD: [([usize; 3], f64); 10] = [
     ([0, 1, 2], 6.0),
 ];
 
-/// The same of fourth order.
+/// Axes of the distinct elements of a symmetric tensor of fourth order, and the number of elements equal to each.
 const FOURTH: [([usize; 4], f64); 15] = [
     ([0, 0, 0, 0], 1.0),
     ([1, 1, 1, 1], 1.0),
@@ -91,7 +90,7 @@ impl Moments {
         }
     }
 
-    /// Adds third central moments of a kernel's own: the third power of a vector.
+    /// Adds the third central moments of a cut kernel: the third power of a vector.
     pub(super) fn add_skew(&mut self, w: f64, skew: DVec3) {
         for (sum, ([a, b, c], _)) in self.third.iter_mut().zip(THIRD) {
             *sum += w * skew[a] * skew[b] * skew[c];
@@ -107,7 +106,7 @@ impl Moments {
         second
     }
 
-    /// The tensors themselves.
+    /// Combines the sums into tensors.
     pub(super) fn tensors(&self) -> Tensors {
         let second = self.second();
         let mixed = |a: usize, b: usize, c: usize| self.third_mixed[a][PAIR[b][c]];
@@ -141,8 +140,8 @@ pub(super) struct Tensors {
 }
 
 impl Tensors {
-    /// Adds those of a part whose mean lies at `d` from the centre, with weight `w`: moments about another
-    /// point, by the binomial theorem.
+    /// Adds the moments of a part whose mean lies at `d` from the centre, with weight `w`: moments about another point,
+    /// by the binomial theorem.
     pub(super) fn add(&mut self, w: f64, d: DVec3, part: &Self) {
         let d = d.to_array();
         let outer = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].map(|(a, b)| d[a] * d[b]);
@@ -174,7 +173,7 @@ impl Tensors {
         squares.sum::<f64>().sqrt()
     }
 
-    /// Frobenius norm of the fourth cumulants: of what the fourth moments differ from a Gaussian's.
+    /// Frobenius norm of the fourth cumulants: the difference between the fourth moments and a Gaussian's.
     pub(super) fn fourth_cumulant_norm(&self) -> f64 {
         let squares = self.fourth.iter().zip(FOURTH).map(|(moment, (axes, n))| {
             let gaussian = pairs(axes, |i, j| self.second[i] * self.second[j]);
@@ -184,7 +183,7 @@ impl Tensors {
     }
 }
 
-/// Where [`THIRD`] has the element of three axes.
+/// Index of the element of three axes in [`THIRD`].
 fn third_place(a: usize, b: usize, c: usize) -> usize {
     let times = |axis: usize| [a, b, c].iter().filter(|&&own| own == axis).count();
     match [times(0), times(1), times(2)] {
@@ -201,8 +200,8 @@ fn third_place(a: usize, b: usize, c: usize) -> usize {
     }
 }
 
-/// The sum over the three ways to pair four axes of what two pairs have; of a variance's products it
-/// is a Gaussian's fourth moment.
+/// Returns the sum of `of` over the three ways to pair four axes. For products of variances it is the fourth moment of
+/// a Gaussian.
 fn pairs([a, b, c, e]: [usize; 4], of: impl Fn(usize, usize) -> f64) -> f64 {
     of(PAIR[a][b], PAIR[c][e]) + of(PAIR[a][c], PAIR[b][e]) + of(PAIR[a][e], PAIR[b][c])
 }
@@ -211,7 +210,7 @@ fn pairs([a, b, c, e]: [usize; 4], of: impl Fn(usize, usize) -> f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Numbers without a pattern, -1 to 1.
+    /// Returns a pseudo-random number from -1 to 1.
     fn number(n: usize) -> f64 {
         ((n as f64 * 12.9898).sin() * 43_758.547).fract()
     }
@@ -231,7 +230,7 @@ mod tests {
         for (w, d, v) in &members {
             moments.add(*w, *d - mean, &[v.x, 0.0, 0.0, v.y, 0.0, v.z]);
         }
-        // By Gauss and Hermite's rule of three points per axis: exact to the fifth power.
+        // By Gauss-Hermite quadrature with three points per axis: exact to the fifth power.
         let root = 3.0_f64.sqrt();
         let rule = [(-root, 1.0 / 6.0), (0.0, 2.0 / 3.0), (root, 1.0 / 6.0)];
         let expect = |of: &dyn Fn(DVec3) -> f64| {
@@ -273,14 +272,14 @@ mod tests {
         assert!((tensors.fourth_cumulant_norm() - fourth.sqrt()).abs() < 1e-13);
         assert!(third.sqrt() > 0.01 && fourth.sqrt() > 0.01);
     }
-    /// Parts of parts of other shares, about their own means, against all of it at once.
+    /// Compares nested parts of unequal shares, about their own means, with the whole at once.
     #[test]
     fn moments_of_parts_are_those_of_the_whole() {
         let at = |n: usize| DVec3::new(number(9 * n), number(9 * n + 1), 3.0 * number(9 * n + 2));
         let weight = |n: usize| number(9 * n + 3).abs() + 0.01;
         let own = |n: usize| {
             let v = |k: usize| number(9 * n + k).abs();
-            // As of a triangular factor: xx, xy, xz, yy, yz, zz.
+            // Variance of a triangular factor: xx, xy, xz, yy, yz, zz.
             let (a, b, c) = (v(4), v(5), v(6));
             [a * a, a * b, 0.0, b * b + c * c, c * 0.3, 0.09]
         };
@@ -316,7 +315,7 @@ mod tests {
             // Some hundred roundings of f64.
             assert!(gap(&sum.second, &whole.second) < 1e-13);
             assert!(gap(&sum.third, &whole.third) < 1e-13);
-            // What a kernel's own skew adds to the fourth is left out of sums over members.
+            // Sums over members leave out the contribution of a kernel's own skew to the fourth moments.
             if skew <= 0.0 {
                 assert!(gap(&sum.fourth, &whole.fourth) < 1e-12);
                 assert!(whole.fourth.iter().all(|m| m.abs() > 1e-3));

@@ -1,4 +1,4 @@
-//! The particles that levels of detail are made of.
+//! Defines the particles from which levels of detail are made.
 
 use std::ops::Range;
 
@@ -14,12 +14,12 @@ use crate::scene::{
     BoundaryPlanesIn, ColourIn, LocalModelsIn, Shared, StrengthIn, ValuesIn, cut_kernel,
 };
 
-/// The particles that are merged, in block order.
+/// Particles to merge, in block order.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::blocks) struct Source<'a> {
     pub(in crate::blocks) positions: &'a [DVec3],
     pub(in crate::blocks) shapes: Shapes<'a>,
-    /// Least and greatest standard deviation of each that is no sphere.
+    /// Least and greatest standard deviation of each particle, unless all are spheres.
     pub(in crate::blocks) principal: &'a [[f32; 2]],
     pub(in crate::blocks) strength: &'a StrengthIn<Shared>,
     pub(in crate::blocks) colour: &'a ColourIn<Shared>,
@@ -35,18 +35,18 @@ pub(in crate::blocks) enum Shapes<'a> {
     Factors(&'a [[f32; 6]]),
 }
 
-/// Particles that a task looks at.
+/// Number of particles that a task reads.
 const TASK: usize = 8192;
 
-/// A particle that is merged, as far as the domain leaves it.
+/// A particle to merge, cut by the domain.
 #[derive(Debug, Clone)]
 pub(super) struct Member {
     pub(super) index: usize,
     pub(super) strength: f64,
-    /// Of its mean from the block's origin.
+    /// Mean relative to the block's origin.
     pub(super) offset: DVec3,
     pub(super) variance: Symmetric,
-    /// Its third central moments are the sum of the third powers of these vectors; empty where nothing is cut.
+    /// Vectors whose third powers sum to the third central moments; empty if nothing is cut.
     pub(super) skews: Vec<DVec3>,
 }
 
@@ -60,14 +60,14 @@ impl Source<'_> {
         }
     }
 
-    /// The strength of a whole particle; `None` where it has none that draws anything, or no value.
+    /// Returns the strength of an uncut particle; `None` if it draws nothing or has no value.
     fn whole_strength(&self, i: usize) -> Option<f64> {
         let strength = self.strength.stored()[i];
         let has_value = self.values.is_none_or(|v| !v.get(i).is_nan());
         (strength > 0.0 && strength.is_finite() && has_value).then_some(f64::from(strength))
     }
 
-    /// What the domain leaves of it.
+    /// Returns the strength of a particle that the domain leaves.
     fn strength_left(&self, i: usize) -> Option<f64> {
         match self.boundary.and_then(|b| b.of(i)) {
             None => self.whole_strength(i),
@@ -75,7 +75,7 @@ impl Source<'_> {
         }
     }
 
-    /// `None` where a particle draws nothing: it has no strength, no value, or lies outside the domain.
+    /// Returns a particle cut by the domain; `None` if it draws nothing (no strength, no value, or outside the domain).
     pub(super) fn member(&self, i: usize, origin: DVec3) -> Option<Member> {
         let strength = self.whole_strength(i)?;
         let lower @ [l00, l10, l11, l20, l21, l22] = match self.shapes {
@@ -112,7 +112,7 @@ impl Source<'_> {
         })
     }
 
-    /// Where the values of each cluster's members lie, all of which are here.
+    /// Returns the distribution of the values of each cluster's members, all of which must be here.
     pub(super) fn places_of(&self, clusters: &[Cluster]) -> Vec<Places> {
         let of_all = |cluster: &Cluster| {
             let Range { start, end } = cluster.run();
@@ -125,7 +125,7 @@ impl Source<'_> {
         clusters.par_iter().map(of_all).collect()
     }
 
-    /// Where the values of those members of each cluster lie that are here.
+    /// Returns the distribution of the values of those members of each cluster that are here.
     pub(in crate::blocks) fn places_of_parts(
         &self,
         clusters: &[Cluster],
@@ -147,9 +147,9 @@ impl Source<'_> {
         clusters.par_iter().map(of_parts).collect()
     }
 
-    /// Where the values of a cluster's members lie.
+    /// Returns the distribution of the values of a cluster's members.
     ///
-    /// - `members`: in block order; some of the cluster's, or all.
+    /// - `members`: some or all of the cluster's members, in block order.
     pub(in crate::blocks) fn places(&self, members: Range<usize>, of: &Cluster) -> Places {
         let mut places = of.no_places();
         let Some(values) = self.values else {

@@ -1,4 +1,4 @@
-//! Clusters: runs of particles, and sums over them.
+//! Defines clusters: runs of particles, and sums over them.
 
 use std::ops::Range;
 
@@ -12,15 +12,15 @@ use super::{MergeBounds, Places};
 use crate::math::{eigen, lower_factor};
 use crate::scene::ColourIn;
 
-/// A run of particles that became one.
+/// A run of particles that are merged into one.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 pub(in crate::blocks) struct Cluster {
-    /// Where it begins in block order.
+    /// Beginning in block order.
     start: u64,
-    /// Where it ends.
+    /// End in block order.
     end: u64,
-    /// Of no strength where no member has any.
+    /// Sums over the members; their strength is 0 if no member has any.
     pub(in crate::blocks) sums: Sums,
 }
 
@@ -33,30 +33,29 @@ impl Cluster {
         }
     }
 
-    /// Its particles: a run of block order.
+    /// Particles of the cluster: a run of block order.
     pub(in crate::blocks) fn run(&self) -> Range<usize> {
         self.start as usize..self.end as usize
     }
 
-    /// Where values lie of which none has been looked at.
+    /// Returns an empty distribution about the cluster's mean value.
     pub(in crate::blocks) fn no_places(&self) -> Places {
         Places::new(self.sums.value, self.sums.spread())
     }
 
-    /// Its sums, where any member has strength.
+    /// Returns the sums if any member has strength.
     pub(super) fn drawn(&self) -> Option<&Sums> {
         (self.sums.strength > 0.0).then_some(&self.sums)
     }
 }
 
-/// What a cluster knows of its members, enough to be one of a larger cluster's parts. Means are weighted by
-/// strength.
+/// Sums over a cluster's members, from which those of a larger cluster can be made. Means are weighted by strength.
 #[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
 #[repr(C)]
 pub(in crate::blocks) struct Sums {
-    /// Of all members together.
+    /// Strength of all members together.
     pub(super) strength: f64,
-    /// World units.
+    /// Centre, world units.
     pub(super) centre: DVec3,
     pub(super) moments: Tensors,
     /// Means of values, of their squares, of colours and of their squared lengths.
@@ -71,9 +70,9 @@ pub(in crate::blocks) struct Sums {
 }
 
 impl Sums {
-    /// Over particles. `None` where none has any strength.
+    /// Sums over particles. Returns `None` if none has any strength.
     ///
-    /// - `origin`: near them, so that their places keep their digits.
+    /// - `origin`: a point near them, so that relative positions keep their digits.
     pub(super) fn of_members(
         source: &Source<'_>,
         origin: DVec3,
@@ -116,7 +115,7 @@ impl Sums {
         Some(sums)
     }
 
-    /// Over clusters. `None` where none has any strength.
+    /// Sums over clusters. Returns `None` if none has any strength.
     pub(super) fn of_parts(parts: &[Cluster]) -> Option<Self> {
         let parts = || parts.iter().filter_map(Cluster::drawn);
         let strength: f64 = parts().map(|part| part.strength).sum();
@@ -141,14 +140,14 @@ impl Sums {
         Some(sums)
     }
 
-    /// Half the width of the interval over which the members' values, spread evenly, have the variance that they have.
+    /// Returns half the width of the interval over which evenly spread values have the members' variance.
     pub(super) fn spread(&self) -> f64 {
         (3.0 * (self.square - self.value * self.value).max(0.0)).sqrt()
     }
 
-    /// The cluster as a particle, and what that leaves out but for how unevenly its values lie.
+    /// Returns the cluster as a particle with bounds on its error, except for the unevenness of its values.
     ///
-    /// - `origin`: of its block.
+    /// - `origin`: origin of its block.
     /// - `narrowest`: the least standard deviation in the block.
     pub(super) fn merged(&self, origin: DVec3, narrowest: f32) -> MergedCluster {
         let common = f64::from(narrowest).powi(2);
@@ -178,7 +177,8 @@ impl Sums {
             uneven: 0.0,
         };
         if !(trace + colour_variance + f64::from(bounds.third + bounds.fourth)).is_finite() {
-            // Members without a finite shape or colour are never merged: `max` would forget a NaN.
+            // Members without a finite shape or colour are never merged. The bound must be infinite, because `max`
+            // would drop a NaN.
             bounds.third = f32::INFINITY;
         }
         MergedCluster {
@@ -189,12 +189,12 @@ impl Sums {
     }
 }
 
-/// How much of their opacity the kernels of a cluster have each by itself: 1 where they lie far
-/// apart, 0 where they overlap as those of a lattice do.
+/// Returns the share of opacity that the kernels of a cluster have separately: 1 if they lie far apart, 0 if they
+/// overlap as those of a lattice do.
 ///
-/// - `overlap`: the sum of the kernels' own volumes (4 pi)^(3/2) sigma³, the inverse of the integral
-///   of the kernel's square.
-/// - `sigmas`: of the cluster, whose volume is measured alike.
+/// - `overlap`: the sum of the kernels' own volumes (4 pi)^(3/2) sigma³, the inverse of the integral of the kernel's
+///   square.
+/// - `sigmas`: standard deviations of the cluster, whose volume is measured alike.
 fn lone_share(overlap: f64, sigmas: DVec3) -> f64 {
     let room = (4.0 * std::f64::consts::PI).powf(1.5) * sigmas.element_product();
     if room > 0.0 {

@@ -1,4 +1,4 @@
-//! The chunks that all points are in, which are found by counting: those of one tree over all of them.
+//! Finds the chunks of all ranks' points by counting: the chunks of one tree over all of them.
 
 use std::ops::Range;
 
@@ -10,30 +10,30 @@ use super::super::tree::{CHUNK, Curve};
 use super::{NO_CORNERS, Peers, extend};
 use crate::error::Result;
 
-/// A chunk, or what chunks are going to be cut of.
+/// A chunk, or a part that is still to be cut into chunks.
 #[derive(Debug, Clone)]
 pub(super) struct Chunk {
-    /// Those of its points that are here, among all of these in the order of chunks.
+    /// Points of the chunk that are here, as a run of this rank's points in the order of chunks.
     pub(super) here: Range<usize>,
-    /// How many points it has.
+    /// Number of points in the chunk, on all ranks.
     pub(super) count: u64,
-    /// Along which its points are in order, those of one cell in that of their numbers.
+    /// Curve along which the points are sorted; points in one cell are sorted by number.
     pub(super) curve: Curve,
-    /// How many bits of places on the curve have not been looked at.
+    /// Number of bits of the curve's cells that are not yet used.
     bits: u32,
     is_done: bool,
 }
 
-/// The points that are here in the order of chunks, and the chunks that all points are in: as
-/// [`Tree::over`](super::super::tree::Tree::over) has them.
+/// Returns this rank's points in the order of chunks, and the chunks of all points, as in
+/// [`Tree::over`](super::super::tree::Tree::over).
 ///
-/// - `count`: of all points, more than [`CHUNK`].
+/// - `count`: number of all points, more than [`CHUNK`].
 pub(super) fn chunks(
     positions: &[DVec3],
     count: u64,
     peers: &mut dyn Peers,
 ) -> Result<(Vec<u32>, Vec<Chunk>)> {
-    // The place on Morton's curve above, the point's number below.
+    // The cell on Morton's curve in the upper half, the point's number in the lower half.
     let mut keys: Vec<u64> = (0..positions.len() as u64).collect();
     let mut parts = vec![Chunk {
         here: 0..positions.len(),
@@ -42,7 +42,7 @@ pub(super) fn chunks(
         bits: 0,
         is_done: false,
     }];
-    // Parts of one cell are looked at again, in their own bounds.
+    // Parts in one cell are sorted again, in their own bounds.
     while parts.iter().any(|part| !part.is_done) {
         sort(&mut keys, &mut parts, positions, peers)?;
         while parts.iter().any(Chunk::is_cut) {
@@ -57,13 +57,13 @@ pub(super) fn chunks(
 }
 
 impl Chunk {
-    /// Whether it is cut into halves.
+    /// Whether it is to be halved.
     fn is_cut(&self) -> bool {
         !self.is_done && self.bits > 0 && self.count > CHUNK as u64
     }
 }
 
-/// Sorts what is not done along curves through its own bounds.
+/// Sorts each unfinished part along a curve through its own bounds.
 fn sort(
     keys: &mut [u64],
     parts: &mut [Chunk],
@@ -104,13 +104,13 @@ fn sort(
         own.radix_sort_unstable();
         part.curve = curve;
         part.bits = 32;
-        // Cells ascend along each axis: these two are one only where all are.
+        // Cells ascend along each axis: these two are equal only if all points share one cell.
         part.is_done = curve.cell(lower) == curve.cell(upper);
     }
     Ok(())
 }
 
-/// The halves of all that is cut, the later before the earlier.
+/// Halves all parts that are to be cut; the later half comes first.
 fn halved(keys: &[u64], parts: Vec<Chunk>, peers: &mut dyn Peers) -> Result<Vec<Chunk>> {
     let half = |part: &Chunk| {
         let here = &keys[part.here.clone()];

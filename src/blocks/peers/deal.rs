@@ -1,4 +1,4 @@
-//! Particles to whoever builds blocks of them.
+//! Redistributes particles to the ranks that build blocks of them.
 
 use std::ops::Range;
 
@@ -19,21 +19,21 @@ use crate::scene::rows::{
 };
 use crate::task::{Stage, Task};
 
-/// Particles that each receives at a time, about.
+/// Number of particles that each rank receives in a round, about.
 const BATCH: u64 = 1 << 19;
 
-/// What one builds blocks of.
+/// Particles of which a rank builds blocks.
 #[derive(Debug)]
 pub(super) struct Dealt {
-    /// In the order of the trees.
+    /// Particles in the order of the trees.
     pub(super) volume: PointVolume,
-    /// The number of each among all particles.
+    /// Number of each particle among those of all ranks.
     pub(super) numbers: Vec<u32>,
-    /// Over runs of them, one after the other.
+    /// Trees over runs of the particles, one after the other.
     pub(super) trees: Vec<OwnTree>,
-    /// All subtrees that are dealt out, whoever builds them.
+    /// Partition: all subtrees that are assigned, whichever rank builds them.
     pub(super) bundles: Vec<Bundle>,
-    /// Over them.
+    /// Top tree, whose leaves are the bundles.
     pub(super) crown: Tree,
 }
 
@@ -42,7 +42,7 @@ pub(super) struct Dealt {
 pub(super) struct OwnTree {
     pub(super) tree: Tree,
     at: usize,
-    /// Which of the bundles.
+    /// Index of the tree's bundle.
     pub(super) bundle: usize,
     start: usize,
 }
@@ -57,7 +57,7 @@ impl OwnTree {
     }
 }
 
-/// Deals the particles out that each has.
+/// Redistributes the particles of all ranks.
 pub(super) fn deal(
     volume: PointVolume,
     given: Option<Vec<u64>>,
@@ -79,7 +79,7 @@ pub(super) fn deal(
         .for_each(|p| extend(&mut corners, &[*p; 2]));
     let corners = peers.reduce(Ok(vec![corners]), extend)?;
     let count: u64 = peers.sums(vec![kept.len() as u64])?.iter().sum();
-    // The same everywhere.
+    // The count is the same on all ranks.
     check_count(usize::try_from(count).unwrap_or(usize::MAX))?;
     let [lower, upper] = corners.first().copied().unwrap_or(NO_CORNERS);
     if count <= CHUNK as u64 {
@@ -110,7 +110,7 @@ pub(super) fn deal(
     let runs: Vec<Range<usize>> = bundles.iter().map(|own| own.chunks.run()).collect();
     let crown = top.above(&runs);
     drop(positions);
-    // Places in the volume from here on.
+    // Members are indices into the volume from here on.
     let members: Vec<(u32, u32)> = members
         .into_iter()
         .map(|i| (kept[i as usize], numbers[i as usize] as u32))
@@ -139,7 +139,8 @@ fn refused(expected: &str, found: &str) -> Error {
     Error::invalid("scene", "shares of ranks", expected, found, advice)
 }
 
-/// Cuts the tree over chunks into subtrees of no more points than a chunk, or of one, and gives each to whoever has least.
+/// Cuts the tree over chunks into subtrees of at most [`CHUNK`] points, or of one chunk. Assigns each to the rank with
+/// the least points so far.
 fn bundles(top: &Tree, count: impl Fn(usize) -> u64, size: usize) -> Vec<Bundle> {
     let sum = |places: Range<usize>| places.map(&count).sum::<u64>();
     let subtrees = top.largest(|places| sum(places) <= CHUNK as u64);
@@ -161,34 +162,34 @@ fn bundles(top: &Tree, count: impl Fn(usize) -> u64, size: usize) -> Vec<Bundle>
     subtrees.into_iter().map(bundle).collect()
 }
 
-/// Who gets which points.
+/// Assignment of points to ranks.
 struct Sorting<'a, F> {
-    /// Those that are here, in the order of chunks: their places in the volume, and their numbers.
+    /// Points that are here, in the order of chunks: their indices in the volume, and their numbers.
     members: &'a [(u32, u32)],
     bundles: &'a [Bundle],
-    /// The chunk at a place of the tree over chunks.
+    /// Returns the chunk at a place of the tree over chunks.
     of_place: &'a F,
 }
 
-/// Rows of the points of some bundles, in one piece, which goes back to the system as a whole.
+/// Rows of the points in some bundles, in one allocation, which is freed as a whole.
 struct OwnRows {
     rows: Vec<u8>,
     bundles: Vec<BundleRows>,
 }
 
-/// Where the rows of a bundle lie.
+/// Position of a bundle's rows.
 struct BundleRows {
     bundle: usize,
     run: Range<usize>,
-    /// Of each chunk.
+    /// Number of rows of each chunk.
     counts: Vec<usize>,
 }
 
-/// Bundles that are built at a time.
+/// Number of bundles that are built at a time.
 const AT_A_TIME: usize = 32;
 
 impl<'a, F: Fn(usize) -> &'a Chunk + Sync> Sorting<'a, F> {
-    /// The rows of this one's bundles, which it gets of all, a few bundles at a time.
+    /// Exchanges rows, a few bundles at a time; returns the rows of this rank's bundles.
     fn exchange(
         &self,
         volume: &PointVolume,
@@ -213,7 +214,7 @@ impl<'a, F: Fn(usize) -> &'a Chunk + Sync> Sorting<'a, F> {
                 next += 1;
             }
             let round = || (first..next).map(|b| (b, &self.bundles[b]));
-            // How many rows of each chunk there are, and the rows.
+            // Number of rows of each chunk, and the rows.
             let mut parts = vec![(Vec::new(), Vec::new()); size];
             for (_, bundle) in round() {
                 let (counts, rows) = &mut parts[bundle.owner];
@@ -229,7 +230,7 @@ impl<'a, F: Fn(usize) -> &'a Chunk + Sync> Sorting<'a, F> {
                 part.extend(rows);
                 part
             });
-            // Who is cancelled tells the others.
+            // A rank that is cancelled sends that to the others.
             let parts = peers.exchange(stage.check().map(|()| parts.collect()))?;
             stage.advance(next - first);
             let mine = || round().filter(|(_, bundle)| bundle.owner == rank);
@@ -266,7 +267,7 @@ impl<'a, F: Fn(usize) -> &'a Chunk + Sync> Sorting<'a, F> {
         Ok(own)
     }
 
-    /// Trees over the points of each bundle that this one has, and the points in their order.
+    /// Builds a tree over the points of each of this rank's bundles; returns these trees and the points in their order.
     fn build(
         &self,
         own: &OwnRows,
@@ -282,7 +283,7 @@ impl<'a, F: Fn(usize) -> &'a Chunk + Sync> Sorting<'a, F> {
             for (place, count) in bundle.chunks.run().zip(&of.counts) {
                 let run = end..end + count;
                 end = run.end;
-                // As the chunk's points are when one has all.
+                // The order of the chunk's points if one rank had all.
                 let curve = (self.of_place)(place).curve;
                 let key = |row: &&[u8]| (curve.cell(position_of(row)), number_of(row));
                 all[run.clone()].sort_by_cached_key(key);

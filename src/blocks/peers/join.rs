@@ -1,4 +1,4 @@
-//! What bounds the blocks of each, for all.
+//! Gathers bounds of the blocks of each rank on all ranks.
 
 use std::ops::Range;
 
@@ -14,9 +14,9 @@ use super::{Bundle, Peers};
 use crate::error::Result;
 use crate::view::Bounds;
 
-/// What all have, in block order, and which of it are of this one.
+/// Merges the gathered elements in block order, and lists those of this rank.
 ///
-/// - `start`: where each begins in block order.
+/// - `start`: beginning of an element in block order.
 fn joined<T: Pod>(all: Vec<Vec<T>>, rank: usize, start: impl Fn(&T) -> usize) -> Joined<T> {
     let mut sorted: Vec<(usize, T)> = Vec::new();
     for (owner, own) in all.into_iter().enumerate() {
@@ -45,7 +45,7 @@ struct Joined<T> {
     own: Vec<Range<u32>>,
 }
 
-/// A level of which all blocks are known.
+/// Gathers the block headers of a level.
 pub(super) fn level(own: Level, peers: &mut dyn Peers) -> Result<Level> {
     let heads = peers.gather_records(Ok(&own.heads))?;
     let heads = joined(heads, peers.rank(), Head::start);
@@ -56,7 +56,7 @@ pub(super) fn level(own: Level, peers: &mut dyn Peers) -> Result<Level> {
     })
 }
 
-/// The clusters of all, and the tree over them; their heads are to come.
+/// Gathers the clusters of all ranks, and builds the tree over them; the caller adds the headers.
 pub(super) fn atoms(
     trees: &[OwnTree],
     bundles: &[Bundle],
@@ -100,33 +100,33 @@ pub(super) fn atoms(
     })
 }
 
-/// A block, and what follows from its particles.
+/// A block, and data that follow from its particles.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct Known {
     block: Block,
-    /// Where it begins in block order.
+    /// Beginning in block order.
     start: u64,
     density: f64,
-    /// Middle and half extent of what is visible.
+    /// Middle and half extent of the visible part.
     visible: [DVec3; 2],
     is_visible: u64,
 }
 
-/// A volume that has the blocks of all.
+/// A volume with the blocks of all ranks.
 pub(super) struct JoinedVolume {
     pub(super) volume: BlockedVolume,
-    /// The blocks whose particles are here.
+    /// Blocks whose particles are here.
     pub(super) own: Vec<Range<u32>>,
-    /// Of all blocks.
+    /// Densities of all blocks.
     pub(super) densities: Vec<f64>,
-    /// Boxes of what is visible.
+    /// Boxes around the visible part.
     pub(super) visible: Vec<Bounds>,
 }
 
-/// A volume with the blocks of all.
+/// Gathers the blocks of all ranks into a volume.
 ///
-/// - `starts`: of each tree where its particles begin here and in block order.
+/// - `starts`: for each tree, the beginning of its particles here and in block order.
 pub(super) fn blocks(
     mut base: BlockedVolume,
     merged: Option<&Levels>,
@@ -177,9 +177,9 @@ pub(super) fn blocks(
     })
 }
 
-/// The densities of all blocks.
+/// Gathers the densities of all blocks.
 ///
-/// - `own`: the blocks whose particles are here.
+/// - `own`: blocks whose particles are here.
 pub(super) fn densities(
     volume: &BlockedVolume,
     own: &[Range<u32>],

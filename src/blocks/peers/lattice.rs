@@ -1,6 +1,8 @@
-//! Blocks of a lattice whose planes several have: the same bricks and levels of detail as of all of them in one place.
-//! Each keeps the values of its own planes and of some beside, which bricks' neighbours are asked for; everybody knows what
-//! bounds all bricks, and has the coarser grids, whose values are a sixty-fourth of the lattice's.
+//! Builds the blocks of a lattice whose planes are partitioned among ranks: the same bricks and levels of detail as of
+//! the whole lattice in one place.
+//!
+//! Each rank keeps the values of its own planes, and of the planes beside them as a halo of its bricks. Every rank
+//! knows the bounds of all bricks, and has the coarser grids, whose values are a sixty-fourth of the lattice's.
 
 use std::ops::Range;
 
@@ -20,14 +22,14 @@ use crate::constants::BRICK;
 use crate::error::Result;
 use crate::scene::{Lattice, Particles, PointVolume, Requirements, Shared, StrengthIn, ValuesIn};
 
-/// A lattice in blocks, and its levels of detail.
+/// Builds the bricks of a lattice, and its levels of detail.
 ///
-/// - `volume`: what all of it is, without values.
-/// - `held`: the planes that [`PlaneRuns::wanted`] says.
-/// - `first`: which of a scene's volumes it is.
+/// - `volume`: the whole lattice, without values.
+/// - `held`: the planes of [`PlaneRuns::wanted`].
+/// - `first`: number of the volume in its scene.
 ///
 /// # Errors
-/// Somebody who is gone.
+/// A rank that is gone.
 pub(crate) fn build_lattice_together(
     volume: PointVolume,
     held: Held,
@@ -139,11 +141,11 @@ fn not_finite_count(values: &ValuesIn<Shared>, run: Range<usize>) -> u64 {
     }
 }
 
-/// Bytes of planes that are given back at a time.
+/// Bytes of planes that are freed at a time.
 const GIVEN_BACK: usize = if cfg!(test) { 1 << 14 } else { 1 << 26 };
 
-/// The values of planes, with their ghosts where there are any, in the order of the whole lattice: those of no run, and
-/// of none beside a run, take no memory.
+/// Puts the values of planes, with ghosts if there are any, into the order of the whole lattice. Planes that are
+/// neither in a run nor beside one take no memory.
 fn widened(
     mut held: Held,
     lattice: &Lattice,
@@ -160,13 +162,13 @@ fn widened(
     let [columns, rows, _] = lattice.dims;
     let samples = columns * rows;
     let step = (GIVEN_BACK / (samples * held.values.bytes_per_value()).max(1)).max(1);
-    // The last first: what was put in its place is given back from the end on.
+    // The last planes first: their source is truncated from the end as they are copied.
     for some in needed.rchunks(step) {
         for &plane in some {
             let at = x * y * plane;
             if has_ghosts {
                 let pairs = lattice.ghost_sources_of(plane);
-                // Both lie in planes that are here.
+                // Both sources lie in planes that are here.
                 let place = |i: usize| {
                     let plane = held.place(i / samples).unwrap_or(0);
                     plane * samples + i % samples
@@ -178,19 +180,19 @@ fn widened(
                 all.put(at, &held.values.part(first..first + samples));
             }
         }
-        // No later one asks for a sample's plane behind its own; the first ghosts ask for the first two.
+        // Later iterations need no planes behind their own; the first ghosts need the first two planes.
         let last = some.first().map_or(0, |plane| (*plane).max(1));
         held.values.truncate(held.count_up_to(last) * samples);
     }
     all.finish()
 }
 
-/// A level of detail in the making.
+/// Context for making a level of detail.
 struct Making<'a> {
     cells: &'a BrickGrid,
-    /// With those beside this one's planes.
+    /// Values, including the planes beside this rank's.
     values: &'a ValuesIn<Shared>,
-    /// [`BrickGrid::axis_extents`]
+    /// Extents from [`BrickGrid::axis_extents`].
     extents: &'a [Vec<f64>; 3],
     dealt: &'a PlaneRuns,
 }
@@ -200,7 +202,7 @@ impl Making<'_> {
         self.dealt.runs(self.cells.dims()[2], rank)
     }
 
-    /// Cubes that lie in one run each.
+    /// Computes the moments of cubes that each lie in one run.
     fn short(
         &self,
         cube: usize,
@@ -236,7 +238,7 @@ impl Making<'_> {
         Ok(all)
     }
 
-    /// Cubes that several have slices of.
+    /// Computes the moments of cubes whose slices lie on several ranks.
     fn long(&self, cube: usize, peers: &mut dyn Peers) -> Result<CubeMoments> {
         let dims = self.cells.dims();
         let [columns, rows, layers] = dims.map(|n| n.div_ceil(cube));
@@ -296,7 +298,7 @@ impl Making<'_> {
                     *all.sums()
                 })
                 .collect();
-            // Whole numbers: the order says nothing.
+            // Sums of integers do not depend on the order.
             let places = peers.reduce(Ok(places), |sum, own| {
                 sum.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
             })?;

@@ -1,15 +1,17 @@
-//! Blocks of points that several have together, each a part, whichever: the same blocks and levels of detail as of all of
-//! them in one place, to the last bit. Nobody holds more than a share of the particles; everybody knows what bounds all
-//! blocks.
+//! Builds blocks of points that are partitioned among ranks in any way. The blocks and levels of detail are those of
+//! all points in one place, to the last bit. No rank holds more than a share of the particles; every rank knows the
+//! bounds of all blocks.
 //!
-//! 1. All find the chunks that all points are in ([`chunks`]) by counting, and the tree over the chunks' boxes.
-//! 2. Its subtrees of a chunk's size are dealt out; the particles go to whoever builds with them ([`deal`]).
-//! 3. Each builds the trees of what it has, their blocks, and the levels of detail that are made of particles.
-//! 4. What bounds these goes to all ([`join`]), with the clusters of the last of these levels, of which every one makes
-//!    the coarser levels by itself.
+//! 1. All ranks find the chunks of all points ([`chunks`]) by counting, and the tree over the chunks' boxes (top tree).
+//! 2. The subtrees of a chunk's size are assigned to ranks, and the particles are sent to the rank that builds with
+//!    them ([`deal`]).
+//! 3. Each rank builds the trees over its particles, their blocks, and the levels of detail that are merged from
+//!    particles.
+//! 4. All ranks gather the bounds of these blocks, and the clusters of the last of these levels ([`join`]). From these
+//!    clusters each rank makes the coarser levels by itself.
 //!
-//! A lattice needs none of that: its planes are dealt out ([`planes`]), and bricks and coarser grids made of them
-//! ([`lattice`]).
+//! A lattice needs none of these steps. Its planes are assigned to ranks ([`planes`]), which make bricks and coarser
+//! grids of them ([`lattice`]).
 
 mod chunks;
 mod deal;
@@ -38,22 +40,23 @@ use deal::Dealt;
 pub(crate) use lattice::build_lattice_together;
 pub(crate) use planes::{Held, PlaneRuns};
 
-/// Those who have a scene together. All functions but the first two are collective, and tell all of an error of one.
+/// Group of ranks that share a scene. All functions but the first two are collective, and pass an error of one rank to
+/// all.
 pub(crate) trait Peers {
-    /// This one's number.
+    /// This rank's number.
     fn rank(&self) -> usize;
 
-    /// How many there are.
+    /// Number of ranks.
     fn size(&self) -> usize;
 
-    /// What each gives, for all, by rank.
+    /// Gathers the part of each rank on all ranks, by rank.
     fn gather(&mut self, part: Result<Vec<u8>>) -> Result<Vec<Vec<u8>>>;
 
-    /// What each gives to each: what is given to this one, by rank.
+    /// Sends a part to each rank; returns the parts sent to this rank, by rank.
     fn exchange(&mut self, parts: Result<Vec<Vec<u8>>>) -> Result<Vec<Vec<u8>>>;
 }
 
-/// The same of records.
+/// Collective operations on records.
 impl dyn Peers + '_ {
     pub(crate) fn gather_records<T: Pod>(&mut self, own: Result<&[T]>) -> Result<Vec<Vec<T>>> {
         let all = self.gather(own.map(|own| bytemuck::cast_slice(own).to_vec()))?;
@@ -72,7 +75,7 @@ impl dyn Peers + '_ {
         Ok(all.iter().map(|part| records(part)).collect())
     }
 
-    /// What becomes of as many records of each, place by place: each forms a part of it.
+    /// Reduces the records of all ranks, place by place; each rank reduces a part of them.
     pub(super) fn reduce<T: Pod>(
         &mut self,
         own: Result<Vec<T>>,
@@ -94,7 +97,7 @@ impl dyn Peers + '_ {
         Ok(self.gather_records(Ok(&all))?.concat())
     }
 
-    /// A result of this one, once all have one.
+    /// Returns this rank's result if all ranks have one.
     fn agree<T>(&mut self, own: Result<T>) -> Result<T> {
         let mut value = None;
         let part = own.map(|own| {
@@ -110,7 +113,7 @@ impl dyn Peers + '_ {
     }
 }
 
-/// That others said what none of this program says.
+/// Returns the error that another rank sent a message that no rank of this program sends.
 fn strange() -> Error {
     let advice = "start the same program on every rank";
     let expected = "records as this program sends them";
@@ -126,33 +129,33 @@ fn records<T: Pod>(bytes: &[u8]) -> Vec<T> {
     bytemuck::pod_collect_to_vec(&bytes[..whole])
 }
 
-/// A volume and its levels of detail, all of whose blocks are known, and whose particles are shared.
+/// A volume and its levels of detail with all blocks, whose particles are partitioned among ranks.
 #[derive(Debug)]
 pub(crate) struct SharedVolume {
     pub(crate) family: Vec<BlockedVolume>,
-    /// Of each of the family the blocks whose particles are here.
+    /// Blocks whose particles are here, for each volume of the family.
     pub(crate) own: Vec<Vec<Range<u32>>>,
-    /// Of each of the family, of all its blocks.
+    /// Densities of all blocks, for each volume of the family.
     pub(crate) densities: Vec<Vec<f64>>,
-    /// Boxes of what is visible.
+    /// Boxes around the visible part.
     pub(crate) visible: Vec<Bounds>,
-    /// The same for a camera that is fitted.
+    /// Boxes around the visible part for a fitted camera.
     pub(crate) fitted: Vec<Bounds>,
     pub(super) requirements: Requirements,
 }
 
-/// Of fewer points in all, each may build the blocks of all.
+/// Number of points up to which each rank may build the blocks of all.
 pub(crate) const LEAST: u64 = CHUNK as u64;
 
 impl SharedVolume {
-    /// How many volumes it has: itself and its levels.
+    /// Number of volumes: the volume itself and its levels.
     pub(crate) fn len(&self) -> usize {
         self.family.len()
     }
 
-    /// Of a volume that every one has.
+    /// Builds a volume that every rank has, and keeps this rank's share of its particles.
     ///
-    /// - `number`: which of a scene's volumes it is.
+    /// - `number`: number of the volume in its scene.
     pub(crate) fn of_whole(
         volume: PointVolume,
         options: &SceneOptions,
@@ -187,14 +190,14 @@ impl SharedVolume {
     }
 }
 
-/// Points in blocks, and their levels of detail.
+/// Builds the blocks of points, and their levels of detail.
 ///
-/// - `volume`: points of this one; those of others are alike but for their particles.
-/// - `numbers`: of each point, one of its own among all, or by rank.
+/// - `volume`: this rank's points; the volumes of other ranks differ in their particles only.
+/// - `numbers`: a number for each point, unique over all ranks; `None` numbers them by rank.
 ///
 /// # Errors
-/// No more than [`LEAST`] points that have a place, or more than can be counted; a number that two have; somebody who is
-/// gone.
+/// No more than [`LEAST`] points with finite positions, or more than can be counted; a number that occurs twice; a rank
+/// that is gone.
 pub(crate) fn build_together(
     volume: PointVolume,
     numbers: Option<Vec<u64>>,
@@ -304,8 +307,8 @@ pub(crate) fn build_together(
     Ok(shared)
 }
 
-/// Who takes each of this one's points, so that everybody has those of a part of space, and about as many: chunks of the tree,
-/// one after another. All of them have a place.
+/// Assigns points to ranks by position, so that each rank gets a part of space with about as many points: chunks of the
+/// tree, one after another. All positions must be finite. Returns the rank of each of this rank's points.
 #[cfg(feature = "cli")]
 pub(crate) fn territories(positions: &[DVec3], peers: &mut dyn Peers) -> Result<Vec<u32>> {
     let count = peers.sums(vec![positions.len() as u64])?;
@@ -314,7 +317,7 @@ pub(crate) fn territories(positions: &[DVec3], peers: &mut dyn Peers) -> Result<
     let mut owners = vec![0; positions.len()];
     let mut before = 0;
     for chunk in &chunks {
-        // By the middle of the chunk.
+        // The middle of the chunk decides.
         let middle = u128::from(2 * before + chunk.count) * peers.size() as u128;
         let owner = (middle / (2 * u128::from(count))) as u32;
         let owner = owner.min(peers.size() as u32 - 1);
@@ -326,7 +329,7 @@ pub(crate) fn territories(positions: &[DVec3], peers: &mut dyn Peers) -> Result<
     Ok(owners)
 }
 
-/// Least and greatest place of points; of none, reversed infinities.
+/// Least and greatest position of points; reversed infinities if there are none.
 type Corners = [DVec3; 2];
 
 const NO_CORNERS: Corners = [DVec3::INFINITY, DVec3::NEG_INFINITY];
@@ -336,12 +339,12 @@ fn extend(corners: &mut Corners, others: &Corners) {
     corners[1] = corners[1].max(others[1]);
 }
 
-/// Subtrees of the tree over chunks that are built by one, in block order.
+/// A subtree of the tree over chunks that one rank builds; bundles are listed in block order.
 #[derive(Debug)]
 pub(super) struct Bundle {
-    /// The chunks, by their places in that tree.
+    /// Chunks, by their places in that tree.
     pub(super) chunks: super::tree::Subtree,
-    /// Its particles: a run of block order.
+    /// Particles: a run of block order.
     pub(super) run: Range<usize>,
     pub(super) owner: usize,
 }

@@ -1,19 +1,19 @@
-//! The numbers of points among those of all.
+//! Numbers points over all ranks.
 
 use super::Peers;
 use crate::error::Result;
 use crate::scene::rows::twice;
 
-/// Numbers that each gives of those that it has, for a cut into even parts.
+/// Size of the sample of numbers that each rank sends, by which they are cut into even parts.
 const SAMPLE: usize = 1024;
 
-/// Of each point its number among all, from 0 on without gaps.
+/// Returns the number of each point among those of all ranks, from 0 on without gaps.
 ///
-/// - `count`: how many there are here.
-/// - `given`: numbers of the points that are in the same order, or none: by rank.
+/// - `count`: number of points here.
+/// - `given`: numbers whose order the result keeps, or `None` to number by rank.
 ///
 /// # Errors
-/// A number that two have.
+/// A number that occurs twice.
 pub(super) fn without_gaps(
     count: usize,
     given: Option<Vec<u64>>,
@@ -31,7 +31,7 @@ pub(super) fn without_gaps(
     let sample: Vec<u64> = sorted.iter().step_by(step).copied().collect();
     let mut sample = peers.gather_records(Ok(&sample))?.concat();
     sample.sort_unstable();
-    // Each counts the numbers from one cut to the next.
+    // Each rank counts the numbers from one cut to the next.
     let size = peers.size();
     let cut = |rank: usize| {
         let number = sample.get(rank * sample.len() / size).copied();

@@ -1,4 +1,4 @@
-//! Which planes of a lattice (of constant k, the slowest index) each of several has, and how they get there.
+//! Partitions the planes of a lattice (of constant k, the slowest index) among ranks, and exchanges them.
 
 use std::ops::Range;
 
@@ -8,32 +8,34 @@ use super::Peers;
 use crate::error::{Error, Result};
 use crate::scene::Values;
 
-/// Planes that lie together: the longest cubes of levels of detail that are made of copies of their cells, and whole
-/// bricks.
+/// Planes that stay together: whole bricks, and the longest cubes of levels of detail whose values are copied.
 const LAYER: usize = 32;
 
-/// Runs of planes that each has, about: a view of a part of a lattice then meets planes of many.
+/// Number of runs of planes on each rank, about: a view of a part of a lattice then meets planes of many ranks.
 const RUNS: usize = 4;
 
-/// Planes beside a run that are asked for: two rings around bricks, and one more where ghosts shift the lattice.
+/// Planes beside a run that a rank also needs: two layers around bricks, and one more because ghosts shift the lattice.
 const BESIDE: usize = 3;
 
-/// Bytes that travel to one at a time.
+/// Bytes that are sent to a rank at a time.
 const PARCEL: usize = 1 << 26;
 
-/// How the planes of a lattice are dealt out: runs in turn. Planes count from the first ghost, where there are ghosts.
+/// Partition of a lattice's planes: ranks get runs in turn. If the lattice has ghosts, planes count from the first
+/// ghost.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PlaneRuns {
     /// The lattice's own planes.
     planes: usize,
-    /// Planes of a run.
+    /// Number of planes in a run.
     len: usize,
     size: usize,
 }
 
 impl PlaneRuns {
-    /// - `planes`: of the lattice's own samples.
-    /// - `size`: among how many they are dealt out.
+    /// Partitions planes.
+    ///
+    /// - `planes`: number of planes of the lattice's own samples.
+    /// - `size`: number of ranks.
     pub(crate) fn new(planes: usize, size: usize) -> Self {
         let layers = planes / (LAYER * RUNS * size);
         Self {
@@ -43,14 +45,15 @@ impl PlaneRuns {
         }
     }
 
-    /// The runs of one, of `planes` with ghosts or without; ascending.
+    /// Returns the runs of a rank, of `planes` with ghosts or without; ascending.
     pub(super) fn runs(&self, planes: usize, rank: usize) -> impl Iterator<Item = Range<usize>> {
         let len = self.len;
         let first = (rank * len..planes).step_by(self.size * len);
         first.map(move |first| first..(first + len).min(planes))
     }
 
-    /// The lattice's own planes that one asks for, with ghosts or without: those of its runs and beside them.
+    /// Returns the lattice's own planes that a rank needs, with ghosts or without: its runs, and the planes beside
+    /// them.
     pub(crate) fn wanted(&self, rank: usize) -> Vec<Range<usize>> {
         let runs = self.runs(self.planes + 2, rank);
         let mut wanted: Vec<Range<usize>> = Vec::new();
@@ -64,8 +67,8 @@ impl PlaneRuns {
         wanted
     }
 
-    /// The lattice's own planes that one alone looks at, which are among those that it asks for; those of all are all
-    /// planes.
+    /// Returns the lattice's own planes in a rank's runs, which are among those that it needs. Those of all ranks are
+    /// all planes, each once.
     #[cfg(feature = "cli")]
     pub(crate) fn own(&self, rank: usize) -> impl Iterator<Item = Range<usize>> {
         self.runs(self.planes, rank)
@@ -75,13 +78,13 @@ impl PlaneRuns {
 /// Planes of a lattice: their values, one run after another.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Held {
-    /// Ascending or not.
+    /// Runs of planes, in any order.
     pub(crate) runs: Vec<Range<usize>>,
     pub(crate) values: Values,
 }
 
 impl Held {
-    /// How many planes lie before each run.
+    /// Returns each run with the number of planes before it.
     fn starts(&self) -> impl Iterator<Item = (usize, &Range<usize>)> {
         self.runs.iter().scan(0, |before, run| {
             let start = *before;
@@ -90,27 +93,27 @@ impl Held {
         })
     }
 
-    /// Where a plane lies among those that are here.
+    /// Returns the index of a plane among those that are here.
     pub(crate) fn place(&self, plane: usize) -> Option<usize> {
         let mut runs = self.starts();
         let (start, run) = runs.find(|(_, run)| run.contains(&plane))?;
         Some(start + plane - run.start)
     }
 
-    /// How many planes are not behind one; of ascending runs.
+    /// Number of planes up to and including one; for ascending runs.
     pub(super) fn count_up_to(&self, plane: usize) -> usize {
         let of_run = |run: &Range<usize>| (plane + 1).clamp(run.start, run.end) - run.start;
         self.runs.iter().map(of_run).sum()
     }
 
-    /// The planes that each asks for, of those that all have together.
+    /// Exchanges planes, so that each rank gets those that it needs.
     ///
-    /// - `samples`: of a plane.
-    /// - `held`: the runs of all, by rank: this one's are here.
-    /// - `wanted`: the runs that all ask for, by rank.
+    /// - `samples`: number of samples in a plane.
+    /// - `held`: runs that each rank holds; this rank's are here.
+    /// - `wanted`: runs that each rank needs.
     ///
     /// # Errors
-    /// A plane that nobody has; somebody who is gone.
+    /// A plane that no rank holds; a rank that is gone.
     pub(crate) fn collected(
         self,
         samples: usize,
@@ -138,7 +141,7 @@ impl Held {
     }
 }
 
-/// What all have and ask for.
+/// Runs that all ranks hold and need.
 struct Traffic<'a> {
     held: &'a [Vec<Range<usize>>],
     wanted: &'a [Vec<Range<usize>>],
@@ -149,13 +152,13 @@ fn has(runs: &[Range<usize>], plane: usize) -> bool {
 }
 
 impl Traffic<'_> {
-    /// One past the last plane that anybody asks for.
+    /// One past the last plane that any rank needs.
     fn end(&self) -> usize {
         let ends = self.wanted.iter().flatten().map(|run| run.end);
         ends.max().unwrap_or(0)
     }
 
-    /// Who gives somebody a plane: itself, or the first who has it.
+    /// Returns the rank that sends a plane to a rank: the receiver itself, or the first rank that holds it.
     fn source(&self, to: usize, plane: usize) -> Option<usize> {
         if has(&self.held[to], plane) {
             return Some(to);
@@ -181,7 +184,7 @@ impl Traffic<'_> {
         })
     }
 
-    /// The planes that this one asks for, one run after another.
+    /// Returns the planes that this rank needs, one run after another.
     fn collect<T: Pod>(
         &self,
         own: &Held,
@@ -208,7 +211,7 @@ impl Traffic<'_> {
                 }
             }
         };
-        // A plane may go to several: a copy for each lies in memory.
+        // A plane may be sent to several ranks: memory holds a copy for each.
         let copies = |plane: usize| self.wanted.iter().filter(|own| has(own, plane)).count();
         let most = (0..self.end()).map(copies).max().unwrap_or(1);
         let step = (PARCEL / (most * samples * size_of::<T>()).max(1)).max(1);
@@ -263,7 +266,7 @@ mod tests {
                         for plane in run.clone() {
                             owned[plane] += 1;
                         }
-                        // Its own and two beside, where these are the lattice's own.
+                        // Its own planes and two beside, if these are the lattice's own.
                         let first = (run.start + ghosts / 2).saturating_sub(2 + ghosts);
                         let end = (run.end + 2 - ghosts / 2).min(planes);
                         for plane in first..end {
