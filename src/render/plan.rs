@@ -72,7 +72,7 @@ pub(crate) struct FramePlan {
     /// Whether blocks outside the frustum are left out: uniform scaling enlarges kernels beyond any
     /// reach.
     pub(crate) culls: bool,
-    /// What blocks are drawn by.
+    /// Rules by which blocks choose their filter.
     pub(crate) choice: ChoiceUniform,
     /// Lights as the camera sees them.
     pub(crate) lighting: Option<LightingUniform>,

@@ -117,7 +117,7 @@ pub(in crate::cpu::tile) struct NearSurfelAt {
     pub(in crate::cpu::tile) inverse_depth: f32,
     /// Change of it along the ray's slope: N of [`near_surfel`](crate::splat::near_surfel).
     pub(in crate::cpu::tile) plane: Vec3,
-    /// How far the inverse depth of one surface's surfels may differ.
+    /// Greatest difference of inverse depth between surfels that count as one surface.
     pub(in crate::cpu::tile) slack: f32,
     /// Towards the eye.
     pub(in crate::cpu::tile) normal: [f32; 3],
