@@ -58,7 +58,7 @@ const CUT: [&str; 2] = [
     include_str!("../../shaders/tile/interval/cut.wgsl"),
 ];
 
-/// What kernels become together.
+/// Returns the way kernels are accumulated.
 const COLUMN: [&str; 2] = [
     include_str!("../../shaders/shared/pixel_mean.wgsl"),
     include_str!("../../shaders/tile/accumulate/column.wgsl"),

@@ -83,7 +83,7 @@ pub struct Axes {
     pub interval: Interval,
     /// Whether the domain of their data may cut kernels, each at planes of its own.
     pub edges: bool,
-    /// What kernels become together.
+    /// Returns the way kernels are accumulated.
     pub accumulate: Accumulate,
     /// Where the transfer function is asked.
     pub classify: Classify,

@@ -12,7 +12,7 @@ pub(in crate::gpu) struct PassKind {
     orthographic: u32,
     /// Whether merged particles may be drawn.
     pub(super) detail: bool,
-    /// What decides about kernels, where more is known than their values.
+    /// Returns the rule that classifies kernels.
     pub(super) classified_by: ClassifiedBy,
     pub(super) lights_particles: bool,
     /// Whether colours are composited as sRGB codes.

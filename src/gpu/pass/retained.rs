@@ -97,7 +97,7 @@ impl Pass {
         self.draws == Draws::Surfaces
     }
 
-    /// What the rasteriser is specialised for.
+    /// The variant of the rasteriser.
     pub(super) fn raster(&self, gpu: &Gpu, kind: &PassKind) -> Raster {
         let near = self.capacity.crossing;
         if self.is_surface() {
