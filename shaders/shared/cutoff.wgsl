@@ -18,7 +18,7 @@ fn meeting(crowding: f32) -> f32 {
     return select(crowding, MEETING * crowding, crowding > 1.0);
 }
 
-// The share of a two-dimensional Gaussian within radius `r`: 1 - exp(-r²/2).
+// Returns the fraction of a two-dimensional Gaussian within radius `r`: 1 - exp(-r²/2).
 fn cutoff_share(r: f32) -> f32 {
     return -exp_m1(-0.5 * r * r);
 }

@@ -8,7 +8,7 @@ struct Edges {
     is_outside: bool,
 }
 
-// Lᵀn: the kernel's reach along a normal, by the axes of its factor.
+// Returns Lᵀn: the kernel's reach along a normal, by the axes of its factor.
 fn reach_along(kernel: Kernel, normal: vec3<f32>) -> vec3<f32> {
     let f = kernel.factor;
     return f.x * normal.x + f.y * normal.y + f.z * normal.z;
@@ -78,7 +78,7 @@ fn written_edge(
     let normal = plane.xyz;
     let inside = plane.w;
     if (path & 3u) == PATH_NEAR {
-        // Of the eye, at the origin.
+        // Distance of the eye, at the origin.
         let of_eye = inside - dot3(normal, kernel.centre);
         let side = select(-1.0, 1.0, of_eye > 0.0);
         let distance = max(abs(of_eye), SMALLEST);
@@ -100,7 +100,7 @@ fn written_edge(
     let xt = cross3(x, t);
     let yt = cross3(y, t);
     let determinant = dot3(m, m) + h2 * (dot3(x, x) + dot3(y, y)) + h2 * h2;
-    // Minors, not products of squares, which would cancel where the kernel is long.
+    // Minors, not products of squares, which would cancel for long kernels.
     let inverse = 1.0 / max(determinant, SMALLEST);
     let slope = vec2<f32>(h2 * dot3(x, t) - dot3(m, yt), h2 * dot3(y, t) + dot3(m, xt));
     let triple_product = dot3(m, t);

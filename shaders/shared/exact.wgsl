@@ -40,11 +40,11 @@ fn depth_terms(
     let xs = cross3(x, s);
     let ys = cross3(y, s);
     let inv = 1.0 / determinant;
-    // Minors, not products of squares, which would cancel where the kernel is long.
+    // Minors, not products of squares, which would cancel for long kernels.
     let slope = vec2<f32>(h2 * dot3(x, s) - dot3(m, ys), h2 * dot3(y, s) + dot3(m, xs)) * inv;
     let volume = dot3(m, s);
     let squares = volume * volume + h2 * (dot3(xs, xs) + dot3(ys, ys)) + h2 * h2 * dot3(s, s);
-    // `relative_depth` is relative under perspective alone.
+    // `relative_depth` is relative under perspective only.
     let scale = select(depth, 1.0, view.orthographic != 0u);
     return DepthTerms(slope * scale, sqrt(squares * inv) * scale);
 }

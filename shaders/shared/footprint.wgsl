@@ -88,12 +88,12 @@ fn filtered(screen: ScreenFactor, filter_kind: u32, h2: f32) -> ImageKernel {
         }
         default: {
             let largest = 0.5 * (xx + yy) + hypot(0.5 * (xx - yy), dot3(x, y));
-            // A kernel without any width is taken for one of a millionth of its length.
+            // A kernel without any width is given a millionth of its length.
             let smallest = max_number(minors / largest, largest * 1e-12);
             if largest == 0.0 {
                 moments = vec4<f32>(h2, 0.0, h2, h2 * h2);
             } else {
-                // NaN comes here and stays NaN: it draws nothing.
+                // NaN takes this branch and stays NaN: it draws nothing.
                 let s2 = max_number(h2 / smallest, 1.0);
                 let determinant = max_number(minors * s2, largest * smallest * s2) * s2;
                 moments = vec4<f32>(xx * s2, dot3(x, y) * s2, yy * s2, determinant);

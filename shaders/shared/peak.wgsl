@@ -34,12 +34,13 @@ fn peak_footprint(view: ViewUniform, kernel: Kernel, is_anti_aliased: bool) -> P
     var image = filtered(screen, FILTER_EWA, h2);
     image.tau = kernel.mass;
     if is_anti_aliased {
-        // Minors, not the difference of products: a flat splat seen from its edge keeps its digits.
+        // Minors, not the difference of products, so that a flat splat seen from its edge keeps its
+        // digits.
         let minor = cross3(screen.row_x, screen.row_y);
         let determinant = dot3(minor, minor);
         image.tau = image.tau * sqrt(determinant / image.determinant);
     }
-    // Lengths whose squares leave f32 have no form.
+    // A footprint whose squared lengths overflow f32 has no form.
     let is_shape = is_finite(image.a + image.c);
     out.exists = is_shape && is_above(image.tau, 0.0) && is_finite(image.tau);
     out.screen = screen;

@@ -105,7 +105,7 @@ fn band_at(own: PixelMean, d: f32) -> Band {
     }
     let middle = 0.5 * (begin + end);
     let half = 0.5 * (end - begin);
-    // The place of the band where there is most.
+    // Position in the band at which the density is greatest.
     let top = max(begin, min(end, 0.0));
     let least = top * top;
     var sum = 0.0;
@@ -130,7 +130,7 @@ fn band_at(own: PixelMean, d: f32) -> Band {
     return Band(mass, scale * (middle + mean), 1.0 / sqrt(variance));
 }
 
-// The mean over the pixel whose centre lies `d` from the footprint's, px.
+// Returns the mean over the pixel whose centre lies `d` from the footprint's, px.
 fn mean_at(own: PixelMean, d: vec2<f32>) -> f32 {
     let along = select(d.x, d.y, own.has_rows);
     let across = select(d.y, d.x, own.has_rows);

@@ -27,7 +27,7 @@ fn filtered_opacity(area: f32, tau0: f32) -> f32 {
 fn sub_pixel_depth(area: f32, tau0: f32) -> f32 {
     let opaque = SUB_PIXEL_OPAQUE[0];
     let saturated = SUB_PIXEL_OPAQUE[1];
-    // Rounding may find more than all of it.
+    // Rounding may give an opacity above 1.
     let peak = minus_log_1_minus(min(filtered_opacity(area, tau0), 0.99999));
     let share = clamp((peak - opaque) / (saturated - opaque), 0.0, 1.0);
     let extent = exp((area * log(tau0) - EULER) / (1.0 + area));

@@ -1,6 +1,6 @@
 // A pixel whose kernels, or layers of them, are composited front to back.
 
-// Whether depths are wanted.
+// Whether depths are written.
 override HAS_DEPTH: bool = false;
 // Opacity min(tau, 1) instead of 1 - exp(-tau).
 override IS_LINEAR: bool = false;

@@ -58,7 +58,7 @@ const CUT: [&str; 2] = [
     include_str!("../../shaders/tile/interval/cut.wgsl"),
 ];
 
-/// Returns the way kernels are accumulated.
+/// Way to combine the kernels of a pixel.
 const COLUMN: [&str; 2] = [
     include_str!("../../shaders/shared/pixel_mean.wgsl"),
     include_str!("../../shaders/tile/accumulate/column.wgsl"),

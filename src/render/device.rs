@@ -114,10 +114,11 @@ impl Renderer {
     /// | `Rgba8UnormSrgb`, `Bgra8UnormSrgb` | the same, encoded by the texture; a shader reads it as linear and premultiplied |
     /// | `Rgba8Unorm`, `Bgra8Unorm` | sRGB code values of the straight colour, as in a PNG, times alpha: what windows and egui blend |
     ///
-    /// [`Renderer::image`] stays what it was. Depths and normals come back as ever where the settings ask
-    /// for them; without, only counts do, some hundred bytes and 24 a tile, which tell whether
-    /// buffers were too small and the frame is to be drawn again. This call waits for them;
-    /// [`Renderer::render_to_texture_async`] does not. The texture is whole when either is done.
+    /// [`Renderer::image`] does not change. Depths and normals are read back if the settings ask for
+    /// them. Otherwise only counts are read back, some hundred bytes plus 24 per tile; they tell whether
+    /// buffers were too small and the frame must be drawn again. This call waits for the counts;
+    /// [`Renderer::render_to_texture_async`] does not block. In both cases the texture is complete when
+    /// the call or the future completes.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {

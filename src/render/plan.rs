@@ -84,7 +84,7 @@ pub(crate) struct FramePlan {
     pub(crate) background: Option<[f32; 3]>,
     /// Whether colours are composited as sRGB codes, and decoded afterwards.
     pub(crate) is_encoded: bool,
-    /// Whether depths are wanted.
+    /// Whether depths are written.
     pub(crate) depth: bool,
     /// Whether normals of opaque surfaces are wanted.
     pub(crate) normals: bool,
@@ -380,7 +380,7 @@ fn may_be_exact(camera: &Camera, filter: Filter) -> bool {
 }
 
 impl Composite {
-    /// Returns the way kernels are accumulated.
+    /// Way to combine the kernels of a pixel.
     pub(crate) fn accumulate(self) -> Accumulate {
         match self {
             Self::Over => Accumulate::Over,

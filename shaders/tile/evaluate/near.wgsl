@@ -32,7 +32,7 @@ fn near_depth(footprint: TileFootprint, pixel: vec2<f32>) -> f32 {
     return footprint.peak * exp_minus_half(q) * normal_cdf(behind);
 }
 
-// DᵀKD, and its product with the mean depth z*.
+// Returns DᵀKD, and its product with the mean depth z*.
 fn minors_along(at: u32, direction: vec3<f32>) -> vec2<f32> {
     var across = 0.0;
     var along = 0.0;
