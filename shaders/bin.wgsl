@@ -114,7 +114,7 @@ fn for_each_tile(k: u32, owner: u32, begin: u32, stride: u32) {
         let tile = tiles.first + vec2<u32>(i % tiles.columns, i / tiles.columns);
         var touched = true;
         if tiles.test {
-            // The pixel centres of the tile that lie in the box.
+            // The pixel centres of the tile within the box.
             let lower = vec2<f32>(max(tile * TILE_SIZE, box_first));
             let upper = vec2<f32>(min((tile + 1u) * TILE_SIZE, box_end));
             let centre = footprint.centre_px;

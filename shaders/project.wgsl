@@ -108,7 +108,7 @@ fn project(
         out = invisible(kernel, particle.carried, key);
     } else if RULE == RULE_PEAK {
         if IS_CUT {
-            // Without a depth of its own: where its centre lies.
+            // Splats have no depth of their own: that of the centre is used.
             exact[i] = ExactTerms();
         }
         out = splat_footprint(view, kernel, crowding, particle.carried, key);
@@ -200,7 +200,8 @@ fn moved_key(view: ViewUniform, block_key: u32, delta: f32) -> u32 {
     return select(sum, 0xffffffffu, sum < block_key);
 }
 
-// The key of the depth at which a kernel begins: what lies behind the eye begins with it.
+// Returns the key of the depth at which a kernel begins; kernels that begin behind the eye get the depth
+// of the eye.
 fn slab_key(
     view: ViewUniform,
     block_key: u32,
@@ -213,7 +214,7 @@ fn slab_key(
     return moved_key(view, block_key, begin - origin.z);
 }
 
-// A footprint that reaches no pixel yet.
+// Returns a footprint that reaches no pixel yet.
 fn invisible(kernel: Kernel, carried: array<f32, 3>, key: u32) -> Footprint {
     var out: Footprint;
     out.carried = carried;
@@ -260,7 +261,7 @@ fn surfel(
     index: u32,
 ) -> Footprint {
     var out = invisible(kernel, carried, key);
-    // Weights are averaged: where a kernel ends counts as a share of it.
+    // Weights are averaged, so the error at a kernel's end is relative.
     let r = cutoff_radius(0.0, 1.0, view.tolerance / CUTOFF_SHARE, view.cutoff);
     let reach = r * length3(kernel.factor.z);
     if is_above(-reach, kernel.centre.z) {
@@ -310,7 +311,7 @@ fn surfel(
         half_size = extent.half_size;
     }
     set_bounds(view, &out, screen.centre_px + middle, half_size);
-    // The inverse depth within the box: no fragment of it is nearer.
+    // Greatest inverse depth within the box: no fragment of the surfel is nearer.
     let gradient = vec2<f32>(plane.gradient[0], plane.gradient[1]);
     let nearest = plane.inverse_depth + dot2(gradient, middle) + dot2(abs(gradient), half_size);
     out.depth = nearest + plane.slack;
@@ -323,8 +324,8 @@ fn surfel(
     return out;
 }
 
-// The cosine between a surfel's normal and the ray through its centre: what makes the optical depth
-// of a sheet the same from every side; 0 for one that is seen from behind and has one side.
+// Returns the cosine between a surfel's normal and the ray through its centre. It makes the optical depth
+// of a sheet the same from every side. 0 for a one-sided surfel seen from behind.
 fn facing(view: ViewUniform, kernel: Kernel) -> f32 {
     var c = columns(kernel.factor);
     let normal = cross3(c[0] / largest_of(c[0]), c[1] / largest_of(c[1]));
@@ -356,7 +357,7 @@ fn footprint(
     let z = kernel.factor.z;
     var reach = length3(z);
     if !is_finite(reach) {
-        // Lengths beyond 1e19, whose squares f32 does not hold.
+        // Lengths beyond 1e19, whose squares overflow f32.
         reach = hypot(hypot(z.x, z.y), z.z);
     }
     if is_above(-MAX_CUTOFF * reach, kernel.centre.z) {
@@ -382,8 +383,9 @@ fn footprint(
     var r = cutoff_radius(depth, 1.0, view.tolerance, view.cutoff);
     let choice = choose_exact(view, filter_kind, screen, image, crowding);
     if choice.exists {
-        // Away from the camera's axis one side of the edge stands out: the kernel ends where that
-        // side has met the tolerance. A tenth more, because the wider edge stands out more.
+        // Away from the camera's axis one side of the edge exceeds exp(-r²/2). The kernel ends where that
+        // side falls below the tolerance. The radius is a tenth larger, because the wider edge exceeds it
+        // more.
         let growth = edge_growth(view, screen, image, choice.terms, 1.1 * r);
         let wider = cutoff_radius(depth, growth, view.tolerance, view.cutoff);
         r = max(r, wider);
@@ -478,7 +480,7 @@ fn push(terms: NearTerms, path: u32) -> u32 {
     return place << 2u | path;
 }
 
-// The place of terms among those of near kernels.
+// Appends terms to those of near kernels, and returns their index.
 fn push_at(terms: NearTerms) -> u32 {
     atomicAdd(&near.crossing, 1u);
     return listed(terms);
@@ -519,7 +521,7 @@ fn cut_by_edges(view: ViewUniform, kernel: Kernel, edges: Edges, out: Footprint)
     return select(place + 1u, 0u, place == NO_PLACE);
 }
 
-// An orthographic kernel that reaches behind the eye's plane.
+// Computes the footprint of an orthographic kernel that reaches behind the eye's plane.
 fn half_line_footprint(
     view: ViewUniform,
     kernel: Kernel,
@@ -545,7 +547,7 @@ fn half_line_footprint(
     }
 }
 
-// A perspective kernel that reaches the camera plane.
+// Computes the footprint of a perspective kernel that reaches the camera plane.
 fn near_footprint(
     view: ViewUniform,
     kernel: Kernel,
@@ -557,8 +559,8 @@ fn near_footprint(
         return;
     }
     let weight = found.weight;
-    // A bound of the optical depth in any direction: |D|/sqrt(DᵀKD) <= sqrt(trace V / det V), V
-    // with the low-pass filter of `near_terms`.
+    // A bound of the optical depth in any direction: |D|/sqrt(DᵀKD) <= sqrt(trace V / det V), V with the
+    // low-pass filter of `near_terms`.
     let h = sqrt(view.low_pass_variance_px2);
     let low_pass = h * max_number(abs(kernel.centre.z), length3(kernel.factor.z));
     var c = columns(kernel.factor);
@@ -571,7 +573,7 @@ fn near_footprint(
     let unit2 = kernel.mass / (TAU * weight);
     var highest = weight * sqrt(trace / unit2) / found.terms.sigma;
     if !is_finite(highest) || found.terms.sigma == 0.0 {
-        // A flat kernel's bound is infinite, and NaN must not shrink anything.
+        // A flat kernel's bound is infinite, and NaN must not reduce the radius.
         highest = LARGEST;
     }
     let r = cutoff_radius(highest * meeting(crowding), 1.0, view.tolerance, view.cutoff);

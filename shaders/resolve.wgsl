@@ -40,7 +40,7 @@ fn resolve(
         );
     }
     if background.is_encoded != 0u {
-        // What has no opacity adds nothing.
+        // A pixel without opacity adds nothing.
         let share = select(1.0, pixel.w, pixel.w > 0.0);
         pixel = vec4<f32>(
             share * decoded(pixel.x / share),

@@ -24,7 +24,7 @@ fn weighed(index: u32, cell: vec3<u32>) -> Visit {
         particle.mass = as_cluster(strength_at(particle.index), particle.index);
         return particle;
     }
-    // Most cells of most volumes end here.
+    // Most cells of most volumes are rejected here.
     if !is_positive(particle.class_of_value.w) {
         return particle;
     }
@@ -54,7 +54,7 @@ fn strength_at(i: u32) -> f32 {
     return strengths[select(i, 2u * i, HAS_MEMBER_DEPTHS)];
 }
 
-// Of members that lie apart, each is less opaque than their mean depth says.
+// If members do not overlap, each is less opaque than their mean depth implies.
 fn as_cluster(mass: f32, i: u32) -> f32 {
     if HAS_MEMBER_DEPTHS {
         return mass * ein_share(mass * strengths[2u * i + 1u]);

@@ -8,7 +8,7 @@ fn clip_span(view: ViewUniform, pixel: vec2<f32>) -> vec2<f32> {
     let direction = ray_through(view, pixel);
     for (var i = 0u; i < view.clip_count; i = i + 1u) {
         let plane = view.clip_planes[i];
-        // The ray is at z D, or (orthographic) at (X, Y, z): inside where rate z + start >= 0.
+        // The ray is at z D, or (orthographic) at (X, Y, z); inside is rate z + start >= 0.
         let across = plane.x * direction.x + plane.y * direction.y;
         var rate = across + plane.z;
         var start = plane.w;
@@ -47,7 +47,8 @@ fn clip_share(
     var share = 1.0;
     for (var i = 0u; i < view.clip_count; i = i + 1u) {
         let plane = view.clip_planes[i];
-        // Of the point D / inverse depth (orthographic: X, Y, -inverse depth), times what is positive.
+        // Distance of the point D / inverse depth (orthographic: X, Y, -inverse depth), times a positive
+        // number.
         let across = plane.x * direction.x + plane.y * direction.y;
         var inside = across + plane.z + plane.w * inverse_depth;
         var rate = plane.w;
@@ -60,7 +61,7 @@ fn clip_share(
             shown.x * across_px.x + shown.y * across_px.y,
             shown.y * across_px.x + shown.z * across_px.y,
         );
-        // The variance of what a pixel shows is h² F.
+        // The variance of the part that a pixel shows is h² F.
         let of_slope = vec2<f32>(
             shown.x * slope.x + shown.y * slope.y,
             shown.y * slope.x + shown.z * slope.y,

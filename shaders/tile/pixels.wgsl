@@ -78,7 +78,7 @@ fn band_pixels(chunk: ChunkUniform, size: vec2<u32>) -> u32 {
     return size.x * min(chunk.band_size.y * TILE_SIZE, size.y - top);
 }
 
-// The ray D = (X, Y, 1) through a point of the image.
+// Returns the ray D = (X, Y, 1) through a point of the image.
 fn ray_through(view: ViewUniform, pixel: vec2<f32>) -> vec3<f32> {
     return vec3<f32>((pixel - view.centre_px) / view.focal_px, 1.0);
 }

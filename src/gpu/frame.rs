@@ -398,7 +398,7 @@ impl Frame {
                     .rev()
                     .fold(0.0, |sum, part| sum + f64::from(*part));
                 let density = sum * per_mass;
-                // NaN, were there one, would not be lost in `max`.
+                // Phrased so that `max` would not lose a NaN.
                 if !(density.abs() <= *largest) {
                     *largest = density.abs();
                 }

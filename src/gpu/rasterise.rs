@@ -19,10 +19,10 @@ use crate::record::{ExactTerms, Footprint, NearTerms, ViewUniform};
 use crate::scene::TransferFunction;
 use crate::splat::{Accumulate, Axes, Classify, Interval};
 
-/// What specialises the rasteriser.
+/// Settings that select a variant of the rasteriser.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct RasterSpec {
-    /// What happens to a kernel on a pixel, and what is asked for.
+    /// The variant on each axis, and the outputs.
     pub axes: Axes,
     /// Whether any kernel may cross the camera plane.
     pub near: bool,
@@ -182,7 +182,7 @@ impl RasterSpec {
         self.axes.interval == Interval::Surface
     }
 
-    /// Whether light asks how layers change.
+    /// Whether lighting needs the derivatives of layers.
     fn has_slopes(&self) -> bool {
         self.axes.classify == Classify::Slab { is_lit: true }
     }

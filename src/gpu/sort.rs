@@ -1,4 +1,4 @@
-//! Stage: the footprints' order, front to back.
+//! Stage: sorts the footprints, front to back.
 
 use super::device::Gpu;
 use super::kernel::{Access, BoundKernel, Kernel};

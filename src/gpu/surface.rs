@@ -73,7 +73,7 @@ pub(super) struct Surface {
 #[derive(Debug)]
 pub(super) struct BoundSurface {
     pub(super) tiles: BoundTiles,
-    /// Pixels from their layers.
+    /// Computes pixels from their layers.
     resolve: BoundKernel,
 }
 

@@ -69,7 +69,7 @@ impl Timer {
         })
     }
 
-    /// Forgets the last frame.
+    /// Clears the sums of the last frame.
     pub(super) fn clear(&mut self) {
         self.stages.clear();
     }

@@ -17,7 +17,7 @@ var<workgroup> layers_needed: atomic<u32>;
 var<private> ring: array<vec4<f32>, LAYER_SLOTS>;
 // Of sheets, which have one place: optical depth times depth.
 var<private> ring_depth: f32;
-// What lies behind the surface in the layer that it divides.
+// The part behind the surface, in the layer that the surface divides.
 var<private> divided: vec4<f32>;
 var<private> divided_depth: f32;
 // How what a layer carries, and its optical depth, change across it: with the pixel's column, its row and
@@ -32,9 +32,10 @@ var<private> pixel_centre: vec2<f32>;
 // The nearest open layer; NO_LAYER where all are closed for good.
 var<private> first_layer: u32;
 
-// Where a layer of slabs begins: depth z.
+// Returns the depth z at which a layer of slabs begins.
 fn layer_start(layer: u32) -> f32 {
-    // Whole numbers, which f32 holds where depths do: a sum of lengths would round them away.
+    // Whole multiples of the thickness, which are exact in f32 wherever depths are: a sum of lengths
+    // would accumulate roundings.
     return f32(view.layer_first + i32(layer)) * view.layer_thickness;
 }
 

@@ -7,13 +7,13 @@
 
 // Sums over the surfels of one layer of a pixel.
 struct Layer {
-    // Weights: what the surfels cover.
+    // Sum of weights: the coverage of the surfels.
     weight: f32,
     // Weight times inverse depth.
     inverse_depth: f32,
     // Weight times linear colour.
     colour: vec3<f32>,
-    // Weight times the unit normal, camera space; zero unless asked for.
+    // Weight times the unit normal, camera space; zero unless normals are written.
     normal: vec3<f32>,
 }
 
@@ -95,8 +95,9 @@ fn merged(a: Layer, b: Layer) -> Layer {
     return out;
 }
 
-// Adds a fragment to the layers of a pixel. In front of a layer: those behind move on, the last two
-// become one. Whatever is behind the others joins the last: what covers is never lost.
+// Adds a fragment to the layers of a pixel. If it lies in front of a layer, that layer and those behind
+// move back, and the last two are merged. A fragment behind all others joins the last layer, so that no
+// coverage is lost.
 fn insert(fragment: Fragment) {
     if is_nan(fragment.inverse_depth) {
         return;

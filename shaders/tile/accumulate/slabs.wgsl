@@ -6,7 +6,7 @@ fn layers_of(i: u32) -> vec2<u32> {
     let first = layer_of_key(i);
     var reach = reach_of(i, footprint);
     if !is_near_path(footprint.path) {
-        // No farther behind its centre than it begins before that: slopes are rounded.
+        // No farther behind its centre than its beginning is before it: slopes are rounded.
         reach = min(reach, footprint.depth - layer_start(first));
     }
     let end = footprint.depth + reach;
@@ -72,7 +72,7 @@ fn add(n: u32, footprint: TileFootprint, sample: Sample, ray: TileRay, side: u32
         }
         end = min(max(end, drawn_span.near), drawn_span.far);
         let above = max(share_before(footprint, sample, ray, end), below);
-        // A layer behind the surface is all behind it.
+        // A layer behind the surface lies wholly behind it.
         var divide = above;
         if layer_start(layer) < drawn_span.middle {
             divide = max(min(divide_at, above), below);

@@ -12,7 +12,7 @@ override HAS_SLOPES: bool = false;
 //
 // - `at`, `depth`: of the layer on the image, and its middle.
 fn direction_of(mean: f32, length: f32, slopes: Slopes, ray: vec3<f32>, depth: f32) -> vec3<f32> {
-    // Of the mean value, per pixel and per unit of z; then per thickness of a layer.
+    // Gradient of the mean value, per pixel and per unit of z; then per thickness of a layer.
     var slope = (slopes.carried - mean * slopes.length) * (view.layer_thickness / length);
     // Pixels grow with z under perspective.
     let per_px = select(depth, 1.0, view.orthographic != 0u);

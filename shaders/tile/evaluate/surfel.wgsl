@@ -18,7 +18,7 @@ fn prepare(n: u32, i: u32) {
     }
 }
 
-// What a surfel shows at a pixel.
+// The part of a surfel at a pixel.
 struct Fragment {
     // Nothing of it where this is false.
     exists: bool,

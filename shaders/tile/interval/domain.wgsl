@@ -62,7 +62,7 @@ fn share_inside(deviations: f32) -> f32 {
     return select(0.0, normal_cdf(clamp(deviations, -38.0, 38.0)), !is_nan(deviations));
 }
 
-// By the joint Gaussian of pixel and distance.
+// Cuts by the joint Gaussian of pixel and distance.
 fn affine_domain(plane: vec4<f32>, d: vec2<f32>) -> vec2<f32> {
     let deviations = plane.z + (plane.x * d.x + plane.y * d.y);
     if plane.w > 0.0 {
@@ -85,7 +85,7 @@ fn exact_domain(
     if rate == 0.0 {
         return vec2<f32>(0.0, select(1.0, 0.0, start < 0.0));
     }
-    // From the centre's depth on, so that nothing cancels.
+    // Relative to the centre's depth, so that nothing cancels.
     let share = share_inside((-start / rate - sample.beyond) * sample.per_sigma);
     if rate > 0.0 {
         return vec2<f32>(share, 1.0);
@@ -93,12 +93,12 @@ fn exact_domain(
     return vec2<f32>(0.0, share);
 }
 
-// Of what lies in front of the eye.
+// Cuts the part of a near kernel in front of the eye.
 fn near_domain(footprint: TileFootprint, plane: vec4<f32>, ray: TileRay) -> vec2<f32> {
     let is_inside = plane.w > 0.0;
     if (footprint.path & 3u) == PATH_NEAR {
         let per_depth = dot3(plane.xyz, ray_through(view, ray.pixel));
-        // The eye is inside or not, and the plane lies ahead or not.
+        // Cases: the eye is inside or outside, the plane lies ahead or behind.
         if per_depth > 0.0 {
             let share = near_share(footprint, ray.pixel, min(1.0 / per_depth, LARGEST));
             return select(vec2<f32>(share, 1.0), vec2<f32>(0.0, share), is_inside);
