@@ -53,7 +53,7 @@ pub(crate) enum Carries {
 pub(crate) struct PassPlan {
     /// The group of volumes that the pass draws.
     pub(crate) draws: Draws,
-    /// The variant of the rasteriser.
+    /// Returns the variant of the rasteriser.
     pub(crate) axes: Axes,
     /// The quantity carried from stage to stage besides positions and masses.
     pub(crate) carries: Carries,
@@ -274,7 +274,7 @@ impl FramePlan {
         })
     }
 
-    /// Returns the rule that classifies kernels.
+    /// Rule that classifies kernels.
     pub(crate) fn classified_by(&self) -> ClassifiedBy {
         ClassifiedBy::of(self.choice.classified_by)
     }
@@ -380,7 +380,7 @@ fn may_be_exact(camera: &Camera, filter: Filter) -> bool {
 }
 
 impl Composite {
-    /// Way to combine the kernels of a pixel.
+    /// Ways to combine the kernels of a pixel.
     pub(crate) fn accumulate(self) -> Accumulate {
         match self {
             Self::Over => Accumulate::Over,

@@ -85,7 +85,7 @@ pub struct Axes {
     pub interval: Interval,
     /// Whether the boundary of their domain may cut kernels, each at planes of its own.
     pub edges: bool,
-    /// Way to combine the kernels of a pixel.
+    /// Ways to combine the kernels of a pixel.
     pub accumulate: Accumulate,
     /// The quantity that the transfer function is applied to.
     pub classify: Classify,

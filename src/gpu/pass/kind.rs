@@ -1,10 +1,10 @@
-//! What makes the passes of frames differ: their buffers and pipelines are made for it.
+//! Defines the kind of a pass, for which its buffers and pipelines are made.
 
 use crate::record::ClassifiedBy;
 use crate::render::plan::{FramePlan, PassPlan};
 use crate::splat::{Accumulate, Axes};
 
-/// What makes a pass' buffers and pipelines differ from another's of the same scene.
+/// Properties by which a pass' buffers and pipelines differ from another's of the same scene.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::gpu) struct PassKind {
     pub(super) size: [u32; 2],
@@ -12,7 +12,7 @@ pub(in crate::gpu) struct PassKind {
     orthographic: u32,
     /// Whether merged particles may be drawn.
     pub(super) detail: bool,
-    /// Returns the rule that classifies kernels.
+    /// Rule that classifies kernels.
     pub(super) classified_by: ClassifiedBy,
     pub(super) lights_particles: bool,
     /// Whether colours are composited as sRGB codes.

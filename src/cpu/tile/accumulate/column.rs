@@ -128,7 +128,7 @@ fn tiles(view: &ViewUniform) -> [usize; 2] {
 }
 
 impl ColumnSums {
-    /// Clears the sums of the last frame.
+    /// Clears the last frame's passes.
     pub fn clear(&mut self) {
         self.tasks.clear();
         self.starts.clear();
