@@ -1,7 +1,8 @@
-// Planes that clip. Twins: `clip_span` in src/cpu/tile/interval/cut.rs, `ClipEdges` in src/cpu/tile/interval/edges.rs.
+// Clips at planes. Twins: `clip_span` in src/cpu/tile/interval/cut.rs, `ClipEdges` in
+// src/cpu/tile/interval/edges.rs.
 
-// Between which depths planes leave something of the ray through a point of the image, -LARGEST and
-// LARGEST where nothing ends it; from LARGEST to LARGEST where they leave nothing.
+// Returns the depths between which the ray through a point of the image lies inside the clip planes;
+// -LARGEST and LARGEST if nothing ends it, from LARGEST to LARGEST if no part does.
 fn clip_span(view: ViewUniform, pixel: vec2<f32>) -> vec2<f32> {
     var from_depth = -LARGEST;
     var to_depth = LARGEST;
@@ -30,12 +31,12 @@ fn clip_span(view: ViewUniform, pixel: vec2<f32>) -> vec2<f32> {
     return vec2<f32>(LARGEST);
 }
 
-// The share of a surfel that planes leave of what a pixel shows of it, Phi of how far that lies inside
-// them in standard deviations of the low-pass filter; 0 beyond the softness.
+// Returns the share of a surfel's part in a pixel that planes keep: Phi of its distance inside them, in
+// standard deviations of the low-pass filter; 0 beyond the softness.
 //
-// - `at`: where what it shows lies on the image; `inverse_depth`, `gradient`: of the surfel's plane there, and
-//   its change per pixel.
-// - `shown`: how `at` changes per pixel, a symmetric matrix: xx, xy, yy.
+// - `at`: position of this part on the image; `inverse_depth`, `gradient`: inverse depth of the surfel's
+//   plane there, and its change per pixel.
+// - `shown`: change of `at` per pixel, a symmetric matrix: xx, xy, yy.
 fn clip_share(
     view: ViewUniform,
     at: vec2<f32>,

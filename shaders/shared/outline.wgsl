@@ -1,5 +1,5 @@
-// Where a footprint's cut-off ends on the image, and which rectangles of pixels it meets.
-// Twin: src/splat/outline.rs, which says why.
+// Computes the outline of a footprint's cut-off on the image, and tests which rectangles of pixels it
+// meets. Twin: src/splat/outline.rs, which explains why.
 
 // Q(d) - r² w(d) = 0, a convex quadratic of the pixel offset.
 struct KernelOutline {
@@ -59,20 +59,20 @@ fn kernel_value(outline: KernelOutline, d: vec2<f32>) -> f32 {
     return q - w - outline.cutoff_squared;
 }
 
-// Whether a point is inside. Not a number counts as inside, as it does on the CPU.
+// Returns whether a point is inside. NaN counts as inside, as on the CPU.
 fn kernel_inside(outline: KernelOutline, d: vec2<f32>) -> bool {
     let value = kernel_value(outline, d);
     // A small slack: the value at a needle's edge is a difference of large numbers.
     return is_nan(value) || !(value > outline.cutoff_squared * 1e-4);
 }
 
-// Between two numbers; the lower one for what is not a number.
+// Clamps to two numbers; NaN gives the lower one.
 fn clamped(x: f32, lower: f32, upper: f32) -> f32 {
     return select(min(max(x, lower), upper), lower, is_nan(x));
 }
 
-// Whether the rectangle between two offsets meets the inside. The least value in a rectangle that does not hold the
-// middle lies on an edge that faces it.
+// Returns whether the rectangle between two offsets meets the inside. In a rectangle that does not contain the
+// middle, the least value lies on an edge that faces the middle.
 fn kernel_touches(outline: KernelOutline, lower: vec2<f32>, upper: vec2<f32>) -> bool {
     if is_nan(lower.x) || is_nan(lower.y) {
         return true;
@@ -171,7 +171,7 @@ fn plane_inside(outline: PlaneOutline, d: vec2<f32>) -> bool {
     return is_nan(q) || is_nan(reach) || (reach >= 0.0 && !is_above(q, reach * reach));
 }
 
-// Whether the rectangle between two offsets meets the inside.
+// Returns whether the rectangle between two offsets meets the inside.
 fn plane_touches(outline: PlaneOutline, lower: vec2<f32>, upper: vec2<f32>) -> bool {
     if is_nan(lower.x) || is_nan(lower.y) {
         return true;

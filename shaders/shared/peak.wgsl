@@ -1,13 +1,14 @@
-// Splats of radiance fields, whose opacity is stated. Twin: src/splat/peak.rs.
+// Draws splats of radiance fields, whose opacity is stated. Twin: src/splat/peak.rs.
 
-// A splat's projection and footprint, where the rule draws anything.
+// A splat's projection and footprint, if the rule draws it.
 struct PeakFootprint {
     exists: bool,
     screen: ScreenFactor,
     image: ImageKernel,
 }
 
-// The footprint of a splat, its `tau` the opacity at the centre. `kernel.mass` is the peak opacity.
+// Returns the footprint of a splat, with `tau` the opacity at the centre. `kernel.mass` is the peak
+// opacity.
 fn peak_footprint(view: ViewUniform, kernel: Kernel, is_anti_aliased: bool) -> PeakFootprint {
     var out: PeakFootprint;
     let z = kernel.centre.z;

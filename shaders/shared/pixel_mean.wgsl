@@ -1,7 +1,7 @@
-// Means of footprints over pixels, where columns are summed. Twin: src/splat/pixel_mean.rs.
+// Computes the means of footprints over pixels, for sums of columns. Twin: src/splat/pixel_mean.rs.
 
 struct PixelMean {
-    // Whether footprints are not sampled at centres.
+    // True if the footprint is averaged over pixels rather than sampled at their centres.
     is_mean: bool,
     has_rows: bool,
     is_sampled: bool,
@@ -19,7 +19,7 @@ struct Band {
     per_sigma: f32,
 }
 
-// Phi(x) within 3e-7. Twin: `cdf_near` in src/math/lane.rs.
+// Returns Phi(x) within 3e-7. Twin: `cdf_near` in src/math/lane.rs.
 fn cdf_near(place: f32) -> f32 {
     let x = clamp(place, -CDF_REACH, CDF_REACH);
     let u = x * x * (2.0 / (CDF_REACH * CDF_REACH)) - 1.0;

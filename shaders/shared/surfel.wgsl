@@ -1,7 +1,7 @@
-// Surfels of an opaque surface: flat kernels that are averaged, not absorbed.
-// Twin: src/splat/surfel.rs, which says where the numbers come from.
+// Computes surfels of an opaque surface: flat kernels that are averaged, not absorbed. Twin:
+// src/splat/surfel.rs, which explains the numbers.
 
-// A surfel on the image; none where it is seen from behind and has one side, or is no surfel.
+// A projected surfel; none if it is one-sided and seen from behind, or is not a surfel.
 struct SurfelFootprint {
     exists: bool,
     screen: ScreenFactor,
@@ -9,7 +9,7 @@ struct SurfelFootprint {
     terms: SurfelTerms,
 }
 
-// The footprint of a surfel in front of the eye, its mass the area.
+// Returns the footprint of a surfel in front of the eye; the kernel's mass is the area.
 fn surfel_footprint(
     view: ViewUniform,
     kernel: Kernel,
@@ -103,8 +103,8 @@ fn widest(first: vec3<f32>, second: vec3<f32>) -> f32 {
     return unit * sqrt(0.5 * (aa + bb) + sqrt(half_difference * half_difference + ab * ab));
 }
 
-// What a surfel that reaches the camera plane is evaluated by, and its weight at the centre: the
-// first three of the terms' misses are A, B and N.
+// Returns the terms of a surfel that reaches the camera plane, and its weight at the centre. The first
+// three of the terms' misses are A, B and N.
 fn near_surfel(kernel: Kernel, is_one_sided: bool) -> NearKernel {
     var out: NearKernel;
     var c = columns(kernel.factor);

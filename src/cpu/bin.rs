@@ -61,7 +61,7 @@ impl Bins {
         self.chunks.iter().map(|c| c.list.len()).sum()
     }
 
-    /// Whether all lists are empty.
+    /// Returns whether all lists are empty.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }

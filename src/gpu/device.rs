@@ -39,7 +39,7 @@ pub struct Gpu {
     kernels: KernelCache,
     info: wgpu::AdapterInfo,
     fault: Arc<Mutex<Option<String>>>,
-    /// Whether the caller opened the device. If so, uncaught errors are the caller's.
+    /// True if the caller opened the device. If so, uncaught errors are the caller's.
     is_callers: bool,
 }
 
@@ -113,7 +113,7 @@ pub fn device_descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'sta
 const ADAPTER_VARIABLE: &str = "EWA_ADAPTER";
 
 impl Gpu {
-    /// Whether the environment variable `EWA_ADAPTER` asks for a certain adapter.
+    /// Returns whether the environment variable `EWA_ADAPTER` asks for a certain adapter.
     pub fn is_adapter_named() -> bool {
         Self::adapter_name().is_some()
     }
@@ -270,7 +270,7 @@ impl Gpu {
         &self.queue
     }
 
-    /// Whether the environment variable `EWA_ADAPTER` asks for this adapter.
+    /// Returns whether the environment variable `EWA_ADAPTER` asks for this adapter.
     pub fn is_named(&self) -> bool {
         let own = self.adapter().to_lowercase();
         Self::adapter_name().is_some_and(|name| own.contains(&name.to_lowercase()))
@@ -281,7 +281,7 @@ impl Gpu {
         is_software(&self.info)
     }
 
-    /// Whether stages can be timed.
+    /// Returns whether stages can be timed.
     pub fn has_timestamps(&self) -> bool {
         self.device.features().contains(Features::TIMESTAMP_QUERY)
     }

@@ -44,7 +44,7 @@ pub(crate) struct DeviceScene {
 #[derive(Debug, PartialEq)]
 struct FrameKind {
     passes: Vec<PassKind>,
-    /// Whether the picture stays on the device.
+    /// True if the picture stays on the device.
     stays: bool,
 }
 

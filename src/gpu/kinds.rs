@@ -87,15 +87,15 @@ pub(super) struct Kinds {
     pub(super) colour: ColourKind,
     /// Coefficients of a colour channel; 0 without harmonics.
     pub(super) harmonics_count: u32,
-    /// Whether harmonics sum to linear light instead of sRGB codes.
+    /// True if harmonics sum to linear light instead of sRGB codes.
     pub(super) has_linear_harmonics: bool,
-    /// Whether its particles are merged ones.
+    /// True if its particles are merged ones.
     pub(super) is_merged: bool,
-    /// Whether each strength is followed by the depth of its members.
+    /// True if each strength is followed by the depth of its members.
     pub(super) has_member_depths: bool,
-    /// Whether it is lit.
+    /// True if it is lit.
     pub(super) is_lit: bool,
-    /// Whether normals are stored.
+    /// True if normals are stored.
     pub(super) has_normals: bool,
 }
 
@@ -151,12 +151,12 @@ impl Kinds {
         }
     }
 
-    /// Whether particles are cells of a lattice.
+    /// Returns whether particles are cells of a lattice.
     pub(super) fn is_lattice(&self) -> bool {
         self.particles == ParticleKind::Lattice
     }
 
-    /// Whether blocks may be transparent.
+    /// Returns whether blocks may be transparent.
     pub(super) fn may_be_transparent(&self) -> bool {
         self.strength != StrengthKind::Given
     }

@@ -43,13 +43,13 @@ pub(super) struct ProjectSpec {
     pub(super) filter: Filter,
     pub(super) is_orthographic: bool,
     pub(super) rule: Rule,
-    /// Whether opaque surfaces may cut kernels.
+    /// True if opaque surfaces may cut kernels.
     pub(super) is_cut: bool,
-    /// Whether the boundary of their domain may cut any kernel of the pass.
+    /// True if the boundary of their domain may cut any kernel of the pass.
     pub(super) has_edges: bool,
     /// Word of the counts with the number of classified particles.
     pub(super) count_index: u32,
-    /// Whether the particles are pieces, whose terms follow them at the offset in the first word of the
+    /// True if the particles are pieces, whose terms follow them at the offset in the first word of the
     /// counts.
     pub(super) has_pieces: bool,
 }

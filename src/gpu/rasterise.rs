@@ -24,11 +24,11 @@ use crate::splat::{Accumulate, Axes, Classify, Interval};
 pub struct RasterSpec {
     /// The variant on each axis, and the outputs.
     pub axes: Axes,
-    /// Whether any kernel may cross the camera plane.
+    /// True if any kernel may cross the camera plane.
     pub near: bool,
     /// Greatest number of layers that a pixel keeps open: 1, or 16, 32, 64 or 256 for slabs.
     pub slots: u32,
-    /// Whether open layers may have to be carried from one dispatch to the next.
+    /// True if open layers may have to be carried from one dispatch to the next.
     pub carries: bool,
 }
 
@@ -177,12 +177,12 @@ impl RasterSpec {
         words + u64::from(carried)
     }
 
-    /// Whether opaque surfaces lie among the kernels.
+    /// Returns whether opaque surfaces lie among the kernels.
     pub(super) fn has_surface(&self) -> bool {
         self.axes.interval == Interval::Surface
     }
 
-    /// Whether lighting needs the derivatives of layers.
+    /// Returns whether lighting needs the derivatives of layers.
     fn has_slopes(&self) -> bool {
         self.axes.classify == Classify::Slab { is_lit: true }
     }

@@ -44,7 +44,7 @@ impl Background {
         }
     }
 
-    /// Whether the stage changes pixels.
+    /// Returns whether the stage changes pixels.
     pub(super) fn is_needed(&self) -> bool {
         self.is_shown != 0 || self.is_encoded != 0
     }

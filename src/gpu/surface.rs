@@ -34,16 +34,16 @@ pub(super) const SHADER: Shader = Shader::new(
 /// Variant of the rasteriser of surfels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct SurfaceSpec {
-    /// Whether any surfel may reach the camera plane.
+    /// True if any surfel may reach the camera plane.
     pub near: bool,
-    /// Whether normals are written.
+    /// True if normals are written.
     pub normals: bool,
-    /// Whether pixels count the surfels that they evaluate within their cut-off, in all three
+    /// True if pixels count the surfels that they evaluate within their cut-off, in all three
     /// colours, instead of showing them.
     pub count: bool,
-    /// Whether clip planes cut surfels.
+    /// True if clip planes cut surfels.
     pub clip: bool,
-    /// Whether the surface is the whole picture. If so, a pixel has a depth if the surface covers half of
+    /// True if the surface is the whole picture. If so, a pixel has a depth if the surface covers half of
     /// it. Among volumes it has a depth if the surface covers any part of it.
     pub is_picture: bool,
 }

@@ -53,11 +53,11 @@ pub(crate) enum Carries {
 pub(crate) struct PassPlan {
     /// The group of volumes that the pass draws.
     pub(crate) draws: Draws,
-    /// Returns the variant of the rasteriser.
+    /// The variant of the rasteriser.
     pub(crate) axes: Axes,
     /// The quantity carried from stage to stage besides positions and masses.
     pub(crate) carries: Carries,
-    /// Whether particles are lit.
+    /// True if particles are lit.
     pub(crate) lights_particles: bool,
     /// The layers in which kernels are summed, if the composite has any. Depth keys are numbers of these
     /// layers.
@@ -73,7 +73,7 @@ pub(crate) struct FramePlan {
     pub(crate) camera: Camera,
     /// The camera's frustum, widened by the reach of the low-pass filter.
     pub(crate) frustum: Frustum,
-    /// Whether blocks outside the frustum are left out. Uniform scaling enlarges kernels beyond any
+    /// True if blocks outside the frustum are left out. Uniform scaling enlarges kernels beyond any
     /// reach, so it culls nothing.
     pub(crate) culls: bool,
     /// Rules by which blocks choose their filter.
@@ -82,11 +82,11 @@ pub(crate) struct FramePlan {
     pub(crate) lighting: Option<LightingUniform>,
     /// Linear RGB behind everything.
     pub(crate) background: Option<[f32; 3]>,
-    /// Whether colours are composited as sRGB codes, and decoded afterwards.
+    /// True if colours are composited as sRGB codes, and decoded afterwards.
     pub(crate) is_encoded: bool,
-    /// Whether depths are written.
+    /// True if depths are written.
     pub(crate) depth: bool,
-    /// Whether normals of opaque surfaces are wanted.
+    /// True if normals of opaque surfaces are wanted.
     pub(crate) normals: bool,
     /// The passes in drawing order: surfaces first.
     pub(crate) passes: Vec<PassPlan>,
@@ -274,7 +274,7 @@ impl FramePlan {
         })
     }
 
-    /// Rule that classifies kernels.
+    /// Returns the rule that classifies kernels.
     pub(crate) fn classified_by(&self) -> ClassifiedBy {
         ClassifiedBy::of(self.choice.classified_by)
     }
@@ -380,7 +380,7 @@ fn may_be_exact(camera: &Camera, filter: Filter) -> bool {
 }
 
 impl Composite {
-    /// Ways to combine the kernels of a pixel.
+    /// Returns the way in which the kernels of a pixel are combined.
     pub(crate) fn accumulate(self) -> Accumulate {
         match self {
             Self::Over => Accumulate::Over,

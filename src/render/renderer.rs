@@ -59,7 +59,7 @@ pub struct Renderer {
     pub(super) device: Option<Device>,
     /// The ranks that draw instead of either, if the scene's particles are partitioned among ranks.
     ranks: Option<RankFrames>,
-    /// Whether the CPU draws the frames that the device cannot.
+    /// True if the CPU draws the frames that the device cannot.
     falls_back: bool,
     /// Reason why the CPU drew the last frame although there is a device.
     pub(super) fallback: Option<String>,

@@ -24,7 +24,7 @@ pub struct Settings {
     /// low-pass filter alone, and others by the resampling filter. With thresholds no kernel is exact,
     /// and none is merged.
     pub thresholds: Option<[f32; 2]>,
-    /// Whether particles far smaller than a pixel are drawn merged, under [`Filter::Adaptive`].
+    /// True if particles far smaller than a pixel are drawn merged, under [`Filter::Adaptive`].
     pub level_of_detail: bool,
     /// Factor on the error that merging may use of the tolerance; 1 keeps the tolerance. Larger values
     /// suit pictures in motion, whose time depends on the number of kernels when pixels are few. An error
@@ -49,15 +49,15 @@ pub struct Settings {
     pub blend: Blend,
     /// Linear RGB of the background; `None` leaves the image transparent.
     pub background: Option<[f32; 3]>,
-    /// Whether to return a depth image.
+    /// True if to return a depth image.
     pub depth: bool,
-    /// Whether to return the normals of opaque surfels.
+    /// True if to return the normals of opaque surfels.
     pub normals: bool,
     /// The instruction set of the rasteriser.
     pub simd: SimdLevel,
     /// Light on surfels and on volumes that have normals; `None` shows colours as they are.
     pub lighting: Option<Lighting>,
-    /// Whether a kernel smaller than a pixel is as opaque as it would be alone.
+    /// True if a kernel smaller than a pixel is as opaque as it would be alone.
     ///
     /// The low-pass filter spreads optical depths. A kernel that fills a tenth of a pixel with a depth of
     /// 10 hides a fifth of the pixel, but is drawn as hiding more than half

@@ -71,7 +71,7 @@ pub enum Classify {
     Particle,
     /// The mean value of each slab of each pixel; particles carry their values.
     Slab {
-        /// Whether slabs are lit.
+        /// True if slabs are lit.
         is_lit: bool,
     },
 }
@@ -79,24 +79,24 @@ pub enum Classify {
 /// The variant of a pass's rasteriser: an answer on each axis, and the outputs besides a colour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct Axes {
-    /// Whether any footprint may be on the exact path.
+    /// True if any footprint may be on the exact path.
     pub may_be_exact: bool,
     /// The part of a ray that counts.
     pub interval: Interval,
-    /// Whether the boundary of their domain may cut kernels, each at planes of its own.
+    /// True if the boundary of their domain may cut kernels, each at planes of its own.
     pub edges: bool,
-    /// Ways to combine the kernels of a pixel.
+    /// Way to combine the kernels of a pixel.
     pub accumulate: Accumulate,
     /// The quantity that the transfer function is applied to.
     pub classify: Classify,
     /// Opacity min(tau, 1) instead of 1 - exp(-tau), for all footprints. Splats that state their opacity
     /// always use it.
     pub linear_opacity: bool,
-    /// Whether depths are written.
+    /// True if depths are written.
     pub depth: bool,
-    /// Whether the normals of opaque surfaces are written.
+    /// True if the normals of opaque surfaces are written.
     pub normals: bool,
-    /// Whether pixels count the kernels that they evaluate within their cut-off, in all three colours,
+    /// True if pixels count the kernels that they evaluate within their cut-off, in all three colours,
     /// instead of showing them.
     pub count: bool,
 }

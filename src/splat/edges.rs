@@ -76,7 +76,7 @@ impl Edges {
         self.is_outside
     }
 
-    /// Whether no plane cuts the kernel.
+    /// Returns whether no plane cuts the kernel.
     #[inline]
     pub fn is_empty(&self) -> bool {
         self.count == 0

@@ -48,9 +48,9 @@ pub(crate) const BAND_NODES: [[f32; 2]; 4] = [
 /// A footprint with a variance below [`SAMPLED_FROM_PX2`] along at least one axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PixelMean {
-    /// Whether bands are rows (otherwise columns).
+    /// True if bands are rows (otherwise columns).
     pub(crate) has_rows: bool,
-    /// Whether the masses of bands are sampled at their middles.
+    /// True if the masses of bands are sampled at their middles.
     is_sampled: bool,
     /// The mass of all bands together; if their masses are sampled, the mass of the band through the centre \[px\].
     mass: f32,

@@ -46,7 +46,7 @@ pub(super) struct Shared<'a> {
     pub(super) filter: Filter,
     /// [`Block::crowding`](crate::blocks::Block::crowding).
     pub(super) crowding: f32,
-    /// Whether kernels may be cut, and need terms of their depth.
+    /// True if kernels may be cut, and need terms of their depth.
     pub(super) is_cut: bool,
 }
 
@@ -83,7 +83,7 @@ impl Batch {
         }
     }
 
-    /// Whether kernels with this filter are projected in lanes.
+    /// Returns whether kernels with this filter are projected in lanes.
     pub(super) fn takes(filter: Filter) -> bool {
         // The speed of the comparison method's enlargement does not matter.
         filter != Filter::UniformScaling

@@ -45,10 +45,10 @@ pub struct ProjectInput<'a> {
     pub view: &'a ViewUniform,
     /// Rotation from the world into camera space.
     pub rotation: Mat3,
-    /// Whether kernels may be cut by surfaces, clip planes or slabs. If so, all have terms that describe
+    /// True if kernels may be cut by surfaces, clip planes or slabs. If so, all have terms that describe
     /// their depth.
     pub is_cut: bool,
-    /// Whether the boundary of their domain may cut any kernel of the pass. If so, all have terms, which
+    /// True if the boundary of their domain may cut any kernel of the pass. If so, all have terms, which
     /// state whether it does.
     pub has_edges: bool,
     /// Instruction set of the loops over kernels. Footprints are the same at every level.
@@ -101,7 +101,7 @@ struct Projection<'a> {
     output: &'a ProjectOutput,
     shapes: Shapes<'a>,
     rule: Rule,
-    /// Whether a cut exposes the inside of a closed surface.
+    /// True if a cut exposes the inside of a closed surface.
     is_opened: bool,
     cuts_kernels: bool,
 }
@@ -175,9 +175,9 @@ struct Run<'a> {
     shapes: BlockShapes<'a>,
     origin: Vec3,
     filter: Filter,
-    /// Whether its kernels are projected in lanes, unless a kernel needs special treatment.
+    /// True if its kernels are projected in lanes, unless a kernel needs special treatment.
     is_in_lanes: bool,
-    /// Whether each particle's opacity is that of a lone kernel.
+    /// True if each particle's opacity is that of a lone kernel.
     is_lone: bool,
 }
 

@@ -57,8 +57,8 @@ pub(super) struct BlockShapes<'a> {
 }
 
 impl BlockShapes<'_> {
-    /// Returns the axis of a piece in the frame of the factor's columns in camera space. A sphere's
-    /// columns are the world's axes, rotated by the camera; all other axes turn with the kernel.
+    /// Returns the axis of a piece in the frame of the factor's columns in camera space. For a sphere these are
+    /// the camera's axes, so its axis is rotated. All other axes turn with the kernel.
     #[inline]
     pub(super) fn axis(&self, piece: &PieceTerms) -> Vec3 {
         let axis = Vec3::from(piece.axis);

@@ -37,7 +37,7 @@ pub(super) enum BoundRaster {
 pub(super) const CLASSIFIED_COUNT: u32 =
     (std::mem::offset_of!(crate::record::PartState, classified_count) / 4) as u32;
 
-/// Makes the buffers and bindings of a pass, for frames of one kind.
+/// Buffers and bindings of a pass, for frames of one kind.
 #[derive(Debug)]
 pub(in crate::gpu) struct PassFrame {
     pub(super) buffers: FrameBuffers,

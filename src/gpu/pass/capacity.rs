@@ -17,14 +17,14 @@ pub(super) struct Capacity {
     pub(super) classified: Vec<u32>,
     /// Kernels that cross the camera plane, and those that the boundary of their domain cuts.
     pub(super) near: u32,
-    /// Whether kernels across the camera plane have been seen. Otherwise the rasteriser is compiled
+    /// True if kernels across the camera plane have been seen. Otherwise the rasteriser is compiled
     /// without code for them.
     pub(super) crossing: bool,
     /// Entries of the tiles' lists of a chunk.
     pub(super) entries: u32,
     /// Footprints of a depth chunk.
     pub(super) chunk: u32,
-    /// Whether exact footprints have been seen. Otherwise the rasteriser is compiled without code for
+    /// True if exact footprints have been seen. Otherwise the rasteriser is compiled without code for
     /// them.
     pub(super) exact: bool,
     /// Layers that a pixel keeps open, one of [`LAYER_SLOTS`]; for slabs.

@@ -10,12 +10,12 @@ pub(in crate::gpu) struct PassKind {
     pub(super) size: [u32; 2],
     filter: u32,
     orthographic: u32,
-    /// Whether merged particles may be drawn.
+    /// True if merged particles may be drawn.
     pub(super) detail: bool,
     /// Rule that classifies kernels.
     pub(super) classified_by: ClassifiedBy,
     pub(super) lights_particles: bool,
-    /// Whether colours are composited as sRGB codes.
+    /// True if colours are composited as sRGB codes.
     pub(super) is_encoded: bool,
     pub(super) axes: Axes,
 }
@@ -34,7 +34,7 @@ impl PassKind {
         }
     }
 
-    /// Whether kernels are summed into column densities.
+    /// Returns whether kernels are summed into column densities.
     pub(super) fn is_column(&self) -> bool {
         self.axes.accumulate == Accumulate::Column
     }

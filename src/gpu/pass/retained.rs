@@ -21,7 +21,7 @@ use crate::stats::FrameCounts;
 #[derive(Debug)]
 pub(in crate::gpu) struct Pass {
     pub(in crate::gpu) draws: Draws,
-    /// Whether its pixels are the picture, as for surfaces without volumes.
+    /// True if its pixels are the picture, as for surfaces without volumes.
     is_picture: bool,
     pub(in crate::gpu) scene: Scene,
     pub(super) capacity: Capacity,

@@ -128,7 +128,7 @@ fn tiles(view: &ViewUniform) -> [usize; 2] {
 }
 
 impl ColumnSums {
-    /// Clears the last frame's passes.
+    /// Clears the sums of the last frame.
     pub fn clear(&mut self) {
         self.tasks.clear();
         self.starts.clear();

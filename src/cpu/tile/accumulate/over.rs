@@ -112,7 +112,7 @@ struct Light {
     /// Opacity min(tau, 1) instead of 1 - exp(-tau).
     is_linear: bool,
     has_depth: bool,
-    /// Whether pixels count kernels instead of showing them.
+    /// True if pixels count kernels instead of showing them.
     is_count: bool,
 }
 

@@ -18,7 +18,7 @@ pub(super) struct Layer {
     pub(super) depth: Plane,
     /// Derivatives of the sums, if lighting needs them.
     pub(super) slopes: Option<Box<Slopes>>,
-    /// Whether anything was added since the last clear.
+    /// True if anything was added since the last clear.
     pub(super) is_used: bool,
 }
 

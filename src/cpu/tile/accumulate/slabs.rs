@@ -20,11 +20,11 @@ pub(in crate::cpu::tile) struct IntoSlabs<'a> {
     pub(super) cut: Option<Cut<'a>>,
     /// First and last layer that the kernel reaches.
     pub(super) layers: [u32; 2],
-    /// Whether a surface divides the layers.
+    /// True if a surface divides the layers.
     pub(super) has_surface: bool,
-    /// Whether kernels carry values, and not colours.
+    /// True if kernels carry values, and not colours.
     pub(super) has_values: bool,
-    /// Whether lighting needs the derivatives of layers.
+    /// True if lighting needs the derivatives of layers.
     pub(super) has_slopes: bool,
     /// The tile in which kernels are counted, for a picture of counts.
     pub(super) count: Option<&'a mut Tile>,

@@ -27,7 +27,7 @@ pub(in crate::cpu::tile) struct ExactAt {
     pub(in crate::cpu::tile) q: f32,
     /// 1 / w.
     pub(in crate::cpu::tile) inverse: f32,
-    /// Whether the ray meets the kernel in front of the eye.
+    /// True if the ray meets the kernel in front of the eye.
     pub(in crate::cpu::tile) is_ahead: bool,
 }
 

@@ -137,7 +137,7 @@ pub(in crate::cpu::tile) struct CutTile<'a> {
     /// The picture behind the surface, for pixels that it covers in part.
     pub(in crate::cpu::tile) behind: &'a mut Tile,
     pub(in crate::cpu::tile) spans: &'a Spans,
-    /// Whether the surface covers any pixel in part.
+    /// True if the surface covers any pixel in part.
     pub(in crate::cpu::tile) is_partial: bool,
 }
 
