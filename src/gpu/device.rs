@@ -168,7 +168,7 @@ impl Gpu {
     /// As [`Gpu::open`], without waiting: for browsers, which must not block.
     ///
     /// # Errors
-    /// Those of [`Gpu::open`].
+    /// The errors of [`Gpu::open`].
     pub async fn open_async(choice: AdapterChoice) -> Result<Self> {
         Self::find(choice, Self::adapter_name().as_deref()).await
     }
@@ -177,7 +177,7 @@ impl Gpu {
     /// precedence over the choice.
     ///
     /// # Errors
-    /// Those of [`Gpu::open`].
+    /// The errors of [`Gpu::open`].
     pub fn open_named(choice: AdapterChoice, name: Option<&str>) -> Result<Self> {
         pollster::block_on(Self::find(choice, name))
     }
@@ -330,7 +330,7 @@ impl Gpu {
     /// Drives a future that the device completes, waiting for the device in between.
     ///
     /// # Errors
-    /// Those of the future and of [`Gpu::wait`]. In a browser, which cannot wait, a future that does not
+    /// The errors of the future and of [`Gpu::wait`]. In a browser, which cannot wait, a future that does not
     /// complete at once.
     pub(crate) fn block_on<T>(&self, future: impl Future<Output = Result<T>>) -> Result<T> {
         let mut future = pin!(future);

@@ -68,7 +68,7 @@ impl DeviceScene {
     /// the device. If the future is dropped before its end, the scene stays as it was.
     ///
     /// # Errors
-    /// Those of [`DrawFrames::draw`]; a texture of another size than the plan's, or of an unsupported
+    /// The errors of [`DrawFrames::draw`]; a texture of another size than the plan's, or of an unsupported
     /// format or kind.
     pub(crate) async fn draw_to(
         &mut self,

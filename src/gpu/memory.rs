@@ -97,7 +97,7 @@ impl Gpu {
     /// Makes a storage buffer with the contents `values`.
     ///
     /// # Errors
-    /// Those of [`Gpu::buffer`].
+    /// The errors of [`Gpu::buffer`].
     pub(super) fn upload<T: Pod>(&self, label: &str, values: &[T]) -> Result<wgpu::Buffer> {
         let bytes: &[u8] = bytemuck::cast_slice(values);
         let buffer = self.buffer(label, bytes.len() as u64)?;
@@ -108,7 +108,7 @@ impl Gpu {
     /// Makes a uniform buffer with the contents `value`. Stages on the device may write it as storage.
     ///
     /// # Errors
-    /// Those of [`Gpu::buffer`].
+    /// The errors of [`Gpu::buffer`].
     pub(super) fn uniform<T: Pod>(&self, label: &str, value: &T) -> Result<wgpu::Buffer> {
         self.uniform_list(label, std::slice::from_ref(value))
     }

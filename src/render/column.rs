@@ -29,7 +29,7 @@ impl Renderer {
     /// After this call [`Renderer::counts`] and [`Renderer::times`] describe this frame.
     ///
     /// # Errors
-    /// Those of [`Renderer::render`]; a result beyond f32; splats that state a peak opacity.
+    /// The errors of [`Renderer::render`]; a result beyond f32; splats that state a peak opacity.
     ///
     /// # Errors
     /// As [`Renderer::render`]; a result beyond f32; splats that state a peak opacity.

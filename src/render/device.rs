@@ -17,7 +17,7 @@ impl Renderer {
     /// one [`Gpu::from_device`] and pass the clones to [`Renderer::on`].
     ///
     /// # Errors
-    /// Those of [`Renderer::new`] and of [`Gpu::from_device`]; too little memory on the device.
+    /// The errors of [`Renderer::new`] and of [`Gpu::from_device`]; too little memory on the device.
     pub fn with_device(
         scene: Vec<PointVolume>,
         device: wgpu::Device,
@@ -69,7 +69,7 @@ impl Renderer {
     /// ```
     ///
     /// # Errors
-    /// Those of [`Renderer::render`].
+    /// The errors of [`Renderer::render`].
     pub async fn render_async(&mut self, camera: &Camera, settings: &Settings) -> Result<&Image> {
         let plan = self.plan(camera, settings)?;
         let report = self.draw_async(&plan).await?;
@@ -80,7 +80,7 @@ impl Renderer {
     /// As [`Renderer::column_density`], without waiting: see [`Renderer::render_async`].
     ///
     /// # Errors
-    /// Those of [`Renderer::column_density`].
+    /// The errors of [`Renderer::column_density`].
     pub async fn column_density_async(
         &mut self,
         camera: &Camera,
@@ -150,7 +150,7 @@ impl Renderer {
     /// ```
     ///
     /// # Errors
-    /// Those of [`Renderer::render`]; a texture of another size, format or kind, or of another device; a
+    /// The errors of [`Renderer::render`]; a texture of another size, format or kind, or of another device; a
     /// renderer that draws on the CPU. Nothing falls back to the CPU.
     pub fn render_to_texture(
         &mut self,
@@ -165,7 +165,7 @@ impl Renderer {
     /// As [`Renderer::render_to_texture`], without waiting: see [`Renderer::render_async`].
     ///
     /// # Errors
-    /// Those of [`Renderer::render_to_texture`].
+    /// The errors of [`Renderer::render_to_texture`].
     pub async fn render_to_texture_async(
         &mut self,
         camera: &Camera,

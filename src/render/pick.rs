@@ -61,7 +61,7 @@ impl Renderer {
     /// # }
     /// ```
     /// # Errors
-    /// Those of [`Renderer::render`]; a pixel outside the image; slabs classified as a whole, whose
+    /// The errors of [`Renderer::render`]; a pixel outside the image; slabs classified as a whole, whose
     /// particles have no contribution of their own; volumes of points without
     /// [`SceneOptions::keep_indices`](super::SceneOptions).
     /// where no particle has a share of its own; volumes of points without [`SceneOptions::keep_indices`](super::SceneOptions).

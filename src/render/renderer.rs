@@ -83,7 +83,7 @@ impl Renderer {
     /// that reports progress and can cancel.
     ///
     /// # Errors
-    /// Those of [`Renderer::new`]; work that was cancelled.
+    /// The errors of [`Renderer::new`]; work that was cancelled.
     pub fn with_options(scene: Vec<PointVolume>, options: &SceneOptions) -> Result<Self> {
         Self::of_scene(BlockedScene::new(scene, options)?)
     }
@@ -119,7 +119,7 @@ impl Renderer {
     /// As [`Renderer::new`], and keeps the scene on a GPU if `backend` asks for one.
     ///
     /// # Errors
-    /// Those of [`Renderer::new`] and of [`Renderer::on_backend`].
+    /// The errors of [`Renderer::new`] and of [`Renderer::on_backend`].
     pub fn with_backend(scene: Vec<PointVolume>, backend: Backend) -> Result<Self> {
         Self::new(scene)?.on_backend(backend)
     }

@@ -143,8 +143,8 @@ pub fn misses_near(terms: &NearTerms, middle: Vec3, half: Vec2, cutoff_squared: 
     along < -(1.0 + 1e-4) * MAX_CUTOFF * greatest * terms.sigma
 }
 
-/// Returns the terms for an orthographic camera. The kernel's depth along the ray at offset d is z* = u2
-/// + g . d with a constant standard deviation.
+/// Returns the terms for an orthographic camera. The kernel's depth along the ray at offset d is
+/// z* = u2 + g . d with a constant standard deviation.
 ///
 /// - `slope`, `sigma`: results of [`depth_terms`](super::depth_terms).
 pub fn half_line_terms(kernel: &Kernel, slope: Vec2, sigma: f32) -> NearTerms {
