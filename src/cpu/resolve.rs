@@ -63,7 +63,7 @@ pub fn resolve_depth(tiles: &[Tile], out: &mut DepthImage) {
         let (x, y) = (i % width, i / width);
         let tile = &tiles[y / TILE_SIZE * columns + x / TILE_SIZE];
         let at = y % TILE_SIZE * TILE_SIZE + x % TILE_SIZE;
-        // A pixel that the surface covers by at least half has a depth.
+        // Tiles of a surface have a depth wherever it covers anything, the image only from one half on.
         *depth = if tile.alpha[at] >= 0.5 {
             tile.depth[at]
         } else {
