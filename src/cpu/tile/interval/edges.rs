@@ -151,7 +151,7 @@ const WHOLE: f32 = 5.5;
 const LEAST_SHOWN: f32 = 1e-6;
 
 /// Returns F of [`ClipEdges`]. For surfels that follow their plane's homography F is 1, because their
-/// inverse depth is exact.
+/// inverse depth is not filtered.
 fn shown(view: &ViewUniform, footprint: &Footprint, terms: &SurfelTerms) -> Mat2 {
     if terms.homography > 0.0 {
         return Mat2::IDENTITY;
