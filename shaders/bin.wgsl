@@ -1,37 +1,39 @@
-// Stage: which footprints of a chunk touch which tiles of a band, in depth order: entries (tile, footprint) in the
-// footprints' order, which radix.wgsl sorts by tile.
-// Twin: src/cpu/bin.rs.
+// Stage: lists the footprints of a chunk that touch each tile of a band, in depth order. It writes
+// entries (tile, footprint) in the footprints' order, and radix.wgsl sorts them by tile. Twin:
+// src/cpu/bin.rs.
 
-// Tiles in the box of a footprint that the whole workgroup walks: a thread alone would keep the others waiting.
+// Number of tiles in a footprint's box from which the whole workgroup walks it: one thread would keep the
+// others waiting.
 const LARGE_BOX: u32 = 64u;
 
 struct BinStep {
-    // 0 counts the entries of every footprint, 1 writes them. No `override`: a compiler could round the two kernels
-    // differently, and they have to agree.
+    // 0 counts the entries of every footprint, 1 writes them. Not an `override`: a compiler could round
+    // the two kernels differently, and they must agree.
     emit: u32,
 }
 
 @group(0) @binding(0) var<uniform> chunk: ChunkUniform;
 @group(0) @binding(1) var<uniform> bin_step: BinStep;
 @group(0) @binding(2) var<storage, read> state: ChunkState;
-// In depth order.
+// Footprints in depth order.
 @group(0) @binding(3) var<storage, read> footprints: array<Footprint>;
 @group(0) @binding(4) var<storage, read> exact: array<ExactTerms>;
-// Entries of every footprint and a word more; then their prefix sums, the last of which is the sum of all.
+// Number of entries of every footprint, and one more word; then their prefix sums, the last of which is
+// the total.
 @group(0) @binding(5) var<storage, read_write> offsets: array<u32>;
 @group(0) @binding(6) var<storage, read_write> entry_tiles: array<u32>;
 @group(0) @binding(7) var<storage, read_write> entry_footprints: array<u32>;
 
-// Whether there are exact terms, or what lies in their place.
+// True if footprints have exact terms, or other terms in their place.
 override EXACT: bool = true;
 
-// Tiles that each thread's footprint touches, as far as they are found.
+// Number of tiles found so far for each thread's footprint.
 var<workgroup> found: array<atomic<u32>, THREADS>;
-// Threads whose footprints are large.
+// Threads with large footprints.
 var<workgroup> large: array<u32, THREADS>;
 var<workgroup> large_count: atomic<u32>;
 
-// Once to count and once to write, the prefix sums between.
+// Runs once to count and once to write, with the prefix sums between.
 @compute @workgroup_size(THREADS)
 fn bin_walk(
     @builtin(local_invocation_index) thread: u32,
@@ -68,8 +70,8 @@ struct TileBox {
     first: vec2<u32>,
     columns: u32,
     count: u32,
-    // Whether some of them may lie beyond the outline. A box of one row or column of tiles, in the band or not, is
-    // (nearly) all touched.
+    // True if some of the tiles may lie beyond the outline. All tiles of a box of one row or column, in
+    // the band or not, are touched, almost without exception.
     test: bool,
 }
 
@@ -83,14 +85,15 @@ fn tile_box(footprint: Footprint) -> TileBox {
     return TileBox(first_in_band, size.x, size.x * size.y, test);
 }
 
-// Whether tiles are counted, and without a look at any.
+// Returns whether tiles are only counted, and their number is known without a test.
 fn is_known(tiles: TileBox) -> bool {
     return bin_step.emit == 0u && !tiles.test;
 }
 
-// Every tile of the band that holds a pixel centre within the cut-off of footprint k, by the exact test of its
-// outline against rectangles: the tiles `begin`, `begin + stride`, ... of its box. In any order: a footprint meets a tile once,
-// and the sort by tile keeps the footprints' order.
+// Visits every tile of the band that contains a pixel centre within the cut-off of footprint k, by the
+// exact test of its outline against rectangles. The call visits the tiles `begin`, `begin + stride`, ...
+// of the box. The order does not matter: a footprint meets a tile once, and the sort by tile keeps the
+// footprints' order.
 fn for_each_tile(k: u32, owner: u32, begin: u32, stride: u32) {
     let footprint = footprints[k];
     let tiles = tile_box(footprint);
@@ -114,7 +117,7 @@ fn for_each_tile(k: u32, owner: u32, begin: u32, stride: u32) {
         let tile = tiles.first + vec2<u32>(i % tiles.columns, i / tiles.columns);
         var touched = true;
         if tiles.test {
-            // The pixel centres of the tile that lie in the box.
+            // The pixel centres of the tile within the box.
             let lower = vec2<f32>(max(tile * TILE_SIZE, box_first));
             let upper = vec2<f32>(min((tile + 1u) * TILE_SIZE, box_end));
             let centre = footprint.centre_px;
@@ -122,7 +125,8 @@ fn for_each_tile(k: u32, owner: u32, begin: u32, stride: u32) {
         }
         if touched {
             let n = atomicAdd(&found[owner], 1u);
-            // Within the footprint's own places, whatever a compiler makes of the two steps.
+            // Stays within the footprint's own range, even if a compiler rounds the two steps
+            // differently.
             if bin_step.emit != 0u && place + n < end {
                 let in_band = tile - chunk.band_first;
                 entry_tiles[place + n] = in_band.y * chunk.band_size.x + in_band.x;
@@ -134,7 +138,7 @@ fn for_each_tile(k: u32, owner: u32, begin: u32, stride: u32) {
 
 // The outline of a footprint's cut-off.
 struct Outline {
-    // Whether it is a surfel's that follows the homography of its plane.
+    // True if the outline is that of a surfel that follows the homography of its plane.
     is_plane: bool,
     kernel: KernelOutline,
     plane: PlaneOutline,
@@ -146,7 +150,7 @@ fn outline_of(footprint: Footprint, k: u32) -> Outline {
     let r = footprint.form_r;
     let r2 = footprint.cutoff_squared;
     if EXACT && footprint.path == PATH_SURFEL {
-        // `SurfelTerms`, word by word: the inverse depth and whether it follows a homography.
+        // `SurfelTerms`, word by word: the inverse depth, and the flag of a homography.
         let terms = exact[k];
         let inverse_depth = terms.hessian[0];
         let homography = terms.hessian[2];
@@ -182,10 +186,10 @@ struct BinCapacity {
 @group(0) @binding(1) var<uniform> capacity: BinCapacity;
 @group(0) @binding(2) var<storage, read> summed: array<u32>;
 @group(0) @binding(3) var<storage, read_write> new_state: ChunkState;
-// Of `bin_walk` that writes, and of `bin_ranges`.
+// Arguments of the `bin_walk` that writes, and of `bin_ranges`.
 @group(0) @binding(4) var<storage, read_write> new_arguments: array<array<u32, 3>, 2>;
 
-// Nothing is written of a chunk whose entries do not all find room.
+// Nothing is written if the entries of a chunk exceed the capacity.
 @compute @workgroup_size(1)
 fn bin_prepare() {
     let length = new_state.length;
@@ -202,7 +206,7 @@ fn bin_prepare() {
 // Tiles in order, one per entry.
 @group(0) @binding(1) var<storage, read> sorted_tiles: array<u32>;
 @group(0) @binding(2) var<storage, read> sorted_state: ChunkState;
-// First and one-past-last entry of every tile of the band; zeros where there is none.
+// First and one-past-last entry of every tile of the band; zeros for a tile without entries.
 @group(0) @binding(3) var<storage, read_write> tile_ranges: array<vec2<u32>>;
 
 @compute @workgroup_size(THREADS)
@@ -219,7 +223,7 @@ fn bin_ranges(
     tile_ranges[tile] = select(vec2<u32>(), vec2<u32>(first, end), first < end);
 }
 
-// The first entry of a tile or of one behind it.
+// Returns the first entry of a tile or of a later one.
 fn first_entry(tile: u32) -> u32 {
     var first = 0u;
     var end = sorted_state.entries;

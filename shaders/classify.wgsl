@@ -1,11 +1,11 @@
-// Stage: from values to masses and colours, or to signed amplitudes, per particle, once. A workgroup is a view, a thread a
-// particle of its block; what becomes of it is in classify/one.wgsl or in classify/pieces.wgsl. Colours
-// that depend on the view are left to shade.wgsl.
-// Twins: src/cpu/classify.rs, src/cpu/amplitude.rs.
+// Stage: computes masses and colours, or signed amplitudes, of particles from their values, once. A
+// workgroup handles a view, a thread a particle of its block. The rest is in classify/one.wgsl or in
+// classify/pieces.wgsl. shade.wgsl computes colours that depend on the view. Twins: src/cpu/classify.rs,
+// src/cpu/amplitude.rs.
 //
 // Passes: classify_count, a prefix sum of `counts`, classify_place, classify_emit.
 
-// What kinds of data a part has; `Kinds` of src/gpu/scene.rs.
+// Kinds of data of a part; `Kinds` of src/gpu/kinds.rs.
 override VALUES: u32 = VALUES_NONE;
 override STRENGTH: u32 = STRENGTH_GIVEN;
 override IS_LATTICE: bool = false;
@@ -13,27 +13,27 @@ override IS_LATTICE: bool = false;
 @group(0) @binding(0) var<uniform> bricks: BrickUniform;
 @group(0) @binding(1) var<storage, read_write> state: PartState;
 @group(0) @binding(2) var<storage, read_write> views: array<BlockView>;
-// One for each view and one more, in which the prefix sum leaves the sum of all.
+// One for each view, and one more for the total that the prefix sum leaves.
 @group(0) @binding(3) var<storage, read_write> counts: array<u32>;
 @group(0) @binding(3) var<storage, read_write> classified: array<ClassifiedParticle>;
 @group(0) @binding(4) var<storage, read> blocks: array<DeviceBlock>;
 @group(0) @binding(4) var<storage, read_write> frame: FrameState;
 @group(0) @binding(5) var<storage, read> values: array<u32>;
 @group(0) @binding(5) var<storage, read_write> arguments: array<u32>;
-// One per particle; of a lattice's cells their one volume, or their widths along x, y and z.
+// One per particle. For a lattice: the volume that all cells share, or the widths along x, y and z.
 @group(0) @binding(6) var<storage, read> strengths: array<f32>;
-// Bindings 7 and 8 are of classify/class.wgsl, or 7 is of classify/amplitude.wgsl.
+// Bindings 7 and 8 belong to classify/class.wgsl, or 7 belongs to classify/amplitude.wgsl.
 
-// What classify/class.wgsl or classify/amplitude.wgsl makes of a particle.
+// Result of classify/class.wgsl or classify/amplitude.wgsl for a particle.
 struct Visit {
-    // Its index in arrays of one entry per particle.
+    // Its index in arrays with one entry per particle.
     index: u32,
-    // 0 where there is none.
+    // 0 for an invisible particle.
     mass: f32,
     class_of_value: vec4<f32>,
 }
 
-// Value i, widened.
+// Returns value i, widened to f32.
 fn value_at(i: u32) -> f32 {
     if VALUES == VALUES_U8 {
         return f32((values[i / 4u] >> (8u * (i % 4u))) & 0xffu);
@@ -47,12 +47,12 @@ fn value_at(i: u32) -> f32 {
     return bitcast<f32>(values[i]);
 }
 
-// Cell `local` of a brick whose first cell is `corner`.
+// Returns cell `local` of a brick whose first cell is `corner`.
 fn brick_cell(corner: vec3<u32>, local: u32) -> vec3<u32> {
     return corner + vec3<u32>(local % BRICK_X, local / BRICK_X % BRICK_Y, local / (BRICK_X * BRICK_Y));
 }
 
-// The first cell of block `block` of the part.
+// Returns the first cell of block `block` of the part.
 fn brick_corner(block: u32) -> vec3<u32> {
     let brick = bricks.first + block;
     let x = (bricks.dims.x + BRICK_X - 1u) / BRICK_X;
@@ -60,7 +60,7 @@ fn brick_corner(block: u32) -> vec3<u32> {
     return vec3<u32>(brick % x, brick / x % y, brick / (x * y)) * vec3<u32>(BRICK_X, BRICK_Y, BRICK_Z);
 }
 
-// Particle `local` of a block; of no mass where the block has no such particle.
+// Returns particle `local` of a block; without mass if the block has no such particle.
 fn visit(block: u32, local: u32) -> Visit {
     let b = blocks[block];
     var particle = Visit(b.first + local, 0.0, vec4<f32>(0.0));
@@ -70,7 +70,7 @@ fn visit(block: u32, local: u32) -> Visit {
         if any(cell >= bricks.dims) {
             return particle;
         }
-        // Values of the bricks around come first, where they are kept.
+        // The values of the bricks around come first, if they are stored.
         particle.index = b.first + (bricks.first - bricks.values_first) * THREADS + local;
     } else if local >= b.count {
         return particle;
@@ -105,8 +105,8 @@ fn classify_count(
     }
 }
 
-// A thread per view: where its particles begin and how many there are. The first lays out the
-// part's.
+// A thread per view: computes the start and the number of its particles. The first thread sets the part's
+// counts.
 @compute @workgroup_size(THREADS)
 fn classify_place(
     @builtin(local_invocation_index) thread: u32,

@@ -1,9 +1,9 @@
-// Stage: opaque surfaces, and what shows through them, behind what lies in front. Twin: `compose` in
-// src/cpu/cut.rs.
+// Stage: composites opaque surfaces, and the picture that shows through them, behind the picture in
+// front. Twin: `compose` in src/cpu/tile/interval/cut.rs.
 
 struct Background {
     colour: vec3<f32>,
-    // How many pixels the band has.
+    // Number of pixels of the band.
     pixels: u32,
     is_shown: u32,
     is_encoded: u32,
@@ -12,9 +12,9 @@ struct Background {
 
 // Only the number of pixels is read.
 @group(0) @binding(0) var<uniform> background: Background;
-// As rasterise.wgsl leaves them: in front of the surface, then behind it.
+// Output of rasterise.wgsl: the picture in front of the surface, then the one behind it.
 @group(0) @binding(1) var<storage, read_write> pixels: array<f32>;
-// As surface.wgsl leaves them.
+// Output of surface.wgsl.
 @group(0) @binding(2) var<storage, read> surface: array<f32>;
 
 override HAS_DEPTH: bool = false;

@@ -1,18 +1,18 @@
-// Stage: which blocks a frame sees, in their own order, and the keys of their depths. Positions are
-// subtracted in f64, and what follows from them is the twin's to the bit.
-// Twin: src/blocks/cull.rs, and Renderer::render for the keys.
+// Stage: finds the blocks that a frame sees, in their own order, and the keys of their depths. Positions
+// are subtracted in f64, and the results equal the twin's bit for bit. Twin: src/blocks/cull.rs, and
+// Renderer::render for the keys.
 //
 // Passes: cull_begin; for each part of merged particles cull_close; for each part cull_count and
 // cull_scan; cull_range; for each part cull_emit.
 
-// Whether blocks choose their filters; of column densities all have the one asked for.
+// True if blocks choose their filters. For column densities all have the filter of the settings.
 override HAS_CHOICE: bool = true;
 
 const NOT_KEPT: u32 = 0xffffffffu;
 
-// What a workgroup of `cull_count` has seen.
+// Result of a workgroup of `cull_count`.
 struct CullGroup {
-    // Blocks that are kept; after `cull_scan`, those of the groups before.
+    // Number of blocks kept; after `cull_scan`, that of the groups before.
     count: u32,
     unused: u32,
     nearest: vec2<u32>,
@@ -26,22 +26,22 @@ struct CullGroup {
 @group(0) @binding(2) var<storage, read_write> state: PartState;
 @group(0) @binding(3) var<storage, read> blocks: array<DeviceBlock>;
 @group(0) @binding(3) var<storage, read_write> arguments: array<u32>;
-// Each block's number among those of its workgroup that are kept.
+// Each block's index among the blocks that its workgroup keeps.
 @group(0) @binding(4) var<storage, read_write> places: array<u32>;
 @group(0) @binding(5) var<storage, read> maxima: TransferMaxima;
-// Of all parts.
+// Merged blocks of all parts.
 @group(0) @binding(6) var<storage, read_write> merged_blocks: array<MergedBlock>;
 @group(0) @binding(6) var<storage, read_write> views: array<BlockView>;
 @group(0) @binding(7) var<storage, read> merged_part: MergedPart;
 
-// Of a part of merged particles.
+// A part of merged particles.
 struct MergedPart {
-    // Its first block's number among `merged_blocks`.
+    // Index of its first block in `merged_blocks`.
     first: u32,
     bounds: array<MergeBounds>,
 }
 
-// One thread.
+// A single thread.
 @compute @workgroup_size(1)
 fn cull_begin() {
     for (var i = 0u; i < FILTER_COUNT; i = i + 1u) {
@@ -52,7 +52,7 @@ fn cull_begin() {
     frame.classified_count = 0u;
 }
 
-// World to camera space.
+// Transforms a point from world to camera space.
 fn camera_point(world: array<vec2<u32>, 3>) -> array<vec2<u32>, 3> {
     var point = world;
     var offset = world;
@@ -69,7 +69,7 @@ fn widened(v: array<f32, 3>) -> array<vec2<u32>, 3> {
     return array<vec2<u32>, 3>(f64_from_f32(v[0]), f64_from_f32(v[1]), f64_from_f32(v[2]));
 }
 
-// Whether a kernel of the block may reach inside. Conservative.
+// Returns whether a kernel of the block may reach into the frustum. Conservative.
 fn frustum_sees(
     centre: array<vec2<u32>, 3>,
     half_extent: array<f32, 3>,
@@ -90,7 +90,7 @@ fn frustum_sees(
     return sees;
 }
 
-// What decides about a block's kernels.
+// Returns the rule that classifies a block's kernels.
 fn classified_by(block: DeviceBlock) -> u32 {
     let asked = camera.choice.classified_by;
     if !IS_CLASSIFIED || asked == BY_VALUE {
@@ -106,7 +106,7 @@ fn classified_by(block: DeviceBlock) -> u32 {
     return select(BY_VALUE, BY_NEIGHBOURS, is_known && is_thin);
 }
 
-// The values that classification may ask for.
+// Returns the range of values that classification may look up.
 fn values_of(block: DeviceBlock, is_spread: bool) -> array<f32, 2> {
     if is_spread {
         return block.values_around;
@@ -114,18 +114,18 @@ fn values_of(block: DeviceBlock, is_spread: bool) -> array<f32, 2> {
     return block.value_range;
 }
 
-// Whether the transfer function leaves nothing of a block's value range.
+// Returns whether the transfer function is transparent over a block's value range.
 fn is_transparent(range: array<f32, 2>) -> bool {
     let lo = range[0];
     let hi = range[1];
-    // No value at all (lo > hi): nothing is classified, nothing is visible.
+    // No value at all (lo > hi): no particle is classified, and none is visible.
     if !is_finite(lo) || !is_finite(hi) || lo > hi {
         return true;
     }
     return !is_positive(max_extinction(lo, hi));
 }
 
-// Distance of a block's origin, as depth keys measure it.
+// Returns the distance of a block's origin, as depth keys measure it.
 fn camera_distance(centre: array<vec2<u32>, 3>) -> vec2<u32> {
     if camera.directional_keys != 0u {
         return f64_dot(camera.key_axis, centre);
@@ -140,7 +140,7 @@ fn narrowed(v: array<vec2<u32>, 3>) -> vec3<f32> {
     return vec3<f32>(f64_to_f32(v[0]), f64_to_f32(v[1]), f64_to_f32(v[2]));
 }
 
-// A thread per block of merged particles: whether it decides about its members.
+// A thread per block of merged particles: decides whether its members need a test of their own.
 @compute @workgroup_size(THREADS)
 fn cull_close(
     @builtin(local_invocation_index) thread: u32,
@@ -170,7 +170,7 @@ fn cull_close(
     merged_blocks[merged_part.first + i] = MergedBlock(block.parent, state);
 }
 
-// Whether merged particles, or nothing, stand for a block of this parent.
+// Returns whether a block of this parent is invisible or replaced by merged particles.
 fn is_covered(parent: u32) -> bool {
     var i = parent;
     while i < arrayLength(&merged_blocks) {
@@ -183,7 +183,7 @@ fn is_covered(parent: u32) -> bool {
     return false;
 }
 
-// Whether the block's particles stand for what they are or were merged of.
+// Returns whether the block's particles are drawn, rather than merged ones or their members.
 fn is_drawn(i: u32, parent: u32) -> bool {
     if camera.choice.merge_tolerance == 0.0 {
         return !IS_MERGED;
@@ -196,7 +196,7 @@ fn is_drawn(i: u32, parent: u32) -> bool {
 
 var<workgroup> cull_greatest: array<vec2<u32>, THREADS>;
 
-// The greatest word of the workgroup's threads, for all of them.
+// Returns, to all threads of the workgroup, their greatest word.
 fn greatest_of_threads(thread: u32, word: vec2<u32>) -> vec2<u32> {
     workgroupBarrier();
     cull_greatest[thread] = word;
@@ -210,12 +210,12 @@ fn greatest_of_threads(thread: u32, word: vec2<u32>) -> vec2<u32> {
     return cull_greatest[0];
 }
 
-// A word for the greatest distance: 0 for none, which includes NaN.
+// Encodes a distance as a word that grows with it: 0 for none, which includes NaN.
 fn farthest_word(distance: vec2<u32>) -> vec2<u32> {
     return select(f64_ordered(distance), vec2<u32>(0u), f64_is_nan(distance));
 }
 
-// A word that is the greater the nearer.
+// Encodes a distance as a word that grows as it falls.
 fn nearest_word(distance: vec2<u32>) -> vec2<u32> {
     return farthest_word(f64_negate(distance));
 }
@@ -263,7 +263,8 @@ fn cull_count(
     }
 }
 
-// One workgroup: the groups' places, and what the part adds to the range of all.
+// A single workgroup: computes the groups' positions, and adds the part to the range of distances of all
+// parts.
 @compute @workgroup_size(THREADS)
 fn cull_scan(@builtin(local_invocation_index) thread: u32) {
     let count = arrayLength(&groups_seen);
@@ -299,7 +300,8 @@ fn cull_scan(@builtin(local_invocation_index) thread: u32) {
     }
 }
 
-// One thread: the range from the nearest to the farthest of all parts' blocks, or the one given.
+// A single thread: sets the range of keys from the nearest to the farthest block of all parts, or the
+// given range.
 @compute @workgroup_size(1)
 fn cull_range() {
     if camera.directional_keys != 0u {
@@ -319,13 +321,13 @@ fn cull_range() {
     view.key_scale = f64_to_f32(keys_per_unit);
 }
 
-// The key of a distance: smaller is nearer.
+// Returns the key of a distance: smaller is nearer.
 fn depth_key(distance: vec2<u32>) -> u32 {
     let key = f64_to_u32(f64_mul(f64_sub(distance, frame.near), frame.keys_per_unit));
     return min(add_saturating(key, 4u), (1u << DEPTH_KEY_BITS) - 4u);
 }
 
-// Views of the workgroup by their filter.
+// Number of views of the workgroup with each filter.
 var<workgroup> filters_seen: array<atomic<u32>, FILTER_COUNT>;
 
 @compute @workgroup_size(THREADS)

@@ -1,10 +1,10 @@
-// Stage: colours in the space that a picture blends in, per visible particle, once: linear light as sRGB codes.
-// Twin: `encode` of src/cpu/shade.rs.
+// Stage: encodes colours for the space in which a picture blends, once per visible particle: linear light
+// to sRGB codes. Twin: `encode` of src/cpu/shade.rs.
 
 @group(0) @binding(0) var<storage, read> state: PartState;
 @group(0) @binding(1) var<storage, read_write> classified: array<ClassifiedParticle>;
 
-// The codes of what is negative are those of its magnitude, negative.
+// A negative number is encoded by its magnitude, with its sign.
 fn encoded(linear: f32) -> f32 {
     if !is_finite(linear) {
         return linear;

@@ -1,4 +1,4 @@
-// Every operation of shared/f64.wgsl on pairs of numbers. For the test alone.
+// Runs every operation of shared/f64.wgsl on pairs of numbers. For the test only.
 
 struct F64Results {
     sum: vec2<u32>,
@@ -8,9 +8,9 @@ struct F64Results {
     root: vec2<u32>,
     greater: vec2<u32>,
     lesser: vec2<u32>,
-    // Of the first number's high word taken for an f32.
+    // The first number's high word, read as an f32 and widened.
     widened: vec2<u32>,
-    // Of the first number; an f32's bits.
+    // The first number narrowed to f32, as bits.
     narrowed: u32,
     truncated: u32,
     is_at_least_zero: u32,

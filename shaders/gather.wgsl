@@ -1,11 +1,11 @@
-// A chunk of the sorted footprints, copied into buffers of their own in depth order: the stages that follow read them
-// one after the other, and no binding needs to hold more than a part or a chunk.
-// No twin: on the CPU the order's words name footprints where they lie.
+// Stage: copies a chunk of the sorted footprints into its own buffers, in depth order. Later stages read
+// them sequentially, and no binding needs to hold more than a part or a chunk. No twin: on the CPU the
+// order's words refer to footprints in place.
 
 @group(0) @binding(0) var<uniform> chunk: ChunkUniform;
 @group(0) @binding(1) var<storage, read> sort_state: SortState;
 @group(0) @binding(2) var<storage, read_write> new_state: ChunkState;
-// Of `gather`, and of one thread per footprint (bin.wgsl).
+// Arguments of `gather`, and of a dispatch with a thread per footprint (bin.wgsl).
 @group(0) @binding(3) var<storage, read_write> new_arguments: array<array<u32, 3>, 2>;
 
 @compute @workgroup_size(1)
@@ -20,7 +20,7 @@ fn gather_prepare() {
     new_arguments[1] = array<u32, 3>(walks.x, walks.y, walks.z);
 }
 
-// Threads that copy one footprint, a vector each: neighbours read neighbouring words.
+// Number of threads that copy one footprint, a vector each, so that neighbours read neighbouring words.
 const QUARTERS: u32 = 4u;
 // Footprints per workgroup.
 const FOOTPRINTS: u32 = THREADS / QUARTERS;
@@ -38,9 +38,9 @@ const EXACT_WORDS: u32 = 7u;
 @group(0) @binding(7) var<storage, read_write> sorted_footprints: array<vec4<u32>>;
 @group(0) @binding(8) var<storage, read_write> sorted_exact: array<u32>;
 
-// Whether there are exact terms, or what lies in their place.
+// True if footprints have exact terms, or other terms in their place.
 override EXACT: bool = true;
-// Whether all footprints have them, not just those on the exact path.
+// True if all footprints have terms, not only those on the exact path.
 override IS_OF_ALL: bool = false;
 
 @compute @workgroup_size(THREADS)
@@ -53,14 +53,14 @@ fn gather(
         return;
     }
     let range = ranges[part.index];
-    // Wraps where it lies in a part before this.
+    // Wraps around for a footprint of an earlier part.
     let i = order[this_chunk.start + k] - range.first;
     if i >= range.count {
         return;
     }
     let quarter = thread % QUARTERS;
     sorted_footprints[k * QUARTERS + quarter] = footprints[i * QUARTERS + quarter];
-    // Parts of splats have exact terms only where all have.
+    // Parts of splats have exact terms only if all parts do.
     if EXACT && (IS_OF_ALL || footprints[i * QUARTERS + 3u].x == PATH_EXACT) {
         for (var word = quarter; word < EXACT_WORDS; word = word + QUARTERS) {
             sorted_exact[k * EXACT_WORDS + word] = exact[i * EXACT_WORDS + word];

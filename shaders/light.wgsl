@@ -1,7 +1,6 @@
-// Stage: light on particles that have a normal, per visible particle, once.
-// Twin: src/cpu/light.rs.
+// Stage: lights the visible particles that have a normal, once per particle. Twin: src/cpu/light.rs.
 
-// Bindings 0 and 1 are the particles'.
+// Bindings 0 and 1 belong to the particles.
 @group(0) @binding(2) var<uniform> lighting: LightingUniform;
 // The camera's rotation.
 @group(0) @binding(3) var<uniform> rotation: mat3x3<f32>;
@@ -11,17 +10,17 @@
 // Codes of normals; surfels may have none.
 @group(0) @binding(7) var<storage, read> normals: array<u32>;
 
-// Whether particles are surfels, whose tangents say the normal and which light falls on from the
-// eye's side alone.
+// True if particles are surfels. Their normal follows from their tangents, and only light from the eye's
+// side falls on them.
 override IS_SURFEL: bool = false;
 
-// Whether normals are stored: of surfels those of a surface that is smoother than their planes.
+// True if normals are stored. Those of surfels belong to a surface that is smoother than their planes.
 override HAS_NORMALS: bool = true;
 
-// The least cosine between a smooth normal and the direction to the eye.
+// Least cosine between a smooth normal and the direction to the eye.
 const LEAST_FACING: f32 = 0.01;
 
-// The unit normal that is stored of a particle, camera space; zero for none.
+// Returns the stored unit normal of a particle, camera space; zero for none.
 fn stored_normal(block: u32, local: u32) -> vec3<f32> {
     let code = normals[particle_index(block, local)];
     if code == 0u {
@@ -30,7 +29,7 @@ fn stored_normal(block: u32, local: u32) -> vec3<f32> {
     return times(rotation, unpack_normal(f32(code - 1u)));
 }
 
-// The unit normal of a surfel's plane, camera space; zero for none.
+// Returns the unit normal of a surfel's plane, camera space; zero for none.
 fn plane_of(block: u32, local: u32) -> vec3<f32> {
     var c = columns(camera_factor(rotation, block, local));
     let plane_normal = unit_normal(c[0], c[1]);
@@ -40,7 +39,8 @@ fn plane_of(block: u32, local: u32) -> vec3<f32> {
     return plane_normal.normal;
 }
 
-// The normal by which a surfel reflects whose surface is smoother than its plane, on the eye's side of the plane.
+// Returns the normal by which a surfel of a smooth surface reflects, on the eye's side of the surfel's
+// plane.
 fn smooth_normal(
     plane: vec3<f32>,
     stored: vec3<f32>,

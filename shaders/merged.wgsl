@@ -1,4 +1,4 @@
-// What merged particles need of numbers, at many of them. For the test alone.
+// Runs the numerical functions of merged particles. For the test only.
 
 // Twin: src/gpu/merged.rs.
 struct MergedNumbers {

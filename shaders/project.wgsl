@@ -1,54 +1,53 @@
-// Stage: from particles to footprints, one thread per classified particle.
-// Twin: src/cpu/project.rs.
+// Stage: projects particles to footprints, one thread per classified particle. Twin: src/cpu/project/.
 
-// Bindings 0 and 1 are the particles'.
+// Bindings 0 and 1 belong to the particles.
 @group(0) @binding(2) var<uniform> view_uniform: ViewUniform;
 // The camera's rotation.
 @group(0) @binding(3) var<uniform> rotation: mat3x3<f32>;
-// How many particles are classified.
+// Number of classified particles.
 @group(0) @binding(4) var<storage, read> counts: array<u32>;
 @group(0) @binding(5) var<storage, read> views: array<BlockView>;
 @group(0) @binding(6) var<storage, read> classified: array<ClassifiedParticle>;
 @group(0) @binding(7) var<storage, read_write> footprints: array<Footprint>;
-// Written where a footprint is on the exact path, where opaque surfaces may cut kernels, and (as
-// `SurfelTerms`) where it is a surfel's of an opaque surface; as long as `footprints` where that may
-// be.
+// Written for footprints on the exact path, for kernels that opaque surfaces may cut, and (as
+// `SurfelTerms`) for surfels of an opaque surface. If any of these may occur, it is as long as
+// `footprints`.
 @group(0) @binding(8) var<storage, read_write> exact: array<ExactTerms>;
 @group(0) @binding(9) var<storage, read_write> near: NearList;
 
 // Terms of the kernels that cross the camera plane.
 struct NearList {
-    // How many there are: more than `terms` holds where that is too short, and then those that
-    // found no place draw nothing.
+    // Number of terms. If it exceeds the length of `terms`, the kernels without a place draw nothing.
     count: atomic<u32>,
-    // How many of them cross the camera plane; the others are edges alone.
+    // Number of kernels that cross the camera plane; the other terms contain only edges.
     crossing: atomic<u32>,
     terms: array<NearTerms>,
 }
 
-// Which word of `counts`.
+// Word of `counts` that is read.
 override COUNT_INDEX: u32 = 0u;
-// What a pipeline is for: what others need is not compiled. Under FILTER_ADAPTIVE the block says
-// what draws its particles.
+// Variant of the pipeline: code for other variants is not compiled. With FILTER_ADAPTIVE the block sets
+// the filter of its particles.
 override FILTER: u32 = 0u;
 override IS_ORTHOGRAPHIC: bool = false;
-// By what rule particles are drawn: one of the RULE_ constants.
+// Rule by which particles are drawn: one of the RULE_ constants.
 override RULE: u32 = 0u;
-// Of splats that state their opacity.
+// True if splats that state their opacity are anti-aliased.
 override IS_ANTI_ALIASED: bool = false;
-// Whether surfels seen from behind are left out.
+// True if surfels seen from behind are left out.
 override IS_ONE_SIDED: bool = false;
-// Whether kernels may be cut, by surfaces, clip planes or slabs, so that all have terms of their depth.
+// True if kernels may be cut by surfaces, clip planes or slabs. If so, all have terms that describe their
+// depth.
 override IS_CUT: bool = false;
-// Whether the domain of its data may cut any kernel of the pass: then all have terms.
+// True if the boundary of their domain may cut any kernel of the pass. If so, all have terms.
 override HAS_EDGES: bool = false;
 
-// Whether particles are pieces of kernels, whose terms follow them all.
+// True if particles are pieces of kernels, whose terms follow after all particles.
 override HAS_PIECES: bool = false;
-// Which word of `counts` says where.
+// Word of `counts` with the offset of these terms.
 override CAPACITY_INDEX: u32 = 0u;
 
-// The terms of a classified particle.
+// Returns the terms of a classified particle.
 fn piece_terms(i: u32) -> PieceTerms {
     let words = classified[counts[CAPACITY_INDEX] + i];
     let axis = array<f32, 3>(bitcast<f32>(words.view), bitcast<f32>(words.local), words.mass);
@@ -92,7 +91,8 @@ fn project(
     var kernel = Kernel(origin + offset, factor, particle.mass);
     let key = depth_key(view, block.key, origin, offset);
     let filter_kind = select(FILTER, block.filter_kind, FILTER == FILTER_ADAPTIVE);
-    // Merged particles know of their members' opacity; pieces make up sheets.
+    // Merged particles already account for their members' opacity; pieces form sheets, so they are not
+    // lone.
     let is_lone = view.sub_pixel_opacity != 0u && block.level == 0u && !is_piece;
     var out: Footprint;
     var edges: Edges;
@@ -108,7 +108,7 @@ fn project(
         out = invisible(kernel, particle.carried, key);
     } else if RULE == RULE_PEAK {
         if IS_CUT {
-            // Without a depth of its own: where its centre lies.
+            // Splats have no depth of their own: that of the centre is used.
             exact[i] = ExactTerms();
         }
         out = splat_footprint(view, kernel, crowding, particle.carried, key);
@@ -142,8 +142,8 @@ fn project(
     footprints[i] = out;
 }
 
-// Which of CHOICE_COLOURS shows a footprint: by its block's level of detail, its own path and its
-// block's filter. Twin: src/splat/show.rs.
+// Returns the index in CHOICE_COLOURS of a footprint's colour. It depends on its block's level of detail,
+// its own path and its block's filter. Twin: src/splat/show.rs.
 fn choice_index(level: u32, path: u32, filter_kind: u32) -> u32 {
     if level > 0u {
         return 5u + min(level, 4u);
@@ -170,8 +170,8 @@ fn choice_index(level: u32, path: u32, filter_kind: u32) -> u32 {
     }
 }
 
-// The key of the distance |B + o| = |B| + o.(2B + o)/(|B + o| + |B|): the block's own key, exact,
-// plus a difference in f32.
+// Returns the key of the distance |B + o| = |B| + o.(2B + o)/(|B + o| + |B|): the block's own key, which
+// is exact, plus a difference in f32.
 fn depth_key(view: ViewUniform, block_key: u32, origin: vec3<f32>, offset: vec3<f32>) -> u32 {
     var delta = offset.z;
     if view.directional_keys != 0u {
@@ -186,7 +186,7 @@ fn depth_key(view: ViewUniform, block_key: u32, origin: vec3<f32>, offset: vec3<
     return moved_key(view, block_key, delta);
 }
 
-// A key so much farther.
+// Returns a key moved by a distance.
 fn moved_key(view: ViewUniform, block_key: u32, delta: f32) -> u32 {
     // Ties to even.
     let keys = round(delta * view.key_scale);
@@ -200,7 +200,8 @@ fn moved_key(view: ViewUniform, block_key: u32, delta: f32) -> u32 {
     return select(sum, 0xffffffffu, sum < block_key);
 }
 
-// The key of the depth at which a kernel begins: what lies behind the eye begins with it.
+// Returns the key of the depth at which a kernel begins; kernels that begin behind the eye get the depth
+// of the eye.
 fn slab_key(
     view: ViewUniform,
     block_key: u32,
@@ -213,7 +214,7 @@ fn slab_key(
     return moved_key(view, block_key, begin - origin.z);
 }
 
-// A footprint that reaches no pixel yet.
+// Returns a footprint that reaches no pixel yet.
 fn invisible(kernel: Kernel, carried: array<f32, 3>, key: u32) -> Footprint {
     var out: Footprint;
     out.carried = carried;
@@ -223,7 +224,7 @@ fn invisible(kernel: Kernel, carried: array<f32, 3>, key: u32) -> Footprint {
     return out;
 }
 
-// The footprint of a splat whose opacity is stated.
+// Returns the footprint of a splat whose opacity is stated.
 fn splat_footprint(
     view: ViewUniform,
     kernel: Kernel,
@@ -246,12 +247,13 @@ fn splat_footprint(
     return out;
 }
 
-// Whether surfels seen from behind are left out: a cut shows the inside of what was closed.
+// Returns whether surfels seen from behind are left out. A cut exposes the inside of a closed surface, so they
+// are then drawn.
 fn is_one_sided(view: ViewUniform) -> bool {
     return IS_ONE_SIDED && view.clip_count == 0u;
 }
 
-// The footprint of a surfel of an opaque surface. Its terms, if any, are those of `index`.
+// Returns the footprint of a surfel of an opaque surface. Its terms, if any, are written at `index`.
 fn surfel(
     view: ViewUniform,
     kernel: Kernel,
@@ -260,7 +262,7 @@ fn surfel(
     index: u32,
 ) -> Footprint {
     var out = invisible(kernel, carried, key);
-    // Weights are averaged: where a kernel ends counts as a share of it.
+    // Weights are averaged, so the error at a kernel's end is relative.
     let r = cutoff_radius(0.0, 1.0, view.tolerance / CUTOFF_SHARE, view.cutoff);
     let reach = r * length3(kernel.factor.z);
     if is_above(-reach, kernel.centre.z) {
@@ -310,7 +312,7 @@ fn surfel(
         half_size = extent.half_size;
     }
     set_bounds(view, &out, screen.centre_px + middle, half_size);
-    // The inverse depth within the box: no fragment of it is nearer.
+    // Greatest inverse depth within the box: no fragment of the surfel is nearer.
     let gradient = vec2<f32>(plane.gradient[0], plane.gradient[1]);
     let nearest = plane.inverse_depth + dot2(gradient, middle) + dot2(abs(gradient), half_size);
     out.depth = nearest + plane.slack;
@@ -323,8 +325,8 @@ fn surfel(
     return out;
 }
 
-// The cosine between a surfel's normal and the ray through its centre: what makes the optical depth
-// of a sheet the same from every side; 0 for one that is seen from behind and has one side.
+// Returns the cosine between a surfel's normal and the ray through its centre. It makes the optical depth
+// of a sheet the same from every side. 0 for a one-sided surfel seen from behind.
 fn facing(view: ViewUniform, kernel: Kernel) -> f32 {
     var c = columns(kernel.factor);
     let normal = cross3(c[0] / largest_of(c[0]), c[1] / largest_of(c[1]));
@@ -338,8 +340,8 @@ fn facing(view: ViewUniform, kernel: Kernel) -> f32 {
     return abs(across) / lengths;
 }
 
-// The footprint of one kernel; invisible where it reaches no pixel. Its exact terms, if any, are
-// those of `index`.
+// Returns the footprint of one kernel; invisible if it reaches no pixel. Its exact terms, if any, are
+// written at `index`.
 fn footprint(
     view: ViewUniform,
     filter_kind: u32,
@@ -356,7 +358,7 @@ fn footprint(
     let z = kernel.factor.z;
     var reach = length3(z);
     if !is_finite(reach) {
-        // Lengths beyond 1e19, whose squares f32 does not hold.
+        // Lengths beyond 1e19, whose squares overflow f32.
         reach = hypot(hypot(z.x, z.y), z.z);
     }
     if is_above(-MAX_CUTOFF * reach, kernel.centre.z) {
@@ -377,13 +379,14 @@ fn footprint(
         // A singular footprint (no low-pass filter), or numbers beyond f32.
         return out;
     }
-    // Of what ends together.
+    // Total depth of the kernels whose edges coincide.
     let depth = image.tau * image.enlargement * meeting(crowding);
     var r = cutoff_radius(depth, 1.0, view.tolerance, view.cutoff);
     let choice = choose_exact(view, filter_kind, screen, image, crowding);
     if choice.exists {
-        // Away from the camera's axis one side of the edge stands out: the kernel ends where that
-        // side has met the tolerance. A tenth more, because the wider edge stands out more.
+        // Away from the camera's axis one side of the edge exceeds exp(-r²/2). The kernel ends where that
+        // side falls below the tolerance. The radius is a tenth larger, because the wider edge exceeds it
+        // more.
         let growth = edge_growth(view, screen, image, choice.terms, 1.1 * r);
         let wider = cutoff_radius(depth, growth, view.tolerance, view.cutoff);
         r = max(r, wider);
@@ -437,7 +440,7 @@ fn affine_part(out: ptr<function, Footprint>, screen: ScreenFactor, image: Image
     (*out).cutoff_squared = r * r;
 }
 
-// Pixels whose centres lie within `half_size` of `centre`.
+// Sets the ranges of pixels whose centres lie within `half_size` of `centre`.
 fn set_bounds(
     view: ViewUniform,
     out: ptr<function, Footprint>,
@@ -452,14 +455,14 @@ fn set_bounds(
     }
 }
 
-// A packed range; 0 where it is empty.
+// Returns a packed range; 0 if it is empty.
 fn pixel_range(centre: f32, half_size: f32, size: u32) -> u32 {
     let first = pixel_of(ceil(centre - half_size - 0.5), size);
     let end = pixel_of(floor(centre + half_size - 0.5) + 1.0, size);
     return select(0u, first | end << 16u, first < end);
 }
 
-// A whole number held to 0 ... size; 0 where it is none.
+// Clamps a whole number to 0 ... size; NaN gives 0.
 fn pixel_of(x: f32, size: u32) -> u32 {
     if is_nan(x) {
         return 0u;
@@ -469,7 +472,7 @@ fn pixel_of(x: f32, size: u32) -> u32 {
 
 const NO_PLACE: u32 = 0xffffffffu;
 
-// The path of a footprint with these terms.
+// Returns the path of a footprint with these terms.
 fn push(terms: NearTerms, path: u32) -> u32 {
     let place = push_at(terms);
     if place == NO_PLACE {
@@ -478,7 +481,7 @@ fn push(terms: NearTerms, path: u32) -> u32 {
     return place << 2u | path;
 }
 
-// The place of terms among those of near kernels.
+// Appends terms to those of near kernels, and returns their index.
 fn push_at(terms: NearTerms) -> u32 {
     atomicAdd(&near.crossing, 1u);
     return listed(terms);
@@ -493,8 +496,8 @@ fn listed(terms: NearTerms) -> u32 {
     return place;
 }
 
-// Gives a footprint the planes at which the domain of its data cuts it; returns one more than their place,
-// 0 where its path says it or nothing cuts it.
+// Adds the planes at which the boundary of its domain cuts a kernel to its footprint. Returns one more
+// than their index; 0 if its path contains the index or nothing cuts it.
 fn cut_by_edges(view: ViewUniform, kernel: Kernel, edges: Edges, out: Footprint) -> u32 {
     if edges.count == 0u || out.rows == 0u {
         return 0u;
@@ -519,7 +522,7 @@ fn cut_by_edges(view: ViewUniform, kernel: Kernel, edges: Edges, out: Footprint)
     return select(place + 1u, 0u, place == NO_PLACE);
 }
 
-// An orthographic kernel that reaches behind the eye's plane.
+// Computes the footprint of an orthographic kernel that reaches behind the eye's plane.
 fn half_line_footprint(
     view: ViewUniform,
     kernel: Kernel,
@@ -545,7 +548,7 @@ fn half_line_footprint(
     }
 }
 
-// A perspective kernel that reaches the camera plane.
+// Computes the footprint of a perspective kernel that reaches the camera plane.
 fn near_footprint(
     view: ViewUniform,
     kernel: Kernel,
@@ -557,8 +560,8 @@ fn near_footprint(
         return;
     }
     let weight = found.weight;
-    // A bound of the optical depth in any direction: |D|/sqrt(DᵀKD) <= sqrt(trace V / det V), V
-    // with the low-pass filter of `near_terms`.
+    // A bound of the optical depth in any direction: |D|/sqrt(DᵀKD) <= sqrt(trace V / det V), V with the
+    // low-pass filter of `near_terms`.
     let h = sqrt(view.low_pass_variance_px2);
     let low_pass = h * max_number(abs(kernel.centre.z), length3(kernel.factor.z));
     var c = columns(kernel.factor);
@@ -571,7 +574,7 @@ fn near_footprint(
     let unit2 = kernel.mass / (TAU * weight);
     var highest = weight * sqrt(trace / unit2) / found.terms.sigma;
     if !is_finite(highest) || found.terms.sigma == 0.0 {
-        // A flat kernel's bound is infinite, and NaN must not shrink anything.
+        // A flat kernel's bound is infinite, and NaN must not reduce the radius.
         highest = LARGEST;
     }
     let r = cutoff_radius(highest * meeting(crowding), 1.0, view.tolerance, view.cutoff);
@@ -594,8 +597,8 @@ fn near_footprint(
     }
 }
 
-// The pixels along one axis that the cut-off ellipsoid may reach, in whole tiles: all between the
-// first and the last slab that neither bounding plane separates from it. 0 where there are none.
+// Returns the pixels along one axis that the cut-off ellipsoid may reach, in whole tiles: from the first
+// to the last slab that neither bounding plane separates from it. 0 if there are none.
 fn near_range(
     kernel: Kernel,
     axis: vec3<f32>,
@@ -624,7 +627,7 @@ fn near_range(
     return first * TILE_SIZE | min(end * TILE_SIZE, size) << 16u;
 }
 
-// Whether the ellipsoid may reach into the tiles of number `t` along an axis.
+// Returns whether the ellipsoid may reach into the tiles of number `t` along an axis.
 fn near_reaches(
     kernel: Kernel,
     axis: vec3<f32>,
@@ -640,7 +643,8 @@ fn near_reaches(
     return !is_nan(highest) && !is_nan(lowest) && highest >= 0.0 && lowest <= 0.0;
 }
 
-// Support of the ellipsoid beyond the plane x = X z through a pixel's edge, on either side of it.
+// Returns the extent of the ellipsoid beyond the plane x = X z through a pixel's edge, on either side of
+// it.
 fn near_side(
     kernel: Kernel,
     axis: vec3<f32>,

@@ -1,16 +1,16 @@
-// Stable sort of pairs (key, value) by bits of the keys, a digit a pass, least first. A pass is three dispatches: digits
-// counted per workgroup, prefix sums of the counts, places.
-// No twin: the stage's is a library's radix sort; tests/frames/gpu_sort.rs holds it to that.
+// Sorts pairs (key, value) stably by bits of the keys, one digit per pass, least first. A pass is three
+// dispatches: it counts digits per workgroup, computes prefix sums of the counts, and places the pairs.
+// No twin: the CPU uses a library's radix sort; tests/frames/gpu_sort.rs compares the two.
 
-// Digits at most: one per thread.
+// Greatest number of digits: one per thread.
 const RADIX: u32 = 1u << RADIX_BITS;
 
 struct RadixPass {
-    // The lowest bit of the digit.
+    // Lowest bit of the digit.
     shift: u32,
-    // How many digits there are: a power of two.
+    // Number of digits: a power of two.
     digits: u32,
-    // Which word of `counts` says how many pairs there are.
+    // Word of `counts` with the number of pairs.
     count_index: u32,
     capacity: u32,
 }
@@ -26,19 +26,20 @@ fn pair_count() -> u32 {
     return min(counts[radix_pass.count_index], radix_pass.capacity);
 }
 
-// Pairs of a workgroup: as many tiles as leave no more than RADIX_GROUPS workgroups, so that their counts stay few.
+// Returns the number of pairs of a workgroup: as many tiles as needed to have at most RADIX_GROUPS
+// workgroups, so that their counts stay few.
 fn group_length(count: u32) -> u32 {
     let tiles = max((count + RADIX_TILE - 1u) / RADIX_TILE, 1u);
     return (tiles + RADIX_GROUPS - 1u) / RADIX_GROUPS * RADIX_TILE;
 }
 
-// Workgroups that have pairs.
+// Returns the number of workgroups that have pairs.
 fn group_count(count: u32) -> u32 {
     let length = group_length(count);
     return (count + length - 1u) / length;
 }
 
-// Of a dispatch over the workgroups that have pairs.
+// Arguments of a dispatch over the workgroups that have pairs.
 @group(0) @binding(2) var<storage, read_write> new_arguments: array<u32, 3>;
 
 @compute @workgroup_size(1)
@@ -46,12 +47,12 @@ fn radix_prepare() {
     new_arguments = array<u32, 3>(group_count(pair_count()), 1u, 1u);
 }
 
-// Digit by digit, a count per workgroup; then what the workgroups before it have.
+// A count per workgroup for each digit; later the sum of the counts of the workgroups before.
 @group(0) @binding(2) var<storage, read_write> new_table: array<u32>;
 // Four keys at a time.
 @group(0) @binding(3) var<storage, read> four_keys: array<vec4<u32>>;
 
-// So many copies of a counter, lest equal digits of neighbours wait for each other.
+// Number of copies of a counter, so that equal digits of neighbours do not wait for each other.
 const COPIES: u32 = 8u;
 var<workgroup> histogram: array<atomic<u32>, RADIX * COPIES>;
 
@@ -86,10 +87,10 @@ fn radix_count(
     }
 }
 
-// Pairs of each digit.
+// Number of pairs of each digit.
 @group(0) @binding(3) var<storage, read_write> new_totals: array<u32>;
 
-// Threads that scan a digit's counts.
+// Number of threads that scan a digit's counts.
 const SCANNERS: u32 = THREADS / RADIX_SCANNED;
 var<workgroup> run_sums: array<u32, THREADS>;
 
@@ -135,22 +136,23 @@ fn radix_scan(
 @group(0) @binding(6) var<storage, read_write> sorted_keys: array<u32>;
 @group(0) @binding(7) var<storage, read_write> sorted_values: array<u32>;
 
-// Pairs of a tile per thread.
+// Number of pairs of a tile per thread.
 const RUN: u32 = RADIX_TILE / THREADS;
-// Threads that mark a digit in one word, a bit each: a row. Each row has consecutive pairs of the tile, ROW at a time.
+// Number of threads that mark a digit in one word, a bit each: a row. A row has consecutive pairs of the
+// tile, ROW at a time.
 const ROW: u32 = 32u;
 const ROWS: u32 = THREADS / ROW;
 
-// Row by row a word per digit: which of the row's threads have a pair of that digit. Later the tile's keys, then values,
-// in order: as many.
+// For each row, a word per digit: a bit for each of the row's threads with a pair of that digit. Later
+// the tile's keys, then its values, in order; the sizes are equal.
 var<workgroup> shared_words: array<atomic<u32>, ROWS * RADIX>;
-// Pairs of a row per digit, those of two rows in one word. None overflows: a tile has RADIX_TILE pairs. Then the place
-// in the tile of a row's first pair of that digit.
+// Number of pairs of a row per digit, with two rows in one word. None overflows: a tile has RADIX_TILE
+// pairs. Later the position in the tile of a row's first pair of that digit.
 var<workgroup> row_counts: array<atomic<u32>, ROWS / 2u * RADIX>;
-// What added to a pair's place in the tile makes its place among all, by digit.
+// For each digit: offset from a pair's position in the tile to its global position.
 var<workgroup> offsets: array<u32, RADIX>;
 
-// The word of a row's count, and the lowest bit of it in its word.
+// Returns the word of a row's count, and its lowest bit in the word.
 fn row_word(row: u32, digit: u32) -> u32 {
     return row / 2u * RADIX + digit;
 }
@@ -175,7 +177,8 @@ fn radix_scatter(
     // The thread's first pair in a tile.
     let first_own = row * ROW * RUN + thread % ROW;
 
-    // Where the next pair of the digit `thread` goes: after all of lesser digits and those of the workgroups before.
+    // Position of the next pair of the digit `thread`: after all smaller digits and after those of the
+    // workgroups before.
     var total = 0u;
     if thread < radix_pass.digits {
         total = totals[thread];
@@ -198,7 +201,7 @@ fn radix_scatter(
                 values[i] = source_values[tile + own];
             }
         }
-        // The last tile's readers are done.
+        // The previous tile's readers have finished.
         workgroupBarrier();
         for (var i = thread; i < ROWS * RADIX; i = i + THREADS) {
             atomicStore(&shared_words[i], 0u);
@@ -208,7 +211,8 @@ fn radix_scatter(
         }
         workgroupBarrier();
 
-        // How many of the row's pairs before each have its digit: those of earlier turns, and the lower bits.
+        // Number of earlier pairs in the row with the same digit: those of earlier iterations, plus the
+        // lower bits.
         var places: array<u32, RUN>;
         for (var i = 0u; i < RUN; i = i + 1u) {
             let has_pair = first_own + i * ROW < length;
@@ -224,7 +228,7 @@ fn radix_scatter(
                 places[i] = row_count(row, d) + countOneBits(marked & (bit - 1u));
             }
             workgroupBarrier();
-            // The first of its digit counts for all.
+            // The first pair of its digit counts for all.
             if has_pair && (marked & (bit - 1u)) == 0u {
                 atomicAdd(&row_counts[row_word(row, d)], countOneBits(marked) << row_shift(row));
                 atomicStore(&shared_words[at], 0u);
@@ -232,7 +236,7 @@ fn radix_scatter(
             workgroupBarrier();
         }
 
-        // Of the digit `thread`: the rows' counts become sums of those before them, digit by digit.
+        // For the digit `thread`: turns the rows' counts into sums of the rows before them.
         var sum = 0u;
         for (var i = thread; i < ROWS / 2u * RADIX; i = i + RADIX) {
             let two = atomicLoad(&row_counts[i]);

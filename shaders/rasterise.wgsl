@@ -1,43 +1,43 @@
-// Stage: from lists of footprints to pixels, front to back, a workgroup per tile and a thread per
+// Stage: draws lists of footprints into pixels, front to back, with a workgroup per tile and a thread per
 // pixel. Twin: src/cpu/tile/.
 //
-// What happens to a footprint on a pixel has an answer on each of four axes (src/splat/axes.rs), and
-// each answer a file of shaders/tile/. The host puts the files of one pass before this one; between
-// them they have
+// The drawing of a footprint on a pixel varies along four axes (src/splat/axes.rs), and each answer has a
+// file in shaders/tile/. The host puts the files of one pass before this one. Together they define:
 //
-//     Terms                     what footprints have besides
-//     begin_tile                one thread: what the threads of the tile share
-//     begin_pixel               all threads: what of a pixel was drawn before
-//     is_finished               whether nothing of the tile need be drawn any more
-//     look                      all threads, between batches: what need not be drawn any more
+//     Terms                     additional terms of footprints
+//     begin_tile                one thread: initialises the data that the tile's threads share
+//     begin_pixel               all threads: load the earlier contents of a pixel
+//     is_finished               whether the rest of the tile is hidden
+//     look                      all threads, between batches: find the part of the tile that is hidden
 //     prepare                   a thread for each footprint of a batch
-//     draw                      all threads: a footprint; whether its kernel was evaluated
-//     end_pixel                 all threads: what of a pixel is drawn
-//     layers_of_tile            one thread: what `TileProgress` keeps of layers
+//     draw                      all threads: draw a footprint; return whether its kernel was evaluated
+//     end_pixel                 all threads: store the contents of a pixel
+//     layers_of_tile            one thread: returns the state of the layers for `TileProgress`
 //
-// A frame whose footprints are drawn in several depth chunks comes here once per chunk; pixels and
-// the tile's progress are carried from one to the next.
+// A frame whose footprints are drawn in several depth chunks runs this once per chunk. Pixels and the
+// tile's progress are carried from one chunk to the next.
 
-// Whether footprints have terms.
+// True if footprints have terms.
 override HAS_TERMS: bool = true;
-// Whether pixels count the footprints that they evaluate.
+// True if pixels count the footprints that they evaluate.
 override IS_COUNT: bool = false;
-// Entries of a tile's list that one dispatch draws at most.
+// Greatest number of entries of a tile's list that one dispatch draws.
 override SLICE: u32 = 0xffffffffu;
 
 // Only the fields of the band are read.
 @group(0) @binding(0) var<uniform> chunk: ChunkUniform;
 @group(0) @binding(1) var<uniform> view: ViewUniform;
-// First and one past the last entry of each tile's list; what is drawn is taken off its beginning.
+// First and one past the last entry of each tile's list; entries that are drawn are removed from its
+// beginning.
 @group(0) @binding(2) var<storage, read_write> tile_ranges: array<vec2<u32>>;
 @group(0) @binding(3) var<storage, read> tile_lists: array<u32>;
-// Binding 4 is of footprint.wgsl.
+// Binding 4 belongs to footprint.wgsl.
 @group(0) @binding(5) var<storage, read> terms: array<Terms>;
 @group(0) @binding(6) var<storage, read> near: NearList;
-// The band's pixels, as who accumulates them lays them out.
+// The band's pixels, in the layout of the file that accumulates them.
 @group(0) @binding(7) var<storage, read_write> pixels: array<f32>;
 @group(0) @binding(8) var<storage, read_write> progress: array<TileProgress>;
-// Binding 9 is of interval/cut.wgsl, 10 and 11 are of classify/slab.wgsl.
+// Binding 9 belongs to interval/cut.wgsl, 10 and 11 to classify/slab.wgsl.
 
 var<workgroup> batch_terms: array<Terms, TERMINATION_INTERVAL>;
 var<workgroup> begun: TileBegun;
@@ -69,7 +69,7 @@ fn rasterise(
     var hidden = carried.hidden;
     var next = range.x;
     while !is_finished(hidden) && next < end {
-        // Batches end where the twin looks what is hidden.
+        // Batches end where the twin checks what is hidden.
         if drawn % TERMINATION_INTERVAL == 0u && drawn > 0u {
             hidden = look(thread, own.is_pixel, drawn);
             if is_finished(hidden) {
@@ -99,7 +99,7 @@ fn rasterise(
     }
     let is_end = chunk.is_last != 0u && (is_finished(hidden) || end == range.y);
     end_pixel(own, inside, is_end);
-    // Of fewer footprints than overflow this sum (`chunk_limit` of src/gpu/pass/capacity.rs).
+    // There are too few footprints to overflow this sum (`chunk_limit` of src/gpu/pass/capacity.rs).
     atomicAdd(&inside_low, inside);
     workgroupBarrier();
     if thread == 0u {

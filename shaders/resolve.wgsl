@@ -1,13 +1,14 @@
-// Stage: a background behind the pixels of a band, and sRGB codes decoded. Twin: src/cpu/resolve.rs.
+// Stage: composites the pixels of a band over a background, and decodes sRGB codes. Twin:
+// src/cpu/resolve.rs.
 
 struct Background {
-    // In the space that was blended in.
+    // Colour in the space of blending.
     colour: vec3<f32>,
-    // How many pixels the band has.
+    // Number of pixels of the band.
     pixels: u32,
-    // 1 where there is a background.
+    // 1 if there is a background, 0 otherwise.
     is_shown: u32,
-    // 1 where pixels are sRGB codes times opacity.
+    // 1 if pixels are sRGB codes times opacity, 0 otherwise.
     is_encoded: u32,
     unused: vec2<u32>,
 }
@@ -40,7 +41,7 @@ fn resolve(
         );
     }
     if background.is_encoded != 0u {
-        // What has no opacity adds nothing.
+        // A pixel without opacity adds nothing.
         let share = select(1.0, pixel.w, pixel.w > 0.0);
         pixel = vec4<f32>(
             share * decoded(pixel.x / share),

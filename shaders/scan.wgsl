@@ -1,17 +1,17 @@
-// Exclusive prefix sums of u32, in place: sums per workgroup, their prefix, and the rest. A sum
-// beyond 32 bits is the greatest word.
-// No twin; tests/frames/gpu_stages.rs holds it to a loop.
+// Computes exclusive prefix sums of u32, in place: sums per workgroup, their prefix sums, and the rest. A
+// sum beyond 32 bits becomes the greatest word. No twin; tests/frames/gpu_stages.rs compares it with a
+// loop.
 
-// How many words are summed: written by the stage that filled them.
+// Number of words to sum, written by the stage that filled them.
 @group(0) @binding(0) var<storage, read> scan_length: array<u32>;
 @group(0) @binding(1) var<storage, read_write> scan_words: array<u32>;
-// One sum per workgroup, then its prefix; last the sum of all.
+// One sum per workgroup, then its prefix sum; last the total.
 @group(0) @binding(2) var<storage, read_write> scan_sums: array<u32>;
 
-// Of a dispatch over the words there are.
+// Arguments of a dispatch over the words in use.
 @group(0) @binding(3) var<storage, read_write> scan_arguments: array<u32, 3>;
 
-// Which word of `scan_length` counts.
+// Word of `scan_length` that is read.
 override LENGTH_INDEX: u32 = 0u;
 
 // Words per workgroup.
@@ -27,7 +27,7 @@ fn scan_prepare() {
     scan_arguments = array<u32, 3>(arguments.x, arguments.y, arguments.z);
 }
 
-// The sum of a thread's words, which begin at `first`.
+// Returns the sum of a thread's words, which begin at `first`.
 fn sum_of_run(first: u32, length: u32) -> u32 {
     var sum = 0u;
     for (var i = first; i < min(first + SCAN_RUN, length); i = i + 1u) {
@@ -49,7 +49,7 @@ fn scan_reduce(
     }
 }
 
-// One workgroup.
+// A single workgroup.
 @compute @workgroup_size(THREADS)
 fn scan_sums_of_groups(@builtin(local_invocation_index) thread: u32) {
     let count = scan_groups();

@@ -1,6 +1,6 @@
-// Stage: colours of radiance fields, per visible particle, once: harmonics of the direction
-// from the eye to the particle (an orthographic camera's: its axis).
-// Twin: src/cpu/shade.rs, src/math/harmonics.rs.
+// Stage: evaluates colours of radiance fields, once per visible particle: harmonics of the direction from
+// the eye to the particle (for an orthographic camera: of its axis). Twin: src/cpu/shade.rs,
+// src/math/harmonics.rs.
 
 @group(0) @binding(0) var<storage, read> camera: CameraUniform;
 @group(0) @binding(1) var<storage, read> state: PartState;
@@ -15,11 +15,11 @@
 override POINT_WORDS: u32 = 4u;
 // Coefficients of one colour channel.
 override HARMONICS_COUNT: u32 = 1u;
-// Into the space that is blended in: sums are sRGB codes and light is blended, or the other way round.
+// Conversions to the space of blending: sums are sRGB codes and linear light is blended, or vice versa.
 override DECODES: bool = true;
 override ENCODES: bool = false;
 
-// The sixteen harmonics up to degree 3 in a direction of unit length.
+// Returns the sixteen harmonics up to degree 3 in a direction of unit length.
 fn harmonics(direction: vec3<f32>) -> array<f32, 16> {
     let x = direction.x;
     let y = direction.y;
@@ -47,8 +47,8 @@ fn harmonics(direction: vec3<f32>) -> array<f32, 16> {
     );
 }
 
-// 1/2 + the sum of coefficients times harmonics, per colour channel; coefficients from `first` are
-// R, G, B of the first harmonic, of the second, ...
+// Returns 1/2 + the sum of coefficients times harmonics, per colour channel. Coefficients from `first`
+// are R, G, B of the first harmonic, of the second, ...
 fn harmonics_sum(first: u32, basis: array<f32, 16>) -> vec3<f32> {
     var harmonic = basis;
     var sum = vec3<f32>(0.5);
@@ -60,7 +60,7 @@ fn harmonics_sum(first: u32, basis: array<f32, 16>) -> vec3<f32> {
     return sum;
 }
 
-// A sum from 0 up in the space that is blended in. NaN is 0.
+// Converts a sum to the space of blending, clamped at 0. NaN gives 0.
 fn into_space(sum: f32) -> f32 {
     if !is_positive(sum) {
         return 0.0;
@@ -77,7 +77,7 @@ fn into_space(sum: f32) -> f32 {
     return sum;
 }
 
-// Zero where v has no direction.
+// Returns zero if v has no direction.
 fn normalize_or_zero(v: vec3<f32>) -> vec3<f32> {
     let reciprocal = 1.0 / sqrt(dot3(v, v));
     if is_finite(reciprocal) && is_positive(reciprocal) {

@@ -1,10 +1,10 @@
-// Stage: the footprints' order, front to back: their keys and indices, which radix.wgsl sorts.
-// Twin: src/cpu/sort.rs.
+// Stage: prepares the footprints' keys and indices, which radix.wgsl sorts front to back. Twin:
+// src/cpu/sort.rs.
 
 @group(0) @binding(0) var<storage, read> part_counts: array<u32>;
 @group(0) @binding(1) var<storage, read_write> new_state: SortState;
 @group(0) @binding(2) var<storage, read_write> new_ranges: array<PartRange>;
-// Of `sort_keys`, part by part.
+// Arguments of `sort_keys`, part by part.
 @group(0) @binding(3) var<storage, read_write> new_arguments: array<array<u32, 3>>;
 
 @compute @workgroup_size(1)
@@ -20,10 +20,10 @@ fn sort_prepare() {
     new_state = SortState(first, 0u, 0u);
 }
 
-// The key of footprints that reach no pixel: after all others, whose keys have DEPTH_KEY_BITS bits.
+// Key of footprints that reach no pixel. It comes after all others, whose keys have DEPTH_KEY_BITS bits.
 const INVISIBLE: u32 = 0xffffffffu;
 
-// `SortState`, counted in by all workgroups.
+// `SortState`, to which all workgroups add their counts.
 struct Counted {
     count: u32,
     visible: atomic<u32>,
@@ -63,7 +63,7 @@ fn sort_keys(
     }
     workgroupBarrier();
     if thread == 0u {
-        // Sums: the order of the workgroups cannot be seen in them.
+        // Sums do not depend on the order of the workgroups.
         atomicAdd(&state.visible, atomicLoad(&visible));
         atomicAdd(&state.exact, atomicLoad(&exact));
     }

@@ -1,17 +1,17 @@
-// Stage: from the layers of opaque surfaces to pixels: colour, coverage, depth and, where asked for,
-// normals. rasterise.wgsl, which this follows, draws the layers. Twin: src/cpu/tile/accumulate/opaque.rs.
+// Stage: computes pixels from the layers of opaque surfaces: colour, coverage, depth and, on request,
+// normals. It follows rasterise.wgsl, which draws the layers. Twin: src/cpu/tile/accumulate/opaque.rs.
 
-// Whether the surface is the whole picture: then it has a depth where it covers half of a pixel.
-// Otherwise wherever it covers any of it.
+// True if the surface is the whole picture. If so, a pixel has a depth if the surface covers half of it.
+// Otherwise it has a depth if the surface covers any part of it.
 override IS_PICTURE: bool = true;
 
-// The layers as accumulate/opaque.wgsl leaves them.
+// Layers, in the layout of accumulate/opaque.wgsl.
 @group(0) @binding(2) var<storage, read> drawn_layers: array<f32>;
 // The band's pixels, row by row: four floats each, then a depth each, then (with normals) three floats
 // each.
 @group(0) @binding(3) var<storage, read_write> surface_pixels: array<f32>;
 
-// The share of a pixel that weights of this sum cover.
+// Returns the coverage of a pixel for a sum of weights.
 fn coverage(weight: f32) -> f32 {
     if weight <= 0.5 {
         return weight;
@@ -19,7 +19,7 @@ fn coverage(weight: f32) -> f32 {
     return min(0.5 + (weight - 0.5) * (0.5 / (COVERAGE_FULL - 0.5)), 1.0);
 }
 
-// Pixels from their layers, one thread each.
+// Computes pixels from their layers, one thread each.
 @compute @workgroup_size(THREADS)
 fn resolve_layers(
     @builtin(local_invocation_index) thread: u32,

@@ -1,6 +1,6 @@
-// Particles are asked by themselves.
+// Classifies each particle by its own value.
 
-// Nothing is shared by the threads of a view.
+// The threads of a view share no data.
 fn prepare(view: BlockView, thread: u32) {
 }
 

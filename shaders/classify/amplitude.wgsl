@@ -1,9 +1,9 @@
-// What classify.wgsl makes of a particle for column densities: its amplitude, value x volume or the mass.
-// No transfer function is asked. In f64, as the twin: amplitudes are products of numbers that each
-// fit f32 and may not fit it together. Twin: src/cpu/amplitude.rs.
+// Computes the amplitude of a particle for column densities: value x volume, or the mass. It uses no
+// transfer function. It works in f64, as the twin does: an amplitude is a product of numbers that each
+// fit f32; the product may not. Twin: src/cpu/amplitude.rs.
 
 struct AmplitudeUniform {
-    // Masses per amplitude, f64.
+    // Mass per unit of amplitude, f64.
     scale: vec2<u32>,
     // The volume that all cells of a lattice share, f64.
     cell_volume: vec2<u32>,
@@ -11,8 +11,8 @@ struct AmplitudeUniform {
 
 @group(0) @binding(7) var<uniform> amplitudes: AmplitudeUniform;
 
-// Particle `index`; of a lattice the cell. The mass is the amplitude's magnitude, relative to the largest
-// of the scene; what follows is its sign.
+// Computes particle `index`; for a lattice, its cell. The mass is the amplitude's magnitude, relative to
+// the largest of the scene, and the carried number is its sign.
 fn weighed(index: u32, cell: vec3<u32>) -> Visit {
     var particle = Visit(index, 0.0, vec4<f32>(0.0));
     var amplitude: vec2<u32>;

@@ -1,8 +1,7 @@
-// What classify.wgsl makes of a particle: its mass by the transfer function and its strength, and its
-// colour.
+// Computes a particle's mass, from the transfer function and its strength, and its colour.
 
 override COLOUR: u32 = COLOUR_CLASSIFIED;
-// Of merged points: each strength is followed by the depth of its members.
+// For merged points: whether each strength is followed by the depth of its members.
 override HAS_MEMBER_DEPTHS: bool = false;
 
 @group(0) @binding(7) var<storage, read> transfer: TransferTable;
@@ -14,7 +13,7 @@ fn cell_volume(cell: vec3<u32>) -> f32 {
     return strengths[cell.x] * strengths[y] * strengths[z];
 }
 
-// Particle `index`; of a lattice the cell.
+// Computes particle `index`; for a lattice, its cell.
 fn weighed(index: u32, cell: vec3<u32>) -> Visit {
     var particle = Visit(index, 0.0, vec4<f32>(0.0));
     if VALUES != VALUES_NONE {
@@ -24,7 +23,7 @@ fn weighed(index: u32, cell: vec3<u32>) -> Visit {
         particle.mass = as_cluster(strength_at(particle.index), particle.index);
         return particle;
     }
-    // Most cells of most volumes end here.
+    // Most cells of most volumes are rejected here.
     if !is_positive(particle.class_of_value.w) {
         return particle;
     }
@@ -40,7 +39,7 @@ fn weighed(index: u32, cell: vec3<u32>) -> Visit {
     return particle;
 }
 
-// What the transfer function makes of value i; of merged particles, of the interval it stands for.
+// Applies the transfer function to value i; for merged particles, to the interval of their values.
 fn class_at(i: u32) -> vec4<f32> {
     if VALUES == VALUES_SPREAD {
         let mean = bitcast<f32>(values[2u * i]);
@@ -54,7 +53,7 @@ fn strength_at(i: u32) -> f32 {
     return strengths[select(i, 2u * i, HAS_MEMBER_DEPTHS)];
 }
 
-// Of members that lie apart, each is less opaque than their mean depth says.
+// If members do not overlap, each is less opaque than their mean depth implies.
 fn as_cluster(mass: f32, i: u32) -> f32 {
     if HAS_MEMBER_DEPTHS {
         return mass * ein_share(mass * strengths[2u * i + 1u]);
@@ -73,6 +72,6 @@ fn carried_by(particle: Visit) -> array<f32, 3> {
     if COLOUR == COLOUR_UNIFORM {
         return array<f32, 3>(colours[0], colours[1], colours[2]);
     }
-    // shade.wgsl fills these in.
+    // shade.wgsl computes these.
     return array<f32, 3>(0.0, 0.0, 0.0);
 }

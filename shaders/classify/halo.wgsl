@@ -1,18 +1,18 @@
-// The field around particles: of a lattice's cells from their neighbours, of points as it is stored.
+// Provides the field around particles: for a lattice's cells from their neighbours, for points as stored.
 // Twins: src/blocks/halo.rs, src/scene/local_models.rs.
 
-// Cells of a brick and of two rings around along each axis.
+// Cells of a brick and of a halo two cells wide, along each axis.
 const WIDE_X: u32 = BRICK_X + 4u;
 const WIDE_Y: u32 = BRICK_Y + 4u;
 const WIDE_Z: u32 = BRICK_Z + 4u;
 const WIDE_COUNT: u32 = WIDE_X * WIDE_Y * WIDE_Z;
 
-// Their values, as bits; NaN where there is none.
+// Their values, as bits; NaN for cells outside the lattice.
 var<workgroup> halo: array<u32, WIDE_COUNT>;
 
 const NO_VALUE: u32 = 0x7fc00000u;
 
-// How the field runs over a kernel.
+// Local model of the field over a kernel.
 struct LocalModel {
     slope: vec3<f32>,
     departure: f32,
@@ -20,8 +20,8 @@ struct LocalModel {
     around: vec2<f32>,
 }
 
-// The value of a cell, as bits; the brick that it is in may be another part's, whose values are kept
-// here, too.
+// Returns the value of a cell, as bits. Its brick may belong to another part; its values are then stored
+// in this part, too.
 fn value_of_cell(cell: vec3<u32>) -> u32 {
     let b = cell / vec3<u32>(BRICK_X, BRICK_Y, BRICK_Z);
     let own = cell - b * vec3<u32>(BRICK_X, BRICK_Y, BRICK_Z);
@@ -33,12 +33,12 @@ fn value_of_cell(cell: vec3<u32>) -> u32 {
     return select(bits, NO_VALUE, (bits & 0x7f800000u) == 0x7f800000u);
 }
 
-// Each thread fetches some of a brick's values and of those around.
+// Loads a brick's values and its halo; each thread loads some of them.
 fn fill_halo(block: u32, thread: u32) {
     let corner = brick_corner(block);
     for (var n = thread; n < WIDE_COUNT; n = n + THREADS) {
         let wide = vec3<u32>(n % WIDE_X, n / WIDE_X % WIDE_Y, n / (WIDE_X * WIDE_Y));
-        // Below the first cell it wraps around and is none.
+        // Below the first cell the index wraps around and is rejected.
         let cell = corner + wide - 2u;
         var bits = NO_VALUE;
         if all(cell < bricks.dims) {
@@ -52,7 +52,7 @@ fn is_none(bits: u32) -> bool {
     return bits == NO_VALUE;
 }
 
-// How the spacing changes at a cell along an axis: after the widths of all cells.
+// Returns the change of the spacing at a cell along an axis; it is stored after the widths of all cells.
 fn bend_of(cell: vec3<u32>, axis: u32) -> f32 {
     if STRENGTH != STRENGTH_WIDTHS {
         return 0.0;
@@ -68,7 +68,7 @@ fn bend_of(cell: vec3<u32>, axis: u32) -> f32 {
     return strengths[first + cell[axis]];
 }
 
-// The model of a cell of the brick, from its neighbours.
+// Returns the model of a cell of the brick, from its neighbours.
 fn model_of_cell(local: u32, cell: vec3<u32>) -> LocalModel {
     let own_cell = brick_cell(vec3<u32>(2u), local);
     let place = own_cell.x + WIDE_X * (own_cell.y + WIDE_Y * own_cell.z);
@@ -95,7 +95,7 @@ fn model_of_cell(local: u32, cell: vec3<u32>) -> LocalModel {
     return LocalModel(slope * width, 0.5 * width * width * second, vec2<f32>(own));
 }
 
-// Least and greatest of the values two cells around.
+// Returns the least and greatest value within two cells.
 fn range_around(local: u32) -> vec2<f32> {
     let own = brick_cell(vec3<u32>(2u), local);
     var lo = LARGEST;
@@ -114,12 +114,12 @@ fn range_around(local: u32) -> vec2<f32> {
     return vec2<f32>(lo, hi);
 }
 
-// Half word k of the codes of local models.
+// Returns half word k of the codes of local models.
 fn code_word(k: u32) -> u32 {
     return (bitcast<u32>(strengths[bricks.models_first + k / 2u]) >> (16u * (k % 2u))) & 0xffffu;
 }
 
-// A length in so many steps down from the greatest, `steps` to an octave; 0 for the step 0.
+// Decodes a length: so many steps down from the greatest, `steps` to an octave; 0 for the step 0.
 fn length_of_steps(step: u32, last: u32, steps: u32, greatest: f32) -> f32 {
     if step == 0u {
         return 0.0;
@@ -130,7 +130,7 @@ fn length_of_steps(step: u32, last: u32, steps: u32, greatest: f32) -> f32 {
     return greatest * bitcast<f32>((127u - octaves) << 23u) * exp_negative(-rest * LN_2);
 }
 
-// The stored model of particle `index` of value `value`.
+// Returns the stored model of particle `index` of value `value`.
 fn model_of_point(index: u32, value: f32) -> LocalModel {
     let low = code_word(3u * index) | (code_word(3u * index + 1u) << 16u);
     let high = code_word(3u * index + 2u);

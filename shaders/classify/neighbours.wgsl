@@ -1,7 +1,7 @@
-// Particles that carry values are left out where nothing of the values around is shown: slabs are classified, not
-// they. Twin: src/blocks/neighbours.rs.
+// Drops particles that carry values if none of the values around is visible: slabs are classified, not
+// particles. Twin: src/blocks/neighbours.rs.
 
-// The values around a brick.
+// Loads the values around a brick.
 fn prepare(view: BlockView, thread: u32) {
     if IS_LATTICE && view.classified_by == BY_NEIGHBOURS {
         fill_halo(view.block, thread);

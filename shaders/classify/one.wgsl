@@ -1,8 +1,8 @@
-// What becomes of a particle where that is one kernel at most; classify/alone.wgsl or classify/neighbours.wgsl has
-// `prepare` and `visit_shown`. Counting and emitting share these; should a
-// compiler round the two differently all the same, a view keeps to its places.
+// Counts and emits particles that become at most one kernel. classify/alone.wgsl or
+// classify/neighbours.wgsl has `prepare` and `visit_shown`, which counting and emitting share. Should a
+// compiler round the two differently all the same, a view keeps to its range.
 
-// How many kernels a thread's particle becomes.
+// Returns the number of kernels of a thread's particle.
 fn kernel_count(view: BlockView, thread: u32) -> u32 {
     return u32(is_positive(visit_shown(view, thread).mass));
 }
@@ -13,7 +13,7 @@ fn classify_emit(
     @builtin(workgroup_id) group: vec3<u32>,
 ) {
     let v = group_index(group);
-    // None where there is no room for all.
+    // Emits nothing if the capacity is too small for all.
     let is_view = v < state.view_count && state.classified_count > 0u;
     var particle = Visit(0u, 0.0, vec4<f32>(0.0));
     if is_view {

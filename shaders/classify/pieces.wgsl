@@ -1,11 +1,11 @@
-// Pieces, where kernels are classified over their own extents: of each particle a piece
-// for each lobe of the transfer function that its values reach, or for each window of a lobe with steps. The terms of a piece follow all particles
-// that there is room for. Twins: src/cpu/extent.rs.
+// Classifies kernels over their own extents. A particle becomes one piece for each lobe of the transfer
+// function that its values reach, or for each window of a lobe with steps. The terms of the pieces follow
+// the space for all particles. Twins: src/cpu/extent.rs.
 
-// What is asked of lobes for a particle.
+// Properties of a particle that the lobes depend on.
 struct Kernel {
     exists: bool,
-    // In arrays of one entry per particle.
+    // Index in arrays with one entry per particle.
     index: u32,
     cell: vec3<u32>,
     value: f32,
@@ -13,11 +13,11 @@ struct Kernel {
     spread: f32,
     middle: f32,
     model: LocalModel,
-    // The values that a piece may have.
+    // The range of values that a piece may have.
     reached: vec2<f32>,
 }
 
-// Particle `local` of a block whose kernels are classified over their extents.
+// Returns particle `local` of a block whose kernels are classified over their extents.
 fn kernel_of(block: u32, local: u32) -> Kernel {
     var kernel: Kernel;
     let b = blocks[block];
@@ -51,7 +51,7 @@ fn kernel_of(block: u32, local: u32) -> Kernel {
     return kernel;
 }
 
-// Finds the range of the values around: for kernels that come near a lobe.
+// Adds the range of the values around, for kernels that come near a lobe.
 fn with_range(kernel: Kernel, local: u32) -> Kernel {
     var out = kernel;
     var around = kernel.model.around;
@@ -66,7 +66,7 @@ fn with_range(kernel: Kernel, local: u32) -> Kernel {
     return out;
 }
 
-// The piece of a kernel in a lobe. `class_of_value` is what carries its colour.
+// The piece of a kernel in a lobe. `class_of_value` carries its colour.
 struct FoundPiece {
     extinction: f32,
     class_of_value: vec4<f32>,
@@ -74,11 +74,11 @@ struct FoundPiece {
     width: f32,
 }
 
-// - `window`: of the lobe.
+// - `window`: window of the lobe.
 fn piece_in(kernel: Kernel, lobe: Lobe, window: u32) -> FoundPiece {
     var found: FoundPiece;
     if !(kernel.spread > lobe.threshold) {
-        // One for all windows.
+        // The first window stands for all.
         if window == lobe.first_window && lobe_meets(lobe, kernel.value, kernel.value) {
             found.class_of_value = classify(kernel.value);
             found.extinction = found.class_of_value.w;
@@ -94,7 +94,7 @@ fn piece_in(kernel: Kernel, lobe: Lobe, window: u32) -> FoundPiece {
     return found;
 }
 
-// Whether a kernel may have a piece in a lobe, whatever the values around.
+// Returns whether a kernel may have a piece in a lobe, for any values around.
 fn comes_near(kernel: Kernel, lobe: Lobe) -> bool {
     if !(kernel.spread > lobe.threshold) {
         return lobe_meets(lobe, kernel.value, kernel.value);
@@ -103,7 +103,7 @@ fn comes_near(kernel: Kernel, lobe: Lobe) -> bool {
     return lobe_meets(lobe, kernel.middle - reach, kernel.middle + reach);
 }
 
-// Whether it has, and with `with_range`.
+// Returns whether a kernel has a piece in a lobe, given the range of `with_range`.
 fn reaches(kernel: Kernel, lobe: Lobe) -> bool {
     if !(kernel.spread > lobe.threshold) {
         return true;
@@ -121,7 +121,8 @@ fn volume_of_particle(kernel: Kernel) -> f32 {
     return strengths[kernel.index];
 }
 
-// The windows of all lobes that a kernel has a piece in, a bit each. Counting and emitting share it.
+// Returns the windows of all lobes in which a kernel has a piece, a bit each. Counting and emitting share
+// this function.
 fn windows_of(block: u32, local: u32) -> u32 {
     var kernel = kernel_of(block, local);
     if !kernel.exists {
@@ -152,7 +153,8 @@ fn windows_of(block: u32, local: u32) -> u32 {
     return mask;
 }
 
-// What a thread's particle becomes: a bit for each window, or bit 0 where its block keeps to values alone.
+// Returns the pieces of a thread's particle: a bit for each window, or bit 0 if its block is classified
+// by values alone.
 fn mask_of(block: u32, is_spread: bool, thread: u32) -> u32 {
     if is_spread {
         return windows_of(block, thread);
@@ -160,14 +162,14 @@ fn mask_of(block: u32, is_spread: bool, thread: u32) -> u32 {
     return u32(is_positive(visit(block, thread).mass));
 }
 
-// The values around a brick whose kernels are classified over their extents.
+// Loads the values around a brick whose kernels are classified over their extents.
 fn prepare(view: BlockView, thread: u32) {
     if IS_LATTICE && view.classified_by == BY_EXTENT {
         fill_halo(view.block, thread);
     }
 }
 
-// How many kernels a thread's particle becomes.
+// Returns the number of kernels of a thread's particle.
 fn kernel_count(view: BlockView, thread: u32) -> u32 {
     return countOneBits(mask_of(view.block, view.classified_by == BY_EXTENT, thread));
 }
@@ -178,7 +180,7 @@ fn classify_emit(
     @builtin(workgroup_id) group: vec3<u32>,
 ) {
     let v = group_index(group);
-    // None where there is no room for all.
+    // Emits nothing if the capacity is too small for all.
     let is_view = v < state.view_count && state.classified_count > 0u;
     let is_spread = is_view && views[v].classified_by == BY_EXTENT;
     if is_view {
@@ -208,7 +210,7 @@ fn classify_emit(
         while mask != 0u {
             let window = countTrailingZeros(mask);
             mask = mask & (mask - 1u);
-            // Windows lie in the order of their lobes.
+            // Windows are in the order of their lobes.
             while window >= own.first_window + own.window_count {
                 i = i + 1u;
                 own = lobe(i);
@@ -231,7 +233,7 @@ fn classify_emit(
 
 fn emit(at: u32, v: u32, local: u32, particle: Visit, axis: vec3<f32>, shift: f32, width: f32) {
     classified[at] = ClassifiedParticle(v, local, particle.mass, carried_by(particle));
-    // As `PieceTerms` lies.
+    // In the layout of `PieceTerms`.
     classified[state.capacity + at] = ClassifiedParticle(
         bitcast<u32>(axis.x),
         bitcast<u32>(axis.y),

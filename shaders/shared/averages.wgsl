@@ -1,14 +1,14 @@
-// A transfer function, and its averages over intervals of values. The stage declares `transfer`.
-// Twins: src/scene/transfer_function.rs, src/scene/transfer_function/averages.rs.
+// Evaluates a transfer function, and its averages over intervals of values. The stage declares
+// `transfer`. Twins: src/scene/transfer_function.rs, src/scene/transfer_function/averages.rs.
 
 struct TransferTable {
     low: f32,
     scale: f32,
-    // What 1 in the integrals stands for: of the first three, of the last.
+    // Units of the integrals: of the first three, of the last.
     colour_unit: f32,
     extinction_unit: f32,
-    // The entries, f32: red, green, blue, extinction. Then as many integrals from the first entry to
-    // each, i32: of what is averaged.
+    // The entries, f32: red, green, blue, extinction. Then as many integrals of the averaged quantities
+    // from the first entry to each, i32.
     words: array<vec4<u32>>,
 }
 
@@ -16,9 +16,9 @@ fn table_entry(i: u32) -> vec4<f32> {
     return bitcast<vec4<f32>>(transfer.words[i]);
 }
 
-// Linear red, green, blue and the extinction [1/length] of a value.
+// Returns linear red, green, blue and the extinction [1/length] of a value.
 //
-// Values outside the range, infinities included, take its ends; NaN is transparent.
+// Values outside the range, infinities included, get the colour of its ends; NaN is transparent.
 fn classify(value: f32) -> vec4<f32> {
     if is_nan(value) {
         return vec4<f32>(0.0);
@@ -29,8 +29,8 @@ fn classify(value: f32) -> vec4<f32> {
     return a + (b - a) * p.fraction;
 }
 
-// The average colour and extinction of values spread evenly over value - spread to value + spread;
-// `is_even`: colours are not weighted with their extinctions.
+// Returns the average colour and extinction of values evenly distributed over value - spread to value +
+// spread. If `is_even`, colours are not weighted with their extinctions.
 fn classify_spread(value: f32, spread: f32, is_even: bool) -> vec4<f32> {
     if is_nan(value) || is_nan(spread) {
         return vec4<f32>(0.0);
@@ -72,7 +72,7 @@ fn classify_spread(value: f32, spread: f32, is_even: bool) -> vec4<f32> {
     return weighted_average(sum, is_even);
 }
 
-// The average from fraction `s` to fraction `t` of the way from entry `i` to the next.
+// Returns the average from fraction `s` to fraction `t` of the way from entry `i` to the next.
 fn average_part(i: u32, s: f32, t: f32, is_even: bool) -> vec4<f32> {
     let a = table_entry(i);
     let b = table_entry(i + 1u);
@@ -83,12 +83,12 @@ fn average_part(i: u32, s: f32, t: f32, is_even: bool) -> vec4<f32> {
     if is_even {
         return mean;
     }
-    // Of the product of two linear functions.
+    // Average of the product of two linear functions.
     let curvature = difference.w * (length * length * (1.0 / 12.0));
     return vec4<f32>(mean.xyz * mean.w + difference.xyz * curvature, mean.w);
 }
 
-// The colour and the extinction of averages.
+// Returns the colour and the extinction of averages.
 fn weighted_average(sum: vec4<f32>, is_even: bool) -> vec4<f32> {
     if is_even {
         return sum;

@@ -1,5 +1,4 @@
-// What an approximation costs at most. Twin: src/splat/bounds.rs, which says where the numbers
-// come from.
+// Bounds the errors of the approximations. Twin: src/splat/bounds.rs, which explains the numbers.
 
 // Bound on max |affine - exact| / peak of one footprint.
 fn affine_error(
@@ -23,7 +22,7 @@ fn affine_error(
     return linear + 1.1 * curvature + 0.4 * w.angle;
 }
 
-// Bound on how far the exact footprint stands above exp(-r²/2) of its centre on the outline of its
+// Bound on the amount by which the exact footprint exceeds exp(-r²/2) of its centre on the outline of its
 // cut-off `r`.
 fn edge_growth(
     view: ViewUniform,
@@ -38,7 +37,7 @@ fn edge_growth(
     return sqrt(1.0 + 2.0 * r * length2(w.growth - w.gamma * 0.5) * u + r * r * w.angle);
 }
 
-// Perspective's terms in units of the footprint's standard deviations: Lᵀ g, the growth of
+// The terms of perspective in units of the footprint's standard deviations: Lᵀ g, the growth of
 // |D|/|D0|, and l_max(S/f²)/(1 + |x_k|²).
 struct Whitened {
     gamma: vec2<f32>,
@@ -75,7 +74,7 @@ fn lower_factor(kernel: ImageKernel) -> array<f32, 3> {
     return array<f32, 3>(l0, kernel.b / l0, sqrt(kernel.determinant / kernel.a));
 }
 
-// What `affine_error` is to be multiplied by for the error of the opacity 1 - exp(-tau).
+// Returns the factor that turns `affine_error` into the error of the opacity 1 - exp(-tau).
 fn opacity_amplification(tau: f32) -> f32 {
     if tau < 1.0 {
         return tau;

@@ -1,22 +1,22 @@
-// What draws a block in a frame: which filter its particles share, and whether merged particles
-// stand for others. The stage declares `camera`, `maxima` and what the overrides here are for.
-// Twin: src/blocks/choose.rs, which says where the numbers come from; comparisons are phrased
-// so that NaN takes the same side.
+// Chooses how a block is drawn in a frame: the filter of its particles, and whether merged particles
+// replace their members. The stage declares `camera`, `maxima` and sets the overrides below. Twin:
+// src/blocks/choose.rs, which explains the numbers. Comparisons are phrased so that NaN takes the same
+// side.
 
-// Masses are classified, so that blocks may be transparent.
+// True if masses are classified, so that blocks may be transparent.
 override IS_CLASSIFIED: bool = false;
-// Colours are.
+// True if colours are classified.
 override IS_COLOUR_CLASSIFIED: bool = false;
-// Particles are merged ones.
+// True if particles are merged ones.
 override IS_MERGED: bool = false;
-// All are spheres.
+// True if all particles are spheres.
 override ARE_ROUND: bool = false;
 
-// How a block's kernels may appear on the image, whatever their place in it.
+// Bounds on the appearance of a block's kernels on the image, at any position in the block.
 struct Appearance {
-    // False where the block may reach the plane of the eye.
+    // False if the block may reach the plane of the eye.
     exists: bool,
-    // Least distance of a kernel's centre, world units; of no meaning for an orthographic camera.
+    // Least distance of a kernel's centre, world units; unused for an orthographic camera.
     distance: f32,
     // Greatest tangent of an angle off the camera's axis.
     slope: f32,
@@ -26,7 +26,7 @@ struct Appearance {
     scale_px: vec2<f32>,
 }
 
-// `centre`: of the block, camera space.
+// - `centre`: centre of the block, camera space.
 fn appearance_of(choice: ChoiceUniform, centre: vec3<f32>, half_extent: vec3<f32>) -> Appearance {
     let least = choice.focal_px.x;
     let greatest = choice.focal_px.y;
@@ -53,22 +53,22 @@ fn appearance_of(choice: ChoiceUniform, centre: vec3<f32>, half_extent: vec3<f32
     );
 }
 
-// What is known of a block's particles besides their places.
+// Properties of a block's particles other than their positions.
 struct Kernels {
     // Least and greatest standard deviation.
     sigmas: vec2<f32>,
-    // Whether all are spheres.
+    // True if all are spheres.
     are_round: bool,
     // The greatest mass.
     mass: f32,
-    // The most that lie in one place, as a multiple of OVERLAP.
+    // Greatest number of kernels that overlap at a point, as a multiple of OVERLAP.
     crowding: f32,
-    // Greatest change of the colour, or of the extinction as a share of its greatest, per unit of
+    // Greatest change of the colour, or of the extinction as a fraction of its greatest, per unit of
     // value.
     slope: f32,
 }
 
-// `is_spread`: whether the kernels are classified over their extents, and may be flattened.
+// - `is_spread`: whether the kernels are classified over their extents, and may be flattened.
 fn kernels_of(block: DeviceBlock, is_spread: bool) -> Kernels {
     let low = select(block.value_range[0], block.values_around[0], is_spread);
     let high = select(block.value_range[1], block.values_around[1], is_spread);
@@ -93,7 +93,7 @@ fn kernels_of(block: DeviceBlock, is_spread: bool) -> Kernels {
     );
 }
 
-// A bound on the optical depth at a kernel's centre, low-passed.
+// Returns a bound on the optical depth at a kernel's centre, low-passed.
 fn peak_of(kernels: Kernels, appearance: Appearance, h2: f32) -> f32 {
     let greatest_px = appearance.scale_px.y;
     let narrowest = kernels.sigmas.x * appearance.scale_px.x;
@@ -122,8 +122,8 @@ fn filter_of(
     return by_tolerance(choice, appearance, kernels);
 }
 
-// Eq. 7 of Chen et al. 2004 for all of a block: r_k the kernels' standard deviation, r_h that of
-// the low-pass filter, one unit in front of the eye.
+// Applies eq. 7 of Chen et al. 2004 to all of a block: r_k is the kernels' standard deviation, r_h that
+// of the low-pass filter, one unit in front of the eye.
 fn by_hand(choice: ChoiceUniform, appearance: Appearance, kernels: Kernels) -> u32 {
     let h = sqrt(choice.low_pass_variance_px2);
     let c_min = choice.thresholds.x;
@@ -137,8 +137,8 @@ fn by_hand(choice: ChoiceUniform, appearance: Appearance, kernels: Kernels) -> u
     return FILTER_EWA;
 }
 
-// The cheapest filter whose bound fits the tolerance for every kernel; FILTER_ADAPTIVE where each
-// kernel is to be asked.
+// Returns the cheapest filter whose bound fits the tolerance for every kernel; FILTER_ADAPTIVE if each
+// kernel must choose for itself.
 fn by_tolerance(choice: ChoiceUniform, appearance: Appearance, kernels: Kernels) -> u32 {
     let h2 = choice.low_pass_variance_px2;
     let least_px = appearance.scale_px.x;
@@ -163,7 +163,7 @@ fn by_tolerance(choice: ChoiceUniform, appearance: Appearance, kernels: Kernels)
     if is_at_most(widest_px2 * appearance.stretch, allowed * h2) {
         return FILTER_LOW_PASS;
     }
-    // What the variances along a footprint's axes differ by at most, as a share of their mean.
+    // Greatest difference of the variances along a footprint's axes, as a fraction of their mean.
     let unequal = choice.focal_px.x / choice.focal_px.y;
     let beside = appearance.slope * appearance.slope + (1.0 - unequal * unequal);
     var own = 0.0;
@@ -182,7 +182,7 @@ fn by_tolerance(choice: ChoiceUniform, appearance: Appearance, kernels: Kernels)
     return FILTER_EWA;
 }
 
-// A bound on `opacity_amplification`, at least 1, without logarithms.
+// Returns a bound on `opacity_amplification`, at least 1, without logarithms.
 fn amplification(tau: f32) -> f32 {
     if is_at_most(tau, 1.0) {
         return 1.0;
@@ -192,7 +192,7 @@ fn amplification(tau: f32) -> f32 {
     return 1.0 + 0.43 * r * r2 * max_number(0.42 * r, 1.0);
 }
 
-// Whether the merged particles of a block may be drawn instead of their members.
+// Returns whether the merged particles of a block may be drawn instead of their members.
 fn merge_fits(
     choice: ChoiceUniform,
     block: DeviceBlock,
@@ -208,15 +208,15 @@ fn merge_fits(
     return is_at_most(error, choice.merge_tolerance * MERGE_SHARE);
 }
 
-// A bound on what merging changes of a pixel, for clusters that lie as they may.
+// Returns a bound on the change of a pixel by merging, for clusters in ordinary arrangements.
 fn merge_error(h2: f32, appearance: Appearance, kernels: Kernels, bounds: MergeBounds) -> f32 {
     let least_px = appearance.scale_px.x;
     let greatest_px = appearance.scale_px.y;
     let narrowest = kernels.sigmas.x * least_px;
-    // Lengths in units of what all members are blurred by.
+    // Lengths in units of the blur that all members share.
     let unit = greatest_px * sqrt(appearance.stretch) / sqrt(h2 + narrowest * narrowest);
     let tau = peak_of(kernels, appearance, h2);
-    // A cluster by itself; and many behind one another, whose errors have either sign.
+    // The error of a lone cluster; and of many behind one another, whose errors have either sign.
     var alone = sqrt(sqrt(tau));
     if is_above(1.0, tau) {
         alone = tau;
@@ -230,10 +230,10 @@ fn merge_error(h2: f32, appearance: Appearance, kernels: Kernels, bounds: MergeB
     }
     let contrast = min_number(bounds.colour + varied, 1.0);
     let blurred = CONTRAST_SHARE * bounds.second * unit * many;
-    // Values are classified as if they were spread evenly; all clusters along a ray may be alike.
+    // Values are classified as if they were evenly distributed; all clusters along a ray may be alike.
     let misread = MISREAD_SHARE * min_number(unlike, 1.0);
-    // Clusters side by side are a layer of this depth, in which front and back become one colour;
-    // of the layers that are seen, each errs to the same side.
+    // Clusters side by side form a layer of this depth, in which front and back become one colour. The
+    // visible layers all err to the same side.
     let layer = kernels.mass / (4.0 * bounds.second * bounds.second);
     let trend = min_number(contrast, TREND * sqrt(layer));
     let mixed = min_number(MIXED_SHARE * layer, 1.0) * trend;

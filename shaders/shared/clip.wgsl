@@ -1,14 +1,15 @@
-// Planes that clip. Twins: `clip_span` in src/cpu/tile/interval/cut.rs, `ClipEdges` in src/cpu/tile/interval/edges.rs.
+// Clips at planes. Twins: `clip_span` in src/cpu/tile/interval/cut.rs, `ClipEdges` in
+// src/cpu/tile/interval/edges.rs.
 
-// Between which depths planes leave something of the ray through a point of the image, -LARGEST and
-// LARGEST where nothing ends it; from LARGEST to LARGEST where they leave nothing.
+// Returns the depths between which the ray through a point of the image lies inside the clip planes;
+// -LARGEST and LARGEST if nothing ends it, from LARGEST to LARGEST if no part does.
 fn clip_span(view: ViewUniform, pixel: vec2<f32>) -> vec2<f32> {
     var from_depth = -LARGEST;
     var to_depth = LARGEST;
     let direction = ray_through(view, pixel);
     for (var i = 0u; i < view.clip_count; i = i + 1u) {
         let plane = view.clip_planes[i];
-        // The ray is at z D, or (orthographic) at (X, Y, z): inside where rate z + start >= 0.
+        // The ray is at z D, or (orthographic) at (X, Y, z); inside is rate z + start >= 0.
         let across = plane.x * direction.x + plane.y * direction.y;
         var rate = across + plane.z;
         var start = plane.w;
@@ -30,12 +31,12 @@ fn clip_span(view: ViewUniform, pixel: vec2<f32>) -> vec2<f32> {
     return vec2<f32>(LARGEST);
 }
 
-// The share of a surfel that planes leave of what a pixel shows of it, Phi of how far that lies inside
-// them in standard deviations of the low-pass filter; 0 beyond the softness.
+// Returns the share of a surfel's part in a pixel that planes keep: Phi of its distance inside them, in
+// standard deviations of the low-pass filter; 0 beyond the softness.
 //
-// - `at`: where what it shows lies on the image; `inverse_depth`, `gradient`: of the surfel's plane there, and
-//   its change per pixel.
-// - `shown`: how `at` changes per pixel, a symmetric matrix: xx, xy, yy.
+// - `at`: position of this part on the image; `inverse_depth`, `gradient`: inverse depth of the surfel's
+//   plane there, and its change per pixel.
+// - `shown`: change of `at` per pixel, a symmetric matrix: xx, xy, yy.
 fn clip_share(
     view: ViewUniform,
     at: vec2<f32>,
@@ -47,7 +48,8 @@ fn clip_share(
     var share = 1.0;
     for (var i = 0u; i < view.clip_count; i = i + 1u) {
         let plane = view.clip_planes[i];
-        // Of the point D / inverse depth (orthographic: X, Y, -inverse depth), times what is positive.
+        // Distance of the point D / inverse depth (orthographic: X, Y, -inverse depth), times a positive
+        // number.
         let across = plane.x * direction.x + plane.y * direction.y;
         var inside = across + plane.z + plane.w * inverse_depth;
         var rate = plane.w;
@@ -60,7 +62,7 @@ fn clip_share(
             shown.x * across_px.x + shown.y * across_px.y,
             shown.y * across_px.x + shown.z * across_px.y,
         );
-        // The variance of what a pixel shows is h² F.
+        // The variance of the part that a pixel shows is h² F.
         let of_slope = vec2<f32>(
             shown.x * slope.x + shown.y * slope.y,
             shown.y * slope.x + shown.z * slope.y,

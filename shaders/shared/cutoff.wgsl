@@ -1,6 +1,6 @@
-// Where a kernel ends. Twin: src/splat/cutoff.rs.
+// Computes the cut-off radius of a kernel. Twin: src/splat/cutoff.rs.
 
-// The cut-off radius, in standard deviations.
+// Returns the cut-off radius, in standard deviations.
 fn cutoff_radius(tau: f32, growth: f32, tolerance: f32, by_hand: f32) -> f32 {
     if by_hand > 0.0 {
         return min(by_hand, MAX_CUTOFF);
@@ -13,12 +13,12 @@ fn cutoff_radius(tau: f32, growth: f32, tolerance: f32, by_hand: f32) -> f32 {
     return min(sqrt(max(2.0 * log(ratio), 1.0)), MAX_CUTOFF);
 }
 
-// What a kernel's depth is multiplied by where it ends together with others.
+// Returns the factor on a kernel's depth if its edge coincides with the edges of other kernels.
 fn meeting(crowding: f32) -> f32 {
     return select(crowding, MEETING * crowding, crowding > 1.0);
 }
 
-// The share of a two-dimensional Gaussian within radius `r`: 1 - exp(-r²/2).
+// Returns the fraction of a two-dimensional Gaussian within radius `r`: 1 - exp(-r²/2).
 fn cutoff_share(r: f32) -> f32 {
     return -exp_m1(-0.5 * r * r);
 }

@@ -1,24 +1,24 @@
-// Where the domain of its data cuts a kernel. Twin: src/splat/edges.rs.
+// Cuts kernels at the boundary of their data's domain. Twin: src/splat/edges.rs.
 
-// The planes that cut one kernel, camera space: unit normal into the domain, and how far the kernel's
-// centre lies inside.
+// The planes that cut one kernel, camera space: inward unit normal, and distance of the kernel's centre
+// inside.
 struct Edges {
     planes: array<vec4<f32>, MOST_EDGES>,
     count: u32,
     is_outside: bool,
 }
 
-// Lᵀn: the kernel's reach along a normal, by the axes of its factor.
+// Returns Lᵀn: the kernel's reach along a normal, by the axes of its factor.
 fn reach_along(kernel: Kernel, normal: vec3<f32>) -> vec3<f32> {
     let f = kernel.factor;
     return f.x * normal.x + f.y * normal.y + f.z * normal.z;
 }
 
-// Adds a plane beside a kernel's particle: unit normal in the world and how far the particle's centre
-// lies inside; not finite where there is none.
+// Adds a plane of a kernel's particle: unit normal in the world, and distance of the particle's centre
+// inside; not finite for no plane.
 //
-// - `moved`: how far the kernel's centre lies from the particle's, camera space;
-// - `deviations`: within how many standard deviations a plane cuts.
+// - `moved`: offset of the kernel's centre from the particle's, camera space;
+// - `deviations`: number of standard deviations within which a plane cuts.
 fn with_edge(
     edges: Edges,
     kernel: Kernel,
@@ -44,13 +44,13 @@ fn with_edge(
     return out;
 }
 
-// Within how many standard deviations a plane cuts a kernel.
+// Returns the number of standard deviations within which a plane cuts a kernel.
 fn reach_within(tolerance: f32) -> f32 {
     return select(EDGE_REACH, 3.5, tolerance >= 1.5e-2);
 }
 
-// Whether rays meet an exact footprint's planes: the low-pass filter's share of its narrower side is no more
-// than the angle that its kernel fills.
+// Returns whether an exact footprint is cut where rays meet its planes: the low-pass filter's share of its
+// narrower side does not exceed the angle that its kernel fills.
 fn meets_rays(view: ViewUniform, kernel: Kernel, path: u32) -> bool {
     if path != PATH_EXACT {
         return false;
@@ -65,7 +65,7 @@ fn meets_rays(view: ViewUniform, kernel: Kernel, path: u32) -> bool {
     return !(h2 * length3(kernel.centre) > size * (h2 + narrower));
 }
 
-// A plane as a footprint's path reads it.
+// Returns a plane in the form that a footprint's path reads.
 //
 // - `at_rays`: whether rays meet it.
 fn written_edge(
@@ -78,7 +78,7 @@ fn written_edge(
     let normal = plane.xyz;
     let inside = plane.w;
     if (path & 3u) == PATH_NEAR {
-        // Of the eye, at the origin.
+        // Distance of the eye, at the origin.
         let of_eye = inside - dot3(normal, kernel.centre);
         let side = select(-1.0, 1.0, of_eye > 0.0);
         let distance = max(abs(of_eye), SMALLEST);
@@ -100,7 +100,7 @@ fn written_edge(
     let xt = cross3(x, t);
     let yt = cross3(y, t);
     let determinant = dot3(m, m) + h2 * (dot3(x, x) + dot3(y, y)) + h2 * h2;
-    // Minors, not products of squares, which would cancel where the kernel is long.
+    // Minors, not products of squares, which would cancel for long kernels.
     let inverse = 1.0 / max(determinant, SMALLEST);
     let slope = vec2<f32>(h2 * dot3(x, t) - dot3(m, yt), h2 * dot3(y, t) + dot3(m, xt));
     let triple_product = dot3(m, t);

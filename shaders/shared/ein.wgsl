@@ -8,7 +8,7 @@ fn ein_series(x: f32) -> f32 {
     return sum;
 }
 
-// Ein(x) / x for x >= 0, 1 at 0.
+// Returns Ein(x) / x for x >= 0; 1 at 0.
 fn ein_share(x: f32) -> f32 {
     if x < EIN_SPLIT {
         return ein_series(x);
@@ -16,7 +16,7 @@ fn ein_share(x: f32) -> f32 {
     return ein(x) / min(x, LARGEST);
 }
 
-// Ein(x) = the integral of (1 - e^-t) / t from 0 to x, x >= 0.
+// Returns Ein(x) = the integral of (1 - e^-t) / t from 0 to x, x >= 0.
 fn ein(x: f32) -> f32 {
     if x < EIN_SPLIT {
         return x * ein_series(x);

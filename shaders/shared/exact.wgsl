@@ -1,6 +1,7 @@
-// Exact perspective: five floats on top of the affine footprint. Twin: src/splat/exact.rs.
+// Computes exact perspective footprints: five floats in addition to the affine footprint. Twin:
+// src/splat/exact.rs.
 
-// The coefficients of w(d). `determinant` is that of the low-passed footprint.
+// Returns the coefficients of w(d). `determinant` is that of the low-passed footprint.
 fn exact_terms(screen: ScreenFactor, h2: f32, determinant: f32) -> ExactTerms {
     let x = screen.row_x;
     let y = screen.row_y;
@@ -19,8 +20,8 @@ fn exact_terms(screen: ScreenFactor, h2: f32, determinant: f32) -> ExactTerms {
     return terms;
 }
 
-// How the depth of a kernel changes across its footprint (per pixel), and its standard deviation
-// along a ray; world units. `determinant`: of the low-passed footprint.
+// Change of a kernel's depth across its footprint (per pixel), and its standard deviation along a ray;
+// world units. `determinant`: determinant of the low-passed footprint.
 struct DepthTerms {
     slope: vec2<f32>,
     sigma: f32,
@@ -40,11 +41,11 @@ fn depth_terms(
     let xs = cross3(x, s);
     let ys = cross3(y, s);
     let inv = 1.0 / determinant;
-    // Minors, not products of squares, which would cancel where the kernel is long.
+    // Minors, not products of squares, which would cancel for long kernels.
     let slope = vec2<f32>(h2 * dot3(x, s) - dot3(m, ys), h2 * dot3(y, s) + dot3(m, xs)) * inv;
     let volume = dot3(m, s);
     let squares = volume * volume + h2 * (dot3(xs, xs) + dot3(ys, ys)) + h2 * h2 * dot3(s, s);
-    // `relative_depth` is relative under perspective alone.
+    // `relative_depth` is relative under perspective only.
     let scale = select(depth, 1.0, view.orthographic != 0u);
     return DepthTerms(slope * scale, sqrt(squares * inv) * scale);
 }
@@ -57,8 +58,8 @@ struct Extent {
     half_size: vec2<f32>,
 }
 
-// The outline of the cut-off ellipsoid on the image; none where the ellipsoid reaches the camera
-// plane (r |s| >= 1).
+// Returns the bounding box of the cut-off ellipsoid's outline on the image; none if the ellipsoid reaches
+// the camera plane (r |s| >= 1).
 fn exact_extent(screen: ScreenFactor, h2: f32, r: f32) -> Extent {
     let s = screen.relative_depth;
     let in_front = 1.0 - r * r * dot3(s, s);
@@ -71,7 +72,7 @@ fn exact_extent(screen: ScreenFactor, h2: f32, r: f32) -> Extent {
     return extent;
 }
 
-// Middle and half extent along one axis.
+// Returns middle and half extent along one axis.
 fn extent_along(row: vec3<f32>, s: vec3<f32>, h2: f32, r: f32, in_front: f32) -> vec2<f32> {
     let spread = dot3(row, row) + h2;
     let minor = cross3(row, s);

@@ -1,6 +1,6 @@
-// Exponentials with a known error, the same on every device. Twin: src/cpu/tile/arithmetic.rs.
+// Computes exponentials with a known error, the same on every device. Twin: src/math/lane.rs.
 
-// (2^n, 2^f - 1) of 2^y, n the nearest integer, for y in [-126, 0].
+// Returns (2^n, 2^f - 1) of 2^y, with n the nearest integer, for y in [-126, 0].
 fn exp2_parts(y: f32) -> vec2<f32> {
     let n = round(y);
     let f = y - n;
@@ -13,25 +13,25 @@ fn exp2_parts(y: f32) -> vec2<f32> {
     return vec2<f32>(power, series * f);
 }
 
-// exp(-q/2) for q in [0, 49].
+// Returns exp(-q/2) for q in [0, 49].
 fn exp_minus_half(q: f32) -> f32 {
     let parts = exp2_parts(q * (-0.5 * LOG2_E));
     return parts.x * parts.y + parts.x;
 }
 
-// exp(x) for x <= 0; nothing below -87, where normal numbers end.
+// Returns exp(x) for x <= 0; 0 below -87, where normal numbers end.
 fn exp_negative(x: f32) -> f32 {
     let parts = exp2_parts(max(x, -87.0) * LOG2_E);
     return select(0.0, parts.x * parts.y + parts.x, x >= -87.0);
 }
 
-// 1 - exp(-tau) for tau >= 0, with a small relative error at any tau.
+// Returns 1 - exp(-tau) for tau >= 0, with a small relative error at any tau.
 fn opacity_of(tau: f32) -> f32 {
     let parts = exp2_parts(min(tau, 64.0) * -LOG2_E);
     return (1.0 - parts.x) - parts.x * parts.y;
 }
 
-// Phi(x). Twin: src/math/normal.rs.
+// Returns Phi(x). Twin: src/math/normal.rs.
 fn normal_cdf(x: f32) -> f32 {
     let z = abs(x) * FRAC_1_SQRT_2;
     let t = 1.0 / (1.0 + 0.5 * z);

@@ -1,9 +1,9 @@
-// IEEE 754 double precision in integers: a number is its 64 bits, x the low and y the high word.
-// For what is subtracted before it is narrowed. In integers, because compilers may reassociate the
-// sums of floats that would split a number in two.
+// Implements IEEE 754 double precision in integers: a number is its 64 bits, x the low and y the high
+// word. It serves differences that must be taken before narrowing. Compilers may reassociate the sums of
+// floats that would split a number in two, so it uses integers.
 //
-// Sums, products, quotients and roots are rounded to nearest, ties to even, as f64's own.
-// Denormals count as zeros, and every NaN is one NaN. Twin: Rust's f64.
+// Sums, products, quotients and roots are rounded to nearest, ties to even, as f64's own. Denormals count
+// as zeros, and every NaN is the same NaN. Twin: Rust's f64.
 
 const F64_INFINITY: vec2<u32> = vec2<u32>(0u, 0x7ff00000u);
 const F64_NAN: vec2<u32> = vec2<u32>(0u, 0x7ff80000u);
@@ -25,12 +25,12 @@ fn u64_less(a: vec2<u32>, b: vec2<u32>) -> bool {
     return a.y < b.y || (a.y == b.y && a.x < b.x);
 }
 
-// The greater of two.
+// Returns the greater of two.
 fn u64_max(a: vec2<u32>, b: vec2<u32>) -> vec2<u32> {
     return select(a, b, u64_less(a, b));
 }
 
-// By less than 64 places.
+// Shifts by less than 64 places.
 fn u64_shift_left(a: vec2<u32>, places: u32) -> vec2<u32> {
     if places == 0u {
         return a;
@@ -41,8 +41,8 @@ fn u64_shift_left(a: vec2<u32>, places: u32) -> vec2<u32> {
     return vec2<u32>(0u, a.x << (places - 32u));
 }
 
-// By any number of places; ones that fall out leave a one in the lowest place, so that rounding
-// sees them.
+// Shifts by any number of places. Ones that are shifted out set the lowest place, so that rounding
+// accounts for them.
 fn u64_shift_right(a: vec2<u32>, places: u32) -> vec2<u32> {
     if places == 0u {
         return a;
@@ -59,7 +59,7 @@ fn u64_shift_right(a: vec2<u32>, places: u32) -> vec2<u32> {
     return vec2<u32>(u32((a.x | a.y) != 0u), 0u);
 }
 
-// Of a word that is not zero.
+// Returns the leading zeros of a word that is not zero.
 fn u64_leading_zeros(a: vec2<u32>) -> u32 {
     if a.y == 0u {
         return 32u + countLeadingZeros(a.x);
@@ -67,7 +67,7 @@ fn u64_leading_zeros(a: vec2<u32>) -> u32 {
     return countLeadingZeros(a.y);
 }
 
-// The whole product of two words of 32 bits, by halves.
+// Returns the whole product of two words of 32 bits, computed by halves.
 fn u32_product(a: u32, b: u32) -> vec2<u32> {
     let a_low = a & 0xffffu;
     let a_high = a >> 16u;
@@ -92,7 +92,7 @@ fn f64_is_nan(a: vec2<u32>) -> bool {
     return f64_is_special(a) && ((a.y & 0xfffffu) | a.x) != 0u;
 }
 
-// Denormals are zeros.
+// Denormals count as zeros.
 fn f64_is_zero(a: vec2<u32>) -> bool {
     return (a.y & 0x7ff00000u) == 0u;
 }
@@ -101,12 +101,12 @@ fn f64_exponent(a: vec2<u32>) -> i32 {
     return i32((a.y >> 20u) & 0x7ffu) - 1023;
 }
 
-// The 53 digits, the first in bit 63.
+// Returns the 53 digits, the first in bit 63.
 fn f64_significand(a: vec2<u32>) -> vec2<u32> {
     return u64_shift_left(vec2<u32>(a.x, (a.y & 0xfffffu) | 0x100000u), 11u);
 }
 
-// The number of this sign (bit 31) whose digits are `significand`, bit 63 worth 2^exponent.
+// Returns the number of this sign (bit 31) whose digits are `significand`, with bit 63 worth 2^exponent.
 fn f64_round(sign: u32, exponent: i32, significand: vec2<u32>) -> vec2<u32> {
     if (significand.x | significand.y) == 0u {
         return vec2<u32>(0u, sign);
@@ -161,7 +161,7 @@ fn f64_add(a: vec2<u32>, b: vec2<u32>) -> vec2<u32> {
     let lesser = select(b, a, is_swapped);
     let sign = greater.y & F64_SIGN;
     let exponent = f64_exponent(greater);
-    // One place down: the sum has room.
+    // One place down, so that the sum does not overflow.
     let digits = u64_shift_right(f64_significand(greater), 1u);
     let places = u32(exponent - f64_exponent(lesser)) + 1u;
     let others = u64_shift_right(f64_significand(lesser), places);
@@ -202,8 +202,8 @@ fn f64_mul(a: vec2<u32>, b: vec2<u32>) -> vec2<u32> {
     return f64_round(sign, f64_exponent(a) + f64_exponent(b) + 1, vec2<u32>(high.x | lost, high.y));
 }
 
-// Digits that quotients and roots are worked out to: 53, those that normalising may shift out, and
-// one for the half.
+// Number of digits that quotients and roots are computed to: 53, those that normalising may shift out,
+// and one for the half.
 const F64_LONG_DIGITS: u32 = 56u;
 
 fn f64_div(a: vec2<u32>, b: vec2<u32>) -> vec2<u32> {
@@ -218,7 +218,7 @@ fn f64_div(a: vec2<u32>, b: vec2<u32>) -> vec2<u32> {
     if f64_is_zero(a) || f64_is_special(b) {
         return vec2<u32>(0u, sign);
     }
-    // By hand, digit by digit.
+    // Long division, digit by digit.
     let divisor = u64_shift_right(f64_significand(b), 11u);
     var rest = u64_shift_right(f64_significand(a), 11u);
     var quotient = vec2<u32>(0u);
@@ -252,7 +252,7 @@ fn f64_sqrt(a: vec2<u32>) -> vec2<u32> {
         digits = u64_shift_right(digits, 1u);
     }
     let exponent = (f64_exponent(a) - i32(is_odd)) / 2;
-    // By hand: two digits of the number for each of the root.
+    // Digit by digit: two digits of the number for each of the root.
     var rest = vec2<u32>(0u);
     var root = vec2<u32>(0u);
     for (var i = 0u; i < F64_LONG_DIGITS; i = i + 1u) {
@@ -271,11 +271,11 @@ fn f64_sqrt(a: vec2<u32>) -> vec2<u32> {
     return f64_round(0u, exponent + i32(64u - F64_LONG_DIGITS), root);
 }
 
-// x*x' + y*y' + z*z', summed from the left.
+// Returns x*x' + y*y' + z*z', summed from the left.
 fn f64_dot(a: array<vec2<u32>, 3>, b: array<vec2<u32>, 3>) -> vec2<u32> {
     var p = a;
     var q = b;
-    // -0: what changes no number that is added to it.
+    // -0 changes no number that is added to it.
     var sum = vec2<u32>(0u, F64_SIGN);
     for (var i = 0u; i < 3u; i = i + 1u) {
         sum = f64_add(sum, f64_mul(p[i], q[i]));
@@ -285,7 +285,7 @@ fn f64_dot(a: array<vec2<u32>, 3>, b: array<vec2<u32>, 3>) -> vec2<u32> {
 
 // Order.
 
-// Words in the order of the numbers.
+// Maps numbers to words in the same order.
 fn f64_ordered(a: vec2<u32>) -> vec2<u32> {
     return select(vec2<u32>(a.x, a.y ^ F64_SIGN), ~a, (a.y & F64_SIGN) != 0u);
 }
@@ -295,7 +295,7 @@ fn f64_of_ordered(a: vec2<u32>) -> vec2<u32> {
     return select(~a, vec2<u32>(a.x, a.y ^ F64_SIGN), (a.y & F64_SIGN) != 0u);
 }
 
-// The greater of two, the other one where one is NaN.
+// Returns the greater of two; if one is NaN, the other.
 fn f64_max(a: vec2<u32>, b: vec2<u32>) -> vec2<u32> {
     if f64_is_nan(a) {
         return b;
@@ -306,17 +306,17 @@ fn f64_max(a: vec2<u32>, b: vec2<u32>) -> vec2<u32> {
     return select(a, b, u64_less(f64_ordered(a), f64_ordered(b)));
 }
 
-// The lesser of two, the other one where one is NaN.
+// Returns the lesser of two; if one is NaN, the other.
 fn f64_min(a: vec2<u32>, b: vec2<u32>) -> vec2<u32> {
     return f64_negate(f64_max(f64_negate(a), f64_negate(b)));
 }
 
-// a >= 0; false for NaN.
+// Returns a >= 0; false for NaN.
 fn f64_is_at_least_zero(a: vec2<u32>) -> bool {
     return !f64_is_nan(a) && ((a.y & F64_SIGN) == 0u || f64_is_zero(a));
 }
 
-// To and from other types.
+// Conversion to and from other types.
 
 fn f64_from_f32(x: f32) -> vec2<u32> {
     let bits = bitcast<u32>(x);
@@ -331,7 +331,7 @@ fn f64_from_f32(x: f32) -> vec2<u32> {
     return f64_round(sign, i32(max(field, 1u)) - 127, vec2<u32>(0u, digits));
 }
 
-// To nearest, ties to even, denormals too.
+// Rounds to nearest, ties to even, including denormals.
 fn f64_to_f32(a: vec2<u32>) -> f32 {
     let sign = a.y & F64_SIGN;
     if f64_is_nan(a) {
@@ -344,18 +344,18 @@ fn f64_to_f32(a: vec2<u32>) -> f32 {
     if exponent > 127 {
         return bitcast<f32>(0x7f800000u | sign);
     }
-    // 24 digits, or fewer of a denormal, and 8 that are rounded.
+    // 24 digits, or fewer for a denormal, and 8 to be rounded.
     let below = u32(max(-126 - exponent, 0));
     let digits = u64_shift_right(f64_significand(a), 32u + below).x;
     let rest = digits & 0xffu;
     var rounded = digits >> 8u;
     rounded = rounded + u32(rest > 0x80u || (rest == 0x80u && (rounded & 1u) != 0u));
-    // Added, so that a carry counts up the exponent.
+    // Added, so that a carry increments the exponent.
     let field = u32(max(exponent + 126, 0)) << 23u;
     return bitcast<f32>(sign | (field + rounded));
 }
 
-// Towards zero, held to what a u32 can be; NaN gives 0.
+// Truncates towards zero, clamped to the range of u32; NaN gives 0.
 fn f64_to_u32(a: vec2<u32>) -> u32 {
     let exponent = f64_exponent(a);
     if f64_is_nan(a) || (a.y & F64_SIGN) != 0u || exponent < 0 {

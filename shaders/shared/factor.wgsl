@@ -6,7 +6,7 @@ struct Factor {
     z: vec3<f32>,
 }
 
-// From the columns of a matrix F.
+// Returns the factor with these columns.
 fn factor_of_columns(a: vec3<f32>, b: vec3<f32>, c: vec3<f32>) -> Factor {
     return Factor(
         vec3<f32>(a.x, b.x, c.x),
@@ -15,7 +15,7 @@ fn factor_of_columns(a: vec3<f32>, b: vec3<f32>, c: vec3<f32>) -> Factor {
     );
 }
 
-// A sphere of standard deviation `sigma`.
+// Returns the factor of a sphere of standard deviation `sigma`.
 fn sphere(sigma: f32) -> Factor {
     return Factor(
         vec3<f32>(sigma, 0.0, 0.0),
@@ -24,7 +24,7 @@ fn sphere(sigma: f32) -> Factor {
     );
 }
 
-// `rotation` times the lower-triangular factor (l00, l10, l11, l20, l21, l22).
+// Returns `rotation` times the lower-triangular factor (l00, l10, l11, l20, l21, l22).
 fn rotated(rotation: mat3x3<f32>, lower: array<f32, 6>) -> Factor {
     return factor_of_columns(
         times(rotation, vec3<f32>(lower[0], lower[1], lower[3])),
@@ -33,7 +33,7 @@ fn rotated(rotation: mat3x3<f32>, lower: array<f32, 6>) -> Factor {
     );
 }
 
-// The three columns of F.
+// Returns the three columns of F.
 fn columns(f: Factor) -> array<vec3<f32>, 3> {
     return array<vec3<f32>, 3>(
         vec3<f32>(f.x.x, f.y.x, f.z.x),

@@ -1,12 +1,12 @@
-// Which approximation draws a kernel. Twin: src/splat/filter.rs.
+// Chooses the approximation that draws a kernel. Twin: src/splat/choose.rs.
 
-// An exact footprint's terms, where it is asked for.
+// An exact footprint's terms, if it is chosen.
 struct ExactChoice {
     exists: bool,
     terms: ExactTerms,
 }
 
-// The one place that chooses between affine and exact.
+// Chooses between the affine and the exact footprint. This choice is made nowhere else.
 fn choose_exact(
     view: ViewUniform,
     filter_kind: u32,

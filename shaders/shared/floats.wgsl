@@ -1,17 +1,17 @@
-// What f32 does beyond the promises of WGSL, which may take every number for finite. Twins: the
-// standard library's.
+// Defines the behaviour of f32 beyond the guarantees of WGSL, which may treat every number as finite.
+// Twins: the standard library's.
 
-// Whether a > b; false where either is no number.
+// Returns a > b; false if either is NaN.
 fn is_above(a: f32, b: f32) -> bool {
     return !is_nan(a) && !is_nan(b) && a > b;
 }
 
-// Whether a <= b; false where either is no number.
+// Returns a <= b; false if either is NaN.
 fn is_at_most(a: f32, b: f32) -> bool {
     return !is_nan(a) && !is_nan(b) && a <= b;
 }
 
-// The greater of two; the other where one is no number.
+// Returns the greater of two; if one is NaN, the other.
 fn max_number(a: f32, b: f32) -> f32 {
     if is_nan(a) || is_above(b, a) {
         return b;
@@ -19,7 +19,7 @@ fn max_number(a: f32, b: f32) -> f32 {
     return a;
 }
 
-// The smaller of two; the other where one is no number.
+// Returns the smaller of two; if one is NaN, the other.
 fn min_number(a: f32, b: f32) -> f32 {
     if is_nan(a) || is_above(a, b) {
         return b;
@@ -27,7 +27,8 @@ fn min_number(a: f32, b: f32) -> f32 {
     return a;
 }
 
-// sqrt(a² + b²) without squares that leave f32; infinite where either is, whatever the other.
+// Returns sqrt(a² + b²) without squares that overflow f32; infinite if either is infinite, whatever the
+// other.
 fn hypot(a: f32, b: f32) -> f32 {
     let large = max_number(abs(a), abs(b));
     if large == 0.0 || !is_finite(large) {
@@ -41,12 +42,12 @@ fn hypot(a: f32, b: f32) -> f32 {
     return large * sqrt(1.0 + ratio * ratio);
 }
 
-// exp(x) - 1 for x below 0, to a few roundings.
+// Returns exp(x) - 1 for x below 0, to a few roundings.
 fn exp_m1(x: f32) -> f32 {
     if x < -0.5 {
         return exp(x) - 1.0;
     }
-    // Taylor's series: what is left out is 6e-10 of the sum.
+    // Taylor series: the remainder is 6e-10 of the sum.
     var sum = 1.0;
     for (var n = 9.0; n > 1.0; n = n - 1.0) {
         sum = 1.0 + x / n * sum;
@@ -54,7 +55,7 @@ fn exp_m1(x: f32) -> f32 {
     return x * sum;
 }
 
-// WGSL leaves the order of sums in `length`, `cross` and products of matrices open.
+// Sums in a fixed order: WGSL leaves it open in `length`, `cross` and products of matrices.
 
 fn length2(v: vec2<f32>) -> f32 {
     return sqrt(dot2(v, v));
@@ -76,7 +77,7 @@ fn is_finite3(v: vec3<f32>) -> bool {
     return is_finite(v.x) && is_finite(v.y) && is_finite(v.z);
 }
 
-// The largest magnitude among the components.
+// Returns the largest magnitude among the components.
 fn largest_of(v: vec3<f32>) -> f32 {
     return max_number(abs(v.x), max_number(abs(v.y), abs(v.z)));
 }

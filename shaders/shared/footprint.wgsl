@@ -1,5 +1,5 @@
-// The resampling filter of a kernel: eq. 20 and 25 of Zwicker et al. 2001, eq. 3 to 5 of
-// Chen et al. 2004, in factored form. Twin: src/splat/footprint.rs.
+// Computes the resampling filter of a kernel: eq. 20 and 25 of Zwicker et al. 2001, eq. 3 to 5 of Chen et
+// al. 2004, in factored form. Twin: src/splat/footprint.rs.
 
 // A particle in camera space.
 struct Kernel {
@@ -8,7 +8,7 @@ struct Kernel {
     mass: f32,
 }
 
-// A kernel's factor carried to the image, before any filter.
+// A kernel's factor projected to the image, before any filter.
 struct ScreenFactor {
     centre_px: vec2<f32>,
     slope: vec2<f32>,
@@ -26,11 +26,11 @@ struct ImageKernel {
     c: f32,
     determinant: f32,
     tau: f32,
-    // How many times the filter has enlarged its area.
+    // Factor by which the filter has enlarged its area.
     enlargement: f32,
 }
 
-// Carries a kernel to the image plane. No power of the depth is ever formed.
+// Projects a kernel to the image plane. The steps avoid powers of the depth.
 fn project_kernel(view: ViewUniform, kernel: Kernel) -> ScreenFactor {
     let focal = view.focal_px;
     let u = kernel.centre;
@@ -61,8 +61,8 @@ fn project_kernel(view: ViewUniform, kernel: Kernel) -> ScreenFactor {
     return screen;
 }
 
-// Applies the low-pass filter `h2` [px²] as `filter_kind` says. The determinant is Cauchy-Binet's,
-// a sum of squares.
+// Applies the low-pass filter `h2` [px²] according to `filter_kind`. The determinant is computed by the
+// Cauchy-Binet formula, as a sum of squares.
 fn filtered(screen: ScreenFactor, filter_kind: u32, h2: f32) -> ImageKernel {
     let x = screen.row_x;
     let y = screen.row_y;
@@ -88,12 +88,12 @@ fn filtered(screen: ScreenFactor, filter_kind: u32, h2: f32) -> ImageKernel {
         }
         default: {
             let largest = 0.5 * (xx + yy) + hypot(0.5 * (xx - yy), dot3(x, y));
-            // A kernel without any width is taken for one of a millionth of its length.
+            // A kernel without any width is given a millionth of its length.
             let smallest = max_number(minors / largest, largest * 1e-12);
             if largest == 0.0 {
                 moments = vec4<f32>(h2, 0.0, h2, h2 * h2);
             } else {
-                // NaN comes here and stays NaN: it draws nothing.
+                // NaN takes this branch and stays NaN: it draws nothing.
                 let s2 = max_number(h2 / smallest, 1.0);
                 let determinant = max_number(minors * s2, largest * smallest * s2) * s2;
                 moments = vec4<f32>(xx * s2, dot3(x, y) * s2, yy * s2, determinant);
@@ -115,7 +115,7 @@ fn with_low_pass(x: vec3<f32>, y: vec3<f32>, minors: f32, h2: f32) -> vec4<f32> 
     return vec4<f32>(xx + h2, dot3(x, y), yy + h2, determinant);
 }
 
-// The rows p and r of the triangular form: Q = (p . d)² + (r . d)². The larger variance is
+// Returns the rows p and r of the triangular form: Q = (p . d)² + (r . d)². The larger variance is
 // eliminated first.
 fn triangular_form(kernel: ImageKernel) -> array<vec2<f32>, 2> {
     let a = kernel.a;

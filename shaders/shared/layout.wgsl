@@ -1,4 +1,4 @@
-// The structs that stages exchange. Twin: src/record/; src/gpu/reflection.rs compares offsets.
+// Defines the structs that stages exchange. Twin: src/record/; src/gpu/reflection.rs compares offsets.
 // Triples are arrays: a vec3 would be aligned to four words.
 
 struct ViewUniform {
@@ -15,7 +15,7 @@ struct ViewUniform {
     directional_keys: u32,
     layer_first: i32,
     layer_thickness: f32,
-    // Aligned to four words, as it lies.
+    // Its offset happens to be aligned to four words.
     key_axis: vec3<f32>,
     layer_shift: u32,
     keys_begin: u32,
@@ -176,7 +176,7 @@ struct Footprint {
     form_r: vec2<f32>,
     tau: f32,
     cutoff_squared: f32,
-    // A colour; where slabs are classified a value, thrice; in sums of columns a sign.
+    // A colour. If slabs are classified: a value, three times. In sums of columns: a sign.
     carried: array<f32, 3>,
     depth: f32,
     path: u32,
@@ -244,17 +244,17 @@ struct ChunkState {
     needed: u32,
 }
 
-// A triple as a vector.
+// Converts a triple to a vector.
 fn vector(v: array<f32, 3>) -> vec3<f32> {
     return vec3<f32>(v[0], v[1], v[2]);
 }
 
-// A vector as a triple.
+// Converts a vector to a triple.
 fn triple(v: vec3<f32>) -> array<f32, 3> {
     return array<f32, 3>(v.x, v.y, v.z);
 }
 
-// a . b, summed from the left as the twin does: `dot` leaves the order open.
+// Returns a . b, summed from the left as in the twin: `dot` leaves the order open.
 fn dot2(a: vec2<f32>, b: vec2<f32>) -> f32 {
     return a.x * b.x + a.y * b.y;
 }
@@ -263,7 +263,7 @@ fn dot3(a: vec3<f32>, b: vec3<f32>) -> f32 {
     return a.x * b.x + a.y * b.y + a.z * b.z;
 }
 
-// Whether x is a number and not infinite. By bits: WGSL may take comparisons for those of numbers.
+// Returns whether x is a finite number. Tested by bits: WGSL may assume that compared numbers are finite.
 fn is_finite(x: f32) -> bool {
     return (bitcast<u32>(x) & 0x7f800000u) != 0x7f800000u;
 }
@@ -272,7 +272,7 @@ fn is_nan(x: f32) -> bool {
     return (bitcast<u32>(x) & 0x7fffffffu) > 0x7f800000u;
 }
 
-// x > 0, denormals too and infinity; false for NaN. By bits: see `is_finite`.
+// Returns x > 0, also for denormals and infinity; false for NaN. Tested by bits: see `is_finite`.
 fn is_positive(x: f32) -> bool {
     return bitcast<u32>(x) - 1u < 0x7f800000u;
 }

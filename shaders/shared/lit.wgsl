@@ -1,12 +1,11 @@
-// What lights make of a colour; `lighting` is the binding of who includes this. Twin: `lit` in
-// src/cpu/light.rs.
+// Lights a colour; the including file declares `lighting`. Twin: `lit` in src/cpu/light.rs.
 
-// How much of what falls in at an angle is seen.
+// Returns the fraction of the light from an angle that is seen.
 fn seen(cosine: f32, is_surface: bool) -> f32 {
     return select(abs(cosine), max(cosine, 0.0), is_surface);
 }
 
-// x^y for x from 0 to 1, y from 1 up.
+// Returns x^y for x from 0 to 1, y from 1 up.
 fn power(x: f32, y: f32) -> f32 {
     if x <= 0.0 {
         return 0.0;
@@ -14,7 +13,7 @@ fn power(x: f32, y: f32) -> f32 {
     return exp2(y * log2(x));
 }
 
-// A colour under the lights, on the eye's side of a surface or on both sides of a gradient.
+// Returns a colour under the lights, on the eye's side of a surface or on both sides of a gradient.
 fn lit(
     colour: vec3<f32>,
     plane_normal: vec3<f32>,
@@ -30,7 +29,7 @@ fn lit(
     for (var i = 0u; i < lighting.count; i = i + 1u) {
         let direction = lighting.lights[i].direction.xyz;
         let diffuse = seen(dot3(normal, direction), is_surface);
-        // Behind a surface.
+        // The light is behind the surface.
         if !(diffuse > 0.0) {
             continue;
         }

@@ -1,33 +1,33 @@
-// Lobes of a transfer function, and the Gaussian that a kernel becomes in each. The stage declares
-// `transfer`. Twin: src/scene/transfer_function/lobes.rs.
+// Evaluates the lobes of a transfer function, and the Gaussian that a kernel becomes in each. The stage
+// declares `transfer`. Twin: src/scene/transfer_function/lobes.rs.
 
-// Where the lobes begin among the words of the transfer function's table.
+// Start of the lobes among the words of the transfer function's table.
 override LOBES_FIRST: u32 = 0u;
 
 // A maximal interval of values whose extinction is above 0.
 struct Lobe {
-    // First and last value, and the extinctions beyond: above 0 where it goes on.
+    // First and last value, and the extinctions beyond: above 0 if the lobe extends to infinity.
     interval: vec2<f32>,
     beyond: vec2<f32>,
-    // Spread of values up to which kernels are classified at their value alone.
+    // Spread of values up to which kernels are classified by their value alone.
     threshold: f32,
     // Spread of the first row.
     first_spread: f32,
     // The greatest extinction.
     peak: f32,
-    // The first window, and how many there are.
+    // First window, and number of windows.
     first_window: u32,
     window_count: u32,
 }
 
-// A part of a lobe: all of it, or what a smooth window leaves beside a step, or far from it.
+// A part of a lobe: all of it, or the part that a smooth window cuts out beside a step or far from it.
 struct Window {
-    // The values between which its table follows values, and the extinctions beyond.
+    // The interval in which its table follows values, and the extinctions beyond.
     interval: vec2<f32>,
     beyond: vec2<f32>,
-    // How many deviations its table reaches beyond.
+    // Number of deviations that its table extends beyond the interval.
     reach: vec2<f32>,
-    // The first row, and how many there are.
+    // First row, and number of rows.
     first_row: u32,
     row_count: u32,
 }
@@ -39,7 +39,7 @@ struct LobeRow {
     per_value: f32,
 }
 
-// What a lobe leaves of a kernel: nothing where the extinction is 0.
+// The part of a kernel in a lobe; empty if the extinction is 0.
 struct Piece {
     extinction: f32,
     shift: f32,
@@ -58,7 +58,7 @@ fn lobe(i: u32) -> Lobe {
     return Lobe(ends.xy, ends.zw, sizes.x, sizes.y, sizes.z, rows.x, rows.y);
 }
 
-// Whether any of the values from `lo` to `hi` has an extinction of the lobe.
+// Returns whether the lobe contains any of the values from `lo` to `hi`.
 fn lobe_meets(lobe: Lobe, lo: f32, hi: f32) -> bool {
     return (lo < lobe.interval.y || lobe.beyond.y > 0.0)
         && (hi > lobe.interval.x || lobe.beyond.x > 0.0);
@@ -77,8 +77,8 @@ fn lobe_row(i: u32) -> LobeRow {
     return LobeRow(words.x, words.y, bitcast<f32>(words.z));
 }
 
-// Cells of a row, interpolated: `inside` cells from the interval's beginning, and so many deviations from
-// the first cell.
+// Interpolates the cells of a row: `inside` cells from the interval's beginning, and `from_first`
+// deviations from the first cell.
 fn lobe_cell(row: LobeRow, inside: f32, from_first: f32) -> vec4<f32> {
     let place = inside + from_first * LOBE_CELLS_PER_DEVIATION;
     let below = min(u32(max(place, 0.0)), row.count - 2u);
@@ -90,15 +90,15 @@ fn lobe_cell(row: LobeRow, inside: f32, from_first: f32) -> vec4<f32> {
     return a + (b - a) * share;
 }
 
-// What a window of a lobe leaves of a kernel whose values have this mean and this standard deviation, which
-// is above 0; numbers.
+// Returns the piece of a kernel in a window of a lobe. The kernel's values have this mean and this
+// standard deviation, which is above 0 and finite.
 fn lobe_piece(lobe: Lobe, window: Window, value: f32, spread: f32) -> Piece {
     let lo = window.interval.x;
     let hi = window.interval.y;
     let nearest = clamp(value, lo, hi);
     let outside = (value - nearest) / spread;
     if !(outside >= -window.reach.x && outside <= window.reach.y) {
-        // Beyond an open end the function is constant as far as the kernel goes.
+        // Beyond an open end the function is constant over the kernel's reach.
         return Piece(select(window.beyond.x, window.beyond.y, outside > 0.0), 0.0, 1.0);
     }
     let last = f32(window.row_count - 1u);
@@ -115,7 +115,7 @@ fn lobe_piece(lobe: Lobe, window: Window, value: f32, spread: f32) -> Piece {
         ends[n].y = ends[n].y - from_middle;
     }
     let cell = ends[0] + (ends[1] - ends[0]) * share;
-    // Other windows have it.
+    // It belongs to other windows.
     if !(cell.w > 0.0) {
         return Piece();
     }
@@ -124,7 +124,7 @@ fn lobe_piece(lobe: Lobe, window: Window, value: f32, spread: f32) -> Piece {
     if row > last && lobe.beyond.x == 0.0 && lobe.beyond.y == 0.0 {
         shrink = exp_negative((last - row) / LOBE_ROWS_PER_OCTAVE * LN_2);
     }
-    // One narrower than the first row stays the more as it is.
+    // A kernel narrower than the first row changes less.
     let change = min(spread / lobe.first_spread, 1.0);
     let width = MAX_PIECE_WIDTH * exp_negative(min(cell.z, 0.0)) * shrink;
     let log_extinction = min(cell.x - 0.5 * outside * outside, 0.0);

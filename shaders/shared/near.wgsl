@@ -1,8 +1,8 @@
-// Kernels that cross the camera plane: the direct line integral along the half line in front of
-// the eye. Twin: src/splat/near.rs.
+// Evaluates kernels that cross the camera plane, by the direct line integral along the half line in front
+// of the eye. Twin: src/splat/near.rs.
 
-// What the rasteriser needs of such a kernel and its weight g/(2 pi) in the same units, where the
-// kernel has a volume to speak of.
+// Terms of such a kernel for the rasteriser, and its weight g/(2 pi) in the same units. They exist unless
+// the kernel has almost no volume.
 struct NearKernel {
     exists: bool,
     terms: NearTerms,
@@ -57,8 +57,8 @@ fn near_terms(view: ViewUniform, kernel: Kernel) -> NearKernel {
     return out;
 }
 
-// For an orthographic camera: the kernel's depth along the ray at offset d is z* = u2 + g . d with
-// a constant standard deviation; `slope`, `sigma`: those of `depth_terms`.
+// Returns the terms for an orthographic camera. The kernel's depth along the ray at offset d is z* = u2 +
+// g . d with a constant standard deviation; `slope`, `sigma`: results of `depth_terms`.
 fn half_line_terms(kernel: Kernel, slope: vec2<f32>, sigma: f32) -> NearTerms {
     var terms: NearTerms;
     terms.half_line = array<f32, 3>(slope.x, slope.y, kernel.centre.z);

@@ -1,4 +1,4 @@
-// Unit vectors as whole numbers: octahedral coordinates in steps. Twins: `pack_normal` and
+// Packs unit vectors as whole numbers: octahedral coordinates in steps. Twins: `pack_normal` and
 // `unpack_normal` in src/math/direction.rs.
 
 fn fold(a: f32, b: f32) -> f32 {
@@ -32,7 +32,7 @@ fn unpack_normal(packed: f32) -> vec3<f32> {
     return from_octahedral(vec2<f32>(x, y));
 }
 
-// The unit vector at a place on the octahedron unfolded to a square, -1 to 1 each way.
+// Returns the unit vector at a point of the octahedron unfolded to a square, -1 to 1 each way.
 fn from_octahedral(place: vec2<f32>) -> vec3<f32> {
     let x = place.x;
     let y = place.y;
@@ -41,7 +41,7 @@ fn from_octahedral(place: vec2<f32>) -> vec3<f32> {
     return unit_or_zero(vec3<f32>(unfold(x, under), unfold(y, under), z));
 }
 
-// A direction; zero where there is none.
+// Returns a direction; zero if there is none.
 fn unit_or_zero(v: vec3<f32>) -> vec3<f32> {
     let inverse = 1.0 / sqrt(dot3(v, v));
     return select(vec3<f32>(0.0), v * inverse, is_finite(inverse) && inverse > 0.0);

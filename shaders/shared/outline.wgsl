@@ -1,5 +1,5 @@
-// Where a footprint's cut-off ends on the image, and which rectangles of pixels it meets.
-// Twin: src/splat/outline.rs, which says why.
+// Computes the outline of a footprint's cut-off on the image, and tests which rectangles of pixels it
+// meets. Twin: src/splat/outline.rs, which explains why.
 
 // Q(d) - r² w(d) = 0, a convex quadratic of the pixel offset.
 struct KernelOutline {
@@ -9,16 +9,16 @@ struct KernelOutline {
     gradient: vec2<f32>,
     hessian: vec3<f32>,
     cutoff_squared: f32,
-    // Where the quadratic is least.
+    // Point at which the quadratic is least.
     middle: vec2<f32>,
 }
 
-// Of an affine footprint: w = 1.
+// Returns the outline of an affine footprint: w = 1.
 fn kernel_affine(p: vec2<f32>, r: vec2<f32>, cutoff_squared: f32) -> KernelOutline {
     return KernelOutline(p, r, vec2<f32>(), vec3<f32>(), cutoff_squared, vec2<f32>());
 }
 
-// Of a footprint with w(d) = 1 + gradient . d + hxx dx² + hxy dx dy + hyy dy².
+// Returns the outline of a footprint with w(d) = 1 + gradient . d + hxx dx² + hxy dx dy + hyy dy².
 fn kernel_exact(
     p: vec2<f32>,
     r: vec2<f32>,
@@ -39,7 +39,7 @@ fn kernel_exact(
     return outline;
 }
 
-// Coefficients of dx², 2 dx dy and dy².
+// Returns the coefficients of dx², 2 dx dy and dy².
 fn kernel_second(outline: KernelOutline) -> vec3<f32> {
     let p = outline.p;
     let r = outline.r;
@@ -59,20 +59,20 @@ fn kernel_value(outline: KernelOutline, d: vec2<f32>) -> f32 {
     return q - w - outline.cutoff_squared;
 }
 
-// Whether a point is inside. Not a number counts as inside, as it does on the CPU.
+// Returns whether a point is inside. NaN counts as inside, as on the CPU.
 fn kernel_inside(outline: KernelOutline, d: vec2<f32>) -> bool {
     let value = kernel_value(outline, d);
-    // A hair of slack: the value of a needle's edge is a difference of large numbers.
+    // A small slack: the value at a needle's edge is a difference of large numbers.
     return is_nan(value) || !(value > outline.cutoff_squared * 1e-4);
 }
 
-// Between two numbers; the lower one for what is not a number.
+// Clamps to two numbers; NaN gives the lower one.
 fn clamped(x: f32, lower: f32, upper: f32) -> f32 {
     return select(min(max(x, lower), upper), lower, is_nan(x));
 }
 
-// Whether the rectangle between two offsets meets the inside. The least value in a rectangle that does not hold the
-// middle lies on an edge that faces it.
+// Returns whether the rectangle between two offsets meets the inside. In a rectangle that does not contain the
+// middle, the least value lies on an edge that faces the middle.
 fn kernel_touches(outline: KernelOutline, lower: vec2<f32>, upper: vec2<f32>) -> bool {
     if is_nan(lower.x) || is_nan(lower.y) {
         return true;
@@ -107,19 +107,20 @@ struct PlaneOutline {
     r: vec2<f32>,
     gradient: vec2<f32>,
     cutoff: f32,
-    // Where |A d| is least on a column, y0 = `middle.y` dx, and on a row.
+    // Minimum of |A d| on a column, y0 = `middle.y` dx, and likewise on a row.
     middle: vec2<f32>,
-    // t = `shift.y` |dx| on a column, and on a row.
+    // Shift t = `shift.y` |dx| on a column, and likewise on a row.
     shift: vec2<f32>,
 }
 
-// In f32, by how much each number may be off: sixteen roundings of the greatest term.
+// Bound on the error of each number in f32: sixteen roundings of the greatest term.
 const OUTLINE_ROUNDING: f32 = 1e-6;
 
-// Stands for a shift without end: beyond any image, and within f32 when multiplied by an offset.
+// Stands for an infinite shift: beyond any image, and within f32 when multiplied by an offset.
 const ENDLESS: f32 = 1e30;
 
-// Of a surfel whose inverse depth at the offset d is 1 + `gradient` . d of its centre's.
+// Returns the outline of a surfel whose inverse depth at the offset d is 1 + `gradient` . d times its
+// centre's.
 fn plane_outline(
     p: vec2<f32>,
     r: vec2<f32>,
@@ -152,7 +153,7 @@ fn plane_shift(drift: f32, c: f32, determinant: f32) -> f32 {
     return select(ENDLESS, -ENDLESS, is_above(0.0, drift));
 }
 
-// Whether an offset is inside; so is what is not a number.
+// Returns whether an offset is inside; NaN counts as inside.
 fn plane_inside(outline: PlaneOutline, d: vec2<f32>) -> bool {
     let px = outline.p.x * d.x;
     let py = outline.p.y * d.y;
@@ -163,14 +164,14 @@ fn plane_inside(outline: PlaneOutline, d: vec2<f32>) -> bool {
     let p = px + py;
     let r = rx + ry;
     let q = p * p + r * r;
-    // Never less than what the rasteriser finds: each sum may be off by its terms' roundings.
+    // Never less than the rasteriser computes: each sum may be off by the roundings of its terms.
     let plane_terms = outline.cutoff * (1.0 + abs(gx) + abs(gy));
     let form_terms = abs(px) + abs(py) + abs(rx) + abs(ry);
     let reach = outline.cutoff * (1.0 + gx + gy) + OUTLINE_ROUNDING * (plane_terms + form_terms);
     return is_nan(q) || is_nan(reach) || (reach >= 0.0 && !is_above(q, reach * reach));
 }
 
-// Whether the rectangle between two offsets meets the inside.
+// Returns whether the rectangle between two offsets meets the inside.
 fn plane_touches(outline: PlaneOutline, lower: vec2<f32>, upper: vec2<f32>) -> bool {
     if is_nan(lower.x) || is_nan(lower.y) {
         return true;

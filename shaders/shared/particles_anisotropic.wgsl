@@ -1,15 +1,15 @@
-// Ellipsoids: offset from the block's origin and lower-triangular factor, nine words each.
-// Twin: `BlockShapes` in src/cpu/project.rs.
+// Reads ellipsoids: offset from the block's origin and lower-triangular factor, nine words each. Twin:
+// `BlockShapes` in src/cpu/project/shapes.rs.
 
 @group(0) @binding(0) var<storage, read> blocks: array<DeviceBlock>;
 @group(0) @binding(1) var<storage, read> shapes: array<array<f32, 9>>;
 
-// Place among entries of one per particle.
+// Index in arrays with one entry per particle.
 fn particle_index(block: u32, local: u32) -> u32 {
     return blocks[block].first + local;
 }
 
-// The most of a block's kernels that lie in one place, as a multiple of OVERLAP; 1 at least.
+// Greatest number of a block's kernels that overlap at a point, as a multiple of OVERLAP; at least 1.
 fn crowding_of(block: u32) -> f32 {
     return blocks[block].crowding;
 }
@@ -30,7 +30,7 @@ fn camera_factor(rotation: mat3x3<f32>, block: u32, local: u32) -> Factor {
     return rotated(rotation, lower);
 }
 
-// The axis of a piece in the frame of the factor's columns: it turns with the kernel.
+// Returns the axis of a piece in the frame of the factor's columns: it turns with the kernel.
 fn piece_axis(rotation: mat3x3<f32>, axis: vec3<f32>) -> vec3<f32> {
     return axis;
 }
@@ -39,9 +39,9 @@ fn shape_word(word: u32) -> f32 {
     return shapes[word / 9u][word % 9u];
 }
 
-// Plane k that cuts a particle at the boundary of its domain; not finite where there is none. A block that
-// the boundary cuts has a word for each particle, 0 or one more than the place of its planes, and the
-// planes after these.
+// Returns plane k that cuts a particle at the boundary of its domain; not finite if there is none. A
+// block that the boundary cuts has a word for each particle: 0, or one more than the index of its planes.
+// The planes follow these words.
 fn edge_of(block: u32, local: u32, k: u32) -> vec4<f32> {
     let own = blocks[block];
     if own.edges != 0u {

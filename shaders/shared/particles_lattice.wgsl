@@ -1,5 +1,5 @@
-// Cells of a lattice in bricks: nothing is stored per particle.
-// Twins: `BrickGrid` in src/blocks/brick.rs, `BlockShapes` in src/cpu/project.rs.
+// Reads cells of a lattice in bricks: nothing is stored per particle. Twins: `BrickGrid` in
+// src/blocks/brick.rs, `BlockShapes` in src/cpu/project/shapes.rs.
 
 // A sample of a rectilinear lattice's axis. Twin: `AxisSample`.
 struct AxisSample {
@@ -10,11 +10,11 @@ struct AxisSample {
 }
 
 @group(0) @binding(0) var<storage, read> lattice: LatticeUniform;
-// Those of x, then of y, then of z; nothing of a uniform lattice. Behind them, where the box of the samples
-// cuts kernels, how far each lies inside the lower and the upper face: `offset` and `sigma`.
+// Samples of x, then of y, then of z; empty for a uniform lattice. If the box of the samples cuts
+// kernels, the distances inside the lower and the upper face follow: in `offset` and `sigma`.
 @group(0) @binding(1) var<storage, read> axes: array<AxisSample>;
 
-// First cell of a brick.
+// Returns the first cell of a brick.
 fn corner(block: u32) -> vec3<u32> {
     let b = lattice.first_brick + block;
     let bx = lattice.bricks[0];
@@ -22,23 +22,24 @@ fn corner(block: u32) -> vec3<u32> {
     return vec3<u32>(b % bx, b / bx % by, b / (bx * by)) * vec3<u32>(BRICK_X, BRICK_Y, BRICK_Z);
 }
 
-// Cell `local` of the brick whose first cell is `first`.
+// Returns cell `local` of the brick whose first cell is `first`.
 fn cell_of(first: vec3<u32>, local: u32) -> vec3<u32> {
     return first
         + vec3<u32>(local % BRICK_X, local / BRICK_X % BRICK_Y, local / (BRICK_X * BRICK_Y));
 }
 
-// Places of a cell's samples in `axes`.
+// Returns the indices of a cell's samples in `axes`.
 fn samples_of(cell: vec3<u32>) -> vec3<u32> {
     return cell + vec3<u32>(0u, lattice.dims[0], lattice.dims[0] + lattice.dims[1]);
 }
 
-// Place among entries of one per particle.
+// Index in arrays with one entry per particle.
 fn particle_index(block: u32, local: u32) -> u32 {
     return block * (BRICK_X * BRICK_Y * BRICK_Z) + local;
 }
 
-// The most of a block's kernels that lie in one place, as a multiple of OVERLAP: cells lie apart.
+// Greatest number of a block's kernels that overlap at a point, as a multiple of OVERLAP: cells lie
+// apart.
 fn crowding_of(block: u32) -> f32 {
     return 1.0;
 }
@@ -72,8 +73,8 @@ fn camera_factor(rotation: mat3x3<f32>, block: u32, local: u32) -> Factor {
     return factor_of_columns(times(rotation, f[0]), times(rotation, f[1]), times(rotation, f[2]));
 }
 
-// Face k of the box of its samples that cuts a cell's kernel, of each axis the lower one and the upper one;
-// not finite where there is none. The distances from them lie behind the samples of the axes.
+// Returns face k of the samples' box that cuts a cell's kernel, for each axis the lower and the upper
+// one; not finite if there is none. The distances from the faces follow the samples of the axes.
 fn edge_of(block: u32, local: u32, k: u32) -> vec4<f32> {
     if lattice.first_face == 0u {
         return vec4<f32>(0.0, 0.0, 0.0, bitcast<f32>(INFINITE_WORD));
@@ -91,7 +92,7 @@ fn columns_of(m: array<array<f32, 3>, 3>) -> mat3x3<f32> {
     return mat3x3<f32>(vector(m[0]), vector(m[1]), vector(m[2]));
 }
 
-// The axis of a piece in the frame of the factor's columns: it turns with the kernel.
+// Returns the axis of a piece in the frame of the factor's columns: it turns with the kernel.
 fn piece_axis(rotation: mat3x3<f32>, axis: vec3<f32>) -> vec3<f32> {
     return axis;
 }

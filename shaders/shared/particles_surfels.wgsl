@@ -1,15 +1,15 @@
-// Surfels: offset from the block's origin and two tangents, nine words each.
-// Twin: `BlockShapes` in src/cpu/project.rs.
+// Reads surfels: offset from the block's origin and two tangents, nine words each. Twin: `BlockShapes` in
+// src/cpu/project/shapes.rs.
 
 @group(0) @binding(0) var<storage, read> blocks: array<DeviceBlock>;
 @group(0) @binding(1) var<storage, read> shapes: array<array<f32, 9>>;
 
-// Place among entries of one per particle.
+// Index in arrays with one entry per particle.
 fn particle_index(block: u32, local: u32) -> u32 {
     return blocks[block].first + local;
 }
 
-// The most of a block's kernels that lie in one place, as a multiple of OVERLAP; 1 at least.
+// Greatest number of a block's kernels that overlap at a point, as a multiple of OVERLAP; at least 1.
 fn crowding_of(block: u32) -> f32 {
     return blocks[block].crowding;
 }
@@ -32,12 +32,12 @@ fn camera_factor(rotation: mat3x3<f32>, block: u32, local: u32) -> Factor {
     );
 }
 
-// The axis of a piece in the frame of the factor's columns: it turns with the kernel.
+// Returns the axis of a piece in the frame of the factor's columns: it turns with the kernel.
 fn piece_axis(rotation: mat3x3<f32>, axis: vec3<f32>) -> vec3<f32> {
     return axis;
 }
 
-// No plane cuts it.
+// No plane cuts a surfel.
 fn edge_of(block: u32, local: u32, k: u32) -> vec4<f32> {
     return vec4<f32>(0.0, 0.0, 0.0, bitcast<f32>(INFINITE_WORD));
 }

@@ -1,13 +1,14 @@
-// Splats of radiance fields, whose opacity is stated. Twin: src/splat/peak.rs.
+// Draws splats of radiance fields, whose opacity is stated. Twin: src/splat/peak.rs.
 
-// A splat's projection and footprint, where the rule draws anything.
+// A splat's projection and footprint, if the rule draws it.
 struct PeakFootprint {
     exists: bool,
     screen: ScreenFactor,
     image: ImageKernel,
 }
 
-// The footprint of a splat, its `tau` the opacity at the centre. `kernel.mass` is the peak opacity.
+// Returns the footprint of a splat, with `tau` the opacity at the centre. `kernel.mass` is the peak
+// opacity.
 fn peak_footprint(view: ViewUniform, kernel: Kernel, is_anti_aliased: bool) -> PeakFootprint {
     var out: PeakFootprint;
     let z = kernel.centre.z;
@@ -34,12 +35,13 @@ fn peak_footprint(view: ViewUniform, kernel: Kernel, is_anti_aliased: bool) -> P
     var image = filtered(screen, FILTER_EWA, h2);
     image.tau = kernel.mass;
     if is_anti_aliased {
-        // Minors, not the difference of products: a flat splat seen from its edge keeps its digits.
+        // Minors, not the difference of products, so that a flat splat seen from its edge keeps its
+        // digits.
         let minor = cross3(screen.row_x, screen.row_y);
         let determinant = dot3(minor, minor);
         image.tau = image.tau * sqrt(determinant / image.determinant);
     }
-    // Lengths whose squares leave f32 have no form.
+    // A footprint whose squared lengths overflow f32 has no form.
     let is_shape = is_finite(image.a + image.c);
     out.exists = is_shape && is_above(image.tau, 0.0) && is_finite(image.tau);
     out.screen = screen;

@@ -1,7 +1,7 @@
-// Means of footprints over pixels, where columns are summed. Twin: src/splat/pixel_mean.rs.
+// Computes the means of footprints over pixels, for sums of columns. Twin: src/splat/pixel_mean.rs.
 
 struct PixelMean {
-    // Whether footprints are not sampled at centres.
+    // True if the footprint is averaged over pixels rather than sampled at their centres.
     is_mean: bool,
     has_rows: bool,
     is_sampled: bool,
@@ -19,7 +19,7 @@ struct Band {
     per_sigma: f32,
 }
 
-// Phi(x) within 3e-7. Twin: `cdf_near` in src/math/lane.rs.
+// Returns Phi(x) within 3e-7. Twin: `cdf_near` in src/math/lane.rs.
 fn cdf_near(place: f32) -> f32 {
     let x = clamp(place, -CDF_REACH, CDF_REACH);
     let u = x * x * (2.0 / (CDF_REACH * CDF_REACH)) - 1.0;
@@ -105,7 +105,7 @@ fn band_at(own: PixelMean, d: f32) -> Band {
     }
     let middle = 0.5 * (begin + end);
     let half = 0.5 * (end - begin);
-    // The place of the band where there is most.
+    // Position in the band at which the density is greatest.
     let top = max(begin, min(end, 0.0));
     let least = top * top;
     var sum = 0.0;
@@ -130,7 +130,7 @@ fn band_at(own: PixelMean, d: f32) -> Band {
     return Band(mass, scale * (middle + mean), 1.0 / sqrt(variance));
 }
 
-// The mean over the pixel whose centre lies `d` from the footprint's, px.
+// Returns the mean over the pixel whose centre lies `d` from the footprint's, px.
 fn mean_at(own: PixelMean, d: vec2<f32>) -> f32 {
     let along = select(d.x, d.y, own.has_rows);
     let across = select(d.y, d.x, own.has_rows);

@@ -1,5 +1,5 @@
-// Between linear light and sRGB code values (IEC 61966-2-1), both from 0 up. Twins: `linear_from_srgb` and
-// `srgb_from_linear` of src/image.rs.
+// Converts between linear light and sRGB code values (IEC 61966-2-1), both from 0 up. Twins:
+// `linear_from_srgb` and `srgb_from_linear` of src/image.rs.
 
 fn linear_from_srgb(code: f32) -> f32 {
     if code <= 0.04045 {

@@ -1,6 +1,6 @@
-// How opaque a lone kernel is that is smaller than a pixel. Twin: src/splat/sub_pixel.rs.
+// Computes the opacity of a lone kernel smaller than a pixel. Twin: src/splat/sub_pixel.rs.
 
-// The opacity at its centre of a lone round kernel under a Gaussian low-pass filter.
+// Returns the opacity at its centre of a lone round kernel under a Gaussian low-pass filter.
 fn filtered_opacity(area: f32, tau0: f32) -> f32 {
     var nodes = SUB_PIXEL_NODES;
     var logs = SUB_PIXEL_LOGS;
@@ -23,11 +23,11 @@ fn filtered_opacity(area: f32, tau0: f32) -> f32 {
     return sum;
 }
 
-// The optical depth at the centre whose opacity is the filtered one.
+// Returns the optical depth at the centre whose opacity is the filtered one.
 fn sub_pixel_depth(area: f32, tau0: f32) -> f32 {
     let opaque = SUB_PIXEL_OPAQUE[0];
     let saturated = SUB_PIXEL_OPAQUE[1];
-    // Rounding may find more than all of it.
+    // Rounding may give an opacity above 1.
     let peak = minus_log_1_minus(min(filtered_opacity(area, tau0), 0.99999));
     let share = clamp((peak - opaque) / (saturated - opaque), 0.0, 1.0);
     let extent = exp((area * log(tau0) - EULER) / (1.0 + area));
@@ -35,12 +35,12 @@ fn sub_pixel_depth(area: f32, tau0: f32) -> f32 {
     return min(depth, tau0 * area / (1.0 + area));
 }
 
-// -ln(1 - x) for x from 0 to below 1, with a small relative error at any x.
+// Returns -ln(1 - x) for x from 0 to below 1, with a small relative error at any x.
 fn minus_log_1_minus(x: f32) -> f32 {
     if x > 0.1 {
         return -log(1.0 - x);
     }
-    // Its series: what is left out is 1e-8 of the sum.
+    // Series: the remainder is 1e-8 of the sum.
     var sum = 0.0;
     for (var n = 8.0; n > 0.0; n = n - 1.0) {
         sum = 1.0 / n + sum * x;
@@ -48,7 +48,7 @@ fn minus_log_1_minus(x: f32) -> f32 {
     return x * sum;
 }
 
-// `image` with the opacity of a lone kernel.
+// Returns `image` with the opacity of a lone kernel.
 fn as_lone(screen: ScreenFactor, filter_kind: u32, h2: f32, image: ImageKernel) -> ImageKernel {
     if filter_kind == FILTER_RECONSTRUCTION || filter_kind == FILTER_UNIFORM_SCALING {
         return image;

@@ -1,7 +1,7 @@
-// Surfels of an opaque surface: flat kernels that are averaged, not absorbed.
-// Twin: src/splat/surfel.rs, which says where the numbers come from.
+// Computes surfels of an opaque surface: flat kernels that are averaged, not absorbed. Twin:
+// src/splat/surfel.rs, which explains the numbers.
 
-// A surfel on the image; none where it is seen from behind and has one side, or is no surfel.
+// A projected surfel; none if it is one-sided and seen from behind, or is not a surfel.
 struct SurfelFootprint {
     exists: bool,
     screen: ScreenFactor,
@@ -9,7 +9,7 @@ struct SurfelFootprint {
     terms: SurfelTerms,
 }
 
-// The footprint of a surfel in front of the eye, its mass the area.
+// Returns the footprint of a surfel in front of the eye; the kernel's mass is the area.
 fn surfel_footprint(
     view: ViewUniform,
     kernel: Kernel,
@@ -34,14 +34,14 @@ fn surfel_footprint(
         return out;
     }
     let facing = across;
-    // |det M| = |det J| cos theta; `weight` has |det J| and the ray's length |D0|.
+    // |det M| = |det J| cos theta; `weight` contains |det J| and the ray's length |D0|.
     screen.weight = screen.weight * (abs(across) / screen.ray_length);
     let image = filtered(screen, FILTER_EWA, view.low_pass_variance_px2);
     let is_shape = is_finite(image.a + image.c);
     if !(is_shape && is_above(image.tau, 0.0) && is_finite(image.tau)) {
         return out;
     }
-    // The inverse depth D . n / (n . u), u = u2 D0; -D . n / ... of the depth under parallel rays.
+    // The inverse depth D . n / (n . u), u = u2 D0. Under parallel rays: minus the depth.
     let least = GRAZING * screen.ray_length;
     if across < 0.0 {
         across = min_number(across, -least);
@@ -67,8 +67,8 @@ fn surfel_footprint(
         terms.homography = 1.0;
         terms.gradient = array<f32, 2>(plane.x, plane.y);
     } else {
-        // The mean of the inverse depth where the filtered kernel meets the pixel: what the filter has
-        // spread has the inverse depth of where it came from.
+        // The mean of the inverse depth over the part of the filtered kernel in the pixel. Mass that the
+        // filter has moved keeps the inverse depth of its origin.
         let x = screen.row_x;
         let y = screen.row_y;
         let along = vec2<f32>(
@@ -85,14 +85,14 @@ fn surfel_footprint(
     return SurfelFootprint(true, screen, image, terms);
 }
 
-// The low-pass filter's standard deviation, pixels.
+// Returns the low-pass filter's standard deviation, pixels.
 fn h_of(view: ViewUniform) -> f32 {
     return sqrt(view.low_pass_variance_px2);
 }
 
-// The greater standard deviation of a surfel.
+// Returns the greater standard deviation of a surfel.
 fn widest(first: vec3<f32>, second: vec3<f32>) -> f32 {
-    // Units of its own size: squares of it would underflow or overflow at the scale of some scenes.
+    // Units of its own size: its squares would underflow or overflow at the scale of some scenes.
     let unit = max_number(largest_of(first), largest_of(second));
     let a = first / unit;
     let b = second / unit;
@@ -103,8 +103,8 @@ fn widest(first: vec3<f32>, second: vec3<f32>) -> f32 {
     return unit * sqrt(0.5 * (aa + bb) + sqrt(half_difference * half_difference + ab * ab));
 }
 
-// What a surfel that reaches the camera plane is evaluated by, and its weight at the centre: the
-// first three of the terms' misses are A, B and N.
+// Returns the terms of a surfel that reaches the camera plane, and its weight at the centre. The first
+// three of the terms' misses are A, B and N.
 fn near_surfel(kernel: Kernel, is_one_sided: bool) -> NearKernel {
     var out: NearKernel;
     var c = columns(kernel.factor);

@@ -5,7 +5,7 @@ struct UnitNormal {
     normal: vec3<f32>,
 }
 
-// The direction of a x b, where there is one.
+// Returns the direction of a x b, if it has one.
 fn unit_normal(first: vec3<f32>, second: vec3<f32>) -> UnitNormal {
     let normal = cross3(first / largest_of(first), second / largest_of(second));
     let size = length3(normal);

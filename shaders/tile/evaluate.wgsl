@@ -1,11 +1,11 @@
-// Evaluate: each footprint says by its path what evaluates it.
+// Evaluate: a footprint's path selects its evaluation.
 
-// Whether any footprint is on the exact path.
+// True if any footprint is on the exact path.
 override HAS_EXACT: bool = true;
-// Whether any kernel crosses the plane of the eye.
+// True if any kernel crosses the plane of the eye.
 override HAS_NEAR: bool = true;
 
-// A kernel on the ray of a pixel; where along the ray it lies, where `has_place` asks for that.
+// Evaluates a kernel on the ray of a pixel; with its depth along the ray if `has_place`.
 fn evaluate(n: u32, footprint: TileFootprint, ray: TileRay, has_place: bool) -> Sample {
     if HAS_NEAR && is_near_path(footprint.path) {
         return near_kernel(footprint, ray.pixel);
@@ -17,8 +17,8 @@ fn evaluate(n: u32, footprint: TileFootprint, ray: TileRay, has_place: bool) -> 
     return affine(n, footprint, d, has_place);
 }
 
-// Of the kernel's optical depth (of one that crosses the plane of the eye: of what lies in front of
-// that): the share up to a depth.
+// Returns the share of the kernel's optical depth up to a depth. For a kernel that crosses the plane of
+// the eye it is the share of the part in front of the eye.
 fn share_before(footprint: TileFootprint, sample: Sample, ray: TileRay, depth: f32) -> f32 {
     if HAS_NEAR && is_near_path(footprint.path) {
         return within_domain(near_share(footprint, ray.pixel, depth));
@@ -26,7 +26,7 @@ fn share_before(footprint: TileFootprint, sample: Sample, ray: TileRay, depth: f
     return within_domain(share_up_to(footprint, sample, depth));
 }
 
-// How far footprint i of the chunk reaches along z on either side of its centre.
+// Returns the reach of footprint i of the chunk along z on either side of its centre.
 fn reach_of(i: u32, footprint: TileFootprint) -> f32 {
     if is_near_path(footprint.path) {
         return near_reach(footprint);
@@ -38,7 +38,8 @@ fn reach_of(i: u32, footprint: TileFootprint) -> f32 {
     return affine_reach(footprint, slope, terms[i].depth_sigma);
 }
 
-// How a footprint changes from pixel to pixel; nothing of kernels that cross the plane of the eye.
+// Returns the derivatives of a footprint from pixel to pixel; zero for kernels that cross the plane of
+// the eye.
 fn slope_of(n: u32, footprint: TileFootprint, ray: TileRay) -> FootprintSlope {
     if is_near_path(footprint.path) {
         return FootprintSlope();

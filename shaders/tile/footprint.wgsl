@@ -1,23 +1,22 @@
-// Footprints as the rasterisers read them: here alone is written where in its words a footprint has
-// what.
+// Unpacks footprints for the rasterisers. Only this file depends on the layout of a footprint's words.
 
 // Four vectors each, as `Footprint` lays them out: `centre_px` and `form_p`; `form_r`, `tau` and
 // `cutoff_squared`; `carried` and `depth`; `path`, `columns`, `rows` and `key`.
 @group(0) @binding(4) var<storage, read> footprints: array<vec4<u32>>;
 
-// Those on their way to all pixels of the tile.
+// Footprints of the batch, which all threads of the tile read.
 var<workgroup> batch: array<vec4<u32>, 4u * TERMINATION_INTERVAL>;
 
 struct TileFootprint {
     centre_px: vec2<f32>,
     form_p: vec2<f32>,
     form_r: vec2<f32>,
-    // Of a kernel its optical depth at the centre, of a surfel its weight there.
+    // For a kernel its optical depth at the centre, for a surfel its weight there.
     peak: f32,
     cutoff_squared: f32,
-    // A colour, a field's value or a sign.
+    // A colour, a value of the field or a sign.
     carried: vec3<f32>,
-    // Of a kernel the centre's z, of a surfel its greatest inverse depth.
+    // For a kernel the centre's z, for a surfel its greatest inverse depth.
     depth: f32,
     path: u32,
 }
@@ -65,7 +64,8 @@ fn key_of_chunk(i: u32) -> u32 {
     return footprints[4u * i + 3u].w;
 }
 
-// Whether a pixel lies in the box of footprint n of the batch. Most threads need no more of it.
+// Returns whether a pixel lies in the box of footprint n of the batch. Most threads need no more of the
+// footprint.
 fn is_in_box(n: u32, at: vec2<u32>) -> bool {
     let columns = batch[4u * n + 3u].y;
     let rows = batch[4u * n + 3u].z;
@@ -73,16 +73,17 @@ fn is_in_box(n: u32, at: vec2<u32>) -> bool {
         && at.x >= (columns & 0xffffu) && at.x < (columns >> 16u);
 }
 
-// Q of the triangular form, at `d` from the centre.
+// Returns Q of the triangular form, at `d` from the centre.
 fn form_at(footprint: TileFootprint, d: vec2<f32>) -> f32 {
     let p = footprint.form_p.x * d.x + footprint.form_p.y * d.y;
     let r = footprint.form_r.x * d.x + footprint.form_r.y * d.y;
     return p * p + r * r;
 }
 
-// exp(-Q/2) within the cut-off.
+// Returns exp(-Q/2) within the cut-off.
 fn falloff(q: f32) -> f32 {
-    // A compiler that assumes numbers may drop the guard before it: then the pixel stays finite.
+    // A compiler that assumes finite numbers may drop the guard of the caller; with this limit the pixel
+    // stays finite.
     return exp_minus_half(min(q, 49.0));
 }
 

@@ -1,30 +1,31 @@
-// A kernel on a pixel: evaluated, as much of it taken as its ray's interval has, and accumulated.
-// Surfels of opaque surfaces have accumulate/opaque.wgsl in the place of this.
+// Draws a kernel on a pixel: evaluates it, restricts it to the ray's interval, and accumulates it. For
+// surfels of opaque surfaces accumulate/opaque.wgsl takes the place of this file.
 
-// What footprints have besides: those on the exact path, or all of those whose place along the ray
+// Additional terms of footprints: of those on the exact path, or of all if their depth along the ray
 // counts.
 alias Terms = ExactTerms;
 
 // A kernel on the ray of a pixel.
 struct Sample {
-    // Whether the pixel lies within its cut-off.
+    // True if the pixel lies within its cut-off.
     is_inside: bool,
     // Its optical depth along the whole ray.
     tau: f32,
-    // How far its mean depth z along the ray lies beyond the footprint's depth, and one over the standard
-    // deviation; where they are wanted and the kernel is not near.
+    // Mean depth z along the ray minus the footprint's depth, and one over the standard deviation; set if
+    // they are needed and the kernel is not near.
     beyond: f32,
     per_sigma: f32,
 }
 
-// Where a kernel lies: in front of the surface, behind it where something shows through, beyond all of
-// which anything is seen, or maybe cut.
+// Position of a kernel: in front of the surface; behind it where it shows through; beyond all visible
+// parts; or possibly cut.
 const SIDE_FRONT: u32 = 0u;
 const SIDE_BEHIND: u32 = 1u;
 const SIDE_HIDDEN: u32 = 2u;
 const SIDE_CUT: u32 = 3u;
 
-// What is drawn of a pixel's ray: where it begins, a surface divides it, and it ends; depths z.
+// The part of a pixel's ray that is drawn: depths z at which it begins, is divided by a surface, and
+// ends.
 struct Span {
     near: f32,
     middle: f32,
@@ -33,8 +34,8 @@ struct Span {
 
 const WHOLE_SPAN: Span = Span(-LARGEST, LARGEST, LARGEST);
 
-// How far a depth lies beyond the mean of a kernel, in standard deviations. From the footprint's depth
-// first: sums of depths would round away what needles are cut at.
+// Returns the distance of a depth beyond the mean of a kernel, in standard deviations. The footprint's
+// depth is subtracted first: sums of depths would round away the cuts of needles.
 fn ahead_of(footprint: TileFootprint, sample: Sample, depth: f32) -> f32 {
     return ((depth - footprint.depth) - sample.beyond) * sample.per_sigma;
 }

@@ -1,11 +1,11 @@
-// A pixel whose kernels, or layers of them, are composited front to back.
+// Composites kernels, or layers of kernels, on a pixel, front to back.
 
-// Whether depths are wanted.
+// True if depths are written.
 override HAS_DEPTH: bool = false;
 // Opacity min(tau, 1) instead of 1 - exp(-tau).
 override IS_LINEAR: bool = false;
 
-// What a thread adds up of its pixel, in front of the surface or behind it.
+// A thread's sums for its pixel, in front of the surface or behind it.
 struct Pixel {
     colour: vec3<f32>,
     alpha: f32,
@@ -15,8 +15,8 @@ struct Pixel {
 var<private> front: Pixel;
 var<private> behind: Pixel;
 
-// In `pixels`: row by row four floats each, then (with depths) one float each. With surfaces the same
-// once more: what lies behind them.
+// Layout in `pixels`: row by row four floats each, then (with depths) one float each. With surfaces, the
+// picture behind them follows in the same layout.
 fn load_pixel(first: u32, index: u32, count: u32) -> Pixel {
     let at = first + 4u * index;
     var pixel = Pixel(vec3<f32>(pixels[at], pixels[at + 1u], pixels[at + 2u]), pixels[at + 3u], NO_DEPTH);
@@ -37,7 +37,7 @@ fn store_pixel(pixel: Pixel, first: u32, index: u32, count: u32) {
     }
 }
 
-// Floats of a pixel of the picture.
+// Returns the number of floats of a pixel of the picture.
 fn picture_words() -> u32 {
     return select(4u, 5u, HAS_DEPTH);
 }
@@ -71,7 +71,7 @@ fn is_finished(hidden: u32) -> bool {
     return hidden != 0u;
 }
 
-// 1 where every pixel of the tile is opaque.
+// Returns 1 if every pixel of the tile is opaque.
 fn look(thread: u32, is_pixel: bool, drawn: u32) -> u32 {
     let opaque = 1.0 - view.tolerance * TERMINATION_SHARE;
     if thread == 0u {
@@ -88,7 +88,7 @@ fn look(thread: u32, is_pixel: bool, drawn: u32) -> u32 {
     return u32(workgroupUniformLoad(&uniform_open) == 0u);
 }
 
-// The opacity of an optical depth, and of splats the opacity itself.
+// Returns the opacity of an optical depth; for splats, which state it, the opacity itself.
 fn opacity_by(path: u32, tau: f32) -> f32 {
     if IS_LINEAR || path == PATH_PEAK {
         return min(tau, 1.0);

@@ -1,8 +1,8 @@
-//! Stage: from values to signed amplitudes, per particle: what [`classify`](super::classify()) is
-//! to opacity, for column densities. No transfer function is asked.
+//! Stage: computes the signed amplitude of each particle from its value. It takes the place of
+//! [`classify`](super::classify()) for column densities, and uses no transfer function.
 //!
-//! Amplitudes are products of numbers that each fit f32 and may not fit it together, so they are
-//! formed in f64 and narrowed relative to the largest of the scene.
+//! An amplitude is a product of numbers that each fit f32; the product may not. So it is formed in f64
+//! and narrowed relative to the largest amplitude of the scene.
 
 use super::classify::{Visit, count, fill};
 use crate::blocks::{BlockedVolume, visit_amplitudes};
@@ -14,8 +14,8 @@ pub fn count_amplitudes(volume: &BlockedVolume, views: &mut [BlockView], scale: 
     count(&Amplitudes { volume, scale }, views)
 }
 
-/// Fills the particles of all views: the mass is the magnitude of the amplitude times `scale`,
-/// and it carries its sign.
+/// Fills the particles of all views: the mass is the magnitude of the amplitude times `scale`, and the
+/// particle carries the sign.
 pub fn fill_amplitudes(
     volume: &BlockedVolume,
     views: &[BlockView],

@@ -1,4 +1,4 @@
-//! Stage: which footprints touch which tiles, in depth order.
+//! Stage: lists the footprints that touch each tile, in depth order.
 
 use std::ops::Range;
 
@@ -11,11 +11,11 @@ use crate::constants::TILE_SIZE;
 use crate::record::{Footprint, FootprintTerms, PATH_EXACT, PATH_NEAR, PATH_SURFEL};
 use crate::splat::{KernelOutline, Outline, PlaneOutline};
 
-/// Footprints between asking for one and reading it.
+/// Footprints between the prefetch of one and its use.
 const PREFETCH: usize = 8;
 
-/// Lists of footprints per tile. Each chunk of the sorted footprints keeps its own lists; a
-/// tile's list is the chunks' lists one after the other, so that chunks need not know each other.
+/// Lists of footprints per tile. Each chunk of the sorted footprints has its own lists. A tile's list is
+/// the concatenation of the chunks' lists, so chunks are independent.
 #[derive(Debug, Default)]
 pub struct Bins {
     chunks: Vec<ChunkBins>,
@@ -25,21 +25,21 @@ pub struct Bins {
 
 #[derive(Debug, Default)]
 struct ChunkBins {
-    /// Where each tile's list begins, and one past the last.
+    /// Start of each tile's list, and one past the last.
     starts: Vec<u32>,
     /// Footprint indices, tile by tile.
     list: Vec<u32>,
-    /// (tile, footprint) as found.
+    /// Pairs (tile, footprint) in the order in which they were found.
     found: Vec<[u32; 2]>,
 }
 
 impl Bins {
-    /// The tiles that have lists: a run of the picture's.
+    /// Returns the tiles that have lists: a range of the picture's tiles.
     pub fn tiles(&self) -> Range<usize> {
         self.tiles.clone()
     }
 
-    /// The footprints of one of them, front to back.
+    /// Returns the footprints of one of these tiles, front to back.
     pub fn tile(&self, tile: usize) -> impl Iterator<Item = u32> + '_ {
         let tile = tile - self.tiles.start;
         self.chunks.iter().flat_map(move |c| {
@@ -49,25 +49,28 @@ impl Bins {
         })
     }
 
-    /// How many footprints a tile has.
+    /// Returns the number of footprints of a tile.
     pub fn tile_len(&self, tile: usize) -> usize {
         let tile = tile - self.tiles.start;
         let of = |c: &ChunkBins| (c.starts[tile + 1] - c.starts[tile]) as usize;
         self.chunks.iter().map(of).sum()
     }
 
-    /// Entries of all lists.
+    /// Returns the number of entries of all lists.
     pub fn len(&self) -> usize {
         self.chunks.iter().map(|c| c.list.len()).sum()
     }
 
-    /// Whether all lists are empty.
+    /// Returns whether all lists are empty.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 }
 
-/// Bins sorted footprints into tiles of [`TILE_SIZE`]², `columns` in a row, of which a run has lists.
+/// Bins sorted footprints into tiles of [`TILE_SIZE`]².
+///
+/// - `columns`: tiles in a row of the picture.
+/// - `tiles`: the tiles that get lists.
 pub fn bin(
     footprints: &[Footprint],
     terms: FootprintTerms<'_>,
@@ -79,7 +82,7 @@ pub fn bin(
     bin_into::<TILE_SIZE>(footprints, terms, order, columns, tiles, bins);
 }
 
-/// [`bin`] into tiles of any size.
+/// As [`bin`], into tiles of any size.
 pub(super) fn bin_into<const SIZE: usize>(
     footprints: &[Footprint],
     terms: FootprintTerms<'_>,
@@ -90,7 +93,7 @@ pub(super) fn bin_into<const SIZE: usize>(
 ) {
     bins.tiles = tiles.clone();
     let rows = tiles.start / columns..tiles.end.div_ceil(columns);
-    // Enough chunks for the threads to share evenly; each costs a word per tile.
+    // Enough chunks to balance the load of the threads; each costs a word per tile.
     let chunk_count = (4 * rayon::current_num_threads())
         .min(order.len().div_ceil(1024))
         .max(1);
@@ -102,8 +105,8 @@ pub(super) fn bin_into<const SIZE: usize>(
         .for_each(|(c, bins)| {
             let first = (c * chunk_len).min(order.len());
             let chunk = &order[first..(first + chunk_len).min(order.len())];
-            // Find, count, scan, place. Each footprint is visited once: after the sort they lie
-            // scattered in memory, and reading them is the cost.
+            // Find, count, scan, place. Each footprint is visited once: after the sort they are scattered
+            // in memory, and reading them dominates the cost.
             let ChunkBins {
                 starts,
                 list,
@@ -121,7 +124,7 @@ pub(super) fn bin_into<const SIZE: usize>(
                     columns,
                     &rows,
                     |t| {
-                        // The first and the last row may be there in part.
+                        // The range may contain only a part of the first and the last row.
                         if tiles.contains(&t) {
                             found.push([(t - tiles.start) as u32, i]);
                         }
@@ -143,16 +146,16 @@ pub(super) fn bin_into<const SIZE: usize>(
                 list[*place as usize] = i;
                 *place += 1;
             }
-            // Placing moved every start to its successor's place.
+            // Placing advanced every start to its successor's position.
             starts.rotate_right(1);
             starts[0] = 0;
         });
 }
 
-/// Calls `emit` with the index of every tile that holds a pixel centre within the footprint's
-/// cut-off, by the exact test of its outline against rectangles.
+/// Calls `emit` with the index of every tile that contains a pixel centre within the footprint's cut-off.
+/// The test of its outline against rectangles is exact.
 ///
-/// - `terms`, `index`: those of a frame's footprints, and its own place among them.
+/// - `terms`, `index`: terms of a frame's footprints, and the footprint's index among them.
 #[inline]
 pub fn for_each_tile(
     footprint: &Footprint,
@@ -165,7 +168,7 @@ pub fn for_each_tile(
     for_each_tile_of::<TILE_SIZE>(footprint, terms, index, tile_columns, &all, emit);
 }
 
-/// [`for_each_tile`] of any size, of the tiles in `rows`.
+/// As [`for_each_tile`], for tiles of any size in `rows`.
 #[inline]
 fn for_each_tile_of<const SIZE: usize>(
     footprint: &Footprint,
@@ -184,7 +187,7 @@ fn for_each_tile_of<const SIZE: usize>(
     let size = SIZE as u32;
     let (tx0, tx1) = (x0 / size, (x1 - 1) / size);
     let (ty0, ty1) = (y0 / size, (y1 - 1) / size);
-    // A box of one row or column of tiles is (nearly) all touched.
+    // All tiles of a box of one row or column are touched, almost without exception.
     let test = (tx1 > tx0 && ty1 > ty0) && footprint.path & 3 != PATH_NEAR;
     let (first, last) = (ty0.max(rows.start as u32), ty1.min((rows.end - 1) as u32));
     let walk = TileWalk {
@@ -196,7 +199,7 @@ fn for_each_tile_of<const SIZE: usize>(
     if !test {
         return walk.each::<SIZE>(|_, _| true, emit);
     }
-    // One loop for each: which outline it is, is not asked at every tile.
+    // One loop for each kind of outline, so that the kind is not tested at every tile.
     match bent_outline(footprint, terms, index) {
         None => {
             let (p, r) = (footprint.form_p.into(), footprint.form_r.into());
@@ -217,8 +220,8 @@ struct TileWalk<'a> {
 }
 
 impl TileWalk<'_> {
-    /// Calls `emit` for those whose rectangle of pixel centres, offsets from the footprint's centre,
-    /// touches its outline.
+    /// Calls `emit` for each tile whose rectangle of pixel centres touches the footprint's outline. The
+    /// rectangle is relative to the footprint's centre.
     #[inline(always)]
     fn each<const SIZE: usize>(
         self,
@@ -231,7 +234,7 @@ impl TileWalk<'_> {
         let (y0, y1) = self.footprint.row_range();
         for ty in self.rows[0]..=self.rows[1] {
             for tx in self.columns[0]..=self.columns[1] {
-                // The pixel centres of the tile that lie in the box.
+                // The pixel centres of the tile within the box.
                 let lower = Vec2::new((tx * size).max(x0) as f32, (ty * size).max(y0) as f32);
                 let upper = Vec2::new(
                     ((tx + 1) * size).min(x1) as f32,
@@ -245,7 +248,7 @@ impl TileWalk<'_> {
     }
 }
 
-/// The outline of a footprint's cut-off, where it is no ellipse.
+/// Returns the outline of a footprint's cut-off, if it is not an ellipse.
 fn bent_outline(footprint: &Footprint, terms: FootprintTerms<'_>, index: usize) -> Option<Outline> {
     let (p, r) = (footprint.form_p.into(), footprint.form_r.into());
     let cutoff_squared = footprint.cutoff_squared;

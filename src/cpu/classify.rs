@@ -1,8 +1,8 @@
-//! Stage: from values to masses and colours, per particle, once.
+//! Stage: computes the mass and the colour of each particle from its value, once.
 //!
-//! Of a block of points only the run is visited whose values may be seen; the twin has a thread for
-//! every particle anyway. Counting and emitting share one loop body ([`Visit`]), so that they cannot
-//! disagree. Colours that depend on the view are left to [`shade`](super::shade).
+//! In a block of points, only the run of particles with visible values is visited; the twin has a thread
+//! for every particle anyway. Counting and emitting share one loop body ([`Visit`]), so that they cannot
+//! disagree. [`shade`](super::shade) computes colours that depend on the view.
 
 use std::ops::Range;
 
@@ -16,7 +16,7 @@ use crate::scene::{ColourIn, StrengthIn, ValuesIn};
 /// Views per leaf of the parallel recursion.
 const GRAIN: usize = 16;
 
-/// Counts the visible particles of each view and lays out their places: sets `count` and `first`,
+/// Counts the visible particles of each view and assigns their positions: sets `count` and `first`,
 /// returns the total.
 pub fn count_classified(volume: &BlockedVolume, views: &mut [BlockView]) -> usize {
     count(&Classes::new(volume), views)
@@ -28,13 +28,13 @@ pub fn classify(volume: &BlockedVolume, views: &[BlockView], out: &mut [Classifi
     fill(&Classes::new(volume), 0, views, out);
 }
 
-/// What finds the visible particles of a block: the one loop body of counting and emitting.
+/// Visits the visible particles of a block: the shared loop body of counting and emitting.
 pub(super) trait Visit: Sync {
     /// Calls `emit(local, mass, carried)` for each visible particle of a block, in order.
     fn visit(&self, view: &BlockView, emit: impl FnMut(u32, f32, Carried));
 }
 
-/// Particles as the transfer function leaves them.
+/// Particles classified by the transfer function.
 pub(super) struct Classes<'a> {
     volume: &'a BlockedVolume,
     table: Vec<[f32; 4]>,
@@ -66,7 +66,7 @@ impl Visit for Classes<'_> {
     }
 }
 
-/// [`count_classified`] of any visit.
+/// As [`count_classified`], for any visit.
 pub(super) fn count(particles: &impl Visit, views: &mut [BlockView]) -> usize {
     views.par_iter_mut().with_min_len(GRAIN).for_each(|view| {
         let mut count = 0;
@@ -81,7 +81,7 @@ pub(super) fn count(particles: &impl Visit, views: &mut [BlockView]) -> usize {
     first as usize
 }
 
-/// [`classify`] of any visit, `first_view` the number of the first of `views`.
+/// As [`classify`], for any visit; `first_view` is the number of the first of `views`.
 pub(super) fn fill(
     particles: &impl Visit,
     first_view: u32,
@@ -113,7 +113,7 @@ pub(super) fn fill(
     }
 }
 
-/// The transfer function at every byte, where values are bytes.
+/// Returns the transfer function at every byte, if values are bytes.
 fn byte_table(volume: &BlockedVolume) -> Vec<[f32; 4]> {
     match (&volume.values, &volume.transfer_function) {
         (Some(ValuesIn::U8(_)), Some(transfer)) => (0..=u8::MAX)
@@ -168,7 +168,7 @@ fn visit_with(
         let class = class_of(i);
         let mass = match &volume.strength {
             StrengthIn::Classified { volumes } => {
-                // Most cells of most volumes end here.
+                // Most cells of most volumes are rejected here.
                 if !(class[3] > 0.0) {
                     return;
                 }
@@ -180,7 +180,7 @@ fn visit_with(
             }
             given => given.stored()[i],
         };
-        // Of members that lie apart, each is less opaque than their mean depth says.
+        // If members do not overlap, each is less opaque than their mean depth implies.
         let mass = match &volume.merged {
             Some(merged) if !merged.member_depths.is_empty() => {
                 mass * ein_share(mass * merged.member_depths[i])
@@ -188,7 +188,7 @@ fn visit_with(
             _ => mass,
         };
         if mass > 0.0 {
-            // Where slabs are classified, the function gives the value for a colour.
+            // If slabs are classified, the function returns the value in the place of the colour.
             let [r, g, b, _] = class;
             emit(
                 local,
@@ -203,27 +203,27 @@ fn visit_with(
     }
 }
 
-/// The colour of particle `i`, that of its class where it is classified.
+/// Returns the colour of particle `i`; the colour of its class if colours are classified.
 #[inline]
 pub(super) fn colour_of(volume: &BlockedVolume, i: usize, class: [f32; 3]) -> [f32; 3] {
     match &volume.colour {
         ColourIn::Classified => class,
         ColourIn::PerParticle(colours) => colours[i],
         ColourIn::Uniform(colour) => *colour,
-        // `shade` fills these in.
+        // `shade` computes these.
         ColourIn::Harmonics { .. } => [0.0; 3],
     }
 }
 
-/// The first particle of a block of points and which of the block the transfer function may leave
-/// visible: their values are in order.
+/// Returns the first particle of a block of points, and the range of particles that the transfer function
+/// may leave visible. The block's values are sorted.
 fn seen_run(volume: &BlockedVolume, block: u32) -> Option<(u32, Range<u32>)> {
     let (StrengthIn::Classified { .. }, Some(transfer), Some(values)) =
         (&volume.strength, &volume.transfer_function, &volume.values)
     else {
         return None;
     };
-    // Merged particles have a range of values each.
+    // Each merged particle has a range of values.
     if matches!(volume.particles, BlockedParticles::Lattice(_)) || volume.merged.is_some() {
         return None;
     }

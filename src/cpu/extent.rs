@@ -1,8 +1,8 @@
-//! Stage: from values to masses, colours and pieces, where kernels are classified over their own extents:
-//! of each particle a piece for each lobe of the transfer function that its values reach, or for each window of a lobe
-//! with steps.
+//! Stage: computes masses, colours and pieces of particles that are classified over their own extents. A
+//! particle becomes one piece for each lobe of the transfer function that its values reach, or for each
+//! window of a lobe with steps.
 //!
-//! Blocks over which the field changes too little for that keep to [`classify`](super::classify()). Twin:
+//! Blocks in which the field changes too little for that use [`classify`](super::classify()). Twin:
 //! `shaders/classify/pieces.wgsl`.
 
 use glam::Vec3;
@@ -14,24 +14,24 @@ use crate::math::Factor;
 use crate::record::{BlockView, Carried, ClassifiedParticle, PieceTerms};
 use crate::scene::{LOBE_REACH, Lobes, LocalModel, StrengthIn, TransferFunction};
 
-/// What a run of views comes to, in memory that frames share.
+/// The pieces of a run of views, in memory that frames reuse.
 #[derive(Debug, Default)]
 struct Run {
     particles: Vec<ClassifiedParticle>,
     terms: Vec<PieceTerms>,
 }
 
-/// Pieces of a volume's kernels, before their places are known.
+/// Pieces of a volume's kernels, before their positions are known.
 #[derive(Debug, Default)]
 pub struct Pieces {
     runs: Vec<Run>,
 }
 
-/// Views of a parallel task.
+/// Number of views per parallel task.
 const GRAIN: usize = 16;
 
 impl Pieces {
-    /// Finds the pieces of all views, sets `count` and `first` of each, and returns how many there are.
+    /// Finds the pieces of all views, sets `count` and `first` of each, and returns the number of pieces.
     ///
     /// # Panics
     /// Never: a volume without lobes has no pieces.
@@ -75,8 +75,8 @@ impl Pieces {
         first as usize
     }
 
-    /// Puts what was found into place; `particles` and `terms` have the length that [`Pieces::find`]
-    /// returned.
+    /// Copies the pieces to their positions; `particles` and `terms` have the length that
+    /// [`Pieces::find`] returned.
     pub fn place(&self, particles: &mut [ClassifiedParticle], terms: &mut [PieceTerms]) {
         let mut rest = (particles, terms);
         let mut places = Vec::with_capacity(self.runs.len());
@@ -93,7 +93,7 @@ impl Pieces {
     }
 }
 
-/// Kernels of a volume with its function's lobes.
+/// The kernels of a volume with the lobes of its transfer function.
 struct Kernels<'a> {
     volume: &'a BlockedVolume,
     lobes: &'a Lobes,
@@ -129,7 +129,7 @@ impl Kernels<'_> {
         let corner = cells.map(|[first, _]| first);
         let [ni, nj, nk] = cells.map(|[first, end]| end - first);
         let halo = Halo::new(grid, values, cells);
-        // Found where a kernel reaches a lobe.
+        // Computed only if a kernel reaches a lobe.
         let mut ranges = None;
         let uniform = grid.uniform_volume();
         let width = grid.kernel_width() as f32;
@@ -181,7 +181,7 @@ impl Kernels<'_> {
 
     /// Calls `emit` with extinction, colour and terms for each lobe that a kernel reaches.
     ///
-    /// - `around`: the range of the values around; found where it is asked for.
+    /// - `around`: computes the range of the values around, on demand.
     #[inline]
     fn pieces(
         &self,
@@ -232,7 +232,7 @@ impl Kernels<'_> {
 }
 
 impl PieceTerms {
-    /// The piece of a kernel: its centre's offset from the particle's, and its factor.
+    /// Returns the piece of a kernel: its centre's offset from the particle's, and its factor.
     ///
     /// - `axis`: in the frame of `factor`'s columns.
     #[inline]

@@ -1,4 +1,4 @@
-//! The CPU back end: frames of a scene, stage after stage, and the memory that they share.
+//! Draws frames of a scene on the CPU, stage after stage, and keeps the memory that frames share.
 
 use super::{
     Bins, ColumnSums, NormalTile, Pieces, ProjectOutput, Tile, resolve, resolve_depth,
@@ -13,17 +13,17 @@ use crate::render::backend::{DrawFrames, Edit, FrameReport, Images};
 use crate::render::plan::FramePlan;
 use crate::stats::Stopwatch;
 
-/// What the frames of a scene keep from one to the next: after the first frame of a size, a frame
-/// allocates nothing of note.
+/// Memory that the frames of a scene reuse. After the first frame of a size, a frame allocates almost
+/// nothing.
 #[derive(Debug, Default)]
 pub(crate) struct CpuFrames {
     pub(super) closed: Vec<bool>,
     pub(crate) views: Vec<Vec<BlockView>>,
     pub(super) classified: Vec<ClassifiedParticle>,
-    /// How many of those each volume has.
+    /// Number of classified particles of each volume.
     pub(crate) totals: Vec<usize>,
-    /// Of each volume, what is classified over kernels' extents; and its terms, of those volumes that
-    /// have any, one after the other.
+    /// For each volume, the pieces of kernels classified over their extents. `terms` holds the terms of
+    /// all volumes that have any, one after the other.
     pub(super) pieces: Vec<Pieces>,
     pub(super) terms: Vec<PieceTerms>,
     pub(crate) footprints: Vec<Footprint>,
@@ -49,7 +49,7 @@ impl DrawFrames for CpuFrames {
         Ok(())
     }
 
-    /// Nothing of the scene is kept here but how many volumes it has.
+    /// Only the number of the scene's volumes is kept.
     fn edit(&mut self, scene: &BlockedScene, _: Edit) -> Result<()> {
         self.views.resize_with(scene.volumes().len(), Vec::new);
         Ok(())
@@ -79,7 +79,8 @@ impl DrawFrames for CpuFrames {
 }
 
 impl CpuFrames {
-    /// The tiles that a picture is made of: those of volumes, where any are drawn, or of the surfaces.
+    /// Returns the tiles that make up a picture: those of volumes if any are drawn, else those of the
+    /// surfaces.
     pub(crate) fn picture(&self, plan: &FramePlan) -> &[Tile] {
         match plan.of_volumes() {
             Some(_) => &self.tiles,
@@ -87,7 +88,7 @@ impl CpuFrames {
         }
     }
 
-    /// The same, to be changed.
+    /// As [`Self::picture`], mutable.
     pub(crate) fn picture_mut(&mut self, plan: &FramePlan) -> &mut [Tile] {
         match plan.of_volumes() {
             Some(_) => &mut self.tiles,
@@ -95,7 +96,7 @@ impl CpuFrames {
         }
     }
 
-    /// Tiles or sums to images.
+    /// Converts tiles or sums to images.
     pub(crate) fn resolve(&self, plan: &FramePlan, images: &mut Images) {
         if let Some((view, per_mass)) = plan.column() {
             images.resize_column(plan);
@@ -109,7 +110,7 @@ impl CpuFrames {
             resolve_depth(tiles, depth);
         }
         if let Some(normals) = &mut images.normals {
-            // None without surfaces.
+            // Empty without surfaces.
             let none = Vec::new();
             let has_surface = !self.surface.is_empty();
             let tiles = if has_surface {

@@ -1,4 +1,4 @@
-//! Stage: light on particles that have a normal, per visible particle, once.
+//! Stage: lights the visible particles that have a normal, once per particle.
 
 use glam::{Mat3, Vec3, Vec4};
 use rayon::prelude::*;
@@ -8,12 +8,12 @@ use crate::math::normal_of_code;
 use crate::record::{BlockView, Carried, ClassifiedParticle, LightingUniform};
 use crate::splat::unit_normal;
 
-/// Lights the colours of `classified`: by the normals that the volume stores, of surfels without any by those of
-/// their planes; does nothing elsewhere, nor to splats that state their opacity,
-/// whose colours are those of a radiance field, lit already.
+/// Lights the colours of `classified`. The normals are those that the volume stores; surfels without
+/// stored normals use those of their planes. Other particles stay unchanged. So do splats that state
+/// their opacity: their colours are those of a radiance field, which is already lit.
 ///
 /// - `views`: with their origins in camera space.
-/// - `rotation`: of the viewing transformation.
+/// - `rotation`: rotation of the viewing transformation.
 pub fn light(
     volume: &BlockedVolume,
     views: &[BlockView],
@@ -21,7 +21,7 @@ pub fn light(
     lighting: &LightingUniform,
     classified: &mut [ClassifiedParticle],
 ) {
-    /// Particles per parallel task at least.
+    /// Least number of particles per parallel task.
     const GRAIN: usize = 1024;
     if !volume.is_lit() {
         return;
@@ -60,14 +60,14 @@ pub fn light(
         .for_each(light_one);
 }
 
-/// The least cosine between a smooth normal and the direction to the eye: beyond a silhouette's bend it would face
-/// away, and light would fall on it from the other side.
+/// Least cosine between a smooth normal and the direction to the eye. Beyond a silhouette a smooth normal
+/// would face away, and light would fall on it from the other side.
 const LEAST_FACING: f32 = 0.01;
 
-/// The normal by which a surfel reflects whose surface is smoother than its plane, on the eye's side of the plane;
-/// zero where none is stored, and the surfel stays unlit.
+/// Returns the normal by which a surfel of a smooth surface reflects, on the eye's side of the surfel's
+/// plane. Zero if none is stored: the surfel then stays unlit.
 ///
-/// - `plane`, `stored`, `to_eye`: camera space, unit length; the first two zero for none.
+/// - `plane`, `stored`, `to_eye`: camera space, unit length; the first two are zero for none.
 #[inline]
 fn smooth_normal(plane: Vec3, stored: Vec3, to_eye: Vec3) -> Vec3 {
     let outward = if plane.dot(to_eye) < 0.0 {
@@ -82,16 +82,16 @@ fn smooth_normal(plane: Vec3, stored: Vec3, to_eye: Vec3) -> Vec3 {
     (outward + to_eye * (LEAST_FACING - cosine)).normalize_or_zero()
 }
 
-/// From which side light falls on what a normal stands for.
+/// The sides of a normal from which light falls.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sides {
-    /// From either: the gradient of a field has no outside.
+    /// Either side: the gradient of a field has no outside.
     Both,
-    /// From the side that the eye is on: a surface.
+    /// The side of the eye: for surfaces.
     Facing,
 }
 
-/// The colour of a particle under `lighting`, as [`Lighting`](crate::scene::Lighting) has it;
+/// Returns the colour of a particle under `lighting`, as [`Lighting`](crate::scene::Lighting) defines it;
 /// `colour` itself without a normal.
 ///
 /// - `normal`, `to_eye`: camera space, unit length; zero for none.
@@ -120,7 +120,7 @@ pub fn lit(
     for light in &lighting.lights[..lighting.count as usize] {
         let direction = Vec4::from(light.direction).truncate();
         let diffuse = seen(normal.dot(direction));
-        // Behind a surface.
+        // The light is behind the surface.
         if !(diffuse > 0.0) {
             continue;
         }

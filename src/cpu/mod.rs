@@ -1,17 +1,17 @@
-//! The CPU back end: one file per stage, each a function from slices to slices.
+//! Draws frames on the CPU: one file per stage, each a function from slices to slices.
 //!
 //! | stage | reads | writes |
 //! |---|---|---|
 //! | `classify.rs` | blocks in view, values, transfer function | visible particles |
-//! | `extent.rs` | the same, and how the field runs over kernels | pieces of visible particles |
-//! | `shade.rs` | visible particles, where colours depend on the view | their colours |
+//! | `extent.rs` | the same, and the local models of the field | pieces of visible particles |
+//! | `shade.rs` | visible particles whose colours depend on the view | their colours |
 //! | `project/` | visible particles, camera | footprints |
 //! | `sort.rs` | footprints | their order, front to back |
 //! | `bin.rs` | footprints in order | lists per tile |
 //! | `tile/` | lists, footprints of opaque surfels | tiles of the surface |
 //! | `tile/` | lists, footprints | tiles |
 //! | `resolve.rs` | tiles | image, depth |
-//! | `pick.rs` | all of these, of one pixel | the particles that it shows |
+//! | `pick.rs` | all of these, for one pixel | the particles that it shows |
 //!
 //! A column density has two stages of its own, in place of `classify.rs` and of `sort.rs` to
 //! `resolve.rs`:
@@ -21,11 +21,11 @@
 //! | `amplitude.rs` | blocks in view, values | particles with signed amplitudes |
 //! | `tile/` | lists, footprints | sums per pixel |
 //!
-//! Of more particles than a frame has memory for, `strips.rs` has these stages draw one strip of the picture after the
-//! other.
+//! If a frame's particles exceed its memory, `strips.rs` runs these stages for one strip of the picture
+//! after the other.
 //!
-//! Cull comes first and is shared: [`crate::blocks::cull`]. `tile/` has a file for each way to evaluate,
-//! cut, accumulate and classify kernels on the pixels of a tile.
+//! Culling comes first and is shared: [`crate::blocks::cull`]. `tile/` has a file for each way to
+//! evaluate, cut, accumulate and classify kernels on the pixels of a tile.
 
 #![allow(
     clippy::cast_possible_truncation,

@@ -1,4 +1,4 @@
-//! One pass of a frame on the CPU: all stages but the last.
+//! Runs one pass of a frame on the CPU: all stages but the last.
 
 use std::ops::Range;
 
@@ -23,12 +23,12 @@ use crate::splat::{Accumulate, Axes};
 use crate::stats::{FrameCounts, Stopwatch};
 use crate::task::check;
 
-/// Entries of tiles' lists at a time: 400 MB with what they are made from. Of more the picture is drawn in bands, and
-/// is the same.
+/// Greatest number of entries of the tiles' lists held at a time: 400 MB with their sources. If there are
+/// more, the picture is drawn in bands; the result is the same.
 pub(crate) const MOST_ENTRIES: u64 = 1 << 25;
 
 impl CpuFrames {
-    /// All stages of one pass but the last.
+    /// Runs all stages of one pass but the last.
     ///
     /// # Errors
     /// Cancelled.
@@ -50,7 +50,7 @@ impl CpuFrames {
         self.draw_rows(scene, plan, pass, &view, 0..rows, report)
     }
 
-    /// Draws some rows of tiles of footprints that are in order.
+    /// Draws some rows of tiles from sorted footprints.
     ///
     /// # Errors
     /// Cancelled.
@@ -73,8 +73,8 @@ impl CpuFrames {
         check(plan.task.as_ref())
     }
 
-    /// The first stage: which blocks the pass draws, in `self.views`. Returns the view with the scale of the depth
-    /// keys.
+    /// Runs the first stage: writes the blocks that the pass draws to `self.views`. Returns the view with
+    /// the scale of the depth keys.
     ///
     /// # Errors
     /// Cancelled.
@@ -92,7 +92,7 @@ impl CpuFrames {
         Ok(view)
     }
 
-    /// The stages from the blocks in `self.views` to footprints.
+    /// Runs the stages from the blocks in `self.views` to footprints.
     ///
     /// # Errors
     /// Cancelled.
@@ -111,7 +111,7 @@ impl CpuFrames {
         Ok(())
     }
 
-    /// Counts the visible particles of the blocks in `self.views`; returns how many there are.
+    /// Counts the visible particles of the blocks in `self.views`, and returns their number.
     ///
     /// # Errors
     /// Cancelled.
@@ -129,7 +129,7 @@ impl CpuFrames {
         Ok(self.totals.iter().sum())
     }
 
-    /// Footprints of what was counted.
+    /// Makes the footprints of the counted particles.
     ///
     /// # Errors
     /// Cancelled.
@@ -153,7 +153,7 @@ impl CpuFrames {
         check(task)
     }
 
-    /// Counts footprints, `visible` of which reach the image.
+    /// Adds to the report's counts of footprints; `visible` of them reach the image.
     pub(crate) fn count_footprints(
         &mut self,
         pass: &PassPlan,
@@ -171,7 +171,7 @@ impl CpuFrames {
         }
     }
 
-    /// The order of the footprints, and room for tiles.
+    /// Sorts the footprints, and allocates tiles.
     pub(crate) fn order_footprints(
         &mut self,
         pass: &PassPlan,
@@ -188,7 +188,7 @@ impl CpuFrames {
         self.make_room(pass, view);
     }
 
-    /// Lists of a run of tiles. Returns how many entries they have.
+    /// Makes the lists of a run of tiles. Returns the number of their entries.
     pub(crate) fn list(
         &mut self,
         pass: &PassPlan,
@@ -217,7 +217,7 @@ impl CpuFrames {
 
     /// Draws the tiles that have lists.
     ///
-    /// - `entries`: of the lists of all tiles of the band.
+    /// - `entries`: number of entries of the lists of all tiles of the band.
     ///
     /// # Errors
     /// Cancelled.
@@ -241,8 +241,8 @@ impl CpuFrames {
         Ok(())
     }
 
-    /// Which blocks the pass draws, by what, and their depth keys. Returns the view with the scale of
-    /// these.
+    /// Finds the blocks that the pass draws, their filters and their depth keys. Returns the view with
+    /// the scale of the keys.
     fn cull(
         &mut self,
         scene: &BlockedScene,
@@ -261,7 +261,7 @@ impl CpuFrames {
                 continue;
             }
             if let Carries::Amplitude { .. } = pass.carries {
-                // Nothing is transparent.
+                // No particle is transparent.
                 cull_outside(&volumes[0], camera, cull_by, &mut views[0]);
                 for view in &mut views[0] {
                     view.filter_kind = plan.choice.filter_kind;
@@ -291,7 +291,7 @@ impl CpuFrames {
             }
         }
         if pass.axes.accumulate == Accumulate::Column {
-            // Depths order nothing.
+            // Depths define no order.
             return pass.view;
         }
         let in_view = volumes
@@ -324,7 +324,7 @@ impl CpuFrames {
         }
     }
 
-    /// How many particles of the views are visible, of each volume in `self.totals`.
+    /// Counts the visible particles of the views, for each volume in `self.totals`.
     fn count(&mut self, volumes: &[BlockedVolume], plan: &FramePlan, pass: &PassPlan) {
         self.pieces.resize_with(volumes.len(), Pieces::default);
         self.totals.clear();
@@ -338,7 +338,7 @@ impl CpuFrames {
         );
     }
 
-    /// The particles that were counted, with masses and what they carry.
+    /// Classifies the counted particles: computes their masses and what they carry.
     fn classify(&mut self, volumes: &[BlockedVolume], plan: &FramePlan, pass: &PassPlan) {
         self.terms.clear();
         overwrite(&mut self.classified, self.totals.iter().sum());
@@ -371,7 +371,7 @@ impl CpuFrames {
         self.pieces = pieces;
     }
 
-    /// Fills the places of what was counted.
+    /// Fills the positions of the counted particles.
     fn fill_classified(
         &mut self,
         volumes: &[BlockedVolume],
@@ -386,7 +386,7 @@ impl CpuFrames {
         }
     }
 
-    /// Projects what was classified.
+    /// Projects the classified particles.
     fn project(
         &mut self,
         volumes: &[BlockedVolume],
@@ -432,7 +432,7 @@ impl CpuFrames {
         }
     }
 
-    /// Makes room for the tiles of a pass.
+    /// Allocates the tiles of a pass.
     fn make_room(&mut self, pass: &PassPlan, view: &ViewUniform) {
         let [columns, rows] = tile_grid(view);
         match pass.axes.accumulate {
@@ -447,8 +447,8 @@ impl CpuFrames {
         }
     }
 
-    /// The runs of some rows of tiles whose lists are made and drawn at once: all, unless footprints touch more
-    /// than `most` tiles.
+    /// Returns the ranges of rows of tiles whose lists are made and drawn at once: all rows, unless
+    /// footprints touch more than `most` tiles.
     pub(crate) fn bands(
         &self,
         view: &ViewUniform,
@@ -466,7 +466,7 @@ impl CpuFrames {
             .collect()
     }
 
-    /// How many tiles of each row footprints touch.
+    /// Returns the number of tiles that footprints touch, for each row.
     pub(crate) fn entries_of_rows(&self, view: &ViewUniform, tile_size: usize) -> Vec<u64> {
         let mut counts = vec![0; (view.size[1] as usize).div_ceil(tile_size)];
         let touched = |(first, end): (u32, u32)| {
@@ -481,7 +481,7 @@ impl CpuFrames {
         counts
     }
 
-    /// Draws the surfaces of a band of tiles, whose lists `self.bins` has.
+    /// Draws the surfaces of a band of tiles, whose lists are in `self.bins`.
     pub(super) fn rasterise_surface(
         &mut self,
         plan: &FramePlan,
@@ -506,7 +506,7 @@ impl CpuFrames {
         )
     }
 
-    /// The same of what light passes through.
+    /// Draws the transparent volumes of a band of tiles, whose lists are in `self.bins`.
     pub(super) fn rasterise(
         &mut self,
         scene: &BlockedScene,
@@ -556,7 +556,7 @@ impl CpuFrames {
     }
 }
 
-/// Pixels along a side of the tiles of a pass.
+/// Returns the pixels along a side of the tiles of a pass.
 pub(crate) fn tile_size(pass: &PassPlan) -> usize {
     if pass.axes.accumulate == Accumulate::Column {
         COLUMN_TILE_SIZE
@@ -565,12 +565,12 @@ pub(crate) fn tile_size(pass: &PassPlan) -> usize {
     }
 }
 
-/// Columns and rows of tiles.
+/// Returns the numbers of columns and rows of tiles.
 fn tile_grid(view: &ViewUniform) -> [usize; 2] {
     view.size.map(|n| (n as usize).div_ceil(TILE_SIZE))
 }
 
-/// Rows of tiles in bands of no more than `most` entries, or of one row.
+/// Divides rows of tiles into bands of at most `most` entries, or of one row.
 pub(crate) fn cut_into_bands(counts: &[u64], most: u64) -> Vec<Range<usize>> {
     let mut bands = Vec::new();
     let (mut first, mut sum) = (0, 0);
@@ -585,15 +585,15 @@ pub(crate) fn cut_into_bands(counts: &[u64], most: u64) -> Vec<Range<usize>> {
     bands
 }
 
-/// Whether a volume's particles become pieces: kernels are classified over their extents, and are too wide
-/// for their values alone somewhere.
+/// Returns whether a volume's particles become pieces: kernels are classified over their extents, and
+/// some are too wide for their values alone.
 pub(super) fn has_pieces(plan: &FramePlan, volume: &BlockedVolume) -> bool {
     plan.classified_by() == ClassifiedBy::Extent
         && volume.lobes.is_some()
         && volume.merged.is_none()
 }
 
-/// Resizes a buffer that will be overwritten: keeps its memory, clears nothing it holds.
+/// Resizes a buffer that will be overwritten: keeps its memory and its contents.
 fn overwrite<T: bytemuck::Zeroable + Clone>(buffer: &mut Vec<T>, len: usize) {
     buffer.resize(len, T::zeroed());
 }

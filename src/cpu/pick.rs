@@ -1,8 +1,9 @@
-//! What a pixel shows of each particle.
+//! Finds the share that each particle has in a pixel.
 //!
-//! A pixel is linear in what footprints carry, whatever composites them: drawn with one footprint in red
-//! and everything else in black, its red is that footprint's share. The stages that draw pictures say so,
-//! three footprints at a time; nothing here knows how kernels are evaluated, cut or composited.
+//! The colour of a pixel is linear in the colours of the footprints, whatever composites them. If one
+//! footprint is red and everything else is black, the pixel's red is that footprint's share. The stages
+//! that draw pictures compute the shares, three footprints at a time. This module does not depend on how
+//! kernels are evaluated, cut or composited.
 
 use super::frame::CpuFrames;
 use super::sort::footprint_index;
@@ -15,20 +16,20 @@ use crate::render::plan::{Draws, FramePlan};
 /// A particle's share of a pixel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Share {
-    /// Which of the blocked volumes it is in.
+    /// Index of its volume among the blocked volumes.
     pub(crate) volume: usize,
     /// Its block.
     pub(crate) block: u32,
-    /// Its number in the block.
+    /// Its index in the block.
     pub(crate) local: u32,
-    /// Of what the pixel shows.
+    /// Share of the pixel's colour.
     pub(crate) share: f32,
 }
 
 const BLACK: Carried = Carried::of_colour([0.0; 3]);
 
-/// The shares that particles have of the one pixel of a plan, above 0; surfaces first, then the others,
-/// each front to back.
+/// Returns the shares above 0 that particles have in the one pixel of a plan: surfaces first, then the
+/// others, each front to back.
 ///
 /// # Errors
 /// Cancelled.
@@ -39,7 +40,7 @@ pub(crate) fn shares(scene: &BlockedScene, plan: &FramePlan) -> Result<Vec<Share
         let frames = &pixel.passes[number];
         let order: Vec<usize> = frames.order.iter().map(|&n| footprint_index(n)).collect();
         if plan.passes[number].draws == Draws::Volumes {
-            // No share of theirs comes by a surface.
+            // Shares of volumes do not come from the surface.
             pixel.draw_surface();
         }
         for three in order.chunks(3) {
@@ -54,11 +55,11 @@ pub(crate) fn shares(scene: &BlockedScene, plan: &FramePlan) -> Result<Vec<Share
     Ok(shares)
 }
 
-/// A pixel that can be drawn again with other colours.
+/// A pixel that can be drawn repeatedly with other colours.
 struct Pixel<'a> {
     scene: &'a BlockedScene,
     plan: &'a FramePlan,
-    /// Of each pass its own footprints, in black.
+    /// The state of each pass with its own footprints, in black.
     passes: Vec<CpuFrames>,
 }
 
@@ -80,7 +81,7 @@ impl<'a> Pixel<'a> {
         })
     }
 
-    /// Draws the surface, if there is one, and puts it where volumes find it.
+    /// Draws the surface, if there is one, and copies it to the passes of volumes.
     fn draw_surface(&mut self) {
         let Some((frames, others)) = self.passes.split_first_mut() else {
             return;
@@ -95,7 +96,7 @@ impl<'a> Pixel<'a> {
         }
     }
 
-    /// The pixel, with footprints of a pass in red, green and blue.
+    /// Draws the pixel with footprints of a pass in red, green and blue.
     fn draw_in_colours(&mut self, pass: usize, footprints: &[usize]) -> [f32; 3] {
         for (channel, &i) in footprints.iter().enumerate() {
             let mut colour = [0.0; 3];

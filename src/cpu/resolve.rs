@@ -1,4 +1,4 @@
-//! Stage: from tiles to an image.
+//! Stage: converts tiles to an image.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -8,12 +8,12 @@ use crate::constants::TILE_SIZE;
 use crate::image::{DepthImage, Image, NormalImage, linear_from_srgb, over, srgb_from_linear};
 use crate::view::Camera;
 
-/// Writes the tiles' pixels, over a background where there is one, into an image whose size is
-/// set.
+/// Writes the tiles' pixels, over a background if there is one, into an image of the right size.
 ///
 /// - `background`: linear RGB.
-/// - `is_encoded`: whether tiles have sRGB codes times opacity. The background is then encoded and what shows
-///   decoded; without a background the colour is decoded that opacity multiplies.
+/// - `is_encoded`: whether tiles store sRGB codes times opacity. The background is then encoded, and the
+///   result is decoded. Without a background, the straight colour is decoded and multiplied by the
+///   opacity again.
 pub fn resolve(tiles: &[Tile], background: Option<[f32; 3]>, is_encoded: bool, image: &mut Image) {
     let width = image.width;
     if width == 0 {
@@ -47,15 +47,15 @@ pub fn resolve(tiles: &[Tile], background: Option<[f32; 3]>, is_encoded: bool, i
         });
 }
 
-/// A pixel of codes times opacity as one of linear light times opacity.
+/// Converts a pixel of codes times opacity to linear light times opacity.
 fn decoded([r, g, b, a]: [f32; 4]) -> [f32; 4] {
-    // What has no opacity adds nothing.
+    // A pixel without opacity adds nothing.
     let share = if a > 0.0 { a } else { 1.0 };
     let [r, g, b] = [r, g, b].map(|c| share * linear_from_srgb(c / share));
     [r, g, b, a]
 }
 
-/// Writes the tiles' depths, into an image whose size is set.
+/// Writes the tiles' depths into an image of the right size.
 pub fn resolve_depth(tiles: &[Tile], out: &mut DepthImage) {
     let width = out.width;
     let columns = width.div_ceil(TILE_SIZE);
@@ -63,7 +63,7 @@ pub fn resolve_depth(tiles: &[Tile], out: &mut DepthImage) {
         let (x, y) = (i % width, i / width);
         let tile = &tiles[y / TILE_SIZE * columns + x / TILE_SIZE];
         let at = y % TILE_SIZE * TILE_SIZE + x % TILE_SIZE;
-        // A surface has a depth wherever it covers anything.
+        // Tiles of a surface have a depth wherever it covers anything, the image only from one half on.
         *depth = if tile.alpha[at] >= 0.5 {
             tile.depth[at]
         } else {
@@ -72,8 +72,8 @@ pub fn resolve_depth(tiles: &[Tile], out: &mut DepthImage) {
     }
 }
 
-/// Writes the tiles' normals, turned into the world, into an image whose size is set; zeros where there
-/// is no tile.
+/// Writes the tiles' normals, rotated into the world, into an image of the right size; zeros if there is
+/// no tile.
 pub fn resolve_normals(tiles: &[NormalTile], camera: &Camera, out: &mut NormalImage) {
     let width = out.width;
     let columns = width.div_ceil(TILE_SIZE);

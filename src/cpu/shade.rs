@@ -1,4 +1,5 @@
-//! Stage: colours of radiance fields, and colours in the space that a picture blends in; per visible particle, once.
+//! Stage: evaluates the colours of radiance fields, and converts colours to the space in which the
+//! picture blends, once per visible particle.
 
 use rayon::prelude::*;
 
@@ -9,15 +10,15 @@ use crate::record::{BlockView, Carried, ClassifiedParticle};
 use crate::scene::ColourIn;
 use crate::view::{Camera, Projection};
 
-/// Particles per parallel task at least.
+/// Least number of particles per parallel task.
 const GRAIN: usize = 1024;
 
-/// Fills the colours of `classified` where they are harmonics of the direction from the eye to
-/// the particle (an orthographic camera's: its axis); does nothing elsewhere.
+/// Evaluates the colours of `classified` if they are harmonics of the direction from the eye to the
+/// particle (for an orthographic camera: of its axis). Does nothing for other colours.
 ///
-/// Sums are clamped at 0, not at 1, and brought into the space that is blended in.
+/// Sums are clamped at 0, not at 1, and converted to the space of blending.
 ///
-/// - `is_encoded`: whether that is sRGB codes instead of linear light.
+/// - `is_encoded`: whether blending uses sRGB codes instead of linear light.
 pub fn shade(
     volume: &BlockedVolume,
     views: &[BlockView],
@@ -60,7 +61,8 @@ pub fn shade(
         .for_each(shade_one);
 }
 
-/// Encodes the linear colours of `classified` as sRGB codes; does nothing where [`shade`] has filled them.
+/// Encodes the linear colours of `classified` as sRGB codes. Does nothing for colours that [`shade`]
+/// evaluates.
 pub fn encode(volume: &BlockedVolume, classified: &mut [ClassifiedParticle]) {
     if matches!(volume.colour, ColourIn::Harmonics { .. }) {
         return;

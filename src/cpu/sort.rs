@@ -1,19 +1,19 @@
-//! Stage: the footprints' order, front to back.
+//! Stage: sorts the footprints, front to back.
 
 use rdst::RadixSort;
 
 use crate::record::Footprint;
 
-/// The footprint that a word of the sorted order names.
+/// Returns the index of the footprint in a word of the sorted order.
 #[inline]
 pub fn footprint_index(word: u64) -> usize {
     word as u32 as usize
 }
 
-/// Writes the indices of visible footprints in order of their depth keys, ties by index: the low
-/// half of each word. The high half is the key.
+/// Writes the indices of visible footprints in order of their depth keys, ties by index. The low half of
+/// each word is the index, the high half the key.
 ///
-/// Key and index form one word, so any radix sort gives the one stable order.
+/// Key and index form one word, so any radix sort gives the same stable order.
 pub fn sort(footprints: &[Footprint], order: &mut Vec<u64>) {
     order.clear();
     order.extend(

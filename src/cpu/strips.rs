@@ -1,8 +1,10 @@
-//! Pictures of very many particles: drawn strip by strip, so that the memory of a frame is bounded, whatever is in view.
+//! Draws pictures of very many particles strip by strip, so that the memory of a frame is bounded for any
+//! view.
 //!
-//! A strip is rows of tiles, or a part of one row. It has the blocks whose kernels may reach it, by the planes through
-//! its sides; a kernel that reaches two strips is projected for both. Depth keys are those of the whole picture and the order of blocks stays, so that a
-//! tile's list, and with it every pixel, is the same to the last bit.
+//! A strip consists of rows of tiles, or of a part of one row. It draws the blocks whose kernels may
+//! reach it, tested against the planes through its sides. A kernel that reaches two strips is projected
+//! for both. Depth keys are those of the whole picture, and the order of blocks stays. So every tile's
+//! list, and with it every pixel, is the same to the last bit.
 
 use std::mem::take;
 use std::ops::Range;
@@ -17,31 +19,32 @@ use crate::render::backend::FrameReport;
 use crate::render::plan::{Draws, FramePlan, PassPlan};
 use crate::splat::Accumulate;
 
-/// Visible particles at a time where there is memory for more.
+/// Greatest number of visible particles drawn at a time if the free memory is unknown.
 const MOST_PARTICLES: usize = 1 << 22;
-/// So many are always drawn at once: 64 MB.
+/// Number of particles that are always drawn at once: 64 MB.
 const FEW_PARTICLES: usize = 1 << 18;
-/// Bytes of a visible particle while it is drawn, measured: itself, its footprint with exact terms, its place in the
-/// order, its entries in lists of small kernels.
+/// Measured bytes per visible particle while it is drawn: the particle, its footprint with exact terms,
+/// its word in the order, its entries in lists of small kernels.
 const BYTES_EACH: u64 = 256;
 
-/// Whether a pass can be drawn in strips: sums of columns are formed in parts that follow from all lists, and where
-/// nothing bounds a kernel every strip would have all.
+/// Returns whether a pass can be drawn in strips. Column sums cannot, because they are formed in parts
+/// that depend on all lists. Unbounded kernels cannot, because every strip would contain all of them.
 pub(crate) fn is_cut_into_strips(plan: &FramePlan, pass: &PassPlan) -> bool {
     plan.culls && pass.axes.accumulate != Accumulate::Column
 }
 
-/// A frame's pass, and what draws it.
+/// A frame's pass, and the data to draw it.
 struct Strips<'a> {
     scene: &'a BlockedScene,
     plan: &'a FramePlan,
     pass: &'a PassPlan,
     view: &'a ViewUniform,
-    /// Particles at a time.
+    /// Greatest number of particles at a time.
     most: usize,
 }
 
-/// The blocks of a strip, of each volume; and whether a strip above had each already.
+/// The blocks of a strip, for each volume. For each block, a flag tells whether a strip above already
+/// contained it.
 #[derive(Default)]
 struct InStrip {
     views: Vec<Vec<BlockView>>,
@@ -49,7 +52,8 @@ struct InStrip {
 }
 
 impl CpuFrames {
-    /// How many of some particles may be drawn at a time: of what memory is left half, besides what earlier frames took.
+    /// Returns how many of `count` particles may be drawn at a time. They may use half of the free
+    /// memory, besides the memory that earlier frames have allocated.
     pub(crate) fn most_particles(&self, count: usize) -> usize {
         if count <= FEW_PARTICLES {
             return count;
@@ -64,9 +68,10 @@ impl CpuFrames {
             .clamp(FEW_PARTICLES, MOST_PARTICLES)
     }
 
-    /// Draws the blocks in `self.views`, in as many strips as their particles ask for, or of one tile each.
+    /// Draws the blocks in `self.views`, in as many strips as their number of particles requires, down to
+    /// one tile each.
     ///
-    /// - `most`: how many of so many are drawn at a time.
+    /// - `most`: returns how many of a number of particles are drawn at a time.
     ///
     /// # Errors
     /// Cancelled.
@@ -103,7 +108,8 @@ impl CpuFrames {
 }
 
 impl Strips<'_> {
-    /// Draws columns and rows of tiles in halves, and these in halves, until few enough particles are in each.
+    /// Halves the columns and rows of tiles recursively until each part has few enough particles, and
+    /// draws the parts.
     fn cut(
         &self,
         frames: &mut CpuFrames,
@@ -121,7 +127,7 @@ impl Strips<'_> {
             all.views = take(&mut frames.views);
             return drawn;
         }
-        // A run of tiles: parts of rows are parts of one.
+        // A strip is a run of tiles: only a single row is divided into parts.
         let halves = if rows.len() > 1 {
             cut_in_two(&rows).map(|rows| [columns.clone(), rows])
         } else {
@@ -134,7 +140,7 @@ impl Strips<'_> {
         Ok(())
     }
 
-    /// The blocks that may reach some tiles; those are marked as had already.
+    /// Returns the blocks that may reach some tiles, and marks them as contained in a strip.
     fn narrowed(&self, all: &mut InStrip, tiles: &[Range<usize>; 2]) -> InStrip {
         let size = tile_size(self.pass);
         let camera = &self.plan.camera;
@@ -166,9 +172,10 @@ impl Strips<'_> {
         own
     }
 
-    /// Draws some columns and rows of tiles of the particles that were counted.
+    /// Draws some columns and rows of tiles from the counted particles.
     ///
-    /// - `again`: which blocks were counted with a strip above; `None` where the picture is one.
+    /// - `again`: flags of the blocks that were already counted with a strip above; `None` if the picture
+    ///   is one strip.
     fn draw(
         &self,
         frames: &mut CpuFrames,
@@ -199,9 +206,10 @@ impl Strips<'_> {
 }
 
 impl CpuFrames {
-    /// Counts what the blocks in `self.views` show that no strip before had: all that they show, in whatever strip.
+    /// Counts the particles of the blocks in `self.views` that no earlier strip counted. A block counts
+    /// with all its visible particles, in whichever strip they are.
     ///
-    /// - `again`: of each of them, whether one had.
+    /// - `again`: for each block, whether an earlier strip counted it.
     pub(crate) fn count_once(
         &self,
         scene: &BlockedScene,
@@ -283,9 +291,9 @@ mod tests {
         (images.image, report.counts)
     }
 
-    /// Spheres about the origin, and surfels of an opaque plane among them.
+    /// Returns a scene of spheres about the origin, with surfels of an opaque plane among them.
     fn scene() -> BlockedScene {
-        // Steps of three irrational numbers fill a cube evenly.
+        // Multiples of three irrational numbers fill a cube evenly.
         let at = |i: usize| (DVec3::new(0.754_878, 0.569_840, 0.618_034) * i as f64).fract() - 0.5;
         let count = 20_000;
         let places: Vec<DVec3> = (0..count).map(at).collect();
@@ -335,7 +343,8 @@ mod tests {
             1.2,
             [50, 70],
         );
-        // Far enough for levels of detail; among the particles, some of which cross the plane of the eye; flat.
+        // Cameras: far enough for levels of detail; among the particles; across some of them;
+        // orthographic.
         for (name, camera) in [
             ("far", from(-12.0)),
             ("near", from(-1.4)),

@@ -1,4 +1,4 @@
-//! Stage: which footprints of a chunk touch which tiles of a band, in depth order.
+//! Stage: lists the footprints of a chunk that touch each tile of a band, in depth order.
 
 use std::mem::offset_of;
 
@@ -15,7 +15,7 @@ use super::sort::Sort;
 use crate::error::Result;
 use crate::record::{ChunkState, ChunkUniform, Footprint, FootprintTerms, PartRange, SortState};
 
-/// Tiles that footprints touch.
+/// Shader of the stage.
 pub(super) const SHADER: Shader = Shader::new(
     "bin",
     &[
@@ -40,7 +40,8 @@ pub(super) struct Bin {
 /// The stage with its buffers.
 #[derive(Debug)]
 pub(super) struct BoundBin {
-    /// Its sorted values are the footprints of the tiles' lists, as their places in the chunk.
+    /// Pairs to be sorted. The sorted values are the footprints of the tiles' lists, as indices in the
+    /// chunk.
     pub(super) entries: BoundRadixSort,
     /// First and one-past-last entry of every tile of the band, row by row.
     pub(super) ranges: wgpu::Buffer,
@@ -49,22 +50,24 @@ pub(super) struct BoundBin {
     prepare: BoundKernel,
     emit: BoundKernel,
     find_ranges: BoundKernel,
-    /// Those of the chunk, and of what depends on its entries.
+    /// Dispatch arguments of the chunk, and of the kernels that depend on its entries.
     chunk_arguments: wgpu::Buffer,
     arguments: wgpu::Buffer,
 }
 
-/// Tiles of a band at most. Where all 256 footprints of a workgroup are large, each of its threads
-/// makes a round per footprint and 256 tiles and one more per footprint; llvmpipe ends all loops of
-/// a thread, without a word, after 65,535 rounds.
+/// Greatest number of tiles of a band. If all 256 footprints of a workgroup are large, each of its
+/// threads runs one loop iteration per footprint and 256 tiles, plus one per footprint. llvmpipe silently
+/// ends all loops of a thread after 65,535 iterations.
 pub const MAX_BAND_TILES: u32 = 254 * THREADS;
 
-/// Words of a [`ChunkState`].
+/// Words of the members of a [`ChunkState`].
 const OFFSET_COUNT: u32 = (offset_of!(ChunkState, offset_count) / 4) as u32;
 const ENTRIES: u32 = (offset_of!(ChunkState, entries) / 4) as u32;
 
 impl Bin {
-    /// `exact`: whether footprints have exact terms, or what lies in their place.
+    /// Makes the pipelines.
+    ///
+    /// - `exact`: whether footprints have exact terms, or other terms in their place.
     pub(super) fn new(gpu: &Gpu, exact: bool) -> Self {
         use Access::{Read, Uniform, Write};
         let kernel = |entry, bindings: &[Access], constants: &[(&str, f64)]| {
@@ -84,8 +87,8 @@ impl Bin {
     /// Makes buffers for lists with `capacity` entries.
     ///
     /// - `chunk`: the uniform [`ChunkUniform`] of `gather`.
-    /// - `chunk_capacity`: footprints that `gather` holds.
-    /// - `tiles`: how many a band has at most, [`MAX_BAND_TILES`] or fewer.
+    /// - `chunk_capacity`: greatest number of footprints in `gather`.
+    /// - `tiles`: greatest number of tiles of a band, [`MAX_BAND_TILES`] or fewer.
     ///
     /// # Errors
     /// No memory for the entries, 16 bytes each.
@@ -102,7 +105,7 @@ impl Bin {
         let offsets = gpu.buffer("entry offsets", 4 * offset_count)?;
         let ranges = gpu.buffer("tile ranges", 8 * u64::from(tiles.max(1)))?;
         let arguments = gpu.buffer("bin arguments", 24)?;
-        // As many bits as the last tile's number has.
+        // As many bits as the number of the last tile has.
         let bits = u32::BITS - tiles.saturating_sub(1).leading_zeros();
         let state = &gather.state;
         let entries = self.radix.bind(gpu, state, ENTRIES, capacity, bits)?;
@@ -140,7 +143,7 @@ impl Bin {
 }
 
 impl BoundBin {
-    /// Where in its arguments those of a thread per tile begin, bytes.
+    /// Offset in bytes, in the arguments, of the dispatch with a thread per tile.
     const TILES: u64 = 12;
 
     pub(super) fn encode(&self, pass: &mut wgpu::ComputePass<'_>) {
@@ -158,21 +161,21 @@ impl BoundBin {
 /// The lists of a chunk.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ChunkBins {
-    /// How many entries they need; where that is more than there is room for, all are empty.
+    /// Number of entries that the lists need. If it exceeds the capacity, all lists are empty.
     pub needed: u32,
-    /// Footprints of every tile of the band, row by row: indices among those of all parts, front
+    /// Footprints of every tile of the band, row by row: indices among the footprints of all parts, front
     /// to back.
     pub tiles: Vec<Vec<u32>>,
 }
 
-/// The lists of the tiles of bands, of chunks of the sorted footprints: those of
-/// [`crate::cpu::bin`], restricted to both. One chunk after the other in the same buffers, as in a
+/// Makes the lists of the tiles of bands for chunks of the sorted footprints: those of
+/// [`crate::cpu::bin`], restricted to both. The chunks use the same buffers one after the other, as in a
 /// frame.
 ///
 /// - `parts`: footprints, one part after the other; terms of kernels for all parts or none.
 /// - `order`: as `sort` writes it.
 /// - `chunks`: bands of [`MAX_BAND_TILES`] at most.
-/// - `capacity`: entries of one chunk that find room.
+/// - `capacity`: greatest number of entries of one chunk.
 ///
 /// # Errors
 /// No memory, or a lost device.
@@ -206,7 +209,7 @@ pub fn bin(
         .iter()
         .map(|(f, e)| (f, has_terms.then_some(e)))
         .collect();
-    // What the sort leaves behind.
+    // The state that the sort leaves behind.
     let counts: Vec<u32> = parts.iter().map(|(f, _)| f.len() as u32).collect();
     let mut count = 0;
     let ranges = counts.iter().map(|&of_part| {

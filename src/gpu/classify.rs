@@ -1,4 +1,5 @@
-//! Stage: from values to masses and colours, per particle, once. Twin: [`crate::cpu::classify()`].
+//! Stage: computes the mass and the colour of each particle from its value, once. Twin:
+//! [`crate::cpu::classify()`].
 
 use std::collections::HashMap;
 use std::mem::offset_of;
@@ -20,7 +21,7 @@ use crate::blocks::BlockedVolume;
 use crate::error::Result;
 use crate::record::{BlockView, ClassifiedBy, ClassifiedParticle, PartState, PieceTerms};
 
-/// The stage's shader: a name, the sources that it takes besides, and the files that say what is asked.
+/// A variant of the stage's shader, from its name, its additional sources and the files of its rule.
 macro_rules! classifying {
     ($name:literal, [$($source:ident),*], $($file:literal),+) => {
         Shader::new(
@@ -42,7 +43,7 @@ macro_rules! classifying {
     };
 }
 
-/// From values to masses and colours.
+/// Shader that computes masses and colours from values.
 pub(super) const SHADER: Shader = classifying!(
     "classify",
     [],
@@ -50,7 +51,8 @@ pub(super) const SHADER: Shader = classifying!(
     "../../shaders/classify/one.wgsl"
 );
 
-/// From values to masses and what slabs ask for, where anything around is shown.
+/// Shader that computes masses and the values for slabs. A particle is kept if any value around it is
+/// visible.
 pub(super) const NEIGHBOURS: Shader = classifying!(
     "classify neighbours",
     [LOBES, NORMAL],
@@ -59,7 +61,7 @@ pub(super) const NEIGHBOURS: Shader = classifying!(
     "../../shaders/classify/one.wgsl"
 );
 
-/// From values to masses, colours and pieces, over kernels' extents.
+/// Shader that computes masses, colours and pieces over kernels' extents.
 pub(super) const PIECES: Shader = classifying!(
     "classify extents",
     [LOBES, NORMAL],
@@ -67,7 +69,7 @@ pub(super) const PIECES: Shader = classifying!(
     "../../shaders/classify/pieces.wgsl"
 );
 
-/// From values to signed amplitudes.
+/// Shader that computes signed amplitudes from values.
 pub(super) const AMPLITUDES: Shader = Shader::new(
     "classify amplitudes",
     &[
@@ -82,7 +84,7 @@ pub(super) const AMPLITUDES: Shader = Shader::new(
     ],
 );
 
-/// What amplitudes are relative to, as `classify/amplitude.wgsl` has it.
+/// Unit of amplitudes, as `classify/amplitude.wgsl` declares it.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct AmplitudeUniform {
@@ -91,8 +93,10 @@ pub(super) struct AmplitudeUniform {
 }
 
 impl AmplitudeUniform {
-    /// - `scale`: masses per amplitude.
-    /// - `cell_volume`: of a part that is a uniform lattice's.
+    /// Makes the uniform.
+    ///
+    /// - `scale`: mass per unit of amplitude.
+    /// - `cell_volume`: volume of a cell, if the part is a uniform lattice's.
     pub(super) fn new(scale: f64, cell_volume: f64) -> Self {
         Self {
             scale: words(scale),
@@ -109,7 +113,7 @@ struct Classify {
     emit: Kernel,
 }
 
-/// The stage over a part.
+/// The stage bound to a part.
 #[derive(Debug)]
 pub(super) struct BoundClassify {
     count: BoundKernel,
@@ -117,12 +121,15 @@ pub(super) struct BoundClassify {
     place: BoundKernel,
     emit: BoundKernel,
     arguments: wgpu::Buffer,
-    /// Of `place`, where all blocks are in view.
+    /// Workgroups of `place` if all blocks are in view.
     groups: u32,
 }
 
 impl Classify {
-    /// - `lobes`: where the lobes begin in the table, and what they decide, where more than values is asked.
+    /// Makes the pipelines.
+    ///
+    /// - `lobes`: start of the lobes in the table and the rule that uses them, unless values alone
+    ///   classify.
     fn new(gpu: &Gpu, kinds: &Kinds, is_column: bool, lobes: Option<(u32, ClassifiedBy)>) -> Self {
         use Access::{Read, Uniform, Write};
         let flag = |is: bool| f64::from(u8::from(is));
@@ -159,11 +166,11 @@ impl Classify {
     }
 }
 
-/// Binds the stage to each of some parts of a scene and what a frame makes of it.
+/// Binds the stage to some parts of a scene and their buffers of a frame.
 ///
-/// - `amplitudes`: an [`AmplitudeUniform`] of each part, where amplitudes are wanted; masses and colours
-///   otherwise.
-/// - `by`: what decides about kernels, where more is known of a part than its values.
+/// - `amplitudes`: an [`AmplitudeUniform`] of each part, if amplitudes are wanted; otherwise the stage
+///   computes masses and colours.
+/// - `by`: rule that classifies the kernels of parts that have lobes.
 ///
 /// # Errors
 /// No memory for the counts.
@@ -233,12 +240,12 @@ impl BoundClassify {
     }
 }
 
-/// Parts of a volume as [`classify`] and [`shade`](super::shade()) have them from the CPU's views.
+/// Parts of a volume with views from the CPU, as input of [`classify`] and [`shade`](super::shade()).
 #[derive(Debug)]
 pub(super) struct Uploaded {
     pub(super) scene: Scene,
     pub(super) buffers: Vec<PartBuffers>,
-    /// Where each part's views begin among the volume's, and where they end.
+    /// Range of each part's views among the volume's.
     pub(super) views: Vec<std::ops::Range<usize>>,
 }
 
@@ -290,31 +297,31 @@ pub(super) fn upload_views(
     Ok(uploaded)
 }
 
-/// The arguments of dispatches over so many workgroups: of views, and of particles.
+/// Returns the arguments of dispatches over so many workgroups: of views, and of particles.
 pub(super) fn arguments(views: u32, particles: u32) -> [[u32; 3]; 2] {
     const { assert!(VIEW_ARGUMENTS == 0 && PARTICLE_ARGUMENTS == 3) };
     [views, particles].map(|n| [n.min(MAX_GROUPS), n.div_ceil(MAX_GROUPS), 1])
 }
 
-/// What [`classify`] finds.
+/// Result of [`classify`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Classified {
     /// The visible particles of all views.
     pub particles: Vec<ClassifiedParticle>,
-    /// Their terms, where kernels are classified over their extents.
+    /// Their terms, if kernels are classified over their extents.
     pub terms: Vec<PieceTerms>,
-    /// What the device knows of each part of the volume.
+    /// State of each part of the volume.
     pub states: Vec<PartState>,
-    /// The workgroups of a dispatch over each part's particles, 256 in one.
+    /// Workgroups of a dispatch over each part's particles, 256 in each group.
     pub groups: Vec<[u32; 3]>,
 }
 
-/// The visible particles of each view: sets `count` and `first` of the views.
+/// Finds the visible particles of each view, and sets `count` and `first` of the views.
 ///
 /// - `views`: in the order of their blocks.
-/// - `capacity`: room for particles in each part; a part that needs more has none.
-/// - `part_bytes`: parts of the volume have buffers of at most so many bytes.
-/// - `by`: what decides about kernels where their views say so.
+/// - `capacity`: greatest number of particles in each part; a part that needs more returns none.
+/// - `part_bytes`: greatest size of a buffer of a part, bytes.
+/// - `by`: rule for kernels whose views ask for more than their values.
 ///
 /// Twin: [`crate::cpu::count_classified`] and [`crate::cpu::classify()`]; [`crate::cpu::Pieces`].
 ///

@@ -1,17 +1,18 @@
-//! Stage: opaque surfaces behind what lies in front of them. Twin: `compose` of `cpu/tile/interval/cut.rs`.
+//! Stage: composites opaque surfaces behind the volumes in front of them. Twin: `compose` of
+//! `cpu/tile/interval/cut.rs`.
 
 use super::device::Gpu;
 use super::kernel::{Access, BoundKernel, Kernel};
 use super::shader::{DISPATCH, Shader};
 use crate::splat::Axes;
 
-/// Surfaces behind what lies in front of them.
+/// Shader of the stage.
 pub(super) const SHADER: Shader = Shader::new(
     "compose",
     &[DISPATCH, include_str!("../../shaders/compose.wgsl")],
 );
 
-/// The pipeline; a thread per pixel, as [`Resolve`](super::resolve::Resolve).
+/// The pipeline, with a thread per pixel as [`Resolve`](super::resolve::Resolve).
 #[derive(Debug)]
 pub(super) struct Compose(Kernel);
 
@@ -26,8 +27,10 @@ impl Compose {
         Self(gpu.kernel(&SHADER, "compose", &bindings, &constants))
     }
 
-    /// - `background`: a uniform [`Background`](super::resolve::Background), of which the number of
-    ///   pixels counts.
+    /// Binds the stage.
+    ///
+    /// - `background`: a uniform [`Background`](super::resolve::Background), of which only the number of
+    ///   pixels is read.
     pub(super) fn bind(
         &self,
         gpu: &Gpu,

@@ -1,51 +1,53 @@
-//! Numbers that the host and the shaders of this back end share, and no one else;
+//! Defines the numbers that only the host and the shaders of this back end share;
 //! [`shader::prelude`](super::prelude) prints them.
 
 use crate::constants::{SURFACE_LAYERS, TERMINATION_INTERVAL};
 
-/// Threads of a workgroup, but for tiles.
+/// Threads of a workgroup, except for tiles.
 pub(super) const THREADS: u32 = 256;
 
-/// Workgroups along one dimension of a dispatch at most: what WebGPU guarantees. Shaders count on it.
+/// Greatest number of workgroups along one dimension of a dispatch, as WebGPU guarantees it. Shaders rely
+/// on it.
 pub(super) const MAX_GROUPS: u32 = 65_535;
 
 /// Words that one thread of a prefix sum sums.
 pub(super) const SCAN_RUN: u32 = 8;
 
-/// Bits of a digit of the radix sort at most.
+/// Greatest number of bits of a digit of the radix sort.
 pub(super) const RADIX_BITS: u32 = 8;
 
 /// Pairs that one workgroup of the radix sort ranks at a time.
 pub(super) const RADIX_TILE: u64 = 8 * THREADS as u64;
 
-/// Workgroups of the radix sort at most; beyond as many tiles, each takes more than one. They are as
-/// many as a large graphics card runs at once, and bound the table of counts: 1 MiB.
+/// Greatest number of workgroups of the radix sort. If there are more tiles than groups, each group takes
+/// more than one. This is as many as a large graphics card runs at once, and bounds the table of counts:
+/// 1 MiB.
 pub(super) const RADIX_GROUPS: u64 = 1024;
 
 /// Digits whose counts one workgroup of the radix sort scans.
 pub(super) const RADIX_SCANNED: u32 = 8;
 
-/// The first word of the arguments of dispatches over a part's views among a part's arguments.
+/// First word, among a part's arguments, of those of dispatches over its views.
 pub(super) const VIEW_ARGUMENTS: u32 = 0;
-/// The same over its classified particles, a thread each.
+/// First word of the arguments of dispatches over its classified particles, with a thread each.
 pub(super) const PARTICLE_ARGUMENTS: u32 = 3;
 
-/// In place of a tile's nearest open layer: all are composited.
+/// Stands for a tile's nearest open layer if all layers are composited.
 pub(super) const NO_LAYER: u32 = u32::MAX;
 
-/// What the device writes where there is no depth: WGSL has no infinity to write down.
+/// Stands for no depth on the device: WGSL cannot write infinity.
 pub(super) const NO_DEPTH: f32 = f32::MIN;
 
-/// [`Rule`](crate::blocks::Rule)s as the projection numbers them.
+/// Numbers of the [`Rule`](crate::blocks::Rule)s in the projection.
 pub(super) const RULE_KERNEL: u32 = 0;
 pub(super) const RULE_PEAK: u32 = 1;
 pub(super) const RULE_SURFACE: u32 = 2;
 pub(super) const RULE_TRANSLUCENT: u32 = 3;
 
-// What shaders/radix.wgsl counts on: a thread per digit, and a word of workgroup memory per pair of
-// a tile and for each 32 threads' digits.
+// Assumptions of shaders/radix.wgsl: a thread per digit, and a word of workgroup memory per pair of a
+// tile and for each 32 threads' digits.
 const _: () =
     assert!(1 << RADIX_BITS == THREADS && RADIX_TILE == ((THREADS / 32) << RADIX_BITS) as u64);
 
-// What shaders/tile/accumulate counts on.
+// Assumptions of shaders/tile/accumulate.
 const _: () = assert!(SURFACE_LAYERS == 3 && TERMINATION_INTERVAL == 32);

@@ -1,4 +1,4 @@
-//! Stage: which blocks a frame sees, what draws them, and the keys of their depths. Twins:
+//! Stage: finds the blocks that a frame sees, their filters, and the keys of their depths. Twins:
 //! [`crate::blocks::cull`], [`crate::blocks::choose`].
 
 use bytemuck::{Pod, Zeroable};
@@ -20,7 +20,7 @@ use crate::record::{
 };
 use crate::view::{Camera, Projection};
 
-/// Which blocks a frame sees.
+/// Shader of the stage.
 pub(super) const SHADER: Shader = Shader::new(
     "cull",
     &[
@@ -36,7 +36,7 @@ pub(super) const SHADER: Shader = Shader::new(
     ],
 );
 
-/// What a workgroup has seen, as `cull.wgsl` has it.
+/// Result of a workgroup, as `cull.wgsl` declares it.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct CullGroup {
@@ -46,9 +46,12 @@ pub(super) struct CullGroup {
     pub(super) farthest: [u32; 2],
 }
 
-/// What the device needs of a camera; `rejects`: whether blocks that the frustum does not see are
-/// left out (the range of depth keys is theirs who are seen in any case); `choice`: what blocks are
-/// drawn by; `layers`: those in which kernels are summed, which have keys of their own.
+/// Returns the camera's uniform for the device.
+///
+/// - `rejects`: whether blocks outside the frustum are left out. The range of depth keys is always that
+///   of the visible blocks.
+/// - `choice`: rules by which blocks choose their filter.
+/// - `layers`: the layers in which kernels are summed, which have their own keys.
 pub fn camera_uniform(
     camera: &Camera,
     frustum: &Frustum,
@@ -92,18 +95,18 @@ pub(super) struct Cull {
 /// The pipelines for parts of one kind.
 #[derive(Debug)]
 struct CullPart {
-    /// Of merged particles.
+    /// For merged particles.
     close: Option<Kernel>,
     count: Kernel,
     emit: Kernel,
 }
 
-/// What blocks are seen for.
+/// Purposes for which blocks are culled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum SeenFor {
-    /// A picture: what the transfer function leaves of them, by filters that they choose.
+    /// A picture: blocks that the transfer function leaves visible, with filters that they choose.
     Picture,
-    /// A column density: all of them, by the filter asked for.
+    /// A column density: all blocks in the frustum, with the filter of the settings.
     Column,
 }
 
@@ -138,7 +141,7 @@ impl CullPart {
     }
 }
 
-/// The stage over certain parts.
+/// The stage bound to certain parts.
 #[derive(Debug)]
 pub(super) struct BoundCull {
     begin: BoundKernel,
@@ -148,7 +151,7 @@ pub(super) struct BoundCull {
 
 #[derive(Debug)]
 struct BoundPart {
-    /// Of merged particles.
+    /// For merged particles.
     close: Option<BoundKernel>,
     count: BoundKernel,
     scan: BoundKernel,
@@ -166,8 +169,8 @@ impl Cull {
         }
     }
 
-    /// Binds parts of a scene, all where any is of merged particles, and what a frame makes of
-    /// each.
+    /// Binds parts of a scene and their buffers of a frame. If any part has merged particles, all parts
+    /// must be bound.
     ///
     /// # Errors
     /// No memory for the counts.
@@ -187,7 +190,7 @@ impl Cull {
         } = frame;
         let merged = parts.iter().filter(|part| part.kinds.is_merged);
         let merged_count: usize = merged.map(|part| part.run.len()).sum();
-        // A binding holds one at least.
+        // A binding needs at least one element.
         let none = MergedBlock {
             parent: NO_PARENT,
             state: MERGED_OPEN,
@@ -253,27 +256,27 @@ impl BoundCull {
     }
 }
 
-/// What [`cull`] finds in a frame.
+/// Result of [`cull`] for a frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CullOutput {
-    /// Each volume's views, their `first` and `count` 0.
+    /// Each volume's views, with `first` and `count` 0.
     pub views: Vec<Vec<BlockView>>,
-    /// How many of them each part has, and the workgroups of a dispatch with one for each.
+    /// For each part, the number of its views and the workgroups of a dispatch with one group per view.
     pub parts: Vec<(u32, [u32; 3])>,
     /// Depth keys per unit of distance.
     pub key_scale: f32,
-    /// How many views have each filter.
+    /// Number of views with each filter.
     pub filters: [u32; 7],
 }
 
-/// The blocks of some volumes, each with its levels of detail after it, that frames see, with their
-/// keys and filters.
+/// Finds the blocks that frames see, with their keys and filters. The volumes are each followed by their
+/// levels of detail.
 ///
 /// - `cameras`: one for each frame.
-/// - `part_bytes`: parts of volumes have buffers of at most so many bytes.
+/// - `part_bytes`: greatest size of a buffer of a part, bytes.
 ///
-/// Twin: [`crate::blocks::cull`], [`crate::blocks::cull_detail`], [`crate::blocks::choose`] and the
-/// keys of [`crate::Renderer::render`].
+/// Twin: [`crate::blocks::cull`], [`crate::blocks::cull_detail`], [`crate::blocks::choose`] and the keys
+/// of [`crate::Renderer::render`].
 ///
 /// # Errors
 /// No memory, a lost device, or volumes that only the CPU draws.

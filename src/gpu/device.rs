@@ -1,4 +1,4 @@
-//! Adapters, limits, and what a device says when it fails.
+//! Opens adapters, checks their limits, and collects the errors of devices.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::pin;
@@ -12,24 +12,24 @@ use super::kernel::{Access, Kernel, KernelCache};
 use super::shader::Shader;
 use crate::error::{Error, Hint, Result};
 
-/// How long a frame may run before the device counts as hung: software adapters take minutes for
-/// what a graphics card does in milliseconds (twenty million particles: six on two busy cores).
+/// Time after which a running frame counts as hung. Software adapters take minutes for what a graphics
+/// card does in milliseconds (twenty million particles: six minutes on two busy cores).
 const TIMEOUT: Duration = Duration::from_secs(3600);
 
-/// What is found where there is no adapter at all.
+/// Text of errors if there is no adapter at all.
 const NONE: &str = "none";
 
-/// Which adapter to open.
+/// A choice of adapter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum AdapterChoice {
-    /// A hardware adapter where there is one, a software adapter otherwise.
+    /// A hardware adapter if there is one, a software adapter otherwise.
     #[default]
     Any,
-    /// A hardware adapter or none.
+    /// A hardware adapter only.
     Hardware,
 }
 
-/// An open device: what every stage of the GPU back end runs on. Clones share it, and the
+/// An open device, on which every stage of the GPU back end runs. Clones share the device and the
 /// pipelines compiled for it.
 #[derive(Debug, Clone)]
 pub struct Gpu {
@@ -39,14 +39,14 @@ pub struct Gpu {
     kernels: KernelCache,
     info: wgpu::AdapterInfo,
     fault: Arc<Mutex<Option<String>>>,
-    /// Whether it is the caller's, and with it what becomes of errors that no scope catches.
+    /// True if the caller opened the device. If so, uncaught errors are the caller's.
     is_callers: bool,
 }
 
 /// One limit of a device.
 type Limit = fn(&Limits) -> u64;
 
-/// What every stage counts on, all of which WebGPU guarantees.
+/// Limits that every stage relies on. WebGPU guarantees all of them.
 const NEEDED: [(&str, Limit); 7] = [
     ("max_storage_buffers_per_shader_stage", |l| {
         l.max_storage_buffers_per_shader_stage.into()
@@ -71,9 +71,10 @@ const NEEDED: [(&str, Limit); 7] = [
     }),
 ];
 
-/// What to ask an adapter for, so that [`Gpu::from_device`] takes the device: what WebGPU guarantees,
-/// buffers as large as the adapter has them, and timestamps where there are any. Callers raise what
-/// they need themselves; less than the adapter's buffers is enough too, and cuts frames smaller.
+/// Returns the device description to request from an adapter, so that [`Gpu::from_device`] accepts the
+/// device. It asks for the limits that WebGPU guarantees, for buffers as large as the adapter's, and for
+/// timestamps if available. Callers may raise other limits for their own needs. Smaller buffers suffice
+/// too; frames are then divided into smaller pieces.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -102,17 +103,17 @@ pub fn device_descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'sta
     wgpu::DeviceDescriptor {
         label: Some("ewa-splat"),
         required_features: adapter.features() & Features::TIMESTAMP_QUERY,
-        // An adapter with less opens, and `from_device` says what is missing.
+        // A device of a lesser adapter opens as well; `from_device` reports the missing limit.
         required_limits: required_limits.or_worse_values_from(&limits),
         ..wgpu::DeviceDescriptor::default()
     }
 }
 
-/// Names an adapter by a part of its description.
+/// Environment variable that names an adapter by a part of its description.
 const ADAPTER_VARIABLE: &str = "EWA_ADAPTER";
 
 impl Gpu {
-    /// Whether the environment variable `EWA_ADAPTER` asks for a certain adapter.
+    /// Returns whether the environment variable `EWA_ADAPTER` asks for a certain adapter.
     pub fn is_adapter_named() -> bool {
         Self::adapter_name().is_some()
     }
@@ -123,12 +124,12 @@ impl Gpu {
             .filter(|n| !n.is_empty())
     }
 
-    /// A device that the caller opened, of a window for one, and goes on using: see
-    /// [`device_descriptor`] for what to ask its adapter for. Handlers of errors and of a lost device
-    /// stay the caller's; what goes wrong in a frame is the frame's error.
+    /// Wraps a device that the caller opened and continues to use, such as a window's. See
+    /// [`device_descriptor`] for the device to request. The caller's handlers of errors and of a lost
+    /// device stay in place. An error in a frame is returned by the frame.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] where a limit of the device is lower than what every stage counts on.
+    /// [`Error::Unsupported`] if a limit of the device is lower than the stages require.
     pub fn from_device(device: wgpu::Device, queue: wgpu::Queue) -> Result<Self> {
         let (limits, info) = (device.limits(), device.adapter_info());
         let guaranteed = Limits::default();
@@ -155,35 +156,35 @@ impl Gpu {
         })
     }
 
-    /// Opens an adapter: discrete before integrated before software; the first whose name contains
-    /// the environment variable `EWA_ADAPTER` (in any case) where that is set.
+    /// Opens an adapter: discrete before integrated before software. If the environment variable
+    /// `EWA_ADAPTER` is set, it opens the first adapter whose name contains it (in any case).
     ///
     /// # Errors
-    /// No adapter, none of that name, or one that refuses to open; with what there is.
+    /// No adapter, none of that name, or one that cannot be opened. The error lists the adapters.
     pub fn open(choice: AdapterChoice) -> Result<Self> {
         pollster::block_on(Self::open_async(choice))
     }
 
-    /// As [`Gpu::open`], without waiting: for browsers, where nothing may.
+    /// As [`Gpu::open`], without waiting: for browsers, which must not block.
     ///
     /// # Errors
-    /// Those of [`Gpu::open`].
+    /// The errors of [`Gpu::open`].
     pub async fn open_async(choice: AdapterChoice) -> Result<Self> {
         Self::find(choice, Self::adapter_name().as_deref()).await
     }
 
-    /// As [`Gpu::open`], the name given instead of read from the environment. A name outweighs the
-    /// choice.
+    /// As [`Gpu::open`], with the name given instead of read from the environment. A name takes
+    /// precedence over the choice.
     ///
     /// # Errors
-    /// Those of [`Gpu::open`].
+    /// The errors of [`Gpu::open`].
     pub fn open_named(choice: AdapterChoice, name: Option<&str>) -> Result<Self> {
         pollster::block_on(Self::find(choice, name))
     }
 
     async fn find(choice: AdapterChoice, name: Option<&str>) -> Result<Self> {
         let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
-        // The stages' own arguments are in range by construction.
+        // No validation flags: the stages' own arguments are in range by construction.
         descriptor.flags = wgpu::InstanceFlags::empty();
         let instance = wgpu::Instance::new(descriptor);
         let mut adapters = instance.enumerate_adapters(Backends::PRIMARY).await;
@@ -245,7 +246,7 @@ impl Gpu {
         Ok(gpu)
     }
 
-    /// This device with bindings of at most `bytes`, as on a smaller adapter: more goes in parts,
+    /// Limits bindings to at most `bytes`, as on a smaller adapter. Larger data are divided into parts,
     /// depth chunks and bands.
     #[must_use]
     pub fn with_binding_limit(mut self, bytes: u64) -> Self {
@@ -254,47 +255,47 @@ impl Gpu {
         self
     }
 
-    /// The adapter: its name, the driver and the interface.
+    /// Returns the adapter's name, driver and interface.
     pub fn adapter(&self) -> String {
         describe(&self.info)
     }
 
-    /// The device, to make textures on that frames are drawn into.
+    /// Returns the device, on which the caller makes the textures that frames are drawn into.
     pub fn device(&self) -> &wgpu::Device {
         &self.device
     }
 
-    /// The device's queue.
+    /// Returns the device's queue.
     pub fn queue(&self) -> &wgpu::Queue {
         &self.queue
     }
 
-    /// Whether the environment variable `EWA_ADAPTER` asks for this adapter.
+    /// Returns whether the environment variable `EWA_ADAPTER` asks for this adapter.
     pub fn is_named(&self) -> bool {
         let own = self.adapter().to_lowercase();
         Self::adapter_name().is_some_and(|name| own.contains(&name.to_lowercase()))
     }
 
-    /// Whether the adapter is a program on the processor.
+    /// Returns whether the adapter runs in software on the CPU.
     pub fn is_software(&self) -> bool {
         is_software(&self.info)
     }
 
-    /// Whether stages can be timed.
+    /// Returns whether stages can be timed.
     pub fn has_timestamps(&self) -> bool {
         self.device.features().contains(Features::TIMESTAMP_QUERY)
     }
 
-    /// Gives the device up, the caller's as well, with all memory that scenes hold on it: for this and all clones
-    /// whatever is drawn from now on, and what is being drawn, is an error.
+    /// Destroys the device, including a caller's, with all memory that scenes hold on it. Any drawing
+    /// with this `Gpu` or its clones, now or later, returns an error.
     pub fn close(&self) {
         note(&self.fault, "a device that was closed".to_string());
         self.device.destroy();
-        // The memory is free once nothing runs; an error is what was asked for.
+        // The memory is free once nothing runs; the error is expected.
         drop(self.wait());
     }
 
-    /// An entry point of a shader: see [`KernelCache::kernel`].
+    /// Returns an entry point of a shader: see [`KernelCache::kernel`].
     pub(super) fn kernel(
         &self,
         shader: &Shader,
@@ -309,7 +310,7 @@ impl Gpu {
     /// Waits until everything submitted has run.
     ///
     /// # Errors
-    /// A lost or hung device, and whatever it has reported since it was opened.
+    /// A lost or hung device, and any error that it has reported since it was opened.
     pub(super) fn wait(&self) -> Result<()> {
         let poll = || {
             self.device.poll(wgpu::PollType::Wait {
@@ -317,8 +318,7 @@ impl Gpu {
                 timeout: Some(TIMEOUT),
             })
         };
-        // wgpu panics where it is the wait that finds the device lost, after the device's callback
-        // has noted it.
+        // wgpu panics if the wait itself finds the device lost, after the device's callback has noted it.
         let polled = catch_unwind(AssertUnwindSafe(poll));
         self.check()?;
         match polled {
@@ -330,7 +330,7 @@ impl Gpu {
     /// Drives a future that the device completes, waiting for the device in between.
     ///
     /// # Errors
-    /// Those of the future and of [`Gpu::wait`]; in a browser, where nothing waits, that it does not
+    /// The errors of the future and of [`Gpu::wait`]. In a browser, which cannot wait, a future that does not
     /// complete at once.
     pub(crate) fn block_on<T>(&self, future: impl Future<Output = Result<T>>) -> Result<T> {
         let mut future = pin!(future);
@@ -351,11 +351,10 @@ impl Gpu {
         }
     }
 
-    /// Gives commands to the device. What a device of the caller's says against them does not reach
-    /// the caller's handler.
+    /// Issues commands to the device. Errors of a caller's device do not reach the caller's handler.
     ///
     /// # Errors
-    /// What such a device says.
+    /// Errors that a caller's device reports.
     pub(super) async fn watched<R>(&self, commands: impl FnOnce() -> R) -> Result<R> {
         if !self.is_callers {
             return Ok(commands());
@@ -381,8 +380,10 @@ impl Gpu {
         }
     }
 
+    /// Checks for errors.
+    ///
     /// # Errors
-    /// What the device has reported since it was opened.
+    /// The first error that the device has reported since it was opened.
     pub(super) fn check(&self) -> Result<()> {
         let fault = self.fault.lock().unwrap_or_else(PoisonError::into_inner);
         fault
@@ -390,7 +391,7 @@ impl Gpu {
             .map_or(Ok(()), |m| Err(self.failed(m.clone())))
     }
 
-    /// The error of a device that does not do what it was told.
+    /// Returns the error of a device that has failed.
     pub(super) fn failed(&self, found: String) -> Error {
         Error::DeviceLost {
             adapter: self.adapter(),
@@ -405,12 +406,12 @@ impl AsRef<wgpu::Device> for Gpu {
     }
 }
 
-/// What wgpu says in several lines, as errors are printed.
+/// Returns a message of wgpu on one line, as errors are printed.
 pub(super) fn one_line(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// Keeps what a device reports first.
+/// Stores the first error that a device reports.
 fn note(fault: &Mutex<Option<String>>, message: String) {
     let mut fault = fault.lock().unwrap_or_else(PoisonError::into_inner);
     fault.get_or_insert(message);

@@ -1,4 +1,4 @@
-//! Double precision in integers, for its test alone: stages use `shaders/shared/f64.wgsl`.
+//! Runs double-precision arithmetic in integers, for its test only: stages use `shaders/shared/f64.wgsl`.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -8,7 +8,7 @@ use super::kernel::Access;
 use super::shader::{DISPATCH, F64_ARITHMETIC, Shader};
 use crate::error::Result;
 
-/// The operations.
+/// Shader of the operations.
 pub(super) const SHADER: Shader = Shader::new(
     "f64",
     &[
@@ -18,7 +18,7 @@ pub(super) const SHADER: Shader = Shader::new(
     ],
 );
 
-/// What the device makes of a pair (a, b), f64 as their bits.
+/// Results of the device for a pair (a, b), f64 as their bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct F64Results {
@@ -30,24 +30,24 @@ pub struct F64Results {
     pub product: u64,
     /// a / b.
     pub quotient: u64,
-    /// The root of a.
+    /// The square root of a.
     pub root: u64,
-    /// The greater, b where a is NaN.
+    /// The greater of both; b if a is NaN.
     pub greater: u64,
-    /// The lesser, b where a is NaN.
+    /// The lesser of both; b if a is NaN.
     pub lesser: u64,
-    /// The high word of a, taken for an f32.
+    /// The high word of a, read as an f32 and widened.
     pub widened: u64,
-    /// a as an f32's bits.
+    /// a narrowed to f32, as bits.
     pub narrowed: u32,
-    /// a as u32.
+    /// a converted to u32.
     pub truncated: u32,
-    /// 1 where a >= 0.
+    /// 1 if a >= 0, 0 otherwise.
     pub is_at_least_zero: u32,
     unused: u32,
 }
 
-/// Every operation of `shaders/shared/f64.wgsl` on pairs of numbers.
+/// Runs every operation of `shaders/shared/f64.wgsl` on pairs of numbers.
 ///
 /// # Errors
 /// No memory, or a lost device.

@@ -1,8 +1,9 @@
-//! A scene kept on a device, and its frames: the scene is uploaded once, a frame uploads a camera.
+//! Keeps a scene on a device and draws its frames: the scene is uploaded once, and a frame uploads only a
+//! camera.
 //!
-//! A frame has two passes where the scene has both: opaque surfaces are drawn first, and their pixels
-//! stay on the device for the volumes among which they lie. A scene of one kind has one pass. Band
-//! after band of the image takes all passes before it goes back.
+//! If a scene has opaque surfaces and volumes, a frame has two passes. The surfaces are drawn first, and
+//! their pixels stay on the device for the volumes among them. Other scenes have one pass. Each band of
+//! the image goes through all passes before it is read back.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -32,23 +33,23 @@ const COPY_BYTES: usize = 1 << 20;
 pub(crate) struct DeviceScene {
     gpu: Gpu,
     timer: Timer,
-    /// In the order in which they are drawn.
+    /// Passes in drawing order.
     passes: Vec<Pass>,
     frame: Option<(FrameKind, Frame)>,
-    /// For textures of the last one's format.
+    /// Pipeline for textures of the last texture's format.
     present: Option<Present>,
 }
 
-/// What makes two frames differ.
+/// Properties by which the buffers of two frames differ.
 #[derive(Debug, PartialEq)]
 struct FrameKind {
     passes: Vec<PassKind>,
-    /// Whether the picture stays on the device.
+    /// True if the picture stays on the device.
     stays: bool,
 }
 
 impl DeviceScene {
-    /// Nothing yet.
+    /// Makes an empty scene.
     ///
     /// # Errors
     /// Too little memory on the device.
@@ -62,13 +63,13 @@ impl DeviceScene {
         })
     }
 
-    /// Draws a frame: its picture into a texture where one is given, and into the images otherwise; depths and
-    /// normals, where the plan asks for them, into the images. Whoever drives the future polls the
-    /// device; dropped before its end, it leaves the scene as it was.
+    /// Draws a frame: its picture into a texture if one is given, and into the images otherwise. Depths
+    /// and normals go into the images if the plan asks for them. The caller that drives the future polls
+    /// the device. If the future is dropped before its end, the scene stays as it was.
     ///
     /// # Errors
-    /// Those of [`DrawFrames::draw`]; a texture that is not of the plan's size, or of a format or kind that
-    /// is not drawn into.
+    /// The errors of [`DrawFrames::draw`]; a texture of another size than the plan's, or of an unsupported
+    /// format or kind.
     pub(crate) async fn draw_to(
         &mut self,
         scene: &BlockedScene,
@@ -100,13 +101,13 @@ impl DeviceScene {
         loop {
             let frame = match self.frame.take() {
                 Some((made_for, frame)) if made_for == kind => frame,
-                // Its memory is free before the next one's is asked for.
+                // Free its memory before allocating the next one's.
                 other => {
                     drop(other);
                     let make = || Frame::new(&gpu, &self.passes, plan, &kind);
                     let made = gpu.watched(make).await.flatten();
                     if made.is_err() {
-                        // Another frame may need less than this one found it did.
+                        // Another frame may need less memory than this one.
                         for pass in &mut self.passes {
                             pass.forget_capacity(&gpu);
                         }
@@ -142,7 +143,7 @@ impl DeviceScene {
         }
     }
 
-    /// The device.
+    /// Returns the device.
     pub(crate) fn gpu(&self) -> &Gpu {
         &self.gpu
     }
@@ -185,7 +186,7 @@ impl DrawFrames for DeviceScene {
     fn edit(&mut self, scene: &BlockedScene, edit: Edit) -> Result<()> {
         let volume = match edit {
             Edit::TransferFunction(volume) => volume,
-            // Particles lie in the order of their values.
+            // Particles are stored in the order of their values.
             Edit::Values => return self.upload(scene),
         };
         let family = scene.family(volume);
@@ -209,14 +210,14 @@ impl DrawFrames for DeviceScene {
 /// Buffers and bindings of frames of one kind.
 #[derive(Debug)]
 struct Frame {
-    /// As the scene's; the picture is the last one's.
+    /// One for each pass of the scene. The last one's pixels are the picture.
     passes: Vec<PassFrame>,
     bands: Bands,
     background: wgpu::Buffer,
     resolve: BoundKernel,
     /// Words of a pixel that stay on the device: those of its colour, or none.
     staying_words: u64,
-    /// The others, where there are any.
+    /// Staging buffer of the other words, if there are any.
     pixels_back: Option<wgpu::Buffer>,
     normals_back: Option<wgpu::Buffer>,
 }
@@ -251,7 +252,7 @@ impl Frame {
                 &background,
             )?);
         }
-        // There is one pass at least.
+        // There is at least one pass.
         let picture = &made[made.len() - 1].pixels;
         let pixels = bands.most_pixels();
         let has_surface = passes.iter().any(|pass| pass.draws == Draws::Surfaces);
@@ -271,7 +272,7 @@ impl Frame {
         })
     }
 
-    /// A band's pixels, once it is drawn.
+    /// Returns a band's pixels, after drawing.
     fn picture(&self) -> &wgpu::Buffer {
         &self.passes[self.passes.len() - 1].pixels
     }
@@ -317,7 +318,7 @@ impl Frame {
         Ok(seen)
     }
 
-    /// Submits all passes of a band, and its way into a texture or back.
+    /// Submits all passes of a band, and its copy into a texture or back to the host.
     fn submit_band(
         &self,
         gpu: &Gpu,
@@ -343,7 +344,7 @@ impl Frame {
         gpu.submit(encoder);
     }
 
-    /// The background, and the way back.
+    /// Encodes the background, and the copy to the host.
     fn encode_band_end(
         &self,
         encoder: &mut CommandEncoder,
@@ -371,7 +372,7 @@ impl Frame {
 
     /// Adds up the sums of a band's column densities.
     ///
-    /// - `per_mass`: field x length per unit of a sum of masses.
+    /// - `per_mass`: field x length per unit of mass in a sum.
     async fn read_columns(
         &self,
         gpu: &Gpu,
@@ -392,13 +393,13 @@ impl Frame {
             let sums = bytemuck::cast_slice::<u8, [f32; 4]>(&bytes[..16 * count]);
             let values = &mut column.values[first..first + count];
             for (value, sums) in values.iter_mut().zip(sums) {
-                // From 0, and the coarsest first: they are the largest.
+                // From 0, and the coarsest first, because they are the largest.
                 let sum = sums
                     .iter()
                     .rev()
                     .fold(0.0, |sum, part| sum + f64::from(*part));
                 let density = sum * per_mass;
-                // NaN, were there one, would not be lost in `max`.
+                // Phrased so that `max` would not lose a NaN.
                 if !(density.abs() <= *largest) {
                     *largest = density.abs();
                 }
@@ -431,7 +432,7 @@ impl Frame {
                 let (colours, depths) = bytes.split_at(4 * colour_words as usize * count);
                 if !colours.is_empty() {
                     let pixels = &mut image.pixels[first..first + count];
-                    // On a graphics card one thread's copy would take longer than the frame.
+                    // On a graphics card a copy by one thread would take longer than the frame.
                     bytemuck::cast_slice_mut::<_, u8>(pixels)
                         .par_chunks_mut(COPY_BYTES)
                         .zip(colours.par_chunks(COPY_BYTES))

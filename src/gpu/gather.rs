@@ -1,5 +1,5 @@
-//! A chunk of the sorted footprints, side by side in depth order: so many as the buffers of one
-//! chunk hold, whatever the scene has.
+//! Stage: copies a chunk of the sorted footprints to consecutive memory, in depth order. The buffers of
+//! one chunk bound the number of footprints, whatever the scene's size.
 
 use super::device::Gpu;
 use super::kernel::{Access, BoundKernel, Kernel};
@@ -8,17 +8,17 @@ use super::sort::BoundSort;
 use crate::error::Result;
 use crate::record::{ChunkState, ExactTerms, Footprint};
 
-/// Which footprints have [`ExactTerms`], or what lies in their place.
+/// The footprints that have [`ExactTerms`], or other terms in their place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Terms {
     None,
-    /// Those on the exact path.
+    /// The footprints on the exact path.
     OfExact,
     OfAll,
 }
 
 impl Terms {
-    /// Those of the exact path, where footprints may be on it.
+    /// Returns the terms of the exact path, if footprints may be on it.
     pub(super) fn exact(may_be_exact: bool) -> Self {
         if may_be_exact {
             Self::OfExact
@@ -28,7 +28,7 @@ impl Terms {
     }
 }
 
-/// Footprints in depth order.
+/// Shader of the stage.
 pub(super) const SHADER: Shader = Shader::new(
     "gather",
     &[STRUCTS, DISPATCH, include_str!("../../shaders/gather.wgsl")],
@@ -44,11 +44,11 @@ pub(super) struct Gather {
 /// The stage with its buffers.
 #[derive(Debug)]
 pub(super) struct BoundGather {
-    /// A [`ChunkState`]; whoever asks for its `needed` clears it before.
+    /// A [`ChunkState`]. A reader of its `needed` must clear it beforehand.
     pub(super) state: wgpu::Buffer,
     /// The chunk's footprints in depth order.
     pub(super) footprints: wgpu::Buffer,
-    /// Their exact terms, or room for one where there are none.
+    /// Their exact terms, or a single placeholder.
     pub(super) exact: wgpu::Buffer,
     /// Arguments of a dispatch of one thread per footprint, at [`Self::WALK`].
     pub(super) arguments: wgpu::Buffer,
@@ -57,7 +57,9 @@ pub(super) struct BoundGather {
 }
 
 impl Gather {
-    /// `terms`: which footprints have exact terms.
+    /// Makes the pipelines.
+    ///
+    /// - `terms`: the footprints that have exact terms.
     pub(super) fn new(gpu: &Gpu, terms: Terms) -> Self {
         use Access::{Read, Uniform, Write};
         let kernel = |entry, bindings: &[Access], constants: &[(&str, f64)]| {
@@ -78,7 +80,7 @@ impl Gather {
     /// Makes buffers for `capacity` footprints.
     ///
     /// - `chunk`: a uniform [`crate::record::ChunkUniform`] of at most that capacity.
-    /// - `parts`: footprints of each part of the sort; exact terms where there are any.
+    /// - `parts`: footprints of each part of the sort; exact terms if there are any.
     ///
     /// # Errors
     /// No memory for the chunk.
@@ -130,7 +132,7 @@ impl Gather {
 }
 
 impl BoundGather {
-    /// Where in its arguments those of a thread per footprint begin, bytes.
+    /// Offset in bytes, in the arguments, of the dispatch with a thread per footprint.
     pub(super) const WALK: u64 = 12;
 
     pub(super) fn encode(&self, pass: &mut wgpu::ComputePass<'_>) {

@@ -1,4 +1,4 @@
-//! A compute pipeline and the buffers bound to it.
+//! Defines a compute pipeline with the buffers bound to it.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::constants::MAX_GROUPS;
 use super::shader::Shader;
 
-/// How a shader uses a buffer.
+/// Ways in which a shader uses a buffer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Access {
     /// `var<storage, read>`.
@@ -45,9 +45,9 @@ struct Compiled {
 }
 
 impl KernelCache {
-    /// An entry point of a shader, compiled when it is first asked for.
+    /// Returns an entry point of a shader, compiled at the first request.
     ///
-    /// - `bindings`: how binding 0, 1, 2, ... are used; more than the entry point uses do no harm.
+    /// - `bindings`: uses of bindings 0, 1, 2, ...; unused bindings are allowed.
     /// - `constants`: values of the shader's `override` declarations.
     pub(super) fn kernel(
         &self,
@@ -148,8 +148,8 @@ impl Kernel {
 }
 
 impl BoundKernel {
-    /// Dispatches at least `groups` workgroups, folded into rows of [`MAX_GROUPS`]: a shader finds
-    /// its own number by `group_index` and ignores what is too many.
+    /// Dispatches at least `groups` workgroups, folded into rows of [`MAX_GROUPS`]. A shader finds its
+    /// number by `group_index` and ignores numbers that are too large.
     pub(super) fn dispatch(&self, pass: &mut wgpu::ComputePass<'_>, groups: u32) {
         if groups == 0 {
             return;
@@ -158,7 +158,7 @@ impl BoundKernel {
         pass.dispatch_workgroups(groups.min(MAX_GROUPS), groups.div_ceil(MAX_GROUPS), 1);
     }
 
-    /// Dispatches as many workgroups as the three words at `offset` (bytes) of `arguments` say.
+    /// Dispatches the workgroups given by the three words at `offset` (bytes) of `arguments`.
     pub(super) fn dispatch_indirect(
         &self,
         pass: &mut wgpu::ComputePass<'_>,
@@ -175,7 +175,7 @@ impl BoundKernel {
     }
 }
 
-/// Bindings 0, 1, 2, ... of whole buffers.
+/// Returns bindings 0, 1, 2, ... of whole buffers.
 pub(super) fn whole<'a>(buffers: &[&'a wgpu::Buffer]) -> Vec<wgpu::BindGroupEntry<'a>> {
     (0..)
         .zip(buffers)

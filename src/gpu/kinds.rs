@@ -1,11 +1,11 @@
-//! What kinds of data a volume has: its shaders are made for them.
+//! Classifies the kinds of data that a volume has. Shaders are specialised for them.
 
 use crate::blocks::{BlockedParticles, BlockedVolume, Rule};
 use crate::math::harmonics_count;
 use crate::record::{BlockView, ClassifiedParticle, DeviceBlock, Footprint};
 use crate::scene::{ColourIn, StrengthIn, ValuesIn, is_classified};
 
-/// What positions and shapes follow from: which of `shaders/shared/particles_*.wgsl`.
+/// Sources of positions and shapes: one for each `shaders/shared/particles_*.wgsl`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) enum ParticleKind {
     /// [`LatticeUniform`] and the samples of the axes.
@@ -28,7 +28,7 @@ impl ParticleKind {
         }
     }
 
-    /// Words that [`pack_shapes`] writes per particle.
+    /// Returns the number of words that [`pack_shapes`] writes per particle.
     pub(super) fn words_per_particle(self) -> usize {
         match self {
             Self::Lattice => 0,
@@ -42,17 +42,17 @@ impl ParticleKind {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u32)]
 pub(super) enum ValueKind {
-    /// Nothing is classified.
+    /// No values: nothing is classified.
     None,
     U8,
     U16,
     I16,
     F32,
-    /// Of merged particles: mean and spread of each.
+    /// For merged particles: mean and spread of each.
     Spread,
 }
 
-/// Where a part's masses come from.
+/// Source of a part's masses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u32)]
 pub(super) enum StrengthKind {
@@ -62,22 +62,22 @@ pub(super) enum StrengthKind {
     Cell,
     /// Extinction times the product of a cell's widths.
     Widths,
-    /// Masses or opacities of their own.
+    /// Masses or opacities that particles state.
     Given,
 }
 
-/// Where a part's colours come from.
+/// Source of a part's colours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u32)]
 pub(super) enum ColourKind {
     Classified,
     PerParticle,
     Uniform,
-    /// Left to `shade`.
+    /// Computed by `shade`.
     Harmonics,
 }
 
-/// What kinds of data a part has: its shaders are made for them.
+/// The kinds of data of a part. Shaders are specialised for them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) struct Kinds {
     pub(super) particles: ParticleKind,
@@ -87,15 +87,15 @@ pub(super) struct Kinds {
     pub(super) colour: ColourKind,
     /// Coefficients of a colour channel; 0 without harmonics.
     pub(super) harmonics_count: u32,
-    /// Whether harmonics sum to linear light instead of sRGB codes.
+    /// True if harmonics sum to linear light instead of sRGB codes.
     pub(super) has_linear_harmonics: bool,
-    /// Whether its particles stand for others.
+    /// True if its particles are merged ones.
     pub(super) is_merged: bool,
-    /// Whether each strength is followed by the depth of its members.
+    /// True if each strength is followed by the depth of its members.
     pub(super) has_member_depths: bool,
-    /// Whether light falls on it.
+    /// True if it is lit.
     pub(super) is_lit: bool,
-    /// Whether normals are stored.
+    /// True if normals are stored.
     pub(super) has_normals: bool,
 }
 
@@ -151,25 +151,25 @@ impl Kinds {
         }
     }
 
-    /// Whether particles are cells of a lattice.
+    /// Returns whether particles are cells of a lattice.
     pub(super) fn is_lattice(&self) -> bool {
         self.particles == ParticleKind::Lattice
     }
 
-    /// Whether blocks may be transparent.
+    /// Returns whether blocks may be transparent.
     pub(super) fn may_be_transparent(&self) -> bool {
         self.strength != StrengthKind::Given
     }
 
-    /// Bytes per particle of the largest buffer that has an entry for each: colours, or what a
-    /// frame in which all are visible makes of them.
+    /// Returns the bytes per particle of the largest buffer with an entry for each: the colours, or a
+    /// buffer of a frame in which all particles are visible.
     ///
     /// - `may_have_pieces`: whether terms of as many pieces may follow classified particles.
     pub(super) fn bytes_per_particle(&self, may_have_pieces: bool) -> u64 {
         const { assert!(size_of::<Footprint>() >= 9 * 4) };
         let words = if may_have_pieces { 2 } else { 1 };
         let frame = size_of::<Footprint>().max(words * size_of::<ClassifiedParticle>());
-        // A block has one particle at least.
+        // A block has at least one particle.
         let blocks = size_of::<DeviceBlock>().max(size_of::<BlockView>());
         let colours = 12 * self.harmonics_count.max(1) as usize;
         frame.max(blocks).max(colours) as u64

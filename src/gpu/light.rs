@@ -1,4 +1,4 @@
-//! Stage: light on particles that have a normal, per visible particle, once. Twin:
+//! Stage: lights the visible particles that have a normal, once per particle. Twin:
 //! [`crate::cpu::light()`].
 
 use glam::Mat3;
@@ -16,7 +16,7 @@ use crate::blocks::BlockedVolume;
 use crate::error::Result;
 use crate::record::{BlockView, ClassifiedBy, ClassifiedParticle, LightingUniform};
 
-/// The stage over each kind of particles, in the order of [`ParticleKind`].
+/// Shaders of the stage for each kind of particles, in the order of [`ParticleKind`].
 pub(super) const SHADERS: [Shader; 4] = shaders_of_particles!(
     "light",
     NORMAL,
@@ -25,14 +25,14 @@ pub(super) const SHADERS: [Shader; 4] = shaders_of_particles!(
     include_str!("../../shaders/light.wgsl"),
 );
 
-/// The stage over a part.
+/// The stage bound to a part.
 #[derive(Debug)]
 pub(super) struct BoundLight {
     light: BoundKernel,
     arguments: wgpu::Buffer,
 }
 
-/// Binds the stage to a part, or nothing where it has no normals.
+/// Binds the stage to a part; `None` if it has no normals.
 pub(super) fn bind_light(
     gpu: &Gpu,
     frame: &FrameBuffers,
@@ -92,14 +92,14 @@ impl BoundLight {
     }
 }
 
-/// Lights the colours of `classified` where particles have normals; does nothing elsewhere.
+/// Lights the colours of `classified` if particles have normals; does nothing otherwise.
 ///
 /// - `views`: in the order of their blocks, with `first` and `count`, and origins in camera space.
-/// - `part_bytes`: parts of the volume have buffers of at most so many bytes.
+/// - `part_bytes`: greatest size of a buffer of a part, bytes.
 ///
-/// Of what a light adds, the diffuse share differs from the twin's by roundings of three unit
-/// vectors, some 2e-6; the highlight by `shininess` times as much, and by its logarithm's error,
-/// which WGSL bounds by 2^-21.
+/// The diffuse part of a light differs from the twin's by roundings of three unit vectors, some 2e-6. The
+/// highlight differs by `shininess` times as much, plus the error of its logarithm, which WGSL bounds by
+/// 2^-21.
 ///
 /// # Errors
 /// No memory, a lost device, or volumes that only the CPU draws.

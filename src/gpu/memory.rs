@@ -1,4 +1,4 @@
-//! Buffers: up, down, and how much fits.
+//! Allocates, writes and reads buffers, within the limits of the device.
 
 use std::future::poll_fn;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -10,11 +10,11 @@ use wgpu::{BufferUsages, CommandEncoder, ErrorFilter};
 use super::device::{Gpu, one_line};
 use crate::error::{Error, Result};
 
-/// Bytes of a storage buffer for nothing: a binding must hold one element of what the shader
-/// declares, and the largest are near terms.
+/// Bytes of a storage buffer without contents. A binding needs at least one element of the type that the
+/// shader declares; the largest elements are near terms.
 const EMPTY_BUFFER: u64 = 512;
 
-/// A staging buffer on its way to the processor; dropped, it is the device's again.
+/// A staging buffer that is being mapped for the CPU. Dropping it unmaps the buffer.
 #[derive(Debug)]
 struct Mapping<'a> {
     staging: &'a wgpu::Buffer,
@@ -59,7 +59,7 @@ impl Drop for Mapping<'_> {
     fn drop(&mut self) {
         let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         let has_failed = matches!(state.mapped, Some(Err(_)));
-        // Unmapping calls back where the device has not yet answered.
+        // Unmapping calls the callback if the device has not yet answered.
         drop(state);
         if !has_failed {
             self.staging.unmap();
@@ -68,11 +68,11 @@ impl Drop for Mapping<'_> {
 }
 
 impl Gpu {
-    /// A storage buffer of `bytes`, rounded up to whole words; of [`EMPTY_BUFFER`] where that is 0.
+    /// Makes a storage buffer of `bytes`, rounded up to whole words; of [`EMPTY_BUFFER`] if that is 0.
     ///
     /// # Errors
-    /// More than a binding may have, or than the device's memory holds: with how much was asked
-    /// for.
+    /// A size beyond the limit of a binding or the device's memory. The error states the size that was
+    /// requested.
     pub(super) fn buffer(&self, label: &str, bytes: u64) -> Result<wgpu::Buffer> {
         let bytes = if bytes == 0 { EMPTY_BUFFER } else { bytes };
         let bytes = bytes.next_multiple_of(4);
@@ -94,10 +94,10 @@ impl Gpu {
         )
     }
 
-    /// A storage buffer that holds `values`.
+    /// Makes a storage buffer with the contents `values`.
     ///
     /// # Errors
-    /// Those of [`Gpu::buffer`].
+    /// The errors of [`Gpu::buffer`].
     pub(super) fn upload<T: Pod>(&self, label: &str, values: &[T]) -> Result<wgpu::Buffer> {
         let bytes: &[u8] = bytemuck::cast_slice(values);
         let buffer = self.buffer(label, bytes.len() as u64)?;
@@ -105,15 +105,15 @@ impl Gpu {
         Ok(buffer)
     }
 
-    /// A uniform buffer that holds `value`; stages on the device may write it as storage.
+    /// Makes a uniform buffer with the contents `value`. Stages on the device may write it as storage.
     ///
     /// # Errors
-    /// Those of [`Gpu::buffer`].
+    /// The errors of [`Gpu::buffer`].
     pub(super) fn uniform<T: Pod>(&self, label: &str, value: &T) -> Result<wgpu::Buffer> {
         self.uniform_list(label, std::slice::from_ref(value))
     }
 
-    /// The same of an array.
+    /// As [`Gpu::uniform`], for an array.
     pub(super) fn uniform_list<T: Pod>(&self, label: &str, values: &[T]) -> Result<wgpu::Buffer> {
         let bytes = bytemuck::cast_slice(values);
         let buffer = self.create(
@@ -128,10 +128,10 @@ impl Gpu {
         Ok(buffer)
     }
 
-    /// Writes words at the beginning of a buffer; a last part of a word is filled up with zeros.
+    /// Writes words at the beginning of a buffer; an incomplete last word is filled up with zeros.
     ///
-    /// Large ones go in slices, each on its way before the next: what waits lies in memory of its
-    /// own.
+    /// Large data are written in slices, and each is submitted before the next: pending writes occupy
+    /// memory of their own.
     pub(super) fn write(&self, buffer: &wgpu::Buffer, bytes: &[u8]) {
         /// A multiple of a word.
         const SLICE: usize = 1 << 26;
@@ -150,7 +150,7 @@ impl Gpu {
         }
     }
 
-    /// What `buffer` holds, `count` values from its beginning, after all that was submitted.
+    /// Reads `count` values from the beginning of `buffer`, after everything submitted has run.
     ///
     /// # Errors
     /// A lost device, or no memory for the copy.
@@ -168,7 +168,7 @@ impl Gpu {
         }))
     }
 
-    /// A buffer that the processor can read.
+    /// Makes a buffer that the CPU can read.
     ///
     /// # Errors
     /// No memory.
@@ -180,8 +180,8 @@ impl Gpu {
         )
     }
 
-    /// Hands the bytes of a staging buffer to `read` once the device has run what was submitted.
-    /// Whoever drives the future polls the device, as [`Gpu::block_on`] does.
+    /// Passes the bytes of a staging buffer to `read` once the device has run everything submitted. The
+    /// caller that drives the future polls the device, as [`Gpu::block_on`] does.
     ///
     /// # Errors
     /// A lost device.
@@ -192,7 +192,7 @@ impl Gpu {
     ) -> Result<R> {
         let mut mapping = Mapping::new(staging);
         let mapped = poll_fn(|context| mapping.poll(context)).await;
-        // What the device itself has reported says more.
+        // The device's own error is more precise.
         self.check()?;
         mapped.map_err(|e| self.failed(e.to_string()))?;
         let view = staging
@@ -217,7 +217,7 @@ impl Gpu {
         self.queue.submit([encoder.finish()]);
     }
 
-    /// Bytes that one binding of a storage buffer may have.
+    /// Returns the greatest number of bytes of a storage buffer binding.
     pub(super) fn max_binding_bytes(&self) -> u64 {
         let limits = &self.limits;
         // Whole vectors of words, counted in 32 bits.
@@ -239,7 +239,7 @@ impl Gpu {
             })
         };
         if cfg!(target_family = "wasm") {
-            // A browser answers later: the frame's own scopes tell.
+            // A browser reports errors later: the frame's own scopes catch them.
             return Ok(create());
         }
         let scopes = [ErrorFilter::Validation, ErrorFilter::OutOfMemory]
@@ -247,7 +247,7 @@ impl Gpu {
         let buffer = create();
         let mut error = None;
         for scope in scopes.into_iter().rev() {
-            // Known at once everywhere else.
+            // Elsewhere the result is known at once.
             error = pollster::block_on(scope.pop()).or(error);
         }
         match error {

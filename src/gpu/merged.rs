@@ -1,4 +1,4 @@
-//! What merged particles need of numbers, for its test alone: stages use
+//! Runs the numerical functions of merged particles, for their test only: stages use
 //! `shaders/shared/averages.wgsl`, `maxima.wgsl` and `ein.wgsl`.
 
 use bytemuck::{Pod, Zeroable};
@@ -12,7 +12,7 @@ use crate::blocks::MergedTransfer;
 use crate::error::Result;
 use crate::scene::{TransferFunction, Weighting};
 
-/// The functions.
+/// Shader of the functions.
 pub(super) const SHADER: Shader = Shader::new(
     "merged",
     &[
@@ -27,7 +27,7 @@ pub(super) const SHADER: Shader = Shader::new(
     ],
 );
 
-/// What the device makes of a pair (a, b).
+/// Results of the device for a pair (a, b).
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct MergedNumbers {
@@ -41,7 +41,7 @@ pub struct MergedNumbers {
     pub ein_share: f32,
 }
 
-/// The functions of numbers that merged particles need, at many pairs.
+/// Evaluates the functions that merged particles need at many pairs.
 ///
 /// # Errors
 /// No memory, or a lost device.

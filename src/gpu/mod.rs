@@ -2,16 +2,16 @@
 //!
 //! # Modules
 //!
-//! The stages of [`crate::cpu`] under the same names, each with a shader of its own in `shaders/`:
+//! The stages of [`crate::cpu`] under the same names, each with its own shader in `shaders/`:
 //!
 //! | stage | reads | writes |
 //! |---|---|---|
-//! | `cull.rs` | blocks, camera, what they are drawn by | blocks in view, their filters, the range of depth keys |
-//! | `classify.rs` | blocks in view, values, transfer function | visible particles; of column densities all, with their amplitudes |
-//! | `shade.rs` | visible particles, where colours depend on the view | their colours |
+//! | `cull.rs` | blocks, camera, rules for filters | blocks in view, their filters, the range of depth keys |
+//! | `classify.rs` | blocks in view, values, transfer function | visible particles; for column densities all, with their amplitudes |
+//! | `shade.rs` | visible particles whose colours depend on the view | their colours |
 //! | `project.rs` | visible particles, camera | footprints |
 //! | `sort.rs` | footprints | their order, front to back |
-//! | `gather.rs` | order, footprints | a chunk of them side by side, in order |
+//! | `gather.rs` | order, footprints | a chunk of footprints in consecutive memory, in order |
 //! | `bin.rs` | the chunk | lists per tile |
 //! | `rasterise.rs` | lists, the chunk | pixels |
 //! | `surface.rs` | lists, the chunk, of opaque surfels | pixels of the surface |
@@ -22,22 +22,22 @@
 //! | file | subject |
 //! |---|---|
 //! | `scene.rs`, `particles.rs` | the upload: a volume as parts |
-//! | `frame.rs` | a frame: its passes, and the way back |
-//! | `pass/` | the stages of a pass one after the other; how much memory they have |
-//! | `tile.rs` | what both rasterisers share |
+//! | `frame.rs` | a frame: its passes, and reading it back |
+//! | `pass/` | the stages of a pass in order; their memory |
+//! | `tile.rs` | code that both rasterisers share |
 //! | `radix.rs`, `scan.rs` | a stable sort of pairs and prefix sums, which several stages need |
 //! | `f64.rs` | double precision in integers, for its test |
-//! | `merged.rs` | numbers that merged particles need, for their test |
+//! | `merged.rs` | functions of merged particles, for their test |
 //! | `device.rs` | adapters, limits, errors of the device |
 //! | `kernel.rs` | a compute pipeline and the buffers bound to it |
-//! | `kinds.rs` | what kinds of data a volume has, for which shaders are made |
-//! | `memory.rs` | buffers: up, down, and how much fits |
+//! | `kinds.rs` | kinds of data of a volume, for which shaders are specialised |
+//! | `memory.rs` | buffers: allocation, upload, read-back |
 //! | `constants.rs`, `packed.rs` | numbers that the host and the shaders share; how they are packed |
 //! | `shader.rs` | shaders composed of the prelude, `shaders/shared/` and a stage's own files |
-//! | `shaders.rs` | all of them |
-//! | `timer.rs` | the device's own clock |
+//! | `shaders.rs` | a list of all shaders |
+//! | `timer.rs` | times by the device's own clock |
 //!
-//! Each stage is also a function from slices to slices, by which tests hold it to its twin.
+//! Each stage is also a function from slices to slices, by which tests compare it with its twin.
 
 #![allow(
     clippy::cast_possible_truncation,

@@ -1,4 +1,4 @@
-//! Particles as the device keeps them: blocks, positions and shapes of a part, a run of whole
+//! Packs particles for the device: blocks, positions and shapes of a part. A part is a run of whole
 //! blocks of a volume.
 
 use std::ops::Range;
@@ -12,12 +12,12 @@ use crate::constants::{BLOCK_CAPACITY, MOST_EDGES};
 use crate::record::{DeviceBlock, LatticeUniform};
 use crate::scene::{BoundaryPlanesIn, Shared};
 
-/// The blocks of a part. The part's arrays of one entry per particle hold the blocks' particles one
-/// after the other; those of a lattice, [`BLOCK_CAPACITY`] cells per brick, whatever lies beyond
-/// its edge.
+/// Packs the blocks of a part. The part's arrays with one entry per particle contain the blocks'
+/// particles one after the other. Those of a lattice contain [`BLOCK_CAPACITY`] cells per brick,
+/// including cells beyond its edge.
 ///
-/// - `parents`: the number of the first merged block of the volume's family among those of the
-///   scene; `None` where it has none.
+/// - `parents`: index of the first merged block of the volume's family among those of the scene; `None`
+///   if it has none.
 pub(super) fn pack_blocks(
     volume: &BlockedVolume,
     blocks: Range<usize>,
@@ -59,8 +59,8 @@ pub(super) fn pack_blocks(
         .collect()
 }
 
-/// Positions and shapes of a part as floats: per particle for points, the samples of all axes (the
-/// lattice's, whatever the part) for a rectilinear lattice, nothing for a uniform one.
+/// Packs positions and shapes of a part as floats. Points have an entry per particle. A rectilinear
+/// lattice has the samples of all its axes, for any part. A uniform lattice has none.
 pub(super) fn pack_shapes(volume: &BlockedVolume, blocks: Range<usize>) -> Vec<f32> {
     let kind = ParticleKind::of(&volume.particles);
     let blocks = &volume.blocks[blocks];
@@ -76,7 +76,7 @@ pub(super) fn pack_shapes(volume: &BlockedVolume, blocks: Range<usize>) -> Vec<f
             }
             let faces = grid.faces().into_iter();
             for [lower, upper] in faces.flat_map(|f| f.distances.iter().flatten()) {
-                // As samples of axes lie.
+                // In the layout of the axes' samples.
                 words.extend_from_slice(&[*lower, *upper, 0.0, 0.0]);
             }
         }
@@ -118,12 +118,13 @@ pub(super) fn pack_shapes(volume: &BlockedVolume, blocks: Range<usize>) -> Vec<f
     words
 }
 
-/// Whether planes cut any of a block's particles.
+/// Returns whether planes cut any of a block's particles.
 fn has_edges(boundary: &BoundaryPlanesIn<Shared>, block: &Block) -> bool {
     (block.first..block.first + block.count).any(|i| boundary.of(i as usize).is_some())
 }
 
-/// Where [`pack_shapes`] writes the planes of each block, one more than that; 0 of a block without.
+/// Returns one more than the index at which [`pack_shapes`] writes the planes of each block; 0 for a
+/// block without planes.
 fn edge_places(volume: &BlockedVolume, blocks: Range<usize>) -> Vec<u32> {
     let Some(boundary) = &volume.boundary else {
         return Vec::new();
@@ -146,7 +147,7 @@ fn edge_places(volume: &BlockedVolume, blocks: Range<usize>) -> Vec<u32> {
     blocks.iter().map(place).collect()
 }
 
-/// A lattice whose part begins at brick `first_brick`.
+/// Packs a lattice whose part begins at brick `first_brick`.
 pub(super) fn lattice_uniform(grid: &BrickGrid, first_brick: usize) -> LatticeUniform {
     LatticeUniform {
         dims: grid.dims().map(|n| n as u32),

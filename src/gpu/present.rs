@@ -1,4 +1,4 @@
-//! Stage: a band's pixels into a texture of the caller's, on the device.
+//! Stage: draws a band's pixels into a caller's texture, on the device.
 
 use bytemuck::{Pod, Zeroable};
 use wgpu::{TextureDimension, TextureFormat, TextureUsages};
@@ -11,11 +11,11 @@ use crate::constants::TILE_SIZE;
 use crate::error::{Error, Result};
 use crate::view::Camera;
 
-/// Pixels into a texture.
+/// Shader of the stage.
 pub(super) const SHADER: Shader =
     Shader::new("present", &[include_str!("../../shaders/present.wgsl")]);
 
-/// Formats of textures that frames are drawn into.
+/// Formats of textures that frames can be drawn into.
 const FORMATS: [TextureFormat; 6] = [
     TextureFormat::Rgba32Float,
     TextureFormat::Rgba16Float,
@@ -25,7 +25,7 @@ const FORMATS: [TextureFormat; 6] = [
     TextureFormat::Bgra8Unorm,
 ];
 
-/// Where in the texture a band lies, as the shader reads it.
+/// Position of a band in the texture, as the shader reads it.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct PresentBand {
@@ -41,7 +41,7 @@ pub(super) struct Present {
     pipeline: wgpu::RenderPipeline,
 }
 
-/// A pipeline with the pixels that it reads and the texture that it draws into.
+/// A pipeline with its input pixels and its target texture.
 #[derive(Debug)]
 pub(super) struct BoundPresent<'a> {
     present: &'a Present,
@@ -50,10 +50,10 @@ pub(super) struct BoundPresent<'a> {
     band: wgpu::Buffer,
 }
 
-/// Whether a frame of a camera can be drawn into a texture.
+/// Checks whether a frame of a camera can be drawn into a texture.
 ///
 /// # Errors
-/// Another size, a format that is none of [`FORMATS`], or a texture that is not drawn into.
+/// Another size, a format not in [`FORMATS`], or a texture that cannot be drawn into.
 pub(super) fn check_texture(texture: &wgpu::Texture, camera: &Camera) -> Result<()> {
     let invalid = |place: &str, expected: String, found: String, advice: &str| {
         Err(Error::invalid("texture", place, expected, found, advice))
@@ -106,6 +106,8 @@ pub(super) fn check_texture(texture: &wgpu::Texture, camera: &Camera) -> Result<
 }
 
 impl Present {
+    /// Makes the pipeline.
+    ///
     /// - `format`: one of [`FORMATS`].
     pub(super) fn new(gpu: &Gpu, format: TextureFormat) -> Self {
         let device = &gpu.device;
@@ -175,7 +177,9 @@ impl Present {
         }
     }
 
-    /// - `pixels`: a band's, as `resolve.wgsl` leaves them.
+    /// Binds the pipeline.
+    ///
+    /// - `pixels`: pixels of a band, as `resolve.wgsl` writes them.
     ///
     /// # Errors
     /// No memory.
@@ -187,7 +191,7 @@ impl Present {
     ) -> Result<BoundPresent<'_>> {
         let band = gpu.uniform("band of a texture", &PresentBand::zeroed())?;
         let entries = whole(&[&band, pixels]);
-        // The first level of those that it may have.
+        // The first of its mip levels.
         let view = texture.create_view(&wgpu::TextureViewDescriptor {
             mip_level_count: Some(1),
             ..wgpu::TextureViewDescriptor::default()
@@ -218,7 +222,7 @@ impl BoundPresent<'_> {
         let first_row = bands.band(band).0 * TILE_SIZE as u32;
         let uniform = PresentBand { first_row, width };
         gpu.write(&self.band, bytemuck::bytes_of(&uniform));
-        // What the texture held before is gone with the first band.
+        // The first band clears the texture.
         let load = if band == 0 {
             wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT)
         } else {

@@ -1,4 +1,4 @@
-//! Stage: from particles to footprints.
+//! Stage: projects particles to footprints.
 
 use glam::Mat3;
 
@@ -18,7 +18,7 @@ use crate::record::{
 };
 use crate::splat::Filter;
 
-/// The stage over each kind of particles, in the order of [`ParticleKind`].
+/// Shaders of the stage for each kind of particles, in the order of [`ParticleKind`].
 pub(super) const SHADERS: [Shader; 4] = shaders_of_particles!(
     "project",
     include_str!("../../shaders/shared/footprint.wgsl"),
@@ -36,29 +36,30 @@ pub(super) const SHADERS: [Shader; 4] = shaders_of_particles!(
     include_str!("../../shaders/project.wgsl"),
 );
 
-/// What a projection's pipeline is compiled for.
+/// Variant of a projection's pipeline.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct ProjectSpec {
     pub(super) particles: ParticleKind,
     pub(super) filter: Filter,
     pub(super) is_orthographic: bool,
     pub(super) rule: Rule,
-    /// Whether opaque surfaces may cut kernels.
+    /// True if opaque surfaces may cut kernels.
     pub(super) is_cut: bool,
-    /// Whether the domain of its data may cut any kernel of the pass.
+    /// True if the boundary of their domain may cut any kernel of the pass.
     pub(super) has_edges: bool,
-    /// Which word of the counts says how many particles are classified.
+    /// Word of the counts with the number of classified particles.
     pub(super) count_index: u32,
-    /// Whether they are pieces, whose terms follow them; the first word of the counts says where.
+    /// True if the particles are pieces, whose terms follow them at the offset in the first word of the
+    /// counts.
     pub(super) has_pieces: bool,
 }
 
 impl ProjectSpec {
-    /// For a part under a view.
+    /// Returns the variant for a part under a view.
     ///
     /// - `is_cut`: whether opaque surfaces may cut its kernels.
-    /// - `count_index`: which word of the counts is the part's.
-    /// - `has_edges`: whether the domain of its data may cut any kernel of the pass.
+    /// - `count_index`: the part's word of the counts.
+    /// - `has_edges`: whether the boundary of their domain may cut any kernel of the pass.
     pub(super) fn new(
         kinds: &Kinds,
         view: &ViewUniform,
@@ -77,7 +78,7 @@ impl ProjectSpec {
         }
     }
 
-    /// Whether any of its footprints may have terms: on the exact path, of a surfel, or to be cut.
+    /// Returns whether any of its footprints may have terms: on the exact path, of a surfel, or if cut.
     pub(super) fn has_terms(&self) -> bool {
         let may_be_exact =
             matches!(self.filter, Filter::Adaptive | Filter::Exact) && !self.is_orthographic;
@@ -103,20 +104,20 @@ pub(super) struct ProjectBuffers<'a> {
     /// [`DeviceBlock`](crate::record::DeviceBlock)s; for a lattice its
     /// [`LatticeUniform`](crate::record::LatticeUniform).
     pub(super) blocks: &'a wgpu::Buffer,
-    /// What [`pack_shapes`] gives; at least 12 bytes.
+    /// Output of [`pack_shapes`]; at least 12 bytes.
     pub(super) shapes: &'a wgpu::Buffer,
     /// A uniform [`ViewUniform`].
     pub(super) view: &'a wgpu::Buffer,
     /// A uniform of [`rotation_uniform`].
     pub(super) rotation: &'a wgpu::Buffer,
-    /// Among other counts, that of the classified particles.
+    /// A buffer of counts, including that of the classified particles.
     pub(super) counts: &'a wgpu::Buffer,
     pub(super) views: &'a wgpu::Buffer,
     pub(super) classified: &'a wgpu::Buffer,
     pub(super) footprints: &'a wgpu::Buffer,
-    /// As many as footprints; one is enough where none has terms.
+    /// As many as footprints; a single one suffices if no footprint has terms.
     pub(super) exact: &'a wgpu::Buffer,
-    /// Two counters, zero at the beginning of a frame, and room for [`NearTerms`]: at least one.
+    /// Two counters, zero at the beginning of a frame, and space for [`NearTerms`], at least one.
     pub(super) near: &'a wgpu::Buffer,
 }
 
@@ -160,7 +161,7 @@ impl Project {
         Self { kernel }
     }
 
-    /// To be dispatched with one workgroup per [`THREADS`] classified particles.
+    /// Binds the pipeline, to be dispatched with one workgroup per [`THREADS`] classified particles.
     pub(super) fn bind(&self, gpu: &Gpu, buffers: &ProjectBuffers<'_>) -> BoundKernel {
         self.kernel.bind(
             gpu,
@@ -180,29 +181,29 @@ impl Project {
     }
 }
 
-/// Bytes of the list of near kernels with room for `capacity`: two counters and the terms.
+/// Returns the bytes of a list of near kernels of this capacity: two counters and the terms.
 pub(super) fn near_bytes(capacity: usize) -> u64 {
     (8 + capacity * size_of::<NearTerms>()) as u64
 }
 
-/// What the projection of one frame writes.
+/// Results of the projection of one frame.
 #[derive(Debug, Clone, Default)]
 pub struct Projected {
     /// One per classified particle.
     pub footprints: Vec<Footprint>,
-    /// As many, where any kernel may have terms; meant where a footprint is on the exact path or may be
+    /// As many, if any kernel may have terms; valid for footprints that are on the exact path or may be
     /// cut.
     pub exact: Vec<ExactTerms>,
-    /// As many, of surfels of opaque surfaces.
+    /// As many, for surfels of opaque surfaces.
     pub surfels: Vec<SurfelTerms>,
     /// Terms of the kernels that cross the camera plane, in no particular order.
     pub near: Vec<NearTerms>,
-    /// How many of those there are; more than `near` holds where its capacity was met.
+    /// Number of these terms; more than the length of `near` if its capacity was exceeded.
     pub near_count: u32,
 }
 
-/// Projects every particle of `classified`, as [`cpu::project`](crate::cpu::project) does, with room
-/// for `near_capacity` kernels (at least one) that cross the camera plane: those that find none draw nothing.
+/// Projects every particle of `classified`, as [`cpu::project`](crate::cpu::project) does. At most
+/// `near_capacity` kernels (at least one) may cross the camera plane; further ones draw nothing.
 ///
 /// - `pieces`: the terms of all particles, or nothing.
 /// - `is_cut`: whether opaque surfaces may cut kernels.
@@ -241,7 +242,7 @@ pub fn project(
         bytemuck::cast_slice::<_, u32>(classified),
         bytemuck::cast_slice(pieces),
     ];
-    // A binding holds one element at least.
+    // A binding needs at least one element.
     shapes.resize(
         shapes.len().max(spec.particles.words_per_particle().max(4)),
         0.0,

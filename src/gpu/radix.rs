@@ -1,4 +1,4 @@
-//! A stable sort of pairs by bits of their keys, least digit first.
+//! Sorts pairs stably by bits of their keys, least digit first.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -8,14 +8,14 @@ use super::kernel::{Access, BoundKernel, Kernel};
 use super::shader::{SCAN_THREADS, Shader};
 use crate::error::Result;
 
-/// The sort.
+/// Shader of the sort.
 pub(super) const SHADER: Shader = Shader::new(
     "radix",
     &[SCAN_THREADS, include_str!("../../shaders/radix.wgsl")],
 );
 
-/// The pipelines of the sort. Per pair and pass it reads 12 bytes and writes 8: a graphics card of
-/// 3 TB/s cannot sort more than some 35 G pairs/s by 32 bits, and the ranking takes its share of that.
+/// The pipelines of the sort. For each pair and pass it reads 12 bytes and writes 8. So a graphics card
+/// with 3 TB/s sorts at most some 35 G pairs/s by 32 bits, less the time of the ranking.
 #[derive(Debug)]
 pub(super) struct RadixSort {
     prepare: Kernel,
@@ -24,18 +24,18 @@ pub(super) struct RadixSort {
     scatter: Kernel,
 }
 
-/// A sort of certain buffers.
+/// A sort bound to certain buffers.
 #[derive(Debug)]
 pub(super) struct BoundRadixSort {
-    /// What is sorted: keys, lost in the sort; four words are bound at a time.
+    /// Keys to be sorted, which the sort overwrites; four words are bound at a time.
     pub(super) keys: wgpu::Buffer,
     /// Their values.
     pub(super) values: wgpu::Buffer,
-    /// Keys in order.
+    /// Sorted keys.
     pub(super) sorted_keys: wgpu::Buffer,
     /// Their values.
     pub(super) sorted_values: wgpu::Buffer,
-    /// None where no bit is sorted.
+    /// `None` if no bit is sorted.
     prepare: Option<BoundKernel>,
     passes: Vec<BoundPass>,
     arguments: wgpu::Buffer,
@@ -49,7 +49,7 @@ struct BoundPass {
     scatter: BoundKernel,
 }
 
-/// As in `radix.wgsl`.
+/// Parameters of a pass, as `radix.wgsl` declares them.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct RadixPass {
@@ -59,8 +59,8 @@ pub(super) struct RadixPass {
     pub(super) capacity: u32,
 }
 
-/// The digits of a key's low `bits`, least first: the lowest bit of each, and how many such digits
-/// there are. As few as there can be, and as narrow: fewer counts.
+/// Returns the digits of a key's low `bits`, least first: the lowest bit of each digit, and the number of
+/// its values. There are as few digits as possible, and as narrow, which keeps the counts few.
 fn digits(bits: u32) -> impl Iterator<Item = (u32, u32)> {
     let pass_count = bits.div_ceil(RADIX_BITS);
     (0..pass_count).map(move |pass| {
@@ -87,8 +87,8 @@ impl RadixSort {
 
     /// Makes buffers for `capacity` pairs.
     ///
-    /// - `counts`, `count_index`: the buffer and which of its words says how many pairs there are.
-    /// - `bits`: by how many of its low bits a key is sorted.
+    /// - `counts`, `count_index`: a buffer, and the word in it with the number of pairs.
+    /// - `bits`: number of low bits of a key to sort by.
     ///
     /// # Errors
     /// No memory for the pairs, 16 bytes each, or for the table of counts, 1 MiB at most.
@@ -131,7 +131,7 @@ impl RadixSort {
             });
             std::mem::swap(&mut source, &mut sorted);
         }
-        // The last pass' result has become the next one's source.
+        // The last pass' result has been swapped to be the next one's source.
         let (sorted_keys, sorted_values) = source;
         Ok(BoundRadixSort {
             keys,
@@ -160,7 +160,8 @@ impl BoundRadixSort {
     }
 }
 
-/// Sorts keys by their low `bits`, equal ones in the order given: the keys, and where each was.
+/// Sorts keys by their low `bits`, equal ones in the given order. Returns the keys, and the former index
+/// of each.
 ///
 /// # Errors
 /// No memory, or a lost device.
@@ -182,8 +183,8 @@ pub fn radix_sort(gpu: &Gpu, keys: &[u32], bits: u32) -> Result<(Vec<u32>, Vec<u
 mod tests {
     use super::*;
 
-    /// Dispatches of a sort, and bytes of storage that it reads and writes once its caches hold what
-    /// a thread reads twice.
+    /// Returns the number of dispatches of a sort, and the bytes of storage that it reads and writes if
+    /// caches hold the data that a thread reads twice.
     fn cost(pairs: u64, bits: u32) -> (usize, u64) {
         let tiles = pairs.div_ceil(RADIX_TILE);
         let groups = tiles.div_ceil(tiles.div_ceil(RADIX_GROUPS).max(1));
@@ -197,7 +198,7 @@ mod tests {
         (1 + 3 * digits(bits).count(), digits(bits).map(bytes).sum())
     }
 
-    /// The counts of `docs/gpu.md`.
+    /// Checks the counts of `docs/gpu.md`.
     #[test]
     fn what_a_sort_moves() {
         for (what, pairs, bits) in [
@@ -213,7 +214,7 @@ mod tests {
                 bytes as f64 / pairs as f64
             );
             assert_eq!(dispatches, 1 + 3 * bits.div_ceil(8) as usize);
-            // The table of counts is an eighth of what is moved at most.
+            // The table of counts is at most an eighth of the traffic.
             let of_pairs = 20 * pairs * u64::from(bits.div_ceil(8));
             assert!((of_pairs..of_pairs + of_pairs / 7).contains(&bytes));
         }

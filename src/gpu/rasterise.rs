@@ -1,5 +1,5 @@
-//! Stage: from lists of footprints to pixels, front to back; its shader put together of a file for each
-//! answer on each axis. Twin: [`crate::cpu::rasterise`].
+//! Stage: draws lists of footprints into pixels, front to back. Its shader is composed of one file for
+//! each answer on each axis. Twin: [`crate::cpu::rasterise`].
 
 use std::fmt::Write as _;
 
@@ -19,23 +19,23 @@ use crate::record::{ExactTerms, Footprint, NearTerms, ViewUniform};
 use crate::scene::TransferFunction;
 use crate::splat::{Accumulate, Axes, Classify, Interval};
 
-/// What specialises the rasteriser.
+/// Settings that select a variant of the rasteriser.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct RasterSpec {
-    /// What happens to a kernel on a pixel, and what is asked for.
+    /// The variant on each axis, and the outputs.
     pub axes: Axes,
-    /// Whether any kernel may cross the camera plane.
+    /// True if any kernel may cross the camera plane.
     pub near: bool,
-    /// Layers that a pixel keeps open at most: 1, or 16, 32, 64 or 256 of slabs.
+    /// Greatest number of layers that a pixel keeps open: 1, or 16, 32, 64 or 256 for slabs.
     pub slots: u32,
-    /// Whether layers that are open may have to be carried from one dispatch to the next.
+    /// True if open layers may have to be carried from one dispatch to the next.
     pub carries: bool,
 }
 
-/// Of how many open slabs there are pipelines.
+/// Numbers of open slabs for which there are pipelines.
 pub(super) const LAYER_SLOTS: [u32; 4] = [16, 32, 64, 256];
 
-/// What all answers share.
+/// Sources that all variants share.
 const SHARED: [&str; 9] = [
     DISPATCH,
     STRUCTS,
@@ -47,18 +47,18 @@ const SHARED: [&str; 9] = [
     include_str!("../../shaders/tile/evaluate/affine.wgsl"),
     include_str!("../../shaders/tile/evaluate/exact.wgsl"),
 ];
-/// Where its data end.
+/// Cuts at the boundary of the data's domain.
 const DOMAIN: &str = include_str!("../../shaders/tile/interval/domain.wgsl");
 const NEAR: &str = include_str!("../../shaders/tile/evaluate/near.wgsl");
 
-/// What part of a ray counts.
+/// Restrictions of the ray.
 const ALL: &str = include_str!("../../shaders/tile/interval/all.wgsl");
 const CUT: [&str; 2] = [
     tile::CLIP,
     include_str!("../../shaders/tile/interval/cut.wgsl"),
 ];
 
-/// What kernels become together.
+/// Ways to combine the kernels of a pixel.
 const COLUMN: [&str; 2] = [
     include_str!("../../shaders/shared/pixel_mean.wgsl"),
     include_str!("../../shaders/tile/accumulate/column.wgsl"),
@@ -71,7 +71,7 @@ const SLABS: &str = include_str!("../../shaders/tile/accumulate/slabs.wgsl");
 const COMPOSITED: &str = include_str!("../../shaders/tile/accumulate/composited.wgsl");
 const MAXIMUM: &str = include_str!("../../shaders/tile/accumulate/maximum.wgsl");
 
-/// What is classified.
+/// Rules of classification.
 const OF_PARTICLES: &str = include_str!("../../shaders/tile/classify/particle.wgsl");
 const OF_SLABS: [&str; 5] = [
     FLOATS,
@@ -81,9 +81,9 @@ const OF_SLABS: [&str; 5] = [
     include_str!("../../shaders/tile/classify/slab.wgsl"),
 ];
 
-/// The rasteriser of an answer on each axis.
+/// Composes the rasteriser of an answer on each axis.
 ///
-/// - `slots`: layers that a pixel keeps open, where kernels are summed in layers.
+/// - `slots`: layers that a pixel keeps open, if kernels are summed in layers.
 fn shader(axes: &Axes, slots: u32) -> Shader {
     let mut name = "rasterise".to_string();
     let mut constants = Vec::new();
@@ -123,14 +123,14 @@ fn shader(axes: &Axes, slots: u32) -> Shader {
                 parts.push(OF_PARTICLES);
             }
         }
-        // Surfels have a rasteriser of their own.
+        // Surfels have their own rasteriser.
         Accumulate::Over | Accumulate::Opaque => parts.extend([OPACITY, OVER]),
     }
     parts.push(tile::RASTERISE);
     Shader::composed(name, constants, parts)
 }
 
-/// The rasterisers of all answers.
+/// Returns the rasterisers of all answers.
 pub(super) fn shaders() -> Vec<Shader> {
     let mut all = Vec::new();
     for interval in [Interval::All, Interval::Surface] {
@@ -156,7 +156,7 @@ pub(super) fn shaders() -> Vec<Shader> {
 }
 
 impl RasterSpec {
-    /// Words of a pixel on the device; of the picture they are the first.
+    /// Returns the words of a pixel on the device; the first are those of the picture.
     pub(super) fn pixel_words(&self) -> u64 {
         if self.axes.accumulate == Accumulate::Column {
             return COLUMN_WORDS;
@@ -177,26 +177,26 @@ impl RasterSpec {
         words + u64::from(carried)
     }
 
-    /// Whether opaque surfaces lie among the kernels.
+    /// Returns whether opaque surfaces lie among the kernels.
     pub(super) fn has_surface(&self) -> bool {
         self.axes.interval == Interval::Surface
     }
 
-    /// Whether light asks how layers change.
+    /// Returns whether lighting needs the derivatives of layers.
     fn has_slopes(&self) -> bool {
         self.axes.classify == Classify::Slab { is_lit: true }
     }
 }
 
-/// Words of a pixel of the picture.
+/// Returns the words of a pixel of the picture.
 pub(super) fn picture_words(depth: bool) -> u64 {
     if depth { 5 } else { 4 }
 }
 
-/// Words of a pixel of a column density: sums whose sum it is.
+/// Words of a pixel of a column density: partial sums.
 pub(super) const COLUMN_WORDS: u64 = 4;
 
-/// What classifies layers: linear colours, and extinctions over the greatest.
+/// Returns the table that classifies layers: linear colours, and extinctions relative to the greatest.
 pub(super) fn classes(transfer: &TransferFunction) -> Vec<[f32; 4]> {
     let per_extinction = 1.0 / transfer.greatest_extinction();
     let table = transfer.table().iter();
@@ -212,26 +212,26 @@ pub(super) struct Rasterise {
     slice: u32,
 }
 
-/// Rounds of a kernel that may be near: its five columns and their ten pairs, and the pairs once more
-/// for each of the three depths at which it may be cut.
+/// Loop iterations of a kernel that may be near: its five columns and their ten pairs, and the pairs once
+/// more for each of the three depths at which it may be cut.
 const NEAR_ROUNDS: u32 = 45;
 
-/// Entries of a list that a dispatch draws at most.
+/// Returns the greatest number of entries of a list that a dispatch draws.
 pub(super) fn slice_of(gpu: &Gpu, spec: &RasterSpec) -> u32 {
     let near = if spec.near { NEAR_ROUNDS } else { 0 };
-    // A layer is added to, and closed; of a near kernel its pairs of columns are looked at again.
+    // A layer is added to, and composited. For a near kernel its pairs of columns are visited again.
     let layers = match spec.axes.accumulate {
         Accumulate::Slabs | Accumulate::Maximum => spec.slots * if spec.near { 12 } else { 2 },
         Accumulate::Sheets => 2,
         Accumulate::Over | Accumulate::Column | Accumulate::Opaque => 0,
     };
-    // Where layers are lit, all lights once for each that is closed.
+    // If layers are lit, each layer that is composited visits all lights.
     let lights = if spec.has_slopes() {
         spec.slots * MAX_LIGHTS as u32
     } else {
         0
     };
-    // Planes, each met by a near kernel's pairs of columns once more.
+    // Planes; a near kernel visits its pairs of columns once more for each.
     let edges = match (spec.axes.edges, spec.near) {
         (false, _) => 0,
         (true, false) => MOST_EDGES as u32,
@@ -279,8 +279,10 @@ impl Rasterise {
         Self { kernel, slice }
     }
 
-    /// - `surface`: its pixels; of any buffer where there is none.
-    /// - `post`: what [`classes`] gives and lighting, where layers are classified.
+    /// Binds the rasteriser.
+    ///
+    /// - `surface`: pixels of the opaque surface; any buffer if there is none.
+    /// - `post`: table of [`classes`] and lighting, if layers are classified.
     pub(super) fn bind<'a>(
         &self,
         gpu: &Gpu,
@@ -299,14 +301,12 @@ impl Rasterise {
     }
 }
 
-/// Draws all tiles of an image: what [`crate::cpu::rasterise`] and [`crate::cpu::resolve`] do
-/// together.
+/// Draws all tiles of an image: [`crate::cpu::rasterise`] and [`crate::cpu::resolve`] together. Returns
+/// the image, depths on request, and the number of splat-pixels.
 ///
 /// - `lists`: the footprints of each tile, front to back.
-/// - `chunks`: into how many depth chunks the lists are cut, as a frame of many footprints is.
-/// - `surface`: opaque surfaces among them, where the specialisation says so.
-///
-/// Returns the image, depths where asked for, and the number of splat-pixels.
+/// - `chunks`: number of depth chunks into which the lists are divided, as in a frame of many footprints.
+/// - `surface`: opaque surfaces among them, if the variant has any.
 ///
 /// # Errors
 /// No memory, or a lost device.

@@ -1,5 +1,5 @@
-//! The shaders as text, no device needed: every one composes and is valid, and its structs lie as
-//! those of Rust.
+//! Tests the shaders as text, without a device: each one composes and is valid, and its structs have the
+//! layout of the Rust structs.
 
 use std::mem::{offset_of, size_of};
 
@@ -34,10 +34,10 @@ fn every_shader_is_valid() {
     }
 }
 
-/// Values that a shader's constants are tried with: as declared, each other value alone, and the
-/// last value of all of them.
+/// Returns the values with which a shader's constants are tested: as declared, each other value alone,
+/// and the last value of all of them.
 fn specialisations(module: &naga::Module) -> Vec<PipelineConstants> {
-    // Numbers select among kinds and kernels, or are indices: four of them reach every kind.
+    // Numbers select kinds and kernels, or are indices: four values reach every kind.
     let values = |constant: &naga::Override| match module.types[constant.ty].inner {
         TypeInner::Scalar(naga::Scalar::BOOL) => vec![0.0, 1.0],
         _ => vec![0.0, 1.0, 2.0, 3.0],
@@ -58,7 +58,7 @@ fn specialisations(module: &naga::Module) -> Vec<PipelineConstants> {
     sets
 }
 
-/// Translates one kernel to what Vulkan, Metal and DirectX 12 are given.
+/// Translates one kernel to the languages of Vulkan, Metal and DirectX 12.
 fn translate(module: &naga::Module, info: &ModuleInfo, entry: &naga::EntryPoint) {
     let checks = naga::proc::BoundsCheckPolicies {
         index: naga::proc::BoundsCheckPolicy::Restrict,
@@ -106,8 +106,8 @@ fn translate(module: &naga::Module, info: &ModuleInfo, entry: &naga::EntryPoint)
     assert!(text.contains(&format!(" {name}(")), "{text}");
 }
 
-/// No machine with Metal or DirectX 12 is needed to see that every kernel, for every constant
-/// that it is specialised by, is something that these can be given.
+/// Checks that every kernel, for every constant that specialises it, can be translated for Metal and
+/// DirectX 12. No machine with these is needed.
 #[test]
 fn every_specialised_shader_is_translated() {
     let shaders = Shader::all();
@@ -132,12 +132,12 @@ fn every_specialised_shader_is_translated() {
         })
         .sum();
     println!("{kernels} kernels, three languages each");
-    // Some have several kernels, or specialisations.
+    // Some shaders have several kernels, or specialisations.
     assert!(kernels > shaders.len());
 }
 
-/// Name, offset and size of a struct's members as WGSL lays them out, and the distance of two in
-/// an array.
+/// Returns name, offset and size of a struct's members as WGSL lays them out, and the stride of an array
+/// of the struct.
 fn reflected(name: &str) -> (Vec<(String, usize, usize)>, usize) {
     let find = |shader: &Shader| {
         let module = naga::front::wgsl::parse_str(&shader.source()).unwrap();
@@ -383,7 +383,7 @@ fn structs_are_laid_out_alike() {
         entries,
         needed,
     });
-    // Of single stages.
+    // Structs of single stages.
     check_layout!(CullGroup {
         count,
         unused,

@@ -1,4 +1,4 @@
-//! Stage: a background behind pixels, and sRGB codes decoded. Twin: [`crate::cpu::resolve`].
+//! Stage: composites pixels over a background, and decodes sRGB codes. Twin: [`crate::cpu::resolve`].
 
 use bytemuck::{Pod, Zeroable};
 
@@ -8,13 +8,13 @@ use super::kernel::{Access, BoundKernel, Kernel};
 use super::shader::{DISPATCH, SRGB, Shader};
 use crate::image::srgb_from_linear;
 
-/// The background.
+/// Shader of the stage.
 pub(super) const SHADER: Shader = Shader::new(
     "resolve",
     &[DISPATCH, SRGB, include_str!("../../shaders/resolve.wgsl")],
 );
 
-/// The background, and the number of pixels before it and how they are encoded.
+/// The background, the number of pixels before it, and their encoding.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct Background {
@@ -26,7 +26,9 @@ pub(super) struct Background {
 }
 
 impl Background {
-    /// - `colour`: linear RGB, where there is one.
+    /// Makes the uniform.
+    ///
+    /// - `colour`: linear RGB, if there is a background.
     /// - `is_encoded`: whether pixels are sRGB codes.
     pub(super) fn new(colour: Option<[f32; 3]>, is_encoded: bool, pixels: u32) -> Self {
         let shown = colour.unwrap_or_default();
@@ -42,7 +44,7 @@ impl Background {
         }
     }
 
-    /// Whether the stage changes pixels.
+    /// Returns whether the stage changes pixels.
     pub(super) fn is_needed(&self) -> bool {
         self.is_shown != 0 || self.is_encoded != 0
     }
@@ -67,7 +69,7 @@ impl Resolve {
         self.0.bind(gpu, &[background, pixels])
     }
 
-    /// Workgroups for so many pixels.
+    /// Returns the number of workgroups for so many pixels.
     pub(super) fn groups(pixels: u32) -> u32 {
         pixels.div_ceil(THREADS)
     }

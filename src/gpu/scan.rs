@@ -1,4 +1,4 @@
-//! Prefix sums, which several stages need between counting and placing.
+//! Computes prefix sums, which several stages need between counting and placing.
 
 use super::constants::{SCAN_RUN, THREADS};
 use super::device::Gpu;
@@ -6,7 +6,7 @@ use super::kernel::{Access, BoundKernel, Kernel};
 use super::shader::{DISPATCH, SCAN_THREADS, Shader};
 use crate::error::Result;
 
-/// Prefix sums.
+/// Shader of the prefix sums.
 pub(super) const SHADER: Shader = Shader::new(
     "scan",
     &[
@@ -26,7 +26,7 @@ pub(super) struct Scan {
     kernels: [Kernel; 3],
 }
 
-/// A prefix sum of certain buffers.
+/// A prefix sum bound to certain buffers.
 #[derive(Debug)]
 pub(super) struct BoundScan {
     prepare: BoundKernel,
@@ -37,7 +37,9 @@ pub(super) struct BoundScan {
 }
 
 impl Scan {
-    /// `length_index`: which word of the buffer of lengths says how many words are summed.
+    /// Makes the pipelines.
+    ///
+    /// - `length_index`: word of the buffer of lengths with the number of words to sum.
     pub(super) fn new(gpu: &Gpu, length_index: u32) -> Self {
         use Access::{Read, Write};
         let kernel = |entry, bindings: &[Access]| {
@@ -45,14 +47,14 @@ impl Scan {
             gpu.kernel(&SHADER, entry, bindings, &constants)
         };
         Self {
-            // The arguments are bound by none of the dispatches that they drive.
+            // None of the dispatches binds the buffer of its own arguments.
             prepare: kernel("scan_prepare", &[Read, Write, Write, Write]),
             kernels: ["scan_reduce", "scan_sums_of_groups", "scan_apply"]
                 .map(|entry| kernel(entry, &[Read, Write, Write])),
         }
     }
 
-    /// Binds the buffer of lengths and the buffer of words, which holds `capacity` of them.
+    /// Binds the buffer of lengths and the buffer of words, of which there are at most `capacity`.
     ///
     /// # Errors
     /// No memory for the sums.
@@ -88,7 +90,7 @@ impl BoundScan {
     }
 }
 
-/// The sums of the words before each word; `u32::MAX` where they are more.
+/// Returns the sum of the words before each word; `u32::MAX` stands for larger sums.
 ///
 /// # Errors
 /// No memory, or a lost device.

@@ -1,4 +1,5 @@
-//! A scene on the device: volumes as parts, runs of whole blocks whose every buffer fits a binding.
+//! Keeps a scene on the device. Volumes are divided into parts: runs of whole blocks whose every buffer
+//! fits a binding.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -25,17 +26,18 @@ use crate::scene::{
 /// A run of a volume's blocks on the device.
 #[derive(Debug)]
 pub(super) struct Part {
-    /// Which volume of the scene, levels of detail counted.
+    /// Index of the volume in the scene, levels of detail included.
     pub(super) volume: usize,
-    /// Which volume without them: those of one share a transfer function.
+    /// Index of the volume without levels of detail; parts of one family share a transfer function.
     family: usize,
-    /// Which of its blocks.
+    /// Range of its blocks.
     pub(super) run: Range<usize>,
     pub(super) kinds: Kinds,
-    /// Entries of arrays of one per particle: with padding, where bricks pass a lattice's edge.
+    /// Number of entries of arrays with one entry per particle, including padding for bricks beyond a
+    /// lattice's edge.
     pub(super) slots: usize,
     pub(super) blocks: wgpu::Buffer,
-    /// Of merged particles: the first block's number among those of the scene, and
+    /// For merged particles: the first block's index among the merged blocks of the scene, and
     /// [`MergeBounds`](crate::blocks::MergeBounds).
     pub(super) merged: wgpu::Buffer,
     /// A lattice's [`LatticeUniform`](crate::record::LatticeUniform).
@@ -45,28 +47,28 @@ pub(super) struct Part {
     pub(super) bricks: wgpu::Buffer,
     pub(super) values: wgpu::Buffer,
     pub(super) strengths: wgpu::Buffer,
-    /// The volume that all cells of a uniform lattice share; 0 elsewhere.
+    /// The volume that all cells of a uniform lattice share; 0 otherwise.
     pub(super) cell_volume: f64,
     pub(super) colours: wgpu::Buffer,
-    /// Codes of normals, where they are stored.
+    /// Codes of normals, if they are stored.
     pub(super) normals: wgpu::Buffer,
-    /// The transfer function's table, its averages and its lobes, all parts of a family the same.
+    /// The transfer function's table, its averages and its lobes; all parts of a family share it.
     pub(super) table: wgpu::Buffer,
-    /// Where the lobes begin in the table, where kernels may be classified over their extents.
+    /// Start of the lobes in the table, if kernels may be classified over their extents.
     pub(super) lobes_first: Option<u32>,
-    /// Its greatest extinctions and slopes, likewise.
+    /// The transfer function's greatest extinctions and slopes; all parts of a family share it.
     pub(super) maxima: wgpu::Buffer,
 }
 
 impl Part {
-    /// Whether its particles are pieces of kernels.
+    /// Returns whether its particles are pieces of kernels.
     ///
-    /// - `by`: what decides about kernels, where more is known than their values.
+    /// - `by`: rule that classifies kernels which need more than their values.
     pub(super) fn has_pieces(&self, by: ClassifiedBy) -> bool {
         by == ClassifiedBy::Extent && self.lobes_first.is_some()
     }
 
-    /// Classified particles at most.
+    /// Returns the greatest possible number of classified particles.
     pub(super) fn most_classified(&self) -> u64 {
         let pieces = if self.lobes_first.is_some() {
             MAX_WINDOWS
@@ -80,18 +82,18 @@ impl Part {
 /// All volumes on the device.
 #[derive(Debug)]
 pub(super) struct Scene {
-    /// In the order of the volumes, and of the blocks within each.
+    /// In the order of the volumes, and of the blocks in each.
     pub(super) parts: Vec<Part>,
 }
 
 impl Scene {
-    /// Uploads volumes, each with its levels of detail after it, in parts whose buffers have at
-    /// most `part_bytes`, and at most what a binding may have.
+    /// Uploads volumes, each followed by its levels of detail, in parts. The buffers of a part have at
+    /// most `part_bytes`, and at most the limit of a binding.
     ///
-    /// - `is_drawn`: whether the scene has a volume; its levels of detail follow it.
+    /// - `is_drawn`: whether to upload a volume; its levels of detail follow it.
     ///
     /// # Errors
-    /// No memory, or what only the CPU draws: harmonics on a lattice.
+    /// No memory, or volumes that only the CPU draws: harmonics on a lattice.
     pub(super) fn new(
         gpu: &Gpu,
         volumes: &[BlockedVolume],
@@ -122,7 +124,7 @@ impl Scene {
         Ok(Self { parts })
     }
 
-    /// The parts that a frame may draw, and what `of_parts` has for each.
+    /// Returns the parts that a frame may draw, each with its item of `of_parts`.
     ///
     /// - `detail`: whether merged particles may be drawn.
     pub(super) fn drawn<T>(
@@ -134,7 +136,7 @@ impl Scene {
         parts.filter(move |(part, _)| detail || !part.kinds.is_merged)
     }
 
-    /// Gives a volume another transfer function: nothing but its tables is uploaded.
+    /// Replaces the transfer function of a volume; only its tables are uploaded.
     pub(super) fn set_transfer_function(&self, gpu: &Gpu, volume: usize, family: &[BlockedVolume]) {
         // The parts of a family share their tables.
         let part = self.parts.iter().find(|p| p.family == volume);
@@ -145,18 +147,18 @@ impl Scene {
     }
 }
 
-/// Where a volume stands among those of the scene.
+/// Position of a volume in the scene.
 #[derive(Debug, Clone, Copy, Default)]
 struct Place {
     volume: usize,
     family: usize,
-    /// Merged blocks of the volumes before.
+    /// Number of merged blocks of the volumes before.
     first_merged: u32,
-    /// The number of its family's first merged block, where there are any.
+    /// Index of its family's first merged block, if there are any.
     parents: Option<u32>,
 }
 
-/// What a transfer function is to the device.
+/// The tables of a transfer function on the device.
 #[derive(Debug)]
 struct Tables {
     table: wgpu::Buffer,
@@ -165,13 +167,13 @@ struct Tables {
 }
 
 impl Tables {
-    /// Of a volume and its levels of detail, which are classified as it is.
+    /// Makes the tables of a volume and its levels of detail, which share its classification.
     fn new(gpu: &Gpu, family: &[BlockedVolume]) -> Result<Self> {
         let (mut table, mut maxima) = packed(family).unwrap_or_default();
-        // What shaders declare, where there is nothing.
+        // The least size that shaders declare.
         maxima.resize(maxima.len().max(MAXIMA_HEADER + 1), 0.0);
         if family[0].may_have_pieces() {
-            // Room for any function's.
+            // Space for the lobes of any function.
             let headers = 1 + 3 * MAX_LOBES + 3 * MAX_WINDOWS;
             let lobes = headers + MAX_LOBE_ROWS + MAX_LOBE_CELLS + MAX_WINDOW_CELLS;
             table.resize(lobes_first(family) as usize + lobes, [0; 4]);
@@ -201,7 +203,7 @@ fn upload(
             advice: Hint::UseCpu.into(),
         });
     }
-    // Bound where there is nothing to bind.
+    // Placeholder for bindings without data.
     let nothing = gpu.buffer("nothing", 0)?;
     let merged = volume.merged.as_ref();
     let spreads = merged.map_or(&[][..], |m| &m.spreads);
@@ -215,7 +217,8 @@ fn upload(
         } else {
             particles.len()
         };
-        // With those of the bricks around, so that differences of neighbours have both.
+        // The values include those of the bricks around, so that differences between neighbours have both
+        // operands.
         let with_values = match &volume.particles {
             BlockedParticles::Lattice(grid) if may_have_pieces => {
                 let [x, y, _] = grid.bricks();
@@ -344,7 +347,7 @@ fn upload(
     Ok(())
 }
 
-/// Values of a run of blocks.
+/// Uploads the values of a run of blocks.
 fn upload_values<T: Pod + Send + Sync>(
     gpu: &Gpu,
     volume: &BlockedVolume,
@@ -354,7 +357,7 @@ fn upload_values<T: Pod + Send + Sync>(
     gpu.upload("values", &in_block_order(volume, run, values, 1))
 }
 
-/// Runs of whole blocks of at most `capacity` particles, of one block at least.
+/// Divides a volume into runs of whole blocks, of at most `capacity` particles or of one block.
 fn runs(volume: &BlockedVolume, is_lattice: bool, capacity: u64) -> Vec<Range<usize>> {
     let mut runs = Vec::new();
     let (mut start, mut slots) = (0, 0);
@@ -376,14 +379,14 @@ fn runs(volume: &BlockedVolume, is_lattice: bool, capacity: u64) -> Vec<Range<us
     runs
 }
 
-/// The particles of a run of blocks of points.
+/// Returns the range of the particles of a run of blocks of points.
 fn particles(volume: &BlockedVolume, run: &Range<usize>) -> Range<usize> {
     let (first, last) = (&volume.blocks[run.start], &volume.blocks[run.end - 1]);
     first.first as usize..(last.first + last.count) as usize
 }
 
-/// What `source` holds for the particles of some blocks, `stride` entries each; a lattice's brick
-/// by brick, with zeros for cells beyond its edge.
+/// Returns the entries of `source` for the particles of some blocks, `stride` entries each. Those of a
+/// lattice are ordered brick by brick, with zeros for cells beyond its edge.
 fn in_block_order<'a, T: Pod + Send + Sync>(
     volume: &BlockedVolume,
     run: &Range<usize>,
@@ -406,8 +409,8 @@ fn in_block_order<'a, T: Pod + Send + Sync>(
     Cow::Owned(out)
 }
 
-/// The one volume of a lattice's cells, or their widths along x, y and z, one after the other, and then how
-/// the spacing changes at each.
+/// Returns the volume that all of a lattice's cells share. For a rectilinear lattice: the widths of its
+/// cells along x, y and z, one after the other, and then the change of the spacing at each.
 fn cells(volume: &BlockedVolume) -> Option<Vec<f32>> {
     let BlockedParticles::Lattice(grid) = &volume.particles else {
         return None;
@@ -422,7 +425,7 @@ fn cells(volume: &BlockedVolume) -> Option<Vec<f32>> {
     })
 }
 
-/// The tables of a volume and its levels of detail; none where nothing is classified.
+/// Returns the tables of a volume and its levels of detail; `None` if nothing is classified.
 fn packed(family: &[BlockedVolume]) -> Option<(Vec<[u32; 4]>, Vec<f32>)> {
     let base = family.first()?;
     let transfer = base.transfer_function.as_ref()?;
@@ -440,8 +443,8 @@ fn packed(family: &[BlockedVolume]) -> Option<(Vec<[u32; 4]>, Vec<f32>)> {
     })
 }
 
-/// Where the table begins, entries per unit, units of the integrals; the entries; where there are
-/// merged particles, the integrals.
+/// Packs a table: its start, entries per unit and units of the integrals; the entries; the integrals, if
+/// there are merged particles.
 pub(super) fn packed_table(
     transfer: &TransferFunction,
     merged: Option<&MergedTransfer>,
@@ -460,7 +463,7 @@ pub(super) fn packed_table(
     packed
 }
 
-/// Where the lobes begin in the table of a family, words of four after its first.
+/// Returns the start of the lobes in the table of a family, in words of four.
 fn lobes_first(family: &[BlockedVolume]) -> u32 {
     let has_averages = family.iter().any(|volume| {
         let merged = volume.merged.as_ref();
@@ -469,7 +472,8 @@ fn lobes_first(family: &[BlockedVolume]) -> u32 {
     CLASSIFICATION_TABLE_LEN as u32 * if has_averages { 2 } else { 1 }
 }
 
-/// Appends lobes to a table, as `shaders/shared/lobes.wgsl` has them; the rows and cells that there are.
+/// Appends lobes to a table in the layout of `shaders/shared/lobes.wgsl`, with the rows and cells that
+/// are used.
 fn pack_lobes(lobes: Option<&Lobes>, table: &mut Vec<[u32; 4]>) {
     let Some(lobes) = lobes else {
         table.push([0; 4]);
@@ -500,16 +504,16 @@ fn pack_lobes(lobes: Option<&Lobes>, table: &mut Vec<[u32; 4]>) {
     table.extend(lobes.cells.iter().map(|cell| cell.map(f32::to_bits)));
 }
 
-/// A threshold as shaders have it: WGSL knows no infinity.
+/// Replaces infinity in a threshold, which WGSL does not support.
 fn finite(threshold: f32) -> f32 {
     threshold.min(f32::MAX)
 }
 
-/// Words before the rows of the maxima.
+/// Number of words before the rows of the maxima.
 const MAXIMA_HEADER: usize = 3 + 5 * MAX_LOBES;
 
-/// Where the table begins, entries per unit, the lobes, the rows of the maxima and, where there are merged
-/// particles, those of the slopes.
+/// Packs the maxima: start of the table, entries per unit, the lobes, the rows of the maxima and, if
+/// there are merged particles, those of the slopes.
 pub(super) fn packed_maxima(
     transfer: &TransferFunction,
     merged: Option<&MergedTransfer>,
@@ -529,14 +533,14 @@ pub(super) fn packed_maxima(
     packed
 }
 
-/// What all parts of a frame share.
+/// Buffers that all parts of a frame share.
 #[derive(Debug)]
 pub(super) struct FrameBuffers {
     /// A [`ViewUniform`], whose `key_scale` cull writes.
     pub(super) view: wgpu::Buffer,
     /// A [`CameraUniform`].
     pub(super) camera: wgpu::Buffer,
-    /// A [`LightingUniform`], where anything is lit.
+    /// A [`LightingUniform`], if anything is lit.
     pub(super) lighting: wgpu::Buffer,
     /// The camera's rotation, as a uniform.
     pub(super) rotation: wgpu::Buffer,
@@ -545,6 +549,8 @@ pub(super) struct FrameBuffers {
 }
 
 impl FrameBuffers {
+    /// Makes the buffers.
+    ///
     /// # Errors
     /// No memory.
     pub(super) fn new(gpu: &Gpu) -> Result<Self> {
@@ -557,7 +563,7 @@ impl FrameBuffers {
         })
     }
 
-    /// All that a frame uploads.
+    /// Uploads the uniforms of a frame.
     pub(super) fn write(
         &self,
         gpu: &Gpu,
@@ -575,7 +581,7 @@ impl FrameBuffers {
     }
 }
 
-/// What a frame works out of a part.
+/// A frame's buffers of a part.
 #[derive(Debug)]
 pub(super) struct PartBuffers {
     /// A [`PartState`].
@@ -583,16 +589,19 @@ pub(super) struct PartBuffers {
     /// Arguments of indirect dispatches, from [`VIEW_ARGUMENTS`](super::constants::VIEW_ARGUMENTS)
     /// and [`PARTICLE_ARGUMENTS`](super::constants::PARTICLE_ARGUMENTS).
     pub(super) arguments: wgpu::Buffer,
-    /// [`BlockView`]s, room for all blocks.
+    /// [`BlockView`]s, with space for all blocks.
     pub(super) views: wgpu::Buffer,
     /// [`ClassifiedParticle`]s.
     pub(super) classified: wgpu::Buffer,
 }
 
 impl PartBuffers {
-    /// - `capacity`: room for classified particles; more than [`Part::most_classified`] is never needed.
-    /// - `by`: what decides about kernels, where more is known than their values: for pieces there is room for
-    ///   as many [`PieceTerms`] after the particles.
+    /// Makes the buffers.
+    ///
+    /// - `capacity`: capacity for classified particles; more than [`Part::most_classified`] is never
+    ///   needed.
+    /// - `by`: rule that classifies kernels which need more than their values. For pieces the buffer has
+    ///   space for as many [`PieceTerms`] after the particles.
     ///
     /// # Errors
     /// No memory.
@@ -612,7 +621,7 @@ impl PartBuffers {
             views: gpu.buffer("views", bytes(size_of::<BlockView>(), part.run.len()))?,
             classified: gpu.buffer(
                 "classified particles",
-                // A binding holds one at least.
+                // A binding needs at least one element.
                 bytes(
                     words * size_of::<ClassifiedParticle>(),
                     capacity.max(1) as usize,

@@ -1,4 +1,4 @@
-//! Stage: colours that depend on the view, per visible particle, once. Twin:
+//! Stage: evaluates colours that depend on the view, once per visible particle. Twin:
 //! [`crate::cpu::shade()`].
 
 use std::ops::Range;
@@ -18,7 +18,7 @@ use crate::error::Result;
 use crate::record::{BlockView, ChoiceUniform, ClassifiedBy, ClassifiedParticle, PartState};
 use crate::view::Camera;
 
-/// Colours of radiance fields.
+/// Shader that evaluates the colours of radiance fields.
 pub(super) const SHADER: Shader = Shader::new(
     "shade",
     &[
@@ -30,7 +30,7 @@ pub(super) const SHADER: Shader = Shader::new(
     ],
 );
 
-/// Colours in the space that is blended in.
+/// Shader that encodes colours for the space of blending.
 pub(super) const ENCODE_SHADER: Shader = Shader::new(
     "encode",
     &[
@@ -41,14 +41,14 @@ pub(super) const ENCODE_SHADER: Shader = Shader::new(
     ],
 );
 
-/// The stage over a part.
+/// The stage bound to a part.
 #[derive(Debug)]
 pub(super) struct BoundShade {
     shade: BoundKernel,
     arguments: wgpu::Buffer,
 }
 
-/// Binds the stage to a part, or nothing where its colours are no harmonics.
+/// Binds the stage to a part; `None` if its colours are not harmonics.
 ///
 /// - `is_encoded`: whether sRGB codes are blended instead of linear light.
 pub(super) fn bind_shade(
@@ -107,7 +107,7 @@ pub(super) fn bind_shade(
     })
 }
 
-/// Binds what encodes the linear colours of a part, or nothing where [`bind_shade`] fills them.
+/// Binds the encoding of the linear colours of a part; `None` if [`bind_shade`] fills its colours.
 pub(super) fn bind_encode(gpu: &Gpu, part: &Part, buffers: &PartBuffers) -> Option<BoundShade> {
     if part.kinds.colour == ColourKind::Harmonics {
         return None;
@@ -132,15 +132,14 @@ impl BoundShade {
     }
 }
 
-/// Fills the colours of `classified` where they are harmonics; does nothing elsewhere.
+/// Evaluates the colours of `classified` if they are harmonics; does nothing otherwise.
 ///
 /// - `views`: in the order of their blocks, with `first` and `count`.
-/// - `part_bytes`: parts of the volume have buffers of at most so many bytes.
-///
-/// Codes differ from the twin's by roundings of the direction and the sum, some 2e-6 of the sum of
-/// the coefficients' magnitudes; decoding, a power by logarithms, adds 1e-5 of the result.
-///
 /// - `is_encoded`: whether sRGB codes are blended instead of linear light.
+/// - `part_bytes`: greatest size of a buffer of a part, bytes.
+///
+/// Codes differ from the twin's by roundings of the direction and the sum, some 2e-6 of the sum of the
+/// coefficients' magnitudes. Decoding, a power by logarithms, adds 1e-5 of the result.
 ///
 /// # Errors
 /// No memory, a lost device, or volumes that only the CPU draws.
@@ -184,7 +183,7 @@ pub fn shade(
 
 /// Runs a stage that changes colours over the particles of a part.
 ///
-/// - `range`: which of `views` are the part's.
+/// - `range`: range of the part's views in `views`.
 pub(super) fn recolour(
     gpu: &Gpu,
     buffers: &PartBuffers,

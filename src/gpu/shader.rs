@@ -1,5 +1,5 @@
-//! Shaders as text: each is the prelude, files of `shaders/shared/` and a stage's own files, one after the
-//! other. Which files, the stages say.
+//! Composes shaders as text. Each is the concatenation of the prelude, files of `shaders/shared/` and a
+//! stage's own files; the stages choose the files.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;
@@ -50,15 +50,15 @@ use crate::splat::{
 /// A shader's name and the files it is composed of.
 #[derive(Debug, Clone)]
 pub struct Shader {
-    /// The stage, and what tells it from others of the same stage.
+    /// Name of the stage, and of the variant.
     pub name: Cow<'static, str>,
-    /// Numbers of this shader alone.
+    /// Constants of this shader alone.
     constants: Vec<(&'static str, u32)>,
     parts: Cow<'static, [&'static str]>,
 }
 
 impl Shader {
-    /// A shader of certain files.
+    /// Makes a shader of certain files.
     pub(super) const fn new(name: &'static str, parts: &'static [&'static str]) -> Self {
         Self {
             name: Cow::Borrowed(name),
@@ -67,7 +67,7 @@ impl Shader {
         }
     }
 
-    /// A shader of files that are chosen, with numbers of its own before them.
+    /// Makes a shader of chosen files, with constants of its own before them.
     pub(super) fn composed(
         name: String,
         constants: Vec<(&'static str, u32)>,
@@ -80,7 +80,7 @@ impl Shader {
         }
     }
 
-    /// The WGSL text: the prelude and the parts.
+    /// Returns the WGSL text: the prelude and the parts.
     pub fn source(&self) -> String {
         let mut source = prelude();
         for (name, value) in &self.constants {
@@ -96,7 +96,7 @@ impl Shader {
 
 /// The structs of [`crate::record`].
 pub(super) const STRUCTS: &str = include_str!("../../shaders/shared/layout.wgsl");
-/// Which workgroup a thread belongs to.
+/// Index of a thread's workgroup.
 pub(super) const DISPATCH: &str = include_str!("../../shaders/shared/dispatch.wgsl");
 /// Unit vectors in a word.
 pub(super) const NORMAL: &str = include_str!("../../shaders/shared/normal.wgsl");
@@ -106,11 +106,11 @@ pub(super) const TANGENTS: &str = include_str!("../../shaders/shared/tangents.wg
 pub(super) const EXPONENTIAL: &str = include_str!("../../shaders/shared/exponential.wgsl");
 /// Double precision in integers.
 pub(super) const F64_ARITHMETIC: &str = include_str!("../../shaders/shared/f64.wgsl");
-/// Places in a transfer function's table.
+/// Positions in a transfer function's table.
 pub(super) const TRANSFER: &str = include_str!("../../shaders/shared/transfer.wgsl");
 /// Averages over intervals of values.
 pub(super) const AVERAGES: &str = include_str!("../../shaders/shared/averages.wgsl");
-/// What a transfer function leaves of kernels over their extents.
+/// Classification of kernels over their extents.
 pub(super) const LOBES: &str = include_str!("../../shaders/shared/lobes.wgsl");
 /// Maxima over intervals of values.
 pub(super) const MAXIMA: &str = include_str!("../../shaders/shared/maxima.wgsl");
@@ -118,13 +118,13 @@ pub(super) const MAXIMA: &str = include_str!("../../shaders/shared/maxima.wgsl")
 pub(super) const EIN: &str = include_str!("../../shaders/shared/ein.wgsl");
 /// Prefix sums over the threads of a workgroup.
 pub(super) const SCAN_THREADS: &str = include_str!("../../shaders/shared/scan_threads.wgsl");
-/// What f32 does beyond the promises of WGSL.
+/// Behaviour of f32 beyond the guarantees of WGSL.
 pub(super) const FLOATS: &str = include_str!("../../shaders/shared/floats.wgsl");
 /// Kernels' factors.
 pub(super) const FACTOR: &str = include_str!("../../shaders/shared/factor.wgsl");
-/// Between linear light and sRGB codes.
+/// Conversion between linear light and sRGB codes.
 pub(super) const SRGB: &str = include_str!("../../shaders/shared/srgb.wgsl");
-/// What lights make of a colour.
+/// Lighting of a colour.
 pub(super) const LIT: &str = include_str!("../../shaders/shared/lit.wgsl");
 
 /// Positions and shapes of each kind of particles, in the order of [`ParticleKind`](super::kinds::ParticleKind).
@@ -135,8 +135,8 @@ pub(super) const PARTICLES: [&str; 4] = [
     include_str!("../../shaders/shared/particles_surfels.wgsl"),
 ];
 
-/// The shaders of a stage over particles, one for each `ParticleKind` in its order: what all of them need, that
-/// kind's positions and shapes, and the stage's own files.
+/// Shaders of a stage over particles, one for each `ParticleKind` in its order. Each consists of the
+/// common files, that kind's positions and shapes, and the stage's own files.
 macro_rules! shaders_of_particles {
     ($stage:literal, $($file:expr),+ $(,)?) => {{
         use $crate::gpu::shader::{DISPATCH, FACTOR, FLOATS, PARTICLES, STRUCTS, Shader};
@@ -162,7 +162,7 @@ macro_rules! shaders_of_particles {
 }
 pub(super) use shaders_of_particles;
 
-/// The numbers that both back ends share, as WGSL constants.
+/// Returns the numbers that both back ends share, as WGSL constants.
 pub fn prelude() -> String {
     let mut text = String::new();
     let integers = [

@@ -1,4 +1,4 @@
-//! Every shader of the back end, for what looks at their texts.
+//! Lists every shader of the back end, for tools that inspect their texts.
 
 use super::shader::{STRUCTS, Shader};
 use super::{
@@ -10,7 +10,7 @@ use super::{
 const LAYOUT: Shader = Shader::new("layout", &[STRUCTS]);
 
 impl Shader {
-    /// Every shader of the back end.
+    /// Returns every shader of the back end.
     pub fn all() -> Vec<Self> {
         let mut all = vec![
             LAYOUT,

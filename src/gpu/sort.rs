@@ -1,4 +1,4 @@
-//! Stage: the footprints' order, front to back.
+//! Stage: sorts the footprints, front to back.
 
 use super::device::Gpu;
 use super::kernel::{Access, BoundKernel, Kernel};
@@ -8,7 +8,7 @@ use crate::constants::DEPTH_KEY_BITS;
 use crate::error::Result;
 use crate::record::{Footprint, PartIndex, PartRange, SortState};
 
-/// Keys of footprints.
+/// Shader of the stage.
 pub(super) const SHADER: Shader = Shader::new(
     "sort",
     &[STRUCTS, DISPATCH, include_str!("../../shaders/sort.wgsl")],
@@ -31,8 +31,8 @@ pub(super) struct BoundSort {
     pub(super) ranges: wgpu::Buffer,
     /// A uniform [`PartIndex`] per part.
     pub(super) parts: Vec<wgpu::Buffer>,
-    /// Its sorted values are the footprints' global indices (part after part), visible ones first, in
-    /// order of their keys; ties by index.
+    /// Pairs to be sorted. The sorted values are the footprints' global indices (part after part),
+    /// visible ones first, in order of their keys; ties by index.
     pub(super) pairs: BoundRadixSort,
     prepare: BoundKernel,
     keys: Vec<BoundKernel>,
@@ -50,8 +50,8 @@ impl Sort {
         }
     }
 
-    /// Binds the parts' footprints and the buffer that says how many each has, a word per part;
-    /// all have `capacity` at most.
+    /// Binds the parts' footprints, and the buffer with the number of each part's footprints, a word per
+    /// part. All parts together have at most `capacity`.
     ///
     /// # Errors
     /// No memory for keys and indices.
@@ -66,7 +66,8 @@ impl Sort {
         let state = gpu.buffer("sort state", size_of::<SortState>() as u64)?;
         let ranges = gpu.buffer("part ranges", size_of::<PartRange>() as u64 * part_count)?;
         let arguments = gpu.buffer("sort arguments", 12 * part_count)?;
-        // The state's first word counts. A bit more than depths have: that of the invisible ones' key.
+        // The state's first word is the count. One bit more than depths have, for the key of invisible
+        // footprints.
         let bits = DEPTH_KEY_BITS + 1;
         let pairs = self.radix.bind(gpu, &state, 0, capacity, bits)?;
         let parts = (0..footprints.len() as u32)
@@ -107,8 +108,8 @@ impl BoundSort {
     }
 }
 
-/// The order of visible footprints as [`crate::cpu::sort`] writes it: keys in the high halves of
-/// the words, indices in the low ones. Footprints lie in parts, one after the other.
+/// Sorts the visible footprints, with the result of [`crate::cpu::sort`]: keys in the high halves of the
+/// words, indices in the low ones. The footprints are given in parts, one after the other.
 ///
 /// # Errors
 /// No memory, or a lost device.

@@ -1,4 +1,4 @@
-//! Stage: from lists of surfels of opaque surfaces to pixels. Twin: [`crate::cpu::rasterise_surface`].
+//! Stage: draws lists of surfels of opaque surfaces into pixels. Twin: [`crate::cpu::rasterise_surface`].
 
 use super::device::Gpu;
 use super::kernel::{Access, BoundKernel, Kernel};
@@ -13,7 +13,7 @@ use crate::error::Result;
 use crate::image::{DepthImage, Image};
 use crate::record::{Footprint, NearTerms, SurfelTerms, ViewUniform};
 
-/// Tiles of opaque surfaces, and pixels from their layers.
+/// Shader of the stage: it draws tiles of opaque surfaces, and computes pixels from their layers.
 pub(super) const SHADER: Shader = Shader::new(
     "surface",
     &[
@@ -31,30 +31,30 @@ pub(super) const SHADER: Shader = Shader::new(
     ],
 );
 
-/// What specialises the rasteriser of surfels.
+/// Variant of the rasteriser of surfels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct SurfaceSpec {
-    /// Whether any surfel may reach the camera plane.
+    /// True if any surfel may reach the camera plane.
     pub near: bool,
-    /// Whether normals are wanted.
+    /// True if normals are written.
     pub normals: bool,
-    /// Whether pixels count the surfels that they evaluate within their cut-off, in all three
+    /// True if pixels count the surfels that they evaluate within their cut-off, in all three
     /// colours, instead of showing them.
     pub count: bool,
-    /// Whether planes clip.
+    /// True if clip planes cut surfels.
     pub clip: bool,
-    /// Whether the surface is the whole picture, with a depth where it covers half of a pixel;
-    /// among volumes it has one wherever it covers any of it.
+    /// True if the surface is the whole picture. If so, a pixel has a depth if the surface covers half of
+    /// it. Among volumes it has a depth if the surface covers any part of it.
     pub is_picture: bool,
 }
 
 impl SurfaceSpec {
-    /// Words of a pixel: colour and coverage, depth, normal.
+    /// Returns the words of a pixel: colour and coverage, depth, normal.
     pub(super) fn pixel_words(&self) -> u64 {
         if self.normals { 8 } else { 5 }
     }
 
-    /// Words of a pixel's layers, and of its count.
+    /// Returns the words of a pixel's layers, and of its count.
     pub(super) fn layer_words(&self) -> u64 {
         let layer = if self.normals { 8 } else { 5 };
         SURFACE_LAYERS as u64 * layer + u64::from(self.count)
@@ -73,7 +73,7 @@ pub(super) struct Surface {
 #[derive(Debug)]
 pub(super) struct BoundSurface {
     pub(super) tiles: BoundTiles,
-    /// Pixels from their layers.
+    /// Computes pixels from their layers.
     resolve: BoundKernel,
 }
 
@@ -81,7 +81,7 @@ impl Surface {
     pub(super) fn new(gpu: &Gpu, spec: SurfaceSpec) -> Self {
         use Access::{Read, Uniform, Write};
         let flag = |is: bool| f64::from(u8::from(is));
-        // Planes are looked at anew for every surfel.
+        // Every surfel visits all planes.
         let slice = slice(gpu, if spec.clip { MAX_CLIP_PLANES as u32 } else { 0 });
         let constants = [
             ("HAS_TERMS", 1.0),
@@ -105,8 +105,10 @@ impl Surface {
         }
     }
 
-    /// - `layers`: room for [`SurfaceSpec::layer_words`] of each pixel of a band.
-    /// - `pixels`: the same for [`SurfaceSpec::pixel_words`].
+    /// Binds the rasteriser.
+    ///
+    /// - `layers`: buffer of [`SurfaceSpec::layer_words`] for each pixel of a band.
+    /// - `pixels`: buffer of [`SurfaceSpec::pixel_words`] for each pixel of a band.
     pub(super) fn bind(
         &self,
         gpu: &Gpu,
@@ -139,17 +141,17 @@ pub struct SurfacePixels {
     pub image: Image,
     /// Depths.
     pub depth: DepthImage,
-    /// Normals in camera space, where asked for.
+    /// Normals in camera space, on request.
     pub normals: Vec<[f32; 3]>,
-    /// Surfels evaluated at pixels within their cut-off.
+    /// Number of surfels evaluated at pixels within their cut-off.
     pub splat_pixels: u64,
 }
 
 /// Draws all tiles of an image, as [`crate::cpu::rasterise_surface`] does.
 ///
-/// - `terms`: of each footprint.
+/// - `terms`: terms of each footprint.
 /// - `lists`: the footprints of each tile, front to back.
-/// - `chunks`: into how many depth chunks the lists are cut, as a frame of many footprints is.
+/// - `chunks`: number of depth chunks into which the lists are divided, as in a frame of many footprints.
 ///
 /// # Errors
 /// No memory, or a lost device.

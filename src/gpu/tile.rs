@@ -1,5 +1,5 @@
-//! What the rasterisers of kernels and of surfels share: tiles drawn slice by slice, whose pixels are
-//! carried from one chunk of footprints to the next.
+//! Defines the parts that the rasterisers of kernels and of surfels share. Tiles are drawn slice by
+//! slice, and their pixels are carried from one chunk of footprints to the next.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -18,7 +18,7 @@ pub(super) const CLIP: &str = include_str!("../../shaders/shared/clip.wgsl");
 /// The rasterisers' main function.
 pub(super) const RASTERISE: &str = include_str!("../../shaders/rasterise.wgsl");
 
-/// What a tile carries from one chunk of footprints to the next.
+/// State of a tile that is carried from one chunk of footprints to the next.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct TileProgress {
@@ -30,13 +30,13 @@ pub(super) struct TileProgress {
 }
 
 impl TileProgress {
-    /// Kernels evaluated within their cut-off.
+    /// Returns the number of kernels evaluated within their cut-off.
     pub(super) fn splat_pixels(&self) -> u64 {
         u64::from(self.splat_pixels[0]) | u64::from(self.splat_pixels[1]) << 32
     }
 }
 
-/// A depth from the device.
+/// Decodes a depth from the device.
 pub(super) fn depth_of_word(word: f32) -> f32 {
     if word <= NO_DEPTH {
         f32::INFINITY
@@ -45,7 +45,7 @@ pub(super) fn depth_of_word(word: f32) -> f32 {
     }
 }
 
-/// A depth for the device.
+/// Encodes a depth for the device.
 pub(super) fn word_of_depth(depth: f32) -> f32 {
     if depth == f32::INFINITY {
         NO_DEPTH
@@ -54,15 +54,15 @@ pub(super) fn word_of_depth(depth: f32) -> f32 {
     }
 }
 
-/// Entries of a list that a dispatch draws at most: all.
+/// Greatest number of entries of a list that a dispatch draws: no limit.
 const WHOLE_LIST: u32 = u32::MAX;
-/// The same on a software adapter: llvmpipe ends all loops of a thread, without a word, after
-/// 65,535 rounds. An entry takes one and a share of its batch's.
+/// Greatest number on a software adapter. llvmpipe silently ends all loops of a thread after 65,535
+/// iterations. An entry takes one iteration and a share of its batch's.
 const SHORT_LIST: u32 = 60_000;
 
-/// Entries of a list that a dispatch draws at most.
+/// Returns the greatest number of entries of a list that a dispatch draws.
 ///
-/// - `rounds`: of loops that an entry may take besides its own.
+/// - `rounds`: loop iterations that an entry may take besides its own.
 pub(super) fn slice(gpu: &Gpu, rounds: u32) -> u32 {
     if gpu.is_software() {
         SHORT_LIST / (1 + rounds)
@@ -79,11 +79,11 @@ pub(super) struct BoundTiles {
 }
 
 impl BoundTiles {
-    /// Draws lists of at most `longest` entries, in one dispatch where the adapter has no limit.
+    /// Draws lists of at most `longest` entries, in one dispatch if the adapter has no limit.
     ///
     /// The tiles' progress must be cleared before a frame's first lists.
     ///
-    /// - `tiles`: of the band.
+    /// - `tiles`: number of tiles of the band.
     pub(super) fn encode(&self, pass: &mut wgpu::ComputePass<'_>, tiles: u32, longest: u32) {
         for _ in 0..longest.div_ceil(self.slice).max(1) {
             self.kernel.dispatch(pass, tiles);
@@ -107,7 +107,7 @@ pub(super) struct TileBuffers<'a> {
 }
 
 impl<'a> TileBuffers<'a> {
-    /// The bindings that all rasterisers begin with; `pixels`: what they write.
+    /// Returns the bindings that all rasterisers begin with; `pixels` is their output.
     pub(super) fn with(&self, pixels: &'a wgpu::Buffer) -> [&'a wgpu::Buffer; 9] {
         [
             self.chunk,
@@ -123,7 +123,7 @@ impl<'a> TileBuffers<'a> {
     }
 }
 
-/// The near terms as the device keeps them: their number, twice, then the terms, room for one at least.
+/// Packs the near terms for the device: their number, twice, then the terms, with space for at least one.
 pub(super) fn near_words(near: &[NearTerms]) -> Vec<u32> {
     let mut words = vec![near.len() as u32; 2];
     words.extend_from_slice(bytemuck::cast_slice(near));
@@ -131,8 +131,8 @@ pub(super) fn near_words(near: &[NearTerms]) -> Vec<u32> {
     words
 }
 
-/// Lists of the tiles of a whole image, cut into depth chunks as a frame of many footprints is: for
-/// each chunk its uniform, the tiles' ranges and their entries.
+/// Uploads lists of the tiles of a whole image, divided into depth chunks as in a frame of many
+/// footprints. Returns for each chunk its uniform, the tiles' ranges and their entries.
 pub(super) fn upload_lists(
     gpu: &Gpu,
     lists: &[Vec<u32>],
@@ -166,7 +166,7 @@ pub(super) fn upload_lists(
     (0..chunks).map(chunk).collect()
 }
 
-/// Entries of the longest list.
+/// Returns the number of entries of the longest list.
 pub(super) fn longest(lists: &[Vec<u32>]) -> u32 {
     lists.iter().map(Vec::len).max().unwrap_or(0) as u32
 }

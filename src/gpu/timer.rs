@@ -1,4 +1,4 @@
-//! How long each stage took, by the device's own clock.
+//! Measures the time of each stage by the device's own clock.
 
 use wgpu::{
     BufferUsages, CommandEncoder, ComputePass, ComputePassDescriptor, ComputePassTimestampWrites,
@@ -9,7 +9,7 @@ use super::device::Gpu;
 use crate::error::Result;
 use crate::stats::StageTimes;
 
-/// Passes that one frame can time; the rest goes uncounted.
+/// Greatest number of passes that one frame can time; further passes are not timed.
 const MAX_PASSES: u32 = 1024;
 
 /// A stage of a frame, as [`StageTimes`] lists them.
@@ -38,10 +38,12 @@ struct Queries {
     staging: wgpu::Buffer,
 }
 
-/// A word of a timestamp, twice per pass.
+/// Bytes of the timestamps, two per pass.
 const BYTES: u64 = MAX_PASSES as u64 * 2 * 8;
 
 impl Timer {
+    /// Makes a timer.
+    ///
     /// # Errors
     /// No memory.
     pub(super) fn new(gpu: &Gpu) -> Result<Self> {
@@ -69,7 +71,7 @@ impl Timer {
         })
     }
 
-    /// Forgets the last frame.
+    /// Clears the last frame's passes.
     pub(super) fn clear(&mut self) {
         self.stages.clear();
     }
@@ -98,7 +100,7 @@ impl Timer {
         })
     }
 
-    /// Makes the timestamps readable, after the frame's last pass.
+    /// Copies the timestamps to a readable buffer, after the frame's last pass.
     pub(super) fn finish(&self, encoder: &mut CommandEncoder) {
         let count = 2 * self.stages.len() as u32;
         if let Some(queries) = &self.queries
@@ -110,7 +112,7 @@ impl Timer {
         }
     }
 
-    /// The times of the frame that has run; zeros where the adapter has no clock.
+    /// Returns the times of the frame that has run; zeros if the adapter has no clock.
     ///
     /// # Errors
     /// A lost device.

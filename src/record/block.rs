@@ -1,4 +1,4 @@
-//! Blocks of particles, and particles that are visible, on their way to footprints.
+//! Defines the records of blocks, and of visible particles on their way to footprints.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -10,56 +10,59 @@ use super::Carried;
 pub struct DeviceBlock {
     /// World position that the particles' offsets are relative to, f64 as its bits.
     pub origin: [[u32; 2]; 3],
-    /// Half the extent of the particles' centres.
+    /// Half the extent of the box of the particles' centres.
     pub half_extent: [f32; 3],
-    /// No kernel's standard deviation exceeds this in any direction.
+    /// Upper bound of the kernels' standard deviations in any direction.
     pub max_sigma: f32,
-    /// None falls below this.
+    /// Lower bound of the kernels' standard deviations.
     pub min_sigma: f32,
     /// The greatest mass, cell volume or opacity of a particle.
     pub max_strength: f32,
-    /// Least and greatest finite value; reversed where there is none.
+    /// Least and greatest finite value; reversed if there is none.
     pub value_range: [f32; 2],
     /// Index of its first particle in the arrays of its part.
     pub first: u32,
-    /// Number of particles; for a brick of a lattice, of its cells within the lattice.
+    /// Number of particles. For a brick of a lattice: number of its cells within the lattice.
     pub count: u32,
-    /// The block of merged particles that stands for this one among others, counted over the merged
-    /// blocks of the scene; [`NO_PARENT`](crate::blocks::NO_PARENT) for none.
+    /// Index of the block of merged particles that contains this block's cluster, counted over the merged
+    /// blocks of the scene; [`NO_PARENT`](crate::blocks::NO_PARENT) if there is none.
     pub parent: u32,
     /// 0 for the data's own particles, above for merged ones.
     pub level: u32,
-    /// The most kernels that lie in one place, as [`Block::crowding`](crate::blocks::Block::crowding).
+    /// Greatest number of kernels that overlap at a point, as
+    /// [`Block::crowding`](crate::blocks::Block::crowding).
     pub crowding: f32,
-    /// The greatest standard deviation of values over a kernel, as [`Block::greatest_spread`](crate::blocks::Block::greatest_spread).
+    /// Greatest standard deviation of values over a kernel, as
+    /// [`Block::greatest_spread`](crate::blocks::Block::greatest_spread).
     pub greatest_spread: f32,
-    /// What classification over extents may ask for, as [`Block::values_around`](crate::blocks::Block::values_around).
+    /// Range of values that classification over extents may look up, as
+    /// [`Block::values_around`](crate::blocks::Block::values_around).
     pub values_around: [f32; 2],
-    /// Of points that the boundary of their domain cuts: where the planes begin among the words of the
-    /// part's shapes, one more than that; 0 where there are none.
+    /// For points that the boundary of their domain cuts: one more than the index at which the planes
+    /// begin among the words of the part's shapes; 0 if there are no planes.
     pub edges: u32,
     /// Pads the struct to a multiple of its alignment.
     pub unused: u32,
 }
 
-/// A block of merged particles in a frame on the device.
+/// A block of merged particles as one frame on the device stores it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct MergedBlock {
-    /// The merged block that stands for this one among others, as [`DeviceBlock::parent`].
+    /// Index of the merged block that contains this block's cluster, as [`DeviceBlock::parent`].
     pub parent: u32,
-    /// Whether it decides about its members by itself: one of the `MERGED_` constants.
+    /// One of the `MERGED_` constants: it says whether this block's members need a test of their own.
     pub state: u32,
 }
 
-/// Its members are asked.
+/// The block's members are tested one by one.
 pub const MERGED_OPEN: u32 = 0;
-/// Nothing is seen of it or of its members.
+/// Neither the block nor any of its members is visible.
 pub const MERGED_UNSEEN: u32 = 1;
-/// Its particles may be drawn instead of their members.
+/// The block's particles may be drawn instead of their members.
 pub const MERGED_FITS: u32 = 2;
 
-/// A lattice as the device keeps it: particles are cells, in bricks of
+/// A lattice as the device keeps it. Particles are cells, stored in bricks of
 /// [`BRICK`](crate::constants::BRICK).
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
@@ -68,40 +71,40 @@ pub struct LatticeUniform {
     pub dims: [u32; 3],
     /// Bricks along each axis.
     pub bricks: [u32; 3],
-    /// Which of the lattice's bricks is the first of its part.
+    /// Index, within the lattice, of the first brick of this part.
     pub first_brick: u32,
-    /// 1 where cells follow from the samples of the axes, 0 where all are alike.
+    /// 1 if cells follow from the samples of the axes, 0 if all cells are alike.
     pub has_axes: u32,
-    /// Columns: the units of the axes in the world; of a uniform lattice the step from one cell to
-    /// the next along each index.
+    /// Columns: the world directions of the axes. For a uniform lattice: the step from one cell to the
+    /// next along each index.
     pub basis: [[f32; 3]; 3],
     /// Columns of the factor that all kernels share, world units.
     pub factor: [[f32; 3]; 3],
-    /// Unit normals of the lower faces of the box of the samples, into it, world.
+    /// Inward unit normals, in the world, of the lower faces of the samples' box.
     pub face_normals: [[f32; 3]; 3],
-    /// Where the distances from these faces begin among the axes' samples, one more than that; 0 where
-    /// the box cuts nothing.
+    /// One more than the index at which the distances from these faces begin among the axes' samples; 0
+    /// if the box cuts nothing.
     pub first_face: u32,
 }
 
-/// Which bricks of a lattice a part holds, and where it keeps how its field runs over kernels.
+/// The bricks of a lattice that a part holds, and where the part stores the local models of its field.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct BrickUniform {
-    /// Samples of the lattice along x, y and z; zeros where the part's volume is none.
+    /// Samples of the lattice along x, y and z; zeros if the part's volume is not a lattice.
     pub dims: [u32; 3],
-    /// The brick that is the part's first block.
+    /// Index of the brick that is the part's first block.
     pub first: u32,
-    /// The brick whose values come first: those around the part's own are kept, too, where kernels are
-    /// classified over their extents.
+    /// Index of the brick whose values come first. If kernels are classified over their extents, the part
+    /// also stores the values of the bricks around its own.
     pub values_first: u32,
     /// Standard deviation of a lattice's kernels, in spacings.
     pub kernel_width: f32,
-    /// Where local models begin among the strengths of points.
+    /// Index at which local models begin among the strengths of points.
     pub models_first: u32,
     /// Padding to four words.
     pub unused: u32,
-    /// What lengths in the codes of local models count from: slopes, departures.
+    /// Units of the lengths in the codes of local models: slopes, departures.
     pub model_scales: [f32; 2],
     /// Padding to four words.
     pub unused_end: [u32; 2],
@@ -113,38 +116,38 @@ pub struct BrickUniform {
 pub struct BlockView {
     /// The block's origin in camera space, subtracted in f64.
     pub origin_camera: [f32; 3],
-    /// Which block of its volume.
+    /// Index of the block in its volume.
     pub block: u32,
-    /// Where its classified particles begin.
+    /// Index of its first classified particle.
     pub first: u32,
-    /// How many there are.
+    /// Number of its classified particles.
     pub count: u32,
     /// Depth key of the block's origin.
     pub key: u32,
-    /// What draws its particles, as [`crate::splat::Filter`] numbers them: `Adaptive` where each
-    /// is asked for itself.
+    /// The filter of its particles, as [`crate::splat::Filter`] numbers them; `Adaptive` if each particle
+    /// chooses its own.
     pub filter_kind: u32,
     /// Its level of detail: 0 for the data's own particles.
     pub level: u32,
-    /// What decides about its kernels, as [`ClassifiedBy`] numbers it.
+    /// Rule that classifies its kernels, as [`ClassifiedBy`] numbers it.
     pub classified_by: u32,
 }
 
-/// What decides what a transfer function leaves of a kernel.
+/// Rules by which a transfer function classifies a kernel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u32)]
 pub enum ClassifiedBy {
-    /// Its value.
+    /// By the particle's value.
     Value = 0,
-    /// The values over its own extent: it may become several pieces, or none.
+    /// By the values over the kernel's own extent: it may become several pieces, or none.
     Extent = 1,
-    /// Slabs are classified, not kernels: one is whole where any of the values around is shown, and is left out
-    /// where none is.
+    /// By the values around. Slabs are classified, not kernels. A kernel is kept whole if the transfer
+    /// function shows any of the values around, and left out otherwise.
     Neighbours = 2,
 }
 
 impl ClassifiedBy {
-    /// That of a number.
+    /// Returns the rule with this number; [`Self::Value`] for any other number.
     #[inline]
     pub(crate) fn of(number: u32) -> Self {
         const EXTENT: u32 = ClassifiedBy::Extent as u32;
@@ -158,7 +161,7 @@ impl ClassifiedBy {
 }
 
 impl BlockView {
-    /// Whether its kernels are classified over their extents.
+    /// Returns whether its kernels are classified over their extents.
     #[inline]
     pub fn is_spread(&self) -> bool {
         self.classified_by == ClassifiedBy::Extent as u32
@@ -169,9 +172,9 @@ impl BlockView {
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct ClassifiedParticle {
-    /// Which [`BlockView`] of its volume.
+    /// Index of the particle's [`BlockView`] in its volume.
     pub view: u32,
-    /// Which particle of the block.
+    /// Index of the particle in its block.
     pub local: u32,
     /// g = extinction x volume \[length²\]; for splats: the peak opacity.
     pub mass: f32,

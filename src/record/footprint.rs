@@ -1,54 +1,55 @@
-//! A kernel's footprint on the image.
+//! Defines a kernel's footprint on the image.
 
 use bytemuck::{Pod, Zeroable};
 
 use crate::constants::TILE_SIZE;
 
-/// What a particle and its footprint carry to the pixels: three words, which mean what the pass says
-/// ([`Classify`](crate::splat::Classify), [`Accumulate`](crate::splat::Accumulate)).
+/// Three words that a particle and its footprint carry to the pixels: a colour, a value or a sign. The
+/// pass defines their meaning ([`Classify`](crate::splat::Classify),
+/// [`Accumulate`](crate::splat::Accumulate)).
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(transparent)]
 pub struct Carried([f32; 3]);
 
 impl Carried {
-    /// Linear RGB.
+    /// Carries linear RGB.
     #[inline]
     pub const fn of_colour(colour: [f32; 3]) -> Self {
         Self(colour)
     }
 
-    /// The sign of an amplitude, whose magnitude is the mass: sums of columns.
+    /// Carries the sign of an amplitude, for sums of columns. The amplitude's magnitude is the mass.
     #[inline]
     pub const fn of_sign(sign: f32) -> Self {
         Self([sign, 0.0, 0.0])
     }
 
-    /// Where particles are classified: linear RGB.
+    /// Returns linear RGB, in passes that classify particles.
     #[inline]
     pub const fn colour(self) -> [f32; 3] {
         self.0
     }
 
-    /// Where slabs are classified: the particle's value, as its share of the transfer function's
-    /// range.
+    /// Returns the particle's value as a fraction of the transfer function's range, in passes that
+    /// classify slabs.
     #[inline]
     pub const fn value(self) -> f32 {
         self.0[0]
     }
 
-    /// Where columns are summed: the sign of the particle's amplitude.
+    /// Returns the sign of the particle's amplitude, in passes that sum columns.
     #[inline]
     pub const fn sign(self) -> f32 {
         self.0[0]
     }
 }
 
-/// A kernel's or a surfel's footprint on the image: sixteen words.
+/// The footprint of a kernel or a surfel on the image: sixteen words.
 ///
-/// Optical depth at offset d = (dx, dy) px from the centre, for an affine footprint:
-/// tau exp(-Q/2) with Q = (p . d)² + (r . d)², cut off at Q > `cutoff_squared`.
+/// The optical depth of an affine footprint at offset d = (dx, dy) px from the centre is tau exp(-Q/2)
+/// with Q = (p . d)² + (r . d)², cut off at Q > `cutoff_squared`.
 ///
-/// As large as a cache line and aligned with it: one that lay across two would be fetched twice.
+/// A footprint has the size and alignment of a cache line, so that one fetch loads it.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C, align(64))]
 pub struct Footprint {
@@ -69,9 +70,9 @@ pub struct Footprint {
     pub carried: Carried,
     /// Camera-space z of the centre. For surfels [`Self::greatest_inverse_depth`] reads it.
     pub depth: f32,
-    /// What evaluates it: one of the `PATH_` constants, in the low two bits; above them, the
-    /// index of its [`NearTerms`](super::NearTerms), or what makes [`PATH_PEAK`] of [`PATH_AFFINE`].
-    /// Other terms lie at the footprint's own index.
+    /// Evaluation path: one of the `PATH_` constants, in the low two bits. The bits above hold the index
+    /// of the footprint's [`NearTerms`](super::NearTerms), or the flag that turns [`PATH_AFFINE`] into
+    /// [`PATH_PEAK`]. Other terms lie at the footprint's own index.
     pub path: u32,
     /// First and one-past-last pixel column, low and high half word.
     pub columns: u32,
@@ -84,12 +85,11 @@ pub struct Footprint {
 
 /// Affine footprint: EWA and everything cheaper.
 pub const PATH_AFFINE: u32 = 0;
-/// Affine footprint whose `tau` is an opacity: min(tau exp(-Q/2), 1), whatever the mode of the
-/// frame.
+/// Affine footprint whose `tau` is an opacity: min(tau exp(-Q/2), 1), whatever the mode of the frame.
 pub const PATH_PEAK: u32 = PATH_AFFINE | 4;
 /// Surfel of an opaque surface: [`SurfelTerms`](super::SurfelTerms).
 pub const PATH_SURFEL: u32 = PATH_AFFINE | 8;
-/// Surfel that reaches the camera plane: [`NearTerms`](super::NearTerms), its index above the low
+/// Surfel that reaches the camera plane: [`NearTerms`](super::NearTerms), whose index lies above the low
 /// four bits.
 pub const PATH_NEAR_SURFEL: u32 = PATH_NEAR | 8;
 /// Exact perspective: [`ExactTerms`](super::ExactTerms).
@@ -101,32 +101,32 @@ pub const PATH_NEAR: u32 = 2;
 pub const PATH_HALF_LINE: u32 = 3;
 
 impl Footprint {
-    /// Of a surfel of an opaque surface: its weight at the centre.
+    /// Returns the weight at the centre of a surfel of an opaque surface.
     #[inline]
     pub fn weight(&self) -> f32 {
         self.tau
     }
 
-    /// Of a surfel of an opaque surface: the greatest inverse depth (under parallel rays: of the
-    /// negative depth) that it has within its cut-off, its slack added.
+    /// Returns the greatest inverse depth that a surfel of an opaque surface has within its cut-off, plus
+    /// its slack. Under parallel rays: the greatest negative depth.
     #[inline]
     pub fn greatest_inverse_depth(&self) -> f32 {
         self.depth
     }
 
-    /// First and one-past-last pixel column.
+    /// Returns the first and one-past-last pixel column.
     #[inline]
     pub fn column_range(&self) -> (u32, u32) {
         (self.columns & 0xffff, self.columns >> 16)
     }
 
-    /// First and one-past-last pixel row.
+    /// Returns the first and one-past-last pixel row.
     #[inline]
     pub fn row_range(&self) -> (u32, u32) {
         (self.rows & 0xffff, self.rows >> 16)
     }
 
-    /// How many tiles the box of one that reaches the image touches.
+    /// Returns the number of tiles that the box of a visible footprint touches.
     #[inline(always)]
     pub(crate) fn tile_count(&self) -> u64 {
         let size = TILE_SIZE as u64;
@@ -135,9 +135,9 @@ impl Footprint {
         touched(self.column_range()) * touched(self.row_range())
     }
 
-    /// Where its [`NearTerms`](super::NearTerms) lie, if what evaluates it reads any.
+    /// Returns the index of its [`NearTerms`](super::NearTerms), if its path reads them.
     ///
-    /// - `is_surfel`: whether it is of an opaque surface.
+    /// - `is_surfel`: whether the footprint is a surfel of an opaque surface.
     #[inline]
     pub(crate) fn near_place(&self, is_surfel: bool) -> Option<u32> {
         if is_surfel {
@@ -146,7 +146,7 @@ impl Footprint {
         matches!(self.path & 3, PATH_NEAR | PATH_HALF_LINE).then_some(self.path >> 2)
     }
 
-    /// The same footprint with terms that lie elsewhere.
+    /// Returns the same footprint with another index of its near terms.
     #[inline]
     pub(crate) fn with_near_place(self, place: u32, is_surfel: bool) -> Self {
         let path = if is_surfel {
@@ -157,7 +157,7 @@ impl Footprint {
         Self { path, ..self }
     }
 
-    /// Whether it reaches any pixel.
+    /// Returns whether it reaches any pixel.
     #[inline]
     pub fn is_visible(&self) -> bool {
         self.rows != 0

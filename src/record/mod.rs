@@ -1,5 +1,5 @@
-//! The structs that the stages of a frame exchange: plain words, so that any back end can fill
-//! and read them.
+//! Defines the structs that the stages of a frame exchange. They are plain words, so that any back end
+//! can write and read them.
 //!
 //! | struct | written by | read by |
 //! |---|---|---|

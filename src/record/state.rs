@@ -1,103 +1,102 @@
-//! What the stages of a frame on a device count and pass on.
+//! Defines the counters and tables that the stages of a frame on a device pass on.
 
 use bytemuck::{Pod, Zeroable};
 
-/// What the stages of a frame on the device know of all parts together.
+/// Counters of a frame on the device, over all parts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct FrameState {
-    /// The least distance of a block in view, as a word that is the greater the nearer; 0 for
-    /// none.
+    /// Least distance of a block in view, encoded as a word that grows as the distance falls; 0 for none.
     pub nearest: [u32; 2],
-    /// The greatest distance, as a word in the order of distances; 0 for none.
+    /// Greatest distance of a block in view, encoded as a word that grows with it; 0 for none.
     pub farthest: [u32; 2],
-    /// Where depth keys begin: world units, f64.
+    /// Distance at which depth keys begin: world units, f64.
     pub near: [u32; 2],
     /// Depth keys per unit of distance, f64.
     pub keys_per_unit: [u32; 2],
-    /// Particles classified; `u32::MAX` stands for more.
+    /// Number of particles classified; `u32::MAX` stands for more.
     pub classified_count: u32,
-    /// Blocks in view, by their filter.
+    /// Number of blocks in view, by their filter.
     pub filters: [u32; 7],
 }
 
-/// What the stages of a frame on the device know of a part.
+/// Counters of a part on the device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct PartState {
-    /// Capacity for classified particles: what the host has allocated.
+    /// Capacity for classified particles, which the host has allocated.
     pub capacity: u32,
-    /// Blocks in view.
+    /// Number of blocks in view.
     pub view_count: u32,
-    /// One more than that: the counts whose prefix sums are taken.
+    /// `view_count` + 1: the number of counts whose prefix sums are taken.
     pub count_length: u32,
-    /// Particles that the transfer function leaves visible; `u32::MAX` stands for more.
+    /// Number of particles that the transfer function leaves visible; `u32::MAX` stands for more.
     pub needed: u32,
-    /// How many of them were classified: all, or none where the capacity is too small.
+    /// Number of visible particles that were classified: all, or none if the capacity is too small.
     pub classified_count: u32,
-    /// How many of the parts before were classified.
+    /// Number of particles classified in the parts before this one.
     pub first: u32,
 }
 
-/// Which part of the frame's footprints a dispatch works on.
+/// The part whose footprints a dispatch works on.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct PartIndex {
-    /// Its number.
+    /// Number of the part.
     pub index: u32,
 }
 
-/// Where the footprints of a part lie among those of all parts.
+/// Range of a part's footprints among the footprints of all parts.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct PartRange {
     /// The global index of its first footprint.
     pub first: u32,
-    /// How many it has.
+    /// Number of footprints.
     pub count: u32,
 }
 
-/// How many footprints a frame has.
+/// Numbers of footprints of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct SortState {
-    /// Of all parts, visible or not.
+    /// Number of footprints of all parts, visible or not.
     pub count: u32,
-    /// Those that reach a pixel: the first ones in depth order.
+    /// Number of footprints that reach a pixel: they come first in depth order.
     pub visible: u32,
-    /// Of these, on the exact path.
+    /// Number of visible footprints on the exact path.
     pub exact: u32,
 }
 
-/// Which footprints in depth order, and which tiles of the image, are drawn together.
+/// The range of footprints in depth order, and the band of tiles, that are drawn together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct ChunkUniform {
-    /// The place of the chunk's first footprint in depth order.
+    /// Index of the chunk's first footprint in depth order.
     pub start: u32,
-    /// Footprints of the chunk at most.
+    /// Greatest number of footprints in the chunk.
     pub capacity: u32,
-    /// First column and row of the band, tiles.
+    /// First column and row of the band, in tiles.
     pub band_first: [u32; 2],
-    /// Columns and rows of the band, tiles.
+    /// Numbers of columns and rows of the band, in tiles.
     pub band_size: [u32; 2],
-    /// 1 for the last chunk.
+    /// 1 for the last chunk, 0 for others.
     pub is_last: u32,
     /// Padding to a pair of words.
     pub unused: u32,
 }
 
-/// How much a chunk has.
+/// Counts of a chunk.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct ChunkState {
-    /// Footprints.
+    /// Number of footprints.
     pub length: u32,
-    /// Words of the prefix sums of their entries: one more.
+    /// Number of prefix sums of their entries: one more than the footprints.
     pub offset_count: u32,
-    /// Pairs of a tile and a footprint; 0 where they were more than the capacity.
+    /// Number of pairs of a tile and a footprint; 0 if they exceeded the capacity.
     pub entries: u32,
-    /// The most pairs that any chunk had since the host cleared this word, whether they fitted
-    /// or not; `u32::MAX` where they were that many or more.
+    /// Greatest number of pairs of any chunk since the host cleared this word, whether they fitted or
+    /// not; `u32::MAX` stands for that many or more.
     pub needed: u32,
 }

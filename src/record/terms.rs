@@ -1,22 +1,22 @@
-//! What footprints have besides: the terms that only some ways to evaluate them read.
+//! Defines the terms that only some evaluation paths of footprints read.
 
 use bytemuck::{Pod, Zeroable};
 
 use crate::constants::MOST_EDGES;
 
-/// The terms that the footprints of a pass have besides, each at its footprint's own index.
+/// The additional terms of a pass's footprints, each at its footprint's own index.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FootprintTerms<'a> {
-    /// None: all are affine, or have [`NearTerms`].
+    /// No terms: all footprints are affine, or have [`NearTerms`].
     None,
-    /// Of kernels.
+    /// Terms of kernels.
     Exact(&'a [ExactTerms]),
-    /// Of surfels of opaque surfaces.
+    /// Terms of surfels of opaque surfaces.
     Surfel(&'a [SurfelTerms]),
 }
 
 impl<'a> FootprintTerms<'a> {
-    /// Those of kernels; empty where there are none.
+    /// Returns the terms of kernels; empty if there are none.
     pub fn exact(self) -> &'a [ExactTerms] {
         match self {
             Self::Exact(terms) => terms,
@@ -24,7 +24,7 @@ impl<'a> FootprintTerms<'a> {
         }
     }
 
-    /// Those of surfels; empty where there are none.
+    /// Returns the terms of surfels; empty if there are none.
     pub fn surfel(self) -> &'a [SurfelTerms] {
         match self {
             Self::Surfel(terms) => terms,
@@ -33,26 +33,26 @@ impl<'a> FootprintTerms<'a> {
     }
 }
 
-/// The five floats that make an affine footprint exact under perspective:
-/// w(d) = 1 + g . d + hxx dx² + hxy dx dy + hyy dy². Where opaque surfaces may cut kernels, every
-/// footprint has such terms; of the affine ones they say the depth alone.
+/// The five floats that make an affine footprint exact under perspective: w(d) = 1 + g . d + hxx dx² +
+/// hxy dx dy + hyy dy². If opaque surfaces may cut kernels, every footprint has such terms; those of
+/// affine footprints describe the depth alone.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct ExactTerms {
-    /// Gradient of w at the centre, 1/px. Of an affine footprint: change of its depth z* per pixel.
+    /// Gradient of w at the centre, 1/px. For an affine footprint: change of its depth z* per pixel.
     pub gradient: [f32; 2],
     /// hxx, hxy, hyy \[1/px²\].
     pub hessian: [f32; 3],
-    /// The standard deviation of z along the ray through the centre, world units: what a surface
-    /// that cuts the kernel needs; 0 where no surface may.
+    /// Standard deviation of z along the ray through the centre, world units. A surface that cuts the
+    /// kernel needs it; 0 if no surface may cut it.
     pub depth_sigma: f32,
-    /// Where the domain of its data cuts a kernel: one more than the place of its [`NearTerms`],
-    /// of which only the edges count; 0 where nothing does. Read where a pass has boundaries.
+    /// If the boundary of its domain cuts the kernel: one more than the index of its [`NearTerms`], of
+    /// which only the edges are read. 0 otherwise. Read in passes with boundaries.
     pub edges: u32,
 }
 
-/// The plane of a surfel on the image. A device keeps it where it keeps [`ExactTerms`] of kernels: as
-/// many words.
+/// The plane of a surfel on the image. A device stores it in the place of a kernel's [`ExactTerms`]; both
+/// have the same number of words.
 ///
 /// At offset d from the centre its inverse depth (1/z under perspective, -z under an orthographic
 /// camera) is `inverse_depth + gradient . d`.
@@ -63,22 +63,22 @@ pub struct SurfelTerms {
     pub gradient: [f32; 2],
     /// The inverse depth of the centre.
     pub inverse_depth: f32,
-    /// How far the inverse depth of one surface's surfels may differ.
+    /// Greatest difference of inverse depth between surfels that count as one surface.
     pub slack: f32,
-    /// 1 where the footprint follows the plane's homography, Q over the square of the inverse depth
-    /// relative to the centre's; 0 where it is affine.
+    /// 1 if the footprint follows the homography of its plane: Q is divided by the square of the inverse
+    /// depth relative to the centre's. 0 if it is affine.
     pub homography: f32,
-    /// The unit normal, camera space, towards the eye: a whole number, as
-    /// [`pack_normal`](crate::math::pack_normal) makes it.
+    /// Unit normal, camera space, towards the eye, encoded as a whole number by
+    /// [`pack_normal`](crate::math::pack_normal).
     pub normal: f32,
-    /// Fills up to the words of [`ExactTerms`].
+    /// Padding to the words of [`ExactTerms`].
     pub unused: u32,
 }
 
-/// A kernel seen from within or beside it, by the direct line integral along D = (X, Y, 1), in
-/// units of a length of the kernel's own. With five columns f of its factor (the last two the
-/// low-pass filter's): Q = sum (D . (f x u))² / S, S = DᵀKD = sum (D . (f_i x f_j))²,
-/// z* = sum (D . (f_i x f_j)) (u . (f_i x f_j)) / S, sigma_z = sigma / sqrt(S).
+/// Terms of a kernel that the eye lies within or beside. The line integral is taken directly along D =
+/// (X, Y, 1), in units of a length of the kernel's own. With five columns f of its factor (the last two
+/// the low-pass filter's): Q = sum (D . (f x u))² / S, S = DᵀKD = sum (D . (f_i x f_j))², z* = sum (D .
+/// (f_i x f_j)) (u . (f_i x f_j)) / S, sigma_z = sigma / sqrt(S).
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct NearTerms {
@@ -90,43 +90,45 @@ pub struct NearTerms {
     pub minor_depths: [f32; 10],
     /// sqrt(det V). On the half-line path: the standard deviation of z along the ray.
     pub sigma: f32,
-    /// The length that the terms above are in units of, world units.
+    /// The length unit of the terms above, world units.
     pub unit: f32,
-    /// How far the kernel reaches along z within its cut-off, world units.
+    /// Reach of the kernel along z within its cut-off, world units.
     pub reach: f32,
     /// Half-line path: dz/dx, dz/dy \[1/px\] and z at the centre.
     pub half_line: [f32; 3],
-    /// The planes at which the domain of its data cuts the kernel, as its path reads them
+    /// Planes at which the boundary of its domain cuts the kernel, in the form that its path reads
     /// (`splat/edges.rs`).
     pub edges: [[f32; 4]; MOST_EDGES],
-    /// How many of them there are, and whether rays meet them ([`RAY_EDGES`]).
+    /// Number of these planes, plus the flag [`RAY_EDGES`] if rays meet them.
     pub edge_count: u32,
 }
 
-/// In [`NearTerms::edge_count`]: an exact footprint is cut where rays meet its planes, not as an affine one.
+/// Flag in [`NearTerms::edge_count`]: the cut follows where each ray meets the planes (exact footprints),
+/// not an affine form.
 pub const RAY_EDGES: u32 = 1 << 8;
 
-/// What a classified particle has besides where the transfer function was asked over its kernel's extent:
-/// how the kernel of a lobe lies in the particle's own.
+/// Terms of a classified particle whose kernel was classified over its extent. They give the position and
+/// width of the piece (lobe) within the particle's kernel.
 ///
-/// With F the particle's factor in camera space, of V = F Fᵀ, and a the axis: centre + shift F a, and the factor
-/// F (I + (width - 1) a aᵀ) (section 9.1 of the mathematics: no difference of variances is formed).
+/// With the particle's factor F in camera space, V = F Fᵀ, and the axis a: the centre moves by shift F a,
+/// and the factor becomes F (I + (width - 1) a aᵀ) (section 9.1 of the mathematics: no difference of
+/// variances is formed).
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct PieceTerms {
-    /// Direction of Lᵀ g, of unit length, in the frame of the factor L that the particle is stored with; 0 of a
-    /// kernel that stays as it is.
+    /// Unit vector along Lᵀ g, in the frame of the factor L that the particle is stored with; 0 for a
+    /// kernel that stays whole.
     pub axis: [f32; 3],
-    /// Standard deviations along F a.
+    /// Shift along F a, in standard deviations.
     pub shift: f32,
-    /// Standard deviation along it, of the particle's.
+    /// Standard deviation along the axis, relative to the particle's.
     pub width: f32,
-    /// Padding to the words of a classified particle, which it follows on a device.
+    /// Padding to the words of a classified particle, which these terms follow on a device.
     pub unused: u32,
 }
 
 impl PieceTerms {
-    /// Of a kernel that stays as it is.
+    /// Terms of a kernel that stays whole.
     pub const WHOLE: Self = Self {
         axis: [0.0; 3],
         shift: 0.0,

@@ -1,4 +1,4 @@
-//! What the stages of a frame read of camera, lights and settings.
+//! Defines the stages' view of a frame's camera, lights and settings.
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
@@ -7,7 +7,7 @@ use crate::constants::{MAX_CLIP_PLANES, MAX_LIGHTS, MAX_PLANES};
 use crate::scene::{LightFrame, Lighting};
 use crate::view::{Camera, Projection};
 
-/// What a frame's stages need of the camera and the settings, in f32.
+/// The camera and the settings of a frame in f32, as its stages read them.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct ViewUniform {
@@ -23,40 +23,40 @@ pub struct ViewUniform {
     pub filter_kind: u32,
     /// Variance of the low-pass filter, px².
     pub low_pass_variance_px2: f32,
-    /// The tolerance that `adaptive` and the cut-off follow.
+    /// The tolerance that the adaptive filter and the cut-off follow.
     pub tolerance: f32,
     /// A cut-off radius given by hand, standard deviations; 0 follows the tolerance.
     pub cutoff: f32,
     /// Depth keys per unit of distance.
     pub key_scale: f32,
-    /// 1 where colours show what draws each kernel.
+    /// 1 if colours show the evaluation path of each kernel, 0 otherwise.
     pub show_choice: u32,
-    /// 1 where depth keys measure along `key_axis`; 0 where they measure the distance from the eye (of
-    /// an orthographic camera z).
+    /// 1 if depth keys measure along `key_axis`. 0 if they measure the distance from the eye (for an
+    /// orthographic camera: z).
     pub directional_keys: u32,
-    /// Which multiple of the thickness the first layer of slabs begins at, depth z.
+    /// Depth z at which the first layer of slabs begins, in multiples of the thickness.
     pub layer_first: i32,
     /// Thickness of a layer, world units.
     pub layer_thickness: f32,
-    /// A unit vector in camera space.
+    /// Axis of directional depth keys: a unit vector in camera space.
     pub key_axis: [f32; 3],
-    /// A footprint belongs to (of slabs: begins in) the layer `key >> layer_shift`.
+    /// A footprint belongs to the layer `key >> layer_shift`. With slabs it begins in that layer.
     pub layer_shift: u32,
-    /// 1 where a depth key says where a kernel begins; 0 where it says where its centre lies.
+    /// 1 if a depth key encodes where a kernel begins, 0 if it encodes the centre.
     pub keys_begin: u32,
-    /// How many of the clip planes there are.
+    /// Number of clip planes.
     pub clip_count: u32,
-    /// 1 where kernels smaller than a pixel have the opacity of lone ones.
+    /// 1 if a kernel smaller than a pixel has the opacity it would have alone, 0 otherwise.
     pub sub_pixel_opacity: u32,
-    /// Of maxima: how long a ray must be in a slab for its mean value to count, as optical depth of the
-    /// extinction that particles carry.
+    /// For maxima: least length of a ray in a slab for the slab's mean value to count. Given as optical
+    /// depth of the extinction that particles carry.
     pub least_length: f32,
-    /// Planes n . u + d >= 0, camera space: n, d.
+    /// Planes n . u + d >= 0, camera space: (n, d).
     pub clip_planes: [[f32; 4]; MAX_CLIP_PLANES],
 }
 
-/// What the stages on the device need of a camera besides a [`ViewUniform`]. Numbers of f64 go as
-/// their bits, low word first: the device subtracts the eye in integers (`shared/f64.wgsl`).
+/// The camera in more precision, as the stages on the device read it besides a [`ViewUniform`]. Each f64
+/// is stored as its bits, low word first: the device subtracts the eye in integers (`shared/f64.wgsl`).
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct CameraUniform {
@@ -64,35 +64,35 @@ pub struct CameraUniform {
     pub eye: [[u32; 2]; 3],
     /// Rows of the rotation into camera space, f64.
     pub camera_from_world: [[[u32; 2]; 3]; 3],
-    /// Inward normals of the frustum's planes and of those that clip, camera space, f64.
+    /// Inward normals of the frustum's planes and of the clip planes, camera space, f64.
     pub plane_normals: [[[u32; 2]; 3]; MAX_PLANES],
-    /// Their distances, f64: inside where n . u + d >= 0.
+    /// Distances of these planes, f64: inside is n . u + d >= 0.
     pub plane_distances: [[u32; 2]; MAX_PLANES],
     /// Magnitudes of the normals' components in the world, f64.
     pub plane_spreads: [[[u32; 2]; 3]; MAX_PLANES],
-    /// Where depth keys are measured along a direction: that direction, camera space, f64.
+    /// Direction along which directional depth keys are measured, camera space, f64.
     pub key_axis: [[u32; 2]; 3],
-    /// And where they begin, world units, f64.
+    /// Distance at which depth keys begin, world units, f64.
     pub key_near: [u32; 2],
-    /// And how many there are per unit, f64.
+    /// Depth keys per unit of distance, f64.
     pub keys_per_unit: [u32; 2],
     /// Columns of the rotation into camera space.
     pub rotation: [[f32; 3]; 3],
-    /// 1 where the frustum rejects blocks.
+    /// 1 if blocks outside the frustum are rejected, 0 otherwise.
     pub has_frustum: u32,
     /// 1 for an orthographic camera, 0 for a perspective one.
     pub orthographic: u32,
-    /// 1 where depth keys are measured along a direction, over a range given.
+    /// 1 if depth keys are measured along a direction, over a given range; 0 otherwise.
     pub directional_keys: u32,
-    /// How many planes there are.
+    /// Number of planes.
     pub plane_count: u32,
     /// Padding to a pair of words.
     pub unused: u32,
-    /// What blocks are drawn by.
+    /// Rules by which blocks choose their filter.
     pub choice: ChoiceUniform,
 }
 
-/// A light as a frame sees it.
+/// A light in camera space.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct LightUniform {
@@ -102,13 +102,13 @@ pub struct LightUniform {
     pub colour: [f32; 4],
 }
 
-/// What lighting needs: [`Lighting`] in camera space.
+/// The lighting of a frame: [`Lighting`] in camera space.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct LightingUniform {
     /// Lights; zeros from `count` on.
     pub lights: [LightUniform; MAX_LIGHTS],
-    /// How many there are.
+    /// Number of lights.
     pub count: u32,
     /// 1 for an orthographic camera, 0 for a perspective one.
     pub orthographic: u32,
@@ -125,7 +125,7 @@ pub struct LightingUniform {
 }
 
 impl LightingUniform {
-    /// `lighting` as `camera` sees it; lights beyond [`MAX_LIGHTS`] are left out
+    /// Transforms `lighting` into the space of `camera`. Lights beyond [`MAX_LIGHTS`] are left out
     /// ([`Lighting::validate`] refuses them).
     pub fn new(lighting: &Lighting, camera: &Camera) -> Self {
         let mut uniform = Self {
@@ -157,16 +157,16 @@ impl LightingUniform {
     }
 }
 
-/// What the choice of a block's filter and of merged particles follows.
+/// Parameters of the choice of a block's filter and of merged particles.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct ChoiceUniform {
     /// The least and the greatest focal length, pixels per unit of slope or per world unit.
     pub focal_px: [f32; 2],
-    /// c_min and c_max of eq. 7 of Chen et al. 2004, the latter with its factor of the field of
-    /// view; where `by_hand` says so.
+    /// c_min and c_max of eq. 7 of Chen et al. 2004, the latter times its factor of the field of view.
+    /// Read if `by_hand` is 1.
     pub thresholds: [f32; 2],
-    /// 1 where the thresholds rule, 0 where the tolerance does.
+    /// 1 if the thresholds choose the filter, 0 if the tolerance does.
     pub by_hand: u32,
     /// 1 for an orthographic camera, 0 for a perspective one.
     pub orthographic: u32,
@@ -176,11 +176,11 @@ pub struct ChoiceUniform {
     pub low_pass_variance_px2: f32,
     /// The tolerance.
     pub tolerance: f32,
-    /// The tolerance for merged particles that stand for their members; 0 where none may.
+    /// The tolerance for merged particles that replace their members; 0 if none may.
     pub merge_tolerance: f32,
-    /// What decides about kernels where more than their values must be asked, as
+    /// Rule that classifies kernels which need more than their values, as
     /// [`ClassifiedBy`](super::ClassifiedBy) numbers it.
     pub classified_by: u32,
-    /// World units, of slabs whose mean values are classified.
+    /// Thickness of slabs whose mean values are classified, world units.
     pub slab_thickness: f32,
 }

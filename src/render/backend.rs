@@ -1,4 +1,4 @@
-//! What draws frames: the back ends' common interface.
+//! Defines the common interface of the back ends that draw frames.
 
 use std::fmt::Debug;
 
@@ -11,34 +11,34 @@ use crate::image::{ColumnImage, DepthImage, Image, NormalImage};
 use crate::stats::{FrameCounts, StageTimes};
 use crate::view::{Camera, Projection};
 
-/// What draws frames.
+/// A choice of back end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Backend {
-    /// A hardware GPU where there is one that the scene fits, the CPU otherwise: on a software
-    /// adapter the CPU's own path is faster. Where the environment variable `EWA_ADAPTER` names an
-    /// adapter, that one.
+    /// A hardware GPU if there is one that the scene fits, the CPU otherwise. Software adapters are
+    /// skipped, because the CPU's own path is faster. If the environment variable `EWA_ADAPTER` names an
+    /// adapter, that adapter.
     #[default]
     Auto,
-    /// A GPU, a software adapter where there is no other.
+    /// A GPU; a software adapter if there is no other.
     Gpu,
-    /// The processor.
+    /// The CPU.
     Cpu,
 }
 
-/// A back end that is ready to take scenes.
+/// A back end that is ready to receive scenes.
 #[derive(Debug, Clone)]
 pub struct OpenBackend {
-    /// The device, and whether the caller asked for one.
+    /// The device, and whether the caller asked for one explicitly.
     #[cfg(feature = "gpu")]
     pub(super) gpu: Option<(Gpu, bool)>,
 }
 
 impl Backend {
-    /// Looks for its device: loading the drivers takes as long as reading a small file does, and may be done
-    /// meanwhile, in another thread.
+    /// Opens the device of this choice. Loading the drivers takes as long as reading a small file;
+    /// another thread may do it meanwhile.
     ///
     /// # Errors
-    /// No adapter where one is asked for.
+    /// An adapter was asked for, and there is none.
     pub fn open(self) -> Result<OpenBackend> {
         #[cfg(feature = "gpu")]
         {
@@ -62,32 +62,34 @@ impl Backend {
     }
 }
 
-/// What of a scene has changed since it was uploaded.
+/// A change of a scene since it was uploaded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Edit {
-    /// The transfer function of a volume.
+    /// The transfer function of a volume has changed.
     TransferFunction(usize),
-    /// The values of a volume, and with them the order of its particles and its levels of detail.
+    /// The values of a volume have changed, and with them the order of its particles and its levels of
+    /// detail.
     Values,
 }
 
-/// What a frame draws into.
+/// The images that a frame draws into.
 #[derive(Debug, Default)]
 pub(crate) struct Images {
     /// The picture.
     pub(crate) image: Image,
-    /// Depths, where the plan asks for them.
+    /// Depths, if the plan asks for them.
     pub(crate) depth: Option<DepthImage>,
-    /// Normals of opaque surfaces, where the plan asks for them.
+    /// Normals of opaque surfaces, if the plan asks for them.
     pub(crate) normals: Option<NormalImage>,
-    /// The column density of a plan of columns.
+    /// Column density, for a plan of columns.
     pub(crate) column: ColumnImage,
-    /// Its greatest magnitude before it was narrowed to f32.
+    /// Greatest magnitude of the column density before it was narrowed to f32.
     pub(crate) largest: f64,
 }
 
 impl Images {
-    /// Images of a plan's size: of the old ones those that have it. What was not asked for is gone.
+    /// Resizes the images to a plan's size. Images that already have this size are reused; images that
+    /// the plan does not ask for are dropped.
     pub(crate) fn resize(&mut self, plan: &FramePlan) {
         let (width, height) = (plan.camera.width, plan.camera.height);
         if (self.image.width, self.image.height) != (width, height) {
@@ -96,7 +98,7 @@ impl Images {
         self.resize_beside(plan);
     }
 
-    /// The same of what lies beside a picture that is drawn elsewhere.
+    /// Resizes the images other than the picture, for a picture that is drawn elsewhere.
     pub(crate) fn resize_beside(&mut self, plan: &FramePlan) {
         let (width, height) = (plan.camera.width, plan.camera.height);
         let has_size = |w: usize, h: usize| (w, h) == (width, height);
@@ -111,7 +113,7 @@ impl Images {
             }
         }
         match &mut self.normals {
-            // Zeros where no pass writes any.
+            // No pass may write normals: start from zeros.
             Some(normals) if plan.normals && has_size(normals.width, normals.height) => {
                 normals.normals.fill([0.0; 3]);
             }
@@ -127,7 +129,7 @@ impl Images {
 }
 
 impl Images {
-    /// A column density of a plan's size.
+    /// Resizes the column density to a plan's size.
     pub(crate) fn resize_column(&mut self, plan: &FramePlan) {
         let Camera {
             width,
@@ -144,34 +146,34 @@ impl Images {
     }
 }
 
-/// What a frame counted, and how long it took.
+/// Counts and times of a frame.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct FrameReport {
     pub(crate) counts: FrameCounts,
     pub(crate) times: StageTimes,
 }
 
-/// A back end: keeps what it needs of a scene, and draws plans of frames of it.
+/// A back end: it keeps its own copy of a scene's data and draws plans of frames of the scene.
 pub(crate) trait DrawFrames: Debug {
-    /// What it draws on; `None` for the processor.
+    /// Returns the name of its adapter; `None` for the CPU.
     fn adapter(&self) -> Option<String>;
 
-    /// Takes what it keeps of a scene.
+    /// Uploads a scene.
     ///
     /// # Errors
-    /// Too little memory, or what this back end does not draw.
+    /// Too little memory, or data that this back end does not draw.
     fn upload(&mut self, scene: &BlockedScene) -> Result<()>;
 
-    /// Takes what has changed of a scene that was uploaded.
+    /// Uploads a change of the uploaded scene.
     ///
     /// # Errors
     /// Too little memory.
     fn edit(&mut self, scene: &BlockedScene, edit: Edit) -> Result<()>;
 
-    /// Draws a frame of the scene that was uploaded, and waits for it.
+    /// Draws a frame of the uploaded scene, and waits for it.
     ///
     /// # Errors
-    /// Too little memory, what this back end does not draw, or a lost device.
+    /// Too little memory, data that this back end does not draw, or a lost device.
     fn draw(
         &mut self,
         scene: &BlockedScene,
@@ -180,7 +182,7 @@ pub(crate) trait DrawFrames: Debug {
     ) -> Result<FrameReport>;
 }
 
-/// What draws instead of the processor in a build without code for GPUs: nothing.
+/// Stands in for the device in a build without code for GPUs. It has no values.
 #[cfg(not(feature = "gpu"))]
 #[derive(Debug)]
 pub(crate) enum NoDevice {}

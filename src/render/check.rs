@@ -1,4 +1,4 @@
-//! What settings and cameras are refused, and in which words.
+//! Checks settings and cameras, and words the errors for those that are refused.
 
 use super::settings::{Blend, Composite, Settings, Show};
 use crate::blocks::{BlockedScene, BlockedVolume};
@@ -7,12 +7,12 @@ use crate::error::{Error, Result};
 use crate::splat::Filter;
 use crate::view::Camera;
 
-/// Images at most this wide and high: pixel ranges are half words.
+/// Greatest width and height of an image: pixel ranges are half words.
 const MAX_IMAGE_SIZE: usize = 65_535;
-/// Pixels of an image at most: 5 GiB of tiles and picture.
+/// Greatest number of pixels of an image: 5 GiB of tiles and picture.
 const MAX_IMAGE_PIXELS: usize = 1 << 27;
 
-/// Refuses what cannot be drawn, in words.
+/// Checks a camera and settings, and refuses those that cannot be drawn.
 ///
 /// # Errors
 /// A camera or settings out of range.
@@ -92,11 +92,11 @@ pub(super) fn check(camera: &Camera, settings: &Settings) -> Result<()> {
     check_pairs(settings)
 }
 
-/// Refuses settings that mean something by themselves, and nothing together.
+/// Refuses settings that are valid alone but not together.
 ///
 /// # Errors
-/// Thresholds for a filter that does not choose; slabs that are classified, and colours or depths that
-/// are no field's.
+/// Thresholds for a filter that does not choose; classified slabs together with colours or depths that do
+/// not belong to a field.
 fn check_pairs(settings: &Settings) -> Result<()> {
     let refuse = |place: &str, expected: &str| {
         Err(Error::invalid(
@@ -139,11 +139,11 @@ fn check_pairs(settings: &Settings) -> Result<()> {
         );
     }
     if settings.show == Show::Choice {
-        // Kernels carry a value there, and a colour has no place beside it.
+        // Kernels carry a value here, and have no room for a colour.
         return refuse("what draws each kernel", "particles classified one by one");
     }
     if settings.sub_pixel_opacity {
-        // The length of the ray in each slab is what the mean is taken over.
+        // The mean of a slab is taken over the length of the ray in it.
         return refuse(
             "opacity of lone kernels",
             "particles with optical depths of their own",
@@ -152,10 +152,10 @@ fn check_pairs(settings: &Settings) -> Result<()> {
     Ok(())
 }
 
-/// Refuses what a scene cannot be drawn by.
+/// Checks settings against a scene, and refuses those by which it cannot be drawn.
 ///
 /// # Errors
-/// Splats that state their opacity, and any composite but `over`; surfaces, and a maximum.
+/// Splats that state their opacity, with any composite but `over`; surfaces with a maximum.
 pub(super) fn check_scene(scene: &BlockedScene, settings: &Settings) -> Result<()> {
     if settings.composite != Composite::Over && scene.has_splats() {
         return Err(Error::invalid(

@@ -1,4 +1,4 @@
-//! Column densities: the line integral of the field along each pixel's ray.
+//! Draws column densities: the line integral of the field along each pixel's ray.
 
 use super::backend::FrameReport;
 use super::check::check;
@@ -14,16 +14,22 @@ impl Renderer {
     /// Draws the column density: the sum over the particles of amplitude x (line integral of the
     /// unit-integral kernel along the pixel's ray), low-passed; \[field x length\].
     ///
-    /// The amplitude is value x volume where the strength is classified, the mass otherwise; it
-    /// may be negative. No transfer function is asked, nothing is sorted, nothing hides anything.
-    /// Values that are not finite contribute nothing ([`Renderer::amplitudes`] counts them).
+    /// The amplitude is value x volume if the strength is classified, and the mass otherwise; it may be
+    /// negative. Transfer functions, depth order and occlusion play no part. Values that are not finite
+    /// contribute nothing ([`Renderer::amplitudes`] counts them).
     ///
-    /// In an orthographic view that holds everything the pixels times their area sum to the
-    /// sum of the amplitudes within 1e-5, sub-pixel kernels included, for a low-pass variance of
-    /// 1 px² or more (`tests/frames/column_density.rs`). Kernels that cross the eye's plane count as far
-    /// as they lie in front of it, those that a clip plane cuts as far as they lie inside: per ray, by
-    /// the integral of the kernel (without its low-pass filter) up to the plane. [`Renderer::counts`] and [`Renderer::times`] hold
-    /// this frame's figures then.
+    /// In an orthographic view that contains the whole scene, the sum of the pixels times their area
+    /// equals the sum of the amplitudes within 1e-5. This includes sub-pixel kernels and requires a
+    /// low-pass variance of 1 px² or more (`tests/frames/column_density.rs`).
+    ///
+    /// A kernel that crosses the plane of the eye or a clip plane contributes only the part in front of
+    /// it, or inside it. The part is computed per ray: the integral of the kernel (without its low-pass
+    /// filter) up to the plane.
+    ///
+    /// After this call [`Renderer::counts`] and [`Renderer::times`] describe this frame.
+    ///
+    /// # Errors
+    /// The errors of [`Renderer::render`]; a result beyond f32; splats that state a peak opacity.
     ///
     /// # Errors
     /// As [`Renderer::render`]; a result beyond f32; splats that state a peak opacity.
@@ -37,7 +43,7 @@ impl Renderer {
         self.column_drawn(report)
     }
 
-    /// The plan of a column density, once its settings are checked.
+    /// Checks the settings and returns the plan of a column density.
     pub(super) fn column_plan(
         &mut self,
         camera: &Camera,
@@ -65,7 +71,7 @@ impl Renderer {
         Ok(FramePlan::of_columns(scene, camera, settings, largest))
     }
 
-    /// Keeps what a column density's frame found out.
+    /// Stores the report of a column density's frame.
     pub(super) fn column_drawn(&mut self, report: FrameReport) -> Result<&ColumnImage> {
         let largest = self.images.largest;
         if !(largest <= f64::from(f32::MAX)) {
@@ -81,12 +87,12 @@ impl Renderer {
         Ok(&self.images.column)
     }
 
-    /// The last column density.
+    /// Returns the last column density.
     pub fn column(&self) -> &ColumnImage {
         &self.images.column
     }
 
-    /// The amplitudes of the scene, of which [`Renderer::column_density`] makes columns; found once.
+    /// Returns a summary of the amplitudes that [`Renderer::column_density`] sums. It is computed once.
     pub fn amplitudes(&mut self) -> AmplitudeSummary {
         *self
             .amplitudes

@@ -1,4 +1,4 @@
-//! Frames on a device of the caller's, into its textures, and without waiting.
+//! Draws frames on a device that the caller opened, into its textures, and without waiting.
 
 use super::backend::FrameReport;
 use super::plan::FramePlan;
@@ -11,13 +11,13 @@ use crate::scene::PointVolume;
 use crate::view::Camera;
 
 impl Renderer {
-    /// As [`Renderer::new`], the scene kept on a device that the caller opened and goes on using, that of a
-    /// window for one; [`device_descriptor`](super::device_descriptor) is what to ask its
-    /// adapter for. Several scenes on one device share what it compiles by clones of one
-    /// [`Gpu::from_device`] and [`Renderer::on`].
+    /// As [`Renderer::new`], but keeps the scene on a device that the caller opened and continues to use,
+    /// such as a window's. [`device_descriptor`](super::device_descriptor) describes the device to
+    /// request from its adapter. To share compiled pipelines among several scenes on one device, clone
+    /// one [`Gpu::from_device`] and pass the clones to [`Renderer::on`].
     ///
     /// # Errors
-    /// Those of [`Renderer::new`] and of [`Gpu::from_device`]; too little memory on the device.
+    /// The errors of [`Renderer::new`] and of [`Gpu::from_device`]; too little memory on the device.
     pub fn with_device(
         scene: Vec<PointVolume>,
         device: wgpu::Device,
@@ -26,14 +26,16 @@ impl Renderer {
         Self::new(scene)?.on(Gpu::from_device(device, queue)?)
     }
 
-    /// As [`Renderer::render`], without waiting for the device: the future completes when the device
-    /// has drawn, and may move between threads (but for a browser's).
+    /// As [`Renderer::render`], without waiting for the device. The future completes when the device has
+    /// drawn. It may move between threads, except in a browser.
     ///
-    /// The browser drives the device by itself. Elsewhere someone has to call [`wgpu::Device::poll`] while the
-    /// future is pending: a window does so whenever it submits, and `PollType::Poll` once per turn of an event loop
-    /// does. A frame comes back once per band of the image, mostly one, and where buffers
-    /// were too small, which mostly the first frames find, it is drawn again. A future that is
-    /// dropped costs the next frame its buffers, and nothing else.
+    /// A browser drives the device by itself. Elsewhere the caller must poll the device
+    /// ([`wgpu::Device::poll`]) while the future is pending. A window does so whenever it submits;
+    /// `PollType::Poll` once per iteration of an event loop suffices.
+    ///
+    /// The future waits once per band of the image; most frames have one band. If buffers were too small,
+    /// which mostly happens in the first frames, the frame is drawn again. Dropping the future costs the
+    /// next frame its buffers, and nothing else.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -67,7 +69,7 @@ impl Renderer {
     /// ```
     ///
     /// # Errors
-    /// Those of [`Renderer::render`].
+    /// The errors of [`Renderer::render`].
     pub async fn render_async(&mut self, camera: &Camera, settings: &Settings) -> Result<&Image> {
         let plan = self.plan(camera, settings)?;
         let report = self.draw_async(&plan).await?;
@@ -78,7 +80,7 @@ impl Renderer {
     /// As [`Renderer::column_density`], without waiting: see [`Renderer::render_async`].
     ///
     /// # Errors
-    /// Those of [`Renderer::column_density`].
+    /// The errors of [`Renderer::column_density`].
     pub async fn column_density_async(
         &mut self,
         camera: &Camera,
@@ -101,21 +103,22 @@ impl Renderer {
         self.or_on_cpu(plan, drawn)
     }
 
-    /// Draws a frame into a texture of the device; its pixels never leave it.
+    /// Draws a frame into a texture of the device; its pixels never leave the device.
     ///
     /// - `texture`: two-dimensional, of the camera's size, of one layer and one sample, with the usage
-    ///   `RENDER_ATTACHMENT`, of the device that this draws on. What it held is replaced.
+    ///   `RENDER_ATTACHMENT`, on the same device as this renderer. Its contents are replaced.
     ///
     /// | format | a pixel |
     /// |---|---|
-    /// | `Rgba32Float`, `Rgba16Float` | linear, premultiplied: that of [`Renderer::render`], the former to the bit |
-    /// | `Rgba8UnormSrgb`, `Bgra8UnormSrgb` | the same, which the texture encodes; read, it is linear and premultiplied again |
+    /// | `Rgba32Float`, `Rgba16Float` | linear, premultiplied: as [`Renderer::render`], the former bit for bit |
+    /// | `Rgba8UnormSrgb`, `Bgra8UnormSrgb` | the same, encoded by the texture; a shader reads it as linear and premultiplied |
     /// | `Rgba8Unorm`, `Bgra8Unorm` | sRGB code values of the straight colour, as in a PNG, times alpha: what windows and egui blend |
     ///
-    /// [`Renderer::image`] stays what it was. Depths and normals come back as ever where the settings ask
-    /// for them; without, only counts do, some hundred bytes and 24 a tile, which tell whether
-    /// buffers were too small and the frame is to be drawn again. This call waits for them;
-    /// [`Renderer::render_to_texture_async`] does not. The texture is whole when either is done.
+    /// [`Renderer::image`] does not change. Depths and normals are read back if the settings ask for
+    /// them. Otherwise only counts are read back, some hundred bytes plus 24 per tile; they tell whether
+    /// buffers were too small and the frame must be drawn again. This call waits for the counts;
+    /// [`Renderer::render_to_texture_async`] does not block. In both cases the texture is complete when
+    /// the call or the future completes.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -147,7 +150,7 @@ impl Renderer {
     /// ```
     ///
     /// # Errors
-    /// Those of [`Renderer::render`]; a texture of another size, format or kind, or of another device; a
+    /// The errors of [`Renderer::render`]; a texture of another size, format or kind, or of another device; a
     /// renderer that draws on the CPU. Nothing falls back to the CPU.
     pub fn render_to_texture(
         &mut self,
@@ -162,7 +165,7 @@ impl Renderer {
     /// As [`Renderer::render_to_texture`], without waiting: see [`Renderer::render_async`].
     ///
     /// # Errors
-    /// Those of [`Renderer::render_to_texture`].
+    /// The errors of [`Renderer::render_to_texture`].
     pub async fn render_to_texture_async(
         &mut self,
         camera: &Camera,

@@ -1,16 +1,16 @@
-//! Scene + camera + settings -> frame.
+//! Draws a frame of a scene, given a camera and settings.
 //!
 //! | file | subject |
 //! |---|---|
-//! | `settings.rs` | what the caller says of a frame |
-//! | `check.rs` | what is refused, in words |
+//! | `settings.rs` | settings of a frame, as the caller gives them |
+//! | `check.rs` | checks of settings and cameras |
 //! | `plan.rs` | `FramePlan`: what is drawn, in which passes, and how |
-//! | `uniforms.rs` | what stages read of camera and settings, in f32 |
-//! | `backend.rs` | what a back end is |
+//! | `uniforms.rs` | camera and settings in f32, for the stages |
+//! | `backend.rs` | the interface of back ends |
 //! | `renderer.rs` | a scene, its back ends and its images |
 //! | `column.rs` | column densities |
-//! | `device.rs` | devices and textures of the caller's; frames without waiting |
-//! | `pick.rs` | which particles a pixel shows |
+//! | `device.rs` | the caller's devices and textures; frames without waiting |
+//! | `pick.rs` | the particles that a pixel shows |
 
 pub(crate) mod backend;
 mod check;

@@ -1,4 +1,4 @@
-//! Which particles a pixel shows.
+//! Finds the particles that a pixel shows.
 
 use glam::{DVec2, DVec3};
 
@@ -15,29 +15,32 @@ use crate::view::Camera;
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct Picked {
-    /// Which volume of the scene it belongs to.
+    /// Index of its volume in the scene.
     pub volume: usize,
-    /// Which of the caller's particles of that volume; of a lattice the cell, x running fastest.
+    /// Index of the particle among those of the volume that the caller passed. For a lattice: index of
+    /// the cell, x running fastest.
     pub particle: usize,
     /// Its centre, world units.
     pub position: DVec3,
     /// The depth z of its centre in camera space, world units.
     pub depth: f64,
-    /// Its value, where a transfer function gives it its colour.
+    /// Its value, if a transfer function gives it its colour.
     pub value: Option<f32>,
-    /// Its share of the pixel: what it would add to each channel were it white. All shares add up to the
-    /// pixel's opacity.
+    /// Its contribution to the pixel, as the value it would add to each channel if it were white. The
+    /// shares sum to the pixel's opacity.
     pub share: f32,
 }
 
 impl Renderer {
-    /// The particles that a pixel shows of a frame, front to back, with the share of each: what lies under
-    /// the mouse.
+    /// Returns the particles that a pixel of a frame shows, front to back, with the contribution of each.
+    /// Use it to find what lies under the mouse.
     ///
-    /// They are the caller's own: none is merged, so that shares add up to the picture's opacity within
-    /// the tolerance. The processor finds them, whatever drew the frame, in a time that grows with the square
-    /// of the number of kernels under the pixel. The scene must have been made to keep its particles'
-    /// numbers; lattices have them anyway.
+    /// They are the caller's own particles, never merged ones, so the shares sum to the picture's opacity
+    /// within the tolerance. The CPU finds them, whichever back end drew the frame. The time grows with
+    /// the square of the number of kernels under the pixel. The scene must keep its particles' indices
+    /// (see below); lattices always do.
+    ///
+    /// - `pixel`: column and row, from the top left.
     ///
     /// - `pixel`: column and row, from the top left.
     ///
@@ -57,9 +60,10 @@ impl Renderer {
     /// # Ok(())
     /// # }
     /// ```
-    ///
     /// # Errors
-    /// Those of [`Renderer::render`]; a pixel beside the image; slabs that are classified as a whole,
+    /// The errors of [`Renderer::render`]; a pixel outside the image; slabs classified as a whole, whose
+    /// particles have no contribution of their own; volumes of points without
+    /// [`SceneOptions::keep_indices`](super::SceneOptions).
     /// where no particle has a share of its own; volumes of points without [`SceneOptions::keep_indices`](super::SceneOptions).
     pub fn pick(
         &mut self,
@@ -92,7 +96,7 @@ impl Renderer {
             return refuse("pick", expected, "one that does not".into(), advice);
         }
         self.carry(settings)?;
-        // Layers as the whole picture has them.
+        // Use the layers of the whole picture.
         let plan = FramePlan::new(&self.scene, camera, settings)?;
         let thickness = plan.of_volumes().and_then(|pass| pass.layers);
         let thickness = thickness.map(|layers| layers.thickness);

@@ -1,5 +1,7 @@
-//! The plan of a frame: what is drawn, in which passes, and how. Made once, from scene, camera and
-//! settings; both back ends read it, and none decides again what it says.
+//! Plans a frame: what is drawn, in which passes, and how.
+//!
+//! The plan is made once, from scene, camera and settings. Both back ends follow it and repeat none of
+//! its decisions.
 
 use super::settings::{Blend, ColumnSettings, Composite, Settings, Show};
 use super::uniforms::{choice_uniform, cull_planes, frustum, lighting_uniform, view_uniform};
@@ -13,90 +15,92 @@ use crate::splat::{Accumulate, Axes, Classify, Filter, Interval, SPLAT_LOW_PASS_
 use crate::task::Task;
 use crate::view::{Camera, Projection};
 
-/// Which volumes of a scene are drawn together.
+/// Groups of volumes that one pass draws together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(crate) enum Draws {
     /// Surfels of opaque surfaces.
     Surfaces,
-    /// All that light passes through.
+    /// Everything that transmits light.
     Volumes,
 }
 
 impl Draws {
-    /// Whether a volume is among them.
+    /// Returns whether this group contains a volume.
     pub(crate) fn draws(self, volume: &BlockedVolume) -> bool {
         volume.is_surface() == (self == Self::Surfaces)
     }
 }
 
-/// What classified particles, and footprints, have in the place of a colour.
+/// The quantity that classified particles and footprints carry in the place of a colour.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Carries {
     /// Linear RGB.
     Colour,
-    /// Their value, as its share of the transfer function's range: slabs are classified.
+    /// Their value as a fraction of the transfer function's range, for classified slabs.
     Value,
-    /// The sign of their amplitude, whose magnitude times this is the mass: sums of them are columns.
+    /// The sign of their amplitude, for sums of columns. The amplitude's magnitude times `scale` is the
+    /// mass.
     Amplitude {
-        /// Masses per amplitude.
+        /// Mass per unit of amplitude.
         scale: f64,
-        /// Field x length per unit of a sum of masses.
+        /// Field x length per unit of mass in a sum.
         per_mass: f64,
     },
 }
 
-/// A pass of a frame: volumes that are drawn together, all stages from culling to pixels.
+/// A pass of a frame: a group of volumes that go through all stages together, from culling to pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct PassPlan {
-    /// Which volumes.
+    /// The group of volumes that the pass draws.
     pub(crate) draws: Draws,
-    /// What the rasteriser is specialised for.
+    /// The variant of the rasteriser.
     pub(crate) axes: Axes,
-    /// What is carried from stage to stage besides places and masses.
+    /// The quantity carried from stage to stage besides positions and masses.
     pub(crate) carries: Carries,
-    /// Whether light falls on particles.
+    /// True if particles are lit.
     pub(crate) lights_particles: bool,
-    /// The layers in which kernels are summed, if they are: their depth keys number them.
+    /// The layers in which kernels are summed, if the composite has any. Depth keys are numbers of these
+    /// layers.
     pub(crate) layers: Option<Layers>,
-    /// The view in f32. Its `key_scale` follows from the depths that culling finds.
+    /// The view in f32. Its `key_scale` follows from the range of depths that culling finds.
     pub(crate) view: ViewUniform,
 }
 
-/// A frame.
+/// The plan of a frame.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct FramePlan {
     /// The camera.
     pub(crate) camera: Camera,
-    /// What it sees, widened by the reach of the low-pass filter.
+    /// The camera's frustum, widened by the reach of the low-pass filter.
     pub(crate) frustum: Frustum,
-    /// Whether blocks outside the frustum are left out: uniform scaling enlarges kernels beyond any
-    /// reach.
+    /// True if blocks outside the frustum are left out. Uniform scaling enlarges kernels beyond any
+    /// reach, so it culls nothing.
     pub(crate) culls: bool,
-    /// What blocks are drawn by.
+    /// Rules by which blocks choose their filter.
     pub(crate) choice: ChoiceUniform,
-    /// Lights as the camera sees them.
+    /// Lights in camera space.
     pub(crate) lighting: Option<LightingUniform>,
     /// Linear RGB behind everything.
     pub(crate) background: Option<[f32; 3]>,
-    /// Whether colours are composited as sRGB codes, and decoded afterwards.
+    /// True if colours are composited as sRGB codes, and decoded afterwards.
     pub(crate) is_encoded: bool,
-    /// Whether depths are wanted.
+    /// True if depths are written.
     pub(crate) depth: bool,
-    /// Whether normals of opaque surfaces are wanted.
+    /// True if normals of opaque surfaces are wanted.
     pub(crate) normals: bool,
-    /// In the order in which they are drawn: surfaces first.
+    /// The passes in drawing order: surfaces first.
     pub(crate) passes: Vec<PassPlan>,
     /// The instruction set of the CPU's inner loops.
     pub(crate) simd: SimdLevel,
-    /// Is told how far the frame is, and may cancel it.
+    /// Receives the progress of the frame, and may cancel it.
     pub(crate) task: Option<Task>,
 }
 
 impl FramePlan {
-    /// The plan of a picture. Settings and camera have been checked.
+    /// Plans a picture. Settings and camera have been checked.
     ///
     /// # Errors
-    /// Layers too thin to be told apart.
+    /// Layers too thin to have different depth keys.
     pub(crate) fn new(scene: &BlockedScene, camera: &Camera, settings: &Settings) -> Result<Self> {
         let is_encoded = settings.blends_encoded(scene);
         let in_codes;
@@ -174,7 +178,7 @@ impl FramePlan {
                 } else {
                     Carries::Colour
                 },
-                // Slabs that are classified are lit themselves.
+                // Slabs that are classified are lit as slabs.
                 lights_particles: lighting.is_some() && !classifies_slabs,
                 layers,
                 view: ViewUniform {
@@ -183,7 +187,7 @@ impl FramePlan {
                 },
             });
         }
-        // Splats that state their opacity have a filter of their own.
+        // Splats that state their opacity have their own low-pass filter.
         let low_pass = if scene.has_splats() {
             settings.low_pass_variance_px2.max(SPLAT_LOW_PASS_PX2)
         } else {
@@ -210,7 +214,7 @@ impl FramePlan {
         })
     }
 
-    /// The plan of a column density.
+    /// Plans a column density.
     ///
     /// - `largest`: the greatest magnitude of an amplitude of the scene.
     pub(crate) fn of_columns(
@@ -246,7 +250,7 @@ impl FramePlan {
             frustum,
             culls,
             choice: ChoiceUniform {
-                // Merged particles stand for what is composited.
+                // Merged particles are exact for composited pictures only.
                 merge_tolerance: 0.0,
                 ..choice_uniform(camera, &settings)
             },
@@ -262,7 +266,7 @@ impl FramePlan {
         }
     }
 
-    /// Of a plan of columns: its view, and field x length per unit of a sum of masses.
+    /// Returns the view of a plan of columns, and field x length per unit of mass in a sum.
     pub(crate) fn column(&self) -> Option<(&ViewUniform, f64)> {
         self.passes.iter().find_map(|pass| match pass.carries {
             Carries::Amplitude { per_mass, .. } => Some((&pass.view, per_mass)),
@@ -270,24 +274,24 @@ impl FramePlan {
         })
     }
 
-    /// What decides about kernels, where more is known than their values.
+    /// Returns the rule that classifies kernels.
     pub(crate) fn classified_by(&self) -> ClassifiedBy {
         ClassifiedBy::of(self.choice.classified_by)
     }
 
-    /// Whether merged particles may stand for their members.
+    /// Returns whether merged particles may replace their members.
     pub(crate) fn has_detail(&self) -> bool {
         self.choice.merge_tolerance > 0.0
     }
 
-    /// The pass that draws volumes, if there is one.
+    /// Returns the pass that draws volumes, if there is one.
     pub(crate) fn of_volumes(&self) -> Option<&PassPlan> {
         self.passes.iter().find(|p| p.draws == Draws::Volumes)
     }
 }
 
 impl Settings {
-    /// Whether a picture of the scene is composited in sRGB codes.
+    /// Returns whether a picture of the scene is composited in sRGB codes.
     pub(crate) fn blends_encoded(&self, scene: &BlockedScene) -> bool {
         match (self.show, self.blend) {
             (Show::Choice | Show::Count, _) | (_, Blend::Linear) => false,
@@ -300,16 +304,16 @@ impl Settings {
     }
 }
 
-/// Under perspective the footprints' peaks are held below one by this factor, for kernels down to
-/// a thousandth of the farthest one's distance: where a footprint's peak is below one, `choose_exact`
-/// compares errors with the tolerance relative to it.
+/// Factor that keeps the peaks of footprints below one under perspective, for kernels down to a
+/// thousandth of the distance of the farthest one. For a footprint whose peak is below one,
+/// `choose_exact` compares the error relative to the peak with the tolerance.
 const PERSPECTIVE_HEADROOM: f64 = 1.0 / (1 << 20) as f64;
 
-/// Masses in f32 leave this much room on either side for what multiplies them.
+/// Range of masses in f32: it leaves a margin on either side for the factors that multiply them.
 const MASS_RANGE: [f64; 2] = [1e-30, 1e30];
 
-/// Masses relative to the largest amplitude, such that footprints come out near one: f32 holds
-/// neither 1e43 g nor the square of an image in parsecs.
+/// Scales masses relative to the largest amplitude, so that footprints are of the order of one. Without
+/// this, 1e43 g or the square of an image in parsecs would overflow f32.
 fn amplitudes(
     scene: &BlockedScene,
     camera: &Camera,
@@ -333,20 +337,20 @@ fn amplitudes(
     };
     let unit = unit.clamp(MASS_RANGE[0], MASS_RANGE[1]);
     Carries::Amplitude {
-        // A scene without any amplitude is drawn as nothing.
+        // A scene without amplitudes gives an empty image.
         scale: if largest == 0.0 { 0.0 } else { unit / largest },
         per_mass: largest / unit,
     }
 }
 
-/// What decides about a picture's kernels.
+/// Returns the rule that classifies a picture's kernels.
 fn classified_by(scene: &BlockedScene, settings: &Settings) -> ClassifiedBy {
-    // Where no kernel is too wide for its value alone, nothing is asked for.
+    // If no kernel is too wide for its value alone, its value classifies it.
     if scene.data().all(|volume| volume.lobes.is_none()) {
         return ClassifiedBy::Value;
     }
     match (settings.composite.classifies_slabs(), settings.classify) {
-        // The greatest mean value may be one that is not shown.
+        // The greatest mean value may be one that the transfer function hides.
         (true, _) if settings.composite.accumulate() == Accumulate::Maximum => ClassifiedBy::Value,
         (true, _) => ClassifiedBy::Neighbours,
         (false, Classification::Extent) => ClassifiedBy::Extent,
@@ -354,7 +358,7 @@ fn classified_by(scene: &BlockedScene, settings: &Settings) -> ClassifiedBy {
     }
 }
 
-/// Of layers, world units; 0 without.
+/// Returns the thickness of layers, world units; 0 without layers.
 #[allow(
     clippy::cast_possible_truncation,
     reason = "stages work in f32 by design"
@@ -363,20 +367,20 @@ fn thickness(layers: Option<&Layers>) -> f32 {
     layers.map_or(0.0, |layers| layers.thickness as f32)
 }
 
-/// The optical depth of half a slab, where particles carry values.
+/// Returns the optical depth of half a slab; 0 unless particles carry values.
 fn least_length(scene: &BlockedScene, layers: Option<&Layers>) -> f32 {
     let extinction = scene.carried().map(TransferFunction::greatest_extinction);
     0.5 * extinction.unwrap_or(0.0) * thickness(layers)
 }
 
-/// Whether a footprint may be on the exact path.
+/// Returns whether a footprint may be on the exact path.
 fn may_be_exact(camera: &Camera, filter: Filter) -> bool {
     matches!(filter, Filter::Adaptive | Filter::Exact)
         && camera.projection == Projection::Perspective
 }
 
 impl Composite {
-    /// What kernels become together.
+    /// Returns the way in which the kernels of a pixel are combined.
     pub(crate) fn accumulate(self) -> Accumulate {
         match self {
             Self::Over => Accumulate::Over,
@@ -386,7 +390,7 @@ impl Composite {
         }
     }
 
-    /// The layers that it sums kernels in, if it does.
+    /// Returns the kind of layers in which kernels are summed, if there are any.
     fn layer_kind(self) -> Option<LayerKind> {
         match self {
             Self::Over => None,

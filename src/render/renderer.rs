@@ -1,4 +1,4 @@
-//! Scene + camera + settings -> frame.
+//! Draws frames of a scene, given a camera and settings.
 
 #[cfg(not(feature = "gpu"))]
 use super::backend::NoDevice as Device;
@@ -24,10 +24,11 @@ use crate::scene::{PointVolume, Requirements, StrengthIn, TransferFunction, Valu
 use crate::stats::{FrameCounts, StageTimes};
 use crate::view::{Bounds, Camera};
 
-/// A scene made ready, and the memory of its frames: after the first frame of a size, a frame
-/// allocates nothing of note.
+/// A scene ready to be drawn, and the memory of its frames. After the first frame of a size, a frame
+/// allocates almost nothing.
 ///
-/// It may move to a thread of its own, so that a window goes on while it draws:
+/// A renderer may move to a thread of its own, so that a window stays responsive while it draws:
+///
 ///
 /// ```
 /// use std::sync::mpsc::channel;
@@ -54,13 +55,13 @@ use crate::view::{Bounds, Camera};
 pub struct Renderer {
     pub(super) scene: BlockedScene,
     pub(super) cpu: CpuFrames,
-    /// What draws instead of the processor, where anything does.
+    /// The device that draws instead of the CPU, if there is one.
     pub(super) device: Option<Device>,
-    /// What draws instead of either where ranks share the scene's particles.
+    /// The ranks that draw instead of either, if the scene's particles are partitioned among ranks.
     ranks: Option<RankFrames>,
-    /// Whether the processor draws what the device cannot.
+    /// True if the CPU draws the frames that the device cannot.
     falls_back: bool,
-    /// Why the last frame was drawn on the processor although there is a device.
+    /// Reason why the CPU drew the last frame although there is a device.
     pub(super) fallback: Option<String>,
     pub(super) images: Images,
     pub(super) amplitudes: Option<AmplitudeSummary>,
@@ -69,29 +70,29 @@ pub struct Renderer {
 }
 
 impl Renderer {
-    /// Sorts the volumes' particles into blocks; frames are drawn on the CPU.
+    /// Sorts the volumes' particles into blocks. The CPU draws the frames.
     ///
     /// # Errors
-    /// More particles than a 32-bit index can name, or a volume that says it is classified and
-    /// has no values or no transfer function.
+    /// More particles than a 32-bit index can number; a volume that is declared classified but has no
+    /// values or no transfer function.
     pub fn new(scene: Vec<PointVolume>) -> Result<Self> {
         Self::with_options(scene, &SceneOptions::default())
     }
 
-    /// As [`Renderer::new`], and keeps what later exchanges and questions ask for; may be watched and
-    /// cancelled.
+    /// As [`Renderer::new`], with options: the data to keep for later changes and queries, and a task
+    /// that reports progress and can cancel.
     ///
     /// # Errors
-    /// Those of [`Renderer::new`]; work that was cancelled.
+    /// The errors of [`Renderer::new`]; work that was cancelled.
     pub fn with_options(scene: Vec<PointVolume>, options: &SceneOptions) -> Result<Self> {
         Self::of_scene(BlockedScene::new(scene, options)?)
     }
 
-    /// Draws prepared scenes together, in their order; frames are drawn on the CPU. What no frame asks for of scenes in
-    /// files is not read.
+    /// Draws several prepared scenes together, in the given order, on the CPU. Data of scenes in files
+    /// are read only when a frame needs them.
     ///
     /// # Errors
-    /// More particles than a 32-bit index can name.
+    /// More particles than a 32-bit index can number.
     #[cfg(feature = "prepared")]
     pub fn of_prepared(scenes: Vec<PreparedScene>) -> Result<Self> {
         let scenes = scenes.into_iter().map(PreparedScene::into_scene);
@@ -115,26 +116,26 @@ impl Renderer {
         })
     }
 
-    /// As [`Renderer::new`], and keeps the scene on a GPU where `backend` asks for one.
+    /// As [`Renderer::new`], and keeps the scene on a GPU if `backend` asks for one.
     ///
     /// # Errors
-    /// Those of [`Renderer::new`] and of [`Renderer::on_backend`].
+    /// The errors of [`Renderer::new`] and of [`Renderer::on_backend`].
     pub fn with_backend(scene: Vec<PointVolume>, backend: Backend) -> Result<Self> {
         Self::new(scene)?.on_backend(backend)
     }
 
-    /// Keeps the scene on a GPU from now on where `backend` asks for one.
+    /// Keeps the scene on a GPU from now on if `backend` asks for one.
     ///
     /// # Errors
-    /// No adapter where one is asked for, or too little memory on it.
+    /// An adapter was asked for and there is none, or it has too little memory.
     pub fn on_backend(self, backend: Backend) -> Result<Self> {
         self.on_open(backend.open()?)
     }
 
-    /// As [`Renderer::on_backend`], of a back end that is open.
+    /// As [`Renderer::on_backend`], for a back end that is already open.
     ///
     /// # Errors
-    /// Too little memory on a device that was asked for.
+    /// Too little memory on a device that was explicitly asked for.
     #[cfg_attr(
         not(feature = "gpu"),
         expect(clippy::needless_pass_by_value, reason = "a device is taken")
@@ -167,9 +168,9 @@ impl Renderer {
         Ok(self)
     }
 
-    /// Uploads the scene to a device, which draws what it can from now on; the processor draws the rest:
-    /// frames for which the device has too little memory or no code, and all of them where the scene does
-    /// not fit. [`Renderer::fallback`] says of the last frame whether it did.
+    /// Uploads the scene to a device, which from now on draws all frames it can. The CPU draws frames for
+    /// which the device has too little memory or no code. It draws all frames if the scene does not fit
+    /// on the device. [`Renderer::fallback`] tells whether the CPU drew the last frame, and why.
     #[cfg(feature = "gpu")]
     #[must_use]
     pub fn on_if_it_can(mut self, gpu: Gpu) -> Self {
@@ -185,18 +186,18 @@ impl Renderer {
         self
     }
 
-    /// The adapter that draws the frames, or `None` where it is the CPU.
+    /// Returns the name of the adapter that draws the frames, or `None` for the CPU.
     pub fn adapter(&self) -> Option<String> {
         self.device.as_ref().and_then(|device| device.adapter())
     }
 
-    /// Why the last frame was drawn on the processor where [`Backend::Auto`] had chosen a device, or
-    /// the scene is kept on the processor; `None` where nothing fell back.
+    /// Returns the reason why the CPU drew the last frame although [`Backend::Auto`] had chosen a device,
+    /// or why the scene is kept on the CPU. `None` if nothing fell back.
     pub fn fallback(&self) -> Option<&str> {
         self.fallback.as_deref()
     }
 
-    /// Replaces the transfer function of a volume; its particles stay as and where they are.
+    /// Replaces the transfer function of a volume; its particles and their positions stay unchanged.
     ///
     /// # Errors
     /// No such volume, or one that is not classified.
@@ -209,8 +210,9 @@ impl Renderer {
         self.edited(Edit::TransferFunction(volume))
     }
 
-    /// Exchanges the values of a volume, for the next time step: places, shapes and the transfer function
-    /// stay. The scene must have been made to keep its shapes ([`Renderer::with_options`]).
+    /// Replaces the values of a volume, for the next time step. Positions, shapes and the transfer
+    /// function stay. The scene must have been made with [`SceneOptions::keep_shapes`]
+    /// ([`Renderer::with_options`]).
     ///
     /// ```
     /// use ewa_splat::scene::{Colour, Particles, PointVolume, Strength, TransferFunction, Values};
@@ -245,20 +247,20 @@ impl Renderer {
         self.edited(Edit::Values)
     }
 
-    /// Keeps this rank's share of the scene, which all ranks have: frames are drawn by all of them, and the first has
-    /// the images.
+    /// Partitions the scene among the ranks; before this call every rank has the whole scene. All ranks
+    /// draw the frames, and the first rank has the images.
     ///
     /// # Errors
-    /// A rank that is gone.
+    /// A rank that has exited.
     pub(crate) fn over_ranks(mut self, ranks: Ranks) -> Result<Self> {
         let frames = RankFrames::sharing(ranks, &mut self.scene)?;
         self.by(frames)
     }
 
-    /// Of a scene of which each rank has its share.
+    /// Makes a renderer of a scene that is already partitioned among the ranks.
     ///
     /// # Errors
-    /// A rank that is gone.
+    /// A rank that has exited.
     pub(crate) fn of_shared(scene: BlockedScene, frames: RankFrames) -> Result<Self> {
         Self::of_scene(scene)?.by(frames)
     }
@@ -270,12 +272,12 @@ impl Renderer {
         Ok(self)
     }
 
-    /// This rank, where ranks share the scene.
+    /// Returns this rank's number, if ranks share the scene.
     pub(crate) fn rank(&self) -> Option<usize> {
         self.ranks.as_ref().map(RankFrames::rank)
     }
 
-    /// What each rank did for the last frame; none where there are none.
+    /// Returns each rank's statistics of the last frame; empty without ranks.
     pub(crate) fn rank_stats(&self) -> &[RankStats] {
         self.ranks.as_ref().map_or(&[], RankFrames::stats)
     }
@@ -290,7 +292,7 @@ impl Renderer {
         };
         match device.edit(&self.scene, edit) {
             Err(error) if self.falls_back && error.is_of_device() => {
-                // What it keeps is of another time step.
+                // The device still holds the data of another time step.
                 self.device = None;
                 self.fallback = Some(error.to_string());
                 Ok(())
@@ -299,12 +301,12 @@ impl Renderer {
         }
     }
 
-    /// Draws a frame; [`Renderer::image`] and the others hold its results until the next.
+    /// Draws a frame. [`Renderer::image`] and the other getters return its results until the next frame.
     ///
     /// # Errors
-    /// An image of no pixels or of more than 65,535 along a side; settings out of range, or that
-    /// do not go together with each other or with the scene; a device that is lost or has too little
-    /// memory; a frame that was cancelled, which leaves the images with parts of it.
+    /// An image of no pixels or of more than 65,535 along a side; settings that are out of range, or that
+    /// conflict with each other or with the scene; a device that is lost or has too little memory; a
+    /// cancelled frame, which leaves the images partly drawn.
     pub fn render(&mut self, camera: &Camera, settings: &Settings) -> Result<&Image> {
         let plan = self.plan(camera, settings)?;
         let report = self.draw(&plan)?;
@@ -312,7 +314,7 @@ impl Renderer {
         Ok(&self.images.image)
     }
 
-    /// The plan of a picture, once its settings are checked.
+    /// Checks the settings and returns the plan of a picture.
     pub(super) fn plan(&mut self, camera: &Camera, settings: &Settings) -> Result<FramePlan> {
         check(camera, settings)?;
         check_scene(&self.scene, settings)?;
@@ -320,13 +322,13 @@ impl Renderer {
         FramePlan::new(&self.scene, camera, settings)
     }
 
-    /// Keeps what a picture's frame found out.
+    /// Stores the report of a picture's frame.
     pub(super) fn drawn(&mut self, plan: &FramePlan, report: FrameReport) {
         self.report = report;
         self.layers = plan.of_volumes().and_then(|pass| pass.layers);
     }
 
-    /// Lets particles carry what the settings ask for: values or colours.
+    /// Sets whether particles carry values or colours, as the settings require.
     pub(super) fn carry(&mut self, settings: &Settings) -> Result<()> {
         let carries_values = settings.composite.classifies_slabs();
         match self.scene.carry_values(carries_values)? {
@@ -335,7 +337,7 @@ impl Renderer {
         }
     }
 
-    /// Draws a plan on the device, where there is one that can, on the processor otherwise.
+    /// Draws a plan on the device if there is one that can, and on the CPU otherwise.
     pub(super) fn draw(&mut self, plan: &FramePlan) -> Result<FrameReport> {
         if let Some(ranks) = &mut self.ranks {
             return ranks.draw(&self.scene, plan, &mut self.images);
@@ -345,7 +347,8 @@ impl Renderer {
         self.or_on_cpu(plan, drawn)
     }
 
-    /// What the device has drawn, if there is one; otherwise, and where it may fall back, the processor draws.
+    /// Returns the device's result if it has drawn. The CPU draws if there is no device, or if the device
+    /// failed and the renderer may fall back.
     pub(super) fn or_on_cpu(
         &mut self,
         plan: &FramePlan,
@@ -364,44 +367,47 @@ impl Renderer {
         self.cpu.draw(&self.scene, plan, &mut self.images)
     }
 
-    /// The last frame's image.
+    /// Returns the last frame's image.
     pub fn image(&self) -> &Image {
         &self.images.image
     }
 
-    /// The last frame's depths, where the settings asked for them.
+    /// Returns the last frame's depths, if the settings asked for them.
     pub fn depth(&self) -> Option<&DepthImage> {
         self.images.depth.as_ref()
     }
 
-    /// The last frame's normals of opaque surfaces, where the settings asked for them.
+    /// Returns the last frame's normals of opaque surfaces, if the settings asked for them.
     pub fn normals(&self) -> Option<&NormalImage> {
         self.images.normals.as_ref()
     }
 
-    /// What the last frame counted.
+    /// Returns the last frame's counts.
     pub fn counts(&self) -> FrameCounts {
         self.report.counts
     }
 
-    /// The layers in which the last frame summed kernels, if it did.
+    /// Returns the layers in which the last frame summed kernels, if it had any.
     pub fn layers(&self) -> Option<&Layers> {
         self.layers.as_ref()
     }
 
-    /// How long the last frame's stages took.
+    /// Returns the times of the last frame's stages.
     pub fn times(&self) -> StageTimes {
         self.report.times
     }
 
-    /// What each volume of the scene requires.
+    /// Returns the requirements of each volume of the scene.
     pub fn requirements(&self) -> &[Requirements] {
         self.scene.requirements()
     }
 
-    /// The variance of the low-pass filter \[px²\] that suits what the scene shows: what is nearest to the
-    /// data of volumes with a field, a little more for bare particles, and the papers' 1, with which nothing
-    /// ripples, where there are surfels, whose edges it softens.
+    /// Returns the variance of the low-pass filter \[px²\] that suits the scene:
+    ///
+    /// - for volumes with a field: the variance that comes nearest to the data;
+    /// - for bare particles: a little more;
+    /// - if there are surfels: the papers' 1, which shows no ripples and softens the surfels' edges.
+    ///
     ///
     /// [`Settings::default`] has 1, whatever the scene.
     pub fn suitable_low_pass_px2(&self) -> f32 {
@@ -420,35 +426,35 @@ impl Renderer {
         }
     }
 
-    /// Whether a picture is composited in sRGB codes, as [`Settings::blend`] asks of the scene.
+    /// Returns whether a picture is composited in sRGB codes, given [`Settings::blend`] and the scene.
     pub fn blends_encoded(&self, settings: &Settings) -> bool {
         settings.blends_encoded(&self.scene)
     }
 
-    /// Middles and half extents of the boxes that hold what is visible, for fitting a camera;
-    /// world units.
+    /// Returns the middles and half extents of the boxes that contain the visible particles, for fitting
+    /// a camera; world units.
     pub fn visible_boxes(&self) -> Vec<Bounds> {
         self.scene.visible_boxes()
     }
 
-    /// The same without splats of radiance fields that lie far from where 99.5 % of the opacity times area of their set lie:
-    /// stray ones would make all others small.
+    /// As [`Self::visible_boxes`], without stray splats of radiance fields: those far from 99.5 % of the
+    /// opacity times area of their set. Stray splats would make all others appear small.
     pub fn fitted_boxes(&self) -> Vec<Bounds> {
         self.scene.fitted_boxes()
     }
 
-    /// Middles and half extents of the boxes that hold all particles, grown by one standard
-    /// deviation; world units. For a camera that fits a column density, where nothing is
+    /// Returns the middles and half extents of the boxes that contain all particles, enlarged by one
+    /// standard deviation; world units. Use them to fit a camera to a column density, in which nothing is
     /// transparent.
     pub fn boxes(&self) -> Vec<Bounds> {
         self.scene.boxes()
     }
 
-    /// Whether the processor draws so many frames of a camera before a device's driver is loaded, and no adapter is asked
-    /// for by name: then [`Backend::Auto`] gains nothing.
+    /// Returns whether the CPU draws this number of frames of a camera faster than a device's driver
+    /// loads. In that case [`Backend::Auto`] gains nothing. False if an adapter is named.
     pub fn suits_cpu(&self, camera: &Camera, frames: u32) -> bool {
-        /// Kernels times pixels that the processor draws in a tenth of a second at the worst, in a hundredth or less as a
-        /// rule: about what loading drivers takes.
+        /// Kernels times pixels that the CPU draws in a tenth of a second at the worst, and as a rule in
+        /// a hundredth or less: about the time that loading drivers takes.
         const SMALL: f64 = 1e8;
         let pixels = camera.width as f64 * camera.height as f64;
         #[cfg(feature = "gpu")]
@@ -458,17 +464,17 @@ impl Renderer {
         !is_named && self.particle_count() as f64 * pixels * f64::from(frames) <= SMALL
     }
 
-    /// How many particles all volumes have.
+    /// Returns the number of particles in all volumes.
     pub fn particle_count(&self) -> usize {
         self.scene.particle_count()
     }
 
-    /// Bytes kept per particle, blocks and levels of detail included, over all volumes.
+    /// Returns the bytes kept per particle over all volumes, including blocks and levels of detail.
     pub fn bytes_per_particle(&self) -> f64 {
         self.scene.bytes_per_particle()
     }
 
-    /// The volumes in blocks, each with its levels of detail after it.
+    /// Returns the volumes in blocks, each followed by its levels of detail.
     pub fn volumes(&self) -> &[BlockedVolume] {
         self.scene.volumes()
     }
@@ -478,7 +484,7 @@ impl Renderer {
 mod tests {
     use super::*;
 
-    /// What a window or an interpreter hands to another thread; compiling this is the check.
+    /// Windows and interpreters pass these types to another thread. The check is that this compiles.
     #[test]
     fn may_move_between_threads() {
         fn sent<T: Send + 'static>() {}

@@ -1,4 +1,4 @@
-//! What the stages of a frame read of camera and settings, in f32.
+//! Converts camera and settings to f32, for the stages of a frame.
 
 use glam::{DVec2, DVec3};
 
@@ -9,13 +9,14 @@ use crate::record::{ChoiceUniform, ClassifiedBy, LightingUniform, ViewUniform};
 use crate::splat::Filter;
 use crate::view::{Camera, ClipPlane, Projection};
 
-/// The frustum, widened by the reach of the low-pass filter.
+/// Returns the frustum, widened by the reach of the low-pass filter.
 pub(super) fn frustum(camera: &Camera, low_pass_variance_px2: f32) -> Frustum {
     let margin = f64::from(MAX_CUTOFF) * f64::from(low_pass_variance_px2).sqrt();
     Frustum::new(camera, margin)
 }
 
-/// Planes in camera space, of unit normals: inside where n . u + d >= 0. `check` has seen them.
+/// Returns the planes in camera space, with unit normals; inside is n . u + d >= 0. `check` has validated
+/// them.
 fn clip_planes(camera: &Camera, planes: &[ClipPlane]) -> impl Iterator<Item = (DVec3, f64)> {
     planes
         .iter()
@@ -28,15 +29,15 @@ fn clip_planes(camera: &Camera, planes: &[ClipPlane]) -> impl Iterator<Item = (D
         })
 }
 
-/// The same moved out by the reach of the low-pass filter, which spreads what lies beyond them: blocks
-/// are left out by these.
+/// Returns the clip planes moved out by the reach of the low-pass filter, which spreads kernels beyond
+/// the planes. Blocks are culled by these planes.
 pub(super) fn cull_planes(
     camera: &Camera,
     planes: &[ClipPlane],
     low_pass_variance_px2: f32,
 ) -> impl Iterator<Item = (DVec3, f64)> {
     let reach_px = f64::from(MAX_CUTOFF) * f64::from(low_pass_variance_px2).sqrt();
-    // World units, under perspective at a depth of 1.
+    // World units; under perspective at a depth of 1.
     let reach = reach_px / camera.focal_px.min_element();
     clip_planes(camera, planes).map(move |(normal, distance)| match camera.projection {
         Projection::Orthographic => (normal, distance + reach),
@@ -71,11 +72,11 @@ pub(super) fn view_uniform(
         low_pass_variance_px2: settings.low_pass_variance_px2,
         tolerance: settings.tolerance,
         cutoff: settings.cutoff.unwrap_or(0.0),
-        // Culling finds it.
+        // Culling finds it later.
         key_scale: 0.0,
         show_choice: u32::from(settings.show == Show::Choice),
         directional_keys: u32::from(layers.is_some()),
-        // Slabs begin at whole numbers of them.
+        // Slabs begin at whole multiples of the thickness.
         layer_first: layers.map_or(0, |l| (l.near / l.thickness).round() as i32),
         layer_thickness: layer(|l| l.thickness),
         key_axis: layers.map_or([0.0; 3], |l| l.axis.as_vec3().into()),
@@ -83,13 +84,13 @@ pub(super) fn view_uniform(
         keys_begin: u32::from(settings.composite.accumulate().cuts_slabs()),
         clip_count: settings.clip.len() as u32,
         sub_pixel_opacity: u32::from(settings.sub_pixel_opacity),
-        // Of maxima the plan knows it.
+        // The plan sets it for maxima.
         least_length: 0.0,
         clip_planes: planes,
     }
 }
 
-/// The lights as the camera sees them.
+/// Returns the lights in camera space.
 pub(super) fn lighting_uniform(camera: &Camera, settings: &Settings) -> Option<LightingUniform> {
     let lighting = settings.lighting.as_ref()?;
     Some(LightingUniform::new(lighting, camera))
@@ -97,7 +98,7 @@ pub(super) fn lighting_uniform(camera: &Camera, settings: &Settings) -> Option<L
 
 pub(super) fn choice_uniform(camera: &Camera, settings: &Settings) -> ChoiceUniform {
     let focal = camera.focal_px.as_vec2();
-    // As far off the axis as the image reaches: 1 + 2 tan²(fov/2) for a square one.
+    // Greatest tangent off the axis in the image: 1 + 2 tan²(fov/2) for a square image.
     let size = DVec2::new(camera.width as f64, camera.height as f64);
     let farthest = camera.centre_px.max(size - camera.centre_px) / camera.focal_px;
     let stretch = match camera.projection {
@@ -120,7 +121,7 @@ pub(super) fn choice_uniform(camera: &Camera, settings: &Settings) -> ChoiceUnif
         } else {
             0.0
         },
-        // The plan knows what the scene asks for.
+        // The plan sets it from the scene.
         classified_by: ClassifiedBy::Value as u32,
         slab_thickness: 0.0,
     }

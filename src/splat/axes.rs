@@ -1,107 +1,109 @@
-//! The axes of what happens to a kernel on a pixel: four questions, each with a few answers. A pass of
-//! a frame has one answer to each; the rasterisers of both back ends are put together of them, one file
-//! an answer.
+//! Defines the axes along which the rasterisers vary: four questions about a kernel on a pixel, each with
+//! a few answers.
+//!
+//! A pass of a frame has one answer to each. The rasterisers of both back ends are composed of one file
+//! per answer.
 //!
 //! | axis | question | answers |
 //! |---|---|---|
-//! | *evaluate* | what is the kernel's optical depth at this pixel, and where along the ray does it lie? | affine, exact, near, surfel: each footprint says which ([`crate::record::Footprint::path`]) |
+//! | *evaluate* | how are the kernel's optical depth at this pixel and its depth along the ray computed? | affine, exact, near, surfel: each footprint has its own ([`crate::record::Footprint::path`]) |
 //! | [`Interval`] | which part of the ray counts? | all, between clip planes, up to a surface |
-//! | [`Accumulate`] | what do kernels of one pixel become together? | over, sheets, slabs, maximum, column, opaque |
-//! | [`Classify`] | where is the transfer function asked? | per particle, per slab |
+//! | [`Accumulate`] | how are the kernels of one pixel combined? | over, sheets, slabs, maximum, column, opaque |
+//! | [`Classify`] | to what is the transfer function applied? | particles, slabs |
 
-/// Which part of a pixel's ray counts.
+/// The part of a pixel's ray that counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Interval {
-    /// All of it.
+    /// The whole ray.
     #[default]
     All,
-    /// What clip planes leave.
+    /// The part inside the clip planes.
     Planes,
-    /// What clip planes, if there are any, leave, divided by an opaque surface: in front of it, and as
-    /// far as that covers a pixel in part, behind it.
+    /// The part inside the clip planes, if there are any, divided by an opaque surface. The part in front
+    /// of the surface counts. If the surface covers the pixel only in part, the part behind it counts in
+    /// proportion.
     Surface,
 }
 
 impl Interval {
-    /// Whether kernels may be cut at all.
+    /// Returns whether kernels may be cut at all.
     pub fn is_cut(self) -> bool {
         self != Self::All
     }
 }
 
-/// What the kernels of a pixel become together.
+/// Ways to combine the kernels of a pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[repr(u32)]
 pub enum Accumulate {
-    /// Composited one by one, front to back.
+    /// Kernels are composited one by one, front to back.
     #[default]
     Over = 0,
-    /// Summed whole in the layers of their centres, which are composited.
+    /// Whole kernels are summed in the layers of their centres; the layers are composited.
     Sheets = 1,
-    /// Cut into the layers that they reach, which are composited.
+    /// Kernels are cut into the layers that they reach; the layers are composited.
     Slabs = 2,
-    /// Summed; nothing hides anything.
+    /// Kernels are summed, without occlusion.
     Column = 3,
-    /// Averaged in a few layers, each an opaque surface.
+    /// Surfels are averaged in a few layers, each an opaque surface.
     Opaque = 4,
-    /// Cut into the layers that they reach, of which the one with the greatest mean value counts.
+    /// Kernels are cut into the layers that they reach; the layer with the greatest mean value is shown.
     Maximum = 5,
 }
 
 impl Accumulate {
-    /// Whether kernels are summed in layers along the ray, which their depth keys number.
+    /// Returns whether kernels are summed in layers along the ray, whose numbers are the depth keys.
     pub fn is_layered(self) -> bool {
         self == Self::Sheets || self.cuts_slabs()
     }
 
-    /// Whether kernels are cut into the layers that they reach.
+    /// Returns whether kernels are cut into the layers that they reach.
     pub fn cuts_slabs(self) -> bool {
         matches!(self, Self::Slabs | Self::Maximum)
     }
 }
 
-/// Where the transfer function is asked.
+/// The quantity that the transfer function is applied to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Classify {
-    /// For the value of each particle, before the frame's projection.
+    /// The value of each particle, before the frame's projection.
     #[default]
     Particle,
-    /// For the mean value of each slab of each pixel; particles carry their values.
+    /// The mean value of each slab of each pixel; particles carry their values.
     Slab {
-        /// Whether light falls on slabs.
+        /// True if slabs are lit.
         is_lit: bool,
     },
 }
 
-/// What the rasteriser of a pass is specialised for: an answer on each axis, and what is asked for
-/// besides a colour.
+/// The variant of a pass's rasteriser: an answer on each axis, and the outputs besides a colour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct Axes {
-    /// Whether any footprint may be on the exact path.
+    /// True if any footprint may be on the exact path.
     pub may_be_exact: bool,
-    /// Which part of a ray counts.
+    /// The part of a ray that counts.
     pub interval: Interval,
-    /// Whether the domain of their data may cut kernels, each at planes of its own.
+    /// True if the boundary of their domain may cut kernels, each at planes of its own.
     pub edges: bool,
-    /// What kernels become together.
+    /// Way to combine the kernels of a pixel.
     pub accumulate: Accumulate,
-    /// Where the transfer function is asked.
+    /// The quantity that the transfer function is applied to.
     pub classify: Classify,
-    /// Opacity min(tau, 1) instead of 1 - exp(-tau), for all footprints; splats that state their opacity
-    /// have it anyway.
+    /// Opacity min(tau, 1) instead of 1 - exp(-tau), for all footprints. Splats that state their opacity
+    /// always use it.
     pub linear_opacity: bool,
-    /// Whether depths are wanted.
+    /// True if depths are written.
     pub depth: bool,
-    /// Whether the normals of opaque surfaces are wanted.
+    /// True if the normals of opaque surfaces are written.
     pub normals: bool,
-    /// Whether pixels count the kernels that they evaluate within their cut-off, in all three colours,
+    /// True if pixels count the kernels that they evaluate within their cut-off, in all three colours,
     /// instead of showing them.
     pub count: bool,
 }
 
 impl Axes {
-    /// Whether all footprints of the pass have terms that say where along a ray they lie, and not only
-    /// those on the exact path.
+    /// Returns whether all footprints of the pass need terms that describe their depth along a ray, not
+    /// only those on the exact path.
     pub fn needs_depth_terms(&self) -> bool {
         self.interval.is_cut() || self.accumulate.cuts_slabs()
     }

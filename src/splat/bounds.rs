@@ -1,5 +1,5 @@
-//! What an approximation costs at most. Conservative bounds: evidence of thousands of random
-//! kernels, not proof; `tests/frames/bounds.rs` draws them again.
+//! Bounds the errors of the approximations. The bounds are conservative: they rest on the evidence of
+//! thousands of random kernels, not on proof. `tests/frames/bounds.rs` repeats the experiment.
 //!
 //! Twin: `shaders/shared/bounds.wgsl`.
 
@@ -38,8 +38,8 @@ pub fn affine_error(
     linear + 1.1 * curvature + 0.4 * angle
 }
 
-/// Bound on how far the exact footprint stands above exp(-r²/2) of its centre on the outline of
-/// its cut-off `r`: there Q = r² w, and |D|/|D0| w^(-1/2) is left.
+/// Bound on the amount by which the exact footprint exceeds exp(-r²/2) of its centre on the outline of
+/// its cut-off `r`. There Q = r² w, and the factor |D|/|D0| w^(-1/2) remains.
 ///
 /// With d = r sqrt(w) L e, |e| = 1, and u = w^(-1/2), which solves u² + r gamma.e u = 1 - r² eᵀLᵀHLe:
 /// |D|²/|D0|²/w = 1 + 2 r u (a - gamma/2).e + r² (eᵀLᵀ(1/f²)Le/(1 + |x_k|²) - eᵀLᵀHLe)
@@ -63,7 +63,7 @@ pub fn edge_growth(
     (1.0 + 2.0 * r * (growth - gamma * 0.5).length() * u + r * r * angle).sqrt()
 }
 
-/// Perspective's terms in units of the footprint's standard deviations.
+/// The terms of perspective in units of the footprint's standard deviations.
 struct Whitened {
     /// Lᵀ g.
     gamma: Vec2,
@@ -105,14 +105,14 @@ fn lower_factor(kernel: &ImageKernel) -> [f32; 3] {
     [l0, kernel.b / l0, (kernel.determinant / kernel.a).sqrt()]
 }
 
-/// What [`affine_error`] is to be multiplied by for the error of the opacity 1 - exp(-tau), `tau`
-/// being the optical depth at the centre.
+/// Returns the factor that turns [`affine_error`] into the error of the opacity 1 - exp(-tau). `tau` is
+/// the optical depth at the centre.
 ///
-/// tau below 1. Above, the error moves the edge of an opaque kernel, which lies near
-/// r = sqrt(2 ln tau): there the terms of the affine error have grown to r³/2 (the gradient of w)
-/// and r⁴/2 (its Hessian, what remains on the axis), against .58 and 1.1 where they peak. With
-/// x exp(-x) <= 1/e at the edge that is .32 r³ and .17 r⁴; terms that partly cancel, and the
-/// breadth of the edge, ask for .43 r³ and .18 r⁴. (1 + .33 r³ was tried: exceeded 1.25 times at
+/// For tau below 1 the factor is tau. For larger tau the error moves the edge of an opaque kernel, which
+/// lies near r = sqrt(2 ln tau). There the terms of the affine error have grown to r³/2 (the gradient of
+/// w) and r⁴/2 (its Hessian, which remains on the axis), against .58 and 1.1 where they peak. With x
+/// exp(-x) <= 1/e at the edge the factors are .32 r³ and .17 r⁴. Terms that partly cancel, and the
+/// breadth of the edge, raise them to .43 r³ and .18 r⁴. (1 + .33 r³ was tried: exceeded 1.25 times at
 /// tau = 1,000 off the axis, 1.8 times on it.)
 #[inline(always)]
 pub fn opacity_amplification(tau: f32) -> f32 {

@@ -1,4 +1,4 @@
-//! Which approximation draws a kernel.
+//! Chooses the approximation that draws a kernel.
 //!
 //! Twin: `shaders/shared/filter.wgsl`.
 
@@ -9,12 +9,12 @@ use super::filter::Filter;
 use super::footprint::{ImageKernel, ScreenFactor};
 use crate::record::{ExactTerms, ViewUniform};
 
-/// The one place that chooses between affine and exact: the exact footprint's terms, or `None`
-/// where the affine one will do.
+/// Chooses between the affine and the exact footprint. Returns the exact footprint's terms, or `None` if
+/// the affine one suffices. This choice is made nowhere else.
 ///
-/// An orthographic projection is affine, so nothing is ever gained there.
+/// An orthographic projection is affine, so the exact footprint gains nothing there.
 ///
-/// - `crowding`: of the kernel's block, [`Block::crowding`](crate::blocks::Block::crowding).
+/// - `crowding`: [`Block::crowding`](crate::blocks::Block::crowding) of the kernel's block.
 #[inline]
 pub fn choose_exact(
     view: &ViewUniform,
@@ -31,7 +31,7 @@ pub fn choose_exact(
     (is_exact || !suffices(view, screen, kernel, &terms, crowding)).then_some(terms)
 }
 
-/// Whether the affine footprint is as near to the exact one as the tolerance asks.
+/// Returns whether the affine footprint approximates the exact one within the tolerance.
 #[inline(always)]
 pub(crate) fn suffices(
     view: &ViewUniform,
@@ -40,8 +40,8 @@ pub(crate) fn suffices(
     terms: &ExactTerms,
     crowding: f32,
 ) -> bool {
-    // Relative to the kernel's own depth where that is below 1, as for the cut-off: the errors of
-    // faint neighbours are alike, and many of them add up along a ray. Kernels in the same place act
+    // The error is relative to the kernel's own depth if that is below 1, as for the cut-off. The errors
+    // of faint neighbours are alike, and many of them add up along a ray. Kernels at the same point act
     // as one of their total depth.
     let amplification = opacity_amplification(kernel.tau * crowding).max(1.0);
     let error = affine_error(view, screen, kernel, terms) * amplification;

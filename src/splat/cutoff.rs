@@ -1,4 +1,4 @@
-//! Where a kernel ends.
+//! Computes the cut-off radius of a kernel.
 //!
 //! Twin: `shaders/shared/cutoff.wgsl`.
 
@@ -6,19 +6,25 @@ use super::budget::{CUTOFF_SHARE, MEETING, OVERLAP};
 use crate::constants::MAX_CUTOFF;
 use crate::math::lane::{ln, opacity};
 
-/// The cut-off radius r = sqrt(2 ln(max(6 tau, 1) growth / epsilon)), in standard deviations; epsilon
-/// is [`CUTOFF_SHARE`] of the tolerance, 6 [`OVERLAP`], `growth` how much the kernel stands out
-/// beyond what its depth says.
+/// Returns the cut-off radius r = sqrt(2 ln(max(6 tau, 1) growth / epsilon)), in standard deviations.
+/// Here epsilon is [`CUTOFF_SHARE`] of the tolerance and 6 is [`OVERLAP`].
 ///
-/// What lies beyond, at the edge and as mass, is exp(-r²/2) of the kernel: at most epsilon,
-/// relative to the kernel's own depth where that is small (many faint kernels add up), absolute
-/// where it is not, and then a sixth of it. `tau` is the optical depth at the centre; `by_hand` replaces the rule where it is
-/// positive. The mass is given back by [`cutoff_share`], so that the opacity errs by no more than
-/// epsilon / (1 - epsilon) anywhere (`tests/frames/bounds.rs`), unless [`MAX_CUTOFF`] is met: from
-/// tau / epsilon = 4e10 on. That is one kernel; where the edges of many meet in a pixel, what
-/// they leave out adds up: five epsilons were seen among hundreds of kernels, two in one pixel of
-/// a thousand. Of n kernels in one place, n/6 epsilons at most: beyond six of them `tau` comes
-/// multiplied by n/6, which leaves one, and by what may meet them from beside ([`meeting`]).
+/// - `tau`: optical depth at the centre.
+/// - `growth`: factor by which the kernel exceeds the value that follows from its depth.
+/// - `by_hand`: replaces the rule if positive.
+///
+/// The part cut off, both at the edge and as mass, is exp(-r²/2) of the kernel. It is at most epsilon
+/// relative to the kernel's own depth if that is small, because many faint kernels add up. For deep
+/// kernels it is at most a sixth of epsilon, absolute.
+///
+/// [`cutoff_share`] restores the mass. The opacity then errs by no more than epsilon / (1 - epsilon)
+/// anywhere (`tests/frames/bounds.rs`), unless [`MAX_CUTOFF`] limits the radius: from tau / epsilon =
+/// 4e10 on.
+///
+/// This holds for one kernel. If the edges of many coincide in a pixel, their errors add up: five
+/// epsilons were seen among hundreds of kernels, two in one pixel of a thousand. For n kernels at one
+/// point the sum is n/6 epsilons at most. Callers multiply `tau` by n/6 for more than six, which reduces
+/// the sum to one epsilon, and by a factor for neighbouring kernels ([`meeting`]).
 #[inline(always)]
 pub fn cutoff_radius(tau: f32, growth: f32, tolerance: f32, by_hand: f32) -> f32 {
     if by_hand > 0.0 {
@@ -31,8 +37,9 @@ pub fn cutoff_radius(tau: f32, growth: f32, tolerance: f32, by_hand: f32) -> f32
         .min(MAX_CUTOFF)
 }
 
-/// The factor of a kernel's depth if its edge meets the edges of other kernels. In one place, `crowding` times [`OVERLAP`] of
-/// them overlap ([`Block::crowding`](crate::blocks::Block::crowding)).
+/// Returns the factor on a kernel's depth if its edge coincides with the edges of other kernels. At one
+/// point, `crowding` times [`OVERLAP`] kernels overlap
+/// ([`Block::crowding`](crate::blocks::Block::crowding)).
 #[inline(always)]
 pub fn meeting(crowding: f32) -> f32 {
     if crowding > 1.0 {
@@ -42,7 +49,7 @@ pub fn meeting(crowding: f32) -> f32 {
     }
 }
 
-/// The share of a two-dimensional Gaussian within radius `r`: 1 - exp(-r²/2).
+/// Returns the fraction of a two-dimensional Gaussian within radius `r`: 1 - exp(-r²/2).
 #[inline(always)]
 pub fn cutoff_share(r: f32) -> f32 {
     opacity::<false>(0.5 * r * r)
@@ -54,7 +61,7 @@ mod tests {
 
     #[test]
     fn follows_the_table() {
-        // 1 - exp(-r²/2) lost at r = 1, 2, 3.33: .61, .135, .0039.
+        // Fraction lost, exp(-r²/2), at r = 1, 2, 3.33: .61, .135, .0039.
         for (r, lost) in [(1.0_f32, 0.6065), (2.0, 0.1353), (3.33, 0.00391)] {
             assert!((1.0 - cutoff_share(r) - lost).abs() < 1e-4);
         }

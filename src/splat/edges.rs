@@ -1,20 +1,20 @@
-//! Where the domain of its data cuts a kernel: up to three planes, each by the share of the kernel that
-//! lies inside it along a pixel's ray.
+//! Cuts kernels at the boundary of their data's domain. Up to three planes cut a kernel; each leaves the
+//! share of the kernel that lies inside it along a pixel's ray.
 //!
-//! Along a ray a kernel is a Gaussian, and a plane leaves what lies behind the place where the ray enters
-//! the domain or in front of the place where it leaves it: Phi of the distance from the plane, in
-//! standard deviations. Of what enters the greatest share that is cut away counts, of what leaves the
-//! least that is left: on a ray one distance decides about all planes. Where the low-pass filter makes most of
-//! a footprint it mixes rays, and planes know nothing of one another: what they leave is the product of their
-//! shares.
+//! Along a ray a kernel is a Gaussian. A plane keeps the part behind the point where the ray enters the
+//! domain, or in front of the point where it leaves: Phi of the distance from the plane, in standard
+//! deviations. Among planes where the ray enters, the one that cuts away most counts. Among planes where
+//! it leaves, the one that keeps least counts. So one distance per ray stands for all planes. If the
+//! low-pass filter makes up most of a footprint, it mixes rays, and the planes are independent: their
+//! shares are multiplied.
 //!
 //! - **Affine footprints** follow the joint Gaussian of pixel and distance. With n the plane's normal, s
-//!   the distance of the kernel's centre inside, x and y the rows of the footprint's factor in pixels,
-//!   t = Lᵀn, S the low-passed variance of the footprint and c = (x . t, y . t), the distance at the
-//!   offset d has the mean s + cᵀ S⁻¹ d and the variance t . t - cᵀ S⁻¹ c. So the low-pass filter
-//!   softens an edge seen along the plane, too, as it softens the kernel.
-//! - **Exact footprints** are cut where the ray meets the plane, unless the low-pass filter blurs them by more than
-//!   perspective bends them: then as affine ones are.
+//!   the distance of the kernel's centre inside, x and y the rows of the footprint's factor in pixels, t
+//!   = Lᵀn, S the low-passed variance of the footprint and c = (x . t, y . t), the distance at the offset
+//!   d has the mean s + cᵀ S⁻¹ d and the variance t . t - cᵀ S⁻¹ c. So the low-pass filter softens an
+//!   edge seen along the plane, as it softens the kernel.
+//! - **Exact footprints** are cut where the ray meets the plane. If the low-pass filter blurs them by
+//!   more than perspective bends them, they are cut as affine ones are.
 //! - Kernels across the plane of the eye are cut where the ray meets the plane.
 //!
 //! Twin: `shaders/shared/edges.wgsl`.
@@ -28,17 +28,18 @@ use crate::record::{NearTerms, PATH_EXACT, PATH_NEAR, RAY_EDGES, ViewUniform};
 /// The planes that cut one kernel, camera space.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Edges {
-    /// Unit normal into the domain, and how far the kernel's centre lies inside.
+    /// Inward unit normal, and the distance of the kernel's centre inside.
     planes: [(Vec3, f32); MOST_EDGES],
     count: u32,
     is_outside: bool,
 }
 
 impl Edges {
-    /// Of a kernel; `planes` beside its particle: unit normal in the world and how far the particle's
-    /// centre lies inside.
+    /// Selects the planes that cut a kernel.
     ///
-    /// - `moved`: how far the kernel's centre lies from the particle's, camera space.
+    /// - `moved`: offset of the kernel's centre from the particle's, camera space.
+    /// - `planes`: planes of the kernel's particle: unit normal in the world, and distance of the
+    ///   particle's centre inside.
     #[inline]
     pub fn of(
         view: &ViewUniform,
@@ -69,25 +70,25 @@ impl Edges {
         edges
     }
 
-    /// Whether nothing of the kernel lies inside.
+    /// Returns whether the whole kernel lies outside.
     #[inline]
     pub fn is_outside(&self) -> bool {
         self.is_outside
     }
 
-    /// Whether no plane cuts the kernel.
+    /// Returns whether no plane cuts the kernel.
     #[inline]
     pub fn is_empty(&self) -> bool {
         self.count == 0
     }
 
-    /// Writes the planes as a footprint's path reads them:
+    /// Writes the planes in the form that a footprint's path reads:
     ///
     /// | path | edge |
     /// |---|---|
-    /// | affine, half-line, exact and blurred | how far inside a pixel's share lies, standard deviations: change per pixel along x and y, at the centre; 1 where rays enter, -1 where they leave, 0 where the filter mixes them |
+    /// | affine, half-line, exact and blurred | distance inside of a pixel's share, standard deviations: change per pixel along x and y, value at the centre; 1 if rays enter, -1 if they leave, 0 if the filter mixes them |
     /// | exact | change of n . D per pixel along x and y, n . D at the centre, distance of the centre inside |
-    /// | near | n over the distance of the eye from the plane, so that a ray meets it at z = 1/(m . D); 1 where the eye lies inside, -1 outside |
+    /// | near | m = n over the distance of the eye from the plane, so that a ray meets it at z = 1/(m . D); 1 if the eye lies inside, -1 outside |
     pub fn write(&self, view: &ViewUniform, kernel: &Kernel, path: u32, terms: &mut NearTerms) {
         let direction = if view.orthographic != 0 {
             Vec3::Z
@@ -102,7 +103,7 @@ impl Edges {
             .zip(&self.planes[..self.count as usize])
         {
             *edge = if path & 3 == PATH_NEAR {
-                // Of the eye, at the origin.
+                // Distance of the eye, at the origin.
                 let of_eye = inside - normal.dot(kernel.centre);
                 let side = if of_eye > 0.0 { 1.0 } else { -1.0 };
                 let distance = of_eye.abs().max(f32::MIN_POSITIVE);
@@ -119,7 +120,7 @@ impl Edges {
                 let (m, xt, yt) = (x.cross(y), x.cross(t), y.cross(t));
                 let (xx, yy) = (x.length_squared(), y.length_squared());
                 let determinant = m.length_squared() + h2 * (xx + yy) + h2 * h2;
-                // Minors, not products of squares, which would cancel where the kernel is long.
+                // Minors, not products of squares, which would cancel for long kernels.
                 let inverse = 1.0 / determinant.max(f32::MIN_POSITIVE);
                 let slope = Vec2::new(h2 * x.dot(t) - m.dot(yt), h2 * y.dot(t) + m.dot(xt));
                 let triple = m.dot(t);
@@ -142,21 +143,23 @@ impl Edges {
     }
 }
 
-/// Within how many standard deviations a plane cuts a kernel. Beyond a face an opaque picture ends, and what kernels
-/// deeper inside leave there when no plane cuts them adds up: at three deviations the blunt fin's rim was up to 3.2
-/// levels of 255 too deep, 1.8 in one pixel of a thousand. In steps, which both back ends take alike.
+/// Returns the number of standard deviations within which a plane cuts a kernel. At a boundary face an
+/// opaque picture ends. Beyond the face, the tails of uncut kernels deeper inside would add up: at three
+/// deviations the blunt fin's rim was up to 3.2 levels of 255 too deep, 1.8 in one pixel of a thousand.
+/// The value changes in steps, so that both back ends agree.
 #[inline]
 fn reach_within(tolerance: f32) -> f32 {
     if tolerance >= 1.5e-2 { 3.5 } else { EDGE_REACH }
 }
 
-/// Whether the low-pass filter's share of a footprint's narrower side is more than the angle that its kernel
-/// fills: what an edge errs by where the filter does not soften it, and where it is that of an affine footprint.
+/// Returns whether the low-pass filter's share of a footprint's narrower side exceeds the angle that its
+/// kernel fills. The first is the error of an edge that the filter does not soften. The second is the
+/// error of an affine footprint's edge.
 #[inline]
 fn is_blurred(view: &ViewUniform, kernel: &Kernel, screen: &ScreenFactor) -> bool {
     let (x, y) = (screen.row_x, screen.row_y);
     let both = x.length_squared() + y.length_squared();
-    // No more than the lesser of two variances of this sum and this product.
+    // A lower bound of the lesser of two variances with this sum and this product.
     let narrower = x.cross(y).length_squared() / both.max(f32::MIN_POSITIVE);
     let f = &kernel.factor;
     let size = (f.x.length_squared() + f.y.length_squared() + f.z.length_squared()).sqrt();
@@ -164,7 +167,7 @@ fn is_blurred(view: &ViewUniform, kernel: &Kernel, screen: &ScreenFactor) -> boo
     h2 * kernel.centre.length() > size * (h2 + narrower)
 }
 
-/// Lᵀn: the kernel's reach along a normal, by the axes of its factor.
+/// Returns Lᵀn: the kernel's reach along a normal, by the axes of its factor.
 #[inline]
 fn along(kernel: &Kernel, normal: Vec3) -> Vec3 {
     let f = &kernel.factor;

@@ -1,10 +1,10 @@
-//! Exact perspective: five floats on top of the affine footprint.
+//! Computes exact perspective footprints: five floats in addition to the affine footprint.
 //!
-//! With D = D0 + (dx/fx, dy/fy, 0) the ray through the pixel at offset d from the centre,
-//! w(d) = DᵀKD / D0ᵀKD0 for K = adj(V + low-pass), and the line integral of the kernel is
-//! q = q0 |D|/|D0| w^(-1/2) exp(-Q/(2w)), Q the affine form. Verified to 2e-12 in f64. In
-//! f32 within 6e-6 of the peak plus four epsilon times the footprint's axis ratio: 1.8e-5 for
-//! needles of 1:10,000 (`tests/frames/footprint_laws.rs`).
+//! Let D = D0 + (dx/fx, dy/fy, 0) be the ray through the pixel at offset d from the centre. Then w(d) =
+//! DᵀKD / D0ᵀKD0 for K = adj(V + low-pass), and the line integral of the kernel is q = q0 |D|/|D0|
+//! w^(-1/2) exp(-Q/(2w)), with Q the affine form. This is verified to 2e-12 in f64. The error in f32 is
+//! at most 6e-6 of the peak plus four epsilon times the footprint's axis ratio: 1.8e-5 for needles of
+//! 1:10,000 (`tests/frames/footprint_laws.rs`).
 //!
 //! Twin: `shaders/shared/exact.wgsl`.
 
@@ -13,14 +13,14 @@ use glam::Vec2;
 use super::footprint::ScreenFactor;
 use crate::record::{ExactTerms, ViewUniform};
 
-/// The coefficients of w(d).
+/// Returns the coefficients of w(d).
 ///
-/// Per pair of factor columns, D . (f_i x f_j) is m + dx a + dy b with m, a, b minors of the
-/// 3-row matrix (T; s), s the relative depth: w is a sum of squares of these over the
-/// determinant. The low-pass filter adds the columns (h, 0, 0) and (0, h, 0).
+/// For each pair of factor columns, D . (f_i x f_j) is m + dx a + dy b with m, a, b minors of the 3-row
+/// matrix (T; s), s the relative depth. Hence w is a sum of squares of these over the determinant. The
+/// low-pass filter adds the columns (h, 0, 0) and (0, h, 0).
 ///
 /// - `h2`: low-pass variance, px².
-/// - `determinant`: of the low-passed footprint.
+/// - `determinant`: determinant of the low-passed footprint.
 #[inline(always)]
 pub fn exact_terms(screen: &ScreenFactor, h2: f32, determinant: f32) -> ExactTerms {
     let (x, y, s) = (screen.row_x, screen.row_y, screen.relative_depth);
@@ -42,16 +42,16 @@ pub fn exact_terms(screen: &ScreenFactor, h2: f32, determinant: f32) -> ExactTer
     }
 }
 
-/// How the depth of a kernel changes across its footprint, and how far it spreads along a ray: the
-/// change per pixel of the mean z* of z where it meets a pixel, first order, and its standard
-/// deviation; world units.
+/// Returns the change of a kernel's depth across its footprint, and its spread along a ray. The first is
+/// the change per pixel of the mean z* of z along the ray, to first order. The second is the standard
+/// deviation of z. World units.
 ///
-/// With c the covariance of pixel and depth, S the variance of the low-passed footprint: S⁻¹ c, and
-/// sqrt(V_zz - cᵀ S⁻¹ c), the latter as a sum of squares over the determinant. On the exact path both
-/// follow w: z* = z (1 + g . d / 2) / w, sigma / sqrt(w).
+/// With c the covariance of pixel and depth and S the variance of the low-passed footprint, they are S⁻¹
+/// c and sqrt(V_zz - cᵀ S⁻¹ c), the latter as a sum of squares over the determinant. On the exact path
+/// both follow w: z* = z (1 + g . d / 2) / w, sigma / sqrt(w).
 ///
 /// - `h2`: low-pass variance, px².
-/// - `determinant`: of the low-passed footprint.
+/// - `determinant`: determinant of the low-passed footprint.
 #[inline(always)]
 pub fn depth_terms(
     view: &ViewUniform,
@@ -63,23 +63,23 @@ pub fn depth_terms(
     let (x, y, s) = (screen.row_x, screen.row_y, screen.relative_depth);
     let (m, xs, ys) = (x.cross(y), x.cross(s), y.cross(s));
     let inv = 1.0 / determinant;
-    // Minors, not products of squares, which would cancel where the kernel is long.
+    // Minors, not products of squares, which would cancel for long kernels.
     let slope = Vec2::new(h2 * x.dot(s) - m.dot(ys), h2 * y.dot(s) + m.dot(xs)) * inv;
     let triple = m.dot(s);
     let squares = triple * triple
         + h2 * (xs.length_squared() + ys.length_squared())
         + h2 * h2 * s.length_squared();
-    // `relative_depth` is relative under perspective alone.
+    // `relative_depth` is relative under perspective only.
     let scale = if view.orthographic != 0 { 1.0 } else { depth };
     (slope * scale, (squares * inv).sqrt() * scale)
 }
 
-/// The outline of the cut-off ellipsoid on the image: the middle of its bounding box, relative
-/// to the kernel's centre, and the box's half extents, pixels.
+/// Returns the bounding box of the cut-off ellipsoid's outline on the image: its middle relative to the
+/// kernel's centre, and its half extents, pixels.
 ///
-/// C = r² V - u uᵀ, x-range (C02 ± sqrt(C02² - C00 C22))/C22, rewritten relative to the centre so
-/// that nothing cancels. `None` where the ellipsoid reaches the camera plane (r |s| >= 1): its
-/// outline is unbounded.
+/// C = r² V - u uᵀ, x-range (C02 ± sqrt(C02² - C00 C22))/C22, rewritten relative to the centre so that
+/// nothing cancels. `None` if the ellipsoid reaches the camera plane (r |s| >= 1): its outline is
+/// unbounded.
 #[inline(always)]
 pub fn exact_extent(screen: &ScreenFactor, h2: f32, r: f32) -> Option<(Vec2, Vec2)> {
     let s = screen.relative_depth;

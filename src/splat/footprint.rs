@@ -1,5 +1,5 @@
-//! The resampling filter of a kernel: eq. 20 and 25 of Zwicker et al. 2001, eq. 3 to 5 of
-//! Chen et al. 2004, in factored form.
+//! Computes the resampling filter of a kernel: eq. 20 and 25 of Zwicker et al. 2001, eq. 3 to 5 of Chen
+//! et al. 2004, in factored form.
 //!
 //! Twin: `shaders/shared/footprint.wgsl`.
 
@@ -23,13 +23,13 @@ pub struct Kernel {
     pub mass: f32,
 }
 
-/// A kernel's factor carried to the image, before any filter.
+/// A kernel's factor projected to the image, before any filter.
 ///
-/// T = J W L, the first two rows: eq. 20 of Zwicker et al. 2001 (J: eq. 25; its printed third
-/// column and that of the 2004 paper are damaged). First order: exact for an orthographic
-/// camera; for a perspective one a sphere's is off by at most
-/// 1.16 epsilon tan theta + 1.1 epsilon² / cos² theta of its peak (epsilon = sigma / distance up to
-/// .03, theta its angle off the axis); `tests/frames/bounds.rs` measures it.
+/// T = J W L, the first two rows: eq. 20 of Zwicker et al. 2001 (J: eq. 25; its printed third column and
+/// that of the 2004 paper are damaged). First order: exact for an orthographic camera. For a perspective
+/// camera the error for a sphere is at most 1.16 epsilon tan theta + 1.1 epsilon² / cos² theta of its
+/// peak (epsilon = sigma / distance up to .03, theta its angle off the axis); `tests/frames/bounds.rs`
+/// measures it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScreenFactor {
     /// x_k, pixels.
@@ -40,12 +40,12 @@ pub struct ScreenFactor {
     pub row_x: Vec3,
     /// Second row of T, pixels.
     pub row_y: Vec3,
-    /// Third row of the factor over the centre's depth (perspective: the kernel's relative
-    /// depth) or as it is (orthographic: world units).
+    /// Third row of the factor. Under perspective it is divided by the centre's depth (the kernel's
+    /// relative depth). For an orthographic camera it is in world units.
     pub relative_depth: Vec3,
     /// |D0| = sqrt(1 + slope²): true length over depth along the central ray; 1 orthographic.
     pub ray_length: f32,
-    /// det J times the mass: the optical depth that the footprint spreads, px².
+    /// det J times the mass: the optical depth that is distributed over the footprint, px².
     pub weight: f32,
 }
 
@@ -60,17 +60,17 @@ pub struct ImageKernel {
     pub c: f32,
     /// a c - b², computed without that subtraction.
     pub determinant: f32,
-    /// Optical depth at the centre, the mass in full (not yet corrected for the cut-off).
+    /// Optical depth at the centre for the full mass (not yet corrected for the cut-off).
     pub tau: f32,
-    /// How many times the filter has enlarged its area, and so how many of its neighbours lie within
-    /// one another that did not before; 1 to [`GREATEST_ENLARGEMENT`].
+    /// Factor by which the filter has enlarged its area, and thus the number of its neighbours that
+    /// overlap because of the filter; 1 to [`GREATEST_ENLARGEMENT`].
     pub enlargement: f32,
 }
 
-/// Carries a kernel to the image plane.
+/// Projects a kernel to the image plane.
 ///
-/// Staged so that no power of the depth is ever formed: factor over depth first, then focal
-/// lengths; correct for scenes of 1e-15 to 1e15 units, as long as the mass fits f32.
+/// The steps avoid powers of the depth: first factor over depth, then focal lengths. This is correct for
+/// scenes of 1e-15 to 1e15 units, as long as the mass fits f32.
 #[inline(always)]
 pub fn project_kernel(view: &ViewUniform, kernel: &Kernel) -> ScreenFactor {
     let focal = Vec2::from(view.focal_px);
@@ -104,11 +104,11 @@ pub fn project_kernel(view: &ViewUniform, kernel: &Kernel) -> ScreenFactor {
 }
 
 impl ScreenFactor {
-    /// Applies the low-pass filter `h2` \[px²\] as `filter` says.
+    /// Applies the low-pass filter `h2` \[px²\] according to `filter`.
     ///
-    /// The determinant is Cauchy-Binet's, a sum of squares: relative error a few epsilon for any
-    /// axis ratio, where a c - b² has none right beyond 1:4000. A filter that leaves a singular
-    /// variance gives a determinant of zero.
+    /// The determinant is computed by the Cauchy-Binet formula, as a sum of squares. Its relative error
+    /// is a few epsilon for any axis ratio, whereas a c - b² has no correct digit beyond 1:4000. A filter
+    /// that leaves a singular variance gives a determinant of zero.
     #[inline(always)]
     pub fn filtered(&self, filter: Filter, h2: f32) -> ImageKernel {
         let (x, y) = (self.row_x, self.row_y);
@@ -128,12 +128,12 @@ impl ScreenFactor {
             }
             Filter::UniformScaling => {
                 let largest = 0.5 * (xx + yy) + (0.5 * (xx - yy)).hypot(x.dot(y));
-                // A kernel without any width is taken for one of a millionth of its length.
+                // A kernel without any width is given a millionth of its length.
                 let smallest = (minors / largest).max(largest * 1e-12);
                 if largest == 0.0 {
                     (h2, 0.0, h2, h2 * h2)
                 } else {
-                    // NaN comes here and stays NaN: it draws nothing.
+                    // NaN takes this branch and stays NaN: it draws nothing.
                     let s2 = (h2 / smallest).max(1.0);
                     let determinant = (minors * s2).max(largest * smallest * s2) * s2;
                     (xx * s2, x.dot(y) * s2, yy * s2, determinant)
@@ -143,7 +143,7 @@ impl ScreenFactor {
         let growth = (determinant / minors).sqrt();
         let enlargement = match minors > 0.0 {
             true if growth > 1.0 => growth.min(GREATEST_ENLARGEMENT),
-            // NaN, too.
+            // Also for NaN.
             true => 1.0,
             false => GREATEST_ENLARGEMENT,
         };
@@ -159,8 +159,8 @@ impl ScreenFactor {
 }
 
 impl ImageKernel {
-    /// The rows p and r of the triangular form: Q = (p . d)² + (r . d)². All sums of squares, so
-    /// Q keeps its relative accuracy; the larger variance is eliminated first.
+    /// Returns the rows p and r of the triangular form: Q = (p . d)² + (r . d)². All terms are sums of
+    /// squares, so Q keeps its relative accuracy. The larger variance is eliminated first.
     #[inline(always)]
     pub fn triangular_form(&self) -> [[f32; 2]; 2] {
         let Self {

@@ -1,4 +1,4 @@
-//! From a kernel to its footprint on the image: pure functions.
+//! Turns a kernel into its footprint on the image, by pure functions.
 //!
 //! | file | subject |
 //! |---|---|
@@ -7,17 +7,17 @@
 //! | `footprint.rs` | eq. 20 and 25 of Zwicker et al. 2001 in factored form |
 //! | `exact.rs` | the five floats of w(d), exact bounds |
 //! | `near.rs` | kernels that cross the camera plane |
-//! | `peak.rs` | splats of radiance fields, whose opacity is stated |
+//! | `peak.rs` | splats of radiance fields, which state their opacity |
 //! | `sub_pixel.rs` | the opacity of lone kernels smaller than a pixel |
 //! | `pixel_mean.rs` | means over pixels, for column densities |
-//! | `outline.rs` | where a cut-off ends on the image, for the tiles' lists |
+//! | `outline.rs` | outlines of cut-offs on the image, for the tiles' lists |
 //! | `surfel.rs` | surfels of opaque surfaces: weights and planes |
-//! | `axes.rs` | what a pass's rasteriser is specialised for |
-//! | `show.rs` | the debug layer of choices |
-//! | `cutoff.rs` | where a kernel ends |
-//! | `edges.rs` | where the domain of its data cuts a kernel |
-//! | `budget.rs` | how the one tolerance is shared out |
-//! | `bounds.rs` | what the affine approximation costs, how far an exact edge stands out |
+//! | `axes.rs` | variants of a pass's rasteriser |
+//! | `show.rs` | colours that show which filter drew a splat |
+//! | `cutoff.rs` | cut-off radius of a kernel |
+//! | `edges.rs` | cuts of kernels at the boundary of their domain |
+//! | `budget.rs` | division of the tolerance among the approximations |
+//! | `bounds.rs` | error bounds of the affine approximation and of exact edges |
 
 mod axes;
 mod bounds;

@@ -1,5 +1,5 @@
-//! Kernels that cross the camera plane: the direct line integral along the half line in front of
-//! the eye. No affine footprint, no clamp of the Jacobian.
+//! Evaluates kernels that cross the camera plane, by the direct line integral along the half line in
+//! front of the eye. It uses no affine footprint and no clamp of the Jacobian.
 //!
 //! Twin: `shaders/shared/near.wgsl`.
 
@@ -12,14 +12,14 @@ use crate::constants::MAX_CUTOFF;
 use crate::math::normal_cdf;
 use crate::record::{NearTerms, ViewUniform};
 
-/// What [`evaluate_near`] needs, and the kernel's weight g/(2 pi) in the same units; `None` where
-/// the kernel has no volume to speak of (a point or a rod without low-pass filter).
+/// Returns the terms that [`evaluate_near`] needs, and the kernel's weight g/(2 pi) in the same units.
+/// `None` if the kernel has almost no volume (a point or a rod without low-pass filter).
 ///
-/// The low-pass filter of such a kernel is that of its depth u2, as on the exact path, but no
-/// less than that of a standard deviation of its depth: in the plane itself it is not nothing.
+/// The low-pass filter of such a kernel is taken at its depth u2, as on the exact path, but at no less
+/// than a standard deviation of its depth. So it does not vanish in the camera plane.
 pub fn near_terms(view: &ViewUniform, kernel: &Kernel) -> Option<(NearTerms, f32)> {
-    // Units of the kernel's own size: squares of it would underflow or overflow at the scale of
-    // some scenes.
+    // Units of the kernel's own size: its squares would underflow or overflow at the scale of some
+    // scenes.
     let [c0, c1, c2] = kernel.factor.columns();
     let unit = [c0, c1, c2, kernel.centre]
         .iter()
@@ -62,16 +62,16 @@ pub fn near_terms(view: &ViewUniform, kernel: &Kernel) -> Option<(NearTerms, f32
     any_minor.then_some((terms, kernel.mass * scale * scale / TAU))
 }
 
-/// Optical depth of the kernel along the half line t D, t > 0, D = (X, Y, 1), cut off at
-/// Q > `cutoff_squared`.
+/// Returns the optical depth of the kernel along the half line t D, t > 0, D = (X, Y, 1), cut off at Q >
+/// `cutoff_squared`.
 ///
-/// tau = g |D| / (2 pi sqrt(DᵀKD)) exp(-Q/2) Phi(z*/sigma_z), K = adj(V). Q and DᵀKD are sums of
-/// squares of one dot product per column and pair of columns of the factor: with V or K formed,
-/// the error would grow with the square of the axis ratio. Nothing where the line's mean depth lies
-/// [`MAX_CUTOFF`] standard deviations behind the eye: what is in front is 1e-12 of the line's.
+/// tau = g |D| / (2 pi sqrt(DᵀKD)) exp(-Q/2) Phi(z*/sigma_z), K = adj(V). Q and DᵀKD are sums of squares
+/// of one dot product per column and pair of columns of the factor. If V or K were formed, the error
+/// would grow with the square of the axis ratio. The result is 0 if the line's mean depth lies
+/// [`MAX_CUTOFF`] standard deviations behind the eye: the part in front is 1e-12 of the line's.
 ///
-/// For one ray, as the formula has it: the rasterisers take rows of rays and pixels of a tile, and are held to this,
-/// and this to quadrature, by tests.
+/// This is the formula for one ray. The rasterisers take rows of rays or the pixels of a tile. Tests
+/// compare them with this function, and this function with quadrature.
 #[inline]
 pub fn evaluate_near(terms: &NearTerms, weight: f32, direction: Vec3, cutoff_squared: f32) -> f32 {
     let (across, along) = minors_along(terms, direction);
@@ -81,7 +81,7 @@ pub fn evaluate_near(terms: &NearTerms, weight: f32, direction: Vec3, cutoff_squ
         .map(|f| direction.dot(Vec3::from(*f)).powi(2))
         .sum();
     let q = miss / across;
-    // Phrased so that NaN gives nothing.
+    // Phrased so that NaN gives 0.
     if !(q <= cutoff_squared) {
         return 0.0;
     }
@@ -94,7 +94,7 @@ pub fn evaluate_near(terms: &NearTerms, weight: f32, direction: Vec3, cutoff_squ
     weight * direction.length() / root * (-0.5 * q).exp() * normal_cdf(behind)
 }
 
-/// DᵀKD, and its product with the mean depth z*.
+/// Returns DᵀKD, and its product with the mean depth z*.
 #[inline]
 fn minors_along(terms: &NearTerms, direction: Vec3) -> (f32, f32) {
     let mut across = 0.0;
@@ -107,12 +107,15 @@ fn minors_along(terms: &NearTerms, direction: Vec3) -> (f32, f32) {
     (across, along)
 }
 
-/// Whether no ray of a rectangle of directions meets the kernel within its cut-off and in front of the
-/// eye, where [`evaluate_near`] is nothing: D = `middle` + (x, y, 0), |x| <= `half.x`, |y| <= `half.y`. As far
-/// as bounds tell: |F D| is no less, |M D| no more than at the middle by what `half` adds to its length, F the
-/// misses and M the minors of Q = |F D|² / |M D|².
+/// Returns whether the kernel is invisible in a rectangle of directions: no ray meets it within its
+/// cut-off and in front of the eye, so [`evaluate_near`] is 0. The directions are D = `middle` + (x, y,
+/// 0), |x| <= `half.x`, |y| <= `half.y`.
+///
+/// The test is conservative. Q = |F D|² / |M D|², with F the misses and M the minors. Over the rectangle
+/// |F D| is at least, and |M D| at most, the value at the middle, corrected by the change that `half` can
+/// cause.
 pub fn misses_near(terms: &NearTerms, middle: Vec3, half: Vec2, cutoff_squared: f32) -> bool {
-    // Of |A D|, A of rows `rows`: at the middle, and how far it may be from there.
+    // |A D| for A with rows `rows`: its value at the middle, and its greatest change from there.
     let length = |rows: &[[f32; 3]]| {
         let (mut at, mut x, mut y) = (0.0, 0.0, 0.0);
         for row in rows {
@@ -126,7 +129,7 @@ pub fn misses_near(terms: &NearTerms, middle: Vec3, half: Vec2, cutoff_squared: 
     let (miss, miss_slack) = length(&terms.misses);
     let (root, root_slack) = length(&terms.minors);
     let greatest = root + root_slack;
-    // A hair of slack for roundings; NaN misses nothing.
+    // A small slack for roundings; NaN never counts as a miss.
     if (miss - miss_slack) * (1.0 - 1e-4) > cutoff_squared.sqrt() * greatest {
         return true;
     }
@@ -140,10 +143,10 @@ pub fn misses_near(terms: &NearTerms, middle: Vec3, half: Vec2, cutoff_squared: 
     along < -(1.0 + 1e-4) * MAX_CUTOFF * greatest * terms.sigma
 }
 
-/// For an orthographic camera: the kernel's depth along the ray at offset d is
+/// Returns the terms for an orthographic camera. The kernel's depth along the ray at offset d is
 /// z* = u2 + g . d with a constant standard deviation.
 ///
-/// - `slope`, `sigma`: those of [`depth_terms`](super::depth_terms).
+/// - `slope`, `sigma`: results of [`depth_terms`](super::depth_terms).
 pub fn half_line_terms(kernel: &Kernel, slope: Vec2, sigma: f32) -> NearTerms {
     NearTerms {
         half_line: [slope.x, slope.y, kernel.centre.z],
@@ -175,7 +178,7 @@ mod tests {
         const CUTOFF_SQUARED: f32 = 11.0;
         let (mut met, mut left_out, mut kept) = (0, 0, 0);
         for _ in 0..400 {
-            // About the plane of the eye, before and behind it, from balls to needles.
+            // Centres near the plane of the eye, before and behind it; shapes from balls to needles.
             let centre = Vec3::new(within(-1.0, 1.0), within(-1.0, 1.0), within(-0.2, 0.2));
             let size = 10_f32.powf(within(-3.0, -0.5));
             let mut row = || Vec3::new(within(-1.0, 1.0), within(-1.0, 1.0), within(-1.0, 1.0));
@@ -211,7 +214,7 @@ mod tests {
         }
         println!("{met} met, {left_out} left out, {kept} kept for nothing");
         assert!(met > 500 && left_out > 5000);
-        // A bound that keeps everything would pass, too.
+        // A bound that keeps everything would otherwise pass.
         assert!(kept * 4 < left_out);
     }
 

@@ -1,8 +1,9 @@
-//! Where a footprint's cut-off ends on the image, and which rectangles of pixels it meets.
+//! Computes the outline of a footprint's cut-off on the image, and tests which rectangles of pixels it
+//! meets.
 //!
-//! Offsets are pixels from the footprint's centre, Q(d) = (p . d)² + (r . d)². Both outlines are
-//! those of convex sets that hold the centre: a rectangle that does not hold it meets such a set if
-//! and only if one of the edges that face the centre does.
+//! Offsets are pixels from the footprint's centre, Q(d) = (p . d)² + (r . d)². Both kinds of outline
+//! bound convex sets that contain the centre. A rectangle that does not contain the centre meets such a
+//! set if and only if one of its edges that face the centre does.
 //!
 //! Twin: `shaders/shared/outline.wgsl`.
 
@@ -11,9 +12,9 @@ use glam::Vec2;
 /// The outline of a footprint.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Outline {
-    /// Of a kernel: Q(d) - r² w(d) <= 0.
+    /// A kernel's outline: Q(d) - r² w(d) <= 0.
     Kernel(KernelOutline),
-    /// Of a surfel that follows the homography of its plane: Q(d) <= r² (1 + g . d)².
+    /// The outline of a surfel that follows the homography of its plane: Q(d) <= r² (1 + g . d)².
     Plane(PlaneOutline),
 }
 
@@ -26,12 +27,12 @@ pub(crate) struct KernelOutline {
     gradient: Vec2,
     hessian: [f32; 3],
     cutoff_squared: f32,
-    /// Where the quadratic is least.
+    /// Point at which the quadratic is least.
     middle: Vec2,
 }
 
 impl KernelOutline {
-    /// Of an affine footprint: w = 1.
+    /// Returns the outline of an affine footprint: w = 1.
     pub(crate) fn affine(p: Vec2, r: Vec2, cutoff_squared: f32) -> Self {
         Self {
             p,
@@ -43,7 +44,7 @@ impl KernelOutline {
         }
     }
 
-    /// Of a footprint with w(d) = 1 + gradient . d + hxx dx² + hxy dx dy + hyy dy².
+    /// Returns the outline of a footprint with w(d) = 1 + gradient . d + hxx dx² + hxy dx dy + hyy dy².
     pub(crate) fn exact(
         p: Vec2,
         r: Vec2,
@@ -65,7 +66,7 @@ impl KernelOutline {
         outline
     }
 
-    /// Coefficients of dx², 2 dx dy and dy².
+    /// Returns the coefficients of dx², 2 dx dy and dy².
     fn second(&self) -> (f32, f32, f32) {
         let [hxx, hxy, hyy] = self.hessian;
         (
@@ -82,9 +83,10 @@ impl KernelOutline {
         q - w - self.cutoff_squared
     }
 
-    /// Whether the rectangle between two offsets meets the inside. Not a number counts as inside.
+    /// Returns whether the rectangle between two offsets meets the inside. NaN counts as inside.
     ///
-    /// The least value in a rectangle that does not hold the middle lies on an edge that faces it.
+    /// In a rectangle that does not contain the middle, the least value lies on an edge that faces the
+    /// middle.
     #[inline]
     pub(crate) fn touches(&self, lower: Vec2, upper: Vec2) -> bool {
         let nearest = self.middle.clamp(lower, upper);
@@ -92,7 +94,7 @@ impl KernelOutline {
             return true;
         }
         let (a, b, c) = self.second();
-        // A hair of slack: the value of a needle's edge is a difference of large numbers.
+        // A small slack: the value at a needle's edge is a difference of large numbers.
         let inside = |d: Vec2| !(self.value(d) > self.cutoff_squared * 1e-4);
         let on_column = |x: f32| {
             let y = (0.5 * self.gradient.y - b * x) / c;
@@ -109,30 +111,31 @@ impl KernelOutline {
 
 /// The side 1 + g . d > 0 of the conic Q(d) = r² (1 + g . d)²: an ellipse or the branch of a hyperbola.
 ///
-/// With A = (p; r), |A d| - r g . d is convex, a norm and a linear function: so is the set where it is at
-/// most r. Along a line at a fixed dx it is sqrt(c t² + m²) - r gy t + const with t = dy - y0, where
-/// c = py² + ry² and m = |det A dx| / sqrt(c): least at t = r gy m / sqrt(c (c - r² gy²)), or without
-/// a least value where c <= r² gy².
+/// With A = (p; r), |A d| - r g . d is the sum of a norm and a linear function, hence convex. So the set
+/// where it is at most r is convex. Along a line of fixed dx it is sqrt(c t² + m²) - r gy t + const with
+/// t = dy - y0, c = py² + ry² and m = |det A dx| / sqrt(c). Its minimum is at t = r gy m / sqrt(c (c - r²
+/// gy²)); there is none if c <= r² gy².
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PlaneOutline {
     p: Vec2,
     r: Vec2,
     gradient: Vec2,
     cutoff: f32,
-    /// Where |A d| is least on a column, y0 = `middle.y` dx, and on a row.
+    /// Minimum of |A d| on a column, y0 = `middle.y` dx, and likewise on a row.
     middle: Vec2,
-    /// t = `shift.y` |dx| on a column, and on a row.
+    /// Shift t = `shift.y` |dx| on a column, and likewise on a row.
     shift: Vec2,
 }
 
-/// In f32, by how much each number may be off: sixteen roundings of the greatest term.
+/// Bound on the error of each number in f32: sixteen roundings of the greatest term.
 const ROUNDING: f32 = 1e-6;
 
-/// Stands for a shift without end: beyond any image, and within f32 when multiplied by an offset.
+/// Stands for an infinite shift: beyond any image, and within f32 when multiplied by an offset.
 const ENDLESS: f32 = 1e30;
 
 impl PlaneOutline {
-    /// Of a surfel whose inverse depth at the offset d is 1 + `gradient` . d of its centre's.
+    /// Returns the outline of a surfel whose inverse depth at the offset d is 1 + `gradient` . d times
+    /// its centre's.
     pub(crate) fn new(p: Vec2, r: Vec2, cutoff_squared: f32, gradient: Vec2) -> Self {
         let cutoff = cutoff_squared.sqrt();
         let (a, b, c) = (
@@ -162,21 +165,21 @@ impl PlaneOutline {
         }
     }
 
-    /// Whether an offset is inside; so is what is not a number.
+    /// Returns whether an offset is inside; NaN counts as inside.
     fn inside(&self, d: Vec2) -> bool {
         let (px, py) = (self.p.x * d.x, self.p.y * d.y);
         let (rx, ry) = (self.r.x * d.x, self.r.y * d.y);
         let (gx, gy) = (self.gradient.x * d.x, self.gradient.y * d.y);
         let (p, r) = (px + py, rx + ry);
         let q = p * p + r * r;
-        // Never less than what the rasteriser finds: each sum may be off by its terms' roundings.
+        // Never less than the rasteriser computes: each sum may be off by the roundings of its terms.
         let plane_terms = self.cutoff * (1.0 + gx.abs() + gy.abs());
         let form_terms = px.abs() + py.abs() + rx.abs() + ry.abs();
         let reach = self.cutoff * (1.0 + gx + gy) + ROUNDING * (plane_terms + form_terms);
         q.is_nan() || reach.is_nan() || (reach >= 0.0 && !(q > reach * reach))
     }
 
-    /// Whether the rectangle between two offsets meets the inside. Not a number counts as inside.
+    /// Returns whether the rectangle between two offsets meets the inside. NaN counts as inside.
     #[inline]
     pub(crate) fn touches(&self, lower: Vec2, upper: Vec2) -> bool {
         if lower.is_nan() {
@@ -207,7 +210,7 @@ impl PlaneOutline {
 mod tests {
     use super::*;
 
-    /// Whether any of a fine grid's points in the rectangle is inside, in f64.
+    /// Returns whether any point of a fine grid in the rectangle is inside, in f64.
     fn any_inside(outline: &PlaneOutline, lower: Vec2, upper: Vec2) -> bool {
         let [p, r, g] = [outline.p, outline.r, outline.gradient].map(Vec2::as_dvec2);
         let cutoff = f64::from(outline.cutoff);
@@ -250,7 +253,7 @@ mod tests {
         }
         println!("{met} met, {more} more, {branches} without an end");
         assert!(met > 1000 && branches > 1000);
-        // The grid misses what passes between its points.
+        // The grid misses sets that pass between its points.
         assert!(more * 20 < met);
     }
 

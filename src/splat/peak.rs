@@ -1,5 +1,5 @@
-//! Splats of radiance fields, by the rule of their format (Kerbl et al. 2023, *3D Gaussian
-//! Splatting for Real-Time Radiance Field Rendering*): alpha = peak x exp(-Q/2).
+//! Draws splats of radiance fields by the rule of their format (Kerbl et al. 2023, *3D Gaussian Splatting
+//! for Real-Time Radiance Field Rendering*): alpha = peak x exp(-Q/2).
 //!
 //! Twin: `shaders/shared/peak.wgsl`.
 
@@ -9,31 +9,33 @@ use super::filter::Filter;
 use super::footprint::{ImageKernel, Kernel, ScreenFactor, project_kernel};
 use crate::record::ViewUniform;
 
-/// Variance added to a splat's footprint, px²: what the training of Kerbl et al. adds to keep
-/// splats from falling between pixels. Its peak stays.
+/// Variance added to a splat's footprint, px². The training of Kerbl et al. adds it to keep splats from
+/// falling between pixels. The peak stays unchanged.
 pub const SPLAT_LOW_PASS_PX2: f32 = 0.3;
 
-/// The same for splats made for the anti-aliasing filter of Yu et al. 2024, *Mip-Splatting*: a
-/// pixel's box as a Gaussian. The peak falls as the area grows.
+/// The same for splats made for the anti-aliasing filter of Yu et al. 2024, *Mip-Splatting*: a pixel's
+/// box as a Gaussian. The peak falls as the area grows.
 pub const ANTI_ALIASED_LOW_PASS_PX2: f32 = 0.1;
 
-/// How far beyond the image the Jacobian follows a splat, as a share of half the image. Farther
-/// out it is that of this slope: the affine footprints of what lies beside the eye would reach
-/// across the picture, and the training knew no such footprints.
+/// Distance beyond the image within which the Jacobian is taken at a splat's own slope, as a fraction of
+/// half the image. Farther out the slope is clamped. Otherwise the affine footprints of splats beside the
+/// eye would reach across the picture; training never saw such footprints.
 pub(crate) const JACOBIAN_MARGIN: f32 = 0.3;
 
-/// The footprint of a splat, its `tau` the opacity at the centre; `None` where the rule draws
+/// Returns the footprint of a splat, with `tau` the opacity at the centre; `None` if the rule draws
 /// nothing.
 ///
 /// - `kernel`: its mass is the peak opacity.
 ///
-/// The projection is affine, whatever the filter of the frame: the opacities were trained with it.
-/// An anti-aliased splat's opacity is multiplied by sqrt(det V / det (V + h²)), V its footprint's
-/// variance, so that opacity times area stays that of the unfiltered footprint; the opacity of
-/// others stays whatever their size. Not drawn are splats whose centre lies behind the eye or
-/// nearer in front of it than their own standard deviation along the camera's axis: an affine
-/// footprint means nothing there. (The viewers' own limit is a distance in scene units.) Their
-/// ceiling of alpha at .99 and their floor at 1/255 are not copied.
+/// The projection is affine, whatever the filter of the frame, because the opacities were trained with
+/// it. An anti-aliased splat's opacity is multiplied by sqrt(det V / det (V + h²)), with V its
+/// footprint's variance, so that opacity times area stays that of the unfiltered footprint. The opacity
+/// of other splats does not depend on their size.
+///
+/// A splat is not drawn if its centre lies behind the eye, or nearer in front of it than its own standard
+/// deviation along the camera's axis: an affine footprint is meaningless there. (The limit in viewers is
+/// a distance in scene units.) The viewers' ceiling of alpha at .99 and their floor at 1/255 are not
+/// copied.
 #[inline]
 pub fn peak_footprint(
     view: &ViewUniform,
@@ -69,11 +71,12 @@ pub fn peak_footprint(
     let mut image = screen.filtered(Filter::Ewa, h2);
     image.tau = kernel.mass;
     if is_anti_aliased {
-        // Minors, not the difference of products: a flat splat seen from its edge keeps its digits.
+        // Minors, not the difference of products, so that a flat splat seen from its edge keeps its
+        // digits.
         let determinant = screen.row_x.cross(screen.row_y).length_squared();
         image.tau *= (determinant / image.determinant).sqrt();
     }
-    // Lengths whose squares leave f32 have no form.
+    // A footprint whose squared lengths overflow f32 has no form.
     let is_shape = (image.a + image.c).is_finite();
     (is_shape && image.tau > 0.0 && image.tau.is_finite()).then_some((screen, image))
 }

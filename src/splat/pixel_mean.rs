@@ -1,10 +1,13 @@
-//! Means of footprints over pixels, for column sums: exact for kernels whose axes are the image's.
+//! Computes the means of footprints over pixels, for column sums. They are exact for kernels whose axes
+//! are the image's.
 //!
-//! Footprints are widened by the variance of a pixel, 1/12 px². For deviations of two pixels and more, the widened footprint
-//! is the mean over the pixel, within 1.3e-4 of the kernel's peak. Narrower footprints give that variance back here and are
-//! integrated over the pixel in bands. Bands are rows or columns of pixels, whichever the longer axis crosses. A band has the
-//! kernel's exact mass. Across the band, the mass is spread as a Gaussian with the mean and the variance of the kernel within
-//! the band. Sums over pixels telescope, so that mass is conserved for every size, down to points.
+//! Footprints are widened by the variance of a pixel, 1/12 px². For deviations of two pixels and more,
+//! the widened footprint is the mean over the pixel, within 1.3e-4 of the kernel's peak. For narrower
+//! footprints this module subtracts that variance again and integrates the footprint over the pixel in
+//! bands. Bands are rows or columns of pixels, whichever the longer axis crosses. A band has the kernel's
+//! exact mass. Across the band, the mass is distributed as a Gaussian with the mean and the variance of
+//! the kernel within the band. Sums over pixels telescope, so that mass is conserved for every size, down
+//! to points.
 //!
 //! Twin: `shaders/shared/pixel_mean.wgsl`.
 
@@ -12,28 +15,29 @@ use crate::constants::FRAC_1_SQRT_2PI;
 use crate::math::lane::{cdf_near, exp_minus_half, madd};
 use crate::record::{Footprint, ViewUniform};
 
-/// Variance of a pixel along either axis \[px²\]. As the low-pass variance of a column density it stands for the pixel
-/// itself: its values are means over pixels.
+/// Variance of a pixel along either axis \[px²\]. As the low-pass variance of a column density it stands
+/// for the pixel itself: values are then means over pixels.
 pub const PIXEL_VARIANCE_PX2: f32 = 1.0 / 12.0;
 
-/// Whether the variance of a low-pass filter stands for the pixel itself: to the bit.
+/// Returns whether the variance of a low-pass filter stands for the pixel itself. The comparison is bit
+/// for bit.
 pub(crate) fn is_of_pixels(variance_px2: f32) -> bool {
     variance_px2.to_bits() == PIXEL_VARIANCE_PX2.to_bits()
 }
 
-/// Widened footprints of this variance and more are sampled at the pixels' centres \[px²\].
+/// Widened footprints of at least this variance are sampled at the pixels' centres \[px²\].
 pub(crate) const SAMPLED_FROM_PX2: f32 = 4.0 + PIXEL_VARIANCE_PX2;
 
-/// The least deviation \[px\]: below it f32 does not tell what is left without the pixel.
+/// Least deviation \[px\]. Below it f32 cannot resolve the variance that remains without the pixel's.
 pub(crate) const LEAST_MEAN_SIGMA_PX: f32 = 1.0 / 64.0;
 
-/// 1 / (2 Phi(5) - 1): what `cdf_near` leaves out on both sides.
+/// 1 / (2 Phi(5) - 1): compensates for the tails that `cdf_near` omits on both sides.
 pub(crate) const CDF_WHOLE: f32 = 1.000_000_6;
 
-/// How far along a band's axis its mean and its variance look, standard deviations.
+/// Range along a band's axis over which its mean and variance are integrated, standard deviations.
 pub(crate) const BAND_REACH: f32 = 4.5;
 
-/// Gauss and Legendre's places on half of -1 to 1, and their weights.
+/// Gauss-Legendre nodes on the positive half of -1 to 1, and their weights.
 pub(crate) const BAND_NODES: [[f32; 2]; 4] = [
     [0.183_434_64, 0.362_683_78],
     [0.525_532_4, 0.313_706_65],
@@ -41,21 +45,21 @@ pub(crate) const BAND_NODES: [[f32; 2]; 4] = [
     [0.960_289_9, 0.101_228_535],
 ];
 
-/// A footprint that is narrower than [`SAMPLED_FROM_PX2`] along one axis at least.
+/// A footprint with a variance below [`SAMPLED_FROM_PX2`] along at least one axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PixelMean {
-    /// Whether bands are rows, and not columns.
+    /// True if bands are rows (otherwise columns).
     pub(crate) has_rows: bool,
-    /// Whether the masses of bands are sampled at their middles.
+    /// True if the masses of bands are sampled at their middles.
     is_sampled: bool,
     /// The mass of all bands together; if their masses are sampled, the mass of the band through the centre \[px\].
     mass: f32,
-    /// The deviation along the axis that crosses bands, px.
+    /// Deviation along the axis that crosses bands, px.
     sigma: f32,
     per_sigma: f32,
     /// Change of the mean across a band per pixel along that axis.
     slope: f32,
-    /// Variance across a band at one place along it, px²; one over its root.
+    /// Variance across a band at a fixed position along it, px²; one over its root.
     variance: f32,
     per_across: f32,
 }
@@ -67,12 +71,12 @@ pub struct Band {
     pub(crate) mass: f32,
     /// The middle across the band, from the footprint's centre, px.
     pub(crate) mean: f32,
-    /// One over the deviation across, 1/px.
+    /// One over the deviation across the band, 1/px.
     pub(crate) per_sigma: f32,
 }
 
 impl PixelMean {
-    /// The bands of a footprint; `None` if it is sampled at the pixels' centres.
+    /// Returns the bands of a footprint; `None` if it is sampled at the pixels' centres.
     #[inline(always)]
     pub fn of(view: &ViewUniform, footprint: &Footprint) -> Option<Self> {
         if !is_of_pixels(view.low_pass_variance_px2) {
@@ -89,7 +93,8 @@ impl PixelMean {
         let per_determinant = px * ry - py * rx;
         let determinant = 1.0 / (per_determinant * per_determinant);
         let mass = footprint.tau * std::f32::consts::TAU / per_determinant.abs();
-        // The longer axis of the image has the sharper entry: one over it is the variance across, at one place along.
+        // The longer axis of the image has the sharper entry. One over that entry is the variance across,
+        // at a fixed position along.
         let has_rows = xx >= yy;
         let sharp = if has_rows { xx } else { yy };
         let wide = sharp * determinant;
@@ -130,7 +135,7 @@ impl PixelMean {
         })
     }
 
-    /// The band whose middle lies `d` px from the centre.
+    /// Returns the band whose middle lies `d` px from the centre.
     #[inline(always)]
     pub(crate) fn band<const FMA: bool>(&self, d: f32) -> Band {
         if self.is_sampled {
@@ -152,7 +157,7 @@ impl PixelMean {
             };
         }
         let (middle, half) = (0.5 * (begin + end), 0.5 * (end - begin));
-        // The place of the band where there is most.
+        // Position in the band at which the density is greatest.
         let top = begin.max(end.min(0.0));
         let (mut sum, mut first, mut second) = (0.0, 0.0, 0.0);
         for [node, weight] in BAND_NODES {
@@ -176,7 +181,7 @@ impl PixelMean {
         }
     }
 
-    /// The mean over the pixel whose centre lies `d` from the footprint's, px.
+    /// Returns the mean over the pixel whose centre lies `d` from the footprint's, px.
     #[inline(always)]
     pub(crate) fn at<const FMA: bool>(&self, d: [f32; 2]) -> f32 {
         let (along, across) = match self.has_rows {
@@ -188,7 +193,7 @@ impl PixelMean {
 }
 
 impl Band {
-    /// The mean over the pixel whose centre lies `d` px across from the footprint's.
+    /// Returns the mean over the pixel whose centre lies `d` px across from the footprint's.
     #[inline(always)]
     pub(crate) fn at<const FMA: bool>(&self, d: f32) -> f32 {
         let begin = ((d - 0.5) - self.mean) * self.per_sigma;

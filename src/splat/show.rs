@@ -1,9 +1,9 @@
-//! The debug layer of choices: the colour of a splat says what draws it.
+//! Colours splats by the filter path that draws them, for debugging.
 
 use super::filter::Filter;
 use crate::record::{PATH_AFFINE, PATH_EXACT};
 
-/// Linear RGB of what a footprint is drawn by, in the order of [`choice_index`].
+/// Linear RGB of the ways to draw a footprint, in the order of [`choice_index`].
 pub const CHOICE_COLOURS: [[f32; 3]; 10] = [
     // Exact: red.
     [0.9, 0.05, 0.03],
@@ -24,8 +24,8 @@ pub const CHOICE_COLOURS: [[f32; 3]; 10] = [
     [0.12, 0.0, 0.22],
 ];
 
-/// Which of [`CHOICE_COLOURS`] shows a footprint: by its block's level of detail, its own path and
-/// its block's filter. Twin: `choice_index` in `shaders/project.wgsl`.
+/// Returns the index in [`CHOICE_COLOURS`] of a footprint's colour. It depends on its block's level of
+/// detail, its own path and its block's filter. Twin: `choice_index` in `shaders/project.wgsl`.
 #[inline]
 pub fn choice_index(level: u32, path: u32, filter: Filter) -> usize {
     if level > 0 {

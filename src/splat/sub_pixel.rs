@@ -1,8 +1,8 @@
-//! How opaque a lone kernel is that is smaller than a pixel.
+//! Computes the opacity of a lone kernel smaller than a pixel.
 //!
-//! The resampling filter carries optical depths to the image, and light is let through by their
-//! exponential: of a kernel that fills a part of a pixel and is opaque there, the filtered depth says
-//! that it is opaque all over. The filtered opacity says what it is.
+//! The resampling filter averages optical depths over a pixel, and transmittance is their exponential. If
+//! an opaque kernel fills only part of a pixel, the filtered depth makes the whole pixel opaque. The
+//! filtered opacity gives the true result.
 //!
 //! Twin: `shaders/shared/sub_pixel.wgsl`.
 
@@ -10,8 +10,8 @@ use super::filter::Filter;
 use super::footprint::{ImageKernel, ScreenFactor};
 use crate::math::EULER;
 
-/// The cubes of the nodes of Gauss's rule of eight points on 0 to 1: what is integrated over u runs
-/// over t³, because 1 - u^a is steep at 0 for small a.
+/// Cubes of the nodes of the eight-point Gauss rule on 0 to 1. Integrals over u are taken over t³,
+/// because 1 - u^a is steep at 0 for small a.
 pub(crate) const SUB_PIXEL_NODES: [f32; 8] = [
     0.941_609_6,
     0.724_957_3,
@@ -22,7 +22,7 @@ pub(crate) const SUB_PIXEL_NODES: [f32; 8] = [
     1.050_841e-3,
     7.827_343e-6,
 ];
-/// Their logarithms.
+/// Logarithms of [`SUB_PIXEL_NODES`].
 pub(crate) const SUB_PIXEL_LOGS: [f32; 8] = [
     -0.060_164_497,
     -0.321_642_57,
@@ -33,7 +33,7 @@ pub(crate) const SUB_PIXEL_LOGS: [f32; 8] = [
     -6.858_164_3,
     -11.757_887,
 ];
-/// The rule's weights times 3 t², the change of t³.
+/// The rule's weights times 3 t², the derivative of t³.
 pub(crate) const SUB_PIXEL_WEIGHTS: [f32; 8] = [
     0.145_872_97,
     0.269_193_1,
@@ -45,31 +45,30 @@ pub(crate) const SUB_PIXEL_WEIGHTS: [f32; 8] = [
     5.986_006e-5,
 ];
 
-/// From this share of a pixel on, areas are integrated over the other variable.
+/// From this fraction of a pixel on, areas are integrated over the other variable.
 pub(crate) const SUB_PIXEL_SPLIT: f32 = 4.0;
-/// Beyond this many mean free paths next to nothing is let through: exp(-12) = 6e-6.
+/// Beyond this many mean free paths almost no light is transmitted: exp(-12) = 6e-6.
 pub(crate) const SUB_PIXEL_REACH: f32 = 12.0;
 
-/// Below this depth opacity is the depth, whatever is averaged: the correction is less than a
+/// Below this depth opacity equals depth, so averaging makes no difference: the correction is less than a
 /// quarter of its square.
 pub(crate) const SUB_PIXEL_FAINT: f32 = 1e-3;
-/// From this share of a pixel on the kernel is taken for itself: for 1e4 of depth the filtered one
-/// is off by tau0^(1/a), a hundredth, which moves its edge by a thousandth of its width.
+/// From this fraction of a pixel on the kernel is used without correction. At a depth of 1e4 the filtered
+/// one is off by tau0^(1/a), a hundredth, which moves its edge by a thousandth of its width.
 pub(crate) const SUB_PIXEL_LARGE: f32 = 1e3;
-/// Between these depths the peak stops and the extent begins to say how deep a footprint is; see
-/// [`sub_pixel_depth`].
+/// Depths between which the depth of a footprint changes over from following the peak to following the
+/// extent; see [`sub_pixel_depth`].
 pub(crate) const SUB_PIXEL_OPAQUE: [f32; 2] = [3.0, 7.0];
 
-/// The opacity at its centre of a lone round kernel under a Gaussian low-pass filter, 0 to 1:
-/// 1 - a tau0^-a gamma(a, tau0), gamma the lower incomplete gamma function.
+/// Returns the opacity at its centre of a lone round kernel under a Gaussian low-pass filter, 0 to 1: 1 -
+/// a tau0^-a gamma(a, tau0), gamma the lower incomplete gamma function.
 ///
 /// - `area`: a, the kernel's variance over the filter's, above 0.
 /// - `tau0`: its optical depth at the centre before the filter, from 0 up.
 ///
-/// Evaluated as the integral of tau0 exp(-tau0 u) (1 - u^a) over u from 0 to 1, or of
-/// 1 - exp(-tau0 v^(1/a)) over v, each by eight points: neither takes a difference of
-/// numbers that are alike. The relative error is below 6e-5 for a from 1e-6 to 100 and tau0 from
-/// 1e-4 to 1e4.
+/// Evaluated as the integral of tau0 exp(-tau0 u) (1 - u^a) over u from 0 to 1, or of 1 - exp(-tau0
+/// v^(1/a)) over v, each with eight points. Neither subtracts numbers that are alike. The relative error
+/// is below 6e-5 for a from 1e-6 to 100 and tau0 from 1e-4 to 1e4.
 pub fn filtered_opacity(area: f32, tau0: f32) -> f32 {
     let mut sum = 0.0;
     if area < SUB_PIXEL_SPLIT {
@@ -89,16 +88,16 @@ pub fn filtered_opacity(area: f32, tau0: f32) -> f32 {
     sum
 }
 
-/// The optical depth at the centre whose opacity is the filtered one: -ln(1 - alpha) with alpha of
-/// [`filtered_opacity`], in place of tau0 a / (1 + a), and never more.
+/// Returns the optical depth at the centre whose opacity is the filtered one: -ln(1 - alpha) with alpha
+/// of [`filtered_opacity`]. It replaces tau0 a / (1 + a), and is never more.
 ///
-/// Where that is opaque (from 3 on, and from 7 on alone) the peak no longer tells how far the
-/// kernel reaches, and the depth takes its place that keeps the opacity's sum over the image,
-/// Ein(tau) = a / (1 + a) Ein(tau0), for large depths: tau = (tau0^a exp(-gamma))^(1 / (1 + a)) with
-/// Euler's gamma.
+/// If the footprint is opaque, the peak no longer tells how far the kernel reaches. From a depth of 3 on,
+/// and alone from 7 on, another depth is used: the one that keeps the sum of opacity over the image,
+/// Ein(tau) = a / (1 + a) Ein(tau0). For large depths that is tau = (tau0^a exp(-gamma))^(1 / (1 + a))
+/// with Euler's gamma.
 pub fn sub_pixel_depth(area: f32, tau0: f32) -> f32 {
     let [opaque, saturated] = SUB_PIXEL_OPAQUE;
-    // Rounding may find more than all of it.
+    // Rounding may give an opacity above 1.
     let peak = -(-filtered_opacity(area, tau0).min(0.999_99)).ln_1p();
     let share = ((peak - opaque) / (saturated - opaque)).clamp(0.0, 1.0);
     let extent = ((area * tau0.ln() - EULER) / (1.0 + area)).exp();
@@ -107,12 +106,12 @@ pub fn sub_pixel_depth(area: f32, tau0: f32) -> f32 {
 }
 
 impl ScreenFactor {
-    /// `image` with the opacity of a lone kernel: its depth times [`sub_pixel_depth`] over
-    /// tau0 a / (1 + a).
+    /// Returns `image` with the opacity of a lone kernel: its depth times [`sub_pixel_depth`] over tau0 a
+    /// / (1 + a).
     ///
-    /// Exact for round kernels; for others a is the root of the ratio of the areas' squares,
-    /// sqrt(l1 l2) / h². Kernels beside or behind one another count as if each was alone: where they
-    /// fill pixels together the result is too faint ([`crate::Settings::sub_pixel_opacity`]).
+    /// Exact for round kernels; for others a is the root of the ratio of the areas' squares, sqrt(l1 l2)
+    /// / h². Kernels beside or behind one another are treated as if each was alone. If they fill pixels
+    /// together the result is too faint ([`crate::Settings::sub_pixel_opacity`]).
     #[inline]
     pub fn as_lone(&self, filter: Filter, h2: f32, image: ImageKernel) -> ImageKernel {
         if matches!(filter, Filter::Reconstruction | Filter::UniformScaling) {
@@ -142,7 +141,7 @@ impl ScreenFactor {
 mod tests {
     use super::*;
 
-    /// Nodes and weights of Gauss's rule of `n` points on 0 to 1, by Newton's method.
+    /// Returns nodes and weights of the Gauss rule of `n` points on 0 to 1, by Newton's method.
     fn gauss(n: usize) -> Vec<(f64, f64)> {
         let legendre = |x: f64| {
             let (mut before, mut p) = (1.0, x);
@@ -165,7 +164,7 @@ mod tests {
             .collect()
     }
 
-    /// The filtered opacity in f64: the integral over ln u, sixty parts of twenty points.
+    /// Returns the filtered opacity in f64: the integral over ln u, in sixty parts of twenty points.
     fn quadrature(area: f64, tau0: f64) -> f64 {
         let low = -45.0 - tau0.max(1.0).ln();
         let step = -low / 60.0;
@@ -202,7 +201,7 @@ mod tests {
 
     #[test]
     fn opacities_agree_with_quadrature() {
-        // a = 1: 1 - gamma(1, t) / t = 1 - (1 - e^-t) / t, which the quadrature must know.
+        // a = 1: 1 - gamma(1, t) / t = 1 - (1 - e^-t) / t, which the quadrature must reproduce.
         for t in [1e-3_f64, 0.7, 30.0, 1e4] {
             let exact = 1.0 + (-t).exp_m1() / t;
             assert!((quadrature(1.0, t) / exact - 1.0).abs() < 1e-12, "{t}");
@@ -231,7 +230,7 @@ mod tests {
                 let tau0 = 10_f32.powf(-4.0 + k as f32 / 8.0);
                 let depth = sub_pixel_depth(area, tau0);
                 let filtered = tau0 * area / (1.0 + area);
-                // A rounding of either.
+                // One rounding of either value.
                 assert!(depth > 0.0 && depth <= filtered, "{area} {tau0}");
                 assert!(depth >= before, "{area} {tau0}: {depth} after {before}");
                 before = depth;

@@ -1,17 +1,17 @@
-//! Surfels of an opaque surface: flat kernels that are averaged, not absorbed.
+//! Computes surfels of an opaque surface: flat kernels that are averaged, not absorbed.
 //!
 //! At a pixel every surfel has a weight, area |det M| G(M V2 Mᵀ + V_h), with V2 its variance in its
-//! tangent plane and M the plane's mapping to the image (section 5 of Zwicker et al. 2001, where
-//! it is T^2D): Heckbert's EWA filter, had the surface a texture. Where surfels tile a surface
-//! their weights sum to about 1; the colour is the weighted mean and the coverage the sum, so that
-//! silhouettes are as soft as the low-pass filter makes them.
+//! tangent plane and M the plane's mapping to the image (section 5 of Zwicker et al. 2001, where it is
+//! T^2D). This is Heckbert's EWA filter, with the surface as the texture. If surfels tile a surface,
+//! their weights sum to about 1. The colour is the weighted mean and the coverage is the sum, so that the
+//! low-pass filter softens silhouettes.
 //!
-//! Surfels of one surface meet at a pixel at one depth: that of the surfel's plane along the
-//! pixel's ray, not of its centre. The inverse of it changes linearly across the image under
-//! perspective, the depth itself under an orthographic camera; [`SurfelTerms::inverse_depth`] is that
-//! linear number, greater for what is nearer.
+//! At a pixel a surfel has the depth of its plane along the pixel's ray, not that of its centre. So the
+//! surfels of one surface agree in depth. The inverse depth changes linearly across the image under
+//! perspective; under an orthographic camera the depth itself does. [`SurfelTerms::inverse_depth`] is
+//! that linear number; it is greater for nearer points.
 //!
-//! Twin: `shaders/shared/surfel.wgsl`, of packed normals `shaders/shared/normal.wgsl`.
+//! Twin: `shaders/shared/surfel.wgsl`; for packed normals `shaders/shared/normal.wgsl`.
 
 use std::f32::consts::TAU;
 
@@ -22,32 +22,31 @@ use super::footprint::{ImageKernel, Kernel, ScreenFactor, project_kernel};
 use crate::math::pack_normal;
 use crate::record::{NearTerms, SurfelTerms, ViewUniform};
 
-/// Surfels of one surface differ in depth by what it bends between them: up to this many of
-/// their standard deviations they are averaged. Across a crease they differ by more, and fall into
-/// two layers, which cover as much.
+/// Difference of depth up to which surfels of one surface are averaged, in units of their standard
+/// deviation: a curved surface bends by this much between them. Across a crease they differ by more, and
+/// fall into two layers, which have the same coverage.
 pub(crate) const SLACK_SIGMAS: f32 = 1.0;
 
-/// And by what it bends within a pixel: so many pixels.
+/// Addition to that difference for a surface that bends within a pixel, in pixels.
 pub(crate) const SLACK_PIXELS: f32 = 0.5;
 
-/// And, where it is seen at a slant, by what the low-pass filter has spread: so many of its standard
-/// deviations along the slope.
+/// Addition to that difference for a surface seen at a slant, whose depths the low-pass filter spreads:
+/// standard deviations of the filter along the slope.
 pub(crate) const SLACK_SLOPE: f32 = 3.0;
 
-/// The slope of a plane is taken for no steeper than a cosine of this towards the ray: what is seen
-/// from its edge has little weight, but its depth would leave all bounds, and its slack would let it
-/// join what lies far in front of it. A plane that is seen flatter falls into several layers, which
-/// add up to the same.
+/// Least cosine between a plane's normal and the ray that is used for its slope. A plane seen from its
+/// edge has little weight, but its depth would leave all bounds, and its slack would let it join surfaces
+/// far in front of it. A plane seen more obliquely falls into several layers, which sum to the same.
 pub(crate) const GRAZING: f32 = 0.2;
 
-/// From this relative depth across its cut-off on, a surfel is drawn by the exact homography of
-/// its plane instead of the affine map: below, no weight is off by more than a hundredth.
+/// Relative depth across its cut-off from which a surfel is drawn by the exact homography of its plane
+/// instead of the affine map. Below it no weight is off by more than a hundredth.
 pub(crate) const PERSPECTIVE_FROM: f32 = 0.01;
 
 /// A surfel on the image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurfelFootprint {
-    /// Its factor there.
+    /// Its projected factor.
     pub screen: ScreenFactor,
     /// Its footprint; `tau` is the weight at the centre.
     pub image: ImageKernel,
@@ -55,8 +54,8 @@ pub struct SurfelFootprint {
     pub terms: SurfelTerms,
 }
 
-/// The footprint of a surfel of an opaque surface; `None` where it is seen from behind and has one
-/// side, or is no surfel.
+/// Returns the footprint of a surfel of an opaque surface; `None` if it is one-sided and seen from
+/// behind, or is not a surfel.
 ///
 /// - `kernel`: its mass is the area, its factor the two tangents; in front of the eye.
 #[inline]
@@ -82,14 +81,14 @@ pub fn surfel_footprint(
         return None;
     }
     let facing = across;
-    // |det M| = |det J| cos theta; `weight` has |det J| and the ray's length |D0|.
+    // |det M| = |det J| cos theta; `weight` contains |det J| and the ray's length |D0|.
     screen.weight *= across.abs() / screen.ray_length;
     let image = screen.filtered(Filter::Ewa, view.low_pass_variance_px2);
     let is_shape = (image.a + image.c).is_finite();
     if !(is_shape && image.tau > 0.0 && image.tau.is_finite()) {
         return None;
     }
-    // The inverse depth D . n / (n . u), u = u2 D0; -D . n / ... of the depth under parallel rays.
+    // The inverse depth D . n / (n . u), u = u2 D0. Under parallel rays: minus the depth.
     let least = GRAZING * screen.ray_length;
     let across = if across < 0.0 {
         across.min(-least)
@@ -115,8 +114,8 @@ pub fn surfel_footprint(
         terms.homography = 1.0;
         terms.gradient = plane.into();
     } else {
-        // The mean of the inverse depth where the filtered kernel meets the pixel: what the filter has
-        // spread has the inverse depth of where it came from.
+        // The mean of the inverse depth over the part of the filtered kernel in the pixel. Mass that the
+        // filter has moved keeps the inverse depth of its origin.
         let (x, y) = (screen.row_x, screen.row_y);
         let along = Vec2::new(
             x.length_squared() * plane.x + x.dot(y) * plane.y,
@@ -137,16 +136,16 @@ pub fn surfel_footprint(
     })
 }
 
-/// The low-pass filter's standard deviation, pixels.
+/// Returns the low-pass filter's standard deviation, pixels.
 #[inline]
 fn h_of(view: &ViewUniform) -> f32 {
     view.low_pass_variance_px2.sqrt()
 }
 
-/// The greater standard deviation of a surfel.
+/// Returns the greater standard deviation of a surfel.
 #[inline]
 fn widest(a: Vec3, b: Vec3) -> f32 {
-    // Units of its own size: squares of it would underflow or overflow at the scale of some scenes.
+    // Units of its own size: its squares would underflow or overflow at the scale of some scenes.
     let unit = a.abs().max(b.abs()).max_element();
     let (a, b) = (a / unit, b / unit);
     let (aa, bb, ab) = (a.length_squared(), b.length_squared(), a.dot(b));
@@ -154,7 +153,7 @@ fn widest(a: Vec3, b: Vec3) -> f32 {
     unit * (0.5 * (aa + bb) + (half * half + ab * ab).sqrt()).sqrt()
 }
 
-/// The direction of a x b; `None` where there is none.
+/// Returns the direction of a x b; `None` if it has none.
 #[inline]
 pub(crate) fn unit_normal(a: Vec3, b: Vec3) -> Option<Vec3> {
     let (a, b) = (a / a.abs().max_element(), b / b.abs().max_element());
@@ -164,12 +163,13 @@ pub(crate) fn unit_normal(a: Vec3, b: Vec3) -> Option<Vec3> {
     (length > 1e-6).then(|| normal / length)
 }
 
-/// What a surfel that reaches the camera plane is evaluated by, and its weight at the centre:
-/// for a ray D its inverse depth is N . D and its coordinates along the tangents, in standard
-/// deviations, A . D / N . D and B . D / N . D; A, B and N are the first three of
-/// [`NearTerms::misses`]. `None` as for [`surfel_footprint`], and where the eye lies in its plane.
+/// Returns the terms of a surfel that reaches the camera plane, and its weight at the centre.
 ///
-/// No low-pass filter: what the eye touches is far wider than a pixel.
+/// For a ray D its inverse depth is N . D. Its coordinates along the tangents, in standard deviations,
+/// are A . D / N . D and B . D / N . D. A, B and N are the first three of [`NearTerms::misses`]. `None`
+/// as for [`surfel_footprint`], and if the eye lies in the surfel's plane.
+///
+/// No low-pass filter is applied: a surfel that reaches the eye is far wider than a pixel.
 pub fn near_surfel(kernel: &Kernel, is_one_sided: bool) -> Option<(NearTerms, f32)> {
     let [a, b, _] = kernel.factor.columns();
     let unit = [a, b, kernel.centre]

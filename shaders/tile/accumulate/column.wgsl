@@ -1,17 +1,16 @@
-// Accumulate: kernels summed, signs kept; nothing hides anything. Twin:
-// src/cpu/tile/accumulate/column.rs.
+// Accumulate: sums kernels with their signs, without occlusion. Twin: src/cpu/tile/accumulate/column.rs.
 //
-// A pixel may get a hundred thousand contributions, of which one f32 would lose a thousandth where
-// they are alike, and compilers may reassociate the sums that would compensate for that. So there are sums
-// of sums: of the kernels since the tile was last looked at, 32 of them, of 64 such sums, of 64 of
-// these, and of the rest. Where contributions are alike, partial sums grow evenly and half of all
-// roundings count: (32 + 64 + 64) / 2 of 6e-8, 4.8e-6 for up to 131,072 kernels in a pixel, 6.7e-6 for
-// up to 64 times as many; on average far less. The host adds the four in f64.
+// A pixel may receive a hundred thousand contributions. One f32 would lose a thousandth of the sum if
+// they are alike, and compilers may reassociate the sums that would compensate for that. So there are
+// sums of sums: of the 32 kernels since the last check of the tile, of 64 such sums, of 64 of these, and
+// of the rest. If contributions are alike, partial sums grow evenly and half of all roundings count: (32
+// + 64 + 64) / 2 of 6e-8, 4.8e-6 for up to 131,072 kernels in a pixel, 6.7e-6 for up to 64 times as many;
+// on average far less. The host adds the four in f64.
 
-// What is added up, the finest sums first.
+// The four sums, the finest first.
 var<private> sums: vec4<f32>;
 
-// Sums that become one of the next.
+// Number of sums that are added to one of the next.
 const RUN: u32 = 64u;
 
 fn begin_sums_of_tile(tile: u32) {}
@@ -32,7 +31,7 @@ fn is_finished(hidden: u32) -> bool {
     return false;
 }
 
-// Full sums become one of the next.
+// Adds full sums to the next.
 fn look(thread: u32, is_pixel: bool, drawn: u32) -> u32 {
     let looks = drawn / TERMINATION_INTERVAL;
     sums = vec4<f32>(0.0, sums.y + sums.x, sums.z, sums.w);

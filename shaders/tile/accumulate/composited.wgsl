@@ -1,5 +1,4 @@
-// Accumulate: slabs that are composited, front to back. Twin: `flush` of
-// src/cpu/tile/accumulate/layers.rs.
+// Accumulate: composites slabs, front to back. Twin: `flush` of src/cpu/tile/accumulate/layers.rs.
 
 fn close_layer(layer: u32, sums: vec4<f32>, slopes: Slopes) {
     let at_half = layer_middle(layer);

@@ -1,27 +1,27 @@
-// Layers along the ray in which kernels are summed; a layer is composited when no kernel reaches it any
-// more. What sheets and slabs share. LAYER_SLOTS and SLOPE_SLOTS, the numbers of layers that a pixel
-// keeps open, come before this file.
+// Sums kernels in layers along the ray, for sheets and slabs. A layer is composited when no kernel
+// reaches it any more. LAYER_SLOTS and SLOPE_SLOTS, the numbers of layers that a pixel keeps open, come
+// before this file.
 
-// Whether layers that are open may have to be carried from one dispatch to the next: then they lie
-// behind the picture in `pixels`: four floats for each pixel of each place of the ring, of what a surface
-// divides, and two depths.
+// True if open layers may have to be carried from one dispatch to the next. They then follow the picture
+// in `pixels`: for each pixel, four floats for each slot of the ring and for the part behind the surface
+// of the divided layer, and two depths.
 override CARRIES: bool = false;
 
-// The first and the last layer that the kernels of the batch reach.
+// First and last layer that the kernels of the batch reach.
 var<workgroup> batch_layers: array<vec2<u32>, TERMINATION_INTERVAL>;
-// The most layers that any kernel wanted at once.
+// Greatest number of layers that any kernel needed at once.
 var<workgroup> layers_needed: atomic<u32>;
 
-// What a thread has in the layers that are open: optical depth times what is carried, and optical depth.
-// Layer n lies at n modulo their number.
+// A thread's sums of the open layers: optical depth times the carried quantity, and optical depth. Layer
+// n is stored at n modulo the number of slots.
 var<private> ring: array<vec4<f32>, LAYER_SLOTS>;
-// Of sheets, which have one place: optical depth times depth.
+// For sheets, which have one slot: optical depth times depth.
 var<private> ring_depth: f32;
-// What lies behind the surface in the layer that it divides.
+// The part behind the surface, in the layer that the surface divides.
 var<private> divided: vec4<f32>;
 var<private> divided_depth: f32;
-// How what a layer carries, and its optical depth, change across it: with the pixel's column, its row and
-// with z. Where light falls on layers.
+// Derivatives of a layer's carried sum and of its optical depth: along the pixel's column, its row and z.
+// Used if layers are lit.
 struct Slopes {
     carried: vec3<f32>,
     length: vec3<f32>,
@@ -29,16 +29,17 @@ struct Slopes {
 var<private> ring_slopes: array<Slopes, SLOPE_SLOTS>;
 var<private> divided_slopes: Slopes;
 var<private> pixel_centre: vec2<f32>;
-// The nearest open layer; NO_LAYER where all are closed for good.
+// Nearest open layer; NO_LAYER if all are composited.
 var<private> first_layer: u32;
 
-// Where a layer of slabs begins: depth z.
+// Returns the depth z at which a layer of slabs begins.
 fn layer_start(layer: u32) -> f32 {
-    // Whole numbers, which f32 holds where depths do: a sum of lengths would round them away.
+    // Whole multiples of the thickness, which are exact in f32 wherever depths are: a sum of lengths
+    // would accumulate roundings.
     return f32(view.layer_first + i32(layer)) * view.layer_thickness;
 }
 
-// The layer in which a footprint's depth key lies.
+// Returns the layer of a footprint's depth key.
 fn layer_of_key(i: u32) -> u32 {
     return key_of_chunk(i) >> view.layer_shift;
 }
@@ -72,7 +73,8 @@ fn before_kernel(n: u32) {
     }
 }
 
-// What lies before the surface or wholly behind it, and what is divided, of a layer.
+// Adds to a layer the part in front of the surface or wholly behind it, and the part that the surface
+// divides.
 fn add_to_layer(layer: u32, tau: f32, rest: f32, carried: vec3<f32>) {
     let at = layer % LAYER_SLOTS;
     ring[at] = ring[at] + vec4<f32>(tau * carried, tau);
@@ -81,9 +83,9 @@ fn add_to_layer(layer: u32, tau: f32, rest: f32, carried: vec3<f32>) {
     }
 }
 
-// Puts a layer behind what a pixel has.
+// Composites a layer behind a pixel's contents.
 //
-// - `at_half`: the depth that it gives the pixel, within the two that follow.
+// - `at_half`: the depth that it gives the pixel, clamped to the two depths that follow.
 fn put_layer(
     pixel: ptr<private, Pixel>,
     layer: u32,
@@ -129,13 +131,13 @@ fn close_layers(until: u32) {
     first_layer = max(first_layer, until);
 }
 
-// The place of the layers that are carried of a pixel.
+// Returns the index of a slot of the layers that are carried for a pixel.
 fn carried_at(place: u32, index: u32, count: u32) -> u32 {
     let words = picture_words() * select(1u, 2u, HAS_SURFACE);
     return words * count + 4u * (place * count + index);
 }
 
-// The same of slopes, which lie behind the others.
+// Returns the same index for derivatives, which follow the sums.
 fn carried_slopes_at(place: u32, index: u32, count: u32) -> u32 {
     return carried_at(LAYER_SLOTS + 2u, 0u, count) + 6u * (place * count + index);
 }

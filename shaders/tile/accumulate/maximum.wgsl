@@ -1,6 +1,6 @@
-// Accumulate: of the slabs of a pixel the one with the greatest mean value. Until the last is closed the
-// pixel's red is that value and its green whether there was any; its opacity stays zero, so that nothing
-// ends the ray early. Twin: src/cpu/tile/accumulate/maximum.rs.
+// Accumulate: finds the slab with the greatest mean value. Until the last slab is finished, the pixel's
+// red is that value and its green a flag that tells if there was any. Its opacity stays zero, so that no
+// ray ends early. Twin: src/cpu/tile/accumulate/maximum.rs.
 
 fn close_layer(layer: u32, sums: vec4<f32>, slopes: Slopes) {
     if IS_COUNT || !(sums.w >= view.least_length) {

@@ -1,19 +1,19 @@
-// Accumulate: surfels averaged in a few layers of a pixel, each an opaque surface: colour, coverage, depth
-// and, where asked for, normals; front to back. Twin: src/cpu/tile/accumulate/opaque.rs. surface.wgsl makes
-// pixels of the layers.
+// Accumulate: averages surfels in a few layers of a pixel, each an opaque surface: colour, coverage,
+// depth and, on request, normals; front to back. Twin: src/cpu/tile/accumulate/opaque.rs. surface.wgsl
+// computes pixels from the layers.
 
-// Where `pixels` has them: the layers of the band's pixels, one float of all pixels after the other: those
-// of the first layer, of the second ...; then (where pixels count surfels) the counts.
+// Layout in `pixels`: the layers of the band's pixels, one float of all pixels after the other: those of
+// the first layer, of the second ...; then the counts, if pixels count surfels.
 
 // Sums over the surfels of one layer of a pixel.
 struct Layer {
-    // Weights: what the surfels cover.
+    // Sum of weights: the coverage of the surfels.
     weight: f32,
     // Weight times inverse depth.
     inverse_depth: f32,
     // Weight times linear colour.
     colour: vec3<f32>,
-    // Weight times the unit normal, camera space; zero unless asked for.
+    // Weight times the unit normal, camera space; zero unless normals are written.
     normal: vec3<f32>,
 }
 
@@ -27,7 +27,7 @@ fn added(layer: Layer, fragment: Fragment) -> Layer {
     );
 }
 
-// Floats of a layer.
+// Returns the number of floats of a layer.
 fn layer_words() -> u32 {
     return select(5u, 8u, HAS_NORMALS);
 }
@@ -64,7 +64,7 @@ fn store_layer(layer: Layer, k: u32, index: u32, count: u32) {
     }
 }
 
-// The layers of a pixel, front to back. The code below counts on their number: an index that is no
+// The layers of a pixel, front to back. The code below relies on their number: an index that is not
 // constant would move them out of registers.
 const_assert SURFACE_LAYERS == 3u;
 alias Window = array<Layer, SURFACE_LAYERS>;
@@ -73,7 +73,7 @@ const JOINS: u32 = 0u;
 const AHEAD: u32 = 1u;
 const BEHIND: u32 = 2u;
 
-// Where a fragment lies beside a layer.
+// Returns the position of a fragment relative to a layer.
 fn place_of(fragment: Fragment, layer: Layer) -> u32 {
     let ahead = fragment.inverse_depth * layer.weight - layer.inverse_depth;
     if is_nan(ahead) {
@@ -85,7 +85,7 @@ fn place_of(fragment: Fragment, layer: Layer) -> u32 {
     return select(BEHIND, AHEAD, ahead > 0.0);
 }
 
-// Two layers as one.
+// Merges two layers.
 fn merged(a: Layer, b: Layer) -> Layer {
     var out = a;
     out.weight = a.weight + b.weight;
@@ -95,8 +95,9 @@ fn merged(a: Layer, b: Layer) -> Layer {
     return out;
 }
 
-// Adds a fragment to the layers of a pixel. In front of a layer: those behind move on, the last two
-// become one. Whatever is behind the others joins the last: what covers is never lost.
+// Adds a fragment to the layers of a pixel. If it lies in front of a layer, that layer and those behind
+// move back, and the last two are merged. A fragment behind all others joins the last layer, so that no
+// coverage is lost.
 fn insert(fragment: Fragment) {
     if is_nan(fragment.inverse_depth) {
         return;
@@ -135,10 +136,10 @@ fn insert(fragment: Fragment) {
     window[2] = added(window[2], fragment);
 }
 
-// Of the pixel.
+// The layers of the pixel.
 var<private> window: Window;
 var<private> counted: f32;
-// The least inverse depth of the front layers as an ordered word; 0 where they leave a pixel open.
+// Least inverse depth of the front layers, as an ordered word; 0 if they leave a pixel open.
 var<workgroup> farthest: atomic<u32>;
 
 fn count_index(own: TilePixel, count: u32) -> u32 {
@@ -165,7 +166,8 @@ fn is_finished(hidden: u32) -> bool {
     return false;
 }
 
-// What lies behind the tile's front layers, once all of it is covered: an ordered word.
+// Returns the depth behind which the tile's front layers hide everything, once they cover it: an ordered
+// word.
 fn look(thread: u32, is_pixel: bool, drawn: u32) -> u32 {
     if thread == 0u {
         atomicStore(&farthest, 0xffffffffu);

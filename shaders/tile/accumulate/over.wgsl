@@ -1,4 +1,4 @@
-// Accumulate: kernels composited one by one, front to back. Twin: src/cpu/tile/accumulate/over.rs.
+// Accumulate: composites kernels one by one, front to back. Twin: src/cpu/tile/accumulate/over.rs.
 
 fn begin_sums_of_tile(tile: u32) {}
 
@@ -14,7 +14,7 @@ fn needs_place(side: u32) -> bool {
     return side == SIDE_CUT;
 }
 
-// Puts an opacity behind what a pixel has; counts it, where pixels count kernels.
+// Composites an opacity behind a pixel's contents. In a picture of counts it counts the kernel instead.
 fn put(pixel: ptr<private, Pixel>, opacity: f32, colour: vec3<f32>, depth: f32) {
     let before = (*pixel).alpha;
     let weight = opacity * (1.0 - before);
@@ -34,7 +34,7 @@ fn add(n: u32, footprint: TileFootprint, sample: Sample, ray: TileRay, side: u32
     let tau = sample.tau * domain_share();
     var depth = footprint.depth;
     if side == SIDE_CUT || (HAS_NEAR && is_near_path(path)) {
-        // Within a kernel that holds the eye, the centre may lie behind.
+        // If a kernel contains the eye, its centre may lie behind the eye.
         depth = max(depth, 0.0);
     }
     if side == SIDE_CUT {
@@ -54,13 +54,13 @@ fn add(n: u32, footprint: TileFootprint, sample: Sample, ray: TileRay, side: u32
     }
 }
 
-// What the span has of a kernel, before the surface and behind it.
+// Adds the parts of a kernel within the span: before the surface and behind it.
 fn add_cut(footprint: TileFootprint, sample: Sample, ray: TileRay, depth: f32) {
     var begin: f32;
     var middle: f32;
     var end: f32;
     if footprint.path == PATH_PEAK {
-        // A splat that states its opacity is not divided: it lies where its centre does.
+        // A splat that states its opacity is not divided: it lies at its centre's depth.
         begin = f32(footprint.depth < span.near);
         middle = f32(footprint.depth < span.middle);
         end = f32(footprint.depth < span.far);

@@ -1,4 +1,4 @@
-// Accumulate: kernels summed whole in the layers of their centres, which are composited. Twin:
+// Accumulate: sums whole kernels in the layers of their centres, which are composited. Twin:
 // src/cpu/tile/accumulate/sheets.rs.
 
 fn layers_of(i: u32) -> vec2<u32> {

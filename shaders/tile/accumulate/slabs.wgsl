@@ -1,12 +1,12 @@
-// Kernels cut into the layers that they reach. What closes a layer, composited.wgsl or maximum.wgsl,
-// follows. Twin: src/cpu/tile/accumulate/slabs.rs.
+// Cuts kernels into the layers that they reach. The next file, composited.wgsl or maximum.wgsl, finishes
+// layers. Twin: src/cpu/tile/accumulate/slabs.rs.
 
 fn layers_of(i: u32) -> vec2<u32> {
     let footprint = footprint_of_chunk(i);
     let first = layer_of_key(i);
     var reach = reach_of(i, footprint);
     if !is_near_path(footprint.path) {
-        // No farther behind its centre than it begins before that: slopes are rounded.
+        // No farther behind its centre than its beginning is before it: slopes are rounded.
         reach = min(reach, footprint.depth - layer_start(first));
     }
     let end = footprint.depth + reach;
@@ -18,7 +18,7 @@ fn needs_place(side: u32) -> bool {
     return true;
 }
 
-// The density of a kernel's place along the ray at a depth; none at the ends of the ray.
+// Returns the density of a kernel along the ray at a depth; 0 at the ends of the ray.
 fn density_at(footprint: TileFootprint, sample: Sample, depth: f32) -> f32 {
     let ahead = ahead_of(footprint, sample, depth);
     if abs(depth) >= LARGEST || is_nan(ahead) || !(abs(ahead) <= 7.0) {
@@ -27,13 +27,13 @@ fn density_at(footprint: TileFootprint, sample: Sample, depth: f32) -> f32 {
     return exp_minus_half(ahead * ahead) * (FRAC_1_SQRT_2PI * sample.per_sigma);
 }
 
-// The same where the domain does not end the kernel before.
+// Returns the same density; 0 if the domain ends the kernel before.
 fn moving_density(footprint: TileFootprint, sample: Sample, depth: f32, share: f32) -> f32 {
     return select(0.0, density_at(footprint, sample, depth), moves_in_domain(share));
 }
 
-// How a part of a footprint changes: `tau` of optical depth between two depths, of which `rise` is
-// how much it grows where both lie deeper.
+// Returns the derivative of a part of a footprint: of the optical depth `tau` between two depths. `rise`
+// is its growth if both depths increase.
 fn part_slope(footprint: FootprintSlope, tau: f32, rise: f32) -> vec3<f32> {
     return vec3<f32>(footprint.log_tau * tau - footprint.mean * rise, rise);
 }
@@ -48,7 +48,7 @@ fn add(n: u32, footprint: TileFootprint, sample: Sample, ray: TileRay, side: u32
     }
     let tau = sample.tau;
     let first = max(batch_layers[n].x, first_layer);
-    // More than there are places: this frame is drawn again.
+    // More layers than slots: this frame will be drawn again.
     let last = min(max(first, batch_layers[n].y), first + LAYER_SLOTS - 1u);
     var drawn_span = WHOLE_SPAN;
     var divide_at = 1.0;
@@ -72,7 +72,7 @@ fn add(n: u32, footprint: TileFootprint, sample: Sample, ray: TileRay, side: u32
         }
         end = min(max(end, drawn_span.near), drawn_span.far);
         let above = max(share_before(footprint, sample, ray, end), below);
-        // A layer behind the surface is all behind it.
+        // A layer behind the surface lies wholly behind it.
         var divide = above;
         if layer_start(layer) < drawn_span.middle {
             divide = max(min(divide_at, above), below);

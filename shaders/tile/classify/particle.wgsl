@@ -1,4 +1,4 @@
-// Classify: each particle, before it was projected. Layers are composited as they are.
+// Classify: particles are classified before projection. Layers are composited as they are.
 
 const HAS_SLOPES: bool = false;
 

@@ -1,18 +1,18 @@
-// Classify: the mean value of a layer, lit by its slope. Twin: src/cpu/tile/classify/slab.rs.
+// Classify: classifies the mean value of a layer, and lights it by its gradient. Twin:
+// src/cpu/tile/classify/slab.rs.
 
-// Whether there is light.
+// True if layers are lit.
 override HAS_SLOPES: bool = false;
 
-// Linear colour, and the extinction over that which particles carry, at even shares of the range of
-// values.
+// Linear colour, and extinction relative to that of the particles, at even steps of the range of values.
 @group(0) @binding(10) var<uniform> classes: array<vec4<f32>, CLASSIFICATION_TABLE_LEN>;
 @group(0) @binding(11) var<uniform> lighting: LightingUniform;
 
-// The camera-space direction in which the mean value of a layer grows, zero where there is none.
+// Returns the camera-space direction in which the mean value of a layer grows; zero if there is none.
 //
-// - `at`, `depth`: of the layer on the image, and its middle.
+// - `ray`, `depth`: ray of the pixel, and middle of the layer.
 fn direction_of(mean: f32, length: f32, slopes: Slopes, ray: vec3<f32>, depth: f32) -> vec3<f32> {
-    // Of the mean value, per pixel and per unit of z; then per thickness of a layer.
+    // Gradient of the mean value, per pixel and per unit of z; then per thickness of a layer.
     var slope = (slopes.carried - mean * slopes.length) * (view.layer_thickness / length);
     // Pixels grow with z under perspective.
     let per_px = select(depth, 1.0, view.orthographic != 0u);
@@ -27,7 +27,7 @@ fn direction_of(mean: f32, length: f32, slopes: Slopes, ray: vec3<f32>, depth: f
     return unit_or_zero(slope);
 }
 
-// Colour and extinction at a share of the range of values.
+// Returns colour and extinction at a fraction of the range of values.
 fn class_at(share: f32) -> vec4<f32> {
     let position = table_segment(share * f32(TABLE_LAST));
     let below = classes[position.entry];
@@ -35,7 +35,7 @@ fn class_at(share: f32) -> vec4<f32> {
     return below + (above - below) * position.fraction;
 }
 
-// Optical depth times colour, and optical depth, of a layer of carried values.
+// Returns optical depth times colour, and optical depth, of a layer of carried values.
 fn classify_layer(sums: vec4<f32>, slopes: Slopes, at: vec2<f32>, depth: f32) -> vec4<f32> {
     let mean = sums.x / sums.w;
     let class_of = class_at(mean);

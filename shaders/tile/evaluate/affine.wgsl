@@ -1,5 +1,4 @@
-// Evaluate: a footprint whose outline is an ellipse, tau exp(-Q/2). Twin:
-// src/cpu/tile/evaluate/affine.rs.
+// Evaluate: a footprint with an elliptic outline, tau exp(-Q/2). Twin: src/cpu/tile/evaluate/affine.rs.
 
 fn affine(n: u32, footprint: TileFootprint, d: vec2<f32>, has_place: bool) -> Sample {
     let q = form_at(footprint, d);
@@ -15,9 +14,9 @@ fn affine(n: u32, footprint: TileFootprint, d: vec2<f32>, has_place: bool) -> Sa
     return sample;
 }
 
-// How far a kernel reaches along z on either side of its centre: r sqrt(V_zz).
+// Returns the reach of a kernel along z on either side of its centre: r sqrt(V_zz).
 //
-// - `slope`: change of its depth per pixel; `sigma`: of its depth along a ray.
+// - `slope`: change of its depth per pixel; `sigma`: standard deviation of its depth along a ray.
 fn affine_reach(footprint: TileFootprint, slope: vec2<f32>, sigma: f32) -> f32 {
     // slopeᵀ S slope = |A⁻ᵀ slope|², A the rows p and r of the form.
     let p = footprint.form_p;
@@ -31,11 +30,11 @@ fn affine_reach(footprint: TileFootprint, slope: vec2<f32>, sigma: f32) -> f32 {
     return select(LARGEST, reach, is_finite(reach));
 }
 
-// How a footprint changes from pixel to pixel.
+// Derivatives of a footprint from pixel to pixel.
 struct FootprintSlope {
-    // Of the logarithm of its optical depth.
+    // Derivatives of the logarithm of its optical depth.
     log_tau: vec2<f32>,
-    // Of its mean depth.
+    // Derivatives of its mean depth.
     mean: vec2<f32>,
 }
 
@@ -47,8 +46,8 @@ fn affine_slope(n: u32, footprint: TileFootprint, d: vec2<f32>) -> FootprintSlop
     return FootprintSlope(log_tau, vec2<f32>(gradient[0], gradient[1]));
 }
 
-// The share of a kernel's optical depth up to a depth: Phi of how far that lies beyond the mean. The
-// ends of the ray lie beyond all of it.
+// Returns the share of a kernel's optical depth up to a depth: Phi of its distance beyond the mean. The
+// ends of the ray lie beyond the whole kernel.
 fn share_up_to(footprint: TileFootprint, sample: Sample, depth: f32) -> f32 {
     if depth >= LARGEST {
         return 1.0;
@@ -57,6 +56,6 @@ fn share_up_to(footprint: TileFootprint, sample: Sample, depth: f32) -> f32 {
         return 0.0;
     }
     let ahead = ahead_of(footprint, sample, depth);
-    // NaN lies behind.
+    // NaN counts as behind.
     return select(0.0, normal_cdf(clamp(ahead, -38.0, 38.0)), !is_nan(ahead));
 }

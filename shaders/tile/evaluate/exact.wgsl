@@ -1,7 +1,7 @@
 // Evaluate: a footprint that is exact under perspective, Q/w and tau |D|/sqrt(w). Twin:
 // src/cpu/tile/evaluate/exact.rs.
 
-// Of the pixel's ray; 1 where no footprint is exact.
+// |D| of the pixel's ray; 1 if no footprint is exact.
 var<private> ray_length: f32;
 
 fn begin_ray(ray: TileRay) {
@@ -35,7 +35,7 @@ fn exact(n: u32, footprint: TileFootprint, d: vec2<f32>, has_place: bool) -> Sam
     return sample;
 }
 
-// As `affine_reach`, of the exact terms.
+// As `affine_reach`, for exact terms.
 fn exact_reach(footprint: TileFootprint, terms: ExactTerms) -> f32 {
     let slope = vec2<f32>(terms.gradient[0], terms.gradient[1]) * (-0.5 * footprint.depth);
     return affine_reach(footprint, slope, terms.depth_sigma);
@@ -50,7 +50,7 @@ fn exact_slope(n: u32, footprint: TileFootprint, d: vec2<f32>) -> FootprintSlope
     let w_slope = gradient
         + vec2<f32>(2.0 * h[0] * d.x + h[1] * d.y, h[1] * d.x + 2.0 * h[2] * d.y);
     let q = form_at(footprint, d) / w;
-    // The length of the ray changes alike for all kernels.
+    // The change of the ray's length is omitted: all kernels share it.
     let log_tau = (of_form.log_tau + (0.5 * q - 0.5) * w_slope) / w;
     let mean = (footprint.depth / w) * (0.5 * gradient - (1.0 + 0.5 * slope) / w * w_slope);
     return FootprintSlope(log_tau, mean);

@@ -1,5 +1,5 @@
-// Evaluate: kernels that cross the plane of the eye, of which what lies in front of it counts: the
-// near path under perspective, the half-line path under parallel rays. Twins: src/splat/near.rs,
+// Evaluate: kernels that cross the plane of the eye; only the part in front of it counts. They take the
+// near path under perspective and the half-line path under parallel rays. Twins: src/splat/near.rs,
 // src/cpu/tile/evaluate/near.rs.
 
 fn is_near_path(path: u32) -> bool {
@@ -11,7 +11,7 @@ fn near_kernel(footprint: TileFootprint, pixel: vec2<f32>) -> Sample {
     return Sample(is_positive(tau), tau, 0.0, 0.0);
 }
 
-// Optical depth in front of the eye along the ray through a point of the image.
+// Returns the optical depth in front of the eye along the ray through a point of the image.
 fn near_depth(footprint: TileFootprint, pixel: vec2<f32>) -> f32 {
     let at = footprint.path >> 2u;
     if (footprint.path & 3u) == PATH_NEAR {
@@ -32,7 +32,7 @@ fn near_depth(footprint: TileFootprint, pixel: vec2<f32>) -> f32 {
     return footprint.peak * exp_minus_half(q) * normal_cdf(behind);
 }
 
-// DᵀKD, and its product with the mean depth z*.
+// Returns DᵀKD, and its product with the mean depth z*.
 fn minors_along(at: u32, direction: vec3<f32>) -> vec2<f32> {
     var across = 0.0;
     var along = 0.0;
@@ -44,7 +44,7 @@ fn minors_along(at: u32, direction: vec3<f32>) -> vec2<f32> {
     return vec2<f32>(across, along);
 }
 
-// Optical depth of a kernel along the half line t D, t > 0.
+// Returns the optical depth of a kernel along the half line t D, t > 0.
 fn evaluate_near(at: u32, weight: f32, direction: vec3<f32>, cutoff_squared: f32) -> f32 {
     let sums = minors_along(at, direction);
     let across = sums.x;
@@ -66,7 +66,7 @@ fn evaluate_near(at: u32, weight: f32, direction: vec3<f32>, cutoff_squared: f32
     return weight * sqrt(dot3(direction, direction)) / root * exp_minus_half(q) * normal_cdf(behind);
 }
 
-// Of what `near_depth` finds in front of the eye: the share up to a depth.
+// Returns the share, of the optical depth of `near_depth`, up to a depth.
 fn near_share(footprint: TileFootprint, pixel: vec2<f32>, depth: f32) -> f32 {
     if depth >= LARGEST {
         return 1.0;
@@ -91,7 +91,7 @@ fn near_share(footprint: TileFootprint, pixel: vec2<f32>, depth: f32) -> f32 {
         mean = half_line[2] + half_line[0] * d.x + half_line[1] * d.y;
         per_sigma = 1.0 / max(near.terms[at].sigma, SMALLEST);
     }
-    // Tails alone, which have a small relative error.
+    // Only tails are used, because they have a small relative error.
     let share = 1.0 - normal_cdf((mean - at_depth) * per_sigma) / normal_cdf(mean * per_sigma);
     if is_nan(share) {
         return 0.0;
@@ -99,7 +99,7 @@ fn near_share(footprint: TileFootprint, pixel: vec2<f32>, depth: f32) -> f32 {
     return clamp(share, 0.0, 1.0);
 }
 
-// As `affine_reach`, of a kernel on either path.
+// As `affine_reach`, for a kernel on either path.
 fn near_reach(footprint: TileFootprint) -> f32 {
     let at = footprint.path >> 2u;
     if (footprint.path & 3u) == PATH_NEAR {

@@ -1,13 +1,13 @@
-// Evaluate: a surfel of an opaque surface, its weight and its inverse depth, of which z is no sum along
-// the ray but the place where that meets the surfel's plane. Twin: src/cpu/tile/evaluate/surfel.rs.
+// Evaluate: a surfel of an opaque surface, its weight and its inverse depth. Its z is not a mean along
+// the ray, but the point where the ray meets the surfel's plane. Twin: src/cpu/tile/evaluate/surfel.rs.
 
-// What footprints have besides.
+// Additional terms of footprints.
 alias Terms = SurfelTerms;
 
-// Whether any surfel reaches the plane of the eye.
+// True if any surfel reaches the plane of the eye.
 override HAS_NEAR: bool = true;
 override HAS_NORMALS: bool = false;
-// Whether planes clip.
+// True if clip planes cut surfels.
 override IS_CUT: bool = false;
 
 var<workgroup> batch_normals: array<vec3<f32>, TERMINATION_INTERVAL>;
@@ -18,33 +18,33 @@ fn prepare(n: u32, i: u32) {
     }
 }
 
-// What a surfel shows at a pixel.
+// The part of a surfel at a pixel.
 struct Fragment {
-    // Nothing of it where this is false.
+    // False if no part of the surfel is at the pixel.
     exists: bool,
     weight: f32,
     inverse_depth: f32,
-    // How far the inverse depths of one surface may differ.
+    // Greatest difference of inverse depth between surfels that count as one surface.
     slack: f32,
     colour: vec3<f32>,
     normal: vec3<f32>,
 }
 
-// A surfel where a pixel meets its plane.
+// A surfel at the point where a pixel's ray meets its plane.
 struct Meeting {
     exists: bool,
     q: f32,
     inverse_depth: f32,
-    // Its change per pixel.
+    // Change of the inverse depth per pixel.
     gradient: vec2<f32>,
     slack: f32,
     normal: vec3<f32>,
-    // What of the surfel the pixel shows, as `ClipEdges` of the twin says.
+    // The part of the surfel that the pixel shows: F of the twin's `ClipEdges`.
     shown: vec3<f32>,
     shown_at: vec2<f32>,
 }
 
-// A surfel that reaches the plane of the eye: by its plane.
+// Evaluates a surfel that reaches the plane of the eye, by its plane.
 fn near_meeting(footprint: TileFootprint, ray: TileRay) -> Meeting {
     let at = footprint.path >> 4u;
     let direction = ray_through(view, ray.pixel);
@@ -69,7 +69,7 @@ fn near_meeting(footprint: TileFootprint, ray: TileRay) -> Meeting {
     return meeting;
 }
 
-// Any other: affine, or by the homography of its plane.
+// Evaluates any other surfel: affine, or by the homography of its plane.
 fn meeting_of(n: u32, footprint: TileFootprint, ray: TileRay) -> Meeting {
     let of_surfel = batch_terms[n];
     let d = offset_from(footprint.centre_px, ray);

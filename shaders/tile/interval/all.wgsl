@@ -1,4 +1,4 @@
-// Interval: all of a pixel's ray.
+// Interval: the whole ray of a pixel.
 
 const HAS_SURFACE: bool = false;
 const span: Span = WHOLE_SPAN;

@@ -1,20 +1,20 @@
-// Interval: what clip planes leave of a pixel's ray, divided by an opaque surface where there is one.
-// Twin: src/cpu/tile/interval/cut.rs.
+// Interval: the part of a pixel's ray inside the clip planes, divided by an opaque surface if there is
+// one. Twin: src/cpu/tile/interval/cut.rs.
 
-// Whether opaque surfaces lie among the kernels.
+// True if opaque surfaces lie among the kernels.
 override HAS_SURFACE: bool = false;
 
-// The surface's pixels as surface.wgsl leaves them: four floats each, then a depth each.
+// The surface's pixels as surface.wgsl writes them: four floats each, then a depth each.
 @group(0) @binding(9) var<storage, read> surface: array<f32>;
 
 var<private> span: Span;
 
-// Where the kernels of the batch lie.
+// Positions of the batch's kernels relative to the spans.
 var<workgroup> batch_sides: array<u32, TERMINATION_INTERVAL>;
-// What the spans of the tile's pixels have in common, as ordered words: least and greatest of where they
-// begin, are divided and end.
+// Bounds of the spans of the tile's pixels, as ordered words: least and greatest of their beginning,
+// their division and their end.
 var<workgroup> span_bounds: array<atomic<u32>, 6>;
-// 1 where the surface covers a pixel in part.
+// 1 if the surface covers a pixel in part.
 var<workgroup> surface_partial: atomic<u32>;
 
 fn begin_interval_of_tile() {
@@ -57,7 +57,7 @@ fn prepare_interval(n: u32, i: u32) {
     batch_sides[n] = side_in_tile(i);
 }
 
-// Where footprint i of the chunk lies, for all pixels of the tile.
+// Returns the position of footprint i of the chunk, for all pixels of the tile.
 fn side_in_tile(i: u32) -> u32 {
     let footprint = footprint_of_chunk(i);
     if is_near_path(footprint.path) {
@@ -87,7 +87,7 @@ fn side_of(n: u32) -> u32 {
     return batch_sides[n];
 }
 
-// Whether anything behind the surface is seen.
+// Returns whether anything behind the surface is visible.
 fn shows_behind() -> bool {
     return HAS_SURFACE && atomicLoad(&surface_partial) != 0u;
 }

@@ -1,17 +1,17 @@
-// What the domain of its data leaves of a kernel: of its share along a ray, the part between where the ray
-// enters the domain and where it leaves it. Twin: src/cpu/tile/interval/domain.rs.
+// Cuts kernels at the boundary of their data's domain: of the share along a ray, the part between the
+// points where the ray enters and leaves the domain remains. Twin: src/cpu/tile/interval/domain.rs.
 
-// Whether any kernel may be cut so.
+// True if the boundary may cut any kernel.
 override HAS_EDGES: bool = false;
 
-// The shares at which the kernel that is drawn enters its domain and leaves it.
+// The shares at which the current kernel enters its domain and leaves it.
 var<private> domain: vec2<f32>;
-// Whether anything cuts it.
+// True if the boundary cuts it.
 var<private> has_domain: bool;
 
 const WHOLE_DOMAIN: vec2<f32> = vec2<f32>(0.0, 1.0);
 
-// Where the planes of footprint n of the batch lie, one more than their place; 0 where it has none.
+// Returns one more than the index of the planes of footprint n of the batch; 0 if it has none.
 fn edges_at(n: u32, footprint: TileFootprint) -> u32 {
     if !HAS_EDGES {
         return 0u;
@@ -45,7 +45,7 @@ fn begin_domain(at: u32, footprint: TileFootprint, sample: Sample, ray: TileRay)
                 own = affine_domain(plane, d);
             }
         }
-        // All planes of a kernel are of the kind that is multiplied, or none is.
+        // Either the shares of all planes of a kernel are multiplied, or none.
         let product = domain.y * own.y;
         let is_mixed = plane.w == 0.0
             && (edge_count & RAY_EDGES) == 0u
@@ -57,22 +57,22 @@ fn begin_domain(at: u32, footprint: TileFootprint, sample: Sample, ray: TileRay)
     }
 }
 
-// Phi, of whatever f32 holds.
+// Returns Phi of any f32.
 fn share_inside(deviations: f32) -> f32 {
     return select(0.0, normal_cdf(clamp(deviations, -38.0, 38.0)), !is_nan(deviations));
 }
 
-// By the joint Gaussian of pixel and distance.
+// Cuts by the joint Gaussian of pixel and distance.
 fn affine_domain(plane: vec4<f32>, d: vec2<f32>) -> vec2<f32> {
     let deviations = plane.z + (plane.x * d.x + plane.y * d.y);
     if plane.w > 0.0 {
         return vec2<f32>(share_inside(-deviations), 1.0);
     }
-    // Where rays leave, and where the filter mixes rays.
+    // Planes where rays leave, or for which the filter mixes rays.
     return vec2<f32>(0.0, share_inside(deviations));
 }
 
-// Where the ray meets the plane.
+// Cuts at the point where the ray meets the plane.
 fn exact_domain(
     footprint: TileFootprint,
     sample: Sample,
@@ -85,7 +85,7 @@ fn exact_domain(
     if rate == 0.0 {
         return vec2<f32>(0.0, select(1.0, 0.0, start < 0.0));
     }
-    // From the centre's depth on, so that nothing cancels.
+    // Relative to the centre's depth, so that nothing cancels.
     let share = share_inside((-start / rate - sample.beyond) * sample.per_sigma);
     if rate > 0.0 {
         return vec2<f32>(share, 1.0);
@@ -93,12 +93,12 @@ fn exact_domain(
     return vec2<f32>(0.0, share);
 }
 
-// Of what lies in front of the eye.
+// Cuts the part of a near kernel in front of the eye.
 fn near_domain(footprint: TileFootprint, plane: vec4<f32>, ray: TileRay) -> vec2<f32> {
     let is_inside = plane.w > 0.0;
     if (footprint.path & 3u) == PATH_NEAR {
         let per_depth = dot3(plane.xyz, ray_through(view, ray.pixel));
-        // The eye is inside or not, and the plane lies ahead or not.
+        // Cases: the eye is inside or outside, the plane lies ahead or behind.
         if per_depth > 0.0 {
             let share = near_share(footprint, ray.pixel, min(1.0 / per_depth, LARGEST));
             return select(vec2<f32>(share, 1.0), vec2<f32>(0.0, share), is_inside);
@@ -118,17 +118,17 @@ fn near_domain(footprint: TileFootprint, plane: vec4<f32>, ray: TileRay) -> vec2
     );
 }
 
-// The share of the kernel that is drawn where all of its ray counts.
+// Returns the share of the current kernel for the whole ray.
 fn domain_share() -> f32 {
     return select(1.0, max(domain.y - domain.x, 0.0), HAS_EDGES);
 }
 
-// A share held to the domain.
+// Clamps a share to the domain.
 fn within_domain(share: f32) -> f32 {
     return select(share, min(max(share, domain.x), domain.y), HAS_EDGES);
 }
 
-// Whether a share moves with the depth up to which it goes.
+// Returns whether a share changes with the depth up to which it counts.
 fn moves_in_domain(share: f32) -> bool {
     return !(HAS_EDGES && has_domain) || (domain.x < share && share < domain.y);
 }

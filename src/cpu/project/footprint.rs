@@ -1,4 +1,4 @@
-//! One particle's footprint, whatever it is: the ones that lanes come to, too.
+//! Computes one particle's footprint, of any kind, including those that lanes can compute.
 
 use std::sync::atomic::Ordering;
 use std::sync::{Mutex, PoisonError};
@@ -18,9 +18,9 @@ use crate::splat::{
     surfel_footprint,
 };
 
-/// The key of the distance |B + o| = |B| + o.(2B + o)/(|B + o| + |B|): the block's own key, exact,
-/// plus a difference that f32 holds to some 22 bits of the block's size: together within 1.5 keys
-/// and four roundings of that size (`tests/frames/bounds.rs`).
+/// Returns the key of the distance |B + o| = |B| + o.(2B + o)/(|B + o| + |B|): the block's own key, which
+/// is exact, plus a difference that f32 resolves to some 22 bits of the block's size. The error is within
+/// 1.5 keys and four roundings of that size (`tests/frames/bounds.rs`).
 #[inline]
 pub(super) fn depth_key(view: &ViewUniform, block: &BlockView, origin: Vec3, offset: Vec3) -> u32 {
     let delta = if view.directional_keys != 0 {
@@ -39,7 +39,8 @@ pub(super) fn depth_key(view: &ViewUniform, block: &BlockView, origin: Vec3, off
     block.key.saturating_add_signed(keys)
 }
 
-/// The key of the depth at which a kernel begins: what lies behind the eye begins with it.
+/// Returns the key of the depth at which a kernel begins; kernels that begin behind the eye get the depth
+/// of the eye.
 #[inline]
 pub(super) fn slab_key(
     view: &ViewUniform,
@@ -54,7 +55,7 @@ pub(super) fn slab_key(
     block.key.saturating_add_signed(keys)
 }
 
-/// A footprint that reaches no pixel yet.
+/// Returns a footprint that reaches no pixel yet.
 #[inline]
 pub(super) fn invisible(kernel: &Kernel, carried: Carried, key: u32) -> Footprint {
     Footprint {
@@ -72,8 +73,8 @@ pub(super) fn invisible(kernel: &Kernel, carried: Carried, key: u32) -> Footprin
     }
 }
 
-/// The footprint of a splat whose opacity is stated: what the cut-off leaves out is not given
-/// back, the peak stays.
+/// Returns the footprint of a splat whose opacity is stated. The mass lost by the cut-off is not
+/// restored: the peak stays.
 #[inline]
 pub(super) fn splat_footprint(
     view: &ViewUniform,
@@ -97,7 +98,7 @@ pub(super) fn splat_footprint(
     out
 }
 
-/// The footprint of a surfel of an opaque surface.
+/// Returns the footprint of a surfel of an opaque surface.
 #[inline]
 pub(super) fn surfel(
     view: &ViewUniform,
@@ -109,7 +110,7 @@ pub(super) fn surfel(
     near: &Mutex<Vec<NearTerms>>,
 ) -> Footprint {
     let mut out = invisible(kernel, carried, key);
-    // Weights are averaged: where a kernel ends counts as a share of it.
+    // Weights are averaged, so the error at a kernel's end is relative.
     let r = cutoff_radius(0.0, 1.0, view.tolerance / CUTOFF_SHARE, view.cutoff);
     let reach = r * kernel.factor.z.length();
     if kernel.centre.z < -reach {
@@ -151,7 +152,7 @@ pub(super) fn surfel(
         (middle, half) = extent;
     }
     set_bounds(view, &mut out, screen.centre_px + middle, half);
-    // The inverse depth within the box: no fragment of it is nearer.
+    // Greatest inverse depth within the box: no fragment of the surfel is nearer.
     let gradient = Vec2::from(terms.gradient);
     let nearest = terms.inverse_depth + gradient.dot(middle) + gradient.abs().dot(half);
     out.depth = nearest + terms.slack;
@@ -159,8 +160,8 @@ pub(super) fn surfel(
     out
 }
 
-/// The cosine between a surfel's normal and the ray through its centre: what makes the optical depth
-/// of a sheet the same from every side; 0 for one that is seen from behind and has one side.
+/// Returns the cosine between a surfel's normal and the ray through its centre. It makes the optical
+/// depth of a sheet the same from every side. 0 for a one-sided surfel seen from behind.
 #[inline]
 pub(super) fn facing(view: &ViewUniform, kernel: &Kernel, is_one_sided: bool) -> f32 {
     let [a, b, _] = kernel.factor.columns();
@@ -180,7 +181,7 @@ pub(super) fn facing(view: &ViewUniform, kernel: &Kernel, is_one_sided: bool) ->
     across.abs() / lengths
 }
 
-/// The footprint of one kernel; invisible where it reaches no pixel.
+/// Returns the footprint of one kernel; invisible if it reaches no pixel.
 #[allow(
     clippy::too_many_arguments,
     reason = "what one kernel's footprint depends on, and where its terms go"
@@ -203,7 +204,7 @@ pub(super) fn footprint(
     let z = kernel.factor.z;
     let mut reach = z.length();
     if reach == f32::INFINITY {
-        // Lengths beyond 1e19, whose squares f32 does not hold.
+        // Lengths beyond 1e19, whose squares overflow f32.
         reach = z.x.hypot(z.y).hypot(z.z);
     }
     if kernel.centre.z < -MAX_CUTOFF * reach {
@@ -224,13 +225,14 @@ pub(super) fn footprint(
         // A singular footprint (no low-pass filter), or numbers beyond f32.
         return out;
     }
-    // Of what ends together.
+    // Total depth of the kernels whose edges coincide.
     let depth = image.tau * image.enlargement * meeting(crowding);
     let mut r = cutoff_radius(depth, 1.0, view.tolerance, view.cutoff);
     let mut terms = choose_exact(view, filter, &screen, &image, crowding);
     if let Some(terms) = &terms {
-        // Away from the camera's axis one side of the edge stands out: the kernel ends where that
-        // side has met the tolerance. A tenth more, because the wider edge stands out more.
+        // Away from the camera's axis one side of the edge exceeds exp(-r²/2). The kernel ends where that
+        // side falls below the tolerance. The radius is a tenth larger, because the wider edge exceeds it
+        // more.
         let growth = edge_growth(view, &screen, &image, terms, 1.1 * r);
         let wider = cutoff_radius(depth, growth, view.tolerance, view.cutoff);
         // `max` takes the other argument when one is NaN.
@@ -285,13 +287,13 @@ fn affine_part(out: &mut Footprint, screen: &ScreenFactor, image: &ImageKernel, 
     out.cutoff_squared = r * r;
 }
 
-/// Half of the box around the cut-off `r` of an affine footprint, pixels.
+/// Returns the half extents of the box around the cut-off `r` of an affine footprint, pixels.
 #[inline(always)]
 pub(super) fn affine_bounds(image: &ImageKernel, r: f32) -> Vec2 {
     Vec2::new(image.a.sqrt(), image.c.sqrt()) * r
 }
 
-/// Pixels whose centres lie within `half` of `centre`.
+/// Sets the ranges of pixels whose centres lie within `half` of `centre`.
 #[inline]
 fn set_bounds(view: &ViewUniform, out: &mut Footprint, centre: Vec2, half: Vec2) {
     let columns = pixel_range(centre.x, half.x, view.size[0]);
@@ -301,7 +303,8 @@ fn set_bounds(view: &ViewUniform, out: &mut Footprint, centre: Vec2, half: Vec2)
     }
 }
 
-/// The pixels of `size` along an axis whose centres lie within `half` of `centre`; 0 where there are none.
+/// Returns the range of pixels along an axis of `size` pixels whose centres lie within `half` of
+/// `centre`; 0 if there are none.
 #[inline(always)]
 pub(super) fn pixel_range(centre: f32, half: f32, size: u32) -> u32 {
     let size = size as f32;
@@ -316,14 +319,14 @@ fn push(near: &Mutex<Vec<NearTerms>>, terms: NearTerms, path: u32) -> u32 {
     push_at(near, terms) << 2 | path
 }
 
-/// The place of terms among those of near kernels.
+/// Appends terms to those of near kernels, and returns their index.
 fn push_at(near: &Mutex<Vec<NearTerms>>, terms: NearTerms) -> u32 {
     let mut near = near.lock().unwrap_or_else(PoisonError::into_inner);
     near.push(terms);
     (near.len() - 1) as u32
 }
 
-/// Gives a footprint the planes at which the domain of its data cuts it.
+/// Adds the planes at which the boundary of its domain cuts a kernel to its footprint.
 pub(super) fn cut_by_edges(
     view: &ViewUniform,
     kernel: &Kernel,
@@ -346,7 +349,7 @@ pub(super) fn cut_by_edges(
     terms.get_or_insert_default().edges = push_at(near, own) + 1;
 }
 
-/// An orthographic kernel that reaches behind the eye's plane.
+/// Computes the footprint of an orthographic kernel that reaches behind the eye's plane.
 fn half_line_footprint(
     view: &ViewUniform,
     kernel: &Kernel,
@@ -367,7 +370,7 @@ fn half_line_footprint(
     }
 }
 
-/// A perspective kernel that reaches the camera plane.
+/// Computes the footprint of a perspective kernel that reaches the camera plane.
 fn near_footprint(
     view: &ViewUniform,
     kernel: &Kernel,
@@ -378,8 +381,8 @@ fn near_footprint(
     let Some((terms, weight)) = near_terms(view, kernel) else {
         return;
     };
-    // A bound of the optical depth in any direction: |D|/sqrt(DᵀKD) <= sqrt(trace V / det V), V
-    // with the low-pass filter of `near_terms`.
+    // A bound of the optical depth in any direction: |D|/sqrt(DᵀKD) <= sqrt(trace V / det V), V with the
+    // low-pass filter of `near_terms`.
     let h = view.low_pass_variance_px2.sqrt();
     let low_pass = h * kernel.centre.z.abs().max(kernel.factor.z.length());
     let trace = kernel
@@ -392,7 +395,7 @@ fn near_footprint(
     let unit2 = kernel.mass / (std::f32::consts::TAU * weight);
     let mut highest = weight * (trace / unit2).sqrt() / terms.sigma;
     if !highest.is_finite() {
-        // A flat kernel's bound is infinite, and NaN must not shrink anything.
+        // A flat kernel's bound is infinite, and NaN must not reduce the radius.
         highest = f32::MAX;
     }
     let r = cutoff_radius(
@@ -416,8 +419,8 @@ fn near_footprint(
     }
 }
 
-/// The pixels along one axis that the cut-off ellipsoid may reach, in whole tiles: all between
-/// the first and the last slab that neither bounding plane separates from it.
+/// Returns the pixels along one axis that the cut-off ellipsoid may reach, in whole tiles: from the first
+/// to the last slab that neither bounding plane separates from it.
 fn near_range(
     kernel: &Kernel,
     axis: Vec3,
@@ -433,7 +436,7 @@ fn near_range(
     // The low-pass filter of `near_terms`, as a width in the plane of the image.
     let reach_z = kernel.factor.z.length();
     let low_pass = h * kernel.centre.z.abs().max(reach_z) / view.focal_px[i];
-    // Support of the ellipsoid beyond the plane x = X z, on either side of it.
+    // Extent of the ellipsoid beyond the plane x = X z, on either side of it.
     let side = |slope: f32| {
         let centre = kernel.centre.dot(axis) - slope * kernel.centre.z;
         let reach = r * (row - kernel.factor.z * slope).length().hypot(low_pass);

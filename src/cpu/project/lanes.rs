@@ -1,9 +1,9 @@
-//! Kernels of one block, [`LANES`] at once: their affine and their exact footprints.
+//! Computes the affine and exact footprints of [`LANES`] kernels of one block at once.
 //!
-//! Every step is a loop over lanes of the very function that one kernel takes ([`crate::splat`]), which the
-//! compiler turns into vectors of the instruction set it runs at. No product is fused with a sum, so
-//! that the numbers are the same at all of them. Kernels that reach the plane of the eye, and numbers beyond f32,
-//! are left to [`super::footprint`].
+//! Every step is a loop over lanes of the function that a single kernel uses ([`crate::splat`]). The
+//! compiler turns it into vectors of the current instruction set. No product is fused with a sum, so the
+//! numbers are the same for all instruction sets. [`super::footprint`] handles kernels that reach the
+//! plane of the eye and numbers beyond f32.
 
 use glam::{Vec2, Vec3};
 
@@ -16,10 +16,10 @@ use crate::splat::{
     depth_terms, edge_growth, exact_extent, exact_terms, meeting, project_kernel,
 };
 
-/// How many kernels are taken at once: as many as the widest vectors hold.
+/// Number of kernels computed at once: as many as the widest vectors hold.
 pub(super) const LANES: usize = 16;
 
-/// `N` numbers of each lane: a column of lanes for each.
+/// `N` numbers for each lane, stored as `N` columns of lanes.
 #[derive(Debug, Clone, Copy)]
 struct Columns<const N: usize>([[f32; LANES]; N]);
 
@@ -39,18 +39,18 @@ impl<const N: usize> Columns<N> {
     }
 }
 
-/// What the kernels of a batch have in common.
+/// Data that the kernels of a batch share.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Shared<'a> {
     pub(super) view: &'a ViewUniform,
     pub(super) filter: Filter,
     /// [`Block::crowding`](crate::blocks::Block::crowding).
     pub(super) crowding: f32,
-    /// Whether kernels may be cut, and need terms of their depth.
+    /// True if kernels may be cut, and need terms of their depth.
     pub(super) is_cut: bool,
 }
 
-/// Kernels of a block, and what they come to.
+/// Kernels of a block, and their footprints.
 #[derive(Debug, Clone)]
 pub(super) struct Batch {
     kernels: Columns<13>,
@@ -83,9 +83,9 @@ impl Batch {
         }
     }
 
-    /// Whether kernels with this filter are projected in lanes.
+    /// Returns whether kernels with this filter are projected in lanes.
     pub(super) fn takes(filter: Filter) -> bool {
-        // The comparison method's enlargement is nobody's speed.
+        // The speed of the comparison method's enlargement does not matter.
         filter != Filter::UniformScaling
     }
 
@@ -110,14 +110,14 @@ impl Batch {
         self.kernels.set(lane, numbers);
     }
 
-    /// Projects the kernels of all lanes, whatever lies in those that were not set.
+    /// Projects the kernels of all lanes, including lanes that were not set.
     #[inline(always)]
     pub(super) fn project(&mut self, shared: Shared<'_>) {
         let is_orthographic = shared.view.orthographic != 0;
         match (shared.filter, is_orthographic) {
             (Filter::Adaptive, false) => self.run::<{ Filter::Adaptive as usize }, false>(shared),
             (Filter::Exact, false) => self.run::<{ Filter::Exact as usize }, false>(shared),
-            // Nothing is gained by exact footprints there.
+            // Exact footprints gain nothing here.
             (Filter::Adaptive | Filter::Exact | Filter::Ewa, true) => {
                 self.run::<{ Filter::Ewa as usize }, true>(shared);
             }
@@ -144,7 +144,7 @@ impl Batch {
         } = shared;
         let filter = const { Filter::ALL[FILTER] };
         let may_be_exact = matches!(filter, Filter::Adaptive | Filter::Exact);
-        // A copy whose kind of camera is known: what lies behind a reference ends the vectors.
+        // A copy with a known kind of camera: a load through a reference would prevent vector code.
         let view = &ViewUniform {
             orthographic: u32::from(ORTHOGRAPHIC),
             ..*shared.view
@@ -207,7 +207,7 @@ impl Batch {
             let z = self.kernels.0[2][lane];
             let reach = self.kernel(lane).factor.z.length();
             let is_shape = screen.row_x.is_finite() && screen.row_y.is_finite();
-            // Phrased so that NaN is left to others.
+            // Phrased so that NaN is handled elsewhere.
             self.is_plain[lane] = (z > NEAR_MARGIN * r * reach)
                 & is_shape
                 & (image.tau > 0.0)
@@ -235,7 +235,7 @@ impl Batch {
         }
     }
 
-    /// Whether a lane's footprint is one of those that lanes come to.
+    /// Returns whether the footprint of a lane was computed in lanes.
     #[inline(always)]
     pub(super) fn is_plain(&self, lane: usize) -> bool {
         self.is_plain[lane]
@@ -246,7 +246,7 @@ impl Batch {
     pub(super) fn footprint(&self, lane: usize, carried: Carried, key: u32) -> Footprint {
         let [p0, p1, r0, r1] = self.forms.get(lane);
         let r = self.radius[lane];
-        // Of an empty range neither counts.
+        // If either range is empty, neither counts.
         let (columns, rows) = (self.columns[lane], self.rows[lane]);
         let is_visible = columns != 0 && rows != 0;
         Footprint {
@@ -268,7 +268,7 @@ impl Batch {
         }
     }
 
-    /// What an exact footprint has besides, or one that may be cut.
+    /// Returns the terms of a footprint that is exact or may be cut.
     #[inline(always)]
     pub(super) fn terms(&self, lane: usize, is_cut: bool) -> Option<ExactTerms> {
         let has_terms = is_cut || self.is_exact[lane];
@@ -410,7 +410,7 @@ mod tests {
         }
     }
 
-    /// Numbers of a sequence, from 0 to 1: the golden ratio's multiples, scrambled.
+    /// A sequence of numbers from 0 to 1: the golden ratio's multiples, scrambled.
     struct Random(u64);
 
     impl Random {
@@ -421,7 +421,7 @@ mod tests {
         }
     }
 
-    /// From far below a pixel to across the eye, round and as thin as needles.
+    /// Returns a random kernel: from far below a pixel to across the eye, from round to needles.
     fn kernel(random: &mut Random) -> Kernel {
         let mut vector = || Vec3::from_array(std::array::from_fn(|_| random.range(-1.0, 1.0)));
         let (place, x, y, z) = (vector(), vector(), vector(), vector());
@@ -487,7 +487,7 @@ mod tests {
                         assert!(near.into_inner().unwrap().is_empty());
                         let (own, own_terms) = batch.own(lane, shared.is_cut);
                         compare(&own, &alone, &format!("{filter:?} {kernel:?}"));
-                        // What reaches no pixel has terms that nobody reads.
+                        // The terms of a footprint that reaches no pixel are not read.
                         if alone.is_visible() {
                             assert_eq!(own_terms, terms, "{filter:?} {kernel:?}");
                         }
@@ -515,7 +515,7 @@ mod tests {
         if !alone.is_visible() {
             return;
         }
-        // The same operations but for the order of two divisions.
+        // The same operations except for the order of two divisions.
         assert!((own.tau / alone.tau - 1.0).abs() < 3e-7, "{what}");
         let own = Footprint {
             tau: alone.tau,

@@ -1,11 +1,11 @@
-//! Stage: from particles to footprints. Twin: `shaders/project.wgsl`.
+//! Stage: projects particles to footprints. Twin: `shaders/project.wgsl`.
 //!
 //! | file | subject |
 //! |---|---|
 //! | `shapes.rs` | particles in camera space |
 //! | `lanes.rs` | footprints of sixteen kernels at once |
-//! | `footprint.rs` | that of one, whatever it is |
-//! | `output.rs` | what is found besides |
+//! | `footprint.rs` | the footprint of one particle of any kind |
+//! | `output.rs` | further results |
 
 mod footprint;
 mod lanes;
@@ -30,7 +30,7 @@ use lanes::{Batch, LANES, Shared};
 pub use output::ProjectOutput;
 use shapes::{BlockShapes, Shapes};
 
-/// What the projection of a volume reads.
+/// Input of the projection of a volume.
 #[derive(Debug, Clone, Copy)]
 pub struct ProjectInput<'a> {
     /// The volume.
@@ -39,25 +39,28 @@ pub struct ProjectInput<'a> {
     pub views: &'a [BlockView],
     /// Their visible particles, block after block.
     pub classified: &'a [ClassifiedParticle],
-    /// Where kernels are classified over their extents, what each particle's has become; empty elsewhere.
+    /// The pieces of the particles, if kernels are classified over their extents; empty otherwise.
     pub pieces: &'a [PieceTerms],
     /// The camera.
     pub view: &'a ViewUniform,
-    /// Its rotation, from the world.
+    /// Rotation from the world into camera space.
     pub rotation: Mat3,
-    /// Whether kernels may be cut, by surfaces, clip surfels or slabs, so that all have terms of their
-    /// depth.
+    /// True if kernels may be cut by surfaces, clip planes or slabs. If so, all have terms that describe
+    /// their depth.
     pub is_cut: bool,
-    /// Whether the domain of its data may cut any kernel of the pass: then all have terms, which say whether
-    /// it does.
+    /// True if the boundary of their domain may cut any kernel of the pass. If so, all have terms, which
+    /// state whether it does.
     pub has_edges: bool,
-    /// What loops over kernels are compiled for; footprints are the same at every level.
+    /// Instruction set of the loops over kernels. Footprints are the same at every level.
     pub level: SimdLevel,
 }
 
-/// Projects every particle of `input.classified`: `footprints` has its length, and so has `surfels` of surfels
-/// of opaque surfaces, `exact` of all else (empty where no filter of the frame asks for it and nothing
-/// is cut).
+/// Projects every particle of `input.classified`.
+///
+/// - `footprints`: as many as particles.
+/// - `surfels`: as many as particles for surfels of opaque surfaces, empty otherwise.
+/// - `exact`: as many as particles for all other volumes; empty if no filter of the frame is exact and
+///   nothing is cut.
 pub fn project(
     input: &ProjectInput<'_>,
     footprints: &mut [Footprint],
@@ -92,13 +95,13 @@ pub fn project(
     }
 }
 
-/// What all tasks of a projection share.
+/// Data that all tasks of a projection share.
 struct Projection<'a> {
     input: &'a ProjectInput<'a>,
     output: &'a ProjectOutput,
     shapes: Shapes<'a>,
     rule: Rule,
-    /// Whether a cut shows the inside of what was closed.
+    /// True if a cut exposes the inside of a closed surface.
     is_opened: bool,
     cuts_kernels: bool,
 }
@@ -116,10 +119,10 @@ impl<'a> Projection<'a> {
     }
 }
 
-/// The projection of a few blocks' particles.
+/// The projection of the particles of a few blocks.
 struct Task<'a> {
     projection: &'a Projection<'a>,
-    /// Of its particles among those classified.
+    /// Index of its first particle among those classified.
     first: usize,
     footprints: &'a mut [Footprint],
     exact: &'a mut [ExactTerms],
@@ -138,7 +141,7 @@ impl SimdWork for Task<'_> {
         let mut batch = Batch::new();
         let mut placed = [Placed::default(); LANES];
         let mut start = 0;
-        // Particles of a block follow one another: what they share is found once.
+        // Particles of a block are consecutive: their shared data is computed once.
         while let Some(particle) = particles.get(start) {
             let rest = &particles[start..];
             let count = rest.iter().take_while(|p| p.view == particle.view).count();
@@ -166,22 +169,22 @@ impl SimdWork for Task<'_> {
     }
 }
 
-/// Particles of one block.
+/// A run of particles of one block.
 struct Run<'a> {
     view: &'a BlockView,
     shapes: BlockShapes<'a>,
     origin: Vec3,
     filter: Filter,
-    /// Whether its kernels are projected in lanes, where nothing else is said of one.
+    /// True if its kernels are projected in lanes, unless a kernel needs special treatment.
     is_in_lanes: bool,
-    /// Whether its particles know of their own opacity alone.
+    /// True if each particle's opacity is that of a lone kernel.
     is_lone: bool,
 }
 
 impl<'a> Run<'a> {
     fn new(projection: &'a Projection<'a>, block: &'a BlockView) -> Self {
         let filter = Filter::ALL[block.filter_kind as usize];
-        // Merged particles know of their members' opacity.
+        // Merged particles already account for their members' opacity.
         let is_lone = projection.input.view.sub_pixel_opacity != 0 && block.level == 0;
         let is_kernel = matches!(projection.rule, Rule::Kernel | Rule::Translucent { .. });
         Self {
@@ -199,9 +202,9 @@ impl<'a> Run<'a> {
 #[derive(Clone, Copy, Default)]
 struct Placed {
     kernel: Kernel,
-    /// From the block's origin.
+    /// Offset from the block's origin.
     offset: Vec3,
-    /// Of a piece: how far its centre lies from the particle's.
+    /// For a piece: offset of its centre from the particle's.
     shift: Option<Vec3>,
 }
 
@@ -263,7 +266,7 @@ impl Task<'_> {
                 let own = Own {
                     kernel: &kernel,
                     edges: &edges,
-                    // Pieces make up sheets.
+                    // Pieces form sheets, so they are not lone.
                     is_lone: run.is_lone && shift.is_none(),
                     carried,
                     key,
@@ -291,7 +294,7 @@ impl Task<'_> {
     }
 }
 
-/// What one particle's footprint depends on besides its block.
+/// Properties of one particle that its footprint depends on, besides its block.
 struct Own<'a> {
     kernel: &'a Kernel,
     edges: &'a Edges,
@@ -301,9 +304,9 @@ struct Own<'a> {
 }
 
 impl Projection<'_> {
-    /// A particle's kernel where it lies, as its piece and its normal make it.
+    /// Returns a particle's kernel at its position, modified by its piece and its normal.
     ///
-    /// - `index`: among all that are classified.
+    /// - `index`: index among all classified particles.
     #[inline(always)]
     fn placed(&self, run: &Run<'_>, particle: &ClassifiedParticle, index: usize) -> Placed {
         let ProjectInput { pieces, view, .. } = *self.input;
@@ -333,7 +336,7 @@ impl Projection<'_> {
         }
     }
 
-    /// The footprint of one particle: what lanes do not come to.
+    /// Returns the footprint of one particle that lanes do not handle.
     #[inline(never)]
     fn by_itself(
         &self,
@@ -357,7 +360,7 @@ impl Projection<'_> {
         }
         let out = match self.rule {
             Rule::Peak { is_anti_aliased } => {
-                // Without a depth of its own: where its centre lies.
+                // Splats have no depth of their own: that of the centre is used.
                 *terms = is_cut.then(ExactTerms::default);
                 splat_footprint(view, kernel, crowding, is_anti_aliased, carried, key)
             }

@@ -1,22 +1,22 @@
-//! What a projection writes besides footprints.
+//! Collects the results of a projection other than footprints.
 
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use crate::record::NearTerms;
 
-/// What the projection of one frame writes besides footprints.
+/// Results of one frame's projection other than footprints.
 #[derive(Debug, Default)]
 pub struct ProjectOutput {
     pub(super) near: Mutex<Vec<NearTerms>>,
-    /// How many of them are edges alone.
+    /// Number of near terms that contain only edges.
     pub(super) cut_count: AtomicUsize,
     pub(super) exact_count: AtomicUsize,
     pub(super) tile_count: AtomicU64,
 }
 
 impl ProjectOutput {
-    /// What was found elsewhere.
+    /// Wraps results that were computed elsewhere.
     pub(crate) fn of(near: Vec<NearTerms>, exact_count: usize, tile_count: u64) -> Self {
         Self {
             near: Mutex::new(near),
@@ -26,7 +26,7 @@ impl ProjectOutput {
         }
     }
 
-    /// Forgets the last frame.
+    /// Clears the results of the last frame.
     pub fn clear(&mut self) {
         self.near
             .get_mut()
@@ -37,24 +37,25 @@ impl ProjectOutput {
         *self.tile_count.get_mut() = 0;
     }
 
-    /// Terms of the kernels that cross the camera plane, few, and of those that the domain of their data
-    /// cuts, in no particular order.
+    /// Returns the terms of the kernels that cross the camera plane, and of the kernels that the boundary
+    /// of their domain cuts, in no particular order. There are few of them.
     pub fn near(&mut self) -> &[NearTerms] {
         self.near.get_mut().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// How many kernels cross the camera plane.
+    /// Returns the number of kernels that cross the camera plane.
     pub fn near_count(&mut self) -> usize {
         let cut = *self.cut_count.get_mut();
         self.near().len() - cut
     }
 
-    /// How many footprints that reach the image are on the exact path.
+    /// Returns the number of visible footprints on the exact path.
     pub fn exact_count(&self) -> usize {
         self.exact_count.load(Ordering::Relaxed)
     }
 
-    /// How many tiles the footprints' boxes touch, all together: no fewer than lists have entries.
+    /// Returns the total number of tiles that the footprints' boxes touch: an upper bound of the lists'
+    /// entries.
     pub fn tile_count(&self) -> u64 {
         self.tile_count.load(Ordering::Relaxed)
     }

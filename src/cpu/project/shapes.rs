@@ -1,4 +1,4 @@
-//! Places and shapes of particles in camera space.
+//! Computes positions and shapes of particles in camera space.
 
 use glam::{Mat3, Vec3};
 
@@ -12,7 +12,7 @@ use crate::scene::NO_EDGE;
 pub(super) struct Shapes<'a> {
     volume: &'a BlockedVolume,
     rotation: Mat3,
-    /// Of a lattice: the units of its axes in camera space.
+    /// For a lattice: the directions of its axes in camera space.
     turned_basis: Mat3,
     shared: Option<Factor>,
 }
@@ -57,8 +57,8 @@ pub(super) struct BlockShapes<'a> {
 }
 
 impl BlockShapes<'_> {
-    /// The axis of a piece in the frame of the factor's columns in camera space. That of a sphere has the
-    /// camera's axes, all others' turn with the kernel.
+    /// Returns the axis of a piece in the frame of the factor's columns in camera space. For a sphere these are
+    /// the camera's axes, so its axis is rotated. All other axes turn with the kernel.
     #[inline]
     pub(super) fn axis(&self, piece: &PieceTerms) -> Vec3 {
         let axis = Vec3::from(piece.axis);
@@ -68,7 +68,8 @@ impl BlockShapes<'_> {
         }
     }
 
-    /// The planes that may cut a particle's kernel, world: an infinite distance where there is none.
+    /// Returns the planes that may cut a particle's kernel, world space; an infinite distance stands for
+    /// no plane.
     pub(super) fn edges(&self, local: u32) -> [[f32; 4]; MOST_EDGES] {
         let volume = self.shapes.volume;
         match &volume.particles {
@@ -83,7 +84,7 @@ impl BlockShapes<'_> {
         }
     }
 
-    /// Offset from the block's origin and factor, camera space.
+    /// Returns the offset from the block's origin and the factor, camera space.
     #[inline(always)]
     pub(super) fn get(&self, local: u32) -> (Vec3, Factor) {
         let Shapes {

@@ -1,5 +1,5 @@
-//! The rasterisers of tiles, put together of the answers on four axes: one file each, the same names as in
-//! `shaders/tile/`.
+//! Rasterises tiles, by combinations of the answers on four axes: one file per answer, with the same
+//! names as in `shaders/tile/`.
 //!
 //! | axis | answer | file |
 //! |---|---|---|
@@ -17,17 +17,20 @@
 //! | *classify* | particle | none: footprints carry colours |
 //! | | slab | `classify/slab.rs` |
 //!
-//! Axes meet at rows of [`TILE_SIZE`](crate::constants::TILE_SIZE) lanes: *evaluate* fills a
-//! [`Row`](evaluate::Row) with optical depths (and where along the rays they lie), *interval* takes shares
-//! of it, *accumulate* takes what is left. Below them lie `pixels.rs` (planes of a tile, and where it
-//! lies), `crate::math::lane` (exponentials of a lane) and `crate::simd` (instruction sets); above them
+//! The axes are connected by rows of [`TILE_SIZE`](crate::constants::TILE_SIZE) lanes. *Evaluate* fills a
+//! [`Row`](evaluate::Row) with optical depths and depths along the rays; *interval* takes shares of them;
+//! *accumulate* receives the rest. The layers below are `pixels.rs` (planes of a tile, and its position),
+//! `crate::math::lane` (exponentials of a lane) and `crate::simd` (instruction sets). Above,
 //! `rasterise.rs` draws the tiles of a picture.
 //!
-//! Loops over pixels are compiled for each of three instruction sets. Fused ones, from Q to what is
-//! accumulated: six of `over` (affine: exponential or series, each aligned with the image's axes or not,
-//! and linear opacity; exact), five of `column` (affine, exact, three widths of separable ones). Rows: three
-//! evaluations for what takes rows in a picture, three for columns, two of surfels. Nineteen loops, 57 with
-//! the instruction sets.
+//! Loops over pixels are compiled for three instruction sets:
+//!
+//! - Fused loops from Q to the accumulated values: six of `over` (affine: exponential or series, each
+//!   aligned with the image's axes or not, and linear opacity; exact), five of `column` (affine, exact,
+//!   three widths of separable footprints).
+//! - Loops over rows: three evaluations for pictures, three for columns, two of surfels.
+//!
+//! These are nineteen loops, 57 with the instruction sets.
 
 mod accumulate;
 mod classify;

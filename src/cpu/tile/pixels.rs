@@ -1,4 +1,4 @@
-//! The pixels of a tile: their planes, where they lie, and where a footprint meets them.
+//! Defines the pixels of a tile: their planes, their positions, and the pixels that a footprint meets.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
@@ -12,12 +12,12 @@ pub(super) type Plane = [f32; TILE_PIXELS];
 /// One float per pixel of a row.
 pub(super) type RowOf<T> = [T; TILE_SIZE];
 
-/// Footprints between asking for one and reading it.
+/// Footprints between the prefetch of one and its use.
 pub(super) const PREFETCH: usize = 8;
 
-/// Asks for the cache line of a footprint, or of its terms, ahead of its use. Footprints lie in the order of particles
-/// and are read in the order of depth: without this, waiting for memory is a quarter of binning
-/// and rasterising.
+/// Prefetches the cache line of a footprint, or of its terms. Footprints are stored in the order of
+/// particles and read in the order of depth. Without prefetching, waiting for memory takes a quarter of
+/// binning and rasterising.
 #[inline(always)]
 pub(in crate::cpu) fn prefetch<T>(what: Option<&T>) {
     #[cfg(target_arch = "x86_64")]
@@ -63,9 +63,9 @@ impl Default for Tile {
 }
 
 impl Tile {
-    /// Forgets what was drawn.
+    /// Clears the tile.
     ///
-    /// - `has_depth`: whether depths are wanted.
+    /// - `has_depth`: whether depths are written.
     pub(super) fn clear(&mut self, has_depth: bool) {
         self.alpha.fill(0.0);
         self.red.fill(0.0);
@@ -77,13 +77,13 @@ impl Tile {
     }
 }
 
-/// The ray D = (X, Y, 1) through a point of the image.
+/// Returns the ray D = (X, Y, 1) through a point of the image.
 #[inline]
 pub(super) fn ray(view: &ViewUniform, pixel: Vec2) -> Vec3 {
     ((pixel - Vec2::from(view.centre_px)) / Vec2::from(view.focal_px)).extend(1.0)
 }
 
-/// Where a tile of `SIZE`² pixels lies.
+/// Position of a tile of `SIZE`² pixels.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TilePlace<'a, const SIZE: usize = TILE_SIZE> {
     pub(super) view: &'a ViewUniform,
@@ -91,7 +91,7 @@ pub(super) struct TilePlace<'a, const SIZE: usize = TILE_SIZE> {
     pub(super) origin: [usize; 2],
 }
 
-/// Where a footprint meets a tile: columns and rows of the tile, half-open.
+/// The pixels of a tile that a footprint meets: columns and rows of the tile, half-open.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Patch {
     pub(super) columns: [usize; 2],
@@ -99,7 +99,7 @@ pub(super) struct Patch {
 }
 
 impl<'a, const SIZE: usize> TilePlace<'a, SIZE> {
-    /// Tile number `t` of an image of `columns` tiles in a row.
+    /// Returns the position of tile `t` of an image with `columns` tiles in a row.
     pub(super) fn new(view: &'a ViewUniform, t: usize, columns: usize) -> Self {
         Self {
             view,
@@ -107,44 +107,44 @@ impl<'a, const SIZE: usize> TilePlace<'a, SIZE> {
         }
     }
 
-    /// The centre of a pixel of the tile along an axis: exact.
+    /// Returns the centre of a pixel of the tile along an axis; it is exact.
     #[inline(always)]
     pub(super) fn px(&self, axis: usize, i: usize) -> f32 {
         (self.origin[axis] + i) as f32 + 0.5
     }
 
-    /// The centre of the pixel in a column and a row of the tile.
+    /// Returns the centre of the pixel in a column and a row of the tile.
     #[inline(always)]
     pub(super) fn centre(&self, x: usize, y: usize) -> Vec2 {
         Vec2::new(self.px(0, x), self.px(1, y))
     }
 
-    /// The centre of a pixel of the tile.
+    /// Returns the centre of a pixel of the tile.
     pub(super) fn pixel(&self, i: usize) -> Vec2 {
         self.centre(i % SIZE, i / SIZE)
     }
 
-    /// Columns of the tile that lie in the image.
+    /// Returns the number of columns of the tile in the image.
     pub(super) fn width(&self) -> usize {
         (self.view.size[0] as usize)
             .saturating_sub(self.origin[0])
             .min(SIZE)
     }
 
-    /// Rows of the tile that lie in the image.
+    /// Returns the number of rows of the tile in the image.
     pub(super) fn height(&self) -> usize {
         (self.view.size[1] as usize)
             .saturating_sub(self.origin[1])
             .min(SIZE)
     }
 
-    /// The tile's pixels that lie in the image.
+    /// Returns the tile's pixels in the image.
     pub(super) fn pixels(&self) -> impl Iterator<Item = usize> + use<SIZE> {
         let (width, height) = (self.width(), self.height());
         (0..height).flat_map(move |y| y * SIZE..y * SIZE + width)
     }
 
-    /// Where a footprint meets the tile.
+    /// Returns the pixels of the tile that a footprint meets.
     #[inline]
     pub(super) fn patch(&self, footprint: &Footprint) -> Patch {
         let clip = |(first, end): (u32, u32), i: usize| {
@@ -160,7 +160,7 @@ impl<'a, const SIZE: usize> TilePlace<'a, SIZE> {
 }
 
 impl Patch {
-    /// Whether it holds no pixel.
+    /// Returns whether it contains no pixel.
     pub(super) fn is_empty(&self) -> bool {
         self.columns[0] >= self.columns[1] || self.rows[0] >= self.rows[1]
     }
@@ -170,7 +170,7 @@ impl Patch {
 #[inline(always)]
 pub(super) fn add_scaled(plane: &mut Plane, first: usize, numbers: &RowOf<f32>, factor: f32) {
     if let Some(sums) = plane[first..].first_chunk_mut::<TILE_SIZE>() {
-        // Copies: what may be the same memory is added one by one.
+        // Copies: if the memory might alias, the numbers would be added one by one.
         let (mut row, numbers) = (*sums, *numbers);
         for lane in 0..TILE_SIZE {
             row[lane] += numbers[lane] * factor;

@@ -1,4 +1,4 @@
-//! Stage: from lists of footprints to tiles of pixels, front to back.
+//! Stage: draws lists of footprints into tiles of pixels, front to back.
 //!
 //! Twin: `shaders/rasterise.wgsl`.
 
@@ -17,13 +17,13 @@ use crate::record::{ExactTerms, Footprint, NearTerms, ViewUniform};
 use crate::splat::Accumulate;
 use crate::task::Stage;
 
-/// Draws all tiles that have lists, `columns` of them in a row. Returns the number of splat-pixels: kernels
-/// evaluated at pixel centres within their cut-off.
+/// Draws all tiles that have lists. Returns the number of splat-pixels: kernels evaluated at pixel
+/// centres within their cut-off.
 ///
-/// - `surface`: opaque surfaces among the kernels, as
-///   [`rasterise_surface`](super::accumulate::opaque::rasterise_surface) leaves them; empty where there
-///   are none.
-/// - `post`: what classifies layers, where particles carry values.
+/// - `columns`: tiles in a row of the picture.
+/// - `surface`: opaque surfaces among the kernels, as drawn by
+///   [`rasterise_surface`](super::accumulate::opaque::rasterise_surface); empty if there are none.
+/// - `post`: data to classify layers, if particles carry values.
 #[allow(
     clippy::too_many_arguments,
     reason = "a stage takes the slices it reads and writes"
@@ -118,11 +118,11 @@ pub fn rasterise(
         .sum()
 }
 
-/// What a thread keeps from tile to tile.
+/// Memory that a thread reuses from tile to tile.
 #[derive(Debug)]
 struct TileMemory {
     list: Vec<u32>,
-    /// |D| of each pixel's ray D = (X, Y, 1), where any footprint is on the exact path.
+    /// |D| of each pixel's ray D = (X, Y, 1), if any footprint is on the exact path.
     rays: Plane,
     behind: Tile,
     spans: Spans,
@@ -141,7 +141,7 @@ impl Default for TileMemory {
     }
 }
 
-/// How a tile's footprints come together.
+/// Ways to combine a tile's footprints.
 enum Drawing<'a, 'b> {
     /// One by one.
     Over(OverTile<'a, 'b>),
@@ -149,7 +149,7 @@ enum Drawing<'a, 'b> {
     Layers(LayeredTile<'a, 'b>),
 }
 
-/// The least opacity of the tile's pixels in the image.
+/// Returns the least opacity of the tile's pixels in the image.
 fn least_alpha(place: &TilePlace<'_>, tile: &Tile) -> f32 {
     let mut least = [f32::INFINITY; TILE_SIZE];
     for row in tile.alpha.chunks_exact(TILE_SIZE).take(place.height()) {

@@ -1,16 +1,16 @@
-//! How tiles are drawn.
+//! Defines the settings with which tiles are drawn.
 
 use crate::simd::SimdLevel;
 use crate::splat::Axes;
 use crate::task::Task;
 
-/// What specialises the rasteriser.
+/// Settings that select a variant of the rasteriser.
 #[derive(Debug, Clone, Copy)]
 pub struct RasteriseSettings<'a> {
-    /// What happens to a kernel on a pixel, and what is asked for.
+    /// The variant on each axis, and the outputs.
     pub axes: Axes,
     /// The instruction set of the inner loop.
     pub level: SimdLevel,
-    /// Is told how many tiles are drawn, and may leave out the rest.
+    /// Receives the number of tiles drawn, and may end the drawing early.
     pub task: Option<&'a Task>,
 }

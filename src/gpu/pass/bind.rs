@@ -1,4 +1,4 @@
-//! Buffers and bindings of a pass of frames of one kind.
+//! Makes the buffers and bindings of a pass, for frames of one kind.
 
 use bytemuck::Zeroable;
 
@@ -26,18 +26,18 @@ use crate::record::{ChunkUniform, ExactTerms, Footprint, ViewUniform};
 use crate::scene::CLASSIFICATION_TABLE_LEN;
 use crate::splat::Classify;
 
-/// A rasteriser with its buffers, and what turns its last chunk into the band's pixels.
+/// A rasteriser with its buffers, and the kernel that turns its last chunk into the band's pixels.
 #[derive(Debug)]
 pub(super) enum BoundRaster {
     Surface(BoundSurface),
     Volumes(BoundTiles, Option<BoundKernel>),
 }
 
-/// Which word of a [`PartState`](crate::record::PartState) counts what the projection reads.
+/// Word of a [`PartState`](crate::record::PartState) with the count that the projection reads.
 pub(super) const CLASSIFIED_COUNT: u32 =
     (std::mem::offset_of!(crate::record::PartState, classified_count) / 4) as u32;
 
-/// Buffers and bindings of a pass of frames of one kind.
+/// Buffers and bindings of a pass, for frames of one kind.
 #[derive(Debug)]
 pub(in crate::gpu) struct PassFrame {
     pub(super) buffers: FrameBuffers,
@@ -45,12 +45,12 @@ pub(in crate::gpu) struct PassFrame {
     pub(super) near: wgpu::Buffer,
     pub(super) cull: BoundCull,
     pub(super) classify: Vec<BoundClassify>,
-    /// Of each part, where amplitudes are summed.
+    /// An amplitude uniform of each part, if amplitudes are summed.
     pub(super) amplitudes: Vec<wgpu::Buffer>,
     pub(super) cell_volumes: Vec<f64>,
     pub(super) shade: Vec<BoundShade>,
     pub(super) light: Vec<BoundLight>,
-    /// Into the space that is blended in.
+    /// Encodes colours for the space of blending.
     pub(super) encode: Vec<BoundShade>,
     pub(super) project: Vec<BoundKernel>,
     pub(super) counts: wgpu::Buffer,
@@ -59,7 +59,7 @@ pub(in crate::gpu) struct PassFrame {
     pub(super) gather: BoundGather,
     pub(super) bin: BoundBin,
     pub(super) rasterise: BoundRaster,
-    /// What classifies layers, where anything does.
+    /// Table that classifies layers, if layers are classified.
     pub(super) classes: Option<wgpu::Buffer>,
     /// Pixels of a band.
     pub(in crate::gpu) pixels: wgpu::Buffer,
@@ -69,8 +69,10 @@ pub(in crate::gpu) struct PassFrame {
 }
 
 impl PassFrame {
+    /// Makes the buffers and bindings.
+    ///
     /// - `surface`: the pixels of the opaque surfaces that cut the pass' kernels.
-    /// - `background`: of it the number of a band's pixels.
+    /// - `background`: a uniform of which the number of a band's pixels is read.
     ///
     /// # Errors
     /// Too little memory on the device.
@@ -116,11 +118,11 @@ impl PassFrame {
             amplitudes_of,
             kind.classified_by,
         )?;
-        // Signs of amplitudes lie where colours do otherwise.
+        // Signs of amplitudes take the place of colours.
         let shade = drawn.iter().zip(&parts).filter(|_| !kind.is_column());
         let shade =
             shade.filter_map(|(part, b)| bind_shade(gpu, &buffers, part, b, kind.is_encoded));
-        // Layers that are classified are lit themselves.
+        // Layers that are classified are lit as layers.
         let is_classified = kind.axes.classify != Classify::Particle;
         let light = drawn.iter().zip(&parts).filter(|_| kind.lights_particles);
         let light = light.filter_map(|(part, b)| bind_light(gpu, &buffers, part, b));
@@ -179,7 +181,7 @@ impl PassFrame {
             footprints.push((own, exact));
         }
 
-        // The sort takes a part for each word: one at least.
+        // The sort expects a word for each part, and at least one.
         let counts = gpu.upload("part counts", &vec![0_u32; parts.len().max(1)])?;
         let in_parts: Vec<_> = footprints.iter().map(|(f, _)| f).collect();
         let sort = Sort::new(gpu).bind(gpu, &counts, &in_parts, all_classified)?;
@@ -194,7 +196,7 @@ impl PassFrame {
         let gather = Gather::new(gpu, terms).bind(gpu, &chunk, &sort, &in_parts, chunk_capacity)?;
         let tiles = bands.tiles[0] * bands.rows;
         let entries = u64::from(capacity.entries);
-        // Of kernels on the exact path, and of surfels that follow their planes.
+        // For kernels on the exact path, and for surfels that follow the homography of their planes.
         let has_outlines = exact || matches!(raster, Raster::Surface(_));
         let bin = Bin::new(gpu, has_outlines);
         let bin = bin.bind(gpu, &chunk, &gather, chunk_capacity, tiles, entries)?;

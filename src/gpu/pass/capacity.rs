@@ -1,4 +1,4 @@
-//! How much of everything a pass of a frame has memory for.
+//! Determines the capacities of a pass: the amounts for which it has memory.
 
 use super::kind::PassKind;
 use super::report::Seen;
@@ -10,44 +10,45 @@ use crate::gpu::rasterise::LAYER_SLOTS;
 use crate::gpu::scene::Scene;
 use crate::record::Footprint;
 
-/// How much of what frames have found they need.
+/// Capacities, as the frames so far have needed them.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Capacity {
     /// Classified particles of each part.
     pub(super) classified: Vec<u32>,
-    /// Kernels that cross the camera plane, and those that the domain of their data cuts.
+    /// Kernels that cross the camera plane, and those that the boundary of their domain cuts.
     pub(super) near: u32,
-    /// Whether kernels across the camera plane have been seen: without them the rasteriser has no code
-    /// for them.
+    /// True if kernels across the camera plane have been seen. Otherwise the rasteriser is compiled
+    /// without code for them.
     pub(super) crossing: bool,
     /// Entries of the tiles' lists of a chunk.
     pub(super) entries: u32,
     /// Footprints of a depth chunk.
     pub(super) chunk: u32,
-    /// Whether exact footprints have been seen: without them the rasteriser has no code for them.
+    /// True if exact footprints have been seen. Otherwise the rasteriser is compiled without code for
+    /// them.
     pub(super) exact: bool,
-    /// Layers that a pixel keeps open, one of [`LAYER_SLOTS`]; of slabs.
+    /// Layers that a pixel keeps open, one of [`LAYER_SLOTS`]; for slabs.
     pub(super) slots: u32,
 }
 
-/// Classified particles of a part that there is memory for before anything is known.
+/// Initial capacity for classified particles of a part.
 const FIRST_CLASSIFIED: u32 = 1 << 18;
-/// The same of merged ones, of which a frame draws few.
+/// The same for merged particles, of which a frame draws few.
 const FIRST_MERGED: u32 = 1 << 14;
 const FIRST_ENTRIES: u32 = 1 << 20;
 
-/// Entries of a chunk's lists at most, 1 GiB of them: beyond, a frame takes smaller chunks. So is
-/// what one submission may take bounded, for systems that end those of seconds.
+/// Greatest number of entries of a chunk's lists: 1 GiB of them. Beyond it, a frame takes smaller chunks.
+/// This also bounds the time of one submission, for systems that abort submissions after seconds.
 fn entries_limit(binding_bytes: u64) -> u64 {
     (binding_bytes / 4).min(1 << 26)
 }
 
 impl Capacity {
-    /// Before any frame was drawn.
+    /// Returns the capacities before any frame was drawn.
     pub(super) fn first(scene: &Scene, binding_bytes: u64) -> Self {
         let classified = scene.parts.iter().map(|part| {
             let all = part.slots as u32;
-            // All are visible where nothing is classified.
+            // All particles are visible if nothing is classified.
             if part.kinds.is_merged {
                 all.min(FIRST_MERGED)
             } else if part.kinds.may_be_transparent() {
@@ -67,9 +68,9 @@ impl Capacity {
         }
     }
 
-    /// What a frame would have needed; this where it was enough.
+    /// Returns the capacities that a frame would have needed; equal to these if they sufficed.
     ///
-    /// - `kind`, `seen`: of the frame.
+    /// - `kind`, `seen`: kind and report of the frame.
     ///
     /// # Errors
     /// More than the device's bindings hold.
@@ -89,7 +90,7 @@ impl Capacity {
             }
         }
         if grown.classified != self.classified {
-            // What follows has not seen all particles.
+            // The later stages have not processed all particles.
             return Ok(grown);
         }
         let [listed, crossing] = seen.near;
@@ -115,7 +116,7 @@ impl Capacity {
             if u64::from(seen.needed_entries) <= most {
                 grown.entries = with_slack(seen.needed_entries, most);
             } else {
-                // Fewer footprints at a time, however many tiles each touches.
+                // Fewer footprints at a time, because each touches many tiles.
                 let chunk = grown.chunk.min(seen.sort.visible);
                 if chunk <= 1 {
                     check(gpu, "entries of one footprint", seen.needed_entries, most)?;
@@ -128,14 +129,14 @@ impl Capacity {
         Ok(grown)
     }
 
-    /// Classified particles of all parts that frames of a kind draw.
+    /// Returns the capacity for classified particles over all parts that frames of a kind draw.
     pub(super) fn all_classified(&self, scene: &Scene, kind: &PassKind) -> u64 {
         let capacities = scene.drawn(self.classified.iter().copied(), kind.detail);
         capacities.map(|(_, n)| u64::from(n)).sum()
     }
 }
 
-/// `needed`, and an eighth more, so that the next frame fits as well.
+/// Returns `needed` plus an eighth, so that the next frame fits as well.
 fn with_slack(needed: u32, most: u64) -> u32 {
     let wanted = u64::from(needed) + u64::from(needed) / 8 + 64;
     wanted
@@ -156,8 +157,8 @@ fn check(gpu: &Gpu, what: &str, needed: u32, most: u64) -> Result<()> {
     })
 }
 
-/// Footprints of a depth chunk at most: those whose buffer a binding holds, and fewer than overflow
-/// a tile's count of splat-pixels, one of 32 bits for all its pixels.
+/// Returns the greatest number of footprints of a depth chunk. Their buffer must fit a binding, and their
+/// splat-pixels must fit a tile's count, which has 32 bits for all its pixels.
 fn chunk_limit(binding_bytes: u64) -> u32 {
     const COUNTABLE: u64 = u32::MAX as u64 / (TILE_SIZE * TILE_SIZE) as u64;
     let footprints = binding_bytes / size_of::<Footprint>() as u64;

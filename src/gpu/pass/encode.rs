@@ -1,4 +1,5 @@
-//! The commands of a pass: what all bands begin with, then band after band, chunk after chunk.
+//! Encodes the commands of a pass: the stages common to all bands, then band after band, chunk after
+//! chunk.
 
 use wgpu::CommandEncoder;
 
@@ -17,7 +18,7 @@ use crate::render::plan::{Carries, FramePlan, PassPlan};
 use crate::scene::TransferFunction;
 
 impl PassFrame {
-    /// Submits what all bands begin with: cull, classify, shade, project, sort.
+    /// Submits the stages common to all bands: cull, classify, shade, project, sort.
     pub(in crate::gpu) fn begin(
         &self,
         gpu: &Gpu,
@@ -49,7 +50,7 @@ impl PassFrame {
         gpu.submit(encoder);
     }
 
-    /// Submits what draws a band's pixels.
+    /// Submits the commands that draw a band's pixels.
     pub(in crate::gpu) fn draw_band(&self, gpu: &Gpu, timer: &mut Timer, band: u32) {
         let first_step = u64::from(band) * u64::from(self.cuts.chunks);
         for chunk in 0..self.cuts.chunks {
@@ -69,7 +70,7 @@ impl PassFrame {
         }
     }
 
-    /// Adds what the tiles of the band that was drawn last counted.
+    /// Adds the counts of the tiles of the last band drawn.
     ///
     /// # Errors
     /// A lost device.
@@ -83,7 +84,7 @@ impl PassFrame {
         self.report.read_tiles(gpu, tiles, counts).await
     }
 
-    /// What the pass found out, all bands drawn.
+    /// Reads the report of the pass, after all bands are drawn.
     ///
     /// # Errors
     /// A lost device.
@@ -91,7 +92,7 @@ impl PassFrame {
         self.report.read(gpu, tiles).await
     }
 
-    /// Cull, classify, shade, project, sort; and their part of the report.
+    /// Encodes cull, classify, shade, project and sort, and their part of the report.
     fn encode_until_sorted(&self, encoder: &mut CommandEncoder, timer: &mut Timer) {
         encoder.clear_buffer(&self.near, 0, Some(8));
         encoder.clear_buffer(&self.gather.state, 0, None);
@@ -121,7 +122,7 @@ impl PassFrame {
             .encode_counts(encoder, parts, sort, &self.near, frame);
     }
 
-    /// What the next submission draws: a chunk of a band.
+    /// Writes the uniform of the next submission: a chunk of a band.
     fn write_step(&self, gpu: &Gpu, band: u32, chunk: u32) {
         let (first_row, rows) = self.cuts.bands.band(band);
         let of_chunk = ChunkUniform {
@@ -150,7 +151,7 @@ impl PassFrame {
         rasterise.encode(&mut pass, tiles, self.cuts.chunk);
     }
 
-    /// What follows a band's last chunk, and the way back of its counts.
+    /// Encodes the commands after a band's last chunk, and the copy of its counts to the host.
     fn encode_band_end(&self, encoder: &mut CommandEncoder, timer: &mut Timer, band: u32) {
         let pixels = self.cuts.bands.pixels(band);
         match &self.rasterise {

@@ -1,21 +1,21 @@
-//! What makes the passes of frames differ: their buffers and pipelines are made for it.
+//! Defines the kind of a pass, for which its buffers and pipelines are made.
 
 use crate::record::ClassifiedBy;
 use crate::render::plan::{FramePlan, PassPlan};
 use crate::splat::{Accumulate, Axes};
 
-/// What makes a pass' buffers and pipelines differ from another's of the same scene.
+/// Properties by which a pass' buffers and pipelines differ from another's of the same scene.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::gpu) struct PassKind {
     pub(super) size: [u32; 2],
     filter: u32,
     orthographic: u32,
-    /// Whether merged particles may be drawn.
+    /// True if merged particles may be drawn.
     pub(super) detail: bool,
-    /// What decides about kernels, where more is known than their values.
+    /// Rule that classifies kernels.
     pub(super) classified_by: ClassifiedBy,
     pub(super) lights_particles: bool,
-    /// Whether colours are composited as sRGB codes.
+    /// True if colours are composited as sRGB codes.
     pub(super) is_encoded: bool,
     pub(super) axes: Axes,
 }
@@ -34,7 +34,7 @@ impl PassKind {
         }
     }
 
-    /// Whether kernels are summed into column densities.
+    /// Returns whether kernels are summed into column densities.
     pub(super) fn is_column(&self) -> bool {
         self.axes.accumulate == Accumulate::Column
     }

@@ -1,23 +1,23 @@
-//! One pass of a frame on a device, over the volumes that are drawn together: from blocks to the pixels
-//! of a band.
+//! Draws one pass of a frame on a device, over the volumes that are drawn together: from blocks to the
+//! pixels of a band.
 //!
-//! Everything that a frame needs memory for has a capacity that the host chose before it knew the
-//! frame. The device counts on where a capacity ends and writes nothing beyond it; a frame that needed
-//! more is drawn again with more.
+//! All memory of a frame has a capacity that the host chose before it knew the frame. If a capacity is
+//! exceeded, the device continues counting but writes nothing beyond it. The frame is then drawn again
+//! with more memory.
 //!
-//! What a binding cannot hold is cut: a volume into parts, the sorted footprints into depth chunks,
-//! the image into bands of rows of tiles. Each band draws the chunks front to back, its pixels
-//! carried from one to the next.
+//! Data larger than a binding are divided: a volume into parts, the sorted footprints into depth chunks,
+//! the image into bands of rows of tiles. Each band draws the chunks front to back, and its pixels are
+//! carried from one chunk to the next.
 //!
 //! | file | subject |
 //! |---|---|
-//! | `kind.rs` | what makes two passes differ |
-//! | `capacity.rs` | how much of what a frame has memory for |
+//! | `kind.rs` | properties by which passes differ |
+//! | `capacity.rs` | amounts for which a frame has memory |
 //! | `bands.rs` | the image in bands, the footprints in chunks |
-//! | `retained.rs` | what is kept from frame to frame: volumes and capacities |
+//! | `retained.rs` | data kept from frame to frame: volumes and capacities |
 //! | `bind.rs` | buffers and bindings of frames of one kind |
 //! | `encode.rs` | commands |
-//! | `report.rs` | what a pass found out, and its way back |
+//! | `report.rs` | counts of a pass, and reading them back |
 
 mod bands;
 mod bind;

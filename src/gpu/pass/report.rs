@@ -1,4 +1,4 @@
-//! What a pass of a frame found out, and its way back to the host.
+//! Reads the report of a pass of a frame back to the host.
 
 use std::mem::offset_of;
 
@@ -10,32 +10,32 @@ use crate::gpu::tile::TileProgress;
 use crate::record::{ChunkState, FrameState, PartState, SortState};
 use crate::splat::Filter;
 
-/// What a pass of a frame found out.
+/// The report of a pass of a frame.
 #[derive(Debug)]
 pub(in crate::gpu) struct Seen {
     pub(super) parts: Vec<PartState>,
     pub(super) sort: SortState,
-    /// Terms in the list of near kernels, and how many of them cross the camera plane.
+    /// Number of terms in the list of near kernels, and number of kernels that cross the camera plane.
     pub(super) near: [u32; 2],
-    /// Views by their filter.
+    /// Number of views with each filter.
     pub(super) filters: [u32; Filter::ALL.len()],
     pub(super) needed_entries: u32,
     pub(super) entries: u64,
     pub(super) tiles: TileCounts,
 }
 
-/// What the tiles of a pass counted.
+/// Counts of the tiles of a pass.
 #[derive(Debug, Clone, Copy, Default)]
 pub(in crate::gpu) struct TileCounts {
     pub(super) splat_pixels: u64,
-    /// The most layers that a kernel wanted to have open at once.
+    /// Greatest number of layers that a kernel needed open at once.
     pub(super) layers_needed: u32,
 }
 
 /// Bytes of [`FrameState::filters`].
 const FILTER_BYTES: u64 = 4 * Filter::ALL.len() as u64;
 
-/// Where in a report things lie, bytes: parts first.
+/// Offsets of the sections of a report, bytes; parts come first.
 #[derive(Debug)]
 struct Places {
     sort: u64,
@@ -46,7 +46,9 @@ struct Places {
 }
 
 impl Places {
-    /// - `parts`: how many there are; `steps`: chunks of bands.
+    /// Lays out a report.
+    ///
+    /// - `parts`: number of parts; `steps`: chunks of bands.
     fn new(parts: usize, steps: u64) -> Self {
         let sort = (parts * size_of::<PartState>()) as u64;
         let near = sort + size_of::<SortState>() as u64;
@@ -73,7 +75,10 @@ pub(super) struct Report {
 }
 
 impl Report {
-    /// - `parts`: of the pass; `steps`: chunks of bands; `tiles`: of a band at most.
+    /// Makes the buffers.
+    ///
+    /// - `parts`: number of parts of the pass; `steps`: chunks of bands; `tiles`: greatest number of
+    ///   tiles of a band.
     ///
     /// # Errors
     /// No memory.
@@ -88,9 +93,9 @@ impl Report {
         })
     }
 
-    /// What the stages up to the sort have counted.
+    /// Encodes the copy of the counts of the stages up to the sort.
     ///
-    /// - `parts`: a [`PartState`] each; `near`: its first two words count.
+    /// - `parts`: a [`PartState`] each; `near`: its first two words are counts.
     pub(super) fn encode_counts<'a>(
         &self,
         encoder: &mut CommandEncoder,
@@ -111,7 +116,7 @@ impl Report {
         encoder.copy_buffer_to_buffer(frame, filters, to, self.places.filters, FILTER_BYTES);
     }
 
-    /// What a step has counted: the chunk's [`ChunkState`].
+    /// Encodes the copy of a step's counts: the chunk's [`ChunkState`].
     pub(super) fn encode_step(
         &self,
         encoder: &mut CommandEncoder,
@@ -123,12 +128,12 @@ impl Report {
         encoder.copy_buffer_to_buffer(state, 0, &self.counts, place, bytes);
     }
 
-    /// What the tiles of a band have counted.
+    /// Encodes the copy of the counts of a band's tiles.
     pub(super) fn encode_tiles(&self, encoder: &mut CommandEncoder, progress: &wgpu::Buffer) {
         encoder.copy_buffer_to_buffer(progress, 0, &self.tiles, 0, progress.size());
     }
 
-    /// Adds what the tiles of the band that was drawn last counted.
+    /// Adds the counts of the tiles of the last band drawn.
     ///
     /// # Errors
     /// A lost device.
@@ -150,7 +155,7 @@ impl Report {
         .await
     }
 
-    /// What the pass found out, all bands drawn.
+    /// Reads the report of the pass, after all bands are drawn.
     ///
     /// # Errors
     /// A lost device.
@@ -175,7 +180,7 @@ impl Report {
     }
 }
 
-/// The value of type T at a byte of a report.
+/// Returns the value of type T at a byte of a report.
 fn at<T: bytemuck::Pod>(report: &[u8], place: u64) -> T {
     bytemuck::pod_read_unaligned(&report[place as usize..][..size_of::<T>()])
 }

@@ -1,4 +1,5 @@
-//! What a pass keeps from frame to frame: its volumes on the device, and what frames of them need.
+//! Keeps the data of a pass from frame to frame: its volumes on the device, and the capacities that its
+//! frames need.
 
 use super::capacity::Capacity;
 use super::kind::PassKind;
@@ -16,21 +17,21 @@ use crate::render::plan::Draws;
 use crate::splat::Axes;
 use crate::stats::FrameCounts;
 
-/// The volumes of a pass on a device, and what capacities its frames need.
+/// The volumes of a pass on a device, and the capacities that its frames need.
 #[derive(Debug)]
 pub(in crate::gpu) struct Pass {
     pub(in crate::gpu) draws: Draws,
-    /// Whether its pixels are the picture: surfaces without anything else are.
+    /// True if its pixels are the picture, as for surfaces without volumes.
     is_picture: bool,
     pub(in crate::gpu) scene: Scene,
     pub(super) capacity: Capacity,
 }
 
 impl Pass {
-    /// Uploads those of the volumes that the pass draws.
+    /// Uploads the volumes that the pass draws.
     ///
     /// # Errors
-    /// Too little memory on the device, or what only the CPU draws.
+    /// Too little memory on the device, or volumes that only the CPU draws.
     pub(in crate::gpu) fn new(
         gpu: &Gpu,
         draws: Draws,
@@ -47,13 +48,12 @@ impl Pass {
         })
     }
 
-    /// Forgets what frames have found they need.
+    /// Resets the capacities to their initial values.
     pub(in crate::gpu) fn forget_capacity(&mut self, gpu: &Gpu) {
         self.capacity = Capacity::first(&self.scene, gpu.max_binding_bytes());
     }
 
-    /// Takes the capacities that a frame would have needed; returns whether they are more than there
-    /// were.
+    /// Adopts the capacities that a frame would have needed. Returns whether they have grown.
     ///
     /// # Errors
     /// More than the device's bindings hold.
@@ -64,7 +64,7 @@ impl Pass {
         Ok(is_more)
     }
 
-    /// Adds what a frame counted to `counts`.
+    /// Adds a frame's counts to `counts`.
     pub(in crate::gpu) fn count(&self, kind: &PassKind, seen: &Seen, counts: &mut FrameCounts) {
         let sum = |of: fn(&PartState) -> u32| -> usize {
             seen.parts.iter().map(|p| of(p) as usize).sum()
@@ -97,7 +97,7 @@ impl Pass {
         self.draws == Draws::Surfaces
     }
 
-    /// What the rasteriser is specialised for.
+    /// Returns the variant of the rasteriser.
     pub(super) fn raster(&self, gpu: &Gpu, kind: &PassKind) -> Raster {
         let near = self.capacity.crossing;
         if self.is_surface() {
@@ -129,10 +129,10 @@ impl Pass {
         })
     }
 
-    /// Rows of tiles of an image this wide whose pixels a binding holds.
+    /// Returns the number of rows of tiles of an image whose pixels fit a binding.
     ///
     /// # Errors
-    /// Not one.
+    /// Not even one row fits.
     pub(in crate::gpu) fn band_rows(&self, gpu: &Gpu, kind: &PassKind) -> Result<u32> {
         let tile = TILE_SIZE as u32;
         let [columns, tile_rows] = kind.size.map(|n| n.div_ceil(tile));
@@ -158,7 +158,7 @@ impl Pass {
     }
 }
 
-/// What a rasteriser is specialised for.
+/// A variant of a rasteriser.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Raster {
     Surface(SurfaceSpec),

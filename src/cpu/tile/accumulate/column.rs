@@ -1,15 +1,15 @@
-//! Stage: from lists of footprints to the sums of a column density. No opacity, no order of depth.
+//! Stage: sums lists of footprints to a column density, without opacity and without depth order.
 //!
 //! Twin: `shaders/tile/accumulate/column.wgsl`.
 //!
-//! A pixel may get a hundred thousand contributions, of which f32 alone would lose a percent where
-//! they are alike. So a tile sums [`RUN`] footprints in f32, from zero, and adds that to sums
-//! in f64: each contribution errs by at most RUN/2 units in its last place of f32, 4e-6, and on
-//! average by far less. Emptying the tile costs 64 evaluations a footprint; f64 throughout
-//! would cost twice the memory traffic, which is the limit of separable footprints.
+//! A pixel may receive a hundred thousand contributions. In f32 alone, similar contributions would lose a
+//! percent of the sum. So a tile sums [`RUN`] footprints in f32, from zero, and adds the result to sums
+//! in f64. The error of each contribution is at most RUN/2 units in its last place of f32, 4e-6, and on
+//! average far less. Adding a tile to the f64 sums costs 64 evaluations a footprint. f64 throughout would
+//! double the memory traffic, which limits separable footprints.
 //!
-//! Affine and exact footprints that nothing cuts are fused with it. Those that clip planes cut, and near
-//! ones, come in rows of the pictures' tiles, of which a tile here is made.
+//! Uncut affine and exact footprints are evaluated and summed in one loop. Footprints that clip planes
+//! cut, and near ones, are evaluated in rows of the pictures' tiles, of which a tile here is made.
 
 use std::ops::Range;
 
@@ -38,16 +38,16 @@ use crate::task::{Stage, Task};
 
 const SIZE: usize = COLUMN_TILE_SIZE;
 const PIXELS: usize = SIZE * SIZE;
-/// The pictures' tiles along a side of a tile.
+/// Number of picture tiles along a side of a column tile.
 const PARTS: usize = SIZE / TILE_SIZE;
-/// Pixels of a row that are evaluated together, whatever the instruction set: which pixels a
-/// footprint adds to does not depend on it.
+/// Pixels of a row that are evaluated together, for every instruction set. So the set of pixels that a
+/// footprint adds to does not depend on the instruction set.
 const CHUNK: usize = 16;
-/// Footprints summed in f32 before the sums go to f64.
+/// Footprints summed in f32 before the sums are added to f64.
 const RUN: usize = 64;
-/// Footprints of a tile that make a task of their own, at least.
+/// Least number of footprints of a tile in a task of its own.
 const TASK: usize = 16_384;
-/// Tasks that long lists of few tiles are cut into, about.
+/// Approximate number of tasks that long lists of few tiles are divided into.
 const TASKS: usize = 256;
 
 /// The sums of one column-density image, kept from frame to frame.
@@ -77,36 +77,40 @@ pub struct TileSums([f64; PIXELS]);
 #[repr(align(64))]
 struct FineSums([f32; PIXELS]);
 
-/// What a frame's sums read.
+/// Input of a frame's sums.
 #[derive(Debug, Clone, Copy)]
 pub struct ColumnInput<'a> {
     /// The frame's view.
     pub view: &'a ViewUniform,
-    /// Footprints; what they carry is the amplitude's sign.
+    /// Footprints, which carry the amplitude's sign.
     pub footprints: &'a [Footprint],
     /// Their exact terms, or none.
     pub exact: &'a [ExactTerms],
     /// Terms of the kernels that cross the camera plane.
     pub near: &'a [NearTerms],
-    /// From [`bin_columns`].
+    /// Result of [`bin_columns`].
     pub bins: &'a Bins,
-    /// Entries of the lists of all tiles of the picture's band: of these, and of those that are summed elsewhere.
+    /// Number of entries of the lists of all tiles of the picture's band, including tiles that are summed
+    /// elsewhere.
     pub entries: usize,
     /// The instruction set of the inner loop.
     pub level: SimdLevel,
-    /// Is told how much is summed, and may leave out the rest.
+    /// Receives the progress of the sum, and may end it early.
     pub task: Option<&'a Task>,
 }
 
-/// The footprints that reach the image, in the order of the particles: words as
-/// [`sort`](crate::cpu::sort()) writes them.
+/// Lists the footprints that reach the image, in the order of the particles, in the format of
+/// [`sort`](crate::cpu::sort()).
 pub fn list_visible(footprints: &[Footprint], order: &mut Vec<u64>) {
     order.clear();
     let numbered = (0_u64..).zip(footprints);
     order.extend(numbered.filter(|(_, f)| f.is_visible()).map(|(i, _)| i));
 }
 
-/// Bins footprints into tiles of [`COLUMN_TILE_SIZE`]², `columns` in a row, of which a run has lists.
+/// Bins footprints into tiles of [`COLUMN_TILE_SIZE`]².
+///
+/// - `columns`: tiles in a row of the picture.
+/// - `tiles`: the tiles that get lists.
 pub fn bin_columns(
     footprints: &[Footprint],
     terms: FootprintTerms<'_>,
@@ -118,24 +122,25 @@ pub fn bin_columns(
     bin_into::<SIZE>(footprints, terms, order, columns, tiles, bins);
 }
 
-/// Columns and rows of tiles.
+/// Returns the numbers of columns and rows of tiles.
 fn tiles(view: &ViewUniform) -> [usize; 2] {
     view.size.map(|n| (n as usize).div_ceil(SIZE))
 }
 
 impl ColumnSums {
-    /// Forgets the last frame.
+    /// Clears the sums of the last frame.
     pub fn clear(&mut self) {
         self.tasks.clear();
         self.starts.clear();
         self.starts.push(0);
     }
 
-    /// Sums the footprints of the tiles that have lists, which follow those of the last call. Returns the number of splat-pixels: kernels evaluated at pixel
-    /// centres within their cut-off (of separable footprints: within its bounding box).
+    /// Sums the footprints of the tiles that have lists; these tiles follow those of the last call.
+    /// Returns the number of splat-pixels: kernels evaluated at pixel centres within their cut-off (for
+    /// separable footprints: within its bounding box).
     ///
-    /// The result does not depend on the number of threads, nor on where the other tiles are summed: tasks follow
-    /// from the lists alone.
+    /// The result does not depend on the number of threads, nor on where other tiles are summed: tasks
+    /// depend only on the lists.
     pub fn add_all(&mut self, input: &ColumnInput) -> u64 {
         let [columns, _] = tiles(input.view);
         let longest = (input.entries / TASKS).max(TASK);
@@ -177,7 +182,7 @@ impl ColumnSums {
             .sum()
     }
 
-    /// The sums of each tile that had lists, in order.
+    /// Returns the sums of each tile that had lists, in order.
     pub fn totals(&self) -> Vec<TileSums> {
         let tiles = self.starts.par_windows(2);
         let total = |parts: &[u32]| {
@@ -192,7 +197,7 @@ impl ColumnSums {
         tiles.map(total).collect()
     }
 
-    /// Sums that were formed elsewhere: those of every tile of a picture.
+    /// Wraps sums of every tile of a picture that were formed elsewhere.
     pub fn of_totals(totals: Vec<TileSums>) -> Self {
         Self {
             tasks: Vec::new(),
@@ -216,11 +221,11 @@ impl ColumnSums {
                     let tile = y / SIZE * columns + t;
                     let tasks = self.starts[tile] as usize..self.starts[tile + 1] as usize;
                     for (x, pixel) in (first..).zip(pixels) {
-                        // From 0: the sum of nothing is -0 otherwise.
+                        // Starts from 0: the sum of no numbers would be -0.
                         let parts = self.sums[tasks.clone()].iter();
                         let sum = parts.fold(0.0, |sum, part| sum + part.0[x]);
                         let value = sum * scale;
-                        // NaN, were there one, would not be lost in `max`.
+                        // Phrased so that `max` would not lose a NaN.
                         if !(value.abs() <= largest) {
                             largest = value.abs();
                         }
@@ -284,11 +289,12 @@ impl SimdWork for SumTask<'_> {
 struct ColumnTile<'a> {
     input: &'a ColumnInput<'a>,
     place: TilePlace<'a, SIZE>,
-    /// Columns that lie in the image.
+    /// Number of columns in the image.
     width: usize,
-    /// What clip planes leave of each of its parts' rays; empty without any.
+    /// The parts of the rays inside the clip planes, for each part of the tile; empty without clip
+    /// planes.
     spans: Vec<Spans>,
-    /// Between these depths they leave all.
+    /// Depths between which the clip planes cut nothing.
     whole: [f32; 2],
 }
 
@@ -313,7 +319,7 @@ impl<'a> ColumnTile<'a> {
         tile
     }
 
-    /// A part of the tile, as large as a tile of a picture.
+    /// Returns a part of the tile, of the size of a picture's tile.
     fn part(&self, part: usize) -> TilePlace<'a> {
         let [x, y] = self.place.origin;
         TilePlace {
@@ -322,13 +328,13 @@ impl<'a> ColumnTile<'a> {
         }
     }
 
-    /// Whether clip planes may cut a footprint that is not near.
+    /// Returns whether clip planes may cut a footprint that is not near.
     fn may_be_cut(&self, footprint: &Footprint, exact: Option<&ExactTerms>) -> bool {
         let Some(terms) = exact else {
             return true;
         };
         let (depth, reach) = (footprint.depth, depth_reach(footprint, terms));
-        // Phrased so that NaN may be.
+        // Phrased so that NaN counts as cut.
         !(depth - reach >= self.whole[0] && depth + reach <= self.whole[1])
     }
 
@@ -366,8 +372,8 @@ impl<'a> ColumnTile<'a> {
         }
     }
 
-    /// Axes of the footprint along those of the image: exp(-(dx² + dy²)/2) is the product of a
-    /// row and a column, and a pixel costs one fused multiply-add.
+    /// Adds a footprint whose axes are those of the image: exp(-(dx² + dy²)/2) is the product of a row
+    /// and a column, and a pixel costs one fused multiply-add.
     #[inline(always)]
     fn add_separable<const FMA: bool>(
         &self,
@@ -391,7 +397,7 @@ impl<'a> ColumnTile<'a> {
                 for (lane, out) in out.iter_mut().enumerate() {
                     let d = (base + lane as f32 - centre) * scale;
                     let q = d * d;
-                    // Clamped as well: the exponential is made for what lies within.
+                    // Clamped as well: the approximation of the exponential is valid only within.
                     let value = exp_minus_half::<FMA>(q.min(footprint.cutoff_squared));
                     *out = if q <= footprint.cutoff_squared {
                         peak * value
@@ -414,7 +420,7 @@ impl<'a> ColumnTile<'a> {
                 last = mean.band::<FMA>(offset(axis, i));
                 *band = sign * last.mass;
             }
-            // Alike in all bands: the axes of the kernel are the image's.
+            // The same in all bands, because the axes of the kernel are the image's.
             let one = Band { mass: 1.0, ..last };
             for (i, other) in (across[0]..).zip(&mut others[across[0]..across[1]]) {
                 *other = one.at::<FMA>(offset(1 - axis, i));
@@ -424,8 +430,8 @@ impl<'a> ColumnTile<'a> {
             profile(1, patch.rows, footprint.tau * sign, &mut column);
         }
         let column = &column[patch.rows[0]..patch.rows[1]];
-        // A single chunk takes another, of zeros, along: by itself it would be turned into gathers
-        // and scatters over sixteen rows, in three times the time.
+        // A single chunk takes a second one, of zeros, along. Alone it would be compiled to gathers and
+        // scatters over sixteen rows, which take three times as long.
         let end = patch.columns[1].div_ceil(CHUNK);
         let first = (patch.columns[0] / CHUNK).min(SIZE / CHUNK - 2);
         let start = patch.rows[0] * SIZE + first * CHUNK;
@@ -439,7 +445,8 @@ impl<'a> ColumnTile<'a> {
         width * height
     }
 
-    /// Any affine footprint of which pixels have means: bands first, then the pixels of each, within the ellipse.
+    /// Adds an affine footprint that is averaged over pixels: first its bands, then the pixels of each
+    /// band within the ellipse.
     #[inline(always)]
     fn add_mean<const FMA: bool>(
         &self,
@@ -448,7 +455,7 @@ impl<'a> ColumnTile<'a> {
         mean: &PixelMean,
         patch: &Patch,
     ) -> u32 {
-        // Copies, which stores to the sums cannot change.
+        // Copies, which stores to the sums cannot alias.
         let (footprint, mean) = (&{ *footprint }, &{ *mean });
         let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
         let cutoff = footprint.cutoff_squared;
@@ -456,7 +463,7 @@ impl<'a> ColumnTile<'a> {
         let [cx, cy] = footprint.centre_px;
         let a = px * px + rx * rx;
         let (tilt, least) = (-(px * py + rx * ry) / a, (px * ry - py * rx).powi(2) / a);
-        // Three columns rather than a column of three: the loops below read them as vectors.
+        // Three columns rather than a column of three, so that the loops below read them as vectors.
         let mut columns = ([0.0; SIZE], [0.0; SIZE], [0.0; SIZE]);
         if !mean.has_rows {
             for i in patch.columns[0]..patch.columns[1] {
@@ -467,7 +474,7 @@ impl<'a> ColumnTile<'a> {
         let mut count = 0;
         for y in patch.rows[0]..patch.rows[1] {
             let dy = self.place.px(1, y) - cy;
-            // A pixel more on either side: rounding is left to the test of each pixel.
+            // One pixel more on either side: the test of each pixel decides despite rounding.
             let middle = cx + tilt * dy - self.place.px(0, 0);
             let half = ((cutoff - least * dy * dy).max(0.0) / a).sqrt() + 1.0;
             let first = patch.columns[0].max((middle - half).max(0.0) as usize);
@@ -500,8 +507,8 @@ impl<'a> ColumnTile<'a> {
         count
     }
 
-    /// Any footprint: a quadratic form and an exponential per pixel, row by row between the ends
-    /// of the ellipse.
+    /// Adds any footprint: a quadratic form and an exponential per pixel, row by row between the ends of
+    /// the ellipse.
     #[inline(always)]
     fn add_form<const FMA: bool, const EXACT: bool>(
         &self,
@@ -510,13 +517,13 @@ impl<'a> ColumnTile<'a> {
         terms: &ExactTerms,
         patch: &Patch,
     ) -> u32 {
-        // Copies, which stores to the sums cannot change.
+        // Copies, which stores to the sums cannot alias.
         let (footprint, terms) = (&{ *footprint }, &{ *terms });
         let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
         let cutoff = footprint.cutoff_squared;
         let amplitude = footprint.tau * footprint.carried.sign();
         let [cx, cy] = footprint.centre_px;
-        // Q = A dx² + 2 B dx dy + C dy² is least on a row at dx = -B/A dy: there det/A dy².
+        // Q = A dx² + 2 B dx dy + C dy² is least on a row at dx = -B/A dy, where it is det/A dy².
         let a = px * px + rx * rx;
         let (tilt, least) = (-(px * py + rx * ry) / a, (px * ry - py * rx).powi(2) / a);
         let focal = Vec2::from(self.input.view.focal_px);
@@ -529,7 +536,7 @@ impl<'a> ColumnTile<'a> {
             let dy = self.place.px(1, y) - cy;
             let [mut first, mut end] = patch.columns;
             if !EXACT {
-                // A pixel more on either side: rounding is left to the test of each pixel.
+                // One pixel more on either side: the test of each pixel decides despite rounding.
                 let middle = cx + tilt * dy - self.place.px(0, 0);
                 let half = ((cutoff - least * dy * dy).max(0.0) / a).sqrt() + 1.0;
                 first = first.max((middle - half).max(0.0) as usize);
@@ -581,7 +588,8 @@ impl<'a> ColumnTile<'a> {
         inside.iter().sum()
     }
 
-    /// Any footprint, by the rows of the tile's parts: what clip planes may cut, and near kernels.
+    /// Adds any footprint by the rows of the tile's parts: those that clip planes may cut, and near
+    /// kernels.
     #[inline(always)]
     fn add_parts<const FMA: bool>(
         &self,
@@ -651,8 +659,8 @@ impl<'a> ColumnTile<'a> {
 
 /// Adds column x row to consecutive rows of `WIDTH` pixels.
 ///
-/// A row too short for it would end the loop (none is). Without that way out the compiler takes
-/// eight rows at once even of two chunks, by gathers and scatters.
+/// A row that is too short ends the loop; none is. Without this exit the compiler takes eight rows at
+/// once even for two chunks, by gathers and scatters.
 #[inline(always)]
 fn add_outer<const FMA: bool, const WIDTH: usize>(fine: &mut [f32], row: &[f32], column: &[f32]) {
     let Some(&row) = row.first_chunk::<WIDTH>() else {

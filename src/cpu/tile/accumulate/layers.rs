@@ -1,12 +1,12 @@
-//! Tiles whose kernels are summed in layers, sheets or slabs, before these are composited.
+//! Sums kernels of a tile in layers (sheets or slabs), and composites the layers.
 //!
-//! Footprints come in the order in which their layers (of slabs: the first ones that they reach) lie.
-//! A tile keeps the layers that are open in a ring: what a footprint adds goes to its own layer (sheets)
-//! or, by differences of its integral along the ray, to all that it reaches (slabs). Before a footprint
-//! whose layer lies farther is drawn, nearer layers are composited: an optical depth, the sum of those
-//! of the kernels, and their mean colour, weighted by it.
+//! Footprints arrive in the order of their layers; with slabs, of the first layer that they reach. A tile
+//! keeps the open layers in a ring. A footprint adds to its own layer (sheets) or to all layers that it
+//! reaches, by differences of its integral along the ray (slabs). Before a footprint of a farther layer
+//! is drawn, nearer layers are composited. A layer has the sum of its kernels' optical depths and their
+//! mean colour, weighted by optical depth.
 //!
-//! A surface divides one layer of each pixel: what lies in it behind the surface is kept apart.
+//! A surface divides one layer of each pixel: the part behind the surface is kept separately.
 //!
 //! Twin: `shaders/tile/accumulate/layers.wgsl`.
 
@@ -28,12 +28,12 @@ use crate::simd::SimdLevel;
 use crate::simd::{SimdWork, run_at};
 use crate::splat::{Accumulate, Axes};
 
-/// A tile that kernels are summed in, layer by layer.
+/// A tile in which kernels are summed layer by layer.
 pub(in crate::cpu::tile) struct LayeredTile<'a, 'b> {
     pub(in crate::cpu::tile) place: TilePlace<'a>,
     pub(in crate::cpu::tile) axes: Axes,
     pub(in crate::cpu::tile) level: SimdLevel,
-    /// |D| of each pixel's ray, where any footprint is on the exact path.
+    /// |D| of each pixel's ray, if any footprint is on the exact path.
     pub(in crate::cpu::tile) rays: &'a Plane,
     pub(in crate::cpu::tile) post: Option<PostClassification<'a>>,
     pub(in crate::cpu::tile) ring: &'a mut Ring,
@@ -41,8 +41,8 @@ pub(in crate::cpu::tile) struct LayeredTile<'a, 'b> {
 }
 
 impl LayeredTile<'_, '_> {
-    /// Adds a footprint to its layers, after those in front of them went into the tile; returns how
-    /// many pixels evaluated it.
+    /// Adds a footprint to its layers, after compositing the layers in front of them into the tile.
+    /// Returns the number of pixels that evaluated it.
     pub(in crate::cpu::tile) fn add(
         &mut self,
         tile: &mut Tile,
@@ -53,7 +53,7 @@ impl LayeredTile<'_, '_> {
         let view = self.place.view;
         let own_first = footprint.key >> view.layer_shift;
         self.flush(tile, own_first);
-        // Keys of sheets are in order; of slabs, within their rounding.
+        // Keys of sheets are in order; keys of slabs are in order within their rounding.
         let first = own_first.max(self.ring.first);
         let evaluate = Evaluate::new(&self.place, footprint, terms, near);
         let side = match &self.cut {
@@ -66,7 +66,7 @@ impl LayeredTile<'_, '_> {
         let is_slabs = self.axes.accumulate.cuts_slabs();
         let last = if is_slabs {
             let reach = evaluate.depth_reach();
-            // No farther behind its centre than it begins before that: slopes are rounded.
+            // No farther behind its centre than its beginning is before it: slopes are rounded.
             let reach = match evaluate {
                 Evaluate::Near(_) => reach,
                 _ => reach.min(footprint.depth - layer_start(view, own_first)),
@@ -120,7 +120,7 @@ impl LayeredTile<'_, '_> {
         run_at(self.level, work)
     }
 
-    /// Composites all layers that are open, and what is cut.
+    /// Composites all open layers, and the parts behind the surface.
     pub(in crate::cpu::tile) fn finish(mut self, tile: &mut Tile) {
         self.flush(tile, u32::MAX);
         if let (Accumulate::Maximum, Some(post)) = (self.axes.accumulate, self.post) {
@@ -179,7 +179,8 @@ impl LayeredTile<'_, '_> {
                         let divided = middle.map_or(Part::All, Part::Divided);
                         flush(&self.ring.divided, cut.behind, divided, beyond);
                     }
-                    // Of sheets the whole is done with; of slabs what belongs to this layer.
+                    // The divided part of a sheet is finished as a whole; that of a slab only within this
+                    // layer.
                     match middle {
                         None => self.ring.divided.clear(),
                         Some(middle) => {
@@ -198,20 +199,20 @@ impl LayeredTile<'_, '_> {
     }
 }
 
-/// Which pixels of a layer are composited.
+/// The pixels of a layer that are composited.
 #[derive(Debug, Clone, Copy)]
 enum Part<'a> {
-    /// All.
+    /// All pixels.
     All,
-    /// Those whose surface lies beyond its beginning.
+    /// Pixels whose surface lies beyond the layer's beginning.
     Front(&'a Plane),
-    /// The others.
+    /// All other pixels.
     Behind(&'a Plane),
-    /// Those whose surface divides it.
+    /// Pixels whose surface divides the layer.
     Divided(&'a Plane),
 }
 
-/// A layer on its way into a tile.
+/// A layer to be composited into a tile.
 struct Flush<'a> {
     place: &'a TilePlace<'a>,
     axes: &'a Axes,
@@ -223,7 +224,7 @@ struct Flush<'a> {
     bounds: Bounds<'a>,
 }
 
-/// Between which depths a pixel's ray is drawn, where anything cuts it.
+/// Depths between which a pixel's ray is drawn, if anything cuts it.
 type Bounds<'a> = Option<[&'a Plane; 2]>;
 
 impl SimdWork for Flush<'_> {
@@ -276,7 +277,7 @@ impl SimdWork for Flush<'_> {
             layer = &classified;
             taus = layer.tau;
         }
-        // Of each pixel what the layer adds, for one of its optical depth.
+        // Contribution of the layer to each pixel, per unit of its optical depth.
         let mut per_tau = [0.0; TILE_PIXELS];
         for ((per_tau, alpha), &tau) in per_tau.iter_mut().zip(&mut tile.alpha).zip(&taus) {
             let opacity = if axes.linear_opacity {
@@ -313,8 +314,8 @@ impl SimdWork for Flush<'_> {
     }
 }
 
-/// The depth at which a layer made half of a pixel opaque: of sheets the mean of its kernels, of slabs
-/// its middle.
+/// Returns the depth at which a layer made half of a pixel opaque: for sheets the mean of its kernels,
+/// for slabs its middle.
 fn depth_of_half(accumulate: Accumulate, layer: &Layer, i: usize, [start, end]: [f32; 2]) -> f32 {
     if accumulate == Accumulate::Slabs {
         (0.5 * (start + end)).max(0.0)

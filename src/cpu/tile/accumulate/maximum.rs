@@ -1,8 +1,8 @@
-//! Of each pixel's layers the one with the greatest mean value: a maximum-intensity projection.
+//! Finds the layer with the greatest mean value on each pixel's ray: a maximum-intensity projection.
 //!
-//! Kernels are cut into slabs and summed there as [`slabs`](super::slabs) does; a layer that is closed is
-//! compared instead of composited. While a tile is drawn its pixels keep the greatest value in `red` and
-//! whether there was any in `green`; opacities stay zero, so that nothing ends a ray early.
+//! Kernels are cut into slabs and summed as in [`slabs`](super::slabs). A finished layer is compared
+//! instead of composited. While a tile is drawn, its pixels keep the greatest value in `red` and a flag
+//! in `green` that tells if there was any. Opacities stay zero, so that no ray ends early.
 //!
 //! Twin: `shaders/tile/accumulate/maximum.wgsl`.
 
@@ -11,7 +11,7 @@ use crate::cpu::tile::classify::slab::PostClassification;
 use crate::cpu::tile::pixels::{Plane, Tile};
 use crate::record::ViewUniform;
 
-/// Compares a layer with what its pixels have. Of two alike the nearer counts.
+/// Compares a layer with the greatest value of each pixel. Of equal values the nearer counts.
 ///
 /// - `lengths`, `carried`: W and N of [`classify::slab`](crate::cpu::tile::classify::slab).
 pub(super) fn take(
@@ -32,7 +32,7 @@ pub(super) fn take(
     }
 }
 
-/// The transfer function's colours of the greatest values.
+/// Applies the transfer function to the greatest values.
 pub(super) fn colour(tile: &mut Tile, post: &PostClassification<'_>, is_count: bool) {
     if is_count {
         return;

@@ -1,4 +1,4 @@
-//! Axis *accumulate*: what the kernels of a pixel become together.
+//! Axis *accumulate*: combines the kernels of a pixel.
 
 pub(super) mod column;
 pub(super) mod layers;
@@ -18,8 +18,8 @@ use super::pixels::Plane;
 use crate::constants::TILE_SIZE;
 use crate::simd::SimdWork;
 
-/// A kernel on its way into a tile, row by row: what is not fused. One body of all evaluations and all of
-/// what takes their rows, so that neither multiplies the other.
+/// Adds a kernel to a tile, row by row, for combinations that are not fused. All evaluations and all
+/// receivers of rows share this body, so that their numbers of variants do not multiply.
 pub(super) struct AddRows<'a> {
     pub(super) evaluate: &'a Evaluate<'a>,
     /// |D| of each pixel's ray.
@@ -27,7 +27,7 @@ pub(super) struct AddRows<'a> {
     pub(super) into: Into<'a>,
 }
 
-/// What takes the rows.
+/// The receivers of rows.
 pub(super) enum Into<'a> {
     Over(IntoOver<'a>),
     Sheet(IntoSheet<'a>),
@@ -35,7 +35,7 @@ pub(super) enum Into<'a> {
 }
 
 impl SimdWork for AddRows<'_> {
-    /// How many pixels lay within the cut-off.
+    /// Number of pixels within the cut-off.
     type Output = u32;
 
     #[inline(always)]

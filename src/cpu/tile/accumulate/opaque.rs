@@ -1,13 +1,14 @@
-//! Stage: from lists of surfels of opaque surfaces to tiles of pixels: colour, coverage, depth and,
-//! where asked for, normals.
+//! Stage: draws lists of surfels of opaque surfaces into tiles of pixels: colour, coverage, depth and, on
+//! request, normals.
 //!
-//! Each pixel keeps a window of a few layers, front to back: the surfaces that its surfels have
-//! shown so far. A surfel joins the first layer whose depth is its own within its slack, opens a
-//! layer of its own elsewhere, and is nothing where nearer layers cover the pixel already. Where there
-//! is no layer left the two farthest layers become one. A layer's
-//! colour is the weighted mean of its surfels; its coverage their sum, as far as nearer layers
-//! have left anything to cover. So neighbouring pieces of one surface that fall into two layers
-//! still cover what they cover together.
+//! Each pixel keeps a few layers, front to back: the surfaces that its surfels have shown so far. A
+//! surfel joins the first layer whose depth equals its own within its slack. Otherwise it opens a new
+//! layer, unless nearer layers already cover the pixel: then it is dropped. If no layer is free, the two
+//! farthest layers are merged.
+//!
+//! A layer's colour is the weighted mean of its surfels. Its coverage is the sum of their weights,
+//! limited to the part that nearer layers leave uncovered. So neighbouring pieces of one surface that
+//! fall into two layers still have the same coverage together.
 //!
 //! Twin: `shaders/tile/accumulate/opaque.wgsl`.
 
@@ -31,13 +32,13 @@ use crate::task::Stage;
 #[derive(Debug, Clone)]
 #[repr(align(64))]
 struct Layer {
-    /// Weights: what the surfels cover.
+    /// Sum of weights: the coverage of the surfels.
     weight: Plane,
     /// Weight times inverse depth.
     inverse_depth: Plane,
     /// Weight times linear colour.
     colour: [Plane; 3],
-    /// Weight times the unit normal, camera space; zero unless asked for.
+    /// Weight times the unit normal, camera space; zero unless normals are written.
     normal: [Plane; 3],
 }
 
@@ -84,7 +85,7 @@ impl Layer {
         }
     }
 
-    /// Takes a pixel of another layer.
+    /// Copies a pixel of another layer.
     fn take(&mut self, i: usize, other: &Self) {
         self.weight[i] = other.weight[i];
         self.inverse_depth[i] = other.inverse_depth[i];
@@ -105,7 +106,7 @@ impl Layer {
     }
 }
 
-/// What a surfel shows at a pixel.
+/// The part of a surfel at a pixel.
 #[derive(Debug, Clone, Copy)]
 struct Fragment {
     weight: f32,
@@ -115,10 +116,11 @@ struct Fragment {
     normal: [f32; 3],
 }
 
-/// The share of a pixel that weights of this sum cover.
+/// Returns the coverage of a pixel for a sum of weights.
 ///
-/// Weights add up to 1 only nearly: from [`COVERAGE_FULL`] on a pixel is covered. Up to a half, as at
-/// most of a silhouette's outer side, the sum is taken as it is.
+/// The weights of a closed surface sum to 1 only approximately: a pixel counts as covered from
+/// [`COVERAGE_FULL`] on. Up to one half, as on most of a silhouette's outer side, the coverage is the sum
+/// itself.
 #[inline]
 pub(crate) fn coverage(weight: f32) -> f32 {
     if weight <= 0.5 {
@@ -127,16 +129,16 @@ pub(crate) fn coverage(weight: f32) -> f32 {
     (0.5 + (weight - 0.5) * (0.5 / (COVERAGE_FULL - 0.5))).min(1.0)
 }
 
-/// Normals of a tile's pixels: camera space, unit length, towards the eye; zero where there is no
-/// surface.
+/// Normals of a tile's pixels: camera space, unit length, towards the eye; zero if there is no surface.
 pub type NormalTile = Vec<[f32; 3]>;
 
-/// Draws all tiles of opaque surfels, `columns` of them in a row: colour (premultiplied), coverage as
-/// alpha, and the depth of the surface at which half of what is covered is, infinite where there is
-/// none. Returns the number of splat-pixels.
+/// Draws all tiles of opaque surfels: colour (premultiplied), coverage as alpha, and depth. The depth is
+/// that of the surface at which half of the coverage is reached; infinite if there is none. Returns the
+/// number of splat-pixels.
 ///
-/// - `terms`: of each footprint.
-/// - `normals`: one per tile where they are wanted, empty otherwise.
+/// - `columns`: tiles in a row of the picture.
+/// - `terms`: terms of each footprint.
+/// - `normals`: one per tile if they are wanted, empty otherwise.
 #[allow(
     clippy::too_many_arguments,
     reason = "a stage takes the slices it reads and writes"
@@ -199,7 +201,7 @@ pub fn rasterise_surface(
         .sum()
 }
 
-/// A tile's work.
+/// The work on one tile.
 struct SurfaceRaster<'a> {
     place: TilePlace<'a>,
     has_normals: bool,
@@ -208,7 +210,7 @@ struct SurfaceRaster<'a> {
     near: &'a [NearTerms],
     list: &'a [u32],
     layers: &'a mut [Layer; SURFACE_LAYERS],
-    /// Surfels evaluated at each pixel.
+    /// Number of surfels evaluated at each pixel.
     counts: &'a mut Plane,
 }
 
@@ -222,7 +224,7 @@ impl SimdWork for SurfaceRaster<'_> {
             layer.clear(raster.has_normals);
         }
         raster.counts.fill(0.0);
-        // The least inverse depth of the tile's front layers, once all of it is covered.
+        // Least inverse depth of the tile's front layers, once they cover the whole tile.
         let mut behind = f32::NEG_INFINITY;
         for (n, &i) in raster.list.iter().enumerate() {
             let ahead = raster.list.get(n + PREFETCH).map(|&i| i as usize);
@@ -245,13 +247,13 @@ impl SimdWork for SurfaceRaster<'_> {
                 }
             }
         }
-        // Each is a whole number far below 2²⁴.
+        // Each count is a whole number far below 2²⁴.
         raster.counts.iter().map(|&count| count as u64).sum()
     }
 }
 
 impl SurfaceRaster<'_> {
-    /// The least inverse depth of the front layers where all pixels of the image are covered by them.
+    /// Returns the least inverse depth of the front layers if they cover all pixels of the image.
     fn farthest_front(&self) -> f32 {
         let front = &self.layers[0];
         let mut least = f32::INFINITY;
@@ -293,9 +295,9 @@ impl SurfaceRaster<'_> {
         }
     }
 
-    /// Adds a row of a surfel to the front layers where it joins them, to others elsewhere.
+    /// Adds a row of a surfel: to the front layers where it joins them, to other layers elsewhere.
     ///
-    /// - `surfel`: what its pixels have in common.
+    /// - `surfel`: values that its pixels share.
     #[inline(always)]
     fn take<const FMA: bool>(&mut self, y: usize, row: &SurfelRow, surfel: &Fragment) {
         let pixels = y * TILE_SIZE..(y + 1) * TILE_SIZE;
@@ -385,8 +387,9 @@ impl SurfaceRaster<'_> {
     }
 }
 
-/// Adds a fragment to the layers of a pixel. In front of a layer: those behind move on, the last two
-/// become one. Whatever is behind the others joins the last: what covers is never lost.
+/// Adds a fragment to the layers of a pixel. If it lies in front of a layer, that layer and those behind
+/// move back, and the last two are merged. A fragment behind all others joins the last layer, so that no
+/// coverage is lost.
 fn insert(layers: &mut [Layer; SURFACE_LAYERS], i: usize, fragment: &Fragment) {
     const LAST: usize = SURFACE_LAYERS - 1;
     if fragment.inverse_depth.is_nan() {
@@ -419,7 +422,7 @@ fn insert(layers: &mut [Layer; SURFACE_LAYERS], i: usize, fragment: &Fragment) {
     layers[LAST].add(i, fragment);
 }
 
-/// Pixels from their layers.
+/// Computes pixels from their layers.
 fn resolve_layers(
     view: &ViewUniform,
     layers: &[Layer; SURFACE_LAYERS],

@@ -1,7 +1,7 @@
-//! Kernels composited one by one, front to back.
+//! Composites kernels one by one, front to back.
 //!
-//! The hottest evaluations, affine and exact where all of the ray counts, are fused with it: a row goes
-//! from Q to the pixels' colours in registers. What else there is takes rows.
+//! The most frequent evaluations, affine and exact with the whole ray, are fused with compositing: a row
+//! goes from Q to the pixels' colours in registers. All other evaluations pass rows.
 //!
 //! Twin: `shaders/tile/accumulate/over.wgsl`.
 
@@ -19,19 +19,19 @@ use crate::simd::SimdLevel;
 use crate::simd::{SimdWork, run_at};
 use crate::splat::Axes;
 
-/// A tile that kernels are composited in.
+/// A tile in which kernels are composited.
 pub(in crate::cpu::tile) struct OverTile<'a, 'b> {
     pub(in crate::cpu::tile) place: TilePlace<'a>,
     pub(in crate::cpu::tile) axes: Axes,
     pub(in crate::cpu::tile) level: SimdLevel,
-    /// |D| of each pixel's ray, where any footprint is on the exact path.
+    /// |D| of each pixel's ray, if any footprint is on the exact path.
     pub(in crate::cpu::tile) rays: &'a Plane,
     pub(in crate::cpu::tile) cut: Option<CutTile<'b>>,
 }
 
 impl OverTile<'_, '_> {
-    /// Adds a footprint to the tile, what is cut of it to what lies behind the surface; returns how many
-    /// pixels evaluated it.
+    /// Adds a footprint to the tile, and the part behind the surface to the tile behind. Returns the
+    /// number of pixels that evaluated it.
     #[inline]
     pub(in crate::cpu::tile) fn add(
         &mut self,
@@ -90,7 +90,7 @@ impl OverTile<'_, '_> {
         run_at(self.level, work)
     }
 
-    /// Puts what is cut behind what is in front.
+    /// Composites the surface and the part behind it.
     pub(in crate::cpu::tile) fn finish(self, front: &mut Tile) {
         if let Some(cut) = self.cut {
             cut.compose(self.axes.count, front);
@@ -98,13 +98,13 @@ impl OverTile<'_, '_> {
     }
 }
 
-/// The depth of a kernel: its centre's, which within a kernel that holds the eye may lie behind that.
+/// Returns the depth of a kernel: its centre's, but not less than the eye's, which a kernel may contain.
 #[inline(always)]
 fn depth_of(footprint: &Footprint) -> f32 {
     footprint.depth.max(0.0)
 }
 
-/// What a kernel's opacity makes of a pixel.
+/// Appearance of a kernel: its effect on a pixel, given its opacity.
 #[derive(Debug, Clone, Copy)]
 struct Light {
     colour: [f32; 3],
@@ -112,7 +112,7 @@ struct Light {
     /// Opacity min(tau, 1) instead of 1 - exp(-tau).
     is_linear: bool,
     has_depth: bool,
-    /// Whether pixels count kernels instead of showing them.
+    /// True if pixels count kernels instead of showing them.
     is_count: bool,
 }
 
@@ -129,12 +129,12 @@ impl Light {
     }
 }
 
-/// Rows on their way into a tile.
+/// Receives rows and composites them into a tile.
 pub(in crate::cpu::tile) struct IntoOver<'a> {
-    /// Where the kernel may be cut.
+    /// Data of the cut, if the kernel may be cut.
     cut: Option<Cut<'a>>,
     front: &'a mut Tile,
-    /// Where it is seen through the surface.
+    /// The tile behind the surface, if the kernel shows through the surface.
     behind: Option<&'a mut Tile>,
     light: Light,
 }
@@ -164,7 +164,8 @@ impl IntoOver<'_> {
     }
 }
 
-/// Puts a row of optical depths behind what its pixels have; counts the kernel, where they count kernels.
+/// Composites a row of optical depths behind its pixels' contents. In a picture of counts it counts the
+/// kernel instead.
 #[inline(always)]
 fn put<const FMA: bool>(
     tile: &mut Tile,
@@ -217,11 +218,11 @@ fn put<const FMA: bool>(
     }
 }
 
-/// A footprint that one loop draws from Q to colours.
+/// A footprint that a single loop draws from Q to colours.
 #[derive(Debug, Clone, Copy)]
 struct Fused<'a> {
     footprint: &'a Footprint,
-    /// On the exact path.
+    /// Terms on the exact path.
     terms: Option<&'a ExactTerms>,
     /// Opacity min(tau, 1) instead of 1 - exp(-tau).
     is_linear: bool,
@@ -229,7 +230,7 @@ struct Fused<'a> {
 }
 
 impl<'a> Fused<'a> {
-    /// `None` where rows draw it.
+    /// Returns `None` if the footprint must be drawn by rows.
     #[inline(always)]
     fn of(axes: &Axes, footprint: &'a Footprint, terms: Option<&'a ExactTerms>) -> Option<Self> {
         if axes.count || (axes.edges && terms.is_some_and(|terms| terms.edges != 0)) {
@@ -249,7 +250,7 @@ impl<'a> Fused<'a> {
         })
     }
 
-    /// Returns how many pixels lay within the cut-off.
+    /// Draws the footprint. Returns the number of pixels within the cut-off.
     #[inline(always)]
     fn add(self, level: SimdLevel, place: &TilePlace<'_>, rays: &Plane, tile: &mut Tile) -> u32 {
         let work = FusedWork {
@@ -265,7 +266,8 @@ impl<'a> Fused<'a> {
     }
 }
 
-/// Depths follow from the opacities before and after: they need no loops of their own.
+/// Draws a footprint with depths. They follow from the opacities before and after, without loops of their
+/// own.
 #[inline(never)]
 fn add_with_depths(level: SimdLevel, work: FusedWork<'_>) -> u32 {
     let FusedWork {
@@ -299,19 +301,20 @@ struct FusedWork<'a> {
 
 /// Opacity 1 - exp(-tau).
 const EXPONENTIAL: u8 = 0;
-/// The same for tau up to [`FAINT`], by its series: no second exponential.
+/// The same for tau up to [`FAINT`], by a series, without a second exponential.
 const SERIES: u8 = 1;
 /// Opacity min(tau, 1).
 const LINEAR: u8 = 2;
 
-/// How many columns the patches of small kernels have at most.
+/// Greatest number of columns in the patches of small kernels.
 const NARROW: usize = TILE_SIZE / 2;
 
-/// Where the lanes of a few of their rows lie. Of 32 bits each: indices of loops have 64.
+/// Column and row of each lane in a few rows of such a patch. 32 bits each, because loop indices would
+/// have 64.
 const COLUMN_OF: [i32; TILE_SIZE] = [0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7];
 const ROW_OF: [i32; TILE_SIZE] = [0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1];
 
-/// [`NARROW`] columns of each of a few rows of a plane, one after the other.
+/// Returns [`NARROW`] columns of each of a few rows of a plane, one after the other.
 #[inline(always)]
 fn window<const LANES: usize>(plane: &Plane, at: usize) -> [f32; LANES] {
     let mut out = [0.0; LANES];
@@ -321,7 +324,7 @@ fn window<const LANES: usize>(plane: &Plane, at: usize) -> [f32; LANES] {
     out
 }
 
-/// Puts them back.
+/// Writes such columns back to the plane.
 #[inline(always)]
 fn put_window<const LANES: usize>(plane: &mut Plane, at: usize, window: [f32; LANES]) {
     for (n, row) in window.chunks_exact(NARROW).enumerate() {
@@ -329,7 +332,7 @@ fn put_window<const LANES: usize>(plane: &mut Plane, at: usize, window: [f32; LA
     }
 }
 
-/// What an optical depth hides.
+/// Returns the opacity of an optical depth.
 #[inline(always)]
 fn opacity_of<const FMA: bool, const OPACITY: u8>(tau: f32) -> f32 {
     match OPACITY {
@@ -382,8 +385,8 @@ impl FusedWork<'_> {
         }
     }
 
-    /// The loop over a patch of at most [`NARROW`] columns: as many of its rows at once as fit into a vector.
-    /// The numbers are those of [`rows`](Self::rows).
+    /// Loops over a patch of at most [`NARROW`] columns, with as many rows at once as fit into a vector.
+    /// The results are those of [`rows`](Self::rows).
     #[inline(always)]
     fn narrow<const FMA: bool, const LANES: usize, const OPACITY: u8, const ALIGNED: bool>(
         self,
@@ -392,7 +395,7 @@ impl FusedWork<'_> {
             fused, place, tile, ..
         } = self;
         let rows_at_once = LANES / NARROW;
-        // A copy, which stores to the tile cannot change.
+        // A copy, which stores to the tile cannot alias.
         let footprint = &{ *fused.footprint };
         let patch = place.patch(footprint);
         let [red, green, blue] = footprint.carried.colour();
@@ -401,14 +404,14 @@ impl FusedWork<'_> {
         let dx_first = place.px(0, 0) - footprint.centre_px[0];
         let dy_first = place.px(1, 0) - footprint.centre_px[1];
         let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
-        // Beyond the largest cut-off nothing is within one: there Q is no less than its parts.
+        // Beyond the largest cut-off no pixel counts: there Q is no less than its parts.
         let factor = |d: f32| exp_minus_half::<FMA>((d * d).min(MAX_CUTOFF * MAX_CUTOFF));
         let width = place.width() as i32;
         let (mut dx, mut limit, mut of_column) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
         for lane in 0..LANES {
             let column = first_column as i32 + COLUMN_OF[lane];
             dx[lane] = dx_first + column as f32;
-            // Vectors reach beyond the image's right border; there nothing is within the cut-off.
+            // Vectors extend beyond the image's right border, where no pixel may be within the cut-off.
             limit[lane] = if column < width { cutoff } else { -1.0 };
             of_column[lane] = if ALIGNED {
                 factor((px + rx) * dx[lane])
@@ -425,7 +428,7 @@ impl FusedWork<'_> {
         let mut inside = [0_u32; LANES];
         let [first, end] = patch.rows;
         for y in (first..end).step_by(rows_at_once) {
-            // The last rows of a tile may be taken with one that was drawn before.
+            // The last rows of a tile may be loaded together with a row that was drawn before.
             let top = y.min(TILE_SIZE - rows_at_once);
             let at = top * TILE_SIZE + first_column;
             let mut of_row = [0.0; LANES];
@@ -465,10 +468,10 @@ impl FusedWork<'_> {
         inside.iter().sum()
     }
 
-    /// The loop: rows of the patch, chunks of `LANES` pixels of each row.
+    /// Loops over rows of the patch and chunks of `LANES` pixels of each row.
     ///
-    /// `ALIGNED`: exp(-Q/2) is a factor of the column times one of the row, an exponential less for
-    /// each pixel. Q itself is the same, and so are the pixels within the cut-off.
+    /// `ALIGNED`: exp(-Q/2) is a factor of the column times one of the row, which saves an exponential
+    /// for each pixel. Q itself is the same, and so are the pixels within the cut-off.
     #[inline(always)]
     fn rows<
         const FMA: bool,
@@ -486,14 +489,14 @@ impl FusedWork<'_> {
             rays,
             tile,
         } = self;
-        // Copies, which stores to the tile cannot change: of references each row would ask again.
+        // Copies, which stores to the tile cannot alias: references would be loaded again for each row.
         let (footprint, terms) = (&{ *fused.footprint }, &{ *terms });
         let patch = place.patch(footprint);
         let [red, green, blue] = footprint.carried.colour();
         let (tau_peak, cutoff) = (footprint.tau, footprint.cutoff_squared);
         let dx_first = place.px(0, 0) - footprint.centre_px[0];
         let dy_first = place.px(1, 0) - footprint.centre_px[1];
-        // A row of one vector is no loop.
+        // A row of one vector needs no loop.
         let chunks = if LANES == TILE_SIZE {
             0..1
         } else {
@@ -504,7 +507,7 @@ impl FusedWork<'_> {
         let (greens, _) = tile.green.as_chunks_mut::<LANES>();
         let (blues, _) = tile.blue.as_chunks_mut::<LANES>();
         let (rays, _) = rays.as_chunks::<LANES>();
-        // Vectors reach beyond the image's right border; there nothing is within the cut-off.
+        // Vectors extend beyond the image's right border, where no pixel may be within the cut-off.
         let mut limits = [cutoff; TILE_SIZE];
         for limit in limits.iter_mut().skip(place.width()) {
             *limit = -1.0;
@@ -512,7 +515,7 @@ impl FusedWork<'_> {
         let (mut of_columns, mut of_rows) = ([0.0; TILE_SIZE], [0.0; TILE_SIZE]);
         if ALIGNED {
             let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
-            // Beyond the largest cut-off nothing is within one: there Q is no less than its parts.
+            // Beyond the largest cut-off no pixel counts: there Q is no less than its parts.
             let factor = |d: f32| exp_minus_half::<FMA>((d * d).min(MAX_CUTOFF * MAX_CUTOFF));
             for (i, (column, row)) in of_columns.iter_mut().zip(&mut of_rows).enumerate() {
                 *column = factor((px + rx) * (dx_first + i as f32));

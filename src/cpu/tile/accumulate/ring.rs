@@ -1,4 +1,4 @@
-//! The layers that are open while kernels are summed.
+//! Keeps the open layers while kernels are summed.
 
 use crate::constants::TILE_PIXELS;
 use crate::cpu::tile::classify::slab::Slopes;
@@ -10,22 +10,22 @@ use crate::record::{Footprint, ViewUniform};
 #[repr(align(64))]
 pub(super) struct Layer {
     pub(super) tau: Plane,
-    /// Optical depth times linear colour; of values times these, in `red`.
+    /// Optical depth times linear colour. If kernels carry values: optical depth times value, in `red`.
     pub(super) red: Plane,
     pub(super) green: Plane,
     pub(super) blue: Plane,
-    /// Optical depth times depth; of sheets, where depths are wanted.
+    /// Optical depth times depth; for sheets, if depths are written.
     pub(super) depth: Plane,
-    /// How the sums change, where light asks for it.
+    /// Derivatives of the sums, if lighting needs them.
     pub(super) slopes: Option<Box<Slopes>>,
-    /// Whether anything was added since it was cleared.
+    /// True if anything was added since the last clear.
     pub(super) is_used: bool,
 }
 
-/// What is summed besides optical depths and values.
+/// Quantities that are summed besides optical depths and values.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Wants {
-    /// Three colours; otherwise what the first of them carries.
+    /// Three colours; otherwise only the first channel.
     pub(super) colour: bool,
     /// Depths.
     pub(super) depth: bool,
@@ -59,7 +59,7 @@ impl Layer {
         }
     }
 
-    /// Forgets pixel `i`.
+    /// Clears pixel `i`.
     pub(super) fn clear_pixel(&mut self, i: usize) {
         for plane in [
             &mut self.tau,
@@ -77,7 +77,7 @@ impl Layer {
 
     /// Adds optical depths to the pixels from `first` on.
     ///
-    /// - `wants`: what of.
+    /// - `wants`: the quantities to sum.
     #[inline(always)]
     pub(super) fn add(
         &mut self,
@@ -102,11 +102,11 @@ impl Layer {
 /// The open layers of a tile.
 #[derive(Debug)]
 pub(in crate::cpu::tile) struct Ring {
-    /// Layer n lies at n modulo their number, a power of two.
+    /// Layer n is stored at n modulo the number of layers, a power of two.
     pub(super) layers: Vec<Layer>,
     /// The nearest open layer.
     pub(super) first: u32,
-    /// What lies behind the surface in the layer that it divides.
+    /// The part behind the surface, in the layer that the surface divides.
     pub(super) divided: Layer,
 }
 
@@ -120,13 +120,14 @@ impl Default for Ring {
     }
 }
 
-/// Where a layer of slabs begins: depth z.
+/// Returns the depth z at which a layer of slabs begins.
 pub(super) fn layer_start(view: &ViewUniform, layer: u32) -> f32 {
-    // Whole numbers, which f32 holds where depths do: a sum of lengths would round them away.
+    // Whole multiples of the thickness, which are exact in f32 wherever depths are: a sum of lengths
+    // would accumulate roundings.
     view.layer_first.saturating_add_unsigned(layer) as f32 * view.layer_thickness
 }
 
-/// Where it ends for a kernel whose `last` layer takes all that lies behind.
+/// Returns the depth at which a layer ends for a kernel whose `last` layer extends to infinity.
 pub(super) fn layer_end(view: &ViewUniform, layer: u32, last: u32) -> f32 {
     if layer < last {
         layer_start(view, layer + 1)
@@ -135,7 +136,7 @@ pub(super) fn layer_end(view: &ViewUniform, layer: u32, last: u32) -> f32 {
     }
 }
 
-/// The layer that holds a depth, `first` where that lies in front of it.
+/// Returns the layer that contains a depth, or `first` for depths in front of it.
 pub(super) fn layer_at(view: &ViewUniform, depth: f32, first: u32) -> u32 {
     // A cast saturates, and NaN gives 0.
     let number = (depth / view.layer_thickness).floor() as i32;
@@ -144,14 +145,14 @@ pub(super) fn layer_at(view: &ViewUniform, depth: f32, first: u32) -> u32 {
 }
 
 impl Ring {
-    /// Forgets another tile.
+    /// Clears the ring for a new tile.
     pub(in crate::cpu::tile) fn clear(&mut self) {
         self.layers.iter_mut().for_each(Layer::clear);
         self.divided.clear();
         self.first = 0;
     }
 
-    /// Grows to hold the layers up to `last`.
+    /// Enlarges the ring to hold the layers up to `last`.
     pub(super) fn grow(&mut self, last: u32) {
         let wanted = (last - self.first + 1) as usize;
         if wanted <= self.layers.len() {
@@ -162,7 +163,7 @@ impl Ring {
             .resize_with(wanted.next_power_of_two(), Layer::default);
         let n = old.len();
         for (i, layer) in old.into_iter().enumerate() {
-            // The layer from `first` on that lay at i.
+            // Offset from `first` of the layer that was stored at i.
             let ahead = (i + n - self.first as usize % n) % n;
             let at = (self.first as usize + ahead) % self.layers.len();
             self.layers[at] = layer;
@@ -173,7 +174,7 @@ impl Ring {
         layer as usize & (self.layers.len() - 1)
     }
 
-    /// An open layer.
+    /// Returns an open layer.
     #[inline(always)]
     pub(super) fn layer(&mut self, layer: u32) -> &mut Layer {
         let place = self.place(layer);

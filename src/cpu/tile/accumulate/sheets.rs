@@ -1,4 +1,4 @@
-//! Kernels summed whole in the layer that holds their centre.
+//! Sums whole kernels in the layer that contains their centre.
 //!
 //! Twin: `shaders/tile/accumulate/sheets.wgsl`.
 
@@ -8,14 +8,14 @@ use crate::cpu::tile::interval::cut::Cut;
 use crate::cpu::tile::interval::{between, shares_at, whole};
 use crate::cpu::tile::pixels::{Tile, count_row};
 
-/// Rows on their way into a layer.
+/// Receives rows and adds them to a layer.
 pub(in crate::cpu::tile) struct IntoSheet<'a> {
     pub(super) ring: &'a mut Ring,
-    /// Where the kernel may be cut.
+    /// Data of the cut, if the kernel may be cut.
     pub(super) cut: Option<Cut<'a>>,
     pub(super) layer: u32,
     pub(super) has_depth: bool,
-    /// Where pixels count kernels.
+    /// The tile in which kernels are counted, for a picture of counts.
     pub(super) count: Option<&'a mut Tile>,
 }
 

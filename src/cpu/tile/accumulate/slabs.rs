@@ -1,4 +1,4 @@
-//! Kernels cut into the layers that they reach, by differences of their integral along the ray.
+//! Cuts kernels into the layers that they reach, by differences of their integral along the ray.
 //!
 //! Twin: `shaders/tile/accumulate/slabs.wgsl`.
 
@@ -12,25 +12,25 @@ use crate::cpu::tile::pixels::{Plane, Tile, count_row};
 use crate::math::lane::{cdf, cdf_near};
 use crate::record::ViewUniform;
 
-/// Rows on their way into layers.
+/// Receives rows and adds them to layers.
 pub(in crate::cpu::tile) struct IntoSlabs<'a> {
     pub(super) view: &'a ViewUniform,
     pub(super) ring: &'a mut Ring,
-    /// Where the kernel may be cut.
+    /// Data of the cut, if the kernel may be cut.
     pub(super) cut: Option<Cut<'a>>,
-    /// The first and the last layer that it reaches.
+    /// First and last layer that the kernel reaches.
     pub(super) layers: [u32; 2],
-    /// Whether a surface divides them.
+    /// True if a surface divides the layers.
     pub(super) has_surface: bool,
-    /// Whether kernels carry values, and not colours.
+    /// True if kernels carry values, and not colours.
     pub(super) has_values: bool,
-    /// Whether light asks how layers change.
+    /// True if lighting needs the derivatives of layers.
     pub(super) has_slopes: bool,
-    /// Where pixels count kernels.
+    /// The tile in which kernels are counted, for a picture of counts.
     pub(super) count: Option<&'a mut Tile>,
 }
 
-/// Up to this optical depth what [`cdf_near`] errs by is nothing: 2.4e-6.
+/// Optical depth up to which the error of [`cdf_near`] is negligible: 2.4e-6.
 const MOST_NEAR: f32 = 8.0;
 
 impl IntoSlabs<'_> {
@@ -47,7 +47,8 @@ impl IntoSlabs<'_> {
         }
     }
 
-    /// The first layer takes what lies in front of it, the last what lies behind.
+    /// Adds a row to its layers. The first layer receives everything in front of it, the last everything
+    /// behind it.
     #[inline(always)]
     fn slice<const FMA: bool>(&mut self, evaluate: &Evaluate<'_>, row: &Row) {
         let (view, first) = (self.view, row.first());
@@ -56,7 +57,7 @@ impl IntoSlabs<'_> {
         let is_thin = row.tau.iter().fold(0.0, |most: f32, tau| most.max(*tau)) <= MOST_NEAR;
         let wants = Wants {
             colour: !self.has_values,
-            // A slab's depth is its own.
+            // A slab has its own depth.
             depth: false,
         };
         let [nearest, last] = self.layers;
@@ -97,7 +98,7 @@ impl IntoSlabs<'_> {
             if let Some(Cut { spans, .. }) = self.cut.filter(|_| self.has_surface) {
                 own_end = divide_at;
                 for lane in 0..TILE_SIZE {
-                    // A layer behind the surface is all behind it.
+                    // A layer behind the surface lies wholly behind it.
                     if !(start < spans.middle[first + lane] && own_end[lane] < above[lane]) {
                         own_end[lane] = above[lane];
                     }
@@ -111,7 +112,7 @@ impl IntoSlabs<'_> {
         }
     }
 
-    /// What [`Self::slice`] adds, by how it changes from pixel to pixel.
+    /// Adds the derivatives of [`Self::slice`] from pixel to pixel.
     #[inline(always)]
     fn slope<const FMA: bool>(&mut self, evaluate: &Evaluate<'_>, row: &Row, slope: &RowSlope) {
         const NONE: [f32; TILE_SIZE] = [f32::INFINITY; TILE_SIZE];

@@ -1,4 +1,4 @@
-//! Axis *classify*: where the transfer function is asked. Per particle it was, before the frame's
-//! projection: footprints carry colours. `slab.rs` asks it for the mean value of each layer.
+//! Axis *classify*: applies the transfer function. Particles are classified before the frame's
+//! projection, so that footprints carry colours. `slab.rs` applies it to the mean value of each layer.
 
 pub(super) mod slab;

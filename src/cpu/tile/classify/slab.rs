@@ -1,10 +1,10 @@
-//! Layers of slabs whose mean value is classified and lit, per pixel, instead of each particle.
+//! Classifies and lights the mean value of each layer of slabs per pixel, instead of each particle.
 //!
-//! Particles carry the value's share of the range as their colour, and the extinction is the same for
-//! all: then the optical depth W of a layer is the length of the ray in it, in units of that extinction,
-//! and the sum N of optical depth times colour is the mean value f = N / W times it. Light asks for the
-//! slope of f, (∇N - f ∇W) / W, from the derivatives of the footprints (as section 8 of
-//! Zwicker et al. 2001 proposes, of the resampling filter), low-pass filter and all.
+//! Particles carry their value, as a fraction of the range, in the place of a colour, and they all have
+//! the same extinction. So the optical depth W of a layer is the length of the ray in it, in units of
+//! that extinction. The sum N of optical depth times value gives the mean value f = N / W. Lighting needs
+//! the gradient of f, (∇N - f ∇W) / W, from the derivatives of the footprints (as section 8 of Zwicker et
+//! al. 2001 proposes for the resampling filter), including the low-pass filter.
 //!
 //! Twin: `shaders/tile/classify/slab.wgsl`.
 
@@ -19,22 +19,22 @@ use crate::math::lane::exp_minus_half;
 use crate::record::LightingUniform;
 use crate::scene::TransferFunction;
 
-/// What makes a colour and an optical depth of the mean value of a layer.
+/// Data that turns the mean value of a layer into a colour and an optical depth.
 #[derive(Debug, Clone, Copy)]
 pub struct PostClassification<'a> {
-    /// From values to colours and extinctions.
+    /// Maps values to colours and extinctions.
     pub transfer: &'a TransferFunction,
     /// One over the extinction that particles carry.
     pub per_extinction: f32,
-    /// What lights layers.
+    /// Lighting of layers.
     pub lighting: Option<&'a LightingUniform>,
 }
 
 impl PostClassification<'_> {
-    /// Linear colour and optical depth of a layer at pixel `i` of a tile.
+    /// Returns the linear colour and the optical depth of a layer at pixel `i` of a tile.
     ///
     /// - `length`, `carried`: W and N.
-    /// - `slopes`: of both, where light falls; `depth`: the middle of the layer.
+    /// - `slopes`: derivatives of both, if layers are lit; `depth`: the middle of the layer.
     pub(in crate::cpu::tile) fn classify(
         &self,
         place: &TilePlace<'_>,
@@ -61,11 +61,11 @@ impl PostClassification<'_> {
     }
 }
 
-/// A kernel along a row of a tile up to one depth of each pixel.
+/// The part of a kernel along a row of a tile up to one depth at each pixel.
 pub(in crate::cpu::tile) struct RowEdge {
-    /// Of its optical depth.
+    /// Share of the kernel's optical depth.
     share: [f32; TILE_SIZE],
-    /// By how much that grows with the depth.
+    /// Derivative of the share with respect to the depth.
     density: [f32; TILE_SIZE],
 }
 
@@ -83,12 +83,13 @@ impl RowEdge {
         for (lane, (out, depth)) in edge.density.iter_mut().zip(depths).enumerate() {
             let ahead = row.ahead(lane, *depth);
             let density = exp_minus_half::<FMA>((ahead * ahead).min(49.0));
-            // NaN and what lies far out have none.
+            // NaN and depths far out have density 0.
             let near_by = if ahead.abs() <= 7.0 { density } else { 0.0 };
             *out = near_by * FRAC_1_SQRT_2PI * row.per_sigma[lane];
         }
         if let Some([from, to]) = &row.domain {
-            // Where the domain ends before a layer does, the kernel's part of it does not move with it.
+            // If the domain ends before a layer does, the kernel's part of the layer does not change with
+            // the layer's end.
             for lane in 0..TILE_SIZE {
                 let is_within = from[lane] < edge.share[lane] && edge.share[lane] < to[lane];
                 edge.density[lane] *= f32::from(u8::from(is_within));
@@ -98,7 +99,7 @@ impl RowEdge {
     }
 }
 
-/// How sums over the kernels of a layer change from pixel to pixel of a tile: along its columns, its
+/// Derivatives of the sums over the kernels of a layer at the pixels of a tile: along its columns, its
 /// rows, and z.
 #[derive(Debug, Clone)]
 #[repr(align(64))]
@@ -117,7 +118,7 @@ impl Default for Slopes {
 }
 
 impl Slopes {
-    /// Forgets pixel `i`.
+    /// Clears pixel `i`.
     pub(in crate::cpu::tile) fn clear_pixel(&mut self, i: usize) {
         for plane in self.carried.iter_mut().chain(&mut self.length) {
             plane[i] = 0.0;
@@ -126,7 +127,7 @@ impl Slopes {
 
     /// Adds the part of a kernel between two depths at the pixels of a row, which begins at `first`.
     ///
-    /// - `carried`: by the kernel.
+    /// - `carried`: the value that the kernel carries.
     #[inline(always)]
     pub(in crate::cpu::tile) fn add(
         &mut self,
@@ -155,7 +156,7 @@ impl Slopes {
         }
     }
 
-    /// The camera-space direction in which the mean value grows; zero where there is none.
+    /// Returns the camera-space direction in which the mean value grows; zero if there is none.
     fn direction(
         &self,
         place: &TilePlace<'_>,
@@ -166,7 +167,7 @@ impl Slopes {
     ) -> Vec3 {
         let view = place.view;
         let at = |planes: &[Plane; 3]| Vec3::from([0, 1, 2].map(|k| planes[k][i]));
-        // Of the mean value, per pixel and per unit of z; then per thickness of a layer.
+        // Gradient of the mean value, per pixel and per unit of z; then per thickness of a layer.
         let of_mean = at(&self.carried) - mean * at(&self.length);
         let mut slope = of_mean * (view.layer_thickness / length);
         let perspective = view.orthographic == 0;

@@ -1,4 +1,5 @@
-//! Affine footprints: EWA and everything cheaper. tau = tau0 exp(-Q/2), Q = (p . d)² + (r . d)².
+//! Evaluates affine footprints: EWA and all simpler filters. tau = tau0 exp(-Q/2), Q = (p . d)² + (r .
+//! d)².
 //!
 //! Twin: `shaders/tile/evaluate/affine.wgsl`.
 
@@ -17,7 +18,7 @@ pub(in crate::cpu::tile) struct RowForm {
 }
 
 impl RowForm {
-    /// The row at `dy` from the centre.
+    /// Prepares the row at `dy` from the centre.
     #[inline(always)]
     pub(in crate::cpu::tile) fn new(footprint: &Footprint, dy: f32) -> Self {
         let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
@@ -29,7 +30,7 @@ impl RowForm {
         }
     }
 
-    /// Q at `dx` from the centre.
+    /// Returns Q at `dx` from the centre.
     #[inline(always)]
     pub(in crate::cpu::tile) fn q<const FMA: bool>(&self, dx: f32) -> f32 {
         let p = madd::<FMA>(self.px, dx, self.p_row);
@@ -38,10 +39,10 @@ impl RowForm {
     }
 }
 
-/// Row `y`. The depth is linear over the image, its standard deviation constant.
+/// Evaluates row `y`. The depth is linear over the image, its standard deviation constant.
 #[inline(always)]
 pub(super) fn row<const FMA: bool>(walk: &Walk<'_>, terms: &ExactTerms, y: usize) -> Row {
-    // A copy: what lies behind a reference ends the vectors.
+    // A copy: a load through a reference would prevent vector code.
     let footprint = &{ *walk.footprint };
     let [gx, gy] = terms.gradient;
     let per_sigma = 1.0 / terms.depth_sigma.max(f32::MIN_POSITIVE);
@@ -55,7 +56,7 @@ pub(super) fn row<const FMA: bool>(walk: &Walk<'_>, terms: &ExactTerms, y: usize
         let is_inside = q <= walk.limits[lane];
         let tau = footprint.tau * exp_minus_half::<FMA>(q);
         row.tau[lane] = if is_inside { tau } else { 0.0 };
-        // Rounded as the twin rounds it, where it matters to needles.
+        // Rounded like the twin: it matters to needles.
         row.beyond[lane] = gx * dx + gy * dy;
         row.per_sigma[lane] = per_sigma;
         row.inside[lane] = u32::from(is_inside);
@@ -64,7 +65,7 @@ pub(super) fn row<const FMA: bool>(walk: &Walk<'_>, terms: &ExactTerms, y: usize
     row
 }
 
-/// How the kernel changes along row `y`.
+/// Returns the derivatives of the kernel along row `y`.
 #[inline(always)]
 pub(super) fn slope(walk: &Walk<'_>, terms: &ExactTerms, y: usize) -> RowSlope {
     let ([px, py], [rx, ry]) = (walk.footprint.form_p, walk.footprint.form_r);
@@ -83,7 +84,7 @@ pub(super) fn slope(walk: &Walk<'_>, terms: &ExactTerms, y: usize) -> RowSlope {
     out
 }
 
-/// Whether the axes of a footprint are the image's: each row of its form has one number.
+/// Returns whether the axes of a footprint are the image's: each row of its form has one nonzero number.
 #[inline(always)]
 pub(in crate::cpu::tile) fn is_aligned(footprint: &Footprint) -> bool {
     let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);

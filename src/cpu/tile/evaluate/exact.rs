@@ -1,5 +1,5 @@
-//! Exact footprints under perspective: tau = tau0 |D| / sqrt(w) exp(-Q / 2w), w(d) a quadratic of the
-//! pixel's offset ([`ExactTerms`]).
+//! Evaluates exact footprints under perspective: tau = tau0 |D| / sqrt(w) exp(-Q / 2w), with w(d) a
+//! quadratic of the pixel's offset ([`ExactTerms`]).
 //!
 //! Twin: `shaders/tile/evaluate/exact.wgsl`.
 
@@ -20,19 +20,19 @@ pub(in crate::cpu::tile) struct RowOfExact {
     w_slope: f32,
 }
 
-/// What they are at a pixel.
+/// Values at a pixel.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::cpu::tile) struct ExactAt {
     /// Q / w.
     pub(in crate::cpu::tile) q: f32,
     /// 1 / w.
     pub(in crate::cpu::tile) inverse: f32,
-    /// Whether the ray meets the kernel in front of the eye.
+    /// True if the ray meets the kernel in front of the eye.
     pub(in crate::cpu::tile) is_ahead: bool,
 }
 
 impl RowOfExact {
-    /// The row at `dy` from the centre.
+    /// Prepares the row at `dy` from the centre.
     #[inline(always)]
     pub(in crate::cpu::tile) fn new<const FMA: bool>(
         footprint: &Footprint,
@@ -48,7 +48,7 @@ impl RowOfExact {
         }
     }
 
-    /// At `dx` from the centre.
+    /// Returns the values at `dx` from the centre.
     #[inline(always)]
     pub(in crate::cpu::tile) fn at<const FMA: bool>(&self, dx: f32) -> ExactAt {
         let w = madd::<FMA>(dx, madd::<FMA>(dx, self.hxx, self.w_slope), self.w_row);
@@ -61,8 +61,11 @@ impl RowOfExact {
     }
 }
 
-/// Row `y`, `ray_length` |D| of its pixels: z* = z (1 + g . d / 2) / w, sigma_z as 1 / sqrt(w); from z
-/// on, z* - z = -z (g . d / 2 + dᵀHd) / w, rounded as the twin rounds it, where it matters to needles.
+/// Evaluates row `y`. `ray_length` is |D| of its pixels; z* = z (1 + g . d / 2) / w, and sigma_z scales
+/// as 1 / sqrt(w).
+///
+/// The difference z* - z = -z (g . d / 2 + dᵀHd) / w is computed directly, and rounded like the twin: it
+/// matters to needles.
 #[inline(always)]
 pub(super) fn row<const FMA: bool>(
     walk: &Walk<'_>,
@@ -70,7 +73,7 @@ pub(super) fn row<const FMA: bool>(
     y: usize,
     ray_length: &RowOf<f32>,
 ) -> Row {
-    // Copies: what lies behind a reference ends the vectors.
+    // Copies: loads through references would prevent vector code.
     let (footprint, terms) = (&{ *walk.footprint }, &{ *terms });
     let ([gx, gy], [hxx, hxy, hyy]) = (terms.gradient, terms.hessian);
     let per_sigma = 1.0 / terms.depth_sigma.max(f32::MIN_POSITIVE);
@@ -88,7 +91,7 @@ pub(super) fn row<const FMA: bool>(
             inverse,
             is_ahead,
         } = of_row.at::<FMA>(dx);
-        // Without a branch, which would end the vectors; NaN compares false: outside.
+        // Without a branch, which would prevent vector code; NaN compares false: outside.
         let is_inside = is_ahead & (q <= walk.limits[lane]);
         let tau = footprint.tau * (ray_length[lane] * inverse.sqrt()) * exp_minus_half::<FMA>(q);
         row.tau[lane] = if is_inside { tau } else { 0.0 };
@@ -102,7 +105,7 @@ pub(super) fn row<const FMA: bool>(
     row
 }
 
-/// How the kernel changes along row `y`.
+/// Returns the derivatives of the kernel along row `y`.
 #[inline(always)]
 pub(super) fn slope(walk: &Walk<'_>, terms: &ExactTerms, y: usize) -> RowSlope {
     let footprint = walk.footprint;

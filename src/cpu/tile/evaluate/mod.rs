@@ -1,6 +1,6 @@
-//! Axis *evaluate*: the optical depth of a kernel along the rays of a row of pixels, and where along them
-//! it lies. A footprint's path says which file does it; what follows, *interval* and *accumulate*, takes
-//! rows and does not ask.
+//! Axis *evaluate*: computes the optical depth of a kernel along the rays of a row of pixels, and its
+//! depth along the rays. A footprint's path selects the file. The next axes, *interval* and *accumulate*,
+//! receive rows and do not depend on the path.
 
 pub(super) mod affine;
 pub(super) mod exact;
@@ -19,22 +19,22 @@ use crate::record::{
 
 /// A kernel at the pixels of a row.
 pub(super) struct Row {
-    /// Which row of the tile.
+    /// Index of the row in the tile.
     pub(super) y: usize,
     /// Optical depths; 0 outside.
     pub(super) tau: RowOf<f32>,
-    /// The footprint's depth; the eye's, zero, of near kernels.
+    /// Depth of the footprint's centre; 0, the eye's, for near kernels.
     pub(super) depth: f32,
-    /// How far the kernel's mean z along each ray lies beyond that.
+    /// Mean z of the kernel along each ray, minus `depth`.
     pub(super) beyond: RowOf<f32>,
     /// One over the standard deviation of z.
     pub(super) per_sigma: RowOf<f32>,
     /// 1 within the cut-off.
     pub(super) inside: RowOf<u32>,
-    /// How many are within it.
+    /// Number of pixels within the cut-off.
     pub(super) count: u32,
-    /// Where the domain of its data cuts the kernel: the shares of its optical depth along each ray at
-    /// which it begins and ends.
+    /// Shares of the optical depth along each ray at which the domain begins and ends, if its boundary
+    /// cuts the kernel.
     pub(super) domain: Option<[RowOf<f32>; 2]>,
 }
 
@@ -53,38 +53,38 @@ impl Row {
         }
     }
 
-    /// How far a depth lies beyond the kernel's mean, in standard deviations. From the footprint's depth
-    /// first: sums of depths would round away what needles are cut at, 1:10,000 ones by a hundredth of
-    /// their width.
+    /// Returns the distance of a depth beyond the kernel's mean, in standard deviations. The footprint's
+    /// depth is subtracted first: sums of depths would round away the cuts of needles, by a hundredth of
+    /// the width of 1:10,000 ones.
     #[inline(always)]
     pub(super) fn ahead(&self, lane: usize, depth: f32) -> f32 {
         ((depth - self.depth) - self.beyond[lane]) * self.per_sigma[lane]
     }
 
-    /// The tile's pixel that it begins with.
+    /// Returns the index of its first pixel in the tile.
     #[inline(always)]
     pub(super) fn first(&self) -> usize {
         self.y * TILE_SIZE
     }
 }
 
-/// How a kernel changes from pixel to pixel of a row: along the columns and the rows of the image.
+/// Derivatives of a kernel at the pixels of a row, along the columns and the rows of the image.
 pub(super) struct RowSlope {
-    /// The logarithm of its optical depth.
+    /// Derivatives of the logarithm of the optical depth.
     pub(super) log_tau: [RowOf<f32>; 2],
-    /// Its mean z.
+    /// Derivatives of the mean z.
     pub(super) mean: [RowOf<f32>; 2],
 }
 
-/// A footprint on its way through the rows of a tile.
+/// A footprint while the rows of a tile are evaluated.
 pub(super) struct Walk<'a> {
     pub(super) footprint: &'a Footprint,
-    /// From its centre to the tile's first pixel.
+    /// Offset from its centre to the tile's first pixel.
     first: [f32; 2],
-    /// Of each column; negative beside the patch, where nothing is within the cut-off.
+    /// Limit of Q for each column; negative outside the patch, where no pixel is within the cut-off.
     limits: RowOf<f32>,
     rows: [usize; 2],
-    /// Where the domain of its data cuts the kernel.
+    /// The planes at which the boundary of its domain cuts the kernel.
     pub(super) edges: Option<&'a NearTerms>,
 }
 
@@ -104,27 +104,27 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// Offset of row `y` from the centre.
+    /// Returns the offset of row `y` from the centre.
     #[inline(always)]
     pub(super) fn dy(&self, y: usize) -> f32 {
         self.first[1] + y as f32
     }
 
-    /// Offset of a column from the centre.
+    /// Returns the offset of a column from the centre.
     #[inline(always)]
     pub(super) fn dx(&self, lane: usize) -> f32 {
         self.first[0] + lane as f32
     }
 }
 
-/// How a kernel's optical depth is spread along a ray.
+/// Distribution of a kernel's optical depth along a ray.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Along {
-    /// As a Gaussian.
+    /// A Gaussian.
     Gaussian,
     /// All at the centre's depth: a splat that states its opacity is not divided.
     Point,
-    /// As what lies of a Gaussian in front of the eye.
+    /// The part of a Gaussian in front of the eye.
     HalfGaussian,
 }
 
@@ -135,7 +135,7 @@ pub(super) enum Evaluate<'a> {
     Near(near::NearWalk<'a>),
 }
 
-/// What affine footprints have where no depths are asked for.
+/// Terms of affine footprints if no depths are needed.
 const NO_TERMS: &ExactTerms = &ExactTerms {
     gradient: [0.0; 2],
     hessian: [0.0; 3],
@@ -144,8 +144,10 @@ const NO_TERMS: &ExactTerms = &ExactTerms {
 };
 
 impl<'a> Evaluate<'a> {
-    /// - `terms`: the footprint's own, where it has any.
-    /// - `near`: those of all near kernels.
+    /// Selects the evaluation of a footprint.
+    ///
+    /// - `terms`: the footprint's own, if it has any.
+    /// - `near`: terms of all near kernels.
     #[inline(always)]
     pub(super) fn new(
         place: &TilePlace<'a>,
@@ -170,7 +172,7 @@ impl<'a> Evaluate<'a> {
         }
     }
 
-    /// Rows of the tile that it may reach.
+    /// Returns the rows of the tile that it may reach.
     #[inline(always)]
     pub(super) fn rows(&self) -> Range<usize> {
         let [first, end] = match self {
@@ -180,9 +182,9 @@ impl<'a> Evaluate<'a> {
         first..end
     }
 
-    /// Row `y` of the tile.
+    /// Evaluates row `y` of the tile.
     ///
-    /// - `ray_length`: of its pixels; read on the exact path alone.
+    /// - `ray_length`: |D| of its pixels; read only on the exact path.
     #[inline(always)]
     pub(super) fn row<const FMA: bool>(&self, y: usize, ray_length: &RowOf<f32>) -> Row {
         match self {
@@ -192,8 +194,8 @@ impl<'a> Evaluate<'a> {
         }
     }
 
-    /// How the kernel changes along row `y`; of the exact path without what all kernels have in common,
-    /// the length of the ray, and without the change of `per_sigma`. `None` of near kernels.
+    /// Returns the derivatives of the kernel along row `y`; `None` for near kernels. On the exact path
+    /// they omit the change of the ray's length, which all kernels share, and the change of `per_sigma`.
     #[inline(always)]
     pub(super) fn slope(&self, y: usize) -> Option<RowSlope> {
         match self {
@@ -203,7 +205,7 @@ impl<'a> Evaluate<'a> {
         }
     }
 
-    /// How it is spread along a ray.
+    /// Returns the distribution of its optical depth along a ray.
     #[inline(always)]
     pub(super) fn along(&self) -> Along {
         match self {
@@ -213,7 +215,7 @@ impl<'a> Evaluate<'a> {
         }
     }
 
-    /// How far it reaches along z on either side of its centre.
+    /// Returns its reach along z on either side of its centre.
     pub(super) fn depth_reach(&self) -> f32 {
         match self {
             Self::Affine(walk, terms) | Self::Exact(walk, terms) => {
@@ -224,7 +226,7 @@ impl<'a> Evaluate<'a> {
     }
 }
 
-/// The terms of a footprint on the near or the half-line path.
+/// Returns the terms of a footprint on the near or the half-line path.
 pub(super) fn near_terms_of<'a>(
     footprint: &Footprint,
     near: &'a [NearTerms],
@@ -235,14 +237,14 @@ pub(super) fn near_terms_of<'a>(
     }
 }
 
-/// Where the domain of its data cuts a footprint's kernel, if it does.
+/// Returns the planes at which the boundary of its domain cuts a footprint's kernel, if it does.
 #[inline]
 pub(super) fn edges_of<'a>(terms: &ExactTerms, near: &'a [NearTerms]) -> Option<&'a NearTerms> {
     near.get((terms.edges as usize).checked_sub(1)?)
 }
 
-/// How far a kernel reaches along z on either side of its centre: r sqrt(V_zz), V_zz the variance at
-/// the centre of the footprint and what its slope adds.
+/// Returns the reach of a kernel along z on either side of its centre: r sqrt(V_zz). V_zz is the variance
+/// at the centre of the footprint plus the part that its slope adds.
 pub(super) fn depth_reach(footprint: &Footprint, terms: &ExactTerms) -> f32 {
     let slope = if footprint.path == PATH_EXACT {
         // z* = z (1 + g . d / 2) / w.

@@ -1,4 +1,5 @@
-//! Kernels that cross the plane of the eye: the line integral along the half line in front of it.
+//! Evaluates kernels that cross the plane of the eye: the line integral along the half line in front of
+//! it.
 //!
 //! Twin: `shaders/tile/evaluate/near.wgsl`.
 
@@ -12,7 +13,7 @@ use crate::math::lane::{cdf, exp_minus_half, madd};
 use crate::record::{ExactTerms, Footprint, NearTerms, PATH_HALF_LINE, PATH_NEAR};
 use crate::splat::misses_near;
 
-/// A near kernel on its way through the rows of a tile.
+/// A near kernel while the rows of a tile are evaluated.
 pub(in crate::cpu::tile) struct NearWalk<'a> {
     place: TilePlace<'a>,
     pub(super) footprint: &'a Footprint,
@@ -21,8 +22,8 @@ pub(in crate::cpu::tile) struct NearWalk<'a> {
 }
 
 impl<'a> NearWalk<'a> {
-    /// Without rows where no ray through the tile meets the kernel: the box of a kernel that lies aside is
-    /// far larger than what it covers.
+    /// Prepares a kernel for a tile. The patch is empty if no ray through the tile meets the kernel: the
+    /// box of a kernel beside the eye is far larger than the pixels it covers.
     pub(super) fn new(
         place: &TilePlace<'a>,
         footprint: &'a Footprint,
@@ -45,7 +46,7 @@ impl<'a> NearWalk<'a> {
         }
     }
 
-    /// Row `y`: depths are those along the whole line, behind the eye too.
+    /// Evaluates row `y`. Depths are those along the whole line, including the part behind the eye.
     #[inline(always)]
     pub(super) fn row<const FMA: bool>(&self, y: usize) -> Row {
         let mut row = Row::new(self.footprint, y);
@@ -58,8 +59,8 @@ impl<'a> NearWalk<'a> {
             self.on_parallel_rays::<FMA>(&mut row)
         };
         for lane in 0..TILE_SIZE {
-            // Nothing where the line lies behind the eye by as much as a kernel can reach: Phi's tail ends
-            // at 1e-12, which times a great depth would be seen.
+            // No contribution if the line lies behind the eye by more than a kernel's reach. Phi's tail
+            // ends at 1e-12, which would be visible when multiplied by a great depth.
             let behind = row.ahead(lane, 0.0);
             let is_ahead = behind <= MAX_CUTOFF;
             let tau = tau[lane] * exp_minus_half::<FMA>(q[lane]) * cdf::<FMA>(-behind);
@@ -72,8 +73,8 @@ impl<'a> NearWalk<'a> {
         row
     }
 
-    /// Q, and the optical depth where it is zero and all lies in front; fills how depths are spread along
-    /// the rays.
+    /// Returns Q, and the optical depth at Q = 0 if all of the line counts. Writes the mean and spread of
+    /// z along the rays.
     #[inline(always)]
     fn on_rays<const FMA: bool>(&self, row: &mut Row) -> (RowOf<f32>, RowOf<f32>) {
         let terms = self.terms;
@@ -112,7 +113,7 @@ impl<'a> NearWalk<'a> {
         (q, tau)
     }
 
-    /// The same of an orthographic camera.
+    /// As `on_rays`, for an orthographic camera.
     #[inline(always)]
     fn on_parallel_rays<const FMA: bool>(&self, row: &mut Row) -> (RowOf<f32>, RowOf<f32>) {
         let Self {
@@ -132,7 +133,7 @@ impl<'a> NearWalk<'a> {
         (q, [footprint.tau; TILE_SIZE])
     }
 
-    /// The share of what a row's pixels see that lies in front of a depth of their own.
+    /// Returns the shares of a row's pixels that lie in front of a depth of each pixel.
     #[inline(always)]
     pub(in crate::cpu::tile) fn shares_up_to<const FMA: bool>(
         row: &Row,
@@ -149,7 +150,8 @@ impl<'a> NearWalk<'a> {
         self.terms
     }
 
-    /// The shares at which the rays through a row's pixels enter a plane's half-space and leave it.
+    /// Returns the shares at which the rays through a row's pixels enter a plane's half-space and leave
+    /// it.
     #[inline(always)]
     pub(in crate::cpu::tile) fn edge_shares<const FMA: bool>(
         &self,
@@ -165,7 +167,7 @@ impl<'a> NearWalk<'a> {
                 let direction = ray(self.place.view, pixel);
                 let per_depth = ex * direction.x + ey * direction.y + ez;
                 let share = share_up_to::<FMA>(row, lane, 1.0 / per_depth);
-                // The eye is inside or not, and the plane lies ahead or not.
+                // Cases: the eye is inside or outside, the plane lies ahead or behind.
                 [from[lane], to[lane]] = match (is_inside, per_depth > 0.0) {
                     (true, true) => [0.0, share],
                     (true, false) => [0.0, 1.0],
@@ -187,7 +189,7 @@ impl<'a> NearWalk<'a> {
         [from, to]
     }
 
-    /// How far it reaches along z on either side of its centre.
+    /// Returns its reach along z on either side of its centre.
     pub(super) fn depth_reach(&self) -> f32 {
         if self.footprint.path & 3 != PATH_HALF_LINE {
             return self.terms.reach;
@@ -202,17 +204,17 @@ impl<'a> NearWalk<'a> {
     }
 }
 
-/// Of what lies in front of the eye: the share that lies in front of a depth, too.
+/// Returns the share, of the part in front of the eye, that lies in front of a depth.
 #[inline(always)]
 fn share_up_to<const FMA: bool>(row: &Row, lane: usize, depth: f32) -> f32 {
     share_at::<FMA>(row, lane, row.ahead(lane, depth))
 }
 
-/// The same, `ahead` standard deviations beyond the mean: 1 - Phi(-ahead) / Phi(-eye). Tails alone, which
-/// have a small relative error.
+/// As `share_up_to`, for a depth `ahead` standard deviations beyond the mean: 1 - Phi(-ahead) /
+/// Phi(-eye). Only tails are used, because they have a small relative error.
 #[inline(always)]
 fn share_at<const FMA: bool>(row: &Row, lane: usize, ahead: f32) -> f32 {
     let share = 1.0 - cdf::<FMA>(-ahead) / cdf::<FMA>(-row.ahead(lane, 0.0));
-    // NaN leaves nothing.
+    // NaN gives 0.
     if share > 0.0 { share } else { 0.0 }
 }

@@ -1,6 +1,6 @@
-//! Surfels of opaque surfaces: weights, and the inverse depth of their plane, which is linear over the
-//! image. Q of the affine footprint, or over the square of the inverse depth relative to the centre's: the
-//! homography of the plane.
+//! Evaluates surfels of opaque surfaces: their weights, and the inverse depth of their plane, which is
+//! linear over the image. Q is that of the affine footprint. With a homography it is divided by the
+//! square of the inverse depth relative to the centre's.
 //!
 //! Twin: `shaders/tile/evaluate/surfel.wgsl`.
 
@@ -18,14 +18,14 @@ use crate::record::{Footprint, NearTerms, SurfelTerms};
 
 /// A surfel at the pixels of a row.
 pub(in crate::cpu::tile) struct SurfelRow {
-    /// 0 outside.
+    /// Weights; 0 outside the cut-off.
     pub(in crate::cpu::tile) weight: RowOf<f32>,
     pub(in crate::cpu::tile) inverse_depth: RowOf<f32>,
     /// 1 within the cut-off.
     pub(in crate::cpu::tile) inside: RowOf<f32>,
 }
 
-/// A surfel on its way through the rows of a tile.
+/// A surfel while the rows of a tile are evaluated.
 pub(in crate::cpu::tile) struct SurfelWalk<'a> {
     walk: Walk<'a>,
     terms: &'a SurfelTerms,
@@ -44,24 +44,24 @@ impl<'a> SurfelWalk<'a> {
         }
     }
 
-    /// Rows of the tile that it may reach.
+    /// Returns the rows of the tile that it may reach.
     #[inline(always)]
     pub(in crate::cpu::tile) fn rows(&self) -> Range<usize> {
         self.walk.rows[0]..self.walk.rows[1]
     }
 
-    /// From its centre to the first pixel of row `y`.
+    /// Returns the offset from its centre to the first pixel of row `y`.
     #[inline(always)]
     pub(in crate::cpu::tile) fn offset(&self, y: usize) -> [f32; 2] {
         [self.walk.first[0], self.walk.dy(y)]
     }
 
-    /// The unit normal, camera space, towards the eye.
+    /// Returns the unit normal, camera space, towards the eye.
     pub(in crate::cpu::tile) fn normal(&self) -> [f32; 3] {
         unpack_normal(self.terms.normal).into()
     }
 
-    /// Row `y` of the tile.
+    /// Evaluates row `y` of the tile.
     #[inline(always)]
     pub(in crate::cpu::tile) fn row<const FMA: bool, const HOMOGRAPHY: bool>(
         &self,
@@ -111,15 +111,16 @@ pub(in crate::cpu::tile) struct NearSurfel<'a> {
     terms: &'a NearTerms,
 }
 
-/// What it shows at a pixel.
+/// A surfel across the plane of the eye, at a pixel.
 pub(in crate::cpu::tile) struct NearSurfelAt {
     pub(in crate::cpu::tile) weight: f32,
     pub(in crate::cpu::tile) inverse_depth: f32,
-    /// Change of it along the ray's slope: N of [`near_surfel`](crate::splat::near_surfel).
+    /// Change of the inverse depth along the ray's slope: N of
+    /// [`near_surfel`](crate::splat::near_surfel).
     pub(in crate::cpu::tile) plane: Vec3,
-    /// How far the inverse depth of one surface's surfels may differ.
+    /// Greatest difference of inverse depth between surfels that count as one surface.
     pub(in crate::cpu::tile) slack: f32,
-    /// Towards the eye.
+    /// Unit normal towards the eye.
     pub(in crate::cpu::tile) normal: [f32; 3],
 }
 
@@ -136,7 +137,7 @@ impl<'a> NearSurfel<'a> {
         }
     }
 
-    /// At a pixel of the tile, within its cut-off.
+    /// Evaluates the surfel at a pixel of the tile; `None` outside its cut-off.
     pub(in crate::cpu::tile) fn at(&self, x: usize, y: usize) -> Option<NearSurfelAt> {
         let [a, b, n] = [0, 1, 2].map(|i| Vec3::from(self.terms.misses[i]));
         let d = ray(self.place.view, self.place.centre(x, y));

@@ -1,11 +1,10 @@
-//! Tiles in which what is drawn of a ray ends: at planes that clip, and at opaque surfaces among what
-//! light passes through.
+//! Draws tiles in which rays are cut: at clip planes, and at opaque surfaces among transparent volumes.
 //!
-//! Of each pixel's ray the part between two depths is drawn; a surface divides it in two. Kernels are
-//! integrated up to the surface and composited in front of it; where it covers a pixel in part, as along
-//! silhouettes, what is left of them behind it is composited on its own and shows through the rest. Of
-//! a kernel that is cut, the share Phi((b - z*) / sigma_z) - Phi((a - z*) / sigma_z) of its optical depth
-//! lies between the depths a and b, the mass of a Gaussian on an interval.
+//! The part of each pixel's ray between two depths is drawn; a surface divides it in two. Kernels are
+//! integrated up to the surface and composited in front of it. If the surface covers a pixel only in
+//! part, as along silhouettes, the parts of kernels behind it are composited separately and show through
+//! the rest. For a cut kernel, the share of its optical depth between the depths a and b is Phi((b - z*)
+//! / sigma_z) - Phi((a - z*) / sigma_z), the mass of a Gaussian on an interval.
 //!
 //! Twin: `shaders/tile/interval/cut.wgsl`.
 
@@ -16,16 +15,16 @@ use crate::cpu::tile::evaluate::Evaluate;
 use crate::cpu::tile::pixels::{Plane, Tile, TilePlace, ray};
 use crate::record::ViewUniform;
 
-/// What is drawn of the rays of a tile's pixels: depths z.
+/// The parts of a tile's rays that are drawn: depths z.
 #[derive(Debug, Clone)]
 pub(in crate::cpu::tile) struct Spans {
-    /// Where it begins.
+    /// Depth at which each ray begins.
     pub(in crate::cpu::tile) near: Plane,
-    /// Where a surface divides it; its end where there is none.
+    /// Depth at which a surface divides each ray; its end if there is no surface.
     pub(in crate::cpu::tile) middle: Plane,
-    /// Where it ends.
+    /// Depth at which each ray ends.
     pub(in crate::cpu::tile) far: Plane,
-    /// What the tile's pixels have in common: least and greatest of each.
+    /// Least and greatest value of each over the tile's pixels.
     nears: [f32; 2],
     middles: [f32; 2],
     fars: [f32; 2],
@@ -60,14 +59,14 @@ impl Spans {
         }
     }
 
-    /// Between which depths all of every ray is drawn.
+    /// Returns the depths between which all rays are drawn in full.
     pub(in crate::cpu::tile) fn whole(&self) -> [f32; 2] {
         [self.nears[1], self.fars[0]]
     }
 
-    /// Where a kernel lies.
+    /// Returns the position of a kernel relative to the spans.
     ///
-    /// - `is_partial`: whether anything is seen behind the surface.
+    /// - `is_partial`: whether anything is visible behind the surface.
     pub(in crate::cpu::tile) fn side(&self, evaluate: &Evaluate<'_>, is_partial: bool) -> Side {
         let Self {
             nears,
@@ -94,7 +93,7 @@ impl Spans {
                 return Side::Behind;
             }
         }
-        // Phrased so that NaN meets all.
+        // Phrased so that NaN meets all ends.
         Side::Cut(Meets {
             near: !(first >= nears[1]),
             middle: !(last <= middles[0]),
@@ -103,13 +102,13 @@ impl Spans {
     }
 }
 
-/// Between which depths planes leave something of the ray through a point of the image; from infinity to
-/// infinity where they leave nothing.
+/// Returns the depths between which the ray through a point of the image lies inside the clip planes;
+/// from infinity to infinity if no part does.
 pub(in crate::cpu::tile) fn clip_span(view: &ViewUniform, pixel: Vec2) -> [f32; 2] {
     let (mut near, mut far) = (f32::NEG_INFINITY, f32::INFINITY);
     let direction = ray(view, pixel);
     for &[nx, ny, nz, d] in &view.clip_planes[..view.clip_count as usize] {
-        // The ray is at z D, or (orthographic) at (X, Y, z): inside where rate z + start >= 0.
+        // The ray is at z D, or (orthographic) at (X, Y, z); inside is rate z + start >= 0.
         let across = nx * direction.x + ny * direction.y;
         let (rate, start) = if view.orthographic == 0 {
             (across + nz, d)
@@ -132,42 +131,42 @@ pub(in crate::cpu::tile) fn clip_span(view: &ViewUniform, pixel: Vec2) -> [f32; 
     }
 }
 
-/// What is cut of a tile, and what lies behind its surface.
+/// A tile with cut rays, and the picture behind its surface.
 pub(in crate::cpu::tile) struct CutTile<'a> {
     surface: Option<&'a Tile>,
-    /// What is seen behind it, where it covers a pixel in part.
+    /// The picture behind the surface, for pixels that it covers in part.
     pub(in crate::cpu::tile) behind: &'a mut Tile,
     pub(in crate::cpu::tile) spans: &'a Spans,
-    /// Whether it covers any pixel in part.
+    /// True if the surface covers any pixel in part.
     pub(in crate::cpu::tile) is_partial: bool,
 }
 
-/// Where a footprint lies in a cut tile.
+/// Position of a footprint in a cut tile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::cpu::tile) enum Side {
-    /// In front of the surface, cut by nothing.
+    /// In front of the surface and uncut.
     Front,
-    /// Behind it, and cut by nothing else.
+    /// Behind the surface and otherwise uncut.
     Behind,
-    /// Where nothing is seen.
+    /// In an invisible part.
     Hidden,
-    /// Maybe cut.
+    /// Possibly cut.
     Cut(Meets),
 }
 
-/// Which ends of the parts of a tile's rays a kernel reaches: beyond the others it has nothing.
+/// The ends of a tile's rays that a kernel reaches. It need not be evaluated at the others.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::cpu::tile) struct Meets {
-    /// Where they begin.
+    /// The beginning.
     pub(in crate::cpu::tile) near: bool,
-    /// Where the surface divides them.
+    /// The surface that divides the rays.
     pub(in crate::cpu::tile) middle: bool,
-    /// Where they end.
+    /// The end.
     pub(in crate::cpu::tile) far: bool,
 }
 
 impl Meets {
-    /// Maybe all.
+    /// Possibly all ends.
     pub(in crate::cpu::tile) const ALL: Self = Self {
         near: true,
         middle: true,
@@ -175,7 +174,7 @@ impl Meets {
     };
 }
 
-/// What is drawn of the rays of a tile's pixels, and which of its ends a kernel reaches.
+/// The parts of a tile's rays that are drawn, and the ends that a kernel reaches.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::cpu::tile) struct Cut<'a> {
     pub(in crate::cpu::tile) spans: &'a Spans,
@@ -183,9 +182,9 @@ pub(in crate::cpu::tile) struct Cut<'a> {
 }
 
 impl<'a> CutTile<'a> {
-    /// `None` where nothing is cut. `behind` is cleared.
+    /// Prepares a tile; `None` if nothing is cut. Clears `behind`.
     ///
-    /// - `has_depth`: whether depths are wanted.
+    /// - `has_depth`: whether depths are written.
     pub(in crate::cpu::tile) fn new(
         place: &TilePlace<'_>,
         has_depth: bool,
@@ -212,17 +211,17 @@ impl<'a> CutTile<'a> {
         })
     }
 
-    /// Whether a surface lies in the tile.
+    /// Returns whether a surface lies in the tile.
     pub(in crate::cpu::tile) fn has_surface(&self) -> bool {
         self.surface.is_some()
     }
 
-    /// Where a kernel lies.
+    /// Returns the position of a kernel.
     pub(in crate::cpu::tile) fn side(&self, evaluate: &Evaluate<'_>) -> Side {
         self.spans.side(evaluate, self.is_partial)
     }
 
-    /// Puts the surface, and what shows through it, behind what is in front.
+    /// Composites the surface, and the picture that shows through it, behind the picture in front.
     ///
     /// - `is_count`: whether pixels count kernels.
     pub(in crate::cpu::tile) fn compose(&self, is_count: bool, front: &mut Tile) {

@@ -1,5 +1,5 @@
-//! What the domain of its data leaves of a kernel: of its share along a ray, the part between where the
-//! ray enters the domain and where it leaves it.
+//! Cuts kernels at the boundary of their data's domain: of the share along a ray, the part between the
+//! points where the ray enters and leaves the domain remains.
 //!
 //! Twin: `shaders/tile/interval/domain.wgsl`.
 
@@ -10,8 +10,8 @@ use crate::cpu::tile::pixels::RowOf;
 use crate::math::lane::cdf;
 use crate::record::{NearTerms, RAY_EDGES};
 
-/// The shares of a row's kernel at which it enters its domain and leaves it; nothing is left where the
-/// first is no less than the second. `None` where nothing cuts it.
+/// Returns the shares of a row's kernel at which the rays enter its domain and leave it. Nothing remains
+/// if the first is not less than the second. `None` if nothing cuts it.
 #[inline(always)]
 pub(in crate::cpu::tile) fn domain_of<const FMA: bool>(
     evaluate: &Evaluate<'_>,
@@ -38,13 +38,13 @@ fn planes(terms: &NearTerms) -> &[[f32; 4]] {
     &terms.edges[..terms.edges.len().min(count as usize)]
 }
 
-/// By the joint Gaussian of pixel and distance.
+/// Cuts by the joint Gaussian of pixel and distance.
 #[inline(always)]
 fn affine<const FMA: bool>(walk: &Walk<'_>, edges: &NearTerms, row: &Row) -> [RowOf<f32>; 2] {
     let [mut from, mut to] = WHOLE;
     let dy = walk.dy(row.y);
     for &[along_x, along_y, inside, enters] in planes(edges) {
-        // One question for all lanes: loops without branches become vector code.
+        // One test for all lanes: loops without branches become vector code.
         let side = if enters > 0.0 { -1.0 } else { 1.0 };
         let along_row = |lane| inside + (along_x * walk.dx(lane) + along_y * dy);
         if along_row(0).min(along_row(TILE_SIZE - 1)) > EDGE_REACH {
@@ -64,7 +64,7 @@ fn affine<const FMA: bool>(walk: &Walk<'_>, edges: &NearTerms, row: &Row) -> [Ro
                 *to = to.min(share);
             }
         } else {
-            // All planes of a kernel are of this kind, or none is.
+            // Either all planes of a kernel are of this kind, or none is.
             for (to, share) in to.iter_mut().zip(shares) {
                 *to *= share;
             }
@@ -73,7 +73,7 @@ fn affine<const FMA: bool>(walk: &Walk<'_>, edges: &NearTerms, row: &Row) -> [Ro
     [from, to]
 }
 
-/// Where the ray meets the planes.
+/// Cuts at the points where the rays meet the planes.
 #[inline(always)]
 fn exact<const FMA: bool>(walk: &Walk<'_>, edges: &NearTerms, row: &Row) -> [RowOf<f32>; 2] {
     let [mut from, mut to] = WHOLE;
@@ -82,7 +82,7 @@ fn exact<const FMA: bool>(walk: &Walk<'_>, edges: &NearTerms, row: &Row) -> [Row
         for lane in 0..TILE_SIZE {
             let aside = along_x * walk.dx(lane) + along_y * dy;
             let rate = across + aside;
-            // From the centre's depth on, so that nothing cancels.
+            // Relative to the centre's depth, so that nothing cancels.
             let beyond = -(inside + depth * aside) / rate;
             let share = cdf::<FMA>((beyond - row.beyond[lane]) * row.per_sigma[lane]);
             if rate > 0.0 {
@@ -97,7 +97,7 @@ fn exact<const FMA: bool>(walk: &Walk<'_>, edges: &NearTerms, row: &Row) -> [Row
     [from, to]
 }
 
-/// Of what lies in front of the eye.
+/// Cuts the part of a near kernel in front of the eye.
 #[inline(always)]
 fn near<const FMA: bool>(walk: &NearWalk<'_>, row: &Row) -> Option<[RowOf<f32>; 2]> {
     let edges = planes(walk.terms());

@@ -1,5 +1,5 @@
-//! What clip planes leave of a surfel: its coverage falls from 1 to 0 across the cut as the low-pass
-//! filter spreads it, Phi of the distance from the cut on the image in standard deviations of the filter.
+//! Clips surfels at planes. The coverage falls from 1 to 0 across the cut, softened by the low-pass
+//! filter: Phi of the distance from the cut on the image, in standard deviations of the filter.
 //!
 //! Twin: `shaders/shared/clip.wgsl`.
 
@@ -11,21 +11,21 @@ use crate::cpu::tile::pixels::{TilePlace, ray};
 use crate::math::lane::{cdf, hypot, madd};
 use crate::record::{Footprint, SurfelTerms, ViewUniform};
 
-/// Where planes clip a surfel: how far inside lies what a pixel shows of it, standard deviations of the
-/// low-pass filter, is linear over the image.
+/// The clip planes that cut a surfel. The distance inside a plane, in standard deviations of the low-pass
+/// filter, is linear over the image.
 ///
-/// Of a surfel that the filter spreads, a pixel at offset d from its centre shows what lies at F d on
-/// average, F = V (V + V_h)⁻¹ = 1 - V_h S⁻¹ with S the variance of its footprint. Its gradient of
-/// inverse depth is one over the image already.
+/// The low-pass filter spreads a surfel: a pixel at offset d from its centre shows, on average, the point
+/// at F d, with F = V (V + V_h)⁻¹ = 1 - V_h S⁻¹ and S the variance of the footprint. The gradient of the
+/// surfel's inverse depth already refers to the image.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::cpu::tile) struct ClipEdges {
-    /// At the surfel's centre, and the change per pixel.
+    /// Distance inside at the surfel's centre, and its change per pixel.
     edges: [[f32; 3]; MAX_CLIP_PLANES],
     count: usize,
 }
 
 impl ClipEdges {
-    /// Of a surfel in a tile; `None` where no plane cuts it there.
+    /// Returns the planes that cut a surfel in a tile; `None` if there are none.
     #[inline(always)]
     pub(in crate::cpu::tile) fn of(
         place: &TilePlace<'_>,
@@ -53,7 +53,7 @@ impl ClipEdges {
         (edges.count > 0).then_some(edges)
     }
 
-    /// The share that is left of a surfel that reaches the plane of the eye at a point of the image.
+    /// Returns the share that remains of a surfel across the plane of the eye, at a point of the image.
     pub(in crate::cpu::tile) fn share_of_near(
         view: &ViewUniform,
         pixel: Vec2,
@@ -64,8 +64,8 @@ impl ClipEdges {
         edges.share::<false>(0.0, 0.0)
     }
 
-    /// Leaves of a row of a surfel what no plane clips; `dx` and `dy` lead from its centre to the row's
-    /// first pixel.
+    /// Multiplies a row of a surfel by the shares that remain. `dx` and `dy` lead from its centre to the
+    /// row's first pixel.
     #[inline(always)]
     pub(in crate::cpu::tile) fn cut<const FMA: bool>(
         &self,
@@ -84,8 +84,8 @@ impl ClipEdges {
         }
     }
 
-    /// Of the plane of a surfel with this inverse depth at a point of the image and this change of it, the
-    /// planes that cut it within `reach` pixels.
+    /// Returns the planes that cut a surfel's plane within `reach` pixels, given its inverse depth at a
+    /// point of the image and the change of the inverse depth.
     ///
     /// - `shown`: F.
     fn new(
@@ -103,7 +103,8 @@ impl ClipEdges {
         let direction = ray(view, pixel);
         let focal = Vec2::from(view.focal_px);
         for &[nx, ny, nz, d] in &view.clip_planes[..view.clip_count as usize] {
-            // Of the point D / inverse depth (orthographic: X, Y, -inverse depth), times what is positive.
+            // Distance of the point D / inverse depth (orthographic: X, Y, -inverse depth), times a
+            // positive number.
             let across = nx * direction.x + ny * direction.y;
             let (inside, rate) = if view.orthographic == 0 {
                 (across + nz + d * inverse_depth, d)
@@ -111,7 +112,7 @@ impl ClipEdges {
                 (across - nz * inverse_depth + d, -nz)
             };
             let slope = shown * (Vec2::new(nx, ny) / focal) + gradient * rate;
-            // The variance of what a pixel shows is h² F.
+            // The variance of the part that a pixel shows is h² F.
             let kept = slope.dot(shown * slope) / slope.length_squared();
             let spread = (view.low_pass_variance_px2 / kept.max(LEAST_SHOWN)).sqrt();
             let softness = slope.length() * spread;
@@ -125,7 +126,7 @@ impl ClipEdges {
         edges
     }
 
-    /// The share of a surfel that is left at an offset from its centre; 0 beyond the softness.
+    /// Returns the share of a surfel that remains at an offset from its centre; 0 beyond the softness.
     #[inline(always)]
     fn share<const FMA: bool>(&self, dx: f32, dy: f32) -> f32 {
         let mut share = 1.0;
@@ -142,13 +143,15 @@ impl ClipEdges {
     }
 }
 
-/// So many standard deviations inside a plane a surfel is whole: Phi is 1 to f32.
+/// Number of standard deviations inside a plane from which a surfel is whole: Phi is 1 in f32.
 const WHOLE: f32 = 5.5;
 
-/// A surfel of a thousandth of a pixel shows so much of itself: below, roundings of F rule.
+/// Least share of a surfel in a pixel, that of a surfel of a thousandth of a pixel. Below it the
+/// roundings of F dominate.
 const LEAST_SHOWN: f32 = 1e-6;
 
-/// F of [`ClipEdges`]: of surfels that follow their plane's homography 1, as their inverse depth does.
+/// Returns F of [`ClipEdges`]. For surfels that follow their plane's homography F is 1, because their
+/// inverse depth is not filtered.
 fn shown(view: &ViewUniform, footprint: &Footprint, terms: &SurfelTerms) -> Mat2 {
     if terms.homography > 0.0 {
         return Mat2::IDENTITY;
@@ -159,7 +162,8 @@ fn shown(view: &ViewUniform, footprint: &Footprint, terms: &SurfelTerms) -> Mat2
     Mat2::IDENTITY - inverse * view.low_pass_variance_px2
 }
 
-/// The farthest of a row or column of pixels from a centre, `first` the offset of the tile's first one.
+/// Returns the distance of the farthest of a row or column of pixels from a centre; `first` is the offset
+/// of the tile's first pixel.
 fn farthest([start, end]: [usize; 2], first: f32) -> f32 {
     (first + start as f32).abs().max((first + end as f32).abs())
 }

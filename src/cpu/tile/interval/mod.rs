@@ -1,7 +1,6 @@
-//! Axis *interval*: which part of a pixel's ray counts. All of it needs no file: the row of optical
-//! depths is taken as it is. `cut.rs` takes shares of it, `domain.rs` cuts each kernel at planes of its
-//! own, `edges.rs` says what clip planes leave of a
-//! surfel.
+//! Axis *interval*: restricts the part of a pixel's ray that counts. The whole ray needs no file: the row
+//! of optical depths is used as it is. `cut.rs` takes shares of the row, `domain.rs` cuts each kernel at
+//! planes of its own, and `edges.rs` clips surfels.
 
 pub(super) mod cut;
 pub(super) mod domain;
@@ -13,7 +12,7 @@ use super::pixels::{Plane, RowOf};
 use crate::constants::TILE_SIZE;
 use crate::math::lane::cdf;
 
-/// The share of each pixel's optical depth that lies in front of a depth of its own.
+/// Returns the share of each pixel's optical depth that lies in front of a depth of that pixel.
 #[inline(always)]
 pub(super) fn shares_up_to<const FMA: bool>(
     evaluate: &Evaluate<'_>,
@@ -36,14 +35,14 @@ pub(super) fn shares_up_to<const FMA: bool>(
         } else {
             cdf::<FMA>(ahead)
         };
-        // NaN lies behind.
+        // NaN counts as behind.
         shares[lane] = if share > 0.0 { share } else { 0.0 };
     }
     within_domain(row, shares)
 }
 
-/// The shares that lie in front of where the rays of a tile begin (`unmet` 0), are divided or end (1): no
-/// question where the kernel does not reach that far.
+/// Returns the shares in front of the depths at which the rays of a tile begin (`unmet` 0), are divided
+/// or end (1). If the kernel does not reach that far, the result is `unmet` without evaluation.
 #[inline(always)]
 pub(super) fn shares_at<const FMA: bool>(
     evaluate: &Evaluate<'_>,
@@ -59,7 +58,7 @@ pub(super) fn shares_at<const FMA: bool>(
     }
 }
 
-/// Shares held to the part of a kernel that lies in the domain of its data.
+/// Clamps shares to the part of a kernel inside the domain of its data.
 #[inline(always)]
 fn within_domain(row: &Row, mut shares: RowOf<f32>) -> RowOf<f32> {
     if let Some([from, to]) = &row.domain {
@@ -70,7 +69,7 @@ fn within_domain(row: &Row, mut shares: RowOf<f32>) -> RowOf<f32> {
     shares
 }
 
-/// The optical depths of a row of which all of the ray counts.
+/// Returns the optical depths of a row for the whole ray.
 #[inline(always)]
 pub(super) fn whole(row: &Row) -> RowOf<f32> {
     match &row.domain {
@@ -79,7 +78,7 @@ pub(super) fn whole(row: &Row) -> RowOf<f32> {
     }
 }
 
-/// A row's optical depths between two shares of each.
+/// Returns a row's optical depths between two shares at each pixel.
 #[inline(always)]
 pub(super) fn between(row: &Row, from: &RowOf<f32>, to: &RowOf<f32>) -> RowOf<f32> {
     let mut taus = [0.0; TILE_SIZE];
@@ -90,7 +89,7 @@ pub(super) fn between(row: &Row, from: &RowOf<f32>, to: &RowOf<f32>) -> RowOf<f3
     taus
 }
 
-/// A depth held to the part of a ray that is drawn.
+/// Clamps a depth to the part of a ray that is drawn.
 #[inline(always)]
 pub(super) fn within(depth: f32, [from, to]: [f32; 2]) -> f32 {
     depth.min(to).max(from)
