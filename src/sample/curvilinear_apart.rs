@@ -22,7 +22,7 @@ use crate::scene::{
 
 /// Planes of constant k of a grid, with a field.
 pub(crate) struct GridPlanes {
-    /// Nodes along i, j and k that are here.
+    /// Local nodes along i, j and k.
     pub(crate) dims: [usize; 3],
     pub(crate) nodes: Vec<DVec3>,
     pub(crate) blanking: Blanking,

@@ -235,8 +235,8 @@ mod tests {
             let samples = samples(dims, place, linear);
             for sample in all(dims) {
                 let error = (samples.gradient(sample) - SLOPE).length();
-                // Differences of f64 values of some 10, over steps down to 1e-3; by least squares, on
-                // the singular line, damped by 1e-9 of the trace.
+                // Differences of f64 values of some 10, over steps down to 1e-3. On the singular line, least
+                // squares damped by 1e-9 of the trace.
                 let most = if n == 2 && sample[1] == 0 {
                     1e-6
                 } else {
