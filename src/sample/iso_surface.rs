@@ -34,7 +34,7 @@ struct Disc {
 struct Over {
     /// Lᵀ g \[value units\].
     slope: DVec3,
-    /// Where the value lies, deviations of the field's values over the kernel from its middle.
+    /// Iso-value minus the field at the kernel's centre, in deviations of the field's values over the kernel.
     away: f64,
 }
 

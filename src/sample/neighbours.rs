@@ -51,11 +51,11 @@ pub(super) struct PointIndex<'a> {
     order: Vec<u32>,
     /// Index in `order` at which the points of each distinct position begin; one more entry at the end.
     starts: Vec<u32>,
-    /// Positions in the tree are relative to it: squared distances stay exact far from the
-    /// world's origin. The median along each axis, so that a far outlier loses only itself.
+    /// Origin of the positions in the tree, so that squared distances stay exact far from the world's origin.
+    /// It is the median along each axis: a distant outlier affects only its own precision.
     origin: DVec3,
-    /// How points are turned before they are put in the tree, which splits along its axes and is
-    /// slow where many points share a coordinate. Distances stay.
+    /// Rotation of the points in the tree. The tree splits along its axes, and is slow if many points share a
+    /// coordinate. A rotation keeps distances.
     turn: DMat3,
     tree: ImmutableKdTree<f64, 3>,
 }

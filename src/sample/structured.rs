@@ -8,7 +8,6 @@
 //!
 //! Nodes and cells are processed in runs along i, with their coordinates in arrays of lanes: the compiler
 //! vectorises the loops over these.
-//! the loops over these into vectors.
 
 use std::ops::Range;
 
@@ -245,7 +244,7 @@ pub(super) struct CellCounts {
 /// Measures of a row of cells.
 #[derive(Default)]
 pub(super) struct CellRow {
-    /// Of all together, with its sign.
+    /// Signed volume of all cells together.
     volume: f64,
     collapsed: usize,
     empty: usize,
