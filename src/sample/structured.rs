@@ -793,7 +793,7 @@ mod tests {
         check([37, 4, 3], jittered, &[]);
         check([2, 2, 2], jittered, &[]);
         check([RUN + 1, 3, 2], jittered, &[3, 17, 18]);
-        // Of the other handedness, and far away.
+        // With the other handedness, and far away.
         let mirrored = |s: [f64; 3], n: usize| jittered(s, n) * DVec3::new(-1.0, 1.0, 1.0) + 1e3;
         check([5, 4, 3], mirrored, &[]);
         // All nodes around one blanked; nodes without a position; one cell turned inside out.

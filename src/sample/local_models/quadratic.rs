@@ -223,7 +223,7 @@ mod tests {
         assert_eq!(fit(&[]).quadratic.gradient, DVec3::ZERO);
         let nothing = [(DVec3::ZERO, 1.0), (DVec3::X, f64::NAN), (DVec3::NAN, 1.0)];
         assert_eq!(fit(&nothing).quadratic.gradient, DVec3::ZERO);
-        // One neighbour: all of its change is the gradient's and along it.
+        // One neighbour: the gradient takes all of its change, and points along it.
         let one = fit(&[(DVec3::X * 2.0, 6.0)]);
         assert!(!one.is_determined);
         let linear = one.quadratic.gradient + one.quadratic.hessian * DVec3::X;

@@ -41,7 +41,7 @@ impl Ripple {
             return Self::default();
         }
         let centres: Vec<DVec3> = surfels.iter().map(|s| s.centre).collect();
-        // Kernels of evenly spread cells reach CUTOFF x .6 spacings; few reach further.
+        // Kernels of evenly spread cells reach CUTOFF x .6 spacings; few reach farther.
         let (cubes, order) = Cubes::new(&centres, CUTOFF * 0.65);
         let excess = |&(point, normal): &(DVec3, Vec3)| {
             let cube = cubes.at(point)?;

@@ -524,7 +524,7 @@ mod tests {
             let pyramid = Pyramid::new(&texture, Weighing::Alike);
             pyramid.filtered(DVec2::new(u, 0.5), variance([sigma; 2], 0.0))[0]
         };
-        // Between the first texel and what is before it.
+        // Between the first texel and the one before it.
         for (wrap, expected) in WRAPS.into_iter().zip([0.5, 1.0, 1.0]) {
             assert!((at_edge(wrap, 0.0, 0.0) - expected).abs() < 1e-6);
             assert!(
