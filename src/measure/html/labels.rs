@@ -159,7 +159,7 @@ mod tests {
             right: 500.0,
             bottom: 500.0,
         };
-        // A level line to the right, where the label would go first.
+        // A horizontal line to the right of the point, where the label would go first.
         let line = [(250.0, 250.0), (450.0, 250.0)];
         let rects = place(&line[..1], &["label"], 5.0, 12.0, &line, &frame);
         assert!(
