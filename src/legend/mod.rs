@@ -222,7 +222,7 @@ pub fn legend_width(bars: &[ColourBar], size: [usize; 2]) -> usize {
 ///
 /// Colours are opaque, as the transfer function states them: the colour of a sample in front of everything
 /// else. The curve to the left of a bar is the opacity per unit distance; its greatest value is as wide as the
-/// bar. Text is a fortieth of the picture's height, rounded to a size that the font has, and at least 16
+/// bar. Text is a fortieth of the picture's shorter side, rounded to a size that the font has, and at least 16
 /// pixels.
 ///
 /// # Errors

@@ -276,9 +276,9 @@ mod tests {
                 let slack = 2.0 * SLACK * step;
                 prop_assert!((low - slack..=high + slack).contains(&tick.value()));
             }
-            // No further tick would have had room.
+            // No further tick would have fitted.
             prop_assert!(ticks[0].value() - step < low && ticks[ticks.len() - 1].value() + step > high);
-            // Labels are the numbers: nothing is rounded off, none is like another.
+            // Labels are exact and distinct.
             let labels = labels(&ticks);
             for (tick, label) in ticks.iter().zip(&labels) {
                 let read: f64 = label.parse().unwrap();

@@ -7,7 +7,6 @@ const OUTSIDE: f64 = 0.005;
 
 /// Margin, as a factor of the radius: a normal distribution of a million points extends that far beyond its
 /// 99.5 % radius.
-/// lie.
 const MARGIN: f64 = 1.5;
 
 /// Greatest weight of a point, in units of the median weight; larger weights are clamped.

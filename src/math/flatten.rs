@@ -24,7 +24,6 @@ pub fn flatten(factor: DMat3, direction: DVec3, s: f64) -> DMat3 {
 ///
 /// The tangents lie along the flattened kernel's principal axes only by chance. The computation is in f64 up to
 /// the last step, so that a short tangent keeps its digits.
-/// last step, so that a short tangent keeps its digits.
 pub fn tangents_of(factor: DMat3, direction: DVec3) -> [DVec3; 2] {
     let u = direction.any_orthonormal_vector();
     let v = direction.cross(u);

@@ -1,5 +1,5 @@
-//! Classifies kernels over their own extent in f64, directly from the definition: the reference for the
-//! renderer's ghost layers, codes and tables.
+//! Classifies kernels over their own extent in f64, directly from the definition (section 9.1 of the
+//! mathematics). It is the reference for the renderer's ghost layers, codes and tables.
 
 use glam::{DMat3, DVec3};
 

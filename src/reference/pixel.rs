@@ -5,7 +5,6 @@
 //! than any power of the spacing once the smallest detail is resolved. The lattice is therefore doubled
 //! (squares, then squares with their centres, and so on) until the pixel no longer changes. Samples serve all
 //! the pixels around them and every finer lattice.
-//! stays where it is; samples serve all the pixels around them and every finer lattice.
 
 use std::sync::atomic::{AtomicI64, Ordering};
 

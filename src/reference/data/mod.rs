@@ -228,11 +228,9 @@ impl DataIntegrator {
     /// The pixels' filter is refined until the result no longer changes, as in [`super::Integrator`]. An
     /// isolated feature thinner than a pixel, such as a shell of the transfer function, is found only by the
     /// samples that meet it; no bound covers it.
-    /// that meet it, and by no bound.
     ///
     /// An image without pixels; settings out of range; a filter of kernels, because there are none; work that
     /// was cancelled.
-    /// there; work that was cancelled.
     pub fn render(&self, camera: &Camera, settings: &ReferenceSettings) -> Result<ReferenceFrame> {
         check(camera, settings)?;
         if settings.pixel_filter == PixelFilter::Kernels {
@@ -315,7 +313,7 @@ impl Rays for View<'_> {
         let beside = (origin + direction * nearest - centre).length_squared();
         let half = (self.radius * self.radius - beside).sqrt();
         let (near, far) = (near.max(nearest - half), far.min(nearest + half));
-        // Phrased so that NaN, of a ray that passes by, fails.
+        // Phrased so that NaN, from a ray that misses, fails.
         if !(half > 0.0 && near < far) {
             return nothing;
         }
