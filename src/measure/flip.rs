@@ -18,7 +18,7 @@ const CSF_RED_GREEN: (f64, f64) = (1.0, 0.0053);
 const CSF_BLUE_YELLOW: [(f64, f64); 2] = [(34.1, 0.04), (13.5, 0.025)];
 /// Exponent of the colour difference, q_c.
 const COLOUR_EXPONENT: f64 = 0.7;
-/// Differences below this share of the greatest one (p_c) map to [0, p_t].
+/// Differences below this share of the greatest one (p_c) map to \[0, p_t\].
 const COLOUR_SHARE: f64 = 0.4;
 const COLOUR_SHARE_MAPPED: f64 = 0.95;
 /// Width of the feature detectors in degrees, w.

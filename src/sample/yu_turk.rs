@@ -19,8 +19,8 @@ const LONE_WIDTH: f64 = 0.5;
 /// R D Rᵀ. S is D with its entries raised to at least a quarter of the greatest, then scaled to unit
 /// determinant. The paper's constant k_s depends on the unit of length instead.
 ///
-/// `sizes(i)` returns the standard deviation and the support radius of particle i. Neighbours are weighted by 1
-/// - (distance / support)³. The centres stay where they are.
+/// `sizes(i)` returns the standard deviation and the support radius of particle i. The weight of a
+/// neighbour is 1 - (distance / support)³. The centres stay where they are.
 pub(super) fn variances(
     index: &PointIndex<'_>,
     positions: &[DVec3],

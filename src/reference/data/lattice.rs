@@ -216,8 +216,8 @@ impl Grid {
     }
 }
 
-/// Returns a trilinear function of its corners' values, i fastest, along a line. At s each coordinate is start
-/// + rate s.
+/// Returns a trilinear function of its corners' values, i fastest, along a line. At s each coordinate is
+/// start + rate s.
 fn along(corners: &[f64; 8], [x, y, z]: [[f64; 2]; 3]) -> Cubic {
     let [edge00, edge10, edge01, edge11] = [0, 2, 4, 6].map(|c| {
         let difference = corners[c + 1] - corners[c];

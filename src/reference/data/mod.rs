@@ -229,6 +229,7 @@ impl DataIntegrator {
     /// isolated feature thinner than a pixel, such as a shell of the transfer function, is found only by the
     /// samples that meet it; no bound covers it.
     ///
+    /// # Errors
     /// An image without pixels; settings out of range; a filter of kernels, because there are none; work that
     /// was cancelled.
     pub fn render(&self, camera: &Camera, settings: &ReferenceSettings) -> Result<ReferenceFrame> {

@@ -47,7 +47,7 @@ pub(super) fn complete(volume: &mut PointVolume, options: &SampleOptions) -> Res
 }
 
 /// Returns the local models of a volume's particles, if it needs some and has none yet. Also returns the
-/// particles that needed more neighbours than usual ([`FIRST_NEIGHBOURS`]).
+/// particles that needed more neighbours than usual ([`points::NEIGHBOUR_COUNT`]).
 ///
 /// - `positions`, `values`: those of the volume's particles, followed by those of remote neighbours.
 pub(super) fn models_among(

@@ -1,12 +1,12 @@
 //! Turns meshes into surfels, spread evenly over the surface. Each has the shape of its cell and the colour of
 //! the texture under it.
 //!
-//! 1. Triangles are cut into pieces, small compared with the distance between surfels. 2. One site per surfel
-//! is placed along a curve through the pieces, one in each stretch of equal area. 3. Pieces go to their nearest
-//! site and sites to their pieces' centroid, several times (Lloyd's relaxation). A site across a sharp edge, on
-//! the back of a sheet or on another component counts as far away. 4. The pieces of a site are its cell. The
-//! surfel lies at the cell's centroid, in the plane of its mean normal. It has the cell's variance plus a blur,
-//! and the total area of the pieces.
+//! 1. Triangles are cut into pieces, small compared with the distance between surfels.
+//! 2. One site per surfel is placed along a curve through the pieces, one in each stretch of equal area.
+//! 3. Pieces go to their nearest site and sites to their pieces' centroid, several times (Lloyd's relaxation).
+//!    A site across a sharp edge, on the back of a sheet or on another component counts as far away.
+//! 4. The pieces of a site are its cell. The surfel lies at the cell's centroid, in the plane of its mean
+//!    normal. It has the cell's variance plus a blur, and the total area of the pieces.
 //!
 //! Every piece belongs to one cell, so no triangle vanishes, however small. The areas of all cells add up to
 //! that of the mesh. Meshes finer than the surfels are averaged like textures.
