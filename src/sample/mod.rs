@@ -1,8 +1,28 @@
-//! Makes point volumes of data sets: chooses a kernel for every sample of a field.
+//! Makes point volumes of data sets: one kernel for every sample of a field.
 //!
-//! The shape of a kernel follows the local spacing of the samples. The volumes of the kernels add up to the
-//! volume of the grid. Splats keep the shapes that their file states. [`scene`] is the entry point for any data
-//! set, [`volume`] for all but meshes, [`mesh::surfels`] for meshes.
+//! A kernel is a Gaussian with a centre, a variance and a volume. Its shape follows the local spacing of the
+//! samples. The volumes of all kernels add up to the volume of the grid. [`scene`] is the entry point for any
+//! data set, [`volume`] for all but meshes, [`mesh::surfels`] for meshes.
+//!
+//! | data set | kernels | modules |
+//! |---|---|---|
+//! | lattice | one per sample; only values are stored | `lattice` |
+//! | curvilinear grid | one per node or cell | `curvilinear`, `structured` |
+//! | unstructured grid | one per node or cell | `cells`, `duals` |
+//! | points | one per row of a table | `points`, `neighbours` |
+//! | splats | one per splat, with the shapes that the file states | `splats` |
+//! | mesh, grid of one layer | surfels, spread over the surface | [`mesh`], `flat_grid` |
+//!
+//! Further modules complete a volume:
+//!
+//! - `choice` chooses the field to show, `together` one transfer function for several data sets.
+//! - `sharp` and `sharp_cells` cut kernels at the boundary of the data and add ghosts beyond it. `even` and
+//!   `even_grid` then correct the volumes. `levels` and `shepard` correct volumes elsewhere.
+//! - `gradient` computes normals for shading, `local_models` models of the field over each kernel.
+//! - `iso_surface`, `cut_faces`, `discs` and `convert` make surfels and splats.
+//! - `curvilinear_apart`, `cells_apart` and `points::apart` sample data that are partitioned over ranks. A rank
+//!   makes kernels for its own samples; neighbouring samples are ghosts. `rest` defines the reductions over all
+//!   ranks.
 
 mod cells;
 #[cfg(feature = "cli")]
