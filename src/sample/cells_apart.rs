@@ -23,7 +23,7 @@ pub(crate) struct CellsApart {
 impl CellField<'_> {
     /// Samples some of the nodes or cells of a mesh.
     ///
-    /// - `turned`: for each kind of cell, how many of the whole mesh are numbered one way and the other.
+    /// - `turned`: for each kind of cell, the number of the whole mesh's cells in either orientation.
     /// - `volume_sum`: the sum to which the particles' volumes are added \[length³\].
     ///
     /// # Errors

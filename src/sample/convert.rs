@@ -5,9 +5,9 @@
 //!
 //! | scene | opacity |
 //! |---|---|
-//! | volumes, absorbing sheets | 1 - exp(-g / (2 pi s1 s2)): that of the kernel seen along its shortest axis, s1 and s2 the two greatest standard deviations. The inverse of what a table's column `opacity` means. From other sides a volume is deeper than its splat. |
-//! | opaque surfaces | 1, or twice the share that is there where that is less than half (masks); kernels widened to [`CLOSED_WIDTH`] so that little shines through between them |
-//! | translucent surfaces | the one whose optical depth, averaged over the surface, is theirs: see [`translucent_splat`] |
+//! | volumes, absorbing sheets | 1 - exp(-g / (2 pi s1 s2)): the opacity of the kernel along its shortest axis, with s1 and s2 the two greatest standard deviations. The inverse of a table's column `opacity`. From other sides a volume is deeper than its splat. |
+//! | opaque surfaces | 1, or twice the visible share if that is less than half (masks); kernels are widened to [`CLOSED_WIDTH`] so that little shines through between them |
+//! | translucent surfaces | the opacity that keeps the optical depth, averaged over the surface: see [`translucent_splat`] |
 //! | splats | their own |
 //!
 //! Colours are encoded as sRGB; the coefficient of the constant harmonic follows from the code. Surfels get the

@@ -2,9 +2,9 @@
 //!
 //! | data | gradient | error |
 //! |---|---|---|
-//! | lattices, curvilinear grids | central differences along each index of values and of positions, g = F⁻ᵀ ∂v/∂(i, j, k), F = ∂x/∂(i, j, k) by the same differences; one-sided at borders and beside samples without a value | second order in the spacing where it is even, first where it changes |
+//! | lattices, curvilinear grids | central differences along each index of values and of positions, g = F⁻ᵀ ∂v/∂(i, j, k), F = ∂x/∂(i, j, k) by the same differences; one-sided at borders and beside samples without a value | second order in the spacing if it is even, first order if it changes |
 //! | cells | least squares over the samples that share a cell or a node, weights 1/distance² | first order |
-//! | particles | the same over the 14 nearest, more where these lie in a plane | first order |
+//! | particles | least squares over the 14 nearest, more if these lie in a plane | first order |
 //!
 //! All are exact for linear fields, except at a sample whose neighbours do not span space: there the field
 //! counts as constant across them. Directions are stored to .12 degrees ([`normal_code`]).

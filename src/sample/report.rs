@@ -8,7 +8,7 @@ use crate::scene::ValueSample;
 /// Report on the sampling of a data set.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SampleReport {
-    /// The scalar shown; `None` where masses and colours come from the file.
+    /// The scalar shown; `None` if masses and colours come from the file.
     pub field: Option<String>,
     /// Unit of the scalar, if the file states one.
     pub unit: Option<String>,

@@ -47,10 +47,10 @@ const ELEMENT_SLACK: f64 = 0.001;
 /// |---|---|---|
 /// | lattice, values at nodes | trilinear between nodes | the box of the nodes |
 /// | lattice, values of cells | trilinear between the cells' centres, constant from the outermost on | all cells |
-/// | curvilinear grid, lattice with anything hidden | trilinear in each cell's own parameters; values of cells are constant in each | all cells |
+/// | curvilinear grid, lattice with hidden cells or nodes | trilinear in each cell's own parameters; values of cells are constant in each | all cells |
 /// | tetrahedra | linear; values of cells constant, here and below | all cells |
 /// | hexahedra, voxels, wedges, pyramids | VTK's shape functions | all cells |
-/// | prisms, polyhedra | linear in tetrahedra around the mean of the corners, and of each face's, where the value is the mean of theirs | all cells |
+/// | prisms, polyhedra | linear in tetrahedra around the mean of the corners and the mean of each face's corners; the values there are the means, too | all cells |
 ///
 /// Outside of the domain there is nothing. If several cells claim a place (blocks overlap, cells fold over), it
 /// belongs to the first of them in the order of blocks and cells, so that no medium counts twice. Cells of
