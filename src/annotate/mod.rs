@@ -387,7 +387,7 @@ mod tests {
                 assert!(check(&camera, &everything()).is_err(), "{size:?}");
             }
         }
-        // Of a size other than the camera's.
+        // A size other than the camera's.
         let camera = &cameras([300, 200])[0];
         let mut image = Image::new(200, 300);
         assert!(draw(&mut image, camera, &everything()).is_err());

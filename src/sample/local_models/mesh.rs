@@ -185,7 +185,7 @@ mod tests {
         [0, 6, 4, 7],
     ];
 
-    /// Returns a cube cut into cells of one kind, about 0, with spacing 1/27: two to 52 cells along an edge.
+    /// Returns a cube cut into cells of one kind, about 0, with spacing 1/27.
     fn mesh(cells: [usize; 3], kind: CellKind, shift: impl FnMut(DVec3) -> DVec3) -> CellMesh {
         let dims = cells.map(|n| n + 1);
         let place = |i: usize| {
