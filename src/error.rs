@@ -1,9 +1,9 @@
-//! What can go wrong, said to the person who holds the file.
+//! Defines the errors of the library. Their texts tell the holder of a file what is wrong and what to do.
 //!
-//! An [`Error`] knows what failed, where, and what would have been right; [`Advice`] is the next
-//! step. Steps that a front end takes in its own way (an option, a dialogue, an argument) are a
-//! [`Hint`], and values that it names in its own way are a [`Parameter`]: what the texts here say of
-//! them holds for callers of this library, and a front end puts words of its own in their place.
+//! An [`Error`] states what failed, where, and what was expected. [`Advice`] is the next step. A [`Hint`] is a
+//! step that each front end takes in its own way (an option, a dialogue, an argument). A [`Parameter`] is a
+//! value that each front end names in its own way. The texts here address callers of this library; a front end
+//! replaces them with its own.
 
 mod hint;
 
@@ -14,8 +14,8 @@ pub use hint::{Hint, Parameter};
 
 /// The error of every fallible function of this library.
 ///
-/// Its text has one form, but for [`Error::Cancelled`]: `FILE: where: what was expected, what was found, what to
-/// do`. What failed can be asked as well:
+/// Apart from [`Error::Cancelled`], the text has one form: `FILE: where: what was expected, what was found,
+/// what to do`. The cause can also be matched:
 ///
 /// ```
 /// use ewa_splat::Error;
@@ -43,30 +43,29 @@ pub enum Error {
     Io {
         /// The file.
         path: PathBuf,
-        /// Where in the work: "opening", "reading the values", ...
+        /// Step of the work: "opening", "reading the values", ...
         place: Place,
-        /// What the system said.
+        /// Error of the operating system.
         source: std::io::Error,
         /// The next step.
         advice: Advice,
     },
-    /// A file's contents are not what is needed there.
+    /// The contents of a file differ from those expected.
     #[error("{}: {place}: expected {expected}, found {found}; {advice}", path.display())]
     #[non_exhaustive]
     Format {
         /// The file.
         path: PathBuf,
-        /// The place in it: a line, a byte, an element, a field.
+        /// Place in the file: a line, a byte, an element, a field.
         place: Place,
-        /// What should stand there.
+        /// Expected contents.
         expected: String,
-        /// What stands there.
+        /// Contents found.
         found: String,
         /// The next step.
         advice: Advice,
     },
-    /// A file is a raw volume, and [`OpenOptions::raw`](crate::io::OpenOptions::raw) does not say how
-    /// it is laid out.
+    /// A file is a raw volume, and [`OpenOptions::raw`](crate::io::OpenOptions::raw) does not give its layout.
     #[error(
         "{}: raw volume: expected its dimensions and type, found none; {}",
         path.display(),
@@ -76,38 +75,38 @@ pub enum Error {
     NoLayout {
         /// The file.
         path: PathBuf,
-        /// What its name suggests.
+        /// Layout that the file's name suggests.
         suggested: Option<SuggestedLayout>,
     },
-    /// A value that the caller gave, a setting or a part of the scene, cannot be used.
+    /// A value from the caller, a setting or a part of the scene, cannot be used.
     #[error("{what}: {place}: expected {expected}, found {found}; {advice}")]
     #[non_exhaustive]
     Invalid {
-        /// What was given: "scene", "settings", "point volume", a parameter.
+        /// Kind of value: "scene", "settings", "point volume", a parameter.
         what: Place,
-        /// The place in it.
+        /// Place in the value.
         place: Place,
-        /// What would be right.
+        /// Expected value.
         expected: String,
-        /// What was given.
+        /// Value found.
         found: String,
         /// The next step.
         advice: Advice,
     },
-    /// There is no adapter that can draw, not the one that is asked for, or it does not open.
+    /// No adapter can draw, or the requested one is missing or does not open.
     #[error("GPU: {place}: expected {expected}, found {found}; {advice}")]
     #[non_exhaustive]
     NoAdapter {
         /// "adapters", or the one that does not open.
         place: String,
-        /// What was looked for.
+        /// Adapter sought.
         expected: String,
-        /// The adapters that there are, or what the driver said.
+        /// Adapters available, or the driver's message.
         found: String,
         /// The next step.
         advice: Advice,
     },
-    /// The device's memory does not hold what a scene or a frame needs.
+    /// The device's memory does not suffice for a scene or a frame.
     #[error(
         "GPU: {adapter}: expected {needed} bytes for the {what}, found {found}; {}",
         Hint::SmallerSceneOrCpu
@@ -116,17 +115,17 @@ pub enum Error {
     OutOfMemory {
         /// The adapter.
         adapter: String,
-        /// What the memory was for.
+        /// Purpose of the memory.
         what: String,
-        /// Bytes that were asked for.
+        /// Bytes requested.
         needed: u64,
-        /// Bytes that the device gives to one buffer at most, where these are fewer; how much of its
-        /// memory is free is not known.
+        /// Greatest size of a buffer on the device, in bytes, if it is smaller. The amount of free memory is
+        /// not known.
         available: Option<u64>,
-        /// What the driver said.
+        /// The driver's message.
         found: String,
     },
-    /// The device has been lost, or no longer does what it is told.
+    /// The device has been lost, or no longer responds to commands.
     #[error(
         "GPU: {adapter}: expected a device that answers, found {found}; {}",
         Hint::StartAgainOrCpu
@@ -135,7 +134,7 @@ pub enum Error {
     DeviceLost {
         /// The adapter.
         adapter: String,
-        /// What the driver said.
+        /// The driver's message.
         found: String,
     },
     /// The device cannot draw this, within its limits or at all; the CPU can.
@@ -144,28 +143,28 @@ pub enum Error {
     Unsupported {
         /// The adapter, or the part of the scene or frame.
         place: String,
-        /// What the device can do.
+        /// Capability of the device.
         expected: String,
-        /// What was asked for.
+        /// Capability requested.
         found: String,
         /// The next step.
         advice: Advice,
     },
-    /// Another rank of a distributed renderer failed, or is gone.
+    /// Another rank of a distributed renderer failed, or has terminated.
     #[error("rank {rank}: {reason}")]
     #[non_exhaustive]
     OfRank {
-        /// Its number.
+        /// Number of the rank.
         rank: usize,
-        /// What it said.
+        /// The rank's message.
         reason: String,
     },
-    /// The work was cancelled by its [`Task`](crate::Task): nothing is wrong.
+    /// The work was cancelled by its [`Task`](crate::Task); this is no fault.
     #[error("cancelled")]
     Cancelled,
 }
 
-/// What the name of a raw volume suggests of its layout.
+/// Layout of a raw volume as its name suggests it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct SuggestedLayout {
@@ -178,7 +177,7 @@ pub struct SuggestedLayout {
 /// `Result` with this library's [`Error`].
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
-/// Where in a file or value: in words, or a parameter that front ends call by names of their own.
+/// Place in a file or value: in words, or a parameter that each front end names in its own way.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Place {
@@ -188,7 +187,7 @@ pub enum Place {
     Parameter(Parameter),
 }
 
-/// The next step: in words that hold everywhere, or a step that front ends word themselves.
+/// The next step: in words that fit every front end, or a step that each words itself.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Advice {
@@ -196,12 +195,12 @@ pub enum Advice {
     Text(Box<str>),
     /// A step for which front ends have options of their own.
     Hint(Hint),
-    /// In words, of a file that is sound and holds nothing to draw.
+    /// In words, for a file that is valid but holds nothing to draw.
     NoData(Box<str>),
 }
 
 impl Error {
-    /// An [`Error::Format`] from its five parts.
+    /// Makes an [`Error::Format`] of its five parts.
     pub fn format(
         path: impl AsRef<Path>,
         place: impl Into<Place>,
@@ -218,7 +217,7 @@ impl Error {
         }
     }
 
-    /// An [`Error::Invalid`] from its five parts.
+    /// Makes an [`Error::Invalid`] of its five parts.
     pub fn invalid(
         what: impl Into<Place>,
         place: impl Into<Place>,
@@ -235,12 +234,12 @@ impl Error {
         }
     }
 
-    /// An [`Error::OfRank`] from its two parts.
+    /// Makes an [`Error::OfRank`] of its two parts.
     pub(crate) fn of_rank(rank: usize, reason: String) -> Self {
         Self::OfRank { rank, reason }
     }
 
-    /// That this build has no code for GPUs.
+    /// Returns the error for a build without code for GPUs.
     #[cfg(not(feature = "gpu"))]
     pub(crate) fn without_gpu() -> Self {
         Self::Unsupported {
@@ -251,7 +250,7 @@ impl Error {
         }
     }
 
-    /// An [`Error::Io`] from its four parts.
+    /// Makes an [`Error::Io`] of its four parts.
     pub fn io(
         path: impl AsRef<Path>,
         place: impl Into<Place>,
@@ -266,8 +265,8 @@ impl Error {
         }
     }
 
-    /// The same of a value that came from a file: with the file's name in place of what was given.
-    /// Errors that name a file keep it, and those of devices are as they are.
+    /// Converts the error of a value that came from a file: replaces the kind of value by the file's name.
+    /// Errors that name a file already, and errors of devices, are returned unchanged.
     #[must_use]
     pub fn in_file(self, file: &Path) -> Self {
         match self {
@@ -282,7 +281,7 @@ impl Error {
         }
     }
 
-    /// Whether a device failed, or cannot do what is asked, where the CPU may draw the same.
+    /// Returns true if a device failed or cannot do the work, so that the CPU may draw the scene instead.
     pub fn is_of_device(&self) -> bool {
         matches!(
             self,
@@ -293,7 +292,7 @@ impl Error {
         )
     }
 
-    /// The next step, where it is one that front ends word themselves.
+    /// Returns the next step if it is one that front ends word themselves.
     pub fn hint(&self) -> Option<Hint> {
         let advice = match self {
             Self::Io { advice, .. }
@@ -312,7 +311,8 @@ impl Error {
         }
     }
 
-    /// Whether a file is sound, but holds nothing to draw, so that others that belong to it may be drawn without it.
+    /// Returns true if a file is valid but holds nothing to draw. Other files of the same set can then be drawn
+    /// without it.
     pub fn holds_nothing(&self) -> bool {
         let is_empty = matches!(
             self,
@@ -324,7 +324,7 @@ impl Error {
         is_empty || self.hint() == Some(Hint::LookAtFile)
     }
 
-    /// The file that is at fault, if it is one.
+    /// Returns the file at fault, if there is one.
     pub fn file(&self) -> Option<&Path> {
         match self {
             Self::Io { path, .. } | Self::Format { path, .. } | Self::NoLayout { path, .. } => {
@@ -372,7 +372,7 @@ impl fmt::Display for Advice {
 }
 
 impl Advice {
-    /// The next step where a sound file holds nothing to draw: [`Error::holds_nothing`].
+    /// Makes the advice for a valid file that holds nothing to draw: [`Error::holds_nothing`].
     pub(crate) fn no_data(text: &str) -> Self {
         Self::NoData(text.into())
     }

@@ -1,4 +1,4 @@
-//! The picture that a render returns: linear, premultiplied, f32.
+//! Defines the images that a render returns: linear, premultiplied, f32.
 
 use crate::constants::{SRGB_GAMMA, SRGB_LINEAR_END, SRGB_OFFSET, SRGB_SCALE, SRGB_SLOPE};
 
@@ -16,9 +16,9 @@ pub struct Image {
 
 /// A depth image: one f32 per pixel, rows from the top.
 ///
-/// The depth of a pixel is the camera-space z (perspective and orthographic alike) of the
-/// particle at which the transmittance along the pixel's ray falls to one half or less, and
-/// infinity where it never does.
+/// The depth of a pixel is the camera-space z (perspective and orthographic alike) of the particle at which the
+/// transmittance along the pixel's ray falls to one half or less. It is infinity if the transmittance stays
+/// above one half.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DepthImage {
     /// Width in pixels.
@@ -36,8 +36,8 @@ pub struct NormalImage {
     pub width: usize,
     /// Height in pixels.
     pub height: usize,
-    /// `width * height` unit vectors, world space, towards the eye; of the surface at which half of
-    /// the pixel is covered, zero where there is none.
+    /// `width * height` unit vectors, world space, towards the eye. Each is the normal of the surface at which
+    /// the coverage of the pixel reaches half; zero without a surface.
     pub normals: Vec<[f32; 3]>,
 }
 
@@ -50,32 +50,31 @@ pub struct ColumnImage {
     pub height: usize,
     /// `width * height` values; field x length.
     pub values: Vec<f32>,
-    /// The area of a pixel, world units squared, where all have the same: under an orthographic
-    /// camera.
+    /// Area of a pixel, world units squared, if all pixels have the same: under an orthographic camera.
     pub pixel_area: Option<f64>,
 }
 
 impl ColumnImage {
-    /// The sum of the pixels times their area: the integral of the field over what the image
-    /// shows, for a density its mass. `None` under perspective.
+    /// Returns the sum of the pixels times their area: the integral of the field over the visible region, for a
+    /// density its mass. Returns `None` under perspective.
     pub fn sum_times_area(&self) -> Option<f64> {
         let sum: f64 = self.values.iter().map(|&v| f64::from(v)).sum();
         self.pixel_area.map(|area| sum * area)
     }
 
-    /// The least and the greatest value.
+    /// Returns the least and the greatest value.
     pub fn range(&self) -> Option<[f32; 2]> {
         range(self.values.iter().copied().filter(|v| !v.is_nan()))
     }
 
-    /// The least and the greatest value above zero, or `None` where there is none.
+    /// Returns the least and the greatest value above zero, or `None` if there are none.
     pub fn positive_range(&self) -> Option<[f32; 2]> {
         range(self.values.iter().copied().filter(|v| *v > 0.0))
     }
 
-    /// What the colours of a picture span, logarithmically: [`ColumnImage::positive_range`], but no
-    /// more than four decades below the greatest value. Further down lie the rims of kernels, where
-    /// a Gaussian says nothing of the data.
+    /// Returns the range of a picture's logarithmic colours: [`ColumnImage::positive_range`], limited to four
+    /// decades below the greatest value. Lower values are the rims of kernels, where a Gaussian carries no
+    /// information about the data.
     pub fn shown_range(&self) -> Option<[f32; 2]> {
         let [least, greatest] = self.positive_range()?;
         Some([least.max(greatest * 1e-4), greatest])
@@ -88,12 +87,13 @@ fn range(values: impl Iterator<Item = f32>) -> Option<[f32; 2]> {
     })
 }
 
-/// Behind pictures that are to be looked at, linear: the sRGB colour #1c1c21, on which neither white nor black
-/// vanishes.
+/// Linear background of pictures for viewing: the sRGB colour #1c1c21, against which both white and black stand
+/// out.
 pub const DARK_GREY: [f32; 3] = [0.0116, 0.0116, 0.0152];
 
 impl Image {
-    /// The same over a linear background, opaque: as [`Settings::background`](crate::Settings::background) draws it.
+    /// Returns the image over a linear background, opaque, as
+    /// [`Settings::background`](crate::Settings::background) draws it.
     #[must_use]
     pub fn over(&self, background: [f32; 3]) -> Self {
         let mut image = self.clone();
@@ -103,7 +103,7 @@ impl Image {
         image
     }
 
-    /// A transparent black image.
+    /// Makes a transparent black image.
     pub fn new(width: usize, height: usize) -> Self {
         Self {
             width,
@@ -112,18 +112,18 @@ impl Image {
         }
     }
 
-    /// Whether there are as many pixels as width and height say.
+    /// Returns true if the number of pixels is width times height.
     pub(crate) fn is_whole(&self) -> bool {
         self.width.checked_mul(self.height) == Some(self.pixels.len())
     }
 
-    /// The pixel in column `x` and row `y`.
+    /// Returns the pixel in column `x` and row `y`.
     pub fn pixel(&self, x: usize, y: usize) -> [f32; 4] {
         self.pixels[y * self.width + x]
     }
 
-    /// The picture for screens and files: sRGB-encoded red, green and blue, not multiplied by alpha, and alpha; four bytes a
-    /// pixel. Colours above 1 are cut.
+    /// Encodes the picture for screens and files: sRGB-encoded red, green and blue, not multiplied by alpha,
+    /// and alpha; four bytes a pixel. Colours above 1 are clamped.
     pub fn to_srgb8(&self) -> Vec<u8> {
         let of_pixel = |&[r, g, b, a]: &[f32; 4]| {
             let share = if a > 0.0 { a } else { 1.0 };
@@ -134,13 +134,13 @@ impl Image {
     }
 }
 
-/// A pixel over a background.
+/// Composites a pixel over a background.
 pub(crate) fn over([r, g, b, a]: [f32; 4], [br, bg, bb]: [f32; 3]) -> [f32; 4] {
     let left = 1.0 - a;
     [r + left * br, g + left * bg, b + left * bb, 1.0]
 }
 
-/// A value from 0 to 1 as a byte; NaN becomes 0.
+/// Converts a value from 0 to 1 to a byte; NaN becomes 0.
 pub(crate) fn byte(x: f32) -> u8 {
     #[allow(
         clippy::cast_possible_truncation,
@@ -152,7 +152,7 @@ pub(crate) fn byte(x: f32) -> u8 {
     }
 }
 
-/// The sRGB code value, 0 to 1, of a linear one (IEC 61966-2-1).
+/// Returns the sRGB code value, 0 to 1, of a linear one (IEC 61966-2-1).
 ///
 /// Values outside 0 to 1 follow the same curve, mirrored about 0.
 pub fn srgb_from_linear(linear: f32) -> f32 {
@@ -165,8 +165,7 @@ pub fn srgb_from_linear(linear: f32) -> f32 {
     code.copysign(linear)
 }
 
-/// The linear value of an sRGB code value, 0 to 1 (IEC 61966-2-1): the inverse of
-/// [`srgb_from_linear`].
+/// Returns the linear value of an sRGB code value, 0 to 1 (IEC 61966-2-1): the inverse of [`srgb_from_linear`].
 pub fn linear_from_srgb(code: f32) -> f32 {
     let x = code.abs();
     let linear = if x <= 0.040_45 {
@@ -205,7 +204,7 @@ mod tests {
         assert!((linear_from_srgb(0.5) - 0.214_041_14).abs() < 1e-6);
         for i in 0..=255_u8 {
             let code = f32::from(i) / 255.0;
-            // Two powers of f32 with exponents up to 2.4, each good to a few roundings.
+            // Two powers in f32 with exponents up to 2.4, each accurate to a few roundings.
             assert!((srgb_from_linear(linear_from_srgb(code)) - code).abs() < 2e-6);
         }
         assert!(srgb_from_linear(f32::NAN).is_nan());

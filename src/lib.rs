@@ -1,11 +1,10 @@
-//! EWA splatting of unstructured point volumes and surfels: curvilinear grids, lattices and particles
-//! of arbitrary shape are rendered as they are, without resampling; meshes become surfels.
+//! Renders unstructured point volumes and surfels by EWA splatting. Curvilinear grids, lattices and particles
+//! of arbitrary shape are drawn as they are, without resampling; meshes become surfels.
 //!
-//! A particle is a Gaussian kernel with a variance matrix of its own that emits and absorbs light.
-//! Projected to the image and convolved with the pixel's low-pass filter it becomes an ellipse,
-//! its footprint (Zwicker et al. 2001, *EWA Volume Splatting*; Chen et al. 2004,
-//! *Hardware-Accelerated Adaptive EWA Volume Splatting*). Footprints are sorted by depth and
-//! composited front to back.
+//! A particle is a Gaussian kernel with a variance matrix of its own; it emits and absorbs light. Projected to
+//! the image and convolved with the pixel's low-pass filter, it becomes an ellipse, its footprint (Zwicker et
+//! al. 2001, *EWA Volume Splatting*; Chen et al. 2004, *Hardware-Accelerated Adaptive EWA Volume Splatting*).
+//! Footprints are sorted by depth and composited front to back.
 //!
 //! ```
 //! use ewa_splat::scene::PointVolume;
@@ -30,63 +29,63 @@
 //! # From memory
 //!
 //! [`scene::PointVolume::spheres`], [`ellipsoids`](scene::PointVolume::ellipsoids),
-//! [`turned`](scene::PointVolume::turned) and [`lattice`](scene::PointVolume::lattice) make volumes of
-//! arrays; [`sample::grid`] and [`sample::points`] give kernels to samples that state none,
-//! [`io::Mesh::of_triangles`] and [`sample::mesh::surfels`] to triangles. [`io::read`] takes the bytes
-//! of a file.
+//! [`turned`](scene::PointVolume::turned) and [`lattice`](scene::PointVolume::lattice) make volumes of arrays.
+//! [`sample::grid`] and [`sample::points`] choose kernels for samples without shapes.
+//! [`io::Mesh::of_triangles`] and [`sample::mesh::surfels`] make surfels of triangles. [`io::read`] takes the
+//! bytes of a file.
 //!
 //! # From files
 //!
-//! [`io::open`] reads a file into a [`io::Dataset`], [`sample::scene`] turns that (and a field) into
-//! [`scene::PointVolume`]s, [`Renderer`] draws them, [`io::write_image`] writes the picture.
-//! [`sample::splat_cloud`] and [`io::write_splats`] make a file of splats of them.
-//! [`sample::scene`] does so for meshes, too, which become surfels: [`sample::mesh`].
+//! [`io::open`] reads a file into a [`io::Dataset`], [`sample::scene`] turns the data set into
+//! [`scene::PointVolume`]s, [`Renderer`] draws them, and [`io::write_image`] writes the picture. For meshes,
+//! [`sample::scene`] makes surfels: [`sample::mesh`]. [`sample::splat_cloud`] and [`io::write_splats`] convert
+//! volumes to a file of splats.
 //!
 //! # Column densities
 //!
-//! [`Renderer::column_density`] sums instead of compositing: the line integral of the field along
-//! each pixel's ray, as smoothed-particle hydrodynamics knows it, in f32 numbers of which the mass
-//! is conserved.
+//! [`Renderer::column_density`] sums instead of compositing: it returns the line integral of the field along
+//! each pixel's ray, as used for smoothed-particle hydrodynamics. The numbers are f32, and the mass is
+//! conserved.
 //!
 //! # Long work
 //!
-//! Sampling, sorting into blocks, levels of detail, frames and the true image take a [`Task`] in their
-//! options: it is told how far they are, and ends them before their time. Frames of a device can be awaited
-//! instead ([`Renderer::render_async`]). A [`Renderer`] may move between threads; scenes, settings and
-//! images may be shared among them.
+//! Sampling, sorting into blocks, levels of detail, frames and reference images take a [`Task`] in their
+//! options. The task receives their progress, and can cancel them. Frames of a device can be awaited instead
+//! ([`Renderer::render_async`]). A [`Renderer`] may move between threads; scenes, settings and images may be
+//! shared among them.
 //!
 //! # Rooms
 //!
-//! Imports run down this list, never up. Rooms without a link hold the stages of frames: they are no
-//! interface.
+//! Imports run down this list, never up. Modules without a link implement the stages of frames and are not
+//! public.
 //!
-//! | module | what lives there |
+//! | module | contents |
 //! |---|---|
 //! | [`error`], [`Task`], [`constants`], [`image`] | errors, progress of long work, numbers with one home, pictures |
 //! | [`math`] | factors of variances, special functions |
-//! | [`scene`] | point volumes, lattices, transfer functions, what a scene requires |
+//! | [`scene`] | point volumes, lattices, transfer functions, requirements of a scene |
 //! | [`io`] | readers and writers, one file per format |
-//! | [`edit`] | data sets moved and cut |
+//! | [`edit`] | moves and cuts data sets |
 //! | [`view`] | cameras, clip planes |
-//! | [`sample`] | data sets to particles with variances and masses |
+//! | [`sample`] | turns data sets into particles with variances and masses |
 //! | `splat` | kernel to footprint: filters, exact terms, error bounds |
 //! | `record` | the structs that stages exchange |
 //! | `blocks` | particles in blocks, culling, level of detail, filters block by block |
 //! | `prepared` | scenes in files that are mapped into memory (feature `prepared`) |
-//! | [`stats`] | what frames count, and their times |
+//! | [`stats`] | counts and times of frames |
 //! | `cpu` | the stages of a frame on the CPU |
 //! | `gpu` | the same stages on a GPU (feature `gpu`) |
 //! | [`render`] | scene + camera + settings to frame |
-//! | [`distributed`] | the same by ranks, each with a share of the scene |
-//! | [`mod@reference`] | the true image, in f64, by quadrature |
-//! | `overlay` | what is drawn over pictures: text, plates, lines (feature `legend`) |
+//! | [`distributed`] | the same on several ranks, each with a share of the scene |
+//! | [`mod@reference`] | the reference image, in f64, by quadrature |
+//! | `overlay` | draws over pictures: text, plates, lines (feature `legend`) |
 //! | `legend`, `annotate` | colour bars in pictures; axes, boxes, scales and titles (feature `legend`) |
-//! | [`measure`] | how far one picture is from another, and what accuracy costs |
+//! | [`measure`] | differences between pictures, and the cost of accuracy |
 //!
-//! [`accuracy`] is a page on what each approximation costs and how far it is off, [`irregular`] one
-//! on how each kind of data becomes kernels and what its lengths mean, [`compositing`] one on sheets,
-//! slabs and clip planes, [`shading`] one on light, [`surfels`] one on meshes, surfaces and what they do
-//! among volumes, [`papers`] one on what the papers claim and what was found.
+//! Further pages: [`accuracy`] on the cost and the error of each approximation, [`irregular`] on how each kind
+//! of data becomes kernels and what its lengths mean, [`compositing`] on sheets, slabs and clip planes,
+//! [`shading`] on light, [`surfels`] on meshes, surfaces and surfels among volumes, [`papers`] on the papers'
+//! claims and what was found.
 //!
 //! # Conventions
 //!
@@ -112,7 +111,7 @@
 //! | q_k, rho_k | `record::Footprint`: the resampling filter, times the mass |
 //! | g_k, c_k | extinction, colour: [`scene::TransferFunction`] |
 //! | classify | apply the transfer function |
-//! | amplitude | value x volume, or mass: what column densities sum |
+//! | amplitude | value x volume, or mass: the summand of column densities |
 //! | choose | pick a filter path: `blocks::choose`, `splat::choose_exact` |
 //! | merged | a cluster of particles drawn as one: `blocks::Merged` |
 
@@ -163,8 +162,8 @@ pub mod surfels {}
 mod task;
 pub mod view;
 
-/// The stages of a frame and the structs that they exchange, for the tests, benchmarks and examples of this
-/// crate: they change without notice.
+/// Gives the tests, benchmarks and examples of this crate access to the stages of a frame and the structs that
+/// they exchange. These change without notice.
 #[doc(hidden)]
 #[allow(missing_docs, reason = "the modules have their own")]
 pub mod stages {

@@ -1,4 +1,5 @@
-//! How much memory a process may still take: what does not fit is said before it is tried.
+//! Measures the memory that a process may still allocate, so that oversized data are refused before they are
+//! read.
 
 use std::cell::Cell;
 use std::fs::read_to_string;
@@ -8,7 +9,7 @@ use crate::error::{Error, Place, Result};
 
 thread_local!(static TRIES: Cell<bool> = const { Cell::new(false) });
 
-/// Makes room that may be refused: the caller says what there is none for.
+/// Runs an allocation that may fail: the caller reports the failure.
 pub(crate) fn trying<T>(room: impl FnOnce() -> T) -> T {
     let before = TRIES.replace(true);
     let made = room();
@@ -16,15 +17,15 @@ pub(crate) fn trying<T>(room: impl FnOnce() -> T) -> T {
     made
 }
 
-/// Whether this thread makes room that may be refused. An allocator that ends the program where there is none leaves
-/// such alone.
+/// Returns true while this thread makes an allocation that may fail. An allocator that ends the program when
+/// memory runs out leaves such allocations alone.
 #[doc(hidden)]
 pub fn is_tried() -> bool {
     TRIES.try_with(Cell::get).unwrap_or(true)
 }
 
-/// The least of what the machine, the process's cgroups and its limit of addresses leave, bytes, and which of them it
-/// is; `None` where none says anything.
+/// Returns the memory left, in bytes: the least of what the machine, the process's control groups and its
+/// address-space limit leave. The text names the limiting one. Returns `None` if no limit is known.
 pub(crate) fn left() -> Option<(u64, &'static str)> {
     let machine = || {
         let text = read_to_string("/proc/meminfo").ok()?;
@@ -47,16 +48,17 @@ pub(crate) fn left() -> Option<(u64, &'static str)> {
     all.into_iter().flatten().min_by_key(|(bytes, _)| *bytes)
 }
 
-/// Bytes of a line `NAME   123 kB`.
+/// Parses the bytes of a line `NAME   123 kB`.
 fn kilobytes(text: &str, name: &str) -> Option<u64> {
     let line = text.lines().find(|line| line.starts_with(name))?;
     let number: u64 = line.split_whitespace().nth(1)?.parse().ok()?;
     number.checked_mul(1024)
 }
 
-/// What the process's control groups leave, of either version of them; those above limit it, too.
+/// Returns the memory that the process's control groups leave, of version 1 or 2. Their parent groups limit it,
+/// too.
 ///
-/// - `root`: of the file system.
+/// - `root`: root of the file system.
 fn group_left(root: &Path) -> Option<u64> {
     let groups = read_to_string(root.join("proc/self/cgroup")).ok()?;
     let of_line = |line: &str| {
@@ -78,7 +80,7 @@ fn group_left(root: &Path) -> Option<u64> {
             read_to_string(at.join(name)).ok()?.trim().parse().ok()
         };
         let of_group = |at: &Path| {
-            // Pages of files, which give way, count as used.
+            // The usage includes the file cache, which can be reclaimed: subtract it.
             let stat = read_to_string(at.join("memory.stat")).unwrap_or_default();
             let cached = stat
                 .lines()
@@ -93,10 +95,10 @@ fn group_left(root: &Path) -> Option<u64> {
     groups.lines().filter_map(of_line).min()
 }
 
-/// Refuses what takes more memory than there is.
+/// Refuses particles that take more memory than there is.
 ///
-/// - `count`: of particles.
-/// - `each`: the bytes that one takes at least while the scene is made.
+/// - `count`: number of particles.
+/// - `each`: least memory \[bytes\] of a particle while the scene is made.
 #[cfg(feature = "cli")]
 pub(crate) fn check(count: usize, each: usize) -> Result<()> {
     let needed = (count as u64).saturating_mul(each as u64);
@@ -116,9 +118,9 @@ pub(crate) fn check(count: usize, each: usize) -> Result<()> {
     }
 }
 
-/// Refuses numbers for which there is no room, before any of them is read.
+/// Refuses data that exceed the memory, before they are read.
 ///
-/// - `bytes`: what they take in memory, as a header says.
+/// - `bytes`: size in memory according to the header.
 pub(crate) fn check_room(path: &Path, place: impl Into<Place>, bytes: u64) -> Result<()> {
     match no_room(bytes) {
         Some([expected, found]) => Err(Error::format(
@@ -132,9 +134,9 @@ pub(crate) fn check_room(path: &Path, place: impl Into<Place>, bytes: u64) -> Re
     }
 }
 
-/// What is expected and what is found of numbers for which there is no room; `None` where there is.
+/// Returns the expected and the found size of data that exceed the memory; `None` if the memory suffices.
 pub(crate) fn no_room(bytes: u64) -> Option<[String; 2]> {
-    /// Of fewer the system is not asked, which takes some reading.
+    /// Least size for which the system is queried: a query reads several files.
     const LEAST: u64 = 1 << 28;
     if bytes < LEAST {
         return None;

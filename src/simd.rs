@@ -1,12 +1,12 @@
-//! Instruction sets: inner loops are plain Rust over arrays of lanes, compiled once for each level with that
-//! level's target features; the compiler turns them into vectors.
+//! Selects instruction sets. Inner loops are plain Rust over arrays of lanes, compiled once for each level with
+//! that level's target features; the compiler vectorises them.
 
 use std::sync::OnceLock;
 
-/// Instruction sets that inner loops are compiled for.
+/// Instruction sets for which inner loops are compiled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum SimdLevel {
-    /// What every processor of the target has.
+    /// The features that every processor of the target has.
     Baseline,
     /// x86-64 with AVX2 and FMA.
     Avx2,
@@ -15,10 +15,10 @@ pub enum SimdLevel {
 }
 
 impl SimdLevel {
-    /// All of them, the best last.
+    /// All levels, the best last.
     const ALL: [Self; 3] = [Self::Baseline, Self::Avx2, Self::Avx512];
 
-    /// The levels that this processor has, the best last.
+    /// Returns the levels that this processor supports, the best last.
     pub fn available() -> Vec<Self> {
         let best = Self::best();
         Self::ALL
@@ -27,7 +27,7 @@ impl SimdLevel {
             .collect()
     }
 
-    /// The best level of this processor, which is asked once.
+    /// Returns the best level of this processor, which is detected once.
     #[inline]
     pub fn best() -> Self {
         static BEST: OnceLock<SimdLevel> = OnceLock::new();
@@ -48,19 +48,19 @@ impl SimdLevel {
     }
 }
 
-/// Work that gains from being compiled for an instruction set as a whole.
+/// Work that is compiled for an instruction set as a whole.
 pub(crate) trait SimdWork {
-    /// What it returns.
+    /// Result of the work.
     type Output;
 
-    /// The work; inlined into a function of the level's features.
+    /// Does the work; inlined into a function with the level's features.
     ///
-    /// - `FMA`: whether these fuse a product and a sum.
-    /// - `LANES`: how many pixels of a row a fused loop takes at once.
+    /// - `FMA`: true if the level fuses a product and a sum.
+    /// - `LANES`: number of pixels of a row that a fused loop processes at once.
     fn run<const FMA: bool, const LANES: usize>(self) -> Self::Output;
 }
 
-/// Runs `work` at `level`, or at the best that the processor has where that is less.
+/// Runs `work` at `level`, or at the processor's best level if that is lower.
 #[inline(always)]
 pub(crate) fn run_at<W: SimdWork>(level: SimdLevel, work: W) -> W::Output {
     match level.min(SimdLevel::best()) {

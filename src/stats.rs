@@ -1,44 +1,43 @@
-//! What a frame counted, and how long its stages took.
+//! Defines the counts of a frame and the times of its stages.
 
 use std::time::Instant;
 
 use serde::Serialize;
 
-/// What a frame counted.
+/// Counts of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct FrameCounts {
-    /// Blocks of all volumes and of their levels of detail.
+    /// Number of blocks of all volumes and of their levels of detail.
     pub blocks: usize,
-    /// Blocks outside the view, transparent, or for whose particles others stand.
+    /// Number of blocks outside the view, transparent, or replaced by merged particles.
     pub blocks_culled: usize,
-    /// Blocks that are drawn, by their filter: the place is that of
-    /// [`Filter::ALL`](crate::splat::Filter::ALL), the first for blocks each of whose kernels was
-    /// asked for itself.
+    /// Number of drawn blocks by filter, in the order of [`Filter::ALL`](crate::splat::Filter::ALL). The first
+    /// counts blocks whose filter was chosen for each kernel separately.
     pub block_filters: [usize; 7],
-    /// Of these, blocks of merged particles.
+    /// Number of drawn blocks of merged particles.
     pub blocks_merged: usize,
-    /// Particles that the transfer function leaves visible, in the blocks that are left.
+    /// Number of particles in the remaining blocks that the transfer function leaves visible.
     pub classified: usize,
-    /// Of these, those of volumes whose kernels were classified over their extents: a kernel is as many as
-    /// lobes of the transfer function leave something of it.
+    /// Number of pieces among these, for volumes whose kernels were classified over their extents. A kernel has
+    /// one piece for each lobe of the transfer function that contributes to it.
     pub pieces: usize,
-    /// Footprints that reach the image.
+    /// Number of footprints that reach the image.
     pub footprints: usize,
-    /// Of these, surfels of opaque surfaces.
+    /// Number of these that are surfels of opaque surfaces.
     pub surfels: usize,
-    /// Of these, on the exact path.
+    /// Number of these on the exact path.
     pub footprints_exact: usize,
-    /// Of these, kernels that cross the camera plane.
+    /// Number of these whose kernels cross the camera plane.
     pub footprints_near: usize,
-    /// Entries of the tiles' lists.
+    /// Number of entries of the tiles' lists.
     pub tile_entries: usize,
-    /// Kernels evaluated at pixel centres within their cut-off.
+    /// Number of kernel evaluations at pixel centres within the cut-off.
     pub splat_pixels: u64,
 }
 
 /// Milliseconds per stage of a frame.
 ///
-/// On the GPU the stages' are the device's own timestamps, 0 where the adapter has none.
+/// On the GPU the stages' times are the device's own timestamps, 0 if the adapter has none.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 #[allow(missing_docs, reason = "each is the stage of its name")]
 pub struct StageTimes {
@@ -49,12 +48,12 @@ pub struct StageTimes {
     pub bin: f64,
     pub rasterise: f64,
     pub resolve: f64,
-    /// The whole frame, as whoever asked for it waits.
+    /// The whole frame, as long as the caller waits for it.
     pub frame: f64,
 }
 
-/// What measures [`StageTimes`] on the processor. The standard library has no clock in a browser: times
-/// are 0 there.
+/// Measures [`StageTimes`] on the processor. In a browser, where the standard library has no clock, times are
+/// 0.
 #[derive(Debug)]
 pub(crate) struct Stopwatch(Option<Instant>);
 
@@ -63,7 +62,7 @@ impl Stopwatch {
         Self((!cfg!(target_family = "wasm")).then(Instant::now))
     }
 
-    /// Milliseconds since the last lap, or the start.
+    /// Returns the milliseconds since the last lap, or the start.
     pub(crate) fn lap(&mut self) -> f64 {
         let Some(last) = &mut self.0 else { return 0.0 };
         let now = Instant::now();

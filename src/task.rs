@@ -1,4 +1,4 @@
-//! Progress of long work, and its end before its time.
+//! Reports the progress of long work, and cancels it.
 
 use std::fmt;
 use std::sync::Arc;
@@ -8,14 +8,14 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 
-/// A handle on work that can take seconds: whoever holds a clone of it may cancel the work, from any
-/// thread, and its observer is told how far the work is.
+/// A handle on work that can take seconds. The holder of a clone may cancel the work from any thread; an
+/// observer receives its progress.
 ///
-/// The options of long work take one: [`SampleOptions::task`](crate::sample::SampleOptions::task),
+/// The options of long work have a field for it: [`SampleOptions::task`](crate::sample::SampleOptions::task),
 /// [`SceneOptions::task`](crate::SceneOptions::task), [`Settings::task`](crate::Settings::task) and others.
-/// Cancelled work ends with [`Error::Cancelled`] after what it has in hand, a tile of a frame or some thousand
-/// particles, and leaves everything as it was but the pictures of a renderer. A task that has been
-/// cancelled stays so: later work takes a new one.
+/// Cancelled work finishes its current step, a tile of a frame or some thousand particles, then returns
+/// [`Error::Cancelled`]. It leaves everything unchanged except a renderer's pictures. A cancelled task stays
+/// cancelled: later work needs a new one.
 ///
 /// ```
 /// use ewa_splat::sample::{SampleOptions, points};
@@ -42,26 +42,25 @@ struct Shared {
     observer: Option<Box<Observer>>,
 }
 
-/// How far work is.
+/// Progress of work.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct Progress {
-    /// What is being done, in words: "finding neighbours". One piece of work has several stages, one after the
-    /// other.
+    /// Current stage, in words: "finding neighbours". Work may have several stages, one after the other.
     pub stage: &'static str,
-    /// How much of this stage is done, 0 to 1. Threads that finish at the same time may tell it in
-    /// another order.
+    /// Finished share of this stage, 0 to 1. Threads that finish at the same time may report in a different
+    /// order.
     pub done: f64,
 }
 
 impl Task {
-    /// A task that nobody watches.
+    /// Makes a task without an observer.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// A task whose observer is told of each stage's start and of every thousandth of it, from any thread. The
-    /// work waits for it.
+    /// Makes a task whose observer is called at each stage's start and at every thousandth of it, from any
+    /// thread. The work waits for the observer.
     pub fn observed(observer: impl Fn(Progress) + Send + Sync + 'static) -> Self {
         Self(Arc::new(Shared {
             is_cancelled: AtomicBool::new(false),
@@ -69,12 +68,12 @@ impl Task {
         }))
     }
 
-    /// Lets the work end as soon as it can.
+    /// Asks the work to end as soon as it can.
     pub fn cancel(&self) {
         self.0.is_cancelled.store(true, Ordering::Relaxed);
     }
 
-    /// Whether it has been cancelled.
+    /// Returns true if the task has been cancelled.
     pub fn is_cancelled(&self) -> bool {
         self.0.is_cancelled.load(Ordering::Relaxed)
     }
@@ -101,7 +100,7 @@ impl fmt::Display for Progress {
     }
 }
 
-/// [`Error::Cancelled`] where the task is.
+/// Returns [`Error::Cancelled`] if the task is cancelled.
 pub(crate) fn check(task: Option<&Task>) -> Result<()> {
     match task {
         Some(task) if task.is_cancelled() => Err(Error::Cancelled),
@@ -109,7 +108,7 @@ pub(crate) fn check(task: Option<&Task>) -> Result<()> {
     }
 }
 
-/// A part of the work, of so many equal steps.
+/// A stage of the work, with a number of equal steps.
 #[derive(Debug)]
 pub(crate) struct Stage<'a> {
     task: Option<&'a Task>,
@@ -119,10 +118,10 @@ pub(crate) struct Stage<'a> {
 }
 
 impl<'a> Stage<'a> {
-    /// Items that are counted at a time: few enough for a counter that all threads share.
+    /// Number of items that are counted at a time: large enough for a counter that all threads share.
     pub(crate) const GRAIN: usize = 1024;
 
-    /// Tells that it begins.
+    /// Begins a stage, and reports that.
     pub(crate) fn new(task: Option<&'a Task>, name: &'static str, steps: usize) -> Self {
         let stage = Self {
             task,
@@ -134,12 +133,12 @@ impl<'a> Stage<'a> {
         stage
     }
 
-    /// Whether there is still something to do.
+    /// Returns true until the task is cancelled.
     pub(crate) fn goes_on(&self) -> bool {
         self.task.is_none_or(|task| !task.is_cancelled())
     }
 
-    /// Counts steps that are done.
+    /// Counts finished steps.
     pub(crate) fn advance(&self, steps: usize) {
         if self.task.is_none() {
             return;
@@ -151,8 +150,8 @@ impl<'a> Stage<'a> {
         }
     }
 
-    /// Counts item `i` of as many items as there are steps, each counted once by any thread, and says whether it
-    /// is still to be done.
+    /// Counts item `i` of as many items as there are steps; any thread may count each item once. Returns false
+    /// if the task is cancelled.
     #[inline]
     pub(crate) fn counts(&self, i: usize) -> bool {
         let Some(task) = self.task else {
@@ -164,8 +163,8 @@ impl<'a> Stage<'a> {
         !task.is_cancelled()
     }
 
-    /// Tells how much of it is done, 0 to 1, where steps cannot be counted; it has a thousand steps then. Never
-    /// goes back.
+    /// Reports the finished share, 0 to 1, of a stage whose steps cannot be counted; it has a thousand steps.
+    /// The reported progress never decreases.
     pub(crate) fn reach(&self, share: f64) {
         #[expect(
             clippy::cast_possible_truncation,
@@ -178,7 +177,7 @@ impl<'a> Stage<'a> {
         }
     }
 
-    /// What it ends with.
+    /// Returns an error if the task is cancelled.
     pub(crate) fn check(&self) -> Result<()> {
         check(self.task)
     }
@@ -193,17 +192,18 @@ impl<'a> Stage<'a> {
     }
 }
 
-/// What `of` makes of 0, 1, ... `count` - 1, in parallel: a stage of as many steps.
+/// Collects `of(0)`, `of(1)`, ... `of(count - 1)` in parallel, as a stage with that many steps.
 ///
 /// # Errors
-/// Cancelled.
+/// Work that was cancelled.
 pub(crate) fn collect<T: Send>(
     task: Option<&Task>,
     name: &'static str,
     count: usize,
     of: impl Fn(usize) -> T + Sync,
 ) -> Result<Vec<T>> {
-    /// Steps between questions at least: fewer do not repay waiting for the last thread.
+    /// Least number of steps between checks for cancellation: smaller batches wait too often for their last
+    /// thread.
     const BATCH: usize = 4096;
     if task.is_none() {
         return Ok((0..count).into_par_iter().map(&of).collect());
@@ -221,11 +221,11 @@ pub(crate) fn collect<T: Send>(
     Ok(all)
 }
 
-/// Fills an array in parallel: `fill` is given pieces of it, and the place of the first entry of each. A stage of as
-/// many steps as there are entries.
+/// Fills an array in parallel, as a stage with one step per entry. `fill` receives the index of a piece's first
+/// entry, and the piece.
 ///
 /// # Errors
-/// Cancelled.
+/// Work that was cancelled.
 pub(crate) fn fill<T: Send>(
     task: Option<&Task>,
     name: &'static str,
@@ -258,7 +258,7 @@ mod tests {
         assert_eq!(squares, (0..10_000).map(|i| i * i).collect::<Vec<_>>());
         let told: Vec<f64> = told.lock().unwrap().iter().map(|p| p.done).collect();
         assert_eq!(told, [0.0, 0.4096, 0.8192, 1.0]);
-        // Of many small steps not all are told.
+        // With many small steps, not every step is reported.
         let count = Arc::new(AtomicUsize::new(0));
         let counter = Arc::clone(&count);
         let task = Task::observed(move |_| {
@@ -281,7 +281,7 @@ mod tests {
             i
         });
         assert!(matches!(result, Err(Error::Cancelled)));
-        // The batch in hand was the second.
+        // Work ended with the second batch, which was running.
         assert_eq!(asked.load(Ordering::Relaxed), 8192);
         assert_eq!(task, task.clone());
         assert_ne!(task, Task::new());

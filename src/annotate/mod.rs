@@ -1,10 +1,9 @@
-//! Annotations of pictures: where the axes point, what box the data fill, how long a length is, and
-//! what is shown when.
+//! Draws annotations over pictures: the directions of the axes, the bounding box of the data, a scale bar, a
+//! title and a time stamp.
 //!
-//! They are drawn over a finished picture, by the camera that it was drawn with, before a
-//! [`legend`](crate::legend): the box of the data across the picture, all else into its corners.
-//! Texts stand on plates as a legend's do, lines have dark rims, so that they are seen on bright and
-//! dark pictures.
+//! Annotations are drawn over a finished picture, with its camera, before a [`legend`](crate::legend). The box
+//! spans the picture; all else is in its corners. Texts have plates like a legend's, and lines have dark rims,
+//! so that both are visible on bright and dark pictures.
 
 mod outline;
 mod scale_bar;
@@ -20,47 +19,46 @@ use crate::image::Image;
 use crate::overlay::{Font, Line, PLATE_OPACITY, Rect, Stroke, fill, font_of};
 use crate::view::{Bounds, Camera};
 
-/// What is drawn over a picture; by default nothing.
+/// Annotations to draw over a picture; none by default.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Annotations {
-    /// A triad of the world's axes in the lower left corner, turned as the camera sees it along its
-    /// optical axis.
+    /// A triad of the world's axes in the lower left corner, rotated as the camera sees it along its optical
+    /// axis.
     pub axes: bool,
-    /// A box, world units, whose edges are drawn in perspective, over the picture: those that the box's
-    /// own faces hide are dimmer, what the picture shows hides none.
+    /// A box, world units, whose edges are drawn in perspective over the picture. Edges that the box's own
+    /// faces hide are dimmer; the scene hides none.
     pub outline: Option<Bounds>,
-    /// A bar in the lower right corner, 1, 2 or 5 times a power of ten long. It is as long as that length,
-    /// parallel to the picture's rows, appears at the distance of this point, world units; under an
-    /// orthographic camera everywhere.
+    /// A bar in the lower right corner, 1, 2 or 5 times a power of ten long. A segment of that length, parallel
+    /// to the picture's rows, looks as long as the bar at the distance of this point, world units. Under an
+    /// orthographic camera it does so everywhere.
     pub scale_at: Option<DVec3>,
-    /// A line of text in the left upper corner.
+    /// A line of text in the upper left corner.
     pub title: Option<String>,
-    /// How many of the picture's columns the title may have, counted from the left: all by default.
+    /// Number of the picture's columns that the title may use, from the left; all by default.
     pub title_columns: Option<usize>,
     /// A line of text in the lower left corner, above the triad.
     pub time_stamp: Option<String>,
 }
 
-/// Characters of a text for which there must be room.
+/// Least number of a text's characters that must fit.
 const LEAST_CHARACTERS: usize = 4;
-/// Linear grey of dark rims.
+/// Linear grey level of dark rims.
 const RIM: [f32; 3] = [0.0; 3];
 
-/// Whether the annotations have room and a place in a camera's picture, asked before the work of one.
+/// Checks that the annotations fit into a camera's picture and have a place there, before the picture is drawn.
 ///
 /// # Errors
-/// A picture that is too small, and a scale at a point where the camera sees none: in or behind the
-/// plane of a perspective eye.
+/// A picture that is too small; a scale at a point in or behind the plane of a perspective eye.
 pub fn check(camera: &Camera, annotations: &Annotations) -> Result<()> {
     Layout::of(camera, annotations).map(|_| ())
 }
 
 /// Draws annotations over a picture.
 ///
-/// - `camera`: the one that the picture was drawn by.
+/// - `camera`: the camera of the picture.
 ///
-/// Texts that are too long for the picture end in two points; characters that the font lacks, those
-/// beyond Latin-1, are drawn as `?`. Text is as large as a [`legend`](crate::legend::draw_legend)'s.
+/// Texts that are too long for the picture end in two dots. Characters beyond Latin-1, which the font lacks,
+/// are drawn as `?`. Text is as large as in a [`legend`](crate::legend::draw_legend).
 ///
 /// # Errors
 /// Those of [`check`]; a picture of another size than the camera's.
@@ -103,16 +101,16 @@ struct Label {
 }
 
 impl Label {
-    /// The height of its plate, pixels.
+    /// Returns the height of a label's plate, pixels.
     fn height(font: Font) -> usize {
         font.line_px() + 2 * rim(font)
     }
 
-    /// A text from `left` and `top` on, shortened to a plate that ends before column `end`; none of a text
-    /// without characters.
+    /// Makes a label at `left` and `top`, shortened to a plate that ends before column `end`. Returns `None`
+    /// for an empty text.
     fn of(text: &str, font: Font, [left, top]: [usize; 2], end: usize) -> Option<Self> {
         let gap = gap(font);
-        // Line feeds and tabs have no place in a line.
+        // Line feeds and tabs become spaces.
         let text: String = text
             .trim()
             .chars()
@@ -134,7 +132,7 @@ impl Label {
         })
     }
 
-    /// The width that a text needs where it is shortened, pixels.
+    /// Returns the least width of a shortened text, pixels.
     fn least_width(text: &str, font: Font) -> usize {
         let count = text.trim().chars().count().min(LEAST_CHARACTERS);
         count * font.advance_px() + 2 * gap(font)
@@ -146,17 +144,18 @@ impl Label {
     }
 }
 
-/// Between what is drawn and the picture's edges, and between text and the ends of its plate, pixels.
+/// Returns the distance between drawings and the picture's edges, and between text and the ends of its plate,
+/// pixels.
 fn gap(font: Font) -> usize {
     font.line_px() / 2
 }
 
-/// Between text and its plate's upper and lower edges, pixels.
+/// Returns the distance between text and the upper and lower edges of its plate, pixels.
 fn rim(font: Font) -> usize {
     font.line_px() / 4
 }
 
-/// The width of lines, pixels.
+/// Returns the width of lines, pixels.
 fn thickness_px(font: Font) -> f64 {
     font.line_px() as f64 / 14.0
 }
@@ -165,9 +164,9 @@ fn fill_plate(image: &mut Image, plate: Rect) {
     fill(image, plate, [0.0, 0.0, 0.0, 1.0], PLATE_OPACITY);
 }
 
-/// Draws lines with a dark rim around all of them.
+/// Draws lines with a common dark rim.
 fn draw_rimmed(image: &mut Image, strokes: &[Stroke], colour: [f32; 3], opacity: f32) {
-    /// Of a rim beside the line's own, which has to be seen: on white it leaves a third.
+    /// Opacity of a rim relative to its line's: visible, and on white a third of the light remains.
     const RIM_OPACITY: f32 = 0.65;
     for stroke in strokes {
         let rim = Stroke {
@@ -181,7 +180,7 @@ fn draw_rimmed(image: &mut Image, strokes: &[Stroke], colour: [f32; 3], opacity:
     }
 }
 
-/// Where everything lies.
+/// Positions of all annotations.
 #[derive(Debug, Clone)]
 struct Layout {
     font: Font,
@@ -211,7 +210,7 @@ impl Layout {
                 .map_or(0, |text| Label::least_width(text, font))
         };
         let (bar_width, bar_height) = scale_bar.as_ref().map_or((0, 0), ScaleBar::size);
-        // Beside the bar lies the triad, or the time where there is none.
+        // The triad is beside the bar, or the time stamp if there is no triad.
         let lower = match annotations.axes {
             true => triad_side,
             false => text_width(&stamp),
@@ -224,7 +223,7 @@ impl Layout {
         let at_left = with_gap(text_height(&stamp)) + with_gap(triad_side);
         let columns = with_gap(text_height(&title)) + at_left.max(with_gap(bar_height));
         let least = [gap + rows.into_iter().max().unwrap_or(0), gap + columns];
-        // Nothing to draw has room everywhere.
+        // An empty layout fits everywhere.
         if least != [gap, gap] && (least[0] > width || least[1] > height) {
             return Err(Error::invalid(
                 "annotations",
@@ -236,7 +235,7 @@ impl Layout {
         }
         let inside = width.saturating_sub(gap);
         let title_end = annotations.title_columns.map_or(inside, |columns| {
-            // A gap before what follows, where that leaves room for anything.
+            // Keep a gap before the following columns, if that leaves room for the text.
             let least = gap + text_width(&title);
             columns.saturating_sub(gap).clamp(least.min(inside), inside)
         });
@@ -388,7 +387,7 @@ mod tests {
                 assert!(check(&camera, &everything()).is_err(), "{size:?}");
             }
         }
-        // Of another size than the camera's.
+        // A size other than the camera's.
         let camera = &cameras([300, 200])[0];
         let mut image = Image::new(200, 300);
         assert!(draw(&mut image, camera, &everything()).is_err());

@@ -1,4 +1,4 @@
-//! The edges of a box in perspective.
+//! Draws the edges of a box in perspective.
 
 use glam::{DVec2, DVec3};
 
@@ -7,24 +7,24 @@ use crate::image::Image;
 use crate::overlay::{Font, Stroke};
 use crate::view::{Bounds, Camera, Projection};
 
-/// Linear grey of lines.
+/// Linear grey level of lines.
 const GREY: [f32; 3] = [0.75; 3];
-/// Of edges that the box itself hides.
+/// Opacity of edges that the box itself hides.
 const HIDDEN_OPACITY: f32 = 0.35;
 
 /// An edge of a box as a camera sees it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BoxEdge {
-    /// Its ends, pixel coordinates: [`Camera::project_segment`].
+    /// Ends, pixel coordinates: [`Camera::project_segment`].
     pub ends: [DVec2; 2],
-    /// Whether neither of the two faces that meet in it is turned to the eye.
+    /// True if both faces that meet in the edge face away from the eye.
     pub is_hidden: bool,
 }
 
-/// The edges of a box, world units, of which anything lies before a camera: what an
-/// [`outline`](super::Annotations::outline) draws.
+/// Returns the edges of a box, world units, that lie at least partly in front of a camera, as an
+/// [`outline`](super::Annotations::outline) draws them.
 pub fn box_edges(camera: &Camera, (middle, half): Bounds) -> Vec<BoxEdge> {
-    // Whether the face across an axis, at its lower or its upper end, is turned to the eye.
+    // True if the face across an axis, at its lower or its upper end, faces the eye.
     let is_turned = |axis: usize, is_upper: bool| {
         let sign = if is_upper { 1.0 } else { -1.0 };
         match camera.projection {
@@ -52,7 +52,7 @@ pub fn box_edges(camera: &Camera, (middle, half): Bounds) -> Vec<BoxEdge> {
     edges
 }
 
-/// Draws them, hidden ones dimmer and first.
+/// Draws the edges of a box, hidden ones first and dimmer.
 pub(super) fn draw(image: &mut Image, camera: &Camera, bounds: Bounds, font: Font) {
     let edges = box_edges(camera, bounds);
     for (is_hidden, opacity) in [(true, HIDDEN_OPACITY), (false, 1.0)] {
@@ -90,7 +90,7 @@ mod tests {
                 let meeting = meeting.filter(|end| (end - place).length() < 1e-9).count();
                 assert_eq!(meeting, 3, "{corner}");
             }
-            // A box seen at a corner hides the three edges that meet in the farthest one.
+            // A box seen at a corner hides the three edges that meet in the farthest corner.
             let hidden: Vec<&BoxEdge> = edges.iter().filter(|edge| edge.is_hidden).collect();
             assert_eq!(hidden.len(), 3);
             let farthest = BOX.0 + BOX.1 * DVec3::new(-1.0, 1.0, -1.0);
@@ -119,7 +119,7 @@ mod tests {
                         reason = "in the picture"
                     )]
                     let [r, _, _, alpha] = image.pixel(at.x as usize, at.y as usize);
-                    // The pixel's centre is half a diagonal away at most.
+                    // The pixel's centre is at most half a diagonal away.
                     let least = if edge.is_hidden { 0.05 } else { 0.15 };
                     assert!(r > least && alpha > 0.3, "{r} {alpha} {edge:?}");
                 }
@@ -127,7 +127,7 @@ mod tests {
         }
     }
 
-    /// From inside all twelve are behind what the box holds, and those that run behind the eye are cut.
+    /// From inside, all twelve edges count as hidden, and those that run behind the eye are cut.
     #[test]
     fn a_view_from_inside_has_the_edges_before_it() {
         let camera = Camera::perspective(BOX.0, BOX.0 + DVec3::Y, DVec3::Z, 60.0, [300, 200]);
@@ -143,7 +143,7 @@ mod tests {
         assert!(ends().all(|end| end.is_finite()));
         let mut image = Image::new(300, 200);
         draw(&mut image, &camera, BOX, font_of([300, 200]));
-        // Behind the eye there is nothing.
+        // Behind the eye nothing is drawn.
         let away = Camera::perspective(
             BOX.0 + DVec3::Y * 9.0,
             BOX.0 + DVec3::Y * 19.0,

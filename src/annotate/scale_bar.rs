@@ -1,4 +1,4 @@
-//! A bar of a round length.
+//! Draws a scale bar of a round length.
 
 use glam::{DVec2, DVec3};
 
@@ -8,23 +8,23 @@ use crate::image::Image;
 use crate::overlay::{Font, Line, Rect, Stroke};
 use crate::view::{Camera, Projection};
 
-/// The share of a picture's width that a bar has at most; it has two fifths of that at least.
+/// Greatest share of a picture's width for a bar; its least share is two fifths of that.
 const GREATEST_SHARE: f64 = 0.2;
 
-/// A bar, its label above it, in the lower right corner.
+/// A bar with its label above, in the lower right corner.
 #[derive(Debug, Clone)]
 pub(super) struct ScaleBar {
     pub(super) plate: Rect,
     label: Line,
-    /// The bar's ends, pixel coordinates.
+    /// Ends of the bar, pixel coordinates.
     ends: [DVec2; 2],
-    /// The height of the marks at its ends, pixels.
+    /// Height of the marks at the ends, pixels.
     mark_px: f64,
 }
 
 impl ScaleBar {
     /// # Errors
-    /// A point where the camera sees no length.
+    /// A point at which the camera sees no length.
     pub(super) fn of(camera: &Camera, point: DVec3, font: Font) -> Result<Self> {
         let z = camera.camera_point(point).z;
         let px = match camera.projection {
@@ -51,7 +51,7 @@ impl ScaleBar {
             reason = "a part of a picture's width, a part of a line"
         )]
         let whole = |x: f64| x.ceil() as usize;
-        // The marks' width, too.
+        // Includes the width of the marks.
         let bar_px = whole(length_px + 2.0 * thickness_px(font)) + 1;
         let inner = bar_px.max(font.width_px(&text));
         let plate_height = rim + font.line_px() + whole(mark_px) + 2 * rim;
@@ -77,7 +77,7 @@ impl ScaleBar {
         })
     }
 
-    /// Width and height, pixels.
+    /// Returns width and height, pixels.
     pub(super) fn size(&self) -> (usize, usize) {
         (self.plate.width, self.plate.height)
     }
@@ -95,17 +95,17 @@ impl ScaleBar {
     }
 }
 
-/// The greatest of 1, 2 and 5 times a power of ten that is no greater than a positive number, and its
+/// Returns the greatest of 1, 2 and 5 times a power of ten that does not exceed a positive number, and its
 /// text.
 fn round(greatest: f64) -> (f64, String) {
     #[expect(clippy::cast_possible_truncation, reason = "-324 to 308")]
     let exponent = greatest.log10().floor() as i32;
-    // The logarithm may be off by a rounding.
+    // The logarithm may be off by a rounding error.
     let mut best = (f64::MIN_POSITIVE, String::new());
     for e in exponent - 1..=exponent + 1 {
         for digit in [1, 2, 5] {
             let in_powers = format!("{digit}e{e}");
-            // The nearest number to what the label says.
+            // The number nearest to the label's.
             let value: f64 = in_powers.parse().unwrap_or(0.0);
             if value <= greatest && value > best.0 {
                 let is_plain = (-4..=5).contains(&e);
@@ -147,8 +147,8 @@ mod tests {
         }
     }
 
-    /// The bar is as long as two points that far apart, side by side at the same distance as the data's
-    /// centre, are on the picture.
+    /// The bar is as long as the distance on the picture between two points that far apart, side by side at the
+    /// distance of the data's centre.
     #[test]
     fn the_bar_is_as_long_as_its_length_is_seen() {
         let point = DVec3::new(1.0, 0.5, -0.3);
@@ -164,7 +164,7 @@ mod tests {
                 let share = drawn / size[0] as f64;
                 assert!((0.0799..0.2001).contains(&share), "{share}");
 
-                // And so far apart are the marks that are drawn.
+                // The marks are drawn that far apart, too.
                 let mut image = Image::new(size[0], size[1]);
                 bar.draw(&mut image, font_of(size));
                 let ink = |x: usize| {
@@ -176,7 +176,7 @@ mod tests {
                 let columns = bar.plate.left..bar.plate.right();
                 let middle = (bar.ends[0].x + bar.ends[1].x) / 2.0;
                 let level = ink(columns.start + bar.plate.width / 2);
-                // The centre of mass of what a half has more ink than the bar itself: its mark.
+                // The centre of mass of the ink that a half has beyond the bar itself: its mark.
                 let mark = |is_left: bool| {
                     let (mut sum, mut moment) = (0.0, 0.0);
                     for x in columns.clone() {
@@ -190,7 +190,7 @@ mod tests {
                     moment / sum
                 };
                 let apart = mark(false) - mark(true);
-                // Half a line's width inside the mark there is bar already.
+                // The inner half of the mark's width overlaps the bar.
                 assert!((apart - seen).abs() < 1.0, "{apart} {seen}");
             }
         }

@@ -1,4 +1,4 @@
-//! The world's axes as a camera sees them.
+//! Draws the world's axes as a camera sees them.
 
 use glam::{DVec2, DVec3};
 
@@ -7,21 +7,21 @@ use crate::image::Image;
 use crate::overlay::{Font, Line, PLATE_OPACITY, Stroke};
 use crate::view::Camera;
 
-/// Lines of text that an axis across the view is long.
+/// Length of an axis perpendicular to the view, in lines of text.
 const ARM_LINES: f64 = 1.75;
-/// From the tip of such an axis to the middle of its letter, lines of text.
+/// Distance from the tip of such an axis to the middle of its letter, in lines of text.
 const LETTER_LINES: f64 = 0.65;
-/// The radius of the disc behind a letter, lines of text.
+/// Radius of the disc behind a letter, in lines of text.
 const DISC_LINES: f64 = 0.5;
 
-/// An axis: where it points on the picture and how it is drawn.
+/// An axis: its direction on the picture, letter and colour.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Axis {
     letter: char,
-    /// The axis's unit vector on the picture, x to the right and y down: shorter than 1 where it points
-    /// towards the eye or away from it.
+    /// The axis's unit vector on the picture, x to the right and y down. It is shorter than 1 if the axis
+    /// points towards the eye or away from it.
     direction: DVec2,
-    /// How far its tip lies behind the origin, of its length.
+    /// Depth of the tip behind the origin, as a share of the axis's length.
     depth: f64,
     colour: [f32; 3],
 }
@@ -31,14 +31,14 @@ struct Axis {
 pub(super) struct Triad {
     /// The origin, pixel coordinates.
     centre: DVec2,
-    /// The length of an axis across the view, pixels.
+    /// Length of an axis perpendicular to the view, pixels.
     arm_px: f64,
-    /// The one that points away farthest first: those nearer are drawn over it.
+    /// The axes, farthest first: nearer ones are drawn over them.
     axes: [Axis; 3],
 }
 
 impl Triad {
-    /// The sides of the square that holds it however it is turned, pixels.
+    /// Returns the side of the square that contains the triad in any rotation, pixels.
     pub(super) fn side(font: Font) -> usize {
         #[expect(
             clippy::cast_possible_truncation,
@@ -49,7 +49,7 @@ impl Triad {
         2 * radius
     }
 
-    /// In the lower left corner of a camera's picture.
+    /// Places a triad in the lower left corner of a camera's picture.
     pub(super) fn of(camera: &Camera, font: Font) -> Self {
         let middle = (gap(font) + Self::side(font) / 2) as f64;
         let axis = |letter, axis: DVec3, colour| {
@@ -61,7 +61,7 @@ impl Triad {
                 colour,
             }
         };
-        // As bright to the eye as each other, more or less: the blue has some green.
+        // About equally bright to the eye: the blue has some green.
         let mut axes = [
             axis('x', DVec3::X, [1.0, 0.12, 0.1]),
             axis('y', DVec3::Y, [0.2, 0.8, 0.15]),
@@ -75,7 +75,7 @@ impl Triad {
         }
     }
 
-    /// The pixels that it may touch.
+    /// Returns the pixels that the triad may touch.
     #[cfg(test)]
     pub(super) fn square(&self) -> crate::overlay::Rect {
         let half = self.arm_px / ARM_LINES * (ARM_LINES + LETTER_LINES + DISC_LINES);
@@ -94,7 +94,7 @@ impl Triad {
         }
     }
 
-    /// Where an axis ends, pixel coordinates.
+    /// Returns the end of an axis, pixel coordinates.
     fn tip(&self, axis: &Axis) -> DVec2 {
         self.centre + axis.direction * self.arm_px
     }
@@ -117,7 +117,7 @@ impl Triad {
             disc.draw(image, RIM, PLATE_OPACITY);
             let text = axis.letter.to_string();
             let left = middle.x - font.width_px(&text) as f64 / 2.0;
-            // Small letters lie in the middle of a line's lower half.
+            // Small letters are centred in the lower half of a line.
             let top = middle.y - 0.55 * line_px;
             #[expect(
                 clippy::cast_possible_truncation,
@@ -142,8 +142,8 @@ mod tests {
     use crate::overlay::font_of;
     use crate::view::Projection;
 
-    /// A short step along an axis from a point on the optical axis moves on the picture as the axis of
-    /// the triad does: the same direction, and lengths in the same ratio.
+    /// A short step along an axis from a point on the optical axis moves on the picture like the triad's axis:
+    /// in the same direction, and with lengths in the same ratio.
     #[test]
     fn tips_lie_where_the_camera_sees_the_axes() {
         const STEP: f64 = 1e-6;
@@ -167,7 +167,7 @@ mod tests {
                     let ends = [-STEP, STEP].map(|step| project(origin + vector * step));
                     let seen = (ends[1] - ends[0]) / (2.0 * STEP * px);
                     let drawn = (triad.tip(axis) - triad.centre) / triad.arm_px;
-                    // Pixel coordinates near 1e3 have 1e-13, steps of 1e-6 leave 1e-7 of that.
+                    // Pixel coordinates near 1e3 are accurate to 1e-13; steps of 1e-6 leave 1e-7 of that.
                     assert!((seen - drawn).length() < 1e-6, "{seen} {drawn}");
                     let behind = camera.camera_point(origin + vector).z - distance;
                     assert!((behind - axis.depth).abs() < 1e-12);
@@ -178,7 +178,7 @@ mod tests {
         }
     }
 
-    /// What is drawn first is what lies behind: with y towards the eye its colour is in the middle.
+    /// The farthest axis is drawn first: with y towards the eye, y's colour is in the middle.
     #[test]
     fn the_nearest_axis_is_drawn_over_the_others() {
         let size = [300, 300];

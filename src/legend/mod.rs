@@ -1,8 +1,8 @@
-//! Colour bars in pictures: which colour stands for which value of which field.
+//! Draws colour bars into pictures: a key from colours to values of a field.
 //!
-//! A legend is drawn over a finished picture, into its right upper corner: one plate for each
-//! transfer function, with its name, a bar of its colours, round numbers beside it and, to the left of
-//! the bar, its opacity as a curve.
+//! A legend is drawn over a finished picture, into its upper right corner. Each transfer function has a plate
+//! with its name, a bar of its colours and round numbers beside the bar. To the left of the bar its opacity is
+//! drawn as a curve.
 
 mod ticks;
 
@@ -13,7 +13,7 @@ use crate::io::name_and_unit;
 use crate::overlay::{Font, Line, PLATE_OPACITY, Rect, fill, font_of, share};
 use crate::scene::{Colour, PointVolume, Strength, TransferFunction, ValueScale};
 
-/// A scale of colours and what it is called.
+/// A scale of colours and its title.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ColourBar {
     title: String,
@@ -22,13 +22,14 @@ pub struct ColourBar {
 
 #[derive(Debug, Clone, PartialEq)]
 enum Colours {
-    /// Over its range, evenly on its scale.
+    /// A transfer function over its range, evenly on its scale.
     Transfer(TransferFunction),
-    /// The same, without opacities.
+    /// The same without opacities.
     Column(TransferFunction),
 }
 
-/// What a legend calls a field: its name with its unit in brackets, where that is known and the name does not have it.
+/// Returns the title of a field: its name, with its unit in brackets if the unit is known and not already in
+/// the name.
 ///
 /// ```
 /// use ewa_splat::legend::title_of;
@@ -44,7 +45,7 @@ pub fn title_of(field: &str, unit: Option<&str>) -> String {
     }
 }
 
-/// The name of a field without the unit behind it.
+/// Returns the name of a field without the unit behind it.
 ///
 /// ```
 /// assert_eq!(ewa_splat::legend::name_without_unit("Temp [K]"), "Temp");
@@ -53,23 +54,23 @@ pub fn name_without_unit(field: &str) -> &str {
     name_and_unit(field).map_or(field, |(bare, _)| bare)
 }
 
-/// The share of a picture's height that a bar has, where there is room.
+/// Share of a picture's height for a bar, if there is room.
 const BAR_SHARE: f64 = 0.35;
-/// The share of a picture's width that all titles together may have before they are shortened.
+/// Greatest share of a picture's width for all titles together, before they are shortened.
 const TITLE_SHARE: f64 = 0.4;
-/// Lines of a title at most.
+/// Greatest number of lines in a title.
 const MOST_TITLE_LINES: usize = 2;
-/// Ticks at most.
+/// Greatest number of ticks.
 const MOST_TICKS: usize = 7;
-/// Ticks for which there must be room: five have two round numbers at least ([`ticks::linear`]).
+/// Number of ticks that must fit: with five there are at least two round numbers ([`ticks::linear`]).
 const LEAST_TICKS: usize = 5;
-/// Linear grey of outlines and of the opacity's curve.
+/// Linear grey level of outlines and of the opacity's curve.
 const OUTLINE: f32 = 0.4;
 
 impl ColourBar {
-    /// The colours of a transfer function over its range.
+    /// Makes a bar of a transfer function's colours over its range.
     ///
-    /// - `title`: the name of the field, with its unit where that is known.
+    /// - `title`: name of the field, with its unit if known.
     pub fn of_transfer_function(title: &str, transfer: &TransferFunction) -> Self {
         Self {
             title: title.into(),
@@ -77,7 +78,8 @@ impl ColourBar {
         }
     }
 
-    /// The colours of a column density's picture ([`column_colours`](crate::io::column_colours)).
+    /// Makes a bar of the colours of a column density's picture
+    /// ([`column_colours`](crate::io::column_colours)).
     pub fn of_column(title: &str, colours: &TransferFunction) -> Self {
         Self {
             title: title.into(),
@@ -85,18 +87,18 @@ impl ColourBar {
         }
     }
 
-    /// The colours by which a volume is seen; `None` of one that has colours of its own.
+    /// Makes a bar of the colours that classify a volume; `None` for a volume with colours of its own.
     pub fn of_volume(title: &str, volume: &PointVolume) -> Option<Self> {
         let transfer = volume.transfer_function.as_ref();
         let transfer = transfer.filter(|_| matches!(volume.colour, Colour::Classified))?;
-        // An opaque surface has the function's colours alone.
+        // An opaque surface shows only the function's colours.
         Some(match volume.strength {
             Strength::Surface(_) => Self::of_column(title, transfer),
             _ => Self::of_transfer_function(title, transfer),
         })
     }
 
-    /// The same bar of another function.
+    /// Returns the same bar for another function.
     #[must_use]
     pub fn with_transfer_function(&self, transfer: &TransferFunction) -> Self {
         let transfer = transfer.clone();
@@ -109,14 +111,14 @@ impl ColourBar {
         }
     }
 
-    /// What it is called.
+    /// Returns the title of the bar.
     pub fn title(&self) -> &str {
         &self.title
     }
 
-    /// Round numbers on the bar's scale: how far up the bar each lies, 0 to 1, and its label.
+    /// Returns round numbers on the bar's scale: each one's height on the bar, 0 to 1, and its label.
     ///
-    /// - `most`: how many there may be, 5 or more.
+    /// - `most`: greatest number of labels, at least 5.
     pub fn labels(&self, most: usize) -> Vec<(f64, String)> {
         let ticks = self.ticks(most);
         let fractions = ticks.iter().map(|tick| self.fraction(tick.value()));
@@ -129,13 +131,13 @@ impl ColourBar {
         }
     }
 
-    /// The values at the ends.
+    /// Returns the values at the ends.
     fn range(&self) -> [f64; 2] {
         let scale = self.scale();
         self.transfer().range().map(|end| scale.value(end))
     }
 
-    /// Where values lie between the ends.
+    /// Returns the scale of the values between the ends.
     fn scale(&self) -> ValueScale {
         self.transfer().value_scale()
     }
@@ -149,7 +151,7 @@ impl ColourBar {
         }
     }
 
-    /// How far up the bar a value lies, 0 to 1.
+    /// Returns the height of a value on the bar, 0 to 1.
     fn fraction(&self, value: f64) -> f64 {
         let [low, high] = self.range();
         let fraction = match self.scale() {
@@ -163,8 +165,8 @@ impl ColourBar {
         fraction.clamp(0.0, 1.0)
     }
 
-    /// The linear colour at a fraction of the bar's length, and the opacity there as a share of the
-    /// greatest; `None` where all is opaque.
+    /// Returns the linear colour at a fraction of the bar's length, and the opacity there as a share of the
+    /// greatest; `None` if all is opaque.
     pub fn at(&self, fraction: f64) -> ([f32; 3], Option<f32>) {
         match &self.colours {
             Colours::Transfer(transfer) => {
@@ -193,16 +195,15 @@ fn narrowed(x: f64) -> f32 {
     x as f32
 }
 
-/// Whether the bars have room in a picture of this width and height, asked before the work of one.
+/// Checks that the bars fit into a picture of this width and height, before the picture is drawn.
 ///
 /// # Errors
-/// A picture that is too small: text of 16 pixels' height and five lines of it beside a bar are
-/// the least.
+/// A picture that is too small. The least size has text 16 pixels high and five lines of it beside a bar.
 pub fn check_legend_size(bars: &[ColourBar], size: [usize; 2]) -> Result<()> {
     layout(bars, size).map(|_| ())
 }
 
-/// How many columns of a picture lie to the left of all plates.
+/// Returns the number of columns of a picture to the left of all plates.
 ///
 /// # Errors
 /// Those of [`check_legend_size`].
@@ -211,18 +212,18 @@ pub fn columns_beside_legend(bars: &[ColourBar], size: [usize; 2]) -> Result<usi
     Ok(plates.first().map_or(size[0], |first| first.plate.left))
 }
 
-/// How many columns at the right of a picture of this width and height the plates take; 0 without bars, and where they
-/// have no room.
+/// Returns the number of columns at the right of a picture that the plates take; 0 without bars, or if they do
+/// not fit.
 pub fn legend_width(bars: &[ColourBar], size: [usize; 2]) -> usize {
     columns_beside_legend(bars, size).map_or(0, |left| size[0] - left)
 }
 
-/// Draws colour bars into the right upper corner of a picture; nothing outside their plates changes.
+/// Draws colour bars into the upper right corner of a picture; nothing outside their plates changes.
 ///
-/// Colours are opaque, as a transfer function states them: what a sample looks like where nothing
-/// dims it. The curve to the left of a bar is the opacity per unit distance, its greatest as wide as
-/// the bar. Text is a fortieth of the picture's height, but between lines of 16 pixels and the next
-/// size that the font has.
+/// Colours are opaque, as the transfer function states them: the colour of a sample in front of everything
+/// else. The curve to the left of a bar is the opacity per unit distance; its greatest value is as wide as the
+/// bar. Text is a fortieth of the picture's shorter side, rounded to a size that the font has, and at least 16
+/// pixels.
 ///
 /// # Errors
 /// Those of [`check_legend_size`].
@@ -243,38 +244,38 @@ pub fn draw_legend(bars: &[ColourBar], image: &mut Image) -> Result<()> {
     Ok(())
 }
 
-/// A tick: its row of the bar, and its label.
+/// A tick: its row in the bar, and its label.
 #[derive(Debug, Clone)]
 struct Mark {
     row: usize,
     label: Line,
 }
 
-/// Where the parts of one colour bar lie.
+/// Positions of the parts of one colour bar.
 #[derive(Debug, Clone)]
 struct Plate {
     font: Font,
     plate: Rect,
-    /// Opaque colours.
+    /// The opaque colours.
     bar: Rect,
-    /// How far the opacity's curve reaches to the left of the bar, pixels.
+    /// Extent of the opacity's curve to the left of the bar, pixels.
     curve: usize,
     titles: Vec<Line>,
     marks: Vec<Mark>,
 }
 
-/// The plates side by side, the last one in the corner.
+/// Arranges the plates side by side, the last one in the corner.
 fn layout(bars: &[ColourBar], [width, height]: [usize; 2]) -> Result<Vec<Plate>> {
     let font = font_of([width, height]);
     let line = font.line_px();
     let gap = line / 2;
-    // Above and below the bar: the margin, the plate's rim, and the title with a gap.
+    // Space above and below the bar: the margin, the plate's rim, and the title with a gap.
     let around = 2 * gap + 2 * gap + line + gap;
     let least = LEAST_TICKS * line;
     let length = share(height, BAR_SHARE).max(least);
     let title_px = share(width, TITLE_SHARE) / bars.len().max(1);
 
-    // A second line of titles where there is room for it; all bars begin below the longest.
+    // Titles get a second line if there is room; all bars begin below the longest title.
     let has_room = length + around + line <= height;
     let most_lines = if has_room { MOST_TITLE_LINES } else { 1 };
     let inner_of = |bar: &ColourBar, labels: &[String]| {
@@ -343,7 +344,7 @@ fn layout(bars: &[ColourBar], [width, height]: [usize; 2]) -> Result<Vec<Plate>>
         });
         left = plate.right() + gap;
     }
-    // No bars fit anywhere.
+    // An empty legend fits everywhere.
     if !bars.is_empty() && (left > width || length + around > height) {
         return Err(Error::invalid(
             "legend",
@@ -360,7 +361,7 @@ fn layout(bars: &[ColourBar], [width, height]: [usize; 2]) -> Result<Vec<Plate>>
     Ok(plates)
 }
 
-/// The row, from the top, of a bar of `length` rows that a fraction of it falls into.
+/// Returns the row, from the top, of a bar of `length` rows at a fraction of its height.
 fn row_of(fraction: f64, length: usize) -> usize {
     #[expect(
         clippy::cast_possible_truncation,
@@ -422,7 +423,7 @@ impl Plate {
         }
     }
 
-    /// One row of the opacity's curve: grey from the bar outwards, as far as the share says.
+    /// Draws one row of the opacity's curve: grey from the bar outwards, over this share of the curve's extent.
     fn draw_curve(&self, image: &mut Image, row: Rect, share: f32, thickness: usize) {
         let most = self.curve - 2 * thickness;
         let reach = share * most as f32;
@@ -513,8 +514,8 @@ mod tests {
                     let x = plate.bar.left + plate.bar.width / 2;
                     let [r, g, b, a] = image.pixel(x, plate.bar.top + mark.row);
                     assert_eq!(a, 1.0);
-                    // The row's own colour, and the tick's lies in the row: they differ by no more
-                    // than the colours at its ends do, and the bend of a gradient within a row.
+                    // The row shows its own colour, and the tick's colour lies within the row. They differ at
+                    // most by the colours at the row's ends, and by the bend of the gradient within it.
                     let end = |row: usize| bar.at(1.0 - row as f64 / plate.bar.height as f64).0;
                     let ends = [end(mark.row), end(mark.row + 1)];
                     let expected = colour(tick.value());
@@ -525,7 +526,7 @@ mod tests {
                 }
             }
         }
-        // What the transfer function itself and the picture of columns say.
+        // The colours of the transfer function itself and of the picture of columns.
         let Colours::Transfer(transfer) = &bars[0].colours else {
             panic!("a transfer function")
         };
@@ -586,7 +587,7 @@ mod tests {
                     }
                 }
                 let area: usize = plates.iter().map(|p| p.plate.width * p.plate.height).sum();
-                // A pixel that was as it becomes: one level of 251 on the plate, by chance.
+                // A pixel may by chance have had its new colour before: one level of 251 on the plate.
                 assert!(changed > area * 98 / 100);
                 for plate in &plates {
                     let lines = plate.marks.iter().map(|m| &m.label).chain(&plate.titles);
@@ -598,7 +599,7 @@ mod tests {
                     }
                     assert!(plate.plate.right() < size[0] && plate.plate.bottom() < size[1]);
                     for pair in plate.marks.windows(2) {
-                        // Labels do not touch: capitals have 3/4 of a line.
+                        // Labels do not touch: capitals are 3/4 of a line high.
                         let apart = pair[0].label.top - pair[1].label.top;
                         assert!(4 * apart > 3 * plate.font.line_px(), "{apart}");
                     }
@@ -609,7 +610,7 @@ mod tests {
 
     #[test]
     fn the_curve_is_the_opacity() {
-        // From 0 to .2 of opacity, linearly.
+        // The opacity rises linearly from 0 to .2.
         let bar = viridis_bar("p", [0.0, 1.0]);
         for (fraction, share) in [(0.0, 0.0), (0.25, 0.25), (1.0, 1.0)] {
             assert!((bar.at(fraction).1.unwrap() - share).abs() < 1e-3);
@@ -627,7 +628,7 @@ mod tests {
         let rows = plate.bar.height;
         for row in [0, rows / 2, rows - 1] {
             let share = 1.0 - (row as f32 + 0.5) / rows as f32;
-            // The table's interpolation of extinctions for opacities.
+            // The table interpolates extinctions, not opacities.
             assert!((ink(row) - share * most).abs() < 0.01 * most, "{row}");
         }
     }
@@ -638,7 +639,7 @@ mod tests {
         assert!(check_legend_size(&bar, [60, 512]).is_err());
         assert!(check_legend_size(&bar, [512, 100]).is_err());
         let error = check_legend_size(&bar, [0, 0]).unwrap_err().to_string();
-        // What it says is enough is enough.
+        // The size that the error asks for is sufficient.
         let numbers: Vec<usize> = error.split(' ').filter_map(|w| w.parse().ok()).collect();
         assert!(
             check_legend_size(&bar, [numbers[0], numbers[1]]).is_ok(),

@@ -1,27 +1,27 @@
-//! Where a scale has its ticks, and what is written beside them.
+//! Chooses the ticks of a scale and their labels.
 
-/// A tick at mantissa x 10^exponent: decimal, so that labels have no rounding in them.
+/// A tick at mantissa x 10^exponent: decimal, so that labels are free of rounding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Tick {
     mantissa: i64,
     exponent: i32,
 }
 
-/// Steps between ticks, times a power of ten.
+/// Steps between ticks, to be multiplied by a power of ten.
 const STEPS: [i64; 3] = [1, 2, 5];
 
-/// Up to this many characters a plain number is easier to read than one with an exponent.
+/// Greatest number of characters up to which a plain number is easier to read than one with an exponent.
 const PLAIN_LEN: usize = 6;
 
-/// How far beyond an end a tick may lie, in steps: ends are rounded to f32, and .1 is wanted where
-/// the range begins at .100000001.
+/// Distance beyond an end, in steps, up to which a tick is kept. Ends are rounded to f32, and a range from
+/// .100000001 should have the tick .1.
 const SLACK: f64 = 1e-6;
 
-/// A range narrower than this share of its values is that of a field of one value, widened by a few
-/// steps of f32.
+/// A range narrower than this share of its values belongs to a field of one value, widened by a few steps of
+/// f32.
 const ONE_VALUE: f64 = 1e-6;
 
-/// The tick of a number rounded to six digits.
+/// Returns the tick of a number rounded to six digits.
 fn single(value: f64) -> Option<Tick> {
     let digits = format!("{value:.5e}");
     let (mantissa, exponent) = digits.split_once('e')?;
@@ -37,8 +37,8 @@ fn single(value: f64) -> Option<Tick> {
 }
 
 impl Tick {
-    /// The number itself, correctly rounded where 10^|exponent| is a double (to 22), within an ulp
-    /// or two beyond.
+    /// Returns the number, correctly rounded if 10^|exponent| is a double (up to 22), otherwise within an ulp
+    /// or two.
     pub(super) fn value(self) -> f64 {
         let power = 10_f64.powi(self.exponent.abs());
         if self.exponent < 0 {
@@ -48,7 +48,7 @@ impl Tick {
         }
     }
 
-    /// Without an exponent: "0.25", "-1500".
+    /// Formats without an exponent: "0.25", "-1500".
     fn plain(self) -> String {
         match usize::try_from(-self.exponent) {
             Ok(decimals) if decimals > 0 => {
@@ -64,7 +64,7 @@ impl Tick {
         }
     }
 
-    /// With one: "2.5e-7".
+    /// Formats with an exponent: "2.5e-7".
     fn scientific(self) -> String {
         if self.mantissa == 0 {
             return "0".into();
@@ -86,9 +86,8 @@ impl Tick {
     }
 }
 
-/// Ticks at multiples of 1, 2 or 5 times a power of ten within `range`, as many as there may be but
-/// no more than `most`: two at least where `most` is 5 or more. None where the range is empty or not
-/// finite.
+/// Returns ticks at multiples of 1, 2 or 5 times a power of ten within `range`: as many as possible, but at
+/// most `most`. There are at least two if `most` is 5 or more, and none if the range is empty or not finite.
 pub(super) fn linear([low, high]: [f64; 2], most: usize) -> Vec<Tick> {
     let span = high - low;
     let greatest = low.abs().max(high.abs());
@@ -98,7 +97,7 @@ pub(super) fn linear([low, high]: [f64; 2], most: usize) -> Vec<Tick> {
     shifted([low, high], most)
 }
 
-/// The same of a range that may be a smaller part of its values than single precision tells apart.
+/// Returns the same for a range that may be narrower, relative to its values, than single precision resolves.
 pub(super) fn shifted([low, high]: [f64; 2], most: usize) -> Vec<Tick> {
     let span = high - low;
     let first_exponent = (span / most as f64).log10().floor();
@@ -115,7 +114,7 @@ pub(super) fn shifted([low, high]: [f64; 2], most: usize) -> Vec<Tick> {
             let unit = unit.value();
             let first = (low / unit - SLACK).ceil();
             let last = (high / unit + SLACK).floor();
-            // Beyond 2^53 steps neighbours are one number.
+            // Beyond 2^53 steps, neighbouring multiples are the same number.
             if last - first < most as f64 && first.abs().max(last.abs()) < 1e15 {
                 let tick = |i: i64| Tick {
                     mantissa: i * step,
@@ -129,8 +128,9 @@ pub(super) fn shifted([low, high]: [f64; 2], most: usize) -> Vec<Tick> {
     Vec::new()
 }
 
-/// Ticks of a scale that is linear within `linear` of 0 and logarithmic beyond, to either side: 0 and powers of ten
-/// beyond `linear`, every second, third ... where those are too many; those of a linear scale where they are too few.
+/// Returns ticks of a scale that is linear within `linear` of 0 and logarithmic beyond, on both sides: 0 and
+/// powers of ten beyond `linear`. If these are too many, every second, third ... is used; if too few, the ticks
+/// of a linear scale.
 pub(super) fn symmetric([low, high]: [f64; 2], linear: f64, most: usize) -> Vec<Tick> {
     if !(low < high && low.is_finite() && high.is_finite() && linear > 0.0) {
         return Vec::new();
@@ -164,9 +164,9 @@ pub(super) fn symmetric([low, high]: [f64; 2], linear: f64, most: usize) -> Vec<
     self::linear([low, high], most)
 }
 
-/// Ticks of a logarithmic scale: 1, 2 and 5 times powers of ten where they are no more than
-/// `most`, else powers of ten, every second, third ... where those are too many; the ticks of a linear
-/// scale where the range is less than a decade or so.
+/// Returns ticks of a logarithmic scale: 1, 2 and 5 times powers of ten if these are at most `most`, otherwise
+/// powers of ten. If those are too many, every second, third ... is used. A range of less than a decade or so
+/// has the ticks of a linear scale.
 pub(super) fn logarithmic([low, high]: [f64; 2], most: usize) -> Vec<Tick> {
     if !(low > 0.0 && low < high && high < f64::INFINITY) {
         return Vec::new();
@@ -192,8 +192,8 @@ pub(super) fn logarithmic([low, high]: [f64; 2], most: usize) -> Vec<Tick> {
     kept.collect()
 }
 
-/// What is written beside the ticks, all in one form: plain numbers where the longest is short, or no
-/// longer than with an exponent.
+/// Returns the labels of ticks, all in one form: plain numbers if the longest is short, or no longer than with
+/// an exponent.
 pub(super) fn labels(ticks: &[Tick]) -> Vec<String> {
     let of = |form: fn(Tick) -> String| -> (usize, Vec<String>) {
         let labels: Vec<String> = ticks.iter().map(|&tick| form(tick)).collect();
@@ -209,7 +209,7 @@ pub(super) fn labels(ticks: &[Tick]) -> Vec<String> {
     }
 }
 
-/// A power of ten of finite numbers: at most 308 either way.
+/// Converts the exponent of a finite number's power of ten: at most 308 in magnitude.
 #[expect(clippy::cast_possible_truncation, reason = "at most 324 either way")]
 fn rounded(exponent: f64) -> i32 {
     exponent as i32
@@ -243,7 +243,7 @@ mod tests {
             linear(0.0, 5e-4),
             "0.0000 0.0001 0.0002 0.0003 0.0004 0.0005"
         );
-        // A small part of a large number: digits where they change.
+        // A narrow range of large numbers: the labels have the digits that change.
         assert_eq!(
             linear(1e6, 1e6 + 2.0),
             "1000000.0 1000000.5 1000001.0 1000001.5 1000002.0"
@@ -276,9 +276,9 @@ mod tests {
                 let slack = 2.0 * SLACK * step;
                 prop_assert!((low - slack..=high + slack).contains(&tick.value()));
             }
-            // No further tick would have had room.
+            // No further tick would have fitted.
             prop_assert!(ticks[0].value() - step < low && ticks[ticks.len() - 1].value() + step > high);
-            // Labels are the numbers: nothing is rounded off, none is like another.
+            // Labels are exact and distinct.
             let labels = labels(&ticks);
             for (tick, label) in ticks.iter().zip(&labels) {
                 let read: f64 = label.parse().unwrap();
@@ -316,7 +316,7 @@ mod tests {
             assert!(logarithmic(range, 7).is_empty());
         }
         assert!(logarithmic([0.0, 1.0], 7).is_empty());
-        // The widest range of values there is.
+        // The widest range of values possible.
         assert_eq!(linear([-8.5e37, 8.5e37], 7).len(), 3);
     }
 }

@@ -1,25 +1,25 @@
-//! A ball that holds almost all of the weight of a set of points.
+//! Finds a ball that contains almost all of the weight of a set of points.
 
 use glam::DVec3;
 
-/// The share of the weight that may lie outside.
+/// Share of the weight that may lie outside.
 const OUTSIDE: f64 = 0.005;
 
-/// The margin, as a factor of the radius: a normal distribution of a million points reaches so far beyond where 99.5 % of it
-/// lie.
+/// Margin, as a factor of the radius: a normal distribution of a million points extends that far beyond its
+/// 99.5 % radius.
 const MARGIN: f64 = 1.5;
 
-/// The greatest weight that counts, in units of the median weight.
+/// Greatest weight of a point, in units of the median weight; larger weights are clamped.
 const MOST: f64 = 64.0;
 
-/// The greatest share of the points' number that one weight counts for: one point says little of where the others are, and
+/// Greatest weight of a point, as a share of the number of points. One point tells little about the others, and
 /// several may lie outside together.
 const MOST_SHARE: f64 = OUTSIDE / 4.0;
 
-/// The least number of points that have a core: among fewer, none is stray.
+/// Least number of points for a core: among fewer, none counts as stray.
 const LEAST: usize = 64;
 
-/// A ball that holds almost all of the weight of a set of points.
+/// A ball that contains almost all of the weight of a set of points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Core {
     centre: DVec3,
@@ -27,19 +27,19 @@ pub(crate) struct Core {
 }
 
 impl Core {
-    /// The ball around the weighted medians of the coordinates that holds 99.5 % of the weight, with a margin. `None` of few
-    /// points, or if no point has a weight.
+    /// Returns the ball around the weighted medians of the coordinates that contains 99.5 % of the weight, with
+    /// a margin. Returns `None` for few points, or if no point has a weight.
     ///
-    /// Sums are of integers, so that the order of the points does not change them.
+    /// Sums are of integers, so they do not depend on the order of the points.
     ///
-    /// - `points`: finite, with weights from 0 up.
+    /// - `points`: finite positions, with weights from 0 up.
     pub(crate) fn of(points: &[(DVec3, f64)]) -> Option<Self> {
-        /// The integer that stands for the greatest weight.
+        /// The integer that represents the greatest weight.
         const UNITS: f64 = (1 << 24) as f64;
         if points.len() < LEAST {
             return None;
         }
-        // A point that outweighs all others together would hide where these are.
+        // Clamped, because a point that outweighs all others together would hide them.
         let mut all: Vec<f64> = points.iter().map(|(_, w)| *w).collect();
         let half = all.len() / 2;
         let median = *all.select_nth_unstable_by(half, f64::total_cmp).1;
@@ -73,13 +73,13 @@ impl Core {
         (centre.is_finite() && radius.is_finite()).then_some(Self { centre, radius })
     }
 
-    /// Whether a point is in it.
+    /// Returns true if a point is in the ball.
     pub(crate) fn holds(&self, point: DVec3) -> bool {
         point.distance(self.centre) <= self.radius
     }
 }
 
-/// The number below which a share of the weight lies, rounded up in its 21st binary digit.
+/// Returns the number below which a share of the weight lies, rounded up in its 21st binary digit.
 fn quantile(numbers: impl Iterator<Item = f64> + Clone, weights: &[u64], share: f64) -> f64 {
     let total: u64 = weights.iter().sum();
     #[expect(
@@ -89,7 +89,7 @@ fn quantile(numbers: impl Iterator<Item = f64> + Clone, weights: &[u64], share: 
         reason = "a share of a number of 64 bits, in 53"
     )]
     let wanted = ((total as f64 * share).ceil() as u64).clamp(1, total.max(1));
-    // Upper halves of the upper halves, then the lower halves of those.
+    // Counts by the upper 16 of the upper 32 bits, then by the lower 16 of these.
     let [mut below, mut upper] = [0; 2];
     for digit in 0..2 {
         let mut counts = vec![0_u64; 1 << 16];
@@ -111,7 +111,7 @@ fn quantile(numbers: impl Iterator<Item = f64> + Clone, weights: &[u64], share: 
     number_of(upper << 32 | 0xffff_ffff)
 }
 
-/// A number's bits in the order of the numbers.
+/// Maps a number to bits that sort like the numbers.
 fn ordered(x: f64) -> u64 {
     let bits = x.to_bits();
     if bits >> 63 == 0 {

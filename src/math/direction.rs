@@ -1,13 +1,13 @@
-//! Unit vectors as whole numbers: octahedral coordinates (Meyer et al. 2010, *On Floating-Point
-//! Normal Vectors*) in steps. Twin: `shaders/shared/normal.wgsl`.
+//! Packs unit vectors into whole numbers: octahedral coordinates (Meyer et al. 2010, *On Floating-Point Normal
+//! Vectors*) in steps. Twin: `shaders/shared/normal.wgsl`.
 
 use glam::{DVec3, Vec2, Vec3};
 
-/// Steps along each axis of the octahedron that normals are rounded to: a whole number of 22 bits,
-/// which f32 holds, and a direction within .12 degrees.
+/// Number of steps along each axis of the octahedron to which normals are rounded. A packed normal is a whole
+/// number of 22 bits, which f32 holds; its direction is within .12 degrees.
 pub(crate) const NORMAL_STEPS: f32 = 2047.0;
 
-/// A unit vector's place on the octahedron unfolded to a square, -1 to 1 each way.
+/// Maps a unit vector to the octahedron unfolded to a square, -1 to 1 along each axis.
 #[inline]
 pub(crate) fn to_octahedral(normal: Vec3) -> Vec2 {
     let sum = normal.x.abs() + normal.y.abs() + normal.z.abs();
@@ -20,7 +20,7 @@ pub(crate) fn to_octahedral(normal: Vec3) -> Vec2 {
     }
 }
 
-/// The unit vector of [`to_octahedral`].
+/// Returns the unit vector of [`to_octahedral`].
 #[inline]
 pub(crate) fn from_octahedral(Vec2 { x, y }: Vec2) -> Vec3 {
     let z = 1.0 - x.abs() - y.abs();
@@ -29,7 +29,7 @@ pub(crate) fn from_octahedral(Vec2 { x, y }: Vec2) -> Vec3 {
     Vec3::new(unfold(x), unfold(y), z).normalize_or_zero()
 }
 
-/// A unit vector as a whole number below 2²²: its octahedral coordinates in steps.
+/// Packs a unit vector into a whole number below 2²²: its octahedral coordinates in steps.
 #[inline]
 pub fn pack_normal(normal: Vec3) -> f32 {
     let Vec2 { x, y } = to_octahedral(normal);
@@ -37,7 +37,7 @@ pub fn pack_normal(normal: Vec3) -> f32 {
     step(x) * (NORMAL_STEPS + 1.0) + step(y)
 }
 
-/// The unit vector of [`pack_normal`].
+/// Returns the unit vector of [`pack_normal`].
 #[inline]
 pub fn unpack_normal(packed: f32) -> Vec3 {
     let row = (packed / (NORMAL_STEPS + 1.0)).floor();
@@ -47,10 +47,10 @@ pub fn unpack_normal(packed: f32) -> Vec3 {
     from_octahedral(Vec2::new(x, y))
 }
 
-/// No normal among [`normal_code`]s.
+/// The [`normal_code`] for no normal.
 pub const NO_NORMAL: u32 = 0;
 
-/// A normal as the scene stores it: [`pack_normal`] and one, or [`NO_NORMAL`] where `normal` has no
+/// Returns a normal as the scene stores it: [`pack_normal`] plus one. Returns [`NO_NORMAL`] if `normal` has no
 /// direction (zero, not finite). The length does not matter.
 #[inline]
 #[expect(
@@ -65,7 +65,7 @@ pub fn normal_code(normal: DVec3) -> u32 {
     }
 }
 
-/// The unit vector of a [`normal_code`]; zero for [`NO_NORMAL`].
+/// Returns the unit vector of a [`normal_code`]; zero for [`NO_NORMAL`].
 #[inline]
 pub fn normal_of_code(code: u32) -> Vec3 {
     if code == NO_NORMAL {
@@ -89,8 +89,8 @@ mod tests {
             assert!(packed.fract() == 0.0 && (0.0..4_194_304.0).contains(&packed));
             worst = worst.max((unpack_normal(packed) - normal).length());
         }
-        // Half a step of 2 / 2047 along each axis, sqrt(2) together, stretched by sqrt(3) at most: in
-        // the middle of the octahedron's faces.
+        // Half a step of 2 / 2047 along each axis, sqrt(2) for both, stretched by at most sqrt(3) in the middle
+        // of the octahedron's faces.
         assert!(worst < 2.1e-3, "{worst}");
         for axis in [Vec3::X, Vec3::Y, Vec3::Z, -Vec3::X, -Vec3::Y, -Vec3::Z] {
             assert!((unpack_normal(pack_normal(axis)) - axis).length() < 2.1e-3);

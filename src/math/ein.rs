@@ -1,8 +1,8 @@
-//! The entire exponential integral, by which a kernel far below a pixel is less opaque than its
-//! peak's depth says.
+//! Computes the entire exponential integral Ein. It gives the opacity of a kernel far below a pixel, which is
+//! less than the depth of its peak suggests.
 
-/// (-1)^n / ((n + 1) (n + 1)!), n = 0 up: Ein(x) / x as a series. The first term left out is
-/// 7e-9 at [`EIN_SPLIT`].
+/// Coefficients (-1)^n / ((n + 1) (n + 1)!), from n = 0 up, of the series for Ein(x) / x. The first term left
+/// out is 7e-9 at [`EIN_SPLIT`].
 pub(crate) const EIN_SERIES: [f32; 13] = [
     1.0,
     -0.25,
@@ -19,24 +19,23 @@ pub(crate) const EIN_SERIES: [f32; 13] = [
     1.0 / 80_951_270_400.0,
 ];
 
-/// Up to here the series, from here on the logarithm.
+/// Argument up to which the series is used; the logarithm beyond.
 pub(crate) const EIN_SPLIT: f32 = 2.0;
 
-/// x e^x E1(x) = N(1/x) / D(1/x) for x >= 1, within 2e-8: Abramowitz and Stegun 5.1.56. Both from
-/// the power 0 up.
+/// Numerator N of x e^x E1(x) = N(1/x) / D(1/x) for x >= 1, within 2e-8: Abramowitz and Stegun 5.1.56. Both
+/// from the power 0 up.
 pub(crate) const E1_NUMERATOR: [f32; 5] = [1.0, 8.573_329, 18.059_017, 8.634_761, 0.267_773_74];
-/// See [`E1_NUMERATOR`].
+/// Denominator D; see [`E1_NUMERATOR`].
 pub(crate) const E1_DENOMINATOR: [f32; 5] = [1.0, 9.573_322, 25.632_956, 21.099_653, 3.958_496_9];
 
 /// Euler's constant.
 pub(crate) const EULER: f32 = 0.577_215_7;
 
-/// Ein(x) / x, 1 at 0: the opacity of a lone kernel far smaller than a pixel, as a share of what
-/// its mean depth would make of it; x >= 0 is its peak's depth.
+/// Returns Ein(x) / x, 1 at 0, for x >= 0. A lone kernel far smaller than a pixel whose peak has the optical
+/// depth x has this share of the opacity that its mean depth would give.
 ///
-/// Ein(x) = ∫ (1 - e^-t) / t dt from 0 to x: by its series to 2, beyond as ln x + γ + E1(x). The
-/// relative error is below 5e-7. What lies above the greatest f32 is taken for it.
-/// Twin: `shaders/shared/ein.wgsl`.
+/// Ein(x) = ∫ (1 - e^-t) / t dt from 0 to x: by its series up to 2, beyond as ln x + γ + E1(x). The relative
+/// error is below 5e-7. Infinity counts as the greatest f32. Twin: `shaders/shared/ein.wgsl`.
 pub fn ein_share(x: f32) -> f32 {
     if x < EIN_SPLIT {
         return polynomial(&EIN_SERIES, x);
@@ -44,7 +43,7 @@ pub fn ein_share(x: f32) -> f32 {
     ein(x) / x.min(f32::MAX)
 }
 
-/// Ein(x), x >= 0: see [`ein_share`].
+/// Returns Ein(x), x >= 0: see [`ein_share`].
 pub fn ein(x: f32) -> f32 {
     if x < EIN_SPLIT {
         return x * polynomial(&EIN_SERIES, x);
@@ -63,7 +62,7 @@ fn polynomial(coefficients: &[f32], x: f32) -> f32 {
 mod tests {
     use super::{ein, ein_share};
 
-    /// Ein(x) by Gauss's rule of five points over 4,000 even parts of ln(1 + t): to 1e-13.
+    /// Returns Ein(x) by Gauss's rule of five points over 4,000 equal parts of ln(1 + t): accurate to 1e-13.
     fn quadrature(x: f64) -> f64 {
         const NODES: [(f64, f64); 5] = [
             (0.0, 0.568_888_888_888_888_9),
@@ -94,7 +93,7 @@ mod tests {
         }
         let mut worst = 0.0_f64;
         for i in 0..4_000 {
-            // 1e-6 to 1e7, and both sides of the split.
+            // From 1e-6 to 1e7, and on both sides of the split.
             let x = match i {
                 0..100 => 2.0 + 1e-6 * (i - 50) as f32,
                 _ => 10_f32.powf(-6.0 + 13.0 * (i - 100) as f32 / 3_900.0),
@@ -105,7 +104,7 @@ mod tests {
             worst = worst.max(error).max(share);
         }
         println!("worst relative error {worst:.1e}");
-        // Fits of 2e-8 and 7e-9, and some six roundings, doubled where the series alternates.
+        // Fits of 2e-8 and 7e-9, and some six rounding errors, doubled because the series alternates.
         assert!(worst < 5e-7, "{worst:e}");
     }
 

@@ -1,32 +1,32 @@
-//! Sums of numbers that do not depend on their order.
+//! Sums numbers exactly, so that the result does not depend on their order.
 
 #![allow(
     clippy::cast_possible_truncation,
     reason = "limbs are the low bits of what is cut up, and there are few of them"
 )]
 
-/// Bits of a limb.
+/// Number of bits of a limb.
 const BITS: u32 = 32;
 
-/// Limbs of all finite numbers of double precision, of 2^64 of which the sum has a place.
+/// Number of limbs that hold a sum of 2^64 finite numbers of double precision.
 const LIMBS: usize = 68;
 
-/// The exponent of the least bit of a number.
+/// Exponent of the least bit of a number.
 const LEAST: i32 = -1074;
 
-/// Numbers after which limbs are carried: each adds less than 2^32 to one of them.
+/// Greatest number of terms between carries: each adds less than 2^32 to a limb.
 const MOST: u32 = 1 << 30;
 
-/// The sum of finite numbers, exactly: whatever order they come in, and however they are shared out among several sums
-/// that are added afterwards, [`Self::value`] is the same, to the last bit.
+/// The exact sum of finite numbers. [`Self::value`] is the same to the last bit for any order of the numbers,
+/// and for any partition into sums that are added afterwards.
 ///
-/// A number in fixed point with a place for every bit of every finite number of double precision: Kulisch's long
+/// The sum is a fixed-point number with a place for every bit of every finite double: Kulisch's long
 /// accumulator.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct ExactSum {
-    /// In units of 2^(32 i - 1074), the last of them with the sign.
+    /// Limbs in units of 2^(32 i - 1074); the last one has the sign.
     limbs: [i64; LIMBS],
-    /// How many were added since limbs were carried.
+    /// Number of terms added since the last carry.
     pending: u32,
 }
 
@@ -40,7 +40,7 @@ impl Default for ExactSum {
 }
 
 impl ExactSum {
-    /// Adds a number; one that is not finite adds nothing.
+    /// Adds a number; numbers that are not finite are ignored.
     pub(crate) fn add(&mut self, x: f64) {
         if !x.is_finite() {
             return;
@@ -69,7 +69,7 @@ impl ExactSum {
         }
     }
 
-    /// Adds what another has summed.
+    /// Adds another sum.
     #[cfg(feature = "prepared")]
     pub(crate) fn add_all(&mut self, mut other: Self) {
         self.carry();
@@ -80,7 +80,7 @@ impl ExactSum {
         self.carry();
     }
 
-    /// Leaves 32 bits in each limb but the last.
+    /// Carries: leaves 32 bits in each limb but the last.
     fn carry(&mut self) {
         let mut above = 0;
         for limb in &mut self.limbs[..LIMBS - 1] {
@@ -92,7 +92,7 @@ impl ExactSum {
         self.pending = 0;
     }
 
-    /// The sum, within a rounding or two.
+    /// Returns the sum, within a rounding error or two.
     pub(crate) fn value(&self) -> f64 {
         let mut sum = self.clone();
         sum.carry();
@@ -101,7 +101,8 @@ impl ExactSum {
             sum.limbs.iter_mut().for_each(|limb| *limb = -*limb);
             sum.carry();
         }
-        // From the greatest: three have 65 bits or more, and what follows the fourth says nothing of the last bit.
+        // From the greatest limb: three limbs have at least 65 bits, and what follows the fourth does not
+        // affect the last bit.
         let limbs = sum.limbs.iter().enumerate().rev();
         let terms = limbs.filter(|(_, limb)| **limb != 0).take(4);
         let value: f64 = terms
@@ -110,7 +111,7 @@ impl ExactSum {
         if is_negative { -value } else { value }
     }
 
-    /// To travel: the limbs, carried.
+    /// Returns the limbs, carried, for sending.
     #[cfg(feature = "prepared")]
     pub(crate) fn to_limbs(&self) -> Vec<i64> {
         let mut sum = self.clone();
@@ -118,14 +119,14 @@ impl ExactSum {
         sum.limbs.to_vec()
     }
 
-    /// As [`Self::to_limbs`] has them; `None` of another number of them.
+    /// Restores a sum from [`Self::to_limbs`]; `None` if the number of limbs differs.
     #[cfg(feature = "prepared")]
     pub(crate) fn of_limbs(limbs: &[i64]) -> Option<Self> {
         let mut sum = Self {
             limbs: limbs.try_into().ok()?,
             pending: 0,
         };
-        // Whatever came along the way has room for another.
+        // Clamped, so that received limbs have room for another addition.
         sum.limbs
             .iter_mut()
             .for_each(|limb| *limb = (*limb).clamp(-1 << 61, 1 << 61));
@@ -134,7 +135,7 @@ impl ExactSum {
     }
 }
 
-/// x 2^exponent, where powers of 2 that are no numbers are taken in two steps.
+/// Returns x 2^exponent, in two steps, because the power alone may overflow or underflow.
 fn scaled(x: f64, exponent: i32) -> f64 {
     let half = exponent / 2;
     x * 2.0_f64.powi(half) * 2.0_f64.powi(exponent - half)
@@ -175,7 +176,7 @@ mod tests {
 
     #[test]
     fn what_cancels_is_not_lost() {
-        // In floating point 0.
+        // In floating point the result would be 0.
         assert_eq!(sum_of([1e300, 1.0, 1e-300, -1e300, -1.0]).value(), 1e-300);
         assert_eq!(sum_of([-1e300, -1.0, -1e-300, 1e300, 1.0]).value(), -1e-300);
     }
@@ -200,7 +201,7 @@ mod tests {
             parts.add_all(ExactSum::of_limbs(&own.to_limbs()).unwrap());
         }
         assert_eq!(parts.value().to_bits(), all.value().to_bits());
-        // Rounded at each step.
+        // A plain sum rounds at each step.
         let plain: f64 = numbers.iter().sum();
         let greatest = numbers.iter().fold(0.0, |a: f64, b| a.max(b.abs()));
         assert!((plain - all.value()).abs() < 1e-12 * greatest * 1e4);

@@ -1,15 +1,14 @@
-//! Factors of variance matrices: V = F Fᵀ. A variance itself is never formed; squared axis
-//! ratios do not survive f32 (beyond about 1:4000 nothing is left of the short axis).
+//! Defines factors of variance matrices: V = F Fᵀ. A variance itself is never formed: squared axis ratios do
+//! not survive f32 (beyond about 1:4000 nothing is left of the short axis).
 //!
 //! Twin: `shaders/shared/factor.wgsl`.
 
 use glam::{Mat3, Vec3};
 
-/// A factor F of a variance V = F Fᵀ, by rows: the quadratic form of V between axes i and j is
-/// `row(i) . row(j)`.
+/// A factor F of a variance V = F Fᵀ, by rows: element (i, j) of V is `row(i) . row(j)`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Factor {
-    /// First row: the kernel's reach along x.
+    /// First row: its length is the standard deviation along x.
     pub x: Vec3,
     /// Second row.
     pub y: Vec3,
@@ -18,7 +17,7 @@ pub struct Factor {
 }
 
 impl Factor {
-    /// From a matrix F.
+    /// Makes a factor of a matrix F.
     #[inline]
     pub fn from_matrix(m: Mat3) -> Self {
         Self {
@@ -28,7 +27,7 @@ impl Factor {
         }
     }
 
-    /// A sphere of standard deviation `sigma`.
+    /// Returns the factor of a sphere of standard deviation `sigma`.
     #[inline]
     pub fn sphere(sigma: f32) -> Self {
         Self {
@@ -38,7 +37,7 @@ impl Factor {
         }
     }
 
-    /// `rotation` times the lower-triangular factor (l00, l10, l11, l20, l21, l22).
+    /// Returns `rotation` times the lower-triangular factor (l00, l10, l11, l20, l21, l22).
     #[inline]
     pub fn rotated(rotation: &Mat3, lower: &[f32; 6]) -> Self {
         let [l00, l10, l11, l20, l21, l22] = *lower;
@@ -50,8 +49,8 @@ impl Factor {
         Self::from_matrix(columns)
     }
 
-    /// `rotation` times the two tangents of a surfel, x, y, z of the first, then of the second:
-    /// rank two, the third column zero.
+    /// Returns `rotation` times the two tangents of a surfel (x, y, z of the first, then of the second). The
+    /// factor has rank two; its third column is zero.
     #[inline]
     pub fn of_tangents(rotation: &Mat3, tangents: &[f32; 6]) -> Self {
         let [ax, ay, az, bx, by, bz] = *tangents;
@@ -62,7 +61,7 @@ impl Factor {
         ))
     }
 
-    /// The three columns of F.
+    /// Returns the three columns of F.
     #[inline]
     pub fn columns(&self) -> [Vec3; 3] {
         let [x, y, z] = [self.x, self.y, self.z];

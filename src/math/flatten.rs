@@ -1,9 +1,9 @@
-//! From volume kernels to surfels.
+//! Flattens volume kernels to surfels.
 
 use glam::{DMat3, DVec3};
 
-/// Flattens a kernel by 1/s along a direction: the continuum of section 5 of Zwicker et al. 2001,
-/// from the volume kernel (s = 1) to the surfel (s infinite), V' = A V Aᵀ with A = I - (1 - 1/s) d dᵀ.
+/// Flattens a kernel by 1/s along a direction. This is the continuum of section 5 of Zwicker et al. 2001 from
+/// the volume kernel (s = 1) to the surfel (s infinite): V' = A V Aᵀ with A = I - (1 - 1/s) d dᵀ.
 ///
 /// - `factor`: any F of the variance F Fᵀ, columns; the result is the factor A F.
 /// - `direction`: d, unit length.
@@ -19,11 +19,11 @@ pub fn flatten(factor: DMat3, direction: DVec3, s: f64) -> DMat3 {
     )
 }
 
-/// The two tangents t1 and t2 of the surfel that a kernel becomes when it is flattened without end,
-/// t1 t1ᵀ + t2 t2ᵀ = A V Aᵀ, its front towards `direction` (unit length).
+/// Returns the two tangents t1 and t2 of the surfel that is the limit of a kernel flattened along `direction`
+/// (unit length): t1 t1ᵀ + t2 t2ᵀ = A V Aᵀ. The front faces `direction`.
 ///
-/// They are orthogonal along the flattened kernel's principal axes only by chance; f64 until the
-/// last step, so that a short tangent keeps its digits.
+/// The tangents lie along the flattened kernel's principal axes only by chance. The computation is in f64 up to
+/// the last step, so that a short tangent keeps its digits.
 pub fn tangents_of(factor: DMat3, direction: DVec3) -> [DVec3; 2] {
     let u = direction.any_orthonormal_vector();
     let v = direction.cross(u);
@@ -69,7 +69,7 @@ mod tests {
                 let flat = flatten(f, d, s);
                 for column in [0, 1, 2] {
                     let (before, after) = (f.col(column), flat.col(column));
-                    // Roundings of a handful of products of the column's own size.
+                    // Rounding of a handful of products of the column's own size.
                     let error = 1e-15 * before.length();
                     assert!((after.dot(d) - before.dot(d) / s).abs() <= error);
                     let across = |v: DVec3| v - d * v.dot(d);

@@ -1,4 +1,4 @@
-//! Real spherical harmonics up to degree 3, with the signs that radiance fields use.
+//! Computes real spherical harmonics up to degree 3, with the signs that radiance fields use.
 
 use std::array;
 
@@ -7,23 +7,23 @@ use glam::{DMat3, DVec3, Vec3};
 /// The constant harmonic, 1 / (2 sqrt(pi)).
 pub const HARMONIC_0: f32 = 0.282_094_8;
 
-/// Of degree 1: sqrt(3 / 4 pi).
+/// Constant of degree 1: sqrt(3 / 4 pi).
 pub(crate) const HARMONIC_1: f32 = 0.488_602_5;
 
-/// Of degree 2: sqrt(15 / 4 pi), sqrt(5 / 16 pi).
+/// Constants of degree 2: sqrt(15 / 4 pi), sqrt(5 / 16 pi).
 pub(crate) const HARMONICS_2: [f32; 2] = [1.092_548_4, 0.315_391_57];
 
-/// Of degree 3: sqrt(35 / 32 pi), sqrt(105 / 4 pi), sqrt(21 / 32 pi), sqrt(7 / 16 pi).
+/// Constants of degree 3: sqrt(35 / 32 pi), sqrt(105 / 4 pi), sqrt(21 / 32 pi), sqrt(7 / 16 pi).
 pub(crate) const HARMONICS_3: [f32; 4] = [0.590_043_6, 2.890_611_4, 0.457_045_8, 0.373_176_34];
 
 /// The greatest degree of [`harmonics`].
 pub const MAX_HARMONICS_DEGREE: u8 = 3;
 
-/// The sixteen harmonics up to degree 3 in direction (x, y, z), a unit vector.
+/// Returns the sixteen harmonics up to degree 3 in direction (x, y, z), a unit vector.
 ///
-/// Orthonormal on the sphere, ordered by degree l and then m = -l..=l, with the Condon-Shortley
-/// phase (-1)^m: degree 1 is sqrt(3 / 4 pi) (-y, z, -x), as in Kerbl et al. 2023, *3D Gaussian
-/// Splatting*, and every file of that layout.
+/// They are orthonormal on the sphere, ordered by degree l and then m = -l..=l, with the Condon-Shortley phase
+/// (-1)^m. Degree 1 is sqrt(3 / 4 pi) (-y, z, -x), as in Kerbl et al. 2023, *3D Gaussian Splatting*, and in
+/// every file of that layout.
 #[inline]
 pub fn harmonics(Vec3 { x, y, z }: Vec3) -> [f32; 16] {
     const L1: f32 = HARMONIC_1;
@@ -50,7 +50,7 @@ pub fn harmonics(Vec3 { x, y, z }: Vec3) -> [f32; 16] {
     ]
 }
 
-/// [`harmonics`] in f64: for integrals and for laws that hold to more digits than f32 has.
+/// Returns [`harmonics`] in f64, for integrals and for laws that hold to more digits than f32 has.
 fn harmonics_f64(DVec3 { x, y, z }: DVec3) -> [f64; 16] {
     use std::f64::consts::PI;
     let root = |numerator: f64, denominator: f64| (numerator / (denominator * PI)).sqrt();
@@ -83,13 +83,13 @@ fn harmonics_f64(DVec3 { x, y, z }: DVec3) -> [f64; 16] {
     ]
 }
 
-/// Coefficients of one colour channel for a given degree: (degree + 1)².
+/// Returns the number of coefficients of one colour channel for a degree: (degree + 1)².
 pub fn harmonics_count(degree: u8) -> usize {
     (usize::from(degree) + 1).pow(2)
 }
 
-/// 1/2 + the sum of coefficients times harmonics, per colour channel; `coefficients` are R, G, B
-/// of the first harmonic, of the second, ...
+/// Returns 1/2 + the sum of coefficients times harmonics, per colour channel. `coefficients` are R, G, B of the
+/// first harmonic, of the second, ...
 #[inline]
 pub fn harmonics_sum(coefficients: &[f32], basis: &[f32; 16]) -> [f32; 3] {
     let mut sum = [0.5; 3];
@@ -99,27 +99,27 @@ pub fn harmonics_sum(coefficients: &[f32], basis: &[f32; 16]) -> [f32; 3] {
     sum
 }
 
-/// What becomes of coefficients when what they colour is moved by a linear map.
+/// Transforms coefficients by the linear map that moves the object they colour.
 ///
-/// A colour seen along d in the world is the one that the coefficients give for the direction A⁻¹ d,
-/// A the map from their space to the world. For rotations and uniform scales the result is exact;
-/// others bend the harmonics into ones of all degrees, of which the nearest of the same degree is
-/// kept (least squares over the sphere).
+/// The colour seen along d in the world is the one that the coefficients give for the direction A⁻¹ d, with A
+/// the map from their space to the world. The result is exact for rotations and uniform scales. Other maps turn
+/// the harmonics into ones of all degrees; the nearest of the same degree is kept (least squares over the
+/// sphere).
 #[derive(Debug, Clone)]
 pub(crate) struct HarmonicsTransform([[f64; 16]; 16]);
 
 impl HarmonicsTransform {
-    /// - `source_from_world`: directions of the world to those of the coefficients, of any length.
+    /// - `source_from_world`: maps directions of the world to those of the coefficients; any length.
     pub(crate) fn new(source_from_world: DMat3) -> Self {
-        /// Zeros of the Legendre polynomial of degree 4, and their weights: with eight angles, exact
-        /// for polynomials of degree 7, of which products of two harmonics have 6.
+        /// Zeros of the Legendre polynomial of degree 4, and their weights. With eight angles the rule is exact
+        /// for polynomials of degree 7; products of two harmonics have degree 6.
         const NODES: [(f64, f64); 4] = [
             (-0.861_136_311_594_052_6, 0.347_854_845_137_453_85),
             (-0.339_981_043_584_856_26, 0.652_145_154_862_546_1),
             (0.339_981_043_584_856_26, 0.652_145_154_862_546_1),
             (0.861_136_311_594_052_6, 0.347_854_845_137_453_85),
         ];
-        /// What the 32 products of an integral over the sphere leave of 0 and 1.
+        /// Rounding error of an integral over the sphere, with its 32 products, from 0 or 1.
         const SNAP: f64 = 1e-14;
         let mut matrix = [[0.0; 16]; 16];
         for (z, weight) in NODES {
@@ -138,7 +138,7 @@ impl HarmonicsTransform {
                 }
             }
         }
-        // A turn that takes axes to axes changes signs alone of many harmonics: these stay exact.
+        // A rotation that maps axes to axes only changes signs of many harmonics: these stay exact.
         for cell in matrix.as_flattened_mut() {
             if (*cell - cell.round()).abs() <= SNAP {
                 *cell = cell.round();
@@ -147,7 +147,7 @@ impl HarmonicsTransform {
         Self(matrix)
     }
 
-    /// Moves the coefficients of one particle: R, G and B of each harmonic.
+    /// Transforms the coefficients of one particle: R, G and B of each harmonic.
     pub(crate) fn apply(&self, coefficients: &mut [f32]) {
         let mut moved = [[0.0; 3]; 16];
         let count = coefficients.len() / 3;
@@ -203,8 +203,8 @@ mod tests {
     }
 
     proptest! {
-        /// A rotation is exact but for the rounding of the moved coefficients: 6e-8 of each, which are below 1.4 (seven
-        /// of .5), times harmonics whose squares sum to 16 / 4 pi.
+        /// A rotation is exact except for the rounding of the transformed coefficients: 6e-8 of each, which are
+        /// below 1.4 (seven of .5), times harmonics whose squares sum to 16 / 4 pi.
         #[test]
         fn turned_coefficients_show_the_colours_of_directions_turned_back(
             axis in prop::array::uniform3(-1.0f64..1.0),
@@ -241,7 +241,7 @@ mod tests {
             DVec3::new(-0.8, 0.0, 0.6),
         ] {
             for (a, b) in harmonics(d.as_vec3()).into_iter().zip(harmonics_f64(d)) {
-                // Some six roundings of f32.
+                // Some six rounding errors of f32.
                 assert!((f64::from(a) - b).abs() < 1e-6, "{a} and {b}");
             }
         }
@@ -249,9 +249,8 @@ mod tests {
 
     #[test]
     fn the_basis_is_orthonormal() {
-        // Gauss-Legendre would do with four nodes; a fine midpoint rule in z is simpler. The
-        // products are polynomials of degree 6 in z at most, times trigonometric ones that
-        // sixteen angles integrate exactly.
+        // Gauss-Legendre with four nodes would suffice; a fine midpoint rule in z is simpler. The products are
+        // polynomials of degree at most 6 in z, times trigonometric ones that sixteen angles integrate exactly.
         const STEPS: usize = 2_000;
         let mut gram = [[0.0_f64; 16]; 16];
         for i in 0..STEPS {

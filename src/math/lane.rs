@@ -1,9 +1,9 @@
-//! Functions of one lane, without a branch or a call, so that a loop over lanes becomes vectors.
+//! Computes functions of one lane, without a branch or a call, so that a loop over lanes vectorises.
 
 use crate::constants::EXP2_SERIES;
 use crate::math::ERFC_SERIES;
 
-/// a b + c, fused where the level has it.
+/// Returns a b + c, fused if the instruction set supports it.
 #[inline(always)]
 pub(crate) fn madd<const FMA: bool>(a: f32, b: f32, c: f32) -> f32 {
     if FMA { a.mul_add(b, c) } else { a * b + c }
@@ -12,7 +12,7 @@ pub(crate) fn madd<const FMA: bool>(a: f32, b: f32, c: f32) -> f32 {
 /// Adding this to y leaves round(y) + 127 in the low bits: the exponent field of 2^round(y).
 const ROUND_TO_EXPONENT: f32 = 12_582_912.0 + 127.0;
 
-/// Splits 2^y into (2^n, 2^f - 1) with n the nearest integer, for y in \[-126, 0\]; the second by
+/// Splits 2^y into (2^n, 2^f - 1) with n the nearest integer, for y in \[-126, 0\]. The second uses
 /// [`EXP2_SERIES`].
 #[inline(always)]
 fn exp2_parts<const FMA: bool>(y: f32) -> (f32, f32) {
@@ -28,7 +28,7 @@ fn exp2_parts<const FMA: bool>(y: f32) -> (f32, f32) {
     (power, series * f)
 }
 
-/// exp(-q/2) for q in \[0, 49\].
+/// Returns exp(-q/2) for q in \[0, 49\].
 #[inline(always)]
 pub(crate) fn exp_minus_half<const FMA: bool>(q: f32) -> f32 {
     const SCALE: f32 = -0.5 * std::f32::consts::LOG2_E;
@@ -36,8 +36,8 @@ pub(crate) fn exp_minus_half<const FMA: bool>(q: f32) -> f32 {
     madd::<FMA>(power, rest, power)
 }
 
-/// Phi(x), the integral of the unit Gaussian up to x, as [`normal_cdf`](crate::math::normal_cdf) has
-/// it, by vector code: beyond 6.8 the tail stays at 1e-12.
+/// Returns Phi(x), the integral of the unit Gaussian up to x, like [`normal_cdf`](crate::math::normal_cdf), in
+/// vectorisable form. Beyond 6.8 the tail stays at 1e-12.
 #[inline(always)]
 pub(crate) fn cdf<const FMA: bool>(x: f32) -> f32 {
     let z = x.abs() * std::f32::consts::FRAC_1_SQRT_2;
@@ -52,7 +52,8 @@ pub(crate) fn cdf<const FMA: bool>(x: f32) -> f32 {
     if x < 0.0 { tail } else { 1.0 - tail }
 }
 
-/// Phi(x) = 1/2 + x P(u) with u = 2 (x/5)² - 1 for |x| <= 5, beyond as there: minimax, monomials in u.
+/// Coefficients of Phi(x) = 1/2 + x P(u) with u = 2 (x/5)² - 1 for |x| <= 5, constant beyond: minimax,
+/// monomials in u.
 pub(crate) const CDF_SERIES: [f32; 13] = [
     0.141_363_78,
     -0.070_296_28,
@@ -69,10 +70,11 @@ pub(crate) const CDF_SERIES: [f32; 13] = [
     0.000_608_727_3,
 ];
 
-/// The reach of the series for Phi, standard deviations.
+/// Range of the series for Phi, in standard deviations.
 pub(crate) const CDF_REACH: f32 = 5.0;
 
-/// Phi(x) within 3e-7, in a third of the time of [`cdf`], for differences of Phi. Its tails are not accurate.
+/// Returns Phi(x) within 3e-7, in a third of the time of [`cdf`], for differences of Phi. Its tails are not
+/// accurate.
 #[inline(always)]
 pub(crate) fn cdf_near<const FMA: bool>(x: f32) -> f32 {
     let x = x.clamp(-CDF_REACH, CDF_REACH);
@@ -85,8 +87,8 @@ pub(crate) fn cdf_near<const FMA: bool>(x: f32) -> f32 {
     madd::<FMA>(x, series, 0.5)
 }
 
-/// 1 - exp(-tau) for tau >= 0, with a small relative error at any tau: no cancellation, because
-/// 2^n (2^f - 1) and 2^n - 1 are each exact where tau is small (n = 0).
+/// Returns 1 - exp(-tau) for tau >= 0, with a small relative error at any tau. There is no cancellation,
+/// because 2^n (2^f - 1) and 2^n - 1 are each exact if tau is small (n = 0).
 #[inline(always)]
 pub(crate) fn opacity<const FMA: bool>(tau: f32) -> f32 {
     // Beyond 64 the opacity is 1 in f32.
@@ -94,13 +96,14 @@ pub(crate) fn opacity<const FMA: bool>(tau: f32) -> f32 {
     madd::<FMA>(-power, rest, 1.0 - power)
 }
 
-/// ln x for x from the least normal number up, within 1.2e-7 of itself or, near 1, of the distance from 1;
-/// of infinity 88.7, of NaN NaN. By twice the inverse hyperbolic tangent's series.
+/// Returns ln x for x from the least normal number up. The error is within 1.2e-7 of the result or, near 1, of
+/// the distance from 1. Infinity gives 88.7, NaN gives NaN. The method is twice the inverse hyperbolic
+/// tangent's series.
 #[inline(always)]
 pub(crate) fn ln(x: f32) -> f32 {
-    /// The bits of sqrt(1/2): what is left of x lies between it and its double.
+    /// The bits of sqrt(1/2): the reduced x lies between it and its double.
     const ROOT: u32 = 0x3f35_04f3;
-    /// ln 2 to so few digits that whole multiples of it are exact, and the rest of it.
+    /// ln 2 with so few digits that integer multiples of it are exact; then the remainder.
     const LN_2_HIGH: f32 = 0.693_359_4;
     const LN_2_LOW: f32 = -2.121_944_4e-4;
     let bits = x.to_bits();
@@ -114,7 +117,7 @@ pub(crate) fn ln(x: f32) -> f32 {
     if x.is_nan() { x } else { ln }
 }
 
-/// sqrt(x² + y²) without squares that leave f32; of an infinite x or y infinite or NaN.
+/// Returns sqrt(x² + y²) without squares outside the range of f32; infinity or NaN if x or y is infinite.
 #[inline(always)]
 pub(crate) fn hypot(x: f32, y: f32) -> f32 {
     let (x, y) = (x.abs(), y.abs());
@@ -148,7 +151,7 @@ mod tests {
         assert_eq!((ln(f32::INFINITY) * 10.0).round(), 887.0);
         assert_eq!(hypot(0.0, -0.0), 0.0);
         assert_eq!(hypot(-3.0, 4.0), 5.0);
-        // The squares of both would be 0, or infinite.
+        // The squares of both would underflow to 0, or overflow.
         assert_eq!(hypot(3e-30, 4e-30), 5e-30);
         assert_eq!(hypot(3e30, 4e30), 5e30);
         assert!(hypot(f32::NAN, 1.0).is_nan() && hypot(1.0, f32::NAN).is_nan());
@@ -161,7 +164,7 @@ mod tests {
             let ([_], [exact]) = crate::math::normal_density_and_cdf([f64::from(x)]);
             for found in [cdf_near::<false>(x), cdf_near::<true>(x)] {
                 let error = (f64::from(found) - exact).abs();
-                // 1.6e-7 of the series, 2.9e-7 of what lies beyond, a rounding or two.
+                // 1.6e-7 of the series, 2.9e-7 of the constant beyond, a rounding error or two.
                 assert!(error < 4e-7 && (0.0..=1.0).contains(&found), "{x}: {error}");
             }
         }

@@ -1,5 +1,5 @@
-//! Small mathematics that the rest stands on: factors of variances,
-//! spherical harmonics and special functions.
+//! Collects the mathematics that the other modules use: factors of variances, spherical harmonics and special
+//! functions.
 
 mod core_of;
 mod direction;

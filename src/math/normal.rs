@@ -1,4 +1,4 @@
-//! The normal distribution: in f32 for the renderer, in f64 for the reference integrator.
+//! Computes the normal distribution: in f32 for the renderer, in f64 for the reference integrator.
 
 /// The coefficients of Numerical Recipes' `erfcc`: erfc(z) = t exp(-z² + c0 + c1 t + ...),
 /// t = 1 / (1 + z/2).
@@ -15,12 +15,12 @@ pub(crate) const ERFC_SERIES: [f32; 10] = [
     0.170_872_77,
 ];
 
-/// Phi(x): the share of a unit Gaussian's integral that lies below x.
+/// Returns Phi(x), the share of a unit Gaussian's integral below x.
 ///
-/// Abramowitz and Stegun 7.1.26 refined: erfc by the rational Chebyshev fit of Numerical
-/// Recipes' `erfcc`, whose fractional error is below 1.2e-7 everywhere. In f32 the relative error
-/// is below 5e-7 + 1.2e-7 x² (below zero the exponent -x²/2 and its some four roundings count:
-/// 8e-6 at -8), the absolute one below 2e-7; `tests/frames/bounds.rs` measures both.
+/// The method refines Abramowitz and Stegun 7.1.26: erfc by the rational Chebyshev fit of Numerical Recipes'
+/// `erfcc`, whose fractional error is below 1.2e-7 everywhere. In f32 the relative error is below 5e-7 + 1.2e-7
+/// x²: below zero the exponent -x²/2 and its some four rounding errors count, 8e-6 at -8. The absolute error is
+/// below 2e-7. `tests/frames/bounds.rs` measures both.
 #[inline]
 pub fn normal_cdf(x: f32) -> f32 {
     let z = x.abs() * std::f32::consts::FRAC_1_SQRT_2;
@@ -31,14 +31,14 @@ pub fn normal_cdf(x: f32) -> f32 {
     if x < 0.0 { tail } else { 1.0 - tail }
 }
 
-/// (phi(z), Phi(z)): the unit Gaussian and its integral up to z, in f64, of N numbers at once.
+/// Returns (phi(z), Phi(z)), the unit Gaussian and its integral up to z, in f64, for N numbers at once.
 ///
-/// The tail is phi times Mills' ratio, a polynomial of degree 14 in (|z| - 4)/(|z| + 4) fitted
-/// so that Phi errs by its rounding alone; |z| is held to 8.5, where the tail is 1e-17. Straight
-/// arithmetic without a branch or a call, so that a loop over kernels becomes vector code.
+/// The tail is phi times Mills' ratio, a polynomial of degree 14 in (|z| - 4)/(|z| + 4) fitted so that Phi errs
+/// by its rounding alone. |z| is clamped to 8.5, where the tail is 1e-17. The code has no branch or call, so
+/// that a loop over kernels vectorises.
 #[inline(always)]
 pub fn normal_density_and_cdf<const N: usize>(z: [f64; N]) -> ([f64; N], [f64; N]) {
-    /// From the highest power down.
+    /// Coefficients from the highest power down.
     const MILLS: [f64; 15] = [
         -3.226_462_543_141_543_7e-7,
         -2.398_786_170_195_417_5e-6,
@@ -56,7 +56,7 @@ pub fn normal_density_and_cdf<const N: usize>(z: [f64; N]) -> ([f64; N], [f64; N
         -0.170_397_721_552_764_42,
         0.094_410_641_301_932_26,
     ];
-    // One operation on all lanes at a time: the form that the compiler vectorises.
+    // One operation on all lanes at a time, which the compiler vectorises.
     let size = z.map(|z| z.abs().min(8.5));
     let exponential = small_exp(size.map(|z| -0.5 * z * z));
     let x = size.map(|z| (z - 4.0) / (z + 4.0));
@@ -77,11 +77,11 @@ pub fn normal_density_and_cdf<const N: usize>(z: [f64; N]) -> ([f64; N], [f64; N
 /// 1 / sqrt(2 pi).
 pub(crate) const FRAC_1_SQRT_TAU: f64 = 0.398_942_280_401_432_7;
 
-/// exp(x) for -700 <= x <= 0, to two units in the last place: 2^k exp(r), |r| <= ln(2)/2, by
+/// Returns exp(x) for -700 <= x <= 0, to two units in the last place: 2^k exp(r) with |r| <= ln(2)/2, by
 /// Taylor's series to r^13, whose remainder is 4e-18.
 #[inline(always)]
 pub(crate) fn small_exp<const N: usize>(x: [f64; N]) -> [f64; N] {
-    /// Adding it rounds to an integer and leaves that integer in the lowest bits.
+    /// Adding this rounds to an integer and leaves that integer in the lowest bits.
     const ROUND: f64 = 1.5 * (1_u64 << 52) as f64;
     const LN_2_HIGH: f64 = 6.931_471_803_691_238e-1;
     const LN_2_LOW: f64 = 1.908_214_929_270_587_7e-10;
@@ -132,7 +132,7 @@ mod tests {
             let truth = 0.5 * libm::erfc(-z * std::f64::consts::FRAC_1_SQRT_2);
             assert!((cdf - truth).abs() < 5e-16, "{z}: {cdf} {truth}");
             let truth = (-0.5 * z * z).exp() / std::f64::consts::TAU.sqrt();
-            // Below exp(-8.5^2/2) the density stays where it is.
+            // Below exp(-8.5^2/2) the density is constant.
             assert!((density - truth).abs() < 1e-15, "{z}: {density} {truth}");
         }
         for x in [0.0, -1e-300, -0.3, -0.35, -1.0, -17.3, -300.0, -700.0] {

@@ -1,24 +1,25 @@
-//! The normal distribution held to an interval.
+//! Computes moments of the normal distribution truncated to an interval.
 
 use super::normal::normal_density_and_cdf;
 
-/// What an interval leaves of the unit Gaussian.
+/// Moments of the unit Gaussian truncated to an interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Truncated {
-    /// The share of its integral; 0 where nothing is left that counts.
+    /// Share of the integral within the interval; 0 if negligible.
     pub(crate) share: f64,
-    /// Mean of what is left.
+    /// Mean of the truncated distribution.
     pub(crate) mean: f64,
-    /// Its variance.
+    /// Variance.
     pub(crate) variance: f64,
-    /// Its third central moment.
+    /// Third central moment.
     pub(crate) third: f64,
 }
 
 impl Truncated {
-    /// Of `lower ..= upper`; the ends may be infinite. Johnson, Kotz and Balakrishnan 1994, section 10.1.
+    /// Truncates to `lower ..= upper`; the ends may be infinite. Johnson, Kotz and Balakrishnan 1994, section
+    /// 10.1.
     pub(crate) fn new(lower: f64, upper: f64) -> Self {
-        /// So much less than a kernel leaves no trace, and its moments would be roundings.
+        /// Shares below this are negligible, and their moments would be rounding errors.
         const LEAST: f64 = 1e-9;
         let ([low, high], [below, upto]) = normal_density_and_cdf([lower, upper]);
         let share = upto - below;

@@ -1,15 +1,14 @@
-//! Lower-triangular factors of variances in f64, principal axes.
+//! Computes lower-triangular factors of variances in f64, and principal axes.
 
 use glam::{DMat3, DQuat, DVec3};
 
 use crate::error::{Error, Result};
 
-/// The lower-triangular L with L Lᵀ = F Fᵀ: l00, l10, l11, l20, l21, l22, its diagonal not
-/// negative.
+/// Returns the lower-triangular L with L Lᵀ = F Fᵀ: l00, l10, l11, l20, l21, l22. Its diagonal is not negative.
 ///
-/// F = L Q by Householder reflections from the right, so the error is that of rounding F, and
-/// short axes keep their digits (F Fᵀ would lose them beyond a ratio of 1e8 in f64). F may have
-/// any rank; a zero matrix gives zeros. Lengths from 1e-150 to 1e150.
+/// F = L Q by Householder reflections from the right, so the error is that of rounding F, and short axes keep
+/// their digits (F Fᵀ would lose them beyond a ratio of 1e8 in f64). F may have any rank; a zero matrix gives
+/// zeros. Lengths may range from 1e-150 to 1e150.
 pub fn lower_factor(f: DMat3) -> [f64; 6] {
     // Rows of F; a reflection acts on all rows alike.
     let mut rows = [f.row(0), f.row(1), f.row(2)];
@@ -28,7 +27,7 @@ pub fn lower_factor(f: DMat3) -> [f64; 6] {
     ]
 }
 
-/// Reflects so that row `k` has nothing beyond its element `k`; elements before `k` stay.
+/// Reflects so that row `k` is zero beyond its element `k`; elements before `k` stay.
 #[inline(always)]
 fn reflect_tail(rows: &mut [DVec3; 3], k: usize) {
     let mut v = rows[k];
@@ -39,7 +38,7 @@ fn reflect_tail(rows: &mut [DVec3; 3], k: usize) {
     if length <= 0.0 || !length.is_finite() {
         return;
     }
-    // Away from cancellation: v = tail + sign(head) |tail| e_k.
+    // The sign avoids cancellation: v = tail + sign(head) |tail| e_k.
     let head = v[k];
     let image = if head < 0.0 { length } else { -length };
     v[k] = head - image;
@@ -50,15 +49,14 @@ fn reflect_tail(rows: &mut [DVec3; 3], k: usize) {
     for row in rows.iter_mut() {
         *row -= v * (2.0 * v.dot(*row) / v_squared);
     }
-    // Exactly, not just up to rounding.
+    // Set exactly, not just up to rounding.
     let before = if k > 0 { rows[k].x } else { 0.0 };
     rows[k] = DVec3::ZERO;
     rows[k].x = before;
     rows[k][k] = image;
 }
 
-/// A variance matrix, from xx, xy, xz, yy, yz, zz or from a matrix; whether it is one is seen when
-/// its factor is asked for.
+/// A variance matrix, from xx, xy, xz, yy, yz, zz or from a matrix. It is checked when its factor is computed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Variance(DMat3);
 
@@ -77,10 +75,9 @@ impl From<DMat3> for Variance {
 }
 
 impl Variance {
-    /// The lower-triangular factor L with V = L Lᵀ: l00, l10, l11, l20, l21, l22.
+    /// Returns the lower-triangular factor L with V = L Lᵀ: l00, l10, l11, l20, l21, l22.
     ///
-    /// Eigenvalues that the rounding of a file's single precision may have made negative, 1e-6 of
-    /// the trace, count as zero.
+    /// Negative eigenvalues within the rounding of a file's single precision, 1e-6 of the trace, count as zero.
     ///
     /// ```
     /// use ewa_splat::math::Variance;
@@ -95,13 +92,13 @@ impl Variance {
     /// # Errors
     /// A matrix that is not symmetric, not positive semi-definite, zero or not finite.
     pub fn factor(&self) -> Result<[f64; 6]> {
-        /// Of the trace: what is left of single precision.
+        /// Rounding of single precision, as a share of the trace.
         const ROUNDING: f64 = 1e-6;
         let Self(m) = self;
         let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis];
         let trace = x.x + y.y + z.z;
         let skew = [x.y - y.x, x.z - z.x, y.z - z.y];
-        // Phrased so that NaN is not symmetric.
+        // Phrased so that NaN counts as not symmetric.
         let is_symmetric = skew.iter().all(|d| d.abs() <= ROUNDING * trace);
         let elements = [x.x, x.y, x.z, y.y, y.z, z.z];
         let factor = Some(elements).filter(|_| is_symmetric);
@@ -117,13 +114,12 @@ impl Variance {
     }
 }
 
-/// The lower-triangular factor of a variance given as vxx, vxy, vxz, vyy, vyz, vzz, or `None`
-/// if it is indefinite, zero or not finite.
+/// Returns the lower-triangular factor of a variance given as vxx, vxy, vxz, vyy, vyz, vzz; `None` if it is
+/// indefinite, zero or not finite.
 ///
-/// By Cholesky's recurrence where no pivot is small. Near a singular variance that would divide
-/// the rounding of the elements by a small pivot and find sound f32 data indefinite: there, by its
-/// eigenvectors. Eigenvalues that rounding of the elements may have made negative (1e-6 of the
-/// trace) count as zero.
+/// The method is Cholesky's recurrence unless a pivot is small. Near a singular variance, the recurrence would
+/// divide the rounding of the elements by a small pivot and find valid f32 data indefinite: eigenvectors are
+/// used instead. Negative eigenvalues within rounding (1e-6 of the trace) count as zero.
 pub(crate) fn factor_of_variance(variance: [f64; 6]) -> Option<[f64; 6]> {
     const ROUNDING: f64 = 1e-6;
     let [xx, _, _, yy, _, zz] = variance;
@@ -142,7 +138,7 @@ pub(crate) fn factor_of_variance(variance: [f64; 6]) -> Option<[f64; 6]> {
     Some(lower_factor(axes * DMat3::from_diagonal(sigmas)))
 }
 
-/// Cholesky's factor, if all squared pivots are greater than `least`.
+/// Returns Cholesky's factor if all squared pivots are greater than `least`.
 fn cholesky([xx, xy, xz, yy, yz, zz]: [f64; 6], least: f64) -> Option<[f64; 6]> {
     let l00 = xx.sqrt();
     let (l10, l20) = (xy / l00, xz / l00);
@@ -154,17 +150,17 @@ fn cholesky([xx, xy, xz, yy, yz, zz]: [f64; 6], least: f64) -> Option<[f64; 6]> 
     is_sound.then(|| [l00, l10, l11, l20, l21, pivot_z.sqrt()])
 }
 
-/// Eigenvalues of a symmetric matrix xx, xy, xz, yy, yz, zz, in no order, and the axes that belong
-/// to them, as columns.
+/// Returns the eigenvalues of a symmetric matrix xx, xy, xz, yy, yz, zz, in no order, and the corresponding
+/// axes as columns.
 pub(crate) fn eigen([xx, xy, xz, yy, yz, zz]: [f64; 6]) -> (DVec3, DMat3) {
     let mut v = DMat3::from_cols(
         DVec3::new(xx, xy, xz),
         DVec3::new(xy, yy, yz),
         DVec3::new(xz, yz, zz),
     );
-    // Cyclic Jacobi (Golub and Van Loan, Matrix Computations, 8.5); quadratic, so that eight
-    // sweeps leave rounding only, and four or five as a rule. What is beside the diagonal is nothing where it is
-    // rounding of what it lies between: small eigenvalues keep their digits.
+    // Cyclic Jacobi (Golub and Van Loan, Matrix Computations, 8.5). It converges quadratically: eight sweeps
+    // leave rounding only, usually four or five. Off-diagonal elements count as zero if they are rounding of
+    // their two diagonal elements, so that small eigenvalues keep their digits.
     let mut axes = DMat3::IDENTITY;
     for _ in 0..8 {
         let mut is_diagonal = true;
@@ -192,28 +188,28 @@ pub(crate) fn eigen([xx, xy, xz, yy, yz, zz]: [f64; 6]) -> (DVec3, DMat3) {
     (DVec3::new(v.x_axis.x, v.y_axis.y, v.z_axis.z), axes)
 }
 
-/// Tangent and cosine of the smaller of the two turns that make a pair perpendicular, `zeta` the cotangent of
-/// twice their angle.
+/// Returns tangent and cosine of the smaller of the two rotations that make a pair perpendicular; `zeta` is the
+/// cotangent of twice its angle.
 fn rotation_of(zeta: f64) -> (f64, f64) {
-    // Where the square overflows, t is below all rounding.
+    // If the square overflows, t is below all rounding.
     let t = zeta.signum() / (zeta.abs() + (zeta * zeta + 1.0).sqrt());
     (t, 1.0 / (t * t + 1.0).sqrt())
 }
 
-/// axes diag(eigenvalues) axesᵀ as xx, xy, xz, yy, yz, zz.
+/// Returns axes diag(eigenvalues) axesᵀ as xx, xy, xz, yy, yz, zz.
 pub(crate) fn from_eigen(eigenvalues: DVec3, axes: DMat3) -> [f64; 6] {
     let v = axes * DMat3::from_diagonal(eigenvalues) * axes.transpose();
     symmetric(v)
 }
 
-/// xx, xy, xz, yy, yz, zz of a symmetric matrix.
+/// Returns xx, xy, xz, yy, yz, zz of a symmetric matrix.
 pub(crate) fn symmetric(v: DMat3) -> [f64; 6] {
     [
         v.x_axis.x, v.x_axis.y, v.x_axis.z, v.y_axis.y, v.y_axis.z, v.z_axis.z,
     ]
 }
 
-/// The matrix of a lower-triangular factor: the inverse of [`lower_factor`].
+/// Returns the matrix of a lower-triangular factor: the inverse of [`lower_factor`].
 pub(crate) fn lower_matrix([l00, l10, l11, l20, l21, l22]: [f64; 6]) -> DMat3 {
     DMat3::from_cols(
         DVec3::new(l00, l10, l20),
@@ -222,15 +218,15 @@ pub(crate) fn lower_matrix([l00, l10, l11, l20, l21, l22]: [f64; 6]) -> DMat3 {
     )
 }
 
-/// The standard deviations along the principal axes of L Lᵀ, greatest first.
+/// Returns the standard deviations along the principal axes of L Lᵀ, greatest first.
 pub(crate) fn principal_sigmas(factor: [f64; 6]) -> [f64; 3] {
     principal_axes(lower_matrix(factor)).map(DVec3::length)
 }
 
-/// The principal axes of F Fᵀ, each as long as its standard deviation, longest first.
+/// Returns the principal axes of F Fᵀ, each as long as its standard deviation, longest first.
 pub(crate) fn principal_axes(f: DMat3) -> [DVec3; 3] {
-    // One-sided Jacobi on the columns: rotates pairs until they are perpendicular, then their
-    // lengths are the singular values (Golub and Van Loan, Matrix Computations, 8.6).
+    // One-sided Jacobi on the columns: it rotates pairs until they are perpendicular; their lengths are then
+    // the singular values (Golub and Van Loan, Matrix Computations, 8.6).
     let mut columns = [f.x_axis, f.y_axis, f.z_axis];
     // Converges quadratically; six sweeps leave rounding only.
     for _ in 0..6 {
@@ -255,15 +251,15 @@ pub(crate) fn principal_axes(f: DMat3) -> [DVec3; 3] {
     columns
 }
 
-/// Standard deviations along a kernel's own axes, greatest first, and the rotation that turns x, y,
-/// z to these axes: F Fᵀ = R diag(sigmas)² Rᵀ.
+/// Returns the standard deviations along a kernel's own axes, greatest first, and the rotation from x, y, z to
+/// these axes: F Fᵀ = R diag(sigmas)² Rᵀ.
 ///
-/// Where axes have no length (surfels, needles) the frame is completed by perpendicular ones.
+/// If axes have no length (surfels, needles), perpendicular ones complete the frame.
 pub(crate) fn scales_and_rotation(f: DMat3) -> ([f64; 3], DQuat) {
     let axes = principal_axes(f);
     let sigmas = axes.map(DVec3::length);
     let x = axes[0].try_normalize().unwrap_or(DVec3::X);
-    // Perpendicular to the first beyond rounding, however short it is.
+    // Perpendicular to the first up to rounding, however short it is.
     let y = axes[1]
         .try_normalize()
         .and_then(|y| (y - x * x.dot(y)).try_normalize());
@@ -307,7 +303,7 @@ mod tests {
             let turned = r * DMat3::from_diagonal(DVec3::from(sigmas));
             let v = f * f.transpose();
             let trace = v.x_axis.x + v.y_axis.y + v.z_axis.z;
-            // Some fifty f64 roundings, and a quaternion's.
+            // Some fifty f64 rounding errors, and a quaternion's.
             prop_assert!(gap(turned * turned.transpose(), v) <= 1e-13 * trace);
             prop_assert!(sigmas[0] >= sigmas[1] && sigmas[1] >= sigmas[2]);
             prop_assert!(gap(r * r.transpose(), DMat3::IDENTITY) <= 1e-14);
@@ -320,7 +316,7 @@ mod tests {
             let l = lower_matrix(lower);
             let v = f * f.transpose();
             let scale = v.x_axis.x + v.y_axis.y + v.z_axis.z;
-            // Some thirty f64 roundings.
+            // Some thirty f64 rounding errors.
             prop_assert!(gap(l * l.transpose(), v) <= 1e-14 * scale);
             prop_assert!(lower[0] >= 0.0 && lower[2] >= 0.0 && lower[5] >= 0.0);
             let sigmas = principal_sigmas(lower);
@@ -345,7 +341,7 @@ mod tests {
             let l = factor_of_variance(elements(0.0));
             prop_assert!(l.is_some());
             let l = lower_matrix(l.unwrap());
-            // Nine f32 roundings, and what a negative eigenvalue is short of zero.
+            // Nine f32 rounding errors, and the distance of a negative eigenvalue from zero.
             prop_assert!(gap(l * l.transpose(), v * (1.0 / trace)) <= 1e-6);
             let least = principal_sigmas(lower_factor(f))[2].powi(2) / trace;
             if shift / trace > least + 1e-5 && 3.0 * shift < trace {

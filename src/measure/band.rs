@@ -1,11 +1,11 @@
-//! Separable filters over a few rows of an image at a time: memory stays small whatever the
-//! image's height, and bands run in parallel.
+//! Filters images separably, a few rows at a time: memory stays small whatever the image's height, and bands
+//! run in parallel.
 
 use rayon::prelude::*;
 
 use crate::image::Image;
 
-/// Rows of a band's result. With the 20 rows that windows reach beyond it, a sixth is done twice.
+/// Number of rows of a band's result. With the 20 rows that windows reach beyond it, a sixth is computed twice.
 const BAND_ROWS: usize = 128;
 
 /// One channel of consecutive rows.
@@ -19,9 +19,9 @@ impl Band {
         Self { width, values }
     }
 
-    /// Convolved along rows (pixels beyond the sides repeat the outermost) and along columns
-    /// (only where the whole filter fits: the result has `vertical.len() - 1` rows fewer).
-    /// Filters have odd lengths and are applied as they are written, not mirrored.
+    /// Convolves the band along rows (pixels beyond the sides repeat the outermost) and along columns. Columns
+    /// are filtered only where the whole filter fits: the result has `vertical.len() - 1` rows fewer. Filters
+    /// have odd lengths and are applied as written, not mirrored.
     pub(super) fn filtered(&self, horizontal: &[f64], vertical: &[f64]) -> Self {
         let radius = horizontal.len() / 2;
         let mut padded = vec![0.0; self.width + 2 * radius];
@@ -56,7 +56,7 @@ fn add_scaled(out: &mut [f64], weight: f64, values: &[f64]) {
     }
 }
 
-/// Sums `of` over bands of `rows`: it is given the rows of each.
+/// Sums `of` over bands of `rows`; `of` receives the rows of a band.
 pub(super) fn sum_over_bands(
     rows: std::ops::Range<usize>,
     of: impl Fn(std::ops::Range<usize>) -> f64 + Sync,
@@ -70,8 +70,8 @@ pub(super) fn sum_over_bands(
     sums.iter().sum()
 }
 
-/// The pixels of `rows` and of `radius` rows above and below, over black, clamped to 0..1,
-/// linear; rows beyond the image repeat the outermost.
+/// Returns the pixels of `rows` and of `radius` rows above and below, over black, clamped to 0..1, linear. Rows
+/// beyond the image repeat the outermost.
 pub(super) fn displayed_rows(
     image: &Image,
     rows: &std::ops::Range<usize>,
@@ -81,7 +81,7 @@ pub(super) fn displayed_rows(
         let y = y.saturating_sub(radius).min(image.height - 1);
         image.pixels[y * image.width..(y + 1) * image.width]
             .iter()
-            // Premultiplied colour over black is the colour as it is.
+            // Premultiplied colour over black is the colour itself.
             .map(|p| [p[0], p[1], p[2]].map(|c| f64::from(c.clamp(0.0, 1.0))))
     })
 }

@@ -1,13 +1,12 @@
-//! The difference of two images as a picture.
+//! Draws the difference of two images as a picture.
 
 use super::ImageErrors;
 use super::errors::check_sizes;
 use crate::error::{Error, Result};
 use crate::image::{Image, linear_from_srgb};
 
-/// A picture of the absolute difference between two images: per pixel the largest of the four
-/// channels, through matplotlib's perceptually uniform map *inferno*, black at 0 and pale yellow
-/// from `scale` up.
+/// Draws the absolute difference between two images: the largest of each pixel's four channels, mapped by
+/// matplotlib's perceptually uniform *inferno*. Black means 0, pale yellow `scale` or more.
 ///
 /// - `scale`: the difference, linear colour of full scale 1, at the top of the map;
 ///   [`difference_scale`] suggests one.
@@ -42,7 +41,7 @@ pub fn difference(first: &Image, second: &Image, scale: f64) -> Result<Image> {
     Ok(image)
 }
 
-/// The linear opaque colour of a fraction of the scale.
+/// Returns the linear opaque colour of a fraction of the scale.
 pub(super) fn map_colour(fraction: f64) -> [f32; 4] {
     use colorgrad::Gradient;
     thread_local! {
@@ -58,10 +57,10 @@ pub(super) fn map_colour(fraction: f64) -> [f32; 4] {
     ]
 }
 
-/// A scale that shows a difference: 1, 2 or 5 times a power of ten, the first at or above what
-/// 99.9 % of pixels stay below (or the largest difference, where that is 0).
+/// Returns a scale that shows a difference: the least of 1, 2 or 5 times a power of ten that is at least the
+/// error's 99.9th percentile (or the largest difference, if the percentile is 0).
 ///
-/// 1 for equal images.
+/// Returns 1 for equal images.
 pub fn difference_scale(errors: &ImageErrors) -> f64 {
     let shown = if errors.p999 > 0.0 {
         errors.p999
@@ -72,7 +71,7 @@ pub fn difference_scale(errors: &ImageErrors) -> f64 {
         return 1.0;
     }
     let decade = 10_f64.powf(shown.log10().floor());
-    // A hair of slack: the f32 next to 0.2 is 0.2, not the next step.
+    // A little slack: the f32 next to 0.2 counts as 0.2.
     let steps = [1.0, 2.0, 5.0].into_iter();
     steps
         .map(|step| step * decade)

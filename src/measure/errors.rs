@@ -1,4 +1,4 @@
-//! Error figures between two images of linear f32.
+//! Computes error figures between two images of linear f32.
 
 use serde::Serialize;
 
@@ -9,21 +9,21 @@ use crate::image::Image;
 /// Differences between two images over red, green, blue and alpha, linear premultiplied,
 /// full scale 1.
 ///
-/// SSIM and FLIP are of what a display shows: the image over black, clamped to 0..1, encoded.
+/// SSIM and FLIP measure the image as displayed: over black, clamped to 0..1, encoded.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ImageErrors {
     /// Root mean square over pixels and channels.
     pub rmse: f64,
     /// Largest absolute difference.
     pub max: f64,
-    /// The absolute difference, largest channel of a pixel, that 99.9 % of pixels stay below.
+    /// 99.9th percentile over pixels of the largest absolute difference among a pixel's channels.
     pub p999: f64,
-    /// Peak signal-to-noise ratio, dB, of full scale 1; `None` (JSON null) for equal images.
+    /// Peak signal-to-noise ratio, dB, for full scale 1; `None` (JSON null) for equal images.
     pub psnr: Option<f64>,
-    /// Mean of (second - first): a bias that the others hide.
+    /// Mean of (second - first): a bias that the other figures hide.
     pub mean_difference: f64,
-    /// Mean structural similarity, 1 for equal images ([`ssim`]); `None` where an image is
-    /// smaller than its window of 11 x 11 pixels.
+    /// Mean structural similarity, 1 for equal images ([`ssim`]); `None` if an image is smaller than its window
+    /// of 11 x 11 pixels.
     pub ssim: Option<f64>,
     /// Mean FLIP, 0 for equal images ([`flip`]); `None` for images without pixels.
     pub flip: Option<f64>,
@@ -32,7 +32,7 @@ pub struct ImageErrors {
 /// Compares two images of one size.
 ///
 /// # Errors
-/// Different sizes, too few pixels or too many, or one that is not finite.
+/// Different sizes; too few or too many pixels; a pixel that is not finite.
 pub fn compare(first: &Image, second: &Image) -> Result<ImageErrors> {
     check_sizes(first, second)?;
     let channels = first.pixels.len() as f64 * 4.0;
@@ -80,7 +80,7 @@ pub fn compare(first: &Image, second: &Image) -> Result<ImageErrors> {
     })
 }
 
-/// Refuses two images of different sizes, or one without all its pixels.
+/// Refuses two images of different sizes, or one with missing pixels.
 pub(super) fn check_sizes(first: &Image, second: &Image) -> Result<()> {
     for image in [first, second] {
         if !image.is_whole() {

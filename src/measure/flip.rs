@@ -1,9 +1,9 @@
-//! FLIP for low dynamic range (P. Andersson, J. Nilsson, T. Akenine-Möller, M. Oskarsson,
-//! K. Åström, M. Fairchild, *FLIP: A Difference Evaluator for Alternating Images*, 2020).
+//! Computes FLIP for low dynamic range (P. Andersson, J. Nilsson, T. Akenine-Möller, M. Oskarsson, K. Åström,
+//! M. Fairchild, *FLIP: A Difference Evaluator for Alternating Images*, 2020).
 //!
-//! What a viewer who switches between two images sees of their difference: a colour difference
-//! after the eye's contrast sensitivity, raised where edges or points differ. Constants are the
-//! paper's; filters are applied separably, as its authors do since.
+//! FLIP estimates the difference that a viewer sees when switching between two images: a colour difference
+//! after the eye's contrast sensitivity, raised where edges or points differ. Constants are the paper's;
+//! filters are applied separably, as in its authors' later versions.
 
 use super::band::{Band, displayed_rows, sum_over_bands};
 use crate::image::Image;
@@ -18,7 +18,7 @@ const CSF_RED_GREEN: (f64, f64) = (1.0, 0.0053);
 const CSF_BLUE_YELLOW: [(f64, f64); 2] = [(34.1, 0.04), (13.5, 0.025)];
 /// Exponent of the colour difference, q_c.
 const COLOUR_EXPONENT: f64 = 0.7;
-/// Below this share of the greatest difference (p_c) errors take up to p_t of the scale.
+/// Differences below this share of the greatest one (p_c) map to \[0, p_t\].
 const COLOUR_SHARE: f64 = 0.4;
 const COLOUR_SHARE_MAPPED: f64 = 0.95;
 /// Width of the feature detectors in degrees, w.
@@ -44,28 +44,28 @@ const XYZ_FROM_RGB: [[f64; 3]; 3] = [
         70_074_185.0 / 73_733_382.0,
     ],
 ];
-/// Its inverse.
+/// Inverse of [`XYZ_FROM_RGB`].
 const RGB_FROM_XYZ: [[f64; 3]; 3] = [
     [3.241_003_275, -1.537_398_934, -0.498_615_861],
     [-0.969_224_334, 1.875_930_071, 0.041_554_224],
     [0.055_639_423, -0.204_011_202, 1.057_148_933],
 ];
 
-/// An eye that sees no more than this has filters of a thousand pixels at most.
+/// Greatest number of pixels per degree, which limits the length of filters to a thousand pixels.
 const MOST_PIXELS_PER_DEGREE: f64 = 1000.0;
 
-/// The mean FLIP of two images of one size: 0 for equal ones, 1 at most.
+/// Returns the mean FLIP of two images of one size: 0 for equal ones, at most 1.
 ///
-/// Of each image over black, clamped to 0..1. `pixels_per_degree` says how large a pixel is to the
-/// viewer, usually [`FLIP_PIXELS_PER_DEGREE`]. Pixels beyond the border repeat the outermost, so
-/// that any image with a pixel has a figure; `None` without one, for images that lack pixels and for
+/// The images are put over black and clamped to 0..1. `pixels_per_degree` is the angular resolution for the
+/// viewer, usually [`FLIP_PIXELS_PER_DEGREE`]. Pixels beyond the border repeat the outermost, so that any image
+/// with a pixel has a figure. Returns `None` without pixels, for images that lack some, and for
 /// `pixels_per_degree` outside 0 to a thousand.
 pub fn flip(first: &Image, second: &Image, pixels_per_degree: f64) -> Option<f64> {
     let (width, height) = (first.width, first.height);
     if (width, height) != (second.width, second.height) || width.min(height) == 0 {
         return None;
     }
-    // Phrased so that NaN has none.
+    // Phrased so that NaN returns None.
     let is_seen = pixels_per_degree > 0.0 && pixels_per_degree <= MOST_PIXELS_PER_DEGREE;
     if !(is_seen && first.is_whole() && second.is_whole()) {
         return None;
@@ -82,7 +82,7 @@ pub fn flip(first: &Image, second: &Image, pixels_per_degree: f64) -> Option<f64
                 .abs()
                 .max((a.point(i) - b.point(i)).abs());
             let feature = (feature / std::f64::consts::SQRT_2).powf(FEATURE_EXPONENT);
-            // The exponent is at most 1: features raise differences.
+            // The exponent is at most 1, so feature differences raise the result.
             sum += colour.powf(1.0 - feature);
         }
         sum
@@ -120,7 +120,7 @@ impl Filters {
                 })
                 .collect()
         };
-        // The square root of the 2D Gaussian's height: it is applied along both axes.
+        // The square root of the 2D Gaussian's height, because the filter is applied along both axes.
         let csf = |(a, b): (f64, f64)| {
             let height = (a * (PI / b).sqrt()).sqrt();
             taps(colour_radius, &|x| {
@@ -128,7 +128,7 @@ impl Filters {
             })
         };
         let blue_yellow = CSF_BLUE_YELLOW.map(csf);
-        // The sum over the plane of both together is 1.
+        // The two together sum to 1 over the plane.
         let squares = blue_yellow.iter().map(|w| w.iter().sum::<f64>().powi(2));
         let whole = squares.sum::<f64>().sqrt();
         let gaussian = |x: f64| (-0.5 * (x / feature_sigma).powi(2)).exp();
@@ -148,7 +148,7 @@ impl Filters {
     }
 }
 
-/// Three standard deviations, whole pixels.
+/// Returns three standard deviations, rounded up to whole pixels.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -158,7 +158,7 @@ fn radius(sigma: f64) -> usize {
     (3.0 * sigma).ceil() as usize
 }
 
-/// Positive weights scaled to a sum of 1, negative ones to -1.
+/// Scales positive weights to a sum of 1, negative ones to -1.
 fn balanced(mut weights: Vec<f64>) -> Vec<f64> {
     let positive: f64 = weights.iter().map(|w| w.max(0.0)).sum();
     let negative: f64 = weights.iter().map(|w| (-w).max(0.0)).sum();
@@ -208,7 +208,7 @@ impl Seen {
         }
     }
 
-    /// L*a*b* of the filtered colour, clamped to what a display shows, chroma scaled by lightness
+    /// Returns L*a*b* of the filtered colour, clamped to displayable values, with chroma scaled by lightness
     /// (the Hunt effect).
     fn colour(&self, i: usize) -> [f64; 3] {
         let blue_yellow = self.blue_yellow[0][i] + self.blue_yellow[1][i];
@@ -229,13 +229,13 @@ fn product(m: &[[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|i| m[i][0] * v[0] + m[i][1] * v[1] + m[i][2] * v[2])
 }
 
-/// XYZ over that of white.
+/// Returns XYZ relative to white.
 fn relative_xyz(rgb: [f64; 3]) -> [f64; 3] {
     let xyz = product(&XYZ_FROM_RGB, rgb);
     std::array::from_fn(|i| xyz[i] / XYZ_FROM_RGB[i].iter().sum::<f64>())
 }
 
-/// The linearised opponent space in which contrast sensitivity is known.
+/// Converts to the linearised opponent space in which contrast sensitivity is defined.
 fn ycxcz_from_linear(rgb: [f64; 3]) -> [f64; 3] {
     let [x, y, z] = relative_xyz(rgb);
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
@@ -266,17 +266,17 @@ fn hunt_lab(rgb: [f64; 3]) -> [f64; 3] {
     ]
 }
 
-/// City-block distance of lightness, Euclidean of chroma; raised to q_c.
+/// Returns the HyAB distance, city-block in lightness and Euclidean in chroma, raised to q_c.
 fn hyab(a: [f64; 3], b: [f64; 3]) -> f64 {
     ((a[0] - b[0]).abs() + (a[1] - b[1]).hypot(a[2] - b[2])).powf(COLOUR_EXPONENT)
 }
 
-/// The greatest difference two displayed colours have: green against blue.
+/// Returns the greatest difference between two displayed colours: green against blue.
 fn greatest_difference() -> f64 {
     hyab(hunt_lab([0.0, 1.0, 0.0]), hunt_lab([0.0, 0.0, 1.0]))
 }
 
-/// Differences onto 0..1, most of the scale for the lesser ones.
+/// Maps differences to 0..1, with most of the scale for the lesser ones.
 fn spread(difference: f64, greatest: f64) -> f64 {
     let knee = COLOUR_SHARE * greatest;
     if difference < knee {
@@ -295,7 +295,7 @@ mod tests {
         flip(a, b, FLIP_PIXELS_PER_DEGREE).unwrap()
     }
 
-    /// The same images through the authors' C++ implementation at 67 pixels per degree.
+    /// Compares with the authors' C++ implementation at 67 pixels per degree.
     #[test]
     fn agrees_with_the_authors_implementation() {
         let image = |f: &dyn Fn(u32, u32) -> [u8; 3]| codes(48, 40, f);
@@ -329,7 +329,7 @@ mod tests {
             ("smaller than the filters", &tiny[0], &tiny[1], 0.568_484),
         ] {
             let found = flip(a, b, 67.0).unwrap();
-            // Theirs is f32; square roots of feature differences near 0 magnify its roundings.
+            // Theirs is in f32; square roots of feature differences near 0 amplify its rounding.
             assert!(
                 (found - expected).abs() < 2e-4,
                 "{name}: {found} {expected}"

@@ -1,8 +1,8 @@
-//! Medians and Pareto fronts.
+//! Computes medians and Pareto fronts.
 
 use crate::render::StageTimes;
 
-/// The median of each stage over several frames; zeros for none.
+/// Returns the median of each stage over several frames; zeros for none.
 pub fn median_times(times: &[StageTimes]) -> StageTimes {
     let of = |stage: fn(&StageTimes) -> f64| median(times.iter().map(stage).collect());
     StageTimes {
@@ -17,7 +17,7 @@ pub fn median_times(times: &[StageTimes]) -> StageTimes {
     }
 }
 
-/// The middle value, or the mean of the two middle ones; 0 for none.
+/// Returns the middle value, or the mean of the two middle ones; 0 for none.
 fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     let middle = values.len() / 2;
@@ -28,15 +28,15 @@ fn median(mut values: Vec<f64>) -> f64 {
     }
 }
 
-/// Which points no other point beats: `points` are (time, error), smaller is better in both.
+/// Returns the points that no other point beats: `points` are (time, error), smaller is better in both.
 ///
-/// A point is beaten by one that is at least as good in both and better in one. Indices in the
-/// order of time; of equal points the first.
+/// A point is beaten by one that is at least as good in both and better in one. The result has indices in the
+/// order of time; of equal points only the first.
 pub fn pareto_front(points: &[(f64, f64)]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..points.len())
         .filter(|&i| points[i].0.is_finite() && points[i].1.is_finite())
         .collect();
-    // Stable: equal points stay in their order.
+    // Stable sort: equal points keep their order.
     order.sort_by(|&a, &b| {
         let (a, b) = (points[a], points[b]);
         a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1))

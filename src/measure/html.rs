@@ -1,4 +1,4 @@
-//! A report as one page: no scripts, no network, plots and pictures inside.
+//! Writes a report as one HTML page: no scripts, no network, plots and pictures embedded.
 
 mod labels;
 mod plot;
@@ -20,14 +20,14 @@ use crate::io::png_bytes;
 
 const STYLE: &str = include_str!("html/style.css");
 
-/// Width of a strip of the error budget, its own pixels.
+/// Width of a strip of the error budget, in the SVG's own pixels.
 const STRIP_PX: f64 = 300.0;
 
 impl Report {
-    /// The report as a page of HTML that needs nothing beside it.
+    /// Returns the report as a self-contained HTML page.
     ///
     /// # Errors
-    /// None that is known; what the picture writer says.
+    /// Errors of the picture writer; none is known to occur.
     pub fn html(&self) -> Result<Vec<u8>> {
         let mut page = String::new();
         // Writing to a string does not fail.
@@ -124,7 +124,7 @@ impl Report {
         );
     }
 
-    /// Groups in the order of the rows.
+    /// Returns the groups in the order of the rows.
     fn groups(&self) -> Vec<&'static str> {
         let mut groups = Vec::new();
         for row in &self.rows {
@@ -178,7 +178,8 @@ impl Report {
         page.push_str("</section>\n");
     }
 
-    /// - `counts`: whether a row asks for the image that errors are against; it is a ring otherwise.
+    /// - `counts`: returns true if a row aims at the image that errors are measured against; other rows are
+    ///   drawn as rings.
     fn speed_accuracy(
         &self,
         error_name: &str,
@@ -245,7 +246,7 @@ impl Report {
             let (frame, saved) = row.saving.map_or((String::new(), String::new()), |saving| {
                 (milliseconds(saving.frame_ms), saved_bar(saving.saved_share))
             });
-            // Rows about the reference itself compare images of their own.
+            // Rows about the reference itself compare other images.
             let compares = if row.against_reference.is_none() {
                 format!("<small>{}</small>", escaped(&row.compares))
             } else {
@@ -282,7 +283,7 @@ impl Report {
         if let Some(data) = &self.reference_data_image {
             picture(page, &opaque(data), "<strong>The data's own field</strong>")?;
         }
-        // The default beside the reference; the others in rows of three above their differences.
+        // The default beside the reference; then the others in rows of three, each row above its differences.
         let shown: Vec<_> = self
             .pictures
             .iter()
@@ -348,7 +349,7 @@ impl Report {
     }
 }
 
-/// Where a true image comes from; `what` it is where it was integrated.
+/// Describes the origin of a reference image; `what` describes an integrated one.
 fn reference_text(reference: &ReferenceSummary, what: &str) -> String {
     let mut text = match reference.origin.as_str() {
         "integrated" => format!("{what} in double precision"),
@@ -399,11 +400,11 @@ fn table_row(page: &mut String, row: &Row) {
     );
 }
 
-/// Ticks above the strips of the budget.
+/// Draws the ticks above the strips of the budget.
 fn strip_scale(axis: &Axis) -> String {
     let mut svg = format!("<svg viewBox=\"0 0 {STRIP_PX} 18\" class=\"scale\">");
     let powers = axis.ticks();
-    // Powers of ten alone where there are several.
+    // Only powers of ten if there are several.
     let whole: Vec<f64> = powers
         .iter()
         .copied()
@@ -427,7 +428,7 @@ fn strip_x(axis: &Axis, value: f64) -> f64 {
     MARGIN_PX + axis.share(value) * (STRIP_PX - 2.0 * MARGIN_PX)
 }
 
-/// Dots of one row of the budget.
+/// Draws the dots of one row of the budget.
 fn strip(axis: &Axis, row: &BudgetRow, baseline: f64) -> String {
     let x = |value| strip_x(axis, value);
     let mut svg = format!(
@@ -470,7 +471,7 @@ fn saved_bar(share: f64) -> String {
     )
 }
 
-/// The colours of a difference picture, from 0 to its scale.
+/// Draws the colours of a difference picture, from 0 to its scale.
 fn colour_bar() -> String {
     let stops: Vec<String> = (0..=10)
         .map(|i| {
@@ -497,7 +498,7 @@ fn picture(page: &mut String, image: &Image, caption: &str) -> Result<()> {
     Ok(())
 }
 
-/// Over black.
+/// Returns the image over black.
 fn opaque(image: &Image) -> Image {
     let mut image = image.clone();
     for pixel in &mut image.pixels {
@@ -523,7 +524,7 @@ fn vector(v: [f64; 3]) -> String {
     format!("({})", parts.join(", "))
 }
 
-/// An error: three digits.
+/// Formats an error to three digits.
 fn error(value: f64) -> String {
     if value > 0.0 {
         measured(value)
@@ -544,7 +545,7 @@ fn fraction(value: Option<f64>) -> String {
     value.map_or_else(|| "–".into(), |v| format!("{v:.4}"))
 }
 
-/// Milliseconds to three digits.
+/// Formats milliseconds to three digits.
 fn milliseconds(value: f64) -> String {
     decimals(value)
 }
@@ -559,7 +560,7 @@ fn decimals(value: f64) -> String {
     }
 }
 
-/// A whole number with thin spaces between thousands.
+/// Formats a whole number with thin spaces between thousands.
 fn grouped(value: f64) -> String {
     let digits = format!("{value:.0}");
     let mut text = String::new();

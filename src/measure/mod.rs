@@ -1,10 +1,10 @@
-//! How far one picture is from another, and what accuracy costs.
+//! Measures the difference between pictures, and the cost of accuracy.
 //!
-//! [`compare`] gives the figures of two images, [`difference`] a picture of where they differ.
-//! [`sweep`] draws a scene in every way that [`variants`] lists, times each and holds it against
-//! the true image; its [`Report`] is plain data with writers for JSON, CSV and (feature `report`)
-//! a page with plots. [`ErrorSample`] measures a picture's error in a sample of its tiles, and finds the tolerance
-//! that just keeps a promise.
+//! [`compare`] computes figures of two images, [`difference`] draws a picture of their difference. [`sweep`]
+//! draws a scene in every way that [`variants`] lists, times each and compares it with the reference image. Its
+//! [`Report`] is plain data with writers for JSON, CSV and (feature `report`) an HTML page with plots.
+//! [`ErrorSample`] measures a picture's error in a sample of its tiles, and finds the largest tolerance that
+//! keeps the error bound.
 
 mod band;
 mod difference;

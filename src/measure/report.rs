@@ -1,4 +1,4 @@
-//! What a sweep found, as plain data, and its files.
+//! Defines the results of a sweep as plain data, and writes them to files.
 
 use serde::Serialize;
 
@@ -13,65 +13,65 @@ use crate::view::{Camera, Projection};
 /// A sweep's results. Times are milliseconds, errors linear colour of full scale 1.
 #[derive(Debug, Clone, Serialize)]
 pub struct Report {
-    /// What was drawn and by whom.
+    /// Scene and command of the sweep.
     pub about: About,
     /// The machine.
     pub machine: Machine,
     /// The camera.
     pub camera: CameraSummary,
-    /// Particles of the scene.
+    /// Number of particles in the scene.
     pub particles: usize,
-    /// Frames of which times are the medians, after one that warms up.
+    /// Number of timed frames, after one that warms up; times are their medians.
     pub frames: usize,
     /// One row per variant.
     pub rows: Vec<Row>,
-    /// What each approximation costs and saves.
+    /// Error and time of each approximation.
     pub budget: Budget,
-    /// The reference image, for pages.
+    /// Reference image, for pages.
     #[serde(skip)]
     pub reference_image: Image,
-    /// The image of the data's own field, for pages.
+    /// Image of the data's own field, for pages.
     #[serde(skip)]
     pub reference_data_image: Option<Image>,
-    /// Renderings worth a look, for pages.
+    /// Renderings of some variants, for pages.
     #[serde(skip)]
     pub pictures: Vec<Picture>,
 }
 
-/// What the caller knows and the sweep does not.
+/// Facts that the caller knows and the sweep does not.
 #[derive(Debug, Clone, Serialize, Default)]
 pub struct About {
-    /// The data's names.
+    /// Names of the data.
     pub inputs: Vec<String>,
-    /// The command line that measured.
+    /// Command line of the measurement.
     pub command: String,
-    /// Where the reference image comes from.
+    /// Origin of the reference image.
     pub reference: ReferenceSummary,
-    /// Where the image of the data's own field comes from, where there is one.
+    /// Origin of the image of the data's own field, if there is one.
     pub reference_data: Option<ReferenceSummary>,
 }
 
-/// A reference image's provenance.
+/// Provenance of a reference image.
 #[derive(Debug, Clone, Serialize, Default)]
 pub struct ReferenceSummary {
-    /// How it came to be: `integrated`, or a file's name.
+    /// Origin: `integrated`, or a file's name.
     pub origin: String,
-    /// The largest error of a pixel that it states, linear colour; `None` where none is known.
+    /// Stated greatest error of a pixel, linear colour; `None` if unknown.
     pub error: Option<f64>,
-    /// Pixels whose estimated error stayed above the one aimed at.
+    /// Number of pixels whose estimated error stayed above the target.
     pub unconverged: Option<usize>,
-    /// Rays integrated.
+    /// Number of rays integrated.
     pub rays: Option<u64>,
-    /// Seconds it took.
+    /// Time of the integration in seconds.
     pub seconds: Option<f64>,
 }
 
-/// The machine that measured.
+/// The machine of the measurement.
 #[derive(Debug, Clone, Serialize)]
 pub struct Machine {
-    /// The processor's name, where the system tells.
+    /// Name of the processor, if the system reports it.
     pub cpu: Option<String>,
-    /// Threads that draw.
+    /// Number of threads that draw.
     pub threads: usize,
     /// The best instruction set of the rasteriser.
     pub simd: &'static str,
@@ -79,12 +79,12 @@ pub struct Machine {
     pub system: String,
     /// This library's version.
     pub version: &'static str,
-    /// Whether the build is not optimised: times mean nothing then.
+    /// True for a build without optimisation, whose times mean nothing.
     pub debug_build: bool,
 }
 
 impl Machine {
-    /// This machine.
+    /// Describes this machine.
     pub fn here() -> Self {
         let cpu = std::fs::read_to_string("/proc/cpuinfo")
             .ok()
@@ -103,7 +103,7 @@ impl Machine {
     }
 }
 
-/// A camera in numbers.
+/// Numbers of a camera.
 #[derive(Debug, Clone, Serialize)]
 pub struct CameraSummary {
     /// `perspective` or `orthographic`.
@@ -133,7 +133,7 @@ impl From<&Camera> for CameraSummary {
     }
 }
 
-/// One variant measured.
+/// Measurement of one variant.
 #[derive(Debug, Clone, Serialize)]
 pub struct Row {
     /// As [`super::Variant::id`].
@@ -144,7 +144,7 @@ pub struct Row {
     pub mark: String,
     /// As [`super::Variant::group`].
     pub group: &'static str,
-    /// How it was drawn.
+    /// Settings of the rendering.
     pub settings: SettingsSummary,
     /// As [`super::Variant::kernel_width`].
     pub kernel_width: Option<f64>,
@@ -152,21 +152,21 @@ pub struct Row {
     pub changes_signal: bool,
     /// As [`super::Variant::changes_pixels`]: such a row is not on the data's front.
     pub changes_pixels: bool,
-    /// What it took.
+    /// Times and counts of a frame.
     pub cost: Cost,
-    /// How far it is from the reference.
+    /// Difference from the reference.
     pub errors: ImageErrors,
-    /// How far it is from the picture of the data's own field, where there is one.
+    /// Difference from the picture of the data's own field, if there is one.
     pub from_data: Option<ImageErrors>,
-    /// How far it is from the budget's baseline, the most accurate splatting.
+    /// Difference from the budget's baseline, the most accurate splatting.
     pub from_baseline: ImageErrors,
-    /// Whether no other variant of the same signal is both faster and closer (time and RMSE).
+    /// True if no other variant of the same signal is both faster and closer (time and RMSE).
     pub on_front: bool,
-    /// The same of the distance to the data, whatever the kernels.
+    /// True if no other variant is both faster and closer to the data, whatever its kernels.
     pub on_data_front: bool,
 }
 
-/// Settings as their options are named.
+/// Settings under the names of their options.
 #[derive(Debug, Clone, Serialize)]
 #[allow(missing_docs, reason = "each is the setting of its name")]
 pub struct SettingsSummary {
@@ -199,70 +199,70 @@ impl From<&Settings> for SettingsSummary {
     }
 }
 
-/// What a frame took.
+/// Times and counts of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Cost {
-    /// Medians, milliseconds.
+    /// Median times, milliseconds.
     pub times_ms: StageTimes,
-    /// Kernels evaluated at pixel centres.
+    /// Number of kernel evaluations at pixel centres.
     pub splat_pixels: u64,
-    /// Footprints drawn.
+    /// Number of footprints drawn.
     pub footprints: usize,
-    /// Of these, affine ones.
+    /// Number of affine footprints.
     pub footprints_affine: usize,
-    /// Of these, exact ones.
+    /// Number of exact footprints.
     pub footprints_exact: usize,
-    /// Of these, kernels that cross the camera plane.
+    /// Number of footprints whose kernels cross the camera plane.
     pub footprints_near: usize,
     /// Bytes of the scene per particle.
     pub bytes_per_particle: f64,
-    /// Splat-pixels per second of rasterising and thread; `None` where no time was seen.
+    /// Splat-pixels per second of rasterising and per thread; `None` if no time was measured.
     pub splat_pixels_per_core_second: Option<f64>,
 }
 
-/// What each approximation alone costs in error and saves in time.
+/// Error and saving of time for each approximation alone.
 #[derive(Debug, Clone, Serialize)]
 pub struct Budget {
-    /// The id of the row that approximations are switched on against.
+    /// Id of the row to which approximations are added one by one.
     pub baseline: String,
-    /// Its frame, milliseconds.
+    /// Frame time of the baseline, milliseconds.
     pub baseline_frame_ms: f64,
-    /// How far it is from the reference: what no setting of splatting removes.
+    /// Difference of the baseline from the reference: the error that no setting of splatting removes.
     pub baseline_errors: ImageErrors,
     /// The approximations.
     pub rows: Vec<BudgetRow>,
 }
 
-/// One approximation.
+/// An approximation.
 #[derive(Debug, Clone, Serialize)]
 pub struct BudgetRow {
     /// A name that stays the same between versions.
     pub id: String,
-    /// What is approximated.
+    /// Name of the approximation, for people.
     pub label: String,
-    /// What this alone adds: the distance between the images with and without it.
+    /// Error that this alone adds: the difference between the images with and without it.
     pub alone: ImageErrors,
-    /// The images that `alone` compares.
+    /// The images that `alone` compares, in words.
     pub compares: String,
-    /// The distance from the reference; `None` for rows about the reference itself.
+    /// Difference from the reference; `None` for rows about the reference itself.
     pub against_reference: Option<ImageErrors>,
-    /// Time against the baseline's; `None` where nothing is drawn.
+    /// Time saved against the baseline; `None` if nothing is drawn.
     pub saving: Option<Saving>,
 }
 
-/// Time saved.
+/// Time saved by an approximation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Saving {
-    /// The frame, milliseconds.
+    /// Frame time, milliseconds.
     pub frame_ms: f64,
-    /// Milliseconds less than the baseline's; negative where it is slower.
+    /// Milliseconds less than the baseline; negative if slower.
     pub saved_ms: f64,
-    /// The same as a share of the baseline's frame; 0 where that took no time.
+    /// The same as a share of the baseline's frame time; 0 if that is 0.
     pub saved_share: f64,
 }
 
 impl Saving {
-    /// A frame's time against the baseline's.
+    /// Compares a frame time with the baseline's.
     pub fn new(frame_ms: f64, baseline_ms: f64) -> Self {
         let saved_ms = baseline_ms - frame_ms;
         Self {
@@ -277,25 +277,25 @@ impl Saving {
     }
 }
 
-/// A variant's rendering.
+/// Rendering of a variant.
 #[derive(Debug, Clone)]
 pub struct Picture {
-    /// The row it belongs to.
+    /// Id of the variant's row.
     pub id: String,
     /// The rendering.
     pub image: Image,
 }
 
 impl Report {
-    /// The row of an id.
+    /// Returns the row with an id.
     pub fn row(&self, id: &str) -> Option<&Row> {
         self.rows.iter().find(|row| row.id == id)
     }
 
-    /// All figures as JSON.
+    /// Returns all figures as JSON.
     ///
     /// # Errors
-    /// None that is known; what the writer says.
+    /// Errors of the JSON writer; none is known to occur.
     pub fn json(&self) -> Result<Vec<u8>> {
         let mut bytes =
             serde_json::to_vec_pretty(self).map_err(|e| not_written("report.json", &e))?;
@@ -303,10 +303,10 @@ impl Report {
         Ok(bytes)
     }
 
-    /// The variants as CSV: one row each, flat columns, empty where there is no figure.
+    /// Returns the variants as CSV: one row each, flat columns, empty where there is no figure.
     ///
     /// # Errors
-    /// None that is known; what the writer says.
+    /// Errors of the CSV writer; none is known to occur.
     pub fn csv(&self) -> Result<Vec<u8>> {
         let failed = |e: &dyn std::fmt::Display| not_written("report.csv", e);
         let mut writer = csv::Writer::from_writer(Vec::new());
@@ -324,13 +324,13 @@ impl Report {
 }
 
 impl Row {
-    /// The distance to the data that counts on their front.
+    /// Returns the difference from the data that counts for the data's front.
     pub(super) fn data_rmse(&self) -> Option<f64> {
         let errors = self.from_data.filter(|_| !self.changes_pixels);
         errors.map(|errors| errors.rmse)
     }
 
-    /// Names and values of the flat columns.
+    /// Returns names and values of the flat columns.
     fn cells(&self) -> Vec<(&'static str, String)> {
         fn or_empty<T: ToString>(value: Option<T>) -> String {
             value.map_or_else(String::new, |v| v.to_string())

@@ -1,9 +1,9 @@
-//! What a picture errs by, from a sample of it: tiles drawn again with everything exact; and the tolerance
-//! that a scene bears.
+//! Measures the error of a picture from a sample of its tiles, drawn again with everything exact, and finds the
+//! tolerance that a scene allows.
 //!
-//! Bounds of errors are of kernels in the worst places. What they come to in a picture is measured: a
-//! tile of it is a picture of its own, of the same camera with a window of sixteen pixels, so that a
-//! hundredth of a picture costs about a hundredth.
+//! Error bounds hold for kernels in the worst places; the error of a whole picture is measured instead. A tile
+//! is a picture of its own: the same camera with a window of sixteen pixels. A hundredth of a picture therefore
+//! costs about a hundredth of its time.
 
 use crate::constants::TILE_SIZE;
 use crate::error::Result;
@@ -14,51 +14,53 @@ use crate::view::Camera;
 use glam::{DVec2, DVec3};
 use serde::Serialize;
 
-/// Tiles of a sample at least, if a picture has so many that show anything.
+/// Least number of tiles in a sample, if that many show anything.
 const LEAST_TILES: usize = 32;
-/// One tile of so many is drawn again.
+/// Stride of the sample: one tile among this many is drawn again.
 const STRIDE: usize = 100;
-/// Of a thousand numbers the stated error holds for so many, as [`Settings::tolerance`] promises.
+/// Number in a thousand for which the stated error holds, as [`Settings::tolerance`] promises.
 const PER_MILLE: usize = 999;
-/// The greatest error of a sample stays below this share of the tolerance, so that 99.9 % of the whole picture stay below it:
-/// tiles differ. With all of it the whole of one picture in eight erred by 1.1 tolerances.
+/// Share of the tolerance below which the greatest error of a sample must stay, so that 99.9 % of the whole
+/// picture stay below the tolerance: tiles differ. With a share of 1, one picture in eight erred by 1.1
+/// tolerances.
 const MARGIN: f32 = 0.5;
-/// How the tolerance grows from step to step.
+/// Factor of the tolerance from step to step.
 const GROWTH: f32 = std::f32::consts::SQRT_2;
-/// Steps of a calibration to either side: up to 2^(12/2) = 64 times the tolerance, or down to a 64th.
+/// Greatest number of steps of a calibration in either direction: up to 2^(12/2) = 64 times the tolerance, or
+/// down to a 64th.
 const STEPS: i32 = 12;
 
-/// The difference of a picture from the same scene with everything exact, over a sample of its tiles.
+/// Difference of a picture from the same scene with everything exact, over a sample of its tiles.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SampledError {
-    /// What 99.9 % of the sample's numbers stay below: colours, premultiplied and linear, and opacities.
+    /// 99.9th percentile of the sample's differences: in colours, premultiplied and linear, and opacities.
     pub percentile_999: f32,
-    /// The greatest.
+    /// Greatest difference.
     pub greatest: f32,
-    /// Tiles of 16 x 16 pixels that were drawn again: an equal number of each depth complexity.
+    /// Number of tiles of 16 x 16 pixels that were drawn again: an equal number for each depth complexity.
     pub tiles: usize,
-    /// Their pixels.
+    /// Number of pixels in these tiles.
     pub pixels: usize,
 }
 
-/// A sample of a picture's tiles, drawn with everything exact: what its errors are measured against.
+/// A sample of a picture's tiles, drawn with everything exact: the reference for its errors.
 ///
-/// Tiles are ordered by depth complexity, as how many blocks of particles lie behind them, and cut into
-/// strata of as many tiles each; one of each stratum is drawn. Empty tiles, which never err, are left out, so
-/// that the figures are of what is seen. The same picture has the same sample.
+/// Tiles are ordered by depth complexity, the number of blocks of particles behind them, and divided into
+/// strata of equal size. One tile of each stratum is drawn. Empty tiles, which never err, are left out, so that
+/// the figures describe the visible part. The sample depends on the picture alone.
 #[derive(Debug, Clone)]
 pub struct ErrorSample {
     camera: Camera,
     settings: Settings,
-    /// The first pixel of each tile, and its true picture.
+    /// First pixel of each tile, and its reference image.
     tiles: Vec<([usize; 2], Image)>,
 }
 
 impl ErrorSample {
-    /// Draws the sample: a hundredth of the tiles that show anything, 32 of them at least.
+    /// Draws the sample: a hundredth of the tiles that show anything, at least 32.
     ///
-    /// - `settings`: those of the picture. Layers whose thickness they leave open should have that of the
-    ///   picture ([`Renderer::layers`]), because it follows from what is in view.
+    /// - `settings`: settings of the picture. If they leave the thickness of layers open, set it to the
+    ///   picture's ([`Renderer::layers`]), because it depends on the view.
     ///
     /// # Errors
     /// Those of [`Renderer::render`].
@@ -85,10 +87,10 @@ impl ErrorSample {
         })
     }
 
-    /// What a picture of the sample's camera errs by; nothing where no tile shows anything.
+    /// Returns the error of a picture by the sample's camera; zero if no tile shows anything.
     ///
     /// # Panics
-    /// Where it is smaller than the camera's.
+    /// Panics if the picture is smaller than the camera's.
     pub fn error_of(&self, image: &Image) -> SampledError {
         let mut differences = Differences::default();
         for ([x0, y0], truth) in &self.tiles {
@@ -101,7 +103,7 @@ impl ErrorSample {
         differences.summary(self.tiles.len())
     }
 
-    /// What the sample's tiles err by when they are drawn at a tolerance.
+    /// Returns the error of the sample's tiles when they are drawn at a tolerance.
     ///
     /// # Errors
     /// Those of [`Renderer::render`].
@@ -120,9 +122,9 @@ impl ErrorSample {
         Ok(differences.summary(self.tiles.len()))
     }
 
-    /// The tolerance to draw the picture at so that the greatest error of the sample stays below half of the one that
-    /// was asked for, and what the sample errs by then: most often greater, because bounds are of the worst case; less
-    /// where even the one that was asked for errs by more.
+    /// Returns the tolerance at which the greatest error of the sample stays below half of the requested one,
+    /// and the error at it. It is usually greater than requested, because bounds describe the worst case. It is
+    /// less if even the requested tolerance gives a larger error.
     ///
     /// # Errors
     /// Those of [`Renderer::render`].
@@ -132,10 +134,10 @@ impl ErrorSample {
         let mut fitting = (asked, self.error_at(renderer, asked)?);
         let is_wide = fits(&fitting.1);
         if !is_wide && fitting.1.percentile_999 <= asked {
-            // Kept, if with less to spare.
+            // Kept, with a smaller margin.
             return Ok(fitting);
         }
-        // Between a number of steps that fits and one that does not.
+        // Bisect between a number of steps that fits and one that does not.
         let (mut inside, mut outside) = if is_wide { (0, STEPS) } else { (-STEPS, 0) };
         while outside - inside > 1 {
             let steps = (inside + outside) / 2;
@@ -160,7 +162,7 @@ impl ErrorSample {
     }
 }
 
-/// The part of a camera's picture that one tile shows.
+/// Returns the camera of one tile of a picture.
 fn window(camera: &Camera, [x, y]: [usize; 2]) -> Camera {
     Camera {
         centre_px: camera.centre_px - DVec2::new(x as f64, y as f64),
@@ -170,9 +172,9 @@ fn window(camera: &Camera, [x, y]: [usize; 2]) -> Camera {
     }
 }
 
-/// The first pixels of the tiles of a sample.
+/// Returns the first pixels of the tiles of a sample.
 ///
-/// - `boxes`: middles and half extents of what may be seen.
+/// - `boxes`: centres and half extents of the visible blocks.
 fn chosen(camera: &Camera, boxes: &[(DVec3, DVec3)]) -> Vec<[usize; 2]> {
     let columns = camera.width.div_ceil(TILE_SIZE);
     let rows = camera.height.div_ceil(TILE_SIZE);
@@ -197,7 +199,7 @@ fn chosen(camera: &Camera, boxes: &[(DVec3, DVec3)]) -> Vec<[usize; 2]> {
     (0..count)
         .map(|n| {
             let stratum = n * tiles.len() / count..(n + 1) * tiles.len() / count;
-            // Anywhere within the stratum, but the same each time: steps of the golden ratio.
+            // Anywhere within the stratum, but reproducibly: steps of the golden ratio.
             let place = n * 618_034 % 1_000_000 * stratum.len() / 1_000_000;
             let tile = tiles[stratum.start + place];
             [tile % columns, tile / columns].map(|at| at * TILE_SIZE)
@@ -205,8 +207,8 @@ fn chosen(camera: &Camera, boxes: &[(DVec3, DVec3)]) -> Vec<[usize; 2]> {
         .collect()
 }
 
-/// The first and one past the last columns and rows of tiles that a box may touch; `None` where it lies outside.
-/// A box around the eye touches all.
+/// Returns the first and one past the last columns and rows of tiles that a box may touch; `None` if it lies
+/// outside. A box around the eye touches all.
 #[allow(
     clippy::cast_possible_truncation,
     reason = "casts saturate: what lies beside the picture ends at its edge"
@@ -246,7 +248,7 @@ fn tiles_of(
     Some([[x0, y0], [x1, y1]])
 }
 
-/// Absolute differences of all numbers of pixels.
+/// Absolute differences of all channels of pixels.
 #[derive(Debug, Default)]
 struct Differences(Vec<f32>);
 
@@ -257,7 +259,7 @@ impl Differences {
     }
 
     fn summary(mut self, tiles: usize) -> SampledError {
-        // NaN comes last: it is the greatest.
+        // NaN sorts last: it counts as the greatest.
         self.0.sort_unstable_by(f32::total_cmp);
         let rank = (self.0.len() * PER_MILLE).div_ceil(1000);
         let at = |i: usize| self.0.get(i).copied().unwrap_or(0.0);

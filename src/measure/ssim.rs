@@ -1,5 +1,5 @@
-//! Structural similarity (Z. Wang, A. Bovik, H. Sheikh, E. Simoncelli, *Image Quality
-//! Assessment: From Error Visibility to Structural Similarity*, 2004).
+//! Computes structural similarity (Z. Wang, A. Bovik, H. Sheikh, E. Simoncelli, *Image Quality Assessment: From
+//! Error Visibility to Structural Similarity*, 2004).
 
 use super::band::{Band, displayed_rows, sum_over_bands};
 use crate::image::{Image, srgb_from_linear};
@@ -14,11 +14,11 @@ const C2: f64 = 0.03 * 0.03;
 /// Luma of sRGB-encoded red, green and blue (ITU-R BT.709).
 const LUMA: [f64; 3] = [0.2126, 0.7152, 0.0722];
 
-/// The mean structural similarity of two images of one size: 1 for equal ones.
+/// Returns the mean structural similarity of two images of one size: 1 for equal ones.
 ///
-/// Of the sRGB-encoded luma of each image over black, clamped to 0..1; Gaussian window of 11 x 11
-/// pixels and σ = 1.5, population moments, mean over the windows that lie inside the image, at
-/// full resolution (no pyramid, no downsampling). `None` where no window fits.
+/// It compares the sRGB-encoded luma of each image over black, clamped to 0..1. The window is Gaussian, 11 x 11
+/// pixels with σ = 1.5; moments are population moments. The mean is over the windows inside the image, at full
+/// resolution (no pyramid, no downsampling). Returns `None` if no window fits.
 pub fn ssim(first: &Image, second: &Image) -> Option<f64> {
     let (width, height) = (first.width, first.height);
     if (width, height) != (second.width, second.height) || width.min(height) < 2 * RADIUS + 1 {
@@ -95,9 +95,9 @@ mod tests {
         let of = |code: f64| constant(20, 300, [linear_from_srgb(narrowed(code)); 3]);
         let expected = (2.0 * a * b + C1) / (a * a + b * b + C1);
         let found = ssim(&of(a), &of(b)).unwrap();
-        // f32 of the sRGB curve and back.
+        // Rounding of the sRGB curve and its inverse in f32.
         assert!((found - expected).abs() < 1e-6, "{found} {expected}");
-        // Light outside 0..1 is not shown.
+        // Values outside 0..1 are clamped.
         let over = ssim(&constant(20, 20, [1.0; 3]), &constant(20, 20, [7.0; 3]));
         assert_eq!(over, Some(1.0));
     }

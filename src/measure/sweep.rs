@@ -1,4 +1,4 @@
-//! Draws every variant, times it and holds it against the reference.
+//! Draws every variant, times it and compares it with the reference.
 
 use super::report::{About, Budget, BudgetRow, Cost, Machine, Picture, Report, Row, Saving};
 use super::variants::{self, ACCURATE, Variant};
@@ -9,30 +9,30 @@ use crate::render::{FrameCounts, Renderer, Settings, StageTimes};
 use crate::scene::PointVolume;
 use crate::view::Camera;
 
-/// What is measured.
+/// Scene, view and references of a sweep.
 #[derive(Debug)]
 pub struct Subject<'a> {
-    /// The scene made ready.
+    /// Renderer of the scene.
     pub renderer: &'a mut Renderer,
     /// The view.
     pub camera: &'a Camera,
-    /// The true image.
+    /// The reference image.
     pub reference: &'a Image,
-    /// The true image with the low-pass filter on each kernel's depth instead of on the image;
-    /// without it the budget says nothing about the reference itself.
+    /// The reference image with the low-pass filter on each kernel's depth instead of on the image. Without it,
+    /// the budget has no rows about the reference itself.
     pub reference_kernels: Option<&'a Image>,
-    /// The true image of the data's own field, where the scene is a grid's.
+    /// The reference image of the data's own field, for the scene of a grid.
     pub reference_data: Option<&'a Image>,
-    /// Where the scene can be sampled with kernels of another width.
+    /// Access to the scene with kernels of other widths, if it can be sampled again.
     pub resampling: Option<Resampling<'a>>,
 }
 
-/// How to sample the scene with kernels of another width.
+/// Samples the scene with kernels of another width.
 #[derive(Clone, Copy)]
 pub struct Resampling<'a> {
-    /// The width over spacing that the scene has.
+    /// Width over spacing of the scene's kernels.
     pub kernel_width: f64,
-    /// The scene at a width over spacing.
+    /// Returns the scene at a width over spacing.
     pub scene: &'a dyn Fn(f64) -> Result<Vec<PointVolume>>,
 }
 
@@ -44,12 +44,12 @@ impl std::fmt::Debug for Resampling<'_> {
     }
 }
 
-/// How it is measured.
+/// Options of a sweep.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SweepOptions {
-    /// Frames of which times are the medians, after one that warms up.
+    /// Number of timed frames, after one that warms up; times are their medians.
     pub frames: usize,
-    /// The settings that variants change.
+    /// Settings that variants change.
     pub base: Settings,
 }
 
@@ -62,14 +62,14 @@ impl Default for SweepOptions {
     }
 }
 
-/// How far a sweep is.
+/// Progress of a sweep.
 #[derive(Debug, Clone, Copy)]
 pub struct SweepProgress<'a> {
-    /// Frames done.
+    /// Number of frames done.
     pub done: usize,
-    /// Frames in all.
+    /// Total number of frames.
     pub total: usize,
-    /// What is drawn next.
+    /// Name of the next variant to draw.
     pub label: &'a str,
 }
 
@@ -83,15 +83,14 @@ const PICTURED: [&str; 4] = [
 
 /// Measures all of [`variants::variants`] and [`variants::budget_variants`].
 ///
-/// Frames are drawn in rounds, one of every variant in each, so that a disturbance of the machine
-/// falls on all alike. Only scenes sampled anew are measured by themselves, after the others: one
-/// at a time lies in memory.
+/// Frames are drawn in rounds, one of every variant in each, so that a disturbance of the machine affects all
+/// alike. Scenes that are sampled again are measured separately afterwards, because only one at a time is held
+/// in memory.
 ///
-/// Pictures have no background: `options.base.background` should be `None`, as the reference's.
+/// Pictures have no background: `options.base.background` should be `None`, as for the reference.
 ///
 /// # Errors
-/// What rendering, sampling anew or comparing says: a reference of another size, pixels that are
-/// not finite.
+/// Errors of rendering, sampling or comparing: a reference of another size, pixels that are not finite.
 pub fn sweep(
     subject: &mut Subject<'_>,
     about: About,
@@ -111,7 +110,7 @@ pub fn sweep(
     let budget_variants = variants::budget_variants(base);
     let resampled = all.iter().filter(|v| v.kernel_width.is_some()).count();
 
-    // Each way to draw once, however many variants ask for it.
+    // Each combination of settings once, however many variants use it.
     let mut distinct: Vec<&Variant> = Vec::new();
     for variant in all.iter().chain(&budget_variants) {
         let known = distinct.iter().any(|d| d.settings == variant.settings);
@@ -238,16 +237,16 @@ pub fn sweep(
     })
 }
 
-/// What was found of one way to draw.
+/// Measurements of one combination of settings.
 struct Cell {
     settings: Settings,
     /// Against the reference.
     errors: ImageErrors,
-    /// Against the data's own.
+    /// Against the data's own field.
     from_data: Option<ImageErrors>,
     /// Against the baseline.
     alone: ImageErrors,
-    /// Kept for some.
+    /// Image, kept for some variants.
     image: Option<Image>,
     counts: FrameCounts,
     times: Vec<StageTimes>,
@@ -281,7 +280,7 @@ fn budget(
     variants: &[Variant],
     baseline_errors: ImageErrors,
 ) -> Budget {
-    // Where the settings given are the most accurate ones, they are listed once, as the default.
+    // If the given settings are the most accurate ones, they are listed once, as the default.
     let baseline = rows.iter().find(|row| row.id == ACCURATE).or(rows.first());
     let baseline_frame_ms = baseline.map_or(0.0, |row| row.cost.times_ms.frame);
     let row = |variant: &Variant| {
@@ -304,7 +303,7 @@ fn budget(
     }
 }
 
-/// What splatting itself approximates, whatever its settings.
+/// Returns the approximations of splatting itself, whatever its settings.
 fn reference_rows(low_pass: ImageErrors, sorting: ImageErrors) -> [BudgetRow; 2] {
     [
         reference_row(
@@ -322,7 +321,7 @@ fn reference_rows(low_pass: ImageErrors, sorting: ImageErrors) -> [BudgetRow; 2]
     ]
 }
 
-/// What kernels leave out of the data, however they are drawn.
+/// Returns the error of kernels relative to the data, however the kernels are drawn.
 fn data_row(kernels: ImageErrors) -> BudgetRow {
     reference_row(
         "kernels-for-data",
@@ -352,7 +351,7 @@ fn mark_front(rows: &mut [Row]) {
     }
 }
 
-/// Rows that no other beats in time and in the error given; those without one do not take part.
+/// Returns the rows that no other beats in both time and error; rows without an error are ignored.
 pub(super) fn front_of(rows: &[Row], error: impl Fn(&Row) -> Option<f64>) -> Vec<usize> {
     let points: Vec<(f64, f64)> = rows
         .iter()

@@ -1,4 +1,4 @@
-//! Pictures that the figures' tests share.
+//! Makes pictures that the tests of figures share.
 
 use crate::image::{Image, linear_from_srgb};
 
@@ -8,7 +8,7 @@ pub(super) fn constant(width: usize, height: usize, [r, g, b]: [f32; 3]) -> Imag
     image
 }
 
-/// An opaque image of sRGB bytes.
+/// Makes an opaque image of sRGB bytes.
 pub(super) fn codes(width: u32, height: u32, code: &dyn Fn(u32, u32) -> [u8; 3]) -> Image {
     let mut image = Image::new(width as usize, height as usize);
     for (pixel, i) in image.pixels.iter_mut().zip(0..) {
@@ -18,7 +18,7 @@ pub(super) fn codes(width: u32, height: u32, code: &dyn Fn(u32, u32) -> [u8; 3])
     image
 }
 
-/// Bytes from 28 to 228 that look random.
+/// Returns pseudo-random bytes from 28 to 228.
 pub(super) fn noise_code(seed: u32, x: u32, y: u32) -> [u8; 3] {
     std::array::from_fn(|c| {
         let channel = seed * 3 + u32::try_from(c).unwrap();
@@ -30,7 +30,7 @@ pub(super) fn noise(width: u32, height: u32, seed: u32) -> Image {
     codes(width, height, &|x, y| noise_code(seed, x, y))
 }
 
-/// The image with grey noise of an amplitude added: the same noise whatever the amplitude.
+/// Returns the image with grey noise of an amplitude added: the same noise for every amplitude.
 pub(super) fn noisy(image: &Image, amplitude: f32) -> Image {
     let mut noisy = image.clone();
     for (pixel, i) in noisy.pixels.iter_mut().zip(0..) {

@@ -1,4 +1,4 @@
-//! The list of what is tried: every approximation with its choices, one line each.
+//! Lists the variants of a sweep: every approximation with its choices, one line each.
 
 use crate::constants::MAX_CUTOFF;
 use crate::cpu::SimdLevel;
@@ -6,26 +6,26 @@ use crate::render::{ClassifyAt, Composite, Settings, Show};
 use crate::scene::Classification;
 use crate::splat::Filter;
 
-/// One way to draw the scene.
+/// One combination of settings for drawing the scene.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Variant {
-    /// A name that stays the same between versions: `filter-ewa`.
+    /// Name that stays the same between versions: `filter-ewa`.
     pub id: String,
-    /// What it is, for people: `affine footprints everywhere`.
+    /// Description for people: `affine footprints everywhere`.
     pub label: String,
-    /// The same in a few letters, for a plot.
+    /// Description in a few letters, for a plot.
     pub mark: String,
-    /// What is varied: `tolerance`, `filter`, ...
+    /// Setting that is varied: `tolerance`, `filter`, ...
     pub group: &'static str,
-    /// How it is drawn.
+    /// Settings for drawing.
     pub settings: Settings,
-    /// The scene is sampled anew with kernels of this width over spacing.
+    /// Width over spacing of the kernels, for a scene that is sampled again.
     pub kernel_width: Option<f64>,
 }
 
 impl Variant {
-    /// Whether another image than the reference's is asked for: kernels or pixels filter
-    /// otherwise, or kernels are classified otherwise, so that the error is a choice and no failure.
+    /// Returns true if the variant aims at another image than the reference: kernels or pixels are filtered, or
+    /// kernels classified, in another way. Its error then results from a choice and is no fault.
     pub fn changes_signal(&self, default: &Settings) -> bool {
         self.kernel_width.is_some()
             || self.settings.classify != default.classify
@@ -33,14 +33,14 @@ impl Variant {
             || self.changes_pixels(default)
     }
 
-    /// Whether pixels filter otherwise: that is another image of the data, too.
+    /// Returns true if pixels are filtered in another way: that changes the image of the data, too.
     pub fn changes_pixels(&self, default: &Settings) -> bool {
         let variance = |settings: &Settings| settings.low_pass_variance_px2.to_bits();
         variance(&self.settings) != variance(default)
     }
 }
 
-/// Tolerances as they are said.
+/// Tolerances with their usual notation.
 const TOLERANCES: [(&str, f32); 8] = [
     ("1/4", 1.0 / 4.0),
     ("1/8", 1.0 / 8.0),
@@ -56,21 +56,21 @@ const CUTOFFS: [f32; 7] = [1.5, 2.0, 2.5, 3.0, 3.33, 4.0, 5.0];
 const LOW_PASS_VARIANCES_PX2: [f32; 6] = [0.1, 0.15, 0.25, 0.5, 1.0, 2.0];
 const KERNEL_WIDTHS: [f64; 5] = [0.5, 0.55, 0.6, 0.7, 0.8];
 
-/// The id of the variant that the settings given are.
+/// Id of the variant with the given settings.
 pub const DEFAULT: &str = "default";
-/// The id of the most accurate variant.
+/// Id of the most accurate variant.
 pub const ACCURATE: &str = "accurate";
-/// The id of the same with kernels sliced into slabs.
+/// Id of the most accurate variant with kernels sliced into slabs.
 const ACCURATE_SLABS: &str = "accurate-slabs";
-/// The id of a variant that saves wherever it can be borne.
+/// Id of a variant that saves time wherever that is tolerable.
 pub const FAST: &str = "fast";
 
-/// c_min and c_max of Chen et al. 2004, section 4.1, the latter without its factor of the field of
-/// view, which [`Settings::thresholds`] brings.
+/// c_min and c_max of Chen et al. 2004, section 4.1. The latter lacks its factor of the field of view, which
+/// [`Settings::thresholds`] includes.
 pub const PAPER_THRESHOLDS: [f32; 2] = [0.3, 2.0];
 
-/// The most accurate that splatting on the CPU is: exact footprints of every particle, cut off at
-/// 7 standard deviations, at a tolerance of 1e-4.
+/// Returns the settings of the most accurate splatting on the CPU: exact footprints of every particle, cut off
+/// at 7 standard deviations, at a tolerance of 1e-4.
 pub fn accurate(base: &Settings) -> Settings {
     Settings {
         filter: Filter::Exact,
@@ -84,11 +84,10 @@ pub fn accurate(base: &Settings) -> Settings {
     }
 }
 
-/// Everything that is tried, each thing changed alone against `base` (but for the group
-/// `together`); what `base` does already is not repeated.
+/// Returns all variants. Each changes one setting of `base`, except in the group `together`. Variants equal to
+/// `base` are left out.
 ///
-/// - `kernel_width`: the width of the scene's kernels over spacing, where the scene can be sampled
-///   with another.
+/// - `kernel_width`: width of the scene's kernels over spacing, if the scene can be sampled with another.
 pub fn variants(base: &Settings, kernel_width: Option<f64>) -> Vec<Variant> {
     let mut list = List::new(base);
     list.push("as given", DEFAULT, "default settings", "default", |_| {});
@@ -227,7 +226,8 @@ pub fn variants(base: &Settings, kernel_width: Option<f64>) -> Vec<Variant> {
     list
 }
 
-/// What only one volume with a field allows: the transfer function asked for the mean value of each slab.
+/// Returns the variants for a single volume with a field: the transfer function is applied to the mean value of
+/// each slab.
 pub(super) fn post_classified(base: &Settings) -> Vec<Variant> {
     let mut list = List::new(base);
     list.push(
@@ -245,7 +245,7 @@ pub(super) fn post_classified(base: &Settings) -> Vec<Variant> {
     list.variants
 }
 
-/// The error budget's approximations: each alone against the [`accurate`] settings.
+/// Returns the error budget's approximations: each alone against the [`accurate`] settings.
 pub fn budget_variants(base: &Settings) -> Vec<Variant> {
     let mut list = List::new(&accurate(base));
     list.push(
@@ -297,7 +297,7 @@ pub fn budget_variants(base: &Settings) -> Vec<Variant> {
     list.variants
 }
 
-/// What a filter does or leaves out; its name, until it has words here.
+/// Describes a filter; its name if it has no description here.
 fn filter_label(filter: Filter) -> &'static str {
     let words = [
         (

@@ -1,4 +1,4 @@
-//! Lines in pictures: anti-aliased, with round ends.
+//! Draws lines into pictures: anti-aliased, with round ends.
 
 use glam::DVec2;
 
@@ -8,23 +8,23 @@ use crate::image::Image;
 /// A line between two points, pixel coordinates (the centre of pixel (i, j) is (i + 0.5, j + 0.5)).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Stroke {
-    /// Where it begins.
+    /// Start of the line.
     pub(crate) from: DVec2,
-    /// Where it ends.
+    /// End of the line.
     pub(crate) to: DVec2,
-    /// Its width, pixels.
+    /// Width, pixels.
     pub(crate) width_px: f64,
 }
 
 impl Stroke {
-    /// Draws it.
+    /// Draws the line.
     ///
-    /// A pixel is covered by how far its centre lies inside the outline, between half a pixel outside
-    /// and half a pixel inside: exact for lines along the axes that are a pixel wide or wider, and for
-    /// others to about a tenth.
+    /// The coverage of a pixel is the distance of its centre inside the outline, from half a pixel outside to
+    /// half a pixel inside. It is exact for lines along the axes that are at least a pixel wide, and accurate
+    /// to about a tenth for others.
     ///
     /// - `colour`: linear.
-    /// - `opacity`: of the line where it covers a pixel.
+    /// - `opacity`: opacity of the line where it covers a pixel.
     pub(crate) fn draw(&self, image: &mut Image, colour: [f32; 3], opacity: f32) {
         let radius = self.width_px / 2.0;
         let reach = radius + 0.5;
@@ -33,7 +33,7 @@ impl Stroke {
         };
         let [r, g, b] = colour;
         let along = to - from;
-        // Lines that are steep are drawn row by row, others column by column.
+        // Steep lines are drawn row by row, others column by column.
         let is_steep = along.y.abs() > along.x.abs();
         let turned = |p: DVec2| if is_steep { DVec2::new(p.y, p.x) } else { p };
         let size = turned(DVec2::new(image.width as f64, image.height as f64));
@@ -44,7 +44,7 @@ impl Stroke {
         } else {
             0.0
         };
-        // Half of what the line's band, and its end beyond it, span across.
+        // Half of the extent of the line's band, and of its round end, across the direction of iteration.
         let across = reach * (1.0 + slope * slope).sqrt() + 1.0;
         for i in pixels(a.x - reach, b_.x + reach, size.x) {
             let x = i as f64 + 0.5;
@@ -62,8 +62,8 @@ impl Stroke {
         }
     }
 
-    /// The part that lies in the picture widened by `margin` pixels, so that a line that runs far out is
-    /// no work: Liang and Barsky 1984.
+    /// Returns the part of the line in the picture, widened by `margin` pixels, so that long lines take no
+    /// extra work: Liang and Barsky 1984.
     fn within(&self, image: &Image, margin: f64) -> Option<[DVec2; 2]> {
         let along = self.to - self.from;
         if !(self.from.is_finite() && along.is_finite()) {
@@ -88,7 +88,7 @@ impl Stroke {
     }
 }
 
-/// The pixels of `count` whose centres lie between two coordinates.
+/// Returns the pixels among `count` whose centres lie between two coordinates.
 fn pixels(low: f64, high: f64, count: f64) -> std::ops::Range<usize> {
     #[expect(
         clippy::cast_possible_truncation,
@@ -99,7 +99,7 @@ fn pixels(low: f64, high: f64, count: f64) -> std::ops::Range<usize> {
     whole((low - 0.5).ceil())..whole((high - 0.5).floor() + 1.0)
 }
 
-/// From a point to a line between two others.
+/// Returns the distance from a point to the line between two others.
 fn distance(p: DVec2, a: DVec2, b: DVec2) -> f64 {
     let along = b - a;
     let share = (p - a).dot(along) / along.length_squared();
@@ -116,15 +116,15 @@ fn distance(p: DVec2, a: DVec2, b: DVec2) -> f64 {
 mod tests {
     use super::*;
 
-    /// The coverage of all pixels.
+    /// Returns the coverage of all pixels.
     fn ink(stroke: &Stroke, size: [usize; 2]) -> Image {
         let mut image = Image::new(size[0], size[1]);
         stroke.draw(&mut image, [1.0; 3], 1.0);
         image
     }
 
-    /// Every pixel's coverage is that of the distance from the whole line, also where rows and columns
-    /// are passed over and where the line runs far out of the picture.
+    /// Each pixel's coverage is that of its distance from the whole line, also where rows and columns are
+    /// skipped and where the line runs far out of the picture.
     #[test]
     fn coverage_is_that_of_the_distance() {
         let size = [40, 30];
@@ -149,7 +149,8 @@ mod tests {
                     let centre = DVec2::new((i % 40) as f64 + 0.5, (i / 40) as f64 + 0.5);
                     let far = distance(centre, stroke.from, stroke.to);
                     let expected = (width_px / 2.0 + 0.5 - far).clamp(0.0, 1.0);
-                    // Coordinates of 1e9 have 1e-7 left, cut at the picture's edges a few of these.
+                    // Coordinates of 1e9 are accurate to 1e-7; the cut at the picture's edges adds a few such
+                    // errors.
                     let error = (f64::from(pixel[3]) - expected).abs();
                     assert!(error < 1e-5, "{from:?} {to:?}: {error}");
                 }

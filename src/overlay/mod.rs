@@ -1,6 +1,6 @@
-//! What is drawn over finished pictures: text, plates behind it, rectangles and lines.
+//! Draws over finished pictures: text, plates behind it, rectangles and lines.
 //!
-//! Colours are linear and opaque; coverage says how much of what is there they hide.
+//! Colours are linear and opaque; coverage is the share of the background that they hide.
 
 mod line;
 mod text;
@@ -10,19 +10,18 @@ pub(crate) use text::Font;
 
 use crate::image::Image;
 
-/// The share of what is behind a plate that it hides. Linear, and black: over white it leaves .15, and
-/// white text on that has 5.3 times its luminance (1.05 / .20 as WCAG 2 counts), where 4.5 are asked
-/// for of legible text.
+/// Opacity of a plate, which is black, in linear light. Over white it leaves .15. White text on that has 5.3
+/// times its luminance (1.05 / .20 by WCAG 2); legible text needs 4.5.
 pub(crate) const PLATE_OPACITY: f32 = 0.85;
-/// The share of a picture's shorter side that a line of text has, where the font allows.
+/// Height of a line of text as a share of the picture's shorter side, if the font allows it.
 const LINE_SHARE: f64 = 1.0 / 40.0;
 
-/// The font of a picture of this width and height.
+/// Returns the font for a picture of this width and height.
 pub(crate) fn font_of([width, height]: [usize; 2]) -> Font {
     Font::of_line(share(width.min(height), LINE_SHARE))
 }
 
-/// A share of a picture's side, whole pixels.
+/// Returns a share of a picture's side, in whole pixels.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -32,7 +31,7 @@ pub(crate) fn share(side: usize, share: f64) -> usize {
     (side as f64 * share) as usize
 }
 
-/// Pixels from `left` and `top` on.
+/// A rectangle of pixels from `left` and `top` on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Rect {
     pub(crate) left: usize,
@@ -60,7 +59,7 @@ pub(crate) struct Line {
 }
 
 impl Line {
-    /// Writes it in white.
+    /// Draws the text in white.
     pub(crate) fn draw(&self, font: Font, image: &mut Image) {
         font.draw(&self.text, |x, y, coverage| {
             let pixel = Rect {
@@ -74,8 +73,8 @@ impl Line {
     }
 }
 
-/// Lays a colour (linear, opaque) over pixels, `coverage` of it; what lies beyond the picture's right
-/// and lower edges is left out.
+/// Composites a colour (linear, opaque) over pixels with the given `coverage`. Parts beyond the picture's right
+/// and lower edges are ignored.
 pub(crate) fn fill(image: &mut Image, rect: Rect, colour: [f32; 4], coverage: f32) {
     let right = rect.right().min(image.width);
     for y in rect.top..rect.bottom().min(image.height) {
@@ -86,7 +85,7 @@ pub(crate) fn fill(image: &mut Image, rect: Rect, colour: [f32; 4], coverage: f3
     }
 }
 
-/// Lays a colour over a pixel.
+/// Composites a colour over a pixel.
 fn blend(pixel: &mut [f32; 4], colour: [f32; 4], coverage: f32) {
     for (channel, new) in pixel.iter_mut().zip(colour) {
         *channel = if coverage >= 1.0 {

@@ -1,10 +1,10 @@
-//! Text in pictures: Noto Sans Mono, rasterised beforehand.
+//! Draws text into pictures: Noto Sans Mono from prerasterised bitmaps.
 
 use noto_sans_mono_bitmap::{
     FontWeight, RasterHeight, RasterizedChar, get_raster, get_raster_width,
 };
 
-/// Sizes that there are, ascending.
+/// Available sizes, ascending.
 const HEIGHTS: [RasterHeight; 4] = [
     RasterHeight::Size16,
     RasterHeight::Size20,
@@ -12,10 +12,10 @@ const HEIGHTS: [RasterHeight; 4] = [
     RasterHeight::Size32,
 ];
 
-/// Stands for a character that the font has not.
+/// Replaces characters that the font lacks.
 const UNKNOWN: char = '?';
 
-/// A size of text: one that there is, enlarged by a whole number.
+/// A size of text: an available size, enlarged by a whole number.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Font {
     height: RasterHeight,
@@ -23,7 +23,7 @@ pub(crate) struct Font {
 }
 
 impl Font {
-    /// The largest whose lines are no higher than `line_px`, or the smallest there is.
+    /// Returns the largest font whose lines are at most `line_px` high, or else the smallest.
     pub(crate) fn of_line(line_px: usize) -> Self {
         let enlargement = (line_px / RasterHeight::Size32.val()).max(1);
         let fits = |h: &&RasterHeight| h.val() * enlargement <= line_px;
@@ -33,22 +33,22 @@ impl Font {
         }
     }
 
-    /// From one line to the next, pixels.
+    /// Returns the distance between lines, pixels.
     pub(crate) fn line_px(self) -> usize {
         self.height.val() * self.enlargement
     }
 
-    /// From one character to the next, pixels.
+    /// Returns the distance between characters, pixels.
     pub(crate) fn advance_px(self) -> usize {
         get_raster_width(FontWeight::Regular, self.height) * self.enlargement
     }
 
-    /// The width of a text, pixels.
+    /// Returns the width of a text, pixels.
     pub(crate) fn width_px(self, text: &str) -> usize {
         text.chars().count() * self.advance_px()
     }
 
-    /// A text of at most `width_px`: its end gives way to two points where it is longer.
+    /// Shortens a text to at most `width_px`: two dots replace its end if it is longer.
     pub(crate) fn shortened(self, text: &str, width_px: usize) -> String {
         let most = width_px / self.advance_px();
         if text.chars().count() <= most {
@@ -58,8 +58,8 @@ impl Font {
         kept.chain("..".chars().take(most)).collect()
     }
 
-    /// A text in at most so many lines of at most `width_px`, broken after spaces, underscores, points and strokes where
-    /// that is possible; the end of the last one gives way to two points where it is longer.
+    /// Wraps a text into at most `most_lines` lines of at most `width_px`. It breaks after spaces, underscores,
+    /// dots, slashes and hyphens if possible. Two dots replace the end of a last line that is too long.
     pub(crate) fn wrapped(self, text: &str, width_px: usize, most_lines: usize) -> Vec<String> {
         let most = width_px / self.advance_px();
         let mut rest: Vec<char> = text.chars().collect();
@@ -67,7 +67,7 @@ impl Font {
         while lines.len() + 1 < most_lines && rest.len() > most {
             let is_break = |c: &char| matches!(c, ' ' | '_' | '.' | '/' | '-');
             let after = rest[..most].iter().rposition(is_break).map(|i| i + 1);
-            // Not for a letter or two in the first line.
+            // No break that would leave only a letter or two in the first line.
             let end = after.filter(|end| 3 * end >= most).unwrap_or(most).max(1);
             let others = rest.split_off(end);
             lines.push(rest.into_iter().collect::<String>().trim_end().to_owned());
@@ -78,8 +78,8 @@ impl Font {
         lines
     }
 
-    /// Calls `pixel` with the column, the row and the coverage, 0 to 1, of each pixel that a text
-    /// touches; all lie within its width and its line.
+    /// Calls `pixel` with the column, the row and the coverage, 0 to 1, of each pixel that a text touches. All
+    /// lie within the text's width and its line.
     pub(crate) fn draw(self, text: &str, mut pixel: impl FnMut(usize, usize, f32)) {
         for (i, character) in text.chars().enumerate() {
             let glyph = get_raster(character, FontWeight::Regular, self.height)
@@ -96,7 +96,7 @@ impl Font {
         }
     }
 
-    /// Of a pixel of an enlarged character: between the four pixels around its centre.
+    /// Interpolates the coverage of a pixel of an enlarged character between the four pixels around its centre.
     fn coverage(self, glyph: &RasterizedChar, x: usize, y: usize) -> f32 {
         let at = |px: usize| (px as f32 + 0.5) / self.enlargement as f32 - 0.5;
         let (x, y) = (at(x), at(y));
@@ -141,7 +141,7 @@ mod tests {
             wrapped("velocity of the magnitude", 9, 2),
             ["velocity", "of the .."]
         );
-        // No word ends near: within it.
+        // No word ends nearby, so the break is within one.
         assert_eq!(wrapped("a_verylongword", 9, 2), ["a_verylon", "gword"]);
         assert_eq!(wrapped("", 9, 2), [""]);
     }
@@ -166,7 +166,7 @@ mod tests {
         let (small, large) = (Font::of_line(32), Font::of_line(96));
         let text = "Ag|_É 0.5e-7 ρ";
         assert!(ink(small, text) > 100.0);
-        // Bilinear enlargement by 3 keeps nine times the ink, but for what passes a character's edge.
+        // Bilinear enlargement by 3 gives nine times the ink, except at a character's edge.
         let ratio = ink(large, text) / ink(small, text);
         assert!((ratio - 9.0).abs() < 0.1, "{ratio}");
         assert_eq!(ink(small, " "), 0.0);

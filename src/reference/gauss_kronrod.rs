@@ -1,4 +1,4 @@
-//! The Gauss-Kronrod rule of 7 and 15 points (Kronrod 1965; nodes and error estimate as in
+//! Implements the Gauss-Kronrod rule of 7 and 15 points (Kronrod 1965; nodes and error estimate as in
 //! QUADPACK's QK15, Piessens et al. 1983).
 
 /// An integral and its estimated error, the greatest of the components.
@@ -8,7 +8,7 @@ pub(super) struct Quadrature<const N: usize> {
     pub(super) error: f64,
 }
 
-/// Nodes in (0, 1], from the outermost in; those at odd places are Gauss's.
+/// Nodes in (0, 1], from the outermost inwards; those at odd indices are Gauss's.
 const NODES: [f64; 7] = [
     0.991_455_371_120_812_6,
     0.949_107_912_342_758_5,
@@ -35,7 +35,7 @@ const GAUSS: [f64; 3] = [
 ];
 const GAUSS_MIDDLE: f64 = 0.417_959_183_673_469_4;
 
-/// The 15 places at which an integrand over [a, b] is wanted: the middle, then pairs.
+/// Returns the 15 places at which to evaluate an integrand over [a, b]: the middle, then pairs.
 #[inline(always)]
 pub(super) fn nodes(a: f64, b: f64) -> [f64; 15] {
     let (middle, half) = (0.5 * (a + b), 0.5 * (b - a));
@@ -47,7 +47,7 @@ pub(super) fn nodes(a: f64, b: f64) -> [f64; 15] {
     places
 }
 
-/// The integral over [a, b] from the integrand's values at [`nodes`].
+/// Returns the integral over [a, b] from the integrand's values at [`nodes`].
 pub(super) fn kronrod<const N: usize>(values: &[[f64; N]; 15], a: f64, b: f64) -> Quadrature<N> {
     let half = 0.5 * (b - a);
     let centre = values[0];
@@ -66,8 +66,7 @@ pub(super) fn kronrod<const N: usize>(values: &[[f64; N]; 15], a: f64, b: f64) -
                 coarse += GAUSS[i / 2] * sum;
             }
         }
-        // How far the integrand strays from its mean: the scale on which the difference of the
-        // rules is small.
+        // Mean deviation of the integrand from its mean: the scale for the difference of the rules.
         let mean = 0.5 * fine;
         let mut spread = KRONROD_MIDDLE * (centre[n] - mean).abs();
         for (w, [left, right]) in KRONROD.iter().zip(&pairs) {
@@ -101,7 +100,7 @@ mod tests {
             let values = nodes(0.0, width).map(|x| [(-0.5 * x * x).exp()]);
             let rule = kronrod(&values, 0.0, width);
             let truth = (std::f64::consts::PI / 2.0).sqrt() * libm::erf(width / 2f64.sqrt());
-            // 1e-15: rounding.
+            // 1e-15 for rounding.
             assert!(
                 (rule.value[0] - truth).abs() <= rule.error + 1e-15,
                 "{width}"

@@ -1,4 +1,4 @@
-//! Particles in f64 and their integrals along a ray.
+//! Computes particles in f64 and their integrals along a ray.
 
 use glam::{DMat3, DVec3};
 
@@ -9,7 +9,7 @@ use crate::constants::MOST_EDGES;
 use crate::scene::{Boundary, Classification, Colour, Particles, PointVolume, Strength};
 use crate::view::{Camera, Projection};
 
-/// How many standard deviations a kernel reaches: beyond, e^(-49/2) = 2e-11 of its peak.
+/// Cut-off of a kernel, in standard deviations: e^(-49/2) = 2e-11 of its peak.
 pub(super) const REACH: f64 = 7.0;
 
 /// A visible particle, world units.
@@ -18,28 +18,28 @@ pub(super) struct Particle {
     position: DVec3,
     /// L with V = L Lᵀ.
     factor: DMat3,
-    /// Of a surface: its area, or that times its optical depth.
+    /// Mass; for a surface its area, or the area times the optical depth.
     mass: f64,
     colour: [f64; 3],
     plane: Option<Plane>,
-    /// Planes n . x + d >= 0 of the domain that it is cut at; none where the normal is zero.
+    /// Boundary planes n . x + d >= 0 that cut the particle; unused ones have a zero normal.
     edges: [(DVec3, f64); MOST_EDGES],
 }
 
-/// A surfel that stands for a piece of a surface.
+/// A surfel of a surface.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Plane {
-    /// Of unit length, out of its front.
+    /// Unit normal of the front.
     normal: DVec3,
     /// The greater standard deviation.
     widest: f64,
     is_one_sided: bool,
-    /// Whether it covers, instead of absorbing.
+    /// True for an opaque surfel, which covers; a translucent one absorbs.
     pub(super) is_opaque: bool,
 }
 
 impl Plane {
-    /// `None` where two tangents span none.
+    /// Returns `None` if the two tangents do not span a plane.
     fn new(tangents: &DMat3, is_one_sided: bool, is_opaque: bool) -> Option<Self> {
         let (a, b) = (tangents.x_axis, tangents.y_axis);
         let normal = a.cross(b).try_normalize()?;
@@ -54,7 +54,7 @@ impl Plane {
     }
 }
 
-/// A kernel in camera space, with what its line integrals need.
+/// A kernel in camera space, prepared for line integrals.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Kernel {
     pub(super) centre: DVec3,
@@ -65,26 +65,26 @@ pub(super) struct Kernel {
     determinant: f64,
     pub(super) mass: f64,
     pub(super) colour: [f64; 3],
-    /// Where it is a surfel of a surface: whose depth, or weight, is the same from every side.
+    /// Plane of a surfel, whose depth or weight is the same from every side.
     pub(super) plane: Option<Plane>,
-    /// Planes of the domain that it is cut at.
+    /// Boundary planes that cut the kernel.
     edges: [(DVec3, f64); MOST_EDGES],
 }
 
-/// A kernel along one ray: optical depth tau, spread as a Gaussian of mean and standard
-/// deviation in arc length.
+/// A kernel along one ray: the optical depth tau, distributed as a Gaussian of mean and standard deviation in
+/// arc length.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Segment {
     pub(super) tau: f64,
     pub(super) mean: f64,
     pub(super) sigma: f64,
     pub(super) colour: [f64; 3],
-    /// Where the ray enters the kernel's domain and leaves it; infinite where nothing cuts it.
+    /// Parameters at which the ray enters and leaves the kernel's domain; infinite if nothing cuts it.
     pub(super) domain: [f64; 2],
 }
 
-/// The particles of a scene that have a mass or an area and finite numbers; their pieces where kernels are
-/// classified over their extents.
+/// Returns the particles of a scene that have a mass or an area and finite numbers. Kernels that are classified
+/// over their extents give one particle per piece.
 pub(super) fn particles(scene: &[PointVolume], classification: Classification) -> Vec<Particle> {
     let mut out = Vec::new();
     for volume in scene {
@@ -176,10 +176,10 @@ pub(super) fn particles(scene: &[PointVolume], classification: Classification) -
     out
 }
 
-/// No plane.
+/// Marks an unused plane.
 const NO_EDGE: (DVec3, f64) = (DVec3::ZERO, 0.0);
 
-/// The faces of the box of a lattice's samples: unit normals into it, and a point of each.
+/// Returns the faces of the box of a lattice's samples: unit normals into it, and a point of each.
 fn faces(volume: &PointVolume) -> Vec<(DVec3, DVec3)> {
     let (Some(Boundary::Lattice), Particles::Lattice { lattice, .. }) =
         (&volume.boundary, &volume.particles)
@@ -199,7 +199,7 @@ fn faces(volume: &PointVolume) -> Vec<(DVec3, DVec3)> {
         .collect()
 }
 
-/// The planes that cut a particle, and how far it lies inside.
+/// Returns the planes that cut a particle, and the particle's distance inside each.
 fn edges(
     volume: &PointVolume,
     faces: &[(DVec3, DVec3)],
@@ -222,11 +222,10 @@ fn edges(
 }
 
 impl Kernel {
-    /// A particle as `camera` sees it.
+    /// Returns a particle as `camera` sees it.
     ///
-    /// [`PixelFilter::Kernels`] adds the low-pass filter to the variance, parallel to the screen:
-    /// Ve = V + u2² diag(h²/fx², h²/fy², 0), with the kernel's own reach for u2 near the camera
-    /// plane.
+    /// [`PixelFilter::Kernels`] adds the low-pass filter to the variance, parallel to the screen: Ve = V + u2²
+    /// diag(h²/fx², h²/fy², 0). Near the camera plane the kernel's own extent replaces u2.
     pub(super) fn new(particle: &Particle, camera: &Camera, filter: PixelFilter, h2: f64) -> Self {
         let centre = camera.camera_point(particle.position);
         let rotated = camera.camera_from_world * particle.factor;
@@ -268,7 +267,7 @@ impl Kernel {
         }
     }
 
-    /// Whether `camera` sees a surfel from behind that has one side: all rays that meet its plane do.
+    /// Returns true if `camera` sees a one-sided surfel from behind: then all rays that meet its plane do.
     pub(super) fn is_turned_away(&self, camera: &Camera) -> bool {
         let towards = match camera.projection {
             Projection::Perspective => self.centre,
@@ -278,28 +277,29 @@ impl Kernel {
         self.plane.as_ref().is_some_and(is_behind)
     }
 
-    /// How far apart along a ray fragments of one surface may lie, where it meets this one.
+    /// Returns the greatest distance along a ray between this fragment and others of the same surface.
     pub(super) fn gap(&self, direction: DVec3, segment: &Segment) -> f64 {
         let across = |plane: &Plane| plane.widest / plane.normal.dot(direction).abs();
         self.plane.as_ref().map_or(0.0, across) + segment.sigma
     }
 
-    /// Half the size of the box around the kernel's [`REACH`], camera space.
+    /// Returns half the size of the box around the kernel's [`REACH`], camera space.
     pub(super) fn half_extent(&self) -> DVec3 {
         let f = self.factor.transpose();
         DVec3::new(f.x_axis.length(), f.y_axis.length(), f.z_axis.length()) * REACH
     }
 
-    /// The kernel along the ray `origin` + t `direction` (unit length), t > 0; `None` beyond its
-    /// reach, behind the origin, and where it has no line integral (a rod or a point, which
-    /// almost no ray meets).
+    /// Returns the kernel along the ray `origin` + t `direction` (unit length), t > 0. Returns `None` beyond
+    /// its reach, behind the origin, and for a rod or a point, which have no line integral (almost no ray meets
+    /// them).
     ///
-    /// With c = u x D: Q = |Lᵀ c|² / |adj(L) D|², tau = g/(2 pi |adj(L) D|) e^(-Q/2),
-    /// mean = (adj(L) u . adj(L) D)/|adj(L) D|², sigma = det L/|adj(L) D|. Sums of squares, so
-    /// that a needle costs the axis ratio once and not twice.
+    /// With c = u x D: Q = |Lᵀ c|² / |adj(L) D|², tau = g/(2 pi |adj(L) D|) e^(-Q/2), mean = (adj(L) u . adj(L)
+    /// D)/|adj(L) D|², sigma = det L/|adj(L) D|. These are sums of squares, so that a needle costs the digits
+    /// of its axis ratio once and not twice.
     ///
-    /// Of a surface g is times |n . D|: |adj(L) D| is its ellipse's area over pi times that, and tau
-    /// becomes g G(x) at the place x where the ray meets the plane. `tau` of an opaque one is its weight.
+    /// For a surface g is multiplied by |n . D|. |adj(L) D| is its ellipse's area over pi times that, so tau
+    /// becomes g G(x) at the place x where the ray meets the plane. The `tau` of an opaque surfel is its
+    /// weight.
     #[inline]
     pub(super) fn along(&self, origin: DVec3, direction: DVec3) -> Option<Segment> {
         let u = self.centre - origin;
@@ -328,14 +328,14 @@ impl Kernel {
         })
     }
 
-    /// Between which distances a ray lies inside the planes that cut the kernel.
+    /// Returns the distances between which a ray lies inside the planes that cut the kernel.
     fn domain(&self, origin: DVec3, direction: DVec3) -> [f64; 2] {
         let [from, to] = between(&self.edges, origin, direction, f64::NEG_INFINITY);
         [from, to.max(from)]
     }
 }
 
-/// The lower-triangular factor of the same variance: Givens rotations of the columns.
+/// Returns the lower-triangular factor of the same variance: Givens rotations of the columns.
 fn lower_factor(mut columns: [DVec3; 5]) -> DMat3 {
     for row in 0..3 {
         for i in row + 1..columns.len() {

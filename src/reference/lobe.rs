@@ -1,5 +1,5 @@
-//! Kernels classified over their own extent: moments in closed form, of a transfer function's table as it
-//! stands, without the renderer's tables of them.
+//! Computes moments of kernels classified over their own extent in closed form. They come from a transfer
+//! function's table itself, without the renderer's derived tables.
 
 #![allow(
     clippy::cast_possible_truncation,
@@ -10,17 +10,17 @@
 use crate::math::{FRAC_1_SQRT_TAU, normal_density_and_cdf};
 use crate::scene::{LEAST_WINDOW_SHARE, Lobe, Lobes};
 
-/// Farther than this many standard deviations from a knot nothing is left of a Gaussian.
+/// Distance from a knot, in standard deviations, beyond which a Gaussian is negligible.
 const FAR: f64 = 8.0;
 
-/// The integral of a piecewise linear function under a Gaussian, and mean and variance of what it leaves
-/// of it, in standard deviations from its mean: M_0, M_1/M_0 and M_2/M_0 - (M_1/M_0)² with
-/// M_j = ∫ N(t; 0, 1) kappa(value + spread t) tʲ dt.
+/// Returns moments of a piecewise linear function kappa under a Gaussian: the integral, and mean and variance
+/// of the product, in standard deviations from the Gaussian's mean. They are M_0, M_1/M_0 and M_2/M_0 -
+/// (M_1/M_0)² with M_j = ∫ N(t; 0, 1) kappa(value + spread t) tʲ dt.
 ///
-/// - `knots`: value and kappa, values not falling, two at one value are a step; 0 before the first and
-///   after the last.
+/// - `knots`: value and kappa. Values do not decrease; two knots at one value are a step. kappa is 0 before the
+///   first and after the last.
 ///
-/// `None` where nothing is left.
+/// Returns `None` if nothing is left.
 pub fn moments(knots: &[[f64; 2]], value: f64, spread: f64) -> Option<[f64; 3]> {
     let near = |x: f64| ((x - value) / spread).clamp(-FAR, FAR);
     let mut sums = [0.0; 3];
@@ -33,7 +33,7 @@ pub fn moments(knots: &[[f64; 2]], value: f64, spread: f64) -> Option<[f64; 3]> 
         // kappa = c0 + c1 t.
         let c1 = (to - from) / (b - a) * spread;
         let c0 = from - c1 * (a - value) / spread;
-        // Where both are small: of the upper tail the mirrored.
+        // In the upper tail both integrals are near 1: use the mirrored, lower tail.
         let sign = if l > 0.0 { -1.0 } else { 1.0 };
         let ([at_l, at_h], [below_l, below_h]) = normal_density_and_cdf([sign * l, sign * h]);
         let i0 = sign * (below_h - below_l);
@@ -49,10 +49,10 @@ pub fn moments(knots: &[[f64; 2]], value: f64, spread: f64) -> Option<[f64; 3]> 
     (mass > 0.0).then(|| [mass, mean, (second / mass - mean * mean).max(0.0)])
 }
 
-/// [`moments`] of what each of a lobe's windows leaves, by quadrature where there is more than one; those
-/// below the share that is drawn are none, and the others have their mass.
+/// Returns [`moments`] of the parts that a lobe's windows leave; by quadrature if there is more than one
+/// window. Windows below the share that is drawn give `None`, and the others take over their mass.
 ///
-/// Takes from the renderer what windows are; nothing of their tables.
+/// The definition of windows comes from the renderer, but none of its tables.
 pub fn window_moments(
     lobes: &Lobes,
     lobe: &Lobe,
@@ -72,7 +72,7 @@ pub fn window_moments(
         if !(h > l) || (from == 0.0 && to == 0.0) {
             continue;
         }
-        // Gauss's rule of two points over a twentieth of a deviation: its error is 1e-8 of a window's.
+        // Gauss's rule of two points over a twentieth of a deviation: its error is 1e-8 of a window's integral.
         let steps = ((h - l) / 0.05).ceil();
         let step = (h - l) / steps;
         for n in 0..steps as usize {
@@ -109,7 +109,7 @@ mod tests {
     use super::*;
     use serde_json::Value;
 
-    /// The published cases: 16 of them, with digits.
+    /// Compares with the 16 published cases.
     #[test]
     fn published_cases_hold() {
         let text = include_str!("../../fixtures/classified_kernel_cases.json");
@@ -144,7 +144,7 @@ mod tests {
                 let [mass, mean, variance] = found.unwrap();
                 let name = &case["name"];
                 let published = ["mass_factor", "shift", "variance"].map(|k| number(&lobe[k]));
-                // Tails of 1e-5 keep eleven digits of sixteen; so do variances of a hundredth.
+                // Tails of 1e-5 keep eleven of sixteen digits; so do variances of a hundredth.
                 assert!(
                     (mass / published[0] - 1.0).abs() < 1e-8,
                     "{name} {mass} {published:?}"

@@ -1,29 +1,26 @@
-//! Ground truth: the image that splatting approximates, in f64.
+//! Computes reference images in f64: the images that splatting approximates.
 //!
-//! The integrator knows nothing of footprints, sorting or blocks. It takes a scene's particles,
-//! follows rays through them and integrates equation 3 of Zwicker et al. 2001 with the kernels
-//! overlapping as they do, transmittance in closed form; the pixel's low-pass filter is applied to
-//! the image, by supersampling, which is their equation 6. Every approximation of the renderer is
-//! judged against it: `tests/frames/reference.rs` holds it to closed forms, to a brute-force march and to
-//! the published fixtures first.
+//! The integrator knows nothing of footprints, sorting or blocks. It follows rays through a scene's particles
+//! and integrates equation 3 of Zwicker et al. 2001. Kernels may overlap; transmittance is in closed form. The
+//! pixel's low-pass filter is applied to the image by supersampling, which is their equation 6. Every
+//! approximation of the renderer is compared with it. `tests/frames/reference.rs` compares the integrator
+//! itself with closed forms, a brute-force march and the published fixtures.
 //!
-//! Surfels of surfaces are met by rays as well. The true picture of a set of them is defined here, and
-//! shares with the renderer this definition and no more: along a ray each has the weight area G(x), G the
-//! Gaussian in its plane, x where the ray meets the plane. Opaque ones are averaged by their weights
-//! where they lie together, and cover min(1, sum of weights), the nearer before the farther; the share
-//! of a ray that a surface covers ends at it, and volumes in front are integrated up to there
-//! (`surface.rs`, with the one convention: what lies together). Translucent ones are sheets of that
-//! weight times their optical depth. Planes that clip cut the ray; where there are any, surfels of one
-//! side are seen from both.
+//! Rays also meet the surfels of surfaces. The reference image of surfels is defined here; the renderer shares
+//! this definition and nothing else. Along a ray each surfel has the weight area G(x), with G the Gaussian in
+//! its plane and x the place where the ray meets the plane. Opaque surfels that lie together are averaged by
+//! their weights, and cover min(1, sum of weights), the nearer before the farther. The covered share of a ray
+//! ends at the surface, and volumes in front are integrated up to there (`surface.rs`; it defines which surfels
+//! lie together). Translucent surfels are sheets of that weight times their optical depth. Clip planes cut the
+//! ray; if there are any, one-sided surfels are seen from both sides.
 //!
-//! What kernels stand for has a truth of its own: [`DataIntegrator`] integrates the field of a grid
-//! itself, interpolated between its samples. Rays, the pixel's filter and the planes that clip are the
+//! [`DataIntegrator`] computes the reference image of the data instead of their kernels. It integrates the
+//! field of a grid itself, interpolated between its samples. Rays, the pixel's filter and clip planes are the
 //! same.
 //!
-//! What it leaves out: a rod or a point (a variance of rank one or none) has no line integral, and
-//! its true image is empty, because almost no ray meets it; [`PixelFilter::Kernels`] gives it the
-//! width of the pixel's filter and shows it. Splats of radiance fields are refused: their opacity
-//! is a rule of drawing, not an integral.
+//! Limits: a rod or a point (a variance of rank one or zero) has no line integral, and its reference image is
+//! empty, because almost no ray meets it. [`PixelFilter::Kernels`] gives it the width of the pixel's filter and
+//! shows it. Splats of radiance fields are refused: their opacity is a rule of drawing, not an integral.
 //!
 //! ```
 //! use ewa_splat::reference::{Integrator, ReferenceSettings};
@@ -89,30 +86,31 @@ use traversal::Traversal;
 pub use data::DataIntegrator;
 pub use ray::RayIntegral;
 
-/// What the pixel's low-pass filter is applied to.
+/// Target of the pixel's low-pass filter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PixelFilter {
-    /// To the image (eq. 6 of Zwicker et al. 2001 as it stands), by supersampling: the truth.
+    /// Filters the image (eq. 6 of Zwicker et al. 2001) by supersampling: the exact definition.
     Image,
-    /// To each kernel, as EWA splatting does: depths are filtered, not opacities. One ray per
-    /// pixel; what is left between this image and a rendered one is neither filter nor aliasing.
+    /// Filters each kernel, as EWA splatting does: depths are filtered, not opacities. It takes one ray per
+    /// pixel. The remaining difference between this image and a rendered one is due to neither filter nor
+    /// aliasing.
     Kernels,
 }
 
-/// How the true image is computed.
+/// Settings of a reference image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReferenceSettings {
-    /// The error aimed at, linear colour, full scale 1.
+    /// Requested error, linear colour, full scale 1.
     pub error: f64,
     /// Variance of the low-pass filter, px²; 0 samples pixel centres.
     pub low_pass_variance_px2: f64,
-    /// What the filter is applied to.
+    /// Target of the filter.
     pub pixel_filter: PixelFilter,
-    /// At most so many rays per pixel; a pixel that wants more keeps its estimated error.
+    /// Greatest number of rays per pixel; a pixel that needs more keeps its estimated error.
     pub max_rays_per_pixel: u32,
-    /// Linear RGB behind everything; `None` leaves the image transparent.
+    /// Linear RGB of the background; `None` leaves the image transparent.
     pub background: Option<[f32; 3]>,
-    /// Is told how far the image is, and may cancel it.
+    /// Receives the progress of the image, and may cancel it.
     pub task: Option<Task>,
 }
 
@@ -129,41 +127,42 @@ impl Default for ReferenceSettings {
     }
 }
 
-/// A true image and what it took.
+/// A reference image and its statistics.
 #[derive(Debug, Clone)]
 pub struct ReferenceFrame {
     /// The image, narrowed to f32.
     pub image: Image,
     /// The same in f64, row by row: premultiplied linear RGBA.
     pub pixels: Vec<[f64; 4]>,
-    /// The largest estimated error of a pixel.
+    /// Greatest estimated error of a pixel.
     pub error: f64,
-    /// Pixels whose estimate stayed above the error aimed at.
+    /// Number of pixels whose estimated error stayed above the requested one.
     pub unconverged: usize,
-    /// Rays integrated.
+    /// Number of rays integrated.
     pub rays: u64,
 }
 
-/// A scene as the reference sees it: its visible particles, in f64.
+/// A scene prepared for reference images: its visible particles, in f64.
 #[derive(Debug, Clone)]
 pub struct Integrator {
     particles: Vec<Particle>,
-    /// What cuts them, world space.
+    /// Clip planes, world space.
     clip: Vec<ClipPlane>,
 }
 
 impl Integrator {
-    /// Takes a copy of the scene's visible particles. Those whose numbers are not finite are left
-    /// out, as the renderer does.
+    /// Copies the scene's visible particles. Particles with numbers that are not finite are left out, as in the
+    /// renderer.
     ///
     /// # Errors
-    /// As [`PointVolume::validate`]; splats, which state an opacity and no extinction, and
-    /// colours that depend on the view.
+    /// Those of [`PointVolume::validate`]; splats, which state an opacity and no extinction; colours that
+    /// depend on the view.
     pub fn new(scene: &[PointVolume]) -> Result<Self> {
         Self::classified(scene, Classification::default())
     }
 
-    /// As [`Integrator::new`], kernels classified over this part of them.
+    /// Copies the particles as [`Integrator::new`] does, with kernels classified at their centres or over their
+    /// extents.
     ///
     /// # Errors
     /// Those of [`Integrator::new`].
@@ -188,30 +187,30 @@ impl Integrator {
         })
     }
 
-    /// The same scene cut by planes.
+    /// Adds clip planes that cut the scene.
     pub fn clipped(mut self, planes: &[ClipPlane]) -> Self {
         self.clip.extend_from_slice(planes);
         self
     }
 
-    /// How many particles have a mass or an area.
+    /// Returns the number of particles that have a mass or an area.
     pub fn particle_count(&self) -> usize {
         self.particles.len()
     }
 
-    /// The light along one ray, unfiltered.
+    /// Returns the light along one ray, unfiltered.
     ///
-    /// - `pixel_px`: where the ray meets the image, pixels.
-    /// - `error`: of red, green and blue, full scale 1; the opacity is exact.
+    /// - `pixel_px`: place of the image that the ray passes through, pixels.
+    /// - `error`: error of red, green and blue, full scale 1; the opacity is exact.
     pub fn ray(&self, camera: &Camera, pixel_px: DVec2, error: f64) -> RayIntegral {
         let view = View::list(self, camera, PixelFilter::Image, 0.0);
         view.integrate(pixel_px, error, &mut Scratch::default())
     }
 
-    /// The true image.
+    /// Renders the reference image.
     ///
     /// # Errors
-    /// An image of no pixels, or settings out of range; work that was cancelled.
+    /// An image without pixels; settings out of range; work that was cancelled.
     pub fn render(&self, camera: &Camera, settings: &ReferenceSettings) -> Result<ReferenceFrame> {
         check(camera, settings)?;
         let h2 = settings.low_pass_variance_px2;
@@ -237,7 +236,7 @@ impl<'a> View<'a> {
             .particles
             .iter()
             .map(|p| Kernel::new(p, camera, filter, h2))
-            // A cut shows the inside of what was closed.
+            // A cut shows the inside of closed surfaces.
             .filter(|k| !integrator.clip.is_empty() || !k.is_turned_away(camera))
             .collect();
         Self {
@@ -267,7 +266,7 @@ impl Rays for View<'_> {
             let Some(segment) = k.along(origin, direction) else {
                 return;
             };
-            // From where the ray is drawn on.
+            // Relative to the start of the visible part.
             let mean = segment.mean - near;
             if k.plane.is_some_and(|plane| plane.is_opaque) {
                 if mean > 0.0 && mean < far - near {

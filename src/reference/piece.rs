@@ -1,5 +1,5 @@
-//! Kernels classified over their own extent (section 9.1 of the mathematics), in f64 and from the
-//! definition: what the renderer's halos, codes and tables are judged by.
+//! Classifies kernels over their own extent in f64, directly from the definition (section 9.1 of the
+//! mathematics). It is the reference for the renderer's ghost layers, codes and tables.
 
 use glam::{DMat3, DVec3};
 
@@ -10,30 +10,30 @@ use crate::scene::{
     Strength, TransferFunction, Values,
 };
 
-/// How the field of a volume runs over its kernels.
+/// The field of a volume over its kernels.
 pub(super) struct FieldOf<'a> {
     volume: &'a PointVolume,
     values: &'a Values,
     transfer: &'a TransferFunction,
-    /// Which lobes there are and from which spread on kernels are classified over their extents: the
-    /// renderer's own rule. None of their tables.
+    /// Lobes, and the spread from which kernels are classified over their extents: the renderer's own rule, but
+    /// none of its tables.
     lobes: Lobes,
     /// Value and extinction of the function's entries.
     knots: Vec<[f64; 2]>,
 }
 
-/// What a lobe leaves of a kernel.
+/// The part of a kernel that a lobe leaves.
 pub(super) struct Piece {
     pub(super) extinction: f64,
     pub(super) colour: [f32; 3],
-    /// In the frame of the kernel's factor; zero of a kernel that stays as it is.
+    /// Axis in the frame of the kernel's factor; zero if the kernel is unchanged.
     axis: DVec3,
     shift: f64,
     width: f64,
 }
 
 impl Piece {
-    /// Its centre and factor.
+    /// Returns centre and factor of the piece.
     pub(super) fn of(&self, position: DVec3, factor: DMat3) -> (DVec3, DMat3) {
         let across = DMat3::from_cols(
             self.axis * self.axis.x,
@@ -45,7 +45,7 @@ impl Piece {
     }
 }
 
-/// How the field runs over one kernel.
+/// Model of the field over one kernel.
 struct Model {
     slope: DVec3,
     departure: f64,
@@ -53,7 +53,7 @@ struct Model {
 }
 
 impl<'a> FieldOf<'a> {
-    /// `None` where nothing is known of the field around particles.
+    /// Returns `None` if nothing is known of the field around particles.
     pub(super) fn new(volume: &'a PointVolume) -> Option<Self> {
         let is_lattice = matches!(volume.particles, Particles::Lattice { .. });
         let is_classified = matches!(volume.strength, Strength::Classified { .. });
@@ -136,10 +136,10 @@ impl<'a> FieldOf<'a> {
         }
     }
 
-    /// The entries of a lobe, and the constant beyond an open end for so far.
+    /// Returns the entries of a lobe; an open end extends as a constant by `far`.
     fn knots_of(&self, lobe: &Lobe, far: f64) -> Vec<[f64; 2]> {
         let [first, last] = lobe.interval.map(f64::from);
-        // Half an entry to either side, so that roundings lose none.
+        // Half an entry on either side, so that rounding loses none.
         let margin = 0.5 * (self.knots[1][0] - self.knots[0][0]);
         let begin = self.knots.partition_point(|k| k[0] < first - margin);
         let end = self.knots.partition_point(|k| k[0] <= last + margin);
@@ -167,7 +167,7 @@ impl<'a> FieldOf<'a> {
                     around: [own; 2],
                 };
             };
-            // As they are stored: their codes are the data here.
+            // As stored: here the codes are the data.
             let model = models.get(i);
             return Model {
                 slope: model.slope.as_dvec3(),

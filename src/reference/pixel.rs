@@ -1,10 +1,10 @@
-//! The pixel's low-pass filter: a Gaussian over the image, by supersampling.
+//! Applies the pixel's low-pass filter, a Gaussian over the image, by supersampling.
 //!
-//! The filtered image at a pixel is the integral of Gaussian times image over the plane. On a
-//! lattice of samples the error of such an integral is what the image holds at the lattice's
-//! frequencies: it falls faster than any power of the spacing once the smallest detail is resolved.
-//! So the lattice is doubled (squares, then squares with their centres, and so on) until the pixel
-//! stays where it is; samples serve all the pixels around them and every finer lattice.
+//! The filtered image at a pixel is the integral of Gaussian times image over the plane. On a lattice of
+//! samples, the error of such an integral is the image's content at the lattice's frequencies. It falls faster
+//! than any power of the spacing once the smallest detail is resolved. The lattice is therefore doubled
+//! (squares, then squares with their centres, and so on) until the pixel no longer changes. Samples serve all
+//! the pixels around them and every finer lattice.
 
 use std::sync::atomic::{AtomicI64, Ordering};
 
@@ -19,35 +19,35 @@ use crate::image::Image;
 use crate::task::Stage;
 use crate::view::{Camera, Projection};
 
-/// What the stage is called.
+/// Name of the stage in progress reports.
 const STAGE: &str = "integrating";
 
-// How the error aimed at is shared out. The last lattice's change is the error of the lattices
-// before; with it, the error is far smaller.
+// Distribution of the requested error. The change due to the last lattice estimates the error of the lattices
+// before it; with the last lattice included, the error is far smaller.
 const CHANGE_SHARE: f64 = 0.7;
 const RAY_SHARE: f64 = 0.1;
 const UNRESOLVED_SHARE: f64 = 0.1;
 const TAIL_SHARE: f64 = 0.1;
 
-/// Pixels along the side of a region that is sampled at once: a compromise between memory (64 MiB
-/// at 4096 rays per pixel) and the margin around it, which is sampled for its sake alone.
+/// Side, in pixels, of a region that is sampled at once. It trades memory (64 MiB at 4096 rays per pixel)
+/// against the margin around the region, which is sampled in addition.
 const REGION: usize = 128;
 
-/// What brings light along rays to a camera.
+/// Source of light along a camera's rays.
 pub(super) trait Rays: Sync {
-    /// Memory that rays share.
+    /// Buffers that rays reuse.
     type Scratch: Default;
 
     fn camera(&self) -> &Camera;
 
-    /// What the ray through a place of the image brings to the eye, to about `error`.
+    /// Returns the light along the ray through a place of the image, to about `error`.
     fn integrate(&self, pixel_px: DVec2, error: f64, scratch: &mut Self::Scratch) -> RayIntegral;
 
-    /// What the first lattices of samples may miss.
+    /// Returns the features that the first lattices of samples may miss.
     fn details(&self, settings: &ReferenceSettings) -> Vec<Detail>;
 }
 
-/// The image that `settings` ask for, over their background.
+/// Renders the image for `settings`, over their background.
 pub(super) fn image<R: Rays>(view: &R, settings: &ReferenceSettings) -> Result<ReferenceFrame> {
     let mut frame = match settings.pixel_filter {
         PixelFilter::Image if settings.low_pass_variance_px2 > 0.0 => supersampled(view, settings)?,
@@ -68,7 +68,7 @@ pub(super) fn image<R: Rays>(view: &R, settings: &ReferenceSettings) -> Result<R
     Ok(frame)
 }
 
-/// One ray through the centre of each pixel.
+/// Renders with one ray through the centre of each pixel.
 fn sampled<R: Rays>(view: &R, settings: &ReferenceSettings) -> Result<ReferenceFrame> {
     let (width, height) = (view.camera().width, view.camera().height);
     let stage = Stage::new(settings.task.as_ref(), STAGE, height);
@@ -107,7 +107,7 @@ fn blank(width: usize, height: usize) -> ReferenceFrame {
     }
 }
 
-/// The filtered image, region by region.
+/// Renders the filtered image, region by region.
 fn supersampled<R: Rays>(view: &R, settings: &ReferenceSettings) -> Result<ReferenceFrame> {
     let (width, height) = (view.camera().width, view.camera().height);
     let stage = Stage::new(settings.task.as_ref(), STAGE, 1000);
@@ -135,19 +135,19 @@ fn supersampled<R: Rays>(view: &R, settings: &ReferenceSettings) -> Result<Refer
     Ok(frame)
 }
 
-/// A kernel, or anything else, smaller than the spacing of the first lattices.
+/// A kernel, or another feature, smaller than the spacing of the first lattices.
 pub(super) struct Detail {
     centre_px: DVec2,
-    /// Half the size of the box of pixels that it changes.
+    /// Half the size of the box of pixels that it affects.
     half_px: DVec2,
-    /// The number of the lattice that resolves it.
+    /// Number of the lattice that resolves it.
     level: u32,
-    /// The most that it can change a pixel by.
+    /// Greatest change of a pixel that it can cause.
     weight: f64,
 }
 
 impl Detail {
-    /// `None` where even the coarsest lattice resolves the kernel, or it is not seen.
+    /// Returns `None` if even the coarsest lattice resolves the kernel, or if it is not visible.
     pub(super) fn of(
         kernel: &Kernel,
         camera: &Camera,
@@ -164,8 +164,8 @@ impl Detail {
                 if u.z <= -reach {
                     return None;
                 }
-                // A kernel at the camera plane counts as being in front of it by its own reach:
-                // it looks larger than that.
+                // A kernel at the camera plane counts as being its own reach in front of it; it looks larger
+                // than that.
                 let z = u.z.max(reach);
                 let slope = u.truncate() / z;
                 let centre = camera.focal_px * slope + camera.centre_px;
@@ -187,8 +187,8 @@ impl Detail {
         if level == 0 {
             return None;
         }
-        // Integral of the opacity over the image: that of min(tau, 1), which where tau's peak is p
-        // is 2 pi sqrt(det) times p or 1 + ln p. A rod or a point has none.
+        // Integral of the opacity over the image, bounded by that of min(tau, 1). If tau's peak is p, that is 2
+        // pi sqrt(det) times p or 1 + ln p. A rod or a point has none.
         let (origin, direction) = match camera.projection {
             Projection::Perspective => (DVec3::ZERO, kernel.centre.normalize_or(DVec3::Z)),
             Projection::Orthographic => (kernel.centre.with_z(0.0), DVec3::Z),
@@ -209,8 +209,8 @@ impl Detail {
         })
     }
 
-    /// Everything there is to see, where it lies within a ball, camera space; `None` where the
-    /// coarsest lattice does not miss it.
+    /// Returns the whole scene as one detail if it lies within a ball, camera space; `None` if the coarsest
+    /// lattice does not miss it.
     pub(super) fn of_ball(
         centre: DVec3,
         radius: f64,
@@ -219,7 +219,7 @@ impl Detail {
     ) -> Option<Self> {
         let depth = match camera.projection {
             Projection::Orthographic => 1.0,
-            // Nearer than its own size it fills the image.
+            // Nearer than its own size, it fills the image.
             Projection::Perspective if centre.z <= 2.0 * radius => return None,
             Projection::Perspective => centre.z,
         };
@@ -234,23 +234,23 @@ impl Detail {
     }
 }
 
-/// Where the filter's tail is cut off, pixels: what lies beyond is a tenth of the error aimed at.
+/// Returns the cut-off of the filter, in pixels: the tail beyond is a tenth of the requested error.
 fn filter_reach(settings: &ReferenceSettings) -> f64 {
     (2.0 * (20.0 / settings.error).ln()).sqrt() * settings.low_pass_variance_px2.sqrt()
 }
 
-/// The first lattice whose samples, with those of all before, lie at most `spacing` pixels apart:
+/// Returns the first lattice whose samples, with those of all before, are at most `spacing` pixels apart:
 /// together they are 2^level per pixel.
 fn level_for(spacing: f64) -> u32 {
     // Casts saturate.
     (-2.0 * spacing.log2()).ceil().max(0.0) as u32
 }
 
-/// Row n of the samples that lattice `level` adds, in pixels from the first pixel's centre:
-/// (y, x of a sample, distance of samples).
+/// Returns row n of the samples that lattice `level` adds, in pixels from the first pixel's centre: (y, x of a
+/// sample, distance between samples).
 ///
-/// Level 0 is the pixels' centres. Odd levels add the centres of the squares, even ones the
-/// middles of their sides.
+/// Level 0 is the pixels' centres. Odd levels add the centres of the squares, even ones the middles of their
+/// sides.
 fn lattice_row(level: u32, n: i64) -> (f64, f64, f64) {
     let spacing = 0.5_f64.powi(level.saturating_sub(1) as i32 / 2);
     let n = n as f64;
@@ -265,21 +265,21 @@ fn lattice_row(level: u32, n: i64) -> (f64, f64, f64) {
     }
 }
 
-/// Distance of the rows of [`lattice_row`].
+/// Returns the distance between the rows of [`lattice_row`].
 fn row_spacing(level: u32) -> f64 {
     0.5_f64.powi(level as i32 / 2)
 }
 
-/// Part of the image, and the margin that its filter reaches into.
+/// A part of the image, and the margin that its filter reaches into.
 struct Region {
     first: [usize; 2],
     size: [usize; 2],
     error: f64,
     /// Standard deviation of the filter, px.
     h: f64,
-    /// Where the filter is cut off, px.
+    /// Cut-off of the filter, px.
     reach: f64,
-    /// Whole pixels of margin.
+    /// Margin in whole pixels.
     margin: usize,
     last_level: u32,
     pixels: Vec<Pixel>,
@@ -288,23 +288,23 @@ struct Region {
 #[derive(Clone)]
 struct Pixel {
     mean: [f64; 4],
-    /// The filter's weights of all samples so far.
+    /// Sum of the filter's weights over all samples so far.
     weight: f64,
-    /// How far the last lattice moved the mean.
+    /// Change of the mean due to the last lattice.
     change: f64,
-    /// What the error may be.
+    /// Estimated error.
     estimate: f64,
-    /// The largest estimate of it and its neighbours.
+    /// Greatest estimate among the pixel and its neighbours.
     worst: f64,
     ray_error: f64,
-    /// What kernels too small to be resolved may add.
+    /// Greatest contribution of kernels too small to be resolved.
     unresolved: f64,
-    /// The first lattice after which `change` means something.
+    /// First lattice after which `change` is meaningful.
     level: u32,
     done: bool,
 }
 
-/// Kernels that a lattice may miss: how much they can change a pixel.
+/// Possible change of a pixel by kernels that a lattice may miss.
 #[derive(Clone, Copy, Default)]
 struct Unresolved {
     sum: f64,
@@ -322,23 +322,23 @@ impl Unresolved {
         self.squares += other.squares;
     }
 
-    /// Whether they are many of like weight: their effective number is (sum w)²/sum w².
+    /// Returns true if they are many of similar weight: their effective number is (sum w)²/sum w².
     fn is_crowd(self) -> bool {
         self.sum * self.sum >= CROWD * self.squares
     }
 }
 
-/// So many kernels of like weight in the reach of a pixel's filter are sampled like any other
-/// texture: some samples meet some of them.
+/// Number of kernels of similar weight within the reach of a pixel's filter from which they are sampled like
+/// any other texture: some samples meet some of them.
 const CROWD: f64 = 32.0;
-/// From this lattice on: four samples per pixel, some four hundred in the filter's reach.
+/// First lattice for which that holds: four samples per pixel, some four hundred in the filter's reach.
 const CROWD_LEVEL: usize = 2;
 
-/// One row of samples, filtered along x.
+/// A row of samples, filtered along x.
 struct Line {
     y: f64,
     columns: Vec<[f64; 4]>,
-    /// The filter's weights of the samples around a pixel, summed along the row.
+    /// Sum along the row of the filter's weights for the samples around a pixel.
     weight: f64,
     error: f64,
     rays: u64,
@@ -372,12 +372,12 @@ impl Region {
         }
     }
 
-    /// Finds where small kernels ask for fine lattices.
+    /// Finds the pixels at which small kernels need fine lattices.
     ///
-    /// A lattice that is too coarse for a kernel may miss it with all its samples, and no change
-    /// from lattice to lattice would tell. So a pixel's first lattice that is believed is the one
-    /// after which the kernels left unresolved can change it by no more than their share of the
-    /// error, or else are so many alike that samples meet some of them.
+    /// All samples of a lattice that is too coarse for a kernel may miss it, and no change from lattice to
+    /// lattice would reveal that. A pixel therefore trusts only lattices from a certain level on. From there
+    /// on, either the unresolved kernels can change the pixel by no more than their share of the error, or they
+    /// are so many alike that samples meet some of them.
     fn plan(&mut self, details: &[Detail]) {
         let levels = self.last_level as usize + 1;
         let mut rest = vec![Unresolved::default(); self.pixels.len() * (levels + 1)];
@@ -399,7 +399,7 @@ impl Region {
         }
         let affordable = UNRESOLVED_SHARE * self.error;
         for (pixel, rest) in self.pixels.iter_mut().zip(rest.chunks(levels + 1)) {
-            // From the finest lattice down: what it and the coarser ones leave unresolved.
+            // From the finest lattice down: the kernels that it and the coarser ones leave unresolved.
             let mut left = Unresolved::default();
             let mut needed = self.last_level;
             for level in (0..levels).rev() {
@@ -415,9 +415,9 @@ impl Region {
         }
     }
 
-    /// Adds lattices until all pixels stay where they are; returns the number of rays.
+    /// Adds lattices until no pixel changes any more; returns the number of rays.
     ///
-    /// - `goes_on`: is told how much is done, 0 to 1, and whether the rest is still wanted.
+    /// - `goes_on`: receives the finished share, 0 to 1; returns false if the work is cancelled.
     fn sample<R: Rays>(&mut self, view: &R, goes_on: &(dyn Fn(f64) -> bool + Sync)) -> u64 {
         let mut rays = 0;
         for level in 0..=self.last_level {
@@ -428,7 +428,7 @@ impl Region {
                 .into_par_iter()
                 .map_init(R::Scratch::default, |scratch, n| {
                     let part = done.fetch_add(1, Ordering::Relaxed) as f64 / count as f64;
-                    // Nobody knows how many lattices follow: each gets half of what is left.
+                    // The number of further lattices is unknown: each gets half of the remaining share.
                     goes_on(1.0 - 0.5_f64.powf(f64::from(level) + part))
                         .then(|| self.line(view, level, n, &needed, scratch))
                 })
@@ -446,20 +446,20 @@ impl Region {
         rays
     }
 
-    /// The rows of a lattice that reach a pixel of the region.
+    /// Returns the rows of a lattice that reach a pixel of the region.
     fn rows(&self, level: u32) -> std::ops::Range<i64> {
         let spacing = row_spacing(level);
         let (lowest, highest) = (-self.reach, (self.size[1] - 1) as f64 + self.reach);
         ((lowest / spacing).floor() as i64 - 1)..((highest / spacing).ceil() as i64 + 1)
     }
 
-    /// For each pixel-sized cell of the region and its margin: whether its samples may reach a
-    /// pixel that is not done.
+    /// Returns, for each pixel-sized cell of the region and its margin, true if its samples may reach a pixel
+    /// that is not done.
     fn needed_cells(&self) -> Vec<bool> {
         let [w, h] = self.size;
         let m = self.margin + 1;
         let (columns, rows) = (w + 2 * m, h + 2 * m);
-        // Counts of pixels not done, summed over all above and to the left.
+        // Numbers of pixels not done, summed over all above and to the left.
         let mut sums = vec![0_u32; (w + 1) * (h + 1)];
         for y in 0..h {
             for x in 0..w {
@@ -469,7 +469,7 @@ impl Region {
                     - sums[y * (w + 1) + x];
             }
         }
-        // Cell c is pixel c - m; the pixels m around it.
+        // Cell c is pixel c - m; it reaches the pixels up to m away.
         let around = |c: usize, size: usize| (c.saturating_sub(2 * m), (c + 1).min(size));
         (0..columns * rows)
             .map(|i| {
@@ -493,7 +493,7 @@ impl Region {
         let (y, offset, spacing) = lattice_row(level, n);
         let m = self.margin + 1;
         let columns = self.size[0] + 2 * m;
-        // The cell of a place: cell m is around the first pixel's centre.
+        // Cell of a place: cell m is around the first pixel's centre.
         let cell = |v: f64| (v + m as f64 + 0.5).floor();
         let mut line = Line {
             y,
@@ -507,7 +507,7 @@ impl Region {
             return line;
         }
         let needed = &needed[row as usize * columns..][..columns];
-        // Spacings divide a pixel: the samples around one pixel lie as those around any other.
+        // Spacings divide a pixel, so samples lie alike around all pixels.
         let phase = (-self.reach - offset).div_euclid(spacing) as i64;
         let weights: f64 = (phase..)
             .map(|i| offset + i as f64 * spacing)
@@ -545,12 +545,12 @@ impl Region {
         line
     }
 
-    /// The filter along one axis, not normalised.
+    /// Returns the filter along one axis, not normalised.
     fn weight(&self, distance: f64) -> f64 {
         (-0.5 * (distance / self.h).powi(2)).exp()
     }
 
-    /// Takes a lattice's lines into the pixels' means.
+    /// Adds a lattice's lines to the pixels' means.
     fn add(&mut self, level: u32, lines: &[Line]) {
         let [w, h] = self.size;
         for y in 0..h {
@@ -572,7 +572,7 @@ impl Region {
                     weights += weight;
                 }
                 if weights == 0.0 {
-                    // The filter is too narrow for the lattice: no sample near the pixel.
+                    // The filter is too narrow for the lattice: no sample is near the pixel.
                     continue;
                 }
                 let pixel = &mut self.pixels[y * w + x];
@@ -582,7 +582,7 @@ impl Region {
                     pixel.mean = sum.map(|s| s / weights);
                     continue;
                 }
-                // Half, of lattices finer than the filter: each has as many samples as all before.
+                // One half for lattices finer than the filter: each has as many samples as all before.
                 let share = weights / pixel.weight;
                 let before = pixel.change;
                 pixel.change = 0.0;
@@ -591,12 +591,12 @@ impl Region {
                     *mean += change;
                     pixel.change = pixel.change.max(change.abs());
                 }
-                // The last lattice's change, unless by chance it is far smaller than those before
-                // let expect: halves where the image has sharp edges.
+                // The last lattice's change, unless it is by chance far smaller than the changes before
+                // suggest: changes halve where the image has sharp edges.
                 pixel.estimate = pixel.change.max(0.5 * before);
             }
         }
-        // A pixel may stay by chance; with its neighbours it hardly does.
+        // A pixel may stay unchanged by chance; with its neighbours that is unlikely.
         let around = |v: usize, size: usize| v.saturating_sub(1)..(v + 2).min(size);
         let worst: Vec<f64> = (0..w * h)
             .map(|i| {

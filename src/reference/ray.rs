@@ -1,25 +1,25 @@
-//! The volume rendering integral along one ray.
+//! Computes the volume rendering integral along one ray.
 
 use super::gauss_kronrod::{Quadrature, kronrod, nodes};
 use super::kernel::Segment;
 use super::surface::{Fragment, Surface, surfaces};
 use crate::math::normal_density_and_cdf;
 
-/// What a ray brings to the eye.
+/// Light along a ray, as seen by the eye.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct RayIntegral {
     /// Red, green, blue, premultiplied, and opacity.
     pub rgba: [f64; 4],
-    /// Estimated error of red, green and blue. The opacity of kernels is exact to rounding; that of a
-    /// field is as right as the colours.
+    /// Estimated error of red, green and blue. The opacity of kernels is exact to rounding; that of a field is
+    /// as accurate as the colours.
     pub error: f64,
 }
 
-/// Kernels that overlap at some place of the ray.
+/// Kernels that overlap at a place of the ray.
 #[derive(Debug, Default)]
 struct Active {
     segments: Vec<Segment>,
-    /// The same as arrays, padded with kernels of no depth.
+    /// The same as arrays, padded with kernels of zero depth.
     lanes: Vec<Lanes>,
 }
 
@@ -27,9 +27,9 @@ struct Active {
 #[derive(Debug, Clone, Copy, Default)]
 struct Lanes {
     mean: [f64; LANES],
-    /// Where the kernels' domains begin and end.
+    /// Start and end of each kernel's domain.
     domain: [[f64; LANES]; 2],
-    /// The shares that lie before their beginnings.
+    /// Share of each kernel before its domain.
     before: [f64; LANES],
     inverse_sigma: [f64; LANES],
     tau: [f64; LANES],
@@ -38,38 +38,39 @@ struct Lanes {
 
 const LANES: usize = 8;
 
-/// Memory that rays share.
+/// Buffers that rays reuse.
 #[derive(Debug, Default)]
 pub(super) struct Scratch {
     pub(super) segments: Vec<Segment>,
     pub(super) fragments: Vec<Fragment>,
     surfaces: Vec<Surface>,
     sheets: Vec<Segment>,
-    /// Where kernels begin to matter, and which.
+    /// Parameters from which kernels matter, with their indices.
     starts: Vec<(f64, usize)>,
-    /// Places to divide the ray at, with the standard deviation of the kernel they belong to.
+    /// Places at which to divide the ray, with the standard deviation of the kernel they belong to.
     events: Vec<(f64, f64)>,
-    /// Where it is divided.
+    /// Places at which the ray is divided.
     cuts: Vec<f64>,
     active: Active,
 }
 
-/// Standard deviations from a kernel's mean at which the ray is divided.
+/// Distances from a kernel's mean, in standard deviations, at which the ray is divided.
 const EVENTS: [f64; 7] = [-7.0, -3.0, -1.0, 0.0, 1.0, 3.0, 7.0];
 
-/// Events closer together than this many standard deviations are one. A Gauss-Kronrod rule over
-/// two standard deviations has errors of 1e-9 and less, and bisects where it has more; at a half
-/// there are four times the evaluations for nothing.
+/// Events closer together than this many standard deviations are merged. A Gauss-Kronrod rule over two standard
+/// deviations has errors of at most 1e-9, and bisects otherwise. Merging below half a deviation would cost four
+/// times the evaluations for nothing.
 const MERGE: f64 = 3.0;
 
-/// Bisections of one interval, so that no scene can hang: a kernel asks for some ten.
+/// Greatest number of bisections of one interval, so that no scene can hang the program: a kernel needs some
+/// ten.
 const MOST_BISECTIONS: u32 = 10_000;
 
-/// What a ray brings to the eye of the kernels in `scratch.segments` and the opaque surfels in
-/// `scratch.fragments`, up to `end`, which may be infinite.
+/// Returns the light of the kernels in `scratch.segments` and the opaque surfels in `scratch.fragments`, up to
+/// `end`, which may be infinite.
 ///
-/// Each surface ends the share of the ray that it covers: light is integrated up to its depth, and
-/// its colour is what lies behind. The rest of the ray goes on to `end`.
+/// Each surface ends the share of the ray that it covers: light is integrated up to its depth, and its colour
+/// is the background. The rest of the ray continues to `end`.
 pub(super) fn integrate(scratch: &mut Scratch, end: f64, error: f64) -> RayIntegral {
     if scratch.fragments.is_empty() {
         return integrate_volumes(scratch, end, error);
@@ -104,11 +105,11 @@ pub(super) fn integrate(scratch: &mut Scratch, end: f64, error: f64) -> RayInteg
 ///
 /// I = ∫ Σ c_k κ_k(t) T(t) dt, T(t) = exp(-Σ tau_k [Phi((t - mu_k)/s_k) - Phi((0 - mu_k)/s_k)]).
 ///
-/// Extinctions of kernels that overlap add up; nothing is sorted. T is exact, the integral is by
-/// adaptive Gauss-Kronrod quadrature between the kernels' own places, to about `error`. Sheets
-/// (kernels without extent along the ray) are steps of T.
+/// Extinctions of overlapping kernels add up; nothing is sorted. T is exact. The integral uses adaptive
+/// Gauss-Kronrod quadrature between places that the kernels determine, to about `error`. Sheets (kernels
+/// without extent along the ray) are steps of T.
 fn integrate_volumes(scratch: &mut Scratch, end: f64, error: f64) -> RayIntegral {
-    // Compiled for what the processor has: half the time with AVX2.
+    // Compiled for the processor's vector instructions: half the time with AVX2.
     pulp::Arch::new().dispatch(
         #[inline(always)]
         || integrate_inlined(scratch, end, error),
@@ -127,7 +128,7 @@ fn integrate_inlined(scratch: &mut Scratch, end: f64, error: f64) -> RayIntegral
         ..
     } = scratch;
     let count = segments.len().max(1) as f64;
-    // All kernels' tails beyond this depth, together, are a small part of the error.
+    // The tails of all kernels beyond this depth are together a small part of the error.
     let least_depth = error * TAIL_SHARE / count;
     sheets.clear();
     starts.clear();
@@ -135,7 +136,7 @@ fn integrate_inlined(scratch: &mut Scratch, end: f64, error: f64) -> RayIntegral
     active.clear();
 
     let mut total_depth = 0.0;
-    // Optical depth that lies behind the eye.
+    // Optical depth behind the eye.
     let mut behind = 0.0;
     let mut far_end = 0.0_f64;
     for (i, s) in segments.iter().enumerate() {
@@ -166,7 +167,7 @@ fn integrate_inlined(scratch: &mut Scratch, end: f64, error: f64) -> RayIntegral
             }
         }
         events.push((s.mean + reach, s.sigma));
-        // Where the extinction jumps.
+        // Places at which the extinction jumps.
         let jumps = s.domain.into_iter().filter(|t| t.is_finite() && *t > 0.0);
         events.extend(jumps.map(|t| (t, 0.0)));
     }
@@ -214,7 +215,7 @@ fn integrate_inlined(scratch: &mut Scratch, end: f64, error: f64) -> RayIntegral
             from = t;
         }
         while let Some(s) = sheet.next_if(|s| s.mean <= t) {
-            // Sheets in one place are one sheet of mixed colour.
+            // Coinciding sheets are one sheet of mixed colour.
             let mut tau = s.tau;
             let mut light = s.colour.map(|c| c * s.tau);
             while let Some(o) = sheet.next_if(|o| o.mean == s.mean) {
@@ -238,17 +239,17 @@ fn integrate_inlined(scratch: &mut Scratch, end: f64, error: f64) -> RayIntegral
     out
 }
 
-/// Share of the error that tails cut off may make.
+/// Share of the error that cut-off tails may use.
 const TAIL_SHARE: f64 = 0.05;
 
-/// A kernel thinner than this share of its distance is a sheet: f64 cannot step through it.
+/// Kernels thinner than this share of their distance are sheets: f64 cannot step through them.
 const SHEET: f64 = 1e-12;
 
 /// Standard deviations beyond which the normal distribution is constant in f64.
 const LONGEST_REACH: f64 = 8.5;
 
 impl Segment {
-    /// The share of the whole kernel that lies up to a place of the ray.
+    /// Returns the share of the whole kernel up to a place of the ray.
     fn share_up_to(&self, t: f64) -> f64 {
         if t.is_infinite() {
             return if t > 0.0 { 1.0 } else { 0.0 };
@@ -256,14 +257,14 @@ impl Segment {
         normal_density_and_cdf([(t - self.mean) / self.sigma]).1[0]
     }
 
-    /// That which lies before its domain.
+    /// Returns the share before the kernel's domain.
     fn share_before(&self) -> f64 {
         self.share_up_to(self.domain[0])
     }
 }
 
 impl Lanes {
-    /// How many standard deviations `t` lies beyond each mean.
+    /// Returns the distance of `t` beyond each mean, in standard deviations.
     #[inline(always)]
     fn normalised(&self, t: f64) -> [f64; LANES] {
         let mut z = self.mean;
@@ -282,8 +283,7 @@ impl Active {
     }
 
     #[inline(always)]
-    /// Takes in the kernels of `starting` and out those that end before `t`; returns the depth of
-    /// the latter.
+    /// Adds the kernels of `starting` and removes those that end before `t`; returns the depth of the latter.
     fn advance<'a>(&mut self, t: f64, starting: impl Iterator<Item = &'a Segment>) -> f64 {
         let mut depth = 0.0;
         self.segments.extend(starting);
@@ -312,7 +312,7 @@ impl Active {
         depth
     }
 
-    /// Optical depth of all up to `t`.
+    /// Returns the optical depth of all kernels up to `t`.
     #[inline(always)]
     fn depth(&self, t: f64) -> f64 {
         let mut depth = [0.0; LANES];
@@ -325,7 +325,7 @@ impl Active {
         depth.iter().sum()
     }
 
-    /// Red, green, blue and extinction at `t`, attenuated by all that lies before.
+    /// Returns red, green, blue and extinction at `t`, attenuated by everything before.
     #[inline(always)]
     fn attenuated(&self, passed: f64, t: f64) -> [f64; 4] {
         let mut depth = [0.0; LANES];
@@ -351,8 +351,8 @@ impl Active {
     }
 }
 
-/// The integral over one interval whose ends' transmittances are known: of the extinction it is
-/// exactly their difference, which says how well the quadrature does on the colours, too.
+/// Integrates over one interval with known transmittances at its ends. Their difference is the exact integral
+/// of the extinction, which shows the accuracy of the quadrature for the colours, too.
 #[inline(always)]
 fn interval(
     active: &Active,
@@ -365,7 +365,7 @@ fn interval(
         value: [0.0; 3],
         error: 0.0,
     };
-    // Depths are sums of this size: below their rounding a difference says nothing.
+    // Depths are sums of this size: a difference below their rounding is meaningless.
     let depths: f64 = active.segments.iter().map(|s| s.tau).sum();
     let rounding = 4.0 * f64::EPSILON * (1.0 + passed.abs() + depths);
     let mut stack = vec![(a, b, before, after, tolerance)];

@@ -1,13 +1,13 @@
-//! Rays through the places of an image, and what planes leave of them.
+//! Computes rays through places of an image, and clips them by planes.
 
 use glam::{DVec2, DVec3};
 
 use crate::view::{Camera, ClipPlane, Projection};
 
-/// A camera and the planes that cut what it sees.
+/// A camera and the clip planes.
 pub(super) struct Sight<'a> {
     pub(super) camera: &'a Camera,
-    /// Normals and distances of the planes that clip, camera space.
+    /// Normals and distances of the clip planes, camera space.
     clip: Vec<(DVec3, f64)>,
 }
 
@@ -18,7 +18,7 @@ impl<'a> Sight<'a> {
         Self { camera, clip }
     }
 
-    /// Origin and unit direction of the ray through a place of the image, camera space.
+    /// Returns origin and unit direction of the ray through a place of the image, camera space.
     pub(super) fn ray(&self, pixel_px: DVec2) -> (DVec3, DVec3) {
         let slope = (pixel_px - self.camera.centre_px) / self.camera.focal_px;
         match self.camera.projection {
@@ -27,15 +27,15 @@ impl<'a> Sight<'a> {
         }
     }
 
-    /// Between which depths along a ray something is seen; `None` where the planes leave nothing.
+    /// Returns the depths between which a ray is visible; `None` if the planes leave nothing.
     pub(super) fn span(&self, origin: DVec3, direction: DVec3) -> Option<[f64; 2]> {
         let [near, far] = between(&self.clip, origin, direction, 0.0);
         (near < far).then_some([near, far])
     }
 }
 
-/// Where a line lies inside planes, n . x + d >= 0 each, from `begin` on; turned around where it lies
-/// nowhere inside.
+/// Returns the interval in which a line lies inside planes, n . x + d >= 0 each, from `begin` on. The ends are
+/// in reverse order if it lies nowhere inside.
 pub(super) fn between(
     planes: &[(DVec3, f64)],
     origin: DVec3,

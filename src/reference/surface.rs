@@ -1,39 +1,39 @@
-//! Opaque surfels along one ray.
+//! Groups opaque surfels along one ray into surfaces.
 //!
-//! A surfel is met where the ray meets its plane, with the weight area G(x), x the place in its
-//! plane and G the Gaussian of its variance there, of unit integral: surfels that tile a surface
-//! have weights that sum to about 1. Fragments that lie together are one surface: its colour and
-//! depth are their weighted means (Shepard's), and it covers of the ray the sum of their weights, as
-//! far as surfaces in front of it leave room. So all surfaces together cover min(1, sum of weights),
-//! whatever counts as one surface; that decides only whose colour is seen, and where among volumes.
+//! A surfel is met where the ray meets its plane. Its weight is area G(x), with x the place in its plane and G
+//! the Gaussian of its variance there, of unit integral. Surfels that tile a surface have weights that sum to
+//! about 1. Fragments that lie together form one surface. Its colour and depth are their weighted means
+//! (Shepard's), and it covers the sum of their weights, as far as surfaces in front leave room. All surfaces
+//! together thus cover min(1, sum of weights), however they are grouped. The grouping only decides whose colour
+//! is seen, and where among volumes.
 //!
-//! Which fragments are one surface is a convention, and not the renderer's: along the ray they are
-//! sorted, and each belongs to the surface of the one before it while the gap between the two, across
-//! either plane, is no wider than the surfel is, one standard deviation along its longer axis.
+//! The grouping is a convention, and not the renderer's. Fragments are sorted along the ray. Each belongs to
+//! the surface of the one before it if the gap between the two, across either plane, is no wider than the
+//! surfel: one standard deviation along its longer axis.
 
-/// A surfel where a ray meets it.
+/// Intersection of a ray with a surfel.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Fragment {
     /// Arc length along the ray.
     pub(super) depth: f64,
     /// area G(x).
     pub(super) weight: f64,
-    /// To which gap along the ray it counts as one surface with the next.
+    /// Greatest gap along the ray to the next fragment of the same surface.
     pub(super) reach: f64,
     pub(super) colour: [f64; 3],
 }
 
-/// A surface where a ray meets it.
+/// Intersection of a ray with a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Surface {
-    /// Arc length along the ray: its fragments' weighted mean.
+    /// Arc length along the ray: the weighted mean of its fragments.
     pub(super) depth: f64,
-    /// What it covers of the ray.
+    /// Share of the ray that it covers.
     pub(super) share: f64,
     pub(super) colour: [f64; 3],
 }
 
-/// The surfaces of a ray, front to back, as far as they leave any of it; sorts `fragments`.
+/// Finds the surfaces of a ray, front to back, until they cover all of it; sorts `fragments`.
 pub(super) fn surfaces(fragments: &mut [Fragment], surfaces: &mut Vec<Surface>) {
     surfaces.clear();
     fragments.sort_unstable_by(|a, b| a.depth.total_cmp(&b.depth));
@@ -70,7 +70,7 @@ mod tests {
             reach: 0.1,
             colour: [red, 0.0, 0.0],
         };
-        // In any order: two that lie together, one behind them, one that is not seen.
+        // In any order: two that lie together, one behind them, one that is hidden.
         let mut fragments = [
             at(5.0, 9.0, 9.0),
             at(2.0, 0.5, 4.0),
@@ -81,7 +81,7 @@ mod tests {
         surfaces(&mut fragments, &mut found);
         let shares: Vec<f64> = found.iter().map(|s| s.share).collect();
         let rest = 1.0 - (0.3 + 0.1) - 0.5;
-        // The sum's rounding.
+        // Rounding of the sum.
         assert!(
             (shares[0] - 0.4).abs() < 1e-15 && shares[1] == 0.5,
             "{shares:?}"
@@ -89,7 +89,7 @@ mod tests {
         assert!((shares[2] - rest).abs() < 1e-15 && found.len() == 3);
         assert!((found[0].depth - (0.3 * 1.05 + 0.1) / 0.4).abs() < 1e-15);
         assert!((found[0].colour[0] - (0.3 * 2.0 + 0.1) / 0.4).abs() < 1e-15);
-        // A wide surfel does not draw a small one in front of it into its surface.
+        // A wide surfel does not merge with a small one in front of it.
         let mut fragments = [
             Fragment {
                 reach: 10.0,

@@ -1,4 +1,4 @@
-//! Which boxes a ray meets.
+//! Finds the boxes that a ray meets.
 
 use glam::{DVec3, Vec3A};
 use obvhs::aabb::Aabb;
@@ -6,21 +6,21 @@ use obvhs::bvh2::Bvh2;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use obvhs::ray::Ray;
 
-/// Below this many boxes a list is as fast as a tree.
+/// Greatest number of boxes for which a list is as fast as a tree.
 const LIST_LENGTH: usize = 64;
 
 /// A BVH over boxes around the reach of kernels or around cells.
 #[derive(Clone)]
 pub(super) struct Traversal {
-    /// `None`: few enough to try all.
+    /// `None` if there are few enough boxes to try all.
     bvh: Option<Bvh2>,
     count: usize,
-    /// obvhs works in f32: a unit scene, so that nothing overflows or vanishes.
+    /// Scale to a unit scene, because obvhs works in f32: nothing overflows or underflows.
     scale: f64,
 }
 
 impl Traversal {
-    /// Of `count` boxes that are all tried.
+    /// Makes a traversal that tries all of `count` boxes.
     pub(super) fn of_all(count: usize) -> Self {
         Self {
             bvh: None,
@@ -29,7 +29,7 @@ impl Traversal {
         }
     }
 
-    /// Of `count` boxes, each by its centre and half its size.
+    /// Makes a traversal of `count` boxes, each given by its centre and half its size.
     pub(super) fn new(count: usize, bounds: impl Fn(usize) -> (DVec3, DVec3)) -> Self {
         let mut all = Self::of_all(count);
         if count <= LIST_LENGTH {
@@ -62,7 +62,7 @@ impl Traversal {
         all
     }
 
-    /// Calls `meet` with every box that the ray meets, and with some that it does not.
+    /// Calls `meet` with every box that the ray meets, and with some that it does not meet.
     pub(super) fn each(&self, origin: DVec3, direction: DVec3, mut meet: impl FnMut(usize)) {
         let Some(bvh) = &self.bvh else {
             (0..self.count).for_each(meet);
@@ -76,5 +76,5 @@ impl Traversal {
     }
 }
 
-/// By which share of their distance boxes are enlarged.
+/// Enlargement of boxes, as a share of their distance.
 const ROUNDING: f64 = 2e-6;

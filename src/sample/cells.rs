@@ -1,14 +1,14 @@
-//! Unstructured grids: one anisotropic kernel per node or cell.
+//! Samples unstructured grids: one anisotropic kernel per node or cell.
 //!
-//! - **Values at nodes**: a kernel at the centroid of the node's dual cell ([`Duals`]), whose covariance
-//!   is C: V = 12 kernel_width² C, with the dual cell's volume. 12 makes V = (kernel_width spacing)² on a cubic lattice.
-//! - **Values of cells**: a kernel at the cell's centroid with the cell's volume,
-//!   V = 12 kernel_width² times the mean of the covariances of its corners' dual cells. A
-//!   tetrahedron's own covariance is too small for the gaps between centroids: a uniform field
-//!   ripples by 16 to 25 % with it, by 2.5 to 5 % with this.
+//! - **Values at nodes**: a kernel at the centroid of the node's dual cell ([`Duals`]), with the dual cell's
+//!   volume. Its variance is V = 12 kernel_width² C, with C the covariance of the dual cell. The factor 12
+//!   makes V = (kernel_width spacing)² on a cubic lattice.
+//! - **Values of cells**: a kernel at the cell's centroid with the cell's volume. V = 12 kernel_width² times
+//!   the mean of the covariances of its corners' dual cells. A tetrahedron's own covariance is too small for
+//!   the gaps between centroids: with it a uniform field ripples by 16 to 25 %, with the mean by 2.5 to 5 %.
 //!
-//! Cells of higher order were cut before, where their corners do not say what their elements do ([`crate::io`]). Those
-//! that are still there are taken by their corners; the nodes between are corners of no cell and carry nothing.
+//! Cells of higher order have been cut already wherever their corners do not describe the field well enough
+//! ([`crate::io`]). The remaining ones are represented by their corners; their other nodes carry nothing.
 
 use std::ops::Range;
 
@@ -29,28 +29,28 @@ use crate::io::{Association, Blanking, CellMesh, Dataset, Geometry, Handedness};
 use crate::math::factor_of_variance;
 use crate::scene::{LocalModel, LocalModels, Surroundings, Values};
 
-/// A field on a mesh, of some of whose nodes and cells kernels are asked for. The others are there because these look at them.
+/// A field on a mesh. Kernels are wanted for some of its nodes or cells; the others are ghosts that these need.
 pub(crate) struct CellField<'a> {
     pub(crate) mesh: &'a CellMesh,
     pub(crate) blanking: &'a Blanking,
     pub(crate) association: Association,
-    /// Of all nodes, or of all cells.
+    /// Values of all nodes, or of all cells.
     pub(crate) values: &'a Values,
-    /// The same as differences are taken of them: [`ValueScale::of_differences`].
+    /// The values on a scale for taking differences: [`ValueScale::of_differences`].
     pub(crate) seen: &'a Values,
-    /// Those that are asked for.
+    /// Nodes and cells whose kernels are wanted.
     pub(crate) nodes: Range<usize>,
     pub(crate) cells: Range<usize>,
 }
 
-/// What is made of a field on a mesh.
+/// Kernels, normals and local models of a field on a mesh.
 pub(super) struct CellKernels {
     pub(super) duals: Duals,
-    /// Where anything looked at neighbours.
+    /// Cells at each node, if normals or models needed them.
     around: Option<CellsAround>,
-    /// Of all samples.
+    /// Kernels of all samples.
     pub(super) kernels: Kernels,
-    /// Those of the samples that are asked for, of which all else is.
+    /// The kernels that are wanted. Normals and models are of these alone.
     #[cfg(feature = "cli")]
     pub(super) own: Range<usize>,
     pub(super) normals: Option<Vec<u32>>,
@@ -62,7 +62,7 @@ impl CellField<'_> {
         self.association == Association::Nodes
     }
 
-    /// The samples that are asked for.
+    /// Returns the samples whose kernels are wanted.
     pub(super) fn own(&self) -> &Range<usize> {
         match self.association {
             Association::Nodes => &self.nodes,
@@ -70,9 +70,9 @@ impl CellField<'_> {
         }
     }
 
-    /// Their kernels, normals and local models, where these are asked for.
+    /// Computes kernels, and normals and local models if the options ask for them.
     ///
-    /// - `turned`: how many cells of each kind are numbered one way and the other.
+    /// - `turned`: for each kind of cell, the number of cells in either orientation.
     ///
     /// # Errors
     /// Work that was cancelled.
@@ -134,7 +134,7 @@ impl CellField<'_> {
         })
     }
 
-    /// The factor of a kernel of 12 times the covariance of a dual cell.
+    /// Factor of a kernel's variance, kernel_width² times `shape`.
     fn factor(shape: [f64; 6], options: &SampleOptions) -> Result<[f64; 6], LeftOut> {
         let width_squared = options.kernel_width * options.kernel_width;
         factor_of_variance(shape.map(|v| v * width_squared)).ok_or(LeftOut::Degenerate)
@@ -257,7 +257,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         true => kernels.kept.clone(),
         false => Vec::new(),
     };
-    // Coded, they take a quarter.
+    // The encoded models take a quarter of the memory.
     let local_models = models.map(|models| LocalModels::new(&models));
     drop(seen);
     let mut sampled =
@@ -274,7 +274,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         blanking: &blanking,
     };
     let surface = Surface::new(&cells);
-    // Most of what is transparent there needs no more than this.
+    // A sample that is transparent on the boundary needs no cut: most such volumes end here.
     let on_boundary = surface.nodes().iter().flat_map(|&node| particles.at(node));
     let on_boundary = on_boundary.map(|(_, particle)| particle);
     if !options.cuts(&sampled.volume, on_boundary) {
@@ -303,7 +303,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     let what = "of faces that others cover in part: not cut there";
     report.note(undecided.len(), "nodes", what);
     let task = options.task.as_ref();
-    // The mesh has done its work.
+    // Nothing below needs the mesh.
     drop((surface, around, particles, duals, dataset));
     let own = &mut Own {
         range: 0..kept.len(),
@@ -312,7 +312,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     if let Some(ghosts) = apply(volume, report, vec![changes], options, own)? {
         even_out(volume, &ghosts, own, |kernels, volumes| {
             let mut sums = kernels.sums(volumes, task)?;
-            // Beside them something is missing.
+            // These samples lack neighbouring kernels or ghosts: their volumes stay.
             if let Some(sums) = &mut sums {
                 for i in reentrant.into_iter().chain(undecided) {
                     sums[i] = f64::NAN;

@@ -1,4 +1,4 @@
-//! Meshes partitioned over ranks: some cells, neighbours of local ones among them, are remote.
+//! Samples meshes that are partitioned over ranks.
 
 use super::cells::{CellField, CellKernels};
 use super::kernels::Kernels;
@@ -10,12 +10,12 @@ use crate::io::Association;
 use crate::math::ExactSum;
 use crate::scene::{LocalModel, Particles, PickedRow, PointVolume};
 
-/// The particles of the nodes or cells of a mesh that are asked for.
+/// The particles of the wanted nodes or cells of a mesh.
 pub(crate) struct CellsApart {
-    /// Particles with values as they stand in the data, and without a function.
+    /// Particles with the data's values, and without a function.
     pub(crate) volume: PointVolume,
     pub(crate) models: Option<Vec<LocalModel>>,
-    /// The numbers of the particles that may lie on a boundary that is to be sharp.
+    /// Particles that may lie on a boundary that is to be sharp.
     pub(crate) on_boundary: Vec<usize>,
     pub(crate) report: SampleReport,
 }
@@ -23,7 +23,7 @@ pub(crate) struct CellsApart {
 impl CellField<'_> {
     /// Samples some of the nodes or cells of a mesh.
     ///
-    /// - `turned`: for each kind of cell, how many of the whole mesh are numbered one way and the other.
+    /// - `turned`: for each kind of cell, the number of the whole mesh's cells in either orientation.
     /// - `volume_sum`: the sum to which the particles' volumes are added \[length³\].
     ///
     /// # Errors
@@ -98,10 +98,10 @@ impl CellField<'_> {
 }
 
 impl CellsApart {
-    /// Those of its particles that a function may be chosen from.
+    /// Picks the particles from which a function may be chosen.
     ///
-    /// - `first`: how many particles of the mesh come before these.
-    /// - `count`: of the mesh.
+    /// - `first`: number of particles of the mesh that precede these.
+    /// - `count`: number of particles of the mesh.
     pub(crate) fn picked(volume: &PointVolume, first: usize, count: usize) -> Vec<PickedRow> {
         picked_of(volume, &(0..volume.particles.len()), first, count)
     }

@@ -1,4 +1,4 @@
-//! The field that is shown if none is named, for one data set and for several together.
+//! Chooses the field to show if none is named, for one data set or several together.
 
 use crate::error::{Error, Hint, Result};
 use crate::io::{Association, Dataset, Field, FieldSource, Geometry};
@@ -19,7 +19,10 @@ pub struct FieldChoice {
 }
 
 impl FieldChoice {
+    /// Describes the choice of `field`.
+    ///
     /// - `name`: the name that selects the field.
+    /// - `rank`: lower for a field that is more likely meant.
     pub(super) fn of(name: String, field: &Field, rank: u8) -> Self {
         let ranges = field.arrays().iter().filter_map(Values::finite_range);
         Self {
@@ -30,7 +33,7 @@ impl FieldChoice {
     }
 }
 
-/// Whether a field describes the grid or numbers its parts, and is nothing to show.
+/// Returns true if a field describes the grid or numbers its parts, and is not worth showing.
 pub(crate) fn describes_the_grid(name: &str) -> bool {
     let lower = name.to_ascii_lowercase();
     let is_number = matches!(lower.as_str(), "id" | "ids" | "index" | "indices")
@@ -40,10 +43,10 @@ pub(crate) fn describes_the_grid(name: &str) -> bool {
     lower == "iblank" || lower.starts_with("vtkghost") || is_number
 }
 
-/// The rank of vectors, the last of those whose values are stored.
+/// The rank of vectors: the last rank of fields whose values are stored.
 const OF_VECTORS: u8 = 3;
 
-/// How likely a field of a grid or a mesh is meant.
+/// Rank of a field of a grid or a mesh: lower for a field that is more likely meant.
 fn rank(dataset: &Dataset, field: &Field) -> u8 {
     let is_plot3d = dataset.format.contains("PLOT3D");
     match (&field.source, field.association) {
@@ -55,19 +58,19 @@ fn rank(dataset: &Dataset, field: &Field) -> u8 {
     }
 }
 
-/// Fields of a grid or a mesh that are something to show.
+/// Fields of a grid or a mesh that are worth showing.
 fn shown(dataset: &Dataset) -> impl Iterator<Item = &Field> {
     let fields = dataset.fields.iter();
     fields.filter(|f| !describes_the_grid(&f.name) && !f.is_colour())
 }
 
-/// Whether a grid or a mesh has any field to show.
+/// Returns true if a grid or a mesh has any field to show.
 pub(super) fn has_choice(dataset: &Dataset) -> bool {
     shown(dataset).next().is_some()
 }
 
-/// The fields among which one is chosen where none is named, in the data's order; none where something else is shown:
-/// splats and meshes with colours of their own.
+/// Returns the fields among which one is chosen if none is named, in the data's order. The list is empty for
+/// splats and for meshes with colours of their own.
 pub fn field_choices(dataset: &Dataset) -> Vec<FieldChoice> {
     let has_colours = match &dataset.geometry {
         Geometry::Mesh(mesh) => mesh.has_colours(),
@@ -82,12 +85,13 @@ pub fn field_choices(dataset: &Dataset) -> Vec<FieldChoice> {
     shown(dataset).map(choice).collect()
 }
 
-/// The fields that data sets show together where none is named: one field for as many as have it, and another for those
-/// that lack it.
+/// Chooses the fields that data sets show together if none is named: one field for as many data sets as have
+/// it, then another for those that lack it.
 ///
-/// - `choices`: of each data set ([`field_choices`]).
+/// - `choices`: the choices of each data set ([`field_choices`]).
 ///
-/// Preferred are fields that vary over all data sets, then those that more of them have, then the likelier ones.
+/// Preferred are fields that vary over all data sets, then fields that more of the data sets have, then fields
+/// of lower rank.
 ///
 /// ```
 /// use ewa_splat::sample::{FieldChoice, shared_fields};
@@ -124,7 +128,7 @@ fn is_named(choice: &FieldChoice, name: &str) -> bool {
     choice.name.eq_ignore_ascii_case(name)
 }
 
-/// The best name among those of several data sets.
+/// Returns the best name among those of several data sets.
 fn best_of<'a>(choices: impl Iterator<Item = &'a [FieldChoice]>) -> Option<String> {
     struct Candidate<'a> {
         name: &'a str,
@@ -159,16 +163,16 @@ fn best_of<'a>(choices: impl Iterator<Item = &'a [FieldChoice]>) -> Option<Strin
         }
     }
     let is_constant = |own: &Candidate<'_>| !own.ranges.iter().any(|[low, high]| low < high);
-    // The first of those that are as good.
+    // The first of equally good ones.
     all.iter()
         .min_by_key(|own| (is_constant(own), std::cmp::Reverse(own.count), own.rank))
         .map(|own| own.name.to_owned())
 }
 
-/// The field that is shown: the named one, the preferred one, if it is there, or the likeliest.
+/// Returns the field to show: the named one, else the preferred one if the data set has it, else the likeliest.
 ///
 /// # Errors
-/// None named and no field at all.
+/// No field is named and the data set has none.
 pub(crate) fn shown_field(dataset: &Dataset, options: &SampleOptions) -> Result<String> {
     let preferred = options.preferred_field.as_ref();
     let preferred = preferred.filter(|name| dataset.selected(name).is_some());
@@ -177,7 +181,7 @@ pub(crate) fn shown_field(dataset: &Dataset, options: &SampleOptions) -> Result<
     }
     let is_varied = |values: &Values| values.finite_range().is_some_and(|[lo, hi]| lo < hi);
     let varies = |f: &&Field| f.arrays().iter().any(is_varied);
-    // Rank by rank: no more values are looked through than it takes.
+    // Rank by rank, so that no more values are searched than needed.
     let of_rank = |wanted: u8| shown(dataset).filter(move |f| rank(dataset, f) == wanted);
     (0..=OF_VECTORS)
         .find_map(|wanted| of_rank(wanted).find(varies))

@@ -1,17 +1,17 @@
-//! From a scene to splats: what viewers of radiance fields can draw.
+//! Converts scenes to splats, which viewers of radiance fields can draw.
 //!
-//! Splats have a peak opacity, the same from every side: alpha = peak x exp(-Q/2). Volumes and
-//! surfaces have depth instead, so that conversion approximates:
+//! Splats have a peak opacity, the same from every side: alpha = peak x exp(-Q/2). Volumes and surfaces have
+//! depth instead, so conversion approximates:
 //!
 //! | scene | opacity |
 //! |---|---|
-//! | volumes, absorbing sheets | 1 - exp(-g / (2 pi s1 s2)): that of the kernel seen along its shortest axis, s1 and s2 the two greatest standard deviations. The inverse of what a table's column `opacity` means. From other sides a volume is deeper than its splat. |
-//! | opaque surfaces | 1, or twice the share that is there where that is less than half (masks); kernels widened to [`CLOSED_WIDTH`] so that little shines through between them |
-//! | translucent surfaces | the one whose optical depth, averaged over the surface, is theirs: see [`translucent_splat`] |
+//! | volumes, absorbing sheets | 1 - exp(-g / (2 pi s1 s2)): the opacity of the kernel along its shortest axis, with s1 and s2 the two greatest standard deviations. The inverse of a table's column `opacity`. From other sides a volume is deeper than its splat. |
+//! | opaque surfaces | 1, or twice the visible share if that is less than half (masks); kernels are widened to [`CLOSED_WIDTH`] so that little shines through between them |
+//! | translucent surfaces | the opacity that keeps the optical depth, averaged over the surface: see [`translucent_splat`] |
 //! | splats | their own |
 //!
-//! Colours become sRGB codes and, of them, coefficients of the constant harmonic. Surfels get the
-//! axes of their variance, the third along the front's normal and without length.
+//! Colours are encoded as sRGB; the coefficient of the constant harmonic follows from the code. Surfels get the
+//! axes of their variance: the third has no length and points along the front's normal.
 
 use std::f64::consts::TAU;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
@@ -27,32 +27,32 @@ use crate::io::{SplatCloud, constant_of_colour};
 use crate::math::{harmonics_count, lower_matrix, scales_and_rotation};
 use crate::scene::{Boundary, Colour, Particles, PointVolume, Strength, Values};
 
-/// Standard deviation over spacing at which opaque surfels are written: wider ones stay.
+/// Standard deviation over spacing of opaque surfels in the output; wider ones stay as they are.
 ///
-/// A viewer composites where the renderer here averages: what lies in front hides what is beside it, so that wide kernels blur
-/// what is painted on a surface; what shines through between narrow ones is the product of all 1 - alpha.
-/// `tests/data/convert.rs` measures both on relaxed cells.
+/// This renderer averages overlapping surfels, a viewer of splats composites them: the nearer hides its
+/// neighbours. Wide kernels therefore blur the colours of a surface. Between narrow ones the background shines
+/// through by the product of all 1 - alpha. `tests/data/convert.rs` measures both on relaxed cells.
 pub const CLOSED_WIDTH: f64 = 0.6;
 
-/// Fainter particles of volumes give no splat: sixteen of them are less than one of 255 levels.
+/// Particles of volumes below this opacity give no splat: sixteen of them are less than one of 255 levels.
 pub const LEAST_OPACITY: f32 = 1.0 / (16.0 * 255.0);
 
-/// What most viewers of splats do not draw.
+/// Opacity below which most viewers draw no splat.
 const LEAST_SEEN: f32 = 1.0 / 255.0;
 
-/// How a scene became splats.
+/// Report of a conversion from a scene to splats.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ConversionReport {
-    /// Particles, surfels and splats that went in.
+    /// Number of particles, surfels and splats in the scene.
     pub particle_count: usize,
-    /// Splats that came out.
+    /// Number of splats made.
     pub splat_count: usize,
-    /// What was found on the way.
+    /// Findings of the conversion.
     pub findings: Vec<Finding>,
 }
 
 impl ConversionReport {
-    /// Adds what became of another part of the scene.
+    /// Adds the report of another part of the scene.
     pub fn append(&mut self, other: Self) {
         self.particle_count += other.particle_count;
         self.splat_count += other.splat_count;
@@ -88,7 +88,7 @@ struct Splat {
 /// Turns a scene into splats, one for each particle that can be seen.
 ///
 /// # Errors
-/// A volume that is not sound, or one of points with a sharp boundary; nothing that can be seen.
+/// A volume that is invalid; a volume of points with a sharp boundary; a scene without a visible particle.
 pub fn splat_cloud(volumes: &[PointVolume]) -> Result<(SplatCloud, ConversionReport)> {
     let mut cloud = SplatCloud::default();
     let mut report = ConversionReport::default();
@@ -123,7 +123,7 @@ pub fn splat_cloud(volumes: &[PointVolume]) -> Result<(SplatCloud, ConversionRep
     Ok((cloud, report))
 }
 
-/// The splats of a file without those that cannot be drawn; opacities above 1 become 1.
+/// Returns the splats of a file without those that cannot be drawn. Opacities above 1 become 1.
 ///
 /// # Errors
 /// Those of [`SplatCloud::validate`].
@@ -184,8 +184,8 @@ fn of_volume(volume: &PointVolume) -> (SplatCloud, ConversionReport) {
         })
         .collect();
 
-    // Of splats at one depth viewers draw those first that come first: in rows, which overlap as tiles of a roof do, edges
-    // would lean to one side.
+    // Viewers draw splats of equal depth in the order of the file. In rows they would overlap like roof tiles,
+    // and edges would lean to one side.
     if matches!(volume.particles, Particles::Surfels { .. }) {
         splats.par_sort_unstable_by_key(|(i, _)| (scattered(*i), *i));
     }
@@ -236,7 +236,7 @@ fn of_volume(volume: &PointVolume) -> (SplatCloud, ConversionReport) {
     (cloud, report)
 }
 
-/// Degree and coefficients of the particles at `indices`.
+/// Returns the degree and the coefficients of the particles at `indices`.
 fn colours(volume: &PointVolume, indices: impl Iterator<Item = usize>) -> (u8, Vec<f32>) {
     let constant = |rgb: [f32; 3]| rgb.map(|c| constant_of_colour(srgb_from_linear(c.max(0.0))));
     match &volume.colour {
@@ -261,7 +261,7 @@ fn colours(volume: &PointVolume, indices: impl Iterator<Item = usize>) -> (u8, V
     }
 }
 
-/// Linear colour and extinction of particle `i`.
+/// Returns the linear colour and the extinction of particle `i`.
 fn classified(volume: &PointVolume, i: usize) -> [f32; 4] {
     match (&volume.transfer_function, &volume.values) {
         (Some(transfer), Some(values)) => transfer.classify(Values::get(values, i)),
@@ -269,7 +269,7 @@ fn classified(volume: &PointVolume, i: usize) -> [f32; 4] {
     }
 }
 
-/// Particle `i` as a splat, or why it is none.
+/// Returns particle `i` as a splat, or the reason why it gives none.
 fn splat(volume: &PointVolume, closing: &Closing, i: usize) -> Result<Splat, LeftOut> {
     let (position, factor, normal) = shape(&volume.particles, i);
     if !position.is_finite() || !position.as_vec3().is_finite() {
@@ -279,7 +279,7 @@ fn splat(volume: &PointVolume, closing: &Closing, i: usize) -> Result<Splat, Lef
         return Err(LeftOut::Size);
     }
     let (sigmas, rotation) = scales_and_rotation(factor);
-    // Half a turn about the first axis turns the third to the front.
+    // Half a turn about the first axis makes the third axis point to the front.
     let third = rotation * DVec3::Z;
     let rotation = if third.dot(normal) < 0.0 {
         rotation * DQuat::from_xyzw(1.0, 0.0, 0.0, 0.0)
@@ -308,11 +308,11 @@ fn splat(volume: &PointVolume, closing: &Closing, i: usize) -> Result<Splat, Lef
     if !is_size {
         return Err(LeftOut::Size);
     }
-    // Needles have no area to state a depth for; NaN and what is negative have no depth.
+    // Needles have no area over which to state a depth; NaN and negative numbers are no depth.
     if !(opacity >= 0.0) {
         return Err(LeftOut::Strength);
     }
-    // The colours are taken later, of what is kept.
+    // The colours are taken later, from the kept particles.
     if !is_colour(volume, i) {
         return Err(LeftOut::Colour);
     }
@@ -342,7 +342,7 @@ fn is_colour(volume: &PointVolume, i: usize) -> bool {
     }
 }
 
-/// Centre, factor of the variance, and where the front faces (nowhere for what has none).
+/// Returns centre, factor of the variance, and the front's normal (zero for kernels without a front).
 fn shape(particles: &Particles, i: usize) -> (DVec3, DMat3, DVec3) {
     match particles {
         Particles::Lattice {
@@ -377,7 +377,7 @@ fn shape(particles: &Particles, i: usize) -> (DVec3, DMat3, DVec3) {
     }
 }
 
-/// A number without any order in those of its neighbours (the finaliser of SplitMix64).
+/// Hashes an index, so that neighbouring indices give unrelated numbers (the finaliser of SplitMix64).
 fn scattered(i: u32) -> u64 {
     let mut x = u64::from(i).wrapping_add(0x9e37_79b9_7f4a_7c15);
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -385,16 +385,16 @@ fn scattered(i: u32) -> u64 {
     x ^ (x >> 31)
 }
 
-/// The cell of a lattice with this index.
+/// Returns the cell of a lattice with this index.
 fn cell([nx, ny, _]: [usize; 3], i: usize) -> [usize; 3] {
     [i % nx, i / nx % ny, i / (nx * ny)]
 }
 
-/// How the surfels of an opaque volume are closed.
+/// Widening of the surfels of an opaque volume that closes gaps between them.
 struct Closing {
-    /// Standard deviation over spacing that surfels have: that of whole cells.
+    /// Standard deviation over spacing of the volume's surfels, measured on whole cells.
     width: f64,
-    /// Whether splats stay however faint they are, because they came as such.
+    /// True if faint splats stay, because the scene has them as splats.
     keeps_faint: bool,
 }
 
@@ -412,8 +412,8 @@ impl Closing {
             (factor.x_axis.cross(factor.y_axis).length() / f64::from(*area)).sqrt()
         });
         let mut widths: Vec<f64> = widths.filter(|w| *w > 0.0 && w.is_finite()).collect();
-        // Areas are less where a mask leaves a part of a cell only: whole cells have the narrow
-        // widths. A tenth, because cells differ, too.
+        // A cell that a mask cuts has a smaller area and so seems wider. The tenth percentile of widths stands
+        // for whole cells, because cells differ, too.
         let tenth = widths.len() / 10;
         let width = match widths.is_empty() {
             true => CLOSED_WIDTH,
@@ -422,7 +422,7 @@ impl Closing {
         Self { width, keeps_faint }
     }
 
-    /// Opacity of an opaque surfel, and by how much it is widened.
+    /// Returns the opacity of an opaque surfel and the factor by which it is widened.
     fn opaque(&self, area: f64, sigmas: [f64; 3]) -> (f64, f64) {
         let there = area * self.width.powi(2) / (sigmas[0] * sigmas[1]);
         // `clamp` keeps NaN.
@@ -433,13 +433,14 @@ impl Closing {
     }
 }
 
-/// Opacity of the surfel of a translucent surface whose optical depth on the surface would be `depth` at its centre, and
-/// by how much it is widened.
+/// Returns the opacity of the surfel of a translucent surface and the factor by which it is widened.
 ///
-/// A splat of peak opacity a has the optical depth -ln(1 - a exp(-Q/2)), whose integral over the
-/// surface is 2 pi s1 s2 Li2(a), Li2 the dilogarithm; a kernel's depth integrates to 2 pi s1 s2
-/// `depth`. Equal integrals leave the mean optical depth of the surface as it is, whatever the overlap.
-/// Li2(1) = pi²/6 is the most that a splat has: deeper ones are widened.
+/// - `depth`: optical depth of the kernel at its centre, on the surface.
+///
+/// A splat of peak opacity a has the optical depth -ln(1 - a exp(-Q/2)). Its integral over the surface is 2 pi
+/// s1 s2 Li2(a), with Li2 the dilogarithm. The depth of a kernel integrates to 2 pi s1 s2 `depth`. Equal
+/// integrals keep the mean optical depth of the surface, whatever the overlap. A splat has Li2(1) = pi²/6 at
+/// most: deeper surfels are widened.
 fn translucent_splat(depth: f64) -> (f64, f64) {
     const MOST: f64 = std::f64::consts::PI * std::f64::consts::PI / 6.0;
     if depth >= MOST {
@@ -448,7 +449,7 @@ fn translucent_splat(depth: f64) -> (f64, f64) {
     if !(depth >= 0.0) {
         return (f64::NAN, 1.0);
     }
-    // Increasing: bisection needs no care.
+    // The dilogarithm increases, so bisection is safe.
     let [mut low, mut high] = [0.0, 1.0];
     for _ in 0..40 {
         let middle = 0.5 * (low + high);
@@ -461,11 +462,11 @@ fn translucent_splat(depth: f64) -> (f64, f64) {
     (0.5 * (low + high), 1.0)
 }
 
-/// Li2(x) = sum of x^k / k² for 0 <= x <= 1.
+/// Returns the dilogarithm Li2(x) = sum of x^k / k², for 0 <= x <= 1.
 fn dilogarithm(x: f64) -> f64 {
     let series = |x: f64| {
         let (mut power, mut sum) = (1.0, 0.0);
-        // x <= 1/2: the rest is below 2^-50.
+        // For x <= 1/2 the remaining terms are below 2^-50.
         for k in 1..=50 {
             power *= x;
             sum += power / f64::from(k * k);
@@ -493,7 +494,7 @@ mod tests {
         for (x, value) in [(0.0, 0.0), (0.5, half), (1.0, pi2 / 6.0)] {
             assert!((dilogarithm(x) - value).abs() < 1e-14, "{x}");
         }
-        // Continuous where the formula changes, and its slope is -ln(1 - x) / x.
+        // The function is continuous where the formula changes, and its slope is -ln(1 - x) / x.
         for x in [0.1, 0.49, 0.51, 0.9] {
             let slope = (dilogarithm(x + 1e-5) - dilogarithm(x - 1e-5)) / 2e-5;
             assert!((slope + (-x).ln_1p() / x).abs() < 1e-8, "{x}");
@@ -505,7 +506,7 @@ mod tests {
         for depth in [1e-6, 0.1, 1.0, 1.6, 1.7, 4.0] {
             let (opacity, widening) = translucent_splat(depth);
             let mean = dilogarithm(opacity) * widening * widening;
-            // 40 bisections, where the slope is infinite at 1.
+            // 40 bisections, and the slope is infinite at 1.
             assert!(
                 (mean - depth).abs() < 1e-9 * depth.max(1.0),
                 "{depth}: {mean}"

@@ -1,9 +1,9 @@
-//! Faces inside a mesh that do not match one to one.
+//! Finds faces inside a mesh that do not match one to one.
 //!
-//! A face that belongs to one cell alone is boundary if nothing lies on its other side. Hanging nodes, diagonals that do not
-//! meet, tied interfaces and pieces with separate nodes have cells there, behind other faces. Each corner's part of a face is
-//! probed at [`ACROSS`]² places. A place is covered if a face of another cell, with the opposite normal, lies within [`GAP`]
-//! of it along the normal.
+//! A face that belongs to one cell alone is on the boundary if nothing lies on its other side. At hanging
+//! nodes, diagonals that differ, tied interfaces and pieces with separate nodes, other cells lie there, behind
+//! faces of their own. Each corner's part of a face is probed at [`ACROSS`]² places. A place is covered if a
+//! face of another cell, with the opposite normal, lies within [`GAP`] of it along the normal.
 
 use glam::{DVec3, Vec3A};
 use obvhs::aabb::Aabb;
@@ -13,46 +13,49 @@ use rayon::prelude::*;
 
 use super::index_u32;
 
-/// How far apart two faces of one interface may lie, as a share of the larger one's size: chords of a circle of 16 cells
-/// lie that far from it, and kernels of that size show no such gap.
+/// Greatest gap between two faces of one interface, as a share of the larger face's size. The chords of a
+/// circle of 16 cells lie that far from the circle, and kernels of that size show no such gap.
 const GAP: f64 = 0.05;
 
-/// The same as a share of the distance from a face to the middle of its cell: thin cells are no gap.
+/// Greatest gap as a share of the distance from a face to the middle of its cell, so that a thin cell does not
+/// count as a gap.
 const GAP_OF_DEPTH: f64 = 0.5;
 
-/// The cosine that the normals of two faces of one interface have at most: chords of one curve differ.
+/// Greatest cosine between the normals of two faces of one interface: chords of one curve differ.
 const OPPOSED: f64 = -0.5;
 
-/// Places across a corner's part of a face, each way.
+/// Number of probed places across a corner's part of a face, in each direction.
 const ACROSS: usize = 3;
 
-/// How far outside a triangle a place may lie, as a share of it: places of interfaces are rounded.
+/// Tolerance by which a place may lie outside a triangle, as a share of it: positions on interfaces are
+/// rounded.
 const SLACK: f64 = 1e-3;
 
-/// How far corners and middles of two faces that are one may lie apart, as a share of their size.
+/// Tolerance between corners and middles of two coinciding faces, as a share of their size.
 const SAME: f64 = 1e-3;
 
-/// Faces that are looked at for one place. Meshes that fold over themselves have more: there nothing is decided.
+/// Greatest number of faces searched for one place. Meshes that fold over themselves exceed it: the place is
+/// then undecided.
 const MOST: usize = 256;
 
-/// Faces in the box of one before it is probed place by place.
+/// Greatest number of faces in the box of a face for which it is still probed place by place.
 const MOST_NEAR: usize = 16 * MOST;
 
-/// Boxes grow by this share of the whole: obvhs works in f32, and faces at one place are moved apart.
+/// Share of the whole mesh by which boxes grow: obvhs works in f32, and faces at one place are moved apart.
 const ROUNDING: f64 = 4e-6;
 
-/// A face that one cell alone has.
+/// A face that belongs to one cell alone.
 pub(super) struct OuterFace {
     pub(super) cell: u32,
     pub(super) nodes: Vec<u32>,
-    /// Into the cell, as long as the face's area.
+    /// Normal into the cell, as long as the face's area.
     pub(super) normal: DVec3,
     pub(super) middle: DVec3,
-    /// The distance from the face to the middle of its cell.
+    /// Distance from the face to the middle of its cell.
     pub(super) depth: f64,
 }
 
-/// The far side of a face, in the part of one of its corners.
+/// State of the far side of a face, in the part of one of its corners.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Side {
     /// Nothing lies there.
@@ -61,11 +64,12 @@ pub(super) enum Side {
     Covered,
     /// Other cells lie there, behind a face that is open elsewhere.
     Rim,
-    /// Other cells lie behind some of it, or it could not be found out.
+    /// Other cells lie behind a part of it, or the search was undecided.
     Partly,
 }
 
-/// The sides of all corners of each face, in the order of its nodes; `None` where all are open.
+/// Returns the sides at the corners of each face, in the order of its nodes; `None` for a face that is open
+/// everywhere.
 pub(super) fn sides(nodes: &[DVec3], faces: &[OuterFace]) -> Vec<Option<Vec<Side>>> {
     let Some(index) = FaceIndex::new(nodes, faces) else {
         return (0..faces.len()).map(|_| None).collect();
@@ -90,14 +94,14 @@ pub(super) fn sides(nodes: &[DVec3], faces: &[OuterFace]) -> Vec<Option<Vec<Side
     found.par_iter().map(with_rims).collect()
 }
 
-/// A face with others near its far side.
+/// A face with other faces near its far side.
 struct Probed {
     sides: Vec<Side>,
-    /// The faces that cover it.
+    /// The faces that cover this one.
     behind: Vec<u32>,
 }
 
-/// Faces by place.
+/// Bounding volume hierarchy of the faces.
 struct FaceIndex<'a> {
     nodes: &'a [DVec3],
     faces: &'a [OuterFace],
@@ -105,7 +109,7 @@ struct FaceIndex<'a> {
     units: Units,
 }
 
-/// The units of boxes: unit size, so that nothing overflows or vanishes in f32.
+/// Scale of the boxes: the mesh has unit size in them, so that f32 neither overflows nor underflows.
 #[derive(Clone, Copy)]
 struct Units {
     middle: DVec3,
@@ -125,19 +129,19 @@ impl OuterFace {
         self.normal.length().sqrt()
     }
 
-    /// How far from it others are still on it.
+    /// Distance within which others count as lying on the face.
     fn gap(&self) -> f64 {
         (GAP * self.size()).min(GAP_OF_DEPTH * self.depth)
     }
 
-    /// Out of the cell, of unit length.
+    /// Unit normal out of the cell.
     fn outward(&self) -> DVec3 {
         -self.normal.normalize_or_zero()
     }
 }
 
 impl<'a> FaceIndex<'a> {
-    /// `None` of fewer than two faces, or without extent.
+    /// Returns `None` for fewer than two faces, or if they have no extent.
     fn new(nodes: &'a [DVec3], faces: &'a [OuterFace]) -> Option<Self> {
         let of_face = |face: &OuterFace| {
             let places = face.nodes.iter().map(|&n| nodes[n as usize]);
@@ -176,7 +180,7 @@ impl<'a> FaceIndex<'a> {
         })
     }
 
-    /// Calls `visit` for the faces in a box until it says no.
+    /// Calls `visit` for the faces in a box until it returns false.
     fn within(&self, low: DVec3, high: DVec3, mut visit: impl FnMut(u32) -> bool) {
         let around = self.units.boxed(low, high, 0.0);
         self.bvh.aabb_traverse(around, |bvh, node| {
@@ -191,7 +195,7 @@ impl<'a> FaceIndex<'a> {
         self.nodes[face.nodes[i % face.nodes.len()] as usize]
     }
 
-    /// The sides of a face; `None` where nothing is near.
+    /// Returns the sides of a face; `None` if no other face is near.
     fn probed(&self, number: usize) -> Option<Probed> {
         let face = &self.faces[number];
         let (outward, gap) = (face.outward(), face.gap());
@@ -235,7 +239,7 @@ impl<'a> FaceIndex<'a> {
         other.cell != face.cell && other.outward().dot(outward) < OPPOSED
     }
 
-    /// Whether two faces have the same corners but for rounding.
+    /// Returns true if two faces have the same corners up to rounding.
     fn is_same(&self, face: &OuterFace, other: &OuterFace) -> bool {
         let slack = SAME * face.size();
         let count = face.nodes.len();
@@ -248,14 +252,14 @@ impl<'a> FaceIndex<'a> {
             && (0..count).all(is_corner)
     }
 
-    /// The side of one corner's part of a face.
+    /// Returns the side at one corner's part of a face, and adds the covering faces to `behind`.
     fn side(&self, face: &OuterFace, outward: DVec3, i: usize, behind: &mut Vec<u32>) -> Side {
         let own = self.corner(face, i);
         let next = own.midpoint(self.corner(face, i + 1));
         let before = own.midpoint(self.corner(face, i + face.nodes.len() - 1));
         let mut covered = 0;
         for m in 0..ACROSS * ACROSS {
-            // On no diagonal, and at no share that meshes are divided at.
+            // Places on no diagonal, and at no fraction at which meshes are usually divided.
             let u = ((m % ACROSS) as f64 + 0.537) / ACROSS as f64;
             let v = ((m / ACROSS) as f64 + 0.471) / ACROSS as f64;
             let across = own.lerp(next, u);
@@ -276,7 +280,7 @@ impl<'a> FaceIndex<'a> {
         }
     }
 
-    /// The face behind a place of a face, if there is one; `None` where there are too many to tell.
+    /// Returns the face behind a place of a face, if there is one; `None` if too many faces are near to decide.
     fn behind(&self, face: &OuterFace, outward: DVec3, place: DVec3) -> Option<Option<u32>> {
         let reach = outward * face.gap();
         let (mut found, mut count) = (None, 0);
@@ -289,7 +293,7 @@ impl<'a> FaceIndex<'a> {
             if self.may_cover(face, outward, other) {
                 let of_other = &self.faces[other as usize];
                 let out = face.gap().max(of_other.gap());
-                // Into the cells no farther than these are thin.
+                // Inside the cells, search no deeper than their thickness allows.
                 let thin = GAP_OF_DEPTH * face.depth.min(of_other.depth);
                 if self.meets(of_other, place, outward, [-out.min(thin), out]) {
                     found = Some(other);
@@ -300,7 +304,7 @@ impl<'a> FaceIndex<'a> {
         (found.is_some() || count < MOST).then_some(found)
     }
 
-    /// Whether a line through a place meets a face within some distances.
+    /// Returns true if a line through a place meets a face within an interval of distances.
     fn meets(
         &self,
         face: &OuterFace,
@@ -313,7 +317,7 @@ impl<'a> FaceIndex<'a> {
             let (u, v) = (a - face.middle, b - face.middle);
             let normal = u.cross(v);
             let along = (face.middle - place).dot(normal) / normal.dot(direction);
-            // Phrased so that NaN, of triangles seen edge on, fails.
+            // Phrased so that NaN, from triangles seen edge-on, fails.
             if !(along >= from && along <= to) {
                 return false;
             }
@@ -326,7 +330,8 @@ impl<'a> FaceIndex<'a> {
     }
 }
 
-/// A millionth of the whole at most: PLOC is quadratic in boxes at one place.
+/// Returns a displacement of at most a millionth of the whole: PLOC takes quadratic time for boxes at one
+/// place.
 fn moved(number: usize) -> DVec3 {
     let bits = (number as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     let axis = |shift: u32| (bits >> shift & 0xffff) as f64 / 65_536.0 - 0.5;

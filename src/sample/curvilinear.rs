@@ -1,15 +1,20 @@
-//! Curvilinear grids: one anisotropic kernel per node or cell.
+//! Samples curvilinear grids: one anisotropic kernel per node or cell.
 //!
-//! V = kernel_width² F Fᵀ with F = ∂x/∂(i, j, k), mass from the volume of the node's own part of
-//! the grid: the eighths of the cells around it ([`Grid::node_parts`]).
+//! The variance is V = kernel_width² F Fᵀ with F = ∂x/∂(i, j, k). The mass follows from the volume of the
+//! node's own part of the grid: the eighths of the cells around it ([`Grid::node_parts`]).
 //!
-//! A kernel lies at the centroid of its part, not at the node. Measured in one dimension at
-//! width .6, as the rms error of a uniform density from .6 spacings inside the boundary on: half
-//! cells at the boundary with half-width kernels at the node 7.8 %, full-width at the node
-//! 4.5 %, half-width at the centroid 4.7 %, full-width at the centroid 2.2 % (.3 % from one
-//! spacing on). The last is used: boundary parts have half the volume and the full F. Where
-//! the spacing changes 2:1 at once, the greatest error falls from 22 % to 12 % with centroids,
-//! and from 4.6 % to 2.8 % at a stretching of 1.3 per cell; nothing more is done about it.
+//! A kernel lies at the centroid of its part, not at the node. Four variants were measured in one dimension at
+//! width .6, by the rms error of a uniform density from .6 spacings inside the boundary on. Parts at the
+//! boundary are half cells:
+//!
+//! - half-width kernels at the node: 7.8 %,
+//! - full-width kernels at the node: 4.5 %,
+//! - half-width kernels at the centroid: 4.7 %,
+//! - full-width kernels at the centroid: 2.2 % (.3 % from one spacing on).
+//!
+//! The last variant is used: boundary parts have half the volume and the full F. Centroids reduce the greatest
+//! error from 22 % to 12 % if the spacing changes 2:1 at once, and from 4.6 % to 2.8 % at a stretching of 1.3
+//! per cell. Nothing more is done about it.
 
 use std::ops::Range;
 
@@ -42,7 +47,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     let Geometry::Curvilinear { blocks } = &dataset.geometry else {
         unreachable!("the caller matched the geometry")
     };
-    // Walls stand among the blocks of some files; their nodes have no volume.
+    // Some files have walls among their blocks; the nodes of walls have no volume.
     let is_flat = |block: &CurvilinearBlock| block.dims.iter().any(|&n| n < 2);
     if blocks.iter().all(is_flat) {
         let dims = blocks.first().map_or([0; 3], |block| block.dims);
@@ -100,7 +105,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         levels::even_out(&mut kernels, options.task.as_ref())?;
     }
     let GridFit { normals, models } = field.fit(&kernels, 0..kernels.kept.len(), options)?;
-    // Coded, they take a quarter.
+    // The encoded models take a quarter of the memory.
     let local_models = models.map(|models| LocalModels::new(&models));
     let is_sharp = options.is_sharp() && taken.association == Association::Nodes;
     let kept = if is_sharp {
@@ -129,30 +134,30 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     Ok(sampled)
 }
 
-/// A field on curvilinear grids, of some of whose samples kernels are asked for.
+/// A field on curvilinear grids. Kernels are wanted for some of its samples.
 pub(super) struct GridField<'a> {
-    /// With the number of each one's first sample.
+    /// Each grid with the number of its first sample.
     pub(super) grids: &'a [(usize, Grid<'a>)],
     pub(super) association: Association,
-    /// Of all samples.
+    /// Values of all samples.
     pub(super) values: &'a Values,
-    /// Those that are asked for.
+    /// The samples whose kernels are wanted.
     pub(super) own: Range<usize>,
 }
 
-/// What is fitted to the field about kernels.
+/// Normals and local models fitted to the field around kernels.
 pub(super) struct GridFit {
     pub(super) normals: Option<Vec<u32>>,
     pub(super) models: Option<Vec<LocalModel>>,
 }
 
 impl GridField<'_> {
-    /// The grid of a sample, and where its samples begin.
+    /// Returns the grid of a sample, with the number of its first sample.
     fn of_sample(&self, i: usize) -> &(usize, Grid<'_>) {
         &self.grids[self.grids.partition_point(|(first, _)| *first <= i) - 1]
     }
 
-    /// The kernels of all samples; the report is of those that are asked for.
+    /// Computes the kernels of all samples; the report covers the wanted ones.
     ///
     /// # Errors
     /// Work that was cancelled.
@@ -196,9 +201,9 @@ impl GridField<'_> {
         )
     }
 
-    /// Normals and local models, where these are asked for.
+    /// Computes normals and local models if the options ask for them.
     ///
-    /// - `own`: the kernels that they are asked for.
+    /// - `own`: the kernels for which they are wanted.
     ///
     /// # Errors
     /// Work that was cancelled.
@@ -232,7 +237,7 @@ impl GridField<'_> {
                     let (first, grid) = self.of_sample(sample);
                     let of_grid = grid.samples(self.association, &known[*first..]);
                     let start = of_grid.indices(sample - first);
-                    // As many as the same row has, within a run.
+                    // A run ends with its row of samples at the latest.
                     let end = sample + RUN.min(of_grid.dims[0] - start[0]);
                     let members = &kernels.kept[kernel..kernel + rest.len().min(RUN)];
                     let count = members.partition_point(|&member| (member as usize) < end);
@@ -259,7 +264,7 @@ impl GridField<'_> {
     }
 }
 
-/// The values of all samples, NaN where they are hidden or not finite.
+/// Values of all samples, with NaN for hidden or non-finite ones.
 fn known_values(
     samples: &[(usize, Grid<'_>)],
     association: Association,
@@ -285,8 +290,8 @@ fn known_values(
 }
 
 impl Grid<'_> {
-    /// A field's samples with a position and a `known` value, that of the grid's first sample first. Gradients are
-    /// those between samples, not at the kernels' centroids: there the chain rule is exact.
+    /// Samples of a field that have a position and a `known` value; `known` starts at the grid's first sample.
+    /// Gradients are taken between samples, not at the kernels' centroids: there the chain rule is exact.
     fn samples(
         &self,
         association: Association,
@@ -307,7 +312,7 @@ impl Grid<'_> {
             let is_known = position.is_finite() && !value.is_nan();
             is_known.then_some((position, f64::from(value)))
         };
-        // The last plane of nodes is the first.
+        // On a closed index the last plane of nodes repeats the first.
         let periods = [0, 1, 2].map(|d| self.periodic[d].then(|| self.dims[d] - 1));
         Samples { dims, periods, at }
     }

@@ -1,4 +1,4 @@
-//! Curvilinear grids of which some planes are here, and the others elsewhere.
+//! Samples curvilinear grids that are partitioned over ranks by planes.
 
 use std::ops::Range;
 
@@ -22,54 +22,54 @@ use crate::scene::{
 
 /// Planes of constant k of a grid, with a field.
 pub(crate) struct GridPlanes {
-    /// Nodes along i, j and k that are here.
+    /// Local nodes along i, j and k.
     pub(crate) dims: [usize; 3],
     pub(crate) nodes: Vec<DVec3>,
     pub(crate) blanking: Blanking,
     pub(crate) association: Association,
-    /// Of the nodes, or of the cells between them.
+    /// Values of the nodes, or of the cells between them.
     pub(crate) values: Values,
-    /// On which differences of the values of all planes are taken.
+    /// Scale for taking differences of values, common to all planes.
     pub(crate) differences: ValueScale,
-    /// Whether the first and the last plane of the grid along each index are one; not along k.
+    /// True for each index along which the first and the last plane of the grid coincide; false along k.
     pub(crate) periodic: [bool; 3],
     pub(crate) window: Window,
 }
 
-/// Which planes are to be here where kernels of some are asked for.
+/// Returns the planes that a rank needs to make the kernels of some.
 ///
-/// - `own`: these, among `count`.
+/// - `own`: the planes whose kernels are wanted, among `count`.
 pub(crate) fn planes_around(
     own: &Range<usize>,
     count: usize,
     options: &SampleOptions,
 ) -> Range<usize> {
-    // What a uniform field reads at a node is asked of kernels so far away; where the spacing bends, two nodes away, of the
-    // kernels beside these; local models look as far as two nodes. Kernels look at the nodes beside theirs.
+    // The sum of kernels at a node includes kernels up to `reach` away. If the spacing changes two nodes away,
+    // the kernels beside those count, too. Local models reach two nodes. Kernels need the adjacent nodes.
     let reach = even_grid::reach(options.kernel_width).unsigned_abs();
     let reach = reach.max(3) + 2;
     let first = own.start.saturating_sub(reach);
     let end = (own.end + reach).min(count);
-    // Kernels near a face are cut there.
+    // Kernels near a face are cut there, so the face's own plane is needed.
     let near = FARTHEST + 2;
     let first = if first <= near { 0 } else { first };
     let end = if end + near >= count { count } else { end };
     first..end
 }
 
-/// What is made of them.
+/// Particles made of a range of planes.
 pub(crate) struct GridApart<'a> {
     here: &'a GridPlanes,
     grid: Grid<'a>,
-    /// The sample of each particle.
+    /// Sample of each particle.
     kept: Vec<u32>,
-    /// The particles that are asked for; the others are there because these look at them.
+    /// The wanted particles; the others are ghosts that these need.
     own: Range<usize>,
-    /// Of all that are here. Values as they stand in the data, and no function.
+    /// All local particles, with the data's values and without a function.
     pub(crate) volume: PointVolume,
-    /// As many.
+    /// Models, one for each local particle.
     pub(crate) models: Option<Vec<LocalModel>>,
-    /// Of those that are asked for.
+    /// Report on the wanted particles.
     pub(crate) report: SampleReport,
 }
 
@@ -83,12 +83,12 @@ impl GridPlanes {
         planes.start * each..planes.end * each
     }
 
-    /// Particles of the planes that are asked for, and of those that they look at.
+    /// Makes the particles of the wanted planes and of the ghost planes that these need.
     ///
-    /// - `volume_sum`: of the particles that are asked for \[length³\].
+    /// - `volume_sum`: sum to which the volumes of the wanted particles are added \[length³\].
     ///
     /// # Errors
-    /// What `rest` says; work that was cancelled.
+    /// Errors of the reductions over `rest`; work that was cancelled.
     pub(crate) fn sampled(
         &self,
         options: &SampleOptions,
@@ -155,7 +155,7 @@ impl GridPlanes {
     }
 }
 
-/// Of those that are asked for, and something for the others.
+/// Pads values of the wanted particles with `none` for the others.
 fn padded<T: Copy>(of_own: Vec<T>, none: T, own: &Range<usize>, count: usize) -> Vec<T> {
     let mut all = vec![none; count];
     all[own.clone()].copy_from_slice(&of_own);
@@ -163,19 +163,19 @@ fn padded<T: Copy>(of_own: Vec<T>, none: T, own: &Range<usize>, count: usize) ->
 }
 
 impl GridApart<'_> {
-    /// Those of the particles that a function may be chosen from.
+    /// Picks the particles from which a function may be chosen.
     ///
-    /// - `first`: how many particles of the grid come before these.
-    /// - `count`: of the grid.
+    /// - `first`: number of particles of the grid that precede these.
+    /// - `count`: number of particles of the grid.
     pub(crate) fn picked(&self, first: usize, count: usize) -> Vec<PickedRow> {
         picked_of(&self.volume, &self.own, first, count)
     }
 
-    /// The particles that are asked for, with a sharp boundary where that is wanted, and how many of them, at the end, are
-    /// ghosts.
+    /// Returns the wanted particles, with a sharp boundary if the options ask for one. The number is that of
+    /// the ghosts among them, at the end.
     ///
     /// # Errors
-    /// What `rest` says.
+    /// Errors of the reductions over `rest`.
     pub(crate) fn finished(
         self,
         options: &SampleOptions,
@@ -209,7 +209,7 @@ impl GridApart<'_> {
     }
 }
 
-/// Some particles of a volume of ellipsoids that a function classifies.
+/// Selects particles of a volume of ellipsoids that a function classifies.
 fn some_of(volume: PointVolume, wanted: &[u32]) -> PointVolume {
     fn some<T: Copy>(all: &[T], wanted: &[u32]) -> Vec<T> {
         wanted.iter().map(|&i| all[i as usize]).collect()

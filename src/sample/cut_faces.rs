@@ -1,4 +1,4 @@
-//! What a clip plane lays open: the field on it, as opaque surfels.
+//! Shows the field on clip planes as opaque surfels.
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
@@ -9,41 +9,42 @@ use crate::error::{Error, Result};
 use crate::scene::{Colour, Particles, PointVolume, Strength};
 use crate::view::ClipPlane;
 
-/// How many standard deviations along the plane's normal a kernel may lie off it: what is beyond is
+/// Greatest distance of a kernel from the plane, in standard deviations along the normal. Kernels beyond add
 /// 6e-5 of the kernels' sum on average.
 const REACH: f64 = 4.0;
 
-/// How far inside the plane surfels lie, in standard deviations of their kernels along its normal,
-/// so that rounding does not make the plane cut away what lies on it.
+/// Depth of surfels inside the plane, in standard deviations of their kernels along its normal. Without it,
+/// rounding would let the plane cut away its own surfels.
 const INSIDE: f64 = 0.05;
 
-/// The faces of clip planes through a volume: opaque surfels on each plane that show the field there.
-/// `None` where no plane meets a kernel.
+/// Makes the faces of clip planes through a volume: opaque surfels on each plane that show the field there.
+/// Returns `None` if no plane meets a kernel.
 ///
-/// A kernel that a plane crosses is sliced: restricted to the plane a Gaussian is one in two
-/// dimensions, with the conditional mean and variance
+/// A kernel that a plane crosses is sliced. A Gaussian restricted to the plane is a Gaussian in two dimensions,
+/// with the conditional mean and variance:
 ///
 /// - mean: m - V n d / s², s² = nᵀ V n, d the centre's signed distance from the plane,
 /// - variance: V - V n nᵀ V / s², of rank two (in factors: L (I - u uᵀ) Lᵀ, u along Lᵀ n),
 /// - weight: the kernel's cell volume times exp(-d²/(2 s²)) / (sqrt(2 pi) s) \[length²\].
 ///
-/// Weights and slices sum to what cell volumes times kernels do: to 1 within the volume, with the
-/// same ripple. The surfels are a [`Strength::Surface`] that averages its colours by these areas and
-/// covers what lies behind it; they have the kernels' values, colours and transfer function, which
-/// is asked for its colour alone. What it leaves transparent, or nearly so (below a hundredth of
-/// its greatest extinction), has no face: the air around a body is no wall. Their fronts face the
-/// side that is cut away, they are drawn from both sides, and they lie a little inside the plane (a
-/// twentieth of the kernel's standard deviation).
+/// Weights and slices sum to the same as cell volumes times kernels: to 1 within the volume, with the same
+/// ripple. The surfels are a [`Strength::Surface`], which averages its colours by these areas and covers
+/// everything behind it. They have the kernels' values, colours and transfer function, of which only the colour
+/// is used.
 ///
-/// - `planes`: as [`ClipPlane`] says; a face is left out where other planes cut it away. They are to
-///   clip the volume when it is drawn, together with its faces.
+/// Values whose extinction is below a hundredth of the function's greatest have no face: the air around a body
+/// is no wall. The fronts of surfels face the side that is cut away; surfels are drawn from both sides. They
+/// lie a little inside the plane (a twentieth of the kernel's standard deviation).
 ///
-/// Kernels without a value (not a finite number) are left out, and kernels that are flat along a
-/// plane, which it meets nowhere or all over.
+/// - `planes`: clip planes as [`ClipPlane`] defines them. A face is left out where other planes cut it away.
+///   Clip the volume and its faces by the same planes when they are drawn.
+///
+/// Kernels without a finite value are left out. So are kernels that are flat parallel to a plane: the plane
+/// contains them or misses them.
 ///
 /// # Errors
-/// A volume that is not classified or of surfels, colours that depend on the view; a plane without a
-/// direction; what [`PointVolume::validate`] says.
+/// A volume that is not classified or consists of surfels; colours that depend on the view; a plane without a
+/// direction; errors of [`PointVolume::validate`].
 pub fn cut_faces(volume: &PointVolume, planes: &[ClipPlane]) -> Result<Option<PointVolume>> {
     volume.validate()?;
     let Strength::Classified { volumes } = &volume.strength else {
@@ -156,14 +157,14 @@ fn normalised(plane: &ClipPlane) -> Result<ClipPlane> {
     })
 }
 
-/// One particle: centre, a factor L of V = L Lᵀ and cell volume.
+/// A particle: centre, a factor L of V = L Lᵀ, and cell volume.
 struct Kernel {
     centre: DVec3,
     factor: DMat3,
     volume: f64,
 }
 
-/// What a plane cuts out of a kernel.
+/// The slice of a kernel by a plane.
 struct Slice {
     position: DVec3,
     tangents: [f32; 6],
@@ -171,7 +172,7 @@ struct Slice {
 }
 
 impl Slice {
-    /// The standard deviation along a direction of unit length.
+    /// Returns the standard deviation along a unit vector.
     fn sigma_along(&self, direction: DVec3) -> f64 {
         let [ax, ay, az, bx, by, bz] = self.tangents.map(f64::from);
         let along = [DVec3::new(ax, ay, az), DVec3::new(bx, by, bz)].map(|t| t.dot(direction));
@@ -179,7 +180,7 @@ impl Slice {
     }
 }
 
-/// The slice by a plane with a normal of unit length; `None` where the plane does not meet the kernel.
+/// Slices a kernel by a plane with a unit normal; `None` if the plane does not meet the kernel.
 fn slice(kernel: &Kernel, plane: &ClipPlane) -> Option<Slice> {
     let along = kernel.factor.transpose() * plane.normal;
     let sigma = along.length();
@@ -190,7 +191,7 @@ fn slice(kernel: &Kernel, plane: &ClipPlane) -> Option<Slice> {
     }
     let along = along / sigma;
     let share = distance / sigma;
-    // L of what is perpendicular to u: in the plane, because n . L e = |Lᵀ n| u . e.
+    // L times the directions perpendicular to u lies in the plane, because n . L e = |Lᵀ n| u . e.
     let (e1, e2) = along.any_orthonormal_pair();
     let (mut a, mut b) = (kernel.factor * e1, kernel.factor * e2);
     if a.cross(b).dot(plane.normal) > 0.0 {

@@ -1,4 +1,4 @@
-//! Surfels from points with normals and radii.
+//! Makes surfels of points with normals and radii.
 
 use std::f64::consts::PI;
 
@@ -10,19 +10,19 @@ use super::{SampleReport, Sampled, narrowed};
 use crate::error::{Error, Result};
 use crate::scene::{Colour, Particles, PointVolume, Strength};
 
-/// Surfels of an opaque surface of which points, normals and radii are known, as scans have them.
+/// Makes the surfels of an opaque surface from points with normals and radii, as scans have them.
 ///
-/// A point stands for a disc of the surface: surfels whose discs' areas π r² add up to that of the surface cover it, as
-/// evenly as the points lie. The standard deviation is [`SURFEL_WIDTH`] times the root of that area, as of surfels that
-/// are made of meshes ([`mesh::surfels`](super::mesh::surfels)).
+/// A point stands for a disc of the surface. If the areas π r² of all discs add up to the area of the surface,
+/// the surfels cover it as evenly as the points lie. The standard deviation is [`SURFEL_WIDTH`] times the
+/// square root of that area, as for surfels made of meshes ([`mesh::surfels`](super::mesh::surfels)).
 ///
 /// - `positions`: centres, world units.
-/// - `normals`: of any length but zero; towards the front.
+/// - `normals`: towards the front, of any length but zero.
 /// - `radii`: world units.
-/// - `colours`: linear RGB from 0 up, one for each; none for white.
+/// - `colours`: linear RGB from 0 up, one for each point; empty for white.
 ///
-/// Points that cannot be drawn, of which a number is not finite, a normal has no length or a radius is not positive, are
-/// left out and counted.
+/// Points that cannot be drawn are left out and counted: those with a number that is not finite, a normal
+/// without length, or a radius that is not positive.
 ///
 /// ```
 /// use ewa_splat::sample::discs;
@@ -39,7 +39,7 @@ use crate::scene::{Colour, Particles, PointVolume, Strength};
 /// ```
 ///
 /// # Errors
-/// Arrays of other lengths; nothing that can be drawn.
+/// Arrays of different lengths; no point that can be drawn.
 pub fn discs(
     positions: impl Into<Vec<DVec3>>,
     normals: &[DVec3],
@@ -148,13 +148,13 @@ mod tests {
         };
         let [ax, ay, az, bx, by, bz] = tangents[0].map(f64::from);
         let front = DVec3::new(ax, ay, az).cross(DVec3::new(bx, by, bz));
-        // 0.6² of a four-hundredth.
+        // 0.6² of the area 1/400.
         assert!((front - DVec3::Z * 0.36 / 400.0).length() < 1e-9, "{front}");
         let camera = Camera::orthographic(2.0 * DVec3::Z, DVec3::ZERO, DVec3::Y, 0.5, [16, 16]);
         let mut renderer = Renderer::new(vec![sampled.volume]).unwrap();
         let image = renderer.render(&camera, &Settings::default()).unwrap();
         for pixel in &image.pixels {
-            // Opaque surfels that cover the plane, white.
+            // Opaque white surfels cover the plane.
             assert!(pixel.iter().all(|c| (c - 1.0).abs() < 1e-3), "{pixel:?}");
         }
     }

@@ -1,4 +1,4 @@
-//! Where pictures of particles will err, as far as their places and sizes tell.
+//! Warns of errors that pictures of particles will have, judged by positions and sizes.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -7,25 +7,25 @@ use super::neighbours::PointIndex;
 use crate::math::principal_sigmas;
 use crate::scene::Particles;
 
-/// Particles of which crowds are looked for.
+/// Number of particles that are checked for crowding.
 const SAMPLE: usize = 2000;
 
-/// Other centres within one standard deviation of a kernel, in the geometric mean of its axes, from which it is crowded:
-/// even particles have none, smoothed ones three or four. Among more the order of the centres says little of
-/// what lies in front.
+/// Number of other centres within one standard deviation of a kernel (geometric mean of its axes) from which
+/// the kernel is crowded. Even particles have none, smoothed ones three or four. In larger crowds the order of
+/// the centres hardly tells what lies in front.
 const CROWD: usize = 32;
 
-/// Share of the particles that may be crowded without a word.
+/// Share of the particles that may be crowded without a warning.
 const MOST_CROWDED: f64 = 0.05;
 
-/// A kernel's longest standard deviation over the diagonal of the box of all centres, from which it covers a good
-/// part of the data.
+/// A kernel is large if its longest standard deviation exceeds this share of the diagonal of the box of all
+/// centres: it then covers a good part of the data.
 const LARGE: f64 = 0.1;
 
-/// One sentence for each way in which pictures of these particles will err: kernels that are crowded far beyond what
-/// sorting by centres bears, and kernels as large as the data.
+/// Returns one sentence for each error that pictures of these particles will have. It looks for kernels that
+/// are crowded beyond what sorting by centres can handle, and for kernels as large as the data.
 ///
-/// Lattices and surfels have none of either.
+/// Lattices and surfels have neither.
 pub fn doubts(particles: &Particles) -> Vec<String> {
     let sigmas: Vec<[f64; 3]> = match particles {
         Particles::Isotropic { sigmas, .. } => sigmas.iter().map(|&s| [f64::from(s); 3]).collect(),
@@ -52,7 +52,7 @@ fn crowded(positions: &[DVec3], sigmas: &[[f64; 3]]) -> Option<String> {
         let farthest = index.nearest(group, CROWD).last();
         farthest.is_some_and(|(_, squared)| squared < radius * radius)
     };
-    // As many as are asked for and there are.
+    // With fewer groups no particle has that many neighbours.
     if index.group_count() <= CROWD {
         return None;
     }
@@ -77,7 +77,7 @@ fn large(positions: &[DVec3], sigmas: &[[f64; 3]]) -> Option<String> {
     });
     let size = (high - low).length();
     let found = sigmas.iter().filter(|s| s[0] > LARGE * size).count();
-    // A handful of kernels are as large as the box of their centres.
+    // A handful of kernels may well be as large as the box of their centres.
     let is_doubtful = found > 0 && positions.len() > CROWD && size > 0.0;
     is_doubtful.then(|| {
         let kernels = if found == 1 { "kernel has" } else { "kernels have" };
@@ -104,7 +104,7 @@ mod tests {
     #[test]
     fn even_kernels_raise_no_doubt_and_crowded_or_large_ones_do() {
         assert_eq!(doubts(&cube(12, 0.6)), Vec::<String>::new());
-        // In the middle of a cubic lattice 26 others lie within 1.9 spacings, and 56 within 2.3.
+        // Around the middle of a cubic lattice 26 others lie within 1.9 spacings, and 56 within 2.3.
         assert_eq!(doubts(&cube(20, 1.9)), Vec::<String>::new());
         let found = doubts(&cube(20, 2.3));
         assert_eq!(found.len(), 1, "{found:?}");
@@ -116,7 +116,7 @@ mod tests {
         let found = doubts(&one);
         assert_eq!(found.len(), 1, "{found:?}");
         assert!(found[0].starts_with("1 kernel has"), "{found:?}");
-        // Nothing to compare.
+        // A single kernel has nothing to be compared with.
         assert_eq!(doubts(&cube(1, 3.0)), Vec::<String>::new());
     }
 }

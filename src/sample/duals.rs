@@ -1,9 +1,8 @@
-//! Dual cells of unstructured grids: the parts of solid cells that belong to their corners.
+//! Computes dual cells of unstructured grids: the parts of solid cells that belong to their corners.
 //!
-//! Every solid cell is cut along the centres of its edges, its faces and itself (the barycentric
-//! dual). Parts are sums of tetrahedra, whose volume and moments are exact; in a tetrahedron they
-//! have closed forms. The parts around a node make up its dual cell, with a volume, a centroid and a
-//! covariance.
+//! Every solid cell is cut at the centres of its edges, its faces and itself (the barycentric dual). The parts
+//! are sums of tetrahedra, whose volume and moments are exact; the parts of a tetrahedron have closed forms.
+//! The parts around a node make up its dual cell, with a volume, a centroid and a covariance.
 
 use std::ops::Range;
 
@@ -18,17 +17,17 @@ use crate::error::Result;
 use crate::io::{Blanking, CellKind, CellMesh, Handedness, polyhedron_faces};
 use crate::task::{Stage, Task};
 
-/// A cell is degenerate if its volume is below this share of its longest extent cubed: a sheet a
-/// millionth as thick as wide, and as narrow, passes.
+/// A cell is degenerate if its volume is below this share of its longest extent cubed. A cell that is a
+/// millionth as thick and as narrow as it is long passes.
 const DEGENERATE_VOLUME: f64 = 1e-12;
 
-/// Cells whose parts are computed at a time by one task.
+/// Number of cells whose parts one task computes at a time.
 const CHUNK: usize = 1024;
 
-/// Chunks of cells whose parts are held at a time: enough for many threads, little memory.
+/// Number of chunks whose parts are held in memory at a time: enough for many threads, little memory.
 const CHUNKS_AT_ONCE: usize = 16;
 
-/// Volume and moments of a part of space, relative to a point.
+/// Volume and moments of a region, relative to a point.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Moments {
     pub(super) volume: f64,
@@ -39,7 +38,7 @@ pub(super) struct Moments {
 }
 
 impl Moments {
-    /// Of the tetrahedron 0, u, v, w, with the sign of its determinant.
+    /// Moments of the tetrahedron 0, u, v, w, with the sign of its determinant.
     fn tetrahedron(u: DVec3, v: DVec3, w: DVec3) -> Self {
         let volume = DMat3::from_cols(u, v, w).determinant() / 6.0;
         let sum = u + v + w;
@@ -73,14 +72,14 @@ impl Moments {
     }
 }
 
-/// The shares of a tetrahedron's corners: moments of the barycentric coordinates over the quarter
-/// where l0 is the greatest, E\[li\], E\[li²\] and E\[li lj\] for i, j > 0.
+/// Moments of the barycentric coordinates over the quarter of a tetrahedron that belongs to corner 0, where l0
+/// is the greatest: E\[li\], E\[li²\] and E\[li lj\] for i, j > 0.
 const QUARTER_FIRST: f64 = 23.0 / 144.0;
 const QUARTER_SQUARE: f64 = 161.0 / 4320.0;
 const QUARTER_PRODUCT: f64 = 97.0 / 4320.0;
 
-/// Appends the corners of one solid cell and the moments of their parts relative to them. Returns
-/// the cell's volume with its sign and its centroid.
+/// Appends the corners of one solid cell, each with the moments of its part relative to it. Returns the cell's
+/// signed volume and its centroid.
 pub(super) fn cut(mesh: &CellMesh, cell: usize, parts: &mut Vec<(u32, Moments)>) -> (f64, DVec3) {
     let kind = mesh.kinds[cell];
     let entries = mesh.cell(cell);
@@ -134,7 +133,7 @@ pub(super) fn cut(mesh: &CellMesh, cell: usize, parts: &mut Vec<(u32, Moments)>)
     let Some((first, _)) = parts.first() else {
         return (0.0, DVec3::ZERO);
     };
-    // Relative to a corner, so that a far origin costs no digits.
+    // Relative to a corner, so that a distant origin costs no digits.
     let origin = node(*first);
     let centre = parts.iter().map(|(n, _)| node(*n) - origin).sum::<DVec3>() / parts.len() as f64;
     let mut face_nodes: Vec<u32> = Vec::with_capacity(8);
@@ -148,7 +147,7 @@ pub(super) fn cut(mesh: &CellMesh, cell: usize, parts: &mut Vec<(u32, Moments)>)
             let (face, cell) = (middle - a, centre - a);
             let mut part = Moments::tetrahedron((next - a) * 0.5, face, cell);
             part.add(&Moments::tetrahedron(face, (previous - a) * 0.5, cell));
-            // Seen from outside anticlockwise, these tetrahedra have negative determinants.
+            // For faces that are anticlockwise seen from outside, these tetrahedra have negative determinants.
             part.scale(-sign);
             if let Ok(place) = parts.binary_search_by_key(n, |(m, _)| *m) {
                 parts[place].1.add(&part);
@@ -175,7 +174,7 @@ pub(super) fn cut(mesh: &CellMesh, cell: usize, parts: &mut Vec<(u32, Moments)>)
             }
         }
     }
-    // All of a polyhedron's faces may be seen from inside.
+    // A polyhedron may list all its faces as seen from inside.
     let inside_out =
         kind == CellKind::POLYHEDRON && parts.iter().map(|(_, m)| m.volume).sum::<f64>() < 0.0;
     if inside_out {
@@ -187,7 +186,7 @@ pub(super) fn cut(mesh: &CellMesh, cell: usize, parts: &mut Vec<(u32, Moments)>)
         volume += part.volume;
         moment += part.first + (node(*n) - origin) * part.volume;
     }
-    // At a corner that bends inwards the share may be negative: it takes none, and the others give
+    // At a corner that bends inwards the share may be negative. That corner then gets none, and the others give
     // up as much.
     let positive: f64 = parts.iter().map(|(_, m)| m.volume.max(0.0)).sum();
     if volume > 0.0 && positive > volume * (1.0 + f64::EPSILON * 64.0) {
@@ -203,9 +202,9 @@ pub(super) fn cut(mesh: &CellMesh, cell: usize, parts: &mut Vec<(u32, Moments)>)
     (volume, origin + moment / volume)
 }
 
-/// Whether all faces of a polyhedron turn the same way: each edge is gone along once each way.
-/// Files disagree about the sense of faces; where they do not even agree with themselves, the
-/// cell's centre has to decide, which is right for all cells that it sees from within.
+/// Returns true if all faces of a polyhedron have one orientation: each edge is used once in each direction.
+/// Files disagree about the orientation of faces. If the faces of one cell disagree, too, the cell's centre
+/// decides, which is right for all cells that are star-shaped about it.
 fn faces_are_of_one_sense(entries: &[u32]) -> bool {
     let ends = |face: &[u32], i: usize| (face[i], face[(i + 1) % face.len()]);
     let mut edges: Vec<(u32, u32)> = polyhedron_faces(entries)
@@ -220,24 +219,24 @@ fn faces_are_of_one_sense(entries: &[u32]) -> bool {
 
 /// The dual cells of all nodes.
 ///
-/// Nodes at one position (where the pieces of a parallel file meet, or in meshes that share none)
-/// have one dual cell, of which each keeps its own share of the volume: kernels of the same shape
-/// at the same place.
+/// Nodes at one position share one dual cell; they occur at the seams of a parallel file's pieces, and in
+/// meshes that share no nodes. Each such node keeps its own share of the volume: their kernels have the same
+/// shape and place.
 pub(super) struct Duals {
-    /// Of the first node at each position, the whole dual cell's.
+    /// Moments of the whole dual cell, stored at the first node of each position.
     moments: Vec<Moments>,
-    /// The first node at the position of each; empty where no two are at one.
+    /// First node at the position of each node; empty if no two nodes coincide.
     pub(super) first: Vec<u32>,
-    /// The volume of each node's own share; empty as `first` is.
+    /// Volume of each node's own share; empty if `first` is.
     shares: Vec<f64>,
-    /// The solid cells that are left out for a fault, ascending.
+    /// Solid cells that are left out for a fault, ascending.
     left_out: Vec<u32>,
-    /// For each cell kind, which way its cells are numbered.
+    /// Orientation of the cells of each kind.
     pub(super) handedness: [Handedness; 256],
 }
 
-/// Six times the volume of a cell of fixed shape with its sign, its faces cut into triangles:
-/// enough to tell which way most cells of a kind are numbered. 0 for all others.
+/// Six times the signed volume of a cell of fixed shape, with its faces cut into triangles: enough to find the
+/// orientation of most cells of a kind. Returns 0 for all other cells.
 fn rough_volume(mesh: &CellMesh, cell: usize) -> f64 {
     let Some(faces) = mesh.kinds[cell].faces() else {
         return 0.0;
@@ -254,7 +253,7 @@ fn rough_volume(mesh: &CellMesh, cell: usize) -> f64 {
         .sum()
 }
 
-/// Longest extent of a cell's box.
+/// Returns the longest extent of a cell's bounding box.
 fn extent(mesh: &CellMesh, parts: &[(u32, Moments)]) -> f64 {
     let nodes = || parts.iter().map(|(n, _)| mesh.nodes[*n as usize]);
     let low = nodes().fold(DVec3::INFINITY, DVec3::min);
@@ -262,7 +261,7 @@ fn extent(mesh: &CellMesh, parts: &[(u32, Moments)]) -> f64 {
     (high - low).max_element()
 }
 
-/// A cell's volume if it has one of the right sign.
+/// Returns a cell's volume if it has the right sign.
 pub(super) fn sound_volume(
     mesh: &CellMesh,
     kind: CellKind,
@@ -285,7 +284,7 @@ pub(super) fn sound_volume(
     }
 }
 
-/// How many cells of each kind are numbered one way and the other.
+/// Counts the cells of each kind in either orientation.
 pub(crate) fn turned(mesh: &CellMesh) -> Vec<[usize; 2]> {
     (0..mesh.cell_count())
         .into_par_iter()
@@ -314,7 +313,7 @@ pub(crate) fn turned(mesh: &CellMesh) -> Vec<[usize; 2]> {
 }
 
 impl Duals {
-    /// - `handedness`: for each cell kind, which way its cells are numbered.
+    /// - `handedness`: orientation of the cells of each kind.
     /// - `own`: the cells whose faults go into the report.
     pub(super) fn new(
         mesh: &CellMesh,
@@ -364,7 +363,7 @@ impl Duals {
                     },
                 )
                 .collect();
-            // In the order of the cells: sums do not depend on the number of threads.
+            // In the order of the cells, so that sums do not depend on the number of threads.
             for (parts, mut found) in chunks {
                 for (node, part) in &parts {
                     duals.moments[*node as usize].add(part);
@@ -406,29 +405,29 @@ impl Duals {
         self.first = first;
     }
 
-    /// Whether a solid cell is left out for a fault.
+    /// Returns true if a solid cell is left out for a fault.
     pub(super) fn is_left_out(&self, cell: usize) -> bool {
         self.left_out.binary_search(&super::index_u32(cell)).is_ok()
     }
 
-    /// All nodes by the first at their position, ascending; empty where no two are at one.
+    /// Returns all nodes with the first at their position, ordered by it; empty if no two coincide.
     pub(super) fn copies(&self) -> Vec<(u32, u32)> {
         let mut copies: Vec<(u32, u32)> = self.first.iter().copied().zip(0..).collect();
         copies.par_sort_unstable();
         copies
     }
 
-    /// The dual cell that a node has a share of.
+    /// Returns the dual cell in which a node has a share.
     pub(super) fn moments(&self, node: usize) -> &Moments {
         &self.moments[self.first.get(node).map_or(node, |&first| first as usize)]
     }
 
-    /// The first node at a node's position.
+    /// Returns the first node at a node's position.
     pub(super) fn first_of(&self, node: u32) -> u32 {
         self.first.get(node as usize).copied().unwrap_or(node)
     }
 
-    /// The dual cell that a node has a share of: volume, and first and second moments about the node.
+    /// Returns the dual cell in which a node has a share: volume, and first and second moments about the node.
     pub(super) fn cell(&self, node: usize) -> Option<(f64, DVec3, DMat3)> {
         let moments = self.moments(node);
         let [xx, xy, xz, yy, yz, zz] = moments.second;
@@ -440,13 +439,13 @@ impl Duals {
         (moments.volume > 0.0).then_some((moments.volume, moments.first, second))
     }
 
-    /// The volume of a node's share.
+    /// Returns the volume of a node's share.
     pub(super) fn share(&self, node: usize) -> f64 {
         let own = self.shares.get(node).copied();
         own.unwrap_or(self.moments[node].volume)
     }
 
-    /// 12 times the covariance of a node's dual cell; `None` for a node without volume.
+    /// Returns 12 times the covariance of a node's dual cell; `None` for a node without volume.
     pub(super) fn shape(&self, node: usize) -> Option<[f64; 6]> {
         let moments = self.moments(node);
         let is_there = self.share(node) > 0.0 && moments.volume > 0.0;
@@ -454,7 +453,7 @@ impl Duals {
     }
 }
 
-/// For each node the first one at its position, or `None` where all positions differ.
+/// Returns the first node at the position of each node; `None` if all positions differ.
 fn first_at_position(nodes: &[DVec3]) -> Option<Vec<u32>> {
     let mut order: Vec<u32> = (0..nodes.len()).map(super::index_u32).collect();
     sort_by_position(nodes, &mut order);

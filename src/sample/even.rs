@@ -1,9 +1,11 @@
-//! Volumes evened out inside a sharp boundary: by what a uniform field reads at the samples.
+//! Evens out volumes inside a sharp boundary, by the sum of kernels at the samples of a uniform field.
 //!
-//! Where the spacing of a grid changes, its kernels do not add up to 1: by rho² X'''/X' along an axis, 2.5 % at a
-//! growth of 1.3 per cell, and by a fifth at a sudden change. Each sample's volume is divided by the sum of all
-//! kernels at it, once; a ghost's is changed as its sample's is. Inside a sharp boundary these sums lack nothing.
-//! Beside what is not cut they do: such samples stay as they are.
+//! If the spacing of a grid changes, its kernels do not add up to 1. They are off by rho² X'''/X' along an
+//! axis: by 2.5 % at a growth of 1.3 per cell, by a fifth at a sudden change. The volume of each sample is
+//! divided once by the sum of all kernels there. The volume of a ghost changes as that of its sample.
+//!
+//! Inside a sharp boundary these sums are complete. Beside a boundary that is not cut they lack kernels
+//! outside: samples there stay as they are.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -17,14 +19,14 @@ use crate::math::{lower_matrix, principal_sigmas};
 use crate::scene::{BoundaryPlanes, cut_kernel};
 use crate::task::Task;
 
-/// What is off by more is no matter of spacing: a volume changes by this factor at most.
+/// Greatest factor by which a volume changes: larger errors have causes other than spacing.
 const MOST_CHANGE: f64 = 1.5;
 
-/// A plane cuts a kernel at places so many of its standard deviations outside: less than that nodes of a curved
-/// wall lie outside the planes of their neighbours.
+/// A plane cuts a kernel at places this many of its standard deviations outside. On a curved wall, nodes lie
+/// outside the planes of their neighbours by less than that.
 const SLACK: f64 = 1.0;
 
-/// Kernels that reach more samples on average are not summed: the time would be noticed.
+/// Greatest average number of samples per kernel for which kernels are summed: more would take noticeable time.
 const MOST_REACHED: usize = 400;
 
 /// The kernels of a volume with a sharp boundary, ghosts last.
@@ -32,12 +34,12 @@ pub(super) struct CutKernels<'a> {
     pub(super) positions: &'a [DVec3],
     pub(super) factors: &'a [[f32; 6]],
     pub(super) boundary: &'a BoundaryPlanes,
-    /// The samples that ghosts belong to.
+    /// Sample of each ghost.
     pub(super) sources: &'a [usize],
 }
 
 impl CutKernels<'_> {
-    /// How many samples there are, without ghosts.
+    /// Returns the number of samples without ghosts.
     pub(super) fn own_count(&self) -> usize {
         self.positions.len() - self.sources.len()
     }
@@ -46,7 +48,8 @@ impl CutKernels<'_> {
         self.factors[kernel].map(f64::from)
     }
 
-    /// Where a kernel is cut, what says whether an offset from its centre lies inside the planes that cut it.
+    /// For a kernel that is cut, returns a test: does an offset from its centre lie inside the planes that cut
+    /// it?
     pub(super) fn cut(&self, kernel: usize) -> Option<impl Fn(DVec3) -> bool> {
         let planes = self.boundary.of(kernel)?;
         let transposed = lower_matrix(self.factor(kernel)).transpose();
@@ -60,8 +63,8 @@ impl CutKernels<'_> {
         })
     }
 
-    /// The sums of all kernels at the samples, found by distance; `None` where kernels are so long against the
-    /// distances that each reaches many samples.
+    /// Returns the sums of all kernels at the samples, found by distance. Returns `None` if each kernel reaches
+    /// many samples, because kernels are long compared with distances.
     pub(super) fn sums(&self, volumes: &[f32], task: Option<&Task>) -> Result<Option<Vec<f64>>> {
         let Some(index) = PointIndex::new(self.positions) else {
             return Ok(None);
@@ -81,13 +84,14 @@ impl CutKernels<'_> {
         index.kernel_sums(task, kernel, |j| self.cut(j)).map(Some)
     }
 
-    /// Divides volumes by sums, and scales all so that what lies inside is the volume of the data.
+    /// Divides volumes by sums, then scales all so that their total inside the boundary equals the volume of
+    /// the data.
     ///
-    /// - `sums`: at each sample; not finite where it stays as it is.
-    /// - `inside`: that volume.
+    /// - `sums`: the sum at each sample; a sample whose sum is not finite stays as it is.
+    /// - `inside`: volume of the data.
     ///
     /// # Errors
-    /// What those say who have the other samples.
+    /// Errors of the reductions over the ranks that have the other samples.
     pub(super) fn even_out(
         &self,
         volumes: &mut [f32],

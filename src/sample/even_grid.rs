@@ -1,5 +1,5 @@
-//! What a uniform field reads at the nodes of a curvilinear grid with a sharp boundary: kernels around a node
-//! are found by their indices, however long they are.
+//! Sums kernels at the nodes of a curvilinear grid with a sharp boundary. The kernels around a node are found
+//! by their indices, however long they are.
 
 use rayon::prelude::*;
 
@@ -8,44 +8,44 @@ use super::gradient::step_along;
 use super::kernel_sums::Density;
 use super::structured::Grid;
 
-/// No particle.
+/// Marks a node without a particle.
 const NONE: u32 = u32::MAX;
 
-/// Where the spacing bends by less, sums are off by less than .4 % (a growth of 1.1 per cell; rho .6).
+/// If the spacing changes by less, sums err by less than .4 % (a growth of 1.1 per cell; rho .6).
 const LEAST_BEND: f64 = 0.05;
 
-/// Nodes that are looked at along an index, however wide kernels are asked for.
+/// Greatest number of nodes searched along an index, however wide the kernels are.
 const MOST_REACH: isize = 6;
 
-/// Beyond so many standard deviations a kernel leaves 3e-4 of its peak.
+/// Cut-off in standard deviations, where a kernel has 3e-4 of its peak.
 const CUTOFF: f64 = 4.0;
 
-/// Nodes that are looked at along an index.
+/// Returns the number of nodes to search along an index, in each direction.
 ///
-/// - `width`: of kernels, in spacings.
+/// - `width`: width of kernels, in spacings.
 pub(super) fn reach(width: f64) -> isize {
-    // Three deviations: a node there adds exp(-9/2) / (2 pi)^(3/2) / .6³ of itself, .3 %.
+    // Three deviations: a node there adds exp(-9/2) / (2 pi)^(3/2) / .6³ of its value, .3 %.
     let reach = (1..MOST_REACH).find(|&n| n as f64 >= 3.0 * width);
     reach.unwrap_or(MOST_REACH)
 }
 
-/// The nodes of one grid and of its layers of ghosts.
+/// The nodes of one grid and of its ghost layers (the extended grid).
 pub(super) struct GridNodes<'a, 'b> {
     grid: &'a Grid<'b>,
-    /// Of the continued grid.
+    /// Nodes of the extended grid along each index.
     dims: [usize; 3],
-    /// The particle of each node of the continued grid.
+    /// Particle of each node of the extended grid.
     particles: Vec<u32>,
 }
 
-/// Of all kernels.
+/// Densities of all kernels.
 fn densities(kernels: &CutKernels<'_>, volumes: &[f32]) -> Vec<Density> {
     let of = |(i, &volume): (usize, &f32)| Density::new(kernels.factor(i), volume.into());
     volumes.par_iter().enumerate().map(of).collect()
 }
 
 impl<'a, 'b> GridNodes<'a, 'b> {
-    /// - `own`: particles of the grid's own nodes, both ascending.
+    /// - `own`: nodes of the grid itself with their particles, both ascending.
     pub(super) fn new(
         grid: &'a Grid<'b>,
         layers: [usize; 3],
@@ -54,7 +54,7 @@ impl<'a, 'b> GridNodes<'a, 'b> {
         let dims = [0, 1, 2].map(|a| grid.dims[a] + 2 * layers[a]);
         let [ni, nj, _] = grid.dims;
         let mut particles = vec![NONE; dims.iter().product()];
-        // The row of the grid's own, and its place in the continued one.
+        // Current row of the grid, and its position in the extended grid.
         let (mut row, mut place) = (usize::MAX, 0);
         for (node, particle) in own {
             if node / ni != row {
@@ -71,14 +71,14 @@ impl<'a, 'b> GridNodes<'a, 'b> {
         }
     }
 
-    /// Says which particle a node of the continued grid is.
+    /// Sets the particle of a node of the extended grid.
     pub(super) fn set(&mut self, place: usize, particle: u32) {
         self.particles[place] = particle;
     }
 
-    /// The index so many nodes away along axis `a`, across a seam; `None` outside.
+    /// Returns the index `by` nodes away along axis `a`, across a seam; `None` outside.
     fn along(&self, a: usize, at: usize, by: isize) -> Option<usize> {
-        // The last plane of nodes is the first.
+        // On a closed index the last plane of nodes repeats the first.
         let period = self.grid.periodic[a].then(|| self.dims[a] - 1);
         step_along(at, by, self.dims[a], period)
     }
@@ -87,14 +87,14 @@ impl<'a, 'b> GridNodes<'a, 'b> {
         i + self.dims[0] * (j + self.dims[1] * k)
     }
 
-    /// The particle at a place.
+    /// Returns the particle at a node of the extended grid.
     fn particle(&self, place: usize) -> Option<usize> {
         let particle = self.particles[place];
         (particle != NONE).then_some(particle as usize)
     }
 
-    /// What `of` gives for those of the grid's own nodes that have a particle, in their order: their indices in the
-    /// continued grid, and their particle.
+    /// Collects the results of `of` for the grid's own nodes that have a particle, in their order. `of`
+    /// receives a node's indices in the extended grid, and its particle.
     fn collect<T: Send>(
         &self,
         own_count: usize,
@@ -112,11 +112,11 @@ impl<'a, 'b> GridNodes<'a, 'b> {
         rows.flat_map_iter(of_row).collect()
     }
 
-    /// The sums of all kernels at the grid's own nodes, by particle; none where the grid is even around, and where
-    /// it ends without being cut.
+    /// Returns the sums of all kernels at the grid's own nodes, by particle. Nodes are left out if the grid is
+    /// even around them, or if it ends nearby without being cut.
     ///
-    /// - `all_densities`: made where the first grid asks for them;
-    /// - `width`: of kernels, in spacings.
+    /// - `all_densities`: densities of all kernels; the first grid that needs them computes them.
+    /// - `width`: width of kernels, in spacings.
     pub(super) fn sums(
         &self,
         kernels: &CutKernels<'_>,
@@ -150,7 +150,7 @@ impl<'a, 'b> GridNodes<'a, 'b> {
                 return None;
             }
             let position = kernels.positions[own];
-            // The indices around along each axis.
+            // The indices around the node along each axis.
             let axis = |a: usize| {
                 let indices: [Option<usize>; 2 * MOST_REACH as usize + 1] =
                     std::array::from_fn(|n| self.along(a, at[a], n as isize - MOST_REACH));
@@ -188,7 +188,7 @@ impl<'a, 'b> GridNodes<'a, 'b> {
         self.collect(own_count, sum)
     }
 
-    /// Whether the spacing changes at a node.
+    /// Returns true if the spacing changes at a node.
     fn bends(&self, kernels: &CutKernels<'_>, at: [usize; 3], own: usize) -> bool {
         let own = kernels.positions[own];
         (0..3).any(|a| {

@@ -1,17 +1,17 @@
-//! Factors of kernels that a file states by scales and rotation.
+//! Computes factors of kernels that a file states by scales and rotation.
 
 use glam::{DMat3, DQuat, DVec3};
 
 use super::left_out::LeftOut;
 use crate::math::lower_factor;
 
-/// The factor of a sphere.
+/// Returns the factor of a sphere.
 pub(super) fn sphere(sigma: f64) -> [f64; 6] {
     [sigma, 0.0, sigma, 0.0, 0.0, sigma]
 }
 
-/// The lower-triangular factor of a kernel with standard deviations along its own axes, turned by a
-/// quaternion w, x, y, z of any length but zero.
+/// Returns the lower-triangular factor of a kernel with standard deviations along its own axes. The axes are
+/// rotated by a quaternion w, x, y, z of any length but zero.
 pub(super) fn factor_of_scales(scales: [f32; 3], rotation: [f32; 4]) -> Result<[f64; 6], LeftOut> {
     let scales = DVec3::from(scales.map(f64::from));
     if !(scales.is_finite() && scales.min_element() >= 0.0 && scales.max_element() > 0.0) {

@@ -1,18 +1,18 @@
-//! Gradients by least squares.
+//! Fits gradients by least squares.
 
 use glam::{DMat3, DVec3};
 
-/// Added to the diagonal of the normal equations, as a share of their trace: where neighbours lie
-/// in a plane the gradient then lies in it too, and elsewhere it changes by less than what is
-/// stored of it.
+/// Damping added to the diagonal of the normal equations, as a share of their trace. If the neighbours lie in a
+/// plane, it keeps the gradient in that plane. Otherwise it changes the gradient by less than the stored
+/// precision.
 const DAMPING: f64 = 1e-9;
 
-/// Neighbours lie in all directions if the determinant of the sum of their unit dyads is above this
-/// share of an even spread's: one in a hundred out of the plane of the others, at least.
+/// Neighbours lie in all directions if the determinant of the sum of their unit dyads exceeds this share of an
+/// even spread's. That takes at least one in a hundred outside the plane of the others.
 const EVEN: f64 = 0.05;
 
-/// The gradient that fits offsets and changes of value best, weighted by 1/distance²; zero
-/// without any.
+/// Returns the gradient that best fits offsets and changes of value, weighted by 1/distance²; zero without
+/// neighbours.
 pub(super) fn least_squares(neighbours: impl Iterator<Item = (DVec3, f64)>) -> DVec3 {
     Fit::of(neighbours).gradient()
 }
@@ -25,7 +25,8 @@ pub(super) struct Fit {
 }
 
 impl Fit {
-    /// Of neighbours' offsets and changes of value; those without either do not count.
+    /// Sums over neighbours' offsets and changes of value; an offset of zero or a non-finite change does not
+    /// count.
     pub(super) fn of(neighbours: impl Iterator<Item = (DVec3, f64)>) -> Self {
         let mut fit = Self {
             matrix: DMat3::ZERO,
@@ -46,12 +47,12 @@ impl Fit {
         fit
     }
 
-    /// Whether the neighbours lie in all directions: those of a plane alone do not.
+    /// Returns true if the neighbours lie in all directions, not in a plane alone.
     pub(super) fn spans(&self) -> bool {
         self.matrix.determinant() > EVEN * (self.trace() / 3.0).powi(3)
     }
 
-    /// The gradient; zero without neighbours.
+    /// Returns the gradient; zero without neighbours.
     pub(super) fn gradient(&self) -> DVec3 {
         let trace = self.trace();
         if !(trace > 0.0) {

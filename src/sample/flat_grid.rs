@@ -1,11 +1,11 @@
-//! Grids of one layer as surfaces: there is no volume between their nodes.
+//! Turns grids of one layer into surfaces: there is no volume between their nodes.
 
 use crate::error::Result;
 use crate::io::{
     Association, Blanking, CurvilinearBlock, Dataset, Geometry, Material, Mesh, MeshPart,
 };
 
-/// Whether all grids of a data set have one node along just one index.
+/// Returns true if all grids of a data set have one node along exactly one index.
 pub(super) fn is_flat(dataset: &Dataset) -> bool {
     match &dataset.geometry {
         Geometry::Lattice(lattice) => sides(lattice.dims).is_some(),
@@ -14,10 +14,11 @@ pub(super) fn is_flat(dataset: &Dataset) -> bool {
     }
 }
 
-/// A data set whose grids all have one node along just one index, as a mesh with the same fields; any other as it is.
+/// Turns a data set whose grids are all flat ([`is_flat`]) into a mesh with the same fields. Any other is
+/// returned unchanged.
 ///
 /// # Errors
-/// Those of [`Dataset::validate`]; fields that say what is hidden and cannot be read.
+/// Those of [`Dataset::validate`]; fields that state hidden cells or nodes and cannot be read.
 pub(super) fn as_surface(mut dataset: Dataset) -> Result<Dataset> {
     if !is_flat(&dataset) {
         return Ok(dataset);
@@ -80,7 +81,8 @@ pub(super) fn as_surface(mut dataset: Dataset) -> Result<Dataset> {
     Ok(dataset)
 }
 
-/// Nodes along the two indices of a layer, the faster one first; `None` where it is none, or too large for a mesh.
+/// Returns the nodes along the two indices of a layer, the faster index first; `None` if the grid is no layer,
+/// or too large for a mesh.
 fn sides(dims: [usize; 3]) -> Option<(usize, usize)> {
     let wide: Vec<usize> = dims.iter().copied().filter(|n| *n > 1).collect();
     let [wide, high] = wide[..] else {

@@ -1,14 +1,13 @@
-//! Directions of gradients, for light: unit normals of the surfaces of equal value.
+//! Computes directions of gradients, for light: unit normals of the surfaces of equal value.
 //!
 //! | data | gradient | error |
 //! |---|---|---|
-//! | lattices, curvilinear grids | central differences along each index of values and of positions, g = F⁻ᵀ ∂v/∂(i, j, k), F = ∂x/∂(i, j, k) by the same differences; one-sided at borders and beside samples without a value | second order in the spacing where it is even, first where it changes |
+//! | lattices, curvilinear grids | central differences along each index of values and of positions, g = F⁻ᵀ ∂v/∂(i, j, k), F = ∂x/∂(i, j, k) by the same differences; one-sided at borders and beside samples without a value | second order in the spacing if it is even, first order if it changes |
 //! | cells | least squares over the samples that share a cell or a node, weights 1/distance² | first order |
-//! | particles | the same over the 14 nearest, more where these lie in a plane | first order |
+//! | particles | least squares over the 14 nearest, more if these lie in a plane | first order |
 //!
-//! All are exact for linear fields, but at a sample whose neighbours do not span space: there the
-//! field counts as constant across them. Directions are stored to .12 degrees
-//! ([`normal_code`]).
+//! All are exact for linear fields, except at a sample whose neighbours do not span space: there the field
+//! counts as constant across them. Directions are stored to .12 degrees ([`normal_code`]).
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
@@ -22,11 +21,11 @@ use crate::math::normal_code;
 use crate::scene::{Lattice, Particles, PointVolume, Strength, Values};
 use crate::task::{Task, collect};
 
-/// Columns of F span space if its determinant is above this share of the product of their lengths:
-/// that of cells sheared to nothing, not of thin ones.
+/// Columns of F span space if its determinant exceeds this share of the product of their lengths. Only cells
+/// sheared flat fall below it; thin cells do not.
 pub(super) const SPANNING: f64 = 1e-9;
 
-/// Gives a volume normals where it has values and none yet. Surfels and splats stay as they are.
+/// Gives a volume normals if it has values and no normals yet. Surfels and splats stay as they are.
 pub(super) fn complete(volume: &mut PointVolume, task: Option<&Task>) -> Result<()> {
     let is_of_splats = matches!(volume.strength, Strength::PeakOpacity { .. });
     let (Some(values), None, false) = (&volume.values, &volume.normals, is_of_splats) else {
@@ -61,23 +60,23 @@ fn of_lattice(lattice: &Lattice, values: &Values, task: Option<&Task>) -> Result
     collect(task, "fitting gradients", lattice.len(), normal)
 }
 
-/// Samples with a place in a three-dimensional array.
+/// Samples in a three-dimensional array.
 pub(super) struct Samples<F> {
     pub(super) dims: [usize; 3],
-    /// After how many samples an index begins again, where the grid closes on itself.
+    /// Number of samples after which an index repeats, for a grid that closes on itself.
     pub(super) periods: [Option<usize>; 3],
-    /// Position and value of a sample that has both.
+    /// Returns position and value of a sample, if it has both.
     pub(super) at: F,
 }
 
 impl<F: Fn([usize; 3]) -> Option<(DVec3, f64)>> Samples<F> {
-    /// The indices of a sample by its number.
+    /// Returns the indices of a sample, given its number.
     pub(super) fn indices(&self, sample: usize) -> [usize; 3] {
         let [ni, nj, _] = self.dims;
         [sample % ni, sample / ni % nj, sample / (ni * nj)]
     }
 
-    /// The gradient at a sample; zero where nothing is known of it.
+    /// Returns the gradient at a sample; zero if the sample is unknown.
     pub(super) fn gradient(&self, sample: [usize; 3]) -> DVec3 {
         let Some(own) = (self.at)(sample) else {
             return DVec3::ZERO;
@@ -99,7 +98,7 @@ impl<F: Fn([usize; 3]) -> Option<(DVec3, f64)>> Samples<F> {
         if jacobian.determinant().abs() > SPANNING * lengths {
             return jacobian.inverse().transpose() * changes;
         }
-        // A singular line, a single layer, or neighbours without values: all around, also across.
+        // On a singular line, in a single layer or beside samples without values: fit all 26 neighbours.
         let around = (0..27_usize).filter_map(|n| {
             let steps = [n % 3, n / 3 % 3, n / 9].map(|s| s as isize - 1);
             let (position, value) = self.neighbour(sample, steps)?;
@@ -108,25 +107,26 @@ impl<F: Fn([usize; 3]) -> Option<(DVec3, f64)>> Samples<F> {
         least_squares(around)
     }
 
-    /// Position and value of the sample some steps away.
+    /// Returns position and value of the sample some steps away.
     pub(super) fn neighbour(&self, sample: [usize; 3], steps: [isize; 3]) -> Option<(DVec3, f64)> {
         (self.at)(self.stepped(sample, steps)?)
     }
 
-    /// The sample some steps away, fewer along a closed index than it has samples, if there is one.
+    /// Returns the sample some steps away, if there is one. Steps along a closed index must be fewer than its
+    /// samples.
     fn stepped(&self, sample: [usize; 3], steps: [isize; 3]) -> Option<[usize; 3]> {
         let along = |axis: usize| self.along(axis, sample[axis], steps[axis]);
         Some([along(0)?, along(1)?, along(2)?])
     }
 
-    /// The same along one index.
+    /// Returns the index some steps away along one axis.
     pub(super) fn along(&self, axis: usize, own: usize, step: isize) -> Option<usize> {
         step_along(own, step, self.dims[axis], self.periods[axis])
     }
 }
 
-/// The index so many steps away among `count`, `None` outside; across the seam of a closed index, which comes back to
-/// itself after a period.
+/// Returns the index `step` steps away among `count`, `None` outside. A closed index repeats after its period:
+/// steps cross the seam.
 pub(super) fn step_along(
     own: usize,
     step: isize,
@@ -143,11 +143,11 @@ pub(super) fn step_along(
     }
 }
 
-/// Codes of the normals of some samples of an unstructured grid, from those with which they share a
-/// cell (values of nodes) or a node (values of cells): in layers of cells far thinner than wide, the
-/// nearest in space all lie in one direction.
+/// Returns codes of the normals at the wanted samples of an unstructured grid. Neighbours are the samples that
+/// share a cell (values of nodes) or a node (values of cells). In layers of cells far thinner than wide, the
+/// nearest samples in space would all lie in one direction.
 ///
-/// Of those kernels that are asked for; samples without a kernel count for nothing.
+/// Samples without a kernel are ignored.
 pub(super) fn of_mesh(samples: &SampledMesh<'_>) -> Vec<u32> {
     let &SampledMesh {
         mesh,
@@ -191,7 +191,7 @@ mod tests {
     use super::*;
     use crate::sample::fit::Fit;
 
-    /// Samples at `place` of each index, values by `field`; NaN is no value.
+    /// Samples at `place` of each index, with values of `field`; NaN means no value.
     fn samples(
         dims: [usize; 3],
         place: impl Fn([f64; 3]) -> DVec3,
@@ -219,7 +219,7 @@ mod tests {
         4.0 + SLOPE.dot(x)
     }
 
-    /// Stretched, sheared, and bent around an axis whose line of samples is one place.
+    /// A stretched grid, a sheared one, and one bent around an axis, whose line of samples is one place.
     fn places() -> [fn([f64; 3]) -> DVec3; 3] {
         [
             |[i, j, k]| DVec3::new(1.1_f64.powf(i), j * j, 0.3 * k),
@@ -235,8 +235,8 @@ mod tests {
             let samples = samples(dims, place, linear);
             for sample in all(dims) {
                 let error = (samples.gradient(sample) - SLOPE).length();
-                // Differences of f64 values of some 10, over steps down to 1e-3; by least squares, on
-                // the singular line, damped by 1e-9 of the trace.
+                // Differences of f64 values of some 10, over steps down to 1e-3. On the singular line, least
+                // squares damped by 1e-9 of the trace.
                 let most = if n == 2 && sample[1] == 0 {
                     1e-6
                 } else {
@@ -249,7 +249,7 @@ mod tests {
 
     #[test]
     fn quadratic_fields_err_by_the_change_of_spacing() {
-        // v = x²: (v+ - v-) / (x+ - x-) = x+ + x-, 2 x where the spacing is even.
+        // v = x²: (v+ - v-) / (x+ - x-) = x+ + x-, which is 2 x if the spacing is even.
         let square = |x: DVec3| x.x * x.x;
         let place = |[i, j, k]: [f64; 3]| DVec3::new(1.2_f64.powf(i), j, k);
         let dims = [8, 3, 3];
@@ -262,7 +262,7 @@ mod tests {
         }
         let even = samples(dims, |[i, j, k]| DVec3::new(0.5 * i, j, k), square);
         for i in 0..8 {
-            // Half a step to the side at the ends.
+            // At the ends the difference is that of half a step inside.
             let off = [0.5, 0.0, -0.5][usize::from(i > 0) + usize::from(i == 7)];
             let gradient = even.gradient([i, 1, 1]);
             assert!(
@@ -346,7 +346,7 @@ mod tests {
             ..samples([n + 1, 3, 3], place, |x| x.x * x.x)
         };
         let (a, b) = (closed.gradient([0, 1, 1]), closed.gradient([6, 1, 1]));
-        // The field is the same half a turn away, its gradient the other way.
+        // Half a turn away the field is the same and its gradient is reversed.
         assert!((a + b).length() < 1e-12, "{a} {b}");
         assert!((open.gradient([0, 1, 1]) - a).length() > 1e-3);
         assert_eq!(open.gradient([6, 1, 1]), b);

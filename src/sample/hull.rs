@@ -1,4 +1,4 @@
-//! The outer faces of cells that have no field to show, as a mesh.
+//! Turns the outer faces of cells without a field to show into a mesh.
 
 use std::collections::HashMap;
 
@@ -8,11 +8,11 @@ use crate::io::{
     polyhedron_faces,
 };
 
-/// The three least nodes of a face: two faces that share them are one.
+/// The three least nodes of a face: faces that share them are the same face.
 type Key = [u32; 3];
 
-/// Turns a data set of cells into a mesh: the faces that belong to one cell alone, and the cells that are surfaces. No field
-/// is left.
+/// Turns a data set of cells into a mesh: the faces that belong to one cell alone, and the cells that are
+/// surfaces. Fields are dropped.
 ///
 /// # Errors
 /// The errors of [`Dataset::validate`]; fields that state hidden cells or nodes and cannot be read.
@@ -67,7 +67,7 @@ fn key(face: &[u32]) -> Key {
     least
 }
 
-/// The faces of a cell, those of a piece of a surface by its corners; none of lines and points.
+/// Calls `face` for each face of a cell, and for a surface cell with its corners; not for lines and points.
 fn each_face(cells: &CellMesh, i: usize, mut face: impl FnMut(&[u32])) {
     let (kind, nodes) = (cells.kinds[i], cells.cell(i));
     if kind == CellKind::POLYHEDRON {

@@ -1,15 +1,15 @@
-//! Which cells of a mesh meet at which nodes.
+//! Finds the cells of a mesh that meet at each node.
 
 use super::index_u32;
 use crate::io::{CellKind, CellMesh, polyhedron_faces};
 
-/// Of the nodes at one position the first: `first` names it for each node, or is empty where none
-/// share any.
+/// Returns the first of the nodes at the position of `node`. `first` lists it for each node; it is empty if no
+/// nodes coincide.
 pub(super) fn first_of(first: &[u32], node: u32) -> u32 {
     first.get(node as usize).copied().unwrap_or(node)
 }
 
-/// The nodes of a cell; of a polyhedron once for each face.
+/// Returns the nodes of a cell; those of a polyhedron once for each of its faces.
 pub(super) fn nodes_of(mesh: &CellMesh, cell: usize) -> impl Iterator<Item = u32> {
     let entries = mesh.cell(cell);
     let is_polyhedron = mesh.kinds[cell] == CellKind::POLYHEDRON;
@@ -22,10 +22,10 @@ pub(super) fn nodes_of(mesh: &CellMesh, cell: usize) -> impl Iterator<Item = u32
     plain.iter().chain(of_faces).copied()
 }
 
-/// Which cells meet at each node.
+/// The cells that meet at each node.
 #[derive(Debug)]
 pub(crate) struct CellsAround {
-    /// Where the cells of each node begin in `cells`; one more at the end.
+    /// Index in `cells` at which the cells of each node begin; one more entry at the end.
     starts: Vec<usize>,
     cells: Vec<u32>,
 }
@@ -35,7 +35,7 @@ impl CellsAround {
         let each = |visit: &mut dyn FnMut(usize, u32)| {
             let mut last = vec![u32::MAX; mesh.nodes.len()];
             for cell in 0..mesh.cell_count() {
-                // Faster than a loop.
+                // `for_each` is faster than a loop.
                 nodes_of(mesh, cell).for_each(|node| {
                     let node = first_of(first, node) as usize;
                     if last[node] != index_u32(cell) {
@@ -59,7 +59,7 @@ impl CellsAround {
         Self { starts, cells }
     }
 
-    /// The cells at a node that is the first at its position.
+    /// Returns the cells at a node, which must be the first at its position.
     pub(crate) fn of(&self, node: u32) -> &[u32] {
         let node = node as usize;
         &self.cells[self.starts[node]..self.starts[node + 1]]

@@ -1,11 +1,11 @@
-//! Iso-surfaces: of every kernel over whose extent the field has one value, the disc in which it has it.
+//! Makes iso-surfaces of volumes: one disc per kernel, on which the field has the iso-value.
 //!
-//! It is what classification over kernels' extents makes of an opaque lobe of no width, the end of the continuum of
-//! [`flatten`](crate::math::flatten). Over a kernel of variance V and volume v the field is f + g . (x - x_i), its
-//! values are spread by w = sqrt(gᵀ V g), and the value lies t = (value - f) / w deviations away from the kernel's
-//! middle. The disc lies at x_i + t V g / w, across g, with the kernel's variance there, and stands for
-//! v |g| phi(t) / w of the surface's area: the sum over all kernels is the surface (the coarea formula), however steep
-//! the field and whatever the grid.
+//! An iso-surface is the limit of classification over kernels' extents for an opaque lobe of zero width, the
+//! far end of [`flatten`](crate::math::flatten). Over a kernel of variance V and volume v at x_i, the field is
+//! f + g . (x - x_i), and the spread of its values is w = sqrt(gᵀ V g). The iso-value lies t = (value - f) / w
+//! deviations from the value at the kernel's centre. The disc lies at x_i + t V g / w, perpendicular to g, with
+//! the kernel's variance in that plane. Its area is v |g| phi(t) / w. The areas of all discs add up to that of
+//! the surface (the coarea formula), however steep the field and whatever the grid.
 
 use std::f64::consts::TAU;
 
@@ -18,8 +18,8 @@ use crate::math::tangents_of;
 use crate::scene::{Colour, LocalModels, Particles, PointVolume, Strength, ValueScale, Values};
 use crate::task::{Stage, Task};
 
-/// Kernels whose middle is farther from the surface, deviations of the field's values over them, have no disc: a
-/// 1,200th of the surface's area, given to the others.
+/// Cut-off: kernels whose centre is farther from the surface, in deviations of the field's values, have no
+/// disc. That loses a 1,200th of the surface's area; [`COMPLETE`] scales the others to make up for it.
 const REACH: f64 = 3.34;
 const COMPLETE: f64 = 1.0 / 0.999_162;
 
@@ -34,15 +34,16 @@ struct Disc {
 struct Over {
     /// Lᵀ g \[value units\].
     slope: DVec3,
-    /// Where the value lies, deviations of the field's values over the kernel from its middle.
+    /// Iso-value minus the field at the kernel's centre, in deviations of the field's values over the kernel.
     away: f64,
 }
 
-/// The iso-surface of a value of a classified volume, opaque, in the colour that the transfer function has there.
+/// Makes the opaque iso-surface of a value of a classified volume, in the colour that the transfer function has
+/// there.
 ///
 /// # Errors
-/// A volume that no field classifies, or of which it is not known how the field runs over kernels; a value that the
-/// field does not have.
+/// A volume that no field classifies, or without models of the field over its kernels; a value that the field
+/// does not take.
 pub(super) fn iso_surface(
     volume: &PointVolume,
     wanted: f64,
@@ -131,11 +132,11 @@ pub(super) fn iso_surface(
     })
 }
 
-/// - `volume`: that the kernel stands for.
+/// - `volume`: volume of the kernel's cell.
 fn disc(position: DVec3, factor: DMat3, volume: f64, over: &Over) -> Option<Disc> {
     let Over { slope, away } = *over;
     let spread = slope.length();
-    // Phrased so that NaN, and a field that is the same all over, have none.
+    // Phrased so that NaN and a constant field have no disc.
     if !(spread > 0.0 && away.abs() <= REACH) {
         return None;
     }
@@ -155,12 +156,12 @@ fn disc(position: DVec3, factor: DMat3, volume: f64, over: &Over) -> Option<Disc
     })
 }
 
-/// The field over point `i`; `None` where the values around stay to one side.
+/// Returns the field over point `i`; `None` if the neighbours' values all lie on one side of the iso-value.
 fn over_point(models: &LocalModels, values: &Values, i: usize, value: f64) -> Option<Over> {
     let model = models.get(i);
     let own = f64::from(values.get(i));
     let (below, above) = (f64::from(model.below), f64::from(model.above));
-    // Phrased so that NaN has none.
+    // Phrased so that NaN has no disc.
     if !(own - below <= value && value <= own + above) {
         return None;
     }
@@ -171,8 +172,8 @@ fn over_point(models: &LocalModels, values: &Values, i: usize, value: f64) -> Op
     })
 }
 
-/// The field over sample `i` of a lattice, from its neighbours, as frames have it; `None` where the values of two
-/// rings around stay to one side.
+/// Returns the field over sample `i` of a lattice, from its neighbours, as the renderer computes it. Returns
+/// `None` if the values of two rings of neighbours all lie on one side of the iso-value.
 fn over_lattice(
     dims: [usize; 3],
     kernel_width: f64,
@@ -188,7 +189,7 @@ fn over_lattice(
     if !own.is_finite() {
         return None;
     }
-    // Lᵀ g of a lattice is the width times what the field changes from cell to cell.
+    // Lᵀ g of a lattice is the kernel width times the change from cell to cell.
     let (mut changes, mut towards) = (DVec3::ZERO, DVec3::ZERO);
     for axis in 0..3 {
         let mut neighbour = cell;
@@ -201,7 +202,7 @@ fn over_lattice(
             (Some(below), Some(above)) => 0.5 * (below + above),
             (one, other) => one.or(other).unwrap_or(0.0),
         };
-        // What it changes by on the side on which the value lies: beside a step there is nothing on the other.
+        // The change on the side of the iso-value: beside a step the field is constant on the other side.
         let is_above = (value - own) * changes[axis] > 0.0;
         let side = if is_above { above } else { below };
         towards[axis] = side.unwrap_or(changes[axis]);
@@ -216,7 +217,7 @@ fn over_lattice(
     for z in around(2, cell[2]) {
         for y in around(1, cell[1]) {
             for x in around(0, cell[0]) {
-                // `min` and `max` take the other where one is no number.
+                // `min` and `max` ignore a NaN.
                 lowest = lowest.min(at([x, y, z]));
                 highest = highest.max(at([x, y, z]));
             }
@@ -281,7 +282,8 @@ mod tests {
         (nodes, values)
     }
 
-    /// The area, how far discs lie from the sphere (root mean square by area), and the worst angle's cosine.
+    /// Returns the area, the distance of the discs from the sphere (root mean square by area), and the cosine
+    /// of the worst angle.
     fn measured(surface: &PointVolume, centre: DVec3) -> [f64; 3] {
         surface.validate().unwrap();
         let (
@@ -303,7 +305,7 @@ mod tests {
             squares += own * (out.length() - RADIUS).powi(2);
             let [a, b] =
                 [0, 3].map(|i| DVec3::from_array([0, 1, 2].map(|k| tangents[i + k].into())));
-            // Values grow outwards: the front faces inwards.
+            // Values grow outwards, so the front faces inwards.
             let facing = -a.cross(b).normalize().dot(out.normalize());
             if own > 1e-5 {
                 worst = worst.min(facing);
@@ -336,17 +338,17 @@ mod tests {
         };
         let particles = volume(table, &by_field).unwrap();
         for (name, volume, centre, [area_off, off, facing]) in [
-            // Of a field that bends by 1/R over .06: the sum of flat discs is a thousandth larger, each lies up to
-            // .06² / 2R = .003 inside or out, and central differences turn by 1e-3.
+            // The field bends by 1/R over .06: the sum of flat discs is a thousandth larger, each disc lies up
+            // to .06² / 2R = .003 inside or out, and central differences turn by 1e-3.
             ("lattice", &lattice, centre, [0.01, 0.004, 0.99]),
-            // Warped cells, whose volumes are not quite even.
+            // Warped cells have slightly uneven volumes.
             (
                 "grid",
                 &curvilinear.volume,
                 DVec3::ZERO,
                 [0.02, 0.004, 0.99],
             ),
-            // Volumes from neighbours' distances.
+            // The volumes come from neighbours' distances.
             (
                 "particles",
                 &particles.volume,
@@ -371,7 +373,7 @@ mod tests {
 
     #[test]
     fn a_steep_step_is_one_surface() {
-        // From 0 to 200 between two samples: the discs' areas still sum to the plane's.
+        // A step from 0 to 200 between two samples: the discs' areas still sum to the plane's.
         let lattice = Lattice::uniform([9, 9, 12], DVec3::ZERO, DVec3::ONE);
         let values = (0..lattice.len()).map(|i| if i / 81 < 6 { 0 } else { 200 });
         let (ball, _) = ball();
@@ -388,7 +390,8 @@ mod tests {
             panic!("a surface expected");
         };
         let area: f64 = areas.iter().copied().map(f64::from).sum();
-        // The linear models of the two layers beside it reach it: 2 / (sqrt(2 pi) .6) exp(-(5/6)²/2) = .94.
+        // The linear models of the two layers beside the step reach it: 2 / (sqrt(2 pi) .6) exp(-(5/6)²/2) =
+        // .94.
         assert!((0.8..1.1).contains(&(area / 81.0)), "{area}");
         let Particles::Surfels { positions, .. } = &surface.particles else {
             panic!("surfels expected");
@@ -411,7 +414,7 @@ mod tests {
         assert!(error.contains("between samples"), "{error}");
         let surface = iso_surface(&volume, 0.5, None).unwrap();
         assert!(iso_surface(&surface, 0.5, None).is_err());
-        // Through the door that others use.
+        // The same through the public function.
         let geometry = Geometry::Points {
             positions: warped().0,
         };

@@ -1,7 +1,7 @@
-//! Sums of many kernels at all their points: what a uniform field reads there.
+//! Sums many kernels at all their points: the value of a uniform field there.
 //!
-//! Points that are near one another are summed together, in lanes: the kernels that may reach one of them are found in
-//! a tree of boxes. Each sum is taken in one order, whatever the number of threads.
+//! Nearby points are summed together, in lanes. A tree of boxes finds the kernels that may reach one of them.
+//! Each sum is taken in one order, whatever the number of threads.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -11,23 +11,23 @@ use crate::error::Result;
 use crate::math::small_exp;
 use crate::task::{Task, fill};
 
-/// Kernels end here, standard deviations; .1 % of a kernel lies beyond.
+/// Cut-off of kernels, in standard deviations; .1 % of a kernel lies beyond.
 const SUM_CUTOFF: f64 = 4.0;
 
-/// Points that are summed together.
+/// Number of points that are summed together.
 const LEAF: usize = 8;
 
 /// A kernel of a sum.
 pub(super) struct Summand {
-    /// Of its variance, lower-triangular.
+    /// Lower-triangular factor of the kernel's variance.
     pub(super) factor: [f64; 6],
-    /// Its greatest standard deviation.
+    /// Greatest standard deviation.
     pub(super) sigma: f64,
-    /// What its integral is.
+    /// Integral of the kernel.
     pub(super) amplitude: f64,
 }
 
-/// What a kernel's density takes.
+/// Density of a kernel, prepared for evaluation.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Density {
     /// The inverse of the lower-triangular factor.
@@ -48,7 +48,7 @@ impl Density {
         }
     }
 
-    /// The squared distance from the centre in standard deviations.
+    /// Returns the squared distance from the centre, in standard deviations.
     #[inline(always)]
     pub(super) fn squared(&self, d: DVec3) -> f64 {
         let [i00, i10, i11, i20, i21, i22] = self.inverse;
@@ -58,7 +58,7 @@ impl Density {
         x * x + y * y + z * z
     }
 
-    /// The density at such a distance.
+    /// Returns the density at a squared distance in standard deviations.
     pub(super) fn at(&self, squared: f64) -> f64 {
         self.peak * (-0.5 * squared).exp()
     }
@@ -69,7 +69,7 @@ impl Density {
 struct Placed {
     centre: DVec3,
     density: Density,
-    /// Squared, how far it reaches; negative where there is none.
+    /// Square of the kernel's reach; negative if there is no kernel.
     reach_squared: f64,
     kernel: usize,
 }
@@ -79,7 +79,7 @@ struct Placed {
 struct Bounds {
     low: DVec3,
     high: DVec3,
-    /// Squared, how far the farthest-reaching of them reaches.
+    /// Square of the greatest reach among the kernels.
     reach_squared: f64,
 }
 
@@ -98,13 +98,13 @@ impl Bounds {
         }
     }
 
-    /// Whether its kernels may reach a box.
+    /// Returns true if the kernels may reach a box.
     fn reaches(&self, [low, high]: [DVec3; 2]) -> bool {
         gap_squared([self.low, self.high], [low, high]) <= self.reach_squared
     }
 }
 
-/// The squared distance of two boxes.
+/// Returns the squared distance between two boxes.
 fn gap_squared(a: [DVec3; 2], b: [DVec3; 2]) -> f64 {
     (b[0] - a[1])
         .max(a[0] - b[1])
@@ -112,15 +112,16 @@ fn gap_squared(a: [DVec3; 2], b: [DVec3; 2]) -> f64 {
         .length_squared()
 }
 
-/// Of kernels that nothing cuts.
+/// Cut for kernels that nothing cuts.
 pub(super) fn everywhere(_: usize) -> Option<fn(DVec3) -> bool> {
     None
 }
 
 impl PointIndex<'_> {
-    /// How many points some of the kernels reach on average: a sum over them takes as many terms for each.
+    /// Returns the average number of points that a kernel reaches, from a sample of kernels. A sum takes as
+    /// many terms per point.
     pub(super) fn mean_reach(&self, kernel: impl Fn(usize) -> Option<Summand> + Sync) -> usize {
-        /// Kernels looked at.
+        /// Number of sampled kernels.
         const SAMPLE: usize = 256;
         let step = self.len().div_ceil(SAMPLE).max(1);
         let some: Vec<u32> = (0..self.len())
@@ -139,9 +140,12 @@ impl PointIndex<'_> {
         reached / some.len().max(1)
     }
 
-    /// At each point the sum over kernels j of amplitude x Gaussian. `kernel(j)` gives the kernel at point j, or
-    /// `None`; `cut(j)` what says whether it counts at a place, where it does not count everywhere. 0 for points that
-    /// are not finite.
+    /// Returns, for each point, the sum over kernels j of amplitude x Gaussian; 0 for points that are not
+    /// finite.
+    ///
+    /// - `kernel`: returns the kernel at point j, or `None`.
+    /// - `cut`: for a kernel j that is cut, returns the test of an offset from its centre; `None` for a kernel
+    ///   that counts everywhere.
     pub(super) fn kernel_sums<C: Fn(DVec3) -> bool>(
         &self,
         task: Option<&Task>,
@@ -191,7 +195,7 @@ impl PointIndex<'_> {
     }
 }
 
-/// [`Tree::sum`], as work that is compiled for the processor's vectors.
+/// Runs [`Tree::sum`] compiled for the processor's vector instructions.
 struct SumLeaf<'a, F> {
     tree: &'a Tree<'a>,
     points: &'a [Placed],
@@ -286,7 +290,7 @@ impl<'a> Tree<'a> {
 }
 
 impl Placed {
-    /// Adds its density at the points of a leaf.
+    /// Adds the kernel's density at the points of a leaf.
     #[inline(always)]
     fn add<C: Fn(DVec3) -> bool>(
         &self,
@@ -308,7 +312,7 @@ impl Placed {
                 at[2][n] - centre.z,
             );
             distances_squared[n] = offset.length_squared();
-            // What is smaller adds nothing to a sum.
+            // Smaller terms add nothing to a sum.
             exponents[n] = (-0.5 * density.squared(offset)).max(-700.0);
         }
         let mut is_near = false;
@@ -320,7 +324,7 @@ impl Placed {
         }
         let shares = small_exp(exponents);
         for n in 0..LEAF {
-            // NaN is beyond reach.
+            // NaN counts as beyond reach.
             let is_within = distances_squared[n] <= reach_squared;
             terms[n] = if is_within {
                 density.peak * shares[n]
@@ -347,7 +351,7 @@ mod tests {
     use super::super::neighbours::lattice;
     use super::*;
 
-    /// Numbers from -1 to 1.
+    /// Returns numbers from -1 to 1.
     fn noise(n: usize, d: usize) -> f64 {
         let step = [0.754_878, 0.569_840, 0.870_271, 0.618_034][d];
         2.0 * ((n as f64 + 1.0) * step).fract() - 1.0
@@ -365,10 +369,10 @@ mod tests {
             })
         };
         let sums = index.kernel_sums(None, kernel, everywhere).unwrap();
-        // Within the cut-off's .1 % and the ripple of sigma .7, .04 %.
+        // Within the cut-off's .1 % and the ripple at sigma .7, .04 %.
         let centre = sums[4 + 9 * (4 + 9 * 4)];
         assert!((centre - 1.0).abs() < 1.5e-3, "{centre}");
-        // An eighth of the kernels at a corner, more than that of their sum.
+        // A corner has an eighth of the kernels around it, but more than an eighth of the sum.
         assert!(sums[0] > 0.2 && sums[0] < 0.6, "{}", sums[0]);
     }
 
@@ -383,7 +387,7 @@ mod tests {
 
     #[test]
     fn sums_are_those_of_all_pairs() {
-        // Crowded at one end, some at one place, some nowhere.
+        // Points crowded at one end; some coincide, some are not finite.
         let mut points: Vec<DVec3> = (0..1500)
             .map(|n| DVec3::new(noise(n, 0), noise(n, 1), noise(n, 2)))
             .map(|p| p * p.x.abs() * 3.0 + 1e5)
@@ -397,7 +401,7 @@ mod tests {
         };
         let kernel = |j: usize| {
             let flat = |l: [f64; 6]| [l[0], l[1], l[2], l[3], l[4], 0.0];
-            // One in five has none, one in seven has no depth.
+            // One point in five has no kernel; one kernel in seven is flat.
             (!j.is_multiple_of(5)).then(|| Summand {
                 factor: if j.is_multiple_of(7) {
                     flat(factor(j))
@@ -408,7 +412,7 @@ mod tests {
                 amplitude: 1.0 + noise(j, 1),
             })
         };
-        // A third of them ends at a plane.
+        // One kernel in three is cut by a plane.
         let cut = |j: usize| {
             let normal = DVec3::new(noise(j, 0), noise(j, 1), noise(j, 2));
             (j.is_multiple_of(3)).then_some(move |offset: DVec3| normal.dot(offset) > -0.05)

@@ -1,4 +1,4 @@
-//! Arrays of anisotropic kernels, filled in parallel.
+//! Collects arrays of anisotropic kernels in parallel.
 
 use std::ops::Range;
 
@@ -11,7 +11,7 @@ use crate::error::Result;
 use crate::math::ExactSum;
 use crate::task::{Stage, Task};
 
-/// One kernel, as the scene stores it.
+/// A kernel, as the scene stores it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Kernel {
     pub(super) position: DVec3,
@@ -21,7 +21,7 @@ pub(super) struct Kernel {
 }
 
 impl Kernel {
-    /// Narrows a factor and a volume to single precision, if it can hold them.
+    /// Narrows a factor and a volume to single precision; fails if single precision cannot hold them.
     pub(super) fn new(position: DVec3, factor: [f64; 6], volume: f64) -> Result<Self, LeftOut> {
         let kernel = Self {
             position,
@@ -40,20 +40,20 @@ impl Kernel {
     }
 }
 
-/// The kernels of those samples that have one.
+/// The kernels of the samples that have one.
 #[derive(Debug, Default)]
 pub(super) struct Kernels {
     pub(super) positions: Vec<DVec3>,
     pub(super) factors: Vec<[f32; 6]>,
     pub(super) volumes: Vec<f32>,
-    /// Which sample each of them is.
+    /// The sample of each kernel.
     pub(super) kept: Vec<u32>,
 }
 
 impl Kernels {
-    /// Asks `kernel_of` for the kernels of samples 0 to `count`, and reports those without.
+    /// Collects the kernels that `kernel_of` returns for samples 0 to `count`, and reports samples without one.
     ///
-    /// - `own`: the samples that the report is of.
+    /// - `own`: the samples that the report covers.
     pub(super) fn collect(
         count: usize,
         own: &Range<usize>,
@@ -69,10 +69,10 @@ impl Kernels {
         })
     }
 
-    /// The same of kernels that `kernels_of` gives for the samples of a range at a time.
+    /// Collects the kernels that `kernels_of` passes on for a range of samples at a time.
     ///
-    /// Written in place and closed up afterwards: a second copy of a great grid's kernels may be
-    /// more than there is memory.
+    /// Kernels are written in place and compacted afterwards: a second copy of a large grid's kernels may
+    /// exceed the memory.
     pub(super) fn collect_runs(
         count: usize,
         own: &Range<usize>,
@@ -126,13 +126,13 @@ impl Kernels {
         Ok(all)
     }
 
-    /// The kernels of a range of samples.
+    /// Returns the kernels of a range of samples.
     pub(super) fn within(&self, samples: &Range<usize>) -> Range<usize> {
         let place = |sample: usize| self.kept.partition_point(|&kept| (kept as usize) < sample);
         place(samples.start)..place(samples.end)
     }
 
-    /// The cube root of their mean volume.
+    /// Returns the cube root of the kernels' mean volume.
     pub(super) fn mean_spacing(&self) -> f64 {
         let mut total = ExactSum::default();
         self.volumes.iter().for_each(|v| total.add(f64::from(*v)));
@@ -140,7 +140,7 @@ impl Kernels {
     }
 }
 
-/// Moves the `kept` entries, in rising order, to the front and drops the rest.
+/// Moves the `kept` entries, which ascend, to the front and drops the rest.
 fn close_up<T: Copy>(entries: &mut Vec<T>, kept: &[u32]) {
     for (to, &from) in kept.iter().enumerate() {
         entries[to] = entries[from as usize];

@@ -1,4 +1,4 @@
-//! Regular and rectilinear lattices.
+//! Samples regular and rectilinear lattices.
 
 use glam::DVec3;
 
@@ -17,15 +17,16 @@ use crate::scene::{Colour, PointVolume, Strength, ValueSample};
 const NOT_FINITE: &str =
     "not finite; NaN is drawn as transparent, infinity as the end of the range";
 
-/// Bytes that a node takes at the least as one of a curvilinear grid.
+/// Least memory \[bytes\] per node that a lattice takes as a curvilinear grid.
 const LEAST_PER_GRID_NODE: u64 = 100;
 
-/// A lattice with values at nodes of which some cells or nodes are hidden, as the grid whose nodes have what is left of
-/// the cells around them; any other data set as it is. A lattice is drawn whole where there is no memory for that: its nodes
-/// beside hidden cells then reach half a cell too far.
+/// Turns a lattice with hidden cells or nodes into a curvilinear grid, if the values belong to nodes. Each node
+/// of the grid has the part of its cells that is not hidden. Other data sets are returned unchanged. A lattice
+/// stays whole if memory does not suffice for the grid: nodes beside hidden cells then reach half a cell too
+/// far.
 ///
 /// # Errors
-/// Arrays that say what is hidden and cannot be read.
+/// Arrays that state hidden cells or nodes and cannot be read.
 pub(super) fn without_hidden(mut dataset: Dataset, options: &SampleOptions) -> Result<Dataset> {
     let Geometry::Lattice(lattice) = &dataset.geometry else {
         return Ok(dataset);
@@ -75,7 +76,8 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     let blank = mask.iter().take(lattice.len()).filter(|blank| **blank);
     let blank_count = blank.count();
     if blank_count > 0 {
-        // The only way for a lattice to leave samples out; seldom, so that the width is borne.
+        // NaN is the only way for a lattice to leave samples out. Hidden samples are rare, so the wider type is
+        // acceptable.
         let mut values: Vec<f64> = (0..lattice.len()).map(|i| taken.values.wide(i)).collect();
         for (value, _) in values.iter_mut().zip(mask).filter(|(_, blank)| **blank) {
             *value = f64::NAN;
@@ -104,19 +106,20 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     Ok(sampled)
 }
 
-/// What is known of all values of a lattice that lie in several places.
+/// Statistics of the values of a lattice that is partitioned over ranks.
 #[cfg(feature = "cli")]
 #[derive(Debug, Default)]
 pub(crate) struct PlaneValues {
-    /// The least and the greatest finite one.
+    /// Least and greatest finite value.
     pub(crate) range: Option<[f64; 2]>,
-    /// How many are not finite.
+    /// Number of values that are not finite.
     pub(crate) not_finite: usize,
-    /// Those of [`ValueSample::picked`], in any order.
+    /// The values that [`ValueSample::picked`] takes, in any order.
     pub(crate) picked: Vec<f64>,
 }
 
-/// As [`volume`] makes it, without values and boundary, of values at nodes that lie in several places.
+/// Makes the volume of a lattice whose values at nodes are partitioned over ranks. The result is that of
+/// [`volume`] without values and boundary.
 #[cfg(feature = "cli")]
 pub(crate) fn lattice_of_planes(
     lattice: Lattice,
@@ -158,13 +161,14 @@ pub(crate) fn lattice_of_planes(
     Ok((volume, report))
 }
 
-/// The samples on the faces of a lattice, those on its edges more than once; an axis of one sample has none.
+/// Returns the samples on the faces of a lattice, those on edges more than once. An axis of one sample has no
+/// faces.
 fn on_faces(dims: [usize; 3]) -> impl Iterator<Item = usize> {
     let axes = (0..3).filter(move |&a| dims[a] > 1);
     axes.flat_map(move |a| face_nodes(dims, a))
 }
 
-/// The lattice of cell centres. An axis of one node has one layer of cells, at the node.
+/// Returns the lattice of cell centres. An axis of one node has one layer of cells, at the node.
 fn cell_centres(nodes: &Lattice) -> Lattice {
     let dims = nodes.dims.map(|n| n.max(2) - 1);
     let spacing = match &nodes.spacing {
@@ -186,7 +190,7 @@ fn cell_centres(nodes: &Lattice) -> Lattice {
     Lattice { dims, spacing }
 }
 
-/// The cube root of the mean cell volume.
+/// Returns the cube root of the mean cell volume.
 fn mean_spacing(lattice: &Lattice) -> f64 {
     let volume = match &lattice.spacing {
         LatticeSpacing::Uniform { step, .. } => step.determinant().abs(),

@@ -1,8 +1,8 @@
-//! Why a sample gives no particle.
+//! Lists the reasons why a sample gives no particle.
 
 use super::SampleReport;
 
-/// Why a sample gives no particle.
+/// Reason why a sample gives no particle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum LeftOut {
     Position,
@@ -22,7 +22,7 @@ pub(super) enum LeftOut {
 }
 
 impl LeftOut {
-    /// How many reasons there are.
+    /// Number of reasons.
     pub(super) const COUNT: usize = 14;
 
     pub(super) const ALL: [Self; Self::COUNT] = [
@@ -42,7 +42,7 @@ impl LeftOut {
         Self::BeyondSinglePrecision,
     ];
 
-    /// The reason in words.
+    /// Returns the reason in words.
     pub(super) fn reason(self) -> &'static str {
         match self {
             Self::Position => "position not finite",

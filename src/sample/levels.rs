@@ -1,12 +1,13 @@
-//! Kernels beside a jump from one level of refinement to another, evened out.
+//! Evens out kernels beside a jump between levels of refinement.
 //!
-//! Where the spacing halves at once, kernels of .6 spacings add up to .84 on the coarse side and 1.16 on the fine one. Two
-//! things are done about it, both within some spacings of the jump alone:
+//! If the spacing halves at once, kernels of .6 spacings add up to .84 on the coarse side and 1.16 on the fine
+//! one. Two corrections apply, both only within some spacings of the jump:
 //!
-//! - A kernel is as wide as the mean spacing around it, weighted by kernels 1.5 times as wide, if that is wider.
-//! - Its volume is divided by the sum of all kernels there, twice.
+//! - A kernel becomes as wide as the mean spacing around it, weighted by kernels 1.5 times as wide, if that is
+//!   wider.
+//! - The volume of a kernel is divided by the sum of all kernels at its centre, twice.
 //!
-//! Measured at a plane jump: 16 % become 2.6 %, and within two coarse cells of it 7.7 % rms become 1.4 %.
+//! Measured at a plane jump: 16 % become 2.6 %, and within two coarse cells of the jump 7.7 % rms become 1.4 %.
 
 use rayon::prelude::*;
 
@@ -18,16 +19,16 @@ use crate::error::Result;
 use crate::math::principal_sigmas;
 use crate::task::Task;
 
-/// How much wider the kernels are that weight spacings.
+/// Factor by which the kernels that weight spacings are wider.
 const WIDER: f64 = 1.5;
 
-/// A kernel is beside a jump where the mean spacing differs from its own by more than this share.
+/// A kernel is beside a jump if the mean spacing differs from its own by more than this share.
 const JUMP: f64 = 0.02;
 
 const PASSES: usize = 2;
 
-/// Where the kernels add up to less, the data end, too: volumes stay as they are. One cell before a face it is .8; beside
-/// a jump .9 at least, once kernels are widened.
+/// If the kernels at a centre add up to less than this, the data end there, and the volume stays as it is. One
+/// cell before a face the sum is .8; beside a jump it is at least .9 once kernels are widened.
 const LEAST_SUM: f64 = 0.87;
 
 pub(super) fn even_out(kernels: &mut Kernels, task: Option<&Task>) -> Result<()> {
@@ -56,7 +57,7 @@ pub(super) fn even_out(kernels: &mut Kernels, task: Option<&Task>) -> Result<()>
         .zip(&weights)
         .map(|(sum, weight)| sum / weight);
     let ratios: Vec<f64> = means.enumerate().map(|(j, mean)| mean / own(j)).collect();
-    // Phrased so that NaN is no jump.
+    // Phrased so that NaN counts as no jump.
     let is_beside = |ratio: f64| (ratio - 1.0).abs() > JUMP;
     kernels
         .factors

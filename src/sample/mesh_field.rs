@@ -1,8 +1,9 @@
-//! Surfaces with fields: surfels that carry a value each and take their colours from a transfer function.
+//! Makes surfels of surfaces with fields: each carries a value and takes its colour from a transfer function.
 //!
-//! A surfel's value is the mean over its cell of the field, linear between corners or constant in each triangle. An
-//! automatic function, or a named colour map, gives its colours alone: the surface is opaque. A function of the caller's own
-//! gives its opacities, too, where it has any that are less than one: they are those of the surface seen head on.
+//! The value of a surfel is the mean of the field over its cell. The field is linear between corners or
+//! constant in each triangle. An automatic function or a named colour map sets the colours alone: the surface
+//! is opaque. A function of the caller's sets opacities, too, if any of them is less than one; they apply to
+//! the surface seen head-on.
 
 use glam::DVec3;
 
@@ -17,13 +18,14 @@ use crate::scene::{
     Colour, MAX_OPACITY, PointVolume, Strength, TransferFunction, ValueSample, Values,
 };
 
-/// Optical depth from which on a surface is opaque: 99 % of the light.
+/// Optical depth from which on a surface is opaque: it absorbs 99 % of the light.
 const OPAQUE_DEPTH: f64 = 4.605;
 
-/// The field that a surface shows: the one that is asked for, or the default one of a surface without colours of its own.
+/// Returns the field that a surface shows: the one named in the options, or the default one of a surface
+/// without colours of its own.
 ///
 /// # Errors
-/// None where one is asked for.
+/// A surface without fields if one is named.
 pub(super) fn shown(dataset: &Dataset, options: &SampleOptions) -> Result<Option<String>> {
     let Geometry::Mesh(mesh) = &dataset.geometry else {
         return Ok(None);
@@ -45,14 +47,15 @@ struct Valued {
     values: Values,
     function: TransferFunction,
     report: SampleReport,
-    /// Whether they belong to corners; otherwise to triangles.
+    /// True for values of corners; false for values of triangles.
     of_corners: bool,
 }
 
-/// The report of a mesh's field, without its surfels: which field, and what a function of several meshes is chosen from.
+/// Returns the report on a mesh's field without making surfels: the field, and the values from which a function
+/// of several meshes is chosen.
 ///
 /// # Errors
-/// A field that is not there or has the wrong length.
+/// A field that is missing or has the wrong length.
 pub(super) fn report(
     dataset: &Dataset,
     field: &str,
@@ -98,10 +101,10 @@ fn under_field(dataset: &Dataset, taken: TakenScalar, options: &SampleOptions) -
     })
 }
 
-/// Surfels of a mesh, by the values of a field.
+/// Makes the surfels of a mesh, coloured by the values of a field.
 ///
 /// # Errors
-/// A field that is not there or has the wrong length, no triangle with values, and those of [`mesh::surfels`].
+/// A field that is missing or has the wrong length; no triangle with values; those of [`mesh::surfels`].
 pub(super) fn scene(
     mut dataset: Dataset,
     field: &str,
@@ -120,7 +123,7 @@ pub(super) fn scene(
     };
     let [low, high] = values.finite_range().unwrap_or([0.0, 1.0]).map(narrowed);
     let width = if high > low { high - low } else { 1.0 };
-    // The mean of colours is taken in f64 and stored in f32, as values are.
+    // The mean of colours is taken in f64 and stored in f32, like values.
     let share = |i: usize| (values.get(i) - low) / width;
     let (mesh, unknown) = coloured(own, of_corners, share);
     report.leave_out(unknown, "triangles", "value not finite");
@@ -146,7 +149,7 @@ pub(super) fn scene(
     Ok(SampledScene { volumes, report })
 }
 
-/// The area of each triangle, or of each corner a third of those around it \[length²\].
+/// Returns the area of each triangle, or for each corner a third of the triangles around it \[length²\].
 fn areas(mesh: &Mesh, of_corners: bool) -> Vec<f32> {
     let mut all = Vec::new();
     for part in &mesh.parts {
@@ -168,8 +171,8 @@ fn areas(mesh: &Mesh, of_corners: bool) -> Vec<f32> {
     all
 }
 
-/// The mesh with its values in place of colours, all on one opaque material for each of its own; and how many triangles
-/// have none.
+/// Returns the mesh with its values as colours, each of its materials replaced by an opaque one. The number
+/// counts the triangles without a value.
 fn coloured(mesh: &Mesh, of_corners: bool, share: impl Fn(usize) -> f32) -> (Mesh, usize) {
     let materials = mesh.materials.iter().map(|own| Material {
         is_double_sided: own.is_double_sided,
@@ -200,7 +203,7 @@ fn coloured(mesh: &Mesh, of_corners: bool, share: impl Fn(usize) -> f32) -> (Mes
             let is_whole = |t: &&[u32; 3]| t.iter().all(|&i| is_known(&colours[i as usize]));
             part.triangles = own.triangles.iter().filter(is_whole).copied().collect();
         } else {
-            // Corners of their own: values jump from triangle to triangle.
+            // Each triangle gets corners of its own, because values jump from triangle to triangle.
             for (i, triangle) in own.triangles.iter().enumerate() {
                 let colour = of(first_triangle + i);
                 if !is_known(&colour) {
@@ -230,7 +233,7 @@ fn coloured(mesh: &Mesh, of_corners: bool, share: impl Fn(usize) -> f32) -> (Mes
     (mesh, unknown)
 }
 
-/// Surfels whose colours are shares of a range, as surfels of these values under a function.
+/// Converts surfels whose colours are shares of a range into surfels with these values under a function.
 fn valued(
     mut volume: PointVolume,
     function: &TransferFunction,

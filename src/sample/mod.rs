@@ -1,5 +1,28 @@
-//! From a data set and a field to a point volume: kernels whose shapes follow the local
-//! spacing, and cell volumes that add up to the volume of the grid. Splats come with their shapes.
+//! Makes point volumes of data sets: one kernel for every sample of a field.
+//!
+//! A kernel is a Gaussian with a centre, a variance and a volume. Its shape follows the local spacing of the
+//! samples. The volumes of all kernels add up to the volume of the grid. [`scene`] is the entry point for any
+//! data set, [`volume`] for all but meshes, [`mesh::surfels`] for meshes.
+//!
+//! | data set | kernels | modules |
+//! |---|---|---|
+//! | lattice | one per sample; only values are stored | `lattice` |
+//! | curvilinear grid | one per node or cell | `curvilinear`, `structured` |
+//! | unstructured grid | one per node or cell | `cells`, `duals` |
+//! | points | one per row of a table | `points`, `neighbours` |
+//! | splats | one per splat, with the shapes that the file states | `splats` |
+//! | mesh, grid of one layer | surfels, spread over the surface | [`mesh`], `flat_grid` |
+//!
+//! Further modules complete a volume:
+//!
+//! - `choice` chooses the field to show, `together` one transfer function for several data sets.
+//! - `sharp` and `sharp_cells` cut kernels at the boundary of the data and add ghosts beyond it. `even` and
+//!   `even_grid` then correct the volumes. `levels` and `shepard` correct volumes elsewhere.
+//! - `gradient` computes normals for shading, `local_models` models of the field over each kernel.
+//! - `iso_surface`, `cut_faces`, `discs` and `convert` make surfels and splats.
+//! - `curvilinear_apart`, `cells_apart` and `points::apart` sample data that are partitioned over ranks. A rank
+//!   makes kernels for its own samples; neighbouring samples are ghosts. `rest` defines the reductions over all
+//!   ranks.
 
 mod cells;
 #[cfg(feature = "cli")]
@@ -118,100 +141,102 @@ pub use together::shared_functions;
 #[cfg(feature = "cli")]
 pub(crate) use window::Window;
 
-/// Corrections of cell volumes at most ([`SampleOptions::shepard_passes`]).
+/// Greatest number of corrections of cell volumes ([`SampleOptions::shepard_passes`]).
 pub const MOST_SHEPARD_PASSES: u32 = 100;
 
-/// How far a field may be from what elements of higher order say of it, as a share of its range: two to three grey levels of a
-/// transfer function over the whole range, and less than kernels err by where a field bends that much within a cell.
+/// Greatest error of a field on cells of higher order once they are cut into cells of first order, as a share
+/// of the field's range. It is two to three grey levels of a transfer function over the whole range. Kernels
+/// err by more where a field bends that much within a cell.
 const ELEMENT_SLACK: f64 = 0.01;
 
-/// What to sample, and how.
+/// Options of sampling: the field to show, its transfer function, and the shapes of kernels.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SampleOptions {
     /// The scalar to show ([`Dataset::scalar`]'s selector); `None` chooses one.
     pub field: Option<String>,
-    /// The scalar that is chosen where none is named, if the data have it and would show any: what data sets that are
-    /// drawn together have in common ([`shared_fields`]).
+    /// The scalar to choose if no field is named, provided that the data set has it and would show a field at
+    /// all. Data sets that are drawn together share it ([`shared_fields`]).
     pub preferred_field: Option<String>,
     /// Standard deviation of a kernel over the local spacing; see [`DEFAULT_KERNEL_WIDTH`].
     pub kernel_width: f64,
     /// The transfer function.
     pub transfer: TransferChoice,
-    /// The length \[world units\] over which opacities are stated. `None` takes the transfer
-    /// function file's own, and where there is none, the mean spacing of the samples.
+    /// The length \[world units\] over which opacities are stated. `None` takes the length in the transfer
+    /// function's file; without one, the mean spacing of the samples.
     pub unit_distance: Option<f64>,
-    /// The range of an automatic transfer function, whether it has a colour map of its own or a named one; `None`
-    /// looks at the values.
+    /// The range of an automatic transfer function, in its own colour map or a named one. `None` chooses a
+    /// range from the values.
     pub range: Option<[f64; 2]>,
-    /// The scale of an automatic transfer function; `None` looks at the values, as the program does. On another scale than
-    /// a linear one the volume's values are no longer the data's but their positions on it
-    /// ([`ValueScale`](crate::scene::ValueScale)), which functions that take the place of the sampled one must know.
+    /// The scale of an automatic transfer function. `None` chooses one from the values, as the program does. On
+    /// a scale other than linear, the volume stores positions on the scale instead of the data's values
+    /// ([`ValueScale`](crate::scene::ValueScale)). A function that replaces the sampled one must have the same
+    /// scale.
     pub scale: Option<ScaleName>,
-    /// What the extinction of any transfer function is multiplied by.
+    /// Factor of the extinction of any transfer function.
     pub opacity_scale: f64,
-    /// What the lengths of particles mean, where the data's own convention does not hold.
+    /// The meaning of the particles' lengths; overrides the convention of the data's format.
     pub length: Option<LengthMeaning>,
-    /// The smoothing kernel that lengths belong to, where the data's own does not hold; the cubic
-    /// spline where they name none.
+    /// The smoothing kernel that lengths belong to; overrides the data's own. Default if the data name none:
+    /// the cubic spline.
     pub kernel: Option<SphKernel>,
-    /// One length \[world units\] for all particles instead of what the data say; a standard
-    /// deviation unless `length` says otherwise.
+    /// One length \[world units\] for all particles, in place of the data's lengths. It is a standard deviation
+    /// unless `length` says otherwise.
     pub radius: Option<f64>,
-    /// The shape of particles that state none.
+    /// The shape of particles whose data state none.
     pub shape: ParticleShape,
-    /// How many times cell volumes are corrected to reproduce a uniform field at the particles.
-    /// That evens out irregular samples; it shifts mass between neighbours. At most
+    /// Number of times that cell volumes are corrected to reproduce a uniform field at the particles.
+    /// Corrections even out irregular samples and shift mass between neighbours. At most
     /// [`MOST_SHEPARD_PASSES`].
     pub shepard_passes: u32,
-    /// Whether column densities are wanted: particles with nothing but positions then show their
-    /// number density itself, whose columns count particles, instead of its logarithm.
+    /// True for column densities. Particles with nothing but positions then show their number density, whose
+    /// columns count particles, instead of its logarithm.
     pub for_columns: bool,
-    /// Whether columns of particles are to weigh a mean: without a field that is named they are then of masses, of a
-    /// density, or of the particles' number, whichever is known first.
+    /// True if columns of particles are to weigh a mean. If no field is named, the columns then sum masses, a
+    /// density or the number of particles, whichever is known first.
     pub for_means: bool,
-    /// A value of the field whose iso-surface is drawn, opaque, in place of the volume ([`scene`]): of each kernel over
-    /// whose extent the field has it the disc in which it does, a surfel. Of lattices, grids, cells and particles
-    /// with a field.
+    /// A value of the field whose opaque iso-surface is drawn in place of the volume ([`scene`]). Each kernel
+    /// over whose extent the field takes the value becomes a surfel: the disc on which the field has it.
+    /// Lattices, grids, cells and particles with a field allow it.
     pub flatten: Option<f64>,
-    /// Whether light is to fall on the volume: then each sample gets the direction of its field's
-    /// gradient ([`PointVolume::normals`]), four bytes more.
+    /// True for volumes that are to be lit. Each sample then stores the direction of its field's gradient
+    /// ([`PointVolume::normals`]), four bytes.
     pub normals: bool,
-    /// Whether volumes that are classified by a field are to know it over each kernel's extent
-    /// ([`PointVolume::local_models`]), six bytes for each particle. Lattices need none.
+    /// True to store a model of the field over each kernel's extent, for volumes that are classified by a field
+    /// ([`PointVolume::local_models`]): six bytes per particle. Lattices need none.
     pub local_models: bool,
-    /// Whether the report keeps what an automatic transfer function is chosen from
+    /// True to keep in the report the values from which an automatic transfer function is chosen
     /// ([`SampleReport::value_sample`]), for one function of several data sets.
     pub keeps_value_sample: bool,
-    /// How the data end: [`PointVolume::boundary`].
+    /// Treatment of the data's boundary: [`PointVolume::boundary`].
     pub boundary: BoundaryChoice,
-    /// Meshes: how many surfels.
+    /// Number and spread of surfels, for meshes.
     pub spread: Spread,
-    /// Meshes: another number gives another spread of surfels, as even.
+    /// Seed of the spread of surfels, for meshes. Another seed gives another spread, as even.
     pub seed: u64,
-    /// Is told how far the work is, and may cancel it.
+    /// Receives the progress of the work, and may cancel it.
     pub task: Option<Task>,
 }
 
-/// How data end at the boundary of their domain.
+/// Treatment of data at the boundary of their domain.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum BoundaryChoice {
-    /// Sharp where the transfer function shows any sample on the boundary (by more than a hundredth of its
-    /// greatest extinction), otherwise soft: what is transparent there needs no cut. Soft for column
-    /// densities, whose sums are those of the samples.
+    /// Sharp if the transfer function shows any sample on the boundary (by more than a hundredth of its
+    /// greatest extinction), otherwise soft: transparent samples need no cut. Soft for column densities, whose
+    /// sums are those of the samples.
     Automatic,
-    /// Kernels are cut at the domain ([`PointVolume::boundary`]), so that density is that of the data up to
-    /// the boundary: grids of any kind with values at nodes. Other data have no boundary, and nor has
-    /// what is flattened or has its volumes corrected.
+    /// Kernels are cut at the domain ([`PointVolume::boundary`]), so that the density equals the data's up to
+    /// the boundary. Grids of any kind with values at nodes allow it. Other data have no boundary; neither have
+    /// iso-surfaces nor data whose volumes are corrected.
     Sharp,
-    /// Kernels run out beyond the domain, and density falls to half at its faces.
+    /// Kernels extend beyond the domain, and the density falls to half at the faces of the domain.
     #[default]
     Soft,
 }
 
-/// The shape of kernels whose particles state a length at most.
+/// The shape of kernels whose particles state no more than a length.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ParticleShape {
-    /// Spheres; ellipsoids where particles without lengths are truly stretched or layered.
+    /// Spheres; ellipsoids if particles without lengths are truly stretched or layered.
     #[default]
     Automatic,
     /// Spheres.
@@ -252,7 +277,7 @@ impl Default for SampleOptions {
     }
 }
 
-/// Where the transfer function comes from.
+/// Source of the transfer function.
 #[derive(Debug, Clone, PartialEq)]
 pub enum TransferChoice {
     /// From the values: [`TransferFunction::automatic`].
@@ -261,45 +286,45 @@ pub enum TransferChoice {
     File(PathBuf),
     /// From the text of such a file.
     Text(String),
-    /// The same in the colours of a named map: [`AutomaticOptions::colour_map`].
+    /// The automatic function in the colours of a named map: [`AutomaticOptions::colour_map`].
     Named(String),
-    /// This one; the unit distance is its own, unless the options state one.
+    /// This function, with its own unit distance unless the options state one.
     Given(TransferFunction),
-    /// The same, chosen automatically of several data sets ([`shared_functions`]): it leaves surfaces opaque, as one that
-    /// is chosen of one data set does.
+    /// This function, chosen automatically from several data sets ([`shared_functions`]). It leaves surfaces
+    /// opaque, as a function chosen from one data set does.
     Shared(TransferFunction),
 }
 
-/// A point volume and how it came about.
+/// A point volume and a report on its sampling.
 #[derive(Debug, Clone)]
 pub struct Sampled {
     /// The volume.
     pub volume: PointVolume,
-    /// What was chosen and what was left out.
+    /// The choices made, and the samples left out.
     pub report: SampleReport,
 }
 
-/// The volumes of a data set and how they came about.
+/// The volumes of a data set and a report on their sampling.
 #[derive(Debug, Clone)]
 pub struct SampledScene {
-    /// At least one; a mesh gives one for each kind of surface it has.
+    /// At least one volume; a mesh gives one for each kind of surface that it has.
     pub volumes: Vec<PointVolume>,
-    /// What was chosen and what was left out.
+    /// The choices made, and the samples left out.
     pub report: SampleReport,
 }
 
-/// Whether [`scene`] makes surfels of a data set: of a mesh, and of grids of one layer.
+/// Returns true if [`scene`] makes surfels of a data set: a mesh or a grid of one layer.
 pub fn is_surface(dataset: &Dataset) -> bool {
     matches!(dataset.geometry, Geometry::Mesh(_)) || flat_grid::is_flat(dataset)
 }
 
-/// Turns a data set into the mesh of which [`scene`] makes surfels: grids of one layer, and the outside of cells without any
-/// field. Other data sets stay as they are.
+/// Turns a grid of one layer, or cells without any field, into a mesh, of which [`scene`] makes surfels. Cells
+/// become their outer surface. Other data sets are returned unchanged.
 ///
 /// # Errors
 /// The errors of [`Dataset::validate`]; fields that state hidden cells or nodes and cannot be read.
 pub fn as_surface(dataset: Dataset, options: &SampleOptions) -> Result<Dataset> {
-    // Column densities are sums of values, which a layer of kernels has.
+    // Column densities are sums of values, and a layer of kernels has values.
     if options.for_columns {
         return Ok(dataset);
     }
@@ -310,8 +335,8 @@ pub fn as_surface(dataset: Dataset, options: &SampleOptions) -> Result<Dataset> 
     }
 }
 
-/// The report of [`scene`] on the values of a mesh, without its surfels: the field, its unit, and the sample from which an
-/// automatic function is chosen. It is empty if the mesh shows no field.
+/// Returns the report of [`scene`] on the values of a mesh without making surfels: the field, its unit, and the
+/// sample of values from which an automatic function is chosen. The report is empty if the mesh shows no field.
 ///
 /// # Errors
 /// A field that is not there or has the wrong length; a transfer function that cannot be read.
@@ -322,15 +347,15 @@ pub fn surface_report(dataset: &Dataset, options: &SampleOptions) -> Result<Samp
     }
 }
 
-/// Makes what is drawn of any data set: surfels of a mesh ([`mesh::surfels`]), the one point volume
-/// of all others ([`volume`]).
+/// Makes the volumes to draw of any data set: surfels of a mesh ([`mesh::surfels`]), one point volume of any
+/// other data set ([`volume`]). Grids of one layer become surfaces.
 ///
-/// Surfaces show a field by a transfer function where one is named, or where they have no colours of their own: each surfel
-/// has a value, the mean over its part of the surface. An automatic function, or a named colour map, leaves the surface
-/// opaque; another gives its opacities, too. Grids of one layer are surfaces.
+/// A surface shows a field if the options name one, or if the surface has no colours of its own. Each surfel
+/// then has a value, the mean over its part of the surface. An automatic function or a named colour map leaves
+/// the surface opaque; other functions set its opacity, too.
 ///
 /// # Errors
-/// Those of the two.
+/// Those of [`mesh::surfels`] and of [`volume`].
 pub fn scene(dataset: Dataset, options: &SampleOptions) -> Result<SampledScene> {
     let dataset = as_surface(dataset, options)?;
     let Geometry::Mesh(mesh) = &dataset.geometry else {
@@ -371,7 +396,7 @@ pub fn scene(dataset: Dataset, options: &SampleOptions) -> Result<SampledScene> 
     })
 }
 
-/// An error of the mesh itself with the name of its file.
+/// Adds the file's name to an error of the mesh itself.
 fn named(error: Error, file: &Path) -> Error {
     match error {
         Error::Invalid {
@@ -382,42 +407,41 @@ fn named(error: Error, file: &Path) -> Error {
     }
 }
 
-/// Makes a point volume of a data set; values are moved, not copied, and keep their type.
+/// Makes a point volume of a data set. Values are moved, not copied, and keep their type.
 ///
 /// - A lattice stays a lattice: no positions are stored. Cell values become a lattice of cell
 ///   centres.
-/// - A curvilinear grid gives one anisotropic kernel per node (or cell): variance
-///   kernel_width² F Fᵀ with F = ∂x/∂(i, j, k), volume that of its part of the grid.
-/// - An unstructured grid gives one anisotropic kernel per node, from its share of the cells around
-///   it, or one per cell.
-/// - Points take shape, strength and colour from their columns: `sigma` | `radius` | `h` |
-///   `vxx,vxy,vxz,vyy,vyz,vzz` | `scale_0..2,rot_0..3`, or what [`Dataset::smoothing`] names;
-///   `mass` | `extinction` with `volume` | `opacity` | a scalar with a transfer function, whose
-///   volumes are `volume` or `m` over `rho`; `r,g,b`. Without shape columns kernels are spheres
-///   sized by the distances to the nearest neighbours, or discs where the points make up a surface; where nothing is known but
-///   colours, they are opaque.
-/// - Splats keep their shapes, opacities and colours, and their format's own rule of drawing;
-///   a named field replaces the colours. [`Blend`](crate::render::Blend) says in which space their colours
-///   are composited.
+/// A curvilinear grid gives one anisotropic kernel per node (or cell). Its variance is kernel_width² F Fᵀ with
+/// F = ∂x/∂(i, j, k); its volume is that of its part of the grid.
+/// An unstructured grid gives one anisotropic kernel per node, from the node's share of the cells around it, or
+/// one per cell.
+/// Points take shape, strength and colour from their columns. Shape: `sigma` | `radius` | `h` |
+/// `vxx,vxy,vxz,vyy,vyz,vzz` | `scale_0..2,rot_0..3`, or the columns that [`Dataset::smoothing`] names.
+/// Strength: `mass` | `extinction` with `volume` | `opacity` | a scalar with a transfer function, whose volumes
+/// are `volume` or `m` over `rho`. Colour: `r,g,b`. Without shape columns, kernels are spheres sized by the
+/// distances to the nearest neighbours, or discs if the points lie on a surface. If only colours are known, the
+/// points are opaque.
+/// Splats keep their shapes, opacities and colours, and the rule of drawing that their format defines. A named
+/// field replaces the colours. [`Blend`](crate::render::Blend) states the space in which their colours are
+/// composited.
 ///
-/// With no field named, PLOT3D data and particles show their density, others their first scalar that
-/// is not constant, nodes before cells; particles with neither lengths nor densities show how
-/// densely they lie.
+/// If no field is named, PLOT3D data and particles show their density. Other data show their first scalar that
+/// is not constant, nodes before cells. Particles with neither lengths nor densities show their number density.
 ///
-/// [`crate::irregular`] has the formulas, with how evenly each draws a uniform field.
+/// [`crate::irregular`] has the formulas, and how evenly each draws a uniform field.
 ///
-/// Samples that cannot be drawn (positions, values or shapes that are not finite, cells
-/// without volume, blanked nodes) are left out and counted in the report; on a lattice a value
-/// that is not finite stays and is transparent if NaN.
+/// Samples that cannot be drawn (positions, values or shapes that are not finite, cells without volume, blanked
+/// nodes) are left out and counted in the report. On a lattice, a value that is not finite stays; NaN is
+/// transparent.
 ///
 /// # Errors
-/// Those of [`Dataset::validate`]; a field that is not there or has the wrong length, no samples or none that can be drawn,
-/// columns that contradict each other, a kernel width that is not positive, a transfer
-/// function that cannot be read; work that was cancelled.
+/// Those of [`Dataset::validate`]; a field that is missing or has the wrong length; no samples, or none that
+/// can be drawn; columns that contradict each other; a kernel width that is not positive; a transfer function
+/// that cannot be read; work that was cancelled.
 pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     check_options(options)?;
     dataset.validate()?;
-    // Nothing of the data set is left when its field is known.
+    // Sampling consumes the data set: keep the units until the shown field is known.
     let asked = options.field.as_ref();
     let asked = asked.map(|name| (name.clone(), dataset.unit(name).map(str::to_owned)));
     let fields = dataset.fields.iter();
@@ -462,7 +486,7 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     Ok(sampled)
 }
 
-/// Refuses a width of kernels that is none.
+/// Refuses a kernel width that is not positive and finite.
 fn check_kernel_width(width: f64, advice: impl FnOnce() -> String) -> Result<()> {
     if width > 0.0 && width.is_finite() {
         return Ok(());
@@ -492,26 +516,26 @@ fn check_options(options: &SampleOptions) -> Result<()> {
     Ok(())
 }
 
-/// What is made of points of which each becomes a particle of its own row alone, so that some of the rows of a data set
-/// give some of its volume's particles.
+/// Kinds of points whose particles each depend on one row alone, so that a part of the rows gives a part of the
+/// volume's particles.
 #[cfg(feature = "prepared")]
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum OfRows {
-    /// They state shapes and strengths, and show no field.
+    /// Points that state shapes and strengths, and show no field.
     Stated,
-    /// Column densities sum this field of smoothed particles.
+    /// Smoothed particles whose column densities sum this field.
     Summed(String),
 }
 
-/// What is made of some rows of a data set; `None` where a particle depends on others than its own row.
+/// Returns the kind of particles if each depends on its own row alone; otherwise `None`.
 #[cfg(feature = "prepared")]
 pub(crate) fn of_rows(dataset: &Dataset, options: &SampleOptions) -> Option<OfRows> {
     let is_alone = options.flatten.is_none() && options.shepard_passes == 0 && !options.normals;
     points::kind_of_rows(dataset, options).filter(|_| is_alone)
 }
 
-/// The numbers of the colours of some rows of such a data set, from which with those of all others follows how they are
-/// stored; `None` where that depends on no numbers.
+/// Returns the numbers of the colours of some rows. Together with the numbers of all other rows they determine
+/// how the colours are stored. Returns `None` if the storage depends on no numbers.
 ///
 /// # Errors
 /// Columns of another length.
@@ -520,11 +544,11 @@ pub(crate) fn colour_numbers(dataset: &Dataset) -> Result<Option<ColourNumbers>>
     points::colour_numbers(dataset)
 }
 
-/// The same as [`volume`] of some of the rows of such a data set, of which none may be left, but for the function of those
-/// that column densities sum ([`summed_function`]).
+/// Makes the part of the point volume that belongs to some of the rows ([`of_rows`]); there may be no rows. The
+/// result is that of [`volume`], except for the function of column densities ([`summed_function`]).
 ///
-/// - `colours`: of all rows ([`colour_numbers`]).
-/// - `volume_sum`: of the particles before them, and then of these too \[length³\].
+/// - `colours`: the numbers of the colours of all rows ([`colour_numbers`]).
+/// - `volume_sum`: the volume of the preceding particles; returns with these added \[length³\].
 ///
 /// # Errors
 /// Those of [`volume`].
@@ -544,18 +568,18 @@ pub(crate) fn rows(
     Ok(sampled)
 }
 
-/// The length of a cube of the mean volume of particles; 1 where these have none.
+/// Edge of a cube with the mean volume of particles; 1 if the particles have no volume.
 pub(crate) fn mean_spacing(volume_sum: f64, count: usize) -> f64 {
     let spacing = Some((volume_sum / count as f64).cbrt());
     spacing.filter(|s| *s > 0.0).unwrap_or(1.0)
 }
 
-/// The function of values of which column densities are sums, which classify nothing.
+/// Returns a placeholder function for volumes whose values are summed to column densities, not classified.
 ///
-/// - `range`: of the values.
+/// - `range`: the range of the values.
 ///
 /// # Errors
-/// A range or a distance that is none.
+/// A range or a unit distance that is invalid.
 pub(crate) fn summed_function(
     range: Option<[f64; 2]>,
     unit_distance: f64,
@@ -564,11 +588,11 @@ pub(crate) fn summed_function(
     TransferFunction::from_curves(|_| [1.0; 3], |_| 0.5, range, unit_distance)
 }
 
-/// A point volume of a curvilinear grid in memory, as [`volume`] makes it of a file's.
+/// Makes a point volume of a curvilinear grid in memory, as [`volume`] does of a grid in a file.
 ///
 /// - `dims`: nodes along i, j and k.
-/// - `nodes`: their positions, i fastest, then j, then k.
-/// - `values`: one for each node.
+/// - `nodes`: positions of the nodes, i fastest, then j, then k.
+/// - `values`: one value for each node.
 ///
 /// ```
 /// use ewa_splat::sample::{SampleOptions, grid};
@@ -589,7 +613,7 @@ pub(crate) fn summed_function(
 /// ```
 ///
 /// # Errors
-/// As [`volume`].
+/// Those of [`volume`].
 pub fn grid(
     dims: [usize; 3],
     nodes: impl Into<Vec<DVec3>>,
@@ -601,8 +625,8 @@ pub fn grid(
     in_memory("grid", Geometry::Curvilinear { blocks }, values, options)
 }
 
-/// A point volume of points in memory that have a value each and no shape: kernels are sized by
-/// their neighbours, as [`volume`] makes them of a table.
+/// Makes a point volume of points in memory with one value each and no shape. The distances to neighbours set
+/// the sizes of kernels, as [`volume`] does for a table.
 ///
 /// ```
 /// use ewa_splat::sample::{SampleOptions, points};
@@ -622,7 +646,7 @@ pub fn grid(
 /// ```
 ///
 /// # Errors
-/// As [`volume`].
+/// Those of [`volume`].
 pub fn points(
     positions: impl Into<Vec<DVec3>>,
     values: impl Into<Values>,
@@ -650,8 +674,9 @@ fn in_memory(
     )
 }
 
-/// Bytes that a node of a curvilinear grid or of cells takes at the least while it is sampled and sorted, beyond what was
-/// read: three million nodes, 28 bytes each once they are read, take 179 at the peak, with local models.
+/// Least memory \[bytes\] per node of a curvilinear grid or of cells during sampling and sorting, beyond the
+/// data read. Measured with local models: three million nodes, 28 bytes each once read, take 179 bytes each at
+/// the peak.
 #[cfg(feature = "cli")]
 pub(crate) const LEAST_PER_NODE: usize = 60;
 
@@ -662,7 +687,7 @@ pub(crate) struct TakenScalar {
     pub(crate) values: Values,
 }
 
-/// The scalar of a selector ([`Dataset::scalar`]); moved where the data set stores it.
+/// Takes the scalar of a selector ([`Dataset::scalar`]); moves it if the data set stores it.
 pub(crate) fn take_scalar(dataset: &mut Dataset, selector: &str) -> Result<TakenScalar> {
     let whole = match dataset.selected(selector) {
         Some((field, None)) => {
@@ -693,7 +718,7 @@ pub(crate) fn take_scalar(dataset: &mut Dataset, selector: &str) -> Result<Taken
     })
 }
 
-/// A value per sample, or the error that says so.
+/// Checks that there is one value per sample.
 pub(crate) fn check_len(dataset: &Dataset, taken: &TakenScalar, expected: usize) -> Result<()> {
     if taken.values.len() == expected {
         return Ok(());
@@ -707,7 +732,7 @@ pub(crate) fn check_len(dataset: &Dataset, taken: &TakenScalar, expected: usize)
     ))
 }
 
-/// The error for a data set without anything to draw.
+/// Returns the error for a data set without anything to draw.
 pub(crate) fn nothing_left(path: &Path, report: &SampleReport) -> Error {
     let found = report.warnings().join(", ");
     Error::format(
@@ -723,17 +748,19 @@ pub(crate) fn nothing_left(path: &Path, report: &SampleReport) -> Error {
     )
 }
 
-/// Values as differences are taken of them.
+/// Maps values for taking differences of them: 64-bit values on a scale that keeps small differences.
 fn differences(values: &Values) -> Cow<'_, Values> {
     let is_wide = matches!(values, Values::F64(_));
     let range = values.finite_range().filter(|_| is_wide);
     ValueScale::of_differences(range, is_wide).seen(values)
 }
 
-/// The values' positions on the scale of the transfer function that is asked for, with the function.
+/// Returns the values' positions on the scale of the transfer function, and the function, chosen by the
+/// options.
 ///
-/// - `sample`: what an automatic one is chosen from, noted in the report if that is wanted.
-/// - `mean_spacing`: stands in for the unit distance.
+/// - `sample`: returns the values from which an automatic function is chosen. The report keeps them if the
+///   options say so.
+/// - `mean_spacing`: the unit distance if the options state none.
 fn under_function(
     values: Values,
     sample: impl FnOnce(&Values) -> ValueSample,
@@ -746,7 +773,7 @@ fn under_function(
     Ok((function.value_scale().positions(values), function))
 }
 
-/// The transfer function that is asked for, of values whose range the report has.
+/// Returns the transfer function that the options choose, for values whose range is in the report.
 fn function_of(
     sample: impl FnOnce() -> ValueSample,
     mean_spacing: f64,
@@ -784,7 +811,7 @@ fn function_of(
         TransferChoice::File(_) | TransferChoice::Text(_) => {
             let range = report.value_range.unwrap_or([0.0, 1.0]);
             let read = function_of_file(options, range, unit_distance)?;
-            // A preset from 0 to 1 is made to be stretched.
+            // A preset that spans 0 to 1 is meant to be stretched.
             if let (Some([from, to]), None) = (read.stretched, options.range)
                 && [from, to] != [0.0, 1.0]
             {
@@ -808,12 +835,12 @@ fn function_of(
     Ok(function)
 }
 
-/// The transfer function of a file or text.
+/// Reads the transfer function of a file or text.
 ///
-/// - `range`: what a preset is stretched over, unless the options state a range.
+/// - `range`: the range over which a preset is stretched unless the options state one.
 ///
 /// # Errors
-/// A file that cannot be read; a scale, or a range of a function that has its own.
+/// A file that cannot be read; a scale in the options; a range in the options for a function that has its own.
 pub(crate) fn function_of_file(
     options: &SampleOptions,
     range: [f64; 2],
@@ -854,7 +881,7 @@ pub(crate) fn function_of_file(
     }
 }
 
-/// A volume whose strength and colour are to be classified from `values`, without a function.
+/// Returns a volume whose strength and colour are to be classified from `values`, without a function yet.
 fn unclassified(particles: Particles, volumes: Vec<f32>, values: Values) -> PointVolume {
     PointVolume {
         particles,
@@ -868,7 +895,7 @@ fn unclassified(particles: Particles, volumes: Vec<f32>, values: Values) -> Poin
     }
 }
 
-/// A volume whose strength and colour are classified from `values`.
+/// Returns a volume whose strength and colour are classified from `values`.
 fn classified(
     particles: Particles,
     volumes: Vec<f32>,
@@ -897,12 +924,12 @@ fn classified(
 }
 
 impl SampleOptions {
-    /// Whether the boundary of what has one is sharp, whatever the transfer function shows there.
+    /// Returns true if a boundary is sharp whatever the transfer function shows there.
     pub(crate) fn is_sharp_anyway(&self) -> bool {
         self.boundary == BoundaryChoice::Sharp
     }
 
-    /// Whether the boundary of what has one is to be sharp.
+    /// Returns true if a boundary may be sharp under these options.
     pub(crate) fn is_sharp(&self) -> bool {
         let is_wanted = match self.boundary {
             BoundaryChoice::Sharp => true,
@@ -912,7 +939,9 @@ impl SampleOptions {
         is_wanted && self.flatten.is_none() && self.shepard_passes == 0
     }
 
-    /// Whether that of a volume is, of whose samples these lie on it.
+    /// Returns true if the boundary of `volume` is to be sharp.
+    ///
+    /// - `on_boundary`: the samples that lie on the boundary.
     pub(crate) fn cuts(
         &self,
         volume: &PointVolume,
@@ -928,7 +957,7 @@ impl SampleOptions {
     }
 }
 
-/// A volume of `kernels` whose strength and colour are classified from the kept ones of `values`.
+/// Returns a volume of `kernels` whose strength and colour are classified from the kept ones of `values`.
 fn classified_kernels(
     kernels: Kernels,
     values: Values,
@@ -952,7 +981,7 @@ fn classified_kernels(
     )
 }
 
-/// The values of the kept samples: moved where all are kept in order.
+/// Returns the values of the kept samples; moves them if all are kept.
 fn keep(values: Values, kept: &[u32]) -> Values {
     if kept.len() == values.len() {
         values
@@ -961,7 +990,7 @@ fn keep(values: Values, kept: &[u32]) -> Values {
     }
 }
 
-/// An index for [`Values::gather`]. Data sets of 2³² samples are refused before.
+/// Narrows an index for [`Values::gather`]. Data sets of 2³² samples or more are refused before.
 #[expect(
     clippy::cast_possible_truncation,
     reason = "sample counts are checked against u32 first"
@@ -970,7 +999,7 @@ fn index_u32(i: usize) -> u32 {
     i as u32
 }
 
-/// At least one sample and fewer than 2³².
+/// Checks that there is at least one sample and fewer than 2³².
 pub(crate) fn check_count(dataset: &Dataset, count: usize) -> Result<()> {
     if count == 0 || u32::try_from(count).is_err() {
         return Err(Error::format(
@@ -987,8 +1016,7 @@ pub(crate) fn check_count(dataset: &Dataset, count: usize) -> Result<()> {
     Ok(())
 }
 
-/// To single precision; too great or too small numbers become infinite or zero, which their
-/// callers count and leave out.
+/// Rounds to single precision. Numbers out of range become infinite or zero; callers count and leave these out.
 #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
 fn narrowed(x: f64) -> f32 {
     x as f32

@@ -1,4 +1,4 @@
-//! Neighbours of scattered points: spacings, shapes, and sums of kernels.
+//! Finds neighbours of scattered points, and computes spacings, shapes and normals from them.
 
 use std::num::NonZero;
 
@@ -13,56 +13,55 @@ use crate::error::Result;
 use crate::math::{NO_NORMAL, normal_code};
 use crate::task::{Task, collect};
 
-/// Neighbours that shapes are taken from: enough to average, few enough to stay local.
+/// Number of neighbours from which shapes are computed: enough to average, few enough to stay local.
 pub(super) const NEIGHBOUR_COUNT: usize = 14;
 
-/// How many times as many normals are fitted to where fewer lie in a plane.
+/// Factors by which the number of fitted neighbours grows if fewer lie in a plane.
 const MORE: [usize; 3] = [2, 4, 8];
 
-/// The most neighbours that a field is fitted to.
+/// Greatest number of neighbours to which a field is fitted.
 pub(super) const MOST_FITTED: usize = MORE[2] * NEIGHBOUR_COUNT;
 
-/// Neighbours that spacings are taken from, first and last: a ball that ends at any one of them
-/// is too small or too great by a sixth on regular sets, whose neighbours come in shells; their
-/// mean is within 2 % on a cubic lattice.
+/// First and last neighbour from which spacings are computed. On regular sets neighbours come in shells: a ball
+/// that ends at any one of them is too small or too large by a sixth. The mean is within 2 % on a cubic
+/// lattice.
 pub(super) const SPACING_NEIGHBOURS: [usize; 2] = [7, 18];
 
-/// Neighbours that kernels may have on average: a hundred times what smoothing asks for.
+/// Greatest average number of neighbours per kernel: a hundred times the usual number in smoothing.
 pub(super) const MOST_NEIGHBOURS: usize = 8192;
 
-/// What the search for neighbours is called.
+/// Name of the neighbour search in progress reports.
 const FINDING: &str = "finding neighbours";
 
-/// Points that are elsewhere, neighbours of some that are here.
+/// Exchange with other ranks, which have neighbours of some local points.
 pub(crate) trait Elsewhere {
-    /// The sums of what all say.
+    /// Returns the sums of `own` over all ranks.
     fn sums(&mut self, own: [u64; 2]) -> Result<[u64; 2]>;
 
-    /// What the points have that are here, and behind them what the neighbours have that are elsewhere.
+    /// Appends to the tensors of the local points those of their remote neighbours.
     fn complete(&mut self, own: Vec<[f64; 6]>) -> Result<Vec<[f64; 6]>>;
 }
 
 /// A k-d tree of the finite points of a set.
 ///
-/// Points at one position are put in the tree once, so that no node of it holds more equal points
-/// than it can split.
+/// Each distinct position enters the tree once, so that no node has more equal points than it can split.
 pub(super) struct PointIndex<'a> {
     positions: &'a [DVec3],
-    /// Indices of the finite points, those at one position beside one another.
+    /// Indices of the finite points; points of one position (a group) are adjacent.
     order: Vec<u32>,
-    /// Where the points of each distinct position begin in `order`; one more at the end.
+    /// Index in `order` at which the points of each distinct position begin; one more entry at the end.
     starts: Vec<u32>,
-    /// Positions in the tree are relative to it: squared distances stay exact far from the
-    /// world's origin. The median along each axis, so that a far outlier loses only itself.
+    /// Origin of the positions in the tree, so that squared distances stay exact far from the world's origin.
+    /// It is the median along each axis: a distant outlier affects only its own precision.
     origin: DVec3,
-    /// How points are turned before they are put in the tree, which splits along its axes and is
-    /// slow where many points share a coordinate. Distances stay.
+    /// Rotation of the points in the tree. The tree splits along its axes, and is slow if many points share a
+    /// coordinate. A rotation keeps distances.
     turn: DMat3,
     tree: ImmutableKdTree<f64, 3>,
 }
 
 impl<'a> PointIndex<'a> {
-    /// `None` with fewer than two distinct positions.
+    /// Returns `None` for fewer than two distinct positions.
     pub(super) fn new(positions: &'a [DVec3]) -> Option<Self> {
         let mut order: Vec<u32> = (0..positions.len())
             .filter(|&i| positions[i].is_finite())
@@ -71,12 +70,12 @@ impl<'a> PointIndex<'a> {
         sort_by_position(positions, &mut order);
         let (origin, is_crowded) = median(positions, &order)?;
         let turn = if is_crowded {
-            // Euler angles of no importance.
+            // Arbitrary Euler angles.
             DMat3::from_euler(glam::EulerRot::XYZ, 0.7, 1.1, 0.4)
         } else {
             DMat3::IDENTITY
         };
-        // Along a curve that fills space, so that what is near is near in memory too.
+        // Along a space-filling curve, so that nearby points are close in memory, too.
         let at = |i: u32| positions[i as usize];
         let chunks = order.chunk_by(|&i, &j| is_same(at(i), at(j)));
         let mut groups: Vec<&[u32]> = chunks.collect();
@@ -107,67 +106,67 @@ impl<'a> PointIndex<'a> {
         })
     }
 
-    /// How many distinct positions there are.
+    /// Returns the number of distinct positions.
     pub(super) fn group_count(&self) -> usize {
         self.starts.len() - 1
     }
 
-    /// The points at one position.
+    /// Returns the points at one position.
     pub(super) fn group(&self, g: usize) -> &[u32] {
         &self.order[self.starts[g] as usize..self.starts[g + 1] as usize]
     }
 
-    /// How many finite points there are.
+    /// Returns the number of finite points.
     pub(super) fn len(&self) -> usize {
         self.order.len()
     }
 
-    /// The finite points in an order in which what is near follows soon: the `place`-th of them, and
-    /// its group.
+    /// Returns the finite point at position `place` of a spatially coherent order, and its group.
     pub(super) fn in_order(&self, place: usize) -> (u32, usize) {
         let begun = |start: &u32| *start as usize <= place;
         let group = self.starts.partition_point(begun) - 1;
         (self.order[place], group)
     }
 
-    /// What `of` makes of each finite point and its place relative to the origin, in an order in which what is near
-    /// follows soon.
+    /// Maps each finite point, in a spatially coherent order, by `of`. `of` receives the index and the position
+    /// relative to the tree's origin.
     pub(super) fn map_in_order<T: Send>(&self, of: impl Fn(usize, DVec3) -> T + Sync) -> Vec<T> {
         let at = |&i: &u32| of(i as usize, self.positions[i as usize] - self.origin);
         self.order.par_iter().map(at).collect()
     }
 
-    /// A point's position.
+    /// Returns a point's position.
     pub(super) fn position(&self, i: u32) -> DVec3 {
         self.positions[i as usize]
     }
 
-    /// How many points there are, finite or not.
+    /// Returns the number of points, finite or not.
     pub(super) fn point_count(&self) -> usize {
         self.positions.len()
     }
 
-    /// Where the points of a group are.
+    /// Returns the position of a group.
     fn place(&self, g: usize) -> DVec3 {
         self.positions[self.group(g)[0] as usize]
     }
 
-    /// Where a group is, seen from another: the same whatever else is in the set.
+    /// Returns the offset from one group to another; it does not depend on other points of the set.
     pub(super) fn offset(&self, from: usize, to: usize) -> DVec3 {
         self.place(to) - self.place(from)
     }
 
-    /// The `count` distinct positions nearest to one, and their squared distances, itself first.
+    /// Returns the `count` distinct positions nearest to a group, after the group itself, with their squared
+    /// distances.
     pub(super) fn nearest(&self, g: usize, count: usize) -> impl Iterator<Item = (usize, f64)> {
         self.nearest_from(self.place(g), count).into_iter()
     }
 
-    /// The same of any position; first the nearest.
+    /// Returns the same for any position, nearest first.
     ///
-    /// Which they are, and in what order, depends on nothing that is farther: those at one distance are ordered by their
-    /// places.
+    /// The result does not depend on points farther away: positions at equal distances are ordered by their
+    /// coordinates.
     fn nearest_from(&self, from: DVec3, count: usize) -> Vec<(usize, f64)> {
-        /// Neighbours that are looked at beyond those asked for: lattices have many at one distance.
+        /// Number of neighbours searched beyond `count`: lattices have many at one distance.
         const BEYOND: usize = 6;
         let query = (self.turn * (from - self.origin)).to_array();
         let asked = NonZero::new(count + 1 + BEYOND).unwrap_or(NonZero::<usize>::MIN);
@@ -176,7 +175,7 @@ impl<'a> PointIndex<'a> {
             .query(&query)
             .nearest_n::<SquaredEuclidean<f64>>(asked)
             .execute();
-        // All that may be as near as the last of those asked for.
+        // All positions that may be as near as the last one, given rounding.
         let last = found.get(count).map_or(f64::INFINITY, |last| last.distance);
         let limit = (last.sqrt() + self.blur(from, last.sqrt())).powi(2);
         let measured = |item: u32, distance: f64| {
@@ -205,14 +204,15 @@ impl<'a> PointIndex<'a> {
         nearest
     }
 
-    /// How far two distances in the tree from a position to points that are some distance away may be off together: places
-    /// there are rounded, by the difference and by the turn, in proportion to how far they are from the origin.
+    /// Returns a bound on the joint rounding error of two distances in the tree, from `from` to points about
+    /// `distance` away. Subtraction and rotation round positions in proportion to their distance from the
+    /// origin.
     fn blur(&self, from: DVec3, distance: f64) -> f64 {
         16.0 * f64::EPSILON * ((from - self.origin).abs().max_element() + distance)
     }
 
-    /// The squared distance from any position to the last of the `count + 1` distinct positions nearest to it, within a
-    /// rounding; `None` where fewer are within `radius`.
+    /// Returns the squared distance from any position to the last of its `count + 1` nearest distinct
+    /// positions, up to rounding. Returns `None` if fewer are within `radius`.
     #[cfg(feature = "cli")]
     pub(super) fn last_within(&self, from: DVec3, count: usize, radius: f64) -> Option<f64> {
         let asked = NonZero::new(count + 1)?;
@@ -226,7 +226,7 @@ impl<'a> PointIndex<'a> {
         Some((last.sqrt() + self.blur(from, last.sqrt())).powi(2))
     }
 
-    /// The point nearest to a finite position; the first of those at one place.
+    /// Returns the point nearest to a finite position; the first of those that coincide.
     pub(super) fn nearest_to(&self, position: DVec3) -> Option<u32> {
         let found = self
             .tree
@@ -237,7 +237,7 @@ impl<'a> PointIndex<'a> {
         self.group(group).first().copied()
     }
 
-    /// One number per group, spread to its points; NaN for points that are not finite.
+    /// Spreads one value per group to its points; other points get `missing`.
     fn spread<T: Copy + Send>(&self, of_groups: &[T], missing: T) -> Vec<T> {
         let mut of_points = vec![missing; self.positions.len()];
         for (g, value) in of_groups.iter().enumerate() {
@@ -248,11 +248,11 @@ impl<'a> PointIndex<'a> {
         of_points
     }
 
-    /// For each point the share of a ball that is its own: the ball reaches to its n-th
-    /// neighbour, and its volume is shared among the n within; the mean over
-    /// [`SPACING_NEIGHBOURS`].
+    /// Estimates the volume of each point from the distances to its neighbours. The ball that reaches to the
+    /// n-th neighbour is divided among the n points within. The result is the mean over [`SPACING_NEIGHBOURS`].
     ///
-    /// Points at one position share what one would have had. Points that are not finite get NaN.
+    /// Points at one position divide the volume that a single one would have. Points that are not finite get
+    /// NaN.
     pub(super) fn volumes(&self, task: Option<&Task>) -> Result<Vec<f64>> {
         let [first, last] = SPACING_NEIGHBOURS;
         let volume = |g| {
@@ -275,12 +275,12 @@ impl<'a> PointIndex<'a> {
         Ok(self.spread(&volumes, f64::NAN))
     }
 
-    /// Covariance of the positions of groups about their mean: xx, xy, xz, yy, yz, zz.
+    /// Returns the covariance of the positions of groups about their mean: xx, xy, xz, yy, yz, zz.
     fn covariance(&self, groups: impl Iterator<Item = usize> + Clone) -> [f64; 6] {
         let Some(first) = groups.clone().next() else {
             return [f64::NAN; 6];
         };
-        // Relative to one of them, so that a far origin costs no digits.
+        // Relative to one of the positions, so that a distant origin costs no digits.
         let offsets = groups.map(|g| self.offset(first, g));
         let count = offsets.clone().count() as f64;
         let mean = offsets.clone().sum::<DVec3>() / count;
@@ -293,17 +293,18 @@ impl<'a> PointIndex<'a> {
         sum
     }
 
-    /// Covariances of the nearest neighbours of each point, smoothed over these neighbours: less
-    /// noisy by far.
+    /// Returns the covariance of the nearest neighbours of each point, averaged over these neighbours, which
+    /// reduces noise by far.
     ///
-    /// - `elsewhere`: of the points behind the first `count`, whose own neighbours are there.
+    /// - `elsewhere`: gives the covariances of the points behind the first `count`; other ranks have those
+    ///   points' neighbours.
     pub(super) fn covariances(
         &self,
         task: Option<&Task>,
         count: usize,
         elsewhere: Option<&mut dyn Elsewhere>,
     ) -> Result<Vec<[f64; 6]>> {
-        // Fewer where the set is smaller: the rest names the group itself.
+        // In a smaller set the remaining slots name the group itself.
         let around = |g| {
             let mut groups = [index_u32(g); NEIGHBOUR_COUNT + 1];
             for (slot, (other, _)) in groups.iter_mut().zip(self.nearest(g, NEIGHBOUR_COUNT)) {
@@ -336,7 +337,7 @@ impl<'a> PointIndex<'a> {
         Ok(self.spread(&smoothed, [f64::NAN; 6]))
     }
 
-    /// Covariances of `neighbour_count` neighbours of some points.
+    /// Returns the covariances of `neighbour_count` neighbours of some points.
     pub(super) fn covariances_of(&self, points: &[u32], neighbour_count: usize) -> Vec<[f64; 6]> {
         let covariance = |&i: &u32| {
             let nearest = self.nearest_from(self.positions[i as usize], neighbour_count);
@@ -345,7 +346,7 @@ impl<'a> PointIndex<'a> {
         points.par_iter().map(covariance).collect()
     }
 
-    /// The mean of the finite values at one position, whichever order its points are in.
+    /// Returns the mean of the finite values at one position; it does not depend on the order of the points.
     pub(super) fn mean_of(&self, g: usize, value: impl Fn(usize) -> f32) -> f64 {
         let values = self.group(g).iter().map(|&i| value(i as usize));
         let mut finite: Vec<f32> = values.filter(|v| v.is_finite()).collect();
@@ -353,9 +354,10 @@ impl<'a> PointIndex<'a> {
         finite.iter().copied().map(f64::from).sum::<f64>() / finite.len() as f64
     }
 
-    /// Codes of the directions in which a field grows fastest: the plane of least squares through a
-    /// point's value and its nearest neighbours', those at one position with their mean value; more
-    /// neighbours where the nearest lie in a plane. Values that are not finite count as none.
+    /// Returns codes of the directions in which a field grows fastest. A linear function is fitted by least
+    /// squares to the values at a point and its nearest neighbours. Points at one position count once, with
+    /// their mean value. More neighbours are fitted if the nearest lie in a plane. Values that are not finite
+    /// are ignored.
     pub(super) fn normals(
         &self,
         task: Option<&Task>,
@@ -388,7 +390,7 @@ impl<'a> PointIndex<'a> {
         Ok((self.spread(&codes, NO_NORMAL), far))
     }
 
-    /// Calls `visit` with each point within `radius` of `centre` and its offset from there.
+    /// Calls `visit` for each point within `radius` of `centre`, with its offset from the centre.
     pub(super) fn for_each_within(
         &self,
         centre: DVec3,
@@ -426,7 +428,7 @@ pub(super) fn square(x: DVec3) -> [f64; 6] {
     ]
 }
 
-/// The median of the finite positions along each axis, and whether many of them share one of its
+/// Returns the median of the finite positions along each axis, and true if many positions share one of its
 /// coordinates.
 fn median(positions: &[DVec3], finite: &[u32]) -> Option<(DVec3, bool)> {
     let mut is_crowded = false;
@@ -445,7 +447,7 @@ fn median(positions: &[DVec3], finite: &[u32]) -> Option<(DVec3, bool)> {
     Some((median, is_crowded))
 }
 
-/// The box of the finite positions.
+/// Returns the bounding box of the finite positions.
 fn bounds(positions: &[DVec3], finite: &[u32]) -> [DVec3; 2] {
     let finite = || finite.iter().map(|&i| positions[i as usize]);
     [
@@ -454,7 +456,8 @@ fn bounds(positions: &[DVec3], finite: &[u32]) -> [DVec3; 2] {
     ]
 }
 
-/// The place of a point of the unit cube along Morton's curve: ten bits of each coordinate in turn.
+/// Returns the position of a point of the unit cube along Morton's curve: ten interleaved bits of each
+/// coordinate.
 #[expect(
     clippy::cast_possible_truncation,
     reason = "casts saturate, and NaN gives 0: any place will do"
@@ -470,7 +473,7 @@ fn morton(p: DVec3) -> u32 {
     spread(p.x) | spread(p.y) << 1 | spread(p.z) << 2
 }
 
-/// A cube of n³ points, one apart, from `offset` on along each axis.
+/// Returns a cube of n³ points with spacing 1, from `offset` on along each axis.
 #[cfg(test)]
 pub(super) fn lattice(n: u32, offset: f64) -> Vec<DVec3> {
     let at = |i: u32| f64::from(i) + offset;
@@ -508,7 +511,7 @@ mod tests {
         assert!(neighbour_volumes(&[DVec3::ONE; 100]).is_none());
         assert!(neighbour_volumes(&[]).is_none());
         assert!(neighbour_volumes(&[DVec3::ONE, DVec3::ZERO]).is_some());
-        // All in a plane, and on a line.
+        // All points in a plane, and on a line.
         let plane: Vec<DVec3> = lattice(20, 0.0)
             .into_iter()
             .map(|p| p.with_z(0.0))
@@ -518,8 +521,8 @@ mod tests {
         assert!(neighbour_volumes(&line).unwrap().iter().all(|v| *v > 0.0));
     }
 
-    /// Those that measuring all finds, whatever else is far away: in the order of distances, and of places where these are
-    /// one.
+    /// Compares with a brute-force search, with other points far away. Neighbours are ordered by distance, and
+    /// by coordinates at equal distances.
     #[test]
     fn the_nearest_do_not_depend_on_what_is_far_away() {
         let near: Vec<DVec3> = lattice(8, 3.0).into_iter().map(|p| p * 1e-3).collect();
@@ -542,12 +545,12 @@ mod tests {
                     let is_near = |p: &DVec3| near.contains(p);
                     let found: Vec<DVec3> = found.filter(is_near).collect();
                     assert_eq!(found, all[..found.len()]);
-                    // One may lie among them.
+                    // A distant point may lie among them.
                     assert!(found.len() >= count);
                 }
             }
         }
-        // Distances whose squares are no numbers.
+        // Distances whose squares overflow.
         let points: Vec<DVec3> = near.iter().map(|p| *p * 1e163).collect();
         let index = PointIndex::new(&points).unwrap();
         assert!(index.nearest(0, 14).count() <= 15);
@@ -555,7 +558,7 @@ mod tests {
 
     #[test]
     fn covariances_are_those_of_the_neighbours() {
-        // Spacing 2 along x: the 14 nearest of a point are those of its plane x = const first.
+        // Spacing 2 along x: the nearest 14 neighbours of a point start with those in its plane x = const.
         let points: Vec<DVec3> = lattice(11, 0.0)
             .into_iter()
             .map(|p| p * DVec3::new(2.0, 1.0, 1.0))

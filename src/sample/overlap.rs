@@ -1,7 +1,8 @@
-//! Overlap of grids: the share of their volume that more than one of them covers.
+//! Measures the overlap of grids: the share of their volume that more than one of them covers.
 //!
-//! The kernels of each grid add up to the density of the data, so the density counts twice where two grids overlap. Some
-//! cells are probed: a cell counts if its centre lies well within a cell of another grid. Abutting grids have no overlap.
+//! The kernels of each grid add up to the density of the data, so the density counts twice where two grids
+//! overlap. A sample of cells is probed: a cell counts if its centre lies well within a cell of another grid.
+//! Abutting grids have no overlap.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -14,17 +15,17 @@ use rayon::prelude::*;
 use super::structured::Grid;
 use super::{Finding, SampleReport, index_u32};
 
-/// Cells that are probed, about.
+/// Approximate number of cells that are probed.
 const PROBES: usize = 4096;
 
-/// How far within a cell a centre must lie, as a share of the distance from the cell's faces to its middle: on curved
-/// interfaces cells of one side reach a little into those of the other.
+/// Depth within a cell at which a centre counts, as a share of the distance from the cell's faces to its
+/// middle. On curved interfaces, cells of one side reach a little into those of the other.
 const WITHIN: f64 = 0.2;
 
-/// Less of the volume is no overlap to speak of.
+/// Least share of the volume that is reported as overlap.
 const LEAST_SHARE: f64 = 0.01;
 
-/// The corners of each face of a cell whose corners are numbered i fastest.
+/// Corners of each face of a cell; corners are numbered i fastest.
 const FACES: [[usize; 4]; 6] = [
     [0, 2, 6, 4],
     [1, 3, 7, 5],
@@ -41,7 +42,7 @@ struct Probe {
     volume: f64,
 }
 
-/// A box by its least and greatest corner.
+/// A box: its least and greatest corner.
 type Bounds = [DVec3; 2];
 
 fn around(places: impl Iterator<Item = DVec3>) -> Bounds {
@@ -55,7 +56,7 @@ fn holds([low, high]: &Bounds, p: DVec3) -> bool {
 }
 
 impl SampleReport {
-    /// Notes how much of the volume of some grids more than one of them covers.
+    /// Notes the share of the volume of some grids that more than one of them covers.
     pub(super) fn note_overlap(&mut self, grids: &[(usize, Grid<'_>)]) {
         let Some((cells, share)) = overlap(grids) else {
             return;
@@ -74,8 +75,8 @@ impl SampleReport {
     }
 }
 
-/// About how many cells lie within others, and the share of the volume that is covered more than once; `None` where there is
-/// none to speak of.
+/// Estimates the number of cells within others, and the share of the volume that is covered more than once.
+/// Returns `None` if the share is negligible.
 fn overlap(grids: &[(usize, Grid<'_>)]) -> Option<(usize, f64)> {
     let is_solid = |grid: &Grid<'_>| grid.dims.iter().all(|&n| n > 1);
     let grids: Vec<&Grid<'_>> = grids.iter().map(|(_, grid)| grid).collect();
@@ -93,7 +94,7 @@ fn overlap(grids: &[(usize, Grid<'_>)]) -> Option<(usize, f64)> {
     if (0..grids.len()).all(|own| others(own).next().is_none()) {
         return None;
     }
-    // All cells that are drawn, and those of them within the boxes of other grids.
+    // Number of each grid's drawn cells that lie within the boxes of other grids, and the volume of all.
     let looked_at = |own: usize| {
         let near: Vec<&Bounds> = others(own).map(|(_, other)| other).collect();
         let of_cell = |cell: usize| {
@@ -130,7 +131,7 @@ fn overlap(grids: &[(usize, Grid<'_>)]) -> Option<(usize, f64)> {
         .collect();
     let covered = covered(&grids, &probes);
     let covered = || probes.iter().zip(&covered).filter(|(_, is)| **is);
-    // Each of two cells at one place is counted.
+    // Both of two overlapping cells are counted.
     let doubled = covered().map(|(probe, _)| probe.volume).sum::<f64>() * stride as f64 / 2.0;
     let share = doubled / (volume - doubled);
     (share >= LEAST_SHARE).then(|| (covered().count() * stride, share.min(1.0)))
@@ -140,7 +141,7 @@ fn cell_count(grid: &Grid<'_>) -> usize {
     grid.dims.iter().map(|n| n - 1).product()
 }
 
-/// Whether a cell is one of those that are probed, one in `stride`, in no order.
+/// Returns true for the cells that are probed: one in `stride`, pseudo-randomly.
 fn is_chosen(cell: usize, stride: usize) -> bool {
     let mixed = (cell as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     (mixed >> 20).is_multiple_of(stride as u64)
@@ -152,7 +153,7 @@ fn covered(grids: &[&Grid<'_>], probes: &[Probe]) -> Vec<bool> {
     let (middle, widest) = ((low + high) / 2.0, (high - low).max_element());
     let found: Vec<AtomicBool> = probes.iter().map(|_| AtomicBool::new(false)).collect();
     if widest > 0.0 && widest.is_finite() {
-        // obvhs works in f32: unit size, and some of it more.
+        // obvhs works in f32: scale to unit size, and enlarge the boxes a little.
         let corner = |p: DVec3, by: f64| Vec3A::from(((p - middle) / widest + by).as_vec3());
         let boxed = |[low, high]: Bounds| Aabb::new(corner(low, -1e-6), corner(high, 1e-6));
         let places: Vec<Aabb> = probes.iter().map(|p| boxed([p.centre; 2])).collect();
@@ -171,7 +172,7 @@ fn covered(grids: &[&Grid<'_>], probes: &[Probe]) -> Vec<bool> {
     found.into_iter().map(AtomicBool::into_inner).collect()
 }
 
-/// Says which probes of other grids lie within a cell.
+/// Marks the probes of other grids that lie within a cell.
 fn probe_cell(
     (own, grid): (usize, &Grid<'_>),
     cell: usize,
@@ -199,7 +200,7 @@ fn probe_cell(
     });
 }
 
-/// Whether a place lies well within a cell, by the planes of its faces in triangles.
+/// Returns true if a place lies well within a cell, judged by its faces cut into triangles.
 fn is_within(corners: &[DVec3; 8], place: DVec3) -> bool {
     let middle = corners.iter().sum::<DVec3>() / 8.0;
     FACES.iter().all(|face| {

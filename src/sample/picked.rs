@@ -36,7 +36,8 @@ pub(super) fn picked_rows(
 
 /// The picked rows among some particles of a volume of kernels.
 ///
-/// - `own`: the local particles; `first`: how many of all `count` particles precede them on other ranks.
+/// - `own`: the local particles.
+/// - `first`: how many of all `count` particles precede them on other ranks.
 #[cfg(feature = "cli")]
 pub(super) fn picked_of(
     volume: &PointVolume,

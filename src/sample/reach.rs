@@ -1,4 +1,4 @@
-//! How far the nearest neighbours of points are at most, where some of these are elsewhere.
+//! Bounds the distance from points to their nearest neighbours if the points are partitioned over ranks.
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
@@ -7,30 +7,30 @@ use rayon::prelude::*;
 use super::index_u32;
 use super::neighbours::PointIndex;
 
-/// Points of a box: neighbours of one of them are looked for, and bound those of the others.
+/// Number of points in a leaf: neighbours are searched for one of them, and bound those of the others.
 const LEAF: usize = 8;
 
-/// Points of a box of which others hear at most.
+/// Greatest number of points in a box that is sent to other ranks.
 const MOST: usize = 256;
 
-/// How many times as long as neighbours are far such a box may be: those of [`MOST`] evenly spread points are six times as
-/// long as the 24 nearest are far.
+/// Greatest diagonal of such a box, over the distance to the neighbours. A box of [`MOST`] evenly spread points
+/// is six times as long as the distance to the 24 nearest.
 const LONGEST: f64 = 10.0;
 
-/// A box of points, and how far from any of these its nearest neighbours are at most.
+/// A box of points, and an upper bound on the distance from any of them to its nearest neighbours.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct Reach {
     low: [f64; 3],
     high: [f64; 3],
-    /// Infinite where there are fewer neighbours than are asked for; negative where none are.
+    /// The bound: infinite if there are fewer neighbours than needed, negative if none are needed.
     pub(crate) distance: f64,
-    /// How many are asked for.
+    /// Number of neighbours needed.
     count: u64,
 }
 
 impl Reach {
-    /// A point, without neighbours.
+    /// The box of one point, which needs no neighbours.
     fn at(p: DVec3) -> Self {
         Self {
             low: p.to_array(),
@@ -40,7 +40,7 @@ impl Reach {
         }
     }
 
-    /// A box around both boxes, and the greater distance.
+    /// Returns a box around both boxes, with the greater distance.
     fn and(&self, other: &Self) -> Self {
         Self {
             low: DVec3::from(self.low).min(other.low.into()).to_array(),
@@ -50,7 +50,7 @@ impl Reach {
         }
     }
 
-    /// Around boxes; of none, none.
+    /// Returns a box around all boxes; `None` if there are none.
     fn around_all<'a>(boxes: impl Iterator<Item = &'a Self>) -> Option<Self> {
         boxes.copied().reduce(|all, own| all.and(&own))
     }
@@ -59,14 +59,14 @@ impl Reach {
         (DVec3::from(self.high) - DVec3::from(self.low)).length()
     }
 
-    /// Whether a neighbour may be in the other box.
+    /// Returns true if the other box may hold a neighbour.
     pub(crate) fn touches(&self, other: &Self) -> bool {
         let after = DVec3::from(other.low) - DVec3::from(self.high);
         let before = DVec3::from(self.low) - DVec3::from(other.high);
         after.max(before).max(DVec3::ZERO).length() <= self.distance
     }
 
-    /// Whether a point may be a neighbour.
+    /// Returns true if a point may be a neighbour.
     pub(crate) fn has(&self, p: DVec3) -> bool {
         let (low, high) = (DVec3::from(self.low), DVec3::from(self.high));
         (p - high).max(low - p).max(DVec3::ZERO).length() <= self.distance
@@ -80,17 +80,16 @@ pub(crate) struct Leaf {
     pub(crate) points: Vec<u32>,
 }
 
-/// Points, and how far their neighbours among themselves are.
+/// The local points, with bounds from the local neighbours.
 pub(crate) struct Near<'a> {
     positions: &'a [DVec3],
     index: Option<PointIndex<'a>>,
-    /// Of the points that have a place, some that are near one another together, in an order in which what is near
-    /// follows soon.
+    /// The points with a finite position in groups of nearby ones, in a spatially coherent order.
     pub(crate) leaves: Vec<Leaf>,
 }
 
 impl<'a> Near<'a> {
-    /// - `count`: of distinct neighbours that a point asks for; of none it needs none.
+    /// - `count`: returns the number of distinct neighbours that a point needs; may be 0.
     pub(crate) fn of(positions: &'a [DVec3], count: &(dyn Fn(u32) -> usize + Sync)) -> Self {
         let index = PointIndex::new(positions);
         let points: Vec<u32> = match &index {
@@ -119,8 +118,8 @@ impl<'a> Near<'a> {
         Self { leaves, ..near }
     }
 
-    /// Boxes around all points, of up to [`MOST`] of these each. Along a curve through space what follows is sometimes far
-    /// away: none is much longer than neighbours there are far.
+    /// Returns boxes around all points, with up to [`MOST`] points each. Consecutive points on a space-filling
+    /// curve are sometimes far apart: no box is much longer than the distance to neighbours there.
     pub(crate) fn boxes(&self) -> Vec<Reach> {
         let mut boxes = Vec::new();
         let mut last: Option<(Reach, usize)> = None;
@@ -148,41 +147,43 @@ impl<'a> Near<'a> {
         boxes
     }
 
-    /// A point by itself, whose own neighbours bound it better than those of its box.
+    /// Returns the box of one point, bounded by the point's own neighbours, which is tighter than its leaf's
+    /// bound.
     ///
-    /// - `most`: how far these are at most.
+    /// - `most`: a known bound on the distance.
     pub(crate) fn alone(&self, point: u32, count: usize, most: f64) -> Reach {
         let at = self.positions[point as usize];
         self.reach(Reach::at(at), at, count, most)
     }
 
-    /// - `from`: in the box.
+    /// - `from`: a place in the box.
     fn reach(&self, within: Reach, from: DVec3, count: usize, most: f64) -> Reach {
         let around = || self.to_last(from, count, most) + within.diagonal() * (1.0 + 1e-9);
         Reach {
             count: count as u64,
             distance: match count {
                 0 => -1.0,
-                // Around any point of the box a ball that is larger by its diagonal has as many.
+                // A ball around any point of the box, larger by the box's diagonal, contains as many points.
                 _ => around().min(most),
             },
             ..within
         }
     }
 
-    /// How far from any point of a box as many of these points are as it asks for, at most; its own bound where that is
-    /// not nearer.
+    /// Returns a bound, from the local points, on the distance from any point of a box to the neighbours it
+    /// needs. It is the box's own bound if that is smaller.
     pub(crate) fn bound(&self, reach: &Reach) -> f64 {
         let count = usize::try_from(reach.count).unwrap_or(usize::MAX - 1);
         let (low, high) = (DVec3::from(reach.low), DVec3::from(reach.high));
         let middle = (low + high) / 2.0;
-        // To the farther end, wherever the middle is rounded to.
+        // To the farther corner, however the middle is rounded.
         let far = (high - middle).max(middle - low).length();
         let last = self.to_last(middle, count, reach.distance - far);
         reach.distance.min(last + far * (1.0 + 1e-9))
     }
 
-    /// To the last of some neighbours, and a rounding; infinite where fewer are within a radius.
+    /// Returns the distance to the last of `count` neighbours, rounded up; infinite if fewer are within the
+    /// radius.
     fn to_last(&self, from: DVec3, count: usize, radius: f64) -> f64 {
         let last = self.index.as_ref().filter(|_| radius > 0.0);
         let last = last.and_then(|index| index.last_within(from, count, radius));
@@ -190,16 +191,16 @@ impl<'a> Near<'a> {
     }
 }
 
-/// Boxes, and boxes around some of them, and so on: to find those that something is near to.
+/// A hierarchy of boxes, for finding those that are near something.
 pub(crate) struct Boxes {
     levels: Vec<Vec<Reach>>,
 }
 
 impl Boxes {
-    /// How many are put together.
+    /// Number of boxes that are combined.
     const TOGETHER: usize = 8;
 
-    /// - `boxes`: in an order in which what is near follows soon.
+    /// - `boxes`: in a spatially coherent order.
     pub(crate) fn of(boxes: Vec<Reach>) -> Self {
         let mut levels = vec![boxes];
         while let Some(last) = levels.last().filter(|last| last.len() > Self::TOGETHER) {
@@ -210,9 +211,9 @@ impl Boxes {
         Self { levels }
     }
 
-    /// Whether any box is near.
+    /// Returns true if any box is near.
     ///
-    /// - `is_near`: of a box around others also where it is of one of these.
+    /// - `is_near`: must be true of a box if it is true of any box inside.
     pub(crate) fn any(&self, is_near: &impl Fn(&Reach) -> bool) -> bool {
         let top = self.levels.len() - 1;
         (0..self.levels[top].len()).any(|n| self.any_in(top, n, is_near))

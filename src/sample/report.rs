@@ -1,45 +1,45 @@
-//! What was chosen and what was left out.
+//! Defines the report of sampling: the choices made and the samples left out.
 
 use std::borrow::Cow;
 
 use super::mesh::MeshReport;
 use crate::scene::ValueSample;
 
-/// How a data set was sampled.
+/// Report on the sampling of a data set.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SampleReport {
-    /// The scalar shown; `None` where masses and colours come from the file.
+    /// The scalar shown; `None` if masses and colours come from the file.
     pub field: Option<String>,
-    /// Its unit, where the file states it.
+    /// Unit of the scalar, if the file states one.
     pub unit: Option<String>,
-    /// Its least and greatest finite value.
+    /// Least and greatest finite value of the scalar.
     pub value_range: Option<[f64; 2]>,
     /// The length \[world units\] over which opacities are stated.
     pub unit_distance: f64,
-    /// What the particles' lengths are taken for, in words; `None` where there are none.
+    /// Meaning of the particles' lengths, in words; `None` if they have none.
     pub lengths: Option<String>,
-    /// Samples in the file; triangles of a mesh.
+    /// Number of samples in the file; of triangles for a mesh.
     pub sample_count: usize,
-    /// Particles made of them.
+    /// Number of particles made of the samples.
     pub particle_count: usize,
-    /// What was found on the way, in the order of the work.
+    /// Findings, in the order of the work.
     pub findings: Vec<Finding>,
-    /// How evenly surfels are spread, of a mesh.
+    /// Evenness of the spread of surfels, for a mesh.
     pub mesh: Option<MeshReport>,
-    /// What an automatic transfer function was chosen from, where it was asked for.
+    /// Values from which an automatic transfer function was chosen, if the options keep them.
     pub value_sample: Option<ValueSample>,
 }
 
-/// Samples with something about them.
+/// A number of samples of which the same was found.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Finding {
-    /// How many.
+    /// Number of samples.
     pub count: usize,
-    /// What they are: "nodes", "cells", "particles", "values".
+    /// Kind of samples: "nodes", "cells", "particles", "values".
     pub noun: Cow<'static, str>,
-    /// What was found and done about it.
+    /// The finding and its consequence.
     pub reason: Cow<'static, str>,
-    /// Whether they were left out.
+    /// True if the samples were left out.
     pub left_out: bool,
 }
 
@@ -49,7 +49,7 @@ impl SampleReport {
         self.find(count, noun, reason, true);
     }
 
-    /// Notes samples that were kept all the same, if there are any.
+    /// Notes samples that were kept despite a finding, if there are any.
     pub(super) fn note(&mut self, count: usize, noun: &'static str, reason: &'static str) {
         self.find(count, noun, reason, false);
     }
@@ -65,7 +65,7 @@ impl SampleReport {
         }
     }
 
-    /// Adds what was found of other samples of the same data.
+    /// Adds the report on other samples of the same data.
     #[cfg(feature = "prepared")]
     pub(crate) fn add(&mut self, other: &Self) {
         self.sample_count += other.sample_count;
@@ -84,20 +84,20 @@ impl SampleReport {
         }
     }
 
-    /// How many samples were left out.
+    /// Returns the number of samples that were left out.
     pub fn left_out_count(&self) -> usize {
         let left_out = self.findings.iter().filter(|f| f.left_out);
         left_out.map(|f| f.count).sum()
     }
 
-    /// One line for each finding, for people.
+    /// Returns one line for each finding, for people.
     pub fn warnings(&self) -> Vec<String> {
         self.findings.iter().map(Finding::line).collect()
     }
 }
 
 impl Finding {
-    /// In a line for people.
+    /// Formats the finding as a line for people.
     pub(super) fn line(&self) -> String {
         let left_out = if self.left_out { " left out" } else { "" };
         format!("{} {}{left_out}: {}", self.count, self.noun, self.reason)

@@ -1,23 +1,23 @@
-//! What is asked of all data where some of them are elsewhere.
+//! Defines global reductions over data that may be partitioned among ranks.
 
 use std::ops::Range;
 
 use crate::error::Result;
 use crate::math::ExactSum;
 
-/// Whoever has the rest of the data.
+/// Collective operations among all ranks that have a part of the data.
 pub(crate) trait Rest {
-    /// Whether anyone says so.
+    /// Returns true if `own` is true on any rank.
     fn any(&mut self, own: bool) -> Result<bool>;
 
-    /// The sum of what all say.
+    /// Returns the sum of `own` over all ranks.
     fn sum(&mut self, own: ExactSum) -> Result<ExactSum>;
 
-    /// The greatest that anyone says, place by place.
+    /// Returns the maximum of `own` over all ranks, component by component.
     fn greatest(&mut self, own: [f32; 2]) -> Result<[f32; 2]>;
 }
 
-/// Nobody: all data are here.
+/// The reductions of a single process that has all data.
 pub(super) struct Nobody;
 
 impl Rest for Nobody {
@@ -34,14 +34,15 @@ impl Rest for Nobody {
     }
 }
 
-/// The particles that are asked for, of those of samples that are here, and whoever has the others.
+/// The particles of the local samples that are asked for (the others are ghosts), and the reductions over all
+/// ranks.
 pub(super) struct Own<'a> {
     pub(super) range: Range<usize>,
     pub(super) rest: &'a mut dyn Rest,
 }
 
 impl Own<'_> {
-    /// The exact sum of what all particles add.
+    /// Returns the exact sum over the particles of all ranks; `each` gives the local terms.
     pub(super) fn sum(&mut self, each: impl Iterator<Item = f64>) -> Result<f64> {
         let mut sum = ExactSum::default();
         each.for_each(|x| sum.add(x));

@@ -1,18 +1,18 @@
-//! Where grids close on themselves.
+//! Detects seams, along which grids close on themselves.
 
 use std::ops::Range;
 
 use glam::DVec3;
 
-/// Two boundary planes are one seam if no pair of nodes is farther apart than this times the
+/// Tolerance of a seam: greatest distance between corresponding nodes of the two boundary planes, over the
 /// spacing across the seam. Single precision closes a circle of 100 nodes to about 1e-5.
 const SEAM_TOLERANCE: f64 = 1e-4;
 
-/// Whether the first and the last plane along an index are one, as far as some nodes tell.
+/// Evidence from some lines of nodes that the first and the last plane along an index coincide.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Seam {
     pub(crate) is_closed: bool,
-    /// Whether there is anything between the planes.
+    /// True if the planes are apart from those next to them.
     pub(crate) is_crossed: bool,
 }
 
@@ -22,7 +22,7 @@ impl Seam {
         is_crossed: false,
     };
 
-    /// What it and another tell.
+    /// Combines the evidence of two sets of lines.
     #[must_use]
     pub(crate) fn and(self, other: Self) -> Self {
         Self {
@@ -31,17 +31,17 @@ impl Seam {
         }
     }
 
-    /// Of a line of nodes: the first two, the last but one, the last.
+    /// Checks one line of nodes: its first two, its last but one and its last.
     fn of([first, second, before, last]: [DVec3; 4]) -> Self {
         let spacing = first.distance(second).max(before.distance(last));
         Self {
-            // Phrased so that NaN says no.
+            // Phrased so that NaN gives false.
             is_closed: first.distance(last) <= SEAM_TOLERANCE * spacing,
             is_crossed: spacing > 0.0,
         }
     }
 
-    /// Along k, of the nodes of these four planes.
+    /// Checks seams along k, from the nodes of four planes.
     #[cfg(feature = "cli")]
     pub(crate) fn of_planes([first, second, before, last]: [&[DVec3]; 4]) -> Self {
         let lines = first.iter().zip(second).zip(before.iter().zip(last));
@@ -54,11 +54,11 @@ impl Seam {
     }
 }
 
-/// Whether the first and last plane along index `d` coincide (an O-grid's seam), by the lines of nodes that begin in some
-/// planes of constant k.
+/// Checks whether the first and last plane along index `d` coincide (an O-grid's seam), by the lines of nodes
+/// that begin in `planes` of constant k.
 pub(crate) fn seam(dims: [usize; 3], nodes: &[DVec3], d: usize, planes: Range<usize>) -> Seam {
     let n = dims[d];
-    // Three cells or more: two would have no inside.
+    // At least three cells: two would enclose nothing.
     if n < 4 {
         return Seam {
             is_closed: false,

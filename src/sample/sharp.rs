@@ -1,10 +1,10 @@
-//! Sharp boundaries of curvilinear grids: whole cells around boundary nodes, one layer of ghosts beyond
-//! them, and the planes that cut the kernels there.
+//! Makes sharp boundaries of curvilinear grids: whole cells around boundary nodes, one layer of ghosts beyond
+//! them, and planes that cut the kernels there.
 //!
-//! The grid is continued linearly, node by node (2 X0 - X1, and once more for the shapes of the ghosts),
-//! so that boundary nodes have kernels as nodes inside have. Each kernel within some cells of a face is
-//! cut by the tangent plane at the nearest boundary node: exact on plane faces, of second order in
-//! curvature times spacing on others. A face that has collapsed to a line or a point, a pole, is none.
+//! The grid is extended linearly, node by node: 2 X0 - X1, and once more for the shapes of the ghosts. Boundary
+//! nodes thus get the same kernels as nodes inside. Each kernel within some cells of a face is cut by the
+//! tangent plane at the nearest boundary node. That is exact on plane faces, and of second order in curvature
+//! times spacing on others. A face that has collapsed to a line or a point, a pole, does not count as a face.
 
 use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
@@ -24,27 +24,28 @@ use crate::scene::{
     Boundary, BoundaryPlanes, LocalModel, LocalModels, NO_EDGE, Particles, PointVolume, Strength,
 };
 
-/// Layers of nodes that the grid is continued by: one of ghosts, and one beyond for their shapes.
+/// Layers of nodes by which the grid is extended: one of ghosts, and one beyond for their shapes.
 const LAYERS: usize = 2;
 
-/// How many cells away a face may cut a kernel: in a boundary layer kernels grow almost as fast as
-/// their distance.
+/// Greatest distance in cells at which a face may cut a kernel: in a boundary layer, kernels grow almost as
+/// fast as their distance.
 pub(super) const FARTHEST: usize = 6;
 
-/// Two tangents whose angle has a lesser sine span no face.
+/// Least sine of the angle between two tangents that span a face.
 const LEAST_SINE: f64 = 1e-6;
 
-/// The nodes on a face of a grid and the ghosts beyond it, in a layer each between two layers of others.
+/// The nodes on a face of a grid and their ghosts beyond it. The array holds these two layers between two outer
+/// ones.
 struct Face {
     axis: usize,
-    /// The first node's indices.
+    /// Indices of the first node.
     first: [isize; 3],
     dims: [usize; 3],
     parts: Vec<Option<Part>>,
 }
 
 impl Face {
-    /// The part of a node of the two layers, if it has one.
+    /// Returns the part of a node of the two middle layers, if it has one.
     fn part(&self, ijk: [isize; 3]) -> Option<Part> {
         let [i, j, k] = [0, 1, 2].map(|a| usize::try_from(ijk[a] - self.first[a]).ok());
         let at = [i?, j?, k?];
@@ -55,7 +56,7 @@ impl Face {
 }
 
 impl Grid<'_> {
-    /// The nodes on the grid's faces of indices that do not close, those on edges more than once.
+    /// Returns the nodes on the grid's faces, without seams; nodes on edges occur more than once.
     fn face_nodes(&self) -> impl Iterator<Item = usize> {
         let axes = (0..3).filter(|&a| !self.periodic[a]);
         axes.flat_map(move |a| {
@@ -65,8 +66,8 @@ impl Grid<'_> {
         })
     }
 
-    /// Whether the last plane, or the first, along an index that does not close is the grid's, not one where it goes on
-    /// elsewhere.
+    /// Returns true if the first or last local plane along an index without a seam is a face of the grid. Along
+    /// k it may be a cut between ranks instead.
     fn is_face(&self, a: usize, is_upper: bool) -> bool {
         let Window { first, count, .. } = self.window;
         a < 2
@@ -77,7 +78,8 @@ impl Grid<'_> {
             })
     }
 
-    /// How many nodes a place lies from the grid's first and last plane along an index.
+    /// Returns the number of nodes from a place to the first and to the last plane of the whole grid along an
+    /// index.
     fn face_distances(&self, a: usize, i: isize) -> [isize; 2] {
         let Window { first, count, .. } = self.window;
         let [before, count] = match a {
@@ -88,13 +90,13 @@ impl Grid<'_> {
         [i, count as isize - 1 - i]
     }
 
-    /// How far the grid is continued along each index.
+    /// Returns the number of layers by which the grid is extended along each index.
     fn layers(&self) -> [usize; 3] {
         self.periodic
             .map(|is_periodic| if is_periodic { 0 } else { LAYERS })
     }
 
-    /// The position of a node of the grid or of its linear continuation.
+    /// Returns the position of a node of the grid or of its linear extension.
     fn continued(&self, at: [isize; 3]) -> DVec3 {
         let along = [0, 1, 2].map(|a| {
             let last = self.dims[a] as isize - 1;
@@ -117,8 +119,8 @@ impl Grid<'_> {
         sum
     }
 
-    /// The tangent plane at the boundary node nearest to a place along index `a`: its normal into the
-    /// grid, and the node. `None` where the face has collapsed.
+    /// Returns the tangent plane at the boundary node nearest to a place along index `a`: its normal into the
+    /// grid, and the node. Returns `None` if the face has collapsed.
     fn tangent_plane(&self, mut ijk: [usize; 3], a: usize, is_upper: bool) -> Option<[DVec3; 2]> {
         let last = self.dims.map(|n| n - 1);
         ijk[a] = if is_upper { last[a] } else { 0 };
@@ -143,7 +145,7 @@ impl Grid<'_> {
         let inward = node(inner) - origin;
         let [u, v] = [tangent((a + 1) % 3), tangent((a + 2) % 3)];
         let across = u.cross(v);
-        // Phrased so that NaN is no plane.
+        // Phrased so that NaN gives no plane.
         if !(across.length() > LEAST_SINE * u.length() * v.length()) {
             return None;
         }
@@ -152,15 +154,16 @@ impl Grid<'_> {
         (height.abs() > LEAST_SINE * inward.length()).then(|| [normal * height.signum(), origin])
     }
 
-    /// Whether nothing around a node is blanked.
+    /// Returns true if nothing around a node is blanked.
     fn is_clear(&self, ijk: [usize; 3]) -> bool {
         !self.blanking.node(self.first_node + self.node_index(ijk)) && !self.is_beside_blanked(ijk)
     }
 
-    /// What changes at nodes beside the boundary, and ghosts, row by row; which nodes of the grid continued by
-    /// [`LAYERS`] these are.
+    /// Returns the changed particles beside the boundary and the ghosts, row by row. The first list of each row
+    /// gives their nodes in the grid extended by [`LAYERS`].
     ///
-    /// - `particle`: which particle a node is, if it is any; `kernel`: that one's centre and factor.
+    /// - `particle`: returns the particle of a node, if it has one.
+    /// - `kernel`: returns the centre and the factor of a particle.
     fn sharp_nodes(
         &self,
         kernel_width: f64,
@@ -196,9 +199,9 @@ impl Grid<'_> {
         (0..dims[1] * dims[2]).into_par_iter().map(of_row).collect()
     }
 
-    /// The nodes on a face and the ghosts beyond it.
+    /// Returns the nodes on a face and the ghosts beyond it.
     ///
-    /// - `dims`: of the grid continued along each index.
+    /// - `dims`: dimensions of the extended grid.
     fn face(&self, a: usize, is_upper: bool, dims: [usize; 3]) -> Face {
         let layers = self.layers();
         let mut first = layers.map(|n| -(n as isize));
@@ -234,7 +237,7 @@ impl Grid<'_> {
         }
     }
 
-    /// - `ijk`: a node of the grid continued, counted from the grid's own.
+    /// - `ijk`: a node of the extended grid; indices are relative to the grid's own first node.
     fn sharp_node(
         &self,
         faces: &[Face],
@@ -272,7 +275,7 @@ impl Grid<'_> {
                 }
                 let plane = self.tangent_plane(node, a, is_upper);
                 is_on_boundary |= distance <= 0;
-                // A pole goes on nowhere.
+                // At a pole the grid cannot be extended.
                 is_whole &= plane.is_some() || distance > 0;
                 planes.extend(plane);
             }
@@ -290,7 +293,7 @@ impl Grid<'_> {
             (centre, factor, None)
         };
         let edges = edges(&planes, centre, &factor);
-        // Of no consequence.
+        // Neither a new kernel nor a cut.
         if changed.is_none() && edges.is_none() {
             return None;
         }
@@ -306,13 +309,13 @@ impl Grid<'_> {
     }
 }
 
-/// The nodes of both faces of a grid along index `a`, by their numbers.
+/// Returns the numbers of the nodes of both faces of a grid along index `a`.
 pub(super) fn face_nodes(dims: [usize; 3], a: usize) -> impl Iterator<Item = usize> {
     let faces = [0, dims[a] - 1].into_iter();
     faces.flat_map(move |at| plane_nodes(dims, a, at))
 }
 
-/// The nodes of a plane along index `a`.
+/// Returns the nodes of a plane along index `a`.
 fn plane_nodes(dims: [usize; 3], a: usize, at: usize) -> impl Iterator<Item = usize> {
     let strides = [1, dims[0], dims[0] * dims[1]];
     let (b, c) = ((a + 1) % 3, (a + 2) % 3);
@@ -320,7 +323,7 @@ fn plane_nodes(dims: [usize; 3], a: usize, at: usize) -> impl Iterator<Item = us
     across.map(move |(i, j)| at * strides[a] + i * strides[b] + j * strides[c])
 }
 
-/// Those of some planes (a normal into the domain and a point each) that reach a kernel.
+/// Returns those of some planes (each a normal into the domain and a point) that reach a kernel.
 pub(super) fn edges(
     planes: &[[DVec3; 2]],
     centre: DVec3,
@@ -341,22 +344,22 @@ pub(super) fn edges(
 
 /// A particle that is changed or added at the boundary.
 pub(super) struct SharpParticle {
-    /// Which particle it is, or of a ghost the nearest one; then the one as far behind that.
+    /// The particle itself, or the particle nearest to a ghost; then the one mirrored behind that.
     pub(super) sources: [usize; 2],
     pub(super) is_ghost: bool,
-    /// Its kernel, where that is another one.
+    /// New kernel, if it changes.
     pub(super) kernel: Option<Kernel>,
-    /// Of a ghost its value, where that is not extrapolated from its sources.
+    /// Value of a ghost, if it is not extrapolated from its sources.
     pub(super) value: Option<f64>,
     pub(super) edges: Option<[[f32; 4]; MOST_EDGES]>,
 }
 
-/// Gives a volume of nodes of curvilinear grids, as it was sampled, a sharp boundary.
+/// Gives a sampled volume of nodes of curvilinear grids a sharp boundary.
 ///
-/// - `grids`: with the number of each one's first node.
-/// - `kept`: which node each particle is, ascending.
+/// - `grids`: each grid with the number of its first node.
+/// - `kept`: node of each particle, ascending.
 ///
-/// Gives which of them each ghost belongs to; none where nothing is cut.
+/// Returns the particle of each ghost; empty if nothing is cut.
 pub(super) fn sharpen_grids(
     volume: &mut PointVolume,
     report: &mut SampleReport,
@@ -373,7 +376,8 @@ pub(super) fn sharpen_grids(
             kept.binary_search(&index_u32(node)).ok()
         }
     };
-    // Before the grids are continued: most of what is transparent there needs no more than this.
+    // Before the grids are extended: most volumes that are transparent on the boundary need no more than this
+    // test.
     let on_faces = grids
         .iter()
         .flat_map(|(first, grid)| grid.face_nodes().map(move |node| first + node));
@@ -426,9 +430,9 @@ pub(super) fn sharpen_grids(
     Ok(ghosts.sources)
 }
 
-/// Evens out the volumes of a volume with a boundary.
+/// Evens out the volumes of particles inside a sharp boundary.
 ///
-/// - `sums`: of all kernels at the samples, where they are to be evened out; `None` for none.
+/// - `sums`: returns the sums of all kernels at the samples; `None` if volumes stay as they are.
 pub(super) fn even_out(
     volume: &mut PointVolume,
     ghosts: &Ghosts,
@@ -459,17 +463,17 @@ pub(super) fn even_out(
     Ok(())
 }
 
-/// What a sharp boundary has added.
+/// Particles that a sharp boundary has added.
 pub(super) struct Ghosts {
-    /// The samples that they belong to; they are the last particles.
+    /// Sample of each ghost; ghosts are the last particles.
     pub(super) sources: Vec<usize>,
-    /// The volume of the data.
+    /// Total volume of the data.
     inside: f64,
 }
 
-/// Changes and adds the particles of a boundary, where the options want it sharp.
+/// Changes and adds the particles of a boundary, if the options allow a sharp one.
 ///
-/// - `changes`: in pieces, which are dropped one after the other.
+/// - `changes`: in pieces, which are freed one after the other.
 pub(super) fn apply(
     volume: &mut PointVolume,
     report: &mut SampleReport,
@@ -491,7 +495,7 @@ pub(super) fn apply(
         return Ok(None);
     };
     let inside = own.sum(volumes[range.clone()].iter().copied().map(f64::from))?;
-    // The gradient stays, over another kernel; what the samples' centroids did to values goes with them.
+    // The gradient stays, over another kernel. The departure due to the samples' centroids is dropped.
     let over = |models: &LocalModels, source: usize, factor: &[f32; 6]| {
         let model = models.get(source);
         let gradient = matrix_of(factors[source]).transpose().inverse() * model.slope.as_dvec3();
@@ -509,7 +513,7 @@ pub(super) fn apply(
             .filter_map(|change| {
                 let source = change.sources[0];
                 let factor = &change.kernel?.factor;
-                // Those that are not asked for have none.
+                // Particles that are not wanted have no models.
                 match (is_own(change), change.is_ghost) {
                     (false, false) => None,
                     (false, true) => Some((None, LocalModel::NONE)),
@@ -524,7 +528,7 @@ pub(super) fn apply(
     }
     let ghost_count = all().filter(|c| c.is_ghost).count();
     let cut_count = all().filter(|c| c.edges.is_some()).count();
-    // Exactly: they are the volume's largest arrays.
+    // Exact capacity: these are the volume's largest arrays.
     positions.reserve_exact(ghost_count);
     factors.reserve_exact(ghost_count);
     volumes.reserve_exact(ghost_count);

@@ -1,17 +1,17 @@
-//! Sharp boundaries of unstructured grids, by mirrors.
+//! Makes sharp boundaries of unstructured grids, by mirror images.
 //!
-//! Around each node of the boundary its faces make up to three tangent planes. The half of a dual cell
-//! that a boundary node has is made whole by its mirror images in them, and nodes beside the boundary have
-//! mirror images beyond it, as ghosts; their values go on linearly, 2 v0 - v with v0 that of the boundary
-//! where the node's image meets it. Kernels are cut at the tangent planes of the nearest boundary nodes.
-//! Plane walls come out as the mesh is inside; on curved ones planes are of second order in curvature
-//! times spacing.
+//! Around each boundary node the faces form up to three tangent planes. The node's dual cell is half a cell;
+//! its mirror images in the planes complete it. Nodes beside the boundary have mirror images beyond it, as
+//! ghosts. Their values continue linearly: 2 v0 - v, with v0 the boundary's value where the line from the node
+//! to its image meets it. Kernels are cut at the tangent planes of the nearest boundary nodes. Beside plane
+//! walls kernels look like those inside the mesh; on curved walls planes are of second order in curvature times
+//! spacing.
 //!
-//! The planes of one kernel bound a convex piece. At an edge that goes in, as that of an L, the domain is
-//! none: nodes there keep their own dual cells and are cut by nothing. So do nodes at faces that others cover in part;
-//! faces that are covered all over are no boundary ([`super::covered`]).
+//! The planes of one kernel bound a convex region. At a re-entrant edge, like that of an L, the domain is not
+//! convex: nodes there keep their own dual cells and are not cut. The same holds for nodes at faces that others
+//! cover in part. Faces that are covered entirely are no boundary ([`super::covered`]).
 //!
-//! Nodes at one position have one dual cell between them, and a kernel and its images each, of their shares.
+//! Nodes at one position share a dual cell. Each has a kernel and images of its own share.
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
@@ -27,26 +27,26 @@ use crate::io::{Blanking, CellMesh, polyhedron_faces};
 use crate::math::{factor_of_variance, lower_matrix};
 use crate::scene::Values;
 
-/// Faces around a node whose normals have at least this cosine are of one plane.
+/// Faces around a node lie in one plane if the cosine between their normals is at least this.
 const SAME_PLANE: f64 = 0.8;
 
-/// How far a face may lie outside the plane of another, in shares of its distance, for the two to bound
-/// a convex piece: faces of a curved wall are no planes.
+/// Tolerance for convexity: distance by which a face may lie outside the plane of another, as a share of the
+/// face's distance. The faces of a curved wall do not lie in one plane.
 const CONCAVE: f64 = 0.25;
 
-/// Planes of a node at most.
+/// Greatest number of planes at a node.
 const MOST_PLANES: usize = 3;
 
-/// The ghosts of kernels farther from a plane than so many of their deviations reach nothing.
+/// Greatest distance of a kernel from a plane, in standard deviations, at which its ghost reaches across.
 const GHOST_REACH: f64 = 3.5;
 
-/// Nodes so many edges from the boundary are beside it.
+/// Number of edges from the boundary within which nodes are beside it.
 const RINGS: usize = 2;
 
 /// A tangent plane of the boundary at one of its nodes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Tangent {
-    /// Into the domain.
+    /// Normal into the domain.
     normal: DVec3,
     node: u32,
 }
@@ -63,16 +63,16 @@ pub(super) struct Surface {
     faces: Vec<OuterFace>,
     /// The nodes of the boundary, ascending.
     nodes: Vec<u32>,
-    /// The place in `around` where the faces at each node begin; one more at the end.
+    /// Index in `around` at which the faces at each node begin; one more entry at the end.
     starts: Vec<usize>,
     around: Vec<u32>,
-    /// The nodes at which faces are covered in part, ascending.
+    /// Nodes at which faces are covered in part, ascending.
     undecided: Vec<u32>,
 }
 
-/// Tangent planes of nodes, by their numbers.
+/// Tangent planes of nodes.
 struct Tangents {
-    /// The list of each node; `NONE` if it has none.
+    /// Index of each node's list; `NONE` if it has none.
     place_of: Vec<u32>,
     lists: Vec<Vec<Tangent>>,
 }
@@ -99,13 +99,13 @@ impl Tangents {
 /// The changes that a sharp boundary makes.
 pub(super) struct SharpCells {
     pub(super) changes: Vec<SharpParticle>,
-    /// Particles that are not cut, on edges that go in, ascending.
+    /// Particles on re-entrant edges, which are not cut, ascending.
     pub(super) reentrant: Vec<usize>,
-    /// The same at faces that are covered in part.
+    /// Particles at faces that are covered in part, which are not cut, ascending.
     pub(super) undecided: Vec<usize>,
 }
 
-/// The particles of nodes, also of those that share a position.
+/// The particles of nodes, including nodes that share a position.
 pub(super) struct NodeParticles<'a> {
     /// The node of each particle, ascending.
     kept: &'a [u32],
@@ -114,13 +114,14 @@ pub(super) struct NodeParticles<'a> {
 }
 
 impl<'a> NodeParticles<'a> {
-    /// - `kept`: which node each particle is, ascending.
+    /// - `kept`: node of each particle, ascending.
     pub(super) fn new(duals: &Duals, kept: &'a [u32]) -> Self {
         let copies = duals.copies();
         Self { kept, copies }
     }
 
-    /// The nodes at the position of the first there, and the particle of each that is one.
+    /// Returns the nodes at a position, given the first of them, and their particles. Nodes without a particle
+    /// are left out.
     pub(super) fn at(&self, first: u32) -> impl Iterator<Item = (u32, usize)> {
         let start = self.copies.partition_point(|&(own, _)| own < first);
         let copies = self.copies[start..].iter();
@@ -130,16 +131,16 @@ impl<'a> NodeParticles<'a> {
         nodes.filter_map(|node| Some((node, self.kept.binary_search(&node).ok()?)))
     }
 
-    /// The first particle at a position.
+    /// Returns the first particle at a position.
     fn first(&self, first: u32) -> Option<usize> {
         self.at(first).next().map(|(_, particle)| particle)
     }
 }
 
-/// The changes that a sharp boundary makes to the particles of a mesh.
+/// Returns the changes that a sharp boundary makes to the particles of a mesh.
 ///
-/// - `around`: which cells meet at which nodes.
-/// - `values`: of the particles.
+/// - `around`: the cells at each node.
+/// - `values`: values of the particles.
 pub(super) fn sharp_cells(
     cells: &DrawnCells<'_>,
     surface: &Surface,
@@ -175,7 +176,7 @@ pub(super) fn sharp_cells(
     let change = |&(node, ref near): &(u32, Vec<Tangent>)| {
         let mut changes = Vec::new();
         let incident = own.of(node);
-        // Not on an edge that goes in.
+        // Particles on a re-entrant edge are not cut.
         if incident != Some(&[]) {
             for (copy, index) in particles.at(node) {
                 let change = Change {
@@ -199,7 +200,7 @@ pub(super) fn sharp_cells(
     }
 }
 
-/// A node beside the boundary.
+/// Context for changing the particle of a node beside the boundary.
 struct Change<'a> {
     mesh: &'a CellMesh,
     surface: &'a Surface,
@@ -222,7 +223,7 @@ impl Change<'_> {
         let Some((mut volume, mut first, mut second)) = duals.cell(node as usize) else {
             return;
         };
-        // Of nodes at one position each has its share.
+        // Each of several nodes at one position has its own share.
         let share = duals.share(node as usize) / volume;
         for tangent in incident {
             let mirror = mirror(tangent.normal);
@@ -277,7 +278,7 @@ impl Change<'_> {
             value: None,
             edges: own_edges,
         });
-        // An image in each plane, and in each two or three at once.
+        // One image in each plane, and in each pair and triple of planes.
         for images in 1..1_usize << mirrors.len() {
             let (mut at, mut shape) = (centre, variance);
             let mut value = f64::from(self.values.get(self.index));
@@ -311,13 +312,13 @@ impl Change<'_> {
     }
 }
 
-/// The reflection in a plane through the origin.
+/// Returns the reflection in a plane through the origin.
 fn mirror(n: DVec3) -> DMat3 {
     DMat3::IDENTITY - DMat3::from_cols(n * n.x, n * n.y, n * n.z) * 2.0
 }
 
-/// Two numbers that tell a face from others, whatever its nodes' order: the lowest of these, and a hash of all, of which
-/// repeated ones count once. `None` where it has fewer than three.
+/// Returns a key that identifies a face whatever the order of its nodes: the lowest node, and a hash of all
+/// distinct nodes. Returns `None` for fewer than three nodes.
 fn key(face: &[u32]) -> Option<(u32, [u32; 2])> {
     let (mut lowest, mut count, mut hash) = (u32::MAX, 0_u64, 0_u64);
     for (i, &node) in face.iter().enumerate() {
@@ -334,7 +335,7 @@ fn key(face: &[u32]) -> Option<(u32, [u32; 2])> {
     (count > 2).then_some((lowest, halves))
 }
 
-/// Bits in which each bit of a number changes half of all (splitmix64).
+/// Mixes bits: each bit of the input flips half of the output on average (splitmix64).
 fn mixed(x: u64) -> u64 {
     let x = x.wrapping_mul(0x9e37_79b9_7f4a_7c15);
     let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -349,8 +350,8 @@ impl DrawnCells<'_> {
             && !self.duals.is_left_out(cell)
     }
 
-    /// Calls `each` for the nodes of every face of a cell, the first of those at one position. `nodes` holds them in
-    /// between.
+    /// Calls `each` for the nodes of every face of a cell; each node is replaced by the first at its position.
+    /// `nodes` is scratch space.
     fn each_face(&self, cell: usize, nodes: &mut Vec<u32>, mut each: impl FnMut(&[u32])) {
         let entries = self.mesh.cell(cell);
         let mut visit = |face: &mut dyn Iterator<Item = u32>| {
@@ -372,14 +373,14 @@ impl DrawnCells<'_> {
         }
     }
 
-    /// The corners of a cell, ascending.
+    /// Collects the corners of a cell, ascending.
     fn corners(&self, cell: usize, corners: &mut Vec<u32>) {
         let entries = self.mesh.cell(cell);
         let first_of = |&n: &u32| self.duals.first_of(n);
         corners.clear();
         match self.mesh.kinds[cell].faces() {
             Some(faces) => {
-                // They come before the other nodes of a cell of higher order.
+                // Corners precede the other nodes of a cell of higher order.
                 let places = faces.iter().flat_map(|face| face.iter());
                 let count = places.max().map_or(0, |&last| usize::from(last) + 1);
                 corners.extend(entries[..count].iter().map(first_of));
@@ -390,7 +391,7 @@ impl DrawnCells<'_> {
         corners.dedup();
     }
 
-    /// Whether two cells that share a face are one, stated twice.
+    /// Returns true if two cells that share a face are the same cell, stated twice.
     fn are_one(&self, a: usize, b: usize) -> bool {
         let sum = |cell: usize| {
             let corners = nodes_of(self.mesh, cell).map(|n| u64::from(self.duals.first_of(n)));
@@ -405,7 +406,7 @@ impl DrawnCells<'_> {
         of_a == of_b
     }
 
-    /// The nodes of all faces that one cell alone has, ascending, whether others cover these or not.
+    /// Returns the nodes of all faces that belong to one cell alone, ascending, covered or not.
     #[cfg(feature = "cli")]
     pub(super) fn outer_nodes(&self) -> Vec<u32> {
         let (mut found, mut nodes) = (Vec::new(), Vec::new());
@@ -422,7 +423,7 @@ impl DrawnCells<'_> {
         found
     }
 
-    /// The keys of the faces that one cell alone has, by that cell, ascending.
+    /// Returns the keys of the faces that belong to one cell alone, each with that cell, ascending by cell.
     fn outer_faces(&self) -> Vec<(u32, [u32; 2])> {
         let mesh = self.mesh;
         let each_key = |visit: &mut dyn FnMut((u32, [u32; 2]), usize)| {
@@ -435,7 +436,7 @@ impl DrawnCells<'_> {
                 });
             }
         };
-        // Sorted by the lowest node at first: what is left is short.
+        // Sort by the lowest node first: the remaining lists are short.
         let mut starts = vec![0; mesh.nodes.len() + 1];
         each_key(&mut |(lowest, _), _| starts[lowest as usize + 1] += 1);
         for node in 0..mesh.nodes.len() {
@@ -477,7 +478,7 @@ impl DrawnCells<'_> {
 }
 
 impl Surface {
-    /// The faces that one drawn cell has and that no others cover.
+    /// Collects the faces that belong to one drawn cell and that no others cover.
     pub(super) fn new(cells: &DrawnCells<'_>) -> Self {
         let node = |n: u32| cells.mesh.nodes[n as usize];
         let middle_of = |nodes: &[u32]| {
@@ -516,7 +517,7 @@ impl Surface {
             });
         }
         let sides = sides(&cells.mesh.nodes, &faces);
-        // The nodes of each face, and what is behind it there.
+        // The nodes of each face, and the state of its far side there.
         let mut all: Vec<(u32, u32, Side)> = Vec::new();
         for (place, (face, sides)) in faces.iter().zip(&sides).enumerate() {
             for (i, &node) in face.nodes.iter().enumerate() {
@@ -555,18 +556,18 @@ impl Surface {
         self.undecided.binary_search(&node).is_ok()
     }
 
-    /// The nodes of the boundary, ascending.
+    /// Returns the nodes of the boundary, ascending.
     pub(super) fn nodes(&self) -> &[u32] {
         &self.nodes
     }
 
-    /// The faces around the `n`-th node.
+    /// Returns the faces around the `n`-th node.
     fn faces_around(&self, n: usize) -> impl Iterator<Item = &OuterFace> {
         let around = &self.around[self.starts[n]..self.starts[n + 1]];
         around.iter().map(|&face| &self.faces[face as usize])
     }
 
-    /// The tangent planes at the `n`-th boundary node; `None` where they bound no convex piece.
+    /// Returns the tangent planes at the `n`-th boundary node; `None` if they bound no convex region.
     fn planes(&self, mesh: &CellMesh, n: usize) -> Option<Vec<Tangent>> {
         let node = self.nodes[n];
         if self.is_undecided(node) {
@@ -610,7 +611,7 @@ impl Surface {
         Some(groups.iter().map(tangent).collect())
     }
 
-    /// The value where the boundary around a node is met: linear over the triangles of its faces.
+    /// Returns the value at a point of the boundary near a node, linear over the triangles of the node's faces.
     fn value(
         &self,
         mesh: &CellMesh,
@@ -634,7 +635,7 @@ impl Surface {
                 let p = w.cross(v).dot(across) / area;
                 let q = u.cross(w).dot(across) / area;
                 let weights = [1.0 - p - q, p, q];
-                // How far outside the triangle, at worst.
+                // The least weight states how far outside the triangle the point lies.
                 let least = weights.into_iter().fold(f64::INFINITY, f64::min);
                 if best.is_none_or(|(score, _)| least > score) {
                     let weighted = [0, 1, 2].map(|k| (corners[k], weights[k]));
@@ -642,7 +643,7 @@ impl Surface {
                 }
             }
         }
-        // Held to the triangle: far outside it, a linear value is any.
+        // Clamped to the triangle: far outside it, a linear extrapolation is meaningless.
         let (_, weighted) = best?;
         let held = weighted.map(|(n, w)| (n, w.max(0.0)));
         let total: f64 = held.iter().map(|(_, w)| w).sum();
@@ -654,10 +655,10 @@ impl Surface {
     }
 }
 
-/// The nodes that are few edges from the boundary, ascending, and the tangent planes beside each, those of the nearest
-/// nodes first.
+/// Returns the nodes within a few edges of the boundary, ascending, with the tangent planes near each. Planes
+/// of the nearest boundary nodes come first.
 ///
-/// - `own`: the planes of the boundary's own nodes, `on_boundary`.
+/// - `own`: the planes of the nodes in `on_boundary`.
 fn beside(
     cells: &DrawnCells<'_>,
     around: &CellsAround,
@@ -716,7 +717,7 @@ fn beside(
     reached.into_iter().map(taken).collect()
 }
 
-/// The same without repetitions, in the order in which they come first.
+/// Removes repetitions; keeps the order of first occurrence.
 fn once_each(nodes: Vec<u32>) -> Vec<u32> {
     let mut places: Vec<(u32, u32)> = nodes.into_iter().zip(0..).collect();
     places.sort_unstable();
@@ -725,7 +726,8 @@ fn once_each(nodes: Vec<u32>) -> Vec<u32> {
     places.into_iter().map(|(node, _)| node).collect()
 }
 
-/// The tangent planes that some nodes have `found`, from near a node to far, of each plane the nearest one's.
+/// Returns the tangent planes that `found` has for some nodes, from near to far. Of nearly equal planes the
+/// nearest node's is kept.
 fn nearest(mesh: &CellMesh, node: u32, sources: &[u32], found: &Tangents) -> Vec<Tangent> {
     let at = mesh.nodes[node as usize];
     let planes = sources.iter().filter_map(|&source| found.of(source));

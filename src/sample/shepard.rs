@@ -1,4 +1,4 @@
-//! Shepard passes: cell volumes corrected until a uniform field is reproduced at the particles.
+//! Corrects cell volumes by Shepard passes, until they reproduce a uniform field at the particles.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -12,14 +12,14 @@ use crate::math::principal_sigmas;
 use crate::scene::{Particles, PointVolume, Strength};
 use crate::task::Task;
 
-/// At a boundary half of a kernel's neighbours are missing; what would more than double a volume
-/// several times over is no ripple.
+/// Least sum that is corrected. At a boundary half of a kernel's neighbours are missing; a sum that would more
+/// than double a volume several times over is no ripple.
 const LEAST_SUM: f64 = 0.2;
 
-/// Divides each particle's volume by the sum of all volumes' kernels at its centre, `passes` times,
-/// and then scales all so that their total is what it was.
+/// Divides each particle's volume by the sum of all volumes' kernels at its centre, `passes` times. Then scales
+/// all volumes to restore their total.
 ///
-/// Lattices need none, and masses that the data state are theirs: both stay.
+/// Lattices need no correction, and masses stated by the data must not change: both stay.
 pub(super) fn even_out(volume: &mut PointVolume, passes: u32, task: Option<&Task>) -> Result<()> {
     let Strength::Classified { volumes } = &mut volume.strength else {
         return Ok(());

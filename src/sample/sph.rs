@@ -1,8 +1,8 @@
-//! Gaussians in place of smoothing kernels: the same second moment.
+//! Replaces smoothing kernels of SPH by Gaussians with the same second moment.
 
 use crate::io::{LengthMeaning, SphKernel};
 
-/// What a kernel's own definition says of it.
+/// Properties of a smoothing kernel that follow from its definition.
 struct Definition {
     name: &'static str,
     /// Support radius over smoothing length.
@@ -31,7 +31,7 @@ fn definition(kernel: SphKernel) -> Definition {
 /// Full width at half maximum of a Gaussian over its standard deviation: 2 sqrt(2 ln 2).
 const FWHM: f64 = 2.354_820_045_030_949_3;
 
-/// The standard deviation of the Gaussian with the second moment of `kernel`, over a length of the
+/// Returns the standard deviation of the Gaussian with the second moment of `kernel`, over a length of the
 /// given meaning.
 ///
 /// The Gaussian's column through the centre is 11 % higher than the cubic spline's.
@@ -47,7 +47,7 @@ pub(super) fn sigma_over_length(meaning: LengthMeaning, kernel: SphKernel) -> f6
     }
 }
 
-/// Support radius over a length of the given meaning.
+/// Returns the support radius over a length of the given meaning.
 pub(super) fn support_over_length(meaning: LengthMeaning, kernel: SphKernel) -> f64 {
     let Definition {
         support, variance, ..
@@ -55,7 +55,7 @@ pub(super) fn support_over_length(meaning: LengthMeaning, kernel: SphKernel) -> 
     sigma_over_length(meaning, kernel) * support / variance.sqrt()
 }
 
-/// The convention in words.
+/// Describes the convention in words.
 pub(super) fn convention(column: &str, meaning: LengthMeaning, kernel: SphKernel) -> String {
     let Definition { name, support, .. } = definition(kernel);
     let sigma = sigma_over_length(meaning, kernel);
@@ -77,7 +77,7 @@ pub(super) fn convention(column: &str, meaning: LengthMeaning, kernel: SphKernel
 mod tests {
     use super::*;
 
-    /// The kernel's shape, unnormalised, at r / h = q.
+    /// Returns the kernel's shape, unnormalised, at r / h = q.
     fn shape(kernel: SphKernel, q: f64) -> f64 {
         let positive = |x: f64, n| x.max(0.0).powi(n);
         match kernel {

@@ -1,4 +1,4 @@
-//! Splats: shapes and opacities as the file states them.
+//! Samples splats: shapes and opacities are those that the file states.
 
 use super::factor::factor_of_scales;
 use super::left_out::LeftOut;
@@ -19,7 +19,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     let cloud = std::mem::take(cloud);
     let count = cloud.positions.len();
     check_count(&dataset, count)?;
-    // A named field colours; nothing else of the fields is looked at.
+    // A named field sets the colours; other fields are ignored.
     let field = match &options.field {
         Some(name) => {
             let taken = take_scalar(&mut dataset, name)?;
@@ -52,7 +52,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     report.particle_count = kept.len();
 
     let values = field.map(|f| keep(f.values, &kept));
-    // Opacities are the splats' own: of the function only its colours are taken.
+    // Opacities are the splats' own: only the function's colours are used.
     let of_splats = |values: &Values| ValueSample::of_body(values, &[], &[]);
     let (values, transfer_function) = match values {
         Some(values) => under_function(values, of_splats, 1.0, &mut report, options)
@@ -102,7 +102,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     })
 }
 
-/// The factor of splat `i`, or why it cannot be drawn.
+/// Returns the factor of splat `i`, or the reason why it cannot be drawn.
 pub(super) fn factor(
     cloud: &SplatCloud,
     values: Option<&Values>,
@@ -122,7 +122,7 @@ pub(super) fn factor(
     Ok(factor)
 }
 
-/// The kept sets of `stride` entries each: moved where all are kept.
+/// Returns the kept sets of `stride` entries each; moves them if all are kept.
 pub(super) fn picked<T: Copy>(all: Vec<T>, kept: &[u32], stride: usize) -> Vec<T> {
     if kept.len() * stride == all.len() {
         return all;

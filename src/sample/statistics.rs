@@ -1,4 +1,4 @@
-//! Sizes and shapes of a volume's kernels, in percentiles.
+//! Measures sizes and shapes of a volume's kernels, in percentiles.
 
 use glam::DMat3;
 use rayon::prelude::*;
@@ -9,10 +9,10 @@ use crate::scene::{LatticeSpacing, Particles};
 /// The percentiles that [`ShapeStatistics`] has.
 pub const PERCENTILES: [f64; 5] = [0.0, 5.0, 50.0, 95.0, 100.0];
 
-/// Cells of a rectilinear lattice that are looked at.
+/// Greatest number of cells of a rectilinear lattice that are measured.
 const MOST_CELLS: usize = 1 << 20;
 
-/// How large kernels are and how anisotropic: each at the [`PERCENTILES`], particles ordered by it.
+/// Sizes and anisotropies of kernels at the [`PERCENTILES`], each in its own order.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ShapeStatistics {
     /// Geometric mean of the three standard deviations \[length\].
@@ -22,7 +22,7 @@ pub struct ShapeStatistics {
 }
 
 impl ShapeStatistics {
-    /// Of all particles; `None` if there are none.
+    /// Measures all particles; returns `None` if there are none.
     pub fn of(particles: &Particles) -> Option<Self> {
         let shape = |sigmas: [f64; 3]| {
             let [longest, middle, shortest] = sigmas;
@@ -52,7 +52,7 @@ impl ShapeStatistics {
                 .par_iter()
                 .map(|f| shape(principal_sigmas(f.map(f64::from))))
                 .unzip(),
-            // Flat by nature: they have no size of three axes.
+            // Surfels are flat: the size of three axes has no meaning for them.
             Particles::Surfels { .. } => return None,
         };
         Some(Self {

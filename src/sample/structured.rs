@@ -1,13 +1,13 @@
-//! Structured grids of hexahedra: what part of one belongs to a node or a cell.
+//! Computes the part of a structured grid of hexahedra that belongs to a node or a cell.
 //!
-//! Cells are trilinear, and both F = ∂x/∂(i, j, k) and volumes come from the 2 x 2 x 2 Gauss points
-//! of each cell, one in each eighth: the determinant of a trilinear map is quadratic in each index,
-//! so the volumes add up to the volume of the grid exactly. F is the mean over the node's Gauss
-//! points, weighted by volume: central differences inside, and sound on a singular line, where the
-//! differences at the node itself vanish.
+//! Cells are trilinear. F = ∂x/∂(i, j, k) and volumes come from the 2 x 2 x 2 Gauss points of each cell, one in
+//! each eighth. The determinant of a trilinear map is quadratic in each index, so the volumes add up to the
+//! volume of the grid exactly. F is the mean over the node's Gauss points, weighted by volume. Inside the grid
+//! it equals central differences. On a singular line, where differences at the node itself vanish, it stays
+//! sound.
 //!
-//! Nodes and cells are taken in runs along i, their coordinates in arrays of lanes: the compiler turns
-//! the loops over these into vectors.
+//! Nodes and cells are processed in runs along i, with their coordinates in arrays of lanes: the compiler
+//! vectorises the loops over these.
 
 use std::ops::Range;
 
@@ -21,32 +21,32 @@ use super::window::Window;
 use crate::io::{Association, Blanking};
 use crate::math::ExactSum;
 
-/// How far from its corner the Gauss point of an eighth lies along each index: (1 - 1/√3) / 2.
+/// Distance along each index from a corner to the Gauss point of its eighth: (1 - 1/√3) / 2.
 const GAUSS: f64 = 0.211_324_865_405_187_13;
 
-/// A cell is degenerate if its volume is below this share of the box of its longest edges. Real
-/// cells of boundary layers are thin, not sheared to nothing: they stay above 1e-3.
+/// A cell is degenerate if its volume is below this share of the box of its longest edges. Real cells of
+/// boundary layers are thin but not sheared flat: they stay above 1e-3.
 const DEGENERATE_VOLUME: f64 = 1e-9;
 
 /// One block.
 pub(super) struct Grid<'a> {
     pub(super) dims: [usize; 3],
     pub(super) nodes: &'a [DVec3],
-    /// Whether the first and the last plane along each index are one.
+    /// True for each index along which the first and the last plane coincide.
     pub(super) periodic: [bool; 3],
     /// Sign of the determinant of most of the grid.
     pub(super) handedness: f64,
     pub(super) blanking: &'a Blanking,
-    /// Where the grid's nodes and cells begin among those of all blocks.
+    /// Number of the grid's first node among those of all blocks; likewise of its first cell.
     pub(super) first_node: usize,
     pub(super) first_cell: usize,
-    /// Which of a larger grid's planes these are.
+    /// Range of planes of a larger grid that these are.
     pub(super) window: Window,
     /// The volume that an eighth of each cell must exceed to count: infinite in blanked cells.
     least_eighths: Vec<f64>,
 }
 
-/// A kernel before narrowing.
+/// The part of a grid that belongs to a node or a cell.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Part {
     pub(super) volume: f64,
@@ -54,10 +54,10 @@ pub(super) struct Part {
     pub(super) jacobian: DMat3,
 }
 
-/// ∂x/∂(i, j, k) of a trilinear cell at `s`, each 0..1. Corners i fastest.
+/// Returns ∂x/∂(i, j, k) of a trilinear cell at `s`, each component in 0..1. Corners are numbered i fastest.
 #[inline(always)]
 fn columns(c: &[DVec3; 8], [si, sj, sk]: [f64; 3]) -> [DVec3; 3] {
-    // Of differences, so that a far origin costs no digits.
+    // From differences, so that a distant origin costs no digits.
     let mix = |a: DVec3, b: DVec3, s: f64| a + (b - a) * s;
     let bilinear = |e: [DVec3; 4], s: f64, t: f64| mix(mix(e[0], e[1], s), mix(e[2], e[3], s), t);
     [
@@ -72,14 +72,14 @@ fn determinant([i, j, k]: [DVec3; 3]) -> f64 {
     i.dot(j.cross(k))
 }
 
-/// What is seen of a cell before its eighths are taken.
+/// Measures of a cell, taken before its eighths.
 #[derive(Clone, Copy, Default)]
 struct Cell {
-    /// With the sign of its determinant; 0 if degenerate.
+    /// Volume with the sign of its determinant; 0 if degenerate.
     volume: f64,
-    /// The product of its longest edges along i, j and k.
+    /// Product of the longest edges along i, j and k.
     of_box: f64,
-    /// Whether an edge has no length.
+    /// True if an edge has no length.
     is_collapsed: bool,
 }
 
@@ -90,7 +90,7 @@ impl Cell {
         let mut is_collapsed = false;
         for (axis, longest) in longest_squared.iter_mut().enumerate() {
             for i in [0, 1, 2, 3] {
-                // The corners with a 0 in this bit.
+                // Corners with a 0 in this bit.
                 let from = i >> axis << (axis + 1) | i & ((1 << axis) - 1);
                 let squared = c[from].distance_squared(c[from + (1 << axis)]);
                 *longest = longest.max(squared);
@@ -116,7 +116,7 @@ impl Cell {
     }
 }
 
-/// Nodes or cells of a run at most.
+/// Greatest number of nodes or cells in a run.
 const RUN: usize = 16;
 
 /// A number for each node or cell of a run.
@@ -125,9 +125,9 @@ type Lanes = [f64; RUN];
 /// Positions of the nodes of a run, by coordinate.
 #[derive(Clone, Copy)]
 struct Row {
-    /// Of one before and of one behind them, too; NaN outside the grid.
+    /// Coordinates of the run's nodes, of the one before and of the one behind; NaN outside the grid.
     at: [[f64; RUN + 2]; 3],
-    /// As the cells before them have them: those of the last plane on a seam.
+    /// Coordinates as the end of the preceding cells: at a seam those of the last plane.
     ends: [Lanes; 3],
 }
 
@@ -137,7 +137,7 @@ impl Row {
         ends: [[f64::NAN; RUN]; 3],
     };
 
-    /// The node so many behind the one before the first.
+    /// Returns node `n`, counted from the one before the run.
     #[inline(always)]
     fn node(&self, n: usize) -> DVec3 {
         DVec3::new(self.at[0][n], self.at[1][n], self.at[2][n])
@@ -165,13 +165,13 @@ impl Eighths {
         jacobian: [[[0.0; RUN]; 3]; 3],
     };
 
-    /// Adds those of the cells on one side of the nodes along each index.
+    /// Adds the eighths of the cells on one side of the nodes along each index.
     ///
-    /// - `rows`: of these cells: nearest to the nodes, farther along j, along k, along both.
-    /// - `nodes`: the nodes' own.
-    /// - `ABOVE`: whether the cells lie above the nodes along i.
-    /// - `signs`: along each index 1 where they lie above the nodes, -1 below.
-    /// - `least`: the volume that each must exceed.
+    /// - `rows`: corners of these cells: nearest to the nodes, farther along j, along k, along both.
+    /// - `nodes`: the nodes themselves.
+    /// - `ABOVE`: true for cells above the nodes along i.
+    /// - `signs`: for each index 1 if the cells lie above the nodes, -1 if below.
+    /// - `least`: the volume that each eighth must exceed.
     #[inline(always)]
     fn add<const ABOVE: bool>(
         &mut self,
@@ -187,7 +187,7 @@ impl Eighths {
             reason = "one counter for all arrays of a run becomes vector code"
         )]
         for n in 0..RUN {
-            // From the node's corner on along each index.
+            // From the node's corner outwards along each index.
             let near = |row: &Row| if ABOVE { row.node(n + 1) } else { row.end(n) };
             let far = |row: &Row| row.node(if ABOVE { n + 2 } else { n });
             let [a, b, c, d] = rows;
@@ -220,7 +220,7 @@ impl Eighths {
         }
     }
 
-    /// The part of the node at `origin`.
+    /// Returns the part of the node at `origin`.
     fn part(&self, n: usize, origin: DVec3) -> Part {
         let vector = |lanes: &[Lanes; 3]| DVec3::new(lanes[0][n], lanes[1][n], lanes[2][n]);
         let [i, j, k] = self.jacobian.each_ref().map(vector);
@@ -233,7 +233,7 @@ impl Eighths {
     }
 }
 
-/// Cells with something about them, over all blocks.
+/// Numbers of collapsed, empty and inverted cells over all blocks.
 #[derive(Default)]
 pub(super) struct CellCounts {
     collapsed: usize,
@@ -241,18 +241,18 @@ pub(super) struct CellCounts {
     inverted: usize,
 }
 
-/// What is in a row of cells.
+/// Measures of a row of cells.
 #[derive(Default)]
 pub(super) struct CellRow {
-    /// Of all together, with its sign.
+    /// Signed volume of all cells together.
     volume: f64,
     collapsed: usize,
     empty: usize,
-    /// How many have a positive and how many a negative volume.
+    /// Numbers of cells with a positive and with a negative volume.
     of_sign: [usize; 2],
 }
 
-/// The volume of the cells in rows, with its sign.
+/// Returns the signed volume of the cells in rows.
 pub(super) fn volume_of(rows: &[CellRow]) -> ExactSum {
     let mut sum = ExactSum::default();
     // Cells without volume have volume 0 here.
@@ -280,7 +280,7 @@ impl CellCounts {
     }
 }
 
-/// Work that is compiled for the processor's vectors: [`Grid::look_at_row`].
+/// Runs [`Grid::look_at_row`] compiled for the processor's vector instructions.
 struct LookAtRow<'a, 'b> {
     grid: &'a Grid<'b>,
     row: [usize; 2],
@@ -296,7 +296,7 @@ impl pulp::NullaryFnOnce for LookAtRow<'_, '_> {
     }
 }
 
-/// The same: [`Grid::eighths`].
+/// Runs [`Grid::eighths`] compiled for the processor's vector instructions.
 struct AddEighths<'a, 'b> {
     grid: &'a Grid<'b>,
     first: [usize; 3],
@@ -312,7 +312,7 @@ impl pulp::NullaryFnOnce for AddEighths<'_, '_> {
 }
 
 impl<'a> Grid<'a> {
-    /// A block with its seams and its handedness found, and cells with something about them counted.
+    /// Returns a block with its seams and its handedness, and adds its unusual cells to `counts`.
     pub(super) fn new(
         dims: [usize; 3],
         nodes: &'a [DVec3],
@@ -338,8 +338,8 @@ impl<'a> Grid<'a> {
         grid
     }
 
-    /// Some planes of a grid whose seams are known, and what is in the rows of those cells that are asked for; it is to be
-    /// [turned](Self::turn) by what is in the rows of all.
+    /// Returns some planes of a grid whose seams are known, and the measures of the rows of wanted cells.
+    /// [Turn](Self::turn) it by the rows of all ranks.
     #[cfg(feature = "cli")]
     pub(super) fn of_planes(
         dims: [usize; 3],
@@ -367,8 +367,10 @@ impl<'a> Grid<'a> {
         (grid, rows)
     }
 
-    /// - `volume`: of the grid's cells, with its sign.
-    /// - `rows`: of the cells that are counted.
+    /// Sets the handedness, and counts the unusual cells.
+    ///
+    /// - `volume`: signed volume of the grid's cells.
+    /// - `rows`: rows of the cells to count.
     pub(super) fn turn(&mut self, volume: f64, rows: &[CellRow], counts: &mut CellCounts) {
         self.handedness = if volume < 0.0 { -1.0 } else { 1.0 };
         let inverted = usize::from(volume >= 0.0);
@@ -379,7 +381,7 @@ impl<'a> Grid<'a> {
         }
     }
 
-    /// A grid of the same seams and handedness of which nothing is blanked.
+    /// Returns a grid with the same seams and handedness, and nothing blanked.
     pub(super) fn like(other: &Self, dims: [usize; 3], nodes: &'a [DVec3]) -> Self {
         let mut grid = Self {
             dims,
@@ -395,7 +397,7 @@ impl<'a> Grid<'a> {
         grid
     }
 
-    /// Finds the least volumes of the cells' eighths, and says what is in each row of cells.
+    /// Finds the least volumes of the cells' eighths, and measures each row of cells.
     fn look_at_cells(&mut self) -> Vec<CellRow> {
         let [ci, cj, ck] = self.dims.map(|n| n.saturating_sub(1));
         let mut least = vec![f64::INFINITY; ci * cj * ck];
@@ -459,7 +461,7 @@ impl<'a> Grid<'a> {
         i + (self.dims[0] - 1) * (j + (self.dims[1] - 1) * k)
     }
 
-    /// Whether a cell is blanked, or a node at one of its corners.
+    /// Returns true if a cell, or a node at one of its corners, is blanked.
     fn is_blanked(&self, cell: [usize; 3]) -> bool {
         let is_blank = |node: usize| self.blanking.node(self.first_node + node);
         self.blanking.cell(self.first_cell + self.cell_index(cell))
@@ -467,7 +469,7 @@ impl<'a> Grid<'a> {
                 && self.corners(cell).into_iter().any(is_blank))
     }
 
-    /// The nodes at a cell's corners, i fastest.
+    /// Returns the nodes at a cell's corners, i fastest.
     fn corners(&self, [i, j, k]: [usize; 3]) -> [usize; 8] {
         std::array::from_fn(|c| self.node_index([i + (c & 1), j + (c >> 1 & 1), k + (c >> 2)]))
     }
@@ -504,8 +506,8 @@ impl<'a> Grid<'a> {
         }
     }
 
-    /// Where the cells on one side of a node begin and end along index `d`: the node's own plane, on a seam
-    /// the one that these cells have, and the next.
+    /// Returns the planes along index `d` between which the cells on one side of a node lie. The first is the
+    /// node's own plane, or at a seam its counterpart; the second is the next.
     fn side(&self, d: usize, i: usize, is_above: bool) -> Option<[usize; 2]> {
         let last = self.dims[d] - 1;
         match (is_above, i) {
@@ -515,7 +517,7 @@ impl<'a> Grid<'a> {
         }
     }
 
-    /// Sums over the eighths of cells around the nodes of a run.
+    /// Sums the eighths of cells around the nodes of a run.
     #[inline(always)]
     fn eighths(&self, [first, j, k]: [usize; 3]) -> Eighths {
         let mut sums = Eighths::NONE;
@@ -542,8 +544,8 @@ impl<'a> Grid<'a> {
         sums
     }
 
-    /// What the eighths of the cells below and above the nodes of a run must exceed, infinite where there is no
-    /// cell.
+    /// Returns the volumes that the eighths of the cells below and above the nodes of a run must exceed;
+    /// infinite if there is no cell.
     #[inline(always)]
     fn least(&self, first: usize, j: usize, k: usize) -> [Lanes; 2] {
         let start = self.cell_index([0, j, k]);
@@ -590,7 +592,7 @@ impl<'a> Grid<'a> {
         }
     }
 
-    /// The part of the grid that belongs to a node, the `n`-th of a run.
+    /// Returns the part of the grid that belongs to a node, the `n`-th of a run.
     fn node_part(&self, ijk: [usize; 3], n: usize, sums: &Eighths) -> Result<Part, LeftOut> {
         let index = self.node_index(ijk);
         if self.blanking.node(self.first_node + index) {
@@ -613,7 +615,7 @@ impl<'a> Grid<'a> {
         }
     }
 
-    /// Whether a cell at a node is blanked, or a node at one of its corners.
+    /// Returns true if a cell at a node, or a node at one of its corners, is blanked.
     pub(super) fn is_beside_blanked(&self, ijk: [usize; 3]) -> bool {
         (0..8_usize).any(|side| {
             let along = |d: usize| self.side(d, ijk[d], side >> d & 1 == 1);
@@ -624,7 +626,7 @@ impl<'a> Grid<'a> {
         })
     }
 
-    /// A whole cell: its centre, the Jacobian there and its volume.
+    /// Returns a whole cell: its centre, the Jacobian there and its volume.
     pub(super) fn cell_part(&self, index: usize) -> Result<Part, LeftOut> {
         let [ci, cj, _] = self.dims.map(|n| n - 1);
         let ijk = [index % ci, index / ci % cj, index / (ci * cj)];
@@ -655,7 +657,7 @@ mod tests {
     use crate::io::{Dataset, Field, FieldSource, Geometry};
     use crate::scene::Values;
 
-    /// Numbers from -1 to 1.
+    /// Returns numbers from -1 to 1.
     fn noise(n: usize, d: usize) -> f64 {
         2.0 * ((n as f64 + 1.0) * [0.754_878, 0.569_840, 0.870_271][d]).fract() - 1.0
     }
@@ -682,8 +684,8 @@ mod tests {
         Blanking::of(&Dataset::new(path, "test", geometry, vec![field])).unwrap()
     }
 
-    /// The sums over the eighths around a node, one by one, by the shape functions of its cells' corners: volume,
-    /// moment about the node, integral of the Jacobian.
+    /// Returns the sums over the eighths around a node, computed one by one from the shape functions of its
+    /// cells' corners: volume, moment about the node, integral of the Jacobian.
     fn brute_force(grid: &Grid<'_>, ijk: [usize; 3]) -> (f64, DVec3, DMat3) {
         let node = grid.nodes[grid.node_index(ijk)];
         let mut sums = (0.0, DVec3::ZERO, DMat3::ZERO);
@@ -722,7 +724,7 @@ mod tests {
                 }
             }
             let volume = jacobian.determinant() / 8.0 * grid.handedness;
-            // Far from degenerate, or not at all.
+            // An eighth is far from degenerate, or has no volume.
             if volume > 1e-6 {
                 sums.0 += volume;
                 sums.1 += point * volume;
@@ -747,7 +749,7 @@ mod tests {
             parts.push(part);
         });
         for (n, part) in parts.iter().enumerate() {
-            // Whatever the run that it is in.
+            // The part does not depend on the run that it is in.
             grid.node_parts(n..n + 1, |_, alone| match (part, alone) {
                 (Ok(a), Ok(b)) => assert_eq!(
                     (a.volume, a.centroid, a.jacobian),
@@ -791,10 +793,10 @@ mod tests {
         check([37, 4, 3], jittered, &[]);
         check([2, 2, 2], jittered, &[]);
         check([RUN + 1, 3, 2], jittered, &[3, 17, 18]);
-        // The other way round, and far away.
+        // With the other handedness, and far away.
         let mirrored = |s: [f64; 3], n: usize| jittered(s, n) * DVec3::new(-1.0, 1.0, 1.0) + 1e3;
         check([5, 4, 3], mirrored, &[]);
-        // All around a blanked node; nodes without a place; one cell turned inside out.
+        // All nodes around one blanked; nodes without a position; one cell turned inside out.
         check([3, 3, 3], jittered, &[0, 1, 2, 3, 4, 5, 6, 7]);
         let holes = |s: [f64; 3], n: usize| match n {
             31 => DVec3::NAN,
@@ -810,7 +812,7 @@ mod tests {
             }
         };
         check([19, 4, 3], folded, &[]);
-        // A line where nodes are one.
+        // A line along which nodes coincide.
         let wedge = |[i, j, k]: [f64; 3], _: usize| {
             DVec3::new(j * (0.2 * i).cos(), -j * (0.2 * i).sin(), k)
         };
@@ -819,7 +821,7 @@ mod tests {
 
     #[test]
     fn parts_go_on_across_seams() {
-        // Closed but for a share of the spacing.
+        // Closed up to a share of the spacing.
         let turn = |x: f64, n: usize| std::f64::consts::TAU * x / n as f64 + 1e-5 * x / n as f64;
         for axis in 0..3 {
             let mut dims = [4, 3, 5];
@@ -843,7 +845,7 @@ mod tests {
         let mut nodes: Vec<DVec3> = (0..dims.iter().product())
             .map(|n| DVec3::from(indices(n, dims).map(|i| i as f64)))
             .collect();
-        // One cell is turned inside out, an edge of another has no length.
+        // One cell is turned inside out; an edge of another has no length.
         nodes[2] -= DVec3::X * 6.0;
         nodes[10] = nodes[11];
         let mut counts = CellCounts::default();
@@ -874,7 +876,7 @@ mod tests {
         assert_eq!(counts.inverted, cells(&|volume, _| volume < -1e-12));
         assert_eq!(counts.empty, 0);
         assert_eq!((counts.collapsed, counts.inverted), (1, 1));
-        // Without height, in cells of either sense.
+        // Without height, in cells of either orientation.
         let flat: Vec<DVec3> = nodes.iter().map(|p| p.with_z(0.0)).collect();
         let mut counts = CellCounts::default();
         Grid::new(dims, &flat, &Blanking::NONE, 0, 0, &mut counts);

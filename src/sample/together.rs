@@ -1,25 +1,27 @@
-//! What data sets share that are drawn together: one function of the values of all.
+//! Chooses one transfer function from the values of all data sets that are drawn together.
 
 use super::{SampleOptions, SampleReport, TransferChoice, function_of_file};
 use crate::error::Result;
 use crate::scene::{AutomaticOptions, TransferFunction, ValueSample};
 
-/// The functions that data sets share which are drawn together: those that show the same field by a function that is
-/// chosen from values, in the same colours, or by the same preset of colours, have one, of the values of all.
+/// Chooses the functions that data sets share if they are drawn together. Data sets share a function if they
+/// show the same field, each by a function chosen from values in the same colours. Data sets that use the same
+/// preset of colours for one field share it, too. A shared function is chosen from the values of all its data
+/// sets.
 ///
-/// - `sampled`: how each was sampled, by options with [`SampleOptions::keeps_value_sample`]; their
-///   [`SampleReport::value_sample`]s are taken.
+/// - `sampled`: report and options of each data set; the options have [`SampleOptions::keeps_value_sample`].
+///   Their [`SampleReport::value_sample`]s are taken.
 ///
-/// Each function comes with the numbers of the data sets it is for, two at least: these are to be sampled again with it
-/// ([`TransferChoice::Shared`]; its unit distance has [`SampleOptions::opacity_scale`] in it already). What is missing in
-/// the list keeps its own.
+/// Each function comes with the numbers of its data sets, at least two. Sample these again with the function
+/// ([`TransferChoice::Shared`]); its unit distance already includes [`SampleOptions::opacity_scale`]. Data sets
+/// that are not in the list keep their own functions.
 ///
 /// # Errors
 /// Those of [`TransferFunction::automatic`].
 pub fn shared_functions(
     sampled: &mut [(&mut SampleReport, &SampleOptions)],
 ) -> Result<Vec<(TransferFunction, Vec<usize>)>> {
-    // What each group shares, and its members.
+    // The field and colour map of each group, and its members.
     let mut keys: Vec<(String, Option<&str>)> = Vec::new();
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for (i, (report, options)) in sampled.iter().enumerate() {
@@ -47,7 +49,7 @@ pub fn shared_functions(
         let Some(sample) = ValueSample::joined(samples.collect::<Vec<_>>()) else {
             continue;
         };
-        // Of the finest one: opacities of others are stated over the same length.
+        // The unit distance of the finest data set: all opacities are stated over one length.
         let units = members.iter().map(|&i| sampled[i].0.unit_distance);
         let unit_distance = units.fold(f64::INFINITY, f64::min);
         let options = sampled[members[0]].1;
@@ -58,7 +60,7 @@ pub fn shared_functions(
     Ok(shared)
 }
 
-/// The same of presets in files, which are stretched over the values of all.
+/// Chooses the shared functions of presets in files, stretched over the values of all.
 fn shared_presets(
     sampled: &[(&mut SampleReport, &SampleOptions)],
 ) -> Result<Vec<(TransferFunction, Vec<usize>)>> {
@@ -97,7 +99,7 @@ fn shared_presets(
     Ok(shared)
 }
 
-/// The function that options leave to be chosen from values.
+/// Returns the function that the options leave to be chosen from values.
 pub(crate) fn automatic(
     sample: &ValueSample,
     options: &SampleOptions,
@@ -151,7 +153,7 @@ mod tests {
         let shared = shared_functions(&mut sampled).unwrap();
         let members: Vec<_> = shared.iter().map(|(_, members)| members.clone()).collect();
         assert_eq!(members, [[0, 2], [1, 3]]);
-        // Over the values of both, and the length of the finer one.
+        // The range covers the values of both; the unit distance is that of the finer one.
         let [low, high] = shared[0].0.range();
         assert!(low < 10.0 && high > 250.0, "{low} {high}");
         assert_eq!(shared[0].0.unit_distance(), reports[0].unit_distance);

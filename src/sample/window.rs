@@ -1,28 +1,29 @@
-//! Planes of a larger grid.
+//! Describes a range of planes of a larger grid.
 
 use std::ops::Range;
 
-/// Planes of constant k of a grid, of some of which kernels are asked for. The others are there because these look at them.
+/// Consecutive planes of constant k of a grid. Kernels are wanted for some of them; the others are ghost layers
+/// that these need.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Window {
-    /// The first that is here, among `count` of the grid.
+    /// Index of the first local plane among the `count` planes of the grid.
     pub(crate) first: usize,
     pub(crate) count: usize,
-    /// Those that are asked for, counted from the first.
+    /// The planes whose kernels are wanted, counted from the first local plane.
     pub(crate) own: Range<usize>,
 }
 
 impl Window {
-    /// The planes of cells that are asked for.
+    /// Returns the layers of cells whose kernels are wanted.
     ///
-    /// - `dims`: of the nodes that are here.
+    /// - `dims`: nodes of the local part of the grid.
     #[cfg(feature = "cli")]
     pub(crate) fn cells(&self, dims: [usize; 3]) -> Range<usize> {
         let last = dims[2].saturating_sub(1);
         self.own.start.min(last)..self.own.end.min(last)
     }
 
-    /// A whole grid.
+    /// Returns the window that is a whole grid.
     pub(super) fn whole(count: usize) -> Self {
         Self {
             first: 0,

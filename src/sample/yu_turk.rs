@@ -1,4 +1,4 @@
-//! Anisotropic kernels of fluid particles after Yu and Turk (2013): flat along surfaces, long along
+//! Computes anisotropic kernels of fluid particles after Yu and Turk (2013): flat along surfaces, long along
 //! filaments.
 
 use glam::DVec3;
@@ -10,17 +10,17 @@ use crate::task::{Task, collect};
 
 /// Greatest ratio of the widths of one kernel.
 const MAX_RATIO: f64 = 4.0;
-/// With no more neighbours than this a particle counts as a lone drop.
+/// Greatest number of neighbours with which a particle counts as a lone drop.
 const LONE_NEIGHBOURS: usize = 25;
 /// Width of a lone drop's kernel over that of an isotropic one.
 const LONE_WIDTH: f64 = 0.5;
 
-/// Variances of all kernels: sigma² R S² Rᵀ, where the covariance of the neighbours within the
-/// support is R D Rᵀ and S is D with its small entries raised to a quarter of the greatest, scaled
-/// to unit determinant: the paper's constant k_s depends on the unit of length.
+/// Returns the variances of all kernels: sigma² R S² Rᵀ. The covariance of the neighbours within the support is
+/// R D Rᵀ. S is D with its entries raised to at least a quarter of the greatest, then scaled to unit
+/// determinant. The paper's constant k_s depends on the unit of length instead.
 ///
-/// `sizes(i)` gives the standard deviation and the support radius of particle i. Neighbours count
-/// by 1 - (distance / support)³. The centres stay where they are.
+/// `sizes(i)` returns the standard deviation and the support radius of particle i. The weight of a
+/// neighbour is 1 - (distance / support)³. The centres stay where they are.
 pub(super) fn variances(
     index: &PointIndex<'_>,
     positions: &[DVec3],
@@ -49,7 +49,7 @@ pub(super) fn variances(
                 *sum += term * weight;
             }
         });
-        // The particle is one of those found.
+        // The particle itself is among those found.
         if count <= LONE_NEIGHBOURS + 1 {
             return sphere(LONE_WIDTH);
         }

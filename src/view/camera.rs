@@ -1,10 +1,10 @@
-//! The camera and what it does to a point.
+//! Defines the camera and its mapping of points.
 
 use glam::{DMat3, DVec2, DVec3};
 
 use crate::error::{Error, Result};
 
-/// How camera space is mapped to the image.
+/// Mapping from camera space to the image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Projection {
     /// pixel = focal_px * (x/z, y/z) + centre_px.
@@ -13,14 +13,13 @@ pub enum Projection {
     Orthographic,
 }
 
-/// A camera in f64: positions are subtracted from the eye in f64 before anything is narrowed,
-/// so that data 1e7 from the origin renders the same picture as at the origin.
+/// A camera in f64. The eye is subtracted from positions in f64 before anything is narrowed, so that data 1e7
+/// from the origin render the same picture as at the origin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Camera {
     /// Perspective or orthographic.
     pub projection: Projection,
-    /// The eye, world units. An orthographic camera sees what lies in front of the plane
-    /// through it.
+    /// The eye, world units. An orthographic camera sees everything in front of the plane through it.
     pub eye: DVec3,
     /// Rotation W: rows are the camera's right, down and forward in the world.
     pub camera_from_world: DMat3,
@@ -37,9 +36,9 @@ pub struct Camera {
 impl Camera {
     /// A perspective camera.
     ///
-    /// - `eye`, `target`, `up`: world units; `up` need not be perpendicular to the view, and
-    ///   is replaced where it is parallel to it.
-    /// - `vertical_fov_deg`: the whole angle seen from the top to the bottom of the image.
+    /// - `eye`, `target`, `up`: world units. `up` need not be perpendicular to the view; an `up` parallel to it
+    ///   is replaced.
+    /// - `vertical_fov_deg`: the full angle from the top to the bottom of the image.
     /// - `size`: width and height in pixels.
     pub fn perspective(
         eye: DVec3,
@@ -78,8 +77,8 @@ impl Camera {
         }
     }
 
-    /// This camera turned to look along `forward`: exact at any distance from the origin, where
-    /// eye + direction would round.
+    /// Returns this camera, rotated to look along `forward`. The direction is exact at any distance from the
+    /// origin, where eye + direction would round.
     pub(super) fn looking_along(self, forward: DVec3, up: DVec3) -> Self {
         Self {
             camera_from_world: look(forward, up),
@@ -87,11 +86,11 @@ impl Camera {
         }
     }
 
-    /// Checks that points have places in the picture: all numbers finite, focal lengths positive,
-    /// and [`Camera::camera_from_world`] a rotation.
+    /// Checks that points have places in the picture: all numbers are finite, focal lengths are positive, and
+    /// [`Camera::camera_from_world`] is a rotation.
     ///
     /// # Errors
-    /// The first that does not hold.
+    /// The first condition that does not hold.
     pub fn validate(&self) -> Result<()> {
         let fault = |place: &str, expected: &str, found: String| {
             let advice = "correct the camera";
@@ -114,13 +113,13 @@ impl Camera {
         Ok(())
     }
 
-    /// A world point in camera space.
+    /// Returns a world point in camera space.
     pub fn camera_point(&self, world: DVec3) -> DVec3 {
         self.camera_from_world * (world - self.eye)
     }
 
-    /// The pixel coordinate of a world point, or `None` where a perspective camera has none:
-    /// in or behind the camera plane.
+    /// Returns the pixel coordinate of a world point. Returns `None` for a point in or behind the plane of a
+    /// perspective camera.
     pub fn project(&self, world: DVec3) -> Option<DVec2> {
         let u = self.camera_point(world);
         match self.projection {
@@ -130,12 +129,12 @@ impl Camera {
         }
     }
 
-    /// Where the two ends of a straight line, world units, lie on the picture, pixel coordinates; what
-    /// runs behind the plane of the eye is cut off just before it, and `None` of a line behind it.
+    /// Projects the two ends of a line segment from world units to pixel coordinates. The part behind the plane
+    /// of the eye is cut off just in front of it; a segment entirely behind gives `None`.
     pub fn project_segment(&self, ends: [DVec3; 2]) -> Option<[DVec2; 2]> {
         let [a, b] = ends.map(|end| self.camera_point(end));
-        // Under perspective a point in the plane has no place: what is nearer than a millionth of the line's
-        // reach is left out, which lies far outside any picture.
+        // Under perspective, points in the eye's plane have no projection. The part nearer than a millionth of
+        // the segment's extent is cut off; it lies far outside any picture.
         let near = match self.projection {
             Projection::Perspective => 1e-6 * a.abs().max(b.abs()).max_element(),
             Projection::Orthographic => 0.0,
@@ -162,26 +161,25 @@ impl Camera {
         ends.iter().all(|end| end.is_finite()).then_some(ends)
     }
 
-    /// The direction of view in the world, unit length.
+    /// Returns the direction of view in the world, unit length.
     pub fn forward(&self) -> DVec3 {
         self.camera_from_world.row(2)
     }
 }
 
-/// Whether a matrix is a rotation, within 1e-4: those written with six digits are, scaled or mirrored
-/// ones are not.
+/// Returns true if a matrix is a rotation to within 1e-4: matrices written with six digits are, scaled or
+/// mirrored ones are not.
 pub(super) fn is_rotation(m: DMat3) -> bool {
     const ROUNDING: f64 = 1e-4;
     let deviation = m * m.transpose() - DMat3::IDENTITY;
-    // Phrased so that NaN is none.
+    // Phrased so that NaN gives false.
     let is_orthonormal = { deviation.to_cols_array() }
         .iter()
         .all(|d| d.abs() < ROUNDING);
     is_orthonormal && m.determinant() > 0.0
 }
 
-/// The rotation whose third row looks along `forward`, and whose second is as far down as it
-/// can be.
+/// Returns the rotation whose third row is `forward` and whose second row points down as far as possible.
 fn look(forward: DVec3, up: DVec3) -> DMat3 {
     let forward = forward.try_normalize().unwrap_or(DVec3::Y);
     let right = forward.cross(up.try_normalize().unwrap_or(DVec3::Z));
@@ -219,7 +217,7 @@ mod tests {
         for camera in [&perspective, &flat] {
             let [from, to] = camera.project_segment([before, behind]).unwrap();
             assert_eq!(Some(from), camera.project(before));
-            // Cut where y = -2, half of the way up.
+            // Cut at y = -2, half of the way up.
             let at_eye = (to - camera.centre_px) / camera.focal_px;
             match camera.projection {
                 Projection::Orthographic => {
@@ -243,7 +241,7 @@ mod tests {
             ..camera.clone()
         };
         let rotation = camera.camera_from_world;
-        // Six digits, as files have them.
+        // Six digits, as in files.
         let rounded = rotation.to_cols_array().map(|x| (x * 1e6).round() / 1e6);
         assert!(turned(DMat3::from_cols_array(&rounded)).validate().is_ok());
         let mirror = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0));

@@ -1,14 +1,13 @@
-//! Cameras in JSON.
+//! Reads cameras from JSON.
 //!
 //! ```json
 //! { "eye": [0, -10, 3], "target": [0, 0, 0], "up": [0, 0, 1], "fov_deg": 40 }
 //! ```
 //!
-//! `ortho_height` instead of `fov_deg` makes an orthographic camera. Calibrated cameras give
-//! `focal_px` \[fx, fy\] and `centre_px` \[cx, cy\] with the `size` \[width, height\] these
-//! hold for (they are scaled to the size rendered), and may give `camera_from_world` (three
-//! rows: right, down, forward) in place of `target` and `up`, and `projection`
-//! (`perspective`, `orthographic`).
+//! `ortho_height` in place of `fov_deg` makes an orthographic camera. Calibrated cameras state `focal_px` \[fx,
+//! fy\] and `centre_px` \[cx, cy\], with the `size` \[width, height\] for which these hold; they are scaled to
+//! the rendered size. Such cameras may state `camera_from_world` (three rows: right, down, forward) in place of
+//! `target` and `up`, and `projection` (`perspective`, `orthographic`).
 
 use std::path::Path;
 
@@ -33,12 +32,12 @@ struct CameraFile {
     size: Option<[usize; 2]>,
 }
 
-/// Reads a camera file and adapts it to an image of `size` pixels; where that is `None`, to the
-/// size in the file.
+/// Reads a camera file and adapts the camera to an image of `size` pixels, or to the size in the file if that
+/// is `None`.
 ///
 /// # Errors
-/// A file that cannot be read, is not such JSON, or describes no camera: a field of view outside
-/// (0, 180), a matrix that is no rotation, a non-finite number, a focal length without its size.
+/// A file that cannot be read, is not such JSON, or does not describe a camera: a field of view outside (0,
+/// 180), a matrix that is no rotation, a number that is not finite, a focal length without its size.
 pub fn read_camera(path: &Path, size: Option<[usize; 2]>) -> Result<Camera> {
     let text = std::fs::read_to_string(path)
         .map_err(|e| Error::io(path, "opening the camera", e, "check the path"))?;

@@ -1,4 +1,4 @@
-//! Paths of a camera in JSON.
+//! Reads and writes paths of a camera in JSON.
 //!
 //! ```json
 //! { "frames": 120, "keys": [
@@ -6,7 +6,8 @@
 //!     { "eye": [8, -4, 3], "target": [0, 0, 1], "up": [0, 0, 1] } ] }
 //! ```
 //!
-//! `up` is z and `fov_deg` 35 where a key does not say. The first frame is the first key, the last one the last.
+//! The default of `up` is z, that of `fov_deg` 35. The first frame is at the first key, the last frame at the
+//! last key.
 
 use std::path::Path;
 
@@ -16,17 +17,17 @@ use serde::{Deserialize, Serialize};
 use super::camera::Camera;
 use crate::error::{Error, Result};
 
-/// Frames at most.
+/// Greatest number of frames.
 const MOST_FRAMES: usize = 100_000;
 
-/// A camera's way along key cameras: Catmull and Rom's spline through eyes, points looked at, directions up and fields
-/// of view, begun and ended slowly.
+/// A camera's path along key cameras, with a slow start and end. It is a Catmull-Rom spline through eyes,
+/// targets, up directions and fields of view.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraPath {
-    /// How many pictures, 2 at least.
+    /// Number of pictures, at least 2.
     pub frames: usize,
-    /// What it passes, evenly in time; 2 at least.
+    /// Key cameras, evenly spaced in time; at least 2.
     pub keys: Vec<KeyCamera>,
 }
 
@@ -38,7 +39,7 @@ pub struct KeyCamera {
     pub eye: [f64; 3],
     /// The point looked at, world units.
     pub target: [f64; 3],
-    /// What points up in the picture.
+    /// Direction that points up in the picture.
     #[serde(default = "z")]
     pub up: [f64; 3],
     /// The vertical field of view in degrees, 1 to 179.
@@ -58,8 +59,8 @@ impl CameraPath {
     /// Reads a path.
     ///
     /// # Errors
-    /// A file that cannot be read or is not such JSON; fewer than two keys or frames; numbers that are not finite or
-    /// out of range, an eye in its own target.
+    /// A file that cannot be read or is not such JSON; fewer than two keys or frames; numbers that are not
+    /// finite or out of range; an eye at its own target.
     pub fn read(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path)
             .map_err(|e| Error::io(path, "opening the camera path", e, "check the path"))?;
@@ -92,7 +93,7 @@ impl CameraPath {
         Ok(own)
     }
 
-    /// The text that [`Self::read`] reads.
+    /// Returns the text that [`Self::read`] reads.
     ///
     /// # Errors
     /// Numbers that are not finite.
@@ -104,7 +105,7 @@ impl CameraPath {
         Ok(text + "\n")
     }
 
-    /// The cameras of all frames, for pictures of this width and height in pixels.
+    /// Returns the cameras of all frames, for pictures of this width and height in pixels.
     pub fn cameras(&self, size: [usize; 2]) -> Vec<Camera> {
         let last = self.frames.saturating_sub(1).max(1) as f64;
         (0..self.frames)
@@ -112,7 +113,7 @@ impl CameraPath {
             .collect()
     }
 
-    /// The camera after a share of the time.
+    /// Returns the camera after a share of the time.
     fn at(&self, share: f64, size: [usize; 2]) -> Camera {
         // Slow at both ends: the integral of 6 t (1 - t).
         let eased = share * share * (3.0 - 2.0 * share);
@@ -142,7 +143,7 @@ impl CameraPath {
     }
 }
 
-/// The uniform spline of Catmull and Rom (1974) between the second and the third of four points.
+/// Returns the uniform spline of Catmull and Rom (1974) between the second and the third of four points.
 fn spline([a, b, c, d]: [DVec3; 4], t: f64) -> DVec3 {
     let (out, into) = ((c - a) / 2.0, (d - b) / 2.0);
     let (t2, t3) = (t * t, t * t * t);
@@ -191,9 +192,9 @@ mod tests {
             assert!((cameras[frame].focal_px - of_key.focal_px).length() < 1e-9);
         }
         let steps: Vec<DVec3> = cameras.windows(2).map(|w| w[1].eye - w[0].eye).collect();
-        // Some 9 units of way at 1.5 times the mean speed at most, splines' swings counted in.
+        // Some 9 units of path at up to 1.5 times the mean speed, including the spline's swings.
         assert!(steps.iter().all(|s| s.length() < 0.12));
-        // Slowly at either end, and nowhere by a jerk.
+        // Slow at both ends, without jerks.
         assert!(steps[0].length() < 0.01 && steps[199].length() < 0.01);
         let changes = steps.windows(2).map(|w| (w[1] - w[0]).length());
         assert!(changes.fold(0.0, f64::max) < 0.01);

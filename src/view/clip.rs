@@ -1,22 +1,22 @@
-//! Half-spaces that what is drawn is cut to.
+//! Defines clip planes, half-spaces to which a scene is cut.
 
 use glam::DVec3;
 
 use super::fit::Bounds;
 
-/// A plane that keeps one side of what is drawn: the points x with normal . x + distance >= 0.
+/// A plane that keeps one side of the scene: the points x with normal . x + distance >= 0.
 ///
-/// Several keep what all keep; six make a box.
+/// Several planes keep the intersection of their half-spaces; six make a box.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClipPlane {
-    /// Towards the side that is kept, world space; of any length but 0.
+    /// Normal towards the side that is kept, world space; any length but 0.
     pub normal: DVec3,
-    /// World units times the length of the normal.
+    /// Distance in world units, times the length of the normal.
     pub distance: f64,
 }
 
 impl ClipPlane {
-    /// The six planes of a box with sides along the axes of the world.
+    /// Returns the six planes of a box with sides along the axes of the world.
     pub fn of_box(lower: DVec3, upper: DVec3) -> [Self; 6] {
         let side = |normal: DVec3, bound: f64| Self {
             normal,
@@ -32,7 +32,7 @@ impl ClipPlane {
         ]
     }
 
-    /// The same plane with a normal of unit length; `None` where there is none of finite numbers.
+    /// Returns the same plane with a unit normal; `None` if that has no finite numbers.
     pub fn normalised(&self) -> Option<Self> {
         let scale = self.normal.abs().max_element();
         let scaled = self.normal / scale;
@@ -44,15 +44,15 @@ impl ClipPlane {
         (plane.normal.is_finite() && plane.distance.is_finite() && scale > 0.0).then_some(plane)
     }
 
-    /// How far inside a point lies: normal . x + distance, world units where the normal has unit
-    /// length.
+    /// Returns the distance of a point inside the plane: normal . x + distance, in world units if the normal
+    /// has unit length.
     pub fn inside(&self, point: DVec3) -> f64 {
         self.normal.dot(point) + self.distance
     }
 }
 
-/// What planes leave of boxes, about: those that lie beyond a plane are left out, and planes across an
-/// axis of the world cut the others. For a camera that fits what is drawn.
+/// Clips boxes approximately, for fitting a camera to the visible part. Boxes beyond a plane are dropped;
+/// planes perpendicular to an axis of the world cut the others.
 pub fn clip_boxes(boxes: &[Bounds], planes: &[ClipPlane]) -> Vec<Bounds> {
     let clip = |&(middle, half): &Bounds| {
         let (mut lower, mut upper) = (middle - half, middle + half);
@@ -115,7 +115,7 @@ mod tests {
         ];
         let left = clip_boxes(&boxes, &planes);
         assert_eq!(left.len(), 2, "{left:?}");
-        // Kept from x = .5 on; the slanting plane cuts nothing off, but leaves out the second.
+        // Kept from x = .5 on; the oblique plane cuts nothing off, but drops the second box.
         assert_eq!(left[0], (DVec3::X * 0.75, DVec3::new(0.25, 1.0, 1.0)));
         assert_eq!(left[1].0, DVec3::new(0.75, 3.0, 0.0));
         let beyond = ClipPlane {

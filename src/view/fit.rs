@@ -1,10 +1,10 @@
-//! A camera fitted to the data's bounds.
+//! Fits a camera to the data's bounds.
 
 use glam::{DQuat, DVec3};
 
 use super::camera::Camera;
 
-/// What the image's height spans.
+/// Extent of the image's height.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Lens {
     /// Perspective: the vertical field of view in degrees.
@@ -13,32 +13,32 @@ pub enum Lens {
     OrthoHeight(Option<f64>),
 }
 
-/// The side from which a fitted camera looks at the centre of the data.
+/// Direction from which a fitted camera looks at the centre of the data.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Viewpoint {
-    /// Degrees around the axis that points up: with z up 0 looks along +y, 90 along -x; with y up 0
-    /// looks along -z, at the front of a glTF scene, 90 along -x; with -y up 0 looks along +z, as the first
-    /// camera of a training scene may, 90 along -x.
+    /// Degrees around the axis that points up. With z up, 0 looks along +y and 90 along -x. With y up, 0 looks
+    /// along -z, at the front of a glTF scene, and 90 along -x. With -y up, 0 looks along +z, as the first
+    /// camera of a training scene may, and 90 along -x.
     pub azimuth_deg: f64,
     /// Degrees above the horizon.
     pub elevation_deg: f64,
-    /// 1 fits the data into the image; larger brings it nearer by a longer focal length.
+    /// Factor of the focal length: 1 fits the data into the image, larger values magnify.
     pub zoom: f64,
-    /// What points up in the picture: unit length.
+    /// Direction that points up in the picture: unit length.
     pub up: DVec3,
 }
 
-/// Vertical field of view of a camera that is told no other.
+/// Default vertical field of view.
 pub const DEFAULT_FOV_DEG: f64 = 35.0;
 
-/// The share of the image that fitted data may fill.
+/// Share of the image that fitted data may fill.
 const FILL: f64 = 0.92;
 
-/// A box by its middle and its half extents, world units.
+/// A box: its centre and its half extents, world units.
 pub type Bounds = (DVec3, DVec3);
 
-/// The middle and the radius \[world units\] of a sphere around boxes, about the middle of what they span; `None` where
-/// there is no box.
+/// Returns the centre and the radius \[world units\] of a sphere around boxes, about the centre of their common
+/// box; `None` without boxes.
 pub fn sphere_around(boxes: &[Bounds]) -> Option<(DVec3, f64)> {
     let corners = boxes
         .iter()
@@ -50,21 +50,22 @@ pub fn sphere_around(boxes: &[Bounds]) -> Option<(DVec3, f64)> {
 }
 
 impl Viewpoint {
-    /// The azimuth \[degrees\], -180 to 180, of a direction of view; 0 where that is along what points up.
+    /// Returns the azimuth \[degrees\], -180 to 180, of a direction of view; 0 for a direction parallel to
+    /// `up`.
     ///
-    /// - `up`: as [`Viewpoint::up`].
+    /// - `up`: the up direction, like [`Viewpoint::up`].
     pub fn azimuth_of(direction: DVec3, up: DVec3) -> f64 {
         let upright = DQuat::from_rotation_arc(DVec3::Z, up);
         let level = upright.inverse() * direction;
         (-level.x).atan2(level.y).to_degrees()
     }
 
-    /// The camera of this direction that sees all of `boxes` as large and as centred as it can;
-    /// `None` where there is no box.
+    /// Returns the camera of this direction that sees all of `boxes`, as large and as centred as possible;
+    /// `None` without boxes.
     ///
-    /// A perspective eye (ex, ey, ez) in axes of the camera sees a point between the planes
-    /// x - ex = ± t (z - ez). So A + t ez <= ex <= B - t ez with A the greatest x - t z and B the
-    /// least x + t z of the data: ez is the greatest that leaves room, ex the middle.
+    /// A perspective eye (ex, ey, ez) in axes of the camera sees a point between the planes x - ex = ± t (z -
+    /// ez). So A + t ez <= ex <= B - t ez, with A the greatest x - t z and B the least x + t z of the data. ez
+    /// is the greatest that satisfies both, ex the middle of the interval.
     pub fn camera(&self, boxes: &[Bounds], lens: Lens, size: [usize; 2]) -> Option<Camera> {
         // Least and greatest n . p over all boxes.
         self.fitted(lens, size, |n| {
@@ -78,8 +79,9 @@ impl Viewpoint {
         })
     }
 
-    /// The camera of this direction that sees all of the sphere around `boxes`, as large as it can; `None` where there
-    /// is no box. From every side it is as far away, so that turning it neither cuts the data nor pulses.
+    /// Returns the camera of this direction that sees all of the sphere around `boxes`, as large as possible;
+    /// `None` without boxes. Its distance is the same from every side, so that turning it neither cuts the data
+    /// nor changes their size.
     pub fn camera_around(&self, boxes: &[Bounds], lens: Lens, size: [usize; 2]) -> Option<Camera> {
         let (middle, radius) = sphere_around(boxes)?;
         self.fitted(lens, size, |n| {
@@ -88,8 +90,8 @@ impl Viewpoint {
         })
     }
 
-    /// - `extent`: the least and the greatest n . p of the points to be seen; infinite and the other way round where
-    ///   there are none.
+    /// - `extent`: returns the least and the greatest n . p of the points to be seen; infinite and in reverse
+    ///   order without points.
     fn fitted(
         &self,
         lens: Lens,
@@ -130,7 +132,7 @@ impl Viewpoint {
                 };
                 let (x, z_x) = side(right, tan * aspect);
                 let (y, z_y) = side(down, tan);
-                // A single point is looked at from some distance.
+                // A single point is viewed from some distance.
                 let z = z_x
                     .min(z_y)
                     .min(near - (far - near) * 1e-3 - f64::MIN_POSITIVE);
@@ -146,7 +148,7 @@ impl Viewpoint {
                 let ((x0, x1), (y0, y1)) = (extent(right), extent(down));
                 let fitted = ((x1 - x0) / aspect).max(y1 - y0) / FILL;
                 let fitted = if fitted > 0.0 { fitted } else { 1.0 };
-                // Well before the nearest box, so that no kernel is cut by the eye's plane.
+                // Well in front of the nearest box, so that the eye's plane cuts no kernel.
                 let z = near - (far - near) - fitted;
                 let eye = place([(x0 + x1) / 2.0, (y0 + y1) / 2.0, z]);
                 Camera::orthographic(eye, eye, up, height.unwrap_or(fitted), size)
@@ -176,7 +178,7 @@ mod tests {
             })
         });
         let corners: Vec<DVec3> = corners.collect();
-        // Around what all span: no corner is farther, one is at the least span's half.
+        // Around the common box: no corner is farther than the radius, which is at least half of the extent.
         assert!(
             corners
                 .iter()
@@ -269,12 +271,12 @@ mod tests {
             let boxes = [(DVec3::ZERO, DVec3::ONE)];
             let camera = view.camera(&boxes, Lens::FovDeg(40.0), [64; 2]).unwrap();
             let [middle, above] = [DVec3::ZERO, up].map(|p| camera.project(p).unwrap());
-            // Rows run down: up in the picture, and straight but for the perspective of a line beside
-            // the axis.
+            // Rows run downwards: `up` points up in the picture, and vertically except for the perspective of a
+            // line beside the axis.
             let (dx, dy) = (above.x - middle.x, above.y - middle.y);
             assert!(dy < -5.0 && dx.abs() < 0.05 * dy.abs(), "{up}: {dx} {dy}");
         }
-        // With y up a camera without azimuth looks along -z, with y down along +z; either has +x on its right.
+        // With y up a camera without azimuth looks along -z, with y down along +z; both have +x on their right.
         for up in [DVec3::Y, DVec3::NEG_Y] {
             let view = Viewpoint {
                 azimuth_deg: 0.0,
@@ -323,7 +325,7 @@ mod tests {
             let point = DVec3::new(1e7, 5.0, -3.0);
             let camera = view.camera(&[(point, DVec3::ZERO)], lens, [64, 48]);
             let p = camera.unwrap().project(point).unwrap();
-            // 1e7 leaves 2e-9 of a unit in f64, at tens of pixels a unit.
+            // 1e7 is accurate to 2e-9 in f64, at tens of pixels a unit.
             assert!((p - glam::DVec2::new(32.0, 24.0)).length() < 1e-5, "{p}");
             assert_eq!(view.camera(&[], lens, [64, 48]), None);
         }

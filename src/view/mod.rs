@@ -1,4 +1,4 @@
-//! Cameras: from world space to camera space to pixels; and what cuts what they see.
+//! Defines cameras, the mapping from world space to camera space to pixels, and clip planes.
 //!
 //! The world is right-handed. Camera space is the papers': x right, y down, z forward,
 //! projection plane z = 1. A pixel coordinate is (fx x/z + cx, fy y/z + cy), and the centre of

@@ -1,4 +1,4 @@
-//! Where a plot's labels go: near their points and clear of each other.
+//! Places a plot's labels near their points and clear of each other.
 
 /// Width of a letter over its height: sans-serif faces average about this.
 const LETTER_WIDTH: f64 = 0.56;
@@ -13,7 +13,7 @@ pub(super) struct Rect {
 }
 
 impl Rect {
-    /// The area that two boxes share.
+    /// Returns the area that two boxes share.
     fn overlap(&self, other: &Self) -> f64 {
         let width = self.right.min(other.right) - self.left.max(other.left);
         let height = self.bottom.min(other.bottom) - self.top.max(other.top);
@@ -36,7 +36,7 @@ impl Rect {
             && self.bottom <= outer.bottom
     }
 
-    /// The point of the box nearest to (x, y).
+    /// Returns the point of the box nearest to (x, y).
     pub(super) fn nearest(&self, x: f64, y: f64) -> (f64, f64) {
         (
             x.clamp(self.left, self.right),
@@ -45,11 +45,11 @@ impl Rect {
     }
 }
 
-/// One box per point for a text of `font_px` beside it, in the order of the points; `line` joins
-/// some of the points and is better not covered.
+/// Returns one box per point for a text of `font_px` beside it, in the order of the points. `line` joins some
+/// of the points; labels avoid it.
 ///
-/// Greedy: each takes the nearest free place of several rings around its point, or the one that
-/// covers least. Points in crowds choose first, for they have the fewest places.
+/// The method is greedy: each label takes the nearest free place in several rings around its point, or else the
+/// one that overlaps least. Points in crowded regions choose first, because they have the fewest places.
 pub(super) fn place(
     points: &[(f64, f64)],
     texts: &[&str],
@@ -98,7 +98,7 @@ pub(super) fn place(
     placed.into_iter().flatten().collect()
 }
 
-/// Small boxes along a line.
+/// Returns small boxes along a line.
 fn along(line: &[(f64, f64)]) -> Vec<Rect> {
     const STEP_PX: f64 = 4.0;
     let mut boxes = Vec::new();
@@ -119,8 +119,8 @@ fn along(line: &[(f64, f64)]) -> Vec<Rect> {
     boxes
 }
 
-/// Places around a point, the best first: to the right, left, above, below, then the diagonals,
-/// then further out.
+/// Returns places around a point, the best first: right, left, above, below, then the diagonals, then farther
+/// out.
 fn candidates(
     (x, y): (f64, f64),
     width: f64,
@@ -129,7 +129,7 @@ fn candidates(
 ) -> impl Iterator<Item = Rect> {
     const RINGS_PX: [f64; 7] = [3.0, 10.0, 20.0, 32.0, 46.0, 62.0, 80.0];
     const DIRECTIONS: usize = 16;
-    // Every second direction first: the eight that people expect.
+    // Every second direction first: the eight that readers expect.
     let turns = (0..DIRECTIONS).step_by(2).chain((1..DIRECTIONS).step_by(2));
     RINGS_PX.into_iter().flat_map(move |gap| {
         turns.clone().map(move |turn| {
@@ -159,7 +159,7 @@ mod tests {
             right: 500.0,
             bottom: 500.0,
         };
-        // A level line to the right, where the label would go first.
+        // A horizontal line to the right of the point, where the label would go first.
         let line = [(250.0, 250.0), (450.0, 250.0)];
         let rects = place(&line[..1], &["label"], 5.0, 12.0, &line, &frame);
         assert!(

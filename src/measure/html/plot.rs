@@ -1,13 +1,13 @@
-//! Plots as SVG text.
+//! Draws plots as SVG text.
 
 use std::fmt::Write;
 
 use super::escaped;
 use super::labels::{Rect, place};
 
-/// Width and height of a plot, its own pixels; the page scales it.
+/// Width and height of a plot in its own pixels; the page scales it.
 const SIZE: [f64; 2] = [1080.0, 640.0];
-/// Where the points lie; numbers and names of the axes stand to the left and below.
+/// Area of the points; numbers and names of the axes are to the left and below.
 const FRAME: Rect = Rect {
     left: 82.0,
     top: 8.0,
@@ -21,13 +21,13 @@ const INK: &str = "#2b2f36";
 const FAINT: &str = "#9aa1ab";
 const GRID: &str = "#e6e8ec";
 
-/// Colours that are told apart by most eyes (after Okabe and Ito), darkened for white paper.
+/// Colours that most eyes can tell apart (after Okabe and Ito), darkened for white paper.
 const PALETTE: [&str; 10] = [
     INK, "#b33c2e", "#1f6fb2", "#1b8a62", "#c77d0a", "#a24b8f", "#3f9fc4", "#7a6a4f", "#6b727d",
     "#7d921f",
 ];
 
-/// The colour of the n-th group.
+/// Returns the colour of the n-th group.
 pub(super) fn group_colour(n: usize) -> &'static str {
     PALETTE[n % PALETTE.len()]
 }
@@ -37,14 +37,14 @@ pub(super) struct Point<'a> {
     pub(super) time_ms: f64,
     pub(super) error: f64,
     pub(super) label: &'a str,
-    /// Number of its group, for colour.
+    /// Number of the point's group, for its colour.
     pub(super) group: usize,
     pub(super) on_front: bool,
-    /// Drawn as a ring: its error is a choice.
+    /// True to draw a ring: the error results from a choice.
     pub(super) changes_signal: bool,
 }
 
-/// Time against error on logarithmic axes; the points of the front are joined.
+/// Plots time against error on logarithmic axes; the points of the front are joined.
 ///
 /// Errors of 0 lie on the lower edge.
 pub(super) fn speed_accuracy(points: &[Point<'_>], error_name: &str) -> String {
@@ -101,7 +101,7 @@ pub(super) fn speed_accuracy(points: &[Point<'_>], error_name: &str) -> String {
     svg
 }
 
-/// Grid, numbers and names of both axes.
+/// Draws grid, numbers and names of both axes.
 fn axes(svg: &mut String, times: &Axis, errors: &Axis, error_name: &str) {
     let Rect {
         left,
@@ -145,11 +145,11 @@ fn axes(svg: &mut String, times: &Axis, errors: &Axis, error_name: &str) {
     );
 }
 
-/// A point's name in its place.
+/// Draws a point's name in its place.
 fn label(svg: &mut String, point: &Point<'_>, rect: &Rect, (x, y): (f64, f64)) {
     let colour = group_colour(point.group);
     let (near_x, near_y) = rect.nearest(x, y);
-    // A label that had to go away from its point is led back to it.
+    // A line joins a distant label to its point.
     if (near_x - x).hypot(near_y - y) > MARKER_RADIUS_PX + 8.0 {
         let _ = writeln!(
             svg,
@@ -157,7 +157,7 @@ fn label(svg: &mut String, point: &Point<'_>, rect: &Rect, (x, y): (f64, f64)) {
              stroke-opacity=\"0.45\"/>"
         );
     }
-    // Flush with the side that faces the point: widths of texts are guesses.
+    // Aligned with the side that faces the point, because widths of texts are estimates.
     let (x, anchor) = if rect.left > x {
         (rect.left, "start")
     } else if rect.right < x {
@@ -174,12 +174,12 @@ fn label(svg: &mut String, point: &Point<'_>, rect: &Rect, (x, y): (f64, f64)) {
     );
 }
 
-/// From a share of the time axis to pixels.
+/// Converts a share of the time axis to pixels.
 fn across(share: f64) -> f64 {
     FRAME.left + share * (FRAME.right - FRAME.left)
 }
 
-/// From a share of the error axis to pixels, which run downwards.
+/// Converts a share of the error axis to pixels, which run downwards.
 fn upwards(share: f64) -> f64 {
     FRAME.bottom - share * (FRAME.bottom - FRAME.top)
 }
@@ -192,7 +192,7 @@ pub(super) struct Axis {
 }
 
 impl Axis {
-    /// Over all positive values, with a margin as a share of the whole on both sides.
+    /// Returns an axis over all positive values, with a margin on both sides as a share of the whole.
     pub(super) fn over(values: impl Iterator<Item = f64>, margin: f64) -> Self {
         let (low, high) = values
             .filter(|v| *v > 0.0 && v.is_finite())
@@ -206,7 +206,7 @@ impl Axis {
                 high: 1.0,
             };
         }
-        // At least a factor of two, so that noise is not spread over the whole plot.
+        // At least a factor of two, so that noise does not fill the whole plot.
         let pad = (margin * (high - low)).max((0.301 - (high - low)) / 2.0);
         Self {
             low: low - pad.max(0.02),
@@ -214,7 +214,7 @@ impl Axis {
         }
     }
 
-    /// Where a value lies; what is not positive lies at the lower end.
+    /// Returns the position of a value on the axis; values that are not positive lie at the lower end.
     fn place(&self, value: f64) -> f64 {
         if value > 0.0 {
             value.log10().clamp(self.low, self.high)
@@ -223,17 +223,17 @@ impl Axis {
         }
     }
 
-    /// The same as a share of the axis.
+    /// Returns the position of a value as a share of the axis.
     pub(super) fn share(&self, value: f64) -> f64 {
         self.along(self.place(value))
     }
 
-    /// A logarithm as a share of the axis.
+    /// Returns a logarithm as a share of the axis.
     fn along(&self, log: f64) -> f64 {
         (log - self.low) / (self.high - self.low)
     }
 
-    /// Round values on the axis: 1, 2, 5 of each decade, or only powers of ten of many.
+    /// Returns round values on the axis: 1, 2, 5 of each decade, or only powers of ten over many decades.
     pub(super) fn ticks(&self) -> Vec<f64> {
         let decades = self.high - self.low;
         let steps: &[f64] = if decades < 1.0 {
@@ -254,9 +254,9 @@ impl Axis {
     }
 }
 
-/// A number of a time axis.
+/// Formats a number of a time axis.
 pub(super) fn decimal(value: f64) -> String {
-    // Powers of logarithms: three digits are exact enough.
+    // The values are powers of ten of logarithms: three digits are accurate enough.
     let digits = if value < 0.95 {
         2
     } else if value < 9.5 {
@@ -272,7 +272,7 @@ pub(super) fn decimal(value: f64) -> String {
     }
 }
 
-/// A number of an error axis: 2·10⁻³, 10⁻³.
+/// Formats a number of an error axis: 2·10⁻³, 10⁻³.
 pub(super) fn scientific(value: f64) -> String {
     let (mantissa, power) = mantissa_and_power(value, 1);
     match mantissa.trim_end_matches(".0") {
@@ -281,7 +281,7 @@ pub(super) fn scientific(value: f64) -> String {
     }
 }
 
-/// A measured number: 2.00·10⁻³.
+/// Formats a measured number: 2.00·10⁻³.
 pub(super) fn measured(value: f64) -> String {
     let (mantissa, power) = mantissa_and_power(value, 2);
     format!("{mantissa}·{power}")
@@ -356,7 +356,7 @@ mod tests {
             "{svg}"
         );
         assert!(speed_accuracy(&[], "RMSE").contains("</svg>"));
-        // Well-formed, with a mark for each point at the edge that errors of 0 have.
+        // Well-formed, with a mark for each point, also at the edge for errors of 0.
         let page = roxmltree::Document::parse(&svg).unwrap();
         let marks: Vec<_> = page
             .descendants()

@@ -1,4 +1,4 @@
-//! Cells of grids, met by rays.
+//! Integrates along rays through cells of grids.
 
 use std::sync::Arc;
 
@@ -10,16 +10,16 @@ use super::emission::Emission;
 use super::hexahedron::{self, Corners, Ray, Span};
 use super::pieces::{self, Piece, disjoint};
 
-/// A cell by its corners.
+/// A cell, given by its corners.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Cell {
-    /// Eight of a hexahedron, the first index fastest; four of a tetrahedron, and [`NONE`].
+    /// Corners: eight of a hexahedron, the first index fastest; four of a tetrahedron, then [`NONE`].
     corners: [u32; 8],
-    /// The number of the cell of the data that it is, or a part of.
+    /// Number of the data's cell that contains this one.
     sample: u32,
 }
 
-/// No corner.
+/// Marks a missing corner.
 const NONE: u32 = u32::MAX;
 
 impl Cell {
@@ -47,7 +47,7 @@ impl Cell {
             .map(|c| nodes.get(c as usize).copied().unwrap_or_default())
     }
 
-    /// The volume with the sign of its determinant.
+    /// Returns the volume with the sign of its determinant.
     pub(super) fn volume(&self, nodes: &[DVec3]) -> f64 {
         let places = self.places(nodes);
         if self.is_tetrahedron() {
@@ -58,30 +58,30 @@ impl Cell {
     }
 }
 
-/// The edges of a tetrahedron from its first corner.
+/// Returns the edges of a tetrahedron from its first corner.
 fn edges([a, b, c, d, ..]: &Corners) -> DMat3 {
     DMat3::from_cols(b - a, c - a, d - a)
 }
 
-/// What the values belong to.
+/// Values of a field at nodes or in cells.
 #[derive(Debug, Clone)]
 pub(super) enum Known {
-    /// One for each node.
+    /// One value for each node.
     AtNodes(Vec<f64>),
-    /// One for each cell of the data: constant in it.
+    /// One value for each cell of the data, constant within the cell.
     InCells(Vec<f64>),
 }
 
 /// Cells with finite corners, finite values and a volume.
 #[derive(Clone)]
 pub(super) struct Mesh {
-    /// World space, from `centre`.
+    /// Positions in world space, relative to `centre`.
     nodes: Vec<DVec3>,
     known: Known,
     cells: Vec<Cell>,
     centre: DVec3,
     radius: f64,
-    /// Of the cells' boxes, from `centre`.
+    /// BVH of the cells' boxes, relative to `centre`.
     traversal: Arc<Traversal>,
 }
 
@@ -94,7 +94,7 @@ impl std::fmt::Debug for Mesh {
     }
 }
 
-/// Memory that rays share.
+/// Buffers that rays reuse.
 #[derive(Debug, Default)]
 pub(super) struct Scratch {
     claims: Vec<Piece>,
@@ -103,7 +103,7 @@ pub(super) struct Scratch {
 }
 
 impl Mesh {
-    /// Of nodes in world space.
+    /// Makes a mesh of nodes in world space.
     pub(super) fn new(mut nodes: Vec<DVec3>, known: Known, cells: Vec<Cell>) -> Self {
         let used = || cells.iter().flat_map(Cell::nodes);
         let bounds = used().fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], &n| {
@@ -140,12 +140,12 @@ impl Mesh {
         self.cells.len()
     }
 
-    /// Centre and radius of a ball around all.
+    /// Returns centre and radius of a ball around all cells.
     pub(super) fn ball(&self) -> (DVec3, f64) {
         (self.centre, self.radius)
     }
 
-    /// The values at the corners of a cell.
+    /// Returns the values at the corners of a cell.
     fn values(&self, cell: &Cell) -> [f64; 8] {
         match &self.known {
             Known::AtNodes(values) => {
@@ -160,7 +160,7 @@ impl Mesh {
         }
     }
 
-    /// Adds what lies on the ray `origin` + t `direction` (unit length) up to `end`.
+    /// Adds the cells' emission along the ray `origin` + t `direction` (unit length), up to `end`.
     pub(super) fn integrate(
         &self,
         origin: DVec3,
@@ -214,7 +214,7 @@ impl Mesh {
             let at = |t: f64| {
                 let shares = inverse * (ray.at(t) - places[0]);
                 let rises = DVec3::new(values[1], values[2], values[3]) - values[0];
-                // Beyond a face by what is rounded only.
+                // Beyond a face only by rounding.
                 (values[0] + shares.dot(rises)).clamp(low, high)
             };
             emission.add(length, &Cubic::line(at(part.from), at(part.to)));
@@ -236,11 +236,11 @@ impl Mesh {
     }
 }
 
-/// Halvings of the part of a ray within one cell.
+/// Greatest number of halvings of the part of a ray within one cell.
 const DEPTH: u32 = 12;
 
-/// Adds a field along a ray as cubics, each as long as it is right in its middle, where it strays
-/// most.
+/// Adds a field along a ray as cubics. A part is halved until its cubic is accurate in the middle, where it
+/// errs most.
 fn follow(
     at: &impl Fn(f64) -> Option<f64>,
     [from, to]: [f64; 2],
@@ -267,11 +267,11 @@ fn follow(
     }
 }
 
-/// Barycentric coordinates down to this below 0 belong to a tetrahedron: two that share a face round
-/// its place in different ways. Parts that both claim are given to one.
+/// Tolerance of barycentric coordinates below 0 within which a place belongs to a tetrahedron: two cells round
+/// the position of their common face differently. Parts that both claim are given to one.
 const OUTSIDE: f64 = 1e-11;
 
-/// Where a ray runs within a tetrahedron: its barycentric coordinates are linear along it.
+/// Returns the part of a ray within a tetrahedron: barycentric coordinates are linear along the ray.
 fn within_tetrahedron(places: &Corners, ray: &Ray) -> Option<[f64; 2]> {
     let inverse = edges(places).inverse();
     let start = inverse * (ray.origin - places[0]);

@@ -1,12 +1,12 @@
-//! Cubic polynomials over the unit interval: what a field is along a piece of a ray.
+//! Represents a field along a piece of a ray by a cubic polynomial over the unit interval.
 
-/// c0 + c1 s + c2 s² + c3 s³ for s in \[0, 1\].
+/// The polynomial c0 + c1 s + c2 s² + c3 s³ for s in \[0, 1\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Cubic(pub(super) [f64; 4]);
 
-/// The zeros of the Chebyshev polynomial of degree 4, on \[0, 1\]: a cubic through a function's
-/// values there strays from it by at most h⁴/3072 times its fourth derivative, most of all in the
-/// middle and at the ends. None is an end, where the maps of collapsed cells may be singular.
+/// Zeros of the Chebyshev polynomial of degree 4, on \[0, 1\]. A cubic through a function's values there
+/// differs from it by at most h⁴/3072 times its fourth derivative, most in the middle and at the ends. No zero
+/// is at an end, where the maps of collapsed cells may be singular.
 pub(super) const CHEBYSHEV: [f64; 4] = [
     0.038_060_233_744_356_63,
     0.308_658_283_817_455_1,
@@ -14,16 +14,16 @@ pub(super) const CHEBYSHEV: [f64; 4] = [
     0.961_939_766_255_643_4,
 ];
 
-/// Steps of a root: bisection alone would be done.
+/// Greatest number of steps of the root search; bisection alone would finish within it.
 const MOST_STEPS: u32 = 60;
 
 impl Cubic {
-    /// The straight line from one value to another.
+    /// Returns the straight line from one value to another.
     pub(super) fn line(from: f64, to: f64) -> Self {
         Self([from, to - from, 0.0, 0.0])
     }
 
-    /// Through values at [`CHEBYSHEV`], by divided differences.
+    /// Returns the cubic through values at [`CHEBYSHEV`], by divided differences.
     pub(super) fn through(values: [f64; 4]) -> Self {
         let x = CHEBYSHEV;
         let mut d = values;
@@ -53,8 +53,8 @@ impl Cubic {
         b + s * (2.0 * c + s * 3.0 * d)
     }
 
-    /// Where it turns within (0, 1), in order; 1 in place of those that are not there. Between these
-    /// and the ends it is monotone.
+    /// Returns the extrema within (0, 1), in order; 1 replaces missing ones. The cubic is monotone between
+    /// these and the ends.
     pub(super) fn turns(&self) -> [f64; 2] {
         let [_, b, c, d] = self.0;
         let (p, q) = (3.0 * d, 2.0 * c);
@@ -63,14 +63,14 @@ impl Cubic {
             return [1.0; 2];
         }
         let larger = -0.5 * (q + discriminant.sqrt().copysign(q));
-        // Infinite or NaN where there is none: then it is not within.
+        // A missing extremum is infinite or NaN, and so not within.
         let within = |s: f64| if s > 0.0 && s < 1.0 { s } else { 1.0 };
         let (s, t) = (within(larger / p), within(b / larger));
         if s <= t { [s, t] } else { [t, s] }
     }
 
-    /// Where it has a value, between `a` and `b`, where it is monotone and passes it: Newton's
-    /// method from where a straight line has it, held within the bracket.
+    /// Returns the argument of a value between `a` and `b`, where the cubic is monotone and takes the value.
+    /// Newton's method starts on the straight line between the ends, and stays within the bracket.
     pub(super) fn solve(&self, value: f64, a: f64, b: f64) -> f64 {
         let ends = [self.at(a), self.at(b)];
         let rises = ends[1] >= ends[0];

@@ -1,4 +1,4 @@
-//! Cells of curvilinear grids.
+//! Makes the cells of curvilinear grids.
 
 use rayon::prelude::*;
 
@@ -7,14 +7,13 @@ use super::hexahedron::{longest_edges, volume};
 use crate::io::{Association, Blanking, CurvilinearBlock};
 use crate::scene::Values;
 
-/// A cell is degenerate if its volume is below this share of the box of its longest edges, as where
-/// grids are sampled into kernels.
+/// A cell is degenerate if its volume is below this share of the box of its longest edges, like in sampling.
 const DEGENERATE_VOLUME: f64 = 1e-9;
 
-/// All cells of the blocks that have a volume, in order, and how many there are that have none, are
-/// blanked, or lack a position or a value.
+/// Returns all cells of the blocks that have a volume, in order, and the number of cells left out: those
+/// without volume, blanked, or lacking a position or a value.
 ///
-/// A seam needs no care: the last cell of an O-grid ends where the first begins.
+/// Seams need no special treatment: the last cell of an O-grid ends where the first begins.
 pub(super) fn mesh(
     blocks: &[CurvilinearBlock],
     association: Association,
@@ -47,7 +46,7 @@ pub(super) fn mesh(
             if is_hidden || !is_known || !places.iter().all(|p| p.is_finite()) {
                 return None;
             }
-            // From its own corner, so that a far origin costs no digits.
+            // Relative to the cell's first corner, so that a distant origin costs no digits.
             let near = places.map(|p| p - places[0]);
             let volume = volume(&near);
             let is_there = volume.abs() > DEGENERATE_VOLUME * longest_edges(&near);
@@ -57,7 +56,7 @@ pub(super) fn mesh(
         let sum: f64 = found.iter().map(|(.., volume)| volume).sum();
         let handedness = if sum < 0.0 { -1.0 } else { 1.0 };
         let before = cells.len();
-        // Numbers of samples are checked against u32 before.
+        // Numbers of samples have been checked against u32.
         let number = |i: usize| u32::try_from(i).unwrap_or(u32::MAX);
         // Inverted cells lie within others.
         let upright = found

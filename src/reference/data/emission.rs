@@ -1,42 +1,42 @@
-//! Emission and absorption along a ray on which the field is a cubic, piece by piece.
+//! Integrates emission and absorption along a ray on which the field is piecewise cubic.
 
 use super::super::ray::RayIntegral;
 use super::cubic::Cubic;
 use super::function::Function;
 use super::running::{PLACES, of_3, of_5, of_9};
 
-/// The light of a ray, from the eye on.
+/// The light of a ray, accumulated from the eye.
 ///
-/// I = ∫ c(v(t)) κ(v(t)) T(t) dt, T(t) = exp(-∫ κ(v) dt), v the field. Pieces are divided where v
-/// turns and where it passes a knot of the transfer function; what is left is smooth but for
-/// interpolated turns too blunt for a knot, and halved until two rules agree.
+/// I = ∫ c(v(t)) κ(v(t)) T(t) dt, T(t) = exp(-∫ κ(v) dt), v the field. Pieces are divided at extrema of v and
+/// where v passes a knot of the transfer function. The parts are smooth, apart from bends of the interpolated
+/// function that are too slight for a knot. They are halved until two rules agree.
 #[derive(Debug)]
 pub(super) struct Emission<'a> {
     function: &'a Function,
     error: f64,
-    /// One over the length that the error is shared out over.
+    /// Inverse of the length over which the error is distributed.
     per_length: f64,
     light: [f64; 3],
     depth: f64,
     transmittance: f64,
-    /// What the error may be so far.
+    /// Bound of the error so far.
     spent: f64,
     bisections: u32,
 }
 
-/// Bisections of one ray, so that no field can hang.
+/// Greatest number of bisections of one ray, so that no field can hang the program.
 const MOST_BISECTIONS: u32 = 100_000;
 
-/// Share of the error that may be left behind what is opaque.
+/// Share of the error that may remain behind opaque parts.
 const TAIL_SHARE: f64 = 0.05;
 
-/// A rule of 5 places is believed where it differs from that of 3 by this share of what it may: the
-/// one of 3 is often right by chance.
+/// Share of the allowed error within which the rules of 5 and of 3 nodes must agree for the former to be
+/// accepted: the rule of 3 is often right by chance.
 const STRICT: f64 = 0.1;
 
 impl<'a> Emission<'a> {
-    /// - `error`: of each channel, full scale 1.
-    /// - `length`: of the part of the ray that may be within the field.
+    /// - `error`: error of each channel, full scale 1.
+    /// - `length`: length of the part of the ray that may be within the field.
     pub(super) fn new(function: &'a Function, error: f64, length: f64) -> Self {
         Self {
             function,
@@ -50,22 +50,22 @@ impl<'a> Emission<'a> {
         }
     }
 
-    /// Whether what comes next is still seen.
+    /// Returns true while further parts would still be visible.
     pub(super) fn goes_on(&self) -> bool {
         self.transmittance >= TAIL_SHARE * self.error
     }
 
-    /// Whether a field between two values neither emits nor absorbs.
+    /// Returns true if a field between two values neither emits nor absorbs.
     pub(super) fn is_transparent(&self, low: f64, high: f64) -> bool {
         self.function.most_extinction(low, high) <= 0.0
     }
 
-    /// How far values of a field that lie between two may be off.
+    /// Returns the tolerance for values of a field between two values.
     pub(super) fn value_tolerance(&self, low: f64, high: f64) -> f64 {
         (VALUE_SHARE * self.error * (high - low)).max(1e-14 * low.abs().max(high.abs()))
     }
 
-    /// The next piece, of a length, over which the field is `field`.
+    /// Adds the next piece, of length `length`, over which the field is `field`.
     pub(super) fn add(&mut self, length: f64, field: &Cubic) {
         if !(length > 0.0) {
             return;
@@ -80,7 +80,7 @@ impl<'a> Emission<'a> {
         }
     }
 
-    /// A part that nobody can say the values of, but for two that they lie between.
+    /// Adds a part whose values are unknown except for their bounds; it counts towards the error.
     pub(super) fn lose(&mut self, length: f64, low: f64, high: f64) {
         let most = self.function.most_extinction(low, high) * length;
         self.spent += self.transmittance * -(-most).exp_m1();
@@ -126,11 +126,11 @@ impl<'a> Emission<'a> {
         }
     }
 
-    /// A part that is too long for the rules.
+    /// Adds a part that is too long for the rules.
     #[cold]
     fn add_halves(&mut self, length: f64, field: &Cubic, [from, to]: [f64; 2]) {
         let middle = 0.5 * (from + to);
-        // Parts that wait, the nearest on top: one more than bisections in a row.
+        // Stack of pending parts, the nearest on top: one more than the depth of bisection.
         let mut waiting = [[0.0; 2]; 64];
         waiting[0] = [middle, to];
         waiting[1] = [from, middle];
@@ -156,7 +156,7 @@ impl<'a> Emission<'a> {
         self.is_transparent(a.min(b), a.max(b))
     }
 
-    /// Adds a part if a rule says that it is good enough, or it may not be halved.
+    /// Adds a part if a rule is accurate enough, or if the part may not be halved.
     fn take(&mut self, length: f64, field: &Cubic, [a, b]: [f64; 2], may_halve: bool) -> bool {
         let mut values = [[0.0; 4]; 9];
         let places = &*PLACES;
@@ -165,7 +165,7 @@ impl<'a> Emission<'a> {
             values[i] = ask(i);
         }
         let coarse = of_5(&values, length);
-        // Half by length, half by opacity. The difference of two depths is rounded.
+        // Half by length, half by opacity. The difference of two depths has a rounding error.
         let share = length * self.per_length - self.transmittance * (-coarse.depth).exp_m1();
         let rounding = 8.0 * f64::EPSILON * (1.0 + coarse.depth);
         let allowed = (0.5 * self.error * share / self.transmittance).max(rounding);
@@ -191,7 +191,7 @@ impl<'a> Emission<'a> {
     }
 }
 
-/// How far a field's values may be off, in the error aimed at and the values' range within a cell:
-/// the optical depth of a crossing of a cell changes by about that share, and all crossings that are
-/// seen have an optical depth of a few together.
+/// Tolerance of a field's values, as a share of the requested error and of the values' range within a cell. The
+/// optical depth of a crossing of a cell changes by about that share, and all visible crossings together have
+/// an optical depth of a few.
 const VALUE_SHARE: f64 = 0.01;

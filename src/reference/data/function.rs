@@ -1,24 +1,23 @@
-//! The transfer function in f64: the same table, and where it is not smooth.
+//! Evaluates the transfer function in f64, from the same table, and finds where it is not smooth.
 
 use crate::scene::TransferFunction;
 
-/// A table of colours and extinctions, interpolated linearly, as [`TransferFunction::classify`] does
-/// in f32.
+/// A table of colours and extinctions, interpolated linearly, like [`TransferFunction::classify`] in f32.
 #[derive(Debug, Clone)]
 pub(super) struct Function {
     source: TransferFunction,
     table: Vec<[f64; 4]>,
     low: f64,
-    /// Entries per unit of value.
+    /// Number of entries per unit of value.
     scale: f64,
-    /// Values at which extinction or emission turn sharply, ascending.
+    /// Values at which the slope of extinction or emission changes sharply, ascending.
     knots: Vec<f64>,
 }
 
-/// A turn is sharp from this change of slope on, in the greatest of the table per entry: a ramp over
-/// half of the range begins with 4.9e-4. Blunter turns are left to bisection, because functions made
-/// from histograms have a thousand of them (1080 of 1e-4 and more in one of a smooth field), and rays
-/// would be cut there for nothing.
+/// Least change of slope that is sharp, relative to the greatest entry of the table, per entry. A ramp over
+/// half of the range begins with 4.9e-4. Slighter bends are left to bisection: functions made from histograms
+/// have a thousand of them (1080 of at least 1e-4 in one of a smooth field), and knots there would divide rays
+/// for nothing.
 const SHARP: f64 = 4e-4;
 
 impl Function {
@@ -56,25 +55,25 @@ impl Function {
         }
     }
 
-    /// Red, green and blue times extinction, and extinction \[1/length\].
+    /// Returns red, green and blue times extinction, and extinction \[1/length\].
     #[inline]
     pub(super) fn light(&self, value: f64) -> [f64; 4] {
         let last = (self.table.len() - 1) as f64;
         let x = ((value - self.low) * self.scale).clamp(0.0, last);
-        // Casts saturate, and NaN is 0.
+        // Casts saturate, and NaN becomes 0.
         let i = (x as usize).min(self.table.len() - 2);
         let s = x - i as f64;
         let (a, b) = (&self.table[i], &self.table[i + 1]);
         light([0, 1, 2, 3].map(|c| a[c] + (b[c] - a[c]) * s))
     }
 
-    /// A bound on the extinction of all values between two.
+    /// Returns an upper bound of the extinction over all values between two.
     pub(super) fn most_extinction(&self, a: f64, b: f64) -> f64 {
-        // Rounding is far less than the two entries by which the bound is wider.
+        // The bound is wider by two entries, far more than rounding.
         f64::from(self.source.max_extinction(a as f32, b as f32))
     }
 
-    /// The knots strictly between two values, the first not greater.
+    /// Returns the knots strictly between two values, `low` not greater than `high`.
     pub(super) fn knots(&self, low: f64, high: f64) -> &[f64] {
         let first = self.knots.partition_point(|k| *k <= low);
         let end = self.knots.partition_point(|k| *k < high);
@@ -114,11 +113,11 @@ mod tests {
             let light = function.light(value);
             let expected = [r * extinction, g * extinction, b * extinction, extinction];
             for (a, b) in light.iter().zip(expected) {
-                // A value in f32 is off by 6e-8 of 10: 2.5e-3 of the step's ramp, 7 high.
+                // A value in f32 is off by 6e-8 of 10: 2.5e-3 of the step's ramp, which is 7 high.
                 assert!((a - b).abs() < 0.02, "{value}: {a} {b}");
             }
         }
-        // Where opacity begins and where it falls; the ends of the table, where colours stop.
+        // Knots where opacity begins and falls, and at the ends of the table, where colours stop.
         assert!(!function.knots(1.99, 2.01).is_empty());
         assert!(!function.knots(3.99, 4.01).is_empty());
         assert!(function.knots(2.5, 3.5).is_empty() && function.knots(5.0, 9.0).is_empty());

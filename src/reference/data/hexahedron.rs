@@ -1,7 +1,7 @@
-//! Hexahedra whose map from three parameters is trilinear, and where rays run in them.
+//! Intersects rays with hexahedra that are trilinear maps of three parameters.
 //!
-//! Wedges and pyramids are hexahedra some of whose corners coincide: VTK's shape functions of them
-//! are the same functions of the place, by other parameters.
+//! Wedges and pyramids are hexahedra with some coinciding corners. VTK's shape functions for them are the same
+//! functions of position in other parameters.
 
 use glam::{DMat3, DVec2, DVec3};
 
@@ -13,12 +13,12 @@ pub(super) type Corners = [DVec3; 8];
 pub(super) struct Span {
     pub(super) from: f64,
     pub(super) to: f64,
-    /// The parameters at its ends, about, and in its middle.
+    /// Approximate parameters at the ends and in the middle.
     pub(super) guides: [DVec3; 3],
 }
 
 impl Span {
-    /// About the parameters at `t`: a parabola's.
+    /// Estimates the parameters at `t` by a parabola.
     pub(super) fn guess(&self, t: f64) -> DVec3 {
         let s = (t - self.from) / (self.to - self.from);
         let [start, end, middle] = self.guides;
@@ -26,21 +26,22 @@ impl Span {
     }
 }
 
-/// A ray meets a face that it passes this far outside of, in the face's parameters: then it meets
-/// one of two faces at their common edge whatever is rounded. Parts that two cells claim for it are
-/// given to one of them.
+/// Tolerance, in a face's parameters, by which a ray may pass outside a face and still meet it. A ray at the
+/// common edge of two faces thus meets at least one of them despite rounding. If two cells claim a part for
+/// that reason, one of them gets it.
 const EDGE: f64 = 1e-9;
 
-/// A place belongs to a cell up to this far outside of it, in parameters.
+/// Tolerance, in parameters, by which a place may lie outside a cell and still belong to it.
 const INSIDE: f64 = 1e-7;
 
-/// Steps of Newton's method: from a guess that is right to a tenth, three are enough.
+/// Greatest number of steps of Newton's method; from a guess accurate to a tenth, three suffice.
 const MOST_STEPS: usize = 24;
 
-/// A last step of Newton's method: its convergence is quadratic, what is left is the square of this.
+/// Size of a step of Newton's method after which it ends: convergence is quadratic, so the remaining error is
+/// the square of this.
 const LAST_STEP: f64 = 1e-6;
 
-/// Position and Jacobian at parameters `s`.
+/// Returns position and Jacobian at parameters `s`.
 fn map([c000, c100, c010, c110, c001, c101, c011, c111]: &Corners, s: DVec3) -> (DVec3, DMat3) {
     let mix = |a: DVec3, b: DVec3, s: f64| a + (b - a) * s;
     let (e00, e10) = (mix(*c000, *c100, s.x), mix(*c010, *c110, s.x));
@@ -55,14 +56,14 @@ fn map([c000, c100, c010, c110, c001, c101, c011, c111]: &Corners, s: DVec3) -> 
     (mix(f0, f1, s.z), DMat3::from_cols(di, dj, f1 - f0))
 }
 
-/// The value at parameters of a field that is trilinear in them.
+/// Returns the value at parameters `s` of a field that is trilinear in them.
 pub(super) fn value(v: &[f64; 8], s: DVec3) -> f64 {
     let mix = |a: f64, b: f64, s: f64| a + (b - a) * s;
     let face = |c: usize| mix(mix(v[c], v[c + 1], s.x), mix(v[c + 2], v[c + 3], s.x), s.y);
     mix(face(0), face(4), s.z)
 }
 
-/// The volume with the sign of the determinant, exactly: the determinant is quadratic in each
+/// Returns the volume with the sign of the determinant, exactly. The determinant is quadratic in each
 /// parameter, and two Gauss points along each integrate cubics.
 pub(super) fn volume(corners: &Corners) -> f64 {
     const GAUSS: [f64; 2] = [0.211_324_865_405_187_13, 0.788_675_134_594_812_9];
@@ -72,7 +73,7 @@ pub(super) fn volume(corners: &Corners) -> f64 {
         .sum()
 }
 
-/// The product of the longest edges along each parameter.
+/// Returns the product of the longest edges along each parameter.
 pub(super) fn longest_edges(c: &Corners) -> f64 {
     let longest = |step: usize| {
         let first = (0..8).filter(|i| i & step == 0);
@@ -81,7 +82,7 @@ pub(super) fn longest_edges(c: &Corners) -> f64 {
     longest(1) * longest(2) * longest(4)
 }
 
-/// The parameters of a place, by Newton's method from a guess; `None` where it does not end there.
+/// Finds the parameters of a place by Newton's method from a guess; `None` if it does not converge.
 pub(super) fn locate(corners: &Corners, place: DVec3, guess: DVec3) -> Option<DVec3> {
     let mut s = guess;
     for _ in 0..MOST_STEPS {
@@ -89,7 +90,7 @@ pub(super) fn locate(corners: &Corners, place: DVec3, guess: DVec3) -> Option<DV
         let miss = place - point;
         let step = solve(derivative, miss);
         if !step.is_finite() {
-            // On the edge that a collapsed face has become: off it.
+            // On the edge of a collapsed face: move off it.
             s += (DVec3::splat(0.5) - s) * 1e-3;
             continue;
         }
@@ -99,13 +100,13 @@ pub(super) fn locate(corners: &Corners, place: DVec3, guess: DVec3) -> Option<DV
             return Some(s);
         }
     }
-    // By such an edge one parameter means next to nothing, and wanders.
+    // Near such an edge one parameter is almost undetermined, and does not converge.
     let extent = corners.iter().map(|c| (*c - corners[0]).length());
     let miss = (map(corners, s).0 - place).length();
     (miss <= 1e-10 * extent.fold(0.0, f64::max)).then_some(s)
 }
 
-/// x of A x = b, by Cramer's rule; not finite where there is none.
+/// Solves A x = b for x by Cramer's rule; not finite if A is singular.
 fn solve(a: DMat3, b: DVec3) -> DVec3 {
     let [x, y, z] = [a.x_axis, a.y_axis, a.z_axis];
     let yz = y.cross(z);
@@ -117,21 +118,21 @@ fn is_inside(s: DVec3) -> bool {
     (s - 0.5).abs().max_element() <= 0.5 + INSIDE
 }
 
-/// Where a ray meets a face.
+/// Intersection of a ray with a face.
 #[derive(Clone, Copy, Default)]
 struct Hit {
     t: f64,
     s: DVec3,
 }
 
-/// A ray, and two directions across it.
+/// A ray, and two directions perpendicular to it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Ray {
     pub(super) origin: DVec3,
-    /// Of unit length.
+    /// Unit vector.
     pub(super) direction: DVec3,
     across: [DVec3; 2],
-    /// Where it ends; it begins at 0.
+    /// End of the ray; it begins at 0.
     pub(super) end: f64,
 }
 
@@ -153,9 +154,9 @@ impl Ray {
 
 /// Calls `each` with the parts of a ray within a hexahedron, in order.
 ///
-/// Each face is a bilinear patch, which the ray meets at most twice: where the patch, projected along
-/// the ray, is 0, a quadratic equation (Ramsey, Potter and Hansen 2004). A part between two hits
-/// belongs to the cell if its middle does: of a twisted cell there may be several.
+/// Each face is a bilinear patch, which the ray meets at most twice: where the patch, projected along the ray,
+/// is 0. That is a quadratic equation (Ramsey, Potter and Hansen 2004). A part between two hits belongs to the
+/// cell if its middle does; a twisted cell may have several parts.
 pub(super) fn spans(corners: &Corners, ray: &Ray, mut each: impl FnMut(Span)) {
     let flat = corners.map(|c| {
         let c = c - ray.origin;
@@ -217,22 +218,22 @@ pub(super) fn spans(corners: &Corners, ray: &Ray, mut each: impl FnMut(Span)) {
     }
 }
 
-/// Calls `hit` with the parameters at which a bilinear patch in the plane is 0; corners 00, 10, 01
-/// and 11.
+/// Calls `hit` with the parameters at which a bilinear patch in the plane is 0. The corners are 00, 10, 01 and
+/// 11.
 fn patch([q00, q10, q01, q11]: [DVec2; 4], mut hit: impl FnMut(f64, f64)) {
-    // a + u b + v (c + u d) = 0; v is gone from the cross product of a + u b with c + u d.
+    // a + u b + v (c + u d) = 0; the cross product of a + u b with c + u d eliminates v.
     let (a, b, c) = (q00, q10 - q00, q01 - q00);
     let d = (q11 - q10) - c;
     let within = |x: f64| (-EDGE..=1.0 + EDGE).contains(&x);
     let size = [a, b, c, d].map(|v| v.abs().max_element());
     let size = size.into_iter().fold(0.0, f64::max);
     let [p, q, r] = [b.perp_dot(d), a.perp_dot(d) + b.perp_dot(c), a.perp_dot(c)];
-    // Seen from its edge: other faces tell where the ray runs.
+    // Seen edge-on: other faces delimit the part.
     if !(p.abs().max(q.abs()).max(r.abs()) > 1e-15 * size * size) {
         return;
     }
     let discriminant = q * q - 4.0 * p * r;
-    // A ray that touches it is rounded to one that passes it by.
+    // Rounding may make a tangent ray miss the patch.
     let rounding = 1e-14 * (q * q).max((4.0 * p * r).abs());
     if discriminant < -rounding {
         return;
@@ -240,13 +241,13 @@ fn patch([q00, q10, q01, q11]: [DVec2; 4], mut hit: impl FnMut(f64, f64)) {
     let larger = -0.5 * (q + discriminant.max(0.0).sqrt().copysign(q));
     let roots = [larger / p, r / larger];
     for (i, &u) in roots.iter().enumerate() {
-        // A double root once.
+        // A double root counts once.
         if !within(u) || (i == 1 && u == roots[0]) {
             continue;
         }
         let (constant, slope) = (a + b * u, c + d * u);
         let v = -constant.dot(slope) / slope.length_squared();
-        // Where an edge has collapsed, any v is as good, and u is a root that means nothing.
+        // If an edge has collapsed, v is arbitrary there, and the root u has no meaning.
         if within(v) && (constant + slope * v).abs().max_element() <= 1e-7 * size {
             hit(u, v);
         }
@@ -257,7 +258,7 @@ fn patch([q00, q10, q01, q11]: [DVec2; 4], mut hit: impl FnMut(f64, f64)) {
 mod tests {
     use super::*;
 
-    /// A cube with corners moved by up to `twist`.
+    /// Returns a cube with corners moved by up to `twist`.
     fn twisted(twist: f64) -> Corners {
         std::array::from_fn(|c| {
             let corner = DVec3::new((c & 1) as f64, (c >> 1 & 1) as f64, (c >> 2) as f64);
@@ -281,7 +282,7 @@ mod tests {
             let ray = Ray::new(place - 4.0 * direction, direction, 8.0);
             let mut found = Vec::new();
             spans(&corners, &ray, |span| found.push([span.from, span.to]));
-            // Marched in small steps, inside is what is inside.
+            // Marched in small steps: the same places are inside.
             for step in 0..800 {
                 let t = 0.01 * (f64::from(step) + 0.5);
                 let truth = locate(&corners, ray.at(t), DVec3::splat(0.5));

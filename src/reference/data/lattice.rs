@@ -1,4 +1,4 @@
-//! Lattices: trilinear between their samples, walked cell by cell.
+//! Integrates along rays through lattices, cell by cell; the field is trilinear between samples.
 
 use glam::{DMat3, DVec3};
 
@@ -10,22 +10,22 @@ use crate::scene::{Lattice, LatticeSpacing, Values};
 /// A lattice's samples and the planes between which the field is trilinear.
 #[derive(Debug, Clone)]
 pub(super) struct Grid {
-    /// Where lattice coordinates are 0, world space.
+    /// Origin of lattice coordinates, world space.
     origin: DVec3,
     lattice_from_world: DMat3,
     axes: [Axis; 3],
-    /// Samples along each index.
+    /// Number of samples along each index.
     dims: [usize; 3],
     values: Values,
 }
 
-/// The planes across one axis, lattice coordinates. For values at nodes they are the nodes; for values
-/// of cells, the cells' centres and the faces at both ends, which have the values of the outermost
-/// centres.
+/// The planes perpendicular to one axis, lattice coordinates. For values at nodes they are the nodes. For
+/// values of cells they are the cells' centres and the faces at both ends, which have the values of the
+/// outermost centres.
 #[derive(Debug, Clone)]
 struct Axis {
     planes: Vec<f64>,
-    /// The sample on each plane.
+    /// Sample on each plane.
     samples: Vec<usize>,
 }
 
@@ -51,7 +51,7 @@ impl Axis {
         }
     }
 
-    /// The slab that a ray enters at `t`, or the nearest.
+    /// Returns the slab that a ray enters at `t`, or the nearest slab.
     fn slab(&self, origin: f64, rate: f64, t: f64) -> usize {
         let behind = if rate > 0.0 {
             self.planes.partition_point(|p| (p - origin) / rate <= t)
@@ -63,7 +63,7 @@ impl Axis {
         behind.saturating_sub(1).min(self.planes.len() - 2)
     }
 
-    /// Where a ray leaves slab `i`.
+    /// Returns the parameter at which a ray leaves slab `i`.
     fn exit(&self, i: usize, origin: f64, rate: f64) -> f64 {
         if rate > 0.0 {
             (self.planes[i + 1] - origin) / rate
@@ -76,8 +76,7 @@ impl Axis {
 }
 
 impl Grid {
-    /// `None` where the lattice has no volume. `values` are as many as the nodes or the cells, NaN
-    /// where there is nothing.
+    /// Returns `None` if the lattice has no volume. There is one value for each node or cell, NaN if missing.
     pub(super) fn new(lattice: &Lattice, association: Association, values: Values) -> Option<Self> {
         if lattice.dims.iter().any(|&n| n < 2) {
             return None;
@@ -87,7 +86,7 @@ impl Grid {
                 let indices = lattice.dims.map(|n| (0..n).map(|i| i as f64).collect());
                 (*origin, step.inverse(), indices)
             }
-            // From the first sample, so that a far origin costs no digits.
+            // Relative to the first sample, so that a distant origin costs no digits.
             LatticeSpacing::Rectilinear { coordinates } => {
                 let first = coordinates.each_ref().map(|line| line[0]);
                 let lines =
@@ -109,7 +108,7 @@ impl Grid {
         })
     }
 
-    /// Centre and radius of the ball around the domain.
+    /// Returns centre and radius of the ball around the domain.
     pub(super) fn ball(&self) -> (DVec3, f64) {
         let world = self.lattice_from_world.inverse();
         let end = |axis: &Axis| axis.planes[axis.planes.len() - 1];
@@ -127,7 +126,7 @@ impl Grid {
         (self.origin + world * (low + half), radius)
     }
 
-    /// Cells between samples of which one is not finite.
+    /// Returns the number of cells with a sample that is not finite.
     pub(super) fn left_out(&self) -> usize {
         if self.values.non_finite_count() == 0 {
             return 0;
@@ -138,7 +137,7 @@ impl Grid {
         slabs.filter(|&cell| self.corners(cell).is_none()).count()
     }
 
-    /// The samples at the corners of a cell, i fastest; `None` where one is not finite.
+    /// Returns the samples at the corners of a cell, i fastest; `None` if one is not finite.
     fn corners(&self, cell: [usize; 3]) -> Option<[f64; 8]> {
         let [x, y, z] = [0, 1, 2].map(|d| {
             let samples = &self.axes[d].samples;
@@ -152,7 +151,7 @@ impl Grid {
         corners.iter().all(|v| v.is_finite()).then_some(corners)
     }
 
-    /// Adds what lies on the ray `origin` + t `direction` (unit length) up to `end`.
+    /// Adds the emission along the ray `origin` + t `direction` (unit length), up to `end`.
     pub(super) fn integrate(
         &self,
         origin: DVec3,
@@ -217,7 +216,7 @@ impl Grid {
     }
 }
 
-/// A trilinear function of its corners' values, i fastest, along a line: at s each coordinate is
+/// Returns a trilinear function of its corners' values, i fastest, along a line. At s each coordinate is
 /// start + rate s.
 fn along(corners: &[f64; 8], [x, y, z]: [[f64; 2]; 3]) -> Cubic {
     let [edge00, edge10, edge01, edge11] = [0, 2, 4, 6].map(|c| {

@@ -1,16 +1,15 @@
-//! Ground truth for data on grids: the picture of the data's own field, not of the kernels that stand
-//! for it.
+//! Computes reference images of data on grids: images of the data's own field, not of its kernels.
 //!
-//! Between this image and the one of [`super::Integrator`] lies what kernels leave out: a field is
-//! interpolated between its samples here, and the transfer function is asked for the interpolated
-//! value at every place of a ray (classification after interpolation); there each kernel is classified
-//! by its sample and has Gaussian extent. [`DataIntegrator`] says what is interpolated how.
+//! The difference between this image and that of [`super::Integrator`] is the error of the kernels. Here the
+//! field is interpolated between its samples, and the transfer function classifies the interpolated value at
+//! every place of a ray (classification after interpolation). There each kernel is classified by its sample and
+//! has Gaussian extent. [`DataIntegrator`] lists the interpolation for each kind of data.
 //!
-//! Along a ray the field of each cell is a cubic, exactly so in lattices and tetrahedra, to a hundredth
-//! of the error elsewhere, where Newton's method inverts the cells' maps. Cubics are divided where they
-//! turn and where they pass a corner of the transfer function, and integrated by nested rules to the
-//! error aimed at (`emission.rs`). `tests/frames/reference_data.rs` holds it to closed forms and to a
-//! march in small steps.
+//! Along a ray the field of each cell is a cubic. That is exact in lattices and tetrahedra, and accurate to a
+//! hundredth of the requested error in other cells, whose maps Newton's method inverts. Cubics are divided at
+//! their extrema and where they pass a corner of the transfer function. Nested rules integrate them to the
+//! requested error (`emission.rs`). `tests/frames/reference_data.rs` compares the results with closed forms and
+//! with a march in small steps.
 
 mod cells;
 mod cubic;
@@ -38,7 +37,8 @@ use emission::Emission;
 use function::Function;
 use lattice::Grid;
 
-/// How far the field may be from what elements of higher order say of it, as a share of its range.
+/// Greatest error of a field on cells of higher order once they are cut into cells of first order, as a share
+/// of the field's range.
 const ELEMENT_SLACK: f64 = 0.001;
 
 /// A data set's own field under a transfer function.
@@ -47,18 +47,19 @@ const ELEMENT_SLACK: f64 = 0.001;
 /// |---|---|---|
 /// | lattice, values at nodes | trilinear between nodes | the box of the nodes |
 /// | lattice, values of cells | trilinear between the cells' centres, constant from the outermost on | all cells |
-/// | curvilinear grid, lattice with anything hidden | trilinear in each cell's own parameters; values of cells are constant in each | all cells |
+/// | curvilinear grid, lattice with hidden cells or nodes | trilinear in each cell's own parameters; values of cells are constant in each | all cells |
 /// | tetrahedra | linear; values of cells constant, here and below | all cells |
 /// | hexahedra, voxels, wedges, pyramids | VTK's shape functions | all cells |
-/// | prisms, polyhedra | linear in tetrahedra around the mean of the corners, and of each face's, where the value is the mean of theirs | all cells |
+/// | prisms, polyhedra | linear in tetrahedra around the mean of the corners and the mean of each face's corners; the values there are the means, too | all cells |
 ///
-/// Outside of the domain there is nothing. Where several cells claim a place (blocks overlap, cells
-/// fold over), it belongs to the first of them in the order of blocks and cells: one medium is not
-/// counted twice. Cells of higher order are cut into cells of first order that say the same to a thousandth of the
-/// field's range, or as finely as memory allows. Left out are cells with a position or
-/// a value that is not finite (infinity, too: nothing lies between it and a number), blanked ones and
-/// those at a blanked node, those without volume, and those inverted against the others of their kind
-/// ([`Self::left_out`] counts them).
+/// Outside of the domain there is nothing. If several cells claim a place (blocks overlap, cells fold over), it
+/// belongs to the first of them in the order of blocks and cells, so that no medium counts twice. Cells of
+/// higher order are cut into cells of first order that reproduce the field to a thousandth of its range, or as
+/// finely as memory allows.
+///
+/// [`Self::left_out`] counts the cells left out: cells with a position or a value that is not finite (infinity,
+/// too: nothing can be interpolated between it and a number), blanked cells and those at a blanked node, cells
+/// without volume, and cells inverted relative to most others of their kind.
 ///
 /// ```
 /// use ewa_splat::io::{Association, Dataset, Field, FieldSource, Geometry};
@@ -91,7 +92,7 @@ pub struct DataIntegrator {
     domain: Domain,
     function: Function,
     left_out: usize,
-    /// What cuts it, world space.
+    /// Clip planes, world space.
     clip: Vec<ClipPlane>,
 }
 
@@ -102,16 +103,16 @@ enum Domain {
 }
 
 impl DataIntegrator {
-    /// Of one field of a lattice, a curvilinear or an unstructured grid.
+    /// Makes an integrator of one field of a lattice, a curvilinear or an unstructured grid.
     ///
-    /// - `field`: as [`Dataset::scalar`] has it.
-    /// - `function`: what the field's values look like, interpolated on its scale; the splats of the same data have theirs in
+    /// - `field`: selector of the field, as in [`Dataset::scalar`].
+    /// - `function`: classifies the field's values, which are interpolated on its scale. The volume sampled
+    ///   from the same data has its function in
     ///   [`PointVolume::transfer_function`](crate::scene::PointVolume::transfer_function).
     ///
     /// # Errors
-    /// Those of [`Dataset::validate`]; a field that is not there or has the wrong length; particles,
-    /// splats and meshes, whose field is nothing but their kernels or that have none; grids without
-    /// volume, and those of which nothing is left.
+    /// Those of [`Dataset::validate`]; a field that is missing or has the wrong length. Particles, splats and
+    /// meshes, which have no field between samples. Grids without volume, and those without a valid cell.
     pub fn new(dataset: Dataset, field: &str, function: TransferFunction) -> Result<Self> {
         dataset.validate()?;
         let (dataset, _) = to_first_order(dataset, field, ELEMENT_SLACK)?;
@@ -203,34 +204,34 @@ impl DataIntegrator {
         })
     }
 
-    /// The same data cut by planes.
+    /// Adds clip planes that cut the data.
     pub fn clipped(mut self, planes: &[ClipPlane]) -> Self {
         self.clip.extend_from_slice(planes);
         self
     }
 
-    /// Cells that are not part of the domain for what they lack.
+    /// Returns the number of cells that are left out of the domain.
     pub fn left_out(&self) -> usize {
         self.left_out
     }
 
-    /// The light along one ray, unfiltered.
+    /// Returns the light along one ray, unfiltered.
     ///
-    /// - `pixel_px`: where the ray meets the image, pixels.
-    /// - `error`: of each channel, full scale 1.
+    /// - `pixel_px`: place of the image that the ray passes through, pixels.
+    /// - `error`: error of each channel, full scale 1.
     pub fn ray(&self, camera: &Camera, pixel_px: DVec2, error: f64) -> RayIntegral {
         View::new(self, camera).integrate(pixel_px, error, &mut Scratch::default())
     }
 
-    /// The true image.
+    /// Renders the reference image.
     ///
-    /// The pixels' filter is doubled until it stays, as [`super::Integrator`] does it; what is thinner
-    /// than a pixel and alone, such as a shell of the transfer function, is found by those samples
-    /// that meet it, and by no bound.
+    /// The pixels' filter is refined until the result no longer changes, as in [`super::Integrator`]. An
+    /// isolated feature thinner than a pixel, such as a shell of the transfer function, is found only by the
+    /// samples that meet it; no bound covers it.
     ///
     /// # Errors
-    /// An image of no pixels, or settings out of range, among them a filter of kernels, which are not
-    /// there; work that was cancelled.
+    /// An image without pixels; settings out of range; a filter of kernels, because there are none; work that
+    /// was cancelled.
     pub fn render(&self, camera: &Camera, settings: &ReferenceSettings) -> Result<ReferenceFrame> {
         check(camera, settings)?;
         if settings.pixel_filter == PixelFilter::Kernels {
@@ -245,7 +246,7 @@ impl DataIntegrator {
         pixel::image(&View::new(self, camera), settings)
     }
 
-    /// Centre and radius of a ball around the domain, world space.
+    /// Returns centre and radius of a ball around the domain, world space.
     fn ball(&self) -> (DVec3, f64) {
         match &self.domain {
             Domain::Lattice(grid) => grid.ball(),
@@ -287,7 +288,7 @@ impl<'a> View<'a> {
             sight: Sight::new(camera, &data.clip),
             data,
             centre,
-            // What is rounded stays within.
+            // Enlarged, so that rounding stays within.
             radius: radius * (1.0 + 1e-9),
         }
     }
@@ -307,13 +308,13 @@ impl Rays for View<'_> {
         let Some([near, far]) = self.sight.span(origin, direction) else {
             return nothing;
         };
-        // From where the ray comes near the data: a far eye costs no digits.
+        // From where the ray comes near the data: a distant eye costs no digits.
         let centre = camera.camera_point(self.centre);
         let nearest = (centre - origin).dot(direction);
         let beside = (origin + direction * nearest - centre).length_squared();
         let half = (self.radius * self.radius - beside).sqrt();
         let (near, far) = (near.max(nearest - half), far.min(nearest + half));
-        // Phrased so that NaN, of a ray that passes by, fails.
+        // Phrased so that NaN, from a ray that misses, fails.
         if !(half > 0.0 && near < far) {
             return nothing;
         }

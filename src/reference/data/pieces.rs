@@ -1,4 +1,4 @@
-//! Cells along a ray: each place belongs to one of them.
+//! Assigns each place of a ray to one cell.
 
 use super::hexahedron::Span;
 
@@ -8,12 +8,12 @@ pub(super) struct Piece {
     pub(super) from: f64,
     pub(super) to: f64,
     pub(super) cell: usize,
-    /// What the cell claims in all.
+    /// The whole part that the cell claims.
     pub(super) span: Span,
 }
 
 impl Piece {
-    /// All that a cell claims.
+    /// Returns the whole claim of a cell.
     pub(super) fn new(cell: usize, span: Span) -> Self {
         Self {
             from: span.from,
@@ -24,20 +24,19 @@ impl Piece {
     }
 }
 
-/// Gaps of so small a share of the pieces beside them are closed: two cells round the place of their
-/// common face in different ways, and the more the flatter the ray meets it.
+/// Greatest gap that is closed, as a share of the adjacent pieces. Two cells round the position of their common
+/// face differently, the more so the flatter the ray meets it.
 const GAP: f64 = 1e-8;
 
-/// Memory of [`disjoint`].
+/// Buffers of [`disjoint`].
 #[derive(Debug, Default)]
 pub(super) struct Scratch {
     places: Vec<f64>,
     active: Vec<usize>,
 }
 
-/// Parts that do not overlap, in order: where several cells claim a place, it belongs to the first of
-/// them. One medium is not counted twice, where blocks overlap, faces are rounded or a ray runs
-/// along a face.
+/// Returns parts that do not overlap, in order. If several cells claim a place, it belongs to the first of
+/// them. No medium counts twice where blocks overlap, faces are rounded or a ray runs along a face.
 pub(super) fn disjoint(claims: &mut [Piece], scratch: &mut Scratch, parts: &mut Vec<Piece>) {
     let Scratch { places, active } = scratch;
     parts.clear();
@@ -48,7 +47,7 @@ pub(super) fn disjoint(claims: &mut [Piece], scratch: &mut Scratch, parts: &mut 
     places.sort_unstable_by(f64::total_cmp);
     places.dedup();
     let mut next = 0;
-    // The claim that the last part is of.
+    // The claim that contains the last part.
     let mut last_claim = usize::MAX;
     for pair in places.windows(2) {
         let [from, to] = [pair[0], pair[1]];

@@ -1,33 +1,32 @@
-//! Clenshaw-Curtis rules of 3, 5 and 9 places, one within the other, with the integrals up to each of
-//! their places.
+//! Integrates with nested Clenshaw-Curtis rules of 3, 5 and 9 nodes, including the integrals up to each node.
 //!
-//! The light of a piece of a ray is an integral of what is attenuated by another integral. Both have
-//! the same places here: what lies before a place is the integral of the polynomial through all of
-//! them, to the order of the rule (Clenshaw and Curtis 1960).
+//! The light of a piece of a ray is the integral of emission attenuated by another integral, the optical depth.
+//! Both use the same nodes: the depth up to a node is the integral of the polynomial through all nodes, to the
+//! order of the rule (Clenshaw and Curtis 1960).
 
 use std::sync::LazyLock;
 
-/// A rule of N places over \[0, 1\].
+/// A rule of N nodes over \[0, 1\].
 #[derive(Debug)]
 struct Rule<const N: usize> {
-    /// Row i: the weights of the integral from 0 to place i.
+    /// Row i: the weights of the integral from 0 to node i.
     running: [[f64; N]; N],
 }
 
-/// What a rule says of a piece.
+/// Estimate of a piece by one rule.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Estimate {
-    /// Light that leaves it, red, green, blue, and as of white: as far as the rule is right, its
-    /// opacity.
+    /// Light that leaves the piece: red, green, blue, and the light of a white piece. The last equals the
+    /// opacity, as far as the rule is accurate.
     pub(super) light: [f64; 4],
-    /// Its optical depth.
+    /// Optical depth of the piece.
     pub(super) depth: f64,
 }
 
 static RULES: LazyLock<(Rule<3>, Rule<5>, Rule<9>)> =
     LazyLock::new(|| (Rule::new(), Rule::new(), Rule::new()));
 
-/// The places of the finest rule in \[0, 1\]; the others have every second and every fourth.
+/// Nodes of the finest rule in \[0, 1\]; the others use every second and every fourth.
 pub(super) static PLACES: LazyLock<[f64; 9]> = LazyLock::new(places);
 
 fn places<const N: usize>() -> [f64; N] {
@@ -43,7 +42,7 @@ impl<const N: usize> Rule<N> {
         let x: [f64; N] = places().map(|s| 2.0 * s - 1.0);
         let mut running = [[0.0; N]; N];
         for j in 0..N {
-            // Lagrange's polynomial of place j, by its coefficients.
+            // Coefficients of Lagrange's polynomial for node j.
             let mut c = [0.0; N];
             c[0] = 1.0;
             for (_, &other) in x.iter().enumerate().filter(|(m, _)| *m != j) {
@@ -67,7 +66,8 @@ impl<const N: usize> Rule<N> {
         Self { running }
     }
 
-    /// Of a piece of a length, by every `(9 - 1)/(N - 1)`th of the `values`: emission and extinction.
+    /// Estimates a piece of length `length` from every `(9 - 1)/(N - 1)`th of the `values`: emission and
+    /// extinction.
     fn estimate(&self, values: &[[f64; 4]; 9], length: f64) -> Estimate {
         let stride = 8 / (N - 1);
         let mut light = [0.0; 4];
@@ -78,7 +78,7 @@ impl<const N: usize> Rule<N> {
                 before += weight * values[j * stride][3];
             }
             depth = before * length;
-            // Nothing lies before the first.
+            // Nothing lies before the first node.
             let through = if i == 0 { 1.0 } else { (-depth).exp() };
             let weight = self.running[N - 1][i] * length * through;
             for (sum, v) in light.iter_mut().zip(values[i * stride]) {
@@ -89,24 +89,24 @@ impl<const N: usize> Rule<N> {
     }
 }
 
-/// By every fourth value.
+/// Estimates from every fourth value.
 pub(super) fn of_3(values: &[[f64; 4]; 9], length: f64) -> Estimate {
     RULES.0.estimate(values, length)
 }
 
-/// By every second value.
+/// Estimates from every second value.
 pub(super) fn of_5(values: &[[f64; 4]; 9], length: f64) -> Estimate {
     RULES.1.estimate(values, length)
 }
 
-/// By all values.
+/// Estimates from all values.
 pub(super) fn of_9(values: &[[f64; 4]; 9], length: f64) -> Estimate {
     RULES.2.estimate(values, length)
 }
 
 impl Estimate {
-    /// How far it may be wrong, from a coarser one and from what it says of white, whose light is
-    /// the opacity.
+    /// Estimates the error, from the difference to a coarser rule and from the light of white, which should
+    /// equal the opacity.
     pub(super) fn error(&self, coarser: &Self) -> f64 {
         let through = (-self.depth).exp();
         let mut error = (through - (-coarser.depth).exp()).abs();
@@ -124,8 +124,8 @@ mod tests {
 
     #[test]
     fn light_within_a_linear_extinction_is_exact_to_the_order_of_the_rules() {
-        // Extinction 2 s over [0, 1], white: opacity 1 - 1/e. Red is s: the integral of 2 s² e^(-s²)
-        // is sqrt(pi)/2 erf(1) - 1/e.
+        // Extinction 2 s over [0, 1], white: opacity 1 - 1/e. Red is s: the integral of 2 s² e^(-s²) is
+        // sqrt(pi)/2 erf(1) - 1/e.
         let values = PLACES.map(|s| [2.0 * s * s, 0.0, 0.0, 2.0 * s]);
         let red = 0.5 * std::f64::consts::PI.sqrt() * libm::erf(1.0) - (-1.0_f64).exp();
         let opacity = 1.0 - (-1.0_f64).exp();
@@ -136,7 +136,7 @@ mod tests {
             assert!((estimate.light[0] - red).abs() < bound, "{estimate:?}");
             assert!((estimate.light[3] - opacity).abs() < bound, "{estimate:?}");
         }
-        // What is said of an error is no less than it.
+        // The estimate bounds the error.
         assert!(c.error(&b) >= (c.light[0] - red).abs());
         assert!(b.error(&a) >= (b.light[0] - red).abs());
     }

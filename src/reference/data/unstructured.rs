@@ -1,4 +1,4 @@
-//! Cells of unstructured grids.
+//! Makes the cells of unstructured grids.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -7,13 +7,12 @@ use super::cells::{Cell, Known, Mesh};
 use crate::io::{Association, Blanking, CellKind, CellMesh, Handedness, polyhedron_faces};
 use crate::scene::Values;
 
-/// A cell is degenerate if its volume is below this share of its longest extent cubed, as where cells
-/// are sampled into kernels.
+/// A cell is degenerate if its volume is below this share of its longest extent cubed, like in sampling.
 const DEGENERATE_VOLUME: f64 = 1e-12;
 
-/// The corners of a cell of one map, by their places among its nodes: four of a tetrahedron, eight of a
-/// hexahedron (the first index fastest), of a wedge or a pyramid with some of them twice. Cells of
-/// higher order are taken by their corners. `None` for all others.
+/// Returns the corners of a cell with a single map, by their positions among its nodes: four of a tetrahedron,
+/// eight of a hexahedron (the first index fastest). Wedges and pyramids have repeated corners. Cells of higher
+/// order are represented by their corners. Returns `None` for all others.
 fn corners_of(kind: CellKind) -> Option<&'static [u8]> {
     Some(match kind.0 {
         10 | 24 | 71 | 78 => &[0, 1, 2, 3],
@@ -25,11 +24,11 @@ fn corners_of(kind: CellKind) -> Option<&'static [u8]> {
     })
 }
 
-/// All solid cells that have a volume, in order, and how many there are that have none, are hidden, or
-/// lack a position or a value.
+/// Returns all solid cells that have a volume, in order, and the number of cells left out: those without
+/// volume, hidden, or lacking a position or a value.
 ///
-/// Polyhedra and prisms become tetrahedra around the mean of their corners and the means of their
-/// faces' corners, where the value is the mean of the corners', too.
+/// Polyhedra and prisms become tetrahedra around the mean of their corners and the means of their faces'
+/// corners, at which the value is the mean of the corners', too.
 pub(super) fn mesh(
     mesh: &CellMesh,
     association: Association,
@@ -46,7 +45,7 @@ pub(super) fn mesh(
         let is_known = association == Association::Nodes || values.get(cell).is_finite();
         is_known && !blanking.cell(cell) && corners.iter().all(is_sound)
     };
-    // Numbers of nodes and cells are checked against u32 before.
+    // Numbers of nodes and cells have been checked against u32.
     let number = |i: usize| u32::try_from(i).unwrap_or(u32::MAX);
     let mapped: Vec<_> = (0..count)
         .into_par_iter()
@@ -132,7 +131,7 @@ pub(super) fn mesh(
     (Mesh::new(nodes, known, cells), solid - taken)
 }
 
-/// The faces of a cell by their nodes.
+/// Returns the faces of a cell as lists of nodes.
 fn faces(kind: CellKind, entries: &[u32]) -> Vec<Vec<u32>> {
     match kind.faces() {
         Some(faces) => {
@@ -143,7 +142,7 @@ fn faces(kind: CellKind, entries: &[u32]) -> Vec<Vec<u32>> {
     }
 }
 
-/// The longest side of the box around nodes, cubed.
+/// Returns the longest side of the box around nodes, cubed.
 fn extent(nodes: &[DVec3], corners: &[u32]) -> f64 {
     let places = || corners.iter().map(|&c| nodes[c as usize]);
     let low = places().fold(DVec3::INFINITY, DVec3::min);

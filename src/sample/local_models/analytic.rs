@@ -1,8 +1,8 @@
-//! A field whose derivatives are known, for tests.
+//! Defines a field with known derivatives, for tests.
 
 use glam::{DMat3, DVec3};
 
-/// Places and widths of Gaussian blobs, heights 1 and -1 in turn.
+/// Positions and widths of Gaussian blobs, with alternating heights 1 and -1.
 const BLOBS: [([f64; 3], f64); 6] = [
     ([-0.3, -0.2, -0.1], 0.2),
     ([0.3, 0.2, -0.2], 0.25),
@@ -12,7 +12,7 @@ const BLOBS: [([f64; 3], f64); 6] = [
     ([-0.1, -0.3, 0.35], 0.2),
 ];
 
-/// Value, gradient and second derivatives of the sum of blobs.
+/// Returns value, gradient and second derivatives of the sum of blobs.
 pub(super) fn blobs(x: DVec3) -> (f64, DVec3, DMat3) {
     let (mut value, mut gradient, mut hessian) = (0.0, DVec3::ZERO, DMat3::ZERO);
     for (i, (place, width)) in BLOBS.into_iter().enumerate() {
@@ -28,7 +28,7 @@ pub(super) fn blobs(x: DVec3) -> (f64, DVec3, DMat3) {
     (value, gradient, hessian)
 }
 
-/// SplitMix64: uniform in a cube of half a side.
+/// Returns a random point, uniform in a cube (SplitMix64).
 pub(super) fn random_point(state: &mut u64, half_side: f64) -> DVec3 {
     let mut uniform = || {
         *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
@@ -40,7 +40,7 @@ pub(super) fn random_point(state: &mut u64, half_side: f64) -> DVec3 {
     DVec3::new(uniform(), uniform(), uniform())
 }
 
-/// Root mean squares of errors over those of truths.
+/// Root mean square of errors relative to that of the true values.
 #[derive(Debug, Default)]
 pub(super) struct Rms {
     errors: f64,

@@ -1,9 +1,9 @@
-//! Local models on curvilinear grids, by differences along the indices.
+//! Fits local models on curvilinear grids, by differences along the indices.
 //!
-//! With the first differences F = ∂x/∂(i, j, k), f_a and the second ones X_ab, f_ab of positions and
-//! values, g = F⁻ᵀ f_a and H = F⁻ᵀ (f_ab - g·X_ab) F⁻¹: exact for quadratic fields on lattices, sheared
-//! ones too, second order on smooth grids. First differences are one-sided and second ones zero at
-//! borders and beside samples without a value.
+//! First differences of positions and values are F = ∂x/∂(i, j, k) and f_a, second ones X_ab and f_ab. Then g =
+//! F⁻ᵀ f_a and H = F⁻ᵀ (f_ab - g·X_ab) F⁻¹. They are exact for quadratic fields on lattices, including sheared
+//! ones, and of second order on smooth grids. At borders and beside samples without a value, first differences
+//! are one-sided and second ones zero.
 
 use glam::{DMat3, DVec3, DVec4, Vec4Swizzles as _};
 
@@ -13,36 +13,36 @@ use super::quadratic::{Quadratic, fit};
 use super::{Range, local_model};
 use crate::scene::LocalModel;
 
-/// How far the range of values reaches along each index.
+/// Number of steps along each index over which the range of values extends.
 const RINGS: usize = 2;
 
-/// Samples of a run at most.
+/// Greatest number of samples in a run.
 pub(in crate::sample) const RUN: usize = 32;
 
-/// Those of a run, and [`RINGS`] at either end.
+/// Samples of a run, with [`RINGS`] more at either end.
 const WIDE: usize = RUN + 2 * RINGS;
 
-/// A kernel of one sample.
+/// Kernel of one sample.
 pub(in crate::sample) struct GridKernel {
-    /// Its centre, world units.
+    /// Centre, world units.
     pub(in crate::sample) centre: DVec3,
-    /// Of its variance, world units: lower-triangular.
+    /// Factor of the variance, world units: lower-triangular.
     pub(in crate::sample) factor: [f32; 6],
-    /// Its standard deviation over the local spacing.
+    /// Standard deviation over the local spacing.
     pub(in crate::sample) width: f64,
 }
 
-/// Samples one after the other along i, with those around them.
+/// Consecutive samples along i, with those around them.
 pub(in crate::sample) struct Run {
-    /// Positions and values in the nine rows around, one sample more at either end; NaN where unknown.
+    /// Positions and values in the nine rows around, with one sample more at either end; NaN if unknown.
     rows: [[DVec4; RUN + 2]; 9],
-    /// Of the values within [`RINGS`] steps along each index.
+    /// Ranges of the values within [`RINGS`] steps along each index.
     ranges: [Range; RUN],
 }
 
 impl Run {
-    /// - `values`: of all samples, NaN if unknown.
-    /// - `first`: the run's first sample; `count`: how many it has, [`RUN`] at most.
+    /// - `values`: values of all samples, NaN if unknown.
+    /// - `first`: index of the run's first sample; `count`: number of its samples, at most [`RUN`].
     pub(in crate::sample) fn new<F: Fn([usize; 3]) -> Option<(DVec3, f64)>>(
         samples: &Samples<F>,
         values: &[f32],
@@ -80,7 +80,7 @@ impl Run {
         Self { rows, ranges }
     }
 
-    /// The local model of the run's `n`-th sample.
+    /// Returns the local model of the run's `n`-th sample.
     pub(in crate::sample) fn model(&self, n: usize, kernel: &GridKernel) -> LocalModel {
         let range = self.ranges[n];
         let factor = super::matrix_of(kernel.factor);
@@ -97,8 +97,8 @@ impl Run {
             (!other.w.is_nan()).then(|| other - own)
         };
         let offset = kernel.centre - own.xyz();
-        // A quadratic that is linear along an index has the spread of its neighbours at most as its change
-        // along each index.
+        // A quadratic that is linear along an index changes along it by at most the spread of the neighbours'
+        // values.
         let steepest = (3.0_f64.sqrt() * kernel.width).max(1.0);
         match by_differences(at) {
             Some(quadratic) => local_model(&quadratic, factor, offset, value, range, steepest),
@@ -115,11 +115,12 @@ impl Run {
     }
 }
 
-/// Of the values within [`RINGS`] steps of each sample of a run: work that is compiled for the processor's vectors.
+/// Computes the ranges of the values within [`RINGS`] steps of each sample of a run, compiled for the
+/// processor's vector instructions.
 struct Ranges<L> {
-    /// The values of the rows within as many steps along j and k.
+    /// Values of the rows within that many steps along j and k.
     lines: L,
-    /// Where the run lies in them, with [`RINGS`] samples at either end.
+    /// Columns of the run in these rows, with [`RINGS`] samples at either end.
     columns: [Option<usize>; WIDE],
 }
 
@@ -137,7 +138,7 @@ fn ranges<'a>(
     lines: impl Iterator<Item = &'a [f32]>,
     columns: &[Option<usize>; WIDE],
 ) -> [Range; RUN] {
-    // In one piece but where an index closes within the run.
+    // The columns are contiguous unless an index closes within the run.
     let begin = columns.iter().take_while(|column| column.is_none()).count();
     let piece = &columns[begin..];
     let length = piece.iter().take_while(|column| column.is_some()).count();
@@ -156,7 +157,7 @@ fn ranges<'a>(
             }
         }
         for n in 0..WIDE {
-            // NaN is neither less nor greater.
+            // Comparisons with NaN are false.
             least[n] = if values[n] < least[n] {
                 values[n]
             } else {
@@ -178,8 +179,8 @@ fn ranges<'a>(
     })
 }
 
-/// From the differences of position and value some steps away, where known. `None` where those of positions do not
-/// span space: on singular lines, in single layers, beside missing samples.
+/// Fits by differences of position and value to samples some steps away, if known. Returns `None` if the
+/// positions' differences do not span space: on singular lines, in single layers, beside missing samples.
 fn by_differences(at: impl Fn([isize; 3]) -> Option<DVec4>) -> Option<Quadratic> {
     let step = |axis: usize, by: isize| {
         let mut steps = [0; 3];
@@ -201,7 +202,7 @@ fn by_differences(at: impl Fn([isize; 3]) -> Option<DVec4>) -> Option<Quadratic>
     }
     let jacobian = DMat3::from_cols(first[0].xyz(), first[1].xyz(), first[2].xyz());
     let lengths: f64 = first.iter().map(|f| f.xyz().length()).product();
-    // Phrased so that NaN is singular.
+    // Phrased so that NaN counts as singular.
     let spans = jacobian.determinant().abs() > SPANNING * lengths;
     if !spans {
         return None;
@@ -231,7 +232,7 @@ fn by_differences(at: impl Fn([isize; 3]) -> Option<DVec4>) -> Option<Quadratic>
     })
 }
 
-/// From all 26 around, in coordinates `turned` * world.
+/// Fits to all 26 neighbours by least squares, in coordinates `turned` * world.
 fn by_least_squares(at: impl Fn([isize; 3]) -> Option<DVec4>, turned: DMat3) -> Quadratic {
     let around = (0..27_usize).filter_map(|n| {
         let other = at([n % 3, n / 3 % 3, n / 9].map(|s| s as isize - 1))?;
@@ -264,8 +265,8 @@ mod tests {
     }
 
     impl<P: Fn(DVec3) -> DVec3, V: Fn(DVec3) -> f64> Case<P, V> {
-        /// The model of a sample and the factor of its kernel, rho F with F by differences of `place`
-        /// itself; the kernel's centre `offset` away.
+        /// Returns the model of a sample and the factor of its kernel, rho F, with F from differences of
+        /// `place` itself. The kernel's centre lies `offset` away from the sample.
         fn model(&self, sample: [usize; 3], offset: DVec3) -> (LocalModel, DMat3) {
             let index = |s: [usize; 3]| DVec3::from(s.map(|i| i as f64));
             let at = |s: [usize; 3]| {
@@ -294,7 +295,7 @@ mod tests {
             let values: Vec<f32> = (0..ni * nj * nk)
                 .map(|n| value(n).map_or(f32::NAN, |(_, v)| narrowed(v)))
                 .collect();
-            // As the sample of a run of several.
+            // As the last sample of a run of several.
             let before = sample[0].min(5);
             let first = [sample[0] - before, sample[1], sample[2]];
             let model = Run::new(&samples, &values, first, before + 1).model(before, &kernel);
@@ -302,7 +303,7 @@ mod tests {
         }
     }
 
-    /// tr(H V) / 2.
+    /// Returns tr(H V) / 2.
     fn prefilter(hessian: DMat3, factor: DMat3) -> f64 {
         let product = factor.transpose() * hessian * factor;
         0.5 * (product.x_axis.x + product.y_axis.y + product.z_axis.z)
@@ -334,7 +335,7 @@ mod tests {
                 let (model, factor) = case.model(sample, offset);
                 let gradient = SLOPE + bend() * place;
                 let slope = factor.transpose() * gradient;
-                // Factors are f32, and so are the models.
+                // Factors and models are stored in f32.
                 let off = (model.slope.as_dvec3() - slope).length();
                 assert!(off < 1e-6 * slope.length(), "{off}");
                 let at_centre = gradient.dot(offset) + 0.5 * offset.dot(bend() * offset);
@@ -347,8 +348,8 @@ mod tests {
 
     #[test]
     fn the_prefilter_undoes_what_sums_of_linear_models_blur() {
-        // MATHS: sum v k (f + g.(x - x_i)) = f - tr(H V) / 2; with f + departure in place of f, f
-        // itself. At a width of .8 the lattice ripples by 2e-5.
+        // sum v k (f + g.(x - x_i)) = f - tr(H V) / 2; with f + departure in place of f, it is f itself. At a
+        // width of .8 the lattice ripples by 2e-5.
         let case = Case {
             dims: [13; 3],
             periods: [None; 3],
@@ -364,7 +365,7 @@ mod tests {
         let (mut blurred, mut sharp) = (0.0, 0.0);
         let mut expected = 0.0;
         for n in 0..11_usize.pow(3) {
-            // Within the border: all around are there.
+            // One sample inside the border: all neighbours exist.
             let sample = [n % 11 + 1, n / 11 % 11 + 1, n / 121 + 1];
             let centre = sheared(DVec3::from(sample.map(|i| i as f64)));
             let (model, factor) = case.model(sample, DVec3::ZERO);
@@ -377,7 +378,7 @@ mod tests {
             sharp += weight * (linear + f64::from(model.departure));
             expected = prefilter(bend(), factor);
         }
-        // Beyond 6 deviations kernels end: 1e-6.
+        // Kernels end at 6 deviations: 1e-6.
         let truth = quadratic(at);
         assert!(expected.abs() > 0.05, "{expected}");
         assert!(
@@ -411,7 +412,7 @@ mod tests {
                 let slope = factor.transpose() * gradient;
                 let (w, p) = (slope.length(), prefilter(hessian, factor));
                 worst[0] = worst[0].max((model.slope.as_dvec3() - slope).length() / w.max(1e-3));
-                // Relative to the squares of the spacing: a share of 1 would be all of it.
+                // Relative to the squares of the spacing: 1 would be an error as large as the term.
                 worst[1] = worst[1].max((f64::from(model.departure) - p).abs() * (n * n) as f64);
             }
             worst
@@ -447,7 +448,7 @@ mod tests {
             is_over(model.above, 9.0) && is_over(model.below, 5.0),
             "{model:?}"
         );
-        // Round a closed index.
+        // Around a closed index.
         let closed = Case {
             periods: [Some(6), None, None],
             ..case
@@ -484,7 +485,7 @@ mod tests {
             place: ring,
             field: |x: DVec3| x.x * x.x - 0.5 * x.y * x.y,
         };
-        // The field is the same half a turn away.
+        // Half a turn away the field is the same.
         let [(a, _), (b, _)] = [0, n / 2].map(|i| closed.model([i, 2, 2], DVec3::ZERO));
         assert!((a.departure - b.departure).abs() < 1e-6, "{a:?} {b:?}");
         assert!((a.slope.length() - b.slope.length()).abs() < 1e-6);
@@ -514,14 +515,14 @@ mod tests {
                 assert_eq!((model.departure, model.above), (0.0, 0.0));
                 continue;
             }
-            // Linear fields are exact at borders and beside holes: kernel at its own centre.
+            // Linear fields are exact at borders and beside holes, also off the kernel's centre.
             let slope = factor.transpose() * SLOPE;
             let off = (model.slope.as_dvec3() - slope).length();
             assert!(off < 2e-4 * slope.length(), "{sample:?}: {off} of {slope}");
             let off = (f64::from(model.departure) - SLOPE.dot(offset)).abs();
             assert!(off < 1e-3, "{sample:?}: {off}");
         }
-        // One layer: curvature along it is known, across it the field is constant.
+        // One layer: curvature along it is known; across it the field is constant.
         let flat = Case {
             dims: [7, 7, 1],
             periods: [None; 3],
@@ -534,13 +535,13 @@ mod tests {
             (model.slope.as_dvec3() - DVec3::X * w).length() < 1e-3,
             "{model:?}"
         );
-        // x² bends by 2: rho² h².
+        // x² has the second derivative 2: rho² h².
         let bend = WIDTH * WIDTH * 0.25;
         assert!(
             (f64::from(model.departure) - bend).abs() < 1e-3,
             "{model:?}"
         );
-        // A lone sample, and a line whose samples are at one place.
+        // A lone sample, and a line whose samples coincide.
         let lone = Case {
             dims: [1; 3],
             ..flat

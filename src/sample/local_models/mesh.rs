@@ -1,8 +1,8 @@
-//! Local models on unstructured grids, by least squares over the samples that share a cell (values of
+//! Fits local models on unstructured grids, by least squares over the samples that share a cell (values of
 //! nodes) or a node (values of cells).
 //!
-//! Offsets are those seen from the kernel, L⁻¹ (x - x_i): there a layer of cells is as thick as wide,
-//! and the gradient and the trace of the second derivatives are Lᵀ g and tr(H V) themselves.
+//! Offsets are in the kernel's coordinates, L⁻¹ (x - x_i). In these a layer of cells is as thick as wide, and
+//! the fitted gradient and the trace of the second derivatives are Lᵀ g and tr(H V) themselves.
 
 use std::ops::Range;
 
@@ -19,33 +19,33 @@ use crate::io::CellMesh;
 use crate::scene::{LocalModel, Values};
 use crate::task::{Task, collect};
 
-/// With fewer neighbours theirs are taken too.
+/// Least number of neighbours; with fewer, the neighbours of these are added.
 const ENOUGH: usize = 12;
 
-/// Neighbours that one model is taken from at most, counted once for each cell or node that they
-/// share: nodes at which thousands of cells meet would make the work quadratic.
+/// Greatest number of neighbours for one model, counted once for each cell or node that they share. Without it,
+/// nodes at which thousands of cells meet would make the work quadratic.
 const MOST: usize = 4096;
 
-/// A sample that has no kernel.
+/// Marks a sample that has no kernel.
 const NONE: u32 = u32::MAX;
 
 /// A mesh whose samples have kernels.
 pub(in crate::sample) struct SampledMesh<'a> {
     pub(in crate::sample) mesh: &'a CellMesh,
-    /// Which cells meet at each position.
+    /// The cells at each position.
     pub(in crate::sample) around: &'a CellsAround,
-    /// Of the nodes at one position the first, for each node; empty where none share any.
+    /// The first node at the position of each node; empty if no nodes coincide.
     pub(in crate::sample) first: &'a [u32],
-    /// Whether samples are nodes; cells otherwise.
+    /// True if samples are nodes, false if they are cells.
     pub(in crate::sample) of_nodes: bool,
     pub(in crate::sample) kernels: &'a Kernels,
-    /// Those that are asked for.
+    /// The kernels whose models are wanted.
     pub(in crate::sample) own: Range<usize>,
-    /// One for each sample, whether it has a kernel or not.
+    /// One value for each sample, with or without a kernel.
     pub(in crate::sample) values: &'a Values,
 }
 
-/// One model for each kernel that is asked for; samples without a kernel count for nothing.
+/// Fits one model for each wanted kernel; samples without a kernel are ignored.
 pub(in crate::sample) fn models(
     samples: &SampledMesh<'_>,
     task: Option<&Task>,
@@ -106,7 +106,7 @@ pub(in crate::sample) fn models(
 }
 
 impl SampledMesh<'_> {
-    /// Those of some samples that share a cell or a node with them, with themselves, each once.
+    /// Returns the samples that share a cell or a node with some samples, including these, each once.
     fn ring(&self, samples: impl Iterator<Item = u32>) -> Vec<u32> {
         let mut ring: Vec<u32> = Vec::with_capacity(128);
         for sample in samples {
@@ -129,7 +129,8 @@ impl SampledMesh<'_> {
         ring
     }
 
-    /// The values of each sample's two rings: from samples to what they share and back, twice.
+    /// Returns the range of values over two rings around each sample: from samples to shared cells or nodes and
+    /// back, twice.
     fn ranges(&self, kernel_of: &[u32]) -> Vec<ValueRange> {
         let mesh = self.mesh;
         let of_cells = |nodes: &[ValueRange]| -> Vec<ValueRange> {
@@ -184,7 +185,7 @@ mod tests {
         [0, 6, 4, 7],
     ];
 
-    /// The cube cut into cells of one kind, about 0, spacing 1/27: as in MATHS, two to 52 cells.
+    /// Returns a cube cut into cells of one kind, about 0, with spacing 1/27.
     fn mesh(cells: [usize; 3], kind: CellKind, shift: impl FnMut(DVec3) -> DVec3) -> CellMesh {
         let dims = cells.map(|n| n + 1);
         let place = |i: usize| {
@@ -222,7 +223,7 @@ mod tests {
         mesh
     }
 
-    /// A fifth of the spacing to each side, but for the boundary.
+    /// Moves nodes by a fifth of the spacing in each direction, except on the boundary.
     fn jittered(cells: [usize; 3]) -> impl FnMut(DVec3) -> DVec3 {
         let mut state = 5;
         move |x| {
@@ -236,7 +237,7 @@ mod tests {
         }
     }
 
-    /// Sampled as a file is, and the models before they are encoded.
+    /// A sampled mesh, with its models before they are encoded.
     struct Sampled {
         mesh: CellMesh,
         kernels: Kernels,
@@ -244,7 +245,7 @@ mod tests {
         values: Values,
     }
 
-    /// `at_place`: kernels are put where the samples are.
+    /// - `at_place`: true to put kernels where the samples are.
     fn sampled(
         mesh: CellMesh,
         association: Association,
@@ -300,7 +301,7 @@ mod tests {
         };
         let models = models(&of_mesh, None).unwrap();
         if !at_place {
-            // What a volume carries is this, encoded.
+            // The volume stores the same models, encoded.
             assert_eq!(
                 sampled.local_models,
                 Some(crate::scene::LocalModels::new(&models))
@@ -324,7 +325,7 @@ mod tests {
             let [mut slopes, mut departures] = [Rms::default(), Rms::default()];
             for (n, &node) in found.kernels.kept.iter().enumerate() {
                 let x = found.mesh.nodes[node as usize];
-                // Off the boundary by one cell and a half.
+                // At least one cell and a half from the boundary.
                 if x.abs().max_element() > 9.5 / 27.0 {
                     continue;
                 }
@@ -342,8 +343,8 @@ mod tests {
             }
             let [slope, departure] = [slopes.share(), departures.share()];
             println!("slopes {slope}, departures {departure}");
-            // 2.1 % and 2.2 % of blobs whose widths are 5 to 8 spacings (1.5 % and 3.7 % were measured of
-            // others; a subtracted prefilter would err by 200 %).
+            // 2.1 % and 2.2 % on blobs whose widths are 5 to 8 spacings. On others 1.5 % and 3.7 % were
+            // measured; a prefilter of the wrong sign would err by 200 %.
             assert!(slope < 0.03 && departure < 0.04, "{slope} {departure}");
         }
     }
@@ -359,7 +360,8 @@ mod tests {
         {
             for is_thin in [false, true] {
                 let mut jitter = jittered(cells);
-                // A bent hexahedron's centroid is not the mean of its corners, where values are taken.
+                // The centroid of a distorted hexahedron is not the mean of its corners, where values are
+                // taken.
                 let is_even = kind == CellKind::HEXAHEDRON && association == Association::Cells;
                 let place = |x| {
                     let x = if is_even { x } else { jitter(x) };
@@ -370,8 +372,8 @@ mod tests {
                     let factor = matrix_of(found.kernels.factors[n]);
                     let slope = factor.transpose() * SLOPE;
                     let off = (model.slope.as_dvec3() - slope).length();
-                    // Values of 4 in f32, 2.4e-7, on slopes of .05: amplified some ten times by
-                    // second derivatives that few neighbours hardly determine.
+                    // Values of 4 in f32, 2.4e-7, on slopes of .05: second derivatives that few neighbours
+                    // hardly determine amplify the error some ten times.
                     assert!(off < 1e-3 * slope.length(), "{kind:?} {n}: {off} {slope}");
                     let offset = match association {
                         Association::Nodes => {
@@ -390,7 +392,7 @@ mod tests {
     #[test]
     fn ranges_hold_two_rings() {
         let cells = [4, 4, 4];
-        // Without a pattern; the same at one place.
+        // Noise without a pattern, but the same at the same place.
         let noise = |x: DVec3| (x * 27.0).dot(DVec3::new(12.9, 78.2, 37.7)).sin() * 43_758.5 % 1.0;
         for association in [Association::Nodes, Association::Cells] {
             let found = sampled(
@@ -418,7 +420,7 @@ mod tests {
                 let (below, above) = (of(a) - least, greatest - of(a));
                 assert!((model.below - below).abs() < 1e-6 && model.below >= below);
                 assert!((model.above - above).abs() < 1e-6 && model.above >= above);
-                // Noise is no field: what is fitted to it ends at the spread of the values.
+                // Noise is no field: the model is limited by the spread of the values.
                 let spread = (model.below + model.above) * 1.000_001;
                 assert!(model.departure.abs() <= spread && model.slope.length() <= spread);
             }
@@ -445,7 +447,7 @@ mod tests {
             let off = (model.slope.as_dvec3() - slope).length();
             assert!(off < 2e-3 * slope.length(), "{n}: {off}");
         }
-        // One layer of cells: curvature along it, nothing across.
+        // One layer of cells: curvature along it, none across.
         let layer = mesh([9, 9, 1], CellKind::HEXAHEDRON, |x| x);
         let bowl = |x: DVec3| 300.0 * x.x * x.x + 5.0 * x.z;
         let found = sampled(layer, Association::Cells, bowl, true);
@@ -473,7 +475,7 @@ mod tests {
         }
     }
 
-    /// Of a mesh of one cell: models and factors of its corners.
+    /// Returns models and factors of the corners of a mesh of one cell.
     fn sampled_corners(
         mut mesh: CellMesh,
         field: impl Fn(DVec3) -> f64,

@@ -1,5 +1,5 @@
-//! Local models of fields over kernels of irregular samples, as [`crate::scene::LocalModel`] says: what
-//! a transfer function is applied to over a kernel's extent.
+//! Fits local models of fields over kernels of irregular samples ([`crate::scene::LocalModel`]). A transfer
+//! function is applied to the model over a kernel's extent.
 //!
 //! | data | gradient and second derivatives | range over | error |
 //! |---|---|---|---|
@@ -7,9 +7,9 @@
 //! | unstructured cells | least squares over the samples that share a cell or a node ([`mesh`]) | two rings of these | slopes 2.1 %, tr(H V) 2.2 % (blobs 5 to 8 spacings wide, nodes jittered by a fifth) |
 //! | particles | the same over the 24 nearest ([`points`]) | these | slopes 1.7 %, tr(H V) 2.1 % (jittered by a third) |
 //!
-//! All are exact for linear fields, and for quadratic ones where the samples around determine them.
-//! What they do not determine is zero: lone samples, lines, planes, second derivatives across two
-//! layers and at borders of curvilinear grids.
+//! All are exact for linear fields, and for quadratic ones if the samples around determine them. Undetermined
+//! terms are zero: at lone samples, lines and planes, and for second derivatives across two layers and at
+//! borders of curvilinear grids.
 
 #[cfg(test)]
 mod analytic;
@@ -27,14 +27,14 @@ use crate::math::lower_matrix;
 use crate::scene::{LocalModel, LocalModels, Particles, PointVolume, Strength, Values};
 use crate::task::Task;
 
-/// Neighbours that models of particles are taken from, where these determine one.
+/// Number of neighbours to which models of particles are fitted, if these determine a model.
 #[cfg(feature = "cli")]
 pub(super) const FIRST_NEIGHBOURS: usize = points::NEIGHBOUR_COUNT;
 
-/// What the progress calls it.
+/// Name of the stage in progress reports.
 pub(super) const STAGE: &str = "fitting local models";
 
-/// Gives a volume of classified particles local models where it has none yet.
+/// Gives a volume of classified particles local models if it has none yet.
 pub(super) fn complete(volume: &mut PointVolume, options: &SampleOptions) -> Result<()> {
     let Some(values) = &volume.values else {
         return Ok(());
@@ -46,10 +46,10 @@ pub(super) fn complete(volume: &mut PointVolume, options: &SampleOptions) -> Res
     Ok(())
 }
 
-/// The local models of a volume's particles, where it is to have some and has none yet, and which of these looked at more
-/// neighbours than these determine one from.
+/// Returns the local models of a volume's particles, if it needs some and has none yet. Also returns the
+/// particles that needed more neighbours than usual ([`points::NEIGHBOUR_COUNT`]).
 ///
-/// - `positions`, `values`: of its particles, and behind these of others among their neighbours.
+/// - `positions`, `values`: those of the volume's particles, followed by those of remote neighbours.
 pub(super) fn models_among(
     volume: &PointVolume,
     positions: &[DVec3],
@@ -70,14 +70,14 @@ pub(super) fn models_among(
     points::models(positions, volume.particles.len(), factor, values, task).map(Some)
 }
 
-/// A lower-triangular factor as a matrix.
+/// Returns a lower-triangular factor as a matrix.
 pub(super) fn matrix_of(factor: [f32; 6]) -> DMat3 {
     lower_matrix(factor.map(f64::from))
 }
 
-/// The inverse of a lower-triangular factor; `None` for that of a flat kernel.
+/// Returns the inverse of a lower-triangular factor; `None` for a flat kernel.
 fn inverse_of(factor: DMat3) -> Option<DMat3> {
-    /// Thinner kernels than this share of their width are flat.
+    /// Kernels are flat if they are thinner than this share of their width.
     const FLAT: f64 = 1e-6;
     let diagonal = [factor.x_axis.x, factor.y_axis.y, factor.z_axis.z];
     let entries = factor.to_cols_array();
@@ -86,8 +86,8 @@ fn inverse_of(factor: DMat3) -> Option<DMat3> {
     is_thick.then(|| factor.inverse())
 }
 
-/// How many times the spread of its neighbours' values a kernel's slope may be: 1, more for kernels that
-/// are wider than these neighbours are far.
+/// Returns the limit of a kernel's slope, as a multiple of the spread of its neighbours' values. It is 1, or
+/// more for kernels that are wider than the distance to these neighbours.
 fn steepest(factor: DMat3, distance: f64) -> f64 {
     let squares: f64 = factor.to_cols_array().iter().map(|l| l * l).sum();
     let width = (squares / 3.0).sqrt() / distance;
@@ -107,7 +107,7 @@ impl Range {
         greatest: f32::NEG_INFINITY,
     };
 
-    /// Of one value; of none if it is not finite.
+    /// Returns the range of one value; empty if it is not finite.
     fn of(value: f32) -> Self {
         if value.is_finite() {
             Self {
@@ -127,16 +127,16 @@ impl Range {
     }
 }
 
-/// The local model of a sample.
+/// Returns the local model of a sample.
 ///
 /// - `quadratic`: the field about the sample, in any coordinates.
-/// - `factor`: of the kernel's variance, in the same.
-/// - `offset`: from the sample to the kernel's centre, in the same.
-/// - `value`, `range`: of the sample, and of those around with it.
-/// - `steepest`: how many times the spread of these values the slope may be.
+/// - `factor`: factor of the kernel's variance, in the same coordinates.
+/// - `offset`: from the sample to the kernel's centre, in the same coordinates.
+/// - `value`, `range`: value of the sample; range of it and its neighbours.
+/// - `steepest`: greatest slope, as a multiple of the spread of these values.
 ///
-/// What exceeds the spread is no model of the field but of its noise: departures end there, and
-/// slopes at `steepest` times as much.
+/// A model that exceeds the spread describes noise, not the field. Departures are therefore limited to the
+/// spread, and slopes to `steepest` times the spread.
 fn local_model(
     quadratic: &Quadratic,
     factor: DMat3,
@@ -160,7 +160,7 @@ fn local_model(
     let spread = below + above;
     let finite = |x: f64| if x.is_finite() { x } else { 0.0 };
     let slope = slope.to_array().map(finite);
-    // Rounded up: a bound may not be too near.
+    // Rounded up, because a bound may not be too tight.
     let bound = |x: f64| if x > 0.0 { narrowed(x).next_up() } else { 0.0 };
     LocalModel {
         slope: DVec3::from(slope)

@@ -1,4 +1,4 @@
-//! Local models of particles: least squares over the nearest.
+//! Fits local models of particles, by least squares over the nearest neighbours.
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
@@ -10,19 +10,20 @@ use crate::error::Result;
 use crate::scene::{LocalModel, Values};
 use crate::task::{Task, collect};
 
-/// Neighbours that models are taken from, those at one position counted once; twice and four times
-/// as many where these do not determine a quadratic.
+/// Number of neighbours to which models are fitted; neighbours at one position count once. Twice and four times
+/// as many are used if these do not determine a quadratic.
 pub(super) const NEIGHBOUR_COUNT: usize = 24;
-/// See [`NEIGHBOUR_COUNT`].
+/// Larger numbers of neighbours; see [`NEIGHBOUR_COUNT`].
 const MORE_NEIGHBOURS: [usize; 2] = [2 * NEIGHBOUR_COUNT, 4 * NEIGHBOUR_COUNT];
 const _: () = assert!(MORE_NEIGHBOURS[1] <= MOST_FITTED);
 
-/// One model for each of the first points, and which of these looked at more neighbours than [`NEIGHBOUR_COUNT`].
+/// Fits one model for each of the first points. Also returns the points that needed more neighbours than
+/// [`NEIGHBOUR_COUNT`].
 ///
-/// - `count`: how many; those behind them are neighbours that have models elsewhere.
-/// - `factor`: of each kernel's variance, world units.
-/// - `values`: one each; those at one position count with their mean. What is not finite counts as
-///   none.
+/// - `count`: number of these points; the others are neighbours whose models belong to other ranks.
+/// - `factor`: returns the factor of a kernel's variance, world units.
+/// - `values`: one for each point. Points at one position count with their mean value. Values that are not
+///   finite are ignored.
 pub(super) fn models(
     positions: &[DVec3],
     count: usize,
@@ -120,7 +121,7 @@ mod tests {
     use crate::sample::{SampleOptions, narrowed, points};
     use crate::scene::{Lattice, LatticeSpacing, LocalModels};
 
-    /// Of 20³ points at spacing 1/27 about 0, jittered by .35 of it.
+    /// Returns 20³ points at spacing 1/27 about 0, jittered by .35 of the spacing.
     fn scattered() -> Vec<DVec3> {
         let mut state = 3;
         let point = |i: usize| {
@@ -162,7 +163,7 @@ mod tests {
         }
         let [slope, departure] = [slopes.share(), departures.share()];
         println!("slopes {slope}, departures {departure}");
-        // MATHS 9.4: 2.0 % and 3.1 %.
+        // Expected from theory: 2.0 % and 3.1 %.
         assert!(slope < 0.03 && departure < 0.05, "{slope} {departure}");
     }
 
@@ -175,7 +176,7 @@ mod tests {
                 let gradient = DVec3::new(1.0 - 2.0 * x.x, -2.0 * x.z, 6.0 * x.z - 2.0 * x.y);
                 let off = (model.slope.as_dvec3() - sigma * gradient).length();
                 assert!(off < 1e-3 * sigma, "{x}: {off}");
-                // Values of .5 in f32 err by 3e-8, over squares of the spacing by 1e-4.
+                // Values of .5 in f32 err by 3e-8, which over squares of the spacing is 1e-4.
                 let off = (f64::from(model.departure) - 2.0 * sigma * sigma).abs();
                 assert!(off < 5e-3 * sigma * sigma, "{x}: {off}");
             }
@@ -226,7 +227,7 @@ mod tests {
         };
         let mut without = sampled(&without).unwrap().volume;
         assert_eq!(without.local_models, None);
-        // Lattices find theirs in their values.
+        // Lattices need no models: they use their values.
         let lattice = Lattice {
             dims: [2; 3],
             spacing: LatticeSpacing::Uniform {

@@ -1,19 +1,19 @@
-//! A field about a sample to second order, by least squares over its neighbours.
+//! Fits a quadratic to a field about a sample, by least squares over its neighbours.
 
 use glam::{DMat3, DVec3};
 
-/// Neighbours nearer than this share of their root mean square distance count as if they were so
-/// far: two samples almost at one place say nothing of a gradient.
+/// Least distance of a neighbour, as a share of the root mean square distance; nearer ones count as if they
+/// were this far. Two samples almost at one place do not determine a gradient.
 const NEAREST: f64 = 0.05;
 
-/// Added to the normal equations' diagonal, as shares of their mean entries: for the gradient far less
-/// than for second derivatives, so that what may be either counts as linear. What neighbours do
-/// not determine becomes zero: across a plane the field is constant, across two layers linear. What
-/// they do determine is corrected [`REFINEMENTS`] times and errs by some 1e-6.
+/// Damping added to the diagonal of the normal equations, as a share of their mean entries. It is far smaller
+/// for the gradient than for second derivatives, so that an ambiguous change counts as linear. Undetermined
+/// terms become zero: across a plane the field is constant, across two layers linear. Determined terms are
+/// corrected [`REFINEMENTS`] times and err by some 1e-6.
 const GRADIENT_DAMPING: f64 = 1e-8;
-/// See [`GRADIENT_DAMPING`].
+/// Damping of the second derivatives; see [`GRADIENT_DAMPING`].
 const HESSIAN_DAMPING: f64 = 1e-4;
-/// See [`GRADIENT_DAMPING`].
+/// Number of refinements; see [`GRADIENT_DAMPING`].
 const REFINEMENTS: usize = 2;
 
 /// A second derivative is determined if this share of its column is independent of the others'.
@@ -26,28 +26,28 @@ pub(super) struct Quadratic {
     pub(super) hessian: DMat3,
 }
 
-/// A quadratic and how it came about.
+/// A quadratic and the quality of its fit.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Fitted {
     pub(super) quadratic: Quadratic,
-    /// The neighbours' root mean square distance.
+    /// Root mean square distance of the neighbours.
     pub(super) distance: f64,
-    /// Whether they determine all nine numbers.
+    /// True if the neighbours determine all nine unknowns.
     pub(super) is_determined: bool,
 }
 
-/// Gradient and second derivatives of the quadratic through a sample's value that fits its
-/// neighbours' best.
+/// Fits the gradient and the second derivatives of a quadratic through a sample's value to its neighbours.
 ///
-/// - `neighbours`: offsets and changes of value; those without a finite change do not count.
+/// - `neighbours`: offsets and changes of value; neighbours without a finite change are ignored.
 ///
-/// Nine unknowns, weights 1/distance². With fewer neighbours or some in special places, the least
-/// second derivatives (in the coordinates of the offsets) that fit; zero without neighbours.
+/// There are nine unknowns; weights are 1/distance². With too few neighbours, or degenerate ones, the second
+/// derivatives are the least ones (in the coordinates of the offsets) that fit. Without neighbours all are
+/// zero.
 pub(super) fn fit(neighbours: &[(DVec3, f64)]) -> Fitted {
     pulp::Arch::new().dispatch(Fit(neighbours))
 }
 
-/// [`fitted`], as work that is compiled for the processor's vectors.
+/// Runs [`fitted`] compiled for the processor's vector instructions.
 struct Fit<'a>(&'a [(DVec3, f64)]);
 
 impl pulp::NullaryFnOnce for Fit<'_> {
@@ -77,8 +77,8 @@ fn fitted(neighbours: &[(DVec3, f64)]) -> Fitted {
     for (offset, change) in known() {
         let d = *offset / distance;
         let weight = 1.0 / d.length_squared().max(NEAREST * NEAREST);
-        // Products of two coordinates count for two entries of H: by 1/sqrt(2), so that the sum of
-        // the unknowns' squares is that of H's entries and does not depend on the axes.
+        // Products of two coordinates belong to two entries of H. The factor 1/sqrt(2) makes the sum of the
+        // unknowns' squares that of H's entries, which does not depend on the axes.
         let mixed = d * std::f64::consts::FRAC_1_SQRT_2;
         let row = [
             d.x,
@@ -132,8 +132,8 @@ fn fitted(neighbours: &[(DVec3, f64)]) -> Fitted {
     }
 }
 
-/// The Cholesky factor of a matrix with `damping` on its diagonal, its own diagonal inverted, and
-/// whether all columns are independent.
+/// Returns the Cholesky factor of a matrix with `damping` on its diagonal; the factor's own diagonal is
+/// inverted. Also returns true if all columns are independent.
 #[inline(always)]
 fn factorise(matrix: &[[f64; 9]; 9], damping: impl Fn(usize) -> f64) -> ([[f64; 9]; 9], bool) {
     let mut factor = [[0.0; 9]; 9];
@@ -146,7 +146,7 @@ fn factorise(matrix: &[[f64; 9]; 9], damping: impl Fn(usize) -> f64) -> ([[f64; 
         let sum: f64 = factor[i][..i].iter().map(|l| l * l).sum();
         let left = matrix[i][i] - sum;
         is_determined &= left > INDEPENDENT * matrix[i][i];
-        // Rounding takes no more than the damping.
+        // Rounding removes no more than the damping.
         factor[i][i] = 1.0 / (left.max(0.0) + damping(i)).sqrt();
     }
     (factor, is_determined)
@@ -179,7 +179,7 @@ mod tests {
         GRADIENT.dot(d) + 0.5 * d.dot(hessian() * d)
     }
 
-    /// Offsets spread over a ball, without a pattern.
+    /// Returns offsets spread over a cube, without a pattern.
     fn spread(count: usize) -> impl Iterator<Item = DVec3> {
         (1..=count).map(|i| {
             let t = i as f64;
@@ -213,7 +213,7 @@ mod tests {
             let quadratic = found.quadratic;
             let off = (quadratic.gradient * scale - GRADIENT).length();
             let bend = error(quadratic.hessian * (scale * scale), hessian());
-            // The damping leaves (1e-4 / 24 / .01)^3 of what is determined by a hundredth.
+            // The damping leaves (1e-4 / 24 / .01)^3 of a term that is determined by a hundredth.
             assert!(off < 1e-5 && bend < 1e-4, "{count}: {off} {bend}");
         }
     }
@@ -223,12 +223,12 @@ mod tests {
         assert_eq!(fit(&[]).quadratic.gradient, DVec3::ZERO);
         let nothing = [(DVec3::ZERO, 1.0), (DVec3::X, f64::NAN), (DVec3::NAN, 1.0)];
         assert_eq!(fit(&nothing).quadratic.gradient, DVec3::ZERO);
-        // One neighbour: all of its change is the gradient's and along it.
+        // One neighbour: the gradient takes all of its change, and points along it.
         let one = fit(&[(DVec3::X * 2.0, 6.0)]);
         assert!(!one.is_determined);
         let linear = one.quadratic.gradient + one.quadratic.hessian * DVec3::X;
         assert!((linear - DVec3::X * 3.0).length() < 1e-3, "{linear}");
-        // A plane, turned: H within it is right, and nothing is known across.
+        // A rotated plane: H within it is right, and nothing is known across.
         let turn = DMat3::from_euler(glam::EulerRot::XYZ, 0.7, 1.1, 0.4);
         let normal = turn * DVec3::Z;
         let plane = spread(30).map(|d| turn * d.with_z(0.0));
@@ -246,7 +246,7 @@ mod tests {
             .collect::<Vec<_>>());
         assert!(!found.is_determined);
         let quadratic = found.quadratic;
-        // The ratio of the two dampings, 3e-4, is the share of H.
+        // H takes the ratio of the two dampings, 3e-4.
         let off = (quadratic.gradient - GRADIENT).length();
         assert!(off < 1e-3, "{quadratic:?}");
         let expected = DMat3::from_diagonal(DVec3::new(-2.0, 0.0, 0.0));

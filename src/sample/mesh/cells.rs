@@ -1,7 +1,7 @@
-//! Cells of about equal area on a surface: pieces go to their nearest site, sites to the centroid
-//! of their pieces (Lloyd's relaxation, on the pieces instead of the plane).
+//! Divides a surface into cells of about equal area. Each piece goes to its nearest site, each site to the
+//! centroid of its pieces (Lloyd's relaxation, on pieces instead of the plane).
 //!
-//! Pieces and sites are measured in units of the spacing, so that a cell has an area of about one.
+//! Lengths are in units of the spacing, so that a cell has an area of about one.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -14,35 +14,34 @@ use super::surface::{Surface, Triangle, area};
 use crate::error::Result;
 use crate::task::{Stage, Task};
 
-/// The longest side of a piece, in spacings: some seven pieces make a cell.
+/// Longest side of a piece, in spacings: some seven pieces make a cell.
 const LONGEST_SIDE: f64 = 0.9;
 
-/// Side of the cubes that pieces and sites are sorted into, in spacings: the nearest site is
-/// closer than that, and some fifteen are looked at.
+/// Side of the cubes into which pieces and sites are sorted, in spacings. The nearest site is closer than that,
+/// and some fifteen sites are compared.
 const CUBE_SIDE: f64 = 1.25;
 
-/// How often sites move towards their cells' centroids. Kernels make up for what their cells miss of
-/// a regular shape (`surfels::tangents`), so that more of it gains little: on a plane under a
-/// low-pass filter as wide as the spacing sums of weights are off by .065, .051, .046 % rms after 2, 3
-/// and 4 rounds.
+/// Number of times that sites move towards their cells' centroids. Kernels compensate for irregular cells
+/// (`surfels::tangents`), so more rounds gain little. On a plane under a low-pass filter as wide as the
+/// spacing, sums of weights are off by .065, .051, .046 % rms after 2, 3 and 4 rounds.
 const RELAXATIONS: usize = 2;
 
-/// How far they move, in units of the way to the centroid: beyond it converges sooner.
+/// Step of a site, as a multiple of the way to the centroid: over-relaxation converges sooner.
 const OVERSHOOT: f64 = 1.6;
 
-/// How much the distance from a site's tangent plane counts beyond that within it: keeps the layers
-/// of a thin shell apart.
+/// Weight of the distance from a site's tangent plane relative to the distance within it: keeps the layers of a
+/// thin shell apart.
 const OFF_PLANE: f32 = 4.0;
 
-/// Cosine of the greatest angle between normals within a cell: sharper edges part cells.
+/// Cosine of the greatest angle between normals within a cell: sharper edges separate cells.
 const LEAST_COSINE: f32 = 0.5;
 
-/// What it counts, in squared spacings, to belong to a site across a sharp edge, on the other side
-/// of a sheet or of another component: more than any distance to a near site. Finite, so that
-/// pieces without a fitting site still belong to one.
+/// Penalty, in squared spacings, for a site across a sharp edge, on the other side of a sheet or on another
+/// component. It exceeds any distance to a near site. It is finite, so that pieces without a fitting site still
+/// belong to one.
 const STRANGE: f32 = 16.0;
 
-/// The owner of a piece before it has one.
+/// Marks a piece without an owner.
 const NOBODY: u32 = u32::MAX;
 
 /// The pieces of a surface, by cell.
@@ -53,18 +52,18 @@ pub(super) struct Cells {
     owned: Owned,
 }
 
-/// A site, and what it has to do with pieces.
+/// A site, and the properties by which pieces choose it.
 #[derive(Debug, Clone, Copy)]
 struct Site {
     position: DVec3,
     normal: Vec3,
     component: u32,
-    /// The cube of one of its pieces.
+    /// Cube of one of its pieces.
     home: u32,
 }
 
 impl Cells {
-    /// Cells of `triangles`, about `count` of them; each triangle has a part in at least one.
+    /// Divides `triangles` into about `count` cells; each triangle has a part in at least one.
     pub(super) fn new(
         surface: &Surface,
         triangles: &[Triangle],
@@ -93,13 +92,14 @@ impl Cells {
         self.owned.starts.len() - 1
     }
 
-    /// Indices of the pieces of a cell.
+    /// Returns the indices of the pieces of a cell.
     pub(super) fn pieces_of(&self, cell: usize) -> &[u32] {
         self.owned.of(cell)
     }
 }
 
-/// One site in each stretch of equal area along the pieces, which lie along a curve through space.
+/// Places one site in each stretch of equal area along the pieces, which are ordered along a space-filling
+/// curve.
 fn first_sites(
     pieces: &[Piece],
     triangles: &[Triangle],
@@ -111,7 +111,7 @@ fn first_sites(
     let mut sites: Vec<Site> = Vec::with_capacity(count);
     let mut passed = 0.0;
     let mut stretch = 0_u64;
-    // In the middle half of each stretch: not in step with the mesh, and not too uneven.
+    // In the middle half of each stretch: neither in step with the mesh nor too uneven.
     let point = |stretch: u64| each * (stretch as f64 + 0.25 + 0.5 * random(seed, stretch));
     let mut next = point(0);
     for cube in 0..cubes.len() {
@@ -129,7 +129,7 @@ fn first_sites(
                 component: triangle.component,
                 home: index_u32(cube),
             });
-            // Of several points that lie in one piece, one becomes a site.
+            // If several points lie in one piece, one of them becomes a site.
             stretch = stretch.max(whole(passed / each).saturating_sub(1));
             while next < passed {
                 stretch += 1;
@@ -149,7 +149,7 @@ fn whole(count: f64) -> u64 {
     count as u64
 }
 
-/// Uniform in [0, 1), the same for the same two numbers (splitmix64).
+/// Returns a random number, uniform in [0, 1), that depends on the two arguments alone (splitmix64).
 pub(super) fn random(seed: u64, index: u64) -> f64 {
     let mut z = seed.wrapping_add(index.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
     z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -157,17 +157,17 @@ pub(super) fn random(seed: u64, index: u64) -> f64 {
     ((z ^ z >> 31) >> 11) as f64 / (1_u64 << 53) as f64
 }
 
-/// Sites looked at together, one operation on all at a time.
+/// Number of sites that are compared at a time.
 const LANES: usize = 8;
 
-/// The sites that pieces of one cube choose from, relative to one point.
+/// The sites among which the pieces of one cube choose, relative to one point.
 #[derive(Debug, Default)]
 struct Candidates {
     indices: Vec<u32>,
     bundles: Vec<Bundle>,
 }
 
-/// Places that no site takes lie far away.
+/// A group of sites in lanes. Unused lanes lie far away.
 #[derive(Debug, Clone, Copy)]
 struct Bundle {
     offset: [[f32; LANES]; 3],
@@ -183,10 +183,10 @@ impl Bundle {
     };
 }
 
-/// Cubes whose pieces are given to sites at a time.
+/// Number of cubes whose pieces are assigned to sites at a time.
 const CUBES_OF_CHUNK: usize = 256;
 
-/// The pieces of each site.
+/// Assigns each piece to a site.
 fn owned(pieces: &[Piece], triangles: &[Triangle], cubes: &Cubes, sites: &[Site]) -> Owned {
     let homes: Vec<u32> = sites.iter().map(|s| s.home).collect();
     let sites_of = Owned::by(&homes, cubes.len());
@@ -206,7 +206,7 @@ fn owned(pieces: &[Piece], triangles: &[Triangle], cubes: &Cubes, sites: &[Site]
     let lists: Vec<Vec<u32>> = firsts.map(chunk).collect();
     let mut owners = lists.concat();
     if owners.contains(&NOBODY) {
-        // Far from all sites, as bits of a scattered mesh may be.
+        // Pieces far from all sites, as small parts of a scattered mesh may be.
         let positions: Vec<DVec3> = sites.iter().map(|s| s.position).collect();
         if let Some(index) = PointIndex::new(&positions) {
             let nearest = |piece: &Piece| index.nearest_to(piece.centre).unwrap_or(0);
@@ -216,7 +216,7 @@ fn owned(pieces: &[Piece], triangles: &[Triangle], cubes: &Cubes, sites: &[Site]
                 .filter(|(o, _)| **o == NOBODY);
             lost.for_each(|(owner, piece)| *owner = nearest(piece));
         }
-        // All sites at one place: the first will do.
+        // All sites coincide: take the first.
         owners
             .iter_mut()
             .filter(|o| **o == NOBODY)
@@ -258,7 +258,8 @@ impl Candidates {
         reference: DVec3,
         found: &mut Vec<u32>,
     ) {
-        // Compiled for what the processor has; nothing is fused, and the choice is the same.
+        // Compiled for the processor's vector instructions, without fused operations: the choice is the same on
+        // all processors.
         pulp::Arch::new().dispatch(
             #[inline(always)]
             || {
@@ -271,7 +272,7 @@ impl Candidates {
         );
     }
 
-    /// The nearest site to a piece at `at`; the first of equals.
+    /// Returns the nearest site to a piece at `at`; the first of equally near ones.
     #[inline(always)]
     fn best(&self, at: Vec3, triangle: &Triangle) -> Option<u32> {
         let mut least = [f32::INFINITY; LANES];
@@ -306,7 +307,7 @@ impl Candidates {
     }
 }
 
-/// Moves sites towards their pieces' centroids; their normals become the mean.
+/// Moves sites towards their pieces' centroids, and sets their normals to the mean of the pieces'.
 fn relax(
     sites: &mut [Site],
     pieces: &[Piece],
@@ -338,11 +339,11 @@ fn relax(
     });
 }
 
-/// Indices by owner, rising within each.
+/// Indices by owner, ascending within each.
 #[derive(Debug)]
 struct Owned {
     order: Vec<u32>,
-    /// Where each owner's begin in `order`; one more at the end.
+    /// Index in `order` at which each owner's list begins; one more entry at the end.
     starts: Vec<u32>,
 }
 

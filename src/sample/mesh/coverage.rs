@@ -1,5 +1,5 @@
-//! How evenly surfels cover their surface: the sum of their weights at points of it, which is 1
-//! where nothing shines through and nothing counts twice.
+//! Measures how evenly surfels cover their surface: the sum of their weights at points of the surface. The sum
+//! is 1 if nothing shines through and nothing counts twice.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -9,10 +9,10 @@ use super::pieces::Piece;
 use super::surface::Triangle;
 use super::surfels::Surfel;
 
-/// Kernels end here, standard deviations: .03 % of a kernel lies beyond.
+/// Cut-off of kernels, in standard deviations: .03 % of a kernel lies beyond.
 const CUTOFF: f64 = 4.0;
 
-/// Centres of pieces, one in each stretch of the area `each`, and their normals.
+/// Returns centres of pieces with their normals, one in each stretch of area `each`.
 pub(super) fn points(pieces: &[Piece], triangles: &[Triangle], each: f64) -> Vec<(DVec3, Vec3)> {
     let mut passed = 0.0;
     let mut points = Vec::new();
@@ -26,7 +26,7 @@ pub(super) fn points(pieces: &[Piece], triangles: &[Triangle], each: f64) -> Vec
     points
 }
 
-/// Sums of weights less one, over points of a surface.
+/// Statistics of sums of weights minus one, over points of a surface.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Ripple {
     pub(super) count: usize,
@@ -35,13 +35,13 @@ pub(super) struct Ripple {
 }
 
 impl Ripple {
-    /// Of surfels at points of the surface (with normals); all in spacings.
+    /// Measures surfels at points of the surface (with normals); lengths in spacings.
     pub(super) fn of(surfels: &[Surfel], points: &[(DVec3, Vec3)]) -> Self {
         if surfels.is_empty() {
             return Self::default();
         }
         let centres: Vec<DVec3> = surfels.iter().map(|s| s.centre).collect();
-        // Kernels of evenly spread cells reach CUTOFF x .6 spacings; few reach further.
+        // Kernels of evenly spread cells reach CUTOFF x .6 spacings; few reach farther.
         let (cubes, order) = Cubes::new(&centres, CUTOFF * 0.65);
         let excess = |&(point, normal): &(DVec3, Vec3)| {
             let cube = cubes.at(point)?;

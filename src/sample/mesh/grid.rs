@@ -1,4 +1,4 @@
-//! Pieces by the cube of a lattice in which they lie, and the cubes around each.
+//! Sorts points into the cubes of a lattice, and finds the cubes around each.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
@@ -9,20 +9,21 @@ use rayon::prelude::*;
 
 use super::super::index_u32;
 
-/// The cubes of a lattice that hold anything.
+/// The cubes of a lattice that contain any point.
 #[derive(Debug)]
 pub(super) struct Cubes {
     side: f64,
-    /// Where each cube's points begin, in the order that [`Cubes::new`] gives; one more at the end.
+    /// Index at which each cube's points begin, in the order that [`Cubes::new`] returns; one more entry at the
+    /// end.
     starts: Vec<u32>,
     by_key: HashMap<u64, u32, BuildHasherDefault<KeyHasher>>,
-    /// The cubes around each, itself included, one cube after another.
+    /// The cubes around each cube, itself included, one list after another.
     around: Vec<u32>,
     around_starts: Vec<u32>,
 }
 
 impl Cubes {
-    /// Cubes of a lattice by their points, and the order in which the points lie in them.
+    /// Sorts points into cubes; returns the order of the points, too.
     pub(super) fn new(points: &[DVec3], side: f64) -> (Self, Vec<u32>) {
         let mut keys: Vec<(u64, u32)> = points
             .par_iter()
@@ -81,19 +82,19 @@ impl Cubes {
         self.starts.len() - 1
     }
 
-    /// Positions in the order of the points.
+    /// Returns the range of a cube's points in that order.
     pub(super) fn points(&self, cube: usize) -> Range<usize> {
         self.starts[cube] as usize..self.starts[cube + 1] as usize
     }
 
-    /// The cube in which a point lies, if that holds anything.
+    /// Returns the cube that contains a place, if it contains any point.
     pub(super) fn at(&self, point: DVec3) -> Option<usize> {
         self.by_key
             .get(&key(cube(point, self.side)))
             .map(|&c| c as usize)
     }
 
-    /// The cubes whose points are less than a side away from some point of this one, and itself.
+    /// Returns the cubes with points that may be less than a side away from this one, itself included.
     pub(super) fn around(&self, cube: usize) -> &[u32] {
         &self.around[self.around_starts[cube] as usize..self.around_starts[cube + 1] as usize]
     }
@@ -107,8 +108,8 @@ fn cube(point: DVec3, side: f64) -> [i64; 3] {
     (point / side).to_array().map(|x| x.floor() as i64)
 }
 
-/// The lowest 21 bits of each coordinate, interleaved. Cubes two million apart share a key; what
-/// is found there is far away and loses to anything near.
+/// Interleaves the lowest 21 bits of each coordinate. Cubes two million apart share a key; points found in the
+/// wrong one are far away and lose to any near point.
 fn key(cube: [i64; 3]) -> u64 {
     let spread = |x: i64| {
         let mut x = x.cast_unsigned() & 0x1f_ffff;
@@ -122,7 +123,7 @@ fn key(cube: [i64; 3]) -> u64 {
     x | y << 1 | z << 2
 }
 
-/// Fibonacci hashing: keys are made here, by no adversary's choice worth guarding against.
+/// Fibonacci hashing: the keys come from this module, so no protection against an adversary is needed.
 #[derive(Debug, Default)]
 struct KeyHasher(u64);
 

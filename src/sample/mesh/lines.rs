@@ -1,9 +1,9 @@
-//! Lines and points of meshes: rows of small round kernels, and one kernel for each point.
+//! Makes kernels of a mesh's lines and points: a row of small round kernels per line, one kernel per point.
 //!
-//! They have no area, so that no surfel stands for them. A kernel is a splat of a radiance field, whose opacity in the
-//! picture is the same from every side ([`Strength::PeakOpacity`]): nothing is known of what a line looks like from its
-//! side, either. Their size is a length in the world, chosen for the pixels of the picture that the mesh is sampled for
-//! ([`Spread::NoDenser`]); from nearby they are wider.
+//! Lines and points have no area, so no surfel represents them. Their kernels are splats of a radiance field,
+//! whose opacity in the picture is the same from every side ([`Strength::PeakOpacity`]). Their size is a length
+//! in the world, chosen for the pixels of the picture for which the mesh is sampled ([`Spread::NoDenser`]);
+//! from nearby they look wider.
 
 use glam::DVec3;
 
@@ -11,31 +11,31 @@ use super::Spread;
 use crate::io::{AlphaMode, Mesh, MeshPart};
 use crate::scene::{Colour, MAX_OPACITY, Particles, PointVolume, Strength};
 
-/// Standard deviation of the kernels of a line, in pixels: with the pixel's own filter, a row of them is half opaque
-/// over a width of 2.3 pixels.
+/// Standard deviation of the kernels of a line, in pixels. With the pixel's own filter, a row of them is at
+/// least half opaque over a width of 2.3 pixels.
 const OF_LINE: f64 = 0.3;
 
-/// The same of a point, whose kernel is alone: 2.3 pixels, too.
+/// Standard deviation of the kernel of a point, which is alone: 2.3 pixels, too.
 const OF_POINT: f64 = 0.8;
 
-/// Steps between the kernels of a line over their standard deviation: what lies between two of them is 94 % opaque
-/// however near the eye is.
+/// Step between the kernels of a line over their standard deviation: midway between two of them the line is 94
+/// % opaque, however near the eye is.
 const STEP: f64 = 1.5;
 
-/// A pixel over the diagonal of the bounding box, where no picture is known.
+/// Size of a pixel over the diagonal of the bounding box, if no picture is known.
 const PIXEL: f64 = 1.0 / 1000.0;
 
-/// The most kernels of all lines but for one at each end; those of longer lines lie further apart.
+/// Greatest number of kernels for all lines, not counting one at each end. Longer lines have larger steps.
 const MOST: f64 = 4e6;
 
-/// The kernels of a mesh's lines and points, if it has some that are finite.
+/// Returns the kernels of a mesh's lines and points, if it has any finite ones.
 pub(super) fn kernels(mesh: &Mesh, spread: Spread) -> Option<PointVolume> {
     let positions = || mesh.parts.iter().flat_map(|part| &part.positions);
     let finite = || positions().filter(|p| p.is_finite()).copied();
     let diagonal = (finite().reduce(DVec3::max)? - finite().reduce(DVec3::min)?).length();
     let pixel = match spread {
         Spread::NoDenser(density) | Spread::Within { density, .. } => 1.0 / density.sqrt(),
-        // One point alone has no extent: any size is as good.
+        // A single point has no extent: any size will do.
         _ if diagonal > 0.0 => diagonal * PIXEL,
         _ => 1.0,
     };
@@ -74,7 +74,7 @@ pub(super) fn kernels(mesh: &Mesh, spread: Spread) -> Option<PointVolume> {
     kernels.volume()
 }
 
-/// Where a line ends or a point is, and its linear RGBA.
+/// Position and linear RGBA of a line's end or of a point.
 type End = (DVec3, [f64; 4]);
 
 fn end(part: &MeshPart, index: u32) -> Option<End> {
@@ -87,7 +87,7 @@ fn end(part: &MeshPart, index: u32) -> Option<End> {
     Some((*position, colour))
 }
 
-/// Of all lines that are finite.
+/// Returns the length of all finite lines.
 fn length(part: &MeshPart) -> f64 {
     let ends = part.lines.iter().map(|line| line.map(|i| end(part, i)));
     let lengths = ends.map(|ends| match ends {
@@ -97,7 +97,7 @@ fn length(part: &MeshPart) -> f64 {
     lengths.sum()
 }
 
-/// Lines that follow one another, each as the corners along it.
+/// Joins lines that follow one another into chains of corners.
 fn chains(part: &MeshPart) -> Vec<Vec<u32>> {
     let mut chains: Vec<Vec<u32>> = Vec::new();
     for &[a, b] in &part.lines {
@@ -109,12 +109,13 @@ fn chains(part: &MeshPart) -> Vec<Vec<u32>> {
     chains
 }
 
-/// Places along a chain of lines, from its first end to its last, evenly and no further apart than `step`.
+/// Calls `place` at even steps along a chain of lines, from its first end to its last. No step is longer than
+/// `step`.
 fn along(ends: &[End], step: f64, mut place: impl FnMut(DVec3, [f64; 4])) {
     let lengths = ends.windows(2).map(|pair| pair[0].0.distance(pair[1].0));
     let whole: f64 = lengths.sum();
     let step = whole / (whole / step).ceil().max(1.0);
-    // The way left to the next place.
+    // Distance left to the next place.
     let mut left = 0.0;
     for pair in ends.windows(2) {
         let [(a, from), (b, to)] = [pair[0], pair[1]];
@@ -134,7 +135,7 @@ fn along(ends: &[End], step: f64, mut place: impl FnMut(DVec3, [f64; 4])) {
     }
 }
 
-/// Kernels that are collected.
+/// Arrays of kernels.
 #[derive(Default)]
 struct Kernels {
     positions: Vec<DVec3>,

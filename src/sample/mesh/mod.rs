@@ -1,17 +1,15 @@
-//! Meshes as surfels: spread evenly over the surface, each with the shape of its cell and the
-//! colour of the texture under it.
+//! Turns meshes into surfels, spread evenly over the surface. Each has the shape of its cell and the colour of
+//! the texture under it.
 //!
-//! 1. Triangles are cut into pieces, small against the distance between surfels.
-//! 2. As many sites as surfels are wanted are put along a curve through the pieces, one in each
-//!    stretch of equal area.
-//! 3. Pieces go to their nearest site and sites to their pieces' centroid, some times over (Lloyd's
-//!    relaxation). A site across a sharp edge, on the back of a sheet or on another component counts
-//!    as far away.
-//! 4. The pieces of a site are its cell, and the cell gives the surfel: at its centroid, in the
-//!    plane of its mean normal, with the cell's variance and some blur, area the sum.
+//! 1. Triangles are cut into pieces, small compared with the distance between surfels.
+//! 2. One site per surfel is placed along a curve through the pieces, one in each stretch of equal area.
+//! 3. Pieces go to their nearest site and sites to their pieces' centroid, several times (Lloyd's relaxation).
+//!    A site across a sharp edge, on the back of a sheet or on another component counts as far away.
+//! 4. The pieces of a site are its cell. The surfel lies at the cell's centroid, in the plane of its mean
+//!    normal. It has the cell's variance plus a blur, and the total area of the pieces.
 //!
-//! Every piece belongs to one cell, so that no triangle vanishes, however small, and the areas of
-//! all cells add up to that of the mesh. Meshes finer than the surfels are averaged like textures.
+//! Every piece belongs to one cell, so no triangle vanishes, however small. The areas of all cells add up to
+//! that of the mesh. Meshes finer than the surfels are averaged like textures.
 
 mod cells;
 mod coverage;
@@ -42,28 +40,28 @@ use squares::Squares;
 use surface::{Kind, Surface, area};
 use surfels::{FAINTEST, Surfel};
 
-/// Standard deviation of a surfel over the spacing, where nothing else is asked for.
+/// Default standard deviation of a surfel over the spacing.
 pub const SURFEL_WIDTH: f64 = 0.6;
 
-/// Surfels of a mesh at most. Sampling takes some 800 bytes for each while it works.
+/// Greatest number of surfels of a mesh. Sampling takes some 800 bytes for each.
 pub const MOST_SURFELS: usize = 200_000_000;
 
-/// What errors name instead of a file, which is not known here.
+/// Name of the mesh in errors, before the file's name is known.
 pub(super) const THE_MESH: &str = "mesh";
 
-/// Points at which the evenness of a mesh's surfels is looked at.
+/// Number of points at which the evenness of a mesh's surfels is measured.
 const RIPPLE_POINTS: usize = 1 << 14;
 
-/// How to spread surfels.
+/// Options for spreading surfels.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeshOptions {
-    /// How many.
+    /// Number of surfels.
     pub spread: Spread,
     /// Standard deviation over spacing; see [`SURFEL_WIDTH`].
     pub kernel_width: f64,
-    /// Another number gives another spread, as even; the same gives the same.
+    /// Seed of the spread. Another seed gives another spread, as even; the same seed gives the same.
     pub seed: u64,
-    /// Is told how far the work is, and may cancel it.
+    /// Receives the progress of the work, and may cancel it.
     pub task: Option<Task>,
 }
 
@@ -78,72 +76,73 @@ impl Default for MeshOptions {
     }
 }
 
-/// Cosine of half a degree: planes of surfels that are all nearer to their surface's normals need none of their own.
+/// Cosine of half a degree. If all surfels' normals are nearer than that to their surface's, no separate
+/// normals are stored.
 const SAME_NORMAL: f32 = 0.999_96;
 
-/// How many surfels a surface gets.
+/// Number of surfels for a surface.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Spread {
-    /// One for each texel of the finest texture, by texels per area; no further apart than 1/1000
-    /// of the bounding box's diagonal, and a million at most.
+    /// One for each texel of the finest texture, by texels per area. Their spacing is at most 1/1000 of the
+    /// bounding box's diagonal, and their number at most a million.
     #[default]
     Automatic,
-    /// The same, but no more than this per unit area \[1/length²\]: [`pixels_per_area`] is what a picture
-    /// shows.
+    /// The same, but no more than this per unit area \[1/length²\]: [`pixels_per_area`] returns the density
+    /// that a picture shows.
     NoDenser(f64),
-    /// The same, and no more than a number in all: the share that a mesh has of a scene's surfels ([`share_out`]).
+    /// The same, and no more than a number in total: the mesh's share of a scene's surfels ([`share_out`]).
     Within {
-        /// Surfels per unit area at most \[1/length²\].
+        /// Greatest number of surfels per unit area \[1/length²\].
         density: f64,
-        /// In all at most.
+        /// Greatest number of surfels in total.
         count: usize,
     },
     /// Surfels per unit area \[1/length²\].
     Density(f64),
-    /// The root of the area for each \[length\].
+    /// Square root of the area of a surfel \[length\].
     Spacing(f64),
-    /// So many on the whole mesh.
+    /// Number of surfels on the whole mesh.
     Count(usize),
 }
 
-/// Surfels of a mesh, and how they came about.
+/// Surfels of a mesh, and a report on their sampling.
 #[derive(Debug, Clone)]
 pub struct SampledMesh {
-    /// One volume for each kind of surface that occurs: opaque or translucent, seen from one side
-    /// or from both; then one of all lines and points.
+    /// One volume for each kind of surface that occurs (opaque or translucent, seen from one side or from
+    /// both). Then one of all lines and points.
     pub volumes: Vec<PointVolume>,
-    /// What was made of what.
+    /// Report on the sampling.
     pub report: MeshReport,
 }
 
-/// How a mesh was sampled.
+/// Report on the sampling of a mesh.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct MeshReport {
-    /// Triangles in the file.
+    /// Number of triangles in the file.
     pub triangle_count: usize,
-    /// Surfels made of them.
+    /// Number of surfels made of them.
     pub surfel_count: usize,
-    /// Kernels of lines and points.
+    /// Number of kernels for lines and points.
     pub mark_count: usize,
-    /// Of all triangles \[length²\].
+    /// Area of all triangles \[length²\].
     pub area: f64,
-    /// The root of the mean area of a surfel \[length\].
+    /// Square root of the mean area of a surfel \[length\].
     pub spacing: f64,
-    /// How far sums of weights at points of the surface are from 1: root mean square.
+    /// Root mean square deviation from 1 of the sums of weights at points of the surface.
     pub ripple: f64,
-    /// The same, at most.
+    /// Greatest deviation from 1 of these sums.
     pub greatest_ripple: f64,
-    /// What was found on the way, in the order of the work.
+    /// Findings, in the order of the work.
     pub findings: Vec<Finding>,
 }
 
 impl MeshReport {
-    /// One line for each finding, for people.
+    /// Returns one line for each finding, for people.
     pub fn warnings(&self) -> Vec<String> {
         self.findings.iter().map(Finding::line).collect()
     }
 
-    /// What was made, in a line for people.
+    /// Returns a summary in one line, for people.
     pub fn summary(&self) -> String {
         format!(
             "{} surfels {:.3e} apart on an area of {:.6e}, weights even to {:.1} %",
@@ -168,25 +167,24 @@ impl MeshReport {
 
 /// Spreads surfels over a mesh.
 ///
-/// - Opaque materials: [`Strength::Surface`], alpha does not count. With a mask, the area is that
-///   part of the cell where alpha reaches the cut-off (alpha of the texture and the material;
-///   that of corners does not count here).
-/// - Blended materials: [`Strength::Translucent`], area x -ln(1 - opacity), the opacity the mean of the
-///   cell, held to [`MAX_OPACITY`].
-/// - Colours are linear: the means over the cells, of what is there. What a material emits is added.
+/// - Opaque materials become a [`Strength::Surface`]; alpha is ignored. With a mask, the area is that part of
+///   the cell where alpha (of texture and material, not of corners) reaches the cut-off.
+/// - Blended materials become a [`Strength::Translucent`] with area x -ln(1 - opacity). The opacity is the mean
+///   over the cell, at most [`MAX_OPACITY`].
+/// - Colours are linear means over the visible part of each cell. Emission of the material is added.
 ///
-/// Lines are rows of round kernels, and points one each: some two pixels wide in the picture that `spread` is for
-/// ([`Spread::NoDenser`], [`Spread::Within`]), else two thousandths of the bounding box's diagonal. They have the colours of their ends and
-/// the material, and no texture.
+/// Lines become rows of round kernels, and points one kernel each. They are some two pixels wide in the picture
+/// that `spread` is for ([`Spread::NoDenser`], [`Spread::Within`]), otherwise two thousandths of the bounding
+/// box's diagonal. They have the colours of their ends and of the material, and no texture.
 ///
-/// Texture lookups are Gaussian averages over each piece (EWA, Heckbert 1989), so that a
-/// texture finer than the surfels is filtered and not picked at points.
+/// Texture lookups are Gaussian averages over each piece (EWA, Heckbert 1989), so a texture finer than the
+/// surfels is filtered, not point-sampled.
 ///
-/// The same for a seed, however many threads there are.
+/// The result depends on the seed, not on the number of threads.
 ///
 /// # Errors
-/// Those of [`Mesh::validate`]; no triangle with an area, numbers that are not positive, more than [`MOST_SURFELS`];
-/// work that was cancelled.
+/// Those of [`Mesh::validate`]; no triangle with an area; numbers that are not positive; more than
+/// [`MOST_SURFELS`]; work that was cancelled.
 pub fn surfels(mesh: &Mesh, options: &MeshOptions) -> Result<SampledMesh> {
     let advice = || format!("{SURFEL_WIDTH} is the default for surfels");
     super::check_kernel_width(options.kernel_width, advice)?;
@@ -298,7 +296,7 @@ pub fn surfels(mesh: &Mesh, options: &MeshOptions) -> Result<SampledMesh> {
     Ok(SampledMesh { volumes, report })
 }
 
-/// Surfels that cannot be drawn.
+/// Numbers of surfels that cannot be drawn.
 #[derive(Debug, Default)]
 struct Losses {
     colourless: usize,
@@ -306,7 +304,7 @@ struct Losses {
     out_of_range: usize,
 }
 
-/// Corners and triangles have 32-bit indices.
+/// Checks that corners and triangles fit 32-bit indices.
 fn check_size(mesh: &Mesh) -> Result<()> {
     let corners: usize = mesh.parts.iter().map(|part| part.positions.len()).sum();
     let greatest = corners.max(mesh.triangle_count());
@@ -322,7 +320,7 @@ fn check_size(mesh: &Mesh) -> Result<()> {
     ))
 }
 
-/// The surfels in world units, narrowed to what the scene stores.
+/// Converts surfels to world units and to the types that the scene stores.
 fn volume(surface: &Surface, kind: Kind, surfels: &[Surfel], losses: &mut Losses) -> PointVolume {
     let mut positions = Vec::with_capacity(surfels.len());
     let mut tangents = Vec::with_capacity(surfels.len());

@@ -1,4 +1,4 @@
-//! The normals by which light falls on a surface: those of its corners, and of its materials' textures.
+//! Computes the normals for shading a surface, from its corners and its materials' textures.
 
 use std::collections::HashMap;
 
@@ -9,23 +9,24 @@ use super::surface::{Surface, Triangle};
 use super::texture::{Pyramid, Weighing};
 use crate::io::{Material, Mesh, MeshPart};
 
-/// Triangles that meet at a smaller angle than 40 degrees are parts of one smooth surface, where a file does not say.
+/// Cosine of 40 degrees: triangles that meet at a smaller angle belong to one smooth surface, unless the file
+/// states otherwise.
 const SMOOTH_COSINE: f64 = 0.766;
 
-/// A normal that lies nearer to the plane of its triangle than this cosine is not bent any further by a texture.
+/// Least cosine between a shading normal and the triangle's own normal: textures bend normals no farther.
 const LEAST_OUTWARD: f64 = 0.02;
 
-/// What is known of normals.
+/// Sources of normals.
 pub(super) struct Normals<'a> {
     mesh: &'a Mesh,
-    /// Of parts whose corners have no normals and are smooth: those of each triangle's corners.
+    /// Corner normals of each triangle, for smooth parts whose corners have none.
     smooth: HashMap<u32, Vec<[DVec3; 3]>>,
-    /// Of textures of normals that are used.
+    /// Pyramids of the normal textures in use.
     pyramids: HashMap<usize, Pyramid<'a>>,
 }
 
 impl<'a> Normals<'a> {
-    /// Of a surface whose materials `is_used`.
+    /// Prepares the normals of a surface's materials that `is_used`.
     pub(super) fn new(surface: &Surface<'a>, is_used: &[bool]) -> Self {
         let mesh = surface.mesh;
         let mut pyramids = HashMap::new();
@@ -49,7 +50,7 @@ impl<'a> Normals<'a> {
         }
     }
 
-    /// Of a triangle of the surface; `None` where light changes nothing.
+    /// Returns the normals of a triangle of the surface; `None` for unlit materials.
     pub(super) fn of(&self, surface: &Surface, triangle: &Triangle) -> Option<TriangleNormals<'_>> {
         let part = &self.mesh.parts[triangle.part as usize];
         let material = &self.mesh.materials[part.material];
@@ -68,7 +69,7 @@ impl<'a> Normals<'a> {
             of_part.get(triangle.index as usize).copied()
         };
         let corners = of_file().or_else(of_smooth).unwrap_or([own; 3]);
-        // Some files have normals that face away from the side of their winding.
+        // Some files have normals that face away from the front that the winding defines.
         let outward = |normal: DVec3| match normal.dot(own) < 0.0 {
             true => -normal,
             false => normal,
@@ -92,7 +93,7 @@ impl<'a> Normals<'a> {
         let laid = Laid::of(used, part, indices, pyramid)?;
         let [a, b, c] = indices.map(|i| part.positions[i as usize]);
         let (along, across) = (b - a, c - a);
-        // The directions in which the texture's coordinates grow, over the triangle.
+        // The directions in which the texture's coordinates grow, along the triangle.
         let [du, dv] = [0, 1].map(|axis| [laid.edges[0][axis], laid.edges[1][axis]]);
         let determinant = du[0] * dv[1] - du[1] * dv[0];
         let right = (along * dv[1] - across * dv[0]) * determinant.signum();
@@ -117,15 +118,15 @@ pub(super) struct TriangleNormals<'a> {
 /// A texture of normals on a triangle.
 struct Relief<'a> {
     laid: Laid<'a>,
-    /// To the right and to the top of the texture, unit length.
+    /// Unit vectors to the right and to the top of the texture.
     right: DVec3,
     top: DVec3,
     scale: f64,
 }
 
 impl TriangleNormals<'_> {
-    /// The unit normal of a part of the triangle, by its middle and its variance (xx, xy, yy) in barycentric
-    /// coordinates along the two edges.
+    /// Returns the unit normal of a part of the triangle, given by its middle and its variance (xx, xy, yy) in
+    /// barycentric coordinates along the two edges.
     pub(super) fn at(&self, middle: DVec2, variance: [f64; 3]) -> DVec3 {
         let [a, b, c] = self.corners;
         let between = a * (1.0 - middle.x - middle.y) + b * middle.x + c * middle.y;
@@ -145,19 +146,19 @@ impl TriangleNormals<'_> {
     }
 }
 
-/// Normals at the corners of parts that have none and are smooth: means of the triangles there that meet at small
-/// angles, weighed by the angle of each at the corner.
+/// Computes normals at the corners of smooth parts that have none: means over the triangles there that meet at
+/// small angles. Each triangle is weighted by its angle at the corner.
 fn smoothed(surface: &Surface) -> HashMap<u32, Vec<[DVec3; 3]>> {
     let mesh = surface.mesh;
     let is_smooth = |part: &&MeshPart| part.normals.is_empty() && !part.is_flat;
-    // Places that parts share are one.
+    // Coinciding corners of several parts count as one place.
     let mut places: HashMap<[u64; 3], u32> = HashMap::new();
     let mut corners: Vec<(u32, DVec3)> = Vec::new();
     let mut place_of: Vec<Vec<u32>> = Vec::new();
     for part in mesh.parts.iter().filter(is_smooth) {
         let own = part.positions.iter().map(|position| {
             let next = places.len();
-            // Adding zero makes one of both zeros.
+            // Adding zero makes -0 and 0 equal.
             let bits = position.to_array().map(|x| (x + 0.0).to_bits());
             *places.entry(bits).or_insert(super::super::index_u32(next))
         });
@@ -201,7 +202,7 @@ fn smoothed(surface: &Surface) -> HashMap<u32, Vec<[DVec3; 3]>> {
     normals.collect()
 }
 
-/// The unit normal of a triangle and its angles \[rad\]; `None` where it has no area.
+/// Returns the unit normal of a triangle and its angles \[rad\]; `None` if it has no area.
 fn shape(part: &MeshPart, indices: [u32; 3]) -> Option<(DVec3, [f64; 3])> {
     let at = |i: u32| part.positions.get(i as usize).copied();
     let [a, b, c] = indices.map(at);

@@ -1,4 +1,4 @@
-//! Colour and opacity of pieces: material, texture and colours at corners.
+//! Computes colour and opacity of pieces, from material, texture and colours at corners.
 
 use std::collections::HashMap;
 
@@ -8,21 +8,21 @@ use super::surface::Triangle;
 use super::texture::{Pyramid, Weighing};
 use crate::io::{AlphaMode, Material, Mesh, MeshPart, TextureUse};
 
-/// The materials of a mesh, made ready.
+/// The materials of a mesh, prepared for lookups.
 #[derive(Debug)]
 pub(super) struct Paints<'a> {
     mesh: &'a Mesh,
     pyramids: Vec<Pyramid<'a>>,
-    /// For each material, its base texture and what it emits: indices into `pyramids`.
+    /// Base and emissive texture of each material: indices into `pyramids`.
     textures: Vec<[Option<usize>; 2]>,
 }
 
-/// What a piece shows: linear RGB times the share that is there, and that share: 1 for opaque
-/// surfaces, the opacity of translucent ones, the part left by a mask.
+/// Colour of a piece: linear RGB times the visible share, and that share. The share is 1 for opaque surfaces,
+/// the opacity of translucent ones, the part left by a mask.
 pub(super) type Paint = [f64; 4];
 
 impl<'a> Paints<'a> {
-    /// Textures of materials that `is_used`; others are not looked at.
+    /// Prepares the textures of materials that `is_used`; others are ignored.
     pub(super) fn new(mesh: &'a Mesh, is_used: &[bool]) -> Self {
         let mut paints = Self {
             mesh,
@@ -51,7 +51,7 @@ impl<'a> Paints<'a> {
         paints
     }
 
-    /// What a triangle of the mesh is painted with; `None` where texture coordinates are missing.
+    /// Returns the coat of a triangle of the mesh; `None` if texture coordinates are missing.
     pub(super) fn coat(&self, triangle: &Triangle) -> Option<Coat<'_>> {
         let part = &self.mesh.parts[triangle.part as usize];
         let indices = part.triangles[triangle.index as usize];
@@ -82,13 +82,13 @@ impl<'a> Paints<'a> {
 #[derive(Debug)]
 pub(super) struct Laid<'a> {
     pyramid: &'a Pyramid<'a>,
-    /// Texture coordinates of the first corner, and along the two edges that begin there.
+    /// Texture coordinates of the first corner; then their differences along the two edges that begin there.
     origin: DVec2,
     pub(super) edges: [DVec2; 2],
 }
 
 impl<'a> Laid<'a> {
-    /// On the triangle of a part between the corners `indices`; `None` where one has no coordinates.
+    /// Places a texture on the triangle of a part with the corners `indices`; `None` if one has no coordinates.
     pub(super) fn of(
         used: &TextureUse,
         part: &MeshPart,
@@ -110,24 +110,25 @@ impl<'a> Laid<'a> {
     }
 }
 
-/// What one triangle of the mesh is painted with.
+/// The material, textures and corner colours of one triangle of the mesh.
 #[derive(Debug)]
 pub(super) struct Coat<'a> {
     material: &'a Material,
     base: Option<Laid<'a>>,
     emissive: Option<Laid<'a>>,
-    /// At the corners, if any.
+    /// Colours at the corners, if any.
     colours: Option<[[f64; 4]; 3]>,
 }
 
 impl Coat<'_> {
-    /// Whether it is the same all over the triangle.
+    /// Returns true if the colour is constant over the triangle.
     pub(super) fn is_plain(&self) -> bool {
         self.base.is_none() && self.emissive.is_none() && self.colours.is_none()
     }
 
-    /// Of a part of the triangle, by its middle and its variance (xx, xy, yy) in barycentric
-    /// coordinates along the two edges; `None` where texture coordinates or colours are not finite.
+    /// Returns the paint of a part of the triangle, given by its middle and its variance (xx, xy, yy) in
+    /// barycentric coordinates along the two edges. Returns `None` if texture coordinates or colours are not
+    /// finite.
     pub(super) fn of(&self, middle: DVec2, variance: [f64; 3]) -> Option<Paint> {
         let material = self.material;
         let lookup = |laid: &Option<Laid>| {
@@ -164,7 +165,7 @@ impl Coat<'_> {
         paint.iter().all(|p| p.is_finite()).then_some(paint)
     }
 
-    /// Between the colours given at corners; white where there are none.
+    /// Interpolates the colours at corners; white if there are none.
     fn corner_colour(&self, middle: DVec2) -> [f64; 4] {
         let Some(colours) = &self.colours else {
             return [1.0; 4];
@@ -192,7 +193,7 @@ impl Laid<'_> {
     }
 }
 
-/// How alpha weighs in averages of a material's base texture.
+/// Returns the weighting of alpha in averages of a material's base texture.
 fn base_weighing(material: &Material) -> Weighing {
     match material.alpha {
         AlphaMode::Opaque => Weighing::Alike,

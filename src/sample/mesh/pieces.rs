@@ -1,4 +1,4 @@
-//! Triangles cut into pieces that are small against a surfel's cell.
+//! Cuts triangles into pieces that are small compared with a surfel's cell.
 
 use glam::{DMat3, DVec2, DVec3};
 use rayon::prelude::*;
@@ -6,38 +6,38 @@ use rayon::prelude::*;
 use super::super::index_u32;
 use super::surface::{Surface, Triangle};
 
-/// Pieces of all triangles together at most: this many for each cell, and some for each triangle,
+/// Greatest total number of pieces: this many for each cell, plus some for each triangle,
 const MOST_PER_CELL: f64 = 40.0;
 const MOST_PER_TRIANGLE: f64 = 4.0;
 
-/// or so many: half a gigabyte.
+/// but at least this many: half a gigabyte.
 const MANY: f64 = 16e6;
 
-/// A part of a triangle, by repeated halving.
+/// A part of a triangle, obtained by repeated halving.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Piece {
     /// Centroid, in the surface's frame.
     pub(super) centre: DVec3,
     /// Index into the triangles that were cut.
     pub(super) triangle: u32,
-    /// Which half was taken, one bit for each cut, the first cut highest, after a leading one.
+    /// Halves taken: a leading one, then one bit for each cut, the first cut highest.
     path: u32,
 }
 
-/// Cuts between the triangle and the piece at most: a bit of `path` is the leading one.
+/// Greatest number of cuts from a triangle to a piece: one bit of `path` is the leading one.
 const MOST_CUTS: u32 = 31;
 
-/// A triangle within another.
+/// A triangle within a triangle of the mesh.
 #[derive(Debug, Clone, Copy)]
 struct Part {
-    /// Barycentric coordinates along the two edges of the mesh's triangle.
+    /// Barycentric coordinates of the corners along the two edges of the mesh's triangle.
     corners: [DVec2; 3],
-    /// Squared lengths of the sides opposite to them.
+    /// Squared lengths of the sides opposite to the corners.
     sides: [f64; 3],
 }
 
 impl Part {
-    /// All of a triangle; `e1` and `e2` are the edges of the mesh's.
+    /// Returns all of a triangle; `e1` and `e2` are the edges of the mesh's triangle.
     fn whole(triangle: &Triangle, e1: DVec3, e2: DVec3) -> Self {
         let [a, b, c] = triangle.corners;
         let squared = |d: DVec2| (e1 * d.x + e2 * d.y).length_squared();
@@ -47,7 +47,7 @@ impl Part {
         }
     }
 
-    /// The longest side, squared, and the corner opposite to it; the first of equals.
+    /// Returns the squared length of the longest side and the corner opposite to it; the first of equal ones.
     fn longest(&self) -> (f64, usize) {
         let [a, b, c] = self.sides;
         if a >= b && a >= c {
@@ -59,13 +59,13 @@ impl Part {
         }
     }
 
-    /// The half that `bit` names, cut from the middle of the longest side to the corner opposite,
-    /// its first. Corners keep their sense of rotation.
+    /// Returns the half that `bit` selects. The cut runs from the middle of the longest side to the opposite
+    /// corner, which becomes the first. The orientation stays.
     fn half(&self, bit: u32) -> Self {
         let (longest, apex) = self.longest();
         let (next, last) = ((apex + 1) % 3, (apex + 2) % 3);
         let middle = 0.5 * (self.corners[next] + self.corners[last]);
-        // Apollonius: the cut is a median.
+        // Apollonius's theorem: the cut is a median.
         let cut = 0.5 * (self.sides[next] + self.sides[last]) - 0.25 * longest;
         if bit == 0 {
             Self {
@@ -82,13 +82,14 @@ impl Part {
 }
 
 impl Piece {
-    /// The piece's share of its triangle: a power of a half.
+    /// Returns the piece's share of its triangle: a power of one half.
     pub(super) fn share(&self) -> f64 {
         let cuts = MOST_CUTS - self.path.leading_zeros();
         1.0 / f64::from(1_u32 << cuts)
     }
 
-    /// Barycentric coordinates of its corners along the edges `e1` and `e2` of the mesh's triangle.
+    /// Returns barycentric coordinates of the piece's corners along the edges `e1` and `e2` of the mesh's
+    /// triangle.
     pub(super) fn corners(&self, triangle: &Triangle, e1: DVec3, e2: DVec3) -> [DVec2; 3] {
         let cuts = MOST_CUTS - self.path.leading_zeros();
         let whole = Part::whole(triangle, e1, e2);
@@ -97,14 +98,14 @@ impl Piece {
     }
 }
 
-/// The variance of a triangle about its centroid, from its three corners relative to that.
+/// Returns the variance of a triangle about its centroid, from its corners relative to that.
 pub(super) fn variance(corners: [DVec3; 3]) -> DMat3 {
     let square = |d: DVec3| DMat3::from_cols(d * d.x, d * d.y, d * d.z);
     corners.into_iter().map(square).sum::<DMat3>() * (1.0 / 12.0)
 }
 
-/// Cuts triangles until no side is longer than `longest`, or longer where that would give too
-/// many pieces for `cell_count` cells (long slivers).
+/// Cuts triangles until no side is longer than `longest`. The limit grows if there would be too many pieces for
+/// `cell_count` cells (long slivers).
 pub(super) fn cut(
     surface: &Surface,
     triangles: &[Triangle],
@@ -137,8 +138,8 @@ pub(super) fn cut(
         .collect()
 }
 
-/// About how many pieces there will be, rather too many: halves of right isosceles triangles
-/// have an eighth of the squared limit at least, and slivers are cut along their length.
+/// Estimates the number of pieces, rather too high. Halves of right isosceles triangles have at least an eighth
+/// of the squared limit; slivers are cut along their length.
 fn estimate(surface: &Surface, triangles: &[Triangle], limit: f64) -> f64 {
     let of = |t: &Triangle| {
         let [_, e1, e2] = surface.edges_of(t);
@@ -147,7 +148,7 @@ fn estimate(surface: &Surface, triangles: &[Triangle], limit: f64) -> f64 {
         let cuts = 8.0 * t.area / (limit * limit) + 3.0 * longest.sqrt() / limit;
         1.0 + if is_whole { 0.0 } else { cuts }
     };
-    // In whole numbers, whose sum does not depend on its order.
+    // In integers, whose sum does not depend on the order.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,

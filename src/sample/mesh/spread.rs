@@ -1,4 +1,4 @@
-//! How many surfels.
+//! Chooses the number of surfels for a mesh.
 
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
@@ -10,32 +10,33 @@ use crate::io::{Mesh, MeshPart};
 use crate::memory::no_room;
 use crate::view::{Camera, Projection};
 
-/// Chosen automatically, surfels lie no further apart than this share of the bounding box's
-/// diagonal: a mesh that fills a picture of a thousand pixels has about one for each.
+/// Greatest automatic spacing of surfels, as a share of the bounding box's diagonal: a mesh that fills a
+/// picture of a thousand pixels has about one surfel per pixel.
 const COARSEST: f64 = 1.0 / 1000.0;
 
-/// Surfels chosen automatically at most: some five seconds of sampling on two cores.
+/// Greatest automatic number of surfels: some five seconds of sampling on two cores.
 const MOST_AUTOMATIC: f64 = 1e6;
 
-/// Share of the covered pixels that get a surfel each, at least. The others, where a mesh is nearest to the eye, would
-/// decide the number for all of it: a textured box took a million surfels instead of 400,000, and twice the time.
+/// Share of the covered pixels that get at least one surfel each. The remaining pixels, where a mesh is nearest
+/// to the eye, would set the number for the whole mesh: a textured box took a million surfels instead of
+/// 400,000, and twice the time.
 const SEEN: f64 = 0.5;
 
-/// A piece of a triangle of which one density is taken lies no deeper than from its nearest depth to this many of
-/// them: densities go by its cube at most, a third.
+/// Greatest ratio of the farthest depth of a piece to its nearest, for one density to hold for the piece.
+/// Densities vary by at most its cube, a third.
 const MOST_DEPTHS: f64 = 1.1;
 
-/// The same for its width or height, as a share of the picture's: it is counted as a whole where it lies
-/// across the edge.
+/// Greatest width or height of such a piece, as a share of the picture's. A piece across the picture's edge
+/// counts as a whole.
 const MOST_OF_PICTURE: f64 = 1.0 / 16.0;
 
-/// Of one triangle: 4,096 pieces at most.
+/// Greatest number of halvings of one triangle: 4,096 pieces.
 const MOST_HALVINGS: u32 = 12;
 
-/// Bytes of a surfel at the least: as it is made, and as a scene has it.
+/// Least memory \[bytes\] of a surfel, during sampling and in the scene.
 const LEAST_BYTES: u64 = 200;
 
-/// How many surfels to spread over the surface.
+/// Returns the number of surfels to spread over the surface.
 pub(super) fn count(surface: &Surface, spread: Spread) -> Result<usize> {
     // World units squared.
     let area = surface.area() * surface.unit * surface.unit;
@@ -98,12 +99,12 @@ pub(super) fn count(surface: &Surface, spread: Spread) -> Result<usize> {
     }
 }
 
-/// The number of surfels that [`surfels`](super::surfels) spreads over the triangles of a mesh; 0 of a mesh without any
-/// area.
+/// Returns the number of surfels that [`surfels`](super::surfels) spreads over the triangles of a mesh; 0 for a
+/// mesh without area.
 ///
 /// # Errors
-/// The errors of [`Mesh::validate`]; numbers of `spread` that are not positive; more surfels than [`MOST_SURFELS`] or than
-/// there is memory for.
+/// Those of [`Mesh::validate`]; numbers of `spread` that are not positive; more surfels than [`MOST_SURFELS`]
+/// or than there is memory for.
 pub fn surfel_count(mesh: &Mesh, spread: Spread) -> Result<usize> {
     mesh.validate()?;
     let surface = Surface::new(mesh);
@@ -113,8 +114,8 @@ pub fn surfel_count(mesh: &Mesh, spread: Spread) -> Result<usize> {
     }
 }
 
-/// The most surfels of each of several meshes that are drawn together: as many in all as a mesh alone gets at most where
-/// nothing is asked for, shared in proportion to what each would get by itself.
+/// Returns the greatest number of surfels for each of several meshes that are drawn together. In total they get
+/// at most as many as one mesh gets automatically, shared in proportion to what each would get by itself.
 ///
 /// - `wanted`: surfels of each mesh alone ([`surfel_count`]).
 ///
@@ -136,13 +137,13 @@ pub fn share_out(wanted: &[usize]) -> Vec<usize> {
     wanted.iter().map(of).collect()
 }
 
-/// How many pixels fall on a unit of a mesh's area, at most, on half of the pixels that it covers
-/// \[1/length²\]: surfels of this density are at least one for each of those. What hides it does not count, and
-/// nor does what lies beside the picture. `None` where some of the mesh lies behind the eye, or nothing
-/// of it is in the picture.
+/// Returns the pixels per unit of a mesh's area \[1/length²\] that at least half of its covered pixels do not
+/// exceed: surfels of this density put at least one on each of those. Occlusion is ignored, and so are parts
+/// outside the picture. Returns `None` if a part of the mesh lies behind the eye, or nothing of it is in the
+/// picture.
 ///
-/// On a plane at the distance h from the eye an area at the depth z has fx fy h / z³ pixels. Of a mesh of lines and points alone it
-/// is what has the mean depth of their ends and is seen straight on.
+/// On a plane at the distance h from the eye, an area at the depth z covers fx fy h / z³ pixels per unit. A
+/// mesh of lines and points alone is treated as an area at the mean depth of its corners that faces the eye.
 pub fn pixels_per_area(mesh: &Mesh, camera: &Camera) -> Option<f64> {
     if mesh.triangle_count() == 0 {
         return straight_on(mesh, camera);
@@ -175,7 +176,8 @@ pub fn pixels_per_area(mesh: &Mesh, camera: &Camera) -> Option<f64> {
     (last.density > 0.0 && last.density.is_finite()).then_some(last.density)
 }
 
-/// Pixels on a unit of an area at the mean depth of a mesh's corners that faces the eye \[1/length²\].
+/// Returns the pixels per unit of an area that faces the eye at the mean depth of a mesh's corners
+/// \[1/length²\].
 fn straight_on(mesh: &Mesh, camera: &Camera) -> Option<f64> {
     let positions = mesh.parts.iter().flat_map(|part| &part.positions);
     let depths = positions
@@ -193,14 +195,14 @@ fn straight_on(mesh: &Mesh, camera: &Camera) -> Option<f64> {
 /// A part of a triangle in the picture.
 #[derive(Clone, Copy)]
 struct Piece {
-    /// Pixels on a unit of its area, at its middle \[1/length²\].
+    /// Pixels per unit of area, at the middle \[1/length²\].
     density: f64,
-    /// That it covers.
+    /// Pixels that the part covers.
     pixels: f64,
 }
 
-/// Halves a triangle until one density holds for each piece, and leaves out pieces that lie beside the picture; `None`
-/// where some of it lies behind the eye.
+/// Halves a triangle until one density holds for each piece, and drops pieces outside the picture. Returns
+/// `None` if a part lies behind the eye.
 fn add_pieces(
     camera: &Camera,
     corners: [DVec3; 3],
@@ -246,7 +248,7 @@ fn add_pieces(
     Some(())
 }
 
-/// One surfel for each texel of the finest texture, within bounds.
+/// Returns one surfel for each texel of the finest texture, within bounds.
 fn automatic(surface: &Surface, area: f64) -> f64 {
     let finest = (0..surface.mesh.materials.len())
         .filter_map(|material| texel_density(surface, material))
@@ -257,8 +259,8 @@ fn automatic(surface: &Surface, area: f64) -> f64 {
         .min(MOST_AUTOMATIC)
 }
 
-/// Texels per unit area of a material's surface as a whole, of the finer of its textures;
-/// `None` without textures or surface.
+/// Returns the texels per unit area of a material's whole surface, for the finer of its textures; `None`
+/// without textures or surface.
 fn texel_density(surface: &Surface, material: usize) -> Option<f64> {
     let mesh = surface.mesh;
     let uses = [
@@ -295,7 +297,7 @@ fn texel_density(surface: &Surface, material: usize) -> Option<f64> {
         .reduce(f64::max)
 }
 
-/// Of the box around all finite corners.
+/// Diagonal of the box around all finite corners.
 fn diagonal(mesh: &Mesh) -> f64 {
     let positions = mesh.parts.iter().flat_map(|part| &part.positions);
     let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);

@@ -1,9 +1,8 @@
-//! Squares inside large triangles: cells of a lattice, which need neither pieces nor relaxation.
+//! Lays squares into large triangles: cells of a lattice, which need neither pieces nor relaxation.
 //!
-//! What is left of a triangle around its squares, a band of one to some two spacings along its edges,
-//! is cut along the same lattice into smaller triangles, and becomes cells with the rest of the mesh.
-//! Each triangle has its own lattice, along its first edge, shifted at random: nothing keeps step from
-//! triangle to triangle.
+//! A band of one to some two spacings along a triangle's edges is left around its squares. It is cut along the
+//! same lattice into smaller triangles, which become cells with the rest of the mesh. Each triangle has its own
+//! lattice, along its first edge and shifted at random, so that no pattern continues from triangle to triangle.
 
 use glam::{DMat2, DVec2, DVec3, Vec3};
 use rayon::prelude::*;
@@ -14,30 +13,30 @@ use super::paint::Paints;
 use super::surface::{Surface, Triangle};
 use super::surfels::Surfel;
 
-/// Radius of the circle within a triangle, in spacings, from which on it has squares: in smaller ones
-/// most of the area is band.
+/// Least radius, in spacings, of a triangle's inscribed circle for which it has squares: smaller triangles are
+/// mostly band.
 const LEAST_RADIUS: f64 = 4.0;
 
-/// Least distance of squares from edges, in spacings: the band has space for cells of its own.
+/// Least distance of squares from edges, in spacings: leaves the band room for cells of its own.
 const MARGIN: f64 = 1.0;
 
-/// Texture lookups along each side of a square.
+/// Number of texture lookups along each side of a square.
 const LOOKUPS: usize = 2;
 
-/// Squares of a kind of surface, and what is left of its triangles.
+/// Squares of one kind of surface, and the remainder of its triangles.
 #[derive(Debug)]
 pub(super) struct Squares {
     rows: Vec<Row>,
     pub(super) count: usize,
-    /// Triangles without squares, and parts of those that have some.
+    /// Triangles without squares, and the bands of those with squares.
     pub(super) rest: Vec<Triangle>,
 }
 
-/// Neighbouring squares of a side of one spacing.
+/// A row of adjacent squares with sides of one spacing.
 #[derive(Debug, Clone, Copy)]
 struct Row {
     triangle: Triangle,
-    /// Where the first one begins along the plane's axes: whole numbers from `shift`.
+    /// Start of the first square along the plane's axes: integers, relative to `shift`.
     first: DVec2,
     shift: DVec2,
     count: u32,
@@ -46,13 +45,13 @@ struct Row {
 /// The plane of a triangle.
 #[derive(Debug, Clone, Copy)]
 struct Plane {
-    /// Its first corner.
+    /// First corner of the triangle.
     origin: DVec3,
     /// Unit vectors, the first along the first edge; their cross product points to the front.
     axes: [DVec3; 2],
     /// The corners in these axes.
     corners: [DVec2; 3],
-    /// Barycentric coordinates of a place.
+    /// Maps plane coordinates to barycentric ones.
     barycentric_from_plane: DMat2,
 }
 
@@ -71,13 +70,13 @@ impl Plane {
         }
     }
 
-    /// Radius of the greatest circle within the triangle.
+    /// Returns the radius of the inscribed circle of the triangle.
     fn inner_radius(&self) -> f64 {
         let [a, b, c] = self.corners;
         (b - a).perp_dot(c - a) / (a.distance(b) + b.distance(c) + c.distance(a))
     }
 
-    /// The part of the line at height `y` that lies [`MARGIN`] or more inside all edges.
+    /// Returns the part of the line at height `y` that lies at least [`MARGIN`] inside all edges.
     fn inside(&self, y: f64) -> [f64; 2] {
         let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
         for side in 0..3 {
@@ -96,8 +95,8 @@ impl Plane {
         [low, high]
     }
 
-    /// The squares of the row from `y` to `y + 1`: which one is the first, the one that begins at `shift`
-    /// being 0, and how many there are.
+    /// Returns the squares of the row from `y` to `y + 1`: the number of the first (0 begins at `shift`), and
+    /// their count.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -107,7 +106,7 @@ impl Plane {
         let ([low, high], [low_above, high_above]) = (self.inside(y), self.inside(y + 1.0));
         let first = (low.max(low_above) - shift).ceil();
         let last = (high.min(high_above) - shift).floor();
-        // Nothing where the numbers are not finite.
+        // No squares if the numbers are not finite.
         (first, (last - first).max(0.0) as u32)
     }
 }
@@ -116,7 +115,7 @@ impl Squares {
     /// Lays squares into triangles that have space for them; `seed` shifts them.
     pub(super) fn new(surface: &Surface, triangles: &[Triangle], seed: u64) -> Self {
         let of_one = |(i, triangle): (usize, &Triangle)| {
-            // Cheap, and true of all small triangles: a circle of that radius has a greater area.
+            // A cheap test that holds for all small triangles: a circle of that radius has a greater area.
             let is_small = triangle.area < LEAST_RADIUS * LEAST_RADIUS;
             let plane = (!is_small).then(|| Plane::new(surface, triangle));
             let plane = plane.filter(|plane| plane.inner_radius() >= LEAST_RADIUS);
@@ -139,7 +138,7 @@ impl Squares {
     }
 
     fn lay(&mut self, triangle: &Triangle, plane: &Plane, shift: DVec2) {
-        // The first row reaches in from below.
+        // The first row reaches into the triangle from below.
         let heights = rows_up_to(plane.corners[2].y - shift.y);
         let row = |i: usize| {
             let number = i as f64 - 1.0;
@@ -162,9 +161,9 @@ impl Squares {
         }
     }
 
-    /// The surfels of all squares.
+    /// Returns the surfels of all squares.
     ///
-    /// `kernel_width`: standard deviation of a surfel, in spacings.
+    /// - `kernel_width`: standard deviation of a surfel, in spacings.
     pub(super) fn surfels(
         &self,
         surface: &Surface,
@@ -180,7 +179,7 @@ impl Squares {
                 _ => 1,
             };
             let side = 1.0 / lookups as f64;
-            // Of a part of the square, from the plane's axes.
+            // Variance of a part of the square, mapped from the plane's axes.
             let m = plane.barycentric_from_plane;
             let spread = m * m.transpose() * (side * side / 12.0);
             let variance = [spread.x_axis.x, spread.x_axis.y, spread.y_axis.y];
@@ -223,7 +222,7 @@ impl Squares {
 }
 
 impl Squares {
-    /// Places in the squares, one for each `each` of them, and the normals there.
+    /// Returns places in the squares, one for every `each` squares, with their normals.
     pub(super) fn points(&self, surface: &Surface, each: f64) -> Vec<(DVec3, Vec3)> {
         let mut points = Vec::new();
         let mut passed = 0.0;
@@ -245,7 +244,7 @@ impl Squares {
     }
 }
 
-/// What a row of the lattice leaves of a triangle beside its squares, as triangles.
+/// Returns the part of a triangle that a row of the lattice leaves beside its squares, as triangles.
 fn band(plane: &Plane, row: &Row) -> Vec<Triangle> {
     let y = row.first.y + row.shift.y;
     let strip = cut(&plane.corners, DVec2::Y, y);
@@ -278,7 +277,7 @@ fn band(plane: &Plane, row: &Row) -> Vec<Triangle> {
     parts
 }
 
-/// The part of a convex polygon in which `normal . place >= least`.
+/// Returns the part of a convex polygon in which `normal . place >= least`.
 fn cut(polygon: &[DVec2], normal: DVec2, least: f64) -> Vec<DVec2> {
     let mut left = Vec::with_capacity(polygon.len() + 1);
     for (i, &to) in polygon.iter().enumerate() {
@@ -294,13 +293,13 @@ fn cut(polygon: &[DVec2], normal: DVec2, least: f64) -> Vec<DVec2> {
     left
 }
 
-/// Least and greatest x.
+/// Returns the least and greatest x.
 fn extent(polygon: &[DVec2]) -> Option<(f64, f64)> {
     let all = polygon.iter().map(|p| (p.x, p.x));
     all.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
 }
 
-/// How many rows begin below `height`, from the one that begins at -1 on.
+/// Returns the number of rows that begin below `height`, counted from the one that begins at -1.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,

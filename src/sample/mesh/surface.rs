@@ -1,4 +1,4 @@
-//! The triangles of a mesh that have an area, in a frame of their own, by kind of surface.
+//! Collects the triangles of a mesh that have an area, in a frame of their own, by kind of surface.
 
 use std::collections::HashMap;
 
@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::super::index_u32;
 use crate::io::{AlphaMode, Mesh};
 
-/// Whether a surface is opaque and seen from both sides: what a point volume has one of.
+/// Kind of a surface; the surfels of one kind form a point volume.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Kind {
     pub(super) is_pane: bool,
@@ -31,7 +31,7 @@ impl Kind {
     }
 }
 
-/// Corners of a triangle that is all of the mesh's.
+/// Corners of a triangle that is a whole triangle of the mesh.
 const WHOLE: [DVec2; 3] = [DVec2::ZERO, DVec2::X, DVec2::Y];
 
 /// A triangle with an area: one of the mesh, or a part of one.
@@ -39,18 +39,17 @@ const WHOLE: [DVec2; 3] = [DVec2::ZERO, DVec2::X, DVec2::Y];
 pub(super) struct Triangle {
     pub(super) part: u32,
     pub(super) index: u32,
-    /// Barycentric coordinates along the two edges of the mesh's triangle.
+    /// Barycentric coordinates of the corners along the two edges of the mesh's triangle.
     pub(super) corners: [DVec2; 3],
-    /// Triangles that hang together share it.
+    /// Connected component; connected triangles share it.
     pub(super) component: u32,
     /// Unit normal of the front.
     pub(super) normal: Vec3,
-    /// In the surface's unit, squared.
+    /// Area, in the surface's squared unit.
     pub(super) area: f64,
 }
 
-/// The triangles, and the frame in which they are measured: coordinates are relative to `origin`
-/// in units of `unit`.
+/// The triangles of a mesh. Coordinates are relative to `origin`, in units of `unit`.
 #[derive(Debug)]
 pub(super) struct Surface<'a> {
     pub(super) mesh: &'a Mesh,
@@ -61,7 +60,7 @@ pub(super) struct Surface<'a> {
     pub(super) faults: Faults,
 }
 
-/// Why a triangle gives nothing.
+/// Reason why a triangle gives nothing.
 #[derive(Debug, Clone, Copy)]
 enum Fault {
     Missing,
@@ -69,19 +68,19 @@ enum Fault {
     Empty,
 }
 
-/// How many triangles give nothing.
+/// Numbers of triangles that give nothing.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Faults {
     /// A corner or the material does not exist.
     pub(super) missing: usize,
-    /// A corner is not finite, or out of reach of the others.
+    /// A corner is not finite, or too far from the others to compute with.
     pub(super) not_finite: usize,
-    /// Without area.
+    /// The triangle has no area.
     pub(super) empty: usize,
 }
 
 impl<'a> Surface<'a> {
-    /// Measured in units of the greatest extent.
+    /// Collects the triangles, in units of the mesh's greatest extent.
     pub(super) fn new(mesh: &'a Mesh) -> Self {
         let (low, high) = bounds(mesh);
         let origin = 0.5 * low + 0.5 * high;
@@ -131,7 +130,7 @@ impl<'a> Surface<'a> {
         surface
     }
 
-    /// Normal and area.
+    /// Returns the normal and the area of a triangle.
     fn triangle(&self, part: usize, index: usize) -> Result<(Vec3, f64), Fault> {
         let corners = self.mesh.parts[part].triangles[index];
         let count = self.mesh.parts[part].positions.len();
@@ -144,7 +143,7 @@ impl<'a> Surface<'a> {
         if !(length.is_finite() && e1.is_finite() && e2.is_finite()) {
             return Err(Fault::NotFinite);
         }
-        // Slivers far below rounding have a direction all the same: normalised before squaring.
+        // Slivers far below rounding still have a direction: scaled before squaring.
         let normal = (cross / cross.abs().max_element()).try_normalize();
         match normal {
             Some(normal) if length > 0.0 => Ok((normal.as_vec3(), 0.5 * length)),
@@ -152,14 +151,14 @@ impl<'a> Surface<'a> {
         }
     }
 
-    /// First corner and the two edges that begin there, in the surface's frame.
+    /// Returns the first corner and the two edges that begin there, in the surface's frame.
     fn edges(&self, part: usize, index: usize) -> [DVec3; 3] {
         let part = &self.mesh.parts[part];
         let corner = part.triangles[index].map(|c| self.local(part.positions[c as usize]));
         [corner[0], corner[1] - corner[0], corner[2] - corner[0]]
     }
 
-    /// The same of the mesh's triangle that this one is part of.
+    /// Returns the same for the mesh's triangle that contains this one.
     pub(super) fn edges_of(&self, triangle: &Triangle) -> [DVec3; 3] {
         self.edges(triangle.part as usize, triangle.index as usize)
     }
@@ -172,7 +171,7 @@ impl<'a> Surface<'a> {
         self.origin + local * self.unit
     }
 
-    /// Takes another unit of length, world units.
+    /// Changes the unit of length; `unit` is in world units.
     pub(super) fn measure_in(&mut self, unit: f64) {
         let ratio = self.unit / unit;
         for triangle in self.kinds.iter_mut().flatten() {
@@ -181,18 +180,18 @@ impl<'a> Surface<'a> {
         self.unit = unit;
     }
 
-    /// In units of the frame.
+    /// Returns the area of all triangles, in units of the frame.
     pub(super) fn area(&self) -> f64 {
         self.kinds.iter().map(|list| area(list)).sum()
     }
 }
 
-/// The sum of areas.
+/// Returns the sum of areas.
 pub(super) fn area(triangles: &[Triangle]) -> f64 {
     triangles.iter().map(|t| t.area).sum()
 }
 
-/// Least and greatest finite coordinates.
+/// Returns the least and greatest finite coordinates.
 fn bounds(mesh: &Mesh) -> (DVec3, DVec3) {
     let of = |positions: &[DVec3]| {
         positions
@@ -207,8 +206,8 @@ fn bounds(mesh: &Mesh) -> (DVec3, DVec3) {
         .unwrap_or((DVec3::ZERO, DVec3::ZERO))
 }
 
-/// A number per corner of all parts, the same for corners that triangles connect; corners at
-/// one position are one, whatever part they belong to.
+/// Returns a number for each corner of all parts, equal for corners that triangles connect. Corners at one
+/// position count as one, in whatever parts they are.
 fn components(mesh: &Mesh) -> Vec<u32> {
     let count: usize = mesh.parts.iter().map(|part| part.positions.len()).sum();
     let mut parents: Vec<u32> = (0..count).map(index_u32).collect();
@@ -216,7 +215,7 @@ fn components(mesh: &Mesh) -> Vec<u32> {
     let mut first = 0;
     for part in &mesh.parts {
         for (i, position) in part.positions.iter().enumerate() {
-            // Adding zero makes one of both zeros.
+            // Adding zero makes -0 and 0 equal.
             let bits = position.to_array().map(|x| (x + 0.0).to_bits());
             let corner = index_u32(first + i);
             let same = *at.entry(bits).or_insert(corner);
@@ -240,7 +239,7 @@ fn components(mesh: &Mesh) -> Vec<u32> {
 
 fn root(parents: &mut [u32], mut corner: u32) -> u32 {
     while parents[corner as usize] != corner {
-        // Halving the path on the way keeps it short.
+        // Path halving keeps the path short.
         let above = parents[corner as usize];
         parents[corner as usize] = parents[above as usize];
         corner = parents[corner as usize];

@@ -1,4 +1,4 @@
-//! From a cell's pieces to a surfel.
+//! Makes a surfel of a cell's pieces.
 
 use glam::{DMat3, DVec2, DVec3, Vec3};
 use rayon::prelude::*;
@@ -11,17 +11,17 @@ use super::surface::{Surface, Triangle};
 use crate::error::Result;
 use crate::task::{Stage, Task};
 
-/// Surfels of which less than this is there are left out: less than one of 255 levels.
+/// Least visible share of a surfel; fainter ones are left out: less than one of 255 levels.
 pub(super) const FAINTEST: f64 = 1.0 / 255.0;
 
-/// The variance of a unit square along each axis.
+/// Variance of a unit square along each axis.
 const SQUARE: f64 = 1.0 / 12.0;
 
-/// Cells whose variance is below this share of a square's are blurred less, in proportion: wires and
-/// slivers much narrower than the spacing keep their width.
+/// Cells whose variance is below this share of a square's are blurred less, in proportion: wires and slivers
+/// much narrower than the spacing keep their width.
 const BLUR_OF_NARROW: f64 = 0.25;
 
-/// Points further than this from a surfel's plane, in spacings, belong to another layer.
+/// Greatest distance of a point from a surfel's plane, in spacings; points beyond belong to another layer.
 const SAME_LAYER: f64 = 0.5;
 
 /// A surfel in the surface's frame.
@@ -31,19 +31,19 @@ pub(super) struct Surfel {
     /// One standard deviation along each principal axis; their cross product points to the front.
     pub(super) tangents: [DVec3; 2],
     pub(super) area: f64,
-    /// Linear RGB of what is there.
+    /// Linear RGB of the visible part.
     pub(super) colour: [f64; 3],
-    /// The share of the area that is there, or the opacity.
+    /// Visible share of the area, or the opacity.
     pub(super) share: f64,
-    /// Of the area, whose colour is not finite.
+    /// Area whose colour is not finite.
     pub(super) unpainted: f64,
-    /// By which light falls on it, of any length; zero where light changes nothing.
+    /// Normal for shading, of any length; zero if the surface is unlit.
     pub(super) reflecting: DVec3,
 }
 
 impl Surfel {
-    /// Area times the unit Gaussian at a point of the surface, seen along the surfel's normal; zero
-    /// where the surface faces elsewhere, and in other layers.
+    /// Returns the area times the unit Gaussian at a point of the surface, seen along the surfel's normal.
+    /// Returns zero if the surface faces away or belongs to another layer.
     pub(super) fn weight_at(&self, point: DVec3, normal: Vec3) -> f64 {
         let [t1, t2] = self.tangents;
         let cross = t1.cross(t2);
@@ -55,16 +55,16 @@ impl Surfel {
         if offset.dot(cross).abs() > SAME_LAYER * cross.length() {
             return 0.0;
         }
-        // Tangents are orthogonal here.
+        // The tangents are orthogonal here.
         let q = (offset.dot(t1) / t1.length_squared()).powi(2)
             + (offset.dot(t2) / t2.length_squared()).powi(2);
         self.area * (-0.5 * q).exp() / (std::f64::consts::TAU * cross.length())
     }
 }
 
-/// The surfels of cells that have an area, in the order of the cells.
+/// Returns the surfels of cells that have an area, in the order of the cells.
 ///
-/// `kernel_width`: standard deviation of the surfel of a square cell over the cell's side.
+/// - `kernel_width`: standard deviation of the surfel of a square cell over the cell's side.
 pub(super) fn surfels(
     surface: &Surface,
     triangles: &[Triangle],
@@ -160,7 +160,7 @@ fn surfel(
         }
     }
     let tangents = tangents(second * (1.0 / area), normal, kernel_width);
-    // The centroid of a curved cell hangs beside it: back to the surface along the normal.
+    // The centroid of a curved cell lies beside the surface: move it back along the normal.
     let (_, toward, surface_normal) = nearest;
     let lift = toward.dot(surface_normal) / normal.dot(surface_normal);
     let reach = tangents[0].length().max(tangents[1].length());
@@ -177,15 +177,15 @@ fn surfel(
     })
 }
 
-/// Standard deviations along the principal axes of a cell within its tangent plane; the cross
-/// product of both points along `normal`.
+/// Returns the standard deviations along the principal axes of a cell within its tangent plane, as vectors
+/// whose cross product points along `normal`.
 ///
-/// The variance is the cell's own plus that of one blur, the same for all: (12 rho² - 1)/12 of a
-/// squared spacing. Cells that tile a plane, blurred alike, add up to one whatever their shapes;
-/// Gaussians with the same moments differ from that by third moments only. (12 rho² times the cell's
-/// own variance, the same for a square cell, blurs neighbours of unequal shape differently: sums
-/// were off by 5.0 instead of 1.1 % rms on a plane, and by .8 instead of .04 % under a low-pass
-/// filter as wide as the spacing.)
+/// The variance is the cell's own plus a blur that is the same for all cells: (12 rho² - 1)/12 of a squared
+/// spacing. Cells that tile a plane, blurred alike, add up to one whatever their shapes; Gaussians with the
+/// same moments differ from that only by third moments. The alternative, 12 rho² times the cell's own variance,
+/// is the same for a square cell, but blurs neighbours of unequal shape differently. With it sums were off by
+/// 5.0 instead of 1.1 % rms on a plane, and by .8 instead of .04 % under a low-pass filter as wide as the
+/// spacing.
 fn tangents(variance: DMat3, normal: DVec3, kernel_width: f64) -> [DVec3; 2] {
     let (x, y) = normal.any_orthonormal_pair();
     let element = |a: DVec3, b: DVec3| a.dot(variance * b);
@@ -199,7 +199,7 @@ fn tangents(variance: DMat3, normal: DVec3, kernel_width: f64) -> [DVec3; 2] {
     };
     let along = along.try_normalize().unwrap_or(DVec2::X);
     let long = mean + root;
-    // From the determinant: the difference of both would lose a narrow cell's width.
+    // From the determinant: a difference of mean and root would lose a narrow cell's width.
     let short = (xx * yy - xy * xy).max(0.0) / long;
     let blur = kernel_width * kernel_width - SQUARE;
     let sigma = |own: f64| {

@@ -1,18 +1,18 @@
-//! Texture colours filtered over a footprint: the elliptical weighted average of Heckbert 1989,
-//! *Fundamentals of Texture Mapping and Image Warping*, on a pyramid.
+//! Filters texture colours over a footprint: the elliptical weighted average of Heckbert 1989, *Fundamentals of
+//! Texture Mapping and Image Warping*, on a pyramid.
 //!
-//! A footprint is a Gaussian in texture space, given by its variance. What is averaged is the image
-//! as bilinear interpolation draws it, in linear light. Two ways, by size:
+//! A footprint is a Gaussian in texture space, given by its variance. The filter averages the image as bilinear
+//! interpolation draws it, in linear light. It works in two ways, by size:
 //!
-//! - Footprints whose standard deviation is below [`SHARP_SIGMA`] texels in every direction:
-//!   bilinear interpolation at the centre, which is exact on linear ramps.
-//! - Larger ones: texels are summed with Gaussian weights of the footprint's variance plus that of
-//!   the interpolation (1/6 texel²: the tent's), normalised by the sum of weights. The narrow axis is held to
-//!   [`LEAST_SIGMA`] texels; below, the sum over texels would see their lattice. Where the narrow
-//!   axis spans three texels or more, a coarser level of the pyramid is summed instead, whose own box
-//!   average ((4^l - 1)/12 texel²) is taken off the variance.
+//! - Footprints whose standard deviation is below [`SHARP_SIGMA`] texels in every direction: bilinear
+//!   interpolation at the centre, which is exact on linear ramps.
+//! - Larger ones: texels are summed with Gaussian weights and normalised by the sum of weights. The variance is
+//!   the footprint's plus that of the interpolation (1/6 texel²: the tent's). The narrow axis is at least
+//!   [`LEAST_SIGMA`] texels; below, the sum would show the lattice of texels. If the narrow axis spans three
+//!   texels or more, a coarser level of the pyramid is summed instead. The variance of that level's own box
+//!   average, (4^l - 1)/12 texel², is subtracted.
 //!
-//! Weights depend on what alpha means ([`Weighing`]): the averaged colour is that of what is there.
+//! Weights depend on the meaning of alpha ([`Weighing`]): the averaged colour is that of the visible part.
 
 use std::sync::OnceLock;
 
@@ -22,43 +22,41 @@ use rayon::prelude::*;
 use crate::image::linear_from_srgb;
 use crate::io::{Texture, TextureImage, Wrap};
 
-/// Up to this standard deviation, texels, a footprint is a point.
+/// Greatest standard deviation, in texels, up to which a footprint is a point.
 const SHARP_SIGMA: f64 = 0.5;
 
-/// Least standard deviation of summed weights, texels: at .6 a constant sum ripples by
-/// 4 exp(-2 π² .36) = .3 % before it is normalised, a ramp's mean is off by less.
+/// Least standard deviation of summed weights, in texels. At .6 a constant sum ripples by 4 exp(-2 π² .36) = .3
+/// % before it is normalised, and a ramp's mean is off by less.
 const LEAST_SIGMA: f64 = 0.6;
 
-/// The variance of the tent by which bilinear interpolation weighs, texel².
+/// Variance of the tent that bilinear interpolation weights by, texel².
 const TENT_VARIANCE: f64 = 1.0 / 6.0;
 
-/// Weights end here, standard deviations: exp(-3.5²/2) = .2 % of a Gaussian's integral lies
-/// beyond.
+/// Cut-off of weights, in standard deviations: exp(-3.5²/2) = .2 % of a Gaussian's integral lies beyond.
 const CUTOFF: f64 = 3.5;
 
-/// The longest a footprint may be over its width; narrower ones are widened, as is usual, so that no
-/// lookup sums more than some thousand texels.
+/// Greatest ratio of a footprint's length to its width. Narrower footprints are widened, as is usual, so that
+/// no lookup sums more than some thousand texels.
 const MOST_STRETCHED: f64 = 16.0;
 
-/// The next level is taken where the narrow axis has this variance, texel²: three texels, of which
-/// the level has one and a half. Of white noise its boxes leave .04 % rms of full scale that should
-/// not be there; taken at two texels, .4 %.
+/// Variance of the narrow axis, texel², from which the next level is used: a deviation of three texels, one and
+/// a half of the level's. On white noise the level's boxes err by .04 % rms of full scale; used from two texels
+/// on, by .4 %.
 const COARSER_FROM: f64 = 9.0;
 
-/// The greatest variance of summed weights, texel². More is asked for only on the last level, a
-/// single texel.
+/// Greatest variance of summed weights, texel². Only the last level, a single texel, would need more.
 const MOST_VARIANCE: f64 = COARSER_FROM * MOST_STRETCHED * MOST_STRETCHED;
 
-/// What a texel's weight is in an average.
+/// Weight of a texel in an average.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Weighing {
-    /// One: alpha means nothing.
+    /// One: alpha is ignored.
     Alike,
-    /// Its alpha.
+    /// The texel's alpha.
     Alpha,
-    /// One where alpha is at least this, nothing below.
+    /// One if alpha is at least this, otherwise zero.
     AtLeast(f32),
-    /// One, and red, green and blue are numbers from 0 to 1 instead of encoded light.
+    /// One, for textures whose red, green and blue are numbers from 0 to 1 instead of encoded light.
     Numbers,
 }
 
@@ -68,7 +66,7 @@ pub(super) struct Pyramid<'a> {
     image: &'a TextureImage,
     wrap: [Wrap; 2],
     weighing: Weighing,
-    /// Level 1 and up, each half of the one before.
+    /// Levels from 1 on, each half the size of the one before.
     levels: Vec<Level>,
 }
 
@@ -112,12 +110,12 @@ impl<'a> Pyramid<'a> {
         }
     }
 
-    /// Linear RGB times weight, and weight, averaged over a footprint.
+    /// Returns linear RGB times weight, and weight, averaged over a footprint.
     ///
     /// - `centre`: texture coordinates, v down, in units of the texture's size.
-    /// - `variance`: of the Gaussian footprint, in the same units squared: uu, uv, vv.
+    /// - `variance`: variance of the Gaussian footprint, in the same units squared: uu, uv, vv.
     ///
-    /// Constant textures come out constant, up to rounding. NaN where the input is not finite.
+    /// A constant texture gives its constant, up to rounding. Input that is not finite gives NaN.
     pub(super) fn filtered(&self, centre: DVec2, variance: [f64; 3]) -> [f64; 4] {
         let [width, height] = [self.image.width as f64, self.image.height as f64];
         let [uu, uv, vv] = variance;
@@ -137,7 +135,7 @@ impl<'a> Pyramid<'a> {
         self.summed(centre, values, axis)
     }
 
-    /// Bilinear interpolation of the finest level.
+    /// Interpolates the finest level bilinearly.
     fn interpolated(&self, centre: DVec2) -> [f64; 4] {
         let size = [self.image.width, self.image.height];
         let at = [
@@ -164,7 +162,7 @@ impl<'a> Pyramid<'a> {
                 weighted(&weights, &texels)
             }
             Weighing::AtLeast(cutoff) => {
-                // As a renderer does it: alpha is interpolated, then compared.
+                // As renderers do: alpha is interpolated, then compared.
                 let texels = texels.map(|t| {
                     let [r, g, b, _] = decoded(t, Weighing::Alike);
                     [r, g, b, f32::from(t[3]) / 255.0]
@@ -179,7 +177,7 @@ impl<'a> Pyramid<'a> {
         }
     }
 
-    /// The sum over texels of the level that the narrow axis asks for.
+    /// Sums the texels of the level that suits the narrow axis.
     fn summed(&self, centre: DVec2, values: [f64; 2], axis: DVec2) -> [f64; 4] {
         let major = values[0];
         let minor = values[1].max(major / (MOST_STRETCHED * MOST_STRETCHED));
@@ -189,11 +187,11 @@ impl<'a> Pyramid<'a> {
             level += 1;
             scale *= 0.25;
         }
-        // What the level's boxes have averaged already, and the interpolation has not.
+        // The variance that the level's boxes have already added, less that of the interpolation.
         let done = (1.0 / scale - 1.0) / 12.0 - TENT_VARIANCE;
         let least = LEAST_SIGMA * LEAST_SIGMA;
         let held = |v: f64| ((v - done) * scale).max(least);
-        // Beyond the single texel of the last level there is nothing new to see.
+        // Beyond the single texel of the last level nothing changes.
         let (major, minor) = (
             held(major).min(MOST_VARIANCE),
             held(minor).min(MOST_VARIANCE),
@@ -202,7 +200,7 @@ impl<'a> Pyramid<'a> {
             None => [self.image.width, self.image.height],
             Some(coarse) => self.levels[coarse].size,
         };
-        // Coarse levels of odd sizes are a little less than half: lengths go by the true sizes.
+        // Coarse levels of odd sizes are a little smaller than half: lengths scale by the true sizes.
         let stretch = |i: usize, whole: usize| size[i] as f64 / (whole as f64 * scale.sqrt());
         let stretch = [stretch(0, self.image.width), stretch(1, self.image.height)];
         let across = DVec2::new(-axis.y, axis.x);
@@ -210,7 +208,7 @@ impl<'a> Pyramid<'a> {
             (major * axis[a] * axis[b] + minor * across[a] * across[b]) * stretch[a] * stretch[b]
         };
         let [mut xx, mut xy, mut yy] = [variance(0, 0), variance(0, 1), variance(1, 1)];
-        // All texels beside a lone one are the same: there, the marginal along the other axis.
+        // Along an axis with a single texel all texels are equal: use the marginal along the other axis.
         if size[0] == 1 {
             (xx, xy) = (least, 0.0);
         }
@@ -259,7 +257,7 @@ impl<'a> Pyramid<'a> {
     }
 }
 
-/// Linear RGB times weight, and weight, of a pixel.
+/// Returns linear RGB times weight, and weight, of a pixel.
 fn decoded([r, g, b, alpha]: [u8; 4], weighing: Weighing) -> [f32; 4] {
     static LINEAR: OnceLock<[f32; 256]> = OnceLock::new();
     let linear = LINEAR.get_or_init(|| {
@@ -280,7 +278,7 @@ fn decoded([r, g, b, alpha]: [u8; 4], weighing: Weighing) -> [f32; 4] {
     [r, g, b, weight]
 }
 
-/// The sum of `texels` times `weights`.
+/// Returns the sum of `texels` times `weights`.
 fn weighted(weights: &[f64; 4], texels: &[[f32; 4]; 4]) -> [f64; 4] {
     let mut sum = [0.0; 4];
     for (weight, texel) in weights.iter().zip(texels) {
@@ -291,8 +289,8 @@ fn weighted(weights: &[f64; 4], texels: &[[f32; 4]; 4]) -> [f64; 4] {
     sum
 }
 
-/// A level of half the size: each texel the average over the box it covers, whose edges cut
-/// through texels where the size is odd.
+/// Returns a level of half the size. Each texel is the average over the box that it covers; the box's edges cut
+/// through texels if the size is odd.
 fn halved(size: [usize; 2], texel: impl Fn(usize, usize) -> [f32; 4] + Sync) -> Level {
     let half = size.map(|n| (n / 2).max(1));
     let [columns, rows] = [shares(size[0], half[0]), shares(size[1], half[1])];
@@ -317,9 +315,9 @@ fn halved(size: [usize; 2], texel: impl Fn(usize, usize) -> [f32; 4] + Sync) -> 
     }
 }
 
-/// Which of `n` texels each of `half` covers, and what share of it each of them is.
+/// Returns, for each of `half` texels, the texels among `n` that it covers and their shares of it.
 fn shares(n: usize, half: usize) -> Vec<Vec<(usize, f32)>> {
-    // In parts of 1/half texels, whole numbers.
+    // In parts of 1/half texels, as integers.
     let covered = |i: usize| {
         let (start, end) = (i * n, (i + 1) * n);
         let share = move |x: usize| {
@@ -331,18 +329,18 @@ fn shares(n: usize, half: usize) -> Vec<Vec<(usize, f32)>> {
     (0..half).map(covered).collect()
 }
 
-/// Texture coordinates near the origin that name the same texel.
+/// Returns texture coordinates near the origin that address the same texel.
 fn reduced(at: DVec2, wrap: [Wrap; 2]) -> DVec2 {
     let reduced = |x: f64, wrap| match wrap {
         Wrap::Repeat => x.rem_euclid(1.0),
         Wrap::MirroredRepeat => x.rem_euclid(2.0),
-        // Far outside, where footprints no longer reach the image.
+        // Clamped far outside, where footprints no longer reach the image.
         Wrap::ClampToEdge => x.clamp(-1e6, 1e6),
     };
     DVec2::new(reduced(at.x, wrap[0]), reduced(at.y, wrap[1]))
 }
 
-/// The texel of `n` that stands at a whole number `at`.
+/// Returns the texel among `n` that an integer `at` addresses.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -363,7 +361,7 @@ fn wrapped(at: f64, n: usize, wrap: Wrap) -> usize {
     }
 }
 
-/// Eigenvalues of xx, xy, yy, the greater first, and the unit axis of that one.
+/// Returns the eigenvalues of xx, xy, yy, the greater first, and the unit axis of that one.
 fn principal([xx, xy, yy]: [f64; 3]) -> ([f64; 2], DVec2) {
     let (mean, half) = (0.5 * (xx + yy), 0.5 * (xx - yy));
     let root = half.hypot(xy);
@@ -399,7 +397,7 @@ mod tests {
         }
     }
 
-    /// Uniform in [0, 1).
+    /// Returns a random number, uniform in [0, 1).
     fn random(state: &mut u64) -> f64 {
         *state = state
             .wrapping_mul(6_364_136_223_846_793_005)
@@ -407,7 +405,7 @@ mod tests {
         (*state >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    /// Bits of noise for a pixel.
+    /// Returns random bits for a pixel.
     #[expect(clippy::cast_possible_truncation, reason = "any bits will do")]
     fn noise(x: usize, y: usize, c: u64) -> u8 {
         let mut state = (x as u64) << 32 | (y as u64) << 8 | c;
@@ -415,7 +413,7 @@ mod tests {
         (random(&mut state) * 256.0) as u8
     }
 
-    /// uu, uv, vv of a Gaussian with these standard deviations, turned by `angle`.
+    /// Returns uu, uv, vv of a Gaussian with these standard deviations, rotated by `angle`.
     fn variance([a, b]: [f64; 2], angle: f64) -> [f64; 3] {
         let (sin, cos) = angle.sin_cos();
         let (a, b) = (a * a, b * b);
@@ -443,7 +441,7 @@ mod tests {
                         let found =
                             pyramid.filtered(at, variance(sigmas, 6.0 * random(&mut state)));
                         for (f, e) in found.iter().zip(expected) {
-                            // Shares of boxes are f32: a rounding for each level and tap.
+                            // The shares of boxes are f32: one rounding for each level and tap.
                             assert!((f - e).abs() < 2e-6, "{size:?} {wrap:?} {found:?}");
                         }
                     }
@@ -466,7 +464,7 @@ mod tests {
             let pyramid = Pyramid::new(&texture, Weighing::Alike);
             for sigmas in [[0.1, 0.1], [0.5, 0.06], [30.0, 30.0]] {
                 let [r, ..] = pyramid.filtered(DVec2::new(0.31, 0.77), variance(sigmas, 0.4));
-                // Odd sizes repeat with two like squares side by side, .4 % more white of them.
+                // Textures of odd size repeat with two equal squares side by side: .4 % more white.
                 assert!((r - 0.5).abs() < 6e-3, "{size:?} {sigmas:?}: {r}");
             }
         }
@@ -474,7 +472,7 @@ mod tests {
 
     #[test]
     fn a_ramp_gives_its_value_at_the_centre() {
-        // Alpha is linear in the code: a ramp without sRGB in the way.
+        // Alpha is linear in the code: a ramp without sRGB encoding.
         #[expect(clippy::cast_possible_truncation, reason = "up to 255")]
         let ramp = |x: usize, _: usize| [0, 0, 0, x as u8];
         let texture = texture([256, 64], [Wrap::ClampToEdge; 2], ramp);
@@ -487,8 +485,8 @@ mod tests {
             let [uu, uv, vv] = variance(sigmas, 6.0 * random(&mut state));
             let [.., alpha] = pyramid.filtered(at, [uu, 4.0 * uv, 16.0 * vv]);
             let expected = (at.x * 256.0 - 0.5) / 255.0;
-            // Weights sampled at texels: their first moment is off by up to 4 pi sigma exp(-2 pi²
-            // sigma²) texels = .006 at sigma .6, and those past the cut-off are missing.
+            // Weights are sampled at texels: their first moment is off by up to 4 pi sigma exp(-2 pi² sigma²)
+            // texels = .006 at sigma .6, and those past the cut-off are missing.
             let texels = (alpha - expected).abs() * 255.0;
             assert!(
                 texels < 0.02 + 0.02 * sigma * 256.0,
@@ -512,7 +510,7 @@ mod tests {
             let a = upright.filtered(at, [uu, uv, vv]);
             let b = turned.filtered(DVec2::new(at.y, 1.0 - at.x), [vv, -uv, uu]);
             for (a, b) in a.iter().zip(b) {
-                // Texels right on the cut-off may change sides: .2 % of the peak.
+                // Texels right at the cut-off may fall on either side: .2 % of the peak.
                 assert!((a - b).abs() < 2e-3, "{at} {sigmas:?}: {a} {b}");
             }
         }
@@ -526,7 +524,7 @@ mod tests {
             let pyramid = Pyramid::new(&texture, Weighing::Alike);
             pyramid.filtered(DVec2::new(u, 0.5), variance([sigma; 2], 0.0))[0]
         };
-        // Between the first texel and what is before it.
+        // Between the first texel and the one before it.
         for (wrap, expected) in WRAPS.into_iter().zip([0.5, 1.0, 1.0]) {
             assert!((at_edge(wrap, 0.0, 0.0) - expected).abs() < 1e-6);
             assert!(
@@ -536,7 +534,7 @@ mod tests {
                     < 1e-6
             );
         }
-        // White on one side of the edge for good; one texel of it; two of them.
+        // Beyond the edge: white throughout; one white texel; two of them.
         let sigma = 0.7 / 8.0;
         let clamped = at_edge(Wrap::ClampToEdge, 0.0, sigma);
         let mirrored = at_edge(Wrap::MirroredRepeat, 0.0, sigma);
@@ -545,7 +543,7 @@ mod tests {
         assert!((2.0 * repeated - mirrored).abs() < 1e-3);
     }
 
-    /// The sum over all texels within six standard deviations, of the finest level.
+    /// Returns the sum over all texels of the finest level within six standard deviations.
     fn brute_force(texture: &Texture, at: DVec2, [uu, uv, vv]: [f64; 3]) -> [f64; 4] {
         let size = [texture.image.width, texture.image.height];
         let [w, h] = size.map(|n| n as f64);
@@ -596,10 +594,10 @@ mod tests {
             for _ in 0..200 {
                 let mut at = DVec2::new(random(&mut state), random(&mut state));
                 if wrap == Wrap::ClampToEdge {
-                    // What goes on beyond the edge of a coarser level is its own texel there.
+                    // Beyond the edge, a coarser level continues with its own texel.
                     at = DVec2::splat(0.4) + 0.2 * at;
                 }
-                // .6 to 9 texels, up to eight times as long as wide.
+                // From .6 to 9 texels long, up to eight times as long as wide.
                 let long = 0.6 * 15.0_f64.powf(random(&mut state));
                 let wide = long * 8.0_f64.powf(-random(&mut state));
                 let [uu, uv, vv] = variance([long, wide], 6.0 * random(&mut state));
@@ -614,8 +612,8 @@ mod tests {
         }
         let rms = f64::sqrt(squares / count);
         println!("against all texels of noise: rms {rms:.5}, worst {worst:.5}");
-        // White noise, full scale: the hardest there is. Coarser levels are boxes, not Gaussians,
-        // wide enough that the next filter hides most of it.
+        // White noise at full scale is the hardest case. Coarser levels are boxes, not Gaussians, but the next
+        // filter is wide enough to hide most of that.
         assert!(rms < 1e-3 && worst < 0.01, "rms {rms}, worst {worst}");
     }
 

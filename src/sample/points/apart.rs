@@ -1,4 +1,4 @@
-//! Points of which others, some of their neighbours among them, are elsewhere.
+//! Samples points that are partitioned over ranks.
 
 use glam::DVec3;
 
@@ -18,18 +18,19 @@ use crate::scene::{
     LocalModel, PickedRow, PointVolume, Surroundings, Tiling, TransferFunction, ValueSample, Values,
 };
 
-/// What points are made of that show a field: as it depends on nothing but names, known of any row.
+/// Sources of sizes and volumes for points that show a field. They depend on the columns' names alone, so any
+/// rows determine them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct RowsApart {
-    /// Whether sizes follow from neighbours.
+    /// True if sizes follow from neighbours.
     pub(crate) is_bare: bool,
-    /// Whether volumes do.
+    /// True if volumes follow from neighbours.
     pub(crate) needs_volumes: bool,
 }
 
 impl RowsApart {
-    /// `None` where particles are made otherwise: these show no field of a transfer function, have colours, or look at more
-    /// than neighbours.
+    /// Returns `None` for points that are sampled otherwise: they show no field through a transfer function,
+    /// have colours, or need more than neighbours.
     ///
     /// - `head`: some of the rows.
     pub(crate) fn of(head: &Dataset, options: &SampleOptions) -> Option<Self> {
@@ -44,7 +45,7 @@ impl RowsApart {
             && options.shepard_passes == 0
             && !options.keeps_value_sample
             && options.shape != ParticleShape::YuTurk;
-        // Whether scales are logarithms depends on all of them.
+        // Scales are logarithms if any of them is negative, so their meaning depends on all rows.
         let has_scales = SCALES.into_iter().any(is_there);
         if !is_plain || columns.states_strength() || columns.states_colour() || has_scales {
             return None;
@@ -52,7 +53,7 @@ impl RowsApart {
         let (length, mass, density) = columns.names();
         let has_volume = is_of_table("volume") || (is_there(mass) && is_there(density));
         let has_length = options.radius.is_some() || is_there(length) || is_of_table("radius");
-        // Lengths without volumes are summed over whatever they reach.
+        // Lengths without volumes need sums over all kernels within reach.
         if has_length && !has_volume {
             return None;
         }
@@ -63,9 +64,9 @@ impl RowsApart {
         })
     }
 
-    /// The field that is shown: one that is named, or the default one.
+    /// Returns the field to show: the named one, or the default one.
     ///
-    /// - `varies`: whether the values of a column of all rows do.
+    /// - `varies`: returns true if the values of a column vary over all rows.
     pub(crate) fn field(
         self,
         head: &Dataset,
@@ -80,7 +81,7 @@ impl RowsApart {
         named.or_else(|| self.is_bare.then(of_scan).flatten())
     }
 
-    /// Whether a column, by its name, is looked at beside the field that is shown.
+    /// Returns true if sampling reads a column of this name besides the shown field.
     pub(crate) fn uses(self, head: &Dataset, name: &str) -> bool {
         let columns = Columns::of(head, 0);
         let (length, mass, density) = columns.names();
@@ -89,15 +90,15 @@ impl RowsApart {
         used.any(|own| own.eq_ignore_ascii_case(name))
     }
 
-    /// How many neighbours the size and the shape of a bare point look at.
+    /// Returns the number of neighbours that the size and the shape of a bare point depend on.
     ///
-    /// - `number`: of the point, among `count`.
+    /// - `number`: number of the point, among `count`.
     pub(crate) fn neighbours(number: u64, count: u64) -> usize {
         neighbours_of(number, count)
     }
 }
 
-/// The columns of scalars of some rows, by their names.
+/// Returns the scalar columns of some rows, with their names.
 pub(crate) fn scalars(dataset: &Dataset) -> impl Iterator<Item = (&str, &Values)> {
     dataset.fields.iter().filter_map(|f| match &f.source {
         FieldSource::Scalar(values) => Some((f.name.as_str(), values)),
@@ -107,20 +108,20 @@ pub(crate) fn scalars(dataset: &Dataset) -> impl Iterator<Item = (&str, &Values)
 
 /// The particles of some rows.
 pub(crate) struct ApartSample {
-    /// Values as they stand in the data, and no function.
+    /// Particles with the data's values, and without a function.
     pub(crate) volume: PointVolume,
     pub(crate) report: SampleReport,
-    /// The rows of the particles.
+    /// Rows of the particles.
     pub(crate) kept: Vec<u32>,
-    /// What each stands for \[length³\].
+    /// Volume of each particle \[length³\].
     volumes: Vec<f32>,
 }
 
 impl ApartSample {
-    /// Those of the particles that a function may be chosen from.
+    /// Picks the particles from which a function may be chosen.
     ///
-    /// - `numbers`: of each row its number among all.
-    /// - `count`: how many these are.
+    /// - `numbers`: number of each row among all rows.
+    /// - `count`: number of all rows.
     pub(crate) fn picked(&self, numbers: &[u64], count: usize) -> Vec<PickedRow> {
         let Some(values) = &self.volume.values else {
             return Vec::new();
@@ -132,10 +133,10 @@ impl ApartSample {
     }
 }
 
-/// Particles of some of the rows of a data set, the field to show among its columns.
+/// Makes the particles of some of the rows of a data set; the field to show is one of the columns.
 ///
-/// - `neighbourhoods`: of points without sizes.
-/// - `volume_sum`: of the particles before them, and then of these, too \[length³\].
+/// - `neighbourhoods`: sizes of points that state none.
+/// - `volume_sum`: volume of the preceding particles; returns with these added \[length³\].
 ///
 /// # Errors
 /// Columns that contradict each other.
@@ -164,14 +165,16 @@ pub(crate) fn sample_apart(
     })
 }
 
-/// The transfer function of particles.
+/// Returns the transfer function of particles.
 ///
-/// - `picked`: those of [`ApartSample::picked`] of all, in the order of their numbers, of `count` rows.
-/// - `surroundings`: whether there is anything around the particles; `tiling`: whether they lie beside each other.
-/// - `report`: of all, with the range of the values.
+/// - `picked`: the rows that [`ApartSample::picked`] returns on all ranks, in the order of their numbers, of
+///   `count` rows.
+/// - `surroundings`: states if there is anything around the particles; `tiling`: states if they fill space side
+///   by side.
+/// - `report`: report on all particles, with the range of the values.
 ///
 /// # Errors
-/// A function that cannot be read, or does not fit what is asked for.
+/// A function that cannot be read, or does not fit the options.
 pub(crate) fn function_apart(
     picked: &[PickedRow],
     count: usize,
@@ -184,21 +187,22 @@ pub(crate) fn function_apart(
     function_of(sample, mean_spacing, report, options)
 }
 
-/// How many neighbours normals and local models look at: as many as determine them, or the most.
+/// Numbers of neighbours that normals and local models may need: as many as usually determine them, or the
+/// most.
 pub(crate) const FITTED_NEIGHBOURS: [usize; 2] = [FIRST_NEIGHBOURS, MOST_FITTED];
 const _: () = assert!(NEIGHBOUR_COUNT <= FIRST_NEIGHBOURS);
 
-/// What is fitted to a field about each particle.
+/// Normals and local models fitted to a field about each particle.
 pub(crate) struct Fitted {
     pub(crate) normals: Option<Vec<u32>>,
     pub(crate) models: Option<Vec<LocalModel>>,
-    /// The particles that looked at more neighbours than the first of [`FITTED_NEIGHBOURS`].
+    /// Particles that needed more neighbours than the first of [`FITTED_NEIGHBOURS`].
     pub(crate) far: Vec<u32>,
 }
 
-/// Fits normals, where these are asked for, and local models.
+/// Fits normals and local models, if the options ask for them.
 ///
-/// - `others`: places and values of the neighbours that are elsewhere.
+/// - `places`, `values`: positions and values of the remote neighbours.
 ///
 /// # Errors
 /// Work that was cancelled.
@@ -231,7 +235,7 @@ pub(crate) fn fit_apart(
                     .extend(far.iter().filter(|i| (**i as usize) < count));
                 Some(normals)
             }
-            // One who has none of the particles agrees with the others.
+            // A rank without particles agrees with the others.
             None => (count == 0).then(Vec::new),
         };
     }

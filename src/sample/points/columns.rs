@@ -1,4 +1,4 @@
-//! The columns of a table, by name.
+//! Finds the columns of a table by name.
 
 use super::super::{FieldChoice, TakenScalar, check_len, describes_the_grid};
 use super::neighbourhoods::Neighbourhoods;
@@ -9,7 +9,7 @@ use crate::io::{
 };
 use crate::scene::Values;
 
-/// Columns with a meaning of their own: none is the field to show by default.
+/// Columns with a meaning of their own: none of them is the default field to show.
 pub(super) const RESERVED: [&str; 12] = [
     "x",
     "y",
@@ -25,19 +25,19 @@ pub(super) const RESERVED: [&str; 12] = [
     "id",
 ];
 
-/// Fields preferred where none is named.
+/// Fields preferred if none is named.
 pub(super) const DENSITIES: [&str; 2] = ["rho", "density"];
 
-/// What scanners measure beside places.
+/// Quantities that scanners measure besides positions.
 pub(super) const INTENSITIES: [&str; 2] = ["intensity", "reflectance"];
 
 /// The colours of a table.
 #[derive(Clone, Copy)]
 pub(super) struct Colours<'a> {
-    /// The names of their columns; `None` for a vector.
+    /// The set of their columns' names; `None` for a vector.
     pub(super) set: Option<&'static ColourSet>,
     pub(super) channels: [&'a Values; 3],
-    /// Whether there are others.
+    /// True if the table has further colours.
     pub(super) has_others: bool,
 }
 
@@ -60,7 +60,7 @@ impl Colours<'_> {
 pub(super) struct Columns<'a> {
     pub(super) dataset: &'a Dataset,
     pub(super) count: usize,
-    /// What neighbours say of bare points, where it is known already.
+    /// Sizes of bare points from their neighbours, if known already.
     pub(super) neighbourhoods: Option<&'a Neighbourhoods>,
 }
 
@@ -96,11 +96,11 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// Red, green and blue: of the first three columns that are named so, or else of the first array that holds
-    /// colours ([`Field::is_colour`]).
+    /// Returns red, green and blue: the first complete set of columns named as colours, or else the first array
+    /// that holds colours ([`Field::is_colour`]).
     ///
     /// # Errors
-    /// Columns of another length.
+    /// Columns of different lengths.
     pub(super) fn colours(&self) -> Result<Option<Colours<'a>>> {
         let sets = self.colour_sets();
         let Some((set, _)) = sets.first() else {
@@ -129,7 +129,7 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// Whether one or two columns of a set are there that name colours and nothing else.
+    /// Returns true if one or two columns of a set are present whose names mean colours and nothing else.
     pub(super) fn has_part_of_colours(&self) -> bool {
         let is_there = |name: &str| matches!(self.get(name), Ok(Some(_)));
         let named = COLOUR_SETS.iter().filter(|set| set.alpha.len() > 1);
@@ -137,7 +137,7 @@ impl<'a> Columns<'a> {
         named.map(count).any(|count| count == 1 || count == 2)
     }
 
-    /// The sets of columns of colours of which all three are there.
+    /// Returns the sets of colour columns of which all three are present.
     fn colour_sets(&self) -> Vec<(&'static ColourSet, [(); 3])> {
         colour_sets(|name| {
             let is_it = |f: &Field| {
@@ -149,7 +149,8 @@ impl<'a> Columns<'a> {
         })
     }
 
-    /// A column whose name has a meaning in tables, which says nothing of a snapshot's fields.
+    /// Returns a column whose name has a meaning in tables; `None` for snapshots, whose fields do not follow
+    /// it.
     pub(super) fn of_table(&self, name: &str) -> Result<Option<&'a Values>> {
         match self.dataset.smoothing {
             None => self.get(name),
@@ -157,7 +158,8 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// The first column that may be a density, if it is not constant: whichever rows these are, that is the one.
+    /// Returns the first column that may be a density, if it is not constant. The result is the same for any
+    /// subset of the rows.
     #[cfg(feature = "prepared")]
     pub(super) fn first_density(&self) -> Option<String> {
         let densities = [&DENSITIES[..], &[self.names().2]].concat();
@@ -167,8 +169,8 @@ impl<'a> Columns<'a> {
         (first.name == chosen).then_some(chosen)
     }
 
-    /// Whether there are shapes, of a table, whose meaning does not depend on others: scales are logarithms where any is
-    /// negative.
+    /// Returns true if a table states shapes whose meaning does not depend on other rows. Scales do not count:
+    /// they are logarithms if any is negative.
     #[cfg(feature = "prepared")]
     pub(super) fn states_shape(&self) -> bool {
         let lengths = ["sigma", "radius", self.names().0];
@@ -176,20 +178,20 @@ impl<'a> Columns<'a> {
         lengths.into_iter().any(is_there) || matches!(self.set(VARIANCE), Ok(Some(_)))
     }
 
-    /// Whether there are colours, in some rows of a table.
+    /// Returns true if some rows of a table state colours.
     #[cfg(feature = "prepared")]
     pub(super) fn states_colour(&self) -> bool {
         !self.colour_sets().is_empty() || self.named_vectors().next().is_some()
     }
 
-    /// Whether an array may hold colours, which depends on all rows.
+    /// Returns true if an array may hold colours, which depends on all rows.
     #[cfg(feature = "prepared")]
     pub(super) fn may_have_colour_vector(&self) -> bool {
         let is_typed = |f: &Field| f.arrays().iter().all(|a| matches!(a, Values::U8(_)));
         self.named_vectors().any(|f| !is_typed(f))
     }
 
-    /// Arrays with names of colours.
+    /// Returns arrays with names of colours.
     #[cfg(feature = "prepared")]
     fn named_vectors(&self) -> impl Iterator<Item = &'a Field> {
         let is_vector = |f: &&Field| matches!(f.source, FieldSource::Vector(_));
@@ -197,14 +199,14 @@ impl<'a> Columns<'a> {
         vectors.filter(|f| f.is_named_colour())
     }
 
-    /// Whether there are strengths, of a table.
+    /// Returns true if a table states strengths.
     #[cfg(feature = "prepared")]
     pub(super) fn states_strength(&self) -> bool {
         let is_there = |name: &str| matches!(self.of_table(name), Ok(Some(_)));
         ["mass", "extinction", "opacity"].into_iter().any(is_there)
     }
 
-    /// All columns of a set, or none; some of them are an error.
+    /// Returns all columns of a set, or `None` if none is present; a part of them is an error.
     pub(super) fn set<const N: usize>(&self, names: [&str; N]) -> Result<Option<[&'a Values; N]>> {
         let mut columns = Vec::with_capacity(N);
         for name in names {
@@ -226,7 +228,7 @@ impl<'a> Columns<'a> {
         Ok(present.try_into().ok())
     }
 
-    /// The only one present of several alternatives.
+    /// Returns the only one present among several alternatives.
     pub(super) fn one_of<T, const N: usize>(
         &self,
         what: &str,
@@ -249,7 +251,7 @@ impl<'a> Columns<'a> {
         Ok(present.into_iter().next().map(|(_, t)| t))
     }
 
-    /// A scalar that no column stores: a vector's magnitude or component, or a derived one.
+    /// Returns a scalar that no column stores: a vector's magnitude or component, or a derived one.
     pub(super) fn derived(&self, selector: &str) -> Result<Values> {
         let (association, values) = self.dataset.scalar(selector)?;
         let taken = TakenScalar {
@@ -261,8 +263,8 @@ impl<'a> Columns<'a> {
         Ok(taken.values)
     }
 
-    /// The fields with lengths, masses and densities of smoothed particles; empty where the format
-    /// has none.
+    /// Returns the names of the fields with lengths, masses and densities of smoothed particles; empty if the
+    /// format has none.
     pub(super) fn names(&self) -> (&'a str, &'a str, &'a str) {
         match &self.dataset.smoothing {
             Some(Smoothing {
@@ -278,10 +280,10 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// A density if there is one, else, where `any` will do, the first column without a meaning of
-    /// its own that is not constant.
+    /// Returns the default field: a density if there is one, else, if `any` is true, the first varying column
+    /// without a meaning of its own.
     ///
-    /// - `preferred`: chosen before others, if it is one of these, constant or not.
+    /// - `preferred`: takes precedence if it is one of these, constant or not.
     pub(super) fn default_field(&self, any: bool, preferred: Option<&str>) -> Option<String> {
         let of_all = || {
             let name = preferred?;
@@ -297,7 +299,7 @@ impl<'a> Columns<'a> {
         densities.any(|known| known.eq_ignore_ascii_case(name))
     }
 
-    /// The columns among which [`Self::default_field`] chooses, in the data's order.
+    /// Returns the columns among which [`Self::default_field`] chooses, in the data's order.
     pub(super) fn choices(&self) -> Vec<FieldChoice> {
         let mut choices = Vec::new();
         for field in &self.dataset.fields {
@@ -310,7 +312,7 @@ impl<'a> Columns<'a> {
         choices
     }
 
-    /// The same, where something else tells which columns vary.
+    /// Returns the default field, with `varies` deciding which columns vary.
     pub(super) fn default_field_that(
         &self,
         any: bool,
@@ -322,12 +324,12 @@ impl<'a> Columns<'a> {
         first.or_else(|| any.then(|| self.first_that(&[], varies)).flatten())
     }
 
-    /// The first column of these names, or of any, without a meaning of its own that is not constant.
+    /// Returns the first varying column without a meaning of its own, among these names or among all.
     pub(super) fn varying(&self, names: &[&str]) -> Option<String> {
         self.first_that(names, &is_varied)
     }
 
-    /// The first such column that something else tells to vary.
+    /// Returns the first such column, with `varies` deciding which columns vary.
     pub(super) fn first_that(
         &self,
         names: &[&str],

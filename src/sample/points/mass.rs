@@ -1,4 +1,4 @@
-//! Masses of particles, or volumes for a transfer function.
+//! Computes masses of particles, or volumes for a transfer function.
 
 use super::super::SampleOptions;
 use super::super::left_out::LeftOut;
@@ -7,33 +7,32 @@ use super::shape::Shapes;
 use crate::error::{Error, Result};
 use crate::scene::{MAX_OPACITY, Values};
 
-/// The columns that give masses.
+/// Source of the particles' masses.
 pub(super) enum Mass<'a> {
     /// The masses themselves.
     Stated(&'a Values),
     Extinction(&'a Values, &'a Values),
     Opacity(&'a Values),
-    /// The opacity of all, where nothing states one.
+    /// One opacity for all particles, if no column states any.
     Uniform(f64),
     /// From the transfer function, with these volumes.
     Classified(Volume<'a>),
 }
 
-/// The columns that give volumes.
+/// Source of the particles' volumes.
 #[derive(Clone, Copy)]
 pub(super) enum Volume<'a> {
     Column(&'a Values),
-    /// The masses, the densities, and what their quotients are multiplied by.
+    /// The masses, the densities, and a factor of their quotients.
     MassOverDensity(&'a Values, &'a Values, f64),
-    /// What the neighbours leave.
+    /// Volumes computed from neighbours.
     Computed(&'a [f64]),
-    /// The volume whose kernel this is: the product of the principal standard deviations over
-    /// kernel_width³.
+    /// The volume of the kernel: the product of the principal standard deviations over kernel_width³.
     Kernel,
 }
 
 impl<'a> Columns<'a> {
-    /// What gives the particles' masses.
+    /// Chooses the source of the particles' masses.
     pub(super) fn mass<'s>(
         &self,
         shapes: &'s Shapes<'_>,
@@ -64,7 +63,7 @@ impl<'a> Columns<'a> {
                 ("opacity", self.of_table("opacity")?.map(Mass::Opacity)),
             ],
         )?;
-        // A field named for column densities is what is summed, not what colours.
+        // For column densities, a named field is summed and sets no colour.
         let stated = stated.filter(|_| !(options.for_columns && options.field.is_some()));
         Ok(match stated {
             Some(stated) => stated,
@@ -87,7 +86,7 @@ impl<'a> Columns<'a> {
 }
 
 impl Mass<'_> {
-    /// Mass (or, where classified, volume) of row `i`, and the volume it stands for.
+    /// Returns the mass of row `i` (or the volume, if classified), and the volume that it represents.
     pub(super) fn at(
         &self,
         i: usize,
@@ -123,10 +122,11 @@ impl Mass<'_> {
     }
 }
 
-/// The mass of a kernel of this opacity.
+/// Returns the mass of a kernel of this opacity.
 ///
-/// Seen along the axis of least depth, the shortest, the kernel's line integral is 1 / (2 pi s1 s2) with the two greatest
-/// standard deviations. Flat and round kernels have that direction; a needle has none with an area to state it for.
+/// The opacity is that along the shortest axis, the axis of least depth. The kernel's line integral there is 1
+/// / (2 pi s1 s2), with s1 and s2 the two greatest standard deviations. A needle has no area perpendicular to
+/// its shortest axis, so its opacity is undefined.
 fn of_opacity(opacity: f64, sigmas: [f64; 3]) -> Result<f64, LeftOut> {
     let area = std::f64::consts::TAU * sigmas[0] * sigmas[1];
     if opacity < 0.0 || area <= 0.0 {

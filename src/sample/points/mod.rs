@@ -1,4 +1,4 @@
-//! Particles: shapes, strengths and colours from the columns of a table.
+//! Samples particles: takes shapes, strengths and colours from the columns of a table.
 
 #[cfg(feature = "cli")]
 mod apart;
@@ -38,34 +38,34 @@ use crate::scene::{
 };
 use crate::task::Stage;
 
-/// The name that the report gives to the field computed for bare positions. The logarithm,
-/// because clustered points span many decades of density.
+/// Name, in the report, of the field computed for bare positions. It is a logarithm, because clustered points
+/// span many decades of density.
 const LOG_NUMBER_DENSITY: &str = "log10 number density";
 
-/// The same for column densities, which then count particles.
+/// Name of that field for column densities, which then count particles.
 const NUMBER_DENSITY: &str = "number density";
 
-/// The name that the report gives to mass over volume where no density is stated.
+/// Name, in the report, of mass over volume if no density is stated.
 const MASS_DENSITY: &str = "density (mass over volume)";
 
-/// The opacity of points that have colours and no more: a few overlap everywhere.
+/// Opacity of points that have colours and nothing more: a few overlap everywhere.
 const SCAN_OPACITY: f64 = 0.95;
 
-/// Rows shaped at a time.
+/// Number of rows that are shaped at a time.
 const BATCH: usize = 1 << 16;
 
-/// What becomes of one row.
+/// The particle of one row.
 struct Particle {
     /// Lower-triangular factor; isotropic shapes use the first element.
     factor: [f32; 6],
-    /// Mass \[length²\] or, where classified, volume \[length³\].
+    /// Mass \[length²\] or, if classified, volume \[length³\].
     strength: f32,
-    /// The volume it stands for \[length³\], for the mean spacing.
+    /// Volume that the particle represents \[length³\], for the mean spacing.
     volume: f64,
     colour: [f32; 3],
 }
 
-/// The columns among which one is chosen where none is named.
+/// Returns the columns among which one is chosen if none is named.
 pub(super) fn choices_of_points(dataset: &Dataset) -> Vec<FieldChoice> {
     Columns::of(dataset, 0).choices()
 }
@@ -74,7 +74,7 @@ pub(super) fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sample
     of_some(dataset, options, None).map(|made| made.sampled)
 }
 
-/// What is made of some rows of a data set.
+/// Returns the kind of particles that some rows give, if each depends on its own row alone.
 #[cfg(feature = "prepared")]
 pub(super) fn kind_of_rows(dataset: &Dataset, options: &SampleOptions) -> Option<OfRows> {
     let Geometry::Points { positions } = &dataset.geometry else {
@@ -107,10 +107,11 @@ pub(super) fn kind_of_rows(dataset: &Dataset, options: &SampleOptions) -> Option
     field.map(OfRows::Summed)
 }
 
-/// The numbers of the colours of some rows, if these have any; `None` where their type says how they are stored, too.
+/// Returns the numbers of the colours of some rows, if they have any; `None` if the type alone determines the
+/// storage.
 ///
 /// # Errors
-/// Columns of another length.
+/// Columns of different lengths.
 #[cfg(feature = "prepared")]
 pub(super) fn colour_numbers(dataset: &Dataset) -> Result<Option<ColourNumbers>> {
     let Geometry::Points { positions } = &dataset.geometry else {
@@ -121,9 +122,9 @@ pub(super) fn colour_numbers(dataset: &Dataset) -> Result<Option<ColourNumbers>>
     Ok(open.map(|colours| colours.numbers()))
 }
 
-/// A volume of some of the rows of a data set, of which none may be left, without a function.
+/// Returns a volume of some of the rows of a data set, without a function; there may be no rows.
 ///
-/// - `colours`: of all rows ([`colour_numbers`]).
+/// - `colours`: the numbers of the colours of all rows ([`colour_numbers`]).
 #[cfg(feature = "prepared")]
 pub(super) fn of_rows(
     dataset: Dataset,
@@ -139,28 +140,28 @@ pub(super) fn of_rows(
     of_some(dataset, options, Some(part)).map(|made| made.sampled)
 }
 
-/// What is made of some of all rows.
+/// Context for sampling a part of all rows.
 struct Part<'a> {
-    /// Of the rows before these, and then of these, too.
+    /// Volume of the preceding rows, to which that of these is added.
     volume_sum: &'a mut ExactSum,
-    /// What neighbours say of bare points.
+    /// Sizes of bare points from their neighbours.
     neighbourhoods: Option<&'a Neighbourhoods>,
-    /// The numbers of the colours of all rows, where colours depend on them.
+    /// The numbers of the colours of all rows, if colours depend on them.
     colours: Option<ColourNumbers>,
 }
 
-/// What is made of rows.
+/// Result of sampling rows.
 struct Made {
     sampled: Sampled,
-    /// The rows of which there are particles.
+    /// The rows that give particles.
     #[cfg(feature = "cli")]
     kept: Vec<u32>,
-    /// What those that show values stand for \[length³\].
+    /// Volumes that classified particles represent \[length³\].
     #[cfg(feature = "cli")]
     volumes: Vec<f32>,
 }
 
-/// - `part`: where these are some of all rows: without a function, and none of them may be left.
+/// - `part`: set if these are a part of all rows. Then there is no function, and there may be no rows.
 fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>) -> Result<Made> {
     let Geometry::Points { positions } = &dataset.geometry else {
         unreachable!("the caller matched the geometry")
@@ -177,7 +178,8 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
     let mass = columns.mass(&shapes, options)?;
     let shape = &shapes.shape;
     let rgb = columns.colours()?;
-    // Points of a scanner, of which nothing is known but places and colours: what they lie on hides what is behind.
+    // Points of a scanner, with nothing but positions and colours: they lie on surfaces, which hide what is
+    // behind.
     let is_scan = rgb.is_some()
         && shapes.bare
         && options.field.is_none()
@@ -192,7 +194,7 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
     let is_classified = matches!(mass, Mass::Classified(_));
 
     let preferred = options.preferred_field.as_deref();
-    // The field: the one named; else, where masses are classified, a default one.
+    // The field: the named one, or a default one if masses are classified.
     let wanted = match &options.field {
         Some(name) => Some(name.clone()),
         None if is_classified && options.for_means => match columns.get(columns.names().1)? {
@@ -205,7 +207,7 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
         }),
         None => None,
     };
-    // Masses and a column of them: their density, so that columns are of mass.
+    // If the masses themselves are to be summed, use density, so that columns are of mass.
     let mass_name = columns.names().1;
     let of_masses = options.for_columns
         && wanted
@@ -213,12 +215,12 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
             .is_some_and(|name| name.eq_ignore_ascii_case(mass_name));
     let wanted = wanted.filter(|_| !of_masses);
     let computed = is_classified && wanted.is_none();
-    // Mass over volume, where masses are known and nothing else is to be shown.
+    // Mass over volume, if masses are known and no other field is shown.
     let masses = match computed {
         true => columns.get(mass_name)?,
         false => None,
     };
-    // A named field colours, even beside masses; else r, g, b do.
+    // A named field sets the colour, even beside masses; otherwise r, g, b do.
     let named = options.field.is_some();
     let rgb = rgb.filter(|_| !named).map(|colours| {
         let scale = colours.scale(part.as_ref().and_then(|part| part.colours));
@@ -297,7 +299,7 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
         Some(part) => part.volume_sum,
         None => &mut total,
     };
-    // In batches: a row is larger than what stays of it.
+    // In batches: an intermediate row takes more memory than the result.
     let stage = Stage::new(options.task.as_ref(), "shaping kernels", count);
     let mut rows = Vec::with_capacity(BATCH.min(count));
     for first in (0..count).step_by(BATCH) {
@@ -372,7 +374,7 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
     report.particle_count = kept.len();
 
     let has_rgb = rgb.is_some();
-    // Moved out of the data set, not copied, where it is stored there.
+    // Moved out of the data set, not copied, if it is stored there.
     let field = field.map(|f| match f {
         Cow::Owned(derived) => Some(derived),
         Cow::Borrowed(_) => None,
@@ -387,7 +389,7 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
                 None => -volume.log10(),
             };
             let density = || volumes.iter().zip(&kept).map(density);
-            // Beyond single precision double precision stays.
+            // Numbers beyond single precision stay in double precision.
             Some(match density().all(|d| narrowed(d).is_finite()) {
                 true => Values::F32(density().map(narrowed).collect()),
                 false => Values::F64(density().collect()),

@@ -1,4 +1,4 @@
-//! What the nearest neighbours say of points that say nothing of their sizes.
+//! Computes sizes of points from their nearest neighbours, for points that state none.
 
 use std::path::Path;
 
@@ -10,21 +10,21 @@ use crate::error::{Error, Hint, Result};
 use crate::math::eigen;
 use glam::DVec3;
 
-/// A set is truly anisotropic, lying on surfaces or along lines, if the neighbourhoods of this
-/// share of its points are longer than wide by [`TRUE_RATIO`], the wide ones of
-/// [`TRUE_NEIGHBOURS`] points: sets that fill space look flat at a few neighbours where they lie in
-/// layers, and round at many.
+/// Share of the points with elongated neighbourhoods from which a set is truly anisotropic, lying on surfaces
+/// or along lines. A neighbourhood is elongated if its standard deviations have a ratio above [`TRUE_RATIO`]
+/// over [`TRUE_NEIGHBOURS`] points. Sets that fill space in layers look flat at a few neighbours, and round at
+/// many.
 const TRUE_SHARE: f64 = 0.5;
-/// See [`TRUE_SHARE`]; a ratio of standard deviations.
+/// Least ratio of standard deviations; see [`TRUE_SHARE`].
 const TRUE_RATIO: f64 = 3.0;
-/// See [`TRUE_SHARE`].
+/// Number of neighbours; see [`TRUE_SHARE`].
 const TRUE_NEIGHBOURS: usize = 60;
-/// Points whose neighbourhoods are looked at for it.
+/// Number of points that are tested.
 const TRUE_SAMPLE: usize = 4096;
 
-/// How many neighbours of a point are looked at here.
+/// Returns the number of neighbours that a point needs.
 ///
-/// - `number`: its own, among `count`.
+/// - `number`: number of the point, among `count`.
 #[cfg(feature = "cli")]
 pub(super) fn neighbours_of(number: u64, count: u64) -> usize {
     match number.is_multiple_of(step(count)) {
@@ -33,33 +33,33 @@ pub(super) fn neighbours_of(number: u64, count: u64) -> usize {
     }
 }
 
-/// Every so many of the points one is looked at.
+/// Returns the stride between tested points.
 fn step(count: u64) -> u64 {
     count.div_ceil(TRUE_SAMPLE as u64).max(1)
 }
 
-/// What the neighbours of points say of them, in the order of the points.
+/// Sizes and shapes from neighbours, in the order of the points.
 #[derive(Debug)]
 pub(crate) struct Neighbourhoods {
-    /// The space that each has to itself \[length³\]; NaN of those without a place; empty where nobody asked.
+    /// Volume of each point \[length³\]; NaN for points without a finite position; empty if not asked for.
     pub(crate) volumes: Vec<f64>,
-    /// Covariances of the places of their neighbours, where kernels follow these.
+    /// Covariances of the neighbours' positions, if kernels follow these.
     pub(crate) covariances: Option<Vec<[f64; 6]>>,
 }
 
-/// Points, and behind them their neighbours that are elsewhere.
+/// Local points, followed by their remote neighbours.
 pub(crate) struct Surrounded<'a> {
     pub(crate) positions: &'a [DVec3],
-    /// Of the points their numbers among all, and how many these are.
+    /// Returns the number of a point among all points; then the number of local points, and of all.
     pub(crate) numbers: &'a dyn Fn(usize) -> u64,
     pub(crate) count: usize,
     pub(crate) of: u64,
 }
 
 impl Neighbourhoods {
-    /// `None` with fewer than two distinct positions.
+    /// Returns `None` for fewer than two distinct positions.
     ///
-    /// - `with_volumes`: whether these are asked for.
+    /// - `with_volumes`: true to compute volumes.
     pub(crate) fn of(
         points: &Surrounded<'_>,
         with_volumes: bool,
@@ -94,7 +94,7 @@ impl Neighbourhoods {
             }
         };
         let Some(index) = index else {
-            // One who has none of the points agrees with the others.
+            // A rank without points agrees with the others.
             return Ok((count == 0 && !is_alone).then_some(Self {
                 volumes: Vec::new(),
                 covariances,
@@ -126,7 +126,8 @@ pub(crate) fn without_spacing(path: &Path) -> Error {
     )
 }
 
-/// How many of some points have long neighbourhoods, and of how many: see [`TRUE_SHARE`].
+/// Returns the number of elongated neighbourhoods among the tested points, and the number tested: see
+/// [`TRUE_SHARE`].
 fn long_of(index: &PointIndex<'_>, points: &Surrounded<'_>) -> [u64; 2] {
     let step = step(points.of);
     let is_looked_at = |i: &u32| {

@@ -1,4 +1,4 @@
-//! Shapes of particles: from columns, from lengths, from their neighbours.
+//! Computes shapes of particles, from columns, from lengths or from neighbours.
 
 use std::borrow::Cow;
 
@@ -17,35 +17,35 @@ use crate::io::{LengthMeaning, SCALES, SphKernel, VARIANCE};
 use crate::math::{eigen, factor_of_variance, from_eigen, principal_sigmas};
 use crate::scene::Values;
 
-/// A neighbourhood is flat, or a line, where the next standard deviation is smaller by this.
+/// A neighbourhood is flat, or a line, if the next standard deviation is smaller by this factor.
 const FLAT_RATIO: f64 = 2.5;
 
-/// No neighbourhood is thinner than this share of its spacing.
+/// Least thickness of a neighbourhood, as a share of its spacing.
 const LEAST_THICKNESS: f64 = 0.02;
 
-/// What gives shapes.
+/// Source of the particles' shapes.
 pub(super) enum Shape<'a> {
     /// Standard deviations of spheres.
     Spheres(Vec<f64>),
     Variance([&'a Values; 6]),
     ScaleRotation([&'a Values; 7]),
-    /// Variances computed here.
+    /// Variances computed from neighbours.
     Computed(Vec<[f64; 6]>),
 }
 
-/// Shapes, and volumes where these came with them.
+/// Shapes, and volumes if they were computed along with them.
 pub(super) struct Shapes<'a> {
     pub(super) shape: Shape<'a>,
-    /// The space that each particle has to itself \[length³\]; NaN where there is none.
+    /// Volume of each particle \[length³\]; NaN if unknown.
     pub(super) volumes: Option<Cow<'a, [f64]>>,
-    /// Whether there is nothing but positions.
+    /// True if the data have nothing but positions.
     pub(super) bare: bool,
-    /// The convention for the lengths, in words.
+    /// Meaning of the lengths, in words.
     pub(super) lengths: Option<String>,
 }
 
 impl<'a> Columns<'a> {
-    /// Shapes of all particles, by what is stated and asked for.
+    /// Returns the shapes of all particles, from the data and the options.
     pub(super) fn shapes(
         &self,
         positions: &[DVec3],
@@ -109,7 +109,7 @@ impl<'a> Columns<'a> {
             (None, Some(Stated::Length(column, name, meaning))) => {
                 let meaning = options.length.unwrap_or(meaning);
                 let lengths = Lengths::new(name, meaning, kernel, |i| f64::from(column.get(i)));
-                // A sigma in a table is a kernel's own size, whatever its neighbours.
+                // A sigma in a table is a kernel's own size; it does not depend on neighbours.
                 let crowded = smoothing.is_some() || name != "sigma";
                 self.of_lengths(positions, options, &lengths, crowded)
             }
@@ -128,8 +128,8 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// Shapes from lengths; where nothing else gives volumes, the neighbours do: 1 over the sum of
-    /// the kernels at a particle, the number density of SPH.
+    /// Returns shapes from lengths. If no column gives volumes, neighbours do: 1 over the sum of the kernels at
+    /// a particle, the number density of SPH.
     fn of_lengths(
         &self,
         positions: &[DVec3],
@@ -197,7 +197,7 @@ impl<'a> Columns<'a> {
         })
     }
 
-    /// Shapes from the nearest neighbours: spheres, or ellipsoids where the set is anisotropic.
+    /// Returns shapes from the nearest neighbours: spheres, or ellipsoids if the set is anisotropic.
     fn of_neighbours(&self, positions: &[DVec3], options: &SampleOptions) -> Result<Shapes<'a>> {
         let (_, mass, density) = self.names();
         let volumes = match (self.get(mass)?, self.get(density)?) {
@@ -245,7 +245,7 @@ impl<'a> Columns<'a> {
     }
 }
 
-/// One length per particle and what it means.
+/// One length per particle, and its meaning.
 struct Lengths<F> {
     of: F,
     sigma_over_length: f64,
@@ -264,9 +264,9 @@ impl<F> Lengths<F> {
     }
 }
 
-/// The variance of a kernel of width 1 from the covariance of its point's neighbours: divided by
-/// that of k points at unit spacing, in a ball, on a disc or along a line, whichever the
-/// neighbours resemble.
+/// Returns the variance of a kernel of width 1 from the covariance of its point's neighbours. The covariance is
+/// divided by that of k points at unit spacing in a ball, on a disc or along a line, whichever the neighbours
+/// resemble.
 fn neighbourhood_variance(covariance: [f64; 6], volume: f64) -> [f64; 6] {
     use std::f64::consts::PI;
     let count = NEIGHBOUR_COUNT as f64;
@@ -287,8 +287,8 @@ fn neighbourhood_variance(covariance: [f64; 6], volume: f64) -> [f64; 6] {
 }
 
 impl Shape<'_> {
-    /// The factor of row `i`, `scale` times as wide as stated, and its principal standard
-    /// deviations, greatest first.
+    /// Returns the factor of row `i`, `scale` times as wide as stated, and its principal standard deviations,
+    /// greatest first.
     pub(super) fn at(&self, i: usize, scale: f64) -> Result<([f64; 6], [f64; 3]), LeftOut> {
         let number = |column: &Values| f64::from(column.get(i));
         let factor = match self {
@@ -317,7 +317,7 @@ impl Shape<'_> {
     }
 }
 
-/// Refuses what was asked for and says nothing of particles like these.
+/// Refuses options that have no meaning for these particles.
 fn refuse<const N: usize>(
     given: [(bool, &'static str); N],
     expected: &str,
