@@ -72,6 +72,7 @@ struct Look {
     lines: Vec<String>,
     /// True if the input has the field that is asked for.
     has_field: bool,
+    /// True if the input should have that field and lacks it.
     is_lacking: bool,
 }
 

@@ -45,6 +45,7 @@ pub(crate) struct Uses {
     pub(crate) is_classified: bool,
     /// True if a transfer function gives the opacity of any input.
     pub(crate) has_opacity: bool,
+    /// True if a transfer function comes from a file.
     pub(crate) has_file_function: bool,
     /// True if column densities were asked for.
     pub(crate) for_columns: bool,
