@@ -403,9 +403,9 @@ fn work(shared: &Arc<Shared>) {
 /// Purpose of a task. It determines what cancels the task, and whether its progress is shown.
 #[derive(Clone, Copy, PartialEq)]
 enum Purpose {
-    /// Reading: its progress is shown, and only other reading cancels it.
+    /// Reading: its progress is shown; another load or the user cancels it.
     Reading,
-    /// Film: its progress is counted in pictures, and only other reading cancels it.
+    /// Film: its progress is counted in pictures; another load or the user cancels it.
     Film,
     /// Picture: any newer request cancels it.
     Picture,
@@ -578,7 +578,7 @@ impl Stage {
                     ..view.settings.clone()
                 };
                 let camera = view.camera.clone();
-                // Sampling cannot measure the error of layers; counts and choices have none.
+                // The error is sampled only for kernels composited one by one. Counts and choices have none.
                 let is_measured = matches!(settings.composite, Composite::Over)
                     && matches!(settings.show, Show::Scene);
                 let shows_error = view.instead == Some(Instead::Error);
