@@ -143,7 +143,7 @@ fn a_file_of_chombos_is_read() {
     assert_eq!(blocks.len(), 15);
     assert_eq!(data.bounds(), Some((DVec3::ZERO, DVec3::splat(8.0))));
     let kernels = sampled(data);
-    // Of 4096 cells of the middle level 696 lie under finer ones.
+    // 696 of the 4096 cells of the middle level lie under finer ones.
     assert_eq!(kernels.len(), 3400 + 8 * 696);
     let total: f64 = kernels.iter().map(|(.., v)| v).sum();
     assert!((total / 512.0 - 1.0).abs() < 0.01, "{total}");

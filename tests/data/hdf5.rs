@@ -1,5 +1,6 @@
 //! Tests HDF5 snapshots of particles.
-//! The fixtures were written with h5py (HDF5 2.0) from the numbers that stand here: five
+//!
+//! The fixtures were written with h5py (HDF5 2.0) from the numbers in these tests: five
 //! particles at (i, i²/4, -i/8), lengths (i + 1)/4, masses 2 (i + 1), densities 8 (i + 1).
 //!
 //! | fixture | layout |

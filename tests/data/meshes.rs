@@ -425,8 +425,8 @@ fn real_gltf_materials_are_those_of_their_files() {
 }
 
 /// In this file, an arrow's tip lies on the marker "not supported" if a texture's transform is
-/// ignored, and on the marker "correct" if it is applied. So without a transform, the image's point
-/// under "not supported" is the one that belongs under "correct".
+/// ignored, and on the marker "correct" if it is applied. So the image point shown at "correct" is
+/// the one that would be shown at "not supported" without the transform.
 #[test]
 fn texture_transforms_bring_the_arrow_to_its_marker() {
     let name = "meshes/gltf/TextureTransformTest/TextureTransformTest.gltf";

@@ -72,7 +72,7 @@ fn check_same(name: &str) {
             assert!((a - b).abs() < 1e-6, "{name}: {packed:?} {unpacked:?}");
         }
     }
-    // The torus that was packed: radii 2 and 0.7, within what its quantisation keeps.
+    // The original torus has radii 2 and 0.7, to within the quantisation.
     if name != "meshopt_khr" {
         for corner in &packed {
             let p = DVec3::from_slice(&corner[..3]) - DVec3::new(1.0, 2.0, 3.0);
