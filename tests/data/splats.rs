@@ -311,7 +311,7 @@ fn splats_from_ply_in_every_encoding_degree_and_layout() {
             let data = folder.open("a.ply", &file);
             assert_holds(cloud(&data), &splats, degree, &FLOATS);
             assert!(!cloud(&data).is_anti_aliased && data.fields.is_empty());
-            // Of several marks, the last one applies.
+            // If there are several marks, the last one applies.
             for (comments, is_marked) in [
                 ("comment antialiased 1\n", true),
                 ("comment splatrendermode:MIP\n", true),
@@ -1297,7 +1297,7 @@ fn spz_in_streams_holds_what_it_holds_in_one() {
             assert!(streams.notes.is_empty());
         }
     }
-    // Of degree 4, the first three degrees are used.
+    // Splats of degree 4 are cut to the first three degrees.
     let four = read(
         "a.spz",
         &spz_streams(0, &some_splats(3, 4), &stored),

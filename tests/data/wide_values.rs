@@ -108,7 +108,7 @@ fn a_magnitude_keeps_the_digits_of_its_components() {
     }
 }
 
-/// Returns positions of values, and of the same field about 0.
+/// Values far from 0 get the positions of the same field about 0.
 #[test]
 fn positions_are_the_differences() {
     let of = |origin: f64, factor: f64| {
