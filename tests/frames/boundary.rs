@@ -99,7 +99,7 @@ pub(super) fn lattices() -> Vec<(&'static str, Lattice)> {
     ]
 }
 
-/// Returns the centre of a lattice's box, and half its diagonal.
+/// Returns the centre of a lattice's box, and an upper bound of half its diagonal.
 pub(super) fn extent(lattice: &Lattice) -> (DVec3, f64) {
     let corners = [
         lattice.position([0; 3]),

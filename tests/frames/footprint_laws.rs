@@ -345,8 +345,8 @@ fn near_and_exact_agree_in_front_of_the_camera() {
             worst = worst.max(error);
             // The direct form's misses are differences of terms larger by R/sigma, R the distance
             // and sigma the smallest standard deviation. The share behind the camera is below 1e-11
-            // here. R/sigma comes from the trace of the inverse variance: between one and sqrt(3)
-            // times its value.
+            // here. The root of the inverse variance's trace stands for 1/sigma: it lies between
+            // one and sqrt(3) times that.
             let inverse = Body::of(&k).variance.inverse();
             let trace = inverse.x_axis.x + inverse.y_axis.y + inverse.z_axis.z;
             let far = f64::from(k.centre.length()) * trace.sqrt();
