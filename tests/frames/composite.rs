@@ -527,7 +527,7 @@ fn what_lies_beyond_a_plane_by_less_than_the_filter_counts() {
         };
         let [cut, whole] = [&settings, &whole].map(|s| draw(&scene, &camera, s));
         for y in 0..24 {
-            // Of the column at the plane, whose kept side includes its centre, half comes from
+            // Half of the column at the plane, whose kept side includes its centre, comes from
             // beyond.
             let [a, b] = [&cut, &whole].map(|r| r.image().pixel(11, y)[3]);
             assert!((a - b).abs() < 1e-5, "{projection:?} {y}: {a}, not {b}");
@@ -785,7 +785,7 @@ fn clipped_surfaces_end_softly_at_the_cut() {
     let clipped = draw(&scene, &camera, &slanted);
     for (i, pixel) in clipped.image().pixels.iter().enumerate() {
         let (x, y) = (i % 80, i / 80);
-        // Where the ray meets the wall.
+        // The point at which the ray meets the wall.
         let at = DVec3::new(
             (x as f64 + 0.5 - 40.0) / 150.0 * 8.0,
             (y as f64 + 0.5 - 20.0) / 150.0 * 8.0,

@@ -417,7 +417,7 @@ fn published_footprints() {
                 let image = render(&scene::volume(&[particle]), &camera, &settings, name);
                 let alpha = f64::from(image.pixel(0, 0)[3]);
                 let error = (alpha + (-tau).exp_m1()).abs();
-                // Of the depth's error, a factor e^-tau affects the opacity. Beyond 7 sigma,
+                // The opacity's error is e^-tau times the depth's. Beyond 7 sigma,
                 // nothing is drawn.
                 let cut = if *tau < 2.3e-11 * peak { *tau } else { 0.0 };
                 let allowed = ROUNDING * peak.min(1.0) * (1.0 + peak.ln().max(0.0)) + cut;
