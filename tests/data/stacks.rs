@@ -1,5 +1,5 @@
-//! Tests TIFF stacks that tifffile wrote, and NRRD compressed by bzip2: sample (i, j, k) is 1000 k
-//! + 100 j + i.
+//! Tests TIFF stacks that tifffile wrote, and NRRD compressed by bzip2. Sample (i, j, k) is
+//! `1000 k + 100 j + i`.
 
 use std::path::Path;
 
