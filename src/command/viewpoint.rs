@@ -253,8 +253,8 @@ impl CameraOptions {
     }
 }
 
-/// Returns the cameras of pictures, given boxes and the direction up; an empty list if they are not
-/// known.
+/// Function from boxes and the direction up to the cameras of pictures. It returns an empty list if the
+/// cameras are not known.
 pub(crate) type Cameras<'a> = &'a dyn Fn(&[Bounds], Up) -> Result<Vec<Camera>>;
 
 /// Returns true if a camera may see any of a mesh, judged by the box around it.
