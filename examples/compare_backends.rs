@@ -1,4 +1,5 @@
-//! Renders a file on the CPU and on the GPU: how far the pictures are apart, and the stages' times.
+//! Renders a file on the CPU and on the GPU, and prints the difference of the pictures and the
+//! stages' times.
 //!
 //!     cargo run --release --example compare_backends [FILE]
 
@@ -37,7 +38,7 @@ fn main() -> ewa_splat::Result<()> {
     };
     let settings = Settings::default();
     for renderer in [&mut cpu, &mut gpu] {
-        // Once to make buffers and pipelines, once to time.
+        // The first frame makes buffers and pipelines; the second is timed.
         renderer.render(&camera, &settings)?;
         renderer.render(&camera, &settings)?;
         let t = renderer.times();

@@ -1,5 +1,5 @@
-//! A surface in a volume: a vase of opaque surfels and the smoke that rises out of it and winds about
-//! it, composited where each lies.
+//! Renders a surface in a volume: a vase of opaque surfels, and smoke that rises out of it and
+//! winds about it. Both are composited in depth order.
 //!
 //!     cargo run --release --example hybrid [IMAGE [WIDTH]]
 
@@ -13,7 +13,7 @@ use ewa_splat::view::{Lens, Viewpoint};
 use ewa_splat::{Backend, Error, Renderer, Settings, io};
 use glam::{DMat3, DVec3};
 
-/// Kernels along the smoke's path.
+/// Number of kernels along the smoke's path.
 const PUFFS: usize = 30_000;
 
 fn main() -> ewa_splat::Result<()> {
@@ -79,11 +79,11 @@ fn main() -> ewa_splat::Result<()> {
     Ok(())
 }
 
-/// Two strands of smoke that wind up around the vase's axis, wider the higher: ellipsoids drawn out
-/// along their path, of the same mass each.
+/// Returns two strands of smoke that wind up around the vase's axis and widen with height. The
+/// kernels are ellipsoids of equal mass, elongated along the path.
 fn smoke(middle: DVec3, half: DVec3) -> PointVolume {
     let (mut positions, mut factors) = (Vec::with_capacity(PUFFS), Vec::with_capacity(PUFFS));
-    // A sequence without gaps or clumps (Roberts' R3), so that a picture is the same every time.
+    // A low-discrepancy sequence (Roberts' R3) gives the same picture every time.
     let share = |n: usize, step: f64| (0.5 + n as f64 * step).fract();
     let radius = half.x.max(half.z);
     for n in 0..PUFFS {
@@ -94,11 +94,11 @@ fn smoke(middle: DVec3, half: DVec3) -> PointVolume {
         );
         let strand = TAU * 0.5 * (n % 2) as f64;
         let angle = TAU * 1.6 * along + strand;
-        // Out of the mouth, down around the belly and away.
+        // The smoke leaves the mouth, passes around the belly and drifts away.
         let reach = radius * (1.25 + 0.25 * (TAU * 1.5 * along).sin());
         let height = middle.y + half.y * (2.1 * along - 0.85);
         let thick = radius * (0.05 + 0.12 * along);
-        // Normal in radius: two of Box and Muller's.
+        // The offset is normally distributed (Box and Muller).
         let spread = thick * (-2.0 * (a.max(1e-9)).ln()).sqrt();
         let (sin, cos) = (TAU * b).sin_cos();
         let outward = DVec3::new(angle.cos(), 0.0, angle.sin());

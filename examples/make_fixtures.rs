@@ -1,6 +1,6 @@
-//! Writes the data sets of `fixtures/` that are the project's own: a curvilinear grid with a
-//! flow on it, a transfer function for that flow's field `density`, a table of particles, and a
-//! textured vase as OBJ and as glTF.
+//! Writes the data sets of `fixtures/` that this project generates: a curvilinear grid with a flow,
+//! a transfer function for its field `density`, a table of particles, and a textured vase as OBJ
+//! and glTF.
 //!
 //!     cargo run --example make_fixtures [FOLDER]
 //!

@@ -49,7 +49,7 @@ fn main() -> ewa_splat::Result<()> {
     );
     let (cloud, _) = splat_cloud(&sampled.volumes)?;
 
-    // As surfels of an opaque surface.
+    // Draws the surfels of an opaque surface.
     let mut renderer = Renderer::with_backend(sampled.volumes, Backend::Cpu)?;
     let viewpoint = Viewpoint {
         azimuth_deg: 30.0,
@@ -74,7 +74,7 @@ fn main() -> ewa_splat::Result<()> {
         renderer.times().frame
     );
 
-    // As splats, the way viewers of radiance fields draw them.
+    // Draws the splats as viewers of radiance fields do.
     for (name, form) in [
         ("splats.ply", io::PlyForm::Volumetric),
         ("flat.ply", io::PlyForm::Surfels),
@@ -83,7 +83,7 @@ fn main() -> ewa_splat::Result<()> {
         ("splats.glb", io::PlyForm::Volumetric),
     ] {
         let file = folder.join(name);
-        // The camera stays where it is, and so do the splats: nothing says which way up they are.
+        // The camera and the splats stay unrotated, because the data state no direction up.
         let options = io::SplatFileOptions {
             form,
             ..Default::default()

@@ -18,7 +18,7 @@ fn main() -> ewa_splat::Result<()> {
     };
     let volume = sample::volume(dataset, &options)?.volume;
 
-    // A hardware GPU where there is one, the processor otherwise.
+    // Uses a hardware GPU if there is one, otherwise the CPU.
     let mut renderer = Renderer::with_backend(vec![volume], Backend::Auto)?;
     let viewpoint = Viewpoint {
         azimuth_deg: 30.0,

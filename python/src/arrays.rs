@@ -1,5 +1,7 @@
-//! Contiguous arrays as the library's vectors: one copy of each, which the scene keeps. It is made while the
-//! interpreter is held, so that no other Python code changes an array meanwhile.
+//! Converts contiguous arrays to the library's vectors.
+//!
+//! Each array is copied once, and the scene keeps the copy. The copy is made while the interpreter
+//! is held, so that no other Python code changes the array meanwhile.
 
 use ewa_splat::scene::Values;
 use glam::{DVec2, DVec3};
@@ -16,17 +18,17 @@ use crate::forked::with_workers;
 /// Rows of three numbers, float32 or float64.
 pub(crate) struct Points(pub(crate) Vec<DVec3>);
 
-/// Numbers in a type that the library keeps: uint8, int16, uint16 or float32.
+/// Numbers in a type that the library stores: uint8, int16, uint16 or float32.
 pub(crate) struct Numbers(pub(crate) Values);
 
-/// Float32 in one dimension.
+/// One-dimensional float32 array.
 pub(crate) struct Floats(pub(crate) Vec<f32>);
 
 fn no_layout(what: &str) -> PyErr {
     PyTypeError::new_err(format!("expected a contiguous array of {what}"))
 }
 
-/// The rows of an array of two dimensions.
+/// Converts the rows of a two-dimensional array.
 fn rows<const N: usize, T: Element + Copy + Sync, U: Send>(
     array: &PyReadonlyArray2<'_, T>,
     of: impl Fn([T; N]) -> U + Sync + Send,
@@ -86,22 +88,22 @@ impl<'a, 'py> FromPyObject<'a, 'py> for Floats {
     }
 }
 
-/// Rows of three float32.
+/// Returns rows of three float32.
 pub(crate) fn triples(array: &PyReadonlyArray2<'_, f32>) -> PyResult<Vec<[f32; 3]>> {
     rows(array, |row: [f32; 3]| row)
 }
 
-/// Rows of four float32.
+/// Returns rows of four float32.
 pub(crate) fn quadruples(array: &PyReadonlyArray2<'_, f32>) -> PyResult<Vec<[f32; 4]>> {
     rows(array, |row: [f32; 4]| row)
 }
 
-/// Rows of three indices.
+/// Returns rows of three indices.
 pub(crate) fn indices(array: &PyReadonlyArray2<'_, u32>) -> PyResult<Vec<[u32; 3]>> {
     rows(array, |row: [u32; 3]| row)
 }
 
-/// Rows of two numbers, as texture coordinates.
+/// Returns rows of two numbers, for texture coordinates.
 pub(crate) fn pairs(array: &PyReadonlyArray2<'_, f64>) -> PyResult<Vec<glam::Vec2>> {
     rows(array, |row: [f64; 2]| DVec2::from(row).as_vec2())
 }

@@ -1,28 +1,29 @@
-//! Cameras as the package describes them: dictionaries, because most of them wait for a scene and a picture's size.
+//! Reads cameras from the package's dictionaries. Most cameras can be completed only with a scene
+//! and a picture's size.
 
 use ewa_splat::view::{Camera, DEFAULT_FOV_DEG, Lens, Projection, Viewpoint};
 use glam::{DMat3, DVec2, DVec3};
 use pyo3::FromPyObject;
 
-/// What a camera is asked to be.
+/// Description of a camera.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct View {
     /// `fit`, `look_at` or `calibrated`.
     kind: String,
-    /// Of a fitted one what differs from what the data suggest.
+    /// Fitted camera: angles, if they differ from those that the data suggest.
     #[pyo3(default)]
     azimuth: Option<f64>,
     #[pyo3(default)]
     elevation: Option<f64>,
-    /// Degrees that are added to these.
+    /// Degrees added to azimuth and elevation.
     #[pyo3(default)]
     turn: Option<f64>,
     #[pyo3(default)]
     rise: Option<f64>,
     #[pyo3(default)]
     zoom: Option<f64>,
-    /// Whether it is fitted to the sphere around all data.
+    /// True if the camera is fitted to the sphere around all data.
     #[pyo3(default)]
     around: Option<bool>,
     #[pyo3(default)]
@@ -31,14 +32,14 @@ pub(crate) struct View {
     fov: Option<f64>,
     #[pyo3(default)]
     ortho_height: Option<f64>,
-    /// Whether it is orthographic and as high as the data.
+    /// True if the camera is orthographic, with the height of the data.
     #[pyo3(default)]
     orthographic: Option<bool>,
     #[pyo3(default)]
     eye: Option<[f64; 3]>,
     #[pyo3(default)]
     target: Option<[f64; 3]>,
-    /// Of a calibrated one: rows right, down, forward.
+    /// Calibrated camera: rows right, down, forward.
     #[pyo3(default)]
     rotation: Option<[[f64; 3]; 3]>,
     #[pyo3(default)]
@@ -50,16 +51,17 @@ pub(crate) struct View {
 }
 
 impl View {
-    /// What points up, if it is said.
+    /// Returns the direction up, if it is given.
     pub(crate) fn up(&self) -> Option<DVec3> {
         self.up.map(DVec3::from)
     }
 
-    /// The camera of a picture of this size.
+    /// Returns the camera for a picture of this size.
     ///
-    /// - `viewpoint`: that of a fitted camera that says nothing else.
-    /// - `lens`: the same.
-    /// - `fitted`: a camera of a viewpoint, around all data or as near as it can be; of nothing visible none.
+    /// - `viewpoint`: default viewpoint of a fitted camera.
+    /// - `lens`: default lens of a fitted camera.
+    /// - `fitted`: fits a camera with this viewpoint and lens, around all data or as near as
+    ///   possible; returns `None` if nothing is visible.
     pub(crate) fn camera(
         &self,
         size: [usize; 2],
@@ -112,7 +114,7 @@ impl View {
                     (None, _, Some(fov)) => Lens::FovDeg(fov),
                     (None, _, None) => lens,
                 };
-                // An empty picture's camera looks anywhere.
+                // The camera of an empty picture looks anywhere.
                 let nowhere = || Camera::perspective(DVec3::ZERO, DVec3::Y, DVec3::Z, fov, size);
                 fitted(viewpoint, lens, self.around == Some(true)).unwrap_or_else(nowhere)
             }

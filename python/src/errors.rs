@@ -1,4 +1,4 @@
-//! Errors of the library as Python's exceptions.
+//! Converts the library's errors to Python's exceptions.
 
 use ewa_splat::Error;
 use pyo3::PyErr;
@@ -6,11 +6,11 @@ use pyo3::exceptions::{
     PyKeyboardInterrupt, PyMemoryError, PyOSError, PyRuntimeError, PyValueError,
 };
 
-/// The exception that fits an error, with the error's text.
+/// Returns the exception that fits an error, with the error's text.
 pub(crate) fn exception(error: &Error) -> PyErr {
     let text = error.to_string();
     match error {
-        // Python finds the class of a system's error by its number: FileNotFoundError, ...
+        // Python chooses the class of a system error by its number: FileNotFoundError, ...
         Error::Io { source, path, .. } => match source.raw_os_error() {
             Some(number) => PyOSError::new_err((number, text, path.clone())),
             None => PyOSError::new_err(text),

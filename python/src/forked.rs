@@ -1,5 +1,7 @@
-//! Processes made by `os.fork`, as `multiprocessing` makes them on Linux: of all threads only the one that forked goes on
-//! in them. Rayon's own pool has no workers there, and waits for ever; devices are not theirs.
+//! Supports processes made by `os.fork`, as `multiprocessing` makes them on Linux.
+//!
+//! In the child, only the thread that forked still runs. Rayon's own pool has no workers there and
+//! would wait for ever. The child cannot use its parent's devices.
 
 use std::process;
 use std::sync::OnceLock;
@@ -8,11 +10,11 @@ use ewa_splat::{Backend, Error, Result};
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-/// The process that worked first: Rayon's own pool belongs to it.
+/// Process that worked first; Rayon's own pool belongs to it.
 static FIRST: OnceLock<u32> = OnceLock::new();
 
-/// The pools of processes that were forked from it. None is freed: a process inherits those of its parents, whose workers
-/// it cannot end.
+/// Pools of the processes that were forked from it. None is freed: a process inherits its parents'
+/// pools, whose workers it cannot end.
 static POOLS: OnceLock<Box<Pool>> = OnceLock::new();
 
 struct Pool {
@@ -21,15 +23,15 @@ struct Pool {
     next: OnceLock<Box<Pool>>,
 }
 
-/// Whether this process was forked from one that had worked.
+/// Returns true if this process was forked from one that had worked.
 pub(crate) fn is_forked() -> bool {
     FIRST.get().is_some_and(|first| *first != process::id())
 }
 
-/// Runs `work` where its parallel loops have workers.
+/// Runs `work` in a pool that has workers for its parallel loops.
 ///
 /// # Panics
-/// If the system gives no thread.
+/// If the system can start no thread.
 pub(crate) fn with_workers<T: Send>(work: impl FnOnce() -> T + Send) -> T {
     let own = process::id();
     if *FIRST.get_or_init(|| own) == own {
@@ -43,7 +45,7 @@ pub(crate) fn with_workers<T: Send>(work: impl FnOnce() -> T + Send) -> T {
             None => {
                 let threads = ThreadPoolBuilder::new().build();
                 let threads = threads.unwrap_or_else(|error| panic!("no threads: {error}"));
-                // Whoever comes second takes the pool of the first.
+                // If two threads race, both use the pool of the first.
                 let _ = place.set(Box::new(Pool {
                     process: own,
                     threads,
@@ -55,12 +57,12 @@ pub(crate) fn with_workers<T: Send>(work: impl FnOnce() -> T + Send) -> T {
     pool.threads.install(work)
 }
 
-/// Runs `work` with the interpreter released, where its parallel loops have workers.
+/// Releases the interpreter and runs `work` in a pool that has workers for its parallel loops.
 pub(crate) fn detached<T: Send>(py: Python<'_>, work: impl FnOnce() -> T + Send) -> T {
     py.detach(|| with_workers(work))
 }
 
-/// The back end that may be used in this process.
+/// Returns the backend to use in this process.
 ///
 /// # Errors
 /// A GPU in a forked process: devices and their drivers do not survive a fork.

@@ -1,5 +1,7 @@
-//! What Python calls of `ewa_splat`: arrays to scenes, scenes to arrays. The package around it (`python/ewa_splat`)
-//! has its documentation, brings arrays into one of the layouts that are taken here, and reads other packages' objects.
+//! Binds `ewa_splat` to Python: converts arrays to scenes, and scenes to arrays.
+//!
+//! The package around it (`python/ewa_splat`) holds the documentation. It converts arrays to the
+//! layouts accepted here, and reads other packages' objects.
 
 mod arrays;
 mod camera;

@@ -1,4 +1,4 @@
-//! Pictures in and out of files.
+//! Reads, writes and compares pictures.
 
 use std::path::PathBuf;
 
@@ -15,7 +15,7 @@ use pyo3::types::PyBytes;
 use crate::errors::exception;
 use crate::forked::detached;
 
-/// An array of four float32 a pixel as a picture.
+/// Converts an array of four float32 a pixel to a picture.
 fn image(pixels: &PyReadonlyArray3<'_, f32>) -> PyResult<Image> {
     let [height, width, 4] = *pixels.shape() else {
         let text = format!(
@@ -32,8 +32,8 @@ fn image(pixels: &PyReadonlyArray3<'_, f32>) -> PyResult<Image> {
     })
 }
 
-/// Writes a picture by its name's ending, or gives the bytes of a PNG where there is none. Pictures that are to be
-/// looked at have a dark grey behind them, unless `transparent`.
+/// Writes a picture in the format of the path's extension. Without a path, it returns the bytes of
+/// a PNG. Formats for display get a dark grey background, unless `transparent`.
 #[pyfunction]
 #[pyo3(signature = (pixels, path, transparent))]
 pub(crate) fn write_image<'py>(
@@ -61,7 +61,7 @@ pub(crate) fn write_image<'py>(
     Ok(bytes.map(|bytes| PyBytes::new(py, &bytes)))
 }
 
-/// Reads a picture that was written.
+/// Reads a picture from a file.
 #[pyfunction]
 pub(crate) fn read_image(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray3<f32>>> {
     let image = detached(py, || io::read_image(&path));
@@ -70,7 +70,7 @@ pub(crate) fn read_image(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, Py
     pixels.reshape([image.height, image.width, 4])
 }
 
-/// Writes a column density by its name's ending.
+/// Writes a column density in the format of the path's extension.
 #[pyfunction]
 pub(crate) fn write_column(
     py: Python<'_>,
@@ -89,7 +89,7 @@ pub(crate) fn write_column(
     written.map_err(|error| exception(&error))
 }
 
-/// How far one picture is from another, as JSON.
+/// Returns the differences of two pictures, as JSON.
 #[pyfunction]
 pub(crate) fn compare(
     py: Python<'_>,

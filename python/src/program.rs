@@ -1,4 +1,4 @@
-//! The command line, as the wheel carries it.
+//! Runs the command line that the wheel contains.
 
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -12,7 +12,7 @@ use crate::forked::detached;
 /// - `words`: the command line, the program's name first.
 #[pyfunction]
 pub(crate) fn main(py: Python<'_>, words: Vec<OsString>) {
-    // Signals do what they do in any program: the caller has set their handlers back.
+    // Signals act as in any program, because the caller has restored their default handlers.
     let code = detached(py, || ewa_splat::command::main_of(words));
     let failed = code != ExitCode::SUCCESS;
     std::process::exit(i32::from(failed));

@@ -1,4 +1,4 @@
-//! Scenes that are drawn.
+//! Holds scenes and draws them.
 
 use std::borrow::Cow;
 use std::process;
@@ -32,27 +32,27 @@ use crate::settings::{Drawing, Keywords, drawing, transfer};
 use crate::task::run;
 use crate::thing::{Data, Source, Thing};
 
-/// Meshes are sampled again where a picture would show so many times as many surfels of one as there are.
+/// Ratio of wanted to existing surfels of a mesh above which it is sampled again.
 const DENSER: f64 = 1.5;
 
-/// Things in memory and what was made of them; one picture at a time is drawn of it.
+/// Data in memory with the scene made of them. It draws one picture at a time.
 #[pyclass(frozen, module = "ewa_splat._core")]
 pub(crate) struct Renderer {
     state: Mutex<State>,
-    /// The process that locked it last: a forked one inherits what its parent had locked.
+    /// Process that locked the state last. A forked process inherits its parent's locks.
     process: AtomicU32,
 }
 
 struct State {
     things: Vec<Py<Thing>>,
     backend: Backend,
-    /// What was said last of the transfer function of all.
+    /// Last transfer function given for all data.
     transfer: Option<TransferChoice>,
     keep_shapes: bool,
     ready: Option<Ready>,
 }
 
-/// What a scene is sampled for.
+/// Purpose that a scene is sampled for.
 #[derive(Clone, PartialEq)]
 struct Purpose {
     for_columns: bool,
@@ -64,19 +64,21 @@ struct Purpose {
     transfer: Option<TransferChoice>,
 }
 
-/// A scene that is ready to be drawn.
+/// Scene ready to be drawn.
 struct Ready {
     purpose: Purpose,
-    /// The process that made it.
+    /// Process that made the scene.
     process: u32,
     renderer: ewa_splat::Renderer,
-    /// Whether a device was looked for.
+    /// True if a device has been chosen.
     is_open: bool,
     bars: Vec<ColourBar>,
     functions: Vec<Option<TransferFunction>>,
-    /// For each drawable, the number of its first volume, and whether each of its samples is a particle.
+    /// For each drawable, the number of its first volume, and whether each of its samples is a
+    /// particle.
     firsts: Vec<(usize, bool)>,
-    /// The most surfels of each surface by the pixels of a picture, if the surface states no number.
+    /// Largest number of surfels of each surface by the pixels of a picture, if the surface states
+    /// no number.
     counts: Vec<Option<usize>>,
     prepared: Prepared,
 }
@@ -90,7 +92,7 @@ struct Sampled {
     counts: Vec<Option<usize>>,
 }
 
-/// A picture with its depths, normals, camera and statistics.
+/// Picture with its depths, normals, camera and statistics.
 struct Drawn {
     image: Image,
     depth: Option<Vec<f32>>,
@@ -101,7 +103,7 @@ struct Drawn {
 }
 
 impl State {
-    /// Gives up a scene on a device that another process opened. Freeing it would call its driver.
+    /// Forgets a scene on a device that another process opened. Freeing it would call its driver.
     fn leave_device(&mut self) {
         let is_of_another = |ready: &mut Ready| {
             ready.process != process::id() && ready.renderer.adapter().is_some()
@@ -111,7 +113,7 @@ impl State {
         }
     }
 
-    /// Which of the sources are there, thing by thing.
+    /// Returns all sources, each with the number of its drawable.
     fn sources(&self) -> impl Iterator<Item = (usize, &Source)> {
         let things = self.things.iter().enumerate();
         things.flat_map(|(i, thing)| thing.get().sources.iter().map(move |source| (i, source)))
@@ -125,8 +127,9 @@ impl State {
         }
     }
 
-    /// How surfels are spread over each surface that states no number of them, and how many there are at most: by the
-    /// pixels of a camera, and no more in all than one mesh gets.
+    /// Returns how surfels are spread over each surface that states no number, and the largest
+    /// number of each. The pixels of a camera determine both; all meshes together get no more
+    /// surfels than one would.
     fn spreads(
         &self,
         purpose: &Purpose,
@@ -161,7 +164,7 @@ impl State {
             .collect())
     }
 
-    /// Lets things that name no field show the one that they have in common.
+    /// Makes drawables without a named field prefer one that they have in common.
     fn prefer_shared_fields(&self, options: &mut [SampleOptions]) {
         let choices = self.sources().zip(&*options);
         let choices = choices.map(|((_, source), own)| match (&source.data, &own.field) {
@@ -174,7 +177,8 @@ impl State {
         }
     }
 
-    /// Samples all things: those that show one field by an automatic function share one.
+    /// Samples all drawables. Those that show one field by an automatic transfer function share
+    /// one.
     fn sample(
         &self,
         purpose: &Purpose,
@@ -213,7 +217,7 @@ impl State {
         for (function, members) in shared {
             for (i, (_, source)) in self.sources().enumerate() {
                 if members.contains(&i) {
-                    // Freed before the next is there.
+                    // The old volumes are freed before the new ones are made.
                     scenes[i].volumes.clear();
                     let own = SampleOptions {
                         transfer: TransferChoice::Shared(function.clone()),
@@ -246,7 +250,7 @@ impl State {
         Ok(sampled)
     }
 
-    /// Makes the scene ready, unless it is.
+    /// Prepares the scene, unless it is ready.
     fn prepare(
         &mut self,
         purpose: Purpose,
@@ -272,7 +276,7 @@ impl State {
             ready.purpose == serves && !denser()
         });
         if !is_ready {
-            // Freed before the next is there.
+            // The old scene is freed before the new one is made.
             self.ready = None;
             self.ready = Some(self.made(purpose, camera, clip, task)?);
         }
@@ -282,7 +286,7 @@ impl State {
         }
     }
 
-    /// A scene that is ready.
+    /// Makes a scene ready to be drawn.
     fn made(
         &self,
         purpose: Purpose,
@@ -314,7 +318,7 @@ impl State {
             task: Some(task.clone()),
         };
         let renderer = ewa_splat::Renderer::with_options(sampled.volumes, &options)?;
-        // Automatically when the first picture asks for one.
+        // With an automatic backend, the device is chosen when the first picture needs one.
         let backend = usable(self.backend)?;
         let is_open = backend != Backend::Auto;
         let renderer = match is_open {
@@ -338,7 +342,7 @@ impl State {
         })
     }
 
-    /// The scene that is ready, on a device where a picture of this camera is worth it.
+    /// Returns the ready scene, on a device if a picture of this camera is worth it.
     fn opened(&mut self, camera: &Camera) -> Result<&mut Ready> {
         let waits = |ready: &mut Ready| !ready.is_open && !ready.renderer.suits_cpu(camera, 1);
         if let Some(ready) = self.ready.take_if(waits) {
@@ -354,7 +358,7 @@ impl State {
         }
     }
 
-    /// What pictures are sampled for.
+    /// Returns the purpose of pictures with these settings.
     fn purpose(&self, drawing: &Drawing) -> Purpose {
         let settings = &drawing.settings;
         let slabs = settings.composite.classifies_slabs();
@@ -370,8 +374,8 @@ impl State {
         }
     }
 
-    /// Takes a transfer function for all things: at once where nothing that is sampled depends on it, otherwise when the
-    /// next picture is drawn.
+    /// Sets a transfer function for all data. It takes effect at once if no sampled data depend on
+    /// it, otherwise when the next picture is drawn.
     fn set_transfer(&mut self, choice: Option<TransferChoice>) -> Result<()> {
         if choice == self.transfer {
             return Ok(());
@@ -400,8 +404,9 @@ impl State {
     }
 }
 
-/// The functions that take the places of others, of the same text; `None` where they may not: on another scale values have
-/// other positions, and only sampling knows which length opacities are of where the text does not say.
+/// Returns new transfer functions from one text in place of old ones. It returns `None` if the data
+/// must be sampled again: if the scale differs, so do the stored positions of values, and if the
+/// text states no unit distance, sampling finds it.
 fn exchanged(
     text: &str,
     old: &[Option<TransferFunction>],
@@ -421,7 +426,7 @@ fn exchanged(
         };
         let ([low, high], unit) = (old.range(), old.unit_distance());
         let one = of([low, high], unit)?;
-        // What the text leaves open differs with what stands in for it.
+        // Two sets of defaults give different functions if the text leaves anything open.
         let other = of([low - 1.0, high + 1.0], 2.0 * unit)?;
         let Some(moved) = one.moved_to(old.value_scale()).filter(|_| one == other) else {
             return Ok(None);
@@ -431,15 +436,15 @@ fn exchanged(
     Ok(Some(new))
 }
 
-/// Whether slabs are classified by their mean values, and have slopes of their own.
+/// Returns true if slabs are classified by their mean values and compute their own slopes.
 fn is_post_classified(settings: &Settings) -> bool {
     let maximum = matches!(settings.composite, ewa_splat::Composite::Maximum { .. });
     settings.composite.classifies_slabs() && !maximum
 }
 
 impl Source {
-    /// Whether nothing that is sampled of it depends on the transfer function: no boundary, no opacity of a surface, no
-    /// length or factor of opacities that was asked for.
+    /// Returns true if no sampled data depend on the transfer function: no boundary, no opacity of
+    /// a surface, no unit distance or opacity scale that was asked for.
     fn is_plain(&self) -> bool {
         let options = &self.options;
         let is_of_points = match &self.data {
@@ -454,7 +459,7 @@ impl Source {
             && !is_scaled
     }
 
-    /// Whether it is a mesh.
+    /// Returns true if it is a mesh.
     fn is_mesh(&self) -> bool {
         match &self.data {
             Data::Set(dataset) => matches!(dataset.geometry, Geometry::Mesh(_)),
@@ -462,7 +467,7 @@ impl Source {
         }
     }
 
-    /// The mesh of which surfels are made, if any are.
+    /// Returns the mesh from which surfels are made, if any are.
     fn surface(&self, for_columns: bool) -> Result<Option<Cow<'_, Dataset>>> {
         let Data::Set(dataset) = &self.data else {
             return Ok(None);
@@ -478,7 +483,7 @@ impl Source {
     }
 }
 
-/// The camera of a view.
+/// Returns the camera of a view.
 fn camera(
     view: Option<&View>,
     up: Up,
@@ -495,7 +500,7 @@ fn camera(
             true => viewpoint.camera_around(boxes, lens, inner),
             false => viewpoint.camera(boxes, lens, inner),
         };
-        // What is left free lies to the right of what it was fitted to.
+        // The columns left free lie to the right of the part that the camera was fitted to.
         camera.map(|camera| Camera {
             width: size[0],
             ..camera
@@ -510,7 +515,7 @@ fn camera(
     }
 }
 
-/// A picture's size that can be one.
+/// Checks the size of a picture.
 fn checked(size: [usize; 2]) -> PyResult<()> {
     if size.iter().all(|n| (1..=65_535).contains(n)) {
         return Ok(());
@@ -522,7 +527,7 @@ fn checked(size: [usize; 2]) -> PyResult<()> {
 }
 
 impl Renderer {
-    /// The state, once no other thread draws.
+    /// Locks the state, once no other thread draws.
     fn lock(&self, task: &Task) -> Result<MutexGuard<'_, State>> {
         let mut turns = 0;
         loop {
@@ -532,7 +537,7 @@ impl Renderer {
                     state.leave_device();
                     return Ok(state);
                 }
-                // A panic left it as it was before, or without what is made anew.
+                // After a panic, the state is as before, or lacks what is made anew.
                 Err(TryLockError::Poisoned(poisoned)) => {
                     let mut state = poisoned.into_inner();
                     state.ready = None;
@@ -544,7 +549,8 @@ impl Renderer {
                         return Err(Error::Cancelled);
                     }
                     let owner = self.process.load(Ordering::Relaxed);
-                    // Whoever has just locked it in this process says so at once.
+                    // A thread of this process that has just locked the state stores its process
+                    // number at once.
                     turns = match owner == 0 || owner == process::id() {
                         true => 0,
                         false => turns + 1,
@@ -564,7 +570,7 @@ impl Renderer {
         }
     }
 
-    /// A scene for a picture, its camera and settings.
+    /// Prepares a scene for a picture, and passes it on with the camera and settings.
     fn with_picture<T: Send>(
         &self,
         py: Python<'_>,
@@ -633,7 +639,8 @@ impl Renderer {
         })
     }
 
-    /// A picture: its pixels, depths and normals as arrays, the camera, statistics and the measured error as JSON.
+    /// Draws a picture. Returns its pixels, depths and normals as arrays, the camera, the
+    /// statistics and the measured error as JSON.
     #[pyo3(signature = (view, size, said))]
     fn render<'py>(
         &self,
@@ -710,7 +717,8 @@ impl Renderer {
         Ok(dict)
     }
 
-    /// A column density: values, the area of a pixel, the camera, and what the values are summed of.
+    /// Draws a column density. Returns the values, the area of a pixel, the camera, and the
+    /// quantity that is summed.
     #[pyo3(signature = (view, size, said))]
     fn column_density<'py>(
         &self,
@@ -772,7 +780,7 @@ impl Renderer {
         Ok(dict)
     }
 
-    /// The true picture, in f64, narrowed: of kernels or of data.
+    /// Integrates the reference image, of kernels or of data, in f64, and rounds it.
     #[pyo3(signature = (of, view, size, error, said))]
     fn reference<'py>(
         &self,
@@ -844,7 +852,8 @@ impl Renderer {
         Ok(dict)
     }
 
-    /// What a pixel shows: of each particle its thing, number, value, position, depth and share.
+    /// Returns the particles that a pixel shows, each with its drawable, number, value, position,
+    /// depth and share.
     #[expect(clippy::type_complexity, reason = "the package names its parts")]
     fn pick(
         &self,
@@ -875,7 +884,7 @@ impl Renderer {
         })
     }
 
-    /// Speed against accuracy, as JSON.
+    /// Measures speed against accuracy, and returns the report as JSON.
     fn measure(
         &self,
         py: Python<'_>,
@@ -934,7 +943,7 @@ impl Renderer {
         })
     }
 
-    /// Exchanges the values of a thing, of as many samples.
+    /// Replaces the values of a drawable by as many others.
     fn set_values(&self, py: Python<'_>, thing: usize, values: Numbers) -> PyResult<()> {
         let old = run(py, |task| {
             let state = self.lock(task)?;
@@ -975,13 +984,13 @@ impl Renderer {
         })
     }
 
-    /// Takes a transfer function for all things.
+    /// Sets a transfer function for all data.
     fn set_transfer_function(&self, py: Python<'_>, said: &Bound<'_, PyDict>) -> PyResult<()> {
         let choice = transfer(&Keywords::new(Some(said))?)?;
         run(py, |task| self.lock(task)?.set_transfer(choice))
     }
 
-    /// The functions in use, as JSON; of what has none `None`.
+    /// Returns the current transfer functions as JSON; `None` for drawables without one.
     fn transfer_functions(&self, py: Python<'_>) -> PyResult<Vec<Option<String>>> {
         let drawing = drawing(None)?;
         self.with_picture(py, (None, [64, 64], &drawing), false, |ready, _, _| {
@@ -992,7 +1001,7 @@ impl Renderer {
         })
     }
 
-    /// What draws: an adapter, or `None` for the processor.
+    /// Returns the adapter that draws, or `None` for the CPU.
     fn adapter(&self, py: Python<'_>) -> PyResult<Option<String>> {
         run(py, |task| {
             let state = self.lock(task)?;
@@ -1004,7 +1013,7 @@ impl Renderer {
     }
 }
 
-/// The true picture of the one grid's own field.
+/// Integrates the reference image of the one grid's own field.
 fn of_field(
     state: &State,
     sampled: &Sampled,
@@ -1034,7 +1043,7 @@ fn of_field(
         .render(camera, reference)
 }
 
-/// A camera as the package describes it.
+/// Describes a camera as the package does.
 fn described<'py>(py: Python<'py>, camera: &Camera) -> PyResult<Bound<'py, PyDict>> {
     let dict = PyDict::new(py);
     let rows = camera.camera_from_world.transpose().to_cols_array_2d();

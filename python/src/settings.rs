@@ -1,4 +1,4 @@
-//! Keyword arguments as the library's options. What is unknown is refused, by name.
+//! Converts keyword arguments to the library's options. Unknown arguments are refused by name.
 
 use ewa_splat::io::{
     LengthMeaning, OpenOptions, ParticleType, RawLayout, RawType, ReadAs, ScaleMeaning, SphKernel,
@@ -19,7 +19,7 @@ use pyo3::types::PyDict;
 
 use crate::errors::exception;
 
-/// Keyword arguments that are taken one by one.
+/// Keyword arguments, taken one by one.
 pub(crate) struct Keywords<'py>(Option<Bound<'py, PyDict>>);
 
 impl<'py> Keywords<'py> {
@@ -27,7 +27,7 @@ impl<'py> Keywords<'py> {
         Ok(Self(dict.map(|dict| dict.copy()).transpose()?))
     }
 
-    /// An argument that is given and not None.
+    /// Takes an argument that is given and not None.
     pub(crate) fn take<T>(&self, name: &str) -> PyResult<Option<T>>
     where
         T: for<'a> FromPyObject<'a, 'py>,
@@ -53,7 +53,7 @@ impl<'py> Keywords<'py> {
         value.map(Some)
     }
 
-    /// One of several names for values.
+    /// Takes an argument that names one of several values.
     fn choice<T: Copy>(&self, name: &str, choices: &[(&str, T)]) -> PyResult<Option<T>> {
         let Some(text) = self.take::<String>(name)? else {
             return Ok(None);
@@ -66,7 +66,7 @@ impl<'py> Keywords<'py> {
         })
     }
 
-    /// A number within bounds.
+    /// Takes a number within bounds.
     fn number(
         &self,
         name: &str,
@@ -86,7 +86,7 @@ impl<'py> Keywords<'py> {
         self.number(name, "a number above 0", |x| x > 0.0 && x.is_finite())
     }
 
-    /// Two numbers, the lower one first.
+    /// Takes two numbers, the lower one first.
     fn range(&self, name: &str) -> PyResult<Option<[f64; 2]>> {
         let range = self.take::<[f64; 2]>(name)?;
         match range.filter(|[a, b]| !(a < b && a.is_finite() && b.is_finite())) {
@@ -97,7 +97,7 @@ impl<'py> Keywords<'py> {
         }
     }
 
-    /// Refuses what was not taken.
+    /// Refuses arguments that were not taken.
     pub(crate) fn end(self) -> PyResult<()> {
         let Some(dict) = self.0 else {
             return Ok(());
@@ -111,16 +111,16 @@ impl<'py> Keywords<'py> {
     }
 }
 
-/// What was said of arrays or files.
+/// Keyword arguments about arrays or files.
 pub(crate) struct Said {
     pub(crate) options: SampleOptions,
-    /// What points up.
+    /// Direction up.
     pub(crate) up: Option<DVec3>,
-    /// The unit of values.
+    /// Unit of values.
     pub(crate) unit: Option<String>,
 }
 
-/// How data become particles, as the command line has it.
+/// Returns the sampling options, with the command line's meanings.
 pub(crate) fn sample_options(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Said> {
     let said = Keywords::new(dict)?;
     let defaults = SampleOptions::default();
@@ -213,7 +213,7 @@ pub(crate) fn sample_options(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Said>
     Ok(Said { options, up, unit })
 }
 
-/// A transfer function as the package hands it over: what it is, and its name, path or text.
+/// Takes a transfer function, passed as its kind and its name, path or text.
 pub(crate) fn transfer(said: &Keywords<'_>) -> PyResult<Option<TransferChoice>> {
     let given = said.take::<(String, String)>("transfer_function")?;
     Ok(given.map(|(kind, text)| match kind.as_str() {
@@ -223,7 +223,7 @@ pub(crate) fn transfer(said: &Keywords<'_>) -> PyResult<Option<TransferChoice>> 
     }))
 }
 
-/// Reads a transfer function's text, so that its faults are seen when it is made.
+/// Parses a transfer function's text, so that its errors are reported when it is made.
 #[pyfunction]
 pub(crate) fn check_transfer_function(text: &str) -> PyResult<()> {
     let defaults = TransferDefaults {
@@ -234,7 +234,7 @@ pub(crate) fn check_transfer_function(text: &str) -> PyResult<()> {
     read.map(|_| ()).map_err(|error| exception(&error))
 }
 
-/// What files do not say of themselves; the types of particles and the step of time that are named.
+/// Returns the options for opening files, the particle types and the time step.
 pub(crate) fn open_options(
     dict: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<(OpenOptions, Vec<ParticleType>, Option<StepChoice>)> {
@@ -312,22 +312,22 @@ pub(crate) fn open_options(
     Ok((options, types, step))
 }
 
-/// How a picture is drawn, and what of it concerns more than its frame.
+/// Settings of a picture, and the options that concern more than its frame.
 pub(crate) struct Drawing {
     pub(crate) settings: Settings,
-    /// Whether the variance of the low-pass filter was said.
+    /// True if the variance of the low-pass filter was given.
     pub(crate) has_low_pass: bool,
-    /// Whether volumes are lit.
+    /// True if volumes are lit.
     pub(crate) is_lit: bool,
     pub(crate) transfer: Option<TransferChoice>,
     pub(crate) legend: bool,
     pub(crate) measure_error: bool,
 }
 
-/// The settings of a picture.
+/// Returns the settings of a picture.
 ///
 /// # Errors
-/// Unknown names, values that are none of a setting's, settings that go with others alone.
+/// Unknown names; values outside a setting's domain; settings without others that they need.
 pub(crate) fn drawing(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Drawing> {
     let said = Keywords::new(dict)?;
     let defaults = Settings::default();
@@ -393,7 +393,8 @@ pub(crate) fn drawing(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Drawing> {
         }),
         (None, Some(true)) => Some(Lighting::default()),
         (None, Some(false)) => None,
-        // Surfaces are; what is classified in slabs would be lit with them.
+        // By default, surfaces are lit. Post-classified slabs would be lit with them, so then there
+        // is no light.
         (None, None) => (!composite.classifies_slabs()).then(Lighting::default),
     };
     let planes = said.take::<Vec<[f64; 4]>>("clip")?.unwrap_or_default();

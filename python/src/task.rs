@@ -1,4 +1,4 @@
-//! Long work without the interpreter's lock, which Ctrl-C ends.
+//! Runs long work without the interpreter's lock, so that Ctrl-C can end it.
 
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::mpsc::channel;
@@ -11,11 +11,12 @@ use pyo3::prelude::*;
 use crate::errors::exception;
 use crate::forked::with_workers;
 
-/// Time between questions whether a signal has come.
+/// Time between checks for a signal.
 const PATIENCE: Duration = Duration::from_millis(20);
 
-/// Runs `work` in a thread of its own and waits for it with the interpreter released. A signal whose handler raises, as
-/// Ctrl-C does, cancels the task; the work is waited for all the same, so that nothing of it goes on.
+/// Runs `work` in a thread of its own, and waits for it with the interpreter released. A signal
+/// whose handler raises, as for Ctrl-C, cancels the task. It then still waits for the work, so that
+/// no part of it runs on.
 ///
 /// # Errors
 /// The handler's exception, or the work's error.
@@ -29,9 +30,9 @@ pub(crate) fn run<T: Send>(
     let result = thread::scope(|scope| {
         let task = &task;
         scope.spawn(move || {
-            // A panic is the caller's, with its message.
+            // A panic is passed to the caller, with its message.
             let result = catch_unwind(AssertUnwindSafe(|| with_workers(|| work(task))));
-            // Whoever waits is there until it has come.
+            // The receiver waits until this result has arrived.
             let _ = send.send(result);
         });
         loop {

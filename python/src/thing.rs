@@ -1,4 +1,4 @@
-//! What is drawn: data sets in memory, or surfels that are ready.
+//! Defines drawables: data sets in memory, or surfels that are ready.
 
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -25,21 +25,21 @@ use crate::forked::detached;
 use crate::settings::{Said, open_options, sample_options};
 use crate::task::run;
 
-/// What is drawn together of one object: a volume, a surface, or the parts of a collection.
+/// Drawable made of one object: a volume, a surface, or the parts of a collection.
 #[pyclass(frozen, module = "ewa_splat._core")]
 pub(crate) struct Thing {
     pub(crate) sources: Vec<Source>,
-    /// What points up, if it was said.
+    /// Direction up, if it was given.
     up: Option<DVec3>,
 }
 
-/// A data set and how it is sampled, or what is ready.
+/// Data set with its sampling options, or surfels that are ready.
 pub(crate) struct Source {
     pub(crate) data: Data,
     pub(crate) options: SampleOptions,
-    /// What was sampled of it last, until it is drawn.
+    /// Last sampled scene, until it is drawn.
     sampled: Mutex<Option<(SampleOptions, SampledScene)>>,
-    /// How the first of these was.
+    /// Report of the first sampling.
     report: Mutex<Option<SampleReport>>,
 }
 
@@ -58,7 +58,7 @@ impl Source {
         }
     }
 
-    /// What it is drawn as. What was sampled before for the same is handed out, once.
+    /// Samples the source. A scene sampled before with the same options is returned, once.
     pub(crate) fn scene(&self, options: &SampleOptions) -> Result<SampledScene> {
         let alike = |own: &SampleOptions| SampleOptions {
             task: None,
@@ -89,7 +89,7 @@ impl Source {
         Ok(sampled)
     }
 
-    /// How it is sampled, which is found out now if it was not before.
+    /// Returns the report of sampling. It samples the source now if this was not done before.
     fn report(&self, task: &Task) -> Result<SampleReport> {
         let known = || {
             let report = self.report.lock();
@@ -109,7 +109,7 @@ impl Source {
         Ok(report)
     }
 
-    /// Which way is up.
+    /// Returns the direction up.
     pub(crate) fn up(&self) -> Up {
         match &self.data {
             Data::Set(dataset) => dataset.up(),
@@ -120,7 +120,7 @@ impl Source {
         }
     }
 
-    /// The least and the greatest coordinates.
+    /// Returns the least and the greatest coordinates.
     pub(crate) fn corners(&self) -> Option<(DVec3, DVec3)> {
         match &self.data {
             Data::Set(dataset) => dataset.bounds(),
@@ -136,7 +136,7 @@ impl Source {
     }
 }
 
-/// A field of arrays.
+/// Makes a field of an array.
 fn field(name: &str, values: ewa_splat::scene::Values, association: Association) -> Field {
     Field {
         name: name.into(),
@@ -146,7 +146,7 @@ fn field(name: &str, values: ewa_splat::scene::Values, association: Association)
     }
 }
 
-/// Nodes unless `cells` is said.
+/// Returns the association: nodes, unless `cells` is given.
 fn association(of: &str) -> Association {
     match of {
         "cells" => Association::Cells,
@@ -155,7 +155,8 @@ fn association(of: &str) -> Association {
 }
 
 impl Thing {
-    /// Of one data set. Whether its parts fit each other is checked now, samples when they are drawn.
+    /// Makes a drawable of one data set. It checks now that its parts fit; samples are checked when
+    /// they are drawn.
     fn of(
         py: Python<'_>,
         what: &'static str,
@@ -177,7 +178,7 @@ impl Thing {
         })
     }
 
-    /// The same with other values of its field, and the same unit: of the one data set.
+    /// Returns this drawable, of one data set, with other values of its field in the same unit.
     pub(crate) fn with_values(&self, py: Python<'_>, values: Numbers) -> PyResult<Self> {
         let ([source], Some(name)) = (self.sources.as_slice(), self.field_name()) else {
             let text = "values: expected a volume with values, found one without, or parts of a collection";
@@ -213,13 +214,13 @@ impl Thing {
         Err(PyValueError::new_err(text))
     }
 
-    /// The field that is asked for.
+    /// Returns the name of the field that was asked for.
     fn field_name(&self) -> Option<String> {
         let mut sources = self.sources.iter();
         sources.find_map(|source| source.options.field.clone())
     }
 
-    /// What points up of its data.
+    /// Returns the direction up of each data set.
     pub(crate) fn ups(&self) -> impl Iterator<Item = Up> {
         self.sources.iter().map(|source| match self.up {
             Some(direction) => Up {
@@ -236,7 +237,7 @@ impl Thing {
 
 #[pymethods]
 impl Thing {
-    /// Points with columns, by the names that tables have for them.
+    /// Makes a drawable of points with columns, named as in tables.
     #[staticmethod]
     #[pyo3(signature = (positions, columns, options=None))]
     fn points(
@@ -253,7 +254,7 @@ impl Thing {
         Self::of(py, "points", geometry, fields.collect(), options)
     }
 
-    /// A lattice; `step`: rows are the steps along x, y and z of the array.
+    /// Makes a drawable of a lattice. Rows of `step` are the steps along x, y and z of the array.
     #[staticmethod]
     #[pyo3(signature = (dims, origin, step, name, values, of, options=None))]
     #[expect(clippy::too_many_arguments, reason = "the package's own call")]
@@ -278,7 +279,7 @@ impl Thing {
         Self::of(py, "grid", Geometry::Lattice(lattice), fields, options)
     }
 
-    /// A rectilinear lattice by the coordinates along its axes.
+    /// Makes a drawable of a rectilinear lattice from the coordinates along its axes.
     #[staticmethod]
     #[pyo3(signature = (coordinates, name, values, of, options=None))]
     fn rectilinear(
@@ -297,7 +298,7 @@ impl Thing {
         Self::of(py, "grid", Geometry::Lattice(lattice), fields, options)
     }
 
-    /// A curvilinear grid, nodes along i fastest.
+    /// Makes a drawable of a curvilinear grid, nodes along i fastest.
     #[staticmethod]
     #[pyo3(signature = (dims, points, name, values, of, options=None))]
     fn structured(
@@ -318,7 +319,7 @@ impl Thing {
         Self::of(py, "structured grid", geometry, fields, options)
     }
 
-    /// An unstructured grid in VTK's lists.
+    /// Makes a drawable of an unstructured grid in VTK's lists.
     #[staticmethod]
     #[pyo3(signature = (points, cells, kinds, name, values, of, options=None))]
     #[expect(clippy::too_many_arguments, reason = "the package's own call")]
@@ -339,7 +340,7 @@ impl Thing {
         Self::of(py, "cells", Geometry::Cells(mesh), fields, options)
     }
 
-    /// Triangles: with colours of corners, a texture, or values.
+    /// Makes a drawable of triangles with vertex colours, a texture, or values.
     #[staticmethod]
     #[pyo3(signature = (vertices, faces, colours=None, uv=None, texture=None, values=None, of="nodes", options=None))]
     #[expect(clippy::too_many_arguments, reason = "the package's own call")]
@@ -372,7 +373,7 @@ impl Thing {
         Self::of(py, "mesh", Geometry::Mesh(mesh), fields, options)
     }
 
-    /// Surfels of points with normals and radii.
+    /// Makes a drawable of surfels: points with normals and radii.
     #[staticmethod]
     fn surfels(
         py: Python<'_>,
@@ -394,8 +395,8 @@ impl Thing {
         })
     }
 
-    /// Splats of a radiance field: `scales` (n, 3), `rotations` (n, 4) w, x, y, z, `harmonics` all coefficients of one
-    /// splat after those of another.
+    /// Makes a drawable of splats of a radiance field: `scales` (n, 3), `rotations` (n, 4) w, x, y,
+    /// z, `harmonics` with all coefficients of one splat after those of another.
     #[staticmethod]
     #[pyo3(signature = (positions, scales, rotations, opacities, degree, harmonics, options=None))]
     #[expect(clippy::too_many_arguments, reason = "the package's own call")]
@@ -422,8 +423,8 @@ impl Thing {
         Self::of(py, "splats", Geometry::Splats(cloud), Vec::new(), options)
     }
 
-    /// What a file holds: the first step of time, or another, all its parts; of a snapshot the particles of each type
-    /// that is named.
+    /// Opens a file as a drawable: all parts of its first time step, or of another. From a
+    /// snapshot, it takes the particles of each type that is named.
     #[staticmethod]
     #[pyo3(signature = (path, options=None, how=None))]
     fn open(
@@ -436,7 +437,7 @@ impl Thing {
         let (how, types, step) = open_options(how)?;
         let sets = run(py, |_| {
             let format = format_of(&path, &how);
-            // What cannot be read says why when it is.
+            // Errors of unreadable files are reported when they are read.
             let parts = match format {
                 Ok(format) => {
                     let steps = format.time_steps(&path)?;
@@ -486,7 +487,7 @@ impl Thing {
         of_sets(sets, &options, up)
     }
 
-    /// What the bytes of a file hold.
+    /// Reads a drawable from the bytes of a file.
     #[staticmethod]
     #[pyo3(signature = (name, bytes, options=None, how=None))]
     fn read(
@@ -515,7 +516,7 @@ impl Thing {
         of_sets(vec![dataset], &options, up)
     }
 
-    /// The same things as one.
+    /// Joins drawables to one.
     #[staticmethod]
     fn together(things: Vec<Py<Self>>) -> Self {
         let sources = things.iter().flat_map(|thing| &thing.get().sources);
@@ -532,7 +533,7 @@ impl Thing {
         }
     }
 
-    /// The names of its fields.
+    /// Returns the names of its fields.
     fn fields(&self) -> Vec<String> {
         let mut names = Vec::new();
         for source in &self.sources {
@@ -547,7 +548,7 @@ impl Thing {
         names
     }
 
-    /// What its data sets say of themselves.
+    /// Returns the notes of its data sets.
     fn notes(&self) -> Vec<String> {
         let notes = self.sources.iter().filter_map(|source| match &source.data {
             Data::Set(dataset) => Some(dataset.notes.clone()),
@@ -556,7 +557,7 @@ impl Thing {
         notes.flatten().collect()
     }
 
-    /// The least and the greatest coordinates.
+    /// Returns the least and the greatest coordinates.
     fn bounds(&self, py: Python<'_>) -> Option<([f64; 3], [f64; 3])> {
         let ends = detached(py, || {
             let all = self.sources.iter().filter_map(Source::corners);
@@ -565,7 +566,7 @@ impl Thing {
         ends.map(|(low, high)| (low.to_array(), high.to_array()))
     }
 
-    /// How it is sampled: samples, particles, field, unit, and what was found.
+    /// Describes its sampling: samples, particles, field, unit, and notes.
     fn report<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let reports = run(py, |task| {
             let all = self.sources.iter().map(|source| source.report(task));
@@ -590,12 +591,13 @@ impl Thing {
         Ok(dict)
     }
 
-    /// Writes it as a file of splats; gives how many, the bytes, and what was noted.
+    /// Writes it as a file of splats. Returns their number, the file's size in bytes, and the
+    /// notes.
     fn convert(&self, py: Python<'_>, path: PathBuf) -> PyResult<(usize, u64, Vec<String>)> {
         run(py, |task| {
             let mut volumes = Vec::new();
             for source in &self.sources {
-                // Splats of a file are cut by nothing.
+                // Splats in a file are not clipped at a boundary.
                 let options = SampleOptions {
                     boundary: BoundaryChoice::Soft,
                     task: Some(task.clone()),
@@ -615,7 +617,7 @@ impl Thing {
     }
 }
 
-/// Things of data sets. What one lacks of the field that is asked for another may have.
+/// Makes a drawable of data sets. A field that one data set lacks may be in another.
 fn of_sets(sets: Vec<Dataset>, options: &SampleOptions, up: Option<DVec3>) -> PyResult<Thing> {
     let lacks = |set: &Dataset| {
         let field = options.field.as_deref()?;

@@ -1,18 +1,19 @@
-//! The program: see `ewa_splat::command`.
+//! Runs the command line: see `ewa_splat::command`.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::io::Write;
 use std::process::ExitCode;
 
-/// The system's allocator. Where it has no memory, the program ends with a line in place of an abort; places that ask for
-/// room that may be refused ([`ewa_splat::memory::is_tried`]) are told so instead.
+/// The system's allocator. If an allocation fails, it prints an error and ends the program instead
+/// of aborting. Within [`ewa_splat::memory::is_tried`], callers get the failure instead.
 struct OrEnds;
 
 #[allow(
     unsafe_code,
     reason = "what happens without memory can be said in no other place; every call is handed on as it came"
 )]
-// SAFETY: all requests go to the system's allocator unchanged, and what it gives is given on.
+// SAFETY: every request goes to the system's allocator unchanged, and its result is returned
+// unchanged.
 unsafe impl GlobalAlloc for OrEnds {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         // SAFETY: as the caller promises.
@@ -40,7 +41,7 @@ static ALLOCATOR: OrEnds = OrEnds;
 
 fn or_end(pointer: *mut u8, size: usize) -> *mut u8 {
     if pointer.is_null() && !ewa_splat::memory::is_tried() {
-        // Nothing here asks for memory.
+        // This function allocates nothing.
         let mut out = std::io::stderr().lock();
         let _ = writeln!(
             out,

@@ -1,4 +1,4 @@
-//! Files of many pictures.
+//! Writes sequences of pictures: numbered files, APNG or GIF.
 
 use std::cell::RefCell;
 use std::io::Write;
@@ -8,7 +8,7 @@ use std::rc::Rc;
 use crate::io::{check_folder, check_image_path, write_bytes_atomically, write_image};
 use crate::{Error, Image, Result};
 
-/// What the pictures of a sequence go to: numbered files, an APNG or a GIF.
+/// Writer of a sequence: numbered files, an APNG or a GIF.
 pub struct Animation {
     path: PathBuf,
     kind: Kind,
@@ -26,7 +26,8 @@ impl std::fmt::Debug for Animation {
 }
 
 enum Kind {
-    /// One file each: what stands before the number, how many digits it has, and what stands after.
+    /// One file per picture: the name before the number, the number's digits, and the name after
+    /// it.
     Files {
         before: String,
         digits: usize,
@@ -39,7 +40,7 @@ enum Kind {
     Gif(Option<gif::Encoder<Vec<u8>>>),
 }
 
-/// Bytes that stay when their writer is gone.
+/// Buffer that outlives its writer.
 #[derive(Clone, Default)]
 struct Shared(Rc<RefCell<Vec<u8>>>);
 
@@ -53,7 +54,7 @@ impl Write for Shared {
     }
 }
 
-/// Where a file's name has its number: `a_%04d.png` and `a_%d.png`.
+/// Splits a file's name at its number: `a_%04d.png` or `a_%d.png`.
 fn number_in(name: &str) -> Option<(&str, usize, &str)> {
     let (before, rest) = name.split_once('%')?;
     let (digits, after) = rest.split_once('d')?;
@@ -69,7 +70,7 @@ fn refused(path: &Path, found: &str, advice: String) -> Error {
     Error::format(path, "output", expected, found, advice)
 }
 
-/// Whether one file holds many pictures.
+/// Returns true if one file of this format holds many pictures.
 pub(crate) fn is_animated(path: &Path) -> bool {
     matches!(extension(path).as_str(), "apng" | "gif")
 }
@@ -80,10 +81,10 @@ fn extension(path: &Path) -> String {
 }
 
 impl Animation {
-    /// Whether a file may hold a sequence, asked before the work of making it.
+    /// Checks that a path can hold a sequence, before the pictures are drawn.
     ///
     /// # Errors
-    /// A name that has no number and is no APNG or GIF, a film, a folder that is not there.
+    /// A name without a number that is no APNG or GIF, a video format, an absent folder.
     pub fn check_path(path: &Path) -> Result<()> {
         let name = path.file_name().and_then(|name| name.to_str());
         match extension(path).as_str() {
@@ -109,14 +110,14 @@ impl Animation {
         }
     }
 
-    /// Files for pictures to come.
+    /// Opens the output for a sequence of pictures.
     ///
     /// - `size`: width and height in pixels.
-    /// - `count`: pictures to come, all of which must.
+    /// - `count`: number of pictures; exactly this many must follow.
     /// - `rate`: pictures per second, 1 to 100.
     ///
     /// # Errors
-    /// Those of [`Self::check_path`], and sizes that the format does not hold.
+    /// The errors of [`Self::check_path`]; sizes that the format cannot store.
     pub fn new(path: &Path, size: [usize; 2], count: usize, rate: u16) -> Result<Self> {
         let side = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
         let kind = match extension(path).as_str() {
@@ -163,7 +164,7 @@ impl Animation {
         })
     }
 
-    /// The file of the next picture, if it has one of its own.
+    /// Path of the next picture; for an APNG or GIF, that of the one file.
     fn file(&self) -> PathBuf {
         match &self.kind {
             Kind::Files {
@@ -182,7 +183,7 @@ impl Animation {
     /// Adds a picture.
     ///
     /// # Errors
-    /// A file that cannot be written, another size than that of the first.
+    /// A file that cannot be written; a size other than that of the first picture.
     pub fn push(&mut self, image: &Image) -> Result<()> {
         let rate = self.rate;
         let file = self.file();
@@ -196,11 +197,11 @@ impl Animation {
             Kind::Gif(encoder) => {
                 let sides = [image.width, image.height];
                 let sides = sides.map(|n| u16::try_from(n).unwrap_or(u16::MAX));
-                /// From 1, the slowest and best, to 30.
+                /// Speed of the GIF encoder: from 1, the slowest and best, to 30.
                 const SPEED: i32 = 10;
                 let mut bytes = image.to_srgb8();
                 let mut frame = gif::Frame::from_rgba_speed(sides[0], sides[1], &mut bytes, SPEED);
-                // Hundredths of a second.
+                // The delay is in hundredths of a second.
                 frame.delay = (100 + rate / 2) / rate;
                 let pushed = encoder.as_mut().map(|e| e.write_frame(&frame));
                 pushed.transpose().map_err(|e| fault(&file, &e))?;
@@ -210,7 +211,7 @@ impl Animation {
         Ok(())
     }
 
-    /// Writes what is one file, whole.
+    /// Writes an APNG or GIF as one complete file.
     ///
     /// # Errors
     /// A file that cannot be written.

@@ -1,4 +1,5 @@
-//! What `ewa-splat render` draws over a picture: legends, and the options of annotations.
+//! Draws legends and annotations over a picture of `ewa-splat render`, and defines the options of
+//! annotations.
 
 use std::borrow::Cow;
 use std::path::Path;
@@ -13,7 +14,7 @@ use clap::Args;
 use super::info_table::significant;
 use super::source::Input;
 
-/// What stands for the time in a time stamp.
+/// Placeholder for the time in a time stamp.
 const TIME: &str = "{time}";
 
 #[derive(Args, Clone)]
@@ -47,7 +48,7 @@ impl AnnotationOptions {
         self.outline
     }
 
-    /// The first option that is given.
+    /// Returns the first option that is given.
     fn first(&self) -> Option<&'static str> {
         [
             (self.axes, "--axes"),
@@ -60,7 +61,7 @@ impl AnnotationOptions {
         .find_map(|(is_given, name)| is_given.then_some(name))
     }
 
-    /// Refuses a stamp of a time that not all steps have.
+    /// Refuses a time stamp if any time step has no time.
     pub(crate) fn check_time(&self, inputs: &[Input]) -> Result<()> {
         let is_asked = self
             .time_stamp
@@ -80,7 +81,7 @@ impl AnnotationOptions {
         ))
     }
 
-    /// These with the time of a step in the stamp.
+    /// Returns these options with the time of a step in the stamp.
     pub(crate) fn at(&self, step: &[Input]) -> Self {
         let time = step.iter().find_map(|input| input.time);
         let stamped = |text: &String| match time {
@@ -93,9 +94,10 @@ impl AnnotationOptions {
         }
     }
 
-    /// Refuses to annotate numbers.
+    /// Refuses annotations on an output of numbers.
     ///
-    /// - `numbers`: the option that asks for them, and what it would take instead; none of a picture.
+    /// - `numbers`: the option that writes numbers, and the value it expects instead; `None` for a
+    ///   picture.
     pub(crate) fn check(&self, numbers: Option<(&'static str, &'static str)>) -> Result<()> {
         let (Some(option), Some((place, expected))) = (self.first(), numbers) else {
             return Ok(());
@@ -105,7 +107,7 @@ impl AnnotationOptions {
     }
 }
 
-/// What is drawn over a picture.
+/// Legends and annotations drawn over a picture.
 pub(crate) struct Overlays {
     camera: Camera,
     annotations: Annotations,
@@ -113,10 +115,12 @@ pub(crate) struct Overlays {
 }
 
 impl Overlays {
+    /// Checks that the legends and annotations fit into the camera's picture.
+    ///
     /// - `bounds`: the box of the data.
     ///
     /// # Errors
-    /// What has no room in the camera's picture.
+    /// Any that does not fit.
     pub(crate) fn new(
         options: &AnnotationOptions,
         bars: Vec<ColourBar>,
@@ -143,22 +147,22 @@ impl Overlays {
         })
     }
 
-    /// These with other bars.
+    /// Returns these overlays with other colour bars.
     pub(crate) fn with_bars(self, bars: Vec<ColourBar>) -> Self {
         Self { bars, ..self }
     }
 
-    /// Whether a picture stays as it is.
+    /// Returns true if nothing is drawn over the picture.
     pub(crate) fn is_empty(&self) -> bool {
         self.bars.is_empty() && self.annotations == Annotations::default()
     }
 
-    /// Writes a picture with everything that is drawn over it.
+    /// Draws all overlays on a picture and writes it.
     pub(crate) fn write(&self, path: &Path, image: &Image) -> Result<()> {
         write_image(path, &*self.drawn(image)?)
     }
 
-    /// A picture with everything that is drawn over it.
+    /// Returns a picture with all overlays drawn on it.
     pub(crate) fn drawn<'a>(&self, image: &'a Image) -> Result<Cow<'a, Image>> {
         if self.is_empty() {
             return Ok(Cow::Borrowed(image));

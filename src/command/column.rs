@@ -1,4 +1,4 @@
-//! `ewa-splat render --column-density`
+//! Runs `ewa-splat render --column-density`.
 
 use crate::io::{column_colours, column_picture, write_bytes_atomically, write_column};
 use crate::legend::ColourBar;
@@ -106,7 +106,7 @@ impl Arguments {
     }
 }
 
-/// What the colours of a picture of a column density stand for.
+/// Describes in words what the colours of a column density stand for.
 fn in_words(
     look: &ColumnLook<'_>,
     column: &ColumnImage,

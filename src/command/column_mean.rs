@@ -1,5 +1,7 @@
-//! `ewa-splat render --column-density --column-mean FIELD`: the mean of a field along each ray. Weights are the quantity that
-//! the columns integrate: masses, if they are known.
+//! Computes `ewa-splat render --column-density --column-mean FIELD`: the mean of a field along each
+//! ray.
+//!
+//! The weight is the quantity that the columns integrate: the mass, if it is known.
 
 use crate::sample::SampleOptions;
 use crate::scene::{Colour, PointVolume, Strength, Values};
@@ -13,26 +15,28 @@ use indicatif::ProgressBar;
 use super::input::DataOptions;
 use super::source::Input;
 
-/// The option's name, for errors.
+/// Name of the option in errors.
 const OPTION: &str = "--column-mean";
 
-/// How far from a kernel's centre there is a mean, standard deviations: beyond, less than a ninetieth of its peak.
+/// Distance from a kernel's centre up to which a mean is given, standard deviations. Beyond it, the
+/// kernel is below a ninetieth of its peak.
 const REACH: f32 = 3.0;
 
-/// The volumes from which columns of a mean are drawn.
+/// Volumes from which the columns of a mean are drawn.
 pub(crate) struct ColumnMean {
-    /// The name of the field in a legend.
+    /// Name of the field in a legend.
     pub(crate) title: String,
     /// Volumes whose columns are the numerators: weight times field.
     pub(crate) weighed: Vec<PointVolume>,
-    /// Volumes whose kernels mark where a mean may stand: see [`shown`].
+    /// Volumes whose kernels mark the pixels that get a mean: see [`shown`].
     pub(crate) places: Vec<PointVolume>,
 }
 
-/// The numerators of columns of the mean: volumes whose columns are those of `volumes` times a field, particle by particle.
+/// Returns the volumes of the numerators: those of `volumes`, with each weight multiplied by the
+/// field.
 ///
 /// # Errors
-/// A field that is absent, or that lacks a value of some particle; weights below 0.
+/// A field that is absent or that lacks a value for some particle; weights below 0.
 pub(crate) fn weighed(
     data: &DataOptions,
     inputs: &[Input],
@@ -86,7 +90,8 @@ fn times(volume: &PointVolume, of_field: &PointVolume) -> Result<PointVolume> {
                 ..volume.clone()
             })
         }
-        // Values times masses, in the place of values times volumes: a mass has no sign, a field may.
+        // Multiplies the values by masses instead of volumes, and stores the masses as volumes: a
+        // mass has no sign, whereas a field may have one.
         (Strength::Mass(masses), _) => Ok(PointVolume {
             strength: Strength::Classified {
                 volumes: masses.clone(),
@@ -100,7 +105,8 @@ fn times(volume: &PointVolume, of_field: &PointVolume) -> Result<PointVolume> {
     }
 }
 
-/// Kernels where those of a volume have weights, each as deep as the others: where a mean may stand.
+/// Returns the kernels of a volume that have positive weight, all with equal optical depth. They
+/// mark the pixels that get a mean.
 fn places(volume: &PointVolume) -> PointVolume {
     let weight = |i: usize| match (&volume.strength, &volume.values) {
         (Strength::Mass(masses), _) => masses[i],
@@ -131,16 +137,17 @@ fn places(volume: &PointVolume) -> PointVolume {
     }
 }
 
-/// As f32, a positive number within its normal ones.
+/// Converts to f32, clamped to the positive normal numbers.
 #[allow(clippy::cast_possible_truncation, reason = "clamped to what f32 holds")]
 fn narrowed(x: f64) -> f32 {
     x.clamp(f64::from(f32::MIN_POSITIVE), f64::from(f32::MAX)) as f32
 }
 
-/// Counts the kernels within [`REACH`] at each pixel: a mean stands at a pixel if there is one.
+/// Counts the kernels within [`REACH`] of each pixel's ray. A pixel gets a mean if the count is
+/// positive.
 ///
 /// # Errors
-/// The errors of any picture.
+/// The errors of rendering.
 pub(crate) fn shown(
     places: Vec<PointVolume>,
     on: impl FnOnce(&Renderer) -> Backend,
@@ -165,7 +172,8 @@ pub(crate) fn shown(
     Ok(renderer.render(camera, &settings)?.clone())
 }
 
-/// One column over another, pixel by pixel; NaN where no kernel is, or there is nothing to divide by.
+/// Divides one column image by another, pixel by pixel. The result is NaN at pixels without kernels
+/// or with a zero weight.
 pub(crate) fn quotient(sums: &ColumnImage, weights: &ColumnImage, shown: &Image) -> ColumnImage {
     let pairs = sums.values.iter().zip(&weights.values);
     let mean = |((sum, weight), [count, ..]): ((&f32, &f32), &[f32; 4])| match *weight > 0.0

@@ -1,4 +1,4 @@
-//! `ewa-splat compare`
+//! Runs `ewa-splat compare`.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! `ewa-splat convert`
+//! Runs `ewa-splat convert`.
 
 use std::path::{Path, PathBuf};
 
@@ -65,15 +65,17 @@ enum Version {
 struct Converted {
     cloud: SplatCloud,
     report: ConversionReport,
-    /// What was made of each mesh.
+    /// Summary of each mesh's conversion.
     meshes: Vec<Value>,
     notes: Vec<String>,
-    /// What points up in each input.
+    /// Direction up of each input.
     ups: Vec<(PathBuf, Up)>,
 }
 
+/// Converts the inputs and writes the output.
+///
 /// # Errors
-/// What reading, sampling, converting and writing say; an output that is an input.
+/// The errors of reading, sampling, converting and writing; an output that is also an input.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let is_scene = is_scene(&arguments.out);
     match is_scene {
@@ -173,11 +175,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 }
 
 impl Arguments {
-    /// How each input is sampled: meshes share the surfels that one would get, and data that name no field show one that
-    /// they have in common.
+    /// Returns the sampling options of each input. Meshes share the surfel count that one mesh
+    /// would get. Data without a named field show a field that they have in common.
     fn options(&self, inputs: &[Input]) -> Result<Vec<SampleOptions>> {
         let options = SampleOptions {
-            // Splats of a file are cut by nothing.
+            // Splats in a file are not clipped at a boundary.
             boundary: BoundaryChoice::Soft,
             ..self.data.sample_options()
         };
@@ -212,7 +214,7 @@ impl Arguments {
         Ok(all)
     }
 
-    /// Refuses what says nothing of a prepared scene.
+    /// Refuses options that do not apply to a prepared scene.
     fn check_scene(&self) -> Result<()> {
         check_folder(&self.out)?;
         let given = [
@@ -236,7 +238,8 @@ impl Arguments {
     }
 }
 
-/// Says how coordinates were turned, and which inputs have another way up than the one that all were turned by.
+/// Prints how coordinates were rotated. Names the inputs whose direction up differs from the one
+/// that the rotation assumes.
 fn say_turns(out: &Path, up: &Up, ups: &[(PathBuf, Up)], written: &WrittenSplats) {
     for (path, other) in ups.iter().filter(|(_, of)| of.direction != up.direction) {
         super::progress::note!(
@@ -262,7 +265,7 @@ fn say_turns(out: &Path, up: &Up, ups: &[(PathBuf, Up)], written: &WrittenSplats
     );
 }
 
-/// An axis in words: `+y`.
+/// Formats an axis: `+y`.
 pub(super) fn axis(direction: DVec3) -> String {
     let of = ["x", "y", "z"].into_iter().zip(direction.to_array());
     let known = of.clone().find(|(_, c)| c.abs() == direction.length());
@@ -285,7 +288,7 @@ fn finding(finding: &Finding) -> Value {
     json!({ "count": finding.count, "noun": finding.noun, "reason": finding.reason })
 }
 
-/// What was made of a mesh.
+/// Summarises the conversion of a mesh.
 fn mesh_summary(path: &Path, report: &MeshReport) -> Value {
     json!({
         "file": path.display().to_string(),
@@ -301,11 +304,12 @@ fn mesh_summary(path: &Path, report: &MeshReport) -> Value {
 }
 
 impl Converted {
-    /// Adds the splats of a data set.
+    /// Converts a data set and adds its splats.
     fn add(&mut self, dataset: Dataset, options: &SampleOptions, bar: &ProgressBar) -> Result<()> {
         let path = dataset.path.clone();
         let (cloud, report) = match dataset.geometry {
-            // As they are; a named field replaces colours and goes the other way.
+            // Keeps the file's splats. A named field replaces their colours, so it takes the other
+            // branch.
             Geometry::Splats(cloud) if options.field.is_none() => sound_splats(cloud)?,
             _ => {
                 let sampled = scene(dataset, options)?;

@@ -1,8 +1,8 @@
-//! `ewa-splat render --show count`
+//! Describes the output of `ewa-splat render --show count`.
 
 use crate::Image;
 
-/// What a picture of counts holds, and what its colours stand for.
+/// Describes the counts in a picture and the meaning of its colours.
 pub(crate) fn describe(count: &Image, is_png: bool) -> String {
     let numbers = || count.pixels.iter().map(|p| p[0]);
     let greatest = numbers().fold(0.0, f32::max);

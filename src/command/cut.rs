@@ -1,4 +1,4 @@
-//! `ewa-splat render --clip ... --cut-faces`
+//! Adds cut faces: `ewa-splat render --clip ... --cut-faces`.
 
 use crate::math::NO_NORMAL;
 use crate::sample::cut_faces;
@@ -16,9 +16,10 @@ pub(crate) struct CutOptions {
     pub(crate) cut_faces: bool,
 }
 
-/// Adds the faces of the planes through all volumes of fields; splats and surfels have none.
+/// Adds the faces where the planes cut each volume of a field. Splats and surfels get none.
 ///
-/// - `is_lit`: whether light falls on them; otherwise they show the transfer function's colours as they are.
+/// - `is_lit`: whether the faces are lit; otherwise they show the transfer function's colours
+///   unchanged.
 pub(crate) fn add_faces(
     volumes: &mut Vec<PointVolume>,
     planes: &[ClipPlane],

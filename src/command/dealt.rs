@@ -1,4 +1,5 @@
-//! Several inputs that ranks read in turn: each samples some of them, and hears what the others are.
+//! Reads several inputs on many ranks: each rank reads and samples some of them, and receives the
+//! metadata of the others.
 
 use indicatif::ProgressBar;
 
@@ -13,10 +14,11 @@ use crate::distributed::{Ranks, Share, dealt, hand_out};
 use crate::sample::SampleOptions;
 
 impl DataOptions {
-    /// A scene of several inputs, of which each rank reads some, and this one's share, whose volumes are in the scene.
+    /// Reads a scene of several inputs, some on each rank. Returns the scene with this rank's
+    /// volumes, and its share.
     ///
     /// # Errors
-    /// What reading says, on any rank; a field that no input has; a rank that is gone.
+    /// The errors of reading on any rank; a field that no input has; a rank that has ended.
     pub(super) fn dealt(
         &self,
         inputs: &[Input],
@@ -30,7 +32,8 @@ impl DataOptions {
         let lengths = inputs
             .iter()
             .map(|input| std::fs::metadata(&input.path).map_or(0, |meta| meta.len()));
-        // What the first rank sees is what all go by.
+        // All ranks use the file lengths that the first rank finds, so that they make the same
+        // assignment.
         let lengths = ranks.gather_records(Ok(lengths.collect()))?.swap_remove(0);
         let together = Together {
             data: self,

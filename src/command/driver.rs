@@ -1,20 +1,21 @@
-//! What drivers print unasked.
+//! Suppresses messages that graphics drivers print.
 
-/// Keeps Mesa quiet where there is no desktop.
+/// Suppresses Mesa's complaints on machines without a desktop.
 ///
-/// Its layer for choosing devices asks a Wayland display for its own and complains on standard error where
-/// `XDG_RUNTIME_DIR`, in which displays are found, is unset or no absolute path. Where it names a
-/// folder that does not exist there is just no display, which is true; real errors are still printed, and
-/// the layer's own variables (`MESA_VK_DEVICE_SELECT`, `DRI_PRIME`) hold.
+/// Mesa's device-selection layer asks a Wayland display for its device. It complains on standard
+/// error if `XDG_RUNTIME_DIR`, the folder of display sockets, is unset or not an absolute path. If
+/// the variable names an absent folder, Mesa takes it that there is no display and is silent. Real
+/// errors are still printed, and the layer's own variables (`MESA_VK_DEVICE_SELECT`, `DRI_PRIME`)
+/// still apply.
 ///
-/// To be called first of all in `main`, before any thread is started: it may set that variable.
+/// Call this first in `main`, before any thread is started: it may set that variable.
 #[cfg(all(unix, not(target_vendor = "apple")))]
 pub fn quiet_drivers() {
     const VARIABLE: &str = "XDG_RUNTIME_DIR";
     let folder = std::env::var_os(VARIABLE);
     if !folder.is_some_and(|folder| std::path::Path::new(&folder).is_absolute()) {
-        // SAFETY: this is the first that `main` does: no thread has been started that could read or write
-        // the environment meanwhile.
+        // SAFETY: `main` calls this first. No thread has been started that could read or write the
+        // environment meanwhile.
         #[expect(
             unsafe_code,
             reason = "drivers read the environment of their own process, and there is no other way to set it"
@@ -25,6 +26,6 @@ pub fn quiet_drivers() {
     }
 }
 
-/// Does nothing: other systems' drivers are quiet.
+/// Does nothing: drivers of other systems print no such messages.
 #[cfg(not(all(unix, not(target_vendor = "apple"))))]
 pub fn quiet_drivers() {}

@@ -1,4 +1,4 @@
-//! Placement of inputs, and the boxes to which they are cropped.
+//! Places inputs and crops them to boxes.
 
 use crate::edit::{Placement, crop, place};
 use crate::io::Dataset;
@@ -32,20 +32,20 @@ pub(crate) struct EditOptions {
     crop: Vec<OrNone<[DVec3; 2]>>,
 }
 
-/// The edits of one input.
+/// Edits of one input.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Edit {
     placement: Option<Placement>,
-    /// The factor of heights, in addition to the placement.
+    /// Factor of heights, in addition to the placement.
     exaggeration: Option<f64>,
     crop: Option<[DVec3; 2]>,
 }
 
 impl EditOptions {
-    /// The edits of each of so many inputs.
+    /// Returns the edits of each of `count` inputs.
     ///
     /// # Errors
-    /// An option is given neither once nor once for each input.
+    /// An option that is given neither once nor once for each input.
     pub(crate) fn of_inputs(&self, count: usize) -> Result<Vec<Edit>> {
         let resize = of_each("--resize", &self.resize, count)?;
         let exaggerate = of_each("--exaggerate", &self.exaggerate, count)?;
@@ -69,7 +69,7 @@ impl EditOptions {
     }
 }
 
-/// The value that an option has for each input.
+/// Returns a function from an input's number to the option's value for it.
 fn of_each<'a, T: Copy>(
     option: &'static str,
     stated: &'a [OrNone<T>],
@@ -93,7 +93,7 @@ fn of_each<'a, T: Copy>(
 }
 
 impl Edit {
-    /// The box, where there is nothing but a box.
+    /// Returns the crop box if the input is cropped and not otherwise edited.
     pub(crate) fn crop_alone(&self) -> Option<[DVec3; 2]> {
         let is_moved = self.placement.is_some() || self.exaggeration.is_some();
         self.crop.filter(|_| !is_moved)
@@ -119,10 +119,10 @@ impl Edit {
     }
 }
 
-/// How far the direction up may be from an axis, in shares of its length.
+/// Largest distance of the direction up from an axis, relative to its length.
 const ALONG: f64 = 1e-6;
 
-/// The sizes that multiply heights by a factor.
+/// Returns the scale factors that multiply heights by `factor`.
 fn heights(dataset: &Dataset, factor: f64) -> Result<DVec3> {
     let up = dataset.up().direction;
     let axes = [DVec3::X, DVec3::Y, DVec3::Z];

@@ -1,24 +1,26 @@
-//! Which files are meant: names, folders and patterns.
+//! Expands inputs to files: names, folders and patterns.
 
 use std::path::{Path, PathBuf};
 
 use crate::io::{OpenOptions, format_of, is_foreign_folder};
 use crate::{Error, Result};
 
-/// The files that inputs name.
+/// Files that the inputs name.
 pub(crate) struct Files {
     pub(crate) paths: Vec<PathBuf>,
-    /// Whether these are several or may be: not one name of a file.
+    /// True if the inputs may name several files: anything but a single file name.
     pub(crate) is_list: bool,
 }
 
 impl Files {
-    /// A folder that is no data set stands for all files in it and in the folders below it, a name with `*`, `?` or `[...]` that
-    /// is no file's for what it matches, where the shell has not put that in its place. In the order of their
-    /// names.
+    /// Expands folders and patterns.
+    ///
+    /// A folder that is not itself a data set stands for all files in it and in its subfolders. A
+    /// name with `*`, `?` or `[...]` that names no file stands for the files that it matches, for
+    /// shells that do not expand patterns. Files are in the order of their names.
     ///
     /// # Errors
-    /// Patterns that match nothing or cannot be read, and folders that cannot.
+    /// Patterns that match nothing or have wrong syntax; folders that cannot be read.
     pub(crate) fn of(inputs: &[PathBuf]) -> Result<Self> {
         let mut paths = Vec::new();
         let mut is_list = inputs.len() != 1;
@@ -61,12 +63,13 @@ fn matching(pattern: &Path) -> Result<Vec<PathBuf>> {
     Ok(paths)
 }
 
-/// Whether a path is a folder that is not a data set of its own, be it one of a format that is not read.
+/// Returns true if a path is a folder that is not itself a data set. A folder in a known but
+/// unsupported format counts as a data set.
 fn is_list_of_files(path: &Path) -> bool {
     path.is_dir() && !is_foreign_folder(path) && format_of(path, &OpenOptions::default()).is_err()
 }
 
-/// All files below a folder. Links to folders are not followed: they may lead around in circles.
+/// Collects all files below a folder. It does not follow links to folders: they may form cycles.
 fn walk(folder: &Path, paths: &mut Vec<PathBuf>) -> Result<()> {
     let fault = |e| Error::io(folder, "listing the folder", e, "check its permissions");
     let mut entries = Vec::new();

@@ -1,8 +1,8 @@
-//! The formats that are read, in `--help`.
+//! Lists the formats that can be read, for `--help`.
 
 use crate::io::{Family, Format, formats};
 
-/// A line for each family, with the endings of each format.
+/// Returns a line for each family, with the file extensions of each format.
 pub(crate) fn list() -> String {
     let of = |family: Family| formats().iter().filter(move |f| f.family == family);
     let line = |family: &Family| {

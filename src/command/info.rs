@@ -1,4 +1,4 @@
-//! `ewa-splat info`
+//! Runs `ewa-splat info`.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -37,8 +37,11 @@ pub(crate) struct Arguments {
     data: DataOptions,
 }
 
+/// Prints descriptions of the inputs.
+///
 /// # Errors
-/// A single file that cannot be read; of several none that can; a field named that is not there.
+/// A single file that cannot be read; several files, none of which can be read; a named field that
+/// is absent.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let files = Files::of(&arguments.inputs)?;
     let mut inputs: Vec<_> = files.paths.iter().cloned().map(Input::file).collect();
@@ -97,12 +100,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// Files named in a line at most.
+/// Largest number of files that a line names.
 const MOST_NAMES: usize = 3;
 
 const NOT_RECOGNISED: &str = "not recognised";
 
-/// A line for each file that is not read; one line for all that share a reason.
+/// Returns the lines about unread files: one line for all files with the same reason.
 fn unread_lines(unread: &[Value]) -> Vec<String> {
     let mut by_reason: Vec<(&Value, Vec<&Value>)> = Vec::new();
     for file in unread {
@@ -134,8 +137,8 @@ fn unread_lines(unread: &[Value]) -> Vec<String> {
     by_reason.into_iter().map(line).collect()
 }
 
-/// Why one of several files is not read: in few words where it is of another format, because the list of those
-/// that are read is long.
+/// Returns why one of several files was not read. The reason is short for an unknown format,
+/// because the list of known formats is long.
 fn why_unread(error: &Error) -> String {
     match error {
         Error::Format {
@@ -153,13 +156,14 @@ fn why_unread(error: &Error) -> String {
 }
 
 impl Arguments {
-    /// All that can be said of a file. What cannot be drawn still has its geometry and its fields, and under
-    /// `problem` what is wrong.
+    /// Describes a file completely. A file that cannot be drawn still gets its geometry and fields;
+    /// the entry `problem` gives the error.
     ///
-    /// - `with_blocks`: whether memory is described, too, for which particles are sorted into blocks.
+    /// - `with_blocks`: whether to report the memory needed, for which the particles are sorted
+    ///   into blocks.
     ///
     /// # Errors
-    /// A file that cannot be read, and a field named that is not there.
+    /// A file that cannot be read; a named field that is absent.
     fn description(&self, input: &Input, with_blocks: bool) -> Result<Value> {
         if is_prepared(&input.path) {
             return describe_prepared(input);
@@ -199,20 +203,20 @@ impl Arguments {
                 notes.push(json!(text));
             }
         };
-        // One length for all replaces them.
+        // `--radius` replaces the file's lengths, so the note applies only without it.
         if self.data.radius.is_none()
             && let Some(text) = logarithms(&dataset)
         {
             note(text);
         }
-        // What is made of a surface depends on the picture.
+        // The surfels of a surface depend on the picture.
         if crate::sample::is_surface(&dataset) {
             if let (Some(field), false) = (&self.data.field, dataset.fields.is_empty()) {
                 dataset.scalar(field)?;
             }
             return Ok(description);
         }
-        // A grid alone (PLOT3D without its solution) has nothing to show and much to tell.
+        // A bare grid (PLOT3D without its solution) has nothing to show but much to describe.
         if dataset.fields.is_empty()
             && !matches!(
                 dataset.geometry,
@@ -225,7 +229,7 @@ impl Arguments {
         if let Some(field) = &self.data.field {
             dataset.scalar(field)?;
         }
-        // What rendering makes of it.
+        // Sampling gives the particles that rendering would use.
         let sampled = match self.data.sample(dataset) {
             Ok(sampled) => sampled,
             Err(error) => {
@@ -256,7 +260,7 @@ impl Arguments {
     }
 }
 
-/// What a prepared scene holds; its particles are not read.
+/// Describes a prepared scene from its metadata; its particles are not read.
 fn describe_prepared(input: &Input) -> Result<Value> {
     let (scene, about) = super::prepared::open_any(input)?;
     let volumes = scene.volumes().iter();
@@ -300,7 +304,8 @@ fn describe_prepared(input: &Input) -> Result<Value> {
     }))
 }
 
-/// What is said of scales below 0 that are taken as standard deviations: they look like logarithms.
+/// Returns a note on negative scales that are read as standard deviations: they look like
+/// logarithms.
 fn logarithms(dataset: &Dataset) -> Option<String> {
     let count = match &dataset.geometry {
         Geometry::Splats(cloud) => {
@@ -318,7 +323,7 @@ fn logarithms(dataset: &Dataset) -> Option<String> {
         _ => 0,
     };
     let (of, advice) = match &dataset.geometry {
-        // Without `--scales linear` these would have been taken as logarithms.
+        // Without `--scales linear`, these scales would be read as logarithms.
         Geometry::Points { .. } => ("particles", "leave --scales linear out"),
         _ if dataset.format == "glTF splats" => ("splats", "leave --scales linear out"),
         _ => (
@@ -333,7 +338,7 @@ fn logarithms(dataset: &Dataset) -> Option<String> {
     })
 }
 
-/// What a file holds: geometry and fields, whatever can be made of them.
+/// Describes the geometry and fields of a file, drawable or not.
 fn describe(dataset: &Dataset) -> Value {
     let geometry = match &dataset.geometry {
         Geometry::Lattice(lattice) => match &lattice.spacing {
@@ -394,7 +399,7 @@ fn describe(dataset: &Dataset) -> Value {
     })
 }
 
-/// The particles of one type in a snapshot.
+/// Describes the particles of one type in a snapshot.
 fn describe_type(particles: &ParticleCount) -> Value {
     let types: Vec<String> = particles
         .types
@@ -409,7 +414,7 @@ fn describe_type(particles: &ParticleCount) -> Value {
     })
 }
 
-/// A field's values, or what is wrong with them.
+/// Describes a field's values, or its error.
 fn describe_field(dataset: &Dataset, field: &Field) -> Value {
     let mut description = json!({
         "name": field.name,
@@ -430,7 +435,7 @@ fn describe_field(dataset: &Dataset, field: &Field) -> Value {
     description
 }
 
-/// The range of values, in as many digits as they have.
+/// Returns the range of values, with the precision of their type.
 fn shown_range(values: &Values) -> Option<Value> {
     let range = values.finite_range()?;
     Some(match values {
@@ -439,7 +444,7 @@ fn shown_range(values: &Values) -> Option<Value> {
     })
 }
 
-/// What a mesh consists of; materials with the triangles that they cover.
+/// Describes a mesh, with the number of triangles of each material.
 fn describe_mesh(mesh: &Mesh) -> Value {
     let mut counts = vec![0; mesh.materials.len()];
     for part in &mesh.parts {

@@ -1,34 +1,34 @@
-//! What `ewa-splat info` prints for people.
+//! Prints the table of `ewa-splat info`.
 
 use crate::legend::title_of;
 use serde_json::Value;
 
-/// Blocks whose dimensions the table lists.
+/// Largest number of blocks whose dimensions the table lists.
 const MOST_BLOCKS: usize = 8;
 
-/// Materials that the table lists.
+/// Largest number of materials that the table lists.
 const MOST_MATERIALS: usize = 16;
 
-/// Types of particles that the table lists.
+/// Largest number of particle types that the table lists.
 const MOST_TYPES: usize = 16;
 
-/// Time steps of a collection that the table lists.
+/// Largest number of time steps of a collection that the table lists.
 const MOST_STEPS: usize = 32;
 
-/// Files of a time step that it lists.
+/// Largest number of files of a time step that the table lists.
 const MOST_PARTS: usize = 4;
 
-/// The percentiles of a row, in words.
+/// Names of the percentiles in a row.
 const AT: &str = "least, 5 %, median, 95 %, greatest";
 
-/// `[2, 3, 4]` as `2 x 3 x 4`.
+/// Formats `[2, 3, 4]` as `2 x 3 x 4`.
 fn times(dims: &Value) -> String {
     let dims = dims.as_array().into_iter().flatten();
     dims.map(Value::to_string).collect::<Vec<_>>().join(" x ")
 }
 
-/// Six significant digits without zeros at their end, in powers of ten where they would not be seen
-/// otherwise.
+/// Formats a number to six significant digits without trailing zeros. Very large and very small
+/// numbers get an exponent.
 pub(crate) fn significant(x: f64) -> String {
     let in_powers = format!("{x:.5e}");
     let Some((digits, exponent)) = in_powers.split_once('e') else {
@@ -42,7 +42,7 @@ pub(crate) fn significant(x: f64) -> String {
         false => text.to_owned(),
     };
     match exponent.parse::<usize>() {
-        // As many decimals as six digits have left; a whole number may have a seventh.
+        // Uses the decimals that six digits leave; a whole number may have a seventh digit.
         Ok(exponent @ 0..=6) => trimmed(&format!("{x:.*}", 5_usize.saturating_sub(exponent))),
         Err(_) if x.abs() >= 1e-4 => {
             let leading = exponent.trim_start_matches('-').parse().unwrap_or(0);
@@ -52,7 +52,7 @@ pub(crate) fn significant(x: f64) -> String {
     }
 }
 
-/// A material in a line: `5856 triangles, "spot", opaque, one-sided, texture 1024 x 1024`.
+/// Formats a material: `5856 triangles, "spot", opaque, one-sided, texture 1024 x 1024`.
 fn material_line(material: &Value) -> String {
     let cutoff = &material["cutoff"];
     let alpha = material["alpha"].as_str().unwrap_or("");
@@ -80,7 +80,7 @@ fn material_line(material: &Value) -> String {
     line
 }
 
-/// The particles of a type in a line: `PartType3 (bulge or dust or sinks): 12, not read`.
+/// Formats the particles of a type: `PartType3 (bulge or dust or sinks): 12, not read`.
 fn type_line(particles: &Value) -> String {
     let name = text(&particles["name"]);
     let types = particles["types"]
@@ -100,7 +100,7 @@ fn type_line(particles: &Value) -> String {
     format!("{name}{types}: {}{read}", particles["count"])
 }
 
-/// A string without its quotation marks, anything else as JSON; a dash for nothing.
+/// Formats a string without quotation marks, null as a dash, and other values as JSON.
 fn text(value: &Value) -> String {
     match value {
         Value::Null => "-".into(),
@@ -109,7 +109,7 @@ fn text(value: &Value) -> String {
     }
 }
 
-/// All that is known of one file.
+/// Prints the full description of one file.
 pub(crate) fn print_table(description: &Value) {
     let row = |name: &str, value: String| super::say!("{name:<18} {value}");
     row("file", text(&description["file"]));
@@ -297,7 +297,7 @@ pub(crate) fn print_table(description: &Value) {
     }
 }
 
-/// How many samples a file has, and of what.
+/// Formats the number and kind of samples in a file.
 fn count_of(geometry: &Value) -> String {
     let dims = geometry["dims"].as_array().into_iter().flatten();
     let samples: Option<u64> = dims.map(Value::as_u64).product();
@@ -314,7 +314,7 @@ fn count_of(geometry: &Value) -> String {
     samples.map_or_else(|| "-".into(), |n| format!("{n} samples"))
 }
 
-/// A row for each of several files, and below them what is wrong with any.
+/// Prints a row for each of several files, then the problems of any.
 pub(crate) fn print_rows(descriptions: &[Value]) {
     let row = |d: &Value| {
         let geometry = &d["geometry"];
@@ -348,7 +348,7 @@ pub(crate) fn print_rows(descriptions: &[Value]) {
     }
 }
 
-/// `FILE: what is wrong`, in a line.
+/// Formats `FILE: what is wrong` in one line.
 pub(crate) fn problem_line(description: &Value, key: &str) -> String {
     format!(
         "{}: {}",

@@ -1,4 +1,4 @@
-//! Options that say which data to read and how to turn it into particles.
+//! Defines the options that select data and control their conversion to particles.
 
 use std::path::{Path, PathBuf};
 
@@ -118,12 +118,12 @@ pub(crate) struct DataOptions {
     pub(crate) endian: Endian,
     #[command(flatten)]
     pub(crate) edits: EditOptions,
-    /// Whether inputs of different axes stay as they are, beside one another.
+    /// True if inputs with different axes are left unrotated.
     #[arg(skip)]
     pub(crate) keeps_axes: bool,
 }
 
-/// What to make of points with faces.
+/// Reading of points with faces.
 #[derive(Clone, Copy, ValueEnum)]
 pub(crate) enum ReadAsName {
     /// The points as particles, with all that is known of them as fields
@@ -139,7 +139,7 @@ pub(crate) enum Scale {
     Symlog,
 }
 
-/// What scales of kernels are.
+/// Meaning of kernels' scales.
 #[derive(Clone, Copy, ValueEnum)]
 pub(crate) enum Scales {
     /// Standard deviations
@@ -148,7 +148,7 @@ pub(crate) enum Scales {
     Log,
 }
 
-/// What a length means.
+/// Meaning of a particle's length.
 #[derive(Clone, Copy, ValueEnum)]
 pub(crate) enum Length {
     /// The smoothing length h
@@ -208,7 +208,8 @@ pub(crate) fn refused_surface(expected: &'static str, found: &'static str) -> Er
     Error::invalid(Parameter::Flatten, "data", expected, found, advice)
 }
 
-/// A transfer function by the name of its file or of a colour map, which has no dot and no slash in it.
+/// Interprets the value of `--transfer-function`: a file, or the name of a colour map, which has no
+/// dot or slash.
 pub(crate) fn transfer_of(name: &str) -> TransferChoice {
     if name.contains(['.', '/', '\\']) || Path::new(name).exists() {
         TransferChoice::File(name.into())
@@ -218,7 +219,7 @@ pub(crate) fn transfer_of(name: &str) -> TransferChoice {
 }
 
 impl DataOptions {
-    /// The data of an input where they are to be, and what of them is to be read on.
+    /// Opens an input, places it and crops it.
     pub(crate) fn open(&self, input: &Input) -> Result<Dataset> {
         self.check_spacing()?;
         let options = OpenOptions {
@@ -232,7 +233,7 @@ impl DataOptions {
         }
     }
 
-    /// What is said of the files of all inputs.
+    /// Returns the options for opening files, common to all inputs.
     pub(crate) fn open_options(&self) -> OpenOptions {
         let raw = self.dims.map(|dims| RawLayout {
             dims,
@@ -262,7 +263,7 @@ impl DataOptions {
         }
     }
 
-    /// The types of samples that are asked for.
+    /// Returns the sample types that `--type` names.
     fn sample_types(&self) -> impl Iterator<Item = RawType> {
         self.types.iter().filter_map(|name| match name {
             TypeName::Samples(samples) => Some(*samples),
@@ -270,7 +271,7 @@ impl DataOptions {
         })
     }
 
-    /// The types of particles that are asked for, each once.
+    /// Returns the particle types that `--type` names, without repetitions.
     fn particle_types(&self) -> Vec<ParticleType> {
         let mut types = Vec::new();
         for name in &self.types {
@@ -283,10 +284,10 @@ impl DataOptions {
         types
     }
 
-    /// Notes at each input what is done to it.
+    /// Stores the edits of each input.
     ///
     /// # Errors
-    /// Those of [`EditOptions::of_inputs`](super::edits::EditOptions::of_inputs).
+    /// The errors of [`EditOptions::of_inputs`](super::edits::EditOptions::of_inputs).
     pub(crate) fn note_edits(&self, inputs: &mut [Input]) -> Result<()> {
         let edits = self.edits.of_inputs(inputs.len())?;
         for (input, edit) in inputs.iter_mut().zip(edits) {
@@ -295,12 +296,13 @@ impl DataOptions {
         Ok(())
     }
 
-    /// What the inputs of a picture stand for: where each goes, the files of collections, the particles of snapshots.
+    /// Resolves the inputs of a picture: their edits, the files of collections and the particle
+    /// types of snapshots.
     ///
-    /// - `is_series`: whether they are steps of time.
+    /// - `is_series`: whether the inputs are time steps.
     ///
     /// # Errors
-    /// Those of [`Self::note_edits`], [`steps`] and [`Self::resolved`].
+    /// The errors of [`Self::note_edits`], [`steps`] and [`Self::resolved`].
     pub(crate) fn inputs(&self, mut named: Vec<Input>, is_series: bool) -> Result<Vec<Input>> {
         self.note_edits(&mut named)?;
         let shown = match (is_series, self.step_choice()) {
@@ -323,17 +325,17 @@ impl DataOptions {
         self.resolved(inputs, is_series)
     }
 
-    /// The step of time that is asked for.
+    /// Returns the time step that was asked for.
     pub(crate) fn step_choice(&self) -> Option<StepChoice> {
         self.step.or_else(|| self.time.map(StepChoice::Time))
     }
 
-    /// What the inputs stand for: a snapshot for the particles of each type that is asked for.
+    /// Replaces each snapshot by one input for each particle type that was asked for.
     ///
-    /// - `is_series`: whether they are steps of time.
+    /// - `is_series`: whether the inputs are time steps.
     ///
     /// # Errors
-    /// Types of samples or particles where there are none, or of which one too many is asked for.
+    /// Sample or particle types for inputs that have none; more types than the input allows.
     pub(crate) fn resolved(&self, inputs: Vec<Input>, is_series: bool) -> Result<Vec<Input>> {
         let fault = |place: &str, expected: &str, found: String, advice: &str| {
             Err(Error::invalid("--type", place, expected, found, advice))
@@ -373,12 +375,12 @@ impl DataOptions {
             .collect())
     }
 
-    /// Whether types of samples or particles are asked for.
+    /// Returns true if sample or particle types were asked for.
     pub(crate) fn has_types(&self) -> bool {
         !self.types.is_empty()
     }
 
-    /// Without a raw volume, `--spacing` is of meshes, as `--density` is.
+    /// Checks `--spacing`. Without a raw volume, the option applies to meshes, as `--density` does.
     pub(crate) fn check_spacing(&self) -> Result<()> {
         let fault = |expected: &str, found: String, advice: &str| {
             Err(Error::invalid(
@@ -404,7 +406,7 @@ impl DataOptions {
         }
     }
 
-    /// Refuses to show a value beside options that say nothing then.
+    /// Refuses `--flatten` together with options that do not apply to an opaque surface.
     pub(crate) fn check_surface(&self) -> Result<()> {
         if self.flatten.is_some() && self.unit_distance.is_some() {
             let found = "--unit-distance beside it";
@@ -413,7 +415,7 @@ impl DataOptions {
         Ok(())
     }
 
-    /// Standard deviation of a kernel over the spacing.
+    /// Returns the standard deviation of a kernel, relative to the sample spacing.
     pub(crate) fn kernel_width(&self) -> f64 {
         self.kernel_width
             .unwrap_or(SampleOptions::default().kernel_width)

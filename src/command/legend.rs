@@ -1,4 +1,4 @@
-//! `ewa-splat render --legend`
+//! Makes the colour bars of `ewa-splat render --legend`.
 
 use crate::legend::{ColourBar, name_without_unit};
 use crate::{Error, Result};
@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::scene::Scene;
 
-/// What a field without a name is called.
+/// Title of a field without a name.
 const UNNAMED: &str = "value";
 
 #[derive(Args)]
@@ -17,8 +17,8 @@ pub(crate) struct LegendOptions {
     pub(crate) legend: bool,
 }
 
-/// A bar for each transfer function that gives colours; volumes of one field and one function share
-/// theirs.
+/// Returns a colour bar for each transfer function that gives colours. Volumes with the same field
+/// and function share a bar.
 pub(crate) fn bars(scene: &Scene) -> Result<Vec<ColourBar>> {
     let mut bars = Vec::new();
     let titles = scene.volumes.iter().zip(&scene.titles);
@@ -42,11 +42,12 @@ pub(crate) fn bars(scene: &Scene) -> Result<Vec<ColourBar>> {
     Ok(bars)
 }
 
-/// What a column density is called.
+/// Returns the title of a column density.
 pub(crate) fn column_title(fields: &[Option<String>]) -> String {
     match fields {
         [Some(field), rest @ ..] if rest.iter().all(|f| f.as_ref() == Some(field)) => {
-            // The columns have another unit: that of the field times a length.
+            // The unit of a column is the field's unit times a length, so the title omits the
+            // field's unit.
             format!("column of {}", name_without_unit(field))
         }
         _ => "column density".into(),

@@ -1,4 +1,4 @@
-//! Options that say how a scene is lit.
+//! Defines the options of light.
 
 use crate::scene::{Light, Lighting};
 use clap::Args;
@@ -23,12 +23,12 @@ pub(crate) struct LightOptions {
 }
 
 impl LightOptions {
-    /// Whether surfaces are to stay as they are.
+    /// Returns true if surfaces are drawn unlit.
     pub(crate) fn is_unlit(&self) -> bool {
         self.unlit
     }
 
-    /// How volumes are lit, if at all.
+    /// Returns the lighting of volumes, if they are lit.
     pub(crate) fn lighting(&self) -> Option<Lighting> {
         if !self.lights.is_empty() {
             return Some(Lighting {

@@ -1,4 +1,4 @@
-//! `ewa-splat measure`
+//! Runs `ewa-splat measure`.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -27,10 +27,11 @@ use super::source::{Input, paths};
 use super::truth::Truth;
 use super::viewpoint::{CameraOptions, Canvas};
 
-/// Width and height of a measurement in pixels.
+/// Default width and height of a measurement in pixels.
 const DEFAULT_SIZE: [usize; 2] = [256, 256];
 
-/// Well below what separates splatting from the truth, a minute's work on small data.
+/// Default error of the reference image. It is well below the error of splatting and takes about a
+/// minute on small data.
 const DEFAULT_REFERENCE_ERROR: f64 = 1e-3;
 
 const REFERENCE: &str = "reference.exr";
@@ -83,7 +84,7 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
     let folder = &arguments.out;
     let kernel_width = arguments.data.kernel_width();
     check_collisions(paths(&arguments.inputs), outputs(folder).iter())?;
-    // Hidden where standard error is no terminal.
+    // The spinner is hidden if standard error is no terminal.
     let progress = spinner();
 
     let options = SampleOptions {
@@ -177,7 +178,7 @@ fn outputs(folder: &Path) -> Vec<PathBuf> {
         .into()
 }
 
-/// The true images.
+/// Reference images.
 struct References {
     image: Image,
     kernels: Option<Image>,
@@ -186,7 +187,7 @@ struct References {
     data_summary: Option<ReferenceSummary>,
 }
 
-/// The true images that the user has; read before anything long is begun.
+/// Reads the reference images that the user gives, before any long work.
 fn given_references(arguments: &Arguments, camera: &Camera) -> Result<Option<References>> {
     let read = |path: &PathBuf| {
         let image = read_image(path)?;
@@ -220,7 +221,8 @@ fn given_references(arguments: &Arguments, camera: &Camera) -> Result<Option<Ref
     }))
 }
 
-/// Integrates the true images of the kernels, and where the scene is one grid that of its own field.
+/// Integrates the reference image of the kernels and, if the scene is one grid, that of its own
+/// field.
 fn integrate(
     arguments: &Arguments,
     scene: &Scene,
@@ -257,7 +259,7 @@ fn integrate(
         "integrating with the pixel filter on kernels",
         PixelFilter::Kernels,
     )?;
-    // What is no grid has no other field than its kernels'.
+    // Data other than grids define no field apart from their kernels.
     let (data, inputs) = (&arguments.data, &arguments.inputs);
     let data = scene
         .grids_only
@@ -283,7 +285,7 @@ fn integrate(
     })
 }
 
-/// The file's name without its folders: a report may be shown to others.
+/// Returns the file's name without its folders: a report may be shown to others.
 fn name(path: &Path) -> String {
     path.file_name().map_or_else(
         || path.display().to_string(),
@@ -291,16 +293,16 @@ fn name(path: &Path) -> String {
     )
 }
 
-/// The words that the program was begun with.
+/// Arguments that the program was started with.
 static WORDS: OnceLock<Vec<String>> = OnceLock::new();
 
-/// Keeps the words of the command line for reports.
+/// Stores the command line for reports.
 pub(crate) fn note_command_line(words: &[OsString]) {
     let words = words.iter().map(|word| word.to_string_lossy().into_owned());
     WORDS.get_or_init(|| words.collect());
 }
 
-/// The command line as a shell takes it.
+/// Formats the command line with the quotes that a shell needs.
 fn command_line() -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./,:=+@%".contains(c);
     let words = WORDS.get().into_iter().flatten().cloned();
@@ -317,7 +319,8 @@ fn command_line() -> String {
         .join(" ")
 }
 
-/// The variants that no other beats, and those that say how far splatting goes.
+/// Prints the variants that no other beats in both time and error, and those that show the limit of
+/// splatting.
 fn print_table(report: &Report) {
     super::say!(
         "{:<46} {:>9} {:>9} {:>9} {:>9} {:>8} {:>8} {:>13}",

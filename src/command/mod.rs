@@ -1,7 +1,7 @@
-//! The command line: `render`, `info`, `convert`, `compare`, `measure`, `completions`, `man`; and what other front ends
-//! take of it.
+//! Defines the command line (`render`, `info`, `convert`, `compare`, `measure`, `completions`,
+//! `man`) and the parts of it that other front ends use.
 
-/// Prints a line; a reader that has gone away (`| head`) ends the program quietly.
+/// Prints a line. If the reader of the pipe has gone (`| head`), it ends the program quietly.
 macro_rules! say {
     ($($part:tt)*) => {
         if std::io::Write::write_fmt(&mut std::io::stdout(), format_args!("{}\n", format_args!($($part)*)))
@@ -100,8 +100,8 @@ pub fn main() -> ExitCode {
     main_of(std::env::args_os())
 }
 
-/// Runs the program `ewa-splat` with these words, the first its own name: for processes that are another's, as an
-/// interpreter's. It may end the process.
+/// Runs the program `ewa-splat` with the given arguments, of which the first is the program's name.
+/// Another program, such as an interpreter, can call it. It may end the process.
 pub fn main_of(words: impl IntoIterator<Item = OsString>) -> ExitCode {
     quiet_drivers();
     let words = truth::join_reference(words.into_iter());

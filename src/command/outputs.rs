@@ -1,11 +1,11 @@
-//! What is written where, and what is said of it.
+//! Checks output paths and prints notes on outputs.
 
 use std::path::PathBuf;
 
 use crate::reference::ReferenceFrame;
 use crate::{Error, Result};
 
-/// Refuses an output that would replace an input or another output.
+/// Refuses an output that would overwrite an input or another output.
 pub(crate) fn check_collisions<'a>(
     inputs: impl Iterator<Item = &'a PathBuf>,
     outputs: impl Iterator<Item = &'a PathBuf>,
@@ -28,7 +28,7 @@ pub(crate) fn check_collisions<'a>(
     Ok(())
 }
 
-/// Says how many pixels of a true image stayed above the error wanted.
+/// Prints how many pixels of a reference image stayed above the wanted error.
 pub(crate) fn warn_unconverged(frame: &ReferenceFrame, wanted: f64) {
     if frame.unconverged > 0 {
         super::progress::note!(

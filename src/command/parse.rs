@@ -1,4 +1,4 @@
-//! Values of command-line options.
+//! Parses values of command-line options.
 
 use crate::image::linear_from_srgb;
 use crate::io::{ParticleType, RawType, StepChoice};
@@ -6,28 +6,28 @@ use crate::scene::{Light, LightFrame};
 use crate::view::ClipPlane;
 use glam::{DQuat, DVec3, Vec3};
 
-/// `x,y,z`
+/// Parses `x,y,z`.
 pub(crate) fn vector(text: &str) -> Result<DVec3, String> {
     numbers(text).map(DVec3::from)
 }
 
-/// `x,y,z` of a direction, as a unit vector.
+/// Parses a direction `x,y,z` into a unit vector.
 pub(crate) fn direction(text: &str) -> Result<DVec3, String> {
     vector(text)?
         .try_normalize()
         .ok_or_else(|| "three numbers that are not all zero, such as 0,0,1".into())
 }
 
-/// A value of `--type`.
+/// Value of `--type`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum TypeName {
-    /// Of the samples of a raw volume.
+    /// Type of a raw volume's samples.
     Samples(RawType),
-    /// Of the particles of a snapshot.
+    /// Type of a snapshot's particles.
     Particles(ParticleType),
 }
 
-/// The type of a raw volume's samples, or of particles.
+/// Parses the type of a raw volume's samples, or of particles.
 pub(crate) fn type_name(text: &str) -> Result<TypeName, String> {
     let samples = match text {
         "u8" => Some(RawType::U8),
@@ -44,7 +44,7 @@ pub(crate) fn type_name(text: &str) -> Result<TypeName, String> {
     })
 }
 
-/// `N` or `last`: a step of time.
+/// Parses a time step: `N` or `last`.
 pub(crate) fn step(text: &str) -> Result<StepChoice, String> {
     if text.eq_ignore_ascii_case("last") {
         return Ok(StepChoice::Last);
@@ -53,11 +53,11 @@ pub(crate) fn step(text: &str) -> Result<StepChoice, String> {
     number.map_err(|_| "a step's number, counted from 0, or last".into())
 }
 
-/// A value, or `none`.
+/// Value, or `none`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct OrNone<T>(pub(crate) Option<T>);
 
-/// What `parse` takes, or `none`.
+/// Extends a parser to accept `none`.
 pub(crate) fn or_none<T>(
     parse: impl Fn(&str) -> Result<T, String> + Clone + Send + Sync,
 ) -> impl Fn(&str) -> Result<OrNone<T>, String> + Clone + Send + Sync {
@@ -69,7 +69,7 @@ pub(crate) fn or_none<T>(
     }
 }
 
-/// `x,y,z,DEGREES`: an axis and an angle about it, right-handed.
+/// Parses `x,y,z,DEGREES`: an axis and a right-handed angle about it.
 pub(crate) fn turn(text: &str) -> Result<DQuat, String> {
     let turn = match finite_numbers(text).as_deref() {
         Some(&[x, y, z, degrees]) => DVec3::new(x, y, z)
@@ -80,7 +80,7 @@ pub(crate) fn turn(text: &str) -> Result<DQuat, String> {
     turn.ok_or_else(|| "an axis, not 0,0,0, and degrees, such as 0,0,1,90".into())
 }
 
-/// `x0,y0,z0,x1,y1,z1`
+/// Parses `x0,y0,z0,x1,y1,z1`.
 pub(crate) fn corners(text: &str) -> Result<[DVec3; 2], String> {
     let corners = match finite_numbers(text).as_deref() {
         Some(&[x0, y0, z0, x1, y1, z1]) => [DVec3::new(x0, y0, z0), DVec3::new(x1, y1, z1)],
@@ -95,16 +95,16 @@ pub(crate) fn corners(text: &str) -> Result<[DVec3; 2], String> {
     }
 }
 
-/// The value of `--spacing`.
+/// Value of `--spacing`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Spacing {
-    /// One number: of meshes' surfels, or the same along each axis of a raw volume.
+    /// One number: spacing of a mesh's surfels, or of a raw volume's samples along every axis.
     Even(f64),
-    /// `x,y,z` of a raw volume.
+    /// Spacing of a raw volume's samples along each axis: `x,y,z`.
     Axes(DVec3),
 }
 
-/// `D` or `x,y,z`
+/// Parses `D` or `x,y,z`.
 pub(crate) fn spacing(text: &str) -> Result<Spacing, String> {
     if text.contains(',') {
         vector(text).map(Spacing::Axes)
@@ -113,7 +113,7 @@ pub(crate) fn spacing(text: &str) -> Result<Spacing, String> {
     }
 }
 
-/// `F` or `x,y,z`, all above 0.
+/// Parses `F` or `x,y,z`, all above 0.
 pub(crate) fn sizes(text: &str) -> Result<DVec3, String> {
     if !text.contains(',') {
         return positive(text).map(DVec3::splat);
@@ -124,7 +124,7 @@ pub(crate) fn sizes(text: &str) -> Result<DVec3, String> {
     }
 }
 
-/// `r,g,b`, linear, or a colour of the web, which is encoded: a name, `#rrggbb`.
+/// Parses a colour: linear numbers `r,g,b`, or an sRGB-encoded web colour (a name or `#rrggbb`).
 pub(crate) fn colour(text: &str) -> Result<[f32; 3], String> {
     let linear = numbers(text).ok().map(|rgb| DVec3::from(rgb).as_vec3());
     let encoded = || {
@@ -142,16 +142,16 @@ pub(crate) fn colour(text: &str) -> Result<[f32; 3], String> {
     }
 }
 
-/// The value of `--background`.
+/// Value of `--background`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Background {
-    /// Nothing.
+    /// No background.
     None,
-    /// Linear.
+    /// Linear colour.
     Colour([f32; 3]),
 }
 
-/// A [`colour`] or `none`.
+/// Parses a [`colour`] or `none`.
 pub(crate) fn background(text: &str) -> Result<Background, String> {
     if text.eq_ignore_ascii_case("none") {
         return Ok(Background::None);
@@ -159,7 +159,7 @@ pub(crate) fn background(text: &str) -> Result<Background, String> {
     colour(text).map(Background::Colour)
 }
 
-/// `x,y,z` or `x,y,z,r,g,b`: a direction in the world and a linear colour.
+/// Parses `x,y,z` or `x,y,z,r,g,b`: a direction in world space and a linear colour.
 pub(crate) fn light(text: &str) -> Result<Light, String> {
     let (direction, colour) = match finite_numbers(text).as_deref() {
         Some(&[x, y, z]) => (DVec3::new(x, y, z), DVec3::ONE),
@@ -191,11 +191,11 @@ fn finite_numbers(text: &str) -> Option<Vec<f64>> {
     parsed.ok().filter(|v| v.iter().all(|x| x.is_finite()))
 }
 
-/// The value of `--clip`: the planes of a half-space or of a box.
+/// Value of `--clip`: the planes of a half-space or of a box.
 #[derive(Debug, Clone)]
 pub(crate) struct Clip(pub(crate) Vec<ClipPlane>);
 
-/// `nx,ny,nz,d` or `x0,y0,z0,x1,y1,z1`
+/// Parses `nx,ny,nz,d` or `x0,y0,z0,x1,y1,z1`.
 pub(crate) fn clip(text: &str) -> Result<Clip, String> {
     let planes = match finite_numbers(text).as_deref() {
         Some(&[nx, ny, nz, distance]) => {
@@ -217,7 +217,7 @@ pub(crate) fn clip(text: &str) -> Result<Clip, String> {
     })
 }
 
-/// `WxH`
+/// Parses `WxH`.
 pub(crate) fn size(text: &str) -> Result<[usize; 2], String> {
     let parsed = text
         .split_once(['x', 'X'])
@@ -228,7 +228,7 @@ pub(crate) fn size(text: &str) -> Result<[usize; 2], String> {
     }
 }
 
-/// `X,Y,Z` counts
+/// Parses the counts `X,Y,Z`.
 pub(crate) fn dims(text: &str) -> Result<[usize; 3], String> {
     let parsed: Result<Vec<usize>, _> = text.split([',', 'x']).map(|t| t.trim().parse()).collect();
     match parsed.ok().and_then(|v| <[usize; 3]>::try_from(v).ok()) {
@@ -237,7 +237,7 @@ pub(crate) fn dims(text: &str) -> Result<[usize; 3], String> {
     }
 }
 
-/// `c_min,c_max`
+/// Parses `c_min,c_max`.
 pub(crate) fn thresholds(text: &str) -> Result<[f32; 2], String> {
     let parsed: Result<Vec<f32>, _> = text.split(',').map(|t| t.trim().parse()).collect();
     match parsed.ok().and_then(|v| <[f32; 2]>::try_from(v).ok()) {
@@ -246,7 +246,7 @@ pub(crate) fn thresholds(text: &str) -> Result<[f32; 2], String> {
     }
 }
 
-/// A finite number above zero.
+/// Parses a finite number above zero.
 pub(crate) fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
@@ -254,7 +254,7 @@ pub(crate) fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
-/// `LO,HI` of values.
+/// Parses a range of values `LO,HI`.
 pub(crate) fn range(text: &str) -> Result<[f64; 2], String> {
     match finite_numbers(text).and_then(|v| <[f64; 2]>::try_from(v).ok()) {
         Some([lo, hi]) if lo < hi && lo.is_finite() && hi.is_finite() => Ok([lo, hi]),
@@ -262,7 +262,7 @@ pub(crate) fn range(text: &str) -> Result<[f64; 2], String> {
     }
 }
 
-/// A finite number.
+/// Parses a finite number.
 pub(crate) fn finite(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(v) if v.is_finite() => Ok(v),
@@ -270,7 +270,7 @@ pub(crate) fn finite(text: &str) -> Result<f64, String> {
     }
 }
 
-/// A field of view in degrees.
+/// Parses a field of view in degrees.
 pub(crate) fn fov(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(v) if (1.0..=179.0).contains(&v) => Ok(v),
@@ -278,7 +278,7 @@ pub(crate) fn fov(text: &str) -> Result<f64, String> {
     }
 }
 
-/// A tolerance.
+/// Parses a tolerance.
 pub(crate) fn tolerance(text: &str) -> Result<f32, String> {
     let value = match text.split_once('/') {
         Some((a, b)) => a
@@ -294,7 +294,7 @@ pub(crate) fn tolerance(text: &str) -> Result<f32, String> {
     }
 }
 
-/// A cut-off radius.
+/// Parses a cut-off radius.
 pub(crate) fn cutoff(text: &str) -> Result<f32, String> {
     match text.parse::<f32>() {
         Ok(v) if v > 0.0 && v <= 7.0 => Ok(v),
@@ -302,7 +302,7 @@ pub(crate) fn cutoff(text: &str) -> Result<f32, String> {
     }
 }
 
-/// A variance in square pixels.
+/// Parses a variance in square pixels.
 pub(crate) fn variance(text: &str) -> Result<f32, String> {
     match text.parse::<f32>() {
         Ok(v) if v >= 0.0 && v.is_finite() => Ok(v),

@@ -1,4 +1,4 @@
-//! `ewa-splat convert INPUT --out FILE.arrow`
+//! Writes prepared scenes: `ewa-splat convert INPUT --out FILE.arrow`.
 
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,7 @@ use super::progress::{self, note};
 use super::scene::Scene;
 use super::source::Input;
 
-/// What a scene is prepared for.
+/// Options of a prepared scene.
 #[derive(Args)]
 #[command(next_help_heading = "Prepared scenes (--out FILE.arrow)")]
 pub(crate) struct PrepareOptions {
@@ -35,13 +35,13 @@ enum Detail {
     Off,
 }
 
-/// Whether a name is that of a prepared scene.
+/// Returns true if the path names a prepared scene.
 pub(crate) fn is_scene(out: &Path) -> bool {
     out.extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("arrow"))
 }
 
-/// Where temporary files lie: beside the file that is written, whose disk has room.
+/// Returns the folder for temporary files: that of the output, whose disk has space for the scene.
 fn folder_of(out: &Path) -> &Path {
     match out.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -50,7 +50,7 @@ fn folder_of(out: &Path) -> &Path {
 }
 
 impl PrepareOptions {
-    /// Refuses what says nothing of a file of splats.
+    /// Refuses options that do not apply to a file of splats.
     pub(crate) fn check_unused(&self) -> Result<()> {
         let given = [
             ("--lit", self.lit),
@@ -72,10 +72,10 @@ impl PrepareOptions {
         }
     }
 
-    /// Writes a scene of all inputs.
+    /// Prepares a scene of all inputs and writes it.
     ///
     /// # Errors
-    /// What reading, sampling and writing say; an input that is a prepared scene.
+    /// The errors of reading, sampling and writing; an input that is a prepared scene.
     pub(crate) fn run(
         &self,
         inputs: &[Input],

@@ -1,4 +1,4 @@
-//! Prepared scenes among the inputs, and as what `ewa-splat convert` writes.
+//! Opens prepared scenes as inputs, and defines what commands need of them.
 
 use std::ops::Range;
 use std::path::Path;
@@ -11,10 +11,11 @@ use glam::DVec3;
 
 use super::source::Input;
 
-/// Prepared scenes, and which of a scene's volumes stand for those of each.
+/// Prepared scenes, each with the range of the scene's volumes that stand in for its own.
 pub(crate) type Members = Vec<(Range<usize>, PreparedScene)>;
 
-/// Whether a file is a prepared scene; one that cannot be read is none, and reading it says why.
+/// Returns true if a file is a prepared scene. An unreadable file counts as none; reading it
+/// reports the error.
 pub(crate) fn is_prepared(path: &Path) -> bool {
     let mut head = [0; 8];
     let read = std::fs::File::open(path)
@@ -22,9 +23,9 @@ pub(crate) fn is_prepared(path: &Path) -> bool {
     read.is_ok() && looks_like(&head)
 }
 
-/// The same of pictures, or of column densities.
+/// Opens a prepared scene, and checks that it was prepared for pictures or for column densities.
 ///
-/// - `for_columns`: whether its column densities are asked for.
+/// - `for_columns`: whether column densities are wanted.
 pub(crate) fn open(input: &Input, for_columns: bool) -> Result<(PreparedScene, About)> {
     let (scene, about) = open_any(input)?;
     if about.for_columns != for_columns {
@@ -44,7 +45,7 @@ pub(crate) fn open(input: &Input, for_columns: bool) -> Result<(PreparedScene, A
     Ok((scene, about))
 }
 
-/// Opens a prepared scene, of which nothing else can be asked for than it was made for.
+/// Opens a prepared scene. Refuses options that the prepared scene can no longer satisfy.
 pub(crate) fn open_any(input: &Input) -> Result<(PreparedScene, About)> {
     let refuse = |place: &str, expected: &str, found: &str, advice: &str| {
         Err(Error::format(&input.path, place, expected, found, advice))
@@ -71,7 +72,8 @@ pub(crate) fn open_any(input: &Input) -> Result<(PreparedScene, About)> {
     PreparedScene::open(&input.path)
 }
 
-/// The scene with another transfer function, of a file, whose values lie on the scale of the one it was prepared with.
+/// Replaces the transfer function of a scene by one from a file. Its values must lie on the scale
+/// of the function that the scene was prepared with.
 pub(crate) fn with_function(
     mut scene: PreparedScene,
     path: &Path,
@@ -105,7 +107,7 @@ pub(crate) fn with_function(
     Ok(scene)
 }
 
-/// What points up of what a scene was made of.
+/// Returns the direction up of the data that a scene was prepared from.
 pub(crate) fn up_of(about: &About) -> Up {
     Up {
         direction: DVec3::from(about.up),
@@ -116,7 +118,8 @@ pub(crate) fn up_of(about: &About) -> Up {
     }
 }
 
-/// The scene's renderer: of volumes, and of prepared scenes in place of those that stand for these.
+/// Returns a renderer of the volumes, with prepared scenes in place of the volumes that stand in
+/// for them.
 pub(crate) fn renderer(
     mut volumes: Vec<PointVolume>,
     prepared: Members,
@@ -136,7 +139,7 @@ pub(crate) fn renderer(
     Renderer::of_prepared(scenes)
 }
 
-/// Refuses what only the data themselves can show.
+/// Refuses options that need the original data.
 pub(crate) fn refuse_beside(prepared: &Members, asked: &[(&'static str, bool)]) -> Result<()> {
     if prepared.is_empty() {
         return Ok(());

@@ -1,5 +1,6 @@
-//! What is said on standard error while the program works and beside its results: bars for long work,
-//! hidden where it is no terminal, and notes. None of it with `--quiet`.
+//! Prints progress bars and notes on standard error while the program works.
+//!
+//! Bars are hidden if standard error is no terminal. `--quiet` suppresses both.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -7,18 +8,18 @@ use std::time::Duration;
 use crate::{Progress, Task};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-/// One for the whole program, as standard error is.
+/// Flag of `--quiet`, global as standard error is.
 static IS_QUIET: AtomicBool = AtomicBool::new(false);
 
-/// From now on nothing is said but errors.
+/// Suppresses everything but errors from now on.
 pub(crate) fn be_quiet() {
     IS_QUIET.store(true, Ordering::Relaxed);
 }
 
-/// One for the whole program: whether another process says what is to be said.
+/// Flag of silence, global: another process prints all messages.
 static IS_SILENT: AtomicBool = AtomicBool::new(false);
 
-/// From now on nothing is said at all: another process speaks for this one.
+/// Suppresses everything, errors too, from now on: another process prints for this one.
 #[cfg(feature = "mpi")]
 pub(crate) fn be_silent() {
     IS_SILENT.store(true, Ordering::Relaxed);
@@ -33,7 +34,7 @@ pub(crate) fn is_quiet() -> bool {
     IS_QUIET.load(Ordering::Relaxed)
 }
 
-/// Prints a line on standard error, unless the program is to be quiet.
+/// Prints a line on standard error, unless `--quiet` suppresses it.
 macro_rules! note {
     ($($part:tt)*) => {
         if !$crate::command::progress::is_quiet() {
@@ -43,7 +44,7 @@ macro_rules! note {
 }
 pub(crate) use note;
 
-/// Where bars are drawn.
+/// Returns the target on which bars are drawn.
 fn target() -> ProgressDrawTarget {
     if is_quiet() {
         ProgressDrawTarget::hidden()
@@ -52,7 +53,7 @@ fn target() -> ProgressDrawTarget {
     }
 }
 
-/// A bar without an end, which turns.
+/// Returns a spinner: a bar without a known length.
 pub(crate) fn spinner() -> ProgressBar {
     let spinner =
         ProgressBar::with_draw_target(None, target()).with_style(ProgressStyle::default_spinner());
@@ -60,7 +61,7 @@ pub(crate) fn spinner() -> ProgressBar {
     spinner
 }
 
-/// Runs `work` with a bar that follows its task.
+/// Runs `work` with a bar that shows its task's progress.
 pub(crate) fn with_bar<T>(message: &'static str, work: impl FnOnce(Task) -> T) -> T {
     const STEPS: u64 = 1000;
     let bar = bar(STEPS).with_message(message);
@@ -77,14 +78,14 @@ pub(crate) fn with_bar<T>(message: &'static str, work: impl FnOnce(Task) -> T) -
     result
 }
 
-/// A task whose stages are the messages of a bar; none where nobody sees it.
+/// Returns a task that shows its stages as messages of a bar; `None` if the bar is hidden.
 pub(crate) fn task_of(bar: &ProgressBar) -> Option<Task> {
     let shown = bar.clone();
     let tell = move |progress: Progress| shown.set_message(progress.to_string());
     (!bar.is_hidden()).then(|| Task::observed(tell))
 }
 
-/// A bar of so many steps.
+/// Returns a bar with the given number of steps.
 pub(crate) fn bar(steps: u64) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(steps), target());
     match ProgressStyle::with_template("{msg} {wide_bar} {percent} % {eta}") {

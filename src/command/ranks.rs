@@ -1,4 +1,5 @@
-//! `ewa-splat render --mpi`: one program of many processes, the first of which writes and speaks.
+//! Runs `ewa-splat render --mpi`: many processes (ranks), of which the first writes files and
+//! prints messages.
 
 #[cfg(feature = "mpi")]
 use std::sync::{Mutex, PoisonError};
@@ -11,11 +12,11 @@ use crate::distributed::MpiRank;
 use crate::distributed::Ranks;
 use crate::{Error, Image, Result};
 
-/// What ends MPI when it is dropped, which is after the last word of this process.
+/// MPI's state. Dropping it ends MPI, after the last message of this process.
 #[cfg(feature = "mpi")]
 static UNIVERSE: Mutex<Option<Universe>> = Mutex::new(None);
 
-/// Starts MPI: from now on only the first rank says anything, and one that panics ends them all.
+/// Starts MPI. From now on only the first rank prints, and a rank that panics ends all ranks.
 #[cfg(feature = "mpi")]
 pub(crate) fn start() -> Result<Ranks> {
     let mut rank = MpiRank::world()?;
@@ -34,8 +35,8 @@ pub(crate) fn start() -> Result<Ranks> {
     Ok(ranks)
 }
 
-/// Ends MPI where it was started, once this process has said all: ranks leave together, as whoever started them ends
-/// those that are left when one of them failed.
+/// Ends MPI if it was started, after the last message of this process. Ranks must leave together:
+/// if one fails, the launcher ends those that are left.
 #[cfg(feature = "mpi")]
 pub(crate) fn end() {
     let universe = UNIVERSE
@@ -47,7 +48,7 @@ pub(crate) fn end() {
     }
 }
 
-/// Never: the command line has refused the option.
+/// Fails always: the command line refuses the option in a build without MPI.
 #[cfg(not(feature = "mpi"))]
 pub(crate) fn start() -> Result<Ranks> {
     Err(Error::invalid(
@@ -59,11 +60,12 @@ pub(crate) fn start() -> Result<Ranks> {
     ))
 }
 
-/// How a program gets to know the option.
+/// Advice on building with MPI.
 #[cfg(not(feature = "mpi"))]
 pub(crate) const WITHOUT: &str = "build it with `cargo install --path . --features mpi`";
 
-/// Draws pictures in turn, one on each rank at a time, and hands them to `push` on the first, in their order.
+/// Draws pictures on the ranks in turn, one on each rank at a time. The first rank passes them to
+/// `push` in their order.
 pub(crate) fn in_turn(
     ranks: &mut Ranks,
     count: usize,
@@ -81,7 +83,7 @@ pub(crate) fn in_turn(
     Ok(())
 }
 
-/// Refuses what a picture of ranks has not.
+/// Returns the error for an option that cannot be used with `--mpi`.
 pub(crate) fn refuse(option: &'static str) -> Error {
     Error::invalid(
         option,

@@ -1,4 +1,5 @@
-//! Facts about an input other than its particles, and a check that it fits into memory.
+//! Collects facts about an input other than its particles, and checks that the input fits into
+//! memory.
 
 use glam::DVec3;
 
@@ -12,31 +13,33 @@ use crate::scene::PointVolume;
 
 /// Facts about an input other than its particles.
 pub(super) struct ReadAbout {
-    /// The sampler's report: the field that is shown, and its unit.
+    /// Sampler's report: the field that is shown, and its unit.
     pub(super) report: SampleReport,
     pub(super) kind: Kind,
     pub(super) up: Up,
-    /// The least and the greatest coordinates.
+    /// Least and greatest coordinates.
     pub(super) corners: Option<(DVec3, DVec3)>,
-    /// Whether its transfer function is chosen from its own values.
+    /// True if its transfer function is chosen from its own values.
     pub(super) is_automatic: bool,
-    /// How many volumes there are, whether a function shows any, and whether it gives the opacity of any.
+    /// Number of volumes.
     pub(super) volume_count: usize,
+    /// True if a transfer function shows any volume.
     pub(super) is_classified: bool,
+    /// True if a transfer function gives the opacity of any volume.
     pub(super) has_opacity: bool,
-    /// Whether it holds nothing to draw, and is left out.
+    /// True if it holds nothing to draw and is left out.
     pub(super) is_nothing: bool,
 }
 
 impl ReadAbout {
-    /// Whether it is a grid, whose kernels follow the spacing, or splats.
+    /// Returns true for grids, whose kernels follow the spacing, and for splats.
     pub(super) fn is_grid_or_splats(&self) -> bool {
         !matches!(self.kind, Kind::Points | Kind::Mesh)
     }
 }
 
 impl DataOptions {
-    /// Whether any of some inputs can end sharply.
+    /// Returns true if any of the inputs can be cut sharply at its boundary.
     pub(super) fn may_end_sharply<'a>(
         &self,
         mut reads: impl Iterator<Item = &'a ReadAbout>,
@@ -45,7 +48,7 @@ impl DataOptions {
     }
 }
 
-/// The kinds of the inputs, for options that apply to some kinds alone.
+/// Collects the kinds of the inputs, for options that apply to some kinds alone.
 pub(super) fn uses(reads: &[ReadAbout], options: &SampleOptions) -> Uses {
     let has_own = |read: &&ReadAbout| !read.is_automatic && read.report.field.is_some();
     let reads = || reads.iter().filter(|read| !read.is_nothing);
@@ -59,20 +62,21 @@ pub(super) fn uses(reads: &[ReadAbout], options: &SampleOptions) -> Uses {
     }
 }
 
-/// Whether a function gives the opacity of any of some volumes.
+/// Returns true if a transfer function gives the opacity of any of the volumes.
 pub(super) fn has_opacity(volumes: &[PointVolume]) -> bool {
     let mut classified = volumes.iter().filter(|v| v.transfer_function.is_some());
     classified.any(|volume| !is_surface(volume))
 }
 
-/// Bytes that a point takes at the least while it is sampled and sorted, beyond what was read: a hundred million spheres
-/// with masses, 32 bytes each once they are read, take 67 at the peak.
+/// Least memory that a point takes while it is sampled and sorted, beyond what was read, in bytes.
+/// A hundred million spheres with masses take 32 bytes each once they are read, and 67 at the peak.
 const LEAST_PER_POINT: usize = 32;
 
-/// The same of a value on a lattice ([`LEAST_PER_NODE`] of one on a grid): as it is read, and with ghosts or in blocks.
+/// Least memory of a lattice sample, in bytes, as it is read and with ghosts or in blocks.
+/// ([`LEAST_PER_NODE`] is that of a grid's node.)
 const LEAST_PER_CELL: usize = 2;
 
-/// Refuses data that do not fit into memory once they are particles.
+/// Refuses data whose particles would not fit into memory.
 pub(super) fn check_memory(dataset: &Dataset) -> Result<()> {
     let (count, each) = match &dataset.geometry {
         Geometry::Points { positions } => (positions.len(), LEAST_PER_POINT),
@@ -81,7 +85,7 @@ pub(super) fn check_memory(dataset: &Dataset) -> Result<()> {
             let counts = blocks.iter().map(|block| block.nodes.len());
             (counts.sum(), LEAST_PER_NODE)
         }
-        // One kernel for each of either.
+        // There is one kernel for each node or each cell.
         Geometry::Cells(mesh) => (mesh.nodes.len().min(mesh.cell_count()), LEAST_PER_NODE),
         Geometry::Splats(splats) => (splats.positions.len(), LEAST_PER_POINT),
         // Surfels are counted before they are spread.
@@ -90,7 +94,7 @@ pub(super) fn check_memory(dataset: &Dataset) -> Result<()> {
     crate::memory::check(count, each).map_err(|e| e.in_file(&dataset.path))
 }
 
-/// Whether a transfer function is chosen from values.
+/// Returns true if the transfer function is chosen from the values.
 pub(super) fn is_automatic(options: &SampleOptions) -> bool {
     let transfer = &options.transfer;
     matches!(
@@ -99,7 +103,7 @@ pub(super) fn is_automatic(options: &SampleOptions) -> bool {
     )
 }
 
-/// A word on a field that has one value everywhere: its picture shows nothing else.
+/// Returns a note on a field that has one value everywhere, since its picture is uniform.
 pub(super) fn uniform(report: &SampleReport, input: &Input) -> Option<String> {
     let [least, greatest] = report.value_range?;
     let field = report.field.as_deref()?;

@@ -1,4 +1,4 @@
-//! `ewa-splat render`
+//! Runs `ewa-splat render`.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -186,8 +186,8 @@ pub(super) struct Method {
     column_mean: Option<String>,
 }
 
-/// How the picture of a column density looks: a colour map's name, the range of the values and their scale, where
-/// they are asked for.
+/// Appearance of the picture of a column density: the colour map's name, the range of the values
+/// and their scale, each if asked for.
 pub(crate) struct ColumnLook<'a> {
     pub(crate) map: Option<&'a str>,
     pub(crate) range: Option<[f32; 2]>,
@@ -298,7 +298,7 @@ struct Output {
     frames: Option<u32>,
 }
 
-/// A scene ready to be drawn, and what goes with it.
+/// Scene ready to be drawn, with its cameras and overlays.
 struct Made {
     renderer: Renderer,
     cameras: Vec<Camera>,
@@ -321,7 +321,7 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
         None => checked?,
     }
     let arguments = &*arguments;
-    // Hidden where standard error is no terminal.
+    // The spinner is hidden if standard error is no terminal.
     let progress = spinner();
 
     let task = task_of(&progress);
@@ -350,7 +350,7 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
     let is_sequence = arguments.sequence.is_asked_for();
     let mut renderer = match ranks.take_if(|_| !is_sequence) {
         Some(ranks) => renderer.over_ranks(ranks)?,
-        // One of a sequence's ranks, of which a node may have several, and one GPU.
+        // A rank draws on its CPU: one node may run several ranks but have one GPU.
         None if ranks.is_some() || renderer.rank().is_some() => renderer,
         None => {
             let backend = arguments.backend(&renderer, &camera);
@@ -485,10 +485,11 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
     Ok(())
 }
 
-/// The space that a picture is composited in, and what is said of it.
+/// Space that a picture is composited in, and the note on it.
 struct BlendOf {
     is_encoded: bool,
-    /// Whether splats that state codes are composited in linear light for what lies beside them.
+    /// True if splats with encoded colours are composited in linear light because of other volumes
+    /// in the scene.
     gives_way: bool,
 }
 
@@ -507,8 +508,10 @@ impl BlendOf {
     }
 }
 
+/// Chooses the space of compositing.
+///
 /// # Errors
-/// A space asked for where there are no splats of radiance fields.
+/// A space asked for in a scene without splats of radiance fields.
 fn blend_of(renderer: &Renderer, settings: &Settings) -> Result<BlendOf> {
     let has_encoded = renderer.volumes().iter().any(BlockedVolume::is_encoded);
     let has_splats = renderer.volumes().iter().any(BlockedVolume::is_of_splats);
@@ -529,7 +532,7 @@ fn blend_of(renderer: &Renderer, settings: &Settings) -> Result<BlendOf> {
     })
 }
 
-/// Refuses light where nothing has a normal.
+/// Refuses options of light if no volume has normals.
 fn check_lit(scene: &[PointVolume]) -> Result<()> {
     let reflects = |volume: &PointVolume| {
         let is_surface = matches!(volume.particles, Particles::Surfels { .. });
@@ -549,7 +552,7 @@ fn check_lit(scene: &[PointVolume]) -> Result<()> {
     ))
 }
 
-/// The transfer function that is to be written: of all volumes the same.
+/// Returns the transfer function to write. All volumes must share it.
 fn written_function(scene: &[PointVolume]) -> Result<&TransferFunction> {
     let fault = |found: String| {
         let expected = "one transfer function for all inputs";
@@ -566,7 +569,8 @@ fn written_function(scene: &[PointVolume]) -> Result<&TransferFunction> {
     }
 }
 
-/// Layers as thick as those of the last frame: parts of its picture are cut into the same ones.
+/// Returns `composite` with the layer thickness of the last frame, so that parts of the picture are
+/// cut into the same layers.
 fn with_layers_of(renderer: &Renderer, composite: Composite) -> Composite {
     match renderer.layers() {
         Some(layers) => composite.with_thickness(Some(layers.thickness)),
@@ -574,7 +578,7 @@ fn with_layers_of(renderer: &Renderer, composite: Composite) -> Composite {
     }
 }
 
-/// What was measured of a picture's error.
+/// Describes the measured error of a picture in words.
 fn in_words(error: &SampledError, asked: f32, drawn: f32) -> String {
     let mut words = format!(
         "99.9 % of the picture err by less than {:.1e}, the worst pixel by {:.1e} (tolerance {asked:.1e}; measured in \
@@ -588,9 +592,10 @@ fn in_words(error: &SampledError, asked: f32, drawn: f32) -> String {
 }
 
 impl Arguments {
-    /// Finds the inputs, and refuses what cannot be done before any of them is read.
+    /// Expands the inputs, and refuses impossible requests before any input is read.
     ///
-    /// - `is_first`: the rank that writes: folders of outputs need not be where the others are.
+    /// - `is_first`: whether this is the rank that writes. Folders of outputs need not exist on
+    ///   other ranks.
     fn check(&mut self, is_first: bool) -> Result<()> {
         if self.mpi && self.backend == BackendName::Gpu {
             return Err(ranks::refuse("--backend gpu"));
@@ -612,12 +617,12 @@ impl Arguments {
         self.check_show()
     }
 
-    /// Tells the data whether they keep their axes.
+    /// Passes `--keep-axes` on to the options of the data.
     pub(super) fn take_axes(&mut self) {
         self.data.keeps_axes = self.keep_axes;
     }
 
-    /// Whether all that is to be written can be, beside the inputs.
+    /// Checks that all outputs can be written and overwrite no input.
     fn check_outputs(&self) -> Result<()> {
         self.check_sequence()?;
         let layers = [&self.output.depth, &self.output.normals];
@@ -638,7 +643,7 @@ impl Arguments {
         check_collisions(paths(&self.inputs), outputs.into_iter().flatten())
     }
 
-    /// Whether what is written can hold what is asked for.
+    /// Checks that the format of the output can hold the sequence or picture asked for.
     fn check_sequence(&self) -> Result<()> {
         let fault = |option: &'static str, expected: &str, found: &str| {
             let advice = "leave it out";
@@ -656,9 +661,10 @@ impl Arguments {
         }
     }
 
-    /// Reads the inputs and sorts them into blocks, and places the cameras.
+    /// Reads the inputs, sorts them into blocks and places the cameras.
     ///
-    /// - `ranks`: where there are some; taken where each reads a part of the data and draws with the others.
+    /// - `ranks`: the ranks, if there are any. It is taken if the ranks share the scene and draw it
+    ///   together.
     fn made(
         &self,
         options: &SampleOptions,
@@ -680,13 +686,13 @@ impl Arguments {
                 .scene(&self.inputs, options, &of_boxes, progress)?;
             self.checked(scene)
         };
-        // Where ranks share a picture, each may read a part.
+        // If ranks share a picture, each may read a part of the data.
         let sharing = ranks.as_mut().filter(|_| !self.sequence.is_asked_for());
         let (scene, shared) = match sharing {
             None => (read()?, None),
             Some(ranks) => {
                 let inputs = &self.inputs;
-                // Faces are cut of whole volumes.
+                // Cut faces need whole volumes.
                 let takes_parts = !self.cut.cut_faces;
                 let check = |scene| self.checked(scene);
                 self.data.shared(
@@ -709,7 +715,7 @@ impl Arguments {
         };
         let bounds = scene.bounds();
         let (scene, prepared, up, fields) = (scene.volumes, scene.prepared, scene.up, scene.fields);
-        // Others hear of a failure where they first wait for this one.
+        // Other ranks learn of a failure here when they next wait for this rank.
         let is_first = ranks.as_ref().is_none_or(|ranks| ranks.rank() == 0);
         if let (Some(path), true) = (&self.output.write_transfer_function, is_first) {
             let function = written_function(&scene)?;
@@ -761,7 +767,7 @@ impl Arguments {
             (boxes, Canvas { room_px, ..whole })
         };
         let mut boxes = left_of(all, &self.clip_planes());
-        // An outline is seen whole, what it is around as a whole or not.
+        // The camera shows the whole outline, even if the data inside it are clipped.
         boxes.extend(bounds.filter(|_| self.annotations.has_outline()));
         let cameras = cameras(&boxes, up, &canvas)?;
         Ok(Made {
@@ -777,7 +783,7 @@ impl Arguments {
         })
     }
 
-    /// How a scene is sorted into blocks.
+    /// Returns the options for sorting the scene into blocks.
     fn scene_options(&self, options: &SampleOptions) -> SceneOptions {
         let method = &self.method;
         let draws_merged = self.settings(0.0).draws_merged();
@@ -788,7 +794,7 @@ impl Arguments {
         }
     }
 
-    /// What was read, once it is known to be what the options are for; with its cut faces, where these are asked for.
+    /// Checks that the options apply to the scene, and adds cut faces if they are asked for.
     fn checked(&self, mut scene: Scene) -> Result<Scene> {
         let refused = [
             ("--reference", self.method.reference.is_some()),
@@ -807,13 +813,13 @@ impl Arguments {
         Ok(scene)
     }
 
-    /// A file or files for pictures of these cameras.
+    /// Opens the output for the pictures of the cameras.
     fn animation(&self, cameras: &[Camera]) -> Result<Animation> {
         let size = [cameras[0].width, cameras[0].height];
         Animation::new(&self.out, size, cameras.len(), self.sequence.rate())
     }
 
-    /// Draws the pictures of cameras, by ranks in turn where there are any, and writes them.
+    /// Draws a picture for each camera and writes them. If there are ranks, they draw in turn.
     fn draw_all(
         &self,
         cameras: &[Camera],
@@ -843,7 +849,7 @@ impl Arguments {
         ranks.agree(animation.map_or(Ok(()), Animation::finish))
     }
 
-    /// A picture of each input, from one camera and by one transfer function.
+    /// Draws a picture of each time step, with one camera and one transfer function.
     fn draw_series(
         &self,
         options: &SampleOptions,
@@ -865,7 +871,7 @@ impl Arguments {
         let read = |step: &[Input]| {
             let cameras = |_: &[Bounds], up| Ok(vec![place(up, &whole)?]);
             let scene = match self.data.scene(step, &options, &cameras, progress) {
-                // A step of nothing is a picture of nothing.
+                // A time step that holds nothing gives an empty picture.
                 Err(error) if error.holds_nothing() => {
                     progress.suspend(|| note!("{}; an empty picture", words::line(&error)));
                     Scene::of_nothing()
@@ -881,7 +887,8 @@ impl Arguments {
         };
         let shown = |step: &(Scene, _, _)| !step.0.volumes.is_empty();
         let first = || {
-            // The first that shows something says how much room a legend takes, and its function is that of all.
+            // The first step that shows something sets the width of the legend, and its transfer
+            // function is written: all steps share it.
             let first = read(steps[0])?;
             let mut said = None;
             let mut rest = steps.iter().skip(1);
@@ -936,7 +943,7 @@ impl Arguments {
         self.draw_all(&cameras, &mut draw, ranks)
     }
 
-    /// Writes the true image, and its stated error with the statistics.
+    /// Writes the reference image, and adds its stated error to the statistics.
     fn integrate(
         &self,
         truth: &Truth,
@@ -983,7 +990,7 @@ impl Arguments {
         Ok(())
     }
 
-    /// A legend belongs to a picture of the scene: numbers have none.
+    /// Refuses a legend if the output holds numbers: a legend belongs to a picture.
     fn check_legend(&self) -> Result<()> {
         let fault = |place: &str, expected: &str, found: String| {
             let advice = "leave --legend out";
@@ -1002,7 +1009,8 @@ impl Arguments {
         Ok(())
     }
 
-    /// The option that writes numbers instead of a picture, and what it would take for one.
+    /// Returns the option that writes numbers instead of a picture, and the value it expects for a
+    /// picture.
     fn numbers(&self) -> Option<(&'static str, &'static str)> {
         if matches!(self.output.show, ShowName::Count) {
             return Some(("--show", "scene or choice"));
@@ -1011,8 +1019,8 @@ impl Arguments {
         is_column.then_some(("--column-density", "a png, which is a picture"))
     }
 
-    /// The true image is summed in f64, by the CPU. So are scenes that are drawn before a GPU's driver is
-    /// loaded, whose picture is the same.
+    /// Chooses the backend. The CPU integrates reference images in f64. It also draws scenes that
+    /// take less time than loading a GPU driver; the picture is the same.
     pub(crate) fn backend(&self, renderer: &Renderer, camera: &Camera) -> Backend {
         let frames = 1 + self.output.frames.unwrap_or(0);
         match self.backend {
@@ -1053,7 +1061,7 @@ impl Arguments {
         }
     }
 
-    /// How data become particles.
+    /// Returns the options that turn data into particles.
     pub(super) fn sample_options(&self, task: Option<Task>) -> SampleOptions {
         SampleOptions {
             for_columns: self.method.column_density,
@@ -1074,7 +1082,9 @@ impl Arguments {
             .collect()
     }
 
-    /// - `low_pass`: variance of the filter, px².
+    /// Returns the settings of rendering.
+    ///
+    /// - `low_pass`: variance of the low-pass filter, px².
     pub(super) fn settings(&self, low_pass: f32) -> Settings {
         let defaults = Settings::default();
         Settings {
@@ -1115,21 +1125,24 @@ impl Arguments {
 }
 
 impl Arguments {
-    /// Whether anything asks how the field runs over kernels: what classifies these, and a surface.
+    /// Returns true if local models of the field are needed: by classification over kernels'
+    /// extents or in slabs, or by an iso-surface.
     fn asks_models(&self) -> bool {
         let by_extent = self.method.classify == ClassifyName::Extent;
         let classifies = by_extent || self.method.post_classification;
         self.data.flatten.is_some() || (classifies && !self.method.column_density)
     }
 
-    /// Whether light asks volumes for normals: slabs that are classified have slopes of their own, and so has a surface.
+    /// Returns true if lighting needs normals of volumes. Post-classified slabs and iso-surfaces
+    /// compute their own.
     fn asks_normals(&self) -> bool {
         let has_own = self.method.post_classification || self.data.flatten.is_some();
         self.light.lighting().is_some() && !has_own
     }
 
-    /// How the scene is lit: surfaces are, unless their true image is wanted, what is classified in slabs would be
-    /// lit with them, or there is a maximum, which has no surface.
+    /// Returns the lighting of the scene. Surfaces are lit by default, with three exceptions: a
+    /// reference image, a maximum (which has no surface), and post-classification (which would
+    /// light the slabs, too).
     fn lighting(&self) -> Option<Lighting> {
         let method = &self.method;
         let lights_more = method.post_classification || method.reference.is_some();
@@ -1140,7 +1153,7 @@ impl Arguments {
             .or_else(|| of_surfaces.then(Lighting::default))
     }
 
-    /// How the picture of a column density looks.
+    /// Returns the appearance of the picture of a column density.
     pub(crate) fn column_look(&self) -> ColumnLook<'_> {
         ColumnLook {
             map: self.data.transfer_function.as_deref(),
@@ -1155,7 +1168,8 @@ impl Arguments {
         }
     }
 
-    /// Refuses light on what has none. (A background is the scene's, which counts have as well.)
+    /// Refuses options of light with `--show` other than `scene`. (A background is allowed: counts
+    /// have one, too.)
     fn check_show(&self) -> Result<()> {
         let is_asked = self.is_lit() || self.light.is_unlit();
         if !is_asked || matches!(self.output.show, ShowName::Scene) {
@@ -1172,13 +1186,13 @@ impl Arguments {
         ))
     }
 
-    /// Whether light is asked for.
+    /// Returns true if light was asked for.
     pub(super) fn is_lit(&self) -> bool {
         self.light.lighting().is_some()
     }
 
-    /// The colour behind everything, linear: where a picture is to be looked at a dark grey, unless another is asked
-    /// for or none.
+    /// Returns the linear background colour. The default is dark grey for pictures to look at (png,
+    /// apng, gif) and none for other formats.
     fn background(&self) -> Option<[f32; 3]> {
         let is_picture = (self.is_png() || animation::is_animated(&self.out))
             && matches!(self.output.show, ShowName::Scene | ShowName::Choice);
@@ -1191,7 +1205,7 @@ impl Arguments {
 }
 
 impl Method {
-    /// Refuses what says nothing of what the inputs are.
+    /// Refuses options that do not apply to any of the volumes.
     pub(super) fn check_use(&self, volumes: &[PointVolume]) -> Result<()> {
         let default = FilterName::Adaptive;
         let is_filtered = volumes.iter().any(is_filtered);
@@ -1233,7 +1247,7 @@ impl Method {
         }
     }
 
-    /// How kernels behind one another become a picture.
+    /// Returns the compositing of kernels that lie behind one another.
     fn composite(&self) -> Composite {
         let thickness = self.slab_thickness;
         match self.composite {
@@ -1252,8 +1266,9 @@ impl Method {
         }
     }
 
-    /// Refuses options of layers where there are none, and of columns. (Clap forgets that an option requires another
-    /// where a third is there that the other conflicts with.)
+    /// Refuses options of layers for a composite without layers, and options of column densities
+    /// without these. (Clap does not enforce `requires` if the required option conflicts with a
+    /// third that is given.)
     pub(super) fn check(&self) -> Result<()> {
         let refuse = |place: &str, expected: &str| {
             let found = self.composite().name();

@@ -1,4 +1,4 @@
-//! What the inputs of a command hold together: which fields they show, and by which functions.
+//! Reads the inputs of a command into one scene: their volumes, fields and transfer functions.
 
 use std::path::Path;
 
@@ -22,42 +22,44 @@ use super::together::{Gathered, Series, Together};
 use super::usage::{Kind, Uses};
 use super::viewpoint::Cameras;
 
-/// The contents of the inputs.
+/// Contents of the inputs.
 pub(crate) struct Scene {
     pub(crate) volumes: Vec<PointVolume>,
-    /// Prepared scenes, and the volumes that stand for those of each.
+    /// Prepared scenes, and the volumes that stand in for theirs.
     pub(crate) prepared: Members,
-    /// The name of the field that each volume shows.
+    /// Name of the field that each volume shows.
     pub(crate) fields: Vec<Option<String>>,
-    /// The titles of these fields in legends, with their units if they are known.
+    /// Titles of these fields in legends, with their units if these are known.
     pub(crate) titles: Vec<Option<String>>,
-    /// The fields and components of the first input: [`Dataset::selectors`](crate::io::Dataset::selectors).
+    /// Fields and components of the first input:
+    /// [`Dataset::selectors`](crate::io::Dataset::selectors).
     pub(crate) selectors: Vec<String>,
-    /// Whether all are grids, whose kernels follow the spacing.
+    /// True if all inputs are grids, whose kernels follow the spacing.
     pub(crate) grids_only: bool,
-    /// Whether any of the data can end sharply: grids, unless options make them end softly.
+    /// True if any of the data can be cut sharply at its boundary: grids, unless options prevent
+    /// it.
     pub(crate) has_boundary: bool,
-    /// The direction up: [`Up::of_scene`].
+    /// Direction up: [`Up::of_scene`].
     pub(crate) up: Up,
-    /// The least and the greatest coordinates of each input's data.
+    /// Least and greatest coordinates of each input's data.
     corners: Vec<(DVec3, DVec3)>,
 }
 
 impl Scene {
-    /// A scene without inputs.
+    /// Creates a scene without inputs.
     pub(crate) fn of_nothing() -> Self {
         Self::of_reads(Vec::new(), Vec::new(), false)
     }
 
-    /// A scene of a file of points that was read as a stream: all facts other than its particles.
+    /// Creates a scene from the metadata of a point file that was read as a stream.
     pub(crate) fn of_stream(file: &PointFile) -> Self {
         let unit = file.report().and_then(|report| report.unit.as_deref());
         Self::of_points(file.field(), unit, file.up(), file.bounds())
     }
 
-    /// A scene of a file of which every rank has read a part.
+    /// Creates a scene from the metadata of a file of which every rank has read a part.
     ///
-    /// - `is_grid`: whether the file holds a grid, and not points.
+    /// - `is_grid`: whether the file holds a grid, not points.
     pub(crate) fn of_part(read: &PartRead, is_grid: bool) -> Self {
         let (field, unit) = (read.report.field.as_deref(), read.report.unit.as_deref());
         Self {
@@ -86,7 +88,7 @@ impl Scene {
         }
     }
 
-    /// Of what another rank has read: what is known of it besides its particles.
+    /// Creates a scene from the metadata that another rank sent.
     pub(crate) fn of_about(about: About) -> Self {
         let up = prepared::up_of(&about);
         let corners = about.corners.into_iter();
@@ -105,7 +107,7 @@ impl Scene {
         }
     }
 
-    /// Of a lattice of which every rank has read some planes.
+    /// Creates a scene from a lattice of which every rank has read some planes.
     pub(crate) fn of_planes(
         file: &Planes,
         volumes: Vec<PointVolume>,
@@ -126,7 +128,7 @@ impl Scene {
         }
     }
 
-    /// Says what those of so many volumes show that have no name yet.
+    /// Names the field of volumes that have no name yet, up to `count` volumes.
     fn name(&mut self, count: usize, report: SampleReport) {
         let (field, unit) = (report.field, report.unit);
         let title = field.as_deref().map(|f| title_of(f, unit.as_deref()));
@@ -134,9 +136,9 @@ impl Scene {
         self.fields.resize(count, field);
     }
 
-    /// Of inputs of which every rank has read some.
+    /// Creates a scene from inputs of which every rank has read some.
     ///
-    /// - `volumes`: of all, those of other ranks without particles.
+    /// - `volumes`: volumes of all inputs; those of other ranks have no particles.
     pub(super) fn of_reads(
         volumes: Vec<PointVolume>,
         reads: Vec<ReadAbout>,
@@ -164,7 +166,7 @@ impl Scene {
         scene
     }
 
-    /// Adds a prepared scene, and volumes that stand for its own.
+    /// Adds a prepared scene, and volumes that stand in for its own.
     fn add(&mut self, own: PreparedScene, about: About) {
         let first = self.volumes.len();
         self.volumes.extend(own.stand_ins());
@@ -179,9 +181,9 @@ impl Scene {
         self.prepared.push((first..count, own));
     }
 
-    /// What a file keeps of the data besides their particles.
+    /// Returns the metadata that a prepared scene stores beside its particles.
     ///
-    /// - `inputs`: what they were read from.
+    /// - `inputs`: the inputs of this scene.
     pub(crate) fn about(&self, inputs: &[Input], for_columns: bool) -> About {
         let name = |input: &Input| input.path.display().to_string();
         let corners = self.corners.iter();
@@ -198,7 +200,7 @@ impl Scene {
         }
     }
 
-    /// The box of all data; `None` where nothing has a place.
+    /// Returns the box of all data, or `None` if no datum has a position.
     pub(crate) fn bounds(&self) -> Option<Bounds> {
         let corners = self.corners.iter().copied();
         let (lower, upper) = corners.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))?;
@@ -206,19 +208,19 @@ impl Scene {
     }
 }
 
-/// A grid in pieces that may be read apart.
+/// Grid in pieces that ranks may read separately.
 pub(crate) enum Pieces {
     Cells(VtuPieces),
     Grid(VtsPieces),
 }
 
-/// Points from which on a scene is prepared as a stream.
+/// Least number of points from which a scene is prepared as a stream.
 const STREAMED: usize = 1 << 22;
 
 impl DataOptions {
-    /// Reads and samples all of a scene, and says what was left out: [`Together`].
+    /// Reads and samples all inputs as one scene, and prints what was left out: [`Together`].
     ///
-    /// - `cameras`: those of the pictures, which say how many surfels meshes get.
+    /// - `cameras`: cameras of the pictures, which determine the number of surfels of meshes.
     pub(crate) fn scene(
         &self,
         inputs: &[Input],
@@ -227,7 +229,7 @@ impl DataOptions {
         progress: &ProgressBar,
     ) -> Result<Scene> {
         self.check_function(options)?;
-        // Of each input a prepared scene, where it is one.
+        // Opens each input that is a prepared scene.
         let mut opened = Vec::new();
         let all = inputs;
         let mut data = Vec::new();
@@ -309,7 +311,7 @@ impl DataOptions {
         Ok(scene)
     }
 
-    /// Refuses a surface of a field where nothing shows one.
+    /// Refuses an iso-surface if no volume shows a field.
     pub(super) fn check_fields(&self, scene: &Scene) -> Result<()> {
         match self.flatten.is_some() && scene.fields.iter().all(Option::is_none) {
             true => Err(refused_surface("a field", "none")),
@@ -317,7 +319,8 @@ impl DataOptions {
         }
     }
 
-    /// Refuses what says nothing of the surface, or of the transfer function, that is asked for.
+    /// Refuses options that do not apply to the iso-surface, or to the transfer function, asked
+    /// for.
     pub(super) fn check_function(&self, options: &SampleOptions) -> Result<()> {
         self.check_surface()?;
         if self.scale.is_some() && matches!(options.transfer, TransferChoice::File(_)) {
@@ -335,8 +338,8 @@ impl DataOptions {
         Ok(())
     }
 
-    /// An input as a stream of particles, where it is a file of many points of which each becomes one by itself: so many
-    /// that sorting them in memory takes a part of a machine's that counts.
+    /// Opens an input as a stream of particles, if it is a file in which each point becomes one
+    /// particle. The file must hold at least [`STREAMED`] points; fewer are sorted in memory.
     pub(crate) fn stream(
         &self,
         input: &Input,
@@ -367,7 +370,8 @@ impl DataOptions {
         Ok(Some(file))
     }
 
-    /// An input as points that show a field, whose rows may be read apart, with what to make of them.
+    /// Opens an input as points that show a field, if ranks may read its rows separately. Returns
+    /// the sampling options, too.
     pub(crate) fn rows(
         &self,
         input: &Input,
@@ -387,9 +391,10 @@ impl DataOptions {
         Ok(Some((file, options)))
     }
 
-    /// An input as a file of very many rows, which are to be taken as they are.
+    /// Opens an input as a file of at least [`STREAMED`] rows, if no option edits or selects its
+    /// data.
     fn row_file(&self, input: &Input) -> Result<Option<RowFile>> {
-        // Folders and patterns of names are read whole.
+        // Folders and patterns are read whole.
         let is_of_rows = input.path.is_file()
             && input.edit == Edit::default()
             && input.time_step.is_none()
@@ -403,7 +408,8 @@ impl DataOptions {
         Ok(rows.filter(|rows| rows.count() >= STREAMED))
     }
 
-    /// An input as planes of a lattice that may be read apart, where it is one file of them, to be drawn as it is.
+    /// Opens an input as planes of a lattice, if it is one large file that ranks may read
+    /// separately and no option edits it.
     pub(crate) fn planes(&self, input: &Input, options: &SampleOptions) -> Result<Option<Planes>> {
         let is_plain = input.path.is_file()
             && input.edit == Edit::default()
@@ -420,7 +426,8 @@ impl DataOptions {
         self.check_spacing()?;
         let field = input.field.as_deref().or(options.field.as_deref());
         let file = Planes::open(&input.path, &self.open_options(), field)?;
-        // Of one layer a surface is made, and few are read by one for all.
+        // A lattice one layer thick becomes a surface. A small one is read by the first rank for
+        // all.
         let is_large = |file: &Planes| {
             let lattice = file.lattice();
             lattice.dims.iter().all(|&n| n > 1) && lattice.len() >= STREAMED
@@ -429,7 +436,7 @@ impl DataOptions {
             "raw volume" => Kind::Raw,
             _ => Kind::Grid,
         };
-        // Types of samples are a raw volume's.
+        // Sample types apply to raw volumes alone.
         let is_typed = |file: &Planes| !self.has_types() || kind(file) == Kind::Raw;
         let Some(file) = file.filter(|file| is_large(file) && is_typed(file)) else {
             return Ok(None);
@@ -438,7 +445,8 @@ impl DataOptions {
         Ok(Some(file))
     }
 
-    /// An input as pieces of a grid that may be read apart, where it is an index of such, to be drawn as it is.
+    /// Opens an input as pieces of a grid, if it is an index of pieces that ranks may read
+    /// separately and no option edits it.
     pub(crate) fn pieces(
         &self,
         input: &Input,
@@ -468,7 +476,7 @@ impl DataOptions {
         Ok(Some((file, options)))
     }
 
-    /// Refuses options that say nothing of one input of a kind that is shown by a function.
+    /// Refuses options that do not apply to one input of a kind that a transfer function shows.
     pub(super) fn check_classified(&self, kind: Kind, options: &SampleOptions) -> Result<()> {
         self.check_use(&Uses {
             kinds: vec![kind],
@@ -480,9 +488,10 @@ impl DataOptions {
         })
     }
 
-    /// A prepared scene by the transfer function that is asked for.
+    /// Applies the transfer function that was asked for to a prepared scene.
     ///
-    /// - `is_alone`: whether there are no data beside, for which the function may be meant.
+    /// - `is_alone`: whether the scene is the only input. With others, the function may be meant
+    ///   for them.
     fn shown(&self, scene: PreparedScene, path: &Path, is_alone: bool) -> Result<PreparedScene> {
         match self.sample_options().transfer {
             TransferChoice::File(function) if is_alone => {
@@ -492,7 +501,7 @@ impl DataOptions {
         }
     }
 
-    /// The options of one input.
+    /// Returns the sampling options of one input.
     pub(super) fn of_input(&self, input: &Input, options: &SampleOptions) -> SampleOptions {
         let mut own = options.clone();
         own.field = input.field.clone().or(own.field);
@@ -502,7 +511,8 @@ impl DataOptions {
         own
     }
 
-    /// Reads what the steps of a series share: one field, the function of the values of all steps, and a box around each.
+    /// Reads what the steps of a series share: one field, a transfer function of the values of all
+    /// steps, and the box of each step.
     pub(crate) fn series(
         &self,
         inputs: &[Input],
@@ -526,7 +536,7 @@ impl DataOptions {
         together.series()
     }
 
-    /// The scene's volumes with kernels of another width, read anew.
+    /// Reads the inputs again, and returns their volumes with kernels of another width.
     pub(crate) fn scene_at_kernel_width(
         &self,
         inputs: &[Input],

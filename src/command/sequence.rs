@@ -1,4 +1,4 @@
-//! Options that make many pictures of one: a turn around the data, a camera's way, steps of time.
+//! Defines the options of sequences of pictures: a turntable, a camera path, time steps.
 
 use std::path::PathBuf;
 
@@ -9,7 +9,7 @@ use clap::Args;
 
 use super::viewpoint::{CameraOptions, Canvas};
 
-/// What has one picture.
+/// Options that apply to single pictures only.
 const OF_ONE: [&str; 9] = [
     "reference",
     "column_density",
@@ -44,7 +44,7 @@ pub(crate) struct SequenceOptions {
 }
 
 impl SequenceOptions {
-    /// Whether there are many pictures.
+    /// Returns true if a sequence was asked for.
     pub(crate) fn is_asked_for(&self) -> bool {
         self.series || self.turntable.is_some() || self.camera_path.is_some()
     }
@@ -53,17 +53,17 @@ impl SequenceOptions {
         self.series
     }
 
-    /// Pictures per second.
+    /// Returns the number of pictures per second.
     pub(crate) fn rate(&self) -> u16 {
         self.rate.unwrap_or(25)
     }
 
-    /// Whether a rate is given.
+    /// Returns true if a rate was given.
     pub(crate) fn has_rate(&self) -> bool {
         self.rate.is_some()
     }
 
-    /// The cameras of all pictures; one where one picture is asked for.
+    /// Returns the cameras of all pictures: one camera for a single picture.
     pub(crate) fn cameras(
         &self,
         options: &CameraOptions,

@@ -1,4 +1,5 @@
-//! What ranks share of inputs: each reads a part where these can be read apart, and what cannot the first reads for all.
+//! Reads inputs that ranks share. If an input can be read in parts, each rank reads one; otherwise
+//! the first rank reads it for all.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::mem::take;
@@ -21,7 +22,7 @@ use crate::prepared::{About, PointFile};
 use crate::sample::{SampleOptions, SampleReport};
 use crate::{Error, Result};
 
-/// What all ranks hear of a file that they are about to read together.
+/// File that all ranks read together, each a part.
 enum Together {
     Points(Box<PointFile>),
     Rows(Box<(RowFile, SampleOptions)>),
@@ -30,7 +31,7 @@ enum Together {
 }
 
 impl Together {
-    /// A number that tells files apart of which ranks would read different parts.
+    /// Returns a hash of the file, by which ranks check that all have opened the same one.
     fn number(&self) -> u64 {
         let mut hasher = DefaultHasher::new();
         match self {
@@ -53,16 +54,16 @@ impl Together {
 }
 
 impl DataOptions {
-    /// A scene that ranks share, and this one's share, whose volumes are in the scene; `None` where every rank has the
-    /// whole: of prepared scenes.
+    /// Reads a scene that ranks share. Returns the scene with this rank's volumes, and the rank's
+    /// share. The share is `None` for prepared scenes, which every rank reads whole.
     ///
-    /// - `cameras`: those of the picture, which say how many surfels meshes get.
-    /// - `takes_parts`: whether what is read may come apart before it is checked.
-    /// - `read`: reads the whole.
-    /// - `check`: refuses what the options are not for.
+    /// - `cameras`: cameras of the picture, which determine the number of surfels of meshes.
+    /// - `takes_parts`: whether the data may be partitioned before they are checked.
+    /// - `read`: reads the whole scene.
+    /// - `check`: refuses a scene that the options do not apply to.
     ///
     /// # Errors
-    /// What reading or checking says, on any rank.
+    /// The errors of reading and checking on any rank.
     #[allow(
         clippy::too_many_arguments,
         reason = "what a picture says of how its inputs are read"
@@ -84,7 +85,7 @@ impl DataOptions {
             _ => Ok(None),
         };
         let together = ranks.agree(together)?;
-        // A file may be another, or be missing, where some ranks are.
+        // On some ranks, the path may name another file or none.
         let found = match &together {
             None if is_whole => 0,
             None => inputs.len() as u64,
@@ -159,7 +160,8 @@ impl DataOptions {
         Ok((check(scene)?, Some(share)))
     }
 
-    /// A file that ranks read together: of many points, an index of pieces, or a large lattice whose planes lie apart.
+    /// Opens a file that ranks read together: many points, an index of pieces, or planes of a large
+    /// lattice.
     fn together(
         &self,
         input: &Input,
@@ -182,7 +184,8 @@ impl DataOptions {
         Ok(planes.map(|file| Together::Planes(Box::new(file))))
     }
 
-    /// What the first rank reads for all: its volumes, and on others the same without particles.
+    /// Reads the inputs on the first rank and scatters the volumes. Other ranks receive the scene's
+    /// metadata.
     fn of_first(
         &self,
         inputs: &[Input],

@@ -1,4 +1,4 @@
-//! `ewa-splat completions`, `ewa-splat man`, `ewa-splat --version`
+//! Runs `ewa-splat completions`, `ewa-splat man` and `ewa-splat --version`.
 
 use std::sync::LazyLock;
 
@@ -25,7 +25,7 @@ pub(crate) struct ManArguments {
     of: Option<String>,
 }
 
-/// Prints the script that completes the program's options.
+/// Prints the script that completes the program's options in a shell.
 pub(crate) fn completions(arguments: &CompletionsArguments, mut program: Command) {
     let mut script = Vec::new();
     clap_complete::generate(arguments.shell, &mut program, NAME, &mut script);
@@ -35,9 +35,9 @@ pub(crate) fn completions(arguments: &CompletionsArguments, mut program: Command
 /// Prints a page for `man`.
 ///
 /// # Errors
-/// What writing says. A subcommand that there is not ends the program, as wrong usage does.
+/// The errors of writing. An unknown subcommand ends the program, as wrong usage does.
 pub(crate) fn man(arguments: &ManArguments, program: Command) -> Result<()> {
-    // Subcommands get their whole names when all is built.
+    // Building the command gives subcommands their full names.
     let mut program = program.disable_help_subcommand(true);
     program.build();
     let of = match &arguments.of {
@@ -57,8 +57,7 @@ pub(crate) fn man(arguments: &ManArguments, program: Command) -> Result<()> {
     Ok(())
 }
 
-/// The version, what the program was built with and what it runs on: what a report of a fault should
-/// say.
+/// Returns the version, the build's features and the machine's properties, for reports of faults.
 pub(crate) fn version() -> &'static str {
     static TEXT: LazyLock<String> = LazyLock::new(|| {
         let gpu = if cfg!(feature = "gpu") {

@@ -1,4 +1,4 @@
-//! A file that is named, and what is meant of it.
+//! Parses inputs: a file with the field and the transfer function that it shows.
 
 use std::path::PathBuf;
 
@@ -9,27 +9,27 @@ use clap::builder::{PathBufValueParser, TypedValueParser};
 use super::edits::Edit;
 use super::progress::note;
 
-/// A file, and what is to be shown of it where that is not what the options say of all.
+/// File, and what it shows if that differs from the options for all inputs.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Input {
     pub(crate) path: PathBuf,
     pub(crate) field: Option<String>,
     pub(crate) function: Option<String>,
-    /// The type of the particles that are meant, of a snapshot that holds several.
+    /// Type of the particles to show, for a snapshot that holds several types.
     pub(crate) particle_type: Option<ParticleType>,
-    /// Which step of a series it belongs to.
+    /// Number of the series' step that the file belongs to.
     pub(crate) step: usize,
-    /// Which step of a file that holds several.
+    /// Number of the time step within a file that holds several.
     pub(crate) time_step: Option<usize>,
-    /// The time that the file or its collection states of it.
+    /// Time that the file or its collection states.
     pub(crate) time: Option<f64>,
-    /// Where it goes, and what of it is read on.
+    /// Placement and crop box.
     pub(crate) edit: Edit,
 }
 
 impl Input {
-    /// `FILE`, `FILE@FIELD` or `FILE@FIELD@FUNCTION`, with `FIELD@nodes` or `FIELD@cells` for a field of these. Where a file
-    /// is called that with the @ in it, it is meant.
+    /// Parses `FILE`, `FILE@FIELD` or `FILE@FIELD@FUNCTION`. `FIELD@nodes` and `FIELD@cells` name a
+    /// field of nodes or of cells. If a file with the whole name exists, the name means that file.
     pub(crate) fn parse(path: PathBuf) -> Self {
         let text = path
             .to_str()
@@ -56,7 +56,8 @@ impl Input {
         }
     }
 
-    /// A file as it is; of a folder with a SOG scene, the file that names the others.
+    /// Returns an input that shows a file by the common options. A folder with a SOG scene stands
+    /// for its index file.
     pub(crate) fn file(path: PathBuf) -> Self {
         Self {
             path,
@@ -70,7 +71,7 @@ impl Input {
         }
     }
 
-    /// The same of the particles of one type.
+    /// Returns this input with the particles of one type.
     pub(crate) fn of_type(&self, particles: ParticleType) -> Self {
         Self {
             particle_type: Some(particles),
@@ -78,34 +79,34 @@ impl Input {
         }
     }
 
-    /// For clap.
+    /// Returns the parser for clap.
     pub(crate) fn parser() -> impl TypedValueParser<Value = Self> {
         PathBufValueParser::new().map(Self::parse)
     }
 }
 
-/// The time steps that are shown of files with several.
+/// Time steps that are shown of files with several.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Shown {
-    /// The first; a note reports this choice.
+    /// The first step; a note reports this choice.
     First,
     One(StepChoice),
-    /// All, one after another.
+    /// All steps, in their order.
     Series,
 }
 
-/// The inputs, with collections and files of several steps replaced by their contents: one time step, or all steps of a
-/// series.
+/// Replaces collections and files of several steps by their contents: one time step, or all steps
+/// of a series.
 ///
 /// # Errors
-/// Collections that cannot be read; a step or time that is absent; a chosen step or time if no input has several. Other
-/// files that cannot be read stay: reading them reports the error.
+/// Collections that cannot be read; an absent step or time; a chosen step or time if no input has
+/// several steps. Other unreadable files stay in the list: reading them reports the error.
 pub(crate) fn steps(inputs: Vec<Input>, shown: Shown, options: &OpenOptions) -> Result<Vec<Input>> {
     let mut files: Vec<Input> = Vec::new();
     let mut step = 0;
     let mut has_steps = false;
     let names: Vec<PathBuf> = inputs.iter().map(|input| input.path.clone()).collect();
-    // Files that others stand for, or that stand for others.
+    // Files that other files replace, or that replace others.
     let mut stood_in: Vec<PathBuf> = Vec::new();
     for input in inputs {
         let Ok(format) = format_of(&input.path, options) else {
@@ -115,7 +116,7 @@ pub(crate) fn steps(inputs: Vec<Input>, shown: Shown, options: &OpenOptions) -> 
         };
         let mut steps = format.time_steps(&input.path)?;
         let count = steps.len();
-        // All pieces of one snapshot are named, perhaps.
+        // The inputs may name all pieces of one snapshot.
         if let [TimeStep { time: None, parts }] = steps.as_slice()
             && let [part] = parts.as_slice()
         {
@@ -140,7 +141,7 @@ pub(crate) fn steps(inputs: Vec<Input>, shown: Shown, options: &OpenOptions) -> 
         let path = &input.path;
         let chosen = match shown {
             Shown::Series => 0..count,
-            // What has no steps of time stands beside what has.
+            // Inputs without time steps are shown beside the chosen step.
             Shown::One(choice) if is_of_time => {
                 let number = choice.of(path, &steps)?;
                 if let (StepChoice::Time(_), Some(time)) = (choice, steps[number].time) {
@@ -190,7 +191,7 @@ pub(crate) fn steps(inputs: Vec<Input>, shown: Shown, options: &OpenOptions) -> 
     Ok(files)
 }
 
-/// The files.
+/// Returns the paths of the inputs.
 pub(crate) fn paths(inputs: &[Input]) -> impl Iterator<Item = &PathBuf> {
     inputs.iter().map(|input| &input.path)
 }

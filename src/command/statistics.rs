@@ -1,4 +1,4 @@
-//! `ewa-splat render --stats`: what was counted, and how long it took.
+//! Collects the counts and times of `ewa-splat render --stats`.
 
 use std::time::Instant;
 
@@ -9,22 +9,23 @@ use crate::stages::blocks::{BlockedParticles, BlockedVolume};
 use crate::{Filter, Renderer};
 use serde_json::json;
 
-/// Milliseconds before the first frame.
+/// Times of the work before the first frame, in milliseconds.
 #[derive(Debug, Clone, Copy)]
 pub struct Prepared {
-    /// When the command began.
+    /// Start of the command.
     pub begun: Instant,
-    /// Reading and sampling.
+    /// Time of reading and sampling.
     pub read_ms: f64,
-    /// Sorting into blocks.
+    /// Time of sorting into blocks.
     pub prepare_ms: f64,
 }
 
-/// The counts and times of the last frame; `times` of all.
+/// Returns the counts of the last frame, and the times of the last frame and of all frames in
+/// `times`.
 pub fn stats(renderer: &Renderer, times: &[StageTimes], prepared: Prepared) -> serde_json::Value {
     let counts: FrameCounts = renderer.counts();
     let median = median_times(times);
-    // What drew the last frame.
+    // Adapter that drew the last frame; the CPU may have taken over from it.
     let adapter = renderer.adapter().filter(|_| renderer.fallback().is_none());
     let of_filter = |filter: Filter| counts.block_filters[filter as usize];
     let is_flat = |v: &&BlockedVolume| matches!(v.particles, BlockedParticles::Surfels { .. });
@@ -96,7 +97,7 @@ pub fn stats(renderer: &Renderer, times: &[StageTimes], prepared: Prepared) -> s
     stats
 }
 
-/// What one rank has and did.
+/// Returns the counts and times of one rank.
 fn of_rank(rank: &RankStats) -> serde_json::Value {
     let times = &rank.times;
     json!({

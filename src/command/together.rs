@@ -1,5 +1,7 @@
-//! Several inputs as one scene: one field if they have one in common, one function for it, and surfels by the pixels of the
-//! whole picture. If ranks share a scene, each reads some of the inputs, and all ranks make the same choices.
+//! Reads several inputs as one scene. The inputs show one field if they have one in common, by one
+//! transfer function. Surfels are spread by the pixels of the whole picture.
+//!
+//! If ranks share a scene, each rank reads some of the inputs, and all ranks make the same choices.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -32,19 +34,21 @@ use crate::scene::{Particles, PointVolume, TransferFunction, ValueSample};
 use crate::view::{Bounds, Camera};
 use crate::{Error, Renderer, Result, SceneOptions};
 
-/// Bytes of data sets that are kept from the first look to the sampling; others are read again.
+/// Most memory for data sets that are kept from the first look to the sampling, in bytes. Others
+/// are read again.
 const KEPT: usize = 1 << 30;
 
-/// Files named in the note of those that hold nothing.
+/// Largest number of empty files that a note names.
 const MOST_NAMED: usize = 3;
 
-/// Surfels of a mesh that no camera sees.
+/// Number of surfels of a mesh that no camera sees.
 const UNSEEN: usize = 256;
 
-/// Positions of particles without a transfer function by which it is found where most of them are.
+/// Number of positions sampled to find where most particles of a volume are, if no transfer
+/// function shows them.
 const PLACES: usize = 4096;
 
-/// The share of these positions on either side that may lie beyond.
+/// Fraction of these positions that may lie beyond the box, on each side.
 const BEYOND: f64 = 0.02;
 
 type Corners = (DVec3, DVec3);
@@ -56,33 +60,34 @@ struct Look {
     up: ToldUp,
     corners: Option<[[f64; 3]; 2]>,
     selectors: Vec<String>,
-    /// Whether surfels are made of it.
+    /// True if the input becomes surfels.
     is_surface: bool,
-    /// The candidates for the field that is shown: name, ranges of components, rank.
+    /// Candidates for the field to show: name, ranges of components, rank.
     choices: Vec<(String, Vec<[f64; 2]>, u8)>,
-    /// The axis that points up by the format or by convention, and the reason.
+    /// Axis that points up by the format or by convention, and the reason.
     axes: [f64; 3],
     reason: String,
     says: Says,
     /// Notes of the reader.
     lines: Vec<String>,
-    /// Whether it has the field that is asked for; whether it should have that field and lacks it.
+    /// True if the input has the field that is asked for.
     has_field: bool,
+    /// True if the input should have that field and lacks it.
     is_lacking: bool,
 }
 
-/// How surely the axes of an input are known.
+/// Certainty of the axes of an input.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 enum Says {
-    /// The format defines them.
+    /// The format defines the axes.
     Axes,
-    /// Most files of the format have them.
+    /// Most files of the format have these axes.
     MostlyAxes,
-    /// They are convention alone, or the user placed the input.
+    /// The axes are convention alone, or the user placed the input.
     Nothing,
 }
 
-/// [`Up`] as ranks send it.
+/// [`Up`] in the form that ranks send.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct ToldUp {
     direction: [f64; 3],
@@ -127,19 +132,19 @@ struct Facts {
     is_nothing: bool,
 }
 
-/// An input that this process reads.
+/// Input that this process reads.
 struct Own {
     number: usize,
     look: Look,
-    /// The data set that is sampled, if it is kept in memory.
+    /// Data set to sample, if it is kept in memory.
     dataset: Option<Dataset>,
-    /// The rotation to the axes of the scene.
+    /// Rotation to the axes of the scene.
     turn: Option<DQuat>,
     volumes: Vec<PointVolume>,
     report: SampleReport,
-    /// The error that it holds nothing to draw.
+    /// Error that reports that the input holds nothing to draw.
     nothing: Option<Error>,
-    /// The error that it lacks the field that is asked for.
+    /// Error that reports that the input lacks the field that is asked for.
     absence: Option<Error>,
 }
 
@@ -148,41 +153,41 @@ pub(super) struct Together<'a> {
     pub(super) data: &'a DataOptions,
     /// All inputs, those of other ranks among them.
     pub(super) inputs: &'a [Input],
-    /// The inputs that this process reads.
+    /// Numbers of the inputs that this process reads.
     pub(super) own: Range<usize>,
     pub(super) options: &'a SampleOptions,
-    /// The cameras of the pictures.
+    /// Cameras of the pictures.
     pub(super) cameras: Cameras<'a>,
     /// Corners and directions up of the data that are drawn beside the inputs.
     pub(super) beside: &'a [(Option<Corners>, Up)],
     pub(super) progress: &'a ProgressBar,
 }
 
-/// The inputs after reading and sampling.
+/// Inputs after reading and sampling.
 pub(super) struct Gathered {
     /// Facts about all inputs, in their order.
     pub(super) abouts: Vec<ReadAbout>,
-    /// The volumes of the inputs that this process read, input by input.
+    /// Volumes of the inputs that this process read, input by input.
     pub(super) volumes: Vec<Vec<PointVolume>>,
-    /// The fields and components of the first input that can be shown.
+    /// Fields and components of the first input that can be shown.
     pub(super) selectors: Vec<String>,
 }
 
-/// The choices that all steps of a series share.
+/// Choices that all steps of a series share.
 #[derive(Debug, Clone)]
 pub(crate) struct Series {
-    /// Their transfer function.
+    /// Transfer function of all steps.
     pub(crate) transfer: TransferChoice,
-    /// The field that the steps show if none is named.
+    /// Field that the steps show if none is named.
     pub(crate) field: Option<String>,
     /// Boxes around the data of all steps.
     pub(crate) boxes: Vec<Bounds>,
-    /// The direction up of the first step.
+    /// Direction up of the first step.
     pub(crate) up: Up,
 }
 
 impl Series {
-    /// The options that sample a step.
+    /// Returns the options that sample a step.
     pub(crate) fn of_step(&self, options: &SampleOptions) -> SampleOptions {
         SampleOptions {
             transfer: self.transfer.clone(),
@@ -192,7 +197,7 @@ impl Series {
     }
 }
 
-/// Gathers the items of all ranks, in the order of the inputs. A single process gets its own.
+/// Gathers the items of all ranks, in the order of the inputs. A single process returns its own.
 fn all<T>(ranks: &mut Option<&mut Ranks>, own: Vec<T>) -> Result<Vec<T>>
 where
     T: Serialize + DeserializeOwned,
@@ -203,7 +208,7 @@ where
     }
 }
 
-/// Returns the result of this rank if all ranks have one; otherwise an error.
+/// Returns this rank's result if all ranks succeed; otherwise an error.
 fn agreed<T>(ranks: &mut Option<&mut Ranks>, own: Result<T>) -> Result<T> {
     match ranks {
         None => own,
@@ -211,7 +216,7 @@ fn agreed<T>(ranks: &mut Option<&mut Ranks>, own: Result<T>) -> Result<T> {
     }
 }
 
-/// The corners of a box as arrays, the form that ranks send.
+/// Converts the corners of a box to arrays, the form that ranks send.
 fn told((low, high): Corners) -> [[f64; 3]; 2] {
     [low.to_array(), high.to_array()]
 }
@@ -221,10 +226,11 @@ fn heard([low, high]: [[f64; 3]; 2]) -> Corners {
 }
 
 impl Together<'_> {
-    /// Reads and samples the inputs, and notes what was left out.
+    /// Reads and samples the inputs, and prints notes on what was left out.
     ///
     /// # Errors
-    /// Errors of reading and sampling on any rank; a field that no input has; nothing to draw in any input.
+    /// Errors of reading and sampling on any rank; a field that no input has; nothing to draw in
+    /// any input.
     pub(super) fn read(&self, ranks: &mut Option<&mut Ranks>) -> Result<Gathered> {
         let own = self.opened();
         let mut own = agreed(ranks, own)?;
@@ -234,7 +240,7 @@ impl Together<'_> {
         agreed(ranks, turned)?;
         self.check_field(&looks, &mut own, ranks)?;
         let options = self.chosen(&looks);
-        // Inputs other than surfaces are sampled; of surfaces, values alone are read.
+        // Samples inputs other than surfaces. From surfaces, it only reads the field values.
         let sampled = own
             .iter_mut()
             .try_for_each(|own| self.sample(own, &options[own.number]));
@@ -368,7 +374,7 @@ impl Together<'_> {
         self.progress.set_message(format!("reading {path}"));
     }
 
-    /// A first look at the inputs that are read here.
+    /// Opens the inputs of this rank, and collects the facts that all ranks need.
     fn opened(&self) -> Result<Vec<Own>> {
         let mut kept = 0_usize;
         let mut opened = Vec::new();
@@ -434,7 +440,7 @@ impl Together<'_> {
         if let (Some(field), None) = (&options.field, &input.field) {
             look.has_field = dataset.selected(field).is_some();
             let has_none = look.is_surface && dataset.fields.is_empty();
-            // What one input lacks another may have.
+            // A field that one input lacks may be in another.
             if !self.is_alone() && !look.has_field && !has_none {
                 own.absence = dataset.scalar(field).err();
                 look.is_lacking = true;
@@ -450,10 +456,11 @@ impl Together<'_> {
         Ok(own)
     }
 
-    /// Turns inputs to the axes of the scene if their formats have others, and notes it.
+    /// Rotates inputs to the axes of the scene if their formats have other axes, and prints a note.
     fn turn(&self, looks: &mut [Look], own: &mut [Own]) -> Result<()> {
         let scene = Up::of_scene(ups(looks));
-        // The axes of the first input that is not turned, or else of the input that decides the direction up.
+        // Takes the axes of the first input that is not rotated, or else of the input that decides
+        // the direction up.
         let stays = |look: &&Look| look.says == Says::Nothing && look.corners.is_some();
         let says_up = |look: &&Look| look.corners.is_some() && Up::from(look.up) == scene;
         let first = looks.iter().find(stays);
@@ -461,7 +468,7 @@ impl Together<'_> {
         let Some(to) = first.map(|look| DVec3::from(look.axes)) else {
             return Ok(());
         };
-        // Surfaces of grids are mostly beside these in the same coordinates.
+        // Surfaces beside a grid mostly have the grid's coordinates.
         let has_grid = looks.iter().any(|look| look.kind.is_grid());
         for (i, look) in looks.iter_mut().enumerate() {
             let from = DVec3::from(look.axes);
@@ -504,7 +511,7 @@ impl Together<'_> {
         Ok(())
     }
 
-    /// Refuses a field that no input has, and says which lack it.
+    /// Refuses a field that no input has, and prints which inputs lack it.
     fn check_field(
         &self,
         looks: &[Look],
@@ -525,7 +532,8 @@ impl Together<'_> {
         Ok(())
     }
 
-    /// The options of each input, with the field that they show together where none is named.
+    /// Returns the options of each input. If no field is named, inputs show one that they have in
+    /// common.
     fn chosen(&self, looks: &[Look]) -> Vec<SampleOptions> {
         let keeps = self.inputs.len() > 1 && !self.options.for_columns;
         let of_input = |(input, look): (&Input, &Look)| {
@@ -542,7 +550,7 @@ impl Together<'_> {
         options
     }
 
-    /// The data set of an input as it is sampled: the one that is kept, or read again.
+    /// Returns the data set of an input for sampling: the one kept in memory, or else read again.
     fn taken(&self, own: &mut Own, options: &SampleOptions) -> Result<Dataset> {
         match own.dataset.take() {
             Some(dataset) => Ok(dataset),
@@ -554,12 +562,12 @@ impl Together<'_> {
         }
     }
 
-    /// Samples an input, or looks at the values of a surface.
+    /// Samples an input; of a surface, it only reads the values.
     fn sample(&self, own: &mut Own, options: &SampleOptions) -> Result<()> {
         if own.nothing.is_some() || (own.look.is_surface && self.is_alone()) {
             return Ok(());
         }
-        // Freed before the next is there.
+        // The old volumes are freed before the new ones are made.
         own.volumes.clear();
         let is_kept = own.dataset.is_some();
         let dataset = self.taken(own, options)?;
@@ -571,7 +579,7 @@ impl Together<'_> {
         Ok(())
     }
 
-    /// Makes surfels of a surface.
+    /// Spreads surfels over a surface.
     fn spread(&self, own: &mut Own, options: &SampleOptions) -> Result<()> {
         if own.nothing.is_some() {
             return Ok(());
@@ -581,7 +589,8 @@ impl Together<'_> {
         own.take_in(crate::sample::scene(dataset, options))
     }
 
-    /// The functions that inputs share, by the inputs' numbers: the first rank chooses them, of the values of all.
+    /// Returns the transfer functions that inputs share, by the inputs' numbers. The first rank
+    /// chooses them from the values of all ranks.
     fn functions(
         &self,
         own: &mut [Own],
@@ -639,8 +648,8 @@ impl Together<'_> {
         Ok(each.collect())
     }
 
-    /// How surfels are spread over each input: where no number is asked for by the pixels of the pictures, and
-    /// no more in all than one mesh gets.
+    /// Returns how surfels are spread over each input. If no number is asked for, the pixels of the
+    /// pictures determine it; all meshes together get no more surfels than one would.
     fn spreads(
         &self,
         looks: &[Look],
@@ -687,7 +696,7 @@ impl Together<'_> {
         Ok(spreads)
     }
 
-    /// The surfels that an input would get by itself.
+    /// Returns the number of surfels that an input would get by itself.
     fn wanted(&self, own: &mut Own, options: &SampleOptions, cameras: &[Camera]) -> Result<Wanted> {
         if !own.look.is_surface || own.nothing.is_some() {
             return Ok(Wanted::default());
@@ -703,7 +712,8 @@ impl Together<'_> {
         Ok(wanted)
     }
 
-    /// All that was read, and what is left out because it holds nothing.
+    /// Collects the results of all ranks, and notes the inputs that are left out because they hold
+    /// nothing.
     fn gathered(
         &self,
         looks: Vec<Look>,
@@ -766,7 +776,8 @@ impl Together<'_> {
     }
 }
 
-/// Lets options whose field is open prefer the one that data sets have in common; a preferred one stays where it is there.
+/// Sets the preferred field of options without a named field to one that the data sets have in
+/// common. An earlier preference stays if the data set has that field.
 pub(super) fn prefer(options: &mut [SampleOptions], mut choices: Vec<Vec<FieldChoice>>) {
     for (own, choices) in options.iter().zip(&mut choices) {
         let has_preferred = own.preferred_field.as_ref().is_some_and(|name| {
@@ -792,7 +803,8 @@ impl Look {
 }
 
 impl Own {
-    /// Takes what was sampled; that there was nothing is kept for the end.
+    /// Stores the result of sampling. An error that reports nothing to draw is kept until all
+    /// inputs are read.
     fn take_in(&mut self, sampled: Result<SampledScene>) -> Result<()> {
         match sampled {
             Ok(SampledScene { volumes, report }) => {
@@ -807,7 +819,9 @@ impl Own {
         }
     }
 
-    /// - `input`: one that is drawn alone.
+    /// Returns the facts about this input after sampling.
+    ///
+    /// - `input`: the input, if it is drawn alone.
     fn facts(&self, input: Option<&Input>) -> Facts {
         let report = &self.report;
         let volumes = &self.volumes;
@@ -824,7 +838,8 @@ impl Own {
     }
 }
 
-/// Gathers the samples that functions are chosen from on the first rank, each with the number of its input.
+/// Gathers on the first rank the value samples from which transfer functions are chosen, each with
+/// the number of its input.
 fn samples_of_all(own: &mut [Own], ranks: &mut Ranks) -> Result<Vec<(usize, Option<ValueSample>)>> {
     let mut samples = Vec::new();
     for own in own {
@@ -850,13 +865,13 @@ fn samples_of_all(own: &mut [Own], ranks: &mut Ranks) -> Result<Vec<(usize, Opti
     Ok(found)
 }
 
-/// The directions up of the inputs that have a place.
+/// Returns the directions up of the inputs that have a position.
 fn ups(looks: &[Look]) -> impl Iterator<Item = Up> {
     let placed = looks.iter().filter(|look| look.corners.is_some());
     placed.map(|look| look.up.into())
 }
 
-/// The axis that points up in the coordinates of an input, the reason, and how surely it is known.
+/// Returns the axis that points up in the coordinates of an input, the reason, and its certainty.
 fn axes_of(dataset: &Dataset, input: &Input) -> (DVec3, &'static str, Says) {
     let is_placed = input.edit != Edit::default();
     let (axes, reason, says) = match (dataset.format_up, &dataset.geometry) {
@@ -868,12 +883,12 @@ fn axes_of(dataset: &Dataset, input: &Input) -> (DVec3, &'static str, Says) {
         }
         (None, _) => (DVec3::Z, "z by convention", Says::Nothing),
     };
-    // An input that the user placed stays there.
+    // An input that the user placed is not rotated.
     let says = if is_placed { Says::Nothing } else { says };
     (axes, reason, says)
 }
 
-/// A data set turned about the origin.
+/// Rotates a data set about the origin.
 fn turned(dataset: Dataset, turn: Option<DQuat>) -> Result<Dataset> {
     match turn {
         None => Ok(dataset),
@@ -887,29 +902,31 @@ fn turned(dataset: Dataset, turn: Option<DQuat>) -> Result<Dataset> {
     }
 }
 
-/// How many surfels a mesh would get by itself.
+/// Number of surfels that a mesh would get by itself.
 #[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub struct Wanted {
-    /// Surfels per unit area at most, where a picture says it.
+    /// Largest number of surfels per unit area, if pictures determine it.
     density: Option<f64>,
     count: usize,
     is_unseen: bool,
 }
 
 impl Wanted {
-    /// - `cameras`: of the pictures; none where they are not known.
+    /// Computes the number of surfels.
+    ///
+    /// - `cameras`: cameras of the pictures; empty if they are not known.
     pub fn of(mesh: &Mesh, cameras: &[Camera]) -> Self {
         let own = Self::without_count(mesh, cameras);
         let spread = own.density.map_or(Spread::Automatic, Spread::NoDenser);
         let count = match own.is_unseen {
             true => UNSEEN,
-            // What is wrong with a mesh is said when it is sampled.
+            // Sampling reports the errors of a mesh.
             false => surfel_count(mesh, spread).unwrap_or_default(),
         };
         Self { count, ..own }
     }
 
-    /// The same of a mesh that shares with no other.
+    /// Computes everything but the count.
     fn without_count(mesh: &Mesh, cameras: &[Camera]) -> Self {
         let densities = cameras
             .iter()
@@ -924,14 +941,14 @@ impl Wanted {
         }
     }
 
-    /// Surfels that it would get.
+    /// Returns the number of surfels that the mesh would get.
     pub fn count(&self) -> usize {
         self.count
     }
 
-    /// How it is spread.
+    /// Returns how surfels are spread over the mesh.
     ///
-    /// - `count`: its share of all surfels, where it is not alone.
+    /// - `count`: the mesh's share of all surfels, if the mesh is not alone.
     pub fn spread(&self, count: usize, is_alone: bool) -> Spread {
         match (self.density, is_alone) {
             _ if self.is_unseen => Spread::Count(UNSEEN),
@@ -947,7 +964,8 @@ fn joined(a: Corners, b: Corners) -> Corners {
     (a.0.min(b.0), a.1.max(b.1))
 }
 
-/// The corners of what is visible of a volume: where its function shows something, or where most of its particles are.
+/// Returns the corners of the visible part of a volume: where its transfer function shows
+/// something, or where most of its particles are.
 fn seen_corners(volume: &PointVolume) -> Option<Corners> {
     let particles = &volume.particles;
     let count = particles.len();
@@ -990,9 +1008,9 @@ fn seen_corners(volume: &PointVolume) -> Option<Corners> {
     Some((DVec3::new(x.0, y.0, z.0), DVec3::new(x.1, y.1, z.1)))
 }
 
-/// Boxes around runs of triangles, lines and points of a mesh.
+/// Returns boxes around runs of triangles, lines and points of a mesh.
 fn boxes_of(mesh: &Mesh) -> Vec<Bounds> {
-    /// Triangles in a run: those of files mostly lie beside one another.
+    /// Triangles in a run: neighbours in a file are mostly neighbours in space.
     const RUN: usize = 256;
     let mut boxes = Vec::new();
     for part in &mesh.parts {
@@ -1010,7 +1028,7 @@ fn boxes_of(mesh: &Mesh) -> Vec<Bounds> {
     boxes
 }
 
-/// About as many bytes as a data set takes.
+/// Estimates the size of a data set in bytes.
 fn byte_count(dataset: &Dataset) -> usize {
     let points = match &dataset.geometry {
         Geometry::Lattice(_) => 0,

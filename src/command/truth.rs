@@ -1,4 +1,4 @@
-//! What the true image is of: kernels, or the data they stand for.
+//! Integrates reference images: of the kernels, or of the field that the data define.
 
 use std::ffi::OsString;
 
@@ -19,8 +19,8 @@ pub(crate) enum ReferenceName {
     Data,
 }
 
-/// Joins `--reference data` and `--reference kernels` to one argument each. As an optional value clap
-/// takes whatever follows the option, files to render among it; so it wants `--reference=data`.
+/// Joins `--reference data` and `--reference kernels` to one argument each, `--reference=data`.
+/// Otherwise clap would take any word after the option as its value, even a file to render.
 pub(crate) fn join_reference(arguments: impl Iterator<Item = OsString>) -> Vec<OsString> {
     let mut joined: Vec<OsString> = Vec::new();
     let mut ended = false;
@@ -54,7 +54,8 @@ impl Truth {
         Integrator::classified(scene, classification).map(Self::Kernels)
     }
 
-    /// Of the one grid among the inputs, read anew, by the transfer function that its kernels have.
+    /// Integrates the field of the one grid among the inputs. The grid is read again and shown by
+    /// the transfer function of its kernels.
     pub(crate) fn of_data(
         data: &DataOptions,
         inputs: &[Input],
@@ -113,7 +114,7 @@ impl Truth {
         }
     }
 
-    /// Kernels that are integrated.
+    /// Returns the number of integrated kernels.
     pub(crate) fn particle_count(&self) -> Option<usize> {
         match self {
             Self::Kernels(integrator) => Some(integrator.particle_count()),
@@ -121,7 +122,7 @@ impl Truth {
         }
     }
 
-    /// Cells of the data that are not.
+    /// Returns the number of cells that the integration leaves out.
     pub(crate) fn cells_left_out(&self) -> Option<usize> {
         match self {
             Self::Kernels(_) => None,

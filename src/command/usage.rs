@@ -1,4 +1,5 @@
-//! Options that nothing in the inputs uses, which are refused: a wrong picture without a word is worse.
+//! Refuses options that apply to none of the inputs: a wrong picture without an error would be
+//! worse.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,7 +10,7 @@ use crate::{Error, Result};
 
 use super::input::{BoundaryName, DataOptions, Shape};
 
-/// What an input is, as far as options are for one kind alone.
+/// Kind of an input, for options that apply to one kind alone.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) enum Kind {
     Raw,
@@ -37,25 +38,28 @@ impl Kind {
     }
 }
 
-/// What inputs are, for options.
+/// Properties of the inputs that determine which options apply.
 pub(crate) struct Uses {
     pub(crate) kinds: Vec<Kind>,
-    /// Whether a transfer function shows any of them, and whether one is a file's.
+    /// True if a transfer function shows any input.
     pub(crate) is_classified: bool,
-    /// Whether it gives the opacity of any.
+    /// True if a transfer function gives the opacity of any input.
     pub(crate) has_opacity: bool,
+    /// True if a transfer function comes from a file.
     pub(crate) has_file_function: bool,
-    /// Whether their column densities are asked for.
+    /// True if column densities were asked for.
     pub(crate) for_columns: bool,
-    /// Of prepared scenes alone: whether a transfer function shows any of them.
+    /// For prepared scenes alone: whether a transfer function shows any of them.
     pub(crate) of_prepared: Option<bool>,
 }
 
-/// An option, whether it is given, whether anything uses it, and what would.
+/// Option, whether it is given, whether anything uses it, and what would use it.
 pub(crate) type Row = (&'static str, bool, bool, &'static str);
 
+/// Refuses options that are given but not used.
+///
 /// # Errors
-/// The first option that is given and not used.
+/// The first such option.
 pub(crate) fn refuse_unused(options: &[Row]) -> Result<()> {
     let unused = |row: &&Row| row.1 && !row.2;
     match options.iter().find(unused) {
@@ -70,14 +74,14 @@ pub(crate) fn refuse_unused(options: &[Row]) -> Result<()> {
     }
 }
 
-/// What options of transfer functions are for.
+/// Data that options of transfer functions apply to.
 pub(crate) const CLASSIFIED: &str = "data that a transfer function shows";
 
 impl DataOptions {
-    /// Refuses options that are for what none of the inputs is.
+    /// Refuses options that apply to none of the inputs.
     ///
     /// # Errors
-    /// The first of them.
+    /// The first such option.
     pub(crate) fn check_use(&self, uses: &Uses) -> Result<()> {
         let any = |is: fn(Kind) -> bool| uses.kinds.iter().any(|kind| is(*kind));
         let (grids, points) = (any(Kind::is_grid), any(|k| k == Kind::Points));
@@ -87,13 +91,14 @@ impl DataOptions {
         let columns = uses.for_columns;
         let is_surface = self.flatten.is_some();
         let is_classified = uses.is_classified || is_surface;
-        // Of columns these are the picture's.
+        // For column densities, these options colour the picture.
         let is_coloured = is_classified || columns;
         let is_sharp = matches!(self.boundary, Some(BoundaryName::Sharp));
         let has_boundary = !(is_sharp && (is_surface || self.shepard > 0 || columns));
         let is_scaled = (self.opacity_scale - 1.0).abs() > 0.0;
         let is_shaped = !matches!(self.shape, Shape::Auto);
-        // Automatic functions have the depth that they are chosen for, whatever the length.
+        // Automatic functions have the optical depth that they are chosen for, whatever the unit
+        // length.
         let has_unit = !columns && (uses.has_file_function || (points && !is_classified));
         let mesh_or_raw = "a mesh or a raw volume";
         let function = self.transfer_function.is_some();
@@ -169,7 +174,7 @@ impl DataOptions {
     }
 }
 
-/// Whether filters and rules of opacity say anything of a volume: its kernels absorb light.
+/// Returns true if filters and rules of opacity apply to a volume: its kernels absorb light.
 pub(crate) fn is_filtered(volume: &PointVolume) -> bool {
     matches!(
         volume.strength,
@@ -177,7 +182,7 @@ pub(crate) fn is_filtered(volume: &PointVolume) -> bool {
     )
 }
 
-/// Whether a volume is an opaque surface, which has an order of its own.
+/// Returns true if a volume is an opaque surface, which has its own drawing order.
 pub(crate) fn is_surface(volume: &PointVolume) -> bool {
     matches!(volume.strength, Strength::Surface(_))
 }

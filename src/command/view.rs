@@ -1,4 +1,4 @@
-//! `ewa-splat view`, and what the window takes of the command line: the options of `render` that a window understands.
+//! Runs `ewa-splat view`, and gives the window the options of `render` that apply to it.
 
 use std::ffi::OsString;
 use std::ops::Range;
@@ -22,10 +22,10 @@ use crate::scene::{PointVolume, ScaleName};
 use crate::view::{Bounds, Camera};
 use crate::{Backend, Error, Renderer, Result, SceneOptions, Settings, Task};
 
-/// The window's program.
+/// Name of the window's program.
 const PROGRAM: &str = "ewa-splat-view";
 
-/// Options of `render` that say what is written, of which a window writes nothing: by their identifiers.
+/// Identifiers of the options of `render` that write files; the window writes none.
 const OF_FILES: [&str; 17] = [
     "out",
     "stats",
@@ -58,7 +58,7 @@ pub(crate) struct Arguments {
     words: Vec<OsString>,
 }
 
-/// Hands over to the window's program.
+/// Runs the window's program.
 ///
 /// # Errors
 /// A program that is neither beside this one nor on the path, or that fails.
@@ -77,72 +77,73 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         })?;
     match status.code() {
         Some(0) => Ok(()),
-        // It has said why.
+        // The program has printed its error.
         code => std::process::exit(code.unwrap_or(1)),
     }
 }
 
-/// What a window was asked to show, in the words of `render`.
+/// Request to show data in a window, by the options of `render`.
 pub struct Asked {
     arguments: Arc<render::Arguments>,
     given: Vec<(String, Option<String>)>,
-    /// What the steps of a series share.
+    /// Choices that the steps of a series share.
     series: OnceLock<Series>,
     boundary: BoundaryChoice,
-    /// What the window asked for in place of the options.
+    /// Choices of the window that replace the options.
     automatic: Option<Automatic>,
 }
 
-/// How a transfer function is found from the values: `--transfer-function NAME`, `--range`, `--scale`.
+/// Choice of a transfer function from the values: `--transfer-function NAME`, `--range`, `--scale`.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Automatic {
-    /// The name of a colour map; `None` chooses one.
+    /// Name of a colour map; `None` chooses one.
     pub map: Option<String>,
-    /// The range of values; `None` looks at them.
+    /// Range of values; `None` takes it from the values.
     pub range: Option<[f64; 2]>,
-    /// Where values lie between its ends; `None` looks at them.
+    /// Scale of the values within the range; `None` chooses it from the values.
     pub scale: Option<ScaleName>,
 }
 
-/// What is drawn over the picture.
+/// Overlays drawn over the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Over {
-    /// A colour bar for each transfer function.
+    /// Colour bar for each transfer function.
     pub legend: bool,
-    /// The directions of x, y and z.
+    /// Directions of x, y and z.
     pub axes: bool,
-    /// The box of the data.
+    /// Box of the data.
     pub outline: bool,
 }
 
-/// A picture that a camera is fitted to.
+/// Picture that a camera is fitted to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frame {
     /// Width and height in pixels.
     pub size: [usize; 2],
     /// Columns at the right that are left free for a [legend](crate::legend::legend_width).
     pub legend_px: usize,
-    /// A box that is seen whole, whatever planes cut off.
+    /// Box that the camera shows whole, even if planes clip the data inside it.
     pub outline: Option<Bounds>,
 }
 
-/// What was read for a window.
+/// Scene that was read for a window.
 pub struct Shown {
-    /// The volumes, ready to be sorted into blocks; without particles those that stand for prepared scenes'.
+    /// Volumes, ready to be sorted into blocks. Those that stand in for prepared scenes' volumes
+    /// have no particles.
     pub volumes: Vec<PointVolume>,
-    /// Prepared scenes, and which volumes stand for those of each.
+    /// Prepared scenes, each with the range of volumes that stand in for its own.
     pub prepared: Vec<(Range<usize>, PreparedScene)>,
-    /// What each volume shows: the name of its field.
+    /// Name of the field that each volume shows.
     pub fields: Vec<Option<String>>,
-    /// What legends call these.
+    /// Titles of these fields in legends.
     pub titles: Vec<Option<String>>,
-    /// What can be shown of the first input: its fields, and components of vectors.
+    /// Fields and vector components of the first input that can be shown.
     pub selectors: Vec<String>,
-    /// The box of all data; `None` where nothing has a place.
+    /// Box of all data; `None` if no datum has a position.
     pub bounds: Option<Bounds>,
-    /// Whether any of the data can end sharply at its boundary.
+    /// True if any of the data can be cut sharply at its boundary.
     pub has_boundary: bool,
-    /// What points up.
+    /// Direction up.
     pub up: Up,
 }
 
@@ -153,10 +154,10 @@ impl std::fmt::Debug for Asked {
 }
 
 impl Shown {
-    /// Sorts the volumes into blocks; none are left.
+    /// Sorts the volumes into blocks. It takes the volumes out of this value.
     ///
     /// # Errors
-    /// Those of [`Renderer::with_options`].
+    /// The errors of [`Renderer::with_options`].
     pub fn renderer(&mut self, options: &SceneOptions) -> Result<Renderer> {
         let volumes = std::mem::take(&mut self.volumes);
         super::prepared::renderer(volumes, std::mem::take(&mut self.prepared), options)
@@ -172,7 +173,7 @@ impl std::fmt::Debug for Shown {
 }
 
 impl Asked {
-    /// The options, added to those that a program has already.
+    /// Adds the options to a program's command.
     pub fn options(command: Command) -> Command {
         let mut command = render::Arguments::augment_args(command);
         for name in OF_FILES {
@@ -183,10 +184,10 @@ impl Asked {
         })
     }
 
-    /// What was asked for.
+    /// Creates a request from parsed arguments.
     ///
     /// # Errors
-    /// Options that say what is written, and those that clap takes for wrong.
+    /// Options that write files; values that clap refuses.
     pub fn of(matches: &ArgMatches) -> Result<Self> {
         let is_given = |name: &&&str| matches.value_source(name) == Some(ValueSource::CommandLine);
         if let Some(name) = OF_FILES.iter().find(is_given) {
@@ -210,12 +211,12 @@ impl Asked {
         })
     }
 
-    /// The options that were given, without dashes, and the value of each that has one.
+    /// Returns the options that were given, without dashes, each with its value if it has one.
     pub fn given(&self) -> &[(String, Option<String>)] {
         &self.given
     }
 
-    /// What was asked for over the picture.
+    /// Returns the overlays that were asked for.
     pub fn over(&self) -> Over {
         let annotations = &self.arguments.annotations;
         Over {
@@ -225,12 +226,12 @@ impl Asked {
         }
     }
 
-    /// How the data end at their boundary.
+    /// Returns the treatment of the data's boundary.
     pub fn boundary(&self) -> BoundaryChoice {
         self.boundary
     }
 
-    /// The same with another end of the data, among the options that were given, too.
+    /// Returns this request with another treatment of the boundary, also among the given options.
     #[must_use]
     pub fn with_boundary(&self, boundary: BoundaryChoice) -> Self {
         let name = match boundary {
@@ -249,7 +250,7 @@ impl Asked {
         }
     }
 
-    /// How functions are found from the values.
+    /// Returns the choice of transfer functions from the values.
     pub fn automatic(&self) -> Automatic {
         if let Some(automatic) = &self.automatic {
             return automatic.clone();
@@ -265,8 +266,8 @@ impl Asked {
         }
     }
 
-    /// The same with functions that are found so, among the options that were given, too. Inputs that name functions of
-    /// their own keep them.
+    /// Returns this request with another choice of transfer functions, also among the given
+    /// options. Inputs that name their own functions keep them.
     #[must_use]
     pub fn with_automatic(&self, automatic: &Automatic) -> Self {
         const NAMES: [&str; 3] = ["transfer-function", "range", "scale"];
@@ -288,12 +289,12 @@ impl Asked {
         }
     }
 
-    /// The size of the picture, where one was asked for.
+    /// Returns the size of the picture, if one was asked for.
     pub fn size(&self) -> Option<[usize; 2]> {
         self.arguments.size
     }
 
-    /// The files that were named, with what is said of each: `FILE@FIELD@FUNCTION`.
+    /// Returns the inputs as they were named: `FILE@FIELD@FUNCTION`.
     pub fn inputs(&self) -> Vec<String> {
         let text = |input: &Input| {
             let parts = [&input.field, &input.function];
@@ -309,13 +310,13 @@ impl Asked {
         self.arguments.inputs.iter().map(text).collect()
     }
 
-    /// The files and folders that were named.
+    /// Returns the paths of the files and folders that were named.
     pub fn files(&self) -> Vec<PathBuf> {
         let inputs = self.arguments.inputs.iter();
         inputs.map(|input| input.path.clone()).collect()
     }
 
-    /// The inputs that are chosen, as steps of time where they are a series.
+    /// Returns the chosen inputs, expanded to time steps if they are a series.
     fn chosen(&self, chosen: &[bool]) -> Result<Vec<Input>> {
         let arguments = &*self.arguments;
         let named = arguments.inputs.iter().enumerate();
@@ -324,7 +325,8 @@ impl Asked {
         arguments.data.inputs(named, arguments.sequence.is_series())
     }
 
-    /// The steps of a series (`--series`), each with its time where a file states it; none of one picture.
+    /// Returns the steps of a series (`--series`), each with its time if a file states it. The list
+    /// is empty for a single picture.
     ///
     /// # Errors
     /// Collections that cannot be read.
@@ -337,15 +339,15 @@ impl Asked {
         Ok(steps.map(|step| step[0].time).collect())
     }
 
-    /// Reads and samples what was asked for.
+    /// Reads and samples the inputs.
     ///
-    /// - `field`: shown instead of the one that was asked for.
-    /// - `chosen`: which of the inputs, all of them where it says nothing of one.
-    /// - `step`: of a series.
-    /// - `task`: watches the work, and ends it.
+    /// - `field`: field to show instead of the one that was asked for.
+    /// - `chosen`: whether to read each input; inputs beyond its end are read.
+    /// - `step`: step of a series.
+    /// - `task`: reports the progress and can cancel the work.
     ///
     /// # Errors
-    /// Those of `render`.
+    /// The errors of `render`.
     pub fn read(
         &self,
         field: Option<&str>,
@@ -413,7 +415,8 @@ impl Asked {
         })
     }
 
-    /// The choices that all steps share. If no field is named, they are found once and kept.
+    /// Returns the choices that all steps share. If no field is named, they are found once and
+    /// kept.
     fn of_all_steps(
         &self,
         inputs: &[Input],
@@ -431,18 +434,18 @@ impl Asked {
         Ok(series)
     }
 
-    /// The boxes that a camera is fitted to.
+    /// Returns the boxes that a camera is fitted to.
     pub fn boxes(&self, renderer: &Renderer) -> Vec<Bounds> {
         self.arguments.camera.boxes(renderer)
     }
 
-    /// The camera that `render` would take.
+    /// Returns the camera that `render` would use.
     ///
-    /// - `up`: what points up in the data.
-    /// - `boxes`: of what is visible.
+    /// - `up`: direction up of the data.
+    /// - `boxes`: boxes of what is visible.
     ///
     /// # Errors
-    /// Those of `render`.
+    /// The errors of `render`.
     pub fn camera(&self, up: Up, boxes: Vec<Bounds>, frame: &Frame) -> Result<Camera> {
         let mut boxes = left_of(boxes, &self.arguments.clip_planes());
         boxes.extend(frame.outline);
@@ -453,7 +456,7 @@ impl Asked {
         self.arguments.camera.camera(&boxes, up, &canvas)
     }
 
-    /// What draws, as `--backend` says.
+    /// Returns the backend that `--backend` names.
     pub fn backend(&self) -> Backend {
         match self.arguments.backend {
             BackendName::Auto => Backend::Auto,
@@ -462,16 +465,16 @@ impl Asked {
         }
     }
 
-    /// How `render` would draw.
+    /// Returns the settings that `render` would use.
     ///
-    /// - `suitable`: the variance of the low-pass filter where none was asked for, px².
+    /// - `suitable`: default variance of the low-pass filter, px².
     pub fn settings(&self, suitable: f32) -> Settings {
         self.arguments
             .settings(self.arguments.method.low_pass.unwrap_or(suitable))
     }
 }
 
-/// The options of a line, in the order of the help.
+/// Returns the options of a command line, in the order of the help.
 fn given(matches: &ArgMatches) -> Vec<(String, Option<String>)> {
     let command = Asked::options(Command::new(PROGRAM));
     let mut given = Vec::new();
@@ -494,7 +497,7 @@ fn given(matches: &ArgMatches) -> Vec<(String, Option<String>)> {
     given
 }
 
-/// An error in the words of the command line.
+/// Formats an error with the options of the command line.
 pub fn line(error: &Error) -> String {
     super::words::line(error)
 }

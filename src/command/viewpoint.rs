@@ -1,4 +1,4 @@
-//! Options that place the camera.
+//! Defines the options of the camera.
 
 use std::path::PathBuf;
 use std::sync::OnceLock;
@@ -14,27 +14,28 @@ use glam::{DVec2, DVec3};
 
 use super::parse;
 
-/// The lens of a fitted camera that is told no other.
+/// Default lens of a fitted camera.
 pub(crate) const DEFAULT_LENS: Lens = Lens::FovDeg(DEFAULT_FOV_DEG);
 
-/// Width and height of a rendering in pixels.
+/// Default width and height of a rendering in pixels.
 pub(crate) const DEFAULT_SIZE: [usize; 2] = [1024, 1024];
 
-/// What a camera's picture is like where its options do not say.
+/// Defaults of a picture, for cameras whose options do not set them.
 #[derive(Clone, Copy)]
 pub(crate) struct Canvas {
-    /// Width and height in pixels, where they are asked for.
+    /// Width and height in pixels, if they were asked for.
     pub(crate) size: Option<[usize; 2]>,
-    /// Those where neither this nor a camera's file says any.
+    /// Width and height if neither the options nor a camera's file gives them.
     pub(crate) default_size: [usize; 2],
-    /// Of a fitted camera.
+    /// Lens of a fitted camera.
     pub(crate) lens: Lens,
-    /// Columns at the right that a fitted camera leaves free, where half of the picture is left.
+    /// Columns at the right that a fitted camera leaves free, if at least half of the picture
+    /// remains.
     pub(crate) room_px: usize,
 }
 
 impl Canvas {
-    /// Of a picture of all of this size.
+    /// Returns the canvas of a picture of the given size, with no columns left free.
     pub(crate) fn of(size: Option<[usize; 2]>) -> Self {
         Self {
             size,
@@ -44,12 +45,12 @@ impl Canvas {
         }
     }
 
-    /// The size of its picture, where no file says one.
+    /// Returns the size of the picture if no camera file gives one.
     pub(crate) fn size(&self) -> [usize; 2] {
         self.size.unwrap_or(self.default_size)
     }
 
-    /// The part of the picture to which a camera is fitted.
+    /// Returns the size of the part of the picture to which a camera is fitted.
     fn inner(&self) -> [usize; 2] {
         let [width, height] = self.size();
         let is_roomy = 2 * self.room_px <= width;
@@ -64,7 +65,7 @@ pub(crate) struct CameraOptions {
     #[arg(long, value_name = "FILE", conflicts_with_all =
           ["eye", "target", "up", "fov", "ortho", "azimuth", "elevation", "zoom", "fit"])]
     camera: Option<PathBuf>,
-    /// What the file says: read once, because a pipe can be.
+    /// Camera in the file. It is read once, because a pipe cannot be read again.
     #[arg(skip)]
     read: OnceLock<Camera>,
     /// Position of the eye; without it the camera is fitted to what is visible
@@ -106,7 +107,7 @@ enum Fit {
 }
 
 impl CameraOptions {
-    /// The boxes that a camera is fitted to.
+    /// Returns the boxes that a camera is fitted to.
     pub(crate) fn boxes(&self, renderer: &Renderer) -> Vec<Bounds> {
         match self.fit {
             Some(Fit::All) => renderer.visible_boxes(),
@@ -114,11 +115,11 @@ impl CameraOptions {
         }
     }
 
-    /// A note on stray splats, which a fitted camera does not count.
+    /// Returns a note on stray splats, which a fitted camera ignores.
     ///
     /// - `boxes`: the boxes of [`CameraOptions::boxes`].
     pub(crate) fn strays(&self, renderer: &Renderer, boxes: &[Bounds]) -> Option<String> {
-        /// The least ratio of the radii that pictures show.
+        /// Least ratio of the radii for which the note is given.
         const LEAST: f64 = 1.05;
         if self.fit == Some(Fit::All) || self.eye.is_some() || self.camera.is_some() {
             return None;
@@ -134,7 +135,7 @@ impl CameraOptions {
         })
     }
 
-    /// Reads the camera's file, where one is named and was not read before.
+    /// Reads the camera's file, if one is named and was not read before.
     pub(crate) fn read_file(&self, size: Option<[usize; 2]>) -> Result<()> {
         if let (Some(path), None) = (&self.camera, self.read.get()) {
             let camera = read_camera(path, size)?;
@@ -143,8 +144,8 @@ impl CameraOptions {
         Ok(())
     }
 
-    /// The camera for data within `boxes`; where it would be fitted to nothing, any. `default_up` points up where no
-    /// option says what does.
+    /// Returns the camera for data within `boxes`. If there are no boxes to fit, it returns an
+    /// arbitrary camera. `default_up` points up unless an option gives the direction.
     pub(crate) fn camera(
         &self,
         boxes: &[Bounds],
@@ -179,7 +180,7 @@ impl CameraOptions {
         Ok(self.fitted(0.0, boxes, default_up, canvas, is_turned))
     }
 
-    /// The camera that is fitted to the sphere around all data, turned by some degrees.
+    /// Returns the camera fitted to the sphere around all data, turned by some degrees.
     pub(crate) fn turned(
         &self,
         turn_deg: f64,
@@ -225,13 +226,13 @@ impl CameraOptions {
             (None, Some(fov)) => Lens::FovDeg(fov),
             (None, None) => canvas.lens,
         };
-        // An empty picture's camera looks anywhere.
+        // The camera of an empty picture looks anywhere.
         let unfitted = || Camera::perspective(DVec3::ZERO, DVec3::Y, DVec3::Z, fov, size);
         let fitted = match is_around {
             true => viewpoint.camera_around(boxes, lens, size),
             false => viewpoint.camera(boxes, lens, size),
         };
-        // What is left free lies to the right of what it was fitted to.
+        // The columns left free lie to the right of the part that the camera was fitted to.
         let fitted = Camera {
             width: whole[0],
             ..fitted.unwrap_or_else(unfitted)
@@ -239,7 +240,7 @@ impl CameraOptions {
         let centre = sphere_around(boxes).map(|(centre, _)| centre);
         match (self.target, centre) {
             (Some(target), Some(centre)) => {
-                // As far from the eye as the data are.
+                // The target gets the distance from the eye that the data have.
                 let forward = fitted.forward();
                 let distance = (centre - fitted.eye).dot(forward);
                 Camera {
@@ -252,10 +253,11 @@ impl CameraOptions {
     }
 }
 
-/// The cameras of pictures of boxes in which this points up; none where they are not known.
+/// Function from boxes and the direction up to the cameras of pictures. It returns an empty list if the
+/// cameras are not known.
 pub(crate) type Cameras<'a> = &'a dyn Fn(&[Bounds], Up) -> Result<Vec<Camera>>;
 
-/// Whether a camera may see any of a mesh, by the box around it.
+/// Returns true if a camera may see any of a mesh, judged by the box around it.
 pub(crate) fn is_seen(mesh: &Mesh, camera: &Camera) -> bool {
     let positions = mesh.parts.iter().flat_map(|part| &part.positions);
     let ends = positions.filter(|p| p.is_finite()).map(|&p| (p, p));
@@ -276,7 +278,7 @@ pub(crate) fn is_seen(mesh: &Mesh, camera: &Camera) -> bool {
     let is_flat = camera.projection == Projection::Orthographic;
     let size = DVec2::new(camera.width as f64, camera.height as f64);
     let (low, high) = (-camera.centre_px, size - camera.centre_px);
-    // A box lies beside the picture where all its corners lie beyond one of its sides.
+    // A box lies outside the picture if all its corners lie beyond one of the picture's sides.
     let beyond = |side: &dyn Fn(DVec2, f64) -> bool| {
         corners.iter().all(|p| {
             let depth = if is_flat { 1.0 } else { p.z };
@@ -291,7 +293,8 @@ pub(crate) fn is_seen(mesh: &Mesh, camera: &Camera) -> bool {
         || beyond(&|p, depth| p.y > high.y * depth))
 }
 
-/// What clip planes leave of boxes; all where they leave nothing, so that a camera can be fitted.
+/// Returns the parts of boxes that clip planes leave. If nothing is left, it returns all boxes, so
+/// that a camera can be fitted.
 pub fn left_of(all: Vec<Bounds>, planes: &[ClipPlane]) -> Vec<Bounds> {
     let left = clip_boxes(&all, planes);
     if left.is_empty() { all } else { left }

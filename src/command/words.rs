@@ -1,10 +1,10 @@
-//! The library's errors in the words of the command line: with its options.
+//! Formats the library's errors for the command line, with its option names.
 
 use crate::Error;
 use crate::error::{Advice, Hint, Parameter, Place};
 
-/// `FILE: where: what was expected, what was found, what to do`, on one line whatever a library put
-/// into its message.
+/// Formats an error in one line: `FILE: place: expected A, found B; do C`. It removes line breaks
+/// from the messages of other libraries.
 pub(crate) fn line(error: &Error) -> String {
     let text = match error {
         Error::Io {
@@ -98,8 +98,8 @@ pub(crate) fn line(error: &Error) -> String {
     text.replace('\n', " ")
 }
 
-/// What is wrong with a file whose name and whose description the reader has: without the name, and without
-/// the advice to look at the file, which is what they do.
+/// Formats the problem with a file for a reader who has its name and description. It omits the name
+/// and the advice to look at the file.
 pub(crate) fn problem(error: &Error) -> String {
     let text = line(error);
     let (Error::Format { path, .. } | Error::Io { path, .. } | Error::NoLayout { path, .. }) =
@@ -146,7 +146,7 @@ fn advised(advice: &Advice) -> String {
     }
 }
 
-/// The option that sets a parameter.
+/// Returns the option that sets a parameter.
 fn option(parameter: Parameter) -> String {
     match parameter {
         Parameter::KernelWidth => "--kernel-width",
@@ -163,7 +163,7 @@ fn option(parameter: Parameter) -> String {
     .to_owned()
 }
 
-/// What to do, on the command line.
+/// Formats advice for the command line.
 fn hint(hint: Hint) -> String {
     match hint {
         Hint::NameField => "name one of these with --field",
@@ -241,7 +241,8 @@ mod tests {
         );
     }
 
-    /// The words of the command line; scripts and people know them. No hint is left in the library's.
+    /// The hints name options, which scripts and people rely on. Every hint has its own words for
+    /// the command line.
     #[test]
     fn hints_name_their_options() {
         let leave_out = Hint::LeaveOut(Parameter::Flatten);
@@ -273,7 +274,7 @@ mod tests {
         ] {
             let words = hint(step);
             assert!(named.iter().all(|n| words.contains(n)), "{step:?}: {words}");
-            // What the library says of it names no option.
+            // The library's own text names no option.
             let neutral = step.to_string();
             assert!(
                 !neutral.contains("--") && !neutral.contains("ewa-splat"),

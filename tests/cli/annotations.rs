@@ -1,4 +1,4 @@
-//! What `render` draws over pictures: where it lies, and where it is refused.
+//! Tests the overlays of `render`: their positions, and refusals.
 
 use std::path::Path;
 
@@ -18,7 +18,7 @@ fn drawn(folder: &Path, out: &str, options: &[&str]) -> Image {
     read_image(&folder.join(out)).unwrap()
 }
 
-/// The first and the last column and row that differ.
+/// Returns the first and the last column and row that differ.
 fn changed(a: &Image, b: &Image) -> [usize; 4] {
     let mut corners = [usize::MAX, usize::MAX, 0, 0];
     for (i, _) in (a.pixels.iter().zip(&b.pixels).enumerate()).filter(|(_, (a, b))| a != b) {
@@ -65,7 +65,7 @@ fn annotations_lie_in_their_corners() {
     );
 }
 
-/// Whatever of the data is visible.
+/// The outline is drawn whole, whatever part of the data is visible.
 #[test]
 fn an_outline_is_seen_whole() {
     let folder = tempfile::tempdir().unwrap();
@@ -138,7 +138,7 @@ fn annotations_are_of_pictures() {
     assert!(made.status.success(), "{}", text(&made.stderr));
 }
 
-/// A unit stands in the legend once, and `info` tells it.
+/// A unit occurs in the legend once, and `info` reports it.
 #[test]
 fn legends_show_units() {
     let folder = tempfile::tempdir().unwrap();

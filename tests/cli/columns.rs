@@ -1,4 +1,4 @@
-//! Column densities as pictures, and means along rays.
+//! Tests pictures of column densities, and means along rays.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::path::Path;
@@ -25,7 +25,7 @@ fn draw(folder: &Path, words: &[&str]) -> String {
     text(&output.stderr)
 }
 
-/// The numbers of a one-channel `.npy` of 33 x 33.
+/// Reads the numbers of a one-channel `.npy` of 33 x 33.
 fn numbers(path: &Path) -> Vec<f32> {
     let bytes = std::fs::read(path).unwrap();
     let body = &bytes[bytes.len() - 4 * 33 * 33..];
@@ -49,7 +49,7 @@ fn a_mean_along_a_ray_is_weighed_by_mass() {
         );
         numbers(&folder.path().join("m.npy"))
     };
-    // One behind the other, alike in shape: masses of 3 and 1, fields of 10 and 50.
+    // Two particles of equal shape, one behind the other: masses of 3 and 1, fields of 10 and 50.
     write("x,y,z,h,m,rho,t\n0,0,0,1,3,3,10\n0,4,0,1,1,1,50\n");
     let mean = middle(&["--column-mean", "t"]);
     assert!(
@@ -57,7 +57,7 @@ fn a_mean_along_a_ray_is_weighed_by_mass() {
         "{}",
         mean[16 * 33 + 16]
     );
-    // A field of one value is that value wherever there is anything, and nothing elsewhere.
+    // The mean of a constant field is its value where any kernel is, and undefined elsewhere.
     write("x,y,z,h,m,rho,t\n0,0,0,1,3,3,7\n5,0,1,1,1,1,7\n");
     let mean = middle(&["--column-mean", "t", "--zoom", "0.3"]);
     let known: Vec<f32> = mean.iter().copied().filter(|v| !v.is_nan()).collect();
@@ -87,7 +87,7 @@ fn means_are_weighed_by_masses_and_never_by_signed_fields() {
         draw(folder.path(), &[more, &words[..]].concat());
         numbers(&folder.path().join("m.npy"))[16 * 33 + 16]
     };
-    // Like masses, and a temperature that would outweigh one of them.
+    // Equal masses, and a temperature that would outweigh one of them.
     for header in ["x,y,z,h,m,rho,t,v", "x,y,z,h,m,density,t,v"] {
         write(&format!("{header}\n0,0,0,1,1,1,1,1\n0,0,0,1,1,1,1e6,-1\n"));
         let mean = middle(&["--column-mean", "v"]);
@@ -95,7 +95,7 @@ fn means_are_weighed_by_masses_and_never_by_signed_fields() {
         let mean = middle(&["--field", "t", "--column-mean", "v"]);
         assert!((mean + 1.0).abs() < 1e-3, "{header}: {mean}");
     }
-    // Without masses each particle counts once; strengths that are stated weigh as they are.
+    // Without masses, each particle counts once. Stated strengths are the weights.
     write("x,y,z,h,t,v\n0,0,0,1,1,1\n0,0,0,1,1e6,-1\n");
     let mean = middle(&["--column-mean", "v"]);
     assert!(mean.abs() < 1e-5, "{mean}");

@@ -1,5 +1,4 @@
-//! The command line as a user meets it: outputs, exit statuses, one-line errors, nothing left
-//! behind.
+//! Tests the command line for users: outputs, exit statuses, one-line errors, no files left behind.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::path::{Path, PathBuf};
@@ -166,7 +165,7 @@ fn every_filter_and_camera_draws() {
 #[test]
 fn lone_particles_far_below_a_pixel_are_fainter() {
     let folder = tempfile::tempdir().unwrap();
-    // Depth 20 in a tenth of a pixel: sigma .1 world units at half a pixel to the unit.
+    // Depth 20 in a tenth of a pixel: sigma is .1 world units at half a pixel per unit.
     let rows: Vec<String> = (0..9)
         .map(|i| format!("{},{},0,0.1,1.25", i % 3 * 20, i / 3 * 20))
         .collect();
@@ -200,7 +199,7 @@ fn lone_particles_far_below_a_pixel_are_fainter() {
         image.pixels.iter().map(|p| f64::from(p[3])).sum::<f64>()
     };
     let (by_depth, lone) = (sum(&[]), sum(&["--sub-pixel-opacity"]));
-    // Areas 2 pi a of depths tau0 = 20: Ein(20)/20 = .179 is left of what the depth makes of it.
+    // Areas 2 pi a of depths tau0 = 20: the ratio to the linear law is Ein(20)/20 = .179.
     let share = lone / by_depth;
     assert!((share - 0.179).abs() < 0.005, "{share}");
 }
@@ -216,7 +215,7 @@ fn a_grid_without_a_solution_is_described() {
         text.contains("curvilinear grid") && text.contains("--solution"),
         "{text}"
     );
-    // Nothing to draw: an error all the same.
+    // Nothing to draw is an error all the same.
     let output = run(folder.path(), &["render", "alone.xyz", "--out", "a.png"]);
     assert_eq!(output.status.code(), Some(1));
 }
@@ -310,7 +309,8 @@ fn counts_are_written_as_numbers_and_in_colours() {
     );
     let colours = read("n.png");
     for (n, colour) in numbers.pixels.iter().zip(&colours.pixels) {
-        // Viridis ends in a yellow that has no other's red, and begins in a purple of little green.
+        // Viridis ends in a yellow whose red is the highest of all, and begins in a purple with
+        // little green.
         assert!(of(n) < greatest || colour[0] > 0.98, "{n:?}: {colour:?}");
         assert!(
             of(n) > 0.9 * greatest || colour[0] < 0.9,
@@ -330,7 +330,7 @@ fn a_legend_is_drawn_over_the_picture() {
         run(folder.path(), &arguments)
     };
     let read = |name: &str| ewa_splat::io::read_image(&folder.path().join(name)).unwrap();
-    // A camera that does not make room.
+    // A given camera leaves no columns free for the legend.
     let camera = ["--eye", "-6,-11,6", "--target", "-2.5,0,0", "--fov", "30"];
     let own = [&["--transfer-function", &transfer][..], &camera, &["--out"]].concat();
     let wake_with = own.as_slice();
@@ -346,7 +346,7 @@ fn a_legend_is_drawn_over_the_picture() {
             .zip(&drawn.pixels)
             .map(|(a, b)| a != b)
             .collect();
-        // Within the right upper corner, and much of that.
+        // The changes lie within the upper right corner, and fill much of it.
         let changed = |x: std::ops::Range<usize>, y: std::ops::Range<usize>| {
             y.flat_map(|y| x.clone().map(move |x| y * 240 + x))
                 .filter(|&i| is_changed[i])
@@ -356,7 +356,7 @@ fn a_legend_is_drawn_over_the_picture() {
         assert!(changed(120..240, 0..150) > 5000);
     }
     assert_ne!(read("a.npy").pixels, read("b.npy").pixels);
-    // A fitted one does: nothing of the data lies under the plate.
+    // A fitted camera leaves columns free: no data lie under the plate.
     let fitted = |more: &[&str]| {
         let arguments = [&["--transfer-function", &transfer][..], more].concat();
         assert!(render(&wake, &arguments).status.success());
@@ -372,7 +372,7 @@ fn a_legend_is_drawn_over_the_picture() {
     };
     let first = (0..240).find(|&x| is_plate(x)).unwrap();
     assert!(last < first, "{last} {first}");
-    // Without one all of the picture is the data's.
+    // Without a legend, the data use the whole picture.
     fitted(&["--out", "f.npy"]);
     let drawn = read("f.npy");
     assert!((first..240).any(|x| (0..200).any(|y| drawn.pixel(x, y)[3] > 0.01)));
@@ -381,7 +381,7 @@ fn a_legend_is_drawn_over_the_picture() {
         &[wake_with, &["b.png", "--legend", "--background", "none"]].concat(),
     );
     assert!(made.status.success());
-    // A sixteenth bit of sRGB lies between.
+    // The two differ by less than a sixteenth of an sRGB step.
     for (a, b) in read("b.npy").pixels.iter().zip(&read("b.png").pixels) {
         assert!((a[3] - b[3]).abs() < 0.003);
     }
@@ -394,7 +394,7 @@ fn a_legend_is_drawn_over_the_picture() {
     let made = render(&particles, &["--column-density", "--out", "d.png"]);
     assert!(made.status.success());
     assert_ne!(read("c.png").pixels, read("d.png").pixels);
-    // What has none says so, and writes nothing.
+    // A scene without transfer functions is refused, and writes nothing.
     let before = files(folder.path());
     for (arguments, expected) in [
         (
@@ -424,7 +424,7 @@ fn a_legend_is_drawn_over_the_picture() {
 #[test]
 fn cut_faces_show_the_field_on_the_planes() {
     let folder = tempfile::tempdir().unwrap();
-    // A field of one value that its transfer function leaves all but transparent.
+    // A field of one value, which its transfer function leaves nearly transparent.
     std::fs::write(folder.path().join("v.raw"), [100_u8; 4096]).unwrap();
     let transfer = r#"{"range": [0, 200], "color_space": "linear", "points":
         [{"value": 0, "color": [0, 0, 1], "opacity": 1e-6}, {"value": 200, "color": [1, 0, 0]}]}"#;
@@ -468,7 +468,7 @@ fn cut_faces_show_the_field_on_the_planes() {
     assert!(drawn.status.success(), "{}", text(&drawn.stderr));
     let [r, g, b, a] = middle();
     assert!(a > 0.99 && (r - 0.5).abs() < 0.01 && g < 0.01 && (b - 0.5).abs() < 0.01);
-    // Without planes a usage, without a field an error.
+    // Without planes it is wrong usage, without a field an error.
     let arguments = [&volume[..], &["--out", "b.npy", "--cut-faces"]].concat();
     assert_eq!(run(folder.path(), &arguments).status.code(), Some(2));
     let mesh = fixture("vase.obj");
@@ -550,7 +550,7 @@ fn info_describes_meshes() {
         let line = "1800 triangles, \"glaze\", opaque, one-sided, texture 64 x 64";
         assert!(table.contains(line), "{table}");
     }
-    // The mesh alone, with an image named by hand.
+    // Uses the mesh alone, with an image named by hand.
     let mesh = std::fs::read_to_string(fixture("vase.obj")).unwrap();
     let plain = mesh.replace("mtllib vase.mtl", "");
     std::fs::write(folder.path().join("plain.obj"), plain).unwrap();
@@ -567,7 +567,7 @@ fn info_describes_meshes() {
     assert_eq!(*texture, serde_json::json!([64, 64]));
 }
 
-/// A square in PLY: a mesh with z up, or its points when these are asked for.
+/// A PLY square is read as a mesh with z up, or as its points when these are asked for.
 #[test]
 fn faces_are_a_mesh_unless_points_are_asked_for() {
     let folder = tempfile::tempdir().unwrap();
@@ -605,7 +605,8 @@ fn faces_are_a_mesh_unless_points_are_asked_for() {
     );
 }
 
-/// Two splats, red over blue where y points down, alone and beside a mesh that has y up.
+/// Two splats, red over blue in a file whose y points down, are drawn alone and beside a mesh with
+/// y up.
 #[test]
 fn what_is_up_is_drawn_up() {
     let folder = tempfile::tempdir().unwrap();
@@ -637,7 +638,7 @@ fn what_is_up_is_drawn_up() {
     assert!(!is_red_above(&["a.splat", "--up", "0,1,0"]));
 }
 
-/// A file of one splat, from its bytes to its pixel.
+/// A file of one splat gives the expected pixel.
 #[test]
 fn a_splat_file_is_described_and_rendered() {
     let folder = tempfile::tempdir().unwrap();
@@ -659,8 +660,8 @@ fn a_splat_file_is_described_and_rendered() {
     assert!(output.status.success());
     let image = ewa_splat::io::read_image(&folder.path().join("a.npy")).unwrap();
     let [r, g, b, a] = image.pixel(4, 4);
-    // 204/255 at the centre of the middle pixel; full red and green, and a little blue left of the
-    // coefficient's rounding.
+    // The opacity is 204/255 at the centre of the middle pixel; red and green are full, and blue is
+    // the rounding of the coefficient.
     assert!((a - 0.8).abs() < 1e-5 && (r - 0.8).abs() < 1e-5 && (g - 0.8).abs() < 1e-5);
     assert!(b.abs() < 1e-5);
     let output = run(folder.path(), &[&render[..], &["--reference"]].concat());
@@ -682,7 +683,7 @@ fn measures_every_variant_and_writes_three_reports() {
         "--frames",
         "1",
     ];
-    // The true image is dear: a fine splatting stands in for it.
+    // A fine splatting stands in for the reference image, which takes long.
     let rendered = run(
         folder.path(),
         &[
@@ -709,7 +710,7 @@ fn measures_every_variant_and_writes_three_reports() {
         arguments.extend([given, "true.exr"]);
     }
     arguments.extend(["--out", "new/folder"]);
-    // Twice: the second replaces the first's files.
+    // The second run replaces the first one's files.
     for _ in 0..2 {
         let output = run(folder.path(), &arguments);
         let text = String::from_utf8_lossy(&output.stderr);
@@ -750,7 +751,7 @@ fn measures_every_variant_and_writes_three_reports() {
         .chain(budget.iter().map(|r| &r["alone"]))
     {
         for figure in ["rmse", "max", "p999", "mean_difference", "ssim", "flip"] {
-            // JSON has no other numbers than finite ones.
+            // JSON has no infinite numbers.
             assert!(row[figure].is_f64(), "{figure} in {row}");
         }
     }
@@ -804,7 +805,7 @@ fn measures_a_grid_against_its_own_field_by_the_low_pass_that_suits_it() {
         let row = rows.iter().find(|r| r["id"] == id).unwrap();
         row[from]["rmse"].as_f64().unwrap()
     };
-    // A transfer function's ramp over a linear field: soft kernels blur what the data cut at their faces.
+    // Soft kernels blur a linear field that the data cut sharply at their faces.
     assert!(rmse(&soft, "default", "from_data") > rmse(&soft, "default", "errors"));
     assert!(rmse(&soft, "default", "from_data") > 2.0 * rmse(&report, "default", "from_data"));
     assert!(rmse(&report, "post-classification", "from_data") < 0.2);
@@ -904,12 +905,12 @@ fn a_reference_states_its_error() {
     assert_eq!(stats["backend"], "reference");
     assert!(stats["error_estimate"].as_f64().unwrap() <= 1e-5);
     assert!(stats["rays"].as_u64().unwrap() >= 24 * 20);
-    // The splatted picture is near it: kernels of many pixels, shallow, little overlap.
+    // The splatted picture is near it: large kernels, low opacity, little overlap.
     assert!(render(&["--out", "splatted.npy"]).status.success());
     let read = |name: &str| ewa_splat::io::read_image(&folder.path().join(name)).unwrap();
     let errors = ewa_splat::measure::compare(&read("true.npy"), &read("splatted.npy")).unwrap();
     assert!(errors.max > 0.0 && errors.max < 0.05, "{errors:?}");
-    // What the integrator has no use for is refused, not ignored.
+    // Options that the integrator does not use are refused, not ignored.
     let output = render(&["--reference", "--filter", "ewa", "--out", "x.npy"]);
     assert_eq!(output.status.code(), Some(2));
 }
@@ -929,7 +930,7 @@ fn a_reference_is_of_kernels_or_of_the_data() {
         run(folder.path(), &line.split(' ').collect::<Vec<_>>())
     };
     let read = |name: &str| ewa_splat::io::read_image(&folder.path().join(name)).unwrap();
-    // A file after the option is a file.
+    // A file name after the option is an input.
     for line in [
         "--reference v.raw --dims 8,8,8 --out a.npy",
         "--reference kernels v.raw --dims 8,8,8 --out b.npy",
@@ -942,7 +943,7 @@ fn a_reference_is_of_kernels_or_of_the_data() {
     }
     let difference = |a: &str, b: &str| ewa_splat::measure::compare(&read(a), &read(b)).unwrap();
     assert!(difference("a.npy", "b.npy").max == 0.0 && difference("c.npy", "d.npy").max == 0.0);
-    // The same camera and transfer function: near each other, and not the same.
+    // With the same camera and transfer function, the pictures are near each other but not equal.
     let classified = difference("c.npy", "e.npy").rmse;
     assert!(classified > 1e-4 && classified < 0.03, "{classified}");
     let stats = json(folder.path().join("c.json"));
@@ -976,7 +977,7 @@ fn a_reference_is_of_kernels_or_of_the_data() {
     }
 }
 
-/// Kernels that the domain of their data leaves nothing of are drawn by no path.
+/// Kernels that lie outside the domain of their data are drawn by no code path.
 #[test]
 fn footprints_are_those_of_all_paths() {
     let folder = tempfile::tempdir().unwrap();
@@ -995,7 +996,7 @@ fn footprints_are_those_of_all_paths() {
         let words: Vec<&str> = line.split(' ').collect();
         let output = run(folder.path(), &words);
         if backend == "gpu" && !output.status.success() {
-            // No adapter.
+            // There is no adapter.
             assert!(std::env::var_os("EWA_REQUIRE_GPU").is_none());
             continue;
         }
@@ -1031,7 +1032,7 @@ fn a_mesh_alone_has_as_many_surfels_as_pixels() {
             .as_u64()
             .unwrap()
     };
-    // 50 pixels for each unit of length; at a distance of 2 as many.
+    // There are 50 pixels per unit of length; also at a distance of 2.
     let flat = ["--eye", "0,0,2", "--target", "0,0,0", "--ortho", "2"];
     assert_eq!(surfels(&["square.obj"], &flat), 2500);
     let near = [
@@ -1043,7 +1044,7 @@ fn a_mesh_alone_has_as_many_surfels_as_pixels() {
         "53.13010235",
     ];
     assert_eq!(surfels(&["square.obj"], &near), 2500);
-    // Seen at a slant of 60 degrees half.
+    // Seen at a slant of 60 degrees, the area is half.
     let slant = [
         "--eye",
         "0,1,0.577350269",
@@ -1053,7 +1054,7 @@ fn a_mesh_alone_has_as_many_surfels_as_pixels() {
         "2",
     ];
     assert_eq!(surfels(&["square.obj"], &slant), 1250);
-    // What was asked for, and what is not alone: a thousandth of the diagonal apart.
+    // Surfels asked for by density, and two meshes a thousandth of the diagonal apart.
     let asked = ["--density", "300"];
     assert_eq!(surfels(&["square.obj"], &[&flat[..], &asked].concat()), 300);
     assert_eq!(surfels(&["square.obj", "fog.csv"], &flat), 500_000);
@@ -1082,9 +1083,9 @@ fn a_transfer_function_is_written_scaled_and_read_again() {
     };
     let own = draw("a.npy", &["--write-transfer-function", "t.json"]);
     let again = draw("b.npy", &["--transfer-function", "t.json"]);
-    // What is written is within 5e-4 of each opacity.
+    // The written opacities are within 5e-4 of the originals.
     assert!(greatest(&own, &again) < 0.01, "{}", greatest(&own, &again));
-    // Colours alone: opacities stay.
+    // A colour map changes colours alone; opacities stay.
     let plasma = draw("c.npy", &["--transfer-function", "plasma"]);
     let alphas = |picture: &[f32]| {
         picture
@@ -1096,7 +1097,7 @@ fn a_transfer_function_is_written_scaled_and_read_again() {
     };
     assert!(greatest(&alphas(&own), &alphas(&plasma)) < 1e-3);
     assert!(greatest(&own, &plasma) > 0.05);
-    // Twice as dense: transmittances are squared.
+    // Twice the density squares the transmittances.
     let dense = draw("d.npy", &["--opacity-scale", "2"]);
     let squared: Vec<f32> = alphas(&own)
         .iter()
@@ -1153,7 +1154,7 @@ fn a_transfer_function_is_written_scaled_and_read_again() {
 #[test]
 fn a_target_moves_a_fitted_camera() {
     let folder = tempfile::tempdir().unwrap();
-    // Two specks; the camera is fitted to both.
+    // The camera is fitted to both of two specks.
     let specks = "x,y,z,sigma,mass\n-2,0,0,0.05,0.1\n2,0,1,0.05,0.1\n";
     std::fs::write(folder.path().join("two.csv"), specks).unwrap();
     let draw = |options: &[&str]| {
@@ -1209,7 +1210,7 @@ fn a_background_has_numbers_or_a_name() {
     }
     assert_eq!(draw("navy").2, draw("#000080").2);
     assert!(draw("None").2[3] < 0.9);
-    // Of a picture to look at a dark grey, where nothing else is asked for.
+    // The default background of a picture for display is dark grey.
     let pixel = |more: &[&str]| {
         let words = ["render", "fog.csv", "--size", "8x8", "--out", "a.png"];
         assert!(
@@ -1223,7 +1224,7 @@ fn a_background_has_numbers_or_a_name() {
     let clear = pixel(&["--background", "none"]);
     let shown = pixel(&[]);
     assert!(clear[3] < 0.9 && shown[3] >= 1.0);
-    // sRGB #1c1c21, and half a level of a byte.
+    // sRGB #1c1c21, to within half a level of a byte.
     for (c, grey) in [0.0116, 0.0116, 0.0152].into_iter().enumerate() {
         let expected = clear[c] + (1.0 - clear[3]) * grey;
         assert!((shown[c] - expected).abs() < 0.005, "{c}");
@@ -1243,7 +1244,8 @@ fn a_background_has_numbers_or_a_name() {
     }
 }
 
-/// The camera decides how many surfels a mesh gets, and then draws it: a pipe can be read once.
+/// The camera determines the number of a mesh's surfels and then draws it, though a pipe can be
+/// read only once.
 #[cfg(unix)]
 #[test]
 fn a_camera_comes_through_a_pipe() {
@@ -1273,7 +1275,7 @@ fn a_camera_comes_through_a_pipe() {
 fn a_reference_shows_surfaces_alone_and_among_volumes() {
     let folder = tempfile::tempdir().unwrap();
     let vase = fixture("vase.obj");
-    // Two clouds that the vase cuts.
+    // The vase cuts two clouds.
     std::fs::write(
         folder.path().join("smoke.csv"),
         "x,y,z,sigma,mass,r,g,b\n0,1.2,0.8,0.3,0.4,0,1,0\n0.6,0.5,0.6,0.2,0.2,0,0,1\n",
@@ -1304,7 +1306,7 @@ fn a_reference_shows_surfaces_alone_and_among_volumes() {
         let truth = read(&truth);
         let errors = ewa_splat::measure::compare(&truth, &read(&splatted)).unwrap();
         println!("{name}: {errors:?}");
-        // Silhouettes are covered from .85 on in the one and from 1 on in the other.
+        // Silhouettes count as covered from .85 in one and from 1 in the other.
         assert!(
             errors.rmse < 0.06 && errors.max < 0.35,
             "{name}: {errors:?}"
@@ -1335,7 +1337,7 @@ fn a_reference_shows_surfaces_alone_and_among_volumes() {
     let report = json(folder.path().join("report/report.json"));
     let rows = report["rows"].as_array().unwrap();
     assert!(rows.len() > 10);
-    // Particles and a mesh have no field but their kernels'.
+    // Particles and a mesh define no field apart from their kernels.
     assert!(rows.iter().all(|r| r["from_data"].is_null()));
     assert!(report["about"]["reference_data"].is_null());
 }
@@ -1377,7 +1379,7 @@ fn light_changes_colours_and_nothing_else() {
         one,
         draw("e.npy", &["--light", "-1,0,2", "--light", "0,1,0,0.5,0,0"])
     );
-    // A surface is seen by its light.
+    // An iso-surface is visible by its shading.
     let surface = draw("f.npy", &["--flatten", ".6"]);
     assert_eq!(surface, draw("g.npy", &["--flatten", ".6", "--lit"]));
     assert_ne!(surface, lit);
@@ -1439,7 +1441,7 @@ fn compositing_and_clipping_reach_the_picture() {
     for mode in ["sheets", "axis-sheets", "slabs"] {
         let (layered, stats) = draw("layered.npy", &["--composite", mode]);
         assert!(stats["layer_thickness"].as_f64().unwrap() > 0.0, "{stats}");
-        // Colours mix otherwise, opacities do not: but for where tiles stop early, a share of the
+        // Colours mix differently, opacities do not, except where tiles stop early: a share of the
         // tolerance.
         let (a, b) = (opacity(&over), opacity(&layered));
         assert!((a - b).abs() < 1e-3 * a, "{mode}: {a} {b}");
@@ -1451,7 +1453,7 @@ fn compositing_and_clipping_reach_the_picture() {
     assert_eq!(boxed, over);
     assert!(opacity(&half) < 0.9 * opacity(&over));
     assert!(opacity(&other) < 0.9 * opacity(&over));
-    // The camera is fitted to what is left: an eighth of the length fills a third as much of
+    // The camera is fitted to the remaining eighth of the length, which fills a third as much of
     // the picture, not an eighth.
     let covered = |image: &ewa_splat::Image| image.pixels.iter().filter(|p| p[3] > 0.01).count();
     let (piece, _) = draw("piece.npy", &["--clip", "0,-9,-9,1,9,9"]);

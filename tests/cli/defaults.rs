@@ -1,4 +1,4 @@
-//! The picture that a stranger gets of each real file, without an option.
+//! Tests the picture of each real file without any options.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::path::{Path, PathBuf};
@@ -9,15 +9,15 @@ use ewa_splat::io::{OpenOptions, RawLayout, RawType, read_image};
 use ewa_splat::sample::SampleOptions;
 use ewa_splat::scene::Strength;
 
-/// Endings of files that belong to others, or are of formats that are not read (yet).
+/// Extensions of files that belong to other files, or whose formats are not read (yet).
 const PASSED_OVER: &[&str] = &[
     "md", "txt", "mtl", "bin", "png", "jpg", "webp", "ktx2", "gz", "zip", "geo", "sos", "json",
 ];
 
-/// Files that are refused for what is in them; each with a part of the reason.
+/// Files that are refused for their contents, each with a part of the reason.
 const REFUSED: &[(&str, &str)] = &[("beach.ascii.nhdr", "no file")];
 
-/// Files with a few points that are far from one another, each far below the picture.
+/// Files of a few points so far apart that each is far smaller than the picture.
 const SCATTERED: &[&str] = &["test-splat.3-points", "concave_polygon"];
 
 const SIZE: usize = 160;
@@ -40,13 +40,14 @@ fn walk(folder: &Path, found: &mut Vec<PathBuf>) {
 fn is_tried(path: &Path) -> bool {
     let name = path.file_name().unwrap().to_str().unwrap();
     let ending = name.rsplit_once('.').map_or("", |(_, ending)| ending);
-    // Steps of one series and pieces of one grid look alike.
+    // Steps of one series and pieces of one grid give similar pictures.
     let is_again = name.contains("T000") && !name.contains("T0000")
         || name.contains("chombo3d_") && name.len() > 14;
-    // Variables of EnSight have no endings of their own; the head's samples belong to its header.
+    // EnSight variables have no extensions of their own; the samples of a head belong to its
+    // header.
     let is_of_ensight = path.components().any(|c| c.as_os_str() == "ensight");
     let is_part = is_of_ensight && ending != "case" || name == "HeadMRVolume.raw";
-    // Each stands for the images beside it.
+    // Each of these stands for the images beside it.
     let is_named = ["bluntfinxyz.bin", "meta.json", "OpenFOAM.zip"].contains(&name);
     is_named || !(PASSED_OVER.contains(&ending) || is_again || is_part)
 }
@@ -74,7 +75,7 @@ fn default_pictures_of_all_real_files_show_them() {
             "--backend",
             "cpu",
         ];
-        // A raw volume says nothing of itself.
+        // A raw volume has no metadata.
         words.extend(match name {
             "engine_256x256x128_uint8.raw" => &["--dims", "256,256,128"][..],
             "nucleon_41x41x41_uint8.raw" => &["--dims", "41,41,41"],
@@ -104,10 +105,10 @@ fn default_pictures_of_all_real_files_show_them() {
             .iter()
             .all(|scattered| !name.starts_with(scattered))
         {
-            // Kernels end softly beyond what the camera is fitted to.
+            // Kernels end softly beyond the boxes that the camera is fitted to.
             assert!((0.33..=1.0).contains(&filled), "{name}: fills {filled}");
         }
-        // Something is plain to see, and where a field is shown half of the picture can be looked through.
+        // Something is clearly visible, and half of a picture of a field is transparent.
         let mut seen: Vec<f32> = shown.iter().map(|&i| alphas[i]).collect();
         seen.sort_by(f32::total_cmp);
         let (middle, most) = (seen[seen.len() / 2], seen[seen.len() - 1]);
@@ -139,12 +140,12 @@ fn default_pictures_of_all_real_files_show_them() {
     assert!(drawn > 30, "{drawn} files");
 }
 
-/// What a transfer function's file says of opacities.
+/// Reads the opacities of a transfer function's file.
 fn opacities(file: &Path) -> Vec<f64> {
     numbers_of(file, "opacity")
 }
 
-/// A number of each point of a transfer function's file.
+/// Reads a number of each point of a transfer function's file.
 fn numbers_of(file: &Path, key: &str) -> Vec<f64> {
     let text = std::fs::read_to_string(file).unwrap();
     let function: serde_json::Value = serde_json::from_str(&text).unwrap();
@@ -185,8 +186,8 @@ fn nothing_of_meshes_and_particles_is_invisible() {
     }
 }
 
-/// Of lattices and grids what cannot be seen is the background, a run of values around the fullest or at the low end; of
-/// everything else no more than a twentieth.
+/// In lattices and grids, only the background is invisible: a run of values around the mode or at
+/// the low end. In other data, at most a twentieth is invisible.
 #[test]
 fn of_grids_nothing_but_the_background_is_invisible() {
     const BINS: usize = 256;
@@ -284,13 +285,14 @@ fn pieces_of_one_field_share_one_function() {
         "f.json",
     ];
     words.extend(pieces.iter().map(|p| p.to_str().unwrap()));
-    // Different functions would be refused.
+    // Different transfer functions would be refused.
     let output = run(folder.path(), &words);
     assert!(output.status.success(), "{}", text(&output.stderr));
     assert!(opacities(&folder.path().join("f.json")).len() > 2);
 }
 
-/// A cube of PLOT3D as text, `first` its values in the middle of an x from `at` on, with functions beside it.
+/// Writes a PLOT3D cube as text, with functions beside it. `first` are its values in the middle of
+/// an x from `at` on.
 fn plot3d_cube(folder: &Path, name: &str, at: usize, first: f64) {
     let nodes = || (0..729).map(|i| [i % 9, i / 9 % 9, i / 81]);
     let axis = |d: usize| {
@@ -324,9 +326,9 @@ fn plot3d_grids_with_files_beside_them_are_one_scene() {
     draw(&[&together[..], &["--write-transfer-function", "f.json"]].concat());
     let values = numbers_of(&folder.path().join("f.json"), "value");
     let range = [values[0], *values.last().unwrap()];
-    // From the least of the first cube to the greatest of the second.
+    // The range runs from the least value of the first cube to the greatest of the second.
     assert!(range[0] < 0.5 && range[1] > 13.0, "{range:?}");
-    // The function that was written draws both as they are drawn together.
+    // The written function draws each as they are drawn together.
     draw(&[
         "a.xyz",
         "b.xyz",
@@ -365,7 +367,7 @@ fn a_turn_and_a_series_are_files_of_one_camera_and_one_function() {
         );
     };
     let read = |name: &str| read_image(&folder.path().join(name)).unwrap();
-    // Two steps of a cube of one value each on the same lattice: the second is twice the first.
+    // Two time steps of a cube of one value on one lattice: the second value is twice the first.
     for (name, value) in [("a.raw", 60_u8), ("b.raw", 120)] {
         let cell = |i: usize| {
             let at = [i % 12, i / 12 % 12, i / 144];
@@ -389,14 +391,15 @@ fn a_turn_and_a_series_are_files_of_one_camera_and_one_function() {
     let (first, second) = (read("s0.npy"), read("s1.npy"));
     let depth = |image: &ewa_splat::Image| -> f32 { image.pixels.iter().map(|p| p[3]).sum() };
     assert!(depth(&first) > 1.0 && depth(&second) > 1.05 * depth(&first));
-    // One camera: what a step shows by itself is fitted to that, and what both show lies in the same place.
+    // One camera serves both steps: a step alone has a camera fitted to it, but here objects keep
+    // their positions.
     let shown = |image: &ewa_splat::Image| -> Vec<bool> {
         image.pixels.iter().map(|p| p[3] > 0.05).collect()
     };
     let (a, b) = (shown(&first), shown(&second));
     let common = a.iter().zip(&b).filter(|(a, b)| **a && **b).count();
     assert!(common * 10 > a.iter().filter(|a| **a).count() * 9);
-    // One function: the written one draws the same pictures.
+    // One function serves both steps: the written one draws the same pictures.
     draw(&[
         "a.raw",
         "--dims",
@@ -408,7 +411,7 @@ fn a_turn_and_a_series_are_files_of_one_camera_and_one_function() {
         "--out",
         "own.npy",
     ]);
-    // A turn of a cube by a quarter shows it as before; by an eighth it does not.
+    // A cube looks the same after a quarter turn, but not after an eighth.
     std::fs::write(folder.path().join("c.raw"), [9_u8; 1728]).unwrap();
     let cube = [
         "c.raw",
@@ -449,14 +452,15 @@ fn a_turn_and_a_series_are_files_of_one_camera_and_one_function() {
         .concat(),
     );
     let bytes = std::fs::read(folder.path().join("t.gif")).unwrap();
-    // A graphics control extension before each frame, with a delay of ten hundredths.
+    // There is a graphics control extension before each frame, with a delay of ten hundredths.
     let controls = bytes
         .windows(6)
         .filter(|w| w[..3] == [0x21, 0xF9, 4] && w[4..] == [10, 0]);
     assert_eq!(controls.count(), 3);
 }
 
-/// What is on by itself (light on surfaces, a background, room for a legend) refuses nothing that was asked for.
+/// Defaults (light on surfaces, a background, room for a legend) cause no refusal of options that
+/// are given.
 #[test]
 fn defaults_stand_beside_every_option() {
     let folder = tempfile::tempdir().unwrap();
@@ -488,7 +492,7 @@ fn defaults_stand_beside_every_option() {
                 "--out",
                 "a.png",
             ];
-            // A maximum is of one volume alone.
+            // A maximum allows one volume only.
             if inputs.len() > 1 && words.contains(&"maximum") {
                 continue;
             }
@@ -502,7 +506,8 @@ fn defaults_stand_beside_every_option() {
     }
 }
 
-/// The steps of a collection are those of the same files, in the order of time; parts of one time are one picture.
+/// The steps of a collection equal those of the same files, in the order of time. Parts of one time
+/// form one picture.
 #[test]
 fn a_collection_is_a_series_with_times() {
     let folder = tempfile::tempdir().unwrap();
@@ -542,7 +547,7 @@ fn a_collection_is_a_series_with_times() {
     ]);
     let series = ["a.pvd", "--series", "--transfer-function", "f.json"];
     draw(&[&series[..], &["--out", "s%d.npy"]].concat());
-    // By hand: both parts, then the other, from the same camera.
+    // The reference is drawn by hand: both parts, then the other, with the same camera.
     let by_hand = ["--transfer-function", "f.json"];
     draw(
         &[
@@ -561,7 +566,7 @@ fn a_collection_is_a_series_with_times() {
     let (left, right) = (half(&second, true), half(&second, false));
     assert!(left.min(right) < 0.01 * left.max(right), "{left} {right}");
 
-    // Without --series the first step, with a word of it.
+    // Without --series, the first step is drawn, and a note says so.
     let said = draw(&["a.pvd", "--out", "own.npy", "--transfer-function", "f.json"]);
     assert!(
         said.contains("the first of 2 time steps, of time 1; --step N")
@@ -570,7 +575,7 @@ fn a_collection_is_a_series_with_times() {
     );
     assert!(read("own.npy") == first);
 
-    // Or another, by its number or its time: the picture of its file.
+    // A step chosen by its number or time gives the picture of its file.
     let alone = ["--transfer-function", "f.json"];
     draw(&[&["late.csv", "--out", "late.npy"][..], &alone].concat());
     for choice in [
@@ -622,7 +627,7 @@ fn a_collection_is_a_series_with_times() {
         );
     }
 
-    // The stamp is what is written by hand for each time.
+    // The stamp equals a title written by hand for each time.
     draw(
         &[
             &series[..],

@@ -1,4 +1,4 @@
-//! `--resize`, `--rotate`, `--translate` and `--crop`: what pictures and files of edited inputs are.
+//! Tests `--resize`, `--rotate`, `--translate` and `--crop`: pictures and files of edited inputs.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::fmt::Write;
@@ -16,7 +16,8 @@ fn done(folder: &Path, line: &str) {
     assert!(output.status.success(), "{line}: {}", text(&output.stderr));
 }
 
-/// Pictures of two command lines: the greatest difference of a channel, and the greatest opacity.
+/// Draws pictures by two command lines. Returns the greatest difference of a channel, and the
+/// greatest opacity.
 fn difference(folder: &Path, a: &str, b: &str) -> (f32, f32) {
     let picture = |line: &str| {
         done(
@@ -37,7 +38,7 @@ fn difference(folder: &Path, a: &str, b: &str) -> (f32, f32) {
     most
 }
 
-/// Eye, target and up of a camera, moved as the data are.
+/// Returns the options of a camera, moved as the data are.
 fn camera(size: f64, rotation: DQuat, translation: DVec3) -> String {
     let place = |p: DVec3| rotation * (size * p) + translation;
     let eye = place(DVec3::new(9.0, -14.0, 6.0));
@@ -52,7 +53,7 @@ fn camera(size: f64, rotation: DQuat, translation: DVec3) -> String {
     )
 }
 
-/// The options of a move, and the camera moved likewise.
+/// Returns the options of a move, and those of the camera moved likewise.
 fn moved(axis: DVec3, degrees: f64) -> (String, String) {
     let (size, translation) = (2.5, DVec3::new(3.0, -2.0, 1.0));
     let rotation = DQuat::from_axis_angle(axis.normalize(), degrees.to_radians());
@@ -69,7 +70,7 @@ fn wave(p: DVec3) -> f64 {
     1.0 + (1.1 * p.x + 0.3 * p.z).sin() * (0.9 * p.y).cos() + 0.2 * p.z
 }
 
-/// The places of a grid's nodes, x fastest.
+/// Returns the positions of a grid's nodes, x fastest.
 fn nodes(place: impl Fn([usize; 3]) -> DVec3) -> Vec<DVec3> {
     let [x, y, z] = DIMS;
     (0..x * y * z)
@@ -77,7 +78,7 @@ fn nodes(place: impl Fn([usize; 3]) -> DVec3) -> Vec<DVec3> {
         .collect()
 }
 
-/// A legacy VTK file of so many nodes and a field at each.
+/// Writes a legacy VTK file of these nodes and a field at each.
 fn vtk(folder: &Path, name: &str, geometry: &str, nodes: &[DVec3]) {
     let mut file = format!("# vtk DataFile Version 3.0\n{name}\nASCII\n{geometry}");
     let count = nodes.len();
@@ -168,7 +169,7 @@ fn write_grids(folder: &Path) {
     vtk(folder, "cells.vtk", &header, &bent);
 }
 
-/// Places without order that are always the same.
+/// Returns disordered but reproducible positions.
 fn scattered(count: usize) -> Vec<DVec3> {
     let part = |i: usize, step: f64| (i as f64 * step).fract();
     (0..count)
@@ -179,7 +180,7 @@ fn scattered(count: usize) -> Vec<DVec3> {
         .collect()
 }
 
-/// A table with columns for shapes and strengths.
+/// Writes a table with columns for shapes and strengths.
 fn table(folder: &Path, name: &str, columns: &str, row: impl Fn(DVec3) -> String, of: &[DVec3]) {
     let mut file = format!("x,y,z,{columns}\n");
     for p in of {
@@ -234,7 +235,8 @@ fn write_mesh(folder: &Path) {
     std::fs::write(folder.join("roof.obj"), mesh).unwrap();
 }
 
-/// What approximates block by block goes by blocks, which lie along the axes of the world: everything is drawn exactly.
+/// Options that draw exactly. Approximations depend on blocks, and blocks lie along the world's
+/// axes.
 const EXACT: &str = "--filter exact --level-of-detail off --cutoff 6";
 const WHOLE: &str = "--level-of-detail off --cutoff 6";
 
@@ -249,18 +251,18 @@ fn data_and_camera_moved_alike_show_the_same_picture() {
     let before = camera(1.0, DQuat::IDENTITY, DVec3::ZERO);
     let oblique = (DVec3::new(1.0, 2.0, 3.0), 50.0);
     let quarter = (DVec3::ONE, 120.0);
-    // Rounding of f32 throughout.
+    // The tolerance is f32 rounding.
     let rounding = 1e-4;
-    // Directions of gradients are stored in steps, on a net that does not turn with the data.
+    // Gradient directions are stored in steps, on a net that does not rotate with the data.
     let steps = 5e-3;
-    // Surfels are spread cube by cube along the axes of the world: turned, they lie elsewhere on the surface, and edges
-    // differ by the less the more there are.
+    // Surfels are spread in cubes along the world's axes, so rotated data get them at other
+    // positions. The differences at edges decrease with the number of surfels.
     let spread = 5e-3;
     let alone = "--classify particle";
-    // The boundary of cells is cut by planes that are joined of faces, the greatest first: rounding decides
-    // among those of one size around a node, as a regular mesh has them.
+    // The boundary of cells is cut by planes joined from faces, the largest first. Rounding decides
+    // among faces of equal size around a node, as in a regular mesh.
     let soft = "--classify particle --boundary soft";
-    // By default the logarithm of how densely particles lie, which changes with their size.
+    // By default, tables show the logarithm of the number density, which changes with their size.
     let of_v = "--classify particle --field v";
     for (file, own, (axis, degrees), limit) in [
         ("even.vtk", "", oblique, rounding),
@@ -280,7 +282,7 @@ fn data_and_camera_moved_alike_show_the_same_picture() {
         ("roof.obj", "--count 40000", oblique, spread),
     ] {
         let (options, after) = moved(axis, degrees);
-        // An automatic function looks through particles along the axes of the world.
+        // An automatic function estimates the opacity of particles along the world's axes.
         let function = |unit: f64| match file {
             "sph.csv" | "bare.csv" => {
                 format!("--transfer-function function.json --unit-distance {unit}")
@@ -301,7 +303,7 @@ fn data_and_camera_moved_alike_show_the_same_picture() {
         assert!(opacity > 0.1, "{file}: an empty picture");
         assert!(most < limit, "{file} {own}: {most}");
     }
-    // An uneven lattice at an angle is the curvilinear grid of its nodes.
+    // A rotated rectilinear lattice equals the curvilinear grid of its nodes.
     let (options, after) = moved(oblique.0, oblique.1);
     let (most, _) = difference(
         folder,
@@ -309,7 +311,7 @@ fn data_and_camera_moved_alike_show_the_same_picture() {
         &format!("uneven.vtk {alone} {EXACT} {after} {options}"),
     );
     assert!(most < rounding, "{most}");
-    // Vectors turn: the component along z is now along x.
+    // Vectors rotate: the component along z is now along x.
     let (options, after) = moved(DVec3::ONE, 120.0);
     let (most, _) = difference(
         folder,
@@ -319,12 +321,12 @@ fn data_and_camera_moved_alike_show_the_same_picture() {
     assert!(most < rounding, "{most}");
 }
 
-/// By a fitted camera: what is up stays.
+/// A fitted camera keeps the direction up.
 #[test]
 fn what_is_turned_is_seen_turned() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    // A tall wedge: its point at the top.
+    // A tall wedge with its point at the top.
     let wedge = "v 0 0 0\nv 1 0 0\nv 0 0 1\nv 0.2 3 0.2\nf 1 2 3\nf 1 4 2\nf 2 4 3\nf 3 4 1\n";
     std::fs::write(folder.join("wedge.obj"), wedge).unwrap();
     let centre = |options: &str| {
@@ -354,7 +356,7 @@ fn cropped_data_are_those_of_files_cut_by_hand() {
     let folder = folder.path();
     write_grids(folder);
     write_tables(folder);
-    // Samples 1 to 4, 1 to 3 and 0 to 2; cut from a whole grid, so that whole numbers stay.
+    // Samples 1 to 4, 1 to 3 and 0 to 2, cut from a whole grid, so that whole numbers stay.
     let cut: Vec<DVec3> = (0..36)
         .map(|n| DVec3::new((1 + n % 4) as f64, (1 + n / 4 % 3) as f64, (n / 12) as f64))
         .collect();
@@ -415,7 +417,7 @@ fn each_input_has_its_own_place() {
     assert_eq!(placed, by_hand);
     let both = splats("a.csv b.csv --translate 8,0,-1");
     assert_ne!(both, by_hand);
-    // A crop is in the coordinates after the move.
+    // The crop box is in the coordinates after the move.
     let cropped =
         splats("a.csv b.csv --translate 8,0,-1 --translate none --crop none --crop -1,-1,-1,6,6,6");
     assert_eq!(
@@ -434,7 +436,7 @@ fn each_input_has_its_own_place() {
     assert_ne!(bounds, sizes("info a.csv --json")["bounds"].to_string());
 }
 
-/// Three factors stretch each axis by its own; heights alone are those along what is up.
+/// Three factors stretch each axis by its own. Exaggeration stretches along the direction up alone.
 #[test]
 fn grids_are_stretched_along_each_axis() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,6 +1,6 @@
-//! The lists of formats in the documentation are those of the table in the code.
+//! Compares the lists of formats in the documentation with the table in the code.
 //!
-//! `EWA_UPDATE_DOCS=1` writes them anew.
+//! `EWA_UPDATE_DOCS=1` rewrites the lists.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::path::Path;
@@ -17,7 +17,7 @@ fn endings(format: &Format) -> String {
     shown.join(", ")
 }
 
-/// A name, and behind it the endings where there are any and the name is not one.
+/// Formats a name, and after it the extensions unless the name is one.
 fn named(format: &Format) -> String {
     match format.endings {
         [] => format.name.into(),
@@ -30,7 +30,7 @@ fn of(family: Family) -> impl Iterator<Item = &'static Format> {
     formats().iter().filter(move |f| f.family == family)
 }
 
-/// One row for each family.
+/// Returns one row for each family.
 fn short() -> String {
     let row = |family: &Family| {
         let names: Vec<String> = of(*family).map(named).collect();
@@ -40,7 +40,7 @@ fn short() -> String {
     format!("| reads | |\n|---|---|\n{rows}")
 }
 
-/// One row for each format.
+/// Returns one row for each format.
 fn long() -> String {
     let row = |format: &Format| format!("| {} | {} |\n", named(format), format.reads);
     let rows: String = Family::ALL.iter().flat_map(|f| of(*f)).map(row).collect();

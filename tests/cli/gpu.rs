@@ -1,4 +1,4 @@
-//! The command line's `--backend`: the same pictures, what the statistics say, and refusals.
+//! Tests `--backend`: equal pictures, statistics, and refusals.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::path::{Path, PathBuf};
@@ -14,16 +14,16 @@ fn fixture(name: &str) -> PathBuf {
         .join(name)
 }
 
-/// Runs `render`; `adapter` is what EWA_ADAPTER is set to.
+/// Runs `render` with EWA_ADAPTER set to `adapter`.
 fn render(folder: &Path, file: &str, adapter: Option<&str>, options: &[&str]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_ewa-splat"));
     command
         .arg("render")
         .arg(fixture(file))
-        // A software adapter draws them quickly.
+        // The picture is small, so that a software adapter draws it quickly.
         .args(["--size", "100x70"])
         .args(options)
-        // Mesa complains on standard error where it is unset.
+        // Mesa complains on standard error if this variable is unset.
         .env("XDG_RUNTIME_DIR", folder)
         .current_dir(folder);
     if let Some(adapter) = adapter {
@@ -40,7 +40,7 @@ fn succeed(folder: &Path, options: &[&str]) {
     assert!(output.status.success(), "{options:?}: {text}");
 }
 
-/// One line that begins with `error: `, exit status 1, and no file.
+/// Expects one line that begins with `error: `, exit status 1, and no file. Returns the line.
 fn refusal(folder: &Path, adapter: Option<&str>, options: &[&str]) -> String {
     let output = render(folder, "particles.csv", adapter, options);
     let text = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -60,7 +60,8 @@ fn both_back_ends_draw_one_picture() {
     let Some(gpu) = gpu() else { return };
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    // Edges and ends below what is compared, so that no pixel flips at one.
+    // The cut-off and termination thresholds lie below the compared precision, so that no pixel
+    // flips at one.
     let options = ["--cutoff", "7", "--tolerance", "1e-6"];
     for backend in ["gpu", "cpu"] {
         let [out, depth, json] = ["", "_depth", "_stats"].map(|part| format!("{backend}{part}"));
@@ -86,10 +87,11 @@ fn both_back_ends_draw_one_picture() {
     println!("largest difference {error:.1e}");
     assert!(error <= ALIKE, "{error:e}");
 
-    // Depths of distinct footprints differ, where the opacity passes a half at another one.
+    // Depths come from distinct footprints, so they differ where the opacity passes a half at
+    // another one.
     let depths = |name: &str| {
         let bytes = std::fs::read(folder.join(name)).unwrap();
-        // After a header whose length is in bytes 8 and 9.
+        // The header's length is in bytes 8 and 9.
         let start = 10 + usize::from(bytes[8]) + 256 * usize::from(bytes[9]);
         let numbers = bytes[start..].as_chunks().0.iter();
         numbers.map(|b| f32::from_le_bytes(*b)).collect::<Vec<_>>()
@@ -122,7 +124,7 @@ fn both_back_ends_draw_one_picture() {
             assert!(ms > 0.0, "{stage}: {times}");
             sum += ms;
         }
-        // Medians of two frames each.
+        // The times are medians of two frames each.
         assert!(sum < 2.0 * times["frame"].as_f64().unwrap(), "{times}");
     }
 }
@@ -149,7 +151,7 @@ fn both_back_ends_sum_one_column_density() {
     });
     assert_eq!(stats(folder, "gpu.json")["adapter"], gpu.adapter());
     assert!(sums[1] > 0.0);
-    // The law of mass of both.
+    // Both conserve the mass.
     assert!((sums[0] / sums[1] - 1.0).abs() < 1e-5, "{sums:?}");
 }
 
@@ -164,7 +166,7 @@ fn the_back_end_is_chosen_as_asked() {
     assert_eq!(stats(folder, "s.json")["backend"], hardware);
     succeed(folder, &options);
     assert_eq!(stats(folder, "s.json")["backend"], hardware, "the default");
-    // Drawn before a driver would be loaded.
+    // A small scene is drawn before a driver would be loaded.
     let output = render(folder, "particles.csv", None, &options);
     assert!(output.status.success(), "{output:?}");
     assert_eq!(stats(folder, "s.json")["backend"], "cpu", "a small scene");
@@ -174,7 +176,7 @@ fn the_back_end_is_chosen_as_asked() {
 fn what_the_gpu_cannot_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    // With no adapter at all likewise.
+    // The same holds without any adapter.
     let nonsense = ["--out", "a.npy", "--stats", "s.json", "--backend", "gpu"];
     let text = refusal(folder, Some("nonsense"), &nonsense);
     assert!(
@@ -184,7 +186,7 @@ fn what_the_gpu_cannot_is_refused() {
     if let Some(gpu) = gpu() {
         assert!(text.contains(&gpu.adapter()), "{text}");
     }
-    // Where nothing is asked of a GPU, none is looked for.
+    // If no option asks for a GPU, none is looked for.
     let output = render(
         folder,
         "particles.csv",
@@ -194,7 +196,8 @@ fn what_the_gpu_cannot_is_refused() {
     assert!(output.status.success());
 }
 
-/// Where there is no desktop Mesa's layers look for one, and complain on standard error unless they are kept from it.
+/// Without a desktop, Mesa's layers look for one. They complain on standard error unless the
+/// program prevents it.
 #[test]
 fn drivers_say_nothing_where_there_is_no_desktop() {
     if gpu().is_none() {
@@ -208,7 +211,7 @@ fn drivers_say_nothing_where_there_is_no_desktop() {
             .args(["gpu", "--quiet"])
             .arg(fixture("particles.csv"))
             .env_remove("XDG_RUNTIME_DIR")
-            // Which leaves the layer out that complains.
+            // This variable would disable the layer that complains.
             .env_remove("NODEVICE_SELECT")
             .current_dir(folder.path());
         if let Some(runtime) = runtime {

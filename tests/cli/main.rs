@@ -1,4 +1,4 @@
-//! The program, as a user runs it.
+//! Tests the program as a user runs it.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,

@@ -1,4 +1,4 @@
-//! How the program behaves towards people: help, silence, several files, faults that are explained.
+//! Tests the program's help, silence, output for several files, and error messages.
 
 use serde_json::Value;
 
@@ -93,7 +93,7 @@ fn info_of_several_files_is_a_row_for_each() {
     assert!(row("wake.xyz").ends_with(&["nodes", "density"]), "{table}");
     assert!(row("vase.obj").ends_with(&["triangles", "-"]), "{table}");
     assert_eq!(row("particles.csv")[0], "data/inner/particles.csv");
-    // What is not read comes last, with a reason.
+    // Unread files come last, with a reason.
     let last: Vec<&str> = table.lines().rev().take(2).collect();
     assert_eq!(last[1], "data/noise: not recognised", "{table}");
     assert!(
@@ -109,7 +109,7 @@ fn info_of_several_files_is_a_row_for_each() {
         2
     );
     assert!(list.iter().all(|file| file["file"].is_string()));
-    // A pattern that no shell has replaced; a list even where it matches one file.
+    // A pattern that no shell expanded gives a list even if it matches one file.
     let list: Value = serde_json::from_str(&info(&["data/*.obj", "--json"])).unwrap();
     assert_eq!(list[0]["format"], "Wavefront OBJ mesh");
     assert!(info(&["data/wake.x*"]).contains("bytes per particle"));
@@ -130,7 +130,7 @@ fn info_of_several_files_is_a_row_for_each() {
     }
 }
 
-/// Files of other programs beside data do not hide what can be read: one line for each reason.
+/// Files of other programs beside the data do not hide readable files: one line for each reason.
 #[test]
 fn info_of_a_folder_says_once_what_is_not_read() {
     let folder = tempfile::tempdir().unwrap();
@@ -168,14 +168,15 @@ fn info_of_a_folder_says_once_what_is_not_read() {
     assert!(lines.len() < 9, "{table}");
 }
 
-/// What cannot be drawn has a geometry and fields all the same, and a reason that does not send one to `info`.
+/// A file that cannot be drawn still gets a geometry and fields, and a reason that does not refer
+/// to `info`.
 #[test]
 fn info_explains_what_cannot_be_drawn() {
     let folder = tempfile::tempdir().unwrap();
     let table = "x,y,z,scale_0,scale_1,scale_2,rot_0,rot_1,rot_2,rot_3,mass\n\
                  0,0,0,-3,-4,-2,1,0,0,0,.5\n0.0100000001,0,1,-3,-4,-2,1,0,0,0,.5\n";
     std::fs::write(folder.path().join("a.csv"), table).unwrap();
-    // Logarithms are known by their signs.
+    // Logarithms are recognised by their signs.
     let output = run(folder.path(), &["info", "a.csv", "--json"]);
     let info: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(info["particles"], 2);
@@ -208,7 +209,7 @@ fn info_explains_what_cannot_be_drawn() {
     let info: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(info["particles"], 2);
     assert!(info["problem"].is_null() && info["notes"][0].is_null());
-    // A wrong name of a field is the user's, not the file's.
+    // A wrong field name is the user's error, not the file's.
     let refused = run(folder.path(), &["info", "a.csv", "--field", "rho"]);
     assert_eq!(refused.status.code(), Some(1));
 }

@@ -1,4 +1,4 @@
-//! Files that are large beside the memory there is.
+//! Tests files that are large compared with the available memory.
 
 use std::fs;
 use std::path::Path;
@@ -12,7 +12,7 @@ use ewa_splat::sample::{SampleOptions, scene};
 use crate::commands::{fixture, run, text};
 use crate::common::Random;
 
-/// Spheres with masses, in an NPY file.
+/// Writes spheres with masses to an NPY file.
 fn write_spheres(path: &Path, count: usize) {
     let columns = ["x", "y", "z", "sigma", "mass"].map(|name| format!("('{name}', '<f4')"));
     let mut header = format!(
@@ -40,7 +40,7 @@ fn write_spheres(path: &Path, count: usize) {
     fs::write(path, bytes).unwrap();
 }
 
-/// More than four million points are prepared on the disk: the file is that of all at once.
+/// More than four million points are prepared on disk, with the same file as in memory.
 #[test]
 fn many_points_are_prepared_on_the_disk() {
     let folder = tempfile::tempdir().unwrap();
@@ -79,9 +79,9 @@ fn many_points_are_prepared_on_the_disk() {
         .unwrap();
     let bytes = |name: &str| fs::read(folder.path().join(name)).unwrap();
     assert!(bytes("many.arrow") == bytes("whole.arrow"));
-    // Nothing else is left: temporary files have no names.
+    // No other file is left: temporary files have no names.
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3);
-    // What says nothing of such points is refused as it is of few.
+    // Options that do not apply to such points are refused as for few points.
     let refused = run(
         folder.path(),
         &[
@@ -97,7 +97,7 @@ fn many_points_are_prepared_on_the_disk() {
     assert!(text(&refused.stderr).contains("--transfer-function"));
 }
 
-/// With so many kilobytes of addresses.
+/// Runs the program with a limited address space, in kilobytes.
 fn run_within(folder: &Path, kilobytes: usize, arguments: &[&str]) -> Output {
     Command::new("sh")
         .current_dir(folder)
@@ -112,7 +112,7 @@ fn run_within(folder: &Path, kilobytes: usize, arguments: &[&str]) -> Output {
         .unwrap()
 }
 
-/// An image of 512 x 512 x 1280 zeros, packed by zlib into little.
+/// Writes an image of 512 x 512 x 1280 zeros, compressed by zlib.
 fn write_packed(path: &Path) {
     use std::io::Write;
 
@@ -134,7 +134,7 @@ fn write_packed(path: &Path) {
     fs::write(path, bytes).unwrap();
 }
 
-/// What is made of little, and does not fit, is counted before it is made.
+/// Small files that expand beyond the memory are detected by their counts before they are expanded.
 #[test]
 fn packed_arrays_and_surfels_without_room_are_refused_before_they_are_made() {
     let folder = tempfile::tempdir().unwrap();
@@ -209,7 +209,7 @@ fn memory_that_there_is_not_ends_in_one_line_and_in_no_file() {
     }
 }
 
-/// Folders that are data sets are no files of rows.
+/// Folders that are data sets are not taken for files of rows.
 #[test]
 fn folders_are_prepared_as_a_whole() {
     let folder = tempfile::tempdir().unwrap();

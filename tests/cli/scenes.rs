@@ -1,4 +1,5 @@
-//! Several inputs as one picture: one field, surfels by the pixels of the whole, empty inputs left out, one direction up.
+//! Tests several inputs in one picture: one field, surfels by the pixels of the whole, empty inputs
+//! left out, one direction up.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::fmt::Write;
@@ -6,7 +7,8 @@ use std::path::Path;
 
 use crate::commands::{run, text};
 
-/// A square of `n` by `n` quadrilaterals that begins at a corner, with its place along x as a field.
+/// Returns a square of `n` by `n` quadrilaterals from a corner on, with the x coordinate as a
+/// field.
 fn square(n: usize, [x0, y0]: [f64; 2]) -> String {
     let (mut points, mut values) = (String::new(), String::new());
     for (j, i) in (0..=n).flat_map(|j| (0..=n).map(move |i| (j, i))) {
@@ -39,7 +41,7 @@ fn square(n: usize, [x0, y0]: [f64; 2]) -> String {
     )
 }
 
-/// A collection of files.
+/// Returns a collection of files.
 fn collection(files: &[String]) -> String {
     let entries: String = files
         .iter()
@@ -51,7 +53,7 @@ fn collection(files: &[String]) -> String {
     )
 }
 
-/// An unstructured grid without any point, with an array of none.
+/// Unstructured grid without points, with an empty array.
 const EMPTY: &str = "<VTKFile type=\"UnstructuredGrid\" version=\"1.0\"><UnstructuredGrid><Piece NumberOfPoints=\"0\" \
     NumberOfCells=\"0\"><PointData><DataArray type=\"Float32\" Name=\"x\" format=\"ascii\"></DataArray></PointData>\
     <Points><DataArray type=\"Float32\" NumberOfComponents=\"3\" format=\"ascii\"></DataArray></Points><Cells>\
@@ -59,9 +61,9 @@ const EMPTY: &str = "<VTKFile type=\"UnstructuredGrid\" version=\"1.0\"><Unstruc
     <DataArray type=\"Int32\" Name=\"offsets\" format=\"ascii\"></DataArray>\
     <DataArray type=\"UInt8\" Name=\"types\" format=\"ascii\"></DataArray></Cells></Piece></UnstructuredGrid></VTKFile>";
 
-/// A block of 5 x 5 x 5 nodes that begins at `first` along x.
+/// Returns a block of 5 x 5 x 5 nodes that begins at `first` along x.
 ///
-/// - `nodes`, `cells`: fields, each with the factor of x that its values are.
+/// - `nodes`, `cells`: fields, each with its factor of x.
 fn block(first: usize, nodes: &[(&str, f64)], cells: &[(&str, f64)]) -> String {
     let of = |fields: &[(&str, f64)], n: usize| -> String {
         fields
@@ -83,7 +85,7 @@ fn block(first: usize, nodes: &[(&str, f64)], cells: &[(&str, f64)]) -> String {
     )
 }
 
-/// Draws inputs; returns the statistics and the messages.
+/// Draws inputs. Returns the statistics and the messages.
 fn drawn(folder: &Path, inputs: &[&str], more: &[&str]) -> (serde_json::Value, String) {
     let own = ["--size", "128x128", "--stats", "s.json", "--backend", "cpu"];
     let out = ["--out", "a.png"];
@@ -115,15 +117,15 @@ fn surfaces_share_the_pixels_of_the_picture() {
     let (one, _) = drawn(at, &["one.vtp"], &[]);
     let (all, _) = drawn(at, &["all.vtm"], &[]);
     let (one, all) = (particles(&one), particles(&all));
-    // As many for the same pixels, whatever the number of pieces.
+    // The number of surfels depends on the pixels, not on the number of pieces.
     assert!(all < one + one / 5 && all > one / 2, "{all}, {one}");
-    // In a series, and beside a volume, too.
+    // The same holds in a series and beside a volume.
     let (beside, _) = {
         std::fs::write(at.join("v.vti"), block(0, &[("p", 1.0)], &[])).unwrap();
         drawn(at, &["one.vtp", "v.vti"], &[])
     };
     assert!(particles(&beside) < 2 * one + 125, "{beside}");
-    // What was asked for is what there is.
+    // A number that is asked for is met.
     let (asked, _) = drawn(at, &["all.vtm"], &["--count", "100"]);
     assert!((1500..1700).contains(&particles(&asked)), "{asked}");
 }
@@ -132,7 +134,7 @@ fn surfaces_share_the_pixels_of_the_picture() {
 fn blocks_show_one_field() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    // T is first in two of the blocks, p in all; k is one value everywhere.
+    // T is first in two of the blocks, p in all; k is constant.
     let blocks = [
         block(0, &[("k", 0.0), ("T", 5.0), ("p", 1.0)], &[]),
         block(4, &[("p", 1.0), ("k", 0.0)], &[]),
@@ -145,7 +147,7 @@ fn blocks_show_one_field() {
         files.push(name);
     }
     std::fs::write(at.join("all.vtm"), collection(&files)).unwrap();
-    // One function for all, which is refused of several.
+    // All blocks share one function; several would be refused.
     drawn(at, &["all.vtm"], &["--write-transfer-function", "f.json"]);
     let function = std::fs::read_to_string(at.join("f.json")).unwrap();
     let function: serde_json::Value = serde_json::from_str(&function).unwrap();
@@ -206,7 +208,7 @@ fn parts_of_nothing_are_left_out_with_one_note() {
     };
     std::fs::write(at.join("a.pvd"), pvd(&[(0.0, "e0.vtu"), (0.0, "q.vtp")])).unwrap();
     drawn(at, &["a.pvd"], &[]);
-    // A step of nothing is a picture of nothing.
+    // A step that holds nothing gives an empty picture.
     let steps = pvd(&[(0.0, "e0.vtu"), (1.0, "q.vtp")]);
     std::fs::write(at.join("s.pvd"), steps).unwrap();
     let words = [
@@ -215,7 +217,7 @@ fn parts_of_nothing_are_left_out_with_one_note() {
     let output = run(at, &words);
     assert!(output.status.success(), "{}", text(&output.stderr));
     assert!(at.join("s0.png").exists() && at.join("s1.png").exists());
-    // Nothing at all is an error.
+    // An entirely empty collection is an error.
     std::fs::write(at.join("n.vtm"), collection(&files[2..])).unwrap();
     let output = run(at, &["render", "n.vtm", "--out", "n.png"]);
     assert!(text(&output.stderr).contains("at least one point"));
@@ -225,7 +227,7 @@ fn parts_of_nothing_are_left_out_with_one_note() {
 fn cells_without_a_field_are_drawn_as_their_outside() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    // Two cubes side by side: ten of their twelve faces are outside.
+    // Two adjacent cubes: ten of their twelve faces are outside.
     let grid = "<VTKFile type=\"UnstructuredGrid\" version=\"1.0\"><UnstructuredGrid><Piece NumberOfPoints=\"12\" \
         NumberOfCells=\"2\"><Points><DataArray type=\"Float32\" NumberOfComponents=\"3\" format=\"ascii\">\
         0 0 0 1 0 0 2 0 0 0 1 0 1 1 0 2 1 0 0 0 1 1 0 1 2 0 1 0 1 1 1 1 1 2 1 1</DataArray></Points><Cells>\
@@ -239,7 +241,7 @@ fn cells_without_a_field_are_drawn_as_their_outside() {
     assert!(said.contains("the outside of the cells is drawn"), "{said}");
 }
 
-/// A box of sides 1, 3 and 1 whose longest side lies along an axis.
+/// Returns a box of sides 1, 3 and 1 whose longest side lies along an axis.
 fn tall(axis: usize) -> [[f64; 3]; 8] {
     std::array::from_fn(|i| {
         let side = |a: usize| if i >> a & 1 == 0 { 0.0 } else { 1.0 };
@@ -288,7 +290,7 @@ fn inputs_of_other_axes_are_turned() {
     let expected = "y.obj: +y is up (OBJ mostly has y up), +z in the picture: turned to it; --keep-axes leaves it";
     assert!(said.contains(expected), "{said}");
     let turned = picture();
-    // The axes of all are up in the picture.
+    // The up directions of all inputs point up in the picture.
     drawn(at, &["y.obj", "z.ply"], &[]);
     assert!(picture() == turned);
     let by_hand = ["--rotate", "1,0,0,90", "--rotate", "none"];

@@ -1,4 +1,4 @@
-//! Splats of radiance fields: the space in which they are blended, and fitted cameras.
+//! Tests splats of radiance fields: the space of blending, and fitted cameras.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::path::Path;
@@ -11,7 +11,7 @@ use glam::DVec3;
 use crate::commands::{run, text};
 use crate::common::scene::difference;
 
-/// Runs the program, which must succeed; what it says.
+/// Runs the program, which must succeed, and returns its messages.
 fn done(folder: &Path, line: &str) -> String {
     let words: Vec<&str> = line.split_whitespace().collect();
     let output = run(folder, &words);
@@ -24,7 +24,7 @@ fn picture(folder: &Path, line: &str) -> Image {
     read_image(&folder.join("p.npy")).unwrap()
 }
 
-/// Round splats: place, standard deviation, opacity and colour of each.
+/// Writes round splats: position, standard deviation, opacity and colour of each.
 fn write(path: &Path, is_linear: bool, splats: &[(DVec3, f32, f32, [f32; 3])]) {
     let constant = |c: f32| (c - 0.5) / 0.282_094_8;
     let cloud = SplatCloud {
@@ -39,7 +39,7 @@ fn write(path: &Path, is_linear: bool, splats: &[(DVec3, f32, f32, [f32; 3])]) {
     write_splats(path, &cloud, &SplatFileOptions::default()).unwrap();
 }
 
-/// From (0, 0, 3) along -z.
+/// Camera at (0, 0, 3) that looks along -z.
 const FRONT: &str = "--eye 0,0,3 --target 0,0,0 --up 0,1,0 --size 65x65";
 
 fn near(found: f32, expected: f32, most: f32) {
@@ -56,15 +56,15 @@ fn splats_blend_in_the_space_that_they_state() {
     write(&folder.join("codes.ply"), false, &white);
     let middle = |line: &str| picture(folder, &format!("{line} {FRONT}")).pixel(32, 32);
     for file in ["codes.glb", "codes.ply"] {
-        // Half of white over black is code one half, as every viewer shows it.
+        // Half-opaque white over black gives the code one half, as in every viewer.
         let [r, g, b, a] = middle(&format!("{file} --background 0,0,0"));
         assert!(r == g && g == b && a == 1.0);
         near(srgb_from_linear(r), 0.5, 1e-3);
-        // Over a background that is lighter: halfway between the codes.
+        // A lighter background gives the mean of the codes.
         let [r, ..] = middle(&format!("{file} --background 0.5,0.5,0.5"));
         let halfway = 0.5 + 0.5 * srgb_from_linear(0.5);
         near(srgb_from_linear(r), halfway, 1e-3);
-        // Without one: white, half there.
+        // Without a background, the result is white with opacity one half.
         let [r, _, _, a] = middle(&format!("{file} --background none"));
         near(a, 0.5, 1e-3);
         near(r / a, 1.0, 1e-5);
@@ -76,7 +76,7 @@ fn splats_blend_in_the_space_that_they_state() {
     let [r, ..] = middle("light.glb --background 0,0,0 --blend encoded");
     near(srgb_from_linear(r), 0.5, 1e-3);
 
-    // Colours behind one another: codes are mixed, and decoded once.
+    // For colours behind one another, codes are mixed, and the result is decoded once.
     let two = [
         (DVec3::Z * 0.5, 0.5, 0.6, [0.9, 0.1, 0.4]),
         (DVec3::Z * -0.5, 0.5, 0.8, [0.2, 0.7, 0.3]),
@@ -88,7 +88,7 @@ fn splats_blend_in_the_space_that_they_state() {
         let code = 0.6 * two[0].3[c] + 0.4 * (0.8 * two[1].3[c] + 0.2 * behind[c]);
         near(pixel[c], linear_from_srgb(code), 2e-3);
     }
-    // Grey is the same, whoever blends it, where nothing shows through.
+    // An opaque grey is the same in both spaces.
     let grey = |c: f32| [(DVec3::ZERO, 0.5, 1.0, [c; 3])];
     write(&folder.join("grey.glb"), false, &grey(0.5));
     write(&folder.join("light-grey.glb"), true, &grey(0.5));
@@ -125,7 +125,7 @@ fn what_lies_among_splats_makes_light_blend() {
         blend("codes.glb wall.obj --blend linear"),
         ("linear".into(), false)
     );
-    // A wall of light .25 behind half of white: their codes are mixed.
+    // A wall of light .25 behind half-opaque white: their codes are mixed.
     assert_eq!(
         blend("codes.glb wall.obj --blend encoded"),
         ("encoded".into(), false)
@@ -219,13 +219,13 @@ fn stray_splats_do_not_make_the_others_small() {
         assert!(!said.contains("--fit all"), "{said}");
         let (robust, said) = draw("with.ply", &with, "");
         assert!(said.contains("--fit all"), "{said}");
-        // Blocks are others beside a stray splat, and the camera is fitted to their boxes.
+        // A stray splat changes the blocks, to whose boxes the camera is fitted.
         let (a, b) = (covered(&clean) as f64, covered(&robust) as f64);
         assert!((a / b - 1.0).abs() < 0.05, "{a} {b}");
         let (all, said) = draw("with.ply", &with, "--fit all");
         assert!(!said.contains("--fit all") && covered(&all) < covered(&clean) / 100);
     }
-    // Few splats are all seen, however far apart; so is a part of one in fifty.
+    // If there are few splats, all are shown, however far apart. So is a group of one in fifty.
     let far = [0.0, 10.0, 500.0].map(|x| (DVec3::X * x, 20.0, 0.9, [1.0; 3]));
     let (few, said) = draw("few.ply", &far, "--elevation 0");
     assert!(!said.contains("--fit all"), "{said}");

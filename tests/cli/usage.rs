@@ -1,9 +1,10 @@
-//! Wrong usage: what the program says of it, and with which status it ends.
+//! Tests wrong usage: the messages and exit statuses.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use crate::commands::{files, fixture, run, text};
 
-/// A command line after the program's name, with `WAKE`, `DUCK` ... for files; the exit status; a part of the message.
+/// A command line after the program's name, with `WAKE`, `DUCK` ... for files; the exit status; a
+/// part of the message.
 const WRONG: &[(&str, i32, &str)] = &[
     ("render", 2, "required arguments"),
     ("render WAKE", 2, "--out"),
@@ -374,7 +375,7 @@ fn wrong_usage_is_named_and_leaves_nothing() {
         let said = text(&output.stderr);
         assert_eq!(output.status.code(), Some(*status), "{line}: {said}");
         assert!(said.contains(part), "{line}: {said}");
-        // One line of a fault; usage takes more.
+        // An error is one line; a usage message has more.
         if *status == 1 {
             let faults = said.lines().filter(|l| l.starts_with("error: "));
             assert_eq!(faults.count(), 1, "{line}: {said}");

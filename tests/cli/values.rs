@@ -1,4 +1,5 @@
-//! Fields whose differences single precision cannot represent: absolute pressures, times, values beyond its range.
+//! Tests fields whose differences single precision cannot represent: absolute pressures, times,
+//! values beyond its range.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::fmt::Write as _;
@@ -9,7 +10,7 @@ use ewa_splat::io::read_image;
 
 const SIDE: usize = 12;
 
-/// A wave on a lattice, and the same far from 0 and beyond single precision.
+/// Writes a wave on a lattice, and the same wave far from 0 and beyond single precision.
 fn write(folder: &Path) {
     let wave = |n: usize| {
         let [x, y, z] = [n % SIDE, n / SIDE % SIDE, n / (SIDE * SIDE)].map(|i| i as f64);
@@ -42,7 +43,7 @@ fn write(folder: &Path) {
     std::fs::write(folder.join("w.vti"), file).unwrap();
 }
 
-/// The picture of a field, with further options.
+/// Draws a picture of a field, with further options.
 fn picture(folder: &Path, field: &str, words: &[&str]) -> Vec<[f32; 4]> {
     let mut all = [
         &[
@@ -64,7 +65,8 @@ fn assert_alike(one: &[[f32; 4]], other: &[[f32; 4]], what: &str) {
     let most = apart.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     let shown = one.iter().map(|p| p[3]).fold(0.0, f32::max);
     assert!(shown > 0.3, "{what}: nothing to compare, {shown}");
-    // Positions of both are rounded, to 2^-24 of a range, before a table of 4096 entries is asked.
+    // The positions of both are rounded to 2^-24 of a range before the lookup in a table of 4096
+    // entries.
     assert!(most < 2e-3, "{what}: {most}");
 }
 

@@ -1,4 +1,4 @@
-//! The device that the tests of the GPU back end share.
+//! Opens the device that the tests of the GPU back end share, and compares the back ends' pictures.
 
 use std::collections::BTreeMap;
 use std::panic::Location;
@@ -19,7 +19,7 @@ use super::frame::Frame;
 
 use ewa_splat::render::{AdapterChoice, Gpu};
 
-/// An open device, or `None` (with a word about it) where there is no adapter.
+/// Opens the device, or prints a note and returns `None` if there is no adapter.
 pub fn gpu() -> Option<&'static Gpu> {
     static GPU: OnceLock<Option<Gpu>> = OnceLock::new();
     GPU.get_or_init(|| match Gpu::open(AdapterChoice::Any) {
@@ -37,8 +37,9 @@ pub fn gpu() -> Option<&'static Gpu> {
     .as_ref()
 }
 
-/// The same where whole pictures are compared: always on a graphics card, on a software adapter with `EWA_PICTURES=1` alone.
-/// Twins of single stages, and a few pictures, hold the same formulas in a tenth of the time.
+/// Opens the device for tests that compare full pictures. A graphics card runs them always, a
+/// software adapter only with `EWA_PICTURES=1`. Tests of single stages, and a few pictures, check
+/// the same formulas in a tenth of the time.
 pub fn pictures() -> Option<&'static Gpu> {
     let is_asked = std::env::var_os("EWA_PICTURES").is_some_and(|v| v == "1");
     let gpu = gpu().filter(|gpu| is_asked || !gpu.is_software());
@@ -48,12 +49,12 @@ pub fn pictures() -> Option<&'static Gpu> {
     gpu
 }
 
-/// The largest difference between the two back ends' pictures, in shares of full scale, where no
-/// threshold lies between them: roundings of f32 in different orders along a ray of many layers.
+/// Largest difference between the two back ends' pictures, relative to full scale, at pixels not at
+/// a threshold. It comes from f32 roundings in different orders along a ray of many layers.
 pub const ALIKE: f32 = 2e-5;
 
-/// Draws a scene on both back ends and holds the pictures to each other; returns how many pixels
-/// differ at a threshold, or `None` where there is no adapter.
+/// Draws a scene on both back ends and compares the pictures. Returns the number of pixels that
+/// differ at a threshold, or `None` if there is no adapter.
 pub fn assert_alike(
     name: &str,
     scene: &PointVolume,
@@ -62,7 +63,7 @@ pub fn assert_alike(
 ) -> Option<usize> {
     let gpu = gpu()?;
     let settings = Settings {
-        // No fused operations, as on the device.
+        // The CPU uses no fused operations, as the device uses none.
         simd: SimdLevel::Baseline,
         ..settings.clone()
     };
@@ -80,7 +81,7 @@ pub fn assert_alike(
     println!("{name}: {:?} {:?}", on_cpu.counts(), on_gpu.counts());
     let (c, d) = (on_cpu.counts(), on_gpu.counts());
     assert_eq!(c.blocks, d.blocks, "{name}");
-    // Quotients and roots of hardware may fall on the other side of a threshold.
+    // A hardware GPU's quotients and roots may fall on the other side of a threshold.
     let flips = if gpu.is_software() {
         0
     } else {
@@ -98,7 +99,7 @@ pub fn assert_alike(
     let mut filters = c.block_filters.iter().zip(d.block_filters);
     assert!(filters.all(|(&a, b)| alike(a, b)), "{name}: {c:?} {d:?}");
     assert_eq!(c.classified, d.classified, "{name}");
-    // A footprint at the image's border may reach it on one side only.
+    // A footprint at the image's border may reach it on one back end only.
     let near = |a: usize, b: usize| a.abs_diff(b) <= 2 + a / 1000;
     assert!(near(c.footprints, d.footprints), "{name}: {c:?} {d:?}");
     assert!(near(c.tile_entries, d.tile_entries), "{name}: {c:?} {d:?}");
@@ -112,7 +113,7 @@ pub fn assert_alike(
         a.pixels.len()
     );
     if let (Some(a), Some(b)) = (on_cpu.depth(), on_gpu.depth()) {
-        // Another footprint's where the opacity before it is within rounding of a half.
+        // Another footprint gives the depth if the opacity before it is within rounding of a half.
         let differ = |(x, y): &(&f32, &f32)| !((*x - *y).abs() <= 1e-5 * x.abs() || x == y);
         let count = a.depths.iter().zip(&b.depths).filter(differ).count();
         println!("{name}: {count} depths differ");
@@ -122,11 +123,12 @@ pub fn assert_alike(
     Some(flips)
 }
 
-/// The first pictures of a line of a test that [`hold_sampled`] holds to the GPU's; after those,
-/// every one whose number is a power of two: a software adapter takes seconds for some.
+/// Number of pictures that [`hold_sampled`] compares at the start of each test line. Later it
+/// compares every one whose number is a power of two, because a software adapter takes seconds for
+/// some.
 const FIRST: usize = 6;
 
-/// [`assert_alike`], for a sample of the pictures that each line of the tests draws.
+/// Runs [`assert_alike`] on a sample of the pictures that each line of the tests draws.
 #[track_caller]
 pub fn hold_sampled(scene: &PointVolume, camera: &Camera, settings: &Settings) {
     static DRAWN: Mutex<BTreeMap<(&str, u32), usize>> = Mutex::new(BTreeMap::new());
@@ -146,13 +148,13 @@ pub fn hold_sampled(scene: &PointVolume, camera: &Camera, settings: &Settings) {
     }
 }
 
-/// How many pixels of two pictures of one frame differ by more than `rounding`. Fails where such a
-/// pixel lies on no threshold: no kernel of its tile has its cut-off within rounding there, and
-/// the tile's opacity is nowhere within rounding of what ends it.
+/// Counts the pixels of two pictures of one frame that differ by more than `rounding`. It fails if
+/// such a pixel lies on no threshold: no kernel of its tile has its cut-off within rounding there,
+/// and the tile's opacity is nowhere within rounding of the termination threshold.
 pub fn explained_flips(frame: &Frame, bins: &Bins, a: &Image, b: &Image, rounding: f32) -> usize {
     let mut flips = 0;
     for (i, (p, q)) in a.pixels.iter().zip(&b.pixels).enumerate() {
-        // NaN differs from all but itself.
+        // NaN differs from everything but the same bits.
         let differs =
             |(x, y): (&f32, &f32)| !((x - y).abs() <= rounding) && x.to_bits() != y.to_bits();
         if !p.iter().zip(q).any(differs) {
@@ -171,7 +173,7 @@ pub fn explained_flips(frame: &Frame, bins: &Bins, a: &Image, b: &Image, roundin
     flips
 }
 
-/// Whether a pixel centre lies within f32 rounding of a footprint's cut-off.
+/// Returns true if a pixel centre lies within f32 rounding of a footprint's cut-off.
 fn is_on_cutoff(frame: &Frame, n: usize, x: usize, y: usize) -> bool {
     let f = &frame.footprints[n];
     let wide = |v: [f32; 2]| DVec2::new(f64::from(v[0]), f64::from(v[1]));
@@ -193,13 +195,13 @@ fn is_on_cutoff(frame: &Frame, n: usize, x: usize, y: usize) -> bool {
             1.0 + wide(terms.gradient).dot(d) + hxx * d.x * d.x + hxy * d.x * d.y + hyy * d.y * d.y;
     }
     let cutoff = f64::from(f.cutoff_squared);
-    // A centre of some roundings at its coordinate, times the form's slope there.
+    // The error of the centre, a few roundings of its coordinate, times the form's slope there.
     let slope = 2.0 * q.sqrt() * (wide(f.form_p).length() + wide(f.form_r).length());
     let pixel = 4.0 * f64::from(f32::EPSILON) * at.max_element().max(1.0);
     (q - cutoff).abs() <= 1e-5 * cutoff + slope * pixel
 }
 
-/// Whether the least opacity of a tile comes within rounding of what ends it.
+/// Returns true if the least opacity of a tile comes within rounding of the termination threshold.
 fn ends_at_a_threshold(frame: &Frame, bins: &Bins, tile: usize) -> bool {
     let opaque = 1.0 - f64::from(frame.uniform.tolerance * TERMINATION_SHARE);
     let origin = [tile % frame.tiles[0], tile / frame.tiles[0]].map(|t| t * TILE_SIZE);
@@ -228,7 +230,8 @@ fn ends_at_a_threshold(frame: &Frame, bins: &Bins, tile: usize) -> bool {
     false
 }
 
-/// Optical depth (or opacity) of an affine footprint; of the others roughly.
+/// Returns the optical depth (or opacity) of an affine footprint exactly; of other footprints
+/// approximately.
 fn optical_depth(frame: &Frame, f: &Footprint, n: usize, x: usize, y: usize) -> f64 {
     let wide = |v: [f32; 2]| DVec2::new(f64::from(v[0]), f64::from(v[1]));
     let d = DVec2::new(x as f64 + 0.5, y as f64 + 0.5) - wide(f.centre_px);

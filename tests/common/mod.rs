@@ -1,4 +1,4 @@
-//! What several test files share.
+//! Provides inputs, random kernels, reference formulas and frames for several test programs.
 #![allow(
     dead_code,
     unreachable_pub,
@@ -22,8 +22,9 @@ use ewa_splat::stages::splat::{Filter, Kernel};
 use glam::{DMat3, DVec3, Vec3};
 use serde_json::Value;
 
-/// All of a list where every view and tolerance is to be tried (`EWA_ALL=1`); otherwise every `step`-th from
-/// the `first` on. What is left out is breadth: another test, or the rest of the list, holds the same law.
+/// Returns all of a list if every view and tolerance is to be tried (`EWA_ALL=1`); otherwise every
+/// `step`-th from the `first` on. The default reduces breadth only: another test, or the rest of
+/// the list, checks the same law.
 pub fn some<T>(all: impl IntoIterator<Item = T>, first: usize, step: usize) -> Vec<T> {
     let is_all = std::env::var_os("EWA_ALL").is_some_and(|v| v == "1");
     let all = all.into_iter();
@@ -34,7 +35,7 @@ pub fn some<T>(all: impl IntoIterator<Item = T>, first: usize, step: usize) -> V
     }
 }
 
-/// A JSON file of `fixtures/`.
+/// Reads a JSON file of `fixtures/`.
 pub fn fixture(name: &str) -> Value {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("fixtures")
@@ -42,13 +43,13 @@ pub fn fixture(name: &str) -> Value {
     serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
 }
 
-/// The path of one of the small inputs from elsewhere that lie beside the real data, or `None` (with a word about it) where
-/// it is absent.
+/// Returns the path of a small third-party input beside the real data, or prints a note and returns
+/// `None` if it is absent.
 pub fn case(name: &str) -> Option<PathBuf> {
     real_data(&format!("../cases/{name}"))
 }
 
-/// The path of a real file, or `None` (with a word about it) where it is absent.
+/// Returns the path of a real data file, or prints a note and returns `None` if it is absent.
 pub fn real_data(name: &str) -> Option<PathBuf> {
     let folder = std::env::var_os("EWA_DATA_DIR").map_or_else(
         || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
@@ -64,7 +65,7 @@ pub fn real_data(name: &str) -> Option<PathBuf> {
     None
 }
 
-/// Nodes of a grid, i fastest: `at` maps index fractions, each 0..1, to positions.
+/// Returns the nodes of a grid, i fastest: `at` maps index fractions, each 0..1, to positions.
 pub fn grid_nodes(dims: [usize; 3], at: impl Fn(DVec3) -> DVec3) -> Vec<DVec3> {
     let [ni, nj, nk] = dims;
     let fraction = |i: usize, n: usize| i as f64 / (n - 1) as f64;
@@ -80,7 +81,7 @@ pub fn grid_nodes(dims: [usize; 3], at: impl Fn(DVec3) -> DVec3) -> Vec<DVec3> {
         .collect()
 }
 
-/// The number at a JSON pointer.
+/// Returns the number at a JSON pointer.
 pub fn number(value: &Value, pointer: &str) -> f64 {
     value
         .pointer(pointer)
@@ -88,14 +89,14 @@ pub fn number(value: &Value, pointer: &str) -> f64 {
         .unwrap_or_else(|| panic!("no {pointer}"))
 }
 
-/// The numbers at a JSON pointer.
+/// Returns the numbers at a JSON pointer.
 pub fn numbers(value: &Value, pointer: &str) -> Vec<f64> {
     let list = value.pointer(pointer).and_then(Value::as_array);
     let list = list.unwrap_or_else(|| panic!("no {pointer}"));
     list.iter().map(|v| v.as_f64().unwrap()).collect()
 }
 
-/// A kernel from camera-space rows of its factor.
+/// Makes a kernel from camera-space rows of its factor.
 pub fn kernel(centre: [f32; 3], rows: [[f32; 3]; 3], mass: f32) -> Kernel {
     let [x, y, z] = rows.map(Vec3::from);
     Kernel {
@@ -105,7 +106,7 @@ pub fn kernel(centre: [f32; 3], rows: [[f32; 3]; 3], mass: f32) -> Kernel {
     }
 }
 
-/// A perspective view of 1024 x 768.
+/// Makes a perspective view of 1024 x 768.
 pub fn view(focal_px: [f32; 2], centre_px: [f32; 2], h2: f32) -> ViewUniform {
     ViewUniform {
         focal_px,
@@ -121,14 +122,14 @@ pub fn view(focal_px: [f32; 2], centre_px: [f32; 2], h2: f32) -> ViewUniform {
     }
 }
 
-/// One splat's evaluation at a pixel in its plainest form, f32: what the rasteriser's vector loop
-/// must equal.
+/// Evaluates one splat at a pixel in the plainest form, f32. The rasteriser's vector loop must
+/// equal it.
 pub mod scalar {
     use ewa_splat::stages::record::{ExactTerms, ViewUniform};
     use ewa_splat::stages::splat::{ImageKernel, ScreenFactor};
     use glam::{Vec2, Vec3};
 
-    /// (Q, tau) of the affine footprint.
+    /// Returns (Q, tau) of the affine footprint.
     pub fn affine(screen: &ScreenFactor, image: &ImageKernel, pixel: Vec2) -> (f32, f32) {
         let d = pixel - screen.centre_px;
         let [p, r] = image.triangular_form().map(Vec2::from);
@@ -136,7 +137,7 @@ pub mod scalar {
         (q, image.tau * (-0.5 * q).exp())
     }
 
-    /// (w, tau) of the exact footprint.
+    /// Returns (w, tau) of the exact footprint.
     pub fn exact(
         view: &ViewUniform,
         screen: &ScreenFactor,
@@ -161,16 +162,16 @@ pub mod scalar {
     }
 }
 
-/// SplitMix64 (Steele et al. 2014): seeded, so that a failure can be met again.
+/// SplitMix64 (Steele et al. 2014), seeded so that a failure can be reproduced.
 pub struct Random(u64);
 
 impl Random {
-    /// A generator of the sequence number `seed`.
+    /// Creates the generator of the sequence number `seed`.
     pub fn new(seed: u64) -> Self {
         Self(seed)
     }
 
-    /// 64 random bits.
+    /// Returns 64 random bits.
     pub fn bits(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
@@ -179,28 +180,28 @@ impl Random {
         z ^ z >> 31
     }
 
-    /// Uniform in \[low, high).
+    /// Returns a number uniform in \[low, high).
     pub fn range(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * (self.bits() >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    /// Uniform in the logarithm.
+    /// Returns a number whose logarithm is uniform.
     pub fn log_range(&mut self, low: f64, high: f64) -> f64 {
         self.range(low.ln(), high.ln()).exp()
     }
 
-    /// Below `count`.
+    /// Returns an index below `count`.
     pub fn index(&mut self, count: usize) -> usize {
         (self.bits() % count as u64) as usize
     }
 
-    /// Uniform in a cube.
+    /// Returns a point uniform in a cube.
     pub fn point(&mut self, half_side: f64) -> DVec3 {
         let mut x = || self.range(-half_side, half_side);
         DVec3::new(x(), x(), x())
     }
 
-    /// A rotation, uniform enough: two random directions, orthonormalised.
+    /// Returns an approximately uniform rotation: two random directions, orthonormalised.
     pub fn rotation(&mut self) -> DMat3 {
         loop {
             let (a, b) = (self.point(1.0), self.point(1.0));
@@ -212,8 +213,8 @@ impl Random {
         }
     }
 
-    /// A factor with the largest standard deviation `largest`, the smallest `largest / ratio`
-    /// and one between, in a random direction.
+    /// Returns a factor in a random direction. Its largest standard deviation is `largest`, its
+    /// smallest `largest / ratio`, and one lies between.
     pub fn factor(&mut self, largest: f64, ratio: f64) -> DMat3 {
         let sigmas = DVec3::new(
             largest,
@@ -224,8 +225,8 @@ impl Random {
     }
 }
 
-/// The lower-triangular L with L Lᵀ = F Fᵀ, packed as the particles store it: Gram-Schmidt on
-/// the rows of F, so that no variance is formed.
+/// Returns the lower-triangular L with L Lᵀ = F Fᵀ, packed as the particles store it. Gram-Schmidt
+/// on the rows of F avoids forming the variance.
 pub fn lower_factor(f: &DMat3) -> [f32; 6] {
     let (r0, r1, r2) = (f.row(0), f.row(1), f.row(2));
     let l00 = r0.length();
@@ -239,14 +240,15 @@ pub fn lower_factor(f: &DMat3) -> [f32; 6] {
     [l00, l10, l11, l20, l21, l22].map(|l| l as f32)
 }
 
-/// What the formulas should give, in f64 and by other roads than theirs: variances are formed,
-/// matrices inverted, integrals summed. Good to about 1e-16 times the square of the axis ratio.
+/// Computes the expected values of the formulas in f64, by other methods: it forms variances,
+/// inverts matrices and sums integrals. The relative error is about 1e-16 times the square of the
+/// axis ratio.
 pub mod judge {
     use ewa_splat::stages::record::ViewUniform;
     use ewa_splat::stages::splat::Kernel;
     use glam::{DMat2, DMat3, DVec2, DVec3};
 
-    /// A kernel in camera space with its variance.
+    /// Kernel in camera space with its variance.
     #[derive(Debug, Clone, Copy)]
     pub struct Body {
         /// u_k.
@@ -258,7 +260,7 @@ pub mod judge {
     }
 
     impl Body {
-        /// The very numbers of an f32 kernel.
+        /// Converts an f32 kernel without rounding.
         pub fn of(kernel: &Kernel) -> Self {
             let f = &kernel.factor;
             let rows = [f.x, f.y, f.z].map(glam::Vec3::as_dvec3);
@@ -270,7 +272,7 @@ pub mod judge {
             }
         }
 
-        /// V + depth² diag(h²/fx², h²/fy², 0), the low-pass filter in three dimensions.
+        /// Returns V + depth² diag(h²/fx², h²/fy², 0): the low-pass filter in three dimensions.
         pub fn low_passed(&self, focal: DVec2, h2: f64, depth: f64) -> Self {
             let slope = DVec2::splat(depth) / focal;
             let added = DMat3::from_diagonal((slope * slope * h2).extend(0.0));
@@ -280,7 +282,8 @@ pub mod judge {
             }
         }
 
-        /// g times the integral of the Gaussian along the whole line t D, Euclidean arc length.
+        /// Returns g times the integral of the Gaussian along the whole line t D, Euclidean arc
+        /// length.
         pub fn line_integral(&self, d: DVec3) -> f64 {
             let adjugate = adjugate(&self.variance);
             let c = self.centre.cross(d);
@@ -289,15 +292,15 @@ pub mod judge {
             self.mass * d.length() / (std::f64::consts::TAU * across.sqrt()) * (-0.5 * q).exp()
         }
 
-        /// The largest value of any line integral along z.
+        /// Returns the largest value of any line integral along z.
         pub fn line_integral_orthographic(&self) -> f64 {
             let v = &self.variance;
             let determinant = v.x_axis.x * v.y_axis.y - v.x_axis.y * v.x_axis.y;
             self.mass / (std::f64::consts::TAU * determinant.sqrt())
         }
 
-        /// g times the integral along the half line start + t D, t > 0, by Simpson's rule on the
-        /// Gaussian itself.
+        /// Returns g times the integral along the half line start + t D, t > 0, by Simpson's rule
+        /// on the Gaussian itself.
         pub fn half_line_integral(&self, start: DVec3, d: DVec3) -> f64 {
             let inverse = self.variance.inverse();
             let u = self.centre - start;
@@ -328,7 +331,7 @@ pub mod judge {
             self.mass * d.length() * peak * sum * step / 3.0
         }
 
-        /// The footprint's variance in px² by the printed Jacobian of a perspective camera.
+        /// Returns the footprint's variance in px² by the paper's Jacobian of a perspective camera.
         pub fn projected(&self, focal: DVec2) -> DMat2 {
             let u = self.centre;
             let x = DVec3::new(focal.x / u.z, 0.0, -focal.x * u.x / (u.z * u.z));
@@ -341,7 +344,7 @@ pub mod judge {
         }
     }
 
-    /// adj(V) of a symmetric V.
+    /// Returns adj(V) of a symmetric V.
     pub fn adjugate(v: &DMat3) -> DMat3 {
         DMat3::from_cols(
             v.y_axis.cross(v.z_axis),
@@ -350,7 +353,7 @@ pub mod judge {
         )
     }
 
-    /// The lower-triangular factor of a 2x2 variance, by columns.
+    /// Returns the lower-triangular factor of a 2x2 variance, by columns.
     pub fn cholesky(v: &DMat2) -> DMat2 {
         let l0 = v.x_axis.x.sqrt();
         let l1 = v.x_axis.y / l0;
@@ -358,20 +361,20 @@ pub mod judge {
         DMat2::from_cols(DVec2::new(l0, l1), DVec2::new(0.0, l2))
     }
 
-    /// Smaller and larger eigenvalue of a 2x2 variance.
+    /// Returns the smaller and the larger eigenvalue of a 2x2 variance.
     pub fn eigenvalues(v: &DMat2) -> (f64, f64) {
         let (a, b, c) = (v.x_axis.x, v.x_axis.y, v.y_axis.y);
         let large = 0.5 * (a + c) + (0.5 * (a - c)).hypot(b);
         ((a * c - b * b) / large, large)
     }
 
-    /// Focal lengths of a view.
+    /// Returns the focal lengths of a view.
     pub fn focal(view: &ViewUniform) -> DVec2 {
         DVec2::new(f64::from(view.focal_px[0]), f64::from(view.focal_px[1]))
     }
 }
 
-/// Random kernels in front of a perspective camera, and what their judges need.
+/// Draws random kernels in front of a perspective camera, with the reference values for them.
 pub mod draw {
     use ewa_splat::stages::record::ViewUniform;
     use ewa_splat::stages::splat::Kernel;
@@ -383,20 +386,20 @@ pub mod draw {
     /// Half a unit in the last place of f32, relative.
     pub const EPS: f64 = 5.960_464_477_539_063e-8;
 
-    /// What a test draws its kernels from.
+    /// Ranges from which a test draws its kernels.
     #[derive(Debug, Clone, Copy)]
     pub struct Draw {
         /// Largest axis ratio.
         pub ratio: f64,
-        /// Largest standard deviation over distance, from and to.
+        /// Smallest and largest value of the largest standard deviation over the distance.
         pub size: [f64; 2],
-        /// Largest angle between the kernel's centre and the optical axis.
+        /// Largest angle between the direction of the kernel's centre and the optical axis.
         pub off_axis_deg: f64,
         pub h2: f32,
     }
 
-    /// A kernel in front of the camera: its ellipsoid at 3.4 standard deviations, the default
-    /// cut-off, stays clear of the camera plane.
+    /// Draws a kernel in front of the camera. Its ellipsoid at 3.4 standard deviations, the default
+    /// cut-off, does not touch the camera plane.
     pub fn draw(random: &mut Random, from: Draw) -> (ViewUniform, Kernel) {
         loop {
             let fx = random.log_range(100.0, 2000.0);
@@ -423,13 +426,13 @@ pub mod draw {
         }
     }
 
-    /// D through the pixel at offset `d` from the kernel's own, f64 centre.
+    /// Returns D through the pixel at offset `d` from the kernel's own, f64 centre.
     pub fn ray(v: &ViewUniform, body: &Body, d: DVec2) -> DVec3 {
         let slope = body.centre.truncate() / body.centre.z + d / judge::focal(v);
         slope.extend(1.0)
     }
 
-    /// The low-passed body, its footprint's variance and that variance's factor.
+    /// Returns the low-passed body, its footprint's variance and that variance's factor.
     pub fn judged(v: &ViewUniform, k: &Kernel) -> (Body, DMat2, DMat2) {
         let bare = Body::of(k);
         let body = bare.low_passed(
@@ -442,14 +445,14 @@ pub mod draw {
     }
 }
 
-/// Scenes and cameras in few words.
+/// Makes scenes and cameras with little code.
 pub mod scene {
     use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
     use ewa_splat::view::{Camera, Projection};
     use ewa_splat::{Image, Renderer, Settings};
     use glam::{DMat3, DVec2, DVec3};
 
-    /// One particle in the world.
+    /// Particle in world space.
     #[derive(Debug, Clone, Copy)]
     pub struct Particle {
         pub position: DVec3,
@@ -460,7 +463,7 @@ pub mod scene {
     }
 
     impl Particle {
-        /// A white sphere.
+        /// Makes a white sphere.
         pub fn sphere(position: DVec3, sigma: f64, mass: f64) -> Self {
             Self {
                 position,
@@ -470,13 +473,13 @@ pub mod scene {
             }
         }
 
-        /// The same in another colour.
+        /// Returns this particle in another colour.
         pub fn coloured(self, colour: [f32; 3]) -> Self {
             Self { colour, ..self }
         }
     }
 
-    /// An anisotropic volume.
+    /// Makes an anisotropic volume.
     pub fn volume(particles: &[Particle]) -> PointVolume {
         PointVolume {
             particles: Particles::Anisotropic {
@@ -496,7 +499,7 @@ pub mod scene {
         }
     }
 
-    /// A camera at the origin that looks along +z with x to the right and y down.
+    /// Makes a camera at the origin that looks along +z with x to the right and y down.
     pub fn camera(projection: Projection, focal: [f64; 2], size: [usize; 2]) -> Camera {
         Camera {
             projection,
@@ -509,8 +512,8 @@ pub mod scene {
         }
     }
 
-    /// Kernels that overlap, some hundred of them and total depth 1 to 100, before cameras from wide
-    /// to narrow that look past them by up to 45 degrees.
+    /// Draws a hundred or more overlapping kernels with total depth 1 to 100. Cameras are wide to
+    /// narrow and look past them by up to 45 degrees.
     pub fn overlapping(random: &mut super::Random) -> (Vec<Particle>, Camera) {
         let focal = DVec2::new(1.2, 1.0) * random.log_range(50.0, 5000.0);
         let mut camera = camera(Projection::Perspective, focal.into(), [64, 64]);
@@ -530,7 +533,7 @@ pub mod scene {
                 let position = (slope * z).extend(z);
                 let v = factor * factor.transpose();
                 let area = std::f64::consts::TAU * v.determinant().cbrt();
-                // All kernels together fill their window `depth` deep.
+                // All kernels together have the optical depth `depth` in their window.
                 let mass = depth * (2.0 * window * z).powi(2) / count as f64;
                 let mass = mass * random.log_range(0.3, 3.0);
                 Particle {
@@ -544,8 +547,8 @@ pub mod scene {
         (particles, camera)
     }
 
-    /// The optical depths tau themselves in the alpha channel (for tau below 1), the kernels in
-    /// full.
+    /// Returns settings that put the optical depths tau into the alpha channel (for tau below 1),
+    /// without a cut-off.
     pub fn linear() -> Settings {
         Settings {
             linear_opacity: true,
@@ -554,8 +557,7 @@ pub mod scene {
         }
     }
 
-    /// Renders once, on the CPU; every picture of one volume in a sample of them is held to the
-    /// GPU's.
+    /// Renders once, on the CPU. Pictures of one volume are compared with the GPU's, by sampling.
     #[track_caller]
     pub fn render(scene: Vec<PointVolume>, camera: &Camera, settings: &Settings) -> Image {
         #[cfg(feature = "gpu")]
@@ -567,7 +569,7 @@ pub mod scene {
         renderer.image().clone()
     }
 
-    /// The largest difference in any channel of any pixel; NaN counts as infinite.
+    /// Returns the largest difference in any channel of any pixel; NaN counts as infinite.
     pub fn difference(a: &Image, b: &Image) -> f32 {
         assert_eq!((a.width, a.height), (b.width, b.height));
         let channels = a.pixels.iter().flatten().zip(b.pixels.iter().flatten());
@@ -583,13 +585,13 @@ pub mod scene {
         })
     }
 
-    /// Sum of alpha over the pixels.
+    /// Returns the sum of alpha over the pixels.
     pub fn alpha_sum(image: &Image) -> f64 {
         image.pixels.iter().map(|p| f64::from(p[3])).sum()
     }
 }
 
-/// A frame taken apart into its stages, up to the sorted order.
+/// Splits a frame into its stages, up to the sorted order.
 pub mod frame {
     use ewa_splat::Filter;
     use ewa_splat::Settings;
@@ -605,7 +607,7 @@ pub mod frame {
     use ewa_splat::stages::splat::Axes;
     use ewa_splat::view::{Camera, Projection};
 
-    /// What the stages of one frame of one volume hand to each other.
+    /// Data that the stages of one frame of one volume pass on.
     #[derive(Debug)]
     pub struct Frame {
         pub volume: BlockedVolume,
@@ -615,7 +617,7 @@ pub mod frame {
         pub views: Vec<BlockView>,
         pub uniform: ViewUniform,
         pub classified: Vec<ClassifiedParticle>,
-        /// Their terms, where kernels are classified over their extents.
+        /// Their terms, if kernels are classified over their extents.
         pub pieces: Vec<PieceTerms>,
         pub footprints: Vec<Footprint>,
         pub exact: Vec<ExactTerms>,
@@ -623,7 +625,7 @@ pub mod frame {
         pub near: Vec<NearTerms>,
         pub any_exact: bool,
         pub order: Vec<u64>,
-        /// Tiles along x and y.
+        /// Number of tiles along x and y.
         pub tiles: [usize; 2],
     }
 
@@ -634,14 +636,14 @@ pub mod frame {
             Self::with(volume, camera, settings, Frustum::new(camera, margin))
         }
 
-        /// The same of all blocks in front of the eye's plane, whatever lies beside the image:
-        /// the frustum of a camera that an enormous margin opens to nearly 180 degrees.
+        /// Runs the same stages on all blocks in front of the eye's plane, even beside the image:
+        /// an enormous margin opens the camera's frustum to nearly 180 degrees.
         pub fn uncut(volume: PointVolume, camera: &Camera, settings: &Settings) -> Self {
             Self::with(volume, camera, settings, Frustum::new(camera, 1e9))
         }
 
-        /// Rasterises its lists in the plainest code, without fused operations; returns the tiles and the count
-        /// of splat-pixels.
+        /// Rasterises its lists in the plainest code, without fused operations. Returns the tiles
+        /// and the count of splat-pixels.
         pub fn rasterised(&self, bins: &Bins, axes: Axes, surface: &[Tile]) -> (Vec<Tile>, u64) {
             let mut tiles = vec![Tile::default(); self.tiles[0] * self.tiles[1]];
             let settings = RasteriseSettings {
@@ -742,12 +744,12 @@ pub mod frame {
             frame
         }
 
-        /// The projection alone, again.
+        /// Runs the projection alone, again.
         pub fn project(&mut self) {
             self.project_as(false);
         }
 
-        /// The same of kernels that are to be cut, if so.
+        /// Runs the projection again; if `is_cut`, of kernels that are to be cut.
         pub fn project_as(&mut self, is_cut: bool) {
             let mut output = ProjectOutput::default();
             cpu::project(
@@ -771,7 +773,7 @@ pub mod frame {
             self.near = output.near().to_vec();
         }
 
-        /// What the footprints have besides.
+        /// Returns the additional terms of the footprints.
         pub fn terms(&self) -> FootprintTerms<'_> {
             if self.volume.is_surface() {
                 FootprintTerms::Surfel(&self.surfels)
@@ -780,7 +782,7 @@ pub mod frame {
             }
         }
 
-        /// The tiles' lists.
+        /// Returns the tiles' lists.
         pub fn bins(&self) -> Bins {
             let mut bins = Bins::default();
             cpu::bin(
@@ -796,7 +798,7 @@ pub mod frame {
     }
 }
 
-/// Depths of tiles that cover an image of a size.
+/// Returns the depths of tiles that cover an image of a given size.
 pub fn depth_of(tiles: &[ewa_splat::stages::cpu::Tile], [width, height]: [usize; 2]) -> DepthImage {
     let mut image = DepthImage {
         width,

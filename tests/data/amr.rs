@@ -1,4 +1,4 @@
-//! Levels of refinement: AMReX's plotfiles, VTK's XML, and how evenly they are drawn.
+//! Tests levels of refinement: AMReX's plotfiles, VTK's XML, and how evenly they are drawn.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -29,7 +29,7 @@ fn numbers(data: &Dataset, field: &str) -> Vec<f32> {
     (0..values.len()).map(|i| values.get(i)).collect()
 }
 
-/// The kernels: places, standard deviations, volumes.
+/// Returns the kernels: positions, standard deviations, volumes.
 fn kernels(volume: &PointVolume) -> Vec<(DVec3, f64, f64)> {
     let Strength::Classified { volumes } = &volume.strength else {
         panic!("classified volumes expected")
@@ -47,7 +47,7 @@ fn sampled(data: Dataset) -> Vec<(DVec3, f64, f64)> {
     kernels(&volume(data, &SampleOptions::default()).unwrap().volume)
 }
 
-/// The value of each cell says where it is and of which level.
+/// Returns a cell's value, which encodes its position and level.
 fn by_place([x, y, z]: [f64; 3], level: usize) -> f64 {
     x + 10.0 * y + 100.0 * z + 10_000.0 * level as f64
 }
@@ -73,7 +73,7 @@ fn each_place_has_the_finest_cell() {
         let rho = numbers(&data, "rho");
         let ghosts = numbers(&data, "vtkGhostType");
         assert_eq!(ghosts.iter().filter(|g| **g == 8.0).count(), 64);
-        // Where a coarse cell counts, its centre is in no fine box.
+        // A coarse cell that counts has its centre in no fine box.
         let kept = rho.iter().zip(&ghosts).filter(|(_, ghost)| **ghost == 0.0);
         let kept: Vec<f32> = kept.map(|(rho, _)| *rho).collect();
         assert_eq!(kept.len(), 512 - 64 + 512);
@@ -87,7 +87,7 @@ fn each_place_has_the_finest_cell() {
             assert!(sigma / spacing > 0.599 && *sigma < 0.601, "{place} {sigma}");
         }
         let total: f64 = kernels.iter().map(|(.., v)| v).sum();
-        // Beside the finer level volumes are evened out.
+        // Volumes are smoothed next to the finer level.
         assert!((total / 512.0 - 1.0).abs() < 0.01, "{total}");
     }
 }
@@ -143,7 +143,7 @@ fn a_file_of_chombos_is_read() {
     assert_eq!(blocks.len(), 15);
     assert_eq!(data.bounds(), Some((DVec3::ZERO, DVec3::splat(8.0))));
     let kernels = sampled(data);
-    // Of 4096 cells of the middle level 696 lie under finer ones.
+    // 696 of the 4096 cells of the middle level lie under finer ones.
     assert_eq!(kernels.len(), 3400 + 8 * 696);
     let total: f64 = kernels.iter().map(|(.., v)| v).sum();
     assert!((total / 512.0 - 1.0).abs() < 0.01, "{total}");
@@ -184,7 +184,7 @@ fn damaged_plotfiles_are_refused() {
     }
 }
 
-/// The sum of kernels at a place.
+/// Returns the sum of kernels at a position.
 fn density(kernels: &[(DVec3, f64, f64)], at: DVec3) -> f64 {
     let normal = std::f64::consts::TAU.powf(1.5);
     let of = |(p, s, v): &(DVec3, f64, f64)| {

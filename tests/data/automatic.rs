@@ -1,4 +1,4 @@
-//! Automatic transfer functions of data: backgrounds, signs, flat data, units.
+//! Tests automatic transfer functions of data: backgrounds, signs, flat data, units.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -14,7 +14,7 @@ use ewa_splat::scene::{
 };
 use glam::DVec3;
 
-/// A number from 0 to 1 for each seed.
+/// Returns a number from 0 to 1 for each seed.
 fn random(n: usize) -> f64 {
     let z = (n as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     let z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -27,7 +27,8 @@ fn of_grid(values: &Values) -> TransferFunction {
     TransferFunction::automatic(&sample, &AutomaticOptions::default()).unwrap()
 }
 
-/// Noise from 0 to 59, a body about 140, and a level of which `saturated` parts in a thousand are.
+/// Returns noise from 0 to 59 and a body about 140, of which `saturated` parts in a thousand have
+/// the value `level`.
 fn scan(level: u8, saturated: f64) -> Values {
     let value = |n: usize| match 1000.0 * random(3 * n) {
         kind if kind < saturated => level,
@@ -52,7 +53,7 @@ fn one_saturated_level_is_no_background() {
         );
         assert!(alpha(body) > 0.0 && alpha(level) > alpha(body));
     }
-    // The other way round: bright noise, and a dark level.
+    // The reverse: bright noise and a dark level.
     let Values::U8(bytes) = scan(255, 45.0) else {
         unreachable!()
     };
@@ -88,7 +89,7 @@ fn levels_that_are_backgrounds_stay_so() {
     };
     let t = of_grid(&Values::U8((0..64_000).map(value).collect()));
     assert!(t.classify(0.0)[3] <= 0.0 && t.classify(180.0)[3] > 0.0);
-    // A free stream inside the range.
+    // The free stream lies inside the range.
     let value = |n: usize| match random(3 * n) {
         kind if kind < 0.5 => 1.0,
         _ => (3.0 * random(3 * n + 1)) as f32,
@@ -99,7 +100,7 @@ fn levels_that_are_backgrounds_stay_so() {
 
 #[test]
 fn the_sign_of_a_logarithm_is_none() {
-    // As many below 1 as above it, by decades.
+    // As many values lie below 1 as above, over decades.
     let value = |n: usize| 10_f64.powf(8.0 * random(2 * n) - 4.0) as f32;
     let values = Values::F32((0..20_000).map(value).collect());
     let sample = ValueSample::of_body(&values, &vec![1.0; 20_000], &[]);
@@ -116,7 +117,7 @@ fn the_sign_of_a_logarithm_is_none() {
         t.table().iter().map(|e| [e[0], e[1], e[2]]).collect()
     };
     assert_eq!(colours(&own), colours(&of(Some("inferno"))));
-    // A field of both signs diverges.
+    // A field of both signs gets a diverging colour map.
     let signed: Vec<f32> = (0..20_000).map(|n| (random(n) - 0.5) as f32).collect();
     let sample = ValueSample::of_body(&signed.into(), &vec![1.0; 20_000], &[]);
     let t = TransferFunction::automatic(&sample, &AutomaticOptions::default()).unwrap();
@@ -124,7 +125,7 @@ fn the_sign_of_a_logarithm_is_none() {
     assert!(red > blue && low > 0.3);
 }
 
-/// A field on a lattice of cells of these edges.
+/// Makes a field on a lattice of cells with these edges.
 fn lattice(dims: [usize; 3], spacing: DVec3, value: impl Fn(f64) -> f64) -> Dataset {
     let count: usize = dims.iter().product();
     let of = |n: usize| value((n % dims[0]) as f64 / dims[0] as f64 + 0.1 * random(n));
@@ -144,7 +145,7 @@ fn lattice(dims: [usize; 3], spacing: DVec3, value: impl Fn(f64) -> f64) -> Data
     )
 }
 
-/// Mean optical depth of lines along an axis.
+/// Returns the mean optical depth of lines along an axis.
 fn depth(dataset: Dataset, axis: usize) -> f64 {
     let Geometry::Lattice(own) = &dataset.geometry else {
         unreachable!()
@@ -173,7 +174,7 @@ fn flat_data_have_the_depth_across_them() {
         let found = depth(lattice(dims, spacing, value), thin.unwrap());
         assert!((0.7..=1.6).contains(&found), "{dims:?}: {found}");
     }
-    // Of a cube along each of its edges, as ever.
+    // A cube has the same depth along each edge.
     let cube = depth(lattice([20; 3], DVec3::ONE, value), 2);
     assert!((cube - 1.5).abs() < 0.1, "{cube}");
 }

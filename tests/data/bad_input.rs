@@ -1,7 +1,7 @@
-//! Damaged files: every reader answers, with a data set or with an error, and never panics.
+//! Tests damaged files: every reader returns a data set or an error, and never panics.
 //!
-//! Small files of every format are cut, flipped and spliced. `EWA_BAD_INPUT_SCALE` multiplies
-//! the number of cases.
+//! The tests cut, flip and splice small files of every format. `EWA_BAD_INPUT_SCALE` multiplies the
+//! number of cases.
 
 #![allow(
     clippy::unwrap_used,
@@ -23,7 +23,7 @@ use ewa_splat::image::Image;
 use ewa_splat::io::{OpenOptions, RawLayout, RawType, format_of, open, read_image, write_image};
 use proptest::prelude::*;
 
-/// Names and contents of sound images.
+/// Returns names and contents of sound images.
 fn image_seeds() -> &'static [(String, Vec<u8>)] {
     static SEEDS: OnceLock<Vec<(String, Vec<u8>)>> = OnceLock::new();
     SEEDS.get_or_init(|| {
@@ -42,7 +42,7 @@ fn image_seeds() -> &'static [(String, Vec<u8>)] {
     })
 }
 
-/// An error must name what it found and what to do; a panic fails the test by itself.
+/// Checks that an error names what was found and what to do; a panic fails the test by itself.
 fn check(result: Result<(), Error>) {
     if let Err(error) = result {
         let text = error.to_string();
@@ -83,7 +83,7 @@ proptest! {
             options.raw = Some(RawLayout::new([4, 4, 4], RawType::U8));
         }
         if name == "a.q" || name == "a.f" {
-            // A sound grid beside the damaged solution or functions.
+            // A sound grid lies beside the damaged solution or functions.
             let (_, grid) = seeds().iter().find(|(n, _)| n == "a.xyz").unwrap();
             let grid_path = folder.path().join("a.xyz");
             std::fs::write(&grid_path, grid).unwrap();
@@ -131,14 +131,14 @@ fn the_sound_files_are_read() {
                 ..OpenOptions::default()
             },
         );
-        // The grids of solutions and functions, and the files of a series, are not there.
+        // The grids of solutions and functions, and the files of a series, are absent.
         let needs_others = matches!(name.as_str(), "a.q" | "a.f" | "a.vtk.series");
         assert_eq!(answer.is_err(), needs_others, "{name}: {answer:?}");
         std::fs::remove_file(&path).unwrap();
     }
 }
 
-/// Splat files cut at every byte, packed and unpacked, and headers that claim too much.
+/// Splat files are cut at every byte, packed and unpacked, and headers claim too much.
 #[test]
 fn splat_files_of_every_length_are_answered() {
     let folder = tempfile::tempdir().unwrap();
@@ -153,12 +153,12 @@ fn splat_files_of_every_length_are_answered() {
     let splats = some_splats(2, 1);
     for encoding in Ply::ALL {
         let file = splat_ply(encoding, "", &splats, &[]);
-        // The last byte of a text is the end of its line.
+        // The last byte of a text file is the end of its line.
         let whole = file.len() - usize::from(encoding == Ply::Ascii);
         let read: Vec<usize> = (0..file.len())
             .filter(|&n| answer("a.ply", &file[..n]))
             .collect();
-        // Text may be cut within its last number, and is one all the same.
+        // A text file cut within its last number is still valid.
         assert!(
             read.iter()
                 .all(|&n| encoding == Ply::Ascii && n + 24 > whole),
@@ -179,7 +179,7 @@ fn splat_files_of_every_length_are_answered() {
             assert!(!answer("a.ply", &claims), "{count}");
         }
     }
-    // A list that claims 2^31 items, and an element of no size that claims 2^64 rows.
+    // One list claims 2^31 items, and an element of no size claims 2^64 rows.
     let head =
         "ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty list uint double l\n";
     let claims = [head.as_bytes(), b"end_header\n\xff\xff\xff\x7f"].concat();
@@ -199,7 +199,7 @@ fn splat_files_of_every_length_are_answered() {
     for version in [1, 2, 3] {
         let unpacked = spz_unpacked(version, 0, &splats);
         for n in 0..unpacked.len() {
-            // Version 1 has shorter positions: this writer's files hold more than it asks for.
+            // Version 1 has shorter positions, so this writer's files hold more bytes than needed.
             let is_read = answer("a.spz", &gzip(&unpacked[..n]));
             assert_eq!(
                 is_read,
@@ -210,7 +210,7 @@ fn splat_files_of_every_length_are_answered() {
         let packed = gzip(&unpacked);
         for n in 0..packed.len() {
             let is_read = answer("a.spz", &packed[..n]);
-            // Of version 1 the file holds more than is asked for, so that less will do.
+            // A version 1 file holds more bytes than needed, so it may be shorter.
             assert!(
                 !is_read || version == 1 || n + 8 >= packed.len(),
                 "{n} of {}",
@@ -220,7 +220,7 @@ fn splat_files_of_every_length_are_answered() {
     }
 }
 
-/// Opening a pipe would wait for a writer for ever.
+/// Opening a pipe would wait for a writer forever.
 #[cfg(unix)]
 #[test]
 fn devices_are_refused_before_they_are_opened() {
@@ -231,7 +231,7 @@ fn devices_are_refused_before_they_are_opened() {
     assert!(read_image(std::path::Path::new("/dev/zero")).is_err());
 }
 
-/// An index in front of damaged pieces, and a damaged one in front of sound ones.
+/// Reads a sound index of damaged pieces, and a damaged index of sound ones.
 #[test]
 fn damaged_indices_are_answered() {
     let folder = tempfile::tempdir().unwrap();
@@ -259,7 +259,7 @@ fn damaged_indices_are_answered() {
     }
 }
 
-/// A collection in front of a sound file, cut and with bytes left out.
+/// Reads collections of a sound file, cut and with bytes removed.
 #[test]
 fn damaged_collections_are_answered() {
     let folder = tempfile::tempdir().unwrap();
@@ -299,7 +299,7 @@ fn deeply_nested_xml_is_answered() {
     check(open(&path, &OpenOptions::default()).map(drop));
 }
 
-/// A file cut anywhere is answered: by an error, or, after a whole section, by what there is.
+/// A file cut anywhere gives an error or, after a whole section, the data up to there.
 #[test]
 fn legacy_files_cut_at_every_byte_are_answered() {
     let folder = tempfile::tempdir().unwrap();
@@ -314,13 +314,13 @@ fn legacy_files_cut_at_every_byte_are_answered() {
             errors += usize::from(answer.is_err());
             check(answer.map(drop));
         }
-        // Whole sections are few, but each may be followed by a name or a blank.
+        // There are few whole sections, but each may be followed by a name or a blank.
         assert!(errors > answered / 2, "{errors} of {answered}");
     }
 }
 
-/// A count that the file cannot hold is refused before anything of that size is allocated or
-/// waited for.
+/// A count that the file cannot hold is refused before the reader allocates, or waits for, that
+/// many items.
 #[test]
 fn legacy_files_with_wrong_counts_are_answered_at_once() {
     let folder = tempfile::tempdir().unwrap();
@@ -351,8 +351,8 @@ fn legacy_files_with_wrong_counts_are_answered_at_once() {
     }
 }
 
-/// Meshes, their materials and their images, cut at every byte and with every byte changed;
-/// one byte in sixteen of those that are long.
+/// Meshes, materials and images are cut at every byte and changed at every byte; in long files, at
+/// one byte in sixteen.
 #[test]
 fn mesh_files_of_every_length_are_answered() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Unstructured grids: what becomes of each kind of cell, and of cells that are none.
+//! Tests unstructured grids: the kernels of each kind of cell, and invalid cells.
 #![allow(
     clippy::unwrap_used,
     reason = "helpers of tests fail by panicking, as tests do"
@@ -75,7 +75,7 @@ fn total(sampled: &Sampled) -> f64 {
     parts(sampled).2.iter().sum()
 }
 
-/// Mean of the particles' positions, weighted by volume.
+/// Returns the mean of the particles' positions, weighted by volume.
 fn centroid(sampled: &Sampled) -> DVec3 {
     let (positions, _, volumes) = parts(sampled);
     let sum: DVec3 = positions.iter().zip(&volumes).map(|(p, v)| *p * *v).sum();
@@ -93,7 +93,7 @@ const CUBE: [[f64; 3]; 8] = [
     [0., 1., 1.],
 ];
 
-/// One cell of each solid kind with its volume and its centroid.
+/// Returns one cell of each solid kind with its volume and its centroid.
 fn solids() -> Vec<(CellMesh, f64, DVec3)> {
     let half = DVec3::splat(0.5);
     let prism = |corners: &[[f64; 2]]| {
@@ -116,7 +116,7 @@ fn solids() -> Vec<(CellMesh, f64, DVec3)> {
     let cube_faces = [
         6, 4, 0, 3, 2, 1, 4, 4, 5, 6, 7, 4, 0, 1, 5, 4, 4, 1, 2, 6, 5, 4, 2, 3, 7, 6, 4, 3, 0, 4, 7,
     ];
-    // Faces turned about: files do not agree on their sense.
+    // Faces are reversed, because files differ in their orientation.
     let turned = [
         6, 4, 1, 2, 3, 0, 4, 4, 5, 6, 7, 4, 4, 5, 1, 0, 4, 1, 2, 6, 5, 4, 6, 7, 3, 2, 4, 3, 0, 4, 7,
     ];
@@ -176,7 +176,7 @@ fn every_solid_has_its_volume_and_its_centroid() {
 
 #[test]
 fn a_concave_polyhedron_has_its_volume() {
-    // An L of area 9, of height 1; its corners' mean sees some faces from outside.
+    // An L of area 9 and height 1; the mean of its corners sees some faces from outside.
     let corners = [[0., 0.], [5., 0.], [5., 1.], [1., 1.], [1., 5.], [0., 5.]];
     let mut nodes: Vec<[f64; 3]> = Vec::new();
     for z in [0.0, 1.0] {
@@ -208,7 +208,7 @@ fn a_concave_polyhedron_has_its_volume() {
 
 #[test]
 fn tetrahedra_numbered_either_way_are_all_there() {
-    // Every other one of twelve the other way: whoever made them did not care.
+    // Every other one of twelve cells is reversed.
     let (mut nodes, mut cells) = (Vec::new(), Vec::new());
     for i in 0..12_u32 {
         let x = f64::from(i) * 2.0;
@@ -231,7 +231,7 @@ fn tetrahedra_numbered_either_way_are_all_there() {
 
 #[test]
 fn pieces_that_meet_are_as_good_as_one() {
-    // The two cubes with nodes of their own, as pieces of a parallel file have them.
+    // The two cubes have their own nodes, as pieces of a parallel file do.
     let whole = two_cubes();
     let mut pieces = CellMesh {
         offsets: vec![0],
@@ -258,7 +258,7 @@ fn pieces_that_meet_are_as_good_as_one() {
     assert_eq!(q.len(), 16);
     let mut shares = vec![0.0; p.len()];
     for i in 0..q.len() {
-        // The same kernel as the whole mesh has there, with a share of its volume.
+        // The kernel equals that of the whole mesh there, with a part of its volume.
         let twin = (0..p.len()).find(|&k| p[k].distance(q[i]) < 1e-12).unwrap();
         let gap = f[twin].iter().zip(&g[i]).map(|(a, b)| (a - b).abs());
         assert!(gap.fold(0.0, f32::max) < 1e-6);
@@ -271,8 +271,8 @@ fn pieces_that_meet_are_as_good_as_one() {
 
 #[test]
 fn a_tetrahedron_has_the_moments_of_its_quarters() {
-    // The closed form against the cut into tetrahedra that every other cell takes: as kind 24, a
-    // tetrahedron goes that way.
+    // Compares the closed form with the decomposition into tetrahedra that other cells use. A
+    // tetrahedron of kind 24 is decomposed.
     let nodes = [[0., 0., 0.], [2., 0.1, 0.], [0.3, 1., 0.2], [-0.1, 0., 3.]];
     let [closed, cut] =
         [10, 24].map(|kind| sample(mesh(&nodes, &[(kind, &[0, 1, 2, 3])]), Association::Nodes));
@@ -290,7 +290,7 @@ fn a_tetrahedron_has_the_moments_of_its_quarters() {
     );
 }
 
-/// Two cubes side by side along x, by their nodes (i + 3 (j + 2 k)).
+/// Returns two adjacent cubes along x, by their nodes (i + 3 (j + 2 k)).
 fn two_cubes() -> CellMesh {
     let mut nodes = Vec::new();
     for k in [0.0, 1.0] {
@@ -309,7 +309,7 @@ fn two_cubes() -> CellMesh {
 
 #[test]
 fn cubes_have_kernels_of_their_spacing() {
-    // A lattice 4 x 4 x 4 of unit cubes: the kernels of its inner nodes and cells, at width 1, are
+    // A lattice of 4 x 4 x 4 unit cubes: at width 1, the kernels of its inner nodes and cells are
     // unit spheres.
     let side = 5_u32;
     let at = |i: u32| [i % side, i / side % side, i / (side * side)].map(f64::from);
@@ -348,7 +348,7 @@ fn mirrored_meshes_are_whole_and_inverted_cells_are_left_out() {
     assert!((total(&sampled) - 2.0).abs() < ROUNDING);
     assert_eq!(sampled.report.warnings(), [""; 0]);
 
-    // One of three cells inside out: the others decide.
+    // One of three cells is inverted: the majority decides.
     let mut folded = two_cubes();
     folded.nodes.extend([
         DVec3::new(5., 0., 0.),
@@ -391,9 +391,9 @@ fn what_has_no_volume_is_left_out_and_counted() {
         (CellKind::TRIANGLE, &[0, 1, 4][..]),
         (CellKind::LINE, &[0, 1]),
         (CellKind::VERTEX, &[2]),
-        // Flat.
+        // This cell is flat.
         (CellKind::TETRA, &[0, 1, 3, 4]),
-        // No faces of three corners.
+        // This one has no faces of three corners.
         (CellKind::POLYHEDRON, &[1, 2, 0, 1]),
         (CellKind::POLYHEDRON, &[0]),
     ] {
@@ -433,7 +433,8 @@ fn bad_nodes_values_and_ghosts_are_left_out() {
         ]
     );
 
-    // The second cube is another piece's (1), or hidden (32); 2 and 16 say nothing of a cell.
+    // The second cube belongs to another piece (1) or is hidden (32); bits 2 and 16 do not apply to
+    // cells.
     for (bits, left) in [(1.0, 1.0), (32.0, 1.0), (2.0, 2.0), (16.0, 2.0)] {
         let ghosts = field("vtkGhostType", Association::Cells, vec![0.0, bits]);
         let sampled = try_sample(two_cubes(), Association::Cells, vec![ghosts]).unwrap();

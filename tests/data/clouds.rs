@@ -1,6 +1,6 @@
-//! Point clouds: what other programs wrote gives what they read again.
+//! Tests point clouds: files of other programs give the numbers that those programs read.
 //!
-//! Fixtures: LAS by laspy, E57 by pye57, PCD by pypcd4 but for `cloud_ascii.pcd`; numbers are what these programs read.
+//! Fixtures: LAS by laspy, E57 by pye57, PCD by pypcd4 except `cloud_ascii.pcd`.
 
 use std::path::Path;
 
@@ -25,7 +25,7 @@ fn positions(data: &Dataset) -> &[DVec3] {
     }
 }
 
-/// One row of columns.
+/// Returns one row of columns.
 fn row(data: &Dataset, names: &[&str], i: usize) -> Vec<f32> {
     let value = |name: &&str| data.scalar(name).unwrap().1.get(i);
     names.iter().map(value).collect()
@@ -35,7 +35,7 @@ fn is_near(a: DVec3, b: [f64; 3]) -> bool {
     (a - DVec3::from_array(b)).length() < 1e-6
 }
 
-/// Points on a sphere of radius 1, as the fixtures have them.
+/// Returns a point on a sphere of radius 1, as in the fixtures.
 fn on_sphere(i: usize, count: usize) -> DVec3 {
     let i = i as f64 + 0.5;
     let t = (1.0 - 2.0 * i / count as f64).acos();
@@ -79,9 +79,9 @@ fn scans_without_colours_show_intensities() {
         (sampled.report.field, sampled.volume.values.is_some())
     };
     assert_eq!(shown("cloud_0.las"), (Some("intensity".into()), true));
-    // Colours are shown as they are.
+    // Colours are shown unchanged.
     assert_eq!(shown("cloud_3.las"), (None, false));
-    // A sum of columns counts points.
+    // A column density counts points.
     let options = SampleOptions {
         for_columns: true,
         ..SampleOptions::default()
@@ -99,7 +99,7 @@ fn las_points_that_are_withheld_are_left_out() {
             .concat()
             .contains("1 points that are flagged as withheld")
     );
-    // The sixth is gone: what was the 18th is the 17th, in all columns.
+    // The sixth row is gone: the former 18th is the 17th, in all columns.
     assert!(is_near(
         positions(&data)[16],
         [430_999.772, 5_800_001.916, 100.833]
@@ -137,7 +137,7 @@ fn e57_scans_lie_where_their_poses_put_them() {
     let data = fixture("cloud.e57");
     let at = positions(&data);
     assert_eq!(at.len(), 60);
-    // As pye57 transforms them.
+    // The positions are those that pye57 computes.
     assert!(is_near(
         at[0],
         [0.211_320_097, 0.855_433_846, 2.966_666_639]
@@ -197,7 +197,7 @@ fn columns_of_text_are_known_by_their_numbers() {
     assert_eq!(positions(&data)[1], DVec3::new(4.0, 5.0, 6.0));
     let names = ["intensity", "red", "green", "blue"];
     assert_eq!(row(&data, &names, 0), [-312.0, 128.0, 90.0, 77.0]);
-    // Shares of one are encoded, too.
+    // Colours from 0 to 1 are encoded, too.
     let data = folder.open("b.txt", b"1.5 2 3 .5 .2 .2\n4 5 6 .25 .2 .2\n");
     assert!((row(&data, &["r"], 0)[0] - 0.214_041).abs() < 1e-5);
 
@@ -219,7 +219,7 @@ fn text_grids_of_plot3d_stay_grids() {
     }
     let data = folder.open("a.xyz", grid.as_bytes());
     assert!(matches!(data.geometry, Geometry::Curvilinear { .. }));
-    // Three numbers in every line, as in a cloud.
+    // Every line has three numbers, as in a cloud.
     let rows: Vec<&str> = grid.split_whitespace().collect();
     let lines: Vec<String> = rows.chunks(3).map(|row| row.join(" ")).collect();
     let data = folder.open("b.xyz", lines.join("\n").as_bytes());

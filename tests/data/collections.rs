@@ -1,4 +1,4 @@
-//! ParaView's collections of time steps.
+//! Tests ParaView's collections of time steps.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::path::{Path, PathBuf};
@@ -18,12 +18,12 @@ fn entry(time: &str, part: &str, file: &str) -> String {
     format!("<DataSet timestep=\"{time}\" group=\"\" part=\"{part}\" file=\"{file}\"/>\n")
 }
 
-/// The steps of a file, whatever it is.
+/// Returns the steps of a file of any format.
 fn steps_of(path: &Path) -> ewa_splat::Result<Vec<TimeStep>> {
     format_of(path, &OpenOptions::default())?.time_steps(path)
 }
 
-/// Writes a collection and says how it is answered: times, and files relative to its folder.
+/// Writes a collection and reads it: returns times, and files relative to its folder.
 fn answer(entries: &str) -> Result<Vec<(f64, Vec<PathBuf>)>, String> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.pvd");
@@ -42,7 +42,7 @@ fn steps_are_in_the_order_of_time_and_parts_in_theirs() {
         entry("-0.5", "1", "b.vtu"),
         entry("2", "0", "in/c.vtu"),
         entry("-0.5", "0", "a.vtu"),
-        // No time is 0, and no part the first.
+        // A missing time is 0, and a missing part is the first.
         "<DataSet file=\"e.vtu\"/>".to_owned(),
         entry("-0", "1", "f.vtu"),
         "<Other timestep=\"9\" file=\"x.vtu\"/>".to_owned(),
@@ -92,14 +92,14 @@ fn damaged_and_nested_collections_are_refused() {
         assert!(error.contains(place) && error.contains(found), "{error}");
         assert!(!error.contains('\n') || place == "XML", "{error}");
     }
-    // By its content, under another name.
+    // The format is recognised by content under another name.
     let inner = file_of(&entry("0", "0", "c.csv"));
     let outer = file_of(&entry("0", "0", "b.vtu"));
     let beside = |_: &Path| Some(inner.clone().into_bytes());
     let error = read_with("a.pvd", outer.as_bytes(), &OpenOptions::default(), &beside);
     let error = error.unwrap_err().to_string();
     assert!(error.contains("another collection, `b.vtu`"), "{error}");
-    // No collection at all.
+    // This is not a collection.
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.csv");
     std::fs::write(&path, "x,y,z\n0,0,0\n").unwrap();
@@ -170,7 +170,7 @@ fn blocks(kind: &str, entries: &str) -> Vec<u8> {
     format!("<VTKFile type=\"{kind}\"><{kind}>{entries}</{kind}></VTKFile>").into_bytes()
 }
 
-/// The files of a collection in a folder with others, relative to the folder.
+/// Returns the files of a collection in a folder with others, relative to the folder.
 fn files_of(name: &str, files: &[(&str, Vec<u8>)]) -> Result<Vec<Vec<PathBuf>>, String> {
     let folder = tempfile::tempdir().unwrap();
     for (name, bytes) in files {
@@ -197,7 +197,7 @@ fn blocks_are_the_parts_of_one_step() {
         "<Partitions index=\"0\"><DataSet index=\"0\" file=\"d.vtu\"/></Partitions>\
          <Partitions index=\"1\"><DataSet index=\"0\" file=\"e.vtm\"/></Partitions>",
     );
-    // Levels of refinement under the name of blocks are data.
+    // Levels of refinement stored as blocks are data.
     let levels = blocks("vtkHierarchicalBoxDataSet", "");
     let times = [entry("1", "0", "a.vtm"), entry("2", "0", "f.vtu")].concat();
     let files = [
@@ -232,7 +232,7 @@ fn circles_and_paths_out_of_the_folder_are_refused() {
         let error = files_of("a.vtm", &files).unwrap_err();
         assert!(error.contains(found), "{error}");
     }
-    // One that goes by another name.
+    // The collection has another name.
     let outer = naming("b.xml");
     let inner = naming("a.vtm");
     let beside = |_: &Path| Some(inner.clone());
@@ -267,7 +267,7 @@ fn a_series_of_files_is_its_steps() {
         "{:?}",
         data.notes
     );
-    // Without times the places in the list are the times.
+    // Without times, the positions in the list are the times.
     write("{ \"name\": \"b.csv\" }, { \"name\": \"a.csv\" }");
     let times: Vec<_> = steps_of(&path).unwrap().iter().map(|s| s.time).collect();
     assert_eq!(times, [Some(0.0), Some(1.0)]);
@@ -285,7 +285,7 @@ fn a_series_of_files_is_its_steps() {
     }
 }
 
-/// Whatever begins as a format that is read is read from a packed file, too.
+/// A compressed file of any readable format is read, too.
 #[test]
 fn packed_files_are_what_they_are_once_unpacked() {
     use crate::support::gzip;
@@ -322,7 +322,7 @@ fn packed_files_are_what_they_are_once_unpacked() {
             steps.iter().all(|step| step.parts[0].path == path),
             "{steps:?}"
         );
-        // Cut short.
+        // The file is truncated.
         std::fs::write(&path, &packed[..packed.len() - 9]).unwrap();
         let error = open(&path, &OpenOptions::default())
             .unwrap_err()

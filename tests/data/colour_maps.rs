@@ -1,4 +1,4 @@
-//! Colour maps of ParaView: steps, categories, presets of any range, XML.
+//! Tests ParaView's colour maps: steps, categories, presets of any range, XML.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::path::Path;
@@ -18,7 +18,7 @@ fn function(text: &str) -> ewa_splat::Result<TransferFunction> {
     TransferFunction::from_json(Path::new("map"), text, &defaults)
 }
 
-/// The colour at a value, encoded, in tenths.
+/// Returns the encoded colour at a value, in tenths.
 fn colour(function: &TransferFunction, value: f32) -> [i32; 3] {
     let [r, g, b, _] = function.classify(value);
     [r, g, b].map(|x| {
@@ -125,7 +125,7 @@ fn presets_say_their_range_and_are_shared() {
         (shared[0].0.range(), &shared[0].1),
         ([0.0, 126.0], &vec![0, 1])
     );
-    // A range takes the place of the data's; what has its own refuses one.
+    // A given range replaces that of the data; a map with its own range refuses one.
     let ranged = SampleOptions {
         range: Some([-50.0, 50.0]),
         ..options.clone()

@@ -1,4 +1,5 @@
-//! One rule for columns of colours: points, vertices and faces in all file formats and number types.
+//! Tests that one rule applies to columns of colours: points, vertices and faces in all file
+//! formats and number types.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use ewa_splat::io::{Dataset, Geometry, Mesh, OpenOptions, read};
@@ -39,7 +40,7 @@ fn assert_near(found: &[f32], expected: &[f32], tolerance: f32) {
     );
 }
 
-/// Codes of three colours of bytes, and the light that they stand for.
+/// Byte codes of three colours, and the linear light for each.
 const CODES: [[f64; 3]; 3] = [
     [255.0, 128.0, 0.0],
     [10.0, 200.0, 77.0],
@@ -59,7 +60,7 @@ fn light() -> Vec<[f32; 3]> {
     CODES.iter().map(|rgb| rgb.map(decode)).collect()
 }
 
-/// Names of columns, their type, and what stands for a code.
+/// Names of columns, their type, and the stored number for a code.
 type Stored = ([&'static str; 3], &'static str, Box<dyn Fn(f64) -> f64>);
 
 fn stored() -> Vec<Stored> {
@@ -145,7 +146,7 @@ fn points_vertices_and_faces_follow_one_rule() {
             .any(|note| note.contains("are taken as 0 to"));
         assert_eq!(is_said_of_mesh, is_said, "{what}: {:?}", data.notes);
 
-        // Faces: three triangles of one corner each of their own.
+        // Faces: three triangles, each of one corner of its own.
         let header = format!(
             "ply\nformat ascii 1.0\nelement vertex 5\n{xyz}element face 3\nproperty list uchar int \
              vertex_indices\n{properties}end_header\n"
@@ -194,7 +195,7 @@ fn what_is_no_colour_is_a_field_and_what_is_ignored_is_said() {
     let found = rows("r,sigma", ["0.5,1", "1,1", "2,1"]);
     assert_eq!(found.report.field.as_deref(), Some("r"));
     assert!(warnings(&found).is_empty(), "{}", warnings(&found));
-    // Two bands of a camera are none, either.
+    // Two bands of a camera are no colour, either.
     let found = rows("red,nir,sigma", ["5,1,1", "10,1,1", "20,1,1"]);
     assert_eq!(found.report.field.as_deref(), Some("red"));
     assert!(warnings(&found).contains("one or two of the three columns"));
@@ -221,7 +222,7 @@ fn vertices_colours_are_before_those_of_faces() {
             .iter()
             .any(|n| n.contains("colours of faces are not used"))
     );
-    // Alone they count, with their opacity.
+    // Without others they count, with their opacity.
     let alone = text
         .replacen(
             "property uchar red\nproperty uchar green\nproperty uchar blue\n",
@@ -254,7 +255,7 @@ fn colours_of_vtk_cells_are_those_of_their_triangles() {
     let of = |triangle: usize| part.triangles[triangle].map(|i| part.colours[i as usize]);
     assert_eq!(of(0), [[1.0, 0.0, 0.0, 1.0]; 3]);
     assert_eq!(of(1), [[0.0, 0.0, 1.0, 1.0]; 3]);
-    // Fields of points follow their corners.
+    // Fields of points follow the points' corners.
     let (_, t) = data.scalar("t").unwrap();
     assert_eq!(t.len(), part.positions.len());
     for (i, p) in part.positions.iter().enumerate() {

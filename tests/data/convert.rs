@@ -1,4 +1,5 @@
-//! Conversion to splats: every format read back, scenes whose pictures stay, files that are sound.
+//! Tests conversion to splats: every format is read back, pictures stay the same, and files are
+//! sound.
 
 #![allow(
     clippy::unwrap_used,
@@ -56,7 +57,7 @@ impl Folder {
         written
     }
 
-    /// Written and read again.
+    /// Writes a cloud and reads it again.
     fn again(&self, extension: &str, cloud: &SplatCloud) -> SplatCloud {
         self.write(extension, cloud);
         cloud_of(self.read(&format!("a.{extension}")))
@@ -86,7 +87,7 @@ fn cloud_of(data: Dataset) -> SplatCloud {
     }
 }
 
-/// Splats of any rotation, sizes of a decade, colours in and around 0 to 1.
+/// Returns splats of any rotation, sizes within a decade, and colours in and around 0 to 1.
 fn some_cloud(count: usize, degree: u8, seed: u64) -> SplatCloud {
     let mut random = Random::new(seed);
     let mut cloud = SplatCloud {
@@ -94,7 +95,7 @@ fn some_cloud(count: usize, degree: u8, seed: u64) -> SplatCloud {
         ..SplatCloud::default()
     };
     for _ in 0..count {
-        // What f32 holds: rounding is the writers' affair.
+        // Positions are representable in f32: this is no test of rounding.
         cloud.positions.push(random.point(2.0).as_vec3().as_dvec3());
         cloud
             .scales
@@ -110,7 +111,7 @@ fn some_cloud(count: usize, degree: u8, seed: u64) -> SplatCloud {
     cloud
 }
 
-/// Turns about x, y and z of a unit quaternion w, x, y, z.
+/// Returns the rotation of a unit quaternion w, x, y, z.
 fn unit(q: [f32; 4]) -> DQuat {
     let [w, x, y, z] = q.map(f64::from);
     DQuat::from_xyzw(x, y, z, w).normalize()
@@ -127,7 +128,7 @@ fn norm(m: DMat3) -> f64 {
     m.to_cols_array().iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
-/// The order of `b`'s splats in `a`, by nearest positions.
+/// Returns the order of `b`'s splats in `a`, by nearest positions.
 fn order(a: &SplatCloud, b: &SplatCloud) -> Vec<usize> {
     let nearest = |p: &DVec3| {
         let distance = |i: &usize| a.positions[*i].distance_squared(*p);
@@ -142,20 +143,20 @@ fn order(a: &SplatCloud, b: &SplatCloud) -> Vec<usize> {
     order
 }
 
-/// What a format's numbers may be off by.
+/// Largest errors of a format's numbers.
 #[derive(Debug, Clone, Copy)]
 struct Quantum {
     position: f64,
-    /// Of the logarithm.
+    /// Error of the logarithm.
     scale: f64,
-    /// Of a component of the unit quaternion.
+    /// Error of a component of the unit quaternion.
     rotation: f64,
     opacity: f64,
     constant: f64,
     harmonic: f64,
 }
 
-/// Half a step of each format, and some f32 roundings.
+/// Returns half a step of each format, and some f32 roundings.
 fn quantum(extension: &str, written: &WrittenSplats) -> Quantum {
     let exact = Quantum {
         position: 0.0,
@@ -166,7 +167,7 @@ fn quantum(extension: &str, written: &WrittenSplats) -> Quantum {
         harmonic: 0.0,
     };
     match extension {
-        // Logarithm and logit in f64, rounded, and undone in f32.
+        // Logarithm and logit are computed in f64, rounded, and inverted in f32.
         "ply" => Quantum {
             scale: 1e-6,
             opacity: 5e-7,
@@ -180,8 +181,9 @@ fn quantum(extension: &str, written: &WrittenSplats) -> Quantum {
             harmonic: f64::INFINITY,
             ..exact
         },
-        // Steps of 1/16 in the logarithm, of 1/(511 sqrt 2) in a component: three of them, each half a
-        // step off, move the fourth, which is the largest and not below 1/2, by up to three halves.
+        // Steps are 1/16 in the logarithm and 1/(511 sqrt 2) in a component. If three components
+        // are off by half a step each, the fourth, which is the largest and at least 1/2, is off by
+        // up to three halves.
         "spz" => Quantum {
             position: 0.5 * written.position_quantum * 1.0001,
             scale: 0.5 / 16.0 + 1e-5,
@@ -249,11 +251,11 @@ fn every_format_keeps_what_it_says() {
                 assert_eq!(after.is_anti_aliased, is_anti_aliased && keeps_mark);
                 let lost = usize::from(!keeps_degree) + usize::from(is_anti_aliased && !keeps_mark);
                 assert_eq!(written.notes.len(), lost, "{:?}", written.notes);
-                // A second time nothing more is lost.
+                // Writing a second time loses nothing more.
                 let twice = folder.again(extension, &after);
                 let more = Quantum {
                     position: 0.0,
-                    // The exponential, the logarithm and the division by 16 or 255 come back.
+                    // The exponential, the logarithm and the division by 16 or 255 round.
                     scale: 2e-6,
                     rotation: if extension == "splat" { 0.008 } else { 2e-3 },
                     opacity: 5e-7,
@@ -266,7 +268,7 @@ fn every_format_keeps_what_it_says() {
     }
 }
 
-/// 24 bits of positions, as many of them behind the point as fit.
+/// Positions have 24 bits, as many of them fractional as fit.
 #[test]
 fn spz_positions_are_as_fine_as_their_reach_allows() {
     let folder = Folder::new();
@@ -287,7 +289,7 @@ fn spz_positions_are_as_fine_as_their_reach_allows() {
         for (a, b) in cloud.positions.iter().zip(&after.positions) {
             assert!((*a - *b).abs().max_element() <= 0.5 * quantum, "{a} {b}");
         }
-        // Steps that are seen beside splats of .03 to .3 are told of.
+        // Steps that are visible beside splats of .03 to .3 are reported.
         assert_eq!(
             written.notes.len(),
             usize::from(quantum > 0.1),
@@ -304,7 +306,7 @@ fn spz_positions_are_as_fine_as_their_reach_allows() {
     );
 }
 
-/// Numbers at the ends of what may come: files hold finite ones, and what is read is near.
+/// Extreme numbers: files hold finite ones, and the numbers read are near the originals.
 #[test]
 fn extremes_are_written_finite() {
     let folder = Folder::new();
@@ -327,13 +329,13 @@ fn extremes_are_written_finite() {
             assert!((0.0..=1.0).contains(&after.opacities[i]), "{extension}");
             assert!(after.scales[i].iter().all(|s| *s >= 0.0));
         }
-        // A logit of 15, undone in f32, or nothing at all.
+        // A logit of 15, inverted in f32, or nothing at all.
         let [none, all] = [after.opacities[at(0)], after.opacities[at(1)]];
         assert!(
             none <= 3.1e-7 && all >= 1.0 - 4e-7,
             "{extension}: {none}, {all}"
         );
-        // SPZ's logarithms end at -10 and 5.9375, in steps of 1/16.
+        // SPZ's logarithms range from -10 to 5.9375, in steps of 1/16.
         let near = |a: f32, b: f32| (f64::from(a) / f64::from(b)).ln().abs() < 0.04;
         let flat = after.scales[at(3)];
         assert!(near(flat[2], FLAT_SHARE * 0.25), "{extension}: {flat:?}");
@@ -397,7 +399,7 @@ fn what_no_file_should_hold_is_refused() {
             "{error}"
         );
     }
-    // What cannot be drawn is left out before writing, and counted.
+    // Splats that cannot be drawn are left out before writing, and counted.
     let mut poisoned = sound.clone();
     poisoned.positions[0].x = f64::INFINITY;
     poisoned.opacities[1] = 7.0;
@@ -446,7 +448,7 @@ fn the_flat_form_of_ply_has_two_scales() {
     }
 }
 
-/// Whoever reads a layout by its places, not by its names, finds them.
+/// Readers that use the layout's offsets instead of its names find the numbers, too.
 #[test]
 fn ply_has_inrias_properties_in_their_order() {
     let folder = Folder::new();
@@ -477,7 +479,7 @@ fn ply_has_inrias_properties_in_their_order() {
     assert_eq!(names[54..], rest);
     assert_eq!(bytes.len() - end, 2 * 62 * 4);
     let number = |i: usize| f32::from_le_bytes(bytes[end + 4 * i..][..4].try_into().unwrap());
-    // All of red before green: coefficient 1 of red, then of green fifteen later.
+    // All of red precedes green: coefficient 1 of red, then that of green fifteen later.
     assert_eq!(
         [number(9), number(9 + 15)],
         [cloud.harmonics[3], cloud.harmonics[4]]
@@ -524,7 +526,7 @@ fn pictures_stay_within_the_formats_quanta() {
     let folder = Folder::new();
     for (degree, seed) in [(0, 21), (3, 22)] {
         let mut cloud = some_cloud(300, degree, seed);
-        // Colours within 0 to 1 from everywhere: what is cut would be seen.
+        // Colours stay within 0 to 1 from all directions, because clamping would be visible.
         for (k, c) in cloud.harmonics.iter_mut().enumerate() {
             *c *= if k % (3 * 16) < 3 || degree == 0 {
                 0.6
@@ -538,9 +540,9 @@ fn pictures_stay_within_the_formats_quanta() {
                 let (a, b) = (picture(&cloud, &camera), picture(&after, &camera));
                 let (most, mean) = (f64::from(difference(&a, &b)), rms(&a, &b));
                 println!("{extension}, degree {degree}: at most {most:.1e}, rms {mean:.1e}");
-                // Floats: roundings of a 40-fold overlap. SPZ: sizes by 3 %, opacities and colours by
-                // 1/510, of which a dozen visible layers average. Records: the same, sizes exact,
-                // quaternions by 1/256; without their harmonics of up to .03.
+                // Floats: roundings of a 40-fold overlap. SPZ: sizes are off by 3 %, opacities and
+                // colours by 1/510, averaged over a dozen visible layers. Records: the same with
+                // exact sizes, quaternions off by 1/256; without harmonics of up to .03.
                 let (greatest, root) = match (extension, degree) {
                     ("ply" | "glb", _) => (2e-6, 2e-7),
                     ("splat", 0) => (0.02, 2e-3),
@@ -558,7 +560,7 @@ fn pictures_stay_within_the_formats_quanta() {
 
 // glTF.
 
-/// The JSON and the numbers of a .glb file, its container checked.
+/// Returns the JSON and the numbers of a .glb file, after checking its container.
 fn parts(bytes: &[u8]) -> (Value, Vec<u8>) {
     let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
     assert_eq!(
@@ -612,7 +614,8 @@ fn glb_files_are_sound_gltf() {
         let mut names: Vec<_> = attributes.keys().cloned().collect();
         names.sort();
         assert_eq!(names, expected);
-        // Every accessor is a view of its own, whole words, all of the buffer in turn.
+        // Each accessor has its own view of whole words, and together they fill the buffer in
+        // order.
         let mut end = 0;
         for (name, index) in attributes {
             let accessor = &json["accessors"][index.as_u64().unwrap() as usize];
@@ -649,14 +652,14 @@ fn glb_files_are_sound_gltf() {
             .copied()
             .fold(DVec3::NEG_INFINITY, DVec3::max);
         for (key, expected) in [("min", lower), ("max", upper)] {
-            // Exactly what the buffer holds, as glTF asks.
+            // The bounds equal those of the buffer, as glTF requires.
             let stated: Vec<f32> = serde_json::from_value(accessor[key].clone()).unwrap();
             assert_eq!(stated, expected.as_vec3().to_array());
         }
     }
 }
 
-/// Far from the origin f32 leaves nothing of positions: a node has the offset in f64.
+/// Far from the origin, f32 cannot represent positions: a node stores the offset in f64.
 #[test]
 fn glb_keeps_positions_far_from_the_origin() {
     let folder = Folder::new();
@@ -672,7 +675,7 @@ fn glb_keeps_positions_far_from_the_origin() {
         // Half an f32 step at 2, and f64 steps at 4e8.
         assert!((*a - *b).abs().max_element() < 3e-7, "{a} {b}");
     }
-    // PLY has no such place: told, not hidden.
+    // PLY has no place for an offset: the loss is reported.
     let written = folder.write("ply", &cloud);
     assert_eq!(written.position_quantum, 32.0);
     assert!(
@@ -686,13 +689,13 @@ fn glb(json: &Value, binary: &[u8]) -> Vec<u8> {
     crate::support::splats::glb(json, binary)
 }
 
-/// The parts of a written file, for changing.
+/// Returns the parts of a written file, for modification.
 fn written_parts(folder: &Folder, cloud: &SplatCloud) -> (Value, Vec<u8>) {
     folder.write("glb", cloud);
     parts(&std::fs::read(folder.path("a.glb")).unwrap())
 }
 
-/// The colours of splat `i` seen along `d`.
+/// Returns the colours of splat `i` seen along `d`.
 fn seen(cloud: &SplatCloud, i: usize, d: DVec3) -> [f32; 3] {
     let stride = cloud.harmonics_stride();
     let set = &cloud.harmonics[i * stride..][..stride];
@@ -754,15 +757,15 @@ fn nodes_move_splats() {
                         DVec3::new(-1.0, 1.0, 2.0),
                     ] {
                         let (a, b) = (seen(&cloud, i, d), seen(&after, i, m * d));
-                        // Sixteen f32 products on either side.
+                        // Each side rounds sixteen f32 products.
                         assert!((0..3).all(|c| (a[c] - b[c]).abs() < 1e-5), "{a:?} {b:?}");
                     }
                 }
             }
         }
     }
-    // The mean colour over all directions stays near where a node stretches: less light comes from
-    // harmonics than from the constant.
+    // The mean colour over all directions stays near the original if a node stretches: harmonics
+    // contribute less light than the constant.
     let mut json = document.clone();
     json["nodes"][0]["scale"] = json!([1.0, 1.0, 3.0]);
     std::fs::write(folder.path("long.glb"), glb(&json, &binary)).unwrap();
@@ -777,7 +780,7 @@ fn nodes_move_splats() {
     }
 }
 
-/// Bytes and shorts, strides and offsets, buffers as text and beside the file.
+/// Reads bytes and shorts, strides and offsets, buffers as text and beside the file.
 #[test]
 fn gltf_numbers_are_read_in_all_their_places() {
     let folder = Folder::new();
@@ -846,7 +849,7 @@ fn gltf_numbers_are_read_in_all_their_places() {
     let text = STANDARD.encode(&binary);
     with_uri(&format!("data:application/octet-stream;base64,{text}"));
     check("a.gltf");
-    // Colours in linear light are encoded: 1/2 + .28209479 c.
+    // Linear colours are encoded: 1/2 + .28209479 c.
     let mut linear = json.clone();
     linear["meshes"][0]["primitives"][1]["extensions"]["KHR_gaussian_splatting"]["colorSpace"] =
         json!("lin_rec709_display");
@@ -945,7 +948,7 @@ fn gltf_numbers_are_read_in_all_their_places() {
         },
         "KHR_packed",
     );
-    // The same mesh from many nodes: more than a file of this size may hold.
+    // Many nodes share one mesh: more splats than a file of this size may hold.
     refuse(
         &|j| j["nodes"] = json!(vec![json!({ "mesh": 0 }); 70_000]),
         "repeat meshes",
@@ -958,7 +961,7 @@ fn gltf_numbers_are_read_in_all_their_places() {
             "{len}"
         );
     }
-    // A glTF file without the extension is no file of splats.
+    // A glTF file without the extension is no splat file.
     let plain = json!({ "asset": { "version": "2.0" }, "meshes": [] });
     std::fs::write(folder.path("plain.gltf"), plain.to_string()).unwrap();
     let data = open(&folder.path("plain.gltf"), &OpenOptions::default());
@@ -967,8 +970,8 @@ fn gltf_numbers_are_read_in_all_their_places() {
 
 // Scenes.
 
-/// Cells of a square surface: sites in the unit square and their variances and areas, relaxed as
-/// the sampler of meshes does.
+/// Cells of a square surface: sites in the unit square with variances and areas, relaxed as in the
+/// mesh sampler.
 struct Cells {
     sites: Vec<DVec2>,
     variances: Vec<[f64; 3]>,
@@ -976,7 +979,7 @@ struct Cells {
 }
 
 impl Cells {
-    /// `side`² sites, jittered and then relaxed `rounds` times.
+    /// Returns `side`² sites, jittered and then relaxed `rounds` times.
     fn new(side: usize, rounds: usize) -> Self {
         const PER_SITE: usize = 12;
         let mut random = Random::new(77);
@@ -996,7 +999,7 @@ impl Cells {
             for i in 0..fine * fine {
                 let at = |k: usize| (k as f64 + 0.5) / fine as f64;
                 let p = DVec2::new(at(i % fine), at(i / fine));
-                // Only sites of the rows around.
+                // Only sites of the neighbouring rows can be nearest.
                 let near = |s: &usize| (sites[*s] - p).length_squared();
                 let nearest = (0..count)
                     .filter(|&s| (sites[s] - p).abs().max_element() < 3.0 / side as f64)
@@ -1025,7 +1028,7 @@ impl Cells {
         }
     }
 
-    /// Surfels in the plane z = 0 with standard deviations of `width` spacings.
+    /// Returns surfels in the plane z = 0 with standard deviations of `width` spacings.
     fn volume(&self, width: f64, strength: Strength) -> PointVolume {
         let tangents = self.variances.iter().map(|v| {
             let [xx, xy, yy] = v.map(|v| 12.0 * width * width * v);
@@ -1034,7 +1037,7 @@ impl Cells {
             let (b, c) = (xy / a, (yy - xy * xy / xx).sqrt());
             [a, b, 0.0, 0.0, c, 0.0].map(|x| x as f32)
         });
-        // Cholesky's rows to its columns: t1 = (a, b), t2 = (0, c).
+        // Converts Cholesky's rows to columns: t1 = (a, b), t2 = (0, c).
         PointVolume {
             particles: Particles::Surfels {
                 positions: self.sites.iter().map(|s| s.extend(0.0)).collect(),
@@ -1056,12 +1059,12 @@ impl Cells {
     }
 }
 
-/// Alpha over the inner half of the square, seen from `tilt_deg` off its normal.
+/// Returns alpha over the inner half of the square, seen from `tilt_deg` off its normal.
 fn inner_alphas(cloud: &SplatCloud, tilt_deg: f64) -> Vec<f64> {
     let (sin, cos) = tilt_deg.to_radians().sin_cos();
     let target = DVec3::new(0.5, 0.5, 0.0);
     let eye = target + DVec3::new(0.0, -sin, cos) * 5.0;
-    // The inner half, foreshortened, fills the picture.
+    // The foreshortened inner half fills the picture.
     let camera = Camera::orthographic(eye, target, DVec3::Y, 0.5 * cos, [160, 160]);
     let image = picture(cloud, &camera);
     let columns = 160.0 * cos / 1.0;
@@ -1079,8 +1082,9 @@ fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
     values[((values.len() - 1) as f64 * share) as usize]
 }
 
-/// Opaque surfels become splats between which little shines: 3 % on the mean. Of wider ones nothing does, less than a grey level
-/// at 99.9 % of all pixels, but they hide what is painted beside them.
+/// Opaque surfels become splats that let little light through: 3 % on the mean. Wider ones let none
+/// through, less than a grey level at 99.9 % of all pixels, but they hide what is painted beside
+/// them.
 #[test]
 fn opaque_surfels_close() {
     for rounds in [0, 3] {
@@ -1120,7 +1124,7 @@ fn opaque_surfels_close() {
     }
 }
 
-/// A pane's splats leave through what the pane does, from any side.
+/// The splats of a pane transmit the same light as the pane, from any side.
 #[test]
 fn panes_keep_their_opacity() {
     let cells = Cells::new(20, 3);
@@ -1135,15 +1139,15 @@ fn panes_keep_their_opacity() {
                 alphas.iter().map(|a| (a - mean).powi(2)).sum::<f64>() / alphas.len() as f64;
             let spread = spread.sqrt();
             println!("{opacity} at {tilt}: mean {mean:.4}, rms {spread:.4}");
-            // The mean depth is the pane's; the mean alpha falls short of it where depths spread
-            // (Jensen), by half their variance.
+            // The mean depth is the pane's. The mean alpha falls short of it (Jensen) by half the
+            // depths' variance.
             assert!((mean - opacity).abs() < 0.03, "{opacity}: {mean}");
             assert!(spread < 0.08, "{opacity}: {spread}");
         }
     }
 }
 
-/// Masks: an eighth of a cell is a quarter opaque, half of one is opaque.
+/// Masks: an eighth of a cell gives a quarter of the opacity; half a cell is opaque.
 #[test]
 fn what_is_hardly_there_is_hardly_opaque() {
     let cells = Cells::new(20, 3);
@@ -1159,21 +1163,21 @@ fn what_is_hardly_there_is_hardly_opaque() {
         let len = i.len() as f32;
         cloud.opacities[i].iter().sum::<f32>() / len
     };
-    // Cells differ from squares by some 20 %.
+    // Cells differ from squares by about 20 %.
     assert!((of(0..100) - 0.25).abs() < 0.06, "{}", of(0..100));
     assert!(of(100..200) > 0.97 && of(200..400) > 0.999);
-    // Wide kernels stay.
+    // Wide kernels stay as wide.
     let volume = cells.volume(1.1, Strength::Surface(cells.areas(1.0)));
     let (wide, _) = splat_cloud(&[volume]).unwrap();
     let (narrow, _) =
         splat_cloud(&[cells.volume(0.6, Strength::Surface(cells.areas(1.0)))]).unwrap();
     let mean = |c: &SplatCloud| c.scales.iter().map(|s| (s[0] * s[1]).sqrt()).sum::<f32>() / 400.0;
     let ratio = f64::from(mean(&wide) / mean(&narrow));
-    // The narrow tenth of the cells is what is widened to the width stated.
+    // The narrow tenth of the cells is widened to the stated width.
     assert!((ratio - 1.1 / CLOSED_WIDTH).abs() < 0.06, "{ratio}");
 }
 
-/// Scales and rotation give the surfel's variance; the third axis points to the front.
+/// Scales and rotation give the surfel's variance. The third axis points to the front.
 #[test]
 fn surfels_keep_their_shape_and_front() {
     let mut random = Random::new(9);
@@ -1213,7 +1217,7 @@ fn surfels_keep_their_shape_and_front() {
     }
 }
 
-/// What a table states as `opacity` is the splat's opacity, whatever the shape.
+/// A table's column `opacity` is the splat's opacity, whatever the shape.
 #[test]
 fn opacities_of_tables_come_back() {
     let folder = Folder::new();
@@ -1241,7 +1245,8 @@ fn opacities_of_tables_come_back() {
     assert_eq!((report.splat_count, cloud.harmonics_degree), (30, 0));
     for (i, (p, v, opacity, colour)) in rows.into_iter().enumerate() {
         assert_eq!(cloud.positions[i], p);
-        // Variances of f32 elements, ratio up to 400: their rounding reaches the least sigma.
+        // Variances have f32 elements and ratios up to 400: their rounding affects the smallest
+        // sigma.
         assert!(norm(variance(&cloud, i) - v) < 1e-5 * norm(v));
         assert!(
             (f64::from(cloud.opacities[i]) - opacity).abs() < 1e-4,
@@ -1308,7 +1313,7 @@ fn lattices_are_classified_and_their_air_left_out() {
         let expected = DMat3::from_diagonal((spacing * 0.6).powf(2.0));
         assert!(norm(v - expected) < 1e-6 * norm(expected));
     }
-    // Nothing to see is an error that says so.
+    // A scene without visible particles is an error that says so.
     let mut dark = volume;
     dark.values = Some(Values::F32(vec![1.0; 64]));
     let error = splat_cloud(&[dark]).unwrap_err().to_string();
@@ -1318,7 +1323,7 @@ fn lattices_are_classified_and_their_air_left_out() {
     );
 }
 
-/// Faint particles stay where an image might show them and are told of.
+/// Particles that an image might show are kept, however faint, and reported.
 #[test]
 fn faint_particles_are_counted() {
     let of = |opacity: f64| {
@@ -1352,7 +1357,7 @@ fn faint_particles_are_counted() {
         counts,
         [(1, true), (1, true), (1, true), (1, true), (1, false)]
     );
-    // Splats of a file stay, however faint.
+    // A file's own splats are kept, however faint.
     let mut faint = some_cloud(3, 0, 1);
     faint.opacities = vec![1e-6, 0.0, 0.5];
     let data = Dataset::new("a".as_ref(), "splats", Geometry::Splats(faint), Vec::new());
@@ -1360,7 +1365,7 @@ fn faint_particles_are_counted() {
     assert_eq!(splat_cloud(&[volume]).unwrap().1.splat_count, 3);
 }
 
-/// A scene's splats in one cloud, those of the highest degree among them.
+/// A scene's splats form one cloud of the highest degree among them.
 #[test]
 fn clouds_of_different_degrees_are_put_together() {
     let [flat, round] = [some_cloud(2, 0, 1), some_cloud(3, 2, 2)];
@@ -1381,7 +1386,7 @@ fn clouds_of_different_degrees_are_put_together() {
     assert_eq!(empty, round);
 }
 
-/// A mesh of a cube: closed from every side, its corners where they were.
+/// The mesh of a cube is closed from every side, with its corners in place.
 #[test]
 fn a_mesh_becomes_a_closed_surface() {
     use ewa_splat::io::{Material, Mesh, MeshPart};
@@ -1421,8 +1426,7 @@ fn a_mesh_becomes_a_closed_surface() {
     for eye in [DVec3::new(0.0, -8.0, 0.0), DVec3::new(5.0, -4.0, 3.0)] {
         let camera = Camera::orthographic(eye, DVec3::ZERO, DVec3::Z, 4.0, [160, 160]);
         let image = picture(&cloud, &camera);
-        // Whether a pixel's line meets the cube shrunk by a spacing, from its corners' hull: a ray
-        // against three slabs.
+        // Tests if a pixel's line meets the cube shrunk by a spacing: a ray against three slabs.
         let forward = (-eye).normalize();
         let right = forward.cross(DVec3::Z).normalize();
         let up = right.cross(forward);
@@ -1448,7 +1452,7 @@ fn a_mesh_becomes_a_closed_surface() {
         let (p999, most) = (quantile(leaks.clone(), 0.999), quantile(leaks, 1.0));
         println!("cube: mean {mean:.1e}, 99.9 % {p999:.1e}, most {most:.1e}");
         assert!(p999 < 1.0 / 255.0, "{p999}");
-        // The picture's middle has the material's colour.
+        // The centre of the picture has the material's colour.
         let [r, g, b, _] = image.pixel(80, 80);
         for (c, expected) in [r, g, b].into_iter().zip([0.8, 0.4, 0.2]) {
             assert!((c - expected).abs() < 0.01, "{c}");
@@ -1472,7 +1476,7 @@ fn three_splats_of_one_scene_convert_into_each_other() {
             let after = cloud_of(folder.read(&format!("a.{to}")));
             let mut quantum = quantum(to, &written);
             if to == "splat" || to == "spz" {
-                // Colours outside what bytes hold are cut.
+                // Colours beyond the range of bytes are clamped.
                 quantum.constant = 0.9;
                 quantum.harmonic = f64::INFINITY;
             }
@@ -1571,12 +1575,12 @@ mod command_line {
                 summary["bytes"],
                 std::fs::metadata(folder.path(&out)).unwrap().len()
             );
-            // Nodes less those that lie twice on the O-grid's seam.
+            // Nodes without those that coincide on the O-grid's seam.
             assert_eq!(summary["particles"], 20_988);
             let left_out = summary["left_out"][0]["count"].as_u64().unwrap();
             assert_eq!(left_out as usize + cloud.positions.len(), 20_988);
         }
-        // Several into one, and splats as they are.
+        // Several inputs become one output, and splats stay unchanged.
         let output = run(
             &folder,
             &[
@@ -1631,7 +1635,7 @@ mod command_line {
         assert_eq!(names.len(), 1, "{names:?}");
         let output = run(&folder, &["convert", "a.ply"]);
         assert_eq!(output.status.code(), Some(2));
-        // One number spaces a raw volume evenly.
+        // One number gives a raw volume even spacing.
         std::fs::write(folder.path("v.raw"), [0_u8, 255, 9, 200, 0, 255, 3, 80]).unwrap();
         let arguments = [
             "convert",
@@ -1676,7 +1680,7 @@ mod command_line {
         let after = cloud_of(folder.read("b.ply"));
         assert_eq!(after.positions, before.positions);
         assert_eq!(after.harmonics, before.harmonics);
-        // Nothing is said where nothing is turned.
+        // No note is printed if nothing is rotated.
         for arguments in [
             &["a.ply", "--out", "b.ply"][..],
             &["a.ply", "--out", "b.spz"],
@@ -1688,7 +1692,7 @@ mod command_line {
         }
         assert_eq!(cloud_of(folder.read("b.glb")).positions, before.positions);
         assert_eq!(cloud_of(folder.read("b.ply")).positions, turned);
-        // Inputs of different axes stay in place among each other, which is said.
+        // Inputs of different axes are not rotated relative to each other, and a note reports it.
         let said = convert(&["a.ply", "a.glb", "--out", "b.ply"]);
         assert!(said.contains("a.glb: +y is up"), "{said}");
         let both = cloud_of(folder.read("b.ply"));
@@ -1702,7 +1706,7 @@ mod command_line {
     }
 }
 
-/// Vertices with shapes: positions to the last bit, and as particles the same kernels.
+/// Vertices with shapes give the same positions to the last bit, and the same kernels as particles.
 #[test]
 fn vtk_grids_of_splats_are_particles_of_the_same_shapes() {
     let folder = Folder::new();

@@ -1,4 +1,4 @@
-//! DICOM: series, frames and ways of packing give what pydicom 3 and SimpleITK 2.5 read.
+//! Tests DICOM: series, frames and all compressions give what pydicom 3 and SimpleITK 2.5 read.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -29,7 +29,8 @@ fn check_places(data: &Dataset, places: &[([usize; 3], [f64; 3])]) {
     }
 }
 
-/// Four oblique slices of 12 bits with a sign, whose names are not in their order, and one of another series.
+/// Four oblique slices of 12 signed bits, whose names are not in the order of positions, and one of
+/// another series.
 #[test]
 fn a_series_is_read_from_any_of_its_files_and_from_its_folder() {
     for name in ["oblique", "oblique/a.dcm", "oblique/c.dcm"] {
@@ -41,7 +42,8 @@ fn a_series_is_read_from_any_of_its_files_and_from_its_folder() {
         });
         assert_eq!(scalar(&data), Values::F32(expected.collect()));
         assert_eq!(lattice(&data).dims, [5, 3, 4]);
-        // SimpleITK's TransformIndexToPhysicalPoint; rows lie 0.5 apart and columns 0.8.
+        // Positions from SimpleITK's TransformIndexToPhysicalPoint; rows are 0.5 apart and columns
+        // 0.8.
         check_places(
             &data,
             &[
@@ -74,7 +76,8 @@ fn a_series_is_read_from_any_of_its_files_and_from_its_folder() {
     assert_eq!(scalar(&other), Values::U16(vec![1; 15]));
 }
 
-/// 1000 and 5 more for every seventh pixel; as the intercept has it below 0, integers still.
+/// Values are 1000 and 5 more for every seventh pixel. The intercept makes them negative; they stay
+/// integers.
 #[test]
 fn ways_of_packing_give_the_same_numbers() {
     for (name, intercept) in [("deflated", 0), ("big_endian", 0), ("rle", -1024)] {
@@ -101,7 +104,7 @@ fn ways_of_packing_give_the_same_numbers() {
     let data = opened(&fixture("lossless.dcm"));
     let expected = (0..120_i32).map(|i| (i * 37 % 4000 - 1000).try_into().unwrap());
     assert_eq!(scalar(&data), Values::I16(expected.collect()));
-    // With losses, as libjpeg has the fourth row.
+    // The compression is lossy; the fourth row is as libjpeg decodes it.
     let data = opened(&fixture("baseline.dcm"));
     let row: Vec<f32> = (48..64).map(|i| scalar(&data).get(i)).collect();
     let expected = BASELINE.map(f32::from);
@@ -131,7 +134,7 @@ fn frames_of_one_file_lie_where_each_says_and_are_scaled_by_its_own_slope() {
             ([0, 0, 2], [-8.333_333_333, 16.666_666_667, 8.833_333_333]),
         ],
     );
-    // The other files beside it are of other series.
+    // The other files beside it belong to other series.
     assert_eq!(data.notes.len(), 1, "{:?}", data.notes);
 }
 
@@ -148,7 +151,8 @@ fn every_coding_is_read_from_bytes_with_and_without_a_preamble() {
     for coding in [Coding::Explicit, Coding::Implicit, Coding::BigEndian] {
         let slice = Slice {
             coding,
-            // Numbers of twelve bits from the fourth on, the rest something else.
+            // The numbers occupy twelve bits from the fourth on; the other bits hold something
+            // else.
             bits: [16, 12, 15],
             signed: true,
             words: [0x7ff5, 0x8003, 0xfff0, 0x0010],
@@ -161,7 +165,7 @@ fn every_coding_is_read_from_bytes_with_and_without_a_preamble() {
             Values::I16(vec![2047, -2048, -1, 1]),
             "{coding:?}"
         );
-        // Behind the first group: one element with the name of the syntax.
+        // After the first group: one element with the name of the syntax.
         let bare = &bytes[132 + 8 + usize::from(bytes[138])..];
         let bare = read("a.dcm", bare, &OpenOptions::default());
         let bare = bare.unwrap_or_else(|e| panic!("{coding:?}: {e}"));
@@ -195,7 +199,7 @@ fn padding_is_no_value_and_the_rest_is_scaled() {
     assert_eq!(data.unit("value"), Some("HU"));
 }
 
-/// A folder of slices, opened by the first.
+/// Returns a folder of slices, opened by the first.
 fn series(slices: &[Slice]) -> (Folder, Dataset) {
     let folder = Folder::new();
     for (i, slice) in slices.iter().enumerate() {
@@ -260,7 +264,7 @@ fn uneven_distances_are_kept() {
     assert_eq!(coordinates[1], [0.0, 0.5]);
     assert_eq!(coordinates[2], [0.0, 1.0, 4.0]);
     assert!(data.notes[0].contains("1.0000 to 3.0000 apart"));
-    // Oblique ones are nodes.
+    // Oblique slices become nodes.
     let oblique = |position, number| Slice {
         axes: "0\\1\\0\\0\\0\\1",
         ..at(position, number)
@@ -277,7 +281,7 @@ fn uneven_distances_are_kept() {
     assert_eq!(blocks[0].nodes[11], DVec3::new(4.0, 0.25, 0.5));
 }
 
-/// A gantry that leans: layers follow along no normal.
+/// The gantry is tilted: layers do not follow each other along their normal.
 #[test]
 fn layers_that_are_shifted_against_each_other_stay_so() {
     let (_folder, data) = series(&[at("0\\2\\4", 3), at("0\\0\\0", 1), at("0\\1\\2", 2)]);
@@ -333,7 +337,7 @@ fn claims_that_the_bytes_do_not_back_are_refused() {
     let runs = Slice::default().header().packed(&[&[0; 64]]);
     let said = folder.refuse("a.dcm", &runs.file("1.2.840.10008.1.2.5"));
     assert!(said.contains("0 segments, not 2"), "{said}");
-    // A bomb: a data set of zeros.
+    // A decompression bomb: a data set of zeros.
     let mut zeros = flate2::write::DeflateEncoder::new(Vec::new(), flate2::Compression::best());
     std::io::Write::write_all(&mut zeros, &vec![0; 100 << 20]).unwrap();
     let bomb = Dicom {
@@ -342,7 +346,7 @@ fn claims_that_the_bytes_do_not_back_are_refused() {
     };
     let said = folder.refuse("a.dcm", &bomb.file("1.2.840.10008.1.2.1.99"));
     assert!(said.contains("deflated data set"), "{said}");
-    // Sequences in each other, deeper than a stack is.
+    // Sequences are nested deeper than a stack allows.
     let mut deep = Dicom::new(Coding::Explicit);
     for _ in 0..200_000 {
         deep.bytes
@@ -352,7 +356,7 @@ fn claims_that_the_bytes_do_not_back_are_refused() {
     assert!(said.contains("sequences in each other"), "{said}");
 }
 
-/// Frames for which only the first position and their offsets or distance are stated.
+/// Only the first frame's position and the frames' offsets or distance are stated.
 #[test]
 fn frames_follow_along_the_normal() {
     for (tag, vr, text, last) in [

@@ -1,4 +1,4 @@
-//! Points with faces: PLY and VTK files that are read as meshes, or as points where they are asked for.
+//! Tests points with faces: PLY and VTK files, read as meshes, or as points if asked for.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -36,7 +36,7 @@ fn part(data: &Dataset) -> &MeshPart {
     part
 }
 
-/// Normals of triangles times twice their areas.
+/// Returns the normals of triangles, twice their areas long.
 fn normals(part: &MeshPart) -> Vec<DVec3> {
     let corners = part.triangles.iter();
     let corners = corners.map(|t| t.map(|i| part.positions[i as usize]));
@@ -61,7 +61,7 @@ fn square_rows(more: &[[f64; 2]; 4]) -> Vec<Vec<f64>> {
 #[test]
 fn ply_polygons_are_triangles_with_colours_and_normals() {
     let folder = Folder::new();
-    // A square, an arrow head, which is concave at its third corner, and a triangle.
+    // A square, an arrow head (concave at its third corner), and a triangle.
     let places = [
         [0.0, 0.0],
         [1.0, 0.0],
@@ -136,14 +136,14 @@ fn ply_polygons_are_triangles_with_colours_and_normals() {
                     .iter()
                     .all(|n| n.x == 0.0 && n.y == 0.0 && n.z > 0.0)
             );
-            // Twice the areas: 2, 1 and 1.
+            // Twice the areas are 2, 1 and 1.
             let area: f64 = normals.iter().map(|n| n.z).sum();
             assert!((area - 4.0).abs() < 1e-12, "{area}");
             assert!(part.normals.iter().all(|n| *n == Vec3::Z));
             for (i, colour) in part.colours.iter().enumerate() {
                 let [r, g, b, a] = codes(i).map(|code| (code / 255.0) as f32);
                 let expected = [r, g, b].map(linear_from_srgb);
-                // Files of floats hold rounded shares.
+                // Files of floats hold rounded fractions.
                 let off = |c: usize| (colour[c] - expected[c]).abs();
                 assert!(
                     (0..3).all(|c| off(c) < 1e-6) && (colour[3] - a).abs() < 1e-6,
@@ -166,11 +166,12 @@ fn ply_polygons_are_triangles_with_colours_and_normals() {
 #[test]
 fn ply_strips_keep_their_sides() {
     let folder = Folder::new();
-    // A row of four squares, and one apart from them.
+    // A row of four squares, and a separate one.
     let rows: Vec<Vec<f64>> = (0..14)
         .map(|i| vec![f64::from(i / 2), f64::from(i % 2), 0.0])
         .collect();
-    // Upper after lower, so that the first triangle looks along +z; turned by a corner named twice.
+    // The upper corner follows the lower one, so that the first triangle faces +z. A corner named
+    // twice reverses the strip.
     let first = [1.0, 0.0, 3.0, 2.0, 5.0, 4.0, 7.0, 6.0, 9.0, 8.0];
     for (end, kind) in [(-1.0, "int"), (f64::from(u32::MAX), "uint")] {
         let mut strip = first.to_vec();
@@ -232,7 +233,7 @@ fn ply_textures_are_laid_on() {
         assert_eq!(textured.textures[0].image.width, 2);
         assert!(textured.materials[0].base_texture.is_some());
         assert_eq!(textured.materials[0].base_colour, [1.0; 4]);
-        // v runs upwards in the file and downwards here.
+        // v points up in the file and down here.
         let flipped = uv.map(|[u, v]| Vec2::new(u as f32, 1.0 - v as f32));
         assert_eq!(part(&data).texture_coordinates, [flipped.to_vec()]);
 
@@ -270,7 +271,7 @@ fn ply_textures_are_laid_on() {
     );
 }
 
-/// Coordinates of faces' corners, as they have them where a texture is cut, and faces of two textures.
+/// Texture coordinates belong to faces' corners where the texture is cut; faces use two textures.
 #[test]
 fn ply_faces_have_coordinates_of_their_own() {
     let folder = Folder::new();
@@ -296,7 +297,7 @@ fn ply_faces_have_coordinates_of_their_own() {
             face([0.0, 2.0, 3.0], uv, 0.0),
         ];
         let one = read("comment TextureFile 1.png\n", &faces);
-        // Vertex 0 has the same coordinates in both faces, vertex 2 others.
+        // Vertex 0 has the same coordinates in both faces, vertex 2 has different ones.
         assert_eq!(part(&one).positions.len(), 5, "{encoding:?}");
         assert_eq!(part(&one).triangles, [[0, 1, 2], [0, 3, 4]]);
         assert_eq!(part(&one).texture_coordinates[0][3], Vec2::new(0.5, 1.0));
@@ -313,7 +314,7 @@ fn ply_faces_have_coordinates_of_their_own() {
         assert_eq!([pixel(&parts[0]), pixel(&parts[1])], [1, 2]);
         assert!(parts[1].positions.contains(&DVec3::X) && !parts[0].positions.contains(&DVec3::X));
 
-        // A number of no texture, and lists that do not fit.
+        // The number of an absent texture, and lists that do not fit.
         let data = read(two, &[face([0.0, 1.0, 2.0], uv, 5.0)]);
         assert!(mesh(&data).materials[0].base_texture.is_none());
         let short = [[3.0, 0.0, 1.0, 2.0, 2.0, 0.0, 0.0, 0.0].to_vec()];
@@ -341,7 +342,7 @@ fn ply_faces_that_cannot_be_are_refused() {
                 "{error}"
             );
         }
-        // Nothing with an area.
+        // No face has an area.
         let faces = [vec![0.0], vec![2.0, 0.0, 1.0], vec![3.0, 0.0, 1.0, 1.0]];
         let elements: [Element<'_>; 2] = [("vertex", &XYZ, &rows), ("face", INDICES, &faces)];
         let error = folder.refuse("a.ply", &encoding.file("", &elements));
@@ -496,7 +497,7 @@ fn vtk_polygons_and_strips_are_a_mesh() {
             data.notes,
             ["2 points and lines are not shown beside the surface"]
         );
-        // What is neither colour nor normal stays a field.
+        // Arrays that are neither colour nor normal stay fields.
         assert_eq!(data.field_names(), ["ids"]);
         assert_eq!(data.scalar("ids").unwrap().1.len(), 6);
     }
@@ -529,7 +530,8 @@ fn vtk_surfaces_are_points_where_these_are_asked_for() {
     assert_eq!(part(&folder.open("a.vtp", &file)).triangles, [[0, 1, 2]]);
 }
 
-/// A quarter of a disc as one triangle of second order: bent edges are followed, and values go with them.
+/// A quarter disc as one second-order triangle: its curved edges are followed, and values with
+/// them.
 #[test]
 fn flat_cells_of_second_order_are_followed() {
     let folder = Folder::new();
@@ -558,8 +560,8 @@ fn flat_cells_of_second_order_are_followed() {
     let data = folder.open("a.vtu", &file);
     let part = part(&data);
     let sum: f64 = normals(part).iter().map(|n| n.z).sum();
-    // Twice the area: a half below the chord of length 2^.5, above it two thirds of the chord times the height of the
-    // parabola, (2^-.5 - .5) 2^.5. Polygons are inside.
+    // Twice the area: half of it below the chord of length 2^.5. Above the chord, it is two thirds
+    // of the chord times the height of the parabola, (2^-.5 - .5) 2^.5. Polygons are inscribed.
     let expected = 1.0 + 8.0 / 3.0 * (f64::from(half) - 0.5);
     assert!(sum > 0.98 * expected && sum < expected, "{sum}, {expected}");
     let (_, x) = data.scalar("x").unwrap();
@@ -574,7 +576,7 @@ fn flat_cells_of_second_order_are_followed() {
     assert_eq!(c, Values::U8(vec![9; part.triangles.len()]));
 }
 
-/// The ghosts say which cell is which: they count in the order verts, lines, polys, strips.
+/// Ghosts identify the cells, which are numbered in the order verts, lines, polys, strips.
 #[test]
 fn vtk_cells_that_are_hidden_are_left_out() {
     let folder = Folder::new();
@@ -628,7 +630,7 @@ fn flat_unstructured_grids_are_a_mesh_and_others_stay() {
         open(&folder.file("a.vtu", &file), &OpenOptions::default())
     };
     let quad: (u8, &[i64]) = (CellKind::QUAD.0, &[0, 1, 2, 3]);
-    // Each covers the unit square, or half of it.
+    // Each covers the unit square or half of it.
     for (cell, twice_area) in [
         (quad, 2.0),
         ((CellKind::PIXEL.0, &[0, 1, 3, 2][..]), 2.0),
@@ -645,7 +647,7 @@ fn flat_unstructured_grids_are_a_mesh_and_others_stay() {
         let is_told = data.notes.iter().any(|n| n.contains("of a higher order"));
         assert_eq!(is_told, cell.0 == 36, "{:?}", data.notes);
     }
-    // A solid, and a kind that is not known.
+    // A solid, and an unknown kind.
     for kind in [CellKind::TETRA.0, 41] {
         let data = open_cells(&[quad, (kind, &[0, 1, 2, 4])]).unwrap();
         assert!(matches!(data.geometry, Geometry::Cells(_)), "{kind}");
@@ -687,7 +689,7 @@ fn legacy_vtk_surfaces_are_a_mesh() {
     }
 }
 
-// Real files, and what is up.
+// Real files, and their direction up.
 
 #[test]
 fn real_files_with_faces_are_meshes() {
@@ -707,7 +709,7 @@ fn real_files_with_faces_are_meshes() {
         let (low, high) = corners.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| {
             (a.min(*p), b.max(*p))
         });
-        // The cube is off by a millionth, the others' numbers have six digits.
+        // The cube is off by a millionth; the others' numbers have six digits.
         assert!(
             (high - low - DVec3::from(size)).abs().max_element() < 1e-5,
             "{name}: {low} {high}"
@@ -725,8 +727,8 @@ fn real_files_with_faces_are_meshes() {
         let data = open(&path, &OpenOptions::default()).unwrap();
         let part = part(&data);
         assert!(part.triangles.len() > 10 && part.normals.len() == part.positions.len());
-        // A sphere of radius 1/2 that is cut open: its normals look away from its centre, within the angle
-        // between neighbours of a dozen.
+        // The sphere of radius 1/2 is cut open. Its normals point away from its centre, within the
+        // angle between neighbours of a dozen.
         for (p, n) in part.positions.iter().zip(&part.normals) {
             assert!((p.length() - 0.5).abs() < 1e-6, "{name}: {p}");
             assert!(n.as_dvec3().dot(*p) > 0.4, "{name}: {p} {n}");
@@ -767,7 +769,7 @@ fn every_format_says_what_is_up() {
             DVec3::NEG_Y,
         ),
         ("a.splat", splat_records(&splats), DVec3::NEG_Y),
-        // Turned to the axes of the two before it.
+        // Rotated to the axes of the two files before it.
         ("a.spz", spz(3, 0, &splats), DVec3::NEG_Y),
         ("a.csv", b"x,y,z\n0,0,0\n9,9,9\n".to_vec(), DVec3::Z),
         ("b.csv", disc.to_vec(), DVec3::Y),

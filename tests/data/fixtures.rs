@@ -1,5 +1,5 @@
-//! The generated files of `fixtures/` are what `examples/make_fixtures.rs` makes, and mean what
-//! it says.
+//! Checks the generated files of `fixtures/`: `examples/make_fixtures.rs` generates the same bytes,
+//! and they have the stated properties.
 
 use std::path::Path;
 
@@ -54,7 +54,7 @@ fn the_wake_is_an_o_grid_with_a_sound_flow() {
         let kinetic = 0.5 * (mu * mu + mv * mv + mw * mw) / rho;
         let pressure = 0.4 * (e - kinetic);
         assert!(rho > 0.3 && rho < 1.2 && pressure > 0.0, "{rho} {pressure}");
-        // Isentropic with the free stream: p = rho^1.4 / 1.4. 1e-4: f32 and cancellation.
+        // Isentropic with the free stream: p = rho^1.4 / 1.4. 1e-4 allows for f32 and cancellation.
         assert!((pressure * 1.4 / rho.powf(1.4) - 1.0).abs() < 1e-4);
         let mach = (2.0 * kinetic / rho / (1.4 * pressure / rho)).sqrt();
         assert!(mach < 8.0 * mach_free);
@@ -78,18 +78,18 @@ fn the_wake_is_an_o_grid_with_a_sound_flow() {
         ..SampleOptions::default()
     };
     let sampled = volume(dataset, &options).unwrap();
-    // The seam, and nothing else.
+    // Only the seam is left out.
     assert_eq!(sampled.report.left_out_count(), dims[1] * dims[2]);
-    // At the nose the planes around meet in a line.
+    // At the nose, the planes around meet in a line.
     let warnings = sampled.report.warnings();
     assert_eq!(warnings.len(), 2, "{warnings:?}");
     assert!(warnings[0].starts_with(&format!("{} cells: degenerate", dims[0] - 1)));
-    // Clear in the free stream, bright in the cores.
+    // The free stream is transparent, and the cores are bright.
     let t = sampled.volume.transfer_function.unwrap();
     assert!(t.classify(1.0)[3] <= 0.0 && t.classify(0.55)[3] > 1.0);
     let visible = q[0].iter().filter(|&&rho| t.classify(rho)[3] > 0.1).count();
     let share = visible as f64 / q[0].len() as f64;
-    // Half of them: the grid gathers its nodes on the vortices.
+    // The share is about half, because the grid is denser at the vortices.
     assert!(share > 0.3 && share < 0.7, "{share}");
 }
 

@@ -1,4 +1,4 @@
-//! Files read from their bytes are what they are read from the disk.
+//! Tests that a file read from memory gives the same data as from disk.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -11,12 +11,12 @@ use crate::support::meshes::png;
 use crate::support::seeds::seeds;
 use ewa_splat::io::{Association, Dataset, OpenOptions, RawLayout, RawType, open, read, read_with};
 
-/// All that a data set holds, as text: NaN equals itself.
+/// Formats a data set as text, so that NaN equals NaN.
 fn text(data: &Dataset) -> String {
     format!("{data:?}")
 }
 
-/// Reads a file both ways, under its own path, and compares what comes of it.
+/// Reads a file both ways, under its own path, and compares the results.
 fn check(path: &Path, options: &OpenOptions) {
     let bytes = std::fs::read(path).unwrap();
     let name = path.to_str().unwrap();
@@ -34,14 +34,14 @@ fn check(path: &Path, options: &OpenOptions) {
 #[test]
 fn seeds_of_every_format_are_the_same() {
     let folder = Folder::new();
-    // Files that a series names are missed in other words from memory.
+    // The message about a series' missing files differs for files in memory.
     for (name, bytes) in seeds()
         .iter()
         .filter(|(name, _)| !name.ends_with(".series"))
     {
         let path = folder.file(name, bytes);
         check(&path, &OpenOptions::default());
-        // Cut off: the same error.
+        // A truncated file gives the same error.
         std::fs::write(&path, &bytes[..bytes.len() * 2 / 3]).unwrap();
         check(&path, &OpenOptions::default());
         std::fs::remove_file(path).unwrap();
@@ -112,11 +112,11 @@ fn files_beside_are_asked_for_by_their_paths() {
         panic!()
     };
     assert_eq!(mesh.textures.len(), 1);
-    // Without them the mesh is as it is on a disk without them.
+    // Without these files, the mesh is the same as on a disk without them.
     let without = read("in/a.obj", obj, &options).unwrap();
     assert!(without.notes[0].contains("m/a.mtl"), "{:?}", without.notes);
 
-    // An index names its pieces; each once, however it is spelt.
+    // An index names its pieces, each once, however it is spelt.
     let piece = seeds().iter().find(|(name, _)| name == "a.vti").unwrap();
     let index = |sources: &[&str]| {
         let pieces: String = { sources.iter() }
@@ -140,7 +140,7 @@ fn files_beside_are_asked_for_by_their_paths() {
     let twice = of(index(&["a.vti", "a.vti"])).unwrap_err().to_string();
     assert!(twice.contains("each file once"), "{twice}");
 
-    // A solution that is named and not there; one that is beside by its name.
+    // A named solution is absent; another lies beside the grid by its name.
     let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
     let grid = std::fs::read(fixtures.join("wake.xyz")).unwrap();
     let named = OpenOptions {

@@ -1,4 +1,4 @@
-//! Binary snapshots of Gadget.
+//! Tests binary Gadget snapshots.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use ewa_splat::io::{
@@ -89,7 +89,7 @@ fn files_of_one_snapshot_are_read_together() {
         }
         for i in 0..2 {
             check_gas(&open(&path(i), &OpenOptions::default()).unwrap());
-            // The first file has none.
+            // The first file has no dark matter.
             let dark = open(&path(i), &of_type(ParticleType::DarkMatter)).unwrap();
             assert_eq!(numbers(&dark, "ParticleIDs"), expected(100..103, 0));
             let format = format_of(&path(i), &OpenOptions::default()).unwrap();
@@ -115,7 +115,7 @@ fn damage_is_said_by_place() {
         error.to_string()
     };
     assert!(error(&sound[..sound.len() - 1]).contains("between two marks"));
-    // One particle of gas more than there are positions of.
+    // The header states one more gas particle than there are positions.
     let mut more = sound.clone();
     more[4] += 1;
     assert!(error(&more).contains("record `POS`"), "{}", error(&more));

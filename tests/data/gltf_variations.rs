@@ -1,4 +1,4 @@
-//! Valid variations of a glTF file in parts that are not drawn: the variations show what the file shows.
+//! Tests valid variations of glTF files in parts that are not drawn: the picture stays the same.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use ewa_splat::io::{Dataset, OpenOptions, read};
@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use crate::support::meshes::rich_gltf;
 use crate::support::splats::{glb, glb_splats, some_splats};
 
-/// A file: its JSON, its binary chunk.
+/// JSON and binary chunk of a file.
 type File = (Value, Vec<u8>);
 
 fn files() -> [File; 2] {
@@ -26,12 +26,12 @@ fn open(bytes: &[u8]) -> Dataset {
     }
 }
 
-/// The drawn data, as text.
+/// Returns the drawn data as text.
 fn shown(data: &Dataset) -> String {
     format!("{} {:?}", data.format, data.geometry)
 }
 
-/// Changes each object of the format: not the maps of attributes and extensions.
+/// Changes each object of the format, except the maps of attributes and extensions.
 fn each_object(value: &mut Value, change: &mut dyn FnMut(&mut serde_json::Map<String, Value>)) {
     match value {
         Value::Array(items) => items.iter_mut().for_each(|item| each_object(item, change)),
@@ -53,7 +53,7 @@ fn each_object(value: &mut Value, change: &mut dyn FnMut(&mut serde_json::Map<St
     }
 }
 
-/// Each whole number, as a number with a point.
+/// Changes each integer to a number with a decimal point.
 fn with_points(value: &mut Value) {
     match value {
         Value::Array(items) => items.iter_mut().for_each(with_points),
@@ -67,7 +67,7 @@ fn with_points(value: &mut Value) {
     }
 }
 
-/// Any content: of all types that JSON has.
+/// Returns contents of all JSON types.
 fn contents() -> Vec<Value> {
     vec![
         json!(7),
@@ -82,7 +82,7 @@ fn contents() -> Vec<Value> {
 
 type Change = Box<dyn Fn(&mut Value)>;
 
-/// Changes of a file that leave the drawn data as they are.
+/// Returns changes of a file that keep the drawn data.
 fn variations() -> Vec<(String, Change)> {
     let mut all: Vec<(String, Change)> = Vec::new();
     let mut add = |name: String, change: Change| all.push((name, change));
@@ -230,7 +230,7 @@ fn what_nobody_draws_may_be_anything() {
                 assert_eq!(data.notes, plain.notes, "{name}");
             }
         }
-        // All at once.
+        // All changes at once.
         let mut changed = json.clone();
         for (name, change) in variations() {
             if !name.contains("acme") && !name.starts_with("name") {
@@ -241,7 +241,7 @@ fn what_nobody_draws_may_be_anything() {
     }
 }
 
-/// Text that is the same JSON in another spelling.
+/// Text that is the same JSON, spelt differently.
 #[test]
 fn json_may_be_spelled_in_any_way() {
     for (json, bin) in files() {
@@ -252,7 +252,7 @@ fn json_may_be_spelled_in_any_way() {
             serde_json::to_string_pretty(&json).unwrap(),
             text.replace("\"meshes\"", "\"mesh\\u0065s\""),
             format!("\n\t {text} \r\n"),
-            // Nested deeper than parsers follow, greater than doubles go.
+            // Nesting beyond parsers' limits, and numbers beyond f64.
             text.replacen('{', &deep, 1),
             text.replacen('{', "{\"extras\":1e999,", 1),
         ] {
@@ -290,7 +290,7 @@ fn chunks_may_lack_padding_and_have_others_beside_them() {
             let (text, binary) = (chunk(b"JSON", text.as_bytes()), chunk(b"BIN\0", &bin));
             let mut files = vec![file(&[text.clone(), binary.clone()])];
             if is_padded {
-                // Of another kind, and bytes behind the end.
+                // A chunk of another kind, and bytes after the end.
                 let other = chunk(b"ACME", b"four");
                 files.push(file(&[text.clone(), other.clone(), binary.clone()]));
                 files.push(file(&[text.clone(), binary.clone(), other]));
@@ -359,7 +359,7 @@ fn what_is_drawn_is_checked() {
         let error = error.to_string();
         assert!(error.contains(words), "{pointer}: {error}");
     }
-    // An extension that is required and not read, of either kind of file.
+    // A required extension that is not supported, in either kind of file.
     for (mut json, bin) in files() {
         json["extensionsRequired"] = json!(["ACME_any"]);
         let error = read("a.glb", &glb(&json, &bin), &OpenOptions::default()).unwrap_err();
@@ -386,7 +386,8 @@ fn spaces_of_colours_that_are_not_known_are_said() {
     );
 }
 
-/// A mesh beside splats that no scene shows is a mesh, and a name of the extension in a comment is no splat.
+/// A mesh beside splats that no scene shows is a mesh. The extension's name in a comment does not
+/// make a splat file.
 #[test]
 fn files_are_splats_where_they_show_some() {
     let [(mut json, bin), _] = files();

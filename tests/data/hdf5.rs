@@ -1,6 +1,6 @@
-//! HDF5 snapshots of particles.
+//! Tests HDF5 snapshots of particles.
 //!
-//! The fixtures were written with h5py (HDF5 2.0) from the numbers that stand here: five
+//! The fixtures were written with h5py (HDF5 2.0) from the numbers in these tests: five
 //! particles at (i, i²/4, -i/8), lengths (i + 1)/4, masses 2 (i + 1), densities 8 (i + 1).
 //!
 //! | fixture | layout |
@@ -70,7 +70,7 @@ fn has_note(data: &Dataset, words: &str) -> bool {
 
 #[test]
 fn kernels_beyond_the_faces_of_the_box_are_said() {
-    // One of two like particles lies at .01 of a box of 1.
+    // One of two equal particles lies at .01 of a box of 1.
     let data = read("cases/periodic_one.hdf5");
     assert!(
         has_note(
@@ -80,7 +80,7 @@ fn kernels_beyond_the_faces_of_the_box_are_said() {
         "{:?}",
         data.notes
     );
-    // No box is stated, or none is reached.
+    // The file states no box, or no particle reaches it.
     assert!(!has_note(&read("gadget_old.h5"), "the box"));
 }
 
@@ -123,7 +123,7 @@ fn gadget_snapshots_in_every_layout() {
     }
 }
 
-/// h = 2 σ for each of SWIFT's kernels: σ is exact whichever kernel it is.
+/// h = 2 σ for each of SWIFT's kernels: σ is exact for all of them.
 #[test]
 fn swift_lengths_become_standard_deviations() {
     let data = read("swift.h5");
@@ -174,7 +174,7 @@ fn phantom_densities_follow_from_lengths_and_types() {
     assert!(has_note(&data, "1 particles are dead"));
     assert!(has_note(&data, "2 types"));
     assert!(has_note(&data, "Left out") && has_note(&data, "`label`"));
-    // The dead particle stays a row; the sampler counts it.
+    // A dead particle stays a row; the sampler counts it.
     let sampled = volume(data, &SampleOptions::default()).unwrap();
     assert_eq!(sampled.report.particle_count, 4);
     assert_eq!(sampled.report.left_out_count(), 1);
@@ -188,7 +188,7 @@ fn read_type(name: &str, particles: ParticleType) -> Result<Dataset, String> {
     open(&fixture(name), &options).map_err(|e| e.to_string())
 }
 
-/// Names, counts and which are read.
+/// Returns names and counts, and which types are read.
 fn types(data: &Dataset) -> Vec<(String, usize, bool)> {
     let types = data.particle_types.iter();
     types.map(|t| (t.to_string(), t.count, t.is_read)).collect()
@@ -223,7 +223,7 @@ fn a_type_of_a_gadget_snapshot_is_read_by_its_name_or_its_number() {
     let data = read_type("gadget_types.h5", ParticleType::DarkMatter).unwrap();
     assert_eq!(positions(&data), moved(2, 10.0));
     assert_eq!(numbers(&data, "Masses"), [2.5; 2]);
-    // A group without particles is no type that is there.
+    // A group without particles does not count as an available type.
     for absent in [
         ParticleType::BlackHoles,
         ParticleType::Sinks,
@@ -283,8 +283,8 @@ fn phantoms_types_are_told_apart_by_itype() {
     );
 }
 
-/// A ball of radius R has the variance R²/5 along each axis; one that states no radius gets a hundredth of the box,
-/// which is 4 wide.
+/// A ball of radius R has the variance R²/5 along each axis. A particle without a radius gets a
+/// hundredth of the box, which is 4 wide.
 #[test]
 fn sinks_are_opaque_spheres_of_their_accretion_radii() {
     let data = read_type("phantom_sinks.h5", ParticleType::Sinks).unwrap();
@@ -298,7 +298,7 @@ fn sinks_are_opaque_spheres_of_their_accretion_radii() {
     assert!(has_note(&data, "1 sinks state no accretion radius"));
     let sampled = volume(data, &SampleOptions::default()).unwrap();
     assert_eq!(sampled.report.particle_count, 3);
-    // The greatest optical depth of each is that of its opacity: strength over 2 pi sigma².
+    // The greatest optical depth of each corresponds to its opacity: strength over 2 pi sigma².
     let ewa_splat::scene::Strength::Mass(strengths) = &sampled.volume.strength else {
         panic!("strengths of their own expected");
     };
@@ -317,7 +317,8 @@ fn a_type_of_particles_is_refused_of_what_has_none() {
     assert!(has_particle_types(&fixture("phantom.h5")).unwrap());
 }
 
-/// Strings of fixed and of any length, under three names; what no unit looks like is none.
+/// Units are strings of fixed or variable length, under three names. Text that is no unit is
+/// ignored.
 #[test]
 fn units_that_attributes_state_are_kept() {
     let data = read("gadget_types.h5");
@@ -343,7 +344,8 @@ fn units_that_attributes_state_are_kept() {
     assert_eq!(sampled.report.unit.as_deref(), Some("g/cm^3"));
 }
 
-/// What SWIFT states is the unit after a conversion; it is that of the numbers only where the conversion is none.
+/// SWIFT states the unit after a conversion. It applies to the numbers only if the conversion is
+/// trivial.
 #[test]
 fn swifts_units_are_those_of_the_numbers_or_none() {
     let data = read("swift_units.h5");
@@ -365,7 +367,7 @@ fn hdf5_without_particles_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.h5");
     let bytes = std::fs::read(fixture("dark_matter.h5")).unwrap();
-    // Names in the newest layout are under a checksum, so rename in the old one.
+    // Names in the newest layout are protected by a checksum, so the old layout is renamed.
     let mut old = std::fs::read(fixture("gadget_old.h5")).unwrap();
     for at in 0..old.len() - 8 {
         if &old[at..at + 8] == b"PartType" {
@@ -386,11 +388,11 @@ fn hdf5_without_particles_is_refused() {
     assert!(error.contains("expected sound HDF5"), "{error}");
 }
 
-/// A few hundred bytes can declare gigabytes: an array without chunks reads as fill values.
+/// A few hundred bytes can declare gigabytes: an array without chunks consists of fill values.
 #[test]
 fn declared_sizes_beyond_reason_are_refused() {
     let mut bytes = std::fs::read(fixture("gadget_old_packed.h5")).unwrap();
-    // The dataspace of `Coordinates`: 5 x 3, at most 5 x 3.
+    // The dataspace of `Coordinates` is 5 x 3, at most 5 x 3.
     let extent: Vec<u8> = [5_u64, 3].iter().flat_map(|n| n.to_le_bytes()).collect();
     let at: Vec<usize> = (0..bytes.len() - 16)
         .filter(|&at| bytes[at..at + 16] == extent[..])
@@ -408,7 +410,8 @@ fn declared_sizes_beyond_reason_are_refused() {
     assert!(error.contains("32 times the file's bytes"), "{error}");
 }
 
-/// What libhdf5 2.0 reads of each (through h5py, as doubles), among them a subnormal number, the greatest one and infinities.
+/// Values that libhdf5 2.0 reads from each file (through h5py, as doubles), among them a subnormal
+/// number, the greatest one and infinities.
 #[test]
 fn swifts_lossy_floats_have_the_values_that_libhdf5_reads() {
     let data = read("swift_lossy.h5");
@@ -498,7 +501,7 @@ fn numbers_of_an_unknown_layout_are_never_shown() {
     let data = read("swift_unnormalised.h5");
     assert!(data.scalar("Temperatures").is_err());
     assert!(has_note(&data, "`Temperatures`, floats of 4 bytes") && has_note(&data, "swiftsimio"));
-    // The same of masses is an error: without them a picture would mean something else.
+    // The same filter on masses is an error: without masses, the picture would mean something else.
     let masses = fixture("swift_unnormalised_masses.h5");
     let error = open(&masses, &OpenOptions::default()).unwrap_err();
     let error = error.to_string();
@@ -547,7 +550,7 @@ fn any_file_of_a_snapshot_in_several_stands_for_all() {
             error.contains("PartType1") && error.contains("stars"),
             "{error}"
         );
-        // All of them are one input.
+        // All files form one input.
         let format = format_of(&path, &OpenOptions::default()).unwrap();
         let steps = format.time_steps(&path).unwrap();
         assert_eq!(steps.len(), 1);
@@ -568,7 +571,7 @@ fn missing_files_of_a_snapshot_are_named() {
         "{error}"
     );
     assert!(error.contains("3 files"), "{error}");
-    // Under a name that does not say which it is, it is alone.
+    // Under a name without a number, the file stands alone.
     let alone = folder.path().join("last.hdf5");
     std::fs::rename(&last, &alone).unwrap();
     let data = open(&alone, &OpenOptions::default()).unwrap();
@@ -577,7 +580,7 @@ fn missing_files_of_a_snapshot_are_named() {
         &data,
         "consists of 3 files; only this one is read"
     ));
-    // What is virtual needs what it names; pieces may be in a folder of its name.
+    // A virtual file needs the files that it names; pieces may be in a folder of its name.
     let whole = folder.path().join("snap_010.hdf5");
     std::fs::copy(fixture("split/snap_010.hdf5"), &whole).unwrap();
     let error = open(&whole, &OpenOptions::default())

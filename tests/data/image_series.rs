@@ -1,4 +1,4 @@
-//! Numbered images as one volume.
+//! Tests numbered images that form a volume.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::path::Path;
@@ -6,7 +6,7 @@ use std::path::Path;
 use ewa_splat::io::{Dataset, Geometry, OpenOptions, open};
 use ewa_splat::scene::Values;
 
-/// A grey PNG image of `width` columns, of 8 or 16 bits.
+/// Returns a grey PNG image of `width` columns, of 8 or 16 bits.
 fn grey(width: usize, numbers: &[u16], is_deep: bool) -> Vec<u8> {
     let mut file = Vec::new();
     let size = [width, numbers.len() / width].map(|n| u32::try_from(n).unwrap());
@@ -31,7 +31,7 @@ fn series(folder: &Path, pattern: &str) -> ewa_splat::Result<Dataset> {
 #[test]
 fn layers_are_in_the_order_of_their_numbers() {
     let folder = tempfile::tempdir().unwrap();
-    // 8 to 11: by name 10 comes before 8. 3 columns, 2 rows.
+    // Layers 8 to 11: by name, 10 precedes 8. There are 3 columns and 2 rows.
     for layer in 8..12_u16 {
         let numbers: Vec<u16> = (0..6).map(|i| 1000 * layer + i).collect();
         let name = format!("s_{layer}.png");
@@ -90,7 +90,7 @@ fn what_is_missing_or_differs_is_refused() {
     );
     write("a002.png", b"P5 1 1 255 0");
     assert!(refused("a%03d.png").contains("PNG, JPEG, WebP or TIFF"));
-    // A file that is called so is itself.
+    // A file with this name is read by itself.
     write("b%d.csv", b"x,y,z\n0,0,0\n1,1,1\n");
     assert!(series(folder.path(), "b%d.csv").is_ok());
 }

@@ -1,4 +1,4 @@
-//! Files, and what is made of them: readers, writers, sampling.
+//! Tests readers, writers and sampling.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,

@@ -1,4 +1,4 @@
-//! Surfels of meshes: areas, numbers, evenness, colours, sides, and what is left out.
+//! Tests surfels of meshes: areas, numbers, evenness, colours, sides, and omissions.
 
 #![allow(
     clippy::unwrap_used,
@@ -35,7 +35,7 @@ fn mesh(positions: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Mesh {
     }
 }
 
-/// A patch of `across` x `along` quadrilaterals over the unit square.
+/// Returns a patch of `across` x `along` quadrilaterals over the unit square.
 fn patch(across: u32, along: u32, at: impl Fn(f64, f64) -> DVec3) -> Mesh {
     let share = |i: u32, n: u32| f64::from(i) / f64::from(n);
     let positions = (0..=along)
@@ -58,13 +58,13 @@ fn plane() -> Mesh {
 
 fn sphere(rows: u32) -> Mesh {
     patch(2 * rows, rows, |u, v| {
-        // The seam's corners are the same to the last bit.
+        // The seam's corners are equal to the last bit.
         let (u, v) = (if u == 1.0 { 0.0 } else { u } * TAU, PI * (1.0 - v));
         DVec3::new(v.sin() * u.cos(), v.sin() * u.sin(), v.cos())
     })
 }
 
-/// Without its ends.
+/// Returns a cylinder without its ends.
 fn cylinder() -> Mesh {
     patch(96, 1, |u, v| {
         let u = if u == 1.0 { 0.0 } else { u } * TAU;
@@ -90,7 +90,7 @@ fn coloured(mut mesh: Mesh, colour: [f32; 3]) -> Mesh {
     mesh
 }
 
-/// A unit cube whose sides have colours of their own.
+/// Returns a unit cube whose sides have different colours.
 fn cube() -> Mesh {
     let side = |axis: usize, end: f64| {
         let square = patch(1, 1, |u, v| {
@@ -133,7 +133,7 @@ fn sampled(mesh: &Mesh, count: usize) -> SampledMesh {
     sampled
 }
 
-/// A surfel in f64.
+/// Surfel in f64.
 #[derive(Clone, Copy)]
 struct Surfel {
     at: DVec3,
@@ -184,8 +184,8 @@ fn total(surfels: &[Surfel]) -> f64 {
     surfels.iter().map(|s| s.strength).sum()
 }
 
-/// The sum of weights at a point of a surface with this normal: kernels of surfels that face the
-/// same way, convolved with a low-pass filter in the tangent plane.
+/// Returns the sum of weights at a point of a surface with this normal: kernels of surfels that
+/// face the same way, convolved with a low-pass filter in the tangent plane.
 fn sum_of_weights(surfels: &[Surfel], at: DVec3, normal: DVec3, low_pass: f64) -> f64 {
     let (x, y) = normal.any_orthonormal_pair();
     let weight = |s: &Surfel| {
@@ -205,7 +205,7 @@ fn sum_of_weights(surfels: &[Surfel], at: DVec3, normal: DVec3, low_pass: f64) -
     surfels.iter().map(weight).sum()
 }
 
-/// Root mean square and greatest deviation from 1 of sums of weights at the points.
+/// Returns the root mean square and the greatest deviation from 1 of sums of weights at the points.
 fn ripple(surfels: &[Surfel], points: &[(DVec3, DVec3)], low_pass: f64) -> [f64; 2] {
     let off = |&(at, normal): &(DVec3, DVec3)| sum_of_weights(surfels, at, normal, low_pass) - 1.0;
     let off: Vec<f64> = points.iter().map(off).collect();
@@ -273,14 +273,14 @@ fn areas_add_up_and_numbers_are_those_asked_for() {
     assert_eq!(surfels(&cube(), &dense).unwrap().report.surfel_count, 3000);
 }
 
-/// Without blur surfels have their cells' variance, and cells that tile a triangle have its moments, with
-/// squares inside it or without.
+/// Without blur, surfels have their cells' variance. Cells that tile a triangle have its moments,
+/// with squares inside it or without.
 #[test]
 fn surfels_have_the_moments_of_their_triangle() {
     let square = |d: DVec3| DMat3::from_cols(d * d.x, d * d.y, d * d.z);
     let size = |m: DMat3| m.to_cols_array().iter().map(|x| x * x).sum::<f64>().sqrt();
     let mut random = Random::new(12);
-    // Right, even, blunt, long; and too narrow for squares.
+    // Right, equilateral, obtuse, long; and too narrow for squares.
     let shapes = [
         [3.0, 0.0, 4.0],
         [2.0, 1.0, 1.7],
@@ -357,7 +357,8 @@ fn pixels_per_area_are_those_of_half_of_the_pixels() {
         let corners = [(); 3].map(|()| ahead(random.point(2.0)));
         let one = mesh(corners.to_vec(), vec![[0, 1, 2]]);
         let found = pixels_per_area(&one, &camera);
-        // Tiny triangles everywhere in it, as the camera projects them: their area in pixels, where they are seen.
+        // Tiny triangles everywhere in it, as the camera projects them: their area in pixels if
+        // they are visible.
         let [a, e1, e2] = [corners[0], corners[1] - corners[0], corners[2] - corners[0]];
         let (n, h) = (300, 1e-4);
         let mut densities = Vec::new();
@@ -375,7 +376,7 @@ fn pixels_per_area_are_those_of_half_of_the_pixels() {
             }
         }
         densities.sort_by(f64::total_cmp);
-        // Each has as many pixels as it is dense.
+        // Each surfel covers as many pixels as its density implies.
         let denser_than = |density: f64| -> f64 {
             let denser = densities.iter().filter(|d| **d > density);
             denser.sum::<f64>() / densities.iter().sum::<f64>()
@@ -387,11 +388,12 @@ fn pixels_per_area_are_those_of_half_of_the_pixels() {
         if densities.is_empty() {
             continue; // a corner's triangle touches the picture's
         }
-        // One density stands for depths up to 1.1 apart, and for pieces across the edge of the picture.
+        // One density applies to depths up to 1.1 apart, and to pieces across the edge of the
+        // picture.
         let (more, less) = (denser_than(found * 1.16), denser_than(found / 1.16));
         println!("{round}: {found:.3} {more:.3} {less:.3}");
         assert!(more < 0.5 && less > 0.5, "{round}: {found} {more} {less}");
-        // Behind the eye: no bound.
+        // Meshes behind the eye have no bound.
         let behind = mesh(corners.map(|p| 2.0 * eye - p).to_vec(), vec![[0, 1, 2]]);
         assert_eq!(pixels_per_area(&behind, &camera), None);
     }
@@ -428,7 +430,7 @@ fn surfels_keep_their_distance() {
         println!(
             "{name}: nearest neighbours at {mean:.3} +- {spread:.3} spacings, {least:.3} least"
         );
-        // Scattered at random: .5 +- .26. A square lattice: 1, a hexagonal one: 1.07.
+        // Random points would give .5 +- .26, a square lattice 1, a hexagonal one 1.07.
         assert!(mean > 0.72 && spread < 0.16 && least > 0.2, "{name}");
     }
 }
@@ -478,7 +480,7 @@ fn weights_add_up_to_one() {
             shown[0], shown[1], shown[2]
         );
         // A square lattice at rho .6 ripples by .33 %; kernels with 12 rho² times their cells'
-        // variance, by 5 %. Under the widest filter the sphere's curvature shows: flat kernels of
+        // variance by 5 %. Under the widest filter, the sphere's curvature shows: flat kernels of
         // 1.17 spacings on a radius of 22 are off by its square, .28 %.
         let limits = [0.02, 0.008, 0.004];
         for ([rms, _], limit) in found.iter().zip(limits) {
@@ -491,7 +493,7 @@ fn weights_add_up_to_one() {
 
 #[test]
 fn no_triangle_vanishes() {
-    // 100,000 triangles, every hundredth red, and 200 surfels.
+    // 100,000 triangles, every hundredth of them red, get 200 surfels.
     let mut mesh = patch(250, 200, |x, y| DVec3::new(x, y, 0.1 * (x * y).sin()));
     let part = &mut mesh.parts[0];
     let apart: Vec<DVec3> = part
@@ -540,7 +542,7 @@ fn no_triangle_vanishes() {
 
 #[test]
 fn scattered_bits_are_gathered() {
-    // Far apart, a thousand of them, for ten surfels.
+    // A thousand triangles, far apart, get ten surfels.
     let mut random = Random::new(8);
     let mut bits = Vec::new();
     for i in 0..1000 {
@@ -567,7 +569,7 @@ fn surfels_face_the_front() {
     let sphere = sampled(&sphere(30), 800);
     for s in all(&sphere) {
         assert!(s.normal().dot(s.at) > 0.98 * s.at.length());
-        // On the surface: chords of thirty rows lie up to .3 % below.
+        // Surfels lie on the surface: chords of thirty rows lie up to .3 % below.
         assert!((s.at.length() - 1.0).abs() < 0.004, "{}", s.at.length());
     }
 }
@@ -599,7 +601,7 @@ fn sharp_edges_sides_and_layers_stay_apart() {
         let facing = if s.normal().z > 0.0 { red } else { blue };
         assert_eq!(s.colour, facing);
     }
-    // Two layers that face the same way, far nearer than the spacing.
+    // Two layers face the same way, far nearer than the spacing.
     let above = coloured(patch(9, 9, |x, y| DVec3::new(x, y, 1e-3)), red);
     let below = coloured(patch(7, 8, |x, y| DVec3::new(x, y, 0.0)), blue);
     for s in surfels_of(&joined([above, below])) {
@@ -653,7 +655,7 @@ fn where_and_how_large_a_mesh_is_does_not_matter() {
     }
 }
 
-/// A plane whose texture coordinates are its own, v down.
+/// Returns a plane whose texture coordinates are its own, v down.
 fn textured(material: Material, size: [usize; 2], pixel: impl Fn(usize, usize) -> [u8; 4]) -> Mesh {
     let mut mesh = plane();
     let uv = |p: &DVec3| Vec2::new(p.x as f32, p.y as f32);
@@ -698,15 +700,15 @@ fn textures_are_filtered_over_the_cells() {
     };
     let fine = textured(material(AlphaMode::Opaque), [512, 512], checker);
     for s in all(&sampled(&fine, 400)) {
-        // 655 texels a surfel: what is left of their contrast is far below a grey level.
+        // There are 655 texels per surfel: their contrast averages to far below a grey level.
         assert!((s.colour[0] - 0.5).abs() < 2e-3, "{:?}", s.colour);
     }
-    // Halves: white at y < 1/2, black above.
+    // The halves are white at y < 1/2 and black above.
     let halves = |_: usize, y: usize| if y < 32 { [255; 4] } else { [0, 0, 0, 255] };
     let mut mesh = textured(material(AlphaMode::Opaque), [64, 64], halves);
     mesh.textures[0].wrap = [Wrap::ClampToEdge; 2];
     for s in all(&sampled(&mesh, 2000)) {
-        // Half a cell and half a texel away from the edge there is nothing but one of them.
+        // Half a cell and half a texel from the edge, only one of them contributes.
         let expected = if s.at.y < 0.5 { 1.0 } else { 0.0 };
         if (s.at.y - 0.5).abs() > 0.045 {
             assert!(
@@ -752,7 +754,7 @@ fn factors_corners_and_glow_make_the_colour() {
     }
 }
 
-/// The normals by which surfels reflect: stored ones, else those of their planes.
+/// Returns the normals by which surfels reflect: stored ones, else those of their planes.
 fn reflecting(sampled: &SampledMesh) -> Vec<DVec3> {
     let of_volume = |volume: &PointVolume| match &volume.normals {
         Some(codes) => codes
@@ -766,9 +768,10 @@ fn reflecting(sampled: &SampledMesh) -> Vec<DVec3> {
 
 #[test]
 fn coarse_meshes_reflect_as_the_smooth_ones_that_they_stand_for() {
-    // Facets of a sphere of 12 rows lie up to 7.5 degrees off along the meridians and the equator.
+    // Facets of a sphere of 12 rows are tilted by up to 7.5 degrees along the meridians and the
+    // equator.
     let mut mesh = sphere(12);
-    // Its corners at a pole are one, up to the sine of π.
+    // The corners at a pole coincide, up to the sine of π.
     for position in &mut mesh.parts[0].positions {
         *position = (*position * 1e12).round() / 1e12;
     }
@@ -782,20 +785,20 @@ fn coarse_meshes_reflect_as_the_smooth_ones_that_they_stand_for() {
         });
         off.fold(0.0, f64::max)
     };
-    // Made smooth: triangles meet at 15 degrees. A corner's normal is the mean of its triangles'.
+    // Smoothed: triangles meet at 15 degrees. A corner's normal is the mean of its triangles'.
     let smooth = greatest(&mesh);
     assert!(smooth < 3.0, "{smooth}");
-    // As the file says.
+    // Normals are those of the file.
     let normal = |p: &DVec3| p.normalize().as_vec3();
     mesh.parts[0].normals = mesh.parts[0].positions.iter().map(normal).collect();
     let stated = greatest(&mesh);
     assert!(stated < 1.0, "{stated}");
-    // Turned inside out they mean the same side of the surface.
+    // Reversed normals mean the same side of the surface.
     for normal in &mut mesh.parts[0].normals {
         *normal = -*normal;
     }
     assert!((greatest(&mesh) - stated).abs() < 1e-6);
-    // Flat, as glTF has it: nothing is stored.
+    // Flat shading, as glTF defines it: no normals are stored.
     mesh.parts[0].normals.clear();
     mesh.parts[0].is_flat = true;
     assert!(greatest(&mesh) > 5.0);
@@ -805,7 +808,7 @@ fn coarse_meshes_reflect_as_the_smooth_ones_that_they_stand_for() {
 
 #[test]
 fn textures_of_normals_tilt_what_reflects() {
-    // 30 degrees to the right of the texture, and as many to its top.
+    // The normal is tilted by 30 degrees to the right of the texture, and by as much to its top.
     let (sine, cosine) = (0.5_f64, 0.75_f64.sqrt());
     let code = |x: f64| (255.0 * (0.5 + 0.5 * x)).round() as u8;
     let tilted = |x: f64, y: f64| {
@@ -822,7 +825,7 @@ fn textures_of_normals_tilt_what_reflects() {
     };
     let check = |mesh: &Mesh, expected: DVec3| {
         for normal in reflecting(&sampled(mesh, 300)) {
-            // Codes of eight bits: half a level of each component is .2 degrees.
+            // Eight-bit codes: half a level of each component is .2 degrees.
             let degrees = normal
                 .dot(expected.normalize())
                 .clamp(-1.0, 1.0)
@@ -831,10 +834,10 @@ fn textures_of_normals_tilt_what_reflects() {
             assert!(degrees < 0.5, "{normal} {expected}");
         }
     };
-    // u runs along x and v, downwards in the texture, along y.
+    // u runs along x. v, which points down in the texture, runs along y.
     check(&tilted(1.0, 0.0), DVec3::new(sine, 0.0, cosine));
     check(&tilted(0.0, 1.0), DVec3::new(0.0, -sine, cosine));
-    // Mirrored on the surface: to the right of the texture is to the left of it.
+    // Mirrored on the surface, the right of the texture is on the left.
     let mut mirrored = tilted(1.0, 0.0);
     for uv in &mut mirrored.parts[0].texture_coordinates[0] {
         uv.x = -uv.x;
@@ -865,8 +868,8 @@ fn alpha_is_absence_or_opacity_or_nothing() {
         &textured(material(AlphaMode::Mask(0.4)), [64, 4], half),
         1000,
     );
-    // The cut is where the interpolated alpha passes .4, .09 texels from the middle, and again at
-    // the seam: within the texels that each piece sees at its centre only.
+    // The interpolated alpha passes .4 at .09 texels from the centre, and again at the seam. Both
+    // lie within texels that each piece sees at its centre only.
     assert!(
         (total(&all(&mask)) - 0.5).abs() < 0.005,
         "{}",
@@ -894,7 +897,7 @@ fn alpha_is_absence_or_opacity_or_nothing() {
         }
     }
     assert!(surfels(&uniform(0.003), &options(100)).is_err());
-    // Opacity is averaged, and colour by opacity.
+    // Opacity is averaged, and colour weighted by opacity.
     let red_or_clear = |x: usize, y: usize| {
         if (x + y).is_multiple_of(2) {
             [255, 0, 0, 255]
@@ -963,7 +966,7 @@ fn the_number_follows_the_finest_texture() {
     let found = automatic(&ribbon).surfel_count;
     // The root of 1.0001 is the diagonal.
     assert!((9_990..=10_000).contains(&found), "{found}");
-    // A bound on the density holds below that, and only there.
+    // A bound on the density applies below that number, and only there.
     let bounded = |density: f64| {
         let options = MeshOptions {
             spread: Spread::NoDenser(density),

@@ -1,4 +1,4 @@
-//! Meshes: real files with what is known of them, and small ones for each trap of OBJ and glTF.
+//! Tests meshes: real files with known properties, and small files for each trap of OBJ and glTF.
 
 #![allow(
     clippy::unwrap_used,
@@ -30,7 +30,7 @@ fn mesh(data: &Dataset) -> &Mesh {
     mesh
 }
 
-/// What [`Mesh`] promises, whatever the file.
+/// Checks the invariants of [`Mesh`] for any file.
 #[track_caller]
 fn check_promises(mesh: &Mesh) {
     assert!(mesh.triangle_count() > 0);
@@ -70,7 +70,7 @@ fn check_promises(mesh: &Mesh) {
     }
 }
 
-/// A triangle's normal times twice its area.
+/// Returns a triangle's normal, twice its area long.
 fn area(part: &MeshPart, triangle: usize) -> DVec3 {
     let [a, b, c] = part.triangles[triangle].map(|i| part.positions[i as usize]);
     (b - a).cross(c - a)
@@ -92,8 +92,8 @@ fn check_bounds(mesh: &Mesh, lower: [f64; 3], upper: [f64; 3], tolerance: f64) {
     assert!(far.max_element() <= tolerance, "{a} to {b}");
 }
 
-/// The triangles' normals and the corners' normals look to the same side: what mirrored nodes
-/// get wrong.
+/// Checks that triangles' and corners' normals point to the same side, which mirrored nodes may get
+/// wrong.
 #[track_caller]
 fn check_sides(mesh: &Mesh) {
     let (mut same, mut all) = (0, 0);
@@ -116,7 +116,7 @@ fn read(path: &Path) -> Dataset {
     open(path, &OpenOptions::default()).unwrap()
 }
 
-/// An OBJ file's polygons in the order of their materials' first use: positions of corners.
+/// Returns an OBJ file's polygons in the order of their materials' first use: positions of corners.
 fn polygons(path: &Path) -> Vec<Vec<DVec3>> {
     let text = std::fs::read_to_string(path).unwrap();
     let mut vertices: Vec<DVec3> = Vec::new();
@@ -149,7 +149,7 @@ fn polygons(path: &Path) -> Vec<Vec<DVec3>> {
     groups.into_iter().flat_map(|(_, faces)| faces).collect()
 }
 
-/// Newell's normal times twice the area.
+/// Returns Newell's normal, twice the area long.
 fn newell(face: &[DVec3]) -> DVec3 {
     let origin = face[0];
     let next = face.iter().cycle().skip(1);
@@ -159,9 +159,10 @@ fn newell(face: &[DVec3]) -> DVec3 {
         .sum()
 }
 
-/// Each polygon of an OBJ file is tiled by its triangles: seen along its normal none is turned
-/// over, and together they have its area. (Turned-over ones would cancel in the sum of areas.)
-/// Returns how many are concave, and of how many two sides cross so that nothing tiles them.
+/// Checks that the triangles of each polygon of an OBJ file tile it: seen along its normal, none is
+/// reversed, and together they have its area. (Reversed ones would cancel in the sum of areas.)
+/// Returns the number of concave polygons, and the number of those that two crossing sides make
+/// impossible to tile.
 #[track_caller]
 fn check_polygons(path: &Path, mesh: &Mesh) -> [usize; 2] {
     let polygons = polygons(path);
@@ -191,7 +192,7 @@ fn check_polygons(path: &Path, mesh: &Mesh) -> [usize; 2] {
             continue;
         }
         let sum: f64 = own.iter().map(|a| a.dot(normal).abs()).sum();
-        // Coordinates of six or more digits, products in f64.
+        // Coordinates have six or more digits; products are in f64.
         assert!(
             (sum / whole.length() - 1.0).abs() < 1e-9,
             "polygon {p} of {}: {sum} for {}",
@@ -246,7 +247,7 @@ fn real_obj_materials_are_those_of_their_files() {
     };
     let data = read(&path);
     let fuze = mesh(&data);
-    // Its MTL says `Tr 1.000000`, its name ends in tabs, its image's name has a space.
+    // Its MTL states `Tr 1.000000`, its name ends in tabs, and its image's name has a space.
     let [material] = &fuze.materials[..] else {
         panic!()
     };
@@ -307,7 +308,7 @@ fn a_texture_is_bound_by_hand() {
     let image = &spot.textures[use_.texture].image;
     assert_eq!((image.width, image.height), (1024, 1024));
     assert_eq!(spot.parts[0].texture_coordinates[0].len(), 3225);
-    // v runs upwards in the file and downwards here.
+    // v points up in the file and down here.
     let text = std::fs::read_to_string(&path).unwrap();
     let first = text.lines().find(|l| l.starts_with("vt ")).unwrap();
     let words: Vec<f32> = first[3..].split(' ').map(|w| w.parse().unwrap()).collect();
@@ -372,7 +373,7 @@ fn real_gltf_files_lie_where_they_should() {
     let Some(path) = real_data("meshes/gltf/Duck.glb") else {
         return;
     };
-    // The bounds that its accessor states, times its node's scale .01; f32 numbers.
+    // The bounds that its accessor states, times its node's scale .01; numbers are f32.
     let duck = read(&path);
     let (lower, upper) = (
         [-0.692_985, 0.099_293_7, -0.613_282],
@@ -423,9 +424,9 @@ fn real_gltf_materials_are_those_of_their_files() {
     );
 }
 
-/// In this file an arrow's tip lies on the marker "not supported" where a texture's transform is
-/// not obeyed, and on the marker "correct" where it is. So the image's point under "correct" is
-/// the one that lies under "not supported" without a transform.
+/// In this file, an arrow's tip lies on the marker "not supported" if a texture's transform is
+/// ignored, and on the marker "correct" if it is applied. So the image point shown at "correct" is
+/// the one that would be shown at "not supported" without the transform.
 #[test]
 fn texture_transforms_bring_the_arrow_to_its_marker() {
     let name = "meshes/gltf/TextureTransformTest/TextureTransformTest.gltf";
@@ -437,7 +438,7 @@ fn texture_transforms_bring_the_arrow_to_its_marker() {
         let nodes = json["nodes"].as_array().unwrap().iter();
         let node = nodes.clone().find(|n| n["name"] == name).unwrap();
         let [x, y] = [0, 1].map(|i| node["translation"][i].as_f64().unwrap() as f32);
-        // The quads reach from -1/2 to 1/2, and v runs downwards.
+        // The quads extend from -1/2 to 1/2, and v points down.
         Vec2::new(x + 0.5, 0.5 - y)
     };
     let tip = marker("Rotation - Not Supported");
@@ -447,7 +448,7 @@ fn texture_transforms_bring_the_arrow_to_its_marker() {
         let material = mesh(&data).materials.iter().find(named).unwrap();
         material.base_texture.as_ref().unwrap().transform
     };
-    // Markers were placed by calculation in two cases and by eye in the third.
+    // Markers were placed by calculation in two cases, and by eye in the third.
     for (name, tolerance) in [("Rotation", 1e-5), ("Scale", 1e-5), ("All", 0.04)] {
         let found = transform(name).transform_point2(marker(&format!("{name} - Correct")));
         assert!(found.distance(tip) < tolerance, "{name}: {found} for {tip}");
@@ -464,7 +465,7 @@ fn texture_transforms_bring_the_arrow_to_its_marker() {
     assert_eq!(mesh(&data).textures[texture].wrap, [Wrap::ClampToEdge; 2]);
 }
 
-/// The vase in `fixtures/`, in both formats.
+/// The vase in `fixtures/` is the same in both formats.
 #[test]
 fn the_vase_is_the_same_in_both_formats() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
@@ -479,7 +480,7 @@ fn the_vase_is_the_same_in_both_formats() {
             let i = i as usize;
             let uv = part.texture_coordinates[0][i].as_dvec2();
             let [p, n] = [part.positions[i], part.normals[i].as_dvec3()];
-            // The same numbers, but for the f32 of one and the flipped v of the other.
+            // The numbers agree, except for the f32 of one and the flipped v of the other.
             [p.x, p.y, p.z, n.x, n.y, n.z, uv.x, uv.y].map(|x| (x * 1e4).round() as i64)
         };
         let mut triangles: Vec<_> = part.triangles.iter().map(|t| t.map(corner)).collect();
@@ -508,7 +509,7 @@ fn obj(folder: &Folder, text: &str) -> Dataset {
 
 const SQUARE_OBJ: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n";
 
-/// A square with a material of this MTL.
+/// Returns a square with a material of this MTL.
 fn painted(folder: &Folder, mtl: &str) -> (Material, Dataset) {
     folder.file("a.mtl", format!("newmtl m\n{mtl}\n").as_bytes());
     let text = format!("mtllib a.mtl\n{SQUARE_OBJ}usemtl m\nf 1/1 2/2 3/3 4/4\n");
@@ -548,7 +549,7 @@ fn all_kinds_of_corners_may_be_in_one_object() {
     folder.file("a.png", &png(1, &[[255; 4]]));
     let data = obj(&folder, RICH_OBJ);
     let found = mesh(&data);
-    // Two triangles for each quad, one for the others.
+    // There are two triangles for each quad, and one for each other face.
     assert_eq!(found.triangle_count(), 6);
     let with_uv = found
         .parts
@@ -569,7 +570,7 @@ fn all_kinds_of_corners_may_be_in_one_object() {
     ] {
         assert!(has_note(&data, words), "{words}: {:?}", data.notes);
     }
-    // Colours follow their vertices whatever else corners name.
+    // Colours belong to their vertices, whatever else corners name.
     for part in &found.parts {
         for (p, colour) in part.positions.iter().zip(&part.colours) {
             let expected = match (p.x, p.y) {
@@ -679,7 +680,7 @@ fn broken_obj_files_name_the_line() {
     }
     let error = folder.refuse("a.obj", b"o nothing\nvn 1 0 0\n");
     assert!(error.contains("a vertex (`v`)"), "{error}");
-    // Faces may come before what they name.
+    // Faces may precede the vertices that they name.
     let data = obj(&folder, "f 1 2 3\nv 0 0 0\nv 1 0 0\nv 0 1 0\n");
     assert_eq!(mesh(&data).triangle_count(), 1);
 }
@@ -702,7 +703,7 @@ fn faces_go_without_normals_and_coordinates_that_are_not_there() {
     ] {
         let data = obj(&folder, &format!("{square}{whole}{face}\n{whole}"));
         let parts = &mesh(&data).parts;
-        // The two faces that are whole stay together; coordinates are kept where a texture uses them.
+        // The two complete faces stay together; coordinates are kept if a texture uses them.
         assert_eq!(parts[0].triangles.len(), 2, "{face}");
         assert_eq!(parts[1].triangles.len(), 1, "{face}");
         assert_eq!(
@@ -765,7 +766,7 @@ fn opacities_and_colours_follow_their_rules() {
     assert!(material("map_Ke grey.png").emissive_texture.is_some());
     assert_eq!(material("Ke 1 1 1\nmap_Ke none.png").emissive, [0.0; 3]);
 
-    // Opacity maps: of 0 and 1 alone they cut out.
+    // An opacity map of 0 and 1 alone is a cut-out.
     assert_eq!(material("map_d a b.png").alpha, AlphaMode::Mask(0.5));
     assert_eq!(
         material("map_Kd a b.png\nmap_d a b.png").alpha,
@@ -774,7 +775,7 @@ fn opacities_and_colours_follow_their_rules() {
     assert_eq!(material("map_d none.png").alpha, AlphaMode::Opaque);
     let (grey, data) = painted(&folder, "map_Kd c.jpg\nmap_d grey.png");
     assert_eq!(grey.alpha, AlphaMode::Blend);
-    // Its alpha is 1 all over: its brightness is meant.
+    // Its alpha is 1 everywhere, so its brightness is the opacity.
     let texture = grey.base_texture.unwrap().texture;
     let image = &mesh(&data).textures[texture].image;
     assert!(
@@ -800,7 +801,7 @@ fn texture_statements_are_obeyed() {
         mesh(&data).textures[use_.texture].wrap,
         [Wrap::ClampToEdge; 2]
     );
-    // In the file's terms, v upwards: (u, v) to (2 u + 1/4, 4 v + 1/2).
+    // In the file's convention, v up: (u, v) to (2 u + 1/4, 4 v + 1/2).
     let uv = Vec2::new(0.5, 0.125);
     let found = use_.transform.transform_point2(Vec2::new(uv.x, 1.0 - uv.y));
     let expected = Vec2::new(2.0 * uv.x + 0.25, 1.0 - (4.0 * uv.y + 0.5));
@@ -852,7 +853,7 @@ fn vertices_alone_are_points() {
     assert_eq!(positions.len(), 4);
     assert_eq!(data.field_names(), ["red", "green", "blue"]);
     let red = data.scalar("red").unwrap().1;
-    // The last has no colour: white.
+    // The last vertex has no colour: white.
     assert_eq!([0, 1, 2, 3].map(|i| red.get(i)), [255.0, 0.0, 0.0, 255.0]);
     assert!(has_note(&data, "drawn as points"), "{:?}", data.notes);
     let bare = obj(&folder, "mtllib a.mtl\nv 0 0 0\nv 0 1 0\n");
@@ -916,12 +917,12 @@ fn names_that_differ_in_case_are_found_and_said() {
     for words in ["`Other.MTL` is taken for it", "`Wood.PNG` is taken for it"] {
         assert!(has_note(&data, words), "{:?}", data.notes);
     }
-    // One of that very name comes first, and is not remarked on.
+    // A file of exactly that name takes precedence, without a note.
     folder.file("other.mtl", b"newmtl m\nKd 0 0 1\n");
     let data = obj(&folder, &text);
     assert!(data.notes.is_empty(), "{:?}", data.notes);
     assert_eq!(mesh(&data).materials[0].base_colour, [0.0, 0.0, 1.0, 1.0]);
-    // Of glTF as well.
+    // The same holds for glTF.
     let mut file = Gltf::new();
     let primitive = square(&mut file);
     file.mesh(primitive);
@@ -952,15 +953,15 @@ fn closed_surfaces_are_seen_from_outside() {
     };
     let two = |faces: &str| sides(faces)[""];
     assert!(!two("f 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"));
-    // Inside out, open, one face turned over.
+    // Reversed, open, one face turned over.
     assert!(two("f 1 2 3\nf 1 4 2\nf 2 4 3\nf 1 3 4\n"));
     assert!(two("f 1 3 2\nf 1 2 4\nf 2 3 4\n"));
     assert!(two("f 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 3 4\n"));
-    // Vertices that are doubled, as at seams of textures, are one.
+    // Duplicate vertices, as at seams of textures, count as one.
     assert!(!two(
         "v 0 0 0\nv 1 0 0\nv -0 1 0\nf 5 7 6\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
     ));
-    // A closed surface of two materials, one of which covers an open one, too.
+    // A closed surface has two materials, one of which also covers an open surface.
     let both = sides(
         "v 5 0 0\nv 6 0 0\nv 5 1 0\nusemtl a\nf 1 3 2\nf 1 2 4\nusemtl b\nf 2 3 4\nf 1 4 3\n\
          f 5 6 7\n",
@@ -1009,14 +1010,14 @@ fn poses_at_rest_are_those_of_morphs_and_joints() {
     let data = shown(&rich_gltf());
     let found = mesh(&data);
     let z_of = |part: &MeshPart| -> Vec<f64> { part.positions.iter().map(|p| p.z).collect() };
-    // The target, by half: 0, 1, 0, 2 at the corners.
+    // The target has weight one half: 0, 1, 0, 2 at the corners.
     assert_eq!(z_of(&found.parts[0]), [0.0, 0.5, 0.0, 1.0]);
     assert!(found.parts[0].positions.iter().all(|p| p.x >= 1.0));
-    // Both joints lie at z = 4 and act on points at z = 0: nodes of skinned meshes do not count,
-    // nor do their instances.
+    // Both joints lie at z = 4 and act on points at z = 0. The nodes of skinned meshes do not
+    // count, nor do their instances.
     for part in &found.parts[1..] {
         assert_eq!(z_of(part), [4.0; 4]);
-        // Half a joint of scale 1 and half one of -2: mirrored.
+        // Half a joint of scale 1 and half one of -2 give a mirrored part.
         assert!((0..2).all(|t| area(part, t).z < 0.0));
     }
     let material = &found.materials[found.parts[0].material];
@@ -1052,11 +1053,11 @@ fn nodes_place_meshes() {
     );
     let data = shown(&file);
     let part = &mesh(&data).parts[0];
-    // f32 of a quarter turn.
+    // The f32 of a quarter turn rounds.
     check_bounds(mesh(&data), [7.0, 0.0, 0.0], [10.0, 2.0, 0.0], 1e-6);
-    // Mirrored in z: the front looks down, and the normal with it.
+    // Mirrored in z: the front faces down, and so does the normal.
     assert!((0..2).all(|t| area(part, t).z < 0.0));
-    // (0, .6 / 3, .8 / -4), turned: (-.2, 0, -.2).
+    // (0, .6 / 3, .8 / -4), rotated: (-.2, 0, -.2).
     let expected = glam::Vec3::new(-1.0, 0.0, -1.0).normalize();
     assert!(
         part.normals[0].distance(expected) < 1e-6,
@@ -1064,7 +1065,7 @@ fn nodes_place_meshes() {
         part.normals[0]
     );
 
-    // The same as one matrix.
+    // The same transform as one matrix.
     let mut same = file.clone();
     let node = same.json["nodes"][0].as_object_mut().unwrap();
     for key in ["scale", "rotation"] {
@@ -1125,7 +1126,7 @@ fn trees_of_nodes_have_no_loops() {
         file.json["nodes"] = nodes;
         refused(&file, words);
     }
-    // A tree as deep as a file can state: no recursion here.
+    // The tree is as deep as a file can state: the reader does not recurse.
     let deep: Vec<Value> = (0..20_000)
         .map(|i| match i {
             19_999 => json!({ "mesh": 0 }),
@@ -1219,7 +1220,7 @@ fn numbers_of_all_types_are_read() {
         assert_eq!(Vec2::new(p.x as f32, 1.0 - p.y as f32), *uv);
     }
     assert!(part.colours.iter().all(|c| *c == [1.0, 0.2, 0.0, 1.0]));
-    // Without the transform's word the material asks for a set that is not there.
+    // Without the transform's override, the material names an absent set.
     let path = "/materials/0/pbrMetallicRoughness/baseColorTexture/extensions";
     *file.json.pointer_mut(path).unwrap() = json!({});
     let data = shown(&file);
@@ -1279,18 +1280,18 @@ fn accessors_are_checked_before_they_are_read() {
     let mut file = sound();
     file.bin[48..50].copy_from_slice(&[7, 0]);
     refused(&file, "indices of 4 vertices, found 7");
-    // A zero accessor of any count needs no bytes, and gets no memory.
+    // A zero accessor of any count needs no bytes and gets no memory.
     let mut file = sound();
     file.json["accessors"][0] = json!({
         "componentType": F32, "type": "VEC3", "count": 1_000_000_000_000_u64,
     });
     refused(&file, "1000000000000 elements");
-    // Attributes as long as positions.
+    // Attributes must be as long as positions.
     let mut file = sound();
     let short = file.floats("VEC3", &[0., 0., 1.]);
     file.json["meshes"][0]["primitives"][0]["attributes"]["NORMAL"] = json!(short);
     refused(&file, "as many as positions");
-    // Unknown attributes are passed over.
+    // Unknown attributes are skipped.
     let mut file = sound();
     let attributes = &mut file.json["meshes"][0]["primitives"][0]["attributes"];
     attributes["_MY:OWN"] = json!(99);
@@ -1413,7 +1414,7 @@ fn extensions_are_obeyed_noted_or_refused() {
     let mut file = sound();
     file.json["extensionsRequired"] = json!(["KHR_lights_punctual", "KHR_materials_unlit"]);
     assert!(shown(&file).notes.is_empty());
-    // Vertices that only a compression holds, and that are no such thing.
+    // The vertices are only in a compressed form, which is invalid.
     let mut file = sound();
     let extension = json!({ "KHR_draco_mesh_compression": { "bufferView": 0, "attributes": {} } });
     file.json["meshes"][0]["primitives"][0]["extensions"] = extension;
@@ -1428,12 +1429,12 @@ fn extensions_are_obeyed_noted_or_refused() {
         "buffer": 0, "byteLength": 8, "byteStride": 12, "count": 4_000_000_000_u32, "mode": "ATTRIBUTES",
     } });
     refused(&file, "unpacked from those that there are");
-    // Splats are another reader's.
+    // Splats belong to another reader.
     let mut file = sound();
     file.json["meshes"][0]["primitives"][0]["extensions"] =
         json!({ "KHR_gaussian_splatting": { "kernel": "ellipse" } });
     refused(&file, "KHR_gaussian_splatting");
-    // Textures whose image needs an extension.
+    // The textures' image needs an extension.
     let mut file = sound();
     let uv = file.floats("VEC2", &SQUARE_UV);
     file.json["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = json!(uv);
@@ -1450,7 +1451,7 @@ fn extensions_are_obeyed_noted_or_refused() {
         "{:?}",
         data.notes
     );
-    // The older colours.
+    // The older colours: specular and glossiness.
     let mut file = sound();
     file.json["meshes"][0]["primitives"][0]["material"] = json!(0);
     let extension = json!({ "diffuseFactor": [0, 1, 0, 1] });

@@ -1,4 +1,4 @@
-//! MetaImage: every way to store numbers gives what was written, and what other programs read.
+//! Tests MetaImage: all storage forms give the original numbers and what other programs read.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -12,7 +12,7 @@ use crate::common::real_data;
 use crate::support::images::{check_volume_of_itk, lattice, scalar};
 use crate::support::{Folder, gzip, zlib};
 
-/// A header of 2 x 3 x 2 bytes, and what follows.
+/// Returns a header of 2 x 3 x 2 bytes, with the data after it.
 fn file(fields: &str, place: &str, body: &[u8]) -> Vec<u8> {
     let head = format!(
         "ObjectType = Image\nNDims = 3\nDimSize = 2 3 2\nElementType = MET_UCHAR\n{fields}\n\
@@ -185,7 +185,7 @@ fn a_head_is_what_itk_reads() {
     let lattice = lattice(&data);
     assert_eq!(lattice.dims, [48, 62, 42]);
     assert_eq!(lattice.position([1; 3]), DVec3::splat(4.0));
-    // Sum and samples by SimpleITK 2.5.
+    // Sum and samples are those of SimpleITK 2.5.
     let Values::U8(values) = scalar(&data) else {
         panic!("another type");
     };

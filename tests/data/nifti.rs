@@ -1,4 +1,5 @@
-//! NIfTI: both versions, in both byte orders and every type, give what was written and what nibabel reads.
+//! Tests NIfTI: both versions, in both byte orders and every type, give the original numbers and
+//! what nibabel reads.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -15,8 +16,9 @@ use crate::support::images::{components, lattice, scalar};
 use crate::support::nifti::Nifti;
 use crate::support::{Folder, gzip};
 
-/// Files that nibabel 5.4 wrote, 2 x 3 x 4, n being the place in the file: one of NIfTI-2 with the highest byte first and
-/// 3 n - 20 scaled to 1.5 n, placed by its sform; one of NIfTI-1 with 3 n - 20, placed by a quaternion and a mirror.
+/// Files of 2 x 3 x 4 that nibabel 5.4 wrote; n is the index in the file. One is NIfTI-2,
+/// big-endian, with 3 n - 20 scaled to 1.5 n, placed by its sform. The other is NIfTI-1 with 3 n -
+/// 20, placed by a quaternion and a mirror.
 const SFORM: &str = "H4sIAAAAAAACA2NgYJLJ0zZi4OWS4mJgYRBggABmKM2ExmeB0owEaAxg/4EyGuocBfsHEJaDCsNQAIykarC/ORMEZu2/cwYMYOIHoP61v2wMBvaPwZQJTN7BBLt5B2DyYuR54P+b/+//f/r/9f+P/7///wP6h4WBnYGLgReYUoQZxBgkGWQY5BmUGFQZNBi0GfQYDAElrlYDUAIAAA==";
 const QFORM: &str = "H4sIAAAAAAACA4thZCAKMDMwATELAyMUogIBBgUw3bAfSNgzMDgAMYMDkG+Pijc4Q+jBAZB9MfvFQjsGBoWDDAwLHIHudKDU7DxtQyhrAdDMDiBOAGIDIGYA2XEASB+AhgvQrgdArAC0NwCIG4B4BsgNQHwCiB8A8Q8g5nBiYBABYgUg1gFiCyB2cQIAiWgUi8ABAAA=";
 
@@ -40,7 +42,7 @@ fn files_that_nibabel_wrote_have_its_positions_and_values() {
             assert_eq!(scalar(&data), Values::F32(expected.collect()));
             let lattice = lattice(&data);
             assert_eq!(lattice.dims, [2, 3, 4]);
-            // The columns of nibabel's affine matrix; quaternions are stored in single precision.
+            // Columns of nibabel's affine matrix; quaternions are stored in single precision.
             for (index, place) in [
                 ([0, 0, 0], DVec3::new(-10.0, 20.0, 5.5)),
                 ([1, 0, 0], DVec3::new(-9.6, 20.3, 5.5)),
@@ -302,7 +304,7 @@ fn header_and_image_may_be_two_files() {
             }
         }
     }
-    // What Analyze wrote has no magic number.
+    // Files that Analyze wrote have no magic number.
     let folder = Folder::new();
     let mut header = Nifti::new(2, &[2, 3, 2]).file(&[]);
     header.truncate(348);
@@ -323,7 +325,8 @@ fn a_packed_file_is_what_nibabel_reads() {
     let data = open(&path, &OpenOptions::default()).unwrap();
     let lattice = lattice(&data);
     assert_eq!(lattice.dims, [64, 64, 10]);
-    // Nibabel centres and mirrors what states no position; the format says pixdim times the index.
+    // Nibabel centres and mirrors files without a position; the format defines pixdim times the
+    // index.
     assert_eq!(lattice.position([1; 3]), DVec3::splat(3.0));
     let Values::U8(values) = scalar(&data) else {
         panic!("another type");

@@ -1,4 +1,5 @@
-//! NRRD: every encoding and every way to name files gives what was written, and what other programs read.
+//! Tests NRRD: every encoding and every way to name files give the original numbers and what other
+//! programs read.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -12,7 +13,7 @@ use crate::common::real_data;
 use crate::support::images::{check_volume_of_itk, components, lattice, scalar};
 use crate::support::{Folder, gzip};
 
-/// A header, an empty line and what follows.
+/// Returns a header, an empty line and the data after it.
 fn file(header: &str, body: &[u8]) -> Vec<u8> {
     let head = format!("NRRD0004\n# made\n{header}\nkey:=value: of its own\n\n");
     [head.as_bytes(), body].concat()
@@ -54,7 +55,7 @@ fn every_encoding_and_type_gives_the_numbers() {
         assert!(data.notes.is_empty(), "{fields}: {:?}", data.notes);
     }
 
-    // Text has no byte order, whatever the header says of one.
+    // Text has no byte order, whatever the header states.
     let header = format!("{CUBE}type: short\nendian: big\nencoding: ascii");
     let data = folder.open("a.nrrd", &file(&header, &b"-300\t7\r\n".repeat(6)));
     assert_eq!(scalar(&data), Values::I16([-300, 7].repeat(6)));
@@ -166,7 +167,8 @@ fn axes_that_are_not_of_space_are_components_or_entries() {
         let header = format!("type: uchar\nencoding: raw\n{fields}");
         folder.open("a.nrrd", &file(&header, &body))
     };
-    // The vector's axis first, known by its kind, its direction, its spacing or by being the fourth.
+    // The vector's axis comes first. It is recognised by its kind, direction or spacing, or because
+    // it is the fourth.
     for fields in [
         "dimension: 4\nsizes: 2 2 3 4\nkinds: vector domain domain domain",
         "dimension: 4\nsizes: 2 2 3 4\nspace: RAS\nspace directions: none (1,0,0) (0,1,0) (0, 0, 1)",
@@ -179,7 +181,7 @@ fn axes_that_are_not_of_space_are_components_or_entries() {
         let of = |first: u8| Values::U8((0..24).map(|i| 2 * i + first).collect());
         assert_eq!(components(&data), [of(0), of(1)], "{fields}");
     }
-    // Behind the others.
+    // The vector's axis comes last.
     let data = open("dimension: 4\nsizes: 2 3 4 2\nkinds: space space space vector");
     assert_eq!(
         components(&data),
@@ -198,7 +200,7 @@ fn axes_that_are_not_of_space_are_components_or_entries() {
         assert_eq!(scalar(&data), Values::U8((0..24).collect()), "{fields}");
         assert_eq!(data.notes, ["The first of 2 volumes."], "{fields}");
     }
-    // An image is a layer.
+    // An image is a single layer.
     let data =
         open("dimension: 2\nsizes: 6 8\nspacings: 2 3\nunits: \"mm\" \"mm\"\nsample units: \"HU\"");
     assert_eq!(lattice(&data).dims, [6, 8, 1]);
@@ -227,7 +229,7 @@ fn spacings_minima_and_maxima_place_the_samples() {
     };
     let v = DVec3::new;
     assert_eq!(place("spacings: 1 -2 3"), (DVec3::ZERO, v(1.0, -2.0, 3.0)));
-    // ITK's origins for the same headers.
+    // Origins are ITK's for the same headers.
     let fields = "axis mins: -1 0 10\naxis maxs: 1 3 30\ncenters: cell node ???";
     assert_eq!(place(fields), (v(-0.5, 0.0, 12.5), v(1.0, 1.5, 5.0)));
     let fields = "spacings: 1 2 3\naxismins: -1 0 10";
@@ -367,7 +369,7 @@ fn a_photograph_is_what_pynrrd_reads() {
     };
     let data = open(&path, &OpenOptions::default()).unwrap();
     assert_eq!(lattice(&data).dims, [100, 100, 1]);
-    // The sums of each channel, and those of three pixels, by pynrrd 1.1.
+    // Sums of each channel, and of three pixels, by pynrrd 1.1.
     for (channel, sum, pixels) in [
         (0, 2_121_815, [254_u8, 255, 255]),
         (1, 1_916_235, [123, 255, 255]),

@@ -1,4 +1,4 @@
-//! Cases of OpenFOAM.
+//! Tests OpenFOAM cases.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::path::Path;
@@ -39,7 +39,8 @@ fn numbers(data: &Dataset, selector: &str) -> Vec<f32> {
     (0..values.len()).map(|i| values.get(i)).collect()
 }
 
-/// The volume that the faces of a cell enclose, by the divergence theorem: positive where they are seen from outside.
+/// Returns the volume that a cell's faces enclose, by the divergence theorem: positive if they face
+/// outwards.
 fn volume(mesh: &CellMesh, cell: usize) -> f64 {
     let entries = mesh.cell(cell);
     let faces: Vec<Vec<u32>> = match mesh.kinds[cell].faces() {
@@ -111,7 +112,7 @@ fn cells_of_all_shapes_are_read_in_every_form() {
     }
 }
 
-/// By the folder, its `controlDict`, an empty file that marks it, and an archive of it.
+/// Opens a case by its folder, its `controlDict`, an empty marker file, and an archive.
 #[test]
 fn a_case_opens_by_what_stands_for_it() {
     let folder = tempfile::tempdir().unwrap();
@@ -168,7 +169,7 @@ fn pieces_of_processors_are_put_together() {
     }
 }
 
-/// A mesh that moves has nodes of its own at a time.
+/// A moving mesh has its own nodes at a time.
 #[test]
 fn the_mesh_is_that_of_the_time() {
     let folder = tempfile::tempdir().unwrap();
@@ -212,7 +213,7 @@ fn damage_is_said_by_file_and_place() {
     }
 }
 
-/// Numbers as VTK's reader gives them.
+/// The numbers are those of VTK's reader.
 #[test]
 fn openfoams_cavity_is_read() {
     let Some(path) = real_data("formats/openfoam/OpenFOAM.zip") else {

@@ -1,7 +1,7 @@
-//! glTF meshes that are packed by Draco and by meshopt, against what the reference decoders made of the same files.
+//! Tests glTF meshes compressed by Draco and by meshopt, against the reference decoders' results.
 //!
-//! `fixtures/packed` has each twice: packed by glTF-Transform (with draco3d 1.5) or by meshoptimizer 1.3, and unpacked by
-//! the same libraries.
+//! `fixtures/packed` holds each mesh twice: compressed by glTF-Transform (with draco3d 1.5) or by
+//! meshoptimizer 1.3, and decompressed by the same libraries.
 
 use std::path::{Path, PathBuf};
 
@@ -26,7 +26,8 @@ fn mesh_of(data: &Dataset) -> &Mesh {
     }
 }
 
-/// All corners of all triangles, in a place that does not depend on the order of triangles or vertices: what they are.
+/// Returns all corners of all triangles, in an order that does not depend on that of triangles or
+/// vertices.
 fn corners(mesh: &Mesh) -> Vec<[f64; 12]> {
     let mut all = Vec::new();
     for part in &mesh.parts {
@@ -57,7 +58,7 @@ fn meshopt_gives_what_its_reference_decoder_gives() {
     }
 }
 
-/// Every number of every corner is that of the unpacked file, in its order.
+/// Checks that every number of every corner equals that of the decompressed file, in its order.
 fn check_same(name: &str) {
     let packed = opened(&fixture(&format!("{name}.glb")));
     let unpacked = opened(&fixture(&format!("{name}_unpacked.glb")));
@@ -71,7 +72,7 @@ fn check_same(name: &str) {
             assert!((a - b).abs() < 1e-6, "{name}: {packed:?} {unpacked:?}");
         }
     }
-    // The torus that was packed: radii 2 and 0.7, within what its quantisation keeps.
+    // The original torus has radii 2 and 0.7, to within the quantisation.
     if name != "meshopt_khr" {
         for corner in &packed {
             let p = DVec3::from_slice(&corner[..3]) - DVec3::new(1.0, 2.0, 3.0);

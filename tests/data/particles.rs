@@ -1,4 +1,4 @@
-//! Particles: what their lengths mean, and the shapes of those that state none.
+//! Tests particles: the meaning of their lengths, and the shapes of particles without lengths.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -40,7 +40,7 @@ fn sigmas(sampled: &Sampled) -> &[f32] {
     }
 }
 
-/// Factors as matrices.
+/// Returns the factors as matrices.
 fn factors(sampled: &Sampled) -> Vec<DMat3> {
     let Particles::Anisotropic { factors, .. } = &sampled.volume.particles else {
         panic!("ellipsoids expected")
@@ -94,7 +94,7 @@ fn lengths_mean_what_is_stated() {
         ..default()
     };
     is(with("h", quintic), 0.5 * (7.0_f64 / 15.0).sqrt());
-    // One for all, whatever the columns say; the width scales everything.
+    // One length replaces all columns; the width scales everything.
     let given = SampleOptions {
         radius: Some(2.0),
         ..default()
@@ -106,7 +106,7 @@ fn lengths_mean_what_is_stated() {
     };
     is(with("sigma", wide), 1.0);
 
-    // A format that names its fields and its kernel.
+    // The format names its fields and its kernel.
     let mut snapshot = dataset(
         points(),
         vec![
@@ -152,7 +152,7 @@ fn radii_over_many_decades_are_kept_and_none_are_left_out() {
     );
 }
 
-/// Points on the unit sphere, evenly.
+/// Returns points spread evenly on the unit sphere.
 fn sphere(count: usize) -> Vec<DVec3> {
     let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
     (0..count)
@@ -169,20 +169,20 @@ fn sphere(count: usize) -> Vec<DVec3> {
 fn points_of_a_surface_become_its_discs() {
     let points = sphere(4000);
     let sampled = sample(dataset(points.clone(), vec![]), SampleOptions::default());
-    // An area of 4 pi / 4000 each; width .6 of its root.
+    // Each has an area of 4 pi / 4000; the width is .6 of its root.
     let expected = 0.6 * (std::f64::consts::PI / 1000.0).sqrt();
     for (point, l) in points.iter().zip(factors(&sampled)) {
         let along = (l.transpose() * *point).length();
         let tangent = point.any_orthonormal_vector();
         let across = (l.transpose() * tangent).length();
-        // The neighbourhood's curvature and its shape: a third.
+        // The tolerance of a third allows for the neighbourhood's curvature and shape.
         assert!(
             (across / expected - 1.0).abs() < 0.35,
             "{across} {expected}"
         );
         assert!(along < 0.2 * across, "{along} {across}");
     }
-    // What fills space stays spheres, in layers too; and a cloud without order.
+    // Points that fill space stay spheres, in layers too; so does a random cloud.
     let mut random = Random::new(3);
     let cloud = (0..4000).map(|_| random.point(1.0)).collect();
     let layers = cube(16)
@@ -197,7 +197,7 @@ fn points_of_a_surface_become_its_discs() {
 
 #[test]
 fn fluid_kernels_are_flat_along_a_sheet() {
-    // Two layers of a lattice of spacing 1, and a drop on its own.
+    // Two layers of a lattice of spacing 1, and an isolated drop.
     let mut points: Vec<DVec3> = cube(20).into_iter().filter(|p| p.z < 2.0).collect();
     points.push(DVec3::splat(50.0));
     let count = points.len();
@@ -220,7 +220,7 @@ fn fluid_kernels_are_flat_along_a_sheet() {
     let sigma = 2.0 * 0.3_f64.sqrt();
     let middle = factors[10 + 20 * 10];
     let [x, z] = [DVec3::X, DVec3::Z].map(|axis| (middle.transpose() * axis).length());
-    // Widths follow the eigenvalues, a quarter of the greatest at least.
+    // Widths follow the eigenvalues, but are at least a quarter of the greatest.
     assert!(z < 0.5 * x && z > 0.24 * x, "{x} {z}");
     assert!((middle.determinant().abs() / sigma.powi(3) - 1.0).abs() < 1e-5);
     let drop = factors[count - 1];
@@ -255,7 +255,7 @@ fn a_far_outlier_loses_only_itself() {
         let mut points = cloud.clone();
         points.push(DVec3::new(outlier, 0.5, outlier));
         let sampled = sample(dataset(points, vec![]), SampleOptions::default());
-        // Beyond single precision the outlier has no size.
+        // Beyond single precision, the outlier has no size.
         let sizes = sigmas(&sampled);
         assert_eq!(&sizes[..4000], sigmas(&alone), "{outlier}");
     }
@@ -273,7 +273,7 @@ fn lengths_that_reach_everywhere_are_refused() {
 
 #[test]
 fn a_snapshot_goes_by_its_own_names() {
-    // `Mass` is no table's `mass`, and `radius` no length here.
+    // A snapshot's `Mass` is not the table column `mass`, and `radius` is no length here.
     let of = |for_columns: bool, field: Option<&str>| {
         let mut snapshot = dataset(
             cube(2),
@@ -314,7 +314,7 @@ fn a_snapshot_goes_by_its_own_names() {
     ] {
         let sampled = of(true, field);
         assert_eq!(sampled.report.field.as_deref(), Some(name));
-        // Density x (mass over density): the masses.
+        // Density times mass over density gives the masses.
         assert!(amounts(&sampled).iter().all(|m| (m - 3.0).abs() < 1e-5));
     }
     // Without lengths, sizes follow mass over density.
@@ -366,7 +366,7 @@ fn bytes_of_colour_are_decoded() {
     let Colour::PerParticle(colours) = &sampled.volume.colour else {
         panic!()
     };
-    // 188 of 255 is half the light.
+    // 188 of 255 is half of the light.
     let [red, green, blue] = colours[0];
     assert!((red - 1.0).abs() < 1e-6 && green.abs() < 1e-6 && (blue - 0.5).abs() < 5e-3);
 }
@@ -389,11 +389,11 @@ fn optical_masses_beside_densities_are_remarked_on() {
     assert!(!warnings("m").contains("physical masses"));
 }
 
-/// More rows than are shaped at a time, some of them without a place, a size, a mass or a colour.
+/// More rows than one chunk shapes, some of them without a position, a size, a mass or a colour.
 #[test]
 fn rows_that_are_left_out_take_nothing_of_others_with_them() {
     const COUNT: usize = 150_000;
-    // Colours as bright as linear ones may be.
+    // Colours are as bright as linear ones may be.
     let number = |i: usize| ((i % 1013) as f32 + 1.0) / 64.0;
     let broken =
         |of: usize| (0..COUNT).map(move |i| if i % 1009 == of { f32::NAN } else { number(i) });

@@ -1,5 +1,5 @@
-//! PLOT3D function files: the numbers that VTK reads of them, in every encoding, with names or without, beside the grid or
-//! given.
+//! Tests PLOT3D function files: all encodings, with or without names, beside the grid or given,
+//! give the numbers that VTK reads.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -17,7 +17,8 @@ fn numbers(data: &Dataset, name: &str) -> Vec<f32> {
     (0..values.len()).map(|i| values.get(i)).collect()
 }
 
-/// Two grids of 24 and 12 nodes, or the first of them, with so many numbers at each node.
+/// Returns two grids of 24 and 12 nodes, or the first of them, with `per_node` numbers at each
+/// node.
 fn blocks(encoding: Plot3dEncoding, per_node: usize, first: f64) -> Vec<Plot3dBlock> {
     let block = |dims: [i32; 3], first: f64| Plot3dBlock {
         dims,
@@ -33,7 +34,7 @@ fn blocks(encoding: Plot3dEncoding, per_node: usize, first: f64) -> Vec<Plot3dBl
     blocks
 }
 
-/// Function `i` of `count` at the nodes of all blocks.
+/// Returns function `i` of `count` at the nodes of all blocks.
 fn function(blocks: &[Plot3dBlock], i: usize, count: usize) -> Vec<f32> {
     let of = |block: &Plot3dBlock| {
         let nodes = block.numbers.len() / count;
@@ -91,7 +92,7 @@ fn functions_in_every_encoding() {
                 let expected = function(&functions, i, count);
                 assert_eq!(numbers(&data, &name), expected, "{encoding:?}");
             }
-            // Beside a solution they stand before what is derived of it.
+            // Beside a solution, functions precede the derived fields.
             let solutions = blocks(encoding, 5, 1.0);
             folder.file("fin.q", &encoding.solutions(&solutions));
             folder.file("fin.nam", b"Mach\r\n\r\n eddy viscosity ; turbulence \r\n");
@@ -170,7 +171,7 @@ fn functions_that_do_not_fit_are_explained() {
     let alone = folder.refuse("alone.f", &functions);
     assert!(alone.contains("functions at nodes"), "{alone}");
 
-    // Programs in Fortran have the same ending.
+    // Fortran source files have the same extension.
     for program in [
         "      PROGRAM GRID\n",
         "c     makes a grid\n",
@@ -183,7 +184,7 @@ fn functions_that_do_not_fit_are_explained() {
         );
     }
 
-    // The second grid has one function more.
+    // The second grid has one more function.
     let mut words = vec![FIRST.word(2), FIRST.words(&[3, 2, 4, 1, 2, 2, 3, 2])];
     words.push(FIRST.reals(&[1.5; 24]));
     words.push(FIRST.reals(&[2.5; 24]));
@@ -197,7 +198,7 @@ fn functions_that_do_not_fit_are_explained() {
         uneven.notes
     );
 
-    // A short text that claims many functions by repeating a number.
+    // A short text claims many functions by repeating a number.
     let text = Plot3dEncoding {
         text: true,
         ..FIRST
@@ -207,7 +208,7 @@ fn functions_that_do_not_fit_are_explained() {
     assert!(many.contains("at most 20 numbers"), "{many}");
 }
 
-/// Two dimensions: no nk, no z, no momentum along it; in a layer at z = 0.
+/// Two-dimensional files have no nk, no z and no momentum along z; they become a layer at z = 0.
 #[test]
 fn files_of_two_dimensions_are_layers() {
     let folder = Folder::new();
@@ -256,7 +257,7 @@ fn files_of_two_dimensions_are_layers() {
     assert!(alone.contains("a solution"), "{alone}");
 }
 
-/// VTK's own file of two grids with 11 x 17 nodes each, in double precision.
+/// VTK's own file holds two grids of 11 x 17 nodes each, in double precision.
 #[test]
 fn vtk_s_grids_of_two_dimensions_are_read() {
     let Some(path) = crate::common::case("grids/multi-bin-2D.xyz") else {

@@ -1,5 +1,5 @@
-//! Prepared scenes: what is read from a file is what was written, bit for bit, and draws the same pictures; damaged files
-//! are refused.
+//! Tests prepared scenes: a file gives back the written data, bit for bit, and draws the same
+//! pictures; damaged files are refused.
 
 use std::path::{Path, PathBuf};
 
@@ -50,7 +50,7 @@ fn of_lattice(spacing: LatticeSpacing, dims: [usize; 3], values: Values) -> Poin
     }
 }
 
-/// A wave that is told by its value where it is.
+/// Returns a wave whose values identify the positions.
 fn wave(dims: [usize; 3]) -> Vec<u8> {
     let [x, y, z] = dims;
     let value = |n: usize| {
@@ -60,7 +60,7 @@ fn wave(dims: [usize; 3]) -> Vec<u8> {
     (0..x * y * z).map(value).collect()
 }
 
-/// Scenes of every kind of particles, and of all that they may carry.
+/// Returns scenes of every kind of particles, with all data that they may carry.
 fn scenes() -> Vec<(&'static str, Vec<PointVolume>)> {
     let dims = [26, 15, 11];
     let uniform = LatticeSpacing::Uniform {
@@ -123,7 +123,7 @@ fn scenes() -> Vec<(&'static str, Vec<PointVolume>)> {
     ]
 }
 
-/// Cameras near and far.
+/// Returns cameras near and far.
 fn cameras(renderer: &Renderer) -> [Camera; 2] {
     [2.5, 0.12].map(|zoom| {
         let view = Viewpoint {
@@ -164,7 +164,7 @@ fn a_prepared_scene_is_the_scene_it_was_made_of() {
             assert_eq!(told, about);
             let mut found = Renderer::of_prepared(vec![mapped]).unwrap();
             let mut expected = Renderer::with_options(volumes.clone(), &options).unwrap();
-            // All of it: blocks, columns, functions, grids, as they print.
+            // Compares everything: blocks, columns, functions, grids, by their debug output.
             let volumes = expected.volumes().iter().zip(found.volumes());
             for (a, b) in volumes {
                 assert_eq!(format!("{a:?}"), format!("{b:?}"), "{name}");
@@ -176,7 +176,7 @@ fn a_prepared_scene_is_the_scene_it_was_made_of() {
             assert_eq!(expected.amplitudes(), found.amplitudes(), "{name}");
             assert_eq!(expected.bytes_per_particle(), found.bytes_per_particle());
             for camera in cameras(&expected) {
-                // Slabs are of the data's own particles.
+                // Slabs need the data's own particles.
                 let all = settings(name);
                 let count = if level_of_detail { 1 } else { all.len() };
                 for settings in all.into_iter().take(count) {
@@ -198,7 +198,8 @@ fn a_prepared_scene_is_the_scene_it_was_made_of() {
     }
 }
 
-/// Kernels one by one, and slabs where these can be, whose thickness follows from densities that files keep.
+/// Returns settings for kernels one by one and, if possible, for slabs, whose thickness follows
+/// from densities that the file stores.
 fn settings(name: &str) -> Vec<Settings> {
     let mut all = vec![Settings::default()];
     if !name.contains("splats") && !name.contains("mesh") {
@@ -217,7 +218,7 @@ fn settings(name: &str) -> Vec<Settings> {
     all
 }
 
-/// A scene of some hundred particles, in a file's bytes.
+/// Returns the bytes of a file with a scene of some hundred particles.
 fn small() -> Vec<u8> {
     let mut random = Random::new(3);
     let positions: Vec<DVec3> = (0..700).map(|_| random.point(5.0)).collect();
@@ -255,7 +256,7 @@ fn another_version_another_table_and_numbers_that_do_not_belong_together_are_ref
     };
     let changed = |text: &[u8], other: &[u8]| {
         let mut bytes = whole.clone();
-        // The schema that counts is the footer's, the last.
+        // The footer's schema, which is the last, takes effect.
         let place = place_of(text);
         bytes[place..place + other.len()].copy_from_slice(other);
         refusal(bytes)
@@ -276,7 +277,7 @@ fn a_prepared_scene_is_recognised_and_is_no_data() {
     assert!(error.to_string().contains("drawn as they are"), "{error}");
 }
 
-/// Beside others, and with another transfer function, as volumes that were made here.
+/// A prepared scene beside others, and with another transfer function, equals volumes made here.
 #[test]
 fn prepared_scenes_join_and_take_other_functions() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! What a caller can fill in wrongly is refused in words, and never panics.
+//! Tests that invalid values in public fields give an error and never a panic.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -23,7 +23,7 @@ use ewa_splat::stages::record::{Footprint, FootprintTerms};
 use ewa_splat::{Error, Renderer};
 use glam::{Affine2, DVec3, Vec2, Vec3};
 
-/// The words of an error that is of what was given.
+/// Returns the text of an error about the caller's data.
 fn refused<T>(result: ewa_splat::Result<T>) -> String {
     match result {
         Err(error @ (Error::Invalid { .. } | Error::Format { .. })) => error.to_string(),
@@ -39,7 +39,7 @@ fn lattice(dims: [usize; 3], coordinates: [&[f64]; 3]) -> Lattice {
     Lattice { dims, spacing }
 }
 
-/// Lattices whose samples have no positions, and what is said of each.
+/// Returns lattices whose samples have no positions, with parts of the errors.
 fn unsound_lattices() -> Vec<(Lattice, &'static str)> {
     let half = usize::MAX / 2;
     let two = &[0.0, 1.0][..];
@@ -135,7 +135,7 @@ fn lattices_without_positions_are_refused() {
         refused(cut_faces(&volume, &[]));
         refused(Renderer::new(vec![volume]));
     }
-    // Nothing to draw is no fault of the lattice.
+    // A lattice without samples is valid.
     for dims in [[0, 0, 0], [0, 3, 2], [2, 0, 2]] {
         let empty = Lattice::uniform(dims, DVec3::ZERO, DVec3::ONE);
         let mut renderer = Renderer::new(vec![lattice_volume(empty, 0.6)]).unwrap();
@@ -318,7 +318,7 @@ fn splats_have_one_entry_each() {
     }
 }
 
-/// A textured triangle.
+/// Returns a textured triangle.
 fn triangle() -> Mesh {
     let image = TextureImage {
         width: 2,
@@ -398,7 +398,7 @@ fn meshes_hold_together() {
         ));
         assert!(said.starts_with("given: "), "{said}");
     }
-    // Without coordinates of the set that its material names, a part has no texture.
+    // If the coordinate set that its material names is absent, a part has no texture.
     let mut mesh = triangle();
     if let Some(used) = &mut mesh.materials[0].base_texture {
         used.coordinates = usize::MAX;

@@ -1,4 +1,4 @@
-//! Round trips: files of every encoding, written by the tests, read by the library.
+//! Tests round trips: files of every encoding, written by the tests, read by the library.
 
 #![allow(
     clippy::unwrap_used,
@@ -220,7 +220,7 @@ fn plot3d_mismatches_are_explained() {
         short.contains("28 for 2 x 2 x 2 text") && short.contains("8 numbers"),
         "{short}"
     );
-    // More grids than the rest of the file has room for.
+    // There are more grids than the rest of the file can hold.
     let bare = folder.refuse("bare.xyz", b"2 1 1 1 1 1 1\n");
     assert!(bare.contains("7 numbers"), "{bare}");
     let molecule = folder.refuse("water.xyz", b"3\nwater\nO 0 0 0\n");
@@ -230,7 +230,7 @@ fn plot3d_mismatches_are_explained() {
     );
 }
 
-/// Two grids of different sizes, their solutions and their blanks.
+/// Returns two grids of different sizes, their solutions and their blanks.
 fn two_blocks() -> [[Plot3dBlock; 2]; 2] {
     let block = |dims: [i32; 3], per_node: i32, first: f64| {
         let nodes: i32 = dims.iter().product();
@@ -324,7 +324,7 @@ fn plot3d_solutions_of_other_grids_are_explained() {
     }
 }
 
-/// Each plane of k as a record of its own, as some Fortran programs write them.
+/// Each k plane is a record of its own, as some Fortran programs write them.
 #[test]
 fn plot3d_by_planes_is_refused() {
     let encoding = Plot3dEncoding {
@@ -345,7 +345,7 @@ fn plot3d_by_planes_is_refused() {
     assert!(error.contains("whole format"), "{error}");
 }
 
-/// The file's size and the words at its start are enough.
+/// The file's size and the words at its start determine the format.
 #[test]
 fn plot3d_of_several_grids_needs_no_extension() {
     let [grids, _] = two_blocks();
@@ -382,7 +382,7 @@ fn csv_and_npy_are_recognised_by_content() {
     }
 }
 
-/// What `numpy.save` writes, byte by byte.
+/// The bytes are those that `numpy.save` writes.
 #[test]
 fn npy_written_by_numpy_is_read() {
     let folder = Folder::new();
@@ -499,7 +499,7 @@ fn particles_of_a_plane_and_half_floats_are_read() {
     );
     let data = folder.open("a.npy", &space);
     assert_eq!(values(&data, "c3"), Values::F32(vec![0.333_251_95]));
-    // Whole numbers, or no more rows than columns: any table may be that.
+    // Whole numbers, or no more rows than columns: such an array may be any table.
     let integers = npy_array("'<i4'", "(3, 2)", &[[1, 0, 0, 0]; 6]);
     assert!(folder.refuse("a.npy", &integers).contains("(N, 3 or more)"));
     let square = npy_array("'<f4'", "(2, 2)", &[[0; 4]; 4]);
@@ -516,7 +516,7 @@ fn npz_archives_that_claim_too_much_are_refused() {
     let array = npy_array("'<f4'", "(2, 3)", &[[0; 4]; 6]);
     let short = crate::support::npz(&[("x.npy", array.clone()), ("z.npy", array.clone())], true);
     assert!(folder.refuse("a.npz", &short).contains("no column `y`"));
-    // The sizes that the directory states, made larger than deflate can reach.
+    // The directory states sizes beyond what deflate can reach.
     let mut bomb = crate::support::npz(&[("x.npy", array.clone())], true);
     let size = (array.len() as u32).to_le_bytes();
     let at: Vec<usize> = (0..bomb.len() - 4)
@@ -606,8 +606,8 @@ fn png_images_come_back_to_half_a_step() {
     let read = read_image(&path).unwrap();
     for (read, pixel) in read.pixels.iter().zip(&picture().pixels) {
         for c in 0..4 {
-            // Half a step of 1/255 in alpha and, times the curve's greatest slope (2.4 / 1.055),
-            // half a step in colour.
+            // Half a step of 1/255 in alpha, and half a step in colour times the curve's greatest
+            // slope (2.4 / 1.055).
             assert!(
                 (read[c] - pixel[c]).abs() <= 0.5 / 255.0 * (1.0 + 2.4),
                 "{read:?} {pixel:?}"
@@ -653,7 +653,7 @@ fn depth_images_keep_infinity() {
     assert_eq!(depths, depth.depths);
 }
 
-/// `Temp` finds `Temp [K]` where that is the one field meant; a field of that very name is found first.
+/// `Temp` finds `Temp [K]` if that is the only match; a field of exactly that name is found first.
 #[test]
 fn units_in_brackets_behind_names_are_units() {
     let read = |header: &str| {

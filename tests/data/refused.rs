@@ -1,4 +1,4 @@
-//! Formats that are not read are refused by name, with a way out.
+//! Tests that unsupported formats are refused by name, with advice.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use ewa_splat::io::{OpenOptions, read};
@@ -61,7 +61,7 @@ fn formats_that_are_not_read_have_names_and_ways_out() {
     }
 }
 
-/// Files with what their formats begin with, as their programs write them.
+/// Files that begin as their programs write them.
 #[test]
 fn what_others_write_is_named_by_content_whatever_its_name() {
     let mut mrc = vec![0; 1024];
@@ -277,7 +277,7 @@ fn names_say_what_contents_do_not() {
     }
 }
 
-/// Text of other kinds is no table, bytes are no PLOT3D grid, and what is one stays one whatever it is called.
+/// Other text is no table, and bytes are no PLOT3D grid. A table stays one, whatever its name.
 #[test]
 fn last_guesses_need_content_that_agrees() {
     for (name, bytes) in [
@@ -298,10 +298,10 @@ fn last_guesses_need_content_that_agrees() {
     }
     let error = read("a.bin", &[7; 900], &OpenOptions::default()).unwrap_err();
     assert!(error.to_string().contains("found none of these"), "{error}");
-    // A table without positions says what it lacks.
+    // A table without positions is refused for that reason.
     let error = read("a.dat", b"a,b\n1,2\n3,4\n", &OpenOptions::default()).unwrap_err();
     assert!(error.to_string().contains("no column `x`"), "{error}");
-    // Tables and clouds keep their endings' freedom.
+    // Tables and clouds may have any of these extensions.
     for name in ["a.pos", "a.par", "a.map", "a.std", "a.xyz"] {
         let cloud = b"1.5 2 3\n4 5.25 6\n";
         assert!(read(name, cloud, &OpenOptions::default()).is_ok(), "{name}");
@@ -312,8 +312,8 @@ fn last_guesses_need_content_that_agrees() {
     }
 }
 
-/// A ZIP archive that is cut short shows nothing of what it holds: its name says what it is to be, or else the message says which
-/// formats are ZIP archives.
+/// A truncated ZIP archive does not show its contents. Its name determines the format, or else the
+/// message lists the formats that are ZIP archives.
 #[test]
 fn cut_archives_are_not_taken_for_arrays() {
     let whole = npz(&[("meta.json", vec![b' '; 300])], false);
@@ -333,7 +333,7 @@ fn cut_archives_are_not_taken_for_arrays() {
         let is_numpy = error.contains("numpy");
         assert_eq!(is_numpy, name == "a.npz", "{name}: {error}");
     }
-    // Whole, and of none of these formats.
+    // A complete archive of none of these formats.
     let other = npz(&[("other.txt", vec![b' '; 300])], false);
     let error = read("a.zip", &other, &OpenOptions::default()).unwrap_err();
     assert!(

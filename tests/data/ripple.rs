@@ -1,8 +1,9 @@
-//! A uniform field over every kind of irregular data stays uniform: how far the sum of kernels
-//! x volumes ripples about 1 inside the data, and that the volumes add up to the whole.
+//! Tests that a uniform field over every kind of irregular data stays uniform. Measures the ripple
+//! of the sum of kernels x volumes about 1 inside the data, and checks that the volumes add up to
+//! the whole.
 //!
-//! Each bound is the figure of the sampler's own documentation for that kind of grid; the density
-//! in space ripples more than any picture of it, which averages along rays.
+//! Each bound is the figure in the sampler's documentation for that kind of grid. The density in
+//! space ripples more than any picture of it, because a picture averages along rays.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -42,7 +43,7 @@ fn sample(geometry: Geometry, association: Association, count: usize) -> Sampled
     sample_with(geometry, association, count, &SampleOptions::default())
 }
 
-/// Kernels of a sampled volume: position, factor, volume.
+/// Returns the kernels of a sampled volume: position, factor, volume.
 fn kernels(volume: &PointVolume) -> Vec<(DVec3, DMat3, f64)> {
     let Strength::Classified { volumes } = &volume.strength else {
         panic!("classified volumes expected")
@@ -85,7 +86,7 @@ fn kernels(volume: &PointVolume) -> Vec<(DVec3, DMat3, f64)> {
     }
 }
 
-/// Sum of volumes x kernels at a point.
+/// Returns the sum of volumes x kernels at a point.
 fn density(kernels: &[(DVec3, DMat3, f64)], at: DVec3) -> f64 {
     let normal = std::f64::consts::TAU.powf(1.5);
     kernels
@@ -100,7 +101,7 @@ fn density(kernels: &[(DVec3, DMat3, f64)], at: DVec3) -> f64 {
         .sum()
 }
 
-/// Rms and mean of density - 1 over points drawn by `inside`.
+/// Returns the rms and the mean of density - 1 over points drawn by `inside`.
 fn ripple(volume: &PointVolume, mut inside: impl FnMut() -> DVec3) -> (f64, f64) {
     let kernels = kernels(volume);
     let deviations: Vec<f64> = (0..400)
@@ -116,14 +117,14 @@ fn total(volume: &PointVolume) -> f64 {
     kernels(volume).iter().map(|(.., v)| v).sum()
 }
 
-/// Cells over the unit cube, or what `shift` makes of it.
+/// Cells over the unit cube, moved by `shift`.
 struct Mesh {
     mesh: CellMesh,
 }
 
 impl Mesh {
-    /// A lattice of n³ hexahedra, cut by `cut` into cells: kind and corners among the eight of a
-    /// cube, numbered x fastest.
+    /// Makes a lattice of n³ hexahedra, each divided by `cut` into cells: kind, and corners among
+    /// the eight of a cube, numbered x fastest.
     fn new(
         n: usize,
         shift: impl FnMut(DVec3) -> DVec3,
@@ -168,7 +169,7 @@ impl Mesh {
     }
 }
 
-/// Six tetrahedra around the cube's diagonal.
+/// Returns six tetrahedra around the cube's diagonal.
 fn tetrahedra(_: [usize; 3]) -> Vec<(CellKind, Vec<usize>)> {
     let orders = [
         [1, 2, 4],
@@ -195,7 +196,7 @@ fn hexahedron(_: [usize; 3]) -> Vec<(CellKind, Vec<usize>)> {
     vec![(CellKind::HEXAHEDRON, vec![0, 1, 3, 2, 4, 5, 7, 6])]
 }
 
-/// The same cells in VTK's other words, and cut in two.
+/// Returns mixed cells: the same cube as VTK's other kinds, and divided into two.
 fn mixed([i, j, k]: [usize; 3]) -> Vec<(CellKind, Vec<usize>)> {
     match (i + j + k) % 3 {
         0 => vec![(CellKind::VOXEL, (0..8).collect())],
@@ -215,7 +216,7 @@ fn inner(random: &mut Random) -> DVec3 {
     DVec3::splat(0.5) + random.point(0.25)
 }
 
-/// Nodes inside moved at random by a share of the spacing.
+/// Returns a function that moves inner nodes at random by a share of the spacing.
 fn jittered(n: usize, share: f64) -> impl FnMut(DVec3) -> DVec3 {
     let mut random = Random::new(5);
     move |p: DVec3| {
@@ -225,7 +226,7 @@ fn jittered(n: usize, share: f64) -> impl FnMut(DVec3) -> DVec3 {
     }
 }
 
-/// A volume-preserving shear and wave.
+/// Applies a volume-preserving shear and wave.
 fn wavy(p: DVec3) -> DVec3 {
     let x = p.x + 0.05 * (6.0 * p.y).sin();
     let y = p.y + 0.05 * (6.0 * p.z + x).sin();
@@ -248,7 +249,7 @@ fn rectilinear_lattices() {
     let sampled = sample(Geometry::Lattice(lattice), Association::Nodes, 16 * 16 * 16);
     let mut random = Random::new(1);
     let (rms, mean) = ripple(&sampled.volume, || inner(&mut random));
-    // .35 % measured: the lattice's own .3 % and spacings that change by 2 % from cell to cell.
+    // .35 % measured: the lattice's own .3 %, and spacings that change by 2 % from cell to cell.
     assert!(rms < 0.005, "{rms} {mean}");
 }
 
@@ -289,8 +290,8 @@ fn curvilinear_grids() {
 #[test]
 fn unstructured_grids() {
     type Cut = fn([usize; 3]) -> Vec<(CellKind, Vec<usize>)>;
-    // Bounds for nodes and cells. 4 to 9 % and 2.5 to 5 % are known of tetrahedra; measured here:
-    // 3.7 % and 2.3 %, hexahedra 2.9 % and 2.2 %, mixed cells 4.4 % and 2.8 %.
+    // Bounds for nodes and cells. Known for tetrahedra: 4 to 9 % and 2.5 to 5 %. Measured here: 3.7
+    // % and 2.3 %, hexahedra 2.9 % and 2.2 %, mixed cells 4.4 % and 2.8 %.
     let cuts: [(&str, Cut, [f64; 2]); 3] = [
         ("tetrahedra", tetrahedra, [0.05, 0.03]),
         ("hexahedra", hexahedron, [0.04, 0.03]),
@@ -306,19 +307,19 @@ fn unstructured_grids() {
         {
             let sampled = smooth.sample(association);
             assert_eq!(sampled.report.warnings(), [""; 0]);
-            // The map keeps volumes but for the flats between bent edges: second order in the
-            // bend of a cell.
+            // The map preserves volumes, except that flat faces replace bent ones: second order in
+            // the bend of a cell.
             assert!((total(&sampled.volume) - 1.0).abs() < 1e-4);
             let mut random = Random::new(1);
             let (rms, mean) = ripple(&sampled.volume, || wavy(inner(&mut random)));
-            // A smooth mesh is better by far (.2 % and less), but for the faces at which mixed
-            // cells change (2.7 % and 1.1 %).
+            // A smooth mesh is far better (.2 % and less), except at faces where mixed cells change
+            // (2.7 % and 1.1 %).
             let share = if name == "mixed" { 0.5 } else { 0.1 };
             assert!(rms < share * bound, "{name} {association:?} {rms} {mean}");
 
             let sampled = rough.sample(association);
             let whole = total(&sampled.volume);
-            // Mixed cells do not meet where a moved face is cut along its diagonal on one side.
+            // Mixed cells leave gaps where a moved face is cut along its diagonal on one side.
             let gap = if name == "mixed" { 3e-3 } else { 1e-6 };
             assert!((whole - 1.0).abs() < gap, "{name} {whole}");
             let mut random = Random::new(1);
@@ -329,7 +330,7 @@ fn unstructured_grids() {
     }
 }
 
-/// A jittered lattice of n³ points at spacing 1/n, stretched along z.
+/// Returns a jittered lattice of n³ points at spacing 1/n, stretched along z.
 fn scattered(n: usize, jitter: f64, stretch: f64) -> Vec<DVec3> {
     let mut random = Random::new(9);
     let point = |i: usize| {
@@ -350,7 +351,7 @@ fn named(options: SampleOptions) -> SampleOptions {
 #[test]
 fn scattered_points() {
     // Jitter, stretch, bound; measured: 6.4 %, 15.5 %, 22.2 %, 18.2 %. Layers three spacings apart
-    // fill space: they stay spheres.
+    // still fill space, so their kernels stay spheres.
     for (jitter, stretch, bound) in [
         (0.2, 1.0, 0.07),
         (0.5, 1.0, 0.17),
@@ -375,7 +376,7 @@ fn scattered_points() {
         };
         let plain = at(0);
         assert!(plain.0 < bound, "{jitter} {stretch} {plain:?}");
-        // Shepard passes even out, and keep the whole.
+        // Shepard passes smooth the density and preserve the total.
         let passed = [at(1), at(3)];
         assert!(
             passed[0].0 < plain.0 && passed[1].0 < passed[0].0,
@@ -421,9 +422,9 @@ fn smoothed_particles() {
     ]);
     let (rms, mean) = inside(&known.volume);
     assert!((total(&known.volume) - 1.0).abs() < 1e-5);
-    // The jitter's own noise, 5.8 % measured, as for equal kernels at jittered points.
+    // The noise of the jitter, 5.8 % measured, equals that of equal kernels at jittered points.
     assert!(rms < 0.065 && mean.abs() < 0.01, "{rms} {mean}");
-    // Without them the neighbours say as much: the number density of SPH.
+    // Without masses, the neighbours give the same: the number density of SPH.
     let derived = sampled(vec![one(), column("h", h)]);
     let (rms, mean) = inside(&derived.volume);
     assert!(rms < 0.06 && mean.abs() < 0.02, "{rms} {mean}");
@@ -447,8 +448,8 @@ fn smoothed_particles() {
     let values = by_mass.volume.values.unwrap();
     let mut densities: Vec<f32> = (0..count).map(|i| values.get(i)).collect();
     densities.sort_by(f32::total_cmp);
-    // 2 inside; less at the faces and corners, where kernels are missing, and more where the
-    // jitter crowds points: a fifth of them.
+    // The density is 2 inside. It is lower at the faces and corners, where kernels are missing, and
+    // higher where the jitter makes points dense: a fifth of them.
     assert!(
         (1.9..2.1).contains(&densities[count * 6 / 10]),
         "{densities:?}"

@@ -1,5 +1,5 @@
-//! Laws of sampling: volumes add up to the grid's, factors reproduce the Jacobians, nothing
-//! depends on where the origin lies, and what cannot be drawn is counted.
+//! Tests laws of sampling: volumes add up to the grid's, factors reproduce the Jacobians, nothing
+//! depends on the origin, and undrawable samples are counted.
 #![allow(
     clippy::cast_possible_truncation,
     reason = "test data narrow to f32 on purpose"
@@ -38,7 +38,7 @@ fn sample(dataset: Dataset) -> Sampled {
     sampled
 }
 
-/// One entry per particle everywhere, and all numbers usable.
+/// Checks that all arrays have one entry per particle, and that all numbers are usable.
 fn check(sampled: &Sampled) {
     let v = &sampled.volume;
     let n = v.particles.len();
@@ -83,7 +83,7 @@ fn check(sampled: &Sampled) {
     }
 }
 
-/// A curvilinear grid: `at` maps index fractions, each 0..1, to positions.
+/// Makes a curvilinear grid: `at` maps index fractions, each 0..1, to positions.
 fn grid(dims: [usize; 3], association: Association, at: impl Fn(DVec3) -> DVec3) -> Dataset {
     let nodes = grid_nodes(dims, at);
     let [ni, nj, nk] = dims;
@@ -154,7 +154,7 @@ fn volumes_of_box_and_sheared_grid_add_up() {
 fn boundary_kernels_lie_inside_and_inner_ones_at_their_nodes() {
     let sampled = sample(grid([5, 5, 5], Association::Nodes, |s| s * 4.0));
     let (positions, _) = anisotropic(&sampled);
-    // The Gauss points of the two half cells inside cancel; of the one at the corner: .2113.
+    // The Gauss points of the two half cells inside cancel; the one at the corner gives .2113.
     assert!(positions[2 + 5 * (2 + 5 * 2)].distance(DVec3::splat(2.0)) < 1e-12);
     assert!(positions[0].distance(DVec3::splat(0.211_324_865)) < 1e-8);
 }
@@ -178,7 +178,7 @@ fn factors_are_those_of_the_jacobian() {
     }
 }
 
-/// A ring from radius 1 to 3 and height 2, i around.
+/// Maps to a ring from radius 1 to 3 and height 2, i around.
 fn polar(s: DVec3) -> DVec3 {
     let (angle, radius) = (2.0 * PI * s.x, 1.0 + 2.0 * s.y);
     DVec3::new(radius * angle.cos(), radius * angle.sin(), 2.0 * s.z)
@@ -187,14 +187,14 @@ fn polar(s: DVec3) -> DVec3 {
 #[test]
 fn a_polar_o_grid_has_one_seam_and_its_polygon_s_volume() {
     let (ni, nj, nk) = (33, 9, 5);
-    // 32 straight sides: the annulus of polygons, area n/2 sin(2 pi/n) (9 - 1).
+    // 32 straight sides: the annulus of polygons has the area n/2 sin(2 pi/n) (9 - 1).
     let expected = 16.0 * (2.0 * PI / 32.0).sin() * 8.0 * 2.0;
     let sampled = sample(grid([ni, nj, nk], Association::Nodes, polar));
     assert_eq!(sampled.report.left_out_count(), nj * nk);
     assert_eq!(sampled.volume.particles.len(), (ni - 1) * nj * nk);
     assert!((total_volume(&sampled) / expected - 1.0).abs() < SUM);
     assert!(sampled.report.warnings()[0].contains("45 nodes left out: on a periodic seam"));
-    // The seam is nowhere to be seen: each kernel of a ring is its neighbour rotated.
+    // The seam has no effect: each kernel of a ring is its neighbour rotated.
     let (_, factors) = anisotropic(&sampled);
     let row = (ni - 1) * (4 + nj * 2);
     let trace = |m: DMat3| m.x_axis.x + m.y_axis.y + m.z_axis.z;
@@ -261,7 +261,7 @@ fn degenerate_cells_and_bad_nodes_are_counted() {
     assert_eq!(warnings[2], "16 nodes left out: no volume, or inverted");
     assert!((total_volume(&sampled) - 0.75).abs() < SUM);
 
-    // j-edges vanish for i = 0: wedges.
+    // j edges vanish at i = 0: wedges.
     let wedge = |s: DVec3| DVec3::new(s.x, s.x * s.y, s.z);
     let sampled = sample(grid([5, 5, 5], Association::Nodes, wedge));
     assert!((total_volume(&sampled) - 0.5).abs() < SUM);
@@ -419,7 +419,8 @@ fn the_default_field_is_the_first_that_varies() {
         ..dataset(lattice(), fields())
     };
     assert_eq!(chosen(plot3d), "Density");
-    // What is constant is not shown while anything varies, not even a density, nor what holds colours.
+    // A constant field is not shown if another varies, not even a density. Fields of colours are
+    // not shown, either.
     let vector = |name: &str, components: [[u8; 2]; 3]| {
         let components = components.map(|c| Values::U8(c.to_vec()));
         Field {
@@ -442,7 +443,7 @@ fn the_default_field_is_the_first_that_varies() {
     assert!(fails.to_string().contains("a field to show"));
 }
 
-/// A table of particles at the corners of a cube.
+/// Makes a table of particles at the corners of a cube.
 fn table(columns: &[(&str, &[f32])]) -> Dataset {
     let n = columns[0].1.len();
     let positions = (0..n)
@@ -465,7 +466,7 @@ fn masses(sampled: &Sampled) -> &[f32] {
 #[test]
 fn a_scale_moves_the_values_that_are_classified_and_not_those_that_are_summed() {
     let lattice = || Geometry::Lattice(Lattice::uniform([10, 10, 10], DVec3::ZERO, DVec3::ONE));
-    // Evenly over six decades.
+    // Values spread evenly over six decades.
     let raw: Vec<f32> = (0..1000).map(|i| 10f32.powf(0.006 * i as f32)).collect();
     let data = || {
         dataset(
@@ -475,7 +476,7 @@ fn a_scale_moves_the_values_that_are_classified_and_not_those_that_are_summed() 
     };
     let of = |options: &SampleOptions| volume(data(), options).unwrap().volume;
     let defaults = SampleOptions::default();
-    // A library's caller has the values as they are, unless they may be looked at.
+    // A caller of the library gets the values unchanged, unless the sampler may choose a scale.
     let plain = of(&defaults);
     assert_eq!(plain.values, Some(Values::F32(raw.clone())));
     let by_itself = of(&SampleOptions {
@@ -602,7 +603,7 @@ fn variance_columns_with_extinction_and_volume() {
 
 #[test]
 fn scales_and_rotations_with_opacity() {
-    // A quarter turn about z, not normalised: x and y change places.
+    // A quarter turn about z, not normalised, exchanges x and y.
     let sampled = sample(table(&[
         ("scale_0", &[3.0]),
         ("scale_1", &[2.0]),
@@ -744,7 +745,7 @@ fn an_explicit_unit_distance_wins_over_the_file() {
 fn hidden_samples_of_a_lattice_are_transparent_and_counted() {
     let lattice = Geometry::Lattice(Lattice::uniform([3, 2, 1], DVec3::ZERO, DVec3::ONE));
     let values = field("v", Association::Nodes, Values::U8(vec![1, 2, 3, 4, 5, 6]));
-    // Hidden with the node is its cell, and with that the one other node that has no other cell.
+    // Hiding the node hides its cell, and thereby the one other node that has no other cell.
     let hidden = Values::U8(vec![2, 0, 1, 0, 0, 0]);
     let ghosts = field("vtkGhostType", Association::Nodes, hidden);
     let sampled = sample(dataset(lattice, vec![values, ghosts]));

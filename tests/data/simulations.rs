@@ -1,4 +1,4 @@
-//! EnSight, Exodus and netCDF files give what VTK and numpy read of them.
+//! Tests EnSight, Exodus and netCDF files: they give what VTK and numpy read.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::path::Path;
@@ -55,7 +55,8 @@ fn blocks_of_exodus_have_nan_where_they_lack_a_result() {
     assert!(stress[3].is_nan());
     assert_eq!(numbers(&data, "Temp")[..2], [100.0, 104.0]);
     assert_eq!(numbers(&data, "vel:2")[..2], [100.0, 103.0]);
-    // VTK's order: edges of the top before upright ones, then left, right, front, back, bottom, top and centre.
+    // VTK's order is: edges of the top before upright ones, then left, right, front, back, bottom,
+    // top and centre.
     let data = fixture("netcdf/higher.exo", 0);
     let Geometry::Cells(cells) = &data.geometry else {
         panic!("no cells")
@@ -91,7 +92,7 @@ fn exodus_is_what_its_vtu_is() {
 
 #[test]
 fn levels_of_roms_follow_the_ground() {
-    // Of node (2, 1, 0) at the second time, as numpy computes it by the documented formulas.
+    // Node (2, 1, 0) at the second time, as numpy computes it by the documented formulas.
     for (name, z) in [("roms1.nc", -55.090_366_979), ("roms2.nc", -54.287_715_647)] {
         let data = fixture(&format!("netcdf/{name}"), 1);
         let Geometry::Curvilinear { blocks } = &data.geometry else {
@@ -117,7 +118,8 @@ fn packed_numbers_and_falling_axes_are_put_right() {
         (last.y - 61.0 * 111_195.08).abs() < 10.0 && last.z.abs() < 1e-9,
         "{last}"
     );
-    // Stored from north to south, and from the surface down: the last row of the last level comes first.
+    // The data run from north to south, and from the surface down: the last row of the last level
+    // comes first.
     let values = numbers(&data, "thetao");
     assert!((values[0] - 20.68).abs() < 1e-5, "{}", values[0]);
     assert_eq!(values.iter().filter(|x| x.is_nan()).count(), 3);

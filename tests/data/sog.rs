@@ -1,4 +1,5 @@
-//! SOG: scenes of both versions, from folders and archives, give what went in, and what PlayCanvas' own program reads.
+//! Tests SOG: scenes of both versions, from folders and archives, give the original splats and what
+//! PlayCanvas's program reads.
 
 #![allow(
     clippy::unwrap_used,
@@ -30,7 +31,7 @@ fn folder_of(files: &[(&str, Vec<u8>)]) -> Folder {
     folder
 }
 
-/// That splats are those that went in, within half of the steps that they were written in.
+/// Asserts that splats equal the original ones within half of the storage steps.
 fn assert_holds(data: &Dataset, splats: &[Splat]) {
     let found = cloud(data);
     assert_eq!(found.positions.len(), splats.len());
@@ -42,7 +43,7 @@ fn assert_holds(data: &Dataset, splats: &[Splat]) {
         };
         for axis in 0..3 {
             let position = found.positions[i][axis];
-            // Half a step of the logarithm is 3.2e-5, times 1 + abs x, at most 5.5.
+            // Half a step of the logarithm is 3.2e-5, times 1 + |x|, at most 5.5.
             near(position, s.position[axis], 1.8e-4, "position");
             let scale = f64::from(found.scales[i][axis]).ln();
             near(scale, s.scales[axis].ln(), 4.01 / 255.0, "scale");
@@ -56,7 +57,7 @@ fn assert_holds(data: &Dataset, splats: &[Splat]) {
             let expected = s.rotation[k] * largest.signum() / length;
             near(f64::from(found.rotations[i][k]), expected, 6e-3, "rotation");
         }
-        // A logit's step is 6 / 255, whose effect on an opacity is a quarter at most.
+        // A logit's step is 6 / 255, whose effect on an opacity is at most a quarter.
         near(f64::from(found.opacities[i]), s.opacity, 3e-3, "opacity");
         let own = &found.harmonics[stride * i..][..stride];
         for (k, (a, b)) in own.iter().zip(s.harmonics.as_flattened()).enumerate() {
@@ -161,12 +162,13 @@ fn what_is_wrong_with_a_scene_is_told() {
     let files = &scene(2, &splats)[1..];
     let error = folder.refuse("a.sog", &crate::support::npz(files, false));
     assert!(error.contains("no `means_l.webp`"), "{error}");
-    // A folder of something else.
+    // The folder holds something else.
     let error = open(folder.path(), &OpenOptions::default()).unwrap_err();
     assert!(error.to_string().contains("a directory"), "{error}");
 }
 
-/// A codebook without its first entry goes on downwards; rotations and palettes that say nothing are counted.
+/// A codebook without its first entry is extrapolated downwards. Invalid rotations and palette
+/// entries are counted.
 #[test]
 fn what_some_writers_leave_out_is_filled_in() {
     let splats = some_splats(5, 1);
@@ -197,8 +199,9 @@ fn what_some_writers_leave_out_is_filled_in() {
     assert!(notes.contains("2 splats name harmonics"), "{notes}");
 }
 
-/// Numbers of `splat-transform` 2.7: of the first, the middle and the last splat position, logarithms of scales, coefficients of the
-/// constant harmonic, logit and quaternion; then the first two and the last of the other coefficients as PLY orders them.
+/// Numbers of `splat-transform` 2.7: of the first, middle and last splat the position, logarithms
+/// of scales, coefficients of the constant harmonic, logit and quaternion; then the first two and
+/// the last of the other coefficients in PLY's order.
 #[test]
 fn real_scenes_hold_what_their_makers_program_reads() {
     let first = [

@@ -1,5 +1,5 @@
-//! SOG scenes that are written: this library and an outside reader of ZIP archives find in them what went in, within the steps of
-//! the format. What PlayCanvas's own program reads in one is in `splat_axes`.
+//! Tests written SOG scenes: this library and an external ZIP reader find the original splats,
+//! within the format's steps. `splat_axes` tests what PlayCanvas's program reads in one.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -18,7 +18,7 @@ use glam::DVec3;
 use crate::common::Random;
 use crate::support::Folder;
 
-/// Splats without order, whose harmonics lie around a few sets.
+/// Returns random splats whose harmonics lie around a few sets.
 fn some_cloud(count: usize, degree: u8) -> SplatCloud {
     let mut random = Random::new(5);
     let mut number = move |least: f64, most: f64| random.range(least, most);
@@ -57,7 +57,7 @@ fn written(path: &Path, cloud: &SplatCloud) -> (WrittenSplats, SplatCloud) {
     (written, after)
 }
 
-/// For each splat that was read the one that was written, by its place.
+/// Returns for each splat read the index of the original, by position.
 fn order(before: &SplatCloud, after: &SplatCloud) -> Vec<usize> {
     let distance = |i: &usize, p: &DVec3| before.positions[*i].distance_squared(*p);
     let nearest = |p: &DVec3| {
@@ -72,7 +72,7 @@ fn order(before: &SplatCloud, after: &SplatCloud) -> Vec<usize> {
     order
 }
 
-/// The root of the mean square and the greatest of differences.
+/// Returns the root mean square and the greatest of differences.
 fn errors(pairs: impl Iterator<Item = (f32, f32)>) -> [f64; 2] {
     let all: Vec<f64> = pairs.map(|(a, b)| f64::from(a - b).abs()).collect();
     let squares: f64 = all.iter().map(|e| e * e).sum();
@@ -90,7 +90,7 @@ fn scenes_come_back_within_the_steps_of_the_format() {
             (after.harmonics_degree, after.is_anti_aliased),
             (degree, true)
         );
-        // Logarithms up to ln 21, two ways, of 65,535 steps, times 21.
+        // Logarithms up to ln 21, of either sign, in 65,535 steps, times 21.
         let quantum = written.position_quantum;
         assert!((1e-3..2.1e-3).contains(&quantum), "{quantum}");
         let stride = cloud.harmonics_stride();
@@ -104,7 +104,7 @@ fn scenes_come_back_within_the_steps_of_the_format() {
                 q.map(|c| c / length)
             });
             let dot: f32 = a.iter().zip(b).map(|(a, b)| a * b).sum();
-            // Half of 1 / (127.5 sqrt 2) in three components, and what it does to the largest.
+            // Half of 1 / (127.5 sqrt 2) in three components, and its effect on the largest.
             assert!(dot.abs() > 1.0 - 6e-5, "{dot}");
             let opacity = (after.opacities[i] - cloud.opacities[k]).abs();
             assert!(opacity <= 0.501 / 255.0, "{opacity}");
@@ -112,7 +112,8 @@ fn scenes_come_back_within_the_steps_of_the_format() {
         let logarithms = errors(pairs().flat_map(|(i, k)| {
             [0, 1, 2].map(|c| (after.scales[i][c].ln(), cloud.scales[k][c].ln()))
         }));
-        // Even numbers from -7 to -2: steps of 5 / 256, off by 1 / sqrt 12 of one, or half.
+        // Numbers spread evenly from -7 to -2: steps of 5 / 256, off by 1 / sqrt 12 of one, or
+        // half.
         assert!(
             logarithms[0] < 1.02 * 5.0 / 256.0 / 12_f64.sqrt(),
             "{logarithms:?}"
@@ -126,8 +127,8 @@ fn scenes_come_back_within_the_steps_of_the_format() {
         let constant = coefficients(0..3);
         assert!(constant[0] < 1.1e-3 && constant[1] < 6e-3, "{constant:?}");
         if degree > 0 {
-            // 3000 sets become 2048 where each differs from the 40 by .02 / sqrt 3 = .0115: a third shares the entry of another,
-            // and is off by .0115 at most in the root of the mean square.
+            // 3000 sets, each off one of the 40 by .02 / sqrt 3 = .0115, become 2048. A third
+            // shares the entry of another and is off by at most .0115 in the root mean square.
             let rest = coefficients(3..stride);
             assert!(rest[0] < 0.009 && rest[1] < 0.045, "{rest:?}");
             assert!(
@@ -144,7 +145,7 @@ fn scenes_come_back_within_the_steps_of_the_format() {
 fn few_splats_keep_their_harmonics() {
     let folder = Folder::new();
     let mut cloud = some_cloud(50, 2);
-    // Numbers that 256 levels can be: the palette has an entry for each.
+    // The numbers fit 256 levels: the palette has an entry for each.
     for x in &mut cloud.harmonics {
         *x = (*x * 100.0).round() / 100.0;
     }
@@ -197,7 +198,7 @@ fn archives_are_the_same_each_time_and_sound_to_others() {
     }
 }
 
-/// Scenes whose palette or codebooks have nothing to tell apart.
+/// Scenes in which all splats share one palette or codebook entry.
 #[test]
 fn scenes_of_one_splat_and_of_equal_ones_are_written() {
     let folder = Folder::new();

@@ -1,8 +1,11 @@
-//! Splats in the axes of each format, and `.ksplat` files, against the numbers of another program.
+//! Tests splats in the axes of each format, and `.ksplat` files, against the numbers of another
+//! program.
 //!
-//! `fixtures/splats/scene.ply` are three splats of degree 3 without any symmetry (`some_splats`). PlayCanvas's `splat-transform` 2.7.1
-//! (from npm) converted it to the files called `theirs`; `write_splats` to those called `ours`; `support::splats::ksplat` wrote those
-//! called `mode`. `read.json` has what `splat-transform FILE a.ply` made of each file: the numbers of that PLY file.
+//! `fixtures/splats/scene.ply` holds three splats of degree 3 without any symmetry (`some_splats`).
+//! PlayCanvas's `splat-transform` 2.7.1 (from npm) converted it to the files called `theirs`, and
+//! `write_splats` to those called `ours`. `support::splats::ksplat` wrote those called `mode`.
+//! `read.json` holds the numbers of the PLY file that `splat-transform FILE a.ply` made of each
+//! file.
 
 use std::path::{Path, PathBuf};
 
@@ -33,7 +36,7 @@ fn opened(path: &Path) -> SplatCloud {
     cloud(open(path, &OpenOptions::default()).unwrap())
 }
 
-/// Options with which what was read from `path` is turned.
+/// Returns options that rotate the data read from `path`.
 fn turned(path: &Path, spz_version: Option<SpzVersion>) -> SplatFileOptions {
     let up = open(path, &OpenOptions::default()).unwrap().up();
     SplatFileOptions {
@@ -43,7 +46,8 @@ fn turned(path: &Path, spz_version: Option<SpzVersion>) -> SplatFileOptions {
     }
 }
 
-/// The numbers of splat `i` as PLY has them: position, constant colour, other harmonics, logit, logarithms, unit quaternion.
+/// Returns the numbers of splat `i` as in PLY: position, constant colour, other harmonics, logit,
+/// logarithms, unit quaternion.
 fn numbers(cloud: &SplatCloud, i: usize) -> [Vec<f64>; 6] {
     let all = |x: &[f32]| x.iter().map(|x| f64::from(*x)).collect::<Vec<f64>>();
     let count = harmonics_count(cloud.harmonics_degree);
@@ -69,8 +73,9 @@ fn unit(q: &[f64]) -> Vec<f64> {
 fn assert_near(a: &[Vec<f64>; 6], b: &[Vec<f64>; 6], what: &str) {
     for (k, (a, b)) in a.iter().zip(b).enumerate() {
         assert_eq!(a.len(), b.len(), "{what}");
-        // Some roundings of f32, of numbers up to 4. Rotations of records are byte / 127.5 - 1 to that program, and
-        // byte / 128 - 1 to the format's first viewer and here: 1/128 apart at most.
+        // Some roundings of f32, of numbers up to 4. That program reads a record's rotation as byte
+        // / 127.5 - 1; the format's first viewer and this library read byte / 128 - 1. The
+        // difference is at most 1/128.
         let most = if k == 5 && what.contains(".splat") {
             8e-3
         } else {
@@ -124,7 +129,7 @@ fn what_is_written_is_what_the_other_program_has_read() {
     ] {
         let path = folder.path().join(name);
         write_splats(&path, &opened(&scene), &turned(&scene, version)).unwrap();
-        // Compressors may change from release to release.
+        // Compressors may change between releases.
         assert_eq!(opened(&path), opened(&fixture(name)), "{name}");
     }
 }
@@ -146,7 +151,7 @@ fn gltf_files_are_turned_as_the_other_program_turns_them() {
         a.positions[1],
         before.positions[1] * DVec3::new(-1.0, -1.0, 1.0)
     );
-    // Back again: the very numbers, but for quaternions that are made as long as 1.
+    // Conversion back gives the same numbers, except that quaternions are normalised.
     for glb in [&ours, &theirs] {
         let back = folder.path().join("back.ply");
         write_splats(&back, &opened(glb), &turned(glb, None)).unwrap();
@@ -159,7 +164,7 @@ fn gltf_files_are_turned_as_the_other_program_turns_them() {
             assert_near(&numbers(&after, i), &numbers(&before, i), "back");
         }
     }
-    // Without a word on what is up nothing is turned.
+    // Without a stated direction up, nothing is rotated.
     let written = write_splats(&ours, &before, &SplatFileOptions::default()).unwrap();
     assert_eq!(written.turn, DQuat::IDENTITY);
     assert_eq!(opened(&ours).positions, before.positions);
@@ -190,7 +195,7 @@ fn every_format_is_upright() {
         let most = heights.iter().copied().fold(f64::MIN, f64::max);
         assert!((most - 0.5).abs() < 1e-5, "{name}: {heights:?}");
     }
-    // Meshes beside splats say nothing, nor do they turn.
+    // Meshes beside splats state no direction up, and are not rotated.
     let of = |path: &Path| open(path, &OpenOptions::default()).unwrap().up();
     let mesh = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/vase.glb");
     assert_eq!(of(&mesh).direction, of(&glb).direction);
@@ -218,7 +223,7 @@ fn options_of_another_format_are_refused() {
 #[test]
 fn compressed_ply_keeps_scenes_within_its_steps() {
     let folder = Folder::new();
-    // More than two chunks, in an order that is not that of the curve.
+    // There are more than two chunks, in an order other than that of the curve.
     let mut splats: Vec<Splat> = some_splats(600, 2);
     for (i, splat) in splats.iter_mut().enumerate() {
         let x = i as f64;
@@ -234,10 +239,10 @@ fn compressed_ply_keeps_scenes_within_its_steps() {
     let written = write_splats(&path, &before, &SplatFileOptions::default()).unwrap();
     let after = opened(&path);
     assert_eq!(after.positions.len(), 600);
-    // Chunks are smaller than the whole, or there was no sense in a curve.
+    // Chunks are smaller than the whole; otherwise the curve would be useless.
     assert!(written.position_quantum < 2.0 / 1023.0, "{written:?}");
     for i in 0..600 {
-        // Opacities are different from splat to splat, but for half a code.
+        // Opacities identify the splats, to half a code.
         let distance = |j: &usize| {
             let apart = before.positions[*j].distance(after.positions[i]);
             apart + f64::from((before.opacities[*j] - after.opacities[i]).abs())
@@ -250,7 +255,8 @@ fn compressed_ply_keeps_scenes_within_its_steps() {
             let pairs = a[k].iter().zip(&b[k]);
             pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
         };
-        // Half a step of each; of rotations half of 2 / (1023 sqrt 2), and what it does to the largest.
+        // Half a step of each; for rotations half of 2 / (1023 sqrt 2), and its effect on the
+        // largest component.
         assert!(most(0) < 0.51 * written.position_quantum, "{}", most(0));
         assert!(most(1) < 0.51 / 255.0 * 1.2, "{}", most(1));
         assert!(most(2) <= 0.5 * 8.0 / 256.0 + 1e-6, "{}", most(2));
@@ -268,7 +274,7 @@ fn ksplat_sections_of_two_degrees_are_put_together() {
     let (first, second) = (some_splats(3, 2), some_splats(7, 1));
     for (mode, step, rounding) in [
         (0, 0.0, 1e-6),
-        // Steps of positions; eleven bits of half floats; steps of harmonics.
+        // Steps of positions, eleven bits of half floats, steps of harmonics.
         (1, 8.0 / 32_767.0, 5e-4),
         (2, 8.0 / 32_767.0, 1e-3),
     ] {
@@ -333,12 +339,12 @@ fn packed_gltf_splats_keep_the_axes_of_their_file() {
         assert_eq!(data.up().direction, DVec3::Y);
         let packed = cloud(data);
         for i in 0..3 {
-            // The stream's own y and z, and the node's offset.
+            // The stream has its own y and z, and the node an offset.
             let expected = alone.positions[i] * DVec3::new(1.0, -1.0, -1.0);
             assert_eq!(packed.positions[i], expected + DVec3::new(1.0, 2.0, 3.0));
             let [w, x, y, z] = alone.rotations[i];
             assert_eq!(packed.rotations[i], [w, x, -y, -z]);
-            // Of degree 1 the one of x keeps its sign.
+            // In degree 1, only the coefficient of x keeps its sign.
             let [a, b] = [&alone, &packed].map(|c| &c.harmonics[48 * i..][..12]);
             let signs = [1.0, -1.0, -1.0, 1.0];
             for (k, sign) in signs.into_iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Splats in tables, the 3-D filter, and SPZ files with other axes and distant splats.
+//! Tests splats in tables, the 3-D filter, and SPZ files with other axes and distant splats.
 
 use ewa_splat::io::{
     Geometry, OpenOptions, ReadAs, ScaleMeaning, SplatCloud, SplatFileOptions, SpzVersion, open,
@@ -18,7 +18,7 @@ fn cloud(name: &str, bytes: &[u8], options: &OpenOptions) -> (SplatCloud, Vec<St
     }
 }
 
-/// A row: place, logarithms of scales, rotation, logit.
+/// Returns rows: position, logarithms of scales, rotation, logit.
 fn rows(count: usize) -> Vec<[f64; 11]> {
     let mut random = Random::new(5);
     (0..count)
@@ -72,7 +72,7 @@ fn assert_rows(cloud: &SplatCloud, rows: &[[f64; 11]]) {
 fn tables_with_the_columns_of_splats_are_splats() {
     let rows = rows(40);
     let options = OpenOptions::default();
-    // Coefficients, all of a degree.
+    // The coefficients form a full degree.
     let rest: String = (0..9).map(|k| format!(",f_rest_{k}")).collect();
     let more = format!(",f_dc_0,f_dc_1,f_dc_2{rest}");
     let of = |i: usize| {
@@ -86,7 +86,7 @@ fn tables_with_the_columns_of_splats_are_splats() {
     assert_eq!(found.harmonics_degree, 1);
     for i in 0..rows.len() {
         let set = &found.harmonics[12 * i..][..12];
-        // Of each channel its own three, one after another.
+        // Each channel has its own three coefficients, one after another.
         let place = |k: usize, channel: usize| match k {
             0 => channel,
             _ => 3 + 3 * channel + k - 1,
@@ -112,7 +112,7 @@ fn tables_with_the_columns_of_splats_are_splats() {
         assert!(notes.iter().any(|n| n.contains("logits")), "{notes:?}");
         assert_eq!(notes.iter().any(|n| n.contains("white")), names.is_empty());
     }
-    // Numbers as they are: nothing is negative, nothing beyond 0 to 1.
+    // Numbers stay unchanged if none is negative and none is beyond 0 to 1.
     let plain = format!(
         "{COLUMNS},r,g,b\n0,0,0,.5,.25,.1,1,0,0,0,.75,1,1,1\n1,0,0,.5,.25,.1,1,0,0,0,0,1,1,1\n"
     );
@@ -122,14 +122,14 @@ fn tables_with_the_columns_of_splats_are_splats() {
         ([0.5, 0.25, 0.1], 0.75)
     );
     assert!(notes.is_empty(), "{notes:?}");
-    // What is said holds.
+    // An option takes precedence.
     let logarithms = OpenOptions {
         scales: Some(ScaleMeaning::Logarithms),
         ..OpenOptions::default()
     };
     let (found, _) = cloud("a.csv", plain.as_bytes(), &logarithms);
     near(found.scales[0][0], 0.5_f64.exp(), "stated");
-    // Particles have masses; and points are asked for by name.
+    // Particles have masses; points must be asked for.
     let massive = plain.replace("r,g,b", "mass,g,b");
     let data = read("a.csv", massive.as_bytes(), &options).unwrap();
     assert!(matches!(data.geometry, Geometry::Points { .. }));
@@ -175,7 +175,8 @@ fn tables_in_ply_with_colours_are_splats() {
     }
 }
 
-/// Opacity times the root of det(S²) / det(S² + f²), scales sqrt(s² + f²).
+/// The filter multiplies opacity by the root of det(S²) / det(S² + f²); scales become sqrt(s² +
+/// f²).
 #[test]
 fn the_filter_in_space_is_applied() {
     let splats = some_splats(9, 1);
@@ -201,7 +202,7 @@ fn the_filter_in_space_is_applied() {
     }
 }
 
-/// A file of version 4 with an extension record before its table.
+/// Returns a file of version 4 with an extension record before its table.
 fn with_record(file: &[u8], kind: u32, payload: &[u8]) -> Vec<u8> {
     let table_at = u32::from_le_bytes(file[16..20].try_into().unwrap());
     assert_eq!(table_at, 32);
@@ -221,9 +222,10 @@ fn spz_states_its_axes() {
     let file = spz_streams(0, &some_splats(12, 3), &stored);
     let options = OpenOptions::default();
     let (plain, _) = cloud("a.spz", &file, &options);
-    // Of x right, y up, z back.
+    // The file's axes are x right, y up, z back.
     let own = |p: DVec3| DVec3::new(p.x, -p.y, -p.z);
-    // To PLY's axes, of what a file has in axes of its own: left or right, down or up, back or front; then y forward.
+    // Maps from PLY's axes to those of the file: left or right, down or up, back or front; then y
+    // forward.
     type Map = fn(DVec3) -> DVec3;
     let maps: [(u32, Map); 8] = [
         (1, |p| DVec3::new(-p.x, p.y, -p.z)),
@@ -245,7 +247,7 @@ fn spz_states_its_axes() {
         for i in 0..plain.positions.len() {
             let expected = map(own(plain.positions[i]));
             assert!((found.positions[i] - expected).length() < 1e-12, "{axes}");
-            // A kernel reaches where its file's reaches.
+            // A kernel extends as far in each direction as in its file.
             let reach = |cloud: &SplatCloud, d: DVec3| {
                 let [w, x, y, z] = cloud.rotations[i].map(f64::from);
                 let q = DQuat::from_xyzw(x, y, z, w).normalize();
@@ -256,7 +258,7 @@ fn spz_states_its_axes() {
                 let (a, b) = (reach(&plain, d), reach(&found, map(own(d))));
                 assert!((a - b).abs() < 1e-6 * a, "{axes}: {a}, {b}");
             }
-            // And has the colours that it has there.
+            // It also has the same colours in each direction.
             let colour = |cloud: &SplatCloud, d: DVec3| {
                 let basis = ewa_splat::math::harmonics(d.normalize().as_vec3());
                 ewa_splat::math::harmonics_sum(&cloud.harmonics[48 * i..][..48], &basis)
@@ -268,7 +270,7 @@ fn spz_states_its_axes() {
             }
         }
     }
-    // Unknown axes and records are said; those that are cut off harm nothing.
+    // Unknown axes and records are reported; truncated ones are harmless.
     for (kind, payload, word) in [
         (0xADBE_0003_u32, &99_u32.to_le_bytes()[..], "unknown"),
         (0xADBE_0003, &[1, 2], "not read"),
@@ -325,7 +327,7 @@ fn far_splats_do_not_coarsen_the_others() {
             let apart = (*a - *b).abs().max_element();
             assert!(i == 7 || apart <= 0.5001 * fine, "{i}: {apart}");
         }
-        // As far away as the steps reach.
+        // The splat lies as far away as the steps allow.
         assert!(read.positions[7].x > 1e3 && read.positions[7].y == 0.0);
     }
 }

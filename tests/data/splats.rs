@@ -1,4 +1,4 @@
-//! Splats of radiance fields: three formats read alike, and the rule by which they are drawn.
+//! Tests splats of radiance fields: three formats give the same splats, and the drawing rule.
 
 #![allow(
     clippy::unwrap_used,
@@ -83,7 +83,8 @@ fn ply_tables_of_every_type_and_encoding() {
                 .iter()
                 .map(|(old, new, _)| format!("{} {old}_", if new_names { new } else { old }))
                 .collect();
-            // A list before, between and after; positions last, out of order, of three types.
+            // Lists come before, between and after; positions come last, out of order, in three
+            // types.
             let mut properties = vec!["list uchar int before"];
             properties.extend(columns.iter().map(String::as_str));
             properties.extend([
@@ -112,7 +113,7 @@ fn ply_tables_of_every_type_and_encoding() {
                 ],
             );
             for crlf in [false, true] {
-                // The header's lines may end in \r\n; a text's, too.
+                // The header's lines may end in \r\n, and so may those of a text file.
                 let file = if crlf && encoding == Ply::Ascii {
                     String::from_utf8(file.clone())
                         .unwrap()
@@ -168,7 +169,8 @@ fn ply_bodies_of_another_length_are_told() {
                 ),
             ],
         );
-        // More than the header says: read, and noted. Less: refused, wherever it ends.
+        // More data than the header states are read, with a note. Fewer are refused, wherever they
+        // end.
         let longer = folder.open("a.ply", &[&file[..], b"7 7\n\n"].concat());
         assert!(longer.notes[0].contains("after the last element"));
         let words = folder.refuse("a.ply", &file[..file.len() - 3]);
@@ -229,18 +231,18 @@ fn broken_ply_headers_are_named() {
     }
 }
 
-/// Two numbers with a stated difference at most.
+/// Asserts that two numbers differ by at most `most`.
 fn assert_near(a: impl Into<f64>, b: impl Into<f64>, most: f64, what: &str) {
     let (a, b) = (a.into(), b.into());
     assert!((a - b).abs() <= most, "{what}: {a} and {b}");
 }
 
-/// How far a format's numbers may be from the splats that went in.
+/// Largest errors of a format's numbers.
 struct Quantum {
     position: f64,
-    /// Of the logarithm.
+    /// Error of the logarithm.
     scale: f64,
-    /// Of a component of the unit quaternion.
+    /// Error of a component of the unit quaternion.
     rotation: f64,
     opacity: f64,
     constant: f64,
@@ -289,7 +291,7 @@ fn assert_holds(cloud: &SplatCloud, splats: &[Splat], degree: usize, q: &Quantum
     }
 }
 
-/// f32 roundings, and those of a logarithm and a logit taken in f64 and undone in f32.
+/// f32 roundings, and those of a logarithm and a logit taken in f64 and inverted in f32.
 const FLOATS: Quantum = Quantum {
     position: 0.0,
     scale: 1e-6,
@@ -309,7 +311,7 @@ fn splats_from_ply_in_every_encoding_degree_and_layout() {
             let data = folder.open("a.ply", &file);
             assert_holds(cloud(&data), &splats, degree, &FLOATS);
             assert!(!cloud(&data).is_anti_aliased && data.fields.is_empty());
-            // Marks: the last one holds.
+            // If there are several marks, the last one applies.
             for (comments, is_marked) in [
                 ("comment antialiased 1\n", true),
                 ("comment splatrendermode:MIP\n", true),
@@ -336,7 +338,7 @@ fn splats_from_ply_in_every_encoding_degree_and_layout() {
             assert_eq!(values(&data, "flag"), Values::U8(vec![7; 5]));
             assert!(data.notes[0].contains("flat"));
         }
-        // Higher degrees are cut, broken ones refused.
+        // Higher degrees are truncated, incomplete ones refused.
         let splats = some_splats(3, 4);
         let data = folder.open("a.ply", &splat_ply(encoding, "", &splats, &[]));
         assert_holds(cloud(&data), &splats, 3, &FLOATS);
@@ -385,8 +387,8 @@ fn splats_from_spz() {
             constant: 0.5 / 255.0 / 0.15 + 1e-6,
             harmonic: 0.5 / 128.0 + 1e-6,
         };
-        // Bytes of x, y, z: half of 1/127.5, and more for the component computed from them;
-        // ten bits: half of 1/(511 sqrt 2), likewise.
+        // Bytes of x, y, z: half of 1/127.5, and more for the component computed from them; ten
+        // bits: half of 1/(511 sqrt 2), and likewise more.
         for (version, flags, rotation) in [(2, 0, 0.02), (3, 1, 0.003)] {
             let data = folder.open("a.spz", &spz(version, flags, &splats));
             assert_holds(cloud(&data), &splats, degree, &quantum(rotation));
@@ -394,10 +396,10 @@ fn splats_from_spz() {
             assert!(data.notes.is_empty());
         }
     }
-    // Known by its content, too.
+    // The format is also recognised by content.
     let file = spz(3, 0, &some_splats(2, 1));
     assert_eq!(cloud(&folder.open("splats.gz", &file)).positions.len(), 2);
-    // Degree 4 is cut; extensions are passed over.
+    // Degree 4 is truncated, and extensions are skipped.
     let splats = some_splats(3, 4);
     let file = gzip(&[spz_unpacked(3, 2, &splats), vec![1; 20]].concat());
     let data = folder.open("a.spz", &file);
@@ -451,7 +453,8 @@ fn spz_claims_are_checked_against_the_bytes() {
         let error = folder.refuse("a.spz", &file);
         assert!(error.contains(words), "{words}: {error}");
     }
-    // Eight million splats, all zeros, in a packed file of a few kilobytes that holds fewer.
+    // Eight million zero splats are claimed by a compressed file of a few kilobytes that holds
+    // fewer.
     let mut bomb = unpacked[..16].to_vec();
     bomb[8..12].copy_from_slice(&8_000_000_u32.to_le_bytes());
     bomb.extend(vec![0; 1 << 22]);
@@ -460,7 +463,7 @@ fn spz_claims_are_checked_against_the_bytes() {
     assert!(folder.refuse("a.spz", &packed).contains("8000000 splats"));
 }
 
-/// What cannot be drawn is left out and counted; the rest is drawn.
+/// Undrawable splats are left out and counted; the others are drawn.
 #[test]
 fn splats_that_cannot_be_drawn_are_counted() {
     let folder = Folder::new();
@@ -529,7 +532,7 @@ fn what_splats_store_follows_what_they_need() {
             "{bytes} for {stored}"
         );
     }
-    // A kernel width is for shapes that follow a spacing.
+    // A kernel width applies only to shapes that follow a spacing.
     let file = splat_ply(Ply::Little, "", &some_splats(5, 2), &["float w"]);
     let at = |kernel_width, field: Option<&str>| {
         let options = SampleOptions {
@@ -550,7 +553,7 @@ fn what_splats_store_follows_what_they_need() {
 
 // Drawing.
 
-/// Splats as a scene has them.
+/// Returns splats as a scene stores them.
 fn splats(particles: &[Particle], is_anti_aliased: bool) -> PointVolume {
     let volume = volume(particles);
     let Strength::Mass(opacities) = volume.strength else {
@@ -565,7 +568,7 @@ fn splats(particles: &[Particle], is_anti_aliased: bool) -> PointVolume {
     }
 }
 
-/// The splat's variance on the image without low-pass filter, by J W V Wᵀ Jᵀ in f64.
+/// Returns the splat's variance on the image without low-pass filter, by J W V Wᵀ Jᵀ in f64.
 fn image_variance(camera: &Camera, particle: &Particle) -> [f64; 3] {
     let u = camera.camera_point(particle.position);
     let f = camera.camera_from_world * particle.factor;
@@ -587,7 +590,7 @@ fn determinant([a, b, c]: [f64; 3], h2: f64) -> f64 {
     (a + h2) * (c + h2) - b * b
 }
 
-/// Moves the image so that the particle's centre is a pixel's.
+/// Moves the image so that the particle's centre is that of a pixel.
 fn centred(mut camera: Camera, position: DVec3) -> (Camera, [usize; 2]) {
     let u = camera.camera_point(position);
     let slope = match camera.projection {
@@ -600,8 +603,8 @@ fn centred(mut camera: Camera, position: DVec3) -> (Camera, [usize; 2]) {
     (camera, pixel)
 }
 
-/// The pixel at the centre has the opacity that the file states, from any side and distance,
-/// whatever the frame's filter; that of anti-aliased splats falls with the filter's share.
+/// The pixel at the centre has the file's opacity, from any side and distance, whatever the frame's
+/// filter. The opacity of anti-aliased splats decreases with the filter's share.
 #[test]
 fn a_peak_is_the_stated_opacity_from_everywhere() {
     let mut random = crate::common::Random::new(41);
@@ -610,7 +613,7 @@ fn a_peak_is_the_stated_opacity_from_everywhere() {
         let size = random.log_range(0.01, 0.3);
         let mut factor = random.factor(size, 30.0);
         if round % 3 == 0 {
-            // Flat.
+            // This splat is flat.
             factor.x_axis = DVec3::ZERO;
         }
         let particle = Particle {
@@ -637,7 +640,7 @@ fn a_peak_is_the_stated_opacity_from_everywhere() {
                 let plain = render(vec![splats(&[particle], false)], &camera, &settings);
                 let [r, .., a] = plain.pixel(x, y);
                 let opacity = f64::from(particle.mass);
-                // The pixel's centre is the splat's to 1e-6 px or so; f32 roundings.
+                // The pixel's centre is the splat's to about 1e-6 px; f32 roundings.
                 assert_near(a, opacity, 1e-5, "alpha");
                 assert_near(r, 0.8 * opacity, 1e-5, "red");
 
@@ -688,7 +691,7 @@ fn a_splat_has_the_gaussian_profile_of_its_rule() {
                 assert_near(image.pixel(x, y)[3], expected, 2e-6, &format!("{x}, {y}"));
             }
         }
-        // The default cut-off leaves out no more than the tolerance.
+        // The default cut-off omits no more than the tolerance.
         let cut = render(
             vec![splats(&[particle], anti_aliased)],
             &camera,
@@ -715,12 +718,12 @@ fn splats_behind_and_around_the_eye_are_left_out() {
     assert!(brightest(at(0.51, 0.5)) > 0.49);
 }
 
-/// Far outside the image the affine footprint keeps the Jacobian of the margin.
+/// Far outside the image, the affine footprint uses the Jacobian at the margin.
 #[test]
 fn the_jacobian_stops_beyond_the_image() {
     let camera = camera(Projection::Perspective, [16.0; 2], [32, 32]);
-    // Slope 5, where the image ends at 1 and the Jacobian stops at 1.3; deep along z, so that
-    // an unlimited Jacobian smears it across the image.
+    // The slope is 5; the image ends at 1, and the Jacobian is clamped at 1.3. The splat is so deep
+    // along z that an unclamped Jacobian would smear it across the image.
     let beside = Particle {
         position: DVec3::new(5.0, 0.0, 1.0),
         factor: DMat3::from_diagonal(DVec3::new(0.01, 0.3, 0.9)),
@@ -743,12 +746,12 @@ fn the_jacobian_stops_beyond_the_image() {
     assert!(image.pixel(31, 15)[3] > 1e-3);
 }
 
-/// A volume and splats in one frame: each by its own rule, in the order of depth.
+/// A volume and splats in one frame each follow their own rule, in depth order.
 #[test]
 fn volumes_and_splats_composite_in_the_order_of_depth() {
     let camera = camera(Projection::Perspective, [32.0; 2], [33, 33]);
     let ball = |z: f64| {
-        // tau = g / (2 pi sigma²) in the middle, wide enough to be flat there.
+        // tau = g / (2 pi sigma²) in the middle; the kernel is wide enough to be flat there.
         let tau = 0.8;
         Particle::sphere(
             DVec3::new(0.0, 0.0, z),
@@ -789,7 +792,7 @@ fn volumes_and_splats_composite_in_the_order_of_depth() {
             );
         }
     }
-    // With linear opacity asked for, the splat stays as it is.
+    // With linear opacity, the splat stays as it is.
     let linear = Settings {
         linear_opacity: true,
         ..settings
@@ -856,7 +859,7 @@ fn shaded(harmonics: &[[f32; 3]], degree: u8, camera: &Camera) -> [f32; 3] {
     [r / a, g / a, b / a]
 }
 
-/// Degree 1 by hand: 1/2 + .2820948 c0 - .4886025 y c1 + .4886025 z c2 - .4886025 x c3.
+/// Checks degree 1 by hand: 1/2 + .2820948 c0 - .4886025 y c1 + .4886025 z c2 - .4886025 x c3.
 #[test]
 fn colours_follow_the_side_they_are_seen_from() {
     let set = [
@@ -866,7 +869,7 @@ fn colours_follow_the_side_they_are_seen_from() {
         [0.1, 0.2, -0.3_f32],
     ];
     for (direction, up, codes) in [
-        // Looking along +x: the splat lies in direction (1, 0, 0) from the eye.
+        // The camera looks along +x: the splat lies in direction (1, 0, 0) from the eye.
         (DVec3::X, DVec3::Z, [0.592_187_2, 0.402_279_5, 0.505_533_3]),
         (DVec3::Y, DVec3::Z, [0.494_466_6, 0.5, 0.358_952_6]),
         (
@@ -903,7 +906,7 @@ fn colours_follow_the_side_they_are_seen_from() {
     );
 }
 
-/// A constant is the same colour as harmonics of degree 0 and 3.
+/// A constant colour is the same as harmonics of degree 0 and 3 with it.
 #[test]
 fn degrees_agree_where_they_can() {
     let folder = Folder::new();
@@ -960,7 +963,7 @@ fn the_reference_refuses_splats() {
         ..volume(&[particle])
     };
     assert!(Integrator::new(std::slice::from_ref(&coloured)).is_err());
-    // Arrays of other lengths are told of before anything is drawn.
+    // Arrays of wrong lengths are reported before anything is drawn.
     for (degree, count) in [(1, 11), (1, 24), (2, 12), (4, 75)] {
         let colour = Colour::Harmonics {
             degree,
@@ -987,7 +990,8 @@ fn fields_of_splats_are_those_that_nothing_else_uses() {
 
 // Compressed PLY.
 
-/// Two chunks, of which the second has another box: what every bit means, with harmonics and colours in boxes and without.
+/// Two chunks with different boxes check the meaning of every bit, with harmonics, and with colours
+/// in boxes and without.
 #[test]
 fn packed_splats_have_the_values_that_their_bits_say() {
     for encoding in Ply::ALL {
@@ -1002,13 +1006,14 @@ fn packed_splats_have_the_values_that_their_bits_say() {
             assert!(data.notes.is_empty() && data.field_names().is_empty());
             assert_eq!(cloud.positions.len(), 258);
             assert_eq!(usize::from(cloud.harmonics_degree), degree);
-            // Of the first chunk: x by 2046/2047, y by 1/1023, z by 1 of boxes from -1 to 1, 0 to 2 and 5 to 5.
+            // The first chunk has boxes from -1 to 1, 0 to 2 and 5 to 5: x is at 2046/2047, y at
+            // 1/1023, z at 1 of them.
             let close = |a: f64, b: f64| (a - b).abs() <= 2e-7 * b.abs().max(1.0);
             let expected = [-1.0 + 2.0 * 2046.0 / 2047.0, 2.0 / 1023.0, 5.0];
             for (found, expected) in cloud.positions[3].to_array().into_iter().zip(expected) {
                 assert!(close(found, expected), "{found} {expected}");
             }
-            // The same bits in the second, from 10 to 20 along each axis.
+            // The second chunk has the same bits, from 10 to 20 along each axis.
             let expected = [10.0 + 10.0 * 2046.0 / 2047.0, 10.0 + 10.0 / 1023.0, 20.0];
             for (found, expected) in cloud.positions[257].to_array().into_iter().zip(expected) {
                 assert!(close(found, expected), "{found} {expected}");
@@ -1021,7 +1026,8 @@ fn packed_splats_have_the_values_that_their_bits_say() {
                     "{found}"
                 );
             }
-            // Each component is the largest once; the others are -√½, 0 by 511.5 of 1023, and √½ / 1023.
+            // Each component is the largest once; the others are -√½, 0 by 511.5 of 1023, and √½ /
+            // 1023.
             let low = -0.5_f64.sqrt();
             let others = [
                 low,
@@ -1046,7 +1052,7 @@ fn packed_splats_have_the_values_that_their_bits_say() {
                 let constant = share / 0.282_094_791_773_878_14;
                 assert!(close((*found).into(), constant), "{found} {constant}");
             }
-            // Bytes 0, 255, 1, 2, 3, ...: all of red, of green, of blue.
+            // Bytes 0, 255, 1, 2, 3, ...: first all of red, then green, then blue.
             for k in 1..stride / 3 {
                 for channel in 0..3 {
                     let place = channel * (stride / 3 - 1) + k - 1;
@@ -1058,7 +1064,7 @@ fn packed_splats_have_the_values_that_their_bits_say() {
                     assert!(close(set[3 * k + channel].into(), expected), "{place}");
                 }
             }
-            // Without boxes of colours these are shares themselves.
+            // Without boxes of colours, the fractions are the colours.
             let plain = packed_ply(encoding, degree, false);
             let plain = read("a.ply", &plain, &OpenOptions::default()).unwrap();
             let Geometry::Splats(plain) = &plain.geometry else {
@@ -1099,7 +1105,7 @@ fn packed_splats_that_lack_something_are_refused() {
         let error = open(&good.replacen(from, to, 1)).unwrap_err().to_string();
         assert!(error.contains(words), "{from}: {error}");
     }
-    // The second chunk's row left out.
+    // The second chunk's row is missing.
     let (head, rows) = good.split_once("end_header\n").unwrap();
     let mut rows: Vec<&str> = rows.lines().collect();
     rows.remove(1);
@@ -1115,7 +1121,7 @@ fn packed_splats_that_lack_something_are_refused() {
 
 // Scales that are logarithms, and splats of glTF in other numbers and under other names.
 
-/// What the extension's attributes of two splats are called, of which component type they are, and their bytes.
+/// Makes a .glb of two splats from attributes: names in the extension, component type, bytes.
 fn glb_of(attributes: &[(&str, &str, u32, Vec<u8>)]) -> Vec<u8> {
     let mut binary = Vec::new();
     let (mut accessors, mut views) = (Vec::new(), Vec::new());
@@ -1173,7 +1179,7 @@ fn negative_scales_of_gltf_splats_are_logarithms() {
         let data = read("a.glb", bytes, &options).unwrap();
         (cloud(&data).scales.clone(), data.notes.clone())
     };
-    // Twice as large by their node, after the exponential.
+    // The node doubles the size, after the exponential.
     let close = |found: [f32; 3], expected: [f32; 3]| {
         (0..3).all(|i| (found[i] - expected[i]).abs() <= 4.0 * f32::EPSILON * expected[i].abs())
     };
@@ -1188,7 +1194,7 @@ fn negative_scales_of_gltf_splats_are_logarithms() {
     );
     let (found, notes) = scales(&logarithms, Some(ScaleMeaning::Linear));
     assert!(close(found[0], [2.0 * half, 0.0, 2.0 * quarter]) && notes.is_empty());
-    // Standard deviations all above 0 stay, unless they are said to be logarithms.
+    // Scales that are all above 0 stay standard deviations, unless an option makes them logarithms.
     let linear = file([0.5, 1.0, 0.25, 0.5, 0.5, 0.5]);
     let (found, notes) = scales(&linear, None);
     assert!(close(found[0], [1.0, 2.0, 0.5]) && notes.is_empty());
@@ -1255,7 +1261,7 @@ fn negative_columns_of_scales_are_logarithms() {
     assert_eq!(column(None), exponentials);
     assert_eq!(column(Some(ScaleMeaning::Logarithms)), exponentials);
     assert_eq!(column(Some(ScaleMeaning::Linear)), ([-3.0, 1.0], 0));
-    // Data without such scales cannot have them one way or the other.
+    // Data without such scales refuse the option.
     let options = OpenOptions {
         scales: Some(ScaleMeaning::Linear),
         ..OpenOptions::default()
@@ -1271,7 +1277,7 @@ fn negative_columns_of_scales_are_logarithms() {
 
 // SPZ version 4.
 
-/// The same splats packed as one and in streams, by a hand that stores and by a compressor.
+/// The same splats compressed as one stream and as several, by storing and by a compressor.
 #[test]
 fn spz_in_streams_holds_what_it_holds_in_one() {
     type Pack = fn(&[u8]) -> Vec<u8>;
@@ -1291,7 +1297,7 @@ fn spz_in_streams_holds_what_it_holds_in_one() {
             assert!(streams.notes.is_empty());
         }
     }
-    // Of degree 4 the first three are taken.
+    // Splats of degree 4 are cut to the first three degrees.
     let four = read(
         "a.spz",
         &spz_streams(0, &some_splats(3, 4), &stored),

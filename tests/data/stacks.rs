@@ -1,4 +1,5 @@
-//! TIFF stacks that tifffile wrote, and NRRD packed by bzip2: sample (i, j, k) is 1000 k + 100 j + i.
+//! Tests TIFF stacks that tifffile wrote, and NRRD compressed by bzip2. Sample (i, j, k) is
+//! `1000 k + 100 j + i`.
 
 use std::path::Path;
 
@@ -49,7 +50,7 @@ fn stacks_are_what_tifffile_wrote() {
     }
     let (_, values) = fixture("stack_deflate.tif").scalar("value").unwrap();
     check(&values, dims, |at| sample(at) / 8.0);
-    // Tiles of 32-bit integers in BigTIFF, each sample four times along x and y.
+    // Tiles of 32-bit integers in BigTIFF, with each sample repeated four times along x and y.
     let data = fixture("stack_tiled.tif");
     let (_, values) = data.scalar("value").unwrap();
     check(&values, [24, 20, 4], |[i, j, k]| {

@@ -1,4 +1,4 @@
-//! STL: text and binary files give what was written, and what VTK reads.
+//! Tests STL: text and binary files give the original triangles and what VTK reads.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -8,7 +8,7 @@ use glam::DVec3;
 use crate::common::real_data;
 use crate::support::Folder;
 
-/// Triangles with their words of attributes.
+/// Triangle with its attribute word.
 type Facet = ([[f32; 3]; 3], u16);
 
 fn binary(comment: &[u8], facets: &[Facet]) -> Vec<u8> {
@@ -28,7 +28,7 @@ const B: [f32; 3] = [1.0, 0.0, 0.0];
 const C: [f32; 3] = [0.0, 1.0, 0.0];
 const D: [f32; 3] = [0.0, 0.0, 1.0];
 
-/// With its front outwards.
+/// Returns a tetrahedron with its front outwards.
 fn tetrahedron(attributes: u16) -> [Facet; 4] {
     [[A, C, B], [A, B, D], [A, D, C], [B, C, D]].map(|corners| (corners, attributes))
 }
@@ -58,7 +58,7 @@ fn text_and_binary_files_give_their_triangles() {
         assert_eq!(part(&data).positions, places);
         assert_eq!(part(&data).triangles, [[0, 1, 2], [1, 3, 2]]);
         assert!(mesh(&data).materials[0].is_double_sided);
-        // The size says that it is binary, whatever the comment begins with.
+        // The size shows that it is binary, whatever the comment begins with.
         for comment in [b"solid facet".as_slice(), b"made"] {
             let data = folder.open(name, &binary(comment, &tetrahedron(0)));
             assert_eq!(
@@ -95,7 +95,7 @@ fn colours_are_of_two_kinds() {
         (first.collect::<Vec<_>>(), mesh(&data).materials[0].alpha)
     };
     let [red, blue] = [[1.0, 0.0, 0.0, 1.0], [0.0, 0.0, 1.0, 1.0]];
-    // The grey of what has none: 80 % when sRGB-encoded.
+    // Triangles without colour are grey: 80 % when sRGB-encoded.
     let grey = [0.604, 0.604, 0.604, 1.0];
     let viscam = colours(b"", [0x8000 | 31 << 10, 31]);
     assert_eq!(viscam.0, [red, grey]);
@@ -141,7 +141,7 @@ fn what_breaks_the_rules_is_refused() {
 
 #[test]
 fn real_meshes_are_what_vtk_reads() {
-    // Triangles, places, and the bounds of all, by VTK's vtkSTLReader with merged points.
+    // Triangles, positions, and the bounds of all, by VTK's vtkSTLReader with merged points.
     for (name, counts, low, high) in REAL {
         let Some(path) = real_data(&format!("formats/meshes/{name}")) else {
             return;
@@ -161,7 +161,7 @@ fn real_meshes_are_what_vtk_reads() {
     }
 }
 
-/// A file, its triangles and places, and its bounds.
+/// File, its numbers of triangles and positions, and its bounds.
 type Real = (&'static str, [usize; 2], [f64; 3], [f64; 3]);
 
 const REAL: [Real; 3] = [

@@ -1,4 +1,4 @@
-//! Files of points as streams: what is made of them a part at a time is what is made of them at once.
+//! Tests files of points as streams: reading in parts gives the same as reading at once.
 
 use std::path::{Path, PathBuf};
 
@@ -11,7 +11,7 @@ use glam::DVec3;
 use crate::common::Random;
 use crate::support::npy;
 
-/// A structured array of f4 columns, row by row.
+/// Returns a structured array of f4 columns, row by row.
 fn table(columns: &[&str], rows: usize, mut number: impl FnMut(usize, &str) -> f32) -> Vec<u8> {
     let described: Vec<String> = columns
         .iter()
@@ -28,7 +28,8 @@ fn table(columns: &[&str], rows: usize, mut number: impl FnMut(usize, &str) -> f
     npy(1, &header, &body)
 }
 
-/// Rows enough for several chunks of a tree and several parts of a file; some of them are no particles.
+/// Number of rows, enough for several chunks of a tree and several parts of a file; some rows are
+/// not valid particles.
 const ROWS: usize = 300_000;
 
 fn written(scene: &PreparedScene, path: &Path) -> Vec<u8> {
@@ -64,7 +65,7 @@ fn a_stream_of_a_files_points_is_the_scene_of_all_of_them() {
             }
         });
         std::fs::write(&path, bytes).unwrap();
-        // Sums of masses, of one of them.
+        // Sums of masses, for one of them.
         for for_columns in [false, true].into_iter().take(if i == 0 { 2 } else { 1 }) {
             let options = SampleOptions {
                 for_columns,
@@ -113,11 +114,11 @@ fn what_depends_on_others_is_no_stream() {
     let spheres = some(&["x", "y", "z", "sigma", "mass", "t"]);
     let default = SampleOptions::default();
     assert!(is_stream(&spheres, &default));
-    // Sizes of neighbours, functions of all values.
+    // Sizes from neighbours, and functions chosen from all values.
     assert!(!is_stream(&some(&["x", "y", "z", "mass"]), &default));
     assert!(!is_stream(&some(&["x", "y", "z", "sigma"]), &default));
     assert!(!is_stream(&some(&["x", "y", "z", "sigma", "t"]), &default));
-    // Scales that may be logarithms, where any is negative.
+    // Scales may be logarithms if any is negative.
     let scales = [
         "x", "y", "z", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3", "mass",
     ];
@@ -249,7 +250,7 @@ fn rows_are_those_of_the_file_and_damaged_files_say_so() {
     assert_eq!(sigmas(&part).len(), 12);
     assert_eq!(sigmas(&part).get(3), sigmas(&whole).get(10));
     assert!(file.read(30..41).is_err());
-    // Cut off, too long, without rows, a header that is none.
+    // Truncated, too long, without rows, an invalid header.
     for (len, word) in [(bytes.len() - 1, "cut off"), (bytes.len() + 3, "cut off")] {
         let mut other = bytes.clone();
         other.resize(len, 0);
@@ -263,7 +264,7 @@ fn rows_are_those_of_the_file_and_damaged_files_say_so() {
     std::fs::write(&path, none).unwrap();
     let of_none = PointFile::open(&path, None, &SampleOptions::default());
     assert!(of_none.unwrap().is_none());
-    // All are left out.
+    // All rows are left out.
     let bad = table(&["x", "y", "z", "sigma", "mass"], 30, |_, _| f32::NAN);
     std::fs::write(&path, bad).unwrap();
     let mut file = PointFile::open(&path, None, &SampleOptions::default())
@@ -277,7 +278,7 @@ fn rows_are_those_of_the_file_and_damaged_files_say_so() {
     );
 }
 
-/// Column densities of snapshots sum a field as it is, in one file and in several.
+/// Column densities of snapshots sum a field without a scale, in one file and in several.
 #[test]
 fn columns_of_snapshots_are_streams() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Surfaces that show a field, and grids of one layer, which are surfaces.
+//! Tests surfaces that show a field, and grids of one layer, which become surfaces.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -28,7 +28,7 @@ fn field(association: Association, values: Vec<f32>) -> Field {
     }
 }
 
-/// The unit square as two triangles.
+/// Returns the unit square as two triangles.
 fn square(fields: Vec<Field>) -> Dataset {
     let part = MeshPart {
         positions: vec![DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y],
@@ -52,7 +52,7 @@ fn sampled(dataset: Dataset, transfer: TransferChoice) -> SampledScene {
     scene(dataset, &options).unwrap()
 }
 
-/// Positions and values of all surfels.
+/// Returns positions and values of all surfels.
 fn values(scene: &SampledScene) -> Vec<(DVec3, f64)> {
     let of = |volume: &PointVolume| {
         let Particles::Surfels { positions, .. } = &volume.particles else {
@@ -83,7 +83,7 @@ fn values_of_corners_are_linear_between_them() {
     assert!(all.len() > COUNT / 2, "{}", all.len());
     for (at, value) in all {
         let expected = 300.0 + 7.0 * at.x - 20.0 * at.y;
-        // The mean of a linear field is that at the centroid; values are stored in f32.
+        // The mean of a linear field is its value at the centroid; values are stored in f32.
         assert!(
             (value - expected).abs() < 1e-3,
             "{at}: {value}, not {expected}"
@@ -125,7 +125,7 @@ fn triangles_without_values_are_left_out_and_counted() {
     assert!(scene(data, &SampleOptions::default()).is_err());
 }
 
-/// A function of the caller's own makes the surface as opaque as it says, seen head on.
+/// A caller's transfer function makes the surface as opaque as stated, seen along its normal.
 #[test]
 fn own_functions_give_opacities() {
     let half = TransferFunction::from_curves(|_| [1.0; 3], |_| 0.5, [0.0, 1.0], 0.25).unwrap();
@@ -168,7 +168,7 @@ fn grids_of_one_layer_are_surfaces() {
         assert!((at.y - 2.0).abs() < 1e-6);
     }
 
-    // Values of cells, of which one is blanked; on a lattice.
+    // Values of cells on a lattice, of which one is blanked.
     let lattice = Lattice::uniform([4, 5, 1], DVec3::ZERO, DVec3::ONE);
     let of_cells: Vec<f32> = (0..12).map(|i| i as f32).collect();
     let mut ghosts = vec![0; 12];

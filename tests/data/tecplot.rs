@@ -1,4 +1,4 @@
-//! Tecplot's text files.
+//! Tests Tecplot's text files.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use ewa_splat::io::{Association, CellKind, Dataset, Geometry, OpenOptions, format_of, read};
@@ -168,7 +168,7 @@ fn blocks_of_elements_may_be_called_so_by_either_key() {
     for packing in ["DATAPACKING=FEBLOCK", "F=FEBLOCK", "DATAPACKING=BLOCK"] {
         let data = data(&text(packing));
         let (association, p) = numbers(&data, "p");
-        // Two triangles of one cell.
+        // One cell gives two triangles.
         assert_eq!(
             (association, p),
             (Association::Cells, vec![7.5, 7.5]),
@@ -177,7 +177,7 @@ fn blocks_of_elements_may_be_called_so_by_either_key() {
     }
 }
 
-/// VTK's test of values at cells, in blocks and elements.
+/// VTK's test file of cell values, in blocks and elements.
 #[test]
 fn vtk_s_file_of_cell_values_is_read() {
     let Some(path) = crate::common::case("grids/cellcentered.tec") else {

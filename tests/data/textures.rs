@@ -1,4 +1,4 @@
-//! Textures in WebP, with and without losses, and in KTX 2, named by an extension or not.
+//! Tests textures in WebP, lossless and lossy, and in KTX 2, named by an extension or not.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -11,7 +11,7 @@ use crate::common::real_data;
 use crate::support::meshes::rich_gltf;
 use crate::support::sog::webp;
 
-/// The image of a glTF file's only texture.
+/// Returns the image of a glTF file's only texture.
 fn image(image: &[u8], texture: serde_json::Value, required: &[&str]) -> TextureImage {
     let mut file = rich_gltf();
     let uri = format!("data:image/webp;base64,{}", STANDARD.encode(image));
@@ -44,7 +44,7 @@ fn webp_without_losses_is_exact() {
     }
 }
 
-/// Pillow 13 (libwebp) has the same pixels within one step of 255.
+/// Pillow 13 (libwebp) reads the same pixels to within one step of 255.
 #[test]
 fn webp_with_losses_is_what_libwebp_reads() {
     let Some(path) = real_data("formats/meshes/webp/test-lossy.webp") else {
@@ -97,8 +97,9 @@ fn basisu() -> serde_json::Value {
     json!({ "extensions": { "KHR_texture_basisu": { "source": 0 } } })
 }
 
-/// What Binomial's own decoder (alktx2 0.1.7) reads: pixels of a gradient with opacities, and the sums of all. The files hold five
-/// levels, those of UASTC in zstd; `alktx2.encode_raw_rgba_to_ktx2` made them, 20 x 12, of quality 60.
+/// Pixels of a gradient with opacities and the sums of all, as Binomial's decoder (alktx2 0.1.7)
+/// reads them. The files hold five levels, those of UASTC in zstd; `alktx2.encode_raw_rgba_to_ktx2`
+/// made them, 20 x 12, of quality 60.
 #[cfg(feature = "ktx2")]
 #[test]
 fn ktx2_is_what_its_makers_decoder_reads() {
@@ -192,7 +193,7 @@ fn claims_of_ktx2_are_checked() {
     }
 }
 
-/// The same four pixels, rows from the top, in the formats that older meshes come with.
+/// The same four pixels, rows from the top, in the formats that older meshes use.
 #[test]
 fn textures_of_other_formats_have_their_pixels() {
     let pixels = [[255, 0, 0], [0, 255, 0], [0, 0, 255], [10, 20, 30]];
@@ -251,7 +252,7 @@ fn textures_of_other_formats_have_their_pixels() {
         for (found, [r, g, b]) in found.pixels.iter().zip(pixels) {
             assert_eq!(*found, [r, g, b, 255], "{name}");
         }
-        // Cut anywhere, it is an image that cannot be read, and no more.
+        // Truncated anywhere, it is an unreadable image without further effect.
         for len in 0..file.len() {
             let mut cut = rich_gltf();
             let uri = format!("data:image/tga;base64,{}", STANDARD.encode(&file[..len]));
@@ -259,7 +260,7 @@ fn textures_of_other_formats_have_their_pixels() {
             read("a.gltf", &cut.text(), &OpenOptions::default()).unwrap();
         }
     }
-    // A size that its bytes cannot hold is refused before memory is taken.
+    // A size that its bytes cannot hold is refused before memory is allocated.
     let mut claims = tga(2, 0, &from_bottom);
     claims[12..16].fill(255);
     let mut file = rich_gltf();

@@ -1,4 +1,4 @@
-//! 3MF: archives made by hand, and one of another program's.
+//! Tests 3MF: archives made by hand, and one of another program.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -16,7 +16,7 @@ fn mesh(data: &Dataset) -> &Mesh {
     }
 }
 
-/// The volume that closed parts enclose, by the divergence theorem.
+/// Returns the volume that closed parts enclose, by the divergence theorem.
 fn volume(mesh: &Mesh) -> f64 {
     let of = |a: DVec3, b: DVec3, c: DVec3| a.dot(b.cross(c)) / 6.0;
     mesh.parts
@@ -36,7 +36,7 @@ fn objects_stand_in_their_places() {
     for name in ["a.3mf", "b.zip"] {
         let data = folder.open(name, &threemf::rich());
         let mesh = mesh(&data);
-        // A tetrahedron of 1/6, twice as large in each direction, and its mirror image.
+        // A tetrahedron of 1/6, enlarged twofold in each direction, and its mirror image.
         assert!((volume(mesh) - (8.0 + 1.0) / 6.0).abs() < 1e-12);
         assert_eq!(mesh.triangle_count(), 9);
         let [lower, upper] = data.bounds().map(|(a, b)| [a, b]).unwrap();
@@ -73,7 +73,8 @@ fn colours_and_textures_are_those_of_their_groups() {
         found.dedup();
         assert_eq!(found, colours, "{position}");
     };
-    // Three faces of the object's own colour meet there; at the others one of the corners' colours, too.
+    // Three faces of the object's own colour meet there; at the other corners also one of the
+    // corners' colours.
     at(
         DVec3::new(10.0, 20.0, 32.0),
         &[[0.0, half, 1.0, 0.5019608], [1.0, 0.0, 0.0, 1.0]],
@@ -101,7 +102,7 @@ fn a_box_of_another_program_is_whole() {
         return;
     };
     let data = open(&path, &OpenOptions::default()).unwrap();
-    // As trimesh 5.2 has them.
+    // The count is that of trimesh 5.2.
     assert_eq!(mesh(&data).parts[0].positions.len(), 8);
     assert_eq!(mesh(&data).triangle_count(), 12);
     assert!((volume(mesh(&data)) - 6000.0).abs() < 1e-9);
@@ -138,7 +139,7 @@ fn what_is_wrong_is_told() {
     }
     let error = folder.refuse("a.3mf", &npz(&[("a", vec![1])], false));
     assert!(error.contains("3dmodel.model"), "{error}");
-    // A texture that is none is left out with a note; so are properties of other kinds.
+    // An invalid texture is left out with a note; so are properties of other kinds.
     let model = model
         .replacen("a.png", "b.png", 1)
         .replacen("pid=\"10\"", "pid=\"77\"", 1);

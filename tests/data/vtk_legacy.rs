@@ -1,5 +1,5 @@
-//! Legacy VTK files: every kind of data set in every version, encoding and kind of line end gives
-//! what was written.
+//! Tests legacy VTK files: every kind of data set in every version, encoding and kind of line end
+//! gives the original data.
 
 #![allow(
     clippy::unwrap_used,
@@ -27,7 +27,7 @@ fn refuse(text: &str) -> String {
     try_read(text.as_bytes()).unwrap_err().to_string()
 }
 
-/// A data set written in all ways, and read.
+/// Writes a data set in all ways, and reads it.
 fn read_all(write: impl Fn(&mut LegacyVtk)) -> Vec<(LegacyVtk, Dataset)> {
     let read_one = |mut vtk: LegacyVtk| {
         write(&mut vtk);
@@ -41,7 +41,7 @@ fn f32s(count: usize, f: impl Fn(usize) -> f32) -> Vec<f32> {
     (0..count).map(f).collect()
 }
 
-/// Coordinates that single precision holds exactly.
+/// Returns coordinates that are exact in single precision.
 fn coordinates(points: usize) -> Vec<f32> {
     f32s(3 * points, |i| i as f32 * 0.25 - 2.0)
 }
@@ -59,7 +59,7 @@ fn write_points(vtk: &mut LegacyVtk, points: usize) {
     );
 }
 
-/// One array of points, and one of cells unless there are none.
+/// Writes one array of points, and one of cells unless there are none.
 fn write_values(vtk: &mut LegacyVtk, points: usize, cells: usize) {
     if cells > 0 {
         vtk.line(&format!("CELL_DATA {cells}"));
@@ -246,7 +246,7 @@ fn vertices_and_bare_points_are_particles() {
     }
 }
 
-/// Positions are decoded some thousands at a time.
+/// Positions are decoded in chunks of some thousands.
 #[test]
 fn many_points_keep_their_order() {
     for binary in [false, true] {
@@ -260,7 +260,7 @@ fn many_points_keep_their_order() {
     }
 }
 
-/// Every attribute there is, with what may stand between them.
+/// Writes every kind of attribute, with everything that may come between them.
 fn write_attributes(vtk: &mut LegacyVtk) {
     let of = |components: usize| f32s(4 * components, |i| i as f32 + 0.5);
     vtk.lines(
@@ -318,7 +318,7 @@ fn write_attributes(vtk: &mut LegacyVtk) {
     vtk.array("edge_flags e", &crate::support::uint8("", 1, &[0, 1, 1, 0]));
     vtk.lines("FIELD f 5\nNULL_ARRAY\nlabels 2 2 string");
     vtk.texts(&["p", "q", "r s", "t"]);
-    // Two variants: text in binary files too.
+    // Two variants, which are text in binary files too.
     vtk.lines("any 1 2 variant\n6 3\n13 a%20b");
     vtk.line("bits 1 4 bit");
     if vtk.binary {
@@ -458,7 +458,7 @@ fn what_is_no_number_stays_none() {
     assert_eq!(values.get(4), 1500.0);
 }
 
-/// What stands after the first three lines, and words of the error: where, and what is wrong.
+/// Text after the first three lines, and words of the error: the place, and the problem.
 const MISTAKES: &[(&str, &[&str])] = &[
     ("", &["DATASET", "line 4", "nothing"]),
     ("DATASET", &["found nothing"]),

@@ -1,4 +1,4 @@
-//! The VTK XML readers: every format in every encoding, pieces, indices, and refusals.
+//! Tests the VTK XML readers: every format in every encoding, pieces, indices, and refusals.
 
 #![allow(
     clippy::unwrap_used,
@@ -21,7 +21,7 @@ fn values(data: &Dataset, field: &str) -> Values {
     data.scalar(field).unwrap().1
 }
 
-/// A piece of a structured grid.
+/// Returns a piece of a structured grid.
 fn structured(
     extent: &str,
     point_data: Vec<VtkArray>,
@@ -68,7 +68,7 @@ fn mesh(data: &Dataset) -> &CellMesh {
     }
 }
 
-/// Each cell's kind and entries.
+/// Returns each cell's kind and entries.
 fn cells(data: &Dataset) -> Vec<(u8, Vec<u32>)> {
     let mesh = mesh(data);
     (0..mesh.cell_count())
@@ -76,7 +76,7 @@ fn cells(data: &Dataset) -> Vec<(u8, Vec<u32>)> {
         .collect()
 }
 
-/// Positions that single precision does not hold.
+/// Returns positions that single precision cannot represent.
 fn positions(count: usize) -> Vec<f64> {
     (0..3 * count).map(|i| 1e6 + i as f64 / 3.0).collect()
 }
@@ -232,14 +232,14 @@ fn vts_in_every_encoding() {
             nodes: to_points(&at),
         };
         assert_eq!(block(&data), &expected, "{encoding:?}");
-        // Double precision stays where single has not the same numbers.
+        // Double precision is kept if single precision does not represent the numbers.
         assert_eq!(values(&data, "p"), Values::F64(at[..12].to_vec()));
         assert_eq!(values(&data, "vtkGhostType"), Values::U8(vec![2; 12]));
         assert_eq!(values(&data, "c"), Values::F32(vec![70_000.0, 5.0]));
     }
 }
 
-/// NaN positions are the samplers' affair, which count them.
+/// NaN positions are left to the samplers, which count them.
 #[test]
 fn nan_positions_are_passed_on() {
     let folder = Folder::new();
@@ -264,7 +264,8 @@ fn nan_positions_are_passed_on() {
     }
 }
 
-/// Two pieces that share the nodes of plane i = 1, where each calls those of the other ghosts.
+/// Returns two pieces that share the nodes of plane i = 1, where each marks those of the other as
+/// ghosts.
 fn overlapping_vts() -> [XmlPiece; 2] {
     let node = |i: usize, j: usize, k: usize| [i as f64, j as f64 + 0.25, k as f64 * 1.5];
     let piece = |extent: &str, is: [usize; 2], ghosts: [u8; 2], extra: Option<VtkArray>| {
@@ -287,7 +288,7 @@ fn overlapping_vts() -> [XmlPiece; 2] {
     };
     [
         piece("0 1 0 1 0 1", [0, 1], [0, 1], None),
-        // What only one piece has, and another order.
+        // An array that only one piece has, and another order.
         piece(
             "1 2 0 1 0 1",
             [1, 2],
@@ -305,7 +306,7 @@ fn check_overlapping(data: &Dataset) {
     let p = vec![0, 1, 2, 10, 11, 12, 100, 101, 102, 110, 111, 112];
     assert_eq!(values(data, "p"), Values::U8(p));
     assert_eq!(values(data, "c"), Values::U8(vec![0, 1]));
-    // A ghost of one piece that is another's own is none of the whole.
+    // A ghost of one piece that another piece owns is no ghost of the whole.
     assert_eq!(
         values(data, "vtkGhostType"),
         Values::U8([0, 0, 2].repeat(4))
@@ -342,7 +343,7 @@ fn vts_pieces_are_put_together() {
     assert!(err.contains("12 samples, found 8 samples"), "{err}");
 }
 
-/// Eight pieces around one node, each with nodes and a cell of its own.
+/// Eight pieces around one node, each with its own nodes and cell.
 #[test]
 fn pieces_join_along_every_axis() {
     let folder = Folder::new();
@@ -392,7 +393,7 @@ fn pieces_join_along_every_axis() {
     assert!(err.contains("in none of them"), "{err}");
 }
 
-/// The cells of a piece of an unstructured grid, in the numbers of `ids`.
+/// Returns the cells of a piece of an unstructured grid, with numbers of the type of `ids`.
 fn unstructured(
     node_count: usize,
     cell_arrays: Vec<VtkArray>,
@@ -413,7 +414,8 @@ fn unstructured(
 
 const TETRA_FACES: [u32; 17] = [4, 3, 0, 1, 3, 3, 1, 2, 3, 3, 2, 0, 3, 3, 0, 2, 1];
 
-/// A tetrahedron, a polyhedron, a pyramid and a polyhedron that shares a face with the other.
+/// Returns a tetrahedron, a polyhedron, a pyramid and a polyhedron that shares a face with the
+/// first one.
 fn mixed_cells(form: usize) -> Vec<VtkArray> {
     let connectivity = [4, 5, 6, 7, 0, 1, 2, 3, 0, 1, 2, 3, 4, 1, 2, 3, 4];
     let ends = [4, 8, 13, 17];
@@ -427,7 +429,7 @@ fn mixed_cells(form: usize) -> Vec<VtkArray> {
     let as_i32 = |n: &[i64]| n.iter().map(|&n| n as i32).collect::<Vec<_>>();
     let as_u64 = |n: &[i64]| n.iter().map(|&n| n as u64).collect::<Vec<_>>();
     match form {
-        // As VTK wrote it until 9.3.
+        // The form that VTK wrote until 9.3.
         0 => vec![
             int64("connectivity", 1, &connectivity),
             int64("offsets", 1, &ends),
@@ -442,7 +444,7 @@ fn mixed_cells(form: usize) -> Vec<VtkArray> {
             int8("faceoffsets", 1, &[-1, 17, -1, 34]),
             uint64("faces", 1, &as_u64(&streams)),
         ],
-        // As VTK writes it since 9.4, the second cell's second face shared.
+        // The form that VTK writes since 9.4, the second cell's second face shared.
         _ => vec![
             uint64("connectivity", 1, &as_u64(&connectivity)),
             uint16("offsets", 1, &ends.map(|n| n as u16)),
@@ -503,7 +505,7 @@ fn vtu_in_every_encoding() {
     }
 }
 
-/// A grid of several pieces, one of them empty, in which arrays differ.
+/// Returns a grid of several pieces, one of them empty, whose arrays differ.
 fn vtu_pieces() -> [XmlPiece; 3] {
     let first = unstructured(
         8,
@@ -554,7 +556,7 @@ fn vtu_pieces_are_put_one_after_another() {
     }
 }
 
-/// What has no cells does not lack their arrays.
+/// A piece without cells need not have their arrays.
 #[test]
 fn a_piece_without_cells_keeps_the_arrays_of_cells() {
     let folder = Folder::new();
@@ -633,8 +635,8 @@ fn runs(connectivity: &[i64], offsets: &[i32]) -> Vec<VtkArray> {
     ]
 }
 
-/// Points and lines, written in the order of VTK's files, with values in the order of VTK's cells. What has
-/// faces is a mesh: `faces` has these.
+/// Returns points and lines, in the order of VTK's files, with values in the order of VTK's cells.
+/// With faces, the data are a mesh: `faces` holds these.
 fn all_vtp_kinds() -> XmlPiece {
     vtp_piece(
         [2, 2, 0, 0],
@@ -692,7 +694,7 @@ fn vtp_without_lines_and_faces_is_particles() {
     }
 }
 
-/// An index that names files.
+/// Returns an index that names files.
 fn index(kind: &str, attributes: &str, sources: &[&str]) -> Vec<u8> {
     let pieces: String = sources
         .iter()
@@ -714,7 +716,7 @@ fn indices_join_the_files_they_name() {
         let write = |name: &str, kind: &str, attributes: &str, pieces: &[XmlPiece]| {
             folder.file(name, &vtk_xml(encoding, kind, attributes, pieces));
         };
-        // The files of pieces may call their own part the whole.
+        // The files of pieces may state their own part as the whole extent.
         let [left, right] = overlapping_vts();
         write(
             "parts/l.vts",
@@ -838,7 +840,7 @@ fn bad_indices_are_explained() {
     assert!(err.contains("WholeExtent"), "{err}");
 }
 
-/// Replaces one array of the cells that are sound.
+/// Replaces one array of the valid cells.
 fn with_array(form: usize, array: VtkArray) -> Vec<VtkArray> {
     let mut arrays = mixed_cells(form);
     arrays.retain(|a| a.name != array.name);
@@ -877,7 +879,7 @@ fn damaged_cells_are_refused() {
             with_array(0, int64("connectivity", 1, &ids(0)[..16])),
             "DataArray `connectivity`",
         ),
-        // Beginnings with a last end, as VTK holds them in memory, are not what its files have.
+        // Beginnings with a final end, as VTK holds them in memory, do not occur in its files.
         (
             with_array(0, int64("offsets", 1, &[0, 4, 8, 13, 17])),
             "DataArray `offsets`",
@@ -1072,7 +1074,7 @@ fn other_types_and_compressors_are_refused_by_name() {
     assert!(err.contains("this element"), "{err}");
 }
 
-/// Compressed blocks of `count` zeros, as few as the compressor makes of them.
+/// Returns compressed blocks of `count` zeros, as small as the compressor makes them.
 fn zeros(compression: Compression, count: usize) -> Vec<u8> {
     let zeros = vec![0; count];
     match compression {
@@ -1087,8 +1089,8 @@ fn zeros(compression: Compression, count: usize) -> Vec<u8> {
     }
 }
 
-/// The most that a compressor can do is read; a header that claims more is refused before
-/// anything is allocated for it.
+/// Data at the compressor's limit are read. A header that claims more is refused before anything is
+/// allocated for it.
 #[test]
 fn claims_of_compressed_arrays_are_bounded() {
     const COUNT: usize = 1 << 24;
@@ -1149,7 +1151,7 @@ fn arrays_without_thickness_are_no_cells() {
     }
 }
 
-/// Text at the end of a file that was written in binary, and a mark at its beginning.
+/// Text at the end of a binary file, and a mark at its beginning.
 #[test]
 fn a_byte_order_mark_and_comments_are_skipped() {
     let folder = Folder::new();

@@ -1,4 +1,4 @@
-//! VTKHDF files.
+//! Tests VTKHDF files.
 //!
 //! | fixture | what |
 //! |---|---|
@@ -9,8 +9,8 @@
 //! | `image_in_time.vtkhdf` | by h5py: an oblique image at two times |
 //! | `levels.vtkhdf`, `levels_in_time.vtkhdf` | by h5py: overlapping AMR of two levels |
 //!
-//! Those of VTK were copied array by array with h5py, without the room that VTK leaves in them. All numbers are those that
-//! VTK's own reader gives for these files.
+//! The files of VTK were copied array by array with h5py, without VTK's unused space. All numbers
+//! are those that VTK's own reader gives for these files.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::path::{Path, PathBuf};
@@ -42,7 +42,7 @@ fn counted(first: f32, count: usize) -> Vec<f32> {
     (0..count).map(|i| first + i as f32).collect()
 }
 
-/// The nodes of the solids.
+/// Returns the nodes of the solids.
 fn nodes(shift: f64) -> Vec<DVec3> {
     let mut nodes = Vec::new();
     for k in 0..2 {
@@ -141,7 +141,7 @@ fn polygonal_data() {
     let Geometry::Mesh(mesh) = &data.geometry else {
         panic!("a mesh expected");
     };
-    // A triangle, two of the quadrilateral, two of the strip.
+    // One triangle, two of the quadrilateral, two of the strip.
     assert_eq!(mesh.parts[0].triangles.len(), 5);
     assert_eq!(mesh.parts[0].colours[1][1], 1.0);
     assert_eq!(
@@ -209,7 +209,7 @@ fn the_finest_level_counts() {
         let shift = if step == Some(1) { 1000.0 } else { 0.0 };
         let rho = [counted(shift, 16), counted(100.0 + shift, 32)].concat();
         assert_eq!(numbers(&data, "rho"), rho);
-        // As VTK marks them.
+        // Marks as VTK writes them.
         let marks = [
             0., 8., 0., 8., 0., 0., 0., 0., 8., 0., 8., 0., 0., 0., 0., 0.,
         ];

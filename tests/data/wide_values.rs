@@ -1,4 +1,4 @@
-//! Numbers that single precision cannot represent, in files of each kind that stores them.
+//! Tests numbers that single precision cannot represent, in files of each kind that stores them.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::path::Path;
@@ -67,13 +67,13 @@ fn readers_keep_what_single_precision_loses() {
         expected.sort_by(f64::total_cmp);
         assert_eq!(found, expected, "{name}");
     }
-    // Integers, too: a number of a cell, say.
+    // Integers are kept, too: a cell's number, for instance.
     let ids: Vec<u8> = (0..27_i64)
         .flat_map(|n| (3_000_000_000 + n).to_le_bytes())
         .collect();
     let values = values_of("ids.nrrd", &nrrd("int64", "little", &ids));
     assert!((0..27).any(|i| values.wide(i) == 3_000_000_001.0));
-    // What single precision has stays in it.
+    // Numbers that single precision represents stay in it.
     let halves: Vec<u8> = (0..27)
         .flat_map(|n| (0.5 * f64::from(n)).to_le_bytes())
         .collect();
@@ -108,7 +108,7 @@ fn a_magnitude_keeps_the_digits_of_its_components() {
     }
 }
 
-/// Positions of values, and the same field about 0.
+/// Values far from 0 get the positions of the same field about 0.
 #[test]
 fn positions_are_the_differences() {
     let of = |origin: f64, factor: f64| {
@@ -144,7 +144,7 @@ fn positions_are_the_differences() {
             );
         }
     }
-    // Well within single precision nothing is moved.
+    // Within single precision, nothing is shifted.
     let (values, transfer, numbers) = of(300.0, 40.0);
     assert_eq!(transfer.value_scale(), ValueScale::Linear);
     #[allow(clippy::cast_possible_truncation, reason = "as values are narrowed")]

@@ -1,4 +1,4 @@
-//! What goes wrong on one rank, all learn of.
+//! Tests that all ranks learn of an error on one.
 
 use ewa_splat::distributed::{Communicator, Renderer, ThreadRank};
 use ewa_splat::view::Camera;

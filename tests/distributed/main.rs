@@ -1,4 +1,4 @@
-//! Ranks in threads: their picture is that of one machine, bit for bit.
+//! Tests ranks in threads: their picture equals that of one process, bit for bit.
 
 #![allow(
     clippy::unwrap_used,

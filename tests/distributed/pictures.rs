@@ -1,4 +1,4 @@
-//! Whatever is drawn, and by however many.
+//! Tests pictures of all kinds on any number of ranks.
 
 use ewa_splat::render::{Classification, ClassifyAt, Composite};
 use ewa_splat::scene::{Colour, Lighting, Particles, PointVolume, Strength};
@@ -27,7 +27,8 @@ fn depths() -> Settings {
 #[test]
 fn kernels_over_one_another_near_and_far() {
     let frames = [
-        // More ranks than tiles; the whole; from within; from afar, where merged particles stand for others.
+        // More ranks than tiles; the whole scene; from inside; from afar, where merged particles
+        // stand for others.
         (camera([1, 1]), depths()),
         (camera([200, 150]), depths()),
         (
@@ -94,7 +95,7 @@ fn classified_kernels_in_pieces_and_in_layers() {
             classify: ClassifyAt::Slab,
         }),
         layered(Composite::Maximum { thickness }),
-        // Colours again after values.
+        // Colours are drawn again after values.
         (flat([40, 28]), depths()),
     ];
     for scene in [ellipsoids(1500), lattice(12)] {
@@ -125,7 +126,7 @@ fn surfaces_in_volumes_lit_and_clipped() {
         (camera([70, 50]), lit.clone()),
         (camera([70, 50]), clipped.clone()),
         (
-            // The eye among the surfels.
+            // The eye lies among the surfels.
             Camera::perspective(DVec3::Z * -0.71, DVec3::Z, DVec3::Y, 100.0, [40, 40]),
             clipped,
         ),
@@ -147,7 +148,8 @@ fn column_densities_are_summed_in_one_order() {
         let image = assert_same_column(&scene, &camera, &settings);
         assert!(image.values.iter().any(|v| *v > 0.0));
     }
-    // Enough in one tile for its list to be summed in parts, of which the rounding would tell.
+    // One tile holds enough footprints for its list to be summed in parts, whose rounding would
+    // show.
     let mut crowd = spheres(20_000);
     if let Particles::Isotropic { positions, .. } = &mut crowd.particles {
         positions.iter_mut().for_each(|p| *p *= 0.02);
@@ -168,9 +170,9 @@ fn nothing_and_next_to_nothing() {
     let frames = [(camera([40, 30]), depths()), (camera([1, 1]), depths())];
     assert_same(&[], &frames);
     assert_same(std::slice::from_ref(&none), &frames);
-    // One block for all ranks.
+    // All ranks together have one block.
     assert_same(&[none, spheres(3)], &frames);
-    // What is no number is nobody's.
+    // Particles that are not finite belong to no rank.
     let mut broken = spheres(2000);
     if let Particles::Isotropic { positions, sigmas } = &mut broken.particles {
         positions[17].x = f64::NAN;
@@ -187,9 +189,9 @@ fn shares_are_shares() {
     let (_, one) = together(1, &scene, &frames);
     let (_, four) = together(4, &scene, &frames);
     for rank in &four {
-        // A run of blocks more or less.
+        // Ranks may differ by a run of blocks.
         assert!(rank.particles.abs_diff(15_000) < 3000, "{}", rank.particles);
-        // A quarter of the particles, and all blocks.
+        // Each rank has a quarter of the particles, and all blocks.
         assert!(
             rank.bytes < one[0].bytes / 2,
             "{} of {}",
@@ -198,7 +200,7 @@ fn shares_are_shares() {
         );
         assert!(rank.footprints_made > 0 && rank.splat_pixels > 0);
     }
-    // A few footprints of each go to more than one.
+    // A few footprints of each rank go to more than one other rank.
     let sent: u64 = four.iter().map(|rank| rank.footprints_sent).sum();
     let made: u64 = four.iter().map(|rank| rank.footprints_made).sum();
     assert!(sent >= made && sent < 2 * made, "{sent} of {made}");

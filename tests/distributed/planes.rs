@@ -1,4 +1,4 @@
-//! Lattices of which each rank has some planes: what is drawn of them is what one machine draws.
+//! Tests lattices of which each rank has some planes: the picture equals that of one process.
 
 use ewa_splat::distributed::{Communicator, RankStats, Renderer, Share};
 use ewa_splat::render::{ClassifyAt, Composite};
@@ -13,7 +13,7 @@ use crate::scenes::{ball, box_of, spheres};
 /// More than 262,144 cells for each of three ranks, of 64 planes each.
 const DIMS: [usize; 3] = [64, 66, 200];
 
-/// A rank's planes: runs of 13 in turn.
+/// Returns a rank's planes: runs of 13, assigned in turn.
 fn share(whole: &PointVolume, rank: usize, size: usize) -> Share {
     let Particles::Lattice { lattice, .. } = &whole.particles else {
         panic!("a lattice");
@@ -65,17 +65,17 @@ fn frames() -> Vec<(Camera, Settings)> {
         (near.clone(), depths.clone()),
         (near.clone(), clipped),
         (near, in_slabs),
-        // From within.
+        // The camera is inside.
         (camera(DVec3::new(0.1, 0.2, 0.7)), depths),
     ]
 }
 
-/// Every rank has about its share of the values, and all blocks.
+/// Checks that every rank has about its share of the values, and all blocks.
 fn assert_even(stats: &[RankStats], count: usize) {
     let own: Vec<usize> = stats.iter().map(|s| s.particles as usize).collect();
     assert_eq!(own.iter().sum::<usize>(), count);
     let most = own.iter().max().copied().unwrap_or(0);
-    // A run of 32 planes of 202 more or less.
+    // Ranks may differ by a run of 32 planes of 202.
     assert!(most <= count / own.len() + count / 5, "{own:?}");
 }
 
@@ -85,7 +85,7 @@ fn planes_wherever_they_are_make_the_picture_of_all() {
     let expected = alone(std::slice::from_ref(&whole), &frames());
     assert!(expected[0].counts.pieces > 0 && expected[0].shown() > 1000);
     assert!(expected[1].shown() > 500 && expected[2].shown() > 1000);
-    // Shells are hardly merged, and a haze is.
+    // Shells are hardly merged; a haze is.
     let haze = TransferFunction::from_curves(|_| [0.9, 0.5, 0.3], |_| 0.01, [0.0, 255.0], 0.1);
     let hazy = PointVolume {
         transfer_function: Some(haze.unwrap()),
@@ -128,12 +128,12 @@ fn planes_wherever_they_are_make_the_picture_of_all() {
         assert_even(stats, count);
         bytes.push(stats.iter().map(|s| s.bytes).max().unwrap());
     }
-    // A byte a cell is shared; what bounds blocks, and coarser grids, everybody has.
+    // Bytes of cells are shared; every rank has the blocks' bounds and the coarser grids.
     let saved = (bytes[0] - bytes[2]) as usize;
     assert!(saved > count / 2 && saved < count, "{bytes:?} of {count}");
 }
 
-/// Beside other volumes, and so small that every rank has all.
+/// The lattice is drawn beside other volumes, or is so small that every rank has all of it.
 #[test]
 fn planes_lie_beside_points_and_small_lattices_go_to_all() {
     for dims in [DIMS, [9, 8, 40]] {

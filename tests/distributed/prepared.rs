@@ -1,4 +1,4 @@
-//! Prepared scenes that all ranks have mapped.
+//! Tests prepared scenes that all ranks have mapped.
 
 use ewa_splat::prepared::{About, PreparedScene};
 use ewa_splat::scene::PointVolume;
@@ -39,7 +39,8 @@ fn ranks_map_one_file_and_draw_what_one_machine_draws() {
         if size == 1 {
             bytes_of_one = bytes;
         }
-        // Each has the blocks of all, and the lattice, which take less than half of this scene.
+        // Each rank has all blocks and the lattice, which take less than half of this scene's
+        // memory.
         assert!(
             bytes <= bytes_of_one * (1 + size as u64 / 2),
             "{size} ranks: {bytes}"
@@ -63,7 +64,7 @@ fn columns_of_mapped_particles_are_those_of_one_machine() {
         let all = each(size, |rank| {
             let mapped = PreparedScene::open(&path).unwrap().0;
             let mut renderer = distributed::Renderer::of_prepared(rank, vec![mapped]).unwrap();
-            // What the file knows; no rank counts it again.
+            // The file stores these counts; no rank counts again.
             assert_eq!(renderer.amplitudes(), amplitudes);
             renderer
                 .column_density(&camera, &settings)

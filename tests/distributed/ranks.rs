@@ -1,4 +1,4 @@
-//! Groups of ranks in threads, and what they are compared with.
+//! Runs groups of ranks in threads, and compares their frames with those of one process.
 
 use ewa_splat::distributed::{RankStats, Renderer, ThreadRank};
 use ewa_splat::render::FrameCounts;
@@ -7,10 +7,10 @@ use ewa_splat::view::Camera;
 use ewa_splat::{ColumnImage, ColumnSettings, DepthImage, Image, NormalImage};
 use ewa_splat::{SceneOptions, Settings};
 
-/// One rank alone, few, and numbers that divide nothing evenly.
+/// Numbers of ranks: one alone, few, and numbers that divide nothing evenly.
 pub(crate) const SIZES: [usize; 5] = [1, 2, 3, 4, 7];
 
-/// What each rank of a group makes, in threads of their own.
+/// Runs `work` on each rank of a group, in threads of their own, and returns the results.
 pub(crate) fn each<T: Send>(size: usize, work: impl Fn(ThreadRank) -> T + Sync) -> Vec<T> {
     let work = &work;
     std::thread::scope(|scope| {
@@ -20,7 +20,7 @@ pub(crate) fn each<T: Send>(size: usize, work: impl Fn(ThreadRank) -> T + Sync) 
     })
 }
 
-/// All that a frame makes; of f32 numbers the bits.
+/// All output of a frame; f32 numbers as bits.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Frame {
     pixels: Vec<[u32; 4]>,
@@ -45,13 +45,13 @@ impl Frame {
         }
     }
 
-    /// How many pixels show anything.
+    /// Counts the pixels that show anything.
     pub(crate) fn shown(&self) -> usize {
         self.pixels.iter().filter(|p| p[3] != 0).count()
     }
 }
 
-/// The frames of one machine, one after another of one renderer.
+/// Draws frames in one process, one after another with one renderer.
 pub(crate) fn alone(scene: &[PointVolume], frames: &[(Camera, Settings)]) -> Vec<Frame> {
     let mut renderer = ewa_splat::Renderer::new(scene.to_vec()).unwrap();
     let draw = |(camera, settings): &(Camera, Settings)| {
@@ -62,7 +62,8 @@ pub(crate) fn alone(scene: &[PointVolume], frames: &[(Camera, Settings)]) -> Vec
     frames.iter().map(draw).collect()
 }
 
-/// The frames of a group of ranks each of which has the whole scene to begin with, and what each did for the last.
+/// Draws frames on a group of ranks that all start with the whole scene. Returns the frames, and
+/// each rank's statistics of the last one.
 pub(crate) fn together(
     size: usize,
     scene: &[PointVolume],
@@ -73,12 +74,13 @@ pub(crate) fn together(
         let renderer = Renderer::of_whole(rank, scene.to_vec(), &options).unwrap();
         drawn(renderer, frames)
     });
-    // Others than the first have nothing.
+    // Ranks other than the first get no pictures.
     assert!(all.iter().skip(1).all(|(frames, _)| frames.is_empty()));
     all.swap_remove(0)
 }
 
-/// The frames of a rank, none but of the first; and the ranks' statistics of the last.
+/// Draws frames on one rank. Returns the frames (none except on the first rank) and all ranks' last
+/// statistics.
 pub(crate) fn drawn(
     mut renderer: Renderer,
     frames: &[(Camera, Settings)],
@@ -94,7 +96,7 @@ pub(crate) fn drawn(
     (drawn, renderer.stats().to_vec())
 }
 
-/// Asserts that the frames of every number of ranks are those of one machine. Returns these.
+/// Asserts that every number of ranks draws the frames of one process. Returns these.
 pub(crate) fn assert_same(scene: &[PointVolume], frames: &[(Camera, Settings)]) -> Vec<Frame> {
     let expected = alone(scene, frames);
     for size in SIZES {
@@ -116,7 +118,7 @@ pub(crate) fn assert_same(scene: &[PointVolume], frames: &[(Camera, Settings)]) 
     expected
 }
 
-/// The same of column densities.
+/// Asserts the same of column densities.
 pub(crate) fn assert_same_column(
     scene: &[PointVolume],
     camera: &Camera,

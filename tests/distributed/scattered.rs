@@ -1,4 +1,4 @@
-//! Scenes that the first rank alone has.
+//! Tests scenes that the first rank alone has.
 
 use ewa_splat::distributed::{Communicator, Renderer, Share};
 use ewa_splat::io::{OpenOptions, open};
@@ -48,7 +48,7 @@ fn frames() -> Vec<(Camera, Settings)> {
     ]
 }
 
-/// Splats of a radiance field, with colours that depend on the side.
+/// Returns splats of a radiance field, with colours that depend on the direction.
 fn splats(count: usize) -> PointVolume {
     let mut random = Random::new(5);
     let positions: Vec<DVec3> = (0..count).map(|_| random.point(1.0)).collect();
@@ -74,7 +74,7 @@ fn splats(count: usize) -> PointVolume {
 
 #[test]
 fn whatever_one_rank_has_all_draw() {
-    // Lattices that say more than values, of which every rank gets all.
+    // Lattices that carry more than values are sent whole to every rank.
     let mut lit = lattice(12);
     let directions = (0..12 * 12 * 12).map(|i| DVec3::new(1.0, f64::from(i), 0.5));
     lit.normals = Some(directions.map(ewa_splat::math::normal_code).collect());
@@ -96,7 +96,8 @@ fn whatever_one_rank_has_all_draw() {
     ];
     assert_same(&scene, &frames(), &SIZES);
     assert_same(&[], &frames()[..0], &[3]);
-    // Of which none may have some planes alone: one that has none of them cannot tell, and hears of it.
+    // Such lattices cannot be split into planes: a rank without planes cannot detect this, and gets
+    // the error.
     let found = each(2, |rank| {
         let is_first = rank.rank() == 0;
         let mut own = uneven.clone();
@@ -119,7 +120,8 @@ fn many_particles_and_cells_are_dealt_out() {
     assert_same(&[spheres(600_000), box_of([64, 66, 200])], &frames(), &[2]);
 }
 
-/// What grids become: ellipsoids with local models, planes of their boundary and ghosts; functions on any scale.
+/// Results of grids: ellipsoids with local models, planes of their boundary and ghosts; functions
+/// on any scale.
 #[test]
 fn grids_and_functions_travel_to_the_last_bit() {
     let fixtures = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
@@ -135,7 +137,7 @@ fn grids_and_functions_travel_to_the_last_bit() {
     let eye = middle + DVec3::new(0.3, 0.5, 2.5) * radius;
     let camera = Camera::perspective(eye, middle, DVec3::Z, 40.0, [80, 60]);
     assert_same(&wake, &[(camera, Settings::default())], &[1, 4]);
-    // A function's table is as it was, on any scale, with numbers that text has no end of.
+    // A function's table survives on any scale, even with numbers that have no finite decimal form.
     for scale in [ValueScale::Log, ValueScale::Symlog { linear: 1.0 / 3.0 }] {
         let mut volume = ellipsoids(1000);
         let function = TransferFunction::from_curves(
@@ -153,7 +155,7 @@ fn grids_and_functions_travel_to_the_last_bit() {
 #[test]
 fn the_first_rank_must_have_a_scene() {
     let found = each(3, |rank| {
-        // What others give counts nothing.
+        // Volumes given on other ranks are ignored.
         let own = (rank.rank() > 0).then(|| vec![spheres(10)]);
         Renderer::of_first(rank, own, &SceneOptions::default()).map(|_| ())
     });

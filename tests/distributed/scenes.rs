@@ -1,4 +1,4 @@
-//! Small scenes that ask for everything that a frame has.
+//! Makes small scenes that use every feature of a frame.
 
 use ewa_splat::scene::{
     Colour, Lattice, LocalModel, LocalModels, Particles, PointVolume, Strength, TransferFunction,
@@ -25,7 +25,7 @@ fn numbers(random: &mut Random, count: usize, low: f64, high: f64) -> Vec<f32> {
     (0..count).map(|_| random.range(low, high) as f32).collect()
 }
 
-/// Coloured spheres with masses about the origin, clumped, some around the eye at z = -4.
+/// Returns coloured spheres with masses about the origin, in clumps, some around the eye at z = -4.
 pub(crate) fn spheres(count: usize) -> PointVolume {
     let mut random = Random::new(7);
     let place = |n: usize, random: &mut Random| match n % 50 {
@@ -38,7 +38,7 @@ pub(crate) fn spheres(count: usize) -> PointVolume {
     let positions = (0..count).map(|n| place(n, &mut random)).collect();
     let sigmas = numbers(&mut random, count, 0.002, 0.03);
     let masses = numbers(&mut random, count, 1e-6, 1e-4);
-    // Alike enough to be merged from afar.
+    // Colours are so similar that they are merged from afar.
     let colours = (0..count).map(|_| [0, 1, 2].map(|_| random.range(0.45, 0.55) as f32));
     let colour = Colour::PerParticle(colours.collect());
     plain(
@@ -48,7 +48,8 @@ pub(crate) fn spheres(count: usize) -> PointVolume {
     )
 }
 
-/// A transfer function with a narrow lobe, so that kernels are classified over their extents.
+/// Returns a transfer function with a narrow lobe, so that kernels are classified over their
+/// extents.
 pub(crate) fn shells() -> TransferFunction {
     let opacity = |v: f32| {
         if (v - 0.6).abs() < 0.04 {
@@ -60,8 +61,8 @@ pub(crate) fn shells() -> TransferFunction {
     TransferFunction::from_curves(|v| [v, 0.5, 1.0 - v], opacity, [0.0, 1.0], 0.1).unwrap()
 }
 
-/// Ellipsoids that fill the cube from -1 to 1, with values that fall from the origin, and with what their field does
-/// over each.
+/// Returns ellipsoids that fill the cube from -1 to 1, with values that decrease from the origin,
+/// and their local models.
 pub(crate) fn ellipsoids(count: usize) -> PointVolume {
     let mut random = Random::new(11);
     let positions: Vec<DVec3> = (0..count).map(|_| random.point(1.0)).collect();
@@ -98,12 +99,12 @@ pub(crate) fn ellipsoids(count: usize) -> PointVolume {
     }
 }
 
-/// A lattice of bytes about the origin with a boundary.
+/// Returns a lattice of bytes about the origin with a boundary.
 pub(crate) fn lattice(n: usize) -> PointVolume {
     box_of([n; 3])
 }
 
-/// The same of as many samples along each axis.
+/// Returns such a lattice with any number of samples along each axis.
 pub(crate) fn box_of(dims: [usize; 3]) -> PointVolume {
     let step = DVec3::from(dims.map(|n| 2.0 / (n - 1) as f64));
     let lattice = Lattice::uniform(dims, DVec3::splat(-1.0), step);
@@ -138,7 +139,7 @@ pub(crate) fn box_of(dims: [usize; 3]) -> PointVolume {
     }
 }
 
-/// Opaque surfels of a sphere.
+/// Returns opaque surfels of a sphere.
 pub(crate) fn ball(count: usize, radius: f64) -> PointVolume {
     let mut random = Random::new(3);
     let (mut positions, mut tangents) = (Vec::new(), Vec::new());

@@ -1,4 +1,5 @@
-//! Particles wherever they are: each rank brings some, and the picture is that of all of them in their order.
+//! Tests particles in any partition: each rank brings some, and the picture is that of all of them
+//! in their order.
 
 use ewa_splat::distributed::{Communicator, Renderer, Share};
 use ewa_splat::scene::{
@@ -12,7 +13,7 @@ use crate::common::Random;
 use crate::ranks::{Frame, SIZES, alone, drawn, each};
 use crate::scenes::{ball, ellipsoids, lattice, spheres};
 
-/// Some particles of a volume.
+/// Returns some particles of a volume.
 pub(crate) fn taken(volume: &PointVolume, order: &[u32]) -> PointVolume {
     fn pick<T: Copy>(entries: &[T], order: &[u32]) -> Vec<T> {
         order.iter().map(|&i| entries[i as usize]).collect()
@@ -80,19 +81,19 @@ pub(crate) fn taken(volume: &PointVolume, order: &[u32]) -> PointVolume {
     }
 }
 
-/// Which rank has a particle.
+/// Function that assigns a particle to a rank.
 type Deal = fn(usize, usize, &mut Random) -> usize;
 
 const DEALS: [Deal; 4] = [
     |i, ranks, _| i % ranks,
     |_, ranks, random| random.index(ranks),
-    // All on one, the others empty.
+    // All particles are on one rank; the others are empty.
     |_, ranks, _| ranks - 1,
-    // Uneven, and some empty.
+    // The shares are uneven, and some are empty.
     |i, ranks, _| (i / 1000).min(ranks - 1),
 ];
 
-/// Of each rank, which particles of a volume it has, in an order of their own.
+/// Returns the particles of a volume that each rank has, in an order of their own.
 fn dealt(count: usize, ranks: usize, deal: Deal) -> Vec<Vec<u32>> {
     let mut random = Random::new(ranks as u64);
     let mut orders = vec![Vec::new(); ranks];
@@ -198,7 +199,7 @@ fn without_numbers_ranks_follow_one_another() {
     let whole = spheres(4000);
     let expected = alone(std::slice::from_ref(&whole), &frames());
     let found = each(3, |rank| {
-        // The second has none.
+        // The second rank has none.
         let cuts = [0, 1500, 1500, 4000];
         let own: Vec<u32> = (cuts[rank.rank()]..cuts[rank.rank() + 1]).collect();
         let share = vec![taken(&whole, &own)];

@@ -1,4 +1,4 @@
-//! Scenes of so many particles that no rank makes the blocks of all of them.
+//! Tests scenes of so many particles that no rank makes the blocks of all of them.
 
 use std::path::Path;
 
@@ -27,7 +27,7 @@ fn frames() -> Vec<(Camera, Settings)> {
     [-4.0, 2000.0].map(|z| (camera(z), settings.clone())).into()
 }
 
-/// No rank of two has much more than half of the particles.
+/// Checks that no rank of two has much more than half of the particles.
 fn assert_even(stats: &[RankStats], count: usize) {
     let own: Vec<usize> = stats.iter().map(|s| s.particles as usize).collect();
     assert_eq!(own.iter().sum::<usize>(), count);
@@ -38,7 +38,8 @@ fn assert_even(stats: &[RankStats], count: usize) {
 #[test]
 fn many_particles_wherever_they_are() {
     let many = spheres(MANY);
-    // Beside them a few, which each makes by itself, and a lattice, of which every rank has all.
+    // Beside them are a few particles, whose blocks each rank makes, and a lattice, which every
+    // rank has whole.
     let whole = [ball(500, 0.5), many, lattice(6)];
     let expected = alone(&whole, &frames());
     assert!(expected[0].shown() > 500 && expected[1].counts.blocks_merged > 0);
@@ -74,7 +75,7 @@ fn many_particles_wherever_they_are() {
     }
 }
 
-/// A table of x, y, z, sigma and mass; some rows are no particles.
+/// Writes a table of x, y, z, sigma and mass; some rows are not valid particles.
 fn write_table(path: &Path, rows: usize) {
     let mut random = Random::new(11);
     let columns = ["x", "y", "z", "sigma", "mass"].map(|name| format!("('{name}', '<f4')"));
@@ -114,7 +115,7 @@ fn ranks_read_their_rows_of_a_file() {
         let found = each(size, |rank| {
             let mut file = PointFile::open(&path, None, &options).unwrap().unwrap();
             let made = Renderer::of_file(rank, &mut file, &SceneOptions::default());
-            // What the file says of its particles is of all of them, on every rank.
+            // The report is about all particles of the file, on every rank.
             let report = file.report().unwrap();
             assert_eq!(report.particle_count, whole.report.particle_count);
             assert_eq!(report.sample_count, whole.report.sample_count);
@@ -127,7 +128,8 @@ fn ranks_read_their_rows_of_a_file() {
     }
 }
 
-/// Few particles, of which each rank makes the blocks of all; in one file and in several, with sums of values.
+/// For few particles, each rank makes the blocks of all: in one file and in several, with sums of
+/// values.
 #[test]
 fn ranks_read_their_rows_of_snapshots() {
     let options = SampleOptions {
@@ -147,7 +149,7 @@ fn ranks_read_their_rows_of_snapshots() {
         let settings = ColumnSettings::default();
         let expected = renderer.column_density(&camera, &settings).unwrap().clone();
         assert!(expected.values.iter().any(|v| *v > 0.0));
-        // More ranks than some have rows.
+        // Some files have fewer rows than there are ranks.
         for size in [1, 2, 7] {
             let found = each(size, |rank| {
                 let mut file = PointFile::open(&path, None, &options).unwrap().unwrap();
@@ -172,7 +174,7 @@ fn a_file_that_is_cut_while_ranks_read_it_is_refused_by_all() {
         let options = SampleOptions::default();
         let mut file = PointFile::open(&path, None, &options).unwrap().unwrap();
         let mut ranks = rank;
-        // All have opened it.
+        // All ranks have opened the file by now.
         ranks.gather_to_all(&[]).unwrap();
         if ranks.rank() == 0 {
             let cut = std::fs::OpenOptions::new().write(true).open(&path).unwrap();

@@ -1,6 +1,6 @@
-//! One analytic field sampled as a curvilinear grid, as tetrahedra over the same nodes, by values
-//! at nodes and of cells: pictures that agree with each other, with the reference integrator and
-//! with the field's own line integrals.
+//! Samples one analytic field as a curvilinear grid and as tetrahedra over the same nodes, by
+//! values at nodes and of cells. The pictures must agree with each other, with the reference
+//! integrator and with the field's own line integrals.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -24,7 +24,7 @@ use glam::{DVec2, DVec3};
 
 /// Nodes along each index.
 const SIDE: usize = 25;
-/// Standard deviation and middle of the field, a Gaussian; the grid's spacing is 1/24.
+/// Standard deviation and centre of the field, a Gaussian; the grid's spacing is 1/24.
 const SIGMA: f64 = 0.1;
 const MIDDLE: DVec3 = DVec3::new(0.5, 0.5, 0.6);
 /// Extinction where the field is 1.
@@ -35,7 +35,8 @@ fn field(p: DVec3) -> f64 {
     (-0.5 * p.distance_squared(MIDDLE) / SIGMA.powi(2)).exp()
 }
 
-/// A box, sheared and waved; it holds the field to five standard deviations but for its corners.
+/// Returns the nodes of a sheared, wavy box. It contains the field to five standard deviations,
+/// except at its corners.
 fn nodes() -> Vec<DVec3> {
     let at = |i: usize| i as f64 / (SIDE - 1) as f64;
     (0..SIDE.pow(3))
@@ -59,7 +60,7 @@ fn tetrahedra() -> CellMesh {
         let low = [c % cells, c / cells % cells, c / (cells * cells)];
         let node = |[i, j, k]: [usize; 3]| u32::try_from(i + SIDE * (j + SIDE * k)).unwrap();
         for (n, mut corners) in tetrahedra_of_cube(low, node).into_iter().enumerate() {
-            // The last three of the six turn left.
+            // The last three of the six have the opposite orientation.
             if n >= 3 {
                 corners.swap(1, 2);
             }
@@ -72,7 +73,7 @@ fn tetrahedra() -> CellMesh {
     mesh
 }
 
-/// The field sampled: masses are extinction x volume, all white.
+/// Samples the field: masses are extinction x volume, all white.
 fn sampled(geometry: Geometry, association: Association, values: Vec<f64>) -> PointVolume {
     let values = values.into_iter().map(|v| v as f32).collect();
     let field = Field {
@@ -103,19 +104,19 @@ fn sampled(geometry: Geometry, association: Association, values: Vec<f64>) -> Po
 }
 
 fn camera() -> Camera {
-    // Along z, the unit square and a little more over the image.
+    // The camera looks along z at slightly more than the unit square.
     let focal = PIXELS as f64 / 1.2;
     let mut camera = scene::camera(Projection::Orthographic, [focal; 2], [PIXELS, PIXELS]);
     camera.eye = DVec3::new(0.5, 0.5, -2.0);
     camera
 }
 
-/// The opacity of the field itself, widened by a variance, at a pixel's centre.
+/// Returns the opacity of the field, widened by a variance, at a pixel's centre.
 fn analytic(camera: &Camera, x: usize, y: usize, blur: f64) -> f64 {
     let px = DVec2::new(x as f64 + 0.5, y as f64 + 0.5) - camera.centre_px;
     let at = px / camera.focal_px + camera.eye.truncate();
     let variance = SIGMA * SIGMA + blur;
-    // A Gaussian of the same integral.
+    // The widened Gaussian has the same integral.
     let column = (std::f64::consts::TAU).sqrt() * SIGMA.powi(3) / variance;
     let distance_squared = at.distance_squared(MIDDLE.truncate());
     -(-EXTINCTION * column * (-0.5 * distance_squared / variance).exp()).exp_m1()
@@ -188,9 +189,9 @@ fn samplings_of_one_field_agree_with_each_other_and_with_the_reference() {
         let from_blurred = worst(image, |x, y| analytic(&camera, x, y, blur));
         let from_field = worst(image, |x, y| analytic(&camera, x, y, 0.0));
         let from_first = worst(image, |x, y| alpha(&images[0], x, y));
-        // The frame's tolerance; what kernels of width .6 leave of the field (the widened field's
-        // own picture, within the ripple); the widening itself; and all of it twice. Measured:
-        // 3e-5, .7 %, 1.9 %, 1.2 %.
+        // The first bound is the frame's tolerance. The others are the error of kernels of width .6
+        // (against the widened field, within the ripple), the widening itself, and twice their sum.
+        // Measured: 3e-5, .7 %, 1.9 %, 1.2 %.
         assert!(from_reference < 1e-4, "{name} {from_reference:e}");
         assert!(from_blurred < 0.01, "{name} {from_blurred:e}");
         assert!(from_field < 0.025, "{name} {from_field:e}");

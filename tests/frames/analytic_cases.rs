@@ -1,5 +1,5 @@
-//! The cases of `fixtures/analytic_cases.json` that need no reference integrator, and the layers
-//! of `fixtures/extreme_cases.json`, through the whole renderer.
+//! Runs the cases of `fixtures/analytic_cases.json` that need no reference integrator, and the
+//! layers of `fixtures/extreme_cases.json`, through the whole renderer.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::unwrap_used,
@@ -15,7 +15,7 @@ use ewa_splat::{Renderer, Settings};
 use glam::{DMat3, DVec2, DVec3};
 use serde_json::Value;
 
-/// The case of that name.
+/// Returns the case of that name.
 fn case(name: &str) -> Value {
     let all = fixture("analytic_cases.json");
     let found = all
@@ -27,13 +27,13 @@ fn case(name: &str) -> Value {
     found.unwrap_or_else(|| panic!("no case {name}"))
 }
 
-/// tau at the one pixel of an image, from opacity: -ln(1 - alpha). Its rounding grows as
-/// exp(tau), which is below 3 wherever it is asked.
+/// Returns tau at the one pixel of an image, from opacity: -ln(1 - alpha). Its rounding grows as
+/// exp(tau), which is below 3 in these tests.
 fn depth(image: &ewa_splat::Image) -> f64 {
     -(-f64::from(image.pixel(0, 0)[3])).ln_1p()
 }
 
-/// A perspective camera of one pixel at the origin, focal length `focal`, that looks along
+/// Returns a perspective camera of one pixel at the origin, focal length `focal`, that looks along
 /// `forward`.
 fn one_pixel(focal: f64, forward: DVec3) -> Camera {
     let mut camera = Camera::perspective(DVec3::ZERO, forward, DVec3::Y, 90.0, [1, 1]);
@@ -41,7 +41,7 @@ fn one_pixel(focal: f64, forward: DVec3) -> Camera {
     camera
 }
 
-/// No low-pass filter, kernels out to seven standard deviations.
+/// Returns settings without low-pass filter, with kernels out to seven standard deviations.
 fn bare() -> Settings {
     Settings {
         low_pass_variance_px2: 0.0,
@@ -61,8 +61,8 @@ fn a_sphere_under_perspective() {
     let mut random = Random::new(1);
     let mut worst = 0.0_f64;
     for (&angle, expected) in angles.iter().zip(expected) {
-        // The ray is the camera's axis; the sphere lies `angle` beside it. Then the same scene
-        // from cameras turned away from both, whose one pixel is moved onto the ray.
+        // The ray is the camera's axis, and the sphere lies `angle` beside it. Then the same scene
+        // is seen by cameras turned away from both, whose one pixel is moved onto the ray.
         for turn in 0..8 {
             let world = random.rotation();
             let ray = world * DVec3::Z;
@@ -82,8 +82,8 @@ fn a_sphere_under_perspective() {
                 let image = scene::render(vec![scene::volume(&[particle])], &camera, &settings);
                 let error = (depth(&image) - expected).abs();
                 worst = worst.max(error);
-                // 6e-6 of the peak .64 for the path, and a pixel coordinate near 500 px rounded
-                // to 3e-5 px, over a standard deviation of 15 px at a slope of .6: 8e-7.
+                // The path errs by 6e-6 of the peak .64. A pixel coordinate near 500 px is rounded
+                // to 3e-5 px; over a standard deviation of 15 px at a slope of .6, that is 8e-7.
                 assert!(error < 5e-6, "{angle} rad, {filter:?}: error {error:e}");
             }
         }
@@ -139,7 +139,8 @@ fn an_orthographic_sphere_with_low_pass() {
     }
     let sum = scene::alpha_sum(&image);
     let expected = number(&case, "/expected/pixel_sum");
-    // 1e-6 of each pixel's part; the square of 33 px cuts 7 standard deviations: nothing.
+    // 1e-6 of each pixel's part; the square of 33 px extends to 7 standard deviations, so it loses
+    // nothing.
     assert!((sum - expected).abs() < 2e-6 * expected, "pixel sum {sum}");
 }
 
@@ -177,7 +178,7 @@ fn a_lattice_slab() {
         crate::common::gpu::hold_sampled(&volume, &camera, &bare());
         renderer.render(&camera, &bare()).unwrap();
         let error = (depth(renderer.image()) - expected).abs();
-        // Ten layers that each round their opacity, times exp(1).
+        // Each of ten layers rounds its opacity, times exp(1).
         assert!(error < 3e-6, "point {i}: error {error:e}");
     }
     // The mean over one cell.
@@ -195,11 +196,11 @@ fn a_lattice_slab() {
     assert!((mean - expected).abs() < 3e-6, "mean {mean}");
 }
 
-/// Kernels whose centres lie on the ray of the one pixel of an orthographic camera, and the
-/// optical depth of each there.
+/// Returns kernels whose centres lie on the ray of the one pixel of an orthographic camera, with
+/// the given optical depths.
 fn column(parts: &[(f64, f64, [f32; 3])]) -> (Vec<Particle>, Camera) {
     let camera = scene::camera(Projection::Orthographic, [1.0; 2], [1, 1]);
-    // Variance 1 px² of kernel: tau = g / (2 pi) without low-pass filter.
+    // The kernel's variance is 1 px²: tau = g / (2 pi) without low-pass filter.
     let particle = |&(z, tau, colour): &(f64, f64, [f32; 3])| {
         let g = std::f64::consts::TAU * tau;
         Particle::sphere(DVec3::Z * z, 1.0, g).coloured(colour)
@@ -216,7 +217,7 @@ fn constant_colour_in_any_order_and_split() {
     let mut worst = 0.0_f64;
     for (total, expected) in totals.into_iter().zip(numbers(&case, "/expected/I")) {
         for count in [1, 2, 7, 100, 3_000] {
-            // Random shares at random depths, many of which overlap.
+            // Random fractions at random depths, many of which overlap.
             let shares: Vec<f64> = (0..count).map(|_| random.range(0.1, 1.0)).collect();
             let sum: f64 = shares.iter().sum();
             let parts: Vec<_> = shares
@@ -227,8 +228,8 @@ fn constant_colour_in_any_order_and_split() {
             let image = scene::render(vec![scene::volume(&particles)], &camera, &bare());
             let error = (f64::from(image.pixel(0, 0)[1]) - expected).abs();
             worst = worst.max(error);
-            // A rounding of the accumulated opacity per layer, which wander as sqrt(n): 3e-8
-            // times 55; and the tile may stop at a sixteenth of the tolerance below opaque.
+            // Each layer rounds the accumulated opacity, a random walk of sqrt(n): 3e-8 times 55.
+            // Besides, the tile may stop at a sixteenth of the tolerance below opaque.
             let stop = if total > 4.0 {
                 f64::from(Settings::default().tolerance) / 16.0
             } else {
@@ -276,7 +277,7 @@ fn two_separated_kernels_and_two_coincident_ones() {
         (got - number(&near, "/expected/I_swapped")).abs() < allowed,
         "{got}"
     );
-    // The order of the input plays no part.
+    // The order of the input has no effect.
     assert_eq!(intensity(&parts), intensity(&[parts[1], parts[0]]));
 
     let same = case("two_coincident");
@@ -285,7 +286,7 @@ fn two_separated_kernels_and_two_coincident_ones() {
         .iter()
         .map(|&c| c as f32)
         .collect::<Vec<_>>();
-    // A hair apart, either way.
+    // The depths differ slightly, either way.
     for (hair, name) in [
         (-1e-3, "/expected/I_sorted_first"),
         (1e-3, "/expected/I_sorted_last"),
@@ -296,7 +297,7 @@ fn two_separated_kernels_and_two_coincident_ones() {
         ]);
         assert!((got - number(&same, name)).abs() < allowed, "{name}: {got}");
     }
-    // At the very same depth: one of the two, by the order of the input.
+    // At equal depth, the order of the input decides which is in front.
     let got = intensity(&[
         (20.0, tau[0], [colours[0]; 3]),
         (20.0, tau[1], [colours[1]; 3]),
@@ -315,21 +316,22 @@ fn mass_under_zoom() {
     let expected = number(&case, "/expected/pixel_sum_over_fxfy");
     for focal in numbers(&case, "/input/fx") {
         let mut camera = scene::camera(Projection::Perspective, [focal; 2], [192, 192]);
-        // The image around the kernel: seven standard deviations of 10.1 px at the largest.
+        // The image around the kernel extends to seven standard deviations, of at most 10.1 px.
         camera.centre_px = DVec2::splat(96.3) - focal * u.truncate() / u.z;
         let settings = Settings {
             low_pass_variance_px2: number(&case, "/input/h2") as f32,
             filter: Filter::Ewa,
             ..scene::linear()
         };
-        // tau grows as the square of the focal length: keep it below 1, where it is linear.
+        // tau grows as the square of the focal length. It is kept below 1, where the opacity is
+        // nearly linear.
         let share = (1e3 / (focal * focal)).min(1.0);
         let mass = (f64::from(sphere.mass) * share) as f32;
         let particle = Particle { mass, ..sphere };
         let image = scene::render(vec![scene::volume(&[particle])], &camera, &settings);
         let share = f64::from(mass) / number(&case, "/input/g");
         let sum = scene::alpha_sum(&image) / (focal * focal * share);
-        // exp's 4e-7, which is one-signed, and some eight roundings of the amplitude.
+        // exp errs by 4e-7, with one sign, and the amplitude by some eight roundings.
         let error = (sum / expected - 1.0).abs();
         assert!(error < 1.5e-6, "fx {focal}: {sum:e}, error {error:e}");
     }
@@ -353,7 +355,7 @@ fn an_eye_at_the_centre() {
         // Sixteen roundings of a depth below 1.
         assert!(error < 1e-6, "{filter:?}: error {error:e}");
     }
-    // And to every pixel of a wide image: the same everywhere.
+    // The same holds at every pixel of a wide image.
     let camera = Camera::perspective(DVec3::ZERO, DVec3::X, DVec3::Z, 120.0, [48, 40]);
     let image = scene::render(vec![scene::volume(&[sphere])], &camera, &bare());
     for pixel in &image.pixels {
@@ -382,8 +384,8 @@ fn a_tilted_sheet_is_denser() {
             .collect();
         let sheet = scene::volume(&particles);
         let mut renderer = Renderer::new(vec![sheet.clone()]).unwrap();
-        // The mean over one cell of the lattice as it is seen, hence no ripple: 1.2 px of low-pass
-        // filter and the cell both far narrower than the sheet.
+        // The mean over one cell of the lattice as seen has no ripple. The low-pass filter of 1.2
+        // px and the cell are both far narrower than the sheet.
         let focal = [100.0, 100.0 / tilt.to_radians().cos()];
         let mut camera = scene::camera(Projection::Orthographic, focal, [10, 10]);
         camera.eye = DVec3::ZERO;
@@ -396,8 +398,8 @@ fn a_tilted_sheet_is_denser() {
             .map(|p| -(-f64::from(p[3])).ln_1p())
             .sum::<f64>()
             / image.pixels.len() as f64;
-        // Some fifty layers that each round; a flat kernel's footprint at 80 degrees loses a
-        // factor cos 80 = .17 to the rounding of its rows. exp(2.9) times 3e-7.
+        // Some fifty layers each round. The footprint of a flat kernel at 80 degrees loses a factor
+        // cos 80 = .17 to the rounding of its rows. exp(2.9) times 3e-7.
         let error = (mean / expected - 1.0).abs();
         assert!(error < 1e-5, "{tilt} degrees: {mean} for {expected}");
     }
@@ -405,13 +407,13 @@ fn a_tilted_sheet_is_denser() {
 
 #[test]
 fn a_minified_thick_kernel_is_too_opaque() {
-    // The published finding that EWA filters tau, not opacity: our value is EWA's.
+    // EWA filters tau, not opacity, as published; our value is EWA's.
     let case = case("minified_thick_kernel");
     let (share, tau0) = (
         number(&case, "/input/lambda_over_h2"),
         number(&case, "/input/tau0"),
     );
-    // Footprint variance `share` px² of kernel before the filter's 1 px².
+    // The footprint's variance is `share` px² before the filter's 1 px².
     let sigma = share.sqrt();
     let sphere = Particle::sphere(DVec3::Z * 5.0, sigma, std::f64::consts::TAU * share * tau0);
     let camera = scene::camera(Projection::Orthographic, [1.0; 2], [1, 1]);
@@ -429,7 +431,7 @@ fn a_minified_thick_kernel_is_too_opaque() {
     let truth = number(&case, "/expected/alpha_true");
     assert!(alpha > 3.0 * truth);
 
-    // As a lone kernel it has the true opacity: within the 6e-5 of its quadrature.
+    // As a lone kernel, it has the true opacity, to within 6e-5 of its quadrature.
     let settings = Settings {
         sub_pixel_opacity: true,
         level_of_detail: false,
@@ -462,9 +464,9 @@ fn many_faint_layers() {
         let expected = number(case, "/expected/intensity");
         let error = (got - expected).abs();
         println!("{}: intensity {got:e}, error {error:.1e}", case["name"]);
-        // Half a unit in the last place of 0.5 per layer, 3e-8, wandering as sqrt(1e5): 1e-5 for
-        // 1e5 layers at worst of many; one colour rounds with the opacity besides. The roundings
-        // of equal layers need not wander, and the measured error is printed.
+        // Each layer adds half a unit in the last place of 0.5, 3e-8, as a random walk: 1e-5 for
+        // 1e5 layers. A single colour rounds with the opacity, too. The roundings of equal layers
+        // need not be random; the measured error is printed.
         let allowed = (3e-8 * (layers as f64).sqrt()).max(1e-7 * expected);
         assert!(error <= allowed, "{}: error {error:e}", case["name"]);
     }

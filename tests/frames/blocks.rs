@@ -1,4 +1,4 @@
-//! Grids of several blocks: nothing is lost and nothing counted twice where blocks meet.
+//! Tests grids of several blocks: where blocks meet, nothing is lost or counted twice.
 
 #![allow(
     clippy::unwrap_used,
@@ -16,9 +16,9 @@ use ewa_splat::sample::{SampleOptions, Sampled, volume};
 use ewa_splat::scene::{Strength, Values};
 use glam::DVec3;
 
-/// A block whose nodes lie where `at` puts their index fractions, each 0..1.
+/// Makes a block whose nodes lie at `at` of their index fractions, each 0..1.
 fn block(dims: [i32; 3], at: impl Fn(DVec3) -> DVec3) -> Plot3dBlock {
-    // Small numbers, none negative.
+    // The numbers are small and not negative.
     let nodes = grid_nodes(dims.map(|n| n as usize), at);
     let axis = |f: fn(&DVec3) -> f64| nodes.iter().map(f).collect::<Vec<_>>();
     Plot3dBlock {
@@ -28,8 +28,8 @@ fn block(dims: [i32; 3], at: impl Fn(DVec3) -> DVec3) -> Plot3dBlock {
     }
 }
 
-/// The part of an annulus of radii 1 and 3 and height 2 from `from` to `to`, angles in turns,
-/// and from `bottom` to `top`, in parts of the height.
+/// Makes a part of an annulus of radii 1 and 3 and height 2, between the angles `from` and `to`, in
+/// turns, and the heights `bottom` and `top`, in fractions of the height.
 fn annulus(dims: [i32; 3], [from, to]: [f64; 2], [bottom, top]: [f64; 2]) -> Plot3dBlock {
     block(dims, |s| {
         let (sin, cos) = (2.0 * PI * (from + (to - from) * s.y)).sin_cos();
@@ -39,14 +39,14 @@ fn annulus(dims: [i32; 3], [from, to]: [f64; 2], [bottom, top]: [f64; 2]) -> Plo
     })
 }
 
-/// The volume of that annulus where each circle is a polygon of `sides` sides.
+/// Returns the volume of that annulus if each circle is a polygon of `sides` sides.
 fn annulus_volume(sides: i32) -> f64 {
     let sides = f64::from(sides);
     2.0 * 0.5 * sides * (2.0 * PI / sides).sin() * (9.0 - 1.0)
 }
 
-/// The blocks, written as a PLOT3D file with a solution whose density numbers the nodes from 1,
-/// and sampled.
+/// Writes the blocks as a PLOT3D file with a solution whose density numbers the nodes from 1, and
+/// samples the file.
 fn sampled(blocks: &[Plot3dBlock], double: bool) -> Sampled {
     let encoding = Plot3dEncoding {
         text: false,
@@ -95,7 +95,7 @@ fn total(sampled: &Sampled) -> f64 {
     volumes(sampled).iter().map(|&v| f64::from(v)).sum()
 }
 
-/// The numbers of the nodes that became particles.
+/// Returns the numbers of the nodes that became particles.
 fn numbers(sampled: &Sampled) -> Vec<usize> {
     let values: &Values = sampled.volume.values.as_ref().unwrap();
     (0..values.len()).map(|i| values.get(i) as usize).collect()
@@ -111,7 +111,7 @@ fn assert_total(sampled: &Sampled, expected: f64, tolerance: f64) {
 
 /// f32 volumes: 2^-24 each; sums of a few hundred stay within 1e-6.
 const SUM: f64 = 1e-6;
-/// Nodes of about 1 in single precision move by 6e-8, over a spacing of about 0.3.
+/// Nodes near 1 in single precision move by 6e-8, over a spacing of about 0.3.
 const SINGLE: f64 = 2e-6;
 
 #[test]
@@ -121,12 +121,12 @@ fn blocks_that_share_a_plane_fill_their_union_once() {
             DVec3::new(from + (to - from) * s.x, 2.0 * s.y, 0.5 * s.z)
         })
     };
-    // Of different spacing on the two sides of the shared plane x = 1.
+    // The two sides of the shared plane x = 1 have different spacings.
     let both = sampled(&[cut(0.0, 1.0, 5), cut(1.0, 4.0, 6)], true);
     assert_total(&both, 4.0, SUM);
     assert_eq!(volumes(&both).len(), (5 + 6) * 4 * 3);
-    // The nodes of the shared plane stand twice, each for its own side: half a cell of the
-    // first block, half a cell of the second.
+    // The nodes of the shared plane occur twice, each for its own side: half a cell of the first
+    // block, half a cell of the second.
     let at = |i: usize, dims: [usize; 3]| 1 + i + dims[0] * (1 + dims[1]);
     let of = |number: usize| {
         let found = numbers(&both).iter().position(|&n| n == number).unwrap();
@@ -162,11 +162,11 @@ fn each_block_of_stacked_o_grids_has_its_own_seam() {
     for (double, tolerance) in [(true, SUM), (false, SINGLE)] {
         let both = sampled(&rings, double);
         assert_total(&both, annulus_volume(12), tolerance);
-        // The last plane of j of each block is its first.
+        // The last plane of j of each block coincides with its first.
         assert_eq!(both.report.particle_count, 3 * 12 * 3 + 4 * 12 * 2);
         assert_eq!(both.report.left_out_count(), 3 * 3 + 4 * 2);
     }
-    // One ring closed, the other open: only the first has a seam.
+    // One ring is closed, the other open: only the first has a seam.
     let mixed = [
         annulus([3, 13, 3], [0.0, 1.0], [0.0, 0.5]),
         annulus([3, 10, 3], [0.0, 0.75], [0.5, 1.0]),

@@ -1,5 +1,6 @@
-//! Sharp boundaries: a uniform field has the optical depth of the ray's length inside its domain. The
-//! truth is geometry of this file's own: rays against boxes and hexahedra.
+//! Tests sharp boundaries: a uniform field has the optical depth of the ray's length inside its
+//! domain. This file computes the reference lengths geometrically, from rays against boxes and
+//! hexahedra.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -33,7 +34,7 @@ fn uniform_transfer() -> TransferFunction {
     TransferFunction::from_curves(|v| [v, 0.5, 1.0 - v], move |_| opacity, [0.0, 1.0], 1.0).unwrap()
 }
 
-/// Two shells of a field from 0 to 1.
+/// Returns two shells of a field from 0 to 1.
 pub(super) fn shells() -> TransferFunction {
     let hat = |v: f32, at: f32| (1.0 - (v - at).abs() / 0.1).max(0.0);
     let opacity = move |v: f32| 0.6 * hat(v, 0.35) + 0.9 * hat(v, 0.7);
@@ -47,7 +48,7 @@ fn with_boundary(volume: PointVolume) -> PointVolume {
     }
 }
 
-/// Lattices that differ in all that their faces follow from.
+/// Returns lattices that differ in everything that affects their faces.
 pub(super) fn lattices() -> Vec<(&'static str, Lattice)> {
     let turned = DMat3::from_rotation_x(0.4) * DMat3::from_rotation_z(0.7);
     let sheared = DMat3::from_cols(
@@ -98,7 +99,7 @@ pub(super) fn lattices() -> Vec<(&'static str, Lattice)> {
     ]
 }
 
-/// The middle of a lattice's box, and half its diagonal.
+/// Returns the centre of a lattice's box, and an upper bound of half its diagonal.
 pub(super) fn extent(lattice: &Lattice) -> (DVec3, f64) {
     let corners = [
         lattice.position([0; 3]),
@@ -114,8 +115,7 @@ pub(super) fn extent(lattice: &Lattice) -> (DVec3, f64) {
     ((corners[0] + corners[1]) / 2.0, radius)
 }
 
-/// The length of a ray inside the box of a lattice's samples, and how far the ray passes from being
-/// grazed: the least distance along it between its ends and the box's edges is not asked, but the length.
+/// Returns the length of a ray inside the box of a lattice's samples.
 fn length_inside(lattice: &Lattice, origin: DVec3, direction: DVec3) -> f64 {
     let step = lattice.step([0; 3]);
     let ends = [
@@ -145,8 +145,9 @@ fn ray(camera: &Camera, pixel: DVec2) -> (DVec3, DVec3) {
     }
 }
 
-/// Optical depths of a picture, over those that a truth has: where the truth is at least `least` and so
-/// is it at all neighbours two pixels away, so that the low-pass filter mixes no edge in.
+/// Returns the optical depths of a picture, relative to the reference ones. It takes pixels where
+/// the reference is at least `least`, also at all neighbours two pixels away, so that the low-pass
+/// filter mixes in no edge.
 fn depth_ratios(
     image: &Image,
     camera: &Camera,
@@ -163,7 +164,7 @@ fn depth_ratios(
             let around = [[0, 0], [-2, 0], [2, 0], [0, -2], [0, 2]];
             let moved = |i: usize, by: isize| i.checked_add_signed(by).unwrap();
             let all = around.map(|[dx, dy]| at(moved(x, dx), moved(y, dy)));
-            // Edges of the box bend the depth: the filter takes its mean.
+            // The depth bends at the box's edges, and the filter averages it.
             let bend = all[1] + all[2] - 2.0 * all[0];
             let other = all[3] + all[4] - 2.0 * all[0];
             if all.iter().any(|&d| d < least) || bend.abs().max(other.abs()) > most_bend * all[0] {
@@ -176,7 +177,8 @@ fn depth_ratios(
     ratios
 }
 
-/// Kernels whole: what cuts them is asked here, not what the transfer function leaves of them.
+/// Returns settings with whole kernels: the tests are about cuts, not about classification over
+/// extents.
 pub(super) fn settings() -> Settings {
     Settings {
         classify: Classification::Particle,
@@ -197,7 +199,7 @@ fn cameras(middle: DVec3, radius: f64) -> [Camera; 3] {
     [
         Camera::perspective(eye, middle, DVec3::Z, 40.0, [160, 160]),
         Camera::orthographic(eye, middle, DVec3::Z, 2.2 * radius, [160, 160]),
-        // Along an axis: four faces seen along themselves.
+        // The camera looks along an axis: four faces are seen edge on.
         Camera::orthographic(
             middle + DVec3::Y * 4.0 * radius,
             middle,
@@ -236,8 +238,8 @@ fn a_uniform_box_has_the_depth_of_the_length_inside() {
                 at(0.9),
                 worst(&ratios)
             );
-            // Along an axis the kernels of width .6 ripple by 2 exp(-2 pi² .36) = .16 % for each other
-            // axis; where the spacing grows by a tenth per cell, they err by some 2 % all over.
+            // Along an axis, kernels of width .6 ripple by 2 exp(-2 pi² .36) = .16 % for each other
+            // axis. If the spacing grows by a tenth per cell, they err by some 2 % everywhere.
             let most = if name == "rectilinear" { 0.05 } else { 0.005 };
             assert!(
                 worst(&ratios) < most && at(0.5) < most / 2.0,
@@ -248,8 +250,8 @@ fn a_uniform_box_has_the_depth_of_the_length_inside() {
     }
 }
 
-/// The boundary of a grid's nodes as triangles: of each index that does not close, the first face and the
-/// last.
+/// Returns the boundary of a grid's nodes as triangles: for each index that does not close, the
+/// first face and the last.
 fn boundary_triangles(dims: [usize; 3], nodes: &[DVec3], closes: [bool; 3]) -> Vec<[DVec3; 3]> {
     let node = |[i, j, k]: [usize; 3]| nodes[i + dims[0] * (j + dims[1] * k)];
     let mut triangles = Vec::new();
@@ -273,7 +275,7 @@ fn boundary_triangles(dims: [usize; 3], nodes: &[DVec3], closes: [bool; 3]) -> V
     triangles
 }
 
-/// The length of a ray inside a closed surface: between where it enters and where it leaves.
+/// Returns the length of a ray inside a closed surface: from where it enters to where it leaves.
 fn length_in_surface(triangles: &[[DVec3; 3]], origin: DVec3, direction: DVec3) -> f64 {
     let mut met = Vec::new();
     for [a, b, c] in triangles {
@@ -293,7 +295,7 @@ fn length_in_surface(triangles: &[[DVec3; 3]], origin: DVec3, direction: DVec3) 
     met.chunks_exact(2).map(|pair| pair[1] - pair[0]).sum()
 }
 
-/// Errors of uniform depths, ascending, and the share of them within two per cent.
+/// Returns errors of uniform depths, ascending, and the fraction of them within two per cent.
 fn errors(ratios: &[f64]) -> (Vec<f64>, f64) {
     let mut errors: Vec<f64> = ratios.iter().map(|r| (r - 1.0).abs()).collect();
     errors.sort_by(f64::total_cmp);
@@ -308,7 +310,7 @@ pub(super) fn uniform_options(boundary: BoundaryChoice) -> SampleOptions {
     }
 }
 
-/// A ring whose spacing grows outwards, closed or open, and the same twisted along its axis.
+/// Returns a ring whose spacing grows outwards, closed or open, optionally twisted along its axis.
 pub(super) fn ring(dims: [usize; 3], turn: f64) -> Vec<DVec3> {
     let growth: f64 = 1.05;
     let [ni, nj, nk] = dims;
@@ -359,13 +361,13 @@ fn a_uniform_ring_has_the_depth_of_the_length_inside() {
     }
 }
 
-/// Grids of real simulations, whose cells grow from layer to layer, against their own cells.
+/// Compares grids of real simulations, whose cells grow from layer to layer, with their own cells.
 #[test]
 fn real_grids_have_the_depth_of_the_length_inside() {
     for (name, least_sharp, most_soft) in [
         // Measured: 1 and .2.
         ("curvilinear/bluntfin/bluntfinxyz.bin", 0.95, 0.4),
-        // .96 and .61: edges that go in are not cut.
+        // .96 and .61: re-entrant edges are not cut.
         ("unstructured/disk_out_ref.vtu", 0.9, 0.7),
     ] {
         let Some(path) = real_data(name) else {
@@ -413,8 +415,8 @@ fn real_grids_have_the_depth_of_the_length_inside() {
     }
 }
 
-/// A mesh of the unit cells of a grid that `is_in` has, each cut into six tetrahedra, with its inner nodes moved
-/// by up to so much; and its boundary as triangles.
+/// Makes a mesh of the unit cells of a grid for which `is_in` holds, each divided into six
+/// tetrahedra, with inner nodes moved at random. Returns its boundary as triangles, too.
 fn tetrahedra(
     dims: [usize; 3],
     jitter: f64,
@@ -490,7 +492,7 @@ fn sample_mesh(mesh: CellMesh, boundary: BoundaryChoice) -> Sampled {
     }
 }
 
-/// Renders both ways, says how far they are from the truth, and returns the shares of rays within two per
+/// Renders sharply and softly, prints the errors, and returns the fractions of rays within two per
 /// cent: sharp, soft.
 fn compare(
     name: &str,
@@ -521,7 +523,7 @@ fn a_uniform_mesh_has_the_depth_of_the_length_inside() {
         let (mesh, triangles) = tetrahedra(dims, jitter, |[i, j, _]| i < corner || j < corner);
         let middle = DVec3::new(6.5, 6.0, 5.5);
         let report = sample_mesh(mesh.clone(), BoundaryChoice::Sharp).report;
-        // The nodes along the edge that goes in, its ends too.
+        // The nodes along the re-entrant edge, including its ends.
         let noted = report
             .findings
             .iter()
@@ -544,7 +546,7 @@ fn a_uniform_mesh_has_the_depth_of_the_length_inside() {
     }
 }
 
-/// The same view with so many pixels fewer along each side.
+/// Returns the same view with fewer pixels along each side.
 fn zoomed(camera: &Camera, share: f64) -> Camera {
     Camera {
         focal_px: camera.focal_px * share,
@@ -553,7 +555,7 @@ fn zoomed(camera: &Camera, share: f64) -> Camera {
     }
 }
 
-/// A ball of a field from 1 at the middle of a lattice's box down to 0 at its corners.
+/// Returns a ball of a field from 1 at the centre of a lattice's box to 0 at its corners.
 fn ball(lattice: &Lattice) -> Vec<f32> {
     let (middle, radius) = extent(lattice);
     let [nx, ny, _] = lattice.dims;
@@ -571,7 +573,8 @@ pub(super) fn ball_volume(lattice: &Lattice) -> PointVolume {
     ))
 }
 
-/// Cameras around a box, one within it, whose kernels cross its plane, and one just before a face.
+/// Returns cameras around a box, one inside it, whose plane crosses kernels, and one just before a
+/// face.
 pub(super) fn all_cameras(middle: DVec3, radius: f64) -> Vec<Camera> {
     let within = Camera::perspective(
         middle + DVec3::new(0.05, -0.1, 0.02) * radius,
@@ -599,8 +602,8 @@ pub(super) fn all_cameras(middle: DVec3, radius: f64) -> Vec<Camera> {
         .collect()
 }
 
-/// Opacities do not depend on the order of kernels: `over` has those of the integral, of the same kernels cut
-/// at the same planes, whichever path draws them and whatever clips them besides.
+/// Opacities do not depend on the order of kernels. So `over` has those of the integral of the same
+/// kernels cut at the same planes, on any path and with any clip planes besides.
 #[test]
 fn opacities_are_those_of_the_reference() {
     let clip = vec![ClipPlane {
@@ -631,8 +634,9 @@ fn opacities_are_those_of_the_reference() {
                     worst = worst.max((f64::from(found.pixels[n][3]) - truth).abs());
                 }
                 println!("{name}, camera {i}, {} planes: {worst:.2e}", clip.len());
-                // Planes beyond 4.5 standard deviations would take 3e-6 of a kernel, of some ten of a ray;
-                // the rest are roundings of f32. Measured: 5e-6, 2.8e-5 where rays run along a face.
+                // Planes beyond 4.5 standard deviations would remove 3e-6 of a kernel, of some ten
+                // on a ray. The rest are f32 roundings. Measured: 5e-6, and 2.8e-5 for rays along a
+                // face.
                 assert!(worst < 1e-4, "{name}, camera {i}: {worst}");
             }
         }
@@ -645,7 +649,7 @@ fn automatic_boundaries_are_sharp_where_they_are_seen() {
     let nodes: Vec<DVec3> = (0..lattice.len())
         .map(|n| lattice.position([n % 7, n / 7 % 6, n / 42]))
         .collect();
-    // Opaque at the upper end of its range, transparent at the lower one.
+    // The field is opaque at the upper end of its range and transparent at the lower one.
     let folder = tempfile::tempdir().unwrap();
     let ramp = folder.path().join("ramp.json");
     let points = r#"[{"value": 0, "color": [1, 1, 1], "opacity": 0}, {"value": 1, "color": [1, 1, 1], "opacity": 0.2}]"#;

@@ -1,9 +1,9 @@
-//! Every approximation with a stated bound, against f64 judges over thousands of random cases:
-//! measured <= bound, and how much room is left.
+//! Tests every approximation with a stated bound against f64 references, over thousands of random
+//! cases: measured <= bound, and how loose the bound is.
 //!
 //! `cargo test --test bounds -- --nocapture` prints a table, one bound a line: cases, worst and
-//! median ratio of the measured error to the bound. A worst ratio far below 1 is a bound too
-//! loose.
+//! median ratio of the measured error to the bound. A worst ratio far below 1 shows that the bound
+//! is too loose.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::unwrap_used,
@@ -32,7 +32,7 @@ use ewa_splat::view::{Camera, Projection};
 use ewa_splat::{Image, Settings};
 use glam::{DMat3, DVec2, DVec3, Vec2};
 
-/// One line of the table: what was measured over what was promised.
+/// Line of the table: ratios of measured errors to bounds.
 struct Slack {
     name: String,
     ratios: Vec<f64>,
@@ -48,17 +48,18 @@ impl Slack {
         }
     }
 
-    /// Takes a case in.
+    /// Adds a case.
     fn add(&mut self, measured: f64, bound: f64, case: impl FnOnce() -> String) {
         let ratio = measured / bound;
-        // Phrased so that NaN is the worst.
+        // The comparison makes NaN the worst ratio.
         if !(ratio <= self.worst.0) {
             self.worst = (ratio, format!("{measured:e} against {bound:e}: {}", case()));
         }
         self.ratios.push(ratio);
     }
 
-    /// Prints the line. The bound holds, for enough cases, and is not a hundred times too loose.
+    /// Prints the line. Checks that the bound holds, for enough cases, and is not a hundred times
+    /// too loose.
     fn finish(mut self, least_cases: usize) {
         self.ratios.sort_by(f64::total_cmp);
         let cases = self.ratios.len();
@@ -74,8 +75,8 @@ impl Slack {
     }
 }
 
-/// The greatest value of a function of the plane, by a polar grid to radius 6 (exp(-18) of a
-/// footprint lies beyond) and a descent of steps from its best point.
+/// Returns the greatest value of a function of the plane, by a polar grid to radius 6 (exp(-18) of
+/// a footprint lies beyond) and a local search from its best point.
 fn greatest(f: impl Fn(DVec2) -> f64) -> f64 {
     let mut best = (f(DVec2::ZERO), DVec2::ZERO);
     let try_at = |best: &mut (f64, DVec2), a: DVec2| {
@@ -101,7 +102,7 @@ fn greatest(f: impl Fn(DVec2) -> f64) -> f64 {
     best.0
 }
 
-/// The kernel with all but `rank` of its dimensions flattened to nothing.
+/// Returns the kernel with all but `rank` of its dimensions flattened.
 fn flattened(random: &mut Random, kernel: Kernel, rank: usize) -> Kernel {
     let rotation = random.rotation().as_mat3();
     let kept = (0..rank).map(|i| rotation.col(i)).collect::<Vec<_>>();
@@ -113,7 +114,7 @@ fn flattened(random: &mut Random, kernel: Kernel, rank: usize) -> Kernel {
     flat
 }
 
-/// A kernel with its footprint, its bound on the affine error and what judges that.
+/// Kernel with its footprint, the bound on its affine error, and the reference values.
 struct Case {
     view: ViewUniform,
     kernel: Kernel,
@@ -122,7 +123,7 @@ struct Case {
     bound: f64,
     body: Body,
     cholesky: glam::DMat2,
-    /// sqrt(largest eigenvalue over smallest) of the footprint.
+    /// Square root of the footprint's ratio of eigenvalues, largest over smallest.
     axis_ratio: f64,
 }
 
@@ -146,7 +147,7 @@ impl Case {
         }
     }
 
-    /// The exact line integral at offset `cholesky * a`, relative to the centre's.
+    /// Returns the exact line integral at offset `cholesky * a`, relative to the centre's.
     fn exact(&self, a: DVec2) -> f64 {
         let at = |a: DVec2| {
             self.body
@@ -160,8 +161,9 @@ impl Case {
     }
 }
 
-/// Kernels of every rank, with and without low-pass filter, needles to 1:10,000, up to
-/// 80 degrees off the axis, all but on it or pointing along it, standard deviations 1e-4 to .3 of the distance.
+/// Returns kernels of every rank, with and without low-pass filter, needles to 1:10,000, up to 80
+/// degrees off the axis, nearly on it or pointing along it, with standard deviations 1e-4 to .3 of
+/// the distance.
 fn cases(seed: u64, count: usize) -> impl Iterator<Item = (usize, Case)> {
     let mut random = Random::new(seed);
     (0..count).map(move |i| {
@@ -170,13 +172,13 @@ fn cases(seed: u64, count: usize) -> impl Iterator<Item = (usize, Case)> {
         let from = Draw {
             ratio: 1e4,
             size: [1e-4, 0.3],
-            // On the axis the error has other terms.
+            // On the axis, the error has other terms.
             off_axis_deg: if random.index(4) == 0 { 0.01 } else { 80.0 },
             h2,
         };
         let (view, mut kernel) = draw(&mut random, from);
         if random.index(8) == 0 {
-            // Long in depth, on the axis: there the Hessian of w is all there is.
+            // The kernel is long in depth and on the axis: there, only the Hessian of w remains.
             let depth = kernel.centre.z;
             let long = depth * random.range(0.01, 0.29) as f32;
             let wide = long * random.log_range(0.01, 1.0) as f32;
@@ -194,7 +196,7 @@ fn affine_error_is_within_its_bound() {
     let mut evaluated = Slack::new("affine error, as f32 evaluates it");
     for (rank, case) in cases(1, 12_000) {
         let error = greatest(|a| ((-0.5 * a.length_squared()).exp() - case.exact(a)).abs());
-        // Some sixteen roundings of the bound's own terms, and the judge's cancellation.
+        // Some sixteen roundings of the bound's own terms, and the reference's cancellation.
         let bound = case.bound * (1.0 + 16.0 * EPS) + 1e-9;
         by_rank[rank].add(error, bound, || case.describe());
 
@@ -206,7 +208,7 @@ fn affine_error_is_within_its_bound() {
             let tau = case.image.tau * (-0.5 * q).exp();
             (f64::from(tau) / peak - case.exact(a)).abs()
         });
-        // The promise of the exact path's documentation for roundings.
+        // The documentation of the exact path states this bound of roundings.
         let rounding = 6e-6 + 4.0 * EPS * case.axis_ratio;
         evaluated.add(error, case.bound + rounding, || case.describe());
     }
@@ -226,7 +228,7 @@ fn affine_error_is_within_its_bound() {
         let case = Case::new(view, crate::common::kernel(centre.into(), rows, 1.0));
         let error = greatest(|a| ((-0.5 * a.length_squared()).exp() - case.exact(a)).abs());
         let tan = angle.tan();
-        // First order, and the second that is all there is on the axis.
+        // The bound is of first order, and of second order on the axis, where the first vanishes.
         let bound = 1.16 * eps * tan + 1.1 * eps * eps * (1.0 + tan * tan);
         spheres.add(error, bound + 1e-9, || case.describe());
     }
@@ -245,13 +247,13 @@ fn opacity_errs_by_no_more_than_the_amplified_bound() {
             (&mut opaque, random.log_range(1.0, 1e4))
         };
         let bound = case.bound * f64::from(opacity_amplification(tau as f32));
-        // An error above 1 is none: every opacity is below.
+        // A bound above 1 is trivial: every opacity is below 1.
         if bound < 1.0 {
             let error = greatest(|a| {
                 let affine = tau * (-0.5 * a.length_squared()).exp();
                 ((-affine).exp() - (-tau * case.exact(a)).exp()).abs()
             });
-            // The judge's cancellation, as above.
+            // The reference's cancellation, as above.
             let case = || format!("tau {tau}, {}", case.describe());
             slack.add(error, bound + 1e-9, case);
         }
@@ -279,7 +281,7 @@ fn cheaper_filters_err_by_no_more_than_they_say() {
         let h2 = f64::from(view.low_pass_variance_px2);
         let bare = Body::of(&kernel).projected(judge::focal(&view));
         let (l1, l2) = judge::eigenvalues(&bare);
-        // The EWA footprint's peak, by the determinant of the judge's variance.
+        // The EWA footprint's peak, by the determinant of the reference variance.
         let peak = f64::from(case.screen.weight) / (TAU * case.cholesky.determinant());
         let error = |filter| {
             let image = case.screen.filtered(filter, view.low_pass_variance_px2);
@@ -333,7 +335,7 @@ fn what_a_cutoff_leaves_out_is_the_tolerance() {
             })
             .sum();
         lost.add(beyond, tolerance / tau.max(1.0) * rounding, case);
-        // Cut off and given its mass back, against the whole kernel.
+        // Compares the cut-off kernel, with its mass restored, with the whole kernel.
         let error = (0..=600)
             .map(|i| f64::from(i) * 0.01)
             .chain([r * (1.0 - 1e-9), r * (1.0 + 1e-9)])
@@ -343,7 +345,7 @@ fn what_a_cutoff_leaves_out_is_the_tolerance() {
                 ((-cut).exp() - (-whole).exp()).abs()
             })
             .fold(0.0, f64::max);
-        // Within, the mass given back raises the kernel.
+        // Inside the cut-off, the restored mass raises the kernel.
         let bound = tolerance * tau.min(1.0) / (1.0 - tolerance / tau.max(1.0));
         // The share itself is rounded.
         opacity.add(error, bound * rounding + 2.0 * EPS * tau, case);
@@ -375,7 +377,8 @@ fn the_normal_distribution_is_as_good_as_it_says() {
     absolute.finish(100_000);
 }
 
-/// Images of the same scenes drawn two ways: all differences of a channel, over the tolerance.
+/// Images of the same scenes drawn in two ways: all differences of a channel, relative to the
+/// tolerance.
 struct Differences {
     name: String,
     tolerance: f64,
@@ -394,7 +397,7 @@ impl Differences {
     fn add(&mut self, a: &Image, b: &Image) {
         for (a, b) in a.pixels.iter().zip(&b.pixels) {
             if a[3] > 0.0 || b[3] > 0.0 {
-                // NaN counts as the greatest of errors.
+                // NaN counts as the greatest error.
                 let channels = a.iter().zip(b).map(|(a, b)| (a - b).abs());
                 let most = channels.fold(0.0, |m: f32, d| if d <= m { m } else { d });
                 self.ratios.push(most / self.tolerance as f32);
@@ -419,8 +422,9 @@ impl Differences {
 
 const TOLERANCES: [f64; 5] = [1.0 / 16.0, 1.0 / 64.0, 1.0 / 255.0, 1e-3, 1e-4];
 
-/// A kernel alone before a camera that looks past it: largest standard deviation on the image 1
-/// to 40 pixels, focal lengths from 16 up (127 degrees), optical depth .01 to 1000.
+/// Returns a single kernel and a camera that looks past it. The largest standard deviation on the
+/// image is 1 to 40 pixels, focal lengths are 16 and up (127 degrees), and optical depths .01 to
+/// 1000.
 fn isolated(random: &mut Random) -> (Particle, Camera) {
     loop {
         let from = Draw {
@@ -454,7 +458,7 @@ fn isolated(random: &mut Random) -> (Particle, Camera) {
     }
 }
 
-/// The optical depth of the most opaque pixel, at most some 16.
+/// Returns the optical depth of the most opaque pixel, at most some 16.
 fn brightest_depth(image: &Image) -> f32 {
     let alpha = image.pixels.iter().map(|p| p[3]).fold(0.0, f32::max);
     -(1.0 - alpha).max(f32::EPSILON).ln()
@@ -470,7 +474,7 @@ fn adaptive_images_are_within_the_tolerance_of_exact_ones() {
         let settings = |filter| Settings {
             filter,
             tolerance: tolerance as f32,
-            // exp(-6²/2) = 1.5e-8: no edge counts.
+            // exp(-6²/2) = 1.5e-8: no edge matters.
             cutoff: Some(6.0),
             ..Settings::default()
         };
@@ -490,7 +494,8 @@ fn adaptive_images_are_within_the_tolerance_of_exact_ones() {
             together.add(&a, &b);
         }
         together.finish(10_000, 1.0);
-        // Kernels in one place are one of their total depth: theirs is its amplification.
+        // Kernels at one position act as one kernel of their total depth, whose amplification is
+        // used here.
         let mut together = Slack::new(format!("adaptive, kernels in one place, {tolerance:.1e}"));
         for _ in 0..200 {
             let (particle, camera) = isolated(&mut random);
@@ -534,7 +539,7 @@ fn cut_off_images_are_within_the_tolerance_of_whole_ones() {
             let [a, b] = [&cut, &whole].map(|s| draw_image(&particles, &camera, s));
             together.add(&a, &b);
         }
-        // What the documentation of `cutoff_radius` reports, and a fifth.
+        // The figure in the documentation of `cutoff_radius`, and a fifth.
         together.finish(10_000, 6.0);
     }
 }
@@ -551,7 +556,7 @@ fn the_edge_of_an_exact_footprint_is_within_its_growth() {
         let adjugate = judge::adjugate(&case.body.variance);
         let mut most = 0.0_f64;
         for n in 0..128 {
-            // The outline, Q = r², along a ray from the centre.
+            // Finds the outline, Q = r², along a ray from the centre.
             let direction = case.cholesky * DVec2::from_angle(TAU * f64::from(n) / 128.0);
             let q = |t: f64| {
                 let ray = ray(&case.view, &case.body, direction * t);
@@ -573,7 +578,8 @@ fn the_edge_of_an_exact_footprint_is_within_its_growth() {
             let a = DVec2::from_angle(TAU * f64::from(n) / 128.0) * inner;
             most = most.max(case.exact(a) * (0.5 * r * r).exp());
         }
-        // The bisection's 1e-12, the judge's cancellation; some sixteen roundings of the bound.
+        // The bisection's 1e-12, the reference's cancellation, and some sixteen roundings of the
+        // bound.
         let bound = f64::from(bound) - 1.0 + 1e-7 + 16.0 * EPS;
         edge.add(most - 1.0, bound, || format!("r {r}, {}", case.describe()));
     }
@@ -602,7 +608,7 @@ fn linear_opacity_errs_by_no_more_than_it_says() {
             .map(|n| {
                 let tau = largest * random.range(0.5, 1.0);
                 total += tau;
-                // The pixel lies on the axis: exp(0) of the kernel's depth.
+                // The pixel lies on the axis: exp(0) times the kernel's depth.
                 Particle::sphere(DVec3::Z * (20.0 + n as f64), 1.0, TAU * tau)
             })
             .collect();
@@ -615,7 +621,8 @@ fn linear_opacity_errs_by_no_more_than_it_says() {
         if count == 1 {
             one.add(error, 0.5 * total * total + rounding, case);
             if total <= 0.03 {
-                // tau³/24 of the opacity for the series that draws the faint, and ten roundings.
+                // tau³/24 of the opacity, for the series that draws faint kernels, and ten
+                // roundings.
                 let error = (alpha(&exponential) - true_opacity).abs() / true_opacity;
                 series.add(error, total.powi(3) / 24.0 + 10.0 * EPS, case);
             }
@@ -646,14 +653,14 @@ fn a_tile_that_stops_early_leaves_out_a_share_of_the_tolerance() {
             .map(|n| {
                 let z = 10.0 + f64::from(n) * 0.05;
                 let mass = TAU * 9.0 * depth * random.range(0.5, 1.0);
-                // White last: what is left out would be seen.
+                // White comes last, so that an omission would be visible.
                 let colour = if n % 40 < 20 { [0.0; 3] } else { [1.0; 3] };
                 Particle::sphere(DVec3::new(0.0, 0.0, z), 3.0, mass).coloured(colour)
             })
             .collect();
         let [a, b] = [tolerance, 1e-9].map(|t| draw_image(&particles, &camera, &settings(t)));
         let bound = tolerance * f64::from(TERMINATION_SHARE);
-        // 600 layers composited in f32, from the opaque end with one rounding each.
+        // 600 layers are composited in f32, with one rounding each near opacity 1.
         let rounding = 1e-6;
         stopped.add(f64::from(difference(&a, &b)), bound + rounding, || {
             format!("tolerance {tolerance}, depth {depth}")
@@ -681,8 +688,8 @@ fn a_constant_ripples_by_what_the_low_pass_filter_leaves() {
             let q = f64::from(p.dot(d).powi(2) + r.dot(d).powi(2));
             sum += f64::from(image.tau) * (-0.5 * q).exp();
         }
-        // The harmonic at one over a pixel along x and y; the next, product and double, add a
-        // fifth at h² = .1.
+        // The first harmonic of a pixel's period, along x and y; the next ones, product and double,
+        // add a fifth at h² = .1.
         let first = (-2.0 * pi2 * h2).exp();
         let bound = 4.0 * first * (1.0 + first) + 4.0 * first.powi(4) + 1e-6;
         let error = (sum / f64::from(screen.weight) - 1.0).abs();
@@ -691,7 +698,7 @@ fn a_constant_ripples_by_what_the_low_pass_filter_leaves() {
     ripple.finish(2_000);
 }
 
-/// A small cloud of needles about a point: one block or a few.
+/// Returns a small cloud of needles about a point: one block or a few.
 fn cloud(random: &mut Random, count: usize) -> Vec<Particle> {
     let (width, size) = (random.log_range(0.01, 1.0), random.log_range(0.01, 0.5));
     let middle = random.point(1.0);
@@ -711,8 +718,8 @@ fn cloud(random: &mut Random, count: usize) -> Vec<Particle> {
         .collect()
 }
 
-/// A particle in view, longest along the normal of one of the frustum's planes; and that normal,
-/// outwards.
+/// Returns a visible particle that is longest along the normal of one of the frustum's planes, and
+/// that outward normal.
 fn needle_beside(camera: &Camera, random: &mut Random) -> (Vec<Particle>, DVec3) {
     let size = DVec2::new(camera.width as f64, camera.height as f64);
     let edge = size / 2.0 / camera.focal_px;
@@ -749,7 +756,7 @@ fn blocks_bound_what_they_hold() {
     let mut radius = Slack::new("a block's interval of distances");
     let mut culled = Slack::new("the frustum: 7 over the nearest deviations");
     for round in 0..3_000 {
-        // One alone is held as tightly as its own bound, many by their box.
+        // A single particle is tested against its own bound, several against their box.
         let projection = [Projection::Perspective, Projection::Orthographic][round / 2 % 2];
         let mut camera = camera(projection, [40.0, 50.0], [64, 48]);
         camera.camera_from_world = random.rotation();
@@ -791,7 +798,7 @@ fn blocks_bound_what_they_hold() {
             radius.add(farthest, reach * rounding, || format!("{particles:?}"));
         }
 
-        // Away from the view until the block is culled.
+        // Moves the block away from the view until it is culled.
         let h2 = [0.0, 1.0][round / 4 % 2] * random.range(0.0, 1.0);
         let frustum = Frustum::new(&camera, f64::from(MAX_CUTOFF) * h2.sqrt());
         let at = |t: f64| Block {
@@ -815,7 +822,7 @@ fn blocks_bound_what_they_hold() {
             .map(|p| nearest_deviation(&camera, p, p.position + away * unseen, h2))
             .fold(f64::INFINITY, f64::min);
         let bound = f64::from(MAX_CUTOFF);
-        // What a thousandth of a deviation holds back at 7 is nothing; the search leaves 1e-12.
+        // The margin of a thousandth of a deviation is negligible at 7; the search leaves 1e-12.
         culled.add(bound / nearest, 1.0 + 1e-6, || {
             format!(
                 "{particles:?} moved by {}, {camera:?}, h² {h2}",
@@ -828,7 +835,7 @@ fn blocks_bound_what_they_hold() {
     culled.finish(2_000);
 }
 
-/// The largest eigenvalue of a variance, by its powers.
+/// Returns the largest eigenvalue of a variance, by powers.
 fn largest_eigenvalue(v: &DMat3) -> f64 {
     let mut power = *v / v.to_cols_array().into_iter().fold(0.0, f64::max);
     for _ in 0..12 {
@@ -850,8 +857,8 @@ fn largest_eigenvalue(v: &DMat3) -> f64 {
     e.dot(*v * e)
 }
 
-/// The least Mahalanobis distance of a low-passed particle from any point that a pixel's half
-/// line reaches: pixel centres and corners of the image.
+/// Returns the least Mahalanobis distance of a low-passed particle from the half lines of all
+/// pixels: their centres, and the corners of the image.
 fn nearest_deviation(camera: &Camera, p: &Particle, position: DVec3, h2: f64) -> f64 {
     let f = camera.camera_from_world * p.factor;
     let v = f * f.transpose();
@@ -924,7 +931,7 @@ fn depth_keys_are_as_fine_as_they_say() {
             };
             let expected = f64::from(range.key(distance));
             let error = (f64::from(footprint.key) - expected).abs();
-            // Either key is truncated, the difference rounded; four roundings of the block's size.
+            // Each key is truncated, the difference rounded; four roundings of the block's size.
             let size = block.half_extent.as_dvec3().length();
             let bound = 1.5 + 4.0 * EPS * size * f64::from(range.keys_per_unit());
             keys.add(error, bound, || format!("{projection:?} at {at}"));
@@ -988,8 +995,8 @@ fn a_transfer_table_is_within_its_interpolation_error() {
             let value = (value as f32).clamp(range[0], range[1]);
             let got = f64::from(table.classify(value)[3]);
             let value = f64::from(value);
-            // The place between two entries is three roundings of 4095 of them, and an entry's own
-            // value one.
+            // The position between two entries has three roundings of 4095 entries, and the value
+            // of an entry one.
             let grain = EPS * (3.0 * 4095.0 + value.abs().max(f64::from(low).abs()) / step);
             let around = |t: f64| value + t * step * (1.001 + grain);
             let case = || format!("{points:?} over {range:?} at {value}");
@@ -998,7 +1005,7 @@ fn a_transfer_table_is_within_its_interpolation_error() {
             // An entry's own roundings, and its value's.
             let rounding = 4.0 * EPS * truth(value);
             if points.iter().any(|p| near(&p)) {
-                // The function's least and greatest value within one entry of it.
+                // The function's least and greatest value within one entry of the value.
                 let values = points.iter().filter(near).flat_map(|p| {
                     let v = f64::from(p.value);
                     [v, v.next_down()]
@@ -1030,7 +1037,7 @@ fn near_kernels_are_nowhere_deeper_than_their_bound() {
     for _ in 0..2_000 {
         let (size, ratio) = (random.log_range(1e-3, 1e3), random.log_range(1.0, 100.0));
         let factor = random.factor(size, ratio);
-        // From 2 pixels of focal length, where the low-pass filter is as wide as the kernel.
+        // From focal lengths of 2 pixels on, where the low-pass filter is as wide as the kernel.
         let focal = DVec2::splat(random.log_range(2.0, 2000.0));
         let mut camera = camera(Projection::Perspective, focal.into(), [64, 64]);
         camera.centre_px = DVec2::splat(32.0);
@@ -1060,8 +1067,8 @@ fn near_kernels_are_nowhere_deeper_than_their_bound() {
             continue;
         }
         let r2 = f64::from(footprint.cutoff_squared);
-        // exp(-r²/2) is the tolerance over the bound; r² in some eight roundings, those of a
-        // determinant's factors of axis ratio 100 among them.
+        // exp(-r²/2) is the tolerance over the bound. r² has some eight roundings, among them those
+        // of a determinant's factors at axis ratio 100.
         let bound = f64::from(settings.tolerance) * (0.5 * r2).exp() * (1.0 + 1e-4);
         depth.add(peak, bound, || format!("{particle:?}, {focal}"));
     }

@@ -1,5 +1,5 @@
-//! Long work tells how far it is, does the same whether anybody listens or not, and ends where it is
-//! cancelled, in any of its stages.
+//! Tests long work: it reports progress, gives the same result with or without an observer, and
+//! ends if cancelled in any of its stages.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::unwrap_used,
@@ -24,7 +24,8 @@ use glam::DVec3;
 
 use crate::common::Random;
 
-/// Does `work` alone, watched, and cancelled at the beginning of each of its stages; `expected` are these.
+/// Runs `work` unobserved, observed, and cancelled at the beginning of each of the `expected`
+/// stages.
 fn check<T: Debug + PartialEq>(
     name: &str,
     expected: &[&str],
@@ -44,7 +45,7 @@ fn check<T: Debug + PartialEq>(
         let most = stage.iter().map(|p| p.done).fold(0.0, f64::max);
         assert!(most >= 1.0, "{name}: {} ends at {most}", stage[0].stage);
     }
-    // Some stages come again.
+    // Some stages occur several times.
     for last in 0..stages.len() {
         let told = Arc::new(Mutex::new(Vec::<&str>::new()));
         let listener = Arc::clone(&told);
@@ -87,7 +88,7 @@ fn fixture(name: &str) -> Dataset {
     open(&path, &OpenOptions::default()).unwrap()
 }
 
-/// What sampling gives, to the bit.
+/// Formats a sampled scene to the bit.
 fn text(sampled: &SampledScene) -> String {
     format!("{:?}", sampled.volumes)
 }
@@ -97,7 +98,7 @@ fn cloud(count: usize) -> Vec<DVec3> {
     (0..count).map(|_| random.point(1.0)).collect()
 }
 
-/// Balls of one colour that fill a cube.
+/// Returns balls of one colour that fill a cube.
 fn balls(count: usize) -> PointVolume {
     PointVolume::spheres(cloud(count), vec![0.05; count])
         .with_masses(vec![1e-3; count])
@@ -221,7 +222,7 @@ fn sampling_of_cells() {
     );
 }
 
-/// A ball of values on a lattice.
+/// Returns a ball of values on a lattice.
 fn lattice() -> PointVolume {
     let n = 24;
     let value = |i: usize| {
@@ -260,7 +261,7 @@ fn blocks_and_levels() {
     }
 }
 
-/// Two crossing squares of surfels, and balls around them.
+/// Returns two crossing squares of surfels, and balls around them.
 fn hybrid() -> Vec<PointVolume> {
     let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
     let corners = corners.map(|[x, z]| DVec3::new(x, 0.4 * x, z));
@@ -274,7 +275,7 @@ fn hybrid() -> Vec<PointVolume> {
     volumes
 }
 
-/// Frames, on the CPU unless `on` moves the renderer elsewhere.
+/// Checks frames, on the CPU unless `on` moves the renderer elsewhere.
 fn frames(drawing: &[&str], hybrids: &[&str], on: impl Fn(Renderer) -> Renderer) {
     for composite in Composite::ALL {
         let mut renderer = on(Renderer::new(vec![balls(2000)]).unwrap());
@@ -324,7 +325,7 @@ fn frames_of_a_device() {
         return;
     };
     frames(&["drawing"], &["drawing"], |r| r.on(gpu.clone()).unwrap());
-    // Nothing is cancelled halfway only to be drawn again elsewhere.
+    // Cancelled work is not drawn again elsewhere.
     let mut renderer = Renderer::new(vec![balls(50)])
         .unwrap()
         .on_if_it_can(gpu.clone());

@@ -1,4 +1,4 @@
-//! Column densities: mass, exactness, linearity, determinism, and the command line.
+//! Tests column densities: mass, exactness, linearity, determinism, and the command line.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::unwrap_used,
@@ -24,7 +24,7 @@ fn column(volume: PointVolume, camera: &Camera, settings: &ColumnSettings) -> Co
     renderer.column_density(camera, settings).unwrap().clone()
 }
 
-/// By the filter of 1 px², sampled at the pixels' centres.
+/// Returns settings with the filter of 1 px², sampled at the pixels' centres.
 fn filtered() -> ColumnSettings {
     ColumnSettings {
         low_pass_variance_px2: 1.0,
@@ -32,7 +32,7 @@ fn filtered() -> ColumnSettings {
     }
 }
 
-/// The largest difference of two images over the largest magnitude of the second.
+/// Returns the largest difference of two images, relative to the largest magnitude of the second.
 fn difference(a: &ColumnImage, b: &ColumnImage) -> f64 {
     let pairs = a.values.iter().zip(&b.values);
     let largest = b.values.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
@@ -42,7 +42,7 @@ fn difference(a: &ColumnImage, b: &ColumnImage) -> f64 {
     worst / f64::from(largest)
 }
 
-/// Some 10,000 particles well inside an image of 512 px.
+/// Returns some 10,000 particles well inside an image of 512 px.
 fn cloud(random: &mut Random, count: usize) -> (Vec<DVec3>, Vec<f32>) {
     let positions = (0..count).map(|_| random.point(150.0)).collect();
     let masses = (0..count).map(|_| random.range(0.5, 2.0) as f32).collect();
@@ -72,9 +72,10 @@ fn mass_is_conserved_for_spheres_of_every_size() {
             .column_density(&orthographic(size), &settings)
             .unwrap();
         let error = image.sum_times_area().unwrap() / total - 1.0;
-        // The promise. Cut off is 2.7e-7, the exponential errs by 2e-7, an amplitude by 4 EPS.
+        // The promised bound. The cut-off omits 2.7e-7, the exponential errs by 2e-7, an amplitude
+        // by 4 EPS.
         assert!(error.abs() < 1e-5, "{sigma} px: {error:e}");
-        // And what it keeps to: a drift would show here first.
+        // The actual error is smaller; a drift would show here first.
         assert!(error.abs() < 1.5e-6, "{sigma} px: {error:e}");
         assert!((renderer.amplitudes().sum - total).abs() < 1e-9 * total);
     }
@@ -95,14 +96,14 @@ fn mass_is_conserved_for_ellipsoids_and_lattices() {
         let error = image.sum_times_area().unwrap() / total - 1.0;
         assert!(error.abs() < 1.5e-6, "{largest} px, 1:{ratio}: {error:e}");
     }
-    // Uniform, turned and sheared, and rectilinear; values of both signs.
+    // Uniform, rotated and sheared, and rectilinear lattices; values of both signs.
     let step = DMat3::from_cols(
         DVec3::new(9.0, 2.0, 1.0),
         DVec3::new(-1.0, 8.0, 2.0),
         DVec3::new(3.0, 0.5, 7.0),
     );
     let axis: Vec<f64> = (0..12).map(|i| f64::from(i * i)).collect();
-    // At the ends the distance to the one neighbour.
+    // At the ends, the distance to the only neighbour.
     let width = |i: usize| match i {
         0 => axis[1] - axis[0],
         11 => axis[11] - axis[10],
@@ -147,7 +148,8 @@ fn mass_is_conserved_for_ellipsoids_and_lattices() {
         let sum = image.sum_times_area().unwrap();
         let total = renderer.amplitudes().sum;
         assert!((sum / total - 1.0).abs() < 4e-6, "{}", sum / total - 1.0);
-        // Against volumes that the renderer did not compute; rectilinear ones are products of f32.
+        // Compares with volumes that the renderer did not compute; rectilinear ones are products of
+        // f32.
         let cells = (0..12 * 12 * 12).map(|i| [i % 12, i / 12 % 12, i / 144]);
         let direct: f64 = values
             .iter()
@@ -187,9 +189,9 @@ fn one_particle_is_its_gaussian_at_pixel_centres() {
             let determinant = a * c - b * b;
             let peak = 3.0 / (std::f64::consts::TAU * determinant.sqrt());
             let narrow = (0.5 * (a + c) - (0.5 * (a - c)).hypot(b)).sqrt();
-            // The centre's pixel coordinate is rounded to EPS of some 300 px, in each axis, against
-            // the slope .61/sigma; the cut-off leaves 2.7e-7, the exponential 3e-6 at its
-            // worst; the form and amplitude are good to ten roundings.
+            // The centre's pixel coordinate is rounded to EPS of some 300 px in each axis, against
+            // the slope .61/sigma. The cut-off omits 2.7e-7, and the exponential errs by at most
+            // 3e-6. Form and amplitude have ten roundings.
             let tolerance = 0.61 * 2.0 * 300.0 * EPS / narrow + 3.6e-6 + 10.0 * EPS;
             for y in 0..512 {
                 for x in 0..512 {
@@ -208,8 +210,8 @@ fn one_particle_is_its_gaussian_at_pixel_centres() {
     }
 }
 
-/// The mean of a Gaussian of unit mass over each pixel of a square image: closed along x, and along y by Gauss and Legendre's
-/// eight places in each of many parts.
+/// Returns the mean of a Gaussian of unit mass over each pixel of a square image: in closed form
+/// along x, and along y by Gauss-Legendre quadrature of eight points in each of many parts.
 fn pixel_means(variance: [f64; 3], centre: DVec2, size: usize) -> Vec<f64> {
     const NODES: [(f64, f64); 4] = [
         (0.183_434_642_495_650, 0.362_683_783_378_362),
@@ -252,8 +254,9 @@ fn pixel_means(variance: [f64; 3], centre: DVec2, size: usize) -> Vec<f64> {
 fn pixels_have_the_means_of_kernels_over_them() {
     let mut random = Random::new(41);
     let size = 64;
-    // Deviations, px; the largest error that is allowed as a share of the greatest pixel: roundings of the integral where
-    // kernels are round, beyond two pixels what the pixel's variance leaves, and of turned ones what the bands do.
+    // Standard deviations, px, and the largest allowed error relative to the greatest pixel. For
+    // round kernels it is the integral's rounding, beyond two pixels the remainder of the pixel's
+    // variance, and for rotated ones that of the bands.
     for (sigmas, allowed) in [
         ([0.05, 0.05], 4e-5),
         ([0.3, 0.3], 1e-5),
@@ -336,8 +339,8 @@ fn amplitudes_add_and_negative_ones_subtract() {
         ..of_a.clone()
     };
     assert!(of_a.values.iter().any(|v| *v < 0.0) && of_a.values.iter().any(|v| *v > 0.0));
-    // Up to hundreds of kernels in a pixel, of which the magnitudes sum to some ten times the
-    // largest value: each rounded by 8 EPS in tau and 2 EPS in the sum of the values.
+    // A pixel has up to hundreds of kernels, whose magnitudes sum to some ten times the largest
+    // value. Each is rounded by 8 EPS in tau, and by 2 EPS in the sum of the values.
     assert!(
         difference(&added, &of_sum) < 1e2 * EPS,
         "{:e}",
@@ -357,7 +360,7 @@ fn the_number_of_threads_changes_nothing() {
             let mut renderer = Renderer::new(volumes).unwrap();
             let settings = ColumnSettings::default();
             let perspective = renderer.column_density(&camera, &settings).unwrap().clone();
-            // One tile with so many footprints that its list is cut into tasks.
+            // One tile holds so many footprints that its list is split into tasks.
             let mut random = Random::new(6);
             let positions = (0..40_000).map(|_| random.point(20.0)).collect();
             let sigmas = (0..40_000)
@@ -393,8 +396,9 @@ fn instruction_sets_agree() {
     }
     for (simd, filter, image, counts) in &images {
         let baseline = images.iter().find(|(_, f, _, _)| f == filter).unwrap();
-        // Fused or not: a few roundings in q of up to 30, so 30 EPS of what a kernel adds where
-        // it adds exp(-15); 10 EPS where it is high. What lies at the cut-off is 2.7e-7 of a peak.
+        // Fused or not: a few roundings in q of up to 30, so 30 EPS of a kernel where it
+        // contributes exp(-15), and 10 EPS where it is high. The cut-off matters by 2.7e-7 of a
+        // peak.
         let error = difference(image, &baseline.2);
         assert!(error < 12.0 * EPS, "{simd:?} {}: {error:e}", filter.name());
         let splats = counts.splat_pixels as f64 / baseline.3.splat_pixels as f64;
@@ -438,7 +442,7 @@ fn amplitudes_beyond_single_precision_give_columns_within_it() {
         assert!((total / 1e46 - 1.0).abs() < 2e-6, "{total:e}");
         for (physical, unit) in physical.values.iter().zip(&unit.values) {
             let ratio = f64::from(*physical) / expected;
-            // Positions round otherwise: EPS of 300 px at a slope of .61/3 each.
+            // Positions round differently: EPS of 300 px at a slope of .61/3 each.
             let tolerance = 2e-5 * f64::from(*unit) + 1e-6;
             assert!(
                 (ratio - f64::from(*unit)).abs() < tolerance,
@@ -499,8 +503,8 @@ fn a_uniform_lattice_is_its_path_length_inside() {
     };
     let volume = classified(particles, Vec::new(), Values::F32(vec![2.5; 16_000]));
     let image = column(volume, &orthographic(256), &ColumnSettings::default());
-    // Ten cells of 4 behind one another. The field of kernels .6 spacings wide ripples by
-    // 2 exp(-2 pi² .36) = .16 % in each of two axes; the low-pass filter adds 1/16 to .36.
+    // Ten cells of 4 lie behind one another. The field of kernels .6 spacings wide ripples by 2
+    // exp(-2 pi² .36) = .16 % in each of two axes; the low-pass filter adds 1/16 to .36.
     for y in 100..156 {
         for x in 100..156 {
             let value = f64::from(image.values[y * 256 + x]);
@@ -515,10 +519,10 @@ fn perspective_is_the_line_integral_off_the_axis() {
     let camera = camera(Projection::Perspective, [400.0, 420.0], [640, 480]);
     let focal = camera.focal_px;
     for (filter, largest_error) in [
-        // Affine where its bound fits the tolerance, exact elsewhere.
+        // Kernels are affine if their bound fits the tolerance, and exact otherwise.
         (Filter::Adaptive, 1.0 / 255.0),
-        // What f32 makes of w and Q: 6e-6 of the peak (`tests/footprint_laws.rs`), the
-        // exponential's 3e-6, the centre's rounding to EPS of 640 px at .61 per px, twice.
+        // f32 roundings of w and Q: 6e-6 of the peak (`tests/footprint_laws.rs`), the exponential's
+        // 3e-6, and the centre's rounding to EPS of 640 px at .61 per px, twice.
         (Filter::Exact, 6e-6 + 3e-6 + 2.0 * 0.61 * 640.0 * EPS),
     ] {
         let mut worst = 0.0_f64;
@@ -548,12 +552,12 @@ fn perspective_is_the_line_integral_off_the_axis() {
             }
         }
         assert!(worst < largest_error, "{}: {worst:e}", filter.name());
-        // Adaptive takes affine footprints somewhere, or it would not be tested.
+        // Adaptive must use affine footprints somewhere, or the test would be void.
         assert!(filter == Filter::Exact || worst > 1e-4, "{worst:e}");
     }
 }
 
-/// Planes that leave about half of what lies around a point, at any angle to the rays.
+/// Returns a plane that keeps about half of the neighbourhood of a point, at any angle to the rays.
 fn plane_through(random: &mut Random, at: DVec3) -> ClipPlane {
     let normal = random.rotation().x_axis * random.log_range(0.1, 10.0);
     ClipPlane {
@@ -569,7 +573,7 @@ fn planes_leave_the_integral_over_the_rest_of_each_ray() {
         (Projection::Perspective, 90.0, Filter::Exact),
         (Projection::Orthographic, 8.0, Filter::Adaptive),
     ] {
-        // Tiles of a picture within one of columns, cut off by the image's border.
+        // The image's border cuts off tiles, within one picture of columns.
         let camera = camera(projection, [focal, focal * 1.1], [100, 75]);
         let mut worst = 0.0_f64;
         let mut cut = 0;
@@ -588,7 +592,7 @@ fn planes_leave_the_integral_over_the_rest_of_each_ray() {
             let plane = plane_through(&mut random, beside);
             let settings = ColumnSettings {
                 filter,
-                // Without a filter the integral along the pixel's own ray is the truth.
+                // Without a filter, the reference is the integral along the pixel's own ray.
                 low_pass_variance_px2: 0.0,
                 clip: vec![plane],
                 ..ColumnSettings::default()
@@ -599,7 +603,7 @@ fn planes_leave_the_integral_over_the_rest_of_each_ray() {
                 variance: factor * factor.transpose(),
                 mass: 2.0,
             };
-            // No ray has more.
+            // No ray has a larger value.
             let peak = image.values.iter().fold(1e-3_f32, |m, v| m.max(v.abs()));
             for (i, value) in image.values.iter().enumerate() {
                 let pixel = DVec2::new((i % 100) as f64, (i / 100) as f64) + 0.5;
@@ -624,8 +628,8 @@ fn planes_leave_the_integral_over_the_rest_of_each_ray() {
                 worst = worst.max(error);
             }
         }
-        // As pictures that clip planes cut (docs/compositing.md); the cut-off and the exponential, 4e-6,
-        // are within it.
+        // The bound of pictures with clip planes (docs/compositing.md), which includes the cut-off
+        // and the exponential, 4e-6.
         assert!(worst < 5e-5, "{projection:?}: {worst:e}");
         assert!(cut > 1000, "{projection:?}: {cut}");
     }
@@ -636,7 +640,7 @@ fn a_plane_through_the_middle_leaves_half_the_mass() {
     let mut random = Random::new(32);
     for sigma in [0.3_f32, 4.0, 20.0] {
         let (half, half_masses) = cloud(&mut random, 2000);
-        // Through the middle every kernel has a like one.
+        // The plane passes through the centre, about which every kernel has a mirror image.
         let positions = half.iter().copied().chain(half.iter().map(|p| -*p));
         let weights = half_masses.iter().chain(&half_masses).copied().collect();
         let total: f64 = half_masses.iter().map(|&m| 2.0 * f64::from(m)).sum();
@@ -660,14 +664,14 @@ fn a_plane_through_the_middle_leaves_half_the_mass() {
             distance: 0.0,
         };
         let (half, other) = (sum_of(vec![plane]), sum_of(vec![rest]));
-        // The whole is promised within 1e-5; the plane itself lies within an ulp of f32 at the eye's
-        // distance of 1e5, a few thousandths of a unit in a cloud of some 300.
+        // The whole has a promised error of 1e-5. The plane's position has an ulp of f32 at the
+        // eye's distance of 1e5, a few thousandths of a unit in a cloud of some 300.
         assert!((half - 0.5).abs() < 1e-4, "{sigma}: {half}");
         assert!(
             (half + other - 1.0).abs() < 1.5e-5,
             "{sigma}: {half} {other}"
         );
-        // Neither side of both.
+        // Opposite planes leave nothing.
         assert_eq!(sum_of(vec![plane, rest]), 0.0);
     }
 }
@@ -690,7 +694,7 @@ fn planes_beyond_everything_change_nothing() {
 
 #[test]
 fn repeated_contributions_lose_nothing() {
-    // 200,000 like kernels in one place: an f32 sum would be off by parts in a thousand.
+    // 200,000 equal kernels lie at one position: an f32 sum would be off by parts in a thousand.
     let count = 200_000;
     let volume = masses(
         spheres(vec![DVec3::ZERO; count], vec![2.0; count]),
@@ -701,7 +705,7 @@ fn repeated_contributions_lose_nothing() {
     let one = column(one, &orthographic(64), &ColumnSettings::default());
     for (many, one) in many.values.iter().zip(&one.values) {
         let expected = f64::from(*one) * count as f64;
-        // 64 like additions in f32: their sums err by 32 EPS at most; one more for each picture.
+        // 64 equal additions in f32 err by at most 32 EPS; one more for each picture.
         assert!((f64::from(*many) - expected).abs() <= 35.0 * EPS * expected);
     }
 }
@@ -731,7 +735,7 @@ fn bad_settings_are_refused() {
             .unwrap_err();
         assert!(error.to_string().contains(says), "{error}");
     }
-    // A picture and a column density of one renderer do not disturb each other.
+    // A picture and a column density of one renderer do not affect each other.
     let camera = orthographic(64);
     let first = renderer.render(&camera, &scene::linear()).unwrap().clone();
     let as_drawn = ColumnSettings {
@@ -740,7 +744,7 @@ fn bad_settings_are_refused() {
     };
     let column = renderer.column_density(&camera, &as_drawn).unwrap().clone();
     assert_eq!(*renderer.render(&camera, &scene::linear()).unwrap(), first);
-    // Thin enough for opacity min(tau, 1) to be tau.
+    // The volume is so thin that opacity min(tau, 1) is tau.
     for (pixel, value) in first.pixels.iter().zip(&column.values) {
         assert!((pixel[3] - value).abs() < 1e-6);
     }
@@ -818,7 +822,7 @@ mod command_line {
         let (_, stats) = render(folder, "a.npy", &field);
         let column = &stats["column_density"];
         let total = column["sum_times_area"].as_f64().unwrap();
-        // The view is zoomed out: six standard deviations of each kernel lie inside.
+        // The view is zoomed out, so that six standard deviations of each kernel lie inside.
         assert!((total / 6.0 - 1.0).abs() < 1e-5, "{total}");
         assert!((column["amplitude_sum"].as_f64().unwrap() / 6.0 - 1.0).abs() < 1e-6);
         assert_eq!(column["not_finite"], 0);

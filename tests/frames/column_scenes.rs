@@ -1,4 +1,4 @@
-//! Scenes of which columns are drawn, in pixels.
+//! Makes scenes of which columns are drawn, in pixels.
 
 use crate::common::scene::camera;
 use crate::common::{Random, lower_factor};
@@ -6,7 +6,8 @@ use ewa_splat::scene::{Colour, Particles, PointVolume, Strength, TransferFunctio
 use ewa_splat::view::{Camera, Projection};
 use glam::DVec3;
 
-/// Pixels are world units; the image is centred on the z axis, the eye far in front.
+/// Returns a camera whose pixels are world units. The image is centred on the z axis, with the eye
+/// far in front.
 pub(crate) fn orthographic(size: usize) -> Camera {
     Camera {
         eye: DVec3::Z * -1e5,
@@ -27,7 +28,7 @@ pub(crate) fn masses(particles: Particles, masses: Vec<f32>) -> PointVolume {
     }
 }
 
-/// Classified by a transfer function that leaves nothing visible: it is not asked.
+/// Returns a volume whose transfer function makes everything invisible: columns do not use it.
 pub(crate) fn classified(particles: Particles, volumes: Vec<f32>, values: Values) -> PointVolume {
     let transfer = TransferFunction::from_curves(|_| [1.0; 3], |_| 0.0, [0.0, 1.0], 1.0);
     PointVolume {
@@ -46,7 +47,8 @@ pub(crate) fn spheres(positions: Vec<DVec3>, sigmas: Vec<f32>) -> Particles {
     Particles::Isotropic { positions, sigmas }
 }
 
-/// Spheres, ellipsoids and kernels near the camera, in one perspective scene; so many spheres and ellipsoids each.
+/// Returns `count` spheres, `count` ellipsoids and kernels near the camera, in one perspective
+/// scene.
 pub(crate) fn mixed(count: usize, height: usize) -> (Vec<PointVolume>, Camera) {
     let mut random = Random::new(5);
     let (mut positions, mut factors, mut weights) = (Vec::new(), Vec::new(), Vec::new());
@@ -56,7 +58,7 @@ pub(crate) fn mixed(count: usize, height: usize) -> (Vec<PointVolume>, Camera) {
         factors.push(lower_factor(&random.factor(size, 8.0)));
         weights.push(random.range(0.5, 1.5) as f32);
     }
-    // Around the eye.
+    // These lie around the eye.
     for _ in 0..20 {
         positions.push(random.point(0.3));
         factors.push(lower_factor(&random.factor(0.2, 2.0)));

@@ -1,4 +1,4 @@
-//! Kernels summed in sheets and slabs, and what clip planes leave of them: laws, the true integral, and
+//! Tests kernels summed in sheets and slabs, and cut by clip planes: laws, the true integral, and
 //! the GPU back end against the CPU's.
 #![allow(
     clippy::cast_possible_truncation,
@@ -19,7 +19,7 @@ use ewa_splat::view::{Camera, ClipPlane, Projection};
 use ewa_splat::{Image, Renderer, Settings};
 use glam::{DMat3, DVec2, DVec3};
 
-/// Modes that sum kernels before they composite.
+/// Modes that sum kernels before they are composited.
 const LAYERED: [Composite; 3] = [Composite::SHEETS, Composite::AXIS_SHEETS, Composite::SLABS];
 
 fn settings(composite: Composite) -> Settings {
@@ -32,11 +32,12 @@ fn settings(composite: Composite) -> Settings {
     }
 }
 
-/// Draws on the CPU and, where there is an adapter, on the GPU; the pictures are alike.
+/// Draws on the CPU and, if there is an adapter, on the GPU, and checks that the pictures are
+/// alike.
 #[track_caller]
 fn draw(scene: &[PointVolume], camera: &Camera, settings: &Settings) -> Renderer {
     let settings = Settings {
-        // No fused operations, as on the device.
+        // The CPU uses no fused operations, as the device uses none.
         simd: SimdLevel::Baseline,
         ..settings.clone()
     };
@@ -52,8 +53,9 @@ fn draw(scene: &[PointVolume], camera: &Camera, settings: &Settings) -> Renderer
     on_cpu
 }
 
-/// Roundings of f32 in another order, along rays of many layers, at all pixels but those where a kernel
-/// ends within rounding of the pixel's centre, or begins within rounding of another layer.
+/// Compares pictures of the two back ends. f32 roundings differ in order along rays of many layers.
+/// It excludes pixels where a kernel ends within rounding of the pixel's centre, or begins within
+/// rounding of another layer.
 #[cfg(feature = "gpu")]
 #[track_caller]
 fn assert_twins(a: &Renderer, b: &Renderer) {
@@ -88,14 +90,15 @@ fn assert_twins(a: &Renderer, b: &Renderer) {
     }
 }
 
-/// 120 kernels of standard deviation 1 along 40 units of depth, all on the axis of an orthographic
-/// camera, of random masses and colours, as deep as `depth` at the centre together.
+/// Returns 120 kernels of standard deviation 1 along 40 units of depth, all on the axis of an
+/// orthographic camera. Masses and colours are random, and the total depth at the centre is
+/// `depth`.
 fn pile(random: &mut Random, depth: f64) -> (Vec<Particle>, Camera) {
     let weights: Vec<f64> = (0..120).map(|_| random.range(0.2, 1.8)).collect();
     let sum: f64 = weights.iter().sum();
     let particles = weights.iter().map(|w| {
         let z = random.range(5.0, 45.0);
-        // Integral along the axis of a unit sphere: 1 / 2 pi.
+        // The integral along the axis of a unit sphere is 1 / 2 pi.
         let mass = depth * w / sum * std::f64::consts::TAU;
         let colour = [0, 1, 2].map(|_| random.range(0.0, 1.0) as f32);
         Particle::sphere(DVec3::new(0.0, 0.0, z), 1.0, mass).coloured(colour)
@@ -104,7 +107,7 @@ fn pile(random: &mut Random, depth: f64) -> (Vec<Particle>, Camera) {
     (particles.collect(), camera)
 }
 
-/// The light along the rays through pixel centres, unfiltered, in f64.
+/// Integrates the light along the rays through pixel centres, unfiltered, in f64.
 fn truth(scene: &[PointVolume], camera: &Camera, clip: &[ClipPlane]) -> Image {
     let integrator = Integrator::new(scene).unwrap().clipped(clip);
     let settings = ReferenceSettings {
@@ -140,7 +143,7 @@ fn slabs_converge_with_the_square_of_their_thickness() {
         // kappa D^2 / sigma at D = 1: within four times the worst of other random piles.
         let kappa = depth as f32 / 40.0;
         assert!(worst[1] < 0.04 * kappa, "depth {depth}: {worst:?}");
-        // Second order from where a slab is as thin as a kernel; f32 holds the thinnest.
+        // The error is of second order once a slab is as thin as a kernel; f32 limits the thinnest.
         assert!(
             ratios[1] > 3.4 && ratios[1] < 4.8,
             "depth {depth}: {ratios:?}"
@@ -154,7 +157,7 @@ fn slabs_converge_with_the_square_of_their_thickness() {
 
 #[test]
 fn the_thickness_that_follows_keeps_the_tolerance() {
-    // Extinctions and volumes that differ from what the width of the kernels would say.
+    // Extinctions and volumes differ from those that the kernels' widths would suggest.
     let mut random = Random::new(31);
     for density in [0.3, 3.0, 30.0] {
         let (particles, camera) = pile(&mut random, density);
@@ -195,7 +198,7 @@ fn the_thickness_that_follows_keeps_the_tolerance() {
 
 #[test]
 fn no_scene_is_refused_at_its_own_thickness() {
-    // Small kernels far apart, whose levels of detail are wide; and one kernel of vast extent that is
+    // Small kernels lie far apart, so that their levels of detail are wide. One vast kernel is
     // transparent.
     let mut random = Random::new(13);
     let small =
@@ -231,7 +234,8 @@ fn opacity_is_the_same_in_every_mode() {
             };
             let layered = draw(&scene, &camera, &settings);
             let pairs = over.image().pixels.iter().zip(&layered.image().pixels);
-            // exp of a sum against a product of many: roundings, and the tails of slices.
+            // The exponential of a sum differs from a product of many by roundings, and by the
+            // tails of slices.
             let most = pairs.map(|(a, b)| (a[3] - b[3]).abs()).fold(0.0, f32::max);
             assert!(most < 2e-5, "{mode:?} {projection:?}: {most}");
             assert_eq!(
@@ -245,7 +249,7 @@ fn opacity_is_the_same_in_every_mode() {
 
 #[test]
 fn kernels_in_one_place_mix() {
-    // Optical depths 1 (red) and 2 (green): `coincident` of fixtures/analytic_cases.json.
+    // Optical depths are 1 (red) and 2 (green): `coincident` of fixtures/analytic_cases.json.
     let expected = (1.0 - (-3.0_f64).exp()) / 3.0;
     assert!((expected - 0.316_737_643_877).abs() < 1e-12);
     let place = DVec3::new(0.0, 0.0, 10.0);
@@ -275,7 +279,8 @@ fn kernels_in_one_place_mix() {
 
 #[test]
 fn nothing_depends_on_where_the_scene_is_cut_into_layers() {
-    // The order of two sheets of kernels, drawn from either side; a thickness of half their distance.
+    // The order of two sheets of kernels is right from either side, with a thickness of half their
+    // distance.
     let near = Particle::sphere(DVec3::new(0.0, 0.0, 8.0), 0.3, 3.0).coloured([1.0, 0.0, 0.0]);
     let far = Particle::sphere(DVec3::new(0.0, 0.0, 12.0), 0.3, 3.0).coloured([0.0, 0.0, 1.0]);
     let scene = [volume(&[far, near])];
@@ -288,7 +293,7 @@ fn nothing_depends_on_where_the_scene_is_cut_into_layers() {
             };
             let layered = draw(&scene, &camera, &settings);
             let off = difference(over.image(), layered.image());
-            // Kernels apart by 13 standard deviations do not mix.
+            // Kernels 13 standard deviations apart do not mix.
             assert!(off < 1e-5, "{mode:?} {thickness}: {off}");
         }
     }
@@ -310,7 +315,7 @@ fn planes_cut_kernels_where_they_cross_them() {
                 position: random.point(2.0) + DVec3::Z * 8.0,
                 factor: random.factor(1.2, 4.0),
                 mass: random.range(1.0, 6.0) as f32,
-                // One colour: what is left does not depend on the order.
+                // With one colour, the remainder does not depend on the order.
                 colour: [0.9, 0.5, 0.1],
             })
             .collect();
@@ -342,7 +347,7 @@ fn planes_cut_kernels_where_they_cross_them() {
                 .enumerate()
                 .filter(|(_, z)| z.is_finite())
             {
-                // Depths lie in what is kept, but for roundings.
+                // Depths lie in the kept part, except for roundings.
                 let pixel = DVec2::new((i % 24) as f64 + 0.5, (i / 24) as f64 + 0.5);
                 let d = ((pixel - camera.centre_px) / camera.focal_px).extend(1.0);
                 let z = f64::from(z);
@@ -356,7 +361,7 @@ fn planes_cut_kernels_where_they_cross_them() {
             }
             let off = difference(clipped.image(), &truth);
             println!("{round} {mode:?}: {off:.1e}");
-            // f32 along rays of twelve kernels, 1e-5, and what the cut-off at six leaves out.
+            // f32 along rays of twelve kernels, 1e-5, and the part beyond the cut-off at six.
             assert!(off < 5e-5, "{round} {mode:?}: {off}");
         }
     }
@@ -369,7 +374,7 @@ fn needles_are_cut_as_well_as_drawn() {
         for (projection, near) in [
             (Projection::Perspective, 8.0),
             (Projection::Orthographic, 8.0),
-            // Across the plane of the eye.
+            // The kernels cross the eye's plane.
             (Projection::Orthographic, 0.4),
         ] {
             let focal = match projection {
@@ -379,7 +384,7 @@ fn needles_are_cut_as_well_as_drawn() {
             let camera = camera(projection, [focal, focal], [11, 11]);
             let mut worst = [0.0_f32; 2];
             for _ in 0..5 {
-                // The ray through the middle pixel meets it off its centre.
+                // The ray through the middle pixel meets it away from its centre.
                 let turn = random.rotation();
                 let middle = DVec3::Z * near;
                 let along = turn * DVec3::Z * random.range(0.3, 1.5);
@@ -406,7 +411,8 @@ fn needles_are_cut_as_well_as_drawn() {
                     };
                     let drawn = draw(&scene, &camera, &settings);
                     *worst = worst.max(difference(drawn.image(), &truth));
-                    // Fused operations round otherwise, of a needle's width: no more than they are worth.
+                    // Fused operations round differently, relative to a needle's width: the bound
+                    // scales with that effect.
                     let mut fused = Renderer::new(scene.to_vec()).unwrap();
                     let simd = SimdLevel::best();
                     fused
@@ -420,7 +426,7 @@ fn needles_are_cut_as_well_as_drawn() {
                 "1:{ratio:e} {projection:?} at {near}: {:.1e} whole, {:.1e} cut",
                 worst[0], worst[1]
             );
-            // Roundings of f32 times the ratio of the axes, as the footprint's own.
+            // f32 roundings times the ratio of the axes, as for the footprint itself.
             let bound = 3e-5 + 3e-7 * ratio as f32;
             assert!(worst[1] < bound, "1:{ratio} {projection:?}: {worst:?}");
         }
@@ -429,7 +435,8 @@ fn needles_are_cut_as_well_as_drawn() {
 
 #[test]
 fn needles_along_the_ray_reach_no_more_slabs_than_they_have() {
-    // A million times as long as wide, all but along the ray: its slope is made of roundings.
+    // A kernel a million times as long as wide, nearly along the ray: its slope consists of
+    // roundings.
     let mut random = Random::new(5);
     let camera = camera(Projection::Perspective, [400.0; 2], [20, 20]);
     for round in 0..12 {
@@ -490,7 +497,7 @@ fn a_box_leaves_nothing_outside() {
 
 #[test]
 fn what_lies_beyond_a_plane_by_less_than_the_filter_counts() {
-    // Far below a pixel: what the filter spreads over the plane is half of the edge.
+    // Kernels far below a pixel: the filter spreads half of the edge's over the plane.
     let mut random = Random::new(29);
     let mut some = |from: f64, to: f64| -> Vec<Particle> {
         let at =
@@ -520,7 +527,8 @@ fn what_lies_beyond_a_plane_by_less_than_the_filter_counts() {
         };
         let [cut, whole] = [&settings, &whole].map(|s| draw(&scene, &camera, s));
         for y in 0..24 {
-            // Of the column at the plane, whose middle is kept, half comes from beyond.
+            // Half of the column at the plane, whose kept side includes its centre, comes from
+            // beyond.
             let [a, b] = [&cut, &whole].map(|r| r.image().pixel(11, y)[3]);
             assert!((a - b).abs() < 1e-5, "{projection:?} {y}: {a}, not {b}");
         }
@@ -551,14 +559,14 @@ fn the_eye_may_lie_within_a_kernel() {
                 ..settings(mode.with_thickness(Some(0.2)))
             };
             let layered = draw(&scene, &camera, &settings);
-            // One colour: the order does not matter, and each kernel is whole.
+            // With one colour, the order does not matter, and each kernel is whole.
             let off = difference(over.image(), layered.image());
             assert!(off < 2e-5, "{projection:?} {mode:?}: {off}");
         }
     }
 }
 
-/// A square of surfels across the axis at z = 8, of which the lower left part is there.
+/// Returns a square of surfels across the axis at z = 8, of which the lower left part exists.
 fn wall(colour: [f32; 3]) -> PointVolume {
     let (mut positions, mut tangents, mut areas) = (Vec::new(), Vec::new(), Vec::new());
     let step = 0.1;
@@ -588,7 +596,7 @@ fn wall(colour: [f32; 3]) -> PointVolume {
 
 #[test]
 fn a_cut_shows_the_inside_of_a_closed_surface() {
-    // A wall that turns its back, as the far side of something closed.
+    // The wall faces away, as the far side of a closed surface.
     let mut back = wall([0.2, 0.5, 0.9]);
     if let Particles::Surfels { is_one_sided, .. } = &mut back.particles {
         *is_one_sided = true;
@@ -616,7 +624,7 @@ fn a_cut_shows_the_inside_of_a_closed_surface() {
 
 #[test]
 fn surfaces_look_the_same_in_every_mode() {
-    // A ball, seen from where no axis of the world points.
+    // A ball, seen from a direction that is no axis of the world.
     let (mut positions, mut tangents, mut areas) = (Vec::new(), Vec::new(), Vec::new());
     let count = 3_000;
     for i in 0..count {
@@ -657,7 +665,8 @@ fn surfaces_look_the_same_in_every_mode() {
 
 #[test]
 fn long_lists_of_surfels_are_clipped_to_their_end() {
-    // 40,000 in one tile: more than half of the rounds that a software adapter grants a loop.
+    // 40,000 kernels in one tile: more than half of the iterations that a software adapter allows a
+    // loop.
     let step = 0.03;
     let count = 200;
     let positions = (0..count * count)
@@ -712,8 +721,8 @@ fn surfaces_among_layers_cut_them() {
             };
             let layered = draw(&scene, &camera, &settings);
             let off = difference(over.image(), layered.image());
-            // Kernels of one colour: in front of the wall and behind it each mode sums the same, and
-            // kernels and wall are of different ones. Affine terms on both sides.
+            // In front of the wall and behind it, kernels have one colour, so each mode sums the
+            // same. Kernels and wall differ in colour. Both sides use affine terms.
             assert!(off < 1e-4, "{projection:?} {mode:?}: {off}");
         }
     }
@@ -721,7 +730,7 @@ fn surfaces_among_layers_cut_them() {
 
 #[test]
 fn clipped_surfaces_end_softly_at_the_cut() {
-    // From the front, 20 pixels per unit: the cut is a line between pixels 40 and 41.
+    // Seen from the front at 20 pixels per unit, the cut is a line between pixels 40 and 41.
     let camera = camera(Projection::Orthographic, [20.0; 2], [80, 40]);
     let plane = ClipPlane {
         normal: DVec3::new(2.0, 0.0, 0.0),
@@ -749,8 +758,8 @@ fn clipped_surfaces_end_softly_at_the_cut() {
         if inside > 3.5 {
             assert!((left - all).abs() < 1e-3, "{x}: {left}");
         } else {
-            // What the filter makes of a half-plane, as coverage takes sums of weights; these ripple by
-            // .02, and a cut surfel's share is one of its mean.
+            // The filtered half-plane, with coverage from sums of weights. These ripple by .02, and
+            // a cut surfel's share is one of its mean.
             let half_plane = normal_cdf(inside as f32);
             let expected = if half_plane <= 0.5 {
                 half_plane
@@ -776,7 +785,7 @@ fn clipped_surfaces_end_softly_at_the_cut() {
     let clipped = draw(&scene, &camera, &slanted);
     for (i, pixel) in clipped.image().pixels.iter().enumerate() {
         let (x, y) = (i % 80, i / 80);
-        // Where the ray meets the wall.
+        // The point at which the ray meets the wall.
         let at = DVec3::new(
             (x as f64 + 0.5 - 40.0) / 150.0 * 8.0,
             (y as f64 + 0.5 - 20.0) / 150.0 * 8.0,
@@ -785,7 +794,7 @@ fn clipped_surfaces_end_softly_at_the_cut() {
         let px = 8.0 / 150.0;
         let inside = slanted.clip.iter().map(|p| {
             let unit = p.normalised().unwrap();
-            // On the wall, in pixels.
+            // The distance on the wall, in pixels.
             unit.inside(at) / unit.normal.truncate().length() / px
         });
         let inside = inside.fold(f64::INFINITY, f64::min);
@@ -799,7 +808,8 @@ fn clipped_surfaces_end_softly_at_the_cut() {
 
 #[test]
 fn a_face_on_its_own_plane_stays_whole() {
-    // Surfels far below a pixel, and of several, a twentieth of their width inside an oblique plane.
+    // Surfels far below a pixel, and several with a twentieth of their width inside an oblique
+    // plane.
     let turn = DMat3::from_rotation_y(0.9) * DMat3::from_rotation_x(0.4);
     let mut scene = wall([1.0; 3]);
     let Particles::Surfels {
@@ -843,8 +853,8 @@ fn a_face_on_its_own_plane_stays_whole() {
                 draw(std::slice::from_ref(&scene), &camera, &whole).image(),
                 draw(std::slice::from_ref(&scene), &camera, &clipped).image(),
             );
-            // Of surfels whose centres lie inside nothing is cut but by roundings: they decide at pixels
-            // that see a surfel's plane near its horizon, the tails of its filtered kernel.
+            // Surfels whose centres lie inside are cut only by roundings. These decide at pixels
+            // that see a surfel's plane near its horizon, in the tails of its filtered kernel.
             assert!(off < 5e-3, "{focal} {projection:?}: {off}");
         }
     }
@@ -852,7 +862,8 @@ fn a_face_on_its_own_plane_stays_whole() {
 
 #[test]
 fn many_layers_and_long_lists_are_carried() {
-    // Kernels of very different sizes in thin slabs: rings of more than the first number of places.
+    // Kernels of very different sizes in thin slabs need rings with more than the initial number of
+    // slots.
     let mut random = Random::new(31);
     let particles: Vec<Particle> = (0..400)
         .map(|_| Particle {
@@ -873,7 +884,7 @@ fn many_layers_and_long_lists_are_carried() {
         draw(&scene, &camera, &settings).image().clone()
     };
     let (thin, thinner) = (of(0.08, false), of(0.04, false));
-    // .01 kappa D^2 / sigma, kappa below 20 and sigma .1 at D = .08: .013; measured far less.
+    // .01 kappa D^2 / sigma, with kappa below 20 and sigma .1 at D = .08: .013; measured far less.
     assert!(difference(&thin, &thinner) < 0.01);
     of(0.08, true);
 }
@@ -891,7 +902,7 @@ fn splats_and_absurd_layers_are_refused() {
         let error = renderer.render(&camera, &settings).unwrap_err();
         let error = error.to_string();
         assert!(error.contains("thickness"), "{error}");
-        // What it asks for is enough.
+        // The thickness that the error recommends is enough.
         if let Some((_, rest)) = error.split_once("at least ") {
             let least = rest.split_once(' ').unwrap().0.parse().unwrap();
             let settings = Settings {

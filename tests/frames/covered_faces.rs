@@ -1,5 +1,6 @@
-//! Meshes whose faces do not match one to one. A ray through a uniform field has the optical depth of its length inside,
-//! across interfaces and along them. The reference is the integral of the data's own field.
+//! Tests meshes whose faces do not match one to one. A ray through a uniform field has the optical
+//! depth of its length inside, across interfaces and along them. The reference is the integral of
+//! the data's own field.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -28,7 +29,7 @@ fn transfer() -> TransferFunction {
     TransferFunction::from_curves(|v| [v, 0.5, 1.0 - v], move |_| opacity, [0.0, 1.0], 1.0).unwrap()
 }
 
-/// Cells under construction; within a part, cells share the nodes at one place.
+/// Cells under construction. Within a part, cells share the nodes at one position.
 #[derive(Default, Clone)]
 struct Parts {
     nodes: Vec<DVec3>,
@@ -39,7 +40,7 @@ struct Parts {
 }
 
 impl Parts {
-    /// Begins a part: its nodes are not shared with earlier parts.
+    /// Begins a part, whose nodes are not shared with earlier parts.
     fn part(&mut self) {
         self.first = self.nodes.len();
     }
@@ -63,12 +64,12 @@ impl Parts {
         }
     }
 
-    /// A hexahedron by its corners x fastest.
+    /// Adds a hexahedron by its corners, x fastest.
     fn hexahedron(&mut self, c: [DVec3; 8]) {
         self.add(12, &[0, 1, 3, 2, 4, 5, 7, 6].map(|i| c[i]));
     }
 
-    /// A box divided so many times, its places through a map.
+    /// Adds a box divided into `counts` cells, with positions mapped by `map`.
     fn block(&mut self, low: DVec3, high: DVec3, counts: [usize; 3], map: impl Fn(DVec3) -> DVec3) {
         self.each_cube(counts, |parts, at| {
             let corner = |c: usize| {
@@ -79,7 +80,7 @@ impl Parts {
         });
     }
 
-    /// The same of tetrahedra, whose diagonals run the other way where it is mirrored.
+    /// Adds such a box of tetrahedra, with opposite diagonals if it is mirrored.
     fn tetrahedra(&mut self, low: DVec3, high: DVec3, counts: [usize; 3], is_mirrored: bool) {
         self.each_cube(counts, |parts, at| {
             let place = |at: [usize; 3]| {
@@ -89,7 +90,7 @@ impl Parts {
                 }
                 low + (high - low) * DVec3::from(share)
             };
-            // By the corners' numbers in a table of this cube.
+            // Corner numbers in a table of this cube.
             let mut corners = Vec::new();
             for c in 0..8_usize {
                 corners.push(place([0, 1, 2].map(|d| at[d] + (c >> d & 1))));
@@ -144,7 +145,8 @@ fn sampled(data: Dataset, boundary: BoundaryChoice) -> Sampled {
     }
 }
 
-/// Depths over those of the data's own field at the pixels of a view, where the truth is that of pixels beside, too.
+/// Returns depths relative to those of the data's own field, at the pixels of a view where the
+/// reference also holds at neighbouring pixels.
 fn ratios(data: &Dataset, volume: PointVolume, camera: &Camera) -> Vec<f64> {
     let truth = DataIntegrator::new(data.clone(), "value", transfer()).unwrap();
     let mut renderer = Renderer::new(vec![volume]).unwrap();
@@ -167,7 +169,8 @@ fn ratios(data: &Dataset, volume: PointVolume, camera: &Camera) -> Vec<f64> {
     ratios
 }
 
-/// Views across, along and athwart an interface at the middle of a thing of so much radius.
+/// Returns views across, along and oblique to an interface at the centre of an object of this
+/// radius.
 fn cameras(middle: DVec3, radius: f64) -> [Camera; 3] {
     let view = |from: DVec3| {
         Camera::orthographic(
@@ -185,8 +188,8 @@ fn cameras(middle: DVec3, radius: f64) -> [Camera; 3] {
     ]
 }
 
-/// Checks a mesh from all sides: nine in ten rays within `most`, and all within three times that, or no worse than soft
-/// ones: along a jump of sizes kernels add up unevenly.
+/// Checks a mesh from all sides: nine in ten rays within `most`, and all within three times that,
+/// or no worse than with soft boundaries. Along a jump of sizes, kernels add up unevenly.
 fn check(name: &str, data: &Dataset, most: f64) {
     let (low, high) = data.bounds().unwrap();
     let middle = (low + high) / 2.0;
@@ -233,7 +236,7 @@ const fn v(x: f64, y: f64, z: f64) -> DVec3 {
 
 #[test]
 fn hanging_nodes_are_inside() {
-    // Cubes of one size beside those of half, a quarter, an eighth of it, on nodes that are shared.
+    // Cubes of one size lie beside those of half, a quarter, an eighth of it, with shared nodes.
     for finer in [2, 4, 8] {
         let coarse = if finer == 8 { 2 } else { 4 };
         let mut parts = Parts::default();
@@ -243,7 +246,7 @@ fn hanging_nodes_are_inside() {
         parts.block(v(size, 0.0, 0.0), v(size + 2.0, size, size), fine, same);
         check(&format!("1:{finer}"), &dataset(parts.mesh(), vec![]), 0.04);
     }
-    // One corner refined, as octrees do it: nodes hang on three sides.
+    // One corner is refined, as in octrees: hanging nodes lie on three sides.
     let mut parts = Parts::default();
     for at in 0..64_usize {
         let low = v((at % 4) as f64, (at / 4 % 4) as f64, (at / 16) as f64);
@@ -267,7 +270,7 @@ fn cells_of_other_kinds_cover_each_other() {
         &dataset(parts.mesh(), vec![]),
         0.04,
     );
-    // Diagonals that do not meet.
+    // Diagonals do not meet.
     let mut parts = Parts::default();
     parts.tetrahedra(low, high, [4; 3], true);
     parts.tetrahedra(next, last, [4; 3], false);
@@ -276,7 +279,7 @@ fn cells_of_other_kinds_cover_each_other() {
 
 #[test]
 fn tied_interfaces_are_inside() {
-    // Other numbers of faces on nodes of their own, all turned, far from the origin.
+    // Both sides have other numbers of faces and their own nodes, all rotated, far from the origin.
     let turned = |p: DVec3| {
         glam::DMat3::from_rotation_z(0.4) * glam::DMat3::from_rotation_x(0.3) * p
             + v(300.0, -200.0, 100.0)
@@ -286,7 +289,7 @@ fn tied_interfaces_are_inside() {
     parts.part();
     parts.block(v(3.0, 0.0, 0.0), v(6.0, 4.0, 4.0), [4, 5, 7], turned);
     check("tied", &dataset(parts.mesh(), vec![]), 0.05);
-    // The same on a cylinder: chords of neither side meet those of the other.
+    // The same on a cylinder: chords of one side do not meet those of the other.
     let ring = |p: DVec3| {
         let angle = TAU * p.y;
         v(p.x * angle.cos(), p.x * angle.sin(), p.z)
@@ -299,7 +302,7 @@ fn tied_interfaces_are_inside() {
     check("sliding", &dataset(parts.mesh(), vec![]), 0.07);
 }
 
-/// A block in pieces along x, each with nodes of its own that are moved by `shift` of each piece.
+/// Returns a block in pieces along x, each with its own nodes, moved by `shift` of the piece.
 fn pieces(count: usize, shift: impl Fn(usize) -> f64) -> CellMesh {
     let mut parts = Parts::default();
     let width = 8 / count;
@@ -327,7 +330,7 @@ fn a_mesh_in_pieces_draws_as_in_one() {
         let each = pairs.map(|(a, b)| (a[3] - b[3]).abs());
         each.fold(0.0, f32::max)
     };
-    // Nodes at the same places to the last bit: the same kernels in shares.
+    // Nodes coincide to the last bit: the same kernels, divided.
     let apart = difference(&image(pieces(4, |_| 0.0)));
     assert!(apart < 1e-4, "{apart}");
     // Rounded: kernels of half cells beside each other, which are half as thick as those of the whole.
@@ -343,7 +346,7 @@ fn a_mesh_in_pieces_draws_as_in_one() {
 
 #[test]
 fn a_gap_is_no_interface() {
-    // Cells of 1, a gap of .4: along it nothing, beside it all.
+    // Cells of size 1 and a gap of .4: along the gap there is nothing, beside it everything.
     let mut parts = Parts::default();
     parts.block(v(0.0, 0.0, 0.0), v(3.0, 4.0, 4.0), [3, 4, 4], same);
     parts.block(v(3.4, 0.0, 0.0), v(6.4, 4.0, 4.0), [3, 4, 4], same);
@@ -355,7 +358,7 @@ fn a_gap_is_no_interface() {
     let image = renderer.render(&camera, &settings()).unwrap();
     let within = image.pixels[32 * 64 + 32][3];
     assert!(within < 1e-3, "{within}");
-    // Thin cells close to each other: as far apart as they are thick.
+    // Thin cells lie as far apart as they are thick.
     let mut parts = Parts::default();
     parts.block(v(0.0, 0.0, 0.0), v(4.0, 4.0, 0.04), [4, 4, 1], same);
     parts.block(v(0.0, 0.0, 0.08), v(4.0, 4.0, 0.12), [4, 4, 1], same);
@@ -374,7 +377,7 @@ fn a_gap_is_no_interface() {
 
 #[test]
 fn faces_that_are_covered_in_part_stay_soft_there() {
-    // A column on one corner of a slab of large cells, and one astride its faces.
+    // One column stands on a corner of a slab of large cells, and another across its faces.
     let mut parts = Parts::default();
     parts.block(v(0.0, 0.0, 0.0), v(8.0, 8.0, 2.0), [4, 4, 1], same);
     parts.block(v(1.0, 1.0, 2.0), v(3.0, 3.0, 6.0), [4, 4, 8], same);
@@ -389,7 +392,7 @@ fn faces_that_are_covered_in_part_stay_soft_there() {
         "{:?}",
         report.warnings()
     );
-    // Down through the column and the slab: nothing is cut between them.
+    // Seen down through the column and the slab: nothing is cut between them.
     let camera = Camera::orthographic(v(2.0, 2.0, 20.0), v(2.0, 2.0, 0.0), DVec3::Y, 1.0, [64, 64]);
     let found = ratios(&data, volume.clone(), &camera);
     let worst = found.iter().map(|r| (r - 1.0).abs()).fold(0.0, f64::max);
@@ -406,14 +409,14 @@ fn faces_that_are_covered_in_part_stay_soft_there() {
 
 #[test]
 fn cells_that_are_left_out_leave_a_boundary() {
-    // A node without a place in the middle of one face of a block: the cells around it are gone.
+    // A node in the middle of one face of a block has no position: the cells around it are gone.
     let mut parts = Parts::default();
     parts.block(v(0.0, 0.0, 0.0), v(6.0, 6.0, 6.0), [6; 3], same);
     let at = parts.node(v(0.0, 3.0, 3.0)) as usize;
     let mut mesh = parts.mesh();
     mesh.nodes[at] = DVec3::NAN;
     check("without a node", &dataset(mesh, vec![]), 0.06);
-    // Hidden nodes take their cells with them.
+    // Hidden nodes hide their cells.
     let mesh = parts.mesh();
     let hidden = |i: usize| u8::from(mesh.nodes[i].x > 4.5) * 2;
     let marks = (0..mesh.nodes.len()).map(hidden).collect();
@@ -424,7 +427,7 @@ fn cells_that_are_left_out_leave_a_boundary() {
         unit: None,
     };
     check("hidden nodes", &dataset(mesh, vec![ghosts]), 0.02);
-    // A cell that is stated twice has a boundary all the same.
+    // A cell that is stated twice still has a boundary.
     let mut parts = Parts::default();
     parts.block(v(0.0, 0.0, 0.0), v(4.0, 4.0, 4.0), [4; 3], same);
     let once = sampled(dataset(parts.mesh(), vec![]), BoundaryChoice::Sharp).volume;

@@ -1,4 +1,5 @@
-//! Faces of clip planes: slices of kernels against brute-force numbers, their sums, their colours.
+//! Tests faces of clip planes: slices of kernels against brute-force numbers, their sums, their
+//! colours.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::unwrap_used,
@@ -38,7 +39,7 @@ fn classified(particles: Particles, volumes: Vec<f32>, values: Vec<f32>) -> Poin
     }
 }
 
-/// A sheared lattice of 20 x 22 x 24 samples about the origin.
+/// Returns a sheared lattice of 20 x 22 x 24 samples about the origin.
 fn sheared() -> Lattice {
     let step = DMat3::from_cols(
         DVec3::new(0.1, 0.0, 0.0),
@@ -62,7 +63,7 @@ fn centres(lattice: &Lattice) -> Vec<DVec3> {
         .collect()
 }
 
-/// A volume on that lattice with a field of the position.
+/// Returns a volume on that lattice with a field of the position.
 fn field(lattice: Lattice, value: impl Fn(DVec3) -> f64) -> PointVolume {
     let values = centres(&lattice)
         .into_iter()
@@ -75,7 +76,7 @@ fn field(lattice: Lattice, value: impl Fn(DVec3) -> f64) -> PointVolume {
     classified(particles, Vec::new(), values)
 }
 
-/// Off every axis, through the lattice's middle or near.
+/// Returns a plane along no axis, near the lattice's centre.
 fn oblique() -> ClipPlane {
     let plane = ClipPlane {
         normal: DVec3::new(2.0, -1.0, 0.7),
@@ -84,7 +85,7 @@ fn oblique() -> ClipPlane {
     plane.normalised().unwrap()
 }
 
-/// The surfels of a face: positions, tangents and areas.
+/// Returns the surfels of a face: positions, tangents and areas.
 fn surfels(face: &PointVolume) -> Vec<(DVec3, [DVec3; 2], f64)> {
     face.validate().unwrap();
     let (
@@ -106,7 +107,7 @@ fn surfels(face: &PointVolume) -> Vec<(DVec3, [DVec3; 2], f64)> {
     all.map(|((p, t), a)| (*p, of(t), f64::from(*a))).collect()
 }
 
-/// A surfel's kernel at a point of its plane.
+/// Returns a surfel's kernel at a point of its plane.
 fn weight(
     (position, [a, b], area): &(DVec3, [DVec3; 2], f64),
     plane: &ClipPlane,
@@ -119,7 +120,7 @@ fn weight(
     area * (-0.5 * q).exp() / (TAU * factor.determinant().abs())
 }
 
-/// A point of the plane, within `reach` of the foot of the origin.
+/// Returns a point of the plane, within `reach` of the origin's projection.
 fn point_on(plane: &ClipPlane, random: &mut Random, reach: f64) -> DVec3 {
     let x = random.point(reach);
     x - plane.normal * plane.inside(x)
@@ -138,7 +139,7 @@ fn slices_have_the_moments_of_the_kernel_on_the_plane() {
         let centre = random.point(2.0);
         let normal = random.point(1.0).normalize();
         let sigma = (factor.transpose() * normal).length();
-        // Up to three and a half standard deviations off.
+        // Planes lie up to three and a half standard deviations off.
         let off = random.range(-3.5, 3.5) * sigma;
         let plane = ClipPlane {
             normal: normal * 3.0,
@@ -162,7 +163,7 @@ fn slices_have_the_moments_of_the_kernel_on_the_plane() {
         assert_eq!(found.len(), 1);
         let (position, [a, b], area) = found[0];
 
-        // Sums over a grid of the plane, seven of the largest deviations wide about the foot.
+        // Sums over a grid of the plane, seven of the largest deviations wide about the projection.
         let inverse = factor.inverse();
         let (u, v) = normal.any_orthonormal_pair();
         let foot = position - normal * (normal.dot(position - centre) + off);
@@ -185,7 +186,7 @@ fn slices_have_the_moments_of_the_kernel_on_the_plane() {
         let variance = second * (1.0 / mass) - DMat2::from_cols(mean * mean.x, mean * mean.y);
         let density = 1.0 / (TAU.powf(1.5) * factor.determinant().abs());
         let integral = 0.7 * mass * density * cell * cell * su * sv;
-        // The grid's 1e-9 beyond seven deviations; f32 factors of axis ratios to 30.
+        // The grid omits 1e-9 beyond seven deviations; f32 factors have axis ratios to 30.
         assert!(
             (area / integral - 1.0).abs() < 2e-5,
             "{case}: {area} {integral}"
@@ -201,7 +202,8 @@ fn slices_have_the_moments_of_the_kernel_on_the_plane() {
             let error = (variance.col(x)[y] - expected.col(x)[y]).abs();
             assert!(error < 2e-5 * size, "{case}: {variance} {expected}");
         }
-        // In the plane, a twentieth of a deviation inside, the front towards what is cut away.
+        // Points lie in the plane, a twentieth of a deviation inside; the front faces the removed
+        // side.
         for t in [a, b] {
             assert!(t.dot(normal).abs() < 1e-6 * t.length().max(sigma), "{case}");
         }
@@ -234,8 +236,8 @@ fn weights_sum_to_one_within_a_lattice() {
             .iter()
             .map(|c| (inverse * (at - *c)).length_squared());
         let brute: f64 = kernels.map(|q| density * (-0.5 * q).exp()).sum();
-        // What lies beyond four deviations of the plane: 6.4e-5 on average, twice that where samples
-        // lie just beyond; and roundings of f32.
+        // The part beyond four deviations of the plane: 6.4e-5 on average, twice that if samples
+        // lie just beyond; and f32 roundings.
         assert!((sum - brute).abs() < 1.5e-4, "{sum} {brute}");
         // The ripple of a cubic lattice at .6: 6 exp(-2 pi² .36) = .0049, and second harmonics.
         assert!((sum - 1.0).abs() < 0.007, "{sum}");
@@ -259,8 +261,8 @@ fn a_linear_field_has_its_values_on_an_oblique_plane() {
             sum += w;
             mean += w * f64::from(values.get(i));
         }
-        // The mean of kernels' offsets is their variance times the sum's relative slope: of a ripple
-        // of .0049 to either side, .36 2 pi .0049 = .011 of a cell along each index.
+        // The mean offset of kernels is their variance times the sum's relative slope. A ripple of
+        // .0049 to either side gives .36 2 pi .0049 = .011 of a cell along each index.
         let error = (mean / sum - slope.dot(at)).abs();
         let cell = 0.1 * 0.7 + 0.12 * 0.4 + 0.09 * 1.1;
         assert!(error < 0.011 * cell, "{error}");
@@ -274,18 +276,18 @@ fn a_constant_field_is_drawn_in_its_colour() {
     let colour = viridis([-2.0, 2.0]).classify(value as f32);
     let plane = oblique();
     let face = cut_faces(&volume, &[plane]).unwrap().unwrap();
-    // From the side that is cut away.
+    // The face is seen from the removed side.
     let foot = -plane.normal * plane.distance;
     let eye = foot - plane.normal * 4.0;
     let camera = Camera::perspective(eye, foot, DVec3::Z, 9.0, [64, 64]);
     let mut renderer = Renderer::new(vec![face]).unwrap();
     let image = renderer.render(&camera, &Settings::default()).unwrap();
     for pixel in &image.pixels {
-        // An average of one colour: the roundings of some fifty weights.
+        // The mean of one colour: the roundings of some fifty weights.
         for (c, expected) in colour[..3].iter().enumerate() {
             assert!((pixel[c] / pixel[3] - expected).abs() < 2e-6, "{pixel:?}");
         }
-        // A sheet of weights about 1 is opaque where their ripple leaves it so.
+        // A sheet of weights about 1 is opaque to within their ripple.
         assert!(pixel[3] > 0.99, "{pixel:?}");
     }
 }
@@ -306,7 +308,7 @@ fn faces_are_cut_by_other_planes() {
     let whole = cut_faces(&volume, &planes[..1]).unwrap().unwrap();
     let both = cut_faces(&volume, &planes).unwrap().unwrap();
     let (whole, both) = (surfels(&whole), surfels(&both));
-    // Kernels' deviations in y: .6 x .12.
+    // The kernels' deviations in y are .6 x .12.
     let reach = 4.0 * 0.6 * (0.12_f64.powi(2) + 0.02_f64.powi(2)).sqrt();
     let of_first = |s: &&(DVec3, [DVec3; 2], f64)| s.0.x.abs() < 0.05 * 0.07;
     let kept: Vec<_> = both.iter().filter(of_first).collect();
@@ -316,7 +318,7 @@ fn faces_are_cut_by_other_planes() {
         assert!(is_kept || surfel.0.y < 0.1);
     }
     assert!(kept.len() < whole.len());
-    // And of the second face what the first leaves.
+    // The second face keeps what the first leaves.
     assert!(both.len() > kept.len() + 100);
 }
 
@@ -337,7 +339,7 @@ fn what_cannot_be_cut_is_left_out_or_refused() {
     let error = cut_faces(&volume, &[none]).unwrap_err().to_string();
     assert!(error.contains("clip plane"), "{error}");
 
-    // Values that are none, and kernels that no plane slices.
+    // Invalid values, and kernels that no plane slices.
     let all = surfels(&cut_faces(&volume, &[plane]).unwrap().unwrap()).len();
     let Some(Values::F32(values)) = &mut volume.values else {
         panic!("f32")

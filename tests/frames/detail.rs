@@ -1,4 +1,4 @@
-//! Level of detail: what clusters keep of their members, and what it costs to keep them.
+//! Tests levels of detail: the sums that clusters preserve, and the cost of merging.
 
 #![allow(
     clippy::unwrap_used,
@@ -17,7 +17,7 @@ use ewa_splat::view::Camera;
 use ewa_splat::{ColumnSettings, Renderer, SceneOptions, Settings};
 use glam::DVec3;
 
-/// Spheres with masses and colours, in clumps.
+/// Returns spheres with masses and colours, in clumps.
 fn spheres(count: usize) -> PointVolume {
     let mut random = Random::new(31);
     let mut positions = Vec::new();
@@ -63,7 +63,7 @@ fn classified(particles: Particles, values: Values, is_lattice: bool) -> PointVo
     }
 }
 
-/// The sum over some particles of mass, mass times position, mass times the trace of the second
+/// Sums over some particles of mass, mass times position, mass times the trace of the second
 /// moments about the origin, and mass times colour.
 #[derive(Debug, Default)]
 struct Sums {
@@ -83,7 +83,7 @@ impl Sums {
     }
 }
 
-/// What a volume's particles of one level sum to, positions relative to `middle`.
+/// Returns the sums of a volume's particles of one level, with positions relative to `middle`.
 fn sums(volume: &BlockedVolume, level: u32, middle: DVec3) -> Sums {
     let mut sums = Sums::default();
     let (StrengthIn::Mass(masses), ColourIn::PerParticle(colours)) =
@@ -124,8 +124,8 @@ fn every_level_has_the_mass_centre_variance_and_colour_of_all() {
     assert!(top >= 3, "{top} levels of 20,000 particles");
     for level in 1..=top {
         let merged = sums(levels, level, middle);
-        // Sums of 20,000 numbers rounded to f32 each: their roundings average out to 1e-9, and
-        // all of one sign would make 6e-8.
+        // 20,000 numbers are rounded to f32 each. Their roundings average out to 1e-9; all of one
+        // sign would make 6e-8.
         let close = |a: f64, b: f64| (a - b).abs() <= 1e-7 * b.abs().max(all.mass);
         assert!(close(merged.mass, all.mass), "{level}: {merged:?}, {all:?}");
         // Offsets are rounded to 6e-8 of a block of some 10.
@@ -189,8 +189,8 @@ fn merged_blocks_hold_what_they_stand_for() {
     }
 }
 
-/// Low-passed columns of merged points against those of their members: within the bound that the
-/// choice of levels takes, for random sets of every shape, and close to it for some.
+/// Low-passed columns of merged points differ from those of their members within the bound that
+/// selects levels. Random sets of every shape are tested; some come close to the bound.
 #[test]
 fn columns_of_clusters_are_within_their_bound() {
     let mut random = Random::new(34);
@@ -234,11 +234,11 @@ fn columns_of_clusters_are_within_their_bound() {
             let fourth = f64::from(bounds.fourth) * scale;
             let bound =
                 f64::from(MERGE_THIRD) * third.powi(3) + f64::from(MERGE_FOURTH) * fourth.powi(4);
-            // Beyond, series of moments mean nothing; nothing is merged there.
+            // Beyond this, series of moments are useless, and nothing is merged.
             if bound > 0.2 {
                 continue;
             }
-            // Along z, px², with the low-pass filter of 1 px².
+            // Columns along z, px², with the low-pass filter of 1 px².
             let column = |x: f64, y: f64| {
                 let members = positions.iter().zip(&masses).map(|(p, m)| {
                     let d = [p.x * scale - x, p.y * scale - y];
@@ -267,15 +267,15 @@ fn columns_of_clusters_are_within_their_bound() {
     }
     println!("worst error over its bound: {worst:.3}");
     assert!(worst <= 1.0, "{worst}");
-    // Clusters of many directions partly cancel; the bound is one cluster's.
+    // Clusters of many directions partly cancel; the bound is that of one cluster.
     assert!(worst > 0.2, "{worst}");
 }
 
-/// One particle without a finite shape or colour among many far below a pixel: its cluster is never
-/// merged, where NaN would have passed every comparison.
+/// One particle without a finite shape or colour lies among many far below a pixel. Its cluster is
+/// never merged, although NaN would pass every unguarded comparison.
 #[test]
 fn scenes_without_levels_draw_all_and_sum_the_same_columns() {
-    // Faint: what is opaque and many-coloured is not merged.
+    // The particles are faint, because opaque ones of many colours are not merged.
     let scene = || {
         let mut volume = spheres(6_000);
         volume.strength = Strength::Mass(vec![1e-6; 6_000]);
@@ -290,7 +290,7 @@ fn scenes_without_levels_draw_all_and_sum_the_same_columns() {
     let merged = |renderer: &Renderer| renderer.volumes().iter().any(|v| v.merged.is_some());
     assert!(merged(&with_levels) && !merged(&plain));
     assert!(plain.bytes_per_particle() < with_levels.bytes_per_particle());
-    // From afar, where all of it is merged.
+    // The camera is so far away that everything is merged.
     let middle = DVec3::splat(1e4 + 2.0);
     let eye = middle - DVec3::Y * 4e3;
     let camera = Camera::perspective(eye, middle, DVec3::Z, 20.0, [48, 48]);
@@ -345,7 +345,7 @@ fn what_is_no_number_is_not_merged() {
                 let all = [bounds.third, bounds.fourth, bounds.second, bounds.colour];
                 assert!(all.iter().all(|b| !b.is_nan()), "{block:?}");
             }
-            // The root stands for the broken one, too.
+            // The root also stands for the broken one.
             let root = &merged.bounds[0];
             assert_eq!(root.third, f32::INFINITY);
             let mut renderer = Renderer::new(vec![volume]).unwrap();
@@ -359,7 +359,7 @@ fn what_is_no_number_is_not_merged() {
     }
 }
 
-/// What the README states. A set of random points fills its blocks as real ones do: to two thirds.
+/// Memory is as the README states. Random points fill two thirds of their blocks, as real ones do.
 #[test]
 fn bytes_per_particle_are_as_stated() {
     let mut random = Random::new(33);
@@ -389,8 +389,8 @@ fn bytes_per_particle_are_as_stated() {
     println!("{isotropic:.2}, {anisotropic:.2}, {lattice:.3} bytes per particle");
 }
 
-/// Merging that may err by more takes fewer kernels, and none of the light: from afar the sum of opacities of a
-/// faint scene is that of its masses, whatever stands for them.
+/// A larger allowed error of merging gives fewer kernels but the same light. From afar, the
+/// opacities of a faint scene sum to its masses, merged or not.
 #[test]
 fn slack_merges_more_and_keeps_masses() {
     let mut volume = spheres(6_000);
@@ -411,7 +411,7 @@ fn slack_merges_more_and_keeps_masses() {
     let (all, exact) = draw(1.0, &mut renderer);
     let (fewer, merged) = draw(1e6, &mut renderer);
     assert!(fewer * 10 < all, "{fewer} of {all}");
-    // Opacities are depths up to tau/2, 2e-3 here; kernels lose what lies outside of the picture, and the distances
-    // of members are those of their cluster.
+    // Opacities equal depths up to tau/2, 2e-3 here. Kernels lose the part outside the picture, and
+    // members use their cluster's distance.
     assert!((merged / exact - 1.0).abs() < 5e-3, "{merged} {exact}");
 }

@@ -1,4 +1,4 @@
-//! Values that are exchanged while shapes stay: the next time step.
+//! Tests that values are replaced while shapes stay, as for the next time step.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -21,7 +21,7 @@ const KEEP: SceneOptions = SceneOptions {
     keep_indices: false,
     task: None,
 };
-/// Spheres of the scene.
+/// Number of spheres in the scene.
 const COUNT: usize = 6_000;
 
 fn transfer() -> TransferFunction {
@@ -31,7 +31,7 @@ fn transfer() -> TransferFunction {
 
 fn values(count: usize, seed: u64) -> Values {
     let mut random = Random::new(seed);
-    // Nearly alike, so that particles are merged from afar.
+    // Colours are nearly equal, so that particles are merged from afar.
     let level = 0.2 + 0.07 * seed as f64;
     let mut values: Vec<f32> = (0..count)
         .map(|_| (level + random.range(0.0, 0.01)) as f32)
@@ -40,7 +40,7 @@ fn values(count: usize, seed: u64) -> Values {
     Values::F32(values)
 }
 
-/// Spheres and a lattice: enough for blocks and levels of detail.
+/// Returns spheres and a lattice, enough for blocks and levels of detail.
 fn scene(seed: u64) -> Vec<PointVolume> {
     let mut random = Random::new(3);
     let positions: Vec<_> = (0..COUNT)
@@ -104,7 +104,7 @@ fn exchanged_values_draw_what_a_scene_of_them_draws() {
     let next = scene(8);
     exchange(&mut renderer, &next);
     let mut fresh = Renderer::new(next).unwrap();
-    // From near, and from where particles are merged.
+    // Views from nearby, and from where particles are merged.
     for zoom in [1.0, 0.02] {
         let expected = fresh.render(&eye(zoom), &settings).unwrap().clone();
         let counts = fresh.counts();

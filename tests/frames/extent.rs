@@ -1,5 +1,5 @@
-//! Kernels classified over their own extents: pieces against the moments in closed form, and pictures against
-//! the field's own integrals.
+//! Tests kernels classified over their own extents: pieces against moments in closed form, and
+//! pictures against the field's own integrals.
 
 use ewa_splat::reference::lobe::{moments, window_moments};
 use ewa_splat::reference::{Integrator, PixelFilter, ReferenceSettings};
@@ -16,7 +16,7 @@ use glam::{DVec3, Vec3};
 
 use crate::analytic::truth;
 
-/// A sum of Gaussian blobs over \[-1, 1\]³, 0 to about 1.
+/// Evaluates a sum of Gaussian blobs over \[-1, 1\]³, 0 to about 1.
 pub(super) fn field(x: DVec3) -> f64 {
     [
         (DVec3::new(-0.3, -0.25, -0.2), 0.35, 0.95),
@@ -42,7 +42,7 @@ fn points(points: &[(f32, f32)], unit_distance: f64) -> TransferFunction {
     TransferFunction::from_points(&points, ColourSpace::Linear, [0.0, 1.2], unit_distance).unwrap()
 }
 
-/// Two thin shells.
+/// Returns two thin shells.
 pub(super) fn shells() -> TransferFunction {
     let knots = [
         (0.27, 0.0),
@@ -71,7 +71,7 @@ pub(super) fn camera(size: usize) -> Camera {
     Camera::perspective(eye, DVec3::ZERO, DVec3::Z, 35.0, [size, size])
 }
 
-/// What pieces there are of a volume from everywhere.
+/// Returns the pieces of a volume that are visible from anywhere.
 pub(super) fn pieces(
     volume: &BlockedVolume,
 ) -> (Vec<BlockView>, Vec<ClassifiedParticle>, Vec<PieceTerms>) {
@@ -89,8 +89,9 @@ pub(super) fn pieces(
     (views, particles, terms)
 }
 
-/// Pieces of a lattice in f64 from their definition (section 9.1 of the mathematics): the neighbours of a
-/// node, moments in closed form of each run of entries above 0, the values within two nodes.
+/// Checks pieces of a lattice against their definition in f64 (section 9.1 of the mathematics): the
+/// neighbours of a node, moments in closed form of each run of entries above 0, the values within
+/// two nodes.
 #[test]
 fn pieces_of_a_lattice_are_those_of_the_definition() {
     let (n, width) = (21, 0.6);
@@ -168,7 +169,7 @@ fn pieces_of_a_lattice_are_those_of_the_definition() {
                 continue;
             };
             let distance = (middle - middle.clamp(*first, *end)).abs();
-            // A piece at the edge of its reach may fall on either side.
+            // A piece at the edge of its reach may be present or absent.
             let is_sure = distance < 3.99 * spread && lo < end - 1e-3 && hi > first + 1e-3;
             expected.push((is_sure, mass, mean, variance.sqrt()));
         }
@@ -180,7 +181,7 @@ fn pieces_of_a_lattice_are_those_of_the_definition() {
                 let width = f64::from(terms.width) - e.3;
                 (extinction / e.1 - 1.0).abs() < 0.1 && shift.abs() < 0.02 && width.abs() < 0.02
             };
-            // Where little is left the share may err by a tenth (`Lobes::piece`).
+            // If little is left, the share may err by a tenth (`Lobes::piece`).
             assert!(
                 expected.iter().any(|e| close(&e)) || extinction < 2e-4 * peak,
                 "{at:?}: {particle:?} {terms:?}, {expected:?}"
@@ -197,7 +198,8 @@ fn pieces_of_a_lattice_are_those_of_the_definition() {
     assert!(drawn > 1_000 && shifted > 500, "{drawn} {shifted}");
 }
 
-/// Steps of every kind: where a lobe begins and ends, within it, and where it has none.
+/// Returns a function with steps of every kind: at the beginning and end of a lobe, within it, and
+/// without any.
 pub(super) fn steps() -> TransferFunction {
     let knots = [
         (0.2, 0.0),
@@ -213,7 +215,7 @@ pub(super) fn steps() -> TransferFunction {
     points(&knots, 0.1)
 }
 
-/// Root mean square of the error of a picture, levels of 255.
+/// Returns the root mean square error of a picture, levels of 255.
 fn error(volume: PointVolume, camera: &Camera, settings: &Settings, truth: &[[f64; 4]]) -> f64 {
     let mut renderer = Renderer::new(vec![volume]).unwrap();
     let image = renderer.render(camera, settings).unwrap();
@@ -232,9 +234,9 @@ pub(super) fn settings(classify: Classification) -> Settings {
     }
 }
 
-/// Pictures of a field on a lattice against its own integrals: each rule of section 9 of the mathematics
-/// shows. Figures are those found, with a tenth to spare; without the shift, the variance, the prefilter or
-/// with its sign turned they are passed several times over.
+/// Compares pictures of a field on a lattice with its own integrals: each rule of section 9 of the
+/// mathematics has an effect. Bounds are the measured figures plus a tenth. Without the shift,
+/// variance or prefilter, or with its sign reversed, the errors are several times larger.
 #[test]
 fn pictures_are_near_those_of_the_field() {
     let camera = camera(128);
@@ -260,8 +262,8 @@ fn pictures_are_near_those_of_the_field() {
     }
 }
 
-/// Beside a jump the linear model overshoots what the data have: a lobe of values that one sample has leaves
-/// pieces of the kernels within two samples of that one, and of no others along the jump.
+/// Next to a jump, the linear model overshoots the data. A lobe of values that only one sample has
+/// leaves pieces of the kernels within two samples of that one, and of no others along the jump.
 #[test]
 fn lobes_are_drawn_where_samples_around_have_their_values() {
     let nodes = 25;
@@ -296,8 +298,8 @@ fn lobes_are_drawn_where_samples_around_have_their_values() {
     }
 }
 
-/// A function without a feature that a kernel is too wide for asks for nothing: the same picture to the bit, no
-/// pieces, and no lobes kept.
+/// A function without features narrower than a kernel needs no pieces. The picture is the same to
+/// the bit, and no lobes are stored.
 #[test]
 fn what_no_kernel_straddles_is_classified_as_before() {
     let transfer = points(&[(0.0, 0.0), (1.2, 1e-3)], 1.0);
@@ -315,8 +317,8 @@ fn what_no_kernel_straddles_is_classified_as_before() {
     assert_eq!(&by_extent, by_value);
 }
 
-/// Windows add up to the lobe that they divide: their masses to its own in closed form, and their means, weighted
-/// with them, to its mean. To 2.5 %, twice what tables err by.
+/// Windows add up to the lobe that they divide: their masses to its mass in closed form, and their
+/// weighted means to its mean, to 2.5 %, twice the error of the tables.
 #[test]
 fn windows_add_up_to_their_lobe() {
     let transfer = steps();
@@ -334,7 +336,7 @@ fn windows_add_up_to_their_lobe() {
             knots.push([hi + 10.0, lobe.beyond[1].into()]);
         }
         most = most.max(lobes.windows(lobe).len());
-        // From the narrowest row of their tables on.
+        // From the narrowest row of the tables on.
         for times in [1.0, 4.0, 16.0, 64.0] {
             let spread = times * (lobe.interval[1] - lobe.interval[0]) / 60.0;
             for n in -30..=30 {
@@ -343,7 +345,7 @@ fn windows_add_up_to_their_lobe() {
                 if whole[0]
                     < 0.01 * f64::from(transfer.max_extinction(lobe.interval[0], lobe.interval[1]))
                 {
-                    // Faint: tables promise less.
+                    // Faint windows have a weaker bound in the tables.
                     continue;
                 }
                 let windows = lobes.windows(lobe).iter();
@@ -374,7 +376,7 @@ fn windows_add_up_to_their_lobe() {
     assert!(most >= 5, "{most}");
 }
 
-/// Far from a step, in deviations of a kernel, nothing is drawn but the rest of its lobe.
+/// Far from a step, in standard deviations of a kernel, only the rest of its lobe is drawn.
 #[test]
 fn far_from_a_step_a_kernel_is_one_piece() {
     let transfer = points(&[(0.3, 0.0), (0.3, 0.95), (1.2, 0.95)], 0.1);
@@ -401,8 +403,8 @@ fn far_from_a_step_a_kernel_is_one_piece() {
     );
 }
 
-/// The reference finds the same windows by quadrature: pictures of both agree as far as tables err, half a grey
-/// level.
+/// The reference finds the same windows by quadrature. The pictures agree to the tables' error,
+/// half a grey level.
 #[test]
 fn the_reference_has_windows_of_its_own() {
     let camera = camera(24);

@@ -1,5 +1,5 @@
-//! The 40 extreme cases of `fixtures/extreme_cases.json` (digits from 60-digit arithmetic)
-//! through the f32 formulas.
+//! Evaluates the 40 extreme cases of `fixtures/extreme_cases.json` (digits from 60-digit
+//! arithmetic) by the f32 formulas.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -14,9 +14,9 @@ use ewa_splat::stages::splat::{
 use glam::{Vec2, Vec3};
 use serde_json::Value;
 
-/// At most 6e-6 of the peak: some sixteen f32 roundings of 6e-8 each, and the rounding of a
-/// pixel coordinate near 600 (3e-5 px at a slope of .6 per px over a standard deviation of
-/// several px); the worst published case of this very path has 5.5e-6.
+/// At most 6e-6 of the peak. Some sixteen f32 roundings of 6e-8 each, and the rounding of a pixel
+/// coordinate near 600 (3e-5 px at a slope of .6 per px over a standard deviation of several px).
+/// The worst published case of this path has 5.5e-6.
 const TOLERANCE_OF_PEAK: f64 = 6e-6;
 
 fn cases(kind: &str) -> Vec<Value> {
@@ -81,7 +81,7 @@ fn footprints_affine_and_exact() {
             image.determinant
         );
 
-        // A peak that has underflowed beyond f32's normal range has no relative digits left.
+        // A peak that underflows below f32's normal range has no relative precision.
         let allowed = TOLERANCE_OF_PEAK * peak;
         let ewa = numbers(&case, "/expected/tau_ewa");
         let exact = case["expected"]

@@ -1,8 +1,9 @@
-//! Numerical stability at the extremes, through the whole renderer: a scene, a camera, a picture.
+//! Tests numerical stability at the extremes through the whole renderer: a scene, a camera, a
+//! picture.
 //!
-//! Every picture is held to the reference integrator with the low-pass filter on kernels, so that
-//! what is measured is projection, rounding and cut-off; kernels of one scene have one colour, so
-//! that their order plays no part (with 1 - exp(-tau) the opacity is exact whatever the overlap).
+//! Every picture is compared with the reference integrator, with the low-pass filter on kernels, so
+//! that the test measures projection, rounding and cut-off. Kernels of one scene have one colour,
+//! so that their order has no effect (with 1 - exp(-tau), the opacity is exact for any overlap).
 //! `cargo test --test extremes -- --nocapture --test-threads 1` prints the table of the
 //! documentation.
 #![allow(
@@ -28,7 +29,7 @@ fn default_settings() -> Settings {
     Settings::default()
 }
 
-/// What the renderer can do at best.
+/// Returns the renderer's most accurate settings.
 fn exact_settings() -> Settings {
     Settings {
         filter: Filter::Exact,
@@ -38,7 +39,7 @@ fn exact_settings() -> Settings {
     }
 }
 
-/// The CPU's picture, to which the GPU's is held.
+/// Draws on the CPU, and compares the GPU's picture with it.
 fn render(scene: &PointVolume, camera: &Camera, settings: &Settings, name: &str) -> Image {
     #[cfg(feature = "gpu")]
     crate::common::gpu::assert_alike(name, scene, camera, settings);
@@ -49,7 +50,7 @@ fn render(scene: &PointVolume, camera: &Camera, settings: &Settings, name: &str)
     image.clone()
 }
 
-/// The largest difference of a channel.
+/// Returns the largest difference of a channel.
 fn error(image: &Image, truth: &[[f64; 4]]) -> f64 {
     let pairs = image.pixels.iter().flatten().zip(truth.iter().flatten());
     pairs
@@ -57,9 +58,9 @@ fn error(image: &Image, truth: &[[f64; 4]]) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// Holds a scene's pictures to the truth: at best to `bound` of the picture's peak, by default to
-/// twice the tolerance, which is of full scale (one approximation of the shape and one of the
-/// cut-off). Prints a row of the table.
+/// Compares a scene's pictures with the reference. The most accurate one must be within `bound` of
+/// the picture's peak, the default one within twice the tolerance, relative to full scale (one
+/// approximation of the shape and one of the cut-off). Prints a row of the table.
 fn judge(name: &str, particles: &[Particle], camera: &Camera, h2: f64, bound: f64) {
     judge_against(name, particles, camera, h2, bound, 1e-9);
 }
@@ -97,8 +98,8 @@ fn judge_against(
     assert!(default <= allowed, "{name}: {default:e} by default");
 }
 
-/// f32 rounds a place in the picture to 3e-5 px, a shape to 1e-7 of itself, a depth by a few
-/// 1e-7; the published worst of these formulas is 5.5e-6 of the peak.
+/// f32 rounds a position in the picture to 3e-5 px, a shape to 1e-7, relative, and a depth by a few
+/// 1e-7. The published worst of these formulas is 5.5e-6 of the peak.
 const ROUNDING: f64 = 6e-6;
 
 fn camera(fov_deg: f64, size: [usize; 2]) -> Camera {
@@ -108,12 +109,12 @@ fn camera(fov_deg: f64, size: [usize; 2]) -> Camera {
     camera
 }
 
-/// A mass that gives a sphere of standard deviation `sigma` the depth `tau`.
+/// Returns the mass that gives a sphere of standard deviation `sigma` the depth `tau`.
 fn mass(tau: f64, sigma: f64) -> f64 {
     tau * TAU * sigma * sigma
 }
 
-/// Overlapping kernels of one colour, some 2 to 20 px wide at 400 px focal length.
+/// Returns overlapping kernels of one colour, some 2 to 20 px wide at 400 px focal length.
 fn cloud(count: usize) -> Vec<Particle> {
     let mut random = Random::new(2024);
     (0..count)
@@ -129,7 +130,7 @@ fn cloud(count: usize) -> Vec<Particle> {
         .collect()
 }
 
-/// The cloud, the camera's distance and its eye carried to another scale and place.
+/// Returns the cloud and its camera at another scale and position.
 fn carried(scale: f64, offset: DVec3) -> (Vec<Particle>, Camera) {
     let mut particles = cloud(20);
     for p in &mut particles {
@@ -151,7 +152,7 @@ fn axis_ratios() {
             .map(|_| Particle {
                 position: DVec3::Z * 20.0 + random.point(0.5),
                 factor: random.factor(0.8, ratio),
-                // The depth of its mass spread over a pixel-wide line, not more.
+                // The depth of the mass spread over a pixel-wide line, not more.
                 mass: 2e-3,
                 colour: [0.75; 3],
             })
@@ -276,7 +277,7 @@ fn fields_of_view() {
         let camera = camera(fov, [48, 48]);
         let half = (fov.to_radians() / 2.0).tan();
         let mut random = Random::new(9);
-        // On the axis, half way and in the corner, all a few pixels wide on the axis.
+        // Kernels on the axis, half way and in the corner, all a few pixels wide on the axis.
         let particles: Vec<_> = [0.0, 0.5, 0.95]
             .map(|share| Particle {
                 position: DVec3::new(share * half, share * half, 1.0) * 10.0,
@@ -300,7 +301,7 @@ fn few_and_many() {
     let camera = scene::camera(Projection::Perspective, [400.0; 2], [5, 5]);
     let wider = scene::camera(Projection::Perspective, [400.0; 2], [64, 64]);
     judge("one particle", &cloud(1), &wider, 1.0, ROUNDING);
-    // Each 1e-4 deep at its peak; together, ten.
+    // Each layer is 1e-4 deep at its peak; together they are ten deep.
     let mut random = Random::new(10);
     let layers: Vec<_> = (0..100_000)
         .map(|i| Particle {
@@ -310,8 +311,8 @@ fn few_and_many() {
             colour: [0.75; 3],
         })
         .collect();
-    // A layer adds less than half a unit in the last place, 3e-8, and so nothing, once less than
-    // 3e-8/1e-4 of the light is left: that much stays dark.
+    // Once less than 3e-8/1e-4 of the light is left, a layer adds less than half a unit in the last
+    // place, 3e-8, and so nothing. That fraction stays dark.
     judge("100,000 layers of depth 1e-4", &layers, &camera, 1.0, 3e-4);
 }
 
@@ -321,12 +322,12 @@ fn optical_depths() {
     for power in [-10, -6, -3, 0, 1, 2, 4] {
         let tau = 10_f64.powi(power);
         let kernel = Particle::sphere(DVec3::new(0.1, 0.05, 20.0), 0.3, mass(tau, 0.3));
-        // An opaque kernel's edge lies where tau is about 1, far out: there a relative error of
-        // the depth is ln(tau) times that of the place.
+        // An opaque kernel's edge lies where tau is about 1, far out. There, the relative error of
+        // the depth is ln(tau) times that of the position.
         let steeper = 1.0 + tau.ln().max(0.0);
         let name = format!("peak depth 1e{power}");
         let kernel = [kernel.coloured([0.75; 3])];
-        // The reference's error is of full scale, too.
+        // The reference's error is also relative to full scale.
         judge_against(&name, &kernel, &camera, 1.0, ROUNDING * steeper, 1e-14);
     }
 }
@@ -342,7 +343,7 @@ fn shapes_of_images() {
     }
 }
 
-// The published cases as scenes.
+// Returns the published cases as scenes.
 
 fn cases(kind: &str) -> Vec<Value> {
     let all = fixture("extreme_cases.json");
@@ -352,7 +353,7 @@ fn cases(kind: &str) -> Vec<Value> {
     found
 }
 
-/// The case's kernel, and the camera of one pixel whose centre is `probe`.
+/// Returns the case's kernel, and the camera of one pixel whose centre is `probe`.
 fn published(case: &Value, probe: DVec2) -> (Particle, Camera) {
     let n = |p: &str| number(case, &format!("/input/{p}"));
     let row = |i: usize| {
@@ -395,7 +396,7 @@ fn published_footprints() {
             Some(all.iter().map(|v| v.as_f64().unwrap()).collect::<Vec<_>>())
         };
         let exact = expected("tau_exact").or_else(|| expected("tau_exact_half_line"));
-        // The affine footprint is for kernels in front of the camera plane alone.
+        // The affine footprint exists only for kernels in front of the camera plane.
         let ewa = expected("tau_ewa").filter(|_| expected("tau_exact_half_line").is_none());
         for (filter, digits) in [(Filter::Exact, exact), (Filter::Ewa, ewa)] {
             let Some(digits) = digits else { continue };
@@ -404,7 +405,8 @@ fn published_footprints() {
                 let (particle, camera) = published(&case, probe);
                 let reach = 7.0 * particle.factor.row(2).length();
                 if filter == Filter::Ewa && particle.position.z < 1.5 * reach {
-                    // Too near the camera plane for an affine footprint: integrated directly.
+                    // The kernel is too near the camera plane for an affine footprint: it is
+                    // integrated directly.
                     continue;
                 }
                 let settings = Settings {
@@ -415,7 +417,8 @@ fn published_footprints() {
                 let image = render(&scene::volume(&[particle]), &camera, &settings, name);
                 let alpha = f64::from(image.pixel(0, 0)[3]);
                 let error = (alpha + (-tau).exp_m1()).abs();
-                // Of the depth's error, e^-tau reaches the opacity; beyond 7 sigma there is none.
+                // The opacity's error is e^-tau times the depth's. Beyond 7 sigma,
+                // nothing is drawn.
                 let cut = if *tau < 2.3e-11 * peak { *tau } else { 0.0 };
                 let allowed = ROUNDING * peak.min(1.0) * (1.0 + peak.ln().max(0.0)) + cut;
                 assert!(
@@ -432,8 +435,8 @@ fn published_footprints() {
 
 #[test]
 fn published_rows_offsets_and_ties() {
-    // Q(i) = A x² + 2 B x dy + C dy², x = x0 + i: a kernel whose conic that is, in one row of
-    // 4096 pixels.
+    // Q(i) = A x² + 2 B x dy + C dy², x = x0 + i: a kernel with that conic, in one row of 4096
+    // pixels.
     for case in cases("quad_row") {
         let n = |p: &str| number(&case, &format!("/input/{p}"));
         let conic = glam::DMat2::from_cols_array(&[n("A"), n("B"), n("B"), n("C")]);
@@ -484,7 +487,7 @@ fn published_rows_offsets_and_ties() {
             &default_settings(),
             "offset",
         );
-        // The centre of light is the centre of the kernel: to the curvature of perspective.
+        // The centre of light is the kernel's centre, except for the curvature of perspective.
         let (mut sum, mut place) = (0.0, DVec2::ZERO);
         for (i, p) in image.pixels.iter().enumerate() {
             let alpha = f64::from(p[3]);
@@ -496,7 +499,7 @@ fn published_rows_offsets_and_ties() {
         assert!(off < 0.01, "{} for {centre:?}", place / sum);
     }
     for case in cases("sort") {
-        // Coloured by their place in the right order; half of each is seen through.
+        // Colours encode the right order; each kernel is half transparent.
         let depths = numbers(&case, "/input/depth_f64");
         let order = numbers(&case, "/expected/order");
         let mut rank = vec![0; depths.len()];
@@ -529,8 +532,8 @@ fn published_rows_offsets_and_ties() {
 
 #[test]
 fn published_overlaps_and_filtered_opacities_are_the_renderers_known_errors() {
-    // Whole kernels are sorted: the pictures have the published values of `over`, which the
-    // reference shows to be wrong by up to alpha1 alpha2.
+    // Whole kernels are sorted, so the pictures have the published values of `over`. The reference
+    // shows that these are wrong by up to alpha1 alpha2.
     for case in cases("overlap_two_kernels") {
         let n = |p: &str| number(&case, &format!("/input/{p}"));
         let kernel = |i: usize, colour: [f32; 3]| {
@@ -566,7 +569,7 @@ fn published_overlaps_and_filtered_opacities_are_the_renderers_known_errors() {
             );
         }
     }
-    // Depths are filtered, not opacities.
+    // The filter applies to depths, not opacities.
     for case in cases("filtered_opacity_peak") {
         let (share, tau0) = (number(&case, "/input/a"), number(&case, "/input/tau0"));
         let kernel = Particle::sphere(DVec3::Z * 20.0, 1.0, mass(tau0, 1.0));

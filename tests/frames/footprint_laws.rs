@@ -1,4 +1,4 @@
-//! Laws of one kernel's footprint, held against f64 judges that take other roads: direct line
+//! Tests laws of one kernel's footprint against f64 references by other methods: direct line
 //! integrals over formed variances, quadrature, finite differences, brute-force searches.
 #![allow(
     clippy::cast_possible_truncation,
@@ -20,8 +20,8 @@ use ewa_splat::view::Projection;
 use glam::{DMat3, DVec2, DVec3, Vec2, Vec3};
 use proptest::prelude::*;
 
-/// The f32 evaluation at an offset from the kernel's centre (so that the rounding of a pixel
-/// coordinate, which is not the formula's, stays out).
+/// Evaluates in f32 at an offset from the kernel's centre. This excludes the rounding of the pixel
+/// coordinate, which is not the formula's.
 fn exact_tau(
     v: &ViewUniform,
     screen: &ScreenFactor,
@@ -57,7 +57,7 @@ fn the_projected_factor_is_the_jacobian_by_finite_differences() {
         let focal = judge::focal(&v);
         let u = k.centre.as_dvec3();
         let pixel = |u: DVec3| focal * u.truncate() / u.z;
-        // Central differences: the step's square, 1e-10, against 1e-16 / 1e-5 of rounding.
+        // Central differences err by the step's square, 1e-10, and by 1e-16 / 1e-5 of rounding.
         let step = u.length() * 1e-5;
         let columns = [DVec3::X, DVec3::Y, DVec3::Z]
             .map(|e| (pixel(u + e * step) - pixel(u - e * step)) / (2.0 * step));
@@ -112,9 +112,9 @@ fn the_exact_path_is_the_line_integral() {
                 let d = d.as_dvec2();
                 let expected = body.line_integral(ray(&v, &body, d));
                 let error = (f64::from(tau) - expected).abs() / peak;
-                // 6e-6 of the peak: some sixteen roundings; and the rounding of T itself, which
-                // moves the short axis of a footprint by its axis ratio times EPS, seen at up
-                // to four standard deviations.
+                // 6e-6 of the peak: some sixteen roundings. T's own rounding moves the short axis
+                // of a footprint by its axis ratio times EPS, seen at up to four standard
+                // deviations.
                 let allowed = 6e-6 + 4.0 * EPS * axis_ratio;
                 assert!(
                     error <= allowed,
@@ -127,8 +127,8 @@ fn the_exact_path_is_the_line_integral() {
                 let expected = across(d) / across(DVec2::ZERO);
                 let error = (f64::from(w) - expected).abs();
                 worst_w = worst_w.max(error / expected.max(1.0));
-                // Relative to the terms that w sums: beside a kernel that is long in depth they
-                // cancel. Each is a sum of products of minors: some sixteen roundings.
+                // Relative to the terms that w sums: they cancel beside a kernel that is long in
+                // depth. Each is a sum of products of minors: some sixteen roundings.
                 let [gx, gy] = terms.gradient.map(f64::from);
                 let [hxx, hxy, hyy] = terms.hessian.map(f64::from);
                 let products = [
@@ -150,7 +150,7 @@ fn the_exact_path_is_the_line_integral() {
             "h² {h2}: worst error of the exact path {worst:.2e} of the peak, axis ratios below \
              30 {worst_round:.2e}; of w {worst_w:.2e}"
         );
-        // Without a needle on the image, the promise of the module's documentation holds.
+        // Without a needle on the image, the bound in the module's documentation holds.
         assert!(worst_round <= 6e-6);
     }
 }
@@ -170,8 +170,8 @@ fn exact_bounds_enclose_the_outline_and_touch_it() {
         let (v, mut k) = draw(&mut random, from);
         let mut r = random.range(1.0, 3.4);
         if i % 3 == 0 {
-            // A needle along the ray, a pixel across and long in depth: the low-pass filter is
-            // most of its outline.
+            // A needle along the ray, a pixel across and long in depth: the low-pass filter
+            // determines most of its outline.
             let u = k.centre.as_dvec3();
             let side = u.normalize().any_orthonormal_vector() * (u.z / judge::focal(&v).x);
             let other = u.normalize().cross(side);
@@ -192,8 +192,8 @@ fn exact_bounds_enclose_the_outline_and_touch_it() {
             let c = body.centre.cross(ray);
             c.dot(body.variance * c) / ray.dot(adjugate * ray)
         };
-        // The outline lies where Q passes r² on the way out from the centre. Seen from the
-        // centre of a strongly perspective kernel it is lopsided, hence many directions.
+        // On the outline, Q reaches r² on the way out from the centre. Seen from the centre of a
+        // strongly perspective kernel, the outline is lopsided, hence the many directions.
         const DIRECTIONS: usize = 1440;
         let (mut lowest, mut highest) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
         for n in 0..DIRECTIONS {
@@ -219,8 +219,8 @@ fn exact_bounds_enclose_the_outline_and_touch_it() {
         let (middle, half) = (middle.as_dvec2(), half.as_dvec2());
         for axis in 0..2 {
             let (low, high) = (middle[axis] - half[axis], middle[axis] + half[axis]);
-            // Some sixteen roundings, times the loss in 1 - r²s²; and the rounding of T, a difference
-            // that for a needle along the ray is far smaller than its terms.
+            // Some sixteen roundings, times the loss in 1 - r²s². T's own rounding is that of a
+            // difference, which for a needle along the ray is far smaller than its terms.
             let in_front = 1.0 - r * r * f64::from(screen.relative_depth.length_squared());
             let depth = f64::from(screen.relative_depth.length() * screen.ray_length);
             let row = 2.0 * EPS * judge::focal(&v)[axis] * depth;
@@ -231,8 +231,8 @@ fn exact_bounds_enclose_the_outline_and_touch_it() {
                 lowest[axis],
                 highest[axis]
             );
-            // Directions 1/4 degree apart miss the farthest point by 1e-5 of the extent where the
-            // outline is an ellipse about the centre, by more where it is lopsided.
+            // Directions 1/4 degree apart miss the farthest point by 1e-5 of the extent if the
+            // outline is an ellipse about the centre, and by more if it is lopsided.
             let width = high - low;
             assert!(lowest[axis] <= low + 2e-3 * width, "{} {low}", lowest[axis]);
             assert!(
@@ -252,9 +252,9 @@ fn near_kernels_are_integrated_along_the_half_line() {
     for (ratio, allowed) in [
         // Sixteen roundings, and the fit of the normal distribution (3e-7).
         (3.0, 1e-5),
-        // Along a needle each dot product is a difference of numbers larger by the axis ratio:
-        // some sixteen roundings of those. (At 1:1000 without low-pass filter, looking exactly along
-        // the needle, 3e-3 of the peak was seen.)
+        // Along a needle, each dot product is a difference of numbers larger by the axis ratio:
+        // some sixteen roundings of those. (At 1:1000 without low-pass filter, exactly along the
+        // needle, 3e-3 of the peak was seen.)
         (30.0, 1e-5 + 16.0 * EPS * 30.0),
         (100.0, 1e-5 + 16.0 * EPS * 100.0),
     ] {
@@ -282,7 +282,7 @@ fn near_kernels_are_integrated_along_the_half_line() {
             let (terms, weight) = near_terms(&v, &k).unwrap();
             let directions: Vec<Vec3> = (0..16)
                 .map(|n| {
-                    // Towards points of the kernel in front of the camera, and anywhere.
+                    // Rays point towards points of the kernel in front of the camera, and anywhere.
                     let p = body.centre + factor * random.point(1.5);
                     let slope = p.truncate() / p.z;
                     let anywhere = random.point(1.0).truncate() * 2.0;
@@ -294,7 +294,8 @@ fn near_kernels_are_integrated_along_the_half_line() {
                     slope.as_vec2().extend(1.0)
                 })
                 .collect();
-            // Of the largest value of a whole line: the half line's share may be nothing.
+            // Relative to the largest value of a whole line, because the half line's share may be
+            // zero.
             let peak = directions
                 .iter()
                 .map(|d| d.as_dvec3())
@@ -343,9 +344,9 @@ fn near_and_exact_agree_in_front_of_the_camera() {
             let error = f64::from((near - exact).abs() / image.tau);
             worst = worst.max(error);
             // The direct form's misses are differences of terms larger by R/sigma, R the distance
-            // and sigma the smallest standard deviation. The share behind the camera is below
-            // 1e-11 here.
-            // R/sigma from the trace of the inverse variance: between one and sqrt(3) of it.
+            // and sigma the smallest standard deviation. The share behind the camera is below 1e-11
+            // here. The root of the inverse variance's trace stands for 1/sigma: it lies between
+            // one and sqrt(3) times that.
             let inverse = Body::of(&k).variance.inverse();
             let trace = inverse.x_axis.x + inverse.y_axis.y + inverse.z_axis.z;
             let far = f64::from(k.centre.length()) * trace.sqrt();
@@ -368,7 +369,7 @@ fn orthographic_kernels_end_at_the_plane_of_the_eye() {
         let h2 = [1.0, 0.0][i % 2];
         let focal = DVec2::new(random.range(20.0, 60.0), random.range(20.0, 60.0));
         let camera = scene::camera(Projection::Orthographic, [focal.x, focal.y], [1, 1]);
-        // A few pixels wide, so that neighbouring rays differ and h² matters.
+        // The kernel is a few pixels wide, so that neighbouring rays differ and h² matters.
         let ratio = random.log_range(1.0, 20.0);
         let factor = random.factor(0.1, ratio);
         let centre = factor * random.point(1.5);
@@ -396,8 +397,8 @@ fn orthographic_kernels_end_at_the_plane_of_the_eye() {
         let [red, green, _, alpha] = image.pixel(0, 0).map(f64::from);
         let error = (alpha - expected).abs() / peak;
         worst = worst.max(error);
-        // Sixteen roundings; and the rounding of a lower-triangular factor, which moves the short
-        // axis by the axis ratio times EPS, up to three standard deviations from the centre.
+        // Sixteen roundings. The rounding of a lower-triangular factor moves the short axis by the
+        // axis ratio times EPS, up to three standard deviations from the centre.
         assert!(
             error < 6e-6 + 4.0 * EPS * ratio,
             "{alpha} for {expected}, peak {peak}"
@@ -407,7 +408,7 @@ fn orthographic_kernels_end_at_the_plane_of_the_eye() {
     println!("orthographic half line: worst {worst:.2e} of the peak");
 }
 
-/// A screen factor from rows, on axis, of unit weight.
+/// Returns a screen factor from rows, on axis, of unit weight.
 fn screen(row_x: [f32; 3], row_y: [f32; 3]) -> ScreenFactor {
     ScreenFactor {
         centre_px: Vec2::ZERO,
@@ -420,7 +421,7 @@ fn screen(row_x: [f32; 3], row_y: [f32; 3]) -> ScreenFactor {
     }
 }
 
-/// T Tᵀ in f64.
+/// Returns T Tᵀ in f64.
 fn bare_variance(s: &ScreenFactor) -> glam::DMat2 {
     let (x, y) = (s.row_x.as_dvec3(), s.row_y.as_dvec3());
     glam::DMat2::from_cols(
@@ -439,15 +440,15 @@ fn rows() -> impl Strategy<Value = ([f32; 3], [f32; 3])> {
 }
 
 proptest! {
-    // A fixed seed: a run that passes once passes always.
+    // The seed is fixed, so that a test that passes once always passes.
     #![proptest_config(ProptestConfig {
         failure_persistence: None,
         rng_seed: proptest::test_runner::RngSeed::Fixed(2001),
         ..ProptestConfig::with_cases(2_000)
     })]
 
-    /// Every filter spreads the whole weight: 2 pi sqrt(a c - b²) tau = weight, the determinant
-    /// taken from the variance itself in f64.
+    /// Every filter spreads the whole weight: 2 pi sqrt(a c - b²) tau = weight, with the
+    /// determinant taken from the variance in f64.
     #[test]
     fn every_filter_conserves_mass((x, y) in rows(), h2 in 0.1_f32..4.0) {
         let s = screen(x, y);
@@ -457,7 +458,7 @@ proptest! {
             let image = s.filtered(filter, h2);
             let [a, b, c] = [image.a, image.b, image.c].map(f64::from);
             let determinant = a * c - b * b;
-            // a, b, c and the squared factor of uniform scaling are each rounded a few times: the
+            // a, b, c and the squared factor of uniform scaling each round a few times: the
             // determinant to some sixteen EPS of a c.
             let error = (f64::from(image.determinant) - determinant).abs();
             prop_assert!(error <= 16.0 * EPS * a * c, "{filter:?}: {image:?}");
@@ -468,7 +469,7 @@ proptest! {
         }
     }
 
-    /// What each filter makes of a variance.
+    /// Each filter changes the variance as defined.
     #[test]
     fn filters_are_what_they_say((x, y) in rows(), h2 in 0.1_f32..4.0) {
         let s = screen(x, y);
@@ -493,13 +494,14 @@ proptest! {
         let half_trace = 0.5 * (a + c) + h2_f64;
         prop_assert!(close(variance(Filter::Isotropic), [half_trace, 0.0, half_trace]));
 
-        // Uniform scaling: the minor radius reaches the low-pass filter's, the shape stays.
+        // Uniform scaling raises the minor radius to that of the low-pass filter and keeps the
+        // shape.
         let scale = (h2_f64 / small).max(1.0);
         let [sa, sb, sc] = variance(Filter::UniformScaling);
         if scale == 1.0 {
             prop_assert!(close([sa, sb, sc], [a, b, c]), "untouched");
         }
-        // The smaller eigenvalue is det / larger, and det a cross product squared, whose terms
+        // The smaller eigenvalue is det / larger, and det a squared cross product, whose terms
         // cancel by the axis ratio: twice six roundings of those.
         let relative = 12.0 * EPS * (1.0 + (large / small).sqrt());
         let shape = relative * scale * (a + c);
@@ -511,7 +513,7 @@ proptest! {
                 DVec2::new(sa, sb),
                 DVec2::new(sb, sc),
             )).1;
-        // The judge's own determinant cancels by the square of the ratio, in f64.
+        // The reference's own determinant cancels by the square of the ratio, in f64.
         let minor_error = (minor / small.max(h2_f64) - 1.0).abs();
         prop_assert!(minor_error < relative, "minor {minor}");
     }
@@ -532,7 +534,7 @@ proptest! {
             [(sin * major) as f32, (cos * minor) as f32, 0.0],
         );
         let image = s.filtered(Filter::Ewa, h2);
-        // From the f32 rows themselves: their own rounding is not the form's.
+        // The reference uses the f32 rows, because their rounding is not the form's.
         let bare = bare_variance(&s);
         let low_passed = bare + glam::DMat2::from_diagonal(DVec2::splat(f64::from(h2)));
         let (small, large) = judge::eigenvalues(&low_passed);
@@ -547,7 +549,7 @@ proptest! {
         let axis_ratio = (large / small).sqrt();
         let allowed = (2e-6 + 4.0 * EPS * axis_ratio) * expected.max(1.0);
         prop_assert!((q - expected).abs() <= allowed, "{q} for {expected}, {axis_ratio}");
-        // And the product of the form's two pivots is det^(-1/2).
+        // The product of the form's two pivots is det^(-1/2).
         let pivots = if p.y == 0.0 { p.x * r.y } else { p.y * r.x };
         let exact = low_passed.determinant().sqrt().recip();
         prop_assert!((f64::from(pivots) / exact - 1.0).abs() < 2e-6);
@@ -556,7 +558,7 @@ proptest! {
 
 #[test]
 fn a_judge_agrees_with_the_published_line_integral() {
-    // The notes' check of the conventions: 1/(2 pi sqrt(det EᵀVE)), E perpendicular to the ray.
+    // Checks the conventions: 1/(2 pi sqrt(det EᵀVE)), E perpendicular to the ray.
     let mut random = Random::new(8);
     for _ in 0..200 {
         let factor = random.factor(0.5, 10.0);

@@ -1,4 +1,4 @@
-//! The tiles' lists on the device against those of the CPU.
+//! Compares the tiles' lists of the device with those of the CPU.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::unwrap_used,
@@ -22,19 +22,19 @@ use ewa_splat::stages::record::{
 use ewa_splat::view::Projection;
 use glam::{DVec2, DVec3};
 
-/// The side of a tile.
+/// Side of a tile.
 const SIDE: u32 = TILE_SIZE as u32;
 
-/// Footprints, their exact terms and the tiles they are binned into.
+/// Footprints, their exact terms and the tiles that they are binned into.
 struct Input {
     footprints: Vec<Footprint>,
     exact: Vec<ExactTerms>,
-    /// In place of them, of surfels.
+    /// Terms of surfels, in place of exact ones.
     surfels: Vec<SurfelTerms>,
     tiles: [usize; 2],
 }
 
-/// The whole of a frame.
+/// Returns the chunk of a whole frame.
 fn whole(input: &Input) -> ChunkUniform {
     ChunkUniform {
         start: 0,
@@ -47,7 +47,7 @@ fn whole(input: &Input) -> ChunkUniform {
 }
 
 impl Input {
-    /// The terms of a run of its footprints.
+    /// Returns the terms of a run of its footprints.
     fn terms(&self, first: usize, end: usize) -> FootprintTerms<'_> {
         match self.surfels.get(first..end) {
             Some(terms) if !self.surfels.is_empty() => FootprintTerms::Surfel(terms),
@@ -61,7 +61,7 @@ impl Input {
         order
     }
 
-    /// The CPU's lists of a chunk's footprints, of the tiles of its band.
+    /// Returns the CPU's lists of a chunk's footprints, for the tiles of its band.
     fn expected(&self, chunk: ChunkUniform) -> Vec<Vec<u32>> {
         let order = self.order();
         let start = (chunk.start as usize).min(order.len());
@@ -86,7 +86,7 @@ impl Input {
             .collect()
     }
 
-    /// The device's, the footprints in parts that end at `ends`.
+    /// Returns the device's lists, with the footprints in parts that end at `ends`.
     fn binned(
         &self,
         gpu: &Gpu,
@@ -103,13 +103,13 @@ impl Input {
         bin(gpu, &parts, &self.order(), chunks, capacity).unwrap()
     }
 
-    /// Compares the two; returns how many entries there are. All are the same on software, which
-    /// rounds as the CPU does; hardware that fuses operations may judge a thousandth otherwise,
-    /// where a corner of a tile lies on an outline.
+    /// Compares the lists, and returns the number of entries. On a software adapter, which rounds
+    /// as the CPU does, all are equal. Hardware that fuses operations may decide a thousandth
+    /// differently, where a corner of a tile lies on an outline.
     fn check(&self, gpu: &Gpu, chunks: &[ChunkUniform], ends: &[usize], what: &str) -> usize {
         let expected: Vec<_> = chunks.iter().map(|&c| self.expected(c)).collect();
         let entries = |lists: &Vec<Vec<u32>>| lists.iter().map(Vec::len).sum::<usize>();
-        // Just enough room.
+        // The capacity is just enough.
         let mut capacity = expected.iter().map(entries).max().unwrap_or(0);
         if !gpu.is_software() {
             capacity += capacity / 100 + 10;
@@ -139,13 +139,13 @@ impl Input {
     }
 }
 
-/// The number in f32, as the footprints have it.
+/// Returns a number that f32 represents, as the footprints store it.
 fn float(random: &mut Random, low: f64, high: f64) -> f32 {
     random.range(low, high) as f32
 }
 
-/// A footprint's triangular form from its half axes (pixels, of one standard deviation) and their
-/// direction: rows p and r with Q = (p . d)² + (r . d)².
+/// Returns a footprint's triangular form from its half axes (pixels, of one standard deviation) and
+/// their direction: rows p and r with Q = (p . d)² + (r . d)².
 fn form(axes: DVec2, angle: f64) -> [[f32; 2]; 2] {
     let (sin, cos) = angle.sin_cos();
     // A = RᵀD R; its triangular factor.
@@ -160,7 +160,8 @@ fn form(axes: DVec2, angle: f64) -> [[f32; 2]; 2] {
     ]
 }
 
-/// Ellipses from points to the whole image, round and needles, in boxes that cut some of them.
+/// Returns ellipses from points to the whole image, round and needles, in boxes that cut some of
+/// them.
 fn random_input(seed: u64, count: usize, tiles: [usize; 2]) -> Input {
     let mut random = Random::new(seed);
     let size = tiles.map(|n| n as f64 * f64::from(SIDE) - 5.0);
@@ -182,7 +183,7 @@ fn random_input(seed: u64, count: usize, tiles: [usize; 2]) -> Input {
                 PATH_NEAR | 12,
                 PATH_HALF_LINE | 8,
             ][random.index(6)];
-            // w = 1 + g . d + ...: within a factor of a few over the ellipse.
+            // w = 1 + g . d + ...: it varies by a factor of a few over the ellipse.
             let gradient = [0; 2].map(|_| float(&mut random, -0.3, 0.3) / (cutoff * major) as f32);
             let hessian =
                 [0; 3].map(|_| float(&mut random, -0.1, 0.1) / (cutoff * major).powi(2) as f32);
@@ -228,7 +229,7 @@ fn random_lists_are_the_cpus() {
         (3, 255, [7, 5]),
         (4, 256, [40, 30]),
         (5, 257, [20, 9]),
-        // Keys of eight and of nine bits.
+        // Keys have eight and nine bits.
         (6, 600, [16, 16]),
         (7, 600, [257, 1]),
         (8, 5_000, [64, 36]),
@@ -237,7 +238,7 @@ fn random_lists_are_the_cpus() {
         let what = format!("{count} in {tiles:?}");
         let entries = input.check(gpu, &[whole(&input)], &[], &what);
         println!("{what}: {entries} entries, all as on the CPU");
-        // The same where no footprint has exact terms.
+        // The same input, with no exact terms.
         let input = Input {
             exact: Vec::new(),
             ..input
@@ -246,8 +247,8 @@ fn random_lists_are_the_cpus() {
     }
 }
 
-/// [`random_input`] as surfels whose planes lean towards the eye and away from it, up to outlines that are
-/// branches of hyperbolas; some are affine.
+/// Returns [`random_input`] as surfels whose planes lean towards the eye and away from it, up to
+/// outlines that are branches of hyperbolas; some are affine.
 fn surfel_input(seed: u64, count: usize, tiles: [usize; 2]) -> Input {
     let mut random = Random::new(seed);
     let mut input = random_input(seed, count, tiles);
@@ -332,12 +333,12 @@ fn lists_of_whole_frames_are_the_cpus() {
     assert!(paths.iter().all(|&n| n > 20), "{paths:?}");
 }
 
-/// Ellipses whose outline meets pixel centres at corners and edges of tiles exactly, and boxes
-/// that begin and end there.
+/// Returns ellipses whose outline meets pixel centres at corners and edges of tiles exactly, and
+/// boxes that begin and end there.
 fn borders() -> Input {
     let mut footprints = Vec::new();
     let tiles = [8, 8];
-    // Powers of two: every value is exact, and those on the outline are equal to the cut-off.
+    // Powers of two make every value exact: those on the outline equal the cut-off.
     for scale in [0.25, 0.125] {
         for cutoff in [1.0, 2.0, 4.0_f32] {
             let reach = cutoff / scale;
@@ -434,7 +435,7 @@ fn poison_is_binned_as_on_the_cpu() {
     }
 }
 
-/// Replaces one number or two of each footprint.
+/// Replaces one or two numbers of each footprint.
 fn poison_numbers(input: &mut Input, random: &mut Random, poison: &[f32]) {
     for (f, e) in input.footprints.iter_mut().zip(&mut input.exact) {
         let mut numbers: Vec<&mut f32> = (f.centre_px.iter_mut())
@@ -496,7 +497,7 @@ fn bands_and_chunks_hold_their_share_of_the_lists() {
     });
     let entries = input.check(gpu, &bands, &[], "bands");
     println!("bands: {entries} entries, all as on the CPU");
-    // Chunks one after the other, the last ones short and empty: together they are the whole.
+    // Chunks run one after the other, the last ones short and empty; together they are the whole.
     let chunks: Vec<_> = (0..visible + 1200)
         .step_by(600)
         .map(|start| ChunkUniform {
@@ -515,7 +516,7 @@ fn bands_and_chunks_hold_their_share_of_the_lists() {
     }
     assert_eq!(together, input.expected(all));
     assert_eq!(entries, together.iter().map(Vec::len).sum::<usize>());
-    // Whole workgroups, and what is left over, where other chunks have left their traces.
+    // Whole workgroups, and remainders, after other chunks have used the buffers.
     let chunks = [
         (0, 1000),
         (5, 256),
@@ -548,7 +549,7 @@ fn lists_that_find_no_room_are_empty_and_say_what_they_need() {
         assert_eq!(got.needed as usize, entries);
         assert!(got.tiles.iter().all(Vec::is_empty), "{capacity}");
     }
-    // More than 32 bits count.
+    // The counts exceed 32 bits.
     let everywhere = Footprint {
         path: PATH_NEAR,
         columns: pack_range(0, 16_384),
@@ -569,7 +570,7 @@ fn lists_that_find_no_room_are_empty_and_say_what_they_need() {
 #[test]
 fn the_largest_band_is_walked_to_its_end() {
     let Some(gpu) = gpu() else { return };
-    // A workgroup of footprints, each all over the band and tested tile by tile.
+    // A workgroup of footprints covers the whole band and is tested tile by tile.
     let tiles = [254, 256];
     let count = 256;
     let everywhere = Footprint {

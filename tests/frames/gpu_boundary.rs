@@ -1,4 +1,4 @@
-//! Sharp boundaries: the back ends against each other.
+//! Compares the back ends on sharp boundaries.
 
 use ewa_splat::sample::{BoundaryChoice, grid};
 use ewa_splat::scene::PointVolume;
@@ -55,7 +55,7 @@ fn all_settings() -> Vec<(&'static str, Settings)> {
     ]
 }
 
-/// Each lattice under each camera and each way of drawing, on both back ends.
+/// Draws each lattice with each camera and each method on both back ends.
 #[test]
 fn both_back_ends_cut_alike() {
     for (name, lattice) in lattices() {
@@ -63,9 +63,9 @@ fn both_back_ends_cut_alike() {
         let volume = ball_volume(&lattice);
         for (i, camera) in all_cameras(middle, radius).iter().enumerate() {
             for (j, (how, settings)) in all_settings().iter().enumerate() {
-                // Each lattice under each camera, and each way, but not all of all: software takes seconds
-                // for each.
-                // Under a maximum the mean of what little a slab has before the eye tells roundings apart.
+                // Each lattice is drawn with each camera and each method, but not in all
+                // combinations: a software adapter takes seconds for each. In a maximum, a slab
+                // with little data before the eye amplifies roundings.
                 let is_thin = i > 2 && matches!(settings.composite, Composite::Maximum { .. });
                 if (i + j + name.len()) % 4 == 0 && !is_thin {
                     let name = format!("{name}, camera {i}, {how}");

@@ -1,4 +1,4 @@
-//! Classification and shading against their twins on the CPU.
+//! Compares classification and shading with their CPU twins.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::unwrap_used,
@@ -37,12 +37,12 @@ const POISON: [f32; 14] = [
     3.0,
 ];
 
-/// One view of every block.
+/// Returns one view of every block.
 fn views(volume: &BlockedVolume) -> Vec<BlockView> {
     (0..volume.blocks.len())
         .map(|block| BlockView {
             block: block as u32,
-            // What was there before is forgotten.
+            // Earlier contents are overwritten.
             first: 77,
             count: 99,
             ..bytemuck::Zeroable::zeroed()
@@ -50,7 +50,7 @@ fn views(volume: &BlockedVolume) -> Vec<BlockView> {
         .collect()
 }
 
-/// What the CPU classifies.
+/// Returns the CPU's classified particles.
 fn expected(volume: &BlockedVolume, views: &mut [BlockView]) -> Vec<ClassifiedParticle> {
     let total = cpu::count_classified(volume, views);
     let mut out = vec![bytemuck::Zeroable::zeroed(); total];
@@ -58,7 +58,7 @@ fn expected(volume: &BlockedVolume, views: &mut [BlockView]) -> Vec<ClassifiedPa
     out
 }
 
-/// The index of a particle in the volume's arrays.
+/// Returns the index of a particle in the volume's arrays.
 fn index(volume: &BlockedVolume, view: &BlockView, local: u32) -> usize {
     match &volume.particles {
         BlockedParticles::Lattice(grid) => {
@@ -69,7 +69,7 @@ fn index(volume: &BlockedVolume, view: &BlockView, local: u32) -> usize {
     }
 }
 
-/// The same bits, all NaNs alike.
+/// Returns true for the same bits; all NaNs are alike.
 fn same(a: f32, b: f32) -> bool {
     a.to_bits() == b.to_bits() || (a.is_nan() && b.is_nan())
 }
@@ -78,16 +78,16 @@ fn same(a: f32, b: f32) -> bool {
 struct Tally {
     particles: usize,
     flips: usize,
-    /// Not the twin's to the bit.
+    /// Number of results that differ from the twin's bits.
     rounded: usize,
 }
 
 /// Classifies some views on the device and compares.
 ///
-/// Interpolation a + (b - a) s may be one rounding where it is two on the CPU, and denormals may be
-/// zeros: masses differ by 2^-22 of the greater of the two entries' extinctions, times the volume,
-/// and by the least normal number; colours likewise. Nothing else is worked out: what is given is
-/// equal to the bit.
+/// Interpolation a + (b - a) s may be one rounding instead of two on the CPU, and denormals may be
+/// zeros. So masses differ by 2^-22 of the greater of the two entries' extinctions, times the
+/// volume, and by the least normal number; colours likewise. Other results are copied, and equal to
+/// the bit.
 fn check(volume: &BlockedVolume, views: &[BlockView], part_bytes: u64, tally: &mut Tally) {
     const ROUNDING: f32 = 0.5 * f32::EPSILON * 4.0;
     let (mut on_cpu, mut on_device) = (views.to_vec(), views.to_vec());
@@ -125,7 +125,7 @@ fn check(volume: &BlockedVolume, views: &[BlockView], part_bytes: u64, tally: &m
         tally.particles += twins.len();
         let (mut ours, mut twins) = (ours.iter().peekable(), twins.iter().peekable());
         let mut flip = |particle: &ClassifiedParticle| {
-            // Denormal, or of an extinction that interpolation rounds away.
+            // The mass is denormal, or of an extinction that interpolation rounds to zero.
             assert!(particle.mass <= 1e-7, "flipped: {particle:?}");
             tally.flips += 1;
         };
@@ -178,7 +178,7 @@ fn check(volume: &BlockedVolume, views: &[BlockView], part_bytes: u64, tally: &m
     }
 }
 
-/// Steps, ramps and gaps over -100 to 150.
+/// Returns steps, ramps and gaps over -100 to 150.
 fn transfer() -> TransferFunction {
     let opacity = |v: f32| match v {
         v if v < -50.0 => 0.0,
@@ -192,7 +192,8 @@ fn transfer() -> TransferFunction {
     TransferFunction::from_curves(colour, opacity, [-100.0, 150.0], 2.0).unwrap()
 }
 
-/// Values of a type: random, of either side of the range, on entries and the range's ends, poison.
+/// Returns values of a type: random, on either side of the range, on entries and the range's ends,
+/// poison.
 fn values(kind: usize, count: usize, random: &mut Random) -> Option<Values> {
     Some(match kind {
         0 => return None,
@@ -220,7 +221,7 @@ fn values(kind: usize, count: usize, random: &mut Random) -> Option<Values> {
     })
 }
 
-/// Positive numbers, zeros, negative ones and poison.
+/// Returns positive numbers, zeros, negative ones and poison.
 fn strengths(count: usize, random: &mut Random) -> Vec<f32> {
     (0..count)
         .map(|i| match i % 5 {
@@ -241,7 +242,8 @@ fn axis(n: usize, random: &mut Random) -> Vec<f64> {
         .collect()
 }
 
-/// Particles of a kind: lattices whose sides are no multiples of a brick's, spheres, ellipsoids.
+/// Returns particles of a kind: lattices whose sides are no multiples of a brick's, spheres,
+/// ellipsoids.
 fn particles(kind: usize, random: &mut Random) -> Particles {
     let dims = [[11, 1, 9], [8, 8, 4], [17, 9, 5], [1, 30, 1]][random.index(4)];
     match kind {
@@ -325,7 +327,7 @@ fn every_kind_of_data_is_classified_alike() {
         }
         let is_classified =
             matches!(strength, Strength::Classified { .. }) || colour == Colour::Classified;
-        // Values that nothing looks at do no harm.
+        // Unused values have no effect.
         let kind = if is_classified {
             1 + random.index(4)
         } else {
@@ -342,7 +344,7 @@ fn every_kind_of_data_is_classified_alike() {
             local_models: None,
         });
         let mut views = views(&volume);
-        // Some blocks are not in view.
+        // Some blocks are out of view.
         views.retain(|v| v.block % 5 != 3);
         check(&volume, &views, u64::MAX, &mut tally);
         cases += 1;
@@ -382,20 +384,20 @@ fn every_value_is_classified_alike() {
                 local_models: None,
             });
             check(&volume, &views(&volume), u64::MAX, &mut tally);
-            // In parts of a few blocks.
+            // Parts hold a few blocks.
             check(&volume, &views(&volume), 64 * 20_000, &mut tally);
         }
     }
     println!("{tally:?}");
 }
 
-/// Averages, slopes and Ein at places, widths and depths of all sizes.
+/// Compares averages, slopes and Ein at positions, widths and depths of all sizes.
 ///
-/// - Averages: a device that fuses operations moves a place by half a rounding, 2^-13 entries, and
-///   the average by as much times the steepest slope nearby for each end of the interval. Divisions
-///   of up to 2.5 ulp and some six roundings besides: 16 EPSILON of the greatest extinction nearby,
-///   over the extinction for a colour that is weighted with it.
-/// - Slopes are read, not worked out.
+/// - Averages: a device that fuses operations moves a position by half a rounding, 2^-13 entries.
+///   For each end of the interval, the average changes by as much times the steepest slope nearby.
+///   Divisions of up to 2.5 ulp and some six roundings add 16 EPSILON of the greatest extinction
+///   nearby, over the extinction for a colour that is weighted with it.
+/// - Slopes are read, not computed.
 /// - Ein: logarithms and exponentials of 3 ulp, and six roundings: 1e-6.
 #[test]
 fn numbers_of_merged_particles_are_the_twins() {
@@ -433,7 +435,7 @@ fn numbers_of_merged_particles_are_the_twins() {
                 let error = (found.average[c] - twin[c]).abs();
                 let bound = match weighting {
                     Weighting::Even => moved(&even) + rounding,
-                    // Of the product and of what it is divided by.
+                    // Error of the product, and of its divisor.
                     Weighting::Extinction => {
                         (1.0 + twin[c]) * of_extinction / twin[3].max(f32::MIN_POSITIVE)
                     }
@@ -460,12 +462,11 @@ fn numbers_of_merged_particles_are_the_twins() {
     );
 }
 
-/// Merged particles of points and of lattices, with colours and masses from everywhere.
+/// Compares merged particles of points and of lattices, with colours and masses from all sources.
 ///
-/// Averages are held to their twins above; here it is which numbers they are asked with. Six
-/// roundings of a fused device may move a place by 2^-12 entries, which the transfer function's
-/// steepest ramp makes 2^-12 of its greatest extinction; clumps add the 1e-6 of their logarithm.
-/// On lavapipe only those.
+/// The test above checks averages; this one checks their arguments. Six roundings of a fused device
+/// may move a position by 2^-12 entries, which the transfer function's steepest ramp makes 2^-12 of
+/// its greatest extinction. Clumps add the 1e-6 of their logarithm. On lavapipe, only those occur.
 #[test]
 fn merged_particles_are_classified_alike() {
     let Some(gpu) = gpu() else { return };
@@ -520,7 +521,7 @@ fn merged_particles_are_classified_alike() {
         } else {
             colours([0, 1, 2, 0][case / 4], count, &mut random)
         };
-        // Smooth along the way, and in steps of noise.
+        // Values are smooth along the curve, and in noisy steps.
         let values = (0..count)
             .map(|i| (i as f64 / count as f64 * 250.0 - 100.0 + random.range(-20.0, 20.0)) as f32)
             .collect();
@@ -621,7 +622,7 @@ fn more_views_than_a_dispatch_has_columns_are_classified_alike() {
     if gpu().is_none() {
         return;
     }
-    // 65,538 blocks of two particles: the dispatch is folded into two rows.
+    // 65,538 blocks of two particles: the dispatch is split into two rows.
     let count = 2 * 65_538;
     let mut random = Random::new(10);
     let block = |i: u32| Block {
@@ -698,7 +699,7 @@ fn particles_without_room_are_counted_and_left_out() {
     )
     .unwrap();
     assert_eq!(out.particles.len(), 1_000);
-    // The parts that have room keep their particles, one after another.
+    // Parts that are large enough keep their particles, one after another.
     let counts: Vec<u32> = volume.blocks.iter().map(|b| b.count).collect();
     let [least, greatest] = [*counts.iter().min().unwrap(), *counts.iter().max().unwrap()];
     assert!(least < greatest, "{counts:?}");
@@ -729,7 +730,7 @@ fn harmonics_are_shaded_alike() {
     let mut worst = 0.0_f32;
     let mut shaded = 0;
     for case in 0..16 {
-        // Sums in codes or light, blended in codes or light.
+        // Sums are in codes or linear light, and so is blending.
         let (is_encoded, is_linear) = (case / 8 == 1, [0, 3, 5, 6, 9, 10, 12, 15].contains(&case));
         let case = case % 8;
         let into_space: fn(f32) -> f32 = match (is_linear, is_encoded) {
@@ -778,7 +779,7 @@ fn harmonics_are_shaded_alike() {
         });
         let mut views = views(&volume);
         let particles = expected(&volume, &mut views);
-        // From the middle of a block: a direction of zero length.
+        // Seen from the centre of a block: a direction of zero length.
         let eye = if case == 6 {
             volume.blocks[0].origin
         } else {
@@ -829,8 +830,8 @@ fn harmonics_are_shaded_alike() {
                 if same(ours, theirs) {
                     continue;
                 }
-                // A direction good to some roundings (f32 division and root are good to 2.5 units
-                // in the last place in WGSL), sums of products of it, and a power.
+                // The direction is good to some roundings (f32 division and root are good to 2.5
+                // units in the last place in WGSL), then come sums of products of it, and a power.
                 let sum: f32 = own.iter().skip(c).step_by(3).map(|k| k.abs()).sum();
                 let slack = 2e-6 * (0.5 + sum);
                 let [low, high] =

@@ -1,4 +1,4 @@
-//! Column densities on the GPU: against the CPU's, and the law of mass by itself.
+//! Tests column densities on the GPU: against the CPU's, and the law of mass by itself.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::unwrap_used,
@@ -20,14 +20,15 @@ use ewa_splat::view::{Camera, ClipPlane, Projection};
 use ewa_splat::{ColumnImage, ColumnSettings, Renderer, Settings};
 use glam::{DMat3, DVec3};
 
-/// What the two back ends may differ by, as a share of the largest pixel: four roundings of each
-/// amplitude and its footprint, and the sums', whose own bound is 4.8e-6 on the GPU and 4e-6 on the CPU
-/// and which come out some ten times below it; twice what was seen. The promise of mass is 1e-5.
+/// Largest difference of the back ends, relative to the largest pixel. Each amplitude and its
+/// footprint have four roundings. The sums have stated bounds of 4.8e-6 on the GPU and 4e-6 on the
+/// CPU, and actual errors some ten times lower. The value is twice the largest seen. The promised
+/// accuracy of mass is 1e-5.
 const ALIKE: f64 = 2e-6;
 
 fn settings() -> ColumnSettings {
     ColumnSettings {
-        // No fused operations, as on the device.
+        // The CPU uses no fused operations, as the device uses none.
         simd: SimdLevel::Baseline,
         ..ColumnSettings::default()
     }
@@ -49,7 +50,7 @@ fn on_gpu(gpu: &Gpu, scene: &[PointVolume], camera: &Camera, settings: &ColumnSe
     (image, renderer.counts(), renderer.amplitudes().sum)
 }
 
-/// Draws on both back ends and holds the columns to each other; returns the GPU's and the sum of the
+/// Draws on both back ends and compares the columns. Returns the GPU's and the sum of the
 /// amplitudes.
 fn assert_alike(
     name: &str,
@@ -78,7 +79,7 @@ fn assert_alike(
     );
     assert_eq!(c.blocks, d.blocks, "{name}");
     assert_eq!(c.blocks_culled, d.blocks_culled, "{name}");
-    // Amplitudes are found in f64 on both sides.
+    // Both sides compute amplitudes in f64.
     assert_eq!(c.classified, d.classified, "{name}");
     assert!(
         c.footprints.abs_diff(d.footprints) <= 2 + c.footprints / 1000,
@@ -106,9 +107,10 @@ fn mass_is_conserved_for_spheres_of_every_size() {
         let (image, total) = assert_alike(&name, gpu, &scene, &orthographic(size), &settings());
         let error = image.sum_times_area().unwrap() / total - 1.0;
         println!("{name}: mass off by {error:.1e}");
-        // The promise. Cut off is 2.7e-7, the exponential errs by 4e-7, an amplitude by four roundings.
+        // The promised bound. The cut-off omits 2.7e-7, the exponential errs by 4e-7, an amplitude
+        // by four roundings.
         assert!(error.abs() < 1e-5, "{name}: {error:e}");
-        // And what it keeps to: a drift would show here first.
+        // The actual error is smaller; a drift would show here first.
         assert!(error.abs() < 1.5e-6, "{name}: {error:e}");
     }
 }
@@ -116,18 +118,18 @@ fn mass_is_conserved_for_spheres_of_every_size() {
 #[test]
 fn many_alike_in_one_pixel_are_not_lost() {
     let Some(gpu) = gpu() else { return };
-    // One f32 that adds the same number so often is off by 1.3e-3.
+    // A single f32 sum of so many equal numbers is off by 1.3e-3.
     let count = 150_000;
     let particles = spheres(vec![DVec3::new(0.2, 0.1, 0.0); count], vec![0.7; count]);
     let scene = [masses(particles, vec![0.1; count])];
     let (image, total) = assert_alike("alike", gpu, &scene, &orthographic(16), &settings());
     let error = image.sum_times_area().unwrap() / total - 1.0;
     println!("mass off by {error:.1e}");
-    // The promise; the sums' own bound is half of it.
+    // The promised bound; the sums' own bound is half of it.
     assert!(error.abs() < 1e-5, "{error:e}");
 }
 
-/// A lattice of signed values of a type, stretched and sheared.
+/// Returns a lattice of signed values of a type, stretched and sheared.
 fn lattice(values: Values, is_rectilinear: bool) -> PointVolume {
     let spacing = if is_rectilinear {
         let axis = |scale: f64| {
@@ -199,7 +201,7 @@ fn values_of_every_type_and_either_sign_add() {
             }
         }
     }
-    // Positive here, negative there, nothing where a value is none.
+    // Positive here, negative there, and zero where a value is not finite.
     let values = Values::F32(vec![1.0, -2.0, 0.0, f32::NAN, f32::INFINITY, 0.5]);
     let positions = (0..6)
         .map(|i| DVec3::X * (20.0 * f64::from(i) - 50.0))
@@ -231,7 +233,7 @@ fn perspective_kernels_near_the_eye_and_every_filter_agree() {
         };
         assert_alike(filter.name(), gpu, &scene, &perspective, &settings);
     }
-    // Parallel rays, the eye among the kernels: what lies behind it does not count.
+    // Parallel rays, with the eye among the kernels: kernels behind it do not count.
     let parallel = camera(Projection::Orthographic, [40.0; 2], [150, 100]);
     assert_alike("half line", gpu, &scene, &parallel, &settings());
     assert!(on_cpu(&scene, &parallel, &settings()).1.footprints_near > 5);
@@ -347,7 +349,7 @@ fn clipped_frames_are_alike_and_their_parts_make_the_whole() {
                 "{name}: {front} + {behind}, {whole}"
             );
         }
-        // Neither is all of it.
+        // Neither part is everything.
         let sum = |values: &[f32]| values.iter().copied().map(f64::from).sum::<f64>();
         let share = sum(&front.values) / sum(&whole.values);
         assert!((0.1..0.9).contains(&share), "{name}: {share}");
@@ -358,7 +360,7 @@ fn clipped_frames_are_alike_and_their_parts_make_the_whole() {
 fn planes_keep_their_share_of_each_kernel() {
     let Some(gpu) = gpu() else { return };
     let mut random = Random::new(8);
-    // White, so that the first word that footprints carry is 1, the sign of a positive amplitude.
+    // White makes the first word of footprints 1, the sign of a positive amplitude.
     let particles: Vec<Particle> = (0..300)
         .map(|_| Particle {
             position: random.point(8.0) + DVec3::Z * 40.0,
@@ -375,7 +377,8 @@ fn planes_keep_their_share_of_each_kernel() {
     };
     let mut frame = Frame::new(volume(&particles), &camera, &of_frame);
     assert!(frame.near.is_empty());
-    // What is kept lies between two depths: of spheres, whose depth does not change over the image.
+    // The kept part lies between two depths: of spheres, whose depth does not change over the
+    // image.
     let kept = [37.0, 44.0];
     frame.uniform.clip_count = 2;
     frame.uniform.clip_planes[0] = [0.0, 0.0, 1.0, -kept[0]];
@@ -430,7 +433,7 @@ fn planes_keep_their_share_of_each_kernel() {
         let mut truth = 0.0;
         for p in &particles {
             let sigma = p.factor.x_axis.x;
-            // In pixels, the filter added.
+            // In pixels, with the filter added.
             let variance = (1.5 * sigma).powi(2) + 1.0;
             let d = pixel - (p.position.truncate() * 1.5 + camera.centre_px);
             let whole = f64::from(p.mass) * 1.5 * 1.5 / (std::f64::consts::TAU * variance)
@@ -443,7 +446,8 @@ fn planes_keep_their_share_of_each_kernel() {
         largest = largest.max(truth);
     }
     println!("off by {:.1e} of {largest:e}", worst / largest);
-    // Centres in pixels, depths and their shares are rounded to f32: a few units of 6e-8 each, at slopes
-    // of up to one over a standard deviation of .5. The promise of mass is 1e-5.
+    // Centres in pixels, depths and their fractions are rounded to f32: a few units of 6e-8 each,
+    // at slopes of up to one over a standard deviation of .5. The promised accuracy of mass is
+    // 1e-5.
     assert!(worst <= 5e-6 * largest, "{worst:e} of {largest:e}");
 }

@@ -1,4 +1,4 @@
-//! Double precision in integers, and the cull, against their twins on the CPU.
+//! Compares emulated double precision, and the cull, with their CPU twins.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::unwrap_used,
@@ -33,8 +33,8 @@ fn flushed(x: f64) -> f64 {
     }
 }
 
-/// The same bits, all NaNs alike. At the least normal number the device rounds before it drops
-/// what is denormal, the processor after.
+/// Returns true for the same bits; all NaNs are alike. At the least normal number, the device
+/// rounds before it flushes denormals, the CPU after.
 fn same(device: u64, expected: f64) -> bool {
     let device = f64::from_bits(device);
     let is_at_the_edge = |x: f64| x.abs() <= f64::MIN_POSITIVE;
@@ -62,7 +62,7 @@ fn double_precision_in_integers_is_that_of_the_processor() {
         4_294_967_296.0,
         2_147_483_648.5,
         f64::from(f32::MAX),
-        // Half a step beyond: the least that f32 rounds to infinity.
+        // Half a step beyond: the least number that f32 rounds to infinity.
         f64::from(f32::MAX) * (1.0 + 0.5_f64.powi(25)),
         f64::from(f32::MIN_POSITIVE),
         f64::from(f32::from_bits(1)),
@@ -78,7 +78,7 @@ fn double_precision_in_integers_is_that_of_the_processor() {
         let bits = [random.bits(), random.bits()];
         let mut pair = bits.map(f64::from_bits);
         match i % 5 {
-            // Any bits at all.
+            // Arbitrary bits.
             0 => {}
             // Exponents so near that digits cancel.
             1 => {
@@ -115,7 +115,7 @@ fn double_precision_in_integers_is_that_of_the_processor() {
         assert!(same(r.root, a.sqrt()), "root of {}", context());
         for (device, expected) in [(r.greater, a.max(b)), (r.lesser, a.min(b))] {
             let device = flushed(f64::from_bits(device));
-            // Zeros of either sign are one to `max`.
+            // `max` does not distinguish the signs of zero.
             assert!(
                 device == expected || (device.is_nan() && expected.is_nan()),
                 "order of {}",
@@ -136,7 +136,7 @@ fn double_precision_in_integers_is_that_of_the_processor() {
     println!("{} pairs equal to the bit", pairs.len());
 }
 
-/// What a frame is drawn by, its frustum aside.
+/// Parameters of a frame besides its frustum.
 #[derive(Debug, Clone)]
 struct Shot {
     camera: Camera,
@@ -145,7 +145,7 @@ struct Shot {
 }
 
 impl Shot {
-    /// By the tolerance of the defaults, and without levels of detail.
+    /// Makes a frame with the default tolerance and without levels of detail.
     fn new(camera: &Camera, rejects: bool) -> Self {
         let focal = camera.focal_px.as_vec2();
         Self {
@@ -173,8 +173,8 @@ impl Shot {
     }
 }
 
-/// The views of some volumes with their keys and filters, and the keys per unit, as
-/// `Renderer::render` has them.
+/// Returns the views of some volumes with their keys and filters, and the keys per unit, as
+/// `Renderer::render` computes them.
 fn expected(
     volumes: &[BlockedVolume],
     shot: &Shot,
@@ -222,21 +222,21 @@ fn expected(
     (views, range.keys_per_unit())
 }
 
-/// What frames saw.
+/// Counts over frames.
 #[derive(Debug, Default)]
 struct Tally {
     /// Views of each frame.
     views: Vec<usize>,
     /// Views of all frames by filter.
     filters: [usize; 7],
-    /// By level of detail.
+    /// Views of all frames by level of detail.
     levels: [usize; 8],
 }
 
-/// [`check_shots`] of frames by the defaults' tolerance, each with or without a frustum; returns how
-/// many views there are in each.
+/// Runs [`check_shots`] on frames with the default tolerance, each with or without a frustum.
+/// Returns the number of views in each.
 fn check(volumes: &[BlockedVolume], frames: &[(Camera, bool)], part_bytes: u64) -> Vec<usize> {
-    // Kernels classified over their extents where any are too wide for their values alone.
+    // Kernels are classified over their extents if any are too wide for their values alone.
     let shot = |(camera, rejects): &(Camera, bool)| {
         Shot::new(camera, *rejects).with(|choice| choice.classified_by = 1)
     };
@@ -244,8 +244,8 @@ fn check(volumes: &[BlockedVolume], frames: &[(Camera, bool)], part_bytes: u64) 
     check_shots(volumes, &shots, part_bytes).views
 }
 
-/// Compares every view of frames to the bit. On hardware whose quotients and roots are not the
-/// processor's a hundredth of the choices may fall on the other side of a threshold.
+/// Compares every view of frames to the bit. On hardware whose quotients and roots differ from the
+/// CPU's, a hundredth of the choices may fall on the other side of a threshold.
 fn check_shots(volumes: &[BlockedVolume], shots: &[Shot], part_bytes: u64) -> Tally {
     let gpu = gpu().unwrap();
     let frustum = |camera| Frustum::new(camera, 7.0);
@@ -254,7 +254,7 @@ fn check_shots(volumes: &[BlockedVolume], shots: &[Shot], part_bytes: u64) -> Ta
         .map(|s| gpu::camera_uniform(&s.camera, &frustum(&s.camera), s.rejects, s.choice, None))
         .collect();
     let outputs = gpu::cull(gpu, volumes, &uniforms, part_bytes).unwrap();
-    // Zeros of either sign and NaNs are alike.
+    // Zeros of either sign are alike, and so are NaNs.
     let bits = |v: &BlockView| {
         let point = v.origin_camera.map(|x| {
             let x = if x.is_nan() { f32::NAN } else { x + 0.0 };
@@ -329,8 +329,8 @@ fn points(positions: Vec<DVec3>, sigma: impl Fn(usize) -> f32) -> BlockedVolume 
     })
 }
 
-/// From beside, from within, from afar, away from it, and orthographic ones, of a scene of size 1
-/// at the origin that is then scaled and moved.
+/// Returns cameras beside, inside and far from a scene of size 1 at the origin, looking away, and
+/// orthographic. The scene is then scaled and moved.
 fn cameras(random: &mut Random, scale: f64, middle: DVec3) -> Vec<Camera> {
     let mut cameras = Vec::new();
     for (distance, fov) in [
@@ -355,7 +355,7 @@ fn cameras(random: &mut Random, scale: f64, middle: DVec3) -> Vec<Camera> {
             });
         }
     }
-    // Looks away.
+    // This one looks away.
     let eye = DVec3::X * 30.0 * scale + middle;
     cameras.push(Camera::perspective(
         eye,
@@ -395,8 +395,8 @@ fn blocks_of_points_are_seen_alike_at_every_scale_and_place() {
     assert!(totals.contains(&0) && totals.iter().any(|&n| n > 256));
 }
 
-/// Three lattices: sheared bytes of which a few are visible, rectilinear f32 with poison, and a
-/// single row.
+/// Returns three lattices: sheared bytes of which a few are visible, rectilinear f32 with poison,
+/// and a single row.
 fn lattices(random: &mut Random) -> Vec<BlockedVolume> {
     let opacity = |value, opacity| ControlPoint {
         value,
@@ -445,7 +445,7 @@ fn lattices(random: &mut Random) -> Vec<BlockedVolume> {
             step,
         },
     };
-    // Constant per brick, so that whole bricks are transparent.
+    // Values are constant per brick, so that whole bricks are transparent.
     let level = |i: usize, j: usize, k: usize| ((i / 8 * 37 + j / 8 * 91 + k / 4 * 13) % 256) as u8;
     let bytes = |[nx, ny, nz]: [usize; 3]| {
         (0..nx * ny * nz)
@@ -498,7 +498,7 @@ fn transparent_bricks_and_parts_of_several_volumes_are_told_alike() {
     volumes.push(points(positions, |_| 0.01));
     volumes.push(points(Vec::new(), |_| 0.01));
     let blocks: usize = volumes.iter().map(|v| v.blocks.len()).sum();
-    // Uniform scaling culls only what is transparent; keys span what is in view.
+    // Uniform scaling culls only transparent blocks; keys span the visible ones.
     let cameras = cameras(&mut random, 1.0, DVec3::ZERO);
     let frames: Vec<_> = (0..)
         .map(|i| i % 4 != 1)
@@ -518,7 +518,7 @@ fn ranges_that_end_on_entries_of_the_table_are_told_alike() {
     if gpu().is_none() {
         return;
     }
-    // Value ranges exactly on the table's entries, where one more entry makes a block visible:
+    // Value ranges end exactly on the table's entries, where one more entry makes a block visible:
     // opacity begins above entry 2048.
     let curve = |v: f32| if v > 2048.0 { 0.5 } else { 0.0 };
     let range = [0.0, 4095.0];
@@ -535,7 +535,7 @@ fn ranges_that_end_on_entries_of_the_table_are_told_alike() {
         })
         .collect();
     let volume = BlockedVolume::new(PointVolume {
-        // Blocks far apart.
+        // Blocks lie far apart.
         particles: Particles::Isotropic {
             positions: (0..n)
                 .map(|i| DVec3::new((i / 256) as f64 * 10.0, (i % 256) as f64 * 1e-3, 5.0))
@@ -572,7 +572,7 @@ fn more_blocks_than_one_workgroup_has_runs_of_are_placed_alike() {
     if gpu().is_none() {
         return;
     }
-    // 66,000 blocks of a particle each, in 258 workgroups.
+    // 66,000 blocks of one particle each, in 258 workgroups.
     let count = 66_000;
     let block = |i: u32| Block {
         origin: DVec3::new(0.0, 0.0, 1.0 + f64::from(i) * 4e-3),
@@ -663,7 +663,7 @@ fn poison_is_seen_alike() {
     }
 }
 
-/// Opacity in steps and ramps, colours that change with them, over 0 to 255.
+/// Returns opacity in steps and ramps, with colours that change with them, over 0 to 255.
 fn transfer() -> TransferFunction {
     let opacity = |v: f32| match v {
         v if v < 40.0 => 0.0,
@@ -676,15 +676,15 @@ fn transfer() -> TransferFunction {
     TransferFunction::from_curves(colour, opacity, [0.0, 255.0], 0.1).unwrap()
 }
 
-/// A smooth field with values from 0 to 255.
+/// Evaluates a smooth field with values from 0 to 255.
 fn field(p: DVec3) -> f32 {
     let waves = (p.x * 3.0).sin() + (p.y * 5.0 + p.z).sin() + (p.z * 2.0).cos();
     (waves * 42.0 + 127.0) as f32
 }
 
-/// Points in clumps and in between, with volumes that they fill.
+/// Returns points in clumps and in between, with volumes that they fill.
 ///
-/// - `kind`: bit 0 for ellipsoids, bit 1 for classified ones, bit 2 for colours of their own.
+/// - `kind`: bit 0 for ellipsoids, bit 1 for classified ones, bit 2 for individual colours.
 fn cloud(random: &mut Random, count: usize, kind: usize) -> PointVolume {
     let centres: Vec<DVec3> = (0..8).map(|_| random.point(0.8)).collect();
     let positions: Vec<DVec3> = (0..count)
@@ -742,7 +742,8 @@ fn cloud(random: &mut Random, count: usize, kind: usize) -> PointVolume {
     }
 }
 
-/// A field on a lattice that fills the cube of half side 1: 0 uniform, 1 sheared, 2 rectilinear.
+/// Returns a field on a lattice that fills the cube of half side 1: 0 uniform, 1 sheared, 2
+/// rectilinear.
 fn grid(random: &mut Random, dims: [usize; 3], kind: usize) -> PointVolume {
     let step = dims.map(|n| 2.0 / n as f64);
     let spacing = if kind == 2 {
@@ -792,7 +793,7 @@ fn grid(random: &mut Random, dims: [usize; 3], kind: usize) -> PointVolume {
     }
 }
 
-/// Cameras before the cube of half side 1 at many zooms, from within to where it is a pixel.
+/// Returns cameras on the cube of half side 1 at many zooms, from inside to where it is a pixel.
 fn zooms(random: &mut Random) -> Vec<Camera> {
     let mut cameras = Vec::new();
     for power in (-2..26).step_by(2) {
@@ -801,7 +802,7 @@ fn zooms(random: &mut Random) -> Vec<Camera> {
         let (eye, size) = (direction * distance, [320, 240]);
         let aim = random.point(0.1);
         let mut camera = Camera::perspective(eye, aim, DVec3::Z, 40.0, size);
-        // The wider, the larger what must be told apart.
+        // The wider the view, the larger must details be.
         camera.focal_px.y *= 1.0 + 0.3 * f64::from(power % 4);
         cameras.push(camera);
         let height = distance;
@@ -890,7 +891,7 @@ fn levels_of_detail_are_cut_alike() {
             kind,
         )));
     }
-    // All in one scene as well, where parents are counted over all families.
+    // All families also form one scene, where parents are counted over all of them.
     let scene: Vec<_> = families.iter().flatten().cloned().collect();
     assert!(scene.iter().filter(|v| v.merged.is_some()).count() > 12);
     families.push(scene);
@@ -902,12 +903,12 @@ fn levels_of_detail_are_cut_alike() {
             let shot = Shot::new(camera, i % 7 != 3).with(|c| c.merge_tolerance = c.tolerance);
             shots.push(shot.with(|c| {
                 c.tolerance = [0.05, 0.5][i % 2];
-                // Of every second one merging may err by more.
+                // In every second one, merging may err by more.
                 c.merge_tolerance = c.tolerance * [1.0, 20.0][i / 2 % 2];
             }));
             shots.push(shot);
         }
-        // One that asks for none leaves nothing behind, and takes nothing over.
+        // A frame without levels of detail leaves nothing behind and takes nothing over.
         shots.push(Shot::new(&cameras[12], true));
         let tally = check_shots(family, &shots, u64::MAX);
         println!("{f}: {:?} by level", tally.levels);
@@ -1039,7 +1040,7 @@ fn degenerate_blocks_are_chosen_alike() {
     assert!(tally.levels[0] > 1_000 && tally.levels[1] > 1_000);
 }
 
-/// What a transfer function makes of how far the values of clusters spread.
+/// Compares the transfer function's effect on the spread of clusters' values.
 #[test]
 fn clusters_of_classified_particles_are_chosen_alike() {
     if gpu().is_none() {

@@ -1,4 +1,4 @@
-//! Adapters, and what goes wrong on a device: no adapter, a lost device, too little room.
+//! Tests adapters, and failures of a device: no adapter, a lost device, too little memory.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::unwrap_used,
@@ -22,7 +22,7 @@ use ewa_splat::view::{Camera, Projection};
 use ewa_splat::{ClassifyAt, ColumnSettings, Composite, Error, Renderer, Settings};
 use glam::{DMat3, DVec3};
 
-/// Kernels of some pixels before a camera at the origin, `count` of them.
+/// Returns `count` kernels of some pixels before a camera at the origin.
 fn cloud(count: usize) -> PointVolume {
     let mut random = Random::new(31);
     let particles: Vec<_> = (0..count)
@@ -56,7 +56,7 @@ fn draw(gpu: Gpu, scene: &PointVolume, camera: &Camera) -> ewa_splat::Result<Dra
     Ok((renderer.image().clone(), depth, renderer.counts()))
 }
 
-/// The picture with bindings of at most `bytes` is that of a device with more room.
+/// Asserts that the picture with bindings of at most `bytes` equals that of a device with more.
 fn assert_cut_is_whole(name: &str, scene: &PointVolume, camera: &Camera, bytes: u64) {
     let Some(gpu) = gpu() else { return };
     let start = Instant::now();
@@ -83,7 +83,7 @@ fn adapters_are_found_by_name() {
         error.contains("'no such name'") && error.contains(&name) && error.contains("EWA_ADAPTER"),
         "{error}"
     );
-    // A part of it, in either case.
+    // A part of the name, in either case.
     let part: String = name.chars().take(6).collect();
     for part in [part.to_uppercase(), part.to_lowercase()] {
         let opened = Gpu::open_named(AdapterChoice::Any, Some(&part)).unwrap();
@@ -112,7 +112,7 @@ fn a_software_adapter_is_no_hardware() {
     }
 }
 
-/// A device of one's own, to lose.
+/// Opens a separate device, to lose it.
 fn own_gpu() -> Option<Gpu> {
     gpu()?;
     Some(Gpu::open(AdapterChoice::Any).unwrap())
@@ -134,7 +134,7 @@ fn a_closed_device_is_an_error_now_and_later() {
     let Some(gpu) = own_gpu() else { return };
     let scene = cloud(2_000);
     let (small, large) = (view([64, 48]), view([96, 80]));
-    // Before its first frame, and after one.
+    // The device is lost before its first frame, and after one.
     let mut new = Renderer::new(vec![scene.clone()]).unwrap();
     new = new.on(gpu.clone()).unwrap();
     let mut used = Renderer::new(vec![scene.clone()]).unwrap();
@@ -146,7 +146,7 @@ fn a_closed_device_is_an_error_now_and_later() {
         assert_fails_soon(&mut new, camera);
         assert_fails_soon(&mut used, camera);
     }
-    // Uploads fail as well, or the frame after them.
+    // Uploads fail, too, or the frame after them.
     let late = Renderer::new(vec![scene]).unwrap().on(gpu);
     if let Ok(mut late) = late {
         assert_fails_soon(&mut late, &small);
@@ -159,7 +159,7 @@ fn a_closed_device_is_an_error_now_and_later() {
 fn a_device_lost_within_a_frame_is_an_error() {
     let scene = cloud(3_000);
     let camera = view([200, 160]);
-    // While the first frame compiles its shaders, and while later ones run.
+    // The device is lost while the first frame compiles its shaders, and while later ones run.
     for (is_used, after_ms) in [(false, 0), (false, 50), (true, 0), (true, 3), (true, 200)] {
         let Some(gpu) = own_gpu() else { return };
         let mut renderer = Renderer::new(vec![scene.clone()]).unwrap();
@@ -173,7 +173,7 @@ fn a_device_lost_within_a_frame_is_an_error() {
                 gpu.close();
             });
             let start = Instant::now();
-            // Until one meets it.
+            // Draws until a frame meets the loss.
             let mut frames = 0;
             while renderer.render(&camera, &with_depth()).is_ok() {
                 frames += 1;
@@ -216,7 +216,7 @@ fn what_finds_no_room_is_said_with_its_bytes() {
     );
     assert!(e.contains("at most 60000 bytes"), "{e}");
     assert!(e.contains("narrower image"), "{e}");
-    // No limit is too small for an error.
+    // Any limit, however small, gives an error and no panic.
     for bytes in [0, 1, 16, 100, 300, 1000, 20_000] {
         let gpu = gpu.clone().with_binding_limit(bytes);
         if let Err(e) = draw(gpu, &scene, &camera) {
@@ -245,7 +245,7 @@ fn a_device_that_had_no_room_draws_what_fits() {
     }
 }
 
-/// Kernels that hold the eye.
+/// Returns kernels that contain the eye.
 fn around_the_eye(count: usize) -> PointVolume {
     let mut random = Random::new(32);
     let particles: Vec<_> = (0..count)
@@ -267,7 +267,7 @@ fn kernels_across_the_camera_plane_find_room() {
         assert_alike("around the eye", &scene, &camera, &Settings::default());
         assert_cut_is_whole("around the eye", &scene, &camera, 181_000);
     }
-    // More than a binding holds.
+    // There are more than a binding holds.
     let Some(gpu) = gpu() else { return };
     let limited = gpu.clone().with_binding_limit(40_000);
     let mut renderer = Renderer::new(vec![around_the_eye(300)]).unwrap();
@@ -275,13 +275,13 @@ fn kernels_across_the_camera_plane_find_room() {
     for _ in 0..2 {
         let error = renderer.render(&camera, &Settings::default());
         let error = error.unwrap_err().to_string();
-        // A count before them.
+        // A count precedes them.
         let most = (40_000 - 4) / size_of::<NearTerms>();
         let expected = format!("at most {most} kernels across the camera plane");
         assert!(error.contains(&expected), "{error}");
         assert!(error.contains("found 300"), "{error}");
     }
-    // Seen from afar none of them is near.
+    // From afar, none of them is near.
     let away = Camera {
         eye: -DVec3::Z * 30.0,
         ..camera
@@ -289,7 +289,7 @@ fn kernels_across_the_camera_plane_find_room() {
     assert!(renderer.render(&away, &Settings::default()).is_ok());
 }
 
-/// Kernels that each cover the whole image.
+/// Returns kernels that each cover the whole image.
 fn veils(count: usize, tau: f64) -> PointVolume {
     let mut random = Random::new(33);
     let particles: Vec<_> = (0..count)
@@ -308,7 +308,8 @@ fn footprints_over_the_whole_image_find_room() {
     // 30 tiles: 90,000 entries of 3,000 footprints, of which a binding holds 45,000.
     let camera = view([96, 80]);
     assert_cut_is_whole("veils", &veils(3_000, 1e-3), &camera, 181_000);
-    // More entries than there is room for at first, 2^20; opaque after some, or they take long.
+    // There are more entries than the initial capacity, 2^20. The kernels turn opaque after some,
+    // to save time.
     let camera = view([640, 480]);
     assert_cut_is_whole("many entries", &veils(1_000, 0.2), &camera, 2 << 20);
 }
@@ -321,7 +322,7 @@ fn the_widest_and_the_highest_image_are_drawn() {
         let name = format!("{} x {}", size[0], size[1]);
         let mut scene = cloud(300);
         if let Particles::Anisotropic { positions, .. } = &mut scene.particles {
-            // Along the long side.
+            // Kernels lie along the long side.
             for p in positions {
                 p.x *= if size[0] > 3 { 5.0 } else { 0.01 };
                 p.y *= if size[1] > 3 { 5.0 } else { 0.01 };
@@ -330,14 +331,14 @@ fn the_widest_and_the_highest_image_are_drawn() {
         let flips = assert_alike(&name, &scene, &camera, &Settings::default());
         assert!(flips.is_none_or(|n| n < 1_000), "{flips:?}");
     }
-    // Bands of one row of tiles.
+    // Bands are one row of tiles.
     let camera = view([1_000, 40]);
     assert_cut_is_whole("bands", &cloud(300), &camera, 1_000 * 16 * 20);
 }
 
 #[test]
 fn more_visible_particles_than_a_part_had_room_for() {
-    // A part has room for 2^18 at first, where some may be transparent.
+    // A part initially has space for 2^18, if some may be transparent.
     let dims = [66; 3];
     let count: usize = dims.iter().product();
     let colour = |value: f32| [value, 1.0 - value, 0.5];
@@ -358,17 +359,17 @@ fn more_visible_particles_than_a_part_had_room_for() {
         local_models: None,
     };
     let camera = view([40, 32]);
-    // Whole: 287,496 in one part. Cut: parts of 2^17.
+    // Uncut: 287,496 in one part. Cut: parts of 2^17.
     assert_cut_is_whole("a lattice", &scene, &camera, 8 << 20);
 }
 
-/// The processor's picture.
+/// Returns the CPU's picture.
 fn alone(scene: &PointVolume, camera: &Camera, settings: &Settings) -> Image {
     let mut renderer = Renderer::new(vec![scene.clone()]).unwrap();
     renderer.render(camera, settings).unwrap().clone()
 }
 
-/// A renderer that may draw on the processor what the device cannot.
+/// Returns a renderer that may draw on the CPU if the device cannot.
 fn on_if_it_can(gpu: Gpu, scene: &PointVolume) -> Renderer {
     let renderer = Renderer::new(vec![scene.clone()]).unwrap();
     renderer.on_if_it_can(gpu)
@@ -390,13 +391,13 @@ fn what_the_device_cannot_draw_the_processor_does() {
         );
         let why = renderer.fallback().unwrap().to_string();
         assert!(why.contains("at most 60000 bytes"), "{why}");
-        // And the device draws again what it can.
+        // The device draws again once it can.
         renderer.render(&fits, &with_depth()).unwrap();
         assert_eq!(renderer.fallback(), None);
         let own = draw(gpu.clone(), &scene, &fits).unwrap();
         assert_eq!(difference(renderer.image(), &own.0), 0.0);
     }
-    // A scene for which there is no memory at all.
+    // The binding limit is too small for the scene itself.
     let mut renderer = on_if_it_can(gpu.clone().with_binding_limit(4096), &scene);
     assert_eq!(renderer.adapter(), None);
     for _ in 0..2 {
@@ -420,7 +421,7 @@ fn more_slabs_than_the_device_keeps_open_fall_back() {
         ..Settings::default()
     };
     let mut renderer = on_if_it_can(gpu.clone(), &scene);
-    // Some kernels reach half a unit along z.
+    // Some kernels extend half a unit along z.
     let thin = slabs(1e-3);
     let image = renderer.render(&camera, &thin).unwrap().clone();
     let why = renderer.fallback().unwrap().to_string();
@@ -428,7 +429,7 @@ fn more_slabs_than_the_device_keeps_open_fall_back() {
     assert_eq!(difference(&image, &alone(&scene, &camera, &thin)), 0.0);
     renderer.render(&camera, &slabs(0.1)).unwrap();
     assert_eq!(renderer.fallback(), None);
-    // Asked for by name, the device says what it cannot.
+    // If the device was asked for explicitly, it reports the error.
     let mut asked_for = Renderer::new(vec![scene]).unwrap().on(gpu.clone()).unwrap();
     assert!(asked_for.render(&camera, &thin).is_err());
 }

@@ -1,4 +1,4 @@
-//! Kernels classified over their own extents: the back ends against each other.
+//! Compares the back ends on kernels classified over their own extents.
 
 use ewa_splat::render::Classification;
 use ewa_splat::scene::{
@@ -14,7 +14,7 @@ use crate::common::Random;
 use crate::common::gpu::gpu;
 use crate::extent::{camera, field, lattice, pieces, settings, shells, steps};
 
-/// Volumes of every kind that has pieces.
+/// Returns volumes of every kind that has pieces.
 fn volumes() -> Vec<(&'static str, PointVolume)> {
     let transfer = shells();
     let uniform = lattice(24, &transfer);
@@ -35,7 +35,7 @@ fn volumes() -> Vec<(&'static str, PointVolume)> {
         ),
         ..uniform.clone()
     };
-    // Uneven, with holes.
+    // An uneven grid with holes.
     let axis: Vec<f64> = (0..19)
         .map(|i| 2.0 * (f64::from(i) / 18.0).powf(1.4) - 1.0)
         .collect();
@@ -117,8 +117,8 @@ fn volumes() -> Vec<(&'static str, PointVolume)> {
     ]
 }
 
-/// Both back ends draw the same picture, within the 2e-5 of all others, and classify the same pieces, also of
-/// volumes in parts.
+/// Both back ends draw the same picture, within the usual 2e-5, and classify the same pieces, also
+/// for volumes in parts.
 #[test]
 fn both_back_ends_classify_alike() {
     let Some(gpu) = gpu() else { return };
@@ -140,7 +140,7 @@ fn both_back_ends_classify_alike() {
             )
             .unwrap();
             let flips = particles.len().abs_diff(found.particles.len());
-            // A piece at the edge of its reach, or with a mass of almost nothing, may fall on either side.
+            // A piece at the edge of its reach, or with nearly no mass, may be present or absent.
             assert!(
                 flips <= 2,
                 "{name}: {} {}",

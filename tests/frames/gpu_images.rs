@@ -1,5 +1,5 @@
-//! Whole pictures: the GPU back end against the CPU's on every fixture and every real data set, on
-//! every filter, and cut in every way that a smaller adapter would have them cut.
+//! Compares whole pictures of the GPU back end with the CPU's on every fixture and every real data
+//! set, with every filter, and split in every way that a smaller adapter would require.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::unwrap_used,
@@ -47,7 +47,7 @@ fn wake() -> PointVolume {
     read_with(&fixture("wake.xyz"), &OpenOptions::default(), &options)
 }
 
-/// The camera that the command line fits, at a size that a software adapter draws quickly.
+/// Returns the camera that the command line fits, at a size that a software adapter draws quickly.
 fn fitted(scene: &PointVolume, lens: Lens, size: [usize; 2]) -> Camera {
     let renderer = Renderer::new(vec![scene.clone()]).unwrap();
     let viewpoint = Viewpoint {
@@ -61,7 +61,8 @@ fn fitted(scene: &PointVolume, lens: Lens, size: [usize; 2]) -> Camera {
         .unwrap()
 }
 
-/// Perspective with defaults, orthographic with exact depth order and a background.
+/// Checks a perspective view with defaults, and an orthographic one with exact depth order and a
+/// background.
 fn check(name: &str, scene: &PointVolume) {
     let settings = Settings {
         background: Some([0.3, 0.1, 0.0]),
@@ -160,7 +161,8 @@ fn every_filter_looks_alike() {
             assert_alike(&name, &scene, &camera, &settings);
         }
     }
-    // From within, where kernels cross the camera plane; without and with a wide low-pass filter.
+    // Views from inside, where kernels cross the camera plane; without and with a wide low-pass
+    // filter.
     camera.eye += camera.forward() * 0.6 * camera.eye.length();
     for low_pass_variance_px2 in [0.0, 1.0, 9.0] {
         let settings = Settings {
@@ -171,7 +173,7 @@ fn every_filter_looks_alike() {
     }
 }
 
-/// Ellipsoids of many sizes, some round the eye.
+/// Returns ellipsoids of many sizes, some around the eye.
 fn cloud(count: usize) -> PointVolume {
     let mut random = Random::new(7);
     let particles: Vec<Particle> = (0..count)
@@ -197,8 +199,8 @@ fn pictures_do_not_depend_on_how_the_frame_is_cut() {
         background: Some([0.1, 0.2, 0.3]),
         ..Settings::default()
     };
-    // So small that there are several parts, chunks and bands: where something is classified, what the table of a
-    // transfer function takes.
+    // The limit is so small that there are several parts, chunks and bands. With classification, it
+    // includes the transfer function's table.
     let scenes = [
         (vec![cloud(12_000)], 361_000),
         (vec![wake(), cloud(24_000)], 822_000),
@@ -220,7 +222,7 @@ fn pictures_do_not_depend_on_how_the_frame_is_cut() {
     }
 }
 
-/// A smooth field on a lattice, whose cells vary little from one to the next.
+/// Returns a smooth field on a lattice, whose cells vary little from one to the next.
 fn waves(spacing: LatticeSpacing, dims: [usize; 3]) -> PointVolume {
     let lattice = Lattice { dims, spacing };
     let values = (0..lattice.len())
@@ -247,14 +249,14 @@ fn waves(spacing: LatticeSpacing, dims: [usize; 3]) -> PointVolume {
     }
 }
 
-/// Bands of opacity over 0 to 255, the greatest `most` per length of .1.
+/// Returns bands of opacity over 0 to 255, the greatest `most` per length of .1.
 fn bands(most: f32) -> TransferFunction {
     let opacity = |v: f32| most * (v * 0.05).sin().max(0.0);
     let colour = |v: f32| [v / 255.0, 0.5, 1.0 - v / 255.0];
     TransferFunction::from_curves(colour, opacity, [0.0, 255.0], 0.1).unwrap()
 }
 
-/// Thin points that fill a ball evenly, and so many that most are merged from afar.
+/// Returns faint points that fill a ball evenly, so many that most are merged from afar.
 fn dust(count: usize, is_classified: bool) -> PointVolume {
     let mut random = Random::new(31);
     let positions: Vec<DVec3> = (0..count).map(|_| random.point(1.0)).collect();
@@ -284,7 +286,7 @@ fn dust(count: usize, is_classified: bool) -> PointVolume {
     }
 }
 
-/// Scenes of which much is merged from afar: points, and lattices of every kind.
+/// Returns scenes of which much is merged from afar: points, and lattices of every kind.
 fn mergeable() -> Vec<(&'static str, PointVolume)> {
     let dims = [64, 56, 48];
     let axis = |n: usize| -> Vec<f64> {
@@ -346,8 +348,8 @@ fn merged_scenes_look_alike_at_every_zoom() {
         for (step, distance) in distances.into_iter().enumerate() {
             let tolerance = match distance {
                 12.0 => 0.05,
-                // Values between the steps of a transfer function are merged where that may cost half of
-                // all there is to see, and not before.
+                // Values between the steps of a transfer function are merged only if merging may
+                // cost half of everything visible.
                 600.0 => 0.5,
                 _ => 1.0 / 255.0,
             };
@@ -394,7 +396,7 @@ fn an_edit_reaches_what_is_merged() {
     let Some(gpu) = pictures() else { return };
     let eye = DVec3::new(0.6, -0.7, 0.4) * 150.0;
     let camera = Camera::perspective(eye, DVec3::ZERO, DVec3::Z, 1.5, [60, 50]);
-    // Two families: the second one's levels are counted after the first's.
+    // With two families, the second one's levels are counted after the first's.
     let scene: Vec<_> = [0, 2].map(|i| mergeable().swap_remove(i).1).into();
     for volume in 0..2 {
         let mut edited = Renderer::new(scene.clone())
@@ -431,8 +433,7 @@ fn an_edit_reaches_what_is_merged() {
 #[test]
 fn frames_follow_one_another() {
     let Some(gpu) = pictures() else { return };
-    // Sizes, filters, projections and needs change from frame to frame; what one leaves behind
-    // does not show in the next.
+    // Sizes, filters, projections and needs change between frames. No frame affects the next.
     let scene = cloud(3_000);
     let mut renderer = Renderer::new(vec![scene.clone()]).unwrap();
     renderer = renderer.on(gpu.clone()).unwrap();
@@ -452,7 +453,7 @@ fn frames_follow_one_another() {
             let mut fresh = Renderer::new(vec![scene.clone()]).unwrap();
             fresh = fresh.on(gpu.clone()).unwrap();
             fresh.render(camera, &settings).unwrap();
-            // A compiler may round the code with and without the exact path in different ways.
+            // A compiler may round the code with and without the exact path differently.
             let allowed = if gpu.is_software() { 0.0 } else { ALIKE };
             assert!(difference(&again, fresh.image()) <= allowed);
             assert_eq!(renderer.depth(), fresh.depth());
@@ -514,7 +515,7 @@ fn back_ends_are_chosen_as_asked() {
     let on_gpu = Renderer::with_backend(vec![cloud(1)], Backend::Gpu).unwrap();
     assert!(on_gpu.adapter().is_some());
     let auto = Renderer::with_backend(vec![cloud(1)], Backend::Auto).unwrap();
-    // An adapter that is named is taken, whatever it is.
+    // A named adapter is used, whatever it is.
     if gpu.is_software() && !Gpu::is_adapter_named() {
         assert_eq!(
             auto.adapter(),

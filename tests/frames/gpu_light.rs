@@ -1,4 +1,4 @@
-//! Light against its twin on the CPU.
+//! Compares light with its CPU twin.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::unwrap_used,
@@ -31,7 +31,7 @@ const POISON: [f32; 8] = [
     1e-30,
 ];
 
-/// Particles of each kind around `middle`, coloured, all visible.
+/// Returns particles of each kind around `middle`, coloured, all visible.
 fn volumes(random: &mut Random, middle: DVec3, size: f64) -> Vec<(&'static str, PointVolume)> {
     let count = 3_000;
     let positions: Vec<DVec3> = (0..count).map(|_| random.point(size) + middle).collect();
@@ -101,7 +101,7 @@ fn volumes(random: &mut Random, middle: DVec3, size: f64) -> Vec<(&'static str, 
             let is_flat = name == "surfels";
             let normals = (0..count).map(|i| match i % 7 {
                 0 => 0,
-                // The corners of what codes may be.
+                // The extreme values of codes.
                 1 => [1, 1 << 22, 2048, (1 << 22) - 2047][i % 4],
                 _ => normal_code(random.point(1.0)),
             });
@@ -140,7 +140,7 @@ fn lighting(random: &mut Random, count: usize, shininess: f32) -> Lighting {
     }
 }
 
-/// Blocks in view, with their origins, and what the CPU classifies.
+/// Returns blocks in view, with their origins, and the CPU's classified particles.
 fn classified(
     volume: &BlockedVolume,
     camera: &Camera,
@@ -205,13 +205,13 @@ fn particles_are_lit_alike() {
                         before.carried.colour()[c],
                     );
                     let is_same = a.to_bits() == b.to_bits() || (a.is_nan() && b.is_nan());
-                    // What is not finite stays so; denormals may be zeros.
+                    // Numbers that are not finite stay so; denormals may be zeros.
                     if is_same || (a - b).abs() < 1e-37 {
                         continue;
                     }
                     assert!(a.is_finite() && b.is_finite(), "{name}: {a} {b} of {own}");
-                    // As `gpu::light` has it: unit vectors within 2e-6; the exponent times that and
-                    // the logarithm's 2^-21, for each light.
+                    // As in `gpu::light`: unit vectors within 2e-6. The exponent multiplies that,
+                    // and the logarithm's 2^-21, for each light.
                     let lights: f32 = lighting.lights.iter().map(|l| l.colour[c]).sum();
                     let diffuse = 2e-6 * own.abs() * (1.0 + lights);
                     let highlight = 0.5 * lights * shininess * (2e-6 + 5e-7) + 1e-6;
@@ -236,7 +236,7 @@ fn pictures_are_lit_alike() {
     let mut random = Random::new(3);
     for orthographic in [false, true] {
         for (name, mut volume) in volumes(&mut random, DVec3::ZERO, 1.0) {
-            // Faint, opaque or none at all; poison is the stage's own test.
+            // Faint, opaque or invisible particles; the stage's own test covers poison.
             if let Colour::PerParticle(colours) = &mut volume.colour {
                 for c in colours.iter_mut().flatten() {
                     *c = c.clamp(0.0, 1.0).max(0.0);

@@ -1,7 +1,7 @@
-//! The GPU's projection against its twin, fed with the same input.
+//! Compares the GPU's projection with its twin, on the same input.
 //!
-//! Tolerances follow from the kernel: what a rounding of the factor's rows, carried to the image,
-//! is to the footprint's smaller axis.
+//! Tolerances follow from the kernel: a rounding of the factor's rows, carried to the image,
+//! relative to the footprint's smaller axis.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::unwrap_used,
@@ -34,7 +34,7 @@ use glam::{DMat3, DVec3, Mat3, Vec2, Vec3};
 /// A rounding of f32, relative.
 const EPS: f32 = f32::EPSILON / 2.0;
 
-/// What the stage is given.
+/// Input of the stage.
 struct Input {
     volume: BlockedVolume,
     views: Vec<BlockView>,
@@ -75,7 +75,7 @@ impl Input {
         out
     }
 
-    /// A classified particle's offset and kernel, as the CPU finds them.
+    /// Returns a classified particle's offset and kernel, as the CPU computes them.
     fn kernel(&self, i: usize) -> (Vec3, Kernel) {
         let particle = &self.classified[i];
         let view = &self.views[particle.view as usize];
@@ -113,18 +113,18 @@ impl Input {
         (offset, kernel)
     }
 
-    /// What draws a classified particle.
+    /// Returns the filter that draws a classified particle.
     fn filter(&self, i: usize) -> Filter {
         Filter::ALL[self.views[self.classified[i].view as usize].filter_kind as usize]
     }
 
-    /// The crowding of a classified particle's block.
+    /// Returns the overlap count of a classified particle's block.
     fn crowding(&self, i: usize) -> f32 {
         let view = &self.views[self.classified[i].view as usize];
         self.volume.blocks[view.block as usize].crowding
     }
 
-    /// Whether a classified particle has the opacity of a lone kernel.
+    /// Returns true if a classified particle has the opacity of a lone kernel.
     fn is_lone(&self, i: usize) -> bool {
         let view = &self.views[self.classified[i].view as usize];
         self.view.sub_pixel_opacity != 0 && view.level == 0 && self.splats().is_none()
@@ -140,22 +140,23 @@ impl Input {
     }
 }
 
-/// What a comparison saw: choices that fell otherwise, and the greatest errors over their bounds.
+/// Results of a comparison: choices that differ, and the greatest errors relative to their bounds.
 #[derive(Debug, Default)]
 struct Seen {
     footprints: usize,
     visible: usize,
     bit_equal: usize,
-    /// By path: affine or peak, exact, near, half-line.
+    /// Counts by path: affine or peak, exact, near, half-line.
     paths: [usize; 4],
     path_flips: usize,
     range_flips: usize,
     form_flips: usize,
     near_range_flips: usize,
     key_off: usize,
-    /// Whose depth is less than nine tenths of the filtered one, being smaller than a pixel.
+    /// Number of kernels smaller than a pixel whose depth is less than nine tenths of the filtered
+    /// one.
     lone: usize,
-    /// Too ill-conditioned for any bound: only held to be in range.
+    /// Number too ill-conditioned for any bound, only checked to be in range.
     loose: usize,
     worst: std::collections::BTreeMap<&'static str, f32>,
 }
@@ -180,11 +181,11 @@ impl Seen {
     }
 }
 
-/// What the roundings of a kernel's projection may amount to.
+/// Largest effects of the roundings of a kernel's projection.
 struct Roundings {
-    /// Of the centre, px.
+    /// Error of the centre, px.
     centre_px: f32,
-    /// Relative, of the footprint's smaller axis.
+    /// Relative error of the footprint's smaller axis.
     axis: f32,
     /// The footprint's smaller variance, px².
     smallest: f32,
@@ -203,7 +204,7 @@ fn roundings(
     let focal = view.focal_px[0].max(view.focal_px[1]);
     let f = &kernel.factor;
     let norm = (f.x.length_squared() + f.y.length_squared() + f.z.length_squared()).sqrt();
-    // A product of a matrix: five roundings or, where sums are fused, fewer.
+    // A matrix product: five roundings or, with fused sums, fewer.
     let position = 4.0 * EPS * (origin.length() + offset.length());
     let is_flat = view.orthographic != 0;
     let (per_depth, slope) = if is_flat {
@@ -213,7 +214,7 @@ fn roundings(
     };
     let depth = if is_flat { 0.0 } else { position * per_depth };
     let row = focal * norm * per_depth * (1.0 + slope) * (8.0 * EPS + 2.0 * depth);
-    // The filters that take the footprint's own smaller axis for something.
+    // The filters that use the footprint's own smaller axis.
     let bare = screen.filtered(Filter::Reconstruction, 0.0);
     let is_bare = input.filter(i) == Filter::UniformScaling
         || input.splats() == Some(true)
@@ -229,8 +230,9 @@ fn roundings(
     }
 }
 
-/// What roundings of a lone kernel's opacity do to its depth, relative: some sixty of a sum, as a share
-/// of the light that is let through, down to exp(-7), where the depth follows from the extent.
+/// Returns the relative error that roundings of a lone kernel's opacity cause in its depth: some
+/// sixty of a sum, relative to the transmitted light, down to exp(-7), where the depth follows from
+/// the extent.
 fn lone_error(input: &Input, i: usize, screen: &ScreenFactor) -> f32 {
     if !input.is_lone(i) {
         return 0.0;
@@ -241,7 +243,7 @@ fn lone_error(input: &Input, i: usize, screen: &ScreenFactor) -> f32 {
     64.0 * EPS / through.max(1e-3)
 }
 
-/// The cut-off radius as the stage finds it.
+/// Returns the cut-off radius as the stage computes it.
 fn radius(
     view: &ViewUniform,
     filter: Filter,
@@ -261,7 +263,7 @@ fn radius(
     })
 }
 
-/// What evaluates a footprint, without the place of its terms.
+/// Returns the path that evaluates a footprint, without the index of its terms.
 fn path(f: &Footprint) -> u32 {
     match f.path & 3 {
         PATH_NEAR => PATH_NEAR,
@@ -315,13 +317,13 @@ fn compare_one(
     let near_paths = [PATH_NEAR, PATH_HALF_LINE];
     let mut same = words(e);
     if near_paths.contains(&(e.path & 3)) && path(e) == path(f) {
-        // The place among the terms is any.
+        // The index of its terms may differ.
         same[12] = f.path;
     }
     let is_same = same == words(f);
     seen.bit_equal += usize::from(is_same);
 
-    // Whatever happens: in the image.
+    // In every case, the ranges lie in the image.
     let ((c0, c1), (r0, r1)) = (f.column_range(), f.row_range());
     if f.is_visible() {
         assert!(
@@ -409,7 +411,7 @@ fn compare_one(
         return;
     }
 
-    // Bounds: off by one where an edge lies within its roundings of a whole number.
+    // Bounds may be off by one if an edge lies within its roundings of a whole number.
     let r_error = (8.0 * round.axis + 1e-5 + 2.0 * lone) / (2.0 * r);
     let (middle, half) = if e.path & 3 == PATH_EXACT {
         let (middle, half) = exact_extent(&screen, view.low_pass_variance_px2, r).unwrap();
@@ -467,7 +469,7 @@ fn compare_one(
             &context,
         );
     } else {
-        // Rounder than rounding tells: eliminated along the other axis.
+        // It is round to within rounding, so the other axis was eliminated.
         seen.form_flips += 1;
         assert!(
             (image.a / image.c - 1.0).abs() < 4.0 * round.axis,
@@ -513,8 +515,8 @@ fn compare_one(
     }
 }
 
-/// Kernels that cross the camera plane: their ranges are whole tiles, their terms are held to what
-/// they evaluate to.
+/// Compares kernels that cross the camera plane: their ranges are whole tiles, and their terms are
+/// compared by the values that they give.
 fn compare_near(
     input: &Input,
     i: usize,
@@ -577,7 +579,7 @@ enum Kind {
     AntiAliasedSplats,
 }
 
-/// How a scene is drawn.
+/// Parameters of a scene.
 #[derive(Debug, Clone, Copy)]
 struct Scene {
     kind: Kind,
@@ -585,7 +587,7 @@ struct Scene {
     is_orthographic: bool,
     /// World units per unit of the scene.
     scale: f64,
-    /// Share of the blocks about the camera plane.
+    /// Share of the blocks near the camera plane.
     near: f64,
     /// Largest axis ratio of kernels.
     ratio: f64,
@@ -627,7 +629,7 @@ impl Scene {
         }
     }
 
-    /// A block's origin in camera space, units of the scene.
+    /// Returns a block's origin in camera space, units of the scene.
     fn origin(&self, random: &mut Random) -> DVec3 {
         let is_near = random.range(0.0, 1.0) < self.near;
         if self.is_orthographic {
@@ -734,7 +736,7 @@ fn block(first: u32, size: usize) -> Block {
         greatest_spread: 0.0,
         parent: NO_PARENT,
         level: 0,
-        // Of every third alone, as evenly placed kernels are.
+        // Every third block has an overlap count of one, as evenly placed kernels have.
         crowding: 1.0 + (first / 7 % 3) as f32 * 20.0,
     }
 }
@@ -838,7 +840,7 @@ fn needles_and_scales() {
     }
 }
 
-/// A lattice's own cells and those of its levels of detail, if it has any.
+/// Returns a lattice's own cells and those of its levels of detail, if it has any.
 fn grids(lattice: Lattice) -> Vec<BlockedVolume> {
     let count = lattice.len();
     BlockedVolume::with_detail(PointVolume {
@@ -858,7 +860,7 @@ fn grids(lattice: Lattice) -> Vec<BlockedVolume> {
     })
 }
 
-/// Every cell of a lattice, its first brick's middle before the camera.
+/// Returns every cell of a lattice, with the centre of its first brick in front of the camera.
 fn lattice_input(random: &mut Random, grid: BlockedVolume, filter: Filter) -> Input {
     let rotation = random.rotation();
     let eye = grid.blocks[0].origin - rotation.transpose() * DVec3::new(-2.0, 1.0, 30.0);
@@ -942,7 +944,8 @@ fn lattices() {
     }
 }
 
-/// In an adaptive frame the block says what draws its particles, and the debug layer shows it.
+/// In an adaptive frame, the block determines which filter draws its particles, and the debug
+/// output shows it.
 #[test]
 fn blocks_of_every_filter_and_level() {
     let mut random = Random::new(19);
@@ -970,7 +973,7 @@ fn blocks_of_every_filter_and_level() {
                 if show_choice == 1 && matches!(kind, Kind::Ellipsoids) {
                     println!("{shown:?}");
                     let is_whole = |&n: &usize| n > 0;
-                    // No kernel is exact without perspective.
+                    // Without perspective, no kernel is exact.
                     assert!(shown[usize::from(is_orthographic)..].iter().all(is_whole));
                 }
             }
@@ -1012,7 +1015,8 @@ fn counts_around_a_workgroup() {
 #[test]
 fn edges_on_pixel_borders_and_depths_on_thresholds_fall_alike() {
     let Some(gpu) = gpu() else { return };
-    // Everything a short binary fraction: sigma 1.5, cut-off 2, no low-pass filter, a pixel a unit.
+    // Every number is a short binary fraction: sigma 1.5, cut-off 2, no low-pass filter, a pixel
+    // per unit.
     let sigma = 1.5_f32;
     let mut positions = Vec::new();
     for x in -32..=32 {
@@ -1098,7 +1102,7 @@ fn edges_on_pixel_borders_and_depths_on_thresholds_fall_alike() {
                 .zip(&found.footprints)
                 .enumerate()
             {
-                // With perspective, 1/50 is no short fraction: only those at the thresholds.
+                // With perspective, 1/50 is no short fraction, so only thresholds are checked.
                 if orthographic == 1 || i >= 65 * 5 {
                     assert_eq!(
                         (e.columns, e.rows, path(e)),
@@ -1172,7 +1176,7 @@ fn poison_stays_where_it_is() {
         1e-20,
     ];
     use Filter::{Adaptive, Ewa, Exact, UniformScaling};
-    // Splats follow no filter.
+    // Splats do not depend on the filter.
     let cases: [(Kind, &[Filter]); 4] = [
         (Kind::Spheres, &[Adaptive]),
         (Kind::Ellipsoids, &[Adaptive, Exact, Ewa, UniformScaling]),
@@ -1218,7 +1222,7 @@ fn poison_stays_where_it_is() {
                     let block = &input.volume.blocks[particle.view as usize];
                     let index = (block.first + particle.local) as usize;
                     let (poison, _) = pick();
-                    // What is not above zero is never classified.
+                    // Masses that are not above zero are never classified.
                     if i % 7 == 0 && poison > 0.0 {
                         particle.mass = poison;
                         poisoned[index] = true;
@@ -1271,7 +1275,7 @@ fn poison_stays_where_it_is() {
                         println!("visible otherwise: {context}");
                     }
                 }
-                // Where numbers leave f32, a device may take them for zero or infinite earlier.
+                // For numbers beyond f32's range, a device may round to zero or infinity earlier.
                 println!("{kind:?} {filter:?} {is_orthographic}: {other} of {count} otherwise");
                 assert!(other * 100 <= count);
             }

@@ -1,4 +1,4 @@
-//! The rasteriser and the background on the GPU against the CPU's, fed with the same lists.
+//! Compares the GPU's rasteriser and background with the CPU's, on the same lists.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::unwrap_used,
@@ -23,7 +23,7 @@ use ewa_splat::view::Camera;
 use ewa_splat::{Renderer, Settings, Show};
 use glam::DVec3;
 
-/// The stages' last results on the CPU.
+/// Results of the last stages on the CPU.
 struct Drawn {
     image: Image,
     depth: Option<DepthImage>,
@@ -73,7 +73,7 @@ fn on_gpu(
     }
 }
 
-/// Ellipsoids before and around the eye.
+/// Returns ellipsoids in front of and around the eye.
 fn frame(seed: u64, count: usize, spread: f64, camera: &Camera, settings: &Settings) -> Frame {
     let scene = volume(&particles(seed, count, spread));
     Frame::new(scene, camera, settings)
@@ -94,11 +94,11 @@ fn particles(seed: u64, count: usize, spread: f64) -> Vec<Particle> {
         .collect()
 }
 
-/// The largest difference that roundings make: some fifty layers of 2^-24 on either side, twice
-/// what was seen (2.7e-7), and far below a threshold's flip.
+/// Largest difference from roundings: some fifty layers of 2^-24 on either side, twice the largest
+/// seen (2.7e-7), and far below a flip at a threshold.
 const ROUNDING: f32 = 2e-6;
 
-/// Compares both, with the lists in one chunk and in three; returns the CPU's.
+/// Compares both, with the lists in one chunk and in three. Returns the CPU's results.
 fn check(gpu: &Gpu, name: &str, frame: &Frame, spec: RasterSpec) -> Drawn {
     let background = Some([0.2, 0.4, 0.8]).filter(|_| spec.axes.depth);
     let bins = frame.bins();
@@ -108,7 +108,8 @@ fn check(gpu: &Gpu, name: &str, frame: &Frame, spec: RasterSpec) -> Drawn {
         let flips = explained_flips(frame, &bins, &cpu.image, &gpu.image, ROUNDING);
         println!("{name}, {chunks} chunks: {flips} pixels differ at a threshold");
         assert!(flips <= cpu.image.pixels.len() / 1000, "{name}");
-        // Behind the eye a kernel counts until its depth underflows, on the device sooner.
+        // A kernel behind the eye counts until its depth underflows, which happens sooner on the
+        // device.
         let tails = if frame.near.is_empty() {
             0
         } else {
@@ -170,7 +171,7 @@ fn pictures_are_alike_on_every_path() {
     assert!(seen.iter().all(|n| *n > 0), "a path is missing: {seen:?}");
 }
 
-/// One footprint per entry, all in every tile's list, drawn in their order.
+/// Makes one footprint per entry, all in every tile's list, drawn in their order.
 fn by_hand(footprints: Vec<Footprint>, exact: Vec<ExactTerms>) -> Frame {
     let camera = Camera::perspective(DVec3::ZERO, DVec3::Z, -DVec3::Y, 60.0, [40, 24]);
     let mut frame = frame(1, 1, 0.1, &camera, &Settings::default());
@@ -182,7 +183,7 @@ fn by_hand(footprints: Vec<Footprint>, exact: Vec<ExactTerms>) -> Frame {
     frame
 }
 
-/// A round kernel of a pixel's width at the centre of pixel (16, 12).
+/// Returns a round kernel of a pixel's width at the centre of pixel (16, 12).
 fn round(tau: f32, cutoff_squared: f32) -> Footprint {
     Footprint {
         centre_px: [16.5, 12.5],
@@ -202,12 +203,12 @@ fn round(tau: f32, cutoff_squared: f32) -> Footprint {
 #[test]
 fn thresholds_are_on_the_same_side() {
     let Some(gpu) = gpu() else { return };
-    // (3, 4), (5, 0) and (0, 5) lie on the cut-off itself: they belong to the kernel.
+    // (3, 4), (5, 0) and (0, 5) lie exactly on the cut-off and belong to the kernel.
     let frame = by_hand(vec![round(0.7, 25.0)], Vec::new());
     let drawn = check(gpu, "cut-off", &frame, spec_of(&frame));
     assert!(drawn.image.pixel(19, 16)[3] > 0.0 && drawn.image.pixel(21, 12)[3] > 0.0);
     assert_eq!(drawn.splat_pixels, 81);
-    // A range that ends before the kernel does, the last row and the first column left out.
+    // The range ends before the kernel does, without the last row and the first column.
     let clipped = Footprint {
         rows: pack_range(10, 17),
         ..round(0.7, 25.0)
@@ -216,7 +217,7 @@ fn thresholds_are_on_the_same_side() {
     let drawn = check(gpu, "rows", &frame, spec_of(&frame));
     assert_eq!(drawn.image.pixel(16, 17)[3], 0.0);
     assert!(drawn.image.pixel(16, 16)[3] > 0.0);
-    // Where the series takes over from the exponential.
+    // Depths at which the series takes over from the exponential.
     for tau in [FAINT, FAINT.next_up()] {
         let frame = by_hand(vec![round(tau, 25.0); 40], Vec::new());
         check(gpu, "faint", &frame, spec_of(&frame));
@@ -238,7 +239,7 @@ fn thresholds_are_on_the_same_side() {
     let drawn = check(gpu, "half", &half, spec);
     let depths = drawn.depth.unwrap().depths;
     assert!(depths.iter().all(|d| *d == depths[0]), "{depths:?}");
-    // An opaque layer stops a tile, but not before the next look.
+    // An opaque layer stops a tile, but only at the next check.
     for count in [
         TERMINATION_INTERVAL,
         TERMINATION_INTERVAL + 1,
@@ -323,7 +324,7 @@ fn a_hundred_thousand_faint_layers_add_up() {
     let drawn = on_gpu(gpu, &frame, &frame.bins(), spec_of(&frame), 1, None);
     let expected = -(-1.0_f32).exp_m1();
     for pixel in &drawn.image.pixels {
-        // A sum of 1e5 terms near .6, each rounded by 2^-25 at random: 1e-5; and the twin's.
+        // A sum of 1e5 terms near .6, each rounded by 2^-25 at random: 1e-5, on both back ends.
         assert!((pixel[3] - expected).abs() < 2e-5, "{}", pixel[3]);
     }
 }
@@ -346,7 +347,7 @@ fn thousands_of_kernels_round_the_eye_add_up() {
     check(gpu, "round the eye", &frame, spec_of(&frame));
 }
 
-/// The kernels of a picture of counts, all of whose pixels are numbers.
+/// Returns the sum of kernels in a picture of counts, whose pixels must all be numbers.
 fn sum_of_counts(image: &Image) -> u64 {
     let count = |p: &[f32; 4]| {
         assert_eq!(*p, [p[0].trunc(), p[0], p[0], 1.0]);
@@ -361,7 +362,7 @@ fn counts_are_equal_and_add_up() {
     let perspective = Camera::perspective(DVec3::ZERO, DVec3::Z, -DVec3::Y, 60.0, [203, 117]);
     let orthographic =
         Camera::orthographic(DVec3::Z * 1.5, DVec3::Z * 2.0, -DVec3::Y, 3.0, [130, 95]);
-    // Black: it leaves the numbers as they are.
+    // Black leaves the numbers unchanged.
     let background = Some([0.0; 3]);
     for (camera, spread) in [
         (&perspective, 1.5),
@@ -397,8 +398,8 @@ fn counts_are_equal_and_add_up() {
                         assert_eq!(explained_flips(&frame, &bins, a, b, 0.0), differ);
                         assert!(differ <= a.pixels.len() / 1000);
                     } else {
-                        // Behind the eye a kernel counts until its depth underflows, on the
-                        // device sooner.
+                        // A kernel behind the eye counts until its depth underflows, which happens
+                        // sooner on the device.
                         let differ: f32 = pairs.map(|(a, b)| (a[0] - b[0]).abs()).sum();
                         println!("{spread}, {filter:?}: {differ} counts differ");
                         assert!(differ <= on_cpu.splat_pixels as f32 / 100.0);
@@ -426,7 +427,7 @@ fn a_renderer_counts_on_either_back_end() {
         show: Show::Count,
         ..shown.clone()
     };
-    // The scene before and after.
+    // The scene is drawn before and after.
     let before = on_gpu.render(&camera, &shown).unwrap().clone();
     let counts = on_gpu.render(&camera, &counted).unwrap().clone();
     assert_eq!(sum_of_counts(&counts), on_gpu.counts().splat_pixels);
@@ -438,6 +439,6 @@ fn a_renderer_counts_on_either_back_end() {
     let pairs = on_cpu.image().pixels.iter().zip(&counts.pixels);
     let differ = pairs.filter(|(a, b)| a != b).count();
     println!("{differ} of {} pixels differ", counts.pixels.len());
-    // Each of them at a cut-off that rounding moves: one in a thousand.
+    // Each lies at a cut-off that rounding moves: one in a thousand.
     assert!(differ <= counts.pixels.len() / 1000, "{differ}");
 }

@@ -1,4 +1,4 @@
-//! The order of footprints on the device against that of the CPU.
+//! Compares the order of footprints on the device with the CPU's.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::unwrap_used,
@@ -12,14 +12,14 @@ use ewa_splat::constants::DEPTH_KEY_BITS;
 use ewa_splat::stages::gpu::{Gpu, radix_sort, sort};
 use ewa_splat::stages::record::{Footprint, pack_range};
 
-/// The greatest key.
+/// Greatest key.
 const LAST: u32 = (1 << DEPTH_KEY_BITS) - 1;
 
-/// Footprints of these keys; those without reach no pixel.
+/// Returns footprints with these keys; those without one reach no pixel.
 fn footprints(keys: impl IntoIterator<Item = Option<u32>>) -> Vec<Footprint> {
     keys.into_iter()
         .map(|key| Footprint {
-            // What an invisible footprint's key is, nobody asks.
+            // The key of an invisible footprint is not used.
             key: key.unwrap_or(3),
             rows: key.map_or(0, |_| pack_range(3, 9)),
             columns: pack_range(0, 5),
@@ -49,7 +49,7 @@ fn check(gpu: &Gpu, footprints: &[Footprint], ends: &[usize], what: &str) {
 fn the_order_is_the_cpus() {
     let Some(gpu) = gpu() else { return };
     let mut random = Random::new(1);
-    // Around a row of threads, a workgroup's, its tile and many of them.
+    // Counts near the sizes of a row of threads, a workgroup, its tile and many of them.
     for count in [
         0, 1, 31, 32, 33, 255, 257, 2047, 2048, 2049, 65_537, 200_000,
     ] {
@@ -90,7 +90,7 @@ fn keys_in_any_pattern_are_sorted() {
     pattern("single bits", &mut |_| {
         Some(1 << random.index(DEPTH_KEY_BITS as usize))
     });
-    // Every digit alone tells them apart.
+    // Each digit alone distinguishes the keys.
     for shift in (0..DEPTH_KEY_BITS).step_by(4) {
         pattern(&format!("digit at {shift}"), &mut |i| {
             Some(((i * 7 % 16) << shift) & LAST)
@@ -98,7 +98,7 @@ fn keys_in_any_pattern_are_sorted() {
     }
 }
 
-/// Sorts keys on the device and by a stable sort of the processor's.
+/// Sorts keys on the device, and by a stable sort on the CPU.
 fn check_keys(gpu: &Gpu, keys: &[u32], bits: u32, what: &str) {
     let mask = u32::MAX >> (u32::BITS - bits);
     let mut expected: Vec<u32> = (0..keys.len() as u32).collect();
@@ -117,9 +117,9 @@ fn equal_keys_keep_their_order_whatever_bits_are_sorted() {
     let Some(gpu) = gpu() else { return };
     let mut random = Random::new(5);
     for bits in 1..=u32::BITS {
-        // Around a row of threads, a workgroup's, its tile; several of them.
+        // Counts near the sizes of a row of threads, a workgroup and its tile; several of them.
         for count in [0, 1, 31, 33, 255, 256, 257, 2047, 2048, 2049, 9_999] {
-            // Bits above those that are sorted tell nothing.
+            // Bits above the sorted ones have no effect.
             let keys: Vec<u32> = (0..count).map(|_| random.bits() as u32).collect();
             check_keys(gpu, &keys, bits, "random");
             let few: Vec<u32> = keys
@@ -147,7 +147,7 @@ fn many_keys_are_sorted_by_any_bits() {
 fn workgroups_of_several_tiles_sort() {
     let Some(gpu) = gpu() else { return };
     let mut random = Random::new(7);
-    // As many tiles as there are workgroups at most, and where some take one more.
+    // At most one tile per workgroup, and then more for some.
     let most = 1024 * 2048;
     for count in [most, most + 1, 2 * most + 70_001] {
         let keys: Vec<u32> = (0..count).map(|_| random.bits() as u32).collect();

@@ -1,4 +1,4 @@
-//! Each stage of the GPU back end against its twin on the CPU, fed with the same input.
+//! Compares each stage of the GPU back end with its CPU twin, on the same input.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::unwrap_used,
@@ -13,7 +13,7 @@ use ewa_splat::stages::gpu::exclusive_scan;
 fn prefix_sums_are_those_of_a_loop() {
     let Some(gpu) = gpu() else { return };
     let mut random = Random::new(1);
-    // Around one thread's run, one workgroup's and one more level's.
+    // Counts near the sizes of one thread's run, one workgroup's, and of one more level.
     for count in [0, 1, 8, 9, 2047, 2048, 2049, 600_000] {
         let words: Vec<u32> = (0..count).map(|_| random.index(5000) as u32).collect();
         let expected: Vec<u32> = words

@@ -1,5 +1,5 @@
-//! Opaque surfels on the GPU against the CPU's: their projection, their rasteriser, kernels that
-//! surfaces cut, and whole pictures.
+//! Compares opaque surfels on the GPU with the CPU's: their projection, their rasteriser, kernels
+//! that surfaces cut, and whole pictures.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::unwrap_used,
@@ -29,7 +29,7 @@ use ewa_splat::view::{Camera, Projection};
 use ewa_splat::{Renderer, Settings, Show};
 use glam::{DVec2, DVec3, Vec2, Vec3};
 
-/// A surfel in the world.
+/// Surfel in world space.
 #[derive(Debug, Clone, Copy)]
 struct Surfel {
     position: DVec3,
@@ -59,7 +59,7 @@ fn surfels(surfels: &[Surfel], is_one_sided: bool) -> PointVolume {
     }
 }
 
-/// Surfels on a lattice of the Fibonacci sequence over a sphere, facing outwards.
+/// Returns surfels on a Fibonacci lattice over a sphere, facing outwards.
 fn sphere(centre: DVec3, radius: f64, count: usize, colour: [f32; 3]) -> Vec<Surfel> {
     let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
     let area = 4.0 * std::f64::consts::PI * radius * radius / count as f64;
@@ -81,7 +81,7 @@ fn sphere(centre: DVec3, radius: f64, count: usize, colour: [f32; 3]) -> Vec<Sur
         .collect()
 }
 
-/// `count`² surfels of a checked parallelogram.
+/// Returns `count`² surfels of a checked parallelogram.
 fn plane(corner: DVec3, edges: [DVec3; 2], count: usize) -> Vec<Surfel> {
     let step = edges.map(|e| e / count as f64);
     let at = |i: usize, j: usize| Surfel {
@@ -99,7 +99,7 @@ fn plane(corner: DVec3, edges: [DVec3; 2], count: usize) -> Vec<Surfel> {
         .collect()
 }
 
-/// Surfels of any size and shape, round and before the eye.
+/// Returns surfels of any size and shape, around and in front of the eye.
 fn scattered(random: &mut Random, count: usize, spread: f64) -> Vec<Surfel> {
     (0..count)
         .map(|_| {
@@ -128,7 +128,7 @@ fn kind(f: &Footprint) -> u32 {
     }
 }
 
-/// The frame's particles, projected again on the device.
+/// Projects the frame's particles again on the device.
 fn on_device(gpu: &Gpu, frame: &Frame, is_cut: bool) -> Projected {
     project(
         gpu,
@@ -147,17 +147,17 @@ fn on_device(gpu: &Gpu, frame: &Frame, is_cut: bool) -> Projected {
 /// A rounding of f32, relative.
 const EPS: f32 = f32::EPSILON / 2.0;
 
-/// What two projections of the same surfels differ in.
+/// Differences between two projections of the same surfels.
 #[derive(Debug, Default)]
 struct Seen {
     visible: usize,
-    /// Affine, by homography, near.
+    /// Counts: affine, by homography, near.
     kinds: [usize; 3],
     bit_equal: usize,
     kind_flips: usize,
     range_flips: usize,
     normal_flips: usize,
-    /// The greatest differences over their bounds.
+    /// Greatest differences relative to their bounds.
     centre: f32,
     form: f32,
     tau: f32,
@@ -165,8 +165,8 @@ struct Seen {
     near: f32,
 }
 
-/// Holds the device's footprints to the CPU's; the bounds are roundings of the factor's rows, carried
-/// to the footprint's smaller axis: its axis ratio times some dozens of them.
+/// Compares the device's footprints with the CPU's. The bounds are roundings of the factor's rows,
+/// carried to the footprint's smaller axis: its axis ratio times some dozens of them.
 fn compare(frame: &Frame, found: &Projected) -> Seen {
     let mut seen = Seen::default();
     assert_eq!(found.footprints.len(), frame.footprints.len());
@@ -197,7 +197,7 @@ fn compare(frame: &Frame, found: &Projected) -> Seen {
         seen.visible += 1;
         let mut take = |worst: fn(&mut Seen) -> &mut f32, error: f32, bound: f32| {
             let worst = worst(&mut seen);
-            // Phrased so that NaN fails.
+            // The comparison fails for NaN.
             assert!(error <= bound, "{error:e} of {bound:e}: {}", context());
             *worst = worst.max(error / bound);
         };
@@ -206,8 +206,8 @@ fn compare(frame: &Frame, found: &Projected) -> Seen {
                 frame.near[(e.path >> 4) as usize],
                 found.near[(f.path >> 4) as usize],
             ];
-            // Differences of vectors as long as themselves over the distance of the plane, which may
-            // be a ten-thousandth of them.
+            // Differences of vectors whose length is that of the vectors over the plane's distance,
+            // which may be a ten-thousandth of it.
             let size = |t: &NearTerms, k: usize| Vec3::from(t.misses[k]).length();
             for k in 0..3 {
                 let difference = Vec3::from(a.misses[k]) - Vec3::from(b.misses[k]);
@@ -246,8 +246,8 @@ fn compare(frame: &Frame, found: &Projected) -> Seen {
             (e.tau - f.tau).abs(),
             (axis + 64.0 * EPS / 0.02) * e.tau,
         );
-        // The slack holds three low-pass filters' change of the inverse depth. A plane seen at a cosine
-        // of GRAZING turns a rounding of its normal into fifty.
+        // The slack holds three low-pass filters' change of the inverse depth. At a plane seen at a
+        // cosine of GRAZING, a rounding of its normal is amplified fifty times.
         let gradient = Vec2::from(a.gradient).distance(b.gradient.into());
         let steep = axis + 64.0 * EPS / 0.02;
         take(|s| &mut s.terms, gradient, steep * a.slack);
@@ -258,13 +258,14 @@ fn compare(frame: &Frame, found: &Projected) -> Seen {
             inverse_depth,
             16.0 * EPS * a.inverse_depth.abs().max(1.0),
         );
-        // The inverse depth at the box's edge: the gradient's error times the kernel's reach, pixels.
+        // The inverse depth at the box's edge: the gradient's error times the kernel's reach,
+        // pixels.
         let reach = ratio.sqrt() / (p.x * r.y - p.y * r.x).abs().sqrt() * e.cutoff_squared.sqrt();
         let depth = (e.depth - f.depth).abs();
         let unit = e.depth.abs() + a.slack * (1.0 + reach);
         take(|s| &mut s.terms, depth, 4.0 * steep * unit);
         assert_eq!(a.homography, b.homography, "{}", context());
-        // A step of the octahedron where a coordinate lies within rounding of its edge.
+        // A step of the octahedron if a coordinate lies within rounding of its edge.
         let normals = unpack_normal(a.normal).distance(unpack_normal(b.normal));
         assert!(normals < 3e-3, "{}", context());
         seen.normal_flips += usize::from(a.normal != b.normal);
@@ -300,7 +301,7 @@ fn surfels_are_projected_alike() {
                 let seen = compare(&frame, &on_device(gpu, &frame, false));
                 println!("{name}, one-sided {is_one_sided}: {seen:?}");
                 assert!(seen.visible > 1_000);
-                // A needle's edge or a threshold within rounding: one in a thousand.
+                // A needle's edge, or a threshold within rounding: one in a thousand.
                 let few = 2 + frame.footprints.len() / 1000;
                 let most = seen.kind_flips.max(seen.range_flips).max(seen.normal_flips);
                 assert!(most <= few, "{seen:?}");
@@ -335,7 +336,7 @@ fn panes_are_projected_alike() {
                 }
                 visible += usize::from(e.is_visible());
                 if e.is_visible() && f.is_visible() {
-                    // The cosine of what is seen from its edge: a rounding of it over some hundredths.
+                    // The cosine of a plane seen edge on: a rounding of it over some hundredths.
                     let bound = 1e-4 * e.tau + 1e-12;
                     assert!((e.tau - f.tau).abs() <= bound, "{e:?}\n{f:?}");
                 }
@@ -348,8 +349,8 @@ fn panes_are_projected_alike() {
     }
 }
 
-/// A frame of one surfel, everything about it a short binary fraction: a cut-off of two standard
-/// deviations by hand, a low-pass filter of a pixel. Its block's origin is the surfel itself.
+/// Makes a frame of one surfel whose numbers are all short binary fractions: a cut-off of two
+/// standard deviations, a low-pass filter of a pixel. Its block's origin is the surfel itself.
 fn exact_frame(is_orthographic: bool, is_one_sided: bool, surfel: Surfel) -> Frame {
     let (kind, focal) = if is_orthographic {
         (Projection::Orthographic, 1.0)
@@ -374,7 +375,7 @@ fn thresholds_of_the_projection_fall_alike() {
         colour: [1.0; 3],
     };
     let mut list = Vec::new();
-    // Seen from its very edge, from the front and from behind.
+    // Seen edge on, from the front and from behind.
     for lean in [0.0, 0.5, -0.5] {
         for x in [0.0, 4.0, -4.0] {
             let tangents = [DVec3::new(0.0, 1.5, 0.0), DVec3::new(lean, 0.0, 1.5)];
@@ -491,9 +492,9 @@ fn poison_stays_where_it_is() {
             }
         }
         println!("{otherwise} of {count} otherwise");
-        // Where numbers leave f32, a device may take them for zero or infinite earlier.
+        // For numbers beyond f32's range, a device may round to zero or infinity earlier.
         assert!(count > 300 && otherwise * 100 <= count);
-        // Whatever came of it: a picture of numbers.
+        // The result is a picture of finite numbers in any case.
         frame.footprints = found.footprints;
         frame.surfels = found.surfels;
         frame.near = found.near;
@@ -541,7 +542,7 @@ fn on_gpu(
     .unwrap()
 }
 
-/// The tiles of a frame's surfels on the CPU, without fused operations, and their picture.
+/// Returns the tiles of a frame's surfels on the CPU, without fused operations, and their picture.
 fn on_cpu(frame: &Frame, bins: &Bins, spec: SurfaceSpec) -> (Vec<Tile>, SurfacePixels) {
     let count = frame.tiles[0] * frame.tiles[1];
     let mut tiles = vec![Tile::default(); count];
@@ -592,12 +593,12 @@ fn on_cpu(frame: &Frame, bins: &Bins, spec: SurfaceSpec) -> (Vec<Tile>, SurfaceP
     (tiles, drawn)
 }
 
-/// The largest difference that roundings make: sums of some hundred weights near 1, each rounded by
-/// 2^-24, and quotients of them.
+/// Largest difference from roundings: sums of some hundred weights near 1, each rounded by 2^-24,
+/// and quotients of them.
 const ROUNDING: f32 = 1e-5;
 
-/// Whether at a pixel any decision about a layer, or about a surfel's cut-off, falls within rounding:
-/// the layers once more in f64.
+/// Returns true if any decision at a pixel about a layer, or about a surfel's cut-off, falls within
+/// rounding. It recomputes the layers in f64.
 fn is_on_threshold(frame: &Frame, bins: &Bins, x: usize, y: usize) -> bool {
     let wide = |v: [f32; 2]| DVec2::new(f64::from(v[0]), f64::from(v[1]));
     let at = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
@@ -643,7 +644,7 @@ fn is_on_threshold(frame: &Frame, bins: &Bins, x: usize, y: usize) -> bool {
         let mut place = layers.len();
         for (k, [weight, sum]) in layers.iter_mut().enumerate() {
             let ahead = z * *weight - *sum;
-            // The sum's own rounding, too.
+            // Includes the sum's own rounding.
             let rounding = 1e-6 * sum.abs();
             if close(ahead.abs(), slack * *weight)
                 || (ahead.abs() - slack * *weight).abs() <= rounding
@@ -672,7 +673,7 @@ fn is_on_threshold(frame: &Frame, bins: &Bins, x: usize, y: usize) -> bool {
             layers.truncate(3);
         }
     }
-    // Where half of what is covered is.
+    // Half of the coverage.
     let coverage = |w: f64| {
         let full = f64::from(COVERAGE_FULL);
         if w <= 0.5 {
@@ -689,7 +690,7 @@ fn is_on_threshold(frame: &Frame, bins: &Bins, x: usize, y: usize) -> bool {
     })
 }
 
-/// Pixels of which any number differs by more than the bound; each has to lie on a threshold.
+/// Counts pixels at which any number differs by more than the bound. Each must lie on a threshold.
 fn flips(frame: &Frame, bins: &Bins, a: &SurfacePixels, b: &SurfacePixels, rounding: f32) -> usize {
     let width = a.image.width;
     let mut flips = 0;
@@ -700,7 +701,7 @@ fn flips(frame: &Frame, bins: &Bins, a: &SurfacePixels, b: &SurfacePixels, round
         let (c, d) = (a.depth.depths[i], b.depth.depths[i]);
         alike &= near(c, d, c.abs().max(1.0));
         if let (Some(m), Some(n)) = (a.normals.get(i), b.normals.get(i)) {
-            // Sums of normals that turn about nearly cancel.
+            // Sums of normals of very different directions nearly cancel.
             alike &= m.iter().zip(n).all(|(x, y)| near(*x, *y, 10.0));
         }
         if !alike {
@@ -717,7 +718,8 @@ fn flips(frame: &Frame, bins: &Bins, a: &SurfacePixels, b: &SurfacePixels, round
     flips
 }
 
-/// Holds the device to the CPU with the lists in one chunk and in three; returns the CPU's.
+/// Compares the device with the CPU, with the lists in one chunk and in three. Returns the CPU's
+/// picture.
 fn check(gpu: &Gpu, name: &str, frame: &Frame, spec: SurfaceSpec) -> SurfacePixels {
     let bins = frame.bins();
     let (_, expected) = on_cpu(frame, &bins, spec);
@@ -780,8 +782,8 @@ fn surfels_are_drawn_alike() {
     }
 }
 
-/// Footprints that cover all 40 x 24 pixels evenly, by inverse depth, weight and slack, drawn in their
-/// order.
+/// Makes footprints that cover all 40 x 24 pixels evenly, given by inverse depth, weight and slack,
+/// drawn in their order.
 fn layered(is_orthographic: bool, list: &[(f32, f32, f32)]) -> Frame {
     let camera = if is_orthographic {
         orthographic([40, 24])
@@ -822,7 +824,7 @@ fn layered(is_orthographic: bool, list: &[(f32, f32, f32)]) -> Frame {
 fn layers_at_the_slack_itself_fall_alike() {
     let Some(gpu) = gpu() else { return };
     let slack = 0.25_f32;
-    // What a pixel shows of a list: its three layers' colours, coverage and depth.
+    // Returns a pixel's result for a list: its three layers' colours, coverage and depth.
     let show = |list: &[(f32, f32, f32)]| {
         let frame = layered(false, list);
         let bins = frame.bins();
@@ -838,8 +840,8 @@ fn layers_at_the_slack_itself_fall_alike() {
         }
         (expected.image.pixel(3, 3), expected.depth.depths[0])
     };
-    // exp(0) on both sides: every number below is exact. Within the slack, at it, beyond it, from
-    // the front and from behind.
+    // exp(0) on both sides makes every number below exact. Depths lie within the slack, at it and
+    // beyond it, from the front and from behind.
     for [within, at, beyond] in [
         [2.125, 2.25, 2.25_f32.next_up()],
         [1.875, 1.75, 1.75_f32.next_down()],
@@ -851,12 +853,12 @@ fn layers_at_the_slack_itself_fall_alike() {
             assert_eq!(is_mean, is_one, "{second}: {pixel:?} {depth}");
         }
     }
-    // Full coverage hides what lies behind; a hair less does not.
+    // Full coverage hides everything behind; slightly less does not.
     for (weight, is_hidden) in [(COVERAGE_FULL, true), (COVERAGE_FULL.next_down(), false)] {
         let (pixel, _) = show(&[(2.0, weight, slack), (1.0, 0.5, slack)]);
         assert_eq!(pixel[1] == 0.0, is_hidden, "{pixel:?}");
     }
-    // A fourth layer in front pushes the last one out, one behind all finds no place.
+    // A fourth layer in front displaces the last one; one behind all is dropped.
     let layers = [(4.0, 0.1, slack), (3.0, 0.1, slack), (2.0, 0.1, slack)];
     for fourth in [5.0, 3.5, 2.5, 1.0, 4.0, 3.0, 2.0] {
         for turn in 0..3 {
@@ -866,7 +868,7 @@ fn layers_at_the_slack_itself_fall_alike() {
             show(&list);
         }
     }
-    // Nothing at all, weights of nothing, and the same depth again and again.
+    // Empty lists, zero weights, and the same depth repeatedly.
     show(&[(2.0, 0.0, slack), (1.0, 0.4, 0.0), (1.0, 0.4, 0.0)]);
     show(&[(2.0, 0.02, slack); 100]);
 }
@@ -877,7 +879,7 @@ fn what_covered_tiles_hide_is_not_evaluated() {
     let n = TERMINATION_INTERVAL;
     for is_orthographic in [false, true] {
         let front = if is_orthographic { -1.0 } else { 1.0 };
-        // Enough in front, and then some behind, at it, and in front again.
+        // Enough in front, then some behind, at it, and in front again.
         for behind in [-0.5, -0.25, -0.25_f32.next_down(), 0.25] {
             for count in [n - 1, n, n + 1, 2 * n, 2 * n + 5] {
                 let mut list = vec![(front, 1.0, 0.125); 1];
@@ -904,7 +906,7 @@ fn what_covered_tiles_hide_is_not_evaluated() {
             }
         }
     }
-    // A pixel left open hides nothing.
+    // An open pixel hides nothing.
     let mut frame = layered(false, &[(1.0, 1.0, 0.125); 100]);
     for f in &mut frame.footprints[..50] {
         f.columns = pack_range(1, 40);
@@ -919,11 +921,11 @@ fn what_covered_tiles_hide_is_not_evaluated() {
     check(gpu, "a pixel left open", &frame, spec_of(&frame));
 }
 
-/// Draws a scene on both back ends and holds pictures, depths, normals and counts to each other.
+/// Draws a scene on both back ends and compares pictures, depths, normals and counts.
 fn assert_scene_alike(name: &str, scene: &[PointVolume], camera: &Camera, settings: &Settings) {
     let Some(gpu) = gpu() else { return };
     let settings = Settings {
-        // No fused operations, as on the device.
+        // The CPU uses no fused operations, as the device uses none.
         simd: SimdLevel::Baseline,
         depth: true,
         normals: true,
@@ -960,7 +962,7 @@ fn assert_scene_alike(name: &str, scene: &[PointVolume], camera: &Camera, settin
     assert!(near(c.splat_pixels as usize, d.splat_pixels as usize));
     let (a, b) = (on_cpu.image(), on_gpu.image());
     let far = |x: f32, y: f32, bound: f32| !((x - y).abs() <= bound) && x != y;
-    // A layer's decision within rounding turns a pixel over.
+    // A layer's decision within rounding changes a pixel completely.
     let allowed = a.pixels.len() / 500;
     let pixels = a.pixels.iter().zip(&b.pixels);
     let pixels = pixels.filter(|(p, q)| p.iter().zip(*q).any(|(x, y)| far(*x, *y, ALIKE)));
@@ -981,7 +983,7 @@ fn assert_scene_alike(name: &str, scene: &[PointVolume], camera: &Camera, settin
     );
 }
 
-/// A sphere on a checked plane, another behind it.
+/// Returns a sphere on a checked plane, and another behind it.
 fn spheres_on_a_plane() -> PointVolume {
     let mut list = sphere(DVec3::new(0.0, 0.0, 0.5), 0.5, 4_000, [0.9, 0.4, 0.2]);
     list.extend(sphere(
@@ -995,7 +997,8 @@ fn spheres_on_a_plane() -> PointVolume {
     surfels(&list, false)
 }
 
-/// Cameras on that scene: perspective, orthographic, and so near that surfels cross the camera plane.
+/// Returns cameras on that scene: perspective, orthographic, and so near that surfels cross the
+/// camera plane.
 fn cameras(size: [usize; 2]) -> [(&'static str, Camera); 3] {
     let target = DVec3::new(0.0, 0.2, 0.4);
     let eye = DVec3::new(0.6, -2.6, 1.4);
@@ -1039,7 +1042,7 @@ fn surfaces_look_alike() {
     assert!(renderer.counts().footprints_near > 0);
 }
 
-/// Surfels with a value each, coloured by a transfer function.
+/// Surfels with individual values are coloured by a transfer function.
 #[test]
 fn surfaces_with_fields_look_alike() {
     if pictures().is_none() {
@@ -1060,7 +1063,7 @@ fn surfaces_with_fields_look_alike() {
     }
 }
 
-/// Ellipsoids about the scene, some of them cut by it, some behind it, some round a near eye.
+/// Returns ellipsoids about the scene, some cut by it, some behind it, some around a near eye.
 fn gas(count: usize) -> PointVolume {
     let mut random = Random::new(45);
     let particles: Vec<Particle> = (0..count)
@@ -1103,7 +1106,7 @@ fn surfaces_in_gas_look_alike() {
     }
 }
 
-/// Splats that state their opacity, on the same particles.
+/// Returns splats with stated opacities, on the same particles.
 fn splats(count: usize) -> PointVolume {
     let mut volume = gas(count);
     volume.strength = Strength::PeakOpacity {
@@ -1152,7 +1155,7 @@ fn pictures_do_not_depend_on_how_the_frame_is_cut() {
                 (renderer.image().clone(), depth, normals, renderer.counts())
             };
             let whole = draw(gpu.clone());
-            // So small that there are several parts, chunks and bands.
+            // The limit is so small that there are several parts, chunks and bands.
             let cut = draw(gpu.clone().with_binding_limit(361_000));
             assert_eq!(difference(&whole.0, &cut.0), 0.0, "{name}");
             assert_eq!(whole.1, cut.1, "{name}");
@@ -1165,8 +1168,7 @@ fn pictures_do_not_depend_on_how_the_frame_is_cut() {
 #[test]
 fn frames_follow_one_another() {
     let Some(gpu) = pictures() else { return };
-    // What is asked for changes from frame to frame; what one leaves behind does not show in the
-    // next.
+    // The requested outputs change between frames; no frame affects the next.
     let scene = vec![gas(300), spheres_on_a_plane()];
     let mut renderer = Renderer::new(scene.clone()).unwrap();
     renderer = renderer.on(gpu.clone()).unwrap();
@@ -1194,7 +1196,7 @@ fn frames_follow_one_another() {
     }
 }
 
-/// The terms by which surfaces cut kernels, and the kernels so cut, fed with the CPU's own input.
+/// Compares the terms by which surfaces cut kernels, and the cut kernels, on the CPU's input.
 #[test]
 fn kernels_are_cut_alike() {
     let Some(gpu) = gpu() else { return };
@@ -1253,8 +1255,8 @@ fn kernels_are_cut_alike() {
                         found.2
                     );
                     assert!(differ <= image.pixels.len() / 1000);
-                    // Behind the eye a kernel counts until its depth underflows, on the device
-                    // sooner.
+                    // A kernel behind the eye counts until its depth underflows, which happens
+                    // sooner on the device.
                     let tails = if frame.near.is_empty() {
                         300
                     } else {
@@ -1276,7 +1278,7 @@ fn kernels_are_cut_alike() {
     }
 }
 
-/// The frame's projection once more, its kernels to be cut.
+/// Projects the frame again, with kernels to be cut.
 fn project_cut(frame: &mut Frame) {
     frame.exact = vec![ExactTerms::default(); frame.footprints.len()];
     frame.project_as(true);
@@ -1290,7 +1292,7 @@ fn compare_depth_terms(frame: &Frame, found: &Projected) {
         }
         count += 1;
         let (a, b) = (frame.exact[i], found.exact[i]);
-        // Axis ratios up to 5, as those of the footprints are: some dozens of roundings.
+        // Axis ratios are up to 5, as those of the footprints: some dozens of roundings.
         let bound = 1e-5 * a.depth_sigma;
         let sigma = (a.depth_sigma - b.depth_sigma).abs();
         assert!(a.depth_sigma > 0.0 && sigma <= bound, "{a:?} {b:?}");

@@ -1,4 +1,4 @@
-//! Frames on a device of the caller's: into its textures, and without waiting.
+//! Tests frames on a caller's device: into its textures, and without waiting.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::unwrap_used,
@@ -20,20 +20,20 @@ use ewa_splat::wgpu::{self, TextureFormat, TextureUsages};
 use ewa_splat::{ColumnSettings, Composite, Error, Image, Renderer, Settings};
 use glam::DVec3;
 
-/// A device as a window has one, with a handler of errors that must hear of none.
+/// Device as a window opens it, with an error handler that must not be called.
 struct Caller {
     adapter: wgpu::Adapter,
     device: wgpu::Device,
     queue: wgpu::Queue,
-    /// The same: its clones share what it has compiled.
+    /// GPU on that device: its clones share compiled pipelines.
     gpu: Gpu,
     heard: Arc<Mutex<Vec<String>>>,
 }
 
 impl Caller {
-    /// `None` where there is no adapter.
+    /// Opens a device, or returns `None` if there is no adapter.
     fn new() -> Option<Self> {
-        // The one that the other tests draw on.
+        // It uses the adapter of the other tests.
         let name = gpu()?.adapter();
         let descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
         let instance = wgpu::Instance::new(descriptor);
@@ -76,7 +76,7 @@ impl Caller {
             .create_texture(&texture_descriptor(format, [width, height], usage))
     }
 
-    /// The bytes of a texture, row by row.
+    /// Reads the bytes of a texture, row by row.
     fn read(&self, texture: &wgpu::Texture) -> Vec<u8> {
         let row = texture.width() * texture.format().block_copy_size(None).unwrap();
         let padded = row.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
@@ -148,7 +148,7 @@ fn cloud() -> PointVolume {
     volume(&particles)
 }
 
-/// An opaque plane across the cloud, aslant.
+/// Returns an opaque plane obliquely across the cloud.
 fn plane() -> PointVolume {
     let mut positions = Vec::new();
     let (across, along) = (DVec3::X * 0.1, DVec3::new(0.0, 0.08, 0.06));
@@ -177,7 +177,8 @@ fn view(size: [usize; 2]) -> Camera {
     camera(Projection::Perspective, [1.5 * size[0] as f64; 2], size)
 }
 
-/// What the tests of bits draw: scenes of one pass and of two, sizes that tiles do not divide.
+/// Returns scenes of one pass and of two, at sizes that tiles do not divide, for comparisons to the
+/// bit.
 fn cases() -> Vec<(&'static str, Vec<PointVolume>, Camera, Settings)> {
     let all = Settings {
         depth: true,
@@ -232,7 +233,7 @@ fn a_float_texture_holds_the_picture_to_the_bit() {
 
         let texture = caller.texture(TextureFormat::Rgba32Float, [camera.width, camera.height]);
         let mut renderer = caller.renderer(&scene);
-        // As the first frame, whose buffers may be too small, after one, and after a picture.
+        // As the first frame, whose buffers may be too small; after one; and after a picture.
         for round in 0..3 {
             renderer
                 .render_to_texture(&camera, &settings, &texture)
@@ -275,7 +276,7 @@ fn bands_lie_in_a_texture_where_they_lie_in_the_picture() {
     caller.heard_nothing();
 }
 
-/// The number of an IEEE half.
+/// Returns the value of an IEEE half.
 fn wide(half: u16) -> f32 {
     let (exponent, mantissa) = (i32::from(half >> 10 & 31), f32::from(half & 1023));
     let magnitude = if exponent == 0 {
@@ -313,14 +314,14 @@ fn other_formats_hold_what_the_table_says() {
         let halves = bytemuck::pod_collect_to_vec::<u8, [u16; 4]>(&halves);
         for (got, expected) in halves.iter().zip(&expected.pixels) {
             for (got, expected) in got.map(wide).iter().zip(expected) {
-                // Ten bits of a mantissa, truncated or rounded; the least number has no more.
+                // A mantissa of ten bits, truncated or rounded; the least number has no more.
                 let bound = expected.abs() / 1024.0 + 2.0_f32.powi(-24);
                 assert!((got - expected).abs() <= bound, "{got} {expected}");
             }
         }
 
-        // Half a code from rounding; the rest because textures encode by tables or short series
-        // (lavapipe is .62 off), and shaders raise to powers, somewhat coarsely.
+        // Half a code comes from rounding. The rest comes from tables or short series in textures'
+        // encoding (lavapipe is .62 off), and from inexact powers in shaders.
         let assert_codes = |name: &str, bytes: &[u8], code: fn([f32; 4]) -> [f32; 3]| {
             let bound = if name.ends_with("-srgb") { 0.75 } else { 0.6 };
             for (got, pixel) in bytes.chunks(4).zip(&expected.pixels) {
@@ -410,13 +411,13 @@ fn textures_that_are_not_drawn_into_are_refused() {
             .is_err()
     );
 
-    // Another device's, of the same instance.
+    // A texture of another device of the same instance.
     let (other, _) = Caller::open(&caller.adapter, &device_descriptor(&caller.adapter));
     let foreign = other.create_texture(&sound);
     let error = renderer.render_to_texture(&camera, &settings, &foreign);
     let error = error.unwrap_err().to_string();
     assert!(error.contains("expected a device that answers"), "{error}");
-    // None of which harms the next frame.
+    // None of these errors affects the next frame.
     let texture = caller.texture(float, [40, 30]);
     renderer
         .render_to_texture(&camera, &settings, &texture)
@@ -444,7 +445,7 @@ fn a_device_with_too_low_limits_is_refused_in_words() {
     for part in ["max_storage_buffers_per_shader_stage is 8", "found 4"] {
         assert!(error.contains(part), "{error}");
     }
-    // Small buffers are no obstacle: frames are cut.
+    // Small buffers suffice: frames are split.
     let mut descriptor = device_descriptor(&caller.adapter);
     let limits = &mut descriptor.required_limits;
     limits.max_storage_buffer_binding_size = 200_000;
@@ -458,8 +459,8 @@ fn a_device_with_too_low_limits_is_refused_in_words() {
     );
 }
 
-/// Drives a future as a window does: a look at it, and at the device, per turn. Returns how often it was
-/// not done.
+/// Drives a future as a window does: it polls the future and the device once per turn. Returns how
+/// often it was pending.
 fn drive<T>(device: &wgpu::Device, future: impl Future<Output = T> + Send) -> (T, usize) {
     let mut future = pin!(future);
     let mut context = Context::from_waker(Waker::noop());
@@ -481,7 +482,7 @@ fn frames_without_waiting_are_those_that_wait() {
         waits.render(&camera, &settings).unwrap();
         let expected = waits.image();
         let mut renderer = caller.renderer(&scene);
-        // Given up at each of the first turns, with buffers on their way.
+        // The future is dropped at each of the first turns, with buffers in flight.
         for turns in 0..4 {
             let mut future = Box::pin(renderer.render_async(&camera, &settings));
             let mut context = Context::from_waker(Waker::noop());
@@ -506,7 +507,7 @@ fn frames_without_waiting_are_those_that_wait() {
         drive(&caller.device, drawing).0.unwrap();
         assert_same_bits(name, &caller.read(&texture), expected);
     }
-    // Column densities, and the processor, which has nothing to wait for.
+    // Column densities, and the CPU, which never waits.
     let (camera, settings) = (view([40, 30]), ColumnSettings::default());
     let mut waits = caller.renderer(&[cloud()]);
     let mut renderer = caller.renderer(&[cloud()]);

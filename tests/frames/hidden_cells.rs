@@ -1,5 +1,5 @@
-//! Grids with hidden nodes or cells, and grids that overlap. A uniform field has the optical depth of the visible cells. The
-//! reference is the integral of the data's own field.
+//! Tests grids with hidden nodes or cells, and overlapping grids. A uniform field has the optical
+//! depth of the visible cells. The reference is the integral of the data's own field.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -35,7 +35,7 @@ fn field(name: &str, association: Association, values: Values) -> Field {
     }
 }
 
-/// Data with a uniform field and something that says what is hidden.
+/// Makes data with a uniform field and a field of hidden marks.
 fn data(geometry: Geometry, association: Association, count: usize, hidden: Field) -> Dataset {
     let value = field("value", association, Values::F32(vec![0.5; count]));
     Dataset::new(Path::new("test"), "test", geometry, vec![value, hidden])
@@ -57,7 +57,8 @@ fn sampled(data: &Dataset, boundary: BoundaryChoice) -> Sampled {
     }
 }
 
-/// The depth at the middle of a view along an axis through a place: of the splats, and of the data.
+/// Returns the depth at the centre of a view along an axis through a position: of the kernels, and
+/// of the data.
 fn depths(data: &Dataset, boundary: BoundaryChoice, through: DVec3, along: DVec3) -> [f64; 2] {
     let up = along.any_orthonormal_vector();
     let camera = Camera::orthographic(through - along * 20.0, through, up, 0.5, [33, 33]);
@@ -70,7 +71,8 @@ fn depths(data: &Dataset, boundary: BoundaryChoice, through: DVec3, along: DVec3
     [alpha, true_alpha].map(|alpha| -(1.0 - alpha).ln() / EXTINCTION)
 }
 
-/// Checks depths along some rays (through, along, the length inside), of the data and of splats, sharp and soft.
+/// Checks depths along some rays (through, along, the length inside), of the data and of kernels,
+/// sharp and soft.
 fn check(name: &str, data: &Dataset, rays: &[(DVec3, DVec3, f64)], most: f64) {
     for &(through, along, length) in rays {
         for boundary in [BoundaryChoice::Sharp, BoundaryChoice::Soft] {
@@ -98,7 +100,7 @@ fn lattices(dims: [usize; 3], step: f64) -> [Lattice; 2] {
     ]
 }
 
-/// Marks of nodes or cells by their indices.
+/// Returns marks of nodes or cells by their indices.
 fn marks(dims: [usize; 3], hides: u8, is_hidden: impl Fn([usize; 3]) -> bool) -> Values {
     let [x, y, _] = dims;
     let at = |n: usize| [n % x, n / x % y, n / (x * y)];
@@ -109,7 +111,8 @@ fn marks(dims: [usize; 3], hides: u8, is_hidden: impl Fn([usize; 3]) -> bool) ->
 
 #[test]
 fn hidden_cells_and_nodes_of_lattices_are_not_drawn() {
-    // 3 x 2 x 2; all beyond x = 1.5 is hidden, by cells or by the nodes from 1.75 on.
+    // A box of 3 x 2 x 2. Everything beyond x = 1.5 is hidden, by cells or by the nodes from 1.75
+    // on.
     let dims = [13, 9, 9];
     let of_cells = dims.map(|n| n - 1);
     let counts = [dims, of_cells].map(|dims| dims.iter().product::<usize>());
@@ -137,7 +140,7 @@ fn hidden_cells_and_nodes_of_lattices_are_not_drawn() {
             }
         }
     }
-    // Two cells in the middle: the ray through them has that much less.
+    // Two cells in the middle are hidden: the ray through them has a correspondingly lower depth.
     let hidden = marks(of_cells, 32, |[i, j, k]| {
         (5..7).contains(&i) && (3..5).contains(&j) && (3..5).contains(&k)
     });
@@ -147,7 +150,7 @@ fn hidden_cells_and_nodes_of_lattices_are_not_drawn() {
     check("hole", &data, &[(v(1.5, 1.0, 1.0), DVec3::X, 2.5)], 0.15);
 }
 
-/// The nodes of a box.
+/// Returns the nodes of a box.
 fn block(low: DVec3, high: DVec3, dims: [usize; 3]) -> CurvilinearBlock {
     let [x, y, _] = dims;
     let at = |n: usize| {
@@ -178,7 +181,7 @@ fn grids(blocks: Vec<CurvilinearBlock>, is_blanked: impl Fn(usize, DVec3) -> boo
 
 #[test]
 fn blanked_nodes_take_their_cells_with_them() {
-    // They overlap from 1 to 1.25, of which one keeps nothing: the domain is 2 x 1 x 1.
+    // They overlap from 1 to 1.25, where one of them is hidden: the domain is 2 x 1 x 1.
     let blocks = vec![
         block(v(0.0, 0.0, 0.0), v(1.25, 1.0, 1.0), [11, 9, 9]),
         block(v(1.0, 0.0, 0.0), v(2.0, 1.0, 1.0), [9, 9, 9]),
@@ -205,7 +208,7 @@ fn overlaps_that_count_double_are_noted() {
         let mut found = report.findings.into_iter();
         found.find(|f| f.reason.contains("more than once"))
     };
-    // A quarter of 2 + 1.5 - .5 = 3 units twice: .5 / 3.
+    // .5 of 2 + 1.5 - .5 = 3 units is covered twice: .5 / 3.
     let found = noted(vec![
         block(v(0.0, 0.0, 0.0), v(2.0, 1.0, 1.0), [41, 11, 11]),
         block(v(1.5, 0.0, 0.0), v(3.0, 1.0, 1.0), [37, 13, 12]),
@@ -215,7 +218,7 @@ fn overlaps_that_count_double_are_noted() {
     let share: f64 = share.unwrap().parse().unwrap();
     println!("{reason}");
     assert!((share - 100.0 / 6.0).abs() < 2.0, "{share}");
-    // Beside each other, with other nodes; boxes that overlap, and grids that do not.
+    // Adjacent grids with other nodes; boxes overlap, and grids do not.
     let turned = |block: CurvilinearBlock, angle: f64| CurvilinearBlock {
         nodes: block
             .nodes
@@ -237,7 +240,7 @@ fn overlaps_that_count_double_are_noted() {
         ]);
         assert_eq!(found, None, "{angle}");
     }
-    // An O-grid around another, their nodes on other angles of one cylinder.
+    // An O-grid around another, with nodes at other angles of one cylinder.
     let ring = |radii: [f64; 2], count: usize, slid: f64| {
         let flat = block(v(radii[0], 0.0, 0.0), v(radii[1], TAU, 1.0), [6, count, 5]);
         CurvilinearBlock {

@@ -1,4 +1,5 @@
-//! Kernels, stages and pictures, on both back ends; one device, and its pipelines, for all.
+//! Tests kernels, stages and pictures, on both back ends. All tests share one device and its
+//! pipelines.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,

@@ -1,4 +1,5 @@
-//! Maximum-intensity projections against brute force, on both back ends; and slabs whose numbers are large.
+//! Tests maximum-intensity projections against brute force, on both back ends; and slabs whose
+//! numbers are large.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -17,13 +18,13 @@ use glam::DVec3;
 use crate::common::Random;
 use crate::common::scene::{Particle, camera, difference, volume};
 
-/// Spheres with values, parallel rays, and slabs.
+/// Number of spheres with values, seen by parallel rays in slabs.
 const COUNT: usize = 400;
 const SIGMA: f64 = 0.25;
 const FOCAL: f64 = 8.0;
 const SIZE: usize = 24;
 const THICKNESS: f64 = 0.4;
-/// Extinction at the greatest value, which all carry, and each kernel's volume.
+/// Extinction at the greatest value, which all particles have, and each kernel's volume.
 const EXTINCTION: f64 = 0.8;
 const VOLUME: f64 = 0.05;
 
@@ -32,7 +33,7 @@ fn colours(value: f32) -> [f32; 3] {
 }
 
 fn transfer() -> TransferFunction {
-    // No extinction at all below a half: what counts is the value.
+    // There is no extinction below one half; otherwise only the value matters.
     let opacity = 1.0 - (-EXTINCTION).exp();
     let of = |v: f32| if v < 0.5 { 0.0 } else { opacity as f32 };
     TransferFunction::from_curves(colours, of, [0.0, 1.0], 1.0).unwrap()
@@ -75,20 +76,20 @@ fn settings() -> Settings {
         cutoff: Some(6.0),
         tolerance: 1e-5,
         depth: true,
-        // No fused operations, as on the device.
+        // The CPU uses no fused operations, as the device uses none.
         simd: SimdLevel::Baseline,
         ..Settings::default()
     }
 }
 
-/// Of a pixel: the greatest mean value over its slabs, the depth of the slab's middle, and by how much the
-/// next best, or a slab at the threshold, falls short of another answer.
+/// Result at a pixel: the greatest mean value over its slabs, the depth of that slab's middle, and
+/// the margin to the next best value or to a slab at the threshold.
 struct Best {
     found: Option<(f64, f64)>,
     margin: f64,
 }
 
-/// In f64, slab by slab and kernel by kernel.
+/// Computes in f64, slab by slab and kernel by kernel.
 fn brute_force(x: usize, y: usize, near: f64) -> Best {
     let (positions, values) = spheres();
     let variance = (SIGMA * FOCAL).powi(2) + 1.0;
@@ -146,7 +147,7 @@ fn hold(name: &str, renderer: &mut Renderer, near: f64) -> Image {
     let (mut found, mut empty, mut close) = (0, 0, 0);
     for (i, pixel) in image.pixels.iter().enumerate() {
         let best = brute_force(i % SIZE, i / SIZE, near);
-        // Roundings of f32 decide where two answers are this near to one another.
+        // f32 roundings decide between two values this close.
         if best.margin < 1e-4 {
             close += 1;
             continue;
@@ -158,7 +159,8 @@ fn hold(name: &str, renderer: &mut Renderer, near: f64) -> Image {
             }
             Some((value, depth)) => {
                 let [r, g, b] = colours(value as f32);
-                // The table of 4,096 entries is linear between them, and so are these colours.
+                // The table of 4,096 entries is interpolated linearly, and these colours are
+                // linear, too.
                 for (x, y) in pixel.iter().zip([r, g, b, 1.0]) {
                     assert!((x - y).abs() < 2e-4, "{name} {i}: {pixel:?} for {value}");
                 }
@@ -189,7 +191,7 @@ fn each_pixel_shows_the_greatest_mean_of_its_slabs() {
             let differs = |(p, q): &(&[f32; 4], &[f32; 4])| {
                 p.iter().zip(*q).any(|(x, y)| !((x - y).abs() <= 2e-5))
             };
-            // Where two slabs are alike within roundings.
+            // Two slabs may be equal to within roundings.
             assert!(pixels.filter(differs).count() <= 2);
         }
     }
@@ -221,8 +223,8 @@ fn what_has_no_maximum_is_refused() {
 
 #[test]
 fn slabs_do_not_depend_on_how_far_before_them_others_begin() {
-    // Something vast and transparent begins a hundred thousand slabs before the rest: their depths must not
-    // be sums of lengths that round away.
+    // A vast, transparent kernel begins a hundred thousand slabs before the rest: the slabs' depths
+    // must not be sums of lengths that round.
     let mut random = Random::new(23);
     let particles: Vec<Particle> = (0..60)
         .map(|_| {
@@ -245,6 +247,6 @@ fn slabs_do_not_depend_on_how_far_before_them_others_begin() {
     let beside = draw(vec![volume(&particles), volume(&[vast])]);
     assert!(alone.pixels.iter().any(|p| p[3] > 0.3));
     let off = difference(&alone, &beside);
-    // The same slabs: roundings of f32 depths, 5e-7 of a thickness of .01.
+    // The slabs are the same: roundings of f32 depths, 5e-7 of a thickness of .01.
     assert!(off < 1e-4, "{off}");
 }

@@ -1,4 +1,5 @@
-//! Lines and points of meshes in pictures: some two pixels wide, closed, and of their colours.
+//! Tests lines and points of meshes in pictures: about two pixels wide, closed, and of their
+//! colours.
 
 use ewa_splat::io::{Material, Mesh, MeshPart};
 use ewa_splat::sample::mesh::{MeshOptions, Spread, pixels_per_area, surfels};
@@ -8,12 +9,12 @@ use glam::DVec3;
 
 const SIZE: usize = 96;
 
-/// A camera that looks down the z axis at a square of 4 by 4.
+/// Returns a camera that looks down the z axis at a square of 4 by 4.
 fn camera() -> Camera {
     Camera::orthographic(DVec3::Z * 5.0, DVec3::ZERO, DVec3::Y, 4.0, [SIZE, SIZE])
 }
 
-/// RGBA of the picture, by row and column.
+/// Returns the picture's RGBA, by row and column.
 fn picture(part: MeshPart, density: Option<f64>) -> Vec<[f32; 4]> {
     let mesh = Mesh {
         parts: vec![part],
@@ -38,7 +39,7 @@ fn colours(count: usize, rgba: [f32; 4]) -> Vec<[f32; 4]> {
 #[test]
 fn a_line_is_two_pixels_wide_closed_and_of_its_colour() {
     let ends = [DVec3::new(-1.5, 0.1, 0.0), DVec3::new(1.5, 0.1, 0.0)];
-    // The same line in one piece, and in a thousand.
+    // The line is the same in one piece and in a thousand.
     for pieces in [1_u32, 1000] {
         let share = |i: u32| f64::from(i) / f64::from(pieces);
         let positions: Vec<DVec3> = (0..=pieces)
@@ -53,7 +54,7 @@ fn a_line_is_two_pixels_wide_closed_and_of_its_colour() {
             },
             None,
         );
-        // 72 pixels long, with an end of its own on either side.
+        // 72 pixels long, with a rounded end on either side.
         let columns = SIZE / 2 - 34..SIZE / 2 + 34;
         for x in columns {
             let column = (0..SIZE).map(|y| pixels[y * SIZE + x]);

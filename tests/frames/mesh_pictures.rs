@@ -1,4 +1,4 @@
-//! Pictures of meshes as surfels, against a ray tracer of the triangles.
+//! Compares pictures of meshes as surfels with a ray tracer of the triangles.
 
 #![allow(
     clippy::unwrap_used,
@@ -19,7 +19,8 @@ use ewa_splat::view::Camera;
 use ewa_splat::{Backend, Image, Renderer, Settings};
 use glam::DVec3;
 
-/// The helmet has layers of leather a few pixels apart: nearer ones would be taken for one surface.
+/// Picture sizes. The helmet has layers of leather a few pixels apart, which would merge to one
+/// surface in a smaller picture.
 const SIZES: [usize; 4] = [224, 224, 224, 448];
 
 /// Rays per pixel, along a side.
@@ -30,7 +31,7 @@ fn read(name: &str) -> Option<Mesh> {
     read_file(&path)
 }
 
-/// The cow with its texture, which its file does not name.
+/// Reads the cow with its texture, which its file does not name.
 fn read_spot() -> Option<Mesh> {
     let shape = real_data("meshes/obj/spot/spot_triangulated.obj")?;
     let texture = real_data("meshes/obj/spot/spot_texture.png")?;
@@ -49,7 +50,8 @@ fn read_file(path: &Path) -> Option<Mesh> {
     }
 }
 
-/// A camera that sees all of the mesh from `side`, and the pixels per unit length in its middle.
+/// Returns a camera that sees all of the mesh from `side`, and the pixels per unit length in its
+/// centre.
 fn camera(mesh: &Mesh, side: DVec3, size: usize) -> (Camera, f64) {
     let all = || mesh.parts.iter().flat_map(|part| &part.positions);
     let low = all().copied().reduce(DVec3::min).unwrap();
@@ -62,7 +64,7 @@ fn camera(mesh: &Mesh, side: DVec3, size: usize) -> (Camera, f64) {
     (camera, per_length)
 }
 
-/// Decibels of the mean squared difference over mid grey, sRGB-encoded, full scale 1.
+/// Returns the PSNR over mid grey in decibels, sRGB-encoded, full scale 1.
 fn psnr(a: &Image, b: &Image) -> f64 {
     let shown = |p: [f32; 4], c: usize| {
         let over = p[c] + (1.0 - p[3]) * 0.214_041_14;
@@ -77,8 +79,8 @@ fn psnr(a: &Image, b: &Image) -> f64 {
     -10.0 * (sum / (3.0 * a.pixels.len() as f64)).log10()
 }
 
-/// The least coverage, and the mean one, where the ray-traced picture is opaque for three pixels
-/// around.
+/// Returns the least and the mean coverage at pixels around which the ray-traced picture is opaque
+/// for three pixels.
 fn coverage(image: &Image, truth: &Image) -> (f64, f64) {
     let (mut least, mut sum, mut count) = (1.0_f64, 0.0, 0.0);
     let is_opaque = |x: usize, y: usize| truth.pixel(x, y)[3] > 0.9999;
@@ -95,7 +97,7 @@ fn coverage(image: &Image, truth: &Image) -> (f64, f64) {
     (least, sum / f64::max(count, 1.0))
 }
 
-/// Where pictures are left for a look: the folder of that environment variable.
+/// Writes pictures for inspection, into the folder that the environment variable names.
 fn keep(name: &str, image: &Image) {
     static FOLDER: OnceLock<Option<String>> = OnceLock::new();
     let folder = FOLDER.get_or_init(|| std::env::var("EWA_PICTURES").ok());
@@ -146,8 +148,8 @@ fn surfels_show_what_rays_show() {
                 println!(
                     "{name:14} {number:4} {per_px:6} {count:8} {psnr:6.2} {least:15.5} {mean:7.5}"
                 );
-                // Of the helmet's many layers the renderer keeps a few per pixel, and some pixels lack
-                // the last.
+                // The renderer keeps a few of the helmet's many layers per pixel, and some pixels
+                // lack the last.
                 let least_wanted = if name == "helmet" { 0.0 } else { 0.999 };
                 if !(psnr >= 32.0 && mean >= 0.999 && least >= least_wanted) {
                     faults.push(format!(

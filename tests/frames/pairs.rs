@@ -1,5 +1,6 @@
-//! Every pair of settings, on a scene that has all kinds of things in it: a pair draws what both mean,
-//! by a law of each that holds beside any other, or is refused in words; on both back ends.
+//! Tests every pair of settings on a scene with all kinds of data. Either the pair draws what both
+//! settings mean, by a law of each that holds with any other, or it is refused with an error; on
+//! both back ends.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -18,7 +19,7 @@ use glam::{DMat3, DVec3};
 
 use crate::common::scene::camera;
 
-/// A setting, and what it promises of a picture beside the same without it.
+/// Setting, and its law: the effect on a picture, compared with the picture without the setting.
 struct Setting {
     name: &'static str,
     apply: fn(&mut Settings),
@@ -27,24 +28,24 @@ struct Setting {
 
 #[derive(Clone, Copy)]
 enum Law {
-    /// Every channel of every pixel the same within this.
+    /// All channels of all pixels agree within this.
     SamePicture(f32),
-    /// As opaque everywhere, within this; the light may differ.
+    /// Opacity agrees everywhere, within this; the light may differ.
     AsOpaque(f32),
     /// Nowhere more opaque, somewhere less.
     LessOpaque,
     /// Nowhere less opaque.
     MoreOpaque,
-    /// Kernels summed before they are composited: as opaque as one by one; under an opacity of min(tau, 1),
-    /// which is not that of parts, no less.
+    /// Kernels are summed before they are composited: as opaque as one by one. With an opacity of
+    /// min(tau, 1), which is not multiplicative, at least as opaque.
     Summed(f32),
-    /// What was transparent shows this colour.
+    /// Transparent parts show this colour.
     Behind([f32; 3]),
-    /// Whole numbers, alike in all colours, whose sum is the number of splat-pixels; opaque.
+    /// Whole numbers, equal in all colours, whose sum is the number of splat-pixels; opaque.
     Counts,
-    /// Colours of the list of choices: as opaque as the scene.
+    /// Colours from the list of choices, as opaque as the scene.
     Choices,
-    /// Numbers between 0 and 1, and something of the scene.
+    /// Numbers between 0 and 1, and something of the scene is visible.
     Finite,
 }
 
@@ -54,8 +55,8 @@ fn plane(normal: DVec3, distance: f64) -> Vec<ClipPlane> {
     vec![ClipPlane { normal, distance }]
 }
 
-/// All settings that change what is drawn. Those that set the same field stand beside one another and are
-/// no pair.
+/// Returns all settings that change the picture. Settings of one field are in one group and form no
+/// pair.
 fn settings() -> Vec<(&'static str, Vec<Setting>)> {
     let one = |name, apply, law| Setting { name, apply, law };
     vec![
@@ -197,7 +198,7 @@ fn settings() -> Vec<(&'static str, Vec<Setting>)> {
         ),
         (
             "tolerance",
-            // The rest of the tests' settings has a tighter one.
+            // The other tests' settings have a tighter one.
             vec![one(
                 "tolerance",
                 |s| s.tolerance = 1.0 / 255.0,
@@ -215,7 +216,7 @@ fn settings() -> Vec<(&'static str, Vec<Setting>)> {
     ]
 }
 
-/// Pairs that mean nothing together, and a word of what is said about them.
+/// Pairs that contradict each other, with a word of the error.
 const REFUSED: [(&str, &str, &str); 3] = [
     ("classified slabs", "choice", "what draws each kernel"),
     (
@@ -240,7 +241,7 @@ fn refusal(a: &Setting, b: &Setting) -> Option<&'static str> {
     REFUSED
         .iter()
         .find(|(x, y, _)| {
-            // Only thresholds are refused beside every filter.
+            // Only thresholds are refused with every filter.
             let pair = |s: &Setting, t: &Setting| {
                 let first = if *y == "thresholds" {
                     is(x, s)
@@ -254,8 +255,8 @@ fn refusal(a: &Setting, b: &Setting) -> Option<&'static str> {
         .map(|(_, _, words)| *words)
 }
 
-/// A lattice with a field of one extinction, small kernels, and a tilted square of surfels that passes
-/// through it and covers some pixels in part.
+/// Returns a lattice with a field of one extinction, small kernels, and a tilted square of surfels
+/// that passes through it and covers some pixels in part.
 fn scene() -> Vec<PointVolume> {
     let n = 9;
     let step = DMat3::from_diagonal(DVec3::splat(0.25));
@@ -288,7 +289,7 @@ fn scene() -> Vec<PointVolume> {
             areas.push((step * step * 1.25_f64.sqrt()) as f32);
         }
     }
-    // A surface that is rounder than its surfels.
+    // The normals are rounder than the surfels' surface.
     let rounder = |p: &DVec3| normal_code(DVec3::new(0.5 + 0.3 * p.x, 0.3 * p.y, -1.0));
     let normals = positions.iter().map(rounder).collect();
     let surface = PointVolume {
@@ -316,13 +317,13 @@ fn base() -> Settings {
     Settings {
         tolerance: 1e-4,
         level_of_detail: false,
-        // No fused operations, as on the device.
+        // The CPU uses no fused operations, as the device uses none.
         simd: SimdLevel::Baseline,
         ..Settings::default()
     }
 }
 
-/// A picture, and how many splat-pixels it took.
+/// Picture, and the number of its splat-pixels.
 struct Drawn {
     image: Image,
     splat_pixels: u64,
@@ -342,7 +343,7 @@ fn draw(renderer: &mut Renderer, settings: &Settings) -> Result<Drawn, String> {
 }
 
 impl Law {
-    /// Holds a picture with the setting to the same without it.
+    /// Compares a picture with the setting to the one without it.
     fn hold(
         self,
         name: &str,
@@ -365,7 +366,7 @@ impl Law {
             let channels = a.iter().zip(b);
             channels.map(|(x, y)| (x - y).abs()).fold(0.0, f32::max)
         };
-        // Colours of choices say what draws, which many settings change; so do numbers of kernels.
+        // Many settings change the colours of choices and the numbers of kernels.
         let shows_scene = beside.show == Show::Scene;
         if beside.show == Show::Count && !matches!(self, Self::Counts) {
             return Self::Counts.hold(name, with, without, beside);
@@ -389,10 +390,10 @@ impl Law {
                 )?;
             }
             Self::LessOpaque => {
-                // Roundings, and what the cut-off of fainter kernels leaves out less of.
+                // Roundings, and the smaller part that the cut-off of fainter kernels omits.
                 let most_more = worst(&|a, b| a[3] - b[3]);
                 ensure(most_more <= 3e-4, most_more.to_string())?;
-                // Without a low-pass filter that spreads them, lone kernels are as they are.
+                // Without a low-pass filter to spread them, lone kernels do not change.
                 let unfiltered = [Filter::Reconstruction, Filter::UniformScaling];
                 if beside.background.is_none() && !unfiltered.contains(&beside.filter) {
                     let most_less = worst(&|a, b| b[3] - a[3]);
@@ -503,7 +504,7 @@ fn every_pair_of_settings_means_both_or_is_refused() {
                 let pixels = drawn.image.pixels.iter().zip(&twin.image.pixels);
                 let differs = |(p, q): &(&[f32; 4], &[f32; 4])| {
                     let channels = p.iter().zip(*q);
-                    // Of counts: none, with the flips below.
+                    // Counts differ only by the flips below.
                     channels.fold(0.0_f32, |most, (x, y)| most.max((x - y).abs())) > 2e-5
                 };
                 // A pixel within rounding of a cut-off may fall on either side of it.

@@ -1,4 +1,5 @@
-//! Which particles a pixel shows: their shares make the pixel again out of the caller's own colours.
+//! Tests which particles a pixel shows: their shares reproduce the pixel from the caller's own
+//! colours.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -27,7 +28,7 @@ fn transfer() -> TransferFunction {
     TransferFunction::from_curves(colours, |v| 0.5 * v, [0.0, 1.0], 0.3).unwrap()
 }
 
-/// More particles than a block has, each in a colour of its own.
+/// Returns more particles than a block holds, each of a different colour.
 fn cloud(random: &mut Random) -> PointVolume {
     let particles: Vec<_> = (0..1_500)
         .map(|_| Particle {
@@ -52,7 +53,7 @@ fn lattice(random: &mut Random) -> PointVolume {
     PointVolume::lattice(lattice, values.collect::<Vec<f32>>(), transfer())
 }
 
-/// A wall across the left half of the picture, tilted.
+/// Returns a tilted wall across the left half of the picture.
 fn wall(random: &mut Random) -> PointVolume {
     let cells: Vec<_> = (-12..=2)
         .flat_map(|i| (-12..=12).map(move |j| (i, j)))
@@ -83,7 +84,7 @@ fn wall(random: &mut Random) -> PointVolume {
     }
 }
 
-/// What a particle of a volume looks like, by the data that the caller gave.
+/// Returns the colour of a volume's particle from the caller's data.
 fn colour_of(volume: &PointVolume, particle: usize) -> [f32; 3] {
     match (&volume.colour, &volume.values) {
         (Colour::PerParticle(colours), _) => colours[particle],
@@ -156,8 +157,9 @@ fn shares_of_a_pixel_make_it_again() {
                         seen += picked.len();
                         let shown = image.pixel(pixel[0], pixel[1]);
                         for (sum, shown) in sum.iter().zip(shown) {
-                            // Sums in another order; and a tile ends where all of its pixels are opaque
-                            // within a share of the tolerance, one pixel where it is.
+                            // The sums are in another order. A tile ends where all of its pixels
+                            // are opaque within a share of the tolerance, a pixel where it is
+                            // opaque itself.
                             let off = (sum - f64::from(shown)).abs();
                             assert!(
                                 off < 2e-4,
@@ -189,7 +191,7 @@ fn two_spheres_have_the_shares_of_the_formula() {
     let picked = renderer.pick(&camera, &settings, [100, 100]).unwrap();
     let named: Vec<_> = picked.iter().map(|p| (p.particle, p.depth)).collect();
     assert_eq!(named, [(1, 4.0), (0, 7.0)]);
-    // The ray runs through both centres: mass / (2 pi sigma^2).
+    // The ray passes through both centres: mass / (2 pi sigma^2).
     let alpha = |mass: f64| 1.0 - (-mass / (std::f64::consts::TAU * 0.25)).exp();
     let expected = [alpha(0.4), (1.0 - alpha(0.4)) * alpha(1.0)];
     for (p, expected) in picked.iter().zip(expected) {
@@ -221,7 +223,7 @@ fn what_has_no_shares_is_refused_in_words() {
     let mut numbered = Renderer::with_options(points, &KEEP).unwrap();
     assert!(error(&mut numbered, &settings, [20, 3]).contains("one of 20 x 10"));
     assert!(error(&mut numbered, &settings, [3, 10]).contains("one of 20 x 10"));
-    // Lattices have their numbers anyway; after slabs of values, particles have colours again.
+    // Lattices always have particle numbers. After slabs of values, particles have colours again.
     let mut cells = Renderer::new(vec![lattice(&mut random)]).unwrap();
     let slabs = Settings {
         composite: Composite::Slabs {

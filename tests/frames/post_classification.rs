@@ -1,5 +1,5 @@
-//! Slabs that are classified and lit themselves, by the mean value of a field in them: laws, a truth
-//! computed in f64, and the GPU back end against the CPU's.
+//! Tests slabs that are classified and lit by the mean value of a field in them: laws, an f64
+//! reference, and the GPU back end against the CPU's.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::unwrap_used,
@@ -22,12 +22,12 @@ use glam::{DMat3, DVec3, Vec3};
 
 /// Nodes along each axis, about a unit apart.
 const NODES: usize = 17;
-/// The depth of the middle one.
+/// Depth of the middle one.
 const MIDDLE: f64 = 24.0;
 
-/// A lattice ahead of the eye with a field.
+/// Returns a lattice in front of the eye with a field.
 fn field(of: impl Fn(DVec3) -> f64, transfer: TransferFunction) -> PointVolume {
-    // Sheared: kernels lie across the rays at an angle.
+    // It is sheared, so that kernels are oblique to the rays.
     let step = DMat3::from_cols(
         DVec3::new(1.0, 0.2, 0.25),
         DVec3::new(-0.1, 1.0, 0.2),
@@ -45,7 +45,7 @@ fn field(of: impl Fn(DVec3) -> f64, transfer: TransferFunction) -> PointVolume {
     PointVolume::lattice(lattice, values, transfer)
 }
 
-/// The same as spheres one by one, shaken off their nodes.
+/// Returns the same field on single spheres, at random offsets from the nodes.
 fn spheres(of: impl Fn(DVec3) -> f64, transfer: TransferFunction) -> PointVolume {
     let mut random = Random::new(7);
     let at_nodes = field(&of, transfer);
@@ -70,13 +70,14 @@ fn spheres(of: impl Fn(DVec3) -> f64, transfer: TransferFunction) -> PointVolume
     }
 }
 
-/// Colours from blue to yellow, and an extinction that steps up where the field exceeds a half.
+/// Returns colours from blue to yellow, and an extinction that steps up where the field exceeds a
+/// half.
 fn step() -> TransferFunction {
     let opacity = |value: f32| if value > 0.5 { 0.2 } else { 0.0 };
     TransferFunction::from_curves(colours, opacity, [0.0, 1.0], 1.0).unwrap()
 }
 
-/// The same colours, an extinction of .2 everywhere.
+/// Returns the same colours with an extinction of .2 everywhere.
 fn even() -> TransferFunction {
     let opacity = 1.0 - (-0.2_f32).exp();
     TransferFunction::from_curves(colours, |_| opacity, [0.0, 1.0], 1.0).unwrap()
@@ -99,7 +100,7 @@ fn settings() -> Settings {
         cutoff: Some(4.5),
         tolerance: 1e-5,
         level_of_detail: false,
-        // No fused operations, as on the device.
+        // The CPU uses no fused operations, as the device uses none.
         simd: SimdLevel::Baseline,
         ..Settings::default()
     }
@@ -120,7 +121,7 @@ fn draw(scene: &[PointVolume], camera: &Camera, settings: &Settings) -> Image {
     renderer.render(camera, settings).unwrap().clone()
 }
 
-/// Light from the world's left, and a dim one from above the camera.
+/// Returns a light from the world's left, and a dim one from above the camera.
 fn lighting() -> Lighting {
     let light = |direction, frame, colour| Light {
         direction,
@@ -146,7 +147,7 @@ fn lighting() -> Lighting {
 
 #[test]
 fn a_step_across_the_rays_is_as_sharp_as_a_pixel() {
-    // The field grows from left to right: .5 on the axis, where the extinction steps up.
+    // The field increases from left to right: .5 on the axis, where the extinction steps up.
     let scene = [field(|x| 0.5 + x.x / 16.0, step())];
     let camera = eye(Projection::Orthographic, 48);
     let after = draw(&scene, &camera, &settings());
@@ -156,7 +157,7 @@ fn a_step_across_the_rays_is_as_sharp_as_a_pixel() {
         ..settings()
     };
     let before = draw(&scene, &camera, &before);
-    // Of the right half, all of the lattice.
+    // Opacity of the right half, through the whole lattice.
     let opaque = TransferFunction::from_curves(colours, |_| 0.2, [0.0, 1.0], 1.0).unwrap();
     let whole = draw(&[field(|_| 1.0, opaque)], &camera, &settings());
     let row = |image: &Image| -> Vec<f32> {
@@ -164,7 +165,7 @@ fn a_step_across_the_rays_is_as_sharp_as_a_pixel() {
         row.collect()
     };
     let whole = row(&whole);
-    // The most by which a row is off, of pixels at least so many from the step.
+    // Returns the largest error of a row, at least `from` pixels away from the step.
     let off = |row: &[f32], from: usize| {
         let is_right = |i: usize| i >= 12;
         let errors = row
@@ -189,20 +190,21 @@ fn a_step_across_the_rays_is_as_sharp_as_a_pixel() {
         off(&before, 0),
         off(&before, 2)
     );
-    // The sum of the kernels ripples by 1e-3, and less where rays cross many. Where a ray leaves the
-    // lattice the mean is of kernels on one side: less than a pixel off.
+    // The sum of the kernels ripples by 1e-3, and less if rays cross many. Where a ray leaves the
+    // lattice, the mean is over kernels on one side: less than a pixel off.
     assert!(whole[12] > 0.5, "{whole:?}");
     assert!(
         off(&after, 1) < 1e-3 && off(&after, 0) < 0.1,
         "{after:?}, not {whole:?}"
     );
-    // Kernels of .6 of a node's distance, two and a half pixels, blur it where they are classified at their values.
+    // Kernels of .6 node distances, two and a half pixels, blur the step if they are classified by
+    // their values.
     assert!(off(&before, 2) > 0.1, "{before:?}");
 }
 
 #[test]
 fn a_band_along_the_rays_converges_on_the_truth() {
-    // The field grows with depth; a band of it absorbs, as a bell.
+    // The field increases with depth; a bell-shaped band of it absorbs.
     let bell = |value: f64| (-0.5 * ((value - 0.5) / 0.06).powi(2)).exp();
     let opacity = |value: f32| 1.0 - (-2.0 * bell(f64::from(value))).exp() as f32;
     let transfer = TransferFunction::from_curves(colours, opacity, [0.0, 1.0], 1.0).unwrap();
@@ -237,7 +239,7 @@ fn a_band_along_the_rays_converges_on_the_truth() {
         "{errors:?}; of particles {}",
         off(0.125, ClassifyAt::Particle)
     );
-    // As the square of the thickness, down to what the sum of the kernels ripples by.
+    // The error falls as the square of the thickness, down to the ripple of the kernels' sum.
     assert!(errors[1] < 0.4 * errors[0] && errors[2] < 0.4 * errors[1]);
     assert!(errors[3] < 2e-3, "{errors:?}");
 }
@@ -255,7 +257,7 @@ fn of_a_constant_field_it_makes_no_difference() {
         let off = difference(&a, &b);
         // Roundings of sums of some hundred kernels, and of the table.
         assert!(off < 1e-5, "{projection:?}: {off}");
-        // Light has no direction to go by.
+        // A constant field gives light no direction.
         let lit = Settings {
             lighting: Some(lighting()),
             ..settings()
@@ -280,19 +282,19 @@ fn light_falls_as_the_field_slopes() {
         DVec3::new(-1.0, 0.2, 0.1).normalize(),
     ] {
         let of = move |x: DVec3| 0.5 + (x - DVec3::Z * MIDDLE).dot(slope) / 28.0;
-        // One colour of one opacity: what is seen is the light.
+        // With one colour and opacity, only the light is visible.
         let colour = [0.5, 0.4, 0.3];
         let transfer = TransferFunction::from_curves(|_| colour, |_| 0.6, [0.0, 1.0], 1.0).unwrap();
         for (kind, scene, tolerance) in [
             // Ripple of the kernels' sum.
             ("lattice", field(of, transfer.clone()), 1e-3),
-            // Nodes shaken by .2 of their distance.
+            // Nodes are offset by .2 of their distance.
             ("spheres", spheres(of, transfer.clone()), 0.05),
         ] {
             for projection in [Projection::Perspective, Projection::Orthographic] {
                 let camera = eye(projection, 24);
-                // Half of the width, where the lattice's faces are far away; and not the face itself,
-                // whose mean value ends sharply.
+                // Half of the width, far from the lattice's sides; and not its front face, where
+                // the mean value ends sharply.
                 let settings = Settings {
                     lighting: Some(lighting()),
                     clip: vec![ClipPlane {
@@ -333,7 +335,7 @@ fn light_falls_as_the_field_slopes() {
     }
 }
 
-/// A thin lobe, and `floor` of opacity everywhere else.
+/// Returns a narrow lobe, and `floor` of opacity everywhere else.
 fn lobe(floor: f32) -> TransferFunction {
     let opacity = move |value: f32| (0.6 * (1.0 - (value - 0.5).abs() / 0.03)).max(floor);
     TransferFunction::from_curves(colours, opacity, [0.0, 1.0], 1.0).unwrap()
@@ -343,7 +345,7 @@ fn gentle(x: DVec3) -> f64 {
     0.5 + 0.05 * x.x + 0.04 * (0.7 * x.y).sin() + 0.02 * (x.z - MIDDLE)
 }
 
-/// Spheres that know the values around them: of all others within a distance.
+/// Returns spheres with local models: from all others within a distance.
 fn spheres_with_models(transfer: TransferFunction) -> PointVolume {
     let scene = spheres(gentle, transfer);
     let (Some(Values::F32(values)), Particles::Isotropic { positions, .. }) =
@@ -385,7 +387,7 @@ fn what_nothing_around_shows_is_left_out_and_not_missed() {
             (image, renderer.counts().classified)
         };
         let (some, seen) = drawn(0.0, &settings());
-        // So faint that it is not seen, and nothing is left out.
+        // The floor is so faint that it is invisible, and nothing is omitted.
         let (all, count) = drawn(1e-6, &settings());
         assert!(
             count == NODES.pow(3) && seen < count * 2 / 3,
@@ -394,13 +396,14 @@ fn what_nothing_around_shows_is_left_out_and_not_missed() {
         let off = difference(&some, &all);
         println!("{name}: {seen} of {count}, {off:.1e}");
         assert!(some.pixels.iter().any(|p| p[3] > 0.3));
-        // 1e-6 x 17 of the floor, and what kernels four nodes away have of a mean value; spheres know the values
-        // around by steps, and their field is not as even.
+        // 1e-6 x 17 of the floor, and the contribution of kernels four nodes away to a mean value.
+        // Spheres store the surrounding values in steps, and their field is less even.
         assert!(
             off < if name == "lattice" { 2e-4 } else { 2e-3 },
             "{name}: {off}"
         );
-        // Of thick slabs the mean value is of more than is around; and the greatest value may not be shown.
+        // In thick slabs, the mean value covers more than the surroundings; and the greatest value
+        // may be transparent.
         let thick = Settings {
             composite: slabs(1.5, ClassifyAt::Slab),
             ..settings()
@@ -416,7 +419,7 @@ fn what_nothing_around_shows_is_left_out_and_not_missed() {
     }
 }
 
-/// Scenes of one field that the GPU draws as the CPU does.
+/// Scenes of one field are drawn alike by GPU and CPU.
 #[test]
 #[cfg(feature = "gpu")]
 fn twins_classify_alike() {
@@ -507,7 +510,8 @@ fn twins_classify_alike() {
         let mut on_gpu = Renderer::new(scene).unwrap().on(gpu.clone()).unwrap();
         on_gpu.render(&camera, &settings).unwrap();
         let pairs = on_cpu.image().pixels.iter().zip(&on_gpu.image().pixels);
-        // Slopes are small differences of large sums, and highlights the thirtieth power of a cosine.
+        // Slopes are small differences of large sums, and highlights the thirtieth power of a
+        // cosine.
         let differs =
             |(p, q): &(&[f32; 4], &[f32; 4])| !p.iter().zip(*q).all(|(x, y)| (x - y).abs() <= 2e-4);
         let count = pairs.filter(differs).count();
@@ -548,7 +552,7 @@ fn colours_come_back() {
         let fresh = [field(|x| 0.5 + x.x / 16.0, transfer)];
         let expected = draw(&fresh, &camera, &settings);
         assert!(difference(image, &expected) == 0.0);
-        // What is visible is what the function itself shows.
+        // The function itself determines what is visible.
         let fresh = Renderer::new(fresh.to_vec()).unwrap();
         assert_eq!(renderer.visible_boxes(), fresh.visible_boxes());
     }

@@ -1,5 +1,5 @@
-//! The promise of the tolerance, kept by the picture as a whole: with everything approximated that
-//! the default settings approximate, against the same scene with nothing approximated.
+//! Tests the promise of the tolerance for whole pictures: with all approximations of the default
+//! settings, against the same scene without any.
 //!
 //! `cargo test --test promise -- --nocapture` prints a table, one picture a line: the difference
 //! that 99.9 % of a picture's channels stay below and the largest, in tolerances, and the
@@ -34,17 +34,18 @@ const TOLERANCES: [(&str, f32); 4] = [
     ("1/1000", 1e-3),
 ];
 
-/// One tolerance in place of four for what takes seconds: the default.
+/// The default tolerance, in place of four, for slow scenes.
 const DEFAULT_ONLY: [(&str, f32); 1] = [TOLERANCES[2]];
 
 /// Width and height of a fitted picture in pixels.
 const SIZE: usize = 192;
 
-/// The field of view of a fitted camera, as on the command line.
+/// Field of view of a fitted camera, as on the command line.
 const LENS: Lens = Lens::FovDeg(35.0);
 
-/// Nothing left out: the true line integral of every particle, to 7 standard deviations (exp(-49/2)
-/// is 2e-11), no early end that could be seen at the finest tolerance.
+/// Returns settings that omit nothing: the true line integral of every particle, to 7 standard
+/// deviations (exp(-49/2) is 2e-11), and no early termination that would be visible at the finest
+/// tolerance.
 fn exact() -> Settings {
     Settings {
         filter: Filter::Exact,
@@ -62,14 +63,14 @@ fn at(tolerance: f32) -> Settings {
     }
 }
 
-/// A camera, and what it is called.
+/// Camera, with its name.
 struct View {
     name: &'static str,
     camera: Camera,
 }
 
-/// The eye brought nearer to `middle` by a factor, or further away: `middle` stays where it is in
-/// the picture, and the lens what it is.
+/// Moves the eye towards `middle` by a factor, or away. The position of `middle` in the picture and
+/// the lens do not change.
 fn nearer(camera: &Camera, middle: DVec3, factor: f64) -> Camera {
     Camera {
         eye: middle + (camera.eye - middle) / factor,
@@ -77,8 +78,8 @@ fn nearer(camera: &Camera, middle: DVec3, factor: f64) -> Camera {
     }
 }
 
-/// The picture cut to `size` pixels around `middle`. What is far away is given no empty
-/// surroundings, which would take up the share of pixels that may be off by more.
+/// Crops the picture to `size` pixels around `middle`. This excludes empty surroundings of distant
+/// data, which would use up the fraction of pixels that may be off by more.
 fn cut(camera: &Camera, middle: DVec3, size: usize) -> Camera {
     let at = camera.project(middle).unwrap();
     Camera {
@@ -89,7 +90,7 @@ fn cut(camera: &Camera, middle: DVec3, size: usize) -> Camera {
     }
 }
 
-/// The fitted camera and the middle of what is visible; `None` where nothing is.
+/// Returns the fitted camera and the centre of what is visible; `None` if nothing is.
 fn fitted(renderer: &Renderer, size: usize) -> Option<(Camera, DVec3)> {
     let boxes = renderer.visible_boxes();
     let viewpoint = Viewpoint {
@@ -106,17 +107,18 @@ fn fitted(renderer: &Renderer, size: usize) -> Option<(Camera, DVec3)> {
     Some((camera, (low + high) / 2.0))
 }
 
-/// Fitted; an eighth as large; among the data, a quarter of the distance away.
+/// Returns three views: fitted, an eighth as large, and inside the data at a quarter of the
+/// distance.
 fn views(camera: Camera, middle: DVec3) -> [View; 3] {
-    // A quarter more than an eighth of the picture: footprints reach beyond the data.
+    // A quarter more than an eighth of the picture: footprints extend beyond the data.
     let far = nearer(&camera, middle, 0.125);
     let far = cut(&far, middle, camera.width * 5 / 32);
     let near = nearer(&camera, middle, 4.0);
     [("fitted", camera), ("far", far), ("among", near)].map(|(name, camera)| View { name, camera })
 }
 
-/// The difference that 99.9 % of all channels of all pixels stay below, and the largest; NaN is
-/// the largest of all.
+/// Returns the difference that 99.9 % of all channels of all pixels stay below, and the largest;
+/// NaN counts as the largest.
 fn differences(a: &Image, b: &Image) -> [f32; 2] {
     assert_eq!((a.width, a.height), (b.width, b.height));
     let channels = a.pixels.iter().flatten().zip(b.pixels.iter().flatten());
@@ -126,7 +128,7 @@ fn differences(a: &Image, b: &Image) -> [f32; 2] {
     [all[rank - 1], all[all.len() - 1]]
 }
 
-/// What was measured, a line at once; [`Table::finish`] fails after all were.
+/// Measurements, one per line; [`Table::finish`] fails after all were made.
 #[derive(Default)]
 struct Table {
     pictures: usize,
@@ -142,7 +144,7 @@ impl Table {
         );
         println!("{line}");
         self.pictures += 1;
-        // Phrased so that NaN fails.
+        // The comparison fails for NaN.
         if !(p999 < 1.0 && max < WORST_PIXEL) {
             self.broken.push(line);
         }
@@ -159,7 +161,7 @@ impl Table {
     }
 }
 
-/// Draws a scene at tolerances from several views, once exactly for each.
+/// Draws a scene at several tolerances from several views, once exactly for each view.
 fn hold(
     table: &mut Table,
     name: &str,
@@ -183,7 +185,7 @@ fn hold(
     }
 }
 
-/// A file, and how it is read.
+/// File, and its reading options.
 struct File {
     path: PathBuf,
     raw: Option<[usize; 3]>,
@@ -214,7 +216,7 @@ impl File {
     }
 }
 
-/// Every fixture that is a volume.
+/// Returns every fixture that is a volume.
 fn fixture_files() -> Vec<File> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
     let file = |name: &str| File {
@@ -240,10 +242,10 @@ fn fixture_files() -> Vec<File> {
     .into()
 }
 
-/// The millions of voxels of which each picture takes a second.
+/// File of millions of voxels, of which each picture takes a second.
 const ENGINE: &str = "volumes/engine_256x256x128_uint8.raw";
 
-/// Every real file that is a volume or splats, where present.
+/// Returns every real file that is a volume or splats, if present.
 fn real_files() -> Vec<File> {
     [
         (ENGINE, Some([256, 256, 128])),
@@ -274,7 +276,7 @@ fn real_files() -> Vec<File> {
     .collect()
 }
 
-/// All views of all files.
+/// Checks all views of all files.
 fn hold_files(files: &[File]) {
     let mut table = Table::default();
     for file in files {
@@ -303,7 +305,7 @@ fn real_data_are_within_the_tolerance_of_exact_pictures() {
     hold_files(&real_files());
 }
 
-/// Curvilinear grids of the CFD kind, cut at their faces, fitted and nearer, from three sides.
+/// Curvilinear grids from CFD are cut at their faces, fitted and nearer, from three sides.
 #[test]
 fn grids_cut_at_their_faces_are_within_the_tolerance_of_exact_pictures() {
     const CUT_SIZE: usize = 96;
@@ -339,9 +341,10 @@ fn grids_cut_at_their_faces_are_within_the_tolerance_of_exact_pictures() {
     table.finish();
 }
 
-/// The opaque checkerboard of Chen et al. 2004 (`lab/examples/paper_2004/checkerboard.rs`), smaller: edges of
-/// full contrast everywhere, a rim against nothing, and from afar tens of layers in a pixel. Not all
-/// of it is within the promise: opaque kernels that overlap act as one of their depth together.
+/// The opaque checkerboard of Chen et al. 2004 (`lab/examples/paper_2004/checkerboard.rs`),
+/// smaller. It has edges of full contrast everywhere, a rim against nothing, and from afar tens of
+/// layers in a pixel. Not all of it is within the promise: opaque kernels that overlap act as one
+/// of their total depth.
 #[test]
 fn an_opaque_checkerboard_is_within_few_tolerances_of_exact_pictures() {
     const VOXELS: usize = 128;
@@ -381,7 +384,7 @@ fn an_opaque_checkerboard_is_within_few_tolerances_of_exact_pictures() {
         (view("far", 2.0, 0.4, 0.16), 1.0),
         // The edge of an opaque kernel moves with an error of its depth, and many move alike.
         (view("near", 0.1, 0.25, 0.6), 2.0),
-        // Along the slab a hundred kernels lie behind one another, and the pixels above its
+        // Along the slab, a hundred kernels lie behind one another, and the pixels above its
         // horizon see a tail of each.
         (view("horizon", 0.02, 0.03, 0.1), 3.0),
     ];
@@ -400,7 +403,7 @@ fn an_opaque_checkerboard_is_within_few_tolerances_of_exact_pictures() {
     }
 }
 
-/// Hundreds of kernels that overlap, and their middle.
+/// Returns hundreds of kernels that overlap, and their centre.
 fn random_scene(random: &mut Random) -> (Renderer, Camera, DVec3) {
     let (particles, camera) = overlapping(random);
     let sum: DVec3 = particles.iter().map(|p| p.position).sum();
@@ -425,10 +428,11 @@ fn random_kernels_are_within_the_tolerance_of_exact_pictures() {
     table.finish();
 }
 
-/// Kernels in one place and around it: the crowd, then what lies evenly in a cube of side 2.
+/// Returns kernels at one position and around it: the cluster, then kernels that fill a cube of
+/// side 2 evenly.
 ///
-/// - `others`: how many.
-/// - `depth`: of all of a crowd's kernels together at their centre, seen as wide as they are.
+/// - `others`: number of the latter.
+/// - `depth`: total depth of a cluster's kernels at their centre, seen as wide as they are.
 fn crowd(
     others: usize,
     depth: f64,
@@ -462,17 +466,17 @@ fn crowd(
     }
 }
 
-/// Particles at the floor of their smoothing lengths, as where a snapshot resolves no more: thousands
-/// in one place, whose edges are one edge.
+/// Particles at the floor of their smoothing lengths, as where a snapshot resolves no more:
+/// thousands at one position, whose edges coincide.
 #[test]
 fn crowds_are_within_the_tolerance_of_exact_pictures() {
     const SIGMA: f64 = 0.05;
-    /// Kernels are large on these, and thousands lie upon one another.
+    /// Picture size: kernels are large on it, and thousands overlap.
     const CROWD_SIZE: usize = 96;
     let mut random = Random::new(23);
     let centre = DVec3::new(0.2, -0.1, 0.3);
     let mut volumes: Vec<(String, PointVolume)> = Vec::new();
-    // Each faint, and together as deep as a halo's heart.
+    // Each kernel is faint, and together they are as deep as a halo's centre.
     for (count, depth) in [(200, 60.0), (2_000, 30.0), (2_000, 400.0), (6_000, 2_000.0)] {
         for others in [50, 1_500] {
             let members = vec![(centre, SIGMA); count];
@@ -480,7 +484,7 @@ fn crowds_are_within_the_tolerance_of_exact_pictures() {
             volumes.push((format!("{count} in one place, {others} others"), volume));
         }
     }
-    // Spread by a share of their width.
+    // The members are spread by a fraction of their width.
     for share in [0.1, 0.3, 0.5, 0.8] {
         let members: Vec<_> = (0..3_000)
             .map(|_| {
@@ -491,14 +495,14 @@ fn crowds_are_within_the_tolerance_of_exact_pictures() {
         let volume = crowd(500, 300.0, &mut random, members);
         volumes.push((format!("spread by {share}"), volume));
     }
-    // Crowds behind one another.
+    // Clusters lie behind one another.
     let members = (0..4_000).map(|n| {
         let at = 0.9 * (f64::from(n / 400) / 4.5 - 1.0);
         (DVec3::new(at, 0.4 * at, 0.7 * at), SIGMA)
     });
     let chain = crowd(500, 1_000.0, &mut random, members);
     volumes.push(("a chain of ten".into(), chain));
-    // Along a curve and over a sheet, where more meet in a pixel than lie in one place.
+    // Along a curve and over a sheet, where more kernels meet in a pixel than lie at one position.
     let turns: Vec<f64> = (0..3_000).map(|_| random.log_range(1.0, 540.0)).collect();
     let on_ring = turns.iter().map(|turn| {
         let (sin, cos) = (turn.ln()).sin_cos();
@@ -514,7 +518,7 @@ fn crowds_are_within_the_tolerance_of_exact_pictures() {
         .collect();
     let volume = crowd(50, 120.0, &mut random, on_sheet);
     volumes.push(("over a sheet".into(), volume));
-    // Widths of all sizes, in one place and with one side in common.
+    // Widths of all sizes, at one position and with one side in common.
     let widths: Vec<f64> = (0..2_000).map(|_| random.log_range(0.02, 0.2)).collect();
     let members = widths.iter().map(|&sigma| (centre, sigma));
     let volume = crowd(500, 400.0, &mut random, members);
@@ -536,7 +540,7 @@ fn crowds_are_within_the_tolerance_of_exact_pictures() {
             camera: near,
         });
         if is_chain {
-            // From so far that the edges nearly meet.
+            // The camera is so far away that the edges nearly meet.
             let eye = middle + 8.0 * DVec3::new(1.0, 0.4, 0.7);
             let camera = Camera::perspective(eye, middle, DVec3::Z, 8.0, [CROWD_SIZE; 2]);
             let name = "along it";
@@ -547,9 +551,9 @@ fn crowds_are_within_the_tolerance_of_exact_pictures() {
     table.finish();
 }
 
-/// `count` particles in clusters as gas has them: equal masses, smoothing lengths that follow the
-/// density, colours by cluster. Where clusters of other colours lie in one another, what is in front
-/// cannot be merged with what is behind: the colours are of one family.
+/// Returns `count` particles in clusters, as in gas: equal masses, smoothing lengths that follow
+/// the density, colours by cluster. Colours are similar, because if clusters of different colours
+/// interpenetrate, the front cannot be merged with the back.
 fn clustered(count: usize) -> PointVolume {
     let mut random = Random::new(22);
     let clusters: Vec<(DVec3, f64, [f32; 3])> = (0..12)
@@ -558,7 +562,7 @@ fn clustered(count: usize) -> PointVolume {
             (random.point(0.7), random.log_range(0.05, 0.3), colour)
         })
         .collect();
-    // Sums of three uniform numbers: bell-shaped, and nothing far outside.
+    // Sums of three uniform numbers: bell-shaped, without outliers.
     let bell = |random: &mut Random| random.point(1.0) + random.point(1.0) + random.point(1.0);
     let (mut positions, mut sigmas, mut colours) = (Vec::new(), Vec::new(), Vec::new());
     for n in 0..count {
@@ -573,13 +577,14 @@ fn clustered(count: usize) -> PointVolume {
                 each * (-0.5 * q).exp() / (std::f64::consts::TAU.sqrt() * w).powi(3)
             })
             .sum();
-        // 1.2 mean distances; the bell's own tails are cut, those of the formula are not.
+        // 1.2 mean distances; the sampled bell has no tails, unlike the formula.
         let h = (1.2 / density.cbrt()).min(0.3);
         positions.push(position);
         sigmas.push((0.3_f64.sqrt() * h) as f32);
         colours.push(colour);
     }
-    // A depth of .15 on average over the face of a cube of side 2, of 3 through the densest cluster.
+    // The average depth is .15 over the face of a cube of side 2, and 3 through the densest
+    // cluster.
     let masses = vec![(0.15 * 4.0 / count as f64) as f32; count];
     PointVolume {
         particles: Particles::Isotropic { positions, sigmas },
@@ -593,7 +598,7 @@ fn clustered(count: usize) -> PointVolume {
     }
 }
 
-/// A lattice of `n`³ samples of waves, all of it visible, in colours that change with the value.
+/// Returns a lattice of `n`³ samples of waves, all visible, in colours that change with the value.
 fn lattice(n: usize) -> PointVolume {
     let step = 2.0 / n as f64;
     let wave = |i: usize, waves: f64| (waves * std::f64::consts::TAU * i as f64 / n as f64).sin();
@@ -604,7 +609,7 @@ fn lattice(n: usize) -> PointVolume {
     let shade = |v: f32| v / 255.0;
     let transfer = TransferFunction::from_curves(
         |v| [0.4 + 0.2 * shade(v), 0.5, 0.6 - 0.2 * shade(v)],
-        // A depth of .4 to .7 in all: ln(1 - opacity) per unit over two units.
+        // The total depth is .4 to .7: ln(1 - opacity) per unit over two units.
         |v| 0.2 + 0.1 * shade(v),
         [0.0, 255.0],
         1.0,
@@ -626,7 +631,7 @@ fn lattice(n: usize) -> PointVolume {
     }
 }
 
-/// What a scan has: bodies in air, with sharp faces or none, of one value or of two.
+/// Content of a scan: bodies in air, with sharp faces or none, of one value or of two.
 #[derive(Debug, Clone, Copy)]
 enum Scan {
     /// A ball of one value.
@@ -653,7 +658,7 @@ impl Scan {
         Self::Soft,
     ];
 
-    /// At a cell and at its place, -1 to 1.
+    /// Returns the value at a cell and at its position, -1 to 1.
     fn value(self, cell: [usize; 3], at: DVec3, noise: f64) -> f64 {
         let r = at.length();
         let inside = |is_inside: bool, value: f64| if is_inside { value } else { 0.0 };
@@ -703,7 +708,7 @@ impl Scan {
     }
 }
 
-/// Scans far below a pixel: what a cluster makes of the values of its cells, and where it puts them.
+/// Scans far below a pixel test the values and positions of clusters.
 #[test]
 fn merged_scans_are_within_the_tolerance_of_exact_pictures() {
     const DIMS: [usize; 3] = [91, 97, 40];
@@ -712,7 +717,7 @@ fn merged_scans_are_within_the_tolerance_of_exact_pictures() {
         TransferFunction::automatic(&sample, &AutomaticOptions::default()).unwrap()
     };
     let shade = |v: f32| [v / 255.0, 0.5, 1.0 - v / 255.0];
-    // Depths of 1 to 3 in all.
+    // The total depth is 1 to 3.
     let even = |_: &Values| {
         TransferFunction::from_curves(shade, |v| 1.0 - (-1e-3 * v / 4.0).exp(), [0.0, 255.0], 1.0)
             .unwrap()
@@ -749,18 +754,18 @@ fn merged_scans_are_within_the_tolerance_of_exact_pictures() {
     table.finish();
 }
 
-/// From the fitted distance to where the data are 2 pixels wide, in 60 equal ratios: each picture
-/// is within the tolerance of the exact one of all particles, so that neither the first merged
-/// particle nor a change of level pops; and the fewer pixels, the fewer footprints.
+/// Checks a zoom from the fitted distance to where the data are 2 pixels wide, in 60 equal ratios.
+/// Each picture is within the tolerance of the exact one of all particles, so neither the first
+/// merging nor a change of level is visible. Fewer pixels need fewer footprints.
 fn hold_zoom(name: &str, volume: PointVolume) {
     const STEPS: i32 = 60;
     /// Width of the first picture, px.
     const START_PX: f64 = 96.0;
     const END_PX: f64 = 2.0;
-    /// As wide as the footprints of the smallest data reach, px.
+    /// Width of the smallest picture, which the footprints of the smallest data reach, px.
     const LEAST_SIZE: f64 = 12.0;
-    // Of 200,000 kernels the rest beyond 5 standard deviations, 4e-6 of each, is not seen; half
-    // the pixels are saved.
+    // The part of 200,000 kernels beyond 5 standard deviations, 4e-6 of each, is invisible; this
+    // saves half of the pixels.
     let exact = Settings {
         cutoff: Some(5.0),
         ..exact()
@@ -795,8 +800,8 @@ fn hold_zoom(name: &str, volume: PointVolume) {
     }
     table.finish();
     for (step, pair) in footprints.windows(2).enumerate() {
-        // Blocks are merged or not each by itself, and what the tolerance leaves out comes back
-        // when merged: a tenth.
+        // Blocks are merged individually, and what the tolerance omits reappears when merged: a
+        // tenth.
         assert!(
             pair[1] as f64 <= 1.1 * pair[0] as f64,
             "{name}: {} footprints, then {} at step {step}",
@@ -821,7 +826,7 @@ fn zooming_out_of_a_lattice_pops_by_less_than_the_tolerance() {
     hold_zoom("lattice", lattice(64));
 }
 
-/// Merged particles of what faces cut are those of the parts inside.
+/// Merged particles of data cut by faces consist of the parts inside.
 #[test]
 fn zooming_out_of_a_lattice_cut_at_its_faces_pops_by_less_than_the_tolerance() {
     let cut = PointVolume {
@@ -831,7 +836,7 @@ fn zooming_out_of_a_lattice_cut_at_its_faces_pops_by_less_than_the_tolerance() {
     hold_zoom("cut lattice", cut);
 }
 
-/// The same of tangent planes.
+/// The same holds for tangent planes.
 #[test]
 fn zooming_out_of_a_cut_ring_pops_by_less_than_the_tolerance() {
     let dims = [20, 60, 30];
@@ -846,11 +851,12 @@ fn zooming_out_of_a_cut_ring_pops_by_less_than_the_tolerance() {
     hold_zoom("cut ring", volume);
 }
 
-/// The GPU's pictures, held to the CPU's exact ones: all data, small, at the default tolerance.
+/// The GPU's pictures are compared with the CPU's exact ones: all data, small, at the default
+/// tolerance.
 #[cfg(feature = "gpu")]
 #[test]
 fn pictures_of_the_gpu_are_within_the_tolerance_of_exact_ones() {
-    /// A software adapter draws these.
+    /// Picture size, for a software adapter.
     const GPU_SIZE: usize = 64;
     let Some(gpu) = crate::common::gpu::gpu() else {
         return;
@@ -879,8 +885,8 @@ fn pictures_of_the_gpu_are_within_the_tolerance_of_exact_ones() {
         let renderer = Renderer::new(vec![file.volume()]).unwrap();
         let (camera, middle) = fitted(&renderer, GPU_SIZE).unwrap();
         let views = views(camera, middle);
-        // A software adapter takes half a minute for a million and a half voxels: of the engine the
-        // view that merges most, and that where everything is tried.
+        // A software adapter takes half a minute for a million and a half voxels. Of the engine,
+        // only the view that merges most is drawn, and the one in which everything is tried.
         let views = if file.path.ends_with(ENGINE) {
             some(views.into_iter().skip(1).take(1), 1, 2)
         } else {
@@ -895,7 +901,7 @@ fn pictures_of_the_gpu_are_within_the_tolerance_of_exact_ones() {
         let name = format!("random kernels {n}");
         compare(&name, renderer, &views, &[TOLERANCES[0], TOLERANCES[2]]);
     }
-    // As in `crowds_are_within_the_tolerance_of_exact_pictures`, fewer.
+    // As in `crowds_are_within_the_tolerance_of_exact_pictures`, but fewer.
     let members = vec![(DVec3::ZERO, 0.05); 400];
     let renderer = Renderer::new(vec![crowd(50, 400.0, &mut random, members)]).unwrap();
     let (camera, middle) = fitted(&renderer, GPU_SIZE).unwrap();
@@ -906,7 +912,7 @@ fn pictures_of_the_gpu_are_within_the_tolerance_of_exact_ones() {
 
 #[test]
 fn views_are_what_they_are_called() {
-    // Towards the eye and low: the fitted picture's centre is not the data's middle.
+    // Seen from low near the eye, the fitted picture's centre is not the data's centre.
     let corners = [
         DVec3::new(-1.0, 0.0, 0.0),
         DVec3::new(1.0, 0.0, 0.0),
@@ -922,12 +928,12 @@ fn views_are_what_they_are_called() {
         let [a, b] = [0, 1].map(|i| c.project(corners[i]).unwrap());
         (a - b).length()
     };
-    // But for the perspective's share.
+    // The sizes agree except for perspective.
     let share = width(&far.camera) / width(&camera);
     assert!((share - 0.125).abs() < 0.01, "{share}");
     let distance = |c: &Camera| (c.eye - middle).length();
     assert!((distance(&near.camera) * 4.0 - distance(&camera)).abs() < 1e-9);
-    // What is drawn lies in the smaller picture, footprints and all.
+    // All footprints lie in the smaller picture.
     renderer.render(&far.camera, &exact()).unwrap();
     assert_eq!(renderer.counts().footprints, corners.len());
     let image = renderer.image();

@@ -1,6 +1,6 @@
-//! Real files, where they are present: `EWA_DATA_DIR`, or `../shared/data` beside the crate.
+//! Tests real files, if they are present in `EWA_DATA_DIR`, or `../shared/data` beside the crate.
 //!
-//! A missing file is a skipped test, unless `EWA_REQUIRE_DATA=1`.
+//! A missing file skips its test, unless `EWA_REQUIRE_DATA=1`.
 
 #![allow(
     clippy::unwrap_used,
@@ -96,7 +96,7 @@ fn blunt_fin_finds_its_solution() {
         (low - 0.1926).abs() < 5e-5 && (high - 4.9775).abs() < 5e-5,
         "{low} {high}"
     );
-    // The free stream has Mach 2.95; no flow over a fin is much faster.
+    // The free stream has Mach 2.95; flow over a fin is not much faster.
     let [low, high] = data.scalar("mach").unwrap().1.finite_range().unwrap();
     assert!(low >= 0.0 && (2.9..4.0).contains(&high), "{low} {high}");
     assert_eq!(data.scalar("pressure").unwrap().1.non_finite_count(), 0);
@@ -136,7 +136,7 @@ fn a_phantom_dump_says_what_its_table_says() {
         panic!()
     };
     assert_eq!(a.len(), b.len());
-    // Half a unit in the ninth digit; 2^-24 more where both are narrowed.
+    // Half a unit in the ninth digit; 2^-24 more if both are narrowed.
     let printed = |a: f64, b: f64, narrowed: f64| (a - b).abs() <= (5e-9 + narrowed) * b.abs();
     for (a, b) in a.iter().zip(b) {
         assert!((0..3).all(|d| printed(a[d], b[d], 0.0)), "{a} {b}");
@@ -177,7 +177,7 @@ fn halo_particles_lie_in_their_box() {
     assert!(data.fields.is_empty());
 }
 
-/// Ranges that the manifest prints with so many decimals.
+/// Checks a range that the manifest prints with a few decimals.
 fn assert_range(data: &Dataset, field: &str, range: [f64; 2], tolerance: f64) {
     let found = data.scalar(field).unwrap().1.finite_range().unwrap();
     let close = |i: usize| (found[i] - range[i]).abs() <= tolerance;
@@ -237,7 +237,7 @@ fn the_cylinder_is_of_tetrahedra() {
         "{high}"
     );
     assert_range(&data, "vel_norm", [0.0, 1.0044], 5e-5);
-    // The norm of the velocity is stored beside it, in double precision.
+    // The file also stores the norm of the velocity, in double precision.
     let (norm, computed) = (
         data.scalar("vel_norm").unwrap().1,
         data.scalar("velocity").unwrap().1,
@@ -283,7 +283,7 @@ fn fruit_drops_are_splats_of_degree_3() {
     let cloud = splats(&data);
     assert_eq!((cloud.positions.len(), cloud.harmonics_degree), (4721, 3));
     assert!(!cloud.is_anti_aliased && data.notes.is_empty());
-    // Normals, and one property that the layout does not know.
+    // Normals, and one property that the layout does not define.
     assert_eq!(data.field_names(), ["nx", "ny", "nz", "transform"]);
     let length = |q: &[f32; 4]| q.iter().map(|c| c * c).sum::<f32>().sqrt();
     let lengths = cloud.rotations.iter().map(length);
@@ -298,7 +298,7 @@ fn fruit_drops_are_splats_of_degree_3() {
     assert_eq!(sampled.report.left_out_count(), 0);
 }
 
-/// Three splats of one scene as PLY, .splat and SPZ: in one place, of one shape and colour.
+/// Three splats of one scene as PLY, .splat and SPZ have the same position, shape and colour.
 #[test]
 fn one_scene_in_three_formats_is_one_scene() {
     let names = ["ply", "splat", "spz"];
@@ -317,8 +317,8 @@ fn one_scene_in_three_formats_is_one_scene() {
     let near = |a: f32, b: f32, most: f32, what: &str| {
         assert!((a - b).abs() <= most, "{what}: {a} {b}");
     };
-    // A quantum is what one step of the format's integers is worth; half of it is the most that
-    // rounding takes, a whole one what its cutting off does (the .splat file was cut).
+    // A quantum is the value of one step of the format's integers. Rounding errs by at most half of
+    // it, truncation by a whole one (the .splat file was truncated).
     for (other, position, scale, rotation, opacity, constant) in [
         (
             &records,
@@ -328,7 +328,7 @@ fn one_scene_in_three_formats_is_one_scene() {
             1.0 / 255.0,
             1.0 / 255.0 / 0.282,
         ),
-        // Step 1/4096, of logarithms 1/16, of ten bits 1/(511 sqrt 2).
+        // Steps: 1/4096; of logarithms 1/16; of ten bits 1/(511 sqrt 2).
         (
             &spz,
             0.5 / 4096.0,
@@ -366,7 +366,7 @@ fn one_scene_in_three_formats_is_one_scene() {
     for (a, b) in ply.harmonics.iter().zip(&spz.harmonics) {
         near(*a, *b, 1.0 / 16.0 + 1.0 / 128.0, "harmonic");
     }
-    // The signs of what is large enough to have one after that.
+    // The signs of coefficients that are large enough to keep one.
     let large = |(a, b): &(&f32, &f32)| a.abs() > 0.07 && b.abs() > 0.03;
     let pairs = || ply.harmonics.iter().zip(&spz.harmonics).filter(large);
     assert!(pairs().count() >= 12);

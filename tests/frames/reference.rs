@@ -1,4 +1,4 @@
-//! The reference integrator against closed forms, published digits, a brute-force march and a
+//! Tests the reference integrator against closed forms, published digits, a brute-force march and a
 //! brute-force pixel filter.
 #![allow(
     clippy::cast_possible_truncation,
@@ -16,7 +16,7 @@ use ewa_splat::view::{Camera, ClipPlane, Projection};
 use glam::{DMat3, DVec2, DVec3};
 use serde_json::Value;
 
-/// What the published digits are held to.
+/// Tolerance for the published digits.
 const DIGITS: f64 = 1e-9;
 
 fn analytic(name: &str) -> Value {
@@ -33,8 +33,8 @@ fn extreme(kind: &str) -> Vec<Value> {
     found
 }
 
-/// A width near `near` and a mass, both f32, with mass / (2 pi width²) = `tau` to 1e-11: a scene
-/// stores f32, and a mass alone would round the depth by 3e-8.
+/// Returns a width near `near` and a mass, both f32, with mass / (2 pi width²) = `tau` to 1e-11. A
+/// scene stores f32, and a mass alone would round the depth by 3e-8.
 fn width_and_mass(tau: f64, near: f32) -> (f64, f32) {
     let mut best = (f64::INFINITY, 0.0, 0.0_f32);
     let mut width = near;
@@ -51,7 +51,7 @@ fn width_and_mass(tau: f64, near: f32) -> (f64, f32) {
     (best.1, best.2)
 }
 
-/// A kernel of depth `tau` on the optical axis of an orthographic camera.
+/// Returns a kernel of depth `tau` on the optical axis of an orthographic camera.
 fn on_axis(tau: f64, mean: f64, sigma: f64, colour: f32) -> Particle {
     let (width, mass) = width_and_mass(tau, 1.0);
     Particle {
@@ -66,7 +66,7 @@ fn integrator(particles: &[Particle]) -> Integrator {
     Integrator::new(&[scene::volume(particles)]).unwrap()
 }
 
-/// Red and opacity on the axis of an orthographic camera at the origin, not filtered.
+/// Returns red and opacity on the axis of an orthographic camera at the origin, unfiltered.
 fn along_axis(particles: &[Particle]) -> [f64; 2] {
     let camera = scene::camera(Projection::Orthographic, [1.0; 2], [1, 1]);
     let ray = integrator(particles).ray(&camera, camera.centre_px, 1e-12);
@@ -79,7 +79,7 @@ fn close(name: &str, got: f64, expected: f64, allowed: f64) {
     assert!(error <= allowed, "{name}: {got} for {expected}");
 }
 
-/// -ln(1 - opacity).
+/// Returns -ln(1 - opacity).
 fn depth(opacity: f64) -> f64 {
     -(-opacity).ln_1p()
 }
@@ -90,7 +90,7 @@ fn a_sphere_under_perspective() {
     let angles = numbers(&case, "/input/angles_rad");
     let sphere = [Particle::sphere(DVec3::Z * 10.0, 0.5, 1.0)];
     for turn in [0.0, 0.7, 1.3] {
-        // The same value wherever in the image the kernel lies.
+        // The value is the same wherever in the image the kernel lies.
         let mut camera = scene::camera(Projection::Perspective, [100.0; 2], [1, 1]);
         camera.camera_from_world = DMat3::from_rotation_y(turn);
         for (angle, tau) in angles.iter().zip(numbers(&case, "/expected/tau")) {
@@ -105,7 +105,7 @@ fn a_sphere_under_perspective() {
 #[test]
 fn an_orthographic_sphere_with_the_filter_on_kernels() {
     let case = analytic("ortho_lowpass");
-    // sigma .1 is no f32: 1 at a tenth of the scale is.
+    // sigma .1 is no f32, but 1 at a tenth of the scale is.
     let sphere = [Particle::sphere(DVec3::Z * 50.0, 1.0, 5.0)];
     let camera = scene::camera(Projection::Orthographic, [2.0; 2], [41, 41]);
     let settings = ReferenceSettings {
@@ -146,7 +146,7 @@ fn a_lattice_slab() {
     };
     let camera = scene::camera(Projection::Orthographic, [1.0; 2], [1, 1]);
     let points = case.pointer("/input/points").unwrap().as_array().unwrap();
-    // .1 is no f32; depths are proportional.
+    // .1 is no f32, but depths are proportional.
     let mass = 0.1_f32;
     let scale = number(&case, "/input/g") / f64::from(mass);
     for (point, tau) in points.iter().zip(numbers(&case, "/expected/tau")) {
@@ -215,7 +215,7 @@ fn two_kernels_apart_and_coincident() {
         number(&case, "/expected/I_exact"),
         1e-11,
     );
-    // Sheets in one place mix likewise: the limit of kernels flattened alike.
+    // Coincident sheets mix in the same way: the limit of equally flattened kernels.
     let sheets = [on_axis(t1, 10.0, 0.0, 1.0), on_axis(t2, 10.0, 0.0, 0.0)];
     close(
         "sheets",
@@ -229,7 +229,7 @@ fn two_kernels_apart_and_coincident() {
 fn overlapping_pairs_of_the_extreme_cases() {
     for case in extreme("overlap_two_kernels") {
         let input = |key: &str| number(&case, &format!("/input/{key}"));
-        // Lengths times ten, so that .2 and .3 are exact in f32.
+        // Lengths are multiplied by ten, so that .2 and .3 are exact in f32.
         let kernel = |i: usize, colour: f32| {
             let [tau, mean, sigma] = ["tau", "mu", "sigma"].map(|n| input(&format!("{n}{i}")));
             on_axis(tau, 10.0 * mean, (10.0 * sigma).round(), colour)
@@ -282,7 +282,7 @@ fn filtered_opacities_of_small_kernels() {
         let focal = share.sqrt() / width;
         let camera = scene::camera(Projection::Orthographic, [focal; 2], [1, 1]);
         let settings = |pixel_filter| ReferenceSettings {
-            // Convergence is so fast that one lattice more than asked for gives all digits.
+            // Convergence is so fast that one lattice more gives all digits.
             error: 1e-7,
             pixel_filter,
             max_rays_per_pixel: 1 << 20,
@@ -323,7 +323,7 @@ fn an_eye_at_the_centre() {
         for px in [camera.centre_px, DVec2::ZERO, DVec2::new(-300.0, 4.0)] {
             let ray = integrator(&sphere).ray(&camera, px, 1e-12);
             close("inside", depth(ray.rgba[3]), expected, 1e-12);
-            // One colour: what is integrated is what the closed form says, from the eye on.
+            // With one colour, the integral equals the closed form, from the eye on.
             close("its light", ray.rgba[0], ray.rgba[3], 1e-12);
         }
     }
@@ -334,7 +334,7 @@ fn tilted_sheets() {
     let case = analytic("tilted_sheet_density");
     let angles = numbers(&case, "/input/tilt_deg");
     for (angle, tau) in angles.iter().zip(numbers(&case, "/expected/tau")) {
-        // One flat kernel, its peak depth the areal density: mass/(2 pi sigma²) = .5.
+        // One flat kernel whose peak depth is the areal density: mass/(2 pi sigma²) = .5.
         let (width, mass) = width_and_mass(number(&case, "/input/areal_density"), 1.0);
         let tilt = DMat3::from_rotation_y(angle.to_radians());
         let sheet = Particle {
@@ -348,7 +348,7 @@ fn tilted_sheets() {
     }
 }
 
-/// A cloud of overlapping kernels in front of the camera at the origin.
+/// Returns a cloud of overlapping kernels in front of the camera at the origin.
 fn cloud(seed: u64, count: usize) -> Vec<Particle> {
     let mut random = Random::new(seed);
     (0..count)
@@ -364,7 +364,8 @@ fn cloud(seed: u64, count: usize) -> Vec<Particle> {
         .collect()
 }
 
-/// Eq. 3 by the midpoint rule: density from the inverse variance, transmittance step by step.
+/// Integrates eq. 3 by the midpoint rule: density from the inverse variance, transmittance step by
+/// step.
 fn march(particles: &[Particle], direction: DVec3, steps: usize) -> [f64; 4] {
     let bodies: Vec<_> = particles
         .iter()
@@ -394,7 +395,7 @@ fn march(particles: &[Particle], direction: DVec3, steps: usize) -> [f64; 4] {
                 *sum += e * c;
             }
         }
-        // Midpoint of the transmittance, too: second order.
+        // The transmittance is also taken at the midpoint: second order.
         let through = (-extinction * step).exp();
         for (sum, e) in light.iter_mut().zip(emission) {
             *sum += transmittance * through.sqrt() * e * step;
@@ -426,8 +427,8 @@ fn a_brute_force_march_converges_to_it() {
             let direction = slope.extend(1.0).normalize();
             let [coarse, fine] = [2000, 8000].map(|n| march(&particles, direction, n));
             let off = |image: [f64; 4]| largest(&image, &truth.rgba);
-            // Second order: a quarter of the step, a sixteenth of the error; without that error,
-            // by Richardson's rule, what is left is of fourth order.
+            // Second order: a quarter of the step has a sixteenth of the error. Without that error,
+            // by Richardson's rule, the rest is of fourth order.
             let limit = [0, 1, 2, 3].map(|c| fine[c] + (fine[c] - coarse[c]) / 15.0);
             let errors = [off(coarse), off(fine), off(limit)];
             println!("seed {seed}, {px}: march off by {errors:?}");
@@ -471,7 +472,7 @@ fn filtered(integrator: &Integrator, camera: &Camera, h2: f64, error: f64) -> Re
     integrator.render(camera, &settings).unwrap()
 }
 
-/// The filter as a plain sum over a fine square lattice, out to six standard deviations.
+/// Computes the filter as a plain sum over a fine square lattice, out to six standard deviations.
 fn filtered_by_force(
     integrator: &Integrator,
     camera: &Camera,
@@ -497,7 +498,7 @@ fn filtered_by_force(
 
 #[test]
 fn the_pixel_filter_is_a_gaussian_over_the_image() {
-    // Small kernels of great depth: far from what a filter of depths would give.
+    // Small kernels of great depth give results far from those of filtered depths.
     let mut random = Random::new(77);
     let mut particles = cloud(5, 8);
     particles.extend((0..12).map(|_| Particle {
@@ -550,7 +551,7 @@ fn a_filter_narrower_than_the_first_lattices_is_all_but_none() {
 #[test]
 fn a_stated_error_is_kept_by_pixels() {
     for seed in 0..2 {
-        // Sub-pixel needles and points among wide kernels: what lattices may miss.
+        // Sub-pixel needles and points among wide kernels, which lattices may miss.
         let mut random = Random::new(100 + seed);
         let mut particles = cloud(seed, 6);
         particles.extend((0..40).map(|_| Particle {
@@ -583,7 +584,7 @@ fn a_stated_error_is_kept_by_pixels() {
 
 #[test]
 fn a_small_kernel_between_the_samples_is_found() {
-    // A hundredth of a pixel wide, where the first lattices have no sample.
+    // The kernel is a hundredth of a pixel wide, where the first lattices have no sample.
     let (width, mass) = width_and_mass(10.0, 1.0);
     let offset = DVec2::new(0.3, 0.17);
     let kernel = Particle::sphere(DVec3::Z * 20.0, width, f64::from(mass));
@@ -591,8 +592,8 @@ fn a_small_kernel_between_the_samples_is_found() {
     camera.centre_px += offset;
     let frame = filtered(&integrator(&[kernel]), &camera, 1.0, 1e-5);
     assert_eq!(frame.unconverged, 0);
-    // Its opacity, integrated, is 2 pi sigma² Ein(10); the filter at its place is all but constant
-    // over it: to sigma²/h² = 1e-4 of the value.
+    // Its integrated opacity is 2 pi sigma² Ein(10). The filter is nearly constant over it: to
+    // sigma²/h² = 1e-4.
     const EIN_10: f64 = 2.879_804_914_864_508;
     let truth = 1e-4 * EIN_10 * (-0.5 * offset.length_squared()).exp();
     close("opacity", frame.pixels[0][3], truth, 1e-5);
@@ -617,7 +618,7 @@ fn rays_too_few_are_reported() {
 
 #[test]
 fn a_tree_and_a_list_find_the_same_kernels() {
-    // 65 kernels have a tree; one alone is a list. Depths add up.
+    // 65 kernels have a tree, a single one has a list. Depths add up.
     for (offset, scale) in [
         (DVec3::ZERO, 1.0),
         (DVec3::splat(1e7), 1.0),
@@ -691,7 +692,7 @@ fn what_is_wrong_is_refused() {
     }
 }
 
-/// A surfel as the tests below describe it, of one colour.
+/// Surfel of one colour, as the tests below describe it.
 #[derive(Debug, Clone, Copy)]
 struct Surfel {
     position: DVec3,
@@ -700,7 +701,7 @@ struct Surfel {
     colour: [f32; 3],
 }
 
-/// Of an opaque surface, or (with an optical depth for their area) of a translucent one.
+/// Makes an opaque surface, or (with an optical depth for the area) a translucent one.
 fn surface(surfels: &[Surfel], is_opaque: bool, is_one_sided: bool) -> PointVolume {
     let areas = surfels.iter().map(|s| s.area as f32).collect();
     PointVolume {
@@ -729,7 +730,7 @@ fn surface(surfels: &[Surfel], is_opaque: bool, is_one_sided: bool) -> PointVolu
     }
 }
 
-/// A round surfel across the z axis that faces its negative end.
+/// Returns a round surfel across the z axis that faces its negative end.
 fn facing(z: f64, sigma: f64, area: f64, colour: [f32; 3]) -> Surfel {
     Surfel {
         position: DVec3::Z * z,
@@ -739,8 +740,8 @@ fn facing(z: f64, sigma: f64, area: f64, colour: [f32; 3]) -> Surfel {
     }
 }
 
-/// Its weight where a ray from `origin` meets its plane, from the two numbers s, t with
-/// origin + depth ray = position + s a + t b; zero behind the origin.
+/// Returns the surfel's weight where a ray from `origin` meets its plane, from the numbers s, t
+/// with origin + depth ray = position + s a + t b; zero behind the origin.
 fn weight_along(s: &Surfel, origin: DVec3, ray: DVec3) -> f64 {
     // The scene stores its numbers in f32.
     let [a, b] = s.tangents.map(|t| t.as_vec3().as_dvec3());
@@ -762,7 +763,7 @@ fn rays_meet_surfels_where_they_meet_their_planes() {
         let sigma = random.log_range(0.05, 3.0);
         let lean = random.range(-0.9, 0.9);
         let surfel = Surfel {
-            // Some behind the eye, some across its plane.
+            // Some lie behind the eye, some across its plane.
             position: random.point(0.4) + DVec3::Z * random.range(-0.5, 4.0),
             tangents: [
                 turn.x_axis * sigma,
@@ -785,8 +786,8 @@ fn rays_meet_surfels_where_they_meet_their_planes() {
             let integrator = Integrator::new(&scene).unwrap();
             integrator.ray(&camera, pixel, 1e-12).rgba
         };
-        // Beyond 7 standard deviations nothing is drawn: 2e-11 of the peak. Else the roundings of a 3x3
-        // system that may be ill-conditioned.
+        // Beyond 7 standard deviations, nothing is drawn: 2e-11 of the peak. Otherwise, a 3x3
+        // system that may be ill-conditioned rounds.
         let allowed = 1e-9 * (1.0 + surfel.area / sigma.powi(2));
         for is_one_sided in [false, true] {
             let is_seen = is_front || !is_one_sided;
@@ -811,8 +812,8 @@ fn rays_meet_surfels_where_they_meet_their_planes() {
 
 #[test]
 fn a_surfel_before_a_camera_of_parallel_rays_is_filtered_in_closed_form() {
-    // Tilted about x by 60 degrees: a Gaussian of variances sigma² and (sigma cos)² on the image, the
-    // filter's 1 px² added.
+    // Tilted about x by 60 degrees: a Gaussian of variances sigma² and (sigma cos)² on the image,
+    // plus the filter's 1 px².
     let (focal, sigma, tilt) = (20.0, 0.1, 60.0_f64.to_radians());
     let camera = scene::camera(Projection::Orthographic, [focal; 2], [17, 17]);
     let surfel = Surfel {
@@ -869,7 +870,7 @@ fn surfaces_cover_one_another_and_end_what_lies_in_front() {
             );
         }
     };
-    // Of weights .4 and .5 on the axis, in either order; and a third that finds .1 left.
+    // Weights .4 and .5 on the axis, in either order; and a third that fills the remaining .1.
     let at = |z: f64, weight: f64, colour| facing(z, 0.1, weight * TAU * 0.01, colour);
     let (red, green, blue) = ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]);
     let three = [at(3.0, 0.9, blue), at(1.0, 0.4, red), at(2.0, 0.5, green)];
@@ -878,7 +879,7 @@ fn surfaces_cover_one_another_and_end_what_lies_in_front() {
         ray(&[surface(&three, true, true)], &[]),
         [0.4, 0.5, 0.1, 1.0],
     );
-    // Together, they are one of the mean colour.
+    // Together, they act as one surfel of the mean colour.
     let together = [at(1.0, 0.4, red), at(1.05, 0.8, green)];
     let mean = [0.4 / 1.2, 0.8 / 1.2, 0.0, 1.0];
     close(
@@ -886,7 +887,7 @@ fn surfaces_cover_one_another_and_end_what_lies_in_front() {
         ray(&[surface(&together, true, true)], &[]),
         mean,
     );
-    // A kernel of depth .7 about the first surface: half of it in front, the other half behind.
+    // A kernel of depth .7 about the first surface: half of it in front, half behind.
     let fog = scene::volume(&[Particle {
         colour: [1.0, 1.0, 0.0],
         ..Particle::sphere(DVec3::Z * 2.0, 0.2, 0.7 * TAU * 0.04)
@@ -897,7 +898,7 @@ fn surfaces_cover_one_another_and_end_what_lies_in_front() {
     let yellow = 0.4 * (1.0 - half) + 0.6 * whole;
     let expected = [yellow, yellow, 0.4 * half, 0.4 + 0.6 * whole];
     close("in fog", ray(&[fog.clone(), wall.clone()], &[]), expected);
-    // A sheet of depth .5 in front of the wall, another behind it that a gap of .6 shows.
+    // A sheet of depth .5 in front of the wall, another behind it, visible through a gap of .6.
     let mut sheets = [at(1.0, 0.5, red), at(3.0, 0.5, green)];
     for sheet in &mut sheets {
         sheet.tangents[1].z = 0.05;
@@ -915,8 +916,8 @@ fn surfaces_cover_one_another_and_end_what_lies_in_front() {
         ray(&[surface(&sheets, false, false), wall.clone()], &[]),
         expected,
     );
-    // Planes that clip: in front of the wall, within the fog before it, and behind everything. They open
-    // what is closed: surfels seen from behind are drawn.
+    // Clip planes: in front of the wall, within the fog before it, and behind everything. They open
+    // a closed surface: surfels seen from behind are drawn.
     let cut = |z: f64, sign: f64| ClipPlane {
         normal: DVec3::Z * sign,
         distance: -z * sign,

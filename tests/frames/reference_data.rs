@@ -1,5 +1,5 @@
-//! The integrator of data's own fields against closed forms, a march in small steps, and itself by
-//! other numbers.
+//! Tests the integrator of data's own fields against closed forms, a march in small steps, and
+//! itself with other parameters.
 
 use crate::common::Random;
 use crate::support::meshes::tetrahedra_of_cube;
@@ -17,20 +17,21 @@ use glam::{DMat3, DVec3};
 /// Extinction of the value 1 under [`ramp`].
 const RATE: f64 = 2.0;
 
-/// Extinction [`RATE`] times the value; red is the value, green a quarter, blue 1. Opacities over so
-/// short a unit are small, and their extinctions right to 1e-7 in spite of f32.
+/// Returns extinction [`RATE`] times the value; red is the value, green a quarter, blue 1. The unit
+/// length is so short that opacities are small and their extinctions accurate to 1e-7 in spite of
+/// f32.
 fn ramp() -> TransferFunction {
     let opacity = |v: f32| -(-RATE * 1e-3 * f64::from(v)).exp_m1() as f32;
     TransferFunction::from_curves(|v| [v, 0.25, 1.0], opacity, [0.0, 1.0], 1e-3).unwrap()
 }
 
-/// White, of extinction 1 whatever the value.
+/// Returns white of extinction 1 for all values.
 fn fog() -> TransferFunction {
     let opacity = -(-1e-3_f64).exp_m1() as f32;
     TransferFunction::from_curves(|_| [1.0; 3], |_| opacity, [0.0, 1.0], 1e-3).unwrap()
 }
 
-/// Two hats and a step: corners that are seen.
+/// Returns two hats and a step, whose corners are visible.
 fn hats() -> TransferFunction {
     let point = |value: f32, opacity: f32| ControlPoint {
         value,
@@ -52,7 +53,7 @@ fn hats() -> TransferFunction {
     TransferFunction::from_points(&points, ColourSpace::Linear, [0.0, 1.0], 0.5).unwrap()
 }
 
-/// What the table says of a value, in f64: emission and extinction.
+/// Evaluates the table at a value, in f64: emission and extinction.
 fn light(function: &TransferFunction, value: f64) -> [f64; 4] {
     let table = function.table();
     let [low, high] = function.range().map(f64::from);
@@ -72,7 +73,7 @@ fn light(function: &TransferFunction, value: f64) -> [f64; 4] {
     ]
 }
 
-/// The light of a ray of a length by steps of the midpoint rule.
+/// Integrates the light of a ray of a given length by the midpoint rule.
 fn march(
     function: &TransferFunction,
     length: f64,
@@ -126,7 +127,7 @@ fn integrator(data: Dataset, function: &TransferFunction) -> DataIntegrator {
     DataIntegrator::new(data, "f", function.clone()).unwrap()
 }
 
-/// The ray from a point in a direction.
+/// Integrates the ray from a point in a direction.
 fn along(data: &DataIntegrator, from: DVec3, direction: DVec3, error: f64) -> RayIntegral {
     let up = direction.any_orthogonal_vector();
     let camera = Camera::orthographic(from, from + direction, up, 1.0, [2, 2]);
@@ -157,7 +158,7 @@ fn mesh_of(nodes: Vec<DVec3>, cells: &[(CellKind, Vec<u32>)]) -> CellMesh {
     mesh
 }
 
-/// Where a ray is within planes: normals outwards, and a point of each.
+/// Returns the part of a ray within planes: outward normals, and a point of each plane.
 fn within(planes: &[(DVec3, DVec3)], from: DVec3, direction: DVec3) -> Option<[f64; 2]> {
     let (mut near, mut far) = (0.0_f64, f64::INFINITY);
     for (normal, point) in planes {
@@ -173,7 +174,7 @@ fn within(planes: &[(DVec3, DVec3)], from: DVec3, direction: DVec3) -> Option<[f
     (near < far).then_some([near, far])
 }
 
-/// A cell of each kind, convex, of unit size, its nodes and corners in VTK's order.
+/// Returns a cell of each kind, convex, of unit size, with its nodes and corners in VTK's order.
 fn one_of_each() -> Vec<(CellKind, Vec<DVec3>, Vec<u32>)> {
     let p = DVec3::new;
     let square = [
@@ -225,7 +226,7 @@ fn one_of_each() -> Vec<(CellKind, Vec<DVec3>, Vec<u32>)> {
     ]
 }
 
-/// The planes of a convex cell's faces.
+/// Returns the planes of a convex cell's faces.
 fn planes_of(kind: CellKind, nodes: &[DVec3]) -> Vec<(DVec3, DVec3)> {
     let kind = if kind == CellKind::POLYHEDRON {
         CellKind::HEXAHEDRON
@@ -244,7 +245,7 @@ fn planes_of(kind: CellKind, nodes: &[DVec3]) -> Vec<(DVec3, DVec3)> {
     faces.iter().map(plane).collect()
 }
 
-/// Shears and stretches, and mirrors nothing.
+/// Returns a shear and stretch that keeps orientation.
 fn bend() -> DMat3 {
     DMat3::from_cols(
         DVec3::new(1.2, 0.1, -0.2),
@@ -296,7 +297,7 @@ fn linear_fields_are_exact_in_cells_of_every_kind() {
     }
 }
 
-/// The trilinear interpolant of a lattice by itself: planes and samples along each axis.
+/// Evaluates the trilinear interpolant of a lattice directly: planes and samples along each axis.
 fn interpolated(
     planes: &[Vec<f64>; 3],
     value: impl Fn([usize; 3]) -> f64,
@@ -435,8 +436,8 @@ fn lattices_are_their_trilinear_interpolants_marched_in_small_steps() {
             let field = |t: f64| interpolated(&planes, value, o + d * (near + t));
             let truth = march(&function, far - near, 40_000, field);
             let exact = along(&data, from, direction, 1e-10);
-            // The step of the function is a ramp over 2.4e-4 of the values, some three steps long: the
-            // march errs there by some 1e-6 of its light.
+            // The step of the function is a ramp over 2.4e-4 of the values, some three steps long:
+            // the march errs there by some 1e-6 of its light.
             assert_near(exact.rgba, truth, 2e-6, "marched");
             assert!(exact.error <= 1e-9, "{:.1e}", exact.error);
             for error in [1e-2, 1e-3, 1e-5] {
@@ -448,7 +449,7 @@ fn lattices_are_their_trilinear_interpolants_marched_in_small_steps() {
     }
 }
 
-/// A closed ring of cells around z, from radius 1 to 2, `n` around and two across.
+/// Returns a closed ring of cells around z, from radius 1 to 2, `n` around and two across.
 fn ring(n: usize) -> CurvilinearBlock {
     let dims = [3, n + 1, 4];
     let node = |i: usize| {
@@ -466,7 +467,7 @@ fn ring(n: usize) -> CurvilinearBlock {
     }
 }
 
-/// The sides of a regular prism around z.
+/// Returns the sides of a regular prism around z.
 fn prism(n: usize, radius: f64) -> Vec<(DVec3, DVec3)> {
     let side = |i: usize| {
         let turn = std::f64::consts::TAU * (i as f64 + 0.5) / n as f64;
@@ -524,7 +525,7 @@ fn a_twisted_cell_is_the_inverse_of_its_map() {
             axis(c & 1, s.x) * axis(c >> 1 & 1, s.y) * axis(c >> 2, s.z)
         };
         let place = |s: DVec3| (0..8).map(|c| nodes[c] * weight(c, s)).sum::<DVec3>();
-        // Newton's method by differences.
+        // Newton's method with finite differences.
         let invert = |p: DVec3| {
             let mut s = DVec3::splat(0.5);
             for _ in 0..30 {
@@ -571,13 +572,13 @@ fn a_twisted_cell_is_the_inverse_of_its_map() {
             };
             let truth = march(&function, far - near, 40_000, field);
             let ray = along(&data, middle - 3.0 * direction, direction, 1e-9);
-            // As in lattices.
+            // The bound is that of lattices.
             assert_near(ray.rgba, truth, 2e-6, "twisted");
         }
     }
 }
 
-/// Six tetrahedra of each cube of a lattice of `n`³ cubes, each numbered as VTK has it.
+/// Returns six tetrahedra of each cube of a lattice of `n`³ cubes, in VTK's order.
 fn tetrahedra(n: usize) -> CellMesh {
     let at = |[i, j, k]: [usize; 3]| (i + (n + 1) * (j + (n + 1) * k)) as u32;
     let count = (n + 1).pow(3);
@@ -600,7 +601,7 @@ fn tetrahedra(n: usize) -> CellMesh {
     mesh_of(nodes, &cells)
 }
 
-/// Grids of 4³ cubes of side 1 of three kinds.
+/// Returns grids of 4³ cubes of side 1, of three kinds.
 fn cubes() -> Vec<(&'static str, Geometry)> {
     let lattice = Lattice::uniform([5; 3], DVec3::ZERO, DVec3::ONE);
     let node = |i: usize| lattice.position([i % 5, i / 5 % 5, i / 25]);
@@ -677,7 +678,7 @@ fn rays_along_faces_edges_and_nodes_find_no_gap_and_count_nothing_twice() {
             let Some([near, far]) = within(&box_planes, from, direction) else {
                 continue;
             };
-            // A ray within an outer face may be in or out.
+            // A ray within an outer face may count as inside or outside.
             let grazes = box_planes
                 .iter()
                 .any(|(n, at)| n.dot(direction).abs() < 1e-9 && n.dot(from - *at).abs() < 1e-9);
@@ -751,7 +752,7 @@ fn numberings_of_tetrahedra_do_not_change_the_picture() {
         nodes[number] = mesh.nodes[i];
     }
     let order = shuffled(&mut random, mesh.cell_count());
-    // An even permutation of the corners keeps the sense.
+    // An even permutation of the corners keeps the orientation.
     let turns = [[0, 1, 2, 3], [1, 2, 0, 3], [3, 2, 1, 0], [2, 3, 0, 1]];
     let cells: Vec<_> = order
         .iter()
@@ -776,7 +777,7 @@ fn numberings_of_tetrahedra_do_not_change_the_picture() {
     });
     assert!(a.error <= 1e-3 && a.unconverged == 0);
     for (a, b) in a.pixels.iter().zip(&b.pixels) {
-        // Faces rounded another way: 1e-11 of a cell. Rules may be refined at another place.
+        // Faces round differently: 1e-11 of a cell. Rules may be refined at another position.
         assert_near(*a, *b, 1e-5, "renumbered");
     }
     let seen = a.pixels.iter().map(|p| p[3]).fold(0.0, f64::max);
@@ -788,10 +789,10 @@ fn pictures_are_filtered_and_cut_as_those_of_kernels() {
     let lattice = Lattice::uniform([2; 3], DVec3::ZERO, DVec3::ONE);
     let data = at_nodes(Geometry::Lattice(lattice), |_| 0.5);
     let data = integrator(data, &fog());
-    // Ten pixels per unit; the cube's left edge runs through the centres of a column.
+    // Ten pixels per unit; the cube's left edge passes through the centres of a column.
     let eye = DVec3::new(0.05, -5.0, 0.5);
     let camera = Camera::orthographic(eye, eye + DVec3::Y, DVec3::Z, 2.0, [20, 20]);
-    // A sharp edge: the filter's error halves with each doubling of the samples.
+    // At a sharp edge, the filter's error halves with each doubling of the samples.
     let settings = ReferenceSettings {
         error: 2e-3,
         max_rays_per_pixel: 4096,
@@ -802,7 +803,7 @@ fn pictures_are_filtered_and_cut_as_those_of_kernels() {
     let opacity = 1.0 - (-1.0_f64).exp();
     let at = |x: usize, y: usize| frame.pixels[y * 20 + x][3];
     assert!((at(14, 10) - opacity).abs() < 2e-3);
-    // x = 0 lies 0.5 px left of the image's middle: at the centre of pixel 9. Half of a Gaussian.
+    // x = 0 lies 0.5 px left of the image's middle, at the centre of pixel 9: half of a Gaussian.
     assert!((at(9, 10) - 0.5 * opacity).abs() < 2e-3, "{}", at(9, 10));
     assert!(at(2, 10).abs() < 2e-3);
 
@@ -813,7 +814,7 @@ fn pictures_are_filtered_and_cut_as_those_of_kernels() {
     let cut = data.clone().clipped(&[plane]);
     let ray = along(&cut, DVec3::new(0.5, -3.0, 0.5), DVec3::Y, 1e-9);
     assert!((depth(ray) - 0.75).abs() < 1e-6);
-    // From within, only what lies before the eye.
+    // From inside, only the part in front of the eye counts.
     let ray = along(&data, DVec3::new(0.5, 0.3, 0.5), DVec3::Y, 1e-9);
     assert!((depth(ray) - 0.7).abs() < 1e-6);
 
@@ -865,7 +866,7 @@ fn what_is_damaged_is_left_out_and_the_rest_is_sound() {
             let ray = along(&data, DVec3::new(x, -1.0, 0.1), DVec3::Y, 1e-9);
             (depth(ray), data.left_out())
         };
-        // A value of the node (2, 2, 0): the cells around it are gone, two of a ray.
+        // A bad value at node (2, 2, 0) removes the cells around it, two of a ray.
         for value in [f32::NAN, f32::INFINITY] {
             let mut data = sound.clone();
             let FieldSource::Scalar(Values::F32(values)) = &mut data.fields[0].source else {
@@ -897,7 +898,7 @@ fn what_is_damaged_is_left_out_and_the_rest_is_sound() {
             }
         }
     }
-    // Inverted, flat and pointlike cells beside sound ones.
+    // Inverted, flat and pointlike cells lie beside sound ones.
     let mut mesh = tetrahedra(2);
     let cell = |mesh: &CellMesh, i: usize| mesh.cell(i).to_vec();
     let [mut inverted, mut flat] = [cell(&mesh, 3), cell(&mesh, 3)];
@@ -913,7 +914,7 @@ fn what_is_damaged_is_left_out_and_the_rest_is_sound() {
     assert_eq!(data.left_out(), 3);
     let ray = along(&data, DVec3::new(0.3, -1.0, 0.4), DVec3::Y, 1e-9);
     assert!((depth(ray) - 2.0).abs() < 1e-6);
-    // Nothing at all is an error, and so is what has no field of its own.
+    // Empty data are an error, and so are data without their own field.
     let lattice = Lattice::uniform([4, 4, 1], DVec3::ZERO, DVec3::ONE);
     let sheet = at_nodes(Geometry::Lattice(lattice), |_| 0.5);
     assert!(DataIntegrator::new(sheet, "f", fog()).is_err());
@@ -948,7 +949,7 @@ fn values_of_cells_are_constant_in_them_and_blanked_ones_are_gone() {
             source: FieldSource::Scalar(Values::U8(ghosts)),
             unit: None,
         });
-        // Cell 7 is (3, 1, 0): the last of the ray, 0.75.
+        // Cell 7 is (3, 1, 0): the last one of the ray, 0.75.
         let without = through(data);
         assert!((without - RATE * 0.75).abs() < 1e-6, "{name}: {without}");
     }
@@ -958,7 +959,7 @@ fn values_of_cells_are_constant_in_them_and_blanked_ones_are_gone() {
 fn a_data_set_far_below_a_pixel_is_found() {
     let lattice = Lattice::uniform([2; 3], DVec3::splat(-0.5), DVec3::ONE);
     let data = integrator(at_nodes(Geometry::Lattice(lattice), |_| 0.5), &fog());
-    // A fifth of a pixel wide, beside the pixels' centres.
+    // A fifth of a pixel wide, between the pixels' centres.
     let camera = Camera::orthographic(DVec3::Y * -5.0, DVec3::ZERO, DVec3::Z, 40.0, [8, 8]);
     let settings = ReferenceSettings {
         error: 2e-4,
@@ -967,7 +968,7 @@ fn a_data_set_far_below_a_pixel_is_found() {
     };
     let frame = data.render(&camera, &settings).unwrap();
     let sum: f64 = frame.pixels.iter().map(|p| p[3]).sum();
-    // The filter keeps the sum: opacity times area.
+    // The filter preserves the sum: opacity times area.
     let truth = (1.0 - (-1.0_f64).exp()) * 0.04;
     assert!((sum / truth - 1.0).abs() < 0.1, "{sum} {truth}");
 }

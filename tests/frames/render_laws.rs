@@ -1,4 +1,4 @@
-//! Laws that whole images obey.
+//! Tests laws of whole images.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::unwrap_used,
@@ -13,7 +13,7 @@ use ewa_splat::view::{Camera, Projection};
 use ewa_splat::{Image, Renderer, Settings};
 use glam::{DMat3, DVec2, DVec3};
 
-/// Random coloured ellipsoids in a cube of half side 1 about the origin.
+/// Returns random coloured ellipsoids in a cube of half side 1 about the origin.
 fn cloud(seed: u64, count: usize) -> Vec<Particle> {
     let mut random = Random::new(seed);
     (0..count)
@@ -29,7 +29,7 @@ fn cloud(seed: u64, count: usize) -> Vec<Particle> {
         .collect()
 }
 
-/// A camera that sees the cloud from nearby, off its axes.
+/// Returns a camera that sees the cloud from nearby, along no axis.
 fn beside(size: [usize; 2]) -> Camera {
     Camera::perspective(
         DVec3::new(1.7, -2.1, 0.9),
@@ -40,13 +40,14 @@ fn beside(size: [usize; 2]) -> Camera {
     )
 }
 
-/// What a change of rounding alone may do to a pixel: the step at a kernel's edge, which a pixel
-/// may fall on either side of. The cut-off keeps it below the tolerance; 1e-5 for the roundings.
+/// Returns the largest change of a pixel by rounding alone: the step at a kernel's edge, which a
+/// pixel may fall on either side of. The cut-off keeps it below the tolerance; roundings add 1e-5.
 fn edge_step(settings: &Settings) -> f32 {
     settings.tolerance + 1e-5
 }
 
-/// Draws every kernel to seven standard deviations, where its edge has no step to speak of.
+/// Returns settings that draw every kernel to seven standard deviations, where the step at its edge
+/// is negligible.
 fn wide() -> Settings {
     Settings {
         cutoff: Some(7.0),
@@ -61,8 +62,8 @@ fn brightest(image: &Image) -> f32 {
 
 #[test]
 fn mass_is_conserved_under_zoom_and_under_every_filter() {
-    // Affine filters spread g |det J| whatever their shape; sampled at pixels, as long as no
-    // footprint is narrower than a pixel (4 exp(-2 pi² h²) of ripple).
+    // Affine filters spread g |det J| for any shape. Sampling at pixels is accurate as long as no
+    // footprint is narrower than a pixel (ripple 4 exp(-2 pi² h²)).
     let mut random = Random::new(1);
     for focal in [40.0, 80.0, 160.0, 320.0] {
         for filter in [
@@ -94,7 +95,7 @@ fn mass_is_conserved_under_zoom_and_under_every_filter() {
                 * position.length()
                 / position.z.powi(3);
             let sum = scene::alpha_sum(&image);
-            // exp's 4e-7, one-signed, and eight roundings of the amplitude.
+            // exp errs by 4e-7, with one sign, and the amplitude by eight roundings.
             let error = (sum / expected - 1.0).abs();
             assert!(
                 error < 1.5e-6,
@@ -112,7 +113,7 @@ fn moving_scene_and_camera_together_changes_nothing() {
     let before = render(vec![volume(&particles)], &view, &settings);
     assert!(brightest(&before) > 0.5);
 
-    // 2^23 is 8.4e6: a sum of it and 1 keeps 29 bits below the point in f64.
+    // 2^23 is 8.4e6: its sum with 1 keeps 29 bits below the point in f64.
     let shift = DVec3::new(8_388_608.0, -8_388_608.0, 1.0e7);
     let moved: Vec<_> = particles
         .iter()
@@ -126,8 +127,8 @@ fn moving_scene_and_camera_together_changes_nothing() {
         ..view.clone()
     };
     let after = render(vec![volume(&moved)], &camera, &settings);
-    // Positions move by 1e-9, a ten-millionth of the narrowest kernel's width (5e-4); pixels
-    // by less than f32 rounds them.
+    // Positions move by 1e-9, a ten-millionth of the narrowest kernel's width (5e-4), and pixels by
+    // less than f32 rounding.
     let error = difference(&before, &after);
     println!("translated by 1e7: {error:.1e}");
     assert!(error < 2e-5, "translated: {error:e}");
@@ -151,9 +152,9 @@ fn moving_scene_and_camera_together_changes_nothing() {
         let after = render(vec![volume(&moved)], &camera, &settings);
         let error = difference(&before, &after);
         println!("rotated: {error:.1e}");
-        // Factors are triangular in the world, so that a rotation rounds them anew: 20 (the axis
-        // ratio) times 6e-8 times a slope of .6 per sigma, from some ten kernels of a depth up
-        // to 10 at a pixel; a pixel coordinate rounds to 4e-6 px of a width of 1 px.
+        // Factors are triangular in world space, so a rotation rounds them anew: 20 (the axis
+        // ratio) times 6e-8 times a slope of .6 per sigma, from some ten kernels of a depth up to
+        // 10 at a pixel. A pixel coordinate rounds to 4e-6 px of a width of 1 px.
         assert!(error < 1e-4, "rotated: {error:e}");
     }
 }
@@ -164,7 +165,7 @@ fn order_and_division_of_the_input_play_no_part() {
     let camera = beside([70, 50]);
     for settings in [wide(), Settings::default()] {
         let one = render(vec![volume(&particles)], &camera, &settings);
-        // Offsets from another block's origin round anew; pixels at a kernel's edge may then
+        // Offsets from another block's origin round differently; pixels at a kernel's edge may then
         // flip.
         let allowed = if settings.cutoff.is_some() {
             3e-5
@@ -197,7 +198,7 @@ fn the_nearer_of_two_covers_the_farther_from_both_sides() {
     let blue = Particle::sphere(-DVec3::X, 0.2, 5.0).coloured([0.0, 0.0, 1.0]);
     for projection in [Projection::Perspective, Projection::Orthographic] {
         for (side, order) in [(1.0, [0, 1]), (-1.0, [1, 0])] {
-            // Both in one block, in two volumes, and in either order.
+            // The two are in one block, in two volumes, and in either order.
             for scene in [
                 vec![volume(&[red, blue])],
                 vec![volume(&[blue, red])],
@@ -215,7 +216,7 @@ fn the_nearer_of_two_covers_the_farther_from_both_sides() {
                 let image = render(scene, &camera, &Settings::default());
                 let [red, _, blue, alpha] = image.pixel(15, 15);
                 let seen = [red, blue];
-                // tau of each is near 20: the front one lets 2e-9 through.
+                // tau of each is near 20: the front one transmits 2e-9.
                 assert!(
                     seen[order[0]] > 0.9999 && seen[order[1]] < 1e-4,
                     "{seen:?} from {side}"
@@ -268,7 +269,7 @@ fn a_camera_inside_the_cloud_sees_finite_pixels() {
             crate::common::gpu::assert_alike("inside the cloud", &scene, &camera, &settings);
             let mut renderer = Renderer::new(vec![scene]).unwrap();
             let image = renderer.render(&camera, &settings).unwrap();
-            // The rest of opacity: premultiplied colours stay within it (three roundings).
+            // The remaining opacity: premultiplied colours stay within it (three roundings).
             let legal = |p: &[f32; 4]| {
                 p.iter().all(|c| c.is_finite() && *c >= 0.0)
                     && p[3] <= 1.0
@@ -284,8 +285,8 @@ fn a_camera_inside_the_cloud_sees_finite_pixels() {
     }
 }
 
-/// Moves a kernel through the plane of the eye in small steps, and returns the largest change of a
-/// pixel between two steps.
+/// Moves a kernel through the eye's plane in small steps. Returns the largest change of a pixel
+/// between two steps.
 fn largest_step(projection: Projection, filter: Filter, factor: DMat3, beside: f64) -> f32 {
     let mut camera = camera(projection, [20.0; 2], [24, 24]);
     camera.centre_px = DVec2::new(11.7, 12.4);
@@ -300,7 +301,7 @@ fn largest_step(projection: Projection, filter: Filter, factor: DMat3, beside: f
     for i in 0..=STEPS {
         // From 8 standard deviations in front to 8 behind: 0.04 of one per step.
         let z = reach * (8.0 - 16.0 * i as f64 / STEPS as f64);
-        // A depth of about 1 at its thickest.
+        // The depth is about 1 at its thickest.
         let particle = Particle {
             position: DVec3::new(beside, 0.3 * beside, z),
             factor,
@@ -325,11 +326,11 @@ fn passing_the_camera_plane_is_continuous() {
             for filter in [Filter::Exact, Filter::Adaptive] {
                 let most = largest_step(projection, filter, factor, 0.1);
                 println!("{name}, {projection:?}, {filter:?}: largest step {most:.4}");
-                // A step of .04 standard deviations changes a half-line factor by at most .016 of
-                // a depth near 1, whose opacity follows at 1/e: .006; the outline of a kernel
-                // beside the eye sweeps the image besides, at a like rate. The change of path
-                // itself, and of the edge that the two paths cut off, may each add a tolerance
-                // (1/255). A path that is wrong by a tenth of a kernel would exceed this.
+                // A step of .04 standard deviations changes a half-line factor by at most .016 of a
+                // depth near 1, whose opacity follows at 1/e: .006. The outline of a kernel beside
+                // the eye sweeps the image at a similar rate. The change of path, and of the edge
+                // that the two paths cut off, may each add a tolerance (1/255). A path that is
+                // wrong by a tenth of a kernel would exceed this.
                 assert!(most < 0.025, "{name}, {projection:?}, {filter:?}: {most}");
             }
         }
@@ -338,8 +339,8 @@ fn passing_the_camera_plane_is_continuous() {
 
 #[test]
 fn the_change_of_path_at_the_camera_plane_is_small() {
-    // Either side of the depth 1.2 r sigma_z at which a kernel changes from the exact path to the
-    // half line, a hair apart.
+    // The kernel lies slightly on either side of the depth 1.2 r sigma_z, at which it changes from
+    // the exact path to the half line.
     let mut random = Random::new(8);
     let mut worst = 0.0_f32;
     for i in 0..60 {
@@ -358,7 +359,7 @@ fn the_change_of_path_at_the_camera_plane_is_small() {
             let particle = Particle {
                 position: (direction * z).extend(z),
                 factor,
-                // A depth below .6 at any ratio.
+                // The depth is below .6 at any ratio.
                 mass: 0.02,
                 colour: [1.0; 3],
             };
@@ -378,16 +379,16 @@ fn the_change_of_path_at_the_camera_plane_is_small() {
         worst = worst.max(difference(&front, &behind));
     }
     println!("largest change where the path changes: {worst:.1e}");
-    // What lies behind the plane at 3.5 standard deviations, 2e-4; the low-pass filter that the
-    // half line takes at sqrt(u2² + V_zz), 4 % wider: 1/50 of its share in the footprint, a few
-    // px² of hundreds; the flip at the edge, exp(-3.5²/2) = .0022 of the depth; 2e-4 in depth
+    // The part behind the plane at 3.5 standard deviations is 2e-4. The half line takes the
+    // low-pass filter at sqrt(u2² + V_zz), 4 % wider: 1/50 of its share in the footprint, a few px²
+    // of hundreds. The flip at the edge is exp(-3.5²/2) = .0022 of the depth, and 2e-4 in depth
     // moves 2e-4.
     assert!(worst < 0.003, "{worst}");
 }
 
 #[test]
 fn a_thin_needle_passes_the_change_of_path_without_a_jump() {
-    // Narrower than the low-pass filter, so that its footprint is that filter's.
+    // The kernel is narrower than the low-pass filter, so its footprint is that filter's.
     let factor = DMat3::from_diagonal(DVec3::new(1e-3, 1e-3, 0.3));
     let camera = camera(Projection::Perspective, [60.0; 2], [31, 31]);
     let settings = Settings {
@@ -425,7 +426,7 @@ fn any_size_of_image_shows_the_same_pixels() {
         },
     ] {
         let big = render(vec![volume(&particles)], &whole, &settings);
-        // Windows of the whole image, moved by centre_px: not multiples of the tile.
+        // Windows of the whole image, moved by centre_px, are no multiples of the tile.
         for (at, size) in [
             ([40, 40], [1, 1]),
             ([31, 17], [17, 33]),
@@ -451,8 +452,8 @@ fn any_size_of_image_shows_the_same_pixels() {
                         .zip(b)
                         .map(|(a, b)| (a - b).abs())
                         .fold(0.0, f32::max);
-                    // Pixel coordinates round anew; a tile may stop a sixteenth of the tolerance
-                    // earlier or later than another.
+                    // Pixel coordinates round differently; a tile may stop a sixteenth of the
+                    // tolerance earlier or later than another.
                     assert!(
                         error < edge_step(&settings),
                         "{size:?} at ({x}, {y}): {error:e}"
@@ -609,7 +610,7 @@ fn a_background_shines_through_what_is_left() {
     let over = render(vec![volume(&particles)], &camera, &settings);
     for (front, over) in front.pixels.iter().zip(&over.pixels) {
         for (i, b) in background.into_iter().enumerate() {
-            // One fused or two single roundings.
+            // One fused rounding or two single ones.
             assert!((over[i] - (front[i] + (1.0 - front[3]) * b)).abs() < 2e-7);
         }
         assert_eq!(over[3], 1.0);
@@ -643,7 +644,7 @@ fn depth_is_that_of_the_particle_that_makes_half() {
         for (d, p) in depth.depths.iter().zip(&renderer.image().pixels) {
             assert_eq!(d.is_finite(), p[3] >= 0.5, "{d} at {p:?}");
         }
-        // Without being asked for, none; and the image is the same.
+        // Depths are computed only on request; the image is the same.
         let with = renderer.image().clone();
         renderer.render(&camera, &Settings::default()).unwrap();
         assert!(renderer.depth().is_none());
@@ -701,8 +702,8 @@ fn a_cutoff_by_hand_ends_the_kernel_there_and_keeps_its_mass() {
                 assert_eq!(p[3] > 0.0, distance < r, "({x}, {y}) at r = {r}");
             }
         }
-        // The disc of radius 8 r covers its area up to the pixels on its edge, whose count errs
-        // by about (8 r)^(2/3): of an edge value exp(-r²/2)/(2 pi 64).
+        // The disc of radius 8 r covers its area up to the pixels on its edge, whose count errs by
+        // about (8 r)^(2/3), each with an edge value exp(-r²/2)/(2 pi 64).
         let sum = scene::alpha_sum(&image);
         let share = 1.0 - f64::from(-0.5 * r * r).exp();
         let edge = f64::from(-0.5 * r * r).exp() / share / (std::f64::consts::TAU * 64.0);
@@ -720,7 +721,7 @@ fn spheres_are_isotropic_ellipsoids() {
     let particles: Vec<_> = (0..300)
         .map(|_| {
             let (sigma, mass) = (random.log_range(0.01, 0.2), random.log_range(1e-4, 2e-2));
-            // Representable, so that both volumes hold the same numbers.
+            // sigma is representable in f32, so both volumes have the same numbers.
             Particle::sphere(random.point(1.0), f64::from(sigma as f32), mass)
         })
         .collect();
@@ -734,12 +735,12 @@ fn spheres_are_isotropic_ellipsoids() {
     let camera = beside([60, 60]);
     let a = render(vec![spheres], &camera, &wide());
     let b = render(vec![volume(&particles)], &camera, &wide());
-    // A rotated factor rounds where a sphere's does not.
+    // A rotated factor rounds, whereas a sphere's does not.
     assert!(difference(&a, &b) < 1e-5, "{:e}", difference(&a, &b));
     assert!(brightest(&a) > 0.3);
 }
 
-/// The particles that a lattice stands for.
+/// Returns the particles that a lattice stands for.
 fn explicit(
     lattice: &Lattice,
     kernel_width: f64,
@@ -803,7 +804,7 @@ fn lattices_are_the_particles_they_stand_for() {
             &wide(),
         );
         let b = render(vec![volume(&particles)], &camera, &wide());
-        // Other blocks, other origins, other factors of the same variance.
+        // Other blocks and origins, and other factors of the same variance.
         assert!(difference(&a, &b) < 3e-5, "{:e}", difference(&a, &b));
         assert!(brightest(&a) > 0.1);
     }
@@ -822,7 +823,7 @@ fn lattices_are_the_particles_they_stand_for() {
             coordinates: coordinates.clone(),
         },
     };
-    // A cell is as wide as half the distance of its neighbours, at the ends as its one step.
+    // A cell is as wide as half the distance of its neighbours, and at the ends as its only step.
     let width = |a: usize, i: usize| {
         let x = &coordinates[a];
         let last = x.len() - 1;
@@ -858,7 +859,7 @@ fn a_hundred_thousand_particles_in_one_place() {
         &camera,
         &settings,
     );
-    // Sum of tau = 2 at the centre, whatever the number; 3e-8 sqrt(1e5) of wandering roundings.
+    // The sum of tau is 2 at the centre for any number; random roundings add 3e-8 sqrt(1e5).
     let alpha = f64::from(image.pixel(1, 1)[3]);
     let expected = -(-2.0_f64).exp_m1();
     println!(
@@ -874,7 +875,7 @@ fn a_fitted_camera_ignores_what_is_clear_or_haze() {
         Colour, ColourSpace, ControlPoint, Particles, PointVolume, Strength, TransferFunction,
         Values,
     };
-    // Values 0 far away (clear), 1 around the origin (dense), .505 between (haze: 1 %).
+    // Values are 0 far away (transparent), 1 around the origin (dense), .505 between (haze: 1 %).
     let positions = vec![
         DVec3::new(100.0, 0.0, 0.0),
         DVec3::new(-1.0, 0.0, 0.0),
@@ -916,8 +917,8 @@ fn a_fitted_camera_ignores_what_is_clear_or_haze() {
 
 #[test]
 fn adaptive_holds_its_tolerance_where_many_faint_kernels_add_up() {
-    // 16³ kernels, each far too faint to err by a tolerance alone, seen from close by: their
-    // affine errors are alike and add up along a ray.
+    // 16³ kernels, each too faint to err by a tolerance alone, seen from close by: their affine
+    // errors are similar and add up along a ray.
     let mut particles = Vec::new();
     for i in 0..4096 {
         let cell = DVec3::new((i % 16) as f64, (i / 16 % 16) as f64, (i / 256) as f64);

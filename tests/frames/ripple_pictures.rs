@@ -1,5 +1,5 @@
-//! Column densities of a uniform field over real and made grids: the length of each pixel's ray
-//! through the data, measured where that length hardly changes from pixel to pixel.
+//! Tests column densities of a uniform field over real and made grids. They are compared with the
+//! length of each pixel's ray through the data, where that length hardly changes between pixels.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -19,7 +19,7 @@ use ewa_splat::view::{Camera, Projection};
 use ewa_splat::{ColumnSettings, Renderer};
 use glam::{DMat3, DVec2, DVec3};
 
-/// Pixels along a side.
+/// Number of pixels along a side.
 const SIZE: usize = 96;
 
 fn uniform(geometry: Geometry, association: Association) -> PointVolume {
@@ -42,7 +42,7 @@ fn uniform(geometry: Geometry, association: Association) -> PointVolume {
     volume(dataset, &SampleOptions::default()).unwrap().volume
 }
 
-/// A curvilinear block as hexahedra.
+/// Converts a curvilinear block to hexahedra.
 fn hexahedra(block: &CurvilinearBlock) -> CellMesh {
     let [ni, nj, nk] = block.dims;
     let mut mesh = CellMesh {
@@ -67,7 +67,7 @@ fn hexahedra(block: &CurvilinearBlock) -> CellMesh {
     mesh
 }
 
-/// The tetrahedra of all cells, each cut at its centre and the centres of its faces.
+/// Returns the tetrahedra of all cells, each divided at its centre and the centres of its faces.
 fn tetrahedra(mesh: &CellMesh) -> Vec<[DVec3; 4]> {
     let mut all = Vec::new();
     for (i, kind) in mesh.kinds.iter().enumerate() {
@@ -91,7 +91,7 @@ fn tetrahedra(mesh: &CellMesh) -> Vec<[DVec3; 4]> {
 
 /// Adds to each pixel the length of its ray, along z, through the tetrahedra.
 fn lengths(tetrahedra: &[[DVec3; 4]], centre_of: impl Fn(usize) -> DVec2, image: &mut [f64]) {
-    // By scan over the pixels of each tetrahedron's box.
+    // Scans the pixels of each tetrahedron's box.
     let (first, last) = (centre_of(0), centre_of(SIZE * SIZE - 1));
     let step = (last - first) / (SIZE - 1) as f64;
     for corners in tetrahedra {
@@ -112,7 +112,8 @@ fn lengths(tetrahedra: &[[DVec3; 4]], centre_of: impl Fn(usize) -> DVec2, image:
         for y in range(low.y, high.y) {
             for x in range(low.x, high.x) {
                 let pixel = y * SIZE + x;
-                // Barycentric coordinates along the ray are linear in z: clip at their zeros.
+                // Barycentric coordinates are linear in z along the ray: it is clipped at their
+                // zeros.
                 let start = inverse * (centre_of(pixel).extend(0.0) - a);
                 let slope = inverse * DVec3::Z;
                 let values = [start.x, start.y, start.z, 1.0 - start.element_sum()];
@@ -133,8 +134,8 @@ fn lengths(tetrahedra: &[[DVec3; 4]], centre_of: impl Fn(usize) -> DVec2, image:
     }
 }
 
-/// Rms and mean of column / length - 1 over the pixels around which, within `reach` world units,
-/// lengths differ by less than 1 %; and how many these are.
+/// Returns rms and mean of column / length - 1 over the pixels around which, within `reach` world
+/// units, lengths differ by less than 1 %; and the number of these pixels.
 fn measured(mesh: &CellMesh, volume: PointVolume, turn: DMat3, reach: f64) -> (f64, f64, usize) {
     let nodes = || mesh.nodes.iter().map(|n| turn * *n);
     let low = nodes().fold(DVec3::INFINITY, DVec3::min);
@@ -184,8 +185,8 @@ fn measured(mesh: &CellMesh, volume: PointVolume, turn: DMat3, reach: f64) -> (f
     (square.sqrt(), mean, deviations.len())
 }
 
-/// A shear that keeps volumes, over a box of n³ cells; inner nodes moved at random by a share of the
-/// spacing.
+/// Returns a box of n³ cells under a volume-preserving shear, with inner nodes moved at random by a
+/// share of the spacing.
 fn block(n: usize, jitter: f64) -> CurvilinearBlock {
     let mut random = Random::new(7);
     let side = n + 1;
@@ -203,7 +204,7 @@ fn block(n: usize, jitter: f64) -> CurvilinearBlock {
     }
 }
 
-/// Six tetrahedra around a diagonal of each hexahedron.
+/// Divides each hexahedron into six tetrahedra around a diagonal.
 fn cut(mesh: &CellMesh) -> CellMesh {
     let mut cut = CellMesh {
         nodes: mesh.nodes.clone(),
@@ -211,7 +212,7 @@ fn cut(mesh: &CellMesh) -> CellMesh {
         ..CellMesh::default()
     };
     for i in 0..mesh.cell_count() {
-        // Around the diagonal from corner 0 to corner 6.
+        // The diagonal runs from corner 0 to corner 6.
         let ring = [1, 2, 3, 7, 4, 5];
         for (n, a) in ring.iter().enumerate() {
             let b = ring[(n + 1) % 6];
@@ -228,8 +229,8 @@ fn cut(mesh: &CellMesh) -> CellMesh {
 #[test]
 fn made_grids_have_the_lengths_of_their_rays() {
     for (jitter, bounds) in [
-        // Nodes and cells of the curvilinear block, then of tetrahedra. Measured: .05 %, .05 %,
-        // .05 %, .25 %; and 1.3 %, 1.9 %, .9 %, .7 %: half and less of the ripple in space.
+        // Nodes and cells of the curvilinear block, then of tetrahedra. Measured: .05 %, .05 %, .05
+        // %, .25 %; and 1.3 %, 1.9 %, .9 %, .7 %, at most half of the ripple in space.
         (0.0, [0.001, 0.001, 0.001, 0.004]),
         (0.2, [0.016, 0.024, 0.012, 0.01]),
     ] {
@@ -257,9 +258,9 @@ fn made_grids_have_the_lengths_of_their_rays() {
 #[test]
 fn real_grids_have_the_lengths_of_their_rays() {
     // Nodes, cells. The reactor's hexahedra: 2.7 and 2.3 % measured. The blunt fin, whose cells
-    // grow towards the outside by more than 1.3 from one to the next: 4.8 and 4.6 %, of which 1.9 %
-    // is bias; lengths change with the fin, hence the wide margin. (The cylinder's mesh is three
-    // nodes across, and the combustor's piece six: all boundary.)
+    // grow outwards by more than 1.3 from one to the next: 4.8 and 4.6 %, of which 1.9 % is bias.
+    // Lengths change with the fin, hence the wide margin. (The cylinder's mesh is three nodes
+    // across, and the combustor's piece six: all boundary.)
     for (name, reach, bounds) in [
         ("unstructured/disk_out_ref.vtu", 1.5, [0.03, 0.025]),
         ("curvilinear/bluntfin/bluntfinxyz.bin", 2.0, [0.055, 0.05]),

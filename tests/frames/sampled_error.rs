@@ -1,4 +1,5 @@
-//! A picture's error by a sample of its tiles, and the tolerance that it bears: against whole pictures.
+//! Tests the picture's error measured in a sample of its tiles, and the tolerance calibrated by it,
+//! against whole pictures.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use crate::common::Random;
@@ -11,7 +12,7 @@ use glam::DVec3;
 
 const SIZE: [usize; 2] = [200, 120];
 
-/// Kernels of .5 to 8 pixels, thousands of them: denser to the left.
+/// Returns thousands of kernels of .5 to 8 pixels, denser on the left.
 fn cloud(seed: u64) -> Renderer {
     let mut random = Random::new(seed);
     let particles: Vec<Particle> = (0..6000)
@@ -35,7 +36,8 @@ fn seen() -> Camera {
     camera(Projection::Perspective, [130.0; 2], SIZE)
 }
 
-/// The same picture from the exact frame as a whole: what 99.9 % of its numbers stay below, and the greatest.
+/// Compares the picture with the whole exact frame. Returns the difference that 99.9 % of its
+/// numbers stay below, and the greatest.
 fn whole(renderer: &mut Renderer, settings: &Settings) -> [f32; 2] {
     let exact = renderer
         .render(&seen(), &accurate(settings))
@@ -66,7 +68,8 @@ fn a_sample_errs_as_the_picture_does() {
         assert_eq!(error.tiles, 32);
         assert!(error.pixels > 30 * 256 - 32 * 128 && error.pixels <= 32 * 256);
         let [percentile, greatest] = whole(&mut renderer, &settings);
-        // The whole has pixels of its own, and errs in them by as much more as tiles differ from each other.
+        // The whole picture has more pixels, with errors that differ as much as tiles differ from
+        // each other.
         assert!(
             error.greatest <= 1.01 * greatest + 1e-6,
             "{error:?} {greatest}"
@@ -79,7 +82,7 @@ fn a_sample_errs_as_the_picture_does() {
             error.percentile_999 < 2.5 * percentile,
             "{error:?} {percentile}"
         );
-        // Tiles that are drawn by themselves are the picture's.
+        // Tiles drawn by themselves equal those of the picture.
         let alone = sample.error_at(&mut renderer, tolerance).unwrap();
         assert!((alone.greatest - error.greatest).abs() < 0.02 * error.greatest);
     }
@@ -91,7 +94,8 @@ fn a_sample_sees_what_is_wrong_and_nothing_else() {
     let settings = accurate(&Settings::default());
     let mut image: Image = renderer.render(&seen(), &settings).unwrap().clone();
     let sample = ErrorSample::draw(&mut renderer, &seen(), &settings).unwrap();
-    // The same but for the tiles' place in the picture: roundings of distances from its middle.
+    // The results agree except for the tiles' position: roundings of distances from the picture's
+    // middle.
     let own = sample.error_of(&image);
     assert!(own.greatest < 2e-5, "{own:?}");
     for pixel in &mut image.pixels {
@@ -156,7 +160,7 @@ fn layers_are_measured_in_layers_and_nothing_errs_by_nothing() {
         error.percentile_999 > 0.0 && error.percentile_999 < settings.tolerance,
         "{error:?}"
     );
-    // Turned away: no tile shows anything.
+    // The camera looks away: no tile shows anything.
     let mut away = seen();
     away.camera_from_world =
         glam::DMat3::from_rotation_y(std::f64::consts::PI) * away.camera_from_world;

@@ -1,4 +1,5 @@
-//! Laws of light: what particles reflect, which normals they have, and what light leaves alone.
+//! Tests laws of light: reflection by particles, their normals, and data that light does not
+//! affect.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::unwrap_used,
@@ -26,7 +27,7 @@ use ewa_splat::view::{Camera, Lens, Viewpoint};
 use ewa_splat::{Image, Renderer, Settings};
 use glam::{DMat3, DVec3, Vec3};
 
-/// Of the coding of normals: `math::normal_code`.
+/// Error of the coding of normals: `math::normal_code`.
 const CODE: f64 = 2.1e-3;
 
 fn world(direction: DVec3, colour: [f32; 3]) -> Light {
@@ -65,7 +66,7 @@ fn greatest_difference(a: &Image, b: &Image) -> f32 {
     pairs.fold(0.0, |most, (x, y)| most.max((x - y).abs()))
 }
 
-/// A cloud of white spheres around the origin, each with a normal.
+/// Returns a cloud of white spheres around the origin, each with a normal.
 fn cloud(normal: impl Fn(usize) -> u32) -> PointVolume {
     let mut random = Random::new(4);
     let count = 400;
@@ -89,7 +90,7 @@ fn camera() -> Camera {
     Camera::perspective(eye, DVec3::ZERO, DVec3::Z, 40.0, [48, 40])
 }
 
-// What is reflected.
+// Reflection.
 
 #[test]
 fn reflection_is_lamberts_and_blinns() {
@@ -113,7 +114,7 @@ fn reflection_is_lamberts_and_blinns() {
         let colour = [0.9, 0.5, 0.1];
         let uniform = LightingUniform::new(&lighting, &camera());
         for sides in [Sides::Both, Sides::Facing] {
-            // The same by angles.
+            // The same, by angles.
             let mut expected = colour.map(|c| 0.1 * f64::from(c));
             let facing = if normal.dot(to_eye) < 0.0 {
                 -normal
@@ -168,7 +169,7 @@ fn what_has_no_normal_keeps_its_colour() {
 fn the_default_neither_dims_nor_blows_out() {
     let uniform = LightingUniform::new(&Lighting::default(), &camera());
     let white = [1.0; 3];
-    // Facing the eye, on both kinds; what is seen edge on still has its ambient share.
+    // Facing the eye, on both kinds; a surface seen edge on still has its ambient part.
     let facing = lit(&uniform, Sides::Facing, white, -Vec3::Z, -Vec3::Z)[0];
     assert!((0.85..1.0).contains(&facing), "{facing}");
     let mut random = Random::new(3);
@@ -190,7 +191,8 @@ fn the_default_neither_dims_nor_blows_out() {
 
 #[test]
 fn a_picture_has_lamberts_cosine() {
-    // A field that rises along a slant, of one colour: every particle has the same normal.
+    // The field increases in an oblique direction and has one colour: every particle has the same
+    // normal.
     let slope = DVec3::new(0.6, 0.0, 0.8);
     let dims = [16, 16, 16];
     let lattice = Lattice::uniform(dims, DVec3::splat(-0.8), DVec3::splat(0.1));
@@ -244,7 +246,7 @@ fn volumes_are_lit_from_either_side_and_surfels_towards_the_eye() {
         &camera(),
         &settings,
     );
-    // Opposite directions have codes of their own.
+    // Opposite directions have different codes.
     assert!(greatest_difference(&there, &back) < 2.0 * CODE as f32);
     let tangents = |order: [usize; 2]| {
         let of = |n: &DVec3| {
@@ -276,8 +278,8 @@ fn volumes_are_lit_from_either_side_and_surfels_towards_the_eye() {
     assert!(greatest_difference(&front, &plain) > 0.1);
 }
 
-/// A grey wall across y, whose front faces -y (x cross z), of surfels that reflect by one stored normal or by their
-/// planes'.
+/// Returns a grey wall across y, whose front faces -y (x cross z), of surfels that reflect by one
+/// stored normal or by their planes'.
 fn wall(code: Option<u32>) -> PointVolume {
     let cells = (-8..=8).flat_map(|i| (-8..=8).map(move |j| (i, j)));
     let positions: Vec<DVec3> = cells
@@ -308,7 +310,7 @@ fn a_surface_lit_from_behind_has_its_ambient_share() {
     };
     let camera = Camera::orthographic(DVec3::Y * -3.0, DVec3::ZERO, DVec3::Z, 0.8, [16, 16]);
     let at = |direction| draw(&[wall(None)], &camera, &lights(direction)).pixels[8 * 16 + 8];
-    // Towards the eye: .1 + .7 of the colour, and the whole highlight.
+    // Towards the eye: .1 + .7 of the colour, and the full highlight.
     assert!(
         (at(-DVec3::Y)[0] - (0.5 * 0.8 + 0.3)).abs() < 1e-5,
         "{:?}",
@@ -319,7 +321,7 @@ fn a_surface_lit_from_behind_has_its_ambient_share() {
 
 #[test]
 fn surfels_reflect_by_the_normals_that_are_stored() {
-    // A wall that faces the eye, whose surface is said to be tilted.
+    // A wall that faces the eye, with stored normals that are tilted.
     let drawn = |normal: DVec3, behind: bool, code: Option<u32>| {
         let side = if behind { DVec3::Y } else { -DVec3::Y };
         let lights = Lighting {
@@ -342,13 +344,13 @@ fn surfels_reflect_by_the_normals_that_are_stored() {
             );
         }
     }
-    // One that faces away from an eye that sees the front counts as just turned to it.
+    // If the eye sees the front, a normal that faces away counts as just turned to the eye.
     let away = f64::from(drawn(DVec3::new(1.0, 0.3, 0.0), false, None));
     assert!(
         (away - 0.5 * (0.1 + 0.7 * 0.01)).abs() < 0.5 * 0.7 * CODE,
         "{away}"
     );
-    // Without a direction nothing is lit.
+    // Without a direction, nothing is lit.
     assert!((drawn(DVec3::Y, false, Some(NO_NORMAL)) - 0.5).abs() < 1e-6);
 }
 
@@ -381,8 +383,8 @@ fn the_world_may_turn_with_its_lights() {
             picture(DMat3::IDENTITY, DVec3::ZERO, frame),
             picture(turn, moved, frame),
         );
-        // Two codes of each normal; a highlight of exponent 20 changes by sqrt(20) of an angle, times
-        // .3, on top of the diffuse share.
+        // Two codes of each normal. A highlight of exponent 20 changes by sqrt(20) of an angle,
+        // times .3, on top of the diffuse part.
         let most = 2.0 * CODE as f32 * (0.7 + 0.3 * 20_f32.sqrt());
         assert!(greatest_difference(&here, &there) < most);
     }
@@ -391,7 +393,7 @@ fn the_world_may_turn_with_its_lights() {
     assert!(greatest_difference(&fixed, &world) > 0.05);
 }
 
-// What light leaves alone.
+// Data that light does not affect.
 
 #[test]
 fn radiance_fields_and_bare_particles_stay_as_they_are() {
@@ -415,7 +417,7 @@ fn radiance_fields_and_bare_particles_stay_as_they_are() {
         let plain = draw(std::slice::from_ref(&scene), &camera(), &settings(None));
         assert_eq!(draw(&[scene], &camera(), &lit), plain);
     }
-    // Harmonics of particles that absorb are lit.
+    // Harmonics of absorbing particles are lit.
     splats.strength = Strength::Mass(vec![0.02; 400]);
     let plain = draw(std::slice::from_ref(&splats), &camera(), &settings(None));
     assert!(greatest_difference(&draw(&[splats], &camera(), &lit), &plain) > 0.02);
@@ -528,7 +530,7 @@ fn lights_out_of_range_are_refused() {
     assert!(short.validate().is_err());
 }
 
-// Which normals samples have.
+// Normals of samples.
 
 fn field(association: Association, values: Vec<f32>) -> Vec<Field> {
     vec![Field {
@@ -560,7 +562,7 @@ fn lattice_data(lattice: Lattice, values: Vec<f32>) -> Dataset {
     dataset(Geometry::Lattice(lattice), Association::Nodes, values)
 }
 
-/// A volume with normals, of the data's own choice of field.
+/// Returns a volume with normals, with the field that the data choose.
 fn sampled(data: Dataset) -> PointVolume {
     sampled_by(data, None)
 }
@@ -589,7 +591,7 @@ fn bend(x: DVec3) -> DVec3 {
     DVec3::new(r * a.cos(), r * a.sin(), x.z * x.z + 2.0 * x.z)
 }
 
-/// A cube cut into boxes of six tetrahedra each.
+/// Returns a cube divided into boxes of six tetrahedra each.
 fn tetrahedra(n: usize, at: impl Fn(DVec3) -> DVec3) -> CellMesh {
     let mut mesh = CellMesh {
         nodes: grid_nodes([n + 1; 3], at),
@@ -655,7 +657,7 @@ fn linear_fields_point_along_their_slope_on_any_data() {
             corners.sum::<DVec3>() / 4.0
         })
         .collect();
-    // Cells that share places and no nodes.
+    // Cells share positions but no nodes.
     let mut apart = mesh.clone();
     apart.nodes = mesh
         .connectivity
@@ -664,10 +666,10 @@ fn linear_fields_point_along_their_slope_on_any_data() {
         .collect();
     apart.connectivity = (0..mesh.connectivity.len() as u32).collect();
     let of_apart = of(&cell_centres);
-    // A boundary layer: a hundred times as wide as thick.
+    // A boundary layer, a hundred times as wide as thick.
     let thin = tetrahedra(6, |x| DVec3::new(0.01 * x.x, x.y, x.z));
     let of_thin = of(&thin.nodes);
-    // Layers of points, of which a point's nearest neighbours are all in its own.
+    // Layers of points, in which a point's nearest neighbours are all in its own.
     let layers: Vec<DVec3> = (0..9 * 9 * 5)
         .map(|n| DVec3::new((n % 9) as f64, (n / 9 % 9) as f64, 4.0 * (n / 81) as f64) * 0.1)
         .collect();
@@ -755,7 +757,7 @@ fn constant_and_missing_values_have_no_normal() {
     for (i, normal) in normals(&volume).into_iter().enumerate() {
         let expected = match i % 6 {
             0 | 1 | 5 => DVec3::ZERO,
-            // At 2 the constant ends: 7, 7, 3.
+            // At 2, the constant part ends: 7, 7, 3.
             2 => DVec3::NEG_X,
             // 7 to 4 around 3; one-sided towards 3 at 4.
             3 => DVec3::NEG_X,
@@ -776,8 +778,8 @@ fn real_volumes_are_lit() {
             ..OpenOptions::default()
         }
     };
-    // Shares of samples with a normal: nearly all in the simulated ones; the nucleon's surroundings
-    // are 0, and the cloud of particles is one of constant density in another.
+    // Fractions of samples with a normal: nearly all in the simulated data. The nucleon's
+    // surroundings are 0, and the particle cloud has constant density inside another.
     for (name, options, share) in [
         ("volumes/nucleon_41x41x41_uint8.raw", raw([41; 3]), 0.5),
         (

@@ -1,5 +1,5 @@
-//! The rasteriser's vector loops, at every level of the processor, against the plainest loop over
-//! pixels and sorted footprints, in f64.
+//! Tests the rasteriser's vector loops, at every SIMD level of the processor, against the plainest
+//! loop over pixels and sorted footprints, in f64.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::unwrap_used,
@@ -24,16 +24,17 @@ use glam::{DVec2, DVec3, Vec3};
 
 const EPS: f64 = 5.960_464_477_539_063e-8;
 
-/// An optical depth, and what f32 may make of it.
+/// Optical depth, and its largest error in f32.
 struct Depth {
     tau: f64,
     /// Largest error of tau from roundings.
     error: f64,
-    /// The whole of tau where rounding alone decides on which side of the cut-off it falls.
+    /// All of tau if rounding decides on which side of the cut-off the pixel falls.
     edge: f64,
 }
 
-/// One footprint on the affine, exact or half-line path at a pixel, f64 from its f32 words.
+/// Evaluates one footprint on the affine, exact or half-line path at a pixel, in f64 from its f32
+/// words.
 fn evaluate(frame: &Frame, f: &Footprint, terms: Option<&ExactTerms>, pixel: DVec2) -> Depth {
     let word = |v: [f32; 2]| DVec2::new(f64::from(v[0]), f64::from(v[1]));
     let d = pixel - word(f.centre_px);
@@ -44,7 +45,7 @@ fn evaluate(frame: &Frame, f: &Footprint, terms: Option<&ExactTerms>, pixel: DVe
     let rounding = |row: DVec2| 6.0 * EPS * (row * d).abs().element_sum();
     let mut q_error = 2.0 * (p_d.abs() * rounding(p) + r_d.abs() * rounding(r)) + 4.0 * EPS * q;
     let mut tau = f64::from(f.tau);
-    // The loop's own promise for exp is 3e-6.
+    // The loop's stated bound for exp is 3e-6.
     let mut relative = 4e-6;
     let cutoff = f64::from(f.cutoff_squared);
     let path = f.path & 3;
@@ -77,7 +78,7 @@ fn evaluate(frame: &Frame, f: &Footprint, terms: Option<&ExactTerms>, pixel: DVe
         let sigma = f64::from(near.sigma.max(f32::MIN_POSITIVE));
         let behind = z / sigma + f64::from(MAX_CUTOFF);
         if behind.abs() < 1e-3 {
-            // Counted or not: 1e-12 of a depth.
+            // It may count or not: 1e-12 of a depth.
             return Depth {
                 tau: 0.0,
                 error: 0.0,
@@ -110,7 +111,7 @@ fn evaluate(frame: &Frame, f: &Footprint, terms: Option<&ExactTerms>, pixel: DVe
     }
 }
 
-/// A footprint on any path at a pixel.
+/// Evaluates a footprint on any path at a pixel.
 fn depth_at(frame: &Frame, i: usize, [x, y]: [usize; 2]) -> Depth {
     let f = &frame.footprints[i];
     if f.path & 3 != PATH_NEAR {
@@ -120,12 +121,12 @@ fn depth_at(frame: &Frame, i: usize, [x, y]: [usize; 2]) -> Depth {
     let slope = |i: usize, at: usize| {
         (at as f32 + 0.5 - frame.uniform.centre_px[i]) / frame.uniform.focal_px[i]
     };
-    // The same function: `footprint_laws.rs` holds it against quadrature.
+    // This is the function under test; `footprint_laws.rs` checks it by quadrature.
     let terms = &frame.near[(f.path >> 2) as usize];
     let ray = Vec3::new(slope(0, x), slope(1, y), 1.0);
     let tau = f64::from(evaluate_near(terms, f.tau, ray, f.cutoff_squared));
-    // Cut off where the half line leaves the ellipsoid, in whole tiles; `stages.rs` holds that
-    // range against brute force. Beyond it Q, of the whole line, may still be small.
+    // The kernel is cut off where the half line leaves the ellipsoid, in whole tiles; `stages.rs`
+    // checks that range by brute force. Beyond it, Q of the whole line may still be small.
     let within = |(first, end): (u32, u32), at: usize| (first..end).contains(&(at as u32));
     let drawn = within(f.column_range(), x) && within(f.row_range(), y);
     Depth {
@@ -135,12 +136,12 @@ fn depth_at(frame: &Frame, i: usize, [x, y]: [usize; 2]) -> Depth {
     }
 }
 
-/// A judged pixel: colour, alpha, depth, and what may differ.
+/// Reference pixel: colour, alpha, depth, and the allowed differences.
 struct Pixel {
     rgba: [f64; 4],
     allowed: f64,
     depth: f32,
-    /// Rounding decides which particle passes one half.
+    /// True if rounding decides which particle passes one half.
     depth_open: bool,
 }
 
@@ -191,7 +192,7 @@ fn judge(frame: &Frame, order: &[usize], x: usize, y: usize) -> Pixel {
     out
 }
 
-/// Ellipsoids of all sizes, some of them round the eye.
+/// Returns ellipsoids of all sizes, some around the eye.
 fn particles(seed: u64) -> Vec<Particle> {
     let mut random = Random::new(seed);
     (0..260)
@@ -229,7 +230,7 @@ fn every_level_is_the_plain_loop() {
     for projection in [Projection::Perspective, Projection::Orthographic] {
         for filter in Filter::ALL {
             for linear_opacity in [false, true] {
-                // Not a multiple of the tile, nor of any vector.
+                // The size is no multiple of the tile, nor of any vector.
                 let camera = scene::camera(projection, [31.0, 27.0], [53, 37]);
                 let settings = Settings {
                     filter,
@@ -238,7 +239,7 @@ fn every_level_is_the_plain_loop() {
                     ..Settings::default()
                 };
                 let frame = Frame::new(volume(&particles), &camera, &settings);
-                // The order by a road of its own: a stable sort by key.
+                // The order comes from an independent stable sort by key.
                 let mut order: Vec<usize> = (0..frame.footprints.len())
                     .filter(|&i| frame.footprints[i].is_visible())
                     .collect();
@@ -294,14 +295,14 @@ fn every_level_is_the_plain_loop() {
          {worst_share:.2}; depth left open at {open}; footprints on the affine, exact, near and \
          half-line path {paths:?}"
     );
-    // Every path was drawn, and the depth test says something nearly everywhere.
+    // Every path was drawn, and the depth test is conclusive nearly everywhere.
     for path in [PATH_AFFINE, PATH_EXACT, PATH_NEAR, PATH_HALF_LINE] {
         assert!(paths[path as usize] >= 20, "{paths:?}");
     }
     assert!(open * 20 < pixels, "{open} of {pixels}");
 }
 
-/// The particles of `volume` with others among them, in one block with theirs.
+/// Returns the particles of `volume` with others among them, in one block with theirs.
 fn with(good: &[Particle], poison: &[(DVec3, [f32; 6], f32)]) -> PointVolume {
     use ewa_splat::scene::Particles;
     let mut all = volume(good);
@@ -336,8 +337,8 @@ fn all_finite(renderer: &Renderer) -> bool {
         .all(|c| c.is_finite())
 }
 
-/// Renders with and without the poison, under every filter, projection and level, and hands both
-/// to `check`.
+/// Renders with and without the poison, with every filter, projection and level, and passes both to
+/// `check`.
 fn poisoned(poison: &[(DVec3, [f32; 6], f32)], check: impl Fn(Filter, f32)) {
     let good = good();
     let mut clean = Renderer::new(vec![volume(&good)]).unwrap();
@@ -373,7 +374,8 @@ fn poisoned_masses_and_shapes_draw_nothing() {
         .map(|mass| (at, sphere, mass))
         .to_vec();
     for l in [NAN, INF, -INF, 1e30, f32::MAX] {
-        // A needle of 1e30 units along z would be visible by right: its depth is that across it.
+        // A needle of 1e30 units along z should be visible: its depth depends on its width across
+        // z.
         let places = if l.is_finite() { 0..1 } else { 0..6 };
         for place in places {
             let mut factor = sphere;
@@ -382,9 +384,9 @@ fn poisoned_masses_and_shapes_draw_nothing() {
         }
         poison.push((at, [l; 6], 1.0));
     }
-    // Nothing of these is visible: a kernel of 1e30 units across has a depth of 1e-30. The rest is
-    // in the same block, of the same origin: nothing moves. Only the low-pass filter alone does not
-    // ask for a shape.
+    // None of these is visible: a kernel 1e30 units wide has a depth of 1e-30. The others are in
+    // the same block with the same origin, so nothing moves. Only the pure low-pass filter does not
+    // need a shape.
     poisoned(&poison, |filter, error| {
         assert!(
             error < 1e-7 || filter == Filter::LowPass,
@@ -437,7 +439,7 @@ fn move_nothing(far: &[f64]) {
 
 #[test]
 fn every_level_counts_the_same_splat_pixels() {
-    // A multiple of the tile, and one more: at the image's border a vector may reach beyond it.
+    // A multiple of the tile, and one more: at the image's border, a vector may extend beyond it.
     for width in [64, 65] {
         let camera = scene::camera(Projection::Perspective, [31.0, 27.0], [width, 48]);
         let mut counts = Vec::new();
@@ -458,7 +460,7 @@ fn every_level_counts_the_same_splat_pixels() {
     }
 }
 
-/// The frame's pixels, depths and splat-pixels by the vector loops alone.
+/// Returns the frame's pixels, depths and splat-pixels by the vector loops alone.
 fn rasterise(frame: &Frame, level: SimdLevel) -> (Image, Vec<f32>, u64) {
     let (width, height) = (frame.camera.width, frame.camera.height);
     let mut tiles = vec![Tile::default(); frame.tiles[0] * frame.tiles[1]];
@@ -500,12 +502,12 @@ fn the_loop_of_aligned_footprints_is_the_general_one() {
         let settings = Settings {
             filter: Filter::Isotropic,
             linear_opacity,
-            // No tile stops early, which would leave a choice to rounding.
+            // No tile stops early, which would depend on rounding.
             tolerance: 1e-6,
             ..Settings::default()
         };
         let mut aligned = Frame::new(volume(&particles(4)), &camera, &settings);
-        // Round ones, and ones that are narrower along an axis.
+        // Round footprints, and footprints that are narrower along an axis.
         for (i, f) in aligned.footprints.iter_mut().enumerate() {
             let narrower = random.range(1.0, 4.0) as f32;
             match i % 3 {
@@ -517,7 +519,7 @@ fn the_loop_of_aligned_footprints_is_the_general_one() {
                 }
             }
         }
-        // A slant of 1e-30 of a pixel, far below any rounding: the general loop draws the same.
+        // A slant of 1e-30 of a pixel is far below rounding: the general loop draws the same.
         let mut general = Frame::new(volume(&particles(4)), &camera, &settings);
         general.footprints.clone_from(&aligned.footprints);
         for f in &mut general.footprints {
@@ -538,8 +540,8 @@ fn the_loop_of_aligned_footprints_is_the_general_one() {
         }
     }
     println!("largest difference {worst:.1e}");
-    // Three exponentials of 3e-6 of themselves each change a pixel by at most a share of
-    // x exp(-x) <= .37 of that; and some hundred layers' roundings of 2^-25.
+    // Three exponentials, each off by 3e-6, relative, change a pixel by at most a share of x
+    // exp(-x) <= .37 of that. Some hundred layers round by 2^-25.
     assert!(worst < 7e-6, "{worst:e}");
 }
 
@@ -591,7 +593,7 @@ fn pixels_count_the_kernels_within_their_cut_off() {
     assert!(open < 53 * 37 / 4, "{open}");
 }
 
-/// The kernels of a picture of counts, all of whose pixels are numbers.
+/// Returns the sum of kernels in a picture of counts, whose pixels must all be numbers.
 fn sum_of_counts(image: &Image) -> u64 {
     let count = |p: &[f32; 4]| {
         assert_eq!(*p, [p[0].trunc(), p[0], p[0], 1.0]);
@@ -600,12 +602,12 @@ fn sum_of_counts(image: &Image) -> u64 {
     image.pixels.iter().map(count).sum()
 }
 
-/// How many kernels a pixel has for certain, and of how many more rounding decides.
+/// Returns the number of kernels certainly at a pixel, and the number for which rounding decides.
 fn count(frame: &Frame, x: usize, y: usize) -> (usize, usize) {
     let (mut inside, mut edges) = (0, 0);
     for i in (0..frame.footprints.len()).filter(|&i| frame.footprints[i].is_visible()) {
         let depth = depth_at(frame, i, [x, y]);
-        // A depth that underflows counts or not.
+        // A depth that underflows may count or not.
         let is_edge = depth.edge > 0.0 || (depth.tau > 0.0 && depth.tau < 1e-30);
         edges += usize::from(is_edge);
         inside += usize::from(!is_edge && depth.tau > 0.0);

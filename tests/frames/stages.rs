@@ -1,4 +1,4 @@
-//! Single stages against brute force: the sort, the tiles' lists, the cull.
+//! Tests single stages against brute force: the sort, the tiles' lists, the cull.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::unwrap_used,
@@ -49,7 +49,7 @@ fn the_order_is_that_of_a_stable_sort() {
             .filter(|&i| footprints[i].rows != 0)
             .collect();
         expected.sort_by_key(|&i| footprints[i].key);
-        // What was there before is forgotten.
+        // Earlier contents are overwritten.
         let mut order = vec![7; 3];
         sort(&footprints, &mut order);
         let got: Vec<usize> = order.iter().map(|&w| w as u32 as usize).collect();
@@ -62,7 +62,8 @@ fn the_order_is_that_of_a_stable_sort() {
     }
 }
 
-/// Ellipsoids from a tenth of a pixel to half the image, some round the eye, some beside it.
+/// Returns ellipsoids from a tenth of a pixel to half the image, some around the eye, some beside
+/// it.
 fn particles(seed: u64, count: usize, ratio: f64) -> Vec<Particle> {
     let mut random = Random::new(seed);
     (0..count)
@@ -86,8 +87,8 @@ fn particles(seed: u64, count: usize, ratio: f64) -> Vec<Particle> {
         .collect()
 }
 
-/// Whether a pixel's centre lies inside the cut-off by more than rounding (true), or anywhere
-/// near it (`None`).
+/// Returns true if a pixel's centre lies inside the cut-off by more than rounding, and `None` if it
+/// is near the cut-off.
 fn inside(frame: &Frame, i: usize, x: usize, y: usize) -> Option<bool> {
     let f = &frame.footprints[i];
     let at = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
@@ -119,7 +120,7 @@ fn inside(frame: &Frame, i: usize, x: usize, y: usize) -> Option<bool> {
     }
 }
 
-/// Checks the lists of one frame; returns entries, needed entries.
+/// Checks the lists of one frame. Returns the numbers of entries and of needed entries.
 fn check_lists(frame: &Frame) -> (usize, usize) {
     let bins = frame.bins();
     let [columns, rows] = frame.tiles;
@@ -149,7 +150,8 @@ fn check_lists(frame: &Frame) -> (usize, usize) {
                 if is_inside != Some(false) {
                     by_tile[t] = true;
                 }
-                // A near kernel's range is that of its half line, in whole tiles: the next test.
+                // A near kernel's range is that of its half line, in whole tiles: see the next
+                // test.
                 if is_inside == Some(true) && !near {
                     assert!(listed[t][i], "({x}, {y}) of {f:?} is in no list");
                     let (x0, x1) = f.column_range();
@@ -197,7 +199,7 @@ fn every_tile_inside_a_cutoff_lists_the_footprint() {
 
 #[test]
 fn lopsided_outlines_of_strong_perspective_miss_no_tile() {
-    // A wide angle and kernels that reach half way to the eye: the outline's middle lies far from
+    // A wide angle, and kernels that extend half way to the eye: the outline's middle lies far from
     // the centre.
     let mut random = Random::new(8);
     let particles: Vec<Particle> = (0..400)
@@ -329,7 +331,7 @@ fn near_kernels_reach_every_tile_their_half_line_meets() {
                 let t = (d.dot(inverse * body.centre) / d.dot(inverse * d)).max(0.0);
                 let gap = d * t - body.centre;
                 let q = gap.dot(inverse * gap);
-                // A hair within the cut-off, for rounding (of K, by the square of the ratio).
+                // Slightly within the cut-off, for rounding (of K, by the square of the ratio).
                 if t > 0.0 && q < f64::from(f.cutoff_squared) * 0.998 {
                     let (x0, x1) = f.column_range();
                     let (y0, y1) = f.row_range();
@@ -349,7 +351,7 @@ fn near_kernels_reach_every_tile_their_half_line_meets() {
     assert!(checked > 50_000);
 }
 
-/// A camera whose frustum cuts through the particles.
+/// Returns a camera whose frustum cuts through the particles.
 fn cutting(projection: Projection, random: &mut Random) -> Camera {
     let mut camera = scene::camera(projection, [40.0, 50.0], [64, 48]);
     camera.camera_from_world = random.rotation();
@@ -394,8 +396,8 @@ fn the_cull_drops_nothing_that_would_draw() {
     println!("{culled} of {blocks} blocks culled; largest difference by filter {worst:?}");
     assert!(culled * 10 > blocks, "the cameras cut too little away");
     for filter in [Filter::Adaptive, Filter::Exact, Filter::UniformScaling] {
-        // Blocks keep their origins: the very same footprints. Uniform scaling enlarges kernels
-        // beyond any reach, and only what is transparent is culled for it.
+        // Blocks keep their origins, so footprints are equal. Uniform scaling enlarges kernels
+        // beyond any reach, so it culls only transparent blocks.
         assert!(worst[filter as usize] < 1e-6, "{filter:?}: {worst:?}");
     }
     for filter in [
@@ -404,8 +406,8 @@ fn the_cull_drops_nothing_that_would_draw() {
         Filter::LowPass,
         Filter::Isotropic,
     ] {
-        // The affine footprint of a kernel far off the axis reaches where the kernel itself does
-        // not: what the cull leaves out there is an error of that approximation.
+        // The affine footprint of a kernel far off the axis extends beyond the kernel itself. The
+        // cull's omissions there are an error of that approximation.
         assert!(
             worst[filter as usize] < Settings::default().tolerance,
             "{filter:?}: {worst:?}"
@@ -413,7 +415,8 @@ fn the_cull_drops_nothing_that_would_draw() {
     }
 }
 
-/// The image of all blocks, none culled: the stages of a frame, with a frustum that sees all.
+/// Draws the image of all blocks, none culled: the stages of a frame, with a frustum that contains
+/// everything.
 fn without_cull(all: &[Particle], camera: &Camera, settings: &Settings) -> ewa_splat::Image {
     use ewa_splat::stages::cpu::{RasteriseSettings, Tile, rasterise, resolve};
     let frame = Frame::uncut(volume(all), camera, settings);
@@ -448,7 +451,8 @@ fn without_cull(all: &[Particle], camera: &Camera, settings: &Settings) -> ewa_s
 
 #[test]
 fn a_particle_alone_draws_what_it_draws_in_its_block() {
-    // Each in a scene of its own is tested against the frustum alone; together they share blocks.
+    // In a scene of its own, each particle is tested against the frustum alone; together they share
+    // blocks.
     let mut random = Random::new(7);
     let mut worst = 0.0_f32;
     for round in 0..4 {
@@ -483,11 +487,12 @@ fn a_particle_alone_draws_what_it_draws_in_its_block() {
         }
     }
     println!("alone against together: {worst:.1e}");
-    // A pixel on a kernel's edge may flip: the tolerance times the depth, .02 / 6 at most.
+    // A pixel on a kernel's edge may flip: the tolerance times the depth, at most .02 / 6.
     assert!(worst < 5e-5, "{worst:e}");
 }
 
-/// 3,000 spheres whose masses and values number them, apart from poison and repeated values.
+/// Returns 3,000 spheres whose masses and values number them, except for poison and repeated
+/// values.
 fn numbered(kind: usize) -> BlockedVolume {
     let mut random = Random::new(9);
     let count = 3_000;
@@ -537,7 +542,7 @@ fn particles_of_a_block_are_in_the_order_of_their_values() {
         let StrengthIn::Classified { volumes } = &volume.strength else {
             panic!("volumes stay volumes");
         };
-        // All arrays follow.
+        // All arrays are reordered alike.
         assert_eq!(volumes, sigmas);
         for block in &volume.blocks {
             let members = block.first as usize..(block.first + block.count) as usize;
@@ -563,7 +568,7 @@ fn what_classify_leaves_out_is_invisible() {
         |v| f32::from(v <= 0.0) * 0.5,
         |v| f32::from((49.0..51.0).contains(&v)) * 0.5,
         |v| f32::from((20.0..30.0).contains(&v) || (200.0..210.0).contains(&v)) * 0.5,
-        // One entry alone.
+        // A single entry.
         |v| f32::from((v - 100.0).abs() < 0.04) * 0.5,
     ];
     let (mut seen, mut all) = (0, 0);

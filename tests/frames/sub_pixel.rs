@@ -1,4 +1,4 @@
-//! Kernels smaller than a pixel against many times finer pictures, low-passed.
+//! Compares kernels smaller than a pixel with low-passed, much finer pictures.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::unwrap_used,
@@ -16,7 +16,8 @@ use glam::DVec3;
 
 /// Pixels of the fine picture along a side of one of the coarse picture's.
 const FINER: usize = 16;
-/// Pixels that the filter reaches, and the fine picture is larger on each side: exp(-18) is left out.
+/// Reach of the filter in pixels, by which the fine picture is larger on each side: exp(-18) is
+/// omitted.
 const REACH: usize = 6;
 
 fn settings(is_lone: bool) -> Settings {
@@ -29,13 +30,13 @@ fn settings(is_lone: bool) -> Settings {
     }
 }
 
-/// What a camera of `size` x `size` pixels sees whose every pixel is a world unit wide.
+/// Draws particles with a camera of `size` x `size` pixels, each a world unit wide.
 fn draw(particles: &[Particle], size: usize, is_lone: bool) -> Image {
     let camera = scene::camera(Projection::Orthographic, [1.0; 2], [size; 2]);
     scene::render(vec![scene::volume(particles)], &camera, &settings(is_lone))
 }
 
-/// The opacities of that picture as the filter of 1 px² makes them of a fine one without a filter.
+/// Returns the picture's opacities by filtering a fine, unfiltered one with the filter of 1 px².
 fn truth(particles: &[Particle], size: usize) -> Vec<f64> {
     let fine = (size + 2 * REACH) * FINER;
     let camera = scene::camera(Projection::Orthographic, [FINER as f64; 2], [fine; 2]);
@@ -44,7 +45,7 @@ fn truth(particles: &[Particle], size: usize) -> Vec<f64> {
         ..settings(false)
     };
     let image = scene::render(vec![scene::volume(particles)], &camera, &settings);
-    // Sums at the middles of coarse pixels, along one axis after the other.
+    // Sums at the centres of coarse pixels, along one axis after the other.
     let filter = |line: &dyn Fn(usize) -> f64, i: usize| -> f64 {
         let middle = ((i + REACH) as f64 + 0.5) * FINER as f64;
         let first = i * FINER + FINER / 2;
@@ -65,7 +66,7 @@ fn truth(particles: &[Particle], size: usize) -> Vec<f64> {
     (0..size * size).map(|p| at(p % size, p / size)).collect()
 }
 
-/// The largest and the root-mean-square difference of opacities.
+/// Returns the largest and the root-mean-square difference of opacities.
 fn errors(image: &Image, truth: &[f64]) -> [f64; 2] {
     let differences = image
         .pixels
@@ -78,23 +79,23 @@ fn errors(image: &Image, truth: &[f64]) -> [f64; 2] {
     [most, (squares / truth.len() as f64).sqrt()]
 }
 
-/// Errors of the picture by depth and as of lone kernels.
+/// Returns the errors of the picture by depth and as of lone kernels.
 fn both(particles: &[Particle], size: usize) -> [[f64; 2]; 2] {
     let truth = truth(particles, size);
     [false, true].map(|is_lone| errors(&draw(particles, size, is_lone), &truth))
 }
 
-/// A sphere of peak depth `tau0`.
+/// Returns a sphere of peak depth `tau0`.
 fn sphere(x: f64, y: f64, z: f64, sigma: f64, tau0: f64) -> Particle {
     Particle::sphere(DVec3::new(x, y, z), sigma, TAU * sigma * sigma * tau0)
 }
 
 #[test]
 fn a_lone_kernel_is_as_opaque_as_it_should_be() {
-    // Off the middle of a pixel, as kernels are.
+    // Kernels generally lie away from the centre of a pixel.
     for (sigma, tau0, allowed) in [
-        // Peak and shape: a Gaussian of the filter's own width. What is allowed is the shape's
-        // share, which the published finding leaves: it grows with the kernel's area and depth.
+        // Peak and shape: a Gaussian of the filter's own width. The tolerance is the shape's error,
+        // which the published finding leaves: it grows with the kernel's area and depth.
         (0.2, 1.0, 3e-4),
         (0.2, 10.0, 1e-3),
         (0.3, 10.0, 4e-3),
@@ -132,7 +133,8 @@ fn sparse_opaque_kernels_come_nearer_to_the_truth() {
         println!(
             "{count} of sigma {sigma}, depth {tau0}: {by_depth:.4?} by depth, {lone:.4?} lone"
         );
-        // Where two share a pixel the light past one meets the other or not: neither is exact.
+        // If two share a pixel, the light past one may meet the other or not: neither rule is
+        // exact.
         assert!(
             lone[1] < 0.2 * by_depth[1] && lone[0] < 0.5 * by_depth[0],
             "{count}"
@@ -142,7 +144,7 @@ fn sparse_opaque_kernels_come_nearer_to_the_truth() {
 
 #[test]
 fn what_fills_pixels_together_becomes_too_faint() {
-    // Layers of a lattice, two samples to the pixel, kernels as wide as they are drawn by default.
+    // Layers of a lattice, two samples per pixel, with the default kernel width.
     let (spacing, sigma, size) = (0.5, 0.3, 24);
     for (layers, tau) in [(1, 1.0), (1, 4.0), (8, 1.0), (8, 4.0)] {
         let mut particles = Vec::new();
@@ -160,7 +162,7 @@ fn what_fills_pixels_together_becomes_too_faint() {
             "{layers} layers of depth {tau}: {:.5} by depth, {:.5} lone",
             by_depth[0], lone[0]
         );
-        // The uniform field is what depths are right for: the lattice's ripple, exp's 4e-7 of many.
+        // Depths are right for the uniform field: the lattice's ripple, and exp's 4e-7 of many.
         assert!(by_depth[0] < 3e-3);
         assert!(
             lone[0] > by_depth[0],

@@ -1,5 +1,5 @@
-//! Laws of surfels: Heckbert's EWA filter on a textured plane, the continuum from volume kernels,
-//! coverage, depth, normals, occlusion, and volumes that surfaces cut.
+//! Tests laws of surfels: Heckbert's EWA filter on a textured plane, the continuum from volume
+//! kernels, coverage, depth, normals, occlusion, and volumes that surfaces cut.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::unwrap_used,
@@ -22,14 +22,14 @@ use ewa_splat::{Backend, Image, Renderer, Settings};
 use glam::{DMat3, DVec2, DVec3};
 use serde_json::Value;
 
-/// The case of that name.
+/// Returns the case of that name.
 fn case(name: &str) -> Value {
     let all = fixture("analytic_cases.json");
     let found = all.as_array().unwrap().iter().find(|c| c["name"] == name);
     found.unwrap().clone()
 }
 
-/// A round surfel.
+/// Round surfel.
 #[derive(Debug, Clone, Copy)]
 struct Disc {
     position: DVec3,
@@ -65,7 +65,7 @@ fn discs(discs: &[Disc], is_one_sided: bool) -> PointVolume {
     }
 }
 
-/// A square of (2 half + 1)² surfels of width .6 around `centre`.
+/// Returns a square of (2 half + 1)² surfels of width .6 around `centre`.
 fn plane(
     centre: DVec3,
     [u, v]: [DVec3; 2],
@@ -89,7 +89,7 @@ fn plane(
         .collect()
 }
 
-/// Surfels spread evenly over a sphere, along a spiral.
+/// Returns surfels spread evenly over a sphere, along a spiral.
 fn sphere(count: usize, centre: DVec3, radius: f64, colour: [f32; 3]) -> Vec<Disc> {
     let turn = PI * (3.0 - 5.0_f64.sqrt());
     let area = 4.0 * PI * radius * radius / count as f64;
@@ -109,7 +109,7 @@ fn sphere(count: usize, centre: DVec3, radius: f64, colour: [f32; 3]) -> Vec<Dis
         .collect()
 }
 
-/// A camera at the origin that looks along z, with x to the right and y down.
+/// Returns a camera at the origin that looks along z, with x to the right and y down.
 fn camera(projection: Projection, focal: f64, size: [usize; 2]) -> Camera {
     let mut camera = match projection {
         Projection::Perspective => {
@@ -123,12 +123,12 @@ fn camera(projection: Projection, focal: f64, size: [usize; 2]) -> Camera {
     camera
 }
 
-/// A renderer of the scene on the CPU.
+/// Returns a renderer of the scene on the CPU.
 fn renderer(scene: Vec<PointVolume>) -> Renderer {
     Renderer::with_backend(scene, Backend::Cpu).unwrap()
 }
 
-/// Holds the picture of a scene on the GPU to the CPU's, where there is a GPU.
+/// Compares the GPU's picture of a scene with the CPU's, if there is a GPU.
 #[cfg(feature = "gpu")]
 fn hold(scene: &[PointVolume], view: &Camera, settings: &Settings) {
     let Some(gpu) = crate::common::gpu::gpu() else {
@@ -146,26 +146,27 @@ fn hold(scene: &[PointVolume], view: &Camera, settings: &Settings) {
     assert!(worst < 2e-5, "{worst} between the back ends");
 }
 
-/// What tiles' lists leave out of surfels' weights, by the rasteriser's own formula.
+/// Omissions of the tiles' lists, by the rasteriser's own formula.
 #[derive(Debug, Default, Clone, Copy)]
 struct LeftOut {
-    /// Tiles that hold a pixel with a weight and do not list the surfel.
+    /// Tiles with a pixel of positive weight that do not list the surfel.
     tiles: usize,
-    /// The greatest weight there, as a share of the surfel's at its centre.
+    /// Greatest weight there, relative to the surfel's at its centre.
     weight: f64,
-    /// The sum of weights there, as a share of all of the surfel's.
+    /// Sum of weights there, relative to the sum of the surfel's.
     share: f64,
-    /// Tiles with a weight, and those that list a surfel.
+    /// Tiles with a weight, and tiles that list a surfel.
     touched: usize,
     listed: usize,
 }
 
-/// Of a frame's surfels in front of the camera plane; the shares are the worst surfel's.
+/// Measures a frame's surfels in front of the camera plane; fractions are those of the worst
+/// surfel.
 fn left_out(frame: &Frame) -> LeftOut {
     left_out_of(frame, &frame.bins())
 }
 
-/// The same, were surfels listed by their affine ellipses.
+/// Measures the same if surfels were listed by their affine ellipses.
 fn left_out_by_ellipses(frame: &Frame) -> LeftOut {
     let mut bins = Bins::default();
     cpu::bin(
@@ -246,7 +247,7 @@ fn every_pixel_that_a_surfel_reaches_lies_in_a_tile_that_lists_it() {
     };
     let view = camera(Projection::Perspective, 500.0, [4096, 4096]);
     let frame = |all: &[Disc]| Frame::new(discs(all, false), &view, &Settings::default());
-    // What their affine ellipses would leave out: tiles, the greatest weight and the share of all weights.
+    // Omissions of affine ellipses: tiles, the greatest weight and the share of all weights.
     for (tilt, sigma, missed, weight, share) in [
         (60.0, 0.2, 734, 0.098, 0.0858),
         (30.0, 0.1, 44, 0.0168, 0.0033),
@@ -260,7 +261,8 @@ fn every_pixel_that_a_surfel_reaches_lies_in_a_tile_that_lists_it() {
         println!("tilt {tilt}, sigma {sigma}: {found:?}, by ellipses {by_ellipses:?}");
         assert!(found.touched > 0, "{found:?}");
         assert_eq!(found.tiles, 0, "tilt {tilt}, sigma {sigma}: {found:?}");
-        // The test is exact: a tile more here and there, where an outline passes between pixel centres.
+        // The test is exact, except for a tile here and there where an outline passes between pixel
+        // centres.
         assert!(found.listed * 100 <= found.touched * 101, "{found:?}");
         if missed > 0 {
             // A tile more or less, by roundings.
@@ -297,7 +299,7 @@ fn every_pixel_that_a_surfel_reaches_lies_in_a_tile_that_lists_it() {
     assert!(seen.touched > 10_000, "{seen:?}");
 }
 
-/// The true picture of a scene.
+/// Returns the reference image of a scene.
 fn truth(scene: &[PointVolume], view: &Camera, error: f64) -> ReferenceFrame {
     let settings = ReferenceSettings {
         error,
@@ -307,7 +309,7 @@ fn truth(scene: &[PointVolume], view: &Camera, error: f64) -> ReferenceFrame {
     integrator.render(view, &settings).unwrap()
 }
 
-/// How far a picture is from the true one: the worst channel of a pixel, and the root of the mean square.
+/// Compares a picture with the reference: the worst channel of a pixel, and the root mean square.
 fn from_truth(picture: &Image, truth: &ReferenceFrame) -> (f64, f64) {
     let channels = picture.pixels.iter().flatten().map(|&c| f64::from(c));
     let pairs = channels.zip(truth.pixels.iter().flatten());
@@ -320,8 +322,8 @@ fn from_truth(picture: &Image, truth: &ReferenceFrame) -> (f64, f64) {
     (worst, f64::sqrt(squares / count))
 }
 
-/// Of a wide surfel at the camera plane, seen nearly along itself: by which share of its peak a pixel at
-/// its horizon may be off.
+/// Largest error at the horizon of a wide surfel at the camera plane, seen nearly edge on, relative
+/// to its peak.
 const NEAR_HORIZON: f64 = 0.07;
 
 #[test]
@@ -330,7 +332,7 @@ fn single_surfels_are_those_of_the_independent_truth() {
         tolerance: 1e-3,
         ..Settings::default()
     };
-    // Weights of .4 at most: coverage is the weight itself, and nothing else is a convention.
+    // Weights are at most .4, so coverage is the weight itself, and no other convention matters.
     let peak = 0.4;
     let disc = |position: DVec3, tilt: f64, sigma: f64| Disc {
         position,
@@ -358,13 +360,14 @@ fn single_surfels_are_those_of_the_independent_truth() {
                 println!(
                     "{projection:?}, tilt {tilt}, sigma {sigma}: {worst:.1e}, rms {rms:.1e}, near {near}"
                 );
-                // Where it is cut off, a tolerance of the peak. In perspective the filter is that of the
-                // centre, carried along by the plane's homography: over its own width of a pixel the
-                // nearness changes by tan(tilt) / focal, half of which was measured, as a share of the peak.
+                // The cut-off omits a tolerance of the peak. In perspective, the filter is that of
+                // the centre, carried along by the plane's homography. Over the filter's width of a
+                // pixel, the nearness changes by tan(tilt) / focal; half of it was measured,
+                // relative to the peak.
                 let slope = tilt.to_radians().tan() / focal * in_perspective;
                 let allowed = peak * (1.25e-3 + 0.55 * slope);
-                // What reaches the camera plane is not filtered: towards its horizon the weight falls to 0
-                // within a pixel.
+                // A surfel that reaches the camera plane is not filtered: towards its horizon, the
+                // weight falls to 0 within a pixel.
                 let allowed = if near > 0 && sigma > 1.0 && tilt > 60.0 {
                     NEAR_HORIZON * peak
                 } else {
@@ -385,7 +388,7 @@ fn planes_of_many_surfels_and_surfaces_in_volumes_are_those_of_the_truth() {
         tolerance: 1e-3,
         ..Settings::default()
     };
-    // A wave on a slanting plane that runs out of the picture, 2 px and more per surfel.
+    // A wave on an oblique plane that runs out of the picture, with 2 px and more per surfel.
     let turn = DMat3::from_rotation_x(50.0_f64.to_radians());
     let axes = [turn * DVec3::X, turn * DVec3::NEG_Y];
     let wave = |at: DVec2| [0.5 + 0.5 * (4.0 * at.x).cos() as f32, 0.5, 0.2];
@@ -413,7 +416,7 @@ fn planes_of_many_surfels_and_surfaces_in_volumes_are_those_of_the_truth() {
         let picture = renderer.render(&view, &settings).unwrap();
         let truth = truth(&scene, &view, 1e-3);
         let (worst, rms) = from_truth(picture, &truth);
-        // Where the surface covers the pixel in both.
+        // Pixels that the surface covers in both.
         let pairs = picture.pixels.iter().zip(&truth.pixels);
         let (mut inside, mut colours) = (0, 0.0_f64);
         for (got, truth) in pairs.filter(|(got, truth)| truth[3] > 0.98 && got[3] > 0.98) {
@@ -428,9 +431,9 @@ fn planes_of_many_surfels_and_surfaces_in_volumes_are_those_of_the_truth() {
              stated {:.1e}, {} rays",
             truth.error, truth.rays
         );
-        // Along edges coverage counts from .85 of it on. Inside, the renderer averages filtered weights and
-        // the truth filters averages: .032 was measured where a wave of amplitude .5 is seen slantwise,
-        // .018 in fog, whose kernels overlap in depth.
+        // Along edges, coverage counts from .85 on. Inside, the renderer averages filtered weights,
+        // and the reference filters averages. .032 was measured for a wave of amplitude .5 seen
+        // obliquely, .018 in fog, whose kernels overlap in depth.
         assert!(worst < 0.15 && rms < 0.012, "{what}: {worst}, {rms}");
         assert!(
             inside > 300 && colours < 0.04,
@@ -439,8 +442,8 @@ fn planes_of_many_surfels_and_surfaces_in_volumes_are_those_of_the_truth() {
     }
 }
 
-/// The amplitude of a grating in the image's red channel: twice the mean product with a unit wave of
-/// the phase that is found.
+/// Returns the amplitude of a grating in the image's red channel: twice the mean product with a
+/// unit wave of the fitted phase.
 fn amplitude(samples: impl Iterator<Item = (f64, f64)>) -> f64 {
     let (mut c, mut s, mut n) = (0.0, 0.0, 0.0);
     for (phase, value) in samples {
@@ -476,10 +479,10 @@ fn a_textured_plane_is_heckberts_filter() {
     });
     let found = amplitude(samples);
     let expected = number(&facing, "/expected/amplitude");
-    // The lattice's own ripple at sigma = .6 spacings (with the low-pass filter .85): below 1e-4.
+    // The lattice's own ripple at sigma = .6 spacings (with the low-pass filter .85) is below 1e-4.
     assert!((found - expected).abs() < 1e-4, "{found} for {expected}");
 
-    // Tilted by 50 degrees: another variance along each axis of the image.
+    // Tilted by 50 degrees, the image's axes have different variances.
     let tilted = case("textured_plane_tilted_50deg");
     let tilt = number(&tilted, "/input/tilt_deg").to_radians();
     let [fx, fy] = numbers(&tilted, "/input/plane_freq")[..] else {
@@ -501,7 +504,7 @@ fn a_textured_plane_is_heckberts_filter() {
     hold(&[discs(&surface, false)], &view, &settings);
     let image = tilted_renderer.render(&view, &settings).unwrap();
     let pixels = (0..size[1]).flat_map(|y| (0..size[0]).map(move |x| (x, y)));
-    // Whole periods: 100 px are 3 periods of .6/20 along x; the phase runs along both.
+    // Whole periods: 100 px are 3 periods of .6/20 along x; the phase changes along both axes.
     let samples = pixels.map(|(x, y)| {
         let at = DVec2::new(x as f64 + 0.5 - 50.0, y as f64 + 0.5 - 32.0) / scale;
         let phase = TAU * (fx * at.x - fy * at.y / tilt.cos());
@@ -511,14 +514,14 @@ fn a_textured_plane_is_heckberts_filter() {
     let expected = number(&tilted, "/expected/amplitude");
     // The mean over a window of whole periods along x alone leaves 1e-3 of the other phase.
     assert!((found - expected).abs() < 2e-3, "{found} for {expected}");
-    // At the wave's crests and troughs it is the amplitude itself.
+    // At the wave's crests and troughs, the value is the amplitude itself.
     let centre = f64::from(image.pixel(50, 32)[0] + image.pixel(49, 31)[0]) - 1.0;
     assert!((centre / expected - 1.0).abs() < 0.02, "{centre}");
 }
 
 #[test]
 fn colours_are_means_and_a_plane_is_covered() {
-    // Whatever the ripple of the weights, one colour stays that colour.
+    // One colour stays that colour, whatever the ripple of the weights.
     for spacing_px in [0.3, 1.0, 4.0, 20.0] {
         let size = [48, 48];
         let view = camera(Projection::Perspective, 60.0, size);
@@ -586,7 +589,7 @@ fn a_spheres_silhouette_is_as_soft_as_the_filter() {
                 } else {
                     worst = worst.max((alpha - expected).abs());
                 }
-                // Where the surface lies, from the ray.
+                // The position of the surface, from the ray.
                 if margin > 4.0 {
                     let (origin, ray) = match projection {
                         Projection::Perspective => (DVec3::ZERO, (offset / focal).extend(1.0)),
@@ -610,7 +613,7 @@ fn a_spheres_silhouette_is_as_soft_as_the_filter() {
             }
         }
         assert!(inside > 5_000);
-        // What COVERAGE_FULL takes for full: .15 of a pixel's coverage at most.
+        // COVERAGE_FULL counts as full: at most .15 of a pixel's coverage.
         println!("{projection:?}: silhouette off by {worst} at most");
         assert!(worst < 0.15, "{worst}");
     }
@@ -628,7 +631,7 @@ fn nearer_surfaces_hide_farther_ones_whatever_the_order() {
     let mut first = renderer(vec![discs(&all, true)]);
     let settings = Settings::default();
     let image = first.render(&view, &settings).unwrap().clone();
-    // The middle of each shows nothing of what lies behind: a tenth of a thousandth is the cut-off.
+    // The middle of each shows nothing behind it: the cut-off is a tenth of a thousandth.
     let at = |x: f64, y: f64, z: f64| {
         image.pixel(
             (48.0 + 100.0 * x / z) as usize,
@@ -646,8 +649,8 @@ fn nearer_surfaces_hide_farther_ones_whatever_the_order() {
         }
     }
     assert!(image.pixels.iter().all(|p| (p[3] - 1.0).abs() < 1e-5));
-    // The order of surfels decides ties of f32 sums and which layer a fragment within the slack of
-    // two joins, along silhouettes.
+    // The order of surfels decides ties of f32 sums, and which layer takes a fragment within the
+    // slack of two, along silhouettes.
     let mut random = Random::new(9);
     for i in (1..all.len()).rev() {
         all.swap(i, random.index(i + 1));
@@ -672,7 +675,7 @@ fn nearer_surfaces_hide_farther_ones_whatever_the_order() {
 fn surfels_of_one_side_are_not_seen_from_behind() {
     let view = camera(Projection::Perspective, 60.0, [32, 32]);
     let grey = |_| [0.5; 3];
-    // Seen along its normal: from behind.
+    // Seen along its normal, that is from behind.
     let back = plane(DVec3::Z * 3.0, [DVec3::X, DVec3::Y], 0.05, 60, grey);
     let mut one = renderer(vec![discs(&back, true)]);
     let image = one.render(&view, &Settings::default()).unwrap();
@@ -682,7 +685,7 @@ fn surfels_of_one_side_are_not_seen_from_behind() {
     assert!(image.pixels.iter().all(|p| p[3] == 1.0));
 }
 
-/// A floor of large surfels that the eye stands on: some reach behind it.
+/// The eye stands on a floor of large surfels, some of which extend behind it.
 #[test]
 fn a_floor_reaches_the_eye() {
     let size = [64, 64];
@@ -710,7 +713,7 @@ fn a_floor_reaches_the_eye() {
                 "{x},{y}: {:?}",
                 image.pixel(x, y)
             );
-            // The floor's own depth: exact for planes, but for the low-pass filter's mean of it,
+            // The floor's own depth: exact for planes, except for the low-pass filter's mean of it,
             // (h / 32)² / slope³.
             let z = f64::from(depth.depths[y * size[0] + x]);
             let allowed = 2e-3 + 1.5 / 1024.0 / slope.powi(3);
@@ -721,7 +724,7 @@ fn a_floor_reaches_the_eye() {
             );
         }
     }
-    // Above the horizon there is nothing.
+    // There is nothing above the horizon.
     assert!((0..24).all(|y| (0..64).all(|x| image.pixel(x, y)[3] < 1e-3)));
 }
 
@@ -735,7 +738,7 @@ fn scale_and_place_of_the_scene_do_not_matter() {
             .unwrap()
             .clone()
     };
-    // Powers of two change no rounding; a far origin costs f64 roundings of positions alone.
+    // Powers of two change no rounding; a far origin costs only f64 roundings of positions.
     for (scale, origin, allowed) in [
         (2.0_f64.powi(-40), DVec3::ZERO, 1e-6),
         (2.0_f64.powi(40), DVec3::ZERO, 1e-6),
@@ -762,7 +765,7 @@ fn two_spheres(scale: f64, origin: DVec3) -> Vec<Disc> {
     all
 }
 
-/// A cloud of spheres in front of the camera, some hundred layers.
+/// Returns a cloud of spheres in front of the camera, some hundred layers.
 fn fog(
     spacing: f64,
     dims: [i32; 3],
@@ -793,7 +796,7 @@ fn fog(
 
 #[test]
 fn fog_in_front_of_a_wall_is_integrated_up_to_it() {
-    // Uniform fog from z = 2 on, a wall at z = 4: transmittance exp(-.5 x 2) along the axis.
+    // Uniform fog from z = 2 on, and a wall at z = 4: transmittance exp(-.5 x 2) along the axis.
     let view = camera(Projection::Orthographic, 24.0, [32, 32]);
     let (spacing, extinction) = (0.1, 0.5);
     let cloud = fog(
@@ -820,7 +823,7 @@ fn fog_in_front_of_a_wall_is_integrated_up_to_it() {
             assert!((red - through).abs() < 0.01, "{red} for {through}");
             assert!((green - (1.0 - through)).abs() < 0.01, "{green}");
             assert!(blue == 0.0 && (alpha - 1.0).abs() < 1e-5);
-            // Half the light is gone within the fog: at 2 + ln 2 / .5, by steps of a layer.
+            // Half the light is absorbed within the fog: at 2 + ln 2 / .5, to within a layer.
             let depth = f64::from(both.depth().unwrap().depths[y * 32 + x]);
             assert!(
                 (depth - (2.0 + 2.0_f64.ln() / extinction)).abs() < 0.15,
@@ -845,7 +848,7 @@ fn a_wall_through_a_kernels_centre_leaves_half_of_it() {
             (-0.5, 0.841_344_75),
             (9.0, 0.0),
         ] {
-            // One kernel of sigma .5 and depth 1 at z = 5, the wall `behind` it towards the eye.
+            // One kernel of sigma .5 and depth 1 at z = 5; the wall is `behind` it towards the eye.
             let mass = 1.0 * TAU * 0.25;
             let ball = PointVolume {
                 particles: Particles::Isotropic {
@@ -878,7 +881,7 @@ fn a_wall_through_a_kernels_centre_leaves_half_of_it() {
             let mut scene = renderer(scene);
             let pixel = scene.render(&view, &settings).unwrap().pixel(16, 16);
             let expected = 1.0 - (-share as f32).exp();
-            // Surfels of .012 and a filter of a hundredth of a pixel: the wall is a plane.
+            // With surfels of .012 and a filter of a hundredth of a pixel, the wall is a plane.
             assert!(
                 (pixel[1] - expected).abs() < 2e-4,
                 "{behind}: {pixel:?} for {expected}"
@@ -890,7 +893,7 @@ fn a_wall_through_a_kernels_centre_leaves_half_of_it() {
 
 #[test]
 fn what_lies_behind_shows_beside_a_silhouette() {
-    // The edge of a half plane, fog wholly behind it: coverage times red, the rest green.
+    // The edge of a half plane, with fog entirely behind it: coverage times red, the rest green.
     let view = camera(Projection::Orthographic, 20.0, [40, 24]);
     let wall = plane(
         DVec3::new(-3.02, 0.0, 3.0),
@@ -942,7 +945,7 @@ fn a_panes_opacity_does_not_depend_on_its_tilt() {
 
 #[test]
 fn flattened_kernels_become_surfels() {
-    // A bumpy sheet of ellipsoids, flattened along its own normals.
+    // A bumpy sheet of ellipsoids, flattened along their own normals.
     let mut random = Random::new(3);
     let kernels: Vec<(DVec3, DMat3, DVec3)> = (0..400)
         .map(|i| {
@@ -1001,11 +1004,11 @@ fn flattened_kernels_become_surfels() {
     };
     let distances = [1.0, 4.0, 16.0, 64.0, f64::INFINITY].map(distance);
     println!("flattened by 1, 4, 16, 64, infinity: {distances:?} from surfels");
-    // The covariance between the normal and the tangents falls as 1/s: so does the difference,
+    // The covariance between the normal and the tangents falls as 1/s. So does the difference,
     // fourfold per step once it is small.
     assert!(distances[0] > 0.05);
     assert!(distances[2] < distances[1] / 3.6 && distances[3] < distances[2] / 3.6);
-    // The same kernels in two forms: roundings of their factors.
+    // The same kernels in two forms differ by roundings of their factors.
     assert!(distances[4] < 2e-5);
 }
 
@@ -1039,7 +1042,7 @@ fn poison_draws_nothing_and_spoils_nothing() {
             },
         ) = (&mut volume.particles, &mut broken.particles)
         {
-            // Broken ones besides the sound ones, each in another number.
+            // Invalid surfels lie beside the sound ones, each with another invalid number.
             for i in 0..12 {
                 positions.push(
                     places[i]
@@ -1072,10 +1075,10 @@ fn poison_draws_nothing_and_spoils_nothing() {
     }
 }
 
-/// The share of pixels that differ by more than a hundredth or are no numbers.
+/// Returns the fraction of pixels that differ by more than a hundredth or are not numbers.
 fn share_that_differs(a: &[[f32; 4]], b: &[[f32; 4]]) -> f64 {
     let differs = |(a, b): (&[f32; 4], &[f32; 4])| {
-        // Phrased so that NaN counts.
+        // The comparison counts NaN.
         !a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 0.01)
     };
     let count = a.iter().zip(b).filter(|&pair| differs(pair)).count();

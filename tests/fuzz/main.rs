@@ -1,5 +1,5 @@
-//! Damaged files of every format, read and sampled: no panic, no hang, and never more memory
-//! than a small multiple of the file.
+//! Reads and samples damaged files of every format: no panic, no hang, and never more memory than a
+//! small multiple of the file.
 //!
 //! `EWA_FUZZ_CASES` sets the number of damaged files.
 
@@ -31,11 +31,11 @@ use support::damage::{apply, damage};
 use support::seeds::Set;
 use support::{Plot3dBlock, Plot3dEncoding, VtkEncoding, VtkPiece};
 
-/// Bytes allocated now, and the most there were since it was last set.
+/// Number of bytes allocated now, and the largest number since the last reset.
 static NOW: AtomicUsize = AtomicUsize::new(0);
 static MOST: AtomicUsize = AtomicUsize::new(0);
 
-/// The system's allocator, counting.
+/// The system's allocator with counters.
 struct Counting;
 
 #[allow(
@@ -71,20 +71,22 @@ fn count(size: usize) {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// What reading a file of `len` bytes may allocate: a constant for tables and decoders, and some numbers for each byte.
+/// Returns the most bytes that reading a file of `len` bytes may allocate: a constant for tables
+/// and decoders, and some numbers for each byte.
 fn most_read(len: usize) -> usize {
     (64 << 20) + 16 * len
 }
 
-/// The same, with sampling: a multiple for positions, factors and values.
+/// Returns the same limit with sampling: a multiple for positions, factors and values.
 fn most_sampled(len: usize) -> usize {
     (64 << 20) + 64 * len
 }
 
-/// Far more than any file of some thousand bytes needs, even on a busy machine.
+/// Longest time for a file: far more than a file of some thousand bytes needs, even on a busy
+/// machine.
 const LONGEST: Duration = Duration::from_secs(5);
 
-/// Sound files that can be sampled.
+/// Returns sound files that can be sampled.
 fn seeds() -> Vec<Set> {
     let fixture = |name: &str| {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
@@ -120,7 +122,7 @@ fn seeds() -> Vec<Set> {
 
     let mut with_solutions = Vec::new();
     for encoding in Plot3dEncoding::all() {
-        // A solution and functions beside each grid, so that there is something to sample.
+        // A solution and functions lie beside each grid, so that there is something to sample.
         let [functions, grid, solution] = [2, 3, 5].map(|per_node| cubes(encoding, per_node));
         with_solutions.push(Set {
             files: vec![
@@ -151,8 +153,8 @@ fn seeds() -> Vec<Set> {
     alone.chain(with_solutions).collect()
 }
 
-/// Two cubes beside each other, or one where the encoding holds no more: their nodes, or so
-/// many other numbers of each node.
+/// Returns the nodes of two adjacent cubes, or of one if the encoding allows no more; or `per_node`
+/// other numbers of each node.
 fn cubes(encoding: Plot3dEncoding, per_node: usize) -> Vec<Plot3dBlock> {
     let cube = |x: f64| {
         let nodes = (0..27).map(|i| [i % 3, i / 3 % 3, i / 9].map(f64::from));
@@ -181,11 +183,11 @@ fn options(path: &Path) -> OpenOptions {
     }
 }
 
-/// What was made of a file, and what that took.
+/// Result of a file, with its time and memory.
 struct Answer {
     is_read: bool,
     is_sampled: bool,
-    /// The most bytes that were allocated at a time until the file was read, and in all.
+    /// Most bytes allocated at a time, until the file was read and in all.
     bytes: [usize; 2],
     time: Duration,
 }
@@ -228,7 +230,7 @@ fn answer(path: &Path) -> Answer {
     }
 }
 
-/// Draws a scene as small as can be.
+/// Draws a scene at a tiny size.
 #[cfg(feature = "prepared")]
 fn draw(scene: PreparedScene) -> ewa_splat::Result<()> {
     let mut renderer = Renderer::of_prepared(vec![scene])?;
@@ -237,7 +239,7 @@ fn draw(scene: PreparedScene) -> ewa_splat::Result<()> {
     renderer.render(&camera, &Settings::default()).map(drop)
 }
 
-/// Scenes with all columns that files may have, and some with few.
+/// Returns prepared scenes with all columns that files may have, and some with few.
 #[cfg(feature = "prepared")]
 fn scenes(folder: &Path) -> Vec<Set> {
     let path = folder.join("scene.arrow");
@@ -278,7 +280,7 @@ fn scenes(folder: &Path) -> Vec<Set> {
     all.into_iter().map(of).collect()
 }
 
-/// What came of the damaged files of one format.
+/// Statistics of the damaged files of one format.
 #[derive(Default)]
 struct Count {
     files: usize,
@@ -288,7 +290,7 @@ struct Count {
     longest: Duration,
 }
 
-/// Sound files of one format: each is a folder with what it names, written before, and the file that is opened.
+/// Sound files of one format, written to a folder, with the file to open.
 struct Seed {
     folder: PathBuf,
     set: Set,
@@ -310,7 +312,7 @@ impl Seed {
         std::fs::write(path, bytes).unwrap();
     }
 
-    /// The file that is opened.
+    /// Returns the path of the file to open.
     fn path(&self) -> PathBuf {
         self.folder.join(self.set.opened())
     }
@@ -320,7 +322,7 @@ impl Seed {
     }
 }
 
-/// One test, because the allocations of another would be counted with it.
+/// All cases form one test, because the allocations of another would be counted with it.
 #[test]
 fn damaged_files_cost_no_more_than_sound_ones() {
     let folder = tempfile::tempdir().unwrap();
@@ -330,7 +332,7 @@ fn damaged_files_cost_no_more_than_sound_ones() {
         Seed::new(folder.path().join(count.to_string()), set)
     };
 
-    // Those of this file are whole; not all of the other tests' have a volume.
+    // This file's own seeds are complete; not all seeds of other tests give a volume.
     let own = seeds();
     #[cfg(feature = "prepared")]
     let own = own.into_iter().chain(scenes(folder.path()));
@@ -342,7 +344,7 @@ fn damaged_files_cost_no_more_than_sound_ones() {
             answer.is_read && answer.is_sampled,
             "{name} is no sound file"
         );
-        // What is mapped is not allocated.
+        // Mapped memory is not allocated.
         let is_mapped = name.ends_with(".arrow");
         assert!(
             is_mapped || answer.bytes[1] > seed.len(),
@@ -355,7 +357,7 @@ fn damaged_files_cost_no_more_than_sound_ones() {
         .map(|file| Set { files: vec![file] });
     let others: Vec<Seed> = others.chain(support::seeds::sets()).map(seed).collect();
 
-    // By format, so that each is damaged as often as the others.
+    // Cases are grouped by format, so that each is damaged equally often.
     let mut by_format: BTreeMap<&str, Vec<Seed>> = BTreeMap::new();
     for seed in own.into_iter().chain(others) {
         let path = seed.path();

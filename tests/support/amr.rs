@@ -1,23 +1,23 @@
-//! Levels of refinement as files: AMReX's plotfiles and VTK's XML.
+//! Writes levels of refinement as files: AMReX's plotfiles and VTK's XML.
 
 use std::fmt::Write as _;
 
 use super::{VtkEncoding, VtkPiece, float32, vti};
 
-/// A level: how far apart the nodes of its lattice are, and the first and the last cell of each box.
+/// Level: the node spacing of its lattice, and the first and the last cell of each box.
 pub(crate) struct Level {
     pub(crate) spacing: f64,
     pub(crate) boxes: Vec<[[i64; 3]; 2]>,
 }
 
-/// Names and contents of files; the first says what the others are.
+/// Names and contents of files; the first one names the others.
 pub(crate) type Files = Vec<(String, Vec<u8>)>;
 
 fn counts([first, last]: [[i64; 3]; 2]) -> [i64; 3] {
     [0, 1, 2].map(|axis| last[axis] - first[axis] + 1)
 }
 
-/// A value for each cell of a box by its centre and its level, x fastest.
+/// Returns a value for each cell of a box by its centre and its level, x fastest.
 fn values(
     level: usize,
     of: &Level,
@@ -37,7 +37,8 @@ fn text([first, last]: [[i64; 3]; 2]) -> String {
     format!("(({}) ({}) (0,0,0))", join(first), join(last))
 }
 
-/// A plotfile of one field, in doubles of either byte order, each box with so many ghosts around it.
+/// Writes a plotfile of one field, in doubles of either byte order, with `ghosts` ghost cells
+/// around each box.
 pub(crate) fn plotfile(
     levels: &[Level],
     big_endian: bool,
@@ -101,7 +102,7 @@ pub(crate) fn plotfile(
     files
 }
 
-/// The same as VTK's XML: a list, and an image for each box.
+/// Writes the same data as VTK's XML: a list, and an image for each box.
 pub(crate) fn vthb(
     levels: &[Level],
     is_old: bool,
@@ -129,7 +130,7 @@ pub(crate) fn vthb(
             )
             .unwrap();
             let [nx, ny, nz] = counts(ends);
-            // Of the few boxes of a test.
+            // The leak is small: a test has few boxes.
             let extent: &'static str = format!("0 {nx} 0 {ny} 0 {nz}").leak();
             let origin = a.map(|n| (n as f64 * level.spacing).to_string()).join(" ");
             #[allow(
@@ -164,7 +165,7 @@ pub(crate) fn vthb(
     files
 }
 
-/// A cube of side 8: two levels, the finer in two boxes in its middle.
+/// Returns a cube of side 8 with two levels, the finer in two boxes in its middle.
 pub(crate) fn nested() -> Vec<Level> {
     vec![
         Level {

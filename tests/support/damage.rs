@@ -1,4 +1,4 @@
-//! Ways to damage a sound file.
+//! Damages sound files at random.
 
 use proptest::prelude::*;
 
@@ -19,7 +19,7 @@ pub(crate) enum Damage {
     Digit(f64, u8),
 }
 
-/// Any one damage.
+/// Returns any one damage.
 pub(crate) fn damage() -> impl Strategy<Value = Damage> {
     let at = 0.0..1.0_f64;
     let extreme = prop_oneof![
@@ -40,7 +40,7 @@ pub(crate) fn damage() -> impl Strategy<Value = Damage> {
     ]
 }
 
-/// Does it.
+/// Applies a damage.
 pub(crate) fn apply(bytes: &mut Vec<u8>, damage: &Damage) {
     let len = bytes.len();
     let index = |at: f64| (at * len as f64) as usize;

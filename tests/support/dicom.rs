@@ -1,6 +1,6 @@
 //! Writes DICOM files, element by element.
 
-/// How elements are laid out.
+/// Layout of elements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Coding {
     Explicit,
@@ -10,7 +10,7 @@ pub(crate) enum Coding {
 
 pub(crate) const EXPLICIT: &str = "1.2.840.10008.1.2.1";
 
-/// A data set that is being written.
+/// Data set under construction.
 #[derive(Debug, Clone)]
 pub(crate) struct Dicom {
     pub(crate) coding: Coding,
@@ -71,7 +71,7 @@ impl Dicom {
         self
     }
 
-    /// A sequence of these items, with lengths or with delimiters.
+    /// Adds a sequence of these items, with lengths or with delimiters.
     pub(crate) fn sequence(mut self, tag: u32, items: &[Self], has_lengths: bool) -> Self {
         if has_lengths {
             let len: usize = items.iter().map(|item| 8 + item.bytes.len()).sum();
@@ -93,7 +93,7 @@ impl Dicom {
         self
     }
 
-    /// Packed pixels: an empty table of offsets, then these.
+    /// Adds compressed pixels: an empty offset table, then the fragments.
     pub(crate) fn packed(mut self, fragments: &[&[u8]]) -> Self {
         self.header(0x7fe0_0010, "OB", u32::MAX);
         self.header(0xfffe_e000, "", 0);
@@ -105,14 +105,14 @@ impl Dicom {
         self
     }
 
-    /// With the preamble and the first group.
+    /// Returns the file, with the preamble and the first group.
     pub(crate) fn file(&self, syntax: &str) -> Vec<u8> {
         let meta = Self::new(Coding::Explicit).text(0x0002_0010, "UI", syntax);
         [&[0; 128], &b"DICM"[..], &meta.bytes, &self.bytes].concat()
     }
 }
 
-/// A slice of two columns and two rows.
+/// Slice of two columns and two rows.
 #[derive(Debug, Clone)]
 pub(crate) struct Slice {
     pub(crate) coding: Coding,
@@ -122,7 +122,7 @@ pub(crate) struct Slice {
     pub(crate) axes: &'static str,
     pub(crate) bits: [u16; 3],
     pub(crate) signed: bool,
-    /// Elements behind the bits, before the pixels.
+    /// Elements after those of the bits, before the pixels.
     pub(crate) more: Vec<(u32, &'static str, &'static str)>,
     pub(crate) padding: Option<u16>,
     pub(crate) words: [u16; 4],
@@ -146,7 +146,7 @@ impl Default for Slice {
 }
 
 impl Slice {
-    /// All elements but the pixels.
+    /// Returns all elements but the pixels.
     pub(crate) fn header(&self) -> Dicom {
         let [allocated, stored, high] = self.bits;
         let mut set = Dicom::new(self.coding)

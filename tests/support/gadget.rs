@@ -1,27 +1,27 @@
-//! Binary snapshots of Gadget, in all forms.
+//! Writes binary Gadget snapshots in all forms.
 
-/// How a snapshot is written.
+/// Form of a snapshot.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Form {
-    /// Format 2.
+    /// True for format 2.
     pub(crate) has_names: bool,
     pub(crate) big_endian: bool,
-    /// Numbers of 64 bits.
+    /// True for numbers of 64 bits.
     pub(crate) is_wide: bool,
 }
 
-/// How many particles of each type, and the number of the first of them, after which the numbers follow: of gas, dark
-/// matter and stars, of which dark matter has its mass in the header.
+/// Number of particles of each type, and the number of the first of them; the others follow. The
+/// types are gas, dark matter and stars. Dark matter has its mass in the header.
 pub(crate) type Counts = [(usize, usize); 3];
 
 pub(crate) const SOME: Counts = [(4, 0), (3, 100), (2, 200)];
-/// The same in two files.
+/// The same particles in two files.
 pub(crate) const HALVES: [Counts; 2] = [[(3, 0), (0, 100), (1, 200)], [(1, 3), (3, 100), (1, 201)]];
 
 /// The mass of dark matter.
 pub(crate) const DARK: f64 = 7.5;
 
-/// A number of a particle that tells it and the field.
+/// Returns a number that identifies the particle and the field.
 pub(crate) fn value(particle: usize, field: usize) -> f64 {
     particle as f64 + field as f64 / 8.0
 }
@@ -71,7 +71,7 @@ impl Form {
         out.extend(mark);
     }
 
-    /// One of so many files.
+    /// Writes one of `files` files.
     pub(crate) fn snapshot(self, files: u32, counts: &Counts) -> Vec<u8> {
         let [gas, dark, stars] = counts;
         let mut header = Vec::new();

@@ -1,9 +1,9 @@
-//! Small meshes, written for the tests of their readers.
+//! Writes small meshes for the tests of their readers.
 
 use serde_json::{Value, json};
 
-/// The six tetrahedra of a cube along the paths from its corner `low` to the opposite one, each corner by
-/// `node`. The last three are numbered the other way round.
+/// Returns the six tetrahedra of a cube along the paths from its corner `low` to the opposite one,
+/// with corners from `node`. The last three have the opposite orientation.
 pub(crate) fn tetrahedra_of_cube(
     low: [usize; 3],
     node: impl Fn([usize; 3]) -> u32,
@@ -27,7 +27,7 @@ pub(crate) fn tetrahedra_of_cube(
     })
 }
 
-/// A PNG image of these pixels, rows from the top.
+/// Returns a PNG image of these pixels, rows from the top.
 pub(crate) fn png(width: usize, rgba: &[[u8; 4]]) -> Vec<u8> {
     let height = rgba.len() / width;
     let mut bytes = Vec::new();
@@ -39,7 +39,7 @@ pub(crate) fn png(width: usize, rgba: &[[u8; 4]]) -> Vec<u8> {
     bytes
 }
 
-/// A JPEG image of one colour.
+/// Returns a JPEG image of one colour.
 pub(crate) fn jpeg(size: u16, rgb: [u8; 3]) -> Vec<u8> {
     let mut bytes = Vec::new();
     let numbers = rgb.repeat(usize::from(size) * usize::from(size));
@@ -49,7 +49,7 @@ pub(crate) fn jpeg(size: u16, rgb: [u8; 3]) -> Vec<u8> {
     bytes
 }
 
-/// The BIN chunk of a glTF file under construction, and its JSON.
+/// BIN chunk and JSON of a glTF file under construction.
 #[derive(Debug, Clone)]
 pub(crate) struct Gltf {
     pub(crate) json: Value,
@@ -63,7 +63,7 @@ pub(crate) const I16: u32 = 5122;
 pub(crate) const U32: u32 = 5125;
 pub(crate) const F32: u32 = 5126;
 
-/// Numbers as bytes of a component type.
+/// Converts numbers to bytes of a component type.
 pub(crate) fn component_bytes(component: u32, numbers: &[f64]) -> Vec<u8> {
     let bytes = |x: &f64| match component {
         U8 => vec![*x as u8],
@@ -77,7 +77,7 @@ pub(crate) fn component_bytes(component: u32, numbers: &[f64]) -> Vec<u8> {
 }
 
 impl Gltf {
-    /// An asset without anything.
+    /// Creates an empty asset.
     pub(crate) fn new() -> Self {
         let json = json!({
             "asset": { "version": "2.0" },
@@ -146,7 +146,7 @@ impl Gltf {
         self.push("nodes", json!({ "mesh": mesh }))
     }
 
-    /// As `.glb`.
+    /// Returns the file as `.glb`.
     pub(crate) fn glb(&self) -> Vec<u8> {
         let mut json = serde_json::to_vec(&self.json).unwrap();
         json.resize(json.len().next_multiple_of(4), b' ');
@@ -163,7 +163,7 @@ impl Gltf {
         bytes
     }
 
-    /// As `.gltf` with the buffer inside.
+    /// Returns the file as `.gltf` with the buffer inside.
     pub(crate) fn text(&self) -> Vec<u8> {
         use base64::Engine;
         let mut json = self.json.clone();
@@ -173,12 +173,12 @@ impl Gltf {
     }
 }
 
-/// The corners of a unit square in the plane z = 0, and their texture coordinates.
+/// Corners of a unit square in the plane z = 0, and their texture coordinates.
 pub(crate) const SQUARE: [f64; 12] = [0., 0., 0., 1., 0., 0., 1., 1., 0., 0., 1., 0.];
 pub(crate) const SQUARE_UV: [f64; 8] = [0., 1., 1., 1., 1., 0., 0., 0.];
 
-/// A file of much that the format has: textures, a sparse accessor, a skin, morph targets,
-/// instances, strips.
+/// Returns a file that uses many features of the format: textures, a sparse accessor, a skin, morph
+/// targets, instances, strips.
 pub(crate) fn rich_gltf() -> Gltf {
     let mut file = Gltf::new();
     let positions = file.floats("VEC3", &SQUARE);
@@ -257,7 +257,7 @@ pub(crate) fn rich_gltf() -> Gltf {
     file
 }
 
-/// An OBJ file of much that the format has.
+/// OBJ file that uses many features of the format.
 pub(crate) const RICH_OBJ: &str = "# made by hand
 mtllib a.mtl
 o thing
@@ -282,7 +282,7 @@ p 1
 f 1/1 2/2 3
 ";
 
-/// Its materials.
+/// Materials of [`RICH_OBJ`].
 pub(crate) const RICH_MTL: &str = "newmtl red paint
 Kd 1 0 0
 d 0.5

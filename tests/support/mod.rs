@@ -1,4 +1,4 @@
-//! Small files in every format, written for the tests of the readers.
+//! Writes small files in every format for the tests of the readers.
 
 #![allow(dead_code, reason = "each test program uses a part of it")]
 
@@ -25,7 +25,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use ewa_splat::io::{Dataset, OpenOptions, open};
 
-/// A folder for the files of one test.
+/// Folder for the files of one test.
 pub(crate) struct Folder(pub(crate) tempfile::TempDir);
 
 impl Folder {
@@ -47,7 +47,7 @@ impl Folder {
         open(&self.file(name, bytes), &OpenOptions::default()).unwrap()
     }
 
-    /// The error's text.
+    /// Returns the text of the error that reading the file gives.
     pub(crate) fn refuse(&self, name: &str, bytes: &[u8]) -> String {
         let path = self.file(name, bytes);
         open(&path, &OpenOptions::default())
@@ -56,7 +56,7 @@ impl Folder {
     }
 }
 
-/// How a VTK array is stored.
+/// Storage of a VTK array.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Format {
     /// Text.
@@ -69,7 +69,7 @@ pub(crate) enum Format {
     AppendedRaw,
 }
 
-/// How the arrays of a VTK file are compressed.
+/// Compression of a VTK file's arrays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Compression {
     None,
@@ -78,7 +78,7 @@ pub(crate) enum Compression {
     Lzma,
 }
 
-/// How a VTK file is stored.
+/// Storage of a VTK file.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct VtkEncoding {
     pub(crate) format: Format,
@@ -88,7 +88,7 @@ pub(crate) struct VtkEncoding {
 }
 
 impl VtkEncoding {
-    /// Every combination.
+    /// Returns every combination.
     pub(crate) fn all() -> Vec<Self> {
         use Format::{AppendedBase64, AppendedRaw, Ascii, Binary};
         let mut all = Vec::new();
@@ -135,9 +135,9 @@ impl VtkEncoding {
         bytes
     }
 
-    /// Header and data of one array, as VTK's writers lay them out.
+    /// Returns the header and data of one array, as VTK's writers lay them out.
     fn parts(self, bytes: &[u8]) -> Vec<Vec<u8>> {
-        /// Small, so that arrays have several blocks.
+        /// Block size, small so that arrays have several blocks.
         const BLOCK: usize = 24;
         if self.compression == Compression::None {
             return vec![[self.word(bytes.len()), bytes.to_vec()].concat()];
@@ -171,14 +171,14 @@ pub(crate) fn zlib(bytes: &[u8]) -> Vec<u8> {
     encoder.finish().unwrap()
 }
 
-/// Gzip of anything.
+/// Compresses bytes by gzip.
 pub(crate) fn gzip(bytes: &[u8]) -> Vec<u8> {
     let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
     encoder.write_all(bytes).unwrap();
     encoder.finish().unwrap()
 }
 
-/// An .xz stream, with the check that VTK's writer asks for.
+/// Compresses bytes to an .xz stream, with the check that VTK's writer uses.
 pub(crate) fn xz(bytes: &[u8]) -> Vec<u8> {
     let mut options = lzma_rust2::XzOptions::with_preset(0);
     options.lzma_options.dict_size = 4096;
@@ -188,7 +188,7 @@ pub(crate) fn xz(bytes: &[u8]) -> Vec<u8> {
     encoder.finish().unwrap()
 }
 
-/// One array of a VTK file: its numbers as little-endian bytes and as text.
+/// Array of a VTK file: its numbers as little-endian bytes and as text.
 #[derive(Debug, Clone)]
 pub(crate) struct VtkArray {
     pub(crate) kind: &'static str,
@@ -201,7 +201,7 @@ pub(crate) struct VtkArray {
 
 macro_rules! vtk_array {
     ($function:ident, $t:ty, $kind:literal) => {
-        /// An array of this type.
+        /// Makes an array of this type.
         pub(crate) fn $function(name: &'static str, components: usize, numbers: &[$t]) -> VtkArray {
             VtkArray {
                 kind: $kind,
@@ -225,7 +225,7 @@ vtk_array!(uint64, u64, "UInt64");
 vtk_array!(float32, f32, "Float32");
 vtk_array!(float64, f64, "Float64");
 
-/// A piece of a VTK image.
+/// Piece of a VTK image.
 #[derive(Debug, Clone)]
 pub(crate) struct VtkPiece {
     pub(crate) extent: &'static str,
@@ -233,7 +233,7 @@ pub(crate) struct VtkPiece {
     pub(crate) cell_data: Vec<VtkArray>,
 }
 
-/// A VTK image file. `attributes` are those of the `ImageData` element.
+/// Writes a VTK image file. `attributes` are those of the `ImageData` element.
 pub(crate) fn vti(encoding: VtkEncoding, attributes: &str, pieces: &[VtkPiece]) -> Vec<u8> {
     let piece = |piece: &VtkPiece| XmlPiece {
         attributes: format!("Extent=\"{}\"", piece.extent),
@@ -246,14 +246,14 @@ pub(crate) fn vti(encoding: VtkEncoding, attributes: &str, pieces: &[VtkPiece]) 
     vtk_xml(encoding, "ImageData", attributes, &pieces)
 }
 
-/// A piece of any VTK XML file: its attributes, and its elements with their arrays.
+/// Piece of any VTK XML file: its attributes, and its elements with their arrays.
 #[derive(Debug, Clone)]
 pub(crate) struct XmlPiece {
     pub(crate) attributes: String,
     pub(crate) elements: Vec<(&'static str, Vec<VtkArray>)>,
 }
 
-/// A VTK XML file of type `kind`. `attributes` are those of the element of that name.
+/// Writes a VTK XML file of type `kind`. `attributes` are those of the element of that name.
 pub(crate) fn vtk_xml(
     encoding: VtkEncoding,
     kind: &str,
@@ -336,10 +336,10 @@ pub(crate) fn vtk_xml(
     file
 }
 
-/// How a PLOT3D file is stored.
+/// Storage of a PLOT3D file.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Plot3dEncoding {
-    /// As text; the next three do not matter then.
+    /// True for text; the next three fields are unused then.
     pub(crate) text: bool,
     pub(crate) double: bool,
     pub(crate) big_endian: bool,
@@ -347,7 +347,7 @@ pub(crate) struct Plot3dEncoding {
     pub(crate) grid_count: bool,
 }
 
-/// One grid of a PLOT3D file, its solution or its functions.
+/// Grid of a PLOT3D file, its solution or its functions.
 #[derive(Debug, Clone)]
 pub(crate) struct Plot3dBlock {
     pub(crate) dims: [i32; 3],
@@ -357,7 +357,7 @@ pub(crate) struct Plot3dBlock {
 }
 
 impl Plot3dEncoding {
-    /// Every combination.
+    /// Returns every combination.
     pub(crate) fn all() -> Vec<Self> {
         let of_bits = |bits: u32| {
             let [double, big_endian, records, grid_count, text] =
@@ -423,7 +423,7 @@ impl Plot3dEncoding {
         records
     }
 
-    /// A grid file.
+    /// Writes a grid file.
     pub(crate) fn grids(self, blocks: &[Plot3dBlock]) -> Vec<u8> {
         let mut records = self.header(blocks);
         for block in blocks {
@@ -432,7 +432,7 @@ impl Plot3dEncoding {
         self.file(&records)
     }
 
-    /// A solution file.
+    /// Writes a solution file.
     pub(crate) fn solutions(self, blocks: &[Plot3dBlock]) -> Vec<u8> {
         let mut records = self.header(blocks);
         for block in blocks {
@@ -442,7 +442,7 @@ impl Plot3dEncoding {
         self.file(&records)
     }
 
-    /// A file of `count` functions of each grid.
+    /// Writes a file of `count` functions of each grid.
     pub(crate) fn functions(self, blocks: &[Plot3dBlock], count: i32) -> Vec<u8> {
         let mut records = self.header(blocks);
         let of_grids = blocks
@@ -456,7 +456,7 @@ impl Plot3dEncoding {
         self.file(&records)
     }
 
-    /// A grid file of one grid: all x, all y, all z, and perhaps iblank.
+    /// Writes a grid file of one grid: all x, all y, all z, and optionally iblank.
     pub(crate) fn grid(
         self,
         dims: [i32; 3],
@@ -470,7 +470,7 @@ impl Plot3dEncoding {
         }])
     }
 
-    /// A solution file of one grid: the five variables one after the other.
+    /// Writes a solution file of one grid: the five variables one after the other.
     pub(crate) fn solution(self, dims: [i32; 3], variables: &[f64]) -> Vec<u8> {
         self.solutions(&[Plot3dBlock {
             dims,
@@ -480,7 +480,7 @@ impl Plot3dEncoding {
     }
 }
 
-/// An NPY file, version 1 or 2, from its header dictionary and its body.
+/// Writes an NPY file, version 1 or 2, from its header dictionary and its body.
 pub(crate) fn npy(version: u8, header: &str, body: &[u8]) -> Vec<u8> {
     let mut file = b"\x93NUMPY".to_vec();
     file.extend([version, 0]);
@@ -491,7 +491,7 @@ pub(crate) fn npy(version: u8, header: &str, body: &[u8]) -> Vec<u8> {
     file
 }
 
-/// An NPZ file from its members' names and bytes.
+/// Writes an NPZ file from its members' names and bytes.
 pub(crate) fn npz(members: &[(&str, Vec<u8>)], packed: bool) -> Vec<u8> {
     let mut archive = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
     let method = if packed {

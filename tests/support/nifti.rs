@@ -1,13 +1,13 @@
-//! Headers of NIfTI images.
+//! Writes NIfTI images.
 
-/// What a header says; the rest of it is 0.
+/// Contents of a header; all other bytes are 0.
 #[derive(Debug, Clone)]
 pub(crate) struct Nifti {
     pub(crate) version: u8,
     pub(crate) big_endian: bool,
-    /// Whether the numbers are in the same file.
+    /// True if the numbers are in the same file.
     pub(crate) attached: bool,
-    /// The code of their type, and their sizes.
+    /// Code of the numbers' type, and their sizes.
     pub(crate) datatype: i16,
     pub(crate) sizes: Vec<i16>,
     pub(crate) pixdim: [f32; 4],
@@ -33,7 +33,7 @@ impl Nifti {
         }
     }
 
-    /// The header, four bytes of flags where numbers follow, and these.
+    /// Returns the header, four bytes of flags if numbers follow, and the numbers.
     pub(crate) fn file(&self, body: &[u8]) -> Vec<u8> {
         let is_first = self.version == 1;
         let len = if is_first { 348 } else { 540 };

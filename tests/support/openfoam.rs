@@ -1,25 +1,27 @@
-//! Cases of OpenFOAM, written in every form that its files have.
+//! Writes OpenFOAM cases in every form that its files have.
 
 use super::gzip;
 
-/// How the files of a case are written.
+/// Form of a case's files.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Form {
     pub(crate) binary: bool,
     pub(crate) big_endian: bool,
-    /// Labels and numbers of 64 and 32 bits, and not of 32 and 64.
+    /// True for labels of 64 and numbers of 32 bits, instead of 32 and 64.
     pub(crate) is_swapped: bool,
     pub(crate) compact: bool,
     pub(crate) packed: bool,
 }
 
-/// A mesh by its nodes, and the faces of each cell, whose nodes are anticlockwise, seen from outside.
+/// Mesh by its nodes and the faces of each cell. A face's nodes are anticlockwise, seen from
+/// outside.
 pub(crate) struct Mesh {
     pub(crate) nodes: Vec<[f64; 3]>,
     pub(crate) cells: Vec<Vec<Vec<usize>>>,
 }
 
-/// A hexahedron, with a pyramid on top, a tetrahedron on that, a wedge at its side, and a prism over a pentagon below.
+/// Returns a hexahedron with a pyramid on top, a tetrahedron on the pyramid, a wedge at the side,
+/// and a pentagonal prism below.
 pub(crate) fn zoo() -> Mesh {
     let nodes = [
         [0., 0., 0.],
@@ -85,7 +87,7 @@ pub(crate) fn zoo() -> Mesh {
 }
 
 impl Form {
-    /// All forms that differ in more than their packing.
+    /// Returns all forms that differ in more than their compression.
     pub(crate) fn all() -> Vec<Self> {
         let mut forms = vec![Self::default()];
         for bits in 0..8 {
@@ -149,7 +151,7 @@ impl Form {
         out
     }
 
-    /// A list of values of so many components.
+    /// Writes a list of values with the given number of components.
     pub(crate) fn values(self, numbers: &[f64], components: usize) -> Vec<u8> {
         let mut out = format!("{}\n(", numbers.len() / components).into_bytes();
         for value in numbers.chunks(components) {
@@ -164,7 +166,7 @@ impl Form {
         out
     }
 
-    /// A field of numbers, one after those of another.
+    /// Writes a field of numbers, value after value.
     pub(crate) fn field(
         self,
         name: &str,
@@ -187,9 +189,9 @@ impl Form {
         self.file(name, class, &body.concat())
     }
 
-    /// The folder of a mesh.
+    /// Returns the files of a mesh's folder.
     pub(crate) fn mesh(self, folder: &str, mesh: &Mesh) -> Vec<(String, Vec<u8>)> {
-        // Faces between cells first, then those of the boundary.
+        // Faces between cells come first, then those of the boundary.
         let mut inner: Vec<(&Vec<usize>, usize, usize)> = Vec::new();
         let mut outer: Vec<(&Vec<usize>, usize)> = Vec::new();
         for (cell, faces) in mesh.cells.iter().enumerate() {
@@ -253,12 +255,13 @@ impl Form {
         ]
     }
 
-    /// `system/controlDict`, which stands for the case.
+    /// Returns `system/controlDict`, which stands for the case.
     pub(crate) fn control(self) -> (String, Vec<u8>) {
         self.file("system/controlDict", "dictionary", b"endTime 1;\n")
     }
 
-    /// A case of [`zoo`] with two times and fields of all kinds. The file that is opened comes first.
+    /// Returns a case of [`zoo`] with two times and fields of all kinds. The file to open comes
+    /// first.
     pub(crate) fn case(self) -> Vec<(String, Vec<u8>)> {
         let mut files = vec![self.control()];
         files.extend(self.mesh("constant", &zoo()));
@@ -277,7 +280,7 @@ impl Form {
         files
     }
 
-    /// The case in two pieces: the hexahedron, and all else.
+    /// Returns the case decomposed into two pieces: the hexahedron, and the rest.
     pub(crate) fn decomposed(self) -> Vec<(String, Vec<u8>)> {
         let mut files = vec![self.control()];
         let whole = zoo();

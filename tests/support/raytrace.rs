@@ -1,8 +1,8 @@
-//! A ray tracer of meshes: what pictures of their surfels are compared with.
+//! Ray-traces meshes, for comparison with pictures of their surfels.
 //!
-//! A pixel is the mean over rays that are spread like its low-pass filter, a Gaussian of one
-//! squared pixel: what EWA filters in closed form. Textures are looked at by bilinear interpolation
-//! in linear light, without a pyramid: filtering is left to the number of rays.
+//! A pixel is the mean over rays that are distributed as its low-pass filter, a Gaussian of one
+//! squared pixel, which EWA evaluates in closed form. Textures are interpolated bilinearly in
+//! linear light, without a pyramid: the number of rays does the filtering.
 
 use ewa_splat::Image;
 use ewa_splat::image::linear_from_srgb;
@@ -15,7 +15,7 @@ use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use obvhs::ray::Ray;
 use rayon::prelude::*;
 
-/// A mesh that rays can meet.
+/// Mesh prepared for ray tracing.
 pub(crate) struct Tracer<'a> {
     mesh: &'a Mesh,
     /// Part and index of each triangle.
@@ -26,7 +26,7 @@ pub(crate) struct Tracer<'a> {
     linear: Vec<f32>,
 }
 
-/// A triangle on a ray.
+/// Intersection of a ray with a triangle.
 struct Hit {
     distance: f64,
     triangle: usize,
@@ -41,7 +41,7 @@ impl<'a> Tracer<'a> {
         let low = all().copied().reduce(DVec3::min).unwrap();
         let high = all().copied().reduce(DVec3::max).unwrap();
         let origin = 0.5 * (low + high);
-        // A unit scene: the tree works in f32.
+        // The tree works in f32, so the scene is scaled to unit size.
         let scale = 1.0 / (high - low).max_element();
         let triangles: Vec<[usize; 2]> = (0..mesh.parts.len())
             .flat_map(|p| (0..mesh.parts[p].triangles.len()).map(move |t| [p, t]))
@@ -78,7 +78,7 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// The picture, premultiplied, from `side`² rays per pixel.
+    /// Renders the picture, premultiplied, with `side`² rays per pixel.
     pub(crate) fn render(&self, camera: &Camera, side: usize) -> Image {
         let mut image = Image::new(camera.width, camera.height);
         let offsets = gaussian_offsets(side);
@@ -100,7 +100,7 @@ impl<'a> Tracer<'a> {
         image
     }
 
-    /// Premultiplied colour and opacity of what a point of the image shows.
+    /// Returns the premultiplied colour and opacity seen at a point of the image.
     fn sample(&self, camera: &Camera, px: DVec2) -> [f64; 4] {
         let slope = (px - camera.centre_px) / camera.focal_px;
         let world_from_camera = camera.camera_from_world.transpose();
@@ -139,7 +139,7 @@ impl<'a> Tracer<'a> {
         hits
     }
 
-    /// Möller and Trumbore 1997, in f64.
+    /// Intersects a ray with a triangle (Möller and Trumbore 1997), in f64.
     fn intersect(&self, triangle: usize, from: DVec3, along: DVec3) -> Option<Hit> {
         let [p, t] = self.triangles[triangle];
         let part = &self.mesh.parts[p];
@@ -166,7 +166,7 @@ impl<'a> Tracer<'a> {
         })
     }
 
-    /// Linear RGB and opacity; `None` where nothing is there.
+    /// Returns linear RGB and opacity; `None` where nothing is.
     fn shade(&self, hit: &Hit) -> Option<[f64; 4]> {
         let [p, t] = self.triangles[hit.triangle];
         let part = &self.mesh.parts[p];
@@ -243,8 +243,8 @@ impl<'a> Tracer<'a> {
     }
 }
 
-/// One offset in each of `side`² equally likely parts of a Gaussian of one squared pixel: in
-/// polar coordinates, radii by Box and Muller, angles stratified and each ring turned by the golden
+/// Returns one offset in each of `side`² equally likely parts of a Gaussian of one squared pixel.
+/// The parts are polar: radii by Box and Muller, angles stratified, each ring rotated by the golden
 /// ratio.
 fn gaussian_offsets(side: usize) -> Vec<DVec2> {
     let count = side * side;

@@ -1,4 +1,4 @@
-//! Small sound files of every format, for damage.
+//! Writes small sound files of every format, to be damaged.
 
 use std::path::Path;
 use std::sync::OnceLock;
@@ -22,12 +22,12 @@ use super::threemf;
 use super::vtk_legacy::LegacyVtk;
 use super::{Plot3dBlock, Plot3dEncoding, VtkEncoding, VtkPiece, XmlPiece, gzip, zlib};
 
-/// The corners of a cube, in the order of VTK's hexahedra.
+/// Corners of a cube, in the order of VTK's hexahedra.
 const CUBE: [f32; 24] = [
     0., 0., 0., 1., 0., 0., 1., 1., 0., 0., 1., 0., 0., 0., 1., 1., 0., 1., 1., 1., 1., 0., 1., 1.,
 ];
 
-/// Names and contents of sound files.
+/// Returns names and contents of sound files.
 pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
     static SEEDS: OnceLock<Vec<(String, Vec<u8>)>> = OnceLock::new();
     SEEDS.get_or_init(|| {
@@ -63,7 +63,7 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
         seeds.push(("a.dat.gz".into(), gzip(tecplot::BRICKS.as_bytes())));
         let halves = "{'descr': '<f2', 'fortran_order': False, 'shape': (4, 2), }     \n";
         seeds.push(("c.npy".into(), super::npy(1, halves, &[0x3c; 16])));
-        // Two dimensions, counted: 2 x 3 nodes, f32.
+        // Two dimensions, with counts: 2 x 3 nodes, f32.
         let mut flat = [1_u32, 2, 3].map(u32::to_le_bytes).concat();
         flat.extend((0..12).flat_map(|i| (i as f32).to_le_bytes()));
         seeds.push(("flat.xyz".into(), flat));
@@ -257,13 +257,13 @@ pub(crate) struct Set {
 }
 
 impl Set {
-    /// The name that is opened: that of the first file; of numbered images their pattern.
+    /// Returns the name to open: that of the first file, or the pattern of numbered images.
     pub(crate) fn opened(&self) -> String {
         self.files[0].0.replace("0001.png", "%04d.png")
     }
 }
 
-/// Sound sets of files of the formats that name other files; each a folder of its own.
+/// Returns sound file sets of the formats that name other files; each set has a folder of its own.
 pub(crate) fn sets() -> Vec<Set> {
     let mut sets = collections();
     sets.extend(simulations());
@@ -288,7 +288,7 @@ pub(crate) fn sets() -> Vec<Set> {
     sets
 }
 
-/// Cases of EnSight in each form, and netCDF files.
+/// Returns EnSight cases in each form, and netCDF files.
 fn simulations() -> Vec<Set> {
     let fixture = |name: &str| {
         let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
@@ -318,7 +318,7 @@ fn simulations() -> Vec<Set> {
     sets
 }
 
-/// Files that name others.
+/// Returns sets of files that name others.
 fn collections() -> Vec<Set> {
     let set = |files: &[(&str, &[u8])]| Set {
         files: files
@@ -398,7 +398,7 @@ fn collections() -> Vec<Set> {
     sets
 }
 
-/// Fixtures of scanners and of image programs, which other programs wrote.
+/// Returns fixtures of scanners and of image programs, written by other programs.
 fn clouds_and_stacks() -> Vec<(String, Vec<u8>)> {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
     let mut seeds = Vec::new();
@@ -425,7 +425,7 @@ fn clouds_and_stacks() -> Vec<(String, Vec<u8>)> {
     seeds
 }
 
-/// Images with headers, with their numbers behind them, and STL.
+/// Returns images with headers, with their numbers after them, and STL.
 fn images() -> Vec<(String, Vec<u8>)> {
     let mut seeds = Vec::new();
     let shorts: Vec<u8> = (0..48).collect();
@@ -510,8 +510,8 @@ fn images() -> Vec<(String, Vec<u8>)> {
     seeds
 }
 
-/// A mesh with all that a PLY file says of one: colours, normals, coordinates of vertices and of faces, two
-/// textures that are not there, a concave polygon.
+/// Returns a mesh with all that a PLY file can state of one: colours, normals, texture coordinates
+/// of vertices and of faces, two absent textures, a concave polygon.
 fn mesh_ply(encoding: Ply) -> Vec<u8> {
     let vertices: &[&str] = &[
         "float x",
@@ -563,7 +563,7 @@ fn mesh_ply(encoding: Ply) -> Vec<u8> {
     )
 }
 
-/// Strips of triangles, apart from each other.
+/// Returns separate strips of triangles.
 fn strips_ply(encoding: Ply) -> Vec<u8> {
     let vertices: &[&str] = &[
         "float x",
@@ -582,7 +582,7 @@ fn strips_ply(encoding: Ply) -> Vec<u8> {
     encoding.file("", &elements)
 }
 
-/// Polygons that take more than a fan: a star and a ring with a cut.
+/// Returns polygons that a fan does not triangulate: a star, and a ring with a cut.
 fn concave_obj() -> Vec<u8> {
     let mut text = String::from("g a\n");
     for i in 0..20 {
@@ -598,7 +598,7 @@ fn concave_obj() -> Vec<u8> {
     text.into_bytes()
 }
 
-/// Small legacy VTK files of every kind, in text and binary, in the old and the new style.
+/// Returns small legacy VTK files of every kind, in text and binary, in the old and the new style.
 pub(crate) fn legacy_vtk() -> Vec<Vec<u8>> {
     let coordinates = super::float32("", 3, &CUBE);
     let values = |vtk: &mut LegacyVtk, cells: i32| {
@@ -660,7 +660,7 @@ pub(crate) fn legacy_vtk() -> Vec<Vec<u8>> {
     files
 }
 
-/// One file of each other VTK XML format, of two pieces each.
+/// Returns one file of each other VTK XML format, of two pieces each.
 pub(crate) fn vtk_grids(encoding: VtkEncoding) -> Vec<(String, Vec<u8>)> {
     let values = ("PointData", vec![super::uint8("a", 1, &[1; 8])]);
     let points = ("Points", vec![super::float32("Points", 3, &CUBE)]);
@@ -757,7 +757,7 @@ pub(crate) fn vtk_grids(encoding: VtkEncoding) -> Vec<(String, Vec<u8>)> {
     ]
 }
 
-/// Files of DICOM: those of `fixtures/dicom`, and slices without and with a sequence.
+/// Returns DICOM files: those of `fixtures/dicom`, and slices without and with a sequence.
 fn dicom() -> Vec<(String, Vec<u8>)> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dicom");
     let names = [

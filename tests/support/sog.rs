@@ -1,4 +1,4 @@
-//! SOG scenes, written for the tests.
+//! Writes SOG scenes.
 
 use image_webp::{ColorType, WebPEncoder};
 use serde_json::{Value, json};
@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use super::npz;
 use super::splats::Splat;
 
-/// A WebP image without losses.
+/// Returns a lossless WebP image.
 pub(crate) fn webp(width: u32, pixels: &[[u8; 4]]) -> Vec<u8> {
     let mut bytes = Vec::new();
     let height = pixels.len() as u32 / width;
@@ -16,8 +16,9 @@ pub(crate) fn webp(width: u32, pixels: &[[u8; 4]]) -> Vec<u8> {
     bytes
 }
 
-/// The files of a scene of splats, whose images are four pixels wide; positions span -7 to 7 before their logarithms. Version 2 has
-/// codebooks of even steps, the entry i of harmonics' palettes is that of splat i.
+/// Returns the files of a scene of splats, whose images are four pixels wide. Positions span -7 to
+/// 7 before their logarithms. Version 2 has codebooks of even steps, and entry i of the harmonics'
+/// palettes belongs to splat i.
 pub(crate) fn scene(version: u32, splats: &[Splat]) -> Vec<(&'static str, Vec<u8>)> {
     let coefficients = splats[0].harmonics.len() - 1;
     let place = |share: f64, steps: f64| (share.clamp(0.0, 1.0) * steps).round();
@@ -143,7 +144,7 @@ fn meta(version: u32, count: usize, coefficients: usize, bound: f64) -> Value {
     })
 }
 
-/// The same in one archive.
+/// Returns the same scene in one archive.
 pub(crate) fn archive(version: u32, splats: &[Splat], packed: bool) -> Vec<u8> {
     npz(&scene(version, splats), packed)
 }

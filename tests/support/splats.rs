@@ -1,10 +1,10 @@
-//! PLY, .splat, SPZ and glTF files.
+//! Writes PLY, .splat, SPZ, glTF and .ksplat files.
 
 use std::io::Write;
 
 use super::gzip;
 
-/// Name, properties as the header has them, rows.
+/// Element of a PLY file: name, properties as in the header, rows.
 pub(crate) type Element<'a> = (&'a str, &'a [&'a str], &'a [Vec<f64>]);
 
 /// The three encodings of PLY.
@@ -48,8 +48,8 @@ impl Ply {
         out.extend(bytes);
     }
 
-    /// A file of some elements: name, properties as the header has them, rows. A list's length
-    /// stands before its items.
+    /// Writes a file of some elements: name, properties as in the header, rows. A list's length
+    /// precedes its items.
     pub(crate) fn file(self, comments: &str, elements: &[Element<'_>]) -> Vec<u8> {
         let mut out = format!("ply\nformat {} 1.0\n{comments}", self.name()).into_bytes();
         for (name, properties, rows) in elements {
@@ -86,7 +86,7 @@ impl Ply {
     }
 }
 
-/// A splat as people think of it.
+/// Splat in plain numbers.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Splat {
     pub(crate) position: [f64; 3],
@@ -99,7 +99,7 @@ pub(crate) struct Splat {
     pub(crate) harmonics: Vec<[f64; 3]>,
 }
 
-/// Some splats of a degree, all different.
+/// Returns some splats of a degree, all different.
 pub(crate) fn some_splats(count: usize, degree: usize) -> Vec<Splat> {
     let of = |i: usize| {
         let t = i as f64;
@@ -117,7 +117,7 @@ pub(crate) fn some_splats(count: usize, degree: usize) -> Vec<Splat> {
     (0..count).map(of).collect()
 }
 
-/// INRIA's layout; `extra` trails each row.
+/// Writes a PLY file in INRIA's layout; `extra` trails each row.
 pub(crate) fn splat_ply(
     encoding: Ply,
     comments: &str,
@@ -155,7 +155,7 @@ pub(crate) fn splat_ply(
     encoding.file(comments, &[("vertex", &names, &rows)])
 }
 
-/// 32-byte records.
+/// Writes 32-byte records.
 pub(crate) fn splat_records(splats: &[Splat]) -> Vec<u8> {
     let mut out = Vec::new();
     for s in splats {
@@ -174,8 +174,8 @@ pub(crate) fn splat_records(splats: &[Splat]) -> Vec<u8> {
     out
 }
 
-/// An SPZ file of version 2 or 3 before it is packed, 12 fractional bits. Positions, rotations
-/// and harmonics are turned to x right, y up, z back.
+/// Returns an SPZ file of version 2 or 3 before compression, with 12 fractional bits. Positions,
+/// rotations and harmonics are rotated to x right, y up, z back.
 pub(crate) fn spz_unpacked(version: u32, flags: u8, splats: &[Splat]) -> Vec<u8> {
     let degree = splats[0].harmonics.len().isqrt() as u8 - 1;
     let mut out = b"NGSP".to_vec();
@@ -216,7 +216,7 @@ pub(crate) fn spz_unpacked(version: u32, flags: u8, splats: &[Splat]) -> Vec<u8>
         }
         out.extend(packed.to_le_bytes());
     }
-    // Degree 1 in the order y, z, x: only x keeps its sign.
+    // Degree 1 is in the order y, z, x: only x keeps its sign.
     let signs = [
         1.0, -1.0, -1.0, 1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0, -1.0, 1.0, -1.0, 1.0,
     ];
@@ -232,8 +232,8 @@ pub(crate) fn spz(version: u32, flags: u8, splats: &[Splat]) -> Vec<u8> {
     gzip(&spz_unpacked(version, flags, splats))
 }
 
-/// A zstd frame of one block that is not compressed, at most 128 KiB (RFC 8878): a descriptor that says that the size has four bytes and
-/// that there is no window, the size, the block's header.
+/// Returns a zstd frame of one uncompressed block, at most 128 KiB (RFC 8878). It holds a
+/// descriptor (the size has four bytes, and there is no window), the size, and the block's header.
 pub(crate) fn stored(bytes: &[u8]) -> Vec<u8> {
     let mut out = vec![0x28, 0xb5, 0x2f, 0xfd, 0xa0];
     out.extend((bytes.len() as u32).to_le_bytes());
@@ -242,7 +242,7 @@ pub(crate) fn stored(bytes: &[u8]) -> Vec<u8> {
     out
 }
 
-/// An SPZ file of version 4, whose arrays `pack` packs as zstd streams.
+/// Writes an SPZ file of version 4, whose arrays `pack` compresses as zstd streams.
 pub(crate) fn spz_streams(flags: u8, splats: &[Splat], pack: &dyn Fn(&[u8]) -> Vec<u8>) -> Vec<u8> {
     let mut out = spz_unpacked(3, flags, splats);
     let mut body = out.split_off(16);
@@ -266,7 +266,7 @@ pub(crate) fn spz_streams(flags: u8, splats: &[Splat], pack: &dyn Fn(&[u8]) -> V
     out
 }
 
-/// A .glb file.
+/// Writes a .glb file.
 pub(crate) fn glb(json: &serde_json::Value, binary: &[u8]) -> Vec<u8> {
     let mut json = json.to_string().into_bytes();
     json.resize(json.len().next_multiple_of(4), b' ');
@@ -292,7 +292,7 @@ pub(crate) fn glb(json: &serde_json::Value, binary: &[u8]) -> Vec<u8> {
     .concat()
 }
 
-/// Splats of degree 0 or 1 under a node that turns and stretches them.
+/// Writes splats of degree 0 or 1 under a node that rotates and stretches them.
 pub(crate) fn glb_splats(splats: &[Splat]) -> Vec<u8> {
     let mut binary = Vec::new();
     let (mut accessors, mut views) = (Vec::new(), Vec::new());
@@ -345,7 +345,8 @@ pub(crate) fn glb_splats(splats: &[Splat]) -> Vec<u8> {
     glb(&json, &binary)
 }
 
-/// A .glb file whose splats are packed in an SPZ stream, under a node that moves them by (1, 2, 3).
+/// Writes a .glb file whose splats are compressed in an SPZ stream, under a node that moves them by
+/// (1, 2, 3).
 pub(crate) fn glb_packed(stream: &[u8]) -> Vec<u8> {
     let packed = serde_json::json!({ "bufferView": 0 });
     let extension = serde_json::json!({
@@ -365,10 +366,10 @@ pub(crate) fn glb_packed(stream: &[u8]) -> Vec<u8> {
     glb(&json, stream)
 }
 
-/// A .ksplat file of a section each, with buckets of two splats: one full, the others not, empty ones among them; room for one more
-/// section and for one more splat in each.
+/// Writes a .ksplat file of several sections, with buckets of two splats: one is full, the others
+/// are not, and some are empty. There is space for one more section and for one more splat in each.
 pub(crate) fn ksplat(mode: u16, sections: &[&[Splat]]) -> Vec<u8> {
-    /// Side of a bucket, and steps in half of it.
+    /// Side of a bucket, and number of steps in half of it.
     const SIDE: f64 = 16.0;
     const STEPS: f64 = 32_767.0;
     let count: usize = sections.iter().map(|s| s.len()).sum();
@@ -391,7 +392,7 @@ pub(crate) fn ksplat(mode: u16, sections: &[&[Splat]]) -> Vec<u8> {
     };
     for (i, splats) in sections.iter().enumerate() {
         let degree = splats[0].harmonics.len().isqrt() - 1;
-        // A full bucket of two, then one of none, then ones of one.
+        // Sizes: a full bucket of two splats, then an empty one, then buckets of one.
         let mut sizes = vec![0];
         sizes.resize(splats.len() - 1, 1);
         let mut middles = vec![splats[0].position];
@@ -448,7 +449,7 @@ pub(crate) fn ksplat(mode: u16, sections: &[&[Splat]]) -> Vec<u8> {
     out
 }
 
-/// The nearest half float of a number whose size is from 6.2e-5 to 65504, or of 0.
+/// Returns the half float nearest to a number whose size is from 6.2e-5 to 65504, or to 0.
 fn half(x: f64) -> u16 {
     if x == 0.0 {
         return 0;
@@ -460,8 +461,9 @@ fn half(x: f64) -> u16 {
     u16::from(x < 0.0) << 15 | size
 }
 
-/// Splats as compressed PLY has them, 258 in two chunks. Of the bits of each word: positions 2046, 1, 2047; scales 0, 1023, 1023;
-/// rotations leave out component i mod 4, the others are 0, 512, 256; colours 0, 255, 102, opacity 51.
+/// Writes 258 splats as compressed PLY, in two chunks. The fields of each word are: positions 2046,
+/// 1, 2047; scales 0, 1023, 1023; rotations omit component i mod 4 and are 0, 512, 256; colours 0,
+/// 255, 102; opacity 51.
 ///
 /// - `has_colours`: whether chunks have boxes of colours.
 pub(crate) fn packed_ply(encoding: Ply, degree: usize, has_colours: bool) -> Vec<u8> {

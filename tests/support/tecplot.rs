@@ -1,4 +1,4 @@
-//! Tecplot's text files.
+//! Holds Tecplot text files.
 
 /// Two ordered zones of points.
 pub(crate) const ORDERED: &str = r#"# made
@@ -29,7 +29,7 @@ ZONE T="b" I=2, J=2, K=2 F=POINT
 6 1 1 8
 "#;
 
-/// A block of one layer, with a variable at its cells.
+/// A block one layer thick, with a variable at its cells.
 pub(crate) const LAYER: &str = r#"VARIABLES = x, y, p, c
 ZONE I=3, J=2, DATAPACKING=BLOCK, VARLOCATION=([4]=CELLCENTERED)
 0 1 2 0 1 2

@@ -1,10 +1,10 @@
-//! 3MF archives, written for the tests.
+//! Writes 3MF archives.
 
 use super::meshes::png;
 use super::npz;
 
-/// A model in inches: a tetrahedron in colours, with one more triangle under a texture; twice as large in one place, and as a component
-/// of another file mirrored in another.
+/// Returns a model in inches: a coloured tetrahedron with one more triangle under a texture. It
+/// occurs twice: enlarged twofold, and mirrored as a component of another file.
 pub(crate) fn model() -> String {
     r##"<?xml version="1.0" encoding="UTF-8"?>
 <model unit="inch" xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
@@ -40,7 +40,7 @@ const PART: &str = r#"<model xmlns="http://schemas.microsoft.com/3dmanufacturing
  <object id="7"><components><component objectid="1" p:path="/3D/a.model" transform="-1 0 0 0 1 0 0 0 1 0 0 0"/></components></object>
 </resources><build/></model>"#;
 
-/// An archive of this model, of another that names it and of an image.
+/// Returns an archive of this model, of another that names it and of an image.
 pub(crate) fn archive(model: &str) -> Vec<u8> {
     let relations = r#"<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">
         <Relationship Target="/3D/a.model" Id="r" Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>"#;

@@ -1,8 +1,8 @@
-//! Legacy VTK files, written for the tests of their reader.
+//! Writes legacy VTK files for the tests of their reader.
 
 use super::{VtkArray, int32, int64};
 
-/// A legacy VTK file while it is written.
+/// Legacy VTK file under construction.
 #[derive(Debug, Clone)]
 pub(crate) struct LegacyVtk {
     pub(crate) version: &'static str,
@@ -12,7 +12,7 @@ pub(crate) struct LegacyVtk {
 }
 
 impl LegacyVtk {
-    /// The first lines of a file in every version, encoding and kind of line end.
+    /// Returns the first lines of a file in every version, encoding and kind of line end.
     pub(crate) fn all() -> Vec<Self> {
         let mut all = Vec::new();
         for version in ["1.0", "2.0", "3.0", "4.2", "5.1"] {
@@ -42,21 +42,21 @@ impl LegacyVtk {
             .extend(if self.crlf { &b"\r\n"[..] } else { b"\n" });
     }
 
-    /// Lines as they stand in the text, which has LF.
+    /// Adds lines of the text, whose line ends are LF.
     pub(crate) fn lines(&mut self, text: &str) {
         for line in text.lines() {
             self.line(line);
         }
     }
 
-    /// The numbers of an array, from the next line on.
+    /// Adds the numbers of an array, from the next line on.
     pub(crate) fn numbers(&mut self, array: &VtkArray) {
         if self.binary {
             let mut bytes = array.bytes.clone();
             bytes.chunks_mut(array.size).for_each(<[u8]>::reverse);
             self.file.extend(bytes);
         } else {
-            // On lines of seven, as no array is.
+            // The lines hold seven numbers, unlike any array's rows.
             let words: Vec<&str> = array.text.split_ascii_whitespace().collect();
             for line in words.chunks(7) {
                 self.line(&line.join(" "));
@@ -65,13 +65,13 @@ impl LegacyVtk {
         self.line("");
     }
 
-    /// A heading with the array's type after it, and its numbers.
+    /// Adds a heading with the array's type after it, and its numbers.
     pub(crate) fn array(&mut self, heading: &str, array: &VtkArray) {
         self.line(&format!("{heading} {}", type_name(array)));
         self.numbers(array);
     }
 
-    /// A `FIELD` of arrays.
+    /// Adds a `FIELD` of arrays.
     pub(crate) fn field(&mut self, arrays: &[VtkArray]) {
         self.line(&format!("FIELD FieldData {}", arrays.len()));
         for array in arrays {
@@ -81,7 +81,7 @@ impl LegacyVtk {
         }
     }
 
-    /// A list of cells, in the style of the version.
+    /// Adds a list of cells, in the style of the version.
     pub(crate) fn cells(&mut self, keyword: &str, cells: &[&[i32]]) {
         let nodes = cells.concat();
         let count = cells.len();
@@ -106,7 +106,7 @@ impl LegacyVtk {
         }
     }
 
-    /// Texts of an array of strings, from the next line on.
+    /// Adds the texts of an array of strings, from the next line on.
     pub(crate) fn texts(&mut self, texts: &[&str]) {
         for text in texts {
             if self.binary {
@@ -120,7 +120,7 @@ impl LegacyVtk {
     }
 }
 
-/// The name of an array's type in legacy files.
+/// Returns the name of an array's type in legacy files.
 pub(crate) fn type_name(array: &VtkArray) -> &'static str {
     match array.kind {
         "Int8" => "char",

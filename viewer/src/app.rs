@@ -1,4 +1,4 @@
-//! What the window shows: its state, which panels change, and what the worker is told of it.
+//! Holds the state of the window, which panels change, and passes requests to the worker.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -24,76 +24,76 @@ use crate::time::Time;
 use crate::watch::Watch;
 use crate::worker::{Drawn, Film, Load, Loaded, News, View, Worker};
 
-/// What stands behind pictures without a background, linear.
+/// Linear colour behind pictures without a background.
 const BACKGROUND: [f32; 3] = [0.0116, 0.0116, 0.0152];
 
-/// The window.
+/// State of the window.
 pub(crate) struct App {
     pub(crate) asked: Arc<Asked>,
     pub(crate) inputs: Vec<String>,
-    /// Which inputs are shown.
+    /// Flags of the inputs that are shown.
     pub(crate) chosen: Vec<bool>,
     pub(crate) field: Option<String>,
     worker: Worker,
-    /// The number of the last [`Load`].
+    /// Number of the last [`Load`].
     scene: u64,
-    /// How many there were.
+    /// Number of loads so far.
     scenes: u64,
-    /// Whether it is of other data than what was shown.
+    /// True if the load is of other data than those shown.
     is_new: bool,
-    /// What is shown while another is read, and stays where that cannot be.
+    /// Source of the scene that is shown, kept while another is read and if reading fails.
     good: Option<Source>,
     pub(crate) loaded: Option<Loaded>,
     pub(crate) settings: Settings,
     pub(crate) orbit: Option<Orbit>,
-    /// The camera that the data were first seen by.
+    /// Camera by which the data were first seen.
     pub(crate) home: Option<Orbit>,
-    /// The size of the picture that it is fitted to.
+    /// Size of the picture that the camera is fitted to.
     placed_in: [usize; 2],
     pub(crate) saved: Vec<Orbit>,
-    /// The functions of the volumes, where they have any.
+    /// Transfer functions of the volumes that have one, with their edits.
     pub(crate) histories: Vec<Option<History>>,
-    /// Which volume's function is edited.
+    /// Number of the volume whose transfer function is edited.
     pub(crate) edited: usize,
-    /// Which colour stop is chosen.
+    /// Number of the selected colour stop.
     pub(crate) stop: Option<usize>,
     pub(crate) logarithmic_counts: bool,
     pub(crate) drawn: Option<Drawn>,
     pub(crate) canvas: Canvas,
-    /// What is wrong, or what was done.
+    /// Last error or message.
     pub(crate) message: Option<Message>,
-    /// What is being read, and how far it is.
+    /// Progress of the work in the background, if any.
     pub(crate) progress: Option<String>,
     pub(crate) probe: Option<Probe>,
     pub(crate) shows_panels: bool,
-    /// Whether what keys and the mouse do is listed.
+    /// True if the list of keys and mouse actions is shown.
     pub(crate) shows_help: bool,
-    /// The last view that the worker was told of.
+    /// Last view sent to the worker.
     view: Option<View>,
-    /// How many views there were.
+    /// Number of views so far.
     views: u64,
     /// Width and height of the picture in pixels.
     pub(crate) size: [usize; 2],
     pub(crate) flies: bool,
-    /// What is shown in place of the picture.
+    /// Image shown in place of the picture.
     pub(crate) instead: Option<Instead>,
     pub(crate) output: Output,
     pub(crate) time: Time,
-    /// What is switched on over the picture.
+    /// Overlays that are switched on.
     pub(crate) over: Over,
     pub(crate) handles: Handles,
     pub(crate) path: KeyFrames,
-    /// What functions are found by, where that is asked for.
+    /// Choice of transfer functions from the values.
     pub(crate) automatic: Automatic,
-    /// Whether the functions are to be those that are read, whatever was made of them.
+    /// True if the next load replaces edited transfer functions by those that it chooses.
     finds_functions: bool,
     pub(crate) dialogs: Dialogs,
     pub(crate) watch: Watch,
-    /// Whether files that have changed are read again.
+    /// True if changed files are read again.
     pub(crate) follows: bool,
 }
 
-/// What was read.
+/// Inputs of a scene that was read.
 #[derive(Debug, Clone)]
 struct Source {
     scene: u64,
@@ -104,7 +104,7 @@ struct Source {
     time: Time,
 }
 
-/// A line for people.
+/// Message for the user.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Message {
     pub(crate) text: String,
@@ -112,9 +112,9 @@ pub(crate) struct Message {
 }
 
 impl App {
-    /// A window that begins to read what was asked for.
+    /// Creates a window, which begins to read the data asked for.
     ///
-    /// - `canvas`: where its pictures lie.
+    /// - `canvas`: place of its pictures.
     pub(crate) fn new(asked: Asked, context: &Context, canvas: Canvas) -> Self {
         let told = context.clone();
         let worker = Worker::new(move || told.request_repaint());
@@ -169,7 +169,7 @@ impl App {
         app
     }
 
-    /// Reads what is chosen.
+    /// Reads the chosen inputs.
     pub(crate) fn load(&mut self) {
         self.scenes += 1;
         self.scene = self.scenes;
@@ -180,21 +180,21 @@ impl App {
         self.worker.load(self.wanted());
     }
 
-    /// Finds the functions from the values, by what is chosen for it.
+    /// Chooses the transfer functions from the values again.
     pub(crate) fn find_functions(&mut self) {
         self.asked = Arc::new(self.asked.with_automatic(&self.automatic));
         self.finds_functions = true;
         self.load();
     }
 
-    /// Reads files that have changed again, where that is wished for.
+    /// Reads changed files again, if the user asked for this.
     pub(crate) fn follow(&mut self) {
         if self.watch.has_changed() && self.follows && self.progress.is_none() {
             self.load();
         }
     }
 
-    /// What is to be read for what is chosen.
+    /// Returns the load of the chosen inputs.
     fn wanted(&self) -> Load {
         Load {
             scene: self.scene,
@@ -206,7 +206,7 @@ impl App {
         }
     }
 
-    /// Asks for the integral of the kernels in place of the picture.
+    /// Requests the reference image in place of the picture.
     pub(crate) fn ask_truth(&mut self) {
         self.progress = Some("the reference image".into());
         self.worker.ask_truth(self.wanted());
@@ -224,12 +224,12 @@ impl App {
         }
     }
 
-    /// Ends what is being read, or the reference image.
+    /// Cancels the reading, or the reference image.
     pub(crate) fn cancel(&mut self) {
         self.worker.cancel();
     }
 
-    /// Goes back to what is shown, as nothing else can be or is wanted.
+    /// Returns to the scene that is shown, if reading failed or was cancelled.
     fn stay(&mut self, why: Option<String>) {
         self.progress = None;
         (self.is_new, self.finds_functions) = (false, false);
@@ -263,13 +263,13 @@ impl App {
         self.message = Some(Message { text, is_error });
     }
 
-    /// Asks what lies under a pixel.
+    /// Asks the worker what lies under a pixel.
     pub(crate) fn pick(&mut self, pixel: [usize; 2], recentres: bool) {
         self.probe = Some(Probe::asked(pixel, recentres));
         self.worker.pick(pixel);
     }
 
-    /// Width and height of the pictures that are written.
+    /// Returns the width and height of pictures in files.
     pub(crate) fn picture_size(&self) -> [usize; 2] {
         match self.output.size {
             [0, _] | [_, 0] => self.size,
@@ -307,7 +307,7 @@ impl App {
         self.worker.film(film);
     }
 
-    /// Whether nothing is left to be done.
+    /// Returns true if no work is left.
     pub(crate) fn is_at_rest(&self) -> bool {
         let is_final = self.has_drawn() && self.drawn.as_ref().is_some_and(|d| d.is_final);
         let is_failed = self
@@ -317,19 +317,19 @@ impl App {
         self.progress.is_none() && (is_final || is_failed)
     }
 
-    /// Whether the view that is wanted has been drawn, however coarsely.
+    /// Returns true if the current view has been drawn, however coarsely.
     pub(crate) fn has_drawn(&self) -> bool {
         matches!((&self.drawn, &self.view), (Some(drawn), Some(view)) if drawn.number == view.number)
     }
 
-    /// Whether the view that is wanted has been drawn whole, to the asked tolerance.
+    /// Returns true if the current view has been drawn with all pixels, to the tolerance asked for.
     pub(crate) fn is_whole(&self) -> bool {
         self.has_drawn()
             && matches!((&self.drawn, &self.view), (Some(drawn), Some(view))
                 if drawn.coarseness == Coarseness::none(view.settings.tolerance))
     }
 
-    /// Takes what lies under a pixel, and looks at it where that was asked for.
+    /// Stores what lies under a pixel, and centres the view there if this was asked for.
     fn found(&mut self, picked: &[Picked]) {
         let Some(probe) = &mut self.probe else {
             return;
@@ -342,13 +342,13 @@ impl App {
         }
     }
 
-    /// Begins to read what was asked for, all of it and its first step.
+    /// Begins to read all inputs, at their first step.
     fn begin(&mut self) {
         self.inputs = self.asked.inputs();
         self.chosen = vec![true; self.inputs.len()];
         self.field = None;
         self.is_new = true;
-        // What cannot be read says so where it is read.
+        // Reading reports the errors of inputs that cannot be read.
         self.time = Time::of(self.asked.steps().unwrap_or_default());
         self.load();
     }
@@ -359,7 +359,7 @@ impl App {
         self.load();
     }
 
-    /// Takes what the worker tells.
+    /// Processes the worker's messages.
     pub(crate) fn hear(&mut self, context: &Context) {
         for news in self.worker.news() {
             match news {
@@ -404,7 +404,7 @@ impl App {
         }
     }
 
-    /// The title of the window: the first file that is shown, its field, and the program.
+    /// Returns the title of the window: the first file shown, its field, and the program.
     fn title(&self) -> String {
         let shown = self.inputs.iter().zip(&self.chosen);
         let mut shown = shown.filter_map(|(input, is_chosen)| is_chosen.then_some(input));
@@ -432,7 +432,8 @@ impl App {
                 ..loaded.settings.clone()
             };
         }
-        // Steps of a series share their functions, and what was made of them; so do files that are read again.
+        // Steps of a series, and files that are read again, keep their transfer functions with all
+        // edits.
         let titles = |loaded: &Loaded| {
             let volumes = loaded.volumes.iter();
             volumes
@@ -461,14 +462,15 @@ impl App {
         self.view = None;
     }
 
-    /// The camera that a command would take for a picture of this size.
+    /// Places the camera as a command would for a picture of this size.
     fn place(&mut self) {
         let Some(loaded) = &self.loaded else {
             return;
         };
         let boxes = loaded.boxes.clone();
         let over = self.shown_over();
-        // The data stay in the middle, where they are turned, and are as small as beside a legend.
+        // The camera turns around the centre of the data. They are as small as beside a legend, but
+        // stay centred.
         let frame = Frame {
             size: self.size,
             legend_px: match over.legend {
@@ -491,10 +493,10 @@ impl App {
         self.placed_in = self.size;
     }
 
-    /// Tells the worker what is to be seen, where that has changed.
+    /// Sends the view to the worker if it has changed.
     pub(crate) fn show_view(&mut self) {
-        // Another field of the same data is seen from where they were; who has not moved sees all of them in a window of any
-        // size.
+        // Another field of the same data keeps the camera. A camera that has not been moved is
+        // fitted again to a window of another size.
         let is_read = self.loaded.as_ref().is_some_and(|l| l.scene == self.scene);
         let is_home = self.orbit == self.home && self.placed_in != self.size;
         if (self.orbit.is_none() || is_home) && is_read && !self.size.contains(&0) {
@@ -525,14 +527,14 @@ impl App {
         }
     }
 
-    /// Moves the camera of a standard view.
+    /// Turns the camera to a standard view.
     pub(crate) fn look_along(&mut self, forward: DVec3) {
         if let Some(orbit) = &mut self.orbit {
             orbit.look_along(forward);
         }
     }
 
-    /// The history of the function that is edited.
+    /// Returns the edited transfer function with its history.
     pub(crate) fn history(&mut self) -> Option<&mut History> {
         self.histories.get_mut(self.edited)?.as_mut()
     }

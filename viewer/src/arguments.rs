@@ -1,4 +1,4 @@
-//! The words that the window is started with.
+//! Parses the arguments of the window's program.
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -6,16 +6,16 @@ use std::path::PathBuf;
 use clap::{Arg, Command, value_parser};
 use ewa_splat::command::{Asked, line};
 
-/// The name of the program.
+/// Name of the program.
 const NAME: &str = "ewa-splat-view";
 
-/// What was asked for.
+/// Arguments of the program.
 #[derive(Debug)]
 pub(crate) struct Arguments {
     pub(crate) asked: Asked,
-    /// The picture of the window to write instead of opening one.
+    /// File for a picture of the window, written instead of opening one.
     pub(crate) screenshot: Option<PathBuf>,
-    /// How many pictures to time instead of opening a window.
+    /// Number of pictures to time instead of opening a window.
     pub(crate) replay: Option<u32>,
 }
 
@@ -42,7 +42,7 @@ fn command() -> Command {
     Asked::options(command)
 }
 
-/// Reads the words; what is wrong in them ends the program.
+/// Parses the arguments. Wrong usage ends the program.
 pub(crate) fn parse(words: impl Iterator<Item = OsString>) -> Result<Arguments, String> {
     let matches = command().get_matches_from(words);
     Ok(Arguments {
@@ -52,7 +52,7 @@ pub(crate) fn parse(words: impl Iterator<Item = OsString>) -> Result<Arguments, 
     })
 }
 
-/// What is asked for by files alone.
+/// Returns the request to show some files with default options.
 pub(crate) fn of_files(paths: Vec<PathBuf>) -> Result<Asked, String> {
     let words = std::iter::once(OsString::from(NAME)).chain(paths.into_iter().map(Into::into));
     let matches = command()

@@ -1,4 +1,4 @@
-//! Where the picture lies that the window shows: uploaded, or drawn on the window's own device.
+//! Holds the picture that the window shows: uploaded, or drawn on the window's own device.
 
 use std::sync::Arc;
 
@@ -9,14 +9,14 @@ use ewa_splat::wgpu::{FilterMode, TextureViewDescriptor};
 
 use crate::worker::Picture;
 
-/// The picture's place among the window's textures.
+/// Texture of the picture.
 #[derive(Default)]
 pub(crate) struct Canvas {
-    /// The window's device; none without a window.
+    /// The window's device; `None` without a window.
     window: Option<RenderState>,
     uploaded: Option<TextureHandle>,
     drawn: Option<TextureId>,
-    /// What is shown: one of the two.
+    /// Texture that is shown: one of the two above.
     shown: Option<TextureId>,
 }
 
@@ -36,7 +36,8 @@ impl Canvas {
         }
     }
 
-    /// What draws pictures of which nothing is read back: the window's device where it is of hardware, or asked for.
+    /// Returns the device for pictures that are not read back: the window's, if it is hardware or
+    /// the GPU was asked for.
     pub(crate) fn device(&self, asked: Backend) -> Option<Gpu> {
         let window = self.window.as_ref()?;
         let gpu = Gpu::from_device(window.device.clone(), window.queue.clone()).ok()?;
@@ -88,13 +89,13 @@ impl Canvas {
         }
     }
 
-    /// What the picture is drawn from, once there is one.
+    /// Returns the texture of the picture, once there is one.
     pub(crate) fn texture(&self) -> Option<TextureId> {
         self.shown
     }
 }
 
-/// How the window opens its device: so that the library can draw on it.
+/// Returns options by which the window opens a device that the library can draw on.
 pub(crate) fn options() -> WgpuConfiguration {
     let mut options = WgpuConfiguration::default();
     if let WgpuSetup::CreateNew(setup) = &mut options.wgpu_setup {

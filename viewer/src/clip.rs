@@ -1,24 +1,25 @@
-//! What the clip planes are to hands: a box, and one plane of any direction; and how pointers move them.
+//! Describes the clip planes for editing, as a box and one plane of any direction, and moves them
+//! with the pointer.
 
 use ewa_splat::view::{Bounds, Camera, ClipPlane, Projection};
 use glam::{DVec2, DVec3};
 
-/// Of a line's direction, the share across the view below which the line points at the eye: it has no direction on the
-/// picture that a hand could follow.
+/// Smallest component of a unit direction across the view. A line below it points at the eye, so a
+/// pointer cannot follow it in the picture.
 const LEAST_ACROSS: f64 = 0.03;
 
-/// The planes of the settings, sorted by what hands do with them.
+/// Planes of the settings, grouped for editing.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(crate) struct Clip {
-    /// The lower and the upper corner of a box, whose faces clip.
+    /// Lower and upper corner of a box whose faces clip.
     pub(crate) corners: Option<[DVec3; 2]>,
     pub(crate) plane: Option<ClipPlane>,
-    /// More planes, which were asked for.
+    /// Other planes that were asked for; they cannot be edited.
     others: Vec<ClipPlane>,
 }
 
 impl Clip {
-    /// The first box among planes, and the first other plane.
+    /// Finds the first box among planes, and the first other plane.
     pub(crate) fn of(planes: &[ClipPlane]) -> Self {
         let found = (0..planes.len()).find_map(|i| Some((i, corners(planes.get(i..i + 6)?)?)));
         let (mut others, corners) = match found {
@@ -33,7 +34,7 @@ impl Clip {
         }
     }
 
-    /// All planes, in the order of [`Self::of`].
+    /// Returns all planes: the box's, then the single plane, then the others.
     pub(crate) fn planes(&self) -> Vec<ClipPlane> {
         let faces = self.corners.map(|[low, high]| ClipPlane::of_box(low, high));
         let faces = faces.iter().flatten().copied();
@@ -44,7 +45,7 @@ impl Clip {
     }
 }
 
-/// The corners of a box whose faces clip; `None` where other planes do.
+/// Returns the corners of the box that six planes form, or `None` if they form none.
 fn corners(planes: &[ClipPlane]) -> Option<[DVec3; 2]> {
     let mut corners = [DVec3::NAN; 2];
     for plane in planes {
@@ -52,7 +53,7 @@ fn corners(planes: &[ClipPlane]) -> Option<[DVec3; 2]> {
         if plane.normal.abs().element_sum() != 1.0 {
             return None;
         }
-        // What is kept of n x + d >= 0: from -d on, or to d.
+        // The plane keeps n x + d >= 0: coordinates from -d up, or up to d.
         let (corner, place) = match plane.normal[axis] > 0.0 {
             true => (0, -plane.distance),
             false => (1, plane.distance),
@@ -63,19 +64,19 @@ fn corners(planes: &[ClipPlane]) -> Option<[DVec3; 2]> {
     is_whole.then_some(corners)
 }
 
-/// The box between two corners: its centre and half of its sides.
+/// Returns the centre and the half sides of the box between two corners.
 pub(crate) fn bounds_of([low, high]: [DVec3; 2]) -> Bounds {
     ((low + high) / 2.0, (high - low) / 2.0)
 }
 
-/// The centre of a face of a box.
+/// Returns the centre of a face of a box.
 pub(crate) fn face_centre(corners: [DVec3; 2], axis: usize, is_upper: bool) -> DVec3 {
     let mut centre = bounds_of(corners).0;
     centre[axis] = corners[usize::from(is_upper)][axis];
     centre
 }
 
-/// Puts a face of a box at a place on its axis: not beyond the face across, nor outside of the data.
+/// Moves a face of a box along its axis, but not beyond the opposite face or outside the data.
 pub(crate) fn move_face(
     corners: &mut [DVec3; 2],
     (axis, is_upper): (usize, bool),
@@ -91,14 +92,14 @@ pub(crate) fn move_face(
     };
 }
 
-/// The point of a plane nearest to another point.
+/// Returns the point of a plane nearest to another point.
 pub(crate) fn foot(plane: ClipPlane, point: DVec3) -> DVec3 {
     plane
         .normalised()
         .map_or(point, |unit| point - unit.normal * unit.inside(point))
 }
 
-/// A plane moved along its normal until a point lies on it, but no farther than it meets a box.
+/// Moves a plane along its normal until it contains a point, but keeps it in contact with a box.
 pub(crate) fn through(plane: ClipPlane, point: DVec3, (centre, half): Bounds) -> ClipPlane {
     let middle = plane.normal.dot(centre);
     let reach = plane.normal.abs().dot(half);
@@ -107,7 +108,7 @@ pub(crate) fn through(plane: ClipPlane, point: DVec3, (centre, half): Bounds) ->
     ClipPlane { distance, ..plane }
 }
 
-/// The corners of what a plane has in common with a box, in their order around it; none where they do not meet.
+/// Returns the polygon in which a plane cuts a box, or no corners if they do not meet.
 pub(crate) fn section(plane: ClipPlane, (centre, half): Bounds) -> Vec<DVec3> {
     let mut points = Vec::new();
     for along in 0..3 {
@@ -137,18 +138,18 @@ pub(crate) fn section(plane: ClipPlane, (centre, half): Bounds) -> Vec<DVec3> {
     points
 }
 
-/// How far along a line, world units, it passes a pixel: where the pixel's foot on the picture of the line is.
+/// Returns the distance along a line, world units, to the point whose image is nearest to a pixel.
 ///
-/// - `direction`: of unit length.
+/// - `direction`: unit vector of the line.
 ///
-/// `None` where the line points at the eye, or where what is asked for lies behind it.
+/// Returns `None` if the line points at the eye, or if the point lies behind the eye.
 pub(crate) fn along(camera: &Camera, from: DVec3, direction: DVec3, pixel: DVec2) -> Option<f64> {
     let (a, n) = (
         camera.camera_point(from),
         camera.camera_from_world * direction,
     );
     let f = camera.focal_px;
-    // The direction of the picture of the line, in units of its own length at this depth.
+    // Direction of the line's image, per unit of the line's length at this depth.
     let across = match camera.projection {
         Projection::Perspective if a.z <= 0.0 => return None,
         Projection::Perspective => n.truncate() - a.truncate() * (n.z / a.z),
@@ -160,7 +161,7 @@ pub(crate) fn along(camera: &Camera, from: DVec3, direction: DVec3, pixel: DVec2
     let u = (across * f).try_normalize()?;
     let q = u.dot(pixel - camera.centre_px);
     let (start, step) = (u.dot(f * a.truncate()), u.dot(f * n.truncate()));
-    // (start + t step) / (a.z + t n.z) = q, and without the denominator.
+    // Solves (start + t step) / (a.z + t n.z) = q for t; the orthographic case has no denominator.
     let t = match camera.projection {
         Projection::Perspective => (q * a.z - start) / (step - q * n.z),
         Projection::Orthographic => (q - start) / step,
@@ -169,11 +170,12 @@ pub(crate) fn along(camera: &Camera, from: DVec3, direction: DVec3, pixel: DVec2
     (t.is_finite() && is_seen).then_some(t)
 }
 
-/// The direction from a point to where a pixel's ray meets a sphere around it; where the ray passes the sphere, to the
-/// ray.
+/// Returns the direction from a point to where a pixel's ray meets a sphere around it. If the ray
+/// misses the sphere, it returns the direction to the nearest point of the ray.
 ///
-/// - `towards`: the direction before, of unit length: of the two places the one near it.
-/// - `radius`: of the sphere, world units.
+/// - `towards`: unit vector of the previous direction; of two intersections, the one nearer to it
+///   is taken.
+/// - `radius`: radius of the sphere, world units.
 pub(crate) fn turned(
     camera: &Camera,
     centre: DVec3,
@@ -231,19 +233,19 @@ mod tests {
             (Some(CORNERS), Some(plane(0.5)))
         );
         assert_eq!(clip.planes(), all);
-        // In another order the same planes are meant.
+        // The same planes in another order give the same result.
         let shifted = [vec![plane(0.5)], faces.clone(), vec![plane(2.0)]].concat();
         assert_eq!(Clip::of(&shifted), clip);
         let five = Clip::of(&faces[..5]);
         assert_eq!((five.corners, five.plane), (None, Some(faces[0])));
         assert_eq!(five.planes(), faces[..5]);
-        // A slanting plane is no face.
+        // A plane at an angle to the axes is no face.
         let slanting = [vec![plane(1.0)], faces[..5].to_vec()].concat();
         assert_eq!(Clip::of(&slanting).corners, None);
         assert_eq!(Clip::of(&[]), Clip::default());
     }
 
-    /// Pixels of a point that moved along an axis say how far it moved.
+    /// The pixels of a point moved along an axis give back the distance.
     #[test]
     fn faces_move_by_what_their_pixels_moved() {
         for camera in cameras() {
@@ -255,7 +257,7 @@ mod tests {
                         let pixel = camera.project(to).unwrap();
                         let found = along(&camera, centre, DVec3::AXES[axis], pixel).unwrap();
                         assert!((found - moved).abs() < 1e-9, "{found} {moved}");
-                        // What is beside the line moves nothing.
+                        // A displacement perpendicular to the line moves nothing.
                         let ends = [centre, to + DVec3::AXES[axis]];
                         let [a, b] = ends.map(|p| camera.project(p).unwrap());
                         let aside = (b - a).perp().normalize() * 23.0;
@@ -308,17 +310,18 @@ mod tests {
         let moved = through(plane, on + plane.normal / 5.0 * 0.5, data);
         assert_eq!(moved.normal, plane.normal);
         assert!((foot(moved, on) - on).length() - 0.5 < 1e-12);
-        // No farther than to the corner.
+        // The plane stops at the corner.
         let last = through(plane, plane.normal * 100.0, data);
         assert!(last.inside(DVec3::ONE * 3.0).abs() < 1e-12);
     }
 
-    /// The tip of a normal that was turned is found under its pixel.
+    /// The tip of a rotated normal is found under its pixel.
     #[test]
     fn normals_turn_to_where_their_tips_are_dragged() {
         for camera in cameras() {
             let centre = DVec3::new(1.0, 2.5, 0.5);
-            // To the side of the eye, so that a small turn stays there.
+            // The normal is not along the view, so that after a small turn it is still on the same
+            // side of the sphere.
             let normal = (camera.eye - centre).normalize() + DVec3::new(0.3, 0.2, 0.1);
             for sign in [1.0, -1.0] {
                 let normal = normal.normalize() * sign;
@@ -327,7 +330,7 @@ mod tests {
                 let found = turned(&camera, centre, (normal, 1.5), pixel).unwrap();
                 assert!((found - turn * normal).length() < 1e-9, "{found}");
             }
-            // Beside the sphere: across the view, in the direction of the pointer.
+            // A pixel beside the sphere gives a direction across the view, towards the pointer.
             let far = camera.project(centre).unwrap() + DVec2::new(120.0, 0.0);
             let found = turned(&camera, centre, (normal.normalize(), 1.5), far).unwrap();
             let seen = camera.camera_from_world * found;
@@ -348,7 +351,7 @@ mod tests {
             .map(|i| corners[i].distance(corners[(i + 1) % 4]))
             .sum();
         assert!((round - 20.0).abs() < 1e-12 && corners.iter().all(|c| c.x == 0.5));
-        // Through the middle of a cube, across its diagonal: a hexagon.
+        // The plane through the centre of a cube, perpendicular to its diagonal, cuts a hexagon.
         let diagonal = ClipPlane {
             normal: DVec3::ONE,
             distance: 0.0,

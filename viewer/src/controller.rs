@@ -1,42 +1,44 @@
-//! How coarse a picture is while things move: what fits the time of a frame.
+//! Controls how coarse pictures are during motion, so that each fits the time of a frame.
 
 use std::time::Duration;
 
 use ewa_splat::scene::Classification;
 
-/// What a frame may take while the camera or a transfer function moves.
+/// Time of a frame while the camera or a transfer function moves.
 pub(crate) const WANTED: Duration = Duration::from_millis(33);
 
-/// The loosest tolerance that is drawn, in linear colour: beyond it pictures of motion no longer resemble those at rest.
+/// Loosest tolerance of pictures in motion, in linear colour. Beyond it, they no longer resemble
+/// pictures at rest.
 const LOOSEST: f32 = 0.05;
 
-/// The least share of the pixels.
+/// Smallest share of the pixels that is drawn.
 const LEAST: f32 = 1.0 / 16.0;
 
-/// How many times its share of the tolerance merging may err at most, once fewer pixels save no more time. Of a million
-/// particles in clusters seen whole, four times as much merges thousands to one: bars of the coarsest levels are seen.
+/// Largest factor by which merging may exceed its share of the tolerance, once fewer pixels save no
+/// more time. With a million particles in clusters seen whole, a factor four times as large merges
+/// thousands to one, and bars of the coarsest levels become visible.
 const MOST_SLACK: f32 = 1024.0;
 
-/// By how much that grows or falls from one picture to the next.
+/// Factor between the merge slacks of successive pictures.
 const SLACK_STEP: f32 = 4.0;
 
-/// How many times as fast as is wanted pictures of all pixels have to be before less is merged: sixteen kernels come in
-/// the place of one.
+/// Ratio of the wanted to the actual frame time, at all pixels, above which the merge slack
+/// decreases. The next level draws up to sixteen kernels in place of one.
 const FAST: f32 = 4.0;
 
-/// How coarse a picture is.
+/// Coarseness of a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Coarseness {
-    /// The share of the picture's pixels that are drawn, 1 for all.
+    /// Share of the picture's pixels that are drawn, 1 for all.
     pub(crate) share: f32,
-    /// The tolerance in linear colour.
+    /// Tolerance in linear colour.
     pub(crate) tolerance: f32,
-    /// How many times its share of the tolerance merging may err, 1 for what the tolerance says.
+    /// Factor by which merging may exceed its share of the tolerance; 1 keeps to the tolerance.
     pub(crate) merge_slack: f32,
 }
 
 impl Coarseness {
-    /// The picture that is asked for.
+    /// Returns no coarseness: the picture that was asked for.
     pub(crate) fn none(tolerance: f32) -> Self {
         Self {
             share: 1.0,
@@ -45,7 +47,7 @@ impl Coarseness {
         }
     }
 
-    /// Over what of a kernel the transfer function is asked: of what is merged at its value.
+    /// Returns the classification: merged kernels are classified by their value alone.
     pub(crate) fn classification(self, asked: Classification) -> Classification {
         match self.merge_slack > 1.0 {
             true => Classification::Particle,
@@ -53,7 +55,7 @@ impl Coarseness {
         }
     }
 
-    /// Width and height of what is drawn of a picture of this size.
+    /// Returns the width and height that are drawn for a picture of this size.
     pub(crate) fn size(self, size: [usize; 2]) -> [usize; 2] {
         let side = self.share.sqrt();
         size.map(|n| {
@@ -68,7 +70,7 @@ impl Coarseness {
     }
 }
 
-/// Finds the finest picture that fits the time, from how long the last ones took.
+/// Finds the finest picture that fits the frame time, from the times of previous pictures.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Controller {
     share: f32,
@@ -85,9 +87,9 @@ impl Default for Controller {
 }
 
 impl Controller {
-    /// How coarse the next picture of a motion is to be.
+    /// Returns the coarseness of the next picture in motion.
     pub(crate) fn next(&self, tolerance: f32) -> Coarseness {
-        // Fewer pixels hide errors as they hide details: both loosen together.
+        // Fewer pixels hide errors as they hide details, so the tolerance loosens with the share.
         let looser = tolerance / self.share;
         Coarseness {
             share: self.share,
@@ -96,10 +98,11 @@ impl Controller {
         }
     }
 
-    /// Learns what the last one took.
+    /// Adapts to the time that the last picture took.
     pub(crate) fn took(&mut self, time: Duration) {
         let ratio = WANTED.as_secs_f32() / time.as_secs_f32().max(1e-4);
-        // Costs grow less than the pixels do: half of the way, so that it settles; down faster than up.
+        // Costs grow more slowly than the number of pixels. A small exponent damps the change so
+        // that it settles; it is larger for slow frames than for fast ones.
         let factor = ratio.powf(if ratio < 1.0 { 0.8 } else { 0.4 });
         if self.share <= LEAST && factor < 1.0 {
             self.merge_slack = (self.merge_slack * SLACK_STEP).min(MOST_SLACK);
@@ -114,7 +117,7 @@ impl Controller {
 mod tests {
     use super::*;
 
-    /// A picture that takes a fixed time and one for each pixel.
+    /// Simulates pictures with a fixed cost and a cost per pixel; returns the time once it settles.
     fn settled(fixed_ms: f32, all_ms: f32) -> f32 {
         let mut controller = Controller::default();
         for _ in 0..40 {
@@ -128,7 +131,7 @@ mod tests {
     fn it_settles_at_the_time_that_is_wanted() {
         assert!((settled(5.0, 100.0) - 33.0).abs() < 3.0);
         assert!((settled(20.0, 60.0) - 33.0).abs() < 3.0);
-        // All of a light scene, the least of a heavy one.
+        // A light scene draws all pixels, a heavy one the smallest share.
         assert!((settled(1.0, 10.0) - 11.0).abs() < 0.1);
         assert!((settled(40.0, 160.0) - 50.0).abs() < 0.1);
     }
@@ -154,7 +157,8 @@ mod tests {
         );
     }
 
-    /// A picture whose time goes by kernels, of which merging leaves a sixteenth.
+    /// Simulates pictures whose cost depends on the number of kernels, of which merging leaves a
+    /// sixteenth.
     #[test]
     fn kernels_are_merged_where_fewer_pixels_are_not_enough() {
         let mut controller = Controller::default();
@@ -170,11 +174,11 @@ mod tests {
         };
         let heavy = took(110.0, 40);
         assert!(heavy.merge_slack > 30.0 && heavy.share > 0.5, "{heavy:?}");
-        // It stays so: what is merged does not come and go.
+        // The slack stays constant, so that merged kernels do not flicker.
         assert_eq!(took(110.0, 1).merge_slack, heavy.merge_slack);
         let light = took(1.0, 40);
         assert_eq!(light.share, 1.0);
-        // Few kernels and many pixels: no reason to merge less, nor more.
+        // Few kernels and many pixels give no reason to merge less or more.
         assert!(light.merge_slack <= heavy.merge_slack);
         assert_eq!(Controller::default().next(0.004).merge_slack, 1.0);
     }

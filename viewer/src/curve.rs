@@ -1,7 +1,8 @@
-//! A transfer function as it is edited: opacity points and colour stops over a range of values.
+//! Defines the editable form of a transfer function: opacity points and colour stops over a range
+//! of values.
 //!
-//! What is drawn is read from the JSON of the curve, which `--transfer-function` reads: a window and a command that are given one
-//! file show one picture.
+//! The picture uses the JSON of the curve, which `--transfer-function` reads. So a window and a
+//! command with the same file show the same picture.
 
 use std::path::Path;
 
@@ -10,24 +11,24 @@ use ewa_splat::image::srgb_from_linear;
 use ewa_splat::scene::{ScaleName, TransferDefaults, TransferFunction, ValueScale};
 use serde_json::{Value, json};
 
-/// How far opacities and colours may be from the points that are left out of those of a file.
+/// Largest error of opacity and colour when points of a file are left out.
 const SIMPLER: f32 = 0.01;
 
-/// A transfer function as it is edited.
+/// Editable transfer function.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Curve {
-    /// Where the table lies.
+    /// Range of values that the table covers.
     pub(crate) range: [f64; 2],
     scale: ValueScale,
     unit_distance: f64,
-    /// Values, not decreasing, and opacities from 0 to 1.
+    /// Values, not decreasing, with opacities from 0 to 1.
     pub(crate) opacities: Vec<(f64, f32)>,
-    /// Values, not decreasing, and colours as displays take them.
+    /// Values, not decreasing, with display-encoded (sRGB) colours.
     pub(crate) colours: Vec<(f64, [f32; 3])>,
 }
 
 impl Curve {
-    /// The points of a function's file, without those that the others say.
+    /// Extracts the points of a function's file, without those that interpolation reproduces.
     pub(crate) fn of(function: &TransferFunction) -> Option<Self> {
         let file: Value = serde_json::from_str(&function.to_json()).ok()?;
         let number = |value: &Value| value.as_f64().map(narrowed);
@@ -44,7 +45,8 @@ impl Curve {
             if let Some(colour) = point.get("color").and_then(Value::as_array) {
                 let mut channels = colour.iter().filter_map(number);
                 let colour = [channels.next()?, channels.next()?, channels.next()?];
-                // As displays take them colours are mixed, and maps have few points so.
+                // The editor interpolates in display-encoded colours, in which colour maps need few
+                // points.
                 let encode = |c| if is_linear { srgb_from_linear(c) } else { c };
                 colours.push((value, colour.map(encode)));
             }
@@ -71,7 +73,7 @@ impl Curve {
         })
     }
 
-    /// The file that `--transfer-function` reads.
+    /// Returns the file that `--transfer-function` reads.
     pub(crate) fn to_json(&self) -> String {
         let opacities = self
             .opacities
@@ -101,10 +103,10 @@ impl Curve {
         format!("{file:#}\n")
     }
 
-    /// The function that a command makes of the file.
+    /// Builds the function as a command would from the file.
     ///
     /// # Errors
-    /// Points that are no function.
+    /// Points that form no function.
     pub(crate) fn function(&self) -> Result<TransferFunction> {
         let defaults = TransferDefaults {
             range: self.range.map(narrowed),
@@ -112,11 +114,11 @@ impl Curve {
         };
         let path = Path::new("the edited function");
         let function = TransferFunction::from_json(path, &self.to_json(), &defaults)?;
-        // The data's values lie on the scale that the first function had.
+        // The data's values were stored on the first function's scale.
         Ok(function.moved_to(self.scale).unwrap_or(function))
     }
 
-    /// What the scale is called.
+    /// Returns the name of the scale.
     pub(crate) fn scale_name(&self) -> ScaleName {
         match self.scale {
             ValueScale::Linear | ValueScale::Shifted { .. } => ScaleName::Linear,
@@ -125,7 +127,8 @@ impl Curve {
         }
     }
 
-    /// Moves the ends of the range, and all points with them; a range that the scale has none of is left as it was.
+    /// Sets the range and moves all points with it. A range outside the scale's domain changes
+    /// nothing.
     pub(crate) fn set_range(&mut self, range: [f64; 2]) {
         let places = range.map(|end| self.scale.position(end));
         if !(places[0] < places[1] && (places[1] - places[0]).is_finite()) {
@@ -141,13 +144,13 @@ impl Curve {
         }
     }
 
-    /// Where a value lies between the ends of the range, 0 to 1.
+    /// Returns the relative position of a value in the range, 0 to 1.
     pub(crate) fn share(&self, value: f64) -> f32 {
         let [lo, hi] = self.range.map(|end| self.scale.position(end));
         (self.scale.position(value) - lo) / (hi - lo)
     }
 
-    /// The value at a share of the range.
+    /// Returns the value at a relative position in the range.
     pub(crate) fn value(&self, share: f32) -> f64 {
         let [lo, hi] = self.range.map(|end| self.scale.position(end));
         let value = self.scale.value(lo + (hi - lo) * share.clamp(0.0, 1.0));
@@ -172,14 +175,14 @@ impl Curve {
         value.clamp(before, after.max(before))
     }
 
-    /// Puts in an opacity point.
+    /// Inserts an opacity point.
     pub(crate) fn add_opacity(&mut self, share: f32, opacity: f32) {
         let value = self.value(share);
         let at = self.opacities.partition_point(|point| point.0 <= value);
         self.opacities.insert(at, (value, opacity.clamp(0.0, 1.0)));
     }
 
-    /// Puts in a colour stop of the colour that is there.
+    /// Inserts a colour stop of the interpolated colour.
     pub(crate) fn add_colour(&mut self, share: f32) {
         let value = self.value(share);
         let at = self.colours.partition_point(|stop| stop.0 <= value);
@@ -207,7 +210,8 @@ pub(crate) fn narrowed(x: f64) -> f32 {
     }
 }
 
-/// Points of which none is farther than [`SIMPLER`] from the line between those that stay (Douglas and Peucker 1973).
+/// Removes points that lie within [`SIMPLER`] of the polyline through the others (Douglas and
+/// Peucker 1973).
 fn simplified<T: Copy>(
     points: &[(f64, T)],
     place: impl Fn(f64) -> f32,
@@ -246,16 +250,16 @@ fn simplified<T: Copy>(
         .collect()
 }
 
-/// A function, how it is edited, and the file that a command reads it from.
+/// Transfer function, its editable form, and the file from which a command reads it.
 #[derive(Debug, Clone, PartialEq)]
 struct State {
     function: TransferFunction,
     curve: Curve,
-    /// None of the one that the data were read with.
+    /// Text of the file; `None` for the function that the data were read with.
     file: Option<String>,
 }
 
-/// A function and its earlier and later states.
+/// Transfer function with its earlier and later states.
 #[derive(Debug, Clone)]
 pub(crate) struct History {
     states: Vec<State>,
@@ -263,7 +267,7 @@ pub(crate) struct History {
 }
 
 impl History {
-    /// More steps back than anybody takes.
+    /// Largest number of states kept for undo.
     const MOST: usize = 200;
 
     pub(crate) fn new(function: TransferFunction) -> Option<Self> {
@@ -286,22 +290,23 @@ impl History {
         &self.states[self.now].curve
     }
 
-    /// Where the table of the function lay that the data were read with.
+    /// Returns the table's range in the function that the data were read with.
     pub(crate) fn first_range(&self) -> [f64; 2] {
         self.states[0].curve.range
     }
 
-    /// The text that `--transfer-function` reads.
+    /// Returns the text that `--transfer-function` reads.
     pub(crate) fn file(&self) -> String {
         let state = &self.states[self.now];
         let file = state.file.clone();
         file.unwrap_or_else(|| state.function.to_json())
     }
 
-    /// A function as it was edited; later states are forgotten. One that `goes_on` takes the place of the last, as a drag does.
+    /// Adds an edited function and discards later states. If the edit `goes_on`, as a drag does, it
+    /// replaces the last state.
     ///
     /// # Errors
-    /// Points that are no function.
+    /// Points that form no function.
     pub(crate) fn edit(&mut self, curve: Curve, goes_on: bool) -> Result<()> {
         let state = State {
             function: curve.function()?,
@@ -312,7 +317,7 @@ impl History {
         Ok(())
     }
 
-    /// A function as it was read from a file's text; later states are forgotten.
+    /// Adds a function read from a file's text, and discards later states.
     pub(crate) fn load(&mut self, function: TransferFunction, text: String) {
         if let Some(curve) = Curve::of(&function) {
             let file = Some(text);
@@ -411,7 +416,7 @@ mod tests {
         assert!(curve.function().is_ok());
     }
 
-    /// Points keep their shares of a range that moves, and one that is none changes nothing.
+    /// Points keep their relative positions when the range moves. An invalid range changes nothing.
     #[test]
     fn ranges_move_with_their_points() {
         let curve = Curve {

@@ -1,4 +1,4 @@
-//! The system's dialogs to choose files, on threads of their own: the window goes on beside them.
+//! Runs the system's file dialogs on threads of their own, so that the window stays responsive.
 
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -6,25 +6,25 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use egui::Context;
 use rfd::{AsyncFileDialog, FileHandle};
 
-/// What a file is chosen for.
+/// Purpose for which a file is chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Purpose {
-    /// Data to be shown.
+    /// Data to show.
     Open,
-    /// Where the picture is written.
+    /// File for the picture.
     Picture,
-    /// A transfer function to be loaded.
+    /// Transfer function to load.
     Function,
-    /// Key frames to be loaded.
+    /// Key frames to load.
     Path,
-    /// Where the pictures of the key frames are written.
+    /// File for the pictures of the key frames.
     Film,
 }
 
-/// Files that were chosen, and for what.
+/// Chosen files, with their purpose.
 pub(crate) type Chosen = (Purpose, Vec<PathBuf>);
 
-/// Dialogs, and what was chosen in them.
+/// Dialogs and the files chosen in them.
 #[derive(Debug)]
 pub(crate) struct Dialogs {
     sender: Sender<Chosen>,
@@ -39,11 +39,11 @@ impl Default for Dialogs {
 }
 
 impl Dialogs {
-    /// Opens a dialog. Nothing comes of one that is closed, nor where a system has none.
+    /// Opens a dialog. A closed dialog, or a system without dialogs, has no effect.
     pub(crate) fn ask(&self, purpose: Purpose, context: &Context) {
         let dialog = AsyncFileDialog::new();
         let (sender, context) = (self.sender.clone(), context.clone());
-        // Some systems want it made here and waited for elsewhere.
+        // Some systems require that the dialog is created on this thread and awaited on another.
         match purpose {
             Purpose::Open => {
                 let files = dialog.set_title("Data to show").pick_files();
@@ -73,12 +73,12 @@ impl Dialogs {
         }
     }
 
-    /// What was chosen since this was last asked.
+    /// Returns the files chosen since the last call.
     pub(crate) fn chosen(&self) -> Vec<Chosen> {
         self.chosen.try_iter().collect()
     }
 
-    /// Where a test says what was chosen.
+    /// Returns the channel through which a test makes choices.
     #[cfg(test)]
     pub(crate) fn sender(&self) -> Sender<Chosen> {
         self.sender.clone()
@@ -93,7 +93,7 @@ fn tell(
 ) {
     let files = files.into_iter().flatten();
     let paths: Vec<PathBuf> = files.map(|file| file.path().to_path_buf()).collect();
-    // A window that was closed takes nothing any more.
+    // A closed window no longer receives choices.
     if !paths.is_empty() && sender.send((purpose, paths)).is_ok() {
         context.request_repaint();
     }

@@ -1,24 +1,25 @@
-//! Handles of the clip box and the clip plane: the one that the user holds, and where it was taken.
+//! Defines the handles of the clip box and the clip plane, and the one that the user holds.
 
 use glam::{DVec2, DVec3};
 
 use crate::screen::AXES;
 
-/// The handle that is held, and the place of the plane's handles.
+/// Handle that is held, and the place of the plane's handles.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Handles {
     pub(crate) grip: Option<Grip>,
-    /// The point whose foot on the plane carries the plane's handles; at first the middle of the data.
+    /// Point whose projection onto the plane carries the plane's handles; initially the centre of
+    /// the data.
     pub(crate) pivot: Option<DVec3>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Part {
-    /// A face of the box: its axis, and whether it is the upper one.
+    /// Face of the box: its axis, and whether it is the upper one.
     Face(usize, bool),
-    /// The position of the plane.
+    /// Position of the plane.
     Move,
-    /// The direction of the plane.
+    /// Direction of the plane.
     Turn,
 }
 
@@ -35,12 +36,12 @@ impl Part {
     }
 }
 
-/// A handle that is held.
+/// Handle that is held.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Grip {
     pub(crate) part: Part,
-    /// The position of the handle when it was taken.
+    /// Position of the handle when it was grabbed.
     pub(crate) from: DVec3,
-    /// The offset from the pointer to the handle, pixels.
+    /// Offset from the pointer to the handle, pixels.
     pub(crate) offset: DVec2,
 }

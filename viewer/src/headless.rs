@@ -1,4 +1,4 @@
-//! The window without a display: passes of its interface, one after another.
+//! Runs the interface without a display, one pass after another.
 
 use std::time::{Duration, Instant};
 
@@ -9,15 +9,15 @@ use crate::app::App;
 use crate::canvas::Canvas;
 use crate::window;
 
-/// Longer than any scene takes to be read and refined on a slow machine.
+/// Longest wait: no scene takes longer to be read and refined on a slow machine.
 const LONGEST: Duration = Duration::from_secs(600);
 
-/// A window that nobody sees.
+/// Window without a display.
 pub(crate) struct Headless {
     pub(crate) app: App,
     pub(crate) context: Context,
     size: [usize; 2],
-    /// Between two passes.
+    /// Pause between two passes.
     pause: Duration,
     begun: Instant,
 }
@@ -34,7 +34,7 @@ impl Headless {
         }
     }
 
-    /// One pass. Textures that it asks for are the caller's to take or to clear.
+    /// Runs one pass. The caller takes or clears the textures in its output.
     pub(crate) fn pass(&mut self) -> FullOutput {
         let [width, height] = self.size.map(|n| n as f32);
         let input = RawInput {
@@ -50,10 +50,11 @@ impl Headless {
         self.context.run_ui(input, |ui| window::show(app, ui))
     }
 
-    /// Passes until something holds, each of which is handed to `take`: how long that took.
+    /// Runs passes until a condition holds, and gives the output of each to `take`. Returns the
+    /// time that this took.
     ///
     /// # Errors
-    /// What the window shows as an error; nothing in ten minutes.
+    /// The error that the window shows; a condition that does not hold within ten minutes.
     pub(crate) fn until(
         &mut self,
         holds: impl Fn(&App) -> bool,

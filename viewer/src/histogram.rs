@@ -1,19 +1,19 @@
-//! How often values occur, along the range of a transfer function.
+//! Counts values along the range of a transfer function.
 
 use ewa_splat::scene::{TransferFunction, Values};
 
-/// Bars of a histogram.
+/// Number of bars of a histogram.
 const BARS: usize = 128;
 
-/// How often values occur in equal parts of a transfer function's range.
+/// Counts of values in equal parts of a transfer function's range.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Histogram {
     pub(crate) counts: Vec<u32>,
 }
 
 impl Histogram {
-    /// Of all values of a volume, which are positions on its function's scale; those beyond the range are in its outermost bars,
-    /// and NaN in none.
+    /// Counts the values of a volume, which are positions on its function's scale. Values beyond
+    /// the range count in the outermost bars; NaN does not count.
     pub(crate) fn of(values: &Values, function: &TransferFunction) -> Self {
         let mut counts = vec![0_u32; BARS];
         let [lo, hi] = function.range();
@@ -33,7 +33,7 @@ impl Histogram {
         Self { counts }
     }
 
-    /// The heights of the bars, the greatest 1.
+    /// Returns the heights of the bars, scaled to a maximum of 1.
     pub(crate) fn heights(&self, is_logarithmic: bool) -> Vec<f32> {
         let height = |count: &u32| {
             let count = *count as f32;
@@ -65,7 +65,7 @@ mod tests {
         assert_eq!(histogram.heights(true)[1], 0.0);
     }
 
-    /// Values of a field over decades reach a volume as their logarithms.
+    /// The values of a field that spans decades are stored in a volume as logarithms.
     #[test]
     fn logarithms_are_not_taken_twice() {
         let values = Values::F32((0..128).map(|i| 10_f32.powi(i / 32)).collect());
@@ -79,7 +79,7 @@ mod tests {
         let function = TransferFunction::automatic(&sample, &options).unwrap();
         let positions = function.value_scale().positions(values);
         let counts = Histogram::of(&positions, &function).counts;
-        // 1, 10, 100 and 1000 stand at quarters of the range.
+        // 1, 10, 100 and 1000 divide the range into equal parts.
         let high: Vec<usize> = (0..128).filter(|&i| counts[i] > 0).collect();
         assert_eq!(high.len(), 4);
         for (bar, quarter) in high.iter().zip([0, 32, 64, 96]) {

@@ -1,23 +1,24 @@
-//! What is shown in place of the picture: its errors, depths, normals.
+//! Makes the images shown in place of the picture: its errors, depths, normals.
 
 use ewa_splat::{DepthImage, Image, NormalImage};
 
-/// What is shown in place of the picture.
+/// Image shown in place of the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Instead {
-    /// Its errors, once it is at rest.
+    /// Errors of the picture, once it is at rest.
     Error,
-    /// Where half of its light is gone.
+    /// Depth at which half of the light is absorbed.
     Depth,
-    /// Of its opaque surfaces.
+    /// Normals of opaque surfaces.
     Normals,
 }
 
-/// Decades of errors that are told apart, the asked tolerance at two thirds of them.
+/// Decades of error that the colours cover; the tolerance lies at two thirds of them.
 const DECADES: f32 = 3.0;
 
-/// Each pixel in the colour of its greatest difference in linear colour: black below a hundredth of the tolerance, through blue and
-/// green to yellow at the tolerance, and red from ten times as much on.
+/// Colours each pixel by its greatest difference in linear colour. It is black below a hundredth of
+/// the tolerance, blue and green above, yellow at the tolerance, and red from ten times the
+/// tolerance on.
 pub(crate) fn errors(image: &Image, truth: &Image, tolerance: f32) -> Image {
     let mut shown = image.clone();
     for (pixel, exact) in shown.pixels.iter_mut().zip(&truth.pixels) {
@@ -28,7 +29,7 @@ pub(crate) fn errors(image: &Image, truth: &Image, tolerance: f32) -> Image {
     shown
 }
 
-/// Depths, the nearest white and the farthest dark; black where there are none.
+/// Shows depths: white at the nearest, dark at the farthest, black without a depth.
 pub(crate) fn depths(depth: &DepthImage) -> Image {
     let finite = || depth.depths.iter().copied().filter(|d| d.is_finite());
     let [near, far] = [
@@ -51,7 +52,7 @@ pub(crate) fn depths(depth: &DepthImage) -> Image {
     }
 }
 
-/// Normals: red, green and blue are x, y and z, from -1 to 1; black where there are none.
+/// Shows normals: x, y and z from -1 to 1 become red, green and blue; black without a normal.
 pub(crate) fn normals(normals: &NormalImage) -> Image {
     let shade = |&[x, y, z]: &[f32; 3]| match [x, y, z] == [0.0; 3] {
         true => [0.0, 0.0, 0.0, 1.0],
@@ -64,7 +65,7 @@ pub(crate) fn normals(normals: &NormalImage) -> Image {
     }
 }
 
-/// The colour of an error of so many decades above a hundredth of the tolerance.
+/// Returns the colour of an error, given as decades above a hundredth of the tolerance.
 fn colour(decades: f32) -> [f32; 4] {
     const STOPS: [[f32; 3]; 5] = [
         [0.0, 0.0, 0.0],
@@ -73,7 +74,7 @@ fn colour(decades: f32) -> [f32; 4] {
         [0.9, 0.8, 0.1],
         [0.9, 0.05, 0.02],
     ];
-    // The fourth stop is the tolerance itself.
+    // The fourth stop stands for the tolerance.
     let place = match decades {
         d if d <= 2.0 => d.max(0.0) * 1.5,
         d => 3.0 + (d.min(DECADES) - 2.0),

@@ -1,7 +1,8 @@
-//! A window on `ewa-splat`: what was asked for in the words of `ewa-splat render` can be turned, classified and measured.
+//! Opens a window on data, with the options of `ewa-splat render`, in which the user turns,
+//! classifies and measures them.
 //!
-//! [`worker`] reads and draws on a thread of its own; [`app`] has the window's state and hands it what is wanted; [`window`] lays out
-//! `panel/`, which has one file per part of the window.
+//! [`worker`] reads and draws on a thread of its own. [`app`] holds the window's state and sends
+//! requests to the worker. [`window`] lays out `panel/`, which has one file per part of the window.
 
 mod app;
 mod arguments;
@@ -66,7 +67,7 @@ fn run() -> Result<(), String> {
             .with_title("ewa-splat")
             .with_inner_size([size[0] as f32, size[1] as f32])
             .with_drag_and_drop(true),
-        // A size that is asked for is not that of the next time.
+        // A size given on the command line is not remembered.
         persist_window: asked_size.is_none(),
         wgpu_options: canvas::options(),
         ..eframe::NativeOptions::default()
@@ -75,7 +76,7 @@ fn run() -> Result<(), String> {
         "ewa-splat",
         options,
         Box::new(|context| {
-            // Pictures and what is over them are judged on dark.
+            // Pictures and overlays are designed for a dark background.
             context.egui_ctx.set_theme(egui::Theme::Dark);
             let canvas = Canvas::new(context.wgpu_render_state.clone());
             let mut app = App::new(arguments.asked, &context.egui_ctx, canvas);

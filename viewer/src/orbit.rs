@@ -1,31 +1,31 @@
-//! The camera as hands move it: around a point, along the picture, towards it.
+//! Moves the camera by hand: around a point, across the view, towards the point.
 
 use ewa_splat::view::{Camera, Projection};
 use glam::{DQuat, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
-/// What a camera sees of the world.
+/// Lens of the camera.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) enum Lens {
     /// Vertical field of view in degrees.
     Perspective(f64),
-    /// Height of the picture in world units, at the target and everywhere.
+    /// Height of the picture in world units, at every depth.
     Orthographic(f64),
 }
 
-/// A camera that turns around a point.
+/// Camera that turns around a point.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Orbit {
     pub(crate) eye: DVec3,
     pub(crate) target: DVec3,
     /// Up in the picture: perpendicular to the view.
     pub(crate) up: DVec3,
-    /// What points up in the world.
+    /// Direction up in the world.
     pub(crate) world_up: DVec3,
     pub(crate) lens: Lens,
 }
 
-/// The JSON that `--camera` reads.
+/// JSON file that `--camera` reads.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {
@@ -39,7 +39,7 @@ struct File {
 }
 
 impl Orbit {
-    /// A camera that looks at what is `distance` before it.
+    /// Creates an orbit from a camera, around the point at `distance` in front of it.
     pub(crate) fn of(camera: &Camera, world_up: DVec3, distance: f64) -> Self {
         let forward = camera.forward();
         let height = camera.height as f64;
@@ -59,7 +59,7 @@ impl Orbit {
         }
     }
 
-    /// The camera of a picture of this size.
+    /// Returns the camera for a picture of this size.
     pub(crate) fn camera(&self, size: [usize; 2]) -> Camera {
         match self.lens {
             Lens::Perspective(fov) => {
@@ -83,7 +83,7 @@ impl Orbit {
         self.forward().cross(self.up).normalize_or(DVec3::X)
     }
 
-    /// World units per pixel of a picture of this height, at the target.
+    /// Returns the size of a pixel at the target, world units, in a picture of this height.
     fn unit(&self, height: f64) -> f64 {
         match self.lens {
             Lens::Perspective(fov) => {
@@ -93,7 +93,7 @@ impl Orbit {
         }
     }
 
-    /// Turns around the target: by angles around what points up in the world, and across the picture.
+    /// Turns the camera around the target: around the world's up direction, and over it.
     pub(crate) fn turn(&mut self, around: f64, over: f64) {
         let right = self.right();
         let turn = DQuat::from_axis_angle(self.world_up.normalize_or(DVec3::Z), around)
@@ -103,12 +103,12 @@ impl Orbit {
         self.eye = self.target + arm;
     }
 
-    /// Turns the picture around its middle.
+    /// Rolls the picture around its centre.
     pub(crate) fn roll(&mut self, angle: f64) {
         self.up = DQuat::from_axis_angle(self.forward(), angle) * self.up;
     }
 
-    /// Looks elsewhere from the same place.
+    /// Turns the view direction without moving the eye.
     pub(crate) fn look(&mut self, aside: f64, up: f64) {
         let turn = DQuat::from_axis_angle(self.world_up.normalize_or(DVec3::Z), aside)
             * DQuat::from_axis_angle(self.right(), up);
@@ -116,7 +116,7 @@ impl Orbit {
         self.up = turn * self.up;
     }
 
-    /// Moves along the picture, so that what is at the target's depth follows the pointer.
+    /// Moves the camera across the view, so that points at the target's depth follow the pointer.
     pub(crate) fn pan(&mut self, pixels: DVec2, height: f64) {
         let unit = self.unit(height);
         let step = self.up * (pixels.y * unit) - self.right() * (pixels.x * unit);
@@ -124,7 +124,7 @@ impl Orbit {
         self.target += step;
     }
 
-    /// Moves towards the target, or away: what was 1 of the distance becomes `factor` of it.
+    /// Multiplies the distance to the target by `factor`.
     pub(crate) fn dolly(&mut self, factor: f64) {
         match &mut self.lens {
             Lens::Perspective(_) => {
@@ -134,7 +134,7 @@ impl Orbit {
         }
     }
 
-    /// Flies: right, up and forward, in shares of the distance to the target.
+    /// Flies right, up and forward, by multiples of the distance to the target.
     pub(crate) fn fly(&mut self, step: DVec3) {
         let step =
             (self.right() * step.x + self.up * step.y + self.forward() * step.z) * self.distance();
@@ -142,13 +142,13 @@ impl Orbit {
         self.target += step;
     }
 
-    /// Looks at another point from the same direction and distance.
+    /// Moves the target to another point, with the same direction and distance.
     pub(crate) fn recentre(&mut self, target: DVec3) {
         self.eye += target - self.target;
         self.target = target;
     }
 
-    /// Looks along a direction, with what points up in the world up where that can be.
+    /// Looks along a direction, with the world's up direction up in the picture if possible.
     pub(crate) fn look_along(&mut self, forward: DVec3) {
         let distance = self.distance();
         self.eye = self.target - forward * distance;
@@ -159,7 +159,7 @@ impl Orbit {
         };
     }
 
-    /// Changes between perspective and orthographic, so that what is at the target keeps its size.
+    /// Switches between perspective and orthographic, and keeps the size of objects at the target.
     pub(crate) fn change_lens(&mut self) {
         let height = self.unit(1.0);
         self.lens = match self.lens {
@@ -173,7 +173,7 @@ impl Orbit {
         };
     }
 
-    /// The JSON that `--camera` reads.
+    /// Returns the JSON that `--camera` reads.
     pub(crate) fn to_json(&self) -> String {
         let (fov_deg, ortho_height) = match self.lens {
             Lens::Perspective(fov) => (Some(fov), None),
@@ -189,10 +189,10 @@ impl Orbit {
         serde_json::to_string(&file).unwrap_or_default()
     }
 
-    /// This camera placed by the JSON of [`Self::to_json`].
+    /// Returns this camera, moved to the position in the JSON of [`Self::to_json`].
     ///
     /// # Errors
-    /// Why it is none, in a line.
+    /// The reason why the text is no camera, in one line.
     pub(crate) fn as_in_json(&self, text: &str) -> Result<Self, String> {
         let file: File = serde_json::from_str(text).map_err(|e| format!("no camera: {e}"))?;
         let [eye, target, up] = [file.eye, file.target, file.up].map(DVec3::from_array);
@@ -216,7 +216,7 @@ impl Orbit {
         }
     }
 
-    /// Whether pictures can be drawn from it.
+    /// Returns true if pictures can be drawn with this camera.
     pub(crate) fn is_a_view(&self) -> bool {
         let is_sized = match self.lens {
             Lens::Perspective(fov) => fov > 0.0 && fov < 180.0,

@@ -1,13 +1,13 @@
-//! Where pictures and functions are written.
+//! Defines the files that the window writes.
 
 use serde::{Deserialize, Serialize};
 
-/// The names of files, and the size of pictures.
+/// Names of files, and the size of pictures.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Output {
     pub(crate) picture: String,
     pub(crate) function: String,
-    /// Width and height in pixels; those of the window where they are 0.
+    /// Width and height in pixels; 0 stands for the window's.
     pub(crate) size: [usize; 2],
 }
 

@@ -1,4 +1,4 @@
-//! The overlays that are switched on, in the window and in files.
+//! Selects the overlays of the window and of files.
 
 use ewa_splat::annotate::Annotations;
 use ewa_splat::command::Over;
@@ -10,8 +10,8 @@ use crate::curve::History;
 use crate::overlay::Overlay;
 
 impl App {
-    /// The colour bar of each volume that has one, by the functions in force; those of one field and one function share
-    /// theirs.
+    /// Returns the colour bars of the current transfer functions. Volumes with the same field and
+    /// function share a bar.
     pub(crate) fn bars(&self) -> Vec<ColourBar> {
         let mut bars = Vec::new();
         let volumes = self.loaded.iter().flat_map(|loaded| &loaded.volumes);
@@ -31,8 +31,8 @@ impl App {
         bars
     }
 
-    /// The overlays that are switched on and apply. A legend applies to pictures of the scene; axes and outline apply to all but
-    /// kernel counts.
+    /// Returns the overlays that are switched on and apply. A legend applies to pictures of the
+    /// scene; axes and outline apply to everything but kernel counts.
     pub(crate) fn shown_over(&self) -> Over {
         let has_legend = self.loaded.iter().flat_map(|loaded| &loaded.volumes);
         let has_legend = has_legend.into_iter().any(|volume| volume.bar.is_some());
@@ -49,7 +49,7 @@ impl App {
         }
     }
 
-    /// The overlay of a picture that is written.
+    /// Returns the overlay of a picture that is written.
     pub(crate) fn overlay(&self) -> Overlay {
         let over = self.shown_over();
         let bounds = self.loaded.as_ref().and_then(|loaded| loaded.bounds);

@@ -1,4 +1,4 @@
-//! Annotations and legends on pictures that are written.
+//! Draws annotations and legends on pictures that are written.
 
 use std::borrow::Cow;
 
@@ -15,7 +15,7 @@ pub(crate) struct Overlay {
 }
 
 impl Overlay {
-    /// A picture with the overlay, as `ewa-splat render` draws it.
+    /// Returns a picture with the overlay, as `ewa-splat render` draws it.
     ///
     /// # Errors
     /// A picture that is too small for the overlay.

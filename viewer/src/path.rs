@@ -1,30 +1,30 @@
-//! Key frames: cameras that a path passes, shown one after another and written as a film.
+//! Stores key frames: cameras on a path, shown as an animation and written as a film.
 
 use ewa_splat::view::{Camera, CameraPath, KeyCamera};
 
 use crate::orbit::{Lens, Orbit};
 
-/// Pictures per second, those of `ewa-splat render`.
+/// Pictures per second, as in `ewa-splat render`.
 pub(crate) const RATE: u16 = 25;
 
-/// Key frames, and what becomes of them.
+/// Key frames, with their files and animation.
 #[derive(Debug, Clone)]
 pub(crate) struct KeyFrames {
     pub(crate) keys: Vec<KeyCamera>,
-    /// Pictures of the whole path.
+    /// Number of pictures of the whole path.
     pub(crate) frames: usize,
-    /// The name of their file.
+    /// Name of the key frames' file.
     pub(crate) file: String,
-    /// Where the pictures are written.
+    /// Name of the film's file.
     pub(crate) film: String,
     pub(crate) playing: Option<Playing>,
 }
 
-/// A path that is shown.
+/// Animation of a path.
 #[derive(Debug, Clone)]
 pub(crate) struct Playing {
     cameras: Vec<Camera>,
-    /// When it began, in seconds.
+    /// Start time in seconds.
     since: f64,
 }
 
@@ -41,7 +41,7 @@ impl Default for KeyFrames {
 }
 
 impl KeyFrames {
-    /// The file of `--camera-path`; `None` with fewer than two keys.
+    /// Returns the path for `--camera-path`; `None` with fewer than two keys.
     pub(crate) fn path(&self) -> Option<CameraPath> {
         (self.keys.len() > 1).then(|| CameraPath {
             frames: self.frames,
@@ -49,15 +49,15 @@ impl KeyFrames {
         })
     }
 
-    /// Begins to show the path.
+    /// Starts the animation.
     pub(crate) fn play(&mut self, now: f64) {
-        // What is shown takes its size from the window.
+        // The window determines the size of the picture, so any size will do here.
         let cameras = self.path().map(|path| path.cameras([2, 2]));
         let since = now;
         self.playing = cameras.map(|cameras| Playing { cameras, since });
     }
 
-    /// The camera of this moment; at the end it stays there.
+    /// Returns the camera of this moment; after the end, the last one.
     pub(crate) fn camera(&mut self, now: f64) -> Option<Camera> {
         let playing = self.playing.as_ref()?;
         #[expect(
@@ -75,7 +75,7 @@ impl KeyFrames {
     }
 }
 
-/// The key of a view; paths have perspective.
+/// Returns the key of a view, or `None` for an orthographic view, since paths are perspective.
 pub(crate) fn key_of(orbit: &Orbit) -> Option<KeyCamera> {
     let Lens::Perspective(fov_deg) = orbit.lens else {
         return None;
@@ -88,7 +88,7 @@ pub(crate) fn key_of(orbit: &Orbit) -> Option<KeyCamera> {
     })
 }
 
-/// The view of a key.
+/// Returns the view of a key.
 pub(crate) fn orbit_of(key: &KeyCamera, world_up: glam::DVec3) -> Orbit {
     Orbit {
         eye: key.eye.into(),

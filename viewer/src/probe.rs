@@ -1,18 +1,18 @@
-//! A pixel that is asked about.
+//! Defines the probe of a pixel.
 
 use ewa_splat::render::Picked;
 use glam::DVec3;
 
-/// A pixel that was asked about, and what lies under it.
+/// Probed pixel, and what lies under it.
 #[derive(Debug, Clone)]
 pub(crate) struct Probe {
     pub(crate) pixel: [usize; 2],
-    /// Whether the camera is to look at it.
+    /// True if the camera is to be centred on the point found.
     pub(crate) recentres: bool,
     pub(crate) found: Option<Found>,
 }
 
-/// The particle that a pixel shows most of, and where half of its light is gone.
+/// Particle that contributes most to a pixel, and the depth at which half of the light is absorbed.
 #[derive(Debug, Clone)]
 pub(crate) struct Found {
     pub(crate) volume: usize,
@@ -32,7 +32,7 @@ impl Probe {
         }
     }
 
-    /// Takes what was found.
+    /// Stores the result.
     pub(crate) fn answer(&mut self, picked: &[Picked]) {
         let most = picked.iter().max_by(|a, b| a.share.total_cmp(&b.share));
         self.found = most.map(|most| Found {

@@ -1,4 +1,5 @@
-//! What is remembered from one time to the next. (eframe keeps the window's place and which panels are open.)
+//! Stores choices from one session to the next. (eframe stores the window's position and which
+//! panels are open.)
 
 use ewa_splat::command::Over;
 use serde::{Deserialize, Serialize};
@@ -7,10 +8,10 @@ use crate::app::App;
 use crate::orbit::Orbit;
 use crate::output::Output;
 
-/// The key of it among what eframe keeps.
+/// Key of the choices in eframe's storage.
 const KEY: &str = "choices";
 
-/// What was chosen last, and the views of the data that were shown last.
+/// Choices of the last session, and the saved views of its data.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub(crate) struct Remembered {
@@ -21,7 +22,7 @@ pub(crate) struct Remembered {
     legend: bool,
     axes: bool,
     outline: bool,
-    /// What the views are of.
+    /// Inputs that the views belong to.
     inputs: Vec<String>,
     views: Vec<Orbit>,
 }
@@ -57,13 +58,13 @@ impl App {
         }
     }
 
-    /// Takes what was chosen the last time; views only of the same data.
+    /// Restores the choices of the last session. Views are restored only for the same data.
     fn recall(&mut self, remembered: Remembered) {
         self.output = remembered.output;
         self.logarithmic_counts = remembered.logarithmic_counts;
         self.follows = remembered.follows;
         self.shows_panels = remembered.shows_panels;
-        // What is asked for now outweighs what was chosen then.
+        // Options on the command line take precedence over remembered choices.
         let asked = self.asked.over();
         self.over = Over {
             legend: asked.legend || remembered.legend,
@@ -76,7 +77,8 @@ impl App {
         }
     }
 
-    /// Takes what is kept. What cannot be read is left out, and that is said.
+    /// Restores from storage. If the storage cannot be read, it keeps the defaults and shows a
+    /// message.
     pub(crate) fn recall_from(&mut self, storage: Option<&dyn eframe::Storage>) {
         let Some(text) = storage.and_then(|storage| storage.get_string(KEY)) else {
             return;

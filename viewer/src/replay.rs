@@ -1,4 +1,5 @@
-//! How long pictures take while things move: one turn around the data, and an edit of the transfer function, without a window.
+//! Times pictures in motion without a window: one turn around the data, and an edit of the transfer
+//! function.
 
 use std::time::Duration;
 
@@ -8,22 +9,22 @@ use crate::app::App;
 use crate::controller::Coarseness;
 use crate::headless::Headless;
 
-/// Width and height of the window where none is asked for: the panels leave about 1024 x 640 of it.
+/// Default width and height of the window: the panels leave about 1024 x 640 of it.
 const SIZE: [usize; 2] = [1620, 660];
 
-/// Between two looks at whether a picture is there: a small part of what one takes.
+/// Pause between two checks for a picture: a small part of a picture's time.
 const PAUSE: Duration = Duration::from_micros(500);
 
-/// Passes until something holds: how long that took.
+/// Runs passes until a condition holds, and returns the time that this took.
 fn until(window: &mut Headless, holds: impl Fn(&App) -> bool) -> Result<Duration, String> {
-    // Nothing is drawn of the interface.
+    // The interface itself is not drawn.
     window.until(holds, |mut output| output.textures_delta.clear())
 }
 
-/// Plays the turn and the edit, each of so many pictures, and says how long they took.
+/// Plays the turn and the edit, each of `count` pictures, and reports their times.
 ///
 /// # Errors
-/// What the window shows as an error.
+/// The error that the window shows.
 pub(crate) fn play(asked: Asked, count: u32) -> Result<String, String> {
     let size = asked.size().unwrap_or(SIZE);
     let mut window = Headless::new(asked, size, PAUSE);
@@ -66,7 +67,7 @@ pub(crate) fn play(asked: Asked, count: u32) -> Result<String, String> {
     Ok(text)
 }
 
-/// Waits for the whole picture and for its error; keeps the longest times since the last change.
+/// Waits for the full picture and for its error, and keeps the longest times since the last change.
 fn settle(window: &mut Headless, longest: &mut [Duration; 2]) -> Result<(), String> {
     let whole = until(window, App::is_whole)?;
     let measured = whole + until(window, App::is_at_rest)?;
@@ -74,7 +75,7 @@ fn settle(window: &mut Headless, longest: &mut [Duration; 2]) -> Result<(), Stri
     Ok(())
 }
 
-/// The distribution of times, and how coarse the last picture was.
+/// Reports the distribution of times, and the coarseness of the last picture.
 fn said(what: &str, times: &mut [Duration], app: &App) -> String {
     times.sort();
     let at = |share: f64| {

@@ -1,17 +1,17 @@
-//! Where the world lies in the window: pixels of the picture and points of the interface.
+//! Maps the world to the window: pixels of the picture and points of the interface.
 
 use egui::{Color32, Pos2, Rect, Vec2};
 use ewa_splat::view::Camera;
 use glam::{DVec2, DVec3};
 
-/// The colours of x, y and z.
+/// Colours of x, y and z.
 pub(crate) const AXES: [(&str, Color32); 3] = [
     ("x", Color32::from_rgb(235, 90, 80)),
     ("y", Color32::from_rgb(110, 200, 90)),
     ("z", Color32::from_rgb(100, 150, 250)),
 ];
 
-/// A picture's place in the window, and the camera that it is seen by.
+/// Rectangle of the picture in the window, and its camera.
 #[derive(Debug, Clone)]
 pub(crate) struct Screen {
     pub(crate) camera: Camera,
@@ -19,7 +19,7 @@ pub(crate) struct Screen {
 }
 
 impl Screen {
-    /// Points of the interface for a pixel.
+    /// Returns the size of a pixel in points of the interface.
     fn scale(&self) -> DVec2 {
         let Vec2 { x, y } = self.rect.size();
         DVec2::new(
@@ -28,7 +28,7 @@ impl Screen {
         )
     }
 
-    /// The point of the window at a pixel coordinate.
+    /// Returns the point of the window at a pixel coordinate.
     pub(crate) fn point(&self, pixel: DVec2) -> Pos2 {
         let from = pixel * self.scale();
         #[expect(clippy::cast_possible_truncation, reason = "a place on the screen")]
@@ -36,20 +36,20 @@ impl Screen {
         self.rect.min + from
     }
 
-    /// The pixel coordinate at a point of the window.
+    /// Returns the pixel coordinate at a point of the window.
     pub(crate) fn pixel(&self, point: Pos2) -> DVec2 {
         let from = point - self.rect.min;
         DVec2::new(from.x.into(), from.y.into()) / self.scale()
     }
 
-    /// The point of the window where a point of the world is seen, if it is.
+    /// Returns the point of the window where a point of the world is seen, if it is visible.
     pub(crate) fn place(&self, world: DVec3) -> Option<Pos2> {
         let at = self.point(self.camera.project(world)?);
         self.rect.expand(20.0).contains(at).then_some(at)
     }
 
-    /// The part of a line, in pixel coordinates, that the window shows: coordinates of single precision do not reach
-    /// beyond it far enough.
+    /// Clips a line, in pixel coordinates, to the window. Single-precision coordinates could not
+    /// represent ends far outside of it.
     pub(crate) fn line(&self, [from, to]: [DVec2; 2]) -> Option<[Pos2; 2]> {
         const MARGIN: f64 = 16.0;
         let size = DVec2::new(self.camera.width as f64, self.camera.height as f64);
@@ -71,7 +71,7 @@ impl Screen {
         (first <= last).then(|| [first, last].map(|t| self.point(from + along * t)))
     }
 
-    /// The part of a line of the world that the window shows.
+    /// Returns the part of a line of the world that the window shows.
     pub(crate) fn segment(&self, ends: [DVec3; 2]) -> Option<[Pos2; 2]> {
         self.line(self.camera.project_segment(ends)?)
     }
@@ -109,7 +109,8 @@ mod tests {
         assert_eq!(inside, [Pos2::new(35.0, 20.0), Pos2::new(45.0, 30.0)]);
         assert_eq!(line([500.0, 0.0], [500.0, 100.0]), None);
         assert_eq!(line([-100.0, 150.0], [100.0, 500.0]), None);
-        // From behind the eye to before it: as far as it is seen, towards where it comes from.
+        // A line from behind the eye is visible from the near side on, in the direction from which
+        // it comes.
         let ends = [DVec3::new(0.5, -5.0, 0.0), DVec3::new(0.5, 0.0, 0.0)];
         let [from, to] = screen.segment(ends).unwrap();
         assert_eq!(Some(to), screen.place(ends[1]));

@@ -1,4 +1,4 @@
-//! A picture of the window without one.
+//! Draws a picture of the window without a display.
 
 use std::path::Path;
 use std::time::Duration;
@@ -10,16 +10,17 @@ use ewa_splat::io::write_bytes_atomically;
 use crate::app::App;
 use crate::headless::Headless;
 
-/// Width and height of the picture where none is asked for.
+/// Default width and height of the picture.
 const SIZE: [u32; 2] = [1280, 800];
 
-/// Between two looks at whether all is drawn.
+/// Pause between two checks whether the drawing is complete.
 const PAUSE: Duration = Duration::from_millis(10);
 
-/// Draws the window as it is once nothing is left to be done, and writes it.
+/// Draws the window once all work is done, and writes it.
 ///
 /// # Errors
-/// What the window shows as an error; no adapter, not even a software one; a file that cannot be written.
+/// The error that the window shows; no adapter, not even a software one; a file that cannot be
+/// written.
 pub(crate) fn write(asked: Asked, path: &Path) -> Result<(), String> {
     let size = asked.size().map_or(SIZE, |size| {
         size.map(|n| u32::try_from(n).unwrap_or(u32::MAX))
@@ -29,7 +30,7 @@ pub(crate) fn write(asked: Asked, path: &Path) -> Result<(), String> {
     window.until(App::is_at_rest, |output| {
         painter.update(output.textures_delta)
     })?;
-    // Passes after the last picture lay out what it changed.
+    // The passes after the last picture update the layout.
     painter.update(window.pass().textures_delta);
     let output = window.pass();
     painter.update(output.textures_delta);
@@ -94,7 +95,7 @@ impl Painter {
         textures.clear();
     }
 
-    /// The pixels, four bytes each.
+    /// Returns the pixels, four bytes each.
     fn draw(
         &mut self,
         shapes: &[egui::ClippedPrimitive],
@@ -148,7 +149,7 @@ impl Painter {
     }
 }
 
-/// The texels of a texture, four bytes each.
+/// Reads the texels of a texture, four bytes each.
 ///
 /// # Errors
 /// A device that is lost.

@@ -1,4 +1,4 @@
-//! The window as hands use it, without one.
+//! Tests the window by simulated input, without a display.
 
 mod device;
 mod editor;
@@ -30,7 +30,7 @@ fn window(words: &[&str]) -> Harness<'static, App> {
         .unwrap()
         .asked;
     let mut app = App::new(asked, &egui::Context::default(), Canvas::default());
-    // Pictures are compared without what a window draws over them unasked.
+    // Pictures are compared without the overlays that the window shows by default.
     app.over = app.asked.over();
     let size = Vec2::new(960.0, 640.0);
     let mut window = Harness::builder()
@@ -40,13 +40,13 @@ fn window(words: &[&str]) -> Harness<'static, App> {
     window
 }
 
-/// A window on the fixture of the README.
+/// Opens a window on the README's fixture.
 fn wake() -> Harness<'static, App> {
     let (grid, function) = (fixture("wake.xyz"), fixture("wake_transfer.json"));
     window(&[&grid, "--transfer-function", &function])
 }
 
-/// Steps until nothing is left to be done.
+/// Runs passes until no work is left.
 fn rest(window: &mut Harness<'_, App>) {
     let begun = Instant::now();
     let mut passes = 0;
@@ -66,7 +66,7 @@ fn rest(window: &mut Harness<'_, App>) {
     }
 }
 
-/// The same, whatever was said last.
+/// Runs passes until no work is left, whatever error was shown before.
 fn rest_in_spite_of_errors(window: &mut Harness<'_, App>) {
     window.state_mut().message = None;
     rest(window);
@@ -104,7 +104,7 @@ fn pixels(window: &Harness<'_, App>) -> Vec<u8> {
     image.to_srgb8()
 }
 
-/// The picture that the command of a window makes.
+/// Returns the picture that a window's command makes.
 fn of_command(window: &mut Harness<'_, App>) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let name = |name: &str| folder.path().join(name).display().to_string();
@@ -130,7 +130,7 @@ fn of_command(window: &mut Harness<'_, App>) -> Vec<u8> {
     pixels.chunks(3).flat_map(opaque).collect()
 }
 
-/// The command line of this build: cargo builds it beside this test's own program.
+/// Returns the path of this build's command line: cargo builds it beside this test's program.
 fn ewa_splat_program() -> std::path::PathBuf {
     let own = std::env::current_exe().unwrap();
     let folder = own.parent().unwrap().parent().unwrap();
@@ -143,7 +143,7 @@ fn ewa_splat_program() -> std::path::PathBuf {
 fn pictures_are_those_of_the_command_line() {
     let mut window = wake();
     assert_eq!(pixels(&window), of_command(&mut window));
-    // An opacity point that is dragged, seen from elsewhere.
+    // Drags an opacity point and turns the camera.
     let point = window
         .get_by_label_contains("opacity 0.350")
         .rect()
@@ -184,7 +184,7 @@ fn turns_lead_back_and_undo_restores() {
     }
     rest(&mut window);
     let apart = |a: &[u8], b: &[u8]| a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max();
-    // What eight turns round.
+    // Eight steps turn the picture full circle.
     assert!(apart(&before, &pixels(&window)) <= Some(1));
     step(&mut window, 45.0);
     rest(&mut window);
@@ -224,7 +224,7 @@ fn what_cannot_be_read_is_told_and_leaves_the_scene() {
         "{message:?}"
     );
     assert_eq!(before, pixels(&window));
-    // The old scene is still that of the window: named, and turned.
+    // The old scene is still the window's: its name is shown and it can be turned.
     assert!(window.state().inputs[0].ends_with("wake.xyz"));
     let orbit = window.state_mut().orbit.as_mut().unwrap();
     orbit.turn(0.7, 0.0);
@@ -234,7 +234,7 @@ fn what_cannot_be_read_is_told_and_leaves_the_scene() {
     assert_eq!(pixels(&window), of_command(&mut window));
 }
 
-/// What is being read is cancelled, and the old scene stays.
+/// The user cancels a reading, and the old scene stays.
 #[test]
 fn reading_is_cancelled() {
     let mut window = wake();
@@ -247,14 +247,14 @@ fn reading_is_cancelled() {
         window.step();
         assert!(begun.elapsed() < LONGEST);
     }
-    // Who cancels too late has the other scene whole.
+    // A cancellation that comes too late leaves the complete other scene.
     if window.state().inputs[0].ends_with("wake.xyz") {
         rest(&mut window);
         assert_eq!(before, pixels(&window));
     }
 }
 
-/// Depths and normals are those of the command line's frames.
+/// Depths and normals match those of the command line.
 #[test]
 fn depths_and_normals_are_shown() {
     let vase = fixture("vase.glb");
@@ -274,19 +274,21 @@ fn depths_and_normals_are_shown() {
         counts[0] > all / 4 && counts[0] < all * 9 / 10,
         "{counts:?} of {all}"
     );
-    // Both are of the same surface, whose rim has normals and too little light for a depth.
+    // Both images show the same surface. Its rim has normals, but absorbs too little light for a
+    // depth.
     assert!(
         counts[1] <= counts[0] && counts[0] - counts[1] < all / 25,
         "{counts:?} of {all}"
     );
 }
 
-/// The reference image is near the one that is splatted, and is said to be.
+/// The reference image is near the splatted picture, and the message reports the difference.
 #[test]
 fn truth_is_drawn() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("three.csv");
-    // Every kernel is integrated along every ray: few of both. Two overlap.
+    // Every kernel is integrated along every ray, so the scene and picture are small. Two kernels
+    // overlap.
     let rows = "x,y,z,vxx,vxy,vxz,vyy,vyz,vzz,opacity,r,g,b\n\
         0,0,0,.04,0,0,.04,0,.04,.7,1,.2,.2\n\
         .1,.1,0,.04,.01,0,.02,0,.04,.7,.2,1,.2\n\
@@ -362,7 +364,7 @@ fn every_panel_opens() {
     rest(&mut window);
 }
 
-/// Surfaces are lit from where the light is dragged to, as `--light` lights them.
+/// Dragging the light lights surfaces as `--light` does.
 #[test]
 fn lights_are_dragged() {
     let vase = fixture("vase.glb");
@@ -384,7 +386,8 @@ fn lights_are_dragged() {
     assert_eq!(after, of_command(&mut window));
 }
 
-/// The picture of errors is dark where pictures are near the truth, and none of a thousand pixels is worse than the tolerance.
+/// The image of errors is dark where pictures are near the reference, and of a thousand pixels at
+/// most one exceeds the tolerance.
 #[test]
 fn errors_are_shown() {
     let mut window = wake();
@@ -392,7 +395,7 @@ fn errors_are_shown() {
     window.step();
     rest(&mut window);
     let drawn = window.state().drawn.as_ref().unwrap();
-    // Yellow is the tolerance, and red what is beyond it.
+    // Yellow stands for the tolerance, and red for errors beyond it.
     let is_bad = |p: &&[f32; 4]| p[0] > 0.91 || (p[0] > 0.8 && p[1] < 0.6);
     let image = image(&window);
     let bad = image.pixels.iter().filter(is_bad).count();
@@ -402,7 +405,7 @@ fn errors_are_shown() {
     assert!(drawn.error.unwrap().percentile_999 < 1.0 / 255.0);
 }
 
-/// An image of four by four by four values.
+/// Returns an image data file of four by four by four values.
 fn grid(factor: f64) -> String {
     let value = |i: i32| f64::from(i % 4 + i / 4 % 4 + i / 16) * factor;
     let values: Vec<String> = (0..64).map(|i| value(i).to_string()).collect();
@@ -414,7 +417,7 @@ fn grid(factor: f64) -> String {
     )
 }
 
-/// Steps of time share one function, and each is the picture of its command.
+/// Time steps share one transfer function, and each gives the picture of its command.
 #[test]
 fn steps_of_time_are_gone_through() {
     let folder = tempfile::tempdir().unwrap();
@@ -434,12 +437,12 @@ fn steps_of_time_are_gone_through() {
     assert_eq!(of_first, function(&mut window));
     let second = pixels(&window);
     assert_ne!(first, second);
-    // The file of a function that was not edited is near it.
+    // The file of an unedited function reproduces it approximately.
     let again = of_command(&mut window);
     assert!(second.iter().zip(&again).all(|(a, b)| a.abs_diff(*b) <= 2));
 }
 
-/// Keys change the lens, the view, the panels.
+/// Keys change the lens, the view and the panels.
 #[test]
 fn keys_are_answered() {
     use crate::orbit::Lens;

@@ -1,13 +1,13 @@
-//! Which step of a series is shown.
+//! Selects the step of a series.
 
-/// The steps of a series, and which is shown.
+/// Steps of a series, and the current one.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Time {
-    /// The time of each step, where a file states it; empty without a series.
+    /// Time of each step, if a file states it; empty without a series.
     pub(crate) steps: Vec<Option<f64>>,
     pub(crate) step: usize,
     pub(crate) plays: bool,
-    /// Whether the step that is read is another of the same series.
+    /// True if the step being read is another of the same series.
     is_next: bool,
 }
 
@@ -19,7 +19,7 @@ impl Time {
         }
     }
 
-    /// How many steps there are; 0 without a series.
+    /// Returns the number of steps; 0 without a series.
     pub(crate) fn count(&self) -> usize {
         self.steps.len()
     }
@@ -29,7 +29,7 @@ impl Time {
         self.is_next = true;
     }
 
-    /// Whether the functions of the last step hold for the one that was read.
+    /// Returns true if the step that was read keeps the transfer functions of the last one.
     pub(crate) fn keeps(&mut self) -> bool {
         std::mem::take(&mut self.is_next)
     }

@@ -1,4 +1,4 @@
-//! Whether the files that are shown have changed.
+//! Detects changes of the files that are shown.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
@@ -6,10 +6,11 @@ use std::time::{Duration, SystemTime};
 
 use egui::Context;
 
-/// Between two looks at the files. (Events of a file system would come sooner, and not from other machines.)
+/// Pause between two checks of the files. (File-system events would come sooner, but not for remote
+/// changes.)
 const PAUSE: Duration = Duration::from_secs(1);
 
-/// How a file is: when it was written, and its length; nothing of one that is not there.
+/// State of a file: modification time and length; `None` for an absent file.
 type Stamp = Option<(SystemTime, u64)>;
 
 fn stamp(path: &Path) -> Stamp {
@@ -17,18 +18,19 @@ fn stamp(path: &Path) -> Stamp {
     Some((told.modified().ok()?, told.len()))
 }
 
-/// Files, and how they were when they were read.
+/// Files, and their states when they were read.
 #[derive(Debug, Default)]
 struct Files {
     paths: Vec<PathBuf>,
     known: Vec<Stamp>,
-    /// How they were at the last look, where that is otherwise.
+    /// States at the last check, if they differ from `known`.
     seen: Option<Vec<Stamp>>,
     has_changed: bool,
 }
 
 impl Files {
-    /// Looks at them once more: whether they have changed, and no longer do. What is missing is not read.
+    /// Compares the states of the files. Returns true if they have changed and have been stable
+    /// since the last check. While a file is absent, it returns false.
     fn look(&mut self, now: Vec<Stamp>) -> bool {
         if now == self.known || now.contains(&None) {
             self.seen = None;
@@ -45,7 +47,7 @@ impl Files {
     }
 }
 
-/// A thread that looks at files every second, so that the window sleeps while they stay.
+/// Thread that checks files every second, so that the window sleeps while they do not change.
 #[derive(Debug, Default)]
 pub(crate) struct Watch(Arc<Mutex<Files>>);
 
@@ -54,13 +56,13 @@ fn lock(files: &Mutex<Files>) -> MutexGuard<'_, Files> {
 }
 
 impl Watch {
-    /// Begins to look, until the window is closed.
+    /// Starts checking, until the window is closed.
     pub(crate) fn start(&self, context: Context) {
         let files = Arc::downgrade(&self.0);
         std::thread::spawn(move || watch(&files, &context));
     }
 
-    /// Other files, which are about to be read.
+    /// Sets the files, which are about to be read.
     pub(crate) fn set(&self, paths: Vec<PathBuf>) {
         let known = paths.iter().map(|path| stamp(path)).collect();
         *lock(&self.0) = Files {
@@ -70,7 +72,7 @@ impl Watch {
         };
     }
 
-    /// Whether they have changed since this was last asked.
+    /// Returns true if the files have changed since the last call.
     pub(crate) fn has_changed(&self) -> bool {
         std::mem::take(&mut lock(&self.0).has_changed)
     }
@@ -109,13 +111,13 @@ mod tests {
             ..Files::default()
         };
         assert!(!files.look(vec![at(1, 10), at(1, 20)]));
-        // It is being written.
+        // The file is being written.
         assert!(!files.look(vec![at(5, 3), at(1, 20)]));
         assert!(!files.look(vec![at(6, 8), at(1, 20)]));
         assert!(files.look(vec![at(6, 8), at(1, 20)]));
         assert!(files.has_changed);
         assert!(!files.look(vec![at(6, 8), at(1, 20)]));
-        // One that is replaced is away for a moment.
+        // A file that is being replaced is absent for a moment.
         assert!(!files.look(vec![None, at(1, 20)]));
         assert!(!files.look(vec![None, at(1, 20)]));
         assert!(!files.look(vec![at(9, 8), at(1, 20)]));

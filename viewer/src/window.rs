@@ -1,4 +1,5 @@
-//! The frame of the panels: each pass hears the worker, lays out the window, answers, and tells the worker what is wanted.
+//! Runs a pass of the window: receives the worker's messages, lays out the panels, handles input,
+//! and sends requests to the worker.
 
 use std::path::PathBuf;
 
@@ -8,7 +9,7 @@ use crate::app::App;
 use crate::dialogs::Purpose;
 use crate::panel::{self, output, path};
 
-/// The window, as eframe asks for it.
+/// Window in the form that eframe expects.
 pub(crate) struct Window(pub(crate) App);
 
 impl eframe::App for Window {
@@ -21,7 +22,7 @@ impl eframe::App for Window {
     }
 }
 
-/// Lays out the window and answers what was done in it.
+/// Lays out the window and handles its input.
 pub(crate) fn show(app: &mut App, ui: &mut Ui) {
     let context = ui.ctx().clone();
     app.hear(&context);
@@ -47,7 +48,7 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
     app.show_view();
 }
 
-/// Does what files were chosen for.
+/// Uses the files that were chosen in dialogs.
 fn take_chosen(app: &mut App) {
     for (purpose, paths) in app.dialogs.chosen() {
         let name = paths.first().map(|path| path.display().to_string());

@@ -1,4 +1,4 @@
-//! The command that makes the picture of the window.
+//! Writes the command that makes the picture of the window.
 
 use ewa_splat::Settings;
 use ewa_splat::command::{Asked, Over};
@@ -7,7 +7,7 @@ use ewa_splat::scene::LightFrame;
 
 use crate::orbit::{Lens, Orbit};
 
-/// Options that the window's state takes the place of.
+/// Options that the window's state replaces.
 const REPLACED: [&str; 28] = [
     "eye",
     "target",
@@ -39,29 +39,29 @@ const REPLACED: [&str; 28] = [
     "outline",
 ];
 
-/// What a window shows.
+/// State that a window shows.
 pub(crate) struct State<'a> {
     pub(crate) asked: &'a Asked,
-    /// The inputs that are chosen.
+    /// Chosen inputs.
     pub(crate) inputs: Vec<&'a str>,
     pub(crate) field: Option<&'a str>,
-    /// The file of a function that was edited.
+    /// File of an edited transfer function.
     pub(crate) function: Option<&'a str>,
     pub(crate) orbit: &'a Orbit,
-    /// The settings that were asked for, and those in force.
+    /// Settings asked for, and current settings.
     pub(crate) settings: [&'a Settings; 2],
-    /// What is over the picture.
+    /// Overlays of the picture.
     pub(crate) over: Over,
     pub(crate) size: [usize; 2],
     pub(crate) out: &'a str,
 }
 
-/// The words of the command, each as it is without a shell.
+/// Returns the arguments of the command, without a shell's quotes.
 pub(crate) fn words(state: &State<'_>) -> Vec<String> {
     let mut words = vec!["ewa-splat".to_owned(), "render".to_owned()];
     words.extend(state.inputs.iter().map(|input| (*input).to_owned()));
     let mut say = |name: &str, value: Option<String>| {
-        // With = a value may begin with a dash.
+        // With `=`, a value may begin with a dash.
         words.push(match value {
             Some(value) => format!("--{name}={value}"),
             None => format!("--{name}"),
@@ -115,7 +115,7 @@ pub(crate) fn words(state: &State<'_>) -> Vec<String> {
     words
 }
 
-/// What is drawn otherwise than by default.
+/// Adds the options that differ from the defaults.
 fn settings(asked: &Settings, now: &Settings, say: &mut impl FnMut(&str, Option<String>)) {
     let default = Settings::default();
     let text = |text: &str| Some(text.to_owned());
@@ -177,7 +177,7 @@ fn settings(asked: &Settings, now: &Settings, say: &mut impl FnMut(&str, Option<
     }
 }
 
-/// The words as a shell reads them.
+/// Quotes the arguments for a shell.
 pub(crate) fn line(words: &[String]) -> String {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./,=:+@%".contains(c);
     let quoted = words.iter().map(|word| match word.chars().all(is_plain) {

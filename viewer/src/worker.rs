@@ -1,8 +1,8 @@
-//! The thread that reads and draws, so that the window never waits.
+//! Runs the thread that reads and draws, so that the window never waits.
 //!
-//! It is told what is wanted, not what to do: the last word counts, and what is out of date is cancelled. A change is drawn
-//! at once, as coarse as the time of a frame asks; when nothing has changed for a while the picture is refined, and its error
-//! is measured. Then the thread sleeps.
+//! The window sends the wanted state, not commands. The latest request counts, and the thread
+//! cancels outdated work. It draws a change at once, as coarsely as the frame time requires. After
+//! a pause without changes, it refines the picture and measures its error. Then the thread sleeps.
 
 use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -25,30 +25,30 @@ use crate::instead::{self, Instead};
 use crate::overlay::Overlay;
 use crate::path::RATE;
 
-/// How long nothing must change before a picture is refined.
+/// Time without changes after which a picture is refined.
 const REST: Duration = Duration::from_millis(120);
 
-/// How much looser than the asked tolerance the first whole picture is.
+/// Factor by which the first picture of all pixels is looser than the tolerance asked for.
 const FIRST_STEP: f32 = 4.0;
 
-/// The error of the reference image, as a share of the tolerance.
+/// Error of the reference image, as a share of the tolerance.
 const TRUTH_SHARE: f64 = 0.1;
 
-/// Seconds within which a whole picture needs no step before it.
+/// Time of a full picture, in seconds, below which no intermediate step is drawn.
 const SOON: f32 = 0.25;
 
-/// What a picture is to show.
+/// Description of a picture.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct View {
-    /// Of which scene: the number of its [`Load`].
+    /// Scene of the view: the number of its [`Load`].
     pub(crate) scene: u64,
-    /// Its own number.
+    /// Number of the view.
     pub(crate) number: u64,
     pub(crate) camera: Camera,
     pub(crate) settings: Settings,
-    /// What is shown in place of the picture.
+    /// Image shown in place of the picture.
     pub(crate) instead: Option<Instead>,
-    /// The transfer function of each volume that has one.
+    /// Transfer function of each volume that has one.
     pub(crate) functions: Vec<Option<TransferFunction>>,
 }
 
@@ -56,74 +56,74 @@ pub(crate) struct View {
 #[derive(Debug, Clone)]
 pub(crate) struct Film {
     pub(crate) view: View,
-    /// Of one size.
+    /// Cameras, all of one size.
     pub(crate) cameras: Vec<Camera>,
     pub(crate) over: Overlay,
     pub(crate) path: PathBuf,
 }
 
-/// What is to be read.
+/// Data to read.
 #[derive(Debug, Clone)]
 pub(crate) struct Load {
-    /// Its number.
+    /// Number of the load.
     pub(crate) scene: u64,
     pub(crate) asked: Arc<Asked>,
     pub(crate) field: Option<String>,
     pub(crate) chosen: Vec<bool>,
-    /// Of a series.
+    /// Step of a series.
     pub(crate) step: usize,
-    /// The window's device, where that draws.
+    /// The window's device, if pictures are drawn on it.
     pub(crate) gpu: Option<Gpu>,
 }
 
-/// What is known of a scene once it is read.
+/// Facts about a scene after it is read.
 #[derive(Debug, Clone)]
 pub(crate) struct Loaded {
     pub(crate) scene: u64,
     pub(crate) settings: Settings,
     pub(crate) up: Up,
-    /// Around what is visible.
+    /// Boxes around what is visible.
     pub(crate) boxes: Vec<Bounds>,
     pub(crate) bounds: Option<Bounds>,
-    /// Whether any of the data can end sharply.
+    /// True if any of the data can be cut sharply at its boundary.
     pub(crate) has_boundary: bool,
     pub(crate) volumes: Vec<Volume>,
-    /// What can be shown of the first input.
+    /// Fields and vector components of the first input that can be shown.
     pub(crate) fields: Vec<String>,
     pub(crate) particle_count: usize,
     pub(crate) bytes_per_particle: f64,
-    /// What draws: the adapter's name, or the processor.
+    /// Name of the adapter or processor that draws.
     pub(crate) device: String,
     pub(crate) seconds: f64,
 }
 
-/// What is known of a volume.
+/// Facts about a volume.
 #[derive(Debug, Clone)]
 pub(crate) struct Volume {
     pub(crate) title: String,
     pub(crate) function: Option<TransferFunction>,
     pub(crate) histogram: Option<Histogram>,
-    /// Its legend, where a function gives its colours.
+    /// Colour bar, if a transfer function gives the volume's colours.
     pub(crate) bar: Option<ColourBar>,
 }
 
-/// A picture, as the window takes it.
+/// Picture in the form that the window takes.
 #[derive(Debug, Clone)]
 pub(crate) enum Picture {
-    /// In memory.
+    /// Pixels in memory.
     Pixels(Arc<Image>),
-    /// On the window's device: sRGB code values times alpha.
+    /// Texture on the window's device, of sRGB-encoded colours times alpha.
     Texture(Arc<wgpu::Texture>),
 }
 
-/// A picture, and how it came about.
+/// Picture, with the facts of its drawing.
 #[derive(Debug, Clone)]
 pub(crate) struct Drawn {
-    /// The number of its view.
+    /// Number of its view.
     pub(crate) number: u64,
     pub(crate) picture: Picture,
     pub(crate) coarseness: Coarseness,
-    /// Whether nothing is left to be refined.
+    /// True if no refinement is left.
     pub(crate) is_final: bool,
     pub(crate) error: Option<SampledError>,
     pub(crate) counts: FrameCounts,
@@ -137,16 +137,17 @@ pub(crate) enum News {
     Loaded(Box<Loaded>),
     Drawn(Box<Drawn>),
     Picked(Vec<Picked>),
-    /// The reference image is drawn: how far the one before is off.
+    /// The reference image is drawn; the errors are those of the picture before it.
     True(ImageErrors),
     Written(PathBuf),
-    /// The number of a scene that was not read, and the error, or `None` if it was cancelled. The scene before it stays.
+    /// The scene of this number was not read: the error, or `None` if it was cancelled. The
+    /// previous scene stays.
     NotLoaded(u64, Option<String>),
     /// All pictures of a film are written.
     Filmed(PathBuf),
-    /// The reference image, or a film, is no longer wanted.
+    /// The reference image, or a film, was cancelled.
     Ended,
-    /// An error, as the command line words it. The scene stays.
+    /// An error, worded as on the command line. The scene stays.
     Failed(String),
 }
 
@@ -156,13 +157,13 @@ struct Mailbox {
     view: Option<View>,
     pick: Option<[usize; 2]>,
     write: Option<(View, Box<Overlay>, PathBuf)>,
-    /// The scene of a reference image, to be read anew.
+    /// Scene of a reference image, to be read again.
     truth: Option<Load>,
     film: Option<Box<Film>>,
     ends: bool,
-    /// Whether what is being read is no longer wanted.
+    /// True if the current reading is cancelled.
     ends_reading: bool,
-    /// The current task, and whether it is a picture, which a newer request ends.
+    /// Current task, and whether it is a picture, which a newer request cancels.
     task: Option<(Task, bool)>,
     news: Vec<News>,
 }
@@ -170,7 +171,7 @@ struct Mailbox {
 struct Shared {
     mailbox: Mutex<Mailbox>,
     wake: Condvar,
-    /// Tells the window that there is news.
+    /// Notifies the window of messages.
     tell: Box<dyn Fn() + Send + Sync>,
 }
 
@@ -185,7 +186,7 @@ impl Shared {
     }
 }
 
-/// The window's end of the thread.
+/// Handle of the thread.
 pub(crate) struct Worker {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
@@ -198,7 +199,7 @@ impl std::fmt::Debug for Worker {
 }
 
 impl Worker {
-    /// Starts the thread; `tell` is called from it whenever there is news.
+    /// Starts the thread, which calls `tell` whenever it has sent a message.
     pub(crate) fn new(tell: impl Fn() + Send + Sync + 'static) -> Self {
         let shared = Arc::new(Shared {
             mailbox: Mutex::default(),
@@ -226,7 +227,7 @@ impl Worker {
         self.shared.wake.notify_one();
     }
 
-    /// Reads something else.
+    /// Requests that other data are read.
     pub(crate) fn load(&self, load: Load) {
         self.wish(|mailbox| {
             mailbox.load = Some(load);
@@ -235,7 +236,7 @@ impl Worker {
         });
     }
 
-    /// Shows something else.
+    /// Requests another view.
     pub(crate) fn show(&self, view: View) {
         self.wish(|mailbox| mailbox.view = Some(view));
     }
@@ -245,14 +246,14 @@ impl Worker {
         self.wish(|mailbox| mailbox.pick = Some(pixel));
     }
 
-    /// Draws a view as it is asked for, and writes the picture with what is over it.
+    /// Draws a view to the tolerance asked for, and writes the picture with its overlay.
     pub(crate) fn write(&self, view: View, over: Overlay, path: PathBuf) {
         self.wish(|mailbox| mailbox.write = Some((view, Box::new(over), path)));
     }
 
     /// Draws the reference image of the last view.
     ///
-    /// - `load`: what was read for it, which is read anew.
+    /// - `load`: the load of the view's scene, which is read again.
     pub(crate) fn ask_truth(&self, load: Load) {
         self.wish(|mailbox| mailbox.truth = Some(load));
     }
@@ -262,7 +263,7 @@ impl Worker {
         self.wish(|mailbox| mailbox.film = Some(Box::new(film)));
     }
 
-    /// Ends what is being read, the reference image, or a film.
+    /// Cancels the reading, the reference image, or a film.
     pub(crate) fn cancel(&self) {
         self.wish(|mailbox| {
             if let Some(load) = mailbox.load.take() {
@@ -276,7 +277,7 @@ impl Worker {
         (self.shared.tell)();
     }
 
-    /// What has happened since it was last asked.
+    /// Returns the messages since the last call.
     pub(crate) fn news(&self) -> Vec<News> {
         std::mem::take(&mut self.shared.lock().news)
     }
@@ -286,13 +287,13 @@ impl Drop for Worker {
     fn drop(&mut self) {
         self.wish(|mailbox| mailbox.ends = true);
         if let Some(thread) = self.thread.take() {
-            // One that panicked has said so.
+            // A panic has already been printed.
             let _ = thread.join();
         }
     }
 }
 
-/// What is to be done next.
+/// Next job of the thread.
 enum Job {
     Load(Load),
     Show(View),
@@ -300,14 +301,14 @@ enum Job {
     Write(View, Box<Overlay>, PathBuf),
     Truth(Load),
     Film(Box<Film>),
-    /// Nothing new for a while.
+    /// Nothing has changed for a while.
     Refine,
     End,
 }
 
-/// Waits for something to do.
+/// Waits for a job.
 ///
-/// - `patience`: after which a picture is refined, where one can be.
+/// - `patience`: time without changes after which a picture is refined, if any refinement is left.
 fn next(shared: &Shared, patience: Option<Duration>) -> Job {
     let mut mailbox = shared.lock();
     let since = Instant::now();
@@ -399,16 +400,16 @@ fn work(shared: &Arc<Shared>) {
     }
 }
 
-/// What a task is for, and so what ends it and whether people are told how far it is.
+/// Purpose of a task. It determines what cancels the task, and whether its progress is shown.
 #[derive(Clone, Copy, PartialEq)]
 enum Purpose {
-    /// Reading: told, and ended by other reading alone.
+    /// Reading: its progress is shown; another load or the user cancels it.
     Reading,
-    /// A film: told by its pictures, and ended as reading is.
+    /// Film: its progress is counted in pictures; another load or the user cancels it.
     Film,
-    /// A picture: ended by any newer wish.
+    /// Picture: any newer request cancels it.
     Picture,
-    /// The reference image: told, and ended by any newer wish.
+    /// Reference image: its progress is shown, and any newer request cancels it.
     Truth,
 }
 
@@ -493,25 +494,25 @@ fn volumes_of(shown: &Shown) -> Vec<Volume> {
         .collect()
 }
 
-/// A scene and the picture of it that is being made.
+/// Scene and its current picture.
 struct Stage {
     scene: u64,
     renderer: Renderer,
-    /// The window's device, where the pictures stay on it.
+    /// The window's device, if pictures stay on it.
     window: Option<Gpu>,
     controller: Controller,
-    /// The functions that it is classified by.
+    /// Transfer functions of the volumes.
     functions: Vec<Option<TransferFunction>>,
     view: Option<View>,
     drawn: Option<Drawn>,
-    /// Steps of refinement that are left.
+    /// Number of refinement steps that are left.
     left: u32,
-    /// Whether the last picture was of a motion.
+    /// True if the last picture was of a motion.
     is_moving: bool,
 }
 
 impl Stage {
-    /// Draws a new view as coarse as it has to be.
+    /// Draws a new view as coarsely as the frame time requires.
     fn show(&mut self, shared: &Arc<Shared>, view: View) -> ewa_splat::Result<()> {
         if view.scene != self.scene {
             return Ok(());
@@ -527,11 +528,13 @@ impl Stage {
         let coarseness = self.controller.next(view.settings.tolerance);
         self.view = Some(view);
         let begun = Instant::now();
-        // Finished in any case, so that a motion is seen: it takes no longer than a frame.
+        // This picture is never cancelled, so that motion is visible: it takes no longer than a
+        // frame.
         self.draw(shared, coarseness, None)?;
         let time = begun.elapsed();
         self.controller.took(time);
-        // A picture that is whole already is not drawn again, and one that soon will be has no step before it.
+        // A full picture is not drawn again. If the next one will be quick, no intermediate step is
+        // drawn.
         let is_whole = self
             .view
             .as_ref()
@@ -545,7 +548,7 @@ impl Stage {
         Ok(())
     }
 
-    /// How long nothing must change until the next step of refinement; `None` where none is left.
+    /// Returns the time to wait before the next refinement; `None` if none is left.
     fn patience(&self) -> Option<Duration> {
         match self.left {
             0 => None,
@@ -554,7 +557,7 @@ impl Stage {
         }
     }
 
-    /// The next step from a coarse picture to the one that is asked for, and to its error.
+    /// Runs the next step from a coarse picture to the one asked for, and then to its error.
     fn refine(&mut self, shared: &Arc<Shared>) -> ewa_splat::Result<()> {
         let Some(view) = &self.view else {
             self.left = 0;
@@ -575,7 +578,7 @@ impl Stage {
                     ..view.settings.clone()
                 };
                 let camera = view.camera.clone();
-                // Layers err as a whole; counts and choices do not.
+                // The error is sampled only for kernels composited one by one. Counts and choices have none.
                 let is_measured = matches!(settings.composite, Composite::Over)
                     && matches!(settings.show, Show::Scene);
                 let shows_error = view.instead == Some(Instead::Error);
@@ -585,7 +588,8 @@ impl Stage {
                 };
                 if is_measured {
                     let sample = ErrorSample::draw(&mut self.renderer, &camera, &settings)?;
-                    // What stands in place of a picture or never left the device is drawn once more.
+                    // The picture is drawn once more if it is shown as another image or is on the
+                    // device only.
                     let image = match &drawn.picture {
                         Picture::Pixels(image) if view.instead.is_none() || shows_error => {
                             Arc::clone(image)
@@ -658,7 +662,8 @@ impl Stage {
         Ok(())
     }
 
-    /// Draws the integral of the kernels in place of the picture, and says how far that is off.
+    /// Draws the reference image of the kernels in place of the picture, and reports the picture's
+    /// error.
     fn draw_truth(&mut self, shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<()> {
         let Some(view) = self.view.clone().filter(|view| view.scene == load.scene) else {
             return Err(Error::Cancelled);
@@ -682,7 +687,7 @@ impl Stage {
         }
         let settings = Settings {
             task: Some(task.clone()),
-            // The reference image has none.
+            // The reference image is unlit.
             lighting: None,
             ..view.settings.clone()
         };
@@ -694,7 +699,7 @@ impl Stage {
                 &ReferenceSettings {
                     low_pass_variance_px2: settings.low_pass_variance_px2.into(),
                     background: settings.background,
-                    // Far below what splatting may be off by.
+                    // The error is far below that allowed for splatting.
                     error: f64::from(settings.tolerance) * TRUTH_SHARE,
                     task: Some(task),
                     ..ReferenceSettings::default()
@@ -774,7 +779,7 @@ impl Stage {
     }
 }
 
-/// A texture of the window's device that a picture of this size is drawn into.
+/// Creates a texture on the window's device for a picture of this size.
 fn texture(gpu: &Gpu, [width, height]: [usize; 2]) -> wgpu::Texture {
     #[expect(clippy::cast_possible_truncation, reason = "no larger than a screen")]
     let size = wgpu::Extent3d {
@@ -796,7 +801,7 @@ fn texture(gpu: &Gpu, [width, height]: [usize; 2]) -> wgpu::Texture {
     })
 }
 
-/// The same view in a picture of another size.
+/// Returns the camera for the same view in a picture of another size.
 fn scaled(camera: &Camera, size: [usize; 2]) -> Camera {
     let scale = glam::DVec2::new(
         size[0] as f64 / camera.width as f64,

@@ -1,4 +1,4 @@
-//! The program: pictures of the whole window, and what it refuses.
+//! Tests the program: pictures of the whole window, and errors of usage.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -17,7 +17,7 @@ fn errors(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// Whether a window can be drawn; fails where it has to be (`EWA_REQUIRE_GPU=1`).
+/// Returns true if a window can be drawn. Fails if it must be (`EWA_REQUIRE_GPU=1`).
 fn is_drawn(output: &Output) -> bool {
     if output.status.success() {
         return true;
@@ -32,7 +32,7 @@ fn is_drawn(output: &Output) -> bool {
     false
 }
 
-/// Pixels of a picture, four bytes each.
+/// Reads the pixels of a picture, four bytes each.
 fn pixels(path: &Path) -> (u32, u32, Vec<u8>) {
     let file = std::io::BufReader::new(std::fs::File::open(path).unwrap());
     let mut reader = png::Decoder::new(file).read_info().unwrap();
@@ -41,7 +41,7 @@ fn pixels(path: &Path) -> (u32, u32, Vec<u8>) {
     (info.width, info.height, pixels)
 }
 
-/// The command line hands over, and the window has the picture in its middle and text beside it.
+/// The command line starts the window, which shows the picture in its middle with text beside it.
 #[test]
 fn the_whole_window_is_drawn() {
     let folder = tempfile::tempdir().unwrap();
@@ -62,7 +62,8 @@ fn the_whole_window_is_drawn() {
     }
     let (width, height, pixels) = pixels(&picture);
     assert_eq!((width, height), (900, 500));
-    // The data's blue and white light in the middle, grey text and bars of the panels at the sides.
+    // Counts the data's blue and white light in the middle, and grey text and bars of the panels at
+    // the sides.
     let count = |columns: std::ops::Range<u32>, is: fn(&[u8]) -> bool| {
         let at = |i: usize| columns.contains(&(u32::try_from(i).unwrap() % width));
         let all = pixels.chunks(4).enumerate();
@@ -99,7 +100,7 @@ fn what_a_window_does_not_do_is_refused() {
     }
 }
 
-/// Times of a turn and an edit, without a display.
+/// A replay prints the times of a turn and an edit, without a display.
 #[test]
 fn a_replay_says_how_long_pictures_take() {
     let output = Command::new(PROGRAM)

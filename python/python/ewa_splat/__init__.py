@@ -1,7 +1,7 @@
 """Volume rendering of irregular data by EWA splatting, without resampling: arrays in, pictures out.
 
-Volumes, surfaces and splats are made of arrays (`Volume`, `Surfels`, `Splats`), of files (`load`) and of other packages'
-objects (`adapt`); a `Renderer` draws them together.
+Volumes, surfaces and splats are made from arrays (`Volume`, `Surfels`, `Splats`), from files (`load`) and from other
+packages' objects (`adapt`). A `Renderer` draws them together.
 
 Examples
 --------

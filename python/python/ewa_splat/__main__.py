@@ -1,4 +1,4 @@
-"""``python -m ewa_splat``: the command-line program."""
+"""Runs the command-line program: ``python -m ewa_splat``."""
 
 from ._program import main
 

@@ -1,4 +1,4 @@
-"""Other packages' objects as things, by what they look like: none of these packages is imported here."""
+"""Converts other packages' objects to things. It recognises them by their attributes and imports none of the packages."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ._scene import Surfels, Thing, Volume, load
 from ._units import in_unit_of, unit_text
 
-#: VTK's numbers for meshio's names of cells.
+#: VTK's cell-type numbers for meshio's cell names.
 _MESHIO_CELLS = {
     "vertex": 1, "line": 3, "triangle": 5, "polygon": 7, "quad": 9, "tetra": 10, "hexahedron": 12, "wedge": 13,
     "pyramid": 14, "penta_prism": 15, "hexa_prism": 16, "line3": 21, "triangle6": 22, "quad8": 23, "tetra10": 24,
@@ -24,7 +24,7 @@ _SOLID = frozenset(["tetra", "hexahedron", "wedge", "pyramid", "penta_prism", "h
 
 
 def adapt(data: Any, field: str | None = None, **options: Any) -> Thing:
-    """Make a thing of another package's object; a `Thing` stays what it is.
+    """Make a thing from another package's object; a `Thing` is returned unchanged.
 
     ================================================ ===========================================================
     object                                           becomes
@@ -43,7 +43,7 @@ def adapt(data: Any, field: str | None = None, **options: Any) -> Thing:
     three-dimensional coordinates (ROMS, NEMO)
     xarray data arrays with one-dimensional ones     rectilinear grids
     tensors of (n, 3), by DLPack                     points
-    paths                                            what `load` gives
+    paths                                            results of `load`
     ================================================ ===========================================================
 
     Parameters
@@ -51,10 +51,10 @@ def adapt(data: Any, field: str | None = None, **options: Any) -> Thing:
     data
         The object.
     field
-        What to show of it: a name; of two arrays of one name ``"cells:NAME"`` or ``"nodes:NAME"``.
+        Name of the field to show. If two arrays share a name, ``"cells:NAME"`` or ``"nodes:NAME"``.
     **options
-        See `Sampling`. Of an xarray data array also ``x``, ``y`` and ``z``, names of its coordinates, and ``depth``, of
-        coordinates that point down.
+        See `Sampling`. For an xarray data array also ``x``, ``y`` and ``z``, the names of its coordinates, and ``depth``,
+        the name of a coordinate that points down.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def _no_field(field: str, names: list[str]) -> ValueError:
 
 
 def _magnitude(array: Any) -> Any:
-    """One number a sample: a vector's length, with the unit that it has."""
+    """Return one number a sample: a vector's length, in the vector's unit."""
     return array if np.ndim(array) == 1 else np.sqrt((array * array).sum(axis=1))
 
 
@@ -93,7 +93,7 @@ def _is_vtk(data: Any) -> bool:
 
 
 def _vtk_array(array: Any) -> NDArray[Any]:
-    """An array of VTK's as NumPy's, without a copy where VTK's own bridge is there."""
+    """Convert a VTK array to NumPy without a copy, through VTK's bridge."""
     bridge = importlib.import_module("vtkmodules.util.numpy_support")
     return np.asarray(bridge.vtk_to_numpy(array))
 
@@ -107,7 +107,7 @@ def _vtk_fields(data: Any) -> dict[str, dict[str, Any]]:
 
 
 def _vtk_chosen(data: Any, field: str | None) -> tuple[str, str, NDArray[Any]] | None:
-    """The association, the name and the values of the field to show."""
+    """Return the association, the name and the values of the field to show."""
     found = _vtk_fields(data)
     wanted = [of for of in ("nodes", "cells")]
     name = field
@@ -131,7 +131,7 @@ def _vtk_chosen(data: Any, field: str | None) -> tuple[str, str, NDArray[Any]] |
 
 
 def _blanked(data: Any, of: str, values: NDArray[Any]) -> NDArray[Any]:
-    """Values without what VTK hides."""
+    """Mask the values that VTK hides."""
     ghosts = (data.GetPointData() if of == "nodes" else data.GetCellData()).GetArray("vtkGhostType")
     if ghosts is None:
         return values
@@ -181,7 +181,7 @@ def _vtk_types(data: Any) -> Any:
 
 
 def _vtk_cells(data: Any) -> NDArray[np.int64]:
-    """VTK's list of cells, polyhedra by their faces."""
+    """Return VTK's list of cells, polyhedra by their faces."""
     cells = data.GetCells()
     offsets = _vtk_array(cells.GetOffsetsArray()).astype(np.int64)
     nodes = _vtk_array(cells.GetConnectivityArray()).astype(np.int64)
@@ -197,7 +197,7 @@ def _vtk_cells(data: Any) -> NDArray[np.int64]:
         cell = data.GetCell(i)
         own = [cell.GetNumberOfFaces()]
         for j in range(own[0]):
-            # Of each at once: the next takes its place.
+            # Each face is read at once, because VTK reuses the object for the next one.
             face = cell.GetFace(j).GetPointIds()
             count = face.GetNumberOfIds()
             own += [count, *(int(face.GetId(k)) for k in range(count))]
@@ -225,7 +225,7 @@ def _of_poly_data(data: Any, chosen: tuple[str, str, NDArray[Any]] | None, optio
 
 
 def _vtk_triangles(data: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Triangles as fans of polygons and as strips, and of each the number of its cell."""
+    """Return triangles from polygons (as fans) and strips, and the number of each one's cell."""
     corners: list[NDArray[np.int64]] = []
     cells: list[NDArray[np.int64]] = []
     first = data.GetVerts().GetNumberOfCells() + data.GetLines().GetNumberOfCells()
@@ -263,7 +263,7 @@ def _of_blocks(data: Any, field: str | None, options: dict[str, Any]) -> Thing:
             try:
                 things.append(_of_vtk(block, field, options))
             except ValueError as error:
-                # What one block lacks another may have.
+                # A field that one block lacks may be in another.
                 missing = error
         iterator.GoToNextItem()
     if not things:
@@ -384,7 +384,7 @@ def _of_swiftsimio(data: Any, field: str | None, options: dict[str, Any]) -> Thi
     keywords: dict[str, Any] = {}
     lengths = getattr(particles, "smoothing_lengths", None)
     if lengths is not None:
-        # SWIFT's are two standard deviations of its kernel.
+        # SWIFT's smoothing lengths are two standard deviations of its kernel.
         keywords["radius"] = 0.5 * lengths
     if field is None:
         keywords |= _mass_and_volume(getattr(particles, "masses", None), getattr(particles, "densities", None), positions)
@@ -404,7 +404,7 @@ def _without(keywords: dict[str, Any], *names: str) -> dict[str, Any]:
 
 
 def _mass_and_volume(mass: Any, density: Any, positions: Any) -> dict[str, Any]:
-    """Mass, and mass over density in cubes of the positions' unit."""
+    """Return mass, and volume (mass over density) in cubes of the positions' unit."""
     found: dict[str, Any] = {}
     if mass is not None:
         found["mass"] = mass
@@ -431,7 +431,7 @@ def _of_pynbody(data: Any, field: str | None, options: dict[str, Any]) -> Thing:
         try:
             return np.asarray(in_unit_of(array, positions, power), np.float64)
         except ValueError:
-            # Without units, which pynbody has a unit for.
+            # pynbody represents missing units by a unit.
             return np.asarray(array, np.float64)
 
     if "smooth" in names and "gas" in families:
@@ -449,11 +449,11 @@ def _of_pynbody(data: Any, field: str | None, options: dict[str, Any]) -> Thing:
 
 
 def _is_yt(data: Any) -> bool:
-    # Containers of particles raise where they are asked for cells: the data set tells.
+    # Particle containers raise if they are asked for cells, so this looks at the data set.
     return hasattr(getattr(data, "ds", None), "derived_field_list")
 
 
-#: yt's names of kernels, and the command line's.
+#: The command line's names of kernels, by yt's.
 _YT_KERNELS = {
     "cubic": "cubic", "quartic": "quartic", "quintic": "quintic", "wendland2": "wendland-c2", "wendland4": "wendland-c4",
     "wendland6": "wendland-c6",
@@ -475,7 +475,7 @@ def _of_yt(data: Any, field: str | None, options: dict[str, Any]) -> Thing:
         keywords: dict[str, Any] = {}
         if (kind, "smoothing_length") in listed:
             keywords["smoothing_length"] = data[kind, "smoothing_length"]
-            # yt's lengths are the radii at which kernels end.
+            # yt's smoothing lengths are the radii at which kernels end.
             options.setdefault("length", "support")
             kernel = _YT_KERNELS.get(str(getattr(data.ds, "kernel_name", None)))
             if kernel is not None:
@@ -484,7 +484,7 @@ def _of_yt(data: Any, field: str | None, options: dict[str, Any]) -> Thing:
         if mass in listed and density in listed and len(data[density]) == len(values):
             keywords["volume"] = data[mass] / data[density]
         return Volume.from_points(positions, _magnitude(values), name=name, **keywords, **options)
-    # Cells of any level of refinement: kernels as wide as their cell.
+    # Cells of all refinement levels: each kernel is as wide as its cell.
     positions = np.stack([np.asarray(data["index", axis].to("code_length")) for axis in "xyz"], axis=1)
     widths = np.stack([np.asarray(data["index", f"d{axis}"].to("code_length")) for axis in "xyz"], axis=1)
     turns = np.tile([1.0, 0.0, 0.0, 0.0], (len(positions), 1))
@@ -541,7 +541,7 @@ def _of_xarray(data: Any, field: str | None, options: dict[str, Any]) -> Thing:
 
 
 def _aligned(array: Any, axes: tuple[Any, ...], order: tuple[Any, ...]) -> list[NDArray[Any]]:
-    """Coordinates as arrays of the data's shape, whatever dimensions they have of it."""
+    """Broadcast coordinates to the data's shape, whatever subset of its dimensions they have."""
     shape = tuple(array.sizes[dim] for dim in order)
     aligned = []
     for axis in axes:
@@ -564,7 +564,7 @@ _DOWN = frozenset(["depth", "deptht", "gdept"])
 
 
 def _coordinate(array: Any, axis: str, name: str | None, down: str | None) -> Any:
-    """A coordinate by its name, by what CF's attributes say of it, or by what it is called as a rule."""
+    """Find a coordinate by its name, by its CF attributes, or by a usual name."""
     coordinates = {str(key): value for key, value in array.coords.items()}
     if name is not None:
         if name not in coordinates:
@@ -573,7 +573,7 @@ def _coordinate(array: Any, axis: str, name: str | None, down: str | None) -> An
     else:
         said = [v for v in coordinates.values() if str(v.attrs.get("axis", "")).lower() == axis and v.ndim > 0]
         usual = [v for own in _NAMES[axis] for key, v in coordinates.items() if key.lower() == own and v.ndim > 0]
-        # Coordinates of places before those that number the array's own axes.
+        # Coordinates of positions come before those that number the array's own axes.
         both = sorted(said + usual, key=lambda v: -v.ndim)
         if not both:
             return None

@@ -1,7 +1,7 @@
-"""Arrays of any kind as one of the layouts that the compiled part takes.
+"""Converts arrays of any kind to one of the layouts that the compiled part accepts.
 
-Float32 and contiguous arrays pass through as they are; what is not is copied once. Masked entries and what they
-belong to are left out: they become NaN, which the library counts.
+Contiguous float32 arrays are passed on unchanged; others are copied once. Samples with masked entries are left out: the
+entries become NaN, which the library counts.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from numpy.typing import NDArray
 
 from ._units import strip_unit
 
-#: Types that values keep: others become float32 where that has all their numbers, and else float64.
+#: Types that values keep. Others become float32 if it represents all their numbers, and else float64.
 KEPT = (np.dtype(np.uint8), np.dtype(np.int16), np.dtype(np.uint16), np.dtype(np.float32))
 
 
 def shape_text(array: NDArray[Any]) -> str:
-    """The shape of an array in words."""
+    """Describe the shape of an array in words."""
     return f"an array of shape {array.shape}"
 
 
 def numbers(data: object, name: str) -> NDArray[Any]:
-    """An array of real numbers without its unit and its mask.
+    """Return an array of real numbers without its unit and its mask.
 
     Raises
     ------
@@ -53,13 +53,13 @@ def numbers(data: object, name: str) -> NDArray[Any]:
 
 
 def narrowed(array: NDArray[Any], dtype: Any) -> NDArray[Any]:
-    """Contiguous and of a type: as it is where it is so already."""
+    """Return a contiguous array of a type, without a copy if it is one already."""
     with np.errstate(over="ignore", invalid="ignore"):
         return np.ascontiguousarray(array, dtype=dtype)
 
 
 def rows(data: object, name: str, width: int, count: int | None = None, dtype: Any = None) -> NDArray[Any]:
-    """An array of (n, `width`), float32 or float64 unless `dtype` is said.
+    """Return an array of shape (n, `width`), float32 or float64 unless `dtype` is given.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def rows(data: object, name: str, width: int, count: int | None = None, dtype: A
 
 
 def positions(data: object, name: str = "positions") -> NDArray[Any]:
-    """Positions (n, 3), at least one."""
+    """Return positions (n, 3), at least one."""
     array = rows(data, name, 3)
     if len(array) == 0:
         raise ValueError(f"{name}: expected at least one point, found {shape_text(array)}")
@@ -84,7 +84,7 @@ def positions(data: object, name: str = "positions") -> NDArray[Any]:
 
 
 def column(data: object, name: str, count: int) -> NDArray[Any]:
-    """One number for each of `count`, in a type that the library keeps; a single number is of all."""
+    """Return `count` numbers in a type that the library keeps; a single number is repeated."""
     array = numbers(data, name)
     if array.ndim == 0:
         array = np.full(count, array)
@@ -94,7 +94,7 @@ def column(data: object, name: str, count: int) -> NDArray[Any]:
 
 
 def kept(array: NDArray[Any]) -> NDArray[Any]:
-    """Contiguous, in a type that the library keeps."""
+    """Return a contiguous array in a type that the library keeps."""
     native = array.dtype.newbyteorder("=")
     if native.kind == "b":
         native = np.dtype(np.uint8)
@@ -103,14 +103,14 @@ def kept(array: NDArray[Any]) -> NDArray[Any]:
 
 
 def fortran(array: NDArray[Any]) -> NDArray[Any]:
-    """The numbers of an array whose first index runs fastest, in one dimension, in a type that the library keeps."""
+    """Flatten an array, its first index running fastest, in a type that the library keeps."""
     return kept(array.ravel(order="F"))
 
 
 def colours(data: object, name: str, count: int, channels: int) -> NDArray[np.float32]:
-    """Linear colours (n, 3) or (n, 4): of integers, which are sRGB-encoded as pictures are, decoded.
+    """Return linear colours (n, 3) or (n, 4). Integers are sRGB-encoded, as in pictures, and are decoded.
 
-    Where four `channels` are wanted, alpha is 1 unless given.
+    If four `channels` are wanted, alpha is 1 unless given.
     """
     array = numbers(data, name)
     if array.shape in ((3,), (4,)):
@@ -118,7 +118,7 @@ def colours(data: object, name: str, count: int, channels: int) -> NDArray[np.fl
     if array.ndim != 2 or len(array) != count or array.shape[1] not in (3, 4):
         raise ValueError(f"{name}: expected an array of shape ({count}, 3) or ({count}, 4), found {shape_text(array)}")
     if array.dtype.kind in "ui":
-        # Bytes, whatever type holds them, but for the one of finer pictures.
+        # Integers of any type are bytes, except uint16, which 16-bit pictures use.
         full = 65535 if array.dtype == np.uint16 else 255
         if array.size and (array.min() < 0 or array.max() > full):
             raise ValueError(f"{name}: expected integers from 0 to {full}, found {array.min()} to {array.max()}")
@@ -134,7 +134,7 @@ def colours(data: object, name: str, count: int, channels: int) -> NDArray[np.fl
 
 
 def vector(data: object, name: str, length: int = 3) -> list[float]:
-    """So many finite numbers."""
+    """Return a list of `length` finite numbers."""
     array = numbers(data, name)
     if array.shape != (length,) or not np.all(np.isfinite(array)):
         raise ValueError(f"{name}: expected {length} finite numbers, found {np.asarray(data)!r}")
@@ -142,5 +142,5 @@ def vector(data: object, name: str, length: int = 3) -> list[float]:
 
 
 def dims3(shape: Sequence[int]) -> list[int]:
-    """The shape of a grid of up to three dimensions, as three numbers."""
+    """Return the shape of a grid of up to three dimensions as three numbers."""
     return [*shape, 1, 1][:3]

@@ -1,4 +1,4 @@
-"""Cameras."""
+"""Defines cameras."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 
 from ._arrays import vector
 
-#: Vertical field of view of a camera that is told no other, degrees.
+#: Default vertical field of view, degrees.
 DEFAULT_FOV = 35.0
 
 
 class Camera:
-    """From where a picture is taken; it has no size before it is drawn.
+    """Camera of a picture. It has no size until something is drawn.
 
-    Make one with `look_at`, `fit` or `from_pyvista`. A picture tells the camera that it was taken by (`Image.camera`).
+    Make one with `look_at`, `fit` or `from_pyvista`. A picture stores the camera that it was drawn with (`Image.camera`).
 
     Examples
     --------
@@ -41,16 +41,16 @@ class Camera:
         fov: float = DEFAULT_FOV,
         ortho_height: float | None = None,
     ) -> Camera:
-        """A camera at a place.
+        """Make a camera at a position.
 
         Parameters
         ----------
         eye, target, up
-            World units; `up` need not be perpendicular to the view.
+            Positions in world units, and a direction. `up` need not be perpendicular to the view.
         fov
-            The whole angle from the picture's top to its bottom, degrees, 1 to 179.
+            The full angle from the picture's top to its bottom, degrees, 1 to 179.
         ortho_height
-            In place of `fov`: an orthographic picture so high, world units.
+            In place of `fov`: the height of an orthographic picture, world units.
         """
         view: dict[str, Any] = {
             "kind": "look_at",
@@ -75,22 +75,22 @@ class Camera:
         orthographic: bool = False,
         around: bool = False,
     ) -> Camera:
-        """A camera that shows all that is visible, as large as it can. What is not said follows from the data.
+        """Make a camera that shows all that is visible, as large as possible. Defaults depend on the data.
 
         Parameters
         ----------
         azimuth, elevation
-            Degrees around what points up, and above the horizon.
+            Degrees around the direction up, and above the horizon.
         zoom
             Magnification.
         up
-            What points up in the picture.
+            Direction that points up in the picture.
         fov, ortho_height
             As in `look_at`.
         orthographic
-            Whether the picture is orthographic and as high as the data.
+            Whether the picture is orthographic, with the height of the data.
         around
-            Whether all of the sphere around the data is shown, which is as large from every side.
+            Whether to show the full sphere around the data, which has the same size from every direction.
         """
         view: dict[str, Any] = {"kind": "fit"}
         for name, value in (("azimuth", azimuth), ("elevation", elevation), ("zoom", zoom)):
@@ -110,15 +110,15 @@ class Camera:
 
     @classmethod
     def from_pyvista(cls, camera_position: Any, *, view_angle: float = 30.0) -> Camera:
-        """The camera of a PyVista plotter.
+        """Make a camera from that of a PyVista plotter.
 
         Parameters
         ----------
         camera_position
-            ``plotter.camera_position``, (position, focal point, view up); or ``plotter.camera``, which has an angle and a
-            projection, too.
+            ``plotter.camera_position``, (position, focal point, view up); or ``plotter.camera``, which also has an angle
+            and a projection.
         view_angle
-            The vertical field of view, degrees; VTK's own is 30.
+            The vertical field of view, degrees; VTK's default is 30.
         """
         if hasattr(camera_position, "parallel_projection"):
             camera = camera_position
@@ -130,12 +130,12 @@ class Camera:
         return cls.look_at(position, focal_point, up, fov=view_angle)
 
     def to_pyvista(self) -> list[tuple[float, float, float]]:
-        """(position, focal point, view up), as ``plotter.camera_position`` takes it; the angle is `fov`.
+        """Return (position, focal point, view up) for ``plotter.camera_position``; the angle is `fov`.
 
         Raises
         ------
         ValueError
-            Of a camera that is fitted when something is drawn; `Image.camera` is what it became.
+            A camera that is fitted when something is drawn. `Image.camera` is the fitted camera.
         """
         view = self._view
         if view["kind"] == "look_at":
@@ -147,9 +147,9 @@ class Camera:
         raise ValueError("camera: expected one with a place, found one that is fitted to data; take Image.camera")
 
     def orbit(self, azimuth: float = 0.0, elevation: float = 0.0) -> Camera:
-        """The same camera, turned around its target: around what points up, then above the horizon, degrees.
+        """Return this camera, turned around its target: around the direction up, then above the horizon, degrees.
 
-        A fitted camera then shows the sphere around the data, so that a turn neither cuts them nor pulses.
+        A fitted camera then shows the sphere around the data, so that the data keep their size and are not cut off.
         """
         view = dict(self._view)
         if view["kind"] == "fit":
@@ -170,7 +170,7 @@ class Camera:
         return Camera(view)
 
     def zoomed(self, factor: float) -> Camera:
-        """The same camera with a longer lens: everything `factor` times as large."""
+        """Return this camera with a longer lens, which shows everything `factor` times as large."""
         if not factor > 0 or not math.isfinite(factor):
             raise ValueError(f"factor: expected a number above 0, found {factor}")
         view = dict(self._view)
@@ -187,13 +187,13 @@ class Camera:
 
     @property
     def eye(self) -> tuple[float, float, float] | None:
-        """Where it stands, world units; ``None`` of one that is fitted when something is drawn."""
+        """The position, world units; ``None`` for a camera that is fitted when something is drawn."""
         eye = self._view.get("eye")
         return None if eye is None else (eye[0], eye[1], eye[2])
 
     @property
     def fov(self) -> float | None:
-        """The vertical field of view, degrees; ``None`` of orthographic cameras, and where the data decide."""
+        """The vertical field of view, degrees; ``None`` if the camera is orthographic or the data decide."""
         view = self._view
         if view["kind"] == "calibrated":
             if view["orthographic"]:
@@ -203,7 +203,7 @@ class Camera:
         return None if fov is None else float(fov)
 
     def _asked(self) -> dict[str, Any]:
-        """As the compiled part takes it."""
+        """Return the form that the compiled part accepts."""
         return self._view
 
     def __repr__(self) -> str:
@@ -257,6 +257,6 @@ def _lens(fov: float, ortho_height: float | None) -> dict[str, float]:
 
 
 def _turned(offset: Any, axis: Any, angle: float) -> Any:
-    """Rodrigues' formula."""
+    """Rotate a vector about an axis by Rodrigues' formula."""
     cosine, sine = math.cos(angle), math.sin(angle)
     return offset * cosine + np.cross(axis, offset) * sine + axis * np.dot(axis, offset) * (1.0 - cosine)

@@ -1,4 +1,4 @@
-"""Pictures and column densities."""
+"""Defines pictures and column densities."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ class Image:
     Attributes
     ----------
     depth : (height, width) or None
-        Where half of the light is gone, world units along the view; infinite where it never is.
+        Depth at which half of the light is absorbed, world units along the view; infinite where it never is.
     normals : (height, width, 3) or None
-        Of opaque surfaces, world space.
+        Normals of opaque surfaces, world space.
     camera
-        By which it was taken.
+        Camera of the picture.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Image:
         return cls(_core.read_image(os.fspath(path)))
 
     def numpy(self) -> NDArray[np.float32]:
-        """The pixels (height, width, 4), linear and premultiplied: the picture's own, no copy of them."""
+        """Return the pixels (height, width, 4), linear and premultiplied, without a copy."""
         return self._pixels
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
@@ -66,7 +66,7 @@ class Image:
         return width, height
 
     def png(self, *, transparent: bool = False) -> bytes:
-        """The bytes of a PNG file: over a dark grey, #1c1c21, where nothing hides it, unless `transparent`."""
+        """Return the bytes of a PNG file. The background is dark grey, #1c1c21, unless `transparent`."""
         data = _core.write_image(np.ascontiguousarray(self._pixels), None, transparent)
         assert data is not None
         return data
@@ -75,7 +75,7 @@ class Image:
         return self.png()
 
     def to_pil(self, *, transparent: bool = False) -> PIL.Image.Image:
-        """The picture for screens, sRGB-encoded: over a dark grey unless `transparent`. Needs Pillow."""
+        """Return an sRGB-encoded picture for display, over dark grey unless `transparent`. Needs Pillow."""
         import io
 
         import PIL.Image
@@ -83,27 +83,27 @@ class Image:
         return PIL.Image.open(io.BytesIO(self.png(transparent=transparent)))
 
     def save(self, path: str | os.PathLike[str], *, transparent: bool = False) -> None:
-        """Write it: png as `png` makes it; exr, pfm and npy hold the linear numbers.
+        """Write the picture: png as `png` returns it; exr, pfm and npy store the linear numbers.
 
         Raises
         ------
         ValueError
-            Another ending, or a folder that is not there.
+            Another extension, or an absent folder.
         OSError
-            A file that cannot be written; nothing half-written is left behind.
+            A file that cannot be written; no incomplete file is left behind.
         """
         _core.write_image(np.ascontiguousarray(self._pixels), os.fspath(path), transparent)
 
     @cached_property
     def stats(self) -> dict[str, Any]:
-        """What was counted, and how long it took: as the command line's ``--stats``."""
+        """Counts and times, as in the command line's ``--stats``."""
         return {} if self._stats is None else dict(json.loads(self._stats))
 
     @cached_property
     def measured_error(self) -> dict[str, float] | None:
-        """What the picture errs by in a sample of its tiles: p999, max, tiles and pixels.
+        """The picture's error, measured in a sample of its tiles: p999, max, tiles and pixels.
 
-        ``None`` unless it was rendered with ``measure_error=True``.
+        It is ``None`` unless the picture was rendered with ``measure_error=True``.
         """
         return None if self._error is None else dict(json.loads(self._error))
 
@@ -120,13 +120,13 @@ class Column:
     values : (height, width) float32
         Field times length, rows from the top.
     pixel_area
-        World units squared; ``None`` under perspective, where pixels have different ones.
+        Area of a pixel, world units squared; ``None`` under perspective, where it varies.
     amplitude_sum
         The sum of value times volume over all particles.
     not_finite
-        How many values are not finite, and add nothing.
+        The number of values that are not finite; they add nothing.
     camera
-        By which it was taken.
+        Camera of the column density.
     """
 
     def __init__(self, told: dict[str, Any]) -> None:
@@ -140,8 +140,8 @@ class Column:
     def extent(self) -> tuple[float, float, float, float]:
         """Left, right, bottom, top for ``plt.imshow(column, extent=column.extent)``.
 
-        World units from where the camera's right and up pass the world's origin: along an axis they are the data's
-        coordinates. Under perspective pixels.
+        The unit is the world's, measured along the camera's right and up directions from the world's origin. If the
+        camera looks along an axis, these are the data's coordinates. Under perspective, the unit is pixels.
         """
         height, width = self.values.shape
         if self.pixel_area is None:
@@ -162,13 +162,13 @@ class Column:
         return self.values.shape[0], self.values.shape[1]
 
     def sum_times_area(self) -> float | None:
-        """The sum of the pixels times their area: for a density the mass that is seen. ``None`` under perspective."""
+        """Return the sum of the pixels times their area: for a density, the visible mass. ``None`` under perspective."""
         if self.pixel_area is None:
             return None
         return float(self.values.sum(dtype=np.float64)) * self.pixel_area
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write it: npy, pfm and exr hold the values, png their logarithm in viridis."""
+        """Write the column density: npy, pfm and exr store the values, png their logarithm in viridis."""
         _core.write_column(np.ascontiguousarray(self.values), self.pixel_area, os.fspath(path))
 
     def __repr__(self) -> str:
@@ -177,7 +177,7 @@ class Column:
 
 
 def picture(image: Image | ArrayLike | str | os.PathLike[str], name: str) -> NDArray[np.float32]:
-    """The pixels of a picture, of an array or of a file."""
+    """Return the pixels of a picture, an array or a file."""
     if isinstance(image, (str, os.PathLike)):
         image = Image.open(image)
     if isinstance(image, Image):
@@ -189,17 +189,17 @@ def picture(image: Image | ArrayLike | str | os.PathLike[str], name: str) -> NDA
 
 
 def compare(a: Image | ArrayLike | str, b: Image | ArrayLike | str) -> dict[str, float | None]:
-    """How far one picture is from another.
+    """Compute the difference of two pictures.
 
     Parameters
     ----------
     a, b
-        Pictures, arrays (height, width, 4) of linear premultiplied colours, or files; `a` is taken as right.
+        Pictures, arrays (height, width, 4) of linear premultiplied colours, or files; `a` is the reference.
 
     Returns
     -------
     dict
-        rmse, max, p999 (the 99.9th percentile), psnr (``None`` of equal pictures), mean_difference, ssim, flip.
+        rmse, max, p999 (the 99.9th percentile), psnr (``None`` for equal pictures), mean_difference, ssim, flip.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Keyword arguments that several calls share."""
+"""Defines keyword arguments that several calls share."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ if TYPE_CHECKING:
 
 
 class Sampling(TypedDict, total=False):
-    """How samples become kernels; names and defaults are the command line's.
+    """Options that turn samples into kernels; names and defaults are the command line's.
 
     ================== ==========================================================================================
     keyword            meaning
     ================== ==========================================================================================
-    unit               the unit of the values, for legends; that of a quantity is taken unless it is given
-    up                 what points up in pictures that are told nothing else, three numbers
+    unit               the unit of the values, for legends; by default that of the quantity
+    up                 default direction up of pictures, three numbers
     kernel_width       standard deviation of a kernel over the spacing
-    transfer_function  as in `Renderer.render`, of this alone
+    transfer_function  as in `Renderer.render`, for this thing alone
     range              two values that an automatic function or a named colour map spans
-    scale              "linear", "log" or "symlog": where values lie between these
-    opacity_scale      what opacities are multiplied by, as extinctions
+    scale              "linear", "log" or "symlog": the scale of values within the range
+    opacity_scale      factor of opacities, as extinctions
     unit_distance      the length over which a function's opacities are stated, world units
     boundary           grids: "auto", "sharp" or "soft"
     flatten            the value whose iso-surface is drawn in place of the volume
     shape              points: "auto", "isotropic", "covariance" or "yu-turk"
-    length             points: what lengths are, "h", "support", "sigma" or "fwhm"
+    length             points: the meaning of lengths, "h", "support", "sigma" or "fwhm"
     kernel             points: the smoothing kernel that lengths belong to, "cubic", "quartic", "quintic",
                        "wendland-c2", "wendland-c4" or "wendland-c6"
-    shepard            how many times cell volumes are corrected
+    shepard            number of corrections of cell volumes
     count              meshes: surfels in all
     density            meshes: surfels per unit area
     surfel_spacing     meshes: mean distance between surfels
@@ -56,16 +56,16 @@ class Sampling(TypedDict, total=False):
 
 
 class Drawing(TypedDict, total=False):
-    """How a picture is drawn; names and defaults are the command line's.
+    """Settings of a picture; names and defaults are the command line's.
 
     ================== ==========================================================================================
     keyword            meaning
     ================== ==========================================================================================
     composite          "over", "sheets", "axis-sheets", "slabs" or "maximum"
-    slab_thickness     of slabs and sheets, world units
+    slab_thickness     thickness of slabs and sheets, world units
     post_classification whether slabs are classified by their mean values
-    classify           "extent" or "particle": where the transfer function is asked
-    lit                True lights volumes, too; False lights nothing; without it surfaces are lit
+    classify           "extent" or "particle": whether kernels are classified over their extent or by their value alone
+    lit                True lights volumes, too; False lights nothing; by default surfaces are lit
     lights             directional lights: (x, y, z) towards each, or (x, y, z, r, g, b)
     blend              "auto", "encoded" or "linear": the space in which colours are composited
     clip               planes (nx, ny, nz, d) that keep nx x + ny y + nz z + d >= 0, or boxes (x0, y0, z0, x1, y1, z1)
@@ -108,7 +108,7 @@ class Drawing(TypedDict, total=False):
 
 
 def sampling(keywords: dict[str, Any]) -> dict[str, Any]:
-    """Keywords of sampling as the compiled part takes them."""
+    """Convert the keywords of sampling to the form that the compiled part accepts."""
     from ._arrays import vector
     from ._transfer import choice
 
@@ -121,7 +121,7 @@ def sampling(keywords: dict[str, Any]) -> dict[str, Any]:
 
 
 def drawing(keywords: dict[str, Any]) -> dict[str, Any]:
-    """Keywords of pictures as the compiled part takes them."""
+    """Convert the keywords of pictures to the form that the compiled part accepts."""
     from ._arrays import vector
     from ._transfer import choice
 

@@ -1,4 +1,4 @@
-"""Windows and notebooks."""
+"""Opens the window program from Python."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def view(things: Any, *options: str, wait: bool = False) -> subprocess.Popen[byt
     Parameters
     ----------
     things
-        One thing or a list of them, as a `Renderer` takes them. What was loaded from files is opened from these, all else
-        as splats in a temporary file.
+        One thing or a list of them, as a `Renderer` accepts them. Things loaded from files are opened from these, all
+        others as splats in a temporary file.
     *options
-        Of the command line, as ``"--lit"``.
+        Command-line options, such as ``"--lit"``.
     wait
         Whether to wait until the window is closed.
 
@@ -52,7 +52,7 @@ def view(things: Any, *options: str, wait: bool = False) -> subprocess.Popen[byt
         elif thing.path is not None:
             paths.append(thing.path)
         else:
-            # Kept until the process ends: the window reads it when it likes.
+            # The file is kept until the process ends, because the window may read it at any time.
             folder = _folder()
             path = os.path.join(folder, f"thing-{len(os.listdir(folder))}.ply")
             convert(thing, path)

@@ -1,4 +1,4 @@
-"""The command-line program ``ewa-splat``, as an entry point of the package."""
+"""Runs the command-line program ``ewa-splat``, an entry point of the package."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from . import _core
 
 
 def main() -> None:
-    """Run the program with the words of the command line, and end the process."""
-    # As in any other program Ctrl-C ends it at once.
+    """Run the program with the command line's arguments, and end the process."""
+    # Ctrl-C ends the program at once, as in any other program.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     _core.main(["ewa-splat", *sys.argv[1:]])

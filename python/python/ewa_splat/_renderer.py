@@ -1,4 +1,4 @@
-"""Renderers: what draws things."""
+"""Renders things: pictures, column densities, reference images, measurements."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ._transfer import TransferFunction, TransferLike, choice
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-#: Marks an argument that was left out: the transfer function stays what it is.
+#: Marks an omitted argument: the transfer function does not change.
 _KEPT: Any = type("Kept", (), {"__repr__": lambda self: "..."})()
 
 
@@ -32,13 +32,13 @@ class Picked(NamedTuple):
     thing, particle
         The numbers of the thing in the renderer, and of the particle among its samples.
     value
-        Its value, where a transfer function shows it.
+        Its value, if a transfer function shows it.
     position
         Its centre, world units.
     depth
-        Along the view, world units.
+        Its depth along the view, world units.
     share
-        Of the pixel: all shares add up to its opacity.
+        Its share of the pixel. All shares add up to the pixel's opacity.
     """
 
     thing: int
@@ -52,19 +52,20 @@ class Picked(NamedTuple):
 class Renderer:
     """Draws things together.
 
-    The things are sampled when something is drawn first, and kept ready. One renderer draws one picture at a time: other
-    threads wait, with the interpreter released, as it is during all long work; Ctrl-C ends it.
+    The things are sampled for the first picture, and kept. One renderer draws one picture at a time, and other threads
+    wait. All long work releases the interpreter, and Ctrl-C ends it.
 
     Parameters
     ----------
     *things
-        `Volume`, `Surfels` and `Splats`, what `load` gives, or any object that `adapt` knows: data sets of PyVista and
+        `Volume`, `Surfels` and `Splats`, results of `load`, or any object that `adapt` accepts: data sets of PyVista and
         VTK, meshes of meshio and trimesh, and others.
     backend
         ``"auto"``, ``"gpu"`` or ``"cpu"``.
     keep_shapes
-        Whether all is kept that does not depend on values, so that `set_values` is quick: once more the data's memory.
-        Particles are then classified at their values alone, as by ``classify="particle"``; lattices are not concerned.
+        Whether to keep everything that does not depend on values, so that `set_values` is fast. This doubles the memory
+        for the data. Particles are then classified by their values alone, as with ``classify="particle"``. Lattices are
+        not affected.
 
     Examples
     --------
@@ -86,7 +87,7 @@ class Renderer:
 
     @property
     def things(self) -> list[Thing]:
-        """What it draws."""
+        """The things that it draws."""
         return list(self._things)
 
     def render(
@@ -102,21 +103,21 @@ class Renderer:
         Parameters
         ----------
         camera
-            Without one all that is visible is shown, from the side that suits the data.
+            By default, it shows all that is visible, from a direction that suits the data.
         size
             Width and height in pixels.
         tolerance
             The error in linear colour that approximations may add to 99.9 % of pixels.
         transfer_function
-            A `TransferFunction`, the name of a colour map, a path to one in JSON, or ``None`` for one by the values. It
-            stays for later pictures.
+            A `TransferFunction`, the name of a colour map, the path of a JSON file, or ``None`` to choose one from the
+            values. It also applies to later pictures.
         **settings
             See `Drawing`.
 
         Raises
         ------
         ValueError
-            Settings that are out of range or do not go together; nothing that can be drawn.
+            Settings that are out of range or contradict each other; nothing to draw.
         """
         said = drawing({"tolerance": tolerance, **settings})
         self._choose(transfer_function)
@@ -137,19 +138,19 @@ class Renderer:
         size: tuple[int, int] = (800, 600),
         **settings: Unpack[Drawing],
     ) -> Column:
-        """Sum the field along each pixel's ray: no transfer function, no opacity.
+        """Integrate the field along each pixel's ray, without a transfer function or opacity.
 
         Parameters
         ----------
         camera, size
-            As in `render`; without a camera the picture is orthographic.
+            As in `render`; by default, the picture is orthographic.
         **settings
-            Of `Drawing`: clip, low_pass, cutoff, filter.
+            From `Drawing`: clip, low_pass, cutoff, filter.
 
         Raises
         ------
         TypeError
-            Settings that say nothing of columns.
+            Settings that do not apply to column densities.
         """
         for name in settings:
             if name not in ("clip", "low_pass", "cutoff", "filter", "tolerance"):
@@ -166,7 +167,7 @@ class Renderer:
         transfer_function: TransferLike = _KEPT,
         **settings: Unpack[Drawing],
     ) -> Image:
-        """Integrate the true picture in float64: slow.
+        """Integrate the reference image in float64, which is slow.
 
         Parameters
         ----------
@@ -175,9 +176,9 @@ class Renderer:
         of
             ``"kernels"``, or ``"data"``: a grid's own field, interpolated between its samples.
         error
-            That is aimed at, in linear colour.
+            Target error in linear colour.
         **settings
-            Of `Drawing`: clip, low_pass, background, classify.
+            From `Drawing`: clip, low_pass, background, classify.
         """
         for name in settings:
             if name not in ("clip", "low_pass", "background", "classify"):
@@ -199,27 +200,27 @@ class Renderer:
         size: tuple[int, int] = (800, 600),
         **settings: Unpack[Drawing],
     ) -> list[Picked]:
-        """The particles that a pixel shows, front to back.
+        """Return the particles that a pixel shows, front to back.
 
         Parameters
         ----------
         x, y
             Column and row of the pixel, from the top left.
         camera, size, **settings
-            Of the picture.
+            Camera, size and settings of the picture.
         """
         found = self._core.pick([int(x), int(y)], _view(camera), _size(size), drawing(dict(settings)))
         return [Picked(*particle) for particle in found]
 
     def set_values(self, values: ArrayLike, thing: int = 0) -> None:
-        """Exchange the values of a thing, for the next step of time: places, shapes and the transfer function stay.
+        """Replace the values of a thing, for the next time step. Positions, shapes and the transfer function stay.
 
         Parameters
         ----------
         values
-            Of the shape that it was made with.
+            New values, in the shape that the thing was made with.
         thing
-            Its number in the renderer.
+            Number of the thing in the renderer.
 
         Raises
         ------
@@ -234,18 +235,18 @@ class Renderer:
         self._core.set_values(thing, convert(values))
 
     def set_transfer_function(self, transfer_function: TransferLike) -> None:
-        """Take a transfer function for all that is classified; ``None`` finds one by the values."""
+        """Set the transfer function of all classified data; ``None`` chooses one from the values."""
         self._core.set_transfer_function({"transfer_function": choice(transfer_function)})
 
     @property
     def transfer_functions(self) -> list[TransferFunction | None]:
-        """The functions in use, of each volume; ``None`` of what has colours of its own."""
+        """The current transfer function of each volume; ``None`` for volumes with their own colours."""
         texts = self._core.transfer_functions()
         return [None if text is None else TransferFunction.from_json(text) for text in texts]
 
     @property
     def adapter(self) -> str | None:
-        """The device that draws; ``None`` of the processor, and before anything was drawn."""
+        """The device that draws; ``None`` for the CPU, and before anything was drawn."""
         return self._core.adapter()
 
     def _choose(self, function: TransferLike) -> None:
@@ -262,18 +263,18 @@ class Renderer:
 def measure(
     *things: Any, camera: Camera | None = None, size: tuple[int, int] = (256, 256), frames: int = 5, error: float = 1e-3
 ) -> dict[str, Any]:
-    """Measure speed against accuracy: every method that there is, timed and held against the true picture.
+    """Measure speed against accuracy: time every method, and compare its picture with the reference image.
 
     Parameters
     ----------
     *things
-        As a `Renderer` takes them.
+        As a `Renderer` accepts them.
     camera, size
         As in `Renderer.render`.
     frames
-        Of which times are the medians.
+        Number of frames; times are their medians.
     error
-        Of the true picture, in linear colour.
+        Error of the reference image, in linear colour.
 
     Returns
     -------
@@ -290,14 +291,14 @@ def convert(things: Any, path: str | os.PathLike[str]) -> dict[str, Any]:
     Parameters
     ----------
     things
-        One thing or a list of them, as a `Renderer` takes them.
+        One thing or a list of them, as a `Renderer` accepts them.
     path
-        Its ending says the format.
+        Output file, whose extension determines the format.
 
     Returns
     -------
     dict
-        How many ``splats``, how many ``bytes``, and ``notes`` on what was lost.
+        The numbers of ``splats`` and ``bytes``, and ``notes`` on what was lost.
     """
     from ._adapt import adapt
 

@@ -1,4 +1,4 @@
-"""What is drawn: volumes, surfaces and splats of arrays, and what files hold."""
+"""Defines things to draw: volumes, surfaces and splats from arrays, and the contents of files."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ if TYPE_CHECKING:
 #: The constant spherical harmonic: a colour is 1/2 plus its coefficient times this.
 HARMONIC_0 = 0.28209479177387814
 
-#: The name of values that are given without one.
+#: The default name of values.
 VALUE = "value"
 
 
 class Report(NamedTuple):
-    """How something was sampled.
+    """Result of sampling a thing.
 
     Attributes
     ----------
     samples, particles, left_out
-        Samples there were, kernels made of them, and samples that could not be drawn.
+        Numbers of samples, of kernels made from them, and of samples that could not be drawn.
     field, unit
-        What is shown, and its unit.
+        The field that is shown, and its unit.
     value_range
         Its least and greatest finite value.
     lengths
-        What lengths are taken for.
+        The meaning of the particles' lengths.
     findings
-        What was found on the way, a line each.
+        Notes on the data, a line each.
     """
 
     samples: int
@@ -51,18 +51,18 @@ class Report(NamedTuple):
 
 
 class Thing:
-    """What a renderer draws; the base of `Volume`, `Surfels` and `Splats`."""
+    """Object that a renderer draws; the base of `Volume`, `Surfels` and `Splats`."""
 
     def __init__(self, core: _core.Thing, values: Callable[[object], NDArray[Any]] | None = None) -> None:
         self._core = core
-        # What brings new values into the layout of its own.
+        # Converts new values to the thing's layout.
         self._values = values
-        #: The file that it was loaded from.
+        #: File that the thing was loaded from.
         self.path: str | None = None
 
     @property
     def report(self) -> Report:
-        """How it is sampled: it is, if it was not yet."""
+        """The result of sampling. The thing is sampled now if it was not sampled before."""
         told = self._core.report()
         value_range = told["value_range"]
         told["value_range"] = None if value_range is None else tuple(value_range)
@@ -70,18 +70,18 @@ class Thing:
 
     @property
     def fields(self) -> list[str]:
-        """What can be shown of it: its fields, and components of vectors."""
+        """Names of the fields and vector components that can be shown."""
         return self._core.fields()
 
     @property
     def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """The least and the greatest coordinates, world units; ``None`` where nothing has a place."""
+        """The least and the greatest coordinates, world units; ``None`` if nothing has a position."""
         ends = self._core.bounds()
         return None if ends is None else (np.array(ends[0]), np.array(ends[1]))
 
     @property
     def notes(self) -> list[str]:
-        """What the reader of a file left out or took for granted."""
+        """Notes on data that the reader of a file left out, and on its assumptions."""
         return self._core.notes()
 
     def _repr_png_(self) -> bytes:
@@ -100,10 +100,10 @@ class Thing:
 
 
 class Volume(Thing):
-    """Data that are seen through: particles, grids, cells.
+    """Transparent data: particles, grids, cells.
 
-    Make one with `from_points`, `from_grid`, `from_structured` or `from_cells`. Values are shown by a transfer function:
-    see `Renderer.render`.
+    Make one with `from_points`, `from_grid`, `from_structured` or `from_cells`. A transfer function shows the values: see
+    `Renderer.render`.
     """
 
     @classmethod
@@ -131,43 +131,43 @@ class Volume(Thing):
         positions : (n, 3)
             Centres, world units.
         values : (n,)
-            What the transfer function shows. Without them it is the density: mass over volume, or how densely the
-            points lie.
+            Values that the transfer function shows. By default, it shows the density: mass over volume, or the number
+            density of the points.
         radius : (n,) or one number
             Standard deviations of round kernels, world units.
         smoothing_length : (n,)
-            Lengths of SPH; `kernel` and `length` say what they are, the cubic spline's h otherwise.
+            SPH smoothing lengths. `kernel` and `length` state their meaning; the default is the cubic spline's h.
         covariance : (n, 3, 3) or (n, 6)
-            Variance matrices, or xx, xy, xz, yy, yz, zz of them, world units squared.
+            Variance matrices, or their elements xx, xy, xz, yy, yz, zz, world units squared.
         scales, rotations : (n, 3), (n, 4)
-            Standard deviations along axes of a kernel's own, and the quaternions w, x, y, z that turn x, y, z to them.
+            Standard deviations along a kernel's own axes, and the quaternions w, x, y, z that turn x, y, z to them.
         mass : (n,)
-            Masses in any unit; over `volume`, or over the space that each particle has among its neighbours, they
-            are the density. Beside `color` and no values they are extinction times volume, world units squared, as the
-            column ``mass`` of a table is.
+            Masses in any unit. The density is mass over `volume`, or over the space that each particle has among its
+            neighbours. With `color` and no values, they are extinction times volume, world units squared, as the column
+            ``mass`` of a table is.
         volume : (n,)
             The space that each particle stands for, world units cubed.
         opacity : (n,) or one number
-            In place of a transfer function's: of each kernel, seen along its shortest axis.
+            Opacity of each kernel, seen along its shortest axis, in place of a transfer function's.
         color : (3,) or (n, 3)
-            Colours in place of values: linear of floats, sRGB-encoded of integers.
+            Colours in place of values: linear if floats, sRGB-encoded if integers.
         name
-            What the values are called in legends.
+            Name of the values in legends.
         **options
             See `Sampling`.
 
         Returns
         -------
         Volume
-            Particles without any of the four shapes are sized by their neighbours. Those that cannot be drawn (masked, or
-            with numbers that are not finite) are left out and counted in `Thing.report`.
+            Particles without any of the four shapes get their size from their neighbours. Particles that cannot be drawn
+            (masked, or with numbers that are not finite) are left out and counted in `Thing.report`.
 
         Raises
         ------
         ValueError
-            Arrays of shapes that do not fit, several shapes, values beside colours.
+            Arrays whose shapes do not fit, several kernel shapes, values beside colours.
         TypeError
-            What are no numbers.
+            Data that are no numbers.
 
         Examples
         --------
@@ -195,7 +195,7 @@ class Volume(Thing):
         said = sampling(dict(options))
         if values is not None:
             if name.lower() in _RESERVED:
-                # As a column it would be more than a field.
+                # A column of this name would have a meaning beyond that of a field.
                 name = f"{name} (value)"
             add(name, values, "values")
             said.setdefault("unit", unit_text(values))
@@ -219,7 +219,7 @@ class Volume(Thing):
             for i in range(4):
                 add(f"rot_{i}", turns[:, i], "rotations")
         if mass is not None:
-            # Colours leave nothing for a function to show: these are strengths then, of which `m` says nothing.
+            # With colours, no transfer function shows the density. Masses are then strengths, the column `mass`, not `m`.
             if color is None:
                 add("m", mass, "mass")
             else:
@@ -251,20 +251,20 @@ class Volume(Thing):
         Parameters
         ----------
         values : (nx, ny, nz), or of fewer dimensions
-            ``values[i, j, k]`` lies at origin + direction @ (spacing * (i, j, k)). Arrays in Fortran's order are taken
-            as they are. Values of cells begin half a step further.
+            ``values[i, j, k]`` lies at origin + direction @ (spacing * (i, j, k)). Arrays in Fortran order are not
+            copied. Cells' values lie half a step further.
         spacing : (3,) or one number
             Distances between neighbours along the array's axes, world units.
         origin : (3,)
-            The place of the first value, or of the first cell's corner.
+            The position of the first value, or of the first cell's corner.
         direction : (3, 3)
-            Columns are the directions of the array's axes; without it x, y and z.
+            Matrix whose columns are the directions of the array's axes; by default x, y and z.
         coordinates : three of (nx,), (ny,), (nz,)
-            In place of the three above: strictly increasing coordinates along x, y and z.
+            Strictly increasing coordinates along x, y and z, in place of the three above.
         of
             ``"nodes"`` or ``"cells"``.
         name
-            What the values are called in legends.
+            Name of the values in legends.
         **options
             See `Sampling`.
 
@@ -324,11 +324,11 @@ class Volume(Thing):
         points : (ni, nj, nk, 3)
             Nodes, world units. Nodes that are masked or not finite are left out.
         values : (ni, nj, nk), or one fewer along each axis
-            At the nodes, or of the cells.
+            Values at the nodes, or of the cells.
         of
             ``"nodes"`` or ``"cells"``.
         name
-            What the values are called in legends.
+            Name of the values in legends.
         **options
             See `Sampling`.
 
@@ -380,24 +380,24 @@ class Volume(Thing):
         points : (n, 3)
             Nodes, world units.
         cells : (m,) or (c, k)
-            As VTK has them: of each cell how many nodes follow, then these; or, of cells with the same number of nodes
-            each, a row for each.
+            VTK's list: for each cell, the number of its nodes, then the nodes. If all cells have the same number of
+            nodes, a row of nodes for each cell.
         cell_types : (c,) or one number
-            VTK's numbers: 10 tetrahedron, 12 hexahedron, 13 wedge, 14 pyramid, 42 polyhedron, ... A polyhedron has
-            in `cells` its faces: their number, and of each face how many nodes follow, then these.
+            VTK's numbers: 10 tetrahedron, 12 hexahedron, 13 wedge, 14 pyramid, 42 polyhedron, ... For a polyhedron,
+            `cells` lists its faces: their number, then for each face the number of its nodes and the nodes.
         values : (n,) or (c,)
-            At the nodes, or of the cells.
+            Values at the nodes, or of the cells.
         of
-            ``"nodes"`` or ``"cells"``, where the numbers of both are the same.
+            ``"nodes"`` or ``"cells"``, needed if there are as many of both.
         name
-            What the values are called in legends.
+            Name of the values in legends.
         **options
             See `Sampling`.
 
         Raises
         ------
         ValueError
-            Lists that end too soon, nodes that are not there, another number of values.
+            Lists that end too soon, absent nodes, another number of values.
 
         Examples
         --------
@@ -440,9 +440,9 @@ class Volume(Thing):
 
 
 class Surfels(Thing):
-    """Surfaces, opaque or translucent: flat kernels.
+    """Flat kernels of a surface, opaque or translucent.
 
-    Make some with `from_mesh` or `from_points`.
+    Make them with `from_mesh` or `from_points`.
     """
 
     @classmethod
@@ -458,7 +458,7 @@ class Surfels(Thing):
         name: str = VALUE,
         **options: Unpack[Sampling],
     ) -> Surfels:
-        """Make surfels of triangles.
+        """Make surfels from triangles.
 
         Parameters
         ----------
@@ -467,22 +467,22 @@ class Surfels(Thing):
         faces : (m, 3)
             Corners of each triangle, counter-clockwise seen from the front.
         colors : (n, 3), (n, 4) or (m, 3), (m, 4)
-            Of corners, or of faces: linear of floats, sRGB-encoded of integers.
+            Colours of corners, or of faces: linear if floats, sRGB-encoded if integers.
         uv : (n, 2)
-            Where corners lie in the texture, (0, 0) its bottom left.
+            Texture coordinates of corners; (0, 0) is the bottom left.
         texture : (height, width, 3) or (height, width, 4)
-            A picture, sRGB-encoded: bytes, or floats from 0 to 1; a PIL image will do.
+            An sRGB-encoded picture: bytes, floats from 0 to 1, or a PIL image.
         values : (n,) or (m,)
-            A field that is shown in place of colours, by a transfer function.
+            Field that a transfer function shows in place of colours.
         name
-            What the values are called in legends.
+            Name of the values in legends.
         **options
-            See `Sampling`; `count`, `density` and `surfel_spacing` say how many.
+            See `Sampling`; `count`, `density` and `surfel_spacing` set the number of surfels.
 
         Raises
         ------
         ValueError
-            Shapes that do not fit, corners that are not there, a texture without uv.
+            Shapes that do not fit, absent corners, a texture without uv.
 
         Examples
         --------
@@ -542,26 +542,25 @@ class Surfels(Thing):
         *,
         up: Sequence[float] | None = None,
     ) -> Surfels:
-        """Make opaque surfels of points with normals.
+        """Make opaque surfels from points with normals.
 
         Parameters
         ----------
         positions : (n, 3)
             Centres, world units.
         normals : (n, 3)
-            Towards the front, of any length but zero.
+            Normals towards the front, of any length but zero.
         radii : (n,) or one number
-            Of the discs of the surface that the points stand for, world units: their areas should add up to the
-            surface's.
+            Radii of the discs that the points stand for, world units. Their areas should add up to the surface's.
         colors : (3,) or (n, 3)
-            Linear of floats, sRGB-encoded of integers; white without them.
+            Colours: linear if floats, sRGB-encoded if integers; white by default.
         up
-            What points up in pictures that are told nothing else.
+            Default direction up of pictures.
 
         Raises
         ------
         ValueError
-            Shapes that do not fit; nothing that can be drawn.
+            Shapes that do not fit; nothing to draw.
 
         Examples
         --------
@@ -585,7 +584,7 @@ class Surfels(Thing):
 
 
 class Splats(Thing):
-    """Splats of a radiance field, which state their opacities on the image. Make some with `from_arrays`."""
+    """Splats of a radiance field, whose opacities apply on the image. Make them with `from_arrays`."""
 
     @classmethod
     def from_arrays(
@@ -599,7 +598,7 @@ class Splats(Thing):
         harmonics: ArrayLike | None = None,
         **options: Unpack[Sampling],
     ) -> Splats:
-        """Make splats of what a training ends with, activations applied.
+        """Make splats from a training's result, after the activations.
 
         Parameters
         ----------
@@ -612,14 +611,14 @@ class Splats(Thing):
         colors : (n, 3)
             sRGB-encoded colours: floats from 0 to 1, or integers.
         harmonics : (n, k, 3), k 1, 4, 9 or 16
-            In place of `colors` the coefficients of spherical harmonics, the constant one first.
+            Coefficients of spherical harmonics, the constant one first, in place of `colors`.
         **options
             See `Sampling`.
 
         Raises
         ------
         ValueError
-            Shapes that do not fit; colours and harmonics, or neither.
+            Shapes that do not fit; both colours and harmonics, or neither.
 
         Examples
         --------
@@ -680,22 +679,22 @@ def load(
     source
         A path, or a file-like object of bytes.
     field
-        What to show; a vector field gives its magnitude, ``"name:x"`` a component. Without it the file's first.
+        Field to show. A vector field gives its magnitude, ``"name:x"`` a component. The default is the file's first.
     name
-        Of a file-like object: what its file would be called, of which the ending says what the contents leave open.
+        File name for a file-like object. Its extension determines the format if the contents do not.
     time_step
-        Which of several, counted from 0; -1 is the last.
+        Number of the time step, counted from 0; -1 is the last.
     time
-        In place of `time_step`: the step whose time is nearest, between the first and the last.
+        Time in place of `time_step`: the step whose time is nearest, between the first and the last.
     particle_type
-        Snapshots: which particles, ``"gas"``, ``"dark-matter"``, ``"stars"``, ... or a number; several are drawn
+        Particles to draw from a snapshot: ``"gas"``, ``"dark-matter"``, ``"stars"``, ... or a number. Several are drawn
         together.
     solution, texture
         The solution of a PLOT3D grid; an image for a mesh that has texture coordinates and no texture.
     read_as
-        ``"points"`` or ``"mesh"``: what to make of points with faces.
+        ``"points"`` or ``"mesh"``: the reading of points with faces.
     scales
-        ``"linear"`` or ``"log"``: what splats' scales are.
+        ``"linear"`` or ``"log"``: the meaning of splats' scales.
     dims, type, spacing, origin, big_endian
         The layout of a raw volume; `type` is ``"u8"``, ``"i16"``, ``"u16"`` or ``"f32"``.
     **options
@@ -706,7 +705,7 @@ def load(
     OSError
         A file that cannot be read.
     ValueError
-        One of an unknown format, that breaks its format's rules, or that has no such field.
+        A file of unknown format, that breaks its format's rules, or without the field.
     """
     said = sampling(dict(options))
     if field is not None:
@@ -746,7 +745,7 @@ def load(
     return Thing(_core.Thing.read(os.path.basename(called), data, said, how))
 
 
-#: Columns whose names have a meaning of their own.
+#: Column names with a fixed meaning.
 _RESERVED = frozenset("x y z sigma h radius mass m extinction volume opacity id r g b red green blue".split()) | {
     "vxx", "vxy", "vxz", "vyy", "vyz", "vzz", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3",
 }  # fmt: skip
@@ -759,7 +758,7 @@ def _one_of(value: str, name: str, *choices: str) -> None:
 
 
 def _variances(data: object, count: int) -> list[NDArray[Any]]:
-    """xx, xy, xz, yy, yz, zz."""
+    """Return the elements xx, xy, xz, yy, yz, zz."""
     array = _arrays.numbers(data, "covariance")
     if array.shape == (count, 6):
         return list(array.T)
@@ -776,7 +775,7 @@ def _variances(data: object, count: int) -> list[NDArray[Any]]:
 
 
 def _indices(data: object, name: str, dtype: Any) -> NDArray[Any]:
-    """Whole numbers within a type."""
+    """Return whole numbers within the range of a type."""
     array = _arrays.numbers(data, name)
     if array.dtype.kind == "f" and (not np.all(np.isfinite(array)) or np.any(array != np.floor(array))):
         raise TypeError(f"{name}: expected whole numbers, found dtype {array.dtype} with others among them")
@@ -805,7 +804,7 @@ def _grid_converter(shape: tuple[int, ...]) -> Callable[[object], NDArray[Any]]:
 
 
 def _texture(picture: object) -> tuple[int, int, NDArray[np.uint8]]:
-    """Width, height and four bytes a pixel."""
+    """Return width, height and four bytes a pixel."""
     array = _arrays.numbers(picture, "texture")
     if array.ndim != 3 or array.shape[2] not in (3, 4) or array.size == 0:
         raise ValueError(f"texture: expected an array of shape (height, width, 3 or 4), found {_arrays.shape_text(array)}")

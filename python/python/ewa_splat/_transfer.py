@@ -1,4 +1,4 @@
-"""Transfer functions: from values to colours and opacities."""
+"""Defines transfer functions, which map values to colours and opacities."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ import numpy as np
 from . import _core
 from ._arrays import numbers
 
-#: What a transfer function is given as: one of its own, the name of a colour map, a path to a JSON file, or ``None`` for
-#: an automatic one.
+#: Accepted forms of a transfer function: an object, the name of a colour map, the path of a JSON file, or ``None`` for an
+#: automatic one.
 TransferLike = Union["TransferFunction", str, "os.PathLike[str]", None]
 
 
 class TransferFunction:
-    """Colours and opacities of values.
+    """Function from values to colours and opacities.
 
-    Make one with `from_points`, `from_matplotlib` or `from_json`. A renderer takes names of colour maps (``"plasma"``) and
-    paths, too, and without any finds a function by the values.
+    Make one with `from_points`, `from_matplotlib` or `from_json`. A renderer also accepts names of colour maps
+    (``"plasma"``) and paths. By default, it chooses a function from the values.
 
     Examples
     --------
@@ -50,16 +50,16 @@ class TransferFunction:
         Parameters
         ----------
         points
-            (value, (r, g, b), opacity) each, values not decreasing. Colour and opacity may be ``None`` where others give
-            them; two points at one value make a step.
+            Tuples (value, (r, g, b), opacity), values not decreasing. Colour and opacity may be ``None`` if other points
+            give them. Two points at one value make a step.
         unit_distance
-            The length over which opacities are stated, world units; without it the mean spacing of what is drawn.
+            The length over which opacities are stated, world units; by default the mean spacing of the data.
         range
-            The values between which the function is tabulated; without it from the first point to the last.
+            The values between which the function is tabulated; by default from the first point to the last.
         scale
-            ``"linear"``, ``"log"`` or ``"symlog"``: where values lie between points.
+            ``"linear"``, ``"log"`` or ``"symlog"``: the scale on which points are interpolated.
         color_space
-            ``"srgb"`` or ``"linear"``: of the colours and what is between them.
+            ``"srgb"`` or ``"linear"``: the space of the colours and of their interpolation.
 
         Raises
         ------
@@ -93,20 +93,20 @@ class TransferFunction:
         unit_distance: float | None = None,
         samples: int = 256,
     ) -> TransferFunction:
-        """Take the colours of a matplotlib colour map.
+        """Make a function with the colours of a matplotlib colour map.
 
         Parameters
         ----------
         cmap
             A colour map, or its name.
         opacity
-            One for all, several that are evenly spread from `vmin` to `vmax`, or a function of the share from 0 to 1.
+            One opacity for all, several spaced evenly from `vmin` to `vmax`, or a function of the position from 0 to 1.
         vmin, vmax
             The values at the map's ends.
         unit_distance
             As in `from_points`.
         samples
-            Points that are taken of the map.
+            Number of points taken from the map.
         """
         if isinstance(cmap, str):
             import matplotlib
@@ -127,7 +127,7 @@ class TransferFunction:
 
     @classmethod
     def from_json(cls, source: str | os.PathLike[str] | dict[str, Any]) -> TransferFunction:
-        """Read a function from JSON: its path, its text, or what that holds; this library's form or ParaView's."""
+        """Read a function from JSON (a path, text or parsed text) in this library's form or ParaView's."""
         if isinstance(source, dict):
             return cls(source)
         if isinstance(source, str) and source.lstrip().startswith(("{", "[")):
@@ -142,7 +142,7 @@ class TransferFunction:
         return cls(document)
 
     def to_json(self) -> str:
-        """The function as JSON, which `from_json` and the command line read."""
+        """Return the function as JSON, which `from_json` and the command line read."""
         return self._text
 
     def __repr__(self) -> str:
@@ -160,7 +160,7 @@ class TransferFunction:
 
 
 def choice(function: TransferLike) -> tuple[str, str] | None:
-    """A transfer function as the compiled part takes it."""
+    """Convert a transfer function to the form that the compiled part accepts."""
     if function is None:
         return None
     if isinstance(function, TransferFunction):

@@ -1,4 +1,4 @@
-"""Units of unyt, astropy, pint and swiftsimio: taken off numbers, and along to the legend."""
+"""Separates units of unyt, astropy, pint and swiftsimio from numbers, and formats them for legends."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ import numpy as np
 
 
 def unit_of(data: object) -> object | None:
-    """The unit object of a quantity; ``None`` of plain numbers."""
-    # unyt, swiftsimio, pint and yt say `units`, astropy `unit`.
+    """Return the unit object of a quantity; ``None`` for plain numbers."""
+    # unyt, swiftsimio, pint and yt have `units`, astropy `unit`.
     for name in ("units", "unit"):
         unit = getattr(data, name, None)
         if unit is not None and not isinstance(unit, str) and not callable(unit):
             return unit  # type: ignore[no-any-return]
-    # xarray keeps it among the attributes.
+    # xarray stores the unit among the attributes.
     attributes = getattr(data, "attrs", None)
     text = attributes.get("units") if isinstance(attributes, dict) else None
     return text if isinstance(text, str) else None
 
 
 def unit_text(data: object) -> str | None:
-    """A quantity's unit as legends show it; ``None`` where it has none or is without dimension."""
+    """Return a quantity's unit for legends; ``None`` if it has none or is dimensionless."""
     unit = unit_of(data)
     text = "" if unit is None else str(unit).strip()
     return None if text in ("", "1", "dimensionless") else text
 
 
 def strip_unit(data: object) -> tuple[Any, object | None]:
-    """The numbers of a quantity, and its unit."""
+    """Return the numbers of a quantity, and its unit."""
     unit = unit_of(data)
     if unit is None or isinstance(unit, str):
         return data, unit
@@ -40,22 +40,22 @@ def strip_unit(data: object) -> tuple[Any, object | None]:
 
 
 def in_unit_of(data: object, other: object, power: int = 1) -> object:
-    """Lengths in the unit of others, where both have one; areas and volumes in its powers.
+    """Convert lengths to the unit of other lengths if both have one; areas and volumes to its powers.
 
     Raises
     ------
     ValueError
-        Units that do not go into each other.
+        Units that cannot be converted to each other.
     """
     own, length = unit_of(data), unit_of(other)
     if own is None or length is None or isinstance(own, str) or isinstance(length, str):
         return data
-    # pynbody says `in_units`, the others `to`.
+    # pynbody has `in_units`, the others `to`.
     convert: Any = getattr(data, "to", None) or getattr(data, "in_units", None)
     if convert is None:
         return data
     try:
-        # Of any class of units, none of which is imported here.
+        # The unit may be of any package's class; none is imported here.
         unit: Any = length
         wanted = unit if power == 1 else unit**power
         if own == wanted:

@@ -1,6 +1,6 @@
-"""A picture in a notebook that the mouse turns, and that is refined at rest. Needs anywidget.
+"""Shows a picture in a notebook, which the user turns with the mouse. Needs anywidget.
 
-Everything runs in the kernel: the browser shows PNG pictures and says where it was dragged.
+Everything runs in the kernel: the browser shows PNG pictures and sends mouse movements. The picture is refined at rest.
 
 Examples
 --------
@@ -18,7 +18,7 @@ import traitlets
 from ._camera import Camera
 from ._renderer import Renderer
 
-#: Degrees that the picture turns by for each pixel that the mouse moves.
+#: Degrees of rotation per pixel of mouse movement.
 DEGREES_PER_PIXEL = 0.4
 
 _SCRIPT = """
@@ -72,18 +72,18 @@ export default { render };
 
 
 class Widget(anywidget.AnyWidget):
-    """A picture of things that is turned by the mouse, and brought nearer by its wheel.
+    """Picture of things that the user turns with the mouse and zooms with its wheel.
 
     Parameters
     ----------
     *things
-        As a `Renderer` takes them, or one renderer.
+        Things that a `Renderer` accepts, or one renderer.
     size
         Width and height in pixels.
     camera
-        A fitted camera to begin with.
+        Fitted camera of the first picture.
     **settings
-        As of `Renderer.render`.
+        As in `Renderer.render`.
     """
 
     _esm = _SCRIPT
@@ -104,7 +104,7 @@ class Widget(anywidget.AnyWidget):
 
     @property
     def camera(self) -> Camera:
-        """Where it stands now."""
+        """The current camera."""
         return self._camera
 
     def _told(self, _: object, message: dict[str, Any], __: object) -> None:
@@ -114,7 +114,7 @@ class Widget(anywidget.AnyWidget):
         if "zoom" in message:
             self._camera = self._camera.zoomed(message["zoom"])
         self._draw(is_coarse="rest" not in message)
-        # The next motion is not asked for before this picture is there.
+        # The browser sends the next motion only after this picture has arrived.
         self.send({"drawn": True})
 
     def _draw(self, *, is_coarse: bool) -> None:

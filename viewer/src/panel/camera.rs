@@ -1,4 +1,4 @@
-//! Where it is seen from.
+//! Shows the camera's panel.
 
 use egui::{DragValue, Ui};
 use glam::DVec3;
@@ -7,7 +7,7 @@ use super::row::{Choice, button, choose, group, row, section, switch};
 use crate::app::App;
 use crate::orbit::Lens;
 
-/// Standard views: their names, and what they look along.
+/// Standard views: their names and directions.
 pub(crate) const VIEWS: [(&str, DVec3); 6] = [
     ("+x", DVec3::X),
     ("-x", DVec3::NEG_X),
@@ -43,11 +43,11 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
     });
 }
 
-/// Buttons that look along an axis.
+/// Shows buttons that look along an axis.
 fn views(app: &mut App, ui: &mut Ui) {
     let tip = "Look along an axis, parallel to it (1 to 6)\n--eye, --target, --up";
     group(ui, "Look along", tip, |ui, row| {
-        // All six beside one another in a narrow panel.
+        // All six buttons fit side by side in a narrow panel.
         ui.spacing_mut().item_spacing.x = 1.0;
         ui.spacing_mut().button_padding.x = 2.0;
         for (name, forward) in VIEWS {
@@ -101,7 +101,7 @@ fn lens(app: &mut App, ui: &mut Ui) {
     }
 }
 
-/// Views that were saved: each can be gone to, and left out.
+/// Lists the saved views, each of which can be shown or removed.
 fn saved(app: &mut App, ui: &mut Ui) {
     let mut left = None;
     let mut taken = None;
@@ -123,7 +123,7 @@ fn saved(app: &mut App, ui: &mut Ui) {
     }
 }
 
-/// Puts the camera's JSON on the clipboard.
+/// Copies the camera's JSON to the clipboard.
 pub(crate) fn copy(app: &mut App, context: &egui::Context) {
     if let Some(orbit) = &app.orbit {
         context.copy_text(orbit.to_json());
@@ -131,7 +131,7 @@ pub(crate) fn copy(app: &mut App, context: &egui::Context) {
     }
 }
 
-/// Takes a camera from a text, where it is one.
+/// Takes a camera from pasted text, if it is one.
 pub(crate) fn paste(app: &mut App, text: &str) {
     let Some(orbit) = &app.orbit else {
         return;

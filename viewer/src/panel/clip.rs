@@ -1,4 +1,4 @@
-//! What is cut off: a box by its faces, and one plane of any direction.
+//! Shows the clip panel: a box by its faces, and one plane of any direction.
 
 use egui::{DragValue, Slider, Ui};
 use ewa_splat::view::{Bounds, ClipPlane};
@@ -44,7 +44,7 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
     });
 }
 
-/// A switch of the box, and a slider for each of its faces.
+/// Shows a switch for the box, and a slider for each of its faces.
 fn faces(clip: &mut Clip, (centre, half): Bounds, ui: &mut Ui) {
     const FACES: [[&str; 2]; 3] = [["x from", "x to"], ["y from", "y to"], ["z from", "z to"]];
     let (lower, upper) = (centre - half, centre + half);
@@ -69,7 +69,8 @@ fn faces(clip: &mut Clip, (centre, half): Bounds, ui: &mut Ui) {
     }
 }
 
-/// A plane through the middle that cuts off what is before it, across the axis nearest to the view.
+/// Returns a plane through the centre, across the axis nearest to the view, that clips the near
+/// half.
 fn through_middle(forward: DVec3, (centre, _): Bounds) -> ClipPlane {
     let forward = forward.normalize_or(DVec3::X);
     let axis = forward.abs().max_position();
@@ -80,7 +81,7 @@ fn through_middle(forward: DVec3, (centre, _): Bounds) -> ClipPlane {
     }
 }
 
-/// The numbers of a plane, as `--clip` takes them.
+/// Shows the numbers of a plane, as `--clip` takes them.
 fn numbers(plane: &mut ClipPlane, (_, half): Bounds, ui: &mut Ui) {
     let mut wanted = *plane;
     let tip = "The direction across the plane, towards what is kept: x, y and z\n--clip nx,ny,nz,d";
@@ -102,7 +103,7 @@ fn numbers(plane: &mut ClipPlane, (_, half): Bounds, ui: &mut Ui) {
             };
         }
     });
-    // A normal without length is on its way to another.
+    // A zero normal occurs while the user types; the plane is kept until the normal is valid.
     if wanted.normalised().is_some() {
         *plane = wanted;
     }

@@ -1,4 +1,5 @@
-//! Handles in the picture: the faces of the clip box, and the clip plane's place and direction.
+//! Draws and moves the handles in the picture: the faces of the clip box, and the clip plane's
+//! position and direction.
 
 use egui::{
     Color32, CursorIcon, Painter, Pos2, Rect, Response, Sense, Stroke, StrokeKind, Ui, Vec2,
@@ -12,12 +13,12 @@ use crate::clip::{self, Clip};
 use crate::handles::{Grip, Part};
 use crate::screen::{AXES, Screen};
 
-/// The sides of a handle's square, points.
+/// Side of a handle's square, points.
 const SIDE: f32 = 11.0;
 const BOX: Color32 = Color32::from_rgb(240, 200, 90);
 const PLANE: Color32 = Color32::from_rgb(120, 220, 230);
 
-/// The colour of a handle.
+/// Returns the colour of a handle.
 fn colour(part: Part) -> Color32 {
     match part {
         Part::Face(axis, _) => AXES[axis].1,
@@ -25,12 +26,12 @@ fn colour(part: Part) -> Color32 {
     }
 }
 
-/// The plane, where its handles stand, and how long its arrow is, world units.
+/// Plane, the position of its handles, and the length of its arrow, world units.
 #[derive(Clone, Copy)]
 struct Arrow {
     plane: ClipPlane,
     foot: DVec3,
-    /// Of unit length.
+    /// Unit normal.
     normal: DVec3,
     length: f64,
 }
@@ -41,7 +42,8 @@ impl Arrow {
     }
 }
 
-/// Draws what clips and its handles, over the picture, and answers the hands on them.
+/// Draws the clip box and plane with their handles over the picture, and moves them as the user
+/// drags.
 pub(crate) fn show(app: &mut App, ui: &Ui, painter: &Painter, screen: &Screen) {
     let Some(bounds) = app.loaded.as_ref().and_then(|loaded| loaded.bounds) else {
         return;
@@ -70,7 +72,7 @@ pub(crate) fn show(app: &mut App, ui: &Ui, painter: &Painter, screen: &Screen) {
         draw_plane(painter, screen, &arrow, bounds);
         parts.extend([(Part::Move, arrow.foot), (Part::Turn, arrow.tip())]);
     }
-    // The nearest last: over the others, for eyes and hands.
+    // The nearest handle is drawn last, on top of the others, and gets the pointer first.
     let depth = |place: DVec3| screen.camera.camera_point(place).z;
     parts.sort_by(|a, b| depth(b.1).total_cmp(&depth(a.1)));
     for (part, place) in parts {
@@ -105,7 +107,7 @@ pub(crate) fn show(app: &mut App, ui: &Ui, painter: &Painter, screen: &Screen) {
     }
 }
 
-/// Moves what is held to a pixel.
+/// Moves the held handle to a pixel.
 fn drag(
     clip: &mut Clip,
     screen: &Screen,
@@ -140,7 +142,7 @@ fn drag(
     }
 }
 
-/// What the plane has in common with the data's box, and its normal, towards what is kept.
+/// Draws the polygon in which the plane cuts the data's box, and the normal, towards the kept side.
 fn draw_plane(painter: &Painter, screen: &Screen, arrow: &Arrow, bounds: Bounds) {
     let corners = clip::section(arrow.plane, bounds);
     let next = corners.iter().cycle().skip(1);
@@ -154,11 +156,11 @@ fn draw_plane(painter: &Painter, screen: &Screen, arrow: &Arrow, bounds: Bounds)
     }
 }
 
-/// A handle: a square, or the tip of an arrow.
+/// Draws a handle: a square, or the tip of an arrow.
 fn handle(ui: &Ui, painter: &Painter, at: Pos2, part: Part) -> Response {
     let rect = Rect::from_center_size(at, Vec2::splat(SIDE));
     let id = ui.scope_id().with(("handle", part.name()));
-    // Clicks, too: the picture behind is not asked what lies there.
+    // The handle takes clicks, too, so that they do not pick in the picture behind.
     let response = ui.interact(rect.expand(2.0), id, Sense::click_and_drag());
     let name = part.name();
     response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Slider, true, &name));

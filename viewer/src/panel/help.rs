@@ -1,10 +1,10 @@
-//! A window over the picture that lists the actions of keys and mouse.
+//! Shows a window over the picture that lists the actions of keys and mouse.
 
 use egui::{Align2, Context, Grid, Vec2, Window};
 
 use crate::app::App;
 
-/// A title, and pairs of an input and its action.
+/// Title, and pairs of an input and its action.
 type List = (&'static str, &'static [(&'static str, &'static str)]);
 
 /// All lists; the manual has the same.
@@ -62,7 +62,7 @@ pub(crate) const LISTS: [List; 3] = [
     ),
 ];
 
-/// The window, where it is asked for.
+/// Shows the window, if it is switched on.
 pub(crate) fn show(app: &mut App, context: &Context) {
     let window = Window::new("Keys and mouse")
         .open(&mut app.shows_help)

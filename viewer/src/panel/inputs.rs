@@ -1,4 +1,4 @@
-//! Which files are shown, and which of their fields.
+//! Selects the files and the field to show.
 
 use std::path::Path;
 
@@ -39,7 +39,7 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
     });
 }
 
-/// A switch for each file; whether another is shown.
+/// Shows a switch for each file. Returns true if the selection changed.
 fn files(app: &mut App, ui: &mut Ui) -> bool {
     let mut changed = false;
     for (input, chosen) in app.inputs.iter().zip(&mut app.chosen) {
@@ -51,7 +51,7 @@ fn files(app: &mut App, ui: &mut Ui) -> bool {
     changed
 }
 
-/// The field that is shown; whether it is another.
+/// Shows the list of fields. Returns true if the selection changed.
 fn field(app: &mut App, ui: &mut Ui) -> bool {
     const TIP: &str =
         "The field that is shown; a vector's magnitude, or NAME:x, a component of it\n--field NAME";
@@ -76,7 +76,7 @@ fn field(app: &mut App, ui: &mut Ui) -> bool {
     changed
 }
 
-/// How many particles there are, and where.
+/// Shows the number of particles and their bounds.
 fn facts(app: &App, ui: &mut Ui) {
     let Some(loaded) = &app.loaded else {
         return;

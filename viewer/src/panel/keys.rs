@@ -1,4 +1,4 @@
-//! What keys do, where no text is being written.
+//! Handles keys, unless a text field has the focus.
 
 use egui::{Context, Event, Key, Modifiers};
 use glam::DVec3;
@@ -7,7 +7,7 @@ use super::camera;
 use crate::app::App;
 use crate::dialogs::Purpose;
 
-/// Of the distance to the target, in a second.
+/// Speed of flight, distances to the target per second.
 const FLIGHT: f64 = 0.6;
 
 pub(crate) fn answer(app: &mut App, context: &Context) {
@@ -86,7 +86,7 @@ pub(crate) fn answer(app: &mut App, context: &Context) {
     steer(app, context);
 }
 
-/// Arrows turn; in flight W, A, S, D, Q and E move.
+/// Turns the view with the arrow keys; in flight, moves with W, A, S, D, Q and E.
 fn steer(app: &mut App, context: &Context) {
     let down = |key| context.input(|input| input.key_down(key));
     let axis = |less, more| f64::from(u8::from(down(more))) - f64::from(u8::from(down(less)));

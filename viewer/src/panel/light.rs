@@ -1,4 +1,4 @@
-//! Where the light comes from: a ball that is lit as surfaces are, on which it is dragged.
+//! Shows the direction of the light on a ball, lit as surfaces are, on which the user drags it.
 
 use egui::{Color32, Pos2, Response, Sense, Ui, Vec2};
 use ewa_splat::scene::{Light, LightFrame, Lighting};
@@ -37,7 +37,7 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
             dragged
         });
         if let Some(towards) = dragged {
-            // Fixed to the world, as the command line's are.
+            // The light is fixed to the world, as the command line's lights are.
             let light = Light {
                 direction: turn.transpose() * towards,
                 frame: LightFrame::World,
@@ -53,12 +53,13 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
     });
 }
 
-/// Draws the ball, and answers where the light was dragged to, as the camera sees it: x right, y down, z away.
+/// Draws the ball. Returns the direction to which the light was dragged, in camera axes: x right, y
+/// down, z away.
 fn ball(ui: &mut Ui, towards: DVec3) -> (Response, Option<DVec3>) {
     let (response, painter) =
         ui.allocate_painter(Vec2::splat(2.0 * RADIUS + 4.0), Sense::click_and_drag());
     let centre = response.rect.center();
-    // Rings of ever lighter discs, towards the light.
+    // Concentric discs become lighter towards the light.
     #[expect(
         clippy::cast_possible_truncation,
         reason = "components of a unit vector"

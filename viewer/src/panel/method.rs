@@ -1,4 +1,4 @@
-//! How it is drawn: tolerance, filter, compositing, what is shown.
+//! Shows the panel of the drawing method: tolerance, filter, compositing, kind of picture.
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use super::row::{Choice, button, choose, row, section, slide, switch};
 use crate::app::App;
 use crate::instead::Instead;
 
-/// The kinds of picture, with descriptions of their colours.
+/// Kinds of picture, with descriptions of their colours.
 const SHOWN: [Choice<'_, (Show, Option<Instead>)>; 6] = [
     ("picture", (Show::Scene, None), "The picture\n--show scene"),
     (
@@ -171,7 +171,7 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
     });
 }
 
-/// How to read what is shown in place of the picture.
+/// Explains the image shown in place of the picture.
 fn explain(app: &App, ui: &mut Ui) {
     let shown = (app.settings.show, app.instead);
     let tip = SHOWN.iter().skip(1).find(|(_, one, _)| *one == shown);
@@ -190,7 +190,7 @@ fn background(app: &mut App, ui: &mut Ui) {
     }
 }
 
-/// How data end, which they do where they are read.
+/// Shows the choice of how data end at their boundary. It takes effect when the data are read.
 fn boundary(app: &mut App, ui: &mut Ui) {
     const CHOICES: [Choice<'_, BoundaryChoice>; 3] = [
         (

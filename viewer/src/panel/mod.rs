@@ -1,4 +1,4 @@
-//! The parts of the window, one file each.
+//! Defines the parts of the window, one file each.
 
 pub(crate) mod camera;
 pub(crate) mod clip;
@@ -24,7 +24,8 @@ use egui::{Panel, ScrollArea, Ui, UiBuilder};
 
 use crate::app::App;
 
-/// The width of a panel, points: a share of a small window, so that the picture keeps half of it.
+/// Returns the width of a panel, points: a share of a small window, so that the picture keeps half
+/// of it.
 fn width(ui: &Ui, share: f32, most: f32) -> f32 {
     (share * ui.ctx().content_rect().width()).clamp(0.7 * most, most)
 }
@@ -39,7 +40,7 @@ fn body(ui: &mut Ui, add: impl FnOnce(&mut Ui)) {
     ui.advance_cursor_after_rect(rect);
 }
 
-/// The left panel: the inputs, and the settings of the picture.
+/// Shows the left panel: the inputs, and the settings of the picture.
 pub(crate) fn left(app: &mut App, ui: &mut Ui) {
     let width = width(ui, 0.21, 260.0);
     let panel = Panel::left("left").default_size(width);
@@ -58,7 +59,7 @@ pub(crate) fn left(app: &mut App, ui: &mut Ui) {
     });
 }
 
-/// The right panel: the transfer function, the probe and the statistics.
+/// Shows the right panel: the transfer function, the probe and the statistics.
 pub(crate) fn right(app: &mut App, ui: &mut Ui) {
     let width = width(ui, 0.235, 300.0);
     let panel = Panel::right("right").default_size(width);

@@ -1,6 +1,6 @@
-//! Formats of numbers in panels.
+//! Formats numbers in panels.
 
-/// Writes a number with five digits at most, without trailing zeros.
+/// Formats a number with five digits at most, without trailing zeros.
 pub(super) fn short(value: f64) -> String {
     let size = value.abs();
     if size == 0.0 {
@@ -9,7 +9,7 @@ pub(super) fn short(value: f64) -> String {
     if !(1e-3..1e6).contains(&size) {
         return format!("{value:.4e}");
     }
-    // Digits before the point: those after it are the rest of the five.
+    // Counts the digits before the point; the rest of the five follow it.
     let before = (1..6).take_while(|&n| size >= 10_f64.powi(n)).count();
     let text = format!("{value:.*}", if size < 0.1 { 6 } else { 4 - before.min(4) });
     match text.contains('.') {
@@ -18,7 +18,7 @@ pub(super) fn short(value: f64) -> String {
     }
 }
 
-/// Writes a count with spaces between its thousands.
+/// Formats a count with spaces between its thousands.
 pub(super) fn grouped(count: usize) -> String {
     let digits = count.to_string();
     let mut text = String::new();

@@ -1,4 +1,4 @@
-//! What is written: the picture, the function, the command that makes the picture again.
+//! Writes the picture, the transfer function, and the command that makes the picture again.
 
 use std::path::{Path, PathBuf};
 
@@ -63,7 +63,7 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
     });
 }
 
-/// Draws the picture at the size that is asked for, by the tolerance that is asked for.
+/// Draws the picture at the size and tolerance asked for, and writes it.
 pub(crate) fn save_picture(app: &mut App) {
     let path = PathBuf::from(&app.output.picture);
     match check_image_path(&path) {
@@ -84,7 +84,7 @@ fn save_function(app: &mut App) {
     }
 }
 
-/// A file of this library's or of ParaView's.
+/// Loads a transfer function of this library or of ParaView.
 pub(crate) fn load_function(app: &mut App) {
     use crate::curve::narrowed;
     use ewa_splat::scene::{TransferDefaults, TransferFunction};
@@ -103,7 +103,8 @@ pub(crate) fn load_function(app: &mut App) {
     };
     let read = |text: &str| TransferFunction::from_json(path, text, &defaults);
     let loaded = read(&text).and_then(|function| {
-        // A file that leaves its unit to the data has the one of the function before it, and says so from now on.
+        // A file without a unit distance gets that of the previous function, and its text is
+        // completed with it.
         let file: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
         let text = match file.get("unit_distance") {
             Some(_) => text.clone(),
@@ -117,9 +118,10 @@ pub(crate) fn load_function(app: &mut App) {
     }
 }
 
-/// The command that makes the picture of the window; a function that was edited is saved first.
+/// Returns the command that makes the picture of the window. An edited transfer function is saved
+/// first.
 pub(crate) fn command(app: &mut App) -> Option<String> {
-    // A step by itself would have a function of its own.
+    // A single step would choose a transfer function from its own values.
     let is_step = app.time.count() > 1;
     let is_edited = app
         .history()

@@ -1,4 +1,4 @@
-//! What is drawn over the picture: the box of the data, the directions of the axes, legends.
+//! Draws the overlays of the picture: the box of the data, the directions of the axes, legends.
 
 use egui::{Align2, Color32, FontId, Mesh, Painter, Pos2, Rect, Rgba, Shape, Stroke, Ui, Vec2};
 use ewa_splat::annotate::box_edges;
@@ -11,13 +11,13 @@ use super::row::{section, switch_if};
 use crate::app::App;
 use crate::screen::{AXES, Screen};
 
-/// Behind text.
+/// Colour behind text.
 const PLATE: Color32 = Color32::from_black_alpha(170);
-/// Of lines that the box itself hides.
+/// Brightness of edges that the box itself hides.
 const HIDDEN: f32 = 0.35;
 const FONT_SIZE: f32 = 12.0;
 
-/// The switches.
+/// Shows the switches.
 pub(crate) fn show(app: &mut App, ui: &mut Ui) {
     let tip = "What is drawn over the picture, in the window and in files";
     section(ui, "Annotations", false, tip, |ui| {
@@ -47,7 +47,7 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
     });
 }
 
-/// Draws what is switched on.
+/// Draws the overlays that are switched on.
 pub(crate) fn draw(app: &App, painter: &Painter, screen: &Screen) {
     let over = app.shown_over();
     let bounds = app.loaded.as_ref().and_then(|loaded| loaded.bounds);
@@ -62,7 +62,7 @@ pub(crate) fn draw(app: &App, painter: &Painter, screen: &Screen) {
     }
 }
 
-/// A text around a point, on a plate.
+/// Draws text around a point, on a plate.
 pub(crate) fn plate(painter: &Painter, at: Pos2, text: &str) {
     let font = FontId::proportional(16.0);
     let galley = painter.layout_no_wrap(text.to_owned(), font, Color32::WHITE);
@@ -71,7 +71,7 @@ pub(crate) fn plate(painter: &Painter, at: Pos2, text: &str) {
     painter.galley(rect.min, galley, Color32::WHITE);
 }
 
-/// The edges of a box: those that it hides itself are dimmer.
+/// Draws the edges of a box. Edges that the box hides are dimmer.
 pub(crate) fn outline(painter: &Painter, screen: &Screen, bounds: Bounds, colour: Color32) {
     let mut edges = box_edges(&screen.camera, bounds);
     edges.sort_by_key(|edge| !edge.is_hidden);
@@ -83,7 +83,7 @@ pub(crate) fn outline(painter: &Painter, screen: &Screen, bounds: Bounds, colour
     }
 }
 
-/// A line with a dark rim, which is seen on bright pictures and on dark ones.
+/// Draws a line with a dark rim, visible on bright and dark pictures.
 pub(crate) fn rimmed(
     painter: &Painter,
     ends: [Pos2; 2],
@@ -96,7 +96,7 @@ pub(crate) fn rimmed(
     painter.line_segment(ends, Stroke::new(width, colour.gamma_multiply(strength)));
 }
 
-/// The directions of x, y and z, as the camera sees them, in the lower left corner.
+/// Draws the directions of x, y and z, as the camera sees them, in the lower left corner.
 fn triad(painter: &Painter, camera: &Camera, rect: Rect) {
     const LENGTH: f32 = 28.0;
     let origin = rect.left_bottom() + Vec2::new(46.0, -46.0);
@@ -105,7 +105,7 @@ fn triad(painter: &Painter, camera: &Camera, rect: Rect) {
         .zip(DVec3::AXES)
         .map(|(named, axis)| (named, camera.camera_from_world * axis))
         .collect();
-    // Those nearer to the eye over the others.
+    // Nearer axes are drawn over farther ones.
     axes.sort_by(|a, b| b.1.z.total_cmp(&a.1.z));
     for ((name, colour), seen) in axes {
         #[expect(
@@ -126,7 +126,7 @@ fn triad(painter: &Painter, camera: &Camera, rect: Rect) {
     }
 }
 
-/// A colour bar for each function, side by side in the upper right corner.
+/// Draws a colour bar for each transfer function, side by side in the upper right corner.
 fn legends(painter: &Painter, rect: Rect, bars: &[ColourBar]) {
     const GAP: f32 = 8.0;
     let mut right = rect.right() - GAP;
@@ -139,14 +139,14 @@ fn legends(painter: &Painter, rect: Rect, bars: &[ColourBar]) {
     }
 }
 
-/// Draws a bar whose plate ends at `right`: where it begins.
+/// Draws a bar whose plate ends at `right`. Returns the left end of the plate.
 fn legend(painter: &Painter, rect: Rect, right: f32, bar: &ColourBar) -> f32 {
     const WIDTH: f32 = 22.0;
     const PAD: f32 = 7.0;
     const TITLE: f32 = 110.0;
     let font = FontId::proportional(FONT_SIZE);
     let length = (0.35 * rect.height()).clamp(80.0, 240.0);
-    // What the library draws into pictures has as many at most.
+    // The legends in written pictures have at most this many labels, too.
     let most = if length < 7.0 * 18.0 { 5 } else { 7 };
     let text = |text: String| painter.layout(text, font.clone(), Color32::WHITE, TITLE);
     let title = text(bar.title().to_owned());
@@ -185,10 +185,11 @@ fn legend(painter: &Painter, rect: Rect, right: f32, bar: &ColourBar) -> f32 {
     plate.left()
 }
 
-/// The colours of a bar: at the right as they are, at the left as opaque as they are, over a checker.
+/// Draws the colours of a bar: opaque at the right, with their opacities over a checker at the
+/// left.
 fn colours(strip: Rect, bar: &ColourBar) -> Mesh {
     const ROWS: u16 = 140;
-    /// Squares of the checker across a half.
+    /// Squares of the checker across half of the bar.
     const SQUARES: u16 = 2;
     const GROUND: [f32; 2] = [0.03, 0.2];
     let mut mesh = Mesh::default();

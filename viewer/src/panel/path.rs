@@ -1,4 +1,4 @@
-//! Key frames.
+//! Shows the panel of key frames.
 
 use std::path::{Path, PathBuf};
 
@@ -61,7 +61,7 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
     });
 }
 
-/// The keys: each can be looked at, and left out.
+/// Lists the keys, each of which can be shown or removed.
 fn keys(app: &mut App, ui: &mut Ui) {
     if button(ui, "Add key frame", "Add this view to the path (K)") {
         add(app);
@@ -85,7 +85,7 @@ fn keys(app: &mut App, ui: &mut Ui) {
     }
 }
 
-/// Adds the view that is shown.
+/// Adds the current view as a key.
 pub(crate) fn add(app: &mut App) {
     match app.orbit.as_ref().map(key_of) {
         Some(Some(key)) => app.path.keys.push(key),
@@ -96,7 +96,7 @@ pub(crate) fn add(app: &mut App) {
     }
 }
 
-/// Shows the path where one is being shown, unless the view was changed otherwise.
+/// Advances the animation of the path, unless the view was changed otherwise.
 pub(crate) fn play(app: &mut App, context: &Context) {
     let now = context.input(|input| input.time);
     if app.path.playing.is_some()
@@ -108,7 +108,7 @@ pub(crate) fn play(app: &mut App, context: &Context) {
     }
 }
 
-/// A file of `--camera-path`.
+/// Writes a file for `--camera-path`.
 pub(crate) fn save_path(app: &mut App) {
     let Some(path) = app.path.path() else {
         return;
@@ -121,7 +121,7 @@ pub(crate) fn save_path(app: &mut App) {
     }
 }
 
-/// Keys from a file of `--camera-path`, in place of those that are there.
+/// Replaces the keys by those from a file of `--camera-path`.
 pub(crate) fn load_path(app: &mut App) {
     match CameraPath::read(Path::new(&app.path.file)) {
         Ok(path) => (app.path.keys, app.path.frames) = (path.keys, path.frames),

@@ -1,4 +1,4 @@
-//! The picture, and what the mouse does in it.
+//! Shows the picture and handles the mouse in it.
 
 use egui::{CentralPanel, Color32, Frame, PointerButton, Pos2, Rect, Sense, Ui};
 use glam::DVec2;
@@ -7,7 +7,7 @@ use super::{handles, over};
 use crate::app::App;
 use crate::screen::Screen;
 
-/// Radians for a picture's height of movement.
+/// Rotation in radians for a movement by the picture's height.
 const TURN: f64 = 3.0;
 
 pub(crate) fn show(app: &mut App, ui: &mut Ui) {
@@ -88,7 +88,7 @@ fn answer(app: &mut App, ui: &Ui, response: &egui::Response) {
     }
 }
 
-/// The pixel of the picture under a point of the window.
+/// Returns the pixel of the picture under a point of the window.
 fn pixel(at: Pos2, rect: Rect, scale: f32, size: [usize; 2]) -> [usize; 2] {
     let from = at - rect.min;
     let place = |length: f32, most: usize| {

@@ -1,4 +1,4 @@
-//! What lies under a pixel.
+//! Shows what lies under the probed pixel.
 
 use egui::Ui;
 

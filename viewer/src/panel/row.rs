@@ -1,4 +1,4 @@
-//! Rows of panels: a name and the widget beside it, with one tooltip for both.
+//! Lays out rows of panels: a name and the widget beside it, with one tooltip for both.
 
 use egui::{
     Align, Checkbox, CollapsingHeader, ComboBox, Label, Layout, Response, Sense, Slider, TextEdit,
@@ -12,10 +12,10 @@ const NAME: f32 = 84.0;
 /// Width of the number beside a slider, points.
 const NUMBER: f32 = 78.0;
 
-/// A value that can be chosen: its name, the value, and a description.
+/// Choice among values: its name, the value, and a description.
 pub(super) type Choice<'a, T> = (&'a str, T, &'a str);
 
-/// A part of the window that opens and closes.
+/// Shows a part of the window that can be collapsed.
 pub(super) fn section(
     ui: &mut Ui,
     name: &str,
@@ -27,19 +27,19 @@ pub(super) fn section(
     header.show(ui, add).header_response.on_hover_text(tip);
 }
 
-/// The name of a row.
+/// Name of a row.
 pub(super) struct Name<'a> {
     label: Response,
     tip: &'a str,
 }
 
 impl Name<'_> {
-    /// A widget of the row, which has its name and its description.
+    /// Gives a widget of the row the row's name and tooltip.
     pub(super) fn of(&self, widget: Response) -> Response {
         self.tells(widget.labelled_by(self.label.id))
     }
 
-    /// A widget of the row with a name of its own.
+    /// Gives a widget of the row the row's tooltip; the widget has a name of its own.
     pub(super) fn tells(&self, widget: Response) -> Response {
         widget
             .on_hover_text(self.tip)
@@ -47,7 +47,7 @@ impl Name<'_> {
     }
 }
 
-/// Widgets behind a name.
+/// Shows widgets beside a name.
 pub(super) fn group<R>(
     ui: &mut Ui,
     name: &str,
@@ -64,7 +64,7 @@ pub(super) fn group<R>(
     .inner
 }
 
-/// A widget behind its name.
+/// Shows a widget beside its name.
 pub(super) fn row(
     ui: &mut Ui,
     name: &str,
@@ -77,7 +77,7 @@ pub(super) fn row(
 fn named(ui: &mut Ui, name: &str, tip: &str, sense: Sense) -> Response {
     let size = Vec2::new(NAME, ui.spacing().interact_size.y);
     let layout = Layout::left_to_right(Align::Center);
-    // Of one colour, whether it can be clicked or not.
+    // The text has the same colour whether or not it can be clicked.
     let text = egui::RichText::new(name).color(ui.visuals().text_color());
     let label = Label::new(text).sense(sense).truncate();
     let label = ui.allocate_ui_with_layout(size, layout, |ui| {
@@ -87,20 +87,20 @@ fn named(ui: &mut Ui, name: &str, tip: &str, sense: Sense) -> Response {
     label.inner.on_hover_text(tip)
 }
 
-/// A text that cannot be changed.
+/// Shows a text that cannot be changed.
 pub(super) fn fact(ui: &mut Ui, name: &str, text: impl Into<String>, tip: &str) {
     let text = Label::new(text.into()).truncate();
     group(ui, name, tip, |ui, name| name.tells(ui.add(text)));
 }
 
-/// A switch; a click on its name counts, too.
+/// Shows a switch; a click on its name counts, too.
 pub(super) fn switch(ui: &mut Ui, name: &str, tip: &str, is_on: &mut bool) -> Response {
     switch_if(ui, name, is_on, Ok(tip))
 }
 
-/// A switch that may be of no use at the time.
+/// Shows a switch that may be disabled.
 ///
-/// - `tip`: a description; an error where it is of no use, and why.
+/// - `tip`: the tooltip; an error disables the switch and gives the reason.
 pub(super) fn switch_if(
     ui: &mut Ui,
     name: &str,
@@ -121,7 +121,7 @@ pub(super) fn switch_if(
     .inner
 }
 
-/// One of some named values.
+/// Shows a list of named values to choose from.
 pub(super) fn choose<T: PartialEq + Copy>(
     ui: &mut Ui,
     name: &str,
@@ -140,7 +140,7 @@ pub(super) fn choose<T: PartialEq + Copy>(
     })
 }
 
-/// A list that opens, as wide as there is room.
+/// Shows a drop-down list that fills the available width.
 pub(super) fn list(ui: &mut Ui, name: &str, chosen: &str, add: impl FnOnce(&mut Ui)) -> Response {
     let list = ComboBox::from_id_salt(name)
         .selected_text(chosen)
@@ -150,24 +150,24 @@ pub(super) fn list(ui: &mut Ui, name: &str, chosen: &str, add: impl FnOnce(&mut 
         .response
 }
 
-/// A slider with its number, as wide as there is room.
+/// Shows a slider with its number that fills the available width.
 pub(super) fn slide(ui: &mut Ui, slider: Slider<'_>) -> Response {
     let room = ui.available_width() - NUMBER - ui.spacing().item_spacing.x;
     ui.spacing_mut().slider_width = room.max(20.0);
     ui.add(slider.custom_formatter(|value, _| short(value)))
 }
 
-/// A field of text, as wide as there is room.
+/// Shows a text field that fills the available width.
 pub(super) fn text(ui: &mut Ui, text: &mut String) -> Response {
     ui.add(TextEdit::singleline(text).desired_width(f32::INFINITY))
 }
 
-/// A button.
+/// Shows a button.
 pub(super) fn button(ui: &mut Ui, name: &str, tip: &str) -> bool {
     ui.button(name).on_hover_text(tip).clicked()
 }
 
-/// A button that may be of no use at the time.
+/// Shows a button that may be disabled.
 pub(super) fn button_if(ui: &mut Ui, is_possible: bool, name: &str, tip: &str) -> bool {
     let button = ui.add_enabled(is_possible, egui::Button::new(name));
     button

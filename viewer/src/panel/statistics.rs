@@ -1,4 +1,4 @@
-//! What a picture costs.
+//! Shows the counts and times of the picture.
 
 use egui::{ProgressBar, Ui};
 

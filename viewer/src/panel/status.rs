@@ -1,11 +1,11 @@
-//! The line at the bottom: how exact the picture is, what was done, and what went wrong.
+//! Shows the bottom line: the picture's accuracy, the last action, and errors.
 
 use egui::{Align, Color32, Label, Layout, Panel, Ui};
 
 use super::row::button;
 use crate::app::App;
 
-/// The width from which on there is room for a hint, points.
+/// Width from which the line shows a hint, points.
 const ROOMY: f32 = 950.0;
 
 pub(crate) fn show(app: &mut App, ui: &mut Ui) {

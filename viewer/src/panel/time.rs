@@ -1,4 +1,4 @@
-//! The steps of a series: a slider, and play.
+//! Shows the steps of a series: a slider, and play.
 
 use egui::{Context, Slider, Ui};
 
@@ -37,7 +37,7 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
     });
 }
 
-/// Reads the next step once this one has been seen.
+/// Reads the next step once the current one has been shown.
 pub(crate) fn play(app: &mut App, context: &Context) {
     if app.time.plays && app.progress.is_none() && app.has_drawn() {
         let next = (app.time.step + 1) % app.time.steps.len();

@@ -1,4 +1,4 @@
-//! The transfer function: opacity points over a histogram, colour stops, maps, undo.
+//! Edits the transfer function: opacity points over a histogram, colour stops, maps, undo.
 
 use egui::{Color32, DragValue, Pos2, Rect, Response, Sense, Shape, Stroke, Ui, Vec2};
 use ewa_splat::image::srgb_from_linear;
@@ -30,7 +30,7 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
         map(app, &mut curve, ui);
         buttons(app, &mut curve, ui);
         automatic(app, &curve, ui);
-        // What was undone is no edit.
+        // An undo is not an edit.
         if let Some(history) = app.history()
             && *history.curve() != curve
             && let Err(error) = history.edit(curve, goes_on)
@@ -40,7 +40,7 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
     });
 }
 
-/// Which volume's function is edited, where several have one.
+/// Selects the volume whose function is edited, if several have one.
 fn volumes(app: &mut App, ui: &mut Ui) {
     let Some(loaded) = &app.loaded else {
         return;
@@ -63,7 +63,7 @@ fn volumes(app: &mut App, ui: &mut Ui) {
     });
 }
 
-/// The curve of opacities over the histogram; whether a drag goes on.
+/// Shows the curve of opacities over the histogram. Returns true while a drag goes on.
 fn opacities(app: &App, curve: &mut Curve, ui: &mut Ui) -> bool {
     let size = Vec2::new(ui.available_width(), HEIGHT);
     let (response, painter) = ui.allocate_painter(size, Sense::click());
@@ -150,7 +150,7 @@ fn handle(ui: &Ui, of: &Response, name: (&str, usize), at: Pos2) -> Response {
     ui.interact(rect, of.id.with(name), Sense::click_and_drag())
 }
 
-/// The strip of colours with its stops; whether a drag goes on.
+/// Shows the strip of colours with its stops. Returns true while a drag goes on.
 fn colours(app: &mut App, curve: &mut Curve, ui: &mut Ui) -> bool {
     let size = Vec2::new(ui.available_width(), STRIP + 2.0 * RADIUS);
     let (response, painter) = ui.allocate_painter(size, Sense::click());
@@ -230,7 +230,7 @@ fn colours(app: &mut App, curve: &mut Curve, ui: &mut Ui) -> bool {
     goes_on
 }
 
-/// A share of 1 as a byte.
+/// Converts a number from 0 to 1 to a byte.
 fn byte(share: f32) -> u8 {
     #[expect(
         clippy::cast_possible_truncation,
@@ -242,7 +242,7 @@ fn byte(share: f32) -> u8 {
     }
 }
 
-/// The ends of the range; whether a drag goes on.
+/// Shows the ends of the range. Returns true while a drag goes on.
 fn range(curve: &mut Curve, ui: &mut Ui) -> bool {
     let mut ends = curve.range;
     let speed = (ends[1] - ends[0]) / 300.0;
@@ -262,7 +262,7 @@ fn range(curve: &mut Curve, ui: &mut Ui) -> bool {
     goes_on
 }
 
-/// Undo, and the clipboard.
+/// Shows the buttons of undo and of the clipboard.
 fn buttons(app: &mut App, curve: &mut Curve, ui: &mut Ui) {
     ui.horizontal_wrapped(|ui| {
         let (can_undo, can_redo) = app
@@ -290,7 +290,7 @@ fn buttons(app: &mut App, curve: &mut Curve, ui: &mut Ui) {
     switch(ui, "Log histogram", tip, &mut app.logarithmic_counts);
 }
 
-/// The colours of a named map, in place of those that are there.
+/// Replaces the colours by those of a named map.
 fn map(app: &mut App, curve: &mut Curve, ui: &mut Ui) {
     let mut chosen = None;
     let tip =
@@ -315,7 +315,7 @@ fn map(app: &mut App, curve: &mut Curve, ui: &mut Ui) {
     }
 }
 
-/// What finds the function from the values: a scale, the range where it was changed, the map that was chosen.
+/// Shows the choice of a transfer function from the values: a scale, a changed range, a chosen map.
 fn automatic(app: &mut App, curve: &Curve, ui: &mut Ui) {
     const SCALES: [Choice<'_, Option<ScaleName>>; 4] = [
         (
@@ -351,7 +351,7 @@ fn automatic(app: &mut App, curve: &Curve, ui: &mut Ui) {
     }
 }
 
-/// The colours of a map over the range of a curve.
+/// Returns the colours of a map over the range of a curve.
 fn of_map(name: &str, curve: &Curve) -> Option<TransferFunction> {
     let ends = ewa_splat::scene::Values::from(curve.range.to_vec());
     let places = [glam::DVec3::ZERO, glam::DVec3::X];

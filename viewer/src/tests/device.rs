@@ -1,4 +1,4 @@
-//! Pictures that stay on a device, which the window draws from.
+//! Tests pictures that stay on a device, from which the window draws.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -14,7 +14,7 @@ use crate::worker::{Drawn, Load, Loaded, News, Picture, View, Worker};
 
 const SIZE: [usize; 2] = [150, 100];
 
-/// The finished picture of the vase, drawn by the device or by the processor.
+/// Draws the finished picture of the vase on the device or the CPU.
 fn drawn(gpu: Option<Gpu>) -> (Box<Loaded>, Drawn) {
     let words = ["ewa-splat-view", &fixture("vase.glb"), "--count", "5000"];
     let backend = match gpu {
@@ -76,8 +76,8 @@ fn view(loaded: &Loaded) -> View {
     }
 }
 
-/// What a device draws into the window's texture is the picture of the processor, its error is measured all the same, and
-/// nothing but the picture in the texture tells them apart.
+/// The device draws the same picture into the window's texture as the CPU. Its error is measured
+/// all the same, and the rest of the result is equal.
 #[test]
 fn devices_draw_into_the_windows_texture() {
     let gpu = match Gpu::open(AdapterChoice::Any) {
@@ -101,9 +101,9 @@ fn devices_draw_into_the_windows_texture() {
     let a = texels(gpu.device(), gpu.queue(), texture).unwrap();
     let b = image.to_srgb8();
     assert_eq!(a.len(), b.len());
-    // The vase is seen, and what is behind it.
+    // Both the vase and the background are visible.
     assert!(b.chunks(4).filter(|p| *p != &b[..4]).count() > 1000);
-    // Both round what differs by 2e-5.
+    // Values that differ by 2e-5 may round to different bytes.
     let apart = a.iter().zip(&b).map(|(a, b)| a.abs_diff(*b)).max();
     assert!(apart <= Some(1), "{apart:?}");
     let [a, b] = [on_device, on_processor].map(|drawn| drawn.error.unwrap().percentile_999);

@@ -1,4 +1,4 @@
-//! The transfer function as it is edited.
+//! Tests the editor of the transfer function.
 
 use ewa_splat::command::Automatic;
 use ewa_splat::scene::{ScaleName, TransferFunction};
@@ -15,7 +15,7 @@ fn click(window: &mut Harness<'_, App>, name: &str) {
     window.step();
 }
 
-/// The buttons go back and forth through what was made, and change none of it.
+/// Undo and redo step through the edits without changing them.
 #[test]
 fn what_is_undone_can_be_redone() {
     let mut window = wake();
@@ -40,7 +40,8 @@ fn what_is_undone_can_be_redone() {
     assert!(!window.state_mut().history().unwrap().can_redo());
 }
 
-/// Functions that are found from the values are those of the options, also in place of what was edited, and of another scale.
+/// Functions chosen from the values match those of the options, also when they replace edits or
+/// change the scale.
 #[test]
 fn functions_are_found_as_the_command_finds_them() {
     let grid = fixture("wake.xyz");
@@ -48,7 +49,7 @@ fn functions_are_found_as_the_command_finds_them() {
     let before = function(&mut window);
     let [low, high] = before.range();
     let middle = (low + high) / 2.0;
-    // Edited, by the number of its range's end.
+    // Edits the function by the number at the end of its range.
     let app = window.state_mut();
     let history = app.history().unwrap();
     let mut curve = history.curve().clone();
@@ -75,7 +76,7 @@ fn functions_are_found_as_the_command_finds_them() {
     let volume = &window.state().loaded.as_ref().unwrap().volumes[0];
     let bars = &volume.histogram.as_ref().unwrap().counts;
     assert!(bars.iter().filter(|count| **count > 0).count() > 20);
-    // One that cannot be found leaves what is there.
+    // A failed choice leaves the current function.
     let good = function(&mut window);
     window.state_mut().automatic.range = Some([-2.0, -1.0]);
     window.state_mut().automatic.scale = Some(ScaleName::Log);

@@ -1,4 +1,4 @@
-//! Files that the window reads and writes beside the data.
+//! Tests the files that the window reads and writes beside the data.
 
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -8,14 +8,14 @@ use egui::Key;
 use super::*;
 use crate::dialogs::Purpose;
 
-/// As if it had been chosen in a dialog.
+/// Sends a choice, as if the user had made it in a dialog.
 fn choose(window: &mut Harness<'_, App>, purpose: Purpose, path: PathBuf) {
     let sender = window.state().dialogs.sender();
     sender.send((purpose, vec![path])).unwrap();
     window.step();
 }
 
-/// ParaView's maps are read as the command line reads them.
+/// ParaView's colour maps are read as the command line reads them.
 #[test]
 fn maps_of_paraview_are_loaded() {
     let mut window = wake();
@@ -35,7 +35,7 @@ fn maps_of_paraview_are_loaded() {
     let loaded = pixels(&window);
     assert_ne!(before, loaded);
     assert_eq!(loaded, of_command(&mut window));
-    // What is no function is said to be none, and changes nothing.
+    // A file that holds no function causes an error message and changes nothing.
     std::fs::write(&path, "[{\"RGBPoints\": [1, 2]}]").unwrap();
     choose(&mut window, Purpose::Function, path);
     assert!(window.state().message.as_ref().unwrap().is_error);
@@ -43,7 +43,7 @@ fn maps_of_paraview_are_loaded() {
     assert_eq!(loaded, pixels(&window));
 }
 
-/// The film of key frames is that of the command line, byte by byte.
+/// The film of key frames equals the command line's, byte by byte.
 #[test]
 fn key_frames_are_filmed() {
     let mut window = wake();
@@ -61,7 +61,7 @@ fn key_frames_are_filmed() {
     app.path.frames = 4;
     app.path.file = name("path.json").display().to_string();
     app.output.size = [72, 48];
-    // The background that a command has.
+    // Commands have this background.
     app.settings.background = Some([0.25, 0.5, 0.125]);
     crate::panel::path::save_path(window.state_mut());
     window.step();
@@ -88,7 +88,7 @@ fn key_frames_are_filmed() {
     let [a, b] = ["a.apng", "b.apng"].map(|file| std::fs::read(name(file)).unwrap());
     assert!(a == b, "{} and {} bytes", a.len(), b.len());
 
-    // Keys come back from their file; a broken one leaves them.
+    // Keys can be read back from their file. A broken file leaves the keys.
     let keys = window.state().path.keys.clone();
     window.state_mut().path.keys.clear();
     choose(&mut window, Purpose::Path, name("path.json"));
@@ -97,7 +97,7 @@ fn key_frames_are_filmed() {
     choose(&mut window, Purpose::Path, name("path.json"));
     assert_eq!(window.state().path.keys, keys);
     assert!(window.state().message.as_ref().unwrap().is_error);
-    // Flat views are no keys.
+    // Orthographic views cannot be keys.
     window.state_mut().message = None;
     window.key_press(Key::O);
     window.step();
@@ -107,7 +107,7 @@ fn key_frames_are_filmed() {
     assert!(window.state().message.as_ref().unwrap().is_error);
 }
 
-/// A film that is no longer wanted is not written.
+/// A cancelled film is not written.
 #[test]
 fn films_are_cancelled() {
     let mut window = wake();
@@ -125,7 +125,7 @@ fn films_are_cancelled() {
     window.step();
     rest(&mut window);
     assert!(!folder.path().join("a.gif").exists());
-    // No film is refused by its worker.
+    // The worker refuses a path that is no film.
     choose(&mut window, Purpose::Film, folder.path().join("a.png"));
     assert!(window.state().message.as_ref().unwrap().is_error);
 }
@@ -171,7 +171,7 @@ fn choices_are_remembered() {
     assert_eq!(app.saved, first.state().saved);
     assert_eq!(app.message, None);
 
-    // Views are of the data that they were saved of.
+    // Saved views apply only to the data for which they were saved.
     let other = fixture("wake.xyz");
     let asked = crate::arguments::of_files(vec![other.into()]).unwrap();
     let mut other = App::new(asked, &egui::Context::default(), Canvas::default());
@@ -179,7 +179,7 @@ fn choices_are_remembered() {
     assert_eq!(other.output.size, [300, 200]);
     assert!(other.saved.is_empty());
 
-    // What is broken is said to be.
+    // A broken entry causes a message.
     storage.0.insert("choices".into(), "{\"output\": 3}".into());
     let asked = crate::arguments::of_files(vec![path.into()]).unwrap();
     let mut broken = App::new(asked, &egui::Context::default(), Canvas::default());
@@ -189,7 +189,7 @@ fn choices_are_remembered() {
     assert_eq!(broken.output, crate::output::Output::default());
 }
 
-/// Data that are written anew are read anew, by the same camera.
+/// Data files that change are read again, and the camera stays.
 #[test]
 fn files_that_change_are_read_again() {
     let folder = tempfile::tempdir().unwrap();

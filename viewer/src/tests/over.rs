@@ -1,4 +1,4 @@
-//! What is over the picture, and handles in it.
+//! Tests the overlays, and the handles in the picture.
 
 use egui_kittest::kittest::NodeT as _;
 use glam::DVec3;
@@ -7,7 +7,7 @@ use super::*;
 use crate::clip::Clip;
 use crate::panel::output::command;
 
-/// The picture that the window writes.
+/// Returns the picture that the window writes.
 fn saved(window: &mut Harness<'_, App>) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("saved.png");
@@ -21,7 +21,7 @@ fn saved(window: &mut Harness<'_, App>) -> Vec<u8> {
     read(&path)
 }
 
-/// A picture without transparency, four bytes each pixel.
+/// Reads a picture without transparency, four bytes a pixel.
 fn read(path: &std::path::Path) -> Vec<u8> {
     let file = std::io::BufReader::new(std::fs::File::open(path).unwrap());
     let mut reader = png::Decoder::new(file).read_info().unwrap();
@@ -31,7 +31,7 @@ fn read(path: &std::path::Path) -> Vec<u8> {
     pixels.chunks(3).flat_map(opaque).collect()
 }
 
-/// The pixel of a point of the world, by the camera's own projection.
+/// Projects a point of the world to a pixel by the camera's projection.
 fn projected(window: &Harness<'_, App>, world: DVec3) -> Vec2 {
     let app = window.state();
     let camera = app.orbit.as_ref().unwrap().camera(app.size);
@@ -41,7 +41,7 @@ fn projected(window: &Harness<'_, App>, world: DVec3) -> Vec2 {
     pixel
 }
 
-/// Where a point of the world is in the window: as far from a handle as the camera says.
+/// Returns the position of a point of the world in the window, relative to that of a handle.
 fn place(window: &Harness<'_, App>, world: DVec3) -> Pos2 {
     let [low, high] = corners(window);
     let mut known = (low + high) / 2.0;
@@ -80,7 +80,7 @@ fn saved_pictures_have_what_is_over_them() {
         .filter(|(a, b)| **a != *b)
         .count();
     assert!(changed > 5000, "{changed}");
-    // Another lens, an edited function, two of the three.
+    // Changes the lens, edits the function, and switches on two of the three overlays.
     window.state_mut().orbit.as_mut().unwrap().change_lens();
     let point = window
         .get_by_label_contains("opacity 0.350")
@@ -95,7 +95,7 @@ fn saved_pictures_have_what_is_over_them() {
     window.state_mut().over.axes = false;
     rest(&mut window);
     assert!(saved(&mut window) == of_command(&mut window));
-    // Numbers have none of it.
+    // Counts have no overlays.
     window.state_mut().settings.show = ewa_splat::Show::Count;
     rest(&mut window);
     let line = command(window.state_mut()).unwrap();
@@ -106,7 +106,7 @@ fn saved_pictures_have_what_is_over_them() {
     assert!(saved(&mut window) == pixels(&window));
 }
 
-/// Outlines are seen whole from where the window begins, as in the first picture of `render`.
+/// The first view shows the whole outline, as the first picture of `render` does.
 #[test]
 fn the_first_view_is_that_of_render_with_an_outline() {
     let (grid, function) = (fixture("wake.xyz"), fixture("wake_transfer.json"));
@@ -119,13 +119,14 @@ fn the_first_view_is_that_of_render_with_an_outline() {
         .arg("render")
         .args(words)
         .args(["--size", &format!("{width}x{height}"), "--backend", "cpu"])
-        // That of the window, where none is asked for.
+        // Uses the window's background, since none was asked for.
         .args(["--background", &background(&window), "--out"])
         .arg(&path)
         .status();
     assert!(status.unwrap().success());
     let (own, of_render) = (saved(&mut window), read(&path));
-    // The window's camera went through eye and target: the last digits of its numbers differ.
+    // The window converts the camera to eye and target and back, so its numbers differ in the last
+    // digits.
     let worst = own
         .iter()
         .zip(&of_render)
@@ -168,7 +169,7 @@ fn what_is_over_the_picture_is_switched() {
     assert!(!window.state().shown_over().legend);
 }
 
-/// A face that is dragged by the projection of a displacement moves by that displacement, and the camera does not.
+/// A face dragged by the projection of a displacement moves by that displacement; the camera stays.
 #[test]
 fn faces_of_the_clip_box_are_dragged() {
     let mut window = wake();
@@ -188,7 +189,8 @@ fn faces_of_the_clip_box_are_dragged() {
             let step = (old[1][axis] - old[0][axis]) * if is_upper { -0.3 } else { 0.25 };
             let to = from + DVec3::AXES[axis] * step;
             let at = place(&window, from);
-            // The picture has a whole number of pixels: half of one more or less across the window.
+            // The picture has a whole number of pixels, so positions in the window differ by up to
+            // half a pixel.
             let found = window.get_by_label(name).rect().center();
             assert!((found - at).length() < 0.6, "{found} {at}");
             let to = place(&window, to);
@@ -197,14 +199,15 @@ fn faces_of_the_clip_box_are_dragged() {
             let new = corners(&window);
             let mut wanted = old;
             wanted[usize::from(is_upper)][axis] += step;
-            // A pixel of some thirty: the mathematics is tested to its last digits where it is.
+            // Tolerance of about one pixel in thirty. The tests of `clip.rs` check the mathematics
+            // exactly.
             let off = (new[0] - wanted[0]).length() + (new[1] - wanted[1]).length();
             assert!(off < 0.03 * step.abs(), "{name}: {new:?} {wanted:?}");
         }
         assert_eq!(window.state().orbit, before);
         assert!(pixels(&window) == of_command(&mut window));
     }
-    // Beside the handles the camera turns.
+    // A drag beside the handles turns the camera.
     let before = window.state().orbit.clone();
     let beside = place(&window, corners(&window)[1]) + Vec2::new(0.0, -40.0);
     drag(
@@ -218,7 +221,7 @@ fn faces_of_the_clip_box_are_dragged() {
     assert!(window.state().settings.clip.is_empty());
 }
 
-/// A plane is moved along its normal and turned, and its command makes its picture.
+/// A plane is moved along its normal and rotated, and its command makes its picture.
 #[test]
 fn the_clip_plane_is_dragged() {
     let mut window = wake();
@@ -237,7 +240,7 @@ fn the_clip_plane_is_dragged() {
     drag(&mut window, at, at + along * 25.0, PointerButton::Primary);
     let moved = plane(&window);
     assert_eq!(moved.normal, first.normal);
-    // Towards what is kept: less of it is.
+    // Moved towards the kept side, the plane keeps less.
     assert!(moved.distance < first.distance, "{first:?} {moved:?}");
     let now = window.get_by_label("clip plane").rect().center();
     assert!((now - (at + along * 25.0)).length() < 0.5, "{now}");
@@ -283,7 +286,7 @@ fn boundaries_are_chosen_where_there_are_any() {
         assert!(now == of_command(&mut window));
         let is_sharp = window.state().asked.boundary() == BoundaryChoice::Sharp;
         assert_eq!(is_sharp, choice == "sharp");
-        // The function shows some of the boundary: it is sharp unless it is asked to be soft.
+        // The function shows some of the boundary, so the default is sharp.
         assert_eq!(now == first, is_sharp);
     }
     let vase = fixture("vase.glb");

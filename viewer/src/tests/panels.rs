@@ -1,4 +1,4 @@
-//! Panels as a first-time user sees them.
+//! Tests the panels as a first-time user sees them.
 
 use egui::accesskit::Role;
 use egui_kittest::kittest::NodeT as _;
@@ -6,7 +6,7 @@ use ewa_splat::command::Over;
 
 use super::*;
 
-/// The panels' sources.
+/// Sources of the panels.
 const SOURCES: [&str; 14] = [
     include_str!("../panel/camera.rs"),
     include_str!("../panel/clip.rs"),
@@ -91,7 +91,7 @@ fn everything_has_a_tooltip() {
     assert!(silent.is_empty(), "{silent:#?}");
 }
 
-/// Options that tooltips name are those of `ewa-splat render`.
+/// Options named in tooltips are options of `ewa-splat render`.
 #[test]
 fn tooltips_name_options_that_there_are() {
     let help = std::process::Command::new(ewa_splat_program())
@@ -149,7 +149,8 @@ fn keys_and_the_mouse_are_explained() {
     assert!(is_shown(&window));
 }
 
-/// A window that is told nothing has a legend and axes over its picture, and so does the picture of its command.
+/// By default, the window shows a legend and axes over its picture, and its command's picture has
+/// them, too.
 #[test]
 fn legends_and_axes_are_there_unasked() {
     let asked = crate::arguments::of_files(vec![fixture("wake.xyz").into()]).unwrap();
@@ -174,7 +175,8 @@ fn legends_and_axes_are_there_unasked() {
     assert!(width >= 400 && height > 550, "{width} x {height}");
 }
 
-/// Panels are as open and as wide the next time: what egui keeps of them is written and read by eframe.
+/// Panels keep their width and stay open or closed in the next session: eframe writes and reads
+/// egui's state.
 #[test]
 fn panels_stay_as_they_were_left() {
     let mut first = wake();
@@ -202,7 +204,7 @@ fn panels_stay_as_they_were_left() {
     assert_eq!(again.state().size, narrower);
 }
 
-/// The rectangle of the picture in the window.
+/// Returns the rectangle of the picture in the window.
 fn place(window: &Harness<'_, App>) -> egui::Rect {
     let texture = window.state().canvas.texture().unwrap();
     let shapes = window.output().shapes.iter();
@@ -212,7 +214,7 @@ fn place(window: &Harness<'_, App>) -> egui::Rect {
     picture.unwrap().visual_bounding_rect()
 }
 
-/// The data are in the middle of what the panels leave, whatever they leave.
+/// The data are centred between the panels, whatever the panels' sizes.
 #[test]
 fn the_data_are_in_the_middle_between_the_panels() {
     let mut window = wake();
@@ -225,7 +227,7 @@ fn the_data_are_in_the_middle_between_the_panels() {
         assert!(rect.left() > sides[0].right() && rect.right() < sides[1].left());
         let [width, height] = window.state().size.map(|n| n as f32);
         assert!((rect.width() - width).abs() < 1.0 && (rect.height() - height).abs() < 1.0);
-        // What is not background, along both axes.
+        // Finds the pixels that differ from the background, along both axes.
         let pixels = pixels(&window);
         let is_seen = |i: usize| {
             let pixel = &pixels[4 * i..4 * i + 3];
@@ -240,7 +242,8 @@ fn the_data_are_in_the_middle_between_the_panels() {
         };
         let across = ends(|i, columns| i % columns);
         let down = ends(|i, columns| i / columns);
-        // Twice the middle of what is seen, a twentieth of the picture off at most: the function shows less at one side.
+        // Compares the doubled centre of these pixels to the picture's size, with a tolerance of a
+        // twentieth of the picture: the function shows less on one side.
         assert!(
             across.abs_diff(columns) < columns / 10,
             "{across} {columns}"
