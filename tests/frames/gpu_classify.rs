@@ -5,8 +5,8 @@
     reason = "inputs are narrowed on purpose; a test fails by panicking"
 )]
 
-use crate::common::Random;
 use crate::common::gpu::gpu;
+use crate::common::{Random, some};
 use ewa_splat::image::{linear_from_srgb, srgb_from_linear};
 use ewa_splat::math::{ein, ein_share, harmonics, harmonics_count, harmonics_sum};
 use ewa_splat::scene::{
@@ -304,7 +304,8 @@ fn every_kind_of_data_is_classified_alike() {
     let mut random = Random::new(5);
     let mut tally = Tally::default();
     let mut cases = 0;
-    for case in 0..48 {
+    // Every fifth case has every kind of particle, strength and colour.
+    for case in some(0..48, 0, 5) {
         let particles = particles(case % 4, &mut random);
         let count = particles.len();
         let is_lattice = case % 4 < 2;
@@ -350,7 +351,7 @@ fn every_kind_of_data_is_classified_alike() {
         cases += 1;
     }
     println!("{cases} cases: {tally:?}");
-    assert!(tally.particles > 5_000);
+    assert!(tally.particles > 100 * cases, "{tally:?}");
 }
 
 #[test]
@@ -473,7 +474,7 @@ fn merged_particles_are_classified_alike() {
     let mut random = Random::new(12);
     let tolerance = if gpu.is_software() { 2e-6 } else { 1e-3 };
     let (mut seen, mut differ, mut lone) = (0, 0, 0);
-    for case in 0..16 {
+    for case in some(0..16, 0, 3) {
         let is_lattice = case % 4 < 2;
         let count = 9_000;
         let particles = match case % 4 {

@@ -923,7 +923,9 @@ fn what_covered_tiles_hide_is_not_evaluated() {
 
 /// Draws a scene on both back ends and compares pictures, depths, normals and counts.
 fn assert_scene_alike(name: &str, scene: &[PointVolume], camera: &Camera, settings: &Settings) {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = crate::common::gpu::pictures() else {
+        return;
+    };
     let settings = Settings {
         // The CPU uses no fused operations, as the device uses none.
         simd: SimdLevel::Baseline,

@@ -131,7 +131,7 @@ fn renderer(scene: Vec<PointVolume>) -> Renderer {
 /// Compares the GPU's picture of a scene with the CPU's, if there is a GPU.
 #[cfg(feature = "gpu")]
 fn hold(scene: &[PointVolume], view: &Camera, settings: &Settings) {
-    let Some(gpu) = crate::common::gpu::gpu() else {
+    let Some(gpu) = crate::common::gpu::pictures() else {
         return;
     };
     let mut on_cpu = renderer(scene.to_vec());
