@@ -117,11 +117,13 @@
 
 #[doc = include_str!("../docs/accuracy.md")]
 pub mod accuracy {}
-#[cfg(feature = "legend")]
 pub mod annotate;
 mod blocks;
 #[cfg(feature = "cli")]
 pub mod command;
+mod data;
+#[cfg(feature = "legend")]
+mod frame;
 #[doc = include_str!("../docs/compositing.md")]
 pub mod compositing {}
 pub mod constants;

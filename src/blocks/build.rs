@@ -13,9 +13,10 @@ use super::points::{PointShapes, Points};
 use super::room::{MEMORY, RUN, Room};
 use super::tree::Tree;
 use super::{
-    Block, BlockedParticles, BlockedVolume, BrickGrid, EMPTY_RANGE, NO_PARENT,
-    set_transfer_function, value_range,
+    Block, BlockedParticles, BlockedVolume, EMPTY_RANGE, NO_PARENT, set_transfer_function,
+    value_range,
 };
+use crate::blocks::brick::BrickGrid;
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::{Error, Result};
 use crate::math::principal_sigmas;

@@ -7,7 +7,8 @@
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
-use super::{Block, BlockedParticles, BlockedVolume, MergeBounds};
+use super::{Block, BlockedParticles, BlockedVolume};
+use crate::blocks::merge::MergeBounds;
 use crate::record::{BlockView, ChoiceUniform};
 use crate::scene::{ColourIn, MAX_PIECE_WIDTH, StrengthIn};
 use crate::splat::Filter;

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::BrickGrid;
+use crate::blocks::brick::BrickGrid;
 use crate::constants::{BLOCK_CAPACITY, BRICK};
 use crate::scene::{LocalModel, Shared, ValuesIn};
 

@@ -2,7 +2,9 @@
 
 use glam::DVec3;
 
-use super::{Block, BlockedParticles, BlockedScene, BlockedVolume, DepthRange};
+use super::{Block, BlockedParticles, BlockedVolume};
+use crate::blocks::cull::DepthRange;
+use crate::blocks::scene::BlockedScene;
 use crate::constants::{DEPTH_KEY_BITS, MAX_CUTOFF};
 use crate::error::{Error, Result};
 use crate::scene::StrengthIn;

@@ -10,7 +10,8 @@ use super::density::densities;
 use super::peers::SharedVolume;
 #[cfg(feature = "prepared")]
 use super::stream::{ParticleStream, build_stream};
-use super::{AmplitudeSummary, BlockedVolume, set_transfer_function};
+use super::{BlockedVolume, set_transfer_function};
+use crate::blocks::amplitude::AmplitudeSummary;
 use crate::error::{Error, Result};
 use crate::scene::{ColourIn, PointVolume, Requirements, StrengthIn, TransferFunction, Values};
 use crate::task::Task;

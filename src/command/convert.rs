@@ -2,9 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::data::dataset::{Dataset, Geometry};
+use crate::data::splats::SplatCloud;
+use crate::data::up::Up;
+use crate::io::write_splats;
 use crate::io::{
-    Dataset, Geometry, PlyForm, SplatCloud, SplatFileOptions, SpzVersion, Up, WrittenSplats,
-    check_folder, check_splats_path, write_splats,
+    PlyForm, SplatFileOptions, SpzVersion, WrittenSplats, check_folder, check_splats_path,
 };
 use crate::sample::mesh::{MeshReport, Spread, share_out};
 use crate::sample::{

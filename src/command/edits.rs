@@ -1,7 +1,7 @@
 //! Places inputs and crops them to boxes.
 
+use crate::data::dataset::Dataset;
 use crate::edit::{Placement, crop, place};
-use crate::io::Dataset;
 use crate::{Error, Result};
 use clap::Args;
 use glam::{DQuat, DVec3};

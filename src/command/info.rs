@@ -3,12 +3,14 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use crate::data::cells::CellKind;
+use crate::data::dataset::{Association, Dataset, Field, Geometry};
+use crate::data::mesh::{AlphaMode, Mesh, TextureUse};
+use crate::data::particle_type::{ParticleCount, ParticleType};
 use crate::error::{Advice, Hint};
-use crate::io::{
-    AlphaMode, Association, CellKind, Dataset, Field, Geometry, Mesh, ParticleCount, ParticleType,
-    SplatAxes, TextureUse, TimeStep, format_of,
-};
-use crate::sample::{PERCENTILES, ShapeStatistics, doubts};
+use crate::io::{SplatAxes, TimeStep, format_of};
+use crate::sample::doubts;
+use crate::sample::{PERCENTILES, ShapeStatistics};
 use crate::scene::{LatticeSpacing, Requirements, Values};
 use crate::stages::blocks::BlockedVolume;
 use crate::{Error, Result};

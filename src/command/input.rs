@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::data::dataset::Dataset;
+use crate::data::particle_type::ParticleType;
+use crate::data::smoothing::{LengthMeaning, SphKernel};
 use crate::edit::open_within;
 use crate::error::{Hint, Parameter};
-use crate::io::{
-    Dataset, LengthMeaning, OpenOptions, ParticleType, RawLayout, RawType, ReadAs, ScaleMeaning,
-    SphKernel, StepChoice,
-};
+use crate::io::{OpenOptions, RawLayout, RawType, ReadAs, ScaleMeaning, StepChoice};
 use crate::sample::mesh::Spread;
 use crate::sample::{BoundaryChoice, ParticleShape, SampleOptions, Sampled, TransferChoice};
 use crate::scene::ScaleName;

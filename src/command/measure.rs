@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::time::Instant;
 
-use crate::io::{Up, read_image, write_bytes_atomically, write_image};
+use crate::data::up::Up;
+use crate::io::{read_image, write_bytes_atomically, write_image};
 use crate::measure::{
     ACCURATE, About, DEFAULT, FAST, ReferenceSummary, Report, Resampling, Row, Subject,
     SweepOptions, sweep,

@@ -1,7 +1,8 @@
 //! Parses values of command-line options.
 
+use crate::data::particle_type::ParticleType;
 use crate::image::linear_from_srgb;
-use crate::io::{ParticleType, RawType, StepChoice};
+use crate::io::{RawType, StepChoice};
 use crate::scene::{Light, LightFrame};
 use crate::view::ClipPlane;
 use glam::{DQuat, DVec3, Vec3};

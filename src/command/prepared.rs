@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::path::Path;
 
-use crate::io::Up;
+use crate::data::up::Up;
 use crate::prepared::{About, PreparedScene, looks_like};
 use crate::scene::{PointVolume, TransferDefaults, TransferFunction};
 use crate::{Error, Renderer, Result, SceneOptions};

@@ -7,7 +7,8 @@ use super::input::DataOptions;
 use super::source::Input;
 use super::usage::{Kind, Uses, is_surface};
 use crate::Result;
-use crate::io::{Dataset, Geometry, Up};
+use crate::data::dataset::{Dataset, Geometry};
+use crate::data::up::Up;
 use crate::sample::{LEAST_PER_NODE, SampleOptions, SampleReport, TransferChoice};
 use crate::scene::PointVolume;
 

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use crate::Result;
-use crate::io::Up;
+use crate::data::up::Up;
 use crate::view::{Bounds, Camera, CameraPath};
 use clap::Args;
 

@@ -2,7 +2,9 @@
 
 use std::path::PathBuf;
 
-use crate::io::{Association, OpenOptions, Part, ParticleType, StepChoice, TimeStep, format_of};
+use crate::data::dataset::Association;
+use crate::data::particle_type::ParticleType;
+use crate::io::{OpenOptions, Part, StepChoice, TimeStep, format_of};
 use crate::{Error, Result};
 use clap::builder::{PathBufValueParser, TypedValueParser};
 

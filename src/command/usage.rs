@@ -3,7 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::io::{Dataset, Geometry};
+use crate::data::dataset::{Dataset, Geometry};
 use crate::sample::TransferChoice;
 use crate::scene::{PointVolume, Strength};
 use crate::{Error, Result};

@@ -15,7 +15,7 @@ use super::scene::Scene;
 use super::source::Input;
 use super::together::Series;
 use super::viewpoint::{Canvas, left_of};
-use crate::io::Up;
+use crate::data::up::Up;
 use crate::prepared::PreparedScene;
 use crate::sample::{BoundaryChoice, SampleOptions, TransferChoice};
 use crate::scene::{PointVolume, ScaleName};

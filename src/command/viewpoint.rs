@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
-use crate::io::{Mesh, Up};
+use crate::data::mesh::Mesh;
+use crate::data::up::Up;
 use crate::view::{
     Bounds, Camera, ClipPlane, DEFAULT_FOV_DEG, Lens, Projection, Viewpoint, clip_boxes,
     read_camera, sphere_around,

@@ -1,16 +1,18 @@
 //! Draws frames of a scene on the CPU, stage after stage, and keeps the memory that frames share.
 
-use super::{
-    Bins, ColumnSums, NormalTile, Pieces, ProjectOutput, Tile, resolve, resolve_depth,
-    resolve_normals,
-};
+use super::resolve;
 use crate::blocks::BlockedScene;
+use crate::cpu::bin::Bins;
+use crate::cpu::extent::Pieces;
+use crate::cpu::project::ProjectOutput;
+use crate::cpu::resolve::{resolve_depth, resolve_normals};
+use crate::cpu::tile::{ColumnSums, NormalTile, Tile};
 use crate::error::Result;
+use crate::frame::backend::{DrawFrames, Edit, FrameReport, Images};
+use crate::frame::plan::FramePlan;
 use crate::record::{
     BlockView, ClassifiedParticle, ExactTerms, Footprint, PieceTerms, SurfelTerms,
 };
-use crate::render::backend::{DrawFrames, Edit, FrameReport, Images};
-use crate::render::plan::FramePlan;
 use crate::stats::Stopwatch;
 
 /// Memory that the frames of a scene reuse. After the first frame of a size, a frame allocates almost

@@ -3,22 +3,28 @@
 use std::ops::Range;
 
 use super::frame::CpuFrames;
-use super::{
-    ColumnInput, NormalTile, Pieces, PostClassification, ProjectInput, RasteriseSettings, Tile,
-    bin, bin_columns, classify, count_amplitudes, count_classified, encode, fill_amplitudes,
-    is_cut_into_strips, light, list_visible, project, rasterise, rasterise_surface, shade, sort,
-};
+use super::{bin, classify, light, project, rasterise, shade, sort};
 use crate::blocks::{
     BlockedScene, BlockedVolume, DepthRange, choose, cull, cull_detail, cull_outside,
     distance_interval,
 };
 use crate::constants::{COLUMN_TILE_SIZE, TILE_SIZE};
+use crate::cpu::amplitude::{count_amplitudes, fill_amplitudes};
+use crate::cpu::classify::count_classified;
+use crate::cpu::extent::Pieces;
+use crate::cpu::project::ProjectInput;
+use crate::cpu::shade::encode;
+use crate::cpu::strips::is_cut_into_strips;
+use crate::cpu::tile::{
+    ColumnInput, NormalTile, PostClassification, RasteriseSettings, Tile, bin_columns,
+    list_visible, rasterise_surface,
+};
 use crate::error::Result;
+use crate::frame::backend::FrameReport;
+use crate::frame::plan::{Carries, Draws, FramePlan, PassPlan};
 use crate::record::{
     BlockView, ClassifiedBy, ClassifiedParticle, FootprintTerms, PieceTerms, ViewUniform,
 };
-use crate::render::backend::FrameReport;
-use crate::render::plan::{Carries, Draws, FramePlan, PassPlan};
 use crate::splat::{Accumulate, Axes};
 use crate::stats::{FrameCounts, Stopwatch};
 use crate::task::check;

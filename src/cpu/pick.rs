@@ -9,9 +9,9 @@ use super::frame::CpuFrames;
 use super::sort::footprint_index;
 use crate::blocks::BlockedScene;
 use crate::error::Result;
+use crate::frame::backend::{DrawFrames, FrameReport};
+use crate::frame::plan::{Draws, FramePlan};
 use crate::record::Carried;
-use crate::render::backend::{DrawFrames, FrameReport};
-use crate::render::plan::{Draws, FramePlan};
 
 /// A particle's share of a pixel.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -13,10 +13,10 @@ use super::frame::CpuFrames;
 use super::pass::{has_pieces, tile_size};
 use crate::blocks::BlockedScene;
 use crate::error::Result;
+use crate::frame::backend::FrameReport;
+use crate::frame::plan::{Draws, FramePlan, PassPlan};
 use crate::memory::left;
 use crate::record::{BlockView, ClassifiedBy, PATH_EXACT, ViewUniform};
-use crate::render::backend::FrameReport;
-use crate::render::plan::{Draws, FramePlan, PassPlan};
 use crate::splat::Accumulate;
 
 /// Greatest number of visible particles drawn at a time if the free memory is unknown.
@@ -263,8 +263,8 @@ mod tests {
 
     use super::*;
     use crate::blocks::{BlockedScene, SceneOptions};
+    use crate::frame::backend::{DrawFrames, Images};
     use crate::image::Image;
-    use crate::render::backend::{DrawFrames, Images};
     use crate::render::{Composite, Settings};
     use crate::scene::{Colour, Particles, PointVolume, Strength};
     use crate::stats::FrameCounts;

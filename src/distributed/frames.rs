@@ -15,9 +15,9 @@ use crate::cpu::{
     CpuFrames, MOST_ENTRIES, TileSums, cut_into_bands, is_cut_into_strips, tile_size,
 };
 use crate::error::Result;
+use crate::frame::backend::{DrawFrames, Edit, FrameReport, Images};
+use crate::frame::plan::{FramePlan, PassPlan};
 use crate::record::{BlockView, ClassifiedBy, ViewUniform};
-use crate::render::backend::{DrawFrames, Edit, FrameReport, Images};
-use crate::render::plan::{FramePlan, PassPlan};
 use crate::splat::Accumulate;
 use crate::stats::Stopwatch;
 
@@ -590,9 +590,9 @@ mod tests {
 
     use glam::DVec3;
 
-    use super::super::ThreadRank;
     use super::*;
     use crate::blocks::SceneOptions;
+    use crate::distributed::threads::ThreadRank;
     use crate::image::Image;
     use crate::render::{Composite, Settings};
     use crate::scene::{Colour, Particles, PointVolume, Strength};

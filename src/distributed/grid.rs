@@ -11,15 +11,16 @@ use super::shown::{
     show,
 };
 use crate::blocks::Peers;
+use crate::data::blanking::Blanking;
+use crate::data::dataset::{Association, CurvilinearBlock, Dataset, Geometry};
 use crate::error::Result;
-use crate::io::{
-    ArrayKey, Association, Blanking, BlockPlanes, CurvilinearBlock, Dataset, Geometry, VtsPieces,
-};
+use crate::io::{ArrayKey, BlockPlanes, VtsPieces};
 use crate::math::ExactSum;
 use crate::prepared::Found;
+use crate::sample::seam;
 use crate::sample::{
     GridPlanes, LEAST_PER_NODE, Rest, SampleOptions, SampleReport, Seam, Window, check_count,
-    check_len, planes_around, seam, shown_field, take_scalar,
+    check_len, planes_around, shown_field, take_scalar,
 };
 use crate::scene::{Surroundings, Tiling, ValueScale, Values};
 
@@ -296,9 +297,9 @@ mod tests {
 
     use glam::DVec3;
 
-    use super::super::ThreadRank;
     use super::super::shown::check_file;
     use super::*;
+    use crate::distributed::threads::ThreadRank;
     use crate::sample::{BoundaryChoice, Sampled, TransferChoice};
     use crate::scene::{Boundary, ScaleName};
 

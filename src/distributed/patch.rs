@@ -3,8 +3,10 @@
 use std::path::Path;
 
 use super::message::{put, put_values, take, take_values, unknown};
+use crate::data::cells::{CellKind, CellMesh, renumber};
+use crate::data::dataset::Association;
 use crate::error::Result;
-use crate::io::{Association, CellKind, CellMesh, check_cells, renumber};
+use crate::io::check_cells;
 use crate::scene::Values;
 
 /// Cells, their nodes, and values at the cells or at the nodes.

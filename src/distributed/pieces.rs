@@ -10,11 +10,12 @@ use super::share::Share;
 use super::shown::{
     PartRead, differences_of_all, found_by_all, models_of_all, outline_of_all, show,
 };
+use crate::data::blanking::Blanking;
+use crate::data::cells::CellMesh;
+use crate::data::dataset::{Association, Dataset, Field, FieldSource, Geometry};
+use crate::data::first_order::is_of_higher_order;
 use crate::error::Result;
-use crate::io::{
-    ArraysSeen, Association, Blanking, CellMesh, Dataset, Field, FieldSource, Geometry, VtuPieces,
-    is_of_higher_order,
-};
+use crate::io::{ArraysSeen, VtuPieces};
 use crate::math::ExactSum;
 use crate::prepared::Found;
 use crate::sample::{
@@ -268,10 +269,10 @@ mod tests {
 
     use glam::DVec3;
 
-    use super::super::ThreadRank;
     use super::super::shown::check_file;
     use super::*;
-    use crate::io::CellKind;
+    use crate::data::cells::CellKind;
+    use crate::distributed::threads::ThreadRank;
     use crate::sample::{BoundaryChoice, Sampled, TransferChoice};
 
     const CELLS: [usize; 3] = [20, 5, 5];

@@ -156,8 +156,8 @@ fn shows_faces(held: &Held, dims: [usize; 3], own: &[usize], function: &Transfer
 mod tests {
     use std::thread;
 
-    use super::super::ThreadRank;
     use super::*;
+    use crate::distributed::threads::ThreadRank;
     use crate::io::{OpenOptions, RawLayout, RawType, open};
     use crate::sample::{BoundaryChoice, TransferChoice, scene};
     use crate::scene::ScaleName;

@@ -12,8 +12,9 @@ use super::share::Share;
 use super::shown::{PartRead, found_by_all, models_of_all, show};
 use super::surroundings::{PointsAround, sent, sent_values};
 use crate::blocks::territories;
+use crate::data::dataset::{Association, Dataset, Field, FieldSource, Geometry};
 use crate::error::Result;
-use crate::io::{Association, Dataset, Field, FieldSource, Geometry, RowFile};
+use crate::io::RowFile;
 use crate::prepared::{Found, ROWS};
 use crate::sample::{
     Elsewhere, FITTED_NEIGHBOURS, Fitted, Neighbourhoods, RowsApart, SampleOptions, Surrounded,
@@ -355,9 +356,9 @@ impl Elsewhere for Others<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::ThreadRank;
     use super::super::shown::check_file;
     use super::*;
+    use crate::distributed::threads::ThreadRank;
     use crate::sample::{ParticleShape, TransferChoice};
     use crate::scene::ScaleName;
 

@@ -164,8 +164,8 @@ mod tests {
 
     use glam::DVec3;
 
-    use super::super::ThreadRank;
     use super::*;
+    use crate::distributed::threads::ThreadRank;
     use crate::scene::{Lattice, TransferFunction};
 
     #[test]

@@ -349,9 +349,9 @@ mod tests {
 
     use glam::DVec3;
 
-    use super::super::ThreadRank;
     use super::*;
     use crate::blocks::{Block, BlockedParticles, BlockedScene, BlockedVolume, SceneOptions};
+    use crate::distributed::threads::ThreadRank;
     use crate::scene::{
         Boundary, BoundaryPlanes, Colour, ColourIn, Lattice, Strength, TransferFunction, Values,
         ValuesIn,

@@ -6,14 +6,15 @@ use std::thread;
 
 use glam::DVec3;
 
-#[cfg(test)]
-use super::ThreadRank;
 use super::planes::least_of_all;
 use super::ranks::Ranks;
 use super::read::told_by_all;
 use super::share::Share;
+use crate::data::dataset::Dataset;
+use crate::data::up::in_end_planes;
+#[cfg(test)]
+use crate::distributed::threads::ThreadRank;
 use crate::error::Result;
-use crate::io::{Dataset, in_end_planes};
 #[cfg(test)]
 use crate::io::{OpenOptions, open};
 use crate::prepared::Found;

@@ -5,7 +5,7 @@ use std::ops::Range;
 use bytemuck::{Pod, Zeroable};
 
 use crate::blocks::BlockedScene;
-use crate::render::backend::FrameReport;
+use crate::frame::backend::FrameReport;
 use crate::stats::FrameCounts;
 
 /// Data held, work done and bytes exchanged by one rank for the last frame.

@@ -2,8 +2,9 @@
 
 use glam::{DMat3, DQuat, DVec3};
 
+use crate::data::dataset::{Association, Dataset, Field, FieldSource};
+use crate::data::shape_columns::{LENGTHS, SCALES, VARIANCE};
 use crate::error::{Error, Result};
-use crate::io::{Association, Dataset, Field, FieldSource, LENGTHS, SCALES, VARIANCE};
 use crate::math::{factor_of_variance, lower_matrix, scales_and_rotation, symmetric};
 use crate::scene::Values;
 

@@ -7,11 +7,13 @@ use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
 use super::select::{Runs, Selection, reselect};
+use crate::data::cells::{CellKind, CellMesh};
+use crate::data::dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
+use crate::data::mesh::Mesh;
+use crate::data::splats::SplatCloud;
+use crate::data::up::Up;
 use crate::error::{Error, Result};
-use crate::io::{
-    Association, CellKind, CellMesh, CurvilinearBlock, Dataset, Field, FieldSource, Geometry, Mesh,
-    SplatCloud, Up, leave_out_unused,
-};
+use crate::io::leave_out_unused;
 use crate::scene::{Lattice, LatticeSpacing, Values};
 
 /// Value of `vtkGhostType` for a hidden cell.

@@ -4,10 +4,10 @@ use std::path::Path;
 
 use glam::{DMat3, DQuat, DVec3};
 
-use crate::io::{
-    Association, CellKind, CellMesh, CurvilinearBlock, Dataset, Field, FieldSource, Geometry, Mesh,
-    SplatCloud,
-};
+use crate::data::cells::{CellKind, CellMesh};
+use crate::data::dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
+use crate::data::mesh::Mesh;
+use crate::data::splats::SplatCloud;
 use crate::scene::{Lattice, LatticeSpacing, Values};
 
 /// Returns a field with the index of each sample, and a vector field.

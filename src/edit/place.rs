@@ -5,10 +5,10 @@ use rayon::prelude::*;
 
 use super::columns::{self, even, is_of_axes, narrowed};
 use super::select::{Turned, reselect};
+use crate::data::dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
+use crate::data::mesh::Mesh;
+use crate::data::splats::SplatCloud;
 use crate::error::{Error, Result};
-use crate::io::{
-    Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry, Mesh, SplatCloud,
-};
 use crate::math::{rotation_matrix, scales_and_rotation};
 use crate::scene::{Lattice, LatticeSpacing, Values};
 

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::io::{Association, Dataset, FieldSource};
+use crate::data::dataset::{Association, Dataset, FieldSource};
 use crate::scene::Values;
 
 /// Selection of the entries of an array, with their order.

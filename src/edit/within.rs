@@ -6,8 +6,10 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::crop::{Whole, crop, crop_of};
+use crate::data::dataset::{Dataset, Field, Geometry};
+use crate::data::up::Up;
 use crate::error::Result;
-use crate::io::{CellRows, Dataset, Field, Geometry, OpenOptions, RowFile, Up, cell_rows, open};
+use crate::io::{CellRows, OpenOptions, RowFile, cell_rows, open};
 use crate::scene::Values;
 
 /// Greatest gap of rows between two runs that is read rather than skipped. Each separate run costs a search in the

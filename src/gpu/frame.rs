@@ -20,8 +20,8 @@ use super::timer::{Stage, Timer};
 use crate::blocks::BlockedScene;
 use crate::constants::TILE_SIZE;
 use crate::error::Result;
-use crate::render::backend::{DrawFrames, Edit, FrameReport, Images};
-use crate::render::plan::{Draws, FramePlan};
+use crate::frame::backend::{DrawFrames, Edit, FrameReport, Images};
+use crate::frame::plan::{Draws, FramePlan};
 use crate::stats::{FrameCounts, StageTimes, Stopwatch};
 use crate::task;
 

@@ -6,22 +6,27 @@
 
 use std::path::Path;
 
-#[cfg(feature = "dicom")]
-use super::dicom;
+use super::bytes::file::{HEAD, Input};
+use super::bytes::probe::Probe;
+use super::bytes::{packed, zip};
 #[cfg(feature = "e57")]
-use super::e57;
-use super::file::{HEAD, Input};
+use super::cloud::e57;
+use super::cloud::{las, pcd, xyz};
 #[cfg(feature = "netcdf")]
-use super::netcdf;
-use super::plane_source::{self, Find};
-use super::probe::Probe;
+use super::grid::netcdf;
+use super::grid::{ensight, openfoam, plot3d, plotfile, tecplot};
+use super::mesh::{gltf, obj, stl, threemf};
+use super::particles::{arrow, csv, gadget, hdf5, npy, npz};
+use super::parts::plane_source::{self, Find};
+use super::splats::{gltf_splats, ksplat, sog, splat, spz};
 use super::time_steps::{self, TimeStep};
-use super::{
-    Dataset, OpenOptions, arrow, csv, ensight, file_series, gadget, gltf, gltf_splats, hdf5,
-    image_series, ksplat, las, meta_image, nifti, npy, npz, nrrd, obj, of_folder, openfoam, packed,
-    pcd, plot3d, plotfile, ply, pvd, raw, refused, sog, splat, spz, stl, tecplot, threemf, tiff,
-    vtk_collection, vtk_legacy, vtk_xml, vtk_xml_kinds, xyz, zip,
-};
+#[cfg(feature = "dicom")]
+use super::volume::dicom;
+use super::volume::{image_series, meta_image, nifti, nrrd, raw, tiff};
+use super::vtk;
+use super::vtk::{file_series, pvd};
+use super::{OpenOptions, of_folder, ply, refused};
+use crate::data::dataset::Dataset;
 use crate::error::{Error, Hint, Result};
 
 /// A format that is read.
@@ -330,13 +335,13 @@ static FORMATS: &[Format] = &[
     Format {
         name: "VTK's collections",
         family: Family::Collections,
-        endings: &vtk_collection::ENDINGS,
+        endings: &vtk::collection::ENDINGS,
         reads: "multi-block and multi-piece data sets, partitioned data sets and collections of them, nested ones too: all \
                 their files are drawn together (`info` and `io::open` take the first). Files lie beside the collection or \
                 in folders below",
-        begins: |p| vtk_collection::looks_like(p.head),
-        read: vtk_collection::read,
-        steps: Some(vtk_collection::steps),
+        begins: |p| vtk::collection::looks_like(p.head),
+        read: vtk::collection::read,
+        steps: Some(vtk::collection::steps),
         ..PLAIN
     },
     Format {
@@ -351,8 +356,8 @@ static FORMATS: &[Format] = &[
                 and LZMA, 32- and 64-bit headers, both byte orders, point and cell data, several pieces put together; \
                 levels of refinement (`vtkOverlappingAMR`, `vtkHierarchicalBoxDataSet`), of which the finest counts in \
                 each place",
-        begins: |p| vtk_xml::looks_like(p.head),
-        read: |input, options| vtk_xml_kinds::read(input, options.read_as),
+        begins: |p| vtk::xml::looks_like(p.head),
+        read: |input, options| vtk::xml_kinds::read(input, options.read_as),
         planes: Some(|input, _| plane_source::of_vti(input)),
         ..PLAIN
     },
@@ -363,8 +368,8 @@ static FORMATS: &[Format] = &[
         reads: "versions 1 to 5, ascii and binary; structured points, rectilinear, structured and unstructured grids \
                 (polyhedra too), polygonal data, flat cells as [surfaces](#surfaces); all attributes that are numbers. \
                 Vertices and bare points become particles",
-        begins: |p| p.head.starts_with(vtk_legacy::MAGIC),
-        read: |input, options| vtk_legacy::read(input, options.read_as),
+        begins: |p| p.head.starts_with(vtk::legacy::MAGIC),
+        read: |input, options| vtk::legacy::read(input, options.read_as),
         ..PLAIN
     },
     Format {

@@ -6,181 +6,80 @@
 //! Every reader compares the sizes in a header with the length of the file before it allocates. Every writer writes a
 //! temporary file and renames it when it is complete.
 
-mod amr;
-mod arrow;
-mod atomic;
-mod blanking;
-mod cells;
-mod closed;
+pub(crate) mod bytes;
 mod cloud;
-mod colour_columns;
-mod column_file;
-mod count_file;
-mod csv;
-mod dataset;
-#[cfg(feature = "dicom")]
-mod dicom;
-#[cfg(feature = "e57")]
-mod e57;
-mod element;
-mod encoded_splats;
-mod ensight;
-mod file;
-mod file_series;
-mod first_order;
 mod formats;
-mod gadget;
-mod gltf;
-mod gltf_splats;
-mod half;
-mod handedness;
-mod hdf5;
-mod image_file;
-mod image_header;
-mod image_series;
-mod ksplat;
-#[cfg(feature = "ktx2")]
-mod ktx2;
-mod las;
-mod log_scales;
+mod grid;
 mod mesh;
-mod mesh_part;
-mod meta_image;
-mod morton;
-#[cfg(feature = "netcdf")]
-mod netcdf;
-mod nifti;
-mod npy;
-mod npz;
-mod nrrd;
-mod obj;
-mod openfoam;
-mod packed;
-mod particle_type;
-mod pcd;
-mod periodic;
-mod plain_numbers;
-mod plane_source;
-mod planes;
-mod plot3d;
-mod plotfile;
+mod particles;
+mod parts;
+mod picture;
 mod ply;
-mod ply_body;
-mod ply_header;
-mod ply_mesh;
-mod ply_packed;
-mod ply_packed_write;
-mod ply_splats;
-mod ply_table;
-mod polygons;
-mod polyhedron;
-mod probe;
-mod pvd;
-mod raw;
 mod refused;
-mod rows;
-mod samples;
-mod scalars;
-mod shape_columns;
-mod smoothing;
-mod sog;
-mod splat;
-mod splat_axes;
-mod splat_table;
-mod splats;
-mod spz;
-mod spz_write;
-mod stl;
-mod table;
-mod tecplot;
-mod texture;
-mod threemf;
-mod tiff;
+pub(crate) mod splats;
 mod time_steps;
-mod unit;
-mod up;
-mod voxels;
-mod vti;
-mod vti_planes;
-mod vtk_amr;
-mod vtk_array;
-mod vtk_codec;
-mod vtk_collection;
-mod vtk_extent;
-mod vtk_grid;
-mod vtk_legacy;
-mod vtk_meshes;
-mod vtk_pieces;
-mod vtk_surface;
-mod vtk_xml;
-mod vtk_xml_kinds;
-mod vtp;
-mod vtr;
-mod vts;
-#[cfg(feature = "cli")]
-mod vts_pieces;
-mod vtu;
-#[cfg(feature = "cli")]
-mod vtu_pieces;
-mod vtu_write;
-mod write_splats;
-mod xyz;
-mod zip;
-mod zip_write;
+mod volume;
+mod vtk;
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 #[cfg(feature = "prepared")]
-pub(crate) use atomic::write_atomically;
-pub use atomic::write_bytes_atomically;
-pub(crate) use blanking::Blanking;
+pub(crate) use self::bytes::atomic::write_atomically;
+pub use self::bytes::atomic::write_bytes_atomically;
+pub(crate) use self::mesh::mesh_part::leave_out_unused;
+pub(crate) use self::particles::hdf5::{CellRows, cell_rows};
 #[cfg(feature = "cli")]
-pub(crate) use cells::renumber;
-pub use cells::{CellKind, CellMesh};
-pub(crate) use colour_columns::{COLOUR_SETS, ColourNumbers, ColourScale, ColourSet, colour_sets};
-pub use column_file::{column_colours, column_picture, write_column};
-pub use count_file::write_count;
-pub use dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
-pub use encoded_splats::{PlyForm, SplatFileOptions, SpzVersion};
-pub(crate) use first_order::{is_of_higher_order, to_first_order};
-pub use formats::{Family, Format, format_of, formats};
-pub(crate) use handedness::Handedness;
-pub(crate) use hdf5::{CellRows, cell_rows};
-pub use image_file::{
+pub(crate) use self::parts::planes::Planes;
+pub use self::parts::rows::RowFile;
+pub use self::picture::column_file::{column_colours, column_picture, write_column};
+pub use self::picture::count_file::write_count;
+pub use self::picture::image_file::{
     check_depth_path, check_folder, check_image_path, png_bytes, read_image, write_depth,
     write_image, write_normals,
 };
-pub use log_scales::ScaleMeaning;
-pub use mesh::{AlphaMode, Material, Mesh, MeshPart, Texture, TextureImage, TextureUse, Wrap};
-pub(crate) use mesh_part::leave_out_unused;
-pub use particle_type::{ParticleCount, ParticleType};
+pub use self::splats::encoded_splats::{PlyForm, SplatFileOptions, SpzVersion};
+pub use self::splats::log_scales::ScaleMeaning;
+pub use self::splats::splat_axes::SplatAxes;
+pub use self::splats::write_splats::{FLAT_SHARE, WrittenSplats, check_splats_path, write_splats};
+pub use self::volume::raw::{RawLayout, RawType};
+pub(crate) use self::vtk::grid::check as check_cells;
 #[cfg(feature = "cli")]
-pub(crate) use planes::Planes;
-pub(crate) use polyhedron::polyhedron_faces;
-pub use raw::{RawLayout, RawType};
-pub use rows::RowFile;
-pub(crate) use shape_columns::{LENGTHS, SCALES, VARIANCE};
-pub use smoothing::{LengthMeaning, Smoothing, SphKernel};
-pub use splat_axes::SplatAxes;
-pub use splats::SplatCloud;
-pub(crate) use splats::constant_of_colour;
-pub use time_steps::{Part, StepChoice, TimeStep};
+pub(crate) use self::vtk::pieces::{ArrayKey, ArraysSeen};
+#[cfg(feature = "cli")]
+pub(crate) use self::vtk::vts_pieces::{BlockPlanes, VtsPieces};
+#[cfg(feature = "cli")]
+pub(crate) use self::vtk::vtu_pieces::VtuPieces;
+pub(crate) use crate::data::blanking::Blanking;
+#[cfg(feature = "cli")]
+pub(crate) use crate::data::cells::renumber;
+pub use crate::data::cells::{CellKind, CellMesh};
+pub(crate) use crate::data::colour_columns::{
+    COLOUR_SETS, ColourNumbers, ColourScale, ColourSet, colour_sets,
+};
+pub use crate::data::dataset::{
+    Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry,
+};
+pub(crate) use crate::data::first_order::{is_of_higher_order, to_first_order};
+pub(crate) use crate::data::handedness::Handedness;
+pub use crate::data::mesh::{
+    AlphaMode, Material, Mesh, MeshPart, Texture, TextureImage, TextureUse, Wrap,
+};
+pub use crate::data::particle_type::{ParticleCount, ParticleType};
+pub(crate) use crate::data::polyhedron::polyhedron_faces;
+pub(crate) use crate::data::shape_columns::{LENGTHS, SCALES, VARIANCE};
+pub use crate::data::smoothing::{LengthMeaning, Smoothing, SphKernel};
+pub use crate::data::splats::SplatCloud;
+pub(crate) use crate::data::splats::constant_of_colour;
 #[cfg(feature = "legend")]
-pub(crate) use unit::divided as name_and_unit;
-pub use up::Up;
+pub(crate) use crate::data::unit::divided as name_and_unit;
+pub use crate::data::up::Up;
 #[cfg(feature = "cli")]
-pub(crate) use up::in_end_planes;
-pub(crate) use vtk_grid::check as check_cells;
-#[cfg(feature = "cli")]
-pub(crate) use vtk_pieces::{ArrayKey, ArraysSeen};
-#[cfg(feature = "cli")]
-pub(crate) use vts_pieces::{BlockPlanes, VtsPieces};
-#[cfg(feature = "cli")]
-pub(crate) use vtu_pieces::VtuPieces;
-pub use write_splats::{FLAT_SHARE, WrittenSplats, check_splats_path, write_splats};
+pub(crate) use crate::data::up::in_end_planes;
+pub use formats::{Family, Format, format_of, formats};
+pub use time_steps::{Part, StepChoice, TimeStep};
 
-use file::{HEAD, Input};
+use self::bytes::file::{HEAD, Input};
 use formats::recognise;
 
 use crate::error::{Error, Hint, Parameter, Result};
@@ -238,7 +137,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
 
 /// Returns the file to open for a folder that is a data set; returns any other path unchanged.
 pub(crate) fn of_folder(path: &Path) -> Cow<'_, Path> {
-    if let Some(case) = openfoam::case_in(path) {
+    if let Some(case) = self::grid::openfoam::case_in(path) {
         return Cow::Owned(case);
     }
     let stands_in = |name: &str, is_so: &dyn Fn(&Path, &[u8]) -> bool| {
@@ -248,10 +147,14 @@ pub(crate) fn of_folder(path: &Path) -> Cow<'_, Path> {
         is_so.then_some(file)
     };
     let file = path.is_dir().then(|| {
-        let plotfile = || stands_in(plotfile::HEADER, &|_, head| plotfile::looks_like(head));
-        let scene = || stands_in(sog::META, &sog::looks_like);
+        let plotfile = || {
+            stands_in(self::grid::plotfile::HEADER, &|_, head| {
+                self::grid::plotfile::looks_like(head)
+            })
+        };
+        let scene = || stands_in(self::splats::sog::META, &self::splats::sog::looks_like);
         #[cfg(feature = "dicom")]
-        let series = || dicom::series_in(path);
+        let series = || self::volume::dicom::series_in(path);
         #[cfg(not(feature = "dicom"))]
         let series = || None;
         plotfile().or_else(scene).or_else(series)
@@ -272,7 +175,10 @@ pub(crate) fn is_foreign_folder(path: &Path) -> bool {
 /// The file cannot be read.
 pub fn has_particle_types(path: &Path) -> Result<bool> {
     let (head, _) = Input::of_file(path).head(HEAD)?;
-    Ok(head.starts_with(hdf5::MAGIC) || gadget::looks_like(&head))
+    Ok(
+        head.starts_with(self::particles::hdf5::MAGIC)
+            || self::particles::gadget::looks_like(&head),
+    )
 }
 
 /// Reads a data file from its bytes, as [`open`] does from the disk.
@@ -317,10 +223,10 @@ pub fn read_with(
 
 fn read_input(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     let mut data = (recognise(input, options)?.read)(input, options)?;
-    let has_scales = data.format == gltf_splats::FORMAT
+    let has_scales = data.format == self::splats::gltf_splats::FORMAT
         || (options.read_as != Some(ReadAs::Points)
-            && splat_table::settle(&mut data, options.scales)?)
-        || log_scales::settle_table(&mut data, options.scales);
+            && self::splats::splat_table::settle(&mut data, options.scales)?)
+        || self::splats::log_scales::settle_table(&mut data, options.scales);
     if options.scales.is_some() && !has_scales {
         return Err(Error::format(
             input.path,
@@ -368,7 +274,7 @@ fn read_input(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
 fn name_units(data: &mut Dataset) {
     for field in &mut data.fields {
         let stated = field.unit.take();
-        let in_name = || unit::divided(&field.name).map(|(_, unit)| unit.to_owned());
+        let in_name = || crate::data::unit::divided(&field.name).map(|(_, unit)| unit.to_owned());
         field.unit = stated.or_else(in_name);
     }
 }

@@ -4,8 +4,8 @@
 
 use std::path::Path;
 
-use super::voxels::GZIP;
-use super::zip;
+use super::bytes::zip;
+use super::volume::voxels::GZIP;
 use crate::error::{Error, Hint};
 
 /// A format that is not read.
@@ -748,7 +748,7 @@ pub(super) fn hdf5(path: &Path, members: &[String]) -> Error {
     if let Some(row) = by_members.or_else(|| named(path)) {
         return row.refuse(path);
     }
-    let list = super::table::list(members.iter().map(String::as_str));
+    let list = super::particles::table::list(members.iter().map(String::as_str));
     let index = ["xdmf", "xmf"].map(|ending| path.with_extension(ending));
     let of_index = index.iter().find(|index| index.is_file());
     let found = match of_index.and_then(|index| index.file_name()) {

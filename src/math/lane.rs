@@ -1,7 +1,7 @@
 //! Computes functions of one lane, without a branch or a call, so that a loop over lanes vectorises.
 
 use crate::constants::EXP2_SERIES;
-use crate::math::ERFC_SERIES;
+use crate::math::normal::ERFC_SERIES;
 
 /// Returns a b + c, fused if the instruction set supports it.
 #[inline(always)]

@@ -1,9 +1,9 @@
 //! Draws the difference of two images as a picture.
 
-use super::ImageErrors;
 use super::errors::check_sizes;
 use crate::error::{Error, Result};
 use crate::image::{Image, linear_from_srgb};
+use crate::measure::errors::ImageErrors;
 
 /// Draws the absolute difference between two images: the largest of each pixel's four channels, mapped by
 /// matplotlib's perceptually uniform *inferno*. Black means 0, pale yellow `scale` or more.
@@ -81,8 +81,9 @@ pub fn difference_scale(errors: &ImageErrors) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{compare, test_images::constant};
+    use super::super::test_images::constant;
     use super::*;
+    use crate::measure::errors::compare;
 
     #[test]
     fn brightness_follows_the_largest_channel() {

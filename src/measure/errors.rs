@@ -2,9 +2,10 @@
 
 use serde::Serialize;
 
-use super::{FLIP_PIXELS_PER_DEGREE, flip, ssim};
+use super::{flip, ssim};
 use crate::error::{Error, Result};
 use crate::image::Image;
+use crate::measure::flip::FLIP_PIXELS_PER_DEGREE;
 
 /// Differences between two images over red, green, blue and alpha, linear premultiplied,
 /// full scale 1.

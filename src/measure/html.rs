@@ -9,14 +9,16 @@ use std::path::Path;
 use base64::Engine;
 
 use self::plot::{Axis, Point, group_colour, measured, scientific, speed_accuracy};
+use super::difference;
 use super::difference::map_colour;
 use super::sweep::front_of;
-use super::{
-    ACCURATE, BudgetRow, ImageErrors, ReferenceSummary, Report, Row, difference, difference_scale,
-};
 use crate::error::Result;
 use crate::image::{Image, srgb_from_linear};
 use crate::io::png_bytes;
+use crate::measure::difference::difference_scale;
+use crate::measure::errors::ImageErrors;
+use crate::measure::report::{BudgetRow, ReferenceSummary, Report, Row};
+use crate::measure::variants::ACCURATE;
 
 const STYLE: &str = include_str!("html/style.css");
 

@@ -2,11 +2,11 @@
 
 use serde::Serialize;
 
-use super::ImageErrors;
 use super::variants::simd_name;
 use crate::cpu::SimdLevel;
 use crate::error::{Error, Result};
 use crate::image::Image;
+use crate::measure::errors::ImageErrors;
 use crate::render::{Settings, StageTimes};
 use crate::view::{Camera, Projection};
 

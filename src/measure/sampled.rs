@@ -8,7 +8,7 @@
 use crate::constants::TILE_SIZE;
 use crate::error::Result;
 use crate::image::Image;
-use crate::measure::accurate;
+use crate::measure::variants::accurate;
 use crate::render::{Renderer, Settings};
 use crate::view::Camera;
 use glam::{DVec2, DVec3};

@@ -2,9 +2,10 @@
 
 use super::report::{About, Budget, BudgetRow, Cost, Machine, Picture, Report, Row, Saving};
 use super::variants::{self, ACCURATE, Variant};
-use super::{ImageErrors, compare, median_times, pareto_front};
 use crate::error::Result;
 use crate::image::Image;
+use crate::measure::errors::{ImageErrors, compare};
+use crate::measure::front::{median_times, pareto_front};
 use crate::render::{FrameCounts, Renderer, Settings, StageTimes};
 use crate::scene::PointVolume;
 use crate::view::Camera;

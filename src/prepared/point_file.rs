@@ -6,8 +6,11 @@ use std::path::Path;
 use glam::DVec3;
 
 use crate::blocks::ParticleStream;
+use crate::data::colour_columns::ColourNumbers;
+use crate::data::particle_type::ParticleType;
+use crate::data::up::Up;
 use crate::error::{Error, Result};
-use crate::io::{ColourNumbers, ParticleType, RowFile, Up};
+use crate::io::RowFile;
 use crate::math::ExactSum;
 use crate::sample::{
     OfRows, SampleOptions, SampleReport, colour_numbers, mean_spacing, nothing_left, of_rows, rows,

@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::Carried;
+use crate::record::footprint::Carried;
 
 /// A block of particles as the device keeps it.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]

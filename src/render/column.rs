@@ -1,12 +1,12 @@
 //! Draws column densities: the line integral of the field along each pixel's ray.
 
-use super::backend::FrameReport;
-use super::check::check;
-use super::plan::FramePlan;
 use super::renderer::Renderer;
-use super::settings::ColumnSettings;
 use crate::blocks::{AmplitudeSummary, BlockedVolume};
 use crate::error::{Error, Hint, Result};
+use crate::frame::backend::FrameReport;
+use crate::frame::check::check;
+use crate::frame::plan::FramePlan;
+use crate::frame::settings::ColumnSettings;
 use crate::image::ColumnImage;
 use crate::view::Camera;
 

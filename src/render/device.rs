@@ -1,10 +1,10 @@
 //! Draws frames on a device that the caller opened, into its textures, and without waiting.
 
-use super::backend::FrameReport;
-use super::plan::FramePlan;
 use super::renderer::Renderer;
-use super::settings::{ColumnSettings, Settings};
 use crate::error::{Error, Result};
+use crate::frame::backend::FrameReport;
+use crate::frame::plan::FramePlan;
+use crate::frame::settings::{ColumnSettings, Settings};
 use crate::gpu::Gpu;
 use crate::image::{ColumnImage, Image};
 use crate::scene::PointVolume;

@@ -12,18 +12,15 @@
 //! | `device.rs` | the caller's devices and textures; frames without waiting |
 //! | `pick.rs` | the particles that a pixel shows |
 
-pub(crate) mod backend;
-mod check;
 mod column;
 #[cfg(feature = "gpu")]
 mod device;
 mod pick;
-pub(crate) mod plan;
 mod renderer;
-mod settings;
-mod uniforms;
 
 pub use crate::blocks::{LayerKind, Layers, SceneOptions};
+pub use crate::frame::backend::{Backend, OpenBackend};
+pub use crate::frame::settings::{Blend, ClassifyAt, ColumnSettings, Composite, Settings, Show};
 #[cfg(feature = "gpu")]
 pub use crate::gpu::{AdapterChoice, Gpu, device_descriptor};
 pub use crate::scene::Classification;
@@ -31,7 +28,5 @@ pub use crate::simd::SimdLevel;
 pub use crate::splat::Filter;
 pub use crate::splat::PIXEL_VARIANCE_PX2;
 pub use crate::stats::{FrameCounts, StageTimes};
-pub use backend::{Backend, OpenBackend};
 pub use pick::Picked;
 pub use renderer::Renderer;
-pub use settings::{Blend, ClassifyAt, ColumnSettings, Composite, Settings, Show};

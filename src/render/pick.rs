@@ -2,13 +2,13 @@
 
 use glam::{DVec2, DVec3};
 
-use super::check::{check, check_scene};
-use super::plan::FramePlan;
 use super::renderer::Renderer;
-use super::settings::{Settings, Show};
 use crate::blocks::BlockedVolume;
 use crate::cpu::shares;
 use crate::error::{Error, Result};
+use crate::frame::check::{check, check_scene};
+use crate::frame::plan::FramePlan;
+use crate::frame::settings::{Settings, Show};
 use crate::view::Camera;
 
 /// A particle that a pixel shows.

@@ -1,11 +1,5 @@
 //! Draws frames of a scene, given a camera and settings.
 
-#[cfg(not(feature = "gpu"))]
-use super::backend::NoDevice as Device;
-use super::backend::{Backend, DrawFrames, Edit, FrameReport, Images, OpenBackend};
-use super::check::{check, check_scene};
-use super::plan::FramePlan;
-use super::settings::Settings;
 use crate::blocks::{
     AmplitudeSummary, BlockedParticles, BlockedScene, BlockedVolume, Layers, SceneOptions,
 };
@@ -15,6 +9,12 @@ use crate::constants::{
 use crate::cpu::CpuFrames;
 use crate::distributed::{RankFrames, RankStats, Ranks};
 use crate::error::Result;
+#[cfg(not(feature = "gpu"))]
+use crate::frame::backend::NoDevice as Device;
+use crate::frame::backend::{Backend, DrawFrames, Edit, FrameReport, Images, OpenBackend};
+use crate::frame::check::{check, check_scene};
+use crate::frame::plan::FramePlan;
+use crate::frame::settings::Settings;
 #[cfg(feature = "gpu")]
 use crate::gpu::{DeviceScene as Device, Gpu};
 use crate::image::{DepthImage, Image, NormalImage};

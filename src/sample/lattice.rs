@@ -2,14 +2,14 @@
 
 use glam::DVec3;
 
+use super::curvilinear::sharp::face_nodes;
 use super::left_out::LeftOut;
-use super::sharp::face_nodes;
-use super::{
-    SampleOptions, SampleReport, Sampled, check_count, check_len, classified, shown_field,
-    take_scalar,
-};
+use super::{SampleOptions, Sampled, check_count, check_len, classified, take_scalar};
+use crate::data::blanking::Blanking;
+use crate::data::dataset::{Association, CurvilinearBlock, Dataset, Field, Geometry};
 use crate::error::Result;
-use crate::io::{Association, Blanking, CurvilinearBlock, Dataset, Field, Geometry};
+use crate::sample::field::choice::shown_field;
+use crate::sample::report::SampleReport;
 use crate::scene::{Boundary, LONE_CELL_WIDTH, Lattice, LatticeSpacing, Particles, Surroundings};
 #[cfg(feature = "cli")]
 use crate::scene::{Colour, PointVolume, Strength, ValueSample};

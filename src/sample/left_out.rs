@@ -1,6 +1,6 @@
 //! Lists the reasons why a sample gives no particle.
 
-use super::SampleReport;
+use crate::sample::report::SampleReport;
 
 /// Reason why a sample gives no particle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

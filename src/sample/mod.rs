@@ -20,73 +20,35 @@
 //!   `even_grid` then correct the volumes. `levels` and `shepard` correct volumes elsewhere.
 //! - `gradient` computes normals for shading, `local_models` models of the field over each kernel.
 //! - `iso_surface`, `cut_faces`, `discs` and `convert` make surfels and splats.
-//! - `curvilinear_apart`, `cells_apart` and `points::apart` sample data that are partitioned over ranks. A rank
+//! - `curvilinear_apart`, `cells_apart` and `self::points::partitioned` sample data that are partitioned over ranks. A rank
 //!   makes kernels for its own samples; neighbouring samples are ghosts. `rest` defines the reductions over all
 //!   ranks.
 
-mod cells;
-#[cfg(feature = "cli")]
-mod cells_apart;
-mod choice;
-mod convert;
-mod covered;
-mod curvilinear;
-#[cfg(feature = "cli")]
-mod curvilinear_apart;
-mod cut_faces;
-mod discs;
-mod doubts;
-mod duals;
-mod even;
-mod even_grid;
-mod factor;
-mod fit;
-mod flat_grid;
-mod gradient;
-mod hull;
-mod incidence;
-mod iso_surface;
-mod kernel_sums;
-mod kernels;
+pub(crate) mod cells;
+pub(crate) mod curvilinear;
+pub(crate) mod field;
+pub(crate) mod kernels;
 mod lattice;
 mod left_out;
-mod levels;
-mod local_models;
 pub mod mesh;
-mod mesh_field;
-mod neighbours;
-mod overlap;
-mod picked;
-mod points;
+pub(crate) mod points;
 mod positions;
-#[cfg(feature = "cli")]
-mod reach;
 mod report;
 mod rest;
-mod seam;
-mod sharp;
-mod sharp_cells;
-mod shepard;
-mod sph;
-mod splats;
-mod statistics;
-mod structured;
-mod together;
-mod window;
-mod yu_turk;
+pub(crate) mod splats;
+pub(crate) mod surface;
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use crate::error::{Advice, Error, Hint, Parameter, Place, Result};
 #[cfg(feature = "prepared")]
-use crate::io::ColourNumbers;
-use crate::io::{
-    Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry, LengthMeaning, SphKernel,
-    is_of_higher_order, to_first_order,
-};
+use crate::data::colour_columns::ColourNumbers;
+use crate::data::dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
+use crate::data::first_order::{is_of_higher_order, to_first_order};
+use crate::data::smoothing::{LengthMeaning, SphKernel};
+use crate::error::{Advice, Error, Hint, Parameter, Place, Result};
 #[cfg(feature = "prepared")]
 use crate::math::ExactSum;
 use crate::scene::{
@@ -95,31 +57,43 @@ use crate::scene::{
 };
 use crate::task::Task;
 
+#[cfg(feature = "cli")]
+pub(crate) use self::cells::duals::turned;
+#[cfg(feature = "cli")]
+pub(crate) use self::cells::incidence::CellsAround;
+#[cfg(feature = "cli")]
+pub(crate) use self::cells::partitioned::CellsApart;
+#[cfg(feature = "cli")]
+pub(crate) use self::curvilinear::partitioned::{GridPlanes, planes_around};
+#[cfg(feature = "cli")]
+pub(crate) use self::curvilinear::seam::{Seam, seam};
+#[cfg(feature = "cli")]
+pub(crate) use self::curvilinear::window::Window;
+use self::field::choice::has_choice;
+pub use self::field::choice::{FieldChoice, field_choices, shared_fields};
+pub(crate) use self::field::choice::{describes_the_grid, shown_field};
+pub use self::field::statistics::{PERCENTILES, ShapeStatistics};
+#[cfg(feature = "cli")]
+pub(crate) use self::field::together::automatic;
+pub use self::field::together::shared_functions;
+pub use self::points::doubts::doubts;
+#[cfg(feature = "cli")]
+pub(crate) use self::points::neighbours::Elsewhere;
+#[cfg(feature = "cli")]
+pub(crate) use self::points::reach::{Boxes, Leaf, Near, Reach};
+pub use self::splats::convert::{
+    CLOSED_WIDTH, ConversionReport, LEAST_OPACITY, sound_splats, splat_cloud,
+};
+pub use self::surface::cut_faces::cut_faces;
+pub use self::surface::discs::discs;
 pub use crate::constants::DEFAULT_KERNEL_WIDTH;
 use crate::constants::FAINT_SHARE;
 #[cfg(feature = "cli")]
 pub(crate) use cells::CellField;
-#[cfg(feature = "cli")]
-pub(crate) use cells_apart::CellsApart;
-use choice::has_choice;
-pub use choice::{FieldChoice, field_choices, shared_fields};
-pub(crate) use choice::{describes_the_grid, shown_field};
-pub use convert::{CLOSED_WIDTH, ConversionReport, LEAST_OPACITY, sound_splats, splat_cloud};
-#[cfg(feature = "cli")]
-pub(crate) use curvilinear_apart::{GridPlanes, planes_around};
-pub use cut_faces::cut_faces;
-pub use discs::discs;
-pub use doubts::doubts;
-#[cfg(feature = "cli")]
-pub(crate) use duals::turned;
-#[cfg(feature = "cli")]
-pub(crate) use incidence::CellsAround;
 use kernels::Kernels;
 #[cfg(feature = "cli")]
 pub(crate) use lattice::{PlaneValues, lattice_of_planes};
 use mesh::{MeshOptions, SampledMesh, Spread};
-#[cfg(feature = "cli")]
-pub(crate) use neighbours::Elsewhere;
 #[cfg(feature = "cli")]
 pub(crate) use points::{
     FITTED_NEIGHBOURS, Fitted, Neighbourhoods, RowsApart, Surrounded, fit_apart, function_apart,
@@ -127,19 +101,9 @@ pub(crate) use points::{
 };
 #[cfg(feature = "cli")]
 pub(crate) use positions::{compare, is_same, sort_by_position};
-#[cfg(feature = "cli")]
-pub(crate) use reach::{Boxes, Leaf, Near, Reach};
 pub use report::{Finding, SampleReport};
 #[cfg(feature = "cli")]
 pub(crate) use rest::Rest;
-#[cfg(feature = "cli")]
-pub(crate) use seam::{Seam, seam};
-pub use statistics::{PERCENTILES, ShapeStatistics};
-#[cfg(feature = "cli")]
-pub(crate) use together::automatic;
-pub use together::shared_functions;
-#[cfg(feature = "cli")]
-pub(crate) use window::Window;
 
 /// Greatest number of corrections of cell volumes ([`SampleOptions::shepard_passes`]).
 pub const MOST_SHEPARD_PASSES: u32 = 100;
@@ -315,7 +279,7 @@ pub struct SampledScene {
 
 /// Returns true if [`scene`] makes surfels of a data set: a mesh or a grid of one layer.
 pub fn is_surface(dataset: &Dataset) -> bool {
-    matches!(dataset.geometry, Geometry::Mesh(_)) || flat_grid::is_flat(dataset)
+    matches!(dataset.geometry, Geometry::Mesh(_)) || self::surface::flat_grid::is_flat(dataset)
 }
 
 /// Turns a grid of one layer, or cells without any field, into a mesh, of which [`scene`] makes surfels. Cells
@@ -330,8 +294,8 @@ pub fn as_surface(dataset: Dataset, options: &SampleOptions) -> Result<Dataset> 
     }
     let is_of_cells = matches!(dataset.geometry, Geometry::Cells(_));
     match is_of_cells && options.field.is_none() && !has_choice(&dataset) {
-        true => hull::as_mesh(dataset),
-        false => flat_grid::as_surface(dataset),
+        true => self::surface::hull::as_mesh(dataset),
+        false => self::surface::flat_grid::as_surface(dataset),
     }
 }
 
@@ -341,8 +305,8 @@ pub fn as_surface(dataset: Dataset, options: &SampleOptions) -> Result<Dataset> 
 /// # Errors
 /// A field that is not there or has the wrong length; a transfer function that cannot be read.
 pub fn surface_report(dataset: &Dataset, options: &SampleOptions) -> Result<SampleReport> {
-    match mesh_field::shown(dataset, options)? {
-        Some(field) => mesh_field::report(dataset, &field, options),
+    match self::surface::mesh_field::shown(dataset, options)? {
+        Some(field) => self::surface::mesh_field::report(dataset, &field, options),
         None => Ok(SampleReport::default()),
     }
 }
@@ -362,7 +326,8 @@ pub fn scene(dataset: Dataset, options: &SampleOptions) -> Result<SampledScene> 
         let path = dataset.path.clone();
         let Sampled { mut volume, report } = volume(dataset, options)?;
         if let Some(value) = options.flatten {
-            let surface = iso_surface::iso_surface(&volume, value, options.task.as_ref());
+            let surface =
+                self::surface::iso_surface::iso_surface(&volume, value, options.task.as_ref());
             volume = surface.map_err(|error| error.in_file(&path))?;
         }
         let volumes = vec![volume];
@@ -374,10 +339,10 @@ pub fn scene(dataset: Dataset, options: &SampleOptions) -> Result<SampledScene> 
         seed: options.seed,
         task: options.task.clone(),
     };
-    if let Some(field) = mesh_field::shown(&dataset, options)? {
+    if let Some(field) = self::surface::mesh_field::shown(&dataset, options)? {
         let path = dataset.path.clone();
         let unit = dataset.unit(&field).map(str::to_owned);
-        let scene = mesh_field::scene(dataset, &field, &mesh_options, options);
+        let scene = self::surface::mesh_field::scene(dataset, &field, &mesh_options, options);
         let mut scene = scene.map_err(|error| named(error, &path))?;
         scene.report.unit = unit;
         return Ok(scene);
@@ -477,12 +442,12 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     }
     if options.shepard_passes > 0 {
         let task = options.task.as_ref();
-        shepard::even_out(&mut sampled.volume, options.shepard_passes, task)?;
+        self::points::shepard::even_out(&mut sampled.volume, options.shepard_passes, task)?;
     }
     if options.normals {
-        gradient::complete(&mut sampled.volume, options.task.as_ref())?;
+        self::field::gradient::complete(&mut sampled.volume, options.task.as_ref())?;
     }
-    local_models::complete(&mut sampled.volume, options)?;
+    self::field::local_models::complete(&mut sampled.volume, options)?;
     Ok(sampled)
 }
 

@@ -9,8 +9,9 @@
 use glam::{DMat3, DVec3};
 
 use super::storage::{Owned, Shared, Storage};
-use super::{Lattice, LatticeSpacing, Values};
 use crate::math::Truncated;
+use crate::scene::lattice::{Lattice, LatticeSpacing};
+use crate::scene::values::Values;
 
 pub use crate::constants::MOST_EDGES;
 

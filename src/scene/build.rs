@@ -5,10 +5,13 @@ use std::f64::consts::TAU;
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
-use super::{Colour, Lattice, Particles, PointVolume, Strength, TransferFunction, Values};
 use crate::constants::DEFAULT_KERNEL_WIDTH;
 use crate::error::{Error, Result};
 use crate::math::{Variance, lower_factor, principal_sigmas};
+use crate::scene::lattice::Lattice;
+use crate::scene::point_volume::{Colour, Particles, PointVolume, Strength};
+use crate::scene::transfer_function::TransferFunction;
+use crate::scene::values::Values;
 
 impl PointVolume {
     /// Spherical white kernels. Until masses or values are given, each has an optical depth of 1 along a line

@@ -1,8 +1,9 @@
 //! Adds ghosts around a lattice: their values are extrapolated linearly, all else is copied from the nearest
 //! sample.
 
-use super::{Boundary, Colour, Particles, PointVolume, Strength};
 use crate::math::harmonics_count;
+use crate::scene::boundary::Boundary;
+use crate::scene::point_volume::{Colour, Particles, PointVolume, Strength};
 
 impl PointVolume {
     /// Adds its ghosts to a lattice that has a boundary; leaves other volumes as they are.

@@ -3,9 +3,13 @@
 use glam::{DMat3, DVec3};
 
 use super::storage::{Owned, Shared, Storage};
-use super::{Boundary, Lattice, LocalModels, TransferFunction, Values};
 use crate::error::{Error, Parameter, Result};
 use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count, lower_matrix};
+use crate::scene::boundary::Boundary;
+use crate::scene::lattice::Lattice;
+use crate::scene::local_models::LocalModels;
+use crate::scene::transfer_function::TransferFunction;
+use crate::scene::values::Values;
 
 /// A set of particles that emit and absorb light. Each is a Gaussian kernel of unit integral times a mass g =
 /// extinction x volume \[length²\].

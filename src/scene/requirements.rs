@@ -3,8 +3,10 @@
 use serde::Serialize;
 
 use super::point_volume::is_classified;
-use super::{ColourIn, Particles, PointVolume, Storage, StrengthIn, ValuesIn};
 use crate::math::harmonics_count;
+use crate::scene::point_volume::{ColourIn, Particles, PointVolume, StrengthIn};
+use crate::scene::storage::Storage;
+use crate::scene::values::ValuesIn;
 
 /// Storage and code that one volume requires of the renderer.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]

@@ -9,12 +9,13 @@ use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{
-    Boundary, BoundaryPlanes, Colour, LocalModels, MOST_EDGES, Particles, PointVolume, Strength,
-    Values,
-};
+use super::MOST_EDGES;
 use crate::error::{Error, Result};
 use crate::math::harmonics_count;
+use crate::scene::boundary::{Boundary, BoundaryPlanes};
+use crate::scene::local_models::LocalModels;
+use crate::scene::point_volume::{Colour, Particles, PointVolume, Strength};
+use crate::scene::values::Values;
 
 /// The planes that cut a particle, or none.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]

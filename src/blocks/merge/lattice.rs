@@ -5,7 +5,8 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::{LAST_LEVEL, MergeBounds, Merged, Places, unevenness};
-use crate::blocks::{BlockedParticles, BlockedVolume, BrickGrid};
+use crate::blocks::brick::BrickGrid;
+use crate::blocks::{BlockedParticles, BlockedVolume};
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;
 use crate::scene::{ColourIn, Column, Shared, StrengthIn, ValuesIn};

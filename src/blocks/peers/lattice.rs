@@ -15,9 +15,11 @@ use super::super::merge::{
     CubeMoments, LONGEST_COPIED, LongCube, PlaceSums, WholeCube, adopted, is_large, levels_of,
 };
 use super::super::room::Sparse;
-use super::super::{Block, BlockedParticles, BlockedVolume, SceneOptions, runs_in_turn};
+use super::super::{Block, BlockedParticles, BlockedVolume};
 use super::planes::{Held, PlaneRuns};
 use super::{Peers, SharedVolume, strange};
+use crate::blocks::scene::SceneOptions;
+use crate::blocks::share::runs_in_turn;
 use crate::constants::BRICK;
 use crate::error::Result;
 use crate::scene::{Lattice, Particles, PointVolume, Requirements, Shared, StrengthIn, ValuesIn};

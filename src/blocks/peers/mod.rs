@@ -25,13 +25,15 @@ use std::ops::Range;
 use bytemuck::Pod;
 use glam::DVec3;
 
+use super::BlockedVolume;
 use super::build::{BuildOptions, build, family, in_blocks, principal_ranges};
 use super::merge::{Atoms, Cluster, Grown, Levels, coarse_levels, fine_levels, is_mergeable};
 use super::overlap::Crowds;
 use super::points::Points;
 use super::room::MEMORY;
 use super::tree::CHUNK;
-use super::{BlockedVolume, SceneOptions, runs_in_turn};
+use crate::blocks::scene::SceneOptions;
+use crate::blocks::share::runs_in_turn;
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::{Error, Result};
 use crate::scene::{PointVolume, Requirements};

@@ -6,6 +6,7 @@ use wgpu::CommandEncoder;
 use super::bind::{BoundRaster, CLASSIFIED_COUNT, PassFrame};
 use super::report::{Seen, TileCounts};
 use crate::error::Result;
+use crate::frame::plan::{Carries, FramePlan, PassPlan};
 use crate::gpu::classify::AmplitudeUniform;
 use crate::gpu::constants::PARTICLE_ARGUMENTS;
 use crate::gpu::cull::camera_uniform;
@@ -14,7 +15,6 @@ use crate::gpu::rasterise::classes;
 use crate::gpu::resolve::Resolve;
 use crate::gpu::timer::{Stage, Timer};
 use crate::record::ChunkUniform;
-use crate::render::plan::{Carries, FramePlan, PassPlan};
 use crate::scene::TransferFunction;
 
 impl PassFrame {

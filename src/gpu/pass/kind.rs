@@ -1,7 +1,7 @@
 //! Defines the kind of a pass, for which its buffers and pipelines are made.
 
+use crate::frame::plan::{FramePlan, PassPlan};
 use crate::record::ClassifiedBy;
-use crate::render::plan::{FramePlan, PassPlan};
 use crate::splat::{Accumulate, Axes};
 
 /// Properties by which a pass' buffers and pipelines differ from another's of the same scene.

@@ -7,13 +7,13 @@ use super::report::Seen;
 use crate::blocks::BlockedScene;
 use crate::constants::TILE_SIZE;
 use crate::error::{Error, Hint, Result};
+use crate::frame::plan::Draws;
 use crate::gpu::bin::MAX_BAND_TILES;
 use crate::gpu::device::Gpu;
 use crate::gpu::rasterise::{RasterSpec, slice_of};
 use crate::gpu::scene::Scene;
 use crate::gpu::surface::SurfaceSpec;
 use crate::record::PartState;
-use crate::render::plan::Draws;
 use crate::splat::Axes;
 use crate::stats::FrameCounts;
 

@@ -4,7 +4,7 @@ use glam::{DMat3, DVec3};
 
 use super::cubic::Cubic;
 use super::emission::Emission;
-use crate::io::Association;
+use crate::data::dataset::Association;
 use crate::scene::{Lattice, LatticeSpacing, Values};
 
 /// A lattice's samples and the planes between which the field is trilinear.

@@ -4,7 +4,11 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::cells::{Cell, Known, Mesh};
-use crate::io::{Association, Blanking, CellKind, CellMesh, Handedness, polyhedron_faces};
+use crate::data::blanking::Blanking;
+use crate::data::cells::{CellKind, CellMesh};
+use crate::data::dataset::Association;
+use crate::data::handedness::Handedness;
+use crate::data::polyhedron::polyhedron_faces;
 use crate::scene::Values;
 
 /// A cell is degenerate if its volume is below this share of its longest extent cubed, like in sampling.

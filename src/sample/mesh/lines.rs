@@ -8,7 +8,7 @@
 use glam::DVec3;
 
 use super::Spread;
-use crate::io::{AlphaMode, Mesh, MeshPart};
+use crate::data::mesh::{AlphaMode, Mesh, MeshPart};
 use crate::scene::{Colour, MAX_OPACITY, Particles, PointVolume, Strength};
 
 /// Standard deviation of the kernels of a line, in pixels. With the pixel's own filter, a row of them is at

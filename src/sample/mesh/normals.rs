@@ -7,7 +7,7 @@ use glam::{DVec2, DVec3};
 use super::paint::Laid;
 use super::surface::{Surface, Triangle};
 use super::texture::{Pyramid, Weighing};
-use crate::io::{Material, Mesh, MeshPart};
+use crate::data::mesh::{Material, Mesh, MeshPart};
 
 /// Cosine of 40 degrees: triangles that meet at a smaller angle belong to one smooth surface, unless the file
 /// states otherwise.

@@ -6,7 +6,7 @@ use glam::DVec2;
 
 use super::surface::Triangle;
 use super::texture::{Pyramid, Weighing};
-use crate::io::{AlphaMode, Material, Mesh, MeshPart, TextureUse};
+use crate::data::mesh::{AlphaMode, Material, Mesh, MeshPart, TextureUse};
 
 /// The materials of a mesh, prepared for lookups.
 #[derive(Debug)]

@@ -5,8 +5,8 @@ use rayon::prelude::*;
 
 use super::surface::Surface;
 use super::{MOST_SURFELS, Spread};
+use crate::data::mesh::{Mesh, MeshPart};
 use crate::error::{Error, Parameter, Place, Result};
-use crate::io::{Mesh, MeshPart};
 use crate::memory::no_room;
 use crate::view::{Camera, Projection};
 

@@ -6,7 +6,7 @@ use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::super::index_u32;
-use crate::io::{AlphaMode, Mesh};
+use crate::data::mesh::{AlphaMode, Mesh};
 
 /// Kind of a surface; the surfels of one kind form a point volume.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -19,8 +19,8 @@ use std::sync::OnceLock;
 use glam::DVec2;
 use rayon::prelude::*;
 
+use crate::data::mesh::{Texture, TextureImage, Wrap};
 use crate::image::linear_from_srgb;
-use crate::io::{Texture, TextureImage, Wrap};
 
 /// Greatest standard deviation, in texels, up to which a footprint is a point.
 const SHARP_SIGMA: f64 = 0.5;

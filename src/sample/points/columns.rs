@@ -1,12 +1,15 @@
 //! Finds the columns of a table by name.
 
-use super::super::{FieldChoice, TakenScalar, check_len, describes_the_grid};
+use super::super::{TakenScalar, check_len};
 use super::neighbourhoods::Neighbourhoods;
-use crate::error::{Error, Result};
-use crate::io::{
-    Association, COLOUR_SETS, ColourNumbers, ColourScale, ColourSet, Dataset, Field, FieldSource,
-    SCALES, Smoothing, VARIANCE, colour_sets,
+use crate::data::colour_columns::{
+    COLOUR_SETS, ColourNumbers, ColourScale, ColourSet, colour_sets,
 };
+use crate::data::dataset::{Association, Dataset, Field, FieldSource};
+use crate::data::shape_columns::{SCALES, VARIANCE};
+use crate::data::smoothing::Smoothing;
+use crate::error::{Error, Result};
+use crate::sample::field::choice::{FieldChoice, describes_the_grid};
 use crate::scene::Values;
 
 /// Columns with a meaning of their own: none of them is the default field to show.

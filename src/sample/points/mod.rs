@@ -1,7 +1,15 @@
 //! Samples particles: takes shapes, strengths and colours from the columns of a table.
 
+pub(crate) mod doubts;
+pub(crate) mod neighbours;
 #[cfg(feature = "cli")]
-mod apart;
+pub(crate) mod partitioned;
+#[cfg(feature = "cli")]
+pub(crate) mod reach;
+pub(crate) mod shepard;
+pub(crate) mod sph;
+pub(crate) mod yu_turk;
+
 mod columns;
 mod mass;
 mod neighbourhoods;
@@ -11,28 +19,30 @@ use std::borrow::Cow;
 
 use rayon::prelude::*;
 
-#[cfg(feature = "cli")]
-pub(crate) use self::apart::{
-    FITTED_NEIGHBOURS, Fitted, RowsApart, fit_apart, function_apart, sample_apart, scalars,
-};
 use self::columns::{Columns, INTENSITIES};
 use self::mass::Mass;
 pub(crate) use self::neighbourhoods::Neighbourhoods;
 #[cfg(feature = "cli")]
 pub(crate) use self::neighbourhoods::{Surrounded, without_spacing};
+#[cfg(feature = "cli")]
+pub(crate) use self::partitioned::{
+    FITTED_NEIGHBOURS, Fitted, RowsApart, fit_apart, function_apart, sample_apart, scalars,
+};
 use self::shape::Shape;
+use super::field::picked::picked_rows;
 use super::left_out::LeftOut;
-use super::picked::picked_rows;
 use super::{
-    DEFAULT_KERNEL_WIDTH, FieldChoice, SampleOptions, SampleReport, Sampled, TransferChoice,
-    check_count, index_u32, keep, mean_spacing, narrowed, nothing_left, take_scalar,
-    under_function,
+    DEFAULT_KERNEL_WIDTH, SampleOptions, Sampled, TransferChoice, check_count, index_u32, keep,
+    mean_spacing, narrowed, nothing_left, take_scalar, under_function,
 };
 #[cfg(feature = "prepared")]
 use super::{OfRows, ParticleShape};
+use crate::data::colour_columns::ColourNumbers;
+use crate::data::dataset::{Dataset, Geometry};
 use crate::error::Result;
-use crate::io::{ColourNumbers, Dataset, Geometry};
 use crate::math::ExactSum;
+use crate::sample::field::choice::FieldChoice;
+use crate::sample::report::SampleReport;
 use crate::scene::{
     Colour, Particles, PointVolume, Strength, Surroundings, Tiling, ValueSample, Values,
 };

@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use super::super::neighbours::{Elsewhere, PointIndex};
-#[cfg(feature = "cli")]
-use super::super::neighbours::{NEIGHBOUR_COUNT, SPACING_NEIGHBOURS};
 use super::super::{ParticleShape, SampleOptions};
+use super::neighbours::{Elsewhere, PointIndex};
+#[cfg(feature = "cli")]
+use super::neighbours::{NEIGHBOUR_COUNT, SPACING_NEIGHBOURS};
 use crate::error::{Error, Hint, Result};
 use crate::math::eigen;
 use glam::DVec3;

@@ -5,16 +5,18 @@ use std::borrow::Cow;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::super::factor::{factor_of_scales, sphere};
-use super::super::kernel_sums::{Summand, everywhere};
 use super::super::left_out::LeftOut;
-use super::super::neighbours::{MOST_NEIGHBOURS, NEIGHBOUR_COUNT, PointIndex};
-use super::super::{DEFAULT_KERNEL_WIDTH, ParticleShape, SampleOptions, sph, yu_turk};
+use super::super::{DEFAULT_KERNEL_WIDTH, ParticleShape, SampleOptions};
 use super::columns::Columns;
 use super::neighbourhoods::{Neighbourhoods, Surrounded, without_spacing};
+use super::neighbours::{MOST_NEIGHBOURS, NEIGHBOUR_COUNT, PointIndex};
+use super::{sph, yu_turk};
+use crate::data::shape_columns::{SCALES, VARIANCE};
+use crate::data::smoothing::{LengthMeaning, SphKernel};
 use crate::error::{Error, Hint, Result};
-use crate::io::{LengthMeaning, SCALES, SphKernel, VARIANCE};
 use crate::math::{eigen, factor_of_variance, from_eigen, principal_sigmas};
+use crate::sample::kernels::sums::{Summand, everywhere};
+use crate::sample::splats::factor::{factor_of_scales, sphere};
 use crate::scene::Values;
 
 /// A neighbourhood is flat, or a line, if the next standard deviation is smaller by this factor.

@@ -5,11 +5,10 @@ use std::path::Path;
 
 use serde_json::{Map, Value, json};
 
-use super::{
-    ColourSpace, ControlPoint, ScaleName, TransferDefaults, TransferFunction, ValueScale,
-    check_points, narrowed,
-};
+use super::{ControlPoint, TransferDefaults, TransferFunction, check_points, narrowed};
 use crate::error::{Error, Place, Result};
+use crate::scene::transfer_function::colour_maps::ColourSpace;
+use crate::scene::transfer_function::value_scale::{ScaleName, ValueScale};
 
 const OWN_KEYS: [&str; 6] = [
     "range",

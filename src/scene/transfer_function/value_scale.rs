@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use crate::scene::Values;
+use crate::scene::values::Values;
 use crate::scene::values::narrowed;
 
 /// Least number of steps that single precision must have within a range. If values are so far from 0 that there

@@ -266,8 +266,8 @@ fn is_zero_centred(sample: &ValueSample, [lo, hi]: [f32; 2]) -> bool {
 mod tests {
     use super::value_sample::split_mix;
     use super::*;
-    use crate::scene::Values;
     use crate::scene::transfer_function::colour_maps::colour_map;
+    use crate::scene::values::Values;
     use glam::DVec3;
 
     const OPTIONS: AutomaticOptions<'_> = AutomaticOptions {

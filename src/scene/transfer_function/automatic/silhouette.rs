@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3};
 
 use crate::math::eigen;
-use crate::scene::{LONE_CELL_WIDTH, Lattice, LatticeSpacing};
+use crate::scene::lattice::{LONE_CELL_WIDTH, Lattice, LatticeSpacing};
 
 /// Divisor of a squared length: the variance of an even distribution over it.
 const EVEN: f64 = 12.0;

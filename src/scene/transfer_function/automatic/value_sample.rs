@@ -6,9 +6,10 @@ use glam::DVec3;
 #[cfg(feature = "cli")]
 use super::silhouette::RECORDS;
 use super::silhouette::Silhouette;
+use crate::scene::lattice::Lattice;
 use crate::scene::transfer_function::value_scale::ValueScale;
+use crate::scene::values::Values;
 use crate::scene::values::narrowed;
-use crate::scene::{Lattice, Values};
 
 /// Greatest number of values sampled; more values are sampled evenly. At 2^18 the thousandth at either end is
 /// still 262 values.

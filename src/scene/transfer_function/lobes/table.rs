@@ -17,11 +17,11 @@ use rayon::prelude::*;
 use super::windows::{Jump, jumps, shapes, weights};
 use super::{
     ALONE_DEPTH, LEAST_WINDOW_SHARE, LOBE_CELLS_PER_DEVIATION, LOBE_REACH, LOBE_ROWS_PER_OCTAVE,
-    Lobe, Lobes, MAX_LOBE_CELLS, MAX_PIECE_WIDTH, MAX_WINDOW_CELLS, MAX_WINDOWS, Run, Shape,
-    Window,
+    Lobe, Lobes, MAX_LOBE_CELLS, MAX_PIECE_WIDTH, MAX_WINDOW_CELLS, MAX_WINDOWS, Run, Window,
 };
 use crate::math::FRAC_1_SQRT_TAU;
-use crate::scene::TransferFunction;
+use crate::scene::transfer_function::TransferFunction;
+use crate::scene::transfer_function::lobes::windows::Shape;
 use crate::scene::transfer_function::{CLASSIFICATION_TABLE_LEN, entry_value};
 
 /// A row of a lobe's table.

@@ -1,0 +1,7 @@
+//! What a frame is: settings, checks, the plan that both back ends read, uniforms, and the trait of a back end.
+
+pub(crate) mod backend;
+pub(crate) mod check;
+pub(crate) mod plan;
+pub(crate) mod settings;
+pub(crate) mod uniforms;

@@ -1,0 +1,155 @@
+//! Converts columns to particle tables, for CSV, NPY and PLY files.
+//!
+//! A table has named columns. `x`, `y` and `z` (in either case) are required and become the positions, in
+//! double precision. Every other numeric column becomes a field. Sampling the table decides the meaning of
+//! columns (`h`, `sigma`, `mass`, ...). Among lengths, `sigma` and `radius` are one standard deviation; `h` is
+//! the smoothing length of the cubic spline, which ends at 2 h ([`crate::irregular`]).
+
+use std::path::Path;
+
+use glam::DVec3;
+
+use crate::data::dataset::{Association, Dataset, Field, FieldSource, Geometry};
+use crate::error::{Advice, Error, Result};
+use crate::scene::Values;
+
+/// ParaView's names of position columns in the tables that it writes.
+pub(crate) const PARAVIEW: [&str; 3] = ["Points:0", "Points:1", "Points:2"];
+
+/// Note on tables without a column z.
+const FLAT: &str = "There is no column `z`: all particles are put at z = 0.";
+
+/// The columns of positions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct PositionColumns {
+    pub(crate) x: usize,
+    pub(crate) y: usize,
+    /// `None` for particles in a plane, which lie at z = 0.
+    pub(crate) z: Option<usize>,
+}
+
+impl PositionColumns {
+    /// The columns of all three axes.
+    ///
+    /// # Errors
+    /// There is no column z.
+    pub(crate) fn of_space(&self, path: &Path) -> Result<[usize; 3]> {
+        match self.z {
+            Some(z) => Ok([self.x, self.y, z]),
+            None => Err(misnamed(path, "no column `z`".to_owned())),
+        }
+    }
+
+    pub(crate) fn contains(&self, column: usize) -> bool {
+        self.x == column || self.y == column || self.z == Some(column)
+    }
+
+    /// The column of each axis; in a plane that of x in place of z, until [`Self::flatten`].
+    pub(crate) fn axes(&self) -> [usize; 3] {
+        [self.x, self.y, self.z.unwrap_or(self.x)]
+    }
+
+    /// Moves particles of a plane to z = 0; returns a note for their data set.
+    pub(crate) fn flatten(&self, positions: &mut [DVec3]) -> Option<String> {
+        if self.z.is_some() {
+            return None;
+        }
+        positions.iter_mut().for_each(|p| p.z = 0.0);
+        Some(FLAT.to_owned())
+    }
+}
+
+/// The columns named x, y and z; z may be missing.
+///
+/// # Errors
+/// x or y is missing, or one of the three occurs twice.
+pub(crate) fn position_columns<'a>(
+    path: &Path,
+    names: impl Iterator<Item = &'a str> + Clone,
+) -> Result<PositionColumns> {
+    let is_there = |wanted: &str| names.clone().any(|name| name.eq_ignore_ascii_case(wanted));
+    let wanted = match PARAVIEW.iter().all(|name| is_there(name)) && !is_there("x") {
+        true => PARAVIEW,
+        false => ["x", "y", "z"],
+    };
+    let column = |wanted: &str| {
+        let mut matching = names
+            .clone()
+            .enumerate()
+            .filter(|(_, name)| name.eq_ignore_ascii_case(wanted));
+        let found = match (matching.next(), matching.next()) {
+            (Some((index, _)), None) => return Ok(Some(index)),
+            (None, _) => return Ok(None),
+            (Some(_), Some(_)) => format!("more than one column `{wanted}`"),
+        };
+        Err(misnamed(path, found))
+    };
+    let [x, y, z] = [column(wanted[0])?, column(wanted[1])?, column(wanted[2])?];
+    match (x, y) {
+        (Some(x), Some(y)) => Ok(PositionColumns { x, y, z }),
+        _ => {
+            let missing = if x.is_none() { wanted[0] } else { wanted[1] };
+            let found = format!("no column `{missing}` among {}", list(names));
+            Err(misnamed(path, found))
+        }
+    }
+}
+
+fn misnamed(path: &Path, found: String) -> Error {
+    Error::format(
+        path,
+        "column names",
+        "one column each for x, y and z, or for x and y of a plane",
+        found,
+        "name the position columns x, y and z",
+    )
+}
+
+/// A bounded list of names, for messages.
+pub(crate) fn list<'a>(names: impl Iterator<Item = &'a str>) -> String {
+    const MOST: usize = 16;
+    let mut shown: Vec<String> = names
+        .take(MOST + 1)
+        .map(|n| format!("`{}`", n.chars().take(40).collect::<String>()))
+        .collect();
+    if shown.len() > MOST {
+        shown[MOST] = "...".to_owned();
+    }
+    if shown.is_empty() {
+        return "none at all".to_owned();
+    }
+    shown.join(", ")
+}
+
+/// A data set of particles.
+///
+/// # Errors
+/// No particles.
+pub(crate) fn dataset(
+    path: &Path,
+    format: &'static str,
+    positions: Vec<DVec3>,
+    fields: Vec<Field>,
+) -> Result<Dataset> {
+    if positions.is_empty() {
+        return Err(Error::format(
+            path,
+            "rows",
+            "at least one particle",
+            "none",
+            Advice::no_data("check that the table was written completely"),
+        ));
+    }
+    let geometry = Geometry::Points { positions };
+    Ok(Dataset::new(path, format, geometry, fields))
+}
+
+/// A scalar column as a field.
+pub(crate) fn scalar_field(name: impl Into<String>, values: Values) -> Field {
+    Field {
+        name: name.into(),
+        association: Association::Nodes,
+        source: FieldSource::Scalar(values),
+        unit: None,
+    }
+}

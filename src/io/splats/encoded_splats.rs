@@ -1,0 +1,86 @@
+//! Holds splats as a file's bytes, and notes what a format loses.
+
+use glam::DVec3;
+
+use crate::data::splats::SplatCloud;
+
+/// Form of a PLY file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum PlyForm {
+    /// With `scale_2`, as viewers expect.
+    #[default]
+    Volumetric,
+    /// Without `scale_2` and marked `SplatRenderMode: 2dgs`: flat splats as 2-D Gaussian splatting stores them.
+    Surfels,
+}
+
+/// Version of an SPZ file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum SpzVersion {
+    /// One gzip stream; more viewers read this version.
+    #[default]
+    Three,
+    /// One zstd stream for each array; viewers for earlier versions refuse it.
+    Four,
+}
+
+/// Options for a file of splats, beyond the format that its name gives.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct SplatFileOptions {
+    /// Form of a PLY file; volumetric for other formats.
+    pub form: PlyForm,
+    /// Version of an SPZ file; `None` for other formats.
+    pub spz_version: Option<SpzVersion>,
+    /// Upward direction among the splats, a unit vector ([`Up::of_scene`](crate::io::Up::of_scene)). The splats are rotated
+    /// so that it becomes the file's upward axis; [`SplatAxes`](crate::io::SplatAxes) defines that axis. If `None`, they
+    /// keep the readers' coordinates.
+    pub up: Option<DVec3>,
+}
+
+/// Bytes of a file before they are written.
+pub(in crate::io) struct Encoded {
+    pub(in crate::io) bytes: Vec<u8>,
+    pub(in crate::io) position_quantum: f64,
+    pub(in crate::io) notes: Vec<String>,
+}
+
+/// Returns the step between neighbouring f32 numbers at the greatest coordinate.
+pub(in crate::io) fn single_precision_quantum(positions: impl Iterator<Item = DVec3>) -> f64 {
+    let greatest = positions.fold(0.0_f64, |m, p| m.max(p.abs().max_element()));
+    let exponent = greatest.max(f64::from(f32::MIN_POSITIVE)).log2().floor();
+    (exponent - 23.0).exp2()
+}
+
+/// Notes that harmonics beyond the constant are lost, if there are any.
+pub(in crate::io) fn note_harmonics_lost(notes: &mut Vec<String>, cloud: &SplatCloud) {
+    if cloud.harmonics_degree > 0 {
+        notes.push("colours that depend on the view are lost: the format has none".into());
+    }
+}
+
+/// Notes that the mark of anti-aliased splats is lost, if they have it.
+pub(in crate::io) fn note_mark_lost(notes: &mut Vec<String>, cloud: &SplatCloud) {
+    if cloud.is_anti_aliased {
+        notes.push("the mark of anti-aliased splats is lost: the format has none".into());
+    }
+}
+
+/// Notes the number of values that were clamped to a format's range.
+pub(in crate::io) fn note_cut(notes: &mut Vec<String>, count: usize, what: &str) {
+    if count > 0 {
+        notes.push(format!("{count} {what}"));
+    }
+}
+
+/// Returns `round(x)` as a byte. Increments `cut` if the range clamps it by more than rounding does.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "clamped to a byte first"
+)]
+pub(in crate::io) fn byte(x: f64, cut: &mut usize) -> u8 {
+    if !(-0.5..255.5).contains(&x) {
+        *cut += 1;
+    }
+    x.round().clamp(0.0, 255.0) as u8
+}

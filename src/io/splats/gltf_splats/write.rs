@@ -1,0 +1,183 @@
+//! Writes splats as a .glb file.
+
+use std::path::Path;
+
+use glam::DVec3;
+use serde_json::{Value, json};
+
+use super::super::encoded_splats::{Encoded, note_mark_lost, single_precision_quantum};
+use super::{EXTENSION, LINEAR, harmonic_name, narrowed};
+use crate::data::splats::SplatCloud;
+use crate::error::{Error, Result};
+
+/// Ratio of distance and extent from which a node's offset moves positions to the origin. It costs six of f32's 24
+/// bits.
+const FAR: f64 = 64.0;
+
+/// Returns a file with one node and one mesh of points, all numbers in f32.
+pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> {
+    let count = cloud.positions.len();
+    let offset = offset(&cloud.positions);
+    let positions: Vec<[f32; 3]> = cloud
+        .positions
+        .iter()
+        .map(|p| (*p - offset).as_vec3().to_array())
+        .collect();
+    let mut attributes = Attributes::default();
+    attributes.push("POSITION".into(), "VEC3", positions.iter().copied());
+    let bounds = |pick: fn(f32, f32) -> f32| {
+        let all = positions.iter().copied();
+        all.reduce(|a, b| [0, 1, 2].map(|c| pick(a[c], b[c])))
+    };
+    attributes.accessors[0]["min"] = json!(bounds(f32::min));
+    attributes.accessors[0]["max"] = json!(bounds(f32::max));
+    let name = |what: &str| format!("{EXTENSION}:{what}");
+    let rotations = (0..count).map(|i| {
+        let [w, x, y, z] = cloud.unit_rotation(i);
+        [x, y, z, w].map(narrowed)
+    });
+    attributes.push(name("ROTATION"), "VEC4", rotations);
+    attributes.push(
+        name("SCALE"),
+        "VEC3",
+        (0..count).map(|i| cloud.thick_scales(i)),
+    );
+    attributes.push(
+        name("OPACITY"),
+        "SCALAR",
+        cloud.opacities.iter().map(|a| [*a]),
+    );
+    let mut k = 0;
+    for degree in 0..=cloud.harmonics_degree {
+        for n in 0..=2 * usize::from(degree) {
+            let of = |i: usize| {
+                let set = cloud.coefficients(i);
+                [set[3 * k], set[3 * k + 1], set[3 * k + 2]]
+            };
+            attributes.push(name(&harmonic_name(degree, n)), "VEC3", (0..count).map(of));
+            k += 1;
+        }
+    }
+    let Attributes {
+        names,
+        mut accessors,
+        views,
+        bytes: binary,
+    } = attributes;
+    for accessor in &mut accessors {
+        accessor["count"] = json!(count);
+    }
+    let mut node = json!({ "mesh": 0 });
+    if offset != DVec3::ZERO {
+        node["translation"] = json!(offset.to_array());
+    }
+    let names: serde_json::Map<String, Value> = names
+        .into_iter()
+        .enumerate()
+        .map(|(i, name)| (name, json!(i)))
+        .collect();
+    let document = json!({
+        "asset": { "version": "2.0", "generator": concat!("ewa-splat ", env!("CARGO_PKG_VERSION")) },
+        "extensionsUsed": [EXTENSION],
+        "scene": 0,
+        "scenes": [{ "nodes": [0] }],
+        "nodes": [node],
+        "meshes": [{ "primitives": [{
+            "mode": 0,
+            "attributes": names,
+            "extensions": { EXTENSION: {
+                "kernel": "ellipse",
+                "colorSpace": if cloud.is_linear { LINEAR } else { "srgb_rec709_display" },
+                "projection": "perspective",
+                "sortingMethod": "cameraDistance",
+            } },
+        }] }],
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{ "byteLength": binary.len() }],
+    });
+    let mut notes = Vec::new();
+    note_mark_lost(&mut notes, cloud);
+    Ok(Encoded {
+        bytes: container(path, document.to_string().into_bytes(), &binary)?,
+        position_quantum: single_precision_quantum(cloud.positions.iter().map(|p| *p - offset)),
+        notes,
+    })
+}
+
+/// Returns the offset that is subtracted from positions far from the origin: the middle of their box.
+fn offset(positions: &[DVec3]) -> DVec3 {
+    let lower = positions.iter().copied().fold(DVec3::INFINITY, DVec3::min);
+    let upper = positions
+        .iter()
+        .copied()
+        .fold(DVec3::NEG_INFINITY, DVec3::max);
+    let extent = (upper - lower).max_element();
+    let farthest = lower.abs().max(upper.abs()).max_element();
+    // A single splat, or several at one position, keep their coordinates if f32 represents them.
+    if farthest > FAR * extent && positions.iter().any(|p| p.as_vec3().as_dvec3() != *p) {
+        (lower + upper) * 0.5
+    } else {
+        DVec3::ZERO
+    }
+}
+
+/// Attributes, each an accessor with its own view.
+#[derive(Default)]
+struct Attributes {
+    names: Vec<String>,
+    accessors: Vec<Value>,
+    views: Vec<Value>,
+    bytes: Vec<u8>,
+}
+
+impl Attributes {
+    fn push<const N: usize>(
+        &mut self,
+        name: String,
+        kind: &str,
+        values: impl Iterator<Item = [f32; N]>,
+    ) {
+        let start = self.bytes.len();
+        self.bytes
+            .extend(values.flatten().flat_map(f32::to_le_bytes));
+        self.accessors.push(json!({
+            "bufferView": self.views.len(), "componentType": 5126, "type": kind,
+        }));
+        self.views.push(json!({
+            "buffer": 0, "byteOffset": start, "byteLength": self.bytes.len() - start,
+            // Code of vertex data (`ARRAY_BUFFER`).
+            "target": 34962,
+        }));
+        self.names.push(name);
+    }
+}
+
+/// Returns the two chunks with their headers, padded to four bytes. Spaces pad the JSON; the binary chunk consists of
+/// whole words.
+fn container(path: &Path, mut json: Vec<u8>, binary: &[u8]) -> Result<Vec<u8>> {
+    json.resize(json.len().next_multiple_of(4), b' ');
+    let len = 12 + 8 + json.len() + 8 + binary.len();
+    let Ok(len_u32) = u32::try_from(len) else {
+        return Err(Error::format(
+            path,
+            "size",
+            "fewer than 2^32 bytes",
+            len.to_string(),
+            "split the scene, or write .ply",
+        ));
+    };
+    // Both chunks are shorter than the file.
+    let chunk_len = |len: usize| u32::try_from(len).unwrap_or(len_u32).to_le_bytes();
+    let mut bytes = Vec::with_capacity(len);
+    bytes.extend(b"glTF");
+    bytes.extend(2_u32.to_le_bytes());
+    bytes.extend(len_u32.to_le_bytes());
+    bytes.extend(chunk_len(json.len()));
+    bytes.extend(b"JSON");
+    bytes.extend(json);
+    bytes.extend(chunk_len(binary.len()));
+    bytes.extend(b"BIN\0");
+    bytes.extend(binary);
+    Ok(bytes)
+}

@@ -1,0 +1,217 @@
+//! Measures the overlap of grids: the share of their volume that more than one of them covers.
+//!
+//! The kernels of each grid add up to the density of the data, so the density counts twice where two grids
+//! overlap. A sample of cells is probed: a cell counts if its centre lies well within a cell of another grid.
+//! Abutting grids have no overlap.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use glam::{DVec3, Vec3A};
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::Bvh2;
+use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
+use rayon::prelude::*;
+
+use super::structured::Grid;
+use crate::sample::index_u32;
+use crate::sample::report::{Finding, SampleReport};
+
+/// Approximate number of cells that are probed.
+const PROBES: usize = 4096;
+
+/// Depth within a cell at which a centre counts, as a share of the distance from the cell's faces to its
+/// middle. On curved interfaces, cells of one side reach a little into those of the other.
+const WITHIN: f64 = 0.2;
+
+/// Least share of the volume that is reported as overlap.
+const LEAST_SHARE: f64 = 0.01;
+
+/// Corners of each face of a cell; corners are numbered i fastest.
+const FACES: [[usize; 4]; 6] = [
+    [0, 2, 6, 4],
+    [1, 3, 7, 5],
+    [0, 1, 5, 4],
+    [2, 3, 7, 6],
+    [0, 1, 3, 2],
+    [4, 5, 7, 6],
+];
+
+/// A cell that is probed.
+struct Probe {
+    grid: usize,
+    centre: DVec3,
+    volume: f64,
+}
+
+/// A box: its least and greatest corner.
+type Bounds = [DVec3; 2];
+
+fn around(places: impl Iterator<Item = DVec3>) -> Bounds {
+    let none = [DVec3::INFINITY, DVec3::NEG_INFINITY];
+    let finite = places.filter(|p| p.is_finite());
+    finite.fold(none, |[low, high], p| [low.min(p), high.max(p)])
+}
+
+fn holds([low, high]: &Bounds, p: DVec3) -> bool {
+    p.cmpge(*low).all() && p.cmple(*high).all()
+}
+
+impl SampleReport {
+    /// Notes the share of the volume of some grids that more than one of them covers.
+    pub(in crate::sample) fn note_overlap(&mut self, grids: &[(usize, Grid<'_>)]) {
+        let Some((cells, share)) = overlap(grids) else {
+            return;
+        };
+        let reason = format!(
+            "within cells of other blocks: {:.0} % of the volume is covered more than once, and counts as often; hide one of \
+             the two (iblank, vtkGhostType)",
+            (100.0 * share).ceil()
+        );
+        self.findings.push(Finding {
+            count: cells,
+            noun: "cells".into(),
+            reason: reason.into(),
+            left_out: false,
+        });
+    }
+}
+
+/// Estimates the number of cells within others, and the share of the volume that is covered more than once.
+/// Returns `None` if the share is negligible.
+fn overlap(grids: &[(usize, Grid<'_>)]) -> Option<(usize, f64)> {
+    let is_solid = |grid: &Grid<'_>| grid.dims.iter().all(|&n| n > 1);
+    let grids: Vec<&Grid<'_>> = grids.iter().map(|(_, grid)| grid).collect();
+    let grids: Vec<&Grid<'_>> = grids.into_iter().filter(|grid| is_solid(grid)).collect();
+    let boxes: Vec<Bounds> = grids
+        .par_iter()
+        .map(|grid| around(grid.nodes.iter().copied()))
+        .collect();
+    let boxes = boxes.as_slice();
+    let meet = |a: &Bounds, b: &Bounds| (a[1].min(b[1])).cmpgt(a[0].max(b[0])).all();
+    let others = |own: usize| {
+        let others = boxes.iter().enumerate().filter(move |(n, _)| *n != own);
+        others.filter(move |(_, other)| meet(&boxes[own], other))
+    };
+    if (0..grids.len()).all(|own| others(own).next().is_none()) {
+        return None;
+    }
+    // Number of each grid's drawn cells that lie within the boxes of other grids, and the volume of all.
+    let looked_at = |own: usize| {
+        let near: Vec<&Bounds> = others(own).map(|(_, other)| other).collect();
+        let of_cell = |cell: usize| {
+            let Ok(part) = grids[own].cell_part(cell) else {
+                return (0, 0.0);
+            };
+            let is_near = near.iter().any(|other| holds(other, part.centroid));
+            (usize::from(is_near), part.volume)
+        };
+        let cells = 0..cell_count(grids[own]);
+        let add = |a: (usize, f64), b: (usize, f64)| (a.0 + b.0, a.1 + b.1);
+        cells.into_par_iter().map(of_cell).reduce(|| (0, 0.0), add)
+    };
+    let found: Vec<(usize, f64)> = (0..grids.len()).map(looked_at).collect();
+    let near: usize = found.iter().map(|(count, _)| count).sum();
+    let volume: f64 = found.iter().map(|(_, volume)| volume).sum();
+    let stride = near.div_ceil(PROBES).max(1);
+    let probes: Vec<Probe> = (0..grids.len())
+        .flat_map(|own| {
+            let near: Vec<&Bounds> = others(own).map(|(_, other)| other).collect();
+            let probe = |cell: usize| {
+                let part = grids[own].cell_part(cell).ok()?;
+                let is_near = near.iter().any(|other| holds(other, part.centroid));
+                is_near.then_some(Probe {
+                    grid: own,
+                    centre: part.centroid,
+                    volume: part.volume,
+                })
+            };
+            let cells = (0..cell_count(grids[own])).into_par_iter();
+            let probes = cells.filter(|&cell| is_chosen(cell, stride));
+            probes.filter_map(probe).collect::<Vec<_>>()
+        })
+        .collect();
+    let covered = covered(&grids, &probes);
+    let covered = || probes.iter().zip(&covered).filter(|(_, is)| **is);
+    // Both of two overlapping cells are counted.
+    let doubled = covered().map(|(probe, _)| probe.volume).sum::<f64>() * stride as f64 / 2.0;
+    let share = doubled / (volume - doubled);
+    (share >= LEAST_SHARE).then(|| (covered().count() * stride, share.min(1.0)))
+}
+
+fn cell_count(grid: &Grid<'_>) -> usize {
+    grid.dims.iter().map(|n| n - 1).product()
+}
+
+/// Returns true for the cells that are probed: one in `stride`, pseudo-randomly.
+fn is_chosen(cell: usize, stride: usize) -> bool {
+    let mixed = (cell as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    (mixed >> 20).is_multiple_of(stride as u64)
+}
+
+/// Marks the probes that lie within cells of other grids.
+fn covered(grids: &[&Grid<'_>], probes: &[Probe]) -> Vec<bool> {
+    let [low, high] = around(probes.iter().map(|probe| probe.centre));
+    let (middle, widest) = ((low + high) / 2.0, (high - low).max_element());
+    let found: Vec<AtomicBool> = probes.iter().map(|_| AtomicBool::new(false)).collect();
+    if widest > 0.0 && widest.is_finite() {
+        // obvhs works in f32: scale to unit size, and enlarge the boxes a little.
+        let corner = |p: DVec3, by: f64| Vec3A::from(((p - middle) / widest + by).as_vec3());
+        let boxed = |[low, high]: Bounds| Aabb::new(corner(low, -1e-6), corner(high, 1e-6));
+        let places: Vec<Aabb> = probes.iter().map(|p| boxed([p.centre; 2])).collect();
+        let bvh = PlocBuilder::with_capacity(places.len()).build(
+            PlocSearchDistance::Minimum,
+            &places,
+            (0..index_u32(places.len())).collect(),
+            SortPrecision::U64,
+            0,
+        );
+        for (own, grid) in grids.iter().enumerate() {
+            let cells = (0..cell_count(grid)).into_par_iter();
+            cells.for_each(|cell| probe_cell((own, grid), cell, (&bvh, &boxed), probes, &found));
+        }
+    }
+    found.into_iter().map(AtomicBool::into_inner).collect()
+}
+
+/// Marks the probes of other grids that lie within a cell.
+fn probe_cell(
+    (own, grid): (usize, &Grid<'_>),
+    cell: usize,
+    (bvh, boxed): (&Bvh2, &impl Fn(Bounds) -> Aabb),
+    probes: &[Probe],
+    found: &[AtomicBool],
+) {
+    let [ci, cj, _] = grid.dims.map(|n| n - 1);
+    let corners = grid.cell_corners([cell % ci, cell / ci % cj, cell / (ci * cj)]);
+    let bounds = around(corners.iter().copied());
+    let mut is_drawn = None;
+    bvh.aabb_traverse(boxed(bounds), |bvh, node| {
+        let node = &bvh.nodes[node as usize];
+        let first = node.first_index as usize;
+        for &number in &bvh.primitive_indices[first..first + node.prim_count as usize] {
+            let probe = &probes[number as usize];
+            if probe.grid != own && holds(&bounds, probe.centre) {
+                let is_drawn = *is_drawn.get_or_insert_with(|| grid.cell_part(cell).is_ok());
+                if is_drawn && is_within(&corners, probe.centre) {
+                    found[number as usize].store(true, Ordering::Relaxed);
+                }
+            }
+        }
+        true
+    });
+}
+
+/// Returns true if a place lies well within a cell, judged by its faces cut into triangles.
+fn is_within(corners: &[DVec3; 8], place: DVec3) -> bool {
+    let middle = corners.iter().sum::<DVec3>() / 8.0;
+    FACES.iter().all(|face| {
+        let centre = face.iter().map(|&c| corners[c]).sum::<DVec3>() / 4.0;
+        (0..4).all(|i| {
+            let [a, b] = [face[i], face[(i + 1) % 4]].map(|c| corners[c] - centre);
+            let normal = a.cross(b);
+            let depth = normal.dot(middle - centre);
+            // An edge that has collapsed bounds nothing.
+            depth == 0.0 || normal.dot(place - centre) / depth >= WITHIN
+        })
+    })
+}

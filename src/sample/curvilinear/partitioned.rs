@@ -1,0 +1,242 @@
+//! Samples curvilinear grids that are partitioned over ranks by planes.
+
+use std::ops::Range;
+
+use glam::DVec3;
+
+use super::even_grid;
+use super::sharp::{FARTHEST, sharpen_grids};
+use super::structured::{CellCounts, Grid, volume_of};
+use super::window::Window;
+use super::{GridField, GridFit};
+use crate::data::blanking::Blanking;
+use crate::data::dataset::Association;
+use crate::error::Result;
+use crate::math::ExactSum;
+use crate::sample::field::picked::picked_of;
+use crate::sample::kernels::Kernels;
+use crate::sample::report::SampleReport;
+use crate::sample::rest::{Own, Rest};
+use crate::sample::{SampleOptions, check_options, unclassified};
+use crate::scene::{
+    Boundary, LocalModel, Particles, PickedRow, PointVolume, Strength, ValueScale, Values,
+};
+
+/// Planes of constant k of a grid, with a field.
+pub(crate) struct GridPlanes {
+    /// Local nodes along i, j and k.
+    pub(crate) dims: [usize; 3],
+    pub(crate) nodes: Vec<DVec3>,
+    pub(crate) blanking: Blanking,
+    pub(crate) association: Association,
+    /// Values of the nodes, or of the cells between them.
+    pub(crate) values: Values,
+    /// Scale for taking differences of values, common to all planes.
+    pub(crate) differences: ValueScale,
+    /// True for each index along which the first and the last plane of the grid coincide; false along k.
+    pub(crate) periodic: [bool; 3],
+    pub(crate) window: Window,
+}
+
+/// Returns the planes that a rank needs to make the kernels of some.
+///
+/// - `own`: the planes whose kernels are wanted, among `count`.
+pub(crate) fn planes_around(
+    own: &Range<usize>,
+    count: usize,
+    options: &SampleOptions,
+) -> Range<usize> {
+    // The sum of kernels at a node includes kernels up to `reach` away. If the spacing changes two nodes away,
+    // the kernels beside those count, too. Local models reach two nodes. Kernels need the adjacent nodes.
+    let reach = even_grid::reach(options.kernel_width).unsigned_abs();
+    let reach = reach.max(3) + 2;
+    let first = own.start.saturating_sub(reach);
+    let end = (own.end + reach).min(count);
+    // Kernels near a face are cut there, so the face's own plane is needed.
+    let near = FARTHEST + 2;
+    let first = if first <= near { 0 } else { first };
+    let end = if end + near >= count { count } else { end };
+    first..end
+}
+
+/// Particles made of a range of planes.
+pub(crate) struct GridApart<'a> {
+    here: &'a GridPlanes,
+    grid: Grid<'a>,
+    /// Sample of each particle.
+    kept: Vec<u32>,
+    /// The wanted particles; the others are ghosts that these need.
+    own: Range<usize>,
+    /// All local particles, with the data's values and without a function.
+    pub(crate) volume: PointVolume,
+    /// Models, one for each local particle.
+    pub(crate) models: Option<Vec<LocalModel>>,
+    /// Report on the wanted particles.
+    pub(crate) report: SampleReport,
+}
+
+impl GridPlanes {
+    fn samples(&self) -> Range<usize> {
+        let [i, j, _] = self.dims;
+        let (planes, each) = match self.association {
+            Association::Nodes => (self.window.own.clone(), i * j),
+            Association::Cells => (self.window.cells(self.dims), (i - 1) * (j - 1)),
+        };
+        planes.start * each..planes.end * each
+    }
+
+    /// Makes the particles of the wanted planes and of the ghost planes that these need.
+    ///
+    /// - `volume_sum`: sum to which the volumes of the wanted particles are added \[length³\].
+    ///
+    /// # Errors
+    /// Errors of the reductions over `rest`; work that was cancelled.
+    pub(crate) fn sampled(
+        &self,
+        options: &SampleOptions,
+        volume_sum: &mut ExactSum,
+        rest: &mut dyn Rest,
+    ) -> Result<GridApart<'_>> {
+        check_options(options)?;
+        let mut counts = CellCounts::default();
+        let (mut grid, rows) = Grid::of_planes(
+            self.dims,
+            &self.nodes,
+            &self.blanking,
+            self.periodic,
+            self.window.clone(),
+        );
+        let volume = rest.sum(volume_of(&rows))?;
+        grid.turn(volume.value(), &rows, &mut counts);
+        let samples = self.samples();
+        let mut report = SampleReport {
+            sample_count: samples.len(),
+            ..SampleReport::default()
+        };
+        counts.report(&mut report);
+        let grids = [(0, grid)];
+        let seen = self.differences.seen(&self.values);
+        let field = GridField {
+            grids: &grids,
+            association: self.association,
+            values: &seen,
+            own: samples.clone(),
+        };
+        let kernels = field.kernels(&mut report, options)?;
+        let own = kernels.within(&samples);
+        let GridFit { normals, models } = field.fit(&kernels, own.clone(), options)?;
+        let count = kernels.kept.len();
+        let Kernels {
+            positions,
+            factors,
+            volumes,
+            kept,
+        } = kernels;
+        let values = self.values.gather(&kept);
+        report.particle_count = own.len();
+        report.value_range = values.part(own.clone()).finite_range();
+        let of_own = &volumes[own.clone()];
+        of_own.iter().for_each(|v| volume_sum.add(f64::from(*v)));
+        let [(_, grid)] = grids;
+        Ok(GridApart {
+            here: self,
+            grid,
+            kept,
+            volume: PointVolume {
+                normals: normals.map(|normals| padded(normals, 0, &own, count)),
+                ..unclassified(
+                    Particles::Anisotropic { positions, factors },
+                    volumes,
+                    values,
+                )
+            },
+            models: models.map(|models| padded(models, LocalModel::NONE, &own, count)),
+            own,
+            report,
+        })
+    }
+}
+
+/// Pads values of the wanted particles with `none` for the others.
+fn padded<T: Copy>(of_own: Vec<T>, none: T, own: &Range<usize>, count: usize) -> Vec<T> {
+    let mut all = vec![none; count];
+    all[own.clone()].copy_from_slice(&of_own);
+    all
+}
+
+impl GridApart<'_> {
+    /// Picks the particles from which a function may be chosen.
+    ///
+    /// - `first`: number of particles of the grid that precede these.
+    /// - `count`: number of particles of the grid.
+    pub(crate) fn picked(&self, first: usize, count: usize) -> Vec<PickedRow> {
+        picked_of(&self.volume, &self.own, first, count)
+    }
+
+    /// Returns the wanted particles, with a sharp boundary if the options ask for one. The number is that of
+    /// the ghosts among them, at the end.
+    ///
+    /// # Errors
+    /// Errors of the reductions over `rest`.
+    pub(crate) fn finished(
+        self,
+        options: &SampleOptions,
+        rest: &mut dyn Rest,
+    ) -> Result<(PointVolume, usize)> {
+        let Self {
+            here,
+            grid,
+            kept,
+            own,
+            mut volume,
+            mut report,
+            ..
+        } = self;
+        let mut wanted: Vec<u32> = own.clone().map(crate::sample::index_u32).collect();
+        let mut ghosts = 0;
+        if options.is_sharp() && here.association == Association::Nodes {
+            let own_and_rest = &mut Own {
+                range: own.clone(),
+                rest,
+            };
+            let grids = [(0, grid)];
+            let report = &mut report;
+            let sources = sharpen_grids(&mut volume, report, &grids, &kept, options, own_and_rest)?;
+            let is_own = |(_, source): &(usize, &usize)| own.contains(source);
+            let of_own = sources.iter().enumerate().filter(is_own);
+            wanted.extend(of_own.map(|(i, _)| crate::sample::index_u32(kept.len() + i)));
+            ghosts = wanted.len() - own.len();
+        }
+        Ok((some_of(volume, &wanted), ghosts))
+    }
+}
+
+/// Selects particles of a volume of ellipsoids that a function classifies.
+fn some_of(volume: PointVolume, wanted: &[u32]) -> PointVolume {
+    fn some<T: Copy>(all: &[T], wanted: &[u32]) -> Vec<T> {
+        wanted.iter().map(|&i| all[i as usize]).collect()
+    }
+    PointVolume {
+        particles: match volume.particles {
+            Particles::Anisotropic { positions, factors } => Particles::Anisotropic {
+                positions: some(&positions, wanted),
+                factors: some(&factors, wanted),
+            },
+            other => other,
+        },
+        strength: match volume.strength {
+            Strength::Classified { volumes } => Strength::Classified {
+                volumes: some(&volumes, wanted),
+            },
+            other => other,
+        },
+        values: volume.values.map(|values| values.gather(wanted)),
+        boundary: volume.boundary.map(|boundary| match boundary {
+            Boundary::Planes(planes) => Boundary::Planes(planes.gather(wanted)),
+            Boundary::Lattice => Boundary::Lattice,
+        }),
+        normals: volume.normals.map(|normals| some(&normals, wanted)),
+        local_models: volume.local_models.map(|models| models.gather(wanted)),
+        ..volume
+    }
+}

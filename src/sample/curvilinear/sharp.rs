@@ -1,0 +1,581 @@
+//! Makes sharp boundaries of curvilinear grids: whole cells around boundary nodes, one layer of ghosts beyond
+//! them, and planes that cut the kernels there.
+//!
+//! The grid is extended linearly, node by node: 2 X0 - X1, and once more for the shapes of the ghosts. Boundary
+//! nodes thus get the same kernels as nodes inside. Each kernel within some cells of a face is cut by the
+//! tangent plane at the nearest boundary node. That is exact on plane faces, and of second order in curvature
+//! times spacing on others. A face that has collapsed to a line or a point, a pole, does not count as a face.
+
+use glam::{DMat3, DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::even_grid::GridNodes;
+use super::structured::{Grid, Part};
+use super::window::Window;
+use crate::constants::{EDGE_REACH, MOST_EDGES};
+use crate::error::Result;
+use crate::math::lower_factor;
+use crate::sample::field::local_models::matrix_of;
+use crate::sample::kernels::Kernel;
+use crate::sample::kernels::even::CutKernels;
+use crate::sample::report::SampleReport;
+use crate::sample::rest::Own;
+use crate::sample::{SampleOptions, index_u32, narrowed};
+use crate::scene::{
+    Boundary, BoundaryPlanes, LocalModel, LocalModels, NO_EDGE, Particles, PointVolume, Strength,
+};
+
+/// Layers of nodes by which the grid is extended: one of ghosts, and one beyond for their shapes.
+const LAYERS: usize = 2;
+
+/// Greatest distance in cells at which a face may cut a kernel: in a boundary layer, kernels grow almost as
+/// fast as their distance.
+pub(in crate::sample) const FARTHEST: usize = 6;
+
+/// Least sine of the angle between two tangents that span a face.
+const LEAST_SINE: f64 = 1e-6;
+
+/// The nodes on a face of a grid and their ghosts beyond it. The array holds these two layers between two outer
+/// ones.
+struct Face {
+    axis: usize,
+    /// Indices of the first node.
+    first: [isize; 3],
+    dims: [usize; 3],
+    parts: Vec<Option<Part>>,
+}
+
+impl Face {
+    /// Returns the part of a node of the two middle layers, if it has one.
+    fn part(&self, ijk: [isize; 3]) -> Option<Part> {
+        let [i, j, k] = [0, 1, 2].map(|a| usize::try_from(ijk[a] - self.first[a]).ok());
+        let at = [i?, j?, k?];
+        let is_of_face = at[self.axis] == 1 || at[self.axis] == 2;
+        let [i, j, k] = at;
+        is_of_face.then(|| self.parts[i + self.dims[0] * (j + self.dims[1] * k)])?
+    }
+}
+
+impl Grid<'_> {
+    /// Returns the nodes on the grid's faces, without seams; nodes on edges occur more than once.
+    fn face_nodes(&self) -> impl Iterator<Item = usize> {
+        let axes = (0..3).filter(|&a| !self.periodic[a]);
+        axes.flat_map(move |a| {
+            let sides = [0, self.dims[a] - 1].into_iter().enumerate();
+            let faces = sides.filter(move |(side, _)| self.is_face(a, *side == 1));
+            faces.flat_map(move |(_, at)| plane_nodes(self.dims, a, at))
+        })
+    }
+
+    /// Returns true if the first or last local plane along an index without a seam is a face of the grid. Along
+    /// k it may be a cut between ranks instead.
+    fn is_face(&self, a: usize, is_upper: bool) -> bool {
+        let Window { first, count, .. } = self.window;
+        a < 2
+            || (if is_upper {
+                first + self.dims[2] == count
+            } else {
+                first == 0
+            })
+    }
+
+    /// Returns the number of nodes from a place to the first and to the last plane of the whole grid along an
+    /// index.
+    fn face_distances(&self, a: usize, i: isize) -> [isize; 2] {
+        let Window { first, count, .. } = self.window;
+        let [before, count] = match a {
+            2 => [first, count],
+            _ => [0, self.dims[a]],
+        };
+        let i = i + before as isize;
+        [i, count as isize - 1 - i]
+    }
+
+    /// Returns the number of layers by which the grid is extended along each index.
+    fn layers(&self) -> [usize; 3] {
+        self.periodic
+            .map(|is_periodic| if is_periodic { 0 } else { LAYERS })
+    }
+
+    /// Returns the position of a node of the grid or of its linear extension.
+    fn continued(&self, at: [isize; 3]) -> DVec3 {
+        let along = [0, 1, 2].map(|a| {
+            let last = self.dims[a] as isize - 1;
+            let (i, base) = (at[a], at[a].clamp(0, last));
+            let inner = if base == 0 { 1.min(last) } else { base - 1 };
+            let beyond = (i - base).unsigned_abs() as f64;
+            [(base as usize, 1.0 + beyond), (inner as usize, -beyond)]
+        });
+        let mut sum = DVec3::ZERO;
+        for (i, x) in along[0] {
+            for (j, y) in along[1] {
+                for (k, z) in along[2] {
+                    let weight = x * y * z;
+                    if weight != 0.0 {
+                        sum += self.nodes[self.node_index([i, j, k])] * weight;
+                    }
+                }
+            }
+        }
+        sum
+    }
+
+    /// Returns the tangent plane at the boundary node nearest to a place along index `a`: its normal into the
+    /// grid, and the node. Returns `None` if the face has collapsed.
+    fn tangent_plane(&self, mut ijk: [usize; 3], a: usize, is_upper: bool) -> Option<[DVec3; 2]> {
+        let last = self.dims.map(|n| n - 1);
+        ijk[a] = if is_upper { last[a] } else { 0 };
+        let node = |ijk: [usize; 3]| self.nodes[self.node_index(ijk)];
+        let tangent = |b: usize| {
+            let neighbour = |step: isize| {
+                let mut to = ijk;
+                let period = if self.periodic[b] { last[b] } else { 0 };
+                to[b] = match (ijk[b].checked_add_signed(step), period) {
+                    (None, 0) => 0,
+                    (None, period) => period - 1,
+                    (Some(i), 0) => i.min(last[b]),
+                    (Some(i), period) => i % period,
+                };
+                node(to)
+            };
+            neighbour(1) - neighbour(-1)
+        };
+        let mut inner = ijk;
+        inner[a] = if is_upper { last[a] - 1 } else { 1 };
+        let origin = node(ijk);
+        let inward = node(inner) - origin;
+        let [u, v] = [tangent((a + 1) % 3), tangent((a + 2) % 3)];
+        let across = u.cross(v);
+        // Phrased so that NaN gives no plane.
+        if !(across.length() > LEAST_SINE * u.length() * v.length()) {
+            return None;
+        }
+        let normal = across.normalize();
+        let height = normal.dot(inward);
+        (height.abs() > LEAST_SINE * inward.length()).then(|| [normal * height.signum(), origin])
+    }
+
+    /// Returns true if nothing around a node is blanked.
+    fn is_clear(&self, ijk: [usize; 3]) -> bool {
+        !self.blanking.node(self.first_node + self.node_index(ijk)) && !self.is_beside_blanked(ijk)
+    }
+
+    /// Returns the changed particles beside the boundary and the ghosts, row by row. The first list of each row
+    /// gives their nodes in the grid extended by [`LAYERS`].
+    ///
+    /// - `particle`: returns the particle of a node, if it has one.
+    /// - `kernel`: returns the centre and the factor of a particle.
+    fn sharp_nodes(
+        &self,
+        kernel_width: f64,
+        particle: impl Fn(usize) -> Option<usize> + Sync,
+        kernel: impl Fn(usize) -> (DVec3, DMat3) + Sync,
+    ) -> Vec<(Vec<usize>, Vec<SharpParticle>)> {
+        let layers = self.layers();
+        let dims = [0, 1, 2].map(|a| self.dims[a] + 2 * layers[a]);
+        let faces: Vec<Face> = (0..3)
+            .filter(|&a| !self.periodic[a])
+            .flat_map(|a| [false, true].map(|is_upper| (a, is_upper)))
+            .filter(|&(a, is_upper)| self.is_face(a, is_upper))
+            .map(|(a, is_upper)| self.face(a, is_upper, dims))
+            .collect();
+        let is_near = |ijk: [isize; 3], a: usize| {
+            let [below, above] = self.face_distances(a, ijk[a]);
+            !self.periodic[a] && below.min(above) <= FARTHEST as isize
+        };
+        let of_row = |row: usize| {
+            let [j, k] = [row % dims[1], row / dims[1]];
+            let of_row = [0, j, k];
+            let ijk = [0, 1, 2].map(|a| of_row[a] as isize - layers[a] as isize);
+            let is_beside = is_near(ijk, 1) || is_near(ijk, 2);
+            let change = |i: usize| {
+                let ijk = [i as isize - layers[0] as isize, ijk[1], ijk[2]];
+                let is_beside = is_beside || is_near(ijk, 0);
+                let change = || self.sharp_node(&faces, ijk, kernel_width, &particle, &kernel);
+                Some((row * dims[0] + i, is_beside.then(change)??))
+            };
+            let changes: Vec<_> = (0..dims[0]).filter_map(change).collect();
+            changes.into_iter().unzip()
+        };
+        (0..dims[1] * dims[2]).into_par_iter().map(of_row).collect()
+    }
+
+    /// Returns the nodes on a face and the ghosts beyond it.
+    ///
+    /// - `dims`: dimensions of the extended grid.
+    fn face(&self, a: usize, is_upper: bool, dims: [usize; 3]) -> Face {
+        let layers = self.layers();
+        let mut first = layers.map(|n| -(n as isize));
+        if is_upper {
+            first[a] = self.dims[a] as isize - 2;
+        }
+        let mut dims = dims;
+        dims[a] = 2 * LAYERS;
+        let at = |n: usize| [n % dims[0], n / dims[0] % dims[1], n / (dims[0] * dims[1])];
+        let nodes: Vec<DVec3> = (0..dims.iter().product())
+            .into_par_iter()
+            .map(|n| {
+                let at = at(n);
+                self.continued([0, 1, 2].map(|a| first[a] + at[a] as isize))
+            })
+            .collect();
+        let grid = Grid::like(self, dims, &nodes);
+        let mut parts = vec![None; nodes.len()];
+        parts
+            .par_chunks_mut(dims[0])
+            .enumerate()
+            .for_each(|(row, parts)| {
+                let start = row * dims[0];
+                grid.node_parts(start..start + dims[0], |n, part| {
+                    parts[n - start] = part.ok();
+                });
+            });
+        Face {
+            axis: a,
+            first,
+            dims,
+            parts,
+        }
+    }
+
+    /// - `ijk`: a node of the extended grid; indices are relative to the grid's own first node.
+    fn sharp_node(
+        &self,
+        faces: &[Face],
+        ijk: [isize; 3],
+        kernel_width: f64,
+        particle: impl Fn(usize) -> Option<usize>,
+        kernel: impl Fn(usize) -> (DVec3, DMat3),
+    ) -> Option<SharpParticle> {
+        let last = self.dims.map(|n| n as isize - 1);
+        let nearest = [0, 1, 2].map(|a| ijk[a].clamp(0, last[a]));
+        let beyond = [0, 1, 2].map(|a| ijk[a] - nearest[a]);
+        if beyond.iter().any(|d| d.abs() > 1)
+            || (beyond[2] != 0 && !self.is_face(2, beyond[2] > 0))
+            || (0..3).any(|a| self.periodic[a] && ijk[a] == last[a])
+        {
+            return None;
+        }
+        let to_index = |v: [isize; 3]| v.map(|i| i.unsigned_abs());
+        let node = to_index(nearest);
+        if !self.is_clear(node) {
+            return None;
+        }
+        let own = particle(self.node_index(node))?;
+        let is_ghost = beyond != [0; 3];
+        let mut planes = Vec::with_capacity(MOST_EDGES);
+        let mut is_on_boundary = false;
+        let mut is_whole = true;
+        for a in (0..3).filter(|&a| !self.periodic[a]) {
+            for (is_upper, distance) in [false, true]
+                .into_iter()
+                .zip(self.face_distances(a, ijk[a]))
+            {
+                if distance > FARTHEST as isize {
+                    continue;
+                }
+                let plane = self.tangent_plane(node, a, is_upper);
+                is_on_boundary |= distance <= 0;
+                // At a pole the grid cannot be extended.
+                is_whole &= plane.is_some() || distance > 0;
+                planes.extend(plane);
+            }
+        }
+        if planes.is_empty() || (is_ghost && !is_whole) {
+            return None;
+        }
+        let (centre, factor, changed) = if is_whole && (is_ghost || is_on_boundary) {
+            let part = faces.iter().find_map(|face| face.part(ijk))?;
+            let factor = part.jacobian * kernel_width;
+            let kernel = Kernel::new(part.centroid, lower_factor(factor), part.volume).ok()?;
+            (part.centroid, factor, Some(kernel))
+        } else {
+            let (centre, factor) = kernel(own);
+            (centre, factor, None)
+        };
+        let edges = edges(&planes, centre, &factor);
+        // Neither a new kernel nor a cut.
+        if changed.is_none() && edges.is_none() {
+            return None;
+        }
+        let behind = to_index([0, 1, 2].map(|a| (nearest[a] - beyond[a]).clamp(0, last[a])));
+        let behind = particle(self.node_index(behind)).unwrap_or(own);
+        Some(SharpParticle {
+            sources: [own, behind],
+            is_ghost,
+            kernel: changed,
+            value: None,
+            edges,
+        })
+    }
+}
+
+/// Returns the numbers of the nodes of both faces of a grid along index `a`.
+pub(in crate::sample) fn face_nodes(dims: [usize; 3], a: usize) -> impl Iterator<Item = usize> {
+    let faces = [0, dims[a] - 1].into_iter();
+    faces.flat_map(move |at| plane_nodes(dims, a, at))
+}
+
+/// Returns the nodes of a plane along index `a`.
+fn plane_nodes(dims: [usize; 3], a: usize, at: usize) -> impl Iterator<Item = usize> {
+    let strides = [1, dims[0], dims[0] * dims[1]];
+    let (b, c) = ((a + 1) % 3, (a + 2) % 3);
+    let across = (0..dims[b]).flat_map(move |i| (0..dims[c]).map(move |j| (i, j)));
+    across.map(move |(i, j)| at * strides[a] + i * strides[b] + j * strides[c])
+}
+
+/// Returns those of some planes (each a normal into the domain and a point) that reach a kernel.
+pub(in crate::sample) fn edges(
+    planes: &[[DVec3; 2]],
+    centre: DVec3,
+    factor: &DMat3,
+) -> Option<[[f32; 4]; MOST_EDGES]> {
+    let mut out = [NO_EDGE; MOST_EDGES];
+    let mut count = 0;
+    for &[normal, point] in planes {
+        let inside = normal.dot(centre - point);
+        let reach = f64::from(EDGE_REACH) * (factor.transpose() * normal).length();
+        if inside < reach && count < MOST_EDGES {
+            out[count] = normal.extend(inside).to_array().map(narrowed);
+            count += 1;
+        }
+    }
+    (count > 0).then_some(out)
+}
+
+/// A particle that is changed or added at the boundary.
+pub(in crate::sample) struct SharpParticle {
+    /// The particle itself, or the particle nearest to a ghost; then the one mirrored behind that.
+    pub(in crate::sample) sources: [usize; 2],
+    pub(in crate::sample) is_ghost: bool,
+    /// New kernel, if it changes.
+    pub(in crate::sample) kernel: Option<Kernel>,
+    /// Value of a ghost, if it is not extrapolated from its sources.
+    pub(in crate::sample) value: Option<f64>,
+    pub(in crate::sample) edges: Option<[[f32; 4]; MOST_EDGES]>,
+}
+
+/// Gives a sampled volume of nodes of curvilinear grids a sharp boundary.
+///
+/// - `grids`: each grid with the number of its first node.
+/// - `kept`: node of each particle, ascending.
+///
+/// Returns the particle of each ghost; empty if nothing is cut.
+pub(in crate::sample) fn sharpen_grids(
+    volume: &mut PointVolume,
+    report: &mut SampleReport,
+    grids: &[(usize, Grid<'_>)],
+    kept: &[u32],
+    options: &SampleOptions,
+    own: &mut Own<'_>,
+) -> Result<Vec<usize>> {
+    let node_count: usize = grids.iter().map(|(_, grid)| grid.nodes.len()).sum();
+    let particle = |node: usize| {
+        if kept.len() == node_count {
+            Some(node)
+        } else {
+            kept.binary_search(&index_u32(node)).ok()
+        }
+    };
+    // Before the grids are extended: most volumes that are transparent on the boundary need no more than this
+    // test.
+    let on_faces = grids
+        .iter()
+        .flat_map(|(first, grid)| grid.face_nodes().map(move |node| first + node));
+    let on_faces = on_faces.filter_map(particle);
+    let on_faces = on_faces.filter(|i| own.range.contains(i));
+    let is_cut = options.cuts(volume, on_faces);
+    if !own.rest.any(is_cut)? {
+        return Ok(Vec::new());
+    }
+    let mut changes = Vec::new();
+    let mut all_nodes = Vec::with_capacity(grids.len());
+    let mut ghost = kept.len();
+    for (first, grid) in grids {
+        let members = kept.partition_point(|&node| (node as usize) < *first)
+            ..kept.partition_point(|&node| (node as usize) < first + grid.nodes.len());
+        let members = members.map(|i| (kept[i] as usize - first, index_u32(i)));
+        let mut nodes = GridNodes::new(grid, grid.layers(), members);
+        let of_grid = |node: usize| particle(first + node);
+        let kernel = |particle: usize| {
+            let (centre, factor, _) = volume.particles.shape(particle);
+            (centre, factor)
+        };
+        for (places, of_row) in grid.sharp_nodes(options.kernel_width, of_grid, kernel) {
+            for (place, _) in places.into_iter().zip(&of_row).filter(|(_, c)| c.is_ghost) {
+                nodes.set(place, index_u32(ghost));
+                ghost += 1;
+            }
+            changes.push(of_row);
+        }
+        all_nodes.push(nodes);
+    }
+    let Some(ghosts) = apply(volume, report, changes, options, own)? else {
+        return Ok(Vec::new());
+    };
+    even_out(volume, &ghosts, own, |kernels, volumes| {
+        let mut densities = None;
+        let of_grid = |nodes: &GridNodes<'_, '_>| {
+            nodes.sums(kernels, volumes, &mut densities, options.kernel_width)
+        };
+        let found: Vec<(usize, f64)> = all_nodes.iter().flat_map(of_grid).collect();
+        if found.is_empty() {
+            return Ok(None);
+        }
+        let mut sums = vec![f64::NAN; kernels.own_count()];
+        for (i, sum) in found {
+            sums[i] = sum;
+        }
+        Ok(Some(sums))
+    })?;
+    Ok(ghosts.sources)
+}
+
+/// Evens out the volumes of particles inside a sharp boundary.
+///
+/// - `sums`: returns the sums of all kernels at the samples; `None` if volumes stay as they are.
+pub(in crate::sample) fn even_out(
+    volume: &mut PointVolume,
+    ghosts: &Ghosts,
+    own: &mut Own<'_>,
+    sums: impl FnOnce(&CutKernels<'_>, &[f32]) -> Result<Option<Vec<f64>>>,
+) -> Result<()> {
+    let (
+        Particles::Anisotropic { positions, factors },
+        Strength::Classified { volumes },
+        Some(Boundary::Planes(boundary)),
+    ) = (&volume.particles, &mut volume.strength, &volume.boundary)
+    else {
+        return Ok(());
+    };
+    let kernels = CutKernels {
+        positions,
+        factors,
+        boundary,
+        sources: &ghosts.sources,
+    };
+    let sums = sums(&kernels, volumes)?;
+    let found = sums.iter().flat_map(|sums| &sums[own.range.clone()]);
+    let is_uneven = found.into_iter().any(|sum| !sum.is_nan());
+    if own.rest.any(is_uneven)? {
+        let sums = sums.unwrap_or_else(|| vec![f64::NAN; kernels.own_count()]);
+        kernels.even_out(volumes, &sums, ghosts.inside, own)?;
+    }
+    Ok(())
+}
+
+/// Particles that a sharp boundary has added.
+pub(in crate::sample) struct Ghosts {
+    /// Sample of each ghost; ghosts are the last particles.
+    pub(in crate::sample) sources: Vec<usize>,
+    /// Total volume of the data.
+    inside: f64,
+}
+
+/// Changes and adds the particles of a boundary, if the options allow a sharp one.
+///
+/// - `changes`: in pieces, which are freed one after the other.
+pub(in crate::sample) fn apply(
+    volume: &mut PointVolume,
+    report: &mut SampleReport,
+    changes: Vec<Vec<SharpParticle>>,
+    options: &SampleOptions,
+    own: &mut Own<'_>,
+) -> Result<Option<Ghosts>> {
+    let range = own.range.clone();
+    let is_own = |change: &SharpParticle| range.contains(&change.sources[0]);
+    let all = || changes.iter().flatten();
+    let on_boundary = all().filter(|c| c.kernel.is_some() && !c.is_ghost && is_own(c));
+    let is_cut = options.cuts(volume, on_boundary.map(|c| c.sources[0]));
+    if !own.rest.any(is_cut)? {
+        return Ok(None);
+    }
+    let (Particles::Anisotropic { positions, factors }, Strength::Classified { volumes }) =
+        (&mut volume.particles, &mut volume.strength)
+    else {
+        return Ok(None);
+    };
+    let inside = own.sum(volumes[range.clone()].iter().copied().map(f64::from))?;
+    // The gradient stays, over another kernel. The departure due to the samples' centroids is dropped.
+    let over = |models: &LocalModels, source: usize, factor: &[f32; 6]| {
+        let model = models.get(source);
+        let gradient = matrix_of(factors[source]).transpose().inverse() * model.slope.as_dvec3();
+        let slope = (matrix_of(*factor).transpose() * gradient).as_vec3();
+        LocalModel {
+            slope: if slope.is_finite() { slope } else { Vec3::ZERO },
+            departure: 0.0,
+            ..model
+        }
+    };
+    if let Some(models) = volume.local_models.take() {
+        let changed: Vec<(Option<usize>, LocalModel)> = changes
+            .par_iter()
+            .flatten()
+            .filter_map(|change| {
+                let source = change.sources[0];
+                let factor = &change.kernel?.factor;
+                // Particles that are not wanted have no models.
+                match (is_own(change), change.is_ghost) {
+                    (false, false) => None,
+                    (false, true) => Some((None, LocalModel::NONE)),
+                    (true, is_ghost) => {
+                        Some(((!is_ghost).then_some(source), over(&models, source, factor)))
+                    }
+                }
+            })
+            .collect();
+        let greatest = &mut |scales| own.rest.greatest(scales);
+        volume.local_models = Some(models.changed(&changed, greatest)?);
+    }
+    let ghost_count = all().filter(|c| c.is_ghost).count();
+    let cut_count = all().filter(|c| c.edges.is_some()).count();
+    // Exact capacity: these are the volume's largest arrays.
+    positions.reserve_exact(ghost_count);
+    factors.reserve_exact(ghost_count);
+    volumes.reserve_exact(ghost_count);
+    let mut boundary = BoundaryPlanes {
+        of_particle: Vec::with_capacity(positions.len() + ghost_count),
+        edges: Vec::with_capacity(cut_count),
+    };
+    boundary.of_particle.resize(positions.len(), 0);
+    let mut sources = Vec::with_capacity(ghost_count);
+    for change in changes.into_iter().flatten() {
+        let mut word = 0;
+        if let Some(edges) = change.edges {
+            boundary.edges.push(edges);
+            word = index_u32(boundary.edges.len());
+        }
+        let [source, _] = change.sources;
+        match change.kernel {
+            Some(kernel) if change.is_ghost => {
+                positions.push(kernel.position);
+                factors.push(kernel.factor);
+                volumes.push(kernel.volume);
+                boundary.of_particle.push(word);
+                sources.push((change.sources, change.value));
+                continue;
+            }
+            Some(kernel) => {
+                positions[source] = kernel.position;
+                factors[source] = kernel.factor;
+                volumes[source] = kernel.volume;
+            }
+            None => {}
+        }
+        boundary.of_particle[source] = word;
+    }
+    if let Some(values) = &mut volume.values {
+        values.extrapolate(&sources);
+    }
+    if let Some(normals) = &mut volume.normals {
+        for ([nearest, _], _) in &sources {
+            normals.push(normals[*nearest]);
+        }
+    }
+    report.particle_count = positions.len();
+    volume.boundary = Some(Boundary::Planes(boundary));
+    Ok(Some(Ghosts {
+        sources: sources.iter().map(|([nearest, _], _)| *nearest).collect(),
+        inside,
+    }))
+}

@@ -1,0 +1,458 @@
+//! Sums many kernels at all their points: the value of a uniform field there.
+//!
+//! Nearby points are summed together, in lanes. A tree of boxes finds the kernels that may reach one of them.
+//! Each sum is taken in one order, whatever the number of threads.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::error::Result;
+use crate::math::small_exp;
+use crate::sample::points::neighbours::PointIndex;
+use crate::task::{Task, fill};
+
+/// Cut-off of kernels, in standard deviations; .1 % of a kernel lies beyond.
+const SUM_CUTOFF: f64 = 4.0;
+
+/// Number of points that are summed together.
+const LEAF: usize = 8;
+
+/// A kernel of a sum.
+pub(in crate::sample) struct Summand {
+    /// Lower-triangular factor of the kernel's variance.
+    pub(in crate::sample) factor: [f64; 6],
+    /// Greatest standard deviation.
+    pub(in crate::sample) sigma: f64,
+    /// Integral of the kernel.
+    pub(in crate::sample) amplitude: f64,
+}
+
+/// Density of a kernel, prepared for evaluation.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::sample) struct Density {
+    /// The inverse of the lower-triangular factor.
+    inverse: [f64; 6],
+    /// Amplitude over (2 pi)^(3/2) det.
+    peak: f64,
+}
+
+impl Density {
+    pub(in crate::sample) fn new([l00, l10, l11, l20, l21, l22]: [f64; 6], amplitude: f64) -> Self {
+        let [i00, i11, i22] = [l00, l11, l22].map(f64::recip);
+        let i10 = -l10 * i00 * i11;
+        let i21 = -l21 * i11 * i22;
+        let i20 = -(l20 * i00 + l21 * i10) * i22;
+        Self {
+            inverse: [i00, i10, i11, i20, i21, i22],
+            peak: amplitude * i00 * i11 * i22 / std::f64::consts::TAU.powf(1.5),
+        }
+    }
+
+    /// Returns the squared distance from the centre, in standard deviations.
+    #[inline(always)]
+    pub(in crate::sample) fn squared(&self, d: DVec3) -> f64 {
+        let [i00, i10, i11, i20, i21, i22] = self.inverse;
+        let x = i00 * d.x;
+        let y = i10 * d.x + i11 * d.y;
+        let z = i20 * d.x + i21 * d.y + i22 * d.z;
+        x * x + y * y + z * z
+    }
+
+    /// Returns the density at a squared distance in standard deviations.
+    pub(in crate::sample) fn at(&self, squared: f64) -> f64 {
+        self.peak * (-0.5 * squared).exp()
+    }
+}
+
+/// A kernel in the order of the points.
+#[derive(Clone, Copy)]
+struct Placed {
+    centre: DVec3,
+    density: Density,
+    /// Square of the kernel's reach; negative if there is no kernel.
+    reach_squared: f64,
+    kernel: usize,
+}
+
+/// A box of kernels' centres.
+#[derive(Clone, Copy)]
+struct Bounds {
+    low: DVec3,
+    high: DVec3,
+    /// Square of the greatest reach among the kernels.
+    reach_squared: f64,
+}
+
+impl Bounds {
+    const EMPTY: Self = Self {
+        low: DVec3::INFINITY,
+        high: DVec3::NEG_INFINITY,
+        reach_squared: -1.0,
+    };
+
+    fn and(self, other: Self) -> Self {
+        Self {
+            low: self.low.min(other.low),
+            high: self.high.max(other.high),
+            reach_squared: self.reach_squared.max(other.reach_squared),
+        }
+    }
+
+    /// Returns true if the kernels may reach a box.
+    fn reaches(&self, [low, high]: [DVec3; 2]) -> bool {
+        gap_squared([self.low, self.high], [low, high]) <= self.reach_squared
+    }
+}
+
+/// Returns the squared distance between two boxes.
+fn gap_squared(a: [DVec3; 2], b: [DVec3; 2]) -> f64 {
+    (b[0] - a[1])
+        .max(a[0] - b[1])
+        .max(DVec3::ZERO)
+        .length_squared()
+}
+
+/// Cut for kernels that nothing cuts.
+pub(in crate::sample) fn everywhere(_: usize) -> Option<fn(DVec3) -> bool> {
+    None
+}
+
+impl PointIndex<'_> {
+    /// Returns the average number of points that a kernel reaches, from a sample of kernels. A sum takes as
+    /// many terms per point.
+    pub(in crate::sample) fn mean_reach(
+        &self,
+        kernel: impl Fn(usize) -> Option<Summand> + Sync,
+    ) -> usize {
+        /// Number of sampled kernels.
+        const SAMPLE: usize = 256;
+        let step = self.len().div_ceil(SAMPLE).max(1);
+        let some: Vec<u32> = (0..self.len())
+            .step_by(step)
+            .map(|place| self.in_order(place).0)
+            .collect();
+        let reached: usize = some
+            .par_iter()
+            .filter_map(|&j| {
+                let Summand { sigma, .. } = kernel(j as usize)?;
+                let mut count = 0;
+                self.for_each_within(self.position(j), SUM_CUTOFF * sigma, |_, _| count += 1);
+                Some(count)
+            })
+            .sum();
+        reached / some.len().max(1)
+    }
+
+    /// Returns, for each point, the sum over kernels j of amplitude x Gaussian; 0 for points that are not
+    /// finite.
+    ///
+    /// - `kernel`: returns the kernel at point j, or `None`.
+    /// - `cut`: for a kernel j that is cut, returns the test of an offset from its centre; `None` for a kernel
+    ///   that counts everywhere.
+    pub(in crate::sample) fn kernel_sums<C: Fn(DVec3) -> bool>(
+        &self,
+        task: Option<&Task>,
+        kernel: impl Fn(usize) -> Option<Summand> + Sync,
+        cut: impl Fn(usize) -> Option<C> + Sync,
+    ) -> Result<Vec<f64>> {
+        let placed = self.map_in_order(|j, centre| {
+            let (density, reach_squared) = match kernel(j) {
+                Some(Summand {
+                    factor,
+                    sigma,
+                    amplitude,
+                }) => (
+                    Density::new(factor, amplitude),
+                    (SUM_CUTOFF * sigma).powi(2),
+                ),
+                None => (Density::new([0.0; 6], 0.0), -1.0),
+            };
+            // A flat kernel has no density.
+            let is_kernel =
+                density.peak.is_finite() && density.inverse.iter().all(|i| i.is_finite());
+            Placed {
+                centre,
+                density,
+                reach_squared: if is_kernel { reach_squared } else { -1.0 },
+                kernel: j,
+            }
+        });
+        let tree = Tree::new(&placed);
+        let mut in_order = vec![0.0; placed.len()];
+        fill(task, "summing kernels", &mut in_order, |first, sums| {
+            for (n, sums) in sums.chunks_mut(LEAF).enumerate() {
+                let points = &placed[first + n * LEAF..][..sums.len()];
+                pulp::Arch::new().dispatch(SumLeaf {
+                    tree: &tree,
+                    points,
+                    sums,
+                    cut: &cut,
+                });
+            }
+        })?;
+        let mut sums = vec![0.0; self.point_count()];
+        for (one, sum) in placed.iter().zip(in_order) {
+            sums[one.kernel] = sum;
+        }
+        Ok(sums)
+    }
+}
+
+/// Runs [`Tree::sum`] compiled for the processor's vector instructions.
+struct SumLeaf<'a, F> {
+    tree: &'a Tree<'a>,
+    points: &'a [Placed],
+    sums: &'a mut [f64],
+    cut: &'a F,
+}
+
+impl<C: Fn(DVec3) -> bool, F: Fn(usize) -> Option<C>> pulp::NullaryFnOnce for SumLeaf<'_, F> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        self.tree.sum(self.points, self.sums, self.cut);
+    }
+}
+
+/// Boxes of [`LEAF`] kernels each, boxes of two of these, and so on.
+struct Tree<'a> {
+    kernels: &'a [Placed],
+    levels: Vec<Vec<Bounds>>,
+}
+
+impl<'a> Tree<'a> {
+    fn new(kernels: &'a [Placed]) -> Self {
+        let of = |leaf: &[Placed]| {
+            let bounds = leaf
+                .iter()
+                .filter(|k| k.reach_squared >= 0.0)
+                .map(|k| Bounds {
+                    low: k.centre,
+                    high: k.centre,
+                    reach_squared: k.reach_squared,
+                });
+            bounds.fold(Bounds::EMPTY, Bounds::and)
+        };
+        let mut levels = vec![kernels.chunks(LEAF).map(of).collect::<Vec<_>>()];
+        while let Some(below) = levels.last().filter(|level| level.len() > 1) {
+            let pairs = below.chunks(2);
+            levels.push(
+                pairs
+                    .map(|pair| pair.iter().copied().fold(Bounds::EMPTY, Bounds::and))
+                    .collect(),
+            );
+        }
+        Self { kernels, levels }
+    }
+
+    /// Adds the densities of all kernels that reach the points of a leaf.
+    #[inline(always)]
+    fn sum<C: Fn(DVec3) -> bool>(
+        &self,
+        points: &[Placed],
+        sums: &mut [f64],
+        cut: &impl Fn(usize) -> Option<C>,
+    ) {
+        let mut at = [[f64::NAN; LEAF]; 3];
+        for (n, point) in points.iter().enumerate() {
+            for (d, at) in at.iter_mut().enumerate() {
+                at[n] = point.centre[d];
+            }
+        }
+        let centres = || points.iter().map(|p| p.centre);
+        let bounds = [
+            centres().fold(DVec3::INFINITY, DVec3::min),
+            centres().fold(DVec3::NEG_INFINITY, DVec3::max),
+        ];
+        let mut all = [0.0; LEAF];
+        let mut open = vec![(self.levels.len() - 1, 0)];
+        while let Some((level, n)) = open.pop() {
+            if !self.levels[level][n].reaches(bounds) {
+                continue;
+            }
+            if level > 0 {
+                let below = self.levels[level - 1].len();
+                open.extend(
+                    [2 * n + 1, 2 * n]
+                        .into_iter()
+                        .filter(|&n| n < below)
+                        .map(|n| (level - 1, n)),
+                );
+                continue;
+            }
+            let leaf = &self.kernels[n * LEAF..self.kernels.len().min((n + 1) * LEAF)];
+            for kernel in leaf {
+                if gap_squared([kernel.centre; 2], bounds) <= kernel.reach_squared {
+                    kernel.add(&at, &mut all, cut);
+                }
+            }
+        }
+        sums.copy_from_slice(&all[..sums.len()]);
+    }
+}
+
+impl Placed {
+    /// Adds the kernel's density at the points of a leaf.
+    #[inline(always)]
+    fn add<C: Fn(DVec3) -> bool>(
+        &self,
+        at: &[[f64; LEAF]; 3],
+        sums: &mut [f64; LEAF],
+        cut: &impl Fn(usize) -> Option<C>,
+    ) {
+        let Self {
+            centre,
+            density,
+            reach_squared,
+            ..
+        } = *self;
+        let [mut distances_squared, mut exponents, mut terms] = [[0.0; LEAF]; 3];
+        for n in 0..LEAF {
+            let offset = DVec3::new(
+                at[0][n] - centre.x,
+                at[1][n] - centre.y,
+                at[2][n] - centre.z,
+            );
+            distances_squared[n] = offset.length_squared();
+            // Smaller terms add nothing to a sum.
+            exponents[n] = (-0.5 * density.squared(offset)).max(-700.0);
+        }
+        let mut is_near = false;
+        for squared in distances_squared {
+            is_near |= squared <= reach_squared;
+        }
+        if !is_near {
+            return;
+        }
+        let shares = small_exp(exponents);
+        for n in 0..LEAF {
+            // NaN counts as beyond reach.
+            let is_within = distances_squared[n] <= reach_squared;
+            terms[n] = if is_within {
+                density.peak * shares[n]
+            } else {
+                0.0
+            };
+        }
+        if let Some(counts) = cut(self.kernel) {
+            for n in 0..LEAF {
+                let place = DVec3::new(at[0][n], at[1][n], at[2][n]);
+                if terms[n] > 0.0 && !counts(place - centre) {
+                    terms[n] = 0.0;
+                }
+            }
+        }
+        for n in 0..LEAF {
+            sums[n] += terms[n];
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample::points::neighbours::lattice;
+
+    /// Returns numbers from -1 to 1.
+    fn noise(n: usize, d: usize) -> f64 {
+        let step = [0.754_878, 0.569_840, 0.870_271, 0.618_034][d];
+        2.0 * ((n as f64 + 1.0) * step).fract() - 1.0
+    }
+
+    #[test]
+    fn kernels_of_unit_cells_add_up_to_one() {
+        let points = lattice(9, 100.0);
+        let index = PointIndex::new(&points).unwrap();
+        let kernel = |_| {
+            Some(Summand {
+                factor: [0.7, 0.0, 0.7, 0.0, 0.0, 0.7],
+                sigma: 0.7,
+                amplitude: 1.0,
+            })
+        };
+        let sums = index.kernel_sums(None, kernel, everywhere).unwrap();
+        // Within the cut-off's .1 % and the ripple at sigma .7, .04 %.
+        let centre = sums[4 + 9 * (4 + 9 * 4)];
+        assert!((centre - 1.0).abs() < 1.5e-3, "{centre}");
+        // A corner has an eighth of the kernels around it, but more than an eighth of the sum.
+        assert!(sums[0] > 0.2 && sums[0] < 0.6, "{}", sums[0]);
+    }
+
+    /// The Gaussian of unit integral by forward substitution.
+    fn gaussian([l00, l10, l11, l20, l21, l22]: [f64; 6], d: DVec3) -> f64 {
+        let x = d.x / l00;
+        let y = (d.y - l10 * x) / l11;
+        let z = (d.z - l20 * x - l21 * y) / l22;
+        let scale = std::f64::consts::TAU.powf(1.5) * l00 * l11 * l22;
+        (-0.5 * (x * x + y * y + z * z)).exp() / scale
+    }
+
+    #[test]
+    fn sums_are_those_of_all_pairs() {
+        // Points crowded at one end; some coincide, some are not finite.
+        let mut points: Vec<DVec3> = (0..1500)
+            .map(|n| DVec3::new(noise(n, 0), noise(n, 1), noise(n, 2)))
+            .map(|p| p * p.x.abs() * 3.0 + 1e5)
+            .collect();
+        points.extend(std::iter::repeat_n(points[7], 40));
+        points[3] = DVec3::NAN;
+        points[4].y = f64::INFINITY;
+        let factor = |j: usize| {
+            let [a, b, c] = [0, 1, 2].map(|d| 0.15 + 0.1 * noise(3 * j, d));
+            [a, 0.1 * noise(j, 3), b, 0.1 * noise(j, 0), -0.05, c]
+        };
+        let kernel = |j: usize| {
+            let flat = |l: [f64; 6]| [l[0], l[1], l[2], l[3], l[4], 0.0];
+            // One point in five has no kernel; one kernel in seven is flat.
+            (!j.is_multiple_of(5)).then(|| Summand {
+                factor: if j.is_multiple_of(7) {
+                    flat(factor(j))
+                } else {
+                    factor(j)
+                },
+                sigma: if j.is_multiple_of(11) { 0.9 } else { 0.2 },
+                amplitude: 1.0 + noise(j, 1),
+            })
+        };
+        // One kernel in three is cut by a plane.
+        let cut = |j: usize| {
+            let normal = DVec3::new(noise(j, 0), noise(j, 1), noise(j, 2));
+            (j.is_multiple_of(3)).then_some(move |offset: DVec3| normal.dot(offset) > -0.05)
+        };
+        let index = PointIndex::new(&points).unwrap();
+        let sums = index.kernel_sums(None, kernel, cut).unwrap();
+        let is_finite = |i: usize| points[i].is_finite();
+        for i in 0..points.len() {
+            let mut expected = 0.0;
+            for j in (0..points.len()).filter(|&j| is_finite(j)) {
+                let d = points[i] - points[j];
+                let Some(Summand {
+                    factor,
+                    sigma,
+                    amplitude,
+                }) = kernel(j)
+                else {
+                    continue;
+                };
+                let counts = j % 7 != 0
+                    && d.length() <= SUM_CUTOFF * sigma
+                    && cut(j).is_none_or(|counts| counts(d));
+                if is_finite(i) && counts {
+                    expected += amplitude * gaussian(factor, d);
+                }
+            }
+            // Some hundred roundings, amplified by exponents of some ten.
+            let off = (sums[i] - expected).abs();
+            assert!(off <= 1e-12 * expected, "{i}: {} {expected}", sums[i]);
+        }
+        let one = rayon::ThreadPoolBuilder::new()
+            .num_threads(1)
+            .build()
+            .unwrap();
+        let alone = one
+            .install(|| index.kernel_sums(None, kernel, cut))
+            .unwrap();
+        assert_eq!(alone, sums);
+    }
+}

@@ -1,0 +1,595 @@
+//! Finds neighbours of scattered points, and computes spacings, shapes and normals from them.
+
+use std::num::NonZero;
+
+use glam::{DMat3, DVec3};
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use rayon::prelude::*;
+
+use crate::error::Result;
+use crate::math::{NO_NORMAL, normal_code};
+use crate::sample::field::fit::Fit;
+use crate::sample::index_u32;
+use crate::sample::positions::{compare, is_same, sort_by_position};
+use crate::task::{Task, collect};
+
+/// Number of neighbours from which shapes are computed: enough to average, few enough to stay local.
+pub(in crate::sample) const NEIGHBOUR_COUNT: usize = 14;
+
+/// Factors by which the number of fitted neighbours grows if fewer lie in a plane.
+const MORE: [usize; 3] = [2, 4, 8];
+
+/// Greatest number of neighbours to which a field is fitted.
+pub(in crate::sample) const MOST_FITTED: usize = MORE[2] * NEIGHBOUR_COUNT;
+
+/// First and last neighbour from which spacings are computed. On regular sets neighbours come in shells: a ball
+/// that ends at any one of them is too small or too large by a sixth. The mean is within 2 % on a cubic
+/// lattice.
+pub(in crate::sample) const SPACING_NEIGHBOURS: [usize; 2] = [7, 18];
+
+/// Greatest average number of neighbours per kernel: a hundred times the usual number in smoothing.
+pub(in crate::sample) const MOST_NEIGHBOURS: usize = 8192;
+
+/// Name of the neighbour search in progress reports.
+const FINDING: &str = "finding neighbours";
+
+/// Exchange with other ranks, which have neighbours of some local points.
+pub(crate) trait Elsewhere {
+    /// Returns the sums of `own` over all ranks.
+    fn sums(&mut self, own: [u64; 2]) -> Result<[u64; 2]>;
+
+    /// Appends to the tensors of the local points those of their remote neighbours.
+    fn complete(&mut self, own: Vec<[f64; 6]>) -> Result<Vec<[f64; 6]>>;
+}
+
+/// A k-d tree of the finite points of a set.
+///
+/// Each distinct position enters the tree once, so that no node has more equal points than it can split.
+pub(in crate::sample) struct PointIndex<'a> {
+    positions: &'a [DVec3],
+    /// Indices of the finite points; points of one position (a group) are adjacent.
+    order: Vec<u32>,
+    /// Index in `order` at which the points of each distinct position begin; one more entry at the end.
+    starts: Vec<u32>,
+    /// Origin of the positions in the tree, so that squared distances stay exact far from the world's origin.
+    /// It is the median along each axis: a distant outlier affects only its own precision.
+    origin: DVec3,
+    /// Rotation of the points in the tree. The tree splits along its axes, and is slow if many points share a
+    /// coordinate. A rotation keeps distances.
+    turn: DMat3,
+    tree: ImmutableKdTree<f64, 3>,
+}
+
+impl<'a> PointIndex<'a> {
+    /// Returns `None` for fewer than two distinct positions.
+    pub(in crate::sample) fn new(positions: &'a [DVec3]) -> Option<Self> {
+        let mut order: Vec<u32> = (0..positions.len())
+            .filter(|&i| positions[i].is_finite())
+            .map(index_u32)
+            .collect();
+        sort_by_position(positions, &mut order);
+        let (origin, is_crowded) = median(positions, &order)?;
+        let turn = if is_crowded {
+            // Arbitrary Euler angles.
+            DMat3::from_euler(glam::EulerRot::XYZ, 0.7, 1.1, 0.4)
+        } else {
+            DMat3::IDENTITY
+        };
+        // Along a space-filling curve, so that nearby points are close in memory, too.
+        let at = |i: u32| positions[i as usize];
+        let chunks = order.chunk_by(|&i, &j| is_same(at(i), at(j)));
+        let mut groups: Vec<&[u32]> = chunks.collect();
+        let [low, high] = bounds(positions, &order);
+        let scale = (high - low).max(DVec3::splat(f64::MIN_POSITIVE)).recip();
+        groups.par_sort_by_cached_key(|g| morton((positions[g[0] as usize] - low) * scale));
+        let mut starts = Vec::with_capacity(groups.len() + 1);
+        let mut points = Vec::with_capacity(groups.len());
+        let mut start = 0;
+        for group in &groups {
+            starts.push(start);
+            start += index_u32(group.len());
+            points.push((turn * (positions[group[0] as usize] - origin)).to_array());
+        }
+        starts.push(start);
+        let order = groups.concat();
+        if points.len() < 2 {
+            return None;
+        }
+        let tree = ImmutableKdTree::new_from_slice(&points).ok()?;
+        Some(Self {
+            positions,
+            order,
+            starts,
+            origin,
+            turn,
+            tree,
+        })
+    }
+
+    /// Returns the number of distinct positions.
+    pub(in crate::sample) fn group_count(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    /// Returns the points at one position.
+    pub(in crate::sample) fn group(&self, g: usize) -> &[u32] {
+        &self.order[self.starts[g] as usize..self.starts[g + 1] as usize]
+    }
+
+    /// Returns the number of finite points.
+    pub(in crate::sample) fn len(&self) -> usize {
+        self.order.len()
+    }
+
+    /// Returns the finite point at position `place` of a spatially coherent order, and its group.
+    pub(in crate::sample) fn in_order(&self, place: usize) -> (u32, usize) {
+        let begun = |start: &u32| *start as usize <= place;
+        let group = self.starts.partition_point(begun) - 1;
+        (self.order[place], group)
+    }
+
+    /// Maps each finite point, in a spatially coherent order, by `of`. `of` receives the index and the position
+    /// relative to the tree's origin.
+    pub(in crate::sample) fn map_in_order<T: Send>(
+        &self,
+        of: impl Fn(usize, DVec3) -> T + Sync,
+    ) -> Vec<T> {
+        let at = |&i: &u32| of(i as usize, self.positions[i as usize] - self.origin);
+        self.order.par_iter().map(at).collect()
+    }
+
+    /// Returns a point's position.
+    pub(in crate::sample) fn position(&self, i: u32) -> DVec3 {
+        self.positions[i as usize]
+    }
+
+    /// Returns the number of points, finite or not.
+    pub(in crate::sample) fn point_count(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// Returns the position of a group.
+    fn place(&self, g: usize) -> DVec3 {
+        self.positions[self.group(g)[0] as usize]
+    }
+
+    /// Returns the offset from one group to another; it does not depend on other points of the set.
+    pub(in crate::sample) fn offset(&self, from: usize, to: usize) -> DVec3 {
+        self.place(to) - self.place(from)
+    }
+
+    /// Returns the `count` distinct positions nearest to a group, after the group itself, with their squared
+    /// distances.
+    pub(in crate::sample) fn nearest(
+        &self,
+        g: usize,
+        count: usize,
+    ) -> impl Iterator<Item = (usize, f64)> {
+        self.nearest_from(self.place(g), count).into_iter()
+    }
+
+    /// Returns the same for any position, nearest first.
+    ///
+    /// The result does not depend on points farther away: positions at equal distances are ordered by their
+    /// coordinates.
+    fn nearest_from(&self, from: DVec3, count: usize) -> Vec<(usize, f64)> {
+        /// Number of neighbours searched beyond `count`: lattices have many at one distance.
+        const BEYOND: usize = 6;
+        let query = (self.turn * (from - self.origin)).to_array();
+        let asked = NonZero::new(count + 1 + BEYOND).unwrap_or(NonZero::<usize>::MIN);
+        let found = self
+            .tree
+            .query(&query)
+            .nearest_n::<SquaredEuclidean<f64>>(asked)
+            .execute();
+        // All positions that may be as near as the last one, given rounding.
+        let last = found.get(count).map_or(f64::INFINITY, |last| last.distance);
+        let limit = (last.sqrt() + self.blur(from, last.sqrt())).powi(2);
+        let measured = |item: u32, distance: f64| {
+            let g = item as usize;
+            let is_near = distance <= limit;
+            is_near.then(|| (g, (self.place(g) - from).length_squared()))
+        };
+        let is_cut = found.len() > count && found.len() == asked.get();
+        let is_tied = is_cut && limit.is_finite() && found[asked.get() - 1].distance <= limit;
+        let mut nearest: Vec<(usize, f64)> = if is_tied {
+            let all = self.tree.query(&query);
+            let all = all.within::<SquaredEuclidean<f64>>(limit).unsorted();
+            let all = all.execute().into_iter();
+            all.filter_map(|other| measured(other.item, other.distance))
+                .collect()
+        } else {
+            let near = found.into_iter();
+            near.filter_map(|other| measured(other.item, other.distance))
+                .collect()
+        };
+        nearest.sort_unstable_by(|a, b| {
+            let tie = || compare(self.place(a.0), self.place(b.0));
+            a.1.total_cmp(&b.1).then_with(tie)
+        });
+        nearest.truncate(count + 1);
+        nearest
+    }
+
+    /// Returns a bound on the joint rounding error of two distances in the tree, from `from` to points about
+    /// `distance` away. Subtraction and rotation round positions in proportion to their distance from the
+    /// origin.
+    fn blur(&self, from: DVec3, distance: f64) -> f64 {
+        16.0 * f64::EPSILON * ((from - self.origin).abs().max_element() + distance)
+    }
+
+    /// Returns the squared distance from any position to the last of its `count + 1` nearest distinct
+    /// positions, up to rounding. Returns `None` if fewer are within `radius`.
+    #[cfg(feature = "cli")]
+    pub(in crate::sample) fn last_within(
+        &self,
+        from: DVec3,
+        count: usize,
+        radius: f64,
+    ) -> Option<f64> {
+        let asked = NonZero::new(count + 1)?;
+        let found = self
+            .tree
+            .query(&(self.turn * (from - self.origin)).to_array())
+            .nearest_n::<SquaredEuclidean<f64>>(asked)
+            .within(radius * radius)
+            .execute();
+        let last = found.get(count)?.distance;
+        Some((last.sqrt() + self.blur(from, last.sqrt())).powi(2))
+    }
+
+    /// Returns the point nearest to a finite position; the first of those that coincide.
+    pub(in crate::sample) fn nearest_to(&self, position: DVec3) -> Option<u32> {
+        let found = self
+            .tree
+            .query(&(self.turn * (position - self.origin)).to_array())
+            .nearest_n::<SquaredEuclidean<f64>>(NonZero::<usize>::MIN)
+            .execute();
+        let group = usize::try_from(found.into_iter().next()?.item).ok()?;
+        self.group(group).first().copied()
+    }
+
+    /// Spreads one value per group to its points; other points get `missing`.
+    fn spread<T: Copy + Send>(&self, of_groups: &[T], missing: T) -> Vec<T> {
+        let mut of_points = vec![missing; self.positions.len()];
+        for (g, value) in of_groups.iter().enumerate() {
+            for &i in self.group(g) {
+                of_points[i as usize] = *value;
+            }
+        }
+        of_points
+    }
+
+    /// Estimates the volume of each point from the distances to its neighbours. The ball that reaches to the
+    /// n-th neighbour is divided among the n points within. The result is the mean over [`SPACING_NEIGHBOURS`].
+    ///
+    /// Points at one position divide the volume that a single one would have. Points that are not finite get
+    /// NaN.
+    pub(in crate::sample) fn volumes(&self, task: Option<&Task>) -> Result<Vec<f64>> {
+        let [first, last] = SPACING_NEIGHBOURS;
+        let volume = |g| {
+            let mut within = 0;
+            let mut outermost = 0.0;
+            let (mut sum, mut count) = (0.0, 0.0);
+            for (other, squared_radius) in self.nearest(g, last) {
+                within += self.group(other).len();
+                let ball = 4.0 / 3.0 * std::f64::consts::PI * f64::powf(squared_radius, 1.5);
+                let share = ball / (within - 1).max(1) as f64;
+                outermost = share;
+                if within > first && share > 0.0 {
+                    sum += share;
+                    count += 1.0;
+                }
+            }
+            if count > 0.0 { sum / count } else { outermost }
+        };
+        let volumes = collect(task, FINDING, self.group_count(), volume)?;
+        Ok(self.spread(&volumes, f64::NAN))
+    }
+
+    /// Returns the covariance of the positions of groups about their mean: xx, xy, xz, yy, yz, zz.
+    fn covariance(&self, groups: impl Iterator<Item = usize> + Clone) -> [f64; 6] {
+        let Some(first) = groups.clone().next() else {
+            return [f64::NAN; 6];
+        };
+        // Relative to one of the positions, so that a distant origin costs no digits.
+        let offsets = groups.map(|g| self.offset(first, g));
+        let count = offsets.clone().count() as f64;
+        let mean = offsets.clone().sum::<DVec3>() / count;
+        let mut sum = [0.0; 6];
+        for d in offsets.map(|d| d - mean) {
+            for (sum, term) in sum.iter_mut().zip(square(d)) {
+                *sum += term / count;
+            }
+        }
+        sum
+    }
+
+    /// Returns the covariance of the nearest neighbours of each point, averaged over these neighbours, which
+    /// reduces noise by far.
+    ///
+    /// - `elsewhere`: gives the covariances of the points behind the first `count`; other ranks have those
+    ///   points' neighbours.
+    pub(in crate::sample) fn covariances(
+        &self,
+        task: Option<&Task>,
+        count: usize,
+        elsewhere: Option<&mut dyn Elsewhere>,
+    ) -> Result<Vec<[f64; 6]>> {
+        // In a smaller set the remaining slots name the group itself.
+        let around = |g| {
+            let mut groups = [index_u32(g); NEIGHBOUR_COUNT + 1];
+            for (slot, (other, _)) in groups.iter_mut().zip(self.nearest(g, NEIGHBOUR_COUNT)) {
+                *slot = index_u32(other);
+            }
+            groups
+        };
+        let nearest = collect(task, FINDING, self.group_count(), around)?;
+        let mut own: Vec<[f64; 6]> = nearest
+            .par_iter()
+            .map(|groups| self.covariance(groups.iter().map(|&g| g as usize)))
+            .collect();
+        if let Some(elsewhere) = elsewhere {
+            let mut of_points = self.spread(&own, [f64::NAN; 6]);
+            of_points.truncate(count);
+            let of_points = elsewhere.complete(of_points)?;
+            let of_group = |g| of_points[self.group(g)[0] as usize];
+            own = (0..self.group_count()).map(of_group).collect();
+        }
+        let smooth = |groups: &[u32; NEIGHBOUR_COUNT + 1]| {
+            let mut sum = [0.0; 6];
+            for &other in groups {
+                for (sum, term) in sum.iter_mut().zip(own[other as usize]) {
+                    *sum += term / groups.len() as f64;
+                }
+            }
+            sum
+        };
+        let smoothed: Vec<[f64; 6]> = nearest.par_iter().map(smooth).collect();
+        Ok(self.spread(&smoothed, [f64::NAN; 6]))
+    }
+
+    /// Returns the covariances of `neighbour_count` neighbours of some points.
+    pub(in crate::sample) fn covariances_of(
+        &self,
+        points: &[u32],
+        neighbour_count: usize,
+    ) -> Vec<[f64; 6]> {
+        let covariance = |&i: &u32| {
+            let nearest = self.nearest_from(self.positions[i as usize], neighbour_count);
+            self.covariance(nearest.iter().map(|n| n.0))
+        };
+        points.par_iter().map(covariance).collect()
+    }
+
+    /// Returns the mean of the finite values at one position; it does not depend on the order of the points.
+    pub(in crate::sample) fn mean_of(&self, g: usize, value: impl Fn(usize) -> f32) -> f64 {
+        let values = self.group(g).iter().map(|&i| value(i as usize));
+        let mut finite: Vec<f32> = values.filter(|v| v.is_finite()).collect();
+        finite.sort_unstable_by(f32::total_cmp);
+        finite.iter().copied().map(f64::from).sum::<f64>() / finite.len() as f64
+    }
+
+    /// Returns codes of the directions in which a field grows fastest. A linear function is fitted by least
+    /// squares to the values at a point and its nearest neighbours. Points at one position count once, with
+    /// their mean value. More neighbours are fitted if the nearest lie in a plane. Values that are not finite
+    /// are ignored.
+    pub(in crate::sample) fn normals(
+        &self,
+        task: Option<&Task>,
+        value: impl Fn(usize) -> f32 + Sync,
+    ) -> Result<(Vec<u32>, Vec<u32>)> {
+        let means = (0..self.group_count()).into_par_iter();
+        let means: Vec<f64> = means.map(|g| self.mean_of(g, &value)).collect();
+        let normal = |g: usize| {
+            let fit = |count: usize| {
+                let neighbours = self.nearest(g, count);
+                let offset = |(other, _)| (self.offset(g, other), means[other] - means[g]);
+                Fit::of(neighbours.map(offset))
+            };
+            let mut best = fit(NEIGHBOUR_COUNT);
+            let mut is_far = false;
+            for factor in MORE {
+                if best.spans() || !means[g].is_finite() {
+                    break;
+                }
+                best = fit(factor * NEIGHBOUR_COUNT);
+                is_far = true;
+            }
+            (normal_code(best.gradient()), is_far)
+        };
+        let normals = collect(task, "fitting gradients", self.group_count(), normal)?;
+        let far = (0..).zip(&normals).filter(|(_, (_, is_far))| *is_far);
+        let far = far.flat_map(|(g, _)| self.group(g).iter().copied());
+        let far = far.collect();
+        let codes: Vec<u32> = normals.into_iter().map(|(code, _)| code).collect();
+        Ok((self.spread(&codes, NO_NORMAL), far))
+    }
+
+    /// Calls `visit` for each point within `radius` of `centre`, with its offset from the centre.
+    pub(in crate::sample) fn for_each_within(
+        &self,
+        centre: DVec3,
+        radius: f64,
+        mut visit: impl FnMut(u32, DVec3),
+    ) {
+        let centre = centre - self.origin;
+        let found = self
+            .tree
+            .query(&(self.turn * centre).to_array())
+            .within::<SquaredEuclidean<f64>>(radius * radius)
+            .unsorted()
+            .execute();
+        for found in found {
+            let Ok(g) = usize::try_from(found.item) else {
+                continue;
+            };
+            let offset = self.place(g) - self.origin - centre;
+            for &i in self.group(g) {
+                visit(i, offset);
+            }
+        }
+    }
+}
+
+/// x xᵀ as xx, xy, xz, yy, yz, zz.
+pub(in crate::sample) fn square(x: DVec3) -> [f64; 6] {
+    [
+        x.x * x.x,
+        x.x * x.y,
+        x.x * x.z,
+        x.y * x.y,
+        x.y * x.z,
+        x.z * x.z,
+    ]
+}
+
+/// Returns the median of the finite positions along each axis, and true if many positions share one of its
+/// coordinates.
+fn median(positions: &[DVec3], finite: &[u32]) -> Option<(DVec3, bool)> {
+    let mut is_crowded = false;
+    let mut axis = |d: usize| {
+        let mut along: Vec<f64> = finite.iter().map(|&i| positions[i as usize][d]).collect();
+        let middle = along.len() / 2;
+        if along.is_empty() {
+            return None;
+        }
+        let median = *along.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let sharing = along.iter().filter(|x| x.to_bits() == median.to_bits());
+        is_crowded |= 8 * sharing.count() > along.len();
+        Some(median)
+    };
+    let median = DVec3::new(axis(0)?, axis(1)?, axis(2)?);
+    Some((median, is_crowded))
+}
+
+/// Returns the bounding box of the finite positions.
+fn bounds(positions: &[DVec3], finite: &[u32]) -> [DVec3; 2] {
+    let finite = || finite.iter().map(|&i| positions[i as usize]);
+    [
+        finite().fold(DVec3::INFINITY, DVec3::min),
+        finite().fold(DVec3::NEG_INFINITY, DVec3::max),
+    ]
+}
+
+/// Returns the position of a point of the unit cube along Morton's curve: ten interleaved bits of each
+/// coordinate.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "casts saturate, and NaN gives 0: any place will do"
+)]
+fn morton(p: DVec3) -> u32 {
+    let spread = |x: f64| {
+        let mut bits = ((x * 1024.0) as u32).min(1023);
+        bits = (bits | bits << 16) & 0x0300_00ff;
+        bits = (bits | bits << 8) & 0x0300_f00f;
+        bits = (bits | bits << 4) & 0x030c_30c3;
+        (bits | bits << 2) & 0x0924_9249
+    };
+    spread(p.x) | spread(p.y) << 1 | spread(p.z) << 2
+}
+
+/// Returns a cube of n³ points with spacing 1, from `offset` on along each axis.
+#[cfg(test)]
+pub(in crate::sample) fn lattice(n: u32, offset: f64) -> Vec<DVec3> {
+    let at = |i: u32| f64::from(i) + offset;
+    (0..n * n * n)
+        .map(|i| DVec3::new(at(i % n), at(i / n % n), at(i / (n * n))))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn neighbour_volumes(points: &[DVec3]) -> Option<Vec<f64>> {
+        PointIndex::new(points).map(|index| index.volumes(None).unwrap())
+    }
+
+    #[test]
+    fn a_lattice_of_spacing_one_has_volumes_near_one() {
+        for offset in [0.0, 1e7] {
+            let volumes = neighbour_volumes(&lattice(9, offset)).unwrap();
+            // Neighbours 7 to 18 lie at sqrt(2): 4/3 pi 2^1.5 times the mean of 1/7 to 1/18, 1.0325.
+            let centre = volumes[4 + 9 * (4 + 9 * 4)];
+            assert!((centre - 1.0325).abs() < 1e-3, "{centre}");
+        }
+    }
+
+    #[test]
+    fn duplicates_and_bad_points_are_borne() {
+        let mut points = lattice(8, 0.0);
+        points.extend(std::iter::repeat_n(DVec3::splat(3.0), 5000));
+        points.push(DVec3::NAN);
+        let volumes = neighbour_volumes(&points).unwrap();
+        assert!(volumes.last().unwrap().is_nan());
+        assert!(volumes[..5512].iter().all(|v| *v > 0.0 && v.is_finite()));
+        assert!(neighbour_volumes(&[DVec3::ONE; 100]).is_none());
+        assert!(neighbour_volumes(&[]).is_none());
+        assert!(neighbour_volumes(&[DVec3::ONE, DVec3::ZERO]).is_some());
+        // All points in a plane, and on a line.
+        let plane: Vec<DVec3> = lattice(20, 0.0)
+            .into_iter()
+            .map(|p| p.with_z(0.0))
+            .collect();
+        assert!(neighbour_volumes(&plane).unwrap().iter().all(|v| *v > 0.0));
+        let line: Vec<DVec3> = (0..5000).map(|i| DVec3::X * f64::from(i)).collect();
+        assert!(neighbour_volumes(&line).unwrap().iter().all(|v| *v > 0.0));
+    }
+
+    /// Compares with a brute-force search, with other points far away. Neighbours are ordered by distance, and
+    /// by coordinates at equal distances.
+    #[test]
+    fn the_nearest_do_not_depend_on_what_is_far_away() {
+        let near: Vec<DVec3> = lattice(8, 3.0).into_iter().map(|p| p * 1e-3).collect();
+        for far in [vec![], vec![1e9, -3e12], vec![1e200, 1e-300]] {
+            let mut points = near.clone();
+            points.extend(far.iter().map(|&x| DVec3::new(x, 0.0, 0.5 * x)));
+            let index = PointIndex::new(&points).unwrap();
+            for count in [1, 14, 24, 60] {
+                for g in 0..index.group_count() {
+                    let own = index.place(g);
+                    if !near.contains(&own) {
+                        continue;
+                    }
+                    let mut all: Vec<DVec3> = near.clone();
+                    all.sort_by(|a, b| {
+                        let [da, db] = [a, b].map(|p| (*p - own).length_squared());
+                        da.total_cmp(&db).then_with(|| compare(*a, *b))
+                    });
+                    let found = index.nearest(g, count).map(|(g, _)| index.place(g));
+                    let is_near = |p: &DVec3| near.contains(p);
+                    let found: Vec<DVec3> = found.filter(is_near).collect();
+                    assert_eq!(found, all[..found.len()]);
+                    // A distant point may lie among them.
+                    assert!(found.len() >= count);
+                }
+            }
+        }
+        // Distances whose squares overflow.
+        let points: Vec<DVec3> = near.iter().map(|p| *p * 1e163).collect();
+        let index = PointIndex::new(&points).unwrap();
+        assert!(index.nearest(0, 14).count() <= 15);
+    }
+
+    #[test]
+    fn covariances_are_those_of_the_neighbours() {
+        // Spacing 2 along x: the nearest 14 neighbours of a point start with those in its plane x = const.
+        let points: Vec<DVec3> = lattice(11, 0.0)
+            .into_iter()
+            .map(|p| p * DVec3::new(2.0, 1.0, 1.0))
+            .collect();
+        let index = PointIndex::new(&points).unwrap();
+        let centre = index.covariances(None, points.len(), None).unwrap()[5 + 11 * (5 + 11 * 5)];
+        assert!(
+            (centre[3] - centre[5]).abs() < 0.3 * centre[3],
+            "{centre:?}"
+        );
+        let beside = [centre[1], centre[2], centre[4]];
+        assert!(
+            beside.iter().all(|c| c.abs() < 0.2 * centre[3]),
+            "{centre:?}"
+        );
+        assert_eq!(index.covariances_of(&[3, 700], 20).len(), 2);
+    }
+}
