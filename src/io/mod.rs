@@ -50,32 +50,19 @@ pub(crate) use self::vtk::pieces::{ArrayKey, ArraysSeen};
 pub(crate) use self::vtk::vts_pieces::{BlockPlanes, VtsPieces};
 #[cfg(feature = "cli")]
 pub(crate) use self::vtk::vtu_pieces::VtuPieces;
-pub(crate) use crate::data::blanking::Blanking;
-#[cfg(feature = "cli")]
-pub(crate) use crate::data::cells::renumber;
 pub use crate::data::cells::{CellKind, CellMesh};
-pub(crate) use crate::data::colour_columns::{
-    COLOUR_SETS, ColourNumbers, ColourScale, ColourSet, colour_sets,
-};
 pub use crate::data::dataset::{
     Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry,
 };
-pub(crate) use crate::data::first_order::{is_of_higher_order, to_first_order};
-pub(crate) use crate::data::handedness::Handedness;
 pub use crate::data::mesh::{
     AlphaMode, Material, Mesh, MeshPart, Texture, TextureImage, TextureUse, Wrap,
 };
 pub use crate::data::particle_type::{ParticleCount, ParticleType};
-pub(crate) use crate::data::polyhedron::polyhedron_faces;
-pub(crate) use crate::data::shape_columns::{LENGTHS, SCALES, VARIANCE};
 pub use crate::data::smoothing::{LengthMeaning, Smoothing, SphKernel};
 pub use crate::data::splats::SplatCloud;
-pub(crate) use crate::data::splats::constant_of_colour;
 #[cfg(feature = "legend")]
 pub(crate) use crate::data::unit::divided as name_and_unit;
 pub use crate::data::up::Up;
-#[cfg(feature = "cli")]
-pub(crate) use crate::data::up::in_end_planes;
 pub use formats::{Family, Format, format_of, formats};
 pub use time_steps::{Part, StepChoice, TimeStep};
 

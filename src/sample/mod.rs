@@ -70,8 +70,8 @@ pub(crate) use self::curvilinear::seam::{Seam, seam};
 #[cfg(feature = "cli")]
 pub(crate) use self::curvilinear::window::Window;
 use self::field::choice::has_choice;
+pub(crate) use self::field::choice::shown_field;
 pub use self::field::choice::{FieldChoice, field_choices, shared_fields};
-pub(crate) use self::field::choice::{describes_the_grid, shown_field};
 pub use self::field::statistics::{PERCENTILES, ShapeStatistics};
 #[cfg(feature = "cli")]
 pub(crate) use self::field::together::automatic;
@@ -374,21 +374,20 @@ fn named(error: Error, file: &Path) -> Error {
 
 /// Makes a point volume of a data set. Values are moved, not copied, and keep their type.
 ///
-/// - A lattice stays a lattice: no positions are stored. Cell values become a lattice of cell
-///   centres.
-/// A curvilinear grid gives one anisotropic kernel per node (or cell). Its variance is kernel_width² F Fᵀ with
-/// F = ∂x/∂(i, j, k); its volume is that of its part of the grid.
-/// An unstructured grid gives one anisotropic kernel per node, from the node's share of the cells around it, or
-/// one per cell.
-/// Points take shape, strength and colour from their columns. Shape: `sigma` | `radius` | `h` |
-/// `vxx,vxy,vxz,vyy,vyz,vzz` | `scale_0..2,rot_0..3`, or the columns that [`Dataset::smoothing`] names.
-/// Strength: `mass` | `extinction` with `volume` | `opacity` | a scalar with a transfer function, whose volumes
-/// are `volume` or `m` over `rho`. Colour: `r,g,b`. Without shape columns, kernels are spheres sized by the
-/// distances to the nearest neighbours, or discs if the points lie on a surface. If only colours are known, the
-/// points are opaque.
-/// Splats keep their shapes, opacities and colours, and the rule of drawing that their format defines. A named
-/// field replaces the colours. [`Blend`](crate::render::Blend) states the space in which their colours are
-/// composited.
+/// - A lattice stays a lattice: no positions are stored. Cell values become a lattice of cell centres.
+/// - A curvilinear grid gives one anisotropic kernel per node (or cell). Its variance is kernel_width² F Fᵀ with
+///   F = ∂x/∂(i, j, k); its volume is that of its part of the grid.
+/// - An unstructured grid gives one anisotropic kernel per node, from the node's share of the cells around it, or
+///   one per cell.
+/// - Points take shape, strength and colour from their columns. Shape: `sigma` | `radius` | `h` |
+///   `vxx,vxy,vxz,vyy,vyz,vzz` | `scale_0..2,rot_0..3`, or the columns that [`Dataset::smoothing`] names.
+///   Strength: `mass` | `extinction` with `volume` | `opacity` | a scalar with a transfer function, whose volumes
+///   are `volume` or `m` over `rho`. Colour: `r,g,b`. Without shape columns, kernels are spheres sized by the
+///   distances to the nearest neighbours, or discs if the points lie on a surface. If only colours are known, the
+///   points are opaque.
+/// - Splats keep their shapes, opacities and colours, and the rule of drawing that their format defines. A named
+///   field replaces the colours. [`Blend`](crate::render::Blend) states the space in which their colours are
+///   composited.
 ///
 /// If no field is named, PLOT3D data and particles show their density. Other data show their first scalar that
 /// is not constant, nodes before cells. Particles with neither lengths nor densities show their number density.
