@@ -117,20 +117,20 @@
 
 #[doc = include_str!("../docs/accuracy.md")]
 pub mod accuracy {}
+#[cfg(feature = "legend")]
 pub mod annotate;
 mod blocks;
 #[cfg(feature = "cli")]
 pub mod command;
-mod data;
-#[cfg(feature = "legend")]
-mod frame;
 #[doc = include_str!("../docs/compositing.md")]
 pub mod compositing {}
 pub mod constants;
 mod cpu;
+mod data;
 pub mod distributed;
 pub mod edit;
 pub mod error;
+mod frame;
 #[cfg(feature = "gpu")]
 mod gpu;
 pub mod image;

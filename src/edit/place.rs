@@ -478,10 +478,10 @@ mod tests {
     fn variance(dataset: &Dataset) -> DMat3 {
         let number = |name: &str| f64::from(first(dataset, name));
         if dataset.scalar("vxx").is_ok() {
-            let [xx, xy, xz, yy, yz, zz] = crate::io::VARIANCE.map(number);
+            let [xx, xy, xz, yy, yz, zz] = crate::data::shape_columns::VARIANCE.map(number);
             return DMat3::from_cols_array(&[xx, xy, xz, xy, yy, yz, xz, yz, zz]);
         }
-        let [sx, sy, sz, w, x, y, z] = crate::io::SCALES.map(number);
+        let [sx, sy, sz, w, x, y, z] = crate::data::shape_columns::SCALES.map(number);
         let axes = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
         let squares = DVec3::new(sx, sy, sz) * DVec3::new(sx, sy, sz);
         axes * DMat3::from_diagonal(squares) * axes.transpose()

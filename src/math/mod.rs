@@ -14,8 +14,8 @@ mod rotation;
 mod truncated;
 mod variance;
 
-#[cfg(feature = "gpu")]
 pub(crate) use core_of::Core;
+#[cfg(feature = "gpu")]
 pub(crate) use direction::NORMAL_STEPS;
 pub use direction::{NO_NORMAL, normal_code, normal_of_code, pack_normal, unpack_normal};
 pub(crate) use direction::{from_octahedral, to_octahedral};
@@ -30,6 +30,7 @@ pub(crate) use harmonics::HarmonicsTransform;
 pub use harmonics::{HARMONIC_0, MAX_HARMONICS_DEGREE, harmonics, harmonics_count, harmonics_sum};
 #[cfg(feature = "gpu")]
 pub(crate) use harmonics::{HARMONIC_1, HARMONICS_2, HARMONICS_3};
+#[cfg(feature = "gpu")]
 pub(crate) use normal::ERFC_SERIES;
 pub(crate) use normal::FRAC_1_SQRT_TAU;
 pub(crate) use normal::small_exp;

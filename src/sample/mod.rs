@@ -889,6 +889,7 @@ fn classified(
 
 impl SampleOptions {
     /// Returns true if a boundary is sharp whatever the transfer function shows there.
+    #[cfg(feature = "cli")]
     pub(crate) fn is_sharp_anyway(&self) -> bool {
         self.boundary == BoundaryChoice::Sharp
     }

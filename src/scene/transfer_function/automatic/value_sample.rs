@@ -273,6 +273,7 @@ impl ValueSample {
     }
 
     /// The joined samples of time steps that show one field, with the mean of their volumes.
+    #[cfg(feature = "cli")]
     pub(crate) fn mean(steps: Vec<Self>) -> Option<Self> {
         let share = 1.0 / steps.len().max(1) as f64;
         let mut all = Self::joined(steps)?;
