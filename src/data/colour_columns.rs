@@ -11,7 +11,7 @@
 //! number exceeds 1, or 65535 if it exceeds 255. Three columns of a set are a colour; one or two are numbers like any other.
 
 use crate::image::{linear_from_srgb, srgb_from_linear};
-use crate::io::bytes::scalars::narrow;
+use crate::math::narrowed;
 use crate::scene::Values;
 
 /// Names of columns that hold a colour together.
@@ -72,7 +72,7 @@ impl ColourNumbers {
             .map(|column| {
                 let range = column.finite_range();
                 Self {
-                    greatest: range.map_or(0.0, |[_, greatest]| narrow(greatest)),
+                    greatest: range.map_or(0.0, |[_, greatest]| narrowed(greatest)),
                     are_whole: column.are_whole(),
                     of_type: match column {
                         Values::U8(_) => Some(255.0),

@@ -1,5 +1,6 @@
 //! Defines splats as radiance fields store them, for all formats. `splat_axes.rs` has the axes of each.
 
+use crate::math::narrowed;
 use std::path::Path;
 
 use glam::{DMat3, DQuat, DVec3};
@@ -8,7 +9,6 @@ use rayon::prelude::*;
 use super::dataset::{Dataset, Field, Geometry};
 use crate::error::{Advice, Error, Result};
 use crate::image::{linear_from_srgb, srgb_from_linear};
-use crate::io::bytes::scalars::narrow;
 use crate::math::{
     HARMONIC_0, HarmonicsTransform, MAX_HARMONICS_DEGREE, harmonics_count, rotation_matrix,
 };
@@ -131,7 +131,7 @@ impl SplatCloud {
         for quaternion in &mut self.rotations {
             let [w, x, y, z] = quaternion.map(f64::from);
             let q = rotation * DQuat::from_xyzw(x, y, z, w);
-            *quaternion = [q.w, q.x, q.y, q.z].map(narrow);
+            *quaternion = [q.w, q.x, q.y, q.z].map(narrowed);
         }
         if self.harmonics_degree > 0 {
             let transform = HarmonicsTransform::new(matrix.transpose());
@@ -185,9 +185,9 @@ impl SplatCloud {
                 if after > 0.0 {
                     share *= before / after;
                 }
-                *scale = narrow(after);
+                *scale = narrowed(after);
             }
-            *opacity = narrow(f64::from(*opacity) * share);
+            *opacity = narrowed(f64::from(*opacity) * share);
         }
     }
 

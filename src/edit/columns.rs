@@ -1,5 +1,6 @@
 //! Transforms the columns of particles that contain lengths and shapes.
 
+use crate::math::narrowed;
 use glam::{DMat3, DQuat, DVec3};
 
 use crate::data::dataset::{Association, Dataset, Field, FieldSource};
@@ -75,11 +76,6 @@ pub(super) fn place(dataset: &mut Dataset, sizes: DVec3, rotation: DMat3) -> Res
 /// Returns the common value of three sizes; `None` if they differ.
 pub(super) fn even(DVec3 { x, y, z }: DVec3) -> Option<f64> {
     ((x - y).abs() <= 0.0 && (y - z).abs() <= 0.0).then_some(x)
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
-pub(super) fn narrowed(x: f64) -> f32 {
-    x as f32
 }
 
 /// Returns the index of a column among the fields, if it exists.

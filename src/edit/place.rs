@@ -1,9 +1,10 @@
 //! Resizes, rotates and translates data sets.
 
+use crate::math::narrowed;
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
-use super::columns::{self, even, is_of_axes, narrowed};
+use super::columns::{self, even, is_of_axes};
 use super::select::{Turned, reselect};
 use crate::data::dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use crate::data::mesh::Mesh;

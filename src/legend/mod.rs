@@ -10,6 +10,7 @@ use self::ticks::Tick;
 use crate::error::{Error, Result};
 use crate::image::Image;
 use crate::io::name_and_unit;
+use crate::math::narrowed;
 use crate::overlay::{Font, Line, PLATE_OPACITY, Rect, fill, font_of, share};
 use crate::scene::{Colour, PointVolume, Strength, TransferFunction, ValueScale};
 
@@ -188,11 +189,6 @@ impl ColourBar {
             }
         }
     }
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "between two f32")]
-fn narrowed(x: f64) -> f32 {
-    x as f32
 }
 
 /// Checks that the bars fit into a picture of this width and height, before the picture is drawn.

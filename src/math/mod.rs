@@ -42,3 +42,10 @@ pub(crate) use variance::{
     eigen, factor_of_variance, from_eigen, lower_matrix, principal_sigmas, scales_and_rotation,
     symmetric,
 };
+
+/// Rounds to single precision; a number beyond its range becomes infinite.
+#[inline]
+#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
+pub(crate) fn narrowed(x: f64) -> f32 {
+    x as f32
+}

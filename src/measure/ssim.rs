@@ -3,6 +3,7 @@
 
 use super::band::{Band, displayed_rows, sum_over_bands};
 use crate::image::{Image, srgb_from_linear};
+use crate::math::narrowed;
 
 /// Half the window of 11 x 11 pixels.
 const RADIUS: usize = 5;
@@ -66,11 +67,6 @@ pub fn ssim(first: &Image, second: &Image) -> Option<f64> {
         sum
     });
     Some(sum / ((width - 2 * RADIUS) * (height - 2 * RADIUS)) as f64)
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "was an f32 before")]
-fn narrowed(x: f64) -> f32 {
-    x as f32
 }
 
 fn gaussian() -> [f64; 2 * RADIUS + 1] {

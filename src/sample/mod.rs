@@ -38,6 +38,7 @@ mod rest;
 pub(crate) mod splats;
 pub(crate) mod surface;
 
+use crate::math::narrowed;
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
@@ -979,10 +980,4 @@ pub(crate) fn check_count(dataset: &Dataset, count: usize) -> Result<()> {
         ));
     }
     Ok(())
-}
-
-/// Rounds to single precision. Numbers out of range become infinite or zero; callers count and leave these out.
-#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
-fn narrowed(x: f64) -> f32 {
-    x as f32
 }

@@ -1,5 +1,6 @@
 //! Builds point volumes from arrays in memory.
 
+use crate::math::narrowed;
 use std::f64::consts::TAU;
 
 use glam::{DMat3, DQuat, DVec3};
@@ -293,14 +294,6 @@ fn numbered(error: Error, i: usize) -> Error {
         ),
         other => other,
     }
-}
-
-#[expect(
-    clippy::cast_possible_truncation,
-    reason = "the scene is stored in f32"
-)]
-fn narrowed(x: f64) -> f32 {
-    x as f32
 }
 
 #[cfg(test)]

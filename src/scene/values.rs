@@ -1,5 +1,6 @@
 //! Stores scalar values in the type of their file.
 
+use crate::math::narrowed;
 use rayon::prelude::*;
 
 use super::storage::{Owned, Shared, Storage};
@@ -66,13 +67,6 @@ impl From<Vec<f64>> for Values {
 
 /// Number of values that a thread processes at a time.
 const BATCH: usize = 1 << 16;
-
-/// Rounds to single precision; a number beyond its range becomes infinite.
-#[inline]
-#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
-pub(crate) fn narrowed(x: f64) -> f32 {
-    x as f32
-}
 
 impl<S: Storage> ValuesIn<S> {
     /// Number of values.

@@ -1,5 +1,6 @@
 //! Builds grids in which cells of higher order are cut into cells of first order.
 
+use crate::math::narrowed;
 use std::collections::HashMap;
 
 use glam::DVec3;
@@ -7,7 +8,6 @@ use glam::DVec3;
 use super::Element;
 use crate::data::cells::{CellKind, CellMesh};
 use crate::data::dataset::Association;
-use crate::io::bytes::scalars::narrow;
 use crate::scene::Values;
 
 /// Greatest weight that counts as rounding, of a node outside the face or edge of a position.
@@ -245,7 +245,7 @@ impl Subdivision {
                 // Values in single precision stay in single precision.
                 match values {
                     Values::F64(_) => all.into(),
-                    _ => Values::F32(all.into_iter().map(narrow).collect()),
+                    _ => Values::F32(all.into_iter().map(narrowed).collect()),
                 }
             }
         }

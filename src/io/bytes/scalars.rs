@@ -1,5 +1,6 @@
 //! Converts numbers of files, in eleven scalar types and two byte orders, to [`Values`].
 
+use crate::math::narrowed;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -135,17 +136,6 @@ fn fill<const N: usize, T>(
     }
 }
 
-/// `f64` to `f32`, for data that are single precision by design: colours, shapes of splats.
-pub(crate) fn narrow(x: f64) -> f32 {
-    #[allow(
-        clippy::cast_possible_truncation,
-        reason = "fields are single precision by design; overflow becomes infinity, which is counted"
-    )]
-    {
-        x as f32
-    }
-}
-
 /// The numbers of one component. 8-bit and 16-bit integers stay integers (`i8` as `i16`). All other types
 /// become `f32` if it can represent all numbers, else `f64`. `None` if the numbers do not lie within `bytes`.
 pub(crate) fn values(bytes: &[u8], encoding: Encoding, stride: Stride) -> Option<Values> {
@@ -159,7 +149,7 @@ pub(crate) fn values(bytes: &[u8], encoding: Encoding, stride: Stride) -> Option
         S::I16 => Values::I16(gather(bytes, stride, big, i16::from_le_bytes)?),
         S::U16 => Values::U16(gather(bytes, stride, big, u16::from_le_bytes)?),
         S::F16 => Values::F32(gather(bytes, stride, big, |b| {
-            narrow(half(u16::from_le_bytes(b)))
+            narrowed(half(u16::from_le_bytes(b)))
         })?),
         S::F32 => Values::F32(gather(bytes, stride, big, f32::from_le_bytes)?),
         S::I32 | S::U32 | S::I64 | S::U64 | S::F64 => doubles(bytes, encoding, stride)?.into(),

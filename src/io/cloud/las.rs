@@ -22,6 +22,7 @@
 //!
 //! <https://www.asprs.org/wp-content/uploads/2019/07/LAS_1_4_r15.pdf>
 
+use crate::math::narrowed;
 use std::path::Path;
 
 use glam::DVec3;
@@ -30,7 +31,7 @@ use super::{DAMAGED, colour_fields};
 use crate::data::dataset::{Dataset, Field};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
-use crate::io::bytes::scalars::{Encoding, ScalarType, Stride, doubles, narrow, values};
+use crate::io::bytes::scalars::{Encoding, ScalarType, Stride, doubles, values};
 use crate::io::particles::table::{dataset, scalar_field};
 use crate::io::vtk::xml::clip;
 use crate::scene::Values;
@@ -308,7 +309,7 @@ impl<'a> Las<'a> {
         // The format prescribes 16-bit values, but many writers store 8-bit ones.
         let whole = if most <= 255.0 { 255.0 } else { 65535.0 };
         Ok(colour_fields(channels.map(|channel| {
-            channel.iter().map(|x| narrow(x / whole)).collect()
+            channel.iter().map(|x| narrowed(x / whole)).collect()
         })))
     }
 
@@ -400,7 +401,7 @@ fn is_measured(column: &Values) -> bool {
 fn degrees(steps: Vec<f64>) -> Values {
     /// Degrees per step.
     const STEP: f64 = 0.006;
-    Values::F32(steps.iter().map(|n| narrow(n * STEP)).collect())
+    Values::F32(steps.iter().map(|n| narrowed(n * STEP)).collect())
 }
 
 /// Subtracts the earliest time. Seconds of a week, or since 1980, exceed the resolution of single precision.

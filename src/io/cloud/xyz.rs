@@ -11,6 +11,7 @@
 //! their numbers: three of length 1 are a normal; three whole numbers from 0 to 255, or three numbers from 0 to
 //! 1, are a colour; one number is an intensity.
 
+use crate::math::narrowed;
 use std::path::Path;
 
 use glam::DVec3;
@@ -20,7 +21,6 @@ use crate::data::dataset::{Dataset, Field};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
 use crate::io::bytes::probe::Probe;
-use crate::io::bytes::scalars::narrow;
 use crate::io::grid::plot3d;
 use crate::io::particles::table::dataset;
 use crate::io::vtk::xml::clip;
@@ -172,7 +172,12 @@ fn fields(columns: Vec<Vec<f64>>) -> Vec<Field> {
         }
     }
     if let Some((at, whole)) = colours {
-        let channel = |i: usize| columns[at + i].iter().map(|x| narrow(x / whole)).collect();
+        let channel = |i: usize| {
+            columns[at + i]
+                .iter()
+                .map(|x| narrowed(x / whole))
+                .collect()
+        };
         fields.extend(colour_fields([channel(0), channel(1), channel(2)]));
     }
     fields

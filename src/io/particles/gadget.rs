@@ -25,6 +25,7 @@
 //! Numbers have 32 or 64 bits, which follows from a record's length. Types, lengths and names of fields are those of
 //! the HDF5 reader ([`hdf5::gadget`]).
 
+use crate::math::narrowed;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -38,7 +39,7 @@ use crate::data::particle_type::{ParticleCount, ParticleType};
 use crate::data::smoothing::{LengthMeaning, Smoothing, SphKernel};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
-use crate::io::bytes::scalars::{Encoding, ScalarType, Stride, narrow, points, values};
+use crate::io::bytes::scalars::{Encoding, ScalarType, Stride, points, values};
 use crate::io::time_steps::{TimeStep, of_file};
 use crate::scene::Values;
 
@@ -422,7 +423,7 @@ impl Gathered {
         let mass = header.masses[kind];
         if mass != 0.0 {
             self.has_table_mass = true;
-            self.append("Masses", &[Values::F32(vec![narrow(mass); count])]);
+            self.append("Masses", &[Values::F32(vec![narrowed(mass); count])]);
         }
         Ok(())
     }

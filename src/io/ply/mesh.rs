@@ -185,8 +185,7 @@ impl Faces {
             }
             Some(Role::Coordinates) => {
                 let items = items.iter().copied();
-                self.coordinates
-                    .extend(items.map(crate::io::bytes::scalars::narrow));
+                self.coordinates.extend(items.map(crate::math::narrowed));
                 self.coordinate_ends.push(self.coordinates.len());
             }
             Some(Role::TextureNumber) => {
@@ -197,9 +196,7 @@ impl Faces {
                 let place = (self.element, property);
                 let channel = self.channels.iter_mut().find(|c| c.property == place);
                 if let (Some(channel), Some(&number)) = (channel, items.first()) {
-                    channel
-                        .numbers
-                        .push(crate::io::bytes::scalars::narrow(number));
+                    channel.numbers.push(crate::math::narrowed(number));
                 }
             }
             None => {}

@@ -13,6 +13,7 @@
 //!
 //! `ply_packed_write.rs` writes it. A colour is 1/2 + .28209479 c of the constant harmonic's coefficient c, as in .splat files.
 
+use crate::math::narrowed;
 use std::f64::consts::SQRT_2;
 use std::path::Path;
 
@@ -24,7 +25,7 @@ use super::table::{Rows, Table};
 use crate::data::dataset::Dataset;
 use crate::data::splats::{SplatCloud, constant_of_colour};
 use crate::error::{Error, Result};
-use crate::io::bytes::scalars::{ScalarType, narrow};
+use crate::io::bytes::scalars::ScalarType;
 use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count};
 
 const FORMAT: &str = "compressed PLY splats";
@@ -164,7 +165,7 @@ pub(in crate::io) fn read(path: &Path, bytes: &[u8], header: &Header) -> Result<
             None => shares,
         };
         for (slot, code) in set.iter_mut().zip(colour) {
-            *slot = constant_of_colour(narrow(code));
+            *slot = constant_of_colour(narrowed(code));
         }
     }
     if let Some(table) = &rest {
@@ -189,12 +190,12 @@ pub(in crate::io) fn read(path: &Path, bytes: &[u8], header: &Header) -> Result<
             .collect(),
         scales: numbered(&packed_scales, &logarithms)
             .into_iter()
-            .map(|s| s.map(|s| narrow(s.exp())))
+            .map(|s| s.map(|s| narrowed(s.exp())))
             .collect(),
         rotations: packed_rotations.into_iter().map(rotation).collect(),
         opacities: packed_colours
             .iter()
-            .map(|&p| narrow(share(p, 0, 8)))
+            .map(|&p| narrowed(share(p, 0, 8)))
             .collect(),
         harmonics_degree: degree,
         harmonics: coefficients,
@@ -232,9 +233,9 @@ fn rotation(packed: u32) -> [f32; 4] {
     let squares: f64 = others.iter().map(|c| c * c).sum();
     let mut quaternion = [0.0; 4];
     for (i, other) in (0..4).filter(|&i| i != largest).zip(others) {
-        quaternion[i] = narrow(other);
+        quaternion[i] = narrowed(other);
     }
-    quaternion[largest] = narrow((1.0 - squares).max(0.0).sqrt());
+    quaternion[largest] = narrowed((1.0 - squares).max(0.0).sqrt());
     quaternion
 }
 

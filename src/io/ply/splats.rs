@@ -1,5 +1,6 @@
 //! Reads and writes the splat layout of PLY files (INRIA's). `ply_table.rs` has the rows.
 
+use crate::math::narrowed;
 use std::path::Path;
 
 use super::table::Table;
@@ -203,9 +204,4 @@ pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud, form: PlyForm) -> R
         position_quantum: single_precision_quantum(cloud.positions.iter().copied()),
         notes: Vec::new(),
     })
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
-fn narrowed(x: f64) -> f32 {
-    x as f32
 }

@@ -36,6 +36,7 @@
 //!
 //! The viewer's reader and those of other programs agree on these facts. The format has no mark of anti-aliased splats.
 
+use crate::math::narrowed;
 use std::array;
 use std::path::Path;
 
@@ -46,7 +47,6 @@ use crate::data::splats::{SplatCloud, constant_of_colour};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
 use crate::io::bytes::half::half;
-use crate::io::bytes::scalars::narrow;
 use crate::math::harmonics_count;
 
 const HEADER: usize = 4096;
@@ -179,7 +179,7 @@ impl Mode {
     /// Reads a float or half float at byte `at`.
     fn float(self, record: &[u8], at: usize) -> f32 {
         if self.is_packed {
-            narrow(half(short(record, at)))
+            narrowed(half(short(record, at)))
         } else {
             float(record, at)
         }

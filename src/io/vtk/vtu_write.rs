@@ -10,6 +10,7 @@
 //! Everything is appended raw, little-endian, with lengths of 64 bits. Harmonics beyond the constant are not
 //! written.
 
+use crate::math::narrowed;
 use std::fmt::Write;
 
 use glam::{DMat3, DQuat, DVec3};
@@ -105,12 +106,6 @@ pub(in crate::io) fn encode(cloud: &SplatCloud) -> Encoded {
         position_quantum: f64::MIN_POSITIVE,
         notes,
     }
-}
-
-/// Rounds to single precision, the type of the scales.
-#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
-fn narrowed(x: f64) -> f32 {
-    x as f32
 }
 
 /// Arrays of a file: the elements that describe them, and their bytes, each after its length.

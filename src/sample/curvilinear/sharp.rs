@@ -6,6 +6,7 @@
 //! tangent plane at the nearest boundary node. That is exact on plane faces, and of second order in curvature
 //! times spacing on others. A face that has collapsed to a line or a point, a pole, does not count as a face.
 
+use crate::math::narrowed;
 use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -20,7 +21,7 @@ use crate::sample::kernels::Kernel;
 use crate::sample::kernels::even::CutKernels;
 use crate::sample::report::SampleReport;
 use crate::sample::rest::Own;
-use crate::sample::{SampleOptions, index_u32, narrowed};
+use crate::sample::{SampleOptions, index_u32};
 use crate::scene::{
     Boundary, BoundaryPlanes, LocalModel, LocalModels, NO_EDGE, Particles, PointVolume, Strength,
 };

@@ -4,13 +4,14 @@ pub(crate) mod even;
 pub(crate) mod levels;
 pub(crate) mod sums;
 
+use crate::math::narrowed;
 use std::ops::Range;
 
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::left_out::LeftOut;
-use super::{index_u32, mean_spacing, narrowed};
+use super::{index_u32, mean_spacing};
 use crate::error::Result;
 use crate::math::ExactSum;
 use crate::sample::report::SampleReport;

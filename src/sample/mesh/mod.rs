@@ -24,9 +24,9 @@ mod surface;
 mod surfels;
 mod texture;
 
-use super::narrowed;
 use crate::data::mesh::Mesh;
 use crate::error::{Error, Hint, Result};
+use crate::math::narrowed;
 use crate::math::{normal_code, normal_of_code};
 use crate::sample::report::Finding;
 use crate::scene::{Colour, MAX_OPACITY, Particles, PointVolume, Strength};

@@ -15,6 +15,7 @@ mod mass;
 mod neighbourhoods;
 mod shape;
 
+use crate::math::narrowed;
 use std::borrow::Cow;
 
 use rayon::prelude::*;
@@ -33,7 +34,7 @@ use super::field::picked::picked_rows;
 use super::left_out::LeftOut;
 use super::{
     DEFAULT_KERNEL_WIDTH, SampleOptions, Sampled, TransferChoice, check_count, index_u32, keep,
-    mean_spacing, narrowed, nothing_left, take_scalar, under_function,
+    mean_spacing, nothing_left, take_scalar, under_function,
 };
 #[cfg(feature = "prepared")]
 use super::{OfRows, ParticleShape};

@@ -1,5 +1,6 @@
 //! Corrects cell volumes by Shepard passes, until they reproduce a uniform field at the particles.
 
+use crate::math::narrowed;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -7,7 +8,6 @@ use super::neighbours::PointIndex;
 use crate::error::Result;
 use crate::math::principal_sigmas;
 use crate::sample::kernels::sums::{Summand, everywhere};
-use crate::sample::narrowed;
 use crate::sample::splats::factor::sphere;
 use crate::scene::{Particles, PointVolume, Strength};
 use crate::task::Task;

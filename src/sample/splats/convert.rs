@@ -13,6 +13,7 @@
 //! Colours are encoded as sRGB; the coefficient of the constant harmonic follows from the code. Surfels get the
 //! axes of their variance: the third has no length and points along the front's normal.
 
+use crate::math::narrowed;
 use std::f64::consts::TAU;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
@@ -25,7 +26,7 @@ use crate::image::srgb_from_linear;
 use crate::math::{harmonics_count, lower_matrix, scales_and_rotation};
 use crate::sample::left_out::LeftOut;
 use crate::sample::report::{Finding, SampleReport};
-use crate::sample::{index_u32, narrowed, splats};
+use crate::sample::{index_u32, splats};
 use crate::scene::{Boundary, Colour, Particles, PointVolume, Strength, Values};
 
 /// Standard deviation over spacing of opaque surfels in the output; wider ones stay as they are.

@@ -6,13 +6,14 @@ pub(crate) mod factor;
 use self::factor::factor_of_scales;
 use super::left_out::LeftOut;
 use super::{
-    SampleOptions, Sampled, check_count, check_len, index_u32, keep, narrowed, nothing_left,
-    take_scalar, under_function,
+    SampleOptions, Sampled, check_count, check_len, index_u32, keep, nothing_left, take_scalar,
+    under_function,
 };
 use crate::data::dataset::{Dataset, Geometry};
 use crate::data::splats::SplatCloud;
 use crate::error::Result;
 use crate::math::harmonics_count;
+use crate::math::narrowed;
 use crate::sample::report::SampleReport;
 use crate::scene::{Colour, Particles, PointVolume, Strength, ValueSample, Values};
 use crate::task::collect;

@@ -1,14 +1,15 @@
 //! Makes surfels of points with normals and radii.
 
+use crate::math::narrowed;
 use std::f64::consts::PI;
 
 use glam::DVec3;
 
 use crate::error::{Error, Result};
+use crate::sample::Sampled;
 use crate::sample::left_out::LeftOut;
 use crate::sample::mesh::SURFEL_WIDTH;
 use crate::sample::report::SampleReport;
-use crate::sample::{Sampled, narrowed};
 use crate::scene::{Colour, Particles, PointVolume, Strength};
 
 /// Makes the surfels of an opaque surface from points with normals and radii, as scans have them.

@@ -5,6 +5,7 @@
 //! is opaque. A function of the caller's sets opacities, too, if any of them is less than one; they apply to
 //! the surface seen head-on.
 
+use crate::math::narrowed;
 use glam::DVec3;
 
 use crate::data::dataset::{Association, Dataset, Geometry};
@@ -14,7 +15,7 @@ use crate::sample::field::choice::{has_choice, shown_field};
 use crate::sample::mesh::{self, MeshOptions};
 use crate::sample::report::SampleReport;
 use crate::sample::{
-    SampleOptions, SampledScene, TakenScalar, TransferChoice, check_len, narrowed, take_scalar,
+    SampleOptions, SampledScene, TakenScalar, TransferChoice, check_len, take_scalar,
     under_function,
 };
 use crate::scene::{

@@ -1,9 +1,9 @@
 //! Defines the scales of values, linear or logarithmic, on which transfer functions are evaluated.
 
+use crate::math::narrowed;
 use std::borrow::Cow;
 
 use crate::scene::values::Values;
-use crate::scene::values::narrowed;
 
 /// Least number of steps that single precision must have within a range. If values are so far from 0 that there
 /// are fewer, positions are counted from an origin among the values. A transfer function's table has a fourth

@@ -1,5 +1,6 @@
 //! Reads materials and textures.
 
+use crate::math::narrowed;
 use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
 
@@ -136,7 +137,9 @@ impl<'b, 'f> Materials<'b, 'f> {
             None => AlphaMode::Opaque,
             Some(stated) => match stated.word("alphaMode")? {
                 None | Some("OPAQUE") => AlphaMode::Opaque,
-                Some("MASK") => AlphaMode::Mask(stated.number("alphaCutoff")?.map_or(0.5, narrow)),
+                Some("MASK") => {
+                    AlphaMode::Mask(stated.number("alphaCutoff")?.map_or(0.5, narrowed))
+                }
                 Some("BLEND") => AlphaMode::Blend,
                 Some(other) => {
                     let place = format!("material `{}`, alphaMode", clip(&name));
@@ -293,10 +296,10 @@ impl Info {
             set = own.integer("texCoord")?.or(set);
             // The order is scale, rotation, translation. In glTF v points downwards, so a counterclockwise rotation
             // takes (u, v) to (u cos + v sin, v cos - u sin).
-            let (sin, cos) = own.number("rotation")?.map_or(0.0, narrow).sin_cos();
+            let (sin, cos) = own.number("rotation")?.map_or(0.0, narrowed).sin_cos();
             let turn = Mat2::from_cols(Vec2::new(cos, -sin), Vec2::new(sin, cos));
             let pair = |numbers: Option<[f64; 2]>, otherwise| {
-                numbers.map_or(otherwise, |n| Vec2::from_array(n.map(narrow)))
+                numbers.map_or(otherwise, |n| Vec2::from_array(n.map(narrowed)))
             };
             let scale = Mat2::from_diagonal(pair(own.numbers("scale")?, Vec2::ONE));
             let offset = pair(own.numbers("offset")?, Vec2::ZERO);
@@ -342,7 +345,7 @@ impl Colours {
         };
         if let Some(metallic) = stated.object("pbrMetallicRoughness")? {
             if let Some(factor) = metallic.numbers("baseColorFactor")? {
-                colours.base_colour = factor.map(narrow);
+                colours.base_colour = factor.map(narrowed);
             }
             colours.base = Info::within(metallic, "baseColorTexture")?;
         }
@@ -351,27 +354,22 @@ impl Colours {
         let older = stated.extension("KHR_materials_pbrSpecularGlossiness");
         if let Some(older) = older.filter(|_| says_nothing) {
             if let Some(factor) = older.numbers("diffuseFactor")? {
-                colours.base_colour = factor.map(narrow);
+                colours.base_colour = factor.map(narrowed);
             }
             colours.base = Info::within(older, "diffuseTexture")?;
         }
         let strength = match stated.extension("KHR_materials_emissive_strength") {
-            Some(extension) => extension.number("emissiveStrength")?.map_or(1.0, narrow),
+            Some(extension) => extension.number("emissiveStrength")?.map_or(1.0, narrowed),
             None => 1.0,
         };
         if let Some(factor) = stated.numbers::<3>("emissiveFactor")? {
-            colours.emissive = factor.map(|c| narrow(c) * strength);
+            colours.emissive = factor.map(|c| narrowed(c) * strength);
         }
         colours.emissive_texture = Info::within(stated, "emissiveTexture")?;
         if let Some(relief) = stated.object("normalTexture")? {
-            colours.relief_scale = relief.number("scale")?.map_or(1.0, narrow);
+            colours.relief_scale = relief.number("scale")?.map_or(1.0, narrowed);
             colours.relief = Some(Info::of(relief)?);
         }
         Ok(colours)
     }
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
-fn narrow(x: f64) -> f32 {
-    x as f32
 }

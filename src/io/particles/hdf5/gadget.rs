@@ -11,6 +11,7 @@
 //! Gadget's `SmoothingLength` is the radius at which the kernel ends. SWIFT's is two standard deviations of the kernel,
 //! for every kernel (Dehnen & Aly 2012). The radius at which a cubic spline ends is 1.825742 of SWIFT's lengths.
 
+use crate::math::narrowed;
 use std::path::Path;
 
 use hdf5_reader::group::Group;
@@ -21,7 +22,6 @@ use crate::data::dataset::Dataset;
 use crate::data::particle_type::{ParticleCount, ParticleType};
 use crate::data::smoothing::{LengthMeaning, Smoothing, SphKernel};
 use crate::error::Result;
-use crate::io::bytes::scalars::narrow;
 use crate::scene::Values;
 
 /// Names of the groups, and the types in them. SWIFT stores neutrinos in the last group.
@@ -176,7 +176,7 @@ pub(super) fn read(
     if mass.is_none()
         && let Some(of_type) = table_mass.filter(|m| *m > 0.0)
     {
-        let masses = Values::F32(vec![narrow(of_type); count]);
+        let masses = Values::F32(vec![narrowed(of_type); count]);
         fields.push(table::scalar_field("Masses", masses));
         file.note("All masses are that of the header's MassTable.");
         mass = Some("Masses".to_owned());

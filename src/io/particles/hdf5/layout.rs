@@ -304,7 +304,7 @@ impl Layout {
                 };
                 let value = if is_negative { -magnitude } else { magnitude };
                 if self.encoding().scalar == ScalarType::F32 {
-                    u64::from(crate::io::bytes::scalars::narrow(value).to_bits())
+                    u64::from(crate::math::narrowed(value).to_bits())
                 } else {
                     value.to_bits()
                 }

@@ -12,6 +12,7 @@
 //!
 //! Phantom stores no densities. They are rho = m (hfact / h)³ (Price et al. 2018, eq. 6).
 
+use crate::math::narrowed;
 use std::collections::BTreeMap;
 
 use glam::DVec3;
@@ -23,7 +24,6 @@ use crate::data::dataset::{Dataset, Field, FieldSource};
 use crate::data::particle_type::{ParticleCount, ParticleType};
 use crate::data::smoothing::{LengthMeaning, Smoothing, SphKernel};
 use crate::error::{Error, Result};
-use crate::io::bytes::scalars::narrow;
 use crate::scene::Values;
 
 /// Name of the format.
@@ -295,12 +295,12 @@ fn read_sinks(
             "{without} sinks state no accretion radius: they are drawn with a radius of {stand_in:.3e}."
         ));
     }
-    let sigma = |r: &f64| narrow(if is_stated(*r) { *r } else { stand_in } / 5.0_f64.sqrt());
+    let sigma = |r: &f64| narrowed(if is_stated(*r) { *r } else { stand_in } / 5.0_f64.sqrt());
     let scalar = |name: &str, numbers: Vec<f32>| table::scalar_field(name, Values::F32(numbers));
     let mut fields = vec![
         scalar(
             "accretion_radius",
-            radii.iter().copied().map(narrow).collect(),
+            radii.iter().copied().map(narrowed).collect(),
         ),
         scalar("sigma", radii.iter().map(sigma).collect()),
         scalar("opacity", vec![SINK_OPACITY; count]),

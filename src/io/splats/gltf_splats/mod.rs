@@ -27,6 +27,7 @@
 
 mod write;
 
+use crate::math::narrowed;
 use std::collections::BTreeSet;
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
@@ -443,9 +444,4 @@ fn as_similarity(m: DMat3) -> Option<(f64, DQuat)> {
     let scale = mean.sqrt();
     let sign = m.determinant().signum();
     Some((scale, DQuat::from_mat3(&(m * (sign / scale))).normalize()))
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
-fn narrowed(x: f64) -> f32 {
-    x as f32
 }

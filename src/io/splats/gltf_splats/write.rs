@@ -1,12 +1,13 @@
 //! Writes splats as a .glb file.
 
+use crate::math::narrowed;
 use std::path::Path;
 
 use glam::DVec3;
 use serde_json::{Value, json};
 
 use super::super::encoded_splats::{Encoded, note_mark_lost, single_precision_quantum};
-use super::{EXTENSION, LINEAR, harmonic_name, narrowed};
+use super::{EXTENSION, LINEAR, harmonic_name};
 use crate::data::splats::SplatCloud;
 use crate::error::{Error, Result};
 

@@ -1,11 +1,11 @@
 //! Parses `meta.json`.
 
+use crate::math::narrowed;
 use std::path::Path;
 
 use serde::Deserialize;
 
 use crate::error::{Error, Result};
-use crate::io::bytes::scalars::narrow;
 use crate::io::vtk::xml::clip;
 
 /// Values of the bytes of one channel.
@@ -197,7 +197,7 @@ impl Meta {
 fn between([least, most]: [f64; 2]) -> Levels {
     let mut levels = [0.0; 256];
     for (byte, level) in (0..=u8::MAX).zip(&mut levels) {
-        *level = narrow(least + (most - least) * (f64::from(byte) / 255.0));
+        *level = narrowed(least + (most - least) * (f64::from(byte) / 255.0));
     }
     levels
 }
@@ -207,10 +207,10 @@ fn codebook(stated: &[Option<f64>]) -> Option<Levels> {
     let mut levels = [0.0; 256];
     let stated: &[Option<f64>; 256] = stated.try_into().ok()?;
     for (number, level) in stated.iter().zip(&mut levels).skip(1) {
-        *level = narrow((*number)?);
+        *level = narrowed((*number)?);
     }
     levels[0] = match stated[0] {
-        Some(number) => narrow(number),
+        Some(number) => narrowed(number),
         None => levels[1] + (levels[1] - levels[255]) / 255.0,
     };
     Some(levels)

@@ -167,7 +167,8 @@ mod tests {
     use super::*;
     use crate::data::cells::CellKind;
     use crate::data::dataset::{Association, Dataset, Field, FieldSource, Geometry};
-    use crate::sample::{SampleOptions, narrowed, volume};
+    use crate::math::narrowed;
+    use crate::sample::{SampleOptions, volume};
     use crate::scene::Particles;
 
     const SLOPE: DVec3 = DVec3::new(0.3, -1.7, 0.9);

@@ -118,7 +118,8 @@ mod tests {
     use super::super::analytic::{Rms, blobs, random_point};
     use super::*;
     use crate::error::Error;
-    use crate::sample::{SampleOptions, narrowed, points};
+    use crate::math::narrowed;
+    use crate::sample::{SampleOptions, points};
     use crate::scene::{Lattice, LatticeSpacing, LocalModels};
 
     /// Returns 20³ points at spacing 1/27 about 0, jittered by .35 of the spacing.

@@ -13,7 +13,7 @@ use super::TransferFunction;
 use super::colour_maps::{DIVERGING, known_map, over_range};
 use super::value_scale::{ScaleName, ValueScale};
 use crate::error::{Error, Result};
-use crate::scene::values::narrowed;
+use crate::math::narrowed;
 
 /// Target optical depth. With a background: along a line, if values were spread evenly. For a body: along a
 /// line through its middle. Interesting values of lattices lie together: medians over the axis-parallel lines

@@ -1,5 +1,6 @@
 //! Samples the values from which a transfer function is chosen, with the volumes that they represent.
 
+use crate::math::narrowed;
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
@@ -9,7 +10,6 @@ use super::silhouette::Silhouette;
 use crate::scene::lattice::Lattice;
 use crate::scene::transfer_function::value_scale::ValueScale;
 use crate::scene::values::Values;
-use crate::scene::values::narrowed;
 
 /// Greatest number of values sampled; more values are sampled evenly. At 2^18 the thousandth at either end is
 /// still 262 values.
