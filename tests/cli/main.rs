@@ -20,6 +20,7 @@ mod gpu;
 mod manners;
 #[cfg(all(target_os = "linux", feature = "prepared"))]
 mod memory;
+mod rooms;
 mod scenes;
 mod splats;
 mod usage;
