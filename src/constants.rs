@@ -127,3 +127,7 @@ pub const LEAST_SPREAD: f32 = 1e-6;
 /// Share of a transfer function's greatest extinction, and opacity of a splat, below which a particle counts as
 /// invisible: for fitted cameras, cut faces and sharp boundaries.
 pub(crate) const FAINT_SHARE: f32 = 0.01;
+
+/// Number of entries in a transfer function's table. At 4096 each byte has sixteen entries and each 12-bit
+/// value one of its own, and one function takes 64 KiB of device memory.
+pub const CLASSIFICATION_TABLE_LEN: usize = 4096;

@@ -54,13 +54,13 @@ pub use classify::{classify, count_classified};
 pub use extent::Pieces;
 pub(crate) use frame::CpuFrames;
 pub use light::{Sides, light, lit};
+pub(crate) use pass::is_cut_into_strips;
 pub(crate) use pass::{MOST_ENTRIES, cut_into_bands, tile_size};
 pub(crate) use pick::shares;
 pub use project::{ProjectInput, ProjectOutput, project};
 pub use resolve::{resolve, resolve_depth, resolve_normals};
 pub use shade::{encode, shade};
 pub use sort::{footprint_index, sort};
-pub(crate) use strips::is_cut_into_strips;
 pub(crate) use tile::TileSums;
 pub use tile::{
     ColumnInput, ColumnSums, NormalTile, PostClassification, RasteriseSettings, Tile, bin_columns,

@@ -14,7 +14,6 @@ use crate::cpu::classify::count_classified;
 use crate::cpu::extent::Pieces;
 use crate::cpu::project::ProjectInput;
 use crate::cpu::shade::encode;
-use crate::cpu::strips::is_cut_into_strips;
 use crate::cpu::tile::{
     ColumnInput, NormalTile, PostClassification, RasteriseSettings, Tile, bin_columns,
     list_visible, rasterise_surface,
@@ -602,6 +601,12 @@ pub(super) fn has_pieces(plan: &FramePlan, volume: &BlockedVolume) -> bool {
 /// Resizes a buffer that will be overwritten: keeps its memory and its contents.
 fn overwrite<T: bytemuck::Zeroable + Clone>(buffer: &mut Vec<T>, len: usize) {
     buffer.resize(len, T::zeroed());
+}
+
+/// Returns whether a pass can be drawn in strips. Column sums cannot, because they are formed in parts
+/// that depend on all lists. Unbounded kernels cannot, because every strip would contain all of them.
+pub(crate) fn is_cut_into_strips(plan: &FramePlan, pass: &PassPlan) -> bool {
+    plan.culls && pass.axes.accumulate != Accumulate::Column
 }
 
 #[cfg(test)]

@@ -27,12 +27,6 @@ const FEW_PARTICLES: usize = 1 << 18;
 /// its word in the order, its entries in lists of small kernels.
 const BYTES_EACH: u64 = 256;
 
-/// Returns whether a pass can be drawn in strips. Column sums cannot, because they are formed in parts
-/// that depend on all lists. Unbounded kernels cannot, because every strip would contain all of them.
-pub(crate) fn is_cut_into_strips(plan: &FramePlan, pass: &PassPlan) -> bool {
-    plan.culls && pass.axes.accumulate != Accumulate::Column
-}
-
 /// A frame's pass, and the data to draw it.
 struct Strips<'a> {
     scene: &'a BlockedScene,

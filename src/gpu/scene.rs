@@ -1,6 +1,7 @@
 //! Keeps a scene on the device. Volumes are divided into parts: runs of whole blocks whose every buffer
 //! fits a binding.
 
+use crate::constants::CLASSIFICATION_TABLE_LEN;
 use std::borrow::Cow;
 use std::ops::Range;
 
@@ -19,8 +20,8 @@ use crate::record::{
     LightingUniform, PartState, PieceTerms, ViewUniform,
 };
 use crate::scene::{
-    CLASSIFICATION_TABLE_LEN, ColourIn, LobeRow, Lobes, MAX_LOBE_CELLS, MAX_LOBE_ROWS, MAX_LOBES,
-    MAX_WINDOW_CELLS, MAX_WINDOWS, StrengthIn, TransferFunction, ValuesIn,
+    ColourIn, LobeRow, Lobes, MAX_LOBE_CELLS, MAX_LOBE_ROWS, MAX_LOBES, MAX_WINDOW_CELLS,
+    MAX_WINDOWS, StrengthIn, TransferFunction, ValuesIn,
 };
 
 /// A run of a volume's blocks on the device.

@@ -139,7 +139,12 @@ pub(crate) fn of_folder(path: &Path) -> Cow<'_, Path> {
                 self::grid::plotfile::looks_like(head)
             })
         };
-        let scene = || stands_in(self::splats::sog::META, &self::splats::sog::looks_like);
+        let scene = || {
+            stands_in(
+                self::splats::sog::files::META,
+                &self::splats::sog::looks_like,
+            )
+        };
         #[cfg(feature = "dicom")]
         let series = || self::volume::dicom::series_in(path);
         #[cfg(not(feature = "dicom"))]

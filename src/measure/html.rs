@@ -3,6 +3,7 @@
 mod labels;
 mod plot;
 
+use crate::measure::html::plot::escaped;
 use std::fmt::Write;
 use std::path::Path;
 
@@ -507,13 +508,6 @@ fn opaque(image: &Image) -> Image {
         pixel[3] = 1.0;
     }
     image
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('"', "&quot;")
 }
 
 fn name(path: &str) -> String {

@@ -16,6 +16,7 @@ mod storage;
 mod transfer_function;
 mod values;
 
+pub use crate::constants::CLASSIFICATION_TABLE_LEN;
 pub(crate) use boundary::NO_EDGE;
 pub(crate) use boundary::cut_kernel;
 pub use boundary::{Boundary, BoundaryPlanes, BoundaryPlanesIn, MOST_EDGES};
@@ -37,10 +38,10 @@ pub use requirements::Requirements;
 pub(crate) use storage::SharedBytes;
 pub use storage::{Column, Owned, Shared, Storage};
 pub use transfer_function::{
-    ALONE_DEPTH, AutomaticOptions, Averages, CLASSIFICATION_TABLE_LEN, COLOUR_MAP_NAMES,
-    ColourSpace, ControlPoint, LEAST_WINDOW_SHARE, LOBE_REACH, Lobe, Lobes, MAX_LOBES, MAX_OPACITY,
-    MAX_PIECE_WIDTH, MAX_WINDOWS, Piece, ScaleName, Slopes, Surroundings, TransferDefaults,
-    TransferFunction, ValueSample, ValueScale, Weighting, Window,
+    ALONE_DEPTH, AutomaticOptions, Averages, COLOUR_MAP_NAMES, ColourSpace, ControlPoint,
+    LEAST_WINDOW_SHARE, LOBE_REACH, Lobe, Lobes, MAX_LOBES, MAX_OPACITY, MAX_PIECE_WIDTH,
+    MAX_WINDOWS, Piece, ScaleName, Slopes, Surroundings, TransferDefaults, TransferFunction,
+    ValueSample, ValueScale, Weighting, Window,
 };
 #[cfg(feature = "gpu")]
 pub(crate) use transfer_function::{

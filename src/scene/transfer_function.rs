@@ -26,14 +26,11 @@ pub(crate) use lobes::{
 };
 pub use value_scale::{ScaleName, ValueScale};
 
+use crate::constants::CLASSIFICATION_TABLE_LEN;
 use std::ops::Range;
 
 use self::maxima::Maxima;
 use crate::error::{Error, Result};
-
-/// Number of entries in a transfer function's table. At 4096 each byte has sixteen entries and each 12-bit
-/// value one of its own, and one function takes 64 KiB of device memory.
-pub const CLASSIFICATION_TABLE_LEN: usize = 4096;
 
 /// Greatest opacity distinguished from 1, whose extinction would be infinite: 1 - 2^-16, one step of a 16-bit
 /// image; -ln(1 - opacity) is then 11.09.

@@ -1,5 +1,6 @@
 //! Makes the buffers and bindings of a pass, for frames of one kind.
 
+use crate::constants::CLASSIFICATION_TABLE_LEN;
 use bytemuck::Zeroable;
 
 use super::bands::{Bands, Cuts};
@@ -23,7 +24,6 @@ use crate::gpu::sort::{BoundSort, Sort};
 use crate::gpu::surface::{BoundSurface, Surface};
 use crate::gpu::tile::{BoundTiles, TileBuffers, TileProgress};
 use crate::record::{ChunkUniform, ExactTerms, Footprint, ViewUniform};
-use crate::scene::CLASSIFICATION_TABLE_LEN;
 use crate::splat::Classify;
 
 /// A rasteriser with its buffers, and the kernel that turns its last chunk into the band's pixels.

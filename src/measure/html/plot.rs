@@ -2,7 +2,6 @@
 
 use std::fmt::Write;
 
-use super::escaped;
 use super::labels::{Rect, place};
 
 /// Width and height of a plot in its own pixels; the page scales it.
@@ -302,6 +301,13 @@ fn mantissa_and_power(value: f64, decimals: usize) -> (String, String) {
         })
         .collect();
     (mantissa, format!("10{power}"))
+}
+
+pub(super) fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
 }
 
 #[cfg(test)]

@@ -1,7 +1,8 @@
 //! Computes what merged particles need of a transfer function: averages over intervals of values, and bounds on
 //! its slope.
 
-use super::{CLASSIFICATION_TABLE_LEN, LAST, TransferFunction, entries, narrowed, table_segment};
+use super::{LAST, TransferFunction, entries, narrowed, table_segment};
+use crate::constants::CLASSIFICATION_TABLE_LEN;
 use crate::scene::transfer_function::maxima::Maxima;
 
 /// The weights with which the colours of several particles are averaged.

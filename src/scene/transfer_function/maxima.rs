@@ -1,6 +1,6 @@
 //! Finds the greatest of any run of a table's entries, in constant time.
 
-use super::CLASSIFICATION_TABLE_LEN;
+use crate::constants::CLASSIFICATION_TABLE_LEN;
 
 /// `rows[p][i]`: the greatest of entries i .. i + 2^p (a sparse table).
 #[derive(Debug, Clone, PartialEq)]

@@ -1,8 +1,8 @@
 //! Parses the case file, which names the files of the geometry and the variables and lists the times.
 
+use crate::io::grid::ensight::stream::DAMAGED;
 use std::path::{Path, PathBuf};
 
-use super::DAMAGED;
 use crate::error::{Error, Result};
 use crate::io::particles::table::list;
 use crate::io::volume::voxels::beside;

@@ -19,6 +19,7 @@ mod geometry;
 mod stream;
 mod variable;
 
+use crate::io::grid::ensight::stream::DAMAGED;
 use crate::io::vtk;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -37,8 +38,6 @@ use crate::io::time_steps::{self, TimeStep, chosen};
 use crate::scene::{Lattice, LatticeSpacing, Values};
 
 pub(in crate::io) use self::case::looks_like;
-
-const DAMAGED: &str = "the file is damaged: save it again";
 
 /// Greatest number of times that a file may be named. Some case files name one file for the real and the imaginary
 /// part.

@@ -11,8 +11,9 @@
 
 use std::path::Path;
 
-use super::DAMAGED;
 use crate::error::{Error, Result};
+
+pub(super) const DAMAGED: &str = "the file is damaged: save it again";
 
 /// Length in bytes of a line in binary files.
 const LINE: usize = 80;

@@ -13,6 +13,7 @@
 mod fab;
 mod text;
 
+use crate::io::grid::plotfile::text::fault;
 use crate::io::vtk;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -22,7 +23,7 @@ use glam::DVec3;
 use self::text::{Box3, Tokens};
 use super::amr::{self, Level, Patch};
 use crate::data::dataset::Dataset;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::io::bytes::file::Input;
 use crate::io::volume::voxels;
 
@@ -35,8 +36,6 @@ const VERSIONS: [&[u8]; 3] = [b"HyperCLaw-V", b"NavierStokes-V", b"CartGrid-V"];
 /// Greatest numbers of levels and fields; far more than anything writes.
 const MOST_LEVELS: usize = 64;
 const MOST_FIELDS: usize = 1 << 16;
-
-const DAMAGED: &str = "the plotfile is damaged: copy it again";
 
 /// Whether a file that begins with `head` is the header of a plotfile.
 pub(in crate::io) fn looks_like(head: &[u8]) -> bool {
@@ -225,9 +224,4 @@ fn read_level(
     }
     patches.extend(found.into_iter().flatten());
     Ok(())
-}
-
-/// The error for a damaged file of the plotfile.
-fn fault(path: &Path, place: &str, expected: &str, found: String) -> Error {
-    Error::format(path, place, expected, found, DAMAGED)
 }

@@ -3,9 +3,10 @@
 use std::path::Path;
 use std::str::FromStr;
 
-use super::fault;
 use crate::error::{Error, Result};
 use crate::io::vtk::xml::clip;
+
+pub(super) const DAMAGED: &str = "the plotfile is damaged: copy it again";
 
 /// The cells of a box: the first and the last along each axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -127,4 +128,9 @@ impl<'a> Tokens<'a> {
         self.rest = self.rest.trim_start().trim_start_matches(')');
         Ok(boxes)
     }
+}
+
+/// The error for a damaged file of the plotfile.
+pub(super) fn fault(path: &Path, place: &str, expected: &str, found: String) -> Error {
+    Error::format(path, place, expected, found, DAMAGED)
 }

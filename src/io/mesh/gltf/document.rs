@@ -10,11 +10,37 @@ use serde::Deserializer;
 use serde::de::{DeserializeSeed, IgnoredAny, MapAccess, SeqAccess, Visitor};
 use serde_json::{Map, Value};
 
-use super::OF_SPLATS;
-use super::READ;
 use crate::error::{Error, Result};
 use crate::io::refused;
 use crate::io::vtk::xml::clip;
+
+/// Extension within [`SPLATS`] whose buffer view contains an SPZ stream.
+pub(in crate::io) const PACKED_SPLATS: &str = "KHR_gaussian_splatting_compression_spz_2";
+
+/// Extension for Gaussian splats.
+pub(in crate::io) const SPLATS: &str = "KHR_gaussian_splatting";
+
+/// Extension that packs the meshes of whole primitives.
+pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
+
+/// Extensions that the reader of splats supports.
+pub(super) const OF_SPLATS: &[&str] = &[SPLATS, PACKED_SPLATS];
+
+/// Extensions that are read.
+pub(super) const READ: &[&str] = &[
+    "EXT_mesh_gpu_instancing",
+    "EXT_meshopt_compression",
+    #[cfg(feature = "draco")]
+    DRACO,
+    "EXT_texture_webp",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_unlit",
+    "KHR_mesh_quantization",
+    "KHR_meshopt_compression",
+    "KHR_texture_basisu",
+    "KHR_texture_transform",
+];
 
 /// Advice for a file that breaks the format's rules.
 pub(super) const BROKEN: &str = "the file is damaged or breaks the format's rules: export it again";

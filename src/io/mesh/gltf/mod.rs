@@ -27,6 +27,9 @@ mod meshopt;
 mod nodes;
 mod primitives;
 
+pub(in crate::io) use self::document::{PACKED_SPLATS, SPLATS};
+use crate::io::mesh::gltf::document::DRACO;
+use crate::io::mesh::gltf::document::READ;
 use std::collections::{BTreeSet, HashMap};
 use std::path::Path;
 use std::sync::Arc;
@@ -52,22 +55,6 @@ use primitives::{PrimitiveReader, Shape};
 /// small file can describe a scene of any size.
 const MOST_CORNERS: usize = 1 << 27;
 
-/// Extensions that are read.
-const READ: &[&str] = &[
-    "EXT_mesh_gpu_instancing",
-    "EXT_meshopt_compression",
-    #[cfg(feature = "draco")]
-    DRACO,
-    "EXT_texture_webp",
-    "KHR_materials_emissive_strength",
-    "KHR_materials_pbrSpecularGlossiness",
-    "KHR_materials_unlit",
-    "KHR_mesh_quantization",
-    "KHR_meshopt_compression",
-    "KHR_texture_basisu",
-    "KHR_texture_transform",
-];
-
 /// Extensions that change neither shape nor base colour.
 const OF_LIGHT: &[&str] = &[
     "KHR_lights_punctual",
@@ -82,18 +69,6 @@ const OF_LIGHT: &[&str] = &[
     "KHR_xmp",
     "KHR_xmp_json_ld",
 ];
-
-/// Extension that packs the meshes of whole primitives.
-const DRACO: &str = "KHR_draco_mesh_compression";
-
-/// Extension for Gaussian splats.
-pub(in crate::io) const SPLATS: &str = "KHR_gaussian_splatting";
-
-/// Extension within [`SPLATS`] whose buffer view contains an SPZ stream.
-pub(in crate::io) const PACKED_SPLATS: &str = "KHR_gaussian_splatting_compression_spz_2";
-
-/// Extensions that the reader of splats supports.
-const OF_SPLATS: &[&str] = &[SPLATS, PACKED_SPLATS];
 
 /// Reads a scene.
 ///

@@ -36,9 +36,6 @@ use model::{Content, Model};
 use package::Package;
 use shapes::Shapes;
 
-/// Advice for an archive that breaks the rules.
-const DAMAGED: &str = "the file is damaged or breaks the format's rules: save the mesh again";
-
 /// Greatest depth of components: more is a cycle.
 const DEEPEST: usize = 32;
 /// Greatest number of placed objects, all components together.

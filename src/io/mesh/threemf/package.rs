@@ -4,10 +4,13 @@ use std::path::Path;
 
 use roxmltree::{Document, ParsingOptions};
 
-use super::DAMAGED;
 use crate::error::{Error, Result};
 use crate::io::bytes::zip::{self, Entry};
 use crate::io::vtk::xml::clip;
+
+/// Advice for an archive that breaks the rules.
+pub(super) const DAMAGED: &str =
+    "the file is damaged or breaks the format's rules: save the mesh again";
 
 /// Greatest ratio of unpacked bytes to the archive's bytes, and the number of bytes allowed for any archive:
 /// text of numbers is compressed to a fifth or a tenth.

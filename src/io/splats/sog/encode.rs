@@ -1,5 +1,6 @@
 //! Encodes scenes as archives of version 2.
 
+use crate::io::splats::sog::files::META;
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::path::Path;
 
@@ -7,7 +8,6 @@ use image_webp::{ColorType, EncoderParams, EncodingError, WebPEncoder};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use super::META;
 use super::codebook::{codebook, nearest};
 use super::decode::{FIRST_LARGEST, PALETTE_ROW};
 use super::meta::Levels;

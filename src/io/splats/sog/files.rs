@@ -2,13 +2,15 @@
 
 use std::borrow::Cow;
 
-use super::META;
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
 use crate::io::bytes::zip::{self, Entry};
 use crate::io::volume::raw::DEFLATE_RATIO;
 use crate::io::volume::voxels::beside;
 use crate::io::vtk::xml::clip;
+
+/// The file that names the images.
+pub(in crate::io) const META: &str = "meta.json";
 
 /// Whether a member of an archive is the `meta.json` of a scene.
 pub(super) fn is_meta(name: &str) -> bool {

@@ -21,10 +21,11 @@
 mod codebook;
 mod decode;
 mod encode;
-mod files;
+pub(in crate::io) mod files;
 mod meta;
 mod palette;
 
+use crate::io::splats::sog::files::META;
 use std::path::Path;
 
 use crate::data::dataset::Dataset;
@@ -33,9 +34,6 @@ use crate::io::bytes::file::Input;
 use crate::io::bytes::zip;
 pub(in crate::io) use encode::encode;
 use files::Files;
-
-/// The file that names the images.
-pub(in crate::io) const META: &str = "meta.json";
 
 /// Keys of `meta.json`, some of which are near its beginning.
 const KEYS: [&str; 4] = ["\"means\"", "\"scales\"", "\"quats\"", "\"sh0\""];

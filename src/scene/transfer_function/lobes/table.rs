@@ -12,6 +12,7 @@
     reason = "whole numbers of samples and cells, held to what there is; tables are f32"
 )]
 
+use crate::constants::CLASSIFICATION_TABLE_LEN;
 use rayon::prelude::*;
 
 use super::windows::{Jump, jumps, shapes, weights};
@@ -21,8 +22,8 @@ use super::{
 };
 use crate::math::FRAC_1_SQRT_TAU;
 use crate::scene::transfer_function::TransferFunction;
+use crate::scene::transfer_function::entry_value;
 use crate::scene::transfer_function::lobes::windows::Shape;
-use crate::scene::transfer_function::{CLASSIFICATION_TABLE_LEN, entry_value};
 
 /// A row of a lobe's table.
 #[derive(Debug, Clone, Copy, PartialEq)]
