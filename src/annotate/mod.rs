@@ -7,8 +7,12 @@
 
 mod outline;
 mod scale_bar;
+mod strokes;
 mod triad;
 
+use crate::annotate::strokes::fill_plate;
+use crate::annotate::strokes::gap;
+use crate::annotate::strokes::rim;
 use glam::DVec3;
 
 pub use self::outline::{BoxEdge, box_edges};
@@ -16,7 +20,7 @@ use self::scale_bar::ScaleBar;
 use self::triad::Triad;
 use crate::error::{Error, Result};
 use crate::image::Image;
-use crate::overlay::{Font, Line, PLATE_OPACITY, Rect, Stroke, fill, font_of};
+use crate::overlay::{Font, Line, Rect, font_of};
 use crate::view::{Bounds, Camera};
 
 /// Annotations to draw over a picture; none by default.
@@ -42,8 +46,6 @@ pub struct Annotations {
 
 /// Least number of a text's characters that must fit.
 const LEAST_CHARACTERS: usize = 4;
-/// Linear grey level of dark rims.
-const RIM: [f32; 3] = [0.0; 3];
 
 /// Checks that the annotations fit into a camera's picture and have a place there, before the picture is drawn.
 ///
@@ -141,42 +143,6 @@ impl Label {
     fn draw(&self, image: &mut Image, font: Font) {
         fill_plate(image, self.plate);
         self.line.draw(font, image);
-    }
-}
-
-/// Returns the distance between drawings and the picture's edges, and between text and the ends of its plate,
-/// pixels.
-fn gap(font: Font) -> usize {
-    font.line_px() / 2
-}
-
-/// Returns the distance between text and the upper and lower edges of its plate, pixels.
-fn rim(font: Font) -> usize {
-    font.line_px() / 4
-}
-
-/// Returns the width of lines, pixels.
-fn thickness_px(font: Font) -> f64 {
-    font.line_px() as f64 / 14.0
-}
-
-fn fill_plate(image: &mut Image, plate: Rect) {
-    fill(image, plate, [0.0, 0.0, 0.0, 1.0], PLATE_OPACITY);
-}
-
-/// Draws lines with a common dark rim.
-fn draw_rimmed(image: &mut Image, strokes: &[Stroke], colour: [f32; 3], opacity: f32) {
-    /// Opacity of a rim relative to its line's: visible, and on white a third of the light remains.
-    const RIM_OPACITY: f32 = 0.65;
-    for stroke in strokes {
-        let rim = Stroke {
-            width_px: 3.0 * stroke.width_px,
-            ..*stroke
-        };
-        rim.draw(image, RIM, opacity * RIM_OPACITY);
-    }
-    for stroke in strokes {
-        stroke.draw(image, colour, opacity);
     }
 }
 

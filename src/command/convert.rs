@@ -1,5 +1,6 @@
 //! Runs `ewa-splat convert`.
 
+use crate::command::words::axis;
 use std::path::{Path, PathBuf};
 
 use crate::data::dataset::{Dataset, Geometry};
@@ -266,16 +267,6 @@ fn say_turns(out: &Path, up: &Up, ups: &[(PathBuf, Up)], written: &WrittenSplats
         corner(DVec3::Y),
         corner(DVec3::Z)
     );
-}
-
-/// Formats an axis: `+y`.
-pub(super) fn axis(direction: DVec3) -> String {
-    let of = ["x", "y", "z"].into_iter().zip(direction.to_array());
-    let known = of.clone().find(|(_, c)| c.abs() == direction.length());
-    known.map_or_else(
-        || format!("{:.3} {:.3} {:.3}", direction.x, direction.y, direction.z),
-        |(name, c)| format!("{}{name}", if c < 0.0 { "-" } else { "+" }),
-    )
 }
 
 impl From<Version> for SpzVersion {

@@ -1,10 +1,11 @@
 //! Runs `ewa-splat info`.
 
+use crate::data::association::Association;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use crate::data::cells::CellKind;
-use crate::data::dataset::{Association, Dataset, Field, Geometry};
+use crate::data::dataset::{Dataset, Field, Geometry};
 use crate::data::mesh::{AlphaMode, Mesh, TextureUse};
 use crate::data::particle_type::{ParticleCount, ParticleType};
 use crate::error::{Advice, Hint};

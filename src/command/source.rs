@@ -1,8 +1,8 @@
 //! Parses inputs: a file with the field and the transfer function that it shows.
 
+use crate::data::association::Association;
 use std::path::PathBuf;
 
-use crate::data::dataset::Association;
 use crate::data::particle_type::ParticleType;
 use crate::io::{OpenOptions, Part, StepChoice, TimeStep, format_of};
 use crate::{Error, Result};

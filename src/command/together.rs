@@ -3,6 +3,7 @@
 //!
 //! If ranks share a scene, each rank reads some of the inputs, and all ranks make the same choices.
 
+use crate::command::words::axis;
 use std::collections::HashMap;
 use std::ops::Range;
 
@@ -12,7 +13,6 @@ use rayon::prelude::*;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::convert::axis;
 use super::edits::Edit;
 use super::input::DataOptions;
 use super::progress::note;

@@ -2,6 +2,7 @@
 
 use crate::Error;
 use crate::error::{Advice, Hint, Parameter, Place};
+use glam::DVec3;
 
 /// Formats an error in one line: `FILE: place: expected A, found B; do C`. It removes line breaks
 /// from the messages of other libraries.
@@ -206,6 +207,16 @@ fn hint(hint: Hint) -> String {
         }
     }
     .to_owned()
+}
+
+/// Formats an axis: `+y`.
+pub(super) fn axis(direction: DVec3) -> String {
+    let of = ["x", "y", "z"].into_iter().zip(direction.to_array());
+    let known = of.clone().find(|(_, c)| c.abs() == direction.length());
+    known.map_or_else(
+        || format!("{:.3} {:.3} {:.3}", direction.x, direction.y, direction.z),
+        |(name, c)| format!("{}{name}", if c < 0.0 { "-" } else { "+" }),
+    )
 }
 
 #[cfg(test)]

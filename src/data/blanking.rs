@@ -1,7 +1,8 @@
 //! Reads which nodes and cells a file declares not to be part of its data.
 
+use crate::data::association::Association;
 use crate::data::cells::{CellKind, CellMesh};
-use crate::data::dataset::{Association, Dataset};
+use crate::data::dataset::Dataset;
 use crate::data::polyhedron::polyhedron_faces;
 use crate::error::Result;
 use crate::scene::Values;

@@ -1,5 +1,6 @@
 //! Defines a data set as its file stores it, before any conversion.
 
+use crate::data::association::Association;
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
@@ -10,7 +11,7 @@ use crate::data::mesh::Mesh;
 use crate::data::particle_type::ParticleCount;
 use crate::data::smoothing::Smoothing;
 use crate::data::splats::SplatCloud;
-use crate::error::{Error, Hint, Result};
+use crate::error::{Advice, Error, Hint, Result};
 use crate::scene::{Lattice, Values};
 
 /// Geometry and fields of a data file, as a reader returns them. It contains nothing that the file does not state.
@@ -141,40 +142,6 @@ pub struct Field {
     pub source: FieldSource,
     /// Unit of the stored numbers, if the file states it: `K`, `g/cm^3`.
     pub unit: Option<String>,
-}
-
-/// Elements that the values of a [`Field`] belong to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Association {
-    /// Nodes of a grid, or particles.
-    Nodes,
-    /// Cells of a grid. A structured grid has one cell fewer than nodes along each axis.
-    Cells,
-}
-
-impl Association {
-    /// Nodes and cells, in the order in which files store them.
-    pub(crate) const BOTH: [Self; 2] = [Self::Nodes, Self::Cells];
-
-    /// Word that selects this association in [`Dataset::scalar`]: `nodes` or `cells`.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Nodes => "nodes",
-            Self::Cells => "cells",
-        }
-    }
-
-    /// Splits a selector `NAME@cells` or `NAME@nodes` into its name and its association.
-    pub(crate) fn split(selector: &str) -> Option<(&str, Self)> {
-        let (name, word) = selector.rsplit_once('@')?;
-        Some((name, Self::of_name(word)?))
-    }
-
-    /// Finds the association with this name.
-    pub(crate) fn of_name(word: &str) -> Option<Self> {
-        let is = |of: &Self| of.name().eq_ignore_ascii_case(word);
-        Self::BOTH.into_iter().find(is)
-    }
 }
 
 /// Source of the numbers of a [`Field`].
@@ -476,5 +443,29 @@ impl Dataset {
             std::iter::once(whole).chain(components)
         };
         self.fields.iter().flat_map(of_field).collect()
+    }
+}
+
+impl SplatCloud {
+    /// A data set of these splats.
+    ///
+    /// # Errors
+    /// No splats.
+    pub(crate) fn dataset(
+        self,
+        path: &Path,
+        format: &'static str,
+        fields: Vec<Field>,
+    ) -> Result<Dataset> {
+        if self.positions.is_empty() {
+            return Err(Error::format(
+                path,
+                "splats",
+                "at least one",
+                "none",
+                Advice::no_data("check that the file was written completely"),
+            ));
+        }
+        Ok(Dataset::new(path, format, Geometry::Splats(self), fields))
     }
 }

@@ -1,9 +1,10 @@
 //! Cuts cells of higher order so finely that cells of first order represent one field.
 
 use super::element::{Subdivision, steps};
+use crate::data::association::Association;
 use crate::data::blanking::Blanking;
 use crate::data::cells::CellMesh;
-use crate::data::dataset::{Association, Dataset, Field, FieldSource, Geometry};
+use crate::data::dataset::{Dataset, Field, FieldSource, Geometry};
 use crate::error::{Error, Result};
 use crate::scene::Values;
 

@@ -1,5 +1,6 @@
 //! The data model: data sets, cells, meshes, splats, and what their files say of units, axes and particles.
 
+pub(crate) mod association;
 pub(crate) mod blanking;
 pub(crate) mod cells;
 pub(crate) mod colour_columns;

@@ -1,13 +1,11 @@
 //! Defines splats as radiance fields store them, for all formats. `splat_axes.rs` has the axes of each.
 
 use crate::math::narrowed;
-use std::path::Path;
 
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
-use super::dataset::{Dataset, Field, Geometry};
-use crate::error::{Advice, Error, Result};
+use crate::error::{Error, Result};
 use crate::image::{linear_from_srgb, srgb_from_linear};
 use crate::math::{
     HARMONIC_0, HarmonicsTransform, MAX_HARMONICS_DEGREE, harmonics_count, rotation_matrix,
@@ -203,30 +201,6 @@ impl SplatCloud {
         }
         self.harmonics = raised;
         self.harmonics_degree = degree;
-    }
-}
-
-impl SplatCloud {
-    /// A data set of these splats.
-    ///
-    /// # Errors
-    /// No splats.
-    pub(crate) fn dataset(
-        self,
-        path: &Path,
-        format: &'static str,
-        fields: Vec<Field>,
-    ) -> Result<Dataset> {
-        if self.positions.is_empty() {
-            return Err(Error::format(
-                path,
-                "splats",
-                "at least one",
-                "none",
-                Advice::no_data("check that the file was written completely"),
-            ));
-        }
-        Ok(Dataset::new(path, format, Geometry::Splats(self), fields))
     }
 }
 

@@ -1,5 +1,6 @@
 //! Reads a curvilinear grid in pieces: each rank reads some pieces, and receives the planes that it samples.
 
+use crate::data::association::Association;
 use std::ops::Range;
 
 use super::message::{put, put_values, take, take_values};
@@ -12,7 +13,7 @@ use super::shown::{
 };
 use crate::blocks::Peers;
 use crate::data::blanking::Blanking;
-use crate::data::dataset::{Association, CurvilinearBlock, Dataset, Geometry};
+use crate::data::dataset::{CurvilinearBlock, Dataset, Geometry};
 use crate::error::Result;
 use crate::io::{ArrayKey, BlockPlanes, VtsPieces};
 use crate::math::ExactSum;

@@ -1,10 +1,10 @@
 //! Encodes some cells of a mesh with their nodes and a field, to send them from one rank to another.
 
+use crate::data::association::Association;
 use std::path::Path;
 
 use super::message::{put, put_values, take, take_values, unknown};
 use crate::data::cells::{CellKind, CellMesh, renumber};
-use crate::data::dataset::Association;
 use crate::error::Result;
 use crate::io::check_cells;
 use crate::scene::Values;

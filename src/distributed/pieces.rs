@@ -1,5 +1,6 @@
 //! Reads an unstructured grid in pieces, some pieces on each rank.
 
+use crate::data::association::Association;
 use std::ops::Range;
 
 use super::patch::Patch;
@@ -12,7 +13,7 @@ use super::shown::{
 };
 use crate::data::blanking::Blanking;
 use crate::data::cells::CellMesh;
-use crate::data::dataset::{Association, Dataset, Field, FieldSource, Geometry};
+use crate::data::dataset::{Dataset, Field, FieldSource, Geometry};
 use crate::data::first_order::is_of_higher_order;
 use crate::error::Result;
 use crate::io::{ArraysSeen, VtuPieces};

@@ -1,5 +1,6 @@
 //! Reads a file of points on all ranks, a run of rows on each; points are sampled by means of their neighbours.
 
+use crate::data::association::Association;
 use std::mem::take;
 use std::ops::Range;
 use std::path::Path;
@@ -12,7 +13,7 @@ use super::share::Share;
 use super::shown::{PartRead, found_by_all, models_of_all, show};
 use super::surroundings::{PointsAround, sent, sent_values};
 use crate::blocks::territories;
-use crate::data::dataset::{Association, Dataset, Field, FieldSource, Geometry};
+use crate::data::dataset::{Dataset, Field, FieldSource, Geometry};
 use crate::error::Result;
 use crate::io::RowFile;
 use crate::prepared::{Found, ROWS};

@@ -1,9 +1,10 @@
 //! Transforms the columns of particles that contain lengths and shapes.
 
+use crate::data::association::Association;
 use crate::math::narrowed;
 use glam::{DMat3, DQuat, DVec3};
 
-use crate::data::dataset::{Association, Dataset, Field, FieldSource};
+use crate::data::dataset::{Dataset, Field, FieldSource};
 use crate::data::shape_columns::{LENGTHS, SCALES, VARIANCE};
 use crate::error::{Error, Result};
 use crate::math::{factor_of_variance, lower_matrix, scales_and_rotation, symmetric};

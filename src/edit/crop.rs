@@ -1,5 +1,6 @@
 //! Crops a data set to a box.
 
+use crate::data::association::Association;
 use std::ops::Range;
 use std::path::Path;
 
@@ -8,7 +9,7 @@ use rayon::prelude::*;
 
 use super::select::{Runs, Selection, reselect};
 use crate::data::cells::{CellKind, CellMesh};
-use crate::data::dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
+use crate::data::dataset::{CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use crate::data::mesh::Mesh;
 use crate::data::splats::SplatCloud;
 use crate::data::up::Up;

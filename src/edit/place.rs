@@ -1,12 +1,13 @@
 //! Resizes, rotates and translates data sets.
 
+use crate::data::association::Association;
 use crate::math::narrowed;
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
 use super::columns::{self, even, is_of_axes};
 use super::select::{Turned, reselect};
-use crate::data::dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
+use crate::data::dataset::{CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use crate::data::mesh::Mesh;
 use crate::data::splats::SplatCloud;
 use crate::error::{Error, Result};

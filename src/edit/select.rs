@@ -1,8 +1,9 @@
 //! Selects parts of arrays with values of any type.
 
+use crate::data::association::Association;
 use std::ops::Range;
 
-use crate::data::dataset::{Association, Dataset, FieldSource};
+use crate::data::dataset::{Dataset, FieldSource};
 use crate::scene::Values;
 
 /// Selection of the entries of an array, with their order.

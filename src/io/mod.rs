@@ -50,10 +50,9 @@ pub(crate) use self::vtk::pieces::{ArrayKey, ArraysSeen};
 pub(crate) use self::vtk::vts_pieces::{BlockPlanes, VtsPieces};
 #[cfg(feature = "cli")]
 pub(crate) use self::vtk::vtu_pieces::VtuPieces;
+pub use crate::data::association::Association;
 pub use crate::data::cells::{CellKind, CellMesh};
-pub use crate::data::dataset::{
-    Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry,
-};
+pub use crate::data::dataset::{CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 pub use crate::data::mesh::{
     AlphaMode, Material, Mesh, MeshPart, Texture, TextureImage, TextureUse, Wrap,
 };

@@ -38,6 +38,7 @@ mod rest;
 pub(crate) mod splats;
 pub(crate) mod surface;
 
+use crate::data::association::Association;
 use crate::math::narrowed;
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
@@ -46,7 +47,7 @@ use glam::DVec3;
 
 #[cfg(feature = "prepared")]
 use crate::data::colour_columns::ColourNumbers;
-use crate::data::dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
+use crate::data::dataset::{CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use crate::data::first_order::{is_of_higher_order, to_first_order};
 use crate::data::smoothing::{LengthMeaning, SphKernel};
 use crate::error::{Advice, Error, Hint, Parameter, Place, Result};

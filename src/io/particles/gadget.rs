@@ -25,6 +25,7 @@
 //! Numbers have 32 or 64 bits, which follows from a record's length. Types, lengths and names of fields are those of
 //! the HDF5 reader ([`hdf5::gadget`]).
 
+use crate::data::association::Association;
 use crate::math::narrowed;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -34,7 +35,7 @@ use glam::DVec3;
 use super::hdf5::gadget::{LENGTH_NOTE, NO_LENGTH_NOTE, TYPES, choose};
 use super::periodic::note_reach;
 use super::table::{self, list};
-use crate::data::dataset::{Association, Dataset, Field, FieldSource};
+use crate::data::dataset::{Dataset, Field, FieldSource};
 use crate::data::particle_type::{ParticleCount, ParticleType};
 use crate::data::smoothing::{LengthMeaning, Smoothing, SphKernel};
 use crate::error::{Error, Result};

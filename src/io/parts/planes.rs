@@ -15,12 +15,13 @@
     allow(dead_code, reason = "the program alone reads by planes")
 )]
 
+use crate::data::association::Association;
 use std::ops::Range;
 use std::path::Path;
 
 use super::plane_source::Source;
 use crate::data::blanking::Blanking;
-use crate::data::dataset::{Association, Dataset, FieldSource, Geometry};
+use crate::data::dataset::{Dataset, FieldSource, Geometry};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
 use crate::io::formats::recognise;

@@ -14,7 +14,8 @@
 //! `mass` or an `extinction` are particles.
 
 use super::log_scales::{self, ScaleMeaning};
-use crate::data::dataset::{Association, Dataset, Field, FieldSource, Geometry};
+use crate::data::association::Association;
+use crate::data::dataset::{Dataset, Field, FieldSource, Geometry};
 use crate::data::splats::{SplatCloud, constant_of_colour, sigmoid};
 use crate::error::{Error, Result};
 use crate::image::srgb_from_linear;

@@ -7,6 +7,7 @@
 //! The file does not state its dimensions, type or byte order: the user does. The length must match exactly. A
 //! gzip-compressed file (`.raw.gz`) is unpacked while it is read, never beyond the bytes of the dimensions.
 
+use crate::data::association::Association;
 use std::io::Read;
 use std::path::Path;
 
@@ -14,7 +15,7 @@ use flate2::read::MultiGzDecoder;
 use glam::DVec3;
 
 use super::plain_numbers::PlainNumbers;
-use crate::data::dataset::{Association, Dataset, Field, FieldSource, Geometry};
+use crate::data::dataset::{Dataset, Field, FieldSource, Geometry};
 use crate::error::{Error, Hint, Parameter, Result, SuggestedLayout};
 use crate::io::bytes::file::Input;
 use crate::io::bytes::scalars::{Encoding, ScalarType, Stride, values};

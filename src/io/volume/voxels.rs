@@ -5,6 +5,7 @@
 //! memory is allocated, the header's sizes are compared with the bytes in the file: raw numbers byte by byte,
 //! packed ones by the greatest ratio of the compression, text by a character for each number.
 
+use crate::data::association::Association;
 use std::collections::{HashSet, VecDeque};
 use std::io::{self, Read};
 use std::path::{Component, Path, PathBuf};
@@ -15,7 +16,7 @@ use glam::{DMat3, DVec3};
 
 use super::plain_numbers::PlainNumbers;
 use super::raw::DEFLATE_RATIO;
-use crate::data::dataset::{Association, Dataset, Field, FieldSource, Geometry};
+use crate::data::dataset::{Dataset, Field, FieldSource, Geometry};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
 use crate::io::bytes::scalars::{Encoding, Stride, scaled};

@@ -9,6 +9,7 @@
 //! stay fields: those of points at the corners, those of cells at the triangles. The surface is seen from
 //! behind, too, unless it is closed with its front outwards (see [`crate::io::mesh::closed`]).
 
+use crate::data::association::Association;
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -18,7 +19,7 @@ use super::xml::clip;
 use crate::data::blanking::Blanking;
 use crate::data::cells::{CellKind, CellMesh};
 use crate::data::colour_columns::{ColourNumbers, ColourScale};
-use crate::data::dataset::{Association, Dataset, Field, FieldSource, Geometry};
+use crate::data::dataset::{Dataset, Field, FieldSource, Geometry};
 use crate::data::first_order::surface_of_first_order;
 use crate::data::mesh::{AlphaMode, Mesh, MeshPart};
 use crate::error::Result;

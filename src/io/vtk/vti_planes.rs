@@ -9,6 +9,7 @@
     allow(dead_code, reason = "the program alone reads by planes")
 )]
 
+use crate::data::association::Association;
 use std::collections::HashSet;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -23,7 +24,7 @@ use super::extent::Extent;
 use super::pieces::{data_set, element_of, piece_nodes};
 use super::vti::{self, FORMAT};
 use super::xml::{Frame, child, file_type};
-use crate::data::dataset::{Association, Dataset, Field, FieldSource, Geometry};
+use crate::data::dataset::{Dataset, Field, FieldSource, Geometry};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::{HEAD, Input, open_regular, read_all};
 use crate::io::volume::plain_numbers::PlainNumbers;

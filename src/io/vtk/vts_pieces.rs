@@ -1,6 +1,7 @@
 //! Reads the pieces of a structured grid that an index (`.pvts`) names, some of them at a time, and planes of
 //! the grid.
 
+use crate::data::association::Association;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -12,7 +13,7 @@ use super::pieces::{self, ArrayKey, ArraysSeen, element_of, to_fields};
 use super::vts;
 use crate::data::blanking::Blanking;
 use crate::data::dataset::CurvilinearBlock;
-use crate::data::dataset::{Association, Dataset, Field, Geometry};
+use crate::data::dataset::{Dataset, Field, Geometry};
 use crate::error::Result;
 use crate::io::bytes::file::Input;
 use crate::io::name_units;

@@ -1,5 +1,6 @@
 //! Reads the pieces of an unstructured grid that an index (`.pvtu`) names, some of them at a time.
 
+use crate::data::association::Association;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -8,7 +9,7 @@ use super::meshes::{Part, append_arrays, arrays_of, mesh_of};
 use super::pieces::{self, ArraysSeen, element_of, to_fields};
 use super::vtu;
 use crate::data::cells::CellMesh;
-use crate::data::dataset::{Association, Dataset, Geometry};
+use crate::data::dataset::{Dataset, Geometry};
 use crate::error::Result;
 use crate::io::bytes::file::Input;
 use crate::io::name_units;

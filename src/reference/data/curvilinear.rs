@@ -1,11 +1,12 @@
 //! Makes the cells of curvilinear grids.
 
+use crate::data::association::Association;
 use rayon::prelude::*;
 
 use super::cells::{Cell, Known, Mesh};
 use super::hexahedron::{longest_edges, volume};
 use crate::data::blanking::Blanking;
-use crate::data::dataset::{Association, CurvilinearBlock};
+use crate::data::dataset::CurvilinearBlock;
 use crate::scene::Values;
 
 /// A cell is degenerate if its volume is below this share of the box of its longest edges, like in sampling.

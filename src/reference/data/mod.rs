@@ -22,6 +22,7 @@ mod pieces;
 mod running;
 mod unstructured;
 
+use crate::data::association::Association;
 use glam::{DVec2, DVec3};
 
 use super::pixel::{self, Detail, Rays};
@@ -29,7 +30,7 @@ use super::ray::RayIntegral;
 use super::sight::Sight;
 use super::{PixelFilter, ReferenceFrame, ReferenceSettings, check};
 use crate::data::blanking::Blanking;
-use crate::data::dataset::{Association, CurvilinearBlock, Dataset, Geometry};
+use crate::data::dataset::{CurvilinearBlock, Dataset, Geometry};
 use crate::data::first_order::to_first_order;
 use crate::error::{Error, Result};
 use crate::scene::TransferFunction;

@@ -1,12 +1,12 @@
 //! Makes the cells of unstructured grids.
 
+use crate::data::association::Association;
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::cells::{Cell, Known, Mesh};
 use crate::data::blanking::Blanking;
 use crate::data::cells::{CellKind, CellMesh};
-use crate::data::dataset::Association;
 use crate::data::handedness::Handedness;
 use crate::data::polyhedron::polyhedron_faces;
 use crate::scene::Values;

@@ -17,6 +17,7 @@ pub(crate) mod incidence;
 pub(crate) mod partitioned;
 pub(crate) mod sharp;
 
+use crate::data::association::Association;
 use std::ops::Range;
 
 use self::duals::{Duals, cut, sound_volume, turned};
@@ -34,7 +35,7 @@ use super::{
 };
 use crate::data::blanking::Blanking;
 use crate::data::cells::CellMesh;
-use crate::data::dataset::{Association, Dataset, Geometry};
+use crate::data::dataset::{Dataset, Geometry};
 use crate::data::handedness::Handedness;
 use crate::error::{Error, Result};
 use crate::math::factor_of_variance;

@@ -2,7 +2,7 @@
 
 use super::sharp::DrawnCells;
 use super::{CellField, CellKernels};
-use crate::data::dataset::Association;
+use crate::data::association::Association;
 use crate::error::Result;
 use crate::math::ExactSum;
 use crate::sample::field::picked::picked_of;

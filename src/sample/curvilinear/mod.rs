@@ -25,6 +25,7 @@ pub(crate) mod sharp;
 pub(crate) mod structured;
 pub(crate) mod window;
 
+use crate::data::association::Association;
 use std::ops::Range;
 
 use glam::DVec3;
@@ -44,7 +45,7 @@ use super::{
     take_scalar,
 };
 use crate::data::blanking::Blanking;
-use crate::data::dataset::{Association, CurvilinearBlock, Dataset, Geometry};
+use crate::data::dataset::{CurvilinearBlock, Dataset, Geometry};
 use crate::error::{Error, Result};
 use crate::math::{lower_factor, normal_code};
 use crate::sample::field::choice::shown_field;

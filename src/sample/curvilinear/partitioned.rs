@@ -1,5 +1,6 @@
 //! Samples curvilinear grids that are partitioned over ranks by planes.
 
+use crate::data::association::Association;
 use std::ops::Range;
 
 use glam::DVec3;
@@ -10,7 +11,6 @@ use super::structured::{CellCounts, Grid, volume_of};
 use super::window::Window;
 use super::{GridField, GridFit};
 use crate::data::blanking::Blanking;
-use crate::data::dataset::Association;
 use crate::error::Result;
 use crate::math::ExactSum;
 use crate::sample::field::picked::picked_of;

@@ -9,6 +9,7 @@
 //! Nodes and cells are processed in runs along i, with their coordinates in arrays of lanes: the compiler
 //! vectorises the loops over these.
 
+use crate::data::association::Association;
 use std::ops::Range;
 
 use glam::{DMat3, DVec3};
@@ -17,7 +18,6 @@ use rayon::prelude::*;
 use super::seam::seam;
 use super::window::Window;
 use crate::data::blanking::Blanking;
-use crate::data::dataset::Association;
 use crate::math::ExactSum;
 use crate::sample::left_out::LeftOut;
 use crate::sample::report::SampleReport;

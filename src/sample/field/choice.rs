@@ -1,6 +1,7 @@
 //! Chooses the field to show if none is named, for one data set or several together.
 
-use crate::data::dataset::{Association, Dataset, Field, FieldSource, Geometry};
+use crate::data::association::Association;
+use crate::data::dataset::{Dataset, Field, FieldSource, Geometry};
 use crate::error::{Error, Hint, Result};
 use crate::scene::Values;
 

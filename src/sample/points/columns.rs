@@ -2,10 +2,11 @@
 
 use super::super::{TakenScalar, check_len};
 use super::neighbourhoods::Neighbourhoods;
+use crate::data::association::Association;
 use crate::data::colour_columns::{
     COLOUR_SETS, ColourNumbers, ColourScale, ColourSet, colour_sets,
 };
-use crate::data::dataset::{Association, Dataset, Field, FieldSource};
+use crate::data::dataset::{Dataset, Field, FieldSource};
 use crate::data::shape_columns::{SCALES, VARIANCE};
 use crate::data::smoothing::Smoothing;
 use crate::error::{Error, Result};

@@ -1,7 +1,8 @@
 //! Turns grids of one layer into surfaces: there is no volume between their nodes.
 
+use crate::data::association::Association;
 use crate::data::blanking::Blanking;
-use crate::data::dataset::{Association, CurvilinearBlock, Dataset, Geometry};
+use crate::data::dataset::{CurvilinearBlock, Dataset, Geometry};
 use crate::data::mesh::{Material, Mesh, MeshPart};
 use crate::error::Result;
 

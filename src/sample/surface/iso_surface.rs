@@ -237,7 +237,8 @@ mod tests {
     use std::f64::consts::PI;
 
     use super::*;
-    use crate::data::dataset::{Association, Dataset, Field, FieldSource, Geometry};
+    use crate::data::association::Association;
+    use crate::data::dataset::{Dataset, Field, FieldSource, Geometry};
     use crate::sample::{SampleOptions, grid, scene, volume};
     use crate::scene::{Lattice, LatticeSpacing, TransferDefaults, TransferFunction};
 

@@ -19,6 +19,7 @@ mod geometry;
 mod stream;
 mod variable;
 
+use crate::data::association::Association;
 use crate::io::grid::ensight::stream::DAMAGED;
 use crate::io::vtk;
 use std::collections::HashMap;
@@ -30,7 +31,7 @@ use self::case::Case;
 use self::geometry::{Block, Part, Places, Shape};
 use self::stream::{Form, Stream};
 use crate::data::cells::{CellKind, CellMesh};
-use crate::data::dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
+use crate::data::dataset::{CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use crate::error::{Error, Result};
 use crate::io::ReadAs;
 use crate::io::bytes::file::Input;

@@ -11,7 +11,7 @@
 
 use super::geometry::{Part, Shape};
 use super::stream::Stream;
-use crate::data::dataset::Association;
+use crate::data::association::Association;
 use crate::error::Result;
 use crate::scene::Values;
 

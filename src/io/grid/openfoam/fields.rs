@@ -1,7 +1,8 @@
 //! Reads the fields of a case: one file for each, in the folder of its time.
 
 use super::text::{CaseFile, Kind, Scanner};
-use crate::data::dataset::{Association, Field, FieldSource};
+use crate::data::association::Association;
+use crate::data::dataset::{Field, FieldSource};
 use crate::error::Result;
 use crate::scene::Values;
 

@@ -22,6 +22,7 @@
 mod scan;
 mod zone;
 
+use crate::data::association::Association;
 use crate::io::vtk;
 use std::borrow::Cow;
 use std::path::Path;
@@ -31,7 +32,7 @@ use glam::DVec3;
 use self::scan::{Scanner, Token};
 use self::zone::{File, Shape, Zone};
 use crate::data::cells::{CellKind, CellMesh};
-use crate::data::dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
+use crate::data::dataset::{CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use crate::error::{Error, Result};
 use crate::io::ReadAs;
 use crate::io::bytes::file::Input;

@@ -14,7 +14,8 @@
 //! Attributes after `POINT_DATA` belong to the points, those after `CELL_DATA` to the cells.
 
 use super::scan::{DataType, Scanner};
-use crate::data::dataset::{Association, Field, FieldSource};
+use crate::data::association::Association;
+use crate::data::dataset::{Field, FieldSource};
 use crate::error::Result;
 use crate::io::bytes::scalars::ScalarType;
 use crate::scene::Values;

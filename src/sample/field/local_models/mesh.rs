@@ -165,8 +165,9 @@ impl SampledMesh<'_> {
 mod tests {
     use super::super::analytic::{Rms, blobs, random_point};
     use super::*;
+    use crate::data::association::Association;
     use crate::data::cells::CellKind;
-    use crate::data::dataset::{Association, Dataset, Field, FieldSource, Geometry};
+    use crate::data::dataset::{Dataset, Field, FieldSource, Geometry};
     use crate::math::narrowed;
     use crate::sample::{SampleOptions, volume};
     use crate::scene::Particles;

@@ -18,13 +18,14 @@ mod amr;
 mod cells;
 mod image;
 
+use crate::data::association::Association;
 use crate::io::vtk;
 use std::ops::Range;
 
 use hdf5_reader::group::Group;
 
 use super::{Found, SnapshotFile, broken, shortened, whole};
-use crate::data::dataset::{Association, Dataset};
+use crate::data::dataset::Dataset;
 use crate::error::{Error, Result};
 use crate::io::ReadAs;
 use crate::io::bytes::scalars;
