@@ -4,7 +4,7 @@ use crate::io::{column_colours, column_picture, write_bytes_atomically, write_co
 use crate::legend::ColourBar;
 use crate::scene::{TransferFunction, ValueScale};
 use crate::view::Camera;
-use crate::{ColumnImage, Renderer, Result, SceneOptions};
+use crate::{ColumnImage, Error, Renderer, Result, SceneOptions};
 use indicatif::ProgressBar;
 use serde_json::json;
 
@@ -65,6 +65,15 @@ impl Arguments {
             }
         };
         let column = own.as_ref().unwrap_or_else(|| renderer.column());
+        if column.values.iter().any(|value| value.is_infinite()) {
+            return Err(Error::invalid(
+                "column density",
+                "sums",
+                "numbers within single precision (3.4e38)",
+                "greater ones",
+                "give masses in a larger unit",
+            ));
+        }
         let look = self.column_look();
         let colours = column_colours(column, look.map, look.range, look.scale)?;
         let bar = colours.as_ref().filter(|_| self.legend.legend);

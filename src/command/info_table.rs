@@ -282,19 +282,39 @@ pub(crate) fn print_table(description: &Value) {
         );
     }
     for field in fields {
+        let [least, greatest] = ends(&field["range"]);
         super::say!(
             "{:<24} {:<6} {:<4} {:>14} {:>14} {:>8}",
             title_of(&text(&field["name"]), field["unit"].as_str()),
             text(&field["of"]),
             text(&field["type"]),
-            number(&field["range"][0]),
-            number(&field["range"][1]),
+            least,
+            greatest,
             text(&field["non_finite"]),
         );
         if field["problem"].is_string() {
             super::say!("  problem: {}", text(&field["problem"]));
         }
     }
+}
+
+/// Formats the ends of a range. Ends that agree in three digits have as many decimals as tell a thousandth of the range.
+fn ends(range: &Value) -> [String; 2] {
+    let plain = [0, 1].map(|end| range[end].as_f64().map_or_else(|| "-".into(), significant));
+    let (Some(least), Some(greatest)) = (range[0].as_f64(), range[1].as_f64()) else {
+        return plain;
+    };
+    let (width, magnitude) = (greatest - least, greatest.abs().max(least.abs()));
+    if !(width > 0.0 && width < 1e-3 * magnitude) || !(1e-12..1e12).contains(&magnitude) {
+        return plain;
+    }
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "0 to 17"
+    )]
+    let decimals = (3.0 - width.log10().floor()).clamp(0.0, 17.0) as usize;
+    [least, greatest].map(|end| format!("{end:.decimals$}"))
 }
 
 /// Formats the number and kind of samples in a file.
@@ -360,6 +380,21 @@ pub(crate) fn problem_line(description: &Value, key: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn ends_that_lie_close_differ() {
+        let of = |least: f64, greatest: f64| ends(&serde_json::json!([least, greatest]));
+        assert_eq!(of(-0.25, 1.5), ["-0.25", "1.5"]);
+        assert_eq!(
+            of(101_324.99, 101_325.012),
+            ["101324.99000", "101325.01200"]
+        );
+        assert_eq!(
+            of(1_699_999_995.0, 1_700_000_005.0),
+            ["1699999995.00", "1700000005.00"]
+        );
+        assert_eq!(of(7.0, 7.0), ["7", "7"]);
+    }
 
     #[test]
     fn numbers_have_six_digits_that_say_something() {

@@ -169,3 +169,19 @@ fn a_picture_of_columns_takes_a_map_a_range_and_a_scale() {
             .all(|c| (c - picture.pixels[0][0]).abs() < 1e-6)
     );
 }
+
+#[test]
+fn sums_beyond_single_precision_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(
+        folder.join("p.csv"),
+        "x,y,z,h,m\n0,0,0,1,2e39\n1,0,0,1,2e39\n",
+    )
+    .unwrap();
+    let words = ["render", "p.csv", "--column-density", "--out", "m.png"];
+    let output = run(folder, &words);
+    assert!(!output.status.success());
+    let said = text(&output.stderr);
+    assert!(said.contains("single precision"), "{said}");
+}

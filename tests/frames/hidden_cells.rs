@@ -193,8 +193,8 @@ fn blanked_nodes_take_their_cells_with_them() {
         (v(0.9, 0.5, 0.5), DVec3::Y, 1.0),
         (v(1.1, 0.5, 0.5), DVec3::Z, 1.0),
     ];
-    // The kernels of half cells at the joint are half as thick as those beside.
-    check("abutting", &data, &rays, 0.07);
+    // Within a spacing of the joint, kernels of half cells and whole ones add up unevenly: 1.09 at most.
+    check("abutting", &data, &rays, 0.1);
     let Sampled { report, .. } = sampled(&data, BoundaryChoice::Sharp);
     let overlap = |f: &&sample::Finding| f.reason.contains("more than once");
     assert_eq!(report.findings.iter().find(overlap), None);

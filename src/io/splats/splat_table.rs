@@ -38,6 +38,10 @@ pub(in crate::io) fn settle(data: &mut Dataset, meaning: Option<ScaleMeaning>) -
     let Geometry::Points { positions } = &data.geometry else {
         return Ok(false);
     };
+    // VTK's grids of vertices have shapes as tensors and colours as vectors, for ParaView: particles.
+    if data.format.starts_with("VTK") {
+        return Ok(false);
+    }
     let columns = Columns {
         fields: &data.fields,
         count: positions.len(),

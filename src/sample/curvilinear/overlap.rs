@@ -4,7 +4,7 @@
 //! overlap. A sample of cells is probed: a cell counts if its centre lies well within a cell of another grid.
 //! Abutting grids have no overlap.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicU8, Ordering};
 
 use glam::{DVec3, Vec3A};
 use obvhs::aabb::Aabb;
@@ -19,9 +19,13 @@ use crate::sample::report::{Finding, SampleReport};
 /// Approximate number of cells that are probed.
 const PROBES: usize = 4096;
 
-/// Depth within a cell at which a centre counts, as a share of the distance from the cell's faces to its
-/// middle. On curved interfaces, cells of one side reach a little into those of the other.
+/// Depth within a cell, as a share of the distance from the cell's faces to its middle, that some centres must
+/// have for any to count. On curved interfaces, cells of one side reach a little into those of the other.
 const WITHIN: f64 = 0.2;
+
+/// Ranks of a probe: within no cell of another grid, within one, and well within one.
+const WITHIN_CELL: u8 = 1;
+const WELL_WITHIN: u8 = 2;
 
 /// Least share of the volume that is reported as overlap.
 const LEAST_SHARE: f64 = 0.01;
@@ -130,12 +134,18 @@ fn overlap(grids: &[(usize, Grid<'_>)]) -> Option<(usize, f64)> {
             probes.filter_map(probe).collect::<Vec<_>>()
         })
         .collect();
-    let covered = covered(&grids, &probes);
-    let covered = || probes.iter().zip(&covered).filter(|(_, is)| **is);
-    // Both of two overlapping cells are counted.
-    let doubled = covered().map(|(probe, _)| probe.volume).sum::<f64>() * stride as f64 / 2.0;
-    let share = doubled / (volume - doubled);
-    (share >= LEAST_SHARE).then(|| (covered().count() * stride, share.min(1.0)))
+    let ranks = covered(&grids, &probes);
+    let share_of = |least: u8| {
+        let counted = probes
+            .iter()
+            .zip(&ranks)
+            .filter(|(_, rank)| **rank >= least);
+        // Both of two overlapping cells are counted.
+        let doubled = counted.map(|(probe, _)| probe.volume).sum::<f64>() * stride as f64 / 2.0;
+        doubled / (volume - doubled)
+    };
+    let count = ranks.iter().filter(|rank| **rank >= WITHIN_CELL).count();
+    (share_of(WELL_WITHIN) >= LEAST_SHARE).then(|| (count * stride, share_of(WITHIN_CELL).min(1.0)))
 }
 
 fn cell_count(grid: &Grid<'_>) -> usize {
@@ -148,11 +158,11 @@ fn is_chosen(cell: usize, stride: usize) -> bool {
     (mixed >> 20).is_multiple_of(stride as u64)
 }
 
-/// Marks the probes that lie within cells of other grids.
-fn covered(grids: &[&Grid<'_>], probes: &[Probe]) -> Vec<bool> {
+/// Returns the rank of each probe.
+fn covered(grids: &[&Grid<'_>], probes: &[Probe]) -> Vec<u8> {
     let [low, high] = around(probes.iter().map(|probe| probe.centre));
     let (middle, widest) = ((low + high) / 2.0, (high - low).max_element());
-    let found: Vec<AtomicBool> = probes.iter().map(|_| AtomicBool::new(false)).collect();
+    let found: Vec<AtomicU8> = probes.iter().map(|_| AtomicU8::new(0)).collect();
     if widest > 0.0 && widest.is_finite() {
         // obvhs works in f32: scale to unit size, and enlarge the boxes a little.
         let corner = |p: DVec3, by: f64| Vec3A::from(((p - middle) / widest + by).as_vec3());
@@ -170,7 +180,7 @@ fn covered(grids: &[&Grid<'_>], probes: &[Probe]) -> Vec<bool> {
             cells.for_each(|cell| probe_cell((own, grid), cell, (&bvh, &boxed), probes, &found));
         }
     }
-    found.into_iter().map(AtomicBool::into_inner).collect()
+    found.into_iter().map(AtomicU8::into_inner).collect()
 }
 
 /// Marks the probes of other grids that lie within a cell.
@@ -179,7 +189,7 @@ fn probe_cell(
     cell: usize,
     (bvh, boxed): (&Bvh2, &impl Fn(Bounds) -> Aabb),
     probes: &[Probe],
-    found: &[AtomicBool],
+    found: &[AtomicU8],
 ) {
     let [ci, cj, _] = grid.dims.map(|n| n - 1);
     let corners = grid.cell_corners([cell % ci, cell / ci % cj, cell / (ci * cj)]);
@@ -192,8 +202,9 @@ fn probe_cell(
             let probe = &probes[number as usize];
             if probe.grid != own && holds(&bounds, probe.centre) {
                 let is_drawn = *is_drawn.get_or_insert_with(|| grid.cell_part(cell).is_ok());
-                if is_drawn && is_within(&corners, probe.centre) {
-                    found[number as usize].store(true, Ordering::Relaxed);
+                if is_drawn {
+                    found[number as usize]
+                        .fetch_max(rank(&corners, probe.centre), Ordering::Relaxed);
                 }
             }
         }
@@ -201,17 +212,25 @@ fn probe_cell(
     });
 }
 
-/// Returns true if a place lies well within a cell, judged by its faces cut into triangles.
-fn is_within(corners: &[DVec3; 8], place: DVec3) -> bool {
+/// Returns the rank of a place by its depth within a cell, judged by the cell's faces cut into triangles.
+fn rank(corners: &[DVec3; 8], place: DVec3) -> u8 {
     let middle = corners.iter().sum::<DVec3>() / 8.0;
-    FACES.iter().all(|face| {
+    let mut least = f64::INFINITY;
+    for face in &FACES {
         let centre = face.iter().map(|&c| corners[c]).sum::<DVec3>() / 4.0;
-        (0..4).all(|i| {
+        for i in 0..4 {
             let [a, b] = [face[i], face[(i + 1) % 4]].map(|c| corners[c] - centre);
             let normal = a.cross(b);
             let depth = normal.dot(middle - centre);
             // An edge that has collapsed bounds nothing.
-            depth == 0.0 || normal.dot(place - centre) / depth >= WITHIN
-        })
-    })
+            if depth != 0.0 {
+                least = least.min(normal.dot(place - centre) / depth);
+            }
+        }
+    }
+    match least {
+        least if least >= WITHIN => WELL_WITHIN,
+        least if least >= 0.0 => WITHIN_CELL,
+        _ => 0,
+    }
 }

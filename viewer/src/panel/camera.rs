@@ -110,7 +110,7 @@ fn saved(app: &mut App, ui: &mut Ui) {
             if button(ui, &format!("View {}", i + 1), "Go to this view") {
                 taken = Some(orbit.clone());
             }
-            if button(ui, "✖", "Forget this view") {
+            if button(ui, "×", "Forget this view") {
                 left = Some(i);
             }
         });

@@ -27,7 +27,7 @@ use crate::app::App;
 /// Returns the width of a panel, points: a share of a small window, so that the picture keeps half
 /// of it.
 fn width(ui: &Ui, share: f32, most: f32) -> f32 {
-    (share * ui.ctx().content_rect().width()).clamp(0.7 * most, most)
+    (share * ui.ctx().content_rect().width()).clamp(0.65 * most, most)
 }
 
 /// Adds the contents of a panel. The user sets the width of the panel, whatever its contents.

@@ -72,7 +72,7 @@ fn keys(app: &mut App, ui: &mut Ui) {
             if button(ui, &format!("Key {}", i + 1), "Go to this key frame") {
                 taken = Some(*key);
             }
-            if button(ui, "✖", "Take this key frame out") {
+            if button(ui, "×", "Take this key frame out") {
                 left = Some(i);
             }
         });

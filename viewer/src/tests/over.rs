@@ -217,6 +217,8 @@ fn faces_of_the_clip_box_are_dragged() {
         PointerButton::Primary,
     );
     assert_ne!(window.state().orbit, before);
+    window.get_by_label("Clip nothing").scroll_to_me();
+    window.run_steps(5);
     click(&mut window, "Clip nothing");
     assert!(window.state().settings.clip.is_empty());
 }
