@@ -305,7 +305,8 @@ fn ends(range: &Value) -> [String; 2] {
         return plain;
     };
     let (width, magnitude) = (greatest - least, greatest.abs().max(least.abs()));
-    if !(width > 0.0 && width < 1e-3 * magnitude) || !(1e-12..1e12).contains(&magnitude) {
+    let is_close = width > 0.0 && width < 1e-3 * magnitude;
+    if !is_close || !(1e-12..1e12).contains(&magnitude) {
         return plain;
     }
     #[expect(
