@@ -184,7 +184,8 @@ fn panels_stay_as_they_were_left() {
     first.get_by_label("Clip").click();
     first.run_steps(20);
     assert!(first.query_by_label("Box").is_some());
-    let edge = Pos2::new(place(&first).left(), 300.0);
+    // On the panel's side of its edge: the picture answers on the other.
+    let edge = Pos2::new(place(&first).left() - 2.0, 300.0);
     let to = edge + Vec2::new(40.0, 0.0);
     drag(&mut first, edge, to, PointerButton::Primary);
     first.run_steps(5);
