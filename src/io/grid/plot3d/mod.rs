@@ -61,6 +61,9 @@ use crate::error::{Advice, Error, Hint, Result};
 use crate::io::bytes::file::Input;
 use crate::scene::Values;
 
+/// Greatest number of bytes after the numbers of a file that is recognised.
+const MOST_PADDING: u64 = 4095;
+
 /// Whether a binary file of `len` bytes that begins with `head` has the size of a PLOT3D grid.
 ///
 /// - `has_its_name`: whether solutions, functions and grids of two dimensions are accepted, too.
@@ -70,8 +73,16 @@ pub(crate) fn looks_like(head: &[u8], len: u64, has_its_name: bool) -> bool {
     let count = if has_its_name { 6 } else { 1 };
     let mut kinds = kinds.into_iter().flatten().take(count);
     kinds.any(|kind| {
+        // Some programs fill a solution's last block.
+        let most = match kind.content {
+            Content::Solution => MOST_PADDING,
+            Content::Grid | Content::Functions => 0,
+        };
         let mut layouts = Layout::all(Contents::Bytes(head), kind);
-        layouts.any(|layout| layout.end(kind).map(|end| end as u64) == Some(len))
+        layouts.any(|layout| {
+            let end = layout.end(kind).map(|end| end as u64);
+            end.is_some_and(|end| end <= len && len - end <= most)
+        })
     })
 }
 
