@@ -12,6 +12,7 @@ use glam::{DMat3, DVec3};
 
 use crate::common::Random;
 use crate::common::gpu::gpu;
+use crate::common::some;
 use crate::extent::{camera, field, lattice, pieces, settings, shells, steps};
 
 /// Returns volumes of every kind that has pieces.
@@ -127,7 +128,7 @@ fn both_back_ends_classify_alike() {
         assert!(blocked.lobes.is_some(), "{name}");
         let (views, particles, terms) = pieces(&blocked);
         assert!(terms.iter().any(|t| t.width < 0.5), "{name}");
-        for part_bytes in [u64::MAX, 1 << 16] {
+        for part_bytes in some([u64::MAX, 1 << 16], 1, 2) {
             let mut seen = views.clone();
             let capacity = 16 * blocked.particle_count() as u32;
             let found = ewa_splat::stages::gpu::classify(

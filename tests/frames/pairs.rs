@@ -447,7 +447,7 @@ impl Law {
 fn every_pair_of_settings_means_both_or_is_refused() {
     let mut on_cpu = Renderer::new(scene()).unwrap();
     #[cfg(feature = "gpu")]
-    let mut on_gpu = crate::common::gpu::gpu()
+    let mut on_gpu = crate::common::gpu::pictures()
         .map(|gpu| Renderer::new(scene()).unwrap().on(gpu.clone()).unwrap());
     let all = settings();
     let groups: Vec<(usize, &Setting)> = (0..)

@@ -425,7 +425,7 @@ fn what_nothing_around_shows_is_left_out_and_not_missed() {
 fn twins_classify_alike() {
     use ewa_splat::scene::Colour;
 
-    let Some(gpu) = crate::common::gpu::gpu() else {
+    let Some(gpu) = crate::common::gpu::pictures() else {
         return;
     };
     let of = |x: DVec3| 0.5 + 0.3 * (0.6 * x.x).sin() * (0.5 * x.y).cos() + 0.03 * (x.z - MIDDLE);

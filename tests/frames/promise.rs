@@ -858,7 +858,7 @@ fn zooming_out_of_a_cut_ring_pops_by_less_than_the_tolerance() {
 fn pictures_of_the_gpu_are_within_the_tolerance_of_exact_ones() {
     /// Picture size, for a software adapter.
     const GPU_SIZE: usize = 64;
-    let Some(gpu) = crate::common::gpu::gpu() else {
+    let Some(gpu) = crate::common::gpu::pictures() else {
         return;
     };
     let mut table = Table::default();
