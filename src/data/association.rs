@@ -1,6 +1,6 @@
 //! Elements of a grid that values belong to.
 
-/// Elements that the values of a [`Field`] belong to.
+/// Elements that the values of a [`Field`](super::dataset::Field) belong to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Association {
     /// Nodes of a grid, or particles.
@@ -13,7 +13,7 @@ impl Association {
     /// Nodes and cells, in the order in which files store them.
     pub(crate) const BOTH: [Self; 2] = [Self::Nodes, Self::Cells];
 
-    /// Word that selects this association in [`Dataset::scalar`]: `nodes` or `cells`.
+    /// Word that selects this association in [`Dataset::scalar`](super::dataset::Dataset::scalar): `nodes` or `cells`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Nodes => "nodes",

@@ -135,7 +135,7 @@ pub struct SampleOptions {
     pub range: Option<[f64; 2]>,
     /// The scale of an automatic transfer function. `None` chooses one from the values, as the program does. On
     /// a scale other than linear, the volume stores positions on the scale instead of the data's values
-    /// ([`ValueScale`](crate::scene::ValueScale)). A function that replaces the sampled one must have the same
+    /// ([`ValueScale`]). A function that replaces the sampled one must have the same
     /// scale.
     pub scale: Option<ScaleName>,
     /// Factor of the extinction of any transfer function.

@@ -45,7 +45,7 @@ pub(crate) const BAND_NODES: [[f32; 2]; 4] = [
     [0.960_289_9, 0.101_228_535],
 ];
 
-/// A footprint with a variance below [`SAMPLED_FROM_PX2`] along at least one axis.
+/// A footprint with a variance below `SAMPLED_FROM_PX2` along at least one axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PixelMean {
     /// True if bands are rows (otherwise columns).
