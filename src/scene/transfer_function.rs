@@ -432,7 +432,7 @@ fn widened([lo, hi]: [f32; 2]) -> Result<[f32; 2]> {
         return Err(Error::invalid(
             "transfer function",
             "range",
-            "two finite numbers, the first not greater",
+            "two numbers within single precision (3.4e38), the first not greater",
             format!("[{lo}, {hi}]"),
             "correct the range",
         ));

@@ -361,7 +361,8 @@ fn a_gap_is_no_interface() {
     let mut renderer = Renderer::new(vec![volume]).unwrap();
     let image = renderer.render(&camera, &settings()).unwrap();
     let within = image.pixels[32 * 64 + 32][3];
-    assert!(within < 1e-3, "{within}");
+    // The filter of pictures reaches over the edges.
+    assert!(within < 4e-3, "{within}");
     // Thin cells lie as far apart as they are thick.
     let mut parts = Parts::default();
     parts.block(v(0.0, 0.0, 0.0), v(4.0, 4.0, 0.04), [4, 4, 1], same);

@@ -53,6 +53,16 @@ pub(in crate::io) enum ComponentType {
 }
 
 impl ComponentType {
+    /// Names the numbers in messages.
+    fn plural(self) -> &'static str {
+        match self {
+            Self::I8 | Self::U8 => "bytes",
+            Self::I16 | Self::U16 => "shorts",
+            Self::U32 => "integers",
+            Self::F32 => "floats",
+        }
+    }
+
     fn of_code(code: u64) -> Option<Self> {
         Some(match code {
             5120 => Self::I8,
@@ -137,7 +147,17 @@ impl<'b> Stated<'b> {
                 component,
             }),
             _ => {
-                let expected = format!("{types:?} of {components:?}");
+                let types = types.iter().map(|t| format!("{t:?}").to_uppercase());
+                let mut numbers: Vec<&str> = components.iter().map(|c| c.plural()).collect();
+                numbers.dedup();
+                let numbers = match numbers.split_last() {
+                    Some((last, rest)) if !rest.is_empty() => {
+                        format!("{} or {last}", rest.join(", "))
+                    }
+                    _ => numbers.concat(),
+                };
+                let types = types.collect::<Vec<String>>().join(" or ");
+                let expected = format!("{types} of {numbers}");
                 let code = code.map_or("none".into(), |code| code.to_string());
                 let found = format!("{} of component type {code}", clip(kind.unwrap_or("none")));
                 Err(buffers.refuse(place, expected, found))
