@@ -87,11 +87,11 @@ impl ComponentType {
 
 /// Component types of normalised or plain numbers of vertices.
 pub(in crate::io) const ANY_NUMBERS: &[ComponentType] = &[
-    ComponentType::F32,
     ComponentType::U8,
     ComponentType::I8,
     ComponentType::U16,
     ComponentType::I16,
+    ComponentType::F32,
 ];
 
 /// Component types of indices.
