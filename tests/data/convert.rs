@@ -887,19 +887,25 @@ fn gltf_numbers_are_read_in_all_their_places() {
         "bytes, shorts",
     );
     refuse(&|j| set(j, "/accessors/2/type", json!("VEC3")), "VEC4");
-    refuse(&|j| set(j, "/accessors/0/bufferView", json!(null)), "dense");
+    refuse(
+        &|j| set(j, "/accessors/0/bufferView", json!(null)),
+        "without a buffer view",
+    );
     refuse(
         &|j| j["accessors"][0]["sparse"] = json!({ "count": 1 }),
-        "dense",
+        "sparse indices",
     );
-    refuse(&|j| set(j, "/accessors/0/bufferView", json!(7)), "number 7");
+    refuse(
+        &|j| set(j, "/accessors/0/bufferView", json!(7)),
+        "buffer view 7",
+    );
     refuse(
         &|j| set(j, "/bufferViews/0/byteStride", json!(4)),
-        "elements",
+        "12 bytes or more",
     );
     refuse(
         &|j| set(j, "/bufferViews/0/byteLength", json!(1_u64 << 40)),
-        "elements",
+        "a part of buffer 0",
     );
     refuse(&|j| set(j, "/bufferViews/0/buffer", json!(1)), "buffer 1");
     refuse(
@@ -910,13 +916,10 @@ fn gltf_numbers_are_read_in_all_their_places() {
         &|j| j["buffers"][0]["uri"] = json!("data:;base64,%%"),
         "base64",
     );
-    refuse(
-        &|j| set(j, "/nodes/0/mesh", json!(3)),
-        "a mesh that is there",
-    );
+    refuse(&|j| set(j, "/nodes/0/mesh", json!(3)), "one of 1 meshes");
     refuse(
         &|j| j["nodes"] = json!([{ "children": [1] }, { "children": [1], "mesh": 0 }]),
-        "one parent",
+        "no other parent",
     );
     refuse(
         &|j| {
@@ -926,7 +929,7 @@ fn gltf_numbers_are_read_in_all_their_places() {
         },
         "finite",
     );
-    refuse(&|j| j["nodes"] = json!([]), "at least one");
+    refuse(&|j| j["nodes"] = json!([]), "none");
     refuse(
         &|j| {
             drop(
