@@ -273,7 +273,8 @@ def test_volumes_and_variances_come_into_the_unit_of_positions(package):
         kpc, pc, sun = units.kpc, units.pc, units.Msun
     else:
         unyt = pytest.importorskip("unyt")
-        kpc, pc, sun = unyt.kpc, unyt.pc, unyt.Msun
+        # `unyt.Msun` is a quantity in kilograms.
+        kpc, pc, sun = unyt.kpc, unyt.pc, unyt.unit_symbols.Msun
     positions, lengths = POSITIONS * kpc, np.full(200, 0.2) * kpc
     density, volume = np.full(200, 100.0) * sun / kpc**3, np.full(200, 0.01) * kpc**3
     for own in (volume, volume.to(pc**3)):
