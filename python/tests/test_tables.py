@@ -61,6 +61,9 @@ def columns(mass: bool, volume: bool, opacity: bool, look: str) -> tuple[dict, d
 def test_arrays_are_tables_with_the_same_columns(shape, look, tmp_path):
     of_shape, shape_columns = SHAPES[shape]
     for given in itertools.product([False, True], repeat=3):
+        if shape == "scales" and given[2]:
+            # A table of scales, rotations and opacities is one of splats.
+            continue
         arguments, table = columns(*given, look)
         table = dict(zip("xyz", POSITIONS.T)) | shape_columns | table
         path = tmp_path / "table.csv"
