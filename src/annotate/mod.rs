@@ -63,7 +63,7 @@ pub fn check(camera: &Camera, annotations: &Annotations) -> Result<()> {
 /// are drawn as `?`. Text is as large as in a [`legend`](crate::legend::draw_legend).
 ///
 /// # Errors
-/// Those of [`check`]; a picture of another size than the camera's.
+/// The errors of [`check`]; a picture of another size than the camera's.
 pub fn draw(image: &mut Image, camera: &Camera, annotations: &Annotations) -> Result<()> {
     if !image.is_whole() || [image.width, image.height] != [camera.width, camera.height] {
         return Err(Error::invalid(

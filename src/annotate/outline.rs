@@ -1,9 +1,8 @@
 //! Draws the edges of a box in perspective.
 
-use crate::annotate::strokes::draw_rimmed;
-use crate::annotate::strokes::thickness_px;
 use glam::{DVec2, DVec3};
 
+use crate::annotate::strokes::{draw_rimmed, thickness_px};
 use crate::image::Image;
 use crate::overlay::{Font, Stroke};
 use crate::view::{Bounds, Camera, Projection};

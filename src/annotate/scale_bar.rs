@@ -1,11 +1,8 @@
 //! Draws a scale bar of a round length.
 
-use crate::annotate::strokes::fill_plate;
-use crate::annotate::strokes::gap;
-use crate::annotate::strokes::rim;
-use crate::annotate::strokes::thickness_px;
 use glam::{DVec2, DVec3};
 
+use crate::annotate::strokes::{fill_plate, gap, rim, thickness_px};
 use crate::error::{Error, Result};
 use crate::image::Image;
 use crate::overlay::{Font, Line, Rect, Stroke};

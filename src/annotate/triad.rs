@@ -1,11 +1,8 @@
 //! Draws the world's axes as a camera sees them.
 
-use crate::annotate::strokes::RIM;
-use crate::annotate::strokes::draw_rimmed;
-use crate::annotate::strokes::gap;
-use crate::annotate::strokes::thickness_px;
 use glam::{DVec2, DVec3};
 
+use crate::annotate::strokes::{RIM, draw_rimmed, gap, thickness_px};
 use crate::image::Image;
 use crate::overlay::{Font, Line, PLATE_OPACITY, Stroke};
 use crate::view::Camera;

@@ -134,7 +134,6 @@ pub(crate) fn print_table(description: &Value) {
         row("", format!("... {} time steps in all", steps.len()));
     }
     row("format", text(&description["format"]));
-    let number = |v: &Value| v.as_f64().map_or_else(|| "-".into(), significant);
     let vector = |v: &Value| {
         let numbers = v.as_array().into_iter().flatten().map(number);
         numbers.collect::<Vec<String>>().join(", ")
@@ -298,9 +297,14 @@ pub(crate) fn print_table(description: &Value) {
     }
 }
 
+/// Formats a number, and its absence.
+fn number(value: &Value) -> String {
+    value.as_f64().map_or_else(|| "-".into(), significant)
+}
+
 /// Formats the ends of a range. Ends that agree in three digits have as many decimals as tell a thousandth of the range.
 fn ends(range: &Value) -> [String; 2] {
-    let plain = [0, 1].map(|end| range[end].as_f64().map_or_else(|| "-".into(), significant));
+    let plain = [number(&range[0]), number(&range[1])];
     let (Some(least), Some(greatest)) = (range[0].as_f64(), range[1].as_f64()) else {
         return plain;
     };

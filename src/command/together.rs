@@ -3,7 +3,6 @@
 //!
 //! If ranks share a scene, each rank reads some of the inputs, and all ranks make the same choices.
 
-use crate::command::words::axis;
 use std::collections::HashMap;
 use std::ops::Range;
 
@@ -20,6 +19,7 @@ use super::reads::{ReadAbout, check_memory, has_opacity, is_automatic, uniform};
 use super::source::Input;
 use super::usage::Kind;
 use super::viewpoint::{Cameras, is_seen};
+use crate::command::words::axis;
 use crate::data::dataset::{Dataset, Geometry};
 use crate::data::mesh::Mesh;
 use crate::data::up::Up;

@@ -1,8 +1,9 @@
 //! Formats the library's errors for the command line, with its option names.
 
+use glam::DVec3;
+
 use crate::Error;
 use crate::error::{Advice, Hint, Parameter, Place};
-use glam::DVec3;
 
 /// Formats an error in one line: `FILE: place: expected A, found B; do C`. It removes line breaks
 /// from the messages of other libraries.

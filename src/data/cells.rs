@@ -1,8 +1,8 @@
 //! Defines unstructured grids as files store them.
 
-use crate::data::association::Association;
 use glam::DVec3;
 
+use crate::data::association::Association;
 use crate::error::{Error, Result};
 
 /// Cells of any shape over shared nodes.

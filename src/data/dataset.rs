@@ -1,11 +1,11 @@
 //! Defines a data set as its file stores it, before any conversion.
 
-use crate::data::association::Association;
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
 use super::unit::divided;
+use crate::data::association::Association;
 use crate::data::cells::CellMesh;
 use crate::data::mesh::Mesh;
 use crate::data::particle_type::ParticleCount;

@@ -1,14 +1,13 @@
 //! Defines splats as radiance fields store them, for all formats. `splat_axes.rs` has the axes of each.
 
-use crate::math::narrowed;
-
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::image::{linear_from_srgb, srgb_from_linear};
 use crate::math::{
-    HARMONIC_0, HarmonicsTransform, MAX_HARMONICS_DEGREE, harmonics_count, rotation_matrix,
+    HARMONIC_0, HarmonicsTransform, MAX_HARMONICS_DEGREE, harmonics_count, narrowed,
+    rotation_matrix,
 };
 
 /// Anisotropic Gaussians with a peak opacity and a colour each. Their opacity on the image is peak x exp(-Q/2),

@@ -1,6 +1,5 @@
 //! Reads a curvilinear grid in pieces: each rank reads some pieces, and receives the planes that it samples.
 
-use crate::data::association::Association;
 use std::ops::Range;
 
 use super::message::{put, put_values, take, take_values};
@@ -12,16 +11,16 @@ use super::shown::{
     show,
 };
 use crate::blocks::Peers;
+use crate::data::association::Association;
 use crate::data::blanking::Blanking;
 use crate::data::dataset::{CurvilinearBlock, Dataset, Geometry};
 use crate::error::Result;
 use crate::io::{ArrayKey, BlockPlanes, VtsPieces};
 use crate::math::ExactSum;
 use crate::prepared::Found;
-use crate::sample::seam;
 use crate::sample::{
     GridPlanes, LEAST_PER_NODE, Rest, SampleOptions, SampleReport, Seam, Window, check_count,
-    check_len, planes_around, shown_field, take_scalar,
+    check_len, planes_around, seam, shown_field, take_scalar,
 };
 use crate::scene::{Surroundings, Tiling, ValueScale, Values};
 

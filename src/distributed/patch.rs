@@ -1,9 +1,9 @@
 //! Encodes some cells of a mesh with their nodes and a field, to send them from one rank to another.
 
-use crate::data::association::Association;
 use std::path::Path;
 
 use super::message::{put, put_values, take, take_values, unknown};
+use crate::data::association::Association;
 use crate::data::cells::{CellKind, CellMesh, renumber};
 use crate::error::Result;
 use crate::io::check_cells;

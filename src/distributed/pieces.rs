@@ -1,6 +1,5 @@
 //! Reads an unstructured grid in pieces, some pieces on each rank.
 
-use crate::data::association::Association;
 use std::ops::Range;
 
 use super::patch::Patch;
@@ -11,6 +10,7 @@ use super::share::Share;
 use super::shown::{
     PartRead, differences_of_all, found_by_all, models_of_all, outline_of_all, show,
 };
+use crate::data::association::Association;
 use crate::data::blanking::Blanking;
 use crate::data::cells::CellMesh;
 use crate::data::dataset::{Dataset, Field, FieldSource, Geometry};

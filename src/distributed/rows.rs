@@ -1,6 +1,5 @@
 //! Reads a file of points on all ranks, a run of rows on each; points are sampled by means of their neighbours.
 
-use crate::data::association::Association;
 use std::mem::take;
 use std::ops::Range;
 use std::path::Path;
@@ -13,6 +12,7 @@ use super::share::Share;
 use super::shown::{PartRead, found_by_all, models_of_all, show};
 use super::surroundings::{PointsAround, sent, sent_values};
 use crate::blocks::territories;
+use crate::data::association::Association;
 use crate::data::dataset::{Dataset, Field, FieldSource, Geometry};
 use crate::error::Result;
 use crate::io::RowFile;

@@ -1,13 +1,12 @@
 //! Transforms the columns of particles that contain lengths and shapes.
 
-use crate::data::association::Association;
-use crate::math::narrowed;
 use glam::{DMat3, DQuat, DVec3};
 
+use crate::data::association::Association;
 use crate::data::dataset::{Dataset, Field, FieldSource};
 use crate::data::shape_columns::{LENGTHS, SCALES, VARIANCE};
 use crate::error::{Error, Result};
-use crate::math::{factor_of_variance, lower_matrix, scales_and_rotation, symmetric};
+use crate::math::{factor_of_variance, lower_matrix, narrowed, scales_and_rotation, symmetric};
 use crate::scene::Values;
 
 /// Names of the rotation: the last four of [`SCALES`].

@@ -1,6 +1,5 @@
 //! Crops a data set to a box.
 
-use crate::data::association::Association;
 use std::ops::Range;
 use std::path::Path;
 
@@ -8,6 +7,7 @@ use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
 use super::select::{Runs, Selection, reselect};
+use crate::data::association::Association;
 use crate::data::cells::{CellKind, CellMesh};
 use crate::data::dataset::{CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use crate::data::mesh::Mesh;

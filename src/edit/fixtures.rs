@@ -1,10 +1,10 @@
 //! Defines a small data set of each kind, for tests.
 
-use crate::data::association::Association;
 use std::path::Path;
 
 use glam::{DMat3, DQuat, DVec3};
 
+use crate::data::association::Association;
 use crate::data::cells::{CellKind, CellMesh};
 use crate::data::dataset::{CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use crate::data::mesh::Mesh;

@@ -1,17 +1,16 @@
 //! Resizes, rotates and translates data sets.
 
-use crate::data::association::Association;
-use crate::math::narrowed;
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
 use super::columns::{self, even, is_of_axes};
 use super::select::{Turned, reselect};
+use crate::data::association::Association;
 use crate::data::dataset::{CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use crate::data::mesh::Mesh;
 use crate::data::splats::SplatCloud;
 use crate::error::{Error, Result};
-use crate::math::{rotation_matrix, scales_and_rotation};
+use crate::math::{narrowed, rotation_matrix, scales_and_rotation};
 use crate::scene::{Lattice, LatticeSpacing, Values};
 
 /// Placement of data: scaling about the origin, then rotation, then translation.

@@ -1,8 +1,8 @@
 //! Selects parts of arrays with values of any type.
 
-use crate::data::association::Association;
 use std::ops::Range;
 
+use crate::data::association::Association;
 use crate::data::dataset::{Dataset, FieldSource};
 use crate::scene::Values;
 

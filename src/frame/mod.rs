@@ -1,4 +1,4 @@
-//! What a frame is: settings, checks, the plan that both back ends read, uniforms, and the trait of a back end.
+//! Defines a frame: settings, checks, the plan that both back ends read, uniforms, and the trait of a back end.
 
 pub(crate) mod backend;
 pub(crate) mod check;

@@ -66,7 +66,7 @@ pub struct Settings {
     /// Use this for sparse sets of opaque particles, such as stars or droplets. The error of a hundred of
     /// depth 30 falls from .35 to .014 of full scale (root mean square, sigma .3 px).
     ///
-    /// Where kernels fill pixels together, this makes them too faint, as if light passed between them.
+    /// Kernels that fill pixels together become too faint, as if light passed between them.
     /// One layer of a lattice with two samples to the pixel loses .04 of opacity at depth 4, and eight
     /// layers lose .004; without it the optical depths are right to 1e-5 (`tests/frames/sub_pixel.rs`).
     /// Merged particles already account for their members' opacity and do not change; nor do kernels that

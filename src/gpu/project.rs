@@ -9,8 +9,7 @@ use super::kinds::{Kinds, ParticleKind};
 use super::packed::rotation_uniform;
 use super::particles::{lattice_uniform, pack_blocks, pack_shapes};
 use super::shader::{NORMAL, Shader, TANGENTS, shaders_of_particles};
-use crate::blocks::Rule;
-use crate::blocks::{BlockedParticles, BlockedVolume};
+use crate::blocks::{BlockedParticles, BlockedVolume, Rule};
 use crate::error::Result;
 use crate::record::{
     BlockView, ClassifiedParticle, ExactTerms, Footprint, NearTerms, PieceTerms, SurfelTerms,

@@ -1,7 +1,6 @@
 //! Keeps a scene on the device. Volumes are divided into parts: runs of whole blocks whose every buffer
 //! fits a binding.
 
-use crate::constants::CLASSIFICATION_TABLE_LEN;
 use std::borrow::Cow;
 use std::ops::Range;
 
@@ -13,7 +12,7 @@ use super::kinds::{Kinds, ValueKind};
 use super::packed::rotation_uniform;
 use super::particles::{lattice_uniform, pack_blocks, pack_shapes};
 use crate::blocks::{BlockedParticles, BlockedVolume, MergedTransfer};
-use crate::constants::BLOCK_CAPACITY;
+use crate::constants::{BLOCK_CAPACITY, CLASSIFICATION_TABLE_LEN};
 use crate::error::{Error, Hint, Result};
 use crate::record::{
     BlockView, BrickUniform, CameraUniform, ClassifiedBy, ClassifiedParticle, FrameState,

@@ -23,9 +23,8 @@ use super::time_steps::{self, TimeStep};
 #[cfg(feature = "dicom")]
 use super::volume::dicom;
 use super::volume::{image_series, meta_image, nifti, nrrd, raw, tiff};
-use super::vtk;
 use super::vtk::{file_series, pvd};
-use super::{OpenOptions, of_folder, ply, refused};
+use super::{OpenOptions, of_folder, ply, refused, vtk};
 use crate::data::dataset::Dataset;
 use crate::error::{Error, Hint, Result};
 

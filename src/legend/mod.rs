@@ -202,7 +202,7 @@ pub fn check_legend_size(bars: &[ColourBar], size: [usize; 2]) -> Result<()> {
 /// Returns the number of columns of a picture to the left of all plates.
 ///
 /// # Errors
-/// Those of [`check_legend_size`].
+/// The errors of [`check_legend_size`].
 pub fn columns_beside_legend(bars: &[ColourBar], size: [usize; 2]) -> Result<usize> {
     let plates = layout(bars, size)?;
     Ok(plates.first().map_or(size[0], |first| first.plate.left))
@@ -222,7 +222,7 @@ pub fn legend_width(bars: &[ColourBar], size: [usize; 2]) -> usize {
 /// pixels.
 ///
 /// # Errors
-/// Those of [`check_legend_size`].
+/// The errors of [`check_legend_size`].
 pub fn draw_legend(bars: &[ColourBar], image: &mut Image) -> Result<()> {
     if !image.is_whole() {
         return Err(Error::invalid(

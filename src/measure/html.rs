@@ -3,7 +3,6 @@
 mod labels;
 mod plot;
 
-use crate::measure::html::plot::escaped;
 use std::fmt::Write;
 use std::path::Path;
 
@@ -18,6 +17,7 @@ use crate::image::{Image, srgb_from_linear};
 use crate::io::png_bytes;
 use crate::measure::difference::difference_scale;
 use crate::measure::errors::ImageErrors;
+use crate::measure::html::plot::escaped;
 use crate::measure::report::{BudgetRow, ReferenceSummary, Report, Row};
 use crate::measure::variants::ACCURATE;
 

@@ -63,7 +63,7 @@ impl ErrorSample {
     ///   picture's ([`Renderer::layers`]), because it depends on the view.
     ///
     /// # Errors
-    /// Those of [`Renderer::render`].
+    /// The errors of [`Renderer::render`].
     pub fn draw(renderer: &mut Renderer, camera: &Camera, settings: &Settings) -> Result<Self> {
         let settings = Settings {
             depth: false,
@@ -106,7 +106,7 @@ impl ErrorSample {
     /// Returns the error of the sample's tiles when they are drawn at a tolerance.
     ///
     /// # Errors
-    /// Those of [`Renderer::render`].
+    /// The errors of [`Renderer::render`].
     pub fn error_at(&self, renderer: &mut Renderer, tolerance: f32) -> Result<SampledError> {
         let settings = Settings {
             tolerance,
@@ -127,7 +127,7 @@ impl ErrorSample {
     /// less if even the requested tolerance gives a larger error.
     ///
     /// # Errors
-    /// Those of [`Renderer::render`].
+    /// The errors of [`Renderer::render`].
     pub fn calibrated(&self, renderer: &mut Renderer) -> Result<(f32, SampledError)> {
         let asked = self.settings.tolerance;
         let fits = |error: &SampledError| error.greatest <= MARGIN * asked;

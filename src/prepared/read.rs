@@ -19,9 +19,8 @@ use crate::blocks::{
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::{Error, Result};
 use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count};
-use crate::scene::map;
 use crate::scene::{
-    BoundaryPlanesIn, ColourIn, Column, LocalModelsIn, SharedBytes, StrengthIn, ValuesIn,
+    BoundaryPlanesIn, ColourIn, Column, LocalModelsIn, SharedBytes, StrengthIn, ValuesIn, map,
 };
 
 /// Maps a file.

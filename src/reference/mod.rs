@@ -155,7 +155,7 @@ impl Integrator {
     /// renderer.
     ///
     /// # Errors
-    /// Those of [`PointVolume::validate`]; splats, which state an opacity and no extinction; colours that
+    /// The errors of [`PointVolume::validate`]; splats, which state an opacity and no extinction; colours that
     /// depend on the view.
     pub fn new(scene: &[PointVolume]) -> Result<Self> {
         Self::classified(scene, Classification::default())
@@ -165,7 +165,7 @@ impl Integrator {
     /// extents.
     ///
     /// # Errors
-    /// Those of [`Integrator::new`].
+    /// The errors of [`Integrator::new`].
     pub fn classified(scene: &[PointVolume], classification: Classification) -> Result<Self> {
         for volume in scene {
             volume.validate()?;

@@ -1,11 +1,11 @@
 //! Samples regular and rectilinear lattices.
 
-use crate::data::association::Association;
 use glam::DVec3;
 
 use super::curvilinear::sharp::face_nodes;
 use super::left_out::LeftOut;
 use super::{SampleOptions, Sampled, check_count, check_len, classified, take_scalar};
+use crate::data::association::Association;
 use crate::data::blanking::Blanking;
 use crate::data::dataset::{CurvilinearBlock, Dataset, Field, Geometry};
 use crate::error::Result;

@@ -321,7 +321,7 @@ pub fn surface_report(dataset: &Dataset, options: &SampleOptions) -> Result<Samp
 /// the surface opaque; other functions set its opacity, too.
 ///
 /// # Errors
-/// Those of [`mesh::surfels`] and of [`volume`].
+/// The errors of [`mesh::surfels`] and of [`volume`].
 pub fn scene(dataset: Dataset, options: &SampleOptions) -> Result<SampledScene> {
     let dataset = as_surface(dataset, options)?;
     let Geometry::Mesh(mesh) = &dataset.geometry else {
@@ -401,7 +401,7 @@ fn named(error: Error, file: &Path) -> Error {
 /// transparent.
 ///
 /// # Errors
-/// Those of [`Dataset::validate`]; a field that is missing or has the wrong length; no samples, or none that
+/// The errors of [`Dataset::validate`]; a field that is missing or has the wrong length; no samples, or none that
 /// can be drawn; columns that contradict each other; a kernel width that is not positive; a transfer function
 /// that cannot be read; work that was cancelled.
 pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
@@ -517,7 +517,7 @@ pub(crate) fn colour_numbers(dataset: &Dataset) -> Result<Option<ColourNumbers>>
 /// - `volume_sum`: the volume of the preceding particles; returns with these added \[length³\].
 ///
 /// # Errors
-/// Those of [`volume`].
+/// The errors of [`volume`].
 #[cfg(feature = "prepared")]
 pub(crate) fn rows(
     dataset: Dataset,
@@ -579,7 +579,7 @@ pub(crate) fn summed_function(
 /// ```
 ///
 /// # Errors
-/// Those of [`volume`].
+/// The errors of [`volume`].
 pub fn grid(
     dims: [usize; 3],
     nodes: impl Into<Vec<DVec3>>,
@@ -612,7 +612,7 @@ pub fn grid(
 /// ```
 ///
 /// # Errors
-/// Those of [`volume`].
+/// The errors of [`volume`].
 pub fn points(
     positions: impl Into<Vec<DVec3>>,
     values: impl Into<Values>,

@@ -1,6 +1,5 @@
 //! Builds point volumes from arrays in memory.
 
-use crate::math::narrowed;
 use std::f64::consts::TAU;
 
 use glam::{DMat3, DQuat, DVec3};
@@ -8,7 +7,7 @@ use rayon::prelude::*;
 
 use crate::constants::DEFAULT_KERNEL_WIDTH;
 use crate::error::{Error, Result};
-use crate::math::{Variance, lower_factor, principal_sigmas};
+use crate::math::{Variance, lower_factor, narrowed, principal_sigmas};
 use crate::scene::lattice::Lattice;
 use crate::scene::point_volume::{Colour, Particles, PointVolume, Strength};
 use crate::scene::transfer_function::TransferFunction;

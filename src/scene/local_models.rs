@@ -118,7 +118,7 @@ impl LocalModels {
     /// - `greatest`: returns the greatest of given scales and of those of all partitions.
     ///
     /// # Errors
-    /// Those of `greatest`.
+    /// The errors of `greatest`.
     pub(crate) fn changed(
         mut self,
         changes: &[(Option<usize>, LocalModel)],

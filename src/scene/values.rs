@@ -1,9 +1,9 @@
 //! Stores scalar values in the type of their file.
 
-use crate::math::narrowed;
 use rayon::prelude::*;
 
 use super::storage::{Owned, Shared, Storage};
+use crate::math::narrowed;
 
 /// Scalar values in vectors.
 pub type Values = ValuesIn<Owned>;

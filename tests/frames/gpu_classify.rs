@@ -351,7 +351,8 @@ fn every_kind_of_data_is_classified_alike() {
         cases += 1;
     }
     println!("{cases} cases: {tally:?}");
-    assert!(tally.particles > 100 * cases, "{tally:?}");
+    // More than 5,000 of all 42.
+    assert!(tally.particles >= 120 * cases, "{tally:?}");
 }
 
 #[test]

@@ -5,10 +5,9 @@ use std::ops::Range;
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
-use super::super::density;
 use super::super::merge::{Atoms, Cluster, Head, Level, Levels};
 use super::super::tree::{Node, Tree};
-use super::super::{Block, BlockedVolume};
+use super::super::{Block, BlockedVolume, density};
 use super::deal::OwnTree;
 use super::{Bundle, Peers};
 use crate::error::Result;

@@ -2,7 +2,7 @@
 //!
 //! A position or a value inside a cell is a weighted sum over its nodes. The element's shape functions give the
 //! weights. Those of Lagrange and quadratic elements are polynomials that are 1 at their node and 0 at the others.
-//! Those of Bezier elements are Bernstein polynomials. Incomplete (serendipity) elements use the polynomials that their
+//! The basis functions of Bezier elements are Bernstein polynomials. Incomplete (serendipity) elements use the polynomials that their
 //! nodes determine. The quadratic pyramid uses the rational functions of Bedrosian (1992), which agree with those of
 //! its neighbours on every face.
 //!

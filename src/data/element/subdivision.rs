@@ -1,13 +1,13 @@
 //! Builds grids in which cells of higher order are cut into cells of first order.
 
-use crate::data::association::Association;
-use crate::math::narrowed;
 use std::collections::HashMap;
 
 use glam::DVec3;
 
 use super::Element;
+use crate::data::association::Association;
 use crate::data::cells::{CellKind, CellMesh};
+use crate::math::narrowed;
 use crate::scene::Values;
 
 /// Greatest weight that counts as rounding, of a node outside the face or edge of a position.

@@ -1,12 +1,12 @@
 //! Makes the buffers and bindings of a pass, for frames of one kind.
 
-use crate::constants::CLASSIFICATION_TABLE_LEN;
 use bytemuck::Zeroable;
 
 use super::bands::{Bands, Cuts};
 use super::kind::PassKind;
 use super::report::Report;
 use super::retained::{Pass, Raster};
+use crate::constants::CLASSIFICATION_TABLE_LEN;
 use crate::error::Result;
 use crate::gpu::bin::{Bin, BoundBin};
 use crate::gpu::classify::{AmplitudeUniform, BoundClassify, bind_classify};

@@ -1,10 +1,10 @@
 //! Converts numbers of files, in eleven scalar types and two byte orders, to [`Values`].
 
-use crate::math::narrowed;
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::half::half;
+use crate::math::narrowed;
 use crate::scene::Values;
 
 /// Number of numbers that a thread converts at a time.

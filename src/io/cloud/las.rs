@@ -22,7 +22,6 @@
 //!
 //! <https://www.asprs.org/wp-content/uploads/2019/07/LAS_1_4_r15.pdf>
 
-use crate::math::narrowed;
 use std::path::Path;
 
 use glam::DVec3;
@@ -34,6 +33,7 @@ use crate::io::bytes::file::Input;
 use crate::io::bytes::scalars::{Encoding, ScalarType, Stride, doubles, values};
 use crate::io::particles::table::{dataset, scalar_field};
 use crate::io::vtk::xml::clip;
+use crate::math::narrowed;
 use crate::scene::Values;
 
 /// First bytes of a file.

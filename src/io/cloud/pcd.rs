@@ -20,11 +20,11 @@
 //!
 //! <https://pointclouds.org/documentation/tutorials/pcd_file_format.html>
 
-use crate::data::association::Association;
 use std::borrow::Cow;
 use std::path::Path;
 
 use super::{DAMAGED, colour_fields};
+use crate::data::association::Association;
 use crate::data::dataset::{Dataset, Field, FieldSource};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;

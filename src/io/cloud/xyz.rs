@@ -11,7 +11,6 @@
 //! their numbers: three of length 1 are a normal; three whole numbers from 0 to 255, or three numbers from 0 to
 //! 1, are a colour; one number is an intensity.
 
-use crate::math::narrowed;
 use std::path::Path;
 
 use glam::DVec3;
@@ -24,6 +23,7 @@ use crate::io::bytes::probe::Probe;
 use crate::io::grid::plot3d;
 use crate::io::particles::table::dataset;
 use crate::io::vtk::xml::clip;
+use crate::math::narrowed;
 
 /// Least and greatest number of columns: files with more hold other data.
 const COLUMNS: std::ops::RangeInclusive<usize> = 3..=10;

@@ -9,15 +9,14 @@
 //! of one level join without a seam. Two-dimensional data become a layer as thick as the shorter step of the coarsest
 //! level.
 
-use crate::data::association::Association;
 use std::collections::HashMap;
 use std::path::Path;
 
 use glam::DVec3;
 
+use crate::data::association::Association;
 use crate::data::blanking;
-use crate::data::dataset::CurvilinearBlock;
-use crate::data::dataset::{Dataset, Geometry};
+use crate::data::dataset::{CurvilinearBlock, Dataset, Geometry};
 use crate::error::{Error, Result};
 use crate::io::vtk::array::Array;
 use crate::io::vtk::meshes::append_arrays;

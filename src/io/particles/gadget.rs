@@ -25,8 +25,6 @@
 //! Numbers have 32 or 64 bits, which follows from a record's length. Types, lengths and names of fields are those of
 //! the HDF5 reader ([`hdf5::gadget`]).
 
-use crate::data::association::Association;
-use crate::math::narrowed;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -35,6 +33,7 @@ use glam::DVec3;
 use super::hdf5::gadget::{LENGTH_NOTE, NO_LENGTH_NOTE, TYPES, choose};
 use super::periodic::note_reach;
 use super::table::{self, list};
+use crate::data::association::Association;
 use crate::data::dataset::{Dataset, Field, FieldSource};
 use crate::data::particle_type::{ParticleCount, ParticleType};
 use crate::data::smoothing::{LengthMeaning, Smoothing, SphKernel};
@@ -42,6 +41,7 @@ use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
 use crate::io::bytes::scalars::{Encoding, ScalarType, Stride, points, values};
 use crate::io::time_steps::{TimeStep, of_file};
+use crate::math::narrowed;
 use crate::scene::Values;
 
 const HEADER: usize = 256;

@@ -14,12 +14,12 @@
 //! Written headers are of version 1.0 and padded with spaces, so that the numbers start at a multiple of 64
 //! bytes, as NumPy does.
 
-use crate::data::association::Association;
 use std::path::Path;
 
 use glam::DVec3;
 
 use super::table::{PositionColumns, dataset, position_columns};
+use crate::data::association::Association;
 use crate::data::dataset::{Dataset, Field, FieldSource};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;

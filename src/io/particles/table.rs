@@ -5,11 +5,11 @@
 //! columns (`h`, `sigma`, `mass`, ...). Among lengths, `sigma` and `radius` are one standard deviation; `h` is
 //! the smoothing length of the cubic spline, which ends at 2 h ([`crate::irregular`]).
 
-use crate::data::association::Association;
 use std::path::Path;
 
 use glam::DVec3;
 
+use crate::data::association::Association;
 use crate::data::dataset::{Dataset, Field, FieldSource, Geometry};
 use crate::error::{Advice, Error, Result};
 use crate::scene::Values;

@@ -15,11 +15,11 @@
     allow(dead_code, reason = "the program alone reads by planes")
 )]
 
-use crate::data::association::Association;
 use std::ops::Range;
 use std::path::Path;
 
 use super::plane_source::Source;
+use crate::data::association::Association;
 use crate::data::blanking::Blanking;
 use crate::data::dataset::{Dataset, FieldSource, Geometry};
 use crate::error::{Error, Result};
@@ -49,7 +49,7 @@ impl Planes {
     ///   it, the file must have one field.
     ///
     /// # Errors
-    /// Those of [`open`](crate::io::open) for headers and missing files.
+    /// The errors of [`open`](crate::io::open) for headers and missing files.
     pub(crate) fn open(
         path: &Path,
         options: &OpenOptions,

@@ -52,7 +52,7 @@ impl RowFile {
     ///   reads.
     ///
     /// # Errors
-    /// Those of [`open`](crate::io::open) for headers, lengths and missing files.
+    /// The errors of [`open`](crate::io::open) for headers, lengths and missing files.
     pub fn open(path: &Path, particle_type: Option<ParticleType>) -> Result<Option<Self>> {
         let (mut file, len) = open_regular(path)?;
         let mut head = Vec::new();
@@ -123,7 +123,7 @@ impl RowFile {
     /// `scale_0..2` keep the file's numbers: whether they are logarithms depends on all rows.
     ///
     /// # Errors
-    /// Those of [`open`](crate::io::open); rows that do not exist, or lie in several files.
+    /// The errors of [`open`](crate::io::open); rows that do not exist, or lie in several files.
     pub fn read(&mut self, run: Range<usize>) -> Result<Dataset> {
         let mut data = self.read_run(run)?;
         crate::io::name_units(&mut data);

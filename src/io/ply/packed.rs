@@ -13,7 +13,6 @@
 //!
 //! `ply_packed_write.rs` writes it. A colour is 1/2 + .28209479 c of the constant harmonic's coefficient c, as in .splat files.
 
-use crate::math::narrowed;
 use std::f64::consts::SQRT_2;
 use std::path::Path;
 
@@ -26,7 +25,7 @@ use crate::data::dataset::Dataset;
 use crate::data::splats::{SplatCloud, constant_of_colour};
 use crate::error::{Error, Result};
 use crate::io::bytes::scalars::ScalarType;
-use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count};
+use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count, narrowed};
 
 const FORMAT: &str = "compressed PLY splats";
 

@@ -1,6 +1,5 @@
 //! Reads and writes the splat layout of PLY files (INRIA's). `ply_table.rs` has the rows.
 
-use crate::math::narrowed;
 use std::path::Path;
 
 use super::table::Table;
@@ -9,7 +8,7 @@ use crate::data::splats::{SplatCloud, sigmoid};
 use crate::error::{Error, Result};
 use crate::io::splats::encoded_splats::{Encoded, PlyForm, single_precision_quantum};
 use crate::io::splats::splat_table::FILTER_NOTE;
-use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count};
+use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count, narrowed};
 
 pub(in crate::io) const SPLAT_FORMAT: &str = "PLY splats";
 /// Properties `f_rest_` of degree 10: more than any program writes.

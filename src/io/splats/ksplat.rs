@@ -36,7 +36,6 @@
 //!
 //! The viewer's reader and those of other programs agree on these facts. The format has no mark of anti-aliased splats.
 
-use crate::math::narrowed;
 use std::array;
 use std::path::Path;
 
@@ -47,7 +46,7 @@ use crate::data::splats::{SplatCloud, constant_of_colour};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
 use crate::io::bytes::half::half;
-use crate::math::harmonics_count;
+use crate::math::{harmonics_count, narrowed};
 
 const HEADER: usize = 4096;
 const SECTION_HEADER: usize = 1024;

@@ -1,6 +1,5 @@
 //! Writes splats to files, completely or not at all.
 
-use crate::io::ply;
 use std::borrow::Cow;
 use std::path::Path;
 
@@ -12,9 +11,9 @@ use super::{gltf_splats, sog, splat, spz};
 use crate::data::splats::SplatCloud;
 use crate::error::{Error, Result};
 use crate::io::bytes::atomic::write_bytes_atomically;
-use crate::io::extension;
 use crate::io::picture::image_file::check_folder;
 use crate::io::vtk::vtu_write;
+use crate::io::{extension, ply};
 
 /// Third scale of a flat splat, as a share of the next larger one, in a format whose viewers expect volume.
 ///

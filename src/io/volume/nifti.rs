@@ -125,7 +125,7 @@ pub(in crate::io) fn with_header<T>(
 /// Reads the header at the start of a file.
 ///
 /// # Errors
-/// Those of [`read`], except for numbers.
+/// The errors of [`read`], except for numbers.
 pub(in crate::io) fn image(input: Input<'_>) -> Result<Image> {
     let path = input.path;
     let (head, _) = input.head(HEAD)?;

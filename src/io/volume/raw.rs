@@ -7,7 +7,6 @@
 //! The file does not state its dimensions, type or byte order: the user does. The length must match exactly. A
 //! gzip-compressed file (`.raw.gz`) is unpacked while it is read, never beyond the bytes of the dimensions.
 
-use crate::data::association::Association;
 use std::io::Read;
 use std::path::Path;
 
@@ -15,6 +14,7 @@ use flate2::read::MultiGzDecoder;
 use glam::DVec3;
 
 use super::plain_numbers::PlainNumbers;
+use crate::data::association::Association;
 use crate::data::dataset::{Dataset, Field, FieldSource, Geometry};
 use crate::error::{Error, Hint, Parameter, Result, SuggestedLayout};
 use crate::io::bytes::file::Input;

@@ -5,7 +5,6 @@
 //! memory is allocated, the header's sizes are compared with the bytes in the file: raw numbers byte by byte,
 //! packed ones by the greatest ratio of the compression, text by a character for each number.
 
-use crate::data::association::Association;
 use std::collections::{HashSet, VecDeque};
 use std::io::{self, Read};
 use std::path::{Component, Path, PathBuf};
@@ -16,6 +15,7 @@ use glam::{DMat3, DVec3};
 
 use super::plain_numbers::PlainNumbers;
 use super::raw::DEFLATE_RATIO;
+use crate::data::association::Association;
 use crate::data::dataset::{Dataset, Field, FieldSource, Geometry};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
@@ -259,7 +259,7 @@ fn read(
 /// The path of a file of numbers that a header names, relative to the header.
 ///
 /// # Errors
-/// Those of [`beside_as`].
+/// The errors of [`beside_as`].
 pub(in crate::io) fn beside(path: &Path, name: &str) -> Result<PathBuf> {
     beside_as(path, "header, the files of numbers", name)
 }

@@ -13,7 +13,6 @@
 //! The images store their own positions and spacings; the list stores their levels, in `level` or `group`.
 //! [`crate::io::grid::amr`] converts them to a data set.
 
-use crate::data::association::Association;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
@@ -23,6 +22,7 @@ use roxmltree::Node;
 use super::array::Array;
 use super::vti;
 use super::xml::{Frame, child_among, clip};
+use crate::data::association::Association;
 use crate::data::dataset::{Dataset, Geometry};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;

@@ -62,7 +62,7 @@ pub(in crate::io) fn looks_like(head: &[u8]) -> bool {
 /// Reads the first of the files, with a note on their number.
 ///
 /// # Errors
-/// Those of [`steps`], and those of the file.
+/// The errors of [`steps`], and those of the file.
 pub(in crate::io) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     read_first(input, &steps(input)?, options)
 }
@@ -80,7 +80,7 @@ pub(in crate::io) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
 /// The files of data in a collection and in the collections that it names.
 ///
 /// # Errors
-/// Those of [`steps`].
+/// The errors of [`steps`].
 pub(in crate::io) fn files(input: Input<'_>) -> Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     collect(input, &mut Vec::new(), &mut files)?;
@@ -180,7 +180,7 @@ fn walk(path: &Path, node: Node<'_, '_>, depth: usize, files: &mut Vec<PathBuf>)
 /// Reads the first part of the first step that has any, with notes on the other steps and parts.
 ///
 /// # Errors
-/// Those of the part; a part that is a collection.
+/// The errors of the part; a part that is a collection.
 pub(in crate::io) fn read_first(
     input: Input<'_>,
     steps: &[TimeStep],

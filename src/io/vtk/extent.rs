@@ -10,7 +10,6 @@
 //! whole extent, and may overlap; then the last one counts. For `vtkGhostType` a mark stays only if all
 //! overlapping pieces have it, because a node marked as another piece's in one piece is that other piece's own.
 
-use crate::data::association::Association;
 use std::path::Path;
 
 use roxmltree::Node;
@@ -18,6 +17,7 @@ use roxmltree::Node;
 use super::array::Array;
 use super::pieces::{Piece, element_of, keep_common, to_fields};
 use super::xml::numbers;
+use crate::data::association::Association;
 use crate::data::blanking::GHOST_TYPE;
 use crate::data::dataset::Field;
 use crate::error::{Advice, Error, Result};

@@ -24,9 +24,6 @@ use crate::io::time_steps::TimeStep;
 /// Key that every series file contains.
 const VERSION: &[u8] = b"\"file-series-version\"";
 
-/// Greatest size of a series in bytes, enough for hundreds of thousands of files.
-const MOST_BYTES: u64 = 64 << 20;
-
 const DAMAGED: &str = "the series is damaged: save it again";
 
 #[derive(Deserialize)]
@@ -61,19 +58,7 @@ pub(in crate::io) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dat
 /// occurs twice at one time.
 pub(in crate::io) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
     let path = input.path;
-    let (_, len) = input.head(1)?;
-    if len > MOST_BYTES {
-        let expected = format!("a list of files, of {MOST_BYTES} bytes at most");
-        let advice = "give the files themselves";
-        return Err(Error::format(
-            path,
-            "series",
-            expected,
-            format!("{len} bytes"),
-            advice,
-        ));
-    }
-    let bytes = input.read_all()?;
+    let bytes = pvd::list_bytes(input, "series")?;
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
     let series: Series = serde_json::from_slice(bytes).map_err(|e| {
         let place = format!("line {}, column {}", e.line(), e.column());

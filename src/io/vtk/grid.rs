@@ -1,11 +1,11 @@
 //! Converts nodes and cells of the VTK readers to a checked data set.
 
-use crate::data::association::Association;
 use std::path::Path;
 
 use rayon::prelude::*;
 
 use super::surface;
+use crate::data::association::Association;
 use crate::data::cells::{CellKind, CellMesh};
 use crate::data::dataset::{Dataset, Field, FieldSource, Geometry};
 use crate::error::{Advice, Error, Result};

@@ -1,11 +1,11 @@
 //! Reads and joins the pieces of the VTK XML formats of cells, each of which has cells of its own.
 
-use crate::data::association::Association;
 use std::path::Path;
 
 use super::array::Array;
 use super::grid;
 use super::pieces::{Piece, element_of, keep_common, to_fields};
+use crate::data::association::Association;
 use crate::data::cells::{CellKind, CellMesh};
 use crate::data::dataset::Dataset;
 use crate::error::{Error, Result};

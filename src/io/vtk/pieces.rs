@@ -15,7 +15,6 @@
 //! own list of arrays (`PPointData`, ...) is not needed, because each piece has one. One file at a time is in
 //! memory; only the results for its pieces are kept.
 
-use crate::data::association::Association;
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
@@ -25,6 +24,7 @@ use super::array::{Array, Decoder};
 use super::xml::{Frame, child, clip};
 #[cfg(feature = "cli")]
 use super::xml::{file_type, looks_like};
+use crate::data::association::Association;
 use crate::data::dataset::{Field, FieldSource};
 use crate::error::{Error, Result};
 #[cfg(feature = "cli")]

@@ -12,6 +12,7 @@
 //! one step, with their files in the order of `part`. A collection names data, or VTK's collections of blocks
 //! ([`super::collection`]), which are replaced by their files; never another collection of its own kind.
 
+use std::borrow::Cow;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
@@ -37,9 +38,29 @@ pub(in crate::io) fn looks_like(head: &[u8]) -> bool {
 /// Reads the first part of the first time step, with notes on the others.
 ///
 /// # Errors
-/// Those of [`steps`], and those of the part.
+/// The errors of [`steps`], and those of the part.
 pub(in crate::io) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     collection::read_first(input, &steps(input)?, options)
+}
+
+/// Returns the bytes of a list of files.
+///
+/// - `place`: place of the fault, if the file is too large for a list.
+///
+/// # Errors
+/// The file cannot be read, or is larger than [`MOST_BYTES`].
+pub(super) fn list_bytes<'a>(input: Input<'a>, place: &'static str) -> Result<Cow<'a, [u8]>> {
+    let (_, len) = input.head(1)?;
+    if len > MOST_BYTES {
+        return Err(Error::format(
+            input.path,
+            place,
+            format!("a list of files, of {MOST_BYTES} bytes at most"),
+            format!("{len} bytes"),
+            "give the files themselves",
+        ));
+    }
+    input.read_all()
 }
 
 /// The steps, in the order of time; at least one. The named files are not checked to exist.
@@ -49,17 +70,7 @@ pub(in crate::io) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dat
 /// twice at one time, or that name a collection; no entries.
 pub(in crate::io) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
     let path = input.path;
-    let (_, len) = input.head(1)?;
-    if len > MOST_BYTES {
-        return Err(Error::format(
-            path,
-            TYPE,
-            format!("a list of files, of {MOST_BYTES} bytes at most"),
-            format!("{len} bytes"),
-            "give the files themselves",
-        ));
-    }
-    let bytes = input.read_all()?;
+    let bytes = list_bytes(input, TYPE)?;
     let frame = Frame::new(path, &bytes)?;
     let document = frame.document()?;
     let root = document.root_element();

@@ -9,13 +9,13 @@
 //! stay fields: those of points at the corners, those of cells at the triangles. The surface is seen from
 //! behind, too, unless it is closed with its front outwards (see [`crate::io::mesh::closed`]).
 
-use crate::data::association::Association;
 use std::collections::HashMap;
 use std::path::Path;
 
 use glam::Vec3;
 
 use super::xml::clip;
+use crate::data::association::Association;
 use crate::data::blanking::Blanking;
 use crate::data::cells::{CellKind, CellMesh};
 use crate::data::colour_columns::{ColourNumbers, ColourScale};

@@ -13,7 +13,6 @@
 //! Node (i, j, k), with indices from the extents, lies at Origin + Direction (Spacing * (i, j, k)). The lattice
 //! starts at the first node of `WholeExtent`. Several pieces are put together, see [`super::extent`].
 
-use crate::data::association::Association;
 use std::path::Path;
 
 use glam::{DMat3, DVec3};
@@ -22,6 +21,7 @@ use roxmltree::Node;
 use super::extent::{Extent, Part, join};
 use super::pieces;
 use super::xml::numbers;
+use crate::data::association::Association;
 use crate::data::dataset::{Dataset, Geometry};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;

@@ -9,7 +9,6 @@
     allow(dead_code, reason = "the program alone reads by planes")
 )]
 
-use crate::data::association::Association;
 use std::collections::HashSet;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -24,6 +23,7 @@ use super::extent::Extent;
 use super::pieces::{data_set, element_of, piece_nodes};
 use super::vti::{self, FORMAT};
 use super::xml::{Frame, child, file_type};
+use crate::data::association::Association;
 use crate::data::dataset::{Dataset, Field, FieldSource, Geometry};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::{HEAD, Input, open_regular, read_all};
@@ -57,7 +57,7 @@ type Kind = (String, usize, &'static str);
 /// Locates the values of an image. Of the pieces of an index only the first is opened.
 ///
 /// # Errors
-/// Those of [`vti::read`] for an index, and for a file's description of the lattice.
+/// The errors of [`vti::read`] for an index, and for a file's description of the lattice.
 pub(in crate::io) fn find(input: Input<'_>) -> Result<Option<(Dataset, Pieces)>> {
     let (head, _) = input.head(HEAD)?;
     match file_type(&head) {

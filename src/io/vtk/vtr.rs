@@ -12,11 +12,11 @@
 //! Node (i, j, k) lies at (x\[i\], y\[j\], z\[k\]). Axes with falling coordinates are reversed, and their
 //! samples with them. Several pieces are put together, see [`super::extent`].
 
-use crate::data::association::Association;
 use std::path::Path;
 
 use super::extent::{Extent, Part, join};
 use super::pieces::{self, Piece};
+use crate::data::association::Association;
 use crate::data::dataset::{Dataset, Field, FieldSource, Geometry};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;

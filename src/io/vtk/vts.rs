@@ -12,15 +12,14 @@
 //! Nodes are stored i fastest, then j, then k. Several pieces are put together, see
 //! [`super::extent`].
 
-use crate::data::association::Association;
 use std::path::Path;
 
 use glam::DVec3;
 
 use super::extent::{Extent, Part, check_cover, join, place};
 use super::pieces::{self, Piece};
-use crate::data::dataset::CurvilinearBlock;
-use crate::data::dataset::{Dataset, Field, Geometry};
+use crate::data::association::Association;
+use crate::data::dataset::{CurvilinearBlock, Dataset, Field, Geometry};
 use crate::error::Result;
 use crate::io::bytes::file::Input;
 

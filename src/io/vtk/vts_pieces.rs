@@ -1,7 +1,6 @@
 //! Reads the pieces of a structured grid that an index (`.pvts`) names, some of them at a time, and planes of
 //! the grid.
 
-use crate::data::association::Association;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -11,9 +10,9 @@ use super::array::Array;
 use super::extent::{Extent, Part, check_cover};
 use super::pieces::{self, ArrayKey, ArraysSeen, element_of, to_fields};
 use super::vts;
+use crate::data::association::Association;
 use crate::data::blanking::Blanking;
-use crate::data::dataset::CurvilinearBlock;
-use crate::data::dataset::{Dataset, Field, Geometry};
+use crate::data::dataset::{CurvilinearBlock, Dataset, Field, Geometry};
 use crate::error::Result;
 use crate::io::bytes::file::Input;
 use crate::io::name_units;
@@ -50,7 +49,7 @@ impl VtsPieces {
     /// Opens an index and looks for the files that it names; `None` for any other file.
     ///
     /// # Errors
-    /// Those of [`open`](crate::io::open) for an index; a piece's missing file.
+    /// The errors of [`open`](crate::io::open) for an index; a piece's missing file.
     pub(crate) fn open(path: &Path) -> Result<Option<Self>> {
         pieces::in_index(path, vts::KIND, |input, element| {
             Ok(Self {
@@ -79,7 +78,7 @@ impl VtsPieces {
     /// Reads the pieces of some of the files.
     ///
     /// # Errors
-    /// Those of [`open`](crate::io::open).
+    /// The errors of [`open`](crate::io::open).
     pub(crate) fn read(&self, files: Range<usize>) -> Result<SomeBlocks> {
         let input = Input::of_file(&self.path);
         let files = self.files[files].iter().map(|(file, _)| file);

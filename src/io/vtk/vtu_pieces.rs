@@ -1,6 +1,5 @@
 //! Reads the pieces of an unstructured grid that an index (`.pvtu`) names, some of them at a time.
 
-use crate::data::association::Association;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -8,6 +7,7 @@ use super::array::Array;
 use super::meshes::{Part, append_arrays, arrays_of, mesh_of};
 use super::pieces::{self, ArraysSeen, element_of, to_fields};
 use super::vtu;
+use crate::data::association::Association;
 use crate::data::cells::CellMesh;
 use crate::data::dataset::{Dataset, Geometry};
 use crate::error::Result;
@@ -35,7 +35,7 @@ impl VtuPieces {
     /// Opens an index and looks for the files that it names; `None` for any other file.
     ///
     /// # Errors
-    /// Those of [`open`](crate::io::open) for an index; a piece's missing file.
+    /// The errors of [`open`](crate::io::open) for an index; a piece's missing file.
     pub(crate) fn open(path: &Path) -> Result<Option<Self>> {
         pieces::in_index(path, vtu::KIND, |input, element| {
             Ok(Self {
@@ -58,7 +58,7 @@ impl VtuPieces {
     /// Reads the pieces of some of the files.
     ///
     /// # Errors
-    /// Those of [`open`](crate::io::open).
+    /// The errors of [`open`](crate::io::open).
     pub(crate) fn read(&self, files: Range<usize>) -> Result<SomePieces> {
         let input = Input::of_file(&self.path);
         let files = self.files[files].iter().map(|(file, _)| file);

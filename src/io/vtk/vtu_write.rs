@@ -10,7 +10,6 @@
 //! Everything is appended raw, little-endian, with lengths of 64 bits. Harmonics beyond the constant are not
 //! written.
 
-use crate::math::narrowed;
 use std::fmt::Write;
 
 use glam::{DMat3, DQuat, DVec3};
@@ -19,7 +18,7 @@ use crate::data::splats::SplatCloud;
 use crate::io::splats::encoded_splats::{
     Encoded, byte, note_cut, note_harmonics_lost, note_mark_lost,
 };
-use crate::math::HARMONIC_0;
+use crate::math::{HARMONIC_0, narrowed};
 
 /// VTK's number of a vertex.
 const VERTEX: u8 = 1;

@@ -1,10 +1,10 @@
 //! Makes the cells of curvilinear grids.
 
-use crate::data::association::Association;
 use rayon::prelude::*;
 
 use super::cells::{Cell, Known, Mesh};
 use super::hexahedron::{longest_edges, volume};
+use crate::data::association::Association;
 use crate::data::blanking::Blanking;
 use crate::data::dataset::CurvilinearBlock;
 use crate::scene::Values;

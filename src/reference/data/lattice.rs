@@ -1,10 +1,10 @@
 //! Integrates along rays through lattices, cell by cell; the field is trilinear between samples.
 
-use crate::data::association::Association;
 use glam::{DMat3, DVec3};
 
 use super::cubic::Cubic;
 use super::emission::Emission;
+use crate::data::association::Association;
 use crate::scene::{Lattice, LatticeSpacing, Values};
 
 /// A lattice's samples and the planes between which the field is trilinear.

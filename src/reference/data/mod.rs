@@ -114,7 +114,7 @@ impl DataIntegrator {
     ///   [`PointVolume::transfer_function`](crate::scene::PointVolume::transfer_function).
     ///
     /// # Errors
-    /// Those of [`Dataset::validate`]; a field that is missing or has the wrong length. Particles, splats and
+    /// The errors of [`Dataset::validate`]; a field that is missing or has the wrong length. Particles, splats and
     /// meshes, which have no field between samples. Grids without volume, and those without a valid cell.
     pub fn new(dataset: Dataset, field: &str, function: TransferFunction) -> Result<Self> {
         dataset.validate()?;

@@ -1,10 +1,10 @@
 //! Makes the cells of unstructured grids.
 
-use crate::data::association::Association;
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::cells::{Cell, Known, Mesh};
+use crate::data::association::Association;
 use crate::data::blanking::Blanking;
 use crate::data::cells::{CellKind, CellMesh};
 use crate::data::handedness::Handedness;

@@ -17,7 +17,6 @@ pub(crate) mod incidence;
 pub(crate) mod partitioned;
 pub(crate) mod sharp;
 
-use crate::data::association::Association;
 use std::ops::Range;
 
 use self::duals::{Duals, cut, sound_volume, turned};
@@ -33,6 +32,7 @@ use super::{
     SampleOptions, Sampled, check_count, check_len, classified_kernels, differences, nothing_left,
     take_scalar,
 };
+use crate::data::association::Association;
 use crate::data::blanking::Blanking;
 use crate::data::cells::CellMesh;
 use crate::data::dataset::{Dataset, Geometry};

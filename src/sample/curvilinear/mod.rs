@@ -25,7 +25,6 @@ pub(crate) mod sharp;
 pub(crate) mod structured;
 pub(crate) mod window;
 
-use crate::data::association::Association;
 use std::ops::Range;
 
 use glam::DVec3;
@@ -36,14 +35,14 @@ use self::structured::{CellCounts, Grid, Part};
 use super::field::gradient::Samples;
 use super::field::local_models;
 use super::field::local_models::grid::{GridKernel, RUN, Run};
-use super::kernels::levels;
-use super::kernels::{Kernel, Kernels};
+use super::kernels::{Kernel, Kernels, levels};
 use super::left_out::LeftOut;
 use super::rest::{Nobody, Own};
 use super::{
     SampleOptions, Sampled, check_count, check_len, classified_kernels, differences, nothing_left,
     take_scalar,
 };
+use crate::data::association::Association;
 use crate::data::blanking::Blanking;
 use crate::data::dataset::{CurvilinearBlock, Dataset, Geometry};
 use crate::error::{Error, Result};

@@ -99,15 +99,17 @@ fn overlap(grids: &[(usize, Grid<'_>)]) -> Option<(usize, f64)> {
     if (0..grids.len()).all(|own| others(own).next().is_none()) {
         return None;
     }
-    // Number of each grid's drawn cells that lie within the boxes of other grids, and the volume of all.
+    // The part of a drawn cell, and whether it lies within the box of another grid.
+    let part_of = |own: usize, cell: usize| {
+        let part = grids[own].cell_part(cell).ok()?;
+        let is_near = others(own).any(|(_, other)| holds(other, part.centroid));
+        Some((part, is_near))
+    };
+    // Number of cells within the boxes of other grids, and the volume of all.
     let looked_at = |own: usize| {
-        let near: Vec<&Bounds> = others(own).map(|(_, other)| other).collect();
-        let of_cell = |cell: usize| {
-            let Ok(part) = grids[own].cell_part(cell) else {
-                return (0, 0.0);
-            };
-            let is_near = near.iter().any(|other| holds(other, part.centroid));
-            (usize::from(is_near), part.volume)
+        let of_cell = |cell: usize| match part_of(own, cell) {
+            Some((part, is_near)) => (usize::from(is_near), part.volume),
+            None => (0, 0.0),
         };
         let cells = 0..cell_count(grids[own]);
         let add = |a: (usize, f64), b: (usize, f64)| (a.0 + b.0, a.1 + b.1);
@@ -119,10 +121,8 @@ fn overlap(grids: &[(usize, Grid<'_>)]) -> Option<(usize, f64)> {
     let stride = near.div_ceil(PROBES).max(1);
     let probes: Vec<Probe> = (0..grids.len())
         .flat_map(|own| {
-            let near: Vec<&Bounds> = others(own).map(|(_, other)| other).collect();
             let probe = |cell: usize| {
-                let part = grids[own].cell_part(cell).ok()?;
-                let is_near = near.iter().any(|other| holds(other, part.centroid));
+                let (part, is_near) = part_of(own, cell)?;
                 is_near.then_some(Probe {
                     grid: own,
                     centre: part.centroid,

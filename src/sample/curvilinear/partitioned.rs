@@ -1,15 +1,14 @@
 //! Samples curvilinear grids that are partitioned over ranks by planes.
 
-use crate::data::association::Association;
 use std::ops::Range;
 
 use glam::DVec3;
 
-use super::even_grid;
 use super::sharp::{FARTHEST, sharpen_grids};
 use super::structured::{CellCounts, Grid, volume_of};
 use super::window::Window;
-use super::{GridField, GridFit};
+use super::{GridField, GridFit, even_grid};
+use crate::data::association::Association;
 use crate::data::blanking::Blanking;
 use crate::error::Result;
 use crate::math::ExactSum;

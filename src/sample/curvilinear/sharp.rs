@@ -6,7 +6,6 @@
 //! tangent plane at the nearest boundary node. That is exact on plane faces, and of second order in curvature
 //! times spacing on others. A face that has collapsed to a line or a point, a pole, does not count as a face.
 
-use crate::math::narrowed;
 use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -15,7 +14,7 @@ use super::structured::{Grid, Part};
 use super::window::Window;
 use crate::constants::{EDGE_REACH, MOST_EDGES};
 use crate::error::Result;
-use crate::math::lower_factor;
+use crate::math::{lower_factor, narrowed};
 use crate::sample::field::local_models::matrix_of;
 use crate::sample::kernels::Kernel;
 use crate::sample::kernels::even::CutKernels;

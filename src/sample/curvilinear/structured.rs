@@ -9,7 +9,6 @@
 //! Nodes and cells are processed in runs along i, with their coordinates in arrays of lanes: the compiler
 //! vectorises the loops over these.
 
-use crate::data::association::Association;
 use std::ops::Range;
 
 use glam::{DMat3, DVec3};
@@ -17,6 +16,7 @@ use rayon::prelude::*;
 
 use super::seam::seam;
 use super::window::Window;
+use crate::data::association::Association;
 use crate::data::blanking::Blanking;
 use crate::math::ExactSum;
 use crate::sample::left_out::LeftOut;

@@ -18,7 +18,7 @@ use crate::scene::{AutomaticOptions, TransferFunction, ValueSample};
 /// that are not in the list keep their own functions.
 ///
 /// # Errors
-/// Those of [`TransferFunction::automatic`].
+/// The errors of [`TransferFunction::automatic`].
 pub fn shared_functions(
     sampled: &mut [(&mut SampleReport, &SampleOptions)],
 ) -> Result<Vec<(TransferFunction, Vec<usize>)>> {

@@ -7,13 +7,12 @@
 //! Inside a sharp boundary these sums are complete. Beside a boundary that is not cut they lack kernels
 //! outside: samples there stay as they are.
 
-use crate::math::narrowed;
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::sums::Summand;
 use crate::error::Result;
-use crate::math::{lower_matrix, principal_sigmas};
+use crate::math::{lower_matrix, narrowed, principal_sigmas};
 use crate::sample::points::neighbours::PointIndex;
 use crate::sample::rest::Own;
 use crate::scene::{BoundaryPlanes, cut_kernel};

@@ -4,7 +4,6 @@ pub(crate) mod even;
 pub(crate) mod levels;
 pub(crate) mod sums;
 
-use crate::math::narrowed;
 use std::ops::Range;
 
 use glam::DVec3;
@@ -13,7 +12,7 @@ use rayon::prelude::*;
 use super::left_out::LeftOut;
 use super::{index_u32, mean_spacing};
 use crate::error::Result;
-use crate::math::ExactSum;
+use crate::math::{ExactSum, narrowed};
 use crate::sample::report::SampleReport;
 use crate::task::{Stage, Task};
 

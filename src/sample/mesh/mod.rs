@@ -184,7 +184,7 @@ impl MeshReport {
 /// The result depends on the seed, not on the number of threads.
 ///
 /// # Errors
-/// Those of [`Mesh::validate`]; no triangle with an area; numbers that are not positive; more than
+/// The errors of [`Mesh::validate`]; no triangle with an area; numbers that are not positive; more than
 /// [`MOST_SURFELS`]; work that was cancelled.
 pub fn surfels(mesh: &Mesh, options: &MeshOptions) -> Result<SampledMesh> {
     let advice = || format!("{SURFEL_WIDTH} is the default for surfels");

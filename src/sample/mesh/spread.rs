@@ -103,7 +103,7 @@ pub(super) fn count(surface: &Surface, spread: Spread) -> Result<usize> {
 /// mesh without area.
 ///
 /// # Errors
-/// Those of [`Mesh::validate`]; numbers of `spread` that are not positive; more surfels than [`MOST_SURFELS`]
+/// The errors of [`Mesh::validate`]; numbers of `spread` that are not positive; more surfels than [`MOST_SURFELS`]
 /// or than there is memory for.
 pub fn surfel_count(mesh: &Mesh, spread: Spread) -> Result<usize> {
     mesh.validate()?;

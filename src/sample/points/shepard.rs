@@ -1,12 +1,11 @@
 //! Corrects cell volumes by Shepard passes, until they reproduce a uniform field at the particles.
 
-use crate::math::narrowed;
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::neighbours::PointIndex;
 use crate::error::Result;
-use crate::math::principal_sigmas;
+use crate::math::{narrowed, principal_sigmas};
 use crate::sample::kernels::sums::{Summand, everywhere};
 use crate::sample::splats::factor::sphere;
 use crate::scene::{Particles, PointVolume, Strength};

@@ -13,7 +13,6 @@
 //! Colours are encoded as sRGB; the coefficient of the constant harmonic follows from the code. Surfels get the
 //! axes of their variance: the third has no length and points along the front's normal.
 
-use crate::math::narrowed;
 use std::f64::consts::TAU;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
@@ -23,7 +22,7 @@ use rayon::prelude::*;
 use crate::data::splats::{SplatCloud, constant_of_colour};
 use crate::error::{Error, Hint, Result};
 use crate::image::srgb_from_linear;
-use crate::math::{harmonics_count, lower_matrix, scales_and_rotation};
+use crate::math::{harmonics_count, lower_matrix, narrowed, scales_and_rotation};
 use crate::sample::left_out::LeftOut;
 use crate::sample::report::{Finding, SampleReport};
 use crate::sample::{index_u32, splats};
@@ -128,7 +127,7 @@ pub fn splat_cloud(volumes: &[PointVolume]) -> Result<(SplatCloud, ConversionRep
 /// Returns the splats of a file without those that cannot be drawn. Opacities above 1 become 1.
 ///
 /// # Errors
-/// Those of [`SplatCloud::validate`].
+/// The errors of [`SplatCloud::validate`].
 pub fn sound_splats(cloud: SplatCloud) -> Result<(SplatCloud, ConversionReport)> {
     cloud.validate()?;
     let count = cloud.positions.len();

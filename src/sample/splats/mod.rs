@@ -12,8 +12,7 @@ use super::{
 use crate::data::dataset::{Dataset, Geometry};
 use crate::data::splats::SplatCloud;
 use crate::error::Result;
-use crate::math::harmonics_count;
-use crate::math::narrowed;
+use crate::math::{harmonics_count, narrowed};
 use crate::sample::report::SampleReport;
 use crate::scene::{Colour, Particles, PointVolume, Strength, ValueSample, Values};
 use crate::task::collect;

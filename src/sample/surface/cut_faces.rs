@@ -1,11 +1,11 @@
 //! Shows the field on clip planes as opaque surfels.
 
-use crate::math::narrowed;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
 use crate::constants::FAINT_SHARE;
 use crate::error::{Error, Result};
+use crate::math::narrowed;
 use crate::sample::index_u32;
 use crate::scene::{Colour, Particles, PointVolume, Strength};
 use crate::view::ClipPlane;

@@ -1,11 +1,11 @@
 //! Makes surfels of points with normals and radii.
 
-use crate::math::narrowed;
 use std::f64::consts::PI;
 
 use glam::DVec3;
 
 use crate::error::{Error, Result};
+use crate::math::narrowed;
 use crate::sample::Sampled;
 use crate::sample::left_out::LeftOut;
 use crate::sample::mesh::SURFEL_WIDTH;

@@ -19,7 +19,7 @@ pub(in crate::sample) fn is_flat(dataset: &Dataset) -> bool {
 /// returned unchanged.
 ///
 /// # Errors
-/// Those of [`Dataset::validate`]; fields that state hidden cells or nodes and cannot be read.
+/// The errors of [`Dataset::validate`]; fields that state hidden cells or nodes and cannot be read.
 pub(in crate::sample) fn as_surface(mut dataset: Dataset) -> Result<Dataset> {
     if !is_flat(&dataset) {
         return Ok(dataset);

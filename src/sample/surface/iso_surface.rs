@@ -7,14 +7,13 @@
 //! the kernel's variance in that plane. Its area is v |g| phi(t) / w. The areas of all discs add up to that of
 //! the surface (the coarea formula), however steep the field and whatever the grid.
 
-use crate::math::narrowed;
 use std::f64::consts::TAU;
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
 use crate::error::{Error, Hint, Parameter, Result};
-use crate::math::tangents_of;
+use crate::math::{narrowed, tangents_of};
 use crate::scene::{Colour, LocalModels, Particles, PointVolume, Strength, ValueScale, Values};
 use crate::task::{Stage, Task};
 

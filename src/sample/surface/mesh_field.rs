@@ -5,13 +5,13 @@
 //! is opaque. A function of the caller's sets opacities, too, if any of them is less than one; they apply to
 //! the surface seen head-on.
 
-use crate::data::association::Association;
-use crate::math::narrowed;
 use glam::DVec3;
 
+use crate::data::association::Association;
 use crate::data::dataset::{Dataset, Geometry};
 use crate::data::mesh::{AlphaMode, Material, Mesh, MeshPart};
 use crate::error::Result;
+use crate::math::narrowed;
 use crate::sample::field::choice::{has_choice, shown_field};
 use crate::sample::mesh::{self, MeshOptions};
 use crate::sample::report::SampleReport;

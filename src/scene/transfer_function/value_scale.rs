@@ -1,8 +1,8 @@
 //! Defines the scales of values, linear or logarithmic, on which transfer functions are evaluated.
 
-use crate::math::narrowed;
 use std::borrow::Cow;
 
+use crate::math::narrowed;
 use crate::scene::values::Values;
 
 /// Least number of steps that single precision must have within a range. If values are so far from 0 that there

@@ -31,8 +31,7 @@ use crate::record::{
     ExactTerms, Footprint, FootprintTerms, NearTerms, PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE,
     PATH_NEAR, ViewUniform,
 };
-use crate::simd::SimdLevel;
-use crate::simd::{SimdWork, run_at};
+use crate::simd::{SimdLevel, SimdWork, run_at};
 use crate::splat::{Band, PixelMean};
 use crate::task::{Stage, Task};
 

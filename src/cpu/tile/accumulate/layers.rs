@@ -10,11 +10,10 @@
 //!
 //! Twin: `shaders/tile/accumulate/layers.wgsl`.
 
-use super::maximum;
 use super::ring::{Layer, Ring, layer_at, layer_start};
 use super::sheets::IntoSheet;
 use super::slabs::IntoSlabs;
-use super::{AddRows, Into};
+use super::{AddRows, Into, maximum};
 use crate::blocks::MOST_SLABS;
 use crate::constants::TILE_PIXELS;
 use crate::cpu::tile::classify::slab::PostClassification;
@@ -24,8 +23,7 @@ use crate::cpu::tile::interval::within;
 use crate::cpu::tile::pixels::{Plane, Tile, TilePlace};
 use crate::math::lane::opacity;
 use crate::record::{ExactTerms, Footprint, NearTerms};
-use crate::simd::SimdLevel;
-use crate::simd::{SimdWork, run_at};
+use crate::simd::{SimdLevel, SimdWork, run_at};
 use crate::splat::{Accumulate, Axes};
 
 /// A tile in which kernels are summed layer by layer.

@@ -15,8 +15,7 @@ use crate::cpu::tile::interval::{between, shares_at, whole, within};
 use crate::cpu::tile::pixels::{Plane, RowOf, Tile, TilePlace};
 use crate::math::lane::{exp_minus_half, madd, opacity};
 use crate::record::{ExactTerms, Footprint, NearTerms, PATH_AFFINE, PATH_EXACT, PATH_PEAK};
-use crate::simd::SimdLevel;
-use crate::simd::{SimdWork, run_at};
+use crate::simd::{SimdLevel, SimdWork, run_at};
 use crate::splat::Axes;
 
 /// A tile in which kernels are composited.

@@ -1,9 +1,9 @@
 //! Parses the case file, which names the files of the geometry and the variables and lists the times.
 
-use crate::io::grid::ensight::stream::DAMAGED;
 use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
+use crate::io::grid::ensight::stream::DAMAGED;
 use crate::io::particles::table::list;
 use crate::io::volume::voxels::beside;
 

@@ -13,8 +13,6 @@
 //! Positions are those of the start: displacements are fields. Results whose names differ in a last X, Y and Z
 //! become a vector, as in VTK. An element of a block without a result has NaN there.
 
-use crate::data::association::Association;
-use crate::io::vtk;
 use std::collections::VecDeque;
 use std::ops::Range;
 
@@ -23,12 +21,13 @@ use netcdf_reader::NcVariable;
 
 use super::elements::{Element, element};
 use super::{DAMAGED, NetcdfFile, text};
+use crate::data::association::Association;
 use crate::data::cells::{CellKind, CellMesh};
 use crate::data::dataset::{Dataset, Field, FieldSource};
 use crate::error::{Error, Result};
-use crate::io::ReadAs;
 use crate::io::particles::table::list;
 use crate::io::time_steps::chosen;
+use crate::io::{ReadAs, vtk};
 use crate::scene::Values;
 
 /// Whether the variables are those of Exodus.

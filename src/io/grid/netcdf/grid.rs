@@ -13,7 +13,6 @@
 //! Numbers are scaled and masked by their attributes: missing ones, such as land in the sea, are NaN. Sources:
 //! the CF conventions 1.11, and ROMS' *Vertical S-coordinate*.
 
-use crate::data::association::Association;
 use std::collections::BTreeSet;
 
 use netcdf_reader::{NcDimension, NcType, NcVariable};
@@ -21,6 +20,7 @@ use netcdf_reader::{NcDimension, NcType, NcVariable};
 use super::axis::{Horizontal, Vertical, horizontal, is_time, vertical};
 use super::place::{self, Heights, Plane};
 use super::{NetcdfFile, text};
+use crate::data::association::Association;
 use crate::data::dataset::{Dataset, Field, FieldSource};
 use crate::data::unit;
 use crate::error::{Error, Result};

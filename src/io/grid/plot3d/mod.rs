@@ -49,13 +49,13 @@ mod layout;
 mod solution;
 mod text;
 
-use crate::data::association::Association;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
 use self::layout::{Content, Contents, Kind, Layout, describe_dims};
+use crate::data::association::Association;
 use crate::data::dataset::{CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use crate::error::{Advice, Error, Hint, Result};
 use crate::io::bytes::file::Input;

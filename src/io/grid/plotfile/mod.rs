@@ -13,8 +13,6 @@
 mod fab;
 mod text;
 
-use crate::io::grid::plotfile::text::fault;
-use crate::io::vtk;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
@@ -25,7 +23,9 @@ use super::amr::{self, Level, Patch};
 use crate::data::dataset::Dataset;
 use crate::error::Result;
 use crate::io::bytes::file::Input;
+use crate::io::grid::plotfile::text::fault;
 use crate::io::volume::voxels;
+use crate::io::vtk;
 
 /// The name of the file that describes the folder.
 pub(in crate::io) const HEADER: &str = "Header";

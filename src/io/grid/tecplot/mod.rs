@@ -22,8 +22,6 @@
 mod scan;
 mod zone;
 
-use crate::data::association::Association;
-use crate::io::vtk;
 use std::borrow::Cow;
 use std::path::Path;
 
@@ -31,13 +29,14 @@ use glam::DVec3;
 
 use self::scan::{Scanner, Token};
 use self::zone::{File, Shape, Zone};
+use crate::data::association::Association;
 use crate::data::cells::{CellKind, CellMesh};
 use crate::data::dataset::{CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use crate::error::{Error, Result};
-use crate::io::ReadAs;
 use crate::io::bytes::file::Input;
 use crate::io::particles::table::list;
 use crate::io::time_steps::{TimeStep, chosen, of_file};
+use crate::io::{ReadAs, vtk};
 
 const FORMAT: &str = "Tecplot text";
 

@@ -1,6 +1,5 @@
 //! Reads materials and textures.
 
-use crate::math::narrowed;
 use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
 
@@ -12,6 +11,7 @@ use crate::data::mesh::{AlphaMode, Material, Texture, TextureImage, TextureUse, 
 use crate::error::Result;
 use crate::io::mesh::texture::ImageBudget;
 use crate::io::vtk::xml::clip;
+use crate::math::narrowed;
 
 /// Extensions for texture formats that are not read. A texture with no other source is left out.
 const TEXTURE_FORMATS: &[&str] = &["KHR_texture_basisu", "EXT_texture_avif", "MSFT_texture_dds"];

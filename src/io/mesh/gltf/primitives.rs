@@ -9,6 +9,7 @@ use super::container::Buffers;
 use super::document::Object;
 use crate::data::mesh::MeshPart;
 use crate::error::Result;
+use crate::math::narrowed;
 
 /// Elements of a primitive in the space of its mesh, morphed and not yet transformed to the world.
 pub(super) struct Shape {
@@ -240,7 +241,7 @@ impl<'b> PrimitiveReader<'b, '_> {
             let Some(set) = set else { continue };
             let name = format!("TEXCOORD_{set}");
             if let Some(accessor) = self.vertices(&name, &[Type::Vec2], ANY_NUMBERS, count)? {
-                let uv = |&i: &usize| Vec2::from_array(narrow(accessor.numbers::<2>(i)));
+                let uv = |&i: &usize| Vec2::from_array(accessor.numbers::<2>(i).map(narrowed));
                 *coordinates = used.iter().map(uv).collect();
             }
         }
@@ -248,7 +249,7 @@ impl<'b> PrimitiveReader<'b, '_> {
         if let Some(colours) = self.vertices("COLOR_0", &types, ANY_NUMBERS, count)? {
             let is_opaque = colours.width() < 4;
             let rgba = |&i: &usize| {
-                let mut rgba = narrow(colours.numbers::<4>(i));
+                let mut rgba = colours.numbers::<4>(i).map(narrowed);
                 if is_opaque {
                     rgba[3] = 1.0;
                 }
@@ -353,14 +354,6 @@ fn gather(part: &mut MeshPart) -> Vec<usize> {
         });
     }
     used
-}
-
-#[expect(
-    clippy::cast_possible_truncation,
-    reason = "these numbers were f32 or smaller"
-)]
-fn narrow<const N: usize>(numbers: [f64; N]) -> [f32; N] {
-    numbers.map(|x| x as f32)
 }
 
 impl Shape {

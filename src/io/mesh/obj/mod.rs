@@ -40,6 +40,7 @@ use crate::io::bytes::file::Input;
 use crate::io::cloud::colour_fields;
 use crate::io::particles::table;
 use crate::io::vtk::xml::clip;
+use crate::math::narrowed;
 use mtl::{Map, MtlMaterial};
 use scan::{Faces, Group, Scan};
 
@@ -115,7 +116,7 @@ fn cloud(input: Input<'_>, scan: Scan, mut notes: Vec<String>) -> Result<Dataset
         let white = [f64::from(scale.full()); 3];
         let channel = |c: usize| {
             let colours = scan.colours.iter();
-            let encoded = |rgb: &Option<[f64; 3]>| scale.encoded(narrow(rgb.unwrap_or(white))[c]);
+            let encoded = |rgb: &Option<[f64; 3]>| scale.encoded(narrowed(rgb.unwrap_or(white)[c]));
             colours.map(encoded).collect()
         };
         fields = colour_fields([0, 1, 2].map(channel));
@@ -131,20 +132,12 @@ fn colour_scale(
     colours: impl Iterator<Item = Option<[f64; 3]>> + Clone,
     notes: &mut Vec<String>,
 ) -> ColourScale {
-    let numbers = colours.flatten().flat_map(narrow);
+    let numbers = colours.flatten().flatten().map(narrowed);
     let scale = ColourScale::of(None, ColourNumbers::of_floats(numbers));
     if let Some(assumed) = scale.assumed() {
         notes.push(format!("colours of vertices {assumed}"));
     }
     scale
-}
-
-#[expect(
-    clippy::cast_possible_truncation,
-    reason = "colours need no more than f32"
-)]
-fn narrow(rgb: [f64; 3]) -> [f32; 3] {
-    rgb.map(|c| c as f32)
 }
 
 /// One part for each group of faces, in order, with texture coordinates if the faces have them.
@@ -214,7 +207,7 @@ fn part_of(
 fn vertex_colour(stated: Option<[f64; 3]>, scale: ColourScale) -> [f32; 4] {
     // Numbers below 0 are no colour.
     let [r, g, b] = match stated.filter(|rgb| !rgb.iter().any(|c| *c < 0.0)) {
-        Some(rgb) => narrow(rgb).map(|c| scale.linear(c)),
+        Some(rgb) => rgb.map(|c| scale.linear(narrowed(c))),
         None => [1.0; 3],
     };
     [r, g, b, 1.0]

@@ -11,7 +11,6 @@
 //! Gadget's `SmoothingLength` is the radius at which the kernel ends. SWIFT's is two standard deviations of the kernel,
 //! for every kernel (Dehnen & Aly 2012). The radius at which a cubic spline ends is 1.825742 of SWIFT's lengths.
 
-use crate::math::narrowed;
 use std::path::Path;
 
 use hdf5_reader::group::Group;
@@ -22,6 +21,7 @@ use crate::data::dataset::Dataset;
 use crate::data::particle_type::{ParticleCount, ParticleType};
 use crate::data::smoothing::{LengthMeaning, Smoothing, SphKernel};
 use crate::error::Result;
+use crate::math::narrowed;
 use crate::scene::Values;
 
 /// Names of the groups, and the types in them. SWIFT stores neutrinos in the last group.

@@ -11,7 +11,6 @@ mod phantom;
 mod pieces;
 mod vtkhdf;
 
-use crate::data::association::Association;
 use std::cell::{Cell, RefCell};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -29,6 +28,7 @@ use self::layout::{Layout, NotRead};
 use self::pieces::Pieces;
 use super::periodic::note_reach;
 use super::table::list;
+use crate::data::association::Association;
 use crate::data::dataset::{Dataset, Field, FieldSource};
 use crate::data::particle_type::{ParticleCount, ParticleType};
 use crate::data::unit;

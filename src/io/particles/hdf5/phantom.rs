@@ -12,7 +12,6 @@
 //!
 //! Phantom stores no densities. They are rho = m (hfact / h)³ (Price et al. 2018, eq. 6).
 
-use crate::math::narrowed;
 use std::collections::BTreeMap;
 
 use glam::DVec3;
@@ -24,6 +23,7 @@ use crate::data::dataset::{Dataset, Field, FieldSource};
 use crate::data::particle_type::{ParticleCount, ParticleType};
 use crate::data::smoothing::{LengthMeaning, Smoothing, SphKernel};
 use crate::error::{Error, Result};
+use crate::math::narrowed;
 use crate::scene::Values;
 
 /// Name of the format.

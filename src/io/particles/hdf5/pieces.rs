@@ -4,7 +4,6 @@
 //! Any one of the files selects all, which are read as one data set. A SWIFT file of virtual datasets (attribute
 //! `Virtual`) selects the pieces beside it: `snap.hdf5` selects `snap.0.hdf5`, ... or `snap/snap.0.hdf5`, ....
 
-use crate::data::association::Association;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
@@ -13,6 +12,7 @@ use hdf5_reader::group::Group;
 use super::super::periodic::note_reach;
 use super::super::table::list;
 use super::{RowPieces, SnapshotFile, absent, gadget, whole};
+use crate::data::association::Association;
 use crate::data::dataset::{Dataset, Field, Geometry};
 use crate::data::particle_type::{ParticleCount, ParticleType};
 use crate::error::{Error, Result};

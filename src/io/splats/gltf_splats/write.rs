@@ -1,6 +1,5 @@
 //! Writes splats as a .glb file.
 
-use crate::math::narrowed;
 use std::path::Path;
 
 use glam::DVec3;
@@ -10,6 +9,7 @@ use super::super::encoded_splats::{Encoded, note_mark_lost, single_precision_qua
 use super::{EXTENSION, LINEAR, harmonic_name};
 use crate::data::splats::SplatCloud;
 use crate::error::{Error, Result};
+use crate::math::narrowed;
 
 /// Ratio of distance and extent from which a node's offset moves positions to the origin. It costs six of f32's 24
 /// bits.

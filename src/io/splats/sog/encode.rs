@@ -1,6 +1,5 @@
 //! Encodes scenes as archives of version 2.
 
-use crate::io::splats::sog::files::META;
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::path::Path;
 
@@ -17,6 +16,7 @@ use crate::error::{Error, Result};
 use crate::io::bytes::zip_write::stored;
 use crate::io::splats::encoded_splats::{Encoded, byte, note_cut};
 use crate::io::splats::morton::morton_order;
+use crate::io::splats::sog::files::META;
 use crate::math::harmonics_count;
 
 /// Greatest side of an image in pixels: the limit of WebP.

@@ -1,12 +1,12 @@
 //! Parses `meta.json`.
 
-use crate::math::narrowed;
 use std::path::Path;
 
 use serde::Deserialize;
 
 use crate::error::{Error, Result};
 use crate::io::vtk::xml::clip;
+use crate::math::narrowed;
 
 /// Values of the bytes of one channel.
 pub(super) type Levels = [f32; 256];

@@ -5,12 +5,12 @@
 //! ones, and of second order on smooth grids. At borders and beside samples without a value, first differences
 //! are one-sided and second ones zero.
 
-use crate::math::narrowed;
 use glam::{DMat3, DVec3, DVec4, Vec4Swizzles as _};
 
 use super::super::gradient::{SPANNING, Samples};
 use super::quadratic::{Quadratic, fit};
 use super::{Range, local_model};
+use crate::math::narrowed;
 use crate::scene::LocalModel;
 
 /// Number of steps along each index over which the range of values extends.

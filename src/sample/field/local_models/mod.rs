@@ -18,12 +18,11 @@ pub(in crate::sample) mod mesh;
 pub(in crate::sample) mod points;
 mod quadratic;
 
-use crate::math::narrowed;
 use glam::{DMat3, DVec3};
 
 use self::quadratic::Quadratic;
 use crate::error::Result;
-use crate::math::lower_matrix;
+use crate::math::{lower_matrix, narrowed};
 use crate::sample::SampleOptions;
 use crate::scene::{LocalModel, LocalModels, Particles, PointVolume, Strength, Values};
 use crate::task::Task;

@@ -1,12 +1,12 @@
 //! Samples the values from which a transfer function is chosen, with the volumes that they represent.
 
-use crate::math::narrowed;
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
 #[cfg(feature = "cli")]
 use super::silhouette::RECORDS;
 use super::silhouette::Silhouette;
+use crate::math::narrowed;
 use crate::scene::lattice::Lattice;
 use crate::scene::transfer_function::value_scale::ValueScale;
 use crate::scene::values::Values;

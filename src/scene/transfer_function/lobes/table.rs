@@ -12,7 +12,6 @@
     reason = "whole numbers of samples and cells, held to what there is; tables are f32"
 )]
 
-use crate::constants::CLASSIFICATION_TABLE_LEN;
 use rayon::prelude::*;
 
 use super::windows::{Jump, jumps, shapes, weights};
@@ -20,10 +19,10 @@ use super::{
     ALONE_DEPTH, LEAST_WINDOW_SHARE, LOBE_CELLS_PER_DEVIATION, LOBE_REACH, LOBE_ROWS_PER_OCTAVE,
     Lobe, Lobes, MAX_LOBE_CELLS, MAX_PIECE_WIDTH, MAX_WINDOW_CELLS, MAX_WINDOWS, Run, Window,
 };
+use crate::constants::CLASSIFICATION_TABLE_LEN;
 use crate::math::FRAC_1_SQRT_TAU;
-use crate::scene::transfer_function::TransferFunction;
-use crate::scene::transfer_function::entry_value;
 use crate::scene::transfer_function::lobes::windows::Shape;
+use crate::scene::transfer_function::{TransferFunction, entry_value};
 
 /// A row of a lobe's table.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -9,13 +9,13 @@
 //! The root's attribute `Origin` is the corner of cell 0. At a time step, `NumberOfAMRBox` boxes from `AMRBoxOffset` on
 //! are valid. Both arrays are in `Steps/LevelN`, with `PointDataOffset` and `CellDataOffset`.
 
-use crate::data::association::Association;
 use std::path::Path;
 
 use glam::DVec3;
 use hdf5_reader::group::Group;
 
 use super::{Block, numbers};
+use crate::data::association::Association;
 use crate::data::dataset::Dataset;
 use crate::error::Result;
 use crate::io::grid::amr::{self, Level, Patch};

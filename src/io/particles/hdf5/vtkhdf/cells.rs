@@ -13,16 +13,16 @@
 //! this order. At a time step, `NumberOfParts` parts from `PartOffsets` on are valid. The other arrays of `Steps` state
 //! where their rows begin.
 
-use crate::data::association::Association;
-use crate::io::vtk;
 use std::ops::Range;
 
 use hdf5_reader::group::Group;
 
 use super::Block;
+use crate::data::association::Association;
 use crate::data::cells::{CellKind, CellMesh};
 use crate::error::Result;
 use crate::io::bytes::scalars;
+use crate::io::vtk;
 use crate::io::vtk::meshes::{Part, Runs, face_streams, with_polyhedra, without_nodes};
 use crate::io::vtk::vtp;
 

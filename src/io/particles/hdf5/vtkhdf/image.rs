@@ -1,12 +1,12 @@
 //! Reads images: a lattice with arrays (z, y, x), or (step, z, y, x) if there are time steps.
 
-use crate::data::association::Association;
 use std::path::Path;
 
 use glam::DVec3;
 use hdf5_reader::group::Group;
 
 use super::{Block, numbers};
+use crate::data::association::Association;
 use crate::data::dataset::{CurvilinearBlock, Dataset, Geometry};
 use crate::error::{Error, Result};
 use crate::io::vtk::array::Array;

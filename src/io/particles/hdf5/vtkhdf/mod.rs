@@ -18,20 +18,18 @@ mod amr;
 mod cells;
 mod image;
 
-use crate::data::association::Association;
-use crate::io::vtk;
 use std::ops::Range;
 
 use hdf5_reader::group::Group;
 
 use super::{Found, SnapshotFile, broken, shortened, whole};
+use crate::data::association::Association;
 use crate::data::dataset::Dataset;
 use crate::error::{Error, Result};
-use crate::io::ReadAs;
 use crate::io::bytes::scalars;
-use crate::io::time_steps;
 use crate::io::vtk::meshes::Part;
 use crate::io::vtk::pieces::element_of;
+use crate::io::{ReadAs, time_steps, vtk};
 
 /// Name of the file's top group.
 pub(super) const ROOT: &str = "VTKHDF";
