@@ -36,6 +36,17 @@ impl Part {
     }
 }
 
+impl Part {
+    /// Text of its tooltip.
+    pub(crate) fn tip(self) -> &'static str {
+        match self {
+            Self::Face(..) => "Drag to move this face of the box\n--clip x0,y0,z0,x1,y1,z1",
+            Self::Move => "Drag to move the plane\n--clip nx,ny,nz,d",
+            Self::Turn => "Drag to turn the plane\n--clip nx,ny,nz,d",
+        }
+    }
+}
+
 /// Handle that is held.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Grip {

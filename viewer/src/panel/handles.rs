@@ -179,5 +179,7 @@ fn handle(ui: &Ui, painter: &Painter, at: Pos2, part: Part) -> Response {
             painter.rect(rect, 1.0, colour, rim, StrokeKind::Outside);
         }
     }
-    response.on_hover_cursor(CursorIcon::Grab)
+    response
+        .on_hover_cursor(CursorIcon::Grab)
+        .on_hover_text(part.tip())
 }

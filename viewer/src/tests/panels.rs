@@ -38,7 +38,6 @@ const USED: [Role; 8] = [
 
 /// Each widget has a tooltip that describes it.
 #[test]
-#[ignore = "four widgets of eighty show none here: the pointer's way over handles and other tooltips is not a user's"]
 fn everything_has_a_tooltip() {
     let mut window = wake();
     window.set_size(Vec2::new(1280.0, 2400.0));
@@ -76,7 +75,16 @@ fn everything_has_a_tooltip() {
         .collect();
     assert!(nodes.len() > 70, "{}", nodes.len());
     let mut silent = Vec::new();
+    let picture = place(&window);
+    let is_handle = |label: &str| label.ends_with(" face") || label.ends_with("clip plane");
     for (role, label, rect) in nodes {
+        // The pointer does not reach handles beside the picture.
+        if is_handle(&label) && !picture.contains(rect.center()) {
+            continue;
+        }
+        // From afar: the tooltip of a neighbour would cover a widget.
+        window.event(Event::PointerMoved(Pos2::new(1.0, 1.0)));
+        window.run_steps(4);
         window.event(Event::PointerMoved(rect.center()));
         window.run_steps(4);
         let is_told = window.ctx.memory(|memory| {
@@ -176,21 +184,32 @@ fn legends_and_axes_are_there_unasked() {
     assert!(width >= 400 && height > 550, "{width} x {height}");
 }
 
-/// A section opens by its name, and a panel is as wide as its edge was dragged. eframe keeps both for the next session.
+/// Panels keep their width and stay open or closed in the next session: eframe writes and reads
+/// egui's state, as RON.
 #[test]
-fn panels_are_opened_and_widened() {
-    let mut window = wake();
-    let [width, _] = window.state().size;
-    window.get_by_label("Clip").click();
-    window.run_steps(20);
-    assert!(window.query_by_label("Box").is_some());
+fn panels_stay_as_they_were_left() {
+    let mut first = wake();
+    let [width, _] = first.state().size;
+    first.get_by_label("Clip").click();
+    first.run_steps(20);
+    assert!(first.query_by_label("Box").is_some());
     // On the panel's side of its edge: the picture answers on the other.
-    let edge = Pos2::new(place(&window).left() - 2.0, 300.0);
+    let edge = Pos2::new(place(&first).left() - 2.0, 300.0);
     let to = edge + Vec2::new(40.0, 0.0);
-    drag(&mut window, edge, to, PointerButton::Primary);
-    window.run_steps(5);
-    let narrower = window.state().size;
+    drag(&mut first, edge, to, PointerButton::Primary);
+    first.run_steps(5);
+    let narrower = first.state().size;
     assert!(narrower[0] + 30 < width, "{width} {narrower:?}");
+    rest(&mut first);
+    let kept = first.ctx.memory(|memory| ron::to_string(memory).unwrap());
+
+    let mut again = wake();
+    assert!(again.query_by_label("Box").is_none());
+    let kept: egui::Memory = ron::from_str(&kept).unwrap();
+    again.ctx.memory_mut(|memory| *memory = kept);
+    again.run_steps(5);
+    assert!(again.query_by_label("Box").is_some());
+    assert_eq!(again.state().size, narrower);
 }
 
 /// Returns the rectangle of the picture in the window.
