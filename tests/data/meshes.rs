@@ -1242,11 +1242,23 @@ fn accessors_are_checked_before_they_are_read() {
         ("/accessors/0/count", json!(u64::MAX), "room for 4"),
         ("/accessors/0/byteOffset", json!(4), "room for 3"),
         ("/accessors/0/byteOffset", json!(u64::MAX), "room for 0"),
-        ("/accessors/0/type", json!("VEC2"), "Vec3"),
-        ("/accessors/0/componentType", json!(U32), "F32"),
+        (
+            "/accessors/0/type",
+            json!("VEC2"),
+            "VEC3 of bytes, shorts or floats",
+        ),
+        (
+            "/accessors/0/componentType",
+            json!(U32),
+            "VEC3 of component type 5125",
+        ),
         ("/accessors/0/componentType", json!(7), "component type 7"),
         ("/accessors/0/bufferView", json!(9), "one of 2 buffer views"),
-        ("/accessors/1/componentType", json!(F32), "U16"),
+        (
+            "/accessors/1/componentType",
+            json!(F32),
+            "SCALAR of bytes, shorts or integers",
+        ),
         (
             "/bufferViews/0/byteLength",
             json!(4000),

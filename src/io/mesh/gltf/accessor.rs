@@ -246,7 +246,7 @@ impl<'b> Stated<'b> {
                 let kind = indices.integer("componentType")?;
                 let kind = kind.and_then(ComponentType::of_code);
                 let Some(kind) = kind.filter(|kind| INDICES.contains(kind)) else {
-                    let expected = "indices of type U8, U16 or U32";
+                    let expected = "sparse indices of bytes, shorts or integers";
                     return Err(buffers.refuse(place, expected, "another type"));
                 };
                 let sparse_count = sparse.size("count")?;
