@@ -32,7 +32,7 @@ use crate::scene::{Boundary, Colour, Particles, PointVolume, Strength, Values};
 ///
 /// This renderer averages overlapping surfels, a viewer of splats composites them: the nearer hides its
 /// neighbours. Wide kernels therefore blur the colours of a surface. Between narrow ones the background shines
-/// through by the product of all 1 - alpha. `tests/data/convert.rs` measures both on relaxed cells.
+/// through by the product of all 1 - alpha. `tests/data/convert/surfels.rs` measures both on relaxed cells.
 pub const CLOSED_WIDTH: f64 = 0.6;
 
 /// Particles of volumes below this opacity give no splat: sixteen of them are less than one of 255 levels.
