@@ -145,6 +145,7 @@ pub mod measure;
 pub mod memory;
 #[cfg(feature = "legend")]
 mod overlay;
+mod parallel;
 #[cfg(feature = "prepared")]
 pub mod prepared;
 mod record;

@@ -4,9 +4,8 @@ use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use rayon::prelude::*;
-
 use crate::error::{Error, Result};
+use crate::parallel;
 
 /// A handle on work that can take seconds. The holder of a clone may cancel the work from any thread; an
 /// observer receives its progress.
@@ -206,16 +205,16 @@ pub(crate) fn collect<T: Send>(
     /// thread.
     const BATCH: usize = 4096;
     if task.is_none() {
-        return Ok((0..count).into_par_iter().map(&of).collect());
+        return Ok(parallel::map(count, of));
     }
     let stage = Stage::new(task, name, count);
     let batch = BATCH.max(count / 100);
     let mut all = Vec::with_capacity(count);
     for first in (0..count).step_by(batch) {
         stage.check()?;
-        let end = count.min(first + batch);
-        all.par_extend((first..end).into_par_iter().map(&of));
-        stage.advance(end - first);
+        let own = batch.min(count - first);
+        all.append(&mut parallel::map(own, |i| of(first + i)));
+        stage.advance(own);
     }
     stage.check()?;
     Ok(all)
@@ -233,8 +232,7 @@ pub(crate) fn fill<T: Send>(
     fill: impl Fn(usize, &mut [T]) + Sync,
 ) -> Result<()> {
     let stage = Stage::new(task, name, entries.len());
-    let pieces = entries.par_chunks_mut(Stage::GRAIN).enumerate();
-    pieces.for_each(|(n, piece)| {
+    parallel::chunks(entries, Stage::GRAIN, |n, piece| {
         let first = n * Stage::GRAIN;
         if stage.counts(first) {
             fill(first, piece);

@@ -21,6 +21,7 @@ use super::points::{Points, PointsBuilder};
 use super::room::{MEMORY, Room, failed, nameless};
 use super::tree::{CHUNK, Curve};
 use crate::error::{Error, Result};
+use crate::parallel;
 use crate::scene::rows::{kind_of, row_len, rows_of, volume_of};
 use crate::scene::{Particles, PointVolume};
 use crate::task::{Stage, Task};
@@ -268,7 +269,8 @@ impl<'a> Buckets<'a> {
                 let is_there = p.is_finite();
                 is_there.then(|| cuts.partition_point(|cut| *cut <= curve.cell(*p)) - 1)
             };
-            let places: Vec<Option<usize>> = positions.par_iter().map(bucket_of).collect();
+            let places: Vec<Option<usize>> =
+                parallel::map(positions.len(), |i| bucket_of(&positions[i]));
             for (row, place) in rows.chunks_exact(own.row).zip(places) {
                 let Some(place) = place else {
                     continue;

@@ -15,6 +15,7 @@ use crate::data::splats::SplatCloud;
 use crate::data::up::Up;
 use crate::error::{Error, Result};
 use crate::io::leave_out_unused;
+use crate::parallel;
 use crate::scene::{Lattice, LatticeSpacing, Values};
 
 /// Value of `vtkGhostType` for a hidden cell.
@@ -347,10 +348,7 @@ fn of_cells(mut mesh: CellMesh, area: Area) -> (CellMesh, Kept) {
         // A cell without nodes gives NaN, which is outside.
         area.holds(sum / corners.len() as f64)
     };
-    let inside: Vec<bool> = (0..mesh.cell_count())
-        .into_par_iter()
-        .map(is_inside)
-        .collect();
+    let inside: Vec<bool> = parallel::map(mesh.cell_count(), is_inside);
     let cells = Runs::of(inside.len(), |i| inside[i]);
     let mut is_used = vec![false; nodes.len()];
     let mut left = CellMesh {

@@ -3,11 +3,11 @@
 use std::f64::consts::TAU;
 
 use glam::{DMat3, DQuat, DVec3};
-use rayon::prelude::*;
 
 use crate::constants::DEFAULT_KERNEL_WIDTH;
 use crate::error::{Error, Result};
 use crate::math::{Variance, lower_factor, narrowed, principal_sigmas};
+use crate::parallel;
 use crate::scene::lattice::Lattice;
 use crate::scene::point_volume::{Colour, Particles, PointVolume, Strength};
 use crate::scene::transfer_function::TransferFunction;
@@ -258,11 +258,11 @@ fn sizes(particles: &Particles, of: impl Fn([f64; 3]) -> f64 + Sync) -> Vec<f32>
         Particles::Lattice { .. } => Vec::new(),
         Particles::Isotropic { sigmas, .. } => {
             let size = |&sigma: &f32| narrowed(of([f64::from(sigma); 3]));
-            sigmas.par_iter().map(size).collect()
+            parallel::map(sigmas.len(), |i| size(&sigmas[i]))
         }
         Particles::Anisotropic { factors, .. } => {
             let size = |l: &[f32; 6]| narrowed(of(principal_sigmas(wide(l))));
-            factors.par_iter().map(size).collect()
+            parallel::map(factors.len(), |i| size(&factors[i]))
         }
         Particles::Surfels { tangents, .. } => {
             let size = |t: &[f32; 6]| {
@@ -271,7 +271,7 @@ fn sizes(particles: &Particles, of: impl Fn([f64; 3]) -> f64 + Sync) -> Vec<f32>
                 let flat = DMat3::from_cols(a, b, DVec3::ZERO);
                 narrowed(of(principal_sigmas(lower_factor(flat))))
             };
-            tangents.par_iter().map(size).collect()
+            parallel::map(tangents.len(), |i| size(&tangents[i]))
         }
     }
 }

@@ -11,6 +11,7 @@ const ROOMS: [&[&str]; 15] = [
         "image",
         "math",
         "memory",
+        "parallel",
         "simd",
         "stats",
         "task",

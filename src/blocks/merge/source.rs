@@ -10,6 +10,7 @@ use super::fine::Grown;
 use super::moments::Symmetric;
 use super::sums::Cluster;
 use crate::math::{lower_matrix, symmetric};
+use crate::parallel;
 use crate::scene::{
     BoundaryPlanesIn, ColourIn, LocalModelsIn, Shared, StrengthIn, ValuesIn, cut_kernel,
 };
@@ -122,7 +123,7 @@ impl Source<'_> {
                 .map(|piece| self.places(piece..end.min(piece + TASK), cluster))
                 .reduce(none, |a, b| a.and(&b))
         };
-        clusters.par_iter().map(of_all).collect()
+        parallel::map(clusters.len(), |i| of_all(&clusters[i]))
     }
 
     /// Returns the distribution of the values of those members of each cluster that are here.
@@ -144,7 +145,7 @@ impl Source<'_> {
                 all.and(&self.places(here, cluster))
             })
         };
-        clusters.par_iter().map(of_parts).collect()
+        parallel::map(clusters.len(), |i| of_parts(&clusters[i]))
     }
 
     /// Returns the distribution of the values of a cluster's members.

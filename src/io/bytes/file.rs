@@ -74,11 +74,10 @@ pub(crate) fn read_all(path: &Path) -> Result<Vec<u8>> {
 fn fill(file: &File, bytes: &mut [u8]) -> io::Result<()> {
     use std::os::unix::fs::FileExt;
 
-    use rayon::prelude::*;
-
     const PIECE: usize = 1 << 20;
-    let pieces = bytes.par_chunks_mut(PIECE).enumerate();
-    pieces.try_for_each(|(i, piece)| file.read_exact_at(piece, (i * PIECE) as u64))
+    crate::parallel::try_chunks(bytes, PIECE, |i, piece| {
+        file.read_exact_at(piece, (i * PIECE) as u64)
+    })
 }
 
 /// Fills `bytes` with the start of a file.

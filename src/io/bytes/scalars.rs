@@ -1,16 +1,16 @@
 //! Converts numbers of files, in eleven scalar types and two byte orders, to [`Values`].
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::half::half;
 use crate::math::narrowed;
+use crate::parallel;
 use crate::scene::Values;
 
 /// Number of numbers that a thread converts at a time.
 const BATCH: usize = 1 << 16;
 
-/// Number of positions assembled at a time: their numbers stay in the first-level cache.
+/// Number of positions or integers converted at a time: they stay in the first-level cache.
 const POSITIONS: usize = 512;
 
 /// The scalar types of binary files.
@@ -95,8 +95,7 @@ fn gather<const N: usize, T: Copy + Default + Send>(
         );
         return Some(all);
     }
-    let batches = all.par_chunks_mut(BATCH).enumerate();
-    batches.for_each(|(i, batch)| {
+    parallel::chunks(&mut all, BATCH, |i, batch| {
         let first = stride.first + i * BATCH * stride.step;
         fill(batch, bytes, first, stride.step, big_endian, &from_le);
     });
@@ -162,8 +161,7 @@ pub(crate) fn doubles(bytes: &[u8], encoding: Encoding, stride: Stride) -> Optio
         return None;
     }
     let mut all = vec![0.0; stride.count];
-    let batches = all.par_chunks_mut(BATCH).enumerate();
-    batches.for_each(|(i, batch)| {
+    parallel::chunks(&mut all, BATCH, |i, batch| {
         let first = stride.first + i * BATCH * stride.step;
         fill_doubles(batch, bytes, encoding, first, stride.step);
     });
@@ -257,26 +255,21 @@ pub(crate) fn positions(bytes: &[u8], axes: [(Encoding, Stride); 3]) -> Option<V
         return None;
     }
     let mut positions = vec![DVec3::ZERO; count];
-    let batches = positions.par_chunks_mut(POSITIONS).enumerate();
-    batches
-        .with_min_len(BATCH / POSITIONS)
-        .for_each(|(i, batch)| {
+    parallel::chunks(&mut positions, BATCH, |i, batch| {
+        for (j, run) in batch.chunks_mut(POSITIONS).enumerate() {
+            let before = i * BATCH + j * POSITIONS;
             let mut numbers = [[0.0; POSITIONS]; 3];
             for (numbers, (encoding, stride)) in numbers.iter_mut().zip(axes) {
-                let first = stride.first + i * POSITIONS * stride.step;
-                fill_doubles(
-                    &mut numbers[..batch.len()],
-                    bytes,
-                    encoding,
-                    first,
-                    stride.step,
-                );
+                let first = stride.first + before * stride.step;
+                let numbers = &mut numbers[..run.len()];
+                fill_doubles(numbers, bytes, encoding, first, stride.step);
             }
             let [x, y, z] = numbers;
-            for (((p, x), y), z) in batch.iter_mut().zip(x).zip(y).zip(z) {
+            for (((p, x), y), z) in run.iter_mut().zip(x).zip(y).zip(z) {
                 *p = DVec3::new(x, y, z);
             }
-        });
+        }
+    });
     Some(positions)
 }
 
@@ -295,44 +288,49 @@ pub(crate) fn integers<T: Copy + Default + Send>(
     encoding: Encoding,
     convert: impl Fn(i128) -> Option<T> + Sync,
 ) -> Result<Vec<T>, NotIntegers> {
+    use ScalarType as S;
+    if matches!(encoding.scalar, S::F16 | S::F32 | S::F64) {
+        return Err(NotIntegers::Fractions);
+    }
+    let size = encoding.scalar.size();
+    let mut all = vec![T::default(); bytes.len() / size];
+    parallel::try_chunks(&mut all, BATCH, |i, batch| {
+        for (j, run) in batch.chunks_mut(POSITIONS).enumerate() {
+            let before = i * BATCH + j * POSITIONS;
+            let mut numbers = [0; POSITIONS];
+            let numbers = &mut numbers[..run.len()];
+            fill_integers(numbers, bytes, encoding, before * size);
+            for ((out, at), number) in run.iter_mut().zip(before..).zip(numbers) {
+                let refused = || NotIntegers::Refused(at, *number);
+                *out = convert(*number).ok_or_else(refused)?;
+            }
+        }
+        Ok(())
+    })?;
+    Ok(all)
+}
+
+/// As [`fill`], with integers that are adjacent in `bytes`.
+fn fill_integers(out: &mut [i128], bytes: &[u8], encoding: Encoding, first: usize) {
+    use ScalarType as S;
+    let (big, step) = (encoding.big_endian, encoding.scalar.size());
     macro_rules! each {
-        ($t:ty) => {{
-            let number = |(at, chunk): (usize, &[u8])| {
-                let mut number = [0; size_of::<$t>()];
-                number.copy_from_slice(chunk);
-                if encoding.big_endian {
-                    number.reverse();
-                }
-                let number = i128::from(<$t>::from_le_bytes(number));
-                convert(number).ok_or(NotIntegers::Refused(at, number))
-            };
-            let size = size_of::<$t>();
-            let mut all = vec![T::default(); bytes.len() / size];
-            let batches = all
-                .par_chunks_mut(BATCH)
-                .zip(bytes.par_chunks(BATCH * size));
-            let fill = |(i, (batch, bytes)): (usize, (&mut [T], &[u8]))| {
-                let chunks = bytes.chunks_exact(size).enumerate();
-                for (out, (at, chunk)) in batch.iter_mut().zip(chunks) {
-                    *out = number((i * BATCH + at, chunk))?;
-                }
-                Ok(())
-            };
-            let done: Vec<Result<(), NotIntegers>> = batches.enumerate().map(fill).collect();
-            done.into_iter().collect::<Result<(), NotIntegers>>()?;
-            Ok(all)
-        }};
+        ($t:ty) => {
+            fill(out, bytes, first, step, big, |b| {
+                i128::from(<$t>::from_le_bytes(b))
+            })
+        };
     }
     match encoding.scalar {
-        ScalarType::I8 => each!(i8),
-        ScalarType::U8 => each!(u8),
-        ScalarType::I16 => each!(i16),
-        ScalarType::U16 => each!(u16),
-        ScalarType::I32 => each!(i32),
-        ScalarType::U32 => each!(u32),
-        ScalarType::I64 => each!(i64),
-        ScalarType::U64 => each!(u64),
-        ScalarType::F16 | ScalarType::F32 | ScalarType::F64 => Err(NotIntegers::Fractions),
+        S::I8 => each!(i8),
+        S::U8 => each!(u8),
+        S::I16 => each!(i16),
+        S::U16 => each!(u16),
+        S::I32 => each!(i32),
+        S::U32 => each!(u32),
+        S::I64 => each!(i64),
+        S::U64 => each!(u64),
+        S::F16 | S::F32 | S::F64 => {}
     }
 }
 

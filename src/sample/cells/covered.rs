@@ -11,6 +11,7 @@ use obvhs::bvh2::Bvh2;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use rayon::prelude::*;
 
+use crate::parallel;
 use crate::sample::index_u32;
 
 /// Greatest gap between two faces of one interface, as a share of the larger face's size. The chords of a
@@ -91,7 +92,7 @@ pub(in crate::sample) fn sides(nodes: &[DVec3], faces: &[OuterFace]) -> Vec<Opti
         };
         Some(probed.sides.iter().map(side).collect())
     };
-    found.par_iter().map(with_rims).collect()
+    parallel::map(found.len(), |i| with_rims(&found[i]))
 }
 
 /// A face with other faces near its far side.

@@ -24,6 +24,7 @@ use crate::data::blanking::Blanking;
 use crate::data::cells::CellMesh;
 use crate::data::polyhedron::polyhedron_faces;
 use crate::math::{factor_of_variance, lower_matrix};
+use crate::parallel;
 use crate::sample::curvilinear::sharp::{SharpParticle, edges};
 use crate::sample::index_u32;
 use crate::sample::kernels::Kernel;
@@ -153,10 +154,7 @@ pub(in crate::sample) fn sharp_cells(
 ) -> SharpCells {
     let mesh = cells.mesh;
     let of_surface = |n: usize| surface.planes(mesh, n);
-    let planes: Vec<Option<Vec<Tangent>>> = (0..surface.nodes.len())
-        .into_par_iter()
-        .map(of_surface)
-        .collect();
+    let planes: Vec<Option<Vec<Tangent>>> = parallel::map(surface.nodes.len(), of_surface);
     let (mut reentrant, mut undecided) = (Vec::new(), Vec::new());
     let mut own = Tangents {
         place_of: vec![Tangents::NONE; mesh.nodes.len()],
@@ -707,7 +705,7 @@ fn beside(
             }
             nearest(mesh, node, &once_each(sources), &found)
         };
-        let lists: Vec<Vec<Tangent>> = next.par_iter().map(tangents).collect();
+        let lists: Vec<Vec<Tangent>> = parallel::map(next.len(), |i| tangents(&next[i]));
         for (&node, list) in next.iter().zip(lists) {
             found.set(node, list);
         }

@@ -10,12 +10,12 @@
 //! counts as constant across them. Directions are stored to .12 degrees ([`normal_code`]).
 
 use glam::{DMat3, DVec3};
-use rayon::prelude::*;
 
 use super::fit::least_squares;
 use super::local_models::mesh::SampledMesh;
 use crate::error::Result;
 use crate::math::normal_code;
+use crate::parallel;
 use crate::sample::cells::incidence::{first_of, nodes_of};
 use crate::sample::points::neighbours::PointIndex;
 use crate::scene::{Lattice, Particles, PointVolume, Strength, Values};
@@ -187,7 +187,7 @@ pub(in crate::sample) fn of_mesh(samples: &SampledMesh<'_>) -> Vec<u32> {
         normal_code(gradient)
     };
     let own = &kernels.kept[samples.own.clone()];
-    own.par_iter().map(normal).collect()
+    parallel::map(own.len(), |i| normal(&own[i]))
 }
 
 #[cfg(test)]

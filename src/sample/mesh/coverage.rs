@@ -2,12 +2,12 @@
 //! is 1 if nothing shines through and nothing counts twice.
 
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
 
 use super::grid::Cubes;
 use super::pieces::Piece;
 use super::surface::Triangle;
 use super::surfels::Surfel;
+use crate::parallel;
 
 /// Cut-off of kernels, in standard deviations: .03 % of a kernel lies beyond.
 const CUTOFF: f64 = 4.0;
@@ -50,7 +50,7 @@ impl Ripple {
             let weight = |&i: &u32| surfels[i as usize].weight_at(point, normal);
             Some(indices.map(weight).sum::<f64>() - 1.0)
         };
-        let found: Vec<Option<f64>> = points.par_iter().map(excess).collect();
+        let found: Vec<Option<f64>> = parallel::map(points.len(), |i| excess(&points[i]));
         let mut ripple = Self::default();
         for excess in found.into_iter().flatten() {
             ripple.count += 1;

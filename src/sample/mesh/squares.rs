@@ -12,6 +12,7 @@ use super::normals::Normals;
 use super::paint::Paints;
 use super::surface::{Surface, Triangle};
 use super::surfels::Surfel;
+use crate::parallel;
 
 /// Least radius, in spacings, of a triangle's inscribed circle for which it has squares: smaller triangles are
 /// mostly band.
@@ -151,7 +152,7 @@ impl Squares {
             };
             (row, band(plane, &row))
         };
-        let found: Vec<(Row, Vec<Triangle>)> = (0..heights).into_par_iter().map(row).collect();
+        let found: Vec<(Row, Vec<Triangle>)> = parallel::map(heights, row);
         for (row, band) in found {
             self.count += row.count as usize;
             self.rest.extend(band);

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use crate::error::Result;
 use crate::math::{NO_NORMAL, normal_code};
+use crate::parallel;
 use crate::sample::field::fit::Fit;
 use crate::sample::index_u32;
 use crate::sample::positions::{compare, is_same, sort_by_position};
@@ -135,7 +136,7 @@ impl<'a> PointIndex<'a> {
         of: impl Fn(usize, DVec3) -> T + Sync,
     ) -> Vec<T> {
         let at = |&i: &u32| of(i as usize, self.positions[i as usize] - self.origin);
-        self.order.par_iter().map(at).collect()
+        parallel::map(self.order.len(), |i| at(&self.order[i]))
     }
 
     /// Returns a point's position.
@@ -345,7 +346,7 @@ impl<'a> PointIndex<'a> {
             }
             sum
         };
-        let smoothed: Vec<[f64; 6]> = nearest.par_iter().map(smooth).collect();
+        let smoothed: Vec<[f64; 6]> = parallel::map(nearest.len(), |i| smooth(&nearest[i]));
         Ok(self.spread(&smoothed, [f64::NAN; 6]))
     }
 
@@ -359,7 +360,7 @@ impl<'a> PointIndex<'a> {
             let nearest = self.nearest_from(self.positions[i as usize], neighbour_count);
             self.covariance(nearest.iter().map(|n| n.0))
         };
-        points.par_iter().map(covariance).collect()
+        parallel::map(points.len(), |i| covariance(&points[i]))
     }
 
     /// Returns the mean of the finite values at one position; it does not depend on the order of the points.

@@ -15,6 +15,7 @@ use crate::data::shape_columns::{SCALES, VARIANCE};
 use crate::data::smoothing::{LengthMeaning, SphKernel};
 use crate::error::{Error, Hint, Result};
 use crate::math::{eigen, factor_of_variance, from_eigen, principal_sigmas};
+use crate::parallel;
 use crate::sample::kernels::sums::{Summand, everywhere};
 use crate::sample::splats::factor::{factor_of_scales, sphere};
 use crate::scene::Values;
@@ -164,7 +165,7 @@ impl<'a> Columns<'a> {
                     options.task.as_ref(),
                 )?)
             }
-            _ => Shape::Spheres((0..self.count).into_par_iter().map(sigma).collect()),
+            _ => Shape::Spheres(parallel::map(self.count, sigma)),
         };
         let kernel = |j: usize| {
             let s = sigma(j);
@@ -206,7 +207,7 @@ impl<'a> Columns<'a> {
             (Some(mass), Some(density)) => {
                 let scale = self.dataset.volume_scale;
                 let volume = |i| scale * f64::from(mass.get(i)) / f64::from(density.get(i));
-                Some((0..self.count).into_par_iter().map(volume).collect())
+                Some(parallel::map(self.count, volume))
             }
             _ => None,
         };

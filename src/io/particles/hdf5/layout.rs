@@ -13,9 +13,8 @@
 //!
 //! Such numbers are widened to the smallest IEEE type that represents each of them exactly.
 
-use rayon::prelude::*;
-
 use crate::io::bytes::scalars::{Encoding, ScalarType};
+use crate::parallel;
 
 /// Least number of values per thread.
 const BATCH: usize = 4096;
@@ -242,13 +241,15 @@ impl Layout {
     }
 
     fn rewritten<const N: usize>(self, bytes: &[u8]) -> Vec<u8> {
-        let numbers = bytes.par_chunks_exact(self.stored_size());
-        let rewritten = numbers.with_min_len(BATCH).map(|number| {
-            let mut low = [0; N];
-            low.copy_from_slice(&self.number(number).to_le_bytes()[..N]);
-            low
+        let size = self.stored_size();
+        let mut rewritten = vec![[0; N]; bytes.len() / size];
+        parallel::chunks(&mut rewritten, BATCH, |i, batch| {
+            let numbers = bytes[i * BATCH * size..].chunks_exact(size);
+            for (low, number) in batch.iter_mut().zip(numbers) {
+                low.copy_from_slice(&self.number(number).to_le_bytes()[..N]);
+            }
         });
-        rewritten.collect::<Vec<[u8; N]>>().into_flattened()
+        rewritten.into_flattened()
     }
 
     /// Returns the bits of a number in its encoding, from the stored bytes.

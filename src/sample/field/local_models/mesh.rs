@@ -7,12 +7,12 @@
 use std::ops::Range;
 
 use glam::{DMat3, DVec3};
-use rayon::prelude::*;
 
 use super::quadratic::fit;
 use super::{Range as ValueRange, STAGE, inverse_of, local_model, matrix_of, steepest};
 use crate::data::cells::CellMesh;
 use crate::error::Result;
+use crate::parallel;
 use crate::sample::cells::incidence::{CellsAround, first_of, nodes_of};
 use crate::sample::index_u32;
 use crate::sample::kernels::Kernels;
@@ -138,7 +138,7 @@ impl SampledMesh<'_> {
                 let ranges = nodes_of(mesh, cell).map(|n| nodes[n as usize]);
                 ranges.fold(ValueRange::EMPTY, ValueRange::and)
             };
-            (0..mesh.cell_count()).into_par_iter().map(range).collect()
+            parallel::map(mesh.cell_count(), range)
         };
         let of_nodes = |cells: &[ValueRange]| -> Vec<ValueRange> {
             let range = |node| {
@@ -146,7 +146,7 @@ impl SampledMesh<'_> {
                 let ranges = around.iter().map(|&c| cells[c as usize]);
                 ranges.fold(ValueRange::EMPTY, ValueRange::and)
             };
-            (0..mesh.nodes.len()).into_par_iter().map(range).collect()
+            parallel::map(mesh.nodes.len(), range)
         };
         let own = |(sample, &kernel): (usize, &u32)| match kernel {
             NONE => ValueRange::EMPTY,

@@ -1,11 +1,11 @@
 //! Fits local models of particles, by least squares over the nearest neighbours.
 
 use glam::{DMat3, DVec3};
-use rayon::prelude::*;
 
 use super::quadratic::{Quadratic, fit};
 use super::{Range, STAGE, local_model, steepest};
 use crate::error::Result;
+use crate::parallel;
 use crate::sample::points::neighbours::{MOST_FITTED, PointIndex};
 use crate::scene::{LocalModel, Values};
 use crate::task::{Task, collect};
@@ -53,10 +53,7 @@ pub(super) fn models(
         let mean = index.mean_of(g, |i| values.get(i));
         (mean, ranges.fold(Range::EMPTY, Range::and))
     };
-    let groups: Vec<(f64, Range)> = (0..index.group_count())
-        .into_par_iter()
-        .map(of_group)
-        .collect();
+    let groups: Vec<(f64, Range)> = parallel::map(index.group_count(), of_group);
     let model = |place: usize| {
         let (point, g) = index.in_order(place);
         if point as usize >= count {
