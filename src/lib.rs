@@ -139,6 +139,8 @@ pub mod io;
 pub mod irregular {}
 #[cfg(feature = "legend")]
 pub mod legend;
+#[cfg(feature = "cli")]
+pub mod load;
 pub mod math;
 pub mod measure;
 #[doc(hidden)]

@@ -7,9 +7,10 @@ use std::sync::{Mutex, MutexGuard, TryLockError};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use ewa_splat::command::{Prepared, Wanted, left_of, stats};
+use ewa_splat::command::{Prepared, left_of, stats};
 use ewa_splat::io::{Dataset, Geometry, Up};
 use ewa_splat::legend::{ColourBar, check_legend_size, draw_legend, legend_width, title_of};
+use ewa_splat::load::Wanted;
 use ewa_splat::measure::{About, ErrorSample, ReferenceSummary, Subject, SweepOptions, sweep};
 use ewa_splat::reference::{DataIntegrator, Integrator, ReferenceFrame, ReferenceSettings};
 use ewa_splat::sample::mesh::{Spread, share_out};

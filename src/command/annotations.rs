@@ -12,7 +12,7 @@ use crate::{Error, Image, Result};
 use clap::Args;
 
 use super::info_table::significant;
-use super::source::Input;
+use crate::load::Input;
 
 /// Placeholder for the time in a time stamp.
 const TIME: &str = "{time}";

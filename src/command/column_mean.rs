@@ -13,7 +13,7 @@ use crate::{
 use indicatif::ProgressBar;
 
 use super::input::DataOptions;
-use super::source::Input;
+use crate::load::Input;
 
 /// Name of the option in errors.
 const OPTION: &str = "--column-mean";

@@ -1,6 +1,5 @@
 //! Runs `ewa-splat convert`.
 
-use crate::command::words::axis;
 use std::path::{Path, PathBuf};
 
 use crate::data::dataset::{Dataset, Geometry};
@@ -10,6 +9,8 @@ use crate::io::write_splats;
 use crate::io::{
     PlyForm, SplatFileOptions, SpzVersion, WrittenSplats, check_folder, check_splats_path,
 };
+use crate::load::collection::prefer;
+use crate::load::{Input, Wanted, axis};
 use crate::sample::mesh::{MeshReport, Spread, share_out};
 use crate::sample::{
     BoundaryChoice, ConversionReport, Finding, SampleOptions, as_surface, field_choices, scene,
@@ -25,8 +26,6 @@ use super::input::DataOptions;
 use super::outputs::check_collisions;
 use super::prepare::{PrepareOptions, is_scene};
 use super::progress;
-use super::source::Input;
-use super::together::{Wanted, prefer};
 
 #[derive(Args)]
 pub(crate) struct Arguments {

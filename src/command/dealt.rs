@@ -4,13 +4,11 @@
 use indicatif::ProgressBar;
 
 use super::input::DataOptions;
-use super::reads::uses;
-use super::scene::Scene;
-use super::source::Input;
-use super::together::{Gathered, Together};
-use super::viewpoint::Cameras;
+use super::progress::observer_of;
 use crate::Result;
 use crate::distributed::{Ranks, Share, dealt, hand_out};
+use crate::load::collection::{Collection, Gathered};
+use crate::load::{Cameras, Input, Loaded};
 use crate::sample::SampleOptions;
 
 impl DataOptions {
@@ -26,8 +24,9 @@ impl DataOptions {
         cameras: Cameras<'_>,
         progress: &ProgressBar,
         ranks: &mut Ranks,
-    ) -> Result<(Scene, Share)> {
+    ) -> Result<(Loaded, Share)> {
         let checked = self.check_function(options);
+        let checked = checked.and_then(|()| self.check_spacing());
         ranks.agree(checked)?;
         let lengths = inputs
             .iter()
@@ -35,24 +34,20 @@ impl DataOptions {
         // All ranks use the file lengths that the first rank finds, so that they make the same
         // assignment.
         let lengths = ranks.gather_records(Ok(lengths.collect()))?.swap_remove(0);
-        let together = Together {
-            data: self,
-            inputs,
+        let (open, observer) = (self.open_options(), observer_of(progress));
+        let collection = Collection {
+            request: self.request(inputs, &open, options, cameras, &observer),
             own: dealt(&lengths, ranks.rank(), ranks.size()),
-            options,
-            cameras,
             beside: &[],
-            progress,
         };
         let Gathered {
-            abouts, volumes, ..
-        } = together.read(&mut Some(ranks))?;
-        self.check_use(&uses(&abouts, options))?;
+            inputs, volumes, ..
+        } = collection.read(&mut Some(ranks))?;
+        let mut scene = Loaded::of_inputs(Vec::new(), inputs, options);
+        scene = self.check_loaded(scene, options)?;
         let volumes = volumes.into_iter().flatten();
         let mut share = hand_out(volumes.collect(), ranks)?;
-        let has_boundary = self.may_end_sharply(abouts.iter());
-        let scene = Scene::of_reads(std::mem::take(&mut share.volumes), abouts, has_boundary);
-        self.check_fields(&scene)?;
+        scene.volumes = std::mem::take(&mut share.volumes);
         Ok((scene, share))
     }
 }

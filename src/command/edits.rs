@@ -1,7 +1,7 @@
-//! Places inputs and crops them to boxes.
+//! Defines the options that place inputs and crop them to boxes.
 
-use crate::data::dataset::Dataset;
-use crate::edit::{Placement, crop, place};
+use crate::edit::Placement;
+use crate::load::Edit;
 use crate::{Error, Result};
 use clap::Args;
 use glam::{DQuat, DVec3};
@@ -30,15 +30,6 @@ pub(crate) struct EditOptions {
     #[arg(long, value_name = "x0,y0,z0,x1,y1,z1", value_parser = parse::or_none(parse::corners),
           allow_hyphen_values = true)]
     crop: Vec<OrNone<[DVec3; 2]>>,
-}
-
-/// Edits of one input.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(crate) struct Edit {
-    placement: Option<Placement>,
-    /// Factor of heights, in addition to the placement.
-    exaggeration: Option<f64>,
-    crop: Option<[DVec3; 2]>,
 }
 
 impl EditOptions {
@@ -90,52 +81,6 @@ fn of_each<'a, T: Copy>(
         [all] => all.0,
         each => each[i].0,
     })
-}
-
-impl Edit {
-    /// Returns the crop box if the input is cropped and not otherwise edited.
-    pub(crate) fn crop_alone(&self) -> Option<[DVec3; 2]> {
-        let is_moved = self.placement.is_some() || self.exaggeration.is_some();
-        self.crop.filter(|_| !is_moved)
-    }
-
-    /// Places the data and crops them to the box.
-    ///
-    /// # Errors
-    /// The errors of [`place`] and [`crop`]; an exaggeration of data whose direction up is along no axis.
-    pub(crate) fn applied(&self, mut dataset: Dataset) -> Result<Dataset> {
-        let mut placement = self.placement;
-        if let Some(factor) = self.exaggeration {
-            let size = &mut placement.get_or_insert_default().size;
-            *size *= heights(&dataset, factor)?;
-        }
-        if let Some(placement) = &placement {
-            dataset = place(dataset, placement)?;
-        }
-        match self.crop {
-            Some([lower, upper]) => crop(dataset, lower, upper),
-            None => Ok(dataset),
-        }
-    }
-}
-
-/// Largest distance of the direction up from an axis, relative to its length.
-const ALONG: f64 = 1e-6;
-
-/// Returns the scale factors that multiply heights by `factor`.
-fn heights(dataset: &Dataset, factor: f64) -> Result<DVec3> {
-    let up = dataset.up().direction;
-    let axes = [DVec3::X, DVec3::Y, DVec3::Z];
-    let along = axes
-        .into_iter()
-        .find(|axis| up.dot(*axis).abs() >= 1.0 - ALONG);
-    let axis = along.ok_or_else(|| {
-        let expected = "data that have x, y or z up";
-        let found = format!("{} {} {}", up.x, up.y, up.z);
-        let advice = "use --resize x,y,z";
-        Error::format(&dataset.path, "--exaggerate", expected, found, advice)
-    })?;
-    Ok(DVec3::ONE + (factor - 1.0) * axis)
 }
 
 #[cfg(test)]

@@ -22,10 +22,10 @@ use serde_json::{Value, json};
 use super::files::Files;
 use super::info_table::{print_rows, print_table, problem_line};
 use super::input::DataOptions;
-use super::prepared::is_prepared;
 use super::progress::bar;
-use super::source::Input;
 use super::words::problem;
+use crate::load::Input;
+use crate::load::is_prepared;
 
 #[derive(Args)]
 pub(crate) struct Arguments {
@@ -265,7 +265,7 @@ impl Arguments {
 
 /// Describes a prepared scene from its metadata; its particles are not read.
 fn describe_prepared(input: &Input) -> Result<Value> {
-    let (scene, about) = super::prepared::open_any(input)?;
+    let (scene, about) = crate::load::prepared::open_any(input)?;
     let volumes = scene.volumes().iter();
     let own = volumes.clone().filter(|v| v.merged.is_none());
     let per_volume: Vec<Value> = own

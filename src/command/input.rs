@@ -1,13 +1,14 @@
 //! Defines the options that select data and control their conversion to particles.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use crate::data::dataset::Dataset;
 use crate::data::particle_type::ParticleType;
 use crate::data::smoothing::{LengthMeaning, SphKernel};
-use crate::edit::open_within;
 use crate::error::{Hint, Parameter};
 use crate::io::{OpenOptions, RawLayout, RawType, ReadAs, ScaleMeaning, StepChoice};
+use crate::load::input::transfer_of;
+use crate::load::{Input, Steps, steps};
 use crate::sample::mesh::Spread;
 use crate::sample::{BoundaryChoice, ParticleShape, SampleOptions, Sampled, TransferChoice};
 use crate::scene::ScaleName;
@@ -17,7 +18,7 @@ use glam::DVec3;
 
 use super::edits::EditOptions;
 use super::parse::{self, Spacing, TypeName};
-use super::source::{Input, Shown, steps};
+use super::progress::print;
 
 #[derive(Args)]
 #[command(next_help_heading = "Data")]
@@ -208,29 +209,11 @@ pub(crate) fn refused_surface(expected: &'static str, found: &'static str) -> Er
     Error::invalid(Parameter::Flatten, "data", expected, found, advice)
 }
 
-/// Interprets the value of `--transfer-function`: a file, or the name of a colour map, which has no
-/// dot or slash.
-pub(crate) fn transfer_of(name: &str) -> TransferChoice {
-    if name.contains(['.', '/', '\\']) || Path::new(name).exists() {
-        TransferChoice::File(name.into())
-    } else {
-        TransferChoice::Named(name.to_owned())
-    }
-}
-
 impl DataOptions {
     /// Opens an input, places it and crops it.
     pub(crate) fn open(&self, input: &Input) -> Result<Dataset> {
         self.check_spacing()?;
-        let options = OpenOptions {
-            particle_type: input.particle_type,
-            time_step: input.time_step,
-            ..self.open_options()
-        };
-        match input.edit.crop_alone() {
-            Some([lower, upper]) => open_within(&input.path, &options, lower, upper),
-            None => input.edit.applied(crate::io::open(&input.path, &options)?),
-        }
+        input.open(&self.open_options())
     }
 
     /// Returns the options for opening files, common to all inputs.
@@ -306,9 +289,9 @@ impl DataOptions {
     pub(crate) fn inputs(&self, mut named: Vec<Input>, is_series: bool) -> Result<Vec<Input>> {
         self.note_edits(&mut named)?;
         let shown = match (is_series, self.step_choice()) {
-            (false, None) => Shown::First,
-            (false, Some(choice)) => Shown::One(choice),
-            (true, None) => Shown::Series,
+            (false, None) => Steps::First,
+            (false, Some(choice)) => Steps::One(choice),
+            (true, None) => Steps::Series,
             (true, Some(_)) => {
                 let found = "one step of time beside them";
                 let advice = "leave --step and --time out, or --series";
@@ -321,7 +304,7 @@ impl DataOptions {
                 ));
             }
         };
-        let inputs = steps(named, shown, &self.open_options())?;
+        let inputs = steps(named, shown, &self.open_options(), &print)?;
         self.resolved(inputs, is_series)
     }
 

@@ -4,7 +4,7 @@ use crate::legend::{ColourBar, name_without_unit};
 use crate::{Error, Result};
 use clap::Args;
 
-use super::scene::Scene;
+use crate::load::Loaded;
 
 /// Title of a field without a name.
 const UNNAMED: &str = "value";
@@ -19,7 +19,7 @@ pub(crate) struct LegendOptions {
 
 /// Returns a colour bar for each transfer function that gives colours. Volumes with the same field
 /// and function share a bar.
-pub(crate) fn bars(scene: &Scene) -> Result<Vec<ColourBar>> {
+pub(crate) fn bars(scene: &Loaded) -> Result<Vec<ColourBar>> {
     let mut bars = Vec::new();
     let titles = scene.volumes.iter().zip(&scene.titles);
     for (volume, title) in titles {

@@ -7,6 +7,8 @@ use std::time::Instant;
 
 use crate::data::up::Up;
 use crate::io::{read_image, write_bytes_atomically, write_image};
+use crate::load::prepared::renderer as renderer_of;
+use crate::load::{Input, Loaded};
 use crate::measure::{
     ACCURATE, About, DEFAULT, FAST, ReferenceSummary, Report, Resampling, Row, Subject,
     SweepOptions, sweep,
@@ -19,13 +21,12 @@ use crate::{Error, Image, Result, SceneOptions, Settings};
 use clap::Args;
 
 use super::input::DataOptions;
-use super::outputs::{check_collisions, warn_unconverged};
+use super::outputs::{check_collisions, paths, warn_unconverged};
 use super::parse;
-use super::prepared::{refuse_beside, renderer as renderer_of};
+
 use super::progress::{bar, spinner, task_of, with_bar};
-use super::scene::Scene;
-use super::source::{Input, paths};
 use super::truth::Truth;
+use super::usage::refuse_beside;
 use super::viewpoint::{CameraOptions, Canvas};
 
 /// Default width and height of a measurement in pixels.
@@ -43,7 +44,7 @@ const REFERENCE_DATA: &str = "reference-data.exr";
 pub(crate) struct Arguments {
     /// Files to render together; FILE@FIELD shows another field of one, FILE@FIELD@FUNCTION by another transfer
     /// function
-    #[arg(required = true, value_name = "FILE[@FIELD[@FUNCTION]]", value_parser = Input::parser())]
+    #[arg(required = true, value_name = "FILE[@FIELD[@FUNCTION]]", value_parser = parse::input())]
     inputs: Vec<Input>,
     /// Folder for report.html, report.json, report.csv and the reference; made if missing
     #[arg(long, value_name = "DIR")]
@@ -226,7 +227,7 @@ fn given_references(arguments: &Arguments, camera: &Camera) -> Result<Option<Ref
 /// field.
 fn integrate(
     arguments: &Arguments,
-    scene: &Scene,
+    scene: &Loaded,
     camera: &Camera,
     low_pass: f32,
 ) -> Result<References> {

@@ -2,8 +2,14 @@
 
 use std::path::PathBuf;
 
+use crate::load::Input;
 use crate::reference::ReferenceFrame;
 use crate::{Error, Result};
+
+/// Returns the paths of the inputs.
+pub(crate) fn paths(inputs: &[Input]) -> impl Iterator<Item = &PathBuf> {
+    inputs.iter().map(|input| &input.path)
+}
 
 /// Refuses an output that would overwrite an input or another output.
 pub(crate) fn check_collisions<'a>(

@@ -3,9 +3,16 @@
 use crate::data::particle_type::ParticleType;
 use crate::image::linear_from_srgb;
 use crate::io::{RawType, StepChoice};
+use crate::load::Input;
 use crate::scene::{Light, LightFrame};
 use crate::view::ClipPlane;
+use clap::builder::{PathBufValueParser, TypedValueParser};
 use glam::{DQuat, DVec3, Vec3};
+
+/// Returns the parser of an input.
+pub(crate) fn input() -> impl TypedValueParser<Value = Input> {
+    PathBufValueParser::new().map(Input::parse)
+}
 
 /// Parses `x,y,z`.
 pub(crate) fn vector(text: &str) -> Result<DVec3, String> {

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::load::{Input, Loaded};
 use crate::prepared::PreparedScene;
 use crate::sample::{SampleOptions, SampleReport};
 use crate::{Error, Result, SceneOptions};
@@ -9,10 +10,8 @@ use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::input::DataOptions;
-use super::prepared::refuse_beside;
 use super::progress::{self, note};
-use super::scene::Scene;
-use super::source::Input;
+use super::usage::refuse_beside;
 
 /// Options of a prepared scene.
 #[derive(Args)]
@@ -111,7 +110,7 @@ impl PrepareOptions {
                 for line in file.report().map_or(Vec::new(), SampleReport::warnings) {
                     bar.suspend(|| note!("{}: {line}", inputs[0].path.display()));
                 }
-                let about = Scene::of_stream(&file).about(inputs, self.column_density);
+                let about = Loaded::of_stream(&file).about(inputs, self.column_density);
                 (prepared, about)
             }
             None => {

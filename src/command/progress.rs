@@ -5,6 +5,8 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use super::words;
+use crate::load::Event;
 use crate::{Progress, Task};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
@@ -83,6 +85,22 @@ pub(crate) fn task_of(bar: &ProgressBar) -> Option<Task> {
     let shown = bar.clone();
     let tell = move |progress: Progress| shown.set_message(progress.to_string());
     (!bar.is_hidden()).then(|| Task::observed(tell))
+}
+
+/// Prints a note of reading.
+pub(crate) fn print(event: Event<'_>) {
+    if let Event::Note(text) = event {
+        note!("{}", words::note(&text));
+    }
+}
+
+/// Returns a function that prints the notes of reading above a bar, and shows the file that is read
+/// as its message.
+pub(crate) fn observer_of(bar: &ProgressBar) -> impl Fn(Event<'_>) {
+    move |event| match event {
+        Event::Reading(path) => bar.set_message(format!("reading {}", path.display())),
+        note => bar.suspend(|| print(note)),
+    }
 }
 
 /// Returns a bar with the given number of steps.

@@ -11,6 +11,8 @@ use crate::io::{
     write_depth, write_normals,
 };
 use crate::legend::{ColourBar, legend_width};
+use crate::load::prepared::renderer as renderer_of;
+use crate::load::{Input, Loaded};
 use crate::measure::{ErrorSample, SampledError};
 use crate::reference::ReferenceSettings;
 use crate::render::{Blend, Classification, ClassifyAt, Composite};
@@ -33,17 +35,14 @@ use super::cut::{CutOptions, add_faces};
 use super::input::DataOptions;
 use super::legend::{LegendOptions, bars};
 use super::lit::LightOptions;
-use super::outputs::{check_collisions, warn_unconverged};
+use super::outputs::{check_collisions, paths, warn_unconverged};
 use super::parse::{self, Background, Clip};
-use super::prepared::{refuse_beside, renderer as renderer_of};
 use super::progress::{bar, note, spinner, task_of, with_bar};
 use super::ranks;
-use super::scene::Scene;
 use super::sequence::SequenceOptions;
-use super::source::{Input, paths};
 use super::statistics::{Prepared, stats};
 use super::truth::{ReferenceName, Truth};
-use super::usage::{CLASSIFIED, is_filtered, is_surface, refuse_unused};
+use super::usage::{CLASSIFIED, is_filtered, is_surface, refuse_beside, refuse_unused};
 use super::viewpoint::{CameraOptions, Canvas, left_of};
 use super::words;
 
@@ -51,7 +50,7 @@ use super::words;
 pub(crate) struct Arguments {
     /// Files to render together; FILE@FIELD shows another field of one, FILE@FIELD@FUNCTION by another transfer
     /// function
-    #[arg(required = true, value_name = "FILE[@FIELD[@FUNCTION]]", value_parser = Input::parser())]
+    #[arg(required = true, value_name = "FILE[@FIELD[@FUNCTION]]", value_parser = parse::input())]
     pub(super) inputs: Vec<Input>,
     /// Image to write: png, exr, pfm or npy
     #[arg(long, value_name = "FILE")]
@@ -795,7 +794,7 @@ impl Arguments {
     }
 
     /// Checks that the options apply to the scene, and adds cut faces if they are asked for.
-    fn checked(&self, mut scene: Scene) -> Result<Scene> {
+    fn checked(&self, mut scene: Loaded) -> Result<Loaded> {
         let refused = [
             ("--reference", self.method.reference.is_some()),
             ("--cut-faces", self.cut.cut_faces),
@@ -874,7 +873,7 @@ impl Arguments {
                 // A time step that holds nothing gives an empty picture.
                 Err(error) if error.holds_nothing() => {
                     progress.suspend(|| note!("{}; an empty picture", words::line(&error)));
-                    Scene::of_nothing()
+                    Loaded::of_nothing()
                 }
                 scene => self.checked(scene?)?,
             };
@@ -885,7 +884,7 @@ impl Arguments {
             };
             Ok((scene, bounds, legend))
         };
-        let shown = |step: &(Scene, _, _)| !step.0.volumes.is_empty();
+        let shown = |step: &(Loaded, _, _)| !step.0.volumes.is_empty();
         let first = || {
             // The first step that shows something sets the width of the legend, and its transfer
             // function is written: all steps share it.

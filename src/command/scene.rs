@@ -1,213 +1,19 @@
-//! Reads the inputs of a command into one scene: their volumes, fields and transfer functions.
+//! Loads the inputs of a command, and refuses options that do not apply to them.
 
-use std::path::Path;
-
-use crate::data::up::Up;
-use crate::distributed::PartRead;
-use crate::io::{Planes, RowFile, VtsPieces, VtuPieces};
-use crate::legend::title_of;
-use crate::prepared::{About, PointFile, PreparedScene};
-use crate::sample::{RowsApart, SampleOptions, SampleReport, TransferChoice};
-use crate::scene::PointVolume;
-use crate::view::Bounds;
-use crate::{Error, Result};
-use glam::DVec3;
 use indicatif::ProgressBar;
 
-use super::edits::Edit;
-use super::input::{DataOptions, refused_surface, transfer_of};
-use super::prepared::{self, Members, is_prepared};
-use super::reads::{ReadAbout, is_automatic, uses};
-use super::source::Input;
-use super::together::{Gathered, Series, Together};
-use super::usage::{Kind, Uses};
-use super::viewpoint::Cameras;
-
-/// Contents of the inputs.
-pub(crate) struct Scene {
-    pub(crate) volumes: Vec<PointVolume>,
-    /// Prepared scenes, and the volumes that stand in for theirs.
-    pub(crate) prepared: Members,
-    /// Name of the field that each volume shows.
-    pub(crate) fields: Vec<Option<String>>,
-    /// Titles of these fields in legends, with their units if these are known.
-    pub(crate) titles: Vec<Option<String>>,
-    /// Fields and components of the first input:
-    /// [`Dataset::selectors`](crate::io::Dataset::selectors).
-    pub(crate) selectors: Vec<String>,
-    /// True if all inputs are grids, whose kernels follow the spacing.
-    pub(crate) grids_only: bool,
-    /// True if any of the data can be cut sharply at its boundary: grids, unless options prevent
-    /// it.
-    pub(crate) has_boundary: bool,
-    /// Direction up: [`Up::of_scene`].
-    pub(crate) up: Up,
-    /// Least and greatest coordinates of each input's data.
-    corners: Vec<(DVec3, DVec3)>,
-}
-
-impl Scene {
-    /// Creates a scene without inputs.
-    pub(crate) fn of_nothing() -> Self {
-        Self::of_reads(Vec::new(), Vec::new(), false)
-    }
-
-    /// Creates a scene from the metadata of a point file that was read as a stream.
-    pub(crate) fn of_stream(file: &PointFile) -> Self {
-        let unit = file.report().and_then(|report| report.unit.as_deref());
-        Self::of_points(file.field(), unit, file.up(), file.bounds())
-    }
-
-    /// Creates a scene from the metadata of a file of which every rank has read a part.
-    ///
-    /// - `is_grid`: whether the file holds a grid, not points.
-    pub(crate) fn of_part(read: &PartRead, is_grid: bool) -> Self {
-        let (field, unit) = (read.report.field.as_deref(), read.report.unit.as_deref());
-        Self {
-            grids_only: is_grid,
-            has_boundary: is_grid,
-            ..Self::of_points(field, unit, read.head.up(), read.corners)
-        }
-    }
-
-    fn of_points(
-        field: Option<&str>,
-        unit: Option<&str>,
-        up: Up,
-        corners: Option<(DVec3, DVec3)>,
-    ) -> Self {
-        Self {
-            volumes: Vec::new(),
-            prepared: Vec::new(),
-            fields: vec![field.map(str::to_owned)],
-            titles: vec![field.map(|field| title_of(field, unit))],
-            selectors: Vec::new(),
-            grids_only: false,
-            has_boundary: false,
-            up,
-            corners: corners.into_iter().collect(),
-        }
-    }
-
-    /// Creates a scene from the metadata that another rank sent.
-    pub(crate) fn of_about(about: About) -> Self {
-        let up = prepared::up_of(&about);
-        let corners = about.corners.into_iter();
-        Self {
-            volumes: Vec::new(),
-            prepared: Vec::new(),
-            fields: about.fields,
-            titles: about.titles,
-            selectors: Vec::new(),
-            grids_only: false,
-            has_boundary: false,
-            up,
-            corners: corners
-                .map(|[a, b]| (DVec3::from(a), DVec3::from(b)))
-                .collect(),
-        }
-    }
-
-    /// Creates a scene from a lattice of which every rank has read some planes.
-    pub(crate) fn of_planes(
-        file: &Planes,
-        volumes: Vec<PointVolume>,
-        report: &SampleReport,
-    ) -> Self {
-        let head = file.head();
-        let title = title_of(file.field(), report.unit.as_deref());
-        Self {
-            volumes,
-            prepared: Vec::new(),
-            fields: vec![Some(file.field().to_owned())],
-            titles: vec![Some(title)],
-            selectors: Vec::new(),
-            grids_only: true,
-            has_boundary: true,
-            up: Up::of_scene([head.up()]),
-            corners: head.bounds().into_iter().collect(),
-        }
-    }
-
-    /// Names the field of volumes that have no name yet, up to `count` volumes.
-    fn name(&mut self, count: usize, report: SampleReport) {
-        let (field, unit) = (report.field, report.unit);
-        let title = field.as_deref().map(|f| title_of(f, unit.as_deref()));
-        self.titles.resize(count, title);
-        self.fields.resize(count, field);
-    }
-
-    /// Creates a scene from inputs of which every rank has read some.
-    ///
-    /// - `volumes`: volumes of all inputs; those of other ranks have no particles.
-    pub(super) fn of_reads(
-        volumes: Vec<PointVolume>,
-        reads: Vec<ReadAbout>,
-        has_boundary: bool,
-    ) -> Self {
-        let mut scene = Self {
-            volumes,
-            prepared: Vec::new(),
-            fields: Vec::new(),
-            titles: Vec::new(),
-            selectors: Vec::new(),
-            grids_only: reads.iter().all(ReadAbout::is_grid_or_splats),
-            has_boundary,
-            up: Up::of_scene(
-                reads
-                    .iter()
-                    .filter(|read| !read.is_nothing)
-                    .map(|read| read.up),
-            ),
-            corners: reads.iter().filter_map(|read| read.corners).collect(),
-        };
-        for read in reads {
-            scene.name(scene.fields.len() + read.volume_count, read.report);
-        }
-        scene
-    }
-
-    /// Adds a prepared scene, and volumes that stand in for its own.
-    fn add(&mut self, own: PreparedScene, about: About) {
-        let first = self.volumes.len();
-        self.volumes.extend(own.stand_ins());
-        let count = self.volumes.len();
-        self.fields.extend(about.fields);
-        self.titles.extend(about.titles);
-        self.fields.resize(count, None);
-        self.titles.resize(count, None);
-        let corners = about.corners.into_iter();
-        self.corners
-            .extend(corners.map(|[a, b]| (DVec3::from(a), DVec3::from(b))));
-        self.prepared.push((first..count, own));
-    }
-
-    /// Returns the metadata that a prepared scene stores beside its particles.
-    ///
-    /// - `inputs`: the inputs of this scene.
-    pub(crate) fn about(&self, inputs: &[Input], for_columns: bool) -> About {
-        let name = |input: &Input| input.path.display().to_string();
-        let corners = self.corners.iter();
-        About {
-            inputs: inputs.iter().map(name).collect(),
-            fields: self.fields.clone(),
-            titles: self.titles.clone(),
-            corners: corners.map(|(a, b)| [a.to_array(), b.to_array()]).collect(),
-            up: self.up.direction.to_array(),
-            front: self.up.front.map(|front| front.to_array()),
-            is_plane: self.up.is_plane,
-            is_of_mesh: self.up.is_of_mesh,
-            for_columns,
-        }
-    }
-
-    /// Returns the box of all data, or `None` if no datum has a position.
-    pub(crate) fn bounds(&self) -> Option<Bounds> {
-        let corners = self.corners.iter().copied();
-        let (lower, upper) = corners.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))?;
-        Some(((lower + upper) / 2.0, (upper - lower) / 2.0))
-    }
-}
+use super::input::{DataOptions, refused_surface};
+use super::progress::observer_of;
+use super::usage::Uses;
+use crate::io::{OpenOptions, Planes, RowFile, VtsPieces, VtuPieces};
+use crate::load::facts::is_automatic;
+use crate::load::{
+    Cameras, Edit, Input, Kind, Loaded, Observer, Request, Series, is_prepared, load, load_series,
+};
+use crate::prepared::PointFile;
+use crate::sample::{RowsApart, SampleOptions, TransferChoice};
+use crate::scene::PointVolume;
+use crate::{Error, Result};
 
 /// Grid in pieces that ranks may read separately.
 pub(crate) enum Pieces {
@@ -219,7 +25,29 @@ pub(crate) enum Pieces {
 const STREAMED: usize = 1 << 22;
 
 impl DataOptions {
-    /// Reads and samples all inputs as one scene, and prints what was left out: [`Together`].
+    /// Returns the request to load inputs by these options.
+    ///
+    /// - `open`: [`DataOptions::open_options`].
+    /// - `cameras`: cameras of the pictures, which determine the number of surfels of meshes.
+    pub(crate) fn request<'a>(
+        &self,
+        inputs: &'a [Input],
+        open: &'a OpenOptions,
+        sample: &'a SampleOptions,
+        cameras: Cameras<'a>,
+        observer: Observer<'a>,
+    ) -> Request<'a> {
+        Request {
+            inputs,
+            open,
+            sample,
+            cameras,
+            keeps_axes: self.keeps_axes,
+            observer,
+        }
+    }
+
+    /// Loads all inputs as one scene, and refuses options that do not apply to it.
     ///
     /// - `cameras`: cameras of the pictures, which determine the number of surfels of meshes.
     pub(crate) fn scene(
@@ -228,92 +56,25 @@ impl DataOptions {
         options: &SampleOptions,
         cameras: Cameras<'_>,
         progress: &ProgressBar,
-    ) -> Result<Scene> {
+    ) -> Result<Loaded> {
         self.check_function(options)?;
-        // Opens each input that is a prepared scene.
-        let mut opened = Vec::new();
-        let all = inputs;
-        let mut data = Vec::new();
-        for input in all {
-            let own = is_prepared(&input.path);
-            let own = own.then(|| prepared::open(input, options.for_columns));
-            if own.is_none() {
-                data.push(input.clone());
-            }
-            opened.push(own.transpose()?);
+        if !inputs.iter().all(|input| is_prepared(&input.path)) {
+            self.check_spacing()?;
         }
-        let beside: Vec<_> = opened
-            .iter()
-            .flatten()
-            .map(|(_, about)| {
-                let corners = about.corners.iter();
-                let corners = corners.map(|[a, b]| (DVec3::from(*a), DVec3::from(*b)));
-                let corners = corners.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
-                (corners, prepared::up_of(about))
-            })
-            .collect();
-        let together = Together {
-            data: self,
-            inputs: &data,
-            own: 0..data.len(),
-            options,
-            cameras,
-            beside: &beside,
-            progress,
-        };
-        let Gathered {
-            abouts,
-            volumes,
-            selectors,
-        } = together.read(&mut None)?;
-        let mut shown = uses(&abouts, options);
-        let is_prepared = data.is_empty() && !all.is_empty();
-        shown.of_prepared = is_prepared.then(|| {
-            let scenes = opened.iter().flatten();
-            scenes
-                .flat_map(|(scene, _)| scene.requirements())
-                .any(|r| r.classification)
-        });
-        self.check_use(&shown)?;
-        let mut scene = Scene {
-            volumes: Vec::new(),
-            prepared: Vec::new(),
-            fields: Vec::new(),
-            titles: Vec::new(),
-            selectors: match opened.first() {
-                Some(Some(_)) => Vec::new(),
-                _ => selectors,
-            },
-            grids_only: opened.iter().all(Option::is_none)
-                && abouts.iter().all(ReadAbout::is_grid_or_splats),
-            has_boundary: self.may_end_sharply(abouts.iter()),
-            up: Up::of_scene([]),
-            corners: abouts.iter().filter_map(|read| read.corners).collect(),
-        };
-        let mut ups = Vec::new();
-        let mut reads = abouts.into_iter().zip(volumes);
-        for (input, own) in all.iter().zip(opened) {
-            if let Some((own, about)) = own {
-                ups.push(prepared::up_of(&about));
-                scene.add(self.shown(own, &input.path, is_prepared)?, about);
-                continue;
-            }
-            let Some((read, volumes)) = reads.next() else {
-                break;
-            };
-            if !read.is_nothing {
-                ups.push(read.up);
-            }
-            scene.volumes.extend(volumes);
-            scene.name(scene.volumes.len(), read.report);
-        }
+        let (open, observer) = (self.open_options(), observer_of(progress));
+        let scene = load(&self.request(inputs, &open, options, cameras, &observer))?;
+        self.check_loaded(scene, options)
+    }
+
+    /// Refuses options that do not apply to a scene.
+    pub(super) fn check_loaded(&self, scene: Loaded, options: &SampleOptions) -> Result<Loaded> {
+        self.check_use(&Uses::of(&scene, options))?;
         self.check_fields(&scene)?;
-        scene.up = Up::of_scene(ups);
         Ok(scene)
     }
 
     /// Refuses an iso-surface if no volume shows a field.
-    pub(super) fn check_fields(&self, scene: &Scene) -> Result<()> {
+    fn check_fields(&self, scene: &Loaded) -> Result<()> {
         match self.flatten.is_some() && scene.fields.iter().all(Option::is_none) {
             true => Err(refused_surface("a field", "none")),
             false => Ok(()),
@@ -378,7 +139,7 @@ impl DataOptions {
         input: &Input,
         options: &SampleOptions,
     ) -> Result<Option<(RowFile, SampleOptions)>> {
-        let options = self.of_input(input, options);
+        let options = input.sample_options(options);
         let Some(mut file) = self.row_file(input)? else {
             return Ok(None);
         };
@@ -471,7 +232,7 @@ impl DataOptions {
         let Some(file) = file else {
             return Ok(None);
         };
-        let options = self.of_input(input, options);
+        let options = input.sample_options(options);
         self.check_function(&options)?;
         self.check_spacing()?;
         Ok(Some((file, options)))
@@ -489,52 +250,16 @@ impl DataOptions {
         })
     }
 
-    /// Applies the transfer function that was asked for to a prepared scene.
-    ///
-    /// - `is_alone`: whether the scene is the only input. With others, the function may be meant
-    ///   for them.
-    fn shown(&self, scene: PreparedScene, path: &Path, is_alone: bool) -> Result<PreparedScene> {
-        match self.sample_options().transfer {
-            TransferChoice::File(function) if is_alone => {
-                prepared::with_function(scene, path, &function)
-            }
-            _ => Ok(scene),
-        }
-    }
-
-    /// Returns the sampling options of one input.
-    pub(super) fn of_input(&self, input: &Input, options: &SampleOptions) -> SampleOptions {
-        let mut own = options.clone();
-        own.field = input.field.clone().or(own.field);
-        if let Some(function) = &input.function {
-            own.transfer = transfer_of(function);
-        }
-        own
-    }
-
-    /// Reads what the steps of a series share: one field, a transfer function of the values of all
-    /// steps, and the box of each step.
+    /// Loads the choices that the steps of a series share.
     pub(crate) fn series(
         &self,
         inputs: &[Input],
         options: &SampleOptions,
         progress: &ProgressBar,
     ) -> Result<Series> {
-        let options = SampleOptions {
-            keeps_value_sample: true,
-            local_models: false,
-            ..options.clone()
-        };
-        let together = Together {
-            data: self,
-            inputs,
-            own: 0..inputs.len(),
-            options: &options,
-            cameras: &|_, _| Ok(Vec::new()),
-            beside: &[],
-            progress,
-        };
-        together.series()
+        self.check_spacing()?;
+        let (open, observer) = (self.open_options(), observer_of(progress));
+        load_series(&self.request(inputs, &open, options, &|_, _| Ok(Vec::new()), &observer))
     }
 
     /// Reads the inputs again, and returns their volumes with kernels of another width.
@@ -550,7 +275,7 @@ impl DataOptions {
         let mut volumes = Vec::new();
         for input in inputs {
             let dataset = self.open(input)?;
-            volumes.extend(crate::sample::scene(dataset, &self.of_input(input, &options))?.volumes);
+            volumes.extend(crate::sample::scene(dataset, &input.sample_options(&options))?.volumes);
         }
         Ok(volumes)
     }

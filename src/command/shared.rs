@@ -7,17 +7,14 @@ use std::mem::take;
 use indicatif::ProgressBar;
 
 use super::input::DataOptions;
-use super::prepared::is_prepared;
 use super::progress::note;
-use super::scene::{Pieces, Scene};
-use super::source::Input;
-use super::usage::Kind;
-use super::viewpoint::Cameras;
+use super::scene::Pieces;
 use crate::blocks::ParticleStream;
 use crate::distributed::{
     PartRead, Ranks, Share, read_grid, read_pieces, read_planes, read_rows, read_together, scatter,
 };
 use crate::io::{Planes, RowFile};
+use crate::load::{Cameras, Input, Kind, Loaded, is_prepared};
 use crate::prepared::{About, PointFile};
 use crate::sample::{SampleOptions, SampleReport};
 use crate::{Error, Result};
@@ -76,9 +73,9 @@ impl DataOptions {
         progress: &ProgressBar,
         ranks: &mut Ranks,
         takes_parts: bool,
-        read: impl FnOnce() -> Result<Scene>,
-        check: impl FnOnce(Scene) -> Result<Scene>,
-    ) -> Result<(Scene, Option<Share>)> {
+        read: impl FnOnce() -> Result<Loaded>,
+        check: impl FnOnce(Loaded) -> Result<Loaded>,
+    ) -> Result<(Loaded, Option<Share>)> {
         let is_whole = inputs.iter().any(|input| is_prepared(&input.path));
         let together = match inputs {
             [input] if !is_whole => self.together(input, options, takes_parts),
@@ -115,7 +112,7 @@ impl DataOptions {
         let of_part = |mut own: PartRead, is_grid: bool| {
             own.head.notes.iter().for_each(say);
             own.report.warnings().iter().for_each(say);
-            let mut scene = Scene::of_part(&own, is_grid);
+            let mut scene = Loaded::of_part(&own, is_grid);
             scene.volumes = take(&mut own.share.volumes);
             (scene, own.share)
         };
@@ -126,7 +123,7 @@ impl DataOptions {
                 let mut share = read_together(&mut file, ranks)?;
                 let warnings = file.report().map_or(Vec::new(), SampleReport::warnings);
                 warnings.iter().for_each(say);
-                let mut scene = Scene::of_stream(&file);
+                let mut scene = Loaded::of_stream(&file);
                 scene.volumes = take(&mut share.volumes);
                 (scene, share)
             }
@@ -154,7 +151,7 @@ impl DataOptions {
                 let (mut share, report) = read_planes(&file, options, ranks)?;
                 report.warnings().iter().for_each(say);
                 let volumes = take(&mut share.volumes);
-                (Scene::of_planes(&file, volumes, &report), share)
+                (Loaded::of_planes(&file, volumes, &report), share)
             }
         };
         Ok((check(scene)?, Some(share)))
@@ -191,8 +188,8 @@ impl DataOptions {
         inputs: &[Input],
         options: &SampleOptions,
         ranks: &mut Ranks,
-        read: impl FnOnce() -> Result<Scene>,
-    ) -> Result<(Scene, Option<Share>)> {
+        read: impl FnOnce() -> Result<Loaded>,
+    ) -> Result<(Loaded, Option<Share>)> {
         let own = match ranks.rank() {
             0 => read().map(Some),
             _ => Ok(None),
@@ -208,7 +205,7 @@ impl DataOptions {
         let mut share = scatter(volumes, ranks)?;
         let mut scene = match own_scene {
             Some(own) => own,
-            None => Scene::of_about(about),
+            None => Loaded::of_about(about),
         };
         scene.volumes = take(&mut share.volumes);
         Ok((scene, Some(share)))

@@ -9,7 +9,7 @@ use crate::{Error, Result};
 use clap::ValueEnum;
 
 use super::input::DataOptions;
-use super::source::Input;
+use crate::load::Input;
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
 pub(crate) enum ReferenceName {

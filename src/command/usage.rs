@@ -1,42 +1,12 @@
 //! Refuses options that apply to none of the inputs: a wrong picture without an error would be
 //! worse.
 
-use serde::{Deserialize, Serialize};
-
-use crate::data::dataset::{Dataset, Geometry};
-use crate::sample::TransferChoice;
+use crate::load::{Kind, Loaded, Members};
+use crate::sample::{SampleOptions, TransferChoice};
 use crate::scene::{PointVolume, Strength};
 use crate::{Error, Result};
 
 use super::input::{BoundaryName, DataOptions, Shape};
-
-/// Kind of an input, for options that apply to one kind alone.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub(crate) enum Kind {
-    Raw,
-    Plot3d,
-    Grid,
-    Points,
-    Splats,
-    Mesh,
-}
-
-impl Kind {
-    pub(crate) fn of(dataset: &Dataset) -> Self {
-        match &dataset.geometry {
-            Geometry::Lattice(_) if dataset.format == "raw volume" => Self::Raw,
-            Geometry::Curvilinear { .. } if dataset.format.contains("PLOT3D") => Self::Plot3d,
-            Geometry::Lattice(_) | Geometry::Curvilinear { .. } | Geometry::Cells(_) => Self::Grid,
-            Geometry::Points { .. } => Self::Points,
-            Geometry::Splats(_) => Self::Splats,
-            Geometry::Mesh(_) => Self::Mesh,
-        }
-    }
-
-    pub(crate) fn is_grid(self) -> bool {
-        matches!(self, Self::Raw | Self::Plot3d | Self::Grid)
-    }
-}
 
 /// Properties of the inputs that determine which options apply.
 pub(crate) struct Uses {
@@ -51,6 +21,29 @@ pub(crate) struct Uses {
     pub(crate) for_columns: bool,
     /// For prepared scenes alone: whether a transfer function shows any of them.
     pub(crate) of_prepared: Option<bool>,
+}
+
+impl Uses {
+    /// Collects the properties of the inputs of a scene.
+    ///
+    /// - `options`: options by which the scene was sampled.
+    pub(crate) fn of(scene: &Loaded, options: &SampleOptions) -> Self {
+        let inputs = || scene.inputs.iter().filter(|input| !input.is_nothing);
+        let is_prepared = scene.inputs.is_empty() && !scene.prepared.is_empty();
+        Self {
+            kinds: inputs().map(|input| input.kind).collect(),
+            is_classified: inputs().any(|input| input.is_classified),
+            has_opacity: inputs().any(|input| input.has_opacity),
+            has_file_function: inputs().any(|input| input.has_given_function()),
+            for_columns: options.for_columns,
+            of_prepared: is_prepared.then(|| {
+                let scenes = scene.prepared.iter();
+                scenes
+                    .flat_map(|(_, scene)| scene.requirements())
+                    .any(|r| r.classification)
+            }),
+        }
+    }
 }
 
 /// Option, whether it is given, whether anything uses it, and what would use it.
@@ -185,4 +178,21 @@ pub(crate) fn is_filtered(volume: &PointVolume) -> bool {
 /// Returns true if a volume is an opaque surface, which has its own drawing order.
 pub(crate) fn is_surface(volume: &PointVolume) -> bool {
     matches!(volume.strength, Strength::Surface(_))
+}
+
+/// Refuses options that need the original data.
+pub(crate) fn refuse_beside(prepared: &Members, asked: &[(&'static str, bool)]) -> Result<()> {
+    if prepared.is_empty() {
+        return Ok(());
+    }
+    match asked.iter().find(|(_, is_asked)| *is_asked) {
+        None => Ok(()),
+        Some((option, _)) => Err(Error::invalid(
+            *option,
+            "inputs",
+            "the data themselves",
+            "a prepared scene, which keeps its particles alone",
+            "name the data, or leave it out",
+        )),
+    }
 }

@@ -1,7 +1,6 @@
 //! Runs `ewa-splat view`, and gives the window the options of `render` that apply to it.
 
 use std::ffi::OsString;
-use std::ops::Range;
 use std::path::PathBuf;
 use std::process::Command as Process;
 use std::sync::{Arc, OnceLock};
@@ -11,16 +10,14 @@ use clap::{ArgMatches, Args, Command, FromArgMatches};
 use indicatif::ProgressBar;
 
 use super::render::{self, BackendName};
-use super::scene::Scene;
-use super::source::Input;
-use super::together::Series;
+use super::usage::refuse_beside;
 use super::viewpoint::{Canvas, left_of};
 use crate::data::up::Up;
-use crate::prepared::PreparedScene;
+use crate::load::{Input, Loaded, Series};
 use crate::sample::{BoundaryChoice, SampleOptions, TransferChoice};
-use crate::scene::{PointVolume, ScaleName};
+use crate::scene::ScaleName;
 use crate::view::{Bounds, Camera};
-use crate::{Backend, Error, Renderer, Result, SceneOptions, Settings, Task};
+use crate::{Backend, Error, Renderer, Result, Settings, Task};
 
 /// Name of the window's program.
 const PROGRAM: &str = "ewa-splat-view";
@@ -126,49 +123,9 @@ pub struct Frame {
     pub outline: Option<Bounds>,
 }
 
-/// Scene that was read for a window.
-pub struct Shown {
-    /// Volumes, ready to be sorted into blocks. Those that stand in for prepared scenes' volumes
-    /// have no particles.
-    pub volumes: Vec<PointVolume>,
-    /// Prepared scenes, each with the range of volumes that stand in for its own.
-    pub prepared: Vec<(Range<usize>, PreparedScene)>,
-    /// Name of the field that each volume shows.
-    pub fields: Vec<Option<String>>,
-    /// Titles of these fields in legends.
-    pub titles: Vec<Option<String>>,
-    /// Fields and vector components of the first input that can be shown.
-    pub selectors: Vec<String>,
-    /// Box of all data; `None` if no datum has a position.
-    pub bounds: Option<Bounds>,
-    /// True if any of the data can be cut sharply at its boundary.
-    pub has_boundary: bool,
-    /// Direction up.
-    pub up: Up,
-}
-
 impl std::fmt::Debug for Asked {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Asked").finish_non_exhaustive()
-    }
-}
-
-impl Shown {
-    /// Sorts the volumes into blocks. It takes the volumes out of this value.
-    ///
-    /// # Errors
-    /// The errors of [`Renderer::with_options`].
-    pub fn renderer(&mut self, options: &SceneOptions) -> Result<Renderer> {
-        let volumes = std::mem::take(&mut self.volumes);
-        super::prepared::renderer(volumes, std::mem::take(&mut self.prepared), options)
-    }
-}
-
-impl std::fmt::Debug for Shown {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Shown")
-            .field("fields", &self.fields)
-            .finish_non_exhaustive()
     }
 }
 
@@ -296,18 +253,7 @@ impl Asked {
 
     /// Returns the inputs as they were named: `FILE@FIELD@FUNCTION`.
     pub fn inputs(&self) -> Vec<String> {
-        let text = |input: &Input| {
-            let parts = [&input.field, &input.function];
-            let said = parts.iter().rposition(|part| part.is_some());
-            let said = said.map_or(&parts[..0], |last| &parts[..=last]);
-            let mut text = input.path.display().to_string();
-            for part in said {
-                text.push('@');
-                text.push_str(part.as_deref().unwrap_or_default());
-            }
-            text
-        };
-        self.arguments.inputs.iter().map(text).collect()
+        self.arguments.inputs.iter().map(Input::to_string).collect()
     }
 
     /// Returns the paths of the files and folders that were named.
@@ -354,7 +300,7 @@ impl Asked {
         chosen: &[bool],
         step: usize,
         task: &Task,
-    ) -> Result<Shown> {
+    ) -> Result<Loaded> {
         let arguments = &*self.arguments;
         arguments.method.check()?;
         let mut inputs = self.chosen(chosen)?;
@@ -386,33 +332,13 @@ impl Asked {
             let boxes = left_of(boxes.to_vec(), &planes);
             Ok(vec![arguments.camera.camera(&boxes, up, &canvas)?])
         };
-        let scene = arguments.data.scene(&inputs, &options, &cameras, &silent)?;
+        let mut scene = arguments.data.scene(&inputs, &options, &cameras, &silent)?;
         arguments.method.check_use(&scene.volumes)?;
-        let bounds = scene.bounds();
-        let Scene {
-            mut volumes,
-            prepared,
-            fields,
-            titles,
-            selectors,
-            up,
-            has_boundary,
-            ..
-        } = scene;
         if arguments.cut.cut_faces {
-            super::prepared::refuse_beside(&prepared, &[("--cut-faces", true)])?;
-            super::cut::add_faces(&mut volumes, &planes, arguments.is_lit())?;
+            refuse_beside(&scene.prepared, &[("--cut-faces", true)])?;
+            super::cut::add_faces(&mut scene.volumes, &planes, arguments.is_lit())?;
         }
-        Ok(Shown {
-            volumes,
-            prepared,
-            fields,
-            titles,
-            selectors,
-            bounds,
-            has_boundary,
-            up,
-        })
+        Ok(scene)
     }
 
     /// Returns the choices that all steps share. If no field is named, they are found once and

@@ -3,15 +3,14 @@
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
-use crate::data::mesh::Mesh;
 use crate::data::up::Up;
 use crate::view::{
-    Bounds, Camera, ClipPlane, DEFAULT_FOV_DEG, Lens, Projection, Viewpoint, clip_boxes,
-    read_camera, sphere_around,
+    Bounds, Camera, ClipPlane, DEFAULT_FOV_DEG, Lens, Viewpoint, clip_boxes, read_camera,
+    sphere_around,
 };
 use crate::{Error, Renderer, Result};
 use clap::{Args, ValueEnum};
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 
 use super::parse;
 
@@ -252,46 +251,6 @@ impl CameraOptions {
             _ => fitted,
         }
     }
-}
-
-/// Function from boxes and the direction up to the cameras of pictures. It returns an empty list if the
-/// cameras are not known.
-pub(crate) type Cameras<'a> = &'a dyn Fn(&[Bounds], Up) -> Result<Vec<Camera>>;
-
-/// Returns true if a camera may see any of a mesh, judged by the box around it.
-pub(crate) fn is_seen(mesh: &Mesh, camera: &Camera) -> bool {
-    let positions = mesh.parts.iter().flat_map(|part| &part.positions);
-    let ends = positions.filter(|p| p.is_finite()).map(|&p| (p, p));
-    let Some((low, high)) = ends.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))) else {
-        return false;
-    };
-    let corner = |i: usize| {
-        let pick = |axis: usize| {
-            if i >> axis & 1 == 0 {
-                low[axis]
-            } else {
-                high[axis]
-            }
-        };
-        camera.camera_point(DVec3::new(pick(0), pick(1), pick(2)))
-    };
-    let corners: Vec<DVec3> = (0..8).map(corner).collect();
-    let is_flat = camera.projection == Projection::Orthographic;
-    let size = DVec2::new(camera.width as f64, camera.height as f64);
-    let (low, high) = (-camera.centre_px, size - camera.centre_px);
-    // A box lies outside the picture if all its corners lie beyond one of the picture's sides.
-    let beyond = |side: &dyn Fn(DVec2, f64) -> bool| {
-        corners.iter().all(|p| {
-            let depth = if is_flat { 1.0 } else { p.z };
-            side(camera.focal_px * p.truncate(), depth)
-        })
-    };
-    let is_behind = !is_flat && corners.iter().all(|p| p.z <= 0.0);
-    !(is_behind
-        || beyond(&|p, depth| p.x < low.x * depth)
-        || beyond(&|p, depth| p.x > high.x * depth)
-        || beyond(&|p, depth| p.y < low.y * depth)
-        || beyond(&|p, depth| p.y > high.y * depth))
 }
 
 /// Returns the parts of boxes that clip planes leave. If nothing is left, it returns all boxes, so

@@ -1,9 +1,8 @@
-//! Formats the library's errors for the command line, with its option names.
-
-use glam::DVec3;
+//! Formats the library's errors and notes for the command line, with its option names.
 
 use crate::Error;
 use crate::error::{Advice, Hint, Parameter, Place};
+use crate::load::Note;
 
 /// Formats an error in one line: `FILE: place: expected A, found B; do C`. It removes line breaks
 /// from the messages of other libraries.
@@ -159,6 +158,9 @@ fn option(parameter: Parameter) -> String {
         Parameter::ReadAs => "--as",
         Parameter::ParticleType => "--type",
         Parameter::Scales => "--scales",
+        Parameter::Step => "--step",
+        Parameter::Time => "--time",
+        Parameter::Exaggeration => "--exaggerate",
         Parameter::RawDims => "--dims",
         Parameter::RawGeometry => "--spacing and --origin",
     }
@@ -187,6 +189,7 @@ fn hint(hint: Hint) -> String {
         Hint::CorrectDimsOrType => "correct --dims or --type",
         Hint::GiveMeaningOrRadius => "say what the lengths are with --length, or give --radius",
         Hint::AddSigmaOrGiveRadius => "add a column `sigma`, or give --radius",
+        Hint::ResizeAlongAxes => "use --resize x,y,z",
         Hint::LeaveOut(parameter) => return format!("leave {} out", option(parameter)),
         Hint::LookAtFile => "look at the file with `ewa-splat info`",
         Hint::LookAtDataOrRaiseOpacity => {
@@ -210,14 +213,24 @@ fn hint(hint: Hint) -> String {
     .to_owned()
 }
 
-/// Formats an axis: `+y`.
-pub(super) fn axis(direction: DVec3) -> String {
-    let of = ["x", "y", "z"].into_iter().zip(direction.to_array());
-    let known = of.clone().find(|(_, c)| c.abs() == direction.length());
-    known.map_or_else(
-        || format!("{:.3} {:.3} {:.3}", direction.x, direction.y, direction.z),
-        |(name, c)| format!("{}{name}", if c < 0.0 { "-" } else { "+" }),
-    )
+/// Formats a note on inputs with the options that change what it reports.
+pub(super) fn note(note: &Note) -> String {
+    let options = match note {
+        Note::FirstStep { .. } => {
+            "; --step N, --step last and --time T choose another, --series draws all"
+        }
+        Note::OtherAxes {
+            is_turned: true, ..
+        } => "; --keep-axes leaves it",
+        Note::OtherAxes {
+            is_turned: false, ..
+        } => "; --rotate turns it",
+        Note::Uniform {
+            is_of_step: true, ..
+        } => " (--step, --time)",
+        _ => "",
+    };
+    format!("{note}{options}")
 }
 
 #[cfg(test)]
@@ -272,6 +285,7 @@ mod tests {
             (Hint::CorrectDimsOrType, &["--dims", "--type"]),
             (Hint::GiveMeaningOrRadius, &["--length", "--radius"]),
             (Hint::AddSigmaOrGiveRadius, &["`sigma`", "--radius"]),
+            (Hint::ResizeAlongAxes, &["--resize"]),
             (leave_out, &["--flatten"]),
             (Hint::LookAtFile, &["`ewa-splat info`"]),
             (Hint::LookAtDataOrRaiseOpacity, &["`ewa-splat info`"]),

@@ -34,6 +34,8 @@ pub enum Hint {
     GiveMeaningOrRadius,
     /// Add a column of standard deviations, or give one length for all particles.
     AddSigmaOrGiveRadius,
+    /// Resize data by a factor for each axis.
+    ResizeAlongAxes,
     /// Leave an optional value out.
     LeaveOut(Parameter),
     /// Look at what the file holds.
@@ -78,6 +80,12 @@ pub enum Parameter {
     ParticleType,
     /// [`OpenOptions::scales`](crate::io::OpenOptions::scales).
     Scales,
+    /// Number of a time step: [`StepChoice::Number`](crate::io::StepChoice::Number).
+    Step,
+    /// Time of a time step: [`StepChoice::Time`](crate::io::StepChoice::Time).
+    Time,
+    /// Factor of heights.
+    Exaggeration,
     /// [`RawLayout::dims`](crate::io::RawLayout::dims).
     RawDims,
     /// [`RawLayout::spacing`](crate::io::RawLayout::spacing) and
@@ -105,6 +113,7 @@ impl fmt::Display for Hint {
             Self::CorrectDimsOrType => "correct the dimensions or the type",
             Self::GiveMeaningOrRadius => "say what the lengths mean, or give one radius for all",
             Self::AddSigmaOrGiveRadius => "add a column `sigma`, or give one radius for all",
+            Self::ResizeAlongAxes => "resize the data by three factors",
             Self::LeaveOut(parameter) => return write!(f, "leave {parameter} out"),
             Self::LookAtFile => "look at what the file holds",
             Self::LookAtDataOrRaiseOpacity => "look at what the data hold, or raise the opacity",
@@ -137,6 +146,9 @@ impl fmt::Display for Parameter {
             Self::ReadAs => "what it is to be read as",
             Self::ParticleType => "the type of particles",
             Self::Scales => "the meaning of scales",
+            Self::Step => "time step",
+            Self::Time => "time",
+            Self::Exaggeration => "factor of heights",
             Self::RawDims => "dimensions",
             Self::RawGeometry => "spacing and origin",
         })

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Rooms from the lowest to the highest; those in one row may import one another.
-const ROOMS: [&[&str]; 15] = [
+const ROOMS: [&[&str]; 16] = [
     &[
         "constants",
         "error",
@@ -30,6 +30,7 @@ const ROOMS: [&[&str]; 15] = [
     &["frame", "cpu", "gpu"],
     &["distributed", "render"],
     &["annotate", "legend", "measure", "overlay"],
+    &["load"],
     &["command"],
 ];
 

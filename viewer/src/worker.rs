@@ -9,9 +9,10 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use ewa_splat::command::{Animation, Asked, Shown, line};
+use ewa_splat::command::{Animation, Asked, line};
 use ewa_splat::io::{Up, write_image};
 use ewa_splat::legend::ColourBar;
+use ewa_splat::load;
 use ewa_splat::measure::{ErrorSample, ImageErrors, SampledError, accurate, compare};
 use ewa_splat::reference::{Integrator, ReferenceSettings};
 use ewa_splat::render::{Backend, FrameCounts, Gpu, Picked, StageTimes};
@@ -451,7 +452,7 @@ fn read(shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<Stage> {
         settings,
         up: shown.up,
         boxes: asked.boxes(&renderer),
-        bounds: shown.bounds,
+        bounds: shown.bounds(),
         has_boundary: shown.has_boundary,
         particle_count: renderer.particle_count(),
         bytes_per_particle: renderer.bytes_per_particle(),
@@ -474,7 +475,7 @@ fn read(shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<Stage> {
     })
 }
 
-fn volumes_of(shown: &Shown) -> Vec<Volume> {
+fn volumes_of(shown: &load::Loaded) -> Vec<Volume> {
     let described = shown.volumes.iter().zip(&shown.titles);
     described
         .map(|(volume, title)| {

@@ -7,34 +7,28 @@ use std::collections::HashMap;
 use std::ops::Range;
 
 use glam::{DQuat, DVec3};
-use indicatif::ProgressBar;
-use rayon::prelude::*;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::edits::Edit;
-use super::input::DataOptions;
-use super::progress::note;
-use super::reads::{ReadAbout, check_memory, has_opacity, is_automatic, uniform};
-use super::source::Input;
-use super::usage::Kind;
-use super::viewpoint::{Cameras, is_seen};
-use crate::command::words::axis;
+use super::axes::{Axes, Certainty, turn_between, turned};
+use super::facts::{Corners, InputFacts, Kind, check_memory, has_opacity, is_automatic};
+use super::input::Input;
+use super::note::{Event, Note};
+use super::request::Request;
+use super::surfels::{Wanted, joined, seen_corners};
 use crate::data::dataset::{Dataset, Geometry};
-use crate::data::mesh::Mesh;
 use crate::data::up::Up;
 use crate::distributed::{Ranks, put, take, unknown};
-use crate::edit::{Placement, place};
 use crate::math::rotation_matrix;
 use crate::prepared::about::Function;
-use crate::sample::mesh::{Spread, pixels_per_area, share_out, surfel_count};
+use crate::sample::mesh::{Spread, share_out};
 use crate::sample::{
-    FieldChoice, SampleOptions, SampleReport, SampledScene, TransferChoice, as_surface, automatic,
-    field_choices, function_of_file, shared_fields, shared_functions, surface_report,
+    FieldChoice, SampleOptions, SampleReport, SampledScene, TransferChoice, as_surface,
+    field_choices, shared_fields, shared_functions, surface_report,
 };
-use crate::scene::{Particles, PointVolume, TransferFunction, ValueSample};
+use crate::scene::{PointVolume, TransferFunction, ValueSample};
 use crate::view::{Bounds, Camera};
-use crate::{Error, Renderer, Result, SceneOptions};
+use crate::{Error, Result};
 
 /// Most memory for data sets that are kept from the first look to the sampling, in bytes. Others
 /// are read again.
@@ -43,33 +37,18 @@ const KEPT: usize = 1 << 30;
 /// Largest number of empty files that a note names.
 const MOST_NAMED: usize = 3;
 
-/// Number of surfels of a mesh that no camera sees.
-const UNSEEN: usize = 256;
-
-/// Number of positions sampled to find where most particles of a volume are, if no transfer
-/// function shows them.
-const PLACES: usize = 4096;
-
-/// Fraction of these positions that may lie beyond the box, on each side.
-const BEYOND: f64 = 0.02;
-
-type Corners = (DVec3, DVec3);
-
 /// Facts about an input that all ranks need before any input is sampled.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-struct Look {
+pub(super) struct Look {
     kind: Kind,
-    up: ToldUp,
+    up: SentUp,
     corners: Option<[[f64; 3]; 2]>,
     selectors: Vec<String>,
     /// True if the input becomes surfels.
     is_surface: bool,
     /// Candidates for the field to show: name, ranges of components, rank.
     choices: Vec<(String, Vec<[f64; 2]>, u8)>,
-    /// Axis that points up by the format or by convention, and the reason.
-    axes: [f64; 3],
-    reason: String,
-    says: Says,
+    axes: Axes,
     /// Notes of the reader.
     lines: Vec<String>,
     /// True if the input has the field that is asked for.
@@ -78,27 +57,16 @@ struct Look {
     is_lacking: bool,
 }
 
-/// Certainty of the axes of an input.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-enum Says {
-    /// The format defines the axes.
-    Axes,
-    /// Most files of the format have these axes.
-    MostlyAxes,
-    /// The axes are convention alone, or the user placed the input.
-    Nothing,
-}
-
 /// [`Up`] in the form that ranks send.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-struct ToldUp {
+struct SentUp {
     direction: [f64; 3],
     front: Option<[f64; 3]>,
     is_plane: bool,
     is_of_mesh: bool,
 }
 
-impl From<Up> for ToldUp {
+impl From<Up> for SentUp {
     fn from(up: Up) -> Self {
         Self {
             direction: up.direction.to_array(),
@@ -109,14 +77,14 @@ impl From<Up> for ToldUp {
     }
 }
 
-impl From<ToldUp> for Up {
-    fn from(told: ToldUp) -> Self {
+impl From<SentUp> for Up {
+    fn from(sent: SentUp) -> Self {
         Self {
-            direction: DVec3::from(told.direction),
+            direction: DVec3::from(sent.direction),
             reason: "as the data say",
-            front: told.front.map(DVec3::from),
-            is_plane: told.is_plane,
-            is_of_mesh: told.is_of_mesh,
+            front: sent.front.map(DVec3::from),
+            is_plane: sent.is_plane,
+            is_of_mesh: sent.is_of_mesh,
         }
     }
 }
@@ -135,68 +103,39 @@ struct Facts {
 }
 
 /// Input that this process reads.
-struct Own {
-    number: usize,
-    look: Look,
+pub(super) struct Own {
+    pub(super) number: usize,
+    pub(super) look: Look,
     /// Data set to sample, if it is kept in memory.
     dataset: Option<Dataset>,
     /// Rotation to the axes of the scene.
     turn: Option<DQuat>,
-    volumes: Vec<PointVolume>,
-    report: SampleReport,
+    pub(super) volumes: Vec<PointVolume>,
+    pub(super) report: SampleReport,
     /// Error that reports that the input holds nothing to draw.
-    nothing: Option<Error>,
+    pub(super) nothing: Option<Error>,
     /// Error that reports that the input lacks the field that is asked for.
-    absence: Option<Error>,
+    pub(super) absence: Option<Error>,
 }
 
 /// Inputs of data that are drawn together.
-pub(super) struct Together<'a> {
-    pub(super) data: &'a DataOptions,
-    /// All inputs, those of other ranks among them.
-    pub(super) inputs: &'a [Input],
+pub(crate) struct Collection<'a> {
+    /// All inputs, those of other ranks among them, and how to read them.
+    pub(crate) request: Request<'a>,
     /// Numbers of the inputs that this process reads.
-    pub(super) own: Range<usize>,
-    pub(super) options: &'a SampleOptions,
-    /// Cameras of the pictures.
-    pub(super) cameras: Cameras<'a>,
+    pub(crate) own: Range<usize>,
     /// Corners and directions up of the data that are drawn beside the inputs.
-    pub(super) beside: &'a [(Option<Corners>, Up)],
-    pub(super) progress: &'a ProgressBar,
+    pub(crate) beside: &'a [(Option<Corners>, Up)],
 }
 
 /// Inputs after reading and sampling.
-pub(super) struct Gathered {
+pub(crate) struct Gathered {
     /// Facts about all inputs, in their order.
-    pub(super) abouts: Vec<ReadAbout>,
+    pub(crate) inputs: Vec<InputFacts>,
     /// Volumes of the inputs that this process read, input by input.
-    pub(super) volumes: Vec<Vec<PointVolume>>,
+    pub(crate) volumes: Vec<Vec<PointVolume>>,
     /// Fields and components of the first input that can be shown.
-    pub(super) selectors: Vec<String>,
-}
-
-/// Choices that all steps of a series share.
-#[derive(Debug, Clone)]
-pub(crate) struct Series {
-    /// Transfer function of all steps.
-    pub(crate) transfer: TransferChoice,
-    /// Field that the steps show if none is named.
-    pub(crate) field: Option<String>,
-    /// Boxes around the data of all steps.
-    pub(crate) boxes: Vec<Bounds>,
-    /// Direction up of the first step.
-    pub(crate) up: Up,
-}
-
-impl Series {
-    /// Returns the options that sample a step.
-    pub(crate) fn of_step(&self, options: &SampleOptions) -> SampleOptions {
-        SampleOptions {
-            transfer: self.transfer.clone(),
-            preferred_field: self.field.clone(),
-            ..options.clone()
-        }
-    }
+    pub(crate) selectors: Vec<String>,
 }
 
 /// Gathers the items of all ranks, in the order of the inputs. A single process returns its own.
@@ -227,17 +166,17 @@ fn heard([low, high]: [[f64; 3]; 2]) -> Corners {
     (low.into(), high.into())
 }
 
-impl Together<'_> {
+impl Collection<'_> {
     /// Reads and samples the inputs, and prints notes on what was left out.
     ///
     /// # Errors
     /// Errors of reading and sampling on any rank; a field that no input has; nothing to draw in
     /// any input.
-    pub(super) fn read(&self, ranks: &mut Option<&mut Ranks>) -> Result<Gathered> {
+    pub(crate) fn read(&self, ranks: &mut Option<&mut Ranks>) -> Result<Gathered> {
         let own = self.opened();
         let mut own = agreed(ranks, own)?;
         let mut looks = all(ranks, own.iter().map(|own| own.look.clone()).collect())?;
-        self.say(looks.iter().map(|look| &look.lines));
+        self.note_lines(looks.iter().map(|look| &look.lines));
         let turned = self.turn(&mut looks, &mut own);
         agreed(ranks, turned)?;
         self.check_field(&looks, &mut own, ranks)?;
@@ -280,111 +219,37 @@ impl Together<'_> {
         self.gathered(looks, own, &options, ranks)
     }
 
-    /// Reads the inputs as time steps, and returns the choices that they share.
-    ///
-    /// # Errors
-    /// Errors of reading and sampling; a field that a step lacks; nothing to draw in any step.
-    pub(super) fn series(&self) -> Result<Series> {
-        let mut own = self.opened()?;
-        if let Some(absence) = own.iter_mut().find_map(|own| own.absence.take()) {
-            return Err(absence);
-        }
-        let looks: Vec<Look> = own.iter().map(|own| own.look.clone()).collect();
-        let options = self.chosen(&looks);
-        let (mut boxes, mut samples, mut ups) = (Vec::new(), Vec::new(), Vec::new());
-        let mut ranges = Vec::new();
-        let mut unit_distance = f64::INFINITY;
-        let mut first = None;
-        for own in &mut own {
-            let options = &options[own.number];
-            if own.nothing.is_none() {
-                let dataset = self.taken(own, options)?;
-                match &dataset.geometry {
-                    Geometry::Mesh(mesh) => {
-                        own.report = surface_report(&dataset, options)?;
-                        boxes.extend(boxes_of(mesh));
-                    }
-                    _ => {
-                        own.take_in(crate::sample::scene(dataset, options))?;
-                        let whole = SceneOptions {
-                            level_of_detail: false,
-                            ..SceneOptions::default()
-                        };
-                        let volumes = std::mem::take(&mut own.volumes);
-                        boxes.extend(Renderer::with_options(volumes, &whole)?.boxes());
-                    }
-                }
-            }
-            if own.nothing.is_some() {
-                continue;
-            }
-            ranges.extend(own.report.value_range);
-            unit_distance = unit_distance.min(own.report.unit_distance);
-            samples.extend(own.report.value_sample.take());
-            // The first step's direction up holds for all steps.
-            let step = self.inputs[own.number].step;
-            if *first.get_or_insert(step) == step {
-                ups.push(own.look.up.into());
-            }
-        }
-        if first.is_none()
-            && let Some(error) = own.iter_mut().find_map(|own| own.nothing.take())
-        {
-            return Err(error);
-        }
-        let unit_distance = self.options.opacity_scale * unit_distance;
-        let range = ranges
-            .into_iter()
-            .reduce(|[a, b]: [f64; 2], [c, d]| [a.min(c), b.max(d)]);
-        let transfer = match (ValueSample::mean(samples), range) {
-            // A preset is stretched over the values of all steps.
-            (None, Some(range)) if matches!(self.options.transfer, TransferChoice::File(_)) => {
-                let read = function_of_file(self.options, range, unit_distance)?;
-                match read.stretched {
-                    Some(_) => TransferChoice::Given(read.function),
-                    None => self.options.transfer.clone(),
-                }
-            }
-            (None, _) => self.options.transfer.clone(),
-            (Some(sample), _) => {
-                TransferChoice::Shared(automatic(&sample, self.options, unit_distance)?)
-            }
-        };
-        Ok(Series {
-            transfer,
-            field: options.into_iter().find_map(|own| own.preferred_field),
-            boxes,
-            up: Up::of_scene(ups),
-        })
-    }
-
     fn is_alone(&self) -> bool {
-        self.inputs.len() == 1
+        self.request.inputs.len() == 1
     }
 
-    fn say<'b>(&self, lines: impl Iterator<Item = &'b Vec<String>>) {
-        for (input, lines) in self.inputs.iter().zip(lines) {
-            let path = input.path.display();
+    fn note(&self, note: Note) {
+        (self.request.observer)(Event::Note(note));
+    }
+
+    /// Reports lines on each input.
+    fn note_lines<'b>(&self, lines: impl Iterator<Item = &'b Vec<String>>) {
+        for (input, lines) in self.request.inputs.iter().zip(lines) {
             for line in lines {
-                self.progress.suspend(|| note!("{path}: {line}"));
+                let (path, line) = (input.path.clone(), line.clone());
+                self.note(Note::Line { path, line });
             }
         }
     }
 
-    fn message(&self, own: &Own) {
-        let path = self.inputs[own.number].path.display();
-        self.progress.set_message(format!("reading {path}"));
+    /// Opens an input, and reports that it is read.
+    fn open(&self, number: usize) -> Result<Dataset> {
+        let input = &self.request.inputs[number];
+        (self.request.observer)(Event::Reading(&input.path));
+        input.open(self.request.open)
     }
 
     /// Opens the inputs of this rank, and collects the facts that all ranks need.
-    fn opened(&self) -> Result<Vec<Own>> {
+    pub(super) fn opened(&self) -> Result<Vec<Own>> {
         let mut kept = 0_usize;
         let mut opened = Vec::new();
         for number in self.own.clone() {
-            let input = &self.inputs[number];
-            let path = input.path.display();
-            self.progress.set_message(format!("reading {path}"));
-            let mut own = self.look(number, input)?;
+            let mut own = self.look(number, &self.request.inputs[number])?;
             let bytes = own.dataset.as_ref().map_or(0, byte_count);
             match self.is_alone() || kept.saturating_add(bytes) <= KEPT {
                 true => kept = kept.saturating_add(bytes),
@@ -405,9 +270,7 @@ impl Together<'_> {
                 selectors: Vec::new(),
                 is_surface: false,
                 choices: Vec::new(),
-                axes: DVec3::Z.to_array(),
-                reason: String::new(),
-                says: Says::Nothing,
+                axes: Axes::default(),
                 lines: Vec::new(),
                 has_field: false,
                 is_lacking: false,
@@ -419,7 +282,7 @@ impl Together<'_> {
             nothing: None,
             absence: None,
         };
-        let dataset = match self.data.open(input) {
+        let dataset = match self.open(number) {
             Ok(dataset) => dataset,
             Err(error) if error.holds_nothing() => {
                 own.nothing = Some(error);
@@ -429,13 +292,12 @@ impl Together<'_> {
         };
         check_memory(&dataset)?;
         let look = &mut own.look;
-        let (axes, reason, says) = axes_of(&dataset, input);
-        (look.axes, look.reason, look.says) = (axes.to_array(), reason.to_owned(), says);
+        look.axes = Axes::of(&dataset, input);
         look.kind = Kind::of(&dataset);
         look.up = dataset.up().into();
         look.corners = dataset.bounds().map(told);
         look.selectors = dataset.selectors();
-        let options = self.data.of_input(input, self.options);
+        let options = input.sample_options(self.request.sample);
         let mut dataset = as_surface(dataset, &options)?;
         look.lines = std::mem::take(&mut dataset.notes);
         look.is_surface = matches!(dataset.geometry, Geometry::Mesh(_));
@@ -463,29 +325,30 @@ impl Together<'_> {
         let scene = Up::of_scene(ups(looks));
         // Takes the axes of the first input that is not rotated, or else of the input that decides
         // the direction up.
-        let stays = |look: &&Look| look.says == Says::Nothing && look.corners.is_some();
+        let stays =
+            |look: &&Look| look.axes.certainty == Certainty::Convention && look.corners.is_some();
         let says_up = |look: &&Look| look.corners.is_some() && Up::from(look.up) == scene;
         let first = looks.iter().find(stays);
         let first = first.or_else(|| looks.iter().find(says_up));
-        let Some(to) = first.map(|look| DVec3::from(look.axes)) else {
+        let Some(to) = first.map(|look| look.axes.up()) else {
             return Ok(());
         };
         // Surfaces beside a grid mostly have the grid's coordinates.
         let has_grid = looks.iter().any(|look| look.kind.is_grid());
         for (i, look) in looks.iter_mut().enumerate() {
-            let from = DVec3::from(look.axes);
-            if from == to || look.says == Says::Nothing || self.data.keeps_axes {
+            let from = look.axes.up();
+            if from == to || look.axes.certainty == Certainty::Convention || self.request.keeps_axes
+            {
                 continue;
             }
-            let is_turned = look.says == Says::Axes || !has_grid;
-            let path = self.inputs[i].path.display();
-            let done = match is_turned {
-                true => "turned to it; --keep-axes leaves it",
-                false => "left as it is beside a grid; --rotate turns it",
-            };
-            let (reason, up, other) = (&look.reason, axis(from), axis(to));
-            let say = || note!("{path}: {up} is up ({reason}), {other} in the picture: {done}");
-            self.progress.suspend(say);
+            let is_turned = look.axes.certainty == Certainty::Format || !has_grid;
+            self.note(Note::OtherAxes {
+                path: self.request.inputs[i].path.clone(),
+                up: from,
+                reason: look.axes.reason.clone(),
+                scene_up: to,
+                is_turned,
+            });
             if !is_turned {
                 continue;
             }
@@ -523,12 +386,11 @@ impl Together<'_> {
         let is_shown = looks.iter().any(|look| look.has_field);
         let absent = own.iter_mut().find_map(|own| own.absence.take());
         agreed(ranks, absent.filter(|_| !is_shown).map_or(Ok(()), Err))?;
-        let field = self.options.field.as_deref().unwrap_or_default();
-        for (input, look) in self.inputs.iter().zip(looks) {
+        let field = self.request.sample.field.as_deref().unwrap_or_default();
+        for (input, look) in self.request.inputs.iter().zip(looks) {
             if look.is_lacking {
-                let path = input.path.display();
-                let say = || note!("{path}: no field `{field}`: shown by its own");
-                self.progress.suspend(say);
+                let (path, field) = (input.path.clone(), field.to_owned());
+                self.note(Note::LacksField { path, field });
             }
         }
         Ok(())
@@ -536,29 +398,34 @@ impl Together<'_> {
 
     /// Returns the options of each input. If no field is named, inputs show one that they have in
     /// common.
-    fn chosen(&self, looks: &[Look]) -> Vec<SampleOptions> {
-        let keeps = self.inputs.len() > 1 && !self.options.for_columns;
+    pub(super) fn chosen(&self, looks: &[Look]) -> Vec<SampleOptions> {
+        let keeps = self.request.inputs.len() > 1 && !self.request.sample.for_columns;
         let of_input = |(input, look): (&Input, &Look)| {
-            let mut own = self.data.of_input(input, self.options);
+            let mut own = input.sample_options(self.request.sample);
             own.field.take_if(|_| look.is_lacking);
             SampleOptions {
                 keeps_value_sample: keeps || own.keeps_value_sample,
                 ..own
             }
         };
-        let mut options: Vec<SampleOptions> = self.inputs.iter().zip(looks).map(of_input).collect();
+        let mut options: Vec<SampleOptions> = self
+            .request
+            .inputs
+            .iter()
+            .zip(looks)
+            .map(of_input)
+            .collect();
         let choices: Vec<Vec<FieldChoice>> = looks.iter().map(Look::choices).collect();
         prefer(&mut options, choices);
         options
     }
 
     /// Returns the data set of an input for sampling: the one kept in memory, or else read again.
-    fn taken(&self, own: &mut Own, options: &SampleOptions) -> Result<Dataset> {
+    pub(super) fn taken(&self, own: &mut Own, options: &SampleOptions) -> Result<Dataset> {
         match own.dataset.take() {
             Some(dataset) => Ok(dataset),
             None => {
-                self.message(own);
-                let dataset = self.data.open(&self.inputs[own.number])?;
+                let dataset = self.open(own.number)?;
                 turned(as_surface(dataset, options)?, own.turn)
             }
         }
@@ -586,7 +453,6 @@ impl Together<'_> {
         if own.nothing.is_some() {
             return Ok(());
         }
-        self.message(own);
         let dataset = self.taken(own, options)?;
         own.take_in(crate::sample::scene(dataset, options))
     }
@@ -659,7 +525,7 @@ impl Together<'_> {
         options: &[SampleOptions],
         ranks: &mut Option<&mut Ranks>,
     ) -> Result<Vec<Spread>> {
-        let asked = self.options.spread;
+        let asked = self.request.sample.spread;
         let mut spreads = vec![asked; looks.len()];
         if asked != Spread::Automatic || !looks.iter().any(|look| look.is_surface) {
             return Ok(spreads);
@@ -682,7 +548,7 @@ impl Together<'_> {
         let up = Up::of_scene(beside.chain(ups(looks)));
         let cameras = match boxes.is_empty() {
             true => Vec::new(),
-            false => (self.cameras)(&boxes, up)?,
+            false => (self.request.cameras)(&boxes, up)?,
         };
         let wanted = own
             .iter_mut()
@@ -690,7 +556,7 @@ impl Together<'_> {
             .collect::<Result<Vec<Wanted>>>();
         let wanted = agreed(ranks, wanted)?;
         let wanted = all(ranks, wanted)?;
-        let counts: Vec<usize> = wanted.iter().map(|own| own.count).collect();
+        let counts: Vec<usize> = wanted.iter().map(Wanted::count).collect();
         let is_alone = self.is_alone();
         for ((spread, own), count) in spreads.iter_mut().zip(&wanted).zip(share_out(&counts)) {
             *spread = own.spread(count, is_alone);
@@ -723,38 +589,38 @@ impl Together<'_> {
         options: &[SampleOptions],
         ranks: &mut Option<&mut Ranks>,
     ) -> Result<Gathered> {
-        let alone = |own: &Own| self.inputs.get(own.number).filter(|_| self.is_alone());
-        let facts = own.iter().map(|own| own.facts(alone(own)));
+        let facts = own.iter().map(Own::facts);
         let facts = all(ranks, facts.collect())?;
         let is_nothing = |facts: &&Facts| facts.is_nothing;
         if !facts.is_empty() && facts.iter().all(|facts| facts.is_nothing) {
             let error = own.iter_mut().find_map(|own| own.nothing.take());
             agreed(ranks, error.map_or(Ok(()), Err))?;
         }
-        self.say(facts.iter().map(|facts| &facts.lines));
+        self.note_lines(facts.iter().map(|facts| &facts.lines));
+        if let ([input], [own]) = (self.request.inputs, own.as_slice())
+            && let Some(note) = uniform(&own.report, input)
+        {
+            self.note(note);
+        }
         let count = facts.iter().filter(is_nothing).count();
         if count > 0 {
-            let left_out = self.inputs.iter().zip(&facts);
+            let left_out = self.request.inputs.iter().zip(&facts);
             let left_out = left_out.filter(|(_, facts)| facts.is_nothing);
-            let names = left_out.map(|(input, _)| input.path.display().to_string());
-            let mut named = names.take(MOST_NAMED).collect::<Vec<_>>().join(", ");
-            if count > MOST_NAMED {
-                named += ", ...";
-            }
-            let whole = facts.len();
-            let say = || {
-                note!("{count} of {whole} inputs hold nothing to draw and are left out: {named}")
-            };
-            self.progress.suspend(say);
+            let paths = left_out.map(|(input, _)| input.path.clone());
+            self.note(Note::LeftOut {
+                count,
+                whole: facts.len(),
+                paths: paths.take(MOST_NAMED).collect(),
+            });
         }
         let looks = looks.into_iter().zip(options);
         let mut selectors = Vec::new();
-        let mut abouts = Vec::new();
+        let mut inputs = Vec::new();
         for ((look, options), facts) in looks.zip(facts) {
             if selectors.is_empty() {
                 selectors = look.selectors;
             }
-            abouts.push(ReadAbout {
+            inputs.push(InputFacts {
                 report: SampleReport {
                     field: facts.field,
                     unit: facts.unit,
@@ -771,7 +637,7 @@ impl Together<'_> {
             });
         }
         Ok(Gathered {
-            abouts,
+            inputs,
             volumes: own.into_iter().map(|own| own.volumes).collect(),
             selectors,
         })
@@ -780,7 +646,7 @@ impl Together<'_> {
 
 /// Sets the preferred field of options without a named field to one that the data sets have in
 /// common. An earlier preference stays if the data set has that field.
-pub(super) fn prefer(options: &mut [SampleOptions], mut choices: Vec<Vec<FieldChoice>>) {
+pub(crate) fn prefer(options: &mut [SampleOptions], mut choices: Vec<Vec<FieldChoice>>) {
     for (own, choices) in options.iter().zip(&mut choices) {
         let has_preferred = own.preferred_field.as_ref().is_some_and(|name| {
             let mut names = choices.iter().map(|own| &own.name);
@@ -805,9 +671,14 @@ impl Look {
 }
 
 impl Own {
+    /// Returns the direction up.
+    pub(super) fn up(&self) -> Up {
+        self.look.up.into()
+    }
+
     /// Stores the result of sampling. An error that reports nothing to draw is kept until all
     /// inputs are read.
-    fn take_in(&mut self, sampled: Result<SampledScene>) -> Result<()> {
+    pub(super) fn take_in(&mut self, sampled: Result<SampledScene>) -> Result<()> {
         match sampled {
             Ok(SampledScene { volumes, report }) => {
                 (self.volumes, self.report) = (volumes, report);
@@ -824,17 +695,16 @@ impl Own {
     /// Returns the facts about this input after sampling.
     ///
     /// - `input`: the input, if it is drawn alone.
-    fn facts(&self, input: Option<&Input>) -> Facts {
+    fn facts(&self) -> Facts {
         let report = &self.report;
         let volumes = &self.volumes;
-        let uniform = input.and_then(|input| uniform(report, input));
         Facts {
             field: report.field.clone(),
             unit: report.unit.clone(),
             volume_count: volumes.len(),
             is_classified: volumes.iter().any(|v| v.transfer_function.is_some()),
             has_opacity: has_opacity(volumes),
-            lines: report.warnings().into_iter().chain(uniform).collect(),
+            lines: report.warnings(),
             is_nothing: self.nothing.is_some(),
         }
     }
@@ -873,163 +743,6 @@ fn ups(looks: &[Look]) -> impl Iterator<Item = Up> {
     placed.map(|look| look.up.into())
 }
 
-/// Returns the axis that points up in the coordinates of an input, the reason, and its certainty.
-fn axes_of(dataset: &Dataset, input: &Input) -> (DVec3, &'static str, Says) {
-    let is_placed = input.edit != Edit::default();
-    let (axes, reason, says) = match (dataset.format_up, &dataset.geometry) {
-        (Some((up, reason)), _) if dataset.format.contains("OBJ") => (up, reason, Says::MostlyAxes),
-        (Some((up, reason)), _) => (up, reason, Says::Axes),
-        (None, Geometry::Splats(_)) => {
-            let reason = "training scenes of splats have y down";
-            (DVec3::NEG_Y, reason, Says::Axes)
-        }
-        (None, _) => (DVec3::Z, "z by convention", Says::Nothing),
-    };
-    // An input that the user placed is not rotated.
-    let says = if is_placed { Says::Nothing } else { says };
-    (axes, reason, says)
-}
-
-/// Rotates a data set about the origin.
-fn turned(dataset: Dataset, turn: Option<DQuat>) -> Result<Dataset> {
-    match turn {
-        None => Ok(dataset),
-        Some(rotation) => place(
-            dataset,
-            &Placement {
-                rotation,
-                ..Placement::default()
-            },
-        ),
-    }
-}
-
-/// Number of surfels that a mesh would get by itself.
-#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
-pub struct Wanted {
-    /// Largest number of surfels per unit area, if pictures determine it.
-    density: Option<f64>,
-    count: usize,
-    is_unseen: bool,
-}
-
-impl Wanted {
-    /// Computes the number of surfels.
-    ///
-    /// - `cameras`: cameras of the pictures; empty if they are not known.
-    pub fn of(mesh: &Mesh, cameras: &[Camera]) -> Self {
-        let own = Self::without_count(mesh, cameras);
-        let spread = own.density.map_or(Spread::Automatic, Spread::NoDenser);
-        let count = match own.is_unseen {
-            true => UNSEEN,
-            // Sampling reports the errors of a mesh.
-            false => surfel_count(mesh, spread).unwrap_or_default(),
-        };
-        Self { count, ..own }
-    }
-
-    /// Computes everything but the count.
-    fn without_count(mesh: &Mesh, cameras: &[Camera]) -> Self {
-        let densities = cameras
-            .iter()
-            .filter_map(|camera| pixels_per_area(mesh, camera));
-        let density = densities.reduce(f64::max);
-        let is_unseen =
-            density.is_none() && !cameras.is_empty() && !cameras.iter().any(|c| is_seen(mesh, c));
-        Self {
-            density,
-            count: 0,
-            is_unseen,
-        }
-    }
-
-    /// Returns the number of surfels that the mesh would get.
-    pub fn count(&self) -> usize {
-        self.count
-    }
-
-    /// Returns how surfels are spread over the mesh.
-    ///
-    /// - `count`: the mesh's share of all surfels, if the mesh is not alone.
-    pub fn spread(&self, count: usize, is_alone: bool) -> Spread {
-        match (self.density, is_alone) {
-            _ if self.is_unseen => Spread::Count(UNSEEN),
-            (None, true) => Spread::Automatic,
-            (Some(density), true) => Spread::NoDenser(density),
-            (None, false) => Spread::Count(count.max(1)),
-            (Some(density), false) => Spread::Within { density, count },
-        }
-    }
-}
-
-fn joined(a: Corners, b: Corners) -> Corners {
-    (a.0.min(b.0), a.1.max(b.1))
-}
-
-/// Returns the corners of the visible part of a volume: where its transfer function shows
-/// something, or where most of its particles are.
-fn seen_corners(volume: &PointVolume) -> Option<Corners> {
-    let particles = &volume.particles;
-    let count = particles.len();
-    let position = |i: usize| match particles {
-        Particles::Lattice { lattice, .. } => {
-            let [x, y, _] = lattice.dims;
-            lattice.position([i % x, i / x % y, i / (x * y)])
-        }
-        _ => particles.positions()[i],
-    };
-    if let (Some(function), Some(values)) = (&volume.transfer_function, &volume.values) {
-        let [low, high] = function.range();
-        let least = (function.max_extinction(low, high) * crate::constants::FAINT_SHARE)
-            .max(f32::MIN_POSITIVE);
-        let shown = (0..count).into_par_iter().filter(|&i| {
-            let value = values.get(i);
-            value.is_finite() && function.classify(value)[3] >= least
-        });
-        let places = shown.map(|i| (position(i), position(i)));
-        return places.reduce_with(joined);
-    }
-    let stride = count.div_ceil(PLACES).max(1);
-    let places: Vec<DVec3> = (0..count).step_by(stride).map(position).collect();
-    let ends = |axis: usize| {
-        let along = places.iter().map(|p| p[axis]).filter(|x| x.is_finite());
-        let mut along: Vec<f64> = along.collect();
-        along.sort_by(f64::total_cmp);
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "a share of a few thousand"
-        )]
-        let beyond = (along.len() as f64 * BEYOND) as usize;
-        Some((
-            *along.get(beyond)?,
-            *along.get(along.len().checked_sub(1 + beyond)?)?,
-        ))
-    };
-    let [x, y, z] = [ends(0)?, ends(1)?, ends(2)?];
-    Some((DVec3::new(x.0, y.0, z.0), DVec3::new(x.1, y.1, z.1)))
-}
-
-/// Returns boxes around runs of triangles, lines and points of a mesh.
-fn boxes_of(mesh: &Mesh) -> Vec<Bounds> {
-    /// Triangles in a run: neighbours in a file are mostly neighbours in space.
-    const RUN: usize = 256;
-    let mut boxes = Vec::new();
-    for part in &mesh.parts {
-        let place = |&i: &u32| part.positions.get(i as usize).filter(|p| p.is_finite());
-        let mut add = |indices: &mut dyn Iterator<Item = &u32>| {
-            let ends = indices.filter_map(place).map(|&p| (p, p)).reduce(joined);
-            boxes.extend(ends.map(|(a, b)| ((a + b) / 2.0, (b - a) / 2.0)));
-        };
-        let triangles = part.triangles.chunks(RUN);
-        triangles.for_each(|run| add(&mut run.iter().flatten()));
-        let lines = part.lines.chunks(RUN);
-        lines.for_each(|run| add(&mut run.iter().flatten()));
-        part.points.chunks(RUN).for_each(|run| add(&mut run.iter()));
-    }
-    boxes
-}
-
 /// Estimates the size of a data set in bytes.
 fn byte_count(dataset: &Dataset) -> usize {
     let points = match &dataset.geometry {
@@ -1053,34 +766,15 @@ fn byte_count(dataset: &Dataset) -> usize {
         .saturating_add(values.saturating_mul(4))
 }
 
-/// The rotation that brings one direction up to another. Between y up and y down it is half a turn about z, as `convert` turns
-/// glTF to PLY: both have z forward.
-fn turn_between(from: DVec3, to: DVec3) -> DQuat {
-    match from == -to {
-        true if to.y.abs() > 0.5 => DQuat::from_rotation_z(std::f64::consts::PI),
-        true => DQuat::from_rotation_x(std::f64::consts::PI),
-        false => DQuat::from_rotation_arc(from, to),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn opposite_directions_up_turn_as_convert_does() {
-        let p = DVec3::new(1.0, 2.0, 3.0);
-        for (from, to, expected) in [
-            (DVec3::NEG_Y, DVec3::Y, [-1.0, -2.0, 3.0]),
-            (DVec3::Y, DVec3::NEG_Y, [-1.0, -2.0, 3.0]),
-            (DVec3::NEG_Z, DVec3::Z, [1.0, -2.0, -3.0]),
-            (DVec3::Y, DVec3::Z, [1.0, -3.0, 2.0]),
-        ] {
-            let turned = turn_between(from, to) * p;
-            assert!(
-                (turned - DVec3::from(expected)).length() < 1e-12,
-                "{from} {to}"
-            );
-        }
-    }
+/// Returns a note on a field that has one value everywhere.
+fn uniform(report: &SampleReport, input: &Input) -> Option<Note> {
+    let [least, greatest] = report.value_range?;
+    let field = report.field.clone()?;
+    let is_one = least >= greatest && report.sample_count > 1;
+    is_one.then(|| Note::Uniform {
+        path: input.path.clone(),
+        field,
+        value: least,
+        is_of_step: input.time.is_some(),
+    })
 }

@@ -1,4 +1,4 @@
-//! Opens prepared scenes as inputs, and defines what commands need of them.
+//! Opens prepared scenes as inputs.
 
 use std::ops::Range;
 use std::path::Path;
@@ -9,14 +9,16 @@ use crate::scene::{PointVolume, TransferDefaults, TransferFunction};
 use crate::{Error, Renderer, Result, SceneOptions};
 use glam::DVec3;
 
-use super::source::Input;
+use super::edit::Edit;
+use super::facts::Corners;
+use super::input::Input;
 
 /// Prepared scenes, each with the range of the scene's volumes that stand in for its own.
-pub(crate) type Members = Vec<(Range<usize>, PreparedScene)>;
+pub type Members = Vec<(Range<usize>, PreparedScene)>;
 
 /// Returns true if a file is a prepared scene. An unreadable file counts as none; reading it
 /// reports the error.
-pub(crate) fn is_prepared(path: &Path) -> bool {
+pub fn is_prepared(path: &Path) -> bool {
     let mut head = [0; 8];
     let read = std::fs::File::open(path)
         .and_then(|mut file| std::io::Read::read_exact(&mut file, &mut head));
@@ -60,7 +62,7 @@ pub(crate) fn open_any(input: &Input) -> Result<(PreparedScene, About)> {
             advice,
         );
     }
-    if input.edit != super::edits::Edit::default() {
+    if input.edit != Edit::default() {
         let advice = "place the data when the scene is prepared";
         return refuse(
             "prepared scene",
@@ -118,6 +120,12 @@ pub(crate) fn up_of(about: &About) -> Up {
     }
 }
 
+/// Returns the corners of the data that a scene was prepared from.
+pub(crate) fn corners_of(about: &About) -> impl Iterator<Item = Corners> {
+    let corners = about.corners.iter();
+    corners.map(|[a, b]| (DVec3::from(*a), DVec3::from(*b)))
+}
+
 /// Returns a renderer of the volumes, with prepared scenes in place of the volumes that stand in
 /// for them.
 pub(crate) fn renderer(
@@ -137,21 +145,4 @@ pub(crate) fn renderer(
     scenes.push(PreparedScene::new(volumes, options)?);
     scenes.reverse();
     Renderer::of_prepared(scenes)
-}
-
-/// Refuses options that need the original data.
-pub(crate) fn refuse_beside(prepared: &Members, asked: &[(&'static str, bool)]) -> Result<()> {
-    if prepared.is_empty() {
-        return Ok(());
-    }
-    match asked.iter().find(|(_, is_asked)| *is_asked) {
-        None => Ok(()),
-        Some((option, _)) => Err(Error::invalid(
-            *option,
-            "inputs",
-            "the data themselves",
-            "a prepared scene, which keeps its particles alone",
-            "name the data, or leave it out",
-        )),
-    }
 }

@@ -2,71 +2,97 @@
 //! memory.
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
-use super::input::DataOptions;
-use super::source::Input;
-use super::usage::{Kind, Uses, is_surface};
 use crate::Result;
 use crate::data::dataset::{Dataset, Geometry};
 use crate::data::up::Up;
 use crate::sample::{LEAST_PER_NODE, SampleOptions, SampleReport, TransferChoice};
-use crate::scene::PointVolume;
+use crate::scene::{PointVolume, Strength};
 
-/// Facts about an input other than its particles.
-pub(super) struct ReadAbout {
-    /// Sampler's report: the field that is shown, and its unit.
-    pub(super) report: SampleReport,
-    pub(super) kind: Kind,
-    pub(super) up: Up,
-    /// Least and greatest coordinates.
-    pub(super) corners: Option<(DVec3, DVec3)>,
-    /// True if its transfer function is chosen from its own values.
-    pub(super) is_automatic: bool,
-    /// Number of volumes.
-    pub(super) volume_count: usize,
-    /// True if a transfer function shows any volume.
-    pub(super) is_classified: bool,
-    /// True if a transfer function gives the opacity of any volume.
-    pub(super) has_opacity: bool,
-    /// True if it holds nothing to draw and is left out.
-    pub(super) is_nothing: bool,
+/// Kind of an input.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Kind {
+    /// Raw volume.
+    Raw,
+    /// PLOT3D grid.
+    Plot3d,
+    /// Any other grid: a lattice, a curvilinear grid or cells.
+    Grid,
+    /// Particles.
+    Points,
+    /// Splats of a radiance field.
+    Splats,
+    /// Mesh.
+    Mesh,
 }
 
-impl ReadAbout {
+impl Kind {
+    pub(crate) fn of(dataset: &Dataset) -> Self {
+        match &dataset.geometry {
+            Geometry::Lattice(_) if dataset.format == "raw volume" => Self::Raw,
+            Geometry::Curvilinear { .. } if dataset.format.contains("PLOT3D") => Self::Plot3d,
+            Geometry::Lattice(_) | Geometry::Curvilinear { .. } | Geometry::Cells(_) => Self::Grid,
+            Geometry::Points { .. } => Self::Points,
+            Geometry::Splats(_) => Self::Splats,
+            Geometry::Mesh(_) => Self::Mesh,
+        }
+    }
+
+    /// Returns true for grids of any kind.
+    pub fn is_grid(self) -> bool {
+        matches!(self, Self::Raw | Self::Plot3d | Self::Grid)
+    }
+}
+
+/// Least and greatest coordinates.
+pub type Corners = (DVec3, DVec3);
+
+/// Facts about an input other than its particles.
+#[derive(Debug, Clone)]
+pub struct InputFacts {
+    /// Sampler's report: the field that is shown, and its unit.
+    pub report: SampleReport,
+    /// Kind of the data.
+    pub kind: Kind,
+    /// Direction up.
+    pub up: Up,
+    /// Least and greatest coordinates.
+    pub corners: Option<Corners>,
+    /// True if its transfer function is chosen from its own values.
+    pub is_automatic: bool,
+    /// Number of volumes.
+    pub volume_count: usize,
+    /// True if a transfer function shows any volume.
+    pub is_classified: bool,
+    /// True if a transfer function gives the opacity of any volume.
+    pub has_opacity: bool,
+    /// True if it holds nothing to draw and is left out.
+    pub is_nothing: bool,
+}
+
+impl InputFacts {
     /// Returns true for grids, whose kernels follow the spacing, and for splats.
     pub(super) fn is_grid_or_splats(&self) -> bool {
         !matches!(self.kind, Kind::Points | Kind::Mesh)
     }
-}
 
-impl DataOptions {
-    /// Returns true if any of the inputs can be cut sharply at its boundary.
-    pub(super) fn may_end_sharply<'a>(
-        &self,
-        mut reads: impl Iterator<Item = &'a ReadAbout>,
-    ) -> bool {
-        self.flatten.is_none() && self.shepard == 0 && reads.any(|read| read.kind.is_grid())
+    /// Returns true if the input shows a field by a transfer function that was given.
+    pub fn has_given_function(&self) -> bool {
+        !self.is_automatic && self.report.field.is_some()
     }
 }
 
-/// Collects the kinds of the inputs, for options that apply to some kinds alone.
-pub(super) fn uses(reads: &[ReadAbout], options: &SampleOptions) -> Uses {
-    let has_own = |read: &&ReadAbout| !read.is_automatic && read.report.field.is_some();
-    let reads = || reads.iter().filter(|read| !read.is_nothing);
-    Uses {
-        kinds: reads().map(|read| read.kind).collect(),
-        is_classified: reads().any(|read| read.is_classified),
-        has_opacity: reads().any(|read| read.has_opacity),
-        has_file_function: reads().any(|read| has_own(&read)),
-        for_columns: options.for_columns,
-        of_prepared: None,
-    }
+/// Returns true if any of the inputs can be cut sharply at its boundary.
+pub(super) fn may_end_sharply(inputs: &[InputFacts], options: &SampleOptions) -> bool {
+    let is_cut = options.flatten.is_none() && options.shepard_passes == 0;
+    is_cut && inputs.iter().any(|input| input.kind.is_grid())
 }
 
 /// Returns true if a transfer function gives the opacity of any of the volumes.
 pub(super) fn has_opacity(volumes: &[PointVolume]) -> bool {
     let mut classified = volumes.iter().filter(|v| v.transfer_function.is_some());
-    classified.any(|volume| !is_surface(volume))
+    classified.any(|volume| !matches!(volume.strength, Strength::Surface(_)))
 }
 
 /// Least memory that a point takes while it is sampled and sorted, beyond what was read, in bytes.
@@ -96,22 +122,10 @@ pub(super) fn check_memory(dataset: &Dataset) -> Result<()> {
 }
 
 /// Returns true if the transfer function is chosen from the values.
-pub(super) fn is_automatic(options: &SampleOptions) -> bool {
+pub(crate) fn is_automatic(options: &SampleOptions) -> bool {
     let transfer = &options.transfer;
     matches!(
         transfer,
         TransferChoice::Automatic | TransferChoice::Named(_) | TransferChoice::Shared(_)
     )
-}
-
-/// Returns a note on a field that has one value everywhere, since its picture is uniform.
-pub(super) fn uniform(report: &SampleReport, input: &Input) -> Option<String> {
-    let [least, greatest] = report.value_range?;
-    let field = report.field.as_deref()?;
-    let is_one = least >= greatest && report.sample_count > 1;
-    let others = match input.time {
-        Some(_) => "; other time steps may differ (--step, --time)",
-        None => "",
-    };
-    is_one.then(|| format!("`{field}` is {least} everywhere{others}"))
 }

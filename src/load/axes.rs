@@ -1,0 +1,119 @@
+//! Rotates inputs to the axes of the scene.
+
+use glam::{DQuat, DVec3};
+use serde::{Deserialize, Serialize};
+
+use super::edit::Edit;
+use super::input::Input;
+use crate::Result;
+use crate::data::dataset::{Dataset, Geometry};
+use crate::edit::{Placement, place};
+
+/// Axes of an input.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct Axes {
+    /// Axis that points up, by the format or by convention.
+    up: [f64; 3],
+    /// Reason for this axis.
+    pub(super) reason: String,
+    pub(super) certainty: Certainty,
+}
+
+/// Certainty of the axes of an input.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(super) enum Certainty {
+    /// The format defines the axes.
+    Format,
+    /// Most files of the format have these axes.
+    MostFiles,
+    /// The axes are convention alone, or the user placed the input.
+    Convention,
+}
+
+impl Default for Axes {
+    fn default() -> Self {
+        Self {
+            up: DVec3::Z.to_array(),
+            reason: String::new(),
+            certainty: Certainty::Convention,
+        }
+    }
+}
+
+impl Axes {
+    /// Returns the axes of the coordinates of an input.
+    pub(super) fn of(dataset: &Dataset, input: &Input) -> Self {
+        let is_placed = input.edit != Edit::default();
+        let (up, reason, certainty) = match (dataset.format_up, &dataset.geometry) {
+            (Some((up, reason)), _) if dataset.format.contains("OBJ") => {
+                (up, reason, Certainty::MostFiles)
+            }
+            (Some((up, reason)), _) => (up, reason, Certainty::Format),
+            (None, Geometry::Splats(_)) => {
+                let reason = "training scenes of splats have y down";
+                (DVec3::NEG_Y, reason, Certainty::Format)
+            }
+            (None, _) => (DVec3::Z, "z by convention", Certainty::Convention),
+        };
+        Self {
+            up: up.to_array(),
+            reason: reason.to_owned(),
+            // An input that the user placed is not rotated.
+            certainty: match is_placed {
+                true => Certainty::Convention,
+                false => certainty,
+            },
+        }
+    }
+
+    /// Returns the axis that points up.
+    pub(super) fn up(&self) -> DVec3 {
+        self.up.into()
+    }
+}
+
+/// Rotates a data set about the origin.
+pub(super) fn turned(dataset: Dataset, turn: Option<DQuat>) -> Result<Dataset> {
+    match turn {
+        None => Ok(dataset),
+        Some(rotation) => place(
+            dataset,
+            &Placement {
+                rotation,
+                ..Placement::default()
+            },
+        ),
+    }
+}
+
+/// Returns the rotation that brings one direction up to another. Between y up and y down it is half
+/// a turn about z, as in conversions from glTF to PLY: both have z forward.
+pub(super) fn turn_between(from: DVec3, to: DVec3) -> DQuat {
+    match from == -to {
+        true if to.y.abs() > 0.5 => DQuat::from_rotation_z(std::f64::consts::PI),
+        true => DQuat::from_rotation_x(std::f64::consts::PI),
+        false => DQuat::from_rotation_arc(from, to),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn opposite_directions_up_turn_as_convert_does() {
+        let p = DVec3::new(1.0, 2.0, 3.0);
+        for (from, to, expected) in [
+            (DVec3::NEG_Y, DVec3::Y, [-1.0, -2.0, 3.0]),
+            (DVec3::Y, DVec3::NEG_Y, [-1.0, -2.0, 3.0]),
+            (DVec3::NEG_Z, DVec3::Z, [1.0, -2.0, -3.0]),
+            (DVec3::Y, DVec3::Z, [1.0, -3.0, 2.0]),
+        ] {
+            let turned = turn_between(from, to) * p;
+            assert!(
+                (turned - DVec3::from(expected)).length() < 1e-12,
+                "{from} {to}"
+            );
+        }
+    }
+}

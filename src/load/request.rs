@@ -1,0 +1,39 @@
+//! Defines a request to load inputs.
+
+use super::input::Input;
+use super::note::Observer;
+use crate::Result;
+use crate::data::up::Up;
+use crate::io::OpenOptions;
+use crate::sample::SampleOptions;
+use crate::view::{Bounds, Camera};
+
+/// Function from boxes and the direction up to the cameras of pictures. It returns an empty list if the
+/// cameras are not known.
+pub type Cameras<'a> = &'a dyn Fn(&[Bounds], Up) -> Result<Vec<Camera>>;
+
+/// Inputs to load as one scene, and the choices that determine their particles.
+#[derive(Clone, Copy)]
+pub struct Request<'a> {
+    /// Inputs, each with its own choices.
+    pub inputs: &'a [Input],
+    /// Options for opening files, common to all inputs.
+    pub open: &'a OpenOptions,
+    /// Options for sampling, common to all inputs. They state the purpose of the particles, too:
+    /// pictures or column densities.
+    pub sample: &'a SampleOptions,
+    /// Cameras of the pictures, which determine the number of surfels of meshes.
+    pub cameras: Cameras<'a>,
+    /// True if inputs with other axes than the first are left unrotated.
+    pub keeps_axes: bool,
+    /// Receiver of notes and progress.
+    pub observer: Observer<'a>,
+}
+
+impl std::fmt::Debug for Request<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Request")
+            .field("inputs", &self.inputs)
+            .finish_non_exhaustive()
+    }
+}
