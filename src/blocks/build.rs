@@ -9,7 +9,7 @@ use super::brick::outwards;
 use super::extent::spread_of;
 use super::merge::{Source, merge_lattice, merge_points, widen_to_members};
 use super::overlap::Crowds;
-use super::points::{PointShapes, Points};
+use super::points::{Picking, PointShapes, Points};
 use super::room::{MEMORY, RUN, Room};
 use super::tree::Tree;
 use super::{
@@ -20,6 +20,7 @@ use crate::blocks::brick::BrickGrid;
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::{Error, Result};
 use crate::math::principal_sigmas;
+use crate::scene::columns::Columns;
 use crate::scene::{
     Column, Particles, PointVolume, Shared, StrengthIn, TransferFunction, Values, ValuesIn,
 };
@@ -292,16 +293,17 @@ pub(super) fn in_blocks(
     drop(principal);
     let Points {
         positions,
-        shapes,
-        rest,
+        mut shapes,
+        mut rest,
     } = points;
     let offsets = offsets(&positions, &places, &blocks, room)?;
     drop(positions);
     let is_moved = !places.par_windows(2).all(|w| w[0] < w[1]);
-    let (shapes, rest) = match is_moved {
-        true => (shapes.gather(&places, room)?, rest.gather(&places, room)?),
-        false => (shapes, rest),
-    };
+    if is_moved {
+        let order = &*places;
+        shapes.visit(&mut Picking { order, room })?;
+        rest.visit(&mut Picking { order, room })?;
+    }
     Ok(BlockedVolume {
         particles: match shapes {
             PointShapes::Spheres(sigmas) => BlockedParticles::Isotropic { offsets, sigmas },

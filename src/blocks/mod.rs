@@ -59,6 +59,7 @@ use crate::constants::FAINT_SHARE;
 use crate::math::Core;
 #[cfg(feature = "prepared")]
 use crate::scene::Requirements;
+use crate::scene::columns::{Columns, columns, columns_of_fields};
 use crate::scene::{
     BoundaryPlanesIn, ColourIn, Column, Lobes, LocalModelsIn, PointVolume, Shared, StrengthIn,
     TransferFunction, ValuesIn,
@@ -157,6 +158,29 @@ pub enum BlockedParticles {
     },
 }
 
+columns! { [] Shared, BlockedParticles {
+    Self::Lattice(_) => {}
+    Self::Isotropic { offsets, sigmas } => {
+        "offset": [[f32; 3]; 1] in offsets;
+        "sigma": [f32; 1] in sigmas;
+    }
+    Self::Anisotropic { offsets, factors } => {
+        "offset": [[f32; 3]; 1] in offsets;
+        "factor": [[f32; 6]; 1] in factors;
+    }
+    Self::Surfels { offsets, tangents, .. } => {
+        "offset": [[f32; 3]; 1] in offsets;
+        "tangents": [[f32; 6]; 1] in tangents;
+    }
+} }
+
+columns_of_fields! { Shared, BlockedVolume {
+    particles strength colour values local_models merged;
+    "normal": [u32; 1] in normals;
+    "index": [u32; 1] in indices;
+    boundary
+} }
+
 /// A run of particles and their bounds.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
@@ -229,41 +253,14 @@ impl BlockedVolume {
 
     /// Bytes kept, including the blocks.
     pub fn bytes(&self) -> usize {
-        let per_particle = match &self.particles {
-            BlockedParticles::Lattice(_) => 0,
-            BlockedParticles::Isotropic { .. } => 16,
-            BlockedParticles::Anisotropic { .. } | BlockedParticles::Surfels { .. } => 36,
-        };
-        let strengths = size_of_val(self.strength.stored());
-        let colours = match &self.colour {
-            ColourIn::PerParticle(c) => c.len() * 12,
-            ColourIn::Harmonics { coefficients, .. } => coefficients.len() * 4,
-            _ => 0,
-        };
-        let values = self
-            .values
-            .as_ref()
-            .map_or(0, |v| v.len() * v.bytes_per_value());
-        let blocks = self.blocks.len() * size_of::<Block>();
-        let merged = self.merged.as_ref().map_or(0, |m| {
-            size_of_val(&*m.bounds) + size_of_val(&*m.spreads) + size_of_val(&*m.member_depths)
-        });
-        let normals = self.normals.as_ref().map_or(0, |n| 4 * n.len());
-        let indices = self.indices.as_ref().map_or(0, |n| 4 * n.len());
-        let models = self.local_models.as_ref().map_or(0, |m| 6 * m.len());
+        let columns: usize = self.columns().iter().map(|own| own.bytes.len()).sum();
+        let blocks = size_of_val(&*self.blocks);
+        let merged = self.merged.as_ref();
+        let merged = merged.map_or(0, |own| size_of_val(&*own.bounds));
         let boundary = self.boundary.as_ref().map_or(0, |boundary| {
             size_of_val(&*boundary.of_particle) + size_of_val(&*boundary.edges)
         });
-        strengths
-            + colours
-            + values
-            + blocks
-            + merged
-            + normals
-            + indices
-            + models
-            + boundary
-            + self.particle_count() * per_particle
+        columns + blocks + merged + boundary
     }
 
     /// Whether the particles lie in a mapped file, of which parts that are never read take no memory.

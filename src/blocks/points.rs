@@ -1,13 +1,17 @@
 //! Defines a point set as columns.
 
+#[cfg(feature = "prepared")]
+use std::path::Path;
+
+use bytemuck::Pod;
 use glam::DVec3;
 
 use super::merge::{Shapes, Source};
 #[cfg(feature = "prepared")]
-use super::room::ColumnBuilder;
+use super::room::ColumnFile;
 use super::room::Room;
-use crate::error::Result;
-use crate::math::harmonics_count;
+use crate::error::{Error, Result};
+use crate::scene::columns::{ColumnBytes, Columns, Visitor, columns, columns_of_fields, picked};
 use crate::scene::{
     Boundary, BoundaryPlanes, BoundaryPlanesIn, ColourIn, Column, LocalModels, LocalModelsIn,
     Particles, PointVolume, Shared, StrengthIn, TransferFunction, Values, ValuesIn,
@@ -114,207 +118,122 @@ impl Points {
     }
 
     /// Reorders the points.
-    pub(super) fn gather(self, order: &[u32], room: Room<'_>) -> Result<Self> {
-        Ok(Self {
-            positions: room.pick(self.positions, order)?,
-            shapes: self.shapes.gather(order, room)?,
-            rest: self.rest.gather(order, room)?,
-        })
+    pub(super) fn gather(mut self, order: &[u32], room: Room<'_>) -> Result<Self> {
+        self.visit(&mut Picking { order, room })?;
+        Ok(self)
     }
 }
 
-impl PointShapes {
-    /// Reorders the shapes.
-    pub(super) fn gather(self, order: &[u32], room: Room<'_>) -> Result<Self> {
-        Ok(match self {
-            Self::Spheres(sigmas) => Self::Spheres(room.pick(sigmas, order)?),
-            Self::Ellipsoids(factors) => Self::Ellipsoids(room.pick(factors, order)?),
-            Self::Surfels {
-                tangents,
-                is_one_sided,
-            } => Self::Surfels {
-                tangents: room.pick(tangents, order)?,
-                is_one_sided,
-            },
-        })
+impl Columns<Shared> for Points {
+    fn list<'a>(&'a self, to: &mut Vec<ColumnBytes<'a>>) {
+        to.push(ColumnBytes::of("position", 1, &self.positions));
+        self.shapes.list(to);
+        self.rest.list(to);
+    }
+
+    fn visit<V: Visitor<Shared>>(&mut self, visitor: &mut V) -> Result<(), V::Error> {
+        visitor.column("position", 1, &mut self.positions)?;
+        self.shapes.visit(visitor)?;
+        self.rest.visit(visitor)
     }
 }
 
-impl Rest {
-    /// Reorders the columns.
-    pub(super) fn gather(self, order: &[u32], room: Room<'_>) -> Result<Self> {
-        Ok(Self {
-            strength: match self.strength {
-                StrengthIn::Classified { volumes } => StrengthIn::Classified {
-                    volumes: room.pick(volumes, order)?,
-                },
-                StrengthIn::Mass(masses) => StrengthIn::Mass(room.pick(masses, order)?),
-                StrengthIn::Surface(areas) => StrengthIn::Surface(room.pick(areas, order)?),
-                StrengthIn::Translucent(areas) => StrengthIn::Translucent(room.pick(areas, order)?),
-                StrengthIn::PeakOpacity {
-                    opacities,
-                    is_anti_aliased,
-                } => StrengthIn::PeakOpacity {
-                    opacities: room.pick(opacities, order)?,
-                    is_anti_aliased,
-                },
-            },
-            colour: match self.colour {
-                ColourIn::PerParticle(colours) => ColourIn::PerParticle(room.pick(colours, order)?),
-                ColourIn::Harmonics {
-                    degree,
-                    coefficients,
-                    is_linear,
-                } => {
-                    let stride = 3 * harmonics_count(degree);
-                    let set = |&i: &u32| &coefficients[i as usize * stride..][..stride];
-                    ColourIn::Harmonics {
-                        degree,
-                        coefficients: order.iter().flat_map(set).copied().collect(),
-                        is_linear,
-                    }
-                }
-                other => other,
-            },
-            values: match self.values {
-                None => None,
-                Some(values) => Some(match values {
-                    ValuesIn::U8(v) => ValuesIn::U8(room.pick(v, order)?),
-                    ValuesIn::I16(v) => ValuesIn::I16(room.pick(v, order)?),
-                    ValuesIn::U16(v) => ValuesIn::U16(room.pick(v, order)?),
-                    ValuesIn::F32(v) => ValuesIn::F32(room.pick(v, order)?),
-                    ValuesIn::F64(v) => ValuesIn::F64(room.pick(v, order)?),
-                }),
-            },
-            boundary: self.boundary.map(|planes| planes.gather(order)),
-            normals: match self.normals {
-                None => None,
-                Some(normals) => Some(room.pick(normals, order)?),
-            },
-            local_models: self.local_models.map(|models| models.gather(order)),
-        })
+columns! { [] Shared, PointShapes {
+    Self::Spheres(sigmas) => { "sigma": [f32; 1] in sigmas; }
+    Self::Ellipsoids(factors) => { "factor": [[f32; 6]; 1] in factors; }
+    Self::Surfels { tangents, .. } => { "tangents": [[f32; 6]; 1] in tangents; }
+} }
+
+columns_of_fields! { Shared, Rest {
+    strength colour values local_models;
+    "normal": [u32; 1] in normals;
+    boundary
+} }
+
+/// Picks particles in an order.
+pub(super) struct Picking<'a> {
+    pub(super) order: &'a [u32],
+    pub(super) room: Room<'a>,
+}
+
+impl Visitor<Shared> for Picking<'_> {
+    type Error = Error;
+
+    fn column<T: Pod + Send + Sync>(
+        &mut self,
+        _: &'static str,
+        width: usize,
+        column: &mut Column<T>,
+    ) -> Result<()> {
+        // Merged particles may have no depths of members.
+        if !column.is_empty() {
+            let own = std::mem::take(column);
+            *column = match width {
+                1 => self.room.pick(own, self.order)?,
+                _ => picked(&own, width, self.order).into(),
+            };
+        }
+        Ok(())
+    }
+
+    fn planes(&mut self, planes: &mut BoundaryPlanesIn<Shared>) -> Result<()> {
+        *planes = planes.gather(self.order);
+        Ok(())
     }
 }
 
-/// Builds the columns of points from parts.
+/// Builds the columns of points from parts, in files.
 #[cfg(feature = "prepared")]
 pub(super) struct PointsBuilder<'a> {
-    positions: ColumnBuilder<'a, DVec3>,
-    numbers: ColumnBuilder<'a, u32>,
-    sigmas: ColumnBuilder<'a, f32>,
-    shapes: ColumnBuilder<'a, [f32; 6]>,
-    strengths: ColumnBuilder<'a, f32>,
-    colours: ColumnBuilder<'a, [f32; 3]>,
-    coefficients: ColumnBuilder<'a, f32>,
-    values: Option<ValuesBuilder<'a>>,
-}
-
-#[cfg(feature = "prepared")]
-enum ValuesBuilder<'a> {
-    U8(ColumnBuilder<'a, u8>),
-    I16(ColumnBuilder<'a, i16>),
-    U16(ColumnBuilder<'a, u16>),
-    F32(ColumnBuilder<'a, f32>),
+    numbers: ColumnFile<'a>,
+    columns: Vec<ColumnFile<'a>>,
 }
 
 #[cfg(feature = "prepared")]
 impl<'a> PointsBuilder<'a> {
-    pub(super) fn new(like: &PointVolume, count: usize, room: Room<'a>) -> Result<Self> {
+    /// Starts columns of the same kind as those of `like`.
+    pub(super) fn new(like: &Points, folder: &'a Path) -> Result<Self> {
+        let columns = like.columns();
+        let columns = columns.iter().map(|_| ColumnFile::new(folder));
         Ok(Self {
-            positions: room.column(count)?,
-            numbers: room.column(count)?,
-            sigmas: room.column(0)?,
-            shapes: room.column(0)?,
-            strengths: room.column(count)?,
-            colours: room.column(0)?,
-            coefficients: room.column(0)?,
-            values: match &like.values {
-                None => None,
-                Some(Values::U8(_)) => Some(ValuesBuilder::U8(room.column(count)?)),
-                Some(Values::I16(_)) => Some(ValuesBuilder::I16(room.column(count)?)),
-                Some(Values::U16(_)) => Some(ValuesBuilder::U16(room.column(count)?)),
-                Some(Values::F32(_) | Values::F64(_)) => {
-                    Some(ValuesBuilder::F32(room.column(count)?))
-                }
-            },
+            numbers: ColumnFile::new(folder)?,
+            columns: columns.collect::<Result<_>>()?,
         })
     }
 
     pub(super) fn extend(&mut self, points: &Points, numbers: &[u32]) -> Result<()> {
-        self.positions.extend(&points.positions)?;
-        self.numbers.extend(numbers)?;
-        match &points.shapes {
-            PointShapes::Spheres(sigmas) => self.sigmas.extend(sigmas)?,
-            PointShapes::Ellipsoids(shapes)
-            | PointShapes::Surfels {
-                tangents: shapes, ..
-            } => self.shapes.extend(shapes)?,
-        }
-        self.strengths.extend(points.rest.strength.stored())?;
-        match &points.rest.colour {
-            ColourIn::PerParticle(colours) => self.colours.extend(colours)?,
-            ColourIn::Harmonics { coefficients, .. } => self.coefficients.extend(coefficients)?,
-            ColourIn::Classified | ColourIn::Uniform(_) => {}
-        }
-        match (&mut self.values, &points.rest.values) {
-            (Some(ValuesBuilder::U8(own)), Some(ValuesIn::U8(values))) => own.extend(values),
-            (Some(ValuesBuilder::I16(own)), Some(ValuesIn::I16(values))) => own.extend(values),
-            (Some(ValuesBuilder::U16(own)), Some(ValuesIn::U16(values))) => own.extend(values),
-            (Some(ValuesBuilder::F32(own)), Some(ValuesIn::F32(values))) => own.extend(values),
-            _ => Ok(()),
-        }
+        self.numbers.extend(bytemuck::cast_slice(numbers))?;
+        let mut each = self.columns.iter_mut().zip(points.columns());
+        each.try_for_each(|(own, column)| own.extend(&column.bytes))
     }
 
-    /// Returns all points, and their numbers.
-    pub(super) fn finish(self, like: &PointVolume) -> Result<(Points, Column<u32>)> {
-        let strengths = self.strengths.finish()?;
-        let points = Points {
-            positions: self.positions.finish()?,
-            shapes: match like.particles {
-                Particles::Surfels { is_one_sided, .. } => PointShapes::Surfels {
-                    tangents: self.shapes.finish()?,
-                    is_one_sided,
-                },
-                Particles::Isotropic { .. } => PointShapes::Spheres(self.sigmas.finish()?),
-                _ => PointShapes::Ellipsoids(self.shapes.finish()?),
-            },
-            rest: Rest {
-                strength: match like.strength {
-                    StrengthIn::Classified { .. } => StrengthIn::Classified { volumes: strengths },
-                    StrengthIn::Mass(_) => StrengthIn::Mass(strengths),
-                    StrengthIn::Surface(_) => StrengthIn::Surface(strengths),
-                    StrengthIn::Translucent(_) => StrengthIn::Translucent(strengths),
-                    StrengthIn::PeakOpacity {
-                        is_anti_aliased, ..
-                    } => StrengthIn::PeakOpacity {
-                        opacities: strengths,
-                        is_anti_aliased,
-                    },
-                },
-                colour: match like.colour {
-                    ColourIn::PerParticle(_) => ColourIn::PerParticle(self.colours.finish()?),
-                    ColourIn::Harmonics {
-                        degree, is_linear, ..
-                    } => ColourIn::Harmonics {
-                        degree,
-                        coefficients: self.coefficients.finish()?,
-                        is_linear,
-                    },
-                    ColourIn::Uniform(colour) => ColourIn::Uniform(colour),
-                    ColourIn::Classified => ColourIn::Classified,
-                },
-                values: match self.values {
-                    None => None,
-                    Some(ValuesBuilder::U8(own)) => Some(ValuesIn::U8(own.finish()?)),
-                    Some(ValuesBuilder::I16(own)) => Some(ValuesIn::I16(own.finish()?)),
-                    Some(ValuesBuilder::U16(own)) => Some(ValuesIn::U16(own.finish()?)),
-                    Some(ValuesBuilder::F32(own)) => Some(ValuesIn::F32(own.finish()?)),
-                },
-                boundary: None,
-                normals: None,
-                local_models: None,
-            },
-        };
-        Ok((points, self.numbers.finish()?))
+    /// Moves all points to `points`, which has none; returns their numbers.
+    pub(super) fn finish(self, points: &mut Points) -> Result<Column<u32>> {
+        points.visit(&mut Finishing(self.columns.into_iter()))?;
+        self.numbers.finish()
+    }
+}
+
+#[cfg(feature = "prepared")]
+struct Finishing<'a>(std::vec::IntoIter<ColumnFile<'a>>);
+
+#[cfg(feature = "prepared")]
+impl Visitor<Shared> for Finishing<'_> {
+    type Error = Error;
+
+    fn column<T: Pod + Send + Sync>(
+        &mut self,
+        _: &'static str,
+        _: usize,
+        column: &mut Column<T>,
+    ) -> Result<()> {
+        if let Some(own) = self.0.next() {
+            *column = own.finish()?;
+        }
+        Ok(())
+    }
+
+    fn planes(&mut self, _: &mut BoundaryPlanesIn<Shared>) -> Result<()> {
+        Ok(())
     }
 }

@@ -40,11 +40,16 @@ pub(super) struct ColumnBuilder<'a, T>(Kind<'a, T>);
 enum Kind<'a, T> {
     Vector(Vec<T>, PhantomData<&'a ()>),
     #[cfg(feature = "prepared")]
-    File {
-        folder: &'a Path,
-        file: BufWriter<File>,
-        bytes: usize,
-    },
+    File(ColumnFile<'a>),
+}
+
+/// Builds a column in a file without a name.
+#[cfg(feature = "prepared")]
+#[derive(Debug)]
+pub(super) struct ColumnFile<'a> {
+    folder: &'a Path,
+    file: BufWriter<File>,
+    bytes: usize,
 }
 
 impl<'a> Room<'a> {
@@ -55,11 +60,7 @@ impl<'a> Room<'a> {
         Ok(ColumnBuilder(match self {
             Self::Memory(_) => Kind::Vector(Vec::with_capacity(count), PhantomData),
             #[cfg(feature = "prepared")]
-            Self::Folder(folder) => Kind::File {
-                folder,
-                file: BufWriter::new(nameless(folder)?),
-                bytes: 0,
-            },
+            Self::Folder(folder) => Kind::File(ColumnFile::new(folder)?),
         }))
     }
 
@@ -91,15 +92,7 @@ impl<T: Pod + Send + Sync> ColumnBuilder<'_, T> {
         match &mut self.0 {
             Kind::Vector(vector, _) => vector.extend_from_slice(elements),
             #[cfg(feature = "prepared")]
-            Kind::File {
-                folder,
-                file,
-                bytes,
-            } => {
-                let own = bytemuck::cast_slice(elements);
-                file.write_all(own).map_err(|e| failed(folder, e))?;
-                *bytes += own.len();
-            }
+            Kind::File(file) => file.extend(bytemuck::cast_slice(elements))?,
         }
         Ok(())
     }
@@ -108,26 +101,40 @@ impl<T: Pod + Send + Sync> ColumnBuilder<'_, T> {
         match self.0 {
             Kind::Vector(vector, _) => Ok(vector.into()),
             #[cfg(feature = "prepared")]
-            Kind::File {
-                folder,
-                file,
-                bytes,
-            } => {
-                if bytes == 0 {
-                    return Ok(Column::default());
-                }
-                let file = file
-                    .into_inner()
-                    .map_err(|e| failed(folder, e.into_error()))?;
-                let map = crate::scene::map::map_file(&file).map_err(|e| {
-                    let advice =
-                        "raise the limit of addresses (ulimit -v), which counts what is mapped";
-                    Error::io(folder, "mapping temporary files", e, advice)
-                })?;
-                // Aligned as pages are, and written in whole elements.
-                Ok(Column::of_part(map, 0..bytes).unwrap_or_default())
-            }
+            Kind::File(file) => file.finish(),
         }
+    }
+}
+
+#[cfg(feature = "prepared")]
+impl<'a> ColumnFile<'a> {
+    pub(super) fn new(folder: &'a Path) -> Result<Self> {
+        Ok(Self {
+            folder,
+            file: BufWriter::new(nameless(folder)?),
+            bytes: 0,
+        })
+    }
+
+    /// Appends whole elements.
+    pub(super) fn extend(&mut self, bytes: &[u8]) -> Result<()> {
+        self.bytes += bytes.len();
+        let written = self.file.write_all(bytes);
+        written.map_err(|e| failed(self.folder, e))
+    }
+
+    pub(super) fn finish<T: Pod>(self) -> Result<Column<T>> {
+        if self.bytes == 0 {
+            return Ok(Column::default());
+        }
+        let file = self.file.into_inner();
+        let file = file.map_err(|e| failed(self.folder, e.into_error()))?;
+        let map = crate::scene::map::map_file(&file).map_err(|e| {
+            let advice = "raise the limit of addresses (ulimit -v), which counts what is mapped";
+            Error::io(self.folder, "mapping temporary files", e, advice)
+        })?;
+        // Aligned as pages are, and written in whole elements.
+        Ok(Column::of_part(map, 0..self.bytes).unwrap_or_default())
     }
 }
 

@@ -1,13 +1,12 @@
 //! Partitions the blocks of a scene among owners: each keeps all blocks, and the particles of some.
 
-use std::mem::{replace, take};
 use std::ops::Range;
 
-use super::points::Rest;
+use super::points::Picking;
 use super::room::MEMORY;
 use super::{BlockedParticles, BlockedVolume};
 use crate::error::Result;
-use crate::scene::{ColourIn, Column, StrengthIn};
+use crate::scene::columns::Columns;
 
 /// Number of runs of a volume's blocks for each owner, about: a view of a part of the scene then meets blocks of all
 /// owners.
@@ -55,51 +54,10 @@ impl BlockedVolume {
                 order.extend(first..first + block.count);
             }
         }
-        match &mut self.particles {
-            BlockedParticles::Lattice(_) => {}
-            BlockedParticles::Isotropic { offsets, sigmas } => {
-                *offsets = MEMORY.pick(take(offsets), &order)?;
-                *sigmas = MEMORY.pick(take(sigmas), &order)?;
-            }
-            BlockedParticles::Anisotropic {
-                offsets,
-                factors: shapes,
-            }
-            | BlockedParticles::Surfels {
-                offsets,
-                tangents: shapes,
-                ..
-            } => {
-                *offsets = MEMORY.pick(take(offsets), &order)?;
-                *shapes = MEMORY.pick(take(shapes), &order)?;
-            }
-        }
-        let rest = Rest {
-            strength: replace(&mut self.strength, StrengthIn::Mass(Column::default())),
-            colour: replace(&mut self.colour, ColourIn::Classified),
-            values: self.values.take(),
-            boundary: self.boundary.take(),
-            normals: self.normals.take(),
-            local_models: self.local_models.take(),
-        };
-        let rest = rest.gather(&order, MEMORY)?;
-        self.strength = rest.strength;
-        self.colour = rest.colour;
-        self.values = rest.values;
-        self.boundary = rest.boundary;
-        self.normals = rest.normals;
-        self.local_models = rest.local_models;
-        if let Some(indices) = self.indices.take() {
-            self.indices = Some(MEMORY.pick(indices, &order)?);
-        }
-        if let Some(merged) = &mut self.merged {
-            for of_particle in [&mut merged.spreads, &mut merged.member_depths] {
-                if !of_particle.is_empty() {
-                    *of_particle = MEMORY.pick(take(of_particle), &order)?;
-                }
-            }
-        }
-        Ok(())
+        self.visit(&mut Picking {
+            order: &order,
+            room: MEMORY,
+        })
     }
 }
 

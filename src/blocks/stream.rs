@@ -91,7 +91,11 @@ fn sorted(
     let cuts = survey.cuts(&curve, sizes);
     let buckets = Buckets::fill(stream, &survey.like, curve, cuts, (sizes, folder), task)?;
     let like = survey.like;
-    let mut builder = PointsBuilder::new(&like, survey.count, room)?;
+    // Streams of lattices are refused.
+    let Some((mut points, transfer_function)) = Points::of(like.emptied()) else {
+        return Err(refused("points", "a lattice"));
+    };
+    let mut builder = PointsBuilder::new(&points, folder)?;
     let stage = Stage::new(task, "sorting along a curve", survey.count);
     buckets.for_each(&like, |volume, numbers, is_one_cell| {
         stage.check()?;
@@ -114,7 +118,7 @@ fn sorted(
         stage.advance(order.len());
         Ok(())
     })?;
-    let (points, numbers) = builder.finish(&like)?;
+    let numbers = builder.finish(&mut points)?;
     let stage = Stage::new(task, "sorting into blocks", 1);
     let Ordered { order, runs, tree } = block_order(&points.positions, &numbers);
     stage.advance(1);
@@ -124,7 +128,7 @@ fn sorted(
         numbers: room.pick(numbers, &order)?,
         runs,
         tree,
-        transfer_function: like.transfer_function,
+        transfer_function,
     })
 }
 
@@ -165,7 +169,7 @@ impl Survey {
             }
             stage.advance(part.particles.len());
             if like.is_none() {
-                like = Some((volume_of(&[], &part)?, kind));
+                like = Some((part.emptied(), kind));
             }
             Ok(())
         })?;

@@ -5,9 +5,9 @@ use serde::{Deserialize, Serialize};
 use super::message;
 use crate::error::{Error, Result};
 use crate::prepared::about::{self, BatchHead, Function, Grid};
+use crate::scene::headers::{ColourHeader, StrengthHeader, ValuesHeader};
 use crate::scene::{
-    Boundary, BoundaryPlanes, Colour, LocalModels, Particles, PointVolume, Strength,
-    TransferFunction, Values,
+    Boundary, BoundaryPlanes, LocalModels, Particles, PointVolume, TransferFunction,
 };
 
 /// Metadata of a volume: everything but its particles.
@@ -43,29 +43,9 @@ impl Head {
             lattice,
             columns: BatchHead {
                 particles,
-                strength: match volume.strength {
-                    Strength::Classified { .. } => about::Strength::Classified,
-                    Strength::Mass(_) => about::Strength::Mass,
-                    Strength::PeakOpacity {
-                        is_anti_aliased, ..
-                    } => about::Strength::PeakOpacity { is_anti_aliased },
-                    Strength::Surface(_) => about::Strength::Surface,
-                    Strength::Translucent(_) => about::Strength::Translucent,
-                },
-                colour: match volume.colour {
-                    Colour::Classified => about::Colour::Classified,
-                    Colour::PerParticle(_) => about::Colour::PerParticle,
-                    Colour::Uniform(colour) => about::Colour::Uniform(colour),
-                    Colour::Harmonics {
-                        degree, is_linear, ..
-                    } => about::Colour::Harmonics { degree, is_linear },
-                },
-                values: volume.values.as_ref().map(|values| match values {
-                    Values::U8(_) => about::Values::U8,
-                    Values::I16(_) => about::Values::I16,
-                    Values::U16(_) => about::Values::U16,
-                    Values::F32(_) | Values::F64(_) => about::Values::F32,
-                }),
+                strength: StrengthHeader::of(&volume.strength),
+                colour: ColourHeader::of(&volume.colour),
+                values: volume.values.as_ref().map(ValuesHeader::of),
                 local_model_scales: volume.local_models.as_ref().map(|models| models.scales()),
                 has_normals: volume.normals.is_some(),
                 has_indices: false,
@@ -108,34 +88,9 @@ impl Head {
         });
         Ok(PointVolume {
             particles,
-            strength: match columns.strength {
-                about::Strength::Classified => Strength::Classified {
-                    volumes: Vec::new(),
-                },
-                about::Strength::Mass => Strength::Mass(Vec::new()),
-                about::Strength::PeakOpacity { is_anti_aliased } => Strength::PeakOpacity {
-                    opacities: Vec::new(),
-                    is_anti_aliased,
-                },
-                about::Strength::Surface => Strength::Surface(Vec::new()),
-                about::Strength::Translucent => Strength::Translucent(Vec::new()),
-            },
-            colour: match columns.colour {
-                about::Colour::Classified => Colour::Classified,
-                about::Colour::PerParticle => Colour::PerParticle(Vec::new()),
-                about::Colour::Uniform(colour) => Colour::Uniform(colour),
-                about::Colour::Harmonics { degree, is_linear } => Colour::Harmonics {
-                    degree,
-                    coefficients: Vec::new(),
-                    is_linear,
-                },
-            },
-            values: columns.values.map(|values| match values {
-                about::Values::U8 => Values::U8(Vec::new()),
-                about::Values::I16 => Values::I16(Vec::new()),
-                about::Values::U16 => Values::U16(Vec::new()),
-                about::Values::F32 => Values::F32(Vec::new()),
-            }),
+            strength: columns.strength.empty(),
+            colour: columns.colour.empty(),
+            values: columns.values.map(ValuesHeader::empty),
             transfer_function: function.transpose()?,
             boundary: match (columns.has_planes, self.has_boundary) {
                 (true, _) => Some(Boundary::Planes(BoundaryPlanes::default())),

@@ -7,7 +7,8 @@ use super::message::unknown;
 use super::ranks::Ranks;
 use super::share::Share;
 use crate::error::{Error, Result};
-use crate::scene::{Colour, Particles, PointVolume, Strength, Values};
+use crate::scene::columns::{Columns, Visitor};
+use crate::scene::{BoundaryPlanes, Owned, Particles, PointVolume};
 
 /// Bytes that the owner sends to all others at a time.
 const PARCEL: usize = 1 << 26;
@@ -94,7 +95,8 @@ fn handed_out(
             let is_here = *owner == ranks.rank();
             planes.push(if is_here { vec![all] } else { Vec::new() });
         } else {
-            send_lattice(volume, *owner, ranks)?;
+            let owner = *owner;
+            volume.visit(&mut Sending { owner, ranks })?;
             planes.push(vec![all]);
         }
     }
@@ -106,33 +108,26 @@ fn handed_out(
 }
 
 /// Broadcasts all columns of a lattice.
-fn send_lattice(volume: &mut PointVolume, owner: usize, ranks: &mut Ranks) -> Result<()> {
-    match &mut volume.strength {
-        Strength::Classified { volumes: stored }
-        | Strength::Mass(stored)
-        | Strength::Surface(stored)
-        | Strength::Translucent(stored)
-        | Strength::PeakOpacity {
-            opacities: stored, ..
-        } => send(stored, owner, ranks)?,
+struct Sending<'a> {
+    owner: usize,
+    ranks: &'a mut Ranks,
+}
+
+impl Visitor<Owned> for Sending<'_> {
+    type Error = Error;
+
+    fn column<T: Pod + Send + Sync>(
+        &mut self,
+        _: &'static str,
+        _: usize,
+        column: &mut Vec<T>,
+    ) -> Result<()> {
+        send(column, self.owner, self.ranks)
     }
-    match &mut volume.colour {
-        Colour::PerParticle(colours) => send(colours, owner, ranks)?,
-        Colour::Harmonics { coefficients, .. } => send(coefficients, owner, ranks)?,
-        Colour::Classified | Colour::Uniform(_) => {}
+
+    fn planes(&mut self, _: &mut BoundaryPlanes) -> Result<()> {
+        Ok(())
     }
-    match &mut volume.values {
-        None => {}
-        Some(Values::U8(values)) => send(values, owner, ranks)?,
-        Some(Values::I16(values)) => send(values, owner, ranks)?,
-        Some(Values::U16(values)) => send(values, owner, ranks)?,
-        Some(Values::F32(values)) => send(values, owner, ranks)?,
-        Some(Values::F64(values)) => send(values, owner, ranks)?,
-    }
-    volume
-        .normals
-        .as_mut()
-        .map_or(Ok(()), |normals| send(normals, owner, ranks))
 }
 
 /// Broadcasts the owner's column.
@@ -166,7 +161,7 @@ mod tests {
 
     use super::*;
     use crate::distributed::threads::ThreadRank;
-    use crate::scene::{Lattice, TransferFunction};
+    use crate::scene::{Colour, Lattice, Strength, TransferFunction, Values};
 
     #[test]
     fn volumes_of_several_ranks_are_where_they_are_or_stood_for() {

@@ -6,6 +6,7 @@ use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
 use crate::blocks::AmplitudeSummary;
+use crate::scene::headers::{ColourHeader, StrengthHeader, ValuesHeader};
 use crate::scene::{Lattice, LatticeSpacing, TransferFunction, ValueScale};
 
 /// Version of the files that are written, and the only one that is read.
@@ -60,9 +61,9 @@ pub(super) struct Volume {
 #[serde(deny_unknown_fields)]
 pub(crate) struct BatchHead {
     pub(crate) particles: Particles,
-    pub(crate) strength: Strength,
-    pub(crate) colour: Colour,
-    pub(crate) values: Option<Values>,
+    pub(crate) strength: StrengthHeader,
+    pub(crate) colour: ColourHeader,
+    pub(crate) values: Option<ValuesHeader>,
     /// Scales of the local models' codes.
     pub(crate) local_model_scales: Option<[f32; 2]>,
     pub(crate) has_normals: bool,
@@ -82,38 +83,6 @@ pub(crate) enum Particles {
     Surfels {
         is_one_sided: bool,
     },
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub(crate) enum Strength {
-    Classified,
-    Mass,
-    PeakOpacity { is_anti_aliased: bool },
-    Surface,
-    Translucent,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub(crate) enum Colour {
-    Classified,
-    PerParticle,
-    Uniform([f32; 3]),
-    Harmonics {
-        degree: u8,
-        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-        is_linear: bool,
-    },
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub(crate) enum Values {
-    U8,
-    I16,
-    U16,
-    F32,
 }
 
 /// Stored form of [`AmplitudeSummary`].

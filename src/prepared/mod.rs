@@ -33,9 +33,8 @@ pub(crate) use point_file::ROWS;
 pub use crate::blocks::ParticleStream;
 use crate::blocks::{BlockedParticles, BlockedScene, BlockedVolume, SceneOptions};
 use crate::error::Result;
-use crate::scene::{
-    Colour, ColourIn, Particles, PointVolume, Requirements, Strength, StrengthIn, TransferFunction,
-};
+use crate::scene::headers::{ColourHeader, StrengthHeader};
+use crate::scene::{Colour, Particles, PointVolume, Requirements, TransferFunction};
 
 /// A scene that is ready to be rendered, in memory or in a file.
 ///
@@ -192,26 +191,10 @@ fn stand_in(volume: &BlockedVolume) -> PointVolume {
                 factors: Vec::new(),
             },
         },
-        strength: match volume.strength {
-            StrengthIn::Classified { .. } => Strength::Classified {
-                volumes: Vec::new(),
-            },
-            StrengthIn::Mass(_) => Strength::Mass(Vec::new()),
-            StrengthIn::PeakOpacity {
-                is_anti_aliased, ..
-            } => Strength::PeakOpacity {
-                opacities: Vec::new(),
-                is_anti_aliased,
-            },
-            StrengthIn::Surface(_) => Strength::Surface(Vec::new()),
-            StrengthIn::Translucent(_) => Strength::Translucent(Vec::new()),
-        },
-        colour: match volume.colour {
-            ColourIn::Classified => Colour::Classified,
-            ColourIn::Uniform(colour) => Colour::Uniform(colour),
-            ColourIn::PerParticle(_) | ColourIn::Harmonics { .. } => {
-                Colour::PerParticle(Vec::new())
-            }
+        strength: StrengthHeader::of(&volume.strength).empty(),
+        colour: match ColourHeader::of(&volume.colour) {
+            ColourHeader::Harmonics { .. } => Colour::PerParticle(Vec::new()),
+            other => other.empty(),
         },
         values: None,
         transfer_function: volume.transfer_function.clone(),

@@ -17,7 +17,7 @@ use crate::sample::{
     summed_function,
 };
 use crate::scene::PointVolume;
-use crate::scene::rows::{append, kind_of, volume_of};
+use crate::scene::rows::{append, kind_of};
 
 /// Number of rows that are read at a time.
 pub(crate) const ROWS: usize = 1 << 18;
@@ -168,7 +168,7 @@ impl PointFile {
             return Err(nothing_left(&path, &found.report));
         };
         if part.is_empty() {
-            return Ok((volume_of(&[], &volume)?, Found::none_of(&found.report)));
+            return Ok((volume.emptied(), Found::none_of(&found.report)));
         }
         Ok((volume, found))
     }

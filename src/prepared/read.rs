@@ -7,9 +7,7 @@ use std::sync::Arc;
 use bytemuck::Pod;
 use glam::{DVec3, Vec3};
 
-use super::about::{
-    About, BatchHead, Colour, Grid, Head, Particles, Strength, VERSION, Values, Volume,
-};
+use super::about::{About, BatchHead, Grid, Head, Particles, VERSION, Volume};
 use super::columns::Id;
 use super::file::{self, BatchPlaces, fault};
 use crate::blocks::{
@@ -18,10 +16,10 @@ use crate::blocks::{
 };
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::{Error, Result};
-use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count};
-use crate::scene::{
-    BoundaryPlanesIn, ColourIn, Column, LocalModelsIn, SharedBytes, StrengthIn, ValuesIn, map,
-};
+use crate::math::MAX_HARMONICS_DEGREE;
+use crate::scene::columns::{Columns as _, Visitor};
+use crate::scene::headers::{ColourHeader, StrengthHeader, ValuesHeader};
+use crate::scene::{BoundaryPlanesIn, Column, LocalModelsIn, Shared, SharedBytes, ValuesIn, map};
 
 /// Maps a file.
 pub(super) fn open(path: &Path) -> Result<(BlockedScene, About)> {
@@ -163,7 +161,9 @@ impl<'a> Reading<'a> {
         self.densities
             .push(of.column::<f64>(Id::Density, places.rows)?.to_vec());
         let strengths = of.whole::<f32>(Id::Strength)?;
-        let values = of.values(head.values)?;
+        let mut values = head.values.map(ValuesHeader::empty);
+        let count = None;
+        values.visit(&mut Filling { of: &of, count })?;
         let particles = match head.particles {
             Particles::Lattice { cube } => {
                 let stored = values.as_ref().map_or(strengths.len(), ValuesIn::len);
@@ -185,7 +185,8 @@ impl<'a> Reading<'a> {
             true => Ok(()),
             false => wrong(place, "one for each particle", format!("{len} for {count}")),
         };
-        let follows = is_lattice && head.strength == Strength::Classified && strengths.is_empty();
+        let follows =
+            is_lattice && head.strength == StrengthHeader::Classified && strengths.is_empty();
         if !follows {
             one_each("strength", strengths.len())?;
         }
@@ -193,47 +194,29 @@ impl<'a> Reading<'a> {
             one_each("values", values.len())?;
         }
         let is_classified =
-            head.strength == Strength::Classified || head.colour == Colour::Classified;
+            head.strength == StrengthHeader::Classified || head.colour == ColourHeader::Classified;
         if is_classified && (values.is_none() || self.transfer_function.is_none()) {
             return wrong("classification", "values and a transfer function", "none");
         }
-        let strength = match head.strength {
-            Strength::Classified => StrengthIn::Classified { volumes: strengths },
-            Strength::Mass => StrengthIn::Mass(strengths),
-            Strength::PeakOpacity { is_anti_aliased } => StrengthIn::PeakOpacity {
-                opacities: strengths,
-                is_anti_aliased,
-            },
-            Strength::Surface if is_flat => StrengthIn::Surface(strengths),
-            Strength::Translucent if is_flat => StrengthIn::Translucent(strengths),
-            Strength::Surface | Strength::Translucent => {
-                return wrong(
-                    "strength",
-                    "surfels, of which alone there are areas",
-                    "others",
-                );
-            }
-        };
-        let colour = match head.colour {
-            Colour::Classified => ColourIn::Classified,
-            Colour::Uniform(colour) => ColourIn::Uniform(colour),
-            Colour::PerParticle => ColourIn::PerParticle(of.column(Id::Colour, count)?),
-            Colour::Harmonics { degree, is_linear } if degree <= MAX_HARMONICS_DEGREE => {
-                let numbers = count.checked_mul(3 * harmonics_count(degree));
-                ColourIn::Harmonics {
-                    degree,
-                    coefficients: of.column(Id::Harmonics, numbers.unwrap_or(usize::MAX))?,
-                    is_linear,
-                }
-            }
-            Colour::Harmonics { degree, .. } => {
-                return wrong(
-                    "colour",
-                    "harmonics of degree 3 at most",
-                    degree.to_string(),
-                );
-            }
-        };
+        let is_area = matches!(
+            head.strength,
+            StrengthHeader::Surface | StrengthHeader::Translucent
+        );
+        if is_area && !is_flat {
+            let expected = "surfels, of which alone there are areas";
+            return wrong("strength", expected, "others");
+        }
+        if let ColourHeader::Harmonics { degree, .. } = head.colour
+            && degree > MAX_HARMONICS_DEGREE
+        {
+            let expected = "harmonics of degree 3 at most";
+            return wrong("colour", expected, degree.to_string());
+        }
+        let mut colour = head.colour.empty();
+        colour.visit(&mut Filling {
+            of: &of,
+            count: Some(count),
+        })?;
         let local_models = match head.local_model_scales {
             Some(scales) if !is_lattice && !is_flat && values.is_some() => {
                 let codes = of.column(Id::Model, count)?;
@@ -267,7 +250,7 @@ impl<'a> Reading<'a> {
         Ok(BlockedVolume {
             blocks,
             particles,
-            strength,
+            strength: head.strength.with(strengths),
             colour,
             values,
             transfer_function: self.transfer_function.clone(),
@@ -370,16 +353,6 @@ impl Columns<'_> {
         }
         let found = format!("{} for {count}", column.len());
         wrong(id.column().name, "one for each", found)
-    }
-
-    fn values(&self, kind: Option<Values>) -> Checked<Option<ValuesIn<crate::scene::Shared>>> {
-        Ok(Some(match kind {
-            None => return Ok(None),
-            Some(Values::U8) => ValuesIn::U8(self.whole(Id::ValueU8)?),
-            Some(Values::I16) => ValuesIn::I16(self.whole(Id::ValueI16)?),
-            Some(Values::U16) => ValuesIn::U16(self.whole(Id::ValueU16)?),
-            Some(Values::F32) => ValuesIn::F32(self.whole(Id::ValueF32)?),
-        }))
     }
 
     fn blocks(&self) -> Checked<Vec<Block>> {
@@ -492,5 +465,35 @@ impl Columns<'_> {
             _ => wrong("visible", "one box or none for each block", "others"),
         };
         offsets.windows(2).map(of_row).collect()
+    }
+}
+
+/// Fills columns with those of a batch.
+struct Filling<'a> {
+    of: &'a Columns<'a>,
+    /// Number of particles, if it is checked.
+    count: Option<usize>,
+}
+
+impl Visitor<Shared> for Filling<'_> {
+    type Error = Wrong;
+
+    fn column<T: Pod + Send + Sync>(
+        &mut self,
+        name: &'static str,
+        width: usize,
+        column: &mut Column<T>,
+    ) -> Checked<()> {
+        if let Some(id) = Id::named(name) {
+            *column = match self.count {
+                Some(count) => self.of.column(id, count.saturating_mul(width))?,
+                None => self.of.whole(id)?,
+            };
+        }
+        Ok(())
+    }
+
+    fn planes(&mut self, _: &mut BoundaryPlanesIn<Shared>) -> Checked<()> {
+        Ok(())
     }
 }

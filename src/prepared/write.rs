@@ -6,16 +6,14 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::about::{
-    About, BatchHead, Colour, Function, Grid, Head, Particles, Strength, VERSION, Values, Volume,
-};
+use super::about::{About, BatchHead, Function, Grid, Head, Particles, VERSION, Volume};
 use super::columns::Id;
 use super::file::{self, Batch, Part};
 use crate::blocks::{BlockedParticles, BlockedScene, BlockedVolume};
 use crate::error::{Error, Result};
 use crate::io::write_atomically;
-use crate::math::harmonics_count;
-use crate::scene::{ColourIn, StrengthIn, ValuesIn};
+use crate::scene::columns::{ColumnBytes, Columns};
+use crate::scene::headers::{ColourHeader, StrengthHeader, ValuesHeader};
 use crate::view::Bounds;
 
 /// Writes a scene; returns the number of bytes written.
@@ -86,29 +84,9 @@ fn head_of(volume: &BlockedVolume) -> BatchHead {
                 is_one_sided: *is_one_sided,
             },
         },
-        strength: match volume.strength {
-            StrengthIn::Classified { .. } => Strength::Classified,
-            StrengthIn::Mass(_) => Strength::Mass,
-            StrengthIn::PeakOpacity {
-                is_anti_aliased, ..
-            } => Strength::PeakOpacity { is_anti_aliased },
-            StrengthIn::Surface(_) => Strength::Surface,
-            StrengthIn::Translucent(_) => Strength::Translucent,
-        },
-        colour: match volume.colour {
-            ColourIn::Classified => Colour::Classified,
-            ColourIn::PerParticle(_) => Colour::PerParticle,
-            ColourIn::Uniform(colour) => Colour::Uniform(colour),
-            ColourIn::Harmonics {
-                degree, is_linear, ..
-            } => Colour::Harmonics { degree, is_linear },
-        },
-        values: volume.values.as_ref().map(|values| match values {
-            ValuesIn::U8(_) => Values::U8,
-            ValuesIn::I16(_) => Values::I16,
-            ValuesIn::U16(_) => Values::U16,
-            ValuesIn::F32(_) | ValuesIn::F64(_) => Values::F32,
-        }),
+        strength: StrengthHeader::of(&volume.strength),
+        colour: ColourHeader::of(&volume.colour),
+        values: volume.values.as_ref().map(ValuesHeader::of),
         local_model_scales: volume.local_models.as_ref().map(|models| models.scales()),
         has_normals: volume.normals.is_some(),
         has_indices: volume.indices.is_some(),
@@ -157,56 +135,16 @@ fn batch_of<'a>(
         let one_each = sums(merged.bounds.iter().map(|_| 1));
         let bounds = bytemuck::cast_slice(&merged.bounds);
         batch.list(Id::Bounds, one_each, Cow::Borrowed(bounds));
-        batch.of_particles(Id::Spread, &merged.spreads, 1);
-        batch.of_particles(Id::MemberDepth, &merged.member_depths, 1);
     }
-    match &volume.particles {
-        BlockedParticles::Lattice(_) => {}
-        BlockedParticles::Isotropic { offsets, sigmas } => {
-            batch.of_particles(Id::Offset, offsets, 1);
-            batch.of_particles(Id::Sigma, sigmas, 1);
+    for column in volume.columns() {
+        // Values are narrowed when a volume is made.
+        if let Some(id) = Id::named(column.name) {
+            batch.of_particles(id, column);
         }
-        BlockedParticles::Anisotropic { offsets, factors } => {
-            batch.of_particles(Id::Offset, offsets, 1);
-            batch.of_particles(Id::Factor, factors, 1);
-        }
-        BlockedParticles::Surfels {
-            offsets, tangents, ..
-        } => {
-            batch.of_particles(Id::Offset, offsets, 1);
-            batch.of_particles(Id::Tangents, tangents, 1);
-        }
-    }
-    batch.of_particles(Id::Strength, volume.strength.stored(), 1);
-    match &volume.colour {
-        ColourIn::PerParticle(colours) => batch.of_particles(Id::Colour, colours, 1),
-        ColourIn::Harmonics {
-            degree,
-            coefficients,
-            ..
-        } => batch.of_particles(Id::Harmonics, coefficients, 3 * harmonics_count(*degree)),
-        ColourIn::Classified | ColourIn::Uniform(_) => {}
-    }
-    match &volume.values {
-        Some(ValuesIn::U8(values)) => batch.of_particles(Id::ValueU8, values, 1),
-        Some(ValuesIn::I16(values)) => batch.of_particles(Id::ValueI16, values, 1),
-        Some(ValuesIn::U16(values)) => batch.of_particles(Id::ValueU16, values, 1),
-        Some(ValuesIn::F32(values)) => batch.of_particles(Id::ValueF32, values, 1),
-        // A volume's values are narrowed when it is made.
-        Some(ValuesIn::F64(_)) => {}
-        None => {}
-    }
-    if let Some(models) = &volume.local_models {
-        batch.of_particles(Id::Model, models.codes(), 1);
-    }
-    if let Some(normals) = &volume.normals {
-        batch.of_particles(Id::Normal, normals, 1);
-    }
-    if let Some(indices) = &volume.indices {
-        batch.of_particles(Id::Index, indices, 1);
     }
     if let Some(boundary) = &volume.boundary {
-        batch.of_particles(Id::Cut, &boundary.of_particle, 1);
+        let words = ColumnBytes::of("cut", 1, &boundary.of_particle);
+        batch.of_particles(Id::Cut, words);
         let cut = volume.blocks.iter().map(|b| {
             let members = b.first as usize..(b.first + b.count) as usize;
             let words = boundary.of_particle[members].iter();
@@ -256,10 +194,12 @@ impl<'a> Rows<'a> {
         }
     }
 
-    /// Adds a column of `stride` elements for each particle: those of each block in its row. A lattice's order is not
-    /// that of its blocks: its first row has all elements.
-    fn of_particles<T: bytemuck::Pod>(&mut self, id: Id, elements: &'a [T], stride: usize) {
-        let whole = elements.len() as i64;
+    /// Adds a column of particles: those of each block in its row. A lattice's order is not that of its blocks: its
+    /// first row has all elements.
+    fn of_particles(&mut self, id: Id, column: ColumnBytes<'a>) {
+        let element = id.column().stride();
+        let whole = (column.bytes.len() / element) as i64;
+        let each = (column.size / element) as i64;
         let blocks = self.volume.blocks.iter();
         let offsets = match self.volume.particles {
             BlockedParticles::Lattice(_) => sums(
@@ -267,8 +207,8 @@ impl<'a> Rows<'a> {
                     .zip(blocks)
                     .map(|(i, _)| if i == 0 { whole } else { 0 }),
             ),
-            _ => sums(blocks.map(|b| i64::from(b.count) * stride as i64)),
+            _ => sums(blocks.map(|b| i64::from(b.count) * each)),
         };
-        self.list(id, offsets, Cow::Borrowed(bytemuck::cast_slice(elements)));
+        self.list(id, offsets, column.bytes);
     }
 }

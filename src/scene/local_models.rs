@@ -71,7 +71,7 @@ pub type LocalModels = LocalModelsIn<Owned>;
 /// Local models of a volume's particles, six bytes each; the module's documentation has their bits.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LocalModelsIn<S: Storage> {
-    codes: S::Of<[u16; 3]>,
+    pub(super) codes: S::Of<[u16; 3]>,
     greatest_slope: f32,
     greatest_departure: f32,
 }
@@ -150,14 +150,12 @@ impl LocalModels {
         Ok(Self::with(&all, scales))
     }
 
-    /// Codes of other particles, made with the same scales.
-    pub(crate) fn with_codes(&self, codes: Vec<[u16; 3]>) -> Self {
-        Self { codes, ..*self }
-    }
-
-    /// Appends models of the same scales.
-    pub(crate) fn append(&mut self, others: &Self) {
-        self.codes.extend(&others.codes);
+    /// No models, with the same scales.
+    pub(crate) fn emptied(&self) -> Self {
+        Self {
+            codes: Vec::new(),
+            ..*self
+        }
     }
 
     /// The same codes, with other scales.

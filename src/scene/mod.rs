@@ -3,7 +3,9 @@
 mod boundary;
 mod build;
 mod classification;
+pub(crate) mod columns;
 mod ghosts;
+pub(crate) mod headers;
 mod lattice;
 mod lighting;
 mod local_models;

@@ -1,18 +1,20 @@
 //! Packs particles as rows of bytes: each row is a particle's number and everything a volume stores of the
 //! particle.
 
-use std::borrow::Cow;
+use std::convert::Infallible;
 use std::fmt::Write;
 use std::hash::{DefaultHasher, Hash, Hasher};
+use std::vec;
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::MOST_EDGES;
+use super::storage::Owned;
 use crate::error::{Error, Result};
-use crate::math::harmonics_count;
 use crate::scene::boundary::{Boundary, BoundaryPlanes};
+use crate::scene::columns::{ColumnBytes, Columns, Visitor};
 use crate::scene::local_models::LocalModels;
 use crate::scene::point_volume::{Colour, Particles, PointVolume, Strength};
 use crate::scene::values::Values;
@@ -25,44 +27,9 @@ struct Cut {
     edges: [[f32; 4]; MOST_EDGES],
 }
 
-/// A column: bytes per particle, and the bytes of all particles.
-type Column<'a> = (usize, Cow<'a, [u8]>);
-
-fn column<T: Pod>(entries: &[T], each: usize) -> Column<'_> {
-    (each * size_of::<T>(), bytemuck::cast_slice(entries).into())
-}
-
-/// Columns of everything that a set of points stores per particle.
-fn columns(volume: &PointVolume) -> Vec<Column<'_>> {
-    let mut columns = vec![column(volume.particles.positions(), 1)];
-    match &volume.particles {
-        Particles::Lattice { .. } => {}
-        Particles::Isotropic { sigmas, .. } => columns.push(column(sigmas, 1)),
-        Particles::Anisotropic {
-            factors: shapes, ..
-        }
-        | Particles::Surfels {
-            tangents: shapes, ..
-        } => columns.push(column(shapes, 1)),
-    }
-    columns.push(column(volume.strength.stored(), 1));
-    match &volume.colour {
-        Colour::PerParticle(colours) => columns.push(column(colours, 1)),
-        Colour::Harmonics {
-            degree,
-            coefficients,
-            ..
-        } => columns.push(column(coefficients, 3 * harmonics_count(*degree))),
-        Colour::Classified | Colour::Uniform(_) => {}
-    }
-    match &volume.values {
-        Some(Values::U8(values)) => columns.push(column(values, 1)),
-        Some(Values::I16(values)) => columns.push(column(values, 1)),
-        Some(Values::U16(values)) => columns.push(column(values, 1)),
-        Some(Values::F32(values)) => columns.push(column(values, 1)),
-        Some(Values::F64(values)) => columns.push(column(values, 1)),
-        None => {}
-    }
+/// Columns of everything that a set of points stores per particle. Planes become a column, the last.
+fn columns(volume: &PointVolume) -> Vec<ColumnBytes<'_>> {
+    let mut columns = volume.columns();
     if let Some(Boundary::Planes(planes)) = &volume.boundary {
         let cut = |i| match planes.of(i) {
             Some(edges) => Cut {
@@ -72,16 +39,11 @@ fn columns(volume: &PointVolume) -> Vec<Column<'_>> {
             None => Cut::zeroed(),
         };
         let cuts: Vec<Cut> = (0..planes.of_particle.len()).map(cut).collect();
-        columns.push((
-            size_of::<Cut>(),
-            bytemuck::cast_slice(&cuts).to_vec().into(),
-        ));
-    }
-    if let Some(normals) = &volume.normals {
-        columns.push(column(normals, 1));
-    }
-    if let Some(models) = &volume.local_models {
-        columns.push(column(models.codes(), 1));
+        columns.push(ColumnBytes {
+            name: "cut",
+            size: size_of::<Cut>(),
+            bytes: bytemuck::cast_slice(&cuts).to_vec().into(),
+        });
     }
     columns
 }
@@ -95,7 +57,7 @@ pub(crate) fn rows_of(volume: &PointVolume, numbers: &[u64]) -> Vec<u8> {
 
 /// Packer of a set of points.
 pub(crate) struct Rows<'a> {
-    columns: Vec<Column<'a>>,
+    columns: Vec<ColumnBytes<'a>>,
 }
 
 impl<'a> Rows<'a> {
@@ -118,7 +80,7 @@ impl<'a> Rows<'a> {
         each.for_each(|(row, (i, number))| {
             let (own, mut rest) = row.split_at_mut(8);
             own.copy_from_slice(&number.to_le_bytes());
-            for (size, bytes) in &self.columns {
+            for ColumnBytes { size, bytes, .. } in &self.columns {
                 let (own, others) = rest.split_at_mut(*size);
                 own.copy_from_slice(&bytes[i * size..][..*size]);
                 rest = others;
@@ -137,8 +99,8 @@ pub(crate) fn position_of(row: &[u8]) -> DVec3 {
     bytemuck::pod_read_unaligned(&row[8..8 + size_of::<DVec3>()])
 }
 
-fn stride(columns: &[Column<'_>]) -> usize {
-    8 + columns.iter().map(|(size, _)| size).sum::<usize>()
+fn stride(columns: &[ColumnBytes<'_>]) -> usize {
+    8 + columns.iter().map(|column| column.size).sum::<usize>()
 }
 
 /// Bytes per row of a volume.
@@ -163,6 +125,25 @@ impl Sorted<'_> {
             own.map(bytemuck::pod_read_unaligned)
         });
         entries.collect()
+    }
+}
+
+impl Visitor<Owned> for Sorted<'_> {
+    type Error = Infallible;
+
+    fn column<T: Pod + Send + Sync>(
+        &mut self,
+        _: &'static str,
+        width: usize,
+        column: &mut Vec<T>,
+    ) -> Result<(), Infallible> {
+        *column = self.next(width);
+        Ok(())
+    }
+
+    fn planes(&mut self, planes: &mut BoundaryPlanes) -> Result<(), Infallible> {
+        *planes = planes_of(&self.next(1));
+        Ok(())
     }
 }
 
@@ -193,157 +174,52 @@ pub(crate) fn twice(number: u64) -> Error {
 
 /// Unpacks rows in the given order; otherwise as [`volume_of`].
 pub(crate) fn volume_in_order(rows: Vec<&[u8]>, like: &PointVolume) -> PointVolume {
-    let mut rows = Sorted { rows, at: 8 };
-    let positions = rows.next(1);
-    let particles = match &like.particles {
-        Particles::Lattice { .. } => like.particles.clone(),
-        Particles::Isotropic { .. } => Particles::Isotropic {
-            positions,
-            sigmas: rows.next(1),
-        },
-        Particles::Anisotropic { .. } => Particles::Anisotropic {
-            positions,
-            factors: rows.next(1),
-        },
-        Particles::Surfels { is_one_sided, .. } => Particles::Surfels {
-            positions,
-            tangents: rows.next(1),
-            is_one_sided: *is_one_sided,
-        },
-    };
-    let stored = rows.next(1);
-    let strength = strength_of(stored, &like.strength);
-    let colour = match &like.colour {
-        Colour::PerParticle(_) => Colour::PerParticle(rows.next(1)),
-        Colour::Harmonics {
-            degree, is_linear, ..
-        } => Colour::Harmonics {
-            degree: *degree,
-            coefficients: rows.next(3 * harmonics_count(*degree)),
-            is_linear: *is_linear,
-        },
-        other => other.clone(),
-    };
-    let values = like.values.as_ref().map(|values| match values {
-        Values::U8(_) => Values::U8(rows.next(1)),
-        Values::I16(_) => Values::I16(rows.next(1)),
-        Values::U16(_) => Values::U16(rows.next(1)),
-        Values::F32(_) => Values::F32(rows.next(1)),
-        Values::F64(_) => Values::F64(rows.next(1)),
-    });
-    let boundary = match &like.boundary {
-        Some(Boundary::Planes(_)) => Some(Boundary::Planes(planes_of(&rows.next(1)))),
-        other => other.clone(),
-    };
-    let normals = like.normals.as_ref().map(|_| rows.next(1));
-    let models = like.local_models.as_ref();
-    PointVolume {
-        particles,
-        strength,
-        colour,
-        values,
-        transfer_function: like.transfer_function.clone(),
-        boundary,
-        normals,
-        local_models: models.map(|models| models.with_codes(rows.next(1))),
-    }
-}
-
-fn strength_of(stored: Vec<f32>, like: &Strength) -> Strength {
-    match like {
-        Strength::Classified { .. } => Strength::Classified { volumes: stored },
-        Strength::Mass(_) => Strength::Mass(stored),
-        Strength::Surface(_) => Strength::Surface(stored),
-        Strength::Translucent(_) => Strength::Translucent(stored),
-        Strength::PeakOpacity {
-            is_anti_aliased, ..
-        } => Strength::PeakOpacity {
-            opacities: stored,
-            is_anti_aliased: *is_anti_aliased,
-        },
-    }
+    let mut volume = like.emptied();
+    let Ok(()) = volume.visit(&mut Sorted { rows, at: 8 });
+    volume
 }
 
 /// Appends the points of a volume to those of another of the same kind.
 pub(crate) fn append(all: &mut PointVolume, part: PointVolume) {
-    match (&mut all.particles, part.particles) {
-        (
-            Particles::Isotropic { positions, sigmas },
-            Particles::Isotropic {
-                positions: places,
-                sigmas: widths,
-            },
-        ) => {
-            positions.extend(places);
-            sigmas.extend(widths);
+    let planes = match &part.boundary {
+        Some(Boundary::Planes(planes)) => Some(planes),
+        Some(Boundary::Lattice) | None => None,
+    };
+    let Ok(()) = all.visit(&mut Appending {
+        columns: part.columns().into_iter(),
+        planes,
+    });
+}
+
+/// Columns that are appended to those of a volume of the same kind.
+struct Appending<'a> {
+    columns: vec::IntoIter<ColumnBytes<'a>>,
+    planes: Option<&'a BoundaryPlanes>,
+}
+
+impl Visitor<Owned> for Appending<'_> {
+    type Error = Infallible;
+
+    fn column<T: Pod + Send + Sync>(
+        &mut self,
+        _: &'static str,
+        _: usize,
+        column: &mut Vec<T>,
+    ) -> Result<(), Infallible> {
+        if let Some(own) = self.columns.next() {
+            column.extend_from_slice(bytemuck::cast_slice(&own.bytes));
         }
-        (
-            Particles::Anisotropic {
-                positions,
-                factors: shapes,
-            },
-            Particles::Anisotropic {
-                positions: places,
-                factors: own,
-            },
-        )
-        | (
-            Particles::Surfels {
-                positions,
-                tangents: shapes,
-                ..
-            },
-            Particles::Surfels {
-                positions: places,
-                tangents: own,
-                ..
-            },
-        ) => {
-            positions.extend(places);
-            shapes.extend(own);
+        Ok(())
+    }
+
+    fn planes(&mut self, planes: &mut BoundaryPlanes) -> Result<(), Infallible> {
+        if let Some(own) = self.planes {
+            let before = u32::try_from(planes.edges.len()).unwrap_or(u32::MAX);
+            let word = |&word: &u32| if word > 0 { word + before } else { 0 };
+            planes.of_particle.extend(own.of_particle.iter().map(word));
+            planes.edges.extend_from_slice(&own.edges);
         }
-        _ => {}
-    }
-    let (Strength::Classified { volumes: strengths }
-    | Strength::Mass(strengths)
-    | Strength::Surface(strengths)
-    | Strength::Translucent(strengths)
-    | Strength::PeakOpacity {
-        opacities: strengths,
-        ..
-    }) = &mut all.strength;
-    strengths.extend(part.strength.stored());
-    match (&mut all.colour, part.colour) {
-        (Colour::PerParticle(colours), Colour::PerParticle(own)) => colours.extend(own),
-        (
-            Colour::Harmonics { coefficients, .. },
-            Colour::Harmonics {
-                coefficients: own, ..
-            },
-        ) => coefficients.extend(own),
-        _ => {}
-    }
-    match (&mut all.values, part.values) {
-        (Some(Values::U8(values)), Some(Values::U8(own))) => values.extend(own),
-        (Some(Values::I16(values)), Some(Values::I16(own))) => values.extend(own),
-        (Some(Values::U16(values)), Some(Values::U16(own))) => values.extend(own),
-        (Some(Values::F32(values)), Some(Values::F32(own))) => values.extend(own),
-        (Some(Values::F64(values)), Some(Values::F64(own))) => values.extend(own),
-        _ => {}
-    }
-    if let (Some(Boundary::Planes(planes)), Some(Boundary::Planes(own))) =
-        (&mut all.boundary, part.boundary)
-    {
-        let before = u32::try_from(planes.edges.len()).unwrap_or(u32::MAX);
-        let word = |&word: &u32| if word > 0 { word + before } else { 0 };
-        planes.of_particle.extend(own.of_particle.iter().map(word));
-        planes.edges.extend(own.edges);
-    }
-    if let (Some(normals), Some(own)) = (&mut all.normals, part.normals) {
-        normals.extend(own);
-    }
-    if let (Some(models), Some(own)) = (&mut all.local_models, part.local_models) {
-        models.append(&own);
+        Ok(())
     }
 }
 

@@ -26,6 +26,7 @@ use super::tree::Tree;
 use super::{Block, BlockedVolume};
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;
+use crate::scene::columns::columns;
 use crate::scene::{
     Averages, ColourIn, Column, Shared, Slopes, StrengthIn, TransferFunction, ValuesIn, Weighting,
 };
@@ -102,6 +103,13 @@ pub struct Merged {
     /// \[1/length²\]. Scaled by how far the members' kernels lie apart. Per particle; empty where kernels overlap.
     pub member_depths: Column<f32>,
 }
+
+columns! { [] Shared, Merged {
+    Self { spreads, member_depths, .. } => {
+        "spread": [f32; 1] in spreads;
+        "member_depth": [f32; 1] in member_depths;
+    }
+} }
 
 /// Averages of a transfer function over intervals of values, and its slopes, weighted to suit the strength of a volume.
 #[derive(Debug)]

@@ -14,9 +14,7 @@ use super::numbers::without_gaps;
 use super::{Bundle, NO_CORNERS, Peers, extend};
 use crate::error::{Error, Result};
 use crate::scene::PointVolume;
-use crate::scene::rows::{
-    Rows, append, number_of, position_of, row_len, volume_in_order, volume_of,
-};
+use crate::scene::rows::{Rows, append, number_of, position_of, row_len, volume_in_order};
 use crate::task::{Stage, Task};
 
 /// Number of particles that each rank receives in a round, about.
@@ -116,7 +114,7 @@ pub(super) fn deal(
         .map(|i| (kept[i as usize], numbers[i as usize] as u32))
         .collect();
     drop((kept, numbers));
-    let like = volume_of(&[], &volume)?;
+    let like = volume.emptied();
     let sorting = Sorting {
         members: &members,
         bundles: &bundles,
@@ -302,7 +300,7 @@ impl<'a, F: Fn(usize) -> &'a Chunk + Sync> Sorting<'a, F> {
             (tree, numbers, volume_in_order(ordered, like))
         };
         let mut trees = Vec::with_capacity(own.bundles.len());
-        let mut all = volume_of(&[], like)?;
+        let mut all = like.emptied();
         let mut numbers = Vec::new();
         for some in own.bundles.chunks(AT_A_TIME) {
             let built: Vec<(Tree, Vec<u32>, PointVolume)> = some.par_iter().map(build).collect();

@@ -17,9 +17,7 @@ use crate::sample::kernels::Kernels;
 use crate::sample::report::SampleReport;
 use crate::sample::rest::{Own, Rest};
 use crate::sample::{SampleOptions, check_options, unclassified};
-use crate::scene::{
-    Boundary, LocalModel, Particles, PickedRow, PointVolume, Strength, ValueScale, Values,
-};
+use crate::scene::{LocalModel, Particles, PickedRow, PointVolume, ValueScale, Values};
 
 /// Planes of constant k of a grid, with a field.
 pub(crate) struct GridPlanes {
@@ -206,36 +204,6 @@ impl GridApart<'_> {
             wanted.extend(of_own.map(|(i, _)| crate::sample::index_u32(kept.len() + i)));
             ghosts = wanted.len() - own.len();
         }
-        Ok((some_of(volume, &wanted), ghosts))
-    }
-}
-
-/// Selects particles of a volume of ellipsoids that a function classifies.
-fn some_of(volume: PointVolume, wanted: &[u32]) -> PointVolume {
-    fn some<T: Copy>(all: &[T], wanted: &[u32]) -> Vec<T> {
-        wanted.iter().map(|&i| all[i as usize]).collect()
-    }
-    PointVolume {
-        particles: match volume.particles {
-            Particles::Anisotropic { positions, factors } => Particles::Anisotropic {
-                positions: some(&positions, wanted),
-                factors: some(&factors, wanted),
-            },
-            other => other,
-        },
-        strength: match volume.strength {
-            Strength::Classified { volumes } => Strength::Classified {
-                volumes: some(&volumes, wanted),
-            },
-            other => other,
-        },
-        values: volume.values.map(|values| values.gather(wanted)),
-        boundary: volume.boundary.map(|boundary| match boundary {
-            Boundary::Planes(planes) => Boundary::Planes(planes.gather(wanted)),
-            Boundary::Lattice => Boundary::Lattice,
-        }),
-        normals: volume.normals.map(|normals| some(&normals, wanted)),
-        local_models: volume.local_models.map(|models| models.gather(wanted)),
-        ..volume
+        Ok((volume.gathered(&wanted), ghosts))
     }
 }

@@ -1,0 +1,132 @@
+//! Defines headers of strengths, colours and values: their kinds without columns, as files and ranks have them.
+
+use serde::{Deserialize, Serialize};
+
+use super::storage::Storage;
+use crate::scene::point_volume::{ColourIn, StrengthIn};
+#[cfg(feature = "prepared")]
+use crate::scene::values::ValuesIn;
+
+/// Kind of a [`Strength`](super::Strength).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub(crate) enum StrengthHeader {
+    Classified,
+    Mass,
+    PeakOpacity { is_anti_aliased: bool },
+    Surface,
+    Translucent,
+}
+
+impl StrengthHeader {
+    pub(crate) fn of<S: Storage>(strength: &StrengthIn<S>) -> Self {
+        match strength {
+            StrengthIn::Classified { .. } => Self::Classified,
+            StrengthIn::Mass(_) => Self::Mass,
+            StrengthIn::PeakOpacity {
+                is_anti_aliased, ..
+            } => Self::PeakOpacity {
+                is_anti_aliased: *is_anti_aliased,
+            },
+            StrengthIn::Surface(_) => Self::Surface,
+            StrengthIn::Translucent(_) => Self::Translucent,
+        }
+    }
+
+    /// A strength of this kind without entries.
+    pub(crate) fn empty<S: Storage>(self) -> StrengthIn<S> {
+        self.with(S::Of::default())
+    }
+
+    /// A strength of this kind with these entries.
+    pub(crate) fn with<S: Storage>(self, numbers: S::Of<f32>) -> StrengthIn<S> {
+        match self {
+            Self::Classified => StrengthIn::Classified { volumes: numbers },
+            Self::Mass => StrengthIn::Mass(numbers),
+            Self::PeakOpacity { is_anti_aliased } => StrengthIn::PeakOpacity {
+                opacities: numbers,
+                is_anti_aliased,
+            },
+            Self::Surface => StrengthIn::Surface(numbers),
+            Self::Translucent => StrengthIn::Translucent(numbers),
+        }
+    }
+}
+
+/// Kind of a [`Colour`](super::Colour).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub(crate) enum ColourHeader {
+    Classified,
+    PerParticle,
+    Uniform([f32; 3]),
+    Harmonics {
+        degree: u8,
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+        is_linear: bool,
+    },
+}
+
+impl ColourHeader {
+    pub(crate) fn of<S: Storage>(colour: &ColourIn<S>) -> Self {
+        match colour {
+            ColourIn::Classified => Self::Classified,
+            ColourIn::PerParticle(_) => Self::PerParticle,
+            ColourIn::Uniform(colour) => Self::Uniform(*colour),
+            ColourIn::Harmonics {
+                degree, is_linear, ..
+            } => Self::Harmonics {
+                degree: *degree,
+                is_linear: *is_linear,
+            },
+        }
+    }
+
+    /// A colour of this kind without entries.
+    pub(crate) fn empty<S: Storage>(self) -> ColourIn<S> {
+        match self {
+            Self::Classified => ColourIn::Classified,
+            Self::PerParticle => ColourIn::PerParticle(S::Of::default()),
+            Self::Uniform(colour) => ColourIn::Uniform(colour),
+            Self::Harmonics { degree, is_linear } => ColourIn::Harmonics {
+                degree,
+                coefficients: S::Of::default(),
+                is_linear,
+            },
+        }
+    }
+}
+
+/// Type of a volume's values.
+#[cfg(feature = "prepared")]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum ValuesHeader {
+    U8,
+    I16,
+    U16,
+    F32,
+}
+
+#[cfg(feature = "prepared")]
+impl ValuesHeader {
+    pub(crate) fn of<S: Storage>(values: &ValuesIn<S>) -> Self {
+        match values {
+            ValuesIn::U8(_) => Self::U8,
+            ValuesIn::I16(_) => Self::I16,
+            ValuesIn::U16(_) => Self::U16,
+            // A volume's values are narrowed when its blocks are made.
+            ValuesIn::F32(_) | ValuesIn::F64(_) => Self::F32,
+        }
+    }
+
+    /// Values of this type without entries.
+    pub(crate) fn empty<S: Storage>(self) -> ValuesIn<S> {
+        match self {
+            Self::U8 => ValuesIn::U8(S::Of::default()),
+            Self::I16 => ValuesIn::I16(S::Of::default()),
+            Self::U16 => ValuesIn::U16(S::Of::default()),
+            Self::F32 => ValuesIn::F32(S::Of::default()),
+        }
+    }
+}
