@@ -120,6 +120,7 @@ pub mod accuracy {}
 #[cfg(feature = "legend")]
 pub mod annotate;
 mod blocks;
+mod collective;
 #[cfg(feature = "cli")]
 pub mod command;
 #[doc = include_str!("../docs/compositing.md")]
@@ -143,6 +144,7 @@ pub mod math;
 pub mod measure;
 #[doc(hidden)]
 pub mod memory;
+mod message;
 #[cfg(feature = "legend")]
 mod overlay;
 #[cfg(feature = "prepared")]

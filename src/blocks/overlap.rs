@@ -7,8 +7,8 @@ use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
 use super::merge::{Grown, Source};
-use super::peers::Peers;
 use super::tree::Tree;
+use crate::collective::Collective;
 use crate::error::Result;
 use crate::splat::budget::OVERLAP;
 
@@ -233,7 +233,7 @@ impl Crowds {
         crown: &Tree,
         runs: &[Range<usize>],
         source: &Source<'_>,
-        peers: &mut dyn Peers,
+        ranks: &mut dyn Collective,
     ) -> Result<Self> {
         let kernels = Kernels::new(source);
         let here = |own: &Grown<'_>| own.at..own.at + own.tree.len();
@@ -241,7 +241,7 @@ impl Crowds {
         for (leaf, own) in trees {
             leaves[*leaf] = kernels.summary(&here(own));
         }
-        let leaves = peers.reduce(Ok(leaves), |all, own| *all = all.and(own))?;
+        let leaves = ranks.reduce(Ok(leaves), |all, own| *all = all.and(own))?;
         let particles = |leaves: &Range<usize>| runs[leaves.start].start..runs[leaves.end - 1].end;
         let mut asked = Vec::new();
         crown.visit(|run, diagonal| {
@@ -262,7 +262,7 @@ impl Crowds {
             let wide = own.map(|(_, own)| kernels.wide(&here(own), all.diagonal()));
             wide.sum()
         });
-        let wide = peers.sums(wide.collect())?;
+        let wide = ranks.sums(Ok(wide.collect()))?;
         let mut found: Vec<(Range<usize>, usize)> = Vec::new();
         // Each run lies within an earlier one, or behind all of them.
         for ((run, all), wide) in asked.into_iter().zip(wide) {
@@ -281,7 +281,7 @@ impl Crowds {
                 [run.start + tree.start, run.end + tree.start, count].map(|n| n as u64)
             }));
         }
-        let own = peers.gather_records(Ok(&own))?.concat().into_iter();
+        let own = ranks.gather_records(Ok(own))?.concat().into_iter();
         let own = own.map(|[start, end, count]| (start as usize..end as usize, count as usize));
         let above = found
             .into_iter()

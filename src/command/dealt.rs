@@ -10,7 +10,8 @@ use super::source::Input;
 use super::together::{Gathered, Together};
 use super::viewpoint::Cameras;
 use crate::Result;
-use crate::distributed::{Ranks, Share, dealt, hand_out};
+use crate::collective::Collective;
+use crate::distributed::{Share, dealt, hand_out};
 use crate::sample::SampleOptions;
 
 impl DataOptions {
@@ -25,7 +26,7 @@ impl DataOptions {
         options: &SampleOptions,
         cameras: Cameras<'_>,
         progress: &ProgressBar,
-        ranks: &mut Ranks,
+        ranks: &mut dyn Collective,
     ) -> Result<(Scene, Share)> {
         let checked = self.check_function(options);
         ranks.agree(checked)?;

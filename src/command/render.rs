@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use crate::Filter;
-use crate::distributed::{self, Ranks, Share};
+use crate::collective::Collective;
+use crate::distributed::{self, Share};
 use crate::image::DARK_GREY;
 use crate::io::{
     check_depth_path, check_folder, check_image_path, write_bytes_atomically, write_count,
@@ -669,7 +670,7 @@ impl Arguments {
         &self,
         options: &SampleOptions,
         progress: &ProgressBar,
-        ranks: &mut Option<Ranks>,
+        ranks: &mut Option<Box<dyn Collective>>,
     ) -> Result<Made> {
         let read_start = Instant::now();
         let planes = self.clip_planes();
@@ -700,7 +701,7 @@ impl Arguments {
                     options,
                     &of_boxes,
                     progress,
-                    ranks,
+                    &mut **ranks,
                     takes_parts,
                     read,
                     check,
@@ -824,7 +825,7 @@ impl Arguments {
         &self,
         cameras: &[Camera],
         draw: &mut dyn FnMut(usize) -> Result<Image>,
-        ranks: Option<Ranks>,
+        ranks: Option<Box<dyn Collective>>,
     ) -> Result<()> {
         let count = cameras.len();
         let Some(mut ranks) = ranks else {
@@ -841,7 +842,7 @@ impl Arguments {
         let animation = is_first.then(|| self.animation(cameras)).transpose();
         let mut animation = ranks.agree(animation)?;
         let bar = bar(count as u64).with_message("rendering");
-        ranks::in_turn(&mut ranks, count, draw, |image| {
+        ranks::in_turn(&mut *ranks, count, draw, |image| {
             bar.inc(1);
             animation.as_mut().map_or(Ok(()), |own| own.push(image))
         })?;
@@ -854,7 +855,7 @@ impl Arguments {
         &self,
         options: &SampleOptions,
         progress: &ProgressBar,
-        mut ranks: Option<Ranks>,
+        mut ranks: Option<Box<dyn Collective>>,
     ) -> Result<()> {
         let is_first = ranks.as_ref().is_none_or(|ranks| ranks.rank() == 0);
         let planes = self.clip_planes();

@@ -14,8 +14,9 @@ use super::source::Input;
 use super::usage::Kind;
 use super::viewpoint::Cameras;
 use crate::blocks::ParticleStream;
+use crate::collective::Collective;
 use crate::distributed::{
-    PartRead, Ranks, Share, read_grid, read_pieces, read_planes, read_rows, read_together, scatter,
+    PartRead, Share, read_grid, read_pieces, read_planes, read_rows, read_together, scatter,
 };
 use crate::io::{Planes, RowFile};
 use crate::prepared::{About, PointFile};
@@ -74,7 +75,7 @@ impl DataOptions {
         options: &SampleOptions,
         cameras: Cameras<'_>,
         progress: &ProgressBar,
-        ranks: &mut Ranks,
+        ranks: &mut dyn Collective,
         takes_parts: bool,
         read: impl FnOnce() -> Result<Scene>,
         check: impl FnOnce(Scene) -> Result<Scene>,
@@ -190,7 +191,7 @@ impl DataOptions {
         &self,
         inputs: &[Input],
         options: &SampleOptions,
-        ranks: &mut Ranks,
+        ranks: &mut dyn Collective,
         read: impl FnOnce() -> Result<Scene>,
     ) -> Result<(Scene, Option<Share>)> {
         let own = match ranks.rank() {
@@ -203,7 +204,7 @@ impl DataOptions {
             let about = own_scene.as_ref();
             about.map(|scene| scene.about(inputs, options.for_columns))
         });
-        let about: About = ranks.told_by_first(told)?;
+        let about: About = ranks.broadcast_value(told)?;
         let volumes = own_scene.as_mut().map(|own| take(&mut own.volumes));
         let mut share = scatter(volumes, ranks)?;
         let mut scene = match own_scene {

@@ -5,10 +5,10 @@
 
 use rayon::prelude::*;
 
-use super::message::{put, take};
 use super::tiles::TileShares;
 use crate::cpu::{CpuFrames, ProjectOutput};
 use crate::error::Result;
+use crate::message::{put, take};
 use crate::record::{BlockView, ExactTerms, Footprint, NearTerms, SurfelTerms};
 
 /// Number of blocks in view that one task sorts by their destinations.

@@ -6,17 +6,17 @@ use std::ops::Range;
 use bytemuck::Zeroable;
 
 use super::exchange::{Arrived, Sorting, parcels};
-use super::message;
-use super::ranks::Ranks;
 use super::statistics::RankStats;
 use super::tiles::{TileShares, Work};
 use crate::blocks::{AmplitudeSummary, BlockedScene, Frustum, runs_in_turn};
+use crate::collective::Collective;
 use crate::cpu::{
     CpuFrames, MOST_ENTRIES, TileSums, cut_into_bands, is_cut_into_strips, tile_size,
 };
 use crate::error::Result;
 use crate::frame::backend::{DrawFrames, Edit, FrameReport, Images};
 use crate::frame::plan::{FramePlan, PassPlan};
+use crate::message;
 use crate::record::{BlockView, ClassifiedBy, ViewUniform};
 use crate::splat::Accumulate;
 use crate::stats::Stopwatch;
@@ -30,7 +30,7 @@ const FEW: usize = 1 << 18;
 /// Draws frames of a scene whose particles are partitioned among ranks.
 #[derive(Debug)]
 pub(crate) struct RankFrames {
-    ranks: Ranks,
+    ranks: Box<dyn Collective>,
     cpu: CpuFrames,
     /// Blocks whose particles this rank holds, for each volume.
     own: Vec<Vec<Range<u32>>>,
@@ -55,7 +55,7 @@ impl RankFrames {
     ///
     /// # Errors
     /// The errors of [`BlockedScene::keep`].
-    pub(crate) fn sharing(ranks: Ranks, scene: &mut BlockedScene) -> Result<Self> {
+    pub(crate) fn sharing(ranks: Box<dyn Collective>, scene: &mut BlockedScene) -> Result<Self> {
         let (size, rank) = (ranks.size(), ranks.rank());
         let own = (0..).zip(scene.volumes());
         let own = own.map(|(v, volume)| runs_in_turn(volume.blocks.len(), size, rank, v));
@@ -67,7 +67,7 @@ impl RankFrames {
     /// Takes a scene of which this rank holds its share only.
     ///
     /// - `own`: for each volume, the blocks whose particles this rank holds.
-    pub(super) fn of_shared(ranks: Ranks, own: Vec<Vec<Range<u32>>>) -> Self {
+    pub(super) fn of_shared(ranks: Box<dyn Collective>, own: Vec<Vec<Range<u32>>>) -> Self {
         Self {
             ranks,
             cpu: CpuFrames::default(),
@@ -98,9 +98,9 @@ impl RankFrames {
         let not_finite = own.not_finite as f64;
         let all = self
             .ranks
-            .gather_records(Ok(vec![own.largest, own.sum, not_finite]))?;
-        let all = all.iter().filter_map(|numbers| numbers.first_chunk::<3>());
-        let all = all.map(|&[largest, sum, not_finite]| AmplitudeSummary {
+            .gather_one(Ok([own.largest, own.sum, not_finite]))?;
+        let all = all.into_iter();
+        let all = all.map(|[largest, sum, not_finite]| AmplitudeSummary {
             largest,
             sum,
             not_finite: not_finite as usize,
@@ -179,12 +179,11 @@ impl RankFrames {
             self.cpu.views[v] = own;
         }
         let visible = self.cpu.count_particles(scene, plan, pass, report);
-        let visible = self.ranks.sums(visible.map(|count| vec![count as u64]))?;
-        let visible: u64 = visible.iter().sum();
+        let visible = self.ranks.sum(visible.map(|count| count as u64))?;
         let each = usize::try_from(visible).unwrap_or(usize::MAX) / self.ranks.size();
         let most = self.cpu.most_particles(each).min(self.most) as u64;
-        let most = self.ranks.gather_records(Ok(vec![most]))?;
-        let most = most.into_iter().flatten().min().unwrap_or(1).max(1);
+        let most = self.ranks.gather_one(Ok(most))?;
+        let most = most.into_iter().min().unwrap_or(1).max(1);
         // No more parts than tiles.
         let tiles = view_tiles(&seen.view, tile_size(pass));
         Ok((each.div_ceil(most as usize)).clamp(1, tiles.max(1)))
@@ -252,8 +251,8 @@ impl RankFrames {
     ) -> Result<Projected> {
         let is_part = part.is_some();
         let mut batches = self.batches(scene, plan, seen, part).into_iter();
-        let counts = self.ranks.gather_records(Ok(vec![batches.len() as u64]))?;
-        let rounds = counts.concat().into_iter().max().unwrap_or(0);
+        let counts = self.ranks.gather_one(Ok(batches.len() as u64))?;
+        let rounds = counts.into_iter().max().unwrap_or(0);
         let mut out = Projected::default();
         // A rank that failed goes on to take part, so that all ranks receive its error.
         let mut fault = None;
@@ -269,12 +268,12 @@ impl RankFrames {
                     }
                 };
                 let mut clock = Stopwatch::start();
-                fault = self.ranks.begin(parts).err();
+                fault = self.ranks.begin_exchange(parts).err();
                 self.now.times.exchange += clock.lap();
             }
             if round > 0 {
                 let mut clock = Stopwatch::start();
-                let arrived = self.ranks.complete();
+                let arrived = self.ranks.complete_exchange();
                 self.now.times.exchange += clock.lap();
                 let added = arrived.and_then(|parts| {
                     parts.iter().try_for_each(|part| {
@@ -422,8 +421,8 @@ impl RankFrames {
                 entries = self.cpu.list(pass, view, tiles, report);
             }
             if is_column {
-                let sum = self.ranks.sums(drawn.map(|()| vec![entries as u64]))?;
-                entries = sum.iter().sum::<u64>() as usize;
+                let sum = self.ranks.sum(drawn.map(|()| entries as u64))?;
+                entries = sum as usize;
                 drawn = Ok(());
             }
             if is_any {
@@ -456,10 +455,7 @@ impl RankFrames {
                 message::put(&mut part, &self.cpu.surface_normals[own].concat());
             }
         }
-        let mut parts = vec![Vec::new(); self.ranks.size()];
-        parts[0] = part;
-        self.ranks.begin(Ok(parts))?;
-        let parts = self.ranks.complete()?;
+        let parts = self.ranks.gather_on_first(Ok(part))?;
         self.now.times.exchange += clock.lap();
         let resolved = if !is_first {
             Ok(())
@@ -533,8 +529,7 @@ impl DrawFrames for RankFrames {
         self.now.tiles = shares.of(self.ranks.rank()).len() as u64;
         report.times.frame = whole.lap();
         self.now.add(&report);
-        let stats = gathered.map(|()| vec![self.now]);
-        self.stats = self.ranks.gather_records(stats)?.concat();
+        self.stats = self.ranks.gather_one(gathered.map(|()| self.now))?;
         RankStats::sum(&self.stats, &mut report.counts);
         Ok(report)
     }
@@ -636,9 +631,9 @@ mod tests {
     ) -> (Image, FrameCounts, u64) {
         let found = thread::scope(|scope| {
             let ranks = ThreadRank::group(size).into_iter();
-            let draw = |own| {
+            let draw = |own: ThreadRank| {
                 let mut scene = BlockedScene::new(volumes(), &SceneOptions::default()).unwrap();
-                let ranks = Ranks::new(Box::new(own));
+                let ranks = Box::new(own);
                 let mut frames = RankFrames::sharing(ranks, &mut scene).unwrap();
                 frames.most = most;
                 frames.upload(&scene).unwrap();

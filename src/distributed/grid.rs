@@ -2,25 +2,23 @@
 
 use std::ops::Range;
 
-use super::message::{put, put_values, take, take_values};
 use super::pieces::{dealt, head_of, seen_by_all};
-use super::ranks::Ranks;
 use super::share::Share;
 use super::shown::{
-    PartRead, differences_of_all, found_by_all, greatest_of_all, models_of_all, outline_of_all,
-    show,
+    PartRead, differences_of_all, found_by_all, models_of_all, outline_of_all, show,
 };
-use crate::blocks::Peers;
+use crate::collective::Collective;
 use crate::data::association::Association;
 use crate::data::blanking::Blanking;
 use crate::data::dataset::{CurvilinearBlock, Dataset, Geometry};
 use crate::error::Result;
 use crate::io::{ArrayKey, BlockPlanes, VtsPieces};
 use crate::math::ExactSum;
+use crate::message::{put, put_values, take, take_values};
 use crate::prepared::Found;
 use crate::sample::{
-    GridPlanes, LEAST_PER_NODE, Rest, SampleOptions, SampleReport, Seam, Window, check_count,
-    check_len, planes_around, seam, shown_field, take_scalar,
+    GridPlanes, LEAST_PER_NODE, SampleOptions, SampleReport, Seam, Window, check_count, check_len,
+    planes_around, seam, shown_field, take_scalar,
 };
 use crate::scene::{Surroundings, Tiling, ValueScale, Values};
 
@@ -40,7 +38,7 @@ fn own_planes(count: usize, rank: usize, size: usize) -> Range<usize> {
 pub(crate) fn read_grid(
     file: &VtsPieces,
     options: &SampleOptions,
-    ranks: &mut Ranks,
+    ranks: &mut dyn Collective,
 ) -> Result<Option<PartRead>> {
     let [ni, nj, count] = file.dims();
     let is_plain = options.flatten.is_none()
@@ -92,16 +90,16 @@ pub(crate) fn read_grid(
     };
     let here = planes_of(file, planes, window, blocks, (&arrays, has_cells), &name);
     let (mut here, corners, is_refined) = ranks.agree(here)?;
-    let refined = ranks.sums(Ok(vec![u64::from(is_refined)]))?;
+    let is_refined = ranks.any(is_refined)?;
     let [i, j, k] = seams(&here, ranks)?;
-    if refined != [0] || k {
+    if is_refined || k {
         return Ok(None);
     }
     here.periodic = [i, j, k];
     let outline = outline_of_all(&here.nodes, ranks)?;
     here.differences = differences_of_all(&here.values, ranks)?;
     let mut volume_sum = ExactSum::default();
-    let sampled = here.sampled(options, &mut volume_sum, &mut OtherRanks(ranks));
+    let sampled = here.sampled(options, &mut volume_sum, ranks);
     let mut sampled = ranks.agree(sampled)?;
     let found = Found {
         report: SampleReport {
@@ -111,7 +109,7 @@ pub(crate) fn read_grid(
         corners,
         volume_sum,
     };
-    let before = ranks.before(sampled.report.particle_count)? as usize;
+    let before = ranks.sum_before(Ok(sampled.report.particle_count as u64))? as usize;
     let (mut found, spacing) = found_by_all(&found, &head, file.path(), options, ranks)?;
     let count = found.report.particle_count;
     let picked = sampled.picked(before, count);
@@ -121,14 +119,14 @@ pub(crate) fn read_grid(
     if let Some(models) = sampled.models.take() {
         sampled.volume.local_models = Some(models_of_all(&models, ranks)?);
     }
-    let finished = sampled.finished(options, &mut OtherRanks(ranks));
+    let finished = sampled.finished(options, ranks);
     let (volume, ghosts) = ranks.agree(finished)?;
-    let ghosts_before = ranks.before(ghosts)? as usize;
-    let all_ghosts = ranks.sums(Ok(vec![ghosts as u64]))?;
+    let ghosts_before = ranks.sum_before(Ok(ghosts as u64))? as usize;
+    let all_ghosts = ranks.sum(Ok(ghosts as u64))?;
     let own = volume.particles.len() - ghosts;
     let of_ghosts = count + ghosts_before..count + ghosts_before + ghosts;
     let numbers = (before..before + own).chain(of_ghosts);
-    found.report.particle_count += all_ghosts.first().map_or(0, |&n| n as usize);
+    found.report.particle_count += all_ghosts as usize;
     let outline = CurvilinearBlock {
         dims: [outline.len(), 1, 1],
         nodes: outline,
@@ -223,7 +221,7 @@ fn planes_of(
 }
 
 /// Returns, for each index, whether the first and the last plane of the whole grid coincide.
-fn seams(here: &GridPlanes, ranks: &mut Ranks) -> Result<[bool; 3]> {
+fn seams(here: &GridPlanes, ranks: &mut dyn Collective) -> Result<[bool; 3]> {
     let [ni, nj, planes] = here.dims;
     let Window { count, own, .. } = &here.window;
     let plane = |k: usize| &here.nodes[k * ni * nj..(k + 1) * ni * nj];
@@ -264,30 +262,6 @@ fn seams(here: &GridPlanes, ranks: &mut Ranks) -> Result<[bool; 3]> {
         }
     }
     Ok(all.map(Seam::is_seam))
-}
-
-/// Collective operations with the ranks that hold the rest of a grid.
-struct OtherRanks<'a>(&'a mut Ranks);
-
-impl Rest for OtherRanks<'_> {
-    fn any(&mut self, own: bool) -> Result<bool> {
-        let all = self.0.sums(Ok(vec![u64::from(own)]))?;
-        Ok(all != [0])
-    }
-
-    fn sum(&mut self, own: ExactSum) -> Result<ExactSum> {
-        let mut all = ExactSum::default();
-        for own in self.0.gather_records(Ok(own.to_limbs()))? {
-            if let Some(own) = ExactSum::of_limbs(&own) {
-                all.add_all(own);
-            }
-        }
-        Ok(all)
-    }
-
-    fn greatest(&mut self, own: [f32; 2]) -> Result<[f32; 2]> {
-        greatest_of_all(own, self.0)
-    }
 }
 
 #[cfg(test)]
@@ -474,7 +448,7 @@ mod tests {
         });
         let own = ThreadRank::group(1).swap_remove(0);
         let file = VtsPieces::open(&path).unwrap().unwrap();
-        let mut ranks = Ranks::new(Box::new(own));
+        let mut ranks = own;
         assert!(read_grid(&file, &sharp, &mut ranks).unwrap().is_none());
     }
 }

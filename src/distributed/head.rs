@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::message;
 use crate::error::{Error, Result};
+use crate::message;
 use crate::prepared::about::{self, BatchHead, Function, Grid};
 use crate::scene::{
     Boundary, BoundaryPlanes, Colour, LocalModels, Particles, PointVolume, Strength,

@@ -13,16 +13,13 @@
 //! end, blocks, levels of detail, depth keys and layers are those of the whole scene. Footprints are drawn, and sums
 //! are formed, in the order of a single rank.
 //!
-//! All communication is collective: every rank calls the same functions in the same order ([`Communicator`]). A rank
-//! that fails sends its error in place of its data (`Ranks`).
+//! All communication is collective: every rank calls the same functions in the same order ([`Collective`]). A rank
+//! that fails sends its error in place of its data.
 //!
 //! | file | subject |
 //! |---|---|
-//! | `communicator.rs` | interface of the messages between ranks |
 //! | `threads.rs` | ranks that are threads of one process |
 //! | `mpi.rs` | ranks that are processes (feature `mpi`) |
-//! | `ranks.rs` | collective calls that also carry errors |
-//! | `message.rs` | encoding of records as bytes |
 //! | `share.rs` | the part of a scene that a rank contributes, and blocks made of all parts |
 //! | `read.rs` | parallel reading of a file of points, by rows (feature `prepared`) |
 //! | `rows.rs` | parallel reading of points that are sampled by their neighbours (feature `cli`) |
@@ -46,14 +43,12 @@
     reason = "places among footprints are 32-bit numbers by design, and counts that travel were usize where they come from"
 )]
 
-mod communicator;
 mod exchange;
 mod frames;
 #[cfg(feature = "cli")]
 mod grid;
 #[cfg(feature = "prepared")]
 mod head;
-mod message;
 #[cfg(feature = "mpi")]
 mod mpi;
 #[cfg(feature = "cli")]
@@ -62,7 +57,6 @@ mod patch;
 mod pieces;
 #[cfg(feature = "cli")]
 mod planes;
-mod ranks;
 #[cfg(feature = "prepared")]
 mod read;
 mod renderer;
@@ -81,19 +75,16 @@ mod surroundings;
 mod threads;
 mod tiles;
 
-pub use communicator::Communicator;
+pub use crate::collective::{Alone, Collective};
 pub(crate) use frames::RankFrames;
 #[cfg(feature = "cli")]
 pub(crate) use grid::read_grid;
-#[cfg(feature = "cli")]
-pub(crate) use message::{put, take, unknown};
 #[cfg(feature = "mpi")]
 pub use mpi::MpiRank;
 #[cfg(feature = "cli")]
 pub(crate) use pieces::{dealt, read_pieces};
 #[cfg(feature = "cli")]
 pub(crate) use planes::read_planes;
-pub(crate) use ranks::Ranks;
 #[cfg(feature = "cli")]
 pub(crate) use read::read_together;
 pub use renderer::Renderer;

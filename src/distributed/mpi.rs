@@ -15,7 +15,7 @@ use std::fmt;
 use mpi::environment::{Threading, Universe};
 use mpi::ffi;
 
-use super::communicator::Communicator;
+use crate::collective::Collective;
 use crate::error::{Error, Result};
 
 /// Bytes in a round, from one rank to all others or from all to one.
@@ -218,7 +218,7 @@ impl MpiRank {
     }
 }
 
-impl Communicator for MpiRank {
+impl Collective for MpiRank {
     fn rank(&self) -> usize {
         self.rank
     }
@@ -290,7 +290,7 @@ impl Communicator for MpiRank {
         Ok(parts)
     }
 
-    fn gather_to_all(&mut self, part: &[u8]) -> Result<Vec<Vec<u8>>> {
+    fn gather(&mut self, part: &[u8]) -> Result<Vec<Vec<u8>>> {
         let (lengths, longest) = self.lengths(&vec![part.len(); self.size], part.len())?;
         let (cap, count) = rounds(longest, self.size);
         let capacity = |&len: &usize| Vec::with_capacity(len);

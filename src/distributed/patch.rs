@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use super::message::{put, put_values, take, take_values, unknown};
 use crate::data::association::Association;
 use crate::data::cells::{CellKind, CellMesh, renumber};
 use crate::error::Result;
 use crate::io::check_cells;
+use crate::message::{put, put_values, take, take_values, unknown};
 use crate::scene::Values;
 
 /// Cells, their nodes, and values at the cells or at the nodes.

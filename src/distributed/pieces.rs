@@ -4,12 +4,12 @@ use std::ops::Range;
 
 use super::patch::Patch;
 use super::planes::joined;
-use super::ranks::Ranks;
 use super::rings::Rings;
 use super::share::Share;
 use super::shown::{
     PartRead, differences_of_all, found_by_all, models_of_all, outline_of_all, show,
 };
+use crate::collective::Collective;
 use crate::data::association::Association;
 use crate::data::blanking::Blanking;
 use crate::data::cells::CellMesh;
@@ -54,7 +54,7 @@ pub(crate) fn dealt(lengths: &[u64], reader: usize, readers: usize) -> Range<usi
 pub(crate) fn read_pieces(
     file: &VtuPieces,
     options: &SampleOptions,
-    ranks: &mut Ranks,
+    ranks: &mut dyn Collective,
 ) -> Result<Option<PartRead>> {
     if options.flatten.is_some() || options.shepard_passes > 0 || options.keeps_value_sample {
         return Ok(None);
@@ -108,7 +108,7 @@ pub(crate) fn read_pieces(
         on_boundary,
         report,
     } = ranks.agree(sampled)?;
-    let before = ranks.before(report.particle_count)?;
+    let before = ranks.sum_before(Ok(report.particle_count as u64))?;
     let found = Found {
         report: SampleReport {
             field: Some(field),
@@ -130,7 +130,7 @@ pub(crate) fn read_pieces(
         ranks,
     )?;
     let is_cut = is_sharp && options.cuts(&volume, on_boundary.into_iter());
-    if ranks.sums(Ok(vec![u64::from(is_cut)]))? != [0] {
+    if ranks.any(is_cut)? {
         return Ok(None);
     }
     if let Some(models) = models {
@@ -149,10 +149,13 @@ pub(crate) fn read_pieces(
 }
 
 /// Returns the arrays of nodes and of cells in the pieces of all ranks.
-pub(super) fn seen_by_all(own: &[ArraysSeen; 2], ranks: &mut Ranks) -> Result<[ArraysSeen; 2]> {
-    let told = own.each_ref().map(|seen| (seen.parts, seen.arrays.clone()));
+pub(super) fn seen_by_all(
+    own: &[ArraysSeen; 2],
+    ranks: &mut dyn Collective,
+) -> Result<[ArraysSeen; 2]> {
+    let own = own.each_ref().map(|seen| (seen.parts, seen.arrays.clone()));
     let mut all: [ArraysSeen; 2] = Default::default();
-    for seen in ranks.told_by_all(&told)? {
+    for seen in ranks.gather_values(own)? {
         for (all, (parts, arrays)) in all.iter_mut().zip(seen) {
             all.add(ArraysSeen { parts, arrays });
         }
@@ -162,7 +165,7 @@ pub(super) fn seen_by_all(own: &[ArraysSeen; 2], ranks: &mut Ranks) -> Result<[A
 
 /// Returns the fields of all ranks without nodes and cells. Each component stores only its least and greatest value
 /// over all ranks, by which the field to show is chosen.
-pub(super) fn head_of(own: &Dataset, ranks: &mut Ranks) -> Result<Dataset> {
+pub(super) fn head_of(own: &Dataset, ranks: &mut dyn Collective) -> Result<Dataset> {
     let range = |values: &Values| {
         let range = values.finite_range();
         range.unwrap_or([f64::INFINITY, f64::NEG_INFINITY])
@@ -525,7 +528,7 @@ mod tests {
         let read = |options: &SampleOptions| {
             let file = VtuPieces::open(&path).unwrap().unwrap();
             let own = ThreadRank::group(1).swap_remove(0);
-            let mut ranks = Ranks::new(Box::new(own));
+            let mut ranks = own;
             read_pieces(&file, options, &mut ranks).unwrap().is_some()
         };
         let automatic = SampleOptions {

@@ -1,12 +1,12 @@
 //! Reads the planes of a lattice on all ranks: each rank reads the planes that it draws.
 
-use super::message::{put, take};
-use super::ranks::Ranks;
 use super::share::{SMALL, Share, is_small};
 use crate::blocks::{Held, PlaneRuns, check_count};
+use crate::collective::Collective;
 use crate::constants::FAINT_SHARE;
 use crate::error::Result;
 use crate::io::Planes;
+use crate::message::{put, take};
 use crate::sample::{PlaneValues, SampleOptions, SampleReport, lattice_of_planes};
 use crate::scene::{Boundary, PointVolume, TransferFunction, ValueSample, Values};
 
@@ -18,7 +18,7 @@ use crate::scene::{Boundary, PointVolume, TransferFunction, ValueSample, Values}
 pub(crate) fn read_planes(
     file: &Planes,
     options: &SampleOptions,
-    ranks: &mut Ranks,
+    ranks: &mut dyn Collective,
 ) -> Result<(Share, SampleReport)> {
     let lattice = file.lattice();
     let [x, y, count] = lattice.dims;
@@ -53,7 +53,7 @@ pub(crate) fn read_planes(
         Some(function) => {
             let scale = function.value_scale();
             let least = scale.lowest(&values);
-            let least = least_of_all(least, ranks)?;
+            let least = ranks.min(least)?;
             scale.positions_from(values, least)
         }
         None => values,
@@ -65,7 +65,7 @@ pub(crate) fn read_planes(
                 .transfer_function
                 .as_ref()
                 .is_some_and(|function| shows_faces(&held, [x, y, count], &own, function));
-        if ranks.sums(Ok(vec![u64::from(is_shown)]))? != [0] {
+        if ranks.any(is_shown)? {
             volume.boundary = Some(Boundary::Lattice);
         }
     }
@@ -86,7 +86,7 @@ fn known_of_all(
     samples: usize,
     planes: usize,
     own: &[usize],
-    ranks: &mut Ranks,
+    ranks: &mut dyn Collective,
 ) -> Result<PlaneValues> {
     let (mut range, mut not_finite) = (None, 0);
     for &plane in own {
@@ -107,7 +107,7 @@ fn known_of_all(
     put(&mut part, &[not_finite as u64]);
     put(&mut part, &picked);
     let mut known = PlaneValues::default();
-    for part in ranks.gather_to_all(Ok(part))? {
+    for part in ranks.gather_parts(Ok(part))? {
         let mut part = part.as_slice();
         known.range = joined(known.range, take::<[f64; 2]>(&mut part)?.first().copied());
         let count: u64 = take::<u64>(&mut part)?.iter().sum();
@@ -127,12 +127,6 @@ pub(super) fn joined(a: Option<[f64; 2]>, b: Option<[f64; 2]>) -> Option<[f64; 2
         (Some([a, b]), Some([c, d])) => Some([a.min(c), b.max(d)]),
         (a, b) => a.or(b),
     }
-}
-
-/// Returns the least number of all ranks.
-pub(super) fn least_of_all(own: f64, ranks: &mut Ranks) -> Result<f64> {
-    let all = ranks.gather_records(Ok(vec![own]))?;
-    Ok(all.into_iter().flatten().fold(f64::INFINITY, f64::min))
 }
 
 /// Whether a function shows a sample on the lattice's faces, in the planes of this rank.
@@ -241,7 +235,7 @@ mod tests {
                 let found: Vec<(Share, SampleReport)> = thread::scope(|scope| {
                     let ranks = ThreadRank::group(size).into_iter();
                     let read = |own| {
-                        let mut ranks = Ranks::new(Box::new(own));
+                        let mut ranks = own;
                         let file = Planes::open(&path, &open_options, None).unwrap().unwrap();
                         read_planes(&file, options, &mut ranks).unwrap()
                     };

@@ -3,8 +3,8 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::ranks::Ranks;
 use super::share::Share;
+use crate::collective::Collective;
 use crate::error::Result;
 use crate::math::ExactSum;
 use crate::prepared::{Found, PointFile};
@@ -12,7 +12,7 @@ use crate::sample::{Finding, SampleReport, summed_function};
 
 /// Summary of a rank's rows, as it sends it to the others.
 #[derive(Debug, Serialize, Deserialize)]
-struct Told {
+struct Summary {
     sample_count: usize,
     particle_count: usize,
     value_range: Option<[f64; 2]>,
@@ -23,7 +23,7 @@ struct Told {
     findings: Vec<(usize, String, String, bool)>,
 }
 
-impl Told {
+impl Summary {
     fn of(found: &Found) -> Self {
         let report = &found.report;
         let findings = report.findings.iter();
@@ -76,10 +76,10 @@ impl Told {
 ///
 /// # Errors
 /// A rank that is gone, or that runs another program.
-pub(super) fn told_by_all(own: &Found, ranks: &mut Ranks) -> Result<Found> {
+pub(super) fn found_on_all(own: &Found, ranks: &mut dyn Collective) -> Result<Found> {
     let mut all = Found::none_of(&own.report);
-    for told in ranks.told_by_all(&Told::of(own))? {
-        told.add_to(&mut all);
+    for summary in ranks.gather_values(Summary::of(own))? {
+        summary.add_to(&mut all);
     }
     Ok(all)
 }
@@ -88,10 +88,10 @@ pub(super) fn told_by_all(own: &Found, ranks: &mut Ranks) -> Result<Found> {
 ///
 /// # Errors
 /// The errors of reading, on any rank; nothing that can be drawn; a rank that is gone.
-pub(crate) fn read_together(file: &mut PointFile, ranks: &mut Ranks) -> Result<Share> {
+pub(crate) fn read_together(file: &mut PointFile, ranks: &mut dyn Collective) -> Result<Share> {
     let own = file.read_part(ranks.rank(), ranks.size());
     let (mut volume, own) = ranks.agree(own)?;
-    file.keep(told_by_all(&own, ranks)?)?;
+    file.keep(found_on_all(&own, ranks)?)?;
     if file.field().is_some() {
         let report = file.report().cloned().unwrap_or_default();
         let function = summed_function(report.value_range, report.unit_distance)?;

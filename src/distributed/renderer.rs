@@ -1,11 +1,10 @@
 //! Defines the renderer of a scene that is partitioned among ranks.
 
-use super::communicator::Communicator;
 use super::frames::RankFrames;
-use super::ranks::Ranks;
 use super::share::{SMALL, Share};
 use super::statistics::RankStats;
 use crate::blocks::{AmplitudeSummary, BlockedScene};
+use crate::collective::Collective;
 use crate::error::Result;
 use crate::image::{ColumnImage, DepthImage, Image, NormalImage};
 use crate::render::{self, ColumnSettings, FrameCounts, SceneOptions, Settings};
@@ -28,9 +27,9 @@ pub struct Renderer {
 pub(crate) fn shared(
     share: Share,
     options: &SceneOptions,
-    mut ranks: Ranks,
+    mut ranks: Box<dyn Collective>,
 ) -> Result<render::Renderer> {
-    let shares = share.built(options, SMALL, &mut ranks)?;
+    let shares = share.built(options, SMALL, &mut *ranks)?;
     let (scene, own) = BlockedScene::of_shares(shares);
     render::Renderer::of_shared(scene, RankFrames::of_shared(ranks, own))
 }
@@ -45,7 +44,7 @@ impl Renderer {
     /// ([`Share::planes`]).
     ///
     /// ```
-    /// use ewa_splat::distributed::{Communicator, Renderer, ThreadRank};
+    /// use ewa_splat::distributed::{Collective, Renderer, ThreadRank};
     /// use ewa_splat::{SceneOptions, Settings, scene::PointVolume, view::Camera};
     /// use glam::DVec3;
     ///
@@ -68,11 +67,11 @@ impl Renderer {
     /// # Errors
     /// Shares of different volumes; the errors of [`Self::of_whole`].
     pub fn new(
-        communicator: impl Communicator + 'static,
+        communicator: impl Collective + 'static,
         share: impl Into<Share>,
         options: &SceneOptions,
     ) -> Result<Self> {
-        let ranks = Ranks::new(Box::new(communicator));
+        let ranks = Box::new(communicator);
         Ok(Self::of(shared(share.into(), options, ranks)?))
     }
 
@@ -83,12 +82,12 @@ impl Renderer {
     /// The errors of reading, on any rank; those of [`Self::new`].
     #[cfg(feature = "prepared")]
     pub fn of_file(
-        communicator: impl Communicator + 'static,
+        communicator: impl Collective + 'static,
         file: &mut crate::prepared::PointFile,
         options: &SceneOptions,
     ) -> Result<Self> {
-        let mut ranks = Ranks::new(Box::new(communicator));
-        let share = super::read::read_together(file, &mut ranks)?;
+        let mut ranks: Box<dyn Collective> = Box::new(communicator);
+        let share = super::read::read_together(file, &mut *ranks)?;
         Ok(Self::of(shared(share, options, ranks)?))
     }
 
@@ -104,12 +103,12 @@ impl Renderer {
     /// The errors of [`Self::new`].
     #[cfg(feature = "prepared")]
     pub fn of_first(
-        communicator: impl Communicator + 'static,
+        communicator: impl Collective + 'static,
         scene: Option<Vec<PointVolume>>,
         options: &SceneOptions,
     ) -> Result<Self> {
-        let mut ranks = Ranks::new(Box::new(communicator));
-        let share = super::scatter::scatter(scene, &mut ranks)?;
+        let mut ranks: Box<dyn Collective> = Box::new(communicator);
+        let share = super::scatter::scatter(scene, &mut *ranks)?;
         Ok(Self::of(shared(share, options, ranks)?))
     }
 
@@ -127,11 +126,11 @@ impl Renderer {
     /// # Errors
     /// The errors of [`render::Renderer::with_options`], on any rank; a rank that is gone.
     pub fn of_whole(
-        communicator: impl Communicator + 'static,
+        communicator: impl Collective + 'static,
         scene: Vec<PointVolume>,
         options: &SceneOptions,
     ) -> Result<Self> {
-        let mut ranks = Ranks::new(Box::new(communicator));
+        let mut ranks: Box<dyn Collective> = Box::new(communicator);
         let whole = render::Renderer::with_options(scene, options);
         Self::shared(ranks.agree(whole)?, ranks)
     }
@@ -143,15 +142,15 @@ impl Renderer {
     /// The errors of [`render::Renderer::of_prepared`], on any rank; a rank that is gone.
     #[cfg(feature = "prepared")]
     pub fn of_prepared(
-        communicator: impl Communicator + 'static,
+        communicator: impl Collective + 'static,
         scenes: Vec<crate::prepared::PreparedScene>,
     ) -> Result<Self> {
-        let mut ranks = Ranks::new(Box::new(communicator));
+        let mut ranks: Box<dyn Collective> = Box::new(communicator);
         let whole = render::Renderer::of_prepared(scenes);
         Self::shared(ranks.agree(whole)?, ranks)
     }
 
-    fn shared(whole: render::Renderer, ranks: Ranks) -> Result<Self> {
+    fn shared(whole: render::Renderer, ranks: Box<dyn Collective>) -> Result<Self> {
         let (visible, boxes) = (whole.visible_boxes(), whole.boxes());
         Ok(Self {
             frames: whole.over_ranks(ranks)?,

@@ -9,11 +9,10 @@ use std::ops::Range;
 
 use glam::DVec3;
 
-use super::message::{put, take, unknown};
 use super::patch::Patch;
-use super::ranks::Ranks;
-use crate::blocks::Peers;
+use crate::collective::Collective;
 use crate::error::Result;
+use crate::message::{put, take, unknown};
 use crate::sample::{CellsAround, compare, is_same, sort_by_position};
 
 /// A rank's cells and the ghost cells around them, in the order of the whole mesh.
@@ -70,11 +69,11 @@ impl Rings {
     ///
     /// # Errors
     /// More nodes or cell entries than 32 bits count; a rank that is gone.
-    pub(super) fn around(own: Patch, count: usize, ranks: &mut Ranks) -> Result<Self> {
+    pub(super) fn around(own: Patch, count: usize, ranks: &mut dyn Collective) -> Result<Self> {
         let (rank, size) = (ranks.rank(), ranks.size());
         let first = [
-            ranks.before(own.mesh.nodes.len())?,
-            ranks.before(own.mesh.cell_count())?,
+            ranks.sum_before(Ok(own.mesh.nodes.len() as u64))?,
+            ranks.sum_before(Ok(own.mesh.cell_count() as u64))?,
         ];
         let places = Places::of(&own.mesh.nodes);
         let around = CellsAround::new(&own.mesh, &[]);
@@ -103,8 +102,7 @@ impl Rings {
                 there.copied().collect::<Vec<DVec3>>()
             };
             let asks = (0..size).map(of_rank).collect();
-            let peers: &mut dyn Peers = ranks;
-            let theirs = peers.exchange_records(Ok(asks))?;
+            let theirs = ranks.exchange_records(Ok(asks))?;
             let answer = |(asked, sent): (&Vec<DVec3>, &mut Sent)| {
                 let found = asked.iter().flat_map(|&p| places.at(p));
                 let found = found.chain(&sent.nowhere);

@@ -7,11 +7,11 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::planes::joined;
-use super::ranks::Ranks;
 use super::share::Share;
 use super::shown::{PartRead, found_by_all, models_of_all, show};
 use super::surroundings::{PointsAround, sent, sent_values};
 use crate::blocks::territories;
+use crate::collective::Collective;
 use crate::data::association::Association;
 use crate::data::dataset::{Dataset, Field, FieldSource, Geometry};
 use crate::error::Result;
@@ -33,7 +33,7 @@ use crate::scene::{PointVolume, Surroundings, Tiling, Values};
 pub(crate) fn read_rows(
     file: &mut RowFile,
     options: &SampleOptions,
-    ranks: &mut Ranks,
+    ranks: &mut dyn Collective,
 ) -> Result<Option<PartRead>> {
     let count = file.count();
     let head = file.read(0..count.min(1));
@@ -65,7 +65,7 @@ pub(crate) fn read_rows(
     };
     let own = Rows::read(file, part, &head, kind, options.field.as_deref());
     let own = ranks.agree(own)?;
-    if ranks.sums(Ok(vec![u64::from(own.is_none())]))? != [0] {
+    if ranks.any(own.is_none())? {
         return Ok(None);
     }
     let own = own.unwrap_or_default().gathered(ranks)?;
@@ -122,14 +122,18 @@ pub(crate) fn read_rows(
 }
 
 /// Fits normals and local models to the neighbours that have particles.
-fn fit(volume: &mut PointVolume, options: &SampleOptions, ranks: &mut Ranks) -> Result<()> {
+fn fit(
+    volume: &mut PointVolume,
+    options: &SampleOptions,
+    ranks: &mut dyn Collective,
+) -> Result<()> {
     if volume.values.is_none() || !(options.normals || options.local_models) {
         return Ok(());
     }
     let [few, most] = FITTED_NEIGHBOURS;
     let mut fitted = fitted(volume, &|_| few, options, ranks)?;
     // Some neighbourhoods are too small to fit: these particles use more neighbours.
-    if ranks.sums(Ok(vec![fitted.far.len() as u64]))? != [0] {
+    if ranks.any(!fitted.far.is_empty())? {
         let far = take(&mut fitted.far);
         let count = |i: u32| {
             if far.binary_search(&i).is_ok() {
@@ -153,7 +157,7 @@ fn fitted(
     volume: &PointVolume,
     count: &(dyn Fn(u32) -> usize + Sync),
     options: &SampleOptions,
-    ranks: &mut Ranks,
+    ranks: &mut dyn Collective,
 ) -> Result<Fitted> {
     let positions = volume.particles.positions();
     let around = PointsAround::of(positions, count, ranks)?;
@@ -244,7 +248,7 @@ impl Rows {
 
     /// Redistributes the rows of all ranks by position: returns the rows in this rank's part of space, and this rank's
     /// own rows without a finite position.
-    fn gathered(self, ranks: &mut Ranks) -> Result<Self> {
+    fn gathered(self, ranks: &mut dyn Collective) -> Result<Self> {
         let (rank, size) = (ranks.rank(), ranks.size());
         let placed: Vec<u32> = (0..)
             .zip(&self.positions)
@@ -319,7 +323,7 @@ fn neighbourhoods(
     kind: RowsApart,
     count: usize,
     options: &SampleOptions,
-    ranks: &mut Ranks,
+    ranks: &mut dyn Collective,
     path: &Path,
 ) -> Result<Neighbourhoods> {
     let neighbours = |i: u32| RowsApart::neighbours(own.numbers[i as usize], count as u64);
@@ -339,7 +343,7 @@ fn neighbourhoods(
 
 struct Others<'a> {
     around: PointsAround,
-    ranks: &'a mut Ranks,
+    ranks: &'a mut dyn Collective,
 }
 
 impl Elsewhere for Others<'_> {
@@ -520,7 +524,7 @@ mod tests {
         let read = |names: &[&str], options: &SampleOptions| {
             write(&path, names, std::iter::repeat_n(vec![1.0; names.len()], 3));
             let own = ThreadRank::group(1).swap_remove(0);
-            let mut ranks = Ranks::new(Box::new(own));
+            let mut ranks = own;
             let mut file = RowFile::open(&path, None).unwrap().unwrap();
             read_rows(&mut file, options, &mut ranks).map(|read| read.is_some())
         };

@@ -3,10 +3,10 @@
 use bytemuck::Pod;
 
 use super::head::{Head, heard, told};
-use super::message::unknown;
-use super::ranks::Ranks;
 use super::share::Share;
+use crate::collective::Collective;
 use crate::error::{Error, Result};
+use crate::message::unknown;
 use crate::scene::{Colour, Particles, PointVolume, Strength, Values};
 
 /// Bytes that the owner sends to all others at a time.
@@ -21,7 +21,7 @@ const PARCEL: usize = 1 << 26;
 ///
 /// # Errors
 /// No volumes on the first rank; metadata with numbers that are not finite; a rank that is gone.
-pub(crate) fn scatter(own: Option<Vec<PointVolume>>, ranks: &mut Ranks) -> Result<Share> {
+pub(crate) fn scatter(own: Option<Vec<PointVolume>>, ranks: &mut dyn Collective) -> Result<Share> {
     let is_first = ranks.rank() == 0;
     let heads = match (&own, is_first) {
         (_, false) => Ok(None),
@@ -39,7 +39,7 @@ pub(crate) fn scatter(own: Option<Vec<PointVolume>>, ranks: &mut Ranks) -> Resul
         )),
     };
     // All ranks use the metadata that the first rank sent, so that all make the same calls.
-    let heads = heard(&ranks.of_first(heads)?)?;
+    let heads = heard(&ranks.broadcast(0, heads)?)?;
     let without = heads.iter().map(Head::volume);
     let without: Vec<PointVolume> = without.collect::<Result<_>>()?;
     let volumes = own.filter(|_| is_first).unwrap_or(without);
@@ -53,10 +53,10 @@ pub(crate) fn scatter(own: Option<Vec<PointVolume>>, ranks: &mut Ranks) -> Resul
 /// # Errors
 /// Volumes that are not valid; metadata with numbers that are not finite; a rank that is gone.
 #[cfg(feature = "cli")]
-pub(crate) fn hand_out(own: Vec<PointVolume>, ranks: &mut Ranks) -> Result<Share> {
+pub(crate) fn hand_out(own: Vec<PointVolume>, ranks: &mut dyn Collective) -> Result<Share> {
     let valid = own.iter().try_for_each(PointVolume::validate);
     let heads: Vec<Head> = own.iter().map(Head::of).collect();
-    let told = ranks.gather_to_all(valid.and_then(|()| told(&heads)))?;
+    let told = ranks.gather_parts(valid.and_then(|()| told(&heads)))?;
     let mut own = own.into_iter();
     let (mut volumes, mut heads) = (Vec::new(), Vec::new());
     for (rank, told) in told.iter().enumerate() {
@@ -81,7 +81,7 @@ pub(crate) fn hand_out(own: Vec<PointVolume>, ranks: &mut Ranks) -> Result<Share
 fn handed_out(
     mut volumes: Vec<PointVolume>,
     heads: &[(usize, Head)],
-    ranks: &mut Ranks,
+    ranks: &mut dyn Collective,
 ) -> Result<Share> {
     let mut planes = Vec::with_capacity(volumes.len());
     for (volume, (owner, head)) in volumes.iter_mut().zip(heads) {
@@ -106,7 +106,7 @@ fn handed_out(
 }
 
 /// Broadcasts all columns of a lattice.
-fn send_lattice(volume: &mut PointVolume, owner: usize, ranks: &mut Ranks) -> Result<()> {
+fn send_lattice(volume: &mut PointVolume, owner: usize, ranks: &mut dyn Collective) -> Result<()> {
     match &mut volume.strength {
         Strength::Classified { volumes: stored }
         | Strength::Mass(stored)
@@ -136,10 +136,10 @@ fn send_lattice(volume: &mut PointVolume, owner: usize, ranks: &mut Ranks) -> Re
 }
 
 /// Broadcasts the owner's column.
-fn send<T: Pod>(column: &mut Vec<T>, owner: usize, ranks: &mut Ranks) -> Result<()> {
+fn send<T: Pod>(column: &mut Vec<T>, owner: usize, ranks: &mut dyn Collective) -> Result<()> {
     let is_here = ranks.rank() == owner;
     let count = column.len() as u64;
-    let count = ranks.of_rank(owner, Ok(is_here.then(|| count.to_le_bytes().to_vec())))?;
+    let count = ranks.broadcast(owner, Ok(is_here.then(|| count.to_le_bytes().to_vec())))?;
     let count = count.first_chunk().map(|n| u64::from_le_bytes(*n));
     let count = count.and_then(|n| usize::try_from(n).ok());
     let count = count.ok_or_else(|| unknown("no count"))?;
@@ -150,7 +150,7 @@ fn send<T: Pod>(column: &mut Vec<T>, owner: usize, ranks: &mut Ranks) -> Result<
             let run = &column[first..(first + step).min(count)];
             bytemuck::cast_slice(run).to_vec()
         });
-        let run = ranks.of_rank(owner, Ok(own))?;
+        let run = ranks.broadcast(owner, Ok(own))?;
         if !is_here {
             column.extend(bytemuck::pod_collect_to_vec::<u8, T>(&run));
         }
@@ -204,7 +204,7 @@ mod tests {
         ];
         let shares: Vec<Share> = thread::scope(|scope| {
             let ranks = ThreadRank::group(3).into_iter().zip(of_ranks.clone());
-            let share = |own, volumes| hand_out(volumes, &mut Ranks::new(Box::new(own))).unwrap();
+            let share = |mut own, volumes| hand_out(volumes, &mut own).unwrap();
             let threads: Vec<_> = ranks
                 .map(|(own, volumes)| scope.spawn(move || share(own, volumes)))
                 .collect();
@@ -237,8 +237,7 @@ mod tests {
         };
         let errors: Vec<String> = thread::scope(|scope| {
             let ranks = ThreadRank::group(2).into_iter().zip([vec![], vec![broken]]);
-            let share =
-                |own, volumes| hand_out(volumes, &mut Ranks::new(Box::new(own))).unwrap_err();
+            let share = |mut own, volumes| hand_out(volumes, &mut own).unwrap_err();
             let threads: Vec<_> = ranks
                 .map(|(own, volumes)| scope.spawn(move || share(own, volumes).to_string()))
                 .collect();

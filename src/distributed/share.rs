@@ -2,13 +2,13 @@
 
 use std::ops::Range;
 
-use super::message::{put, take};
-use super::ranks::Ranks;
 use crate::blocks::{
     Held, LEAST, PlaneRuns, SceneOptions, SharedVolume, build_lattice_together, build_together,
     check_count,
 };
+use crate::collective::Collective;
 use crate::error::{Error, Result};
+use crate::message::{put, take};
 use crate::scene::rows::{kind_of, model_scales, rows_of, volume_of};
 use crate::scene::{Lattice, Particles, PointVolume, Values};
 
@@ -55,7 +55,7 @@ impl Share {
         self,
         options: &SceneOptions,
         small: u64,
-        ranks: &mut Ranks,
+        ranks: &mut dyn Collective,
     ) -> Result<Vec<SharedVolume>> {
         let checked = self.check();
         let own = checked.map(|()| {
@@ -77,7 +77,7 @@ impl Share {
             }
             part
         });
-        let parts = ranks.gather_to_all(own)?;
+        let parts = ranks.gather_parts(own)?;
         let known = known_volumes(&parts, self.volumes.len());
         let known = ranks.agree(known)?;
         let planes: Vec<_> = (0..self.volumes.len()).map(|v| self.planes_of(v)).collect();
@@ -94,7 +94,7 @@ impl Share {
             } else {
                 let placed = volume.particles.positions().iter();
                 let placed = placed.filter(|p| p.is_finite()).count();
-                ranks.sums(Ok(vec![placed as u64]))?.iter().sum()
+                ranks.sum(Ok(placed as u64))?
             };
             // The count is the same on all ranks.
             total += count;
@@ -212,7 +212,7 @@ impl SharedLattice {
         mut volume: PointVolume,
         options: &SceneOptions,
         first: usize,
-        ranks: &mut Ranks,
+        ranks: &mut dyn Collective,
     ) -> Result<SharedVolume> {
         let Particles::Lattice { lattice, .. } = &volume.particles else {
             return Err(refused("a lattice", "points"));
@@ -294,11 +294,11 @@ impl Known {
         v: usize,
         volume: PointVolume,
         numbers: Option<Vec<u64>>,
-        ranks: &mut Ranks,
+        ranks: &mut dyn Collective,
     ) -> Result<PointVolume> {
         let by_rank = || self.by_rank(v, ranks.rank(), volume.particles.len());
         let numbers = numbers.unwrap_or_else(by_rank);
-        let parts = ranks.gather_to_all(Ok(rows_of(&volume, &numbers)))?;
+        let parts = ranks.gather_parts(Ok(rows_of(&volume, &numbers)))?;
         let rows: Vec<&[u8]> = parts.iter().map(Vec::as_slice).collect();
         let made = volume_of(&rows, &self.with_scales(v, volume));
         ranks.agree(made)
@@ -471,7 +471,7 @@ mod tests {
             let ranks = ThreadRank::group(size).into_iter().enumerate();
             let threads = ranks.map(|(rank, own)| {
                 scope.spawn(move || {
-                    let mut ranks = Ranks::new(Box::new(own));
+                    let mut ranks = own;
                     let share = share(volumes, rank, size, in_turn);
                     share
                         .built(&SceneOptions::default(), 0, &mut ranks)
@@ -685,7 +685,7 @@ mod tests {
                     let ranks = ThreadRank::group(size).into_iter().enumerate();
                     let threads = ranks.map(|(rank, own)| {
                         scope.spawn(move || {
-                            let mut ranks = Ranks::new(Box::new(own));
+                            let mut ranks = own;
                             let runs = planes_of(planes, rank, size, way);
                             let share = share_of_planes(volume, runs);
                             let mut built = share
@@ -765,7 +765,7 @@ mod tests {
                 let threads = ranks.map(|(own, run)| {
                     let volume = &volume;
                     scope.spawn(move || {
-                        let mut ranks = Ranks::new(Box::new(own));
+                        let mut ranks = own;
                         let count = (run.len() * 20).min(1400);
                         let part = PointVolume {
                             values: Some(Values::U8(vec![3; count])),
@@ -796,7 +796,7 @@ mod tests {
             let threads = ranks.map(|(rank, own)| {
                 let volumes = &volumes;
                 scope.spawn(move || {
-                    let mut ranks = Ranks::new(Box::new(own));
+                    let mut ranks = own;
                     let mut share = share(volumes, rank, 2, true);
                     if let Some(numbers) = &mut share.numbers {
                         numbers[0][5] = 3 * 77 + 1;

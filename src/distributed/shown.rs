@@ -6,10 +6,9 @@ use std::thread;
 
 use glam::DVec3;
 
-use super::planes::least_of_all;
-use super::ranks::Ranks;
-use super::read::told_by_all;
+use super::read::found_on_all;
 use super::share::Share;
+use crate::collective::Collective;
 use crate::data::dataset::Dataset;
 use crate::data::up::in_end_planes;
 #[cfg(test)]
@@ -50,9 +49,9 @@ pub(super) fn found_by_all(
     head: &Dataset,
     path: &Path,
     options: &SampleOptions,
-    ranks: &mut Ranks,
+    ranks: &mut dyn Collective,
 ) -> Result<(Found, f64)> {
-    let mut all = told_by_all(own, ranks)?;
+    let mut all = found_on_all(own, ranks)?;
     let report = &mut all.report;
     if report.particle_count == 0 {
         return Err(nothing_left(path, report));
@@ -79,7 +78,7 @@ pub(super) fn show(
     (count, kind): (usize, (Surroundings, Tiling)),
     (found, spacing): (&mut Found, f64),
     options: &SampleOptions,
-    ranks: &mut Ranks,
+    ranks: &mut dyn Collective,
 ) -> Result<()> {
     let mut picked = ranks.gather_records(Ok(picked))?.concat();
     if volume.values.is_none() {
@@ -90,7 +89,7 @@ pub(super) fn show(
     let function = ranks.agree(function)?;
     let scale = function.value_scale();
     let values = volume.values.take().unwrap_or(Values::U8(Vec::new()));
-    let least = least_of_all(scale.lowest(&values), ranks)?;
+    let least = ranks.min(scale.lowest(&values))?;
     volume.values = Some(scale.positions_from(values, least));
     volume.transfer_function = Some(function);
     Ok(())
@@ -98,7 +97,7 @@ pub(super) fn show(
 
 /// Returns a few nodes with the same box and the same end planes as the nodes of all ranks: the box's corners, and one
 /// node between two end planes if not all nodes lie in these.
-pub(super) fn outline_of_all(own: &[DVec3], ranks: &mut Ranks) -> Result<Vec<DVec3>> {
+pub(super) fn outline_of_all(own: &[DVec3], ranks: &mut dyn Collective) -> Result<Vec<DVec3>> {
     let finite = || own.iter().copied().filter(|p| p.is_finite());
     let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     let joined = |(low, high): (DVec3, DVec3), p: DVec3| (low.min(p), high.max(p));
@@ -134,29 +133,22 @@ pub(super) fn outline_of_all(own: &[DVec3], ranks: &mut Ranks) -> Result<Vec<DVe
 }
 
 /// Encodes a rank's local models, on one scale for all ranks.
-pub(super) fn models_of_all(own: &[LocalModel], ranks: &mut Ranks) -> Result<LocalModels> {
-    let scales = greatest_of_all(LocalModels::scales_of(own), ranks)?;
+pub(super) fn models_of_all(own: &[LocalModel], ranks: &mut dyn Collective) -> Result<LocalModels> {
+    let scales = ranks.max(LocalModels::scales_of(own))?;
     Ok(LocalModels::with(own, scales))
 }
 
 /// The scale on which all ranks take differences of a field.
-pub(super) fn differences_of_all(own: &Values, ranks: &mut Ranks) -> Result<ValueScale> {
+pub(super) fn differences_of_all(own: &Values, ranks: &mut dyn Collective) -> Result<ValueScale> {
     let is_wide = matches!(own, Values::F64(_));
     let range = own.finite_range();
     let [lo, hi] = range.unwrap_or([f64::INFINITY, f64::NEG_INFINITY]);
     let own = [lo, hi, f64::from(u8::from(is_wide))];
-    let all = ranks.gather_records(Ok(vec![own]))?;
+    let all = ranks.gather_one(Ok(own))?;
     let joined = |a: [f64; 3], b: [f64; 3]| [a[0].min(b[0]), a[1].max(b[1]), a[2].max(b[2])];
-    let all = all.into_iter().flatten().fold(own, joined);
+    let all = all.into_iter().fold(own, joined);
     let range = (all[0] <= all[1]).then_some([all[0], all[1]]);
     Ok(ValueScale::of_differences(range, all[2] > 0.0))
-}
-
-/// Returns the greatest numbers of all ranks, place by place, and at least 0.
-pub(super) fn greatest_of_all(own: [f32; 2], ranks: &mut Ranks) -> Result<[f32; 2]> {
-    let all = ranks.gather_records(Ok(vec![own]))?;
-    let greatest = |a: [f32; 2], b: [f32; 2]| [a[0].max(b[0]), a[1].max(b[1])];
-    Ok(all.into_iter().flatten().fold([0.0; 2], greatest))
 }
 
 /// Checks that several ranks make the same of a file as one rank does.
@@ -167,7 +159,7 @@ pub(super) fn check_file(
     path: &Path,
     options: &SampleOptions,
     sizes: &[usize],
-    read: impl Fn(&mut Ranks) -> PartRead + Sync,
+    read: impl Fn(&mut dyn Collective) -> PartRead + Sync,
 ) -> Sampled {
     let dataset = open(path, &OpenOptions::default()).unwrap();
     let (corners, notes, up) = (dataset.bounds(), dataset.notes.clone(), dataset.up());
@@ -190,12 +182,12 @@ pub(super) fn check_file(
 fn check_parts(
     whole: &Sampled,
     size: usize,
-    read: impl Fn(&mut Ranks) -> (Share, SampleReport) + Sync,
+    read: impl Fn(&mut dyn Collective) -> (Share, SampleReport) + Sync,
 ) {
     let all: Vec<u64> = (0..whole.volume.particles.len() as u64).collect();
     let found: Vec<(Share, SampleReport)> = thread::scope(|scope| {
         let ranks = ThreadRank::group(size).into_iter();
-        let read = |own| read(&mut Ranks::new(Box::new(own)));
+        let read = |mut own: ThreadRank| read(&mut own);
         let threads: Vec<_> = ranks.map(|own| scope.spawn(move || read(own))).collect();
         threads.into_iter().map(|t| t.join().unwrap()).collect()
     });

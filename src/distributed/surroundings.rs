@@ -4,8 +4,7 @@ use bytemuck::Pod;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::ranks::Ranks;
-use crate::blocks::Peers;
+use crate::collective::Collective;
 use crate::error::Result;
 use crate::sample::{Boxes, Leaf, Near, Reach};
 use crate::scene::Values;
@@ -24,7 +23,7 @@ impl PointsAround {
     pub(super) fn of(
         positions: &[DVec3],
         count: &(dyn Fn(u32) -> usize + Sync),
-        ranks: &mut Ranks,
+        ranks: &mut dyn Collective,
     ) -> Result<Self> {
         let (rank, size) = (ranks.rank(), ranks.size());
         if size == 1 {
@@ -33,9 +32,8 @@ impl PointsAround {
         }
         let near = Near::of(positions, count);
         let mut leaves: Vec<Reach> = near.leaves.iter().map(|leaf| leaf.reach).collect();
-        let ranks: &mut dyn Peers = ranks;
         // Boxes around the points of every rank.
-        let boxes = ranks.gather_records(Ok(&near.boxes()))?.into_iter();
+        let boxes = ranks.gather_records(Ok(near.boxes()))?.into_iter();
         let boxes: Vec<Boxes> = boxes.map(Boxes::of).collect();
         let is_among = |own: &Reach, other: usize| {
             other != rank && boxes[other].any(&|theirs| own.touches(theirs))
@@ -97,28 +95,34 @@ impl PointsAround {
     /// Fetches the other ranks' entries for the halo, always in the same order.
     ///
     /// - `own`: one entry for each of this rank's points.
-    pub(super) fn fetch<T: Pod>(&self, own: &[T], ranks: &mut Ranks) -> Result<Vec<T>> {
+    pub(super) fn fetch<T: Pod>(&self, own: &[T], ranks: &mut dyn Collective) -> Result<Vec<T>> {
         sent(own, &self.wanted, ranks)
     }
 
     /// Fetches the other ranks' values for the halo.
-    pub(super) fn fetch_values(&self, own: &Values, ranks: &mut Ranks) -> Result<Values> {
+    pub(super) fn fetch_values(&self, own: &Values, ranks: &mut dyn Collective) -> Result<Values> {
         sent_values(own, &self.wanted, ranks)
     }
 }
 
 /// Sends some entries of a column to each rank; returns the entries that the other ranks sent.
-pub(super) fn sent<T: Pod>(own: &[T], to: &[Vec<u32>], ranks: &mut Ranks) -> Result<Vec<T>> {
-    let ranks: &mut dyn Peers = ranks;
+pub(super) fn sent<T: Pod>(
+    own: &[T],
+    to: &[Vec<u32>],
+    ranks: &mut dyn Collective,
+) -> Result<Vec<T>> {
     Ok(ranks.exchange_records(Ok(entries(own, to)))?.concat())
 }
 
 /// Sends some values to each rank; returns those received. Floating-point values are in double precision if any rank's
 /// are.
-pub(super) fn sent_values(own: &Values, to: &[Vec<u32>], ranks: &mut Ranks) -> Result<Values> {
+pub(super) fn sent_values(
+    own: &Values,
+    to: &[Vec<u32>],
+    ranks: &mut dyn Collective,
+) -> Result<Values> {
     if matches!(own, Values::F32(_) | Values::F64(_)) {
-        let is_wide = u64::from(matches!(own, Values::F64(_)));
-        if ranks.sums(Ok(vec![is_wide]))? != [0] {
+        if ranks.any(matches!(own, Values::F64(_)))? {
             let wide: Vec<f64> = (0..own.len()).map(|i| own.wide(i)).collect();
             return Ok(sent(&wide, to, ranks)?.into());
         }

@@ -3,19 +3,19 @@
 use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, Sender, channel};
 
-use super::communicator::Communicator;
+use crate::collective::Collective;
 use crate::error::{Error, Result};
 
 /// One of several ranks in one process; each belongs to a thread of its own.
 ///
 /// ```
-/// use ewa_splat::distributed::{Communicator, ThreadRank};
+/// use ewa_splat::distributed::{Collective, ThreadRank};
 ///
 /// let ranks = ThreadRank::group(3);
 /// let sums = std::thread::scope(|scope| {
 ///     let work = |mut rank: ThreadRank| {
 ///         let own = u8::try_from(rank.rank()).unwrap_or(u8::MAX);
-///         let all = rank.gather_to_all(&[own])?;
+///         let all = rank.gather(&[own])?;
 ///         Ok(all.iter().map(|part| usize::from(part[0])).sum())
 ///     };
 ///     let threads: Vec<_> = ranks.into_iter().map(|r| scope.spawn(move || work(r))).collect();
@@ -61,7 +61,7 @@ impl ThreadRank {
     }
 }
 
-impl Communicator for ThreadRank {
+impl Collective for ThreadRank {
     fn rank(&self) -> usize {
         self.rank
     }
@@ -102,7 +102,7 @@ impl Communicator for ThreadRank {
         Ok(parts)
     }
 
-    fn gather_to_all(&mut self, part: &[u8]) -> Result<Vec<Vec<u8>>> {
+    fn gather(&mut self, part: &[u8]) -> Result<Vec<Vec<u8>>> {
         self.begin(vec![part.to_vec(); self.size()])?;
         self.complete()
     }

@@ -3,11 +3,12 @@
 use crate::blocks::{
     AmplitudeSummary, BlockedParticles, BlockedScene, BlockedVolume, Layers, SceneOptions,
 };
+use crate::collective::Collective;
 use crate::constants::{
     DEFAULT_LOW_PASS_VARIANCE_PX2, FIELD_LOW_PASS_VARIANCE_PX2, PARTICLE_LOW_PASS_VARIANCE_PX2,
 };
 use crate::cpu::CpuFrames;
-use crate::distributed::{RankFrames, RankStats, Ranks};
+use crate::distributed::{RankFrames, RankStats};
 use crate::error::Result;
 #[cfg(not(feature = "gpu"))]
 use crate::frame::backend::NoDevice as Device;
@@ -252,7 +253,7 @@ impl Renderer {
     ///
     /// # Errors
     /// A rank that has exited.
-    pub(crate) fn over_ranks(mut self, ranks: Ranks) -> Result<Self> {
+    pub(crate) fn over_ranks(mut self, ranks: Box<dyn Collective>) -> Result<Self> {
         let frames = RankFrames::sharing(ranks, &mut self.scene)?;
         self.by(frames)
     }

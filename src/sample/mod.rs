@@ -21,7 +21,7 @@
 //! - `gradient` computes normals for shading, `local_models` models of the field over each kernel.
 //! - `iso_surface`, `cut_faces`, `discs` and `convert` make surfels and splats.
 //! - `curvilinear_apart`, `cells_apart` and `self::points::partitioned` sample data that are partitioned over ranks. A rank
-//!   makes kernels for its own samples; neighbouring samples are ghosts. `rest` defines the reductions over all
+//!   makes kernels for its own samples; neighbouring samples are ghosts. `own` defines the reductions over all
 //!   ranks.
 
 pub(crate) mod cells;
@@ -31,10 +31,10 @@ pub(crate) mod kernels;
 mod lattice;
 mod left_out;
 pub mod mesh;
+mod own;
 pub(crate) mod points;
 mod positions;
 mod report;
-mod rest;
 pub(crate) mod splats;
 pub(crate) mod surface;
 
@@ -104,8 +104,6 @@ pub(crate) use points::{
 #[cfg(feature = "cli")]
 pub(crate) use positions::{compare, is_same, sort_by_position};
 pub use report::{Finding, SampleReport};
-#[cfg(feature = "cli")]
-pub(crate) use rest::Rest;
 
 /// Greatest number of corrections of cell volumes ([`SampleOptions::shepard_passes`]).
 pub const MOST_SHEPARD_PASSES: u32 = 100;

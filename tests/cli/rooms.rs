@@ -6,11 +6,13 @@ use std::path::{Path, PathBuf};
 /// Rooms from the lowest to the highest; those in one row may import one another.
 const ROOMS: [&[&str]; 15] = [
     &[
+        "collective",
         "constants",
         "error",
         "image",
         "math",
         "memory",
+        "message",
         "simd",
         "stats",
         "task",

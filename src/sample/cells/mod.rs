@@ -27,11 +27,12 @@ use super::field::local_models::mesh::SampledMesh;
 use super::field::{gradient, local_models};
 use super::kernels::{Kernel, Kernels};
 use super::left_out::LeftOut;
-use super::rest::{Nobody, Own};
+use super::own::Own;
 use super::{
     SampleOptions, Sampled, check_count, check_len, classified_kernels, differences, nothing_left,
     take_scalar,
 };
+use crate::collective::Alone;
 use crate::data::association::Association;
 use crate::data::blanking::Blanking;
 use crate::data::cells::CellMesh;
@@ -321,7 +322,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     drop((surface, around, particles, duals, dataset));
     let own = &mut Own {
         range: 0..kept.len(),
-        rest: &mut Nobody,
+        ranks: &mut Alone::default(),
     };
     if let Some(ghosts) = apply(volume, report, vec![changes], options, own)? {
         even_out(volume, &ghosts, own, |kernels, volumes| {

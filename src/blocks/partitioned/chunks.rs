@@ -7,7 +7,8 @@ use rayon::prelude::*;
 use rdst::RadixSort;
 
 use super::super::tree::{CHUNK, Curve};
-use super::{NO_CORNERS, Peers, extend};
+use super::{NO_CORNERS, extend};
+use crate::collective::Collective;
 use crate::error::Result;
 
 /// A chunk, or a part that is still to be cut into chunks.
@@ -31,7 +32,7 @@ pub(super) struct Chunk {
 pub(super) fn chunks(
     positions: &[DVec3],
     count: u64,
-    peers: &mut dyn Peers,
+    ranks: &mut dyn Collective,
 ) -> Result<(Vec<u32>, Vec<Chunk>)> {
     // The cell on Morton's curve in the upper half, the point's number in the lower half.
     let mut keys: Vec<u64> = (0..positions.len() as u64).collect();
@@ -44,9 +45,9 @@ pub(super) fn chunks(
     }];
     // Parts in one cell are sorted again, in their own bounds.
     while parts.iter().any(|part| !part.is_done) {
-        sort(&mut keys, &mut parts, positions, peers)?;
+        sort(&mut keys, &mut parts, positions, ranks)?;
         while parts.iter().any(Chunk::is_cut) {
-            parts = halved(&keys, parts, peers)?;
+            parts = halved(&keys, parts, ranks)?;
         }
         for part in &mut parts {
             part.is_done |= part.count <= CHUNK as u64;
@@ -68,7 +69,7 @@ fn sort(
     keys: &mut [u64],
     parts: &mut [Chunk],
     positions: &[DVec3],
-    peers: &mut dyn Peers,
+    ranks: &mut dyn Collective,
 ) -> Result<()> {
     let at = |key: u64| positions[key as u32 as usize];
     let open = || parts.iter().filter(|part| !part.is_done);
@@ -90,7 +91,7 @@ fn sort(
         )
     });
     let corners = corners.collect();
-    let mut corners = peers.reduce(Ok(corners), extend)?.into_iter();
+    let mut corners = ranks.reduce(Ok(corners), extend)?.into_iter();
     for part in parts.iter_mut().filter(|part| !part.is_done) {
         let Some([lower, upper]) = corners.next() else {
             return Ok(());
@@ -111,13 +112,13 @@ fn sort(
 }
 
 /// Halves all parts that are to be cut; the later half comes first.
-fn halved(keys: &[u64], parts: Vec<Chunk>, peers: &mut dyn Peers) -> Result<Vec<Chunk>> {
+fn halved(keys: &[u64], parts: Vec<Chunk>, ranks: &mut dyn Collective) -> Result<Vec<Chunk>> {
     let half = |part: &Chunk| {
         let here = &keys[part.here.clone()];
         here.partition_point(|key| key >> (31 + part.bits) & 1 == 0)
     };
     let own: Vec<usize> = parts.iter().filter(|p| p.is_cut()).map(half).collect();
-    let all = peers.sums(own.iter().map(|n| *n as u64).collect())?;
+    let all = ranks.sums(Ok(own.iter().map(|n| *n as u64).collect()))?;
     let mut halves = own.into_iter().zip(all);
     let mut out = Vec::with_capacity(parts.len() + halves.len());
     for part in parts {

@@ -8,8 +8,9 @@ use glam::DVec3;
 use super::super::merge::{Atoms, Cluster, Head, Level, Levels};
 use super::super::tree::{Node, Tree};
 use super::super::{Block, BlockedVolume, density};
+use super::Bundle;
 use super::deal::OwnTree;
-use super::{Bundle, Peers};
+use crate::collective::Collective;
 use crate::error::Result;
 use crate::view::Bounds;
 
@@ -45,9 +46,9 @@ struct Joined<T> {
 }
 
 /// Gathers the block headers of a level.
-pub(super) fn level(own: Level, peers: &mut dyn Peers) -> Result<Level> {
-    let heads = peers.gather_records(Ok(&own.heads))?;
-    let heads = joined(heads, peers.rank(), Head::start);
+pub(super) fn level(own: Level, ranks: &mut dyn Collective) -> Result<Level> {
+    let heads = ranks.gather_records(Ok(own.heads))?;
+    let heads = joined(heads, ranks.rank(), Head::start);
     Ok(Level {
         heads: heads.all,
         own: heads.own,
@@ -59,11 +60,11 @@ pub(super) fn level(own: Level, peers: &mut dyn Peers) -> Result<Level> {
 pub(super) fn atoms(
     trees: &[OwnTree],
     bundles: &[Bundle],
-    clusters: &[Cluster],
+    clusters: Vec<Cluster>,
     crown: &Tree,
-    peers: &mut dyn Peers,
+    ranks: &mut dyn Collective,
 ) -> Result<Atoms> {
-    let mut next = clusters;
+    let mut next = clusters.as_slice();
     let (mut counts, mut nodes) = (Vec::new(), Vec::<Node>::new());
     for own in trees {
         let run = &bundles[own.bundle].run;
@@ -78,8 +79,8 @@ pub(super) fn atoms(
         counts.push([own.bundle as u64, count as u64]);
         nodes.extend(own.tree.above(&runs).nodes());
     }
-    let counts = peers.gather_records(Ok(&counts))?;
-    let nodes = peers.gather_records(Ok(&nodes))?;
+    let counts = ranks.gather_records(Ok(counts))?;
+    let nodes = ranks.gather_records(Ok(nodes))?;
     let mut parts = vec![Tree::default(); bundles.len()];
     for (counts, nodes) in counts.iter().zip(&nodes) {
         let mut nodes = nodes.as_slice();
@@ -90,10 +91,10 @@ pub(super) fn atoms(
             parts[*bundle as usize] = crown.of_nodes(of_part.to_vec());
         }
     }
-    let clusters = peers.gather_records(Ok(clusters))?;
+    let clusters = ranks.gather_records(Ok(clusters))?;
     let start = |cluster: &Cluster| cluster.run().start;
     Ok(Atoms {
-        clusters: joined(clusters, peers.rank(), start).all,
+        clusters: joined(clusters, ranks.rank(), start).all,
         tree: crown.grafted(&parts),
         heads: Vec::new(),
     })
@@ -130,7 +131,7 @@ pub(super) fn blocks(
     mut base: BlockedVolume,
     merged: Option<&Levels>,
     starts: &[(usize, usize)],
-    peers: &mut dyn Peers,
+    ranks: &mut dyn Collective,
 ) -> Result<JoinedVolume> {
     let visible = base.visible_box_of_each(base.transfer_function.as_ref());
     let densities = density::densities(&base);
@@ -148,8 +149,8 @@ pub(super) fn blocks(
         }
     });
     let known: Vec<Known> = known.collect();
-    let known = peers.gather_records(Ok(&known))?;
-    let known = joined(known, peers.rank(), |known: &Known| known.start as usize);
+    let known = ranks.gather_records(Ok(known))?;
+    let known = joined(known, ranks.rank(), |known: &Known| known.start as usize);
     let block = |known: &Known| Block {
         first: 0,
         parent: merged.map_or(known.block.parent, |levels| {
@@ -182,7 +183,7 @@ pub(super) fn blocks(
 pub(super) fn densities(
     volume: &BlockedVolume,
     own: &[Range<u32>],
-    peers: &mut dyn Peers,
+    ranks: &mut dyn Collective,
 ) -> Result<Vec<f64>> {
     let own = own.iter().cloned().flatten();
     let own = own.map(|i| {
@@ -191,7 +192,7 @@ pub(super) fn densities(
     });
     let own: Vec<[f64; 2]> = own.map(|(i, density)| [i, density]).collect();
     let mut all = vec![0.0; volume.blocks.len()];
-    for [i, density] in peers.gather_records(Ok(&own))?.concat() {
+    for [i, density] in ranks.gather_records(Ok(own))?.concat() {
         all[i as usize] = density;
     }
     Ok(all)

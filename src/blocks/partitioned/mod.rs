@@ -22,7 +22,6 @@ mod planes;
 
 use std::ops::Range;
 
-use bytemuck::Pod;
 use glam::DVec3;
 
 use super::BlockedVolume;
@@ -34,102 +33,14 @@ use super::room::MEMORY;
 use super::tree::CHUNK;
 use crate::blocks::scene::SceneOptions;
 use crate::blocks::share::runs_in_turn;
+use crate::collective::Collective;
 use crate::constants::BLOCK_CAPACITY;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::scene::{PointVolume, Requirements};
 use crate::view::Bounds;
 use deal::Dealt;
 pub(crate) use lattice::build_lattice_together;
 pub(crate) use planes::{Held, PlaneRuns};
-
-/// Group of ranks that share a scene. All functions but the first two are collective, and pass an error of one rank to
-/// all.
-pub(crate) trait Peers {
-    /// This rank's number.
-    fn rank(&self) -> usize;
-
-    /// Number of ranks.
-    fn size(&self) -> usize;
-
-    /// Gathers the part of each rank on all ranks, by rank.
-    fn gather(&mut self, part: Result<Vec<u8>>) -> Result<Vec<Vec<u8>>>;
-
-    /// Sends a part to each rank; returns the parts sent to this rank, by rank.
-    fn exchange(&mut self, parts: Result<Vec<Vec<u8>>>) -> Result<Vec<Vec<u8>>>;
-}
-
-/// Collective operations on records.
-impl dyn Peers + '_ {
-    pub(crate) fn gather_records<T: Pod>(&mut self, own: Result<&[T]>) -> Result<Vec<Vec<T>>> {
-        let all = self.gather(own.map(|own| bytemuck::cast_slice(own).to_vec()))?;
-        Ok(all.iter().map(|part| records(part)).collect())
-    }
-
-    pub(crate) fn exchange_records<T: Pod>(
-        &mut self,
-        parts: Result<Vec<Vec<T>>>,
-    ) -> Result<Vec<Vec<T>>> {
-        let bytes = |parts: Vec<Vec<T>>| {
-            let part = |part: &Vec<T>| bytemuck::cast_slice(part).to_vec();
-            parts.iter().map(part).collect()
-        };
-        let all = self.exchange(parts.map(bytes))?;
-        Ok(all.iter().map(|part| records(part)).collect())
-    }
-
-    /// Reduces the records of all ranks, place by place; each rank reduces a part of them.
-    pub(super) fn reduce<T: Pod>(
-        &mut self,
-        own: Result<Vec<T>>,
-        join: impl Fn(&mut T, &T),
-    ) -> Result<Vec<T>> {
-        let (size, mut count) = (self.size(), 0);
-        let parts = own.map(|own| {
-            count = own.len();
-            let part = |rank| own[share(count, size, rank)].to_vec();
-            (0..size).map(part).collect()
-        });
-        let mut parts = self.exchange_records(parts)?.into_iter();
-        let mut all = parts.next().unwrap_or_default();
-        for part in parts {
-            for (sum, own) in all.iter_mut().zip(&part) {
-                join(sum, own);
-            }
-        }
-        Ok(self.gather_records(Ok(&all))?.concat())
-    }
-
-    /// Returns this rank's result if all ranks have one.
-    fn agree<T>(&mut self, own: Result<T>) -> Result<T> {
-        let mut value = None;
-        let part = own.map(|own| {
-            value = Some(own);
-            Vec::new()
-        });
-        self.gather(part)?;
-        value.ok_or(Error::Cancelled)
-    }
-
-    pub(super) fn sums(&mut self, own: Vec<u64>) -> Result<Vec<u64>> {
-        self.reduce(Ok(own), |sum, own| *sum += own)
-    }
-}
-
-/// Returns the error that another rank sent a message that no rank of this program sends.
-fn strange() -> Error {
-    let advice = "start the same program on every rank";
-    let expected = "records as this program sends them";
-    Error::invalid("ranks", "message", expected, "others", advice)
-}
-
-fn share(count: usize, size: usize, rank: usize) -> Range<usize> {
-    rank * count / size..(rank + 1) * count / size
-}
-
-fn records<T: Pod>(bytes: &[u8]) -> Vec<T> {
-    let whole = bytes.len() - bytes.len() % size_of::<T>().max(1);
-    bytemuck::pod_collect_to_vec(&bytes[..whole])
-}
 
 /// A volume and its levels of detail with all blocks, whose particles are partitioned among ranks.
 #[derive(Debug)]
@@ -162,7 +73,7 @@ impl SharedVolume {
         volume: PointVolume,
         options: &SceneOptions,
         number: usize,
-        peers: &dyn Peers,
+        ranks: &dyn Collective,
     ) -> Result<Self> {
         let requirements = Requirements::of(&volume);
         let build_options = BuildOptions {
@@ -174,7 +85,7 @@ impl SharedVolume {
         let visible = base.visible_boxes();
         let fitted = base.fitted_boxes();
         let densities = family.iter().map(super::density::densities).collect();
-        let (rank, size) = (peers.rank(), peers.size());
+        let (rank, size) = (ranks.rank(), ranks.size());
         let mut own = Vec::with_capacity(family.len());
         for (level, volume) in family.iter_mut().enumerate() {
             let of_volume = runs_in_turn(volume.blocks.len(), size, rank, number + level);
@@ -204,7 +115,7 @@ pub(crate) fn build_together(
     volume: PointVolume,
     numbers: Option<Vec<u64>>,
     options: &SceneOptions,
-    peers: &mut dyn Peers,
+    ranks: &mut dyn Collective,
 ) -> Result<SharedVolume> {
     let requirements = Requirements::of(&volume);
     let transfer_function = volume.transfer_function.clone();
@@ -214,7 +125,7 @@ pub(crate) fn build_together(
         trees,
         bundles,
         crown,
-    } = deal::deal(volume, numbers, options.task.as_ref(), peers)?;
+    } = deal::deal(volume, numbers, options.task.as_ref(), ranks)?;
     let mut shared = SharedVolume {
         family: Vec::new(),
         own: Vec::new(),
@@ -232,31 +143,28 @@ pub(crate) fn build_together(
     let crowds = {
         let leaves = trees.iter().map(|own| (own.bundle, own.grown()));
         let runs: Vec<Range<usize>> = bundles.iter().map(|own| own.run.clone()).collect();
-        Crowds::together(&leaves.collect::<Vec<_>>(), &crown, &runs, &source, peers)?
+        Crowds::together(&leaves.collect::<Vec<_>>(), &crown, &runs, &source, ranks)?
     };
-    let is_merged = options.level_of_detail && points.are_merged() && {
-        let own = [u64::from(!is_mergeable(&source))];
-        peers.sums(own.to_vec())? == [0]
-    };
+    let is_merged =
+        options.level_of_detail && points.are_merged() && { !ranks.any(!is_mergeable(&source))? };
     let mut levels = Vec::new();
     if is_merged {
         let task = options.task.as_ref();
         let made = fine_levels(&source, &grown, &crowds, false, task);
-        let (fine, clusters) = peers.agree(made)?;
-        let atoms = join::atoms(&trees, &bundles, &clusters, &crown, peers)?;
-        drop(clusters);
+        let (fine, clusters) = ranks.agree(made)?;
+        let atoms = join::atoms(&trees, &bundles, clusters, &crown, ranks)?;
         for level in fine {
-            levels.push(join::level(level, peers)?);
+            levels.push(join::level(level, ranks)?);
         }
         let atoms = Atoms {
             heads: levels.last().map_or(Vec::new(), |last| last.heads.clone()),
             ..atoms
         };
-        let (rank, size) = (peers.rank(), peers.size());
+        let (rank, size) = (ranks.rank(), ranks.size());
         let places = &mut |asked: &[Cluster]| {
             let own = source.places_of_parts(asked, &grown);
             let sums = own.iter().map(|places| *places.sums()).collect();
-            let all = peers.reduce(Ok(sums), |sum, own| {
+            let all = ranks.reduce(Ok(sums), |sum, own| {
                 sum.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
             })?;
             let none = asked.iter().map(Cluster::no_places);
@@ -289,7 +197,7 @@ pub(crate) fn build_together(
         BuildOptions::default(),
     )?;
     base.transfer_function = transfer_function;
-    let joined = join::blocks(base, merged.as_ref(), &starts, peers)?;
+    let joined = join::blocks(base, merged.as_ref(), &starts, ranks)?;
     shared.own.push(joined.own);
     shared.densities.push(joined.densities);
     shared.fitted.clone_from(&joined.visible);
@@ -299,7 +207,7 @@ pub(crate) fn build_together(
         None => None,
         Some(merged) => {
             let (volume, own) = merged.into_volume(&base);
-            let densities = join::densities(&volume, &own, peers)?;
+            let densities = join::densities(&volume, &own, ranks)?;
             shared.own.push(own);
             shared.densities.push(densities);
             Some(volume)
@@ -311,18 +219,16 @@ pub(crate) fn build_together(
 
 /// Assigns points to ranks by position, so that each rank gets a part of space with about as many points: chunks of the
 /// tree, one after another. All positions must be finite. Returns the rank of each of this rank's points.
-#[cfg(feature = "cli")]
-pub(crate) fn territories(positions: &[DVec3], peers: &mut dyn Peers) -> Result<Vec<u32>> {
-    let count = peers.sums(vec![positions.len() as u64])?;
-    let count = count.first().copied().unwrap_or(0).max(1);
-    let (members, chunks) = chunks::chunks(positions, count, peers)?;
+pub(crate) fn territories(positions: &[DVec3], ranks: &mut dyn Collective) -> Result<Vec<u32>> {
+    let count = ranks.sum(Ok(positions.len() as u64))?.max(1);
+    let (members, chunks) = chunks::chunks(positions, count, ranks)?;
     let mut owners = vec![0; positions.len()];
     let mut before = 0;
     for chunk in &chunks {
         // The middle of the chunk decides.
-        let middle = u128::from(2 * before + chunk.count) * peers.size() as u128;
+        let middle = u128::from(2 * before + chunk.count) * ranks.size() as u128;
         let owner = (middle / (2 * u128::from(count))) as u32;
-        let owner = owner.min(peers.size() as u32 - 1);
+        let owner = owner.min(ranks.size() as u32 - 1);
         members[chunk.here.clone()]
             .iter()
             .for_each(|&i| owners[i as usize] = owner);

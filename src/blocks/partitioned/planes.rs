@@ -4,8 +4,9 @@ use std::ops::Range;
 
 use bytemuck::Pod;
 
-use super::Peers;
+use crate::collective::Collective;
 use crate::error::{Error, Result};
+use crate::message::unknown;
 use crate::scene::Values;
 
 /// Planes that stay together: whole bricks, and the longest cubes of levels of detail whose values are copied.
@@ -69,7 +70,6 @@ impl PlaneRuns {
 
     /// Returns the lattice's own planes in a rank's runs, which are among those that it needs. Those of all ranks are
     /// all planes, each once.
-    #[cfg(feature = "cli")]
     pub(crate) fn own(&self, rank: usize) -> impl Iterator<Item = Range<usize>> {
         self.runs(self.planes, rank)
     }
@@ -119,20 +119,20 @@ impl Held {
         samples: usize,
         held: &[Vec<Range<usize>>],
         wanted: &[Vec<Range<usize>>],
-        peers: &mut dyn Peers,
+        ranks: &mut dyn Collective,
     ) -> Result<Self> {
         if held == wanted {
             return Ok(self);
         }
         let traffic = Traffic { held, wanted };
         traffic.check()?;
-        let rank = peers.rank();
+        let rank = ranks.rank();
         let values = match &self.values {
-            Values::U8(v) => Values::U8(traffic.collect(&self, v, samples, peers)?),
-            Values::I16(v) => Values::I16(traffic.collect(&self, v, samples, peers)?),
-            Values::U16(v) => Values::U16(traffic.collect(&self, v, samples, peers)?),
-            Values::F32(v) => Values::F32(traffic.collect(&self, v, samples, peers)?),
-            Values::F64(v) => Values::F64(traffic.collect(&self, v, samples, peers)?),
+            Values::U8(v) => Values::U8(traffic.collect(&self, v, samples, ranks)?),
+            Values::I16(v) => Values::I16(traffic.collect(&self, v, samples, ranks)?),
+            Values::U16(v) => Values::U16(traffic.collect(&self, v, samples, ranks)?),
+            Values::F32(v) => Values::F32(traffic.collect(&self, v, samples, ranks)?),
+            Values::F64(v) => Values::F64(traffic.collect(&self, v, samples, ranks)?),
         };
         Ok(Self {
             runs: wanted[rank].clone(),
@@ -190,9 +190,9 @@ impl Traffic<'_> {
         own: &Held,
         values: &[T],
         samples: usize,
-        peers: &mut dyn Peers,
+        ranks: &mut dyn Collective,
     ) -> Result<Vec<T>> {
-        let (rank, size) = (peers.rank(), peers.size());
+        let (rank, size) = (ranks.rank(), ranks.size());
         let plane_of = |plane: usize| {
             let place = own.place(plane).unwrap_or(0);
             &values[place * samples..(place + 1) * samples]
@@ -226,7 +226,7 @@ impl Traffic<'_> {
                     .flat_map(|plane| plane_of(plane).iter().copied())
                     .collect()
             };
-            let arrived = peers.exchange_records(Ok((0..size).map(part).collect()))?;
+            let arrived = ranks.exchange_records(Ok((0..size).map(part).collect()))?;
             let mut taken = vec![0; size];
             for plane in planes().filter(|plane| has(&self.wanted[rank], *plane)) {
                 let Some(from) = self.source(rank, plane) else {
@@ -240,7 +240,7 @@ impl Traffic<'_> {
                 taken[from] += samples;
                 match arrived[from].get(at..at + samples) {
                     Some(own) => put(plane, own),
-                    None => return Err(super::strange()),
+                    None => return Err(unknown("others")),
                 }
             }
         }

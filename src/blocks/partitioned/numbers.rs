@@ -1,6 +1,6 @@
 //! Numbers points over all ranks.
 
-use super::Peers;
+use crate::collective::Collective;
 use crate::error::Result;
 use crate::scene::rows::twice;
 
@@ -17,11 +17,10 @@ const SAMPLE: usize = 1024;
 pub(super) fn without_gaps(
     count: usize,
     given: Option<Vec<u64>>,
-    peers: &mut dyn Peers,
+    ranks: &mut dyn Collective,
 ) -> Result<Vec<u64>> {
     let Some(given) = given else {
-        let counts = peers.gather_records(Ok(&[count as u64]))?.concat();
-        let first: u64 = counts[..peers.rank()].iter().sum();
+        let first = ranks.sum_before(Ok(count as u64))?;
         return Ok((first..first + count as u64).collect());
     };
     let mut order: Vec<usize> = (0..given.len()).collect();
@@ -29,10 +28,10 @@ pub(super) fn without_gaps(
     let sorted: Vec<u64> = order.iter().map(|&i| given[i]).collect();
     let step = sorted.len().div_ceil(SAMPLE).max(1);
     let sample: Vec<u64> = sorted.iter().step_by(step).copied().collect();
-    let mut sample = peers.gather_records(Ok(&sample))?.concat();
+    let mut sample = ranks.gather_records(Ok(sample))?.concat();
     sample.sort_unstable();
     // Each rank counts the numbers from one cut to the next.
-    let size = peers.size();
+    let size = ranks.size();
     let cut = |rank: usize| {
         let number = sample.get(rank * sample.len() / size).copied();
         let number = number.filter(|_| rank > 0 && rank < size);
@@ -41,25 +40,23 @@ pub(super) fn without_gaps(
         })
     };
     let parts = (0..size).map(|rank| sorted[cut(rank)..cut(rank + 1)].to_vec());
-    let asked = peers.exchange_records(Ok(parts.collect()))?;
+    let asked = ranks.exchange_records(Ok(parts.collect()))?;
     let mut all: Vec<(u64, usize, usize)> = Vec::new();
     for (rank, asked) in asked.iter().enumerate() {
         let asked = asked.iter().enumerate();
         all.extend(asked.map(|(place, number)| (*number, rank, place)));
     }
     all.sort_unstable();
-    let counted = [all.len() as u64];
-    let counts = match all.windows(2).find(|w| w[0].0 == w[1].0) {
+    let count = match all.windows(2).find(|w| w[0].0 == w[1].0) {
         Some(pair) => Err(twice(pair[0].0)),
-        None => Ok(&counted[..]),
+        None => Ok(all.len() as u64),
     };
-    let counts = peers.gather_records(counts)?.concat();
-    let first: u64 = counts[..peers.rank()].iter().sum();
+    let first = ranks.sum_before(count)?;
     let mut answers: Vec<Vec<u64>> = asked.iter().map(|own| vec![0; own.len()]).collect();
     for (number, (_, rank, place)) in (first..).zip(&all) {
         answers[*rank][*place] = number;
     }
-    let answers = peers.exchange_records(Ok(answers))?.concat();
+    let answers = ranks.exchange_records(Ok(answers))?.concat();
     let mut numbers = vec![0; order.len()];
     for (i, number) in order.into_iter().zip(answers) {
         numbers[i] = number;

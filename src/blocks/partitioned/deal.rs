@@ -11,7 +11,8 @@ use super::super::merge::Grown;
 use super::super::tree::{CHUNK, Subtree, Tree, Units};
 use super::chunks::{Chunk, chunks};
 use super::numbers::without_gaps;
-use super::{Bundle, NO_CORNERS, Peers, extend};
+use super::{Bundle, NO_CORNERS, extend};
+use crate::collective::Collective;
 use crate::error::{Error, Result};
 use crate::scene::PointVolume;
 use crate::scene::rows::{
@@ -62,7 +63,7 @@ pub(super) fn deal(
     volume: PointVolume,
     given: Option<Vec<u64>>,
     task: Option<&Task>,
-    peers: &mut dyn Peers,
+    ranks: &mut dyn Collective,
 ) -> Result<Dealt> {
     let all = volume.particles.positions();
     let kept: Vec<u32> = (0..)
@@ -71,14 +72,14 @@ pub(super) fn deal(
         .map(|(i, _)| i)
         .collect();
     let given = given.map(|given| kept.iter().map(|&i| given[i as usize]).collect());
-    let numbers = without_gaps(kept.len(), given, peers)?;
+    let numbers = without_gaps(kept.len(), given, ranks)?;
     let positions: Vec<DVec3> = kept.iter().map(|&i| all[i as usize]).collect();
     let mut corners = NO_CORNERS;
     positions
         .iter()
         .for_each(|p| extend(&mut corners, &[*p; 2]));
-    let corners = peers.reduce(Ok(vec![corners]), extend)?;
-    let count: u64 = peers.sums(vec![kept.len() as u64])?.iter().sum();
+    let corners = ranks.reduce(Ok(vec![corners]), extend)?;
+    let count = ranks.sum(Ok(kept.len() as u64))?;
     // The count is the same on all ranks.
     check_count(usize::try_from(count).unwrap_or(usize::MAX))?;
     let [lower, upper] = corners.first().copied().unwrap_or(NO_CORNERS);
@@ -87,14 +88,14 @@ pub(super) fn deal(
         return Err(refused(&expected, &count.to_string()));
     }
     let units = Units::of(lower, upper);
-    let (members, chunks) = chunks(&positions, count, peers)?;
+    let (members, chunks) = chunks(&positions, count, ranks)?;
     let point = |i: u32| units.point(positions[i as usize], numbers[i as usize] as u32);
     let boxes = chunks.par_iter().map(|chunk| {
         let here = members[chunk.here.clone()].iter().map(|&i| point(i));
         here.fold(Aabb::empty(), |all, p| all.union(&p))
     });
     let boxes: Vec<[[f32; 3]; 2]> = boxes.map(|b| [b.min.into(), b.max.into()]).collect();
-    let boxes = peers.reduce(Ok(boxes), |all, own| {
+    let boxes = ranks.reduce(Ok(boxes), |all, own| {
         for axis in 0..3 {
             all[0][axis] = all[0][axis].min(own[0][axis]);
             all[1][axis] = all[1][axis].max(own[1][axis]);
@@ -106,7 +107,7 @@ pub(super) fn deal(
         .collect();
     let (top, places) = Tree::over_boxes(&boxes, units);
     let of_place = |place: usize| &chunks[places[place] as usize];
-    let bundles = bundles(&top, |place| of_place(place).count, peers.size());
+    let bundles = bundles(&top, |place| of_place(place).count, ranks.size());
     let runs: Vec<Range<usize>> = bundles.iter().map(|own| own.chunks.run()).collect();
     let crown = top.above(&runs);
     drop(positions);
@@ -122,7 +123,7 @@ pub(super) fn deal(
         bundles: &bundles,
         of_place: &of_place,
     };
-    let rows = sorting.exchange(&volume, task, peers)?;
+    let rows = sorting.exchange(&volume, task, ranks)?;
     drop(volume);
     let (volume, numbers, trees) = sorting.build(&rows, &like, (&top, units))?;
     Ok(Dealt {
@@ -194,10 +195,10 @@ impl<'a, F: Fn(usize) -> &'a Chunk + Sync> Sorting<'a, F> {
         &self,
         volume: &PointVolume,
         task: Option<&Task>,
-        peers: &mut dyn Peers,
+        ranks: &mut dyn Collective,
     ) -> Result<OwnRows> {
         let stage = Stage::new(task, "sorting into blocks", self.bundles.len());
-        let (rank, size) = (peers.rank(), peers.size());
+        let (rank, size) = (ranks.rank(), ranks.size());
         let (columns, row) = (Rows::of(volume), row_len(volume));
         let all = self.bundles.iter().filter(|bundle| bundle.owner == rank);
         let count: usize = all.map(|bundle| bundle.run.len()).sum();
@@ -231,7 +232,7 @@ impl<'a, F: Fn(usize) -> &'a Chunk + Sync> Sorting<'a, F> {
                 part
             });
             // A rank that is cancelled sends that to the others.
-            let parts = peers.exchange(stage.check().map(|()| parts.collect()))?;
+            let parts = ranks.exchange(stage.check().map(|()| parts.collect()))?;
             stage.advance(next - first);
             let mine = || round().filter(|(_, bundle)| bundle.owner == rank);
             let chunks: usize = mine().map(|(_, bundle)| bundle.chunks.run().len()).sum();
@@ -239,7 +240,8 @@ impl<'a, F: Fn(usize) -> &'a Chunk + Sync> Sorting<'a, F> {
                 .iter()
                 .map(|part| {
                     let (counts, rows) = part.split_at((8 * chunks).min(part.len()));
-                    (super::records(counts), rows)
+                    let counts = counts.as_chunks().0.iter();
+                    (counts.map(|n| u64::from_ne_bytes(*n)).collect(), rows)
                 })
                 .collect();
             let mut chunk = 0;

@@ -16,12 +16,14 @@ use super::super::merge::{
 };
 use super::super::room::Sparse;
 use super::super::{Block, BlockedParticles, BlockedVolume};
+use super::SharedVolume;
 use super::planes::{Held, PlaneRuns};
-use super::{Peers, SharedVolume, strange};
 use crate::blocks::scene::SceneOptions;
 use crate::blocks::share::runs_in_turn;
+use crate::collective::Collective;
 use crate::constants::BRICK;
 use crate::error::Result;
+use crate::message::unknown;
 use crate::scene::{Lattice, Particles, PointVolume, Requirements, Shared, StrengthIn, ValuesIn};
 
 /// Builds the bricks of a lattice, and its levels of detail.
@@ -38,7 +40,7 @@ pub(crate) fn build_lattice_together(
     dealt: &PlaneRuns,
     options: &SceneOptions,
     first: usize,
-    peers: &mut dyn Peers,
+    ranks: &mut dyn Collective,
 ) -> Result<SharedVolume> {
     let requirements = Requirements {
         values: held.values.type_name(),
@@ -49,17 +51,17 @@ pub(crate) fn build_lattice_together(
         kernel_width,
     } = volume.particles
     else {
-        return Err(strange());
+        return Err(unknown("others"));
     };
     let is_sharp = volume.boundary.is_some();
     let grid = match is_sharp {
         true => BrickGrid::with_faces(&lattice, kernel_width),
         false => BrickGrid::new(lattice.clone(), kernel_width),
     };
-    let (rank, size) = (peers.rank(), peers.size());
+    let (rank, size) = (ranks.rank(), ranks.size());
     let planes = grid.dims()[2];
     let runs = |rank| dealt.runs(planes, rank);
-    let values = peers.agree(widened(held, &lattice, &grid, is_sharp, runs(rank)))?;
+    let values = ranks.agree(widened(held, &lattice, &grid, is_sharp, runs(rank)))?;
     let bricks = |run: &Range<usize>| {
         let [x, y, _] = grid.bricks();
         let layer =
@@ -69,7 +71,7 @@ pub(crate) fn build_lattice_together(
     let is_classified = matches!(volume.strength, StrengthIn::Classified { .. });
     let of_run = |run: Range<usize>| grid.blocks_of(bricks(&run), Some(&values), is_classified, 0);
     let own: Vec<Block> = runs(rank).flat_map(of_run).collect();
-    let parts = peers.gather_records(Ok(&own))?;
+    let parts = ranks.gather_records(Ok(own))?;
     let count: usize = grid.bricks().iter().product();
     let mut blocks = vec![None; count];
     for (rank, part) in parts.into_iter().enumerate() {
@@ -84,10 +86,10 @@ pub(crate) fn build_lattice_together(
         let [x, y, _] = grid.dims();
         not_finite_count(&values, run.start * x * y..run.end * x * y)
     });
-    let not_finite = peers.sums(vec![not_finite.sum()])?;
-    let is_merged = options.level_of_detail && is_large(&grid) && not_finite == [0];
+    let not_finite = ranks.sum(Ok(not_finite.sum()))?;
+    let is_merged = options.level_of_detail && is_large(&grid) && not_finite == 0;
     let mut base = BlockedVolume {
-        blocks: blocks.ok_or_else(strange)?,
+        blocks: blocks.ok_or_else(|| unknown("others"))?,
         particles: BlockedParticles::Lattice(Box::new(grid)),
         strength: volume.strength.shared(),
         colour: volume.colour.shared(),
@@ -112,8 +114,8 @@ pub(crate) fn build_lattice_together(
                     dealt,
                 };
                 match cube <= LONGEST_COPIED {
-                    true => making.short(cube, options, peers),
-                    false => making.long(cube, peers),
+                    true => making.short(cube, options, ranks),
+                    false => making.long(cube, ranks),
                 }
             })?;
             adopted(&mut base, levels)
@@ -209,27 +211,27 @@ impl Making<'_> {
         &self,
         cube: usize,
         options: &SceneOptions,
-        peers: &mut dyn Peers,
+        ranks: &mut dyn Collective,
     ) -> Result<CubeMoments> {
         let [columns, rows, slices] = self.cells.dims().map(|n| n.div_ceil(cube));
         let lines = |run: Range<usize>| {
             rows * (run.start / cube)..rows * run.end.div_ceil(cube).min(slices)
         };
-        let own = self.runs(peers.rank()).map(|run| {
+        let own = self.runs(ranks.rank()).map(|run| {
             let (cells, values, extents) = (self.cells, self.values, self.extents);
             let task = options.task.as_ref();
             CubeMoments::of_lines(cells, values, extents, cube, lines(run), task)
         });
         let own = own.map(|part| Ok(part?.interleaved()));
         let own: Result<Vec<Vec<f32>>> = own.collect();
-        let own = peers.agree(own)?.concat();
-        let parts = peers.gather_records(Ok(&own))?;
+        let own = ranks.agree(own)?.concat();
+        let parts = ranks.gather_records(Ok(own))?;
         let mut runs: Vec<(Range<usize>, &[f32])> = Vec::new();
         for (rank, part) in parts.iter().enumerate() {
             let mut rest = part.as_slice();
             for run in self.runs(rank).map(lines) {
                 let own = rest.split_off(..3 * columns * run.len());
-                runs.push((run, own.ok_or_else(strange)?));
+                runs.push((run, own.ok_or_else(|| unknown("others"))?));
             }
         }
         runs.sort_unstable_by_key(|(run, _)| run.start);
@@ -241,7 +243,7 @@ impl Making<'_> {
     }
 
     /// Computes the moments of cubes whose slices lie on several ranks.
-    fn long(&self, cube: usize, peers: &mut dyn Peers) -> Result<CubeMoments> {
+    fn long(&self, cube: usize, ranks: &mut dyn Collective) -> Result<CubeMoments> {
         let dims = self.cells.dims();
         let [columns, rows, layers] = dims.map(|n| n.div_ceil(cube));
         let range = |at: usize, a: usize| at * cube..((at + 1) * cube).min(dims[a]);
@@ -262,21 +264,21 @@ impl Making<'_> {
                 let meet = |run: Range<usize>| run.start.max(slices.start)..run.end.min(slices.end);
                 runs.flat_map(meet).collect::<Vec<usize>>()
             };
-            let own = of_rank(peers.rank());
+            let own = of_rank(ranks.rank());
             let first: Vec<f64> = match own.contains(&slices.start) {
                 true => cubes.iter().map(|cube| cube.first(slices.start)).collect(),
                 false => Vec::new(),
             };
-            let firsts = peers.gather_records(Ok(&first))?.concat();
+            let firsts = ranks.gather_records(Ok(first))?.concat();
             if firsts.len() != cubes.len() {
-                return Err(strange());
+                return Err(unknown("others"));
             }
             let sums = own.par_iter().flat_map_iter(|&k| {
                 let of_cube = move |(cube, first): (&LongCube<'_>, &f64)| cube.sums(k, *first);
                 cubes.iter().zip(&firsts).map(of_cube)
             });
             let sums: Vec<[f64; 3]> = sums.collect();
-            let parts = peers.gather_records(Ok(&sums))?;
+            let parts = ranks.gather_records(Ok(sums))?;
             let mut of_slices = vec![vec![[0.0; 3]; slices.len()]; cubes.len()];
             for (rank, part) in parts.iter().enumerate() {
                 for (k, sums) in of_rank(rank).iter().zip(part.chunks_exact(cubes.len())) {
@@ -301,7 +303,7 @@ impl Making<'_> {
                 })
                 .collect();
             // Sums of integers do not depend on the order.
-            let places = peers.reduce(Ok(places), |sum, own| {
+            let places = ranks.reduce(Ok(places), |sum, own| {
                 sum.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
             })?;
             for (whole, places) in whole.iter().zip(&places) {
