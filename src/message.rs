@@ -3,8 +3,6 @@
 use bytemuck::Pod;
 
 use crate::error::{Error, Result};
-#[cfg(feature = "cli")]
-use crate::scene::Values;
 
 /// Appends the number of the records, then the records.
 pub(crate) fn put<T: Pod>(bytes: &mut Vec<u8>, records: &[T]) {
@@ -25,42 +23,6 @@ pub(crate) fn take<T: Pod>(bytes: &mut &[u8]) -> Result<Vec<T>> {
     let (records, rest) = rest.split_at(size);
     *bytes = rest;
     Ok(bytemuck::pod_collect_to_vec(records))
-}
-
-/// Appends values. Floating-point values carry their precision, which differs from rank to rank.
-#[cfg(feature = "cli")]
-pub(super) fn put_values(bytes: &mut Vec<u8>, values: &Values) {
-    match values {
-        Values::U8(values) => put(bytes, values),
-        Values::I16(values) => put(bytes, values),
-        Values::U16(values) => put(bytes, values),
-        Values::F32(values) => {
-            put(bytes, &[4_u8]);
-            put(bytes, values);
-        }
-        Values::F64(values) => {
-            put(bytes, &[8_u8]);
-            put(bytes, values);
-        }
-    }
-}
-
-/// Takes values of the same type as `alike`; floating-point values may have either precision.
-///
-/// # Errors
-/// The errors of [`take`].
-#[cfg(feature = "cli")]
-pub(super) fn take_values(bytes: &mut &[u8], alike: &Values) -> Result<Values> {
-    Ok(match alike {
-        Values::U8(_) => Values::U8(take(bytes)?),
-        Values::I16(_) => Values::I16(take(bytes)?),
-        Values::U16(_) => Values::U16(take(bytes)?),
-        Values::F32(_) | Values::F64(_) => match take::<u8>(bytes)?[..] {
-            [4] => Values::F32(take(bytes)?),
-            [8] => Values::F64(take(bytes)?),
-            _ => return Err(unknown("values of no precision")),
-        },
-    })
 }
 
 /// Returns the error that another rank sent a message that no rank of this program sends.

@@ -83,7 +83,8 @@ use merge::weighting;
 pub use merge::{MergeBounds, Merged, MergedTransfer};
 pub(crate) use neighbours::Neighbours;
 pub(crate) use partitioned::{
-    Held, LEAST, PlaneRuns, SharedVolume, build_lattice_together, build_together, territories,
+    Held, LEAST, PlaneRuns, SharedVolume, assign_by_position, build_lattice_together,
+    build_together,
 };
 pub(crate) use rule::Rule;
 #[cfg(feature = "prepared")]

@@ -6,7 +6,7 @@ use std::ops::Range;
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
-use super::merge::{Grown, Source};
+use super::merge::{PartialTree, Source};
 use super::tree::Tree;
 use crate::collective::Collective;
 use crate::error::Result;
@@ -225,18 +225,18 @@ impl Crowds {
 
     /// Finds the crowds among the particles of all ranks.
     ///
-    /// - `trees`: trees over this rank's particles, each with its index among the leaves of `crown`.
-    /// - `crown`: top tree, whose leaves are the trees of all ranks.
+    /// - `trees`: trees over this rank's particles, each with its index among the leaves of `top_tree`.
+    /// - `top_tree`: top tree, whose leaves are the trees of all ranks.
     /// - `runs`: particles of each of its leaves, in block order.
     pub(super) fn together(
-        trees: &[(usize, Grown<'_>)],
-        crown: &Tree,
+        trees: &[(usize, PartialTree<'_>)],
+        top_tree: &Tree,
         runs: &[Range<usize>],
         source: &Source<'_>,
         ranks: &mut dyn Collective,
     ) -> Result<Self> {
         let kernels = Kernels::new(source);
-        let here = |own: &Grown<'_>| own.at..own.at + own.tree.len();
+        let here = |own: &PartialTree<'_>| own.at..own.at + own.tree.len();
         let mut leaves = vec![Summary::NONE; runs.len()];
         for (leaf, own) in trees {
             leaves[*leaf] = kernels.summary(&here(own));
@@ -244,7 +244,7 @@ impl Crowds {
         let leaves = ranks.reduce(Ok(leaves), |all, own| *all = all.and(own))?;
         let particles = |leaves: &Range<usize>| runs[leaves.start].start..runs[leaves.end - 1].end;
         let mut asked = Vec::new();
-        crown.visit(|run, diagonal| {
+        top_tree.visit(|run, diagonal| {
             if run.len() == 1 || !is_crowd(particles(&run).len()) {
                 return false;
             }

@@ -11,7 +11,8 @@ use super::together::{Gathered, Together};
 use super::viewpoint::Cameras;
 use crate::Result;
 use crate::collective::Collective;
-use crate::distributed::{Share, dealt, hand_out};
+use crate::load::parts::{assigned, distribute};
+use crate::ranks::Share;
 use crate::sample::SampleOptions;
 
 impl DataOptions {
@@ -39,7 +40,7 @@ impl DataOptions {
         let together = Together {
             data: self,
             inputs,
-            own: dealt(&lengths, ranks.rank(), ranks.size()),
+            own: assigned(&lengths, ranks.rank(), ranks.size()),
             options,
             cameras,
             beside: &[],
@@ -50,7 +51,7 @@ impl DataOptions {
         } = together.read(&mut Some(ranks))?;
         self.check_use(&uses(&abouts, options))?;
         let volumes = volumes.into_iter().flatten();
-        let mut share = hand_out(volumes.collect(), ranks)?;
+        let mut share = distribute(volumes.collect(), ranks)?;
         let has_boundary = self.may_end_sharply(abouts.iter());
         let scene = Scene::of_reads(std::mem::take(&mut share.volumes), abouts, has_boundary);
         self.check_fields(&scene)?;

@@ -8,9 +8,9 @@ use std::sync::{Mutex, PoisonError};
 use mpi::environment::Universe;
 
 use crate::collective::Collective;
-#[cfg(feature = "mpi")]
-use crate::distributed::MpiRank;
 use crate::message::{put, take};
+#[cfg(feature = "mpi")]
+use crate::ranks::MpiRank;
 use crate::{Error, Image, Result};
 
 /// MPI's state. Dropping it ends MPI, after the last message of this process.

@@ -5,7 +5,6 @@ use std::time::Instant;
 
 use crate::Filter;
 use crate::collective::Collective;
-use crate::distributed::{self, Share};
 use crate::image::DARK_GREY;
 use crate::io::{
     check_depth_path, check_folder, check_image_path, write_bytes_atomically, write_count,
@@ -13,6 +12,7 @@ use crate::io::{
 };
 use crate::legend::{ColourBar, legend_width};
 use crate::measure::{ErrorSample, SampledError};
+use crate::ranks::Share;
 use crate::reference::ReferenceSettings;
 use crate::render::{Blend, Classification, ClassifyAt, Composite};
 use crate::sample::SampleOptions;
@@ -752,7 +752,7 @@ impl Arguments {
                     volumes: scene,
                     ..share
                 };
-                distributed::shared(share, &scene_options, ranks)?
+                crate::ranks::shared(share, &scene_options, ranks)?
             }
             _ => renderer_of(scene, prepared, &scene_options)?,
         };

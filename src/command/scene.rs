@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use crate::data::up::Up;
-use crate::distributed::PartRead;
 use crate::io::{Planes, RowFile, VtsPieces, VtuPieces};
 use crate::legend::title_of;
+use crate::load::parts::PartRead;
 use crate::prepared::{About, PointFile, PreparedScene};
 use crate::sample::{RowsApart, SampleOptions, SampleReport, TransferChoice};
 use crate::scene::PointVolume;

@@ -15,11 +15,12 @@ use super::usage::Kind;
 use super::viewpoint::Cameras;
 use crate::blocks::ParticleStream;
 use crate::collective::Collective;
-use crate::distributed::{
-    PartRead, Share, read_grid, read_pieces, read_planes, read_rows, read_together, scatter,
-};
 use crate::io::{Planes, RowFile};
+use crate::load::parts::{
+    PartRead, read_grid, read_pieces, read_planes, read_rows, read_together, scatter,
+};
 use crate::prepared::{About, PointFile};
+use crate::ranks::Share;
 use crate::sample::{SampleOptions, SampleReport};
 use crate::{Error, Result};
 

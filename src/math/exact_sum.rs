@@ -138,7 +138,7 @@ fn scaled(x: f64, exponent: i32) -> f64 {
     x * 2.0_f64.powi(half) * 2.0_f64.powi(exponent - half)
 }
 
-#[cfg(all(test, feature = "prepared"))]
+#[cfg(test)]
 mod tests {
     use super::*;
 

@@ -8,7 +8,6 @@ use crate::constants::{
     DEFAULT_LOW_PASS_VARIANCE_PX2, FIELD_LOW_PASS_VARIANCE_PX2, PARTICLE_LOW_PASS_VARIANCE_PX2,
 };
 use crate::cpu::CpuFrames;
-use crate::distributed::{RankFrames, RankStats};
 use crate::error::Result;
 #[cfg(not(feature = "gpu"))]
 use crate::frame::backend::NoDevice as Device;
@@ -21,6 +20,7 @@ use crate::gpu::{DeviceScene as Device, Gpu};
 use crate::image::{DepthImage, Image, NormalImage};
 #[cfg(feature = "prepared")]
 use crate::prepared::PreparedScene;
+use crate::ranks::{RankFrames, RankStats};
 use crate::scene::{PointVolume, Requirements, StrengthIn, TransferFunction, Values};
 use crate::stats::{FrameCounts, StageTimes};
 use crate::view::{Bounds, Camera};

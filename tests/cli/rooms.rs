@@ -29,7 +29,7 @@ const ROOMS: [&[&str]; 15] = [
     &["prepared"],
     // A back end is named in the settings, and devices belong to theirs.
     &["frame", "cpu", "gpu"],
-    &["distributed", "render"],
+    &["load", "ranks", "render"],
     &["annotate", "legend", "measure", "overlay"],
     &["command"],
 ];

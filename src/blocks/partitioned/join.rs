@@ -8,8 +8,8 @@ use glam::DVec3;
 use super::super::merge::{Atoms, Cluster, Head, Level, Levels};
 use super::super::tree::{Node, Tree};
 use super::super::{Block, BlockedVolume, density};
-use super::Bundle;
-use super::deal::OwnTree;
+use super::Partition;
+use super::assign::OwnTree;
 use crate::collective::Collective;
 use crate::error::Result;
 use crate::view::Bounds;
@@ -59,15 +59,15 @@ pub(super) fn level(own: Level, ranks: &mut dyn Collective) -> Result<Level> {
 /// Gathers the clusters of all ranks, and builds the tree over them; the caller adds the headers.
 pub(super) fn atoms(
     trees: &[OwnTree],
-    bundles: &[Bundle],
+    partitions: &[Partition],
     clusters: Vec<Cluster>,
-    crown: &Tree,
+    top_tree: &Tree,
     ranks: &mut dyn Collective,
 ) -> Result<Atoms> {
     let mut next = clusters.as_slice();
     let (mut counts, mut nodes) = (Vec::new(), Vec::<Node>::new());
     for own in trees {
-        let run = &bundles[own.bundle].run;
+        let run = &partitions[own.partition].run;
         let count = next.partition_point(|cluster| cluster.run().start < run.end);
         let (of_tree, rest) = next.split_at(count);
         next = rest;
@@ -76,26 +76,26 @@ pub(super) fn atoms(
             of_all.start - run.start..of_all.end - run.start
         };
         let runs: Vec<Range<usize>> = of_tree.iter().map(within).collect();
-        counts.push([own.bundle as u64, count as u64]);
+        counts.push([own.partition as u64, count as u64]);
         nodes.extend(own.tree.above(&runs).nodes());
     }
     let counts = ranks.gather_records(Ok(counts))?;
     let nodes = ranks.gather_records(Ok(nodes))?;
-    let mut parts = vec![Tree::default(); bundles.len()];
+    let mut parts = vec![Tree::default(); partitions.len()];
     for (counts, nodes) in counts.iter().zip(&nodes) {
         let mut nodes = nodes.as_slice();
-        for [bundle, count] in counts {
+        for [partition, count] in counts {
             let own = (*count as usize).saturating_sub(1).min(nodes.len());
             let (of_part, rest) = nodes.split_at(own);
             nodes = rest;
-            parts[*bundle as usize] = crown.of_nodes(of_part.to_vec());
+            parts[*partition as usize] = top_tree.of_nodes(of_part.to_vec());
         }
     }
     let clusters = ranks.gather_records(Ok(clusters))?;
     let start = |cluster: &Cluster| cluster.run().start;
     Ok(Atoms {
         clusters: joined(clusters, ranks.rank(), start).all,
-        tree: crown.grafted(&parts),
+        tree: top_tree.grafted(&parts),
         heads: Vec::new(),
     })
 }

@@ -37,7 +37,7 @@ use crate::scene::{Lattice, Particles, PointVolume, Requirements, Shared, Streng
 pub(crate) fn build_lattice_together(
     volume: PointVolume,
     held: Held,
-    dealt: &PlaneRuns,
+    assigned: &PlaneRuns,
     options: &SceneOptions,
     first: usize,
     ranks: &mut dyn Collective,
@@ -60,7 +60,7 @@ pub(crate) fn build_lattice_together(
     };
     let (rank, size) = (ranks.rank(), ranks.size());
     let planes = grid.dims()[2];
-    let runs = |rank| dealt.runs(planes, rank);
+    let runs = |rank| assigned.runs(planes, rank);
     let values = ranks.agree(widened(held, &lattice, &grid, is_sharp, runs(rank)))?;
     let bricks = |run: &Range<usize>| {
         let [x, y, _] = grid.bricks();
@@ -111,7 +111,7 @@ pub(crate) fn build_lattice_together(
                     cells,
                     values,
                     extents,
-                    dealt,
+                    assigned,
                 };
                 match cube <= LONGEST_COPIED {
                     true => making.short(cube, options, ranks),
@@ -198,12 +198,12 @@ struct Making<'a> {
     values: &'a ValuesIn<Shared>,
     /// Extents from [`BrickGrid::axis_extents`].
     extents: &'a [Vec<f64>; 3],
-    dealt: &'a PlaneRuns,
+    assigned: &'a PlaneRuns,
 }
 
 impl Making<'_> {
     fn runs(&self, rank: usize) -> impl Iterator<Item = Range<usize>> {
-        self.dealt.runs(self.cells.dims()[2], rank)
+        self.assigned.runs(self.cells.dims()[2], rank)
     }
 
     /// Computes the moments of cubes that each lie in one run.

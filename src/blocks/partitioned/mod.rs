@@ -4,7 +4,7 @@
 //!
 //! 1. All ranks find the chunks of all points ([`chunks`]) by counting, and the tree over the chunks' boxes (top tree).
 //! 2. The subtrees of a chunk's size are assigned to ranks, and the particles are sent to the rank that builds with
-//!    them ([`deal`]).
+//!    them ([`assign`]).
 //! 3. Each rank builds the trees over its particles, their blocks, and the levels of detail that are merged from
 //!    particles.
 //! 4. All ranks gather the bounds of these blocks, and the clusters of the last of these levels ([`join`]). From these
@@ -13,8 +13,8 @@
 //! A lattice needs none of these steps. Its planes are assigned to ranks ([`planes`]), which make bricks and coarser
 //! grids of them ([`lattice`]).
 
+mod assign;
 mod chunks;
-mod deal;
 mod join;
 mod lattice;
 mod numbers;
@@ -26,7 +26,7 @@ use glam::DVec3;
 
 use super::BlockedVolume;
 use super::build::{BuildOptions, build, family, in_blocks, principal_ranges};
-use super::merge::{Atoms, Cluster, Grown, Levels, coarse_levels, fine_levels, is_mergeable};
+use super::merge::{Atoms, Cluster, Levels, PartialTree, coarse_levels, fine_levels, is_mergeable};
 use super::overlap::Crowds;
 use super::points::Points;
 use super::room::MEMORY;
@@ -38,7 +38,7 @@ use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;
 use crate::scene::{PointVolume, Requirements};
 use crate::view::Bounds;
-use deal::Dealt;
+use assign::Assigned;
 pub(crate) use lattice::build_lattice_together;
 pub(crate) use planes::{Held, PlaneRuns};
 
@@ -119,13 +119,13 @@ pub(crate) fn build_together(
 ) -> Result<SharedVolume> {
     let requirements = Requirements::of(&volume);
     let transfer_function = volume.transfer_function.clone();
-    let Dealt {
+    let Assigned {
         volume,
         numbers,
         trees,
-        bundles,
-        crown,
-    } = deal::deal(volume, numbers, options.task.as_ref(), ranks)?;
+        partitions,
+        top_tree,
+    } = assign::assign(volume, numbers, options.task.as_ref(), ranks)?;
     let mut shared = SharedVolume {
         family: Vec::new(),
         own: Vec::new(),
@@ -139,11 +139,17 @@ pub(crate) fn build_together(
     };
     let principal = principal_ranges(&points.shapes);
     let source = points.source(&principal);
-    let grown: Vec<Grown<'_>> = trees.iter().map(|own| own.grown()).collect();
+    let grown: Vec<PartialTree<'_>> = trees.iter().map(|own| own.grown()).collect();
     let crowds = {
-        let leaves = trees.iter().map(|own| (own.bundle, own.grown()));
-        let runs: Vec<Range<usize>> = bundles.iter().map(|own| own.run.clone()).collect();
-        Crowds::together(&leaves.collect::<Vec<_>>(), &crown, &runs, &source, ranks)?
+        let leaves = trees.iter().map(|own| (own.partition, own.grown()));
+        let runs: Vec<Range<usize>> = partitions.iter().map(|own| own.run.clone()).collect();
+        Crowds::together(
+            &leaves.collect::<Vec<_>>(),
+            &top_tree,
+            &runs,
+            &source,
+            ranks,
+        )?
     };
     let is_merged =
         options.level_of_detail && points.are_merged() && { !ranks.any(!is_mergeable(&source))? };
@@ -152,7 +158,7 @@ pub(crate) fn build_together(
         let task = options.task.as_ref();
         let made = fine_levels(&source, &grown, &crowds, false, task);
         let (fine, clusters) = ranks.agree(made)?;
-        let atoms = join::atoms(&trees, &bundles, clusters, &crown, ranks)?;
+        let atoms = join::atoms(&trees, &partitions, clusters, &top_tree, ranks)?;
         for level in fine {
             levels.push(join::level(level, ranks)?);
         }
@@ -219,7 +225,10 @@ pub(crate) fn build_together(
 
 /// Assigns points to ranks by position, so that each rank gets a part of space with about as many points: chunks of the
 /// tree, one after another. All positions must be finite. Returns the rank of each of this rank's points.
-pub(crate) fn territories(positions: &[DVec3], ranks: &mut dyn Collective) -> Result<Vec<u32>> {
+pub(crate) fn assign_by_position(
+    positions: &[DVec3],
+    ranks: &mut dyn Collective,
+) -> Result<Vec<u32>> {
     let count = ranks.sum(Ok(positions.len() as u64))?.max(1);
     let (members, chunks) = chunks::chunks(positions, count, ranks)?;
     let mut owners = vec![0; positions.len()];
@@ -247,9 +256,9 @@ fn extend(corners: &mut Corners, others: &Corners) {
     corners[1] = corners[1].max(others[1]);
 }
 
-/// A subtree of the tree over chunks that one rank builds; bundles are listed in block order.
+/// A subtree of the tree over chunks that one rank builds; partitions are listed in block order.
 #[derive(Debug)]
-pub(super) struct Bundle {
+pub(super) struct Partition {
     /// Chunks, by their places in that tree.
     pub(super) chunks: super::tree::Subtree,
     /// Particles: a run of block order.

@@ -255,13 +255,13 @@ mod tests {
     #[test]
     fn runs_of_all_are_all_planes_and_what_is_asked_for_holds_their_neighbours() {
         for (planes, size) in [(1, 1), (5, 3), (33, 2), (400, 3), (1000, 7), (9000, 16)] {
-            let dealt = PlaneRuns::new(planes, size);
+            let assigned = PlaneRuns::new(planes, size);
             for ghosts in [0, 2] {
                 let mut owned = vec![0; planes + ghosts];
                 for rank in 0..size {
-                    let wanted = dealt.wanted(rank);
+                    let wanted = assigned.wanted(rank);
                     assert!(wanted.windows(2).all(|w| w[0].end < w[1].start));
-                    for run in dealt.runs(planes + ghosts, rank) {
+                    for run in assigned.runs(planes + ghosts, rank) {
                         assert!(run.start.is_multiple_of(LAYER));
                         for plane in run.clone() {
                             owned[plane] += 1;

@@ -13,7 +13,6 @@
 pub(crate) mod covered;
 pub(crate) mod duals;
 pub(crate) mod incidence;
-#[cfg(feature = "cli")]
 pub(crate) mod partitioned;
 pub(crate) mod sharp;
 
@@ -66,7 +65,6 @@ pub(super) struct CellKernels {
     /// Kernels of all samples.
     pub(super) kernels: Kernels,
     /// The kernels that are wanted. Normals and models are of these alone.
-    #[cfg(feature = "cli")]
     pub(super) own: Range<usize>,
     pub(super) normals: Option<Vec<u32>>,
     pub(super) models: Option<Vec<LocalModel>>,
@@ -142,7 +140,6 @@ impl CellField<'_> {
             duals,
             around,
             kernels,
-            #[cfg(feature = "cli")]
             own,
             normals,
             models,

@@ -18,7 +18,6 @@
 
 pub(crate) mod even_grid;
 pub(crate) mod overlap;
-#[cfg(feature = "cli")]
 pub(crate) mod partitioned;
 pub(crate) mod seam;
 pub(crate) mod sharp;

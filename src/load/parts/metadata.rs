@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::message;
+use crate::message::unknown;
 use crate::prepared::about::{self, BatchHead, Function, Grid};
 use crate::scene::{
     Boundary, BoundaryPlanes, Colour, LocalModels, Particles, PointVolume, Strength,
@@ -12,7 +12,7 @@ use crate::scene::{
 
 /// Metadata of a volume: everything but its particles.
 #[derive(Debug, Serialize, Deserialize)]
-pub(super) struct Head {
+pub(super) struct Metadata {
     function: Option<Function>,
     lattice: Option<Grid>,
     columns: BatchHead,
@@ -21,7 +21,7 @@ pub(super) struct Head {
     pub(super) is_plain: bool,
 }
 
-impl Head {
+impl Metadata {
     pub(super) fn of(volume: &PointVolume) -> Self {
         let (particles, lattice) = match &volume.particles {
             Particles::Lattice {
@@ -87,7 +87,7 @@ impl Head {
                 lattice: grid.lattice(),
                 kernel_width: grid.kernel_width,
             },
-            (about::Particles::Lattice { .. }, None) => return Err(message::unknown("no lattice")),
+            (about::Particles::Lattice { .. }, None) => return Err(unknown("no lattice")),
             (about::Particles::Isotropic, _) => Particles::Isotropic {
                 positions: Vec::new(),
                 sigmas: Vec::new(),
@@ -104,7 +104,7 @@ impl Head {
         };
         let function = self.function.as_ref().map(|function| {
             let transfer: Option<TransferFunction> = function.transfer();
-            transfer.ok_or_else(|| message::unknown("no transfer function"))
+            transfer.ok_or_else(|| unknown("no transfer function"))
         });
         Ok(PointVolume {
             particles,
@@ -152,10 +152,10 @@ impl Head {
 ///
 /// # Errors
 /// Lengths or colours that are not finite.
-pub(super) fn told(heads: &[Head]) -> Result<Vec<u8>> {
-    let text = serde_json::to_vec(heads).unwrap_or_default();
+pub(super) fn encode(metadata: &[Metadata]) -> Result<Vec<u8>> {
+    let text = serde_json::to_vec(metadata).unwrap_or_default();
     // JSON stores numbers that are not finite as null, which cannot be read back.
-    match heard(&text) {
+    match decode(&text) {
         Ok(_) => Ok(text),
         Err(_) => Err(Error::invalid(
             "scene",
@@ -167,6 +167,6 @@ pub(super) fn told(heads: &[Head]) -> Result<Vec<u8>> {
     }
 }
 
-pub(super) fn heard(bytes: &[u8]) -> Result<Vec<Head>> {
-    serde_json::from_slice(bytes).map_err(|e| message::unknown(&e.to_string()))
+pub(super) fn decode(bytes: &[u8]) -> Result<Vec<Metadata>> {
+    serde_json::from_slice(bytes).map_err(|e| unknown(&e.to_string()))
 }

@@ -9,16 +9,16 @@ use std::ops::Range;
 
 use glam::DVec3;
 
-use super::patch::Patch;
+use super::cell_subset::CellSubset;
 use crate::collective::Collective;
 use crate::error::Result;
 use crate::message::{put, take, unknown};
 use crate::sample::{CellsAround, compare, is_same, sort_by_position};
 
 /// A rank's cells and the ghost cells around them, in the order of the whole mesh.
-pub(super) struct Rings {
-    pub(super) patch: Patch,
-    /// The rank's own nodes and cells in the patch.
+pub(super) struct GhostLayers {
+    pub(super) subset: CellSubset,
+    /// The rank's own nodes and cells in the subset.
     pub(super) nodes: Range<usize>,
     pub(super) cells: Range<usize>,
 }
@@ -28,7 +28,7 @@ struct Others {
     /// Numbers of their nodes and cells in the whole mesh; some occur more than once.
     nodes: Vec<u64>,
     cells: Vec<u64>,
-    patch: Patch,
+    subset: CellSubset,
 }
 
 /// Cells that a rank has sent to another.
@@ -61,7 +61,7 @@ impl<'a> Places<'a> {
     }
 }
 
-impl Rings {
+impl GhostLayers {
     /// Finds the ghost layers around a rank's cells.
     ///
     /// - `own`: this rank's cells, numbered after those of the ranks before.
@@ -69,7 +69,11 @@ impl Rings {
     ///
     /// # Errors
     /// More nodes or cell entries than 32 bits count; a rank that is gone.
-    pub(super) fn around(own: Patch, count: usize, ranks: &mut dyn Collective) -> Result<Self> {
+    pub(super) fn around(
+        own: CellSubset,
+        count: usize,
+        ranks: &mut dyn Collective,
+    ) -> Result<Self> {
         let (rank, size) = (ranks.rank(), ranks.size());
         let first = [
             ranks.sum_before(Ok(own.mesh.nodes.len() as u64))?,
@@ -88,7 +92,7 @@ impl Rings {
         let mut others = Others {
             nodes: Vec::new(),
             cells: Vec::new(),
-            patch: Patch::none_of(&own),
+            subset: CellSubset::none_of(&own),
         };
         let mut asked = HashSet::new();
         let mut sent = vec![Sent::default(); size];
@@ -109,7 +113,7 @@ impl Rings {
                 let cells = found.flat_map(|&node| around.of(node)).copied();
                 let mut cells: Vec<u32> = cells.filter(|&cell| sent.cells.insert(cell)).collect();
                 cells.sort_unstable();
-                let (patch, nodes) = own.of_cells(&cells);
+                let (subset, nodes) = own.of_cells(&cells);
                 let is_nowhere = |&node: &u32| !own.mesh.nodes[node as usize].is_finite();
                 sent.nowhere
                     .extend(nodes.iter().copied().filter(is_nowhere));
@@ -120,7 +124,7 @@ impl Rings {
                 put(&mut bytes, &numbers(&nodes, first[0]));
                 put(&mut bytes, &numbers(&cells, first[1]));
                 if !cells.is_empty() {
-                    patch.put(&mut bytes);
+                    subset.put(&mut bytes);
                 }
                 bytes
             };
@@ -128,14 +132,14 @@ impl Rings {
             let answers = ranks.exchange(Ok(answers))?;
             frontier.clear();
             let mut answers = answers.iter();
-            let heard = answers.try_for_each(|part| others.hear(part, &own, &mut frontier));
-            ranks.agree(heard)?;
+            let added = answers.try_for_each(|part| others.add(part, &own, &mut frontier));
+            ranks.agree(added)?;
         }
         drop((places, around, sent, asked));
         Self::joined(own, first, others)
     }
 
-    fn joined(mut own: Patch, first: [u64; 2], others: Others) -> Result<Self> {
+    fn joined(mut own: CellSubset, first: [u64; 2], others: Others) -> Result<Self> {
         let [of_nodes, of_cells] = [&others.nodes, &others.cells].map(|numbers| {
             let mut order: Vec<u32> = (0..numbers.len() as u32).collect();
             order.sort_unstable_by_key(|&i| numbers[i as usize]);
@@ -156,22 +160,22 @@ impl Rings {
                 among + node_count
             }) as u32;
         }
-        let entries = |patch: &Patch| patch.mesh.connectivity.len();
+        let entries = |subset: &CellSubset| subset.mesh.connectivity.len();
         check_fits(of_nodes.len() + node_count)?;
-        check_fits(entries(&own) + entries(&others.patch))?;
+        check_fits(entries(&own) + entries(&others.subset))?;
         let of_place = |i: u32| place_of[i as usize];
-        let some = |nodes, cells| others.patch.some(nodes, cells, of_place);
-        let mut patch = some(&of_nodes[..below], &of_cells[..cells_below]);
+        let some = |nodes, cells| others.subset.some(nodes, cells, of_place);
+        let mut subset = some(&of_nodes[..below], &of_cells[..cells_below]);
         let after = some(&of_nodes[below..], &of_cells[cells_below..]);
-        drop(others.patch);
+        drop(others.subset);
         if below == 0 {
-            std::mem::swap(&mut patch, &mut own);
+            std::mem::swap(&mut subset, &mut own);
         } else {
-            patch.append(own, below as u32);
+            subset.append(own, below as u32);
         }
-        patch.append(after, 0);
+        subset.append(after, 0);
         Ok(Self {
-            patch,
+            subset,
             nodes: below..below + node_count,
             cells: cells_below..cells_below + cell_count,
         })
@@ -189,22 +193,22 @@ impl Others {
     /// Adds the cells that a rank answered.
     ///
     /// - `frontier`: receives the positions of their nodes.
-    fn hear(&mut self, mut part: &[u8], own: &Patch, frontier: &mut Vec<DVec3>) -> Result<()> {
+    fn add(&mut self, mut part: &[u8], own: &CellSubset, frontier: &mut Vec<DVec3>) -> Result<()> {
         let (nodes, cells) = (take::<u64>(&mut part)?, take::<u64>(&mut part)?);
         if cells.is_empty() {
             return Ok(());
         }
-        let patch = Patch::take(&mut part, own)?;
-        if patch.mesh.nodes.len() != nodes.len() || patch.mesh.cell_count() != cells.len() {
+        let subset = CellSubset::take(&mut part, own)?;
+        if subset.mesh.nodes.len() != nodes.len() || subset.mesh.cell_count() != cells.len() {
             return Err(unknown("another number of cells than of their places"));
         }
-        let entries = self.patch.mesh.connectivity.len() + patch.mesh.connectivity.len();
-        let shift = self.patch.mesh.nodes.len();
+        let entries = self.subset.mesh.connectivity.len() + subset.mesh.connectivity.len();
+        let shift = self.subset.mesh.nodes.len();
         check_fits(entries.max(shift + nodes.len()))?;
-        frontier.extend(patch.mesh.nodes.iter().filter(|p| p.is_finite()));
+        frontier.extend(subset.mesh.nodes.iter().filter(|p| p.is_finite()));
         self.nodes.extend(nodes);
         self.cells.extend(cells);
-        self.patch.append(patch, shift as u32);
+        self.subset.append(subset, shift as u32);
         Ok(())
     }
 }

@@ -3,11 +3,12 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::share::Share;
 use crate::collective::Collective;
 use crate::error::Result;
 use crate::math::ExactSum;
-use crate::prepared::{Found, PointFile};
+use crate::prepared::PointFile;
+use crate::ranks::Share;
+use crate::sample::Found;
 use crate::sample::{Finding, SampleReport, summed_function};
 
 /// Summary of a rank's rows, as it sends it to the others.

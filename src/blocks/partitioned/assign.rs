@@ -7,11 +7,11 @@ use obvhs::aabb::Aabb;
 use rayon::prelude::*;
 
 use super::super::build::check_count;
-use super::super::merge::Grown;
+use super::super::merge::PartialTree;
 use super::super::tree::{CHUNK, Subtree, Tree, Units};
 use super::chunks::{Chunk, chunks};
 use super::numbers::without_gaps;
-use super::{Bundle, NO_CORNERS, extend};
+use super::{NO_CORNERS, Partition, extend};
 use crate::collective::Collective;
 use crate::error::{Error, Result};
 use crate::scene::PointVolume;
@@ -25,7 +25,7 @@ const BATCH: u64 = 1 << 19;
 
 /// Particles of which a rank builds blocks.
 #[derive(Debug)]
-pub(super) struct Dealt {
+pub(super) struct Assigned {
     /// Particles in the order of the trees.
     pub(super) volume: PointVolume,
     /// Number of each particle among those of all ranks.
@@ -33,9 +33,9 @@ pub(super) struct Dealt {
     /// Trees over runs of the particles, one after the other.
     pub(super) trees: Vec<OwnTree>,
     /// Partition: all subtrees that are assigned, whichever rank builds them.
-    pub(super) bundles: Vec<Bundle>,
-    /// Top tree, whose leaves are the bundles.
-    pub(super) crown: Tree,
+    pub(super) partitions: Vec<Partition>,
+    /// Top tree, whose leaves are the partitions.
+    pub(super) top_tree: Tree,
 }
 
 /// A tree over particles that are here.
@@ -43,14 +43,14 @@ pub(super) struct Dealt {
 pub(super) struct OwnTree {
     pub(super) tree: Tree,
     at: usize,
-    /// Index of the tree's bundle.
-    pub(super) bundle: usize,
+    /// Index of the tree's partition.
+    pub(super) partition: usize,
     start: usize,
 }
 
 impl OwnTree {
-    pub(super) fn grown(&self) -> Grown<'_> {
-        Grown {
+    pub(super) fn grown(&self) -> PartialTree<'_> {
+        PartialTree {
             tree: &self.tree,
             at: self.at,
             start: self.start,
@@ -59,12 +59,12 @@ impl OwnTree {
 }
 
 /// Redistributes the particles of all ranks.
-pub(super) fn deal(
+pub(super) fn assign(
     volume: PointVolume,
     given: Option<Vec<u64>>,
     task: Option<&Task>,
     ranks: &mut dyn Collective,
-) -> Result<Dealt> {
+) -> Result<Assigned> {
     let all = volume.particles.positions();
     let kept: Vec<u32> = (0..)
         .zip(all)
@@ -107,9 +107,9 @@ pub(super) fn deal(
         .collect();
     let (top, places) = Tree::over_boxes(&boxes, units);
     let of_place = |place: usize| &chunks[places[place] as usize];
-    let bundles = bundles(&top, |place| of_place(place).count, ranks.size());
-    let runs: Vec<Range<usize>> = bundles.iter().map(|own| own.chunks.run()).collect();
-    let crown = top.above(&runs);
+    let partitions = partitions(&top, |place| of_place(place).count, ranks.size());
+    let runs: Vec<Range<usize>> = partitions.iter().map(|own| own.chunks.run()).collect();
+    let top_tree = top.above(&runs);
     drop(positions);
     // Members are indices into the volume from here on.
     let members: Vec<(u32, u32)> = members
@@ -120,18 +120,18 @@ pub(super) fn deal(
     let like = volume_of(&[], &volume)?;
     let sorting = Sorting {
         members: &members,
-        bundles: &bundles,
+        partitions: &partitions,
         of_place: &of_place,
     };
     let rows = sorting.exchange(&volume, task, ranks)?;
     drop(volume);
     let (volume, numbers, trees) = sorting.build(&rows, &like, (&top, units))?;
-    Ok(Dealt {
+    Ok(Assigned {
         volume,
         numbers,
         trees,
-        bundles,
-        crown,
+        partitions,
+        top_tree,
     })
 }
 
@@ -142,84 +142,87 @@ fn refused(expected: &str, found: &str) -> Error {
 
 /// Cuts the tree over chunks into subtrees of at most [`CHUNK`] points, or of one chunk. Assigns each to the rank with
 /// the least points so far.
-fn bundles(top: &Tree, count: impl Fn(usize) -> u64, size: usize) -> Vec<Bundle> {
+fn partitions(top: &Tree, count: impl Fn(usize) -> u64, size: usize) -> Vec<Partition> {
     let sum = |places: Range<usize>| places.map(&count).sum::<u64>();
     let subtrees = top.largest(|places| sum(places) <= CHUNK as u64);
     let mut loads = vec![0; size];
     let mut end = 0;
-    let bundle = |chunks: Subtree| {
+    let partition = |chunks: Subtree| {
         let start = end;
         let count = sum(chunks.run());
         end += count as usize;
         let least = loads.iter().enumerate().min_by_key(|(_, load)| **load);
         let owner = least.map_or(0, |(owner, _)| owner);
         loads[owner] += count;
-        Bundle {
+        Partition {
             chunks,
             run: start..end,
             owner,
         }
     };
-    subtrees.into_iter().map(bundle).collect()
+    subtrees.into_iter().map(partition).collect()
 }
 
 /// Assignment of points to ranks.
 struct Sorting<'a, F> {
     /// Points that are here, in the order of chunks: their indices in the volume, and their numbers.
     members: &'a [(u32, u32)],
-    bundles: &'a [Bundle],
+    partitions: &'a [Partition],
     /// Returns the chunk at a place of the tree over chunks.
     of_place: &'a F,
 }
 
-/// Rows of the points in some bundles, in one allocation, which is freed as a whole.
+/// Rows of the points in some partitions, in one allocation, which is freed as a whole.
 struct OwnRows {
     rows: Vec<u8>,
-    bundles: Vec<BundleRows>,
+    partitions: Vec<PartitionRows>,
 }
 
-/// Position of a bundle's rows.
-struct BundleRows {
-    bundle: usize,
+/// Position of a partition's rows.
+struct PartitionRows {
+    partition: usize,
     run: Range<usize>,
     /// Number of rows of each chunk.
     counts: Vec<usize>,
 }
 
-/// Number of bundles that are built at a time.
+/// Number of partitions that are built at a time.
 const AT_A_TIME: usize = 32;
 
 impl<'a, F: Fn(usize) -> &'a Chunk + Sync> Sorting<'a, F> {
-    /// Exchanges rows, a few bundles at a time; returns the rows of this rank's bundles.
+    /// Exchanges rows, a few partitions at a time; returns the rows of this rank's partitions.
     fn exchange(
         &self,
         volume: &PointVolume,
         task: Option<&Task>,
         ranks: &mut dyn Collective,
     ) -> Result<OwnRows> {
-        let stage = Stage::new(task, "sorting into blocks", self.bundles.len());
+        let stage = Stage::new(task, "sorting into blocks", self.partitions.len());
         let (rank, size) = (ranks.rank(), ranks.size());
         let (columns, row) = (Rows::of(volume), row_len(volume));
-        let all = self.bundles.iter().filter(|bundle| bundle.owner == rank);
-        let count: usize = all.map(|bundle| bundle.run.len()).sum();
+        let all = self
+            .partitions
+            .iter()
+            .filter(|partition| partition.owner == rank);
+        let count: usize = all.map(|partition| partition.run.len()).sum();
         let mut own = OwnRows {
             rows: Vec::with_capacity(count * row),
-            bundles: Vec::new(),
+            partitions: Vec::new(),
         };
         let mut next = 0;
-        while next < self.bundles.len() {
+        while next < self.partitions.len() {
             let first = next;
             let mut count = 0;
-            while next < self.bundles.len() && count < BATCH * size as u64 {
-                count += self.bundles[next].run.len() as u64;
+            while next < self.partitions.len() && count < BATCH * size as u64 {
+                count += self.partitions[next].run.len() as u64;
                 next += 1;
             }
-            let round = || (first..next).map(|b| (b, &self.bundles[b]));
+            let round = || (first..next).map(|b| (b, &self.partitions[b]));
             // Number of rows of each chunk, and the rows.
             let mut parts = vec![(Vec::new(), Vec::new()); size];
-            for (_, bundle) in round() {
-                let (counts, rows) = &mut parts[bundle.owner];
-                for place in bundle.chunks.run() {
+            for (_, partition) in round() {
+                let (counts, rows) = &mut parts[partition.owner];
+                for place in partition.chunks.run() {
                     let here = &self.members[(self.of_place)(place).here.clone()];
                     counts.push(here.len() as u64);
                     let some = here.iter();
@@ -234,8 +237,10 @@ impl<'a, F: Fn(usize) -> &'a Chunk + Sync> Sorting<'a, F> {
             // A rank that is cancelled sends that to the others.
             let parts = ranks.exchange(stage.check().map(|()| parts.collect()))?;
             stage.advance(next - first);
-            let mine = || round().filter(|(_, bundle)| bundle.owner == rank);
-            let chunks: usize = mine().map(|(_, bundle)| bundle.chunks.run().len()).sum();
+            let mine = || round().filter(|(_, partition)| partition.owner == rank);
+            let chunks: usize = mine()
+                .map(|(_, partition)| partition.chunks.run().len())
+                .sum();
             let mut parts: Vec<(Vec<u64>, &[u8])> = parts
                 .iter()
                 .map(|part| {
@@ -245,10 +250,10 @@ impl<'a, F: Fn(usize) -> &'a Chunk + Sync> Sorting<'a, F> {
                 })
                 .collect();
             let mut chunk = 0;
-            for (number, bundle) in mine() {
+            for (number, partition) in mine() {
                 let start = own.rows.len();
                 let mut of_chunks = Vec::new();
-                for _ in bundle.chunks.run() {
+                for _ in partition.chunks.run() {
                     let before = own.rows.len();
                     for (counts, rows) in &mut parts {
                         let count = counts.get(chunk).map_or(0, |n| *n as usize);
@@ -259,8 +264,8 @@ impl<'a, F: Fn(usize) -> &'a Chunk + Sync> Sorting<'a, F> {
                     chunk += 1;
                     of_chunks.push((own.rows.len() - before) / row);
                 }
-                own.bundles.push(BundleRows {
-                    bundle: number,
+                own.partitions.push(PartitionRows {
+                    partition: number,
                     run: start..own.rows.len(),
                     counts: of_chunks,
                 });
@@ -269,7 +274,7 @@ impl<'a, F: Fn(usize) -> &'a Chunk + Sync> Sorting<'a, F> {
         Ok(own)
     }
 
-    /// Builds a tree over the points of each of this rank's bundles; returns these trees and the points in their order.
+    /// Builds a tree over the points of each of this rank's partitions; returns these trees and the points in their order.
     fn build(
         &self,
         own: &OwnRows,
@@ -277,12 +282,12 @@ impl<'a, F: Fn(usize) -> &'a Chunk + Sync> Sorting<'a, F> {
         (top, units): (&Tree, Units),
     ) -> Result<(PointVolume, Vec<u32>, Vec<OwnTree>)> {
         let row = row_len(like);
-        let build = |of: &BundleRows| {
-            let bundle = &self.bundles[of.bundle];
+        let build = |of: &PartitionRows| {
+            let partition = &self.partitions[of.partition];
             let mut all: Vec<&[u8]> = own.rows[of.run.clone()].chunks_exact(row).collect();
             let mut runs = Vec::with_capacity(of.counts.len());
             let mut end = 0;
-            for (place, count) in bundle.chunks.run().zip(&of.counts) {
+            for (place, count) in partition.chunks.run().zip(&of.counts) {
                 let run = end..end + count;
                 end = run.end;
                 // The order of the chunk's points if one rank had all.
@@ -292,28 +297,28 @@ impl<'a, F: Fn(usize) -> &'a Chunk + Sync> Sorting<'a, F> {
                 runs.push(run);
             }
             let members: Vec<u32> = (0..all.len() as u32).collect();
-            let first = bundle.chunks.run().start;
+            let first = partition.chunks.run().start;
             let chunk = |place: usize| &members[runs[place - first].clone()];
             let point = |i: u32| {
                 let row = all[i as usize];
                 units.point(position_of(row), number_of(row) as u32)
             };
-            let (tree, order) = Tree::over_chunks(top, bundle.chunks, chunk, point);
+            let (tree, order) = Tree::over_chunks(top, partition.chunks, chunk, point);
             let ordered: Vec<&[u8]> = order.iter().map(|&i| all[i as usize]).collect();
             let numbers: Vec<u32> = ordered.iter().map(|row| number_of(row) as u32).collect();
             (tree, numbers, volume_in_order(ordered, like))
         };
-        let mut trees = Vec::with_capacity(own.bundles.len());
+        let mut trees = Vec::with_capacity(own.partitions.len());
         let mut all = volume_of(&[], like)?;
         let mut numbers = Vec::new();
-        for some in own.bundles.chunks(AT_A_TIME) {
+        for some in own.partitions.chunks(AT_A_TIME) {
             let built: Vec<(Tree, Vec<u32>, PointVolume)> = some.par_iter().map(build).collect();
             for (of, (tree, of_bundle, volume)) in some.iter().zip(built) {
                 trees.push(OwnTree {
                     tree,
                     at: numbers.len(),
-                    bundle: of.bundle,
-                    start: self.bundles[of.bundle].run.start,
+                    partition: of.partition,
+                    start: self.partitions[of.partition].run.start,
                 });
                 numbers.extend(of_bundle);
                 append(&mut all, volume);

@@ -1,12 +1,12 @@
 //! Reads the planes of a lattice on all ranks: each rank reads the planes that it draws.
 
-use super::share::{SMALL, Share, is_small};
 use crate::blocks::{Held, PlaneRuns, check_count};
 use crate::collective::Collective;
 use crate::constants::FAINT_SHARE;
 use crate::error::Result;
 use crate::io::Planes;
 use crate::message::{put, take};
+use crate::ranks::{SMALL, Share, is_small};
 use crate::sample::{PlaneValues, SampleOptions, SampleReport, lattice_of_planes};
 use crate::scene::{Boundary, PointVolume, TransferFunction, ValueSample, Values};
 
@@ -22,11 +22,11 @@ pub(crate) fn read_planes(
 ) -> Result<(Share, SampleReport)> {
     let lattice = file.lattice();
     let [x, y, count] = lattice.dims;
-    let dealt = PlaneRuns::new(count, ranks.size());
+    let runs_of = PlaneRuns::new(count, ranks.size());
     let read = || {
         lattice.validate()?;
         check_count(lattice.len())?;
-        let wanted = dealt.wanted(ranks.rank());
+        let wanted = runs_of.wanted(ranks.rank());
         let planes: usize = wanted.iter().map(std::ops::Range::len).sum();
         // Memory for the values as read, and in the order of the whole lattice. If the lattice is small, every rank
         // holds all of it.
@@ -44,7 +44,7 @@ pub(crate) fn read_planes(
     };
     let held = read();
     let held = ranks.agree(held)?;
-    let own: Vec<usize> = dealt.own(ranks.rank()).flatten().collect();
+    let own: Vec<usize> = runs_of.own(ranks.rank()).flatten().collect();
     let known = known_of_all(&held, x * y, count, &own, ranks)?;
     let made = lattice_of_planes(lattice.clone(), file.field(), file.unit(), known, options);
     let (mut volume, report) = ranks.agree(made)?;
@@ -151,8 +151,8 @@ mod tests {
     use std::thread;
 
     use super::*;
-    use crate::distributed::threads::ThreadRank;
     use crate::io::{OpenOptions, RawLayout, RawType, open};
+    use crate::ranks::ThreadRank;
     use crate::sample::{BoundaryChoice, TransferChoice, scene};
     use crate::scene::ScaleName;
 

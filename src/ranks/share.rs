@@ -177,7 +177,7 @@ impl Share {
 /// get none or twice as many as others; such a lattice is small unless it has very many cells.
 ///
 /// - `small`: most cells for each rank of a small lattice with enough planes.
-pub(super) fn is_small(lattice: &Lattice, small: u64, size: usize) -> bool {
+pub(crate) fn is_small(lattice: &Lattice, small: u64, size: usize) -> bool {
     let few = lattice.dims[2] < FEW_PLANES * size;
     let small = if few {
         FEW_PLANES as u64 * small
@@ -189,7 +189,7 @@ pub(super) fn is_small(lattice: &Lattice, small: u64, size: usize) -> bool {
 
 /// Particles for each rank up to which every rank builds the whole. The work of a frame is then partitioned by blocks
 /// rather than by chunks of some 65,536 particles, which balances it better.
-pub(super) const SMALL: u64 = 1 << 18;
+pub(crate) const SMALL: u64 = 1 << 18;
 
 /// Planes for each rank below which runs of planes balance badly.
 const FEW_PLANES: usize = 64;
@@ -228,10 +228,10 @@ impl SharedLattice {
                 }
             };
         }
-        let dealt = PlaneRuns::new(planes, ranks.size());
+        let assigned = PlaneRuns::new(planes, ranks.size());
         let wanted = |rank| match self.is_small {
             true => std::iter::once(0..planes).collect(),
-            false => dealt.wanted(rank),
+            false => assigned.wanted(rank),
         };
         let wanted: Vec<Vec<Range<usize>>> = (0..ranks.size()).map(wanted).collect();
         let held = Held {
@@ -243,7 +243,7 @@ impl SharedLattice {
             volume.values = Some(held.values);
             return SharedVolume::of_whole(volume, options, first, ranks);
         }
-        build_lattice_together(volume, held, &dealt, options, first, ranks)
+        build_lattice_together(volume, held, &assigned, options, first, ranks)
     }
 }
 
@@ -351,7 +351,7 @@ mod tests {
 
     use super::*;
     use crate::blocks::{Block, BlockedParticles, BlockedScene, BlockedVolume, SceneOptions};
-    use crate::distributed::threads::ThreadRank;
+    use crate::ranks::ThreadRank;
     use crate::scene::{
         Boundary, BoundaryPlanes, Colour, ColourIn, Lattice, Strength, TransferFunction, Values,
         ValuesIn,

@@ -2,13 +2,12 @@
 
 use std::ops::Range;
 
-use super::patch::Patch;
-use super::planes::joined;
-use super::rings::Rings;
-use super::share::Share;
-use super::shown::{
+use super::cell_subset::CellSubset;
+use super::function::{
     PartRead, differences_of_all, found_by_all, models_of_all, outline_of_all, show,
 };
+use super::ghost_layers::GhostLayers;
+use super::planes::joined;
 use crate::collective::Collective;
 use crate::data::association::Association;
 use crate::data::blanking::Blanking;
@@ -18,7 +17,8 @@ use crate::data::first_order::is_of_higher_order;
 use crate::error::Result;
 use crate::io::{ArraysSeen, VtuPieces};
 use crate::math::ExactSum;
-use crate::prepared::Found;
+use crate::ranks::Share;
+use crate::sample::Found;
 use crate::sample::{
     CellField, CellsApart, LEAST_PER_NODE, SampleOptions, SampleReport, check_len, shown_field,
     take_scalar, turned,
@@ -26,7 +26,7 @@ use crate::sample::{
 use crate::scene::{Surroundings, Tiling, ValueScale, Values};
 
 /// Assigns a reader a run of files, so that all readers get about as many bytes.
-pub(crate) fn dealt(lengths: &[u64], reader: usize, readers: usize) -> Range<usize> {
+pub(crate) fn assigned(lengths: &[u64], reader: usize, readers: usize) -> Range<usize> {
     let all: u128 = lengths.iter().map(|&length| u128::from(length)).sum();
     let mut before = 0;
     let middle = |&length: &u64| {
@@ -60,7 +60,7 @@ pub(crate) fn read_pieces(
         return Ok(None);
     }
     let lengths: Vec<u64> = file.lengths().collect();
-    let own = file.read(dealt(&lengths, ranks.rank(), ranks.size()));
+    let own = file.read(assigned(&lengths, ranks.rank(), ranks.size()));
     let own = ranks.agree(own)?;
     let seen = seen_by_all(&own.seen, ranks)?;
     // Number of pieces with solid cells, and with cells of higher order.
@@ -78,7 +78,7 @@ pub(crate) fn read_pieces(
     let head = head_of(&dataset, ranks)?;
     let field = shown_field(&head, options)?;
     let corners = dataset.bounds();
-    let own = ranks.agree(patch_of(dataset, &field))?;
+    let own = ranks.agree(subset_of(dataset, &field))?;
     let differences = differences_of_all(&own.values, ranks)?;
     let counts = turned(&own.mesh).into_iter().flatten();
     let counts = ranks.sums(Ok(counts.map(|count| count as u64).collect()))?;
@@ -88,7 +88,7 @@ pub(crate) fn read_pieces(
         .collect();
     // Layers of ghost cells. Kernels need the cells around a sample. Normals also need the kernels of these cells'
     // samples. Local models also need the neighbours of these samples.
-    let rings = match (options.local_models, options.normals) {
+    let layers = match (options.local_models, options.normals) {
         (true, _) => 3,
         (false, true) => 2,
         (false, false) => 1,
@@ -98,10 +98,10 @@ pub(crate) fn read_pieces(
         return Ok(None);
     }
     let outline = outline_of_all(&own.mesh.nodes, ranks)?;
-    let rings = Rings::around(own, rings, ranks);
-    let rings = ranks.agree(rings)?;
+    let layers = GhostLayers::around(own, layers, ranks);
+    let layers = ranks.agree(layers)?;
     let mut volume_sum = ExactSum::default();
-    let sampled = sampled(rings, &turned, differences, options, &mut volume_sum);
+    let sampled = sampled(layers, &turned, differences, options, &mut volume_sum);
     let CellsApart {
         mut volume,
         models,
@@ -210,7 +210,7 @@ pub(super) fn head_of(own: &Dataset, ranks: &mut dyn Collective) -> Result<Datas
 }
 
 /// Returns this rank's cells with the field that is shown.
-fn patch_of(mut dataset: Dataset, field: &str) -> Result<Patch> {
+fn subset_of(mut dataset: Dataset, field: &str) -> Result<CellSubset> {
     let blanking = Blanking::of(&dataset)?;
     let taken = take_scalar(&mut dataset, field)?;
     let Geometry::Cells(mesh) = &mut dataset.geometry else {
@@ -222,7 +222,7 @@ fn patch_of(mut dataset: Dataset, field: &str) -> Result<Patch> {
     let count = mesh.nodes.len().min(mesh.cell_count());
     crate::memory::check(count, LEAST_PER_NODE).map_err(|e| e.in_file(&dataset.path))?;
     check_len(&dataset, &taken, mesh.count_of(taken.association))?;
-    Ok(Patch {
+    Ok(CellSubset {
         hidden_nodes: (0..mesh.nodes.len())
             .map(|i| blanking.node(i).into())
             .collect(),
@@ -237,28 +237,36 @@ fn patch_of(mut dataset: Dataset, field: &str) -> Result<Patch> {
 
 /// Makes the particles of a rank's own nodes or cells.
 fn sampled(
-    rings: Rings,
+    layers: GhostLayers,
     turned: &[[usize; 2]],
     differences: ValueScale,
     options: &SampleOptions,
     volume_sum: &mut ExactSum,
 ) -> Result<CellsApart> {
-    let Rings {
-        patch,
+    let GhostLayers {
+        subset,
         nodes,
         cells,
         ..
-    } = rings;
+    } = layers;
     let blanking = Blanking::of_masks(
-        patch.hidden_nodes.into_iter().map(|own| own != 0).collect(),
-        patch.hidden_cells.into_iter().map(|own| own != 0).collect(),
+        subset
+            .hidden_nodes
+            .into_iter()
+            .map(|own| own != 0)
+            .collect(),
+        subset
+            .hidden_cells
+            .into_iter()
+            .map(|own| own != 0)
+            .collect(),
     );
-    let seen = differences.seen(&patch.values);
+    let seen = differences.seen(&subset.values);
     let field = CellField {
-        mesh: &patch.mesh,
+        mesh: &subset.mesh,
         blanking: &blanking,
-        association: patch.association,
-        values: &patch.values,
+        association: subset.association,
+        values: &subset.values,
         seen: &seen,
         nodes,
         cells,
@@ -273,10 +281,10 @@ mod tests {
 
     use glam::DVec3;
 
-    use super::super::shown::check_file;
+    use super::super::function::check_file;
     use super::*;
     use crate::data::cells::CellKind;
-    use crate::distributed::threads::ThreadRank;
+    use crate::ranks::ThreadRank;
     use crate::sample::{BoundaryChoice, Sampled, TransferChoice};
 
     const CELLS: [usize; 3] = [20, 5, 5];
@@ -497,7 +505,7 @@ mod tests {
     }
 
     #[test]
-    fn files_are_dealt_by_their_lengths() {
+    fn files_are_assigned_by_their_lengths() {
         for lengths in [
             &[][..],
             &[0, 0, 0],
@@ -508,7 +516,7 @@ mod tests {
             for readers in 1..9 {
                 let mut next = 0;
                 for reader in 0..readers {
-                    let part = dealt(lengths, reader, readers);
+                    let part = assigned(lengths, reader, readers);
                     assert_eq!(part.start, next, "{lengths:?} {readers}");
                     next = part.end;
                 }
@@ -516,7 +524,7 @@ mod tests {
             }
         }
         assert_eq!(
-            [0, 1].map(|n| dealt(&[7, 1, 1, 1, 1, 1, 2], n, 2)),
+            [0, 1].map(|n| assigned(&[7, 1, 1, 1, 1, 1, 2], n, 2)),
             [0..1, 1..7]
         );
     }

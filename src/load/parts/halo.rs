@@ -11,12 +11,12 @@ use crate::scene::Values;
 
 /// Points of this rank that other ranks need as neighbours.
 #[derive(Debug)]
-pub(super) struct PointsAround {
+pub(super) struct Halo {
     /// Points of this rank that each rank asked for, ascending.
     wanted: Vec<Vec<u32>>,
 }
 
-impl PointsAround {
+impl Halo {
     /// Finds the points that each rank needs from the others.
     ///
     /// - `count`: number of nearest distinct positions that a point needs, on any rank.
@@ -96,17 +96,17 @@ impl PointsAround {
     ///
     /// - `own`: one entry for each of this rank's points.
     pub(super) fn fetch<T: Pod>(&self, own: &[T], ranks: &mut dyn Collective) -> Result<Vec<T>> {
-        sent(own, &self.wanted, ranks)
+        send(own, &self.wanted, ranks)
     }
 
     /// Fetches the other ranks' values for the halo.
     pub(super) fn fetch_values(&self, own: &Values, ranks: &mut dyn Collective) -> Result<Values> {
-        sent_values(own, &self.wanted, ranks)
+        send_values(own, &self.wanted, ranks)
     }
 }
 
 /// Sends some entries of a column to each rank; returns the entries that the other ranks sent.
-pub(super) fn sent<T: Pod>(
+pub(super) fn send<T: Pod>(
     own: &[T],
     to: &[Vec<u32>],
     ranks: &mut dyn Collective,
@@ -116,7 +116,7 @@ pub(super) fn sent<T: Pod>(
 
 /// Sends some values to each rank; returns those received. Floating-point values are in double precision if any rank's
 /// are.
-pub(super) fn sent_values(
+pub(super) fn send_values(
     own: &Values,
     to: &[Vec<u32>],
     ranks: &mut dyn Collective,
@@ -124,15 +124,15 @@ pub(super) fn sent_values(
     if matches!(own, Values::F32(_) | Values::F64(_)) {
         if ranks.any(matches!(own, Values::F64(_)))? {
             let wide: Vec<f64> = (0..own.len()).map(|i| own.wide(i)).collect();
-            return Ok(sent(&wide, to, ranks)?.into());
+            return Ok(send(&wide, to, ranks)?.into());
         }
     }
     Ok(match own {
-        Values::U8(own) => Values::U8(sent(own, to, ranks)?),
-        Values::I16(own) => Values::I16(sent(own, to, ranks)?),
-        Values::U16(own) => Values::U16(sent(own, to, ranks)?),
-        Values::F32(own) => Values::F32(sent(own, to, ranks)?),
-        Values::F64(own) => Values::F64(sent(own, to, ranks)?),
+        Values::U8(own) => Values::U8(send(own, to, ranks)?),
+        Values::I16(own) => Values::I16(send(own, to, ranks)?),
+        Values::U16(own) => Values::U16(send(own, to, ranks)?),
+        Values::F32(own) => Values::F32(send(own, to, ranks)?),
+        Values::F64(own) => Values::F64(send(own, to, ranks)?),
     })
 }
 

@@ -6,17 +6,17 @@ use std::thread;
 
 use glam::DVec3;
 
-use super::read::found_on_all;
-use super::share::Share;
+use super::point_file::found_on_all;
 use crate::collective::Collective;
 use crate::data::dataset::Dataset;
 use crate::data::up::in_end_planes;
-#[cfg(test)]
-use crate::distributed::threads::ThreadRank;
 use crate::error::Result;
 #[cfg(test)]
 use crate::io::{OpenOptions, open};
-use crate::prepared::Found;
+use crate::ranks::Share;
+#[cfg(test)]
+use crate::ranks::ThreadRank;
+use crate::sample::Found;
 use crate::sample::{SampleOptions, SampleReport, function_apart, mean_spacing, nothing_left};
 #[cfg(test)]
 use crate::sample::{Sampled, volume};

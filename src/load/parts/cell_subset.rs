@@ -2,16 +2,17 @@
 
 use std::path::Path;
 
+use super::values::{put_values, take_values};
 use crate::data::association::Association;
 use crate::data::cells::{CellKind, CellMesh, renumber};
 use crate::error::Result;
 use crate::io::check_cells;
-use crate::message::{put, put_values, take, take_values, unknown};
+use crate::message::{put, take, unknown};
 use crate::scene::Values;
 
 /// Cells, their nodes, and values at the cells or at the nodes.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Patch {
+pub(super) struct CellSubset {
     pub(super) mesh: CellMesh,
     /// 1 for each hidden node, and for each hidden cell; else 0.
     pub(super) hidden_nodes: Vec<u8>,
@@ -20,8 +21,8 @@ pub(super) struct Patch {
     pub(super) values: Values,
 }
 
-impl Patch {
-    /// Returns an empty patch with a field of the same type as another patch's.
+impl CellSubset {
+    /// Returns an empty subset with a field of the same type as another subset's.
     pub(super) fn none_of(other: &Self) -> Self {
         Self {
             mesh: CellMesh {
@@ -37,7 +38,7 @@ impl Patch {
 
     /// Extracts some nodes and some cells.
     ///
-    /// - `number`: a node's number in the new patch.
+    /// - `number`: a node's number in the new subset.
     pub(super) fn some(&self, nodes: &[u32], cells: &[u32], number: impl Fn(u32) -> u32) -> Self {
         let mut some = Self::none_of(self);
         let own = &self.mesh;
@@ -78,9 +79,9 @@ impl Patch {
         (self.some(&nodes, cells, number), nodes)
     }
 
-    /// Appends another patch.
+    /// Appends another subset.
     ///
-    /// - `shift`: number added to the node numbers of the other patch.
+    /// - `shift`: number added to the node numbers of the other subset.
     pub(super) fn append(&mut self, mut other: Self, shift: u32) {
         self.mesh.append(other.mesh, shift);
         self.hidden_nodes.append(&mut other.hidden_nodes);
@@ -99,9 +100,9 @@ impl Patch {
         put_values(bytes, &self.values);
     }
 
-    /// Reads a patch that [`Self::put`] wrote.
+    /// Reads a subset that [`Self::put`] wrote.
     ///
-    /// - `alike`: a patch with a field of the same type.
+    /// - `alike`: a subset with a field of the same type.
     ///
     /// # Errors
     /// Cells that no rank of this program sends.
@@ -114,7 +115,7 @@ impl Patch {
             offsets: take(bytes)?,
             connectivity: take(bytes)?,
         };
-        let patch = Self {
+        let subset = Self {
             mesh,
             hidden_nodes: take(bytes)?,
             hidden_cells: take(bytes)?,
@@ -122,16 +123,16 @@ impl Patch {
             values: take_values(bytes, &alike.values)?,
         };
         let counts = [
-            patch.hidden_nodes.len(),
-            patch.hidden_cells.len(),
-            patch.values.len(),
+            subset.hidden_nodes.len(),
+            subset.hidden_cells.len(),
+            subset.values.len(),
         ];
-        let count = |association| patch.mesh.count_of(association);
+        let count = |association| subset.mesh.count_of(association);
         let expected = [Association::Nodes, Association::Cells, alike.association].map(count);
         if counts != expected {
             return Err(unknown("another number of values than of nodes or cells"));
         }
-        check_cells(Path::new("message"), &patch.mesh)?;
-        Ok(patch)
+        check_cells(Path::new("message"), &subset.mesh)?;
+        Ok(subset)
     }
 }

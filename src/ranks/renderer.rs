@@ -87,7 +87,7 @@ impl Renderer {
         options: &SceneOptions,
     ) -> Result<Self> {
         let mut ranks: Box<dyn Collective> = Box::new(communicator);
-        let share = super::read::read_together(file, &mut *ranks)?;
+        let share = crate::load::parts::read_together(file, &mut *ranks)?;
         Ok(Self::of(shared(share, options, ranks)?))
     }
 
@@ -108,7 +108,7 @@ impl Renderer {
         options: &SceneOptions,
     ) -> Result<Self> {
         let mut ranks: Box<dyn Collective> = Box::new(communicator);
-        let share = super::scatter::scatter(scene, &mut *ranks)?;
+        let share = crate::load::parts::scatter(scene, &mut *ranks)?;
         Ok(Self::of(shared(share, options, ranks)?))
     }
 

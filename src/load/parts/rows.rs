@@ -6,17 +6,18 @@ use std::path::Path;
 
 use glam::DVec3;
 
+use super::function::{PartRead, found_by_all, models_of_all, show};
+use super::halo::{Halo, send, send_values};
 use super::planes::joined;
-use super::share::Share;
-use super::shown::{PartRead, found_by_all, models_of_all, show};
-use super::surroundings::{PointsAround, sent, sent_values};
-use crate::blocks::territories;
+use crate::blocks::assign_by_position;
 use crate::collective::Collective;
 use crate::data::association::Association;
 use crate::data::dataset::{Dataset, Field, FieldSource, Geometry};
 use crate::error::Result;
+use crate::io::ROWS;
 use crate::io::RowFile;
-use crate::prepared::{Found, ROWS};
+use crate::ranks::Share;
+use crate::sample::Found;
 use crate::sample::{
     Elsewhere, FITTED_NEIGHBOURS, Fitted, Neighbourhoods, RowsApart, SampleOptions, Surrounded,
     fit_apart, sample_apart, scalars, without_spacing,
@@ -160,7 +161,7 @@ fn fitted(
     ranks: &mut dyn Collective,
 ) -> Result<Fitted> {
     let positions = volume.particles.positions();
-    let around = PointsAround::of(positions, count, ranks)?;
+    let around = Halo::of(positions, count, ranks)?;
     let places = around.fetch(positions, ranks)?;
     let values = match &volume.values {
         None => Values::U8(Vec::new()),
@@ -256,7 +257,7 @@ impl Rows {
             .map(|(i, _)| i)
             .collect();
         let places: Vec<DVec3> = placed.iter().map(|&i| self.positions[i as usize]).collect();
-        let owners = territories(&places, ranks)?;
+        let owners = assign_by_position(&places, ranks)?;
         let mut of_rows = vec![rank as u32; self.positions.len()];
         for (&i, owner) in placed.iter().zip(owners) {
             of_rows[i as usize] = owner;
@@ -267,12 +268,12 @@ impl Rows {
         }
         let mut columns = Vec::with_capacity(self.columns.len());
         for (name, values) in self.columns {
-            columns.push((name, sent_values(&values, &to, ranks)?));
+            columns.push((name, send_values(&values, &to, ranks)?));
         }
         Ok(Self {
             // Numbers still ascend, because ranks read one run after another.
-            numbers: sent(&self.numbers, &to, ranks)?,
-            positions: sent(&self.positions, &to, ranks)?,
+            numbers: send(&self.numbers, &to, ranks)?,
+            positions: send(&self.positions, &to, ranks)?,
             columns,
         })
     }
@@ -327,7 +328,7 @@ fn neighbourhoods(
     path: &Path,
 ) -> Result<Neighbourhoods> {
     let neighbours = |i: u32| RowsApart::neighbours(own.numbers[i as usize], count as u64);
-    let around = PointsAround::of(&own.positions, &neighbours, ranks)?;
+    let around = Halo::of(&own.positions, &neighbours, ranks)?;
     let others = around.fetch(&own.positions, ranks)?;
     let positions = [own.positions.as_slice(), &others].concat();
     let points = Surrounded {
@@ -342,7 +343,7 @@ fn neighbourhoods(
 }
 
 struct Others<'a> {
-    around: PointsAround,
+    around: Halo,
     ranks: &'a mut dyn Collective,
 }
 
@@ -361,9 +362,9 @@ impl Elsewhere for Others<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::shown::check_file;
+    use super::super::function::check_file;
     use super::*;
-    use crate::distributed::threads::ThreadRank;
+    use crate::ranks::ThreadRank;
     use crate::sample::{ParticleShape, TransferChoice};
     use crate::scene::ScaleName;
 

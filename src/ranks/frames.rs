@@ -587,8 +587,8 @@ mod tests {
 
     use super::*;
     use crate::blocks::SceneOptions;
-    use crate::distributed::threads::ThreadRank;
     use crate::image::Image;
+    use crate::ranks::ThreadRank;
     use crate::render::{Composite, Settings};
     use crate::scene::{Colour, Particles, PointVolume, Strength};
     use crate::stats::FrameCounts;

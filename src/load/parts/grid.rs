@@ -2,11 +2,11 @@
 
 use std::ops::Range;
 
-use super::pieces::{dealt, head_of, seen_by_all};
-use super::share::Share;
-use super::shown::{
+use super::function::{
     PartRead, differences_of_all, found_by_all, models_of_all, outline_of_all, show,
 };
+use super::pieces::{assigned, head_of, seen_by_all};
+use super::values::{put_values, take_values};
 use crate::collective::Collective;
 use crate::data::association::Association;
 use crate::data::blanking::Blanking;
@@ -14,8 +14,9 @@ use crate::data::dataset::{CurvilinearBlock, Dataset, Geometry};
 use crate::error::Result;
 use crate::io::{ArrayKey, BlockPlanes, VtsPieces};
 use crate::math::ExactSum;
-use crate::message::{put, put_values, take, take_values};
-use crate::prepared::Found;
+use crate::message::{put, take};
+use crate::ranks::Share;
+use crate::sample::Found;
 use crate::sample::{
     GridPlanes, LEAST_PER_NODE, SampleOptions, SampleReport, Seam, Window, check_count, check_len,
     planes_around, seam, shown_field, take_scalar,
@@ -50,7 +51,7 @@ pub(crate) fn read_grid(
     }
     let (rank, size) = (ranks.rank(), ranks.size());
     let lengths: Vec<u64> = file.lengths().collect();
-    let own = file.read(dealt(&lengths, rank, size));
+    let own = file.read(assigned(&lengths, rank, size));
     let mut own = ranks.agree(own)?;
     let seen = seen_by_all(&own.seen, ranks)?;
     let head = head_of(&own.head(file, &seen), ranks)?;
@@ -271,9 +272,9 @@ mod tests {
 
     use glam::DVec3;
 
-    use super::super::shown::check_file;
+    use super::super::function::check_file;
     use super::*;
-    use crate::distributed::threads::ThreadRank;
+    use crate::ranks::ThreadRank;
     use crate::sample::{BoundaryChoice, Sampled, TransferChoice};
     use crate::scene::{Boundary, ScaleName};
 

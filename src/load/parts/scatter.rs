@@ -2,11 +2,11 @@
 
 use bytemuck::Pod;
 
-use super::head::{Head, heard, told};
-use super::share::Share;
+use super::metadata::{Metadata, decode, encode};
 use crate::collective::Collective;
 use crate::error::{Error, Result};
 use crate::message::unknown;
+use crate::ranks::Share;
 use crate::scene::{Colour, Particles, PointVolume, Strength, Values};
 
 /// Bytes that the owner sends to all others at a time.
@@ -23,12 +23,12 @@ const PARCEL: usize = 1 << 26;
 /// No volumes on the first rank; metadata with numbers that are not finite; a rank that is gone.
 pub(crate) fn scatter(own: Option<Vec<PointVolume>>, ranks: &mut dyn Collective) -> Result<Share> {
     let is_first = ranks.rank() == 0;
-    let heads = match (&own, is_first) {
+    let metadata = match (&own, is_first) {
         (_, false) => Ok(None),
         (Some(own), true) => {
             let valid = own.iter().try_for_each(PointVolume::validate);
-            let heads: Vec<Head> = own.iter().map(Head::of).collect();
-            valid.and_then(|()| told(&heads)).map(Some)
+            let metadata: Vec<Metadata> = own.iter().map(Metadata::of).collect();
+            valid.and_then(|()| encode(&metadata)).map(Some)
         }
         (None, true) => Err(Error::invalid(
             "scene",
@@ -39,12 +39,15 @@ pub(crate) fn scatter(own: Option<Vec<PointVolume>>, ranks: &mut dyn Collective)
         )),
     };
     // All ranks use the metadata that the first rank sent, so that all make the same calls.
-    let heads = heard(&ranks.broadcast(0, heads)?)?;
-    let without = heads.iter().map(Head::volume);
+    let metadata = decode(&ranks.broadcast(0, metadata)?)?;
+    let without = metadata.iter().map(Metadata::volume);
     let without: Vec<PointVolume> = without.collect::<Result<_>>()?;
     let volumes = own.filter(|_| is_first).unwrap_or(without);
-    let heads: Vec<(usize, Head)> = heads.into_iter().map(|head| (0, head)).collect();
-    handed_out(volumes, &heads, ranks)
+    let metadata: Vec<(usize, Metadata)> = metadata
+        .into_iter()
+        .map(|of_volume| (0, of_volume))
+        .collect();
+    share_of(volumes, &metadata, ranks)
 }
 
 /// Merges the volumes of all ranks, in the order of the ranks. Each rank receives the volumes of the others as in
@@ -52,45 +55,44 @@ pub(crate) fn scatter(own: Option<Vec<PointVolume>>, ranks: &mut dyn Collective)
 ///
 /// # Errors
 /// Volumes that are not valid; metadata with numbers that are not finite; a rank that is gone.
-#[cfg(feature = "cli")]
-pub(crate) fn hand_out(own: Vec<PointVolume>, ranks: &mut dyn Collective) -> Result<Share> {
+pub(crate) fn distribute(own: Vec<PointVolume>, ranks: &mut dyn Collective) -> Result<Share> {
     let valid = own.iter().try_for_each(PointVolume::validate);
-    let heads: Vec<Head> = own.iter().map(Head::of).collect();
-    let told = ranks.gather_parts(valid.and_then(|()| told(&heads)))?;
+    let metadata: Vec<Metadata> = own.iter().map(Metadata::of).collect();
+    let parts = ranks.gather_parts(valid.and_then(|()| encode(&metadata)))?;
     let mut own = own.into_iter();
-    let (mut volumes, mut heads) = (Vec::new(), Vec::new());
-    for (rank, told) in told.iter().enumerate() {
-        for head in heard(told)? {
+    let (mut volumes, mut metadata) = (Vec::new(), Vec::new());
+    for (rank, part) in parts.iter().enumerate() {
+        for of_volume in decode(part)? {
             // All ranks check all metadata, so that none fails alone.
-            let stand_in = head.volume()?;
+            let stand_in = of_volume.volume()?;
             let its_own = if rank == ranks.rank() {
                 own.next()
             } else {
                 None
             };
             volumes.push(its_own.unwrap_or(stand_in));
-            heads.push((rank, head));
+            metadata.push((rank, of_volume));
         }
     }
-    handed_out(volumes, &heads, ranks)
+    share_of(volumes, &metadata, ranks)
 }
 
 /// Makes a share of volumes that some rank holds, and sends the lattices that every rank needs entirely.
 ///
-/// - `heads`: metadata of each volume, and the rank that holds it.
-fn handed_out(
+/// - `metadata`: metadata of each volume, and the rank that holds it.
+fn share_of(
     mut volumes: Vec<PointVolume>,
-    heads: &[(usize, Head)],
+    metadata: &[(usize, Metadata)],
     ranks: &mut dyn Collective,
 ) -> Result<Share> {
     let mut planes = Vec::with_capacity(volumes.len());
-    for (volume, (owner, head)) in volumes.iter_mut().zip(heads) {
+    for (volume, (owner, of_volume)) in volumes.iter_mut().zip(metadata) {
         let Particles::Lattice { lattice, .. } = &volume.particles else {
             planes.push(Vec::new());
             continue;
         };
         let all = 0..lattice.dims[2];
-        if head.is_plain {
+        if of_volume.is_plain {
             let is_here = *owner == ranks.rank();
             planes.push(if is_here { vec![all] } else { Vec::new() });
         } else {
@@ -158,14 +160,14 @@ fn send<T: Pod>(column: &mut Vec<T>, owner: usize, ranks: &mut dyn Collective) -
     Ok(())
 }
 
-#[cfg(all(test, feature = "cli"))]
+#[cfg(test)]
 mod tests {
     use std::thread;
 
     use glam::DVec3;
 
     use super::*;
-    use crate::distributed::threads::ThreadRank;
+    use crate::ranks::ThreadRank;
     use crate::scene::{Lattice, TransferFunction};
 
     #[test]
@@ -204,7 +206,7 @@ mod tests {
         ];
         let shares: Vec<Share> = thread::scope(|scope| {
             let ranks = ThreadRank::group(3).into_iter().zip(of_ranks.clone());
-            let share = |mut own, volumes| hand_out(volumes, &mut own).unwrap();
+            let share = |mut own, volumes| distribute(volumes, &mut own).unwrap();
             let threads: Vec<_> = ranks
                 .map(|(own, volumes)| scope.spawn(move || share(own, volumes)))
                 .collect();
@@ -220,7 +222,10 @@ mod tests {
                 if owner == rank || v == 1 {
                     assert!(volume == whole, "{rank} {v}");
                 } else {
-                    assert!(*volume == Head::of(whole).volume().unwrap(), "{rank} {v}");
+                    assert!(
+                        *volume == Metadata::of(whole).volume().unwrap(),
+                        "{rank} {v}"
+                    );
                 }
                 let has_planes = v == 1 || (v == 2 && rank == 2);
                 assert_eq!(
@@ -237,7 +242,7 @@ mod tests {
         };
         let errors: Vec<String> = thread::scope(|scope| {
             let ranks = ThreadRank::group(2).into_iter().zip([vec![], vec![broken]]);
-            let share = |mut own, volumes| hand_out(volumes, &mut own).unwrap_err();
+            let share = |mut own, volumes| distribute(volumes, &mut own).unwrap_err();
             let threads: Vec<_> = ranks
                 .map(|(own, volumes)| scope.spawn(move || share(own, volumes).to_string()))
                 .collect();
