@@ -77,6 +77,7 @@
 //! | `gpu` | the same stages on a GPU (feature `gpu`) |
 //! | [`render`] | scene + camera + settings to frame |
 //! | [`distributed`] | the same on several ranks, each with a share of the scene |
+//! | `load` | files read in parts, some on each rank |
 //! | [`mod@reference`] | the reference image, in f64, by quadrature |
 //! | `overlay` | draws over pictures: text, plates, lines (feature `legend`) |
 //! | `legend`, `annotate` | colour bars in pictures; axes, boxes, scales and titles (feature `legend`) |
@@ -120,6 +121,7 @@ pub mod accuracy {}
 #[cfg(feature = "legend")]
 pub mod annotate;
 mod blocks;
+mod collective;
 #[cfg(feature = "cli")]
 pub mod command;
 #[doc = include_str!("../docs/compositing.md")]
@@ -127,7 +129,6 @@ pub mod compositing {}
 pub mod constants;
 mod cpu;
 mod data;
-pub mod distributed;
 pub mod edit;
 pub mod error;
 mod frame;
@@ -139,12 +140,12 @@ pub mod io;
 pub mod irregular {}
 #[cfg(feature = "legend")]
 pub mod legend;
-#[cfg(feature = "cli")]
 pub mod load;
 pub mod math;
 pub mod measure;
 #[doc(hidden)]
 pub mod memory;
+mod message;
 #[cfg(feature = "legend")]
 mod overlay;
 mod parallel;
@@ -153,6 +154,8 @@ pub mod prepared;
 mod record;
 #[doc = include_str!("../docs/papers.md")]
 pub mod papers {}
+#[doc(hidden)]
+pub mod ranks;
 pub mod reference;
 pub mod render;
 pub mod sample;
@@ -190,6 +193,8 @@ pub mod stages {
     }
 }
 
+#[doc(inline)]
+pub use ranks as distributed;
 #[cfg(feature = "gpu")]
 pub use wgpu;
 

@@ -99,7 +99,6 @@ fn group_left(root: &Path) -> Option<u64> {
 ///
 /// - `count`: number of particles.
 /// - `each`: least memory \[bytes\] of a particle while the scene is made.
-#[cfg(feature = "cli")]
 pub(crate) fn check(count: usize, each: usize) -> Result<()> {
     let needed = (count as u64).saturating_mul(each as u64);
     match left() {
@@ -181,7 +180,6 @@ mod tests {
         assert_eq!(group_left(root.path()), Some(0));
     }
 
-    #[cfg(feature = "cli")]
     #[test]
     fn what_does_not_fit_is_refused_before_it_is_tried() {
         assert!(check(1000, 100).is_ok());

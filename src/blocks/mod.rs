@@ -7,7 +7,7 @@
 //! | `brick.rs` | blocks of a lattice: bricks of cells, nothing reordered, nothing stored |
 //! | `merge/` | level of detail: clusters of particles, each drawn as one particle |
 //! | `overlap.rs` | overlap counts: the most kernels in one place |
-//! | `peers/` | blocks of points or of a lattice that is partitioned among ranks |
+//! | `partitioned/` | blocks of points or of a lattice that is partitioned among ranks |
 //! | `choose.rs` | choice of a filter, and of merged particles |
 //! | `cull.rs` | culling: the blocks that a frame sees |
 //! | `density.rs` | density of the blocks' kernels |
@@ -40,7 +40,7 @@ mod layers;
 mod merge;
 mod neighbours;
 mod overlap;
-mod peers;
+mod partitioned;
 mod points;
 mod room;
 mod rule;
@@ -83,10 +83,9 @@ pub use layers::{LayerKind, Layers};
 use merge::weighting;
 pub use merge::{MergeBounds, Merged, MergedTransfer};
 pub(crate) use neighbours::Neighbours;
-#[cfg(feature = "cli")]
-pub(crate) use peers::territories;
-pub(crate) use peers::{
-    Held, LEAST, Peers, PlaneRuns, SharedVolume, build_lattice_together, build_together,
+pub(crate) use partitioned::{
+    Held, LEAST, PlaneRuns, SharedVolume, assign_by_position, build_lattice_together,
+    build_together,
 };
 pub(crate) use rule::Rule;
 #[cfg(feature = "prepared")]

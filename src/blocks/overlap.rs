@@ -6,9 +6,9 @@ use std::ops::Range;
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
-use super::merge::{Grown, Source};
-use super::peers::Peers;
+use super::merge::{PartialTree, Source};
 use super::tree::Tree;
+use crate::collective::Collective;
 use crate::error::Result;
 use crate::splat::budget::OVERLAP;
 
@@ -225,26 +225,26 @@ impl Crowds {
 
     /// Finds the crowds among the particles of all ranks.
     ///
-    /// - `trees`: trees over this rank's particles, each with its index among the leaves of `crown`.
-    /// - `crown`: top tree, whose leaves are the trees of all ranks.
+    /// - `trees`: trees over this rank's particles, each with its index among the leaves of `top_tree`.
+    /// - `top_tree`: top tree, whose leaves are the trees of all ranks.
     /// - `runs`: particles of each of its leaves, in block order.
     pub(super) fn together(
-        trees: &[(usize, Grown<'_>)],
-        crown: &Tree,
+        trees: &[(usize, PartialTree<'_>)],
+        top_tree: &Tree,
         runs: &[Range<usize>],
         source: &Source<'_>,
-        peers: &mut dyn Peers,
+        ranks: &mut dyn Collective,
     ) -> Result<Self> {
         let kernels = Kernels::new(source);
-        let here = |own: &Grown<'_>| own.at..own.at + own.tree.len();
+        let here = |own: &PartialTree<'_>| own.at..own.at + own.tree.len();
         let mut leaves = vec![Summary::NONE; runs.len()];
         for (leaf, own) in trees {
             leaves[*leaf] = kernels.summary(&here(own));
         }
-        let leaves = peers.reduce(Ok(leaves), |all, own| *all = all.and(own))?;
+        let leaves = ranks.reduce(Ok(leaves), |all, own| *all = all.and(own))?;
         let particles = |leaves: &Range<usize>| runs[leaves.start].start..runs[leaves.end - 1].end;
         let mut asked = Vec::new();
-        crown.visit(|run, diagonal| {
+        top_tree.visit(|run, diagonal| {
             if run.len() == 1 || !is_crowd(particles(&run).len()) {
                 return false;
             }
@@ -262,7 +262,7 @@ impl Crowds {
             let wide = own.map(|(_, own)| kernels.wide(&here(own), all.diagonal()));
             wide.sum()
         });
-        let wide = peers.sums(wide.collect())?;
+        let wide = ranks.sums(Ok(wide.collect()))?;
         let mut found: Vec<(Range<usize>, usize)> = Vec::new();
         // Each run lies within an earlier one, or behind all of them.
         for ((run, all), wide) in asked.into_iter().zip(wide) {
@@ -281,7 +281,7 @@ impl Crowds {
                 [run.start + tree.start, run.end + tree.start, count].map(|n| n as u64)
             }));
         }
-        let own = peers.gather_records(Ok(&own))?.concat().into_iter();
+        let own = ranks.gather_records(Ok(own))?.concat().into_iter();
         let own = own.map(|[start, end, count]| (start as usize..end as usize, count as usize));
         let above = found
             .into_iter()

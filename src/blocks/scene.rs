@@ -7,7 +7,7 @@ use std::sync::OnceLock;
 
 use super::build::{BuildOptions, Exchangeable, build, check_count};
 use super::density::densities;
-use super::peers::SharedVolume;
+use super::partitioned::SharedVolume;
 #[cfg(feature = "prepared")]
 use super::stream::{ParticleStream, build_stream};
 use super::{BlockedVolume, set_transfer_function};

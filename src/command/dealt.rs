@@ -6,9 +6,11 @@ use indicatif::ProgressBar;
 use super::input::DataOptions;
 use super::progress::observer_of;
 use crate::Result;
-use crate::distributed::{Ranks, Share, dealt, hand_out};
+use crate::collective::Collective;
 use crate::load::collection::{Collection, Gathered};
+use crate::load::parts::{assigned, distribute};
 use crate::load::{Cameras, Input, Loaded};
+use crate::ranks::Share;
 use crate::sample::SampleOptions;
 
 impl DataOptions {
@@ -23,7 +25,7 @@ impl DataOptions {
         options: &SampleOptions,
         cameras: Cameras<'_>,
         progress: &ProgressBar,
-        ranks: &mut Ranks,
+        ranks: &mut dyn Collective,
     ) -> Result<(Loaded, Share)> {
         let checked = self.check_function(options);
         let checked = checked.and_then(|()| self.check_spacing());
@@ -37,7 +39,7 @@ impl DataOptions {
         let (open, observer) = (self.open_options(), observer_of(progress));
         let collection = Collection {
             request: self.request(inputs, &open, options, cameras, &observer),
-            own: dealt(&lengths, ranks.rank(), ranks.size()),
+            own: assigned(&lengths, ranks.rank(), ranks.size()),
             beside: &[],
         };
         let Gathered {
@@ -46,7 +48,7 @@ impl DataOptions {
         let mut scene = Loaded::of_inputs(Vec::new(), inputs, options);
         scene = self.check_loaded(scene, options)?;
         let volumes = volumes.into_iter().flatten();
-        let mut share = hand_out(volumes.collect(), ranks)?;
+        let mut share = distribute(volumes.collect(), ranks)?;
         scene.volumes = std::mem::take(&mut share.volumes);
         Ok((scene, share))
     }

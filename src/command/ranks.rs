@@ -7,9 +7,10 @@ use std::sync::{Mutex, PoisonError};
 #[cfg(feature = "mpi")]
 use mpi::environment::Universe;
 
+use crate::collective::Collective;
+use crate::message::{put, take};
 #[cfg(feature = "mpi")]
-use crate::distributed::MpiRank;
-use crate::distributed::Ranks;
+use crate::ranks::MpiRank;
 use crate::{Error, Image, Result};
 
 /// MPI's state. Dropping it ends MPI, after the last message of this process.
@@ -18,10 +19,10 @@ static UNIVERSE: Mutex<Option<Universe>> = Mutex::new(None);
 
 /// Starts MPI. From now on only the first rank prints, and a rank that panics ends all ranks.
 #[cfg(feature = "mpi")]
-pub(crate) fn start() -> Result<Ranks> {
+pub(crate) fn start() -> Result<Box<dyn Collective>> {
     let mut rank = MpiRank::world()?;
     *UNIVERSE.lock().unwrap_or_else(PoisonError::into_inner) = rank.universe();
-    let ranks = Ranks::new(Box::new(rank));
+    let ranks: Box<dyn Collective> = Box::new(rank);
     let rank = ranks.rank();
     if rank != 0 {
         super::progress::be_silent();
@@ -50,7 +51,7 @@ pub(crate) fn end() {
 
 /// Fails always: the command line refuses the option in a build without MPI.
 #[cfg(not(feature = "mpi"))]
-pub(crate) fn start() -> Result<Ranks> {
+pub(crate) fn start() -> Result<Box<dyn Collective>> {
     Err(Error::invalid(
         "--mpi",
         "this program",
@@ -67,7 +68,7 @@ pub(crate) const WITHOUT: &str = "build it with `cargo install --path . --featur
 /// Draws pictures on the ranks in turn, one on each rank at a time. The first rank passes them to
 /// `push` in their order.
 pub(crate) fn in_turn(
-    ranks: &mut Ranks,
+    ranks: &mut dyn Collective,
     count: usize,
     mut draw: impl FnMut(usize) -> Result<Image>,
     mut push: impl FnMut(&Image) -> Result<()>,
@@ -76,11 +77,37 @@ pub(crate) fn in_turn(
     for first in (0..count).step_by(size) {
         let own = first + ranks.rank();
         let drawn = (own < count).then(|| draw(own)).transpose();
-        let pictures = ranks.gather_images(drawn)?;
+        let pictures = gather_images(ranks, drawn)?;
         let pushed = pictures.iter().try_for_each(&mut push);
         ranks.agree(pushed)?;
     }
     Ok(())
+}
+
+/// Gathers the ranks' images on the first rank, in the order of the ranks; other ranks get none.
+fn gather_images(ranks: &mut dyn Collective, own: Result<Option<Image>>) -> Result<Vec<Image>> {
+    let part = own.map(|image| {
+        let mut part = Vec::new();
+        if let Some(image) = image {
+            put(&mut part, &[image.width as u64, image.height as u64]);
+            put(&mut part, &image.pixels);
+        }
+        part
+    });
+    let parts = ranks.gather_on_first(part)?;
+    let mut images = Vec::new();
+    for part in parts.iter().filter(|part| !part.is_empty()) {
+        let mut part = part.as_slice();
+        let sides = take::<u64>(&mut part)?;
+        let pixels = take(&mut part)?;
+        let side = |n: usize| sides.get(n).map_or(0, |&n| usize::try_from(n).unwrap_or(0));
+        images.push(Image {
+            width: side(0),
+            height: side(1),
+            pixels,
+        });
+    }
+    Ok(images)
 }
 
 /// Returns the error for an option that cannot be used with `--mpi`.

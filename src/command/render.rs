@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use crate::Filter;
-use crate::distributed::{self, Ranks, Share};
+use crate::collective::Collective;
 use crate::image::DARK_GREY;
 use crate::io::{
     check_depth_path, check_folder, check_image_path, write_bytes_atomically, write_count,
@@ -14,6 +14,7 @@ use crate::legend::{ColourBar, legend_width};
 use crate::load::prepared::renderer as renderer_of;
 use crate::load::{Input, Loaded};
 use crate::measure::{ErrorSample, SampledError};
+use crate::ranks::Share;
 use crate::reference::ReferenceSettings;
 use crate::render::{Blend, Classification, ClassifyAt, Composite};
 use crate::sample::SampleOptions;
@@ -668,7 +669,7 @@ impl Arguments {
         &self,
         options: &SampleOptions,
         progress: &ProgressBar,
-        ranks: &mut Option<Ranks>,
+        ranks: &mut Option<Box<dyn Collective>>,
     ) -> Result<Made> {
         let read_start = Instant::now();
         let planes = self.clip_planes();
@@ -699,7 +700,7 @@ impl Arguments {
                     options,
                     &of_boxes,
                     progress,
-                    ranks,
+                    &mut **ranks,
                     takes_parts,
                     read,
                     check,
@@ -750,7 +751,7 @@ impl Arguments {
                     volumes: scene,
                     ..share
                 };
-                distributed::shared(share, &scene_options, ranks)?
+                crate::ranks::shared(share, &scene_options, ranks)?
             }
             _ => renderer_of(scene, prepared, &scene_options)?,
         };
@@ -823,7 +824,7 @@ impl Arguments {
         &self,
         cameras: &[Camera],
         draw: &mut dyn FnMut(usize) -> Result<Image>,
-        ranks: Option<Ranks>,
+        ranks: Option<Box<dyn Collective>>,
     ) -> Result<()> {
         let count = cameras.len();
         let Some(mut ranks) = ranks else {
@@ -840,7 +841,7 @@ impl Arguments {
         let animation = is_first.then(|| self.animation(cameras)).transpose();
         let mut animation = ranks.agree(animation)?;
         let bar = bar(count as u64).with_message("rendering");
-        ranks::in_turn(&mut ranks, count, draw, |image| {
+        ranks::in_turn(&mut *ranks, count, draw, |image| {
             bar.inc(1);
             animation.as_mut().map_or(Ok(()), |own| own.push(image))
         })?;
@@ -853,7 +854,7 @@ impl Arguments {
         &self,
         options: &SampleOptions,
         progress: &ProgressBar,
-        mut ranks: Option<Ranks>,
+        mut ranks: Option<Box<dyn Collective>>,
     ) -> Result<()> {
         let is_first = ranks.as_ref().is_none_or(|ranks| ranks.rank() == 0);
         let planes = self.clip_planes();

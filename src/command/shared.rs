@@ -10,12 +10,14 @@ use super::input::DataOptions;
 use super::progress::note;
 use super::scene::Pieces;
 use crate::blocks::ParticleStream;
-use crate::distributed::{
-    PartRead, Ranks, Share, read_grid, read_pieces, read_planes, read_rows, read_together, scatter,
-};
+use crate::collective::Collective;
 use crate::io::{Planes, RowFile};
+use crate::load::parts::{
+    PartRead, read_grid, read_pieces, read_planes, read_rows, read_together, scatter,
+};
 use crate::load::{Cameras, Input, Kind, Loaded, is_prepared};
 use crate::prepared::{About, PointFile};
+use crate::ranks::Share;
 use crate::sample::{SampleOptions, SampleReport};
 use crate::{Error, Result};
 
@@ -71,7 +73,7 @@ impl DataOptions {
         options: &SampleOptions,
         cameras: Cameras<'_>,
         progress: &ProgressBar,
-        ranks: &mut Ranks,
+        ranks: &mut dyn Collective,
         takes_parts: bool,
         read: impl FnOnce() -> Result<Loaded>,
         check: impl FnOnce(Loaded) -> Result<Loaded>,
@@ -187,7 +189,7 @@ impl DataOptions {
         &self,
         inputs: &[Input],
         options: &SampleOptions,
-        ranks: &mut Ranks,
+        ranks: &mut dyn Collective,
         read: impl FnOnce() -> Result<Loaded>,
     ) -> Result<(Loaded, Option<Share>)> {
         let own = match ranks.rank() {
@@ -200,7 +202,7 @@ impl DataOptions {
             let about = own_scene.as_ref();
             about.map(|scene| scene.about(inputs, options.for_columns))
         });
-        let about: About = ranks.told_by_first(told)?;
+        let about: About = ranks.broadcast_value(told)?;
         let volumes = own_scene.as_mut().map(|own| take(&mut own.volumes));
         let mut share = scatter(volumes, ranks)?;
         let mut scene = match own_scene {

@@ -2,8 +2,8 @@
 
 use std::time::Instant;
 
-use crate::distributed::RankStats;
 use crate::measure::median_times;
+use crate::ranks::RankStats;
 use crate::render::{FrameCounts, StageTimes};
 use crate::stages::blocks::{BlockedParticles, BlockedVolume};
 use crate::{Filter, Renderer};

@@ -74,7 +74,6 @@ impl Blanking {
     }
 
     /// Builds the blanking from masks of all nodes and all cells.
-    #[cfg(feature = "cli")]
     pub(crate) fn of_masks(nodes: Vec<bool>, cells: Vec<bool>) -> Self {
         Self {
             nodes: Some(nodes),

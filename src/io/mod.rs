@@ -29,8 +29,8 @@ pub(crate) use self::bytes::atomic::write_atomically;
 pub use self::bytes::atomic::write_bytes_atomically;
 pub(crate) use self::mesh::mesh_part::leave_out_unused;
 pub(crate) use self::particles::hdf5::{CellRows, cell_rows};
-#[cfg(feature = "cli")]
 pub(crate) use self::parts::planes::Planes;
+pub(crate) use self::parts::rows::ROWS;
 pub use self::parts::rows::RowFile;
 pub use self::picture::column_file::{column_colours, column_picture, write_column};
 pub use self::picture::count_file::write_count;
@@ -44,11 +44,8 @@ pub use self::splats::splat_axes::SplatAxes;
 pub use self::splats::write_splats::{FLAT_SHARE, WrittenSplats, check_splats_path, write_splats};
 pub use self::volume::raw::{RawLayout, RawType};
 pub(crate) use self::vtk::grid::check as check_cells;
-#[cfg(feature = "cli")]
 pub(crate) use self::vtk::pieces::{ArrayKey, ArraysSeen};
-#[cfg(feature = "cli")]
 pub(crate) use self::vtk::vts_pieces::{BlockPlanes, VtsPieces};
-#[cfg(feature = "cli")]
 pub(crate) use self::vtk::vtu_pieces::VtuPieces;
 pub use crate::data::association::Association;
 pub use crate::data::cells::{CellKind, CellMesh};

@@ -16,10 +16,11 @@ use super::input::Input;
 use super::note::{Event, Note};
 use super::request::Request;
 use super::surfels::{Wanted, joined, seen_corners};
+use crate::collective::Collective;
 use crate::data::dataset::{Dataset, Geometry};
 use crate::data::up::Up;
-use crate::distributed::{Ranks, put, take, unknown};
 use crate::math::rotation_matrix;
+use crate::message::{put, take, unknown};
 use crate::prepared::about::Function;
 use crate::sample::mesh::{Spread, share_out};
 use crate::sample::{
@@ -139,18 +140,18 @@ pub(crate) struct Gathered {
 }
 
 /// Gathers the items of all ranks, in the order of the inputs. A single process returns its own.
-fn all<T>(ranks: &mut Option<&mut Ranks>, own: Vec<T>) -> Result<Vec<T>>
+fn all<T>(ranks: &mut Option<&mut dyn Collective>, own: Vec<T>) -> Result<Vec<T>>
 where
     T: Serialize + DeserializeOwned,
 {
     match ranks {
         None => Ok(own),
-        Some(ranks) => Ok(ranks.told_by_all(&own)?.into_iter().flatten().collect()),
+        Some(ranks) => Ok(ranks.gather_values(own)?.into_iter().flatten().collect()),
     }
 }
 
 /// Returns this rank's result if all ranks succeed; otherwise an error.
-fn agreed<T>(ranks: &mut Option<&mut Ranks>, own: Result<T>) -> Result<T> {
+fn agreed<T>(ranks: &mut Option<&mut dyn Collective>, own: Result<T>) -> Result<T> {
     match ranks {
         None => own,
         Some(ranks) => ranks.agree(own),
@@ -172,7 +173,7 @@ impl Collection<'_> {
     /// # Errors
     /// Errors of reading and sampling on any rank; a field that no input has; nothing to draw in
     /// any input.
-    pub(crate) fn read(&self, ranks: &mut Option<&mut Ranks>) -> Result<Gathered> {
+    pub(crate) fn read(&self, ranks: &mut Option<&mut dyn Collective>) -> Result<Gathered> {
         let own = self.opened();
         let mut own = agreed(ranks, own)?;
         let mut looks = all(ranks, own.iter().map(|own| own.look.clone()).collect())?;
@@ -381,7 +382,7 @@ impl Collection<'_> {
         &self,
         looks: &[Look],
         own: &mut [Own],
-        ranks: &mut Option<&mut Ranks>,
+        ranks: &mut Option<&mut dyn Collective>,
     ) -> Result<()> {
         let is_shown = looks.iter().any(|look| look.has_field);
         let absent = own.iter_mut().find_map(|own| own.absence.take());
@@ -463,7 +464,7 @@ impl Collection<'_> {
         &self,
         own: &mut [Own],
         options: &[SampleOptions],
-        ranks: &mut Option<&mut Ranks>,
+        ranks: &mut Option<&mut dyn Collective>,
     ) -> Result<HashMap<usize, TransferFunction>> {
         let told = own.iter().map(|own| {
             let report = &own.report;
@@ -476,7 +477,7 @@ impl Collection<'_> {
                 let samples = own.map(|own| (own.number, own.report.value_sample.take()));
                 samples.collect()
             }
-            Some(ranks) => samples_of_all(own, ranks)?,
+            Some(ranks) => samples_of_all(own, &mut **ranks)?,
         };
         let choose = || {
             let mut reports: Vec<SampleReport> = told
@@ -502,7 +503,7 @@ impl Collection<'_> {
                     let shared = shared.map(|(function, of)| (Function::of(&function), of));
                     Ok(shared.collect::<Vec<_>>())
                 });
-                let told: Vec<(Function, Vec<usize>)> = ranks.told_by_first(told.transpose())?;
+                let told: Vec<(Function, Vec<usize>)> = ranks.broadcast_value(told.transpose())?;
                 let own = told.into_iter().map(|(function, of)| {
                     let function = function.transfer();
                     Ok((function.ok_or_else(|| unknown("no transfer function"))?, of))
@@ -523,7 +524,7 @@ impl Collection<'_> {
         looks: &[Look],
         own: &mut [Own],
         options: &[SampleOptions],
-        ranks: &mut Option<&mut Ranks>,
+        ranks: &mut Option<&mut dyn Collective>,
     ) -> Result<Vec<Spread>> {
         let asked = self.request.sample.spread;
         let mut spreads = vec![asked; looks.len()];
@@ -587,7 +588,7 @@ impl Collection<'_> {
         looks: Vec<Look>,
         mut own: Vec<Own>,
         options: &[SampleOptions],
-        ranks: &mut Option<&mut Ranks>,
+        ranks: &mut Option<&mut dyn Collective>,
     ) -> Result<Gathered> {
         let facts = own.iter().map(Own::facts);
         let facts = all(ranks, facts.collect())?;
@@ -712,7 +713,10 @@ impl Own {
 
 /// Gathers on the first rank the value samples from which transfer functions are chosen, each with
 /// the number of its input.
-fn samples_of_all(own: &mut [Own], ranks: &mut Ranks) -> Result<Vec<(usize, Option<ValueSample>)>> {
+fn samples_of_all(
+    own: &mut [Own],
+    ranks: &mut dyn Collective,
+) -> Result<Vec<(usize, Option<ValueSample>)>> {
     let mut samples = Vec::new();
     for own in own {
         if let Some(sample) = own.report.value_sample.take() {

@@ -25,27 +25,51 @@
 //! # }
 //! ```
 
+#[cfg(feature = "cli")]
 mod axes;
+#[cfg(feature = "cli")]
 pub(crate) mod collection;
+#[cfg(feature = "cli")]
 mod edit;
+#[cfg(feature = "cli")]
 pub(crate) mod facts;
+#[cfg(feature = "cli")]
 pub(crate) mod input;
+#[cfg(feature = "cli")]
 mod loaded;
+#[cfg(feature = "cli")]
 mod note;
+pub(crate) mod parts;
+#[cfg(feature = "cli")]
 pub(crate) mod prepared;
+#[cfg(feature = "cli")]
 mod request;
+#[cfg(feature = "cli")]
 mod series;
+#[cfg(feature = "cli")]
 mod steps;
+#[cfg(feature = "cli")]
 mod surfels;
 
+#[cfg(feature = "cli")]
 pub use edit::Edit;
+#[cfg(feature = "cli")]
 pub use facts::{Corners, InputFacts, Kind};
+#[cfg(feature = "cli")]
 pub use input::Input;
+#[cfg(feature = "cli")]
 pub use loaded::{Loaded, load, load_series};
+#[cfg(feature = "cli")]
 pub(crate) use note::axis;
+#[cfg(feature = "cli")]
 pub use note::{Event, Note, Observer};
+#[cfg(feature = "cli")]
 pub use prepared::{Members, is_prepared};
+#[cfg(feature = "cli")]
 pub use request::{Cameras, Request};
+#[cfg(feature = "cli")]
 pub use series::Series;
+#[cfg(feature = "cli")]
 pub use steps::{Steps, steps};
+#[cfg(feature = "cli")]
 pub use surfels::Wanted;

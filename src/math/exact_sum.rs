@@ -70,7 +70,6 @@ impl ExactSum {
     }
 
     /// Adds another sum.
-    #[cfg(feature = "prepared")]
     pub(crate) fn add_all(&mut self, mut other: Self) {
         self.carry();
         other.carry();
@@ -112,7 +111,6 @@ impl ExactSum {
     }
 
     /// Returns the limbs, carried, for sending.
-    #[cfg(feature = "prepared")]
     pub(crate) fn to_limbs(&self) -> Vec<i64> {
         let mut sum = self.clone();
         sum.carry();
@@ -120,7 +118,6 @@ impl ExactSum {
     }
 
     /// Restores a sum from [`Self::to_limbs`]; `None` if the number of limbs differs.
-    #[cfg(feature = "prepared")]
     pub(crate) fn of_limbs(limbs: &[i64]) -> Option<Self> {
         let mut sum = Self {
             limbs: limbs.try_into().ok()?,
@@ -141,7 +138,7 @@ fn scaled(x: f64, exponent: i32) -> f64 {
     x * 2.0_f64.powi(half) * 2.0_f64.powi(exponent - half)
 }
 
-#[cfg(all(test, feature = "prepared"))]
+#[cfg(test)]
 mod tests {
     use super::*;
 

@@ -25,10 +25,7 @@ mod write;
 use std::path::Path;
 
 pub use about::About;
-pub(crate) use point_file::Found;
 pub use point_file::PointFile;
-#[cfg(feature = "cli")]
-pub(crate) use point_file::ROWS;
 
 pub use crate::blocks::ParticleStream;
 use crate::blocks::{BlockedParticles, BlockedScene, BlockedVolume, SceneOptions};

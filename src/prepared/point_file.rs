@@ -10,17 +10,13 @@ use crate::data::colour_columns::ColourNumbers;
 use crate::data::particle_type::ParticleType;
 use crate::data::up::Up;
 use crate::error::{Error, Result};
-use crate::io::RowFile;
-use crate::math::ExactSum;
+use crate::io::{ROWS, RowFile};
 use crate::sample::{
-    OfRows, SampleOptions, SampleReport, colour_numbers, mean_spacing, nothing_left, of_rows, rows,
-    summed_function,
+    Found, OfRows, SampleOptions, SampleReport, colour_numbers, mean_spacing, nothing_left,
+    of_rows, rows, summed_function,
 };
 use crate::scene::PointVolume;
 use crate::scene::rows::{append, kind_of};
-
-/// Number of rows that are read at a time.
-pub(crate) const ROWS: usize = 1 << 18;
 
 /// A file of points, each of which becomes a particle by itself. Streams the particles that
 /// [`sample::volume`](crate::sample::volume) makes of all points at once.
@@ -219,36 +215,6 @@ impl PointFile {
     fn visit_all(&mut self, each: &mut dyn FnMut(PointVolume) -> Result<()>) -> Result<()> {
         let found = self.visit(0..self.file.count(), each)?;
         self.keep(found)
-    }
-}
-
-/// Findings on rows that were read.
-#[derive(Debug, Default)]
-pub(crate) struct Found {
-    pub(crate) report: SampleReport,
-    pub(crate) corners: Option<(DVec3, DVec3)>,
-    /// Sum of the particles' volumes \[length³\].
-    pub(crate) volume_sum: ExactSum,
-}
-
-impl Found {
-    /// Returns findings on no particles, of the same kind as others.
-    pub(crate) fn none_of(others: &SampleReport) -> Self {
-        Self {
-            report: SampleReport {
-                value_range: None,
-                sample_count: 0,
-                particle_count: 0,
-                findings: Vec::new(),
-                ..others.clone()
-            },
-            ..Self::default()
-        }
-    }
-
-    pub(crate) fn extend(&mut self, (a, b): (DVec3, DVec3)) {
-        let own = self.corners;
-        self.corners = Some(own.map_or((a, b), |(low, high)| (low.min(a), high.max(b))));
     }
 }
 

@@ -3,11 +3,11 @@
 use crate::blocks::{
     AmplitudeSummary, BlockedParticles, BlockedScene, BlockedVolume, Layers, SceneOptions,
 };
+use crate::collective::Collective;
 use crate::constants::{
     DEFAULT_LOW_PASS_VARIANCE_PX2, FIELD_LOW_PASS_VARIANCE_PX2, PARTICLE_LOW_PASS_VARIANCE_PX2,
 };
 use crate::cpu::CpuFrames;
-use crate::distributed::{RankFrames, RankStats, Ranks};
 use crate::error::Result;
 #[cfg(not(feature = "gpu"))]
 use crate::frame::backend::NoDevice as Device;
@@ -20,6 +20,7 @@ use crate::gpu::{DeviceScene as Device, Gpu};
 use crate::image::{DepthImage, Image, NormalImage};
 #[cfg(feature = "prepared")]
 use crate::prepared::PreparedScene;
+use crate::ranks::{RankFrames, RankStats};
 use crate::scene::{PointVolume, Requirements, StrengthIn, TransferFunction, Values};
 use crate::stats::{FrameCounts, StageTimes};
 use crate::view::{Bounds, Camera};
@@ -252,7 +253,7 @@ impl Renderer {
     ///
     /// # Errors
     /// A rank that has exited.
-    pub(crate) fn over_ranks(mut self, ranks: Ranks) -> Result<Self> {
+    pub(crate) fn over_ranks(mut self, ranks: Box<dyn Collective>) -> Result<Self> {
         let frames = RankFrames::sharing(ranks, &mut self.scene)?;
         self.by(frames)
     }

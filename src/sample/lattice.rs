@@ -12,7 +12,6 @@ use crate::error::Result;
 use crate::sample::field::choice::shown_field;
 use crate::sample::report::SampleReport;
 use crate::scene::{Boundary, LONE_CELL_WIDTH, Lattice, LatticeSpacing, Particles, Surroundings};
-#[cfg(feature = "cli")]
 use crate::scene::{Colour, PointVolume, Strength, ValueSample};
 
 const NOT_FINITE: &str =
@@ -108,7 +107,6 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
 }
 
 /// Statistics of the values of a lattice that is partitioned over ranks.
-#[cfg(feature = "cli")]
 #[derive(Debug, Default)]
 pub(crate) struct PlaneValues {
     /// Least and greatest finite value.
@@ -121,7 +119,6 @@ pub(crate) struct PlaneValues {
 
 /// Makes the volume of a lattice whose values at nodes are partitioned over ranks. The result is that of
 /// [`volume`] without values and boundary.
-#[cfg(feature = "cli")]
 pub(crate) fn lattice_of_planes(
     lattice: Lattice,
     field: &str,

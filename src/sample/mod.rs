@@ -21,7 +21,7 @@
 //! - `gradient` computes normals for shading, `local_models` models of the field over each kernel.
 //! - `iso_surface`, `cut_faces`, `discs` and `convert` make surfels and splats.
 //! - `curvilinear_apart`, `cells_apart` and `self::points::partitioned` sample data that are partitioned over ranks. A rank
-//!   makes kernels for its own samples; neighbouring samples are ghosts. `rest` defines the reductions over all
+//!   makes kernels for its own samples; neighbouring samples are ghosts. `own` defines the reductions over all
 //!   ranks.
 
 pub(crate) mod cells;
@@ -31,10 +31,10 @@ pub(crate) mod kernels;
 mod lattice;
 mod left_out;
 pub mod mesh;
+mod own;
 pub(crate) mod points;
 mod positions;
 mod report;
-mod rest;
 pub(crate) mod splats;
 pub(crate) mod surface;
 
@@ -51,7 +51,6 @@ use crate::data::dataset::{CurvilinearBlock, Dataset, Field, FieldSource, Geomet
 use crate::data::first_order::{is_of_higher_order, to_first_order};
 use crate::data::smoothing::{LengthMeaning, SphKernel};
 use crate::error::{Advice, Error, Hint, Parameter, Place, Result};
-#[cfg(feature = "prepared")]
 use crate::math::ExactSum;
 use crate::scene::{
     AutomaticOptions, Colour, FileFunction, Particles, PointVolume, ScaleName, Strength,
@@ -59,29 +58,20 @@ use crate::scene::{
 };
 use crate::task::Task;
 
-#[cfg(feature = "cli")]
 pub(crate) use self::cells::duals::turned;
-#[cfg(feature = "cli")]
 pub(crate) use self::cells::incidence::CellsAround;
-#[cfg(feature = "cli")]
 pub(crate) use self::cells::partitioned::CellsApart;
-#[cfg(feature = "cli")]
 pub(crate) use self::curvilinear::partitioned::{GridPlanes, planes_around};
-#[cfg(feature = "cli")]
 pub(crate) use self::curvilinear::seam::{Seam, seam};
-#[cfg(feature = "cli")]
 pub(crate) use self::curvilinear::window::Window;
 use self::field::choice::has_choice;
 pub(crate) use self::field::choice::shown_field;
 pub use self::field::choice::{FieldChoice, field_choices, shared_fields};
 pub use self::field::statistics::{PERCENTILES, ShapeStatistics};
-#[cfg(feature = "cli")]
 pub(crate) use self::field::together::automatic;
 pub use self::field::together::shared_functions;
 pub use self::points::doubts::doubts;
-#[cfg(feature = "cli")]
 pub(crate) use self::points::neighbours::Elsewhere;
-#[cfg(feature = "cli")]
 pub(crate) use self::points::reach::{Boxes, Leaf, Near, Reach};
 pub use self::splats::convert::{
     CLOSED_WIDTH, ConversionReport, LEAST_OPACITY, sound_splats, splat_cloud,
@@ -90,22 +80,17 @@ pub use self::surface::cut_faces::cut_faces;
 pub use self::surface::discs::discs;
 pub use crate::constants::DEFAULT_KERNEL_WIDTH;
 use crate::constants::FAINT_SHARE;
-#[cfg(feature = "cli")]
 pub(crate) use cells::CellField;
 use kernels::Kernels;
-#[cfg(feature = "cli")]
 pub(crate) use lattice::{PlaneValues, lattice_of_planes};
 use mesh::{MeshOptions, SampledMesh, Spread};
-#[cfg(feature = "cli")]
 pub(crate) use points::{
     FITTED_NEIGHBOURS, Fitted, Neighbourhoods, RowsApart, Surrounded, fit_apart, function_apart,
     sample_apart, scalars, without_spacing,
 };
-#[cfg(feature = "cli")]
 pub(crate) use positions::{compare, is_same, sort_by_position};
+pub(crate) use report::Found;
 pub use report::{Finding, SampleReport};
-#[cfg(feature = "cli")]
-pub(crate) use rest::Rest;
 
 /// Greatest number of corrections of cell volumes ([`SampleOptions::shepard_passes`]).
 pub const MOST_SHEPARD_PASSES: u32 = 100;
@@ -643,7 +628,6 @@ fn in_memory(
 /// Least memory \[bytes\] per node of a curvilinear grid or of cells during sampling and sorting, beyond the
 /// data read. Measured with local models: three million nodes, 28 bytes each once read, take 179 bytes each at
 /// the peak.
-#[cfg(feature = "cli")]
 pub(crate) const LEAST_PER_NODE: usize = 60;
 
 /// The field to show and its values, taken out of the data set.
@@ -891,7 +875,6 @@ fn classified(
 
 impl SampleOptions {
     /// Returns true if a boundary is sharp whatever the transfer function shows there.
-    #[cfg(feature = "cli")]
     pub(crate) fn is_sharp_anyway(&self) -> bool {
         self.boundary == BoundaryChoice::Sharp
     }

@@ -2,7 +2,10 @@
 
 use std::borrow::Cow;
 
+use glam::DVec3;
+
 use super::mesh::MeshReport;
+use crate::math::ExactSum;
 use crate::scene::ValueSample;
 
 /// Report on the sampling of a data set.
@@ -66,7 +69,6 @@ impl SampleReport {
     }
 
     /// Adds the report on other samples of the same data.
-    #[cfg(feature = "prepared")]
     pub(crate) fn add(&mut self, other: &Self) {
         self.sample_count += other.sample_count;
         self.particle_count += other.particle_count;
@@ -101,5 +103,35 @@ impl Finding {
     pub(super) fn line(&self) -> String {
         let left_out = if self.left_out { " left out" } else { "" };
         format!("{} {}{left_out}: {}", self.count, self.noun, self.reason)
+    }
+}
+
+/// Report on a part of the data, with what a report on all data needs beside it.
+#[derive(Debug, Default)]
+pub(crate) struct Found {
+    pub(crate) report: SampleReport,
+    pub(crate) corners: Option<(DVec3, DVec3)>,
+    /// Sum of the particles' volumes \[length³\].
+    pub(crate) volume_sum: ExactSum,
+}
+
+impl Found {
+    /// Returns findings on no particles, of the same kind as others.
+    pub(crate) fn none_of(others: &SampleReport) -> Self {
+        Self {
+            report: SampleReport {
+                value_range: None,
+                sample_count: 0,
+                particle_count: 0,
+                findings: Vec::new(),
+                ..others.clone()
+            },
+            ..Self::default()
+        }
+    }
+
+    pub(crate) fn extend(&mut self, (a, b): (DVec3, DVec3)) {
+        let own = self.corners;
+        self.corners = Some(own.map_or((a, b), |(low, high)| (low.min(a), high.max(b))));
     }
 }

@@ -219,7 +219,6 @@ impl Values {
     }
 
     /// Converts values to the type of this name ([`ValuesIn::type_name`]), clamped to its range.
-    #[cfg(feature = "cli")]
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,

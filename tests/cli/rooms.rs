@@ -6,11 +6,13 @@ use std::path::{Path, PathBuf};
 /// Rooms from the lowest to the highest; those in one row may import one another.
 const ROOMS: [&[&str]; 16] = [
     &[
+        "collective",
         "constants",
         "error",
         "image",
         "math",
         "memory",
+        "message",
         "parallel",
         "simd",
         "stats",
@@ -28,7 +30,7 @@ const ROOMS: [&[&str]; 16] = [
     &["prepared"],
     // A back end is named in the settings, and devices belong to theirs.
     &["frame", "cpu", "gpu"],
-    &["distributed", "render"],
+    &["load", "ranks", "render"],
     &["annotate", "legend", "measure", "overlay"],
     &["load"],
     &["command"],

@@ -1,6 +1,6 @@
 //! Tests that all ranks learn of an error on one.
 
-use ewa_splat::distributed::{Communicator, Renderer, ThreadRank};
+use ewa_splat::distributed::{Collective, Renderer, ThreadRank};
 use ewa_splat::view::Camera;
 use ewa_splat::{Error, SceneOptions, Settings, Task};
 use glam::DVec3;

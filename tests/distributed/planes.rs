@@ -1,6 +1,6 @@
 //! Tests lattices of which each rank has some planes: the picture equals that of one process.
 
-use ewa_splat::distributed::{Communicator, RankStats, Renderer, Share};
+use ewa_splat::distributed::{Collective, RankStats, Renderer, Share};
 use ewa_splat::render::{ClassifyAt, Composite};
 use ewa_splat::scene::{Particles, PointVolume, TransferFunction, Values};
 use ewa_splat::view::{Camera, ClipPlane};

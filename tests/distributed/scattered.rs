@@ -1,6 +1,6 @@
 //! Tests scenes that the first rank alone has.
 
-use ewa_splat::distributed::{Communicator, Renderer, Share};
+use ewa_splat::distributed::{Collective, Renderer, Share};
 use ewa_splat::io::{OpenOptions, open};
 use ewa_splat::sample::{BoundaryChoice, SampleOptions, scene};
 use ewa_splat::scene::{

@@ -1,7 +1,7 @@
 //! Tests particles in any partition: each rank brings some, and the picture is that of all of them
 //! in their order.
 
-use ewa_splat::distributed::{Communicator, Renderer, Share};
+use ewa_splat::distributed::{Collective, Renderer, Share};
 use ewa_splat::scene::{
     Boundary, BoundaryPlanes, Colour, Particles, PointVolume, Strength, Values,
 };

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use ewa_splat::distributed::{Communicator, RankStats, Renderer, Share};
+use ewa_splat::distributed::{Collective, RankStats, Renderer, Share};
 use ewa_splat::io::{OpenOptions, open};
 use ewa_splat::prepared::PointFile;
 use ewa_splat::sample::{SampleOptions, scene};
@@ -175,12 +175,12 @@ fn a_file_that_is_cut_while_ranks_read_it_is_refused_by_all() {
         let mut file = PointFile::open(&path, None, &options).unwrap().unwrap();
         let mut ranks = rank;
         // All ranks have opened the file by now.
-        ranks.gather_to_all(&[]).unwrap();
+        ranks.gather(&[]).unwrap();
         if ranks.rank() == 0 {
             let cut = std::fs::OpenOptions::new().write(true).open(&path).unwrap();
             cut.set_len(12_000).unwrap();
         }
-        ranks.gather_to_all(&[]).unwrap();
+        ranks.gather(&[]).unwrap();
         Renderer::of_file(ranks, &mut file, &SceneOptions::default()).map(|_| ())
     });
     for result in found {

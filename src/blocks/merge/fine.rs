@@ -16,7 +16,7 @@ use crate::task::{Stage, Task};
 
 /// Partial tree: a tree over some of the particles.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::blocks) struct Grown<'a> {
+pub(in crate::blocks) struct PartialTree<'a> {
     pub(in crate::blocks) tree: &'a Tree,
     /// Index of its first particle among the particles that are here.
     pub(in crate::blocks) at: usize,
@@ -31,7 +31,7 @@ pub(in crate::blocks) struct Grown<'a> {
 /// - `crowds`: overlap counts in block order.
 pub(in crate::blocks) fn fine_levels(
     source: &Source<'_>,
-    trees: &[Grown<'_>],
+    trees: &[PartialTree<'_>],
     crowds: &Crowds,
     are_all: bool,
     task: Option<&Task>,
@@ -45,7 +45,7 @@ pub(in crate::blocks) fn fine_levels(
             let subtrees = own.tree.subtrees(BLOCK_CAPACITY * members);
             subtrees.into_iter().map(move |subtree| (own, subtree))
         });
-        let subtrees: Vec<(&Grown<'_>, Subtree)> = subtrees.collect();
+        let subtrees: Vec<(&PartialTree<'_>, Subtree)> = subtrees.collect();
         let stage = Stage::new(task, "levels of detail", subtrees.len());
         let of_level = Making {
             source,
@@ -98,7 +98,11 @@ const TASK: usize = 8192;
 
 impl Making<'_> {
     /// Makes a block: its header, its particles, and their clusters.
-    fn block(&self, own: &Grown<'_>, subtree: Subtree) -> (Head, Vec<Particle>, Vec<Cluster>) {
+    fn block(
+        &self,
+        own: &PartialTree<'_>,
+        subtree: Subtree,
+    ) -> (Head, Vec<Particle>, Vec<Cluster>) {
         let source = self.source;
         let run = subtree.run();
         let in_order = moved(&run, own.start);

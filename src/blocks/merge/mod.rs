@@ -33,7 +33,7 @@ use crate::scene::{
 use crate::task::Task;
 
 pub(super) use coarse::{Atoms, coarse_levels};
-pub(super) use fine::{Grown, fine_levels};
+pub(super) use fine::{PartialTree, fine_levels};
 pub(super) use lattice::{
     CubeMoments, LONGEST_COPIED, LongCube, WholeCube, adopted, is_large, levels_of, merge_lattice,
 };
@@ -62,7 +62,7 @@ pub(super) fn merge_points(
     if !is_mergeable(source) || source.positions.len() <= BLOCK_CAPACITY {
         return Ok(None);
     }
-    let all = Grown {
+    let all = PartialTree {
         tree,
         at: 0,
         start: 0,

@@ -6,7 +6,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::Places;
-use super::fine::Grown;
+use super::fine::PartialTree;
 use super::moments::Symmetric;
 use super::sums::Cluster;
 use crate::math::{lower_matrix, symmetric};
@@ -130,11 +130,11 @@ impl Source<'_> {
     pub(in crate::blocks) fn places_of_parts(
         &self,
         clusters: &[Cluster],
-        trees: &[Grown<'_>],
+        trees: &[PartialTree<'_>],
     ) -> Vec<Places> {
         let of_parts = |cluster: &Cluster| {
             let run = cluster.run();
-            let end = |tree: &Grown<'_>| tree.start + tree.tree.len();
+            let end = |tree: &PartialTree<'_>| tree.start + tree.tree.len();
             let first = trees.partition_point(|tree| end(tree) <= run.start);
             let parts = trees[first..]
                 .iter()

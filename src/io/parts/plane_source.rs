@@ -1,10 +1,5 @@
 //! Locates the values of lattices that are read by planes, by format.
 
-#![cfg_attr(
-    not(feature = "cli"),
-    allow(dead_code, reason = "the program alone reads by planes")
-)]
-
 use crate::data::dataset::Dataset;
 use crate::error::Result;
 use crate::io::OpenOptions;

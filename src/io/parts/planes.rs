@@ -10,11 +10,6 @@
 //!
 //! However the planes are divided into runs, their joined values are those that [`open`](crate::io::open) reads.
 
-#![cfg_attr(
-    not(feature = "cli"),
-    allow(dead_code, reason = "the program alone reads by planes")
-)]
-
 use std::ops::Range;
 use std::path::Path;
 

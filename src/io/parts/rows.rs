@@ -11,6 +11,9 @@ use crate::error::{Error, Result};
 use crate::io::bytes::file::{Input, open_regular};
 use crate::io::particles::{hdf5, npy};
 
+/// Number of rows that are read at a time.
+pub(crate) const ROWS: usize = 1 << 18;
+
 /// Greatest length of a header; a file with a longer one is read whole.
 const LONGEST_HEADER: u64 = 1 << 20;
 
@@ -112,7 +115,6 @@ impl RowFile {
     }
 
     /// The parts of runs that lie in a range of rows.
-    #[cfg(feature = "prepared")]
     pub(crate) fn runs_within(&self, most: usize, part: &Range<usize>) -> Vec<Range<usize>> {
         let runs = self.runs(most).into_iter();
         let within = runs.map(|run| run.start.max(part.start)..run.end.min(part.end));

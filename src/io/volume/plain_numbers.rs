@@ -1,10 +1,5 @@
 //! Reads runs of numbers stored one after the other in a file, neither packed nor in text.
 
-#![cfg_attr(
-    not(feature = "cli"),
-    allow(dead_code, reason = "the program alone reads by planes")
-)]
-
 use std::io::{Read, Seek, SeekFrom};
 use std::ops::Range;
 use std::path::PathBuf;

@@ -61,7 +61,6 @@ pub(crate) struct Array {
 
 impl Array {
     /// An array without values.
-    #[cfg(feature = "cli")]
     pub(in crate::io) fn none_of((name, kinds): &crate::io::ArrayKey) -> Self {
         Self {
             name: name.clone(),

@@ -193,7 +193,6 @@ impl Part {
     }
 }
 
-#[cfg(feature = "cli")]
 impl<G> Part<G> {
     /// - `node_arrays`, `cell_arrays`: a number for each node and each cell of the extent.
     pub(in crate::io) fn of(

@@ -273,7 +273,6 @@ pub(in crate::io) fn mesh_of(path: &Path, parts: Vec<Part>) -> Result<CellMesh> 
 
 impl Part {
     /// The cells of the part.
-    #[cfg(feature = "cli")]
     pub(in crate::io) fn mesh(&self) -> &CellMesh {
         &self.mesh
     }

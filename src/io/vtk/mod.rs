@@ -17,10 +17,8 @@ pub(super) mod vti_planes;
 pub(super) mod vtp;
 pub(super) mod vtr;
 pub(super) mod vts;
-#[cfg(feature = "cli")]
 pub(super) mod vts_pieces;
 pub(super) mod vtu;
-#[cfg(feature = "cli")]
 pub(super) mod vtu_pieces;
 pub(super) mod vtu_write;
 pub(super) mod xml;

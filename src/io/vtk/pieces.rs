@@ -22,12 +22,10 @@ use roxmltree::{Document, Node};
 
 use super::array::{Array, Decoder};
 use super::xml::{Frame, child, clip};
-#[cfg(feature = "cli")]
 use super::xml::{file_type, looks_like};
 use crate::data::association::Association;
 use crate::data::dataset::{Field, FieldSource};
 use crate::error::{Error, Result};
-#[cfg(feature = "cli")]
 use crate::io::bytes::file::HEAD;
 use crate::io::bytes::file::Input;
 
@@ -77,7 +75,6 @@ pub(in crate::io) fn read<H, P>(
 ///
 /// # Errors
 /// A damaged index; errors of `found`.
-#[cfg(feature = "cli")]
 pub(in crate::io) fn in_index<T>(
     path: &Path,
     kind: &str,
@@ -134,7 +131,6 @@ pub(in crate::io) fn sources(input: Input<'_>, element: Node<'_, '_>) -> Result<
 }
 
 /// The files of [`sources`], with the length of each.
-#[cfg(feature = "cli")]
 pub(in crate::io) fn sources_with_lengths(
     input: Input<'_>,
     element: Node<'_, '_>,
@@ -316,7 +312,6 @@ impl ArraysSeen {
     }
 
     /// Adds the arrays of later parts.
-    #[cfg(feature = "cli")]
     pub(crate) fn add(&mut self, later: Self) {
         let places = self.arrays.iter().enumerate();
         let mut place_of = places.map(|(i, (key, _))| (key.clone(), i)).collect();

@@ -4,11 +4,6 @@
 //! some of its planes are wanted, and must agree with the index. If an array is appended raw and not
 //! compressed, only the wanted planes are read; otherwise whole files are read, one at a time.
 
-#![cfg_attr(
-    not(feature = "cli"),
-    allow(dead_code, reason = "the program alone reads by planes")
-)]
-
 use std::collections::HashSet;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};

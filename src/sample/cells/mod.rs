@@ -13,7 +13,6 @@
 pub(crate) mod covered;
 pub(crate) mod duals;
 pub(crate) mod incidence;
-#[cfg(feature = "cli")]
 pub(crate) mod partitioned;
 pub(crate) mod sharp;
 
@@ -27,11 +26,12 @@ use super::field::local_models::mesh::SampledMesh;
 use super::field::{gradient, local_models};
 use super::kernels::{Kernel, Kernels};
 use super::left_out::LeftOut;
-use super::rest::{Nobody, Own};
+use super::own::Own;
 use super::{
     SampleOptions, Sampled, check_count, check_len, classified_kernels, differences, nothing_left,
     take_scalar,
 };
+use crate::collective::Alone;
 use crate::data::association::Association;
 use crate::data::blanking::Blanking;
 use crate::data::cells::CellMesh;
@@ -65,7 +65,6 @@ pub(super) struct CellKernels {
     /// Kernels of all samples.
     pub(super) kernels: Kernels,
     /// The kernels that are wanted. Normals and models are of these alone.
-    #[cfg(feature = "cli")]
     pub(super) own: Range<usize>,
     pub(super) normals: Option<Vec<u32>>,
     pub(super) models: Option<Vec<LocalModel>>,
@@ -141,7 +140,6 @@ impl CellField<'_> {
             duals,
             around,
             kernels,
-            #[cfg(feature = "cli")]
             own,
             normals,
             models,
@@ -321,7 +319,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     drop((surface, around, particles, duals, dataset));
     let own = &mut Own {
         range: 0..kept.len(),
-        rest: &mut Nobody,
+        ranks: &mut Alone::default(),
     };
     if let Some(ghosts) = apply(volume, report, vec![changes], options, own)? {
         even_out(volume, &ghosts, own, |kernels, volumes| {

@@ -407,7 +407,6 @@ impl DrawnCells<'_> {
     }
 
     /// Returns the nodes of all faces that belong to one cell alone, ascending, covered or not.
-    #[cfg(feature = "cli")]
     pub(in crate::sample) fn outer_nodes(&self) -> Vec<u32> {
         let (mut found, mut nodes) = (Vec::new(), Vec::new());
         for of_cell in self.outer_faces().chunk_by(|x, y| x.0 == y.0) {

@@ -18,7 +18,6 @@
 
 pub(crate) mod even_grid;
 pub(crate) mod overlap;
-#[cfg(feature = "cli")]
 pub(crate) mod partitioned;
 pub(crate) mod seam;
 pub(crate) mod sharp;
@@ -37,11 +36,12 @@ use super::field::local_models;
 use super::field::local_models::grid::{GridKernel, RUN, Run};
 use super::kernels::{Kernel, Kernels, levels};
 use super::left_out::LeftOut;
-use super::rest::{Nobody, Own};
+use super::own::Own;
 use super::{
     SampleOptions, Sampled, check_count, check_len, classified_kernels, differences, nothing_left,
     take_scalar,
 };
+use crate::collective::Alone;
 use crate::data::association::Association;
 use crate::data::blanking::Blanking;
 use crate::data::dataset::{CurvilinearBlock, Dataset, Geometry};
@@ -139,7 +139,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         let Sampled { volume, report } = &mut sampled;
         let own = &mut Own {
             range: 0..kept.len(),
-            rest: &mut Nobody,
+            ranks: &mut Alone::default(),
         };
         sharpen_grids(volume, report, &samples, &kept, options, own)?;
     }

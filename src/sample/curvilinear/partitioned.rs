@@ -8,14 +8,15 @@ use super::sharp::{FARTHEST, sharpen_grids};
 use super::structured::{CellCounts, Grid, volume_of};
 use super::window::Window;
 use super::{GridField, GridFit, even_grid};
+use crate::collective::Collective;
 use crate::data::association::Association;
 use crate::data::blanking::Blanking;
 use crate::error::Result;
 use crate::math::ExactSum;
 use crate::sample::field::picked::picked_of;
 use crate::sample::kernels::Kernels;
+use crate::sample::own::Own;
 use crate::sample::report::SampleReport;
-use crate::sample::rest::{Own, Rest};
 use crate::sample::{SampleOptions, check_options, unclassified};
 use crate::scene::{LocalModel, Particles, PickedRow, PointVolume, ValueScale, Values};
 
@@ -87,12 +88,12 @@ impl GridPlanes {
     /// - `volume_sum`: sum to which the volumes of the wanted particles are added \[length³\].
     ///
     /// # Errors
-    /// Errors of the reductions over `rest`; work that was cancelled.
+    /// Errors of the reductions over `ranks`; work that was cancelled.
     pub(crate) fn sampled(
         &self,
         options: &SampleOptions,
         volume_sum: &mut ExactSum,
-        rest: &mut dyn Rest,
+        ranks: &mut dyn Collective,
     ) -> Result<GridApart<'_>> {
         check_options(options)?;
         let mut counts = CellCounts::default();
@@ -103,7 +104,7 @@ impl GridPlanes {
             self.periodic,
             self.window.clone(),
         );
-        let volume = rest.sum(volume_of(&rows))?;
+        let volume = ranks.exact_sum(volume_of(&rows))?;
         grid.turn(volume.value(), &rows, &mut counts);
         let samples = self.samples();
         let mut report = SampleReport {
@@ -174,11 +175,11 @@ impl GridApart<'_> {
     /// the ghosts among them, at the end.
     ///
     /// # Errors
-    /// Errors of the reductions over `rest`.
+    /// Errors of the reductions over `ranks`.
     pub(crate) fn finished(
         self,
         options: &SampleOptions,
-        rest: &mut dyn Rest,
+        ranks: &mut dyn Collective,
     ) -> Result<(PointVolume, usize)> {
         let Self {
             here,
@@ -192,13 +193,14 @@ impl GridApart<'_> {
         let mut wanted: Vec<u32> = own.clone().map(crate::sample::index_u32).collect();
         let mut ghosts = 0;
         if options.is_sharp() && here.association == Association::Nodes {
-            let own_and_rest = &mut Own {
+            let own_and_ranks = &mut Own {
                 range: own.clone(),
-                rest,
+                ranks,
             };
             let grids = [(0, grid)];
             let report = &mut report;
-            let sources = sharpen_grids(&mut volume, report, &grids, &kept, options, own_and_rest)?;
+            let sources =
+                sharpen_grids(&mut volume, report, &grids, &kept, options, own_and_ranks)?;
             let is_own = |(_, source): &(usize, &usize)| own.contains(source);
             let of_own = sources.iter().enumerate().filter(is_own);
             wanted.extend(of_own.map(|(i, _)| crate::sample::index_u32(kept.len() + i)));

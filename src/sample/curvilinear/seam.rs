@@ -42,7 +42,6 @@ impl Seam {
     }
 
     /// Checks seams along k, from the nodes of four planes.
-    #[cfg(feature = "cli")]
     pub(crate) fn of_planes([first, second, before, last]: [&[DVec3]; 4]) -> Self {
         let lines = first.iter().zip(second).zip(before.iter().zip(last));
         let seams = lines.map(|((a, b), (c, d))| Self::of([*a, *b, *c, *d]));

@@ -18,8 +18,8 @@ use crate::math::{lower_factor, narrowed};
 use crate::sample::field::local_models::matrix_of;
 use crate::sample::kernels::Kernel;
 use crate::sample::kernels::even::CutKernels;
+use crate::sample::own::Own;
 use crate::sample::report::SampleReport;
-use crate::sample::rest::Own;
 use crate::sample::{SampleOptions, index_u32};
 use crate::scene::{
     Boundary, BoundaryPlanes, LocalModel, LocalModels, NO_EDGE, Particles, PointVolume, Strength,
@@ -385,7 +385,7 @@ pub(in crate::sample) fn sharpen_grids(
     let on_faces = on_faces.filter_map(particle);
     let on_faces = on_faces.filter(|i| own.range.contains(i));
     let is_cut = options.cuts(volume, on_faces);
-    if !own.rest.any(is_cut)? {
+    if !own.ranks.any(is_cut)? {
         return Ok(Vec::new());
     }
     let mut changes = Vec::new();
@@ -457,7 +457,7 @@ pub(in crate::sample) fn even_out(
     let sums = sums(&kernels, volumes)?;
     let found = sums.iter().flat_map(|sums| &sums[own.range.clone()]);
     let is_uneven = found.into_iter().any(|sum| !sum.is_nan());
-    if own.rest.any(is_uneven)? {
+    if own.ranks.any(is_uneven)? {
         let sums = sums.unwrap_or_else(|| vec![f64::NAN; kernels.own_count()]);
         kernels.even_out(volumes, &sums, ghosts.inside, own)?;
     }
@@ -487,7 +487,7 @@ pub(in crate::sample) fn apply(
     let all = || changes.iter().flatten();
     let on_boundary = all().filter(|c| c.kernel.is_some() && !c.is_ghost && is_own(c));
     let is_cut = options.cuts(volume, on_boundary.map(|c| c.sources[0]));
-    if !own.rest.any(is_cut)? {
+    if !own.ranks.any(is_cut)? {
         return Ok(None);
     }
     let (Particles::Anisotropic { positions, factors }, Strength::Classified { volumes }) =
@@ -524,7 +524,7 @@ pub(in crate::sample) fn apply(
                 }
             })
             .collect();
-        let greatest = &mut |scales| own.rest.greatest(scales);
+        let greatest = &mut |scales| own.ranks.max(scales);
         volume.local_models = Some(models.changed(&changed, greatest)?);
     }
     let ghost_count = all().filter(|c| c.is_ghost).count();

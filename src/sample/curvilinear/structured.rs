@@ -341,7 +341,6 @@ impl<'a> Grid<'a> {
 
     /// Returns some planes of a grid whose seams are known, and the measures of the rows of wanted cells.
     /// [Turn](Self::turn) it by the rows of all ranks.
-    #[cfg(feature = "cli")]
     pub(in crate::sample) fn of_planes(
         dims: [usize; 3],
         nodes: &'a [DVec3],

@@ -17,7 +17,6 @@ impl Window {
     /// Returns the layers of cells whose kernels are wanted.
     ///
     /// - `dims`: nodes of the local part of the grid.
-    #[cfg(feature = "cli")]
     pub(crate) fn cells(&self, dims: [usize; 3]) -> Range<usize> {
         let last = dims[2].saturating_sub(1);
         self.own.start.min(last)..self.own.end.min(last)

@@ -1,12 +1,10 @@
 //! Picks particles from which a transfer function may be chosen.
 
-#[cfg(feature = "cli")]
 use std::ops::Range;
 
 use glam::DVec3;
 
 use crate::scene::{PickedRow, Values};
-#[cfg(feature = "cli")]
 use crate::scene::{PointVolume, Strength};
 
 /// The picked rows, among `count`, that have a particle.
@@ -38,7 +36,6 @@ pub(in crate::sample) fn picked_rows(
 ///
 /// - `own`: the local particles.
 /// - `first`: how many of all `count` particles precede them on other ranks.
-#[cfg(feature = "cli")]
 pub(in crate::sample) fn picked_of(
     volume: &PointVolume,
     own: &Range<usize>,

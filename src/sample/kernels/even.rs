@@ -13,8 +13,8 @@ use rayon::prelude::*;
 use super::sums::Summand;
 use crate::error::Result;
 use crate::math::{lower_matrix, narrowed, principal_sigmas};
+use crate::sample::own::Own;
 use crate::sample::points::neighbours::PointIndex;
-use crate::sample::rest::Own;
 use crate::scene::{BoundaryPlanes, cut_kernel};
 use crate::task::Task;
 

@@ -2,9 +2,7 @@
 
 pub(crate) mod doubts;
 pub(crate) mod neighbours;
-#[cfg(feature = "cli")]
 pub(crate) mod partitioned;
-#[cfg(feature = "cli")]
 pub(crate) mod reach;
 pub(crate) mod shepard;
 pub(crate) mod sph;
@@ -23,9 +21,7 @@ use rayon::prelude::*;
 use self::columns::{Columns, INTENSITIES};
 use self::mass::Mass;
 pub(crate) use self::neighbourhoods::Neighbourhoods;
-#[cfg(feature = "cli")]
 pub(crate) use self::neighbourhoods::{Surrounded, without_spacing};
-#[cfg(feature = "cli")]
 pub(crate) use self::partitioned::{
     FITTED_NEIGHBOURS, Fitted, RowsApart, fit_apart, function_apart, sample_apart, scalars,
 };
@@ -165,10 +161,8 @@ struct Part<'a> {
 struct Made {
     sampled: Sampled,
     /// The rows that give particles.
-    #[cfg(feature = "cli")]
     kept: Vec<u32>,
     /// Volumes that classified particles represent \[length³\].
-    #[cfg(feature = "cli")]
     volumes: Vec<f32>,
 }
 
@@ -461,9 +455,7 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
     };
     Ok(Made {
         sampled,
-        #[cfg(feature = "cli")]
         kept,
-        #[cfg(feature = "cli")]
         volumes,
     })
 }

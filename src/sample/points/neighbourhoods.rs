@@ -4,7 +4,6 @@ use std::path::Path;
 
 use super::super::{ParticleShape, SampleOptions};
 use super::neighbours::{Elsewhere, PointIndex};
-#[cfg(feature = "cli")]
 use super::neighbours::{NEIGHBOUR_COUNT, SPACING_NEIGHBOURS};
 use crate::error::{Error, Hint, Result};
 use crate::math::eigen;
@@ -25,7 +24,6 @@ const TRUE_SAMPLE: usize = 4096;
 /// Returns the number of neighbours that a point needs.
 ///
 /// - `number`: number of the point, among `count`.
-#[cfg(feature = "cli")]
 pub(super) fn neighbours_of(number: u64, count: u64) -> usize {
     match number.is_multiple_of(step(count)) {
         true => TRUE_NEIGHBOURS,

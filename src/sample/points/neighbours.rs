@@ -221,7 +221,6 @@ impl<'a> PointIndex<'a> {
 
     /// Returns the squared distance from any position to the last of its `count + 1` nearest distinct
     /// positions, up to rounding. Returns `None` if fewer are within `radius`.
-    #[cfg(feature = "cli")]
     pub(in crate::sample) fn last_within(
         &self,
         from: DVec3,

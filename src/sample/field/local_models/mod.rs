@@ -28,7 +28,6 @@ use crate::scene::{LocalModel, LocalModels, Particles, PointVolume, Strength, Va
 use crate::task::Task;
 
 /// Number of neighbours to which models of particles are fitted, if these determine a model.
-#[cfg(feature = "cli")]
 pub(in crate::sample) const FIRST_NEIGHBOURS: usize = points::NEIGHBOUR_COUNT;
 
 /// Name of the stage in progress reports.
