@@ -121,6 +121,8 @@ pub mod accuracy {}
 #[cfg(feature = "legend")]
 pub mod annotate;
 mod blocks;
+#[cfg(test)]
+mod breadth;
 mod collective;
 #[cfg(feature = "cli")]
 pub mod command;

@@ -351,6 +351,7 @@ mod tests {
 
     use super::*;
     use crate::blocks::{Block, BlockedParticles, BlockedScene, BlockedVolume, SceneOptions};
+    use crate::breadth;
     use crate::ranks::ThreadRank;
     use crate::scene::{
         Boundary, BoundaryPlanes, Colour, ColourIn, Lattice, Strength, TransferFunction, Values,
@@ -547,7 +548,8 @@ mod tests {
             .map(|volume| BlockedVolume::with_detail(volume.clone()))
             .collect();
         let scene = BlockedScene::new(volumes.clone(), &SceneOptions::default()).unwrap();
-        for (size, in_turn) in [(1, false), (2, true), (3, false), (7, true)] {
+        for (size, in_turn) in breadth::some(vec![(7, true), (3, false), (2, true), (1, false)], 2)
+        {
             let ranks = built(&volumes, size, in_turn);
             let mut owned = vec![0; volumes.len()];
             let mut most = vec![0; volumes.len()];
@@ -680,7 +682,7 @@ mod tests {
             };
             let planes = lattice.dims[2];
             let whole = BlockedVolume::with_detail(volume.clone());
-            for (size, way) in [(1, 0), (2, 1), (3, 2), (7, 3), (4, 0)] {
+            for (size, way) in breadth::some(vec![(7, 3), (3, 2), (2, 1), (4, 0), (1, 0)], 3) {
                 let shares: Vec<SharedVolume> = thread::scope(|scope| {
                     let ranks = ThreadRank::group(size).into_iter().enumerate();
                     let threads = ranks.map(|(rank, own)| {

@@ -364,6 +364,7 @@ impl Elsewhere for Others<'_> {
 mod tests {
     use super::super::function::check_file;
     use super::*;
+    use crate::breadth::some;
     use crate::ranks::ThreadRank;
     use crate::sample::{ParticleShape, TransferChoice};
     use crate::scene::ScaleName;
@@ -454,7 +455,7 @@ mod tests {
             scale: None,
             ..SampleOptions::default()
         };
-        let found = check(&path, &plain, &[1, 2, 3, 7]);
+        let found = check(&path, &plain, &some(vec![7, 1, 2, 3], 1));
         assert!(found.local_models.is_some() && found.normals.is_none());
         // Discs and needles, whose shapes depend on neighbours of neighbours too.
         let stretched = SampleOptions {
@@ -509,7 +510,7 @@ mod tests {
             unit_distance: Some(0.3),
             ..SampleOptions::default()
         };
-        check(&path, &options, &[1, 2, 7]);
+        check(&path, &options, &some(vec![7, 1, 2], 1));
         let derived = SampleOptions {
             local_models: false,
             range: Some([290.0, 400.0]),
