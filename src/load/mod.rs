@@ -26,6 +26,7 @@
 //! ```
 
 mod axes;
+mod choices;
 pub(crate) mod collection;
 mod edit;
 pub(crate) mod facts;
@@ -38,6 +39,7 @@ mod series;
 mod steps;
 mod surfels;
 
+pub use choices::{prefer, sample_together};
 pub use edit::Edit;
 pub use facts::{Corners, InputFacts, Kind};
 pub use input::Input;
@@ -48,4 +50,4 @@ pub use prepared::{Members, is_prepared};
 pub use request::{Cameras, Request};
 pub use series::Series;
 pub use steps::{Steps, steps};
-pub use surfels::Wanted;
+pub use surfels::SurfelDemand;
