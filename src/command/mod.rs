@@ -15,11 +15,8 @@ pub(crate) use say;
 
 mod animation;
 mod annotations;
-mod column;
-mod column_mean;
 mod compare;
 mod convert;
-mod count;
 mod cut;
 mod dealt;
 mod driver;
