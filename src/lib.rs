@@ -82,6 +82,7 @@
 //! | `overlay` | draws over pictures: text, plates, lines (feature `legend`) |
 //! | `legend`, `annotate` | colour bars in pictures; axes, boxes, scales and titles (feature `legend`) |
 //! | [`measure`] | differences between pictures, and the cost of accuracy |
+//! | `load` | several inputs to one scene (feature `cli`) |
 //!
 //! Further pages: [`accuracy`] on the cost and the error of each approximation, [`irregular`] on how each kind
 //! of data becomes kernels and what its lengths mean, [`compositing`] on sheets, slabs and clip planes,

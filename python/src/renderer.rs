@@ -10,13 +10,12 @@ use std::time::{Duration, Instant};
 use ewa_splat::command::{Prepared, left_of, stats};
 use ewa_splat::io::{Dataset, Geometry, Up};
 use ewa_splat::legend::{ColourBar, check_legend_size, draw_legend, legend_width, title_of};
-use ewa_splat::load::Wanted;
+use ewa_splat::load::{SurfelDemand, prefer, sample_together};
 use ewa_splat::measure::{About, ErrorSample, ReferenceSummary, Subject, SweepOptions, sweep};
 use ewa_splat::reference::{DataIntegrator, Integrator, ReferenceFrame, ReferenceSettings};
-use ewa_splat::sample::mesh::{Spread, share_out};
+use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{
-    BoundaryChoice, SampleOptions, SampledScene, TransferChoice, as_surface, field_choices,
-    is_surface, shared_fields, shared_functions,
+    BoundaryChoice, SampleOptions, TransferChoice, as_surface, field_choices, is_surface,
 };
 use ewa_splat::scene::{PointVolume, TransferDefaults, TransferFunction, Values};
 use ewa_splat::view::{Bounds, Camera, ClipPlane, DEFAULT_FOV_DEG, Lens};
@@ -149,33 +148,14 @@ impl State {
         let corners = self.sources().filter_map(|(_, source)| source.corners());
         let boxes = corners.map(|(a, b)| ((a + b) / 2.0, (b - a) / 2.0));
         let cameras = [camera(&left_of(boxes.collect(), clip))];
-        let wanted: Vec<Option<Wanted>> = surfaces
+        let demands: Vec<Option<SurfelDemand>> = surfaces
             .iter()
             .map(|surface| match &surface.as_ref()?.geometry {
-                Geometry::Mesh(mesh) => Some(Wanted::of(mesh, &cameras)),
+                Geometry::Mesh(mesh) => Some(SurfelDemand::of(mesh, &cameras)),
                 _ => None,
             })
             .collect();
-        let counts = wanted.iter().map(|own| own.map_or(0, |own| own.count()));
-        let shares = share_out(&counts.collect::<Vec<_>>());
-        let is_alone = surfaces.len() == 1;
-        let spreads = wanted.into_iter().zip(shares);
-        Ok(spreads
-            .map(|(own, count)| own.map(|own| (own.spread(count, is_alone), count)))
-            .collect())
-    }
-
-    /// Makes drawables without a named field prefer one that they have in common.
-    fn prefer_shared_fields(&self, options: &mut [SampleOptions]) {
-        let choices = self.sources().zip(&*options);
-        let choices = choices.map(|((_, source), own)| match (&source.data, &own.field) {
-            (Data::Set(dataset), None) => field_choices(dataset),
-            _ => Vec::new(),
-        });
-        let shared = shared_fields(&choices.collect::<Vec<_>>());
-        for (own, shared) in options.iter_mut().zip(shared) {
-            own.preferred_field = shared.or(own.preferred_field.take());
-        }
+        Ok(SurfelDemand::share(&demands))
     }
 
     /// Samples all drawables. Those that show one field by an automatic transfer function share
@@ -206,29 +186,15 @@ impl State {
             };
             options.push(own);
         }
+        let sources: Vec<&Source> = self.sources().map(|(_, source)| source).collect();
         if count > 1 {
-            self.prefer_shared_fields(&mut options);
+            let choices = sources.iter().map(|source| match &source.data {
+                Data::Set(dataset) => field_choices(dataset),
+                Data::Surfels(_) => Vec::new(),
+            });
+            prefer(&mut options, choices.collect());
         }
-        let mut scenes: Vec<SampledScene> = Vec::new();
-        for ((_, source), options) in self.sources().zip(&options) {
-            scenes.push(source.scene(options)?);
-        }
-        let reports = scenes.iter_mut().map(|scene| &mut scene.report);
-        let shared = shared_functions(&mut reports.zip(&options).collect::<Vec<_>>())?;
-        for (function, members) in shared {
-            for (i, (_, source)) in self.sources().enumerate() {
-                if members.contains(&i) {
-                    // The old volumes are freed before the new ones are made.
-                    scenes[i].volumes.clear();
-                    let own = SampleOptions {
-                        transfer: TransferChoice::Shared(function.clone()),
-                        keeps_value_sample: false,
-                        ..options[i].clone()
-                    };
-                    scenes[i] = source.scene(&own)?;
-                }
-            }
-        }
+        let scenes = sample_together(&options, |i, options| sources[i].scene(options))?;
         let mut sampled = Sampled {
             volumes: Vec::new(),
             titles: Vec::new(),

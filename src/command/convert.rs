@@ -9,9 +9,8 @@ use crate::io::write_splats;
 use crate::io::{
     PlyForm, SplatFileOptions, SpzVersion, WrittenSplats, check_folder, check_splats_path,
 };
-use crate::load::collection::prefer;
-use crate::load::{Input, Wanted, axis};
-use crate::sample::mesh::{MeshReport, Spread, share_out};
+use crate::load::{Input, SurfelDemand, axis, prefer};
+use crate::sample::mesh::{MeshReport, Spread};
 use crate::sample::{
     BoundaryChoice, ConversionReport, Finding, SampleOptions, as_surface, field_choices, scene,
     sound_splats, splat_cloud,
@@ -190,28 +189,26 @@ impl Arguments {
         if inputs.len() < 2 {
             return Ok(all);
         }
-        let (mut wanted, mut choices) = (Vec::new(), Vec::new());
+        let (mut demands, mut choices) = (Vec::new(), Vec::new());
         for input in inputs {
             let dataset = match self.data.open(input) {
                 Err(error) if error.holds_nothing() => {
-                    wanted.push(None);
+                    demands.push(None);
                     choices.push(Vec::new());
                     continue;
                 }
                 dataset => as_surface(dataset?, &options)?,
             };
-            wanted.push(match &dataset.geometry {
-                Geometry::Mesh(mesh) => Some(Wanted::of(mesh, &[])),
+            demands.push(match &dataset.geometry {
+                Geometry::Mesh(mesh) => Some(SurfelDemand::of(mesh, &[])),
                 _ => None,
             });
             choices.push(field_choices(&dataset));
         }
         prefer(&mut all, choices);
-        let counts = wanted.iter().map(|own| own.map_or(0, |own| own.count()));
-        let shares = share_out(&counts.collect::<Vec<_>>());
-        for ((own, wanted), count) in all.iter_mut().zip(wanted).zip(shares) {
-            if let (Some(wanted), Spread::Automatic) = (wanted, own.spread) {
-                own.spread = wanted.spread(count, false);
+        for (own, shared) in all.iter_mut().zip(SurfelDemand::share(&demands)) {
+            if let (Some((spread, _)), Spread::Automatic) = (shared, own.spread) {
+                own.spread = spread;
             }
         }
         Ok(all)

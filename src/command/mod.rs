@@ -15,11 +15,8 @@ pub(crate) use say;
 
 mod animation;
 mod annotations;
-mod column;
-mod column_mean;
 mod compare;
 mod convert;
-mod count;
 mod cut;
 mod dealt;
 mod driver;
@@ -55,7 +52,7 @@ use std::process::ExitCode;
 pub use self::animation::Animation;
 pub use self::driver::quiet_drivers;
 pub use self::statistics::{Prepared, stats};
-pub use self::view::{Asked, Automatic, Frame, Over, line};
+pub use self::view::{Automatic, Frame, Over, ViewArguments, ViewRequest, line};
 pub use self::viewpoint::left_of;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 

@@ -80,7 +80,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 }
 
 /// Request to show data in a window, by the options of `render`.
-pub struct Asked {
+pub struct ViewRequest {
     arguments: Arc<render::Arguments>,
     given: Vec<(String, Option<String>)>,
     /// Choices that the steps of a series share.
@@ -88,6 +88,30 @@ pub struct Asked {
     boundary: BoundaryChoice,
     /// Choices of the window that replace the options.
     automatic: Option<Automatic>,
+}
+
+/// Arguments of the window's program.
+#[derive(Debug)]
+pub struct ViewArguments {
+    /// Request to show data.
+    pub request: ViewRequest,
+    /// File for a picture of the window, written instead of opening one.
+    pub screenshot: Option<PathBuf>,
+    /// Number of pictures to time instead of opening a window.
+    pub replay: Option<u32>,
+}
+
+// Options of the window alone. (A doc comment would be the program's description.)
+#[derive(Args)]
+struct WindowOptions {
+    /// Write a picture of the whole window once nothing is left to be refined, and exit; needs no display
+    #[arg(long, value_name = "FILE.png")]
+    screenshot: Option<PathBuf>,
+    /// Turn once around the data in N pictures and edit the transfer function in N more, say how long they take, and
+    /// exit; needs no display
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=10_000),
+          conflicts_with = "screenshot")]
+    replay: Option<u32>,
 }
 
 /// Choice of a transfer function from the values: `--transfer-function NAME`, `--range`, `--scale`.
@@ -123,29 +147,65 @@ pub struct Frame {
     pub outline: Option<Bounds>,
 }
 
-impl std::fmt::Debug for Asked {
+impl std::fmt::Debug for ViewRequest {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Asked").finish_non_exhaustive()
+        f.debug_struct("ViewRequest").finish_non_exhaustive()
     }
 }
 
-impl Asked {
-    /// Adds the options to a program's command.
-    pub fn options(command: Command) -> Command {
-        let mut command = render::Arguments::augment_args(command);
-        for name in OF_FILES {
-            command = command.mut_arg(name, |option| option.hide(true));
-        }
-        command.mut_arg("out", |out| {
-            out.required(false).default_value("picture.png")
+/// Returns the command of the window's program: its own options and those of `render`.
+fn command() -> Command {
+    let command = Command::new(PROGRAM)
+        .version(env!("CARGO_PKG_VERSION"))
+        .about("Shows volumes, particles, splats and meshes in a window")
+        .max_term_width(100);
+    let mut command = render::Arguments::augment_args(WindowOptions::augment_args(command));
+    for name in OF_FILES {
+        command = command.mut_arg(name, |option| option.hide(true));
+    }
+    command.mut_arg("out", |out| {
+        out.required(false).default_value("picture.png")
+    })
+}
+
+impl ViewArguments {
+    /// Parses the arguments, of which the first is the program's name. Wrong usage ends the
+    /// program.
+    ///
+    /// # Errors
+    /// Options that write files.
+    pub fn parse(words: impl Iterator<Item = OsString>) -> Result<Self> {
+        let matches = command().get_matches_from(words);
+        let window = WindowOptions::from_arg_matches(&matches);
+        let WindowOptions { screenshot, replay } = window.unwrap_or_else(|error| error.exit());
+        Ok(Self {
+            request: ViewRequest::of(&matches)?,
+            screenshot,
+            replay,
         })
+    }
+}
+
+impl ViewRequest {
+    /// Creates the request to show some files with default options.
+    ///
+    /// # Errors
+    /// No files.
+    pub fn of_files(paths: Vec<PathBuf>) -> Result<Self> {
+        let words = std::iter::once(OsString::from(PROGRAM));
+        let words = words.chain(paths.into_iter().map(Into::into));
+        let matches = command().try_get_matches_from(words).map_err(|error| {
+            let found = error.to_string();
+            Error::invalid("view", "inputs", "files", found, "name some")
+        })?;
+        Self::of(&matches)
     }
 
     /// Creates a request from parsed arguments.
     ///
     /// # Errors
-    /// Options that write files; values that clap refuses.
-    pub fn of(matches: &ArgMatches) -> Result<Self> {
+    /// Options that write files.
+    fn of(matches: &ArgMatches) -> Result<Self> {
         let is_given = |name: &&&str| matches.value_source(name) == Some(ValueSource::CommandLine);
         if let Some(name) = OF_FILES.iter().find(is_given) {
             return Err(Error::invalid(
@@ -402,7 +462,7 @@ impl Asked {
 
 /// Returns the options of a command line, in the order of the help.
 fn given(matches: &ArgMatches) -> Vec<(String, Option<String>)> {
-    let command = Asked::options(Command::new(PROGRAM));
+    let command = command();
     let mut given = Vec::new();
     for option in command.get_arguments() {
         let id = option.get_id().as_str();

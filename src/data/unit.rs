@@ -35,6 +35,32 @@ pub(crate) fn divided(name: &str) -> Option<(&str, &str)> {
     is_unit.then_some((bare, unit))
 }
 
+/// Returns the title of a field: its name, with its unit in brackets if the unit is known and not already in
+/// the name.
+///
+/// ```
+/// use ewa_splat::legend::title_of;
+///
+/// assert_eq!(title_of("pressure", Some("Pa")), "pressure [Pa]");
+/// assert_eq!(title_of("Temp [K]", Some("K")), "Temp [K]");
+/// assert_eq!(title_of("rho", None), "rho");
+/// ```
+pub fn title_of(field: &str, unit: Option<&str>) -> String {
+    match unit {
+        Some(unit) if divided(field).is_none() => format!("{field} [{unit}]"),
+        _ => field.to_owned(),
+    }
+}
+
+/// Returns the name of a field without the unit behind it.
+///
+/// ```
+/// assert_eq!(ewa_splat::legend::name_without_unit("Temp [K]"), "Temp");
+/// ```
+pub fn name_without_unit(field: &str) -> &str {
+    divided(field).map_or(field, |(bare, _)| bare)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

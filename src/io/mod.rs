@@ -57,7 +57,6 @@ pub use crate::data::particle_type::{ParticleCount, ParticleType};
 pub use crate::data::smoothing::{LengthMeaning, Smoothing, SphKernel};
 pub use crate::data::splats::SplatCloud;
 #[cfg(feature = "legend")]
-pub(crate) use crate::data::unit::divided as name_and_unit;
 pub use crate::data::up::Up;
 pub use formats::{Family, Format, format_of, formats};
 pub use time_steps::{Part, StepChoice, TimeStep};

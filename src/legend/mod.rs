@@ -6,10 +6,11 @@
 
 mod ticks;
 
+pub use crate::data::unit::{name_without_unit, title_of};
+
 use self::ticks::Tick;
 use crate::error::{Error, Result};
 use crate::image::Image;
-use crate::io::name_and_unit;
 use crate::math::narrowed;
 use crate::overlay::{Font, Line, PLATE_OPACITY, Rect, fill, font_of, share};
 use crate::scene::{Colour, PointVolume, Strength, TransferFunction, ValueScale};
@@ -27,32 +28,6 @@ enum Colours {
     Transfer(TransferFunction),
     /// The same without opacities.
     Column(TransferFunction),
-}
-
-/// Returns the title of a field: its name, with its unit in brackets if the unit is known and not already in
-/// the name.
-///
-/// ```
-/// use ewa_splat::legend::title_of;
-///
-/// assert_eq!(title_of("pressure", Some("Pa")), "pressure [Pa]");
-/// assert_eq!(title_of("Temp [K]", Some("K")), "Temp [K]");
-/// assert_eq!(title_of("rho", None), "rho");
-/// ```
-pub fn title_of(field: &str, unit: Option<&str>) -> String {
-    match unit {
-        Some(unit) if name_and_unit(field).is_none() => format!("{field} [{unit}]"),
-        _ => field.to_owned(),
-    }
-}
-
-/// Returns the name of a field without the unit behind it.
-///
-/// ```
-/// assert_eq!(ewa_splat::legend::name_without_unit("Temp [K]"), "Temp");
-/// ```
-pub fn name_without_unit(field: &str) -> &str {
-    name_and_unit(field).map_or(field, |(bare, _)| bare)
 }
 
 /// Share of a picture's height for a bar, if there is room.

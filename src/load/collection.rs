@@ -11,21 +11,22 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::axes::{Axes, Certainty, turn_between, turned};
+use super::choices::{prefer, with_shared};
 use super::facts::{Corners, InputFacts, Kind, check_memory, has_opacity, is_automatic};
 use super::input::Input;
 use super::note::{Event, Note};
 use super::request::Request;
-use super::surfels::{Wanted, joined, seen_corners};
+use super::surfels::{SurfelDemand, joined, seen_corners};
 use crate::collective::Collective;
 use crate::data::dataset::{Dataset, Geometry};
 use crate::data::up::Up;
 use crate::math::rotation_matrix;
 use crate::message::{put, take, unknown};
 use crate::prepared::about::Function;
-use crate::sample::mesh::{Spread, share_out};
+use crate::sample::mesh::Spread;
 use crate::sample::{
-    FieldChoice, SampleOptions, SampleReport, SampledScene, TransferChoice, as_surface,
-    field_choices, shared_fields, shared_functions, surface_report,
+    FieldChoice, SampleOptions, SampleReport, SampledScene, as_surface, field_choices,
+    shared_functions, surface_report,
 };
 use crate::scene::{PointVolume, TransferFunction, ValueSample};
 use crate::view::{Bounds, Camera};
@@ -159,11 +160,12 @@ fn agreed<T>(ranks: &mut Option<&mut dyn Collective>, own: Result<T>) -> Result<
 }
 
 /// Converts the corners of a box to arrays, the form that ranks send.
-fn told((low, high): Corners) -> [[f64; 3]; 2] {
+fn arrays_of((low, high): Corners) -> [[f64; 3]; 2] {
     [low.to_array(), high.to_array()]
 }
 
-fn heard([low, high]: [[f64; 3]; 2]) -> Corners {
+/// Converts arrays to the corners of a box.
+fn corners_of([low, high]: [[f64; 3]; 2]) -> Corners {
     (low.into(), high.into())
 }
 
@@ -193,11 +195,7 @@ impl Collection<'_> {
             .enumerate()
             .map(|(i, options)| match functions.get(&i) {
                 None => options,
-                Some(function) => SampleOptions {
-                    transfer: TransferChoice::Shared(function.clone()),
-                    keeps_value_sample: false,
-                    ..options
-                },
+                Some(function) => with_shared(options, function),
             })
             .collect();
         let shared = |own: &&mut Own| functions.contains_key(&own.number);
@@ -296,7 +294,7 @@ impl Collection<'_> {
         look.axes = Axes::of(&dataset, input);
         look.kind = Kind::of(&dataset);
         look.up = dataset.up().into();
-        look.corners = dataset.bounds().map(told);
+        look.corners = dataset.bounds().map(arrays_of);
         look.selectors = dataset.selectors();
         let options = input.sample_options(self.request.sample);
         let mut dataset = as_surface(dataset, &options)?;
@@ -356,9 +354,9 @@ impl Collection<'_> {
             let turn = turn_between(from, to);
             let matrix = rotation_matrix(turn);
             look.corners = look.corners.map(|corners| {
-                let (a, b) = heard(corners);
+                let (a, b) = corners_of(corners);
                 let (a, b) = (matrix * a, matrix * b);
-                told((a.min(b), a.max(b)))
+                arrays_of((a.min(b), a.max(b)))
             });
             let up = Up::from(look.up);
             look.up = Up {
@@ -466,11 +464,11 @@ impl Collection<'_> {
         options: &[SampleOptions],
         ranks: &mut Option<&mut dyn Collective>,
     ) -> Result<HashMap<usize, TransferFunction>> {
-        let told = own.iter().map(|own| {
+        let shown = own.iter().map(|own| {
             let report = &own.report;
             (report.field.clone(), report.unit_distance.to_bits())
         });
-        let told: Vec<(Option<String>, u64)> = all(ranks, told.collect())?;
+        let shown: Vec<(Option<String>, u64)> = all(ranks, shown.collect())?;
         let samples = match ranks {
             None => {
                 let own = own.iter_mut();
@@ -480,7 +478,7 @@ impl Collection<'_> {
             Some(ranks) => samples_of_all(own, &mut **ranks)?,
         };
         let choose = || {
-            let mut reports: Vec<SampleReport> = told
+            let mut reports: Vec<SampleReport> = shown
                 .into_iter()
                 .map(|(field, bits)| SampleReport {
                     field,
@@ -498,13 +496,14 @@ impl Collection<'_> {
         let shared = match ranks {
             None => choose()?,
             Some(ranks) => {
-                let told = (ranks.rank() == 0).then(|| {
+                let sent = (ranks.rank() == 0).then(|| {
                     let shared = choose()?.into_iter();
                     let shared = shared.map(|(function, of)| (Function::of(&function), of));
                     Ok(shared.collect::<Vec<_>>())
                 });
-                let told: Vec<(Function, Vec<usize>)> = ranks.broadcast_value(told.transpose())?;
-                let own = told.into_iter().map(|(function, of)| {
+                let received: Vec<(Function, Vec<usize>)> =
+                    ranks.broadcast_value(sent.transpose())?;
+                let own = received.into_iter().map(|(function, of)| {
                     let function = function.transfer();
                     Ok((function.ok_or_else(|| unknown("no transfer function"))?, of))
                 });
@@ -536,12 +535,12 @@ impl Collection<'_> {
             let volumes = volumes.reduce(joined);
             match own.look.is_surface {
                 true => own.look.corners,
-                false => volumes.map(told),
+                false => volumes.map(arrays_of),
             }
         });
         let seen: Vec<Option<[[f64; 3]; 2]>> = all(ranks, seen.collect())?;
         let beside = self.beside.iter().filter_map(|(corners, _)| *corners);
-        let corners = beside.chain(seen.into_iter().flatten().map(heard));
+        let corners = beside.chain(seen.into_iter().flatten().map(corners_of));
         let boxes: Vec<Bounds> = corners
             .map(|(a, b)| ((a + b) / 2.0, (b - a) / 2.0))
             .collect();
@@ -551,34 +550,41 @@ impl Collection<'_> {
             true => Vec::new(),
             false => (self.request.cameras)(&boxes, up)?,
         };
-        let wanted = own
+        let demands = own
             .iter_mut()
-            .map(|own| self.wanted(own, &options[own.number], &cameras))
-            .collect::<Result<Vec<Wanted>>>();
-        let wanted = agreed(ranks, wanted)?;
-        let wanted = all(ranks, wanted)?;
-        let counts: Vec<usize> = wanted.iter().map(Wanted::count).collect();
-        let is_alone = self.is_alone();
-        for ((spread, own), count) in spreads.iter_mut().zip(&wanted).zip(share_out(&counts)) {
-            *spread = own.spread(count, is_alone);
+            .map(|own| self.demand(own, &options[own.number], &cameras))
+            .collect::<Result<Vec<_>>>();
+        let demands = agreed(ranks, demands)?;
+        let demands = all(ranks, demands)?;
+        for (spread, own) in spreads.iter_mut().zip(SurfelDemand::share(&demands)) {
+            if let Some((own, _)) = own {
+                *spread = own;
+            }
         }
         Ok(spreads)
     }
 
-    /// Returns the number of surfels that an input would get by itself.
-    fn wanted(&self, own: &mut Own, options: &SampleOptions, cameras: &[Camera]) -> Result<Wanted> {
+    /// Returns the number of surfels that an input would get by itself; `None` if it gets none.
+    fn demand(
+        &self,
+        own: &mut Own,
+        options: &SampleOptions,
+        cameras: &[Camera],
+    ) -> Result<Option<SurfelDemand>> {
         if !own.look.is_surface || own.nothing.is_some() {
-            return Ok(Wanted::default());
+            return Ok(None);
         }
         let is_kept = own.dataset.is_some();
         let dataset = self.taken(own, options)?;
-        let wanted = match &dataset.geometry {
-            Geometry::Mesh(mesh) if self.is_alone() => Wanted::without_count(mesh, cameras),
-            Geometry::Mesh(mesh) => Wanted::of(mesh, cameras),
-            _ => Wanted::default(),
+        let demand = match &dataset.geometry {
+            Geometry::Mesh(mesh) if self.is_alone() => {
+                Some(SurfelDemand::without_count(mesh, cameras))
+            }
+            Geometry::Mesh(mesh) => Some(SurfelDemand::of(mesh, cameras)),
+            _ => None,
         };
         own.dataset = is_kept.then_some(dataset);
-        Ok(wanted)
+        Ok(demand)
     }
 
     /// Collects the results of all ranks, and notes the inputs that are left out because they hold
@@ -629,7 +635,7 @@ impl Collection<'_> {
                 },
                 kind: look.kind,
                 up: look.up.into(),
-                corners: look.corners.filter(|_| !facts.is_nothing).map(heard),
+                corners: look.corners.filter(|_| !facts.is_nothing).map(corners_of),
                 is_automatic: is_automatic(options),
                 volume_count: facts.volume_count,
                 is_classified: facts.is_classified,
@@ -642,23 +648,6 @@ impl Collection<'_> {
             volumes: own.into_iter().map(|own| own.volumes).collect(),
             selectors,
         })
-    }
-}
-
-/// Sets the preferred field of options without a named field to one that the data sets have in
-/// common. An earlier preference stays if the data set has that field.
-pub(crate) fn prefer(options: &mut [SampleOptions], mut choices: Vec<Vec<FieldChoice>>) {
-    for (own, choices) in options.iter().zip(&mut choices) {
-        let has_preferred = own.preferred_field.as_ref().is_some_and(|name| {
-            let mut names = choices.iter().map(|own| &own.name);
-            names.any(|own| own.eq_ignore_ascii_case(name))
-        });
-        if own.field.is_some() || has_preferred {
-            choices.clear();
-        }
-    }
-    for (own, shared) in options.iter_mut().zip(shared_fields(&choices)) {
-        own.preferred_field = shared.or(own.preferred_field.take());
     }
 }
 

@@ -25,51 +25,55 @@
 //! # }
 //! ```
 
-#[cfg(feature = "cli")]
+#[cfg(feature = "prepared")]
 mod axes;
-#[cfg(feature = "cli")]
+#[cfg(feature = "prepared")]
+mod choices;
+#[cfg(feature = "prepared")]
 pub(crate) mod collection;
-#[cfg(feature = "cli")]
+#[cfg(feature = "prepared")]
 mod edit;
-#[cfg(feature = "cli")]
+#[cfg(feature = "prepared")]
 pub(crate) mod facts;
-#[cfg(feature = "cli")]
+#[cfg(feature = "prepared")]
 pub(crate) mod input;
-#[cfg(feature = "cli")]
+#[cfg(feature = "prepared")]
 mod loaded;
-#[cfg(feature = "cli")]
+#[cfg(feature = "prepared")]
 mod note;
 pub(crate) mod parts;
-#[cfg(feature = "cli")]
+#[cfg(feature = "prepared")]
 pub(crate) mod prepared;
-#[cfg(feature = "cli")]
+#[cfg(feature = "prepared")]
 mod request;
-#[cfg(feature = "cli")]
+#[cfg(feature = "prepared")]
 mod series;
-#[cfg(feature = "cli")]
+#[cfg(feature = "prepared")]
 mod steps;
-#[cfg(feature = "cli")]
+#[cfg(feature = "prepared")]
 mod surfels;
 
-#[cfg(feature = "cli")]
+#[cfg(feature = "prepared")]
+pub use choices::{prefer, sample_together};
+#[cfg(feature = "prepared")]
 pub use edit::Edit;
-#[cfg(feature = "cli")]
+#[cfg(feature = "prepared")]
 pub use facts::{Corners, InputFacts, Kind};
-#[cfg(feature = "cli")]
+#[cfg(feature = "prepared")]
 pub use input::Input;
-#[cfg(feature = "cli")]
+#[cfg(feature = "prepared")]
 pub use loaded::{Loaded, load, load_series};
-#[cfg(feature = "cli")]
+#[cfg(feature = "prepared")]
 pub(crate) use note::axis;
-#[cfg(feature = "cli")]
+#[cfg(feature = "prepared")]
 pub use note::{Event, Note, Observer};
-#[cfg(feature = "cli")]
+#[cfg(feature = "prepared")]
 pub use prepared::{Members, is_prepared};
-#[cfg(feature = "cli")]
+#[cfg(feature = "prepared")]
 pub use request::{Cameras, Request};
-#[cfg(feature = "cli")]
+#[cfg(feature = "prepared")]
 pub use series::Series;
-#[cfg(feature = "cli")]
+#[cfg(feature = "prepared")]
 pub use steps::{Steps, steps};
-#[cfg(feature = "cli")]
-pub use surfels::Wanted;
+#[cfg(feature = "prepared")]
+pub use surfels::SurfelDemand;

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::facts::Corners;
 use crate::data::mesh::Mesh;
-use crate::sample::mesh::{Spread, pixels_per_area, surfel_count};
+use crate::sample::mesh::{Spread, pixels_per_area, share_out, surfel_count};
 use crate::scene::{Particles, PointVolume};
 use crate::view::{Bounds, Camera, Projection};
 
@@ -22,14 +22,14 @@ const BEYOND: f64 = 0.02;
 
 /// Number of surfels that a mesh would get by itself.
 #[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
-pub struct Wanted {
+pub struct SurfelDemand {
     /// Largest number of surfels per unit area, if pictures determine it.
     density: Option<f64>,
     count: usize,
     is_unseen: bool,
 }
 
-impl Wanted {
+impl SurfelDemand {
     /// Computes the number of surfels.
     ///
     /// - `cameras`: cameras of the pictures; empty if they are not known.
@@ -59,15 +59,20 @@ impl Wanted {
         }
     }
 
-    /// Returns the number of surfels that the mesh would get.
-    pub fn count(&self) -> usize {
-        self.count
+    /// Returns how surfels are spread over each mesh that has a demand, and the largest number of
+    /// each. All meshes together get no more surfels than one would.
+    pub fn share(all: &[Option<Self>]) -> Vec<Option<(Spread, usize)>> {
+        let counts = all.iter().map(|own| own.map_or(0, |own| own.count));
+        let shares = share_out(&counts.collect::<Vec<_>>());
+        let each = all.iter().zip(shares);
+        each.map(|(own, count)| own.map(|own| (own.spread(count, all.len() == 1), count)))
+            .collect()
     }
 
     /// Returns how surfels are spread over the mesh.
     ///
     /// - `count`: the mesh's share of all surfels, if the mesh is not alone.
-    pub fn spread(&self, count: usize, is_alone: bool) -> Spread {
+    fn spread(&self, count: usize, is_alone: bool) -> Spread {
         match (self.density, is_alone) {
             _ if self.is_unseen => Spread::Count(UNSEEN),
             (None, true) => Spread::Automatic,

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use egui::{Context, ViewportCommand};
 use ewa_splat::Settings;
-use ewa_splat::command::{Asked, Automatic, Frame, Over, line};
+use ewa_splat::command::{Automatic, Frame, Over, ViewRequest, line};
 use ewa_splat::legend::legend_width;
 use ewa_splat::render::Picked;
 use glam::DVec3;
@@ -29,7 +29,7 @@ const BACKGROUND: [f32; 3] = [0.0116, 0.0116, 0.0152];
 
 /// State of the window.
 pub(crate) struct App {
-    pub(crate) asked: Arc<Asked>,
+    pub(crate) request: Arc<ViewRequest>,
     pub(crate) inputs: Vec<String>,
     /// Flags of the inputs that are shown.
     pub(crate) chosen: Vec<bool>,
@@ -97,7 +97,7 @@ pub(crate) struct App {
 #[derive(Debug, Clone)]
 struct Source {
     scene: u64,
-    asked: Arc<Asked>,
+    request: Arc<ViewRequest>,
     inputs: Vec<String>,
     chosen: Vec<bool>,
     field: Option<String>,
@@ -112,10 +112,10 @@ pub(crate) struct Message {
 }
 
 impl App {
-    /// Creates a window, which begins to read the data asked for.
+    /// Creates a window, which begins to read the data of a request.
     ///
     /// - `canvas`: place of its pictures.
-    pub(crate) fn new(asked: Asked, context: &Context, canvas: Canvas) -> Self {
+    pub(crate) fn new(request: ViewRequest, context: &Context, canvas: Canvas) -> Self {
         let told = context.clone();
         let worker = Worker::new(move || told.request_repaint());
         let mut app = Self {
@@ -123,18 +123,18 @@ impl App {
             over: Over {
                 legend: true,
                 axes: true,
-                ..asked.over()
+                ..request.over()
             },
             handles: Handles::default(),
             path: KeyFrames::default(),
-            automatic: asked.automatic(),
+            automatic: request.automatic(),
             finds_functions: false,
             dialogs: Dialogs::default(),
             watch: Watch::default(),
             follows: true,
             chosen: Vec::new(),
             field: None,
-            asked: Arc::new(asked),
+            request: Arc::new(request),
             worker,
             scene: 0,
             scenes: 0,
@@ -175,14 +175,14 @@ impl App {
         self.scene = self.scenes;
         self.progress = Some("reading".into());
         self.message = None;
-        let chosen = self.asked.files();
+        let chosen = self.request.files();
         self.watch.set(chosen);
         self.worker.load(self.wanted());
     }
 
     /// Chooses the transfer functions from the values again.
     pub(crate) fn find_functions(&mut self) {
-        self.asked = Arc::new(self.asked.with_automatic(&self.automatic));
+        self.request = Arc::new(self.request.with_automatic(&self.automatic));
         self.finds_functions = true;
         self.load();
     }
@@ -198,11 +198,11 @@ impl App {
     fn wanted(&self) -> Load {
         Load {
             scene: self.scene,
-            asked: Arc::clone(&self.asked),
+            request: Arc::clone(&self.request),
             field: self.field.clone(),
             chosen: self.chosen.clone(),
             step: self.time.step,
-            gpu: self.canvas.device(self.asked.backend()),
+            gpu: self.canvas.device(self.request.backend()),
         }
     }
 
@@ -214,13 +214,13 @@ impl App {
 
     /// Reads other files in place of these.
     pub(crate) fn open(&mut self, paths: Vec<PathBuf>) {
-        match crate::arguments::of_files(paths) {
-            Ok(asked) => {
-                self.automatic = asked.automatic();
-                self.asked = Arc::new(asked);
+        match ViewRequest::of_files(paths) {
+            Ok(request) => {
+                self.automatic = request.automatic();
+                self.request = Arc::new(request);
                 self.begin();
             }
-            Err(text) => self.fail(text),
+            Err(error) => self.fail(line(&error)),
         }
     }
 
@@ -236,15 +236,15 @@ impl App {
         if let Some(good) = self.good.clone() {
             let Source {
                 scene,
-                asked,
+                request,
                 inputs,
                 chosen,
                 field,
                 time,
             } = good;
-            (self.scene, self.asked, self.inputs) = (scene, asked, inputs);
+            (self.scene, self.request, self.inputs) = (scene, request, inputs);
             (self.chosen, self.field, self.time) = (chosen, field, time);
-            self.automatic = self.asked.automatic();
+            self.automatic = self.request.automatic();
             self.view = None;
         }
         match why {
@@ -344,12 +344,12 @@ impl App {
 
     /// Begins to read all inputs, at their first step.
     fn begin(&mut self) {
-        self.inputs = self.asked.inputs();
+        self.inputs = self.request.inputs();
         self.chosen = vec![true; self.inputs.len()];
         self.field = None;
         self.is_new = true;
         // Reading reports the errors of inputs that cannot be read.
-        self.time = Time::of(self.asked.steps().unwrap_or_default());
+        self.time = Time::of(self.request.steps().unwrap_or_default());
         self.load();
     }
 
@@ -452,7 +452,7 @@ impl App {
         }
         self.good = Some(Source {
             scene: loaded.scene,
-            asked: Arc::clone(&self.asked),
+            request: Arc::clone(&self.request),
             inputs: self.inputs.clone(),
             chosen: self.chosen.clone(),
             field: self.field.clone(),
@@ -479,7 +479,7 @@ impl App {
             },
             outline: loaded.bounds.filter(|_| over.outline),
         };
-        let camera = match self.asked.camera(loaded.up, boxes, &frame) {
+        let camera = match self.request.camera(loaded.up, boxes, &frame) {
             Ok(camera) => camera,
             Err(error) => return self.fail(line(&error)),
         };

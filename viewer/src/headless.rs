@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use egui::{Context, Event, FullOutput, RawInput, Rect};
-use ewa_splat::command::Asked;
+use ewa_splat::command::ViewRequest;
 
 use crate::app::App;
 use crate::canvas::Canvas;
@@ -23,10 +23,10 @@ pub(crate) struct Headless {
 }
 
 impl Headless {
-    pub(crate) fn new(asked: Asked, size: [usize; 2], pause: Duration) -> Self {
+    pub(crate) fn new(request: ViewRequest, size: [usize; 2], pause: Duration) -> Self {
         let context = Context::default();
         Self {
-            app: App::new(asked, &context, Canvas::default()),
+            app: App::new(request, &context, Canvas::default()),
             context,
             size,
             pause,

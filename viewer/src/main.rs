@@ -5,7 +5,6 @@
 //! requests to the worker. [`window`] lays out `panel/`, which has one file per part of the window.
 
 mod app;
-mod arguments;
 mod canvas;
 mod clip;
 mod controller;
@@ -38,6 +37,7 @@ use std::process::ExitCode;
 
 use app::App;
 use canvas::Canvas;
+use ewa_splat::command::{ViewArguments, line};
 use window::Window;
 
 fn main() -> ExitCode {
@@ -52,15 +52,16 @@ fn main() -> ExitCode {
 }
 
 fn run() -> Result<(), String> {
-    let arguments = arguments::parse(std::env::args_os())?;
+    let arguments = ViewArguments::parse(std::env::args_os());
+    let arguments = arguments.map_err(|error| line(&error))?;
     if let Some(path) = &arguments.screenshot {
-        return screenshot::write(arguments.asked, path);
+        return screenshot::write(arguments.request, path);
     }
     if let Some(count) = arguments.replay {
-        print!("{}", replay::play(arguments.asked, count)?);
+        print!("{}", replay::play(arguments.request, count)?);
         return Ok(());
     }
-    let asked_size = arguments.asked.size();
+    let asked_size = arguments.request.size();
     let size = asked_size.unwrap_or([1280, 800]);
     let options = eframe::NativeOptions {
         viewport: egui::ViewportBuilder::default()
@@ -79,7 +80,7 @@ fn run() -> Result<(), String> {
             // Pictures and overlays are designed for a dark background.
             context.egui_ctx.set_theme(egui::Theme::Dark);
             let canvas = Canvas::new(context.wgpu_render_state.clone());
-            let mut app = App::new(arguments.asked, &context.egui_ctx, canvas);
+            let mut app = App::new(arguments.request, &context.egui_ctx, canvas);
             app.recall_from(context.storage);
             app.watch.start(context.egui_ctx.clone());
             Ok(Box::new(Window(app)))

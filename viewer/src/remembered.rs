@@ -65,7 +65,7 @@ impl App {
         self.follows = remembered.follows;
         self.shows_panels = remembered.shows_panels;
         // Options on the command line take precedence over remembered choices.
-        let asked = self.asked.over();
+        let asked = self.request.over();
         self.over = Over {
             legend: asked.legend || remembered.legend,
             axes: asked.axes || remembered.axes,

@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use ewa_splat::command::Asked;
+use ewa_splat::command::ViewRequest;
 
 use crate::app::App;
 use crate::controller::Coarseness;
@@ -25,9 +25,9 @@ fn until(window: &mut Headless, holds: impl Fn(&App) -> bool) -> Result<Duration
 ///
 /// # Errors
 /// The error that the window shows.
-pub(crate) fn play(asked: Asked, count: u32) -> Result<String, String> {
-    let size = asked.size().unwrap_or(SIZE);
-    let mut window = Headless::new(asked, size, PAUSE);
+pub(crate) fn play(request: ViewRequest, count: u32) -> Result<String, String> {
+    let size = request.size().unwrap_or(SIZE);
+    let mut window = Headless::new(request, size, PAUSE);
     let first = until(&mut window, App::has_drawn)?;
     let mut rests = [Duration::ZERO; 2];
     settle(&mut window, &mut rests)?;

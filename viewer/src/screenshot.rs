@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use egui_wgpu::wgpu;
-use ewa_splat::command::Asked;
+use ewa_splat::command::ViewRequest;
 use ewa_splat::io::write_bytes_atomically;
 
 use crate::app::App;
@@ -21,11 +21,11 @@ const PAUSE: Duration = Duration::from_millis(10);
 /// # Errors
 /// The error that the window shows; no adapter, not even a software one; a file that cannot be
 /// written.
-pub(crate) fn write(asked: Asked, path: &Path) -> Result<(), String> {
-    let size = asked.size().map_or(SIZE, |size| {
+pub(crate) fn write(request: ViewRequest, path: &Path) -> Result<(), String> {
+    let size = request.size().map_or(SIZE, |size| {
         size.map(|n| u32::try_from(n).unwrap_or(u32::MAX))
     });
-    let mut window = Headless::new(asked, size.map(|n| n as usize), PAUSE);
+    let mut window = Headless::new(request, size.map(|n| n as usize), PAUSE);
     let mut painter = Painter::new(size)?;
     window.until(App::is_at_rest, |output| {
         painter.update(output.textures_delta)

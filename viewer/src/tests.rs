@@ -13,6 +13,8 @@ use egui::{Event, PointerButton, Pos2, Vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 
+use ewa_splat::command::{ViewArguments, ViewRequest};
+
 use crate::app::App;
 use crate::canvas::Canvas;
 use crate::instead::Instead;
@@ -26,12 +28,14 @@ fn fixture(name: &str) -> String {
 
 fn window(words: &[&str]) -> Harness<'static, App> {
     let words = std::iter::once("ewa-splat-view").chain(words.iter().copied());
-    let asked = crate::arguments::parse(words.map(Into::into))
-        .unwrap()
-        .asked;
-    let mut app = App::new(asked, &egui::Context::default(), Canvas::default());
+    let arguments = ViewArguments::parse(words.map(Into::into)).unwrap();
+    let mut app = App::new(
+        arguments.request,
+        &egui::Context::default(),
+        Canvas::default(),
+    );
     // Pictures are compared without the overlays that the window shows by default.
-    app.over = app.asked.over();
+    app.over = app.request.over();
     let size = Vec2::new(960.0, 640.0);
     let mut window = Harness::builder()
         .with_size(size)

@@ -1,7 +1,7 @@
 //! Writes the command that makes the picture of the window.
 
 use ewa_splat::Settings;
-use ewa_splat::command::{Asked, Over};
+use ewa_splat::command::{Over, ViewRequest};
 use ewa_splat::render::{Classification, ClassifyAt, Composite, Show};
 use ewa_splat::scene::LightFrame;
 
@@ -41,7 +41,7 @@ const REPLACED: [&str; 28] = [
 
 /// State that a window shows.
 pub(crate) struct State<'a> {
-    pub(crate) asked: &'a Asked,
+    pub(crate) request: &'a ViewRequest,
     /// Chosen inputs.
     pub(crate) inputs: Vec<&'a str>,
     pub(crate) field: Option<&'a str>,
@@ -69,7 +69,7 @@ pub(crate) fn words(state: &State<'_>) -> Vec<String> {
     };
     let [asked, now] = state.settings;
     let keeps_light = asked.lighting == now.lighting;
-    for (name, value) in state.asked.given() {
+    for (name, value) in state.request.given() {
         let is_light = ["lit", "unlit", "light"].contains(&name.as_str());
         let is_replaced = REPLACED.contains(&name.as_str()) && !(is_light && keeps_light);
         let is_field = name == "field" && state.field.is_some();

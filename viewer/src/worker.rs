@@ -9,7 +9,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use ewa_splat::command::{Animation, Asked, line};
+use ewa_splat::command::{Animation, ViewRequest, line};
 use ewa_splat::io::{Up, write_image};
 use ewa_splat::legend::ColourBar;
 use ewa_splat::load;
@@ -68,7 +68,7 @@ pub(crate) struct Film {
 pub(crate) struct Load {
     /// Number of the load.
     pub(crate) scene: u64,
-    pub(crate) asked: Arc<Asked>,
+    pub(crate) request: Arc<ViewRequest>,
     pub(crate) field: Option<String>,
     pub(crate) chosen: Vec<bool>,
     /// Step of a series.
@@ -428,9 +428,9 @@ fn begin(shared: &Arc<Shared>, purpose: Purpose) -> Task {
 fn read(shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<Stage> {
     let begun = Instant::now();
     let task = begin(shared, Purpose::Reading);
-    let asked = &load.asked;
-    let mut shown = asked.read(load.field.as_deref(), &load.chosen, load.step, &task)?;
-    let volumes = volumes_of(&shown);
+    let request = &load.request;
+    let mut scene = request.read(load.field.as_deref(), &load.chosen, load.step, &task)?;
+    let volumes = volumes_of(&scene);
     let functions = volumes.iter().map(|volume| volume.function.clone());
     let functions = functions.collect();
     let options = SceneOptions {
@@ -438,27 +438,27 @@ fn read(shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<Stage> {
         task: Some(task),
         ..SceneOptions::default()
     };
-    let renderer = shown.renderer(&options)?;
+    let renderer = scene.renderer(&options)?;
     let renderer = match &load.gpu {
-        Some(gpu) if asked.backend() == Backend::Gpu => renderer.on(gpu.clone())?,
+        Some(gpu) if request.backend() == Backend::Gpu => renderer.on(gpu.clone())?,
         Some(gpu) => renderer.on_if_it_can(gpu.clone()),
-        None => renderer.on_backend(asked.backend())?,
+        None => renderer.on_backend(request.backend())?,
     };
     let has_window = load.gpu.is_some() && renderer.adapter().is_some();
     let window = load.gpu.clone().filter(|_| has_window);
-    let settings = asked.settings(renderer.suitable_low_pass_px2());
+    let settings = request.settings(renderer.suitable_low_pass_px2());
     let loaded = Loaded {
         scene: load.scene,
         settings,
-        up: shown.up,
-        boxes: asked.boxes(&renderer),
-        bounds: shown.bounds(),
-        has_boundary: shown.has_boundary,
+        up: scene.up,
+        boxes: request.boxes(&renderer),
+        bounds: scene.bounds(),
+        has_boundary: scene.has_boundary,
         particle_count: renderer.particle_count(),
         bytes_per_particle: renderer.bytes_per_particle(),
         device: renderer.adapter().unwrap_or_else(|| "processor".into()),
         volumes,
-        fields: shown.selectors,
+        fields: scene.selectors,
         seconds: begun.elapsed().as_secs_f64(),
     };
     shared.tell(News::Loaded(Box::new(loaded)));
@@ -475,8 +475,8 @@ fn read(shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<Stage> {
     })
 }
 
-fn volumes_of(shown: &load::Loaded) -> Vec<Volume> {
-    let described = shown.volumes.iter().zip(&shown.titles);
+fn volumes_of(scene: &load::Loaded) -> Vec<Volume> {
+    let described = scene.volumes.iter().zip(&scene.titles);
     described
         .map(|(volume, title)| {
             let function = volume.transfer_function.clone();
@@ -671,8 +671,8 @@ impl Stage {
         };
         let task = begin(shared, Purpose::Truth);
         let (chosen, field) = (&load.chosen, load.field.as_deref());
-        let mut shown = load.asked.read(field, chosen, load.step, &task)?;
-        if !shown.prepared.is_empty() {
+        let mut scene = load.request.read(field, chosen, load.step, &task)?;
+        if !scene.prepared.is_empty() {
             return Err(Error::invalid(
                 "the reference image",
                 "inputs",
@@ -681,7 +681,7 @@ impl Stage {
                 "open the data",
             ));
         }
-        for (volume, function) in shown.volumes.iter_mut().zip(&view.functions) {
+        for (volume, function) in scene.volumes.iter_mut().zip(&view.functions) {
             if let Some(function) = function {
                 volume.transfer_function = Some(function.clone());
             }
@@ -693,7 +693,7 @@ impl Stage {
             ..view.settings.clone()
         };
         let image = self.renderer.render(&view.camera, &settings)?.clone();
-        let truth = Integrator::classified(&shown.volumes, settings.classify)?
+        let truth = Integrator::classified(&scene.volumes, settings.classify)?
             .clipped(&settings.clip)
             .render(
                 &view.camera,

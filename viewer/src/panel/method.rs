@@ -213,7 +213,7 @@ fn boundary(app: &mut App, ui: &mut Ui) {
         .loaded
         .as_ref()
         .is_some_and(|loaded| loaded.has_boundary);
-    let before = app.asked.boundary();
+    let before = app.request.boundary();
     let mut after = before;
     let tip = match has_boundary {
         true => "How grids end; reads the files again\n--boundary HOW",
@@ -225,7 +225,7 @@ fn boundary(app: &mut App, ui: &mut Ui) {
         choose(ui, "Boundary", tip, &mut after, &CHOICES)
     });
     if after != before {
-        app.asked = Arc::new(app.asked.with_boundary(after));
+        app.request = Arc::new(app.request.with_boundary(after));
         app.load();
     }
 }

@@ -133,7 +133,7 @@ pub(crate) fn command(app: &mut App) -> Option<String> {
     let loaded = app.loaded.as_ref()?;
     let chosen = app.inputs.iter().zip(&app.chosen);
     let state = State {
-        asked: &app.asked,
+        request: &app.request,
         inputs: match is_step && app.inputs.len() == app.time.count() {
             true => vec![app.inputs[app.time.step].as_str()],
             false => chosen

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use ewa_splat::Settings;
+use ewa_splat::command::ViewArguments;
 use ewa_splat::render::{AdapterChoice, Gpu};
 use glam::DVec3;
 
@@ -22,13 +23,11 @@ fn drawn(gpu: Option<Gpu>) -> (Box<Loaded>, Drawn) {
         None => "cpu",
     };
     let words = words.into_iter().chain(["--backend", backend]);
-    let asked = crate::arguments::parse(words.map(Into::into))
-        .unwrap()
-        .asked;
+    let arguments = ViewArguments::parse(words.map(Into::into)).unwrap();
     let worker = Worker::new(|| ());
     worker.load(Load {
         scene: 1,
-        asked: Arc::new(asked),
+        request: Arc::new(arguments.request),
         field: None,
         chosen: vec![true],
         step: 0,

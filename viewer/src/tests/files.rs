@@ -173,16 +173,16 @@ fn choices_are_remembered() {
 
     // Saved views apply only to the data for which they were saved.
     let other = fixture("wake.xyz");
-    let asked = crate::arguments::of_files(vec![other.into()]).unwrap();
-    let mut other = App::new(asked, &egui::Context::default(), Canvas::default());
+    let request = ViewRequest::of_files(vec![other.into()]).unwrap();
+    let mut other = App::new(request, &egui::Context::default(), Canvas::default());
     other.recall_from(Some(&storage));
     assert_eq!(other.output.size, [300, 200]);
     assert!(other.saved.is_empty());
 
     // A broken entry causes a message.
     storage.0.insert("choices".into(), "{\"output\": 3}".into());
-    let asked = crate::arguments::of_files(vec![path.into()]).unwrap();
-    let mut broken = App::new(asked, &egui::Context::default(), Canvas::default());
+    let request = ViewRequest::of_files(vec![path.into()]).unwrap();
+    let mut broken = App::new(request, &egui::Context::default(), Canvas::default());
     broken.recall_from(Some(&storage));
     let said = broken.message.clone().unwrap();
     assert!(!said.is_error && said.text.starts_with("the last choices"));

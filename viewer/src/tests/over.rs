@@ -286,7 +286,7 @@ fn boundaries_are_chosen_where_there_are_any() {
         assert!(line.contains(&format!("--boundary={choice}")), "{line}");
         let now = pixels(&window);
         assert!(now == of_command(&mut window));
-        let is_sharp = window.state().asked.boundary() == BoundaryChoice::Sharp;
+        let is_sharp = window.state().request.boundary() == BoundaryChoice::Sharp;
         assert_eq!(is_sharp, choice == "sharp");
         // The function shows some of the boundary, so the default is sharp.
         assert_eq!(now == first, is_sharp);

@@ -162,8 +162,8 @@ fn keys_and_the_mouse_are_explained() {
 /// them, too.
 #[test]
 fn legends_and_axes_are_there_unasked() {
-    let asked = crate::arguments::of_files(vec![fixture("wake.xyz").into()]).unwrap();
-    let app = App::new(asked, &egui::Context::default(), Canvas::default());
+    let request = ViewRequest::of_files(vec![fixture("wake.xyz").into()]).unwrap();
+    let app = App::new(request, &egui::Context::default(), Canvas::default());
     let mut window = Harness::builder()
         .with_size(Vec2::new(800.0, 600.0))
         .build_ui_state(|ui, app: &mut App| crate::window::show(app, ui), app);

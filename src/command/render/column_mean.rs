@@ -12,7 +12,7 @@ use crate::{
 };
 use indicatif::ProgressBar;
 
-use super::input::DataOptions;
+use crate::command::input::DataOptions;
 use crate::load::Input;
 
 /// Name of the option in errors.

@@ -8,15 +8,16 @@ use crate::{ColumnImage, Error, Renderer, Result, SceneOptions};
 use indicatif::ProgressBar;
 use serde_json::json;
 
-use super::annotations::Overlays;
 use super::column_mean::{ColumnMean, quotient, shown};
-use super::legend::column_title;
-use super::render::{Arguments, ColumnLook};
-use super::statistics::{Prepared, stats};
+use super::options::{Arguments, ColumnLook};
+use crate::command::annotations::Overlays;
+use crate::command::legend::column_title;
+use crate::command::progress::note;
+use crate::command::statistics::{Prepared, stats};
 
 impl Arguments {
     /// Draws and writes the column density.
-    pub(crate) fn draw_column(
+    pub(in crate::command) fn draw_column(
         &self,
         renderer: &mut Renderer,
         camera: &Camera,
@@ -29,7 +30,7 @@ impl Arguments {
         progress.set_message("summing");
         renderer.column_density(camera, &settings)?;
         let mut times = vec![renderer.times()];
-        if let Some(frames) = self.frames() {
+        if let Some(frames) = self.output.frames {
             times.clear();
             progress.set_length(u64::from(frames));
             for _ in 0..frames {
@@ -85,7 +86,7 @@ impl Arguments {
             }
             _ => write_column(&self.out, column)?,
         }
-        if let Some(path) = self.stats_path() {
+        if let Some(path) = &self.output.stats {
             let mut stats = stats(renderer, &times, prepared);
             stats["column_density"] = json!({
                 "sum_times_area": column.sum_times_area(),
@@ -99,17 +100,15 @@ impl Arguments {
         }
         progress.finish_and_clear();
         if amplitudes.not_finite > 0 {
-            super::progress::note!(
+            note!(
                 "{} values are not finite and add nothing",
                 amplitudes.not_finite
             );
         }
         if counts.footprints == 0 {
-            super::progress::note!(
-                "nothing visible: no particle with a value but zero reaches the image"
-            );
+            note!("nothing visible: no particle with a value but zero reaches the image");
         } else if self.is_png() {
-            super::progress::note!("{}", in_words(&look, column, colours.as_ref()));
+            note!("{}", in_words(&look, column, colours.as_ref()));
         }
         Ok(())
     }

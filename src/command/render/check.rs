@@ -1,0 +1,250 @@
+//! Refuses impossible requests, and options that do not apply to the data.
+
+use super::options::{
+    Arguments, BackendName, ClassifyName, CompositeName, FilterName, Method, Opacity, ShowName,
+};
+use crate::command::animation::Animation;
+use crate::command::cut::add_faces;
+use crate::command::outputs::{check_collisions, paths};
+use crate::command::usage::{CLASSIFIED, is_filtered, is_surface, refuse_beside, refuse_unused};
+use crate::command::{animation, ranks};
+use crate::io::{check_depth_path, check_folder, check_image_path};
+use crate::load::Loaded;
+use crate::scene::{Particles, PointVolume};
+use crate::{Error, Result};
+
+impl Arguments {
+    /// Expands the inputs, and refuses impossible requests before any input is read.
+    ///
+    /// - `is_first`: whether this is the rank that writes. Folders of outputs need not exist on
+    ///   other ranks.
+    pub(in crate::command) fn check(&mut self, is_first: bool) -> Result<()> {
+        if self.mpi && self.backend == BackendName::Gpu {
+            return Err(ranks::refuse("--backend gpu"));
+        }
+        let named = std::mem::take(&mut self.inputs);
+        self.inputs = self.data.inputs(named, self.sequence.is_series())?;
+        self.take_axes();
+        if is_first {
+            self.check_outputs()?;
+        }
+        self.camera.read_file(self.size)?;
+        if let Some(lighting) = self.lighting() {
+            lighting.validate()?;
+        }
+        self.check_legend()?;
+        self.annotations.check(self.numbers())?;
+        self.annotations.check_time(&self.inputs)?;
+        self.method.check()?;
+        self.check_show()
+    }
+
+    /// Passes `--keep-axes` on to the options of the data.
+    pub(in crate::command) fn take_axes(&mut self) {
+        self.data.keeps_axes = self.keep_axes;
+    }
+
+    /// Checks that all outputs can be written and overwrite no input.
+    pub(in crate::command) fn check_outputs(&self) -> Result<()> {
+        self.check_sequence()?;
+        let layers = [&self.output.depth, &self.output.normals];
+        for path in layers.into_iter().flatten() {
+            check_depth_path(path)?;
+        }
+        let texts = [&self.output.stats, &self.output.write_transfer_function];
+        for path in texts.into_iter().flatten() {
+            check_folder(path)?;
+        }
+        let outputs = [
+            Some(&self.out),
+            self.output.depth.as_ref(),
+            self.output.normals.as_ref(),
+            self.output.stats.as_ref(),
+            self.output.write_transfer_function.as_ref(),
+        ];
+        check_collisions(paths(&self.inputs), outputs.into_iter().flatten())
+    }
+
+    /// Checks that the format of the output can hold the sequence or picture asked for.
+    pub(in crate::command) fn check_sequence(&self) -> Result<()> {
+        let fault = |option: &'static str, expected: &str, found: &str| {
+            let advice = "leave it out";
+            Err(Error::invalid(option, "use", expected, found, advice))
+        };
+        if self.sequence.has_rate() && !animation::is_animated(&self.out) {
+            return fault("--rate", "an .apng or a .gif", "files of one picture");
+        }
+        match self.sequence.is_asked_for() {
+            true if self.output.stats.is_some() => {
+                fault("--stats", "one picture", "a sequence of them")
+            }
+            true => Animation::check_path(&self.out),
+            false => check_image_path(&self.out),
+        }
+    }
+
+    /// Refuses a legend if the output holds numbers: a legend belongs to a picture.
+    pub(in crate::command) fn check_legend(&self) -> Result<()> {
+        let fault = |place: &str, expected: &str, found: String| {
+            let advice = "leave --legend out";
+            Err(Error::invalid("--legend", place, expected, found, advice))
+        };
+        if !self.legend.legend {
+            return Ok(());
+        }
+        if !matches!(self.output.show, ShowName::Scene) {
+            return fault("--show", "scene", "choice or count".into());
+        }
+        if self.method.column_density && !self.is_png() {
+            let found = self.out.display().to_string();
+            return fault("--column-density", "a png, which is a picture", found);
+        }
+        Ok(())
+    }
+
+    /// Returns the option that writes numbers instead of a picture, and the value it expects for a
+    /// picture.
+    pub(in crate::command) fn numbers(&self) -> Option<(&'static str, &'static str)> {
+        if matches!(self.output.show, ShowName::Count) {
+            return Some(("--show", "scene or choice"));
+        }
+        let is_column = self.method.column_density && !self.is_png();
+        is_column.then_some(("--column-density", "a png, which is a picture"))
+    }
+
+    /// Refuses options of light with `--show` other than `scene`. (A background is allowed: counts
+    /// have one, too.)
+    pub(in crate::command) fn check_show(&self) -> Result<()> {
+        let is_asked = self.is_lit() || self.light.is_unlit();
+        if !is_asked || matches!(self.output.show, ShowName::Scene) {
+            return Ok(());
+        }
+        let (option, found) = ("--lit, --unlit or --light", "--show beside it");
+        let expected = "the scene";
+        Err(Error::invalid(
+            option,
+            "what is shown",
+            expected,
+            found,
+            "leave it out",
+        ))
+    }
+
+    /// Checks that the options apply to the scene, and adds cut faces if they are asked for.
+    pub(in crate::command) fn checked(&self, mut scene: Loaded) -> Result<Loaded> {
+        let refused = [
+            ("--reference", self.method.reference.is_some()),
+            ("--cut-faces", self.cut.cut_faces),
+            ("--column-mean", self.method.column_mean.is_some()),
+        ];
+        refuse_beside(&scene.prepared, &refused)?;
+        self.method.check_use(&scene.volumes)?;
+        if self.is_lit() && !self.method.post_classification {
+            check_lit(&scene.volumes)?;
+        }
+        if self.cut.cut_faces {
+            let volumes = &mut scene.volumes;
+            add_faces(volumes, &self.clip_planes(), self.is_lit())?;
+        }
+        Ok(scene)
+    }
+}
+
+impl Method {
+    /// Refuses options of layers for a composite without layers, and options of column densities
+    /// without these. (Clap does not enforce `requires` if the required option conflicts with a
+    /// third that is given.)
+    pub(in crate::command) fn check(&self) -> Result<()> {
+        let refuse = |place: &str, expected: &str| {
+            let found = self.composite().name();
+            Err(Error::format(
+                "settings",
+                place,
+                expected,
+                found,
+                "change it",
+            ))
+        };
+        if self.post_classification && self.composite != CompositeName::Slabs {
+            return refuse("composite of classified slabs", "slabs");
+        }
+        if self.slab_thickness.is_some() && self.composite == CompositeName::Over {
+            return refuse(
+                "composite of a thickness",
+                "slabs, sheets, axis-sheets or maximum",
+            );
+        }
+        let is_each = self.classify == ClassifyName::Particle;
+        if is_each && (self.post_classification || self.composite == CompositeName::Maximum) {
+            return refuse(
+                "composite of particles classified one by one",
+                "one that classifies these, not slabs",
+            );
+        }
+        if self.column_mean.is_some() && !self.column_density {
+            return Err(Error::invalid(
+                "--column-mean",
+                "what is written",
+                "--column-density beside it",
+                "none",
+                "add it",
+            ));
+        }
+        Ok(())
+    }
+
+    /// Refuses options that do not apply to any of the volumes.
+    pub(in crate::command) fn check_use(&self, volumes: &[PointVolume]) -> Result<()> {
+        let default = FilterName::Adaptive;
+        let is_filtered = volumes.iter().any(is_filtered);
+        let is_translucent = !volumes.iter().all(is_surface);
+        let is_classified = volumes.iter().any(|v| v.transfer_function.is_some());
+        let absorbing = "kernels that absorb light, not surfaces or splats";
+        let is_over = self.composite == CompositeName::Over;
+        let is_each = self.classify == ClassifyName::Particle;
+        let is_linear = self.opacity == Opacity::Linear;
+        refuse_unused(&[
+            ("--filter", self.filter != default, is_filtered, absorbing),
+            (
+                "--thresholds",
+                self.thresholds.is_some(),
+                is_filtered,
+                absorbing,
+            ),
+            ("--opacity", is_linear, is_filtered, absorbing),
+            (
+                "--sub-pixel-opacity",
+                self.sub_pixel_opacity,
+                is_filtered,
+                absorbing,
+            ),
+            (
+                "--composite",
+                !is_over,
+                is_translucent,
+                "more than opaque surfaces",
+            ),
+            ("--classify", is_each, is_classified, CLASSIFIED),
+        ])
+    }
+}
+
+/// Refuses options of light if no volume has normals.
+fn check_lit(scene: &[PointVolume]) -> Result<()> {
+    let reflects = |volume: &PointVolume| {
+        let is_surface = matches!(volume.particles, Particles::Surfels { .. });
+        is_surface || volume.normals.is_some()
+    };
+    if scene.iter().any(reflects) {
+        return Ok(());
+    }
+    let expected = "surfaces, or volumes with a field";
+    let found = "splats or particles without one";
+    Err(Error::invalid(
+        "--lit",
+        "inputs",
+        expected,
+        found,
+        "leave it out",
+    ))
+}

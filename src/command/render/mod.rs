@@ -1,0 +1,130 @@
+//! Runs `ewa-splat render`.
+//!
+//! | file | contents |
+//! |---|---|
+//! | `options.rs` | the options |
+//! | `settings.rs` | options as settings |
+//! | `check.rs` | refusals |
+//! | `scene.rs` | the scene, loaded and sorted into blocks |
+//! | `image.rs` | one picture |
+//! | `sequence.rs` | sequences of pictures |
+//! | `reference.rs` | the reference image |
+//! | `column.rs`, `column_mean.rs` | column densities, means along rays |
+//! | `count.rs` | counts of kernels in words |
+
+mod check;
+mod column;
+mod column_mean;
+mod count;
+mod image;
+mod options;
+mod reference;
+mod scene;
+mod sequence;
+mod settings;
+
+use std::time::Instant;
+
+use self::image::{Picture, blend_of};
+pub(super) use self::options::{Arguments, BackendName};
+use self::scene::ReadyScene;
+use super::annotations::Overlays;
+use super::progress::{note, spinner, task_of};
+use super::ranks;
+use super::statistics::Prepared;
+use crate::Result;
+
+pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
+    let begun = Instant::now();
+    let mut ranks = arguments.mpi.then(ranks::start).transpose()?;
+    let is_first = ranks.as_ref().is_none_or(|ranks| ranks.rank() == 0);
+    let checked = arguments.check(is_first);
+    match &mut ranks {
+        Some(ranks) => ranks.agree(checked)?,
+        None => checked?,
+    }
+    let arguments = &*arguments;
+    // The spinner is hidden if standard error is no terminal.
+    let progress = spinner();
+
+    let task = task_of(&progress);
+
+    let options = arguments.sample_options(task.clone());
+    if arguments.sequence.is_series() {
+        return arguments.draw_series(&options, &progress, ranks);
+    }
+    let made = arguments.made(&options, &progress, &mut ranks);
+    let ReadyScene {
+        renderer,
+        cameras,
+        legend,
+        bounds,
+        fields,
+        mean,
+        truth,
+        read_ms,
+        prepare_start,
+    } = match &mut ranks {
+        Some(ranks) => ranks.agree(made)?,
+        None => made?,
+    };
+    let is_column = arguments.method.column_density;
+    let camera = cameras[0].clone();
+    let is_sequence = arguments.sequence.is_asked_for();
+    let mut renderer = match ranks.take_if(|_| !is_sequence) {
+        Some(ranks) => renderer.over_ranks(ranks)?,
+        // A rank draws on its CPU: one node may run several ranks but have one GPU.
+        None if ranks.is_some() || renderer.rank().is_some() => renderer,
+        None => {
+            let backend = arguments.backend(&renderer, &camera);
+            renderer.on_backend(backend)?
+        }
+    };
+    let prepare_ms = prepare_start.elapsed().as_secs_f64() * 1e3;
+    let prepared = Prepared {
+        begun,
+        read_ms,
+        prepare_ms,
+    };
+    let annotations = arguments.annotations.at(&arguments.inputs);
+    let overlays = Overlays::new(&annotations, legend.clone(), bounds, &camera)?;
+    if is_column {
+        return arguments.draw_column(
+            &mut renderer,
+            &camera,
+            (&fields, mean),
+            overlays,
+            prepared,
+            &progress,
+        );
+    }
+    let suitable = renderer.suitable_low_pass_px2();
+    let low_pass = arguments.method.low_pass.unwrap_or(suitable);
+    if let Some(truth) = truth {
+        progress.finish_and_clear();
+        return arguments.integrate(&truth, &camera, low_pass, &overlays, prepared);
+    }
+    let settings = arguments.settings(low_pass);
+    let blend = blend_of(&renderer, &settings)?;
+    if let Some(note) = blend.note().filter(|_| is_first) {
+        progress.suspend(|| note!("{note}"));
+    }
+    if is_sequence {
+        let mut draw = |n: usize| {
+            let camera = &cameras[n];
+            let over = Overlays::new(&annotations, legend.clone(), bounds, camera)?;
+            let image = renderer.render(camera, &settings)?;
+            Ok(over.drawn(image)?.into_owned())
+        };
+        return arguments.draw_all(&cameras, &mut draw, ranks);
+    }
+    let picture = Picture {
+        renderer: &mut renderer,
+        camera: &camera,
+        settings,
+        blend,
+        overlays: &overlays,
+        progress: &progress,
+    };
+    arguments.draw_image(picture, prepared, is_first, task)
+}

@@ -1,0 +1,64 @@
+//! Integrates and writes the reference image.
+
+use std::time::Instant;
+
+use super::options::Arguments;
+use crate::Result;
+use crate::command::annotations::Overlays;
+use crate::command::outputs::warn_unconverged;
+use crate::command::progress::with_bar;
+use crate::command::statistics::Prepared;
+use crate::command::truth::Truth;
+use crate::io::write_bytes_atomically;
+use crate::reference::ReferenceSettings;
+use crate::view::Camera;
+use serde_json::json;
+
+impl Arguments {
+    /// Writes the reference image, and adds its stated error to the statistics.
+    pub(in crate::command) fn integrate(
+        &self,
+        truth: &Truth,
+        camera: &Camera,
+        low_pass: f32,
+        overlays: &Overlays,
+        prepared: Prepared,
+    ) -> Result<()> {
+        let defaults = ReferenceSettings::default();
+        let mut settings = ReferenceSettings {
+            error: self.method.tolerance.map_or(defaults.error, f64::from),
+            low_pass_variance_px2: low_pass.into(),
+            background: self.background(),
+            ..defaults
+        };
+        let start = Instant::now();
+        let frame = with_bar("integrating", |task| {
+            settings.task = Some(task);
+            truth.render(camera, &settings)
+        })?;
+        let frame_ms = start.elapsed().as_secs_f64() * 1e3;
+        overlays.write(&self.out, &frame.image)?;
+        if let Some(path) = &self.output.stats {
+            let stats = json!({
+                "particles": truth.particle_count(),
+                "cells_left_out": truth.cells_left_out(),
+                "backend": "reference",
+                "adapter": format!("{} threads, f64", rayon::current_num_threads()),
+                "error_wanted": settings.error,
+                "error_estimate": frame.error,
+                "pixels_above_error_wanted": frame.unconverged,
+                "rays": frame.rays,
+                "times_ms": {
+                    "read": prepared.read_ms,
+                    "prepare": prepared.prepare_ms,
+                    "frame": frame_ms,
+                },
+                "time_to_picture_ms": prepared.begun.elapsed().as_secs_f64() * 1e3,
+                "frames": 1,
+            });
+            write_bytes_atomically(path, format!("{stats:#}\n").as_bytes())?;
+        }
+        warn_unconverged(&frame, settings.error);
+        Ok(())
+    }
+}

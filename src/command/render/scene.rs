@@ -1,0 +1,193 @@
+//! Loads the scene of a picture, sorts it into blocks and places the cameras.
+
+use std::time::Instant;
+
+use super::column_mean;
+use super::column_mean::ColumnMean;
+use super::options::Arguments;
+use crate::collective::Collective;
+use crate::command::legend::bars;
+use crate::command::progress::note;
+use crate::command::truth::{ReferenceName, Truth};
+use crate::command::viewpoint::{Canvas, left_of};
+use crate::io::write_bytes_atomically;
+use crate::legend::{ColourBar, legend_width};
+use crate::load::Loaded;
+use crate::load::prepared::renderer as renderer_of;
+use crate::ranks::Share;
+use crate::sample::SampleOptions;
+use crate::scene::{PointVolume, TransferFunction};
+use crate::view::{Bounds, Camera, Lens};
+use crate::{Error, Renderer, Result};
+use indicatif::ProgressBar;
+
+/// Scene ready to be drawn, with its cameras and overlays.
+pub(super) struct ReadyScene {
+    pub(super) renderer: Renderer,
+    pub(super) cameras: Vec<Camera>,
+    pub(super) legend: Vec<ColourBar>,
+    pub(super) bounds: Option<Bounds>,
+    pub(super) fields: Vec<Option<String>>,
+    pub(super) mean: Option<ColumnMean>,
+    pub(super) truth: Option<Truth>,
+    pub(super) read_ms: f64,
+    pub(super) prepare_start: Instant,
+}
+
+impl Arguments {
+    /// Reads the inputs, sorts them into blocks and places the cameras.
+    ///
+    /// - `ranks`: the ranks, if there are any. It is taken if the ranks share the scene and draw it
+    ///   together.
+    pub(super) fn made(
+        &self,
+        options: &SampleOptions,
+        progress: &ProgressBar,
+        ranks: &mut Option<Box<dyn Collective>>,
+    ) -> Result<ReadyScene> {
+        let read_start = Instant::now();
+        let planes = self.clip_planes();
+        let cameras = |boxes: &[Bounds], up, canvas: &Canvas| {
+            let sequence = &self.sequence;
+            sequence.cameras(&self.camera, boxes, up, canvas)
+        };
+        let whole = Canvas::of(self.size);
+        let of_boxes =
+            |boxes: &[Bounds], up| cameras(&left_of(boxes.to_vec(), &planes), up, &whole);
+        let read = || {
+            let scene = self
+                .data
+                .scene(&self.inputs, options, &of_boxes, progress)?;
+            self.checked(scene)
+        };
+        // If ranks share a picture, each may read a part of the data.
+        let sharing = ranks.as_mut().filter(|_| !self.sequence.is_asked_for());
+        let (scene, shared) = match sharing {
+            None => (read()?, None),
+            Some(ranks) => {
+                let inputs = &self.inputs;
+                // Cut faces need whole volumes.
+                let takes_parts = !self.cut.cut_faces;
+                let check = |scene| self.checked(scene);
+                self.data.shared(
+                    inputs,
+                    options,
+                    &of_boxes,
+                    progress,
+                    &mut **ranks,
+                    takes_parts,
+                    read,
+                    check,
+                )?
+            }
+        };
+        let is_shared = shared.is_some();
+        let is_column = self.method.column_density;
+        let legend = self.bars(&scene)?;
+        let bounds = scene.bounds();
+        let (scene, prepared, up, fields) = (scene.volumes, scene.prepared, scene.up, scene.fields);
+        // Other ranks learn of a failure here when they next wait for this rank.
+        let is_first = ranks.as_ref().is_none_or(|ranks| ranks.rank() == 0);
+        if is_first {
+            self.write_function(&scene)?;
+        }
+        let mean = match &self.method.column_mean {
+            None => None,
+            Some(field) => {
+                let of = (scene.as_slice(), field.as_str());
+                let (data, inputs) = (&self.data, &self.inputs);
+                Some(column_mean::weighed(data, inputs, of, options, progress)?)
+            }
+        };
+        let read_ms = read_start.elapsed().as_secs_f64() * 1e3;
+
+        progress.set_message("sorting into blocks");
+        let prepare_start = Instant::now();
+        let truth = match self.method.reference {
+            None => None,
+            Some(ReferenceName::Kernels) => {
+                Some(Truth::of_kernels(&scene, self.method.classification())?)
+            }
+            Some(ReferenceName::Data) => {
+                let (data, inputs) = (&self.data, &self.inputs);
+                Some(Truth::of_data(data, inputs, &scene, &fields)?)
+            }
+        };
+        let truth = truth.map(|truth| truth.clipped(&self.clip_planes()));
+        let scene_options = self.scene_options(options);
+        let renderer = match (shared, ranks.take_if(|_| is_shared)) {
+            (Some(share), Some(ranks)) => {
+                let share = Share {
+                    volumes: scene,
+                    ..share
+                };
+                crate::ranks::shared(share, &scene_options, ranks)?
+            }
+            _ => renderer_of(scene, prepared, &scene_options)?,
+        };
+        let (all, canvas) = if is_column {
+            let lens = Lens::OrthoHeight(None);
+            (renderer.boxes(), Canvas { lens, ..whole })
+        } else {
+            let room_px = legend_width(&legend, whole.size());
+            let boxes = self.camera.boxes(&renderer);
+            if is_first && let Some(note) = self.camera.strays(&renderer, &boxes) {
+                progress.suspend(|| note!("{note}"));
+            }
+            (boxes, Canvas { room_px, ..whole })
+        };
+        let mut boxes = left_of(all, &self.clip_planes());
+        // The camera shows the whole outline, even if the data inside it are clipped.
+        boxes.extend(bounds.filter(|_| self.annotations.has_outline()));
+        let cameras = cameras(&boxes, up, &canvas)?;
+        Ok(ReadyScene {
+            renderer,
+            cameras,
+            legend,
+            bounds,
+            fields,
+            mean,
+            truth,
+            read_ms,
+            prepare_start,
+        })
+    }
+}
+
+impl Arguments {
+    /// Returns the colour bars of the legend, if one is drawn into a picture.
+    pub(super) fn bars(&self, scene: &Loaded) -> Result<Vec<ColourBar>> {
+        match self.legend.legend && !self.method.column_density {
+            true => bars(scene),
+            false => Ok(Vec::new()),
+        }
+    }
+
+    /// Writes the transfer function of a scene, if this was asked for.
+    pub(super) fn write_function(&self, volumes: &[PointVolume]) -> Result<()> {
+        match &self.output.write_transfer_function {
+            None => Ok(()),
+            Some(path) => {
+                let function = written_function(volumes)?;
+                write_bytes_atomically(path, function.to_json().as_bytes())
+            }
+        }
+    }
+}
+
+/// Returns the transfer function to write. All volumes must share it.
+fn written_function(scene: &[PointVolume]) -> Result<&TransferFunction> {
+    let fault = |found: String| {
+        let expected = "one transfer function for all inputs";
+        let advice = "leave --write-transfer-function out, or name one input";
+        Error::invalid("--write-transfer-function", "data", expected, found, advice)
+    };
+    let mut functions = scene.iter().filter_map(|v| v.transfer_function.as_ref());
+    let first = functions.next();
+    let first =
+        first.ok_or_else(|| fault("none: colours or optical depths of their own".into()))?;
+    match functions.filter(|other| *other != first).count() {
+        0 => Ok(first),
+        others => Err(fault(format!("{} different ones", others + 1))),
+    }
+}
