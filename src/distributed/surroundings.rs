@@ -8,7 +8,7 @@ use super::ranks::Ranks;
 use crate::blocks::Peers;
 use crate::error::Result;
 use crate::sample::{Boxes, Leaf, Near, Reach};
-use crate::scene::Values;
+use crate::scene::{Values, of_same_type};
 
 /// Points of this rank that other ranks need as neighbours.
 #[derive(Debug)]
@@ -123,13 +123,7 @@ pub(super) fn sent_values(own: &Values, to: &[Vec<u32>], ranks: &mut Ranks) -> R
             return Ok(sent(&wide, to, ranks)?.into());
         }
     }
-    Ok(match own {
-        Values::U8(own) => Values::U8(sent(own, to, ranks)?),
-        Values::I16(own) => Values::I16(sent(own, to, ranks)?),
-        Values::U16(own) => Values::U16(sent(own, to, ranks)?),
-        Values::F32(own) => Values::F32(sent(own, to, ranks)?),
-        Values::F64(own) => Values::F64(sent(own, to, ranks)?),
-    })
+    Ok(of_same_type!(own, own => sent(own, to, ranks)?))
 }
 
 /// Returns the entries that go to each rank.

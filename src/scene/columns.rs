@@ -54,8 +54,11 @@ pub(crate) trait Visitor<S: Storage> {
         column: &mut S::Of<T>,
     ) -> Result<(), Self::Error>;
 
-    /// Visits the planes that cut particles: not a column, because few particles are cut.
-    fn planes(&mut self, planes: &mut BoundaryPlanesIn<S>) -> Result<(), Self::Error>;
+    /// Visits the planes that cut particles: not a column, because few particles are cut. Leaves them as they are
+    /// by default.
+    fn planes(&mut self, _: &mut BoundaryPlanesIn<S>) -> Result<(), Self::Error> {
+        Ok(())
+    }
 }
 
 /// Parts of a volume that have columns.
@@ -276,6 +279,12 @@ impl Visitor<Owned> for Gathering<'_> {
 
 /// Picks particles' entries of a column, `width` each.
 pub(crate) fn picked<T: Copy>(column: &[T], width: usize, indices: &[u32]) -> Vec<T> {
-    let own = |&i: &u32| &column[i as usize * width..][..width];
-    indices.iter().flat_map(own).copied().collect()
+    if width == 1 {
+        return indices.iter().map(|&i| column[i as usize]).collect();
+    }
+    let mut all = Vec::with_capacity(width * indices.len());
+    for &i in indices {
+        all.extend_from_slice(&column[i as usize * width..][..width]);
+    }
+    all
 }

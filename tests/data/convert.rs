@@ -22,9 +22,7 @@ use ewa_splat::math::{harmonics, harmonics_sum};
 use ewa_splat::sample::{
     CLOSED_WIDTH, LEAST_OPACITY, SampleOptions, sound_splats, splat_cloud, volume as sample,
 };
-use ewa_splat::scene::{
-    Colour, Lattice, Particles, PointVolume, Strength, TransferFunction, Values,
-};
+use ewa_splat::scene::{Lattice, Particles, PointVolume, Strength, TransferFunction, Values};
 use ewa_splat::view::Camera;
 use ewa_splat::{Image, Settings};
 use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
@@ -1040,20 +1038,15 @@ impl Cells {
             [a, b, 0.0, 0.0, c, 0.0].map(|x| x as f32)
         });
         // Converts Cholesky's rows to columns: t1 = (a, b), t2 = (0, c).
-        PointVolume {
-            particles: Particles::Surfels {
+        PointVolume::new(
+            Particles::Surfels {
                 positions: self.sites.iter().map(|s| s.extend(0.0)).collect(),
                 tangents: tangents.collect(),
                 is_one_sided: false,
             },
             strength,
-            colour: Colour::Uniform([0.25, 0.5, 0.75]),
-            values: None,
-            transfer_function: None,
-            boundary: None,
-            normals: None,
-            local_models: None,
-        }
+        )
+        .with_colour([0.25, 0.5, 0.75])
     }
 
     fn areas(&self, factor: f64) -> Vec<f32> {
@@ -1199,20 +1192,14 @@ fn surfels_keep_their_shape_and_front() {
     let tangents: Vec<[f32; 6]> = (0..50)
         .map(|_| [(); 6].map(|()| random.range(-1.0, 1.0) as f32))
         .collect();
-    let volume = PointVolume {
-        particles: Particles::Surfels {
+    let volume = PointVolume::new(
+        Particles::Surfels {
             positions: (0..50).map(|i| DVec3::X * f64::from(i)).collect(),
             tangents: tangents.clone(),
             is_one_sided: true,
         },
-        strength: Strength::Mass(vec![1.0; 50]),
-        colour: Colour::Uniform([1.0; 3]),
-        values: None,
-        transfer_function: None,
-        boundary: None,
-        normals: None,
-        local_models: None,
-    };
+        Strength::Mass(vec![1.0; 50]),
+    );
     let (cloud, report) = splat_cloud(&[volume]).unwrap();
     assert!(report.findings.iter().any(|f| f.reason.contains("both")));
     for (surfel, t) in tangents.iter().enumerate() {
@@ -1293,21 +1280,16 @@ fn lattices_are_classified_and_their_air_left_out() {
     let mut values: Vec<f32> = (0..64).map(|i| i as f32).collect();
     values[40] = f32::NAN;
     let spacing = DVec3::new(1.0, 2.0, 0.5);
-    let volume = PointVolume {
-        particles: Particles::Lattice {
+    let volume = PointVolume::new(
+        Particles::Lattice {
             lattice: Lattice::uniform([4, 4, 4], DVec3::X, spacing),
             kernel_width: 0.6,
         },
-        strength: Strength::Classified {
+        Strength::Classified {
             volumes: Vec::new(),
         },
-        colour: Colour::Classified,
-        values: Some(Values::F32(values)),
-        transfer_function: Some(transfer),
-        boundary: None,
-        normals: None,
-        local_models: None,
-    };
+    )
+    .classified(Values::F32(values), transfer);
     let (cloud, report) = splat_cloud(std::slice::from_ref(&volume)).unwrap();
     assert_eq!((report.particle_count, report.splat_count), (64, 31));
     assert_eq!((report.findings.len(), report.findings[0].count), (1, 33));
