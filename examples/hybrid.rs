@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use ewa_splat::math::lower_factor;
 use ewa_splat::sample::mesh::{MeshOptions, Spread, surfels};
-use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
+use ewa_splat::scene::{Particles, PointVolume, Strength};
 use ewa_splat::view::{Lens, Viewpoint};
 use ewa_splat::{Backend, Error, Renderer, Settings, io};
 use glam::{DMat3, DVec3};
@@ -116,14 +116,9 @@ fn smoke(middle: DVec3, half: DVec3) -> PointVolume {
     }
     #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
     let mass = (9.0 * radius * radius / PUFFS as f64) as f32;
-    PointVolume {
-        particles: Particles::Anisotropic { positions, factors },
-        strength: Strength::Mass(vec![mass; PUFFS]),
-        colour: Colour::Uniform([0.75, 0.8, 0.9]),
-        values: None,
-        transfer_function: None,
-        boundary: None,
-        normals: None,
-        local_models: None,
-    }
+    PointVolume::new(
+        Particles::Anisotropic { positions, factors },
+        Strength::Mass(vec![mass; PUFFS]),
+    )
+    .with_colour([0.75, 0.8, 0.9])
 }

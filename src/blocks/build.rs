@@ -634,14 +634,11 @@ mod tests {
         });
         let sigmas = vec![0.1; positions.len()];
         let volume = BlockedVolume::new(PointVolume {
-            particles: Particles::Isotropic { positions, sigmas },
-            strength: StrengthIn::Mass(vec![1.0; 3_000]),
             colour: ColourIn::Uniform([1.0; 3]),
-            values: None,
-            transfer_function: None,
-            boundary: None,
-            normals: None,
-            local_models: None,
+            ..PointVolume::new(
+                Particles::Isotropic { positions, sigmas },
+                StrengthIn::Mass(vec![1.0; 3_000]),
+            )
         });
         let BlockedParticles::Isotropic { offsets, .. } = &volume.particles else {
             panic!("isotropic particles stay isotropic");

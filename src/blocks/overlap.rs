@@ -327,17 +327,14 @@ mod tests {
     ) -> Vec<f32> {
         let count = positions.len();
         let family = BlockedVolume::with_detail(PointVolume {
-            particles: Particles::Isotropic {
-                sigmas: (0..count).map(sigma).collect(),
-                positions,
-            },
-            strength: StrengthIn::Mass((0..count).map(mass).collect()),
             colour: ColourIn::Uniform([1.0; 3]),
-            values: None,
-            transfer_function: None,
-            boundary: None,
-            normals: None,
-            local_models: None,
+            ..PointVolume::new(
+                Particles::Isotropic {
+                    sigmas: (0..count).map(sigma).collect(),
+                    positions,
+                },
+                StrengthIn::Mass((0..count).map(mass).collect()),
+            )
         });
         let blocks = family.iter().flat_map(|volume| &volume.blocks);
         blocks.map(|block| block.crowding).collect()

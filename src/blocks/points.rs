@@ -232,8 +232,4 @@ impl Visitor<Shared> for Finishing<'_> {
         }
         Ok(())
     }
-
-    fn planes(&mut self, _: &mut BoundaryPlanesIn<Shared>) -> Result<()> {
-        Ok(())
-    }
 }

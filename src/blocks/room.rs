@@ -14,7 +14,7 @@ use rayon::prelude::*;
 #[cfg(feature = "prepared")]
 use crate::error::Error;
 use crate::error::Result;
-use crate::scene::{Column, Shared, Values, ValuesIn};
+use crate::scene::{Column, Shared, Values, ValuesIn, of_any_type, of_same_type};
 
 /// Number of elements that are gathered at a time if they are not stored in memory.
 pub(super) const RUN: usize = 1 << 20;
@@ -178,13 +178,7 @@ impl Sparse {
     ///
     /// - `at`: index of the first of them.
     pub(super) fn put(&mut self, at: usize, values: &Values) {
-        let own: &[u8] = match values {
-            Values::U8(v) => v,
-            Values::I16(v) => bytemuck::cast_slice(v),
-            Values::U16(v) => bytemuck::cast_slice(v),
-            Values::F32(v) => bytemuck::cast_slice(v),
-            Values::F64(v) => bytemuck::cast_slice(v),
-        };
+        let own: &[u8] = of_any_type!(values, v => bytemuck::cast_slice(v));
         let at = at * self.kind.bytes_per_value();
         #[cfg(feature = "prepared")]
         let bytes = self.bytes.as_deref_mut().unwrap_or_default();
@@ -195,13 +189,7 @@ impl Sparse {
 
     /// Returns all values.
     pub(super) fn finish(self) -> Result<ValuesIn<Shared>> {
-        Ok(match self.kind {
-            Values::U8(_) => ValuesIn::U8(self.column()?),
-            Values::I16(_) => ValuesIn::I16(self.column()?),
-            Values::U16(_) => ValuesIn::U16(self.column()?),
-            Values::F32(_) => ValuesIn::F32(self.column()?),
-            Values::F64(_) => ValuesIn::F64(self.column()?),
-        })
+        Ok(of_same_type!(self.kind, _ => self.column()?))
     }
 
     #[cfg(feature = "prepared")]

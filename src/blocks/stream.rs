@@ -448,22 +448,19 @@ mod tests {
             local_models: None,
         };
         let surfels = PointVolume {
-            particles: Particles::Surfels {
-                positions: scattered(count),
-                tangents: shapes(11),
-                is_one_sided: true,
-            },
-            strength: Strength::Surface(some(count, 12)),
             colour: Colour::Harmonics {
                 degree: 1,
                 coefficients: some(12 * count, 13),
                 is_linear: false,
             },
-            values: None,
-            transfer_function: None,
-            boundary: None,
-            normals: None,
-            local_models: None,
+            ..PointVolume::new(
+                Particles::Surfels {
+                    positions: scattered(count),
+                    tangents: shapes(11),
+                    is_one_sided: true,
+                },
+                Strength::Surface(some(count, 12)),
+            )
         };
         vec![
             spheres(scattered(200_000)),

@@ -261,7 +261,7 @@ mod tests {
     use crate::frame::backend::{DrawFrames, Images};
     use crate::image::Image;
     use crate::render::{Composite, Settings};
-    use crate::scene::{Colour, Particles, PointVolume, Strength};
+    use crate::scene::{Particles, PointVolume, Strength};
     use crate::stats::FrameCounts;
     use crate::view::Camera;
 
@@ -299,20 +299,15 @@ mod tests {
         let grid: Vec<DVec3> = (0..400)
             .map(|i| DVec3::new((i % 20) as f64 - 9.5, (i / 20) as f64 - 9.5, 4.0) * 0.05)
             .collect();
-        let plane = PointVolume {
-            particles: Particles::Surfels {
+        let plane = PointVolume::new(
+            Particles::Surfels {
                 tangents: vec![[0.04, 0.0, 0.0, 0.0, 0.04, 0.0]; grid.len()],
                 positions: grid,
                 is_one_sided: false,
             },
-            strength: Strength::Surface(vec![2.5e-3; 400]),
-            colour: Colour::Uniform([0.2, 0.6, 0.3]),
-            values: None,
-            transfer_function: None,
-            boundary: None,
-            normals: None,
-            local_models: None,
-        };
+            Strength::Surface(vec![2.5e-3; 400]),
+        )
+        .with_colour([0.2, 0.6, 0.3]);
         BlockedScene::new(vec![spheres, plane], &SceneOptions::default()).unwrap()
     }
 

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use crate::data::association::Association;
 use crate::data::dataset::{Dataset, FieldSource};
-use crate::scene::Values;
+use crate::scene::{Values, of_same_type};
 
 /// Selection of the entries of an array, with their order.
 pub(super) trait Selection {
@@ -13,13 +13,7 @@ pub(super) trait Selection {
 
     /// Returns the selected values, in the same type.
     fn values(&self, all: &Values) -> Values {
-        match all {
-            Values::U8(v) => Values::U8(self.pick(v)),
-            Values::I16(v) => Values::I16(self.pick(v)),
-            Values::U16(v) => Values::U16(self.pick(v)),
-            Values::F32(v) => Values::F32(self.pick(v)),
-            Values::F64(v) => Values::F64(self.pick(v)),
-        }
+        of_same_type!(all, v => self.pick(v))
     }
 
     /// Selects the values of each component. A derived source stays, because it follows from other fields.

@@ -492,8 +492,4 @@ impl Visitor<Shared> for Filling<'_> {
         }
         Ok(())
     }
-
-    fn planes(&mut self, _: &mut BoundaryPlanesIn<Shared>) -> Checked<()> {
-        Ok(())
-    }
 }

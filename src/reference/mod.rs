@@ -24,21 +24,12 @@
 //!
 //! ```
 //! use ewa_splat::reference::{Integrator, ReferenceSettings};
-//! use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
+//! use ewa_splat::scene::PointVolume;
 //! use ewa_splat::view::Camera;
 //! use glam::DVec3;
 //!
 //! # fn main() -> ewa_splat::Result<()> {
-//! let sphere = PointVolume {
-//!     particles: Particles::Isotropic { positions: vec![DVec3::ZERO], sigmas: vec![0.5] },
-//!     strength: Strength::Mass(vec![1.0]),
-//!     colour: Colour::Uniform([1.0; 3]),
-//!     values: None,
-//!     transfer_function: None,
-//!     boundary: None,
-//!     normals: None,
-//!     local_models: None,
-//! };
+//! let sphere = PointVolume::spheres([DVec3::ZERO], [0.5]).with_masses([1.0]);
 //! let camera =
 //!     Camera::perspective(DVec3::new(0.0, -10.0, 0.0), DVec3::ZERO, DVec3::Z, 40.0, [16, 16]);
 //! let integrator = Integrator::new(&[sphere])?;

@@ -216,22 +216,15 @@ impl Renderer {
     /// ([`Renderer::with_options`]).
     ///
     /// ```
-    /// use ewa_splat::scene::{Colour, Particles, PointVolume, Strength, TransferFunction, Values};
+    /// use ewa_splat::scene::{Particles, PointVolume, Strength, TransferFunction, Values};
     /// use ewa_splat::{SceneOptions, Renderer};
     ///
     /// # fn main() -> ewa_splat::Result<()> {
     /// # let positions: Vec<glam::DVec3> = (0..9).map(|i| glam::DVec3::splat(f64::from(i))).collect();
     /// # let grey = TransferFunction::from_curves(|v| [v; 3], |v| v, [0.0, 1.0], 1.0)?;
-    /// let volume = PointVolume {
-    ///     particles: Particles::Isotropic { positions, sigmas: vec![1.0; 9] },
-    ///     strength: Strength::Classified { volumes: vec![1.0; 9] },
-    ///     colour: Colour::Classified,
-    ///     values: Some(Values::F32(vec![0.1; 9])),
-    ///     transfer_function: Some(grey),
-    ///     boundary: None,
-    ///     normals: None,
-    ///     local_models: None,
-    /// };
+    /// let spheres = Particles::Isotropic { positions, sigmas: vec![1.0; 9] };
+    /// let volume = PointVolume::new(spheres, Strength::Classified { volumes: vec![1.0; 9] })
+    ///     .classified(Values::F32(vec![0.1; 9]), grey);
     /// let options = SceneOptions { keep_shapes: true, ..SceneOptions::default() };
     /// let mut renderer = Renderer::with_options(vec![volume], &options)?;
     /// renderer.set_values(0, Values::F32(vec![0.7; 9]))?;

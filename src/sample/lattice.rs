@@ -142,19 +142,17 @@ pub(crate) fn lattice_of_planes(
     let sample = || ValueSample::of_picked(&known.picked, &lattice, spacing);
     let function = super::function_of(sample, mean_spacing, &mut report, options)?;
     let volume = PointVolume {
-        particles: Particles::Lattice {
-            lattice,
-            kernel_width: options.kernel_width,
-        },
-        strength: Strength::Classified {
-            volumes: Vec::new(),
-        },
         colour: Colour::Classified,
-        values: None,
         transfer_function: Some(function),
-        boundary: None,
-        normals: None,
-        local_models: None,
+        ..PointVolume::new(
+            Particles::Lattice {
+                lattice,
+                kernel_width: options.kernel_width,
+            },
+            Strength::Classified {
+                volumes: Vec::new(),
+            },
+        )
     };
     Ok((volume, report))
 }

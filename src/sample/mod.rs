@@ -834,14 +834,9 @@ pub(crate) fn function_of_file(
 /// Returns a volume whose strength and colour are to be classified from `values`, without a function yet.
 fn unclassified(particles: Particles, volumes: Vec<f32>, values: Values) -> PointVolume {
     PointVolume {
-        particles,
-        strength: Strength::Classified { volumes },
         colour: Colour::Classified,
         values: Some(values),
-        transfer_function: None,
-        boundary: None,
-        normals: None,
-        local_models: None,
+        ..PointVolume::new(particles, Strength::Classified { volumes })
     }
 }
 

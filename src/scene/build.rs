@@ -164,14 +164,33 @@ impl PointVolume {
             lattice,
             kernel_width: DEFAULT_KERNEL_WIDTH,
         };
+        // Volumes follow from the index.
+        let volumes = Vec::new();
+        Self::new(particles, Strength::Classified { volumes })
+            .classified(values.into(), transfer_function)
+    }
+
+    /// White particles with the given strength, without values, normals or a boundary.
+    ///
+    /// ```
+    /// use ewa_splat::scene::{Particles, PointVolume, Strength};
+    /// use glam::DVec3;
+    ///
+    /// let disc = Particles::Surfels {
+    ///     positions: vec![DVec3::ZERO],
+    ///     tangents: vec![[1.0, 0.0, 0.0, 0.0, 1.0, 0.0]],
+    ///     is_one_sided: false,
+    /// };
+    /// let volume = PointVolume::new(disc, Strength::Surface(vec![1.0]));
+    /// assert!(volume.validate().is_ok());
+    /// ```
+    pub fn new(particles: Particles, strength: Strength) -> Self {
         Self {
             particles,
-            strength: Strength::Classified {
-                volumes: Vec::new(),
-            },
-            colour: Colour::Classified,
-            values: Some(values.into()),
-            transfer_function: Some(transfer_function),
+            strength,
+            colour: Colour::Uniform([1.0; 3]),
+            values: None,
+            transfer_function: None,
             boundary: None,
             normals: None,
             local_models: None,
@@ -181,16 +200,7 @@ impl PointVolume {
     fn of_particles(particles: Particles) -> Self {
         // tau = g / (2 pi s1 s2) along the third axis.
         let masses = sizes(&particles, |[s1, s2, _]| TAU * s1 * s2);
-        Self {
-            strength: Strength::Mass(masses),
-            particles,
-            colour: Colour::Uniform([1.0; 3]),
-            values: None,
-            transfer_function: None,
-            boundary: None,
-            normals: None,
-            local_models: None,
-        }
+        Self::new(particles, Strength::Mass(masses))
     }
 
     /// Sets masses \[length²\], one per particle: extinction x volume.
@@ -244,8 +254,15 @@ impl PointVolume {
             sigmas.iter().product::<f64>() / width
         });
         self.strength = Strength::Classified { volumes };
+        self.classified(values.into(), transfer_function)
+    }
+
+    /// Sets a value for each particle, and lets the transfer function give its colour. If the strength is
+    /// classified too, the function gives its extinction.
+    #[must_use]
+    pub fn classified(mut self, values: Values, transfer_function: TransferFunction) -> Self {
         self.colour = Colour::Classified;
-        self.values = Some(values.into());
+        self.values = Some(values);
         self.transfer_function = Some(transfer_function);
         self
     }

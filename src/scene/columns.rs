@@ -3,6 +3,7 @@
 //! [`Columns`] of a part of a volume matches its variants. A new column is added there.
 
 use std::borrow::Cow;
+#[cfg(feature = "cli")]
 use std::convert::Infallible;
 
 use bytemuck::Pod;
@@ -54,8 +55,11 @@ pub(crate) trait Visitor<S: Storage> {
         column: &mut S::Of<T>,
     ) -> Result<(), Self::Error>;
 
-    /// Visits the planes that cut particles: not a column, because few particles are cut.
-    fn planes(&mut self, planes: &mut BoundaryPlanesIn<S>) -> Result<(), Self::Error>;
+    /// Visits the planes that cut particles: not a column, because few particles are cut. Leaves them as they are
+    /// by default.
+    fn planes(&mut self, _: &mut BoundaryPlanesIn<S>) -> Result<(), Self::Error> {
+        Ok(())
+    }
 }
 
 /// Parts of a volume that have columns.
@@ -247,14 +251,17 @@ impl PointVolume {
     }
 
     /// Keeps the particles at `indices`, in that order.
+    #[cfg(feature = "cli")]
     pub(crate) fn gathered(mut self, indices: &[u32]) -> Self {
         let Ok(()) = self.visit(&mut Gathering(indices));
         self
     }
 }
 
+#[cfg(feature = "cli")]
 struct Gathering<'a>(&'a [u32]);
 
+#[cfg(feature = "cli")]
 impl Visitor<Owned> for Gathering<'_> {
     type Error = Infallible;
 
@@ -276,6 +283,12 @@ impl Visitor<Owned> for Gathering<'_> {
 
 /// Picks particles' entries of a column, `width` each.
 pub(crate) fn picked<T: Copy>(column: &[T], width: usize, indices: &[u32]) -> Vec<T> {
-    let own = |&i: &u32| &column[i as usize * width..][..width];
-    indices.iter().flat_map(own).copied().collect()
+    if width == 1 {
+        return indices.iter().map(|&i| column[i as usize]).collect();
+    }
+    let mut all = Vec::with_capacity(width * indices.len());
+    for &i in indices {
+        all.extend_from_slice(&column[i as usize * width..][..width]);
+    }
+    all
 }

@@ -6,39 +6,25 @@ use std::convert::Infallible;
 use bytemuck::Pod;
 
 use super::storage::Owned;
-use crate::scene::boundary::{Boundary, BoundaryPlanes};
+use crate::scene::boundary::Boundary;
 use crate::scene::columns::{Columns, Visitor};
 use crate::scene::lattice::Lattice;
 use crate::scene::point_volume::{Particles, PointVolume};
 
 impl PointVolume {
     /// Adds its ghosts to a lattice that has a boundary; leaves other volumes as they are.
-    pub(crate) fn with_ghosts(self) -> Self {
-        let (
-            Some(Boundary::Lattice),
-            Particles::Lattice {
-                lattice,
-                kernel_width,
-            },
-        ) = (&self.boundary, &self.particles)
+    pub(crate) fn with_ghosts(mut self) -> Self {
+        let (Some(Boundary::Lattice), Particles::Lattice { lattice, .. }) =
+            (&self.boundary, &mut self.particles)
         else {
             return self;
         };
-        let particles = Particles::Lattice {
-            lattice: lattice.with_ghosts(),
-            kernel_width: *kernel_width,
-        };
-        let values = self.values.as_ref();
-        let values = values.map(|values| lattice.values_with_ghosts(values));
-        let lattice = lattice.clone();
-        // A lattice has no local models: they follow from its values, including those of ghosts.
-        let mut wide = Self {
-            particles,
-            values: None,
-            ..self
-        };
-        let Ok(()) = wide.visit(&mut Copying(&lattice));
-        Self { values, ..wide }
+        let own = lattice.clone();
+        *lattice = own.with_ghosts();
+        let values = self.values.take();
+        let values = values.map(|values| own.values_with_ghosts(&values));
+        let Ok(()) = self.visit(&mut Copying(&own));
+        Self { values, ..self }
     }
 }
 
@@ -64,10 +50,6 @@ impl Visitor<Owned> for Copying<'_> {
                 }
             };
         }
-        Ok(())
-    }
-
-    fn planes(&mut self, _: &mut BoundaryPlanes) -> Result<(), Infallible> {
         Ok(())
     }
 }

@@ -52,3 +52,4 @@ pub(crate) use transfer_function::{
 };
 pub(crate) use transfer_function::{FileFunction, PickedRow, Tiling};
 pub use values::{Values, ValuesIn};
+pub(crate) use values::{of_any_type, of_same_type};

@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::storage::{Owned, Shared, Storage};
 use crate::math::narrowed;
+use crate::scene::columns::picked;
 
 /// Scalar values in vectors.
 pub type Values = ValuesIn<Owned>;
@@ -23,6 +24,34 @@ pub enum ValuesIn<S: Storage> {
     /// than single precision: [`ValueScale::positions`](super::ValueScale::positions) narrows them.
     F64(S::Of<f64>),
 }
+
+/// Evaluates an expression with the column of values, of whatever type they are.
+macro_rules! of_any_type {
+    ($values:expr, $column:pat => $result:expr) => {
+        match $values {
+            $crate::scene::ValuesIn::U8($column) => $result,
+            $crate::scene::ValuesIn::I16($column) => $result,
+            $crate::scene::ValuesIn::U16($column) => $result,
+            $crate::scene::ValuesIn::F32($column) => $result,
+            $crate::scene::ValuesIn::F64($column) => $result,
+        }
+    };
+}
+
+/// Makes values of the same type as others, of the column that an expression makes of theirs.
+macro_rules! of_same_type {
+    ($values:expr, $column:pat => $result:expr) => {
+        match $values {
+            $crate::scene::ValuesIn::U8($column) => $crate::scene::ValuesIn::U8($result),
+            $crate::scene::ValuesIn::I16($column) => $crate::scene::ValuesIn::I16($result),
+            $crate::scene::ValuesIn::U16($column) => $crate::scene::ValuesIn::U16($result),
+            $crate::scene::ValuesIn::F32($column) => $crate::scene::ValuesIn::F32($result),
+            $crate::scene::ValuesIn::F64($column) => $crate::scene::ValuesIn::F64($result),
+        }
+    };
+}
+
+pub(crate) use {of_any_type, of_same_type};
 
 impl From<Vec<u8>> for Values {
     fn from(values: Vec<u8>) -> Self {
@@ -71,13 +100,7 @@ const BATCH: usize = 1 << 16;
 impl<S: Storage> ValuesIn<S> {
     /// Number of values.
     pub fn len(&self) -> usize {
-        match self {
-            Self::U8(v) => v.len(),
-            Self::I16(v) => v.len(),
-            Self::U16(v) => v.len(),
-            Self::F32(v) => v.len(),
-            Self::F64(v) => v.len(),
-        }
+        of_any_type!(self, v => v.len())
     }
 
     /// Whether there are no values.
@@ -119,20 +142,7 @@ impl<S: Storage> ValuesIn<S> {
 
     /// The values at `indices`, in that order.
     pub fn gather(&self, indices: &[u32]) -> Self {
-        fn pick<T: Copy, C: From<Vec<T>>>(v: &[T], indices: &[u32]) -> C {
-            indices
-                .iter()
-                .map(|&i| v[i as usize])
-                .collect::<Vec<T>>()
-                .into()
-        }
-        match self {
-            Self::U8(v) => Self::U8(pick(v, indices)),
-            Self::I16(v) => Self::I16(pick(v, indices)),
-            Self::U16(v) => Self::U16(pick(v, indices)),
-            Self::F32(v) => Self::F32(pick(v, indices)),
-            Self::F64(v) => Self::F64(pick(v, indices)),
-        }
+        of_same_type!(self, v => picked(v, 1, indices).into())
     }
 
     /// Bytes per value.
@@ -196,13 +206,7 @@ impl ValuesIn<Shared> {
     /// Whether the values are in a mapped file, whose pages are read on first access:
     /// [`Column::is_mapped`](super::Column).
     pub(crate) fn is_mapped(&self) -> bool {
-        match self {
-            Self::U8(v) => v.is_mapped(),
-            Self::I16(v) => v.is_mapped(),
-            Self::U16(v) => v.is_mapped(),
-            Self::F32(v) => v.is_mapped(),
-            Self::F64(v) => v.is_mapped(),
-        }
+        of_any_type!(self, v => v.is_mapped())
     }
 }
 
@@ -266,28 +270,15 @@ impl Values {
 
     /// Keeps the first `count` values and frees the memory of the others.
     pub(crate) fn truncate(&mut self, count: usize) {
-        fn cut<T>(v: &mut Vec<T>, count: usize) {
+        of_any_type!(self, v => {
             v.truncate(count);
             v.shrink_to_fit();
-        }
-        match self {
-            Self::U8(v) => cut(v, count),
-            Self::I16(v) => cut(v, count),
-            Self::U16(v) => cut(v, count),
-            Self::F32(v) => cut(v, count),
-            Self::F64(v) => cut(v, count),
-        }
+        });
     }
 
     /// A run of the values.
     pub(crate) fn part(&self, run: std::ops::Range<usize>) -> Self {
-        match self {
-            Self::U8(v) => Self::U8(v[run].to_vec()),
-            Self::I16(v) => Self::I16(v[run].to_vec()),
-            Self::U16(v) => Self::U16(v[run].to_vec()),
-            Self::F32(v) => Self::F32(v[run].to_vec()),
-            Self::F64(v) => Self::F64(v[run].to_vec()),
-        }
+        of_same_type!(self, v => v[run].to_vec())
     }
 
     /// The least and the greatest finite value; `None` if there is none.

@@ -482,20 +482,17 @@ pub mod scene {
     /// Makes an anisotropic volume.
     pub fn volume(particles: &[Particle]) -> PointVolume {
         PointVolume {
-            particles: Particles::Anisotropic {
-                positions: particles.iter().map(|p| p.position).collect(),
-                factors: particles
-                    .iter()
-                    .map(|p| super::lower_factor(&p.factor))
-                    .collect(),
-            },
-            strength: Strength::Mass(particles.iter().map(|p| p.mass).collect()),
             colour: Colour::PerParticle(particles.iter().map(|p| p.colour).collect()),
-            values: None,
-            transfer_function: None,
-            boundary: None,
-            normals: None,
-            local_models: None,
+            ..PointVolume::new(
+                Particles::Anisotropic {
+                    positions: particles.iter().map(|p| p.position).collect(),
+                    factors: particles
+                        .iter()
+                        .map(|p| super::lower_factor(&p.factor))
+                        .collect(),
+                },
+                Strength::Mass(particles.iter().map(|p| p.mass).collect()),
+            )
         }
     }
 

@@ -35,19 +35,14 @@ fn grey(range: [f32; 2]) -> TransferFunction {
 }
 
 fn of_lattice(spacing: LatticeSpacing, dims: [usize; 3], values: Values) -> PointVolume {
-    PointVolume {
-        particles: Particles::Lattice {
+    PointVolume::new(
+        Particles::Lattice {
             lattice: Lattice { dims, spacing },
             kernel_width: 0.6,
         },
-        strength: Strength::Classified { volumes: vec![] },
-        colour: Colour::Classified,
-        values: Some(values),
-        transfer_function: Some(grey([0.0, 255.0])),
-        boundary: None,
-        normals: None,
-        local_models: None,
-    }
+        Strength::Classified { volumes: vec![] },
+    )
+    .classified(values, grey([0.0, 255.0]))
 }
 
 /// Returns a wave whose values identify the positions.

@@ -100,21 +100,16 @@ fn lattice_volume(lattice: Lattice, kernel_width: f64) -> PointVolume {
     } else {
         8
     };
-    PointVolume {
-        particles: Particles::Lattice {
+    PointVolume::new(
+        Particles::Lattice {
             lattice,
             kernel_width,
         },
-        strength: Strength::Classified {
+        Strength::Classified {
             volumes: Vec::new(),
         },
-        colour: Colour::Classified,
-        values: Some(Values::F32(vec![0.5; count])),
-        transfer_function: Some(transfer_function()),
-        boundary: None,
-        normals: None,
-        local_models: None,
-    }
+    )
+    .classified(Values::F32(vec![0.5; count]), transfer_function())
 }
 
 #[test]
@@ -442,18 +437,15 @@ fn images_have_all_their_pixels() {
 
 #[test]
 fn volumes_have_one_entry_for_each_particle() {
-    let sound = || PointVolume {
-        particles: Particles::Anisotropic {
-            positions: vec![DVec3::ZERO, DVec3::X],
-            factors: vec![[0.1, 0.0, 0.1, 0.0, 0.0, 0.1]; 2],
-        },
-        strength: Strength::Mass(vec![1.0; 2]),
-        colour: Colour::PerParticle(vec![[1.0; 3]; 2]),
-        values: None,
-        transfer_function: None,
-        boundary: None,
-        normals: None,
-        local_models: None,
+    let sound = || {
+        PointVolume::new(
+            Particles::Anisotropic {
+                positions: vec![DVec3::ZERO, DVec3::X],
+                factors: vec![[0.1, 0.0, 0.1, 0.0, 0.0, 0.1]; 2],
+            },
+            Strength::Mass(vec![1.0; 2]),
+        )
+        .with_colours(vec![[1.0; 3]; 2])
     };
     assert!(Renderer::new(vec![sound()]).is_ok());
     let faults: [fn(&mut PointVolume); 7] = [

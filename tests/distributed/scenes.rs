@@ -10,14 +10,8 @@ use crate::common::{Random, lower_factor};
 
 pub(crate) fn plain(particles: Particles, strength: Strength, colour: Colour) -> PointVolume {
     PointVolume {
-        particles,
-        strength,
         colour,
-        values: None,
-        transfer_function: None,
-        boundary: None,
-        normals: None,
-        local_models: None,
+        ..PointVolume::new(particles, strength)
     }
 }
 

@@ -9,7 +9,7 @@
 use crate::common::scene::{self, Particle};
 use crate::common::{Random, fixture, number, numbers};
 use ewa_splat::Filter;
-use ewa_splat::scene::{Colour, Lattice, Particles, PointVolume, Strength};
+use ewa_splat::scene::{Lattice, Particles, PointVolume, Strength};
 use ewa_splat::view::{Camera, Projection};
 use ewa_splat::{Renderer, Settings};
 use glam::{DMat3, DVec2, DVec3};
@@ -151,22 +151,16 @@ fn a_lattice_slab() {
     let spacing = number(&case, "/input/spacing");
     let dims = [13, 13, layers];
     let lattice = Lattice::uniform(dims, DVec3::new(-6.0, -6.0, 5.0) * spacing, DVec3::ONE);
-    let volume = PointVolume {
-        particles: Particles::Lattice {
+    let volume = PointVolume::new(
+        Particles::Lattice {
             lattice,
             kernel_width: number(&case, "/input/rho"),
         },
-        strength: Strength::Mass(vec![
+        Strength::Mass(vec![
             number(&case, "/input/g") as f32;
             dims.iter().product()
         ]),
-        colour: Colour::Uniform([1.0; 3]),
-        values: None,
-        transfer_function: None,
-        boundary: None,
-        normals: None,
-        local_models: None,
-    };
+    );
     let points = case["input"]["points"].as_array().unwrap();
     let expected = numbers(&case, "/expected/tau");
     let mut renderer = Renderer::new(vec![volume.clone()]).unwrap();

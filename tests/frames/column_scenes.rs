@@ -2,7 +2,7 @@
 
 use crate::common::scene::camera;
 use crate::common::{Random, lower_factor};
-use ewa_splat::scene::{Colour, Particles, PointVolume, Strength, TransferFunction, Values};
+use ewa_splat::scene::{Particles, PointVolume, Strength, TransferFunction, Values};
 use ewa_splat::view::{Camera, Projection};
 use glam::DVec3;
 
@@ -16,31 +16,14 @@ pub(crate) fn orthographic(size: usize) -> Camera {
 }
 
 pub(crate) fn masses(particles: Particles, masses: Vec<f32>) -> PointVolume {
-    PointVolume {
-        particles,
-        strength: Strength::Mass(masses),
-        colour: Colour::Uniform([1.0; 3]),
-        values: None,
-        transfer_function: None,
-        boundary: None,
-        normals: None,
-        local_models: None,
-    }
+    PointVolume::new(particles, Strength::Mass(masses))
 }
 
 /// Returns a volume whose transfer function makes everything invisible: columns do not use it.
 pub(crate) fn classified(particles: Particles, volumes: Vec<f32>, values: Values) -> PointVolume {
     let transfer = TransferFunction::from_curves(|_| [1.0; 3], |_| 0.0, [0.0, 1.0], 1.0);
-    PointVolume {
-        particles,
-        strength: Strength::Classified { volumes },
-        colour: Colour::Classified,
-        values: Some(values),
-        transfer_function: Some(transfer.expect("a function of two points")),
-        boundary: None,
-        normals: None,
-        local_models: None,
-    }
+    PointVolume::new(particles, Strength::Classified { volumes })
+        .classified(values, transfer.expect("a function of two points"))
 }
 
 pub(crate) fn spheres(positions: Vec<DVec3>, sigmas: Vec<f32>) -> Particles {

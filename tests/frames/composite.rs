@@ -578,20 +578,15 @@ fn wall(colour: [f32; 3]) -> PointVolume {
             areas.push((step * step) as f32);
         }
     }
-    PointVolume {
-        particles: Particles::Surfels {
+    PointVolume::new(
+        Particles::Surfels {
             positions,
             tangents,
             is_one_sided: false,
         },
-        strength: Strength::Surface(areas),
-        colour: Colour::Uniform(colour),
-        values: None,
-        transfer_function: None,
-        boundary: None,
-        normals: None,
-        local_models: None,
-    }
+        Strength::Surface(areas),
+    )
+    .with_colour(colour)
 }
 
 #[test]

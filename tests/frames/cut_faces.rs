@@ -27,16 +27,8 @@ fn viridis(range: [f32; 2]) -> TransferFunction {
 }
 
 fn classified(particles: Particles, volumes: Vec<f32>, values: Vec<f32>) -> PointVolume {
-    PointVolume {
-        particles,
-        strength: Strength::Classified { volumes },
-        colour: Colour::Classified,
-        values: Some(Values::F32(values)),
-        transfer_function: Some(viridis([-2.0, 2.0])),
-        boundary: None,
-        normals: None,
-        local_models: None,
-    }
+    PointVolume::new(particles, Strength::Classified { volumes })
+        .classified(Values::F32(values), viridis([-2.0, 2.0]))
 }
 
 /// Returns a sheared lattice of 20 x 22 x 24 samples about the origin.

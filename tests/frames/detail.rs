@@ -45,22 +45,17 @@ fn spheres(count: usize) -> PointVolume {
 fn classified(particles: Particles, values: Values, is_lattice: bool) -> PointVolume {
     let count = particles.len();
     let transfer = TransferFunction::from_curves(|v| [v; 3], |v| v, [0.0, 1.0], 1.0).unwrap();
-    PointVolume {
+    PointVolume::new(
         particles,
-        strength: Strength::Classified {
+        Strength::Classified {
             volumes: if is_lattice {
                 Vec::new()
             } else {
                 vec![1.0; count]
             },
         },
-        colour: Colour::Classified,
-        values: Some(values),
-        transfer_function: Some(transfer),
-        boundary: None,
-        normals: None,
-        local_models: None,
-    }
+    )
+    .classified(values, transfer)
 }
 
 /// Sums over some particles of mass, mass times position, mass times the trace of the second
@@ -207,19 +202,13 @@ fn columns_of_clusters_are_within_their_bound() {
             })
             .collect();
         let masses: Vec<f32> = (0..count).map(|_| random.range(0.1, 1.0) as f32).collect();
-        let points = PointVolume {
-            particles: Particles::Isotropic {
+        let points = PointVolume::new(
+            Particles::Isotropic {
                 positions: positions.clone(),
                 sigmas: vec![0.0; count],
             },
-            strength: Strength::Mass(masses.clone()),
-            colour: Colour::Uniform([1.0; 3]),
-            values: None,
-            transfer_function: None,
-            boundary: None,
-            normals: None,
-            local_models: None,
-        };
+            Strength::Mass(masses.clone()),
+        );
         let family = BlockedVolume::with_detail(points);
         let levels = &family[1];
         let (BlockedParticles::Anisotropic { offsets, factors }, StrengthIn::Mass(merged)) =

@@ -46,21 +46,16 @@ fn scene(seed: u64) -> Vec<PointVolume> {
     let positions: Vec<_> = (0..COUNT)
         .map(|_| random.point(1.0) + DVec3::new(-1.0, 0.0, 6.0))
         .collect();
-    let points = PointVolume {
-        particles: Particles::Isotropic {
+    let points = PointVolume::new(
+        Particles::Isotropic {
             sigmas: vec![0.05; COUNT],
             positions,
         },
-        strength: Strength::Classified {
+        Strength::Classified {
             volumes: vec![1e-3; COUNT],
         },
-        colour: Colour::Classified,
-        values: Some(values(COUNT, seed)),
-        transfer_function: Some(transfer()),
-        boundary: None,
-        normals: None,
-        local_models: None,
-    };
+    )
+    .classified(values(COUNT, seed), transfer());
     let lattice = Lattice {
         dims: [20, 21, 22],
         spacing: LatticeSpacing::Uniform {

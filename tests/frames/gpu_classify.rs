@@ -673,19 +673,16 @@ fn particles_without_room_are_counted_and_left_out() {
     let Some(gpu) = gpu() else { return };
     let mut random = Random::new(8);
     let count = 1_000;
-    let volume = BlockedVolume::new(PointVolume {
-        particles: Particles::Isotropic {
-            positions: (0..count).map(|_| random.point(1.0)).collect(),
-            sigmas: vec![0.1; count],
-        },
-        strength: Strength::Mass(vec![1.0; count]),
-        colour: Colour::Uniform([0.5; 3]),
-        values: None,
-        transfer_function: None,
-        boundary: None,
-        normals: None,
-        local_models: None,
-    });
+    let volume = BlockedVolume::new(
+        PointVolume::new(
+            Particles::Isotropic {
+                positions: (0..count).map(|_| random.point(1.0)).collect(),
+                sigmas: vec![0.1; count],
+            },
+            Strength::Mass(vec![1.0; count]),
+        )
+        .with_colour([0.5; 3]),
+    );
     let mut seen = views(&volume);
     let out = gpu::classify(gpu, &volume, &mut seen, 999, u64::MAX, ClassifiedBy::Value).unwrap();
     assert!(out.particles.is_empty());

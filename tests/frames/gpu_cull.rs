@@ -314,19 +314,13 @@ fn check_shots(volumes: &[BlockedVolume], shots: &[Shot], part_bytes: u64) -> Ta
 
 fn points(positions: Vec<DVec3>, sigma: impl Fn(usize) -> f32) -> BlockedVolume {
     let count = positions.len();
-    BlockedVolume::new(PointVolume {
-        particles: Particles::Isotropic {
+    BlockedVolume::new(PointVolume::new(
+        Particles::Isotropic {
             positions,
             sigmas: (0..count).map(sigma).collect(),
         },
-        strength: Strength::Mass(vec![1.0; count]),
-        colour: Colour::Uniform([1.0; 3]),
-        values: None,
-        transfer_function: None,
-        boundary: None,
-        normals: None,
-        local_models: None,
-    })
+        Strength::Mass(vec![1.0; count]),
+    ))
 }
 
 /// Returns cameras beside, inside and far from a scene of size 1 at the origin, looking away, and
@@ -416,21 +410,18 @@ fn lattices(random: &mut Random) -> Vec<BlockedVolume> {
         TransferFunction::from_points(&points, ColourSpace::Linear, range, 1.0).unwrap()
     };
     let volume = |lattice: Lattice, values, transfer| {
-        BlockedVolume::new(PointVolume {
-            particles: Particles::Lattice {
-                lattice,
-                kernel_width: 0.7,
-            },
-            strength: Strength::Classified {
-                volumes: Vec::new(),
-            },
-            colour: Colour::Classified,
-            values: Some(values),
-            transfer_function: Some(transfer),
-            boundary: None,
-            normals: None,
-            local_models: None,
-        })
+        BlockedVolume::new(
+            PointVolume::new(
+                Particles::Lattice {
+                    lattice,
+                    kernel_width: 0.7,
+                },
+                Strength::Classified {
+                    volumes: Vec::new(),
+                },
+            )
+            .classified(values, transfer),
+        )
     };
     let dims = [61, 50, 33];
     let step = DMat3::from_cols(
@@ -776,21 +767,16 @@ fn grid(random: &mut Random, dims: [usize; 3], kind: usize) -> PointVolume {
             field(lattice.position(cell)) as u8
         })
         .collect();
-    PointVolume {
-        particles: Particles::Lattice {
+    PointVolume::new(
+        Particles::Lattice {
             lattice,
             kernel_width: 0.7,
         },
-        strength: Strength::Classified {
+        Strength::Classified {
             volumes: Vec::new(),
         },
-        colour: Colour::Classified,
-        values: Some(Values::U8(values)),
-        transfer_function: Some(transfer()),
-        boundary: None,
-        normals: None,
-        local_models: None,
-    }
+    )
+    .classified(Values::U8(values), transfer())
 }
 
 /// Returns cameras on the cube of half side 1 at many zooms, from inside to where it is a pixel.

@@ -13,9 +13,7 @@ use crate::common::gpu::{assert_alike, gpu};
 use crate::common::scene::{Particle, camera, difference, volume};
 use ewa_splat::image::{DepthImage, Image};
 use ewa_splat::render::{AdapterChoice, Gpu};
-use ewa_splat::scene::{
-    Colour, Lattice, Particles, PointVolume, Strength, TransferFunction, Values,
-};
+use ewa_splat::scene::{Lattice, Particles, PointVolume, Strength, TransferFunction, Values};
 use ewa_splat::stages::record::NearTerms;
 use ewa_splat::stats::FrameCounts;
 use ewa_splat::view::{Camera, Projection};
@@ -343,21 +341,19 @@ fn more_visible_particles_than_a_part_had_room_for() {
     let count: usize = dims.iter().product();
     let colour = |value: f32| [value, 1.0 - value, 0.5];
     let transfer = TransferFunction::from_curves(colour, |_| 0.02, [0.0, 255.0], 1.0).unwrap();
-    let scene = PointVolume {
-        particles: Particles::Lattice {
+    let scene = PointVolume::new(
+        Particles::Lattice {
             lattice: Lattice::uniform(dims, DVec3::new(-33.0, -33.0, 100.0), DVec3::ONE),
             kernel_width: 0.6,
         },
-        strength: Strength::Classified {
+        Strength::Classified {
             volumes: Vec::new(),
         },
-        colour: Colour::Classified,
-        values: Some(Values::U8((0..count).map(|i| (i * 7) as u8).collect())),
-        transfer_function: Some(transfer),
-        boundary: None,
-        normals: None,
-        local_models: None,
-    };
+    )
+    .classified(
+        Values::U8((0..count).map(|i| (i * 7) as u8).collect()),
+        transfer,
+    );
     let camera = view([40, 32]);
     // Uncut: 287,496 in one part. Cut: parts of 2^17.
     assert_cut_is_whole("a lattice", &scene, &camera, 8 << 20);

@@ -16,8 +16,8 @@ use ewa_splat::io::{OpenOptions, RawLayout, RawType, open};
 use ewa_splat::render::Gpu;
 use ewa_splat::sample::{SampleOptions, TransferChoice, volume as sample};
 use ewa_splat::scene::{
-    Classification, Colour, Lattice, LatticeSpacing, Particles, PointVolume, Strength,
-    TransferFunction, Values,
+    Classification, Lattice, LatticeSpacing, Particles, PointVolume, Strength, TransferFunction,
+    Values,
 };
 use ewa_splat::view::{Camera, Lens, Viewpoint};
 use ewa_splat::{Backend, Renderer, Settings, Show};
@@ -232,21 +232,16 @@ fn waves(spacing: LatticeSpacing, dims: [usize; 3]) -> PointVolume {
             (127.0 + 60.0 * (2.0 * p.x).sin() + 60.0 * (3.0 * p.y + p.z).cos()) as u8
         })
         .collect();
-    PointVolume {
-        particles: Particles::Lattice {
+    PointVolume::new(
+        Particles::Lattice {
             lattice,
             kernel_width: 0.7,
         },
-        strength: Strength::Classified {
+        Strength::Classified {
             volumes: Vec::new(),
         },
-        colour: Colour::Classified,
-        values: Some(Values::U8(values)),
-        transfer_function: Some(bands(0.1)),
-        boundary: None,
-        normals: None,
-        local_models: None,
-    }
+    )
+    .classified(Values::U8(values), bands(0.1))
 }
 
 /// Returns bands of opacity over 0 to 255, the greatest `most` per length of .1.
@@ -267,23 +262,18 @@ fn dust(count: usize, is_classified: bool) -> PointVolume {
         .iter()
         .map(|p| (127.0 + 100.0 * p.x) as f32)
         .collect();
-    PointVolume {
-        particles: Particles::Isotropic {
+    PointVolume::new(
+        Particles::Isotropic {
             sigmas: vec![0.01; count],
             positions,
         },
-        strength: if is_classified {
+        if is_classified {
             Strength::Classified { volumes: strengths }
         } else {
             Strength::Mass(strengths)
         },
-        colour: Colour::Classified,
-        values: Some(Values::F32(values)),
-        transfer_function: Some(bands(0.3)),
-        boundary: None,
-        normals: None,
-        local_models: None,
-    }
+    )
+    .classified(Values::F32(values), bands(0.3))
 }
 
 /// Returns scenes of which much is merged from afar: points, and lattices of every kind.

@@ -112,13 +112,8 @@ fn volumes(random: &mut Random, middle: DVec3, size: f64) -> Vec<(&'static str, 
             });
             let volume = PointVolume {
                 colour: Colour::PerParticle(colours.collect()),
-                particles,
-                strength: Strength::Mass(vec![1.0; count]),
-                values: None,
-                transfer_function: None,
-                boundary: None,
                 normals,
-                local_models: None,
+                ..PointVolume::new(particles, Strength::Mass(vec![1.0; count]))
             };
             (name, volume)
         })

@@ -844,19 +844,17 @@ fn needles_and_scales() {
 fn grids(lattice: Lattice) -> Vec<BlockedVolume> {
     let count = lattice.len();
     BlockedVolume::with_detail(PointVolume {
-        particles: Particles::Lattice {
-            lattice,
-            kernel_width: 0.7,
-        },
-        strength: Strength::Classified {
-            volumes: Vec::new(),
-        },
         colour: Colour::Classified,
         values: Some(Values::U8(vec![0; count])),
-        transfer_function: None,
-        boundary: None,
-        normals: None,
-        local_models: None,
+        ..PointVolume::new(
+            Particles::Lattice {
+                lattice,
+                kernel_width: 0.7,
+            },
+            Strength::Classified {
+                volumes: Vec::new(),
+            },
+        )
     })
 }
 

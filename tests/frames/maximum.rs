@@ -8,9 +8,7 @@
 
 use ewa_splat::math::normal_cdf;
 use ewa_splat::render::SimdLevel;
-use ewa_splat::scene::{
-    Colour, Lighting, Particles, PointVolume, Strength, TransferFunction, Values,
-};
+use ewa_splat::scene::{Lighting, Particles, PointVolume, Strength, TransferFunction, Values};
 use ewa_splat::view::{Camera, ClipPlane, Projection};
 use ewa_splat::{Composite, Image, Renderer, Settings};
 use glam::DVec3;
@@ -49,21 +47,16 @@ fn spheres() -> (Vec<DVec3>, Vec<f32>) {
 
 fn scene() -> PointVolume {
     let (positions, values) = spheres();
-    PointVolume {
-        particles: Particles::Isotropic {
+    PointVolume::new(
+        Particles::Isotropic {
             sigmas: vec![SIGMA as f32; COUNT],
             positions,
         },
-        strength: Strength::Classified {
+        Strength::Classified {
             volumes: vec![VOLUME as f32; COUNT],
         },
-        colour: Colour::Classified,
-        values: Some(Values::F32(values)),
-        transfer_function: Some(transfer()),
-        boundary: None,
-        normals: None,
-        local_models: None,
-    }
+    )
+    .classified(Values::F32(values), transfer())
 }
 
 fn eye() -> Camera {

@@ -293,18 +293,16 @@ fn scene() -> Vec<PointVolume> {
     let rounder = |p: &DVec3| normal_code(DVec3::new(0.5 + 0.3 * p.x, 0.3 * p.y, -1.0));
     let normals = positions.iter().map(rounder).collect();
     let surface = PointVolume {
-        particles: Particles::Surfels {
-            positions,
-            tangents,
-            is_one_sided: false,
-        },
-        strength: Strength::Surface(areas),
         colour: Colour::Uniform([0.9, 0.3, 0.1]),
-        values: None,
-        transfer_function: None,
-        boundary: None,
         normals: Some(normals),
-        local_models: None,
+        ..PointVolume::new(
+            Particles::Surfels {
+                positions,
+                tangents,
+                is_one_sided: false,
+            },
+            Strength::Surface(areas),
+        )
     };
     vec![field, surface]
 }

@@ -423,15 +423,13 @@ fn what_nothing_around_shows_is_left_out_and_not_missed() {
 #[test]
 #[cfg(feature = "gpu")]
 fn twins_classify_alike() {
-    use ewa_splat::scene::Colour;
-
     let Some(gpu) = crate::common::gpu::pictures() else {
         return;
     };
     let of = |x: DVec3| 0.5 + 0.3 * (0.6 * x.x).sin() * (0.5 * x.y).cos() + 0.03 * (x.z - MIDDLE);
     let across = |i: usize, n: usize| (i % n) as f64 * 2.0 - 9.0;
-    let wall = PointVolume {
-        particles: Particles::Surfels {
+    let wall = PointVolume::new(
+        Particles::Surfels {
             positions: (0..49)
                 .map(|i| {
                     let (x, y) = (across(i, 7), across(i / 7, 7));
@@ -441,14 +439,9 @@ fn twins_classify_alike() {
             tangents: vec![[1.2, 0.0, 0.24, 0.0, 1.2, 0.0]; 49],
             is_one_sided: false,
         },
-        strength: Strength::Surface(vec![4.0; 49]),
-        colour: Colour::Uniform([0.2, 0.8, 0.3]),
-        values: None,
-        transfer_function: None,
-        boundary: None,
-        normals: None,
-        local_models: None,
-    };
+        Strength::Surface(vec![4.0; 49]),
+    )
+    .with_colour([0.2, 0.8, 0.3]);
     let lit = Settings {
         lighting: Some(lighting()),
         ..settings()

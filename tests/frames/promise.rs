@@ -358,21 +358,19 @@ fn an_opaque_checkerboard_is_within_few_tolerances_of_exact_pictures() {
     let transfer =
         TransferFunction::from_curves(|v| [v / 255.0; 3], |_| 0.99, [0.0, 255.0], 1.0).unwrap();
     let half = DVec3::new(0.5, 0.5, 0.0) * (VOXELS as f64 - 1.0);
-    let slab = PointVolume {
-        particles: Particles::Lattice {
+    let slab = PointVolume::new(
+        Particles::Lattice {
             lattice: Lattice::uniform([VOXELS, VOXELS, 3], -half, DVec3::ONE),
             kernel_width: 0.6,
         },
-        strength: Strength::Classified {
+        Strength::Classified {
             volumes: Vec::new(),
         },
-        colour: Colour::Classified,
-        values: Some(Values::U8((0..VOXELS * VOXELS * 3).map(value).collect())),
-        transfer_function: Some(transfer),
-        boundary: None,
-        normals: None,
-        local_models: None,
-    };
+    )
+    .classified(
+        Values::U8((0..VOXELS * VOXELS * 3).map(value).collect()),
+        transfer,
+    );
     let side = VOXELS as f64;
     let view = |name, distance: f64, height: f64, turn: f64| {
         let eye = DVec3::new(0.0, -(0.5 + distance) * side, height * side);
@@ -456,13 +454,10 @@ fn crowd(
     let colour = |_| [0, 1, 2].map(|_| random.range(0.6, 0.9) as f32);
     PointVolume {
         colour: Colour::PerParticle((0..positions.len()).map(colour).collect()),
-        particles: Particles::Isotropic { positions, sigmas },
-        strength: Strength::Mass(masses),
-        values: None,
-        transfer_function: None,
-        boundary: None,
-        normals: None,
-        local_models: None,
+        ..PointVolume::new(
+            Particles::Isotropic { positions, sigmas },
+            Strength::Mass(masses),
+        )
     }
 }
 
@@ -586,16 +581,11 @@ fn clustered(count: usize) -> PointVolume {
     // The average depth is .15 over the face of a cube of side 2, and 3 through the densest
     // cluster.
     let masses = vec![(0.15 * 4.0 / count as f64) as f32; count];
-    PointVolume {
-        particles: Particles::Isotropic { positions, sigmas },
-        strength: Strength::Mass(masses),
-        colour: Colour::PerParticle(colours),
-        values: None,
-        transfer_function: None,
-        boundary: None,
-        normals: None,
-        local_models: None,
-    }
+    PointVolume::new(
+        Particles::Isotropic { positions, sigmas },
+        Strength::Mass(masses),
+    )
+    .with_colours(colours)
 }
 
 /// Returns a lattice of `n`³ samples of waves, all visible, in colours that change with the value.
@@ -614,21 +604,16 @@ fn lattice(n: usize) -> PointVolume {
         [0.0, 255.0],
         1.0,
     );
-    PointVolume {
-        particles: Particles::Lattice {
+    PointVolume::new(
+        Particles::Lattice {
             lattice: Lattice::uniform([n; 3], DVec3::splat(-1.0 + step / 2.0), DVec3::splat(step)),
             kernel_width: 0.6,
         },
-        strength: Strength::Classified {
+        Strength::Classified {
             volumes: Vec::new(),
         },
-        colour: Colour::Classified,
-        values: Some(Values::U8(values)),
-        transfer_function: Some(transfer.unwrap()),
-        boundary: None,
-        normals: None,
-        local_models: None,
-    }
+    )
+    .classified(Values::U8(values), transfer.unwrap())
 }
 
 /// Content of a scan: bodies in air, with sharp faces or none, of one value or of two.
@@ -690,21 +675,17 @@ impl Scan {
             self.value(cell, at, noise).clamp(0.0, 255.0) as u8
         });
         let values = Values::U8(values.collect());
-        PointVolume {
-            particles: Particles::Lattice {
+        let transfer = transfer(&values);
+        PointVolume::new(
+            Particles::Lattice {
                 lattice: Lattice::uniform(dims, DVec3::ZERO, DVec3::ONE),
                 kernel_width: 0.6,
             },
-            strength: Strength::Classified {
+            Strength::Classified {
                 volumes: Vec::new(),
             },
-            colour: Colour::Classified,
-            transfer_function: Some(transfer(&values)),
-            values: Some(values),
-            boundary: None,
-            normals: None,
-            local_models: None,
-        }
+        )
+        .classified(values, transfer)
     }
 }
 

@@ -131,18 +131,14 @@ fn a_lattice_slab() {
     let layers = number(&case, "/input/layers") as usize;
     let lattice = Lattice::uniform([31, 31, layers], DVec3::new(-15.0, -15.0, 30.0), DVec3::ONE);
     let count = lattice.len();
-    let slab = |mass: f32| PointVolume {
-        particles: Particles::Lattice {
-            lattice: lattice.clone(),
-            kernel_width: number(&case, "/input/rho"),
-        },
-        strength: Strength::Mass(vec![mass; count]),
-        colour: Colour::Uniform([1.0; 3]),
-        values: None,
-        transfer_function: None,
-        boundary: None,
-        normals: None,
-        local_models: None,
+    let slab = |mass: f32| {
+        PointVolume::new(
+            Particles::Lattice {
+                lattice: lattice.clone(),
+                kernel_width: number(&case, "/input/rho"),
+            },
+            Strength::Mass(vec![mass; count]),
+        )
     };
     let camera = scene::camera(Projection::Orthographic, [1.0; 2], [1, 1]);
     let points = case.pointer("/input/points").unwrap().as_array().unwrap();

@@ -8,7 +8,7 @@
 use crate::common::Random;
 use crate::common::scene::{self, Particle, camera, difference, render, volume};
 use ewa_splat::Filter;
-use ewa_splat::scene::{Colour, Lattice, LatticeSpacing, Particles, PointVolume, Strength};
+use ewa_splat::scene::{Lattice, LatticeSpacing, Particles, PointVolume, Strength};
 use ewa_splat::view::{Camera, Projection};
 use ewa_splat::{Image, Renderer, Settings};
 use glam::{DMat3, DVec2, DVec3};
@@ -762,19 +762,14 @@ fn explicit(
 }
 
 fn lattice_volume(lattice: Lattice, kernel_width: f64, masses: Vec<f32>) -> PointVolume {
-    PointVolume {
-        particles: Particles::Lattice {
+    PointVolume::new(
+        Particles::Lattice {
             lattice,
             kernel_width,
         },
-        strength: Strength::Mass(masses),
-        colour: Colour::Uniform([0.8, 0.4, 0.1]),
-        values: None,
-        transfer_function: None,
-        boundary: None,
-        normals: None,
-        local_models: None,
-    }
+        Strength::Mass(masses),
+    )
+    .with_colour([0.8, 0.4, 0.1])
 }
 
 #[test]
@@ -872,8 +867,7 @@ fn a_hundred_thousand_particles_in_one_place() {
 #[test]
 fn a_fitted_camera_ignores_what_is_clear_or_haze() {
     use ewa_splat::scene::{
-        Colour, ColourSpace, ControlPoint, Particles, PointVolume, Strength, TransferFunction,
-        Values,
+        ColourSpace, ControlPoint, Particles, PointVolume, Strength, TransferFunction, Values,
     };
     // Values are 0 far away (transparent), 1 around the origin (dense), .505 between (haze: 1 %).
     let positions = vec![
@@ -893,21 +887,16 @@ fn a_fitted_camera_ignores_what_is_clear_or_haze() {
         [0.0, 1.0],
         1.0,
     );
-    let volume = PointVolume {
-        particles: Particles::Isotropic {
+    let volume = PointVolume::new(
+        Particles::Isotropic {
             positions,
             sigmas: vec![0.25; 4],
         },
-        strength: Strength::Classified {
+        Strength::Classified {
             volumes: vec![1.0; 4],
         },
-        colour: Colour::Classified,
-        values: Some(Values::F32(vec![0.0, 1.0, 1.0, 0.504])),
-        transfer_function: Some(transfer.unwrap()),
-        boundary: None,
-        normals: None,
-        local_models: None,
-    };
+    )
+    .classified(Values::F32(vec![0.0, 1.0, 1.0, 0.504]), transfer.unwrap());
     let boxes = Renderer::new(vec![volume]).unwrap().visible_boxes();
     assert_eq!(
         boxes,

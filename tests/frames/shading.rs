@@ -511,18 +511,15 @@ fn lights_out_of_range_are_refused() {
     };
     assert!(renderer.render(&camera(), &settings(Some(eight))).is_ok());
     let surfels = PointVolume {
-        particles: Particles::Surfels {
-            positions: vec![DVec3::ZERO],
-            tangents: vec![[1.0, 0.0, 0.0, 0.0, 1.0, 0.0]],
-            is_one_sided: false,
-        },
-        strength: Strength::Mass(vec![1.0]),
-        colour: Colour::Uniform([1.0; 3]),
-        values: None,
-        transfer_function: None,
-        boundary: None,
         normals: Some(vec![1, 2]),
-        local_models: None,
+        ..PointVolume::new(
+            Particles::Surfels {
+                positions: vec![DVec3::ZERO],
+                tangents: vec![[1.0, 0.0, 0.0, 0.0, 1.0, 0.0]],
+                is_one_sided: false,
+            },
+            Strength::Mass(vec![1.0]),
+        )
     };
     assert!(surfels.validate().is_err());
     let mut short = cloud(|_| NO_NORMAL);

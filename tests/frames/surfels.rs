@@ -50,18 +50,15 @@ fn discs(discs: &[Disc], is_one_sided: bool) -> PointVolume {
         narrow([t * d.sigma, d.normal.cross(t) * d.sigma])
     });
     PointVolume {
-        particles: Particles::Surfels {
-            positions: discs.iter().map(|d| d.position).collect(),
-            tangents: tangents.collect(),
-            is_one_sided,
-        },
-        strength: Strength::Surface(discs.iter().map(|d| d.area as f32).collect()),
         colour: Colour::PerParticle(discs.iter().map(|d| d.colour).collect()),
-        values: None,
-        transfer_function: None,
-        boundary: None,
-        normals: None,
-        local_models: None,
+        ..PointVolume::new(
+            Particles::Surfels {
+                positions: discs.iter().map(|d| d.position).collect(),
+                tangents: tangents.collect(),
+                is_one_sided,
+            },
+            Strength::Surface(discs.iter().map(|d| d.area as f32).collect()),
+        )
     }
 }
 
@@ -779,19 +776,14 @@ fn fog(
         .map(|c| first + DVec3::from(c.map(f64::from)) * spacing)
         .collect();
     let count = positions.len();
-    PointVolume {
-        particles: Particles::Isotropic {
+    PointVolume::new(
+        Particles::Isotropic {
             positions,
             sigmas: vec![(0.6 * spacing) as f32; count],
         },
-        strength: Strength::Mass(vec![(extinction * spacing.powi(3)) as f32; count]),
-        colour: Colour::Uniform(colour),
-        values: None,
-        transfer_function: None,
-        boundary: None,
-        normals: None,
-        local_models: None,
-    }
+        Strength::Mass(vec![(extinction * spacing.powi(3)) as f32; count]),
+    )
+    .with_colour(colour)
 }
 
 #[test]
@@ -850,19 +842,14 @@ fn a_wall_through_a_kernels_centre_leaves_half_of_it() {
         ] {
             // One kernel of sigma .5 and depth 1 at z = 5; the wall is `behind` it towards the eye.
             let mass = 1.0 * TAU * 0.25;
-            let ball = PointVolume {
-                particles: Particles::Isotropic {
+            let ball = PointVolume::new(
+                Particles::Isotropic {
                     positions: vec![DVec3::Z * 5.0],
                     sigmas: vec![0.5],
                 },
-                strength: Strength::Mass(vec![mass as f32]),
-                colour: Colour::Uniform([0.0, 1.0, 0.0]),
-                values: None,
-                transfer_function: None,
-                boundary: None,
-                normals: None,
-                local_models: None,
-            };
+                Strength::Mass(vec![mass as f32]),
+            )
+            .with_colour([0.0, 1.0, 0.0]);
             let wall = plane(
                 DVec3::Z * (5.0 - behind.min(4.0)),
                 [DVec3::X, DVec3::NEG_Y],
@@ -959,15 +946,9 @@ fn flattened_kernels_become_surfels() {
         })
         .collect();
     let positions: Vec<DVec3> = kernels.iter().map(|k| k.0).collect();
-    let volume = |particles| PointVolume {
-        particles,
-        strength: Strength::Mass(vec![0.03; kernels.len()]),
-        colour: Colour::Uniform([1.0, 0.6, 0.2]),
-        values: None,
-        transfer_function: None,
-        boundary: None,
-        normals: None,
-        local_models: None,
+    let volume = |particles| {
+        PointVolume::new(particles, Strength::Mass(vec![0.03; kernels.len()]))
+            .with_colour([1.0, 0.6, 0.2])
     };
     let at = |s: f64| {
         let factor =

@@ -7,7 +7,7 @@ use bytemuck::Pod;
 use crate::collective::Collective;
 use crate::error::{Error, Result};
 use crate::message::unknown;
-use crate::scene::Values;
+use crate::scene::{Values, of_same_type};
 
 /// Planes that stay together: whole bricks, and the longest cubes of levels of detail whose values are copied.
 const LAYER: usize = 32;
@@ -127,13 +127,7 @@ impl Held {
         let traffic = Traffic { held, wanted };
         traffic.check()?;
         let rank = ranks.rank();
-        let values = match &self.values {
-            Values::U8(v) => Values::U8(traffic.collect(&self, v, samples, ranks)?),
-            Values::I16(v) => Values::I16(traffic.collect(&self, v, samples, ranks)?),
-            Values::U16(v) => Values::U16(traffic.collect(&self, v, samples, ranks)?),
-            Values::F32(v) => Values::F32(traffic.collect(&self, v, samples, ranks)?),
-            Values::F64(v) => Values::F64(traffic.collect(&self, v, samples, ranks)?),
-        };
+        let values = of_same_type!(&self.values, v => traffic.collect(&self, v, samples, ranks)?);
         Ok(Self {
             runs: wanted[rank].clone(),
             values,

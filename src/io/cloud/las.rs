@@ -34,7 +34,7 @@ use crate::io::bytes::scalars::{Encoding, ScalarType, Stride, doubles, values};
 use crate::io::particles::table::{dataset, scalar_field};
 use crate::io::vtk::xml::clip;
 use crate::math::narrowed;
-use crate::scene::Values;
+use crate::scene::{Values, of_any_type};
 
 /// First bytes of a file.
 pub(in crate::io) const MAGIC: &[u8] = b"LASF";
@@ -91,13 +91,7 @@ fn retain(values: &mut Values, is_kept: impl Fn(usize) -> bool) {
         let mut index = 0..;
         values.retain(|_| index.next().is_some_and(&is_kept));
     }
-    match values {
-        Values::U8(values) => keep(values, is_kept),
-        Values::I16(values) => keep(values, is_kept),
-        Values::U16(values) => keep(values, is_kept),
-        Values::F32(values) => keep(values, is_kept),
-        Values::F64(values) => keep(values, is_kept),
-    }
+    of_any_type!(values, values => keep(values, is_kept));
 }
 
 /// File whose header agrees with its bytes.

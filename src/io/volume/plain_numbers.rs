@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use crate::error::{Error, Result};
 use crate::io::bytes::file::open_regular;
 use crate::io::bytes::scalars::{Encoding, Stride, scaled};
-use crate::scene::Values;
+use crate::scene::{Values, of_any_type};
 
 /// Numbers of a file, in the order of their samples.
 #[derive(Debug, Clone)]
@@ -46,13 +46,7 @@ impl PlainNumbers {
         let place = self.start + run.start as u64 * size as u64;
         file.seek(SeekFrom::Start(place)).map_err(failed)?;
         let mut all = self.no_values();
-        match &mut all {
-            Values::U8(all) => all.reserve_exact(run.len()),
-            Values::I16(all) => all.reserve_exact(run.len()),
-            Values::U16(all) => all.reserve_exact(run.len()),
-            Values::F32(all) => all.reserve_exact(run.len()),
-            Values::F64(all) => all.reserve_exact(run.len()),
-        }
+        of_any_type!(&mut all, all => all.reserve_exact(run.len()));
         let mut chunk = Vec::new();
         let mut left = run.len();
         while left > 0 {

@@ -20,7 +20,7 @@ use crate::data::association::Association;
 use crate::data::dataset::{Dataset, Field, FieldSource, Geometry};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
-use crate::scene::{Lattice, LatticeSpacing, Values};
+use crate::scene::{Lattice, LatticeSpacing, Values, of_any_type};
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 
@@ -156,11 +156,5 @@ pub(in crate::io) fn reverse(values: &mut Values, dims: [usize; 3], axis: usize)
     if values.is_empty() {
         return;
     }
-    match values {
-        Values::U8(all) => swap(all, dims, axis),
-        Values::I16(all) => swap(all, dims, axis),
-        Values::U16(all) => swap(all, dims, axis),
-        Values::F32(all) => swap(all, dims, axis),
-        Values::F64(all) => swap(all, dims, axis),
-    }
+    of_any_type!(values, all => swap(all, dims, axis));
 }

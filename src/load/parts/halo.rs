@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use crate::collective::Collective;
 use crate::error::Result;
 use crate::sample::{Boxes, Leaf, Near, Reach};
-use crate::scene::Values;
+use crate::scene::{Values, of_same_type};
 
 /// Points of this rank that other ranks need as neighbours.
 #[derive(Debug)]
@@ -127,13 +127,7 @@ pub(super) fn send_values(
             return Ok(send(&wide, to, ranks)?.into());
         }
     }
-    Ok(match own {
-        Values::U8(own) => Values::U8(send(own, to, ranks)?),
-        Values::I16(own) => Values::I16(send(own, to, ranks)?),
-        Values::U16(own) => Values::U16(send(own, to, ranks)?),
-        Values::F32(own) => Values::F32(send(own, to, ranks)?),
-        Values::F64(own) => Values::F64(send(own, to, ranks)?),
-    })
+    Ok(of_same_type!(own, own => send(own, to, ranks)?))
 }
 
 /// Returns the entries that go to each rank.

@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::message::unknown;
 use crate::ranks::Share;
 use crate::scene::columns::{Columns, Visitor};
-use crate::scene::{BoundaryPlanes, Owned, Particles, PointVolume};
+use crate::scene::{Owned, Particles, PointVolume};
 
 /// Bytes that the owner sends to all others at a time.
 const PARCEL: usize = 1 << 26;
@@ -126,10 +126,6 @@ impl Visitor<Owned> for Sending<'_> {
     ) -> Result<()> {
         send(column, self.owner, self.ranks)
     }
-
-    fn planes(&mut self, _: &mut BoundaryPlanes) -> Result<()> {
-        Ok(())
-    }
 }
 
 /// Broadcasts the owner's column.
@@ -167,18 +163,15 @@ mod tests {
 
     #[test]
     fn volumes_of_several_ranks_are_where_they_are_or_stood_for() {
-        let points = |n: usize| PointVolume {
-            particles: Particles::Isotropic {
-                positions: vec![DVec3::splat(n as f64); n],
-                sigmas: vec![1.0; n],
-            },
-            strength: Strength::Mass(vec![0.5; n]),
-            colour: Colour::Uniform([0.25; 3]),
-            values: None,
-            transfer_function: None,
-            boundary: None,
-            normals: None,
-            local_models: None,
+        let points = |n: usize| {
+            PointVolume::new(
+                Particles::Isotropic {
+                    positions: vec![DVec3::splat(n as f64); n],
+                    sigmas: vec![1.0; n],
+                },
+                Strength::Mass(vec![0.5; n]),
+            )
+            .with_colour([0.25; 3])
         };
         let function = TransferFunction::from_curves(|_| [1.0; 3], |_| 0.5, [0.0, 24.0], 1.0);
         let function = function.unwrap();

@@ -9,7 +9,7 @@ use glam::DVec3;
 
 use super::Spread;
 use crate::data::mesh::{AlphaMode, Mesh, MeshPart};
-use crate::scene::{Colour, MAX_OPACITY, Particles, PointVolume, Strength};
+use crate::scene::{MAX_OPACITY, Particles, PointVolume, Strength};
 
 /// Standard deviation of the kernels of a line, in pixels. With the pixel's own filter, a row of them is at
 /// least half opaque over a width of 2.3 pixels.
@@ -164,21 +164,18 @@ impl Kernels {
         if self.positions.is_empty() {
             return None;
         }
-        Some(PointVolume {
-            particles: Particles::Isotropic {
-                positions: self.positions,
-                sigmas: self.sigmas,
-            },
-            strength: Strength::PeakOpacity {
-                opacities: self.opacities,
-                is_anti_aliased: false,
-            },
-            colour: Colour::PerParticle(self.colours),
-            values: None,
-            transfer_function: None,
-            boundary: None,
-            normals: None,
-            local_models: None,
-        })
+        Some(
+            PointVolume::new(
+                Particles::Isotropic {
+                    positions: self.positions,
+                    sigmas: self.sigmas,
+                },
+                Strength::PeakOpacity {
+                    opacities: self.opacities,
+                    is_anti_aliased: false,
+                },
+            )
+            .with_colours(self.colours),
+        )
     }
 }

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Hint, Parameter, Result};
 use crate::math::{narrowed, tangents_of};
-use crate::scene::{Colour, LocalModels, Particles, PointVolume, Strength, ValueScale, Values};
+use crate::scene::{LocalModels, Particles, PointVolume, Strength, ValueScale, Values};
 use crate::task::{Stage, Task};
 
 /// Cut-off: kernels whose centre is farther from the surface, in deviations of the field's values, have no
@@ -115,20 +115,15 @@ pub(in crate::sample) fn iso_surface(
         return absent("one that the field has between samples".into());
     }
     let [red, green, blue, _] = transfer.classify(narrowed(value));
-    Ok(PointVolume {
-        particles: Particles::Surfels {
+    Ok(PointVolume::new(
+        Particles::Surfels {
             positions: discs.iter().map(|disc| disc.position).collect(),
             tangents: discs.iter().map(|disc| disc.tangents).collect(),
             is_one_sided: false,
         },
-        strength: Strength::Surface(discs.iter().map(|disc| disc.area).collect()),
-        colour: Colour::Uniform([red, green, blue]),
-        values: None,
-        transfer_function: None,
-        boundary: None,
-        normals: None,
-        local_models: None,
-    })
+        Strength::Surface(discs.iter().map(|disc| disc.area).collect()),
+    )
+    .with_colour([red, green, blue]))
 }
 
 /// - `volume`: volume of the kernel's cell.

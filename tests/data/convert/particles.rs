@@ -70,21 +70,16 @@ fn lattices_are_classified_and_their_air_left_out() {
     let mut values: Vec<f32> = (0..64).map(|i| i as f32).collect();
     values[40] = f32::NAN;
     let spacing = DVec3::new(1.0, 2.0, 0.5);
-    let volume = PointVolume {
-        particles: Particles::Lattice {
+    let volume = PointVolume::new(
+        Particles::Lattice {
             lattice: Lattice::uniform([4, 4, 4], DVec3::X, spacing),
             kernel_width: 0.6,
         },
-        strength: Strength::Classified {
+        Strength::Classified {
             volumes: Vec::new(),
         },
-        colour: Colour::Classified,
-        values: Some(Values::F32(values)),
-        transfer_function: Some(transfer),
-        boundary: None,
-        normals: None,
-        local_models: None,
-    };
+    )
+    .classified(Values::F32(values), transfer);
     let (cloud, report) = splat_cloud(std::slice::from_ref(&volume)).unwrap();
     assert_eq!((report.particle_count, report.splat_count), (64, 31));
     assert_eq!((report.findings.len(), report.findings[0].count), (1, 33));

@@ -76,20 +76,15 @@ impl Cells {
             [a, b, 0.0, 0.0, c, 0.0].map(|x| x as f32)
         });
         // Converts Cholesky's rows to columns: t1 = (a, b), t2 = (0, c).
-        PointVolume {
-            particles: Particles::Surfels {
+        PointVolume::new(
+            Particles::Surfels {
                 positions: self.sites.iter().map(|s| s.extend(0.0)).collect(),
                 tangents: tangents.collect(),
                 is_one_sided: false,
             },
             strength,
-            colour: Colour::Uniform([0.25, 0.5, 0.75]),
-            values: None,
-            transfer_function: None,
-            boundary: None,
-            normals: None,
-            local_models: None,
-        }
+        )
+        .with_colour([0.25, 0.5, 0.75])
     }
 
     fn areas(&self, factor: f64) -> Vec<f32> {
@@ -235,20 +230,14 @@ fn surfels_keep_their_shape_and_front() {
     let tangents: Vec<[f32; 6]> = (0..50)
         .map(|_| [(); 6].map(|()| random.range(-1.0, 1.0) as f32))
         .collect();
-    let volume = PointVolume {
-        particles: Particles::Surfels {
+    let volume = PointVolume::new(
+        Particles::Surfels {
             positions: (0..50).map(|i| DVec3::X * f64::from(i)).collect(),
             tangents: tangents.clone(),
             is_one_sided: true,
         },
-        strength: Strength::Mass(vec![1.0; 50]),
-        colour: Colour::Uniform([1.0; 3]),
-        values: None,
-        transfer_function: None,
-        boundary: None,
-        normals: None,
-        local_models: None,
-    };
+        Strength::Mass(vec![1.0; 50]),
+    );
     let (cloud, report) = splat_cloud(&[volume]).unwrap();
     assert!(report.findings.iter().any(|f| f.reason.contains("both")));
     for (surfel, t) in tangents.iter().enumerate() {

@@ -41,18 +41,15 @@ fn surfels(surfels: &[Surfel], is_one_sided: bool) -> PointVolume {
         [a[0], a[1], a[2], b[0], b[1], b[2]]
     };
     PointVolume {
-        particles: Particles::Surfels {
-            positions: surfels.iter().map(|s| s.position).collect(),
-            tangents: surfels.iter().map(tangents).collect(),
-            is_one_sided,
-        },
-        strength: Strength::Surface(surfels.iter().map(|s| s.area).collect()),
         colour: Colour::PerParticle(surfels.iter().map(|s| s.colour).collect()),
-        values: None,
-        transfer_function: None,
-        boundary: None,
-        normals: None,
-        local_models: None,
+        ..PointVolume::new(
+            Particles::Surfels {
+                positions: surfels.iter().map(|s| s.position).collect(),
+                tangents: surfels.iter().map(tangents).collect(),
+                is_one_sided,
+            },
+            Strength::Surface(surfels.iter().map(|s| s.area).collect()),
+        )
     }
 }
 
