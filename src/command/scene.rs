@@ -7,7 +7,7 @@ use crate::io::{Planes, RowFile, VtsPieces, VtuPieces};
 use crate::legend::title_of;
 use crate::load::parts::PartRead;
 use crate::prepared::{About, PointFile, PreparedScene};
-use crate::sample::{RowsApart, SampleOptions, SampleReport, TransferChoice};
+use crate::sample::{PartitionedRows, SampleOptions, SampleReport, TransferChoice};
 use crate::scene::PointVolume;
 use crate::view::Bounds;
 use crate::{Error, Result};
@@ -383,7 +383,7 @@ impl DataOptions {
             return Ok(None);
         };
         let head = file.read(0..1)?;
-        if RowsApart::of(&head, &options).is_none() {
+        if PartitionedRows::of(&head, &options).is_none() {
             return Ok(None);
         }
         self.check_function(&options)?;
