@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::brick::outwards;
 use super::extent::spread_of;
 use super::merge::{Source, merge_lattice, merge_points, widen_to_members};
-use super::overlap::Crowds;
+use super::overlap::OverlapCounts;
 use super::points::{Picking, PointShapes, Points};
 use super::room::{MEMORY, RUN, Room};
 use super::tree::Tree;
@@ -237,15 +237,15 @@ pub(super) fn build_sorted(
     } = sorted;
     let principal = principal_ranges(&points.shapes);
     let source = points.source(&principal);
-    let crowds = Crowds::new(&tree, &source);
+    let overlaps = OverlapCounts::new(&tree, &source);
     let merged = match options.detail && points.are_merged() {
-        true => merge_points(&source, &tree, &crowds, task)?,
+        true => merge_points(&source, &tree, &overlaps, task)?,
         false => None,
     };
     drop(tree);
     let runs = runs
         .into_iter()
-        .map(|run| (crowds.greatest(&run, 1.0), run))
+        .map(|run| (overlaps.greatest(&run, 1.0), run))
         .collect();
     let mut base = in_blocks(points, numbers, runs, principal, room, options)?;
     base.transfer_function = transfer_function;

@@ -20,9 +20,9 @@ const DIAGONAL: f64 = 1.0;
 /// Number of particles in each sum that is kept.
 const STEP: usize = 8;
 
-/// Crowds of a point set: places where more than [`OVERLAP`] kernels overlap.
+/// Overlap counts of a point set at its crowds: places where more than [`OVERLAP`] kernels overlap.
 #[derive(Debug, Default)]
-pub(in crate::blocks) struct Crowds {
+pub(in crate::blocks) struct OverlapCounts {
     /// Runs of block order, ascending and disjoint, and the overlap count of each.
     runs: Vec<(Range<usize>, usize)>,
 }
@@ -195,7 +195,7 @@ fn width(source: &Source<'_>, i: usize) -> Option<f64> {
     is_drawn.then_some(f64::from(least))
 }
 
-impl Crowds {
+impl OverlapCounts {
     /// Finds the crowds of a point set.
     ///
     /// A kernel's width is its least standard deviation. Particles without strength draw nothing, and do not count.
@@ -228,7 +228,7 @@ impl Crowds {
     /// - `trees`: trees over this rank's particles, each with its index among the leaves of `top_tree`.
     /// - `top_tree`: top tree, whose leaves are the trees of all ranks.
     /// - `runs`: particles of each of its leaves, in block order.
-    pub(super) fn together(
+    pub(super) fn of_all_ranks(
         trees: &[(usize, PartialTree<'_>)],
         top_tree: &Tree,
         runs: &[Range<usize>],
@@ -408,7 +408,7 @@ mod tests {
             models: None,
             boundary: None,
         };
-        let Crowds { runs } = Crowds::new(&tree, &source);
+        let OverlapCounts { runs } = OverlapCounts::new(&tree, &source);
         for (run, count) in &runs {
             assert_eq!(run.len(), *count);
             assert!(run.clone().all(|i| positions[i] == positions[run.start]));

@@ -11,7 +11,7 @@ use crate::load::{
     Cameras, Edit, Input, Kind, Loaded, Observer, Request, Series, is_prepared, load, load_series,
 };
 use crate::prepared::PointFile;
-use crate::sample::{RowsApart, SampleOptions, TransferChoice};
+use crate::sample::{PartitionedRows, SampleOptions, TransferChoice};
 use crate::scene::PointVolume;
 use crate::{Error, Result};
 
@@ -144,7 +144,7 @@ impl DataOptions {
             return Ok(None);
         };
         let head = file.read(0..1)?;
-        if RowsApart::of(&head, &options).is_none() {
+        if PartitionedRows::of(&head, &options).is_none() {
             return Ok(None);
         }
         self.check_function(&options)?;

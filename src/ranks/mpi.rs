@@ -164,11 +164,13 @@ impl MpiRank {
     }
 
     /// Takes the value that ends MPI when it is dropped, if this rank started MPI; the rank no longer ends it.
+    #[cfg(feature = "cli")]
     pub(crate) fn universe(&mut self) -> Option<Universe> {
         self.universe.take()
     }
 
     /// Waits for all processes of the job, while MPI runs.
+    #[cfg(feature = "cli")]
     pub(crate) fn wait_for_all() {
         // SAFETY: the world's communicator is valid while MPI runs. An error ends the job.
         unsafe {

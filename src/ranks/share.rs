@@ -100,7 +100,7 @@ impl Share {
             total += count;
             check_count(usize::try_from(total).unwrap_or(usize::MAX))?;
             let own = if let (Particles::Lattice { lattice, .. }, true) =
-                (&volume.particles, known.is_apart)
+                (&volume.particles, known.is_partitioned)
             {
                 let is_small = is_small(lattice, small, ranks.size());
                 let held = known.planes.iter().map(|own| own[v].clone());
@@ -261,7 +261,7 @@ struct Known {
     /// Whether any rank numbers its particles.
     is_numbered: bool,
     /// Whether any rank lists the planes that it holds.
-    is_apart: bool,
+    is_partitioned: bool,
     /// Planes of each volume, by rank.
     planes: Vec<Vec<Vec<Range<usize>>>>,
     /// Whether each volume is a lattice of values only, on all ranks.
@@ -310,7 +310,7 @@ fn known_volumes(parts: &[Vec<u8>], volumes: usize) -> Result<Known> {
         counts: Vec::with_capacity(parts.len()),
         scales: vec![None; volumes],
         is_numbered: false,
-        is_apart: false,
+        is_partitioned: false,
         planes: Vec::with_capacity(parts.len()),
         plain: vec![true; volumes],
     };
@@ -323,7 +323,7 @@ fn known_volumes(parts: &[Vec<u8>], volumes: usize) -> Result<Known> {
     }
     for mut part in parts {
         known.is_numbered |= take::<u8>(&mut part)? == [1];
-        known.is_apart |= take::<u8>(&mut part)? == [1];
+        known.is_partitioned |= take::<u8>(&mut part)? == [1];
         let mut counts = Vec::with_capacity(volumes);
         let mut planes = Vec::with_capacity(volumes);
         for (of_all, is_plain) in known.scales.iter_mut().zip(&mut known.plain) {

@@ -20,7 +20,7 @@
 //!   `even_grid` then correct the volumes. `levels` and `shepard` correct volumes elsewhere.
 //! - `gradient` computes normals for shading, `local_models` models of the field over each kernel.
 //! - `iso_surface`, `cut_faces`, `discs` and `convert` make surfels and splats.
-//! - `curvilinear_apart`, `cells_apart` and `self::points::partitioned` sample data that are partitioned over ranks. A rank
+//! - `curvilinear::partitioned`, `cells::partitioned` and `points::partitioned` sample data that are partitioned over ranks. A rank
 //!   makes kernels for its own samples; neighbouring samples are ghosts. `own` defines the reductions over all
 //!   ranks.
 
@@ -51,6 +51,7 @@ use crate::data::dataset::{CurvilinearBlock, Dataset, Field, FieldSource, Geomet
 use crate::data::first_order::{is_of_higher_order, to_first_order};
 use crate::data::smoothing::{LengthMeaning, SphKernel};
 use crate::error::{Advice, Error, Hint, Parameter, Place, Result};
+#[cfg(feature = "prepared")]
 use crate::math::ExactSum;
 use crate::scene::{
     AutomaticOptions, Colour, FileFunction, Particles, PointVolume, ScaleName, Strength,
@@ -60,7 +61,7 @@ use crate::task::Task;
 
 pub(crate) use self::cells::duals::turned;
 pub(crate) use self::cells::incidence::CellsAround;
-pub(crate) use self::cells::partitioned::CellsApart;
+pub(crate) use self::cells::partitioned::PartitionedCells;
 pub(crate) use self::curvilinear::partitioned::{GridPlanes, planes_around};
 pub(crate) use self::curvilinear::seam::{Seam, seam};
 pub(crate) use self::curvilinear::window::Window;
@@ -68,10 +69,11 @@ use self::field::choice::has_choice;
 pub(crate) use self::field::choice::shown_field;
 pub use self::field::choice::{FieldChoice, field_choices, shared_fields};
 pub use self::field::statistics::{PERCENTILES, ShapeStatistics};
+#[cfg(feature = "cli")]
 pub(crate) use self::field::together::automatic;
 pub use self::field::together::shared_functions;
 pub use self::points::doubts::doubts;
-pub(crate) use self::points::neighbours::Elsewhere;
+pub(crate) use self::points::neighbours::Remote;
 pub(crate) use self::points::reach::{Boxes, Leaf, Near, Reach};
 pub use self::splats::convert::{
     CLOSED_WIDTH, ConversionReport, LEAST_OPACITY, sound_splats, splat_cloud,
@@ -85,8 +87,8 @@ use kernels::Kernels;
 pub(crate) use lattice::{PlaneValues, lattice_of_planes};
 use mesh::{MeshOptions, SampledMesh, Spread};
 pub(crate) use points::{
-    FITTED_NEIGHBOURS, Fitted, Neighbourhoods, RowsApart, Surrounded, fit_apart, function_apart,
-    sample_apart, scalars, without_spacing,
+    FITTED_NEIGHBOURS, Fitted, Neighbourhoods, PartitionedRows, Surrounded, fit_partition,
+    function_of_all, sample_partition, scalars, without_spacing,
 };
 pub(crate) use positions::{compare, is_same, sort_by_position};
 pub(crate) use report::Found;

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::levels::{Head, Level, MergedCluster, heads_in, is_last};
 use super::sums::{Cluster, Sums};
 use super::{FINE_LEVELS, MERGE_RATIO, Places};
-use crate::blocks::overlap::Crowds;
+use crate::blocks::overlap::OverlapCounts;
 use crate::blocks::tree::Tree;
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;
@@ -32,7 +32,7 @@ pub(in crate::blocks) type FindPlaces<'a> = &'a mut dyn FnMut(&[Cluster]) -> Res
 /// - `places`: given if there are values.
 pub(in crate::blocks) fn coarse_levels(
     atoms: &Atoms,
-    crowds: &Crowds,
+    overlaps: &OverlapCounts,
     mut places: Option<FindPlaces<'_>>,
     task: Option<&Task>,
 ) -> Result<Vec<Level>> {
@@ -55,7 +55,7 @@ pub(in crate::blocks) fn coarse_levels(
             .filter(|_| stage.goes_on())
             .map(|&subtree| {
                 let run = atoms.particles(&subtree.run());
-                let crowding = crowds.greatest(&run, 1.0 / members as f32);
+                let crowding = overlaps.greatest(&run, 1.0 / members as f32);
                 let mut head = Head::new(run.start, crowding);
                 for of_finer in heads_in(finer.heads, &run) {
                     head.extend(of_finer.lower, of_finer.upper, of_finer.narrowest());

@@ -8,7 +8,7 @@ use super::levels::{Head, Level, MergedCluster, Particle, heads_in, is_last};
 use super::source::Source;
 use super::sums::{Cluster, Sums};
 use super::{FINE_LEVELS, MERGE_RATIO};
-use crate::blocks::overlap::Crowds;
+use crate::blocks::overlap::OverlapCounts;
 use crate::blocks::tree::{Subtree, Tree};
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;
@@ -28,11 +28,11 @@ pub(in crate::blocks) struct PartialTree<'a> {
 ///
 /// - `are_all`: whether these are all particles. If so, levels end once few merged particles are left.
 /// - `trees`: over all of these particles, in block order.
-/// - `crowds`: overlap counts in block order.
+/// - `overlaps`: overlap counts in block order.
 pub(in crate::blocks) fn fine_levels(
     source: &Source<'_>,
     trees: &[PartialTree<'_>],
-    crowds: &Crowds,
+    overlaps: &OverlapCounts,
     are_all: bool,
     task: Option<&Task>,
 ) -> Result<(Vec<Level>, Vec<Cluster>)> {
@@ -50,7 +50,7 @@ pub(in crate::blocks) fn fine_levels(
         let of_level = Making {
             source,
             finer: levels.last().map(|finer| &*finer.heads),
-            crowds,
+            overlaps,
             members,
         };
         let made: Vec<(Head, Vec<Particle>, Vec<Cluster>)> = subtrees
@@ -88,7 +88,7 @@ struct Making<'a> {
     source: &'a Source<'a>,
     /// Block headers of the level before.
     finer: Option<&'a [Head]>,
-    crowds: &'a Crowds,
+    overlaps: &'a OverlapCounts,
     /// Number of members of a cluster.
     members: usize,
 }
@@ -108,7 +108,7 @@ impl Making<'_> {
         let in_order = moved(&run, own.start);
         // A block gets one cluster for each `members` particles, and the widest subtree is cut first. The overlap count
         // in one place is therefore at most that share.
-        let crowding = self.crowds.greatest(&in_order, 1.0 / self.members as f32);
+        let crowding = self.overlaps.greatest(&in_order, 1.0 / self.members as f32);
         let mut head = Head::new(in_order.start, crowding);
         match self.finer {
             None => {

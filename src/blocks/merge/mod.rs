@@ -21,7 +21,7 @@ use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 
-use super::overlap::Crowds;
+use super::overlap::OverlapCounts;
 use super::tree::Tree;
 use super::{Block, BlockedVolume};
 use crate::constants::BLOCK_CAPACITY;
@@ -56,7 +56,7 @@ const LAST_LEVEL: usize = 16;
 pub(super) fn merge_points(
     source: &Source<'_>,
     tree: &Tree,
-    crowds: &Crowds,
+    overlaps: &OverlapCounts,
     task: Option<&Task>,
 ) -> Result<Option<Levels>> {
     if !is_mergeable(source) || source.positions.len() <= BLOCK_CAPACITY {
@@ -67,7 +67,7 @@ pub(super) fn merge_points(
         at: 0,
         start: 0,
     };
-    let (mut levels, clusters) = fine_levels(source, &[all], crowds, true, task)?;
+    let (mut levels, clusters) = fine_levels(source, &[all], overlaps, true, task)?;
     if let Some(last) = levels.last().filter(|last| !levels::is_last(&last.heads)) {
         let runs: Vec<_> = clusters.iter().map(Cluster::run).collect();
         let atoms = Atoms {
@@ -77,7 +77,7 @@ pub(super) fn merge_points(
         };
         let places = &mut |asked: &[Cluster]| Ok(source.places_of(asked));
         let places = source.values.is_some().then_some(places as _);
-        levels.extend(coarse_levels(&atoms, crowds, places, task)?);
+        levels.extend(coarse_levels(&atoms, overlaps, places, task)?);
     }
     Ok(Some(Levels(levels)))
 }

@@ -47,7 +47,7 @@ pub(super) struct OwnTree {
 }
 
 impl OwnTree {
-    pub(super) fn grown(&self) -> PartialTree<'_> {
+    pub(super) fn partial(&self) -> PartialTree<'_> {
         PartialTree {
             tree: &self.tree,
             at: self.at,

@@ -27,7 +27,7 @@ use glam::DVec3;
 use super::BlockedVolume;
 use super::build::{BuildOptions, build, family, in_blocks, principal_ranges};
 use super::merge::{Atoms, Cluster, Levels, PartialTree, coarse_levels, fine_levels, is_mergeable};
-use super::overlap::Crowds;
+use super::overlap::OverlapCounts;
 use super::points::Points;
 use super::room::MEMORY;
 use super::tree::CHUNK;
@@ -139,11 +139,11 @@ pub(crate) fn build_together(
     };
     let principal = principal_ranges(&points.shapes);
     let source = points.source(&principal);
-    let grown: Vec<PartialTree<'_>> = trees.iter().map(|own| own.grown()).collect();
-    let crowds = {
-        let leaves = trees.iter().map(|own| (own.partition, own.grown()));
+    let partial: Vec<PartialTree<'_>> = trees.iter().map(|own| own.partial()).collect();
+    let overlaps = {
+        let leaves = trees.iter().map(|own| (own.partition, own.partial()));
         let runs: Vec<Range<usize>> = partitions.iter().map(|own| own.run.clone()).collect();
-        Crowds::together(
+        OverlapCounts::of_all_ranks(
             &leaves.collect::<Vec<_>>(),
             &top_tree,
             &runs,
@@ -156,7 +156,7 @@ pub(crate) fn build_together(
     let mut levels = Vec::new();
     if is_merged {
         let task = options.task.as_ref();
-        let made = fine_levels(&source, &grown, &crowds, false, task);
+        let made = fine_levels(&source, &partial, &overlaps, false, task);
         let (fine, clusters) = ranks.agree(made)?;
         let atoms = join::atoms(&trees, &partitions, clusters, &top_tree, ranks)?;
         for level in fine {
@@ -168,7 +168,7 @@ pub(crate) fn build_together(
         };
         let (rank, size) = (ranks.rank(), ranks.size());
         let places = &mut |asked: &[Cluster]| {
-            let own = source.places_of_parts(asked, &grown);
+            let own = source.places_of_parts(asked, &partial);
             let sums = own.iter().map(|places| *places.sums()).collect();
             let all = ranks.reduce(Ok(sums), |sum, own| {
                 sum.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
@@ -177,22 +177,22 @@ pub(crate) fn build_together(
             Ok(none.zip(&all).map(|(none, sums)| none.with(sums)).collect())
         };
         let places = source.values.is_some().then_some(places as _);
-        for level in coarse_levels(&atoms, &crowds, places, None)? {
+        for level in coarse_levels(&atoms, &overlaps, places, None)? {
             let own = runs_in_turn(level.heads.len(), size, rank, levels.len());
             levels.push(level.keep(own));
         }
     }
     let merged = is_merged.then_some(Levels(levels));
     let mut runs = Vec::new();
-    for own in &grown {
+    for own in &partial {
         for subtree in own.tree.subtrees(BLOCK_CAPACITY) {
             let run = subtree.run();
             let in_order = run.start + own.start..run.end + own.start;
-            let crowding = crowds.greatest(&in_order, 1.0);
+            let crowding = overlaps.greatest(&in_order, 1.0);
             runs.push((crowding, run.start + own.at..run.end + own.at));
         }
     }
-    let starts: Vec<(usize, usize)> = grown.iter().map(|own| (own.at, own.start)).collect();
+    let starts: Vec<(usize, usize)> = partial.iter().map(|own| (own.at, own.start)).collect();
     drop(trees);
     let mut base = in_blocks(
         points,

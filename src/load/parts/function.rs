@@ -6,7 +6,7 @@ use std::thread;
 
 use glam::DVec3;
 
-use super::point_file::found_on_all;
+use super::found::found_on_all;
 use crate::collective::Collective;
 use crate::data::dataset::Dataset;
 use crate::data::up::in_end_planes;
@@ -17,7 +17,7 @@ use crate::ranks::Share;
 #[cfg(test)]
 use crate::ranks::ThreadRank;
 use crate::sample::Found;
-use crate::sample::{SampleOptions, SampleReport, function_apart, mean_spacing, nothing_left};
+use crate::sample::{SampleOptions, SampleReport, function_of_all, mean_spacing, nothing_left};
 #[cfg(test)]
 use crate::sample::{Sampled, volume};
 #[cfg(test)]
@@ -85,7 +85,7 @@ pub(super) fn show(
         return Ok(());
     }
     picked.sort_unstable_by_key(|own| own.row);
-    let function = function_apart(&picked, count, kind, spacing, &mut found.report, options);
+    let function = function_of_all(&picked, count, kind, spacing, &mut found.report, options);
     let function = ranks.agree(function)?;
     let scale = function.value_scale();
     let values = volume.values.take().unwrap_or(Values::U8(Vec::new()));

@@ -121,11 +121,9 @@ pub(super) fn send_values(
     to: &[Vec<u32>],
     ranks: &mut dyn Collective,
 ) -> Result<Values> {
-    if matches!(own, Values::F32(_) | Values::F64(_)) {
-        if ranks.any(matches!(own, Values::F64(_)))? {
-            let wide: Vec<f64> = (0..own.len()).map(|i| own.wide(i)).collect();
-            return Ok(send(&wide, to, ranks)?.into());
-        }
+    if matches!(own, Values::F32(_) | Values::F64(_)) && ranks.any(matches!(own, Values::F64(_)))? {
+        let wide: Vec<f64> = (0..own.len()).map(|i| own.wide(i)).collect();
+        return Ok(send(&wide, to, ranks)?.into());
     }
     Ok(of_same_type!(own, own => send(own, to, ranks)?))
 }

@@ -11,6 +11,7 @@
 //! | `grid.rs` | a curvilinear grid in pieces, sampled by planes |
 //! | `planes.rs` | a lattice, by planes |
 //! | `values.rs` | encoding of values as bytes |
+//! | `found.rs` | sum of the reports of all ranks |
 //! | `function.rs` | transfer function chosen from the values of all ranks |
 //! | `scatter.rs` | scattering of volumes that one rank holds (feature `prepared`) |
 //! | `metadata.rs` | metadata of volumes: everything but their particles (feature `prepared`) |
@@ -29,6 +30,7 @@
 )]
 
 mod cell_subset;
+mod found;
 mod function;
 mod ghost_layers;
 mod grid;

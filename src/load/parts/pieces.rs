@@ -20,8 +20,8 @@ use crate::math::ExactSum;
 use crate::ranks::Share;
 use crate::sample::Found;
 use crate::sample::{
-    CellField, CellsApart, LEAST_PER_NODE, SampleOptions, SampleReport, check_len, shown_field,
-    take_scalar, turned,
+    CellField, LEAST_PER_NODE, PartitionedCells, SampleOptions, SampleReport, check_len,
+    shown_field, take_scalar, turned,
 };
 use crate::scene::{Surroundings, Tiling, ValueScale, Values};
 
@@ -102,7 +102,7 @@ pub(crate) fn read_pieces(
     let layers = ranks.agree(layers)?;
     let mut volume_sum = ExactSum::default();
     let sampled = sampled(layers, &turned, differences, options, &mut volume_sum);
-    let CellsApart {
+    let PartitionedCells {
         mut volume,
         models,
         on_boundary,
@@ -119,7 +119,7 @@ pub(crate) fn read_pieces(
     };
     let (mut found, spacing) = found_by_all(&found, &head, file.path(), options, ranks)?;
     let count = found.report.particle_count;
-    let picked = CellsApart::picked(&volume, before as usize, count);
+    let picked = PartitionedCells::picked(&volume, before as usize, count);
     let shown = (&mut found, spacing);
     show(
         &mut volume,
@@ -242,7 +242,7 @@ fn sampled(
     differences: ValueScale,
     options: &SampleOptions,
     volume_sum: &mut ExactSum,
-) -> Result<CellsApart> {
+) -> Result<PartitionedCells> {
     let GhostLayers {
         subset,
         nodes,
@@ -271,7 +271,7 @@ fn sampled(
         nodes,
         cells,
     };
-    field.apart(turned, options, volume_sum)
+    field.sampled(turned, options, volume_sum)
 }
 
 #[cfg(test)]

@@ -19,15 +19,15 @@ use crate::io::RowFile;
 use crate::ranks::Share;
 use crate::sample::Found;
 use crate::sample::{
-    Elsewhere, FITTED_NEIGHBOURS, Fitted, Neighbourhoods, RowsApart, SampleOptions, Surrounded,
-    fit_apart, sample_apart, scalars, without_spacing,
+    FITTED_NEIGHBOURS, Fitted, Neighbourhoods, PartitionedRows, Remote, SampleOptions, Surrounded,
+    fit_partition, sample_partition, scalars, without_spacing,
 };
 use crate::scene::{PointVolume, Surroundings, Tiling, Values};
 
 /// Reads a run of rows on each rank, redistributes the rows by position, and makes particles of them: the particles
 /// that [`sample::volume`](crate::sample::volume) makes of the whole file.
 ///
-/// Returns `None` if one rank must read the whole file ([`RowsApart::of`]), or if not all rows have the same columns.
+/// Returns `None` if one rank must read the whole file ([`PartitionedRows::of`]), or if not all rows have the same columns.
 ///
 /// # Errors
 /// The errors of reading or sampling, on any rank; nothing that can be drawn; too little memory; a rank that is gone.
@@ -39,7 +39,7 @@ pub(crate) fn read_rows(
     let count = file.count();
     let head = file.read(0..count.min(1));
     let head = ranks.agree(head)?;
-    let Some(kind) = RowsApart::of(&head, options) else {
+    let Some(kind) = PartitionedRows::of(&head, options) else {
         return Ok(None);
     };
     let part = ranks.rank() * count / ranks.size()..(ranks.rank() + 1) * count / ranks.size();
@@ -90,7 +90,7 @@ pub(crate) fn read_rows(
     let dataset = dataset_of(&head, positions, columns);
     found.corners = dataset.bounds();
     let sum = &mut found.volume_sum;
-    let sampled = sample_apart(dataset, &options, neighbourhoods.as_ref(), sum);
+    let sampled = sample_partition(dataset, &options, neighbourhoods.as_ref(), sum);
     let sampled = ranks.agree(sampled)?;
     let picked = sampled.picked(&numbers, count);
     let kept: Vec<u64> = sampled.kept.iter().map(|&i| numbers[i as usize]).collect();
@@ -167,7 +167,7 @@ fn fitted(
         None => Values::U8(Vec::new()),
         Some(own) => around.fetch_values(own, ranks)?,
     };
-    let fitted = fit_apart(volume, (&places, values), options);
+    let fitted = fit_partition(volume, (&places, values), options);
     ranks.agree(fitted)
 }
 
@@ -204,7 +204,7 @@ impl Rows {
         file: &mut RowFile,
         part: Range<usize>,
         head: &Dataset,
-        kind: RowsApart,
+        kind: PartitionedRows,
         field: Option<&str>,
     ) -> Result<Option<Self>> {
         let mut own = Self {
@@ -282,7 +282,7 @@ impl Rows {
 /// Returns the columns that sampling uses and the field that is shown, according to the first row.
 fn columns_of(
     dataset: &Dataset,
-    kind: RowsApart,
+    kind: PartitionedRows,
     head: &Dataset,
     field: Option<&str>,
 ) -> Result<Vec<(String, Values)>> {
@@ -321,13 +321,13 @@ fn dataset_of(head: &Dataset, positions: Vec<DVec3>, columns: Vec<(String, Value
 /// Finds the neighbourhoods of points without stated sizes; neighbours may be on any rank.
 fn neighbourhoods(
     own: &Rows,
-    kind: RowsApart,
+    kind: PartitionedRows,
     count: usize,
     options: &SampleOptions,
     ranks: &mut dyn Collective,
     path: &Path,
 ) -> Result<Neighbourhoods> {
-    let neighbours = |i: u32| RowsApart::neighbours(own.numbers[i as usize], count as u64);
+    let neighbours = |i: u32| PartitionedRows::neighbours(own.numbers[i as usize], count as u64);
     let around = Halo::of(&own.positions, &neighbours, ranks)?;
     let others = around.fetch(&own.positions, ranks)?;
     let positions = [own.positions.as_slice(), &others].concat();
@@ -347,7 +347,7 @@ struct Others<'a> {
     ranks: &'a mut dyn Collective,
 }
 
-impl Elsewhere for Others<'_> {
+impl Remote for Others<'_> {
     fn sums(&mut self, own: [u64; 2]) -> Result<[u64; 2]> {
         let sums = self.ranks.sums(Ok(own.to_vec()))?;
         Ok([0, 1].map(|n| sums.get(n).copied().unwrap_or(0)))

@@ -12,7 +12,7 @@ use crate::sample::{SampleOptions, check_options, unclassified};
 use crate::scene::{LocalModel, Particles, PickedRow, PointVolume};
 
 /// The particles of the wanted nodes or cells of a mesh.
-pub(crate) struct CellsApart {
+pub(crate) struct PartitionedCells {
     /// Particles with the data's values, and without a function.
     pub(crate) volume: PointVolume,
     pub(crate) models: Option<Vec<LocalModel>>,
@@ -29,12 +29,12 @@ impl CellField<'_> {
     ///
     /// # Errors
     /// Invalid options; work that was cancelled.
-    pub(crate) fn apart(
+    pub(crate) fn sampled(
         &self,
         turned: &[[usize; 2]],
         options: &SampleOptions,
         volume_sum: &mut ExactSum,
-    ) -> Result<CellsApart> {
+    ) -> Result<PartitionedCells> {
         check_options(options)?;
         let mut report = SampleReport {
             sample_count: self.own().len(),
@@ -82,7 +82,7 @@ impl CellField<'_> {
         report.particle_count = kept.len();
         report.value_range = values.finite_range();
         volumes.iter().for_each(|v| volume_sum.add(f64::from(*v)));
-        Ok(CellsApart {
+        Ok(PartitionedCells {
             volume: PointVolume {
                 normals,
                 ..unclassified(
@@ -98,7 +98,7 @@ impl CellField<'_> {
     }
 }
 
-impl CellsApart {
+impl PartitionedCells {
     /// Picks the particles from which a function may be chosen.
     ///
     /// - `first`: number of particles of the mesh that precede these.

@@ -58,7 +58,7 @@ pub(crate) fn planes_around(
 }
 
 /// Particles made of a range of planes.
-pub(crate) struct GridApart<'a> {
+pub(crate) struct PartitionedGrid<'a> {
     here: &'a GridPlanes,
     grid: Grid<'a>,
     /// Sample of each particle.
@@ -94,7 +94,7 @@ impl GridPlanes {
         options: &SampleOptions,
         volume_sum: &mut ExactSum,
         ranks: &mut dyn Collective,
-    ) -> Result<GridApart<'_>> {
+    ) -> Result<PartitionedGrid<'_>> {
         check_options(options)?;
         let mut counts = CellCounts::default();
         let (mut grid, rows) = Grid::of_planes(
@@ -136,7 +136,7 @@ impl GridPlanes {
         let of_own = &volumes[own.clone()];
         of_own.iter().for_each(|v| volume_sum.add(f64::from(*v)));
         let [(_, grid)] = grids;
-        Ok(GridApart {
+        Ok(PartitionedGrid {
             here: self,
             grid,
             kept,
@@ -162,7 +162,7 @@ fn padded<T: Copy>(of_own: Vec<T>, none: T, own: &Range<usize>, count: usize) ->
     all
 }
 
-impl GridApart<'_> {
+impl PartitionedGrid<'_> {
     /// Picks the particles from which a function may be chosen.
     ///
     /// - `first`: number of particles of the grid that precede these.

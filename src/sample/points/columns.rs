@@ -175,7 +175,6 @@ impl<'a> Columns<'a> {
 
     /// Returns true if a table states shapes whose meaning does not depend on other rows. Scales do not count:
     /// they are logarithms if any is negative.
-    #[cfg(feature = "prepared")]
     pub(super) fn states_shape(&self) -> bool {
         let lengths = ["sigma", "radius", self.names().0];
         let is_there = |name: &str| matches!(self.of_table(name), Ok(Some(_)));
@@ -183,7 +182,6 @@ impl<'a> Columns<'a> {
     }
 
     /// Returns true if some rows of a table state colours.
-    #[cfg(feature = "prepared")]
     pub(super) fn states_colour(&self) -> bool {
         !self.colour_sets().is_empty() || self.named_vectors().next().is_some()
     }
@@ -196,7 +194,6 @@ impl<'a> Columns<'a> {
     }
 
     /// Returns arrays with names of colours.
-    #[cfg(feature = "prepared")]
     fn named_vectors(&self) -> impl Iterator<Item = &'a Field> {
         let is_vector = |f: &&Field| matches!(f.source, FieldSource::Vector(_));
         let vectors = self.dataset.fields.iter().filter(is_vector);
@@ -204,7 +201,6 @@ impl<'a> Columns<'a> {
     }
 
     /// Returns true if a table states strengths.
-    #[cfg(feature = "prepared")]
     pub(super) fn states_strength(&self) -> bool {
         let is_there = |name: &str| matches!(self.of_table(name), Ok(Some(_)));
         ["mass", "extinction", "opacity"].into_iter().any(is_there)

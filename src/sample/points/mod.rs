@@ -23,7 +23,8 @@ use self::mass::Mass;
 pub(crate) use self::neighbourhoods::Neighbourhoods;
 pub(crate) use self::neighbourhoods::{Surrounded, without_spacing};
 pub(crate) use self::partitioned::{
-    FITTED_NEIGHBOURS, Fitted, RowsApart, fit_apart, function_apart, sample_apart, scalars,
+    FITTED_NEIGHBOURS, Fitted, PartitionedRows, fit_partition, function_of_all, sample_partition,
+    scalars,
 };
 use self::shape::Shape;
 use super::field::picked::picked_rows;

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use super::super::{ParticleShape, SampleOptions};
-use super::neighbours::{Elsewhere, PointIndex};
 use super::neighbours::{NEIGHBOUR_COUNT, SPACING_NEIGHBOURS};
+use super::neighbours::{PointIndex, Remote};
 use crate::error::{Error, Hint, Result};
 use crate::math::eigen;
 use glam::DVec3;
@@ -62,7 +62,7 @@ impl Neighbourhoods {
         points: &Surrounded<'_>,
         with_volumes: bool,
         options: &SampleOptions,
-        mut elsewhere: Option<&mut dyn Elsewhere>,
+        mut remote: Option<&mut dyn Remote>,
     ) -> Result<Option<Self>> {
         let index = PointIndex::new(points.positions);
         let with_covariances = match options.shape {
@@ -71,8 +71,8 @@ impl Neighbourhoods {
                 let own = index
                     .as_ref()
                     .map_or([0; 2], |index| long_of(index, points));
-                let [long, all] = match &mut elsewhere {
-                    Some(elsewhere) => elsewhere.sums(own)?,
+                let [long, all] = match &mut remote {
+                    Some(remote) => remote.sums(own)?,
                     None => own,
                 };
                 long as f64 > TRUE_SHARE * all as f64
@@ -80,13 +80,13 @@ impl Neighbourhoods {
             ParticleShape::Isotropic | ParticleShape::YuTurk => false,
         };
         let task = options.task.as_ref();
-        let (count, is_alone) = (points.count, elsewhere.is_none());
+        let (count, is_alone) = (points.count, remote.is_none());
         let mut covariances = match (&index, with_covariances) {
             (_, false) => None,
-            (Some(index), true) => Some(index.covariances(task, count, elsewhere)?),
+            (Some(index), true) => Some(index.covariances(task, count, remote)?),
             (None, true) => {
-                if let Some(elsewhere) = elsewhere {
-                    elsewhere.complete(Vec::new())?;
+                if let Some(remote) = remote {
+                    remote.complete(Vec::new())?;
                 }
                 Some(Vec::new())
             }

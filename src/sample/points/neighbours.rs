@@ -35,7 +35,7 @@ pub(in crate::sample) const MOST_NEIGHBOURS: usize = 8192;
 const FINDING: &str = "finding neighbours";
 
 /// Exchange with other ranks, which have neighbours of some local points.
-pub(crate) trait Elsewhere {
+pub(crate) trait Remote {
     /// Returns the sums of `own` over all ranks.
     fn sums(&mut self, own: [u64; 2]) -> Result<[u64; 2]>;
 
@@ -308,13 +308,13 @@ impl<'a> PointIndex<'a> {
     /// Returns the covariance of the nearest neighbours of each point, averaged over these neighbours, which
     /// reduces noise by far.
     ///
-    /// - `elsewhere`: gives the covariances of the points behind the first `count`; other ranks have those
+    /// - `remote`: gives the covariances of the points behind the first `count`; other ranks have those
     ///   points' neighbours.
     pub(in crate::sample) fn covariances(
         &self,
         task: Option<&Task>,
         count: usize,
-        elsewhere: Option<&mut dyn Elsewhere>,
+        remote: Option<&mut dyn Remote>,
     ) -> Result<Vec<[f64; 6]>> {
         // In a smaller set the remaining slots name the group itself.
         let around = |g| {
@@ -329,10 +329,10 @@ impl<'a> PointIndex<'a> {
             .par_iter()
             .map(|groups| self.covariance(groups.iter().map(|&g| g as usize)))
             .collect();
-        if let Some(elsewhere) = elsewhere {
+        if let Some(remote) = remote {
             let mut of_points = self.spread(&own, [f64::NAN; 6]);
             of_points.truncate(count);
-            let of_points = elsewhere.complete(of_points)?;
+            let of_points = remote.complete(of_points)?;
             let of_group = |g| of_points[self.group(g)[0] as usize];
             own = (0..self.group_count()).map(of_group).collect();
         }

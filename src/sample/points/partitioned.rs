@@ -21,14 +21,14 @@ use crate::scene::{
 /// Sources of sizes and volumes for points that show a field. They depend on the columns' names alone, so any
 /// rows determine them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct RowsApart {
+pub(crate) struct PartitionedRows {
     /// True if sizes follow from neighbours.
     pub(crate) is_bare: bool,
     /// True if volumes follow from neighbours.
     pub(crate) needs_volumes: bool,
 }
 
-impl RowsApart {
+impl PartitionedRows {
     /// Returns `None` for points that are sampled otherwise: they show no field through a transfer function,
     /// have colours, or need more than neighbours.
     ///
@@ -107,7 +107,7 @@ pub(crate) fn scalars(dataset: &Dataset) -> impl Iterator<Item = (&str, &Values)
 }
 
 /// The particles of some rows.
-pub(crate) struct ApartSample {
+pub(crate) struct PartitionSample {
     /// Particles with the data's values, and without a function.
     pub(crate) volume: PointVolume,
     pub(crate) report: SampleReport,
@@ -117,7 +117,7 @@ pub(crate) struct ApartSample {
     volumes: Vec<f32>,
 }
 
-impl ApartSample {
+impl PartitionSample {
     /// Picks the particles from which a function may be chosen.
     ///
     /// - `numbers`: number of each row among all rows.
@@ -140,12 +140,12 @@ impl ApartSample {
 ///
 /// # Errors
 /// Columns that contradict each other.
-pub(crate) fn sample_apart(
+pub(crate) fn sample_partition(
     dataset: Dataset,
     options: &SampleOptions,
     neighbourhoods: Option<&Neighbourhoods>,
     volume_sum: &mut ExactSum,
-) -> Result<ApartSample> {
+) -> Result<PartitionSample> {
     check_options(options)?;
     let part = Part {
         volume_sum,
@@ -157,7 +157,7 @@ pub(crate) fn sample_apart(
         kept,
         volumes,
     } = of_some(dataset, options, Some(part))?;
-    Ok(ApartSample {
+    Ok(PartitionSample {
         volume,
         report,
         kept,
@@ -167,7 +167,7 @@ pub(crate) fn sample_apart(
 
 /// Returns the transfer function of particles.
 ///
-/// - `picked`: the rows that [`ApartSample::picked`] returns on all ranks, in the order of their numbers, of
+/// - `picked`: the rows that [`PartitionSample::picked`] returns on all ranks, in the order of their numbers, of
 ///   `count` rows.
 /// - `surroundings`: states if there is anything around the particles; `tiling`: states if they fill space side
 ///   by side.
@@ -175,7 +175,7 @@ pub(crate) fn sample_apart(
 ///
 /// # Errors
 /// A function that cannot be read, or does not fit the options.
-pub(crate) fn function_apart(
+pub(crate) fn function_of_all(
     picked: &[PickedRow],
     count: usize,
     (surroundings, tiling): (Surroundings, Tiling),
@@ -206,7 +206,7 @@ pub(crate) struct Fitted {
 ///
 /// # Errors
 /// Work that was cancelled.
-pub(crate) fn fit_apart(
+pub(crate) fn fit_partition(
     volume: &PointVolume,
     (places, values): (&[DVec3], Values),
     options: &SampleOptions,
