@@ -58,9 +58,11 @@ impl DataOptions {
         progress: &ProgressBar,
     ) -> Result<Loaded> {
         self.check_function(options)?;
-        if !inputs.iter().all(|input| is_prepared(&input.path)) {
-            self.check_spacing()?;
-        }
+        let has_data = || !inputs.iter().all(|input| is_prepared(&input.path));
+        self.check_spacing().or_else(|error| match has_data() {
+            true => Err(error),
+            false => Ok(()),
+        })?;
         let (open, observer) = (self.open_options(), observer_of(progress));
         let scene = load(&self.request(inputs, &open, options, cameras, &observer))?;
         self.check_loaded(scene, options)
