@@ -45,6 +45,11 @@ pub(crate) fn divided(name: &str) -> Option<(&str, &str)> {
 /// assert_eq!(title_of("Temp [K]", Some("K")), "Temp [K]");
 /// assert_eq!(title_of("rho", None), "rho");
 /// ```
+#[cfg(any(feature = "legend", feature = "prepared"))]
+#[cfg_attr(
+    not(feature = "legend"),
+    allow(unreachable_pub, reason = "legends re-export it")
+)]
 pub fn title_of(field: &str, unit: Option<&str>) -> String {
     match unit {
         Some(unit) if divided(field).is_none() => format!("{field} [{unit}]"),
@@ -57,6 +62,7 @@ pub fn title_of(field: &str, unit: Option<&str>) -> String {
 /// ```
 /// assert_eq!(ewa_splat::legend::name_without_unit("Temp [K]"), "Temp");
 /// ```
+#[cfg(feature = "legend")]
 pub fn name_without_unit(field: &str) -> &str {
     divided(field).map_or(field, |(bare, _)| bare)
 }

@@ -69,7 +69,7 @@ use self::field::choice::has_choice;
 pub(crate) use self::field::choice::shown_field;
 pub use self::field::choice::{FieldChoice, field_choices, shared_fields};
 pub use self::field::statistics::{PERCENTILES, ShapeStatistics};
-#[cfg(feature = "cli")]
+#[cfg(feature = "prepared")]
 pub(crate) use self::field::together::automatic;
 pub use self::field::together::shared_functions;
 pub use self::points::doubts::doubts;

@@ -3,7 +3,6 @@
 //! [`Columns`] of a part of a volume matches its variants. A new column is added there.
 
 use std::borrow::Cow;
-#[cfg(feature = "cli")]
 use std::convert::Infallible;
 
 use bytemuck::Pod;
@@ -251,17 +250,14 @@ impl PointVolume {
     }
 
     /// Keeps the particles at `indices`, in that order.
-    #[cfg(feature = "cli")]
     pub(crate) fn gathered(mut self, indices: &[u32]) -> Self {
         let Ok(()) = self.visit(&mut Gathering(indices));
         self
     }
 }
 
-#[cfg(feature = "cli")]
 struct Gathering<'a>(&'a [u32]);
 
-#[cfg(feature = "cli")]
 impl Visitor<Owned> for Gathering<'_> {
     type Error = Infallible;
 

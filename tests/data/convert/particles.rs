@@ -4,9 +4,7 @@ use super::{Folder, norm, seen, some_cloud, variance};
 use crate::common::Random;
 use ewa_splat::io::{Dataset, Geometry};
 use ewa_splat::sample::{LEAST_OPACITY, SampleOptions, splat_cloud, volume as sample};
-use ewa_splat::scene::{
-    Colour, Lattice, Particles, PointVolume, Strength, TransferFunction, Values,
-};
+use ewa_splat::scene::{Lattice, Particles, PointVolume, Strength, TransferFunction, Values};
 use glam::{DMat3, DVec3};
 use serde_json::json;
 

@@ -4,7 +4,7 @@ use super::{norm, picture, unit, variance};
 use crate::common::Random;
 use ewa_splat::io::SplatCloud;
 use ewa_splat::sample::{CLOSED_WIDTH, splat_cloud};
-use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
+use ewa_splat::scene::{Particles, PointVolume, Strength};
 use ewa_splat::view::Camera;
 use glam::{DMat3, DVec2, DVec3};
 

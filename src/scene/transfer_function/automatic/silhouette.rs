@@ -127,7 +127,7 @@ impl Silhouette {
     }
 
     /// The silhouette as records of three numbers.
-    #[cfg(feature = "cli")]
+    #[cfg(feature = "prepared")]
     pub(super) fn to_records(self) -> [[f64; 3]; RECORDS] {
         let [xx, xy, xz, yy, yz, zz] = self.variance;
         let is_loose = f64::from(u8::from(self.is_loose));
@@ -141,7 +141,7 @@ impl Silhouette {
     }
 
     /// The silhouette that the records of [`Self::to_records`] store.
-    #[cfg(feature = "cli")]
+    #[cfg(feature = "prepared")]
     pub(super) fn of_records(records: [[f64; 3]; RECORDS]) -> Self {
         let [[weight, area, is_loose], middle, [xx, xy, xz], [yy, yz, zz]] = records;
         Self {
@@ -155,7 +155,7 @@ impl Silhouette {
 }
 
 /// Number of records, of three numbers each, in a silhouette.
-#[cfg(feature = "cli")]
+#[cfg(feature = "prepared")]
 pub(super) const RECORDS: usize = 4;
 
 /// The elements xx, xy, xz, yy, yz, zz of m mᵀ.

@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
-#[cfg(feature = "cli")]
+#[cfg(feature = "prepared")]
 use super::silhouette::RECORDS;
 use super::silhouette::Silhouette;
 use crate::math::narrowed;
@@ -213,7 +213,7 @@ impl ValueSample {
 
     /// The records that [`Self::joined`] needs: the area that the data cover, if it is known; value, volume and count of each
     /// sample; whether there are surroundings.
-    #[cfg(feature = "cli")]
+    #[cfg(feature = "prepared")]
     pub(crate) fn to_records(&self) -> (Vec<[f64; 3]>, bool) {
         let record = |s: &Sample| [s.value, s.volume, s.count];
         let has_surroundings = self.surroundings == Surroundings::Included;
@@ -228,7 +228,7 @@ impl ValueSample {
     }
 
     /// The sample that the records of [`Self::to_records`] store, without lengths.
-    #[cfg(feature = "cli")]
+    #[cfg(feature = "prepared")]
     pub(crate) fn of_records(records: &[[f64; 3]], has_surroundings: bool) -> Self {
         let sample = |&[value, volume, count]: &[f64; 3]| Sample {
             value,
@@ -271,7 +271,7 @@ impl ValueSample {
     }
 
     /// The joined samples of time steps that show one field, with the mean of their volumes.
-    #[cfg(feature = "cli")]
+    #[cfg(feature = "prepared")]
     pub(crate) fn mean(steps: Vec<Self>) -> Option<Self> {
         let share = 1.0 / steps.len().max(1) as f64;
         let mut all = Self::joined(steps)?;
