@@ -66,15 +66,11 @@ mod tests {
             let squares = map(count, |i| i as u64 * i as u64);
             assert_eq!(squares.len(), count);
             assert!((0..).zip(&squares).all(|(i, n)| *n == i * i));
-            let mut all = vec![0_u32; count];
+            let mut all = vec![0; count];
             chunks(&mut all, 1000, |n, chunk| {
-                chunk.iter_mut().for_each(|x| *x += 1 + n as u32);
+                chunk.iter_mut().for_each(|x| *x += 1 + n);
             });
-            assert!(
-                all.iter()
-                    .enumerate()
-                    .all(|(i, x)| *x as usize == 1 + i / 1000)
-            );
+            assert!(all.iter().enumerate().all(|(i, x)| *x == 1 + i / 1000));
             let refused = try_chunks(
                 &mut all,
                 10,
