@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 /// Rooms from the lowest to the highest; those in one row may import one another.
 const ROOMS: [&[&str]; 16] = [
     &[
+        "breadth",
         "collective",
         "constants",
         "error",
@@ -30,9 +31,9 @@ const ROOMS: [&[&str]; 16] = [
     &["prepared"],
     // A back end is named in the settings, and devices belong to theirs.
     &["frame", "cpu", "gpu"],
-    &["load", "ranks", "render"],
-    &["annotate", "legend", "measure", "overlay"],
+    &["ranks", "render"],
     &["load"],
+    &["annotate", "legend", "measure", "overlay"],
     &["command"],
 ];
 
