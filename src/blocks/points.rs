@@ -11,7 +11,8 @@ use super::merge::{Shapes, Source};
 use super::room::ColumnFile;
 use super::room::Room;
 use crate::error::{Error, Result};
-use crate::scene::columns::{ColumnBytes, Columns, Visitor, columns, columns_of_fields, picked};
+use crate::scene::columns::{ColumnBytes, Columns, Visitor, columns, columns_of_fields};
+use crate::scene::storage::picked;
 use crate::scene::{
     Boundary, BoundaryPlanes, BoundaryPlanesIn, ColourIn, Column, LocalModels, LocalModelsIn,
     Particles, PointVolume, Shared, StrengthIn, TransferFunction, Values, ValuesIn,

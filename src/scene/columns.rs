@@ -13,7 +13,7 @@ use crate::scene::boundary::{Boundary, BoundaryPlanes, BoundaryPlanesIn};
 use crate::scene::headers::{ColourHeader, StrengthHeader};
 use crate::scene::local_models::{LocalModels, LocalModelsIn};
 use crate::scene::point_volume::{ColourIn, Particles, PointVolume, StrengthIn};
-use crate::scene::storage::{Owned, Storage};
+use crate::scene::storage::{Owned, Storage, picked};
 use crate::scene::values::ValuesIn;
 
 /// A column as bytes.
@@ -275,16 +275,4 @@ impl Visitor<Owned> for Gathering<'_> {
         *planes = planes.gather(self.0);
         Ok(())
     }
-}
-
-/// Picks particles' entries of a column, `width` each.
-pub(crate) fn picked<T: Copy>(column: &[T], width: usize, indices: &[u32]) -> Vec<T> {
-    if width == 1 {
-        return indices.iter().map(|&i| column[i as usize]).collect();
-    }
-    let mut all = Vec::with_capacity(width * indices.len());
-    for &i in indices {
-        all.extend_from_slice(&column[i as usize * width..][..width]);
-    }
-    all
 }

@@ -9,7 +9,7 @@ use crate::scene::values::ValuesIn;
 
 /// Kind of a [`Strength`](super::Strength).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case", deny_unknown_fields)]
+#[serde(rename = "Strength", rename_all = "snake_case", deny_unknown_fields)]
 pub(crate) enum StrengthHeader {
     Classified,
     Mass,
@@ -55,7 +55,7 @@ impl StrengthHeader {
 
 /// Kind of a [`Colour`](super::Colour).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case", deny_unknown_fields)]
+#[serde(rename = "Colour", rename_all = "snake_case", deny_unknown_fields)]
 pub(crate) enum ColourHeader {
     Classified,
     PerParticle,

@@ -14,7 +14,7 @@ pub(crate) mod map;
 mod point_volume;
 mod requirements;
 pub(crate) mod rows;
-mod storage;
+pub(crate) mod storage;
 mod transfer_function;
 mod values;
 

@@ -160,3 +160,15 @@ mod tests {
         assert_eq!(Column::from(vec![7_u8]), [7].into_iter().collect());
     }
 }
+
+/// Picks particles' entries of a column, `width` each.
+pub(crate) fn picked<T: Copy>(column: &[T], width: usize, indices: &[u32]) -> Vec<T> {
+    if width == 1 {
+        return indices.iter().map(|&i| column[i as usize]).collect();
+    }
+    let mut all = Vec::with_capacity(width * indices.len());
+    for &i in indices {
+        all.extend_from_slice(&column[i as usize * width..][..width]);
+    }
+    all
+}

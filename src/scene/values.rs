@@ -2,9 +2,8 @@
 
 use rayon::prelude::*;
 
-use super::storage::{Owned, Shared, Storage};
+use super::storage::{Owned, Shared, Storage, picked};
 use crate::math::narrowed;
-use crate::scene::columns::picked;
 
 /// Scalar values in vectors.
 pub type Values = ValuesIn<Owned>;
