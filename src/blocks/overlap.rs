@@ -6,8 +6,8 @@ use std::ops::Range;
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
-use super::merge::{PartialTree, Source};
-use super::tree::Tree;
+use super::merge::Source;
+use super::tree::{PartialTree, Tree};
 use crate::collective::Collective;
 use crate::error::Result;
 use crate::splat::budget::OVERLAP;

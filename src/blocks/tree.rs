@@ -41,6 +41,16 @@ pub(super) struct Node {
     size: f32,
 }
 
+/// Partial tree: a tree over some of the particles.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PartialTree<'a> {
+    pub(super) tree: &'a Tree,
+    /// Index of its first particle among the particles that are here.
+    pub(super) at: usize,
+    /// Index of its first particle in block order.
+    pub(super) start: usize,
+}
+
 /// A subtree: one particle or more.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Subtree {

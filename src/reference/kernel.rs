@@ -2,8 +2,8 @@
 
 use glam::{DMat3, DVec3};
 
-use super::PixelFilter;
 use super::piece::FieldOf;
+use super::settings::PixelFilter;
 use super::sight::between;
 use crate::constants::MOST_EDGES;
 use crate::scene::{Boundary, Classification, Colour, Particles, PointVolume, Strength};

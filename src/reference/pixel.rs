@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 use super::kernel::{Kernel, REACH};
 use super::ray::RayIntegral;
-use super::{PixelFilter, ReferenceFrame, ReferenceSettings};
+use super::settings::{PixelFilter, ReferenceFrame, ReferenceSettings};
 use crate::error::Result;
 use crate::image::Image;
 use crate::task::Stage;

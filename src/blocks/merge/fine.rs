@@ -9,20 +9,10 @@ use super::source::Source;
 use super::sums::{Cluster, Sums};
 use super::{FINE_LEVELS, MERGE_RATIO};
 use crate::blocks::overlap::OverlapCounts;
-use crate::blocks::tree::{Subtree, Tree};
+use crate::blocks::tree::{PartialTree, Subtree};
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;
 use crate::task::{Stage, Task};
-
-/// Partial tree: a tree over some of the particles.
-#[derive(Debug, Clone, Copy)]
-pub(in crate::blocks) struct PartialTree<'a> {
-    pub(in crate::blocks) tree: &'a Tree,
-    /// Index of its first particle among the particles that are here.
-    pub(in crate::blocks) at: usize,
-    /// Index of its first particle in block order.
-    pub(in crate::blocks) start: usize,
-}
 
 /// Builds the levels of the particles that are here; also returns the clusters of the last level.
 ///

@@ -10,6 +10,7 @@
 //! [`TransferFunction::classify_spread`]: crate::scene::TransferFunction::classify_spread
 
 mod coarse;
+mod distribution;
 mod fine;
 mod lattice;
 mod levels;
@@ -22,7 +23,7 @@ use std::sync::Arc;
 use bytemuck::{Pod, Zeroable};
 
 use super::overlap::OverlapCounts;
-use super::tree::Tree;
+use super::tree::{PartialTree, Tree};
 use super::{Block, BlockedVolume};
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;
@@ -33,7 +34,7 @@ use crate::scene::{
 use crate::task::Task;
 
 pub(super) use coarse::{Atoms, coarse_levels};
-pub(super) use fine::{PartialTree, fine_levels};
+pub(super) use fine::fine_levels;
 pub(super) use lattice::{
     CubeMoments, LONGEST_COPIED, LongCube, WholeCube, adopted, is_large, levels_of, merge_lattice,
 };

@@ -7,8 +7,7 @@ use obvhs::aabb::Aabb;
 use rayon::prelude::*;
 
 use super::super::build::check_count;
-use super::super::merge::PartialTree;
-use super::super::tree::{CHUNK, Subtree, Tree, Units};
+use super::super::tree::{CHUNK, PartialTree, Subtree, Tree, Units};
 use super::chunks::{Chunk, chunks};
 use super::numbers::without_gaps;
 use super::{NO_CORNERS, Partition, extend};

@@ -26,11 +26,11 @@ use glam::DVec3;
 
 use super::BlockedVolume;
 use super::build::{BuildOptions, build, family, in_blocks, principal_ranges};
-use super::merge::{Atoms, Cluster, Levels, PartialTree, coarse_levels, fine_levels, is_mergeable};
+use super::merge::{Atoms, Cluster, Levels, coarse_levels, fine_levels, is_mergeable};
 use super::overlap::OverlapCounts;
 use super::points::Points;
 use super::room::MEMORY;
-use super::tree::CHUNK;
+use super::tree::{CHUNK, PartialTree};
 use crate::blocks::scene::SceneOptions;
 use crate::blocks::share::runs_in_turn;
 use crate::collective::Collective;

@@ -1,6 +1,7 @@
 //! Axis *accumulate*: combines the kernels of a pixel.
 
 pub(super) mod column;
+pub(super) mod into_over;
 pub(super) mod layers;
 pub(super) mod maximum;
 pub(super) mod opaque;
@@ -9,7 +10,7 @@ pub(super) mod ring;
 pub(super) mod sheets;
 pub(super) mod slabs;
 
-use self::over::IntoOver;
+use self::into_over::IntoOver;
 use self::sheets::IntoSheet;
 use self::slabs::IntoSlabs;
 use super::evaluate::Evaluate;
