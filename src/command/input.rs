@@ -96,7 +96,8 @@ pub(crate) struct DataOptions {
     #[arg(long, value_name = "HOW", value_enum)]
     pub(crate) boundary: Option<BoundaryName>,
     /// Show the iso-surface of this value alone, opaque and lit, in the transfer function's colour there
-    #[arg(long, value_name = "VALUE", value_parser = parse::finite, allow_hyphen_values = true)]
+    #[arg(long = "isosurface", visible_alias = "flatten", value_name = "VALUE",
+          value_parser = parse::finite, allow_hyphen_values = true)]
     pub(crate) flatten: Option<f64>,
     /// Raw volume: samples along x, y, z
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::dims)]
@@ -389,7 +390,7 @@ impl DataOptions {
         }
     }
 
-    /// Refuses `--flatten` together with options that do not apply to an opaque surface.
+    /// Refuses `--isosurface` together with options that do not apply to an opaque surface.
     pub(crate) fn check_surface(&self) -> Result<()> {
         if self.flatten.is_some() && self.unit_distance.is_some() {
             let found = "--unit-distance beside it";

@@ -77,8 +77,8 @@ impl Truth {
             return refuse("inputs", "one file with a grid", found, advice);
         };
         if data.flatten.is_some() {
-            let advice = "leave --flatten out, or take --reference kernels";
-            let found = "the surface of --flatten".into();
+            let advice = "leave --isosurface out, or take --reference kernels";
+            let found = "the surface of --isosurface".into();
             return refuse("scene", "a volume", found, advice);
         }
         let dataset = data.open(input)?;

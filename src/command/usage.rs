@@ -102,7 +102,7 @@ impl DataOptions {
             ("--kernel-width", self.kernel_width.is_some(), is_data, data),
             ("--as", self.read_as.is_some(), is_data, data),
             ("--scales", self.scales.is_some(), is_data, data),
-            ("--flatten", is_surface, is_data, data),
+            ("--isosurface", is_surface, is_data, data),
             ("--type", self.has_types(), is_data, data),
             (
                 "--field",

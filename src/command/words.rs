@@ -152,7 +152,7 @@ fn option(parameter: Parameter) -> String {
     match parameter {
         Parameter::KernelWidth => "--kernel-width",
         Parameter::TransferFunction => "--transfer-function",
-        Parameter::Flatten => "--flatten",
+        Parameter::Flatten => "--isosurface",
         Parameter::SurfelDensity => "--density",
         Parameter::SurfelSpacing => "--spacing",
         Parameter::ReadAs => "--as",
@@ -246,7 +246,7 @@ mod tests {
             (
                 Parameter::RawDims.into(),
                 Hint::LeaveOut(Parameter::Flatten),
-                "--kernel-width: --dims: expected this, found that; leave --flatten out",
+                "--kernel-width: --dims: expected this, found that; leave --isosurface out",
             ),
             (
                 "two\nlines".into(),
@@ -286,7 +286,7 @@ mod tests {
             (Hint::GiveMeaningOrRadius, &["--length", "--radius"]),
             (Hint::AddSigmaOrGiveRadius, &["`sigma`", "--radius"]),
             (Hint::ResizeAlongAxes, &["--resize"]),
-            (leave_out, &["--flatten"]),
+            (leave_out, &["--isosurface"]),
             (Hint::LookAtFile, &["`ewa-splat info`"]),
             (Hint::LookAtDataOrRaiseOpacity, &["`ewa-splat info`"]),
             (Hint::DrawPicture, &["--column-density"]),

@@ -1381,7 +1381,7 @@ fn light_changes_colours_and_nothing_else() {
     );
     // An iso-surface is visible by its shading.
     let surface = draw("f.npy", &["--flatten", ".6"]);
-    assert_eq!(surface, draw("g.npy", &["--flatten", ".6", "--lit"]));
+    assert_eq!(surface, draw("g.npy", &["--isosurface", ".6", "--lit"]));
     assert_ne!(surface, lit);
     let refused = |status: i32, more: &[&str]| {
         let arguments = ["render", &wake, "--out", "no.png"];

@@ -86,7 +86,7 @@ const WRONG: &[(&str, i32, &str)] = &[
         "expected particles, found none",
     ),
     (
-        "render WAKE --out a.png --flatten 1e9",
+        "render WAKE --out a.png --isosurface 1e9",
         1,
         "one that the field has",
     ),
@@ -181,7 +181,7 @@ const WRONG: &[(&str, i32, &str)] = &[
         "more than opaque surfaces",
     ),
     (
-        "render WAKE --out a.png --flatten .6 --boundary sharp",
+        "render WAKE --out a.png --isosurface .6 --boundary sharp",
         1,
         "--boundary sharp",
     ),
