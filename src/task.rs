@@ -249,13 +249,13 @@ mod tests {
 
     #[test]
     fn stages_tell_how_far_they_are() {
-        let told = Arc::new(Mutex::new(Vec::new()));
-        let listener = Arc::clone(&told);
+        let reported = Arc::new(Mutex::new(Vec::new()));
+        let listener = Arc::clone(&reported);
         let task = Task::observed(move |progress| listener.lock().unwrap().push(progress));
         let squares = collect(Some(&task), "squares", 10_000, |i| i * i).unwrap();
         assert_eq!(squares, (0..10_000).map(|i| i * i).collect::<Vec<_>>());
-        let told: Vec<f64> = told.lock().unwrap().iter().map(|p| p.done).collect();
-        assert_eq!(told, [0.0, 0.4096, 0.8192, 1.0]);
+        let reported: Vec<f64> = reported.lock().unwrap().iter().map(|p| p.done).collect();
+        assert_eq!(reported, [0.0, 0.4096, 0.8192, 1.0]);
         // With many small steps, not every step is reported.
         let count = Arc::new(AtomicUsize::new(0));
         let counter = Arc::clone(&count);

@@ -5,6 +5,7 @@
 
 mod arrays;
 mod camera;
+mod drawable;
 mod errors;
 mod forked;
 mod pictures;
@@ -12,11 +13,12 @@ mod program;
 mod renderer;
 mod settings;
 mod task;
-mod thing;
 
 /// The compiled part of `ewa_splat`.
 #[pyo3::pymodule]
 mod _core {
+    #[pymodule_export]
+    use super::drawable::Drawable;
     #[pymodule_export]
     use super::pictures::{compare, read_image, write_column, write_image};
     #[pymodule_export]
@@ -25,6 +27,4 @@ mod _core {
     use super::renderer::Renderer;
     #[pymodule_export]
     use super::settings::check_transfer_function;
-    #[pymodule_export]
-    use super::thing::Thing;
 }

@@ -27,10 +27,10 @@ use pyo3::types::PyDict;
 
 use crate::arrays::Numbers;
 use crate::camera::View;
+use crate::drawable::{Data, Drawable, Source};
 use crate::forked::usable;
 use crate::settings::{Drawing, Keywords, drawing, transfer};
 use crate::task::run;
-use crate::thing::{Data, Source, Thing};
 
 /// Ratio of wanted to existing surfels of a mesh above which it is sampled again.
 const DENSER: f64 = 1.5;
@@ -44,7 +44,7 @@ pub(crate) struct Renderer {
 }
 
 struct State {
-    things: Vec<Py<Thing>>,
+    things: Vec<Py<Drawable>>,
     backend: Backend,
     /// Last transfer function given for all data.
     transfer: Option<TransferChoice>,
@@ -580,7 +580,7 @@ impl Renderer {
 impl Renderer {
     #[new]
     #[pyo3(signature = (things, backend, keep_shapes))]
-    fn new(things: Vec<Py<Thing>>, backend: &str, keep_shapes: bool) -> PyResult<Self> {
+    fn new(things: Vec<Py<Drawable>>, backend: &str, keep_shapes: bool) -> PyResult<Self> {
         let backend = match backend {
             "auto" => Backend::Auto,
             "gpu" => Backend::Gpu,

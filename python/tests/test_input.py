@@ -147,7 +147,7 @@ def test_nothing_that_can_be_drawn_is_an_error(poison):
 )
 def test_errors_name_the_argument_and_what_was_found(make, error, words):
     with pytest.raises(error, match=words):
-        drawn(made) if isinstance(made := make(), es.Thing) else made
+        drawn(made) if isinstance(made := make(), es.Drawable) else made
 
 
 @pytest.mark.parametrize(

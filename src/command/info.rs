@@ -10,7 +10,7 @@ use crate::data::mesh::{AlphaMode, Mesh, TextureUse};
 use crate::data::particle_type::{ParticleCount, ParticleType};
 use crate::error::{Advice, Hint};
 use crate::io::{SplatAxes, TimeStep, format_of};
-use crate::sample::doubts;
+use crate::sample::accuracy_warnings;
 use crate::sample::{PERCENTILES, ShapeStatistics};
 use crate::scene::{LatticeSpacing, Requirements, Values};
 use crate::stages::blocks::BlockedVolume;
@@ -255,7 +255,7 @@ impl Arguments {
                 "anisotropy": shapes.anisotropy.map(|ratio| ratio.is_finite().then_some(ratio)),
             });
         }
-        description["doubts"] = json!(doubts(&sampled.volume.particles));
+        description["doubts"] = json!(accuracy_warnings(&sampled.volume.particles));
         description["requirements"] = json!(Requirements::of(&sampled.volume));
         let family = BlockedVolume::with_detail(sampled.volume);
         description["bytes_per_particle"] = json!(BlockedVolume::bytes_per_particle(&family));

@@ -15,10 +15,10 @@ pub(crate) use say;
 
 mod animation;
 mod annotations;
+mod assigned;
 mod compare;
 mod convert;
 mod cut;
-mod dealt;
 mod driver;
 mod edits;
 mod files;

@@ -103,7 +103,7 @@ impl DataOptions {
             return Ok((read()?, None));
         }
         if inputs.len() > 1 && takes_parts {
-            let (scene, share) = self.dealt(inputs, options, cameras, progress, ranks)?;
+            let (scene, share) = self.assigned_inputs(inputs, options, cameras, progress, ranks)?;
             return Ok((check(scene)?, Some(share)));
         }
         let Some(together) = together else {
@@ -197,12 +197,12 @@ impl DataOptions {
             _ => Ok(None),
         };
         let mut own_scene = None;
-        let told = own.map(|own| {
+        let own_metadata = own.map(|own| {
             own_scene = own;
             let about = own_scene.as_ref();
             about.map(|scene| scene.about(inputs, options.for_columns))
         });
-        let about: About = ranks.broadcast_value(told)?;
+        let about: About = ranks.broadcast_value(own_metadata)?;
         let volumes = own_scene.as_mut().map(|own| take(&mut own.volumes));
         let mut share = scatter(volumes, ranks)?;
         let mut scene = match own_scene {

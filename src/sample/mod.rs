@@ -72,7 +72,7 @@ pub use self::field::statistics::{PERCENTILES, ShapeStatistics};
 #[cfg(feature = "prepared")]
 pub(crate) use self::field::together::automatic;
 pub use self::field::together::shared_functions;
-pub use self::points::doubts::doubts;
+pub use self::points::accuracy_warnings::accuracy_warnings;
 pub(crate) use self::points::neighbours::Remote;
 pub(crate) use self::points::reach::{Boxes, Leaf, Near, Reach};
 pub use self::splats::convert::{

@@ -116,8 +116,8 @@ impl App {
     ///
     /// - `canvas`: place of its pictures.
     pub(crate) fn new(request: ViewRequest, context: &Context, canvas: Canvas) -> Self {
-        let told = context.clone();
-        let worker = Worker::new(move || told.request_repaint());
+        let shared = context.clone();
+        let worker = Worker::new(move || shared.request_repaint());
         let mut app = Self {
             inputs: Vec::new(),
             over: Over {

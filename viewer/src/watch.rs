@@ -14,8 +14,8 @@ const PAUSE: Duration = Duration::from_secs(1);
 type Stamp = Option<(SystemTime, u64)>;
 
 fn stamp(path: &Path) -> Stamp {
-    let told = std::fs::metadata(path).ok()?;
-    Some((told.modified().ok()?, told.len()))
+    let metadata = std::fs::metadata(path).ok()?;
+    Some((metadata.modified().ok()?, metadata.len()))
 }
 
 /// Files, and their states when they were read.

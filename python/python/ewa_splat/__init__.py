@@ -19,14 +19,18 @@ from ._image import Column, Image, compare
 from ._keywords import Drawing, Sampling
 from ._notebook import view
 from ._renderer import Picked, Renderer, convert, measure
-from ._scene import Report, Splats, Surfels, Thing, Volume, load
+from ._scene import Drawable, Report, Splats, Surfels, Volume, load
 from ._transfer import TransferFunction
 
 _quiet()
 
+#: Older name of `Drawable`.
+Thing = Drawable
+
 __all__ = [
     "Camera",
     "Column",
+    "Drawable",
     "Drawing",
     "Image",
     "Picked",

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ._scene import Surfels, Thing, Volume, load
+from ._scene import Surfels, Drawable, Volume, load
 from ._units import in_unit_of, unit_text
 
 #: VTK's cell-type numbers for meshio's cell names.
@@ -23,8 +23,8 @@ _MESHIO_CELLS = {
 _SOLID = frozenset(["tetra", "hexahedron", "wedge", "pyramid", "penta_prism", "hexa_prism"])
 
 
-def adapt(data: Any, field: str | None = None, **options: Any) -> Thing:
-    """Make a thing from another package's object; a `Thing` is returned unchanged.
+def adapt(data: Any, field: str | None = None, **options: Any) -> Drawable:
+    """Make a thing from another package's object; a `Drawable` is returned unchanged.
 
     ================================================ ===========================================================
     object                                           becomes
@@ -61,7 +61,7 @@ def adapt(data: Any, field: str | None = None, **options: Any) -> Thing:
     TypeError
         An object of no known kind.
     """
-    if isinstance(data, Thing):
+    if isinstance(data, Drawable):
         if field is not None or options:
             raise TypeError("field: expected an object of another package beside it, found a thing that is made already")
         return data
@@ -139,7 +139,7 @@ def _blanked(data: Any, of: str, values: NDArray[Any]) -> NDArray[Any]:
     return np.ma.masked_array(values, hidden) if hidden.any() else values
 
 
-def _of_vtk(data: Any, field: str | None, options: dict[str, Any]) -> Thing:
+def _of_vtk(data: Any, field: str | None, options: dict[str, Any]) -> Drawable:
     if data.IsA("vtkCompositeDataSet"):
         return _of_blocks(data, field, options)
     if not data.IsA("vtkDataSet"):
@@ -205,7 +205,7 @@ def _vtk_cells(data: Any) -> NDArray[np.int64]:
     return np.array(lists, np.int64)
 
 
-def _of_poly_data(data: Any, chosen: tuple[str, str, NDArray[Any]] | None, options: dict[str, Any]) -> Thing:
+def _of_poly_data(data: Any, chosen: tuple[str, str, NDArray[Any]] | None, options: dict[str, Any]) -> Drawable:
     points = _vtk_array(data.GetPoints().GetData())
     corners, of_cell = _vtk_triangles(data)
     if len(corners) == 0:
@@ -251,7 +251,7 @@ def _vtk_triangles(data: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return np.concatenate(corners), np.concatenate(cells)
 
 
-def _of_blocks(data: Any, field: str | None, options: dict[str, Any]) -> Thing:
+def _of_blocks(data: Any, field: str | None, options: dict[str, Any]) -> Drawable:
     from . import _core
 
     iterator = data.NewIterator()
@@ -268,7 +268,7 @@ def _of_blocks(data: Any, field: str | None, options: dict[str, Any]) -> Thing:
         iterator.GoToNextItem()
     if not things:
         raise missing or ValueError("things: expected blocks with points, found none")
-    return Thing(_core.Thing.together([thing._core for thing in things]))
+    return Drawable(_core.Drawable.together([thing._core for thing in things]))
 
 
 # meshio ---------------------------------------------------------------------------------------------------------------
@@ -278,7 +278,7 @@ def _is_meshio(data: Any) -> bool:
     return all(hasattr(data, name) for name in ("points", "cells", "point_data", "cell_data"))
 
 
-def _of_meshio(data: Any, field: str | None, options: dict[str, Any]) -> Thing:
+def _of_meshio(data: Any, field: str | None, options: dict[str, Any]) -> Drawable:
     points = np.asarray(data.points)
     if points.shape[1] == 2:
         points = np.column_stack([points, np.zeros(len(points))])
@@ -310,7 +310,7 @@ def _of_meshio(data: Any, field: str | None, options: dict[str, Any]) -> Thing:
 
 def _of_flat_meshio(
     data: Any, points: NDArray[Any], flat: list[int], shown: str | None, options: dict[str, Any]
-) -> Thing:
+) -> Drawable:
     if not flat:
         if shown in data.point_data:
             return Volume.from_points(points, _magnitude(np.asarray(data.point_data[shown])), name=str(shown), **options)
@@ -339,7 +339,7 @@ def _is_trimesh(data: Any) -> bool:
     return is_mesh or (hasattr(data, "geometry") and hasattr(data, "graph") and callable(getattr(data, "dump", None)))
 
 
-def _of_trimesh(data: Any, field: str | None, options: dict[str, Any]) -> Thing:
+def _of_trimesh(data: Any, field: str | None, options: dict[str, Any]) -> Drawable:
     from . import _core
 
     if hasattr(data, "geometry"):
@@ -347,7 +347,7 @@ def _of_trimesh(data: Any, field: str | None, options: dict[str, Any]) -> Thing:
         if not meshes:
             raise ValueError("things: expected a scene with meshes, found none")
         parts = [_of_trimesh(mesh, field, options) for mesh in meshes]
-        return Surfels(_core.Thing.together([part._core for part in parts]))
+        return Surfels(_core.Drawable.together([part._core for part in parts]))
     vertices, faces, visual = np.asarray(data.vertices), np.asarray(data.faces), data.visual
     if field is not None:
         known = {**getattr(data, "vertex_attributes", {}), **getattr(data, "face_attributes", {})}
@@ -378,7 +378,7 @@ def _is_swiftsimio(data: Any) -> bool:
     return whole or (hasattr(data, "coordinates") and hasattr(data, "particle_ids") and hasattr(data, "metadata"))
 
 
-def _of_swiftsimio(data: Any, field: str | None, options: dict[str, Any]) -> Thing:
+def _of_swiftsimio(data: Any, field: str | None, options: dict[str, Any]) -> Drawable:
     particles = data.gas if hasattr(data, "gas") else data
     positions = particles.coordinates
     keywords: dict[str, Any] = {}
@@ -421,7 +421,7 @@ def _is_pynbody(data: Any) -> bool:
     return type(data).__module__.startswith("pynbody") or (hasattr(data, "loadable_keys") and hasattr(data, "families"))
 
 
-def _of_pynbody(data: Any, field: str | None, options: dict[str, Any]) -> Thing:
+def _of_pynbody(data: Any, field: str | None, options: dict[str, Any]) -> Drawable:
     families = [str(family) for family in data.families()]
     gas = data.gas if "gas" in families else data
     keywords: dict[str, Any] = {}
@@ -460,7 +460,7 @@ _YT_KERNELS = {
 }  # fmt: skip
 
 
-def _of_yt(data: Any, field: str | None, options: dict[str, Any]) -> Thing:
+def _of_yt(data: Any, field: str | None, options: dict[str, Any]) -> Drawable:
     listed = data.ds.derived_field_list
     known = {name[1]: name for name in listed} | {name[1]: name for name in listed if name[0] == "gas"}
     known |= {name: name for name in listed}
@@ -501,7 +501,7 @@ def _is_xarray(data: Any) -> bool:
     return is_array and (hasattr(data, "data") or hasattr(data, "data_vars"))
 
 
-def _of_xarray(data: Any, field: str | None, options: dict[str, Any]) -> Thing:
+def _of_xarray(data: Any, field: str | None, options: dict[str, Any]) -> Drawable:
     if hasattr(data, "data_vars"):
         names = [str(name) for name in data.data_vars]
         if field is None:
@@ -592,13 +592,13 @@ def _is_tensor(data: Any) -> bool:
     return is_array and len(getattr(data, "shape", ())) == 2
 
 
-def _of_tensor(data: Any, field: str | None, options: dict[str, Any]) -> Thing:
+def _of_tensor(data: Any, field: str | None, options: dict[str, Any]) -> Drawable:
     if field is not None:
         raise ValueError("field: expected an object with fields beside it, found an array of positions")
     return Volume.from_points(data, **options)
 
 
-_KINDS: list[tuple[Callable[[Any], bool], Callable[[Any, str | None, dict[str, Any]], Thing]]] = [
+_KINDS: list[tuple[Callable[[Any], bool], Callable[[Any, str | None, dict[str, Any]], Drawable]]] = [
     (_is_vtk, _of_vtk),
     (_is_meshio, _of_meshio),
     (_is_trimesh, _of_trimesh),

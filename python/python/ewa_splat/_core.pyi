@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 @final
-class Thing:
+class Drawable:
     @staticmethod
     def points(
         positions: NDArray[Any], columns: Sequence[tuple[str, NDArray[Any]]], options: dict[str, Any] | None = None
-    ) -> Thing: ...
+    ) -> Drawable: ...
     @staticmethod
     def grid(
         dims: Sequence[int],
@@ -21,7 +21,7 @@ class Thing:
         values: NDArray[Any],
         of: str,
         options: dict[str, Any] | None = None,
-    ) -> Thing: ...
+    ) -> Drawable: ...
     @staticmethod
     def rectilinear(
         coordinates: Sequence[Sequence[float]],
@@ -29,7 +29,7 @@ class Thing:
         values: NDArray[Any],
         of: str,
         options: dict[str, Any] | None = None,
-    ) -> Thing: ...
+    ) -> Drawable: ...
     @staticmethod
     def structured(
         dims: Sequence[int],
@@ -38,7 +38,7 @@ class Thing:
         values: NDArray[Any],
         of: str,
         options: dict[str, Any] | None = None,
-    ) -> Thing: ...
+    ) -> Drawable: ...
     @staticmethod
     def cells(
         points: NDArray[Any],
@@ -48,7 +48,7 @@ class Thing:
         values: NDArray[Any],
         of: str,
         options: dict[str, Any] | None = None,
-    ) -> Thing: ...
+    ) -> Drawable: ...
     @staticmethod
     def mesh(
         vertices: NDArray[Any],
@@ -59,7 +59,7 @@ class Thing:
         values: tuple[str, NDArray[Any]] | None = None,
         of: str = "nodes",
         options: dict[str, Any] | None = None,
-    ) -> Thing: ...
+    ) -> Drawable: ...
     @staticmethod
     def surfels(
         positions: NDArray[Any],
@@ -67,7 +67,7 @@ class Thing:
         radii: NDArray[np.float64],
         colours: NDArray[np.float32] | None,
         up: Sequence[float] | None,
-    ) -> Thing: ...
+    ) -> Drawable: ...
     @staticmethod
     def splats(
         positions: NDArray[Any],
@@ -77,15 +77,15 @@ class Thing:
         degree: int,
         harmonics: NDArray[np.float32],
         options: dict[str, Any] | None = None,
-    ) -> Thing: ...
+    ) -> Drawable: ...
     @staticmethod
-    def open(path: str, options: dict[str, Any] | None = None, how: dict[str, Any] | None = None) -> Thing: ...
+    def open(path: str, options: dict[str, Any] | None = None, how: dict[str, Any] | None = None) -> Drawable: ...
     @staticmethod
     def read(
         name: str, bytes: bytes, options: dict[str, Any] | None = None, how: dict[str, Any] | None = None
-    ) -> Thing: ...
+    ) -> Drawable: ...
     @staticmethod
-    def together(things: Sequence[Thing]) -> Thing: ...
+    def together(things: Sequence[Drawable]) -> Drawable: ...
     def fields(self) -> list[str]: ...
     def notes(self) -> list[str]: ...
     def bounds(self) -> tuple[list[float], list[float]] | None: ...
@@ -94,7 +94,7 @@ class Thing:
 
 @final
 class Renderer:
-    def __new__(cls, things: Sequence[Thing], backend: str, keep_shapes: bool) -> Renderer: ...
+    def __new__(cls, things: Sequence[Drawable], backend: str, keep_shapes: bool) -> Renderer: ...
     def render(self, view: dict[str, Any] | None, size: Sequence[int], said: dict[str, Any] | None) -> dict[str, Any]: ...
     def column_density(
         self, view: dict[str, Any] | None, size: Sequence[int], said: dict[str, Any] | None

@@ -14,7 +14,7 @@ from . import _arrays, _core
 from ._camera import Camera
 from ._image import Column, Image
 from ._keywords import Drawing, drawing
-from ._scene import Thing
+from ._scene import Drawable
 from ._transfer import TransferFunction, TransferLike, choice
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ class Renderer:
         self._core = _core.Renderer([thing._core for thing in self._things], backend, keep_shapes)
 
     @property
-    def things(self) -> list[Thing]:
+    def things(self) -> list[Drawable]:
         """The things that it draws."""
         return list(self._things)
 
@@ -305,7 +305,7 @@ def convert(things: Any, path: str | os.PathLike[str]) -> dict[str, Any]:
     listed = things if isinstance(things, (list, tuple)) else [things]
     if not listed:
         raise ValueError("things: expected something to convert, found none")
-    together = _core.Thing.together([adapt(thing)._core for thing in listed])
+    together = _core.Drawable.together([adapt(thing)._core for thing in listed])
     splats, size, notes = together.convert(os.fspath(path))
     return {"splats": splats, "bytes": size, "notes": notes}
 

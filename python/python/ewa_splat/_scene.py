@@ -50,10 +50,10 @@ class Report(NamedTuple):
     findings: list[str]
 
 
-class Thing:
+class Drawable:
     """Object that a renderer draws; the base of `Volume`, `Surfels` and `Splats`."""
 
-    def __init__(self, core: _core.Thing, values: Callable[[object], NDArray[Any]] | None = None) -> None:
+    def __init__(self, core: _core.Drawable, values: Callable[[object], NDArray[Any]] | None = None) -> None:
         self._core = core
         # Converts new values to the thing's layout.
         self._values = values
@@ -99,7 +99,7 @@ class Thing:
         return f"{type(self).__name__}({'; '.join(said)})"
 
 
-class Volume(Thing):
+class Volume(Drawable):
     """Transparent data: particles, grids, cells.
 
     Make one with `from_points`, `from_grid`, `from_structured` or `from_cells`. A transfer function shows the values: see
@@ -160,7 +160,7 @@ class Volume(Thing):
         -------
         Volume
             Particles without any of the four shapes get their size from their neighbours. Particles that cannot be drawn
-            (masked, or with numbers that are not finite) are left out and counted in `Thing.report`.
+            (masked, or with numbers that are not finite) are left out and counted in `Drawable.report`.
 
         Raises
         ------
@@ -231,7 +231,7 @@ class Volume(Thing):
         if color is not None:
             for i, channel in enumerate(_arrays.colours(color, "color", count, 3).T):
                 add("rgb"[i], channel, "color")
-        return cls(_core.Thing.points(places, columns, said), lambda data: _arrays.column(data, "values", count))
+        return cls(_core.Drawable.points(places, columns, said), lambda data: _arrays.column(data, "values", count))
 
     @classmethod
     def from_grid(
@@ -297,14 +297,14 @@ class Volume(Thing):
                 found = ", ".join(_arrays.shape_text(axis) for axis in axes)
                 raise ValueError(f"coordinates: expected {dims[0]}, {dims[1]} and {dims[2]} numbers, found {found}")
             lists = [[float(x) for x in axis] for axis in axes]
-            core = _core.Thing.rectilinear(lists, name, flat, of, said)
+            core = _core.Drawable.rectilinear(lists, name, flat, of, said)
         else:
             step = _arrays.numbers(in_unit_of(spacing, origin), "spacing").astype(float)
             step = np.broadcast_to(step, (3,)) if step.ndim == 0 else step
             sizes = np.array(_arrays.vector(step, "spacing"))
             turn = np.eye(3) if direction is None else _arrays.rows(direction, "direction", 3, 3).astype(float)
             start = _arrays.vector(origin, "origin")
-            core = _core.Thing.grid(dims, start, (turn * sizes).T.tolist(), name, flat, of, said)
+            core = _core.Drawable.grid(dims, start, (turn * sizes).T.tolist(), name, flat, of, said)
         return cls(core, _grid_converter(array.shape))
 
     @classmethod
@@ -358,7 +358,7 @@ class Volume(Thing):
         said.setdefault("unit", unit_text(values))
         said["field"] = name
         places = _arrays.positions(nodes.transpose(2, 1, 0, 3).reshape(-1, 3), "points")
-        core = _core.Thing.structured(dims, places, name, _arrays.fortran(array), of, said)
+        core = _core.Drawable.structured(dims, places, name, _arrays.fortran(array), of, said)
         return cls(core, _grid_converter(expected))
 
     @classmethod
@@ -433,13 +433,13 @@ class Volume(Thing):
         said = sampling(dict(options))
         said.setdefault("unit", unit_text(values))
         said["field"] = name
-        core = _core.Thing.cells(
+        core = _core.Drawable.cells(
             places, np.ascontiguousarray(lists), np.ascontiguousarray(kinds), name, _arrays.kept(array), of, said
         )
         return cls(core, lambda data: _arrays.column(data, "values", sizes[of]))
 
 
-class Surfels(Thing):
+class Surfels(Drawable):
     """Flat kernels of a surface, opaque or translucent.
 
     Make them with `from_mesh` or `from_points`.
@@ -530,7 +530,7 @@ class Surfels(Thing):
             said.setdefault("unit", unit_text(values))
             said["field"] = name
         triangles = np.ascontiguousarray(triangles)
-        return cls(_core.Thing.mesh(corners, triangles, tint, places, image, field, of, said))
+        return cls(_core.Drawable.mesh(corners, triangles, tint, places, image, field, of, said))
 
     @classmethod
     def from_points(
@@ -580,10 +580,10 @@ class Surfels(Thing):
             raise ValueError(f"radii: expected an array of shape ({count},), found {_arrays.shape_text(lengths)}")
         tint = None if colors is None else _arrays.colours(colors, "colors", count, 3)
         top = None if up is None else _arrays.vector(up, "up")
-        return cls(_core.Thing.surfels(places, directions, _arrays.narrowed(lengths, np.float64), tint, top))
+        return cls(_core.Drawable.surfels(places, directions, _arrays.narrowed(lengths, np.float64), tint, top))
 
 
-class Splats(Thing):
+class Splats(Drawable):
     """Splats of a radiance field, whose opacities apply on the image. Make them with `from_arrays`."""
 
     @classmethod
@@ -650,7 +650,7 @@ class Splats(Thing):
                 paint = paint / (65535 if paint.dtype == np.uint16 else 255)
             series, degree = (paint - 0.5) / HARMONIC_0, 0
         flat = _arrays.narrowed(series, np.float32).ravel()
-        return cls(_core.Thing.splats(places, sizes, turns, peaks, degree, flat, sampling(dict(options))))
+        return cls(_core.Drawable.splats(places, sizes, turns, peaks, degree, flat, sampling(dict(options))))
 
 
 def load(
@@ -671,7 +671,7 @@ def load(
     origin: Sequence[float] | None = None,
     big_endian: bool | None = None,
     **options: Unpack[Sampling],
-) -> Thing:
+) -> Drawable:
     """Read a file of any of the formats that the command line reads.
 
     Parameters
@@ -731,7 +731,7 @@ def load(
         if name is not None:
             raise ValueError("name: expected a file-like object beside it, found a path, which has a name")
         path = os.fspath(source)
-        thing = Thing(_core.Thing.open(path, said, how))
+        thing = Drawable(_core.Drawable.open(path, said, how))
         thing.path = path
         return thing
     read = getattr(source, "read", None)
@@ -742,7 +742,7 @@ def load(
         raise TypeError(f"source: expected a file of bytes, found one of {data.__class__.__name__}; open it as 'rb'")
     own = getattr(source, "name", None)
     called = name or (own if isinstance(own, str) else "data")
-    return Thing(_core.Thing.read(os.path.basename(called), data, said, how))
+    return Drawable(_core.Drawable.read(os.path.basename(called), data, said, how))
 
 
 #: Column names with a fixed meaning.

@@ -1,6 +1,6 @@
 //! Samples particles: takes shapes, strengths and colours from the columns of a table.
 
-pub(crate) mod doubts;
+pub(crate) mod accuracy_warnings;
 pub(crate) mod neighbours;
 pub(crate) mod partitioned;
 pub(crate) mod reach;

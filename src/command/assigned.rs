@@ -19,7 +19,7 @@ impl DataOptions {
     ///
     /// # Errors
     /// The errors of reading on any rank; a field that no input has; a rank that has ended.
-    pub(super) fn dealt(
+    pub(super) fn assigned_inputs(
         &self,
         inputs: &[Input],
         options: &SampleOptions,

@@ -26,7 +26,7 @@ const LARGE: f64 = 0.1;
 /// are crowded beyond what sorting by centres can handle, and for kernels as large as the data.
 ///
 /// Lattices and surfels have neither.
-pub fn doubts(particles: &Particles) -> Vec<String> {
+pub fn accuracy_warnings(particles: &Particles) -> Vec<String> {
     let sigmas: Vec<[f64; 3]> = match particles {
         Particles::Isotropic { sigmas, .. } => sigmas.iter().map(|&s| [f64::from(s); 3]).collect(),
         Particles::Anisotropic { factors, .. } => factors
@@ -103,20 +103,20 @@ mod tests {
 
     #[test]
     fn even_kernels_raise_no_doubt_and_crowded_or_large_ones_do() {
-        assert_eq!(doubts(&cube(12, 0.6)), Vec::<String>::new());
+        assert_eq!(accuracy_warnings(&cube(12, 0.6)), Vec::<String>::new());
         // Around the middle of a cubic lattice 26 others lie within 1.9 spacings, and 56 within 2.3.
-        assert_eq!(doubts(&cube(20, 1.9)), Vec::<String>::new());
-        let found = doubts(&cube(20, 2.3));
+        assert_eq!(accuracy_warnings(&cube(20, 1.9)), Vec::<String>::new());
+        let found = accuracy_warnings(&cube(20, 2.3));
         assert_eq!(found.len(), 1, "{found:?}");
         assert!(found[0].contains("32 others or more"), "{found:?}");
         let mut one = cube(12, 0.6);
         if let Particles::Isotropic { sigmas, .. } = &mut one {
             sigmas[5] = 4.0;
         }
-        let found = doubts(&one);
+        let found = accuracy_warnings(&one);
         assert_eq!(found.len(), 1, "{found:?}");
         assert!(found[0].starts_with("1 kernel has"), "{found:?}");
         // A single kernel has nothing to be compared with.
-        assert_eq!(doubts(&cube(1, 3.0)), Vec::<String>::new());
+        assert_eq!(accuracy_warnings(&cube(1, 3.0)), Vec::<String>::new());
     }
 }

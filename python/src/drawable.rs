@@ -27,7 +27,7 @@ use crate::task::run;
 
 /// Drawable made of one object: a volume, a surface, or the parts of a collection.
 #[pyclass(frozen, module = "ewa_splat._core")]
-pub(crate) struct Thing {
+pub(crate) struct Drawable {
     pub(crate) sources: Vec<Source>,
     /// Direction up, if it was given.
     up: Option<DVec3>,
@@ -154,7 +154,7 @@ fn association(of: &str) -> Association {
     }
 }
 
-impl Thing {
+impl Drawable {
     /// Makes a drawable of one data set. It checks now that its parts fit; samples are checked when
     /// they are drawn.
     fn of(
@@ -236,7 +236,7 @@ impl Thing {
 }
 
 #[pymethods]
-impl Thing {
+impl Drawable {
     /// Makes a drawable of points with columns, named as in tables.
     #[staticmethod]
     #[pyo3(signature = (positions, columns, options=None))]
@@ -618,7 +618,7 @@ impl Thing {
 }
 
 /// Makes a drawable of data sets. A field that one data set lacks may be in another.
-fn of_sets(sets: Vec<Dataset>, options: &SampleOptions, up: Option<DVec3>) -> PyResult<Thing> {
+fn of_sets(sets: Vec<Dataset>, options: &SampleOptions, up: Option<DVec3>) -> PyResult<Drawable> {
     let lacks = |set: &Dataset| {
         let field = options.field.as_deref()?;
         let has_none = matches!(set.geometry, Geometry::Mesh(_)) && set.fields.is_empty();
@@ -637,7 +637,7 @@ fn of_sets(sets: Vec<Dataset>, options: &SampleOptions, up: Option<DVec3>) -> Py
         };
         Source::new(Data::Set(Arc::new(set)), own)
     });
-    Ok(Thing {
+    Ok(Drawable {
         sources: sources.collect(),
         up,
     })
