@@ -15,7 +15,6 @@ pub(crate) use say;
 
 mod animation;
 mod annotations;
-mod assigned;
 mod compare;
 mod convert;
 mod cut;
@@ -37,7 +36,6 @@ mod ranks;
 mod render;
 mod scene;
 mod sequence;
-mod shared;
 mod shell;
 mod statistics;
 mod truth;

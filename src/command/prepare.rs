@@ -2,7 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::load::{Input, Loaded};
+use crate::load::partitioned::open_stream;
+use crate::load::{Checks, Input, Loaded};
 use crate::prepared::PreparedScene;
 use crate::sample::{SampleOptions, SampleReport};
 use crate::{Error, Result, SceneOptions};
@@ -97,7 +98,12 @@ impl PrepareOptions {
             ..SceneOptions::default()
         };
         let streamed = match inputs {
-            [input] => data.stream(input, &options)?,
+            [input] => {
+                let (open, checks) = (data.open_options(), data.checks(inputs, &options));
+                checks.choices()?;
+                let request = data.request(&checks, &open, &|_, _| Ok(Vec::new()), &|_| {});
+                open_stream(&request, input)?
+            }
             _ => None,
         };
         let (prepared, about) = match streamed {

@@ -5,44 +5,100 @@ use indicatif::ProgressBar;
 use super::input::{DataOptions, refused_surface};
 use super::progress::observer_of;
 use super::usage::Uses;
-use crate::io::{OpenOptions, Planes, RowFile, VtsPieces, VtuPieces};
+use crate::collective::Alone;
+use crate::io::OpenOptions;
 use crate::load::facts::is_automatic;
 use crate::load::{
-    Cameras, Edit, Input, Kind, Loaded, Observer, Request, Series, is_prepared, load, load_series,
+    Cameras, Checks, Input, Kind, Loaded, Observer, Request, Series, is_prepared, load, load_series,
 };
-use crate::prepared::PointFile;
-use crate::sample::{PartitionedRows, SampleOptions, TransferChoice};
+use crate::sample::{SampleOptions, TransferChoice};
 use crate::scene::PointVolume;
 use crate::{Error, Result};
 
-/// Grid in pieces that ranks may read separately.
-pub(crate) enum Pieces {
-    Cells(VtuPieces),
-    Grid(VtsPieces),
+/// Checks of the options for data on what they are applied to.
+pub(crate) struct DataChecks<'a> {
+    data: &'a DataOptions,
+    inputs: &'a [Input],
+    options: &'a SampleOptions,
+    /// Checks of the command beyond those of the data.
+    then: Option<&'a dyn Fn(Loaded) -> Result<Loaded>>,
 }
 
-/// Least number of points from which a scene is prepared as a stream.
-const STREAMED: usize = 1 << 22;
+impl<'a> DataChecks<'a> {
+    /// Adds the checks of a command, which may complete the scene.
+    pub(crate) fn and(self, then: &'a dyn Fn(Loaded) -> Result<Loaded>) -> Self {
+        Self {
+            then: Some(then),
+            ..self
+        }
+    }
+}
+
+impl Checks for DataChecks<'_> {
+    fn choices(&self) -> Result<()> {
+        self.data.check_function(self.options)?;
+        match self.inputs.iter().all(|input| is_prepared(&input.path)) {
+            true => Ok(()),
+            false => self.data.check_spacing(),
+        }
+    }
+
+    fn input(&self, kind: Kind, is_classified: bool, sample: &SampleOptions) -> Result<()> {
+        self.data.check_use(&Uses {
+            kinds: vec![kind],
+            is_classified,
+            has_opacity: is_classified,
+            has_file_function: is_classified && !is_automatic(sample),
+            for_columns: sample.for_columns,
+            of_prepared: None,
+        })
+    }
+
+    fn scene(&self, scene: Loaded) -> Result<Loaded> {
+        // Ranks that did not read the inputs know no facts of them.
+        self.data.check_use(&Uses::of(&scene, self.options))?;
+        self.data.check_fields(&scene)?;
+        match self.then {
+            Some(then) => then(scene),
+            None => Ok(scene),
+        }
+    }
+}
 
 impl DataOptions {
+    /// Returns the checks of these options.
+    pub(crate) fn checks<'a>(
+        &'a self,
+        inputs: &'a [Input],
+        options: &'a SampleOptions,
+    ) -> DataChecks<'a> {
+        DataChecks {
+            data: self,
+            inputs,
+            options,
+            then: None,
+        }
+    }
+
     /// Returns the request to load inputs by these options.
     ///
     /// - `open`: [`DataOptions::open_options`].
     /// - `cameras`: cameras of the pictures, which determine the number of surfels of meshes.
     pub(crate) fn request<'a>(
         &self,
-        inputs: &'a [Input],
+        checks: &'a DataChecks<'a>,
         open: &'a OpenOptions,
-        sample: &'a SampleOptions,
         cameras: Cameras<'a>,
         observer: Observer<'a>,
     ) -> Request<'a> {
         Request {
-            inputs,
+            inputs: checks.inputs,
             open,
-            sample,
+            sample: checks.options,
             cameras,
             keeps_axes: self.keeps_axes,
+            takes_parts: true,
+            checks,
             observer,
         }
     }
@@ -57,22 +113,12 @@ impl DataOptions {
         cameras: Cameras<'_>,
         progress: &ProgressBar,
     ) -> Result<Loaded> {
-        self.check_function(options)?;
-        let has_data = || !inputs.iter().all(|input| is_prepared(&input.path));
-        self.check_spacing().or_else(|error| match has_data() {
-            true => Err(error),
-            false => Ok(()),
-        })?;
         let (open, observer) = (self.open_options(), observer_of(progress));
-        let scene = load(&self.request(inputs, &open, options, cameras, &observer))?;
-        self.check_loaded(scene, options)
-    }
-
-    /// Refuses options that do not apply to a scene.
-    pub(super) fn check_loaded(&self, scene: Loaded, options: &SampleOptions) -> Result<Loaded> {
-        self.check_use(&Uses::of(&scene, options))?;
-        self.check_fields(&scene)?;
-        Ok(scene)
+        let checks = self.checks(inputs, options);
+        load(
+            &self.request(&checks, &open, cameras, &observer),
+            &mut Alone::default(),
+        )
     }
 
     /// Refuses an iso-surface if no volume shows a field.
@@ -102,156 +148,6 @@ impl DataOptions {
         Ok(())
     }
 
-    /// Opens an input as a stream of particles, if it is a file in which each point becomes one
-    /// particle. The file must hold at least [`STREAMED`] points; fewer are sorted in memory.
-    pub(crate) fn stream(
-        &self,
-        input: &Input,
-        options: &SampleOptions,
-    ) -> Result<Option<PointFile>> {
-        let is_plain = input.field.is_none() && input.function.is_none();
-        let rows = match is_plain {
-            true => self.row_file(input)?,
-            false => None,
-        };
-        let file = match rows {
-            Some(rows) => PointFile::of(rows, options)?,
-            None => None,
-        };
-        let Some(file) = file else {
-            return Ok(None);
-        };
-        self.check_function(options)?;
-        self.check_spacing()?;
-        self.check_use(&Uses {
-            kinds: vec![Kind::Points],
-            is_classified: file.field().is_some(),
-            has_opacity: file.field().is_some(),
-            has_file_function: false,
-            for_columns: options.for_columns,
-            of_prepared: None,
-        })?;
-        Ok(Some(file))
-    }
-
-    /// Opens an input as points that show a field, if ranks may read its rows separately. Returns
-    /// the sampling options, too.
-    pub(crate) fn rows(
-        &self,
-        input: &Input,
-        options: &SampleOptions,
-    ) -> Result<Option<(RowFile, SampleOptions)>> {
-        let options = input.sample_options(options);
-        let Some(mut file) = self.row_file(input)? else {
-            return Ok(None);
-        };
-        let head = file.read(0..1)?;
-        if PartitionedRows::of(&head, &options).is_none() {
-            return Ok(None);
-        }
-        self.check_function(&options)?;
-        self.check_spacing()?;
-        self.check_classified(Kind::Points, &options)?;
-        Ok(Some((file, options)))
-    }
-
-    /// Opens an input as a file of at least [`STREAMED`] rows, if no option edits or selects its
-    /// data.
-    fn row_file(&self, input: &Input) -> Result<Option<RowFile>> {
-        // Folders and patterns are read whole.
-        let is_of_rows = input.path.is_file()
-            && input.edit == Edit::default()
-            && input.time_step.is_none()
-            && self.read_as.is_none()
-            && self.scales.is_none()
-            && self.has_types() == input.particle_type.is_some();
-        let rows = match is_of_rows {
-            true => RowFile::open(&input.path, input.particle_type)?,
-            false => None,
-        };
-        Ok(rows.filter(|rows| rows.count() >= STREAMED))
-    }
-
-    /// Opens an input as planes of a lattice, if it is one large file that ranks may read
-    /// separately and no option edits it.
-    pub(crate) fn planes(&self, input: &Input, options: &SampleOptions) -> Result<Option<Planes>> {
-        let is_plain = input.path.is_file()
-            && input.edit == Edit::default()
-            && input.function.is_none()
-            && input.time_step.is_none()
-            && input.particle_type.is_none()
-            && self.scales.is_none();
-        let is_sampled_alone =
-            options.flatten.is_none() && options.shepard_passes == 0 && !options.normals;
-        if !(is_plain && is_sampled_alone) {
-            return Ok(None);
-        }
-        self.check_function(options)?;
-        self.check_spacing()?;
-        let field = input.field.as_deref().or(options.field.as_deref());
-        let file = Planes::open(&input.path, &self.open_options(), field)?;
-        // A lattice one layer thick becomes a surface. A small one is read by the first rank for
-        // all.
-        let is_large = |file: &Planes| {
-            let lattice = file.lattice();
-            lattice.dims.iter().all(|&n| n > 1) && lattice.len() >= STREAMED
-        };
-        let kind = |file: &Planes| match file.format() {
-            "raw volume" => Kind::Raw,
-            _ => Kind::Grid,
-        };
-        // Sample types apply to raw volumes alone.
-        let is_typed = |file: &Planes| !self.has_types() || kind(file) == Kind::Raw;
-        let Some(file) = file.filter(|file| is_large(file) && is_typed(file)) else {
-            return Ok(None);
-        };
-        self.check_classified(kind(&file), options)?;
-        Ok(Some(file))
-    }
-
-    /// Opens an input as pieces of a grid, if it is an index of pieces that ranks may read
-    /// separately and no option edits it.
-    pub(crate) fn pieces(
-        &self,
-        input: &Input,
-        options: &SampleOptions,
-    ) -> Result<Option<(Pieces, SampleOptions)>> {
-        let is_plain = input.path.is_file()
-            && input.edit == Edit::default()
-            && input.time_step.is_none()
-            && input.particle_type.is_none()
-            && self.read_as.is_none()
-            && self.scales.is_none()
-            && !self.has_types();
-        let path = &input.path;
-        let file = match is_plain {
-            true => match VtuPieces::open(path)?.map(Pieces::Cells) {
-                None => VtsPieces::open(path)?.map(Pieces::Grid),
-                cells => cells,
-            },
-            false => None,
-        };
-        let Some(file) = file else {
-            return Ok(None);
-        };
-        let options = input.sample_options(options);
-        self.check_function(&options)?;
-        self.check_spacing()?;
-        Ok(Some((file, options)))
-    }
-
-    /// Refuses options that do not apply to one input of a kind that a transfer function shows.
-    pub(super) fn check_classified(&self, kind: Kind, options: &SampleOptions) -> Result<()> {
-        self.check_use(&Uses {
-            kinds: vec![kind],
-            is_classified: true,
-            has_opacity: true,
-            has_file_function: !is_automatic(options),
-            for_columns: options.for_columns,
-            of_prepared: None,
-        })
-    }
-
     /// Loads the choices that the steps of a series share.
     pub(crate) fn series(
         &self,
@@ -259,9 +155,9 @@ impl DataOptions {
         options: &SampleOptions,
         progress: &ProgressBar,
     ) -> Result<Series> {
-        self.check_spacing()?;
         let (open, observer) = (self.open_options(), observer_of(progress));
-        load_series(&self.request(inputs, &open, options, &|_, _| Ok(Vec::new()), &observer))
+        let checks = self.checks(inputs, options);
+        load_series(&self.request(&checks, &open, &|_, _| Ok(Vec::new()), &observer))
     }
 
     /// Reads the inputs again, and returns their volumes with kernels of another width.

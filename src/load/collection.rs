@@ -140,23 +140,12 @@ pub(crate) struct Gathered {
     pub(crate) selectors: Vec<String>,
 }
 
-/// Gathers the items of all ranks, in the order of the inputs. A single process returns its own.
-fn all<T>(ranks: &mut Option<&mut dyn Collective>, own: Vec<T>) -> Result<Vec<T>>
+/// Gathers the items of all ranks, in the order of the inputs.
+fn all<T>(ranks: &mut dyn Collective, own: Vec<T>) -> Result<Vec<T>>
 where
     T: Serialize + DeserializeOwned,
 {
-    match ranks {
-        None => Ok(own),
-        Some(ranks) => Ok(ranks.gather_values(own)?.into_iter().flatten().collect()),
-    }
-}
-
-/// Returns this rank's result if all ranks succeed; otherwise an error.
-fn agreed<T>(ranks: &mut Option<&mut dyn Collective>, own: Result<T>) -> Result<T> {
-    match ranks {
-        None => own,
-        Some(ranks) => ranks.agree(own),
-    }
+    Ok(ranks.gather_values(own)?.into_iter().flatten().collect())
 }
 
 /// Converts the corners of a box to arrays, the form that ranks send.
@@ -175,20 +164,20 @@ impl Collection<'_> {
     /// # Errors
     /// Errors of reading and sampling on any rank; a field that no input has; nothing to draw in
     /// any input.
-    pub(crate) fn read(&self, ranks: &mut Option<&mut dyn Collective>) -> Result<Gathered> {
+    pub(crate) fn read(&self, ranks: &mut dyn Collective) -> Result<Gathered> {
         let own = self.opened();
-        let mut own = agreed(ranks, own)?;
+        let mut own = ranks.agree(own)?;
         let mut looks = all(ranks, own.iter().map(|own| own.look.clone()).collect())?;
         self.note_lines(looks.iter().map(|look| &look.lines));
         let turned = self.turn(&mut looks, &mut own);
-        agreed(ranks, turned)?;
+        ranks.agree(turned)?;
         self.check_field(&looks, &mut own, ranks)?;
         let options = self.chosen(&looks);
         // Samples inputs other than surfaces. From surfaces, it only reads the field values.
         let sampled = own
             .iter_mut()
             .try_for_each(|own| self.sample(own, &options[own.number]));
-        agreed(ranks, sampled)?;
+        ranks.agree(sampled)?;
         let functions = self.functions(&mut own, &options, ranks)?;
         let options: Vec<SampleOptions> = options
             .into_iter()
@@ -204,7 +193,7 @@ impl Collection<'_> {
             .filter(|own| !own.look.is_surface)
             .filter(shared)
             .try_for_each(|own| self.sample(own, &options[own.number]));
-        agreed(ranks, again)?;
+        ranks.agree(again)?;
         let spreads = self.spreads(&looks, &mut own, &options, ranks)?;
         let surfaces = own
             .iter_mut()
@@ -214,7 +203,7 @@ impl Collection<'_> {
                 let options = options[own.number].clone();
                 self.spread(own, &SampleOptions { spread, ..options })
             });
-        agreed(ranks, surfaces)?;
+        ranks.agree(surfaces)?;
         self.gathered(looks, own, &options, ranks)
     }
 
@@ -380,11 +369,11 @@ impl Collection<'_> {
         &self,
         looks: &[Look],
         own: &mut [Own],
-        ranks: &mut Option<&mut dyn Collective>,
+        ranks: &mut dyn Collective,
     ) -> Result<()> {
         let is_shown = looks.iter().any(|look| look.has_field);
         let absent = own.iter_mut().find_map(|own| own.absence.take());
-        agreed(ranks, absent.filter(|_| !is_shown).map_or(Ok(()), Err))?;
+        ranks.agree(absent.filter(|_| !is_shown).map_or(Ok(()), Err))?;
         let field = self.request.sample.field.as_deref().unwrap_or_default();
         for (input, look) in self.request.inputs.iter().zip(looks) {
             if look.is_lacking {
@@ -462,20 +451,20 @@ impl Collection<'_> {
         &self,
         own: &mut [Own],
         options: &[SampleOptions],
-        ranks: &mut Option<&mut dyn Collective>,
+        ranks: &mut dyn Collective,
     ) -> Result<HashMap<usize, TransferFunction>> {
         let shown = own.iter().map(|own| {
             let report = &own.report;
             (report.field.clone(), report.unit_distance.to_bits())
         });
         let shown: Vec<(Option<String>, u64)> = all(ranks, shown.collect())?;
-        let samples = match ranks {
-            None => {
+        let samples = match ranks.size() {
+            1 => {
                 let own = own.iter_mut();
                 let samples = own.map(|own| (own.number, own.report.value_sample.take()));
                 samples.collect()
             }
-            Some(ranks) => samples_of_all(own, &mut **ranks)?,
+            _ => samples_of_all(own, ranks)?,
         };
         let choose = || {
             let mut reports: Vec<SampleReport> = shown
@@ -493,9 +482,9 @@ impl Collection<'_> {
             }
             shared_functions(&mut reports.iter_mut().zip(options).collect::<Vec<_>>())
         };
-        let shared = match ranks {
-            None => choose()?,
-            Some(ranks) => {
+        let shared = match ranks.size() {
+            1 => choose()?,
+            _ => {
                 let sent = (ranks.rank() == 0).then(|| {
                     let shared = choose()?.into_iter();
                     let shared = shared.map(|(function, of)| (Function::of(&function), of));
@@ -523,7 +512,7 @@ impl Collection<'_> {
         looks: &[Look],
         own: &mut [Own],
         options: &[SampleOptions],
-        ranks: &mut Option<&mut dyn Collective>,
+        ranks: &mut dyn Collective,
     ) -> Result<Vec<Spread>> {
         let asked = self.request.sample.spread;
         let mut spreads = vec![asked; looks.len()];
@@ -554,7 +543,7 @@ impl Collection<'_> {
             .iter_mut()
             .map(|own| self.demand(own, &options[own.number], &cameras))
             .collect::<Result<Vec<_>>>();
-        let demands = agreed(ranks, demands)?;
+        let demands = ranks.agree(demands)?;
         let demands = all(ranks, demands)?;
         for (spread, own) in spreads.iter_mut().zip(SurfelDemand::share(&demands)) {
             if let Some((own, _)) = own {
@@ -594,14 +583,14 @@ impl Collection<'_> {
         looks: Vec<Look>,
         mut own: Vec<Own>,
         options: &[SampleOptions],
-        ranks: &mut Option<&mut dyn Collective>,
+        ranks: &mut dyn Collective,
     ) -> Result<Gathered> {
         let facts = own.iter().map(Own::facts);
         let facts = all(ranks, facts.collect())?;
         let is_nothing = |facts: &&Facts| facts.is_nothing;
         if !facts.is_empty() && facts.iter().all(|facts| facts.is_nothing) {
             let error = own.iter_mut().find_map(|own| own.nothing.take());
-            agreed(ranks, error.map_or(Ok(()), Err))?;
+            ranks.agree(error.map_or(Ok(()), Err))?;
         }
         self.note_lines(facts.iter().map(|facts| &facts.lines));
         if let ([input], [own]) = (self.request.inputs, own.as_slice())

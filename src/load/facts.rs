@@ -72,6 +72,26 @@ pub struct InputFacts {
 }
 
 impl InputFacts {
+    /// Describes an input of which each rank has read a part, shown by a transfer function of its own values.
+    pub(super) fn of_part(
+        kind: Kind,
+        report: SampleReport,
+        up: Up,
+        corners: Option<Corners>,
+    ) -> Self {
+        Self {
+            report,
+            kind,
+            up,
+            corners,
+            is_automatic: true,
+            volume_count: 1,
+            is_classified: true,
+            has_opacity: true,
+            is_nothing: false,
+        }
+    }
+
     /// Returns true for grids, whose kernels follow the spacing, and for splats.
     pub(super) fn is_grid_or_splats(&self) -> bool {
         !matches!(self.kind, Kind::Points | Kind::Mesh)

@@ -10,10 +10,12 @@ use super::prepared::{self, Members, is_prepared};
 use super::request::Request;
 use super::series::Series;
 use super::surfels::joined;
+use crate::collective::{Alone, Collective};
 use crate::data::unit::title_of;
 use crate::data::up::Up;
 use crate::io::Planes;
 use crate::prepared::{About, PointFile, PreparedScene};
+use crate::ranks::Share;
 use crate::sample::{SampleOptions, SampleReport, TransferChoice};
 use crate::scene::PointVolume;
 use crate::view::Bounds;
@@ -45,6 +47,8 @@ pub struct Loaded {
     pub up: Up,
     /// Least and greatest coordinates of each input's data.
     pub corners: Vec<Corners>,
+    /// If many ranks have loaded the scene: this rank's share, without its volumes. `None` if each rank has all particles.
+    pub share: Option<Share>,
 }
 
 impl Loaded {
@@ -61,6 +65,7 @@ impl Loaded {
             has_boundary: false,
             up: Up::of_scene([]),
             corners: Vec::new(),
+            share: None,
         }
     }
 
@@ -217,10 +222,22 @@ fn report_title(report: &SampleReport) -> Option<String> {
 /// Reads and samples all inputs as one scene. Inputs of data show one field if they have one in
 /// common, by one transfer function.
 ///
+/// - `ranks`: the ranks that share the scene; [`Alone`] for one process.
+///
 /// # Errors
 /// The errors of [opening](crate::io::open) and of [sampling](crate::sample::scene); a field that
 /// no input has; nothing to draw in any input; a prepared scene beside edits or for another purpose.
-pub fn load(request: &Request<'_>) -> Result<Loaded> {
+pub fn load(request: &Request<'_>, ranks: &mut dyn Collective) -> Result<Loaded> {
+    let checked = request.checks.choices();
+    ranks.agree(checked)?;
+    match ranks.size() {
+        1 => load_alone(request),
+        _ => super::partitioned::load(request, ranks),
+    }
+}
+
+/// Loads inputs in this process.
+pub(super) fn load_alone(request: &Request<'_>) -> Result<Loaded> {
     // Opens each input that is a prepared scene.
     let (mut opened, mut data) = (Vec::new(), Vec::new());
     for input in request.inputs {
@@ -248,7 +265,7 @@ pub fn load(request: &Request<'_>) -> Result<Loaded> {
         inputs,
         volumes,
         selectors,
-    } = collection.read(&mut None)?;
+    } = collection.read(&mut Alone::default())?;
     let mut scene = Loaded {
         selectors: match opened.first() {
             Some(Some(_)) => Vec::new(),
@@ -286,7 +303,7 @@ pub fn load(request: &Request<'_>) -> Result<Loaded> {
     }
     scene.up = Up::of_scene(ups);
     scene.inputs = inputs;
-    Ok(scene)
+    request.checks.scene(scene)
 }
 
 /// Reads the inputs as time steps, and returns the choices that all steps share: one field, a
@@ -296,6 +313,7 @@ pub fn load(request: &Request<'_>) -> Result<Loaded> {
 /// # Errors
 /// The errors of [`load`]; a field that a step lacks; nothing to draw in any step.
 pub fn load_series(request: &Request<'_>) -> Result<Series> {
+    request.checks.choices()?;
     let sample = SampleOptions {
         keeps_value_sample: true,
         local_models: false,

@@ -5,6 +5,7 @@
 //! they share, and samples them. [`Loaded`] holds the volumes, and what is known beside them.
 //!
 //! ```no_run
+//! use ewa_splat::distributed::Alone;
 //! use ewa_splat::io::OpenOptions;
 //! use ewa_splat::load::{Input, Request, load};
 //! use ewa_splat::sample::SampleOptions;
@@ -12,14 +13,17 @@
 //!
 //! # fn main() -> Result<()> {
 //! let inputs = [Input::parse("wing.vtu@pressure".into()), Input::file("hull.obj".into())];
-//! let mut scene = load(&Request {
+//! let request = Request {
 //!     inputs: &inputs,
 //!     open: &OpenOptions::default(),
 //!     sample: &SampleOptions::default(),
 //!     cameras: &|_, _| Ok(Vec::new()),
 //!     keeps_axes: false,
+//!     takes_parts: true,
+//!     checks: &(),
 //!     observer: &|_| {},
-//! })?;
+//! };
+//! let mut scene = load(&request, &mut Alone::default())?;
 //! let renderer = scene.renderer(&SceneOptions::default())?;
 //! # Ok(())
 //! # }
@@ -41,6 +45,8 @@ pub(crate) mod input;
 mod loaded;
 #[cfg(feature = "prepared")]
 mod note;
+#[cfg(feature = "prepared")]
+pub(crate) mod partitioned;
 pub(crate) mod parts;
 #[cfg(feature = "prepared")]
 pub(crate) mod prepared;
@@ -70,7 +76,7 @@ pub use note::{Event, Note, Observer};
 #[cfg(feature = "prepared")]
 pub use prepared::{Members, is_prepared};
 #[cfg(feature = "prepared")]
-pub use request::{Cameras, Request};
+pub use request::{Cameras, Checks, Request};
 #[cfg(feature = "prepared")]
 pub use series::Series;
 #[cfg(feature = "prepared")]

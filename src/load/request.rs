@@ -1,6 +1,8 @@
 //! Defines a request to load inputs.
 
+use super::facts::Kind;
 use super::input::Input;
+use super::loaded::Loaded;
 use super::note::Observer;
 use crate::Result;
 use crate::data::up::Up;
@@ -26,9 +28,46 @@ pub struct Request<'a> {
     pub cameras: Cameras<'a>,
     /// True if inputs with other axes than the first are left unrotated.
     pub keeps_axes: bool,
+    /// True if each rank may read a part of the data; otherwise one rank reads all.
+    pub takes_parts: bool,
+    /// Checks of the caller.
+    pub checks: &'a dyn Checks,
     /// Receiver of notes and progress.
     pub observer: Observer<'a>,
 }
+
+/// Checks of a caller on what it loads. The defaults refuse nothing.
+pub trait Checks {
+    /// Checks the choices before anything is read.
+    ///
+    /// # Errors
+    /// Choices that cannot be met.
+    fn choices(&self) -> Result<()> {
+        Ok(())
+    }
+
+    /// Checks an input of which each rank reads a part, before it is read.
+    ///
+    /// - `is_classified`: whether a transfer function shows it.
+    /// - `sample`: options by which it is sampled.
+    ///
+    /// # Errors
+    /// Choices that do not apply to the input.
+    fn input(&self, _kind: Kind, _is_classified: bool, _sample: &SampleOptions) -> Result<()> {
+        Ok(())
+    }
+
+    /// Checks the scene, and may complete it. If one rank reads the scene for all, that rank alone checks it.
+    ///
+    /// # Errors
+    /// Choices that do not apply to the scene.
+    fn scene(&self, scene: Loaded) -> Result<Loaded> {
+        Ok(scene)
+    }
+}
+
+/// No checks.
+impl Checks for () {}
 
 impl std::fmt::Debug for Request<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {

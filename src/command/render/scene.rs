@@ -5,15 +5,15 @@ use std::time::Instant;
 use super::column_mean;
 use super::column_mean::ColumnMean;
 use super::options::Arguments;
-use crate::collective::Collective;
+use crate::collective::{Alone, Collective};
 use crate::command::legend::bars;
-use crate::command::progress::note;
+use crate::command::progress::{note, observer_of};
 use crate::command::truth::{ReferenceName, Truth};
 use crate::command::viewpoint::{Canvas, left_of};
 use crate::io::write_bytes_atomically;
 use crate::legend::{ColourBar, legend_width};
-use crate::load::Loaded;
 use crate::load::prepared::renderer as renderer_of;
+use crate::load::{Loaded, Request, load};
 use crate::ranks::Share;
 use crate::sample::SampleOptions;
 use crate::scene::{PointVolume, TransferFunction};
@@ -54,33 +54,27 @@ impl Arguments {
         let whole = Canvas::of(self.size);
         let of_boxes =
             |boxes: &[Bounds], up| cameras(&left_of(boxes.to_vec(), &planes), up, &whole);
-        let read = || {
-            let scene = self
-                .data
-                .scene(&self.inputs, options, &of_boxes, progress)?;
-            self.checked(scene)
+        let then = |scene| self.checked(scene);
+        let checks = self.data.checks(&self.inputs, options).and(&then);
+        let (open, observer) = (self.data.open_options(), observer_of(progress));
+        let request = Request {
+            // Cut faces need whole volumes.
+            takes_parts: !self.cut.cut_faces,
+            ..self.data.request(&checks, &open, &of_boxes, &observer)
         };
-        // If ranks share a picture, each may read a part of the data.
-        let sharing = ranks.as_mut().filter(|_| !self.sequence.is_asked_for());
-        let (scene, shared) = match sharing {
-            None => (read()?, None),
-            Some(ranks) => {
-                let inputs = &self.inputs;
-                // Cut faces need whole volumes.
-                let takes_parts = !self.cut.cut_faces;
-                let check = |scene| self.checked(scene);
-                self.data.shared(
-                    inputs,
-                    options,
-                    &of_boxes,
-                    progress,
-                    &mut **ranks,
-                    takes_parts,
-                    read,
-                    check,
-                )?
-            }
+        // Ranks share a picture; the pictures of a sequence are drawn in turn.
+        let mut alone = Alone::default();
+        let is_shared = ranks.is_some() && !self.sequence.is_asked_for();
+        let sharing = ranks.as_mut().filter(|_| is_shared);
+        let mut scene = match sharing {
+            None => load(&request, &mut alone)?,
+            Some(ranks) => load(&request, &mut **ranks)?,
         };
+        let mut shared = scene.share.take();
+        if is_shared && shared.is_none() && scene.prepared.is_empty() {
+            // A single rank has all particles.
+            shared = Some(Share::from(Vec::new()));
+        }
         let is_shared = shared.is_some();
         let is_column = self.method.column_density;
         let legend = self.bars(&scene)?;
