@@ -2,21 +2,17 @@
 
 use glam::DVec3;
 
-use super::collection::{Collection, Gathered};
 use super::facts::{Corners, InputFacts, may_end_sharply};
 use super::input::Input;
 use super::parts::PartRead;
-use super::prepared::{self, Members, is_prepared};
-use super::request::Request;
-use super::series::Series;
+use super::prepared::{self, Members};
 use super::surfels::joined;
-use crate::collective::{Alone, Collective};
 use crate::data::unit::title_of;
 use crate::data::up::Up;
 use crate::io::Planes;
 use crate::prepared::{About, PointFile, PreparedScene};
 use crate::ranks::Share;
-use crate::sample::{SampleOptions, SampleReport, TransferChoice};
+use crate::sample::{SampleOptions, SampleReport};
 use crate::scene::PointVolume;
 use crate::view::Bounds;
 use crate::{Renderer, Result, SceneOptions};
@@ -134,7 +130,7 @@ impl Loaded {
     }
 
     /// Names the field of volumes that have no name yet, up to `count` volumes.
-    fn name(&mut self, count: usize, report: &SampleReport) {
+    pub(super) fn name(&mut self, count: usize, report: &SampleReport) {
         self.titles.resize(count, report_title(report));
         self.fields.resize(count, report.field.clone());
     }
@@ -165,7 +161,7 @@ impl Loaded {
     }
 
     /// Adds a prepared scene, and volumes that stand in for its own.
-    fn add(&mut self, own: PreparedScene, about: About) {
+    pub(super) fn add(&mut self, own: PreparedScene, about: About) {
         let first = self.volumes.len();
         self.corners.extend(prepared::corners_of(&about));
         self.volumes.extend(own.stand_ins());
@@ -217,115 +213,4 @@ impl Loaded {
 fn report_title(report: &SampleReport) -> Option<String> {
     let field = report.field.as_deref()?;
     Some(title_of(field, report.unit.as_deref()))
-}
-
-/// Reads and samples all inputs as one scene. Inputs of data show one field if they have one in
-/// common, by one transfer function.
-///
-/// - `ranks`: the ranks that share the scene; [`Alone`] for one process.
-///
-/// # Errors
-/// The errors of [opening](crate::io::open) and of [sampling](crate::sample::scene); a field that
-/// no input has; nothing to draw in any input; a prepared scene beside edits or for another purpose.
-pub fn load(request: &Request<'_>, ranks: &mut dyn Collective) -> Result<Loaded> {
-    let checked = request.checks.choices();
-    ranks.agree(checked)?;
-    match ranks.size() {
-        1 => load_alone(request),
-        _ => super::partitioned::load(request, ranks),
-    }
-}
-
-/// Loads inputs in this process.
-pub(super) fn load_alone(request: &Request<'_>) -> Result<Loaded> {
-    // Opens each input that is a prepared scene.
-    let (mut opened, mut data) = (Vec::new(), Vec::new());
-    for input in request.inputs {
-        let own = is_prepared(&input.path);
-        let own = own.then(|| prepared::open(input, request.sample.for_columns));
-        if own.is_none() {
-            data.push(input.clone());
-        }
-        opened.push(own.transpose()?);
-    }
-    let known = opened.iter().flatten();
-    let beside = known.map(|(_, about)| {
-        let corners = prepared::corners_of(about).reduce(joined);
-        (corners, prepared::up_of(about))
-    });
-    let collection = Collection {
-        request: Request {
-            inputs: &data,
-            ..*request
-        },
-        own: 0..data.len(),
-        beside: &beside.collect::<Vec<_>>(),
-    };
-    let Gathered {
-        inputs,
-        volumes,
-        selectors,
-    } = collection.read(&mut Alone::default())?;
-    let mut scene = Loaded {
-        selectors: match opened.first() {
-            Some(Some(_)) => Vec::new(),
-            _ => selectors,
-        },
-        grids_only: opened.iter().all(Option::is_none)
-            && inputs.iter().all(InputFacts::is_grid_or_splats),
-        has_boundary: may_end_sharply(&inputs, request.sample),
-        corners: inputs.iter().filter_map(|input| input.corners).collect(),
-        ..Loaded::of_nothing()
-    };
-    let mut ups = Vec::new();
-    let mut reads = inputs.iter().zip(volumes);
-    for (input, own) in request.inputs.iter().zip(opened) {
-        if let Some((own, about)) = own {
-            ups.push(prepared::up_of(&about));
-            // Beside other inputs, the function may be meant for them.
-            let own = match &request.sample.transfer {
-                TransferChoice::File(function) if data.is_empty() => {
-                    prepared::with_function(own, &input.path, function)?
-                }
-                _ => own,
-            };
-            scene.add(own, about);
-            continue;
-        }
-        let Some((read, volumes)) = reads.next() else {
-            break;
-        };
-        if !read.is_nothing {
-            ups.push(read.up);
-        }
-        scene.volumes.extend(volumes);
-        scene.name(scene.volumes.len(), &read.report);
-    }
-    scene.up = Up::of_scene(ups);
-    scene.inputs = inputs;
-    request.checks.scene(scene)
-}
-
-/// Reads the inputs as time steps, and returns the choices that all steps share: one field, a
-/// transfer function of the values of all steps, and the box of each step. The request's cameras
-/// are not asked.
-///
-/// # Errors
-/// The errors of [`load`]; a field that a step lacks; nothing to draw in any step.
-pub fn load_series(request: &Request<'_>) -> Result<Series> {
-    request.checks.choices()?;
-    let sample = SampleOptions {
-        keeps_value_sample: true,
-        local_models: false,
-        ..request.sample.clone()
-    };
-    let collection = Collection {
-        request: Request {
-            sample: &sample,
-            ..*request
-        },
-        own: 0..request.inputs.len(),
-        beside: &[],
-    };
-    collection.series()
 }

@@ -30,6 +30,8 @@
 //! ```
 
 #[cfg(feature = "prepared")]
+mod alone;
+#[cfg(feature = "prepared")]
 mod axes;
 #[cfg(feature = "prepared")]
 mod choices;
@@ -51,6 +53,8 @@ pub(crate) mod parts;
 #[cfg(feature = "prepared")]
 pub(crate) mod prepared;
 #[cfg(feature = "prepared")]
+mod read;
+#[cfg(feature = "prepared")]
 mod request;
 #[cfg(feature = "prepared")]
 mod series;
@@ -60,6 +64,8 @@ mod steps;
 mod surfels;
 
 #[cfg(feature = "prepared")]
+pub use alone::load_series;
+#[cfg(feature = "prepared")]
 pub use choices::{prefer, sample_together};
 #[cfg(feature = "prepared")]
 pub use edit::Edit;
@@ -68,13 +74,15 @@ pub use facts::{Corners, InputFacts, Kind};
 #[cfg(feature = "prepared")]
 pub use input::Input;
 #[cfg(feature = "prepared")]
-pub use loaded::{Loaded, load, load_series};
+pub use loaded::Loaded;
 #[cfg(feature = "prepared")]
 pub(crate) use note::axis;
 #[cfg(feature = "prepared")]
 pub use note::{Event, Note, Observer};
 #[cfg(feature = "prepared")]
 pub use prepared::{Members, is_prepared};
+#[cfg(feature = "prepared")]
+pub use read::load;
 #[cfg(feature = "prepared")]
 pub use request::{Cameras, Checks, Request};
 #[cfg(feature = "prepared")]

@@ -4,11 +4,12 @@
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::mem::take;
 
+use super::alone::load_alone;
 use super::collection::{Collection, Gathered};
 use super::edit::Edit;
 use super::facts::{InputFacts, Kind, is_automatic};
 use super::input::Input;
-use super::loaded::{Loaded, load_alone};
+use super::loaded::Loaded;
 use super::note::{Event, Note};
 use super::parts::{
     PartRead, assigned, distribute, read_grid, read_pieces, read_planes, read_rows, read_together,
