@@ -4,13 +4,16 @@ use glam::DVec3;
 
 use super::curvilinear::sharp::face_nodes;
 use super::left_out::LeftOut;
-use super::{SampleOptions, Sampled, check_count, check_len, classified, take_scalar};
 use crate::data::association::Association;
 use crate::data::blanking::Blanking;
 use crate::data::dataset::{CurvilinearBlock, Dataset, Field, Geometry};
 use crate::error::Result;
 use crate::sample::field::choice::shown_field;
+use crate::sample::function::classified;
+use crate::sample::options::SampleOptions;
 use crate::sample::report::SampleReport;
+use crate::sample::sampled::Sampled;
+use crate::sample::scalar::{check_count, check_len, take_scalar};
 use crate::scene::{Boundary, LONE_CELL_WIDTH, Lattice, LatticeSpacing, Particles, Surroundings};
 use crate::scene::{Colour, PointVolume, Strength, ValueSample};
 
@@ -140,7 +143,7 @@ pub(crate) fn lattice_of_planes(
     let mean_spacing = mean_spacing(&lattice);
     let spacing = options.unit_distance.unwrap_or(mean_spacing);
     let sample = || ValueSample::of_picked(&known.picked, &lattice, spacing);
-    let function = super::function_of(sample, mean_spacing, &mut report, options)?;
+    let function = super::function::function_of(sample, mean_spacing, &mut report, options)?;
     let volume = PointVolume {
         colour: Colour::Classified,
         transfer_function: Some(function),

@@ -29,3 +29,18 @@ pub(crate) fn compare(a: DVec3, b: DVec3) -> Ordering {
 pub(crate) fn is_same(a: DVec3, b: DVec3) -> bool {
     key(a).map(f64::to_bits) == key(b).map(f64::to_bits)
 }
+
+/// Narrows an index for [`Values::gather`]. Data sets of 2³² samples or more are refused before.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "sample counts are checked against u32 first"
+)]
+pub(super) fn index_u32(i: usize) -> u32 {
+    i as u32
+}
+
+/// Edge of a cube with the mean volume of particles; 1 if the particles have no volume.
+pub(crate) fn mean_spacing(volume_sum: f64, count: usize) -> f64 {
+    let spacing = Some((volume_sum / count as f64).cbrt());
+    spacing.filter(|s| *s > 0.0).unwrap_or(1.0)
+}

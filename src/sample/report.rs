@@ -4,7 +4,6 @@ use std::borrow::Cow;
 
 use glam::DVec3;
 
-use super::mesh::MeshReport;
 use crate::math::ExactSum;
 use crate::scene::ValueSample;
 
@@ -133,5 +132,55 @@ impl Found {
     pub(crate) fn extend(&mut self, (a, b): (DVec3, DVec3)) {
         let own = self.corners;
         self.corners = Some(own.map_or((a, b), |(low, high)| (low.min(a), high.max(b))));
+    }
+}
+
+/// Report on the sampling of a mesh.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct MeshReport {
+    /// Number of triangles in the file.
+    pub triangle_count: usize,
+    /// Number of surfels made of them.
+    pub surfel_count: usize,
+    /// Number of kernels for lines and points.
+    pub mark_count: usize,
+    /// Area of all triangles \[length²\].
+    pub area: f64,
+    /// Square root of the mean area of a surfel \[length\].
+    pub spacing: f64,
+    /// Root mean square deviation from 1 of the sums of weights at points of the surface.
+    pub ripple: f64,
+    /// Greatest deviation from 1 of these sums.
+    pub greatest_ripple: f64,
+    /// Findings, in the order of the work.
+    pub findings: Vec<Finding>,
+}
+
+impl MeshReport {
+    /// Returns one line for each finding, for people.
+    pub fn warnings(&self) -> Vec<String> {
+        self.findings.iter().map(Finding::line).collect()
+    }
+
+    /// Returns a summary in one line, for people.
+    pub fn summary(&self) -> String {
+        format!(
+            "{} surfels {:.3e} apart on an area of {:.6e}, weights even to {:.1} %",
+            self.surfel_count,
+            self.spacing,
+            self.area,
+            100.0 * self.ripple
+        )
+    }
+
+    pub(super) fn find(&mut self, count: usize, noun: &'static str, reason: &'static str) {
+        if count > 0 {
+            self.findings.push(Finding {
+                count,
+                noun: noun.into(),
+                reason: reason.into(),
+                left_out: true,
+            });
+        }
     }
 }

@@ -12,7 +12,7 @@ use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use rayon::prelude::*;
 
 use crate::parallel;
-use crate::sample::index_u32;
+use crate::sample::positions::index_u32;
 
 /// Greatest gap between two faces of one interface, as a share of the larger face's size. The chords of a
 /// circle of 16 cells lie that far from the circle, and kernels of that size show no such gap.

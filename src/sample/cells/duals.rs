@@ -363,7 +363,7 @@ impl Duals {
                             }
                             Err(fault) => {
                                 parts.truncate(first_part);
-                                faults.push((crate::sample::index_u32(cell), fault));
+                                faults.push((crate::sample::positions::index_u32(cell), fault));
                             }
                         }
                         (parts, faults)
@@ -415,7 +415,7 @@ impl Duals {
     /// Returns true if a solid cell is left out for a fault.
     pub(in crate::sample) fn is_left_out(&self, cell: usize) -> bool {
         self.left_out
-            .binary_search(&crate::sample::index_u32(cell))
+            .binary_search(&crate::sample::positions::index_u32(cell))
             .is_ok()
     }
 
@@ -464,7 +464,9 @@ impl Duals {
 
 /// Returns the first node at the position of each node; `None` if all positions differ.
 fn first_at_position(nodes: &[DVec3]) -> Option<Vec<u32>> {
-    let mut order: Vec<u32> = (0..nodes.len()).map(crate::sample::index_u32).collect();
+    let mut order: Vec<u32> = (0..nodes.len())
+        .map(crate::sample::positions::index_u32)
+        .collect();
     sort_by_position(nodes, &mut order);
     let same = |pair: &[u32]| {
         let [a, b] = [pair[0], pair[1]].map(|i| nodes[i as usize]);

@@ -2,7 +2,7 @@
 
 use crate::data::cells::{CellKind, CellMesh};
 use crate::data::polyhedron::polyhedron_faces;
-use crate::sample::index_u32;
+use crate::sample::positions::index_u32;
 
 /// Returns the first of the nodes at the position of `node`. `first` lists it for each node; it is empty if no
 /// nodes coincide.

@@ -27,10 +27,6 @@ use super::field::{gradient, local_models};
 use super::kernels::{Kernel, Kernels};
 use super::left_out::LeftOut;
 use super::own::Own;
-use super::{
-    SampleOptions, Sampled, check_count, check_len, classified_kernels, differences, nothing_left,
-    take_scalar,
-};
 use crate::collective::Alone;
 use crate::data::association::Association;
 use crate::data::blanking::Blanking;
@@ -40,7 +36,11 @@ use crate::data::handedness::Handedness;
 use crate::error::{Error, Result};
 use crate::math::factor_of_variance;
 use crate::sample::field::choice::shown_field;
+use crate::sample::function::{classified_kernels, differences};
+use crate::sample::options::SampleOptions;
 use crate::sample::report::SampleReport;
+use crate::sample::sampled::Sampled;
+use crate::sample::scalar::{check_count, check_len, nothing_left, take_scalar};
 use crate::scene::{LocalModel, LocalModels, Surroundings, Values};
 
 /// A field on a mesh. Kernels are wanted for some of its nodes or cells; the others are ghosts that these need.

@@ -6,9 +6,10 @@ use crate::data::association::Association;
 use crate::error::Result;
 use crate::math::ExactSum;
 use crate::sample::field::picked::picked_of;
+use crate::sample::function::unclassified;
 use crate::sample::kernels::Kernels;
+use crate::sample::options::{SampleOptions, check_options};
 use crate::sample::report::SampleReport;
-use crate::sample::{SampleOptions, check_options, unclassified};
 use crate::scene::{LocalModel, Particles, PickedRow, PointVolume};
 
 /// The particles of the wanted nodes or cells of a mesh.

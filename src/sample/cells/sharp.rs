@@ -26,8 +26,8 @@ use crate::data::polyhedron::polyhedron_faces;
 use crate::math::{factor_of_variance, lower_matrix};
 use crate::parallel;
 use crate::sample::curvilinear::sharp::{SharpParticle, edges};
-use crate::sample::index_u32;
 use crate::sample::kernels::Kernel;
+use crate::sample::positions::index_u32;
 use crate::scene::Values;
 
 /// Faces around a node lie in one plane if the cosine between their normals is at least this.

@@ -37,10 +37,6 @@ use super::field::local_models::grid::{GridKernel, RUN, Run};
 use super::kernels::{Kernel, Kernels, levels};
 use super::left_out::LeftOut;
 use super::own::Own;
-use super::{
-    SampleOptions, Sampled, check_count, check_len, classified_kernels, differences, nothing_left,
-    take_scalar,
-};
 use crate::collective::Alone;
 use crate::data::association::Association;
 use crate::data::blanking::Blanking;
@@ -48,7 +44,11 @@ use crate::data::dataset::{CurvilinearBlock, Dataset, Geometry};
 use crate::error::{Error, Result};
 use crate::math::{lower_factor, normal_code};
 use crate::sample::field::choice::shown_field;
+use crate::sample::function::{classified_kernels, differences};
+use crate::sample::options::SampleOptions;
 use crate::sample::report::SampleReport;
+use crate::sample::sampled::Sampled;
+use crate::sample::scalar::{check_count, check_len, nothing_left, take_scalar};
 use crate::scene::{LocalModel, LocalModels, Surroundings, Values};
 use crate::task::fill;
 

@@ -13,7 +13,7 @@ use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use rayon::prelude::*;
 
 use super::structured::Grid;
-use crate::sample::index_u32;
+use crate::sample::positions::index_u32;
 use crate::sample::report::{Finding, SampleReport};
 
 /// Approximate number of cells that are probed.

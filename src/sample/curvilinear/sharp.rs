@@ -18,9 +18,10 @@ use crate::math::{lower_factor, narrowed};
 use crate::sample::field::local_models::matrix_of;
 use crate::sample::kernels::Kernel;
 use crate::sample::kernels::even::CutKernels;
+use crate::sample::options::SampleOptions;
 use crate::sample::own::Own;
+use crate::sample::positions::index_u32;
 use crate::sample::report::SampleReport;
-use crate::sample::{SampleOptions, index_u32};
 use crate::scene::{
     Boundary, BoundaryPlanes, LocalModel, LocalModels, NO_EDGE, Particles, PointVolume, Strength,
 };

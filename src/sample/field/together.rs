@@ -1,8 +1,9 @@
 //! Chooses one transfer function from the values of all data sets that are drawn together.
 
 use crate::error::Result;
+use crate::sample::function::function_of_file;
+use crate::sample::options::{SampleOptions, TransferChoice};
 use crate::sample::report::SampleReport;
-use crate::sample::{SampleOptions, TransferChoice, function_of_file};
 use crate::scene::{AutomaticOptions, TransferFunction, ValueSample};
 
 /// Chooses the functions that data sets share if they are drawn together. Data sets share a function if they

@@ -10,9 +10,10 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::left_out::LeftOut;
-use super::{index_u32, mean_spacing};
 use crate::error::Result;
 use crate::math::{ExactSum, narrowed};
+use crate::sample::positions::index_u32;
+use crate::sample::positions::mean_spacing;
 use crate::sample::report::SampleReport;
 use crate::task::{Stage, Task};
 

@@ -6,12 +6,12 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::super::index_u32;
 use super::grid::Cubes;
 use super::pieces::{Piece, cut};
 use super::surface::{Surface, Triangle, area};
 use crate::error::Result;
 use crate::sample::points::neighbours::PointIndex;
+use crate::sample::positions::index_u32;
 use crate::task::{Stage, Task};
 
 /// Longest side of a piece, in spacings: some seven pieces make a cell.

@@ -7,7 +7,7 @@ use std::ops::Range;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::super::index_u32;
+use crate::sample::positions::index_u32;
 
 /// The cubes of a lattice that contain any point.
 #[derive(Debug)]

@@ -28,10 +28,10 @@ use crate::data::mesh::Mesh;
 use crate::error::{Error, Hint, Result};
 use crate::math::narrowed;
 use crate::math::{normal_code, normal_of_code};
-use crate::sample::report::Finding;
 use crate::scene::{Colour, MAX_OPACITY, Particles, PointVolume, Strength};
 use crate::task::Task;
 
+pub use crate::sample::report::MeshReport;
 use cells::Cells;
 use coverage::Ripple;
 use normals::Normals;
@@ -116,56 +116,6 @@ pub struct SampledMesh {
     pub report: MeshReport,
 }
 
-/// Report on the sampling of a mesh.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct MeshReport {
-    /// Number of triangles in the file.
-    pub triangle_count: usize,
-    /// Number of surfels made of them.
-    pub surfel_count: usize,
-    /// Number of kernels for lines and points.
-    pub mark_count: usize,
-    /// Area of all triangles \[length²\].
-    pub area: f64,
-    /// Square root of the mean area of a surfel \[length\].
-    pub spacing: f64,
-    /// Root mean square deviation from 1 of the sums of weights at points of the surface.
-    pub ripple: f64,
-    /// Greatest deviation from 1 of these sums.
-    pub greatest_ripple: f64,
-    /// Findings, in the order of the work.
-    pub findings: Vec<Finding>,
-}
-
-impl MeshReport {
-    /// Returns one line for each finding, for people.
-    pub fn warnings(&self) -> Vec<String> {
-        self.findings.iter().map(Finding::line).collect()
-    }
-
-    /// Returns a summary in one line, for people.
-    pub fn summary(&self) -> String {
-        format!(
-            "{} surfels {:.3e} apart on an area of {:.6e}, weights even to {:.1} %",
-            self.surfel_count,
-            self.spacing,
-            self.area,
-            100.0 * self.ripple
-        )
-    }
-
-    fn find(&mut self, count: usize, noun: &'static str, reason: &'static str) {
-        if count > 0 {
-            self.findings.push(Finding {
-                count,
-                noun: noun.into(),
-                reason: reason.into(),
-                left_out: true,
-            });
-        }
-    }
-}
-
 /// Spreads surfels over a mesh.
 ///
 /// - Opaque materials become a [`Strength::Surface`]; alpha is ignored. With a mask, the area is that part of
@@ -188,7 +138,7 @@ impl MeshReport {
 /// [`MOST_SURFELS`]; work that was cancelled.
 pub fn surfels(mesh: &Mesh, options: &MeshOptions) -> Result<SampledMesh> {
     let advice = || format!("{SURFEL_WIDTH} is the default for surfels");
-    super::check_kernel_width(options.kernel_width, advice)?;
+    super::options::check_kernel_width(options.kernel_width, advice)?;
     check_size(mesh)?;
     mesh.validate()?;
     let mut surface = Surface::new(mesh);

@@ -160,7 +160,9 @@ fn smoothed(surface: &Surface) -> HashMap<u32, Vec<[DVec3; 3]>> {
             let next = places.len();
             // Adding zero makes -0 and 0 equal.
             let bits = position.to_array().map(|x| (x + 0.0).to_bits());
-            *places.entry(bits).or_insert(super::super::index_u32(next))
+            *places
+                .entry(bits)
+                .or_insert(crate::sample::positions::index_u32(next))
         });
         let own: Vec<u32> = own.collect();
         for &indices in &part.triangles {
@@ -197,7 +199,7 @@ fn smoothed(surface: &Surface) -> HashMap<u32, Vec<[DVec3; 3]>> {
             })
         };
         let normals = part.triangles.iter().map(of_triangle).collect();
-        (super::super::index_u32(number), normals)
+        (crate::sample::positions::index_u32(number), normals)
     });
     normals.collect()
 }

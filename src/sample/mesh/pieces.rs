@@ -3,8 +3,8 @@
 use glam::{DMat3, DVec2, DVec3};
 use rayon::prelude::*;
 
-use super::super::index_u32;
 use super::surface::{Surface, Triangle};
+use crate::sample::positions::index_u32;
 
 /// Greatest total number of pieces: this many for each cell, plus some for each triangle,
 const MOST_PER_CELL: f64 = 40.0;

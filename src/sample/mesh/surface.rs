@@ -5,8 +5,8 @@ use std::collections::HashMap;
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::super::index_u32;
 use crate::data::mesh::{AlphaMode, Mesh};
+use crate::sample::positions::index_u32;
 
 /// Kind of a surface; the surfels of one kind form a point volume.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

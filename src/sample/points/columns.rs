@@ -1,6 +1,5 @@
 //! Finds the columns of a table by name.
 
-use super::super::{TakenScalar, check_len};
 use super::neighbourhoods::Neighbourhoods;
 use crate::data::association::Association;
 use crate::data::colour_columns::{
@@ -10,7 +9,8 @@ use crate::data::dataset::{Dataset, Field, FieldSource};
 use crate::data::shape_columns::{SCALES, VARIANCE};
 use crate::data::smoothing::Smoothing;
 use crate::error::{Error, Result};
-use crate::sample::field::choice::{FieldChoice, describes_the_grid};
+use crate::sample::field::field_choice::{FieldChoice, describes_the_grid};
+use crate::sample::scalar::{TakenScalar, check_len};
 use crate::scene::Values;
 
 /// Columns with a meaning of their own: none of them is the default field to show.

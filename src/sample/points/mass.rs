@@ -1,10 +1,10 @@
 //! Computes masses of particles, or volumes for a transfer function.
 
-use super::super::SampleOptions;
 use super::super::left_out::LeftOut;
 use super::columns::Columns;
 use super::shape::Shapes;
 use crate::error::{Error, Result};
+use crate::sample::options::SampleOptions;
 use crate::scene::{MAX_OPACITY, Values};
 
 /// Source of the particles' masses.

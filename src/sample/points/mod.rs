@@ -29,18 +29,20 @@ pub(crate) use self::partitioned::{
 use self::shape::Shape;
 use super::field::picked::picked_rows;
 use super::left_out::LeftOut;
-use super::{
-    DEFAULT_KERNEL_WIDTH, SampleOptions, Sampled, TransferChoice, check_count, index_u32, keep,
-    mean_spacing, nothing_left, take_scalar, under_function,
-};
-#[cfg(feature = "prepared")]
-use super::{OfRows, ParticleShape};
+use crate::constants::DEFAULT_KERNEL_WIDTH;
 use crate::data::colour_columns::ColourNumbers;
 use crate::data::dataset::{Dataset, Geometry};
 use crate::error::Result;
 use crate::math::ExactSum;
-use crate::sample::field::choice::FieldChoice;
+use crate::sample::field::field_choice::FieldChoice;
+use crate::sample::function::{keep, under_function};
+#[cfg(feature = "prepared")]
+use crate::sample::options::ParticleShape;
+use crate::sample::options::{SampleOptions, TransferChoice};
+use crate::sample::positions::{index_u32, mean_spacing};
 use crate::sample::report::SampleReport;
+use crate::sample::sampled::Sampled;
+use crate::sample::scalar::{check_count, nothing_left, take_scalar};
 use crate::scene::{
     Colour, Particles, PointVolume, Strength, Surroundings, Tiling, ValueSample, Values,
 };
@@ -80,6 +82,17 @@ pub(super) fn choices_of_points(dataset: &Dataset) -> Vec<FieldChoice> {
 
 pub(super) fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     of_some(dataset, options, None).map(|made| made.sampled)
+}
+
+/// Kinds of points whose particles each depend on one row alone, so that a part of the rows gives a part of the
+/// volume's particles.
+#[cfg(feature = "prepared")]
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum OfRows {
+    /// Points that state shapes and strengths, and show no field.
+    Stated,
+    /// Smoothed particles whose column densities sum this field.
+    Summed(String),
 }
 
 /// Returns the kind of particles that some rows give, if each depends on its own row alone.

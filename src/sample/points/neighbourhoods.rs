@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use super::super::{ParticleShape, SampleOptions};
 use super::neighbours::{NEIGHBOUR_COUNT, SPACING_NEIGHBOURS};
 use super::neighbours::{PointIndex, Remote};
 use crate::error::{Error, Hint, Result};
 use crate::math::eigen;
+use crate::sample::options::{ParticleShape, SampleOptions};
 use glam::DVec3;
 
 /// Share of the points with elongated neighbourhoods from which a set is truly anisotropic, lying on surfaces

@@ -10,7 +10,7 @@ use crate::error::Result;
 use crate::math::{NO_NORMAL, normal_code};
 use crate::parallel;
 use crate::sample::field::fit::Fit;
-use crate::sample::index_u32;
+use crate::sample::positions::index_u32;
 use crate::sample::positions::{compare, is_same, sort_by_position};
 use crate::task::{Task, collect};
 

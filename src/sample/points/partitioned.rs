@@ -2,7 +2,6 @@
 
 use glam::DVec3;
 
-use super::super::{ParticleShape, SampleOptions, Sampled, check_options, function_of};
 use super::columns::{Columns, INTENSITIES};
 use super::neighbourhoods::{Neighbourhoods, neighbours_of};
 use super::neighbours::{MOST_FITTED, NEIGHBOUR_COUNT, PointIndex};
@@ -13,7 +12,10 @@ use crate::error::Result;
 use crate::math::ExactSum;
 use crate::sample::field::local_models::{FIRST_NEIGHBOURS, models_among};
 use crate::sample::field::picked::picked_rows;
+use crate::sample::function::function_of;
+use crate::sample::options::{ParticleShape, SampleOptions, check_options};
 use crate::sample::report::SampleReport;
+use crate::sample::sampled::Sampled;
 use crate::scene::{
     LocalModel, PickedRow, PointVolume, Surroundings, Tiling, TransferFunction, ValueSample, Values,
 };

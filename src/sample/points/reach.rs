@@ -5,7 +5,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::neighbours::PointIndex;
-use crate::sample::index_u32;
+use crate::sample::positions::index_u32;
 
 /// Number of points in a leaf: neighbours are searched for one of them, and bound those of the others.
 const LEAF: usize = 8;

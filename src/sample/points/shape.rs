@@ -6,17 +6,18 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::super::left_out::LeftOut;
-use super::super::{DEFAULT_KERNEL_WIDTH, ParticleShape, SampleOptions};
 use super::columns::Columns;
 use super::neighbourhoods::{Neighbourhoods, Surrounded, without_spacing};
 use super::neighbours::{MOST_NEIGHBOURS, NEIGHBOUR_COUNT, PointIndex};
 use super::{sph, yu_turk};
+use crate::constants::DEFAULT_KERNEL_WIDTH;
 use crate::data::shape_columns::{SCALES, VARIANCE};
 use crate::data::smoothing::{LengthMeaning, SphKernel};
 use crate::error::{Error, Hint, Result};
 use crate::math::{eigen, factor_of_variance, from_eigen, principal_sigmas};
 use crate::parallel;
 use crate::sample::kernels::sums::{Summand, everywhere};
+use crate::sample::options::{ParticleShape, SampleOptions};
 use crate::sample::splats::factor::{factor_of_scales, sphere};
 use crate::scene::Values;
 

@@ -24,8 +24,9 @@ use crate::error::{Error, Hint, Result};
 use crate::image::srgb_from_linear;
 use crate::math::{harmonics_count, lower_matrix, narrowed, scales_and_rotation};
 use crate::sample::left_out::LeftOut;
+use crate::sample::positions::index_u32;
 use crate::sample::report::{Finding, SampleReport};
-use crate::sample::{index_u32, splats};
+use crate::sample::splats;
 use crate::scene::{Boundary, Colour, Particles, PointVolume, Strength, Values};
 
 /// Standard deviation over spacing of opaque surfels in the output; wider ones stay as they are.

@@ -5,15 +5,16 @@ pub(crate) mod factor;
 
 use self::factor::factor_of_scales;
 use super::left_out::LeftOut;
-use super::{
-    SampleOptions, Sampled, check_count, check_len, index_u32, keep, nothing_left, take_scalar,
-    under_function,
-};
 use crate::data::dataset::{Dataset, Geometry};
 use crate::data::splats::SplatCloud;
 use crate::error::Result;
 use crate::math::{harmonics_count, narrowed};
+use crate::sample::function::{keep, under_function};
+use crate::sample::options::SampleOptions;
+use crate::sample::positions::index_u32;
 use crate::sample::report::SampleReport;
+use crate::sample::sampled::Sampled;
+use crate::sample::scalar::{check_count, check_len, nothing_left, take_scalar};
 use crate::scene::{Colour, Particles, PointVolume, Strength, ValueSample, Values};
 use crate::task::collect;
 

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use crate::constants::FAINT_SHARE;
 use crate::error::{Error, Result};
 use crate::math::narrowed;
-use crate::sample::index_u32;
+use crate::sample::positions::index_u32;
 use crate::scene::{Colour, Particles, PointVolume, Strength};
 use crate::view::ClipPlane;
 

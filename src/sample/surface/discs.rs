@@ -6,10 +6,10 @@ use glam::DVec3;
 
 use crate::error::{Error, Result};
 use crate::math::narrowed;
-use crate::sample::Sampled;
 use crate::sample::left_out::LeftOut;
 use crate::sample::mesh::SURFEL_WIDTH;
 use crate::sample::report::SampleReport;
+use crate::sample::sampled::Sampled;
 use crate::scene::{Colour, Particles, PointVolume, Strength};
 
 /// Makes the surfels of an opaque surface from points with normals and radii, as scans have them.

@@ -13,12 +13,12 @@ use crate::data::mesh::{AlphaMode, Material, Mesh, MeshPart};
 use crate::error::Result;
 use crate::math::narrowed;
 use crate::sample::field::choice::{has_choice, shown_field};
+use crate::sample::function::under_function;
 use crate::sample::mesh::{self, MeshOptions};
+use crate::sample::options::{SampleOptions, TransferChoice};
 use crate::sample::report::SampleReport;
-use crate::sample::{
-    SampleOptions, SampledScene, TakenScalar, TransferChoice, check_len, take_scalar,
-    under_function,
-};
+use crate::sample::sampled::SampledScene;
+use crate::sample::scalar::{TakenScalar, check_len, take_scalar};
 use crate::scene::{
     Colour, MAX_OPACITY, PointVolume, Strength, TransferFunction, ValueSample, Values,
 };

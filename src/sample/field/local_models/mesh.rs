@@ -14,8 +14,8 @@ use crate::data::cells::CellMesh;
 use crate::error::Result;
 use crate::parallel;
 use crate::sample::cells::incidence::{CellsAround, first_of, nodes_of};
-use crate::sample::index_u32;
 use crate::sample::kernels::Kernels;
+use crate::sample::positions::index_u32;
 use crate::scene::{LocalModel, Values};
 use crate::task::{Task, collect};
 

@@ -23,7 +23,7 @@ use glam::{DMat3, DVec3};
 use self::quadratic::Quadratic;
 use crate::error::Result;
 use crate::math::{lower_matrix, narrowed};
-use crate::sample::SampleOptions;
+use crate::sample::options::SampleOptions;
 use crate::scene::{LocalModel, LocalModels, Particles, PointVolume, Strength, Values};
 use crate::task::Task;
 

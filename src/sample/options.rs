@@ -1,0 +1,223 @@
+//! Defines options for sampling.
+
+use std::path::PathBuf;
+
+use crate::constants::{DEFAULT_KERNEL_WIDTH, FAINT_SHARE};
+use crate::data::smoothing::{LengthMeaning, SphKernel};
+use crate::error::{Error, Parameter, Result};
+use crate::sample::mesh::Spread;
+use crate::scene::{PointVolume, ScaleName, TransferFunction};
+use crate::task::Task;
+
+/// Greatest number of corrections of cell volumes ([`SampleOptions::shepard_passes`]).
+pub const MOST_SHEPARD_PASSES: u32 = 100;
+
+/// Options of sampling: the field to show, its transfer function, and the shapes of kernels.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SampleOptions {
+    /// The scalar to show ([`Dataset::scalar`]'s selector); `None` chooses one.
+    pub field: Option<String>,
+    /// The scalar to choose if no field is named, provided that the data set has it and would show a field at
+    /// all. Data sets that are drawn together share it ([`shared_fields`]).
+    pub preferred_field: Option<String>,
+    /// Standard deviation of a kernel over the local spacing; see [`DEFAULT_KERNEL_WIDTH`].
+    pub kernel_width: f64,
+    /// The transfer function.
+    pub transfer: TransferChoice,
+    /// The length \[world units\] over which opacities are stated. `None` takes the length in the transfer
+    /// function's file; without one, the mean spacing of the samples.
+    pub unit_distance: Option<f64>,
+    /// The range of an automatic transfer function, in its own colour map or a named one. `None` chooses a
+    /// range from the values.
+    pub range: Option<[f64; 2]>,
+    /// The scale of an automatic transfer function. `None` chooses one from the values, as the program does. On
+    /// a scale other than linear, the volume stores positions on the scale instead of the data's values
+    /// ([`ValueScale`]). A function that replaces the sampled one must have the same
+    /// scale.
+    pub scale: Option<ScaleName>,
+    /// Factor of the extinction of any transfer function.
+    pub opacity_scale: f64,
+    /// The meaning of the particles' lengths; overrides the convention of the data's format.
+    pub length: Option<LengthMeaning>,
+    /// The smoothing kernel that lengths belong to; overrides the data's own. Default if the data name none:
+    /// the cubic spline.
+    pub kernel: Option<SphKernel>,
+    /// One length \[world units\] for all particles, in place of the data's lengths. It is a standard deviation
+    /// unless `length` says otherwise.
+    pub radius: Option<f64>,
+    /// The shape of particles whose data state none.
+    pub shape: ParticleShape,
+    /// Number of times that cell volumes are corrected to reproduce a uniform field at the particles.
+    /// Corrections even out irregular samples and shift mass between neighbours. At most
+    /// [`MOST_SHEPARD_PASSES`].
+    pub shepard_passes: u32,
+    /// True for column densities. Particles with nothing but positions then show their number density, whose
+    /// columns count particles, instead of its logarithm.
+    pub for_columns: bool,
+    /// True if columns of particles are to weigh a mean. If no field is named, the columns then sum masses, a
+    /// density or the number of particles, whichever is known first.
+    pub for_means: bool,
+    /// A value of the field whose opaque iso-surface is drawn in place of the volume ([`scene`]). Each kernel
+    /// over whose extent the field takes the value becomes a surfel: the disc on which the field has it.
+    /// Lattices, grids, cells and particles with a field allow it.
+    pub flatten: Option<f64>,
+    /// True for volumes that are to be lit. Each sample then stores the direction of its field's gradient
+    /// ([`PointVolume::normals`]), four bytes.
+    pub normals: bool,
+    /// True to store a model of the field over each kernel's extent, for volumes that are classified by a field
+    /// ([`PointVolume::local_models`]): six bytes per particle. Lattices need none.
+    pub local_models: bool,
+    /// True to keep in the report the values from which an automatic transfer function is chosen
+    /// ([`SampleReport::value_sample`]), for one function of several data sets.
+    pub keeps_value_sample: bool,
+    /// Treatment of the data's boundary: [`PointVolume::boundary`].
+    pub boundary: BoundaryChoice,
+    /// Number and spread of surfels, for meshes.
+    pub spread: Spread,
+    /// Seed of the spread of surfels, for meshes. Another seed gives another spread, as even.
+    pub seed: u64,
+    /// Receives the progress of the work, and may cancel it.
+    pub task: Option<Task>,
+}
+
+/// Treatment of data at the boundary of their domain.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum BoundaryChoice {
+    /// Sharp if the transfer function shows any sample on the boundary (by more than a hundredth of its
+    /// greatest extinction), otherwise soft: transparent samples need no cut. Soft for column densities, whose
+    /// sums are those of the samples.
+    Automatic,
+    /// Kernels are cut at the domain ([`PointVolume::boundary`]), so that the density equals the data's up to
+    /// the boundary. Grids of any kind with values at nodes allow it. Other data have no boundary; neither have
+    /// iso-surfaces nor data whose volumes are corrected.
+    Sharp,
+    /// Kernels extend beyond the domain, and the density falls to half at the faces of the domain.
+    #[default]
+    Soft,
+}
+
+/// The shape of kernels whose particles state no more than a length.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ParticleShape {
+    /// Spheres; ellipsoids if particles without lengths are truly stretched or layered.
+    #[default]
+    Automatic,
+    /// Spheres.
+    Isotropic,
+    /// Ellipsoids after the covariance of the nearest neighbours; for particles without lengths.
+    Covariance,
+    /// Ellipsoids after Yu and Turk (2013); for particles with lengths.
+    YuTurk,
+}
+
+impl Default for SampleOptions {
+    fn default() -> Self {
+        Self {
+            field: None,
+            preferred_field: None,
+            kernel_width: DEFAULT_KERNEL_WIDTH,
+            transfer: TransferChoice::Automatic,
+            unit_distance: None,
+            range: None,
+            scale: Some(ScaleName::Linear),
+            opacity_scale: 1.0,
+            length: None,
+            kernel: None,
+            radius: None,
+            shape: ParticleShape::Automatic,
+            shepard_passes: 0,
+            for_columns: false,
+            for_means: false,
+            flatten: None,
+            normals: false,
+            local_models: true,
+            keeps_value_sample: false,
+            boundary: BoundaryChoice::default(),
+            spread: Spread::Automatic,
+            seed: 0,
+            task: None,
+        }
+    }
+}
+
+/// Source of the transfer function.
+#[derive(Debug, Clone, PartialEq)]
+pub enum TransferChoice {
+    /// From the values: [`TransferFunction::automatic`].
+    Automatic,
+    /// From a JSON file: [`TransferFunction::from_json`].
+    File(PathBuf),
+    /// From the text of such a file.
+    Text(String),
+    /// The automatic function in the colours of a named map: [`AutomaticOptions::colour_map`].
+    Named(String),
+    /// This function, with its own unit distance unless the options state one.
+    Given(TransferFunction),
+    /// This function, chosen automatically from several data sets ([`shared_functions`]). It leaves surfaces
+    /// opaque, as a function chosen from one data set does.
+    Shared(TransferFunction),
+}
+
+/// Refuses a kernel width that is not positive and finite.
+pub(super) fn check_kernel_width(width: f64, advice: impl FnOnce() -> String) -> Result<()> {
+    if width > 0.0 && width.is_finite() {
+        return Ok(());
+    }
+    let (expected, found) = ("a positive number", width.to_string());
+    Err(Error::invalid(
+        Parameter::KernelWidth,
+        "value",
+        expected,
+        found,
+        advice(),
+    ))
+}
+
+pub(super) fn check_options(options: &SampleOptions) -> Result<()> {
+    let advice = || format!("{DEFAULT_KERNEL_WIDTH} is the default");
+    check_kernel_width(options.kernel_width, advice)?;
+    if options.shepard_passes > MOST_SHEPARD_PASSES {
+        return Err(Error::invalid(
+            "sample",
+            "corrections of cell volumes",
+            format!("at most {MOST_SHEPARD_PASSES}"),
+            options.shepard_passes.to_string(),
+            "a few are enough",
+        ));
+    }
+    Ok(())
+}
+
+impl SampleOptions {
+    /// Returns true if a boundary is sharp whatever the transfer function shows there.
+    pub(crate) fn is_sharp_anyway(&self) -> bool {
+        self.boundary == BoundaryChoice::Sharp
+    }
+
+    /// Returns true if a boundary may be sharp under these options.
+    pub(crate) fn is_sharp(&self) -> bool {
+        let is_wanted = match self.boundary {
+            BoundaryChoice::Sharp => true,
+            BoundaryChoice::Automatic => !self.for_columns,
+            BoundaryChoice::Soft => false,
+        };
+        is_wanted && self.flatten.is_none() && self.shepard_passes == 0
+    }
+
+    /// Returns true if the boundary of `volume` is to be sharp.
+    ///
+    /// - `on_boundary`: the samples that lie on the boundary.
+    pub(crate) fn cuts(
+        &self,
+        volume: &PointVolume,
+        mut on_boundary: impl Iterator<Item = usize>,
+    ) -> bool {
+        let (Some(values), Some(transfer)) = (&volume.values, &volume.transfer_function) else {
+            return true;
+        };
+        let [lowest, highest] = transfer.range();
+        let least = FAINT_SHARE * transfer.max_extinction(lowest, highest);
+        self.boundary == BoundaryChoice::Sharp
+            || on_boundary.any(|i| transfer.classify(values.get(i))[3] > least)
+    }
+}
