@@ -7,22 +7,22 @@
 //! | data set | kernels | modules |
 //! |---|---|---|
 //! | lattice | one per sample; only values are stored | `lattice` |
-//! | curvilinear grid | one per node or cell | `curvilinear`, `structured` |
-//! | unstructured grid | one per node or cell | `cells`, `duals` |
-//! | points | one per row of a table | `points`, `neighbours` |
+//! | curvilinear grid | one per node or cell | `curvilinear` |
+//! | unstructured grid | one per node or cell | `cells` |
+//! | points | one per row of a table | `points` |
 //! | splats | one per splat, with the shapes that the file states | `splats` |
-//! | mesh, grid of one layer | surfels, spread over the surface | [`mesh`], `flat_grid` |
+//! | mesh, grid of one layer | surfels, spread over the surface | [`mesh`], `surface::flat_grid` |
 //!
 //! Further modules complete a volume:
 //!
-//! - `choice` chooses the field to show, `together` one transfer function for several data sets.
-//! - `sharp` and `sharp_cells` cut kernels at the boundary of the data and add ghosts beyond it. `even` and
-//!   `even_grid` then correct the volumes. `levels` and `shepard` correct volumes elsewhere.
-//! - `gradient` computes normals for shading, `local_models` models of the field over each kernel.
-//! - `iso_surface`, `cut_faces`, `discs` and `convert` make surfels and splats.
-//! - `curvilinear::partitioned`, `cells::partitioned` and `points::partitioned` sample data that are partitioned over ranks. A rank
-//!   makes kernels for its own samples; neighbouring samples are ghosts. `own` defines the reductions over all
-//!   ranks.
+//! - `field` chooses the field to show (`choice`), and one transfer function for several data sets (`together`). It
+//!   computes normals for shading (`gradient`), and models of the field over each kernel (`local_models`).
+//! - `curvilinear::sharp` and `cells::sharp` cut kernels at the boundary of the data and add ghosts beyond it.
+//!   `kernels::even` and `curvilinear::even_grid` then correct the volumes. `kernels::levels` and `points::shepard`
+//!   correct volumes elsewhere.
+//! - `surface` and `splats::convert` make surfels and splats.
+//! - `curvilinear::partitioned`, `cells::partitioned` and `points::partitioned` sample data that are partitioned over
+//!   ranks. A rank makes kernels for its own samples (`own`); neighbouring samples are ghosts.
 
 pub(crate) mod cells;
 pub(crate) mod curvilinear;
