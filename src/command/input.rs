@@ -29,7 +29,7 @@ pub(crate) struct DataOptions {
     /// PLOT3D solution or functions of a grid; by default files beside it, named with q and with f or fun for xyz
     #[arg(long, value_name = "FILE")]
     pub(crate) solution: Option<PathBuf>,
-    /// What to make of points with faces (PLY, VTK) [default: a mesh]
+    /// Read points with faces (PLY, VTK) as this [default: a mesh]
     #[arg(long = "as", value_enum, value_name = "WHAT")]
     pub(crate) read_as: Option<ReadAsName>,
     /// OBJ or PLY mesh: image for the parts that have texture coordinates and no texture
@@ -43,7 +43,7 @@ pub(crate) struct DataOptions {
     /// thousandth at either end]
     #[arg(long, value_name = "LO,HI", value_parser = parse::range, allow_hyphen_values = true)]
     pub(crate) range: Option<[f64; 2]>,
-    /// Where values lie in an automatic transfer function: evenly, or by their logarithm; symlog is for either sign
+    /// Space values in an automatic transfer function evenly or by their logarithm; symlog is for either sign
     /// [default: log where positive values lie over decades, otherwise linear]
     #[arg(long, value_name = "SCALE", value_enum)]
     pub(crate) scale: Option<Scale>,

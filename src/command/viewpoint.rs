@@ -94,8 +94,8 @@ pub(crate) struct CameraOptions {
     /// Fitted camera: magnification
     #[arg(long, value_name = "F", value_parser = parse::positive)]
     zoom: Option<f64>,
-    /// What a fitted camera shows: the data as large as this view of them allows, or the sphere around all of them,
-    /// which is as large from every side, stray splats included, which do not count otherwise
+    /// Fit the camera to the data, as large as this view of them allows (stray splats do not count), or to the sphere
+    /// around all of them, which is as large from every side
     #[arg(long, value_enum, value_name = "WHAT", conflicts_with_all = ["eye", "camera"])]
     fit: Option<Fit>,
 }

@@ -261,7 +261,7 @@ mod tests {
     use crate::frame::backend::{DrawFrames, Images};
     use crate::image::Image;
     use crate::render::{Composite, Settings};
-    use crate::scene::{Particles, PointVolume, Strength};
+    use crate::scene::fixtures::spheres_and_plane;
     use crate::stats::FrameCounts;
     use crate::view::Camera;
 
@@ -286,29 +286,8 @@ mod tests {
         (images.image, report.counts)
     }
 
-    /// Returns a scene of spheres about the origin, with surfels of an opaque plane among them.
     fn scene() -> BlockedScene {
-        // Multiples of three irrational numbers fill a cube evenly.
-        let at = |i: usize| (DVec3::new(0.754_878, 0.569_840, 0.618_034) * i as f64).fract() - 0.5;
-        let count = 20_000;
-        let places: Vec<DVec3> = (0..count).map(at).collect();
-        let sigmas: Vec<f32> = (0..count)
-            .map(|i| 0.002 + 0.02 * (i % 7) as f32 / 7.0)
-            .collect();
-        let spheres = PointVolume::spheres(places, sigmas).with_masses(vec![2e-5; count]);
-        let grid: Vec<DVec3> = (0..400)
-            .map(|i| DVec3::new((i % 20) as f64 - 9.5, (i / 20) as f64 - 9.5, 4.0) * 0.05)
-            .collect();
-        let plane = PointVolume::new(
-            Particles::Surfels {
-                tangents: vec![[0.04, 0.0, 0.0, 0.0, 0.04, 0.0]; grid.len()],
-                positions: grid,
-                is_one_sided: false,
-            },
-            Strength::Surface(vec![2.5e-3; 400]),
-        )
-        .with_colour([0.2, 0.6, 0.3]);
-        BlockedScene::new(vec![spheres, plane], &SceneOptions::default()).unwrap()
+        BlockedScene::new(spheres_and_plane(20_000), &SceneOptions::default()).unwrap()
     }
 
     #[test]

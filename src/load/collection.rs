@@ -672,8 +672,6 @@ impl Own {
     }
 
     /// Returns the facts about this input after sampling.
-    ///
-    /// - `input`: the input, if it is drawn alone.
     fn facts(&self) -> Facts {
         let report = &self.report;
         let volumes = &self.volumes;

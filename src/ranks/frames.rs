@@ -591,37 +591,9 @@ mod tests {
     use crate::image::Image;
     use crate::ranks::ThreadRank;
     use crate::render::{Composite, Settings};
-    use crate::scene::{Colour, Particles, PointVolume, Strength};
+    use crate::scene::fixtures::spheres_and_plane;
     use crate::stats::FrameCounts;
     use crate::view::Camera;
-
-    /// Returns spheres about the origin, and an opaque plane of surfels among them.
-    fn volumes() -> Vec<PointVolume> {
-        let at = |i: usize| (DVec3::new(0.754_878, 0.569_840, 0.618_034) * i as f64).fract() - 0.5;
-        let count = 12_000;
-        let places: Vec<DVec3> = (0..count).map(at).collect();
-        let sigmas: Vec<f32> = (0..count)
-            .map(|i| 0.002 + 0.02 * (i % 7) as f32 / 7.0)
-            .collect();
-        let spheres = PointVolume::spheres(places, sigmas).with_masses(vec![2e-5; count]);
-        let grid: Vec<DVec3> = (0..400)
-            .map(|i| DVec3::new((i % 20) as f64 - 9.5, (i / 20) as f64 - 9.5, 4.0) * 0.05)
-            .collect();
-        let plane = PointVolume {
-            particles: Particles::Surfels {
-                tangents: vec![[0.04, 0.0, 0.0, 0.0, 0.04, 0.0]; grid.len()],
-                positions: grid,
-                is_one_sided: false,
-            },
-            strength: Strength::Surface(vec![2.5e-3; 400]),
-            ..PointVolume::spheres([], []).with_masses([])
-        };
-        let plane = PointVolume {
-            colour: Colour::Uniform([0.2, 0.6, 0.3]),
-            ..plane
-        };
-        vec![spheres, plane]
-    }
 
     /// Draws with `size` ranks; returns the image, the counts, and the most footprints that one rank received.
     fn drawn(
@@ -633,7 +605,8 @@ mod tests {
         let found = thread::scope(|scope| {
             let ranks = ThreadRank::group(size).into_iter();
             let draw = |own: ThreadRank| {
-                let mut scene = BlockedScene::new(volumes(), &SceneOptions::default()).unwrap();
+                let mut scene =
+                    BlockedScene::new(spheres_and_plane(12_000), &SceneOptions::default()).unwrap();
                 let ranks = Box::new(own);
                 let mut frames = RankFrames::sharing(ranks, &mut scene).unwrap();
                 frames.most = most;

@@ -16,14 +16,15 @@
 //! Further modules serve several kinds of data:
 //!
 //! - `options` and `report` define what is asked and what is found; `scalar` takes the field that is shown.
-//! - `field` chooses the field to show, and one transfer function for several data sets (`together`). It computes
-//!   normals for shading (`gradient`), and models of the field over each kernel (`local_models`). `function` makes
-//!   volumes that a transfer function shows.
-//! - `curvilinear::sharp` and `cells::sharp` cut kernels at the boundary of the data and add ghosts beyond it. `kernels`
-//!   (`even`, `levels`) and `points::shepard` correct volumes.
-//! - `surface` and `splats` make surfels and splats.
+//! - `field` chooses the field to show (`choice`), and one transfer function for several data sets (`together`). It
+//!   computes normals for shading (`gradient`), and models of the field over each kernel (`local_models`). `function`
+//!   makes volumes that a transfer function shows.
+//! - `curvilinear::sharp` and `cells::sharp` cut kernels at the boundary of the data and add ghosts beyond it.
+//!   `kernels::even` and `curvilinear::even_grid` then correct the volumes. `kernels::levels` and `points::shepard`
+//!   correct volumes elsewhere.
+//! - `surface` and `splats::convert` make surfels and splats.
 //! - `curvilinear::partitioned`, `cells::partitioned` and `points::partitioned` sample data that are partitioned over
-//!   ranks. A rank makes kernels for its own samples; neighbouring samples are ghosts.
+//!   ranks. A rank makes kernels for its own samples (`own`); neighbouring samples are ghosts.
 
 pub(crate) mod cells;
 pub(crate) mod curvilinear;

@@ -4,6 +4,8 @@ mod boundary;
 mod build;
 mod classification;
 pub(crate) mod columns;
+#[cfg(test)]
+pub(crate) mod fixtures;
 mod ghosts;
 pub(crate) mod headers;
 mod lattice;

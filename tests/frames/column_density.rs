@@ -521,7 +521,7 @@ fn perspective_is_the_line_integral_off_the_axis() {
     for (filter, largest_error) in [
         // Kernels are affine if their bound fits the tolerance, and exact otherwise.
         (Filter::Adaptive, 1.0 / 255.0),
-        // f32 roundings of w and Q: 6e-6 of the peak (`tests/footprint_laws.rs`), the exponential's
+        // f32 roundings of w and Q: 6e-6 of the peak (`footprint_laws.rs`), the exponential's
         // 3e-6, and the centre's rounding to EPS of 640 px at .61 per px, twice.
         (Filter::Exact, 6e-6 + 3e-6 + 2.0 * 0.61 * 640.0 * EPS),
     ] {

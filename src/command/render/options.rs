@@ -28,7 +28,7 @@ pub(in crate::command) struct Arguments {
     /// Width and height in pixels [default: 1024x1024]
     #[arg(long, value_name = "WxH", value_parser = parse::size)]
     pub(in crate::command) size: Option<[usize; 2]>,
-    /// What renders
+    /// Render on this back end
     #[arg(long, value_enum, default_value = "auto")]
     pub(in crate::command) backend: BackendName,
     /// Under mpirun or srun: the ranks share the scene and draw it together, on their processors, or draw the pictures
@@ -76,7 +76,7 @@ pub(in crate::command) struct Method {
     /// Error in linear colour that approximations may add to 99.9 % of pixels [default: 1/255]
     #[arg(long, value_name = "T", value_parser = parse::tolerance)]
     pub(in crate::command) tolerance: Option<f32>,
-    /// Which footprint draws a kernel; adaptive takes the cheapest that fits the tolerance
+    /// Draw kernels by this footprint; adaptive takes the cheapest that fits the tolerance
     #[arg(long, value_enum, default_value = "adaptive")]
     pub(in crate::command) filter: FilterName,
     /// For adaptive, instead of the tolerance: c_min,c_max of Chen et al. 2004. Kernels nearer than
@@ -103,8 +103,8 @@ pub(in crate::command) struct Method {
     /// viewers show them, and linear elsewhere
     #[arg(long, value_enum, default_value = "auto", conflicts_with_all = ["reference", "column_density"])]
     pub(in crate::command) blend: BlendName,
-    /// Where the transfer function is asked: over each kernel's extent, with the field's slope, or at
-    /// each sample's value alone
+    /// Ask the transfer function over each kernel's extent, with the field's slope, or at each
+    /// sample's value alone
     #[arg(long, value_enum, default_value = "extent", conflicts_with_all = ["column_density"])]
     pub(in crate::command) classify: ClassifyName,
     /// Keep the side nx x + ny y + nz z + d >= 0 of everything, or (six numbers) what lies in a box;
@@ -233,7 +233,7 @@ pub(in crate::command) enum ShowName {
 #[derive(Args)]
 #[command(next_help_heading = "Output")]
 pub(in crate::command) struct Output {
-    /// What the image shows
+    /// Show this in the image
     #[arg(long, value_enum, default_value = "scene")]
     pub(in crate::command) show: ShowName,
     /// Colour behind everything: linear numbers from 0 to 1, a name or #rrggbb of the web, or none, which leaves

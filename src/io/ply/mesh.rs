@@ -1,5 +1,5 @@
-//! Reads meshes in PLY files: the meaning of their elements and properties. `ply_header.rs` and `ply_body.rs`
-//! have the parser.
+//! Reads meshes in PLY files: the meaning of their elements and properties. `header.rs` and `body.rs` have the
+//! parser.
 //!
 //! | element | property | meaning |
 //! |---|---|---|

@@ -11,7 +11,7 @@
 //! | | `packed_color` | R, G, B as shares of the chunk's box, the peak opacity; 8 bits each |
 //! | `sh` | `f_rest_0..` | the other harmonics, in PLY's order: bytes, -4 to 4 |
 //!
-//! `ply_packed_write.rs` writes it. A colour is 1/2 + .28209479 c of the constant harmonic's coefficient c, as in .splat files.
+//! `packed_write.rs` writes it. A colour is 1/2 + .28209479 c of the constant harmonic's coefficient c, as in .splat files.
 
 use std::f64::consts::SQRT_2;
 use std::path::Path;

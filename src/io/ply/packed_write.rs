@@ -1,4 +1,4 @@
-//! Writes compressed PLY in the layout of `ply_packed.rs`.
+//! Writes compressed PLY in the layout of `packed.rs`.
 
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! Reads and writes the splat layout of PLY files (INRIA's). `ply_table.rs` has the rows.
+//! Reads and writes the splat layout of PLY files (INRIA's). `table.rs` has the rows.
 
 use std::path::Path;
 
