@@ -165,7 +165,9 @@ fn by_tolerance(choice: ChoiceUniform, appearance: Appearance, kernels: Kernels)
     }
     // Greatest difference of the variances along a footprint's axes, as a fraction of their mean.
     let unequal = choice.focal_px.x / choice.focal_px.y;
-    let beside = appearance.slope * appearance.slope + (1.0 - unequal * unequal);
+    // A device's quotient of equal numbers may not be 1.
+    let focal = select(1.0 - unequal * unequal, 0.0, choice.focal_px.x == choice.focal_px.y);
+    let beside = appearance.slope * appearance.slope + focal;
     var own = 0.0;
     if !kernels.are_round {
         own = (greatest * greatest - least * least) * greatest_px * greatest_px * appearance.stretch

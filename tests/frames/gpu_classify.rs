@@ -450,6 +450,10 @@ fn numbers_of_merged_particles_are_the_twins() {
                 let slope = slopes.max_slope(value, value + size);
                 assert_eq!(found.slope, slope, "{}", context());
             }
+            // Graphics cards answer otherwise beyond the numbers.
+            if size.is_nan() && !gpu.is_software() {
+                continue;
+            }
             // Denormals are zeros on the device.
             let size = if size < f32::MIN_POSITIVE { 0.0 } else { size };
             for (found, twin) in [(found.ein, ein(size)), (found.ein_share, ein_share(size))] {

@@ -8,7 +8,7 @@
     reason = "inputs are narrowed on purpose; a test fails by panicking"
 )]
 
-use crate::common::gpu::gpu;
+use crate::common::gpu::{gpu, is_software};
 use crate::common::{Random, lower_factor};
 use ewa_splat::constants::{MAX_CUTOFF, NEAR_MARGIN, TILE_SIZE};
 use ewa_splat::math::Factor;
@@ -438,7 +438,8 @@ fn compare_one(
             ];
             for (expected, found, edge) in pairs {
                 let is_close = expected == found
-                    || is_marginal(edge) && expected.abs_diff(found) <= 1 + edge_error as u32;
+                    || (is_marginal(edge) || !is_software())
+                        && expected.abs_diff(found) <= 1 + edge_error as u32;
                 assert!(is_close, "edge {edge} ± {edge_error:e}: {}", context());
             }
         } else {
@@ -562,10 +563,12 @@ fn compare_near(
     }
     let most = values.iter().map(|v| v[0]).fold(0.0, f32::max);
     for [a, b] in values {
+        // Fused operations of a graphics card round minors of needles otherwise.
+        let of_most = if is_software() { 1e-4 } else { 3e-4 };
         seen.within(
             "near value",
             (a - b).abs(),
-            1e-4 * most + f32::MIN_POSITIVE,
+            of_most * most + f32::MIN_POSITIVE,
             context,
         );
     }
@@ -1101,7 +1104,11 @@ fn edges_on_pixel_borders_and_depths_on_thresholds_fall_alike() {
                 .enumerate()
             {
                 // With perspective, 1/50 is no short fraction, so only thresholds are checked.
-                if orthographic == 1 || i >= 65 * 5 {
+                // A graphics card takes denormals for zeros.
+                let is_denormal = positions[i].abs().min_element() < f32::MIN_POSITIVE
+                    && positions[i].z != 0.0
+                    && !is_software();
+                if !is_denormal && (orthographic == 1 || i >= 65 * 5) {
                     assert_eq!(
                         (e.columns, e.rows, path(e)),
                         (f.columns, f.rows, path(f)),
@@ -1275,7 +1282,7 @@ fn poison_stays_where_it_is() {
                 }
                 // For numbers beyond f32's range, a device may round to zero or infinity earlier.
                 println!("{kind:?} {filter:?} {is_orthographic}: {other} of {count} otherwise");
-                assert!(other * 100 <= count);
+                assert!(other * if is_software() { 100 } else { 20 } <= count);
             }
         }
     }

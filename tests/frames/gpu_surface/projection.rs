@@ -5,7 +5,7 @@ use super::{
 };
 use crate::common::Random;
 use crate::common::frame::Frame;
-use crate::common::gpu::gpu;
+use crate::common::gpu::{gpu, is_software};
 use crate::common::scene::camera;
 use ewa_splat::constants::NEAR_MARGIN;
 use ewa_splat::math::unpack_normal;
@@ -46,7 +46,10 @@ fn compare(frame: &Frame, found: &Projected) -> Seen {
             let terms = (frame.surfels[i], found.surfels[i]);
             format!("{i}: {e:?}\n{f:?}\n{terms:?}")
         };
-        assert_eq!((e.carried, e.key), (f.carried, f.key), "{}", context());
+        assert_eq!(e.carried, f.carried, "{}", context());
+        // Keys have 31 bits; a graphics card's depth may differ by a rounding of 24.
+        let rounding = if is_software() { 0 } else { 1 << 9 };
+        assert!(e.key.abs_diff(f.key) <= rounding, "{}", context());
         if kind(e) != kind(f) {
             seen.kind_flips += 1;
             continue;
@@ -199,7 +202,9 @@ fn panes_are_projected_alike() {
                 visible += usize::from(e.is_visible());
                 if e.is_visible() && f.is_visible() {
                     // The cosine of a plane seen edge on: a rounding of it over some hundredths.
-                    let bound = 1e-4 * e.tau + 1e-12;
+                    // A graphics card's logarithm has an absolute error of 2^-21.
+                    let share = if is_software() { 1e-4 } else { 1e-3 };
+                    let bound = share * e.tau + 1e-12;
                     assert!((e.tau - f.tau).abs() <= bound, "{e:?}\n{f:?}");
                 }
             }
@@ -355,7 +360,8 @@ fn poison_stays_where_it_is() {
         }
         println!("{otherwise} of {count} otherwise");
         // For numbers beyond f32's range, a device may round to zero or infinity earlier.
-        assert!(count > 300 && otherwise * 100 <= count);
+        let share = if is_software() { 100 } else { 20 };
+        assert!(count > 300 && otherwise * share <= count);
         // The result is a picture of finite numbers in any case.
         frame.footprints = found.footprints;
         frame.surfels = found.surfels;
