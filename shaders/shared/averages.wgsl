@@ -46,7 +46,11 @@ fn classify_spread(value: f32, spread: f32, is_even: bool) -> vec4<f32> {
     let j = last.entry;
     let s = first.fraction;
     let t = last.fraction;
-    let width = range_to - range_from;
+    var width = range_to - range_from;
+    if i == j {
+        // The same number. Fused with the product above, the difference would not be that of the fractions.
+        width = (t - s) + max(-range_from, 0.0) + max(range_to - f32(TABLE_LAST), 0.0);
+    }
     if i == j && (s == t || width <= 0.0) {
         return weighted_average(average_part(i, s, t, is_even), is_even);
     }

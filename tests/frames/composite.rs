@@ -59,6 +59,8 @@ fn draw(scene: &[PointVolume], camera: &Camera, settings: &Settings) -> Renderer
 #[cfg(feature = "gpu")]
 #[track_caller]
 fn assert_twins(a: &Renderer, b: &Renderer) {
+    use crate::common::gpu::is_software;
+
     const ALIKE: f32 = 5e-5;
     let flips = |a: &Image, b: &Image| {
         let pixels = a.pixels.iter().zip(&b.pixels);
@@ -73,8 +75,10 @@ fn assert_twins(a: &Renderer, b: &Renderer) {
     );
     let pixels = a.image().pixels.len();
     println!("{count} of {pixels} pixels differ, the most by {most:.1e}");
+    // A graphics card fuses operations, which moves the exponents of needles by more.
+    let few = if is_software() { 0 } else { 2 };
     assert!(
-        count <= pixels / 500 && most < 0.02,
+        count <= few + pixels / 500 && most < 0.02,
         "{count} of {pixels}, {most}"
     );
     let (c, d) = (a.counts(), b.counts());

@@ -450,8 +450,8 @@ fn numbers_of_merged_particles_are_the_twins() {
                 let slope = slopes.max_slope(value, value + size);
                 assert_eq!(found.slope, slope, "{}", context());
             }
-            // Graphics cards answer otherwise beyond the numbers.
-            if size.is_nan() && !gpu.is_software() {
+            // Quotients are accurate up to 2^126, as WGSL says, and NaN may become anything.
+            if !(size <= 2_f32.powi(126)) && !gpu.is_software() {
                 continue;
             }
             // Denormals are zeros on the device.

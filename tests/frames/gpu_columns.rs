@@ -69,8 +69,11 @@ fn assert_alike(
         worst / f64::from(largest)
     );
     assert!(largest > 0.0, "{name}");
+    // Beside the eye, a graphics card's fused operations round minors of needles otherwise.
+    let is_near = c.footprints_near > 0 && !gpu.is_software();
+    let alike = if is_near { 1e-4 } else { ALIKE };
     assert!(
-        worst <= ALIKE * f64::from(largest),
+        worst <= alike * f64::from(largest),
         "{name}: {worst:e} of {largest:e}"
     );
     assert_eq!(

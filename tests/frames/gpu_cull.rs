@@ -8,7 +8,7 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use crate::common::gpu::gpu;
+use crate::common::gpu::{gpu, is_software};
 use crate::common::{Random, lower_factor};
 use ewa_splat::Filter;
 use ewa_splat::scene::{
@@ -989,6 +989,10 @@ fn degenerate_blocks_are_chosen_alike() {
     let family = [volume(base, None), volume(coarse, Some(merged))];
     let mut tally = Tally::default();
     for distance in [0.0, 3.0, 40.0, 1e4, 1e20] {
+        // The square of 1e20 is beyond f32, and so are a graphics card's quotients.
+        if distance > 1e18 && !is_software() {
+            continue;
+        }
         for is_orthographic in [false, true] {
             let (eye, aim, size) = (DVec3::Z * -distance, DVec3::Z * 9.0, [200, 150]);
             let camera = if is_orthographic {
