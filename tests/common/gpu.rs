@@ -61,7 +61,7 @@ pub const ALIKE: f32 = 2e-5;
 
 /// As [`ALIKE`], on the device of the tests. A graphics card's fused operations and quotients change
 /// the exponents of kernels by some roundings more; 3.5e-5 was measured on an H200.
-pub fn alike() -> f32 {
+pub fn rounding() -> f32 {
     if is_software() { ALIKE } else { 5e-5 }
 }
 
@@ -88,7 +88,7 @@ pub fn assert_alike(
     let differs = |(p, q): (&[f32; 4], &[f32; 4])| {
         p.iter()
             .zip(q)
-            .any(|(x, y)| !((x - y).abs() <= alike()) && x.to_bits() != y.to_bits())
+            .any(|(x, y)| !((x - y).abs() <= rounding()) && x.to_bits() != y.to_bits())
     };
     println!("{name}: {:?} {:?}", on_cpu.counts(), on_gpu.counts());
     let (c, d) = (on_cpu.counts(), on_gpu.counts());
@@ -118,7 +118,7 @@ pub fn assert_alike(
     let mut flips = 0;
     if a.pixels.iter().zip(&b.pixels).any(differs) {
         let frame = Frame::new(scene.clone(), camera, &settings);
-        flips = explained_flips(&frame, &frame.bins(), a, b, alike());
+        flips = explained_flips(&frame, &frame.bins(), a, b, rounding());
     }
     println!(
         "{name}: {flips} of {} pixels differ at a threshold",
