@@ -17,8 +17,9 @@ use super::xml::clip;
 use super::{collection, pvd};
 use crate::data::dataset::Dataset;
 use crate::error::{Error, Result};
-use crate::io::OpenOptions;
 use crate::io::bytes::file::Input;
+use crate::io::format::Recognise;
+use crate::io::options::OpenOptions;
 use crate::io::time_steps::TimeStep;
 
 /// Key that every series file contains.
@@ -47,8 +48,12 @@ pub(in crate::io) fn looks_like(head: &[u8]) -> bool {
 ///
 /// # Errors
 /// The errors of [`steps`], and of reading the part.
-pub(in crate::io) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
-    collection::read_first(input, &steps(input)?, options)
+pub(in crate::io) fn read(
+    input: Input<'_>,
+    options: &OpenOptions,
+    recognise: Recognise,
+) -> Result<Dataset> {
+    collection::read_first(input, &steps(input)?, options, recognise)
 }
 
 /// Returns the time steps in order, at least one. Files that the series names are not opened.

@@ -20,8 +20,9 @@ use super::collection;
 use super::xml::{self, Frame, child, clip};
 use crate::data::dataset::Dataset;
 use crate::error::{Error, Result};
-use crate::io::OpenOptions;
 use crate::io::bytes::file::Input;
+use crate::io::format::Recognise;
+use crate::io::options::OpenOptions;
 use crate::io::time_steps::{Part, TimeStep};
 
 /// The `type` of these files.
@@ -39,8 +40,12 @@ pub(in crate::io) fn looks_like(head: &[u8]) -> bool {
 ///
 /// # Errors
 /// The errors of [`steps`], and those of the part.
-pub(in crate::io) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
-    collection::read_first(input, &steps(input)?, options)
+pub(in crate::io) fn read(
+    input: Input<'_>,
+    options: &OpenOptions,
+    recognise: Recognise,
+) -> Result<Dataset> {
+    collection::read_first(input, &steps(input)?, options, recognise)
 }
 
 /// Returns the bytes of a list of files.
