@@ -25,7 +25,7 @@ use super::splats::{gltf_splats, ksplat, sog, splat, spz};
 #[cfg(feature = "dicom")]
 use super::volume::dicom;
 use super::volume::{image_series, meta_image, nifti, nrrd, raw, tiff};
-use super::vtk::{file_series, pvd};
+use super::vtk::{collection, file_series, pvd};
 use super::{ply, refused, vtk};
 use crate::error::{Error, Hint, Result};
 
@@ -208,7 +208,9 @@ static FORMATS: &[Format] = &[
                 one time are drawn together (`info` and `io::open` take the first). Paths are relative to the collection; another \
                 collection in it is refused",
         begins: |p| pvd::looks_like(p.head),
-        read: |input, options| pvd::read(input, options, recognise),
+        read: |input, options| {
+            collection::read_first(input, &pvd::steps(input)?, options, recognise)
+        },
         steps: Some(pvd::steps),
         ..PLAIN
     },
@@ -219,20 +221,24 @@ static FORMATS: &[Format] = &[
         reads: "JSON lists of files with their times (`a.vtu.series`), as ParaView's collections are read. Names are \
                 relative to the series",
         begins: |p| file_series::looks_like(p.head),
-        read: |input, options| file_series::read(input, options, recognise),
+        read: |input, options| {
+            collection::read_first(input, &file_series::steps(input)?, options, recognise)
+        },
         steps: Some(file_series::steps),
         ..PLAIN
     },
     Format {
         name: "VTK's collections",
         family: Family::Collections,
-        endings: &vtk::collection::ENDINGS,
+        endings: &collection::ENDINGS,
         reads: "multi-block and multi-piece data sets, partitioned data sets and collections of them, nested ones too: all \
                 their files are drawn together (`info` and `io::open` take the first). Files lie beside the collection or \
                 in folders below",
-        begins: |p| vtk::collection::looks_like(p.head),
-        read: |input, options| vtk::collection::read(input, options, recognise),
-        steps: Some(vtk::collection::steps),
+        begins: |p| collection::looks_like(p.head),
+        read: |input, options| {
+            collection::read_first(input, &collection::steps(input)?, options, recognise)
+        },
+        steps: Some(collection::steps),
         ..PLAIN
     },
     Format {

@@ -60,18 +60,6 @@ pub(in crate::io) fn looks_like(head: &[u8]) -> bool {
     kind.flatten().is_some_and(|kind| TYPES.contains(&kind))
 }
 
-/// Reads the first of the files, with a note on their number.
-///
-/// # Errors
-/// The errors of [`steps`], and those of the file.
-pub(in crate::io) fn read(
-    input: Input<'_>,
-    options: &OpenOptions,
-    recognise: Recognise,
-) -> Result<Dataset> {
-    read_first(input, &steps(input)?, options, recognise)
-}
-
 /// All files as the parts of one step without a time. Files of data are not checked to exist.
 ///
 /// # Errors

@@ -13,13 +13,10 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
+use super::pvd;
 use super::xml::clip;
-use super::{collection, pvd};
-use crate::data::dataset::Dataset;
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
-use crate::io::format::Recognise;
-use crate::io::options::OpenOptions;
 use crate::io::time_steps::TimeStep;
 
 /// Key that every series file contains.
@@ -42,18 +39,6 @@ struct Entry {
 pub(in crate::io) fn looks_like(head: &[u8]) -> bool {
     let head = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head);
     head.trim_ascii_start().starts_with(b"{") && head.windows(VERSION.len()).any(|w| w == VERSION)
-}
-
-/// Reads the first part of the first time step, with notes on the other parts and steps.
-///
-/// # Errors
-/// The errors of [`steps`], and of reading the part.
-pub(in crate::io) fn read(
-    input: Input<'_>,
-    options: &OpenOptions,
-    recognise: Recognise,
-) -> Result<Dataset> {
-    collection::read_first(input, &steps(input)?, options, recognise)
 }
 
 /// Returns the time steps in order, at least one. Files that the series names are not opened.

@@ -18,11 +18,8 @@ use std::path::{Path, PathBuf};
 
 use super::collection;
 use super::xml::{self, Frame, child, clip};
-use crate::data::dataset::Dataset;
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
-use crate::io::format::Recognise;
-use crate::io::options::OpenOptions;
 use crate::io::time_steps::{Part, TimeStep};
 
 /// The `type` of these files.
@@ -34,18 +31,6 @@ const MOST_BYTES: u64 = 64 << 20;
 /// Whether a file that begins with `head` is a collection.
 pub(in crate::io) fn looks_like(head: &[u8]) -> bool {
     xml::looks_like(head) && xml::file_type(head) == Some(TYPE)
-}
-
-/// Reads the first part of the first time step, with notes on the others.
-///
-/// # Errors
-/// The errors of [`steps`], and those of the part.
-pub(in crate::io) fn read(
-    input: Input<'_>,
-    options: &OpenOptions,
-    recognise: Recognise,
-) -> Result<Dataset> {
-    collection::read_first(input, &steps(input)?, options, recognise)
 }
 
 /// Returns the bytes of a list of files.
