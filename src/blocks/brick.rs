@@ -191,7 +191,6 @@ impl BrickGrid {
     }
 
     /// Cells of the lattice along each edge of a cell of the grid.
-    #[cfg(feature = "prepared")]
     pub(crate) fn cells_per_edge(&self) -> usize {
         self.merged
     }

@@ -12,9 +12,9 @@ use crate::error::Result;
 
 /// Reads a data file.
 ///
-/// [`formats`] lists the formats that are read. The first bytes of the file decide its format, or else its name, or
-/// else its text or size. If [`OpenOptions::raw`] is given, the file is read as a raw volume before its text or size is
-/// examined.
+/// [`formats`](fn@super::formats) lists the formats that are read. The first bytes of the file decide its format, or
+/// else its name, or else its text or size. If [`OpenOptions::raw`] is given, the file is read as a raw volume before
+/// its text or size is examined.
 ///
 /// A folder may be a SOG scene with its `meta.json`, an AMReX plotfile, an OpenFOAM case, or DICOM series (the largest
 /// is read).
