@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::BlockedVolume;
+use crate::blocks::volume::BlockedVolume;
 use crate::scene::StrengthIn;
 
 /// Summary of the amplitudes of a scene.

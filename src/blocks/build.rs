@@ -7,16 +7,17 @@ use rayon::prelude::*;
 
 use super::brick::outwards;
 use super::extent::spread_of;
-use super::merge::{Source, merge_lattice, merge_points, widen_to_members};
+use super::merge::{merge_lattice, merge_points, widen_to_members};
+use super::options::BuildOptions;
 use super::overlap::OverlapCounts;
 use super::points::{Picking, PointShapes, Points};
 use super::room::{MEMORY, RUN, Room};
 use super::tree::Tree;
-use super::{
-    Block, BlockedParticles, BlockedVolume, EMPTY_RANGE, NO_PARENT, set_transfer_function,
-    value_range,
-};
+use crate::blocks::block::{Block, EMPTY_RANGE, NO_PARENT, value_range};
 use crate::blocks::brick::BrickGrid;
+use crate::blocks::source::Source;
+use crate::blocks::transfer::set_transfer_function;
+use crate::blocks::volume::{BlockedParticles, BlockedVolume};
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::{Error, Result};
 use crate::math::principal_sigmas;
@@ -25,15 +26,6 @@ use crate::scene::{
     Column, Particles, PointVolume, Shared, StrengthIn, TransferFunction, Values, ValuesIn,
 };
 use crate::task::{Stage, Task};
-
-/// Options for building blocks of a volume.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct BuildOptions {
-    /// Whether to make levels of detail.
-    pub(super) detail: bool,
-    /// Whether blocks keep the caller's number of each particle.
-    pub(super) indices: bool,
-}
 
 /// Refuses more particles than 32-bit indices can number.
 pub(crate) fn check_count(total: usize) -> Result<()> {
@@ -59,6 +51,31 @@ pub(super) fn build(
     task: Option<&Task>,
 ) -> Result<Vec<BlockedVolume>> {
     build_ordered(volume, options, None, task)
+}
+
+impl BlockedVolume {
+    /// Sorts a volume's particles into blocks.
+    ///
+    /// # Panics
+    /// Never: the first of the volumes built is the volume itself.
+    pub fn new(volume: PointVolume) -> Self {
+        Self::built(volume, BuildOptions::default()).swap_remove(0)
+    }
+
+    /// Sorts a volume's particles into blocks, and adds its levels of detail, the finest first. The levels of a point
+    /// set are one volume.
+    pub fn with_detail(volume: PointVolume) -> Vec<Self> {
+        let options = BuildOptions {
+            detail: true,
+            ..BuildOptions::default()
+        };
+        Self::built(volume, options)
+    }
+
+    fn built(volume: PointVolume, options: BuildOptions) -> Vec<Self> {
+        // Without a task nothing cancels it.
+        build(volume, options, None).unwrap_or_default()
+    }
 }
 
 /// A volume whose values can be exchanged. It stores everything but the values, and the order of its particles in a

@@ -7,8 +7,9 @@
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
-use super::{Block, BlockedParticles, BlockedVolume};
-use crate::blocks::merge::MergeBounds;
+use crate::blocks::block::Block;
+use crate::blocks::merged::MergeBounds;
+use crate::blocks::volume::{BlockedParticles, BlockedVolume};
 use crate::record::{BlockView, ChoiceUniform};
 use crate::scene::{ColourIn, MAX_PIECE_WIDTH, StrengthIn};
 use crate::splat::Filter;

@@ -6,7 +6,8 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::choose::merge_fits;
-use super::{Block, BlockedVolume};
+use crate::blocks::block::Block;
+use crate::blocks::volume::BlockedVolume;
 use crate::constants::{DEPTH_KEY_BITS, MAX_CUTOFF};
 use crate::record::{BlockView, ChoiceUniform, ClassifiedBy};
 use crate::scene::{LOBE_REACH, MAX_PIECE_WIDTH, StrengthIn};

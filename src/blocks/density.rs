@@ -2,7 +2,8 @@
 
 use rayon::prelude::*;
 
-use super::{Block, BlockedParticles, BlockedVolume};
+use crate::blocks::block::Block;
+use crate::blocks::volume::{BlockedParticles, BlockedVolume};
 
 /// Returns, for each block of a volume, the greatest ratio of strength to the volume that a kernel represents.
 ///

@@ -1,26 +1,13 @@
 //! Finds the blocks whose kernels are classified over their own extents. Over these kernels the field changes too much
 //! for a lobe of the transfer function that it comes near.
 
-use super::layers::THICKEST_SLAB;
-use super::{Block, BlockedParticles, BlockedVolume, EMPTY_RANGE};
+use crate::blocks::block::{Block, EMPTY_RANGE};
+use crate::blocks::volume::{BlockedParticles, BlockedVolume};
 use crate::record::{ChoiceUniform, ClassifiedBy};
-use crate::scene::{
-    LOBE_REACH, Lobes, LocalModel, LocalModelsIn, Shared, StrengthIn, TransferFunction, ValuesIn,
-};
+use crate::scene::{Lobes, LocalModelsIn, Shared, StrengthIn, TransferFunction, ValuesIn};
 
-/// Returns the range of values that a lobe of a kernel may have: the values around its sample, limited to the reach of
-/// its linear model.
-///
-/// - `around`: least and greatest of the samples around.
-#[inline]
-pub(crate) fn reached(value: f32, model: &LocalModel, around: [f32; 2]) -> [f32; 2] {
-    let middle = value + model.departure;
-    let reach = LOBE_REACH * model.slope.length();
-    [
-        around[0].max(middle - reach).min(value),
-        around[1].min(middle + reach).max(value),
-    ]
-}
+/// Greatest thickness of slabs, in standard deviations of the thinnest kernels, however faint they are.
+pub(crate) const THICKEST_SLAB: f32 = 2.0;
 
 /// Returns the range of all values that classification over some particles' extents may need, and the greatest standard
 /// deviation of values over a kernel. Without models, returns an empty range and 0.
@@ -36,7 +23,7 @@ pub(super) fn spread_of(
     for &i in members {
         let (value, model) = (values.get(i as usize), models.get(i as usize));
         if value.is_finite() {
-            let [lo, hi] = reached(value, &model, [value - model.below, value + model.above]);
+            let [lo, hi] = model.reached(value, [value - model.below, value + model.above]);
             around = [around[0].min(lo), around[1].max(hi)];
             greatest = greatest.max(model.slope.length());
         }

@@ -2,9 +2,11 @@
 
 use glam::DVec3;
 
-use super::{Block, BlockedParticles, BlockedVolume};
+use crate::blocks::block::Block;
 use crate::blocks::cull::DepthRange;
+use crate::blocks::extent::THICKEST_SLAB;
 use crate::blocks::scene::BlockedScene;
+use crate::blocks::volume::{BlockedParticles, BlockedVolume};
 use crate::constants::{DEPTH_KEY_BITS, MAX_CUTOFF};
 use crate::error::{Error, Result};
 use crate::scene::StrengthIn;
@@ -38,10 +40,8 @@ const MIXED_ERROR: f64 = 0.125;
 const SLAB_SHARE: f64 = 0.5;
 /// Most slabs that a kernel reaches: a tile keeps their sums, 5 KiB each, 11 KiB if they are lit.
 pub(crate) const MOST_SLABS: u32 = 4096;
-/// Greatest thickness of slabs, in standard deviations of the thinnest kernels, however faint they are. [`THINNEST`] is
-/// the least thickness, relative to the thickest kernels, unless the thickness is given: a kernel then reaches 200
+/// Least thickness of slabs, relative to the thickest kernels, unless the thickness is given: a kernel then reaches 200
 /// slabs, which a GPU can keep.
-pub(crate) const THICKEST_SLAB: f32 = 2.0;
 const THINNEST: f64 = 1.0 / 16.0;
 
 /// Kinds of layers.

@@ -7,7 +7,7 @@
 //! (`tests/frames/post_classification.rs`).
 
 use super::halo::{Halo, Ranges};
-use super::{BlockedParticles, BlockedVolume};
+use crate::blocks::volume::{BlockedParticles, BlockedVolume};
 use crate::scene::{Lobes, LocalModelsIn, Shared, ValuesIn};
 
 /// Extension of the range of values to either side, as a share of it. Four steps, two layers to either side, make the

@@ -6,8 +6,8 @@ use std::ops::Range;
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
-use super::merge::Source;
 use super::tree::{PartialTree, Tree};
+use crate::blocks::source::Source;
 use crate::collective::Collective;
 use crate::error::Result;
 use crate::splat::budget::OVERLAP;
@@ -311,7 +311,7 @@ fn is_crowd(count: usize) -> bool {
 #[cfg(test)]
 mod tests {
     use crate::blocks::BlockedVolume;
-    use crate::blocks::merge::Shapes;
+    use crate::blocks::source::Shapes;
     use crate::scene::{ColourIn, Particles, PointVolume, StrengthIn};
 
     use super::*;

@@ -6,10 +6,10 @@ use std::path::Path;
 use bytemuck::Pod;
 use glam::DVec3;
 
-use super::merge::{Shapes, Source};
 #[cfg(feature = "prepared")]
 use super::room::ColumnFile;
 use super::room::Room;
+use crate::blocks::source::{Shapes, Source};
 use crate::error::{Error, Result};
 use crate::scene::columns::{ColumnBytes, Columns, Visitor, columns, columns_of_fields};
 use crate::scene::storage::picked;

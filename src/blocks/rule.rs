@@ -1,6 +1,6 @@
 //! Defines the rule by which a volume's particles are drawn.
 
-use super::{BlockedParticles, BlockedVolume};
+use crate::blocks::volume::{BlockedParticles, BlockedVolume};
 use crate::scene::StrengthIn;
 
 /// Rule by which a volume's particles are drawn.

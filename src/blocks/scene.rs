@@ -5,44 +5,18 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::OnceLock;
 
-use super::build::{BuildOptions, Exchangeable, build, check_count};
+use super::build::{Exchangeable, build, check_count};
 use super::density::densities;
+use super::options::{BuildOptions, SceneOptions};
 use super::partitioned::SharedVolume;
 #[cfg(feature = "prepared")]
 use super::stream::{ParticleStream, build_stream};
-use super::{BlockedVolume, set_transfer_function};
 use crate::blocks::amplitude::AmplitudeSummary;
+use crate::blocks::transfer::set_transfer_function;
+use crate::blocks::volume::BlockedVolume;
 use crate::error::{Error, Result};
 use crate::scene::{ColourIn, PointVolume, Requirements, StrengthIn, TransferFunction, Values};
-use crate::task::Task;
 use crate::view::Bounds;
-
-/// Options for preparing a scene.
-#[derive(Debug, Clone, PartialEq)]
-pub struct SceneOptions {
-    /// Whether to make levels of detail, which [`Settings::level_of_detail`](crate::Settings::level_of_detail) uses for
-    /// particles far below a pixel. Making them takes most of the time of preparing a scene. Column densities, slabs,
-    /// and explicitly chosen filters never use them.
-    pub level_of_detail: bool,
-    /// Whether to keep everything that does not depend on values. Values can then be exchanged (the next time step)
-    /// while positions and shapes stay. Takes the memory of the data once more.
-    pub keep_shapes: bool,
-    /// Whether to keep the caller's number of each particle: 4 bytes per particle.
-    pub keep_indices: bool,
-    /// Task that receives the progress, and may cancel the work.
-    pub task: Option<Task>,
-}
-
-impl Default for SceneOptions {
-    fn default() -> Self {
-        Self {
-            level_of_detail: true,
-            keep_shapes: false,
-            keep_indices: false,
-            task: None,
-        }
-    }
-}
 
 /// The volumes of a scene in blocks.
 #[derive(Debug, Clone)]

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::points::Picking;
 use super::room::MEMORY;
-use super::{BlockedParticles, BlockedVolume};
+use crate::blocks::volume::{BlockedParticles, BlockedVolume};
 use crate::error::Result;
 use crate::scene::columns::Columns;
 

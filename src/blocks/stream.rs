@@ -15,11 +15,12 @@ use std::path::Path;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::BlockedVolume;
-use super::build::{BuildOptions, Ordered, Sorted, block_order, build_sorted, check_count};
+use super::build::{Ordered, Sorted, block_order, build_sorted, check_count};
+use super::options::BuildOptions;
 use super::points::{Points, PointsBuilder};
 use super::room::{MEMORY, Room, failed, nameless};
 use super::tree::{CHUNK, Curve};
+use crate::blocks::volume::BlockedVolume;
 use crate::error::{Error, Result};
 use crate::parallel;
 use crate::scene::rows::{kind_of, row_len, rows_of, volume_of};

@@ -9,7 +9,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::classify::{Classes, Visit, colour_of};
-use crate::blocks::{BlockedParticles, BlockedVolume, BrickGrid, Halo, reached};
+use crate::blocks::{BlockedParticles, BlockedVolume, BrickGrid, Halo};
 use crate::math::Factor;
 use crate::record::{BlockView, Carried, ClassifiedParticle, PieceTerms};
 use crate::scene::{LOBE_REACH, Lobes, LocalModel, StrengthIn, TransferFunction};
@@ -206,7 +206,7 @@ impl Kernels<'_> {
             if !lobe.meets(middle - reach, middle + reach) {
                 continue;
             }
-            let [lo, hi] = reached(value, model, around());
+            let [lo, hi] = model.reached(value, around());
             if !lobe.meets(lo, hi) {
                 continue;
             }

@@ -254,7 +254,7 @@ impl Dataset {
             Geometry::Curvilinear { blocks } => {
                 blocks.iter().try_for_each(CurvilinearBlock::validate)
             }
-            Geometry::Cells(mesh) => crate::io::check_cells(&self.path, mesh),
+            Geometry::Cells(mesh) => mesh.check(&self.path),
             Geometry::Points { .. } => Ok(()),
             Geometry::Splats(cloud) => cloud.validate(),
             Geometry::Mesh(mesh) => mesh.validate(),
@@ -364,6 +364,15 @@ impl Dataset {
             .filter(|f| of.is_none_or(|of| of == f.association))
             .filter(|f| divided(&f.name).is_some_and(|(bare, _)| bare.eq_ignore_ascii_case(name)));
         found.next().filter(|_| found.next().is_none())
+    }
+
+    /// Takes units from the names of fields whose unit is not stated otherwise.
+    pub(crate) fn name_units(&mut self) {
+        for field in &mut self.fields {
+            let stated = field.unit.take();
+            let in_name = || divided(&field.name).map(|(_, unit)| unit.to_owned());
+            field.unit = stated.or_else(in_name);
+        }
     }
 
     /// Returns the unit of the scalar that [`Dataset::scalar`] returns for a selector, if it is known.

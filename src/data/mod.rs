@@ -2,6 +2,7 @@
 
 pub(crate) mod association;
 pub(crate) mod blanking;
+mod cell_check;
 pub(crate) mod cells;
 pub(crate) mod colour_columns;
 pub(crate) mod dataset;

@@ -12,130 +12,22 @@ use super::bytes::{packed, zip};
 #[cfg(feature = "e57")]
 use super::cloud::e57;
 use super::cloud::{las, pcd, xyz};
+use super::folder::of_folder;
+use super::format::{Family, Format};
 #[cfg(feature = "netcdf")]
 use super::grid::netcdf;
 use super::grid::{ensight, openfoam, plot3d, plotfile, tecplot};
 use super::mesh::{gltf, obj, stl, threemf};
+use super::options::OpenOptions;
 use super::particles::{arrow, csv, gadget, hdf5, npy, npz};
-use super::parts::plane_source::{self, Find};
+use super::parts::plane_source;
 use super::splats::{gltf_splats, ksplat, sog, splat, spz};
-use super::time_steps::{self, TimeStep};
 #[cfg(feature = "dicom")]
 use super::volume::dicom;
 use super::volume::{image_series, meta_image, nifti, nrrd, raw, tiff};
-use super::vtk::{file_series, pvd};
-use super::{OpenOptions, of_folder, ply, refused, vtk};
-use crate::data::dataset::Dataset;
+use super::vtk::{collection, file_series, pvd};
+use super::{ply, refused, vtk};
 use crate::error::{Error, Hint, Result};
-
-/// A format that is read.
-#[derive(Debug)]
-pub struct Format {
-    /// Name in lists.
-    pub name: &'static str,
-    /// Family of the format.
-    pub family: Family,
-    /// Extensions of its files, in lower case, without the leading dot: `vti`, `nii.gz`. Files with other names are
-    /// recognised if their content identifies them.
-    pub endings: &'static [&'static str],
-    /// Features that are read, for people: Markdown.
-    pub reads: &'static str,
-    /// Returns true if the first bytes are those of this format and of no other.
-    begins: fn(&Probe<'_>) -> bool,
-    /// Returns true if a path is no file but a pattern for several files of this format.
-    is_pattern: fn(&Path) -> bool,
-    /// Returns true if the name is that of this format.
-    is_named: fn(&Probe<'_>) -> bool,
-    /// True if files may begin with any bytes. Signatures of other formats are then ignored.
-    is_bare: bool,
-    /// Returns true if the first bytes or the size may be those of this format.
-    resembles: fn(&Probe<'_>) -> bool,
-    pub(super) read: fn(Input<'_>, &OpenOptions) -> Result<Dataset>,
-    /// Reads the time steps of a file, and the files or places in the file that hold each.
-    pub(super) steps: Option<Steps>,
-    /// Finds the values of a file that can be read a few planes at a time.
-    pub(super) planes: Option<Find>,
-}
-
-/// Reads the time steps of a file.
-type Steps = fn(Input<'_>) -> Result<Vec<TimeStep>>;
-
-impl Format {
-    /// Returns the time steps of a file of this format in order, at least one: those of a collection, those in the
-    /// file, or the file itself. Files that it names are not opened.
-    ///
-    /// # Errors
-    /// The file cannot be read or breaks its format's rules.
-    pub fn time_steps(&self, path: &Path) -> Result<Vec<TimeStep>> {
-        match self.steps {
-            Some(steps) => {
-                let file = of_folder(path);
-                let mut steps = steps(Input::of_file(&file))?;
-                let parts = steps.iter_mut().flat_map(|step| &mut step.parts);
-                // The steps name the path that the caller gave, not the file found in a folder.
-                for part in parts.filter(|part| part.path == file) {
-                    part.path = path.to_path_buf();
-                }
-                Ok(steps)
-            }
-            None => Ok(time_steps::of_file(path, &[])),
-        }
-    }
-}
-
-/// Kind of data that the files of a format hold.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-#[non_exhaustive]
-pub enum Family {
-    /// Grids of scientific data.
-    Grids,
-    /// Images from scanners and simulations: samples on a lattice.
-    Volumes,
-    /// Results of simulation codes.
-    Simulations,
-    /// Particles and tables of points.
-    Particles,
-    /// Point clouds from scanners.
-    Clouds,
-    /// Meshes.
-    Meshes,
-    /// Splats of radiance fields.
-    Splats,
-    /// Files that name others.
-    Collections,
-    /// Prepared scenes, which are drawn without conversion.
-    Scenes,
-}
-
-impl Family {
-    /// All families, in the order of lists.
-    pub const ALL: [Self; 9] = [
-        Self::Grids,
-        Self::Volumes,
-        Self::Simulations,
-        Self::Particles,
-        Self::Clouds,
-        Self::Meshes,
-        Self::Splats,
-        Self::Collections,
-        Self::Scenes,
-    ];
-
-    /// Returns the name, for headings.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Grids => "grids",
-            Self::Volumes => "volumes",
-            Self::Simulations => "simulations",
-            Self::Particles => "particles",
-            Self::Clouds => "point clouds",
-            Self::Meshes => "meshes",
-            Self::Splats => "splats",
-            Self::Collections => "collections",
-            Self::Scenes => "scenes",
-        }
-    }
-}
 
 /// Defaults for the entries of the table: a format that recognises no file, and has no time steps and no planes.
 const PLAIN: Format = Format {
@@ -316,7 +208,9 @@ static FORMATS: &[Format] = &[
                 one time are drawn together (`info` and `io::open` take the first). Paths are relative to the collection; another \
                 collection in it is refused",
         begins: |p| pvd::looks_like(p.head),
-        read: pvd::read,
+        read: |input, options| {
+            collection::read_first(input, &pvd::steps(input)?, options, recognise)
+        },
         steps: Some(pvd::steps),
         ..PLAIN
     },
@@ -327,20 +221,24 @@ static FORMATS: &[Format] = &[
         reads: "JSON lists of files with their times (`a.vtu.series`), as ParaView's collections are read. Names are \
                 relative to the series",
         begins: |p| file_series::looks_like(p.head),
-        read: file_series::read,
+        read: |input, options| {
+            collection::read_first(input, &file_series::steps(input)?, options, recognise)
+        },
         steps: Some(file_series::steps),
         ..PLAIN
     },
     Format {
         name: "VTK's collections",
         family: Family::Collections,
-        endings: &vtk::collection::ENDINGS,
+        endings: &collection::ENDINGS,
         reads: "multi-block and multi-piece data sets, partitioned data sets and collections of them, nested ones too: all \
                 their files are drawn together (`info` and `io::open` take the first). Files lie beside the collection or \
                 in folders below",
-        begins: |p| vtk::collection::looks_like(p.head),
-        read: vtk::collection::read,
-        steps: Some(vtk::collection::steps),
+        begins: |p| collection::looks_like(p.head),
+        read: |input, options| {
+            collection::read_first(input, &collection::steps(input)?, options, recognise)
+        },
+        steps: Some(collection::steps),
         ..PLAIN
     },
     Format {
@@ -665,10 +563,10 @@ static FORMATS: &[Format] = &[
         endings: packed::ENDINGS,
         reads: "files of the other formats that gzip has packed, unpacked in memory: VTK, Tecplot, tables and whatever \
                 begins as what it is",
-        begins: packed::is_under_plain_name,
-        resembles: packed::looks_like,
-        read: packed::read,
-        steps: Some(packed::steps),
+        begins: |p| packed::is_under_plain_name(p, recognise),
+        resembles: |p| packed::looks_like(p, recognise),
+        read: |input, options| packed::read(input, options, recognise),
+        steps: Some(|input| packed::steps(input, recognise)),
         ..PLAIN
     },
     Format {

@@ -85,35 +85,3 @@ pub(super) fn turned(dataset: Dataset, turn: Option<DQuat>) -> Result<Dataset> {
         ),
     }
 }
-
-/// Returns the rotation that brings one direction up to another. Between y up and y down it is half
-/// a turn about z, as in conversions from glTF to PLY: both have z forward.
-pub(super) fn turn_between(from: DVec3, to: DVec3) -> DQuat {
-    match from == -to {
-        true if to.y.abs() > 0.5 => DQuat::from_rotation_z(std::f64::consts::PI),
-        true => DQuat::from_rotation_x(std::f64::consts::PI),
-        false => DQuat::from_rotation_arc(from, to),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn opposite_directions_up_turn_as_convert_does() {
-        let p = DVec3::new(1.0, 2.0, 3.0);
-        for (from, to, expected) in [
-            (DVec3::NEG_Y, DVec3::Y, [-1.0, -2.0, 3.0]),
-            (DVec3::Y, DVec3::NEG_Y, [-1.0, -2.0, 3.0]),
-            (DVec3::NEG_Z, DVec3::Z, [1.0, -2.0, -3.0]),
-            (DVec3::Y, DVec3::Z, [1.0, -3.0, 2.0]),
-        ] {
-            let turned = turn_between(from, to) * p;
-            assert!(
-                (turned - DVec3::from(expected)).length() < 1e-12,
-                "{from} {to}"
-            );
-        }
-    }
-}

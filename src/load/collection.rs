@@ -10,7 +10,7 @@ use glam::{DQuat, DVec3};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::axes::{Axes, Certainty, turn_between, turned};
+use super::axes::{Axes, Certainty, turned};
 use super::choices::{prefer, with_shared};
 use super::facts::{Corners, InputFacts, Kind, check_memory, has_opacity, is_automatic};
 use super::input::Input;
@@ -20,7 +20,7 @@ use super::surfels::{SurfelDemand, joined, seen_corners};
 use crate::collective::Collective;
 use crate::data::dataset::{Dataset, Geometry};
 use crate::data::up::Up;
-use crate::math::rotation_matrix;
+use crate::math::{rotation_matrix, turn_between};
 use crate::message::{put, take, unknown};
 use crate::prepared::about::Function;
 use crate::sample::mesh::Spread;

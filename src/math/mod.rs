@@ -35,7 +35,7 @@ pub(crate) use normal::ERFC_SERIES;
 pub(crate) use normal::FRAC_1_SQRT_TAU;
 pub(crate) use normal::small_exp;
 pub use normal::{normal_cdf, normal_density_and_cdf};
-pub(crate) use rotation::rotation_matrix;
+pub(crate) use rotation::{rotation_matrix, turn_between};
 pub(crate) use truncated::Truncated;
 pub use variance::{Variance, lower_factor};
 pub(crate) use variance::{

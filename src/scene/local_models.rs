@@ -15,6 +15,7 @@ use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::storage::{Owned, Shared, Storage};
+use super::transfer_function::LOBE_REACH;
 use crate::error::Result;
 use crate::math::{from_octahedral, to_octahedral};
 
@@ -63,6 +64,21 @@ impl LocalModel {
         below: 0.0,
         above: 0.0,
     };
+
+    /// Returns the range of values that a lobe of a kernel may have: the values around its sample, limited to the
+    /// reach of its linear model.
+    ///
+    /// - `value`: the particle's own value.
+    /// - `around`: least and greatest of the samples around.
+    #[inline]
+    pub(crate) fn reached(&self, value: f32, around: [f32; 2]) -> [f32; 2] {
+        let middle = value + self.departure;
+        let reach = LOBE_REACH * self.slope.length();
+        [
+            around[0].max(middle - reach).min(value),
+            around[1].min(middle + reach).max(value),
+        ]
+    }
 }
 
 /// Local models in vectors.

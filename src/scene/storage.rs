@@ -1,5 +1,8 @@
 //! Defines the storage of columns of numbers: vectors of a volume's own, or a renderer's columns, which may be
 //! parts of a file mapped into memory.
+//!
+//! The two stay apart, because readers and samplers append to vectors and index them in loops: a [`Column`] would copy
+//! or branch there. A volume's values are narrowed, too, when they become a renderer's.
 
 use std::fmt;
 use std::ops::Deref;

@@ -37,9 +37,6 @@ const ROOMS: [&[&str]; 16] = [
     &["command"],
 ];
 
-/// Files that import each other in a circle, each named by its first file: to be parted. None may be added.
-const CIRCLES: [&str; 2] = ["blocks/amplitude.rs", "io/bytes/packed.rs"];
-
 /// A path of names: `crate`, `io`, `vtk`, `Piece`.
 type Names = Vec<String>;
 
@@ -218,6 +215,8 @@ fn no_two_files_import_each_other() {
             firsts.insert(circle.min().unwrap().clone());
         }
     }
-    let known: BTreeSet<String> = CIRCLES.iter().map(ToString::to_string).collect();
-    assert_eq!(firsts, known, "circles of imports, by their first files");
+    assert!(
+        firsts.is_empty(),
+        "circles of imports, by their first files: {firsts:?}"
+    );
 }

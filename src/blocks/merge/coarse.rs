@@ -6,7 +6,8 @@ use rayon::prelude::*;
 
 use super::levels::{Head, Level, MergedCluster, heads_in, is_last};
 use super::sums::{Cluster, Sums};
-use super::{FINE_LEVELS, MERGE_RATIO, Places};
+use super::{FINE_LEVELS, MERGE_RATIO};
+use crate::blocks::merge::places::Places;
 use crate::blocks::overlap::OverlapCounts;
 use crate::blocks::tree::Tree;
 use crate::constants::BLOCK_CAPACITY;
@@ -145,8 +146,8 @@ impl Finer<'_> {
 mod tests {
     use glam::DVec3;
 
-    use super::super::source::{Shapes, Source};
     use super::*;
+    use crate::blocks::source::{Shapes, Source};
     use crate::blocks::tree::Subtree;
     use crate::scene::{ColourIn, StrengthIn, ValuesIn};
 

@@ -4,9 +4,9 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::Places;
-use super::source::Source;
 use super::sums::Cluster;
+use crate::blocks::merge::places::Places;
+use crate::blocks::source::Source;
 use crate::blocks::tree::PartialTree;
 use crate::parallel;
 

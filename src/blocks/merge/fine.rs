@@ -5,10 +5,10 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::levels::{Head, Level, MergedCluster, Particle, heads_in, is_last};
-use super::source::Source;
 use super::sums::{Cluster, Sums};
 use super::{FINE_LEVELS, MERGE_RATIO};
 use crate::blocks::overlap::OverlapCounts;
+use crate::blocks::source::Source;
 use crate::blocks::tree::{PartialTree, Subtree};
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;

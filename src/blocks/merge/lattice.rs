@@ -4,9 +4,11 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::{LAST_LEVEL, MergeBounds, Merged, Places, unevenness};
+use super::LAST_LEVEL;
 use crate::blocks::brick::BrickGrid;
-use crate::blocks::{BlockedParticles, BlockedVolume};
+use crate::blocks::merge::places::{Places, unevenness};
+use crate::blocks::merged::{MergeBounds, Merged};
+use crate::blocks::volume::{BlockedParticles, BlockedVolume};
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;
 use crate::scene::{ColourIn, Column, Shared, StrengthIn, ValuesIn};

@@ -5,8 +5,10 @@ use std::ops::Range;
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
-use super::{LAST_LEVEL, MergeBounds, Merged};
-use crate::blocks::{Block, BlockedParticles, BlockedVolume, EMPTY_RANGE, NO_PARENT};
+use super::LAST_LEVEL;
+use crate::blocks::block::{Block, EMPTY_RANGE, NO_PARENT};
+use crate::blocks::merged::{MergeBounds, Merged};
+use crate::blocks::volume::{BlockedParticles, BlockedVolume};
 use crate::scene::{ColourIn, StrengthIn, ValuesIn};
 
 /// A cluster as a particle.

@@ -7,8 +7,9 @@ use glam::{DMat3, DVec3};
 
 use super::levels::{MergedCluster, Particle};
 use super::moments::{Moments, Tensors};
-use super::source::{Member, Source};
-use super::{MergeBounds, Places};
+use crate::blocks::merge::places::Places;
+use crate::blocks::merged::MergeBounds;
+use crate::blocks::source::{Member, Source};
 use crate::math::{eigen, lower_factor};
 use crate::scene::ColourIn;
 

@@ -9,13 +9,23 @@ use rayon::prelude::*;
 use super::super::build::check_count;
 use super::super::tree::{CHUNK, PartialTree, Subtree, Tree, Units};
 use super::chunks::{Chunk, chunks};
+use super::corners::{NO_CORNERS, extend};
 use super::numbers::without_gaps;
-use super::{NO_CORNERS, Partition, extend};
 use crate::collective::Collective;
 use crate::error::{Error, Result};
 use crate::scene::PointVolume;
 use crate::scene::rows::{Rows, append, number_of, position_of, row_len, volume_in_order};
 use crate::task::{Stage, Task};
+
+/// A subtree of the tree over chunks that one rank builds; partitions are listed in block order.
+#[derive(Debug)]
+pub(super) struct Partition {
+    /// Chunks, by their places in that tree.
+    pub(super) chunks: Subtree,
+    /// Particles: a run of block order.
+    pub(super) run: Range<usize>,
+    pub(super) owner: usize,
+}
 
 /// Number of particles that each rank receives in a round, about.
 const BATCH: u64 = 1 << 19;

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use rdst::RadixSort;
 
 use super::super::tree::{CHUNK, Curve};
-use super::{NO_CORNERS, extend};
+use super::corners::{NO_CORNERS, extend};
 use crate::collective::Collective;
 use crate::error::Result;
 

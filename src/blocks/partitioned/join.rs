@@ -5,11 +5,12 @@ use std::ops::Range;
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
+use super::super::density;
 use super::super::merge::{Atoms, Cluster, Head, Level, Levels};
 use super::super::tree::{Node, Tree};
-use super::super::{Block, BlockedVolume, density};
-use super::Partition;
-use super::assign::OwnTree;
+use super::assign::{OwnTree, Partition};
+use crate::blocks::block::Block;
+use crate::blocks::volume::BlockedVolume;
 use crate::collective::Collective;
 use crate::error::Result;
 use crate::view::Bounds;

@@ -12,14 +12,16 @@ use super::super::brick::BrickGrid;
 use super::super::build::family;
 use super::super::density::densities;
 use super::super::merge::{
-    CubeMoments, LONGEST_COPIED, LongCube, PlaceSums, WholeCube, adopted, is_large, levels_of,
+    CubeMoments, LONGEST_COPIED, LongCube, WholeCube, adopted, is_large, levels_of,
 };
 use super::super::room::Sparse;
-use super::super::{Block, BlockedParticles, BlockedVolume};
-use super::SharedVolume;
 use super::planes::{Held, PlaneRuns};
-use crate::blocks::scene::SceneOptions;
+use super::shared_volume::SharedVolume;
+use crate::blocks::block::Block;
+use crate::blocks::merge::places::PlaceSums;
+use crate::blocks::options::SceneOptions;
 use crate::blocks::share::runs_in_turn;
+use crate::blocks::volume::{BlockedParticles, BlockedVolume};
 use crate::collective::Collective;
 use crate::constants::BRICK;
 use crate::error::Result;

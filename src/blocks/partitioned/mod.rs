@@ -15,93 +15,36 @@
 
 mod assign;
 mod chunks;
+mod corners;
 mod join;
 mod lattice;
 mod numbers;
 mod planes;
+mod shared_volume;
 
 use std::ops::Range;
 
 use glam::DVec3;
 
-use super::BlockedVolume;
-use super::build::{BuildOptions, build, family, in_blocks, principal_ranges};
+use super::build::{family, in_blocks, principal_ranges};
 use super::merge::{Atoms, Cluster, Levels, coarse_levels, fine_levels, is_mergeable};
+use super::options::{BuildOptions, SceneOptions};
 use super::overlap::OverlapCounts;
 use super::points::Points;
 use super::room::MEMORY;
 use super::tree::{CHUNK, PartialTree};
-use crate::blocks::scene::SceneOptions;
 use crate::blocks::share::runs_in_turn;
 use crate::collective::Collective;
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;
 use crate::scene::{PointVolume, Requirements};
-use crate::view::Bounds;
 use assign::Assigned;
 pub(crate) use lattice::build_lattice_together;
 pub(crate) use planes::{Held, PlaneRuns};
-
-/// A volume and its levels of detail with all blocks, whose particles are partitioned among ranks.
-#[derive(Debug)]
-pub(crate) struct SharedVolume {
-    pub(crate) family: Vec<BlockedVolume>,
-    /// Blocks whose particles are here, for each volume of the family.
-    pub(crate) own: Vec<Vec<Range<u32>>>,
-    /// Densities of all blocks, for each volume of the family.
-    pub(crate) densities: Vec<Vec<f64>>,
-    /// Boxes around the visible part.
-    pub(crate) visible: Vec<Bounds>,
-    /// Boxes around the visible part for a fitted camera.
-    pub(crate) fitted: Vec<Bounds>,
-    pub(super) requirements: Requirements,
-}
+pub(crate) use shared_volume::SharedVolume;
 
 /// Number of points up to which each rank may build the blocks of all.
 pub(crate) const LEAST: u64 = CHUNK as u64;
-
-impl SharedVolume {
-    /// Number of volumes: the volume itself and its levels.
-    pub(crate) fn len(&self) -> usize {
-        self.family.len()
-    }
-
-    /// Builds a volume that every rank has, and keeps this rank's share of its particles.
-    ///
-    /// - `number`: number of the volume in its scene.
-    pub(crate) fn of_whole(
-        volume: PointVolume,
-        options: &SceneOptions,
-        number: usize,
-        ranks: &dyn Collective,
-    ) -> Result<Self> {
-        let requirements = Requirements::of(&volume);
-        let build_options = BuildOptions {
-            detail: options.level_of_detail,
-            ..BuildOptions::default()
-        };
-        let mut family = build(volume, build_options, options.task.as_ref())?;
-        let base = &family[0];
-        let visible = base.visible_boxes();
-        let fitted = base.fitted_boxes();
-        let densities = family.iter().map(super::density::densities).collect();
-        let (rank, size) = (ranks.rank(), ranks.size());
-        let mut own = Vec::with_capacity(family.len());
-        for (level, volume) in family.iter_mut().enumerate() {
-            let of_volume = runs_in_turn(volume.blocks.len(), size, rank, number + level);
-            volume.keep(&of_volume)?;
-            own.push(of_volume);
-        }
-        Ok(Self {
-            family,
-            own,
-            densities,
-            visible,
-            fitted,
-            requirements,
-        })
-    }
-}
 
 /// Builds the blocks of points, and their levels of detail.
 ///
@@ -244,24 +187,4 @@ pub(crate) fn assign_by_position(
         before += chunk.count;
     }
     Ok(owners)
-}
-
-/// Least and greatest position of points; reversed infinities if there are none.
-type Corners = [DVec3; 2];
-
-const NO_CORNERS: Corners = [DVec3::INFINITY, DVec3::NEG_INFINITY];
-
-fn extend(corners: &mut Corners, others: &Corners) {
-    corners[0] = corners[0].min(others[0]);
-    corners[1] = corners[1].max(others[1]);
-}
-
-/// A subtree of the tree over chunks that one rank builds; partitions are listed in block order.
-#[derive(Debug)]
-pub(super) struct Partition {
-    /// Chunks, by their places in that tree.
-    pub(super) chunks: super::tree::Subtree,
-    /// Particles: a run of block order.
-    pub(super) run: Range<usize>,
-    pub(super) owner: usize,
 }

@@ -283,3 +283,10 @@ impl fmt::Debug for Input<'_> {
             .finish_non_exhaustive()
     }
 }
+
+/// Returns the extension in lower case, or an empty string.
+pub(in crate::io) fn extension(path: &Path) -> String {
+    path.extension()
+        .map(|e| e.to_string_lossy().to_ascii_lowercase())
+        .unwrap_or_default()
+}

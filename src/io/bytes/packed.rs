@@ -8,15 +8,15 @@ use std::path::{Path, PathBuf};
 
 use flate2::read::MultiGzDecoder;
 
-use super::file::{HEAD, Input, read_all};
+use super::file::{HEAD, Input, extension, read_all};
 use super::probe::Probe;
 use crate::data::dataset::Dataset;
 use crate::error::{Error, Result};
-use crate::io::formats::{Format, recognise};
+use crate::io::format::{Format, Recognise};
+use crate::io::options::OpenOptions;
 use crate::io::time_steps::TimeStep;
 use crate::io::volume::raw::DEFLATE_RATIO;
 use crate::io::volume::voxels::GZIP;
-use crate::io::{OpenOptions, extension};
 use crate::memory::left;
 
 /// Number of bytes unpacked between two checks of the available memory.
@@ -29,14 +29,14 @@ pub(in crate::io) const ENDINGS: &[&str] = &[
 ];
 
 /// Whether a file is compressed though its name lacks `.gz`.
-pub(in crate::io) fn is_under_plain_name(probe: &Probe<'_>) -> bool {
+pub(in crate::io) fn is_under_plain_name(probe: &Probe<'_>, recognise: Recognise) -> bool {
     let ending = extension(probe.input.path);
     let is_one = |packed: &str| packed.strip_suffix(".gz") == Some(ending.as_str());
-    ENDINGS.iter().any(|packed| is_one(packed)) && looks_like(probe)
+    ENDINGS.iter().any(|packed| is_one(packed)) && looks_like(probe, recognise)
 }
 
 /// Whether a file is compressed and, once unpacked, begins as a format that is read.
-pub(in crate::io) fn looks_like(probe: &Probe<'_>) -> bool {
+pub(in crate::io) fn looks_like(probe: &Probe<'_>, recognise: Recognise) -> bool {
     if !probe.head.starts_with(GZIP) {
         return false;
     }
@@ -64,6 +64,7 @@ fn unpacked_name(path: &Path) -> PathBuf {
 fn with_unpacked<T>(
     input: Input<'_>,
     options: &OpenOptions,
+    recognise: Recognise,
     look: impl FnOnce(Input<'_>, &'static Format) -> Result<T>,
 ) -> Result<T> {
     let bytes = unpacked(input)?;
@@ -82,8 +83,12 @@ fn with_unpacked<T>(
 ///
 /// # Errors
 /// A damaged stream; one that does not fit into memory; errors of its format.
-pub(in crate::io) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
-    with_unpacked(input, options, |input, format| {
+pub(in crate::io) fn read(
+    input: Input<'_>,
+    options: &OpenOptions,
+    recognise: Recognise,
+) -> Result<Dataset> {
+    with_unpacked(input, options, recognise, |input, format| {
         (format.read)(input, options)
     })
 }
@@ -92,11 +97,13 @@ pub(in crate::io) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dat
 ///
 /// # Errors
 /// As [`read`].
-pub(in crate::io) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
+pub(in crate::io) fn steps(input: Input<'_>, recognise: Recognise) -> Result<Vec<TimeStep>> {
     let options = OpenOptions::default();
-    with_unpacked(input, &options, |input, format| match format.steps {
-        Some(steps) => steps(input),
-        None => Ok(crate::io::time_steps::of_file(input.path, &[])),
+    with_unpacked(input, &options, recognise, |input, format| {
+        match format.steps {
+            Some(steps) => steps(input),
+            None => Ok(crate::io::time_steps::of_file(input.path, &[])),
+        }
     })
 }
 

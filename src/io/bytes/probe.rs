@@ -5,7 +5,7 @@ use std::cell::OnceCell;
 
 use super::file::Input;
 use super::zip;
-use crate::io::OpenOptions;
+use crate::io::options::OpenOptions;
 
 /// A file before it is read: its name, length, first bytes and options.
 pub(in crate::io) struct Probe<'a> {

@@ -13,9 +13,9 @@ use super::table::{PositionColumns, dataset, position_columns};
 use crate::data::dataset::{Dataset, Field};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
+use crate::io::bytes::file::extension;
 use crate::io::bytes::scalars::{doubles, values};
 use crate::io::bytes::zip;
-use crate::io::extension;
 use crate::io::volume::raw::DEFLATE_RATIO;
 
 const FORMAT: &str = "NPZ particle table";

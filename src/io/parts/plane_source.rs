@@ -2,8 +2,8 @@
 
 use crate::data::dataset::Dataset;
 use crate::error::Result;
-use crate::io::OpenOptions;
 use crate::io::bytes::file::Input;
+use crate::io::options::OpenOptions;
 use crate::io::volume::plain_numbers::PlainNumbers;
 use crate::io::volume::raw::{self, RawLayout};
 use crate::io::volume::voxels::Image;

@@ -19,8 +19,9 @@ use crate::data::blanking::Blanking;
 use crate::data::dataset::{Dataset, FieldSource, Geometry};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
+use crate::io::folder::of_folder;
 use crate::io::formats::recognise;
-use crate::io::{OpenOptions, name_units, of_folder};
+use crate::io::options::OpenOptions;
 use crate::memory::check_room;
 use crate::scene::{Lattice, Values};
 
@@ -66,7 +67,7 @@ impl Planes {
         let Some((mut head, source)) = find(input, options)? else {
             return Ok(None);
         };
-        name_units(&mut head);
+        head.name_units();
         let is_blanked = head.fields.iter().any(|f| Blanking::is_told_by(&f.name));
         let chosen = match (field, head.fields.as_slice()) {
             (Some(selector), _) => head.selected(selector),

@@ -128,7 +128,7 @@ impl RowFile {
     /// The errors of [`open`](crate::io::open); rows that do not exist, or lie in several files.
     pub fn read(&mut self, run: Range<usize>) -> Result<Dataset> {
         let mut data = self.read_run(run)?;
-        crate::io::name_units(&mut data);
+        data.name_units();
         Ok(data)
     }
 

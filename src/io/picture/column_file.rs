@@ -23,7 +23,7 @@ use crate::scene::{ScaleName, TransferFunction};
 pub fn write_column(path: &Path, column: &ColumnImage) -> Result<()> {
     let (width, height) = (column.width, column.height);
     check_size(path, width, height, column.values.len())?;
-    let bytes = if crate::io::extension(path) == "png" {
+    let bytes = if crate::io::bytes::file::extension(path) == "png" {
         let picture = match column_colours(column, None, None, None)? {
             Some(colours) => column_picture(column, &colours),
             None => Image::new(width, height),

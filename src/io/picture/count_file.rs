@@ -13,7 +13,7 @@ use crate::image::Image;
 /// # Errors
 /// The errors of [`write_image`].
 pub fn write_count(path: &Path, count: &Image) -> Result<()> {
-    if crate::io::extension(path) == "png" {
+    if crate::io::bytes::file::extension(path) == "png" {
         write_image(path, &picture(count))
     } else {
         write_image(path, count)

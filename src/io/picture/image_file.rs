@@ -50,7 +50,7 @@ pub fn check_depth_path(path: &Path) -> Result<()> {
 }
 
 fn check_path(path: &Path, known: &str) -> Result<()> {
-    let extension = crate::io::extension(path);
+    let extension = crate::io::bytes::file::extension(path);
     if !known
         .split([',', ' '])
         .any(|k| k == extension && k != "or" && !k.is_empty())
@@ -87,7 +87,7 @@ pub fn check_folder(path: &Path) -> Result<()> {
 /// [`write_bytes_atomically`](crate::io::write_bytes_atomically).
 pub fn write_image(path: &Path, image: &Image) -> Result<()> {
     check_size(path, image.width, image.height, image.pixels.len())?;
-    let bytes = match crate::io::extension(path).as_str() {
+    let bytes = match crate::io::bytes::file::extension(path).as_str() {
         "png" => png_bytes(path, image)?,
         "exr" => exr_bytes(path, image)?,
         "pfm" => {
@@ -128,7 +128,7 @@ pub fn write_depth(path: &Path, depth: &DepthImage) -> Result<()> {
 pub fn write_normals(path: &Path, normals: &NormalImage) -> Result<()> {
     let (width, height) = (normals.width, normals.height);
     check_size(path, width, height, normals.normals.len())?;
-    let bytes = match crate::io::extension(path).as_str() {
+    let bytes = match crate::io::bytes::file::extension(path).as_str() {
         "exr" => {
             let at = |at: exr::Vec2<usize>| normals.normals[at.y() * width + at.x()];
             let channels = SpecificChannels::build()
@@ -174,7 +174,7 @@ pub(in crate::io) fn grey_bytes(
     values: &[f32],
     [channel, layer]: [&str; 2],
 ) -> Option<Result<Vec<u8>>> {
-    match crate::io::extension(path).as_str() {
+    match crate::io::bytes::file::extension(path).as_str() {
         "exr" => {
             let channels = SpecificChannels::build()
                 .with_channel(channel)
@@ -210,7 +210,7 @@ pub(in crate::io) fn grey_bytes(
 /// # Errors
 /// The extension is unknown or the file is damaged.
 pub fn read_image(path: &Path) -> Result<Image> {
-    let extension = crate::io::extension(path);
+    let extension = crate::io::bytes::file::extension(path);
     if !matches!(extension.as_str(), "png" | "exr" | "pfm" | "npy") {
         return Err(unknown_extension(path, IMAGE_EXTENSIONS));
     }
@@ -245,7 +245,7 @@ pub(in crate::io) fn check_size(
 }
 
 pub(in crate::io) fn unknown_extension(path: &Path, known: &str) -> Error {
-    let found = crate::io::extension(path);
+    let found = crate::io::bytes::file::extension(path);
     let found = if found.is_empty() {
         "none".to_owned()
     } else {

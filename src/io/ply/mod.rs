@@ -40,8 +40,8 @@ use self::mesh::Faces;
 use self::splats::splats;
 use self::table::Table;
 use super::bytes::file::Input;
+use super::options::{OpenOptions, ReadAs};
 use super::particles::table::dataset;
-use super::{OpenOptions, ReadAs};
 use crate::data::dataset::{Dataset, Geometry};
 use crate::error::{Error, Result};
 

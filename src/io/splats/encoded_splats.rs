@@ -84,3 +84,11 @@ pub(in crate::io) fn byte(x: f64, cut: &mut usize) -> u8 {
     }
     x.round().clamp(0.0, 255.0) as u8
 }
+
+/// The median of the splats' middle scales.
+pub(in crate::io) fn median_size(cloud: &SplatCloud) -> f64 {
+    let middle = |s: &[f32; 3]| s[0].max(s[1]).min(s[0].min(s[1]).max(s[2]));
+    let mut sizes: Vec<f32> = cloud.scales.iter().map(middle).collect();
+    let half = sizes.len() / 2;
+    f64::from(*sizes.select_nth_unstable_by(half, f32::total_cmp).1)
+}

@@ -19,10 +19,11 @@
 //! glTF and OBJ files, y up, are rotated as glTF splats are. z up, of grids and tables, becomes y down by a
 //! quarter turn about x, (x, y, z) to (x, -z, y).
 
-use std::f64::consts::FRAC_1_SQRT_2;
 use std::fmt;
 
 use glam::{DQuat, DVec3};
+
+use crate::math::turn_between;
 
 /// The axes of a format of splats, as seen by the camera for which the format is made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -81,32 +82,12 @@ impl SplatAxes {
             Self::RightUpBack => HALF_ABOUT_X,
             Self::LeftUpForward => HALF_ABOUT_Z,
         };
-        of_training * training_from(up)
+        of_training * turn_between(up.normalize_or(DVec3::NEG_Y), DVec3::NEG_Y)
     }
 }
 
 const HALF_ABOUT_X: DQuat = DQuat::from_xyzw(1.0, 0.0, 0.0, 0.0);
 const HALF_ABOUT_Z: DQuat = DQuat::from_xyzw(0.0, 0.0, 1.0, 0.0);
-
-/// The rotation from coordinates in which `up` points up to those of training scenes.
-fn training_from(up: DVec3) -> DQuat {
-    const HALF: f64 = FRAC_1_SQRT_2;
-    // Rotated back, a half turn gives exactly the numbers from before: of a quaternion q, not -q.
-    let turns = [
-        (DVec3::NEG_Y, DQuat::IDENTITY),
-        (DVec3::Y, HALF_ABOUT_Z.conjugate()),
-        // A quarter turn about x, or about z.
-        (DVec3::Z, DQuat::from_xyzw(HALF, 0.0, 0.0, HALF)),
-        (DVec3::NEG_Z, DQuat::from_xyzw(-HALF, 0.0, 0.0, HALF)),
-        (DVec3::X, DQuat::from_xyzw(0.0, 0.0, -HALF, HALF)),
-        (DVec3::NEG_X, DQuat::from_xyzw(0.0, 0.0, HALF, HALF)),
-    ];
-    let known = turns.into_iter().find(|(axis, _)| *axis == up);
-    known.map_or_else(
-        || DQuat::from_rotation_arc(up.normalize_or(DVec3::NEG_Y), DVec3::NEG_Y),
-        |(_, turn)| turn,
-    )
-}
 
 impl fmt::Display for SplatAxes {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

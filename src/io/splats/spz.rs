@@ -36,7 +36,6 @@ use flate2::read::MultiGzDecoder;
 use glam::{DQuat, DVec3};
 use ruzstd::decoding::StreamingDecoder;
 
-pub(in crate::io) use super::spz_write::encode;
 use crate::data::dataset::Dataset;
 use crate::data::splats::SplatCloud;
 use crate::error::{Error, Result};

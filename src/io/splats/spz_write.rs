@@ -7,9 +7,8 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 use ruzstd::encoding::{CompressionLevel, compress_to_vec};
 
-use super::encoded_splats::{Encoded, SpzVersion, byte, note_cut};
+use super::encoded_splats::{Encoded, SpzVersion, byte, median_size, note_cut};
 use super::spz::{MAGIC, STREAM_ROW, STREAMED_HEADER, TURNED};
-use super::write_splats::median_size;
 use crate::data::splats::SplatCloud;
 use crate::error::{Error, Result};
 use crate::math::Core;

@@ -5,15 +5,16 @@ use std::path::Path;
 
 use glam::DQuat;
 
-use super::encoded_splats::{PlyForm, SplatFileOptions};
+use super::encoded_splats::{PlyForm, SplatFileOptions, median_size};
 use super::splat_axes::SplatAxes;
-use super::{gltf_splats, sog, splat, spz};
+use super::{gltf_splats, sog, splat, spz_write};
 use crate::data::splats::SplatCloud;
 use crate::error::{Error, Result};
 use crate::io::bytes::atomic::write_bytes_atomically;
+use crate::io::bytes::file::extension;
 use crate::io::picture::image_file::check_folder;
+use crate::io::ply;
 use crate::io::vtk::vtu_write;
-use crate::io::{extension, ply};
 
 /// Third scale of a flat splat, as a share of the next larger one, in a format whose viewers expect volume.
 ///
@@ -173,7 +174,7 @@ pub fn write_splats(
         Format::Ply => ply::splats::encode(path, cloud, options.form)?,
         Format::PackedPly => ply::packed_write::encode(path, cloud)?,
         Format::Splat => splat::encode(cloud),
-        Format::Spz => spz::encode(path, cloud, options.spz_version.unwrap_or_default())?,
+        Format::Spz => spz_write::encode(path, cloud, options.spz_version.unwrap_or_default())?,
         Format::Sog => sog::encode(path, cloud)?,
         Format::Glb => gltf_splats::encode(path, cloud)?,
         Format::Vtu => vtu_write::encode(cloud),
@@ -198,14 +199,6 @@ pub fn write_splats(
         turn,
         notes: encoded.notes,
     })
-}
-
-/// The median of the splats' middle scales.
-pub(in crate::io) fn median_size(cloud: &SplatCloud) -> f64 {
-    let middle = |s: &[f32; 3]| s[0].max(s[1]).min(s[0].min(s[1]).max(s[2]));
-    let mut sizes: Vec<f32> = cloud.scales.iter().map(middle).collect();
-    let half = sizes.len() / 2;
-    f64::from(*sizes.select_nth_unstable_by(half, f32::total_cmp).1)
 }
 
 impl SplatCloud {

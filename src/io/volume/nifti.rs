@@ -28,9 +28,9 @@ use glam::{DMat3, DQuat, DVec3};
 use super::voxels::{self, GZIP, Image, Numbers, Packing, Skip, Source};
 use crate::data::dataset::Dataset;
 use crate::error::{Error, Hint, Result};
+use crate::io::bytes::file::extension;
 use crate::io::bytes::file::{HEAD, Input};
 use crate::io::bytes::scalars::{Encoding, ScalarType, double};
-use crate::io::extension;
 
 /// Lengths of the headers.
 const FIRST: usize = 348;

@@ -21,10 +21,11 @@ use roxmltree::Node;
 use super::xml::{self, Frame, child_among, clip};
 use crate::data::dataset::Dataset;
 use crate::error::{Advice, Error, Result};
-use crate::io::bytes::file::{HEAD, Input};
+use crate::io::bytes::file::{HEAD, Input, extension};
+use crate::io::format::Recognise;
+use crate::io::options::OpenOptions;
 use crate::io::time_steps::{Part, TimeStep};
 use crate::io::volume::voxels;
-use crate::io::{OpenOptions, extension, read_input};
 
 /// Extensions of these files.
 pub(in crate::io) const ENDINGS: [&str; 4] = ["vtm", "vtmb", "vtpc", "vtpd"];
@@ -57,14 +58,6 @@ const DAMAGED: &str = "the collection is damaged: save it again";
 pub(in crate::io) fn looks_like(head: &[u8]) -> bool {
     let kind = xml::looks_like(head).then(|| xml::file_type(head));
     kind.flatten().is_some_and(|kind| TYPES.contains(&kind))
-}
-
-/// Reads the first of the files, with a note on their number.
-///
-/// # Errors
-/// The errors of [`steps`], and those of the file.
-pub(in crate::io) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
-    read_first(input, &steps(input)?, options)
 }
 
 /// All files as the parts of one step without a time. Files of data are not checked to exist.
@@ -185,6 +178,7 @@ pub(in crate::io) fn read_first(
     input: Input<'_>,
     steps: &[TimeStep],
     options: &OpenOptions,
+    recognise: Recognise,
 ) -> Result<Dataset> {
     let (first, count) = (&steps[0], steps.len());
     let mut notes = Vec::new();
@@ -203,7 +197,7 @@ pub(in crate::io) fn read_first(
             if looks_like(&head) || xml::file_type(&head) == Some(PARAVIEWS) {
                 return Err(refuse_nested(input.path, "DataSet, `file`", file));
             }
-            read_input(part, options)
+            recognise(part, options)?.open(part, options)
         })
     };
     let mut nothing = None;

@@ -13,11 +13,9 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
+use super::pvd;
 use super::xml::clip;
-use super::{collection, pvd};
-use crate::data::dataset::Dataset;
 use crate::error::{Error, Result};
-use crate::io::OpenOptions;
 use crate::io::bytes::file::Input;
 use crate::io::time_steps::TimeStep;
 
@@ -41,14 +39,6 @@ struct Entry {
 pub(in crate::io) fn looks_like(head: &[u8]) -> bool {
     let head = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head);
     head.trim_ascii_start().starts_with(b"{") && head.windows(VERSION.len()).any(|w| w == VERSION)
-}
-
-/// Reads the first part of the first time step, with notes on the other parts and steps.
-///
-/// # Errors
-/// The errors of [`steps`], and of reading the part.
-pub(in crate::io) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
-    collection::read_first(input, &steps(input)?, options)
 }
 
 /// Returns the time steps in order, at least one. Files that the series names are not opened.

@@ -2,14 +2,12 @@
 
 use std::path::Path;
 
-use rayon::prelude::*;
-
 use super::surface;
 use crate::data::association::Association;
 use crate::data::cells::{CellKind, CellMesh};
 use crate::data::dataset::{Dataset, Field, FieldSource, Geometry};
-use crate::error::{Advice, Error, Result};
-use crate::io::ReadAs;
+use crate::error::Result;
+use crate::io::options::ReadAs;
 
 /// A checked data set of cells. It is a mesh if the cells are a surface. It is particles if the only cells are
 /// points, if there are none, or if `read_as` asks for a surface's points.
@@ -27,11 +25,11 @@ pub(in crate::io) fn dataset(
     fields: Vec<Field>,
     read_as: Option<ReadAs>,
 ) -> Result<Dataset> {
-    check(path, &mesh)?;
+    mesh.check(path)?;
     of_checked(path, format, mesh, fields, read_as)
 }
 
-/// Converts cells that [`check`] has passed; otherwise as [`dataset`].
+/// Converts cells that [`CellMesh::check`] has passed; otherwise as [`dataset`].
 pub(in crate::io) fn of_checked(
     path: &Path,
     format: &'static str,
@@ -89,55 +87,6 @@ pub(in crate::io) fn of_checked(
     })
 }
 
-/// Refuses a mesh without nodes, and incomplete cells.
-///
-/// # Errors
-/// As [`dataset`].
-pub(crate) fn check(path: &Path, mesh: &CellMesh) -> Result<()> {
-    let error = |place: String, expected: &str, found: String| {
-        let advice = "the file is damaged: save it again";
-        Err(Error::format(path, place, expected, found, advice))
-    };
-    if mesh.nodes.is_empty() {
-        return Err(Error::format(
-            path,
-            "points",
-            "at least one point",
-            "none",
-            Advice::no_data("the file holds no data: save another"),
-        ));
-    }
-    if mesh.offsets.len() != mesh.kinds.len() + 1
-        || mesh.offsets.last().map(|&n| n as usize) != Some(mesh.connectivity.len())
-        || mesh.offsets.windows(2).any(|w| w[0] > w[1])
-    {
-        return error(
-            "cells".into(),
-            "offsets that rise to the length of the connectivity",
-            format!(
-                "{} offsets for {} cells and {} numbers",
-                mesh.offsets.len(),
-                mesh.kinds.len(),
-                mesh.connectivity.len()
-            ),
-        );
-    }
-    let least = least_nodes();
-    let fault = |i: usize| {
-        let kind = mesh.kinds[i];
-        let least = least[usize::from(kind.0)];
-        let found = check_cell(kind, least, mesh.cell(i), mesh.nodes.len()).err()?;
-        Some((i, found))
-    };
-    let first = (0..mesh.kinds.len()).into_par_iter().find_map_first(fault);
-    if let Some((i, found)) = first {
-        let place = format!("cell {i}, {}", mesh.kinds[i].name());
-        let expected = format!("nodes among {}, as many as its kind has", mesh.nodes.len());
-        return error(place, &expected, found);
-    }
-    Ok(())
-}
-
 /// The vertex cell of each node, if every node has exactly one.
 fn cell_of_node(mesh: &CellMesh) -> Option<Vec<u32>> {
     let count = mesh.nodes.len();
@@ -150,49 +99,4 @@ fn cell_of_node(mesh: &CellMesh) -> Option<Vec<u32>> {
     }
     let one_each = mesh.offsets.windows(2).all(|w| w[1] - w[0] == 1) && !cells.contains(&u32::MAX);
     one_each.then_some(cells)
-}
-
-/// Least number of nodes of a cell of each kind.
-fn least_nodes() -> [usize; 256] {
-    std::array::from_fn(|kind| {
-        let kind = CellKind(u8::try_from(kind).unwrap_or(u8::MAX));
-        let of_solid = kind.faces().map(|faces| {
-            let corners = faces.iter().flat_map(|face| face.iter());
-            corners.max().map_or(0, |&corner| usize::from(corner) + 1)
-        });
-        of_solid.or(kind.flat_corner_count()).unwrap_or(0)
-    })
-}
-
-/// Checks a cell's entries against its kind; the error is what was found.
-///
-/// - `least`: least number of nodes of its kind.
-fn check_cell(kind: CellKind, least: usize, cell: &[u32], node_count: usize) -> Result<(), String> {
-    let exists = |n: &u32| (*n as usize) < node_count;
-    let missing = |nodes: &[u32]| match nodes.iter().find(|n| !exists(n)) {
-        Some(n) => Err(format!("node {n}")),
-        None => Ok(()),
-    };
-    if kind == CellKind::POLYHEDRON {
-        let Some((&face_count, mut rest)) = cell.split_first() else {
-            return Err("no faces".into());
-        };
-        for _ in 0..face_count {
-            let face = rest.split_first().and_then(|(&n, tail)| {
-                let face = tail.get(..n as usize)?;
-                rest = &tail[n as usize..];
-                Some(face)
-            });
-            missing(face.ok_or("a face beyond the cell's end")?)?;
-        }
-        return if rest.is_empty() {
-            Ok(())
-        } else {
-            Err(format!("{} numbers after its faces", rest.len()))
-        };
-    }
-    if cell.len() < least {
-        return Err(format!("{} nodes", cell.len()));
-    }
-    missing(cell)
 }

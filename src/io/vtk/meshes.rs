@@ -9,7 +9,7 @@ use crate::data::association::Association;
 use crate::data::cells::{CellKind, CellMesh};
 use crate::data::dataset::Dataset;
 use crate::error::{Error, Result};
-use crate::io::ReadAs;
+use crate::io::options::ReadAs;
 
 /// One decoded piece. Its cells refer to its own nodes, counted from 0.
 #[derive(Debug)]
@@ -36,7 +36,7 @@ impl Part {
             let points = piece.only_array("Points")?;
             mesh.nodes = piece.decoder.points(points, node_count)?;
         }
-        grid::check(piece.path, &mesh)?;
+        mesh.check(piece.path)?;
         let node_arrays = piece.fields(Association::Nodes, node_count)?;
         let cell_arrays = piece.fields(Association::Cells, cell_count)?;
         Ok(Some(Self::new(mesh, node_arrays, cell_arrays)))
@@ -234,7 +234,7 @@ pub(in crate::io) fn join(
         fields.extend(to_fields(arrays, association));
     }
     if parts.is_empty() {
-        grid::check(path, &CellMesh::default())?;
+        CellMesh::default().check(path)?;
     }
     let mesh = mesh_of(path, parts)?;
     let mut data = grid::of_checked(path, format, mesh, fields, read_as)?;

@@ -18,9 +18,7 @@ use std::path::{Path, PathBuf};
 
 use super::collection;
 use super::xml::{self, Frame, child, clip};
-use crate::data::dataset::Dataset;
 use crate::error::{Error, Result};
-use crate::io::OpenOptions;
 use crate::io::bytes::file::Input;
 use crate::io::time_steps::{Part, TimeStep};
 
@@ -33,14 +31,6 @@ const MOST_BYTES: u64 = 64 << 20;
 /// Whether a file that begins with `head` is a collection.
 pub(in crate::io) fn looks_like(head: &[u8]) -> bool {
     xml::looks_like(head) && xml::file_type(head) == Some(TYPE)
-}
-
-/// Reads the first part of the first time step, with notes on the others.
-///
-/// # Errors
-/// The errors of [`steps`], and those of the part.
-pub(in crate::io) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
-    collection::read_first(input, &steps(input)?, options)
 }
 
 /// Returns the bytes of a list of files.

@@ -22,8 +22,8 @@ use super::pieces::{self, Piece};
 use crate::data::cells::{CellKind, CellMesh};
 use crate::data::dataset::Dataset;
 use crate::error::{Error, Result};
-use crate::io::ReadAs;
 use crate::io::bytes::file::Input;
+use crate::io::options::ReadAs;
 
 /// An element, the attribute with its number of cells, and the kind of a cell by its number of nodes.
 type Element = (&'static str, &'static str, fn(usize) -> CellKind);

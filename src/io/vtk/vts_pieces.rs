@@ -15,7 +15,6 @@ use crate::data::blanking::Blanking;
 use crate::data::dataset::{CurvilinearBlock, Dataset, Field, Geometry};
 use crate::error::Result;
 use crate::io::bytes::file::Input;
-use crate::io::name_units;
 use crate::scene::Values;
 
 /// The files of a grid, each with pieces of it.
@@ -179,7 +178,7 @@ impl SomeBlocks {
         let blocks = Vec::new();
         let geometry = Geometry::Curvilinear { blocks };
         let mut data = Dataset::new(&file.path, vts::FORMAT, geometry, fields);
-        name_units(&mut data);
+        data.name_units();
         Dataset { notes, ..data }
     }
 

@@ -33,8 +33,8 @@ use super::pieces::{self, Piece};
 use crate::data::cells::{CellKind, CellMesh};
 use crate::data::dataset::Dataset;
 use crate::error::{Error, Result};
-use crate::io::ReadAs;
 use crate::io::bytes::file::Input;
+use crate::io::options::ReadAs;
 
 /// The format's name, for people.
 pub(in crate::io) const FORMAT: &str = "VTK unstructured grid";

@@ -12,7 +12,6 @@ use crate::data::cells::CellMesh;
 use crate::data::dataset::{Dataset, Geometry};
 use crate::error::Result;
 use crate::io::bytes::file::Input;
-use crate::io::name_units;
 
 /// The files of a grid, each with pieces of it.
 #[derive(Debug)]
@@ -102,7 +101,7 @@ impl SomePieces {
         }
         let mesh = mesh_of(path, self.parts)?;
         let mut data = Dataset::new(path, vtu::FORMAT, Geometry::Cells(mesh), fields);
-        name_units(&mut data);
+        data.name_units();
         Ok(Dataset { notes, ..data })
     }
 }

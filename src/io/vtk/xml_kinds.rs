@@ -3,8 +3,8 @@
 use super::{amr, vti, vtp, vtr, vts, vtu, xml};
 use crate::data::dataset::Dataset;
 use crate::error::{Error, Result};
-use crate::io::ReadAs;
 use crate::io::bytes::file::{HEAD, Input};
+use crate::io::options::ReadAs;
 
 /// Types that are not read: their prefixes, and advice.
 const NOT_READ: &[(&str, &str)] = &[

@@ -6,7 +6,6 @@ use super::values::{put_values, take_values};
 use crate::data::association::Association;
 use crate::data::cells::{CellKind, CellMesh, renumber};
 use crate::error::Result;
-use crate::io::check_cells;
 use crate::message::{put, take, unknown};
 use crate::scene::Values;
 
@@ -132,7 +131,7 @@ impl CellSubset {
         if counts != expected {
             return Err(unknown("another number of values than of nodes or cells"));
         }
-        check_cells(Path::new("message"), &subset.mesh)?;
+        subset.mesh.check(Path::new("message"))?;
         Ok(subset)
     }
 }

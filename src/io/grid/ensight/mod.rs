@@ -33,8 +33,8 @@ use self::stream::{Form, Stream};
 use crate::data::cells::{CellKind, CellMesh};
 use crate::data::dataset::{CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use crate::error::{Error, Result};
-use crate::io::ReadAs;
 use crate::io::bytes::file::Input;
+use crate::io::options::ReadAs;
 use crate::io::time_steps::{self, TimeStep, chosen};
 use crate::scene::{Lattice, LatticeSpacing, Values};
 

@@ -25,9 +25,10 @@ use crate::data::association::Association;
 use crate::data::cells::{CellKind, CellMesh};
 use crate::data::dataset::{Dataset, Field, FieldSource};
 use crate::error::{Error, Result};
+use crate::io::options::ReadAs;
 use crate::io::particles::table::list;
 use crate::io::time_steps::chosen;
-use crate::io::{ReadAs, vtk};
+use crate::io::vtk;
 use crate::scene::Values;
 
 /// Whether the variables are those of Exodus.

@@ -28,10 +28,11 @@ use netcdf_reader::{
 use crate::data::dataset::Dataset;
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
+use crate::io::options::ReadAs;
 use crate::io::particles::hdf5;
-use crate::io::particles::hdf5::storage;
+use crate::io::particles::hdf5::file::storage;
+use crate::io::refused;
 use crate::io::time_steps::{self, TimeStep};
-use crate::io::{ReadAs, refused};
 use crate::scene::Values;
 
 /// Extensions of netCDF files, including those of Exodus.

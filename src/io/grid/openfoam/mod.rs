@@ -45,7 +45,6 @@ use crate::data::dataset::{Dataset, Geometry};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
 use crate::io::bytes::zip::{self, Entry};
-use crate::io::check_cells;
 use crate::io::particles::table::list;
 use crate::io::time_steps::{TimeStep, chosen, of_file};
 
@@ -76,7 +75,7 @@ pub(in crate::io) fn is_archive(entries: &[Entry<'_>]) -> bool {
 
 /// The control file of the case in a folder, or in the folder of a marker file.
 pub(in crate::io) fn case_in(path: &Path) -> Option<PathBuf> {
-    let ending = crate::io::extension(path);
+    let ending = crate::io::bytes::file::extension(path);
     let folder = match path.is_dir() {
         true => path,
         false if MARKERS.contains(&ending.as_str()) => path.parent()?,
@@ -133,7 +132,7 @@ pub(in crate::io) fn read(input: Input<'_>, time_step: Option<usize>) -> Result<
         notes,
         ..
     } = reading;
-    check_cells(input.path, &mesh)?;
+    mesh.check(input.path)?;
     let fields = fields.into_iter().flat_map(Gathered::fields).collect();
     Ok(Dataset {
         notes,

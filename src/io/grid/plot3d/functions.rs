@@ -9,7 +9,7 @@ use super::{node_field, text};
 use crate::data::dataset::{Field, FieldSource};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
-use crate::io::extension;
+use crate::io::bytes::file::extension;
 
 /// Extensions of such files.
 pub(super) const ENDINGS: [&str; 2] = ["f", "fun"];

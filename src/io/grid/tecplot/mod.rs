@@ -34,9 +34,10 @@ use crate::data::cells::{CellKind, CellMesh};
 use crate::data::dataset::{CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
+use crate::io::options::ReadAs;
 use crate::io::particles::table::list;
 use crate::io::time_steps::{TimeStep, chosen, of_file};
-use crate::io::{ReadAs, vtk};
+use crate::io::vtk;
 
 const FORMAT: &str = "Tecplot text";
 

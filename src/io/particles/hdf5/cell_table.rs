@@ -12,7 +12,8 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::{Array, SnapshotFile, gadget, whole};
+use super::file::{Array, SnapshotFile, whole};
+use super::gadget;
 use crate::data::particle_type::{ParticleCount, ParticleType};
 use crate::error::Result;
 use crate::io::bytes::file::Input;

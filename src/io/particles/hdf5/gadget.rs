@@ -16,8 +16,8 @@ use std::path::Path;
 use hdf5_reader::group::Group;
 
 use super::super::table;
-use super::{SnapshotFile, absent};
-use crate::data::dataset::Dataset;
+use super::file::{SnapshotFile, absent, shortened};
+use crate::data::dataset::{Dataset, FieldSource};
 use crate::data::particle_type::{ParticleCount, ParticleType};
 use crate::data::smoothing::{LengthMeaning, Smoothing, SphKernel};
 use crate::error::Result;
@@ -194,7 +194,7 @@ pub(super) fn read(
         let kernel = swift_kernel(file)?;
         let lengths = fields.iter().find(|f| f.name == length);
         let lengths = lengths.and_then(|f| match &f.source {
-            super::FieldSource::Scalar(values) => Some(values),
+            FieldSource::Scalar(values) => Some(values),
             _ => None,
         });
         let sigmas = lengths.map(|l| (0..l.len()).map(|i| 0.5 * l.get(i)).collect());
@@ -251,7 +251,7 @@ fn swift_kernel(file: &SnapshotFile<'_>) -> Result<SphKernel> {
     if known.is_none() {
         file.note(format!(
             "The kernel is not known (`{}`): taken as a cubic spline.",
-            super::shortened(&name)
+            shortened(&name)
         ));
     }
     Ok(known.map_or(SphKernel::CubicSpline, |(_, kernel)| *kernel))

@@ -18,7 +18,7 @@ use glam::DVec3;
 use hdf5_reader::group::Group;
 
 use super::super::table;
-use super::{SnapshotFile, absent};
+use super::file::{SnapshotFile, absent};
 use crate::data::dataset::{Dataset, Field, FieldSource};
 use crate::data::particle_type::{ParticleCount, ParticleType};
 use crate::data::smoothing::{LengthMeaning, Smoothing, SphKernel};

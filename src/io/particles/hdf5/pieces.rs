@@ -11,7 +11,8 @@ use hdf5_reader::group::Group;
 
 use super::super::periodic::note_reach;
 use super::super::table::list;
-use super::{RowPieces, SnapshotFile, absent, gadget, whole};
+use super::file::{SnapshotFile, absent, whole};
+use super::gadget;
 use crate::data::association::Association;
 use crate::data::dataset::{Dataset, Field, Geometry};
 use crate::data::particle_type::{ParticleCount, ParticleType};
@@ -20,6 +21,9 @@ use crate::io::bytes::file::Input;
 use crate::io::vtk::array::Array;
 use crate::io::vtk::meshes::append_arrays;
 use crate::io::vtk::pieces::{keep_common, to_fields};
+
+/// Requested type of particles, and the files with their numbers of such particles.
+pub(crate) type RowPieces = (Option<ParticleType>, Vec<(PathBuf, usize)>);
 
 /// Greatest number of pieces, far more than any code writes.
 const MOST_PIECES: usize = 1 << 16;

@@ -40,8 +40,8 @@ use super::grid;
 use crate::data::cells::{CellKind, CellMesh};
 use crate::data::dataset::{CurvilinearBlock, Dataset, Geometry};
 use crate::error::{Advice, Result};
-use crate::io::ReadAs;
 use crate::io::bytes::file::Input;
+use crate::io::options::ReadAs;
 use crate::scene::{Lattice, LatticeSpacing};
 
 /// The first bytes of every legacy VTK file.

@@ -22,7 +22,6 @@ use crate::data::association::Association;
 use crate::data::cells::{CellKind, CellMesh};
 use crate::error::Result;
 use crate::io::bytes::scalars;
-use crate::io::vtk;
 use crate::io::vtk::meshes::{Part, Runs, face_streams, with_polyhedra, without_nodes};
 use crate::io::vtk::vtp;
 
@@ -202,7 +201,7 @@ impl Block<'_, '_> {
             let found = format!("{} numbers each", points.components);
             self.fault("Points", "three numbers for each point", found)
         })?;
-        vtk::grid::check(self.file.path, &mesh)?;
+        mesh.check(self.file.path)?;
         let arrays = |association, start, rows| self.arrays(&self.group, association, start, rows);
         Ok(Some(Part::new(
             mesh,

@@ -22,14 +22,15 @@ use std::ops::Range;
 
 use hdf5_reader::group::Group;
 
-use super::{Found, SnapshotFile, broken, shortened, whole};
+use super::file::{Array, Found, SnapshotFile, broken, shortened, whole};
 use crate::data::association::Association;
 use crate::data::dataset::Dataset;
 use crate::error::{Error, Result};
 use crate::io::bytes::scalars;
+use crate::io::options::ReadAs;
 use crate::io::vtk::meshes::Part;
 use crate::io::vtk::pieces::element_of;
-use crate::io::{ReadAs, time_steps, vtk};
+use crate::io::{time_steps, vtk};
 
 /// Name of the file's top group.
 pub(super) const ROOT: &str = "VTKHDF";
@@ -314,12 +315,7 @@ impl<'f, 'a> Block<'f, 'a> {
     }
 
     /// Reads an array that must exist.
-    fn needed(
-        &self,
-        group: &Group,
-        name: &str,
-        rows: Option<Range<usize>>,
-    ) -> Result<super::Array> {
+    fn needed(&self, group: &Group, name: &str, rows: Option<Range<usize>>) -> Result<Array> {
         if !self.file.has(group, name)? {
             return Err(self.fault(&shortened(name), "this array", "none".into()));
         }
@@ -352,7 +348,7 @@ impl<'f, 'a> Block<'f, 'a> {
     fn whole_numbers<T: Copy + Default + Send>(
         &self,
         name: &str,
-        array: &super::Array,
+        array: &Array,
         convert: impl Fn(i128) -> Option<T> + Sync,
     ) -> Result<Vec<T>> {
         let numbers = scalars::integers(&array.bytes, array.encoding, convert);

@@ -2,7 +2,6 @@
 
 use glam::DVec3;
 
-use super::moments::Symmetric;
 use crate::math::{lower_matrix, symmetric};
 use crate::scene::{
     BoundaryPlanesIn, ColourIn, LocalModelsIn, Shared, StrengthIn, ValuesIn, cut_kernel,
@@ -10,21 +9,21 @@ use crate::scene::{
 
 /// Particles to merge, in block order.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::blocks) struct Source<'a> {
-    pub(in crate::blocks) positions: &'a [DVec3],
-    pub(in crate::blocks) shapes: Shapes<'a>,
+pub(super) struct Source<'a> {
+    pub(super) positions: &'a [DVec3],
+    pub(super) shapes: Shapes<'a>,
     /// Least and greatest standard deviation of each particle, unless all are spheres.
-    pub(in crate::blocks) principal: &'a [[f32; 2]],
-    pub(in crate::blocks) strength: &'a StrengthIn<Shared>,
-    pub(in crate::blocks) colour: &'a ColourIn<Shared>,
-    pub(in crate::blocks) values: Option<&'a ValuesIn<Shared>>,
-    pub(in crate::blocks) models: Option<&'a LocalModelsIn<Shared>>,
-    pub(in crate::blocks) boundary: Option<&'a BoundaryPlanesIn<Shared>>,
+    pub(super) principal: &'a [[f32; 2]],
+    pub(super) strength: &'a StrengthIn<Shared>,
+    pub(super) colour: &'a ColourIn<Shared>,
+    pub(super) values: Option<&'a ValuesIn<Shared>>,
+    pub(super) models: Option<&'a LocalModelsIn<Shared>>,
+    pub(super) boundary: Option<&'a BoundaryPlanesIn<Shared>>,
 }
 
 /// Shapes of particles.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::blocks) enum Shapes<'a> {
+pub(super) enum Shapes<'a> {
     Spheres(&'a [f32]),
     Factors(&'a [[f32; 6]]),
 }
@@ -36,7 +35,8 @@ pub(super) struct Member {
     pub(super) strength: f64,
     /// Mean relative to the block's origin.
     pub(super) offset: DVec3,
-    pub(super) variance: Symmetric,
+    /// xx, xy, xz, yy, yz, zz.
+    pub(super) variance: [f64; 6],
     /// Vectors whose third powers sum to the third central moments; empty if nothing is cut.
     pub(super) skews: Vec<DVec3>,
 }
@@ -44,7 +44,7 @@ pub(super) struct Member {
 impl Source<'_> {
     /// Least and greatest standard deviation of a particle.
     #[inline]
-    pub(in crate::blocks) fn sigmas(&self, i: usize) -> [f32; 2] {
+    pub(super) fn sigmas(&self, i: usize) -> [f32; 2] {
         match self.shapes {
             Shapes::Spheres(sigmas) => [sigmas[i]; 2],
             Shapes::Factors(_) => self.principal[i],
