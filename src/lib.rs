@@ -77,12 +77,11 @@
 //! | `gpu` | the same stages on a GPU (feature `gpu`) |
 //! | [`render`] | scene + camera + settings to frame |
 //! | [`distributed`] | the same on several ranks, each with a share of the scene |
-//! | `load` | files read in parts, some on each rank |
 //! | [`mod@reference`] | the reference image, in f64, by quadrature |
 //! | `overlay` | draws over pictures: text, plates, lines (feature `legend`) |
 //! | `legend`, `annotate` | colour bars in pictures; axes, boxes, scales and titles (feature `legend`) |
 //! | [`measure`] | differences between pictures, and the cost of accuracy |
-//! | `load` | several inputs to one scene (feature `cli`) |
+//! | `load` | several inputs to one scene, in one process or on ranks that read parts of files (feature `prepared`) |
 //!
 //! Further pages: [`accuracy`] on the cost and the error of each approximation, [`irregular`] on how each kind
 //! of data becomes kernels and what its lengths mean, [`compositing`] on sheets, slabs and clip planes,
@@ -143,6 +142,7 @@ pub mod io;
 pub mod irregular {}
 #[cfg(feature = "legend")]
 pub mod legend;
+#[cfg(feature = "prepared")]
 pub mod load;
 pub mod math;
 pub mod measure;

@@ -15,7 +15,7 @@ mod particles;
 mod parts;
 mod picture;
 mod ply;
-mod refused;
+pub(crate) mod refused;
 pub(crate) mod splats;
 mod time_steps;
 mod volume;
@@ -147,12 +147,6 @@ pub(crate) fn of_folder(path: &Path) -> Cow<'_, Path> {
         plotfile().or_else(scene).or_else(series)
     });
     file.flatten().map_or(Cow::Borrowed(path), Cow::Owned)
-}
-
-/// Returns true if a folder is a data set of a format that is not read.
-#[cfg(feature = "cli")]
-pub(crate) fn is_foreign_folder(path: &Path) -> bool {
-    refused::folder(path).is_some()
 }
 
 /// Returns true if a file may hold particles of several types: if it is HDF5 or a binary Gadget snapshot.
