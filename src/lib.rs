@@ -116,6 +116,15 @@
 //! | choose | pick a filter path: `blocks::choose`, `splat::choose_exact` |
 //! | merged | a cluster of particles drawn as one: `blocks::Merged` |
 
+#![cfg_attr(
+    not(feature = "prepared"),
+    allow(
+        dead_code,
+        unused_imports,
+        reason = "`load` alone reads files in parts"
+    )
+)]
+
 #[doc = include_str!("../docs/accuracy.md")]
 pub mod accuracy {}
 #[cfg(feature = "legend")]

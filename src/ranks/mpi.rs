@@ -187,7 +187,7 @@ impl MpiRank {
     }
 
     /// Ends all processes of the job.
-    pub(crate) fn end_all() {
+    pub fn end_all() {
         // SAFETY: the world's communicator is valid while MPI runs; if MPI does not run, there is nothing to end.
         unsafe {
             let (mut begun, mut ended) = (0, 0);
