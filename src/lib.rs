@@ -38,7 +38,8 @@
 //!
 //! [`io::open`] reads a file into a [`io::Dataset`], [`sample::scene`] turns the data set into
 //! [`scene::PointVolume`]s, [`Renderer`] draws them, and [`io::write_image`] writes the picture. For meshes,
-//! [`sample::scene`] makes surfels: [`sample::mesh`]. [`sample::splat_cloud`] and [`io::write_splats`] convert
+//! [`sample::scene`] makes surfels: [`sample::mesh`]. `load::load` (feature `prepared`) reads several files as one
+//! scene, in one process or in parts on many ranks. [`sample::splat_cloud`] and [`io::write_splats`] convert
 //! volumes to a file of splats.
 //!
 //! # Column densities

@@ -70,7 +70,7 @@ fn each_rank_reads_a_part_of_a_grid_in_pieces() {
 
 #[test]
 fn ranks_load_several_inputs_and_inputs_that_one_rank_reads() {
-    assert_same(&[field("pieces/duct_0.vtu"), fixture("vase.glb")]);
+    assert_same(&[field("pieces/duct_0.vtu"), fixture("particles.csv")]);
     // The boundary of a field of nodes is cut, for which one rank reads all pieces.
     assert_same(&[fixture("pieces/duct.pvtu")]);
     assert_same(&[fixture("wake.xyz")]);

@@ -164,7 +164,7 @@ fn values_in_double_precision_travel_as_such() {
     };
     let mut weighed = box_of([9, 8, 7]);
     weighed.strength = Strength::Mass((0..9 * 8 * 7).map(|i| 1e-4 * i as f32).collect());
-    let scene = [spheres(4000), ball(900, 0.6), lattice(12), weighed].map(wide);
+    let scene = [spheres(4000), ellipsoids(1500), lattice(12), weighed].map(wide);
     assert!(scene[0].transfer_function.is_none() && scene[2].transfer_function.is_some());
     assert_same(&scene, &frames()[..1], &[1, 3]);
     let camera = Camera::orthographic(DVec3::Z * 4.0, DVec3::ZERO, DVec3::Y, 3.0, [50, 50]);
