@@ -84,10 +84,6 @@ const WHOLE: u8 = 0;
 const FAILED: u8 = 1;
 
 /// Operations that carry errors. Each returns the rank's own error, or that of the first rank that failed.
-#[cfg_attr(
-    not(feature = "cli"),
-    allow(dead_code, reason = "the command line alone uses some")
-)]
 impl dyn Collective + '_ {
     /// Begins to send a part to every rank, or this rank's error in place of the parts.
     ///

@@ -38,7 +38,8 @@
 //!
 //! [`io::open`] reads a file into a [`io::Dataset`], [`sample::scene`] turns the data set into
 //! [`scene::PointVolume`]s, [`Renderer`] draws them, and [`io::write_image`] writes the picture. For meshes,
-//! [`sample::scene`] makes surfels: [`sample::mesh`]. [`sample::splat_cloud`] and [`io::write_splats`] convert
+//! [`sample::scene`] makes surfels: [`sample::mesh`]. `load::load` (feature `prepared`) reads several files as one
+//! scene, in one process or in parts on many ranks. [`sample::splat_cloud`] and [`io::write_splats`] convert
 //! volumes to a file of splats.
 //!
 //! # Column densities
@@ -77,12 +78,11 @@
 //! | `gpu` | the same stages on a GPU (feature `gpu`) |
 //! | [`render`] | scene + camera + settings to frame |
 //! | [`distributed`] | the same on several ranks, each with a share of the scene |
-//! | `load` | files read in parts, some on each rank |
 //! | [`mod@reference`] | the reference image, in f64, by quadrature |
 //! | `overlay` | draws over pictures: text, plates, lines (feature `legend`) |
 //! | `legend`, `annotate` | colour bars in pictures; axes, boxes, scales and titles (feature `legend`) |
 //! | [`measure`] | differences between pictures, and the cost of accuracy |
-//! | `load` | several inputs to one scene (feature `cli`) |
+//! | `load` | several inputs to one scene, in one process or on ranks that read parts of files (feature `prepared`) |
 //!
 //! Further pages: [`accuracy`] on the cost and the error of each approximation, [`irregular`] on how each kind
 //! of data becomes kernels and what its lengths mean, [`compositing`] on sheets, slabs and clip planes,
@@ -117,6 +117,15 @@
 //! | choose | pick a filter path: `blocks::choose`, `splat::choose_exact` |
 //! | merged | a cluster of particles drawn as one: `blocks::Merged` |
 
+#![cfg_attr(
+    not(feature = "prepared"),
+    allow(
+        dead_code,
+        unused_imports,
+        reason = "`load` alone reads files in parts"
+    )
+)]
+
 #[doc = include_str!("../docs/accuracy.md")]
 pub mod accuracy {}
 #[cfg(feature = "legend")]
@@ -143,6 +152,7 @@ pub mod io;
 pub mod irregular {}
 #[cfg(feature = "legend")]
 pub mod legend;
+#[cfg(feature = "prepared")]
 pub mod load;
 pub mod math;
 pub mod measure;

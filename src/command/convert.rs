@@ -9,7 +9,8 @@ use crate::io::write_splats;
 use crate::io::{
     PlyForm, SplatFileOptions, SpzVersion, WrittenSplats, check_folder, check_splats_path,
 };
-use crate::load::{Input, SurfelDemand, axis, prefer};
+use crate::load::note::axis;
+use crate::load::{Input, SurfelDemand, prefer};
 use crate::sample::mesh::{MeshReport, Spread};
 use crate::sample::{
     BoundaryChoice, ConversionReport, Finding, SampleOptions, as_surface, field_choices, scene,

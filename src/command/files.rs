@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::io::{OpenOptions, format_of, is_foreign_folder};
+use crate::io::{OpenOptions, format_of, refused};
 use crate::{Error, Result};
 
 /// Files that the inputs name.
@@ -66,7 +66,9 @@ fn matching(pattern: &Path) -> Result<Vec<PathBuf>> {
 /// Returns true if a path is a folder that is not itself a data set. A folder in a known but
 /// unsupported format counts as a data set.
 fn is_list_of_files(path: &Path) -> bool {
-    path.is_dir() && !is_foreign_folder(path) && format_of(path, &OpenOptions::default()).is_err()
+    path.is_dir()
+        && refused::folder(path).is_none()
+        && format_of(path, &OpenOptions::default()).is_err()
 }
 
 /// Collects all files below a folder. It does not follow links to folders: they may form cycles.

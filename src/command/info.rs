@@ -245,6 +245,7 @@ impl Arguments {
         description["lengths"] = json!(report.lengths);
         description["left_out"] = json!(report.warnings());
         description["particles"] = json!(sampled.volume.particles.len());
+        description["ghosts"] = json!(report.ghost_count);
         if !with_blocks {
             return Ok(description);
         }

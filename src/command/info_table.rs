@@ -216,7 +216,12 @@ pub(crate) fn print_table(description: &Value) {
     row("lower bound", vector(&description["bounds"][0]));
     row("upper bound", vector(&description["bounds"][1]));
     if description["particles"].is_u64() {
-        row("particles", text(&description["particles"]));
+        let ghosts = match description["ghosts"].as_u64() {
+            None | Some(0) => String::new(),
+            Some(count) => format!(", {count} of them ghosts beyond the boundary"),
+        };
+        let count = text(&description["particles"]);
+        row("particles", format!("{count}{ghosts}"));
     }
     if description["shown"].is_string() {
         row("shown field", text(&description["shown"]));

@@ -4,24 +4,21 @@
 #[cfg(feature = "mpi")]
 use std::sync::{Mutex, PoisonError};
 
-#[cfg(feature = "mpi")]
-use mpi::environment::Universe;
-
 use crate::collective::Collective;
 use crate::message::{put, take};
 #[cfg(feature = "mpi")]
-use crate::ranks::MpiRank;
+use crate::ranks::{MpiGuard, MpiRank};
 use crate::{Error, Image, Result};
 
-/// MPI's state. Dropping it ends MPI, after the last message of this process.
+/// Guard that ends MPI, after the last message of this process.
 #[cfg(feature = "mpi")]
-static UNIVERSE: Mutex<Option<Universe>> = Mutex::new(None);
+static GUARD: Mutex<Option<MpiGuard>> = Mutex::new(None);
 
 /// Starts MPI. From now on only the first rank prints, and a rank that panics ends all ranks.
 #[cfg(feature = "mpi")]
 pub(crate) fn start() -> Result<Box<dyn Collective>> {
     let mut rank = MpiRank::world()?;
-    *UNIVERSE.lock().unwrap_or_else(PoisonError::into_inner) = rank.universe();
+    *GUARD.lock().unwrap_or_else(PoisonError::into_inner) = rank.take_guard();
     let ranks: Box<dyn Collective> = Box::new(rank);
     let rank = ranks.rank();
     if rank != 0 {
@@ -40,13 +37,7 @@ pub(crate) fn start() -> Result<Box<dyn Collective>> {
 /// if one fails, the launcher ends those that are left.
 #[cfg(feature = "mpi")]
 pub(crate) fn end() {
-    let universe = UNIVERSE
-        .lock()
-        .unwrap_or_else(PoisonError::into_inner)
-        .take();
-    if universe.is_some() {
-        MpiRank::wait_for_all();
-    }
+    drop(GUARD.lock().unwrap_or_else(PoisonError::into_inner).take());
 }
 
 /// Fails always: the command line refuses the option in a build without MPI.

@@ -6,7 +6,6 @@ use std::path::Path;
 use super::bytes::file::{HEAD, Input};
 use super::grid::{openfoam, plotfile};
 #[cfg(feature = "cli")]
-use super::refused;
 use super::splats::sog;
 #[cfg(feature = "dicom")]
 use super::volume::dicom;
@@ -32,10 +31,4 @@ pub(crate) fn of_folder(path: &Path) -> Cow<'_, Path> {
         plotfile().or_else(scene).or_else(series)
     });
     file.flatten().map_or(Cow::Borrowed(path), Cow::Owned)
-}
-
-/// Returns true if a folder is a data set of a format that is not read.
-#[cfg(feature = "cli")]
-pub(crate) fn is_foreign_folder(path: &Path) -> bool {
-    refused::folder(path).is_some()
 }

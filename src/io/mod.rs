@@ -19,7 +19,7 @@ mod particles;
 mod parts;
 mod picture;
 mod ply;
-mod refused;
+pub(crate) mod refused;
 pub(crate) mod splats;
 mod time_steps;
 mod volume;
@@ -28,8 +28,6 @@ mod vtk;
 #[cfg(feature = "prepared")]
 pub(crate) use self::bytes::atomic::write_atomically;
 pub use self::bytes::atomic::write_bytes_atomically;
-#[cfg(feature = "cli")]
-pub(crate) use self::folder::is_foreign_folder;
 pub use self::format::{Family, Format};
 pub use self::formats::{format_of, formats};
 pub(crate) use self::mesh::mesh_part::leave_out_unused;

@@ -730,7 +730,7 @@ pub(super) fn archive(path: &Path, head: &[u8]) -> Option<Error> {
 }
 
 /// The error for a folder whose content identifies a refused format.
-pub(super) fn folder(path: &Path) -> Option<Error> {
+pub(crate) fn folder(path: &Path) -> Option<Error> {
     let holds = |name: &&str| path.join(name).is_file();
     let row = REFUSED.iter().find(|row| row.endings.contains(&"zarr"))?;
     let is_named = || named(path).is_some_and(|named| std::ptr::eq(named, row));

@@ -77,7 +77,8 @@ impl Input {
     }
 
     /// Returns this input with the particles of one type.
-    pub(crate) fn of_type(&self, particles: ParticleType) -> Self {
+    #[must_use]
+    pub fn of_type(&self, particles: ParticleType) -> Self {
         Self {
             particle_type: Some(particles),
             ..self.clone()

@@ -1,5 +1,7 @@
 //! Gathers the scene of all inputs.
 
+use std::mem::take;
+
 use glam::DVec3;
 
 use super::facts::{Corners, InputFacts, may_end_sharply};
@@ -198,14 +200,28 @@ impl Loaded {
         Some(((lower + upper) / 2.0, (upper - lower) / 2.0))
     }
 
+    /// Takes this rank's share, with its volumes, out of this scene. Returns `None` if every rank has the whole scene.
+    ///
+    /// - `size`: number of the ranks.
+    pub(crate) fn take_share(&mut self, size: usize) -> Option<Share> {
+        let share = match self.share.take() {
+            // A single rank has all particles.
+            None if size == 1 && self.prepared.is_empty() => Share::from(Vec::new()),
+            share => share?,
+        };
+        Some(Share {
+            volumes: take(&mut self.volumes),
+            ..share
+        })
+    }
+
     /// Sorts the volumes into blocks. It takes the volumes and the prepared scenes out of this
     /// scene.
     ///
     /// # Errors
     /// The errors of [`Renderer::with_options`].
     pub fn renderer(&mut self, options: &SceneOptions) -> Result<Renderer> {
-        let volumes = std::mem::take(&mut self.volumes);
-        prepared::renderer(volumes, std::mem::take(&mut self.prepared), options)
+        prepared::renderer(take(&mut self.volumes), take(&mut self.prepared), options)
     }
 }
 

@@ -69,6 +69,22 @@ pub trait Checks {
 /// No checks.
 impl Checks for () {}
 
+impl<'a> Request<'a> {
+    /// Requests inputs without known cameras, without checks, and without an observer. Ranks may read parts.
+    pub fn new(inputs: &'a [Input], open: &'a OpenOptions, sample: &'a SampleOptions) -> Self {
+        Self {
+            inputs,
+            open,
+            sample,
+            cameras: &|_, _| Ok(Vec::new()),
+            keeps_axes: false,
+            takes_parts: true,
+            checks: &(),
+            observer: &|_| {},
+        }
+    }
+}
+
 impl std::fmt::Debug for Request<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Request")

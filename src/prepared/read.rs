@@ -161,6 +161,9 @@ impl<'a> Reading<'a> {
         self.densities
             .push(of.column::<f64>(Id::Density, places.rows)?.to_vec());
         let strengths = of.whole::<f32>(Id::Strength)?;
+        if head.values == Some(ValuesHeader::F64) {
+            return wrong("values", "single precision at most", "f64");
+        }
         let mut values = head.values.map(ValuesHeader::empty);
         let count = None;
         values.visit(&mut Filling { of: &of, count })?;

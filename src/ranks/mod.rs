@@ -36,7 +36,7 @@ mod exchange;
 mod frames;
 #[cfg(feature = "mpi")]
 mod mpi;
-mod renderer;
+pub(crate) mod renderer;
 mod share;
 mod statistics;
 mod threads;
@@ -45,10 +45,8 @@ mod tiles;
 pub use crate::collective::{Alone, Collective};
 pub(crate) use frames::RankFrames;
 #[cfg(feature = "mpi")]
-pub use mpi::MpiRank;
+pub use mpi::{MpiGuard, MpiRank};
 pub use renderer::Renderer;
-#[cfg(feature = "cli")]
-pub(crate) use renderer::shared;
 pub use share::Share;
 pub(crate) use share::{SMALL, is_small};
 pub use statistics::{RankStats, RankTimes};

@@ -45,6 +45,24 @@ impl fmt::Debug for MpiRank {
     }
 }
 
+/// Guard that ends MPI when it is dropped, after the guards of all processes of the job.
+pub struct MpiGuard(#[expect(dead_code, reason = "dropping it ends MPI")] Universe);
+
+impl fmt::Debug for MpiGuard {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("MpiGuard")
+    }
+}
+
+impl Drop for MpiGuard {
+    fn drop(&mut self) {
+        // SAFETY: the world's communicator is valid while MPI runs. An error ends the job.
+        unsafe {
+            ffi::MPI_Barrier(ffi::RSMPI_COMM_WORLD);
+        }
+    }
+}
+
 /// An exchange under way, in rounds.
 struct Exchange {
     rounds: Vec<Round>,
@@ -163,23 +181,13 @@ impl MpiRank {
         })
     }
 
-    /// Takes the value that ends MPI when it is dropped, if this rank started MPI; the rank no longer ends it.
-    #[cfg(feature = "cli")]
-    pub(crate) fn universe(&mut self) -> Option<Universe> {
-        self.universe.take()
-    }
-
-    /// Waits for all processes of the job, while MPI runs.
-    #[cfg(feature = "cli")]
-    pub(crate) fn wait_for_all() {
-        // SAFETY: the world's communicator is valid while MPI runs. An error ends the job.
-        unsafe {
-            ffi::MPI_Barrier(ffi::RSMPI_COMM_WORLD);
-        }
+    /// Takes the guard that ends MPI, if this rank started MPI; the rank no longer ends it.
+    pub fn take_guard(&mut self) -> Option<MpiGuard> {
+        self.universe.take().map(MpiGuard)
     }
 
     /// Ends all processes of the job.
-    pub(crate) fn end_all() {
+    pub fn end_all() {
         // SAFETY: the world's communicator is valid while MPI runs; if MPI does not run, there is nothing to end.
         unsafe {
             let (mut begun, mut ended) = (0, 0);

@@ -75,44 +75,7 @@ impl Renderer {
         Ok(Self::of(shared(share.into(), options, ranks)?))
     }
 
-    /// Builds a renderer of a file of points. Every rank reads a run of rows and holds some of the particles: no rank
-    /// needs the memory of the whole.
-    ///
-    /// # Errors
-    /// The errors of reading, on any rank; those of [`Self::new`].
-    #[cfg(feature = "prepared")]
-    pub fn of_file(
-        communicator: impl Collective + 'static,
-        file: &mut crate::prepared::PointFile,
-        options: &SceneOptions,
-    ) -> Result<Self> {
-        let mut ranks: Box<dyn Collective> = Box::new(communicator);
-        let share = crate::load::parts::read_together(file, &mut *ranks)?;
-        Ok(Self::of(shared(share, options, ranks)?))
-    }
-
-    /// Builds a renderer of a scene that only the first rank holds, for example of a file that one rank reads for all.
-    ///
-    /// The first rank needs the memory of the whole scene while it scatters the particles. The others need the memory
-    /// of their shares, and of the volumes that every rank holds entirely ([`Self::new`]), among them lattices that
-    /// have more than values.
-    ///
-    /// - `scene`: the volumes, on the first rank; ignored on other ranks.
-    ///
-    /// # Errors
-    /// The errors of [`Self::new`].
-    #[cfg(feature = "prepared")]
-    pub fn of_first(
-        communicator: impl Collective + 'static,
-        scene: Option<Vec<PointVolume>>,
-        options: &SceneOptions,
-    ) -> Result<Self> {
-        let mut ranks: Box<dyn Collective> = Box::new(communicator);
-        let share = crate::load::parts::scatter(scene, &mut *ranks)?;
-        Ok(Self::of(shared(share, options, ranks)?))
-    }
-
-    fn of(frames: render::Renderer) -> Self {
+    pub(crate) fn of(frames: render::Renderer) -> Self {
         Self {
             visible: frames.visible_boxes(),
             boxes: frames.boxes(),
@@ -132,7 +95,7 @@ impl Renderer {
     ) -> Result<Self> {
         let mut ranks: Box<dyn Collective> = Box::new(communicator);
         let whole = render::Renderer::with_options(scene, options);
-        Self::shared(ranks.agree(whole)?, ranks)
+        Self::of_shared(ranks.agree(whole)?, ranks)
     }
 
     /// Builds a renderer of prepared scenes, which every rank has mapped. Each rank reads only the parts that it draws:
@@ -147,10 +110,10 @@ impl Renderer {
     ) -> Result<Self> {
         let mut ranks: Box<dyn Collective> = Box::new(communicator);
         let whole = render::Renderer::of_prepared(scenes);
-        Self::shared(ranks.agree(whole)?, ranks)
+        Self::of_shared(ranks.agree(whole)?, ranks)
     }
 
-    fn shared(whole: render::Renderer, ranks: Box<dyn Collective>) -> Result<Self> {
+    pub(crate) fn of_shared(whole: render::Renderer, ranks: Box<dyn Collective>) -> Result<Self> {
         let (visible, boxes) = (whole.visible_boxes(), whole.boxes());
         Ok(Self {
             frames: whole.over_ranks(ranks)?,

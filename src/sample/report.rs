@@ -22,8 +22,10 @@ pub struct SampleReport {
     pub lengths: Option<String>,
     /// Number of samples in the file; of triangles for a mesh.
     pub sample_count: usize,
-    /// Number of particles made of the samples.
+    /// Number of particles made of the samples, and of their ghosts.
     pub particle_count: usize,
+    /// Number of ghosts among the particles: kernels beyond a sharp boundary.
+    pub ghost_count: usize,
     /// Findings, in the order of the work.
     pub findings: Vec<Finding>,
     /// Evenness of the spread of surfels, for a mesh.
@@ -71,6 +73,7 @@ impl SampleReport {
     pub(crate) fn add(&mut self, other: &Self) {
         self.sample_count += other.sample_count;
         self.particle_count += other.particle_count;
+        self.ghost_count += other.ghost_count;
         self.value_range = match (self.value_range, other.value_range) {
             (Some([a, b]), Some([c, d])) => Some([a.min(c), b.max(d)]),
             (own, other) => own.or(other),
@@ -122,6 +125,7 @@ impl Found {
                 value_range: None,
                 sample_count: 0,
                 particle_count: 0,
+                ghost_count: 0,
                 findings: Vec::new(),
                 ..others.clone()
             },

@@ -106,6 +106,8 @@ pub(crate) enum ValuesHeader {
     I16,
     U16,
     F32,
+    /// Values of a volume, which blocks narrow.
+    F64,
 }
 
 #[cfg(feature = "prepared")]
@@ -115,8 +117,8 @@ impl ValuesHeader {
             ValuesIn::U8(_) => Self::U8,
             ValuesIn::I16(_) => Self::I16,
             ValuesIn::U16(_) => Self::U16,
-            // A volume's values are narrowed when its blocks are made.
-            ValuesIn::F32(_) | ValuesIn::F64(_) => Self::F32,
+            ValuesIn::F32(_) => Self::F32,
+            ValuesIn::F64(_) => Self::F64,
         }
     }
 
@@ -127,6 +129,7 @@ impl ValuesHeader {
             Self::I16 => ValuesIn::I16(S::Of::default()),
             Self::U16 => ValuesIn::U16(S::Of::default()),
             Self::F32 => ValuesIn::F32(S::Of::default()),
+            Self::F64 => ValuesIn::F64(S::Of::default()),
         }
     }
 }

@@ -531,6 +531,40 @@ fn info_tells_what_is_there() {
 }
 
 #[test]
+fn info_tells_ghosts_from_other_particles() {
+    let folder = tempfile::tempdir().unwrap();
+    let of = |more: &[&str]| {
+        let pieces = fixture("pieces/duct.pvtu");
+        let output = run(folder.path(), &[&["info", &pieces][..], more].concat());
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    };
+    let counts = |more: &[&str]| {
+        let info: serde_json::Value = serde_json::from_str(&of(more)).unwrap();
+        [
+            &info["geometry"]["nodes"],
+            &info["particles"],
+            &info["ghosts"],
+        ]
+        .map(|count| count.as_u64().unwrap())
+    };
+    let [nodes, particles, ghosts] = counts(&["--json"]);
+    assert!(
+        ghosts > 0 && particles - ghosts <= nodes,
+        "{ghosts}, {particles}"
+    );
+    let soft = counts(&["--json", "--boundary", "soft"]);
+    assert_eq!(soft, [nodes, particles - ghosts, 0]);
+    let line =
+        format!("particles          {particles}, {ghosts} of them ghosts beyond the boundary\n");
+    assert!(of(&[]).contains(&line), "{line}");
+    let soft = of(&["--boundary", "soft"]);
+    assert!(
+        soft.contains(&format!("particles          {}\n", particles - ghosts)),
+        "{soft}"
+    );
+}
+
+#[test]
 fn info_describes_meshes() {
     let folder = tempfile::tempdir().unwrap();
     for (name, format) in [

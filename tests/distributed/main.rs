@@ -10,6 +10,8 @@
 mod common;
 
 mod faults;
+#[cfg(feature = "prepared")]
+mod loaded;
 mod pictures;
 mod planes;
 #[cfg(feature = "prepared")]

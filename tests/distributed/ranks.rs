@@ -53,7 +53,14 @@ impl Frame {
 
 /// Draws frames in one process, one after another with one renderer.
 pub(crate) fn alone(scene: &[PointVolume], frames: &[(Camera, Settings)]) -> Vec<Frame> {
-    let mut renderer = ewa_splat::Renderer::new(scene.to_vec()).unwrap();
+    drawn_alone(ewa_splat::Renderer::new(scene.to_vec()).unwrap(), frames)
+}
+
+/// Draws frames with the renderer of one process.
+pub(crate) fn drawn_alone(
+    mut renderer: ewa_splat::Renderer,
+    frames: &[(Camera, Settings)],
+) -> Vec<Frame> {
     let draw = |(camera, settings): &(Camera, Settings)| {
         let image = renderer.render(camera, settings).unwrap().clone();
         let (depth, normals) = (renderer.depth(), renderer.normals());

@@ -4,10 +4,10 @@ use ewa_splat::distributed::{Collective, Renderer, Share};
 use ewa_splat::io::{OpenOptions, open};
 use ewa_splat::sample::{BoundaryChoice, SampleOptions, scene};
 use ewa_splat::scene::{
-    Colour, Lighting, Particles, PointVolume, Strength, TransferFunction, ValueScale,
+    Colour, Lighting, Particles, PointVolume, Strength, TransferFunction, ValueScale, Values,
 };
 use ewa_splat::view::Camera;
-use ewa_splat::{Error, SceneOptions, Settings};
+use ewa_splat::{ColumnSettings, Error, SceneOptions, Settings};
 use glam::DVec3;
 
 use crate::common::Random;
@@ -150,6 +150,35 @@ fn grids_and_functions_travel_to_the_last_bit() {
         volume.local_models = None;
         assert_same(&[volume], &frames()[..1], &[2]);
     }
+}
+
+/// Values in double precision: of points, of a lattice that is partitioned by planes, and of one that every rank has.
+#[test]
+fn values_in_double_precision_travel_as_such() {
+    let wide = |volume: PointVolume| {
+        let thirds = (0..volume.particles.len()).map(|i| (i % 700) as f64 / 3.0);
+        PointVolume {
+            values: Some(Values::F64(thirds.collect())),
+            ..volume
+        }
+    };
+    let mut weighed = box_of([9, 8, 7]);
+    weighed.strength = Strength::Mass((0..9 * 8 * 7).map(|i| 1e-4 * i as f32).collect());
+    let scene = [spheres(4000), ellipsoids(1500), lattice(12), weighed].map(wide);
+    assert!(scene[0].transfer_function.is_none() && scene[2].transfer_function.is_some());
+    assert_same(&scene, &frames()[..1], &[1, 3]);
+    let camera = Camera::orthographic(DVec3::Z * 4.0, DVec3::ZERO, DVec3::Y, 3.0, [50, 50]);
+    let settings = ColumnSettings::default();
+    let mut whole = ewa_splat::Renderer::new(scene.to_vec()).unwrap();
+    let expected = whole.column_density(&camera, &settings).unwrap();
+    let found = each(3, |rank| {
+        let own = (rank.rank() == 0).then(|| scene.to_vec());
+        let renderer = Renderer::of_first(rank, own, &SceneOptions::default());
+        let mut renderer = renderer.unwrap();
+        let column = renderer.column_density(&camera, &settings).unwrap();
+        column.cloned()
+    });
+    assert!(found[0].as_ref() == Some(expected));
 }
 
 #[test]

@@ -26,7 +26,9 @@ use crate::collective::Collective;
 use crate::constants::BRICK;
 use crate::error::Result;
 use crate::message::unknown;
-use crate::scene::{Lattice, Particles, PointVolume, Requirements, Shared, StrengthIn, ValuesIn};
+use crate::scene::{
+    Lattice, Particles, PointVolume, Requirements, Shared, StrengthIn, ValueScale, ValuesIn,
+};
 
 /// Builds the bricks of a lattice, and its levels of detail.
 ///
@@ -47,6 +49,11 @@ pub(crate) fn build_lattice_together(
     let requirements = Requirements {
         values: held.values.type_name(),
         ..Requirements::of(&volume)
+    };
+    // Blocks have single precision at most.
+    let held = Held {
+        values: ValueScale::Linear.positions(held.values),
+        ..held
     };
     let Particles::Lattice {
         lattice,

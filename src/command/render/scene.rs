@@ -12,9 +12,8 @@ use crate::command::truth::{ReferenceName, Truth};
 use crate::command::viewpoint::{Canvas, left_of};
 use crate::io::write_bytes_atomically;
 use crate::legend::{ColourBar, legend_width};
-use crate::load::prepared::renderer as renderer_of;
 use crate::load::{Loaded, Request, load};
-use crate::ranks::Share;
+use crate::ranks::renderer::shared;
 use crate::sample::SampleOptions;
 use crate::scene::{PointVolume, TransferFunction};
 use crate::view::{Bounds, Camera, Lens};
@@ -70,25 +69,18 @@ impl Arguments {
             None => load(&request, &mut alone)?,
             Some(ranks) => load(&request, &mut **ranks)?,
         };
-        let mut shared = scene.share.take();
-        if is_shared && shared.is_none() && scene.prepared.is_empty() {
-            // A single rank has all particles.
-            shared = Some(Share::from(Vec::new()));
-        }
-        let is_shared = shared.is_some();
         let is_column = self.method.column_density;
         let legend = self.bars(&scene)?;
         let bounds = scene.bounds();
-        let (scene, prepared, up, fields) = (scene.volumes, scene.prepared, scene.up, scene.fields);
         // Other ranks learn of a failure here when they next wait for this rank.
         let is_first = ranks.as_ref().is_none_or(|ranks| ranks.rank() == 0);
         if is_first {
-            self.write_function(&scene)?;
+            self.write_function(&scene.volumes)?;
         }
         let mean = match &self.method.column_mean {
             None => None,
             Some(field) => {
-                let of = (scene.as_slice(), field.as_str());
+                let of = (scene.volumes.as_slice(), field.as_str());
                 let (data, inputs) = (&self.data, &self.inputs);
                 Some(column_mean::weighed(data, inputs, of, options, progress)?)
             }
@@ -99,25 +91,26 @@ impl Arguments {
         let prepare_start = Instant::now();
         let truth = match self.method.reference {
             None => None,
-            Some(ReferenceName::Kernels) => {
-                Some(Truth::of_kernels(&scene, self.method.classification())?)
-            }
+            Some(ReferenceName::Kernels) => Some(Truth::of_kernels(
+                &scene.volumes,
+                self.method.classification(),
+            )?),
             Some(ReferenceName::Data) => {
                 let (data, inputs) = (&self.data, &self.inputs);
-                Some(Truth::of_data(data, inputs, &scene, &fields)?)
+                Some(Truth::of_data(data, inputs, &scene.volumes, &scene.fields)?)
             }
         };
         let truth = truth.map(|truth| truth.clipped(&self.clip_planes()));
         let scene_options = self.scene_options(options);
-        let renderer = match (shared, ranks.take_if(|_| is_shared)) {
-            (Some(share), Some(ranks)) => {
-                let share = Share {
-                    volumes: scene,
-                    ..share
-                };
-                crate::ranks::shared(share, &scene_options, ranks)?
-            }
-            _ => renderer_of(scene, prepared, &scene_options)?,
+        let size = ranks
+            .as_ref()
+            .filter(|_| is_shared)
+            .map(|ranks| ranks.size());
+        let share = size.and_then(|size| scene.take_share(size));
+        let is_shared = share.is_some();
+        let renderer = match (share, ranks.take_if(|_| is_shared)) {
+            (Some(share), Some(ranks)) => shared(share, &scene_options, ranks)?,
+            _ => scene.renderer(&scene_options)?,
         };
         let (all, canvas) = if is_column {
             let lens = Lens::OrthoHeight(None);
@@ -133,13 +126,13 @@ impl Arguments {
         let mut boxes = left_of(all, &self.clip_planes());
         // The camera shows the whole outline, even if the data inside it are clipped.
         boxes.extend(bounds.filter(|_| self.annotations.has_outline()));
-        let cameras = cameras(&boxes, up, &canvas)?;
+        let cameras = cameras(&boxes, scene.up, &canvas)?;
         Ok(ReadyScene {
             renderer,
             cameras,
             legend,
             bounds,
-            fields,
+            fields: scene.fields,
             mean,
             truth,
             read_ms,

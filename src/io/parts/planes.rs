@@ -46,10 +46,6 @@ impl Planes {
     ///
     /// # Errors
     /// The errors of [`open`](crate::io::open) for headers and missing files.
-    #[cfg_attr(
-        not(feature = "cli"),
-        allow(dead_code, reason = "the command line alone opens files in parts")
-    )]
     pub(crate) fn open(
         path: &Path,
         options: &OpenOptions,
@@ -122,19 +118,11 @@ impl Planes {
     }
 
     /// The file's [`Dataset::notes`].
-    #[cfg_attr(
-        not(feature = "cli"),
-        allow(dead_code, reason = "the command line alone opens files in parts")
-    )]
     pub(crate) fn notes(&self) -> &[String] {
         &self.head.notes
     }
 
     /// The file's [`Dataset::format`].
-    #[cfg_attr(
-        not(feature = "cli"),
-        allow(dead_code, reason = "the command line alone opens files in parts")
-    )]
     pub(crate) fn format(&self) -> &str {
         self.head.format
     }

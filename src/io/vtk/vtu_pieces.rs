@@ -35,10 +35,6 @@ impl VtuPieces {
     ///
     /// # Errors
     /// The errors of [`open`](crate::io::open) for an index; a piece's missing file.
-    #[cfg_attr(
-        not(feature = "cli"),
-        allow(dead_code, reason = "the command line alone opens files in parts")
-    )]
     pub(crate) fn open(path: &Path) -> Result<Option<Self>> {
         pieces::in_index(path, vtu::KIND, |input, element| {
             Ok(Self {

@@ -128,6 +128,7 @@ pub(crate) fn read_grid(
     let of_ghosts = count + ghosts_before..count + ghosts_before + ghosts;
     let numbers = (before..before + own).chain(of_ghosts);
     found.report.particle_count += all_ghosts as usize;
+    found.report.ghost_count = all_ghosts as usize;
     let outline = CurvilinearBlock {
         dims: [outline.len(), 1, 1],
         nodes: outline,

@@ -2,7 +2,7 @@
 //!
 //! | file | subject |
 //! |---|---|
-//! | `point_file.rs` | points that are sampled row by row (feature `prepared`) |
+//! | `point_file.rs` | points that are sampled row by row |
 //! | `rows.rs` | points that are sampled by their neighbours |
 //! | `halo.rs` | halo of these points: neighbours on other ranks |
 //! | `pieces.rs` | an unstructured grid in pieces |
@@ -13,17 +13,9 @@
 //! | `values.rs` | encoding of values as bytes |
 //! | `found.rs` | sum of the reports of all ranks |
 //! | `function.rs` | transfer function chosen from the values of all ranks |
-//! | `scatter.rs` | scattering of volumes that one rank holds (feature `prepared`) |
-//! | `metadata.rs` | metadata of volumes: everything but their particles (feature `prepared`) |
+//! | `scatter.rs` | scattering of volumes that one rank holds |
+//! | `metadata.rs` | metadata of volumes: everything but their particles |
 
-#![cfg_attr(
-    not(feature = "cli"),
-    allow(
-        dead_code,
-        unused_imports,
-        reason = "the command line alone reads all kinds of parts"
-    )
-)]
 #![allow(
     clippy::cast_possible_truncation,
     reason = "indices of points and cells are 32-bit numbers by design, and counts that travel were usize where they come from"
@@ -35,14 +27,11 @@ mod function;
 mod ghost_layers;
 mod grid;
 mod halo;
-#[cfg(feature = "prepared")]
 mod metadata;
 mod pieces;
 mod planes;
-#[cfg(feature = "prepared")]
 mod point_file;
 mod rows;
-#[cfg(feature = "prepared")]
 mod scatter;
 mod values;
 
@@ -50,8 +39,6 @@ pub(crate) use function::PartRead;
 pub(crate) use grid::read_grid;
 pub(crate) use pieces::{assigned, read_pieces};
 pub(crate) use planes::read_planes;
-#[cfg(feature = "prepared")]
 pub(crate) use point_file::read_together;
 pub(crate) use rows::read_rows;
-#[cfg(feature = "prepared")]
 pub(crate) use scatter::{distribute, scatter};

@@ -574,6 +574,7 @@ pub(in crate::sample) fn apply(
         }
     }
     report.particle_count = positions.len();
+    report.ghost_count = ghost_count;
     volume.boundary = Some(Boundary::Planes(boundary));
     Ok(Some(Ghosts {
         sources: sources.iter().map(|([nearest, _], _)| *nearest).collect(),
