@@ -19,6 +19,7 @@ mod pick;
 mod renderer;
 
 pub use crate::blocks::{LayerKind, Layers, SceneOptions};
+pub use crate::constants::{DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE};
 pub use crate::frame::backend::{Backend, OpenBackend};
 pub use crate::frame::settings::{Blend, ClassifyAt, ColumnSettings, Composite, Settings, Show};
 #[cfg(feature = "gpu")]

@@ -5,9 +5,9 @@ use std::panic::Location;
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::Instant;
 
-use ewa_splat::constants::{TERMINATION_SHARE, TILE_SIZE};
 use ewa_splat::image::Image;
 use ewa_splat::scene::PointVolume;
+use ewa_splat::stages::constants::{TERMINATION_SHARE, TILE_SIZE};
 use ewa_splat::stages::cpu::{Bins, SimdLevel};
 use ewa_splat::stages::record::{Footprint, PATH_EXACT, PATH_NEAR, PATH_PEAK};
 use ewa_splat::stages::splat::evaluate_near;

@@ -592,10 +592,10 @@ pub mod scene {
 pub mod frame {
     use ewa_splat::Filter;
     use ewa_splat::Settings;
-    use ewa_splat::constants::{MAX_CUTOFF, TILE_SIZE};
     use ewa_splat::render::{Classification, SimdLevel};
     use ewa_splat::scene::PointVolume;
     use ewa_splat::stages::blocks::{BlockedVolume, DepthRange, Frustum, cull, distance_interval};
+    use ewa_splat::stages::constants::{MAX_CUTOFF, TILE_SIZE};
     use ewa_splat::stages::cpu::{self, Bins, ProjectOutput, RasteriseSettings, Tile};
     use ewa_splat::stages::record::{
         BlockView, ChoiceUniform, ClassifiedParticle, ExactTerms, Footprint, FootprintTerms,

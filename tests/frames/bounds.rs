@@ -17,12 +17,12 @@ use crate::common::frame::Frame;
 use crate::common::judge::{self, Body};
 use crate::common::scene::{Particle, camera, difference, overlapping, render, volume};
 use crate::common::{Random, some};
-use ewa_splat::constants::{MAX_CUTOFF, TERMINATION_SHARE};
 use ewa_splat::math::normal_cdf;
 use ewa_splat::scene::{ColourSpace, ControlPoint, TransferFunction};
 use ewa_splat::stages::blocks::{
     Block, BlockedParticles, BlockedVolume, DepthRange, Frustum, distance_interval,
 };
+use ewa_splat::stages::constants::{MAX_CUTOFF, TERMINATION_SHARE};
 use ewa_splat::stages::record::{BlockView, PATH_NEAR, ViewUniform};
 use ewa_splat::stages::splat::{
     Filter, ImageKernel, Kernel, ScreenFactor, affine_error, cutoff_radius, cutoff_share,

@@ -11,8 +11,8 @@ use crate::common::frame::Frame;
 use crate::common::gpu::{explained_flips, gpu};
 use crate::common::scene::{Particle, volume};
 use ewa_splat::Filter;
-use ewa_splat::constants::{FAINT, TERMINATION_INTERVAL};
 use ewa_splat::image::{DepthImage, Image};
+use ewa_splat::stages::constants::{FAINT, TERMINATION_INTERVAL};
 use ewa_splat::stages::cpu::{self, Bins, SimdLevel};
 use ewa_splat::stages::gpu::{Gpu, RasterSpec, rasterise};
 use ewa_splat::stages::record::{

@@ -10,8 +10,8 @@ use crate::common::Random;
 use crate::common::depth_of;
 use crate::common::frame::Frame;
 use crate::common::scene::{self, Particle, difference, volume};
-use ewa_splat::constants::{MAX_CUTOFF, TERMINATION_SHARE};
 use ewa_splat::scene::{Colour, PointVolume, Strength};
+use ewa_splat::stages::constants::{MAX_CUTOFF, TERMINATION_SHARE};
 use ewa_splat::stages::cpu::{self, RasteriseSettings, SimdLevel, Tile};
 use ewa_splat::stages::record::{
     ExactTerms, Footprint, PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR,

@@ -8,11 +8,11 @@
 use crate::common::Random;
 use crate::common::frame::Frame;
 use crate::common::scene::{self, Particle, difference, render, volume};
-use ewa_splat::constants::TILE_SIZE;
 use ewa_splat::scene::{
     Colour, Particles, PointVolume, Strength, StrengthIn, TransferFunction, Values,
 };
 use ewa_splat::stages::blocks::{BlockedParticles, BlockedVolume};
+use ewa_splat::stages::constants::TILE_SIZE;
 use ewa_splat::stages::cpu::{Bins, bin, classify, count_classified, sort};
 use ewa_splat::stages::record::{
     BlockView, Carried, ClassifiedParticle, Footprint, PATH_EXACT, PATH_NEAR, pack_range,
