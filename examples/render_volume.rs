@@ -19,7 +19,7 @@ fn main() -> ewa_splat::Result<()> {
     let volume = sample::volume(dataset, &options)?.volume;
 
     // Uses a hardware GPU if there is one, otherwise the CPU.
-    let mut renderer = Renderer::with_backend(vec![volume], Backend::Auto)?;
+    let mut renderer = Renderer::with_options(vec![volume], Backend::Auto)?;
     let viewpoint = Viewpoint {
         azimuth_deg: 30.0,
         elevation_deg: 25.0,

@@ -35,7 +35,7 @@
 //!
 //! [`sample::scene`] makes surfels of meshes, and volumes of all other data. [`load::load`] reads several
 //! inputs as one scene. [`sample::splat_cloud`] and [`io::write_splats`] save volumes as splats.
-//! [`Renderer::with_backend`] draws on a GPU.
+//! [`RendererOptions`] choose a GPU and the data to keep for later changes.
 //!
 //! # From memory
 //!
@@ -235,7 +235,7 @@ pub use wgpu;
 pub use error::{Error, Result};
 pub use image::{ColumnImage, DepthImage, Image, NormalImage};
 pub use render::{
-    Backend, Blend, ClassifyAt, ColumnSettings, Composite, Filter, Renderer, SceneOptions,
-    Settings, Show,
+    Backend, Blend, ClassifyAt, ColumnSettings, Composite, Filter, Renderer, RendererOptions,
+    SceneOptions, Settings, Show,
 };
 pub use task::{Progress, Task};

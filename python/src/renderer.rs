@@ -289,7 +289,7 @@ impl State {
         let backend = usable(self.backend)?;
         let is_open = backend != Backend::Auto;
         let renderer = match is_open {
-            true => renderer.on_backend(backend)?,
+            true => renderer.on(backend.open()?)?,
             false => renderer,
         };
         Ok(Ready {
@@ -314,7 +314,7 @@ impl State {
         let waits = |ready: &mut Ready| !ready.is_open && !ready.renderer.suits_cpu(camera, 1);
         if let Some(ready) = self.ready.take_if(waits) {
             self.ready = Some(Ready {
-                renderer: ready.renderer.on_backend(usable(self.backend)?)?,
+                renderer: ready.renderer.on(usable(self.backend)?.open()?)?,
                 is_open: true,
                 ..ready
             });

@@ -12,7 +12,9 @@ use ewa_splat::scene::{
     Values,
 };
 use ewa_splat::view::{Camera, Lens, Viewpoint};
-use ewa_splat::{ClassifyAt, ColumnSettings, Composite, Renderer, SceneOptions, Settings};
+use ewa_splat::{
+    ClassifyAt, ColumnSettings, Composite, Renderer, RendererOptions, SceneOptions, Settings,
+};
 use glam::DVec3;
 
 use crate::common::{Random, some};
@@ -157,7 +159,8 @@ fn a_prepared_scene_is_the_scene_it_was_made_of() {
             assert_eq!(std::fs::metadata(&path).unwrap().len(), bytes, "{name}");
             let (mapped, told) = PreparedScene::open(&path).unwrap();
             assert_eq!(told, about);
-            let mut found = Renderer::of_prepared(vec![mapped]).unwrap();
+            let mut found =
+                Renderer::with_options(vec![mapped], RendererOptions::default()).unwrap();
             let mut expected = Renderer::with_options(volumes.clone(), &options).unwrap();
             // Compares everything: blocks, columns, functions, grids, by their debug output.
             let volumes = expected.volumes().iter().zip(found.volumes());
@@ -288,7 +291,8 @@ fn prepared_scenes_join_and_take_other_functions() {
     scene.write(&path, &About::default()).unwrap();
     let mapped = PreparedScene::open(&path).unwrap().0;
     let other = PreparedScene::new(vec![ball.clone()], &options).unwrap();
-    let mut found = Renderer::of_prepared(vec![mapped, other]).unwrap();
+    let mut found =
+        Renderer::with_options(vec![mapped, other], RendererOptions::default()).unwrap();
     let mut expected = Renderer::new(vec![lattice, ball]).unwrap();
     let function = grey([50.0, 180.0]);
     for renderer in [&mut found, &mut expected] {

@@ -328,7 +328,8 @@ fn frames_of_a_device() {
     // Cancelled work is not drawn again elsewhere.
     let mut renderer = Renderer::new(vec![balls(50)])
         .unwrap()
-        .on_if_it_can(gpu.clone());
+        .on(ewa_splat::render::OpenBackend::or_cpu(gpu.clone()))
+        .unwrap();
     let task = Task::new();
     task.cancel();
     let settings = Settings {

@@ -12,7 +12,7 @@ use crate::common::Random;
 use crate::common::gpu::{assert_alike, gpu};
 use crate::common::scene::{Particle, camera, difference, volume};
 use ewa_splat::image::{DepthImage, Image};
-use ewa_splat::render::{AdapterChoice, Gpu};
+use ewa_splat::render::{AdapterChoice, Gpu, OpenBackend};
 use ewa_splat::scene::{Lattice, Particles, PointVolume, Strength, TransferFunction, Values};
 use ewa_splat::stages::record::NearTerms;
 use ewa_splat::stats::FrameCounts;
@@ -368,7 +368,7 @@ fn alone(scene: &PointVolume, camera: &Camera, settings: &Settings) -> Image {
 /// Returns a renderer that may draw on the CPU if the device cannot.
 fn on_if_it_can(gpu: Gpu, scene: &PointVolume) -> Renderer {
     let renderer = Renderer::new(vec![scene.clone()]).unwrap();
-    renderer.on_if_it_can(gpu)
+    renderer.on(OpenBackend::or_cpu(gpu)).unwrap()
 }
 
 #[test]

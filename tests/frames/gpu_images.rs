@@ -499,12 +499,12 @@ fn nothing_to_draw_is_an_empty_picture() {
 
 #[test]
 fn back_ends_are_chosen_as_asked() {
-    let cpu = Renderer::with_backend(vec![cloud(1)], Backend::Cpu).unwrap();
+    let cpu = Renderer::with_options(vec![cloud(1)], Backend::Cpu).unwrap();
     assert_eq!(cpu.adapter(), None);
     let Some(gpu) = gpu() else { return };
-    let on_gpu = Renderer::with_backend(vec![cloud(1)], Backend::Gpu).unwrap();
+    let on_gpu = Renderer::with_options(vec![cloud(1)], Backend::Gpu).unwrap();
     assert!(on_gpu.adapter().is_some());
-    let auto = Renderer::with_backend(vec![cloud(1)], Backend::Auto).unwrap();
+    let auto = Renderer::with_options(vec![cloud(1)], Backend::Auto).unwrap();
     // A named adapter is used, whatever it is.
     if gpu.is_software() && !Gpu::is_adapter_named() {
         assert_eq!(

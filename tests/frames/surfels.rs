@@ -122,7 +122,7 @@ fn camera(projection: Projection, focal: f64, size: [usize; 2]) -> Camera {
 
 /// Returns a renderer of the scene on the CPU.
 fn renderer(scene: Vec<PointVolume>) -> Renderer {
-    Renderer::with_backend(scene, Backend::Cpu).unwrap()
+    Renderer::with_options(scene, Backend::Cpu).unwrap()
 }
 
 /// Compares the GPU's picture of a scene with the CPU's, if there is a GPU.
