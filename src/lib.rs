@@ -235,7 +235,7 @@ pub use wgpu;
 pub use error::{Error, Result};
 pub use image::{ColumnImage, DepthImage, Image, NormalImage};
 pub use render::{
-    Backend, Blend, ClassifyAt, ColumnSettings, Composite, Filter, Renderer, RendererOptions,
+    Backend, Blend, Classification, ColumnSettings, Composite, Filter, Renderer, RendererOptions,
     SceneOptions, Settings, Show,
 };
 pub use task::{Progress, Task};

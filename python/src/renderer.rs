@@ -328,8 +328,8 @@ impl State {
     /// Returns the purpose of pictures with these settings.
     fn purpose(&self, drawing: &Drawing) -> Purpose {
         let settings = &drawing.settings;
-        let slabs = settings.composite.classifies_slabs();
-        let by_extent = settings.classify == ewa_splat::render::Classification::Extent;
+        let slabs = settings.classifies_slabs();
+        let by_extent = settings.classify == ewa_splat::Classification::Extent;
         Purpose {
             for_columns: false,
             normals: drawing.is_lit && !is_post_classified(settings),
@@ -405,8 +405,7 @@ fn exchanged(
 
 /// Returns true if slabs are classified by their mean values and compute their own slopes.
 fn is_post_classified(settings: &Settings) -> bool {
-    let maximum = matches!(settings.composite, ewa_splat::Composite::Maximum { .. });
-    settings.composite.classifies_slabs() && !maximum
+    settings.classify == ewa_splat::Classification::Slab
 }
 
 impl Source {
@@ -707,7 +706,7 @@ impl Renderer {
             },
             cutoff: shared.cutoff.unwrap_or(defaults.cutoff),
             clip: shared.clip.clone(),
-            simd: shared.simd,
+            simd: shared.advanced.simd,
             task: None,
         };
         let (column, camera, sum, unknown) = run(py, |task| {

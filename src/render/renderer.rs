@@ -304,7 +304,7 @@ impl Renderer {
 
     /// Sets whether particles carry values or colours, as the settings require.
     pub(super) fn carry(&mut self, settings: &Settings) -> Result<()> {
-        let carries_values = settings.composite.classifies_slabs();
+        let carries_values = settings.classifies_slabs();
         match self.scene.carry_values(carries_values)? {
             Some(volume) => self.edited(Edit::TransferFunction(volume)),
             None => Ok(()),

@@ -13,7 +13,7 @@ use ewa_splat::scene::{
 };
 use ewa_splat::view::{Camera, Lens, Viewpoint};
 use ewa_splat::{
-    ClassifyAt, ColumnSettings, Composite, Renderer, RendererOptions, SceneOptions, Settings,
+    Classification, ColumnSettings, Composite, Renderer, RendererOptions, SceneOptions, Settings,
 };
 use glam::DVec3;
 
@@ -202,14 +202,12 @@ fn settings(name: &str) -> Vec<Settings> {
     let mut all = vec![Settings::default()];
     if !name.contains("splats") && !name.contains("mesh") {
         let classify = match name {
-            "spheres with colours of their own" => ClassifyAt::Particle,
-            _ => ClassifyAt::Slab,
+            "spheres with colours of their own" => Classification::Extent,
+            _ => Classification::Slab,
         };
         all.push(Settings {
-            composite: Composite::Slabs {
-                thickness: None,
-                classify,
-            },
+            composite: Composite::SLABS,
+            classify,
             ..Settings::default()
         });
     }

@@ -17,7 +17,7 @@ use ewa_splat::scene::{Lattice, Particles, PointVolume, Strength, TransferFuncti
 use ewa_splat::stages::record::NearTerms;
 use ewa_splat::stats::FrameCounts;
 use ewa_splat::view::{Camera, Projection};
-use ewa_splat::{ClassifyAt, ColumnSettings, Composite, Error, Renderer, Settings};
+use ewa_splat::{ColumnSettings, Composite, Error, Renderer, Settings};
 use glam::{DMat3, DVec3};
 
 /// Returns `count` kernels of some pixels before a camera at the origin.
@@ -412,7 +412,6 @@ fn more_slabs_than_the_device_keeps_open_fall_back() {
     let slabs = |thickness| Settings {
         composite: Composite::Slabs {
             thickness: Some(thickness),
-            classify: ClassifyAt::Particle,
         },
         ..Settings::default()
     };

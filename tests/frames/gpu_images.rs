@@ -13,7 +13,7 @@ use crate::common::scene::{Particle, difference, volume};
 use crate::common::{Random, real_data, some};
 use ewa_splat::Filter;
 use ewa_splat::io::{OpenOptions, RawLayout, RawType, open};
-use ewa_splat::render::Gpu;
+use ewa_splat::render::{Advanced, Gpu};
 use ewa_splat::sample::{SampleOptions, TransferChoice, volume as sample};
 use ewa_splat::scene::{
     Classification, Lattice, LatticeSpacing, Particles, PointVolume, Strength, TransferFunction,
@@ -153,7 +153,10 @@ fn every_filter_looks_alike() {
         for linear_opacity in [false, true] {
             let settings = Settings {
                 filter,
-                linear_opacity,
+                advanced: Advanced {
+                    linear_opacity,
+                    ..Advanced::default()
+                },
                 cutoff: linear_opacity.then_some(2.5),
                 ..Settings::default()
             };

@@ -189,7 +189,6 @@ fn cases() -> Vec<(&'static str, Vec<PointVolume>, Camera, Settings)> {
     let slabs = Settings {
         composite: Composite::Slabs {
             thickness: Some(0.1),
-            classify: ewa_splat::ClassifyAt::Particle,
         },
         depth: true,
         ..Settings::default()

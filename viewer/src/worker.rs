@@ -15,7 +15,7 @@ use ewa_splat::legend::ColourBar;
 use ewa_splat::load;
 use ewa_splat::measure::{ErrorSample, ImageErrors, SampledError, accurate, compare};
 use ewa_splat::reference::{Integrator, ReferenceSettings};
-use ewa_splat::render::{Backend, FrameCounts, Gpu, OpenBackend, Picked, StageTimes};
+use ewa_splat::render::{Advanced, Backend, FrameCounts, Gpu, OpenBackend, Picked, StageTimes};
 use ewa_splat::scene::TransferFunction;
 use ewa_splat::view::{Bounds, Camera};
 use ewa_splat::{Composite, Error, Image, Renderer, SceneOptions, Settings, Show, Task, wgpu};
@@ -626,7 +626,10 @@ impl Stage {
         let camera = scaled(&view.camera, size);
         let settings = Settings {
             tolerance: coarseness.tolerance,
-            merge_slack: coarseness.merge_slack,
+            advanced: Advanced {
+                merge_slack: coarseness.merge_slack,
+                ..view.settings.advanced
+            },
             classify: coarseness.classification(view.settings.classify),
             depth: view.instead == Some(Instead::Depth),
             normals: view.instead == Some(Instead::Normals),

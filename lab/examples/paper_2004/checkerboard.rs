@@ -4,6 +4,7 @@
 
 use ewa_splat::Filter;
 use ewa_splat::measure::{ImageErrors, PAPER_THRESHOLDS, compare};
+use ewa_splat::render::Advanced;
 use ewa_splat::scene::{
     Colour, Lattice, Particles, PointVolume, Strength, TransferFunction, Values,
 };
@@ -103,7 +104,10 @@ fn rows() -> Vec<(&'static str, Settings)> {
         (
             "thresholds",
             Settings {
-                thresholds: Some(PAPER_THRESHOLDS),
+                advanced: Advanced {
+                    thresholds: Some(PAPER_THRESHOLDS),
+                    ..base.advanced
+                },
                 ..base.clone()
             },
         ),

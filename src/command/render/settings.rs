@@ -7,7 +7,7 @@ use super::options::{
 use crate::command::animation;
 use crate::command::parse::Background;
 use crate::image::DARK_GREY;
-use crate::render::{Blend, Classification, ClassifyAt, Composite};
+use crate::render::{Advanced, Blend, Classification, Composite};
 use crate::sample::SampleOptions;
 use crate::scene::{Lighting, ScaleName};
 use crate::view::{Camera, ClipPlane};
@@ -78,15 +78,23 @@ impl Arguments {
                 FilterName::Isotropic => Filter::Isotropic,
                 FilterName::UniformScaling => Filter::UniformScaling,
             },
-            thresholds: self.method.thresholds,
+            advanced: Advanced {
+                thresholds: self.method.thresholds,
+
+                merge_slack: defaults.advanced.merge_slack,
+
+                linear_opacity: self.method.opacity == Opacity::Linear,
+
+                simd: defaults.advanced.simd,
+
+                sub_pixel_opacity: self.method.sub_pixel_opacity,
+            },
             level_of_detail: self.method.level_of_detail == Detail::Auto,
-            merge_slack: defaults.merge_slack,
             show: match self.output.show {
                 ShowName::Scene => Show::Scene,
                 ShowName::Choice => Show::Choice,
                 ShowName::Count => Show::Count,
             },
-            linear_opacity: self.method.opacity == Opacity::Linear,
             composite: self.method.composite(),
             classify: self.method.classification(),
             clip: self.clip_planes(),
@@ -96,9 +104,7 @@ impl Arguments {
             background: self.background(),
             depth: self.output.depth.is_some(),
             normals: self.output.normals.is_some(),
-            simd: defaults.simd,
             lighting: self.lighting(),
-            sub_pixel_opacity: self.method.sub_pixel_opacity,
             task: None,
         }
     }
@@ -152,7 +158,7 @@ impl Arguments {
             low_pass_variance_px2: shared.low_pass_variance_px2,
             cutoff: shared.cutoff.unwrap_or(defaults.cutoff),
             clip: shared.clip,
-            simd: shared.simd,
+            simd: shared.advanced.simd,
             task: None,
         }
     }
@@ -195,6 +201,7 @@ impl Arguments {
 impl Method {
     pub(in crate::command) fn classification(&self) -> Classification {
         match self.classify {
+            _ if self.post_classification => Classification::Slab,
             ClassifyName::Extent => Classification::Extent,
             ClassifyName::Particle => Classification::Particle,
         }
@@ -208,14 +215,7 @@ impl Method {
             CompositeName::Sheets => Composite::Sheets { thickness },
             CompositeName::AxisSheets => Composite::AxisSheets { thickness },
             CompositeName::Maximum => Composite::Maximum { thickness },
-            CompositeName::Slabs => Composite::Slabs {
-                thickness,
-                classify: if self.post_classification {
-                    ClassifyAt::Slab
-                } else {
-                    ClassifyAt::Particle
-                },
-            },
+            CompositeName::Slabs => Composite::Slabs { thickness },
         }
     }
 }
