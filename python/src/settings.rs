@@ -6,7 +6,9 @@ use ewa_splat::io::{
 };
 use ewa_splat::render::{Advanced, Blend, Classification};
 use ewa_splat::sample::mesh::Spread;
-use ewa_splat::sample::{BoundaryChoice, ParticleShape, SampleOptions, TransferChoice};
+use ewa_splat::sample::{
+    BoundaryChoice, FunctionOptions, KernelOptions, ParticleShape, SampleOptions, TransferChoice,
+};
 use ewa_splat::scene::{
     Light, LightFrame, Lighting, ScaleName, TransferDefaults, TransferFunction,
 };
@@ -139,66 +141,71 @@ pub(crate) fn sample_options(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Said>
     let options = SampleOptions {
         field: said.take("field")?,
         preferred_field: None,
-        kernel_width: said
-            .positive("kernel_width")?
-            .unwrap_or(defaults.kernel_width),
-        transfer: transfer(&said)?.unwrap_or(TransferChoice::Automatic),
-        unit_distance: said.positive("unit_distance")?,
-        range: said.range("range")?,
-        scale: said.choice(
-            "scale",
-            &[
-                ("linear", ScaleName::Linear),
-                ("log", ScaleName::Log),
-                ("symlog", ScaleName::Symlog),
-            ],
-        )?,
-        opacity_scale: said.positive("opacity_scale")?.unwrap_or(1.0),
-        length: said.choice(
-            "length",
-            &[
-                ("h", LengthMeaning::SmoothingLength),
-                ("support", LengthMeaning::Support),
-                ("sigma", LengthMeaning::Sigma),
-                ("fwhm", LengthMeaning::Fwhm),
-            ],
-        )?,
-        kernel: said.choice(
-            "kernel",
-            &[
-                ("cubic", SphKernel::CubicSpline),
-                ("quartic", SphKernel::QuarticSpline),
-                ("quintic", SphKernel::QuinticSpline),
-                ("wendland-c2", SphKernel::WendlandC2),
-                ("wendland-c4", SphKernel::WendlandC4),
-                ("wendland-c6", SphKernel::WendlandC6),
-            ],
-        )?,
-        radius: said.positive("one_radius")?,
-        shape: said
-            .choice(
-                "shape",
+        kernels: KernelOptions {
+            width: said
+                .positive("kernel_width")?
+                .unwrap_or(defaults.kernels.width),
+            length: said.choice(
+                "length",
                 &[
-                    ("auto", ParticleShape::Automatic),
-                    ("isotropic", ParticleShape::Isotropic),
-                    ("covariance", ParticleShape::Covariance),
-                    ("yu-turk", ParticleShape::YuTurk),
+                    ("h", LengthMeaning::SmoothingLength),
+                    ("support", LengthMeaning::Support),
+                    ("sigma", LengthMeaning::Sigma),
+                    ("fwhm", LengthMeaning::Fwhm),
                 ],
-            )?
-            .unwrap_or_default(),
-        shepard_passes: said.take("shepard")?.unwrap_or(0),
-        boundary: said
-            .choice(
-                "boundary",
+            )?,
+            smoothing: said.choice(
+                "kernel",
                 &[
-                    ("auto", BoundaryChoice::Automatic),
-                    ("sharp", BoundaryChoice::Sharp),
-                    ("soft", BoundaryChoice::Soft),
+                    ("cubic", SphKernel::CubicSpline),
+                    ("quartic", SphKernel::QuarticSpline),
+                    ("quintic", SphKernel::QuinticSpline),
+                    ("wendland-c2", SphKernel::WendlandC2),
+                    ("wendland-c4", SphKernel::WendlandC4),
+                    ("wendland-c6", SphKernel::WendlandC6),
                 ],
-            )?
-            .unwrap_or(BoundaryChoice::Automatic),
+            )?,
+            radius: said.positive("one_radius")?,
+            shape: said
+                .choice(
+                    "shape",
+                    &[
+                        ("auto", ParticleShape::Automatic),
+                        ("isotropic", ParticleShape::Isotropic),
+                        ("covariance", ParticleShape::Covariance),
+                        ("yu-turk", ParticleShape::YuTurk),
+                    ],
+                )?
+                .unwrap_or_default(),
+            shepard_passes: said.take("shepard")?.unwrap_or(0),
+            boundary: said
+                .choice(
+                    "boundary",
+                    &[
+                        ("auto", BoundaryChoice::Automatic),
+                        ("sharp", BoundaryChoice::Sharp),
+                        ("soft", BoundaryChoice::Soft),
+                    ],
+                )?
+                .unwrap_or(BoundaryChoice::Automatic),
+            spread,
+            ..defaults.kernels
+        },
+        function: FunctionOptions {
+            transfer: transfer(&said)?.unwrap_or(TransferChoice::Automatic),
+            unit_distance: said.positive("unit_distance")?,
+            range: said.range("range")?,
+            scale: said.choice(
+                "scale",
+                &[
+                    ("linear", ScaleName::Linear),
+                    ("log", ScaleName::Log),
+                    ("symlog", ScaleName::Symlog),
+                ],
+            )?,
+            opacity_scale: said.positive("opacity_scale")?.unwrap_or(1.0),
+        },
         flatten: said.number("flatten", "a finite number", f64::is_finite)?,
-        spread,
         ..defaults
     };
     let up = said.take::<[f64; 3]>("up")?.map(DVec3::from);
@@ -412,13 +419,9 @@ pub(crate) fn drawing(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Drawing> {
                 .unwrap_or(defaults.filter),
             advanced: Advanced {
                 thresholds: said.take("thresholds")?,
-
                 merge_slack: defaults.advanced.merge_slack,
-
                 linear_opacity: said.take("linear_opacity")?.unwrap_or(false),
-
                 simd: defaults.advanced.simd,
-
                 sub_pixel_opacity: said.take("sub_pixel_opacity")?.unwrap_or(false),
             },
             level_of_detail: said.take("level_of_detail")?.unwrap_or(true),

@@ -76,7 +76,6 @@ pub fn accurate(base: &Settings) -> Settings {
         filter: Filter::Exact,
         advanced: Advanced {
             thresholds: None,
-
             linear_opacity: false,
             ..base.advanced
         },

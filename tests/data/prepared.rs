@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use ewa_splat::io::{OpenOptions, open};
 use ewa_splat::prepared::{About, PreparedScene};
 use ewa_splat::sample::mesh::Spread;
-use ewa_splat::sample::{SampleOptions, TransferChoice, scene};
+use ewa_splat::sample::{FunctionOptions, KernelOptions, SampleOptions, TransferChoice, scene};
 use ewa_splat::scene::{
     Boundary, Colour, Lattice, LatticeSpacing, Particles, PointVolume, Strength, TransferFunction,
     Values,
@@ -83,11 +83,17 @@ fn scenes() -> Vec<(&'static str, Vec<PointVolume>)> {
         ..of_lattice(rectilinear.clone(), dims, Values::U8(bytes.clone()))
     };
     let wake = SampleOptions {
-        transfer: TransferChoice::File(fixture("wake_transfer.json")),
+        function: FunctionOptions {
+            transfer: TransferChoice::File(fixture("wake_transfer.json")),
+            ..FunctionOptions::default()
+        },
         ..SampleOptions::default()
     };
     let few = SampleOptions {
-        spread: Spread::Count(1500),
+        kernels: KernelOptions {
+            spread: Spread::Count(1500),
+            ..KernelOptions::default()
+        },
         ..SampleOptions::default()
     };
     let mut both = vec![of_lattice(uniform.clone(), dims, Values::U8(bytes.clone()))];

@@ -21,7 +21,7 @@ use ewa_splat::io::{
 };
 use ewa_splat::reference::Integrator;
 use ewa_splat::render::Advanced;
-use ewa_splat::sample::{SampleOptions, Sampled, volume as sample};
+use ewa_splat::sample::{KernelOptions, SampleOptions, Sampled, volume as sample};
 use ewa_splat::scene::{Colour, Particles, PointVolume, Requirements, Strength, Values};
 use ewa_splat::stages::splat::{ANTI_ALIASED_LOW_PASS_PX2, Filter, SPLAT_LOW_PASS_PX2};
 use ewa_splat::view::{Camera, Projection};
@@ -537,7 +537,10 @@ fn what_splats_store_follows_what_they_need() {
     let file = splat_ply(Ply::Little, "", &some_splats(5, 2), &["float w"]);
     let at = |kernel_width, field: Option<&str>| {
         let options = SampleOptions {
-            kernel_width,
+            kernels: KernelOptions {
+                width: kernel_width,
+                ..KernelOptions::default()
+            },
             field: field.map(str::to_owned),
             ..SampleOptions::default()
         };

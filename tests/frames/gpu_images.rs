@@ -14,7 +14,7 @@ use crate::common::{Random, real_data, some};
 use ewa_splat::Filter;
 use ewa_splat::io::{OpenOptions, RawLayout, RawType, open};
 use ewa_splat::render::{Advanced, Gpu};
-use ewa_splat::sample::{SampleOptions, TransferChoice, volume as sample};
+use ewa_splat::sample::{FunctionOptions, SampleOptions, TransferChoice, volume as sample};
 use ewa_splat::scene::{
     Classification, Lattice, LatticeSpacing, Particles, PointVolume, Strength, TransferFunction,
     Values,
@@ -41,7 +41,10 @@ fn read(path: &Path) -> PointVolume {
 
 fn wake() -> PointVolume {
     let options = SampleOptions {
-        transfer: TransferChoice::File(fixture("wake_transfer.json")),
+        function: FunctionOptions {
+            transfer: TransferChoice::File(fixture("wake_transfer.json")),
+            ..FunctionOptions::default()
+        },
         ..SampleOptions::default()
     };
     read_with(&fixture("wake.xyz"), &OpenOptions::default(), &options)

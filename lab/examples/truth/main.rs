@@ -26,7 +26,7 @@ use std::time::Instant;
 use ewa_splat::io::Dataset;
 use ewa_splat::reference::DataIntegrator;
 use ewa_splat::render::{Classification, Composite};
-use ewa_splat::sample::{self, BoundaryChoice, SampleOptions};
+use ewa_splat::sample::{self, BoundaryChoice, KernelOptions, SampleOptions};
 use ewa_splat::scene::TransferFunction;
 use ewa_splat::view::Camera;
 use ewa_splat::{Error, Renderer, Result, Settings};
@@ -253,7 +253,10 @@ fn renderer(
     boundary: BoundaryChoice,
 ) -> Result<Renderer> {
     let options = SampleOptions {
-        boundary,
+        kernels: KernelOptions {
+            boundary,
+            ..KernelOptions::default()
+        },
         ..SampleOptions::default()
     };
     let mut volume = sample::volume(dataset.clone(), &options)?.volume;

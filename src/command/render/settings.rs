@@ -8,7 +8,7 @@ use crate::command::animation;
 use crate::command::parse::Background;
 use crate::image::DARK_GREY;
 use crate::render::{Advanced, Blend, Classification, Composite};
-use crate::sample::SampleOptions;
+use crate::sample::{PurposeOptions, SampleOptions};
 use crate::scene::{Lighting, ScaleName};
 use crate::view::{Camera, ClipPlane};
 use crate::{Backend, ColumnSettings, Filter, Renderer, SceneOptions, Settings, Show, Task};
@@ -27,10 +27,13 @@ impl Arguments {
     /// Returns the options that turn data into particles.
     pub(in crate::command) fn sample_options(&self, task: Option<Task>) -> SampleOptions {
         SampleOptions {
-            for_columns: self.method.column_density,
-            for_means: self.method.column_mean.is_some(),
-            normals: self.asks_normals(),
-            local_models: self.asks_models(),
+            purpose: PurposeOptions {
+                for_columns: self.method.column_density,
+                for_means: self.method.column_mean.is_some(),
+                normals: self.asks_normals(),
+                local_models: self.asks_models(),
+                ..PurposeOptions::default()
+            },
             task,
             ..self.data.sample_options()
         }
@@ -80,13 +83,9 @@ impl Arguments {
             },
             advanced: Advanced {
                 thresholds: self.method.thresholds,
-
                 merge_slack: defaults.advanced.merge_slack,
-
                 linear_opacity: self.method.opacity == Opacity::Linear,
-
                 simd: defaults.advanced.simd,
-
                 sub_pixel_opacity: self.method.sub_pixel_opacity,
             },
             level_of_detail: self.method.level_of_detail == Detail::Auto,
