@@ -83,8 +83,8 @@ impl Renderer {
     ///
     /// - `scene`: a vector of [`PointVolume`]s, whose particles are sorted into blocks, or of
     ///   [`PreparedScene`](crate::prepared::PreparedScene)s (feature `prepared`).
-    /// - `options`: [`RendererOptions`], or the only part that differs from the default: a [`Backend`](super::Backend) or
-    ///   `&`[`SceneOptions`](super::SceneOptions).
+    /// - `options`: [`RendererOptions`], or the only part that differs from the default: a
+    ///   [`Backend`](super::Backend) or `&`[`SceneOptions`](super::SceneOptions).
     ///
     /// ```
     /// use ewa_splat::{Backend, Renderer, scene::PointVolume};
@@ -99,8 +99,8 @@ impl Renderer {
     ///
     /// # Errors
     /// More particles than a 32-bit index can number; a volume that is declared classified but has no
-    /// values or no transfer function; work that was cancelled; the errors of [`Backend::open`](super::Backend::open) and of
-    /// [`Renderer::on`].
+    /// values or no transfer function; work that was cancelled; the errors of
+    /// [`Backend::open`](super::Backend::open) and of [`Renderer::on`].
     pub fn with_options(
         scene: impl Into<Contents>,
         options: impl Into<RendererOptions>,
@@ -133,13 +133,14 @@ impl Renderer {
         })
     }
 
-    /// Keeps the scene on a device from now on, which draws all frames. Serves callers that choose the
+    /// Moves the scene to a device, which draws all frames from now on. Serves callers that choose the
     /// device once the scene is known.
     ///
-    /// - `device`: an opened [`Backend`](super::Backend), or a [`Gpu`](super::Gpu) (feature `gpu`). With
-    ///   [`Backend::Auto`](super::Backend::Auto) and [`OpenBackend::or_cpu`] the CPU draws whatever the device cannot, and
-    ///   [`Renderer::fallback`] returns the reason. Clones of one `Gpu` share compiled pipelines among
-    ///   several scenes.
+    /// - `device`: an opened [`Backend`](super::Backend), or a [`Gpu`](super::Gpu) (feature `gpu`). Clones of
+    ///   one `Gpu` share compiled pipelines among several scenes.
+    ///
+    /// With [`Backend::Auto`](super::Backend::Auto) and [`OpenBackend::or_cpu`] the CPU draws whatever the
+    /// device cannot, and [`Renderer::fallback`] returns the reason.
     ///
     /// # Errors
     /// Too little memory on a device that was explicitly asked for.
@@ -172,8 +173,8 @@ impl Renderer {
         self.device.as_ref().and_then(|device| device.adapter())
     }
 
-    /// Returns the reason why the CPU drew the last frame although [`Backend::Auto`](super::Backend::Auto) had chosen a device,
-    /// or why the scene is kept on the CPU. `None` if nothing fell back.
+    /// Returns the reason why the CPU drew the last frame although
+    /// [`Backend::Auto`](super::Backend::Auto) had chosen a device, or why the scene is kept on the CPU. `None` if nothing fell back.
     pub fn fallback(&self) -> Option<&str> {
         self.fallback.as_deref()
     }

@@ -4,9 +4,9 @@
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Classification {
     /// Over the kernel's extent, with the field's local linear model. Lattices have such models; see
-    /// [`PointVolume::local_models`](crate::scene::PointVolume::local_models) for others. If the field crosses a narrow lobe of the
-    /// function within a kernel, a flattened and shifted piece of the kernel is drawn: a splat of the
-    /// iso-surface. If lobes are wide compared with the field's change over a kernel, the result is that of
+    /// [`PointVolume::local_models`](crate::scene::PointVolume::local_models) for others. If the field crosses a
+    /// narrow lobe of the function within a kernel, a flattened and shifted piece of the kernel is drawn: a splat
+    /// of the iso-surface. If lobes are wide compared with the field's change over a kernel, the result is that of
     /// [`Self::Particle`] to within an optical depth of 1/255.
     #[default]
     Extent,
