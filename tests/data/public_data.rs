@@ -153,7 +153,7 @@ fn kernel_widths_are_positive() {
         assert!(said.contains("kernel width"), "{said}");
         let options = SampleOptions {
             kernels: KernelOptions {
-                width: width,
+                width,
                 ..KernelOptions::default()
             },
             ..SampleOptions::default()
