@@ -18,7 +18,7 @@ fn main() -> ewa_splat::Result<()> {
     let dataset = io::open(&path, &io::OpenOptions::default())?;
     let volume = sample::volume(dataset, &sample::SampleOptions::default())?.volume;
     let mut cpu = Renderer::new(vec![volume.clone()])?;
-    let mut gpu = match Renderer::with_backend(vec![volume], Backend::Gpu) {
+    let mut gpu = match Renderer::with_options(vec![volume], Backend::Gpu) {
         Ok(gpu) => gpu,
         Err(e) => {
             println!("nothing to compare with: {e}");

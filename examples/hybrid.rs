@@ -48,7 +48,7 @@ fn main() -> ewa_splat::Result<()> {
     );
     scene.push(smoke((lower + upper) / 2.0, (upper - lower) / 2.0));
 
-    let mut renderer = Renderer::with_backend(scene, Backend::Auto)?;
+    let mut renderer = Renderer::with_options(scene, Backend::Auto)?;
     let viewpoint = Viewpoint {
         azimuth_deg: 20.0,
         elevation_deg: 18.0,

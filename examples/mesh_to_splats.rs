@@ -50,7 +50,7 @@ fn main() -> ewa_splat::Result<()> {
     let (cloud, _) = splat_cloud(&sampled.volumes)?;
 
     // Draws the surfels of an opaque surface.
-    let mut renderer = Renderer::with_backend(sampled.volumes, Backend::Cpu)?;
+    let mut renderer = Renderer::with_options(sampled.volumes, Backend::Cpu)?;
     let viewpoint = Viewpoint {
         azimuth_deg: 30.0,
         elevation_deg: 25.0,
@@ -91,7 +91,7 @@ fn main() -> ewa_splat::Result<()> {
         let written = io::write_splats(&file, &cloud, &options)?;
         let again = io::open(&file, &io::OpenOptions::default())?;
         let volume = sample::volume(again, &SampleOptions::default())?.volume;
-        let mut splats = Renderer::with_backend(vec![volume], Backend::Cpu)?;
+        let mut splats = Renderer::with_options(vec![volume], Backend::Cpu)?;
         let image = splats.render(&camera, &settings)?;
         println!(
             "{name}: {} bytes, {:.1} dB from the surfels' picture",

@@ -4,7 +4,7 @@
 
 use std::path::{Path, PathBuf};
 
-use ewa_splat::sample::{SampleOptions, TransferChoice};
+use ewa_splat::sample::{FunctionOptions, SampleOptions, TransferChoice};
 use ewa_splat::view::{Lens, Viewpoint};
 use ewa_splat::{Backend, Renderer, Settings, io, sample};
 use glam::DVec3;
@@ -13,13 +13,16 @@ fn main() -> ewa_splat::Result<()> {
     let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
     let dataset = io::open(&fixtures.join("wake.xyz"), &io::OpenOptions::default())?;
     let options = SampleOptions {
-        transfer: TransferChoice::File(fixtures.join("wake_transfer.json")),
+        function: FunctionOptions {
+            transfer: TransferChoice::File(fixtures.join("wake_transfer.json")),
+            ..FunctionOptions::default()
+        },
         ..SampleOptions::default()
     };
     let volume = sample::volume(dataset, &options)?.volume;
 
     // Uses a hardware GPU if there is one, otherwise the CPU.
-    let mut renderer = Renderer::with_backend(vec![volume], Backend::Auto)?;
+    let mut renderer = Renderer::with_options(vec![volume], Backend::Auto)?;
     let viewpoint = Viewpoint {
         azimuth_deg: 30.0,
         elevation_deg: 25.0,

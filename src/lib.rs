@@ -6,6 +6,39 @@
 //! al. 2001, *EWA Volume Splatting*; Chen et al. 2004, *Hardware-Accelerated Adaptive EWA Volume Splatting*).
 //! Footprints are sorted by depth and composited front to back.
 //!
+//! # From a file to a picture
+//!
+//! Read, sample, draw, save:
+//!
+//! ```
+//! use ewa_splat::view::{Lens, Viewpoint};
+//! use ewa_splat::{Renderer, Settings, io, sample};
+//! use glam::DVec3;
+//!
+//! # fn main() -> ewa_splat::Result<()> {
+//! # let folder = std::env::temp_dir().join("ewa_splat_front_page");
+//! # std::fs::create_dir_all(&folder).unwrap();
+//! # let (path, picture) = (folder.join("stars.csv"), folder.join("stars.png"));
+//! # std::fs::write(&path, "x,y,z,sigma,mass\n0,0,0,0.5,1\n2,0,1,0.3,1\n").unwrap();
+//! let dataset = io::open(&path, &io::OpenOptions::default())?;
+//! let scene = sample::scene(dataset, &sample::SampleOptions::default())?;
+//! let mut renderer = Renderer::new(scene.volumes)?;
+//! let view = Viewpoint { azimuth_deg: 30.0, elevation_deg: 25.0, zoom: 1.0, up: DVec3::Z };
+//! let camera = view.camera(&renderer.visible_boxes(), Lens::FovDeg(35.0), [320, 240]);
+//! let image = renderer.render(&camera.expect("something is visible"), &Settings::default())?;
+//! io::write_image(&picture, image)?;
+//! # assert!(image.pixels.iter().any(|pixel| pixel[3] > 0.1));
+//! # std::fs::remove_dir_all(&folder).unwrap();
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! [`sample::scene`] makes surfels of meshes, and volumes of all other data. [`load::load`] reads several
+//! inputs as one scene. [`sample::splat_cloud`] and [`io::write_splats`] save volumes as splats.
+//! [`RendererOptions`] choose a GPU and the data to keep for later changes.
+//!
+//! # From memory
+//!
 //! ```
 //! use ewa_splat::scene::PointVolume;
 //! use ewa_splat::view::Camera;
@@ -26,27 +59,22 @@
 //! # }
 //! ```
 //!
-//! # From memory
-//!
 //! [`scene::PointVolume::spheres`], [`ellipsoids`](scene::PointVolume::ellipsoids),
 //! [`turned`](scene::PointVolume::turned) and [`lattice`](scene::PointVolume::lattice) make volumes of arrays.
 //! [`sample::grid`] and [`sample::points`] choose kernels for samples without shapes.
 //! [`io::Mesh::of_triangles`] and [`sample::mesh::surfels`] make surfels of triangles. [`io::read`] takes the
 //! bytes of a file.
 //!
-//! # From files
-//!
-//! [`io::open`] reads a file into a [`io::Dataset`], [`sample::scene`] turns the data set into
-//! [`scene::PointVolume`]s, [`Renderer`] draws them, and [`io::write_image`] writes the picture. For meshes,
-//! [`sample::scene`] makes surfels: [`sample::mesh`]. `load::load` (feature `prepared`) reads several files as one
-//! scene, in one process or in parts on many ranks. [`sample::splat_cloud`] and [`io::write_splats`] convert
-//! volumes to a file of splats.
-//!
 //! # Column densities
 //!
 //! [`Renderer::column_density`] sums instead of compositing: it returns the line integral of the field along
 //! each pixel's ray, as used for smoothed-particle hydrodynamics. The numbers are f32, and the mass is
 //! conserved.
+//!
+//! # Many ranks
+//!
+//! [`distributed::Renderer`] draws a scene whose particles are partitioned among threads or MPI processes. The
+//! image is that of one process, bit for bit. [`load::load`] reads parts of a file on each rank.
 //!
 //! # Long work
 //!
@@ -55,34 +83,25 @@
 //! ([`Renderer::render_async`]). A [`Renderer`] may move between threads; scenes, settings and images may be
 //! shared among them.
 //!
-//! # Rooms
-//!
-//! Imports run down this list, never up. Modules without a link implement the stages of frames and are not
-//! public.
+//! # Modules
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`error`], [`Task`], [`constants`], [`image`] | errors, progress of long work, numbers with one home, pictures |
-//! | [`math`] | factors of variances, special functions |
-//! | [`scene`] | point volumes, lattices, transfer functions, requirements of a scene |
-//! | [`io`] | readers and writers, one file per format |
-//! | [`edit`] | moves and cuts data sets |
-//! | [`view`] | cameras, clip planes |
+//! | [`io`] | data sets, their readers and writers, image files |
+//! | [`edit`] | moves and crops data sets |
 //! | [`sample`] | turns data sets into particles with variances and masses |
-//! | `splat` | kernel to footprint: filters, exact terms, error bounds |
-//! | `record` | the structs that stages exchange |
-//! | `blocks` | particles in blocks, culling, level of detail, filters block by block |
-//! | `prepared` | scenes in files that are mapped into memory (feature `prepared`) |
-//! | [`stats`] | counts and times of frames |
-//! | `cpu` | the stages of a frame on the CPU |
-//! | `gpu` | the same stages on a GPU (feature `gpu`) |
-//! | [`render`] | scene + camera + settings to frame |
+//! | [`load`] | several inputs to one scene, on one rank or many (feature `prepared`) |
+//! | [`scene`] | point volumes, lattices, transfer functions, lights |
+//! | [`view`] | cameras, clip planes |
+//! | [`render`] | scene + camera + settings to image |
 //! | [`distributed`] | the same on several ranks, each with a share of the scene |
+//! | [`prepared`] | scenes in files that are mapped into memory (feature `prepared`) |
+//! | [`mod@image`], [`stats`] | images; counts and times of frames |
+//! | [`legend`], [`annotate`] | colour bars in images; axes, boxes, scales and titles (feature `legend`) |
 //! | [`mod@reference`] | the reference image, in f64, by quadrature |
-//! | `overlay` | draws over pictures: text, plates, lines (feature `legend`) |
-//! | `legend`, `annotate` | colour bars in pictures; axes, boxes, scales and titles (feature `legend`) |
-//! | [`measure`] | differences between pictures, and the cost of accuracy |
-//! | `load` | several inputs to one scene, in one process or on ranks that read parts of files (feature `prepared`) |
+//! | [`measure`] | differences between images, and the cost of accuracy |
+//! | [`math`] | factors of variances, special functions |
+//! | [`error`] | errors: file, place, expected, found, advice |
 //!
 //! Further pages: [`accuracy`] on the cost and the error of each approximation, [`irregular`] on how each kind
 //! of data becomes kernels and what its lengths mean, [`compositing`] on sheets, slabs and clip planes,
@@ -134,11 +153,13 @@ mod blocks;
 #[cfg(test)]
 mod breadth;
 mod collective;
+// The program and the window use the command line; it changes without notice.
 #[cfg(feature = "cli")]
+#[doc(hidden)]
 pub mod command;
 #[doc = include_str!("../docs/compositing.md")]
 pub mod compositing {}
-pub mod constants;
+mod constants;
 mod cpu;
 mod data;
 pub mod edit;
@@ -194,12 +215,22 @@ pub mod stages {
     pub mod cpu {
         pub use crate::cpu::*;
     }
+    pub mod constants {
+        pub use crate::constants::*;
+    }
     #[cfg(feature = "gpu")]
     pub mod gpu {
         pub use crate::gpu::*;
     }
     pub mod record {
         pub use crate::record::*;
+    }
+
+    pub mod scene {
+        pub use crate::scene::transfer_function::{
+            ALONE_DEPTH, Averages, LEAST_WINDOW_SHARE, LOBE_REACH, Lobe, Lobes, MAX_LOBES,
+            MAX_PIECE_WIDTH, MAX_WINDOWS, Piece, Slopes, Weighting, Window,
+        };
     }
     pub mod splat {
         pub use crate::splat::*;
@@ -214,7 +245,7 @@ pub use wgpu;
 pub use error::{Error, Result};
 pub use image::{ColumnImage, DepthImage, Image, NormalImage};
 pub use render::{
-    Backend, Blend, ClassifyAt, ColumnSettings, Composite, Filter, Renderer, SceneOptions,
-    Settings, Show,
+    Backend, Blend, Classification, ColumnSettings, Composite, Filter, Renderer, RendererOptions,
+    SceneOptions, Settings, Show,
 };
 pub use task::{Progress, Task};

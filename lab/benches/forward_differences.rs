@@ -21,7 +21,7 @@
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
-use ewa_splat::constants::{EXP2_SERIES, MAX_CUTOFF};
+use ewa_splat::stages::constants::{EXP2_SERIES, MAX_CUTOFF};
 
 /// Cut-off radius, standard deviations: that of the default tolerance for a faint kernel.
 const CUTOFF: f32 = 3.33;

@@ -25,7 +25,7 @@ use criterion::{
 };
 use ewa_splat::io::{self, Dataset, OpenOptions, RawLayout, RawType};
 use ewa_splat::sample::mesh::Spread;
-use ewa_splat::sample::{self, BoundaryChoice, SampleOptions};
+use ewa_splat::sample::{self, BoundaryChoice, KernelOptions, PurposeOptions, SampleOptions};
 use ewa_splat::scene::PointVolume;
 use ewa_splat::{Renderer, SceneOptions};
 
@@ -73,7 +73,10 @@ fn read(name: &str, bytes: &[u8]) -> Dataset {
 /// Options of the program without arguments.
 fn options() -> SampleOptions {
     SampleOptions {
-        boundary: BoundaryChoice::Automatic,
+        kernels: KernelOptions {
+            boundary: BoundaryChoice::Automatic,
+            ..KernelOptions::default()
+        },
         ..SampleOptions::default()
     }
 }
@@ -105,8 +108,11 @@ fn sampling(c: &mut Criterion) {
             "SPH particles, for column densities",
             read("sph.npy", &sph()),
             SampleOptions {
-                for_columns: true,
-                local_models: false,
+                purpose: PurposeOptions {
+                    for_columns: true,
+                    local_models: false,
+                    ..by_density().purpose
+                },
                 ..by_density()
             },
         ),
@@ -124,7 +130,10 @@ fn sampling(c: &mut Criterion) {
             "textured mesh",
             io::open(&textured_box, &OpenOptions::default()).unwrap(),
             SampleOptions {
-                spread: Spread::Count(SURFEL_COUNT),
+                kernels: KernelOptions {
+                    spread: Spread::Count(SURFEL_COUNT),
+                    ..options().kernels
+                },
                 ..options()
             },
         ),

@@ -151,7 +151,7 @@ fn stages(c: &mut Criterion) {
                 may_be_exact: frame.any_exact,
                 ..Axes::default()
             },
-            level: frame.settings.simd,
+            level: frame.settings.advanced.simd,
             task: None,
         };
         let mut draw = || {

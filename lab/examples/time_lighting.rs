@@ -10,7 +10,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use ewa_splat::io::{OpenOptions, RawLayout, RawType, open};
-use ewa_splat::sample::{SampleOptions, volume};
+use ewa_splat::sample::{PurposeOptions, SampleOptions, volume};
 use ewa_splat::scene::Lighting;
 use ewa_splat::stages::blocks::{BlockedVolume, cull};
 use ewa_splat::stages::cpu;
@@ -38,7 +38,10 @@ fn main() -> ewa_splat::Result<()> {
         ..OpenOptions::default()
     };
     let with_normals = SampleOptions {
-        normals: true,
+        purpose: PurposeOptions {
+            normals: true,
+            ..PurposeOptions::default()
+        },
         ..SampleOptions::default()
     };
     let scene = volume(open(&file, &options)?, &with_normals)?.volume;

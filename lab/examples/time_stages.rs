@@ -6,7 +6,7 @@
 mod scenes;
 
 use ewa_splat::Filter;
-use ewa_splat::render::SimdLevel;
+use ewa_splat::render::{Advanced, SimdLevel};
 use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
 use ewa_splat::view::Camera;
 use ewa_splat::{ColumnSettings, Renderer, Settings};
@@ -56,7 +56,10 @@ fn time_pictures(count: usize, width: usize, height: usize) -> ewa_splat::Result
         for simd in SimdLevel::available() {
             let settings = Settings {
                 filter,
-                simd,
+                advanced: Advanced {
+                    simd,
+                    ..Advanced::default()
+                },
                 ..Settings::default()
             };
             let mut best = None;

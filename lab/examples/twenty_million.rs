@@ -21,7 +21,7 @@ fn main() -> Result<()> {
     let size = [number(2, 1920), number(3, 1080)];
     let draw = |backend| -> Result<Renderer> {
         let scene = particles(count, size[1], 1.0);
-        let mut renderer = Renderer::with_backend(vec![scene], backend)?;
+        let mut renderer = Renderer::with_options(vec![scene], backend)?;
         renderer.render(&camera(size), &Settings::default())?;
         let (c, t) = (renderer.counts(), renderer.times());
         println!(

@@ -9,7 +9,8 @@ use ewa_splat::io::{
     has_particle_types, open, read, write_splats,
 };
 use ewa_splat::sample::{
-    BoundaryChoice, SampleOptions, SampleReport, Sampled, SampledScene, discs, scene, splat_cloud,
+    BoundaryChoice, KernelOptions, SampleOptions, SampleReport, Sampled, SampledScene, discs,
+    scene, splat_cloud,
 };
 use ewa_splat::scene::{Lattice, LatticeSpacing};
 use ewa_splat::{Result, Task};
@@ -599,7 +600,10 @@ impl Drawable {
             for source in &self.sources {
                 // Splats in a file are not clipped at a boundary.
                 let options = SampleOptions {
-                    boundary: BoundaryChoice::Soft,
+                    kernels: KernelOptions {
+                        boundary: BoundaryChoice::Soft,
+                        ..source.options.kernels
+                    },
                     task: Some(task.clone()),
                     ..source.options.clone()
                 };

@@ -15,7 +15,8 @@ use ewa_splat::measure::{About, ErrorSample, ReferenceSummary, Subject, SweepOpt
 use ewa_splat::reference::{DataIntegrator, Integrator, ReferenceFrame, ReferenceSettings};
 use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{
-    BoundaryChoice, SampleOptions, TransferChoice, as_surface, field_choices, is_surface,
+    BoundaryChoice, FunctionOptions, KernelOptions, PurposeOptions, SampleOptions, TransferChoice,
+    as_surface, field_choices, is_surface,
 };
 use ewa_splat::scene::{PointVolume, TransferDefaults, TransferFunction, Values};
 use ewa_splat::view::{Bounds, Camera, ClipPlane, DEFAULT_FOV_DEG, Lens};
@@ -136,7 +137,7 @@ impl State {
         camera: &dyn Fn(&[Bounds]) -> Camera,
         clip: &[ClipPlane],
     ) -> Result<Vec<Option<(Spread, usize)>>> {
-        let is_open = |source: &Source| source.options.spread == Spread::Automatic;
+        let is_open = |source: &Source| source.options.kernels.spread == Spread::Automatic;
         let surfaces = self.sources().map(|(_, source)| {
             let surface = source.surface(purpose.for_columns)?;
             Ok(surface.filter(|_| is_open(source)))
@@ -175,12 +176,21 @@ impl State {
         for ((_, source), spread) in self.sources().zip(&spreads) {
             let own = source.options.clone();
             let own = SampleOptions {
-                spread: spread.map_or(own.spread, |(spread, _)| spread),
-                transfer: purpose.transfer.clone().unwrap_or(own.transfer),
-                for_columns: purpose.for_columns,
-                normals: purpose.normals && own.flatten.is_none(),
-                local_models: purpose.models || own.flatten.is_some(),
-                keeps_value_sample: count > 1 && !purpose.for_columns,
+                kernels: KernelOptions {
+                    spread: spread.map_or(own.kernels.spread, |(spread, _)| spread),
+                    ..own.kernels
+                },
+                function: FunctionOptions {
+                    transfer: purpose.transfer.clone().unwrap_or(own.function.transfer),
+                    ..own.function
+                },
+                purpose: PurposeOptions {
+                    for_columns: purpose.for_columns,
+                    normals: purpose.normals && own.flatten.is_none(),
+                    local_models: purpose.models || own.flatten.is_some(),
+                    keeps_value_sample: count > 1 && !purpose.for_columns,
+                    ..own.purpose
+                },
                 task: Some(task.clone()),
                 ..own
             };
@@ -289,7 +299,7 @@ impl State {
         let backend = usable(self.backend)?;
         let is_open = backend != Backend::Auto;
         let renderer = match is_open {
-            true => renderer.on_backend(backend)?,
+            true => renderer.on(backend.open()?)?,
             false => renderer,
         };
         Ok(Ready {
@@ -314,7 +324,7 @@ impl State {
         let waits = |ready: &mut Ready| !ready.is_open && !ready.renderer.suits_cpu(camera, 1);
         if let Some(ready) = self.ready.take_if(waits) {
             self.ready = Some(Ready {
-                renderer: ready.renderer.on_backend(usable(self.backend)?)?,
+                renderer: ready.renderer.on(usable(self.backend)?.open()?)?,
                 is_open: true,
                 ..ready
             });
@@ -328,8 +338,8 @@ impl State {
     /// Returns the purpose of pictures with these settings.
     fn purpose(&self, drawing: &Drawing) -> Purpose {
         let settings = &drawing.settings;
-        let slabs = settings.composite.classifies_slabs();
-        let by_extent = settings.classify == ewa_splat::render::Classification::Extent;
+        let slabs = settings.classifies_slabs();
+        let by_extent = settings.classify == ewa_splat::Classification::Extent;
         Purpose {
             for_columns: false,
             normals: drawing.is_lit && !is_post_classified(settings),
@@ -405,8 +415,7 @@ fn exchanged(
 
 /// Returns true if slabs are classified by their mean values and compute their own slopes.
 fn is_post_classified(settings: &Settings) -> bool {
-    let maximum = matches!(settings.composite, ewa_splat::Composite::Maximum { .. });
-    settings.composite.classifies_slabs() && !maximum
+    settings.classify == ewa_splat::Classification::Slab
 }
 
 impl Source {
@@ -418,11 +427,11 @@ impl Source {
             Data::Set(dataset) => matches!(dataset.geometry, Geometry::Points { .. }),
             Data::Surfels(_) => true,
         };
-        let is_soft = options.boundary == BoundaryChoice::Soft && !self.is_mesh();
-        let is_scaled = (options.opacity_scale - 1.0).abs() > 0.0;
+        let is_soft = options.kernels.boundary == BoundaryChoice::Soft && !self.is_mesh();
+        let is_scaled = (options.function.opacity_scale - 1.0).abs() > 0.0;
         (is_of_points || is_soft)
             && options.flatten.is_none()
-            && options.unit_distance.is_none()
+            && options.function.unit_distance.is_none()
             && !is_scaled
     }
 
@@ -707,7 +716,7 @@ impl Renderer {
             },
             cutoff: shared.cutoff.unwrap_or(defaults.cutoff),
             clip: shared.clip.clone(),
-            simd: shared.simd,
+            simd: shared.advanced.simd,
             task: None,
         };
         let (column, camera, sum, unknown) = run(py, |task| {

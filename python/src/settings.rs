@@ -4,9 +4,11 @@ use ewa_splat::io::{
     LengthMeaning, OpenOptions, ParticleType, RawLayout, RawType, ReadAs, ScaleMeaning, SphKernel,
     StepChoice,
 };
-use ewa_splat::render::{Blend, Classification, ClassifyAt};
+use ewa_splat::render::{Advanced, Blend, Classification};
 use ewa_splat::sample::mesh::Spread;
-use ewa_splat::sample::{BoundaryChoice, ParticleShape, SampleOptions, TransferChoice};
+use ewa_splat::sample::{
+    BoundaryChoice, FunctionOptions, KernelOptions, ParticleShape, SampleOptions, TransferChoice,
+};
 use ewa_splat::scene::{
     Light, LightFrame, Lighting, ScaleName, TransferDefaults, TransferFunction,
 };
@@ -139,66 +141,71 @@ pub(crate) fn sample_options(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Said>
     let options = SampleOptions {
         field: said.take("field")?,
         preferred_field: None,
-        kernel_width: said
-            .positive("kernel_width")?
-            .unwrap_or(defaults.kernel_width),
-        transfer: transfer(&said)?.unwrap_or(TransferChoice::Automatic),
-        unit_distance: said.positive("unit_distance")?,
-        range: said.range("range")?,
-        scale: said.choice(
-            "scale",
-            &[
-                ("linear", ScaleName::Linear),
-                ("log", ScaleName::Log),
-                ("symlog", ScaleName::Symlog),
-            ],
-        )?,
-        opacity_scale: said.positive("opacity_scale")?.unwrap_or(1.0),
-        length: said.choice(
-            "length",
-            &[
-                ("h", LengthMeaning::SmoothingLength),
-                ("support", LengthMeaning::Support),
-                ("sigma", LengthMeaning::Sigma),
-                ("fwhm", LengthMeaning::Fwhm),
-            ],
-        )?,
-        kernel: said.choice(
-            "kernel",
-            &[
-                ("cubic", SphKernel::CubicSpline),
-                ("quartic", SphKernel::QuarticSpline),
-                ("quintic", SphKernel::QuinticSpline),
-                ("wendland-c2", SphKernel::WendlandC2),
-                ("wendland-c4", SphKernel::WendlandC4),
-                ("wendland-c6", SphKernel::WendlandC6),
-            ],
-        )?,
-        radius: said.positive("one_radius")?,
-        shape: said
-            .choice(
-                "shape",
+        kernels: KernelOptions {
+            width: said
+                .positive("kernel_width")?
+                .unwrap_or(defaults.kernels.width),
+            length: said.choice(
+                "length",
                 &[
-                    ("auto", ParticleShape::Automatic),
-                    ("isotropic", ParticleShape::Isotropic),
-                    ("covariance", ParticleShape::Covariance),
-                    ("yu-turk", ParticleShape::YuTurk),
+                    ("h", LengthMeaning::SmoothingLength),
+                    ("support", LengthMeaning::Support),
+                    ("sigma", LengthMeaning::Sigma),
+                    ("fwhm", LengthMeaning::Fwhm),
                 ],
-            )?
-            .unwrap_or_default(),
-        shepard_passes: said.take("shepard")?.unwrap_or(0),
-        boundary: said
-            .choice(
-                "boundary",
+            )?,
+            smoothing: said.choice(
+                "kernel",
                 &[
-                    ("auto", BoundaryChoice::Automatic),
-                    ("sharp", BoundaryChoice::Sharp),
-                    ("soft", BoundaryChoice::Soft),
+                    ("cubic", SphKernel::CubicSpline),
+                    ("quartic", SphKernel::QuarticSpline),
+                    ("quintic", SphKernel::QuinticSpline),
+                    ("wendland-c2", SphKernel::WendlandC2),
+                    ("wendland-c4", SphKernel::WendlandC4),
+                    ("wendland-c6", SphKernel::WendlandC6),
                 ],
-            )?
-            .unwrap_or(BoundaryChoice::Automatic),
+            )?,
+            radius: said.positive("one_radius")?,
+            shape: said
+                .choice(
+                    "shape",
+                    &[
+                        ("auto", ParticleShape::Automatic),
+                        ("isotropic", ParticleShape::Isotropic),
+                        ("covariance", ParticleShape::Covariance),
+                        ("yu-turk", ParticleShape::YuTurk),
+                    ],
+                )?
+                .unwrap_or_default(),
+            shepard_passes: said.take("shepard")?.unwrap_or(0),
+            boundary: said
+                .choice(
+                    "boundary",
+                    &[
+                        ("auto", BoundaryChoice::Automatic),
+                        ("sharp", BoundaryChoice::Sharp),
+                        ("soft", BoundaryChoice::Soft),
+                    ],
+                )?
+                .unwrap_or(BoundaryChoice::Automatic),
+            spread,
+            ..defaults.kernels
+        },
+        function: FunctionOptions {
+            transfer: transfer(&said)?.unwrap_or(TransferChoice::Automatic),
+            unit_distance: said.positive("unit_distance")?,
+            range: said.range("range")?,
+            scale: said.choice(
+                "scale",
+                &[
+                    ("linear", ScaleName::Linear),
+                    ("log", ScaleName::Log),
+                    ("symlog", ScaleName::Symlog),
+                ],
+            )?,
+            opacity_scale: said.positive("opacity_scale")?.unwrap_or(1.0),
+        },
         flatten: said.number("flatten", "a finite number", f64::is_finite)?,
-        spread,
         ..defaults
     };
     let up = said.take::<[f64; 3]>("up")?.map(DVec3::from);
@@ -351,23 +358,18 @@ pub(crate) fn drawing(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Drawing> {
             ("maximum", Composite::MAXIMUM),
         ],
     )?;
-    let mut composite = composite.unwrap_or_default();
+    let composite = composite.unwrap_or_default().with_thickness(thickness);
     if thickness.is_some() && composite == Composite::Over {
         let text = "slab_thickness: expected a composite of slabs, sheets, axis-sheets or maximum, found over";
         return Err(PyValueError::new_err(text));
     }
-    if said.take("post_classification")?.unwrap_or(false) {
-        if composite != Composite::SLABS {
-            let name = composite.name();
-            let text = format!("post_classification: expected a composite of slabs, found {name}");
-            return Err(PyValueError::new_err(text));
-        }
-        composite = Composite::Slabs {
-            thickness,
-            classify: ClassifyAt::Slab,
-        };
+    let in_slabs = said.take("post_classification")?.unwrap_or(false);
+    if in_slabs && !matches!(composite, Composite::Slabs { .. }) {
+        let name = composite.name();
+        let text = format!("post_classification: expected a composite of slabs, found {name}");
+        return Err(PyValueError::new_err(text));
     }
-    let composite = composite.with_thickness(thickness);
+    let classifies_slabs = in_slabs || matches!(composite, Composite::Maximum { .. });
     let classify = said.choice(
         "classify",
         &[
@@ -375,7 +377,7 @@ pub(crate) fn drawing(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Drawing> {
             ("particle", Classification::Particle),
         ],
     )?;
-    if classify == Some(Classification::Particle) && composite.classifies_slabs() {
+    if classify == Some(Classification::Particle) && classifies_slabs {
         let text = "classify: expected a composite that classifies particles, found one of slabs";
         return Err(PyValueError::new_err(text));
     }
@@ -395,7 +397,7 @@ pub(crate) fn drawing(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Drawing> {
         (None, Some(false)) => None,
         // By default, surfaces are lit. Post-classified slabs would be lit with them, so then there
         // is no light.
-        (None, None) => (!composite.classifies_slabs()).then(Lighting::default),
+        (None, None) => (!classifies_slabs).then(Lighting::default),
     };
     let planes = said.take::<Vec<[f64; 4]>>("clip")?.unwrap_or_default();
     let drawing = Drawing {
@@ -415,9 +417,14 @@ pub(crate) fn drawing(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Drawing> {
                     ],
                 )?
                 .unwrap_or(defaults.filter),
-            thresholds: said.take("thresholds")?,
+            advanced: Advanced {
+                thresholds: said.take("thresholds")?,
+                merge_slack: defaults.advanced.merge_slack,
+                linear_opacity: said.take("linear_opacity")?.unwrap_or(false),
+                simd: defaults.advanced.simd,
+                sub_pixel_opacity: said.take("sub_pixel_opacity")?.unwrap_or(false),
+            },
             level_of_detail: said.take("level_of_detail")?.unwrap_or(true),
-            merge_slack: defaults.merge_slack,
             show: said
                 .choice(
                     "show",
@@ -428,9 +435,11 @@ pub(crate) fn drawing(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Drawing> {
                     ],
                 )?
                 .unwrap_or_default(),
-            linear_opacity: said.take("linear_opacity")?.unwrap_or(false),
             composite,
-            classify: classify.unwrap_or_default(),
+            classify: match in_slabs {
+                true => Classification::Slab,
+                false => classify.unwrap_or_default(),
+            },
             clip: planes.iter().map(plane).collect(),
             low_pass_variance_px2: low_pass.map_or(defaults.low_pass_variance_px2, narrowed),
             cutoff: cutoff.map(narrowed),
@@ -447,9 +456,7 @@ pub(crate) fn drawing(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Drawing> {
             background: said.take("background")?,
             depth: said.take("depth")?.unwrap_or(false),
             normals: said.take("normals")?.unwrap_or(false),
-            simd: defaults.simd,
             lighting,
-            sub_pixel_opacity: said.take("sub_pixel_opacity")?.unwrap_or(false),
             task: None,
         },
         has_low_pass: low_pass.is_some(),

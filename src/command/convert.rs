@@ -181,11 +181,9 @@ impl Arguments {
     /// Returns the sampling options of each input. Meshes share the surfel count that one mesh
     /// would get. Data without a named field show a field that they have in common.
     fn options(&self, inputs: &[Input]) -> Result<Vec<SampleOptions>> {
-        let options = SampleOptions {
-            // Splats in a file are not clipped at a boundary.
-            boundary: BoundaryChoice::Soft,
-            ..self.data.sample_options()
-        };
+        let mut options = self.data.sample_options();
+        // Splats in a file are not clipped at a boundary.
+        options.kernels.boundary = BoundaryChoice::Soft;
         let mut all = vec![options.clone(); inputs.len()];
         if inputs.len() < 2 {
             return Ok(all);
@@ -208,8 +206,8 @@ impl Arguments {
         }
         prefer(&mut all, choices);
         for (own, shared) in all.iter_mut().zip(SurfelDemand::share(&demands)) {
-            if let (Some((spread, _)), Spread::Automatic) = (shared, own.spread) {
-                own.spread = spread;
+            if let (Some((spread, _)), Spread::Automatic) = (shared, own.kernels.spread) {
+                own.kernels.spread = spread;
             }
         }
         Ok(all)

@@ -10,7 +10,10 @@ use crate::io::{OpenOptions, RawLayout, RawType, ReadAs, ScaleMeaning, StepChoic
 use crate::load::input::transfer_of;
 use crate::load::{Input, Steps, steps};
 use crate::sample::mesh::Spread;
-use crate::sample::{BoundaryChoice, ParticleShape, SampleOptions, Sampled, TransferChoice};
+use crate::sample::{
+    BoundaryChoice, FunctionOptions, KernelOptions, ParticleShape, PurposeOptions, SampleOptions,
+    Sampled, TransferChoice,
+};
 use crate::scene::ScaleName;
 use crate::{Error, Result};
 use clap::{Args, ValueEnum};
@@ -402,7 +405,7 @@ impl DataOptions {
     /// Returns the standard deviation of a kernel, relative to the sample spacing.
     pub(crate) fn kernel_width(&self) -> f64 {
         self.kernel_width
-            .unwrap_or(SampleOptions::default().kernel_width)
+            .unwrap_or(SampleOptions::default().kernels.width)
     }
 
     pub(crate) fn sample(&self, dataset: Dataset) -> Result<Sampled> {
@@ -421,55 +424,55 @@ impl DataOptions {
         SampleOptions {
             field: self.field.clone(),
             preferred_field: None,
-            kernel_width: self.kernel_width(),
-            transfer: self
-                .transfer_function
-                .as_deref()
-                .map_or(TransferChoice::Automatic, transfer_of),
-            unit_distance: self.unit_distance,
-            range: self.range,
-            scale: self.scale_name(),
-            opacity_scale: self.opacity_scale,
-            length: self.length.map(|length| match length {
-                Length::H => LengthMeaning::SmoothingLength,
-                Length::Support => LengthMeaning::Support,
-                Length::Sigma => LengthMeaning::Sigma,
-                Length::Fwhm => LengthMeaning::Fwhm,
-            }),
-            kernel: self.kernel.map(|kernel| match kernel {
-                Kernel::Cubic => SphKernel::CubicSpline,
-                Kernel::Quartic => SphKernel::QuarticSpline,
-                Kernel::Quintic => SphKernel::QuinticSpline,
-                Kernel::WendlandC2 => SphKernel::WendlandC2,
-                Kernel::WendlandC4 => SphKernel::WendlandC4,
-                Kernel::WendlandC6 => SphKernel::WendlandC6,
-            }),
-            radius: self.radius,
-            shape: match self.shape {
-                Shape::Auto => ParticleShape::Automatic,
-                Shape::Isotropic => ParticleShape::Isotropic,
-                Shape::Covariance => ParticleShape::Covariance,
-                Shape::YuTurk => ParticleShape::YuTurk,
+            kernels: KernelOptions {
+                width: self.kernel_width(),
+                length: self.length.map(|length| match length {
+                    Length::H => LengthMeaning::SmoothingLength,
+                    Length::Support => LengthMeaning::Support,
+                    Length::Sigma => LengthMeaning::Sigma,
+                    Length::Fwhm => LengthMeaning::Fwhm,
+                }),
+                smoothing: self.kernel.map(|kernel| match kernel {
+                    Kernel::Cubic => SphKernel::CubicSpline,
+                    Kernel::Quartic => SphKernel::QuarticSpline,
+                    Kernel::Quintic => SphKernel::QuinticSpline,
+                    Kernel::WendlandC2 => SphKernel::WendlandC2,
+                    Kernel::WendlandC4 => SphKernel::WendlandC4,
+                    Kernel::WendlandC6 => SphKernel::WendlandC6,
+                }),
+                radius: self.radius,
+                shape: match self.shape {
+                    Shape::Auto => ParticleShape::Automatic,
+                    Shape::Isotropic => ParticleShape::Isotropic,
+                    Shape::Covariance => ParticleShape::Covariance,
+                    Shape::YuTurk => ParticleShape::YuTurk,
+                },
+                shepard_passes: self.shepard,
+                boundary: match self.boundary {
+                    None => BoundaryChoice::Automatic,
+                    Some(BoundaryName::Sharp) => BoundaryChoice::Sharp,
+                    Some(BoundaryName::Soft) => BoundaryChoice::Soft,
+                },
+                spread: match (self.count, self.density, self.spacing) {
+                    (Some(count), ..) => Spread::Count(count as usize),
+                    (None, Some(density), _) => Spread::Density(density),
+                    (None, None, Some(Spacing::Even(distance))) => Spread::Spacing(distance),
+                    (None, None, _) => Spread::Automatic,
+                },
+                seed: 0,
             },
-            shepard_passes: self.shepard,
-            for_columns: false,
-            for_means: false,
+            function: FunctionOptions {
+                transfer: self
+                    .transfer_function
+                    .as_deref()
+                    .map_or(TransferChoice::Automatic, transfer_of),
+                unit_distance: self.unit_distance,
+                range: self.range,
+                scale: self.scale_name(),
+                opacity_scale: self.opacity_scale,
+            },
+            purpose: PurposeOptions::default(),
             flatten: self.flatten,
-            boundary: match self.boundary {
-                None => BoundaryChoice::Automatic,
-                Some(BoundaryName::Sharp) => BoundaryChoice::Sharp,
-                Some(BoundaryName::Soft) => BoundaryChoice::Soft,
-            },
-            normals: false,
-            local_models: true,
-            keeps_value_sample: false,
-            spread: match (self.count, self.density, self.spacing) {
-                (Some(count), ..) => Spread::Count(count as usize),
-                (None, Some(density), _) => Spread::Density(density),
-                (None, None, Some(Spacing::Even(distance))) => Spread::Spacing(distance),
-                (None, None, _) => Spread::Automatic,
-            },
-            seed: 0,
             task: None,
         }
     }

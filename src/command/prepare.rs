@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use crate::load::partitioned::open_stream;
 use crate::load::{Checks, Input, Loaded};
 use crate::prepared::PreparedScene;
-use crate::sample::{SampleOptions, SampleReport};
+use crate::sample::{PurposeOptions, SampleOptions, SampleReport};
 use crate::{Error, Result, SceneOptions};
 use clap::{Args, ValueEnum};
 use serde_json::json;
@@ -86,9 +86,12 @@ impl PrepareOptions {
         let bar = progress::spinner();
         let task = progress::task_of(&bar);
         let options = SampleOptions {
-            for_columns: self.column_density,
-            normals: self.lit,
-            local_models: !self.column_density,
+            purpose: PurposeOptions {
+                for_columns: self.column_density,
+                normals: self.lit,
+                local_models: !self.column_density,
+                ..PurposeOptions::default()
+            },
             task: task.clone(),
             ..data.sample_options()
         };

@@ -49,7 +49,7 @@ impl Checks for DataChecks<'_> {
             is_classified,
             has_opacity: is_classified,
             has_file_function: is_classified && !is_automatic(sample),
-            for_columns: sample.for_columns,
+            for_columns: sample.purpose.for_columns,
             of_prepared: None,
         })
     }
@@ -133,7 +133,7 @@ impl DataOptions {
     /// for.
     pub(super) fn check_function(&self, options: &SampleOptions) -> Result<()> {
         self.check_surface()?;
-        if self.scale.is_some() && matches!(options.transfer, TransferChoice::File(_)) {
+        if self.scale.is_some() && matches!(options.function.transfer, TransferChoice::File(_)) {
             let expected = "an automatic transfer function, or a named colour map";
             let found = "a file, which has a scale of its own";
             let advice = "change the file, or leave the scale out";
@@ -166,10 +166,8 @@ impl DataOptions {
         inputs: &[Input],
         kernel_width: f64,
     ) -> Result<Vec<PointVolume>> {
-        let options = SampleOptions {
-            kernel_width,
-            ..self.sample_options()
-        };
+        let mut options = self.sample_options();
+        options.kernels.width = kernel_width;
         let mut volumes = Vec::new();
         for input in inputs {
             let dataset = self.open(input)?;

@@ -35,7 +35,7 @@ impl Uses {
             is_classified: inputs().any(|input| input.is_classified),
             has_opacity: inputs().any(|input| input.has_opacity),
             has_file_function: inputs().any(|input| input.has_given_function()),
-            for_columns: options.for_columns,
+            for_columns: options.purpose.for_columns,
             of_prepared: is_prepared.then(|| {
                 let scenes = scene.prepared.iter();
                 scenes
@@ -95,7 +95,10 @@ impl DataOptions {
         let has_unit = !columns && (uses.has_file_function || (points && !is_classified));
         let mesh_or_raw = "a mesh or a raw volume";
         let function = self.transfer_function.is_some();
-        let is_file = matches!(self.sample_options().transfer, TransferChoice::File(_));
+        let is_file = matches!(
+            self.sample_options().function.transfer,
+            TransferChoice::File(_)
+        );
         let is_data = uses.of_prepared.is_none();
         let data = "data that are no prepared scene, which has its kernels";
         refuse_unused(&[

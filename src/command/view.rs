@@ -220,7 +220,7 @@ impl ViewRequest {
         let mut arguments = arguments.unwrap_or_else(|error| error.exit());
         arguments.take_axes();
         Ok(Self {
-            boundary: arguments.data.sample_options().boundary,
+            boundary: arguments.data.sample_options().kernels.boundary,
             arguments: Arc::new(arguments),
             given: given(matches),
             series: OnceLock::new(),
@@ -274,12 +274,12 @@ impl ViewRequest {
         }
         let options = self.arguments.data.sample_options();
         Automatic {
-            map: match options.transfer {
+            map: match options.function.transfer {
                 TransferChoice::Named(name) => Some(name),
                 _ => None,
             },
-            range: options.range,
-            scale: options.scale,
+            range: options.function.range,
+            scale: options.function.scale,
         }
     }
 
@@ -365,11 +365,12 @@ impl ViewRequest {
         arguments.method.check()?;
         let mut inputs = self.chosen(chosen)?;
         let mut options = arguments.sample_options(Some(task.clone()));
-        options.boundary = self.boundary;
+        options.kernels.boundary = self.boundary;
         if let Some(automatic) = &self.automatic {
             let Automatic { map, range, scale } = automatic.clone();
-            options.transfer = map.map_or(TransferChoice::Automatic, TransferChoice::Named);
-            (options.range, options.scale) = (range, scale);
+            options.function.transfer =
+                map.map_or(TransferChoice::Automatic, TransferChoice::Named);
+            (options.function.range, options.function.scale) = (range, scale);
         }
         if let Some(field) = field {
             options.field = Some(field.to_owned());

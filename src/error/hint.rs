@@ -64,9 +64,9 @@ pub enum Hint {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Parameter {
-    /// [`SampleOptions::kernel_width`](crate::sample::SampleOptions::kernel_width).
+    /// [`KernelOptions::width`](crate::sample::KernelOptions::width).
     KernelWidth,
-    /// [`SampleOptions::transfer`](crate::sample::SampleOptions::transfer).
+    /// [`FunctionOptions::transfer`](crate::sample::FunctionOptions::transfer).
     TransferFunction,
     /// [`SampleOptions::flatten`](crate::sample::SampleOptions::flatten).
     Flatten,

@@ -25,12 +25,33 @@ pub enum Backend {
     Cpu,
 }
 
-/// A back end that is ready to receive scenes.
+/// A back end that is ready to receive scenes. [`Backend::open`] opens one; a [`Gpu`](crate::render::Gpu)
+/// converts to one that must draw all frames.
 #[derive(Debug, Clone)]
 pub struct OpenBackend {
     /// The device, and whether the caller asked for one explicitly.
     #[cfg(feature = "gpu")]
     pub(crate) gpu: Option<(Gpu, bool)>,
+}
+
+#[cfg(feature = "gpu")]
+impl From<Gpu> for OpenBackend {
+    fn from(gpu: Gpu) -> Self {
+        Self {
+            gpu: Some((gpu, true)),
+        }
+    }
+}
+
+#[cfg(feature = "gpu")]
+impl OpenBackend {
+    /// Returns a back end that draws on the device, and on the CPU if the scene does not fit on the device
+    /// or the device has too little memory or no code for a frame.
+    pub fn or_cpu(gpu: Gpu) -> Self {
+        Self {
+            gpu: Some((gpu, false)),
+        }
+    }
 }
 
 impl Backend {

@@ -4,6 +4,7 @@ use super::settings::{Blend, Composite, Settings, Show};
 use crate::blocks::{BlockedScene, BlockedVolume};
 use crate::constants::{MAX_CLIP_PLANES, MAX_CUTOFF};
 use crate::error::{Error, Result};
+use crate::scene::Classification;
 use crate::splat::Filter;
 use crate::view::Camera;
 
@@ -58,7 +59,7 @@ pub(crate) fn check(camera: &Camera, settings: &Settings) -> Result<()> {
             tolerance.to_string(),
         );
     }
-    let slack = settings.merge_slack;
+    let slack = settings.advanced.merge_slack;
     if !(slack >= 1.0 && slack.is_finite()) {
         return refuse("merge slack", "a number from 1 up", slack.to_string());
     }
@@ -107,7 +108,7 @@ fn check_pairs(settings: &Settings) -> Result<()> {
             "leave out one of the two",
         ))
     };
-    if settings.thresholds.is_some() && settings.filter != Filter::Adaptive {
+    if settings.advanced.thresholds.is_some() && settings.filter != Filter::Adaptive {
         return Err(Error::invalid(
             "settings",
             "thresholds",
@@ -125,11 +126,21 @@ fn check_pairs(settings: &Settings) -> Result<()> {
         if settings.lighting.is_some() {
             return refuse("composite maximum", "light, which asks for a surface");
         }
-        if settings.linear_opacity {
+        if settings.advanced.linear_opacity {
             return refuse("composite maximum", "an opacity, of which it has none");
         }
     }
-    if !settings.composite.classifies_slabs() {
+    let has_slabs = settings.composite.accumulate().cuts_slabs();
+    if settings.classify == Classification::Slab && !has_slabs {
+        return Err(Error::invalid(
+            "settings",
+            "classification of slabs",
+            "a composite of slabs",
+            settings.composite.name(),
+            "take Composite::SLABS",
+        ));
+    }
+    if !settings.classifies_slabs() {
         return Ok(());
     }
     if settings.blend == Blend::Encoded {
@@ -142,7 +153,7 @@ fn check_pairs(settings: &Settings) -> Result<()> {
         // Kernels carry a value here, and have no room for a colour.
         return refuse("what draws each kernel", "particles classified one by one");
     }
-    if settings.sub_pixel_opacity {
+    if settings.advanced.sub_pixel_opacity {
         // The mean of a slab is taken over the length of the ray in it.
         return refuse(
             "opacity of lone kernels",

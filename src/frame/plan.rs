@@ -122,7 +122,7 @@ impl FramePlan {
         let surfaces = scene.data().filter(|v| v.is_surface()).count();
         let lighting = lighting_uniform(camera, settings);
         let shared = Axes {
-            linear_opacity: settings.linear_opacity,
+            linear_opacity: settings.advanced.linear_opacity,
             depth: settings.depth,
             normals: settings.normals,
             count: settings.show == Show::Count,
@@ -150,7 +150,7 @@ impl FramePlan {
             });
         }
         if surfaces < scene.families().len() || surfaces == 0 {
-            let classifies_slabs = settings.composite.classifies_slabs();
+            let classifies_slabs = settings.classifies_slabs();
             let classify = if classifies_slabs {
                 Classify::Slab {
                     is_lit: lighting.is_some(),
@@ -208,7 +208,7 @@ impl FramePlan {
             depth: settings.depth,
             normals: settings.normals,
             passes,
-            simd: settings.simd,
+            simd: settings.advanced.simd,
             task: settings.task.clone(),
             camera: camera.clone(),
         })
@@ -260,7 +260,7 @@ impl FramePlan {
             depth: false,
             normals: false,
             passes: vec![pass],
-            simd: settings.simd,
+            simd: settings.advanced.simd,
             task: settings.task.clone(),
             camera: camera.clone(),
         }
@@ -349,12 +349,11 @@ fn classified_by(scene: &BlockedScene, settings: &Settings) -> ClassifiedBy {
     if scene.data().all(|volume| volume.lobes.is_none()) {
         return ClassifiedBy::Value;
     }
-    match (settings.composite.classifies_slabs(), settings.classify) {
+    match (settings.composite, settings.classify) {
         // The greatest mean value may be one that the transfer function hides.
-        (true, _) if settings.composite.accumulate() == Accumulate::Maximum => ClassifiedBy::Value,
-        (true, _) => ClassifiedBy::Neighbours,
-        (false, Classification::Extent) => ClassifiedBy::Extent,
-        (false, Classification::Particle) => ClassifiedBy::Value,
+        (Composite::Maximum { .. }, _) | (_, Classification::Particle) => ClassifiedBy::Value,
+        (_, Classification::Extent) => ClassifiedBy::Extent,
+        (_, Classification::Slab) => ClassifiedBy::Neighbours,
     }
 }
 

@@ -16,28 +16,13 @@ pub struct Settings {
     /// The footprint that draws a kernel. Splats that state their opacity are always drawn by the rule of
     /// their format, [`peak_footprint`](crate::splat::peak_footprint).
     pub filter: Filter,
-    /// c_min and c_max of eq. 7 of Chen et al. 2004; `None` follows the tolerance. The paper's values are
-    /// .3 and 2.
-    ///
-    /// They apply to [`Filter::Adaptive`]. Blocks nearer than c_min r_k/r_h are drawn by the
-    /// reconstruction kernel alone. Blocks beyond c_max (1 + 2 tan²(fov/2)) r_k/r_h are drawn by the
-    /// low-pass filter alone, and others by the resampling filter. With thresholds no kernel is exact,
-    /// and none is merged.
-    pub thresholds: Option<[f32; 2]>,
     /// True if particles far smaller than a pixel are drawn merged, under [`Filter::Adaptive`].
     pub level_of_detail: bool,
-    /// Factor on the error that merging may use of the tolerance; 1 keeps the tolerance. Larger values
-    /// suit pictures in motion, whose time depends on the number of kernels when pixels are few. An error
-    /// of many tolerances blurs details.
-    pub merge_slack: f32,
     /// The quantity that the picture shows.
     pub show: Show,
-    /// Opacity min(tau, 1) instead of 1 - exp(-tau). The error is at most tau²/2 for one kernel, and at
-    /// most 1/e of the greatest tau for many kernels behind one another.
-    pub linear_opacity: bool,
     /// Rule that composites kernels which lie behind one another.
     pub composite: Composite,
-    /// The part of a kernel over which the transfer function is evaluated.
+    /// The place at which the transfer function is evaluated; [`Composite::Maximum`] ignores it.
     pub classify: Classification,
     /// Planes that clip everything that is drawn; eight at most.
     pub clip: Vec<ClipPlane>,
@@ -53,10 +38,32 @@ pub struct Settings {
     pub depth: bool,
     /// True if to return the normals of opaque surfels.
     pub normals: bool,
-    /// The instruction set of the rasteriser.
-    pub simd: SimdLevel,
     /// Light on surfels and on volumes that have normals; `None` shows colours as they are.
     pub lighting: Option<Lighting>,
+    /// Settings that few pictures need.
+    pub advanced: Advanced,
+    /// Receives the progress of the frame, and may cancel it.
+    pub task: Option<Task>,
+}
+
+/// Settings that few pictures need: the papers' own rules, opacities of sparse particles, and work per frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Advanced {
+    /// c_min and c_max of eq. 7 of Chen et al. 2004; `None` follows the tolerance. The paper's values are
+    /// .3 and 2.
+    ///
+    /// They apply to [`Filter::Adaptive`]. Blocks nearer than c_min r_k/r_h are drawn by the
+    /// reconstruction kernel alone. Blocks beyond c_max (1 + 2 tan²(fov/2)) r_k/r_h are drawn by the
+    /// low-pass filter alone, and others by the resampling filter. With thresholds no kernel is exact,
+    /// and none is merged.
+    pub thresholds: Option<[f32; 2]>,
+    /// Factor on the error that merging may use of the tolerance; 1 keeps the tolerance. Larger values
+    /// suit pictures in motion, whose time depends on the number of kernels when pixels are few. An error
+    /// of many tolerances blurs details.
+    pub merge_slack: f32,
+    /// Opacity min(tau, 1) instead of 1 - exp(-tau). The error is at most tau²/2 for one kernel, and at
+    /// most 1/e of the greatest tau for many kernels behind one another.
+    pub linear_opacity: bool,
     /// True if a kernel smaller than a pixel is as opaque as it would be alone.
     ///
     /// The low-pass filter spreads optical depths. A kernel that fills a tenth of a pixel with a depth of
@@ -72,8 +79,20 @@ pub struct Settings {
     /// Merged particles already account for their members' opacity and do not change; nor do kernels that
     /// reach the eye.
     pub sub_pixel_opacity: bool,
-    /// Receives the progress of the frame, and may cancel it.
-    pub task: Option<Task>,
+    /// The instruction set of the rasteriser.
+    pub simd: SimdLevel,
+}
+
+impl Default for Advanced {
+    fn default() -> Self {
+        Self {
+            thresholds: None,
+            merge_slack: 1.0,
+            linear_opacity: false,
+            sub_pixel_opacity: false,
+            simd: SimdLevel::best(),
+        }
+    }
 }
 
 impl Default for Settings {
@@ -81,11 +100,8 @@ impl Default for Settings {
         Self {
             tolerance: DEFAULT_TOLERANCE,
             filter: Filter::Adaptive,
-            thresholds: None,
             level_of_detail: true,
-            merge_slack: 1.0,
             show: Show::Scene,
-            linear_opacity: false,
             composite: Composite::Over,
             classify: Classification::Extent,
             clip: Vec::new(),
@@ -95,9 +111,8 @@ impl Default for Settings {
             background: None,
             depth: false,
             normals: false,
-            simd: SimdLevel::best(),
             lighting: None,
-            sub_pixel_opacity: false,
+            advanced: Advanced::default(),
             task: None,
         }
     }
@@ -110,8 +125,14 @@ impl Settings {
         // Slabs would cut a merged particle as if it were a single kernel.
         self.level_of_detail
             && self.filter == Filter::Adaptive
-            && self.thresholds.is_none()
+            && self.advanced.thresholds.is_none()
             && !self.composite.accumulate().cuts_slabs()
+    }
+
+    /// Returns whether slabs are classified by their mean values: if [`Self::classify`] says so, and for
+    /// every maximum.
+    pub fn classifies_slabs(&self) -> bool {
+        self.classify == Classification::Slab || matches!(self.composite, Composite::Maximum { .. })
     }
 
     /// Returns the background of the picture that is shown. A picture of kernel counts has a black
@@ -182,8 +203,6 @@ pub enum Composite {
     Slabs {
         /// World units; `None` for the thickness that the tolerance allows.
         thickness: Option<f64>,
-        /// Place at which the transfer function and the lighting are evaluated.
-        classify: ClassifyAt,
     },
     /// A maximum-intensity projection. Kernels are cut into slabs, and a pixel has the transfer
     /// function's colour of the greatest mean value of any slab on its ray, opaque. A slab counts if data
@@ -194,27 +213,13 @@ pub enum Composite {
     },
 }
 
-/// Places at which the transfer function and the lighting are evaluated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum ClassifyAt {
-    /// For each particle.
-    #[default]
-    Particle,
-    /// For each slab of each pixel, at the slab's mean value. This is sharper if the function is steep
-    /// and samples are few. For scenes of one volume with a field (and surfaces).
-    Slab,
-}
-
 impl Composite {
     /// Sheets parallel to the image, of the default thickness.
     pub const SHEETS: Self = Self::Sheets { thickness: None };
     /// Sheets across an axis of the volume, of the default thickness.
     pub const AXIS_SHEETS: Self = Self::AxisSheets { thickness: None };
-    /// Slabs of the default thickness, particles classified.
-    pub const SLABS: Self = Self::Slabs {
-        thickness: None,
-        classify: ClassifyAt::Particle,
-    };
+    /// Slabs of the default thickness.
+    pub const SLABS: Self = Self::Slabs { thickness: None };
     /// The greatest value along each ray, in slabs of the default thickness.
     pub const MAXIMUM: Self = Self::Maximum { thickness: None };
     /// The composites that approximate the rendering integral, with their defaults.
@@ -237,7 +242,7 @@ impl Composite {
             Self::Over => None,
             Self::Sheets { thickness }
             | Self::AxisSheets { thickness }
-            | Self::Slabs { thickness, .. }
+            | Self::Slabs { thickness }
             | Self::Maximum { thickness } => thickness,
         }
     }
@@ -249,23 +254,9 @@ impl Composite {
             Self::Over => Self::Over,
             Self::Sheets { .. } => Self::Sheets { thickness },
             Self::AxisSheets { .. } => Self::AxisSheets { thickness },
-            Self::Slabs { classify, .. } => Self::Slabs {
-                thickness,
-                classify,
-            },
+            Self::Slabs { .. } => Self::Slabs { thickness },
             Self::Maximum { .. } => Self::Maximum { thickness },
         }
-    }
-
-    /// Returns whether slabs are classified by their mean values.
-    pub fn classifies_slabs(self) -> bool {
-        matches!(
-            self,
-            Self::Slabs {
-                classify: ClassifyAt::Slab,
-                ..
-            } | Self::Maximum { .. }
-        )
     }
 }
 
@@ -324,7 +315,10 @@ impl ColumnSettings {
             low_pass_variance_px2,
             cutoff: Some(self.cutoff),
             clip: self.clip.clone(),
-            simd: self.simd,
+            advanced: Advanced {
+                simd: self.simd,
+                ..Advanced::default()
+            },
             task: self.task.clone(),
             ..Settings::default()
         }

@@ -83,7 +83,7 @@ pub(crate) fn view_uniform(
         layer_shift: layers.map_or(0, |l| l.shift),
         keys_begin: u32::from(settings.composite.accumulate().cuts_slabs()),
         clip_count: settings.clip.len() as u32,
-        sub_pixel_opacity: u32::from(settings.sub_pixel_opacity),
+        sub_pixel_opacity: u32::from(settings.advanced.sub_pixel_opacity),
         // The plan sets it for maxima.
         least_length: 0.0,
         clip_planes: planes,
@@ -105,9 +105,9 @@ pub(crate) fn choice_uniform(camera: &Camera, settings: &Settings) -> ChoiceUnif
         Projection::Perspective => 1.0 + farthest.as_vec2().length_squared(),
         Projection::Orthographic => 1.0,
     };
-    let [c_min, c_max] = settings.thresholds.unwrap_or([0.0; 2]);
+    let [c_min, c_max] = settings.advanced.thresholds.unwrap_or([0.0; 2]);
     let is_adaptive = settings.filter == Filter::Adaptive;
-    let by_hand = is_adaptive && settings.thresholds.is_some();
+    let by_hand = is_adaptive && settings.advanced.thresholds.is_some();
     ChoiceUniform {
         focal_px: [focal.min_element(), focal.max_element()],
         thresholds: [c_min, c_max * stretch],
@@ -117,7 +117,7 @@ pub(crate) fn choice_uniform(camera: &Camera, settings: &Settings) -> ChoiceUnif
         low_pass_variance_px2: settings.low_pass_variance_px2,
         tolerance: settings.tolerance,
         merge_tolerance: if settings.draws_merged() {
-            settings.tolerance * settings.merge_slack
+            settings.tolerance * settings.advanced.merge_slack
         } else {
             0.0
         },
@@ -132,11 +132,15 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
+    use crate::frame::settings::Advanced;
 
     #[test]
     fn thresholds_have_the_papers_factor_of_the_field_of_view() {
         let settings = Settings {
-            thresholds: Some([0.3, 2.0]),
+            advanced: Advanced {
+                thresholds: Some([0.3, 2.0]),
+                ..Advanced::default()
+            },
             ..Settings::default()
         };
         let of = |camera: &Camera| choice_uniform(camera, &settings);

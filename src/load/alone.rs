@@ -10,7 +10,7 @@ use super::surfels::joined;
 use crate::collective::Alone;
 use crate::data::up::Up;
 use crate::error::Result;
-use crate::sample::{SampleOptions, TransferChoice};
+use crate::sample::{PurposeOptions, SampleOptions, TransferChoice};
 
 /// Loads inputs in this process.
 pub(super) fn load_alone(request: &Request<'_>) -> Result<Loaded> {
@@ -18,7 +18,7 @@ pub(super) fn load_alone(request: &Request<'_>) -> Result<Loaded> {
     let (mut opened, mut data) = (Vec::new(), Vec::new());
     for input in request.inputs {
         let own = is_prepared(&input.path);
-        let own = own.then(|| prepared::open(input, request.sample.for_columns));
+        let own = own.then(|| prepared::open(input, request.sample.purpose.for_columns));
         if own.is_none() {
             data.push(input.clone());
         }
@@ -59,7 +59,7 @@ pub(super) fn load_alone(request: &Request<'_>) -> Result<Loaded> {
         if let Some((own, about)) = own {
             ups.push(prepared::up_of(&about));
             // Beside other inputs, the function may be meant for them.
-            let own = match &request.sample.transfer {
+            let own = match &request.sample.function.transfer {
                 TransferChoice::File(function) if data.is_empty() => {
                     prepared::with_function(own, &input.path, function)?
                 }
@@ -91,8 +91,11 @@ pub(super) fn load_alone(request: &Request<'_>) -> Result<Loaded> {
 pub fn load_series(request: &Request<'_>) -> Result<Series> {
     request.checks.choices()?;
     let sample = SampleOptions {
-        keeps_value_sample: true,
-        local_models: false,
+        purpose: PurposeOptions {
+            keeps_value_sample: true,
+            local_models: false,
+            ..request.sample.purpose
+        },
         ..request.sample.clone()
     };
     let collection = Collection {

@@ -2,7 +2,8 @@
 
 use crate::Result;
 use crate::sample::{
-    FieldChoice, SampleOptions, SampledScene, TransferChoice, shared_fields, shared_functions,
+    FieldChoice, FunctionOptions, PurposeOptions, SampleOptions, SampledScene, TransferChoice,
+    shared_fields, shared_functions,
 };
 use crate::scene::TransferFunction;
 
@@ -26,8 +27,14 @@ pub fn prefer(options: &mut [SampleOptions], mut choices: Vec<Vec<FieldChoice>>)
 /// Returns sampling options with a transfer function that several sources share.
 pub(super) fn with_shared(options: SampleOptions, function: &TransferFunction) -> SampleOptions {
     SampleOptions {
-        transfer: TransferChoice::Shared(function.clone()),
-        keeps_value_sample: false,
+        function: FunctionOptions {
+            transfer: TransferChoice::Shared(function.clone()),
+            ..options.function
+        },
+        purpose: PurposeOptions {
+            keeps_value_sample: false,
+            ..options.purpose
+        },
         ..options
     }
 }

@@ -25,8 +25,8 @@ use crate::message::{put, take, unknown};
 use crate::prepared::about::Function;
 use crate::sample::mesh::Spread;
 use crate::sample::{
-    FieldChoice, SampleOptions, SampleReport, SampledScene, as_surface, field_choices,
-    shared_functions, surface_report,
+    FieldChoice, KernelOptions, PurposeOptions, SampleOptions, SampleReport, SampledScene,
+    as_surface, field_choices, shared_functions, surface_report,
 };
 use crate::scene::{PointVolume, TransferFunction, ValueSample};
 use crate::view::{Bounds, Camera};
@@ -201,7 +201,16 @@ impl Collection<'_> {
             .try_for_each(|own| {
                 let spread = spreads[own.number];
                 let options = options[own.number].clone();
-                self.spread(own, &SampleOptions { spread, ..options })
+                self.spread(
+                    own,
+                    &SampleOptions {
+                        kernels: KernelOptions {
+                            spread,
+                            ..options.kernels
+                        },
+                        ..options
+                    },
+                )
             });
         ranks.agree(surfaces)?;
         self.gathered(looks, own, &options, ranks)
@@ -387,12 +396,15 @@ impl Collection<'_> {
     /// Returns the options of each input. If no field is named, inputs show one that they have in
     /// common.
     pub(super) fn chosen(&self, looks: &[Look]) -> Vec<SampleOptions> {
-        let keeps = self.request.inputs.len() > 1 && !self.request.sample.for_columns;
+        let keeps = self.request.inputs.len() > 1 && !self.request.sample.purpose.for_columns;
         let of_input = |(input, look): (&Input, &Look)| {
             let mut own = input.sample_options(self.request.sample);
             own.field.take_if(|_| look.is_lacking);
             SampleOptions {
-                keeps_value_sample: keeps || own.keeps_value_sample,
+                purpose: PurposeOptions {
+                    keeps_value_sample: keeps || own.purpose.keeps_value_sample,
+                    ..own.purpose
+                },
                 ..own
             }
         };
@@ -514,7 +526,7 @@ impl Collection<'_> {
         options: &[SampleOptions],
         ranks: &mut dyn Collective,
     ) -> Result<Vec<Spread>> {
-        let asked = self.request.sample.spread;
+        let asked = self.request.sample.kernels.spread;
         let mut spreads = vec![asked; looks.len()];
         if asked != Spread::Automatic || !looks.iter().any(|look| look.is_surface) {
             return Ok(spreads);

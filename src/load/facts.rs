@@ -105,7 +105,7 @@ impl InputFacts {
 
 /// Returns true if any of the inputs can be cut sharply at its boundary.
 pub(super) fn may_end_sharply(inputs: &[InputFacts], options: &SampleOptions) -> bool {
-    let is_cut = options.flatten.is_none() && options.shepard_passes == 0;
+    let is_cut = options.flatten.is_none() && options.kernels.shepard_passes == 0;
     is_cut && inputs.iter().any(|input| input.kind.is_grid())
 }
 
@@ -143,7 +143,7 @@ pub(super) fn check_memory(dataset: &Dataset) -> Result<()> {
 
 /// Returns true if the transfer function is chosen from the values.
 pub(crate) fn is_automatic(options: &SampleOptions) -> bool {
-    let transfer = &options.transfer;
+    let transfer = &options.function.transfer;
     matches!(
         transfer,
         TransferChoice::Automatic | TransferChoice::Named(_) | TransferChoice::Shared(_)

@@ -110,7 +110,7 @@ impl Input {
         let mut own = options.clone();
         own.field = self.field.clone().or(own.field);
         if let Some(function) = &self.function {
-            own.transfer = transfer_of(function);
+            own.function.transfer = transfer_of(function);
         }
         own
     }

@@ -140,8 +140,9 @@ impl Parts {
                 return Ok(Some(Self::Grid(Box::new(file), options)));
             }
         }
-        let is_sampled_alone =
-            options.flatten.is_none() && options.shepard_passes == 0 && !options.normals;
+        let is_sampled_alone = options.flatten.is_none()
+            && options.kernels.shepard_passes == 0
+            && !options.purpose.normals;
         if !(is_plain && is_sampled_alone && input.function.is_none()) {
             return Ok(None);
         }
@@ -295,7 +296,7 @@ fn load_first(request: &Request<'_>, ranks: &mut dyn Collective) -> Result<Loade
     let metadata = own.map(|own| {
         own_scene = own;
         let scene = own_scene.as_ref();
-        scene.map(|scene| scene.about(request.inputs, request.sample.for_columns))
+        scene.map(|scene| scene.about(request.inputs, request.sample.purpose.for_columns))
     });
     let about: About = ranks.broadcast_value(metadata)?;
     let volumes = own_scene.as_mut().map(|own| take(&mut own.volumes));

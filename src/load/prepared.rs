@@ -6,7 +6,7 @@ use std::path::Path;
 use crate::data::up::Up;
 use crate::prepared::{About, PreparedScene, looks_like};
 use crate::scene::{PointVolume, TransferDefaults, TransferFunction};
-use crate::{Error, Renderer, Result, SceneOptions};
+use crate::{Error, Renderer, RendererOptions, Result, SceneOptions};
 use glam::DVec3;
 
 use super::edit::Edit;
@@ -144,5 +144,5 @@ pub(crate) fn renderer(
     }
     scenes.push(PreparedScene::new(volumes, options)?);
     scenes.reverse();
-    Renderer::of_prepared(scenes)
+    Renderer::with_options(scenes, RendererOptions::default())
 }

@@ -4,7 +4,9 @@ use super::collection::{Collection, Look};
 use super::surfels::boxes_of;
 use crate::data::dataset::Geometry;
 use crate::data::up::Up;
-use crate::sample::{SampleOptions, TransferChoice, automatic, function_of_file, surface_report};
+use crate::sample::{
+    FunctionOptions, SampleOptions, TransferChoice, automatic, function_of_file, surface_report,
+};
 use crate::scene::ValueSample;
 use crate::view::Bounds;
 use crate::{Renderer, Result, SceneOptions};
@@ -26,7 +28,10 @@ impl Series {
     /// Returns the options that sample a step.
     pub fn of_step(&self, options: &SampleOptions) -> SampleOptions {
         SampleOptions {
-            transfer: self.transfer.clone(),
+            function: FunctionOptions {
+                transfer: self.transfer.clone(),
+                ..options.function.clone()
+            },
             preferred_field: self.field.clone(),
             ..options.clone()
         }
@@ -86,22 +91,25 @@ impl Collection<'_> {
         {
             return Err(error);
         }
-        let unit_distance = self.request.sample.opacity_scale * unit_distance;
+        let unit_distance = self.request.sample.function.opacity_scale * unit_distance;
         let range = ranges
             .into_iter()
             .reduce(|[a, b]: [f64; 2], [c, d]| [a.min(c), b.max(d)]);
         let transfer = match (ValueSample::mean(samples), range) {
             // A preset is stretched over the values of all steps.
             (None, Some(range))
-                if matches!(self.request.sample.transfer, TransferChoice::File(_)) =>
+                if matches!(
+                    self.request.sample.function.transfer,
+                    TransferChoice::File(_)
+                ) =>
             {
                 let read = function_of_file(self.request.sample, range, unit_distance)?;
                 match read.stretched {
                     Some(_) => TransferChoice::Given(read.function),
-                    None => self.request.sample.transfer.clone(),
+                    None => self.request.sample.function.transfer.clone(),
                 }
             }
-            (None, _) => self.request.sample.transfer.clone(),
+            (None, _) => self.request.sample.function.transfer.clone(),
             (Some(sample), _) => {
                 TransferChoice::Shared(automatic(&sample, self.request.sample, unit_distance)?)
             }

@@ -185,16 +185,16 @@ impl From<&Settings> for SettingsSummary {
         Self {
             tolerance: settings.tolerance,
             filter: settings.filter.name(),
-            thresholds: settings.thresholds,
+            thresholds: settings.advanced.thresholds,
             level_of_detail: settings.level_of_detail,
             cutoff: settings.cutoff,
-            opacity: if settings.linear_opacity {
+            opacity: if settings.advanced.linear_opacity {
                 "linear"
             } else {
                 "exponential"
             },
             low_pass_variance_px2: settings.low_pass_variance_px2,
-            simd: simd_name(settings.simd),
+            simd: simd_name(settings.advanced.simd),
         }
     }
 }

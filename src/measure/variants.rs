@@ -2,7 +2,7 @@
 
 use crate::constants::MAX_CUTOFF;
 use crate::cpu::SimdLevel;
-use crate::render::{ClassifyAt, Composite, Settings, Show};
+use crate::render::{Advanced, Composite, Settings, Show};
 use crate::scene::Classification;
 use crate::splat::Filter;
 
@@ -29,7 +29,7 @@ impl Variant {
     pub fn changes_signal(&self, default: &Settings) -> bool {
         self.kernel_width.is_some()
             || self.settings.classify != default.classify
-            || self.settings.composite.classifies_slabs() != default.composite.classifies_slabs()
+            || self.settings.classifies_slabs() != default.classifies_slabs()
             || self.changes_pixels(default)
     }
 
@@ -66,7 +66,7 @@ const ACCURATE_SLABS: &str = "accurate-slabs";
 pub const FAST: &str = "fast";
 
 /// c_min and c_max of Chen et al. 2004, section 4.1. The latter lacks its factor of the field of view, which
-/// [`Settings::thresholds`] includes.
+/// [`Advanced::thresholds`] includes.
 pub const PAPER_THRESHOLDS: [f32; 2] = [0.3, 2.0];
 
 /// Returns the settings of the most accurate splatting on the CPU: exact footprints of every particle, cut off
@@ -74,13 +74,24 @@ pub const PAPER_THRESHOLDS: [f32; 2] = [0.3, 2.0];
 pub fn accurate(base: &Settings) -> Settings {
     Settings {
         filter: Filter::Exact,
-        thresholds: None,
+        advanced: Advanced {
+            thresholds: None,
+            linear_opacity: false,
+            ..base.advanced
+        },
         level_of_detail: false,
         show: Show::Scene,
         tolerance: 1e-4,
         cutoff: Some(MAX_CUTOFF),
-        linear_opacity: false,
         ..base.clone()
+    }
+}
+
+/// Sets a composite whose kernels are classified, not its slabs.
+fn composited(settings: &mut Settings, composite: Composite) {
+    settings.composite = composite;
+    if settings.classify == Classification::Slab {
+        settings.classify = Classification::default();
     }
 }
 
@@ -106,7 +117,7 @@ pub fn variants(base: &Settings, kernel_width: Option<f64>) -> Vec<Variant> {
         |s| {
             s.filter = Filter::Ewa;
             s.tolerance = 1.0 / 16.0;
-            s.linear_opacity = true;
+            s.advanced.linear_opacity = true;
         },
     );
     list.push(
@@ -116,7 +127,7 @@ pub fn variants(base: &Settings, kernel_width: Option<f64>) -> Vec<Variant> {
         "accurate slabs",
         |s| {
             *s = accurate(s);
-            s.composite = Composite::SLABS;
+            composited(s, Composite::SLABS);
         },
     );
     for (name, tolerance) in TOLERANCES {
@@ -140,7 +151,7 @@ pub fn variants(base: &Settings, kernel_width: Option<f64>) -> Vec<Variant> {
         "Chen's c_min, c_max",
         |s| {
             s.filter = Filter::Adaptive;
-            s.thresholds = Some(thresholds);
+            s.advanced.thresholds = Some(thresholds);
         },
     );
     for (name, label, mark, is_on) in [
@@ -163,7 +174,7 @@ pub fn variants(base: &Settings, kernel_width: Option<f64>) -> Vec<Variant> {
         let name = composite.name();
         let id = format!("composite-{name}");
         list.push("composite", &id, composite_label(composite), name, |s| {
-            s.composite = composite;
+            composited(s, composite);
         });
     }
     for (name, label, classify) in [
@@ -186,7 +197,7 @@ pub fn variants(base: &Settings, kernel_width: Option<f64>) -> Vec<Variant> {
     for (name, linear) in [("exponential", false), ("linear", true)] {
         let id = format!("opacity-{name}");
         list.push("opacity", &id, &format!("{name} opacity"), name, |s| {
-            s.linear_opacity = linear;
+            s.advanced.linear_opacity = linear;
         });
     }
     for variance in LOW_PASS_VARIANCES_PX2 {
@@ -205,7 +216,7 @@ pub fn variants(base: &Settings, kernel_width: Option<f64>) -> Vec<Variant> {
             &format!("{name} instructions"),
             name,
             |s| {
-                s.simd = simd;
+                s.advanced.simd = simd;
             },
         );
     }
@@ -236,10 +247,8 @@ pub(super) fn post_classified(base: &Settings) -> Vec<Variant> {
         "slabs classified by their mean values",
         "slabs",
         |s| {
-            s.composite = Composite::Slabs {
-                thickness: None,
-                classify: ClassifyAt::Slab,
-            };
+            s.composite = Composite::SLABS;
+            s.classify = Classification::Slab;
         },
     );
     list.variants
@@ -267,7 +276,7 @@ pub fn budget_variants(base: &Settings) -> Vec<Variant> {
         "linear opacity",
         "",
         |s| {
-            s.linear_opacity = true;
+            s.advanced.linear_opacity = true;
         },
     );
     for filter in Filter::ALL {
@@ -284,7 +293,7 @@ pub fn budget_variants(base: &Settings) -> Vec<Variant> {
         "",
         |s| {
             s.filter = Filter::Adaptive;
-            s.thresholds = Some(thresholds);
+            s.advanced.thresholds = Some(thresholds);
         },
     );
     list.push(

@@ -37,7 +37,7 @@ use crate::scene::{Colour, Particles, PointVolume, Requirements, TransferFunctio
 ///
 /// ```
 /// use ewa_splat::prepared::{About, PreparedScene};
-/// use ewa_splat::{Renderer, SceneOptions, Settings, scene::PointVolume, view::Camera};
+/// use ewa_splat::{Renderer, RendererOptions, SceneOptions, Settings, scene::PointVolume, view::Camera};
 /// use glam::DVec3;
 ///
 /// # fn main() -> ewa_splat::Result<()> {
@@ -48,7 +48,7 @@ use crate::scene::{Colour, Particles, PointVolume, Requirements, TransferFunctio
 /// let scene = PreparedScene::new(vec![ball.clone()], &SceneOptions::default())?;
 /// scene.write(&path, &About::default())?;
 /// let (mapped, _) = PreparedScene::open(&path)?;
-/// let mut renderer = Renderer::of_prepared(vec![mapped])?;
+/// let mut renderer = Renderer::with_options(vec![mapped], RendererOptions::default())?;
 /// let picture = renderer.render(&camera, &Settings::default())?.clone();
 /// assert_eq!(&picture, Renderer::new(vec![ball])?.render(&camera, &Settings::default())?);
 /// # Ok(())

@@ -62,7 +62,7 @@ impl PointFile {
     ///
     /// Returns `None` if the file cannot be read by rows ([`RowFile`]), or if a particle depends on more than its own
     /// row: its shape or strength on neighbours, or its transfer function on values. For column densities
-    /// ([`SampleOptions::for_columns`]) values are summed as they are.
+    /// ([`PurposeOptions::for_columns`](crate::sample::PurposeOptions::for_columns)) values are summed as they are.
     ///
     /// # Errors
     /// A file that cannot be read; rows that do not describe particles.
@@ -183,7 +183,7 @@ impl PointFile {
             return Err(nothing_left(self.file.path(), &report));
         }
         let spacing = mean_spacing(volume_sum.value(), report.particle_count);
-        report.unit_distance = self.options.unit_distance.unwrap_or(spacing);
+        report.unit_distance = self.options.function.unit_distance.unwrap_or(spacing);
         (self.report, self.corners) = (Some(report), corners);
         Ok(())
     }

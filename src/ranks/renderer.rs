@@ -102,14 +102,14 @@ impl Renderer {
     /// no rank needs the memory of the whole.
     ///
     /// # Errors
-    /// The errors of [`render::Renderer::of_prepared`], on any rank; a rank that is gone.
+    /// The errors of [`render::Renderer::with_options`], on any rank; a rank that is gone.
     #[cfg(feature = "prepared")]
     pub fn of_prepared(
         communicator: impl Collective + 'static,
         scenes: Vec<crate::prepared::PreparedScene>,
     ) -> Result<Self> {
         let mut ranks: Box<dyn Collective> = Box::new(communicator);
-        let whole = render::Renderer::of_prepared(scenes);
+        let whole = render::Renderer::with_options(scenes, render::RendererOptions::default());
         Self::of_shared(ranks.agree(whole)?, ranks)
     }
 

@@ -93,7 +93,7 @@ pub(super) fn particles(scene: &[PointVolume], classification: Classification) -
         let with_ghosts = bounded.then(|| volume.clone().with_ghosts());
         let volume = with_ghosts.as_ref().unwrap_or(volume);
         let field = match classification {
-            Classification::Extent => FieldOf::new(volume),
+            Classification::Extent | Classification::Slab => FieldOf::new(volume),
             Classification::Particle => None,
         };
         let classes = volume

@@ -98,7 +98,7 @@ impl Integrator {
     }
 
     /// Copies the particles as [`Integrator::new`] does, with kernels classified at their centres or over their
-    /// extents.
+    /// extents ([`Classification::Slab`] counts as the latter).
     ///
     /// # Errors
     /// The errors of [`Integrator::new`].

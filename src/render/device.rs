@@ -5,27 +5,10 @@ use crate::error::{Error, Result};
 use crate::frame::backend::FrameReport;
 use crate::frame::plan::FramePlan;
 use crate::frame::settings::{ColumnSettings, Settings};
-use crate::gpu::Gpu;
 use crate::image::{ColumnImage, Image};
-use crate::scene::PointVolume;
 use crate::view::Camera;
 
 impl Renderer {
-    /// As [`Renderer::new`], but keeps the scene on a device that the caller opened and continues to use,
-    /// such as a window's. [`device_descriptor`](super::device_descriptor) describes the device to
-    /// request from its adapter. To share compiled pipelines among several scenes on one device, clone
-    /// one [`Gpu::from_device`] and pass the clones to [`Renderer::on`].
-    ///
-    /// # Errors
-    /// The errors of [`Renderer::new`] and of [`Gpu::from_device`]; too little memory on the device.
-    pub fn with_device(
-        scene: Vec<PointVolume>,
-        device: wgpu::Device,
-        queue: wgpu::Queue,
-    ) -> Result<Self> {
-        Self::new(scene)?.on(Gpu::from_device(device, queue)?)
-    }
-
     /// As [`Renderer::render`], without waiting for the device. The future completes when the device has
     /// drawn. It may move between threads, except in a browser.
     ///
@@ -39,7 +22,7 @@ impl Renderer {
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// # use ewa_splat::{Renderer, Settings, scene::PointVolume, view::Camera, wgpu};
+    /// # use ewa_splat::{Renderer, Settings, render::Gpu, scene::PointVolume, view::Camera, wgpu};
     /// # use glam::DVec3;
     /// # let scene = PointVolume::spheres([DVec3::ZERO], [0.5]).with_masses([1.0]);
     /// # let camera = Camera::perspective(DVec3::Y * -5.0, DVec3::ZERO, DVec3::Z, 40.0, [64, 48]);
@@ -52,7 +35,7 @@ impl Renderer {
     /// # let (device, queue) = pollster::block_on(adapter.request_device(&asked))?;
     /// use std::task::{Context, Poll, Waker};
     ///
-    /// let mut renderer = Renderer::with_device(vec![scene], device.clone(), queue)?;
+    /// let mut renderer = Renderer::new(vec![scene])?.on(Gpu::from_device(device.clone(), queue)?)?;
     /// let settings = Settings::default();
     /// let mut frame = std::pin::pin!(renderer.render_async(&camera, &settings));
     /// let mut context = Context::from_waker(Waker::noop());
@@ -122,7 +105,7 @@ impl Renderer {
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// # use ewa_splat::{Renderer, Settings, scene::PointVolume, view::Camera, wgpu};
+    /// # use ewa_splat::{Renderer, Settings, render::Gpu, scene::PointVolume, view::Camera, wgpu};
     /// # use glam::DVec3;
     /// # let scene = PointVolume::spheres([DVec3::ZERO], [0.5]).with_masses([1.0]);
     /// # let camera = Camera::perspective(DVec3::Y * -5.0, DVec3::ZERO, DVec3::Z, 40.0, [64, 48]);
@@ -143,7 +126,7 @@ impl Renderer {
     ///     usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
     ///     view_formats: &[],
     /// });
-    /// let mut renderer = Renderer::with_device(vec![scene], device, queue)?;
+    /// let mut renderer = Renderer::new(vec![scene])?.on(Gpu::from_device(device, queue)?)?;
     /// renderer.render_to_texture(&camera, &Settings::default(), &texture)?;
     /// # Ok(())
     /// # }
@@ -186,7 +169,7 @@ impl Renderer {
 }
 
 fn no_device() -> Error {
-    let expected = "a renderer that draws on a GPU, as Renderer::with_device makes it";
+    let expected = "a renderer that draws on a GPU, as Renderer::on makes it";
     Error::invalid(
         "texture",
         "renderer",

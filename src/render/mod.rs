@@ -7,6 +7,7 @@
 //! | `plan.rs` | `FramePlan`: what is drawn, in which passes, and how |
 //! | `uniforms.rs` | camera and settings in f32, for the stages |
 //! | `backend.rs` | the interface of back ends |
+//! | `options.rs` | options of a renderer |
 //! | `renderer.rs` | a scene, its back ends and its images |
 //! | `column.rs` | column densities |
 //! | `device.rs` | the caller's devices and textures; frames without waiting |
@@ -15,12 +16,14 @@
 mod column;
 #[cfg(feature = "gpu")]
 mod device;
+mod options;
 mod pick;
 mod renderer;
 
 pub use crate::blocks::{LayerKind, Layers, SceneOptions};
+pub use crate::constants::{DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE};
 pub use crate::frame::backend::{Backend, OpenBackend};
-pub use crate::frame::settings::{Blend, ClassifyAt, ColumnSettings, Composite, Settings, Show};
+pub use crate::frame::settings::{Advanced, Blend, ColumnSettings, Composite, Settings, Show};
 #[cfg(feature = "gpu")]
 pub use crate::gpu::{AdapterChoice, Gpu, device_descriptor};
 pub use crate::scene::Classification;
@@ -28,5 +31,6 @@ pub use crate::simd::SimdLevel;
 pub use crate::splat::Filter;
 pub use crate::splat::PIXEL_VARIANCE_PX2;
 pub use crate::stats::{FrameCounts, StageTimes};
+pub use options::{Contents, RendererOptions};
 pub use pick::Picked;
 pub use renderer::Renderer;

@@ -85,7 +85,7 @@ impl Renderer {
                 "pick within the image",
             );
         }
-        if settings.composite.classifies_slabs() {
+        if settings.classifies_slabs() {
             let expected = "particles that are classified one by one";
             let found = "slabs classified by their mean values".into();
             return refuse("pick", expected, found, "pick with another composite");

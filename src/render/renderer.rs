@@ -1,8 +1,7 @@
 //! Draws frames of a scene, given a camera and settings.
 
-use crate::blocks::{
-    AmplitudeSummary, BlockedParticles, BlockedScene, BlockedVolume, Layers, SceneOptions,
-};
+use super::options::{Contents, RendererOptions};
+use crate::blocks::{AmplitudeSummary, BlockedParticles, BlockedScene, BlockedVolume, Layers};
 use crate::collective::Collective;
 use crate::constants::{
     DEFAULT_LOW_PASS_VARIANCE_PX2, FIELD_LOW_PASS_VARIANCE_PX2, PARTICLE_LOW_PASS_VARIANCE_PX2,
@@ -11,7 +10,7 @@ use crate::cpu::CpuFrames;
 use crate::error::Result;
 #[cfg(not(feature = "gpu"))]
 use crate::frame::backend::NoDevice as Device;
-use crate::frame::backend::{Backend, DrawFrames, Edit, FrameReport, Images, OpenBackend};
+use crate::frame::backend::{DrawFrames, Edit, FrameReport, Images, OpenBackend};
 use crate::frame::check::{check, check_scene};
 use crate::frame::plan::FramePlan;
 use crate::frame::settings::Settings;
@@ -71,33 +70,50 @@ pub struct Renderer {
 }
 
 impl Renderer {
-    /// Sorts the volumes' particles into blocks. The CPU draws the frames.
+    /// Makes a renderer of volumes with the default [`RendererOptions`]: the CPU draws the frames.
+    ///
+    /// # Errors
+    /// The errors of [`Renderer::with_options`].
+    pub fn new(volumes: Vec<PointVolume>) -> Result<Self> {
+        Self::with_options(volumes, RendererOptions::default())
+    }
+
+    /// Makes a renderer of volumes or of prepared scenes. This is the one way in; [`Renderer::new`] only
+    /// leaves out the options.
+    ///
+    /// - `scene`: a vector of [`PointVolume`]s, whose particles are sorted into blocks, or of
+    ///   [`PreparedScene`](crate::prepared::PreparedScene)s (feature `prepared`).
+    /// - `options`: [`RendererOptions`], or the only part that differs from the default: a
+    ///   [`Backend`](super::Backend) or `&`[`SceneOptions`](super::SceneOptions).
+    ///
+    /// ```
+    /// use ewa_splat::{Backend, Renderer, scene::PointVolume};
+    /// use glam::DVec3;
+    ///
+    /// # fn main() -> ewa_splat::Result<()> {
+    /// let ball = PointVolume::spheres([DVec3::ZERO], [0.5]).with_masses([1.0]);
+    /// let renderer = Renderer::with_options(vec![ball], Backend::Auto)?;
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     /// More particles than a 32-bit index can number; a volume that is declared classified but has no
-    /// values or no transfer function.
-    pub fn new(scene: Vec<PointVolume>) -> Result<Self> {
-        Self::with_options(scene, &SceneOptions::default())
-    }
-
-    /// As [`Renderer::new`], with options: the data to keep for later changes and queries, and a task
-    /// that reports progress and can cancel.
-    ///
-    /// # Errors
-    /// The errors of [`Renderer::new`]; work that was cancelled.
-    pub fn with_options(scene: Vec<PointVolume>, options: &SceneOptions) -> Result<Self> {
-        Self::of_scene(BlockedScene::new(scene, options)?)
-    }
-
-    /// Draws several prepared scenes together, in the given order, on the CPU. Data of scenes in files
-    /// are read only when a frame needs them.
-    ///
-    /// # Errors
-    /// More particles than a 32-bit index can number.
-    #[cfg(feature = "prepared")]
-    pub fn of_prepared(scenes: Vec<PreparedScene>) -> Result<Self> {
-        let scenes = scenes.into_iter().map(PreparedScene::into_scene);
-        Self::of_scene(BlockedScene::joined(scenes)?)
+    /// values or no transfer function; work that was cancelled; the errors of
+    /// [`Backend::open`](super::Backend::open) and of [`Renderer::on`].
+    pub fn with_options(
+        scene: impl Into<Contents>,
+        options: impl Into<RendererOptions>,
+    ) -> Result<Self> {
+        let options = options.into();
+        let scene = match scene.into() {
+            Contents::Volumes(volumes) => BlockedScene::new(volumes, &options.scene)?,
+            #[cfg(feature = "prepared")]
+            Contents::Prepared(scenes) => {
+                BlockedScene::joined(scenes.into_iter().map(PreparedScene::into_scene))?
+            }
+        };
+        Self::of_scene(scene)?.on(options.backend.open()?)
     }
 
     fn of_scene(scene: BlockedScene) -> Result<Self> {
@@ -117,74 +133,39 @@ impl Renderer {
         })
     }
 
-    /// As [`Renderer::new`], and keeps the scene on a GPU if `backend` asks for one.
+    /// Moves the scene to a device, which draws all frames from now on. Serves callers that choose the
+    /// device once the scene is known.
     ///
-    /// # Errors
-    /// The errors of [`Renderer::new`] and of [`Renderer::on_backend`].
-    pub fn with_backend(scene: Vec<PointVolume>, backend: Backend) -> Result<Self> {
-        Self::new(scene)?.on_backend(backend)
-    }
-
-    /// Keeps the scene on a GPU from now on if `backend` asks for one.
+    /// - `device`: an opened [`Backend`](super::Backend), or a [`Gpu`](super::Gpu) (feature `gpu`). Clones of
+    ///   one `Gpu` share compiled pipelines among several scenes.
     ///
-    /// # Errors
-    /// An adapter was asked for and there is none, or it has too little memory.
-    pub fn on_backend(self, backend: Backend) -> Result<Self> {
-        self.on_open(backend.open()?)
-    }
-
-    /// As [`Renderer::on_backend`], for a back end that is already open.
+    /// With [`Backend::Auto`](super::Backend::Auto) and [`OpenBackend::or_cpu`] the CPU draws whatever the
+    /// device cannot, and [`Renderer::fallback`] returns the reason.
     ///
     /// # Errors
     /// Too little memory on a device that was explicitly asked for.
     #[cfg_attr(
         not(feature = "gpu"),
-        expect(clippy::needless_pass_by_value, reason = "a device is taken")
+        expect(unused_mut, reason = "only a device changes the renderer")
     )]
-    pub fn on_open(self, backend: OpenBackend) -> Result<Self> {
+    pub fn on(mut self, device: impl Into<OpenBackend>) -> Result<Self> {
+        let opened = device.into();
         #[cfg(feature = "gpu")]
-        {
-            match backend.gpu {
-                None => Ok(self),
-                Some((gpu, true)) => self.on(gpu),
-                Some((gpu, false)) => Ok(self.on_if_it_can(gpu)),
+        if let Some((gpu, is_asked_for)) = opened.gpu {
+            let device = Device::new(gpu).and_then(|mut device| {
+                device.upload(&self.scene)?;
+                Ok(device)
+            });
+            self.falls_back = !is_asked_for;
+            match device {
+                Ok(device) => self.device = Some(device),
+                Err(error) if is_asked_for => return Err(error),
+                Err(error) => self.fallback = Some(error.to_string()),
             }
         }
         #[cfg(not(feature = "gpu"))]
-        {
-            let OpenBackend {} = backend;
-            Ok(self)
-        }
-    }
-
-    /// Uploads the scene to a device, which draws all frames from now on.
-    ///
-    /// # Errors
-    /// Too little memory on the device.
-    #[cfg(feature = "gpu")]
-    pub fn on(mut self, gpu: Gpu) -> Result<Self> {
-        let mut device = Device::new(gpu)?;
-        device.upload(&self.scene)?;
-        self.device = Some(device);
+        let OpenBackend {} = opened;
         Ok(self)
-    }
-
-    /// Uploads the scene to a device, which from now on draws all frames it can. The CPU draws frames for
-    /// which the device has too little memory or no code. It draws all frames if the scene does not fit
-    /// on the device. [`Renderer::fallback`] tells whether the CPU drew the last frame, and why.
-    #[cfg(feature = "gpu")]
-    #[must_use]
-    pub fn on_if_it_can(mut self, gpu: Gpu) -> Self {
-        self.falls_back = true;
-        let device = Device::new(gpu).and_then(|mut device| {
-            device.upload(&self.scene)?;
-            Ok(device)
-        });
-        match device {
-            Ok(device) => self.device = Some(device),
-            Err(error) => self.fallback = Some(error.to_string()),
-        }
-        self
     }
 
     /// Returns the name of the adapter that draws the frames, or `None` for the CPU.
@@ -192,8 +173,8 @@ impl Renderer {
         self.device.as_ref().and_then(|device| device.adapter())
     }
 
-    /// Returns the reason why the CPU drew the last frame although [`Backend::Auto`] had chosen a device,
-    /// or why the scene is kept on the CPU. `None` if nothing fell back.
+    /// Returns the reason why the CPU drew the last frame although
+    /// [`Backend::Auto`](super::Backend::Auto) had chosen a device, or why the scene is kept on the CPU. `None` if nothing fell back.
     pub fn fallback(&self) -> Option<&str> {
         self.fallback.as_deref()
     }
@@ -212,8 +193,8 @@ impl Renderer {
     }
 
     /// Replaces the values of a volume, for the next time step. Positions, shapes and the transfer
-    /// function stay. The scene must have been made with [`SceneOptions::keep_shapes`]
-    /// ([`Renderer::with_options`]).
+    /// function stay. The scene must have been made with
+    /// [`SceneOptions::keep_shapes`](super::SceneOptions::keep_shapes).
     ///
     /// ```
     /// use ewa_splat::scene::{Particles, PointVolume, Strength, TransferFunction, Values};
@@ -324,7 +305,7 @@ impl Renderer {
 
     /// Sets whether particles carry values or colours, as the settings require.
     pub(super) fn carry(&mut self, settings: &Settings) -> Result<()> {
-        let carries_values = settings.composite.classifies_slabs();
+        let carries_values = settings.classifies_slabs();
         match self.scene.carry_values(carries_values)? {
             Some(volume) => self.edited(Edit::TransferFunction(volume)),
             None => Ok(()),
@@ -445,7 +426,7 @@ impl Renderer {
     }
 
     /// Returns whether the CPU draws this number of frames of a camera faster than a device's driver
-    /// loads. In that case [`Backend::Auto`] gains nothing. False if an adapter is named.
+    /// loads. In that case [`Backend::Auto`](super::Backend::Auto) gains nothing. False if an adapter is named.
     pub fn suits_cpu(&self, camera: &Camera, frames: u32) -> bool {
         /// Kernels times pixels that the CPU draws in a tenth of a second at the worst, and as a rule in
         /// a hundredth or less: about the time that loading drivers takes.

@@ -60,8 +60,8 @@ pub(super) fn function_of(
     report: &mut SampleReport,
     options: &SampleOptions,
 ) -> Result<TransferFunction> {
-    let unit_distance = options.unit_distance.unwrap_or(mean_spacing);
-    if options.for_columns {
+    let unit_distance = options.function.unit_distance.unwrap_or(mean_spacing);
+    if options.purpose.for_columns {
         let function = summed_function(report.value_range, unit_distance)?;
         report.unit_distance = unit_distance;
         return Ok(function);
@@ -69,20 +69,20 @@ pub(super) fn function_of(
     let of_own = |colour_map: Option<&str>, report: &mut SampleReport| {
         let automatic = AutomaticOptions {
             colour_map,
-            range: options.range,
-            scale: options.scale,
+            range: options.function.range,
+            scale: options.function.scale,
             unit_distance,
         };
         let sample = sample();
         let function = TransferFunction::automatic(&sample, &automatic);
-        report.value_sample = options.keeps_value_sample.then_some(sample);
+        report.value_sample = options.purpose.keeps_value_sample.then_some(sample);
         function
     };
-    let restated = |function: TransferFunction| match options.unit_distance {
+    let restated = |function: TransferFunction| match options.function.unit_distance {
         Some(length) => function.with_unit_distance(length),
         None => Ok(function),
     };
-    let function = match &options.transfer {
+    let function = match &options.function.transfer {
         TransferChoice::Automatic => of_own(None, report),
         TransferChoice::Named(name) => of_own(Some(name), report),
         TransferChoice::Given(function) | TransferChoice::Shared(function) => {
@@ -92,7 +92,7 @@ pub(super) fn function_of(
             let range = report.value_range.unwrap_or([0.0, 1.0]);
             let read = function_of_file(options, range, unit_distance)?;
             // A preset that spans 0 to 1 is meant to be stretched.
-            if let (Some([from, to]), None) = (read.stretched, options.range)
+            if let (Some([from, to]), None) = (read.stretched, options.function.range)
                 && [from, to] != [0.0, 1.0]
             {
                 let [lo, hi] = range;
@@ -109,7 +109,7 @@ pub(super) fn function_of(
             restated(read.function)
         }
     }?;
-    let unit_distance = function.unit_distance() / options.opacity_scale;
+    let unit_distance = function.unit_distance() / options.function.opacity_scale;
     let function = function.with_unit_distance(unit_distance)?;
     report.unit_distance = unit_distance;
     Ok(function)
@@ -136,11 +136,11 @@ pub(crate) fn function_of_file(
         )
     };
     let is_scaled = |scale: ScaleName| scale != ScaleName::Linear;
-    if options.scale.is_some_and(is_scaled) {
+    if options.function.scale.is_some_and(is_scaled) {
         return Err(fault("scale", "a scale"));
     }
     let text;
-    let (path, text) = match &options.transfer {
+    let (path, text) = match &options.function.transfer {
         TransferChoice::File(path) => {
             text = std::fs::read_to_string(path).map_err(|e| {
                 Error::io(path, "opening", e, "name a transfer function that exists")
@@ -151,11 +151,11 @@ pub(crate) fn function_of_file(
         _ => unreachable!("the caller looks"),
     };
     let defaults = TransferDefaults {
-        range: options.range.unwrap_or(range).map(narrowed),
+        range: options.function.range.unwrap_or(range).map(narrowed),
         unit_distance,
     };
     let read = TransferFunction::from_file(path, text, &defaults)?;
-    match options.range.is_some() && read.stretched.is_none() {
+    match options.function.range.is_some() && read.stretched.is_none() {
         true => Err(fault("range", "a range")),
         false => Ok(read),
     }
@@ -181,7 +181,7 @@ pub(super) fn classified(
 ) -> Result<Sampled> {
     let sample = |values: &Values| match &particles {
         Particles::Lattice { lattice, .. } => {
-            let spacing = options.unit_distance.unwrap_or(mean_spacing);
+            let spacing = options.function.unit_distance.unwrap_or(mean_spacing);
             ValueSample::of_lattice(values, lattice, spacing)
         }
         _ => ValueSample::of_cells(values, &volumes, particles.positions(), surroundings),

@@ -92,7 +92,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     let dims = lattice.dims;
     let particles = Particles::Lattice {
         lattice,
-        kernel_width: options.kernel_width,
+        kernel_width: options.kernels.width,
     };
     let mut sampled = classified(
         particles,
@@ -141,7 +141,7 @@ pub(crate) fn lattice_of_planes(
     };
     report.note(known.not_finite, "values", NOT_FINITE);
     let mean_spacing = mean_spacing(&lattice);
-    let spacing = options.unit_distance.unwrap_or(mean_spacing);
+    let spacing = options.function.unit_distance.unwrap_or(mean_spacing);
     let sample = || ValueSample::of_picked(&known.picked, &lattice, spacing);
     let function = super::function::function_of(sample, mean_spacing, &mut report, options)?;
     let volume = PointVolume {
@@ -150,7 +150,7 @@ pub(crate) fn lattice_of_planes(
         ..PointVolume::new(
             Particles::Lattice {
                 lattice,
-                kernel_width: options.kernel_width,
+                kernel_width: options.kernels.width,
             },
             Strength::Classified {
                 volumes: Vec::new(),

@@ -76,12 +76,11 @@ pub use self::field::together::shared_functions;
 pub(crate) use self::function::function_of_file;
 #[cfg(feature = "prepared")]
 pub(crate) use self::function::summed_function;
-pub use self::options::BoundaryChoice;
-pub use self::options::MOST_SHEPARD_PASSES;
-pub use self::options::ParticleShape;
-pub use self::options::SampleOptions;
-pub use self::options::TransferChoice;
 use self::options::check_options;
+pub use self::options::{
+    BoundaryChoice, FunctionOptions, KernelOptions, MOST_SHEPARD_PASSES, ParticleShape,
+    PurposeOptions, SampleOptions, TransferChoice,
+};
 pub use self::points::accuracy_warnings::accuracy_warnings;
 pub(crate) use self::points::neighbours::Remote;
 pub(crate) use self::points::reach::{Boxes, Leaf, Near, Reach};
@@ -128,7 +127,7 @@ pub fn is_surface(dataset: &Dataset) -> bool {
 /// The errors of [`Dataset::validate`]; fields that state hidden cells or nodes and cannot be read.
 pub fn as_surface(dataset: Dataset, options: &SampleOptions) -> Result<Dataset> {
     // Column densities are sums of values, and a layer of kernels has values.
-    if options.for_columns {
+    if options.purpose.for_columns {
         return Ok(dataset);
     }
     let is_of_cells = matches!(dataset.geometry, Geometry::Cells(_));
@@ -173,9 +172,9 @@ pub fn scene(dataset: Dataset, options: &SampleOptions) -> Result<SampledScene> 
         return Ok(SampledScene { volumes, report });
     };
     let mesh_options = MeshOptions {
-        spread: options.spread,
-        kernel_width: options.kernel_width,
-        seed: options.seed,
+        spread: options.kernels.spread,
+        kernel_width: options.kernels.width,
+        seed: options.kernels.seed,
         task: options.task.clone(),
     };
     if let Some(field) = self::surface::mesh_field::shown(&dataset, options)? {
@@ -278,11 +277,11 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
         let found = units.into_iter().find(|(name, _)| name == shown);
         sampled.report.unit = found.and_then(|(_, unit)| unit);
     }
-    if options.shepard_passes > 0 {
+    if options.kernels.shepard_passes > 0 {
         let task = options.task.as_ref();
-        self::points::shepard::even_out(&mut sampled.volume, options.shepard_passes, task)?;
+        self::points::shepard::even_out(&mut sampled.volume, options.kernels.shepard_passes, task)?;
     }
-    if options.normals {
+    if options.purpose.normals {
         self::field::gradient::complete(&mut sampled.volume, options.task.as_ref())?;
     }
     self::field::local_models::complete(&mut sampled.volume, options)?;
@@ -292,7 +291,9 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
 /// Returns the kind of particles if each depends on its own row alone; otherwise `None`.
 #[cfg(feature = "prepared")]
 pub(crate) fn of_rows(dataset: &Dataset, options: &SampleOptions) -> Option<OfRows> {
-    let is_alone = options.flatten.is_none() && options.shepard_passes == 0 && !options.normals;
+    let is_alone = options.flatten.is_none()
+        && options.kernels.shepard_passes == 0
+        && !options.purpose.normals;
     points::kind_of_rows(dataset, options).filter(|_| is_alone)
 }
 

@@ -9,20 +9,35 @@ use crate::sample::mesh::Spread;
 use crate::scene::{PointVolume, ScaleName, TransferFunction};
 use crate::task::Task;
 
-/// Greatest number of corrections of cell volumes ([`SampleOptions::shepard_passes`]).
+/// Greatest number of corrections of cell volumes ([`KernelOptions::shepard_passes`]).
 pub const MOST_SHEPARD_PASSES: u32 = 100;
 
-/// Options of sampling: the field to show, its transfer function, and the shapes of kernels.
-#[derive(Debug, Clone, PartialEq)]
+/// Options of sampling: the field to show, its transfer function, the shapes of kernels, and the purpose.
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct SampleOptions {
     /// The scalar to show ([`Dataset::scalar`]'s selector); `None` chooses one.
     pub field: Option<String>,
     /// The scalar to choose if no field is named, provided that the data set has it and would show a field at
     /// all. Data sets that are drawn together share it ([`shared_fields`]).
     pub preferred_field: Option<String>,
-    /// Standard deviation of a kernel over the local spacing; see [`DEFAULT_KERNEL_WIDTH`].
-    pub kernel_width: f64,
+    /// A value of the field whose opaque iso-surface is drawn in place of the volume ([`scene`]). Each kernel
+    /// over whose extent the field takes the value becomes a surfel: the disc on which the field has it.
+    /// Lattices, grids, cells and particles with a field allow it.
+    pub flatten: Option<f64>,
     /// The transfer function.
+    pub function: FunctionOptions,
+    /// The shapes of kernels and surfels.
+    pub kernels: KernelOptions,
+    /// The use of the volumes.
+    pub purpose: PurposeOptions,
+    /// Receives the progress of the work, and may cancel it.
+    pub task: Option<Task>,
+}
+
+/// Options of the transfer function.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FunctionOptions {
+    /// The source of the function.
     pub transfer: TransferChoice,
     /// The length \[world units\] over which opacities are stated. `None` takes the length in the transfer
     /// function's file; without one, the mean spacing of the samples.
@@ -37,11 +52,18 @@ pub struct SampleOptions {
     pub scale: Option<ScaleName>,
     /// Factor of the extinction of any transfer function.
     pub opacity_scale: f64,
+}
+
+/// Options of kernels, of the particles' lengths, and of surfels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct KernelOptions {
+    /// Standard deviation of a kernel over the local spacing; see [`DEFAULT_KERNEL_WIDTH`].
+    pub width: f64,
     /// The meaning of the particles' lengths; overrides the convention of the data's format.
     pub length: Option<LengthMeaning>,
     /// The smoothing kernel that lengths belong to; overrides the data's own. Default if the data name none:
     /// the cubic spline.
-    pub kernel: Option<SphKernel>,
+    pub smoothing: Option<SphKernel>,
     /// One length \[world units\] for all particles, in place of the data's lengths. It is a standard deviation
     /// unless `length` says otherwise.
     pub radius: Option<f64>,
@@ -51,16 +73,23 @@ pub struct SampleOptions {
     /// Corrections even out irregular samples and shift mass between neighbours. At most
     /// [`MOST_SHEPARD_PASSES`].
     pub shepard_passes: u32,
+    /// Treatment of the data's boundary: [`PointVolume::boundary`].
+    pub boundary: BoundaryChoice,
+    /// Number and spread of surfels, for meshes.
+    pub spread: Spread,
+    /// Seed of the spread of surfels, for meshes. Another seed gives another spread, as even.
+    pub seed: u64,
+}
+
+/// The use of sampled volumes: in pictures or column densities, and what is stored for it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PurposeOptions {
     /// True for column densities. Particles with nothing but positions then show their number density, whose
     /// columns count particles, instead of its logarithm.
     pub for_columns: bool,
     /// True if columns of particles are to weigh a mean. If no field is named, the columns then sum masses, a
     /// density or the number of particles, whichever is known first.
     pub for_means: bool,
-    /// A value of the field whose opaque iso-surface is drawn in place of the volume ([`scene`]). Each kernel
-    /// over whose extent the field takes the value becomes a surfel: the disc on which the field has it.
-    /// Lattices, grids, cells and particles with a field allow it.
-    pub flatten: Option<f64>,
     /// True for volumes that are to be lit. Each sample then stores the direction of its field's gradient
     /// ([`PointVolume::normals`]), four bytes.
     pub normals: bool,
@@ -70,14 +99,6 @@ pub struct SampleOptions {
     /// True to keep in the report the values from which an automatic transfer function is chosen
     /// ([`SampleReport::value_sample`]), for one function of several data sets.
     pub keeps_value_sample: bool,
-    /// Treatment of the data's boundary: [`PointVolume::boundary`].
-    pub boundary: BoundaryChoice,
-    /// Number and spread of surfels, for meshes.
-    pub spread: Spread,
-    /// Seed of the spread of surfels, for meshes. Another seed gives another spread, as even.
-    pub seed: u64,
-    /// Receives the progress of the work, and may cancel it.
-    pub task: Option<Task>,
 }
 
 /// Treatment of data at the boundary of their domain.
@@ -110,32 +131,42 @@ pub enum ParticleShape {
     YuTurk,
 }
 
-impl Default for SampleOptions {
+impl Default for FunctionOptions {
     fn default() -> Self {
         Self {
-            field: None,
-            preferred_field: None,
-            kernel_width: DEFAULT_KERNEL_WIDTH,
             transfer: TransferChoice::Automatic,
             unit_distance: None,
             range: None,
             scale: Some(ScaleName::Linear),
             opacity_scale: 1.0,
+        }
+    }
+}
+
+impl Default for KernelOptions {
+    fn default() -> Self {
+        Self {
+            width: DEFAULT_KERNEL_WIDTH,
             length: None,
-            kernel: None,
+            smoothing: None,
             radius: None,
             shape: ParticleShape::Automatic,
             shepard_passes: 0,
-            for_columns: false,
-            for_means: false,
-            flatten: None,
-            normals: false,
-            local_models: true,
-            keeps_value_sample: false,
             boundary: BoundaryChoice::default(),
             spread: Spread::Automatic,
             seed: 0,
-            task: None,
+        }
+    }
+}
+
+impl Default for PurposeOptions {
+    fn default() -> Self {
+        Self {
+            for_columns: false,
+            for_means: false,
+            normals: false,
+            local_models: true,
+            keeps_value_sample: false,
         }
     }
 }
@@ -175,13 +206,13 @@ pub(super) fn check_kernel_width(width: f64, advice: impl FnOnce() -> String) ->
 
 pub(super) fn check_options(options: &SampleOptions) -> Result<()> {
     let advice = || format!("{DEFAULT_KERNEL_WIDTH} is the default");
-    check_kernel_width(options.kernel_width, advice)?;
-    if options.shepard_passes > MOST_SHEPARD_PASSES {
+    check_kernel_width(options.kernels.width, advice)?;
+    if options.kernels.shepard_passes > MOST_SHEPARD_PASSES {
         return Err(Error::invalid(
             "sample",
             "corrections of cell volumes",
             format!("at most {MOST_SHEPARD_PASSES}"),
-            options.shepard_passes.to_string(),
+            options.kernels.shepard_passes.to_string(),
             "a few are enough",
         ));
     }
@@ -191,17 +222,17 @@ pub(super) fn check_options(options: &SampleOptions) -> Result<()> {
 impl SampleOptions {
     /// Returns true if a boundary is sharp whatever the transfer function shows there.
     pub(crate) fn is_sharp_anyway(&self) -> bool {
-        self.boundary == BoundaryChoice::Sharp
+        self.kernels.boundary == BoundaryChoice::Sharp
     }
 
     /// Returns true if a boundary may be sharp under these options.
     pub(crate) fn is_sharp(&self) -> bool {
-        let is_wanted = match self.boundary {
+        let is_wanted = match self.kernels.boundary {
             BoundaryChoice::Sharp => true,
-            BoundaryChoice::Automatic => !self.for_columns,
+            BoundaryChoice::Automatic => !self.purpose.for_columns,
             BoundaryChoice::Soft => false,
         };
-        is_wanted && self.flatten.is_none() && self.shepard_passes == 0
+        is_wanted && self.flatten.is_none() && self.kernels.shepard_passes == 0
     }
 
     /// Returns true if the boundary of `volume` is to be sharp.
@@ -217,7 +248,7 @@ impl SampleOptions {
         };
         let [lowest, highest] = transfer.range();
         let least = FAINT_SHARE * transfer.max_extinction(lowest, highest);
-        self.boundary == BoundaryChoice::Sharp
+        self.kernels.boundary == BoundaryChoice::Sharp
             || on_boundary.any(|i| transfer.classify(values.get(i))[3] > least)
     }
 }

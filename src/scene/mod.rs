@@ -17,7 +17,7 @@ mod point_volume;
 mod requirements;
 pub(crate) mod rows;
 pub(crate) mod storage;
-mod transfer_function;
+pub(crate) mod transfer_function;
 mod values;
 
 pub use crate::constants::CLASSIFICATION_TABLE_LEN;
@@ -42,16 +42,17 @@ pub use requirements::Requirements;
 pub(crate) use storage::SharedBytes;
 pub use storage::{Column, Owned, Shared, Storage};
 pub use transfer_function::{
-    ALONE_DEPTH, AutomaticOptions, Averages, COLOUR_MAP_NAMES, ColourSpace, ControlPoint,
-    LEAST_WINDOW_SHARE, LOBE_REACH, Lobe, Lobes, MAX_LOBES, MAX_OPACITY, MAX_PIECE_WIDTH,
-    MAX_WINDOWS, Piece, ScaleName, Slopes, Surroundings, TransferDefaults, TransferFunction,
-    ValueSample, ValueScale, Weighting, Window,
+    AutomaticOptions, COLOUR_MAP_NAMES, ColourSpace, ControlPoint, MAX_OPACITY, ScaleName,
+    TransferDefaults, TransferFunction, ValueSample, ValueScale,
+};
+pub(crate) use transfer_function::{
+    Averages, FileFunction, LEAST_WINDOW_SHARE, LOBE_REACH, Lobe, Lobes, MAX_PIECE_WIDTH,
+    PickedRow, Slopes, Surroundings, Tiling, Weighting,
 };
 #[cfg(feature = "gpu")]
 pub(crate) use transfer_function::{
     FAR_ENTRIES, LOBE_CELLS_PER_DEVIATION, LOBE_ROWS_PER_OCTAVE, LobeRow, MAX_LOBE_CELLS,
-    MAX_LOBE_ROWS, MAX_WINDOW_CELLS, MAXIMUM_ROUNDING,
+    MAX_LOBE_ROWS, MAX_LOBES, MAX_WINDOW_CELLS, MAX_WINDOWS, MAXIMUM_ROUNDING,
 };
-pub(crate) use transfer_function::{FileFunction, PickedRow, Tiling};
 pub use values::{Values, ValuesIn};
 pub(crate) use values::{of_any_type, of_same_type};

@@ -8,8 +8,8 @@ mod lobes;
 mod maxima;
 mod value_scale;
 
-pub use automatic::{AutomaticOptions, Surroundings, ValueSample};
-pub(crate) use automatic::{PickedRow, Tiling};
+pub use automatic::{AutomaticOptions, ValueSample};
+pub(crate) use automatic::{PickedRow, Surroundings, Tiling};
 #[cfg(feature = "gpu")]
 pub(crate) use averages::FAR_ENTRIES;
 pub use averages::{Averages, Slopes, Weighting};
@@ -160,10 +160,11 @@ impl TransferFunction {
         Ok(Self::from_table(table, range, unit_distance))
     }
 
-    /// The lobes of the function, each with tables of the piece that it leaves of a kernel.
+    /// Returns the lobes of the function, each with tables of the piece that it leaves of a kernel.
     ///
     /// - `sigma`: greatest standard deviation of a kernel, world units. It decides which kernels may be
     ///   classified at their values alone.
+    #[doc(hidden)]
     pub fn lobes(&self, sigma: f32) -> Lobes {
         Lobes::new(self, sigma)
     }

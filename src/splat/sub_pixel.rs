@@ -111,7 +111,7 @@ impl ScreenFactor {
     ///
     /// Exact for round kernels; for others a is the root of the ratio of the areas' squares, sqrt(l1 l2)
     /// / h². Kernels beside or behind one another are treated as if each was alone. If they fill pixels
-    /// together the result is too faint ([`crate::Settings::sub_pixel_opacity`]).
+    /// together the result is too faint ([`crate::render::Advanced::sub_pixel_opacity`]).
     #[inline]
     pub fn as_lone(&self, filter: Filter, h2: f32, image: ImageKernel) -> ImageKernel {
         if matches!(filter, Filter::Reconstruction | Filter::UniformScaling) {

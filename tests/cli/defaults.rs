@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use crate::commands::{fixture, run, text};
 use crate::common::real_data;
 use ewa_splat::io::{OpenOptions, RawLayout, RawType, read_image};
-use ewa_splat::sample::SampleOptions;
+use ewa_splat::sample::{FunctionOptions, SampleOptions};
 use ewa_splat::scene::Strength;
 
 /// Extensions of files that belong to other files, or whose formats are not read (yet).
@@ -219,7 +219,10 @@ fn of_grids_nothing_but_the_background_is_invisible() {
         };
         let dataset = ewa_splat::io::open(&path, &options).unwrap();
         let options = SampleOptions {
-            scale: None,
+            function: FunctionOptions {
+                scale: None,
+                ..FunctionOptions::default()
+            },
             ..SampleOptions::default()
         };
         let volume = ewa_splat::sample::volume(dataset, &options).unwrap().volume;

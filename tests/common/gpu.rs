@@ -5,9 +5,9 @@ use std::panic::Location;
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::Instant;
 
-use ewa_splat::constants::{TERMINATION_SHARE, TILE_SIZE};
 use ewa_splat::image::Image;
 use ewa_splat::scene::PointVolume;
+use ewa_splat::stages::constants::{TERMINATION_SHARE, TILE_SIZE};
 use ewa_splat::stages::cpu::{Bins, SimdLevel};
 use ewa_splat::stages::record::{Footprint, PATH_EXACT, PATH_NEAR, PATH_PEAK};
 use ewa_splat::stages::splat::evaluate_near;
@@ -17,7 +17,7 @@ use glam::{DVec2, Vec3};
 
 use super::frame::Frame;
 
-use ewa_splat::render::{AdapterChoice, Gpu};
+use ewa_splat::render::{AdapterChoice, Advanced, Gpu};
 
 /// Opens the device, or prints a note and returns `None` if there is no adapter.
 pub fn gpu() -> Option<&'static Gpu> {
@@ -75,8 +75,11 @@ pub fn assert_alike(
 ) -> Option<usize> {
     let gpu = gpu()?;
     let settings = Settings {
-        // The CPU uses no fused operations, as the device uses none.
-        simd: SimdLevel::Baseline,
+        advanced: Advanced {
+            // The CPU uses no fused operations, as the device uses none.
+            simd: SimdLevel::Baseline,
+            ..settings.advanced
+        },
         ..settings.clone()
     };
     let mut on_cpu = Renderer::new(vec![scene.clone()]).unwrap();
@@ -259,7 +262,7 @@ fn ends_at_a_threshold(frame: &Frame, bins: &Bins, tile: usize) -> bool {
         let f = &frame.footprints[n as usize];
         for ([x, y], alpha) in &mut alphas {
             let tau = optical_depth(frame, f, n as usize, *x, *y);
-            let opacity = if f.path == PATH_PEAK || frame.settings.linear_opacity {
+            let opacity = if f.path == PATH_PEAK || frame.settings.advanced.linear_opacity {
                 tau.min(1.0)
             } else {
                 -(-tau).exp_m1()

@@ -447,6 +447,7 @@ pub mod draw {
 
 /// Makes scenes and cameras with little code.
 pub mod scene {
+    use ewa_splat::render::Advanced;
     use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
     use ewa_splat::view::{Camera, Projection};
     use ewa_splat::{Image, Renderer, Settings};
@@ -548,7 +549,10 @@ pub mod scene {
     /// without a cut-off.
     pub fn linear() -> Settings {
         Settings {
-            linear_opacity: true,
+            advanced: Advanced {
+                linear_opacity: true,
+                ..Advanced::default()
+            },
             cutoff: Some(7.0),
             ..Settings::default()
         }
@@ -592,10 +596,10 @@ pub mod scene {
 pub mod frame {
     use ewa_splat::Filter;
     use ewa_splat::Settings;
-    use ewa_splat::constants::{MAX_CUTOFF, TILE_SIZE};
     use ewa_splat::render::{Classification, SimdLevel};
     use ewa_splat::scene::PointVolume;
     use ewa_splat::stages::blocks::{BlockedVolume, DepthRange, Frustum, cull, distance_interval};
+    use ewa_splat::stages::constants::{MAX_CUTOFF, TILE_SIZE};
     use ewa_splat::stages::cpu::{self, Bins, ProjectOutput, RasteriseSettings, Tile};
     use ewa_splat::stages::record::{
         BlockView, ChoiceUniform, ClassifiedParticle, ExactTerms, Footprint, FootprintTerms,
@@ -671,7 +675,7 @@ pub mod frame {
         ) -> Self {
             let volume = BlockedVolume::new(volume);
             let mut views = Vec::new();
-            let by_extent = settings.classify == Classification::Extent && volume.lobes.is_some();
+            let by_extent = settings.classify != Classification::Particle && volume.lobes.is_some();
             let choice = ChoiceUniform {
                 classified_by: by_extent.into(),
                 ..bytemuck::Zeroable::zeroed()

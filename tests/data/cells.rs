@@ -8,7 +8,7 @@ use std::path::Path;
 
 use ewa_splat::Result;
 use ewa_splat::io::{Association, CellKind, CellMesh, Dataset, Field, FieldSource, Geometry};
-use ewa_splat::sample::{SampleOptions, Sampled, volume};
+use ewa_splat::sample::{KernelOptions, SampleOptions, Sampled, volume};
 use ewa_splat::scene::{Particles, Strength, Values};
 use glam::DVec3;
 
@@ -50,7 +50,10 @@ fn try_sample(mesh: CellMesh, association: Association, more: Vec<Field>) -> Res
     let dataset = Dataset::new(Path::new("test"), "test", Geometry::Cells(mesh), fields);
     let options = SampleOptions {
         field: Some("value".into()),
-        kernel_width: 1.0,
+        kernels: KernelOptions {
+            width: 1.0,
+            ..KernelOptions::default()
+        },
         ..SampleOptions::default()
     };
     volume(dataset, &options)

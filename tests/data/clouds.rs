@@ -5,7 +5,7 @@
 use std::path::Path;
 
 use ewa_splat::io::{Dataset, Geometry, OpenOptions, open};
-use ewa_splat::sample::{SampleOptions, volume};
+use ewa_splat::sample::{PurposeOptions, SampleOptions, volume};
 use ewa_splat::scene::{Colour, Strength};
 use glam::DVec3;
 
@@ -83,7 +83,10 @@ fn scans_without_colours_show_intensities() {
     assert_eq!(shown("cloud_3.las"), (None, false));
     // A column density counts points.
     let options = SampleOptions {
-        for_columns: true,
+        purpose: PurposeOptions {
+            for_columns: true,
+            ..PurposeOptions::default()
+        },
         ..SampleOptions::default()
     };
     let counted = volume(fixture("cloud_0.las"), &options).unwrap();

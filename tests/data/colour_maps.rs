@@ -5,7 +5,7 @@ use std::path::Path;
 
 use ewa_splat::image::linear_from_srgb;
 use ewa_splat::io::read;
-use ewa_splat::sample::{SampleOptions, TransferChoice, shared_functions, volume};
+use ewa_splat::sample::{FunctionOptions, SampleOptions, TransferChoice, shared_functions, volume};
 use ewa_splat::scene::{TransferDefaults, TransferFunction};
 
 const DATA: [f32; 2] = [300.0, 1000.0];
@@ -104,7 +104,10 @@ fn xml_maps_are_presets() {
 fn presets_say_their_range_and_are_shared() {
     let preset = "{\"RGBPoints\": [-1, 0, 0, 1, 1, 1, 0, 0]}";
     let options = SampleOptions {
-        transfer: TransferChoice::Text(preset.into()),
+        function: FunctionOptions {
+            transfer: TransferChoice::Text(preset.into()),
+            ..FunctionOptions::default()
+        },
         field: Some("f".into()),
         ..SampleOptions::default()
     };
@@ -127,7 +130,10 @@ fn presets_say_their_range_and_are_shared() {
     );
     // A given range replaces that of the data; a map with its own range refuses one.
     let ranged = SampleOptions {
-        range: Some([-50.0, 50.0]),
+        function: FunctionOptions {
+            range: Some([-50.0, 50.0]),
+            ..options.function.clone()
+        },
         ..options.clone()
     };
     let ranged = volume(table(0), &ranged).unwrap();
@@ -137,8 +143,11 @@ fn presets_say_their_range_and_are_shared() {
     );
     let own = preset.replace('}', ", \"Points\": [-1, 0, 0.5, 0, 1, 1, 0.5, 0]}");
     let own = SampleOptions {
-        transfer: TransferChoice::Text(own),
-        range: Some([0.0, 1.0]),
+        function: FunctionOptions {
+            transfer: TransferChoice::Text(own),
+            range: Some([0.0, 1.0]),
+            ..options.function
+        },
         ..options
     };
     let error = volume(table(0), &own).unwrap_err().to_string();

@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use ewa_splat::io::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
-use ewa_splat::sample::{SampleOptions, TransferChoice, volume};
+use ewa_splat::sample::{FunctionOptions, SampleOptions, TransferChoice, volume};
 use ewa_splat::scene::Values;
 use glam::DVec3;
 
@@ -74,7 +74,10 @@ fn the_wake_is_an_o_grid_with_a_sound_flow() {
         }],
     );
     let options = SampleOptions {
-        transfer: TransferChoice::File(transfer),
+        function: FunctionOptions {
+            transfer: TransferChoice::File(transfer),
+            ..FunctionOptions::default()
+        },
         ..SampleOptions::default()
     };
     let sampled = volume(dataset, &options).unwrap();

@@ -18,7 +18,7 @@ use ewa_splat::math::normal_of_code;
 use ewa_splat::sample::mesh::{
     MeshOptions, MeshReport, SampledMesh, Spread, pixels_per_area, surfels,
 };
-use ewa_splat::sample::{SampleOptions, scene, volume};
+use ewa_splat::sample::{KernelOptions, SampleOptions, scene, volume};
 use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
 use ewa_splat::view::Camera;
 use glam::{Affine2, DMat3, DVec2, DVec3, Vec2};
@@ -1054,7 +1054,10 @@ fn what_cannot_be_done_is_said() {
         )
     };
     let options = SampleOptions {
-        spread: Spread::Count(50),
+        kernels: KernelOptions {
+            spread: Spread::Count(50),
+            ..KernelOptions::default()
+        },
         ..SampleOptions::default()
     };
     let found = scene(dataset(plane()), &options).unwrap();

@@ -11,7 +11,9 @@ use crate::common::Random;
 use ewa_splat::io::{
     Association, Dataset, Field, FieldSource, Geometry, LengthMeaning, Smoothing, SphKernel,
 };
-use ewa_splat::sample::{ParticleShape, SampleOptions, Sampled, volume};
+use ewa_splat::sample::{
+    KernelOptions, ParticleShape, PurposeOptions, SampleOptions, Sampled, volume,
+};
 use ewa_splat::scene::{Colour, Particles, Strength, Values};
 use glam::{DMat3, DVec3};
 
@@ -77,7 +79,10 @@ fn lengths_mean_what_is_stated() {
     is(with("sigma", default()), 0.5);
     is(with("radius", default()), 0.5);
     let meaning = |length| SampleOptions {
-        length: Some(length),
+        kernels: KernelOptions {
+            length: Some(length),
+            ..default().kernels
+        },
         ..default()
     };
     is(
@@ -90,18 +95,27 @@ fn lengths_mean_what_is_stated() {
         0.5 / (8.0 * 2.0_f64.ln()).sqrt(),
     );
     let quintic = SampleOptions {
-        kernel: Some(SphKernel::QuinticSpline),
+        kernels: KernelOptions {
+            smoothing: Some(SphKernel::QuinticSpline),
+            ..default().kernels
+        },
         ..default()
     };
     is(with("h", quintic), 0.5 * (7.0_f64 / 15.0).sqrt());
     // One length replaces all columns; the width scales everything.
     let given = SampleOptions {
-        radius: Some(2.0),
+        kernels: KernelOptions {
+            radius: Some(2.0),
+            ..default().kernels
+        },
         ..default()
     };
     is(with("h", given), 2.0);
     let wide = SampleOptions {
-        kernel_width: 1.2,
+        kernels: KernelOptions {
+            width: 1.2,
+            ..default().kernels
+        },
         ..default()
     };
     is(with("sigma", wide), 1.0);
@@ -212,7 +226,10 @@ fn fluid_kernels_are_flat_along_a_sheet() {
     let sampled = sample(
         dataset(points.clone(), columns()),
         SampleOptions {
-            shape: ParticleShape::YuTurk,
+            kernels: KernelOptions {
+                shape: ParticleShape::YuTurk,
+                ..KernelOptions::default()
+            },
             ..SampleOptions::default()
         },
     );
@@ -232,7 +249,10 @@ fn columns_of_bare_points_count_them() {
     let mut random = Random::new(4);
     let points: Vec<DVec3> = (0..500).map(|_| random.point(3.0)).collect();
     let columns = SampleOptions {
-        for_columns: true,
+        purpose: PurposeOptions {
+            for_columns: true,
+            ..PurposeOptions::default()
+        },
         ..SampleOptions::default()
     };
     let sampled = sample(dataset(points, vec![]), columns);
@@ -291,7 +311,10 @@ fn a_snapshot_goes_by_its_own_names() {
             density: Some("Density".into()),
         });
         let options = SampleOptions {
-            for_columns,
+            purpose: PurposeOptions {
+                for_columns,
+                ..PurposeOptions::default()
+            },
             field: field.map(str::to_owned),
             ..SampleOptions::default()
         };
@@ -336,7 +359,10 @@ fn a_field_named_for_columns_is_what_is_summed() {
         ]
     };
     let options = |field: Option<&str>| SampleOptions {
-        for_columns: true,
+        purpose: PurposeOptions {
+            for_columns: true,
+            ..PurposeOptions::default()
+        },
         field: field.map(str::to_owned),
         ..SampleOptions::default()
     };

@@ -6,13 +6,15 @@ use std::path::{Path, PathBuf};
 use ewa_splat::io::{OpenOptions, open};
 use ewa_splat::prepared::{About, PreparedScene};
 use ewa_splat::sample::mesh::Spread;
-use ewa_splat::sample::{SampleOptions, TransferChoice, scene};
+use ewa_splat::sample::{FunctionOptions, KernelOptions, SampleOptions, TransferChoice, scene};
 use ewa_splat::scene::{
     Boundary, Colour, Lattice, LatticeSpacing, Particles, PointVolume, Strength, TransferFunction,
     Values,
 };
 use ewa_splat::view::{Camera, Lens, Viewpoint};
-use ewa_splat::{ClassifyAt, ColumnSettings, Composite, Renderer, SceneOptions, Settings};
+use ewa_splat::{
+    Classification, ColumnSettings, Composite, Renderer, RendererOptions, SceneOptions, Settings,
+};
 use glam::DVec3;
 
 use crate::common::{Random, some};
@@ -81,11 +83,17 @@ fn scenes() -> Vec<(&'static str, Vec<PointVolume>)> {
         ..of_lattice(rectilinear.clone(), dims, Values::U8(bytes.clone()))
     };
     let wake = SampleOptions {
-        transfer: TransferChoice::File(fixture("wake_transfer.json")),
+        function: FunctionOptions {
+            transfer: TransferChoice::File(fixture("wake_transfer.json")),
+            ..FunctionOptions::default()
+        },
         ..SampleOptions::default()
     };
     let few = SampleOptions {
-        spread: Spread::Count(1500),
+        kernels: KernelOptions {
+            spread: Spread::Count(1500),
+            ..KernelOptions::default()
+        },
         ..SampleOptions::default()
     };
     let mut both = vec![of_lattice(uniform.clone(), dims, Values::U8(bytes.clone()))];
@@ -157,7 +165,8 @@ fn a_prepared_scene_is_the_scene_it_was_made_of() {
             assert_eq!(std::fs::metadata(&path).unwrap().len(), bytes, "{name}");
             let (mapped, told) = PreparedScene::open(&path).unwrap();
             assert_eq!(told, about);
-            let mut found = Renderer::of_prepared(vec![mapped]).unwrap();
+            let mut found =
+                Renderer::with_options(vec![mapped], RendererOptions::default()).unwrap();
             let mut expected = Renderer::with_options(volumes.clone(), &options).unwrap();
             // Compares everything: blocks, columns, functions, grids, by their debug output.
             let volumes = expected.volumes().iter().zip(found.volumes());
@@ -199,14 +208,12 @@ fn settings(name: &str) -> Vec<Settings> {
     let mut all = vec![Settings::default()];
     if !name.contains("splats") && !name.contains("mesh") {
         let classify = match name {
-            "spheres with colours of their own" => ClassifyAt::Particle,
-            _ => ClassifyAt::Slab,
+            "spheres with colours of their own" => Classification::Extent,
+            _ => Classification::Slab,
         };
         all.push(Settings {
-            composite: Composite::Slabs {
-                thickness: None,
-                classify,
-            },
+            composite: Composite::SLABS,
+            classify,
             ..Settings::default()
         });
     }
@@ -288,7 +295,8 @@ fn prepared_scenes_join_and_take_other_functions() {
     scene.write(&path, &About::default()).unwrap();
     let mapped = PreparedScene::open(&path).unwrap().0;
     let other = PreparedScene::new(vec![ball.clone()], &options).unwrap();
-    let mut found = Renderer::of_prepared(vec![mapped, other]).unwrap();
+    let mut found =
+        Renderer::with_options(vec![mapped, other], RendererOptions::default()).unwrap();
     let mut expected = Renderer::new(vec![lattice, ball]).unwrap();
     let function = grey([50.0, 180.0]);
     for renderer in [&mut found, &mut expected] {

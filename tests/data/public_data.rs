@@ -13,7 +13,9 @@ use ewa_splat::io::{
 };
 use ewa_splat::measure::{compare, difference, flip, ssim};
 use ewa_splat::sample::mesh::{MeshOptions, Spread, surfels};
-use ewa_splat::sample::{SampleOptions, cut_faces, scene, sound_splats, splat_cloud, volume};
+use ewa_splat::sample::{
+    KernelOptions, SampleOptions, cut_faces, scene, sound_splats, splat_cloud, volume,
+};
 use ewa_splat::scene::{
     Colour, Lattice, LatticeSpacing, Particles, PointVolume, Strength, TransferDefaults,
     TransferFunction, Values,
@@ -150,7 +152,10 @@ fn kernel_widths_are_positive() {
         let said = refused(Renderer::new(vec![lattice_volume(lattice.clone(), width)]));
         assert!(said.contains("kernel width"), "{said}");
         let options = SampleOptions {
-            kernel_width: width,
+            kernels: KernelOptions {
+                width,
+                ..KernelOptions::default()
+            },
             ..SampleOptions::default()
         };
         let field = scalar("f", Association::Nodes, vec![0.5; 8]);
@@ -253,7 +258,10 @@ fn fields_fit_their_samples() {
         }
     }
     let options = SampleOptions {
-        shepard_passes: u32::MAX,
+        kernels: KernelOptions {
+            shepard_passes: u32::MAX,
+            ..KernelOptions::default()
+        },
         ..SampleOptions::default()
     };
     let said = refused(volume(

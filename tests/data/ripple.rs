@@ -16,7 +16,7 @@ use crate::common::Random;
 use ewa_splat::io::{
     Association, CellKind, CellMesh, CurvilinearBlock, Dataset, Field, FieldSource, Geometry,
 };
-use ewa_splat::sample::{SampleOptions, Sampled, volume};
+use ewa_splat::sample::{KernelOptions, SampleOptions, Sampled, volume};
 use ewa_splat::scene::{Lattice, LatticeSpacing, Particles, PointVolume, Strength, Values};
 use glam::{DMat3, DVec3};
 
@@ -362,7 +362,10 @@ fn scattered_points() {
             let positions = scattered(16, jitter, stretch);
             let count = positions.len();
             let options = named(SampleOptions {
-                shepard_passes: passes,
+                kernels: KernelOptions {
+                    shepard_passes: passes,
+                    ..KernelOptions::default()
+                },
                 ..SampleOptions::default()
             });
             let geometry = Geometry::Points { positions };

@@ -13,7 +13,9 @@ use crate::common::grid_nodes;
 use ewa_splat::Error;
 use ewa_splat::error::{Parameter, Place};
 use ewa_splat::io::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
-use ewa_splat::sample::{SampleOptions, Sampled, TransferChoice, volume};
+use ewa_splat::sample::{
+    FunctionOptions, KernelOptions, PurposeOptions, SampleOptions, Sampled, TransferChoice, volume,
+};
 use ewa_splat::scene::{
     Colour, Lattice, LatticeSpacing, Particles, ScaleName, Strength, ValueScale, Values,
 };
@@ -480,11 +482,17 @@ fn a_scale_moves_the_values_that_are_classified_and_not_those_that_are_summed() 
     let plain = of(&defaults);
     assert_eq!(plain.values, Some(Values::F32(raw.clone())));
     let by_itself = of(&SampleOptions {
-        scale: None,
+        function: FunctionOptions {
+            scale: None,
+            ..defaults.function.clone()
+        },
         ..defaults.clone()
     });
     let asked = of(&SampleOptions {
-        scale: Some(ScaleName::Log),
+        function: FunctionOptions {
+            scale: Some(ScaleName::Log),
+            ..defaults.function.clone()
+        },
         ..defaults.clone()
     });
     for volume in [by_itself, asked] {
@@ -500,8 +508,14 @@ fn a_scale_moves_the_values_that_are_classified_and_not_those_that_are_summed() 
         );
     }
     let columns = of(&SampleOptions {
-        for_columns: true,
-        scale: None,
+        purpose: PurposeOptions {
+            for_columns: true,
+            ..defaults.purpose
+        },
+        function: FunctionOptions {
+            scale: None,
+            ..defaults.function
+        },
         ..defaults
     });
     assert_eq!(columns.values, Some(Values::F32(raw.clone())));
@@ -660,7 +674,10 @@ fn bare_positions_get_spheres_and_a_number_density() {
 fn a_named_field_colours_particles_with_masses() {
     let options = SampleOptions {
         field: Some("t".into()),
-        transfer: TransferChoice::Named("viridis".into()),
+        function: FunctionOptions {
+            transfer: TransferChoice::Named("viridis".into()),
+            ..FunctionOptions::default()
+        },
         ..SampleOptions::default()
     };
     let columns: [(&str, &[f32]); 3] = [
@@ -704,7 +721,10 @@ fn contradictory_and_incomplete_tables_are_refused() {
         assert!(error.contains(expected), "{error}");
     }
     let options = SampleOptions {
-        kernel_width: f64::NAN,
+        kernels: KernelOptions {
+            width: f64::NAN,
+            ..KernelOptions::default()
+        },
         ..SampleOptions::default()
     };
     let error = volume(table(&[("sigma", one)]), &options).unwrap_err();
@@ -730,8 +750,11 @@ fn an_explicit_unit_distance_wins_over_the_file() {
     .unwrap();
     let run = |unit_distance| {
         let options = SampleOptions {
-            transfer: TransferChoice::File(file.path().into()),
-            unit_distance,
+            function: FunctionOptions {
+                transfer: TransferChoice::File(file.path().into()),
+                unit_distance,
+                ..FunctionOptions::default()
+            },
             ..SampleOptions::default()
         };
         let sampled = volume(grid([3, 3, 3], Association::Nodes, |s| s), &options).unwrap();

@@ -20,7 +20,8 @@ use ewa_splat::io::{
     Dataset, FieldSource, Geometry, OpenOptions, ScaleMeaning, SplatCloud, open, read,
 };
 use ewa_splat::reference::Integrator;
-use ewa_splat::sample::{SampleOptions, Sampled, volume as sample};
+use ewa_splat::render::Advanced;
+use ewa_splat::sample::{KernelOptions, SampleOptions, Sampled, volume as sample};
 use ewa_splat::scene::{Colour, Particles, PointVolume, Requirements, Strength, Values};
 use ewa_splat::stages::splat::{ANTI_ALIASED_LOW_PASS_PX2, Filter, SPLAT_LOW_PASS_PX2};
 use ewa_splat::view::{Camera, Projection};
@@ -536,7 +537,10 @@ fn what_splats_store_follows_what_they_need() {
     let file = splat_ply(Ply::Little, "", &some_splats(5, 2), &["float w"]);
     let at = |kernel_width, field: Option<&str>| {
         let options = SampleOptions {
-            kernel_width,
+            kernels: KernelOptions {
+                width: kernel_width,
+                ..KernelOptions::default()
+            },
             field: field.map(str::to_owned),
             ..SampleOptions::default()
         };
@@ -794,7 +798,10 @@ fn volumes_and_splats_composite_in_the_order_of_depth() {
     }
     // With linear opacity, the splat stays as it is.
     let linear = Settings {
-        linear_opacity: true,
+        advanced: Advanced {
+            linear_opacity: true,
+            ..settings.advanced
+        },
         ..settings
     };
     let image = render(
@@ -824,7 +831,10 @@ fn splats_do_not_depend_on_order_or_instruction_set() {
     let camera = Camera::perspective(eye, DVec3::ZERO, DVec3::Z, 50.0, [70, 50]);
     let image = |particles: &[Particle], simd| -> Image {
         let settings = Settings {
-            simd,
+            advanced: Advanced {
+                simd,
+                ..Advanced::default()
+            },
             cutoff: Some(7.0),
             ..Settings::default()
         };

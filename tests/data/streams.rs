@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use ewa_splat::SceneOptions;
 use ewa_splat::io::{Dataset, Geometry, OpenOptions, ParticleType, RowFile, open};
 use ewa_splat::prepared::{About, ParticleStream, PointFile, PreparedScene};
-use ewa_splat::sample::{ParticleShape, SampleOptions, scene};
+use ewa_splat::sample::{KernelOptions, ParticleShape, PurposeOptions, SampleOptions, scene};
 use glam::DVec3;
 
 use crate::common::Random;
@@ -68,8 +68,11 @@ fn a_stream_of_a_files_points_is_the_scene_of_all_of_them() {
         // Sums of masses, for one of them.
         for for_columns in [false, true].into_iter().take(if i == 0 { 2 } else { 1 }) {
             let options = SampleOptions {
-                for_columns,
-                local_models: !for_columns,
+                purpose: PurposeOptions {
+                    for_columns,
+                    local_models: !for_columns,
+                    ..PurposeOptions::default()
+                },
                 ..SampleOptions::default()
             };
             let scene_options = SceneOptions {
@@ -129,11 +132,17 @@ fn what_depends_on_others_is_no_stream() {
             ..default.clone()
         },
         SampleOptions {
-            normals: true,
+            purpose: PurposeOptions {
+                normals: true,
+                ..default.purpose
+            },
             ..default.clone()
         },
         SampleOptions {
-            shepard_passes: 1,
+            kernels: KernelOptions {
+                shepard_passes: 1,
+                ..default.kernels
+            },
             ..default.clone()
         },
         SampleOptions {
@@ -141,7 +150,10 @@ fn what_depends_on_others_is_no_stream() {
             ..default.clone()
         },
         SampleOptions {
-            shape: ParticleShape::YuTurk,
+            kernels: KernelOptions {
+                shape: ParticleShape::YuTurk,
+                ..default.kernels
+            },
             ..default.clone()
         },
     ];
@@ -149,7 +161,10 @@ fn what_depends_on_others_is_no_stream() {
         assert!(!is_stream(&spheres, &options), "{options:?}");
     }
     let radius = SampleOptions {
-        radius: Some(0.1),
+        kernels: KernelOptions {
+            radius: Some(0.1),
+            ..default.kernels
+        },
         ..default.clone()
     };
     assert!(is_stream(&some(&["x", "y", "z", "mass"]), &radius));
@@ -296,8 +311,11 @@ fn columns_of_snapshots_are_streams() {
     let mut streams = 0;
     for (path, particle_type) in paths {
         let options = SampleOptions {
-            for_columns: true,
-            local_models: false,
+            purpose: PurposeOptions {
+                for_columns: true,
+                local_models: false,
+                ..PurposeOptions::default()
+            },
             ..SampleOptions::default()
         };
         let scene_options = SceneOptions {

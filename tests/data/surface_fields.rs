@@ -11,7 +11,9 @@ use ewa_splat::io::{
     Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry, Material, Mesh, MeshPart,
 };
 use ewa_splat::sample::mesh::Spread;
-use ewa_splat::sample::{SampleOptions, SampledScene, TransferChoice, is_surface, scene};
+use ewa_splat::sample::{
+    FunctionOptions, KernelOptions, SampleOptions, SampledScene, TransferChoice, is_surface, scene,
+};
 use ewa_splat::scene::{
     Colour, Lattice, Particles, PointVolume, Strength, TransferFunction, Values,
 };
@@ -45,8 +47,14 @@ fn square(fields: Vec<Field>) -> Dataset {
 
 fn sampled(dataset: Dataset, transfer: TransferChoice) -> SampledScene {
     let options = SampleOptions {
-        spread: Spread::Count(COUNT),
-        transfer,
+        kernels: KernelOptions {
+            spread: Spread::Count(COUNT),
+            ..KernelOptions::default()
+        },
+        function: FunctionOptions {
+            transfer,
+            ..FunctionOptions::default()
+        },
         ..SampleOptions::default()
     };
     scene(dataset, &options).unwrap()

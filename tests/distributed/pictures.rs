@@ -1,6 +1,6 @@
 //! Tests pictures of all kinds on any number of ranks.
 
-use ewa_splat::render::{Classification, ClassifyAt, Composite};
+use ewa_splat::render::{Advanced, Classification, Composite};
 use ewa_splat::scene::{Colour, Lighting, Particles, PointVolume, Strength};
 use ewa_splat::view::{Camera, ClipPlane};
 use ewa_splat::{ColumnSettings, Filter, Settings, Show};
@@ -45,7 +45,10 @@ fn kernels_over_one_another_near_and_far() {
             Settings {
                 background: Some([0.1, 0.2, 0.3]),
                 filter: Filter::Exact,
-                linear_opacity: true,
+                advanced: Advanced {
+                    linear_opacity: true,
+                    ..Advanced::default()
+                },
                 ..Settings::default()
             },
         ),
@@ -65,16 +68,17 @@ fn kernels_over_one_another_near_and_far() {
 
 #[test]
 fn classified_kernels_in_pieces_and_in_layers() {
-    let layered = |composite| {
+    let layered = |composite, classify| {
         let settings = Settings {
             composite,
+            classify,
             depth: true,
             ..Settings::default()
         };
         (camera([40, 28]), settings)
     };
     let thickness = None;
-    let classify = ClassifyAt::Particle;
+    let extent = Classification::Extent;
     let frames = [
         (camera([40, 28]), depths()),
         (
@@ -84,17 +88,11 @@ fn classified_kernels_in_pieces_and_in_layers() {
                 ..Settings::default()
             },
         ),
-        layered(Composite::Sheets { thickness }),
-        layered(Composite::AxisSheets { thickness }),
-        layered(Composite::Slabs {
-            thickness,
-            classify,
-        }),
-        layered(Composite::Slabs {
-            thickness,
-            classify: ClassifyAt::Slab,
-        }),
-        layered(Composite::Maximum { thickness }),
+        layered(Composite::Sheets { thickness }, extent),
+        layered(Composite::AxisSheets { thickness }, extent),
+        layered(Composite::Slabs { thickness }, extent),
+        layered(Composite::Slabs { thickness }, Classification::Slab),
+        layered(Composite::Maximum { thickness }, extent),
         // Colours are drawn again after values.
         (flat([40, 28]), depths()),
     ];

@@ -1,7 +1,7 @@
 //! Tests lattices of which each rank has some planes: the picture equals that of one process.
 
 use ewa_splat::distributed::{Collective, RankStats, Renderer, Share};
-use ewa_splat::render::{ClassifyAt, Composite};
+use ewa_splat::render::{Classification, Composite};
 use ewa_splat::scene::{Particles, PointVolume, TransferFunction, Values};
 use ewa_splat::view::{Camera, ClipPlane};
 use ewa_splat::{ColumnSettings, SceneOptions, Settings};
@@ -51,10 +51,8 @@ fn frames() -> Vec<(Camera, Settings)> {
     }];
     let thickness = Some(0.2);
     let in_slabs = Settings {
-        composite: Composite::Slabs {
-            thickness,
-            classify: ClassifyAt::Slab,
-        },
+        composite: Composite::Slabs { thickness },
+        classify: Classification::Slab,
         ..Settings::default()
     };
     let clipped = Settings {

@@ -2,7 +2,7 @@
 
 use ewa_splat::distributed::{Collective, Renderer, Share};
 use ewa_splat::io::{OpenOptions, open};
-use ewa_splat::sample::{BoundaryChoice, SampleOptions, scene};
+use ewa_splat::sample::{BoundaryChoice, KernelOptions, SampleOptions, scene};
 use ewa_splat::scene::{
     Colour, Lighting, Particles, PointVolume, Strength, TransferFunction, ValueScale, Values,
 };
@@ -126,7 +126,10 @@ fn many_particles_and_cells_are_dealt_out() {
 fn grids_and_functions_travel_to_the_last_bit() {
     let fixtures = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
     let options = SampleOptions {
-        boundary: BoundaryChoice::Sharp,
+        kernels: KernelOptions {
+            boundary: BoundaryChoice::Sharp,
+            ..KernelOptions::default()
+        },
         ..SampleOptions::default()
     };
     let data = open(&fixtures.join("wake.xyz"), &OpenOptions::default()).unwrap();

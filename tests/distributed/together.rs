@@ -5,7 +5,7 @@ use std::path::Path;
 use ewa_splat::distributed::{Collective, RankStats, Renderer, Share};
 use ewa_splat::io::{OpenOptions, open};
 use ewa_splat::prepared::PointFile;
-use ewa_splat::sample::{SampleOptions, scene};
+use ewa_splat::sample::{PurposeOptions, SampleOptions, scene};
 use ewa_splat::view::{Camera, sphere_around};
 use ewa_splat::{ColumnSettings, SceneOptions, Settings};
 use glam::DVec3;
@@ -133,8 +133,11 @@ fn ranks_read_their_rows_of_a_file() {
 #[test]
 fn ranks_read_their_rows_of_snapshots() {
     let options = SampleOptions {
-        for_columns: true,
-        local_models: false,
+        purpose: PurposeOptions {
+            for_columns: true,
+            local_models: false,
+            ..PurposeOptions::default()
+        },
         ..SampleOptions::default()
     };
     let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");

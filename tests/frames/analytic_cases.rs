@@ -9,6 +9,7 @@
 use crate::common::scene::{self, Particle};
 use crate::common::{Random, fixture, number, numbers};
 use ewa_splat::Filter;
+use ewa_splat::render::Advanced;
 use ewa_splat::scene::{Lattice, Particles, PointVolume, Strength};
 use ewa_splat::view::{Camera, Projection};
 use ewa_splat::{Renderer, Settings};
@@ -427,7 +428,10 @@ fn a_minified_thick_kernel_is_too_opaque() {
 
     // As a lone kernel, it has the true opacity, to within 6e-5 of its quadrature.
     let settings = Settings {
-        sub_pixel_opacity: true,
+        advanced: Advanced {
+            sub_pixel_opacity: true,
+            ..settings.advanced
+        },
         level_of_detail: false,
         ..settings
     };

@@ -14,7 +14,10 @@ use ewa_splat::io::{
     Association, CellKind, CellMesh, Dataset, Field, FieldSource, Geometry, OpenOptions, open,
 };
 use ewa_splat::reference::{DataIntegrator, Integrator};
-use ewa_splat::sample::{self, BoundaryChoice, SampleOptions, Sampled, TransferChoice, grid};
+use ewa_splat::sample::{
+    self, BoundaryChoice, FunctionOptions, KernelOptions, SampleOptions, Sampled, TransferChoice,
+    grid,
+};
 use ewa_splat::scene::{
     Boundary, Classification, Lattice, LatticeSpacing, Particles, PointVolume, TransferFunction,
     Values,
@@ -305,7 +308,10 @@ fn errors(ratios: &[f64]) -> (Vec<f64>, f64) {
 
 pub(super) fn uniform_options(boundary: BoundaryChoice) -> SampleOptions {
     SampleOptions {
-        boundary,
+        kernels: KernelOptions {
+            boundary,
+            ..KernelOptions::default()
+        },
         ..SampleOptions::default()
     }
 }
@@ -662,7 +668,10 @@ fn automatic_boundaries_are_sharp_where_they_are_seen() {
             .map(|p| if inside(p) { 1.0 - at_faces } else { at_faces })
             .collect();
         let options = |boundary| SampleOptions {
-            transfer: TransferChoice::File(ramp.clone()),
+            function: FunctionOptions {
+                transfer: TransferChoice::File(ramp.clone()),
+                ..uniform_options(boundary).function
+            },
             ..uniform_options(boundary)
         };
         let of = |boundary| {

@@ -17,12 +17,13 @@ use crate::common::frame::Frame;
 use crate::common::judge::{self, Body};
 use crate::common::scene::{Particle, camera, difference, overlapping, render, volume};
 use crate::common::{Random, some};
-use ewa_splat::constants::{MAX_CUTOFF, TERMINATION_SHARE};
 use ewa_splat::math::normal_cdf;
+use ewa_splat::render::Advanced;
 use ewa_splat::scene::{ColourSpace, ControlPoint, TransferFunction};
 use ewa_splat::stages::blocks::{
     Block, BlockedParticles, BlockedVolume, DepthRange, Frustum, distance_interval,
 };
+use ewa_splat::stages::constants::{MAX_CUTOFF, TERMINATION_SHARE};
 use ewa_splat::stages::record::{BlockView, PATH_NEAR, ViewUniform};
 use ewa_splat::stages::splat::{
     Filter, ImageKernel, Kernel, ScreenFactor, affine_error, cutoff_radius, cutoff_share,
@@ -595,7 +596,10 @@ fn linear_opacity_errs_by_no_more_than_it_says() {
     let camera = camera(Projection::Orthographic, [1.0; 2], [1, 1]);
     let bare = |linear_opacity| Settings {
         low_pass_variance_px2: 0.0,
-        linear_opacity,
+        advanced: Advanced {
+            linear_opacity,
+            ..Advanced::default()
+        },
         cutoff: Some(7.0),
         ..Settings::default()
     };

@@ -16,7 +16,9 @@ use ewa_splat::io::{
 use ewa_splat::reference::{Integrator, PixelFilter, ReferenceSettings};
 use ewa_splat::render::Composite;
 use ewa_splat::sample::mesh::{MeshOptions, Spread, surfels};
-use ewa_splat::sample::{ParticleShape, SampleOptions, SampledScene, points, scene};
+use ewa_splat::sample::{
+    KernelOptions, ParticleShape, PurposeOptions, SampleOptions, SampledScene, points, scene,
+};
 use ewa_splat::scene::{Lattice, PointVolume, TransferFunction, Values};
 use ewa_splat::view::Camera;
 use ewa_splat::{ColumnSettings, Error, Renderer, Result, SceneOptions, Settings, Task};
@@ -134,7 +136,10 @@ fn sampling() {
     for (shape, expected) in shapes {
         check(&format!("{shape:?}"), &expected, |task| {
             let options = SampleOptions {
-                shape,
+                kernels: KernelOptions {
+                    shape,
+                    ..KernelOptions::default()
+                },
                 task,
                 ..SampleOptions::default()
             };
@@ -151,9 +156,15 @@ fn sampling() {
     ];
     check("corrected", &corrected, |task| {
         let options = SampleOptions {
-            shape: ParticleShape::Isotropic,
-            shepard_passes: 1,
-            normals: true,
+            kernels: KernelOptions {
+                shape: ParticleShape::Isotropic,
+                shepard_passes: 1,
+                ..KernelOptions::default()
+            },
+            purpose: PurposeOptions {
+                normals: true,
+                ..PurposeOptions::default()
+            },
             task,
             ..SampleOptions::default()
         };
@@ -173,7 +184,10 @@ fn sampling_of_files() {
     ] {
         check(name, expected, |task| {
             let options = SampleOptions {
-                spread: Spread::Count(2000),
+                kernels: KernelOptions {
+                    spread: Spread::Count(2000),
+                    ..KernelOptions::default()
+                },
                 task,
                 ..SampleOptions::default()
             };
@@ -328,7 +342,8 @@ fn frames_of_a_device() {
     // Cancelled work is not drawn again elsewhere.
     let mut renderer = Renderer::new(vec![balls(50)])
         .unwrap()
-        .on_if_it_can(gpu.clone());
+        .on(ewa_splat::render::OpenBackend::or_cpu(gpu.clone()))
+        .unwrap();
     let task = Task::new();
     task.cancel();
     let settings = Settings {

@@ -10,11 +10,11 @@ use crate::common::scene::{Particle, camera, difference, volume};
 use crate::common::{Random, some};
 use ewa_splat::Composite;
 use ewa_splat::Filter;
-use ewa_splat::constants::COVERAGE_FULL;
 use ewa_splat::math::normal_cdf;
 use ewa_splat::reference::{Integrator, PixelFilter, ReferenceSettings};
-use ewa_splat::render::SimdLevel;
+use ewa_splat::render::{Advanced, SimdLevel};
 use ewa_splat::scene::{Colour, Particles, PointVolume, Strength, TransferFunction, Values};
+use ewa_splat::stages::constants::COVERAGE_FULL;
 use ewa_splat::view::{Camera, ClipPlane, Projection};
 use ewa_splat::{Image, Renderer, Settings};
 use glam::{DMat3, DVec2, DVec3};
@@ -37,8 +37,11 @@ fn settings(composite: Composite) -> Settings {
 #[track_caller]
 fn draw(scene: &[PointVolume], camera: &Camera, settings: &Settings) -> Renderer {
     let settings = Settings {
-        // The CPU uses no fused operations, as the device uses none.
-        simd: SimdLevel::Baseline,
+        advanced: Advanced {
+            // The CPU uses no fused operations, as the device uses none.
+            simd: SimdLevel::Baseline,
+            ..settings.advanced
+        },
         ..settings.clone()
     };
     let mut on_cpu = Renderer::new(scene.to_vec()).unwrap();
@@ -420,7 +423,16 @@ fn needles_are_cut_as_well_as_drawn() {
                     let mut fused = Renderer::new(scene.to_vec()).unwrap();
                     let simd = SimdLevel::best();
                     fused
-                        .render(&camera, &Settings { simd, ..settings })
+                        .render(
+                            &camera,
+                            &Settings {
+                                advanced: Advanced {
+                                    simd,
+                                    ..settings.advanced
+                                },
+                                ..settings
+                            },
+                        )
                         .unwrap();
                     let apart = difference(drawn.image(), fused.image());
                     assert!(apart < 5e-5, "1:{ratio} {projection:?}: {apart:e}");
@@ -876,7 +888,10 @@ fn many_layers_and_long_lists_are_carried() {
     let camera = camera(Projection::Perspective, [60.0; 2], [48, 48]);
     let of = |thickness: f64, linear: bool| {
         let settings = Settings {
-            linear_opacity: linear,
+            advanced: Advanced {
+                linear_opacity: linear,
+                ..settings(Composite::SLABS.with_thickness(Some(thickness))).advanced
+            },
             depth: true,
             ..settings(Composite::SLABS.with_thickness(Some(thickness)))
         };

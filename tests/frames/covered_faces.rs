@@ -13,7 +13,7 @@ use std::path::Path;
 use ewa_splat::Renderer;
 use ewa_splat::io::{Association, CellMesh, Dataset, Field, FieldSource, Geometry};
 use ewa_splat::reference::DataIntegrator;
-use ewa_splat::sample::{self, BoundaryChoice, SampleOptions, Sampled};
+use ewa_splat::sample::{self, BoundaryChoice, KernelOptions, SampleOptions, Sampled};
 use ewa_splat::scene::{Boundary, PointVolume, TransferFunction, Values};
 use ewa_splat::view::Camera;
 use glam::{DVec2, DVec3};
@@ -131,7 +131,10 @@ fn dataset(mesh: CellMesh, extra: Vec<Field>) -> Dataset {
 
 fn sampled(data: Dataset, boundary: BoundaryChoice) -> Sampled {
     let options = SampleOptions {
-        boundary,
+        kernels: KernelOptions {
+            boundary,
+            ..KernelOptions::default()
+        },
         field: Some("value".into()),
         ..SampleOptions::default()
     };

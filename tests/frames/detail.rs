@@ -7,6 +7,7 @@
 )]
 
 use crate::common::{Random, lower_factor};
+use ewa_splat::render::Advanced;
 use ewa_splat::scene::{
     Colour, ColourIn, Lattice, Particles, PointVolume, Strength, StrengthIn, TransferFunction,
     Values,
@@ -390,7 +391,10 @@ fn slack_merges_more_and_keeps_masses() {
     let draw = |merge_slack, renderer: &mut Renderer| {
         let settings = Settings {
             tolerance: 1e-3,
-            merge_slack,
+            advanced: Advanced {
+                merge_slack,
+                ..Advanced::default()
+            },
             ..Settings::default()
         };
         let image = renderer.render(&camera, &settings).unwrap();

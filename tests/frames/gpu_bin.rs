@@ -12,7 +12,7 @@ use crate::common::scene::{self, Particle, volume};
 use bytemuck::Zeroable;
 use ewa_splat::Filter;
 use ewa_splat::Settings;
-use ewa_splat::constants::TILE_SIZE;
+use ewa_splat::stages::constants::TILE_SIZE;
 use ewa_splat::stages::cpu::{self, Bins};
 use ewa_splat::stages::gpu::{ChunkBins, Gpu, MAX_BAND_TILES, bin};
 use ewa_splat::stages::record::{

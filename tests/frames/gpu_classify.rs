@@ -10,13 +10,14 @@ use crate::common::{Random, some};
 use ewa_splat::image::{linear_from_srgb, srgb_from_linear};
 use ewa_splat::math::{ein, ein_share, harmonics, harmonics_count, harmonics_sum};
 use ewa_splat::scene::{
-    Colour, ColourIn, Lattice, LatticeSpacing, Particles, PointVolume, Slopes, Strength,
-    StrengthIn, TransferFunction, Values, ValuesIn, Weighting,
+    Colour, ColourIn, Lattice, LatticeSpacing, Particles, PointVolume, Strength, StrengthIn,
+    TransferFunction, Values, ValuesIn,
 };
 use ewa_splat::stages::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid};
 use ewa_splat::stages::cpu;
 use ewa_splat::stages::gpu::{self, merged_numbers};
 use ewa_splat::stages::record::{BlockView, ClassifiedBy, ClassifiedParticle};
+use ewa_splat::stages::scene::{Slopes, Weighting};
 use ewa_splat::view::Camera;
 use glam::{DMat3, DVec3, Vec3};
 

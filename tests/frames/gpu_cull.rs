@@ -13,7 +13,7 @@ use crate::common::{Random, lower_factor};
 use ewa_splat::Filter;
 use ewa_splat::scene::{
     Colour, ColourIn, ColourSpace, Column, ControlPoint, Lattice, LatticeSpacing, Particles,
-    PointVolume, Strength, StrengthIn, TransferFunction, Values, ValuesIn, Weighting,
+    PointVolume, Strength, StrengthIn, TransferFunction, Values, ValuesIn,
 };
 use ewa_splat::stages::blocks::{
     Block, BlockedParticles, BlockedVolume, DepthRange, Frustum, MergeBounds, Merged,
@@ -21,6 +21,7 @@ use ewa_splat::stages::blocks::{
 };
 use ewa_splat::stages::gpu::{self, f64_operations};
 use ewa_splat::stages::record::{BlockView, ChoiceUniform};
+use ewa_splat::stages::scene::Weighting;
 use ewa_splat::view::{Camera, Projection};
 use glam::{DMat3, DVec2, DVec3, Vec3};
 

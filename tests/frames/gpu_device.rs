@@ -12,12 +12,12 @@ use crate::common::Random;
 use crate::common::gpu::{assert_alike, gpu};
 use crate::common::scene::{Particle, camera, difference, volume};
 use ewa_splat::image::{DepthImage, Image};
-use ewa_splat::render::{AdapterChoice, Gpu};
+use ewa_splat::render::{AdapterChoice, Gpu, OpenBackend};
 use ewa_splat::scene::{Lattice, Particles, PointVolume, Strength, TransferFunction, Values};
 use ewa_splat::stages::record::NearTerms;
 use ewa_splat::stats::FrameCounts;
 use ewa_splat::view::{Camera, Projection};
-use ewa_splat::{ClassifyAt, ColumnSettings, Composite, Error, Renderer, Settings};
+use ewa_splat::{ColumnSettings, Composite, Error, Renderer, Settings};
 use glam::{DMat3, DVec3};
 
 /// Returns `count` kernels of some pixels before a camera at the origin.
@@ -368,7 +368,7 @@ fn alone(scene: &PointVolume, camera: &Camera, settings: &Settings) -> Image {
 /// Returns a renderer that may draw on the CPU if the device cannot.
 fn on_if_it_can(gpu: Gpu, scene: &PointVolume) -> Renderer {
     let renderer = Renderer::new(vec![scene.clone()]).unwrap();
-    renderer.on_if_it_can(gpu)
+    renderer.on(OpenBackend::or_cpu(gpu)).unwrap()
 }
 
 #[test]
@@ -412,7 +412,6 @@ fn more_slabs_than_the_device_keeps_open_fall_back() {
     let slabs = |thickness| Settings {
         composite: Composite::Slabs {
             thickness: Some(thickness),
-            classify: ClassifyAt::Particle,
         },
         ..Settings::default()
     };

@@ -168,7 +168,7 @@ fn both_back_ends_classify_alike() {
         let settings = settings(Classification::Extent);
         let mut on_cpu = Renderer::new(vec![volume.clone()]).unwrap();
         let image = on_cpu.render(&camera, &settings).unwrap();
-        let mut on_device = Renderer::with_backend(vec![volume], Backend::Gpu).unwrap();
+        let mut on_device = Renderer::with_options(vec![volume], Backend::Gpu).unwrap();
         let twin = on_device.render(&camera, &settings).unwrap();
         let difference = crate::common::scene::difference(image, twin);
         println!(

@@ -13,8 +13,8 @@ use crate::common::scene::{Particle, difference, volume};
 use crate::common::{Random, real_data, some};
 use ewa_splat::Filter;
 use ewa_splat::io::{OpenOptions, RawLayout, RawType, open};
-use ewa_splat::render::Gpu;
-use ewa_splat::sample::{SampleOptions, TransferChoice, volume as sample};
+use ewa_splat::render::{Advanced, Gpu};
+use ewa_splat::sample::{FunctionOptions, SampleOptions, TransferChoice, volume as sample};
 use ewa_splat::scene::{
     Classification, Lattice, LatticeSpacing, Particles, PointVolume, Strength, TransferFunction,
     Values,
@@ -41,7 +41,10 @@ fn read(path: &Path) -> PointVolume {
 
 fn wake() -> PointVolume {
     let options = SampleOptions {
-        transfer: TransferChoice::File(fixture("wake_transfer.json")),
+        function: FunctionOptions {
+            transfer: TransferChoice::File(fixture("wake_transfer.json")),
+            ..FunctionOptions::default()
+        },
         ..SampleOptions::default()
     };
     read_with(&fixture("wake.xyz"), &OpenOptions::default(), &options)
@@ -153,7 +156,10 @@ fn every_filter_looks_alike() {
         for linear_opacity in [false, true] {
             let settings = Settings {
                 filter,
-                linear_opacity,
+                advanced: Advanced {
+                    linear_opacity,
+                    ..Advanced::default()
+                },
                 cutoff: linear_opacity.then_some(2.5),
                 ..Settings::default()
             };
@@ -499,12 +505,12 @@ fn nothing_to_draw_is_an_empty_picture() {
 
 #[test]
 fn back_ends_are_chosen_as_asked() {
-    let cpu = Renderer::with_backend(vec![cloud(1)], Backend::Cpu).unwrap();
+    let cpu = Renderer::with_options(vec![cloud(1)], Backend::Cpu).unwrap();
     assert_eq!(cpu.adapter(), None);
     let Some(gpu) = gpu() else { return };
-    let on_gpu = Renderer::with_backend(vec![cloud(1)], Backend::Gpu).unwrap();
+    let on_gpu = Renderer::with_options(vec![cloud(1)], Backend::Gpu).unwrap();
     assert!(on_gpu.adapter().is_some());
-    let auto = Renderer::with_backend(vec![cloud(1)], Backend::Auto).unwrap();
+    let auto = Renderer::with_options(vec![cloud(1)], Backend::Auto).unwrap();
     // A named adapter is used, whatever it is.
     if gpu.is_software() && !Gpu::is_adapter_named() {
         assert_eq!(

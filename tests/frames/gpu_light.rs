@@ -9,7 +9,7 @@ use crate::common::gpu::{assert_alike, gpu, pictures};
 use crate::common::{Random, real_data};
 use ewa_splat::io::{OpenOptions, RawLayout, RawType, open};
 use ewa_splat::math::normal_code;
-use ewa_splat::sample::{SampleOptions, volume as sample};
+use ewa_splat::sample::{PurposeOptions, SampleOptions, volume as sample};
 use ewa_splat::scene::{
     Colour, Lattice, LatticeSpacing, Light, LightFrame, Lighting, Particles, PointVolume, Strength,
 };
@@ -309,7 +309,10 @@ fn real_volumes_are_lit_alike() {
             continue;
         };
         let options_of = SampleOptions {
-            normals: true,
+            purpose: PurposeOptions {
+                normals: true,
+                ..PurposeOptions::default()
+            },
             ..SampleOptions::default()
         };
         let volume = sample(open(&path, &options).unwrap(), &options_of)

@@ -10,13 +10,13 @@
 
 use crate::common::gpu::{gpu, is_software};
 use crate::common::{Random, lower_factor};
-use ewa_splat::constants::{MAX_CUTOFF, NEAR_MARGIN, TILE_SIZE};
 use ewa_splat::math::Factor;
 use ewa_splat::scene::{
     Colour, ColourIn, Column, Lattice, LatticeSpacing, Particles, PointVolume, Shared, Strength,
     StrengthIn, Values,
 };
 use ewa_splat::stages::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid, NO_PARENT};
+use ewa_splat::stages::constants::{MAX_CUTOFF, NEAR_MARGIN, TILE_SIZE};
 use ewa_splat::stages::cpu::{self, ProjectOutput};
 use ewa_splat::stages::gpu::{Projected, project};
 use ewa_splat::stages::record::{

@@ -11,8 +11,9 @@ use crate::common::frame::Frame;
 use crate::common::gpu::{explained_flips, gpu};
 use crate::common::scene::{Particle, volume};
 use ewa_splat::Filter;
-use ewa_splat::constants::{FAINT, TERMINATION_INTERVAL};
 use ewa_splat::image::{DepthImage, Image};
+use ewa_splat::render::Advanced;
+use ewa_splat::stages::constants::{FAINT, TERMINATION_INTERVAL};
 use ewa_splat::stages::cpu::{self, Bins, SimdLevel};
 use ewa_splat::stages::gpu::{Gpu, RasterSpec, rasterise};
 use ewa_splat::stages::record::{
@@ -420,7 +421,10 @@ fn a_renderer_counts_on_either_back_end() {
     let mut on_gpu = on_gpu.on(gpu.clone()).unwrap();
     let shown = Settings {
         background: Some([0.2, 0.4, 0.8]),
-        simd: SimdLevel::Baseline,
+        advanced: Advanced {
+            simd: SimdLevel::Baseline,
+            ..Advanced::default()
+        },
         ..Settings::default()
     };
     let counted = Settings {

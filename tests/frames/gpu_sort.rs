@@ -8,7 +8,7 @@
 use crate::common::Random;
 use crate::common::gpu::gpu;
 use bytemuck::Zeroable;
-use ewa_splat::constants::DEPTH_KEY_BITS;
+use ewa_splat::stages::constants::DEPTH_KEY_BITS;
 use ewa_splat::stages::gpu::{Gpu, radix_sort, sort};
 use ewa_splat::stages::record::{Footprint, pack_range};
 

@@ -189,7 +189,6 @@ fn cases() -> Vec<(&'static str, Vec<PointVolume>, Camera, Settings)> {
     let slabs = Settings {
         composite: Composite::Slabs {
             thickness: Some(0.1),
-            classify: ewa_splat::ClassifyAt::Particle,
         },
         depth: true,
         ..Settings::default()
@@ -263,7 +262,10 @@ fn bands_lie_in_a_texture_where_they_lie_in_the_picture() {
     let camera = view([150, 100]);
     let scene = vec![cloud(), plane()];
     let (device, queue) = (caller.device.clone(), caller.queue.clone());
-    let mut whole = Renderer::with_device(scene.clone(), device, queue).unwrap();
+    let mut whole = Renderer::new(scene.clone())
+        .unwrap()
+        .on(Gpu::from_device(device, queue).unwrap())
+        .unwrap();
     whole.render(&camera, &settings).unwrap();
     let expected = whole.image();
     // Two rows of tiles of five words twice: four bands.
@@ -439,7 +441,7 @@ fn a_device_with_too_low_limits_is_refused_in_words() {
         .required_limits
         .max_storage_buffers_per_shader_stage = 4;
     let (device, queue) = Caller::open(&caller.adapter, &descriptor);
-    let error = Renderer::with_device(vec![cloud()], device, queue).unwrap_err();
+    let error = Gpu::from_device(device, queue).unwrap_err();
     assert!(matches!(error, Error::Unsupported { .. }), "{error:?}");
     let error = error.to_string();
     for part in ["max_storage_buffers_per_shader_stage is 8", "found 4"] {
@@ -451,7 +453,10 @@ fn a_device_with_too_low_limits_is_refused_in_words() {
     limits.max_storage_buffer_binding_size = 200_000;
     let (device, queue) = Caller::open(&caller.adapter, &descriptor);
     let (camera, settings) = (view([150, 100]), Settings::default());
-    let mut small = Renderer::with_device(vec![cloud()], device, queue).unwrap();
+    let mut small = Renderer::new(vec![cloud()])
+        .unwrap()
+        .on(Gpu::from_device(device, queue).unwrap())
+        .unwrap();
     let mut large = caller.renderer(&[cloud()]);
     assert_eq!(
         small.render(&camera, &settings).unwrap(),

@@ -12,7 +12,7 @@ use std::path::Path;
 use ewa_splat::Renderer;
 use ewa_splat::io::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use ewa_splat::reference::DataIntegrator;
-use ewa_splat::sample::{self, BoundaryChoice, SampleOptions, Sampled};
+use ewa_splat::sample::{self, BoundaryChoice, KernelOptions, SampleOptions, Sampled};
 use ewa_splat::scene::{Lattice, LatticeSpacing, PointVolume, TransferFunction, Values};
 use ewa_splat::view::Camera;
 use glam::{DVec2, DVec3};
@@ -43,7 +43,10 @@ fn data(geometry: Geometry, association: Association, count: usize, hidden: Fiel
 
 fn sampled(data: &Dataset, boundary: BoundaryChoice) -> Sampled {
     let options = SampleOptions {
-        boundary,
+        kernels: KernelOptions {
+            boundary,
+            ..KernelOptions::default()
+        },
         field: Some("value".into()),
         ..SampleOptions::default()
     };

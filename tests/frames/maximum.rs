@@ -7,7 +7,7 @@
 )]
 
 use ewa_splat::math::normal_cdf;
-use ewa_splat::render::SimdLevel;
+use ewa_splat::render::{Advanced, SimdLevel};
 use ewa_splat::scene::{Lighting, Particles, PointVolume, Strength, TransferFunction, Values};
 use ewa_splat::view::{Camera, ClipPlane, Projection};
 use ewa_splat::{Composite, Image, Renderer, Settings};
@@ -69,8 +69,11 @@ fn settings() -> Settings {
         cutoff: Some(6.0),
         tolerance: 1e-5,
         depth: true,
-        // The CPU uses no fused operations, as the device uses none.
-        simd: SimdLevel::Baseline,
+        advanced: Advanced {
+            // The CPU uses no fused operations, as the device uses none.
+            simd: SimdLevel::Baseline,
+            ..Advanced::default()
+        },
         ..Settings::default()
     }
 }
@@ -198,7 +201,10 @@ fn what_has_no_maximum_is_refused() {
         ..settings()
     };
     let linear = Settings {
-        linear_opacity: true,
+        advanced: Advanced {
+            linear_opacity: true,
+            ..settings().advanced
+        },
         ..settings()
     };
     for settings in [lit, linear] {

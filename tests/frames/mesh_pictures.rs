@@ -139,7 +139,7 @@ fn surfels_show_what_rays_show() {
                 };
                 let sampled = surfels(&mesh, &options).unwrap();
                 let count = sampled.report.surfel_count;
-                let mut renderer = Renderer::with_backend(sampled.volumes, Backend::Cpu).unwrap();
+                let mut renderer = Renderer::with_options(sampled.volumes, Backend::Cpu).unwrap();
                 renderer.render(&camera, &Settings::default()).unwrap();
                 let image = renderer.image();
                 keep(&format!("{name}-{number}-{per_px}"), image);

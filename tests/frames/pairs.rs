@@ -9,12 +9,12 @@
 
 use ewa_splat::Filter;
 use ewa_splat::math::normal_code;
-use ewa_splat::render::SimdLevel;
+use ewa_splat::render::{Advanced, SimdLevel};
 use ewa_splat::scene::{
     Colour, Lattice, LatticeSpacing, Lighting, Particles, PointVolume, Strength, TransferFunction,
 };
 use ewa_splat::view::{Camera, ClipPlane, Projection};
-use ewa_splat::{ClassifyAt, Composite, Image, Renderer, Settings, Show};
+use ewa_splat::{Classification, Composite, Image, Renderer, Settings, Show};
 use glam::{DMat3, DVec3};
 
 use crate::common::scene::camera;
@@ -81,10 +81,8 @@ fn settings() -> Vec<(&'static str, Vec<Setting>)> {
                 one(
                     "classified slabs",
                     |s| {
-                        s.composite = Composite::Slabs {
-                            thickness: Some(0.7),
-                            classify: ClassifyAt::Slab,
-                        };
+                        s.composite = Composite::SLABS.with_thickness(Some(0.7));
+                        s.classify = Classification::Slab;
                     },
                     // The extinction is the same for all values, up to its table.
                     Law::Summed(2e-3),
@@ -114,7 +112,7 @@ fn settings() -> Vec<(&'static str, Vec<Setting>)> {
             "thresholds",
             vec![one(
                 "thresholds",
-                |s| s.thresholds = Some([0.3, 2.0]),
+                |s| s.advanced.thresholds = Some([0.3, 2.0]),
                 Law::AsOpaque(4e-2),
             )],
         ),
@@ -130,7 +128,7 @@ fn settings() -> Vec<(&'static str, Vec<Setting>)> {
             "opacity",
             vec![one(
                 "linear opacity",
-                |s| s.linear_opacity = true,
+                |s| s.advanced.linear_opacity = true,
                 Law::MoreOpaque,
             )],
         ),
@@ -184,7 +182,7 @@ fn settings() -> Vec<(&'static str, Vec<Setting>)> {
             "sub-pixel opacity",
             vec![one(
                 "lone kernels",
-                |s| s.sub_pixel_opacity = true,
+                |s| s.advanced.sub_pixel_opacity = true,
                 Law::LessOpaque,
             )],
         ),
@@ -315,8 +313,11 @@ fn base() -> Settings {
     Settings {
         tolerance: 1e-4,
         level_of_detail: false,
-        // The CPU uses no fused operations, as the device uses none.
-        simd: SimdLevel::Baseline,
+        advanced: Advanced {
+            // The CPU uses no fused operations, as the device uses none.
+            simd: SimdLevel::Baseline,
+            ..Advanced::default()
+        },
         ..Settings::default()
     }
 }
@@ -383,7 +384,7 @@ impl Law {
                 let most_more = worst(&|a, b| a[3] - b[3]);
                 ensure(most_less <= most, most_less.to_string())?;
                 ensure(
-                    most_more <= most || beside.linear_opacity,
+                    most_more <= most || beside.advanced.linear_opacity,
                     most_more.to_string(),
                 )?;
             }

@@ -226,10 +226,8 @@ fn what_has_no_shares_is_refused_in_words() {
     // Lattices always have particle numbers. After slabs of values, particles have colours again.
     let mut cells = Renderer::new(vec![lattice(&mut random)]).unwrap();
     let slabs = Settings {
-        composite: Composite::Slabs {
-            thickness: None,
-            classify: ewa_splat::ClassifyAt::Slab,
-        },
+        composite: Composite::SLABS,
+        classify: ewa_splat::Classification::Slab,
         ..settings.clone()
     };
     assert!(error(&mut cells, &slabs, [10, 5]).contains("classified"));

@@ -8,7 +8,8 @@
 
 use crate::common::Random;
 use crate::common::scene::{Particle, camera, difference, volume};
-use ewa_splat::render::Classification;
+use ewa_splat::Composite;
+use ewa_splat::render::{Advanced, Classification};
 use ewa_splat::scene::{
     Lattice, LatticeSpacing, Light, LightFrame, Lighting, LocalModel, LocalModels, Particles,
     PointVolume, Strength, TransferFunction, Values,
@@ -16,7 +17,6 @@ use ewa_splat::scene::{
 use ewa_splat::stages::cpu::{Sides, SimdLevel, lit};
 use ewa_splat::stages::record::LightingUniform;
 use ewa_splat::view::{Camera, ClipPlane, Projection};
-use ewa_splat::{ClassifyAt, Composite};
 use ewa_splat::{Image, Renderer, Settings};
 use glam::{DMat3, DVec3, Vec3};
 
@@ -87,21 +87,22 @@ fn colours(value: f32) -> [f32; 3] {
     [value, 0.2 + 0.5 * value, 1.0 - value]
 }
 
-fn slabs(thickness: f64, classify: ClassifyAt) -> Composite {
-    Composite::Slabs {
-        thickness: Some(thickness),
-        classify,
-    }
+fn slabs(thickness: f64) -> Composite {
+    Composite::SLABS.with_thickness(Some(thickness))
 }
 
 fn settings() -> Settings {
     Settings {
-        composite: slabs(0.5, ClassifyAt::Slab),
+        composite: slabs(0.5),
+        classify: Classification::Slab,
         cutoff: Some(4.5),
         tolerance: 1e-5,
         level_of_detail: false,
-        // The CPU uses no fused operations, as the device uses none.
-        simd: SimdLevel::Baseline,
+        advanced: Advanced {
+            // The CPU uses no fused operations, as the device uses none.
+            simd: SimdLevel::Baseline,
+            ..Advanced::default()
+        },
         ..Settings::default()
     }
 }
@@ -152,7 +153,7 @@ fn a_step_across_the_rays_is_as_sharp_as_a_pixel() {
     let camera = eye(Projection::Orthographic, 48);
     let after = draw(&scene, &camera, &settings());
     let before = Settings {
-        composite: slabs(0.5, ClassifyAt::Particle),
+        composite: slabs(0.5),
         classify: Classification::Particle,
         ..settings()
     };
@@ -223,9 +224,10 @@ fn a_band_along_the_rays_converges_on_the_truth() {
         through *= 1.0 - absorbed;
     }
     let truth = [sum[0], sum[1], sum[2], 1.0 - through].map(|x| x as f32);
-    let off = |thickness: f64, post: ClassifyAt| {
+    let off = |thickness: f64, classify: Classification| {
         let settings = Settings {
-            composite: slabs(thickness, post),
+            composite: slabs(thickness),
+            classify,
             low_pass_variance_px2: 0.0,
             ..settings()
         };
@@ -234,10 +236,10 @@ fn a_band_along_the_rays_converges_on_the_truth() {
         let pairs = pixel.iter().zip(&truth);
         pairs.fold(0.0_f32, |most, (x, y)| most.max((x - y).abs()))
     };
-    let errors = [1.0, 0.5, 0.25, 0.125].map(|thickness| off(thickness, ClassifyAt::Slab));
+    let errors = [1.0, 0.5, 0.25, 0.125].map(|thickness| off(thickness, Classification::Slab));
     println!(
         "{errors:?}; of particles {}",
-        off(0.125, ClassifyAt::Particle)
+        off(0.125, Classification::Extent)
     );
     // The error falls as the square of the thickness, down to the ripple of the kernels' sum.
     assert!(errors[1] < 0.4 * errors[0] && errors[2] < 0.4 * errors[1]);
@@ -250,7 +252,8 @@ fn of_a_constant_field_it_makes_no_difference() {
     for projection in [Projection::Perspective, Projection::Orthographic] {
         let camera = eye(projection, 32);
         let before = Settings {
-            composite: slabs(0.5, ClassifyAt::Particle),
+            composite: slabs(0.5),
+            classify: Classification::Extent,
             ..settings()
         };
         let [a, b] = [settings(), before].map(|s| draw(&scene, &camera, &s));
@@ -405,7 +408,7 @@ fn what_nothing_around_shows_is_left_out_and_not_missed() {
         // In thick slabs, the mean value covers more than the surroundings; and the greatest value
         // may be transparent.
         let thick = Settings {
-            composite: slabs(1.5, ClassifyAt::Slab),
+            composite: slabs(1.5),
             ..settings()
         };
         assert_eq!(drawn(0.0, &thick).1, count, "{name}");
@@ -530,7 +533,8 @@ fn colours_come_back() {
     let scene = [field(|x| 0.5 + x.x / 16.0, step())];
     let camera = eye(Projection::Perspective, 24);
     let before = Settings {
-        composite: slabs(0.5, ClassifyAt::Particle),
+        composite: slabs(0.5),
+        classify: Classification::Extent,
         ..settings()
     };
     let mut renderer = Renderer::new(scene.to_vec()).unwrap();

@@ -17,7 +17,10 @@ use crate::common::scene::{Particle, overlapping, volume};
 use crate::common::{Random, real_data, some};
 use ewa_splat::Filter;
 use ewa_splat::io::{OpenOptions, RawLayout, RawType, open};
-use ewa_splat::sample::{BoundaryChoice, SampleOptions, TransferChoice, grid, volume as sample};
+use ewa_splat::sample::{
+    BoundaryChoice, FunctionOptions, KernelOptions, SampleOptions, TransferChoice, grid,
+    volume as sample,
+};
 use ewa_splat::scene::{
     AutomaticOptions, Boundary, Colour, Lattice, Particles, PointVolume, Strength,
     TransferFunction, ValueSample, Values,
@@ -199,7 +202,10 @@ impl File {
             ..OpenOptions::default()
         };
         let options_of_sample = SampleOptions {
-            transfer: self.transfer.clone(),
+            function: FunctionOptions {
+                transfer: self.transfer.clone(),
+                ..FunctionOptions::default()
+            },
             ..SampleOptions::default()
         };
         sample(open(&self.path, &options).unwrap(), &options_of_sample)
@@ -313,7 +319,10 @@ fn grids_cut_at_their_faces_are_within_the_tolerance_of_exact_pictures() {
     let files = real_files().into_iter();
     for file in files.filter(|file| file.path.to_string_lossy().contains("curvilinear")) {
         let options = SampleOptions {
-            boundary: BoundaryChoice::Sharp,
+            kernels: KernelOptions {
+                boundary: BoundaryChoice::Sharp,
+                ..KernelOptions::default()
+            },
             ..SampleOptions::default()
         };
         let data = open(&file.path, &OpenOptions::default()).unwrap();

@@ -8,6 +8,7 @@
 use crate::common::Random;
 use crate::common::scene::{self, Particle, camera, difference, render, volume};
 use ewa_splat::Filter;
+use ewa_splat::render::Advanced;
 use ewa_splat::scene::{Lattice, LatticeSpacing, Particles, PointVolume, Strength};
 use ewa_splat::view::{Camera, Projection};
 use ewa_splat::{Image, Renderer, Settings};
@@ -537,14 +538,20 @@ fn settings_out_of_range_are_refused() {
         ),
         (
             Settings {
-                merge_slack: 0.5,
+                advanced: Advanced {
+                    merge_slack: 0.5,
+                    ..good.advanced
+                },
                 ..good.clone()
             },
             "merge slack",
         ),
         (
             Settings {
-                merge_slack: f32::INFINITY,
+                advanced: Advanced {
+                    merge_slack: f32::INFINITY,
+                    ..good.advanced
+                },
                 ..good.clone()
             },
             "merge slack",
@@ -689,7 +696,10 @@ fn a_cutoff_by_hand_ends_the_kernel_there_and_keeps_its_mass() {
     for r in [1.0_f32, 2.0, 4.0] {
         let settings = Settings {
             low_pass_variance_px2: 0.0,
-            linear_opacity: true,
+            advanced: Advanced {
+                linear_opacity: true,
+                ..Advanced::default()
+            },
             cutoff: Some(r),
             ..Settings::default()
         };

@@ -149,7 +149,6 @@ fn layers_are_measured_in_layers_and_nothing_errs_by_nothing() {
     let settings = Settings {
         composite: Composite::Slabs {
             thickness: Some(0.05),
-            classify: ewa_splat::render::ClassifyAt::Particle,
         },
         ..Settings::default()
     };

@@ -16,7 +16,7 @@ use ewa_splat::io::{
     OpenOptions, RawLayout, RawType, open,
 };
 use ewa_splat::math::{NO_NORMAL, harmonics_count, normal_code, normal_of_code};
-use ewa_splat::sample::{SampleOptions, volume as sample};
+use ewa_splat::sample::{PurposeOptions, SampleOptions, volume as sample};
 use ewa_splat::scene::{
     Colour, Lattice, LatticeSpacing, Light, LightFrame, Lighting, Particles, PointVolume, Strength,
     Values,
@@ -567,7 +567,10 @@ fn sampled(data: Dataset) -> PointVolume {
 fn sampled_by(data: Dataset, field: Option<&str>) -> PointVolume {
     let options = SampleOptions {
         field: field.map(Into::into),
-        normals: true,
+        purpose: PurposeOptions {
+            normals: true,
+            ..PurposeOptions::default()
+        },
         ..SampleOptions::default()
     };
     let volume = sample(data, &options).unwrap().volume;

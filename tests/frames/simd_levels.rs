@@ -10,8 +10,9 @@ use crate::common::Random;
 use crate::common::depth_of;
 use crate::common::frame::Frame;
 use crate::common::scene::{self, Particle, difference, volume};
-use ewa_splat::constants::{MAX_CUTOFF, TERMINATION_SHARE};
+use ewa_splat::render::Advanced;
 use ewa_splat::scene::{Colour, PointVolume, Strength};
+use ewa_splat::stages::constants::{MAX_CUTOFF, TERMINATION_SHARE};
 use ewa_splat::stages::cpu::{self, RasteriseSettings, SimdLevel, Tile};
 use ewa_splat::stages::record::{
     ExactTerms, Footprint, PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR,
@@ -156,7 +157,7 @@ fn judge(frame: &Frame, order: &[usize], x: usize, y: usize) -> Pixel {
         let f = &frame.footprints[i];
         let depth = depth_at(frame, i, [x, y]);
         let opacity = |tau: f64| {
-            if frame.settings.linear_opacity {
+            if frame.settings.advanced.linear_opacity {
                 tau.min(1.0)
             } else {
                 -(-tau).exp_m1()
@@ -166,7 +167,7 @@ fn judge(frame: &Frame, order: &[usize], x: usize, y: usize) -> Pixel {
         let weight = opacity(depth.tau) * (1.0 - before);
         let after = before + weight;
         // d opacity / d tau = exp(-tau) at most 1; and the opacity's own 8e-7.
-        let slope = if frame.settings.linear_opacity {
+        let slope = if frame.settings.advanced.linear_opacity {
             1.0
         } else {
             (-depth.tau).exp()
@@ -234,7 +235,10 @@ fn every_level_is_the_plain_loop() {
                 let camera = scene::camera(projection, [31.0, 27.0], [53, 37]);
                 let settings = Settings {
                     filter,
-                    linear_opacity,
+                    advanced: Advanced {
+                        linear_opacity,
+                        ..Advanced::default()
+                    },
                     depth: true,
                     ..Settings::default()
                 };
@@ -251,7 +255,10 @@ fn every_level_is_the_plain_loop() {
                 let mut images = Vec::new();
                 for &simd in &levels {
                     let settings = Settings {
-                        simd,
+                        advanced: Advanced {
+                            simd,
+                            ..settings.advanced
+                        },
                         ..settings.clone()
                     };
                     renderer.render(&camera, &settings).unwrap();
@@ -349,7 +356,10 @@ fn poisoned(poison: &[(DVec3, [f32; 6], f32)], check: impl Fn(Filter, f32)) {
             for simd in SimdLevel::available() {
                 let settings = Settings {
                     filter,
-                    simd,
+                    advanced: Advanced {
+                        simd,
+                        ..Advanced::default()
+                    },
                     depth: true,
                     ..Settings::default()
                 };
@@ -446,7 +456,10 @@ fn every_level_counts_the_same_splat_pixels() {
         for simd in SimdLevel::available() {
             let mut renderer = Renderer::new(vec![volume(&particles(3))]).unwrap();
             let settings = Settings {
-                simd,
+                advanced: Advanced {
+                    simd,
+                    ..Advanced::default()
+                },
                 tolerance: 1e-3,
                 ..Settings::default()
             };
@@ -466,7 +479,7 @@ fn rasterise(frame: &Frame, level: SimdLevel) -> (Image, Vec<f32>, u64) {
     let mut tiles = vec![Tile::default(); frame.tiles[0] * frame.tiles[1]];
     let settings = RasteriseSettings {
         axes: Axes {
-            linear_opacity: frame.settings.linear_opacity,
+            linear_opacity: frame.settings.advanced.linear_opacity,
             depth: true,
             count: false,
             may_be_exact: frame.any_exact,
@@ -501,7 +514,10 @@ fn the_loop_of_aligned_footprints_is_the_general_one() {
     for linear_opacity in [false, true] {
         let settings = Settings {
             filter: Filter::Isotropic,
-            linear_opacity,
+            advanced: Advanced {
+                linear_opacity,
+                ..Advanced::default()
+            },
             // No tile stops early, which would depend on rounding.
             tolerance: 1e-6,
             ..Settings::default()
@@ -563,7 +579,10 @@ fn pixels_count_the_kernels_within_their_cut_off() {
             let mut renderer = Renderer::new(vec![volume(&particles)]).unwrap();
             for simd in SimdLevel::available() {
                 let drawn = Settings {
-                    simd,
+                    advanced: Advanced {
+                        simd,
+                        ..drawn.advanced
+                    },
                     ..drawn.clone()
                 };
                 renderer.render(&camera, &drawn).unwrap();

@@ -8,11 +8,12 @@
 use crate::common::Random;
 use crate::common::frame::Frame;
 use crate::common::scene::{self, Particle, difference, render, volume};
-use ewa_splat::constants::TILE_SIZE;
+use ewa_splat::render::Advanced;
 use ewa_splat::scene::{
     Colour, Particles, PointVolume, Strength, StrengthIn, TransferFunction, Values,
 };
 use ewa_splat::stages::blocks::{BlockedParticles, BlockedVolume};
+use ewa_splat::stages::constants::TILE_SIZE;
 use ewa_splat::stages::cpu::{Bins, bin, classify, count_classified, sort};
 use ewa_splat::stages::record::{
     BlockView, Carried, ClassifiedParticle, Footprint, PATH_EXACT, PATH_NEAR, pack_range,
@@ -423,13 +424,13 @@ fn without_cull(all: &[Particle], camera: &Camera, settings: &Settings) -> ewa_s
     let mut tiles = vec![Tile::default(); frame.tiles[0] * frame.tiles[1]];
     let raster = RasteriseSettings {
         axes: Axes {
-            linear_opacity: settings.linear_opacity,
+            linear_opacity: settings.advanced.linear_opacity,
             depth: false,
             count: false,
             may_be_exact: frame.any_exact,
             ..Axes::default()
         },
-        level: settings.simd,
+        level: settings.advanced.simd,
         task: None,
     };
     rasterise(
@@ -470,7 +471,10 @@ fn a_particle_alone_draws_what_it_draws_in_its_block() {
         let projection = [Projection::Perspective, Projection::Orthographic][round % 2];
         let camera = cutting(projection, &mut random);
         let settings = Settings {
-            linear_opacity: true,
+            advanced: Advanced {
+                linear_opacity: true,
+                ..Advanced::default()
+            },
             ..Settings::default()
         };
         let together = render(vec![volume(&all)], &camera, &settings);

@@ -10,6 +10,7 @@ use std::f64::consts::TAU;
 use crate::common::Random;
 use crate::common::scene::{self, Particle};
 use ewa_splat::Filter;
+use ewa_splat::render::Advanced;
 use ewa_splat::view::Projection;
 use ewa_splat::{Image, Settings};
 use glam::DVec3;
@@ -25,7 +26,10 @@ fn settings(is_lone: bool) -> Settings {
         filter: Filter::Ewa,
         cutoff: Some(7.0),
         level_of_detail: false,
-        sub_pixel_opacity: is_lone,
+        advanced: Advanced {
+            sub_pixel_opacity: is_lone,
+            ..Advanced::default()
+        },
         ..Settings::default()
     }
 }

@@ -11,10 +11,10 @@ use std::f64::consts::{PI, TAU};
 
 use crate::common::frame::Frame;
 use crate::common::{Random, fixture, number, numbers};
-use ewa_splat::constants::TILE_SIZE;
 use ewa_splat::math::{flatten, lower_factor, normal_cdf, tangents_of};
 use ewa_splat::reference::{Integrator, ReferenceFrame, ReferenceSettings};
 use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
+use ewa_splat::stages::constants::TILE_SIZE;
 use ewa_splat::stages::cpu::{self, Bins};
 use ewa_splat::stages::record::{FootprintTerms, PATH_SURFEL};
 use ewa_splat::view::{Camera, Projection};
@@ -122,7 +122,7 @@ fn camera(projection: Projection, focal: f64, size: [usize; 2]) -> Camera {
 
 /// Returns a renderer of the scene on the CPU.
 fn renderer(scene: Vec<PointVolume>) -> Renderer {
-    Renderer::with_backend(scene, Backend::Cpu).unwrap()
+    Renderer::with_options(scene, Backend::Cpu).unwrap()
 }
 
 /// Compares the GPU's picture of a scene with the CPU's, if there is a GPU.

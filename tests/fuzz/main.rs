@@ -233,7 +233,7 @@ fn answer(path: &Path) -> Answer {
 /// Draws a scene at a tiny size.
 #[cfg(feature = "prepared")]
 fn draw(scene: PreparedScene) -> ewa_splat::Result<()> {
-    let mut renderer = Renderer::of_prepared(vec![scene])?;
+    let mut renderer = Renderer::with_options(vec![scene], ewa_splat::RendererOptions::default())?;
     let eye = glam::DVec3::new(9.0, -20.0, 7.0);
     let camera = Camera::perspective(eye, glam::DVec3::ZERO, glam::DVec3::Z, 40.0, [8, 6]);
     renderer.render(&camera, &Settings::default()).map(drop)

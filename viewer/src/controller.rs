@@ -49,9 +49,9 @@ impl Coarseness {
 
     /// Returns the classification: merged kernels are classified by their value alone.
     pub(crate) fn classification(self, asked: Classification) -> Classification {
-        match self.merge_slack > 1.0 {
-            true => Classification::Particle,
-            false => asked,
+        match asked {
+            Classification::Extent if self.merge_slack > 1.0 => Classification::Particle,
+            _ => asked,
         }
     }
 

@@ -2,7 +2,7 @@
 
 use ewa_splat::Settings;
 use ewa_splat::command::{Over, ViewRequest};
-use ewa_splat::render::{Classification, ClassifyAt, Composite, Show};
+use ewa_splat::render::{Classification, Composite, Show};
 use ewa_splat::scene::LightFrame;
 
 use crate::orbit::{Lens, Orbit};
@@ -128,11 +128,7 @@ fn settings(asked: &Settings, now: &Settings, say: &mut impl FnMut(&str, Option<
     if now.composite != Composite::Over {
         say("composite", text(now.composite.name()));
     }
-    if let Composite::Slabs {
-        classify: ClassifyAt::Slab,
-        ..
-    } = now.composite
-    {
+    if now.classify == Classification::Slab {
         say("post-classification", None);
     }
     if let Some(thickness) = now.composite.thickness() {

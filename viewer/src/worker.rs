@@ -15,7 +15,7 @@ use ewa_splat::legend::ColourBar;
 use ewa_splat::load;
 use ewa_splat::measure::{ErrorSample, ImageErrors, SampledError, accurate, compare};
 use ewa_splat::reference::{Integrator, ReferenceSettings};
-use ewa_splat::render::{Backend, FrameCounts, Gpu, Picked, StageTimes};
+use ewa_splat::render::{Advanced, Backend, FrameCounts, Gpu, OpenBackend, Picked, StageTimes};
 use ewa_splat::scene::TransferFunction;
 use ewa_splat::view::{Bounds, Camera};
 use ewa_splat::{Composite, Error, Image, Renderer, SceneOptions, Settings, Show, Task, wgpu};
@@ -441,8 +441,8 @@ fn read(shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<Stage> {
     let renderer = scene.renderer(&options)?;
     let renderer = match &load.gpu {
         Some(gpu) if request.backend() == Backend::Gpu => renderer.on(gpu.clone())?,
-        Some(gpu) => renderer.on_if_it_can(gpu.clone()),
-        None => renderer.on_backend(request.backend())?,
+        Some(gpu) => renderer.on(OpenBackend::or_cpu(gpu.clone()))?,
+        None => renderer.on(request.backend().open()?)?,
     };
     let has_window = load.gpu.is_some() && renderer.adapter().is_some();
     let window = load.gpu.clone().filter(|_| has_window);
@@ -626,7 +626,10 @@ impl Stage {
         let camera = scaled(&view.camera, size);
         let settings = Settings {
             tolerance: coarseness.tolerance,
-            merge_slack: coarseness.merge_slack,
+            advanced: Advanced {
+                merge_slack: coarseness.merge_slack,
+                ..view.settings.advanced
+            },
             classify: coarseness.classification(view.settings.classify),
             depth: view.instead == Some(Instead::Depth),
             normals: view.instead == Some(Instead::Normals),

@@ -11,11 +11,11 @@
     reason = "values are f32; places are held to the volume"
 )]
 
+use ewa_splat::Composite;
 use ewa_splat::measure::compare;
 use ewa_splat::render::Classification;
 use ewa_splat::scene::{Lighting, TransferFunction, Values};
 use ewa_splat::view::Camera;
-use ewa_splat::{ClassifyAt, Composite};
 use ewa_splat::{Renderer, Result, Settings};
 use glam::DVec3;
 
@@ -71,21 +71,18 @@ fn one(
     let thin = Some(0.25);
     let mut pictures = vec![truth.clone()];
     let (by_value, by_extent) = (Classification::Particle, Classification::Extent);
-    let (kernels, layers) = (ClassifyAt::Particle, ClassifyAt::Slab);
-    for (name, classification, classify, thickness, is_lit) in [
-        ("values", by_value, kernels, None, false),
-        ("extents", by_extent, kernels, None, false),
-        ("slabs", by_value, layers, None, false),
-        ("slabs a quarter thick", by_value, layers, thin, false),
-        ("slabs, lit", by_value, layers, None, true),
-        ("slabs a quarter thick, lit", by_value, layers, thin, true),
+    let by_slab = Classification::Slab;
+    for (name, classify, thickness, is_lit) in [
+        ("values", by_value, None, false),
+        ("extents", by_extent, None, false),
+        ("slabs", by_slab, None, false),
+        ("slabs a quarter thick", by_slab, thin, false),
+        ("slabs, lit", by_slab, None, true),
+        ("slabs a quarter thick, lit", by_slab, thin, true),
     ] {
         let settings = Settings {
-            classify: classification,
-            composite: Composite::Slabs {
-                thickness,
-                classify,
-            },
+            classify,
+            composite: Composite::Slabs { thickness },
             lighting: is_lit.then(Lighting::default),
             ..slabs.clone()
         };

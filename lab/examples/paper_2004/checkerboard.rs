@@ -3,11 +3,12 @@
 //! larger. EWA does neither. Choosing a filter for each block looks the same and costs less.
 
 use ewa_splat::Filter;
-use ewa_splat::constants::MAX_CUTOFF;
 use ewa_splat::measure::{ImageErrors, PAPER_THRESHOLDS, compare};
+use ewa_splat::render::Advanced;
 use ewa_splat::scene::{
     Colour, Lattice, Particles, PointVolume, Strength, TransferFunction, Values,
 };
+use ewa_splat::stages::constants::MAX_CUTOFF;
 use ewa_splat::view::Camera;
 use ewa_splat::{Image, Renderer, Result, Settings, Show};
 use glam::DVec3;
@@ -103,7 +104,10 @@ fn rows() -> Vec<(&'static str, Settings)> {
         (
             "thresholds",
             Settings {
-                thresholds: Some(PAPER_THRESHOLDS),
+                advanced: Advanced {
+                    thresholds: Some(PAPER_THRESHOLDS),
+                    ..base.advanced
+                },
                 ..base.clone()
             },
         ),

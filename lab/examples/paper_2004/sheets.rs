@@ -5,6 +5,7 @@
 
 use ewa_splat::Composite;
 use ewa_splat::measure::compare;
+use ewa_splat::render::Advanced;
 use ewa_splat::scene::TransferFunction;
 use ewa_splat::view::{Camera, Lens, Viewpoint};
 use ewa_splat::{Image, Renderer, Result, Settings};
@@ -62,7 +63,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         let Some(fitted) = camera(30.0) else { continue };
         let of = |composite, linear_opacity| Settings {
             composite,
-            linear_opacity,
+            advanced: Advanced {
+                linear_opacity,
+                ..Advanced::default()
+            },
             ..Settings::default()
         };
         let names = [

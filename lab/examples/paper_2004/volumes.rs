@@ -2,6 +2,7 @@
 
 use ewa_splat::Filter;
 use ewa_splat::measure::{PAPER_THRESHOLDS, compare};
+use ewa_splat::render::Advanced;
 use ewa_splat::scene::TransferFunction;
 use ewa_splat::view::Camera;
 use ewa_splat::{Renderer, Result, Settings};
@@ -70,7 +71,10 @@ fn measure(volume: &Volume, transfer: &TransferFunction, arguments: &Arguments) 
     let mut renderer = Renderer::new(volume.scene(transfer)?)?;
     let of = |filter, thresholds| Settings {
         filter,
-        thresholds,
+        advanced: Advanced {
+            thresholds,
+            ..Advanced::default()
+        },
         ..Settings::default()
     };
     let names = ["ewa", "thresholds", "adaptive"];

@@ -1,6 +1,7 @@
 //! Renders reference images of analytic fields.
 
-use ewa_splat::scene::{TransferFunction, Weighting};
+use ewa_splat::scene::TransferFunction;
+use ewa_splat::stages::scene::Weighting;
 use ewa_splat::view::Camera;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;

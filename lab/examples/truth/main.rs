@@ -25,8 +25,8 @@ use std::time::Instant;
 
 use ewa_splat::io::Dataset;
 use ewa_splat::reference::DataIntegrator;
-use ewa_splat::render::{Classification, ClassifyAt, Composite};
-use ewa_splat::sample::{self, BoundaryChoice, SampleOptions};
+use ewa_splat::render::{Classification, Composite};
+use ewa_splat::sample::{self, BoundaryChoice, KernelOptions, SampleOptions};
 use ewa_splat::scene::TransferFunction;
 use ewa_splat::view::Camera;
 use ewa_splat::{Error, Renderer, Result, Settings};
@@ -125,10 +125,7 @@ fn ways() -> Vec<Way> {
     };
     let (soft, sharp) = (BoundaryChoice::Soft, BoundaryChoice::Sharp);
     let (alone, extent) = (Classification::Particle, Classification::Extent);
-    let slabs = Composite::Slabs {
-        thickness: None,
-        classify: ClassifyAt::Slab,
-    };
+    let slabs = Composite::SLABS;
     let mut ways = Vec::new();
     for low_pass in [1.0, 0.3, 0.15, 0.1] {
         ways.push(way("particle", low_pass, soft, alone, Composite::Over));
@@ -137,8 +134,8 @@ fn ways() -> Vec<Way> {
         ways.push(way("extent", low_pass, soft, extent, Composite::Over));
     }
     ways.push(way("sharp", 0.15, sharp, extent, Composite::Over));
-    ways.push(way("post", 0.15, soft, alone, slabs));
-    ways.push(way("sharp-post", 0.15, sharp, alone, slabs));
+    ways.push(way("post", 0.15, soft, Classification::Slab, slabs));
+    ways.push(way("sharp-post", 0.15, sharp, Classification::Slab, slabs));
     ways
 }
 
@@ -256,7 +253,10 @@ fn renderer(
     boundary: BoundaryChoice,
 ) -> Result<Renderer> {
     let options = SampleOptions {
-        boundary,
+        kernels: KernelOptions {
+            boundary,
+            ..KernelOptions::default()
+        },
         ..SampleOptions::default()
     };
     let mut volume = sample::volume(dataset.clone(), &options)?.volume;

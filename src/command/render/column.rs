@@ -58,7 +58,7 @@ impl Arguments {
                 };
                 let sums = Renderer::with_options(mean.weighed, &options)?;
                 let backend = self.backend(&sums, camera);
-                let mut sums = sums.on_backend(backend)?;
+                let mut sums = sums.on(backend.open()?)?;
                 let sums = sums.column_density(camera, &settings)?.clone();
                 let on = |renderer: &Renderer| self.backend(renderer, camera);
                 let shown = shown(mean.places, on, camera, &settings)?;

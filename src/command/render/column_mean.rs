@@ -160,7 +160,7 @@ pub(crate) fn shown(
     };
     let renderer = Renderer::with_options(places, &options)?;
     let backend = on(&renderer);
-    let mut renderer = renderer.on_backend(backend)?;
+    let mut renderer = renderer.on(backend.open()?)?;
     let settings = Settings {
         show: Show::Count,
         cutoff: Some(REACH),

@@ -77,7 +77,7 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
         None if ranks.is_some() || renderer.rank().is_some() => renderer,
         None => {
             let backend = arguments.backend(&renderer, &camera);
-            renderer.on_backend(backend)?
+            renderer.on(backend.open()?)?
         }
     };
     let prepare_ms = prepare_start.elapsed().as_secs_f64() * 1e3;

@@ -116,7 +116,7 @@ impl Arguments {
             let mut renderer = scene.renderer(&scene_options)?;
             if is_alone {
                 let backend = self.backend(&renderer, &camera);
-                renderer = renderer.on_backend(backend)?;
+                renderer = renderer.on(backend.open()?)?;
             }
             let suitable = renderer.suitable_low_pass_px2();
             let settings = Settings {

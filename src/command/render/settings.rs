@@ -7,8 +7,8 @@ use super::options::{
 use crate::command::animation;
 use crate::command::parse::Background;
 use crate::image::DARK_GREY;
-use crate::render::{Blend, Classification, ClassifyAt, Composite};
-use crate::sample::SampleOptions;
+use crate::render::{Advanced, Blend, Classification, Composite};
+use crate::sample::{PurposeOptions, SampleOptions};
 use crate::scene::{Lighting, ScaleName};
 use crate::view::{Camera, ClipPlane};
 use crate::{Backend, ColumnSettings, Filter, Renderer, SceneOptions, Settings, Show, Task};
@@ -27,10 +27,13 @@ impl Arguments {
     /// Returns the options that turn data into particles.
     pub(in crate::command) fn sample_options(&self, task: Option<Task>) -> SampleOptions {
         SampleOptions {
-            for_columns: self.method.column_density,
-            for_means: self.method.column_mean.is_some(),
-            normals: self.asks_normals(),
-            local_models: self.asks_models(),
+            purpose: PurposeOptions {
+                for_columns: self.method.column_density,
+                for_means: self.method.column_mean.is_some(),
+                normals: self.asks_normals(),
+                local_models: self.asks_models(),
+                ..PurposeOptions::default()
+            },
             task,
             ..self.data.sample_options()
         }
@@ -78,15 +81,19 @@ impl Arguments {
                 FilterName::Isotropic => Filter::Isotropic,
                 FilterName::UniformScaling => Filter::UniformScaling,
             },
-            thresholds: self.method.thresholds,
+            advanced: Advanced {
+                thresholds: self.method.thresholds,
+                merge_slack: defaults.advanced.merge_slack,
+                linear_opacity: self.method.opacity == Opacity::Linear,
+                simd: defaults.advanced.simd,
+                sub_pixel_opacity: self.method.sub_pixel_opacity,
+            },
             level_of_detail: self.method.level_of_detail == Detail::Auto,
-            merge_slack: defaults.merge_slack,
             show: match self.output.show {
                 ShowName::Scene => Show::Scene,
                 ShowName::Choice => Show::Choice,
                 ShowName::Count => Show::Count,
             },
-            linear_opacity: self.method.opacity == Opacity::Linear,
             composite: self.method.composite(),
             classify: self.method.classification(),
             clip: self.clip_planes(),
@@ -96,9 +103,7 @@ impl Arguments {
             background: self.background(),
             depth: self.output.depth.is_some(),
             normals: self.output.normals.is_some(),
-            simd: defaults.simd,
             lighting: self.lighting(),
-            sub_pixel_opacity: self.method.sub_pixel_opacity,
             task: None,
         }
     }
@@ -152,7 +157,7 @@ impl Arguments {
             low_pass_variance_px2: shared.low_pass_variance_px2,
             cutoff: shared.cutoff.unwrap_or(defaults.cutoff),
             clip: shared.clip,
-            simd: shared.simd,
+            simd: shared.advanced.simd,
             task: None,
         }
     }
@@ -195,6 +200,7 @@ impl Arguments {
 impl Method {
     pub(in crate::command) fn classification(&self) -> Classification {
         match self.classify {
+            _ if self.post_classification => Classification::Slab,
             ClassifyName::Extent => Classification::Extent,
             ClassifyName::Particle => Classification::Particle,
         }
@@ -208,14 +214,7 @@ impl Method {
             CompositeName::Sheets => Composite::Sheets { thickness },
             CompositeName::AxisSheets => Composite::AxisSheets { thickness },
             CompositeName::Maximum => Composite::Maximum { thickness },
-            CompositeName::Slabs => Composite::Slabs {
-                thickness,
-                classify: if self.post_classification {
-                    ClassifyAt::Slab
-                } else {
-                    ClassifyAt::Particle
-                },
-            },
+            CompositeName::Slabs => Composite::Slabs { thickness },
         }
     }
 }

@@ -59,7 +59,7 @@ pub(super) fn found_by_all(
     let field = report.field.as_deref();
     report.unit = field.and_then(|name| head.unit(name)).map(str::to_owned);
     let spacing = mean_spacing(all.volume_sum.value(), report.particle_count);
-    report.unit_distance = options.unit_distance.unwrap_or(spacing);
+    report.unit_distance = options.function.unit_distance.unwrap_or(spacing);
     Ok((all, spacing))
 }
 

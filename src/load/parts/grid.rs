@@ -43,8 +43,8 @@ pub(crate) fn read_grid(
 ) -> Result<Option<PartRead>> {
     let [ni, nj, count] = file.dims();
     let is_plain = options.flatten.is_none()
-        && options.shepard_passes == 0
-        && !options.keeps_value_sample
+        && options.kernels.shepard_passes == 0
+        && !options.purpose.keeps_value_sample
         && ni.min(nj).min(count) > 1;
     if !is_plain {
         return Ok(None);
@@ -277,6 +277,7 @@ mod tests {
     use super::*;
     use crate::ranks::ThreadRank;
     use crate::sample::{BoundaryChoice, Sampled, TransferChoice};
+    use crate::sample::{FunctionOptions, KernelOptions, PurposeOptions};
     use crate::scene::{Boundary, ScaleName};
 
     const DIMS: [usize; 3] = [9, 8, 75];
@@ -394,35 +395,59 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = write(folder.path(), &bent);
         let automatic = SampleOptions {
-            boundary: BoundaryChoice::Automatic,
+            kernels: KernelOptions {
+                boundary: BoundaryChoice::Automatic,
+                ..KernelOptions::default()
+            },
             ..SampleOptions::default()
         };
         let found = check(&path, &automatic, &[1, 2, 3, 4, 7]);
         assert_eq!(found.report.field.as_deref(), Some("heat"));
         assert!(found.volume.local_models.is_some() && found.report.left_out_count() >= 3);
         let sharp = SampleOptions {
-            boundary: BoundaryChoice::Sharp,
-            normals: true,
+            kernels: KernelOptions {
+                boundary: BoundaryChoice::Sharp,
+                width: 0.8,
+                ..automatic.kernels
+            },
+            purpose: PurposeOptions {
+                normals: true,
+                ..automatic.purpose
+            },
             field: Some("flow".into()),
-            transfer: TransferChoice::Named("plasma".into()),
-            unit_distance: Some(0.4),
-            kernel_width: 0.8,
+            function: FunctionOptions {
+                transfer: TransferChoice::Named("plasma".into()),
+                unit_distance: Some(0.4),
+                ..automatic.function.clone()
+            },
             ..automatic.clone()
         };
         let found = check(&path, &sharp, &[2, 3, 7]);
         assert!(matches!(found.volume.boundary, Some(Boundary::Planes(_))));
         assert!(found.volume.normals.is_some());
         let soft = SampleOptions {
-            boundary: BoundaryChoice::Soft,
-            local_models: false,
-            scale: Some(ScaleName::Log),
+            kernels: KernelOptions {
+                boundary: BoundaryChoice::Soft,
+                ..automatic.kernels
+            },
+            purpose: PurposeOptions {
+                local_models: false,
+                ..automatic.purpose
+            },
+            function: FunctionOptions {
+                scale: Some(ScaleName::Log),
+                ..automatic.function.clone()
+            },
             ..automatic.clone()
         };
         let found = check(&path, &soft, &[5]);
         assert!(found.volume.boundary.is_none());
         let of_cells = SampleOptions {
             field: Some("load".into()),
-            normals: true,
+            purpose: PurposeOptions {
+                normals: true,
+                ..automatic.purpose
+            },
             ..automatic.clone()
         };
         check(&path, &of_cells, &[2, 4]);
@@ -435,7 +460,10 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = write(folder.path(), &ring);
         let sharp = SampleOptions {
-            boundary: BoundaryChoice::Sharp,
+            kernels: KernelOptions {
+                boundary: BoundaryChoice::Sharp,
+                ..KernelOptions::default()
+            },
             ..SampleOptions::default()
         };
         let found = check(&path, &sharp, &[1, 3, 4]);

@@ -56,7 +56,10 @@ pub(crate) fn read_pieces(
     options: &SampleOptions,
     ranks: &mut dyn Collective,
 ) -> Result<Option<PartRead>> {
-    if options.flatten.is_some() || options.shepard_passes > 0 || options.keeps_value_sample {
+    if options.flatten.is_some()
+        || options.kernels.shepard_passes > 0
+        || options.purpose.keeps_value_sample
+    {
         return Ok(None);
     }
     let lengths: Vec<u64> = file.lengths().collect();
@@ -88,7 +91,7 @@ pub(crate) fn read_pieces(
         .collect();
     // Layers of ghost cells. Kernels need the cells around a sample. Normals also need the kernels of these cells'
     // samples. Local models also need the neighbours of these samples.
-    let layers = match (options.local_models, options.normals) {
+    let layers = match (options.purpose.local_models, options.purpose.normals) {
         (true, _) => 3,
         (false, true) => 2,
         (false, false) => 1,
@@ -286,6 +289,7 @@ mod tests {
     use crate::data::cells::CellKind;
     use crate::ranks::ThreadRank;
     use crate::sample::{BoundaryChoice, Sampled, TransferChoice};
+    use crate::sample::{FunctionOptions, KernelOptions, PurposeOptions};
 
     const CELLS: [usize; 3] = [20, 5, 5];
 
@@ -462,7 +466,10 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = write(folder.path(), 0.0);
         let plain = SampleOptions {
-            boundary: BoundaryChoice::Soft,
+            kernels: KernelOptions {
+                boundary: BoundaryChoice::Soft,
+                ..KernelOptions::default()
+            },
             ..SampleOptions::default()
         };
         let found = check(&path, &plain, &[1, 2, 3, 4, 7, 9]);
@@ -471,16 +478,25 @@ mod tests {
         assert!(found.report.left_out_count() > 10);
         let lit = SampleOptions {
             field: Some("load".into()),
-            normals: true,
-            transfer: TransferChoice::Named("plasma".into()),
-            unit_distance: Some(0.4),
+            purpose: PurposeOptions {
+                normals: true,
+                ..plain.purpose
+            },
+            function: FunctionOptions {
+                transfer: TransferChoice::Named("plasma".into()),
+                unit_distance: Some(0.4),
+                ..plain.function.clone()
+            },
             ..plain.clone()
         };
         let found = check(&path, &lit, &[2, 3, 7]);
         assert!(found.volume.normals.is_some());
         let lit = SampleOptions {
             field: Some("flow:y".into()),
-            local_models: false,
+            purpose: PurposeOptions {
+                local_models: false,
+                ..lit.purpose
+            },
             ..lit
         };
         check(&path, &lit, &[3]);
@@ -488,17 +504,29 @@ mod tests {
         let inside = r#"{"range": [-5, 20], "points": [{"value": 12, "color": [1, 1, 1], "opacity": 0},
             {"value": 20, "color": [1, 0, 0], "opacity": 0.9}]}"#;
         let inside = SampleOptions {
-            transfer: TransferChoice::Text(inside.into()),
-            boundary: BoundaryChoice::Automatic,
+            function: FunctionOptions {
+                transfer: TransferChoice::Text(inside.into()),
+                ..plain.function.clone()
+            },
+            kernels: KernelOptions {
+                boundary: BoundaryChoice::Automatic,
+                ..plain.kernels
+            },
             ..plain.clone()
         };
         let found = check(&path, &inside, &[1, 3]);
         assert!(found.volume.boundary.is_none());
         let bare = SampleOptions {
             field: Some("load".into()),
-            local_models: false,
-            for_columns: true,
-            boundary: BoundaryChoice::Automatic,
+            purpose: PurposeOptions {
+                local_models: false,
+                for_columns: true,
+                ..plain.purpose
+            },
+            kernels: KernelOptions {
+                boundary: BoundaryChoice::Automatic,
+                ..plain.kernels
+            },
             ..plain
         };
         check(&path, &bare, &[4]);
@@ -540,17 +568,26 @@ mod tests {
             read_pieces(&file, options, &mut ranks).unwrap().is_some()
         };
         let automatic = SampleOptions {
-            boundary: BoundaryChoice::Automatic,
+            kernels: KernelOptions {
+                boundary: BoundaryChoice::Automatic,
+                ..KernelOptions::default()
+            },
             ..SampleOptions::default()
         };
         assert!(!read(&automatic));
         let sharp = SampleOptions {
-            boundary: BoundaryChoice::Sharp,
+            kernels: KernelOptions {
+                boundary: BoundaryChoice::Sharp,
+                ..automatic.kernels
+            },
             ..automatic.clone()
         };
         assert!(!read(&sharp));
         let soft = SampleOptions {
-            boundary: BoundaryChoice::Soft,
+            kernels: KernelOptions {
+                boundary: BoundaryChoice::Soft,
+                ..automatic.kernels
+            },
             ..automatic.clone()
         };
         check(&path, &soft, &[2, 5]);

@@ -154,6 +154,7 @@ mod tests {
     use crate::io::{OpenOptions, RawLayout, RawType, open};
     use crate::ranks::ThreadRank;
     use crate::sample::{BoundaryChoice, TransferChoice, scene};
+    use crate::sample::{FunctionOptions, KernelOptions, PurposeOptions};
     use crate::scene::ScaleName;
 
     const DIMS: [usize; 3] = [20, 18, 150];
@@ -187,40 +188,67 @@ mod tests {
             ..OpenOptions::default()
         };
         let automatic = SampleOptions {
-            boundary: BoundaryChoice::Automatic,
-            scale: None,
+            kernels: KernelOptions {
+                boundary: BoundaryChoice::Automatic,
+                ..KernelOptions::default()
+            },
+            function: FunctionOptions {
+                scale: None,
+                ..FunctionOptions::default()
+            },
             ..SampleOptions::default()
         };
         let cases = [
             automatic.clone(),
             SampleOptions {
-                boundary: BoundaryChoice::Sharp,
-                scale: Some(ScaleName::Log),
+kernels: KernelOptions {
+boundary: BoundaryChoice::Sharp,
+..automatic.kernels
+},
+function: FunctionOptions {
+scale: Some(ScaleName::Log),
+..automatic.function.clone()
+},
                 ..automatic.clone()
-            },
+
+},
             SampleOptions {
-                transfer: TransferChoice::Named("plasma".into()),
-                range: Some([-1.0, 4.0]),
-                scale: Some(ScaleName::Symlog),
-                unit_distance: Some(0.3),
-                opacity_scale: 2.0,
+function: FunctionOptions {
+transfer: TransferChoice::Named("plasma".into()),
+range: Some([-1.0, 4.0]),
+scale: Some(ScaleName::Symlog),
+unit_distance: Some(0.3),
+opacity_scale: 2.0
+},
                 ..automatic.clone()
-            },
+
+},
             // All faces are shown.
             SampleOptions {
-                transfer: TransferChoice::Text(
+function: FunctionOptions {
+transfer: TransferChoice::Text(
                     r#"{"range": [-5, 20], "points": [{"value": -5, "color": [1, 1, 1], "opacity": 0.9},
                         {"value": 20, "color": [1, 0, 0], "opacity": 0.9}]}"#
                         .into(),
                 ),
-                scale: Some(ScaleName::Linear),
+scale: Some(ScaleName::Linear),
+..automatic.function.clone()
+},
                 ..automatic.clone()
-            },
+
+},
             SampleOptions {
-                for_columns: true,
-                kernel_width: 0.8,
+purpose: PurposeOptions {
+for_columns: true,
+..automatic.purpose
+},
+kernels: KernelOptions {
+width: 0.8,
+..automatic.kernels
+},
                 ..automatic
-            },
+
+},
         ];
         let mut sharp = Vec::new();
         for (n, options) in cases.iter().enumerate() {

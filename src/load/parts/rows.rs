@@ -128,7 +128,7 @@ fn fit(
     options: &SampleOptions,
     ranks: &mut dyn Collective,
 ) -> Result<()> {
-    if volume.values.is_none() || !(options.normals || options.local_models) {
+    if volume.values.is_none() || !(options.purpose.normals || options.purpose.local_models) {
         return Ok(());
     }
     let [few, most] = FITTED_NEIGHBOURS;
@@ -366,6 +366,7 @@ mod tests {
     use super::*;
     use crate::breadth::some;
     use crate::ranks::ThreadRank;
+    use crate::sample::{FunctionOptions, KernelOptions, PurposeOptions};
     use crate::sample::{ParticleShape, TransferChoice};
     use crate::scene::ScaleName;
 
@@ -452,18 +453,30 @@ mod tests {
         let row = |(i, p): (usize, &DVec3)| vec![p.x, p.y, p.z, temperature(i, *p)];
         write(&path, &["x", "y", "z", "temperature"], rows().map(row));
         let plain = SampleOptions {
-            scale: None,
+            function: FunctionOptions {
+                scale: None,
+                ..FunctionOptions::default()
+            },
             ..SampleOptions::default()
         };
         let found = check(&path, &plain, &some(vec![7, 1, 2, 3], 1));
         assert!(found.local_models.is_some() && found.normals.is_none());
         // Discs and needles, whose shapes depend on neighbours of neighbours too.
         let stretched = SampleOptions {
-            shape: ParticleShape::Covariance,
+            kernels: KernelOptions {
+                shape: ParticleShape::Covariance,
+                ..plain.kernels
+            },
             field: Some("temperature".into()),
-            normals: true,
-            scale: Some(ScaleName::Log),
-            transfer: TransferChoice::Named("plasma".into()),
+            purpose: PurposeOptions {
+                normals: true,
+                ..plain.purpose
+            },
+            function: FunctionOptions {
+                scale: Some(ScaleName::Log),
+                transfer: TransferChoice::Named("plasma".into()),
+                ..plain.function.clone()
+            },
             ..plain.clone()
         };
         let found = check(&path, &stretched, &[3]);
@@ -506,14 +519,23 @@ mod tests {
         let names = ["x", "y", "z", "h", "m", "rho", "temperature"];
         write(&path, &names, places.iter().enumerate().map(row));
         let options = SampleOptions {
-            scale: None,
-            unit_distance: Some(0.3),
+            function: FunctionOptions {
+                scale: None,
+                unit_distance: Some(0.3),
+                ..FunctionOptions::default()
+            },
             ..SampleOptions::default()
         };
         check(&path, &options, &some(vec![7, 1, 2], 1));
         let derived = SampleOptions {
-            local_models: false,
-            range: Some([290.0, 400.0]),
+            purpose: PurposeOptions {
+                local_models: false,
+                ..options.purpose
+            },
+            function: FunctionOptions {
+                range: Some([290.0, 400.0]),
+                ..options.function
+            },
             ..options
         };
         check(&path, &derived, &[3]);
@@ -540,7 +562,10 @@ mod tests {
             assert!(!read(names, &plain).unwrap(), "{names:?}");
         }
         let columns = SampleOptions {
-            for_columns: true,
+            purpose: PurposeOptions {
+                for_columns: true,
+                ..plain.purpose
+            },
             ..plain.clone()
         };
         assert!(!read(&["x", "y", "z"], &columns).unwrap());

@@ -120,7 +120,7 @@ impl CellField<'_> {
             false => self.of_cells(&duals, report, options)?,
         };
         let own = kernels.within(self.own());
-        let is_around = options.normals || options.local_models;
+        let is_around = options.purpose.normals || options.purpose.local_models;
         let around = is_around.then(|| CellsAround::new(mesh, &duals.first));
         let samples = around.as_ref().map(|around| SampledMesh {
             mesh,
@@ -131,9 +131,9 @@ impl CellField<'_> {
             own: own.clone(),
             values: self.seen,
         });
-        let of_normals = samples.as_ref().filter(|_| options.normals);
+        let of_normals = samples.as_ref().filter(|_| options.purpose.normals);
         let normals = of_normals.map(gradient::of_mesh);
-        let of_models = samples.as_ref().filter(|_| options.local_models);
+        let of_models = samples.as_ref().filter(|_| options.purpose.local_models);
         let models = of_models.map(|samples| local_models::mesh::models(samples, task));
         let models = models.transpose()?;
         Ok(CellKernels {
@@ -148,7 +148,7 @@ impl CellField<'_> {
 
     /// Factor of a kernel's variance, kernel_width² times `shape`.
     fn factor(shape: [f64; 6], options: &SampleOptions) -> Result<[f64; 6], LeftOut> {
-        let width_squared = options.kernel_width * options.kernel_width;
+        let width_squared = options.kernels.width * options.kernels.width;
         factor_of_variance(shape.map(|v| v * width_squared)).ok_or(LeftOut::Degenerate)
     }
 
@@ -303,7 +303,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         &around,
         &particles,
         values,
-        options.kernel_width,
+        options.kernels.width,
     );
     let SharpCells {
         changes,

@@ -187,7 +187,7 @@ impl GridField<'_> {
             if !self.values.wide(i).is_finite() {
                 return Err(LeftOut::Value);
             }
-            let factor = lower_factor(part.jacobian * options.kernel_width);
+            let factor = lower_factor(part.jacobian * options.kernels.width);
             Kernel::new(part.centroid, factor, part.volume)
         };
         Kernels::collect_runs(
@@ -225,12 +225,12 @@ impl GridField<'_> {
         own: Range<usize>,
         options: &SampleOptions,
     ) -> Result<GridFit> {
-        let known = if options.normals || options.local_models {
+        let known = if options.purpose.normals || options.purpose.local_models {
             known_values(self.grids, self.association, self.values)
         } else {
             Vec::new()
         };
-        let normals = options.normals.then(|| {
+        let normals = options.purpose.normals.then(|| {
             let normal = |&sample: &u32| {
                 let (first, grid) = self.of_sample(sample as usize);
                 let samples = grid.samples(self.association, &known[*first..]);
@@ -238,7 +238,7 @@ impl GridField<'_> {
             };
             kernels.kept[own.clone()].par_iter().map(normal).collect()
         });
-        let models = if options.local_models {
+        let models = if options.purpose.local_models {
             let mut models = vec![LocalModel::NONE; own.len()];
             let task = options.task.as_ref();
             fill(task, local_models::STAGE, &mut models, |begin, models| {
@@ -260,7 +260,7 @@ impl GridField<'_> {
                         let of_kernel = GridKernel {
                             centre: kernels.positions[kernel],
                             factor: kernels.factors[kernel],
-                            width: options.kernel_width,
+                            width: options.kernels.width,
                         };
                         *model = run.model(*member as usize - sample, &of_kernel);
                         kernel += 1;

@@ -47,7 +47,7 @@ pub(crate) fn planes_around(
 ) -> Range<usize> {
     // The sum of kernels at a node includes kernels up to `reach` away. If the spacing changes two nodes away,
     // the kernels beside those count, too. Local models reach two nodes. Kernels need the adjacent nodes.
-    let reach = even_grid::reach(options.kernel_width).unsigned_abs();
+    let reach = even_grid::reach(options.kernels.width).unsigned_abs();
     let reach = reach.max(3) + 2;
     let first = own.start.saturating_sub(reach);
     let end = (own.end + reach).min(count);

@@ -402,7 +402,7 @@ pub(in crate::sample) fn sharpen_grids(
             let (centre, factor, _) = volume.particles.shape(particle);
             (centre, factor)
         };
-        for (places, of_row) in grid.sharp_nodes(options.kernel_width, of_grid, kernel) {
+        for (places, of_row) in grid.sharp_nodes(options.kernels.width, of_grid, kernel) {
             for (place, _) in places.into_iter().zip(&of_row).filter(|(_, c)| c.is_ghost) {
                 nodes.set(place, index_u32(ghost));
                 ghost += 1;
@@ -417,7 +417,7 @@ pub(in crate::sample) fn sharpen_grids(
     even_out(volume, &ghosts, own, |kernels, volumes| {
         let mut densities = None;
         let of_grid = |nodes: &GridNodes<'_, '_>| {
-            nodes.sums(kernels, volumes, &mut densities, options.kernel_width)
+            nodes.sums(kernels, volumes, &mut densities, options.kernels.width)
         };
         let found: Vec<(usize, f64)> = all_nodes.iter().flat_map(of_grid).collect();
         if found.is_empty() {

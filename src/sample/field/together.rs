@@ -11,11 +11,13 @@ use crate::scene::{AutomaticOptions, TransferFunction, ValueSample};
 /// preset of colours for one field share it, too. A shared function is chosen from the values of all its data
 /// sets.
 ///
-/// - `sampled`: report and options of each data set; the options have [`SampleOptions::keeps_value_sample`].
+/// - `sampled`: report and options of each data set; the options have
+///   [`PurposeOptions::keeps_value_sample`](crate::sample::PurposeOptions::keeps_value_sample).
 ///   Their [`SampleReport::value_sample`]s are taken.
 ///
 /// Each function comes with the numbers of its data sets, at least two. Sample these again with the function
-/// ([`TransferChoice::Shared`]); its unit distance already includes [`SampleOptions::opacity_scale`]. Data sets
+/// ([`TransferChoice::Shared`]); its unit distance already includes
+/// [`FunctionOptions::opacity_scale`](crate::sample::FunctionOptions::opacity_scale). Data sets
 /// that are not in the list keep their own functions.
 ///
 /// # Errors
@@ -27,7 +29,7 @@ pub fn shared_functions(
     let mut keys: Vec<(String, Option<&str>)> = Vec::new();
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for (i, (report, options)) in sampled.iter().enumerate() {
-        let map = match &options.transfer {
+        let map = match &options.function.transfer {
             TransferChoice::Automatic => None,
             TransferChoice::Named(name) => Some(name.as_str()),
             _ => continue,
@@ -55,7 +57,7 @@ pub fn shared_functions(
         let units = members.iter().map(|&i| sampled[i].0.unit_distance);
         let unit_distance = units.fold(f64::INFINITY, f64::min);
         let options = sampled[members[0]].1;
-        let unit_distance = options.opacity_scale * unit_distance;
+        let unit_distance = options.function.opacity_scale * unit_distance;
         shared.push((automatic(&sample, options, unit_distance)?, members));
     }
     shared.extend(shared_presets(sampled)?);
@@ -69,7 +71,7 @@ fn shared_presets(
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for (i, (report, options)) in sampled.iter().enumerate() {
         let is_file = matches!(
-            options.transfer,
+            options.function.transfer,
             TransferChoice::File(_) | TransferChoice::Text(_)
         );
         let (Some(field), Some(_), true) = (&report.field, report.value_range, is_file) else {
@@ -78,7 +80,8 @@ fn shared_presets(
         let is_same = |members: &&mut Vec<usize>| {
             let (other, of_other) = &sampled[members[0]];
             let has_field = |own: &String| own.eq_ignore_ascii_case(field);
-            other.field.as_ref().is_some_and(has_field) && of_other.transfer == options.transfer
+            other.field.as_ref().is_some_and(has_field)
+                && of_other.function.transfer == options.function.transfer
         };
         match groups.iter_mut().find(is_same) {
             Some(members) => members.push(i),
@@ -92,7 +95,7 @@ fn shared_presets(
         let range = ranges.reduce(|[a, b], [c, d]| [a.min(c), b.max(d)]);
         let units = reports().map(|report| report.unit_distance);
         let options = sampled[members[0]].1;
-        let unit_distance = options.opacity_scale * units.fold(f64::INFINITY, f64::min);
+        let unit_distance = options.function.opacity_scale * units.fold(f64::INFINITY, f64::min);
         let read = function_of_file(options, range.unwrap_or([0.0, 1.0]), unit_distance)?;
         if read.stretched.is_some() {
             shared.push((read.function, members));
@@ -108,12 +111,12 @@ pub(crate) fn automatic(
     unit_distance: f64,
 ) -> Result<TransferFunction> {
     let automatic = AutomaticOptions {
-        colour_map: match &options.transfer {
+        colour_map: match &options.function.transfer {
             TransferChoice::Named(name) => Some(name),
             _ => None,
         },
-        range: options.range,
-        scale: options.scale,
+        range: options.function.range,
+        scale: options.function.scale,
         unit_distance,
     };
     TransferFunction::automatic(sample, &automatic)
@@ -122,6 +125,7 @@ pub(crate) fn automatic(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sample::{FunctionOptions, PurposeOptions};
     use crate::sample::{Sampled, points};
     use glam::DVec3;
 
@@ -136,9 +140,15 @@ mod tests {
             named("viridis"),
         ];
         let all = choices.map(|transfer| SampleOptions {
-            transfer,
+            function: FunctionOptions {
+                transfer,
+                ..FunctionOptions::default()
+            },
             field: Some("value".into()),
-            keeps_value_sample: true,
+            purpose: PurposeOptions {
+                keeps_value_sample: true,
+                ..PurposeOptions::default()
+            },
             ..SampleOptions::default()
         });
         let sample = |(n, options): (usize, &SampleOptions)| {

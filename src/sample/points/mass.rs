@@ -64,7 +64,7 @@ impl<'a> Columns<'a> {
             ],
         )?;
         // For column densities, a named field is summed and sets no colour.
-        let stated = stated.filter(|_| !(options.for_columns && options.field.is_some()));
+        let stated = stated.filter(|_| !(options.purpose.for_columns && options.field.is_some()));
         Ok(match stated {
             Some(stated) => stated,
             None => {

@@ -102,10 +102,10 @@ pub(super) fn kind_of_rows(dataset: &Dataset, options: &SampleOptions) -> Option
         return None;
     };
     let columns = Columns::of(dataset, positions.len());
-    if options.shape == ParticleShape::YuTurk {
+    if options.kernels.shape == ParticleShape::YuTurk {
         return None;
     }
-    let has_shape = options.radius.is_some() || columns.states_shape();
+    let has_shape = options.kernels.radius.is_some() || columns.states_shape();
     if columns.states_strength() {
         let is_stated = has_shape && options.field.is_none() && !columns.may_have_colour_vector();
         return is_stated.then_some(OfRows::Stated);
@@ -113,10 +113,10 @@ pub(super) fn kind_of_rows(dataset: &Dataset, options: &SampleOptions) -> Option
     let (length, mass, density) = columns.names();
     let is_there = |name: &str| matches!(columns.get(name), Ok(Some(_)));
     let has_volume = is_there(mass) && is_there(density);
-    let is_summed = options.for_columns
-        && !options.local_models
+    let is_summed = options.purpose.for_columns
+        && !options.purpose.local_models
         && dataset.smoothing.is_some()
-        && (options.radius.is_some() || is_there(length))
+        && (options.kernels.radius.is_some() || is_there(length))
         && has_volume
         && !columns.states_colour();
     let field = match &options.field {
@@ -202,8 +202,8 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
     let is_scan = rgb.is_some()
         && shapes.bare
         && options.field.is_none()
-        && !options.for_columns
-        && matches!(options.transfer, TransferChoice::Automatic)
+        && !options.purpose.for_columns
+        && matches!(options.function.transfer, TransferChoice::Automatic)
         && columns.default_field(false, None).is_none()
         && columns.get(columns.names().1)?.is_none();
     let mass = match mass {
@@ -216,19 +216,21 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
     // The field: the named one, or a default one if masses are classified.
     let wanted = match &options.field {
         Some(name) => Some(name.clone()),
-        None if is_classified && options.for_means => match columns.get(columns.names().1)? {
-            Some(_) => None,
-            None => columns.default_field(false, preferred),
-        },
+        None if is_classified && options.purpose.for_means => {
+            match columns.get(columns.names().1)? {
+                Some(_) => None,
+                None => columns.default_field(false, preferred),
+            }
+        }
         None if is_classified => columns.default_field(!shapes.bare, preferred).or_else(|| {
             let of_scan = columns.varying(&INTENSITIES);
-            of_scan.filter(|_| shapes.bare && !options.for_columns)
+            of_scan.filter(|_| shapes.bare && !options.purpose.for_columns)
         }),
         None => None,
     };
     // If the masses themselves are to be summed, use density, so that columns are of mass.
     let mass_name = columns.names().1;
-    let of_masses = options.for_columns
+    let of_masses = options.purpose.for_columns
         && wanted
             .as_deref()
             .is_some_and(|name| name.eq_ignore_ascii_case(mass_name));
@@ -255,8 +257,8 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
 
     let isotropic = matches!(shape, Shape::Spheres(_));
     // Stated shapes are those of the default width.
-    let scale = options.kernel_width / DEFAULT_KERNEL_WIDTH;
-    let width_cubed = options.kernel_width.powi(3);
+    let scale = options.kernels.width / DEFAULT_KERNEL_WIDTH;
+    let width_cubed = options.kernels.width.powi(3);
     let row = |i: usize| -> Result<Particle, LeftOut> {
         if !positions[i].is_finite() {
             return Err(LeftOut::Position);
@@ -293,7 +295,7 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
     let mut report = SampleReport {
         field: match (computed, masses) {
             (true, Some(_)) => Some(MASS_DENSITY.into()),
-            (true, None) if options.for_columns => Some(NUMBER_DENSITY.into()),
+            (true, None) if options.purpose.for_columns => Some(NUMBER_DENSITY.into()),
             (true, None) => Some(LOG_NUMBER_DENSITY.into()),
             (false, _) => wanted.clone(),
         },
@@ -378,7 +380,7 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
             report.note(translucent, "particles", reason);
         }
     }
-    let is_picture = !named && !options.for_columns;
+    let is_picture = !named && !options.purpose.for_columns;
     if is_picture && matches!(mass, Mass::Stated(_)) && columns.default_field(false, None).is_some()
     {
         report.note(
@@ -404,7 +406,7 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
         _ if computed => {
             let density = |(volume, &i): (&f64, &u32)| match masses {
                 Some(m) => m.wide(i as usize) / volume,
-                None if options.for_columns => 1.0 / volume,
+                None if options.purpose.for_columns => 1.0 / volume,
                 None => -volume.log10(),
             };
             let density = || volumes.iter().zip(&kept).map(density);
@@ -425,7 +427,7 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
     if kept.len() < positions.len() {
         positions = kept.iter().map(|&i| positions[i as usize]).collect();
     }
-    report.unit_distance = options.unit_distance.unwrap_or(mean_spacing);
+    report.unit_distance = options.function.unit_distance.unwrap_or(mean_spacing);
     let place = |row: usize| kept.binary_search(&index_u32(row)).ok();
     let picked = |values: &Values| picked_rows(count, place, &volumes, &positions, values);
     let of_body = |values: &Values| {

@@ -65,7 +65,7 @@ impl Neighbourhoods {
         mut remote: Option<&mut dyn Remote>,
     ) -> Result<Option<Self>> {
         let index = PointIndex::new(points.positions);
-        let with_covariances = match options.shape {
+        let with_covariances = match options.kernels.shape {
             ParticleShape::Covariance => true,
             ParticleShape::Automatic => {
                 let own = index

@@ -42,11 +42,11 @@ impl PartitionedRows {
         let columns = Columns::of(head, positions.len());
         let is_there = |name: &str| matches!(columns.get(name), Ok(Some(_)));
         let is_of_table = |name: &str| matches!(columns.of_table(name), Ok(Some(_)));
-        let is_plain = !options.for_columns
+        let is_plain = !options.purpose.for_columns
             && options.flatten.is_none()
-            && options.shepard_passes == 0
-            && !options.keeps_value_sample
-            && options.shape != ParticleShape::YuTurk;
+            && options.kernels.shepard_passes == 0
+            && !options.purpose.keeps_value_sample
+            && options.kernels.shape != ParticleShape::YuTurk;
         // Scales are logarithms if any of them is negative, so their meaning depends on all rows.
         let has_scales = SCALES.into_iter().any(is_there);
         if !is_plain || columns.states_strength() || columns.states_colour() || has_scales {
@@ -54,7 +54,8 @@ impl PartitionedRows {
         }
         let (length, mass, density) = columns.names();
         let has_volume = is_of_table("volume") || (is_there(mass) && is_there(density));
-        let has_length = options.radius.is_some() || is_there(length) || is_of_table("radius");
+        let has_length =
+            options.kernels.radius.is_some() || is_there(length) || is_of_table("radius");
         // Lengths without volumes need sums over all kernels within reach.
         if has_length && !has_volume {
             return None;
@@ -225,7 +226,7 @@ pub(crate) fn fit_partition(
         models: None,
         far: Vec::new(),
     };
-    if options.normals {
+    if options.purpose.normals {
         let task = options.task.as_ref();
         let index = PointIndex::new(&positions);
         let normals = index.map(|index| index.normals(task, |i| all.get(i)));

@@ -83,7 +83,7 @@ impl<'a> Columns<'a> {
                 ],
             )?,
         };
-        let kernel = options.kernel.or(smoothing.map(|s| s.kernel));
+        let kernel = options.kernels.smoothing.or(smoothing.map(|s| s.kernel));
         let kernel = kernel.unwrap_or(SphKernel::CubicSpline);
         let stated_shape = |shape| Shapes {
             shape,
@@ -93,25 +93,25 @@ impl<'a> Columns<'a> {
         };
         let refuse_lengths = |found: &str| {
             let given = [
-                (options.length.is_some(), "a meaning of lengths"),
-                (options.kernel.is_some(), "a kernel of lengths"),
+                (options.kernels.length.is_some(), "a meaning of lengths"),
+                (options.kernels.smoothing.is_some(), "a kernel of lengths"),
             ];
             refuse(given, "particles with lengths", found)
         };
         let stated_alone = |columns: &str| {
             refuse_lengths(columns)?;
-            let is_chosen = options.shape != ParticleShape::Automatic;
+            let is_chosen = options.kernels.shape != ParticleShape::Automatic;
             let given = [(is_chosen, "a shape")];
             refuse(given, "particles whose shapes are not stated", columns)
         };
-        match (options.radius, stated) {
+        match (options.kernels.radius, stated) {
             (Some(radius), _) => {
-                let meaning = options.length.unwrap_or(LengthMeaning::Sigma);
+                let meaning = options.kernels.length.unwrap_or(LengthMeaning::Sigma);
                 let lengths = Lengths::new("the radius given", meaning, kernel, |_| radius);
                 Ok(self.of_lengths(positions, options, &lengths, true)?)
             }
             (None, Some(Stated::Length(column, name, meaning))) => {
-                let meaning = options.length.unwrap_or(meaning);
+                let meaning = options.kernels.length.unwrap_or(meaning);
                 let lengths = Lengths::new(name, meaning, kernel, |i| f64::from(column.get(i)));
                 // A sigma in a table is a kernel's own size; it does not depend on neighbours.
                 let crowded = smoothing.is_some() || name != "sigma";
@@ -149,7 +149,7 @@ impl<'a> Columns<'a> {
             || states("extinction")?
             || states("opacity")?
             || (self.get(mass)?.is_some() && self.get(density)?.is_some());
-        let with_yu_turk = options.shape == ParticleShape::YuTurk;
+        let with_yu_turk = options.kernels.shape == ParticleShape::YuTurk;
         let index = if with_yu_turk || (crowded && !known) {
             PointIndex::new(positions)
         } else {

@@ -41,7 +41,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
 
     let mut report = SampleReport {
         field: field.as_ref().map(|f| f.name.clone()),
-        unit_distance: options.unit_distance.unwrap_or(1.0),
+        unit_distance: options.function.unit_distance.unwrap_or(1.0),
         sample_count: count,
         ..SampleReport::default()
     };

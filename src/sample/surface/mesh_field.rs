@@ -137,7 +137,7 @@ pub(in crate::sample) fn scene(
     report.leave_out(unknown, "triangles", "value not finite");
     let sampled = mesh::surfels(&mesh, mesh_options)?;
     let is_own = matches!(
-        options.transfer,
+        options.function.transfer,
         TransferChoice::Given(_) | TransferChoice::File(_) | TransferChoice::Text(_)
     );
     let is_seen_through = |i: usize| {

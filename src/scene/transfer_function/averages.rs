@@ -245,12 +245,14 @@ impl Slopes {
 }
 
 impl TransferFunction {
-    /// Averages over intervals of values.
+    /// Computes averages over intervals of values.
+    #[doc(hidden)]
     pub fn averages(&self, weighting: Weighting) -> Averages {
         Averages::new(self, weighting)
     }
 
-    /// Bounds on the slope.
+    /// Computes bounds on the slope.
+    #[doc(hidden)]
     pub fn slopes(&self, weighting: Weighting) -> Slopes {
         Slopes::new(self, weighting)
     }

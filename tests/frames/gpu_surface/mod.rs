@@ -14,9 +14,9 @@ mod scenes;
 use crate::common::Random;
 use crate::common::frame::Frame;
 use crate::common::scene::{Particle, volume};
-use ewa_splat::constants::TILE_SIZE;
 use ewa_splat::image::{DepthImage, Image};
 use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
+use ewa_splat::stages::constants::TILE_SIZE;
 use ewa_splat::stages::cpu::{self, Bins, NormalTile, RasteriseSettings, SimdLevel, Tile};
 use ewa_splat::stages::gpu::{
     Gpu, Projected, SurfacePixels, SurfaceSpec, project, rasterise_surface,

@@ -8,7 +8,7 @@ use crate::common::Random;
 use crate::common::frame::Frame;
 use crate::common::gpu::{gpu, is_software};
 use ewa_splat::Settings;
-use ewa_splat::constants::{COVERAGE_FULL, TERMINATION_INTERVAL, TILE_SIZE};
+use ewa_splat::stages::constants::{COVERAGE_FULL, TERMINATION_INTERVAL, TILE_SIZE};
 use ewa_splat::stages::cpu::Bins;
 use ewa_splat::stages::gpu::{Gpu, SurfacePixels, SurfaceSpec};
 use ewa_splat::stages::record::{

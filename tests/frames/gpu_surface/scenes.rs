@@ -4,6 +4,7 @@ use super::{cameras, gas, plane, spheres_on_a_plane, surfels};
 use crate::common::gpu::{ALIKE, gpu, pictures};
 use crate::common::scene::difference;
 use crate::common::{Random, some};
+use ewa_splat::render::Advanced;
 use ewa_splat::scene::{Colour, PointVolume, Strength, TransferFunction};
 use ewa_splat::stages::cpu::SimdLevel;
 use ewa_splat::view::Camera;
@@ -16,8 +17,11 @@ fn assert_scene_alike(name: &str, scene: &[PointVolume], camera: &Camera, settin
         return;
     };
     let settings = Settings {
-        // The CPU uses no fused operations, as the device uses none.
-        simd: SimdLevel::Baseline,
+        advanced: Advanced {
+            // The CPU uses no fused operations, as the device uses none.
+            simd: SimdLevel::Baseline,
+            ..settings.advanced
+        },
         depth: true,
         normals: true,
         ..settings.clone()
@@ -135,7 +139,10 @@ fn surfaces_in_gas_look_alike() {
         ] {
             let settings = Settings {
                 filter,
-                linear_opacity,
+                advanced: Advanced {
+                    linear_opacity,
+                    ..Advanced::default()
+                },
                 show,
                 background: linear_opacity.then_some([0.1, 0.2, 0.3]),
                 ..Settings::default()

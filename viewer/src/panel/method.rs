@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use egui::{Slider, Ui};
 use ewa_splat::Filter;
-use ewa_splat::render::{Classification, ClassifyAt, Composite, Show};
+use ewa_splat::render::{Classification, Composite, Show};
 use ewa_splat::sample::BoundaryChoice;
 
 use super::row::{Choice, button, choose, row, section, slide, switch};
@@ -43,41 +43,37 @@ const SHOWN: [Choice<'_, (Show, Option<Instead>)>; 6] = [
     ),
 ];
 
-fn composites() -> [Choice<'static, Composite>; 6] {
-    let thickness = None;
-    let slabs = |classify| Composite::Slabs {
-        thickness,
-        classify,
-    };
+/// Returns the composites, and whether slabs are classified by their mean values.
+fn composites() -> [Choice<'static, (Composite, bool)>; 6] {
     [
         (
             "over",
-            Composite::Over,
+            (Composite::Over, false),
             "Each kernel by itself, in the order of their centres\n--composite over",
         ),
         (
             "slabs",
-            slabs(ClassifyAt::Particle),
+            (Composite::SLABS, false),
             "Kernels sliced into slabs parallel to the image: converges to the true integral\n--composite slabs",
         ),
         (
             "slabs, post-classified",
-            slabs(ClassifyAt::Slab),
+            (Composite::SLABS, true),
             "Slabs whose mean value is classified at each pixel\n--composite slabs --post-classification",
         ),
         (
             "maximum",
-            Composite::Maximum { thickness },
+            (Composite::MAXIMUM, false),
             "Maximum-intensity projection: the colour of the greatest mean value along each ray\n--composite maximum",
         ),
         (
             "sheets",
-            Composite::Sheets { thickness },
+            (Composite::SHEETS, false),
             "Whole kernels summed in sheets parallel to the image\n--composite sheets",
         ),
         (
             "axis-sheets",
-            Composite::AxisSheets { thickness },
+            (Composite::AXIS_SHEETS, false),
             "Whole kernels summed in sheets across the volume's axis nearest to the view\n--composite axis-sheets",
         ),
     ]
@@ -144,21 +140,21 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
         let tip = "Which footprint draws a kernel\n--filter FILTER";
         choose(ui, "Filter", tip, &mut settings.filter, &filters);
         let tip = "How kernels behind one another become a picture\n--composite COMPOSITE";
-        choose(
-            ui,
-            "Compositing",
-            tip,
-            &mut settings.composite,
-            &composites(),
-        );
+        let mut of_kernels = settings.classify;
+        let was_of_slabs = of_kernels == Classification::Slab;
+        if was_of_slabs {
+            of_kernels = Classification::default();
+        }
+        let mut chosen = (settings.composite, was_of_slabs);
+        choose(ui, "Compositing", tip, &mut chosen, &composites());
+        let of_slabs;
+        (settings.composite, of_slabs) = chosen;
         let tip = "Where the transfer function is evaluated\n--classify WHERE";
-        choose(
-            ui,
-            "Classification",
-            tip,
-            &mut settings.classify,
-            &CLASSIFICATIONS,
-        );
+        choose(ui, "Classification", tip, &mut of_kernels, &CLASSIFICATIONS);
+        settings.classify = match of_slabs {
+            true => Classification::Slab,
+            false => of_kernels,
+        };
         let tip = "Merge kernels far below a pixel, as far as the tolerance allows\n--level-of-detail auto|off";
         switch(ui, "Detail levels", tip, &mut settings.level_of_detail);
         boundary(app, ui);

@@ -60,7 +60,7 @@ pub(in crate::sample) fn models_among(
         Particles::Isotropic { .. } | Particles::Anisotropic { .. }
     );
     let is_classified = matches!(volume.strength, Strength::Classified { .. });
-    let is_wanted = options.local_models && volume.local_models.is_none();
+    let is_wanted = options.purpose.local_models && volume.local_models.is_none();
     if !is_of_points || !is_classified || !is_wanted {
         return Ok(None);
     }

@@ -116,7 +116,7 @@ mod tests {
     use super::*;
     use crate::error::Error;
     use crate::math::narrowed;
-    use crate::sample::{SampleOptions, points};
+    use crate::sample::{PurposeOptions, SampleOptions, points};
     use crate::scene::{Lattice, LatticeSpacing, LocalModels};
 
     /// Returns 20³ points at spacing 1/27 about 0, jittered by .35 of the spacing.
@@ -220,7 +220,10 @@ mod tests {
         with.local_models = with.local_models.map(|m| m.gather(&[1, 2]));
         assert!(with.validate().is_err());
         let without = SampleOptions {
-            local_models: false,
+            purpose: PurposeOptions {
+                local_models: false,
+                ..options.purpose
+            },
             ..options.clone()
         };
         let mut without = sampled(&without).unwrap().volume;

@@ -5,8 +5,9 @@ mod silhouette;
 mod value_sample;
 mod worth;
 
+pub(crate) use self::value_sample::Surroundings;
+pub use self::value_sample::ValueSample;
 pub(crate) use self::value_sample::{PickedRow, Tiling};
-pub use self::value_sample::{Surroundings, ValueSample};
 
 use self::worth::Worth;
 use super::TransferFunction;

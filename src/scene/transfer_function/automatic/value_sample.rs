@@ -30,7 +30,7 @@ const FLATNESS: [f64; 2] = [0.25, 0.5];
 
 /// Whether data include what surrounds the object that they show.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Surroundings {
+pub(crate) enum Surroundings {
     /// Lattices and grids fill a box, or a channel: with air, with a free stream.
     Included,
     /// Cells of a mesh and particles are the object itself.
