@@ -87,7 +87,7 @@ pub(super) fn load_alone(request: &Request<'_>) -> Result<Loaded> {
 /// are not asked.
 ///
 /// # Errors
-/// The errors of [`load`]; a field that a step lacks; nothing to draw in any step.
+/// The errors of [`load`](super::load); a field that a step lacks; nothing to draw in any step.
 pub fn load_series(request: &Request<'_>) -> Result<Series> {
     request.checks.choices()?;
     let sample = SampleOptions {

@@ -10,7 +10,7 @@ use crate::error::Result;
 /// Reads and samples all inputs as one scene. Inputs of data show one field if they have one in
 /// common, by one transfer function.
 ///
-/// - `ranks`: the ranks that share the scene; [`Alone`] for one process.
+/// - `ranks`: the ranks that share the scene; [`Alone`](crate::distributed::Alone) for one process.
 ///
 /// # Errors
 /// The errors of [opening](crate::io::open) and of [sampling](crate::sample::scene); a field that

@@ -6,7 +6,7 @@ use crate::scene::Values;
 /// A field that a data set could show if none is named.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FieldChoice {
-    /// The name by which [`Dataset::scalar`] finds the field.
+    /// The name by which [`Dataset::scalar`](crate::io::Dataset::scalar) finds the field.
     pub name: String,
     /// The least and the greatest value of each component; empty if they are not known without work.
     pub ranges: Vec<[f64; 2]>,
