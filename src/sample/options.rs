@@ -15,13 +15,13 @@ pub const MOST_SHEPARD_PASSES: u32 = 100;
 /// Options of sampling: the field to show, its transfer function, the shapes of kernels, and the purpose.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SampleOptions {
-    /// The scalar to show ([`Dataset::scalar`]'s selector); `None` chooses one.
+    /// The scalar to show ([`Dataset::scalar`](crate::io::Dataset::scalar)'s selector); `None` chooses one.
     pub field: Option<String>,
     /// The scalar to choose if no field is named, provided that the data set has it and would show a field at
-    /// all. Data sets that are drawn together share it ([`shared_fields`]).
+    /// all. Data sets that are drawn together share it ([`shared_fields`](super::shared_fields)).
     pub preferred_field: Option<String>,
-    /// A value of the field whose opaque iso-surface is drawn in place of the volume ([`scene`]). Each kernel
-    /// over whose extent the field takes the value becomes a surfel: the disc on which the field has it.
+    /// A value of the field whose opaque iso-surface is drawn in place of the volume
+    /// ([`scene`](super::scene)). Each kernel over whose extent the field takes the value becomes a surfel: the disc on which the field has it.
     /// Lattices, grids, cells and particles with a field allow it.
     pub flatten: Option<f64>,
     /// The transfer function.
@@ -47,7 +47,7 @@ pub struct FunctionOptions {
     pub range: Option<[f64; 2]>,
     /// The scale of an automatic transfer function. `None` chooses one from the values, as the program does. On
     /// a scale other than linear, the volume stores positions on the scale instead of the data's values
-    /// ([`ValueScale`]). A function that replaces the sampled one must have the same
+    /// ([`ValueScale`](crate::scene::ValueScale)). A function that replaces the sampled one must have the same
     /// scale.
     pub scale: Option<ScaleName>,
     /// Factor of the extinction of any transfer function.
@@ -97,7 +97,7 @@ pub struct PurposeOptions {
     /// ([`PointVolume::local_models`]): six bytes per particle. Lattices need none.
     pub local_models: bool,
     /// True to keep in the report the values from which an automatic transfer function is chosen
-    /// ([`SampleReport::value_sample`]), for one function of several data sets.
+    /// ([`SampleReport::value_sample`](super::SampleReport::value_sample)), for one function of several data sets.
     pub keeps_value_sample: bool,
 }
 
@@ -180,11 +180,13 @@ pub enum TransferChoice {
     File(PathBuf),
     /// From the text of such a file.
     Text(String),
-    /// The automatic function in the colours of a named map: [`AutomaticOptions::colour_map`].
+    /// The automatic function in the colours of a named map:
+    /// [`AutomaticOptions::colour_map`](crate::scene::AutomaticOptions::colour_map).
     Named(String),
     /// This function, with its own unit distance unless the options state one.
     Given(TransferFunction),
-    /// This function, chosen automatically from several data sets ([`shared_functions`]). It leaves surfaces
+    /// This function, chosen automatically from several data sets
+    /// ([`shared_functions`](super::shared_functions)). It leaves surfaces
     /// opaque, as a function chosen from one data set does.
     Shared(TransferFunction),
 }
