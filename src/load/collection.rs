@@ -1,7 +1,18 @@
 //! Reads several inputs as one scene. The inputs show one field if they have one in common, by one
-//! transfer function. Surfels are spread by the pixels of the whole picture.
+//! transfer function. If ranks share a scene, each rank reads some of the inputs, and all ranks make
+//! the same choices.
 //!
-//! If ranks share a scene, each rank reads some of the inputs, and all ranks make the same choices.
+//! [`Collection::read`] goes through these phases:
+//!
+//! 1. `opened`: open the inputs, and collect the facts that all ranks need ([`Look`]).
+//! 2. `turn`: rotate inputs to the axes of the scene.
+//! 3. `chosen`: choose the field to show.
+//! 4. `sample`: make particles; read only the values of surfaces.
+//! 5. `functions`: choose transfer functions from the values of all inputs that share one, and sample
+//!    these inputs again.
+//! 6. `spreads`, `spread`: spread surfels over surfaces. Their number follows from the pixels of the
+//!    picture, and the picture from the boxes of all volumes. Surfels therefore come last.
+//! 7. `gathered`: collect the results of all ranks.
 
 use std::collections::HashMap;
 use std::ops::Range;

@@ -119,8 +119,8 @@ pub(super) fn has_opacity(volumes: &[PointVolume]) -> bool {
 /// A hundred million spheres with masses take 32 bytes each once they are read, and 67 at the peak.
 const LEAST_PER_POINT: usize = 32;
 
-/// Least memory of a lattice sample, in bytes, as it is read and with ghosts or in blocks.
-/// ([`LEAST_PER_NODE`] is that of a grid's node.)
+/// Least memory of a lattice sample, in bytes: one byte as it is read, and one byte with ghosts or
+/// in blocks. [`LEAST_PER_NODE`] is the least memory of a grid's node.
 const LEAST_PER_CELL: usize = 2;
 
 /// Refuses data whose particles would not fit into memory.

@@ -19,7 +19,7 @@ use crate::scene::PointVolume;
 use crate::view::Bounds;
 use crate::{Renderer, Result, SceneOptions};
 
-/// Scene of all inputs, with what is known beside its particles.
+/// Scene of all inputs: its volumes and their metadata.
 #[derive(Debug)]
 pub struct Loaded {
     /// Volumes, ready to be sorted into blocks. Those that stand in for prepared scenes' volumes

@@ -2,7 +2,7 @@
 //! rendered.
 //!
 //! [`load`] opens the inputs of a [`Request`], chooses the fields and the transfer functions that
-//! they share, and samples them. [`Loaded`] holds the volumes, and what is known beside them.
+//! they share, and samples them. [`Loaded`] holds the volumes and their metadata.
 //!
 //! ```
 //! use ewa_splat::distributed::{Alone, Collective, Renderer, ThreadRank};

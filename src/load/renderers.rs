@@ -47,9 +47,9 @@ impl Renderer {
 
     /// Builds a renderer of a scene that only the first rank holds, for example of a file that one rank reads for all.
     ///
-    /// The first rank needs the memory of the whole scene while it scatters the particles. The others need the memory
-    /// of their shares, and of the volumes that every rank holds entirely ([`Self::new`]), among them lattices that
-    /// have more than values.
+    /// The first rank needs the memory of the whole scene while it scatters the particles. The other ranks need the
+    /// memory of their shares, and of the volumes that every rank holds entirely ([`Self::new`]). Lattices that store
+    /// more than values (normals, for example) are such volumes.
     ///
     /// - `scene`: the volumes, on the first rank; ignored on other ranks.
     ///

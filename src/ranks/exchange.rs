@@ -14,7 +14,7 @@ use crate::record::{BlockView, ExactTerms, Footprint, NearTerms, SurfelTerms};
 /// Number of blocks in view that one task sorts by their destinations.
 const GRAIN: usize = 64;
 
-/// Volume, number of a block among the volume's blocks in view, and number of its footprints that follow.
+/// Footprints of one block: the volume, the block's number among the volume's blocks in view, and their count.
 type Run = [u32; 3];
 
 /// Footprints that one rank sends to another.

@@ -24,7 +24,7 @@ use crate::stats::Stopwatch;
 /// Particles that a rank projects before it sends their footprints (about 50 MB), while the batch before is under way.
 const BATCH: usize = 1 << 19;
 
-/// Particles in view for each rank up to which the image is drawn in one part.
+/// Greatest number of particles in view for each rank at which the image is drawn in one part.
 const FEW: usize = 1 << 18;
 
 /// Draws frames of a scene whose particles are partitioned among ranks.
@@ -64,7 +64,7 @@ impl RankFrames {
         Ok(Self::of_shared(ranks, own))
     }
 
-    /// Takes a scene of which this rank holds its share only.
+    /// Prepares to draw a scene that is partitioned already.
     ///
     /// - `own`: for each volume, the blocks whose particles this rank holds.
     pub(super) fn of_shared(ranks: Box<dyn Collective>, own: Vec<Vec<Range<u32>>>) -> Self {

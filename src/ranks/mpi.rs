@@ -86,7 +86,7 @@ struct Places {
 }
 
 impl Places {
-    /// Places of the parts that a round carries of messages of these lengths.
+    /// Returns lengths and positions of the messages' parts in the buffer of a round, given the messages' lengths.
     fn of(lengths: &[usize], round: usize, cap: usize) -> Self {
         let count = |&len: &usize| len.saturating_sub(round * cap).min(cap);
         let mut first = 0;

@@ -21,15 +21,16 @@ use crate::scene::{Lattice, Particles, PointVolume, Values};
 pub struct Share {
     /// The volumes.
     pub volumes: Vec<PointVolume>,
-    /// Number of each particle among those of all ranks, for each volume. It is the order of a single machine, which
-    /// decides ties of depth. It is ignored for lattices. `None` numbers the particles one rank after another.
+    /// Number of each particle among the particles of all ranks, for each volume. The numbers give the order of
+    /// particles on a single machine, which decides ties of depth. Numbers of lattices are ignored. `None` numbers
+    /// the particles one rank after another.
     pub numbers: Option<Vec<Vec<u64>>>,
     /// Runs of planes (of constant k, the slowest index) that this rank holds, for each volume that is a lattice.
     ///
-    /// The volume's values are those of these planes only, one run after another. All ranks together must hold every
-    /// plane; a plane that several ranks hold must be the same on each. Only lattices that are classified by nothing
-    /// but their values can be partitioned: every rank must hold all planes of other lattices. The runs of points are
-    /// ignored. `None`: every rank holds all planes of every lattice.
+    /// The values of the volume are those of these planes, one run after another. All ranks together must hold every
+    /// plane; a plane that several ranks hold must be the same on each. Only lattices that store nothing but values
+    /// can be partitioned; every rank must hold all planes of other lattices. Entries for volumes that are no lattices
+    /// are ignored. `None` means that every rank holds all planes of every lattice.
     pub planes: Option<Vec<Vec<Range<usize>>>>,
 }
 
@@ -173,10 +174,10 @@ impl Share {
     }
 }
 
-/// Whether a lattice is so small that every rank may hold all of it. With few planes for each rank, some ranks would
-/// get none or twice as many as others; such a lattice is small unless it has very many cells.
+/// Returns true if a lattice is so small that every rank may hold it entirely. With few planes for each rank, some
+/// ranks would get none, or twice as many as others. A lattice with few planes therefore has a higher limit.
 ///
-/// - `small`: most cells for each rank of a small lattice with enough planes.
+/// - `small`: greatest number of cells for each rank of a small lattice with enough planes.
 pub(crate) fn is_small(lattice: &Lattice, small: u64, size: usize) -> bool {
     let few = lattice.dims[2] < FEW_PLANES * size;
     let small = if few {
@@ -187,8 +188,8 @@ pub(crate) fn is_small(lattice: &Lattice, small: u64, size: usize) -> bool {
     lattice.len() as u64 <= small * size as u64
 }
 
-/// Particles for each rank up to which every rank builds the whole. The work of a frame is then partitioned by blocks
-/// rather than by chunks of some 65,536 particles, which balances it better.
+/// Greatest number of particles for each rank at which every rank builds the whole volume. Ranks then share a frame
+/// by blocks, which balances their work better than chunks of some 65,536 particles.
 pub(crate) const SMALL: u64 = 1 << 18;
 
 /// Planes for each rank below which runs of planes balance badly.
@@ -200,7 +201,7 @@ struct SharedLattice {
     runs: Vec<Range<usize>>,
     /// Planes of each rank.
     held: Vec<Vec<Range<usize>>>,
-    /// Whether the lattice has nothing but values on every rank: a rank without planes cannot tell by itself.
+    /// True if the lattice stores nothing but values on every rank. A rank without planes must learn this from others.
     is_plain: bool,
     /// Whether every rank builds the whole lattice.
     is_small: bool,

@@ -22,7 +22,7 @@ pub struct RankStats {
     pub tiles: u64,
     /// Particles that the transfer function leaves visible, in its blocks in view.
     pub classified: u64,
-    /// Number of these in volumes whose kernels are classified over their extents.
+    /// Number of the classified particles in volumes whose kernels are classified over their extents.
     pub pieces: u64,
     /// Footprints of the rank's particles that reach the image.
     pub footprints_made: u64,
@@ -122,8 +122,8 @@ impl RankStats {
         };
     }
 
-    /// Sums the counts of all ranks, which equal those of a single machine. Counts that each rank makes of the whole
-    /// scene stay.
+    /// Sums the counts of all ranks; the sums equal the counts of a single machine. Counts that every rank takes of the
+    /// whole scene are not summed.
     pub(super) fn sum(ranks: &[Self], counts: &mut FrameCounts) {
         let sum = |of: fn(&Self) -> u64| ranks.iter().map(of).sum::<u64>();
         let count = |of| sum(of) as usize;

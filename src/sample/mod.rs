@@ -297,8 +297,9 @@ pub(crate) fn of_rows(dataset: &Dataset, options: &SampleOptions) -> Option<OfRo
     points::kind_of_rows(dataset, options).filter(|_| is_alone)
 }
 
-/// Returns the numbers of the colours of some rows. Together with the numbers of all other rows they determine
-/// how the colours are stored. Returns `None` if the storage depends on no numbers.
+/// Returns the facts about the colours of some rows (whole numbers, greatest number) that determine how colours are
+/// scaled. The scale follows from the facts about all rows. Returns `None` if the type of the columns determines
+/// it alone.
 ///
 /// # Errors
 /// Columns of another length.
@@ -311,7 +312,7 @@ pub(crate) fn colour_numbers(dataset: &Dataset) -> Result<Option<ColourNumbers>>
 /// result is that of [`volume`], except for the function of column densities ([`summed_function`]).
 ///
 /// - `colours`: the numbers of the colours of all rows ([`colour_numbers`]).
-/// - `volume_sum`: the volume of the preceding particles; returns with these added \[length³\].
+/// - `volume_sum`: total volume of the preceding particles, to which the volumes of these are added \[length³\].
 ///
 /// # Errors
 /// The errors of [`volume`].

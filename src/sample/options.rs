@@ -20,9 +20,9 @@ pub struct SampleOptions {
     /// The scalar to choose if no field is named, provided that the data set has it and would show a field at
     /// all. Data sets that are drawn together share it ([`shared_fields`](super::shared_fields)).
     pub preferred_field: Option<String>,
-    /// A value of the field whose opaque iso-surface is drawn in place of the volume
-    /// ([`scene`](super::scene)). Each kernel over whose extent the field takes the value becomes a surfel: the disc on which the field has it.
-    /// Lattices, grids, cells and particles with a field allow it.
+    /// Iso-value: [`scene`](super::scene) makes the opaque iso-surface of the field in place of the volume. If the
+    /// field takes the value within a kernel's extent, the kernel becomes a surfel on the iso-surface. Lattices,
+    /// grids, cells and particles with a field have iso-surfaces.
     pub flatten: Option<f64>,
     /// The transfer function.
     pub function: FunctionOptions,

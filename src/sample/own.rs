@@ -6,7 +6,8 @@ use crate::collective::Collective;
 use crate::error::Result;
 use crate::math::ExactSum;
 
-/// The particles of the local samples that are asked for (the others are ghosts), and the ranks that have the others.
+/// Particles of the samples that this rank owns, and the group of ranks that own the rest. Other local particles are
+/// ghosts.
 pub(super) struct Own<'a> {
     pub(super) range: Range<usize>,
     pub(super) ranks: &'a mut dyn Collective,

@@ -34,7 +34,7 @@ pub struct SampleReport {
     pub value_sample: Option<ValueSample>,
 }
 
-/// A number of samples of which the same was found.
+/// Property that some samples have in common, such as a reason why they were left out.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Finding {
     /// Number of samples.
@@ -108,7 +108,7 @@ impl Finding {
     }
 }
 
-/// Report on a part of the data, with what a report on all data needs beside it.
+/// Report on a part of the data, with the sum and the bounds that a report on all data needs.
 #[derive(Debug, Default)]
 pub(crate) struct Found {
     pub(crate) report: SampleReport,

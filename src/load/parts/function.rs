@@ -1,4 +1,4 @@
-//! Display of a field whose values are partitioned over ranks: the values of all ranks decide together.
+//! Chooses the transfer function of a field whose values are partitioned over ranks, from the values of all ranks.
 
 use std::path::Path;
 #[cfg(test)]
@@ -32,7 +32,7 @@ pub(crate) struct PartRead {
     pub(crate) share: Share,
     /// The report on the whole file.
     pub(crate) report: SampleReport,
-    /// The header of the whole file: a data set whose few nodes have the outline of all ([`outline_of_all`]).
+    /// The header of the whole file: a data set with a few nodes in place of all ([`outline_of_all`]).
     pub(crate) head: Dataset,
     /// The least and the greatest coordinates of all ranks; `None` if none is finite.
     pub(crate) corners: Option<(DVec3, DVec3)>,
@@ -63,12 +63,13 @@ pub(super) fn found_by_all(
     Ok((all, spacing))
 }
 
-/// Gives a rank's volume the transfer function of the values of all ranks, if it has values.
+/// Chooses a transfer function from the values of all ranks, and stores it in this rank's volume. A volume without
+/// values stays as it is.
 ///
-/// - `picked`: the particles of this rank that the function may be chosen from.
-/// - `count`: the rows of all ranks among which these were picked; `kind`: whether anything surrounds them, and whether they
-///   tile space.
-/// - `found`: the findings of all ranks; the function is added to them.
+/// - `picked`: particles of this rank from which the function may be chosen.
+/// - `count`: number of rows of all ranks among which particles were picked.
+/// - `kind`: whether the data include an object's surroundings, and whether the particles tile space.
+/// - `found`: findings of all ranks, to which the choice is added; `spacing`: mean spacing of the particles.
 ///
 /// # Errors
 /// A function that cannot be read, or does not fit what is asked for; a rank that is gone.
@@ -95,8 +96,8 @@ pub(super) fn show(
     Ok(())
 }
 
-/// Returns a few nodes with the same box and the same end planes as the nodes of all ranks: the box's corners, and one
-/// node between two end planes if not all nodes lie in these.
+/// Returns a few nodes with the same bounding box and the same direction up as the nodes of all ranks: the corners of
+/// the box. If some nodes lie between the two end planes of an axis, one node between these planes is added.
 pub(super) fn outline_of_all(own: &[DVec3], ranks: &mut dyn Collective) -> Result<Vec<DVec3>> {
     let finite = || own.iter().copied().filter(|p| p.is_finite());
     let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);

@@ -190,7 +190,7 @@ fn check_fits(count: usize) -> Result<()> {
 }
 
 impl Others {
-    /// Adds the cells that a rank answered.
+    /// Adds the cells that a rank sent in answer to a request.
     ///
     /// - `frontier`: receives the positions of their nodes.
     fn add(&mut self, mut part: &[u8], own: &CellSubset, frontier: &mut Vec<DVec3>) -> Result<()> {

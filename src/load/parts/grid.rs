@@ -31,8 +31,8 @@ fn own_planes(count: usize, rank: usize, size: usize) -> Range<usize> {
 /// Reads this rank's pieces, receives its planes of constant k with the halo around them, and makes particles of them:
 /// the particles that [`sample::volume`](crate::sample::volume) makes of the whole grid.
 ///
-/// Returns `None` if one rank must read the whole grid: a surface, a flattened field, a grid that closes along k, a
-/// grid with cells that finer cells replace, or sampling options that need all values on one rank.
+/// Returns `None` if one rank must read the whole grid. That is so for surfaces, iso-surfaces, grids that close along
+/// k, and grids with cells that finer cells replace. Some sampling options also need all values on one rank.
 ///
 /// # Errors
 /// The errors of reading or sampling, on any rank; nothing that can be drawn; a rank that is gone.

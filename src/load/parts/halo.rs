@@ -1,4 +1,15 @@
-//! Builds the halo of a rank's points: the points of other ranks among their nearest neighbours.
+//! Builds the halo of a rank's points: the points of other ranks among their nearest neighbours. The search is
+//! exact.
+//!
+//! 1. Points are redistributed by position, so that a rank's points lie together ([`super::rows`]).
+//! 2. Each rank groups its points in small boxes. For each box, it finds an upper bound on the distance from the box's
+//!    points to their nearest neighbours among its own points ([`Reach`]). A box *touches* another if the distance
+//!    between them is within the bound.
+//! 3. Ranks exchange coarse boxes of their points. A rank sends a box, with its bound, to the ranks whose boxes it
+//!    touches. They answer with the bound that their own points give, and the smaller bound counts.
+//! 4. Boxes that still touch other ranks are divided into single points, each with its own bound. Ranks send
+//!    these points to the ranks that they touch.
+//! 5. A rank that receives points sends its own points within their bounds: the halo.
 
 use bytemuck::Pod;
 use glam::DVec3;

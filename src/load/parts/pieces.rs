@@ -45,9 +45,9 @@ pub(crate) fn assigned(lengths: &[u64], reader: usize, readers: usize) -> Range<
 /// Reads this rank's pieces and makes particles of them: the particles that [`sample::volume`](crate::sample::volume)
 /// makes of the whole grid.
 ///
-/// Returns `None` if one rank must read the whole grid: surfaces and points, cells of higher order, flattened cells,
-/// sampling options that need all values on one rank, and a boundary that may be sharp. Only the whole mesh tells which
-/// faces lie on the boundary.
+/// Returns `None` if one rank must read the whole grid. That is so for grids without solid cells, high-order cells,
+/// iso-surfaces, and sampling options that need all values on one rank. It is also so if the boundary may be sharp,
+/// because faces on the boundary can be found only in the whole mesh.
 ///
 /// # Errors
 /// The errors of reading or sampling, on any rank; nothing that can be drawn; a rank that is gone.

@@ -129,7 +129,7 @@ pub(super) fn joined(a: Option<[f64; 2]>, b: Option<[f64; 2]>) -> Option<[f64; 2
     }
 }
 
-/// Whether a function shows a sample on the lattice's faces, in the planes of this rank.
+/// Returns true if a function shows any sample that lies on the lattice's faces and in this rank's planes.
 fn shows_faces(held: &Held, dims: [usize; 3], own: &[usize], function: &TransferFunction) -> bool {
     let [x, y, z] = dims;
     let [lowest, highest] = function.range();

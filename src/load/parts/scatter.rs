@@ -15,8 +15,8 @@ const PARCEL: usize = 1 << 26;
 
 /// Scatters the first rank's volumes.
 ///
-/// The other ranks receive the metadata of every volume. They receive no points, and no planes of a lattice whose
-/// blocks the ranks can build together. They receive every other lattice entirely.
+/// The other ranks receive the metadata of every volume, and all columns of lattices that store more than values.
+/// Points, and lattices of values only, stay on the first rank until the ranks build blocks together.
 ///
 /// - `own`: the volumes, on the first rank.
 ///

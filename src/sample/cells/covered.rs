@@ -22,7 +22,8 @@ const GAP: f64 = 0.05;
 /// count as a gap.
 const GAP_OF_DEPTH: f64 = 0.5;
 
-/// Greatest cosine between the normals of two faces of one interface: chords of one curve differ.
+/// Greatest cosine between the outward normals of two faces of one interface. It is -1 for parallel faces, and
+/// greater for chords of one curve.
 const OPPOSED: f64 = -0.5;
 
 /// Number of probed places across a corner's part of a face, in each direction.

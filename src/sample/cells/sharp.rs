@@ -1,5 +1,10 @@
 //! Makes sharp boundaries of unstructured grids, by mirror images.
 //!
+//! In one dimension, with nodes at 0, 1, 2, ... and the boundary at 0: kernels of the nodes add up to 1 inside,
+//! but to 1/2 at 0, because nothing lies beyond. The node at 0 has half a dual cell; its mirror image adds the
+//! other half, so that its kernel is whole. Node 1 gets a ghost at -1, node 2 one at -2. With the ghosts the
+//! sum at 0 is 1, and every kernel is then cut at 0.
+//!
 //! Around each boundary node the faces form up to three tangent planes. The node's dual cell is half a cell;
 //! its mirror images in the planes complete it. Nodes beside the boundary have mirror images beyond it, as
 //! ghosts. Their values continue linearly: 2 v0 - v, with v0 the boundary's value where the line from the node

@@ -1,8 +1,9 @@
 //! Measures the overlap of grids: the share of their volume that more than one of them covers.
 //!
 //! The kernels of each grid add up to the density of the data, so the density counts twice where two grids
-//! overlap. A sample of cells is probed: a cell counts if its centre lies well within a cell of another grid.
-//! Abutting grids have no overlap.
+//! overlap. A sample of cells is probed: a cell overlaps if its centre lies in a cell of another grid. Abutting
+//! grids with a curved interface have a few such cells. Overlap is therefore reported only if enough volume has
+//! centres well within cells of another grid.
 
 use std::sync::atomic::{AtomicU8, Ordering};
 
@@ -19,8 +20,8 @@ use crate::sample::report::{Finding, SampleReport};
 /// Approximate number of cells that are probed.
 const PROBES: usize = 4096;
 
-/// Depth within a cell, as a share of the distance from the cell's faces to its middle, that some centres must
-/// have for any to count. On curved interfaces, cells of one side reach a little into those of the other.
+/// Least depth of a centre that lies well within a cell, as a share of the distance from the cell's faces to its
+/// middle. On curved interfaces, cells of one side reach a little into cells of the other side.
 const WITHIN: f64 = 0.2;
 
 /// Ranks of a probe: within no cell of another grid, within one, and well within one.

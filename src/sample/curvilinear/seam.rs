@@ -12,7 +12,7 @@ const SEAM_TOLERANCE: f64 = 1e-4;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Seam {
     pub(crate) is_closed: bool,
-    /// True if the planes are apart from those next to them.
+    /// True if some node of a boundary plane differs from its neighbour in the next plane inside.
     pub(crate) is_crossed: bool,
 }
 

@@ -7,8 +7,8 @@ use glam::{DMat3, DVec3};
 /// precision.
 const DAMPING: f64 = 1e-9;
 
-/// Neighbours lie in all directions if the determinant of the sum of their unit dyads exceeds this share of an
-/// even spread's. That takes at least one in a hundred outside the plane of the others.
+/// Least determinant of the sum of unit dyads for neighbours in all directions, as a share of the determinant
+/// for evenly spread neighbours. At least one neighbour in a hundred must then lie outside a common plane.
 const EVEN: f64 = 0.05;
 
 /// Returns the gradient that best fits offsets and changes of value, weighted by 1/distance²; zero without

@@ -47,8 +47,8 @@ impl CutKernels<'_> {
         self.factors[kernel].map(f64::from)
     }
 
-    /// For a kernel that is cut, returns a test: does an offset from its centre lie inside the planes that cut
-    /// it?
+    /// Returns a test whether an offset from a kernel's centre lies inside the planes that cut the kernel.
+    /// Returns `None` if nothing cuts it.
     pub(in crate::sample) fn cut(&self, kernel: usize) -> Option<impl Fn(DVec3) -> bool> {
         let planes = self.boundary.of(kernel)?;
         let transposed = lower_matrix(self.factor(kernel)).transpose();

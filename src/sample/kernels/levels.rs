@@ -26,7 +26,7 @@ const JUMP: f64 = 0.02;
 
 const PASSES: usize = 2;
 
-/// If the kernels at a centre add up to less than this, the data end there, and the volume stays as it is. One
+/// Least sum of kernels at a centre for which a volume is corrected. A lesser sum shows that the data end. One
 /// cell before a face the sum is .8; beside a jump it is at least .9 once kernels are widened.
 const LEAST_SUM: f64 = 0.87;
 

@@ -6,11 +6,11 @@ use rayon::prelude::*;
 use super::surface::{Surface, Triangle};
 use crate::sample::positions::index_u32;
 
-/// Greatest total number of pieces: this many for each cell, plus some for each triangle,
+/// Greatest number of pieces for each cell, in addition to [`MOST_PER_TRIANGLE`].
 const MOST_PER_CELL: f64 = 40.0;
 const MOST_PER_TRIANGLE: f64 = 4.0;
 
-/// but at least this many: half a gigabyte.
+/// Total number of pieces that is always allowed: half a gigabyte.
 const MANY: f64 = 16e6;
 
 /// A part of a triangle, obtained by repeated halving.

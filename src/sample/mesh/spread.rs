@@ -137,10 +137,10 @@ pub fn share_out(wanted: &[usize]) -> Vec<usize> {
     wanted.iter().map(of).collect()
 }
 
-/// Returns the pixels per unit of a mesh's area \[1/length²\] that at least half of its covered pixels do not
-/// exceed: surfels of this density put at least one on each of those. Occlusion is ignored, and so are parts
-/// outside the picture. Returns `None` if a part of the mesh lies behind the eye, or nothing of it is in the
-/// picture.
+/// Returns the median number of pixels per unit area of a mesh in a picture \[1/length²\], over the pixels that
+/// the mesh covers. Surfels of this density put at least one surfel on half of these pixels. Occlusion is ignored,
+/// and so are parts outside the picture. Returns `None` if a part of the mesh lies behind the eye, or if the whole
+/// mesh is outside the picture.
 ///
 /// On a plane at the distance h from the eye, an area at the depth z covers fx fy h / z³ pixels per unit. A
 /// mesh of lines and points alone is treated as an area at the mean depth of its corners that faces the eye.

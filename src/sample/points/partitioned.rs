@@ -172,8 +172,8 @@ pub(crate) fn sample_partition(
 ///
 /// - `picked`: the rows that [`PartitionSample::picked`] returns on all ranks, in the order of their numbers, of
 ///   `count` rows.
-/// - `surroundings`: states if there is anything around the particles; `tiling`: states if they fill space side
-///   by side.
+/// - `surroundings`: whether the data include the space around an object.
+/// - `tiling`: whether the particles tile space.
 /// - `report`: report on all particles, with the range of the values.
 ///
 /// # Errors

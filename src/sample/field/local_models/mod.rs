@@ -1,7 +1,11 @@
 //! Fits local models of fields over kernels of irregular samples ([`crate::scene::LocalModel`]). A transfer
 //! function is applied to the model over a kernel's extent.
 //!
-//! | data | gradient and second derivatives | range over | error |
+//! A model of a kernel with centre x, variance V and value f is linear: f + departure + g . (y - x) at a point y,
+//! kept within the range of the values around. g is the gradient. The departure follows from the
+//! second derivatives ([`LocalModel::departure`]); it undoes the blur of the sum of kernels.
+//!
+//! | data | gradient and second derivatives | range of values over | error |
 //! |---|---|---|---|
 //! | curvilinear grids | differences of values and positions along the indices ([`grid`]) | the 5³ samples around | second order |
 //! | unstructured cells | least squares over the samples that share a cell or a node ([`mesh`]) | two rings of these | slopes 2.1 %, tr(H V) 2.2 % (blobs 5 to 8 spacings wide, nodes jittered by a fifth) |
