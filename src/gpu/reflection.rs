@@ -16,10 +16,10 @@ use crate::record::{
     LightUniform, LightingUniform, MergedBlock, NearTerms, PartIndex, PartRange, PartState,
     PieceTerms, SortState, SurfelTerms, ViewUniform,
 };
-use naga::TypeInner;
 use naga::back::pipeline_constants::process_overrides;
 use naga::back::{PipelineConstants, hlsl, msl, spv};
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
+use naga::{Expression, Statement, TypeInner};
 use rayon::prelude::*;
 
 #[test]
@@ -32,6 +32,80 @@ fn every_shader_is_valid() {
             .validate(&module)
             .unwrap_or_else(|e| panic!("{}", e.emit_to_string_with_path(&source, &shader.name)));
     }
+}
+
+/// Returns the type that a pointer into a local variable points to, and whether an index on the way is
+/// computed.
+fn local_pointee(
+    module: &naga::Module,
+    function: &naga::Function,
+    pointer: naga::Handle<Expression>,
+) -> Option<(naga::Handle<naga::Type>, bool)> {
+    let member = |of: naga::Handle<naga::Type>, i: usize| match &module.types[of].inner {
+        TypeInner::Struct { members, .. } => Some(members[i].ty),
+        TypeInner::Array { base, .. } => Some(*base),
+        _ => None,
+    };
+    match function.expressions[pointer] {
+        Expression::LocalVariable(variable) => Some((function.local_variables[variable].ty, false)),
+        Expression::AccessIndex { base, index } => {
+            let (of, is_computed) = local_pointee(module, function, base)?;
+            Some((member(of, index as usize)?, is_computed))
+        }
+        Expression::Access { base, .. } => {
+            let (of, _) = local_pointee(module, function, base)?;
+            Some((member(of, 0)?, true))
+        }
+        _ => None,
+    }
+}
+
+/// Counts the stores of three numbers at a computed index of a local variable.
+fn computed_triples(
+    module: &naga::Module,
+    function: &naga::Function,
+    block: &naga::Block,
+) -> usize {
+    let within = |block| computed_triples(module, function, block);
+    let of_statement = |statement: &Statement| match statement {
+        Statement::Block(block) => within(block),
+        Statement::If { accept, reject, .. } => within(accept) + within(reject),
+        Statement::Switch { cases, .. } => cases.iter().map(|case| within(&case.body)).sum(),
+        Statement::Loop {
+            body, continuing, ..
+        } => within(body) + within(continuing),
+        Statement::Store { pointer, .. } => {
+            let stored = local_pointee(module, function, *pointer);
+            let is_triple = stored.is_some_and(|(of, is_computed)| {
+                let three = std::num::NonZero::new(3).unwrap();
+                let of_three = naga::ArraySize::Constant(three);
+                is_computed
+                    && matches!(module.types[of].inner, TypeInner::Array { size, .. } if size == of_three)
+            });
+            usize::from(is_triple)
+        }
+        _ => 0,
+    };
+    block.iter().map(of_statement).sum()
+}
+
+/// NVIDIA's driver (580.159.04, on an H200) loses components of `array<f32, 3>` that are stored at a computed
+/// index of a local variable.
+#[test]
+fn no_triple_is_stored_at_a_computed_index() {
+    let count = |source: &str| -> usize {
+        let module = naga::front::wgsl::parse_str(source).unwrap();
+        let functions = module.functions.iter().map(|(_, function)| function);
+        let entries = module.entry_points.iter().map(|entry| &entry.function);
+        let in_function = |f: &naga::Function| computed_triples(&module, f, &f.body);
+        functions.chain(entries).map(in_function).sum()
+    };
+    for shader in Shader::all() {
+        assert_eq!(count(&shader.source()), 0, "{}", shader.name);
+    }
+    let lost = "fn f() { var a: array<array<f32, 3>, 5>; for (var i = 0; i < 5; i++) \
+                { a[i] = array<f32, 3>(1.0, 2.0, 3.0); } }";
+    assert_eq!(count(lost), 1);
 }
 
 /// Returns the values with which a shader's constants are tested: as declared, each other value alone,
