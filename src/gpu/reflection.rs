@@ -66,7 +66,7 @@ fn computed_triples(
     function: &naga::Function,
     block: &naga::Block,
 ) -> usize {
-    let within = |block| computed_triples(module, function, block);
+    let within = |block: &naga::Block| computed_triples(module, function, block);
     let of_statement = |statement: &Statement| match statement {
         Statement::Block(block) => within(block),
         Statement::If { accept, reject, .. } => within(accept) + within(reject),
