@@ -342,6 +342,15 @@ fn a_uniform_ring_has_the_depth_of_the_length_inside() {
         let triangles = boundary_triangles(dims, &nodes, [false, closes, false]);
         let middle = DVec3::Z * 1.5;
         let values = vec![0.5_f32; nodes.len()];
+        let made = |boundary| {
+            let options = uniform_options(boundary);
+            let sampled = grid(dims, nodes.clone(), values.clone(), &options);
+            PointVolume {
+                transfer_function: Some(uniform_transfer()),
+                ..sampled.unwrap().volume
+            }
+        };
+        let (cut, uncut) = (made(BoundaryChoice::Sharp), made(BoundaryChoice::Soft));
         for (i, camera) in cameras(middle, 3.4).iter().enumerate() {
             let camera = Camera {
                 width: 64,
@@ -349,16 +358,8 @@ fn a_uniform_ring_has_the_depth_of_the_length_inside() {
                 ..zoomed(camera, 0.4)
             };
             let of = |boundary| {
-                let sampled = grid(
-                    dims,
-                    nodes.clone(),
-                    values.clone(),
-                    &uniform_options(boundary),
-                );
-                PointVolume {
-                    transfer_function: Some(uniform_transfer()),
-                    ..sampled.unwrap().volume
-                }
+                let is_cut = boundary == BoundaryChoice::Sharp;
+                if is_cut { cut.clone() } else { uncut.clone() }
             };
             let [sharp, soft] =
                 compare(&format!("{name} camera {i}"), &camera, &triangles, 0.15, of);

@@ -11,7 +11,7 @@ use ewa_splat::{Backend, Renderer};
 use glam::{DMat3, DVec3};
 
 use crate::common::Random;
-use crate::common::gpu::gpu;
+use crate::common::gpu::{gpu, pictures};
 use crate::common::some;
 use crate::extent::{camera, field, lattice, pieces, settings, shells, steps};
 
@@ -163,6 +163,10 @@ fn both_back_ends_classify_alike() {
                     && (0..3).all(|c| near(a.carried.colour()[c], b.carried.colour()[c], 1.0));
                 assert!(is_near, "{name} {i}: {a:?} {b:?} {s:?} {t:?}");
             }
+        }
+        // Whole pictures of a software adapter: of one volume, unless all are asked for.
+        if name != "lattice with a sharp boundary" && pictures().is_none() {
+            continue;
         }
         let camera = camera(96);
         let settings = settings(Classification::Extent);
