@@ -5,7 +5,6 @@ use std::path::Path;
 
 use super::bytes::file::{HEAD, Input};
 use super::grid::{openfoam, plotfile};
-#[cfg(feature = "cli")]
 use super::splats::sog;
 #[cfg(feature = "dicom")]
 use super::volume::dicom;
