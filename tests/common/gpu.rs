@@ -165,8 +165,8 @@ pub fn hold_sampled(scene: &PointVolume, camera: &Camera, settings: &Settings) {
 
 /// Counts the pixels of two pictures of one frame that differ by more than `rounding`. It fails if
 /// such a pixel lies on no threshold: no kernel of its tile has its cut-off within rounding there,
-/// no two kernels have depths within rounding, and the tile's opacity is nowhere within rounding of
-/// the termination threshold.
+/// and the tile's opacity is nowhere within rounding of the termination threshold. On a graphics
+/// card, two kernels whose depths differ by roundings also explain a pixel.
 pub fn explained_flips(frame: &Frame, bins: &Bins, a: &Image, b: &Image, rounding: f32) -> usize {
     let mut flips = 0;
     for (i, (p, q)) in a.pixels.iter().zip(&b.pixels).enumerate() {
@@ -183,7 +183,8 @@ pub fn explained_flips(frame: &Frame, bins: &Bins, a: &Image, b: &Image, roundin
             bins.tile(tile)
                 .any(|n| is_on_cutoff(frame, n as usize, x, y))
                 || ends_at_a_threshold(frame, bins, tile)
-                || most_of_a_swap(frame, bins, tile, x, y) >= most_difference(p, q),
+                || !is_software()
+                    && most_of_a_swap(frame, bins, tile, x, y) >= most_difference(p, q),
             "pixel ({x}, {y}): {p:?} and {q:?}, and no threshold near"
         );
     }
