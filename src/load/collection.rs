@@ -238,10 +238,7 @@ impl Collection<'_> {
     /// Reports lines on each input.
     fn note_lines<'b>(&self, lines: impl Iterator<Item = &'b Vec<String>>) {
         for (input, lines) in self.request.inputs.iter().zip(lines) {
-            for line in lines {
-                let (path, line) = (input.path.clone(), line.clone());
-                self.note(Note::Line { path, line });
-            }
+            self.request.note_lines(input, lines);
         }
     }
 

@@ -10,7 +10,7 @@ use super::edit::Edit;
 use super::facts::{InputFacts, Kind, is_automatic};
 use super::input::Input;
 use super::loaded::Loaded;
-use super::note::{Event, Note};
+use super::note::Event;
 use super::parts::{
     PartRead, assigned, distribute, read_grid, read_pieces, read_planes, read_rows, read_together,
     scatter,
@@ -188,14 +188,12 @@ impl Parts {
         input: &Input,
         ranks: &mut dyn Collective,
     ) -> Result<Loaded> {
-        let notes = |lines: &[String]| {
-            for line in lines {
-                let (path, line) = (input.path.clone(), line.clone());
-                (request.observer)(Event::Note(Note::Line { path, line }));
-            }
-        };
+        let notes = |lines: &[String]| request.note_lines(input, lines);
         (request.observer)(Event::Reading(&input.path));
-        let of_part = |mut own: PartRead, kind: Kind, options: &SampleOptions| {
+        let of_part = |own: Option<PartRead>, kind: Kind, options: &SampleOptions| {
+            let Some(mut own) = own else {
+                return Ok(None);
+            };
             notes(&own.head.notes);
             notes(&own.report.warnings());
             request.checks.input(kind, true, options)?;
@@ -206,7 +204,7 @@ impl Parts {
             }];
             scene.volumes = take(&mut own.share.volumes);
             scene.share = Some(own.share);
-            Ok(scene)
+            Ok(Some(scene))
         };
         let scene = match self {
             Self::Points(mut file) => {
@@ -223,20 +221,19 @@ impl Parts {
                 }];
                 scene.volumes = take(&mut share.volumes);
                 scene.share = Some(share);
-                Ok(scene)
+                Some(scene)
             }
-            Self::Rows(mut file, options) => match read_rows(&mut file, &options, ranks)? {
-                Some(own) => of_part(own, Kind::Points, &options),
-                None => return load_first(request, ranks),
-            },
-            Self::Cells(file, options) => match read_pieces(&file, &options, ranks)? {
-                Some(own) => of_part(own, Kind::Grid, &options),
-                None => return load_first(request, ranks),
-            },
-            Self::Grid(file, options) => match read_grid(&file, &options, ranks)? {
-                Some(own) => of_part(own, Kind::Grid, &options),
-                None => return load_first(request, ranks),
-            },
+            Self::Rows(mut file, options) => of_part(
+                read_rows(&mut file, &options, ranks)?,
+                Kind::Points,
+                &options,
+            )?,
+            Self::Cells(file, options) => {
+                of_part(read_pieces(&file, &options, ranks)?, Kind::Grid, &options)?
+            }
+            Self::Grid(file, options) => {
+                of_part(read_grid(&file, &options, ranks)?, Kind::Grid, &options)?
+            }
             Self::Planes(file) => {
                 notes(file.notes());
                 let options = input.sample_options(request.sample);
@@ -250,10 +247,13 @@ impl Parts {
                     ..InputFacts::of_part(kind_of(&file), report, head.up(), head.bounds())
                 }];
                 scene.share = Some(share);
-                Ok(scene)
+                Some(scene)
             }
         };
-        request.checks.scene(scene?)
+        match scene {
+            Some(scene) => request.checks.scene(scene),
+            None => load_first(request, ranks),
+        }
     }
 }
 

@@ -3,7 +3,7 @@
 use super::facts::Kind;
 use super::input::Input;
 use super::loaded::Loaded;
-use super::note::Observer;
+use super::note::{Event, Note, Observer};
 use crate::Result;
 use crate::data::up::Up;
 use crate::io::OpenOptions;
@@ -81,6 +81,14 @@ impl<'a> Request<'a> {
             takes_parts: true,
             checks: &(),
             observer: &|_| {},
+        }
+    }
+
+    /// Reports lines on an input.
+    pub(super) fn note_lines(&self, input: &Input, lines: &[String]) {
+        for line in lines {
+            let (path, line) = (input.path.clone(), line.clone());
+            (self.observer)(Event::Note(Note::Line { path, line }));
         }
     }
 }

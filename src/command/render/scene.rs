@@ -102,11 +102,8 @@ impl Arguments {
         };
         let truth = truth.map(|truth| truth.clipped(&self.clip_planes()));
         let scene_options = self.scene_options(options);
-        let size = ranks
-            .as_ref()
-            .filter(|_| is_shared)
-            .map(|ranks| ranks.size());
-        let share = size.and_then(|size| scene.take_share(size));
+        let sharing = ranks.as_ref().filter(|_| is_shared);
+        let share = sharing.and_then(|ranks| scene.take_share(ranks.size()));
         let is_shared = share.is_some();
         let renderer = match (share, ranks.take_if(|_| is_shared)) {
             (Some(share), Some(ranks)) => shared(share, &scene_options, ranks)?,
