@@ -69,7 +69,7 @@ impl Format {
     /// Reads a file of this format, with its scales and units settled.
     ///
     /// # Errors
-    /// Those of the reader; options that do not apply to what the file holds.
+    /// The errors of the reader; options that do not apply to the contents of the file.
     pub(super) fn open(&self, input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
         let mut data = (self.read)(input, options)?;
         let has_scales = data.format == gltf_splats::FORMAT

@@ -13,6 +13,7 @@ use super::image_file::{IMAGE_EXTENSIONS, check_size, grey_bytes, png_bytes, unk
 use crate::error::Result;
 use crate::image::{ColumnImage, Image, linear_from_srgb};
 use crate::io::bytes::atomic::write_bytes_atomically;
+use crate::io::bytes::file::extension;
 use crate::scene::{ScaleName, TransferFunction};
 
 /// Writes a column density in the format that the extension names. `npy`, `pfm` and `exr` (channel Y) store the values.
@@ -23,7 +24,7 @@ use crate::scene::{ScaleName, TransferFunction};
 pub fn write_column(path: &Path, column: &ColumnImage) -> Result<()> {
     let (width, height) = (column.width, column.height);
     check_size(path, width, height, column.values.len())?;
-    let bytes = if crate::io::bytes::file::extension(path) == "png" {
+    let bytes = if extension(path) == "png" {
         let picture = match column_colours(column, None, None, None)? {
             Some(colours) => column_picture(column, &colours),
             None => Image::new(width, height),

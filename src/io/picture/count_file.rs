@@ -6,6 +6,7 @@ use super::column_file::viridis;
 use super::image_file::write_image;
 use crate::error::Result;
 use crate::image::Image;
+use crate::io::bytes::file::extension;
 
 /// Writes the image of [`Show::Count`](crate::Show::Count). `exr`, `pfm` and `npy` store the numbers as [`write_image`]
 /// writes pixels. `png` stores viridis colours from 0 to the greatest number.
@@ -13,7 +14,7 @@ use crate::image::Image;
 /// # Errors
 /// The errors of [`write_image`].
 pub fn write_count(path: &Path, count: &Image) -> Result<()> {
-    if crate::io::bytes::file::extension(path) == "png" {
+    if extension(path) == "png" {
         write_image(path, &picture(count))
     } else {
         write_image(path, count)

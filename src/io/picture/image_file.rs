@@ -22,6 +22,7 @@ use super::samples::{Encoded, Refusal, png_file};
 use crate::error::{Error, Result};
 use crate::image::{DepthImage, Image, NormalImage, linear_from_srgb};
 use crate::io::bytes::atomic::write_bytes_atomically;
+use crate::io::bytes::file::extension;
 use crate::io::bytes::file::read_all;
 use crate::io::bytes::scalars::{Encoding, ScalarType, Stride, values};
 use crate::io::particles::npy;
@@ -50,7 +51,7 @@ pub fn check_depth_path(path: &Path) -> Result<()> {
 }
 
 fn check_path(path: &Path, known: &str) -> Result<()> {
-    let extension = crate::io::bytes::file::extension(path);
+    let extension = extension(path);
     if !known
         .split([',', ' '])
         .any(|k| k == extension && k != "or" && !k.is_empty())
@@ -87,7 +88,7 @@ pub fn check_folder(path: &Path) -> Result<()> {
 /// [`write_bytes_atomically`](crate::io::write_bytes_atomically).
 pub fn write_image(path: &Path, image: &Image) -> Result<()> {
     check_size(path, image.width, image.height, image.pixels.len())?;
-    let bytes = match crate::io::bytes::file::extension(path).as_str() {
+    let bytes = match extension(path).as_str() {
         "png" => png_bytes(path, image)?,
         "exr" => exr_bytes(path, image)?,
         "pfm" => {
@@ -128,7 +129,7 @@ pub fn write_depth(path: &Path, depth: &DepthImage) -> Result<()> {
 pub fn write_normals(path: &Path, normals: &NormalImage) -> Result<()> {
     let (width, height) = (normals.width, normals.height);
     check_size(path, width, height, normals.normals.len())?;
-    let bytes = match crate::io::bytes::file::extension(path).as_str() {
+    let bytes = match extension(path).as_str() {
         "exr" => {
             let at = |at: exr::Vec2<usize>| normals.normals[at.y() * width + at.x()];
             let channels = SpecificChannels::build()
@@ -174,7 +175,7 @@ pub(in crate::io) fn grey_bytes(
     values: &[f32],
     [channel, layer]: [&str; 2],
 ) -> Option<Result<Vec<u8>>> {
-    match crate::io::bytes::file::extension(path).as_str() {
+    match extension(path).as_str() {
         "exr" => {
             let channels = SpecificChannels::build()
                 .with_channel(channel)
@@ -210,7 +211,7 @@ pub(in crate::io) fn grey_bytes(
 /// # Errors
 /// The extension is unknown or the file is damaged.
 pub fn read_image(path: &Path) -> Result<Image> {
-    let extension = crate::io::bytes::file::extension(path);
+    let extension = extension(path);
     if !matches!(extension.as_str(), "png" | "exr" | "pfm" | "npy") {
         return Err(unknown_extension(path, IMAGE_EXTENSIONS));
     }
@@ -245,7 +246,7 @@ pub(in crate::io) fn check_size(
 }
 
 pub(in crate::io) fn unknown_extension(path: &Path, known: &str) -> Error {
-    let found = crate::io::bytes::file::extension(path);
+    let found = extension(path);
     let found = if found.is_empty() {
         "none".to_owned()
     } else {

@@ -16,6 +16,7 @@ use crate::data::polyhedron::polyhedron_faces;
 use crate::error::Result;
 use crate::sample::left_out::LeftOut;
 use crate::sample::points::neighbours::square;
+use crate::sample::positions::index_u32;
 use crate::sample::positions::{is_same, sort_by_position};
 use crate::sample::report::SampleReport;
 use crate::task::{Stage, Task};
@@ -363,7 +364,7 @@ impl Duals {
                             }
                             Err(fault) => {
                                 parts.truncate(first_part);
-                                faults.push((crate::sample::positions::index_u32(cell), fault));
+                                faults.push((index_u32(cell), fault));
                             }
                         }
                         (parts, faults)
@@ -414,9 +415,7 @@ impl Duals {
 
     /// Returns true if a solid cell is left out for a fault.
     pub(in crate::sample) fn is_left_out(&self, cell: usize) -> bool {
-        self.left_out
-            .binary_search(&crate::sample::positions::index_u32(cell))
-            .is_ok()
+        self.left_out.binary_search(&index_u32(cell)).is_ok()
     }
 
     /// Returns all nodes with the first at their position, ordered by it; empty if no two coincide.
@@ -464,9 +463,7 @@ impl Duals {
 
 /// Returns the first node at the position of each node; `None` if all positions differ.
 fn first_at_position(nodes: &[DVec3]) -> Option<Vec<u32>> {
-    let mut order: Vec<u32> = (0..nodes.len())
-        .map(crate::sample::positions::index_u32)
-        .collect();
+    let mut order: Vec<u32> = (0..nodes.len()).map(index_u32).collect();
     sort_by_position(nodes, &mut order);
     let same = |pair: &[u32]| {
         let [a, b] = [pair[0], pair[1]].map(|i| nodes[i as usize]);

@@ -18,6 +18,7 @@ use crate::sample::function::unclassified;
 use crate::sample::kernels::Kernels;
 use crate::sample::options::{SampleOptions, check_options};
 use crate::sample::own::Own;
+use crate::sample::positions::index_u32;
 use crate::sample::report::SampleReport;
 use crate::scene::{LocalModel, Particles, PickedRow, PointVolume, ValueScale, Values};
 
@@ -191,10 +192,7 @@ impl PartitionedGrid<'_> {
             mut report,
             ..
         } = self;
-        let mut wanted: Vec<u32> = own
-            .clone()
-            .map(crate::sample::positions::index_u32)
-            .collect();
+        let mut wanted: Vec<u32> = own.clone().map(index_u32).collect();
         let mut ghosts = 0;
         if options.is_sharp() && here.association == Association::Nodes {
             let own_and_ranks = &mut Own {
@@ -207,7 +205,7 @@ impl PartitionedGrid<'_> {
                 sharpen_grids(&mut volume, report, &grids, &kept, options, own_and_ranks)?;
             let is_own = |(_, source): &(usize, &usize)| own.contains(source);
             let of_own = sources.iter().enumerate().filter(is_own);
-            wanted.extend(of_own.map(|(i, _)| crate::sample::positions::index_u32(kept.len() + i)));
+            wanted.extend(of_own.map(|(i, _)| index_u32(kept.len() + i)));
             ghosts = wanted.len() - own.len();
         }
         Ok((volume.gathered(&wanted), ghosts))

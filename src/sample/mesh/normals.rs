@@ -8,6 +8,7 @@ use super::paint::Laid;
 use super::surface::{Surface, Triangle};
 use super::texture::{Pyramid, Weighing};
 use crate::data::mesh::{Material, Mesh, MeshPart};
+use crate::sample::positions::index_u32;
 
 /// Cosine of 40 degrees: triangles that meet at a smaller angle belong to one smooth surface, unless the file
 /// states otherwise.
@@ -160,9 +161,7 @@ fn smoothed(surface: &Surface) -> HashMap<u32, Vec<[DVec3; 3]>> {
             let next = places.len();
             // Adding zero makes -0 and 0 equal.
             let bits = position.to_array().map(|x| (x + 0.0).to_bits());
-            *places
-                .entry(bits)
-                .or_insert(crate::sample::positions::index_u32(next))
+            *places.entry(bits).or_insert(index_u32(next))
         });
         let own: Vec<u32> = own.collect();
         for &indices in &part.triangles {
@@ -199,7 +198,7 @@ fn smoothed(surface: &Surface) -> HashMap<u32, Vec<[DVec3; 3]>> {
             })
         };
         let normals = part.triangles.iter().map(of_triangle).collect();
-        (crate::sample::positions::index_u32(number), normals)
+        (index_u32(number), normals)
     });
     normals.collect()
 }

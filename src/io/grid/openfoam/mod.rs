@@ -44,6 +44,7 @@ use crate::data::cells::CellMesh;
 use crate::data::dataset::{Dataset, Geometry};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
+use crate::io::bytes::file::extension;
 use crate::io::bytes::zip::{self, Entry};
 use crate::io::particles::table::list;
 use crate::io::time_steps::{TimeStep, chosen, of_file};
@@ -75,7 +76,7 @@ pub(in crate::io) fn is_archive(entries: &[Entry<'_>]) -> bool {
 
 /// The control file of the case in a folder, or in the folder of a marker file.
 pub(in crate::io) fn case_in(path: &Path) -> Option<PathBuf> {
-    let ending = crate::io::bytes::file::extension(path);
+    let ending = extension(path);
     let folder = match path.is_dir() {
         true => path,
         false if MARKERS.contains(&ending.as_str()) => path.parent()?,

@@ -27,6 +27,7 @@
 
 mod write;
 
+use crate::io::bytes::file::extension;
 use crate::math::narrowed;
 use std::collections::BTreeSet;
 
@@ -185,7 +186,7 @@ fn note_once(notes: &mut Vec<String>, note: String) {
 
 /// Returns true if a file is glTF with splats in its scene. `head` contains its first bytes; the JSON is searched.
 pub(in crate::io) fn looks_like(input: Input<'_>, head: &[u8]) -> bool {
-    let is_named = crate::io::bytes::file::extension(input.path) == "gltf";
+    let is_named = extension(input.path) == "gltf";
     if !is_named && !crate::io::mesh::gltf::looks_like(head) {
         return false;
     }
