@@ -184,19 +184,20 @@ impl Arguments {
         let mut options = self.data.sample_options();
         // Splats in a file are not clipped at a boundary.
         options.kernels.boundary = BoundaryChoice::Soft;
-        let mut all = vec![options.clone(); inputs.len()];
+        let all = inputs.iter().map(|input| input.sample_options(&options));
+        let mut all: Vec<SampleOptions> = all.collect();
         if inputs.len() < 2 {
             return Ok(all);
         }
         let (mut demands, mut choices) = (Vec::new(), Vec::new());
-        for input in inputs {
+        for (input, options) in inputs.iter().zip(&all) {
             let dataset = match self.data.open(input) {
                 Err(error) if error.holds_nothing() => {
                     demands.push(None);
                     choices.push(Vec::new());
                     continue;
                 }
-                dataset => as_surface(dataset?, &options)?,
+                dataset => as_surface(dataset?, options)?,
             };
             demands.push(match &dataset.geometry {
                 Geometry::Mesh(mesh) => Some(SurfelDemand::of(mesh, &[])),

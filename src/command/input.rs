@@ -8,7 +8,7 @@ use crate::data::smoothing::{LengthMeaning, SphKernel};
 use crate::error::{Hint, Parameter};
 use crate::io::{OpenOptions, RawLayout, RawType, ReadAs, ScaleMeaning, StepChoice};
 use crate::load::input::transfer_of;
-use crate::load::{Input, Steps, steps};
+use crate::load::{Input, Steps, is_prepared, steps};
 use crate::sample::mesh::Spread;
 use crate::sample::{
     BoundaryChoice, FunctionOptions, KernelOptions, ParticleShape, PurposeOptions, SampleOptions,
@@ -102,6 +102,12 @@ pub(crate) struct DataOptions {
     #[arg(long = "isosurface", visible_alias = "flatten", value_name = "VALUE",
           value_parser = parse::finite, allow_hyphen_values = true)]
     pub(crate) flatten: Option<f64>,
+    /// Grids: show the boundary alone, opaque and lit, in the transfer function's colours
+    #[arg(long)]
+    pub(crate) surface: bool,
+    /// Grids: show the boundary around the volume, with this opacity seen head-on, above 0 and below 1
+    #[arg(long, value_name = "A", value_parser = parse::share, allow_hyphen_values = true)]
+    pub(crate) surface_opacity: Option<f64>,
     /// Raw volume: samples along x, y, z
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::dims)]
     pub(crate) dims: Option<[usize; 3]>,
@@ -283,8 +289,8 @@ impl DataOptions {
         Ok(())
     }
 
-    /// Resolves the inputs of a picture: their edits, the files of collections and the particle
-    /// types of snapshots.
+    /// Resolves the inputs of a picture: their edits, the files of collections, the particle
+    /// types of snapshots, and boundaries beside volumes.
     ///
     /// - `is_series`: whether the inputs are time steps.
     ///
@@ -309,7 +315,36 @@ impl DataOptions {
             }
         };
         let inputs = steps(named, shown, &self.open_options(), &print)?;
-        self.resolved(inputs, is_series)
+        let inputs = self.resolved(inputs, is_series)?;
+        let Some(opacity) = self.surface_opacity else {
+            return Ok(inputs);
+        };
+        // The boundary is an input of its own: both show one field by one transfer function.
+        let with_surface = inputs.into_iter().flat_map(|input| {
+            let is_data = !is_prepared(&input.path);
+            let surface = is_data.then(|| input.of_surface(opacity));
+            std::iter::once(input).chain(surface)
+        });
+        Ok(with_surface.collect())
+    }
+
+    /// Returns true if the boundary of grids is shown in place of their volumes.
+    pub(crate) fn is_boundary_alone(&self) -> bool {
+        self.surface && self.surface_opacity.is_none()
+    }
+
+    /// Returns the option that shows the boundary of grids, if one is given.
+    fn boundary_option(&self) -> Option<&'static str> {
+        match self.surface_opacity {
+            Some(_) => Some("--surface-opacity"),
+            None => self.surface.then_some("--surface"),
+        }
+    }
+
+    /// Returns the option that shows a surface of the data, if one is given.
+    pub(crate) fn surface_option(&self) -> Option<&'static str> {
+        let is_iso = self.flatten.is_some();
+        is_iso.then_some("--isosurface").or(self.boundary_option())
     }
 
     /// Returns the time step that was asked for.
@@ -395,6 +430,12 @@ impl DataOptions {
 
     /// Refuses `--isosurface` together with options that do not apply to an opaque surface.
     pub(crate) fn check_surface(&self) -> Result<()> {
+        if let (true, Some(beside)) = (self.flatten.is_some(), self.boundary_option()) {
+            let found = format!("{beside} beside it");
+            let advice = "leave one of them out";
+            let (option, expected) = (Parameter::Flatten, "one surface");
+            return Err(Error::invalid(option, "use", expected, found, advice));
+        }
         if self.flatten.is_some() && self.unit_distance.is_some() {
             let found = "--unit-distance beside it";
             return Err(refused_surface("an opaque surface", found));
@@ -473,6 +514,7 @@ impl DataOptions {
             },
             purpose: PurposeOptions::default(),
             flatten: self.flatten,
+            surface: self.is_boundary_alone().then_some(1.0),
             task: None,
         }
     }

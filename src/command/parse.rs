@@ -262,6 +262,14 @@ pub(crate) fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Parses a number between 0 and 1.
+pub(crate) fn share(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(v) if v > 0.0 && v < 1.0 => Ok(v),
+        _ => Err("a number above 0 and below 1".into()),
+    }
+}
+
 /// Parses a range of values `LO,HI`.
 pub(crate) fn range(text: &str) -> Result<[f64; 2], String> {
     match finite_numbers(text).and_then(|v| <[f64; 2]>::try_from(v).ok()) {

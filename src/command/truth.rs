@@ -62,25 +62,25 @@ impl Truth {
         scene: &[PointVolume],
         fields: &[Option<String>],
     ) -> Result<Self> {
-        let refuse = |place: &str, expected: &str, found: String, advice: &'static str| {
+        let refuse = |place: &str, expected: &str, found: String, advice: &str| {
             Err(Error::invalid(
                 "--reference data",
                 place,
                 expected,
                 found,
-                advice,
+                advice.to_owned(),
             ))
         };
+        if let Some(option) = data.surface_option() {
+            let advice = format!("leave {option} out, or take --reference kernels");
+            let found = format!("the surface of {option}");
+            return refuse("scene", "a volume", found, &advice);
+        }
         let [input] = inputs else {
             let found = format!("{} files", inputs.len());
             let advice = "integrate one file, or the kernels of all: --reference kernels";
             return refuse("inputs", "one file with a grid", found, advice);
         };
-        if data.flatten.is_some() {
-            let advice = "leave --isosurface out, or take --reference kernels";
-            let found = "the surface of --isosurface".into();
-            return refuse("scene", "a volume", found, advice);
-        }
         let dataset = data.open(input)?;
         let ([volume], [Some(field)]) = (scene, fields) else {
             let found = format!("{} ({})", input.path.display(), dataset.format);

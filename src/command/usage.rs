@@ -82,8 +82,11 @@ impl DataOptions {
         let plot3d = any(|k| k == Kind::Plot3d);
         let has_fields = any(|k| k != Kind::Mesh) || uses.is_classified;
         let columns = uses.for_columns;
-        let is_surface = self.flatten.is_some();
-        let is_classified = uses.is_classified || is_surface;
+        let (is_iso, is_boundary) = (self.flatten.is_some(), self.is_boundary_alone());
+        let is_surface = is_iso || is_boundary;
+        let is_around = self.surface_opacity.is_some();
+        let has_surfels = meshes || is_boundary || is_around;
+        let is_classified = uses.is_classified || is_iso;
         // For column densities, these options colour the picture.
         let is_coloured = is_classified || columns;
         let is_sharp = matches!(self.boundary, Some(BoundaryName::Sharp));
@@ -101,11 +104,14 @@ impl DataOptions {
         );
         let is_data = uses.of_prepared.is_none();
         let data = "data that are no prepared scene, which has its kernels";
+        let volume = "a volume (--surface alone draws its boundary, opaque)";
         refuse_unused(&[
             ("--kernel-width", self.kernel_width.is_some(), is_data, data),
             ("--as", self.read_as.is_some(), is_data, data),
             ("--scales", self.scales.is_some(), is_data, data),
-            ("--isosurface", is_surface, is_data, data),
+            ("--isosurface", is_iso, is_data, data),
+            ("--surface", self.surface, grids, "a grid"),
+            ("--surface-opacity", is_around, grids, "a grid"),
             ("--type", self.has_types(), is_data, data),
             (
                 "--field",
@@ -121,12 +127,12 @@ impl DataOptions {
                 "a PLOT3D grid",
             ),
             ("--texture", self.texture.is_some(), meshes, "a mesh"),
-            ("--density", self.density.is_some(), meshes, "a mesh"),
-            ("--count", self.count.is_some(), meshes, "a mesh"),
+            ("--density", self.density.is_some(), has_surfels, "a mesh"),
+            ("--count", self.count.is_some(), has_surfels, "a mesh"),
             (
                 "--spacing",
                 self.spacing.is_some(),
-                meshes || raw,
+                has_surfels || raw,
                 mesh_or_raw,
             ),
             (
@@ -150,6 +156,7 @@ impl DataOptions {
                 "a transfer function's file, or particles without one (--opacity-scale is for automatic ones)",
             ),
             ("--boundary", self.boundary.is_some(), grids, "a grid"),
+            ("--boundary", self.boundary.is_some(), !is_boundary, volume),
             (
                 "--boundary sharp",
                 is_sharp,
@@ -161,6 +168,13 @@ impl DataOptions {
                 self.shepard > 0,
                 grids || points,
                 "a grid or particles",
+            ),
+            ("--shepard", self.shepard > 0, !is_boundary, volume),
+            (
+                "--unit-distance",
+                self.unit_distance.is_some(),
+                !is_boundary,
+                volume,
             ),
             ("--shape", is_shaped, points, "particles"),
             ("--length", self.length.is_some(), points, "particles"),

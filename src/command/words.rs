@@ -153,6 +153,7 @@ fn option(parameter: Parameter) -> String {
         Parameter::KernelWidth => "--kernel-width",
         Parameter::TransferFunction => "--transfer-function",
         Parameter::Flatten => "--isosurface",
+        Parameter::Surface => "--surface",
         Parameter::SurfelDensity => "--density",
         Parameter::SurfelSpacing => "--spacing",
         Parameter::ReadAs => "--as",

@@ -70,6 +70,8 @@ pub enum Parameter {
     TransferFunction,
     /// [`SampleOptions::flatten`](crate::sample::SampleOptions::flatten).
     Flatten,
+    /// [`SampleOptions::surface`](crate::sample::SampleOptions::surface).
+    Surface,
     /// [`Spread::Density`](crate::sample::mesh::Spread::Density).
     SurfelDensity,
     /// [`Spread::Spacing`](crate::sample::mesh::Spread::Spacing).
@@ -141,6 +143,7 @@ impl fmt::Display for Parameter {
             Self::KernelWidth => "kernel width",
             Self::TransferFunction => "transfer function",
             Self::Flatten => "value to flatten at",
+            Self::Surface => "surface of the boundary",
             Self::SurfelDensity => "density of surfels",
             Self::SurfelSpacing => "spacing of surfels",
             Self::ReadAs => "what it is to be read as",

@@ -31,6 +31,7 @@ pub use self::bytes::atomic::write_bytes_atomically;
 pub use self::format::{Family, Format};
 pub use self::formats::{format_of, formats};
 pub(crate) use self::mesh::mesh_part::leave_out_unused;
+pub(crate) use self::mesh::polygons::triangles_with;
 pub use self::open::{has_particle_types, open, read, read_with};
 pub use self::options::{OpenOptions, ReadAs};
 pub(crate) use self::particles::hdf5::{CellRows, cell_rows};

@@ -105,7 +105,7 @@ impl InputFacts {
 
 /// Returns true if any of the inputs can be cut sharply at its boundary.
 pub(super) fn may_end_sharply(inputs: &[InputFacts], options: &SampleOptions) -> bool {
-    let is_cut = options.flatten.is_none() && options.kernels.shepard_passes == 0;
+    let is_cut = !options.makes_surface() && options.kernels.shepard_passes == 0;
     is_cut && inputs.iter().any(|input| input.kind.is_grid())
 }
 

@@ -23,6 +23,9 @@ pub struct Input {
     pub function: Option<String>,
     /// Type of the particles to show, for a snapshot that holds several types.
     pub particle_type: Option<ParticleType>,
+    /// Opacity of the boundary, for an input that shows its boundary
+    /// ([`SampleOptions::surface`](crate::sample::SampleOptions::surface)).
+    pub surface: Option<f64>,
     /// Number of the series' step that the file belongs to.
     pub step: usize,
     /// Number of the time step within a file that holds several.
@@ -41,6 +44,7 @@ impl Input {
             field: None,
             function: None,
             particle_type: None,
+            surface: None,
             step: 0,
             time_step: None,
             time: None,
@@ -85,6 +89,17 @@ impl Input {
         }
     }
 
+    /// Returns this input with its boundary in place of its volume.
+    ///
+    /// - `opacity`: opacity of the boundary seen head-on.
+    #[must_use]
+    pub fn of_surface(&self, opacity: f64) -> Self {
+        Self {
+            surface: Some(opacity),
+            ..self.clone()
+        }
+    }
+
     /// Opens the file, places its data and crops them.
     ///
     /// - `options`: options of all inputs.
@@ -109,6 +124,7 @@ impl Input {
     pub(crate) fn sample_options(&self, options: &SampleOptions) -> SampleOptions {
         let mut own = options.clone();
         own.field = self.field.clone().or(own.field);
+        own.surface = self.surface.or(own.surface);
         if let Some(function) = &self.function {
             own.function.transfer = transfer_of(function);
         }

@@ -140,7 +140,7 @@ impl Parts {
                 return Ok(Some(Self::Grid(Box::new(file), options)));
             }
         }
-        let is_sampled_alone = options.flatten.is_none()
+        let is_sampled_alone = !options.makes_surface()
             && options.kernels.shepard_passes == 0
             && !options.purpose.normals;
         if !(is_plain && is_sampled_alone && input.function.is_none()) {

@@ -115,17 +115,21 @@ pub use report::{Finding, SampleReport};
 /// err by more where a field bends that much within a cell.
 const ELEMENT_SLACK: f64 = 0.01;
 
-/// Returns true if [`scene`] makes surfels of a data set: a mesh or a grid of one layer.
+/// Returns true if [`scene`] makes surfels of a data set by default: a mesh or a grid of one layer.
 pub fn is_surface(dataset: &Dataset) -> bool {
     matches!(dataset.geometry, Geometry::Mesh(_)) || self::surface::flat_grid::is_flat(dataset)
 }
 
 /// Turns a grid of one layer, or cells without any field, into a mesh, of which [`scene`] makes surfels. Cells
-/// become their outer surface. Other data sets are returned unchanged.
+/// become their outer surface. If the options ask for the boundary ([`SampleOptions::surface`]), a grid of any kind
+/// becomes its boundary. Other data sets are returned unchanged.
 ///
 /// # Errors
-/// The errors of [`Dataset::validate`]; fields that state hidden cells or nodes and cannot be read.
+/// A boundary of data without cells, or in column densities; the errors of [`Dataset::validate`]; fields that state hidden cells or nodes and cannot be read.
 pub fn as_surface(dataset: Dataset, options: &SampleOptions) -> Result<Dataset> {
+    if let Some(opacity) = options.surface {
+        return self::surface::boundary::as_mesh(dataset, opacity, options);
+    }
     // Column densities are sums of values, and a layer of kernels has values.
     if options.purpose.for_columns {
         return Ok(dataset);
@@ -154,7 +158,8 @@ pub fn surface_report(dataset: &Dataset, options: &SampleOptions) -> Result<Samp
 ///
 /// A surface shows a field if the options name one, or if the surface has no colours of its own. Each surfel
 /// then has a value, the mean over its part of the surface. An automatic function or a named colour map leaves
-/// the surface opaque; other functions set its opacity, too.
+/// the surface opaque; other functions set its opacity, too. The boundary of a grid has the opacity of the options
+/// ([`SampleOptions::surface`]) under any function.
 ///
 /// # Errors
 /// The errors of [`mesh::surfels`] and of [`volume`].
@@ -291,9 +296,8 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
 /// Returns the kind of particles if each depends on its own row alone; otherwise `None`.
 #[cfg(feature = "prepared")]
 pub(crate) fn of_rows(dataset: &Dataset, options: &SampleOptions) -> Option<OfRows> {
-    let is_alone = options.flatten.is_none()
-        && options.kernels.shepard_passes == 0
-        && !options.purpose.normals;
+    let is_alone =
+        !options.makes_surface() && options.kernels.shepard_passes == 0 && !options.purpose.normals;
     points::kind_of_rows(dataset, options).filter(|_| is_alone)
 }
 

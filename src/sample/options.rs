@@ -24,6 +24,11 @@ pub struct SampleOptions {
     /// field takes the value within a kernel's extent, the kernel becomes a surfel on the iso-surface. Lattices,
     /// grids, cells and particles with a field have iso-surfaces.
     pub flatten: Option<f64>,
+    /// Opacity of the boundary seen head-on, above 0 and at most 1: [`scene`](super::scene) makes the boundary of
+    /// a grid in place of the volume. The boundary consists of the faces that belong to one cell alone, and of
+    /// surface cells. A transfer function gives its colours, but not its opacity. Draw the boundary beside the
+    /// volume of the same data set to see both.
+    pub surface: Option<f64>,
     /// The transfer function.
     pub function: FunctionOptions,
     /// The shapes of kernels and surfels.
@@ -222,6 +227,11 @@ pub(super) fn check_options(options: &SampleOptions) -> Result<()> {
 }
 
 impl SampleOptions {
+    /// Returns true if a surface replaces the volume: an iso-surface or the boundary.
+    pub(crate) fn makes_surface(&self) -> bool {
+        self.flatten.is_some() || self.surface.is_some()
+    }
+
     /// Returns true if a boundary is sharp whatever the transfer function shows there.
     pub(crate) fn is_sharp_anyway(&self) -> bool {
         self.kernels.boundary == BoundaryChoice::Sharp
@@ -234,7 +244,7 @@ impl SampleOptions {
             BoundaryChoice::Automatic => !self.purpose.for_columns,
             BoundaryChoice::Soft => false,
         };
-        is_wanted && self.flatten.is_none() && self.kernels.shepard_passes == 0
+        is_wanted && !self.makes_surface() && self.kernels.shepard_passes == 0
     }
 
     /// Returns true if the boundary of `volume` is to be sharp.

@@ -146,7 +146,7 @@ pub(in crate::command) struct Method {
     /// viridis, or what --transfer-function NAME, --range and --scale say. Values are means over pixels, or filtered by
     /// --low-pass: below 1 that loses mass of kernels smaller than a pixel
     #[arg(long, conflicts_with_all = ["reference", "opacity", "background", "depth", "flatten",
-                                      "opacity_scale", "write_transfer_function", "show",
+                                      "surface", "surface_opacity", "opacity_scale", "write_transfer_function", "show",
                                       "sub_pixel_opacity"])]
     pub(in crate::command) column_density: bool,
     /// Beside --column-density: write the mean of this field along each ray, weighed by mass where it is known, or by

@@ -42,7 +42,7 @@ pub(crate) fn read_grid(
     ranks: &mut dyn Collective,
 ) -> Result<Option<PartRead>> {
     let [ni, nj, count] = file.dims();
-    let is_plain = options.flatten.is_none()
+    let is_plain = !options.makes_surface()
         && options.kernels.shepard_passes == 0
         && !options.purpose.keeps_value_sample
         && ni.min(nj).min(count) > 1;

@@ -56,7 +56,7 @@ pub(crate) fn read_pieces(
     options: &SampleOptions,
     ranks: &mut dyn Collective,
 ) -> Result<Option<PartRead>> {
-    if options.flatten.is_some()
+    if options.makes_surface()
         || options.kernels.shepard_passes > 0
         || options.purpose.keeps_value_sample
     {

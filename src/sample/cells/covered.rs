@@ -126,7 +126,53 @@ impl Units {
     }
 }
 
+/// Returns the vector of a polygon's area: half the sum of cross products around a point. Seen from its tip,
+/// corners run anticlockwise.
+fn area(corners: &[u32], place: impl Fn(u32) -> DVec3, middle: DVec3) -> DVec3 {
+    let turned = (0..corners.len()).map(|i| {
+        let (p, q) = (place(corners[i]), place(corners[(i + 1) % corners.len()]));
+        (p - middle).cross(q - middle)
+    });
+    turned.sum::<DVec3>() * 0.5
+}
+
+/// Returns the mean of places.
+pub(in crate::sample) fn middle_of(nodes: &[u32], place: impl Fn(u32) -> DVec3) -> DVec3 {
+    nodes.iter().map(|&n| place(n)).sum::<DVec3>() / nodes.len().max(1) as f64
+}
+
 impl OuterFace {
+    /// Makes a face of a cell; returns `None` for a face without an area, or one that is not finite.
+    ///
+    /// - `nodes`: corners of the face, in order around it.
+    /// - `place`: position of a node.
+    /// - `inner`: middle of the cell.
+    pub(in crate::sample) fn new(
+        cell: u32,
+        nodes: &[u32],
+        place: impl Fn(u32) -> DVec3,
+        inner: DVec3,
+    ) -> Option<Self> {
+        let middle = middle_of(nodes, &place);
+        let area = area(nodes, &place, middle);
+        let normal = area * area.dot(inner - middle).signum();
+        let is_sound = normal.is_finite() && normal.length() > 0.0;
+        is_sound.then(|| Self {
+            cell,
+            nodes: nodes.to_vec(),
+            normal,
+            middle,
+            depth: normal.normalize_or_zero().dot(inner - middle),
+        })
+    }
+
+    /// Reverses the corners if they run clockwise, seen from outside the cell.
+    pub(in crate::sample) fn turn_outwards(&mut self, place: impl Fn(u32) -> DVec3) {
+        if area(&self.nodes, place, self.middle).dot(self.normal) > 0.0 {
+            self.nodes.reverse();
+        }
+    }
+
     fn size(&self) -> f64 {
         self.normal.length().sqrt()
     }

@@ -21,7 +21,7 @@
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-use super::covered::{OuterFace, Side, sides};
+use super::covered::{OuterFace, Side, middle_of, sides};
 use super::duals::Duals;
 use super::incidence::{CellsAround, nodes_of};
 use crate::constants::EDGE_REACH;
@@ -324,7 +324,7 @@ fn mirror(n: DVec3) -> DMat3 {
 
 /// Returns a key that identifies a face whatever the order of its nodes: the lowest node, and a hash of all
 /// distinct nodes. Returns `None` for fewer than three nodes.
-fn key(face: &[u32]) -> Option<(u32, [u32; 2])> {
+pub(in crate::sample) fn key(face: &[u32]) -> Option<(u32, [u32; 2])> {
     let (mut lowest, mut count, mut hash) = (u32::MAX, 0_u64, 0_u64);
     for (i, &node) in face.iter().enumerate() {
         if face[..i].contains(&node) {
@@ -485,9 +485,6 @@ impl Surface {
     /// Collects the faces that belong to one drawn cell and that no others cover.
     pub(in crate::sample) fn new(cells: &DrawnCells<'_>) -> Self {
         let node = |n: u32| cells.mesh.nodes[n as usize];
-        let middle_of = |nodes: &[u32]| {
-            nodes.iter().map(|&n| node(n)).sum::<DVec3>() / nodes.len().max(1) as f64
-        };
         let (mut nodes, mut corners) = (Vec::new(), Vec::new());
         let mut faces: Vec<OuterFace> = Vec::new();
         for of_cell in cells.outer_faces().chunk_by(|x, y| x.0 == y.0) {
@@ -496,28 +493,13 @@ impl Surface {
             cells.each_face(cell as usize, &mut nodes, |face| {
                 corners.extend_from_slice(face);
             });
-            let inner = middle_of(&corners);
+            let inner = middle_of(&corners, node);
             cells.each_face(cell as usize, &mut nodes, |face| {
                 let is_outer = |key: [u32; 2]| of_cell.iter().any(|(_, outer)| *outer == key);
                 if !key(face).is_some_and(|(_, key)| is_outer(key)) {
                     return;
                 }
-                let middle = middle_of(face);
-                let turned = (0..face.len()).map(|i| {
-                    let (p, q) = (node(face[i]), node(face[(i + 1) % face.len()]));
-                    (p - middle).cross(q - middle)
-                });
-                let area = turned.sum::<DVec3>() * 0.5;
-                let normal = area * area.dot(inner - middle).signum();
-                if normal.is_finite() && normal.length() > 0.0 {
-                    faces.push(OuterFace {
-                        cell,
-                        nodes: face.to_vec(),
-                        normal,
-                        middle,
-                        depth: normal.normalize_or_zero().dot(inner - middle),
-                    });
-                }
+                faces.extend(OuterFace::new(cell, face, node, inner));
             });
         }
         let sides = sides(&cells.mesh.nodes, &faces);

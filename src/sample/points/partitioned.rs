@@ -43,7 +43,7 @@ impl PartitionedRows {
         let is_there = |name: &str| matches!(columns.get(name), Ok(Some(_)));
         let is_of_table = |name: &str| matches!(columns.of_table(name), Ok(Some(_)));
         let is_plain = !options.purpose.for_columns
-            && options.flatten.is_none()
+            && !options.makes_surface()
             && options.kernels.shepard_passes == 0
             && !options.purpose.keeps_value_sample
             && options.kernels.shape != ParticleShape::YuTurk;

@@ -1,6 +1,6 @@
 //! Turns the outer faces of cells without a field to show into a mesh.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use crate::data::blanking::Blanking;
 use crate::data::cells::{CellKind, CellMesh};
@@ -9,9 +9,15 @@ use crate::data::mesh::{Material, Mesh, MeshPart};
 use crate::data::polyhedron::polyhedron_faces;
 use crate::error::Result;
 use crate::io::leave_out_unused;
+use crate::sample::cells::sharp::key;
 
-/// The three least nodes of a face: faces that share them are the same face.
-type Key = [u32; 3];
+/// Face of the outside of a mesh of cells.
+pub(super) struct Face {
+    pub(super) cell: usize,
+    pub(super) nodes: Vec<u32>,
+    /// False for the face of a surface cell.
+    pub(super) is_of_solid: bool,
+}
 
 /// Turns a data set of cells into a mesh: the faces that belong to one cell alone, and the cells that are
 /// surfaces. Fields are dropped.
@@ -24,25 +30,12 @@ pub(in crate::sample) fn as_mesh(mut dataset: Dataset) -> Result<Dataset> {
     let Geometry::Cells(cells) = &dataset.geometry else {
         return Ok(dataset);
     };
-    let is_hidden = |i: usize| {
-        let nodes = cells.cell(i).iter();
-        let is_listed = cells.kinds[i] != CellKind::POLYHEDRON;
-        blanking.cell(i) || (is_listed && nodes.clone().any(|&n| blanking.node(n as usize)))
-    };
-    let drawn = || (0..cells.cell_count()).filter(|&i| !is_hidden(i));
-    let mut counts: HashMap<Key, u32> = HashMap::new();
-    for i in drawn() {
-        each_face(cells, i, |face| *counts.entry(key(face)).or_default() += 1);
-    }
+    let blanking = blanking.of_mesh(cells);
     let mut part = MeshPart::default();
-    for i in drawn() {
-        each_face(cells, i, |face| {
-            if counts.get(&key(face)) == Some(&1) {
-                let rest = face[1..].windows(2);
-                part.triangles
-                    .extend(rest.map(|edge| [face[0], edge[0], edge[1]]));
-            }
-        });
+    for Face { nodes, .. } in outer_faces(cells, |cell| blanking.cell(cell)) {
+        let rest = nodes[1..].windows(2);
+        part.triangles
+            .extend(rest.map(|edge| [nodes[0], edge[0], edge[1]]));
     }
     part.positions.clone_from(&cells.nodes);
     leave_out_unused(&mut part);
@@ -57,20 +50,42 @@ pub(in crate::sample) fn as_mesh(mut dataset: Dataset) -> Result<Dataset> {
     Ok(dataset)
 }
 
-fn key(face: &[u32]) -> Key {
-    let mut least = [u32::MAX; 3];
-    for &node in face {
-        let place = least.partition_point(|&other| other < node);
-        if place < 3 && least[place] != node {
-            least[place..].rotate_right(1);
-            least[place] = node;
-        }
+/// Returns the faces that belong to one solid cell alone, and the faces of surface cells, in the order of the
+/// cells. A surface cell on such a face is left out: two faces at one place would be mixed. Surface cells stated
+/// twice are one.
+pub(super) fn outer_faces(cells: &CellMesh, is_hidden: impl Fn(usize) -> bool) -> Vec<Face> {
+    let drawn = || (0..cells.cell_count()).filter(|&cell| !is_hidden(cell));
+    let mut counts: HashMap<(u32, [u32; 2]), u32> = HashMap::new();
+    for cell in drawn().filter(|&cell| cells.kinds[cell].is_solid()) {
+        each_face(cells, cell, |face| {
+            if let Some(key) = key(face) {
+                *counts.entry(key).or_default() += 1;
+            }
+        });
     }
-    least
+    let mut faces = Vec::new();
+    let mut of_surface = HashSet::new();
+    for cell in drawn() {
+        let is_of_solid = cells.kinds[cell].is_solid();
+        each_face(cells, cell, |face| {
+            let Some(key) = key(face) else {
+                return;
+            };
+            let is_outer = counts.get(&key) == Some(&1);
+            if is_outer == is_of_solid && (is_of_solid || of_surface.insert(key)) {
+                faces.push(Face {
+                    cell,
+                    nodes: face.to_vec(),
+                    is_of_solid,
+                });
+            }
+        });
+    }
+    faces
 }
 
 /// Calls `face` for each face of a cell, and for a surface cell with its corners; not for lines and points.
-fn each_face(cells: &CellMesh, i: usize, mut face: impl FnMut(&[u32])) {
+pub(super) fn each_face(cells: &CellMesh, i: usize, mut face: impl FnMut(&[u32])) {
     let (kind, nodes) = (cells.kinds[i], cells.cell(i));
     if kind == CellKind::POLYHEDRON {
         polyhedron_faces(nodes).for_each(face);
@@ -84,7 +99,13 @@ fn each_face(cells: &CellMesh, i: usize, mut face: impl FnMut(&[u32])) {
     } else if let Some(count) = kind.flat_corner_count() {
         face(&nodes[..count]);
     } else if kind == CellKind::TRIANGLE_STRIP {
-        nodes.windows(3).for_each(face);
+        // Every other triangle of a strip runs the other way.
+        for (i, own) in nodes.windows(3).enumerate() {
+            match i % 2 {
+                0 => face(own),
+                _ => face(&[own[1], own[0], own[2]]),
+            }
+        }
     } else if kind.is_flat() && nodes.len() >= 3 {
         face(nodes);
     }

@@ -140,14 +140,19 @@ pub(in crate::sample) fn scene(
         options.function.transfer,
         TransferChoice::Given(_) | TransferChoice::File(_) | TransferChoice::Text(_)
     );
-    let is_seen_through = |i: usize| {
-        let depth = f64::from(function.classify(values.get(i))[3]) * function.unit_distance();
-        depth < OPAQUE_DEPTH
+    let depth_of = |value: f32| match options.surface {
+        Some(opacity) => -(-opacity).ln_1p(),
+        None => f64::from(function.classify(value)[3]) * function.unit_distance(),
     };
-    let is_clear = is_own && (0..values.len()).any(is_seen_through);
+    let is_seen_through = |i: usize| depth_of(values.get(i)) < OPAQUE_DEPTH;
+    let is_clear = match options.surface {
+        Some(opacity) => opacity < 1.0,
+        None => is_own && (0..values.len()).any(is_seen_through),
+    };
+    let depth = is_clear.then_some(depth_of);
     let volumes = sampled.volumes.into_iter();
     let volumes: Vec<PointVolume> = volumes
-        .map(|volume| valued(volume, &function, [low, width], is_clear))
+        .map(|volume| valued(volume, &function, [low, width], depth))
         .collect();
     report.particle_count = sampled.report.surfel_count;
     report
@@ -242,24 +247,23 @@ fn coloured(mesh: &Mesh, of_corners: bool, share: impl Fn(usize) -> f32) -> (Mes
 }
 
 /// Converts surfels whose colours are shares of a range into surfels with these values under a function.
+///
+/// - `depth`: optical depth at a value, of a surface that is not opaque.
 fn valued(
     mut volume: PointVolume,
     function: &TransferFunction,
     [low, width]: [f32; 2],
-    is_clear: bool,
+    depth: Option<impl Fn(f32) -> f64>,
 ) -> PointVolume {
     let Colour::PerParticle(shares) = &volume.colour else {
         return volume;
     };
     let values: Vec<f32> = shares.iter().map(|rgb| low + width * rgb[0]).collect();
-    if let (true, Strength::Surface(areas)) = (is_clear, &volume.strength) {
+    if let (Some(depth), Strength::Surface(areas)) = (depth, &volume.strength) {
         let most = -(-MAX_OPACITY).ln_1p();
-        let depth = |value: f32| {
-            let depth = f64::from(function.classify(value)[3]) * function.unit_distance();
-            depth.min(most)
-        };
         let each = areas.iter().zip(&values);
-        let strengths = each.map(|(area, value)| narrowed(f64::from(*area) * depth(*value)));
+        let strengths =
+            each.map(|(area, value)| narrowed(f64::from(*area) * depth(*value).min(most)));
         volume.strength = Strength::Translucent(strengths.collect());
     }
     volume.values = Some(Values::F32(values));

@@ -1,5 +1,6 @@
-//! Surfaces with fields: iso-surfaces, cut faces, hulls, discs.
+//! Surfaces with fields: boundaries, iso-surfaces, cut faces, hulls, discs.
 
+pub(crate) mod boundary;
 pub(crate) mod cut_faces;
 pub(crate) mod discs;
 pub(crate) mod flat_grid;
