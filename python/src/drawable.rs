@@ -165,16 +165,20 @@ impl Drawable {
         fields: Vec<Field>,
         options: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
-        let Said { options, up, unit } = sample_options(options)?;
+        let Said {
+            options,
+            up,
+            unit,
+            around,
+        } = sample_options(options)?;
         let mut dataset = Dataset::new(what.as_ref(), what, geometry, fields);
         if let Some(field) = dataset.fields.first_mut() {
             field.unit = unit;
         }
         let dataset = detached(py, || dataset.validate().map(|()| dataset));
         let dataset = dataset.map_err(|error| exception(&error))?;
-        let source = Source::new(Data::Set(Arc::new(dataset)), options);
         Ok(Self {
-            sources: vec![source],
+            sources: sources_of(dataset, options, around).collect(),
             up,
         })
     }
@@ -434,7 +438,7 @@ impl Drawable {
         options: Option<&Bound<'_, PyDict>>,
         how: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
-        let Said { options, up, .. } = sample_options(options)?;
+        let said = sample_options(options)?;
         let (how, types, step) = open_options(how)?;
         let sets = run(py, |_| {
             let format = format_of(&path, &how);
@@ -485,7 +489,7 @@ impl Drawable {
             }
             Ok(sets)
         })?;
-        of_sets(sets, &options, up)
+        of_sets(sets, &said)
     }
 
     /// Reads a drawable from the bytes of a file.
@@ -498,7 +502,7 @@ impl Drawable {
         options: Option<&Bound<'_, PyDict>>,
         how: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
-        let Said { options, up, .. } = sample_options(options)?;
+        let said = sample_options(options)?;
         let (mut how, types, step) = open_options(how)?;
         how.time_step = match step {
             None => None,
@@ -514,7 +518,7 @@ impl Drawable {
             return Err(PyValueError::new_err(text));
         }
         let dataset = run(py, |_| read(name, bytes, &how))?;
-        of_sets(vec![dataset], &options, up)
+        of_sets(vec![dataset], &said)
     }
 
     /// Joins drawables to one.
@@ -622,7 +626,13 @@ impl Drawable {
 }
 
 /// Makes a drawable of data sets. A field that one data set lacks may be in another.
-fn of_sets(sets: Vec<Dataset>, options: &SampleOptions, up: Option<DVec3>) -> PyResult<Drawable> {
+fn of_sets(sets: Vec<Dataset>, said: &Said) -> PyResult<Drawable> {
+    let Said {
+        options,
+        up,
+        around,
+        ..
+    } = said;
     let lacks = |set: &Dataset| {
         let field = options.field.as_deref()?;
         let has_none = matches!(set.geometry, Geometry::Mesh(_)) && set.fields.is_empty();
@@ -634,15 +644,34 @@ fn of_sets(sets: Vec<Dataset>, options: &SampleOptions, up: Option<DVec3>) -> Py
         return Err(exception(error));
     }
     let is_lacking: Vec<bool> = lacking.iter().map(Option::is_some).collect();
-    let sources = sets.into_iter().zip(is_lacking).map(|(set, lacks)| {
+    let sources = sets.into_iter().zip(is_lacking).flat_map(|(set, lacks)| {
         let own = SampleOptions {
             field: options.field.clone().filter(|_| !lacks),
             ..options.clone()
         };
-        Source::new(Data::Set(Arc::new(set)), own)
+        sources_of(set, own, *around)
     });
     Ok(Drawable {
         sources: sources.collect(),
-        up,
+        up: *up,
     })
+}
+
+/// Makes the source of a data set, and that of its boundary if it is drawn around the volume.
+///
+/// - `around`: opacity of the boundary.
+fn sources_of(
+    dataset: Dataset,
+    options: SampleOptions,
+    around: Option<f64>,
+) -> impl Iterator<Item = Source> {
+    let dataset = Arc::new(dataset);
+    let boundary = around.map(|opacity| {
+        let options = SampleOptions {
+            surface: Some(opacity),
+            ..options.clone()
+        };
+        Source::new(Data::Set(Arc::clone(&dataset)), options)
+    });
+    std::iter::once(Source::new(Data::Set(dataset), options)).chain(boundary)
 }

@@ -431,6 +431,7 @@ impl Source {
         let is_scaled = (options.function.opacity_scale - 1.0).abs() > 0.0;
         (is_of_points || is_soft)
             && options.flatten.is_none()
+            && options.surface.is_none()
             && options.function.unit_distance.is_none()
             && !is_scaled
     }
@@ -451,7 +452,7 @@ impl Source {
         if self.is_mesh() {
             return Ok(Some(Cow::Borrowed(&**dataset)));
         }
-        if for_columns || !is_surface(dataset) {
+        if self.options.surface.is_none() && (for_columns || !is_surface(dataset)) {
             return Ok(None);
         }
         let surface = as_surface(Dataset::clone(dataset), &self.options)?;

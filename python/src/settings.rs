@@ -120,6 +120,8 @@ pub(crate) struct Said {
     pub(crate) up: Option<DVec3>,
     /// Unit of values.
     pub(crate) unit: Option<String>,
+    /// Opacity of the boundary that is drawn around a volume.
+    pub(crate) around: Option<f64>,
 }
 
 /// Returns the sampling options, with the command line's meanings.
@@ -138,6 +140,9 @@ pub(crate) fn sample_options(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Said>
             return Err(PyValueError::new_err(text));
         }
     };
+    let is_surface = said.take::<bool>("surface")?.unwrap_or(false);
+    let is_share = |opacity: f64| opacity > 0.0 && opacity < 1.0;
+    let around = said.number("surface_opacity", "a number above 0 and below 1", is_share)?;
     let options = SampleOptions {
         field: said.take("field")?,
         preferred_field: None,
@@ -206,6 +211,7 @@ pub(crate) fn sample_options(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Said>
             opacity_scale: said.positive("opacity_scale")?.unwrap_or(1.0),
         },
         flatten: said.number("flatten", "a finite number", f64::is_finite)?,
+        surface: (is_surface && around.is_none()).then_some(1.0),
         ..defaults
     };
     let up = said.take::<[f64; 3]>("up")?.map(DVec3::from);
@@ -217,7 +223,12 @@ pub(crate) fn sample_options(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Said>
     };
     let unit = said.take("unit")?;
     said.end()?;
-    Ok(Said { options, up, unit })
+    Ok(Said {
+        options,
+        up,
+        unit,
+        around,
+    })
 }
 
 /// Takes a transfer function, passed as its kind and its name, path or text.

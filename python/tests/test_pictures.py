@@ -72,6 +72,20 @@ def test_a_curvilinear_grid_of_arrays(wake, order, rendered):
     same(drawn(es.Volume.from_structured(nodes, density)), rendered(FIXTURES / "wake.xyz"))
 
 
+def test_the_boundary_of_a_grid_alone_and_around_its_volume(wake, rendered):
+    path = FIXTURES / "wake.xyz"
+    alone, around = rendered(path, "--surface"), rendered(path, "--surface-opacity", ".3")
+    assert not np.array_equal(alone, around)
+    same(drawn(es.Volume.from_structured(*wake, surface=True)), alone)
+    same(drawn(es.load(path, surface=True)), alone)
+    same(drawn(es.load(path, surface_opacity=0.3)), around)
+    with pytest.raises(ValueError, match="above 0 and below 1"):
+        es.load(path, surface_opacity=1.5)
+    points = es.Volume.from_points(np.eye(3), surface=True)
+    with pytest.raises(ValueError, match="expected cells, found particles"):
+        drawn(points)
+
+
 def test_functions_and_settings_mean_what_they_do_on_the_command_line(wake, rendered):
     volume = es.Volume.from_structured(*wake)
     path, function = FIXTURES / "wake.xyz", FIXTURES / "wake_transfer.json"

@@ -154,6 +154,7 @@ fn option(parameter: Parameter) -> String {
         Parameter::TransferFunction => "--transfer-function",
         Parameter::Flatten => "--isosurface",
         Parameter::Surface => "--surface",
+        Parameter::SurfaceOpacity => "--surface-opacity",
         Parameter::SurfelDensity => "--density",
         Parameter::SurfelSpacing => "--spacing",
         Parameter::ReadAs => "--as",

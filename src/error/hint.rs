@@ -70,8 +70,10 @@ pub enum Parameter {
     TransferFunction,
     /// [`SampleOptions::flatten`](crate::sample::SampleOptions::flatten).
     Flatten,
-    /// [`SampleOptions::surface`](crate::sample::SampleOptions::surface).
+    /// [`SampleOptions::surface`](crate::sample::SampleOptions::surface), opaque.
     Surface,
+    /// [`SampleOptions::surface`](crate::sample::SampleOptions::surface), translucent.
+    SurfaceOpacity,
     /// [`Spread::Density`](crate::sample::mesh::Spread::Density).
     SurfelDensity,
     /// [`Spread::Spacing`](crate::sample::mesh::Spread::Spacing).
@@ -144,6 +146,7 @@ impl fmt::Display for Parameter {
             Self::TransferFunction => "transfer function",
             Self::Flatten => "value to flatten at",
             Self::Surface => "surface of the boundary",
+            Self::SurfaceOpacity => "opacity of the boundary",
             Self::SurfelDensity => "density of surfels",
             Self::SurfelSpacing => "spacing of surfels",
             Self::ReadAs => "what it is to be read as",

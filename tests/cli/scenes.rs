@@ -241,6 +241,30 @@ fn cells_without_a_field_are_drawn_as_their_outside() {
     assert!(said.contains("the outside of the cells is drawn"), "{said}");
 }
 
+#[test]
+fn the_boundary_of_a_grid_is_drawn_alone_or_around_its_volume() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    // 4 x 3 x 5 bytes.
+    std::fs::write(at.join("v.raw"), (0..60).collect::<Vec<u8>>()).unwrap();
+    let raw = ["--dims", "4,3,5", "--count", "2000"];
+    let with = |more: &[&str]| {
+        let (stats, _) = drawn(at, &["v.raw"], &[&raw, more].concat());
+        let picture = std::fs::read(at.join("a.png")).unwrap();
+        (particles(&stats), picture)
+    };
+    let (surfels, alone) = with(&["--surface"]);
+    // Squares and cells are rounded to whole numbers.
+    assert!((1900..2100).contains(&surfels), "{surfels}");
+    let around = with(&["--surface-opacity", ".3"]);
+    // The volume has one kernel for each sample.
+    assert_eq!(around.0, surfels + 60);
+    assert!(around.1 != alone);
+    assert!(with(&["--surface", "--surface-opacity", ".3"]) == around);
+    // The boundary is that of the cropped data: a different picture than that of all data.
+    assert!(with(&["--surface", "--crop", "0,0,0,2,1,4"]).1 != alone);
+}
+
 /// Returns a box of sides 1, 3 and 1 whose longest side lies along an axis.
 fn tall(axis: usize) -> [[f64; 3]; 8] {
     std::array::from_fn(|i| {

@@ -90,6 +90,76 @@ const WRONG: &[(&str, i32, &str)] = &[
         1,
         "one that the field has",
     ),
+    (
+        "render WAKE --out a.png --surface --isosurface .6",
+        1,
+        "expected one surface, found --surface beside it",
+    ),
+    (
+        "render WAKE --out a.png --surface-opacity .3 --isosurface .6",
+        1,
+        "expected one surface, found --surface-opacity beside it",
+    ),
+    (
+        "render WAKE --out a.png --surface --column-density",
+        2,
+        "cannot be used with",
+    ),
+    (
+        "render WAKE --out a.png --surface-opacity 1",
+        2,
+        "above 0 and below 1",
+    ),
+    (
+        "render TABLE --out a.png --surface",
+        1,
+        "--surface: data: expected cells, found particles",
+    ),
+    (
+        "render TABLE --out a.png --surface-opacity .3",
+        1,
+        "--surface-opacity: data: expected cells, found particles",
+    ),
+    (
+        "render SPLATS --out a.png --surface",
+        1,
+        "expected cells, found splats",
+    ),
+    (
+        "render BOX --out a.png --surface",
+        1,
+        "expected a grid, found none",
+    ),
+    (
+        "render BOX --out a.png --surface-opacity .3",
+        1,
+        "expected a volume within, found a mesh",
+    ),
+    (
+        "render WAKE --out a.png --surface --shepard 1",
+        1,
+        "--shepard: inputs: expected a volume",
+    ),
+    (
+        "render WAKE --out a.png --surface --boundary soft",
+        1,
+        "--boundary: inputs: expected a volume",
+    ),
+    (
+        "render WAKE --out a.png --surface --opacity-scale 2",
+        1,
+        "--opacity-scale",
+    ),
+    (
+        "render WAKE --out a.png --surface --reference=data",
+        1,
+        "found the surface of --surface",
+    ),
+    (
+        "render WAKE --out a.png --surface --clip 1,0,0,0 --cut-faces",
+        1,
+        "--cut-faces",
+    ),
     ("render WAKE --out a.png --rate 5", 1, "--rate"),
     ("render WAKE --out a.png --turntable 4", 1, "turn_%04d.png"),
     ("render WAKE --out a.mp4 --turntable 4", 1, "ffmpeg"),

@@ -15,6 +15,7 @@ mod support;
 mod amr;
 mod automatic;
 mod bad_input;
+mod boundaries;
 mod cells;
 mod clouds;
 mod collections;

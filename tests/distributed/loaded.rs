@@ -7,6 +7,7 @@ use ewa_splat::io::OpenOptions;
 use ewa_splat::load::{Input, Request, load};
 use ewa_splat::prepared::{About, PreparedScene};
 use ewa_splat::sample::SampleOptions;
+use ewa_splat::sample::mesh::Spread;
 use ewa_splat::view::{Camera, sphere_around};
 use ewa_splat::{SceneOptions, Settings};
 use glam::DVec3;
@@ -16,8 +17,13 @@ use crate::ranks::{drawn, drawn_alone, each};
 /// Loads inputs in one process and on three ranks, and asserts that the frames are the same. Returns the number of
 /// particles in one process, and the number that each rank has loaded.
 fn assert_same(inputs: &[Input]) -> (usize, Vec<usize>) {
-    let (open, sample) = (OpenOptions::default(), SampleOptions::default());
-    let request = || Request::new(inputs, &open, &sample);
+    assert_same_by(inputs, &SampleOptions::default(), 3)
+}
+
+/// Does the same on `size` ranks, with sampling options.
+fn assert_same_by(inputs: &[Input], sample: &SampleOptions, size: usize) -> (usize, Vec<usize>) {
+    let open = OpenOptions::default();
+    let request = || Request::new(inputs, &open, sample);
     let count = |scene: &ewa_splat::load::Loaded| {
         let volumes = scene.volumes.iter();
         volumes.map(|volume| volume.particles.len()).sum()
@@ -35,7 +41,7 @@ fn assert_same(inputs: &[Input]) -> (usize, Vec<usize>) {
     let frames = [(camera, settings)];
     let expected = drawn_alone(alone, &frames);
     assert!(expected[0].shown() > 500);
-    let all = each(3, |mut rank| {
+    let all = each(size, |mut rank| {
         let scene = load(&request(), &mut rank).unwrap();
         assert_eq!((scene.bounds(), &scene.fields), (bounds, &fields));
         let own = count(&scene);
@@ -74,6 +80,24 @@ fn ranks_load_several_inputs_and_inputs_that_one_rank_reads() {
     // The boundary of a field of nodes is cut, for which one rank reads all pieces.
     assert_same(&[fixture("pieces/duct.pvtu")]);
     assert_same(&[fixture("wake.xyz")]);
+}
+
+#[test]
+fn boundaries_alone_and_around_volumes_are_the_same_on_ranks() {
+    // Few surfels: ranks on a software adapter are slow.
+    let mut options = SampleOptions::default();
+    options.kernels.spread = Spread::Count(3000);
+    let alone = SampleOptions {
+        surface: Some(1.0),
+        ..options.clone()
+    };
+    for size in 1..=3 {
+        for name in ["pieces/duct.pvtu", "pieces/horn.pvts", "wake.xyz"] {
+            assert_same_by(&[fixture(name)], &alone, size);
+        }
+        let around = [fixture("wake.xyz"), fixture("wake.xyz").of_surface(0.4)];
+        assert_same_by(&around, &options, size);
+    }
 }
 
 #[test]

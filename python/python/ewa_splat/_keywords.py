@@ -25,6 +25,8 @@ class Sampling(TypedDict, total=False):
     unit_distance      the length over which a function's opacities are stated, world units
     boundary           grids: "auto", "sharp" or "soft"
     flatten            the value whose iso-surface is drawn in place of the volume
+    surface            grids: True for the boundary alone, opaque and lit, in the colours of the values
+    surface_opacity    grids: opacity of the boundary around the volume, seen head-on, above 0 and below 1
     shape              points: "auto", "isotropic", "covariance" or "yu-turk"
     length             points: the meaning of lengths, "h", "support", "sigma" or "fwhm"
     kernel             points: the smoothing kernel that lengths belong to, "cubic", "quartic", "quintic",
@@ -46,6 +48,8 @@ class Sampling(TypedDict, total=False):
     unit_distance: float
     boundary: Literal["auto", "sharp", "soft"]
     flatten: float
+    surface: bool
+    surface_opacity: float
     shape: Literal["auto", "isotropic", "covariance", "yu-turk"]
     length: Literal["h", "support", "sigma", "fwhm"]
     kernel: Literal["cubic", "quartic", "quintic", "wendland-c2", "wendland-c4", "wendland-c6"]

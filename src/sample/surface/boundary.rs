@@ -17,7 +17,7 @@ use crate::data::blanking::Blanking;
 use crate::data::cells::CellMesh;
 use crate::data::dataset::{CurvilinearBlock, Dataset, Geometry};
 use crate::data::mesh::{Material, Mesh, MeshPart};
-use crate::error::{Error, Hint, Parameter, Result};
+use crate::error::{Advice, Error, Hint, Parameter, Result};
 use crate::io::{leave_out_unused, triangles_with};
 use crate::sample::cells::covered::{OuterFace, Side, middle_of, sides};
 use crate::sample::field::choice::has_choice;
@@ -90,10 +90,18 @@ pub(in crate::sample) fn as_mesh(
 
 /// Refuses data that have no boundary, and options that do not apply to it.
 fn check(dataset: &Dataset, opacity: f64, options: &SampleOptions) -> Result<()> {
-    let refuse = |place: &str, expected: &str, found: &str| {
-        let advice = Hint::LeaveOut(Parameter::Surface);
-        let error = Error::invalid(Parameter::Surface, place, expected, found, advice);
+    let is_clear = opacity < 1.0;
+    let option = match is_clear {
+        true => Parameter::SurfaceOpacity,
+        false => Parameter::Surface,
+    };
+    let fault = |place: &str, expected: &str, found: &str, advice: Advice| {
+        let error = Error::invalid(option, place, expected, found, advice);
         Err(error.in_file(&dataset.path))
+    };
+    let refuse = |place: &str, expected: &str, found: &str| {
+        let advice = Hint::LeaveOut(option).into();
+        fault(place, expected, found, advice)
     };
     // Phrased so that NaN is refused.
     if !(opacity > 0.0 && opacity <= 1.0) {
@@ -110,10 +118,12 @@ fn check(dataset: &Dataset, opacity: f64, options: &SampleOptions) -> Result<()>
             "column densities, which have no surface",
         );
     }
-    let is_clear = opacity < 1.0;
     let is_flat = flat_grid::is_flat(dataset);
     match &dataset.geometry {
-        Geometry::Points { .. } => refuse("data", "cells", "particles without cells"),
+        Geometry::Points { .. } => {
+            let advice = "leave it out, or draw an iso-surface of their field";
+            fault("data", "cells", "particles without cells", advice.into())
+        }
         Geometry::Splats(_) => refuse("data", "cells", "splats"),
         Geometry::Mesh(_) if is_clear => refuse("data", "a volume within", "a mesh"),
         _ if is_clear && is_flat => refuse("data", "a volume within", "a grid of one layer"),
