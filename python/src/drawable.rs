@@ -644,12 +644,16 @@ fn of_sets(sets: Vec<Dataset>, said: &Said) -> PyResult<Drawable> {
         return Err(exception(error));
     }
     let is_lacking: Vec<bool> = lacking.iter().map(Option::is_some).collect();
+    // Beside grids, meshes are drawn as they are: they have no volume within.
+    let is_mesh = |set: &Dataset| matches!(set.geometry, Geometry::Mesh(_));
+    let has_grid = !sets.iter().all(is_mesh);
     let sources = sets.into_iter().zip(is_lacking).flat_map(|(set, lacks)| {
+        let around = around.filter(|_| !(has_grid && is_mesh(&set)));
         let own = SampleOptions {
             field: options.field.clone().filter(|_| !lacks),
             ..options.clone()
         };
-        sources_of(set, own, *around)
+        sources_of(set, own, around)
     });
     Ok(Drawable {
         sources: sources.collect(),

@@ -303,7 +303,13 @@ impl Collection<'_> {
         look.corners = dataset.bounds().map(arrays_of);
         look.selectors = dataset.selectors();
         let options = input.sample_options(self.request.sample);
-        let mut dataset = as_surface(dataset, &options)?;
+        let mut dataset = match as_surface(dataset, &options) {
+            Err(error) if error.holds_nothing() => {
+                own.nothing = Some(error);
+                return Ok(own);
+            }
+            dataset => dataset?,
+        };
         look.lines = std::mem::take(&mut dataset.notes);
         look.is_surface = matches!(dataset.geometry, Geometry::Mesh(_));
         if let (Some(field), None) = (&options.field, &input.field) {
@@ -607,7 +613,6 @@ impl Collection<'_> {
     ) -> Result<Gathered> {
         let facts = own.iter().map(Own::facts);
         let facts = all(ranks, facts.collect())?;
-        let is_nothing = |facts: &&Facts| facts.is_nothing;
         if !facts.is_empty() && facts.iter().all(|facts| facts.is_nothing) {
             let error = own.iter_mut().find_map(|own| own.nothing.take());
             ranks.agree(error.map_or(Ok(()), Err))?;
@@ -618,10 +623,12 @@ impl Collection<'_> {
         {
             self.note(note);
         }
-        let count = facts.iter().filter(is_nothing).count();
+        // A surface has no boundary of its own: it is drawn all the same.
+        let left_out = self.request.inputs.iter().zip(&facts);
+        let left_out =
+            left_out.filter(|(input, facts)| facts.is_nothing && input.surface.is_none());
+        let count = left_out.clone().count();
         if count > 0 {
-            let left_out = self.request.inputs.iter().zip(&facts);
-            let left_out = left_out.filter(|(_, facts)| facts.is_nothing);
             let paths = left_out.map(|(input, _)| input.path.clone());
             self.note(Note::LeftOut {
                 count,

@@ -133,7 +133,7 @@ const WRONG: &[(&str, i32, &str)] = &[
     (
         "render BOX --out a.png --surface-opacity .3",
         1,
-        "expected a volume within, found a mesh",
+        "--surface-opacity: inputs: expected a grid, found none",
     ),
     (
         "render WAKE --out a.png --surface --shepard 1",

@@ -96,12 +96,20 @@ fn check(dataset: &Dataset, opacity: f64, options: &SampleOptions) -> Result<()>
         false => Parameter::Surface,
     };
     let fault = |place: &str, expected: &str, found: &str, advice: Advice| {
-        let error = Error::invalid(option, place, expected, found, advice);
-        Err(error.in_file(&dataset.path))
+        let found = match place {
+            "data" => format!("{found} in {}", dataset.path.display()),
+            _ => found.to_owned(),
+        };
+        Err(Error::invalid(option, place, expected, found, advice))
     };
     let refuse = |place: &str, expected: &str, found: &str| {
         let advice = Hint::LeaveOut(option).into();
         fault(place, expected, found, advice)
+    };
+    let nothing = |found: &str| {
+        let advice = Advice::no_data("draw it without an opacity of its boundary");
+        let (path, expected) = (&dataset.path, "a volume within");
+        Err(Error::format(path, "boundary", expected, found, advice))
     };
     // Phrased so that NaN is refused.
     if !(opacity > 0.0 && opacity <= 1.0) {
@@ -125,8 +133,9 @@ fn check(dataset: &Dataset, opacity: f64, options: &SampleOptions) -> Result<()>
             fault("data", "cells", "particles without cells", advice.into())
         }
         Geometry::Splats(_) => refuse("data", "cells", "splats"),
-        Geometry::Mesh(_) if is_clear => refuse("data", "a volume within", "a mesh"),
-        _ if is_clear && is_flat => refuse("data", "a volume within", "a grid of one layer"),
+        // Beside a volume, a surface has no boundary to add: it is drawn as it is.
+        Geometry::Mesh(_) if is_clear => nothing("a mesh"),
+        _ if is_clear && is_flat => nothing("a grid of one layer"),
         Geometry::Cells(_) if is_clear && options.field.is_none() && !has_choice(dataset) => {
             refuse("data", "a volume with a field", "cells without a field")
         }
