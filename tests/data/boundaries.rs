@@ -462,8 +462,8 @@ fn data_without_a_boundary_are_refused() {
 
 #[test]
 fn areas_of_public_meshes_are_those_of_vtk() {
-    // Areas of vtkDataSetSurfaceFilter's triangles (VTK 9). The cells are planar or nearly so: diagonals of warped
-    // quadrilaterals may differ.
+    // Areas of vtkDataSetSurfaceFilter's triangles (VTK 9), and sums of f64. The grid has warped quadrilaterals, whose
+    // area depends on the diagonal.
     for (name, area, tolerance) in [
         ("unstructured/disk_out_ref.vtu", 1_173.193_109_463_634, 1e-9),
         (
@@ -471,7 +471,7 @@ fn areas_of_public_meshes_are_those_of_vtk() {
             0.006_846_283_617_493,
             1e-9,
         ),
-        ("curvilinear/multicomb_0.vts", 274.448_780_428_614, 1e-9),
+        ("curvilinear/multicomb_0.vts", 274.448_780_428_614, 1e-5),
     ] {
         let Some(path) = real_data(name) else {
             continue;
