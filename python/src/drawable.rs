@@ -10,7 +10,7 @@ use ewa_splat::io::{
 };
 use ewa_splat::sample::{
     BoundaryChoice, KernelOptions, SampleOptions, SampleReport, Sampled, SampledScene, discs,
-    scene, splat_cloud,
+    is_surface, scene, splat_cloud,
 };
 use ewa_splat::scene::{Lattice, LatticeSpacing};
 use ewa_splat::{Result, Task};
@@ -177,6 +177,9 @@ impl Drawable {
         }
         let dataset = detached(py, || dataset.validate().map(|()| dataset));
         let dataset = dataset.map_err(|error| exception(&error))?;
+        if around.is_some() && is_surface(&dataset) {
+            return Err(without_volume());
+        }
         Ok(Self {
             sources: sources_of(dataset, options, around).collect(),
             up,
@@ -644,11 +647,12 @@ fn of_sets(sets: Vec<Dataset>, said: &Said) -> PyResult<Drawable> {
         return Err(exception(error));
     }
     let is_lacking: Vec<bool> = lacking.iter().map(Option::is_some).collect();
-    // Beside grids, meshes are drawn as they are: they have no volume within.
-    let is_mesh = |set: &Dataset| matches!(set.geometry, Geometry::Mesh(_));
-    let has_grid = !sets.iter().all(is_mesh);
+    // Beside grids, surfaces are drawn as they are: they have no volume within.
+    if around.is_some() && sets.iter().all(is_surface) {
+        return Err(without_volume());
+    }
     let sources = sets.into_iter().zip(is_lacking).flat_map(|(set, lacks)| {
-        let around = around.filter(|_| !(has_grid && is_mesh(&set)));
+        let around = around.filter(|_| !is_surface(&set));
         let own = SampleOptions {
             field: options.field.clone().filter(|_| !lacks),
             ..options.clone()
@@ -659,6 +663,12 @@ fn of_sets(sets: Vec<Dataset>, said: &Said) -> PyResult<Drawable> {
         sources: sources.collect(),
         up: *up,
     })
+}
+
+/// Returns the error for the boundary of data that are surfaces themselves.
+fn without_volume() -> PyErr {
+    let text = "surface_opacity: expected a grid with a volume, found a surface; leave it out";
+    PyValueError::new_err(text)
 }
 
 /// Makes the source of a data set, and that of its boundary if it is drawn around the volume.

@@ -31,13 +31,14 @@ use super::surfels::{SurfelDemand, joined, seen_corners};
 use crate::collective::Collective;
 use crate::data::dataset::{Dataset, Geometry};
 use crate::data::up::Up;
+use crate::error::Advice;
 use crate::math::{rotation_matrix, turn_between};
 use crate::message::{put, take, unknown};
 use crate::prepared::about::Function;
 use crate::sample::mesh::Spread;
 use crate::sample::{
     FieldChoice, KernelOptions, PurposeOptions, SampleOptions, SampleReport, SampledScene,
-    as_surface, field_choices, shared_functions, surface_report,
+    as_surface, field_choices, is_surface, shared_functions, surface_report,
 };
 use crate::scene::{PointVolume, TransferFunction, ValueSample};
 use crate::view::{Bounds, Camera};
@@ -303,13 +304,11 @@ impl Collection<'_> {
         look.corners = dataset.bounds().map(arrays_of);
         look.selectors = dataset.selectors();
         let options = input.sample_options(self.request.sample);
-        let mut dataset = match as_surface(dataset, &options) {
-            Err(error) if error.holds_nothing() => {
-                own.nothing = Some(error);
-                return Ok(own);
-            }
-            dataset => dataset?,
-        };
+        if input.surface.is_some() && is_surface(&dataset) {
+            own.nothing = Some(without_volume(&dataset));
+            return Ok(own);
+        }
+        let mut dataset = as_surface(dataset, &options)?;
         look.lines = std::mem::take(&mut dataset.notes);
         look.is_surface = matches!(dataset.geometry, Geometry::Mesh(_));
         if let (Some(field), None) = (&options.field, &input.field) {
@@ -771,6 +770,13 @@ fn byte_count(dataset: &Dataset) -> usize {
     points
         .saturating_mul(size_of::<DVec3>())
         .saturating_add(values.saturating_mul(4))
+}
+
+/// Returns the error for the boundary of data that are a surface themselves.
+fn without_volume(dataset: &Dataset) -> Error {
+    let advice = Advice::no_data("draw it without an opacity of its boundary");
+    let expected = "a grid with a volume";
+    Error::format(&dataset.path, "boundary", expected, "a surface", advice)
 }
 
 /// Returns a note on a field that has one value everywhere.

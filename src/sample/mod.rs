@@ -190,6 +190,7 @@ pub fn scene(dataset: Dataset, options: &SampleOptions) -> Result<SampledScene> 
         scene.report.unit = unit;
         return Ok(scene);
     }
+    self::surface::boundary::check_colours(&dataset, options)?;
     let SampledMesh { volumes, report } =
         mesh::surfels(mesh, &mesh_options).map_err(|error| named(error, &dataset.path))?;
     Ok(SampledScene {

@@ -457,7 +457,8 @@ fn data_without_a_boundary_are_refused() {
         ..SampleOptions::default()
     };
     let cells = dataset(Geometry::Cells(two_cubes(false)), Vec::new());
-    assert!(refused(cells, &clear).contains("without a field"));
+    let message = scene(cells, &clear).unwrap_err().to_string();
+    assert!(message.contains("expected a field to show"), "{message}");
 }
 
 #[test]

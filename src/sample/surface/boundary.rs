@@ -20,7 +20,6 @@ use crate::data::mesh::{Material, Mesh, MeshPart};
 use crate::error::{Advice, Error, Hint, Parameter, Result};
 use crate::io::{leave_out_unused, triangles_with};
 use crate::sample::cells::covered::{OuterFace, Side, middle_of, sides};
-use crate::sample::field::choice::has_choice;
 use crate::sample::options::SampleOptions;
 use crate::sample::positions::{index_u32, is_same};
 use crate::sample::report::SampleReport;
@@ -29,7 +28,7 @@ use crate::sample::scalar::{check_count, nothing_left};
 /// Turns a grid of any kind into the mesh of its boundary, with the same fields. A mesh is returned unchanged.
 ///
 /// # Errors
-/// Data without cells; an opacity that is no share, or less than 1 of data that are no volume; column densities;
+/// Data without cells; an opacity that is no share, column densities;
 /// no face; the errors of [`Dataset::validate`]; fields that state hidden cells or nodes and cannot be read.
 pub(in crate::sample) fn as_mesh(
     mut dataset: Dataset,
@@ -90,8 +89,7 @@ pub(in crate::sample) fn as_mesh(
 
 /// Refuses data that have no boundary, and options that do not apply to it.
 fn check(dataset: &Dataset, opacity: f64, options: &SampleOptions) -> Result<()> {
-    let is_clear = opacity < 1.0;
-    let option = match is_clear {
+    let option = match opacity < 1.0 {
         true => Parameter::SurfaceOpacity,
         false => Parameter::Surface,
     };
@@ -105,11 +103,6 @@ fn check(dataset: &Dataset, opacity: f64, options: &SampleOptions) -> Result<()>
     let refuse = |place: &str, expected: &str, found: &str| {
         let advice = Hint::LeaveOut(option).into();
         fault(place, expected, found, advice)
-    };
-    let nothing = |found: &str| {
-        let advice = Advice::no_data("draw it without an opacity of its boundary");
-        let (path, expected) = (&dataset.path, "a volume within");
-        Err(Error::format(path, "boundary", expected, found, advice))
     };
     // Phrased so that NaN is refused.
     if !(opacity > 0.0 && opacity <= 1.0) {
@@ -126,18 +119,24 @@ fn check(dataset: &Dataset, opacity: f64, options: &SampleOptions) -> Result<()>
             "column densities, which have no surface",
         );
     }
-    let is_flat = flat_grid::is_flat(dataset);
     match &dataset.geometry {
         Geometry::Points { .. } => {
             let advice = "leave it out, or draw an iso-surface of their field";
             fault("data", "cells", "particles without cells", advice.into())
         }
         Geometry::Splats(_) => refuse("data", "cells", "splats"),
-        // Beside a volume, a surface has no boundary to add: it is drawn as it is.
-        Geometry::Mesh(_) if is_clear => nothing("a mesh"),
-        _ if is_clear && is_flat => nothing("a grid of one layer"),
-        Geometry::Cells(_) if is_clear && options.field.is_none() && !has_choice(dataset) => {
-            refuse("data", "a volume with a field", "cells without a field")
+        _ => Ok(()),
+    }
+}
+
+/// Refuses a translucent boundary of a surface that shows no field: it has opacities of its own.
+pub(in crate::sample) fn check_colours(dataset: &Dataset, options: &SampleOptions) -> Result<()> {
+    match options.surface {
+        Some(opacity) if opacity < 1.0 => {
+            let (option, expected) = (Parameter::SurfaceOpacity, "a field to show");
+            let found = format!("none in {}", dataset.path.display());
+            let advice = Hint::LeaveOut(option);
+            Err(Error::invalid(option, "data", expected, found, advice))
         }
         _ => Ok(()),
     }
