@@ -136,27 +136,27 @@ const WRONG: &[(&str, i32, &str)] = &[
         "--surface-opacity: inputs: expected a grid, found none",
     ),
     (
-        "render WAKE --out a.png --surface --shepard 1",
+        "render WAKE --out a.png --surface --count 99 --shepard 1",
         1,
         "--shepard: inputs: expected a volume",
     ),
     (
-        "render WAKE --out a.png --surface --boundary soft",
+        "render WAKE --out a.png --surface --count 99 --boundary soft",
         1,
         "--boundary: inputs: expected a volume",
     ),
     (
-        "render WAKE --out a.png --surface --opacity-scale 2",
+        "render WAKE --out a.png --surface --count 99 --opacity-scale 2",
         1,
         "--opacity-scale",
     ),
     (
-        "render WAKE --out a.png --surface --reference=data",
+        "render WAKE --out a.png --surface --count 99 --reference=data",
         1,
         "found the surface of --surface",
     ),
     (
-        "render WAKE --out a.png --surface --clip 1,0,0,0 --cut-faces",
+        "render WAKE --out a.png --surface --count 99 --clip 1,0,0,0 --cut-faces",
         1,
         "--cut-faces",
     ),
