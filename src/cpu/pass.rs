@@ -91,6 +91,7 @@ impl CpuFrames {
         report: &mut FrameReport,
     ) -> Result<ViewUniform> {
         check(plan.task.as_ref())?;
+        self.bins.restrict(plan.tiles.as_deref());
         let mut clock = Stopwatch::start();
         let view = self.cull(scene, plan, pass, &mut report.counts);
         report.times.cull += clock.lap();

@@ -55,7 +55,12 @@ impl Renderer {
     /// The errors of [`Renderer::render`].
     pub async fn render_async(&mut self, camera: &Camera, settings: &Settings) -> Result<&Image> {
         let plan = self.plan(camera, settings)?;
-        let report = self.draw_async(&plan).await?;
+        let mut report = self.draw_async(&plan).await?;
+        for window in self.windows(&plan, settings)? {
+            let finer = window.plan(&self.scene, &plan, settings)?;
+            let samples = self.draw_async(&finer).await?;
+            self.average(&window, &samples, &mut report);
+        }
         self.drawn(&plan, report);
         Ok(&self.images.image)
     }
@@ -76,9 +81,10 @@ impl Renderer {
 
     /// As [`Renderer::draw`], without waiting for the device.
     async fn draw_async(&mut self, plan: &FramePlan) -> Result<FrameReport> {
+        let images = plan.target(&mut self.images, &mut self.samples);
         let drawn = match &mut self.device {
             Some(device) => {
-                let drawing = device.draw_to(&self.scene, plan, &mut self.images, None);
+                let drawing = device.draw_to(&self.scene, plan, images, None);
                 Some(drawing.await)
             }
             None => None,
