@@ -540,8 +540,12 @@ impl DrawFrames for RankFrames {
         self.now.tiles = shares.of(self.ranks.rank()).len() as u64;
         report.times.frame = whole.lap();
         self.now.add(&report);
-        self.stats = self.ranks.gather_one(gathered.map(|()| self.now))?;
-        RankStats::sum(&self.stats, &mut report.counts);
+        let stats = self.ranks.gather_one(gathered.map(|()| self.now))?;
+        RankStats::sum(&stats, &mut report.counts);
+        // Statistics are those of the picture, not of samples of its tiles.
+        if plan.tiles.is_none() {
+            self.stats = stats;
+        }
         Ok(report)
     }
 }

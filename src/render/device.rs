@@ -56,10 +56,10 @@ impl Renderer {
     pub async fn render_async(&mut self, camera: &Camera, settings: &Settings) -> Result<&Image> {
         let plan = self.plan(camera, settings)?;
         let mut report = self.draw_async(&plan).await?;
-        for window in self.windows(&plan, settings)? {
-            let finer = window.plan(&self.scene, &plan, settings)?;
+        for region in self.regions(&plan, settings)? {
+            let finer = region.plan(&self.scene, &plan, settings)?;
             let samples = self.draw_async(&finer).await?;
-            self.average(&window, &samples, &mut report);
+            self.average(&region, &samples, &mut report);
         }
         self.drawn(&plan, report);
         Ok(&self.images.image)

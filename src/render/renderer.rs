@@ -14,7 +14,7 @@ use crate::frame::backend::{DrawFrames, Edit, FrameReport, Images, OpenBackend};
 use crate::frame::check::{check, check_scene};
 use crate::frame::plan::FramePlan;
 use crate::frame::settings::Settings;
-use crate::frame::supersample::{Window, choose, may_supersample, windows};
+use crate::frame::supersample::{Region, choose, may_supersample, regions};
 #[cfg(feature = "gpu")]
 use crate::gpu::{DeviceScene as Device, Gpu};
 use crate::image::{DepthImage, Image, NormalImage};
@@ -289,18 +289,18 @@ impl Renderer {
     pub fn render(&mut self, camera: &Camera, settings: &Settings) -> Result<&Image> {
         let plan = self.plan(camera, settings)?;
         let mut report = self.draw(&plan)?;
-        for window in self.windows(&plan, settings)? {
-            let finer = window.plan(&self.scene, &plan, settings)?;
+        for region in self.regions(&plan, settings)? {
+            let finer = region.plan(&self.scene, &plan, settings)?;
             let samples = self.draw(&finer)?;
-            self.average(&window, &samples, &mut report);
+            self.average(&region, &samples, &mut report);
         }
         self.drawn(&plan, report);
         Ok(&self.images.image)
     }
 
-    /// Returns the windows of the picture that was just drawn whose tiles contain opaque edges: the same on
+    /// Returns the regions of the picture that was just drawn whose tiles contain opaque edges: the same on
     /// all ranks.
-    pub(super) fn windows(&mut self, plan: &FramePlan, settings: &Settings) -> Result<Vec<Window>> {
+    pub(super) fn regions(&mut self, plan: &FramePlan, settings: &Settings) -> Result<Vec<Region>> {
         if !may_supersample(&self.scene, settings) {
             return Ok(Vec::new());
         }
@@ -308,24 +308,28 @@ impl Renderer {
         let chosen = match &mut self.ranks {
             None => choose(),
             Some(ranks) => {
-                let own = if ranks.rank() == 0 { choose() } else { Vec::new() };
+                let own = if ranks.rank() == 0 {
+                    choose()
+                } else {
+                    Vec::new()
+                };
                 ranks.from_first(own)?
             }
         };
-        Ok(windows(&plan.camera, &chosen))
+        Ok(regions(&plan.camera, &chosen))
     }
 
-    /// Replaces the pixels of a window's tiles by the means of the samples that were just drawn.
+    /// Replaces the pixels of a region's tiles by the means of the samples that were just drawn.
     pub(super) fn average(
         &mut self,
-        window: &Window,
+        region: &Region,
         samples: &FrameReport,
         report: &mut FrameReport,
     ) {
         if self.rank().is_none_or(|rank| rank == 0) {
-            window.average(&self.samples.image, &mut self.images.image);
+            region.average(&self.samples.image, &mut self.images.image);
         }
-        report.add_samples(window.count(), samples);
+        report.add_samples(region.count(), samples);
     }
 
     /// Checks the settings and returns the plan of a picture.
