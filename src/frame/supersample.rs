@@ -26,7 +26,7 @@ const SAMPLES: usize = 2;
 const REGION_TILES: usize = 64;
 
 /// Share of the tolerance that the filter on depths may use of a pixel. The estimate is of second order:
-/// with a share of 1 it missed errors of 2.6 tolerances in thin shells, with half of it none above one.
+/// with a share of 1 it missed errors of 1.4 tolerances in thin shells, with half of it none above one.
 const SHARE: f32 = 0.5;
 
 /// A part of a picture with tiles that are drawn again.
