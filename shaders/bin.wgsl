@@ -10,6 +10,8 @@ struct BinStep {
     // 0 counts the entries of every footprint, 1 writes them. Not an `override`: a compiler could round
     // the two kernels differently, and they must agree.
     emit: u32,
+    // 1 if some tiles of the picture are drawn, and bands are as wide as the picture.
+    is_masked: u32,
 }
 
 @group(0) @binding(0) var<uniform> chunk: ChunkUniform;
@@ -23,6 +25,8 @@ struct BinStep {
 @group(0) @binding(5) var<storage, read_write> offsets: array<u32>;
 @group(0) @binding(6) var<storage, read_write> entry_tiles: array<u32>;
 @group(0) @binding(7) var<storage, read_write> entry_footprints: array<u32>;
+// 1 for each tile of the picture that is drawn, row by row, if some are.
+@group(0) @binding(8) var<storage, read> drawn_tiles: array<u32>;
 
 // True if footprints have exact terms, or other terms in their place.
 override EXACT: bool = true;
@@ -87,7 +91,7 @@ fn tile_box(footprint: Footprint) -> TileBox {
 
 // Returns whether tiles are only counted, and their number is known without a test.
 fn is_known(tiles: TileBox) -> bool {
-    return bin_step.emit == 0u && !tiles.test;
+    return bin_step.emit == 0u && bin_step.is_masked == 0u && !tiles.test;
 }
 
 // Visits every tile of the band that contains a pixel centre within the cut-off of footprint k, by the
@@ -116,7 +120,10 @@ fn for_each_tile(k: u32, owner: u32, begin: u32, stride: u32) {
     for (var i = begin; i < tiles.count; i = i + stride) {
         let tile = tiles.first + vec2<u32>(i % tiles.columns, i / tiles.columns);
         var touched = true;
-        if tiles.test {
+        if bin_step.is_masked != 0u {
+            touched = drawn_tiles[tile.y * chunk.band_size.x + tile.x] != 0u;
+        }
+        if touched && tiles.test {
             // The pixel centres of the tile within the box.
             let lower = vec2<f32>(max(tile * TILE_SIZE, box_first));
             let upper = vec2<f32>(min((tile + 1u) * TILE_SIZE, box_end));

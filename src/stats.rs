@@ -29,6 +29,8 @@ pub struct FrameCounts {
     pub footprints_exact: usize,
     /// Number of these whose kernels cross the camera plane.
     pub footprints_near: usize,
+    /// Number of tiles that contain opaque edges, and whose pixels are means of four samples.
+    pub supersampled_tiles: usize,
     /// Number of entries of the tiles' lists.
     pub tile_entries: usize,
     /// Number of kernel evaluations at pixel centres within the cut-off.
@@ -50,6 +52,20 @@ pub struct StageTimes {
     pub resolve: f64,
     /// The whole frame, as long as the caller waits for it.
     pub frame: f64,
+}
+
+impl StageTimes {
+    /// Adds the times of another frame.
+    pub(crate) fn add(&mut self, other: &Self) {
+        self.cull += other.cull;
+        self.classify += other.classify;
+        self.project += other.project;
+        self.sort += other.sort;
+        self.bin += other.bin;
+        self.rasterise += other.rasterise;
+        self.resolve += other.resolve;
+        self.frame += other.frame;
+    }
 }
 
 /// Measures [`StageTimes`] on the processor. In a browser, where the standard library has no clock, times are

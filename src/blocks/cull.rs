@@ -92,6 +92,33 @@ impl Frustum {
     }
 }
 
+impl Frustum {
+    /// Returns the pixels that a kernel of the block may reach: half-open ranges of columns and rows, not limited to the
+    /// image. `None` if a kernel may reach the plane of the eye, and with it any pixel. Conservative.
+    ///
+    /// - `is_spread`: as for [`Self::sees`].
+    pub(crate) fn reached(
+        &self,
+        camera: &Camera,
+        block: &Block,
+        is_spread: bool,
+    ) -> Option<[[f64; 2]; 2]> {
+        let deviations = if is_spread { PIECE_REACH } else { MAX_CUTOFF };
+        let reach = f64::from(block.max_sigma) * f64::from(deviations);
+        let half = block.half_extent.as_dvec3() + reach;
+        let mut low = DVec2::INFINITY;
+        let mut high = DVec2::NEG_INFINITY;
+        for corner in 0..8 {
+            let sign = |bit: u32| if corner >> bit & 1 == 0 { -1.0 } else { 1.0 };
+            let at = block.origin + half * DVec3::new(sign(0), sign(1), sign(2));
+            let px = camera.project(at)?;
+            (low, high) = (low.min(px), high.max(px));
+        }
+        let (low, high) = (low - self.margin_px, high + self.margin_px);
+        Some([[low.x, high.x], [low.y, high.y]])
+    }
+}
+
 /// Finds the blocks that may reach the image and hold something visible, in their own order. Without a frustum (for a
 /// filter that enlarges kernels without a bound), only transparent blocks are left out. Later stages set keys and
 /// counts.

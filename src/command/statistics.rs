@@ -54,6 +54,7 @@ pub fn stats(renderer: &Renderer, times: &[StageTimes], prepared: Prepared) -> s
             "exact": counts.footprints_exact,
             "near": counts.footprints_near,
         },
+        "supersampled_tiles": counts.supersampled_tiles,
         "tile_entries": counts.tile_entries,
         "layer_thickness": renderer.layers().map(|layers| layers.thickness),
         "layer_error": renderer.layers().map(|layers| layers.error),

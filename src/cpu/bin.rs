@@ -21,6 +21,8 @@ pub struct Bins {
     chunks: Vec<ChunkBins>,
     /// The tiles that have lists.
     tiles: Range<usize>,
+    /// Whether footprints are listed, for each tile of the picture; `None` lists all.
+    drawn: Option<Vec<bool>>,
 }
 
 #[derive(Debug, Default)]
@@ -34,6 +36,13 @@ struct ChunkBins {
 }
 
 impl Bins {
+    /// Restricts the lists that are made from now on to some tiles of the picture; those of others are empty.
+    ///
+    /// - `drawn`: whether footprints are listed, for each tile; `None` for all.
+    pub(crate) fn restrict(&mut self, drawn: Option<&[bool]>) {
+        self.drawn = drawn.map(<[bool]>::to_vec);
+    }
+
     /// Returns the tiles that have lists: a range of the picture's tiles.
     pub fn tiles(&self) -> Range<usize> {
         self.tiles.clone()
@@ -92,6 +101,7 @@ pub(super) fn bin_into<const SIZE: usize>(
     bins: &mut Bins,
 ) {
     bins.tiles = tiles.clone();
+    let drawn = bins.drawn.as_deref();
     let rows = tiles.start / columns..tiles.end.div_ceil(columns);
     // Enough chunks to balance the load of the threads; each costs a word per tile.
     let chunk_count = (4 * rayon::current_num_threads())
@@ -125,7 +135,7 @@ pub(super) fn bin_into<const SIZE: usize>(
                     &rows,
                     |t| {
                         // The range may contain only a part of the first and the last row.
-                        if tiles.contains(&t) {
+                        if tiles.contains(&t) && drawn.is_none_or(|drawn| drawn[t]) {
                             found.push([(t - tiles.start) as u32, i]);
                         }
                     },

@@ -91,6 +91,7 @@ impl CpuFrames {
         report: &mut FrameReport,
     ) -> Result<ViewUniform> {
         check(plan.task.as_ref())?;
+        self.bins.restrict(plan.tiles.as_deref());
         let mut clock = Stopwatch::start();
         let view = self.cull(scene, plan, pass, &mut report.counts);
         report.times.cull += clock.lap();
@@ -321,6 +322,16 @@ impl CpuFrames {
                     Some(layers) => layers.axis.dot(camera.camera_point(block.origin)),
                 };
                 view.key = range.key(distance);
+            }
+        }
+        if let Some(tiles) = &plan.tiles {
+            let tiles = DrawnTiles::new(tiles, tile_grid(&pass.view)[0]);
+            for (volume, views) in volumes.iter().zip(&mut self.views) {
+                views.retain(|view| {
+                    let block = &volume.blocks[view.block as usize];
+                    let reached = plan.frustum.reached(camera, block, view.is_spread());
+                    reached.is_none_or(|pixels| tiles.meet(pixels))
+                });
             }
         }
         ViewUniform {
@@ -561,6 +572,52 @@ impl CpuFrames {
     }
 }
 
+/// Numbers of drawn tiles, to test rectangles of pixels against them.
+struct DrawnTiles {
+    /// Tiles in a row and rows.
+    size: [usize; 2],
+    /// Number of drawn tiles above and to the left of each corner of tiles.
+    sums: Vec<u32>,
+}
+
+impl DrawnTiles {
+    /// Counts tiles.
+    ///
+    /// - `columns`: tiles in a row.
+    fn new(tiles: &[bool], columns: usize) -> Self {
+        let rows = tiles.len() / columns.max(1);
+        let width = columns + 1;
+        let mut sums = vec![0; width * (rows + 1)];
+        for y in 0..rows {
+            let mut row = 0;
+            for x in 0..columns {
+                row += u32::from(tiles[y * columns + x]);
+                sums[(y + 1) * width + x + 1] = sums[y * width + x + 1] + row;
+            }
+        }
+        Self {
+            size: [columns, rows],
+            sums,
+        }
+    }
+
+    /// Returns whether a drawn tile meets columns and rows of pixels. NaN could lie anywhere.
+    fn meet(&self, pixels: [[f64; 2]; 2]) -> bool {
+        if pixels.as_flattened().iter().any(|px| px.is_nan()) {
+            return true;
+        }
+        let range = |axis: usize| {
+            let tile = |px: f64| (px / TILE_SIZE as f64).clamp(0.0, self.size[axis] as f64);
+            let [first, end] = pixels[axis];
+            #[expect(clippy::cast_possible_truncation, reason = "clamped to the tiles")]
+            [tile(first).floor() as usize, tile(end).ceil() as usize]
+        };
+        let ([x0, x1], [y0, y1]) = (range(0), range(1));
+        let sum = |x: usize, y: usize| self.sums[y * (self.size[0] + 1) + x];
+        sum(x1, y1) + sum(x0, y0) > sum(x0, y1) + sum(x1, y0)
+    }
+}
+
 /// Returns the pixels along a side of the tiles of a pass.
 pub(crate) fn tile_size(pass: &PassPlan) -> usize {
     if pass.axes.accumulate == Accumulate::Column {
@@ -611,7 +668,33 @@ pub(crate) fn is_cut_into_strips(plan: &FramePlan, pass: &PassPlan) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::cut_into_bands;
+    use super::{DrawnTiles, cut_into_bands};
+
+    #[test]
+    fn rectangles_of_pixels_meet_the_drawn_tiles_within() {
+        let is_drawn = |t: usize| t % 3 == 1 && t % 5 != 2;
+        let tiles: Vec<bool> = (0..7 * 4).map(is_drawn).collect();
+        let counted = DrawnTiles::new(&tiles, 7);
+        let mut met = 0;
+        for n in 0..4_000_usize {
+            let at = |step: usize, size: f64| (n * step % 1_009) as f64 / 1_009.0 * size - 20.0;
+            let [x, y] = [at(17, 150.0), at(31, 100.0)];
+            let [w, h] = [at(7, 60.0) + 20.0, at(3, 40.0) + 20.0];
+            let touches = |t: usize| {
+                let [tx, ty] = [t % 7, t / 7].map(|i| i as f64 * 16.0);
+                x < tx + 16.0 && x + w > tx && y < ty + 16.0 && y + h > ty
+            };
+            let any = (0..tiles.len()).any(|t| tiles[t] && touches(t));
+            assert_eq!(
+                counted.meet([[x, x + w], [y, y + h]]),
+                any,
+                "{x} {y} {w} {h}"
+            );
+            met += usize::from(any);
+        }
+        assert!((500..3_500).contains(&met), "{met}");
+        assert!(counted.meet([[f64::NAN; 2]; 2]));
+    }
 
     #[test]
     fn bands_hold_no_more_than_they_may_or_one_row() {

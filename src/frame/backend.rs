@@ -174,6 +174,15 @@ pub(crate) struct FrameReport {
     pub(crate) times: StageTimes,
 }
 
+impl FrameReport {
+    /// Adds the times of a frame that drew the samples of some tiles of the picture. Other counts stay those
+    /// of the picture.
+    pub(crate) fn add_samples(&mut self, tiles: usize, samples: &Self) {
+        self.counts.supersampled_tiles += tiles;
+        self.times.add(&samples.times);
+    }
+}
+
 /// A back end: it keeps its own copy of a scene's data and draws plans of frames of the scene.
 pub(crate) trait DrawFrames: Debug {
     /// Returns the name of its adapter; `None` for the CPU.

@@ -4,4 +4,5 @@ pub(crate) mod backend;
 pub(crate) mod check;
 pub(crate) mod plan;
 pub(crate) mod settings;
+pub(crate) mod supersample;
 pub(crate) mod uniforms;

@@ -88,6 +88,8 @@ pub(crate) struct FramePlan {
     pub(crate) depth: bool,
     /// True if normals of opaque surfaces are wanted.
     pub(crate) normals: bool,
+    /// True for each tile that is drawn, row by row; the others stay empty. `None` draws all.
+    pub(crate) tiles: Option<Vec<bool>>,
     /// The passes in drawing order: surfaces first.
     pub(crate) passes: Vec<PassPlan>,
     /// The instruction set of the CPU's inner loops.
@@ -207,6 +209,7 @@ impl FramePlan {
             is_encoded,
             depth: settings.depth,
             normals: settings.normals,
+            tiles: None,
             passes,
             simd: settings.advanced.simd,
             task: settings.task.clone(),
@@ -259,6 +262,7 @@ impl FramePlan {
             is_encoded: false,
             depth: false,
             normals: false,
+            tiles: None,
             passes: vec![pass],
             simd: settings.advanced.simd,
             task: settings.task.clone(),
@@ -282,6 +286,14 @@ impl FramePlan {
     /// Returns whether merged particles may replace their members.
     pub(crate) fn has_detail(&self) -> bool {
         self.choice.merge_tolerance > 0.0
+    }
+
+    /// Returns the images that the plan draws: those of samples if it draws some tiles alone.
+    pub(crate) fn target<'a, T>(&self, picture: &'a mut T, samples: &'a mut T) -> &'a mut T {
+        match self.tiles {
+            Some(_) => samples,
+            None => picture,
+        }
     }
 
     /// Returns the pass that draws volumes, if there is one.

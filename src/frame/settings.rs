@@ -26,7 +26,8 @@ pub struct Settings {
     pub classify: Classification,
     /// Planes that clip everything that is drawn; eight at most.
     pub clip: Vec<ClipPlane>,
-    /// Variance of the low-pass filter, px²; splats that state their opacity have their own.
+    /// Variance of the low-pass filter, px²; splats that state their opacity have their own. Up to .3 px²,
+    /// tiles with opaque edges are drawn at four samples a pixel, and the filter acts on the samples.
     pub low_pass_variance_px2: f32,
     /// Cut-off radius in standard deviations; `None` follows the tolerance.
     pub cutoff: Option<f32>,

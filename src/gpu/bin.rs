@@ -73,7 +73,9 @@ impl Bin {
         let kernel = |entry, bindings: &[Access], constants: &[(&str, f64)]| {
             gpu.kernel(&SHADER, entry, bindings, constants)
         };
-        let walk = [Uniform, Uniform, Read, Read, Read, Write, Write, Write];
+        let walk = [
+            Uniform, Uniform, Read, Read, Read, Write, Write, Write, Read,
+        ];
         let exact = [("EXACT", f64::from(u8::from(exact)))];
         Self {
             walk: kernel("bin_walk", &walk, &exact),
@@ -89,9 +91,14 @@ impl Bin {
     /// - `chunk`: the uniform [`ChunkUniform`] of `gather`.
     /// - `chunk_capacity`: greatest number of footprints in `gather`.
     /// - `tiles`: greatest number of tiles of a band, [`MAX_BAND_TILES`] or fewer.
+    /// - `drawn`: a word for each tile of the picture, 1 if it is drawn; `None` if all are.
     ///
     /// # Errors
     /// No memory for the entries, 16 bytes each.
+    #[allow(
+        clippy::too_many_arguments,
+        reason = "a stage takes the buffers it reads and their sizes"
+    )]
     pub(super) fn bind(
         &self,
         gpu: &Gpu,
@@ -100,7 +107,9 @@ impl Bin {
         chunk_capacity: u64,
         tiles: u32,
         capacity: u64,
+        drawn: Option<&wgpu::Buffer>,
     ) -> Result<BoundBin> {
+        let all = gpu.buffer("all tiles", 0)?;
         let offset_count = chunk_capacity + 1;
         let offsets = gpu.buffer("entry offsets", 4 * offset_count)?;
         let ranges = gpu.buffer("tile ranges", 8 * u64::from(tiles.max(1)))?;
@@ -110,7 +119,7 @@ impl Bin {
         let state = &gather.state;
         let entries = self.radix.bind(gpu, state, ENTRIES, capacity, bits)?;
         let walk = |emit: u32| -> Result<BoundKernel> {
-            let step = gpu.uniform("bin step", &emit)?;
+            let step = gpu.uniform("bin step", &[emit, u32::from(drawn.is_some())])?;
             let buffers = [
                 chunk,
                 &step,
@@ -120,6 +129,7 @@ impl Bin {
                 &offsets,
                 &entries.keys,
                 &entries.values,
+                drawn.unwrap_or(&all),
             ];
             Ok(self.walk.bind(gpu, &buffers))
         };
@@ -241,8 +251,16 @@ pub fn bin(
     let chunk_capacity = chunks.iter().map(|c| c.capacity).max().unwrap_or(0).into();
     let uniform = gpu.uniform("chunk", &<ChunkUniform as Zeroable>::zeroed())?;
     let gather = Gather::new(gpu, terms).bind(gpu, &uniform, &sort, &gathered, chunk_capacity)?;
-    let bin =
-        Bin::new(gpu, has_terms).bind(gpu, &uniform, &gather, chunk_capacity, tiles, capacity)?;
+    let bin = Bin::new(gpu, has_terms);
+    let bin = bin.bind(
+        gpu,
+        &uniform,
+        &gather,
+        chunk_capacity,
+        tiles,
+        capacity,
+        None,
+    )?;
 
     let binned = chunks.iter().map(|chunk| {
         gpu.write(&uniform, bytes_of(chunk));

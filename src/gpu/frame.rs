@@ -35,7 +35,8 @@ pub(crate) struct DeviceScene {
     timer: Timer,
     /// Passes in drawing order.
     passes: Vec<Pass>,
-    frame: Option<(FrameKind, Frame)>,
+    /// Buffers of the last picture, and those of the samples of its tiles.
+    frames: [Option<(FrameKind, Frame)>; 2],
     /// Pipeline for textures of the last texture's format.
     present: Option<Present>,
 }
@@ -57,7 +58,7 @@ impl DeviceScene {
         Ok(Self {
             timer: Timer::new(&gpu)?,
             passes: Vec::new(),
-            frame: None,
+            frames: [None, None],
             present: None,
             gpu,
         })
@@ -98,8 +99,9 @@ impl DeviceScene {
             passes: plan.passes.iter().map(|p| PassKind::of(plan, p)).collect(),
             stays: texture.is_some(),
         };
+        let slot = usize::from(plan.tiles.is_some());
         loop {
-            let frame = match self.frame.take() {
+            let frame = match self.frames[slot].take() {
                 Some((made_for, frame)) if made_for == kind => frame,
                 // Free its memory before allocating the next one's.
                 other => {
@@ -107,6 +109,7 @@ impl DeviceScene {
                     let make = || Frame::new(&gpu, &self.passes, plan, &kind);
                     let made = gpu.watched(make).await.flatten();
                     if made.is_err() {
+                        self.frames = [None, None];
                         // Another frame may need less memory than this one.
                         for pass in &mut self.passes {
                             pass.forget_capacity(&gpu);
@@ -130,7 +133,7 @@ impl DeviceScene {
             }
             if fits {
                 let counts = self.counts(scene, &kind.passes, &seen);
-                self.frame = Some((kind, frame));
+                self.frames[slot] = Some((kind, frame));
                 let times = self.timer.read(&gpu).await?;
                 return Ok(FrameReport {
                     counts,
@@ -140,6 +143,8 @@ impl DeviceScene {
                     },
                 });
             }
+            // The buffers of the other frame are too small, too.
+            self.frames = [None, None];
         }
     }
 
@@ -174,7 +179,7 @@ impl DrawFrames for DeviceScene {
             has_surface.then_some((Draws::Surfaces, is_picture)),
             (!is_picture).then_some((Draws::Volumes, true)),
         ];
-        self.frame = None;
+        self.frames = [None, None];
         self.passes.clear();
         for (draws, is_picture) in kinds.into_iter().flatten() {
             self.passes

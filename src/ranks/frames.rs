@@ -3,7 +3,7 @@
 use std::mem::{replace, take};
 use std::ops::Range;
 
-use bytemuck::Zeroable;
+use bytemuck::{Pod, Zeroable};
 
 use super::exchange::{Arrived, Sorting, parcels};
 use super::statistics::RankStats;
@@ -106,6 +106,17 @@ impl RankFrames {
             not_finite: not_finite as usize,
         });
         Ok(all.fold(known, |a, b| a.and(&b)))
+    }
+
+    /// Broadcasts a value of the first rank, which has the images, to all ranks.
+    ///
+    /// - `own`: ignored on other ranks.
+    ///
+    /// # Errors
+    /// A rank that is gone.
+    pub(crate) fn from_first<T: Pod>(&mut self, own: Vec<T>) -> Result<Vec<T>> {
+        let mut all = self.ranks.gather_records(Ok(own))?;
+        Ok(all.swap_remove(0))
     }
 
     /// Statistics of the last frame, by rank.
@@ -529,8 +540,12 @@ impl DrawFrames for RankFrames {
         self.now.tiles = shares.of(self.ranks.rank()).len() as u64;
         report.times.frame = whole.lap();
         self.now.add(&report);
-        self.stats = self.ranks.gather_one(gathered.map(|()| self.now))?;
-        RankStats::sum(&self.stats, &mut report.counts);
+        let stats = self.ranks.gather_one(gathered.map(|()| self.now))?;
+        RankStats::sum(&stats, &mut report.counts);
+        // Statistics are those of the picture, not of samples of its tiles.
+        if plan.tiles.is_none() {
+            self.stats = stats;
+        }
         Ok(report)
     }
 }

@@ -55,7 +55,12 @@ impl Renderer {
     /// The errors of [`Renderer::render`].
     pub async fn render_async(&mut self, camera: &Camera, settings: &Settings) -> Result<&Image> {
         let plan = self.plan(camera, settings)?;
-        let report = self.draw_async(&plan).await?;
+        let mut report = self.draw_async(&plan).await?;
+        for region in self.regions(&plan, settings)? {
+            let finer = region.plan(&self.scene, &plan, settings)?;
+            let samples = self.draw_async(&finer).await?;
+            self.average(&region, &samples, &mut report);
+        }
         self.drawn(&plan, report);
         Ok(&self.images.image)
     }
@@ -76,9 +81,10 @@ impl Renderer {
 
     /// As [`Renderer::draw`], without waiting for the device.
     async fn draw_async(&mut self, plan: &FramePlan) -> Result<FrameReport> {
+        let images = plan.target(&mut self.images, &mut self.samples);
         let drawn = match &mut self.device {
             Some(device) => {
-                let drawing = device.draw_to(&self.scene, plan, &mut self.images, None);
+                let drawing = device.draw_to(&self.scene, plan, images, None);
                 Some(drawing.await)
             }
             None => None,
@@ -97,7 +103,8 @@ impl Renderer {
     /// | `Rgba8UnormSrgb`, `Bgra8UnormSrgb` | the same, encoded by the texture; a shader reads it as linear and premultiplied |
     /// | `Rgba8Unorm`, `Bgra8Unorm` | sRGB code values of the straight colour, as in a PNG, times alpha: what windows and egui blend |
     ///
-    /// [`Renderer::image`] does not change. Depths and normals are read back if the settings ask for
+    /// All tiles have one sample a pixel: with filters up to .3 px², [`Renderer::render`] draws tiles with
+    /// opaque edges at four. [`Renderer::image`] does not change. Depths and normals are read back if the settings ask for
     /// them. Otherwise only counts are read back, some hundred bytes plus 24 per tile; they tell whether
     /// buffers were too small and the frame must be drawn again. This call waits for the counts;
     /// [`Renderer::render_to_texture_async`] does not block. In both cases the texture is complete when

@@ -14,6 +14,7 @@ use crate::frame::backend::{DrawFrames, Edit, FrameReport, Images, OpenBackend};
 use crate::frame::check::{check, check_scene};
 use crate::frame::plan::FramePlan;
 use crate::frame::settings::Settings;
+use crate::frame::supersample::{Region, choose, may_supersample, regions};
 #[cfg(feature = "gpu")]
 use crate::gpu::{DeviceScene as Device, Gpu};
 use crate::image::{DepthImage, Image, NormalImage};
@@ -64,6 +65,8 @@ pub struct Renderer {
     /// Reason why the CPU drew the last frame although there is a device.
     pub(super) fallback: Option<String>,
     pub(super) images: Images,
+    /// Samples of the tiles that a frame draws again.
+    pub(super) samples: Images,
     pub(super) amplitudes: Option<AmplitudeSummary>,
     layers: Option<Layers>,
     pub(super) report: FrameReport,
@@ -127,6 +130,7 @@ impl Renderer {
             falls_back: false,
             fallback: None,
             images: Images::default(),
+            samples: Images::default(),
             amplitudes: None,
             layers: None,
             report: FrameReport::default(),
@@ -284,9 +288,48 @@ impl Renderer {
     /// cancelled frame, which leaves the images partly drawn.
     pub fn render(&mut self, camera: &Camera, settings: &Settings) -> Result<&Image> {
         let plan = self.plan(camera, settings)?;
-        let report = self.draw(&plan)?;
+        let mut report = self.draw(&plan)?;
+        for region in self.regions(&plan, settings)? {
+            let finer = region.plan(&self.scene, &plan, settings)?;
+            let samples = self.draw(&finer)?;
+            self.average(&region, &samples, &mut report);
+        }
         self.drawn(&plan, report);
         Ok(&self.images.image)
+    }
+
+    /// Returns the regions of the picture that was just drawn whose tiles contain opaque edges: the same on
+    /// all ranks.
+    pub(super) fn regions(&mut self, plan: &FramePlan, settings: &Settings) -> Result<Vec<Region>> {
+        if !may_supersample(&self.scene, settings) {
+            return Ok(Vec::new());
+        }
+        let choose = || choose(&self.images.image, settings);
+        let chosen = match &mut self.ranks {
+            None => choose(),
+            Some(ranks) => {
+                let own = if ranks.rank() == 0 {
+                    choose()
+                } else {
+                    Vec::new()
+                };
+                ranks.from_first(own)?
+            }
+        };
+        Ok(regions(&plan.camera, &chosen))
+    }
+
+    /// Replaces the pixels of a region's tiles by the means of the samples that were just drawn.
+    pub(super) fn average(
+        &mut self,
+        region: &Region,
+        samples: &FrameReport,
+        report: &mut FrameReport,
+    ) {
+        if self.rank().is_none_or(|rank| rank == 0) {
+            region.average(&self.samples.image, &mut self.images.image);
+        }
+        report.add_samples(region.count(), samples);
     }
 
     /// Checks the settings and returns the plan of a picture.
@@ -314,11 +357,12 @@ impl Renderer {
 
     /// Draws a plan on the device if there is one that can, and on the CPU otherwise.
     pub(super) fn draw(&mut self, plan: &FramePlan) -> Result<FrameReport> {
+        let images = plan.target(&mut self.images, &mut self.samples);
         if let Some(ranks) = &mut self.ranks {
-            return ranks.draw(&self.scene, plan, &mut self.images);
+            return ranks.draw(&self.scene, plan, images);
         }
         let device = self.device.as_mut();
-        let drawn = device.map(|device| device.draw(&self.scene, plan, &mut self.images));
+        let drawn = device.map(|device| device.draw(&self.scene, plan, images));
         self.or_on_cpu(plan, drawn)
     }
 
@@ -339,7 +383,8 @@ impl Renderer {
             }
             None => {}
         }
-        self.cpu.draw(&self.scene, plan, &mut self.images)
+        let images = plan.target(&mut self.images, &mut self.samples);
+        self.cpu.draw(&self.scene, plan, images)
     }
 
     /// Returns the last frame's image.

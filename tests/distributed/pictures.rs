@@ -1,7 +1,7 @@
 //! Tests pictures of all kinds on any number of ranks.
 
 use ewa_splat::render::{Advanced, Classification, Composite};
-use ewa_splat::scene::{Colour, Lighting, Particles, PointVolume, Strength};
+use ewa_splat::scene::{Colour, Lighting, Particles, PointVolume, Strength, TransferFunction};
 use ewa_splat::view::{Camera, ClipPlane};
 use ewa_splat::{ColumnSettings, Filter, Settings, Show};
 use glam::DVec3;
@@ -64,6 +64,42 @@ fn kernels_over_one_another_near_and_far() {
     assert!(expected[1].shown() > 5000 && expected[1].counts.footprints_near > 0);
     assert!(expected[3].counts.blocks_merged > 0);
     assert!(expected[5].counts.footprints_exact > 0);
+}
+
+/// Returns an opaque ball of ellipsoids' values.
+fn opaque() -> PointVolume {
+    let shown = |v: f32| if v > 0.7 { 0.99 } else { 0.0 };
+    let transfer = TransferFunction::from_curves(|v| [v, 0.5, 1.0 - v], shown, [0.0, 1.0], 0.1);
+    PointVolume {
+        transfer_function: Some(transfer.unwrap()),
+        ..ellipsoids(4_000)
+    }
+}
+
+#[test]
+fn tiles_with_opaque_edges() {
+    let narrow = Settings {
+        low_pass_variance_px2: 0.15,
+        depth: true,
+        ..Settings::default()
+    };
+    let slabs = Settings {
+        composite: Composite::SLABS,
+        ..narrow.clone()
+    };
+    // The last picture is the first again: samples leave nothing behind.
+    let frames = [
+        (camera([120, 90]), narrow.clone()),
+        (flat([50, 70]), slabs),
+        (camera([120, 90]), narrow),
+    ];
+    let expected = assert_same(&[opaque(), spheres(600)], &frames);
+    assert!(
+        expected
+            .iter()
+            .all(|frame| frame.counts.supersampled_tiles > 3)
+    );
+    assert!(expected[0] == expected[2]);
 }
 
 #[test]

@@ -57,6 +57,8 @@ mod gpu_sort;
 #[cfg(feature = "gpu")]
 mod gpu_stages;
 #[cfg(feature = "gpu")]
+mod gpu_supersample;
+#[cfg(feature = "gpu")]
 mod gpu_surface;
 #[cfg(feature = "gpu")]
 mod gpu_texture;

@@ -57,6 +57,8 @@ pub(in crate::gpu) struct PassFrame {
     pub(super) sort: BoundSort,
     pub(super) chunk: wgpu::Buffer,
     pub(super) gather: BoundGather,
+    /// A word for each tile of the picture, 1 if it is drawn; `None` if all are.
+    pub(super) drawn_tiles: Option<wgpu::Buffer>,
     pub(super) bin: BoundBin,
     pub(super) rasterise: BoundRaster,
     /// Table that classifies layers, if layers are classified.
@@ -199,7 +201,20 @@ impl PassFrame {
         // For kernels on the exact path, and for surfels that follow the homography of their planes.
         let has_outlines = exact || matches!(raster, Raster::Surface(_));
         let bin = Bin::new(gpu, has_outlines);
-        let bin = bin.bind(gpu, &chunk, &gather, chunk_capacity, tiles, entries)?;
+        let words = u64::from(bands.tiles[0]) * u64::from(bands.tiles[1]);
+        let drawn_tiles = kind
+            .is_masked
+            .then(|| gpu.buffer("drawn tiles", 4 * words))
+            .transpose()?;
+        let bin = bin.bind(
+            gpu,
+            &chunk,
+            &gather,
+            chunk_capacity,
+            tiles,
+            entries,
+            drawn_tiles.as_ref(),
+        )?;
 
         let pixels_of = |label, words: u64| gpu.buffer(label, 4 * words * bands.most_pixels());
         let progress_bytes = u64::from(tiles) * size_of::<TileProgress>() as u64;
@@ -252,6 +267,7 @@ impl PassFrame {
             sort,
             chunk,
             gather,
+            drawn_tiles,
             bin,
             rasterise,
             classes,

@@ -45,6 +45,10 @@ impl PassFrame {
         if let (Some(buffer), Some(transfer)) = (&self.classes, post) {
             gpu.write(buffer, bytemuck::cast_slice(&classes(transfer)));
         }
+        if let (Some(buffer), Some(tiles)) = (&self.drawn_tiles, &plan.tiles) {
+            let words: Vec<u32> = tiles.iter().map(|is| u32::from(*is)).collect();
+            gpu.write(buffer, bytemuck::cast_slice(&words));
+        }
         let mut encoder = gpu.encoder();
         self.encode_until_sorted(&mut encoder, timer);
         gpu.submit(encoder);

@@ -17,6 +17,8 @@ pub(in crate::gpu) struct PassKind {
     pub(super) lights_particles: bool,
     /// True if colours are composited as sRGB codes.
     pub(super) is_encoded: bool,
+    /// True if some tiles of the picture are drawn.
+    pub(super) is_masked: bool,
     pub(super) axes: Axes,
 }
 
@@ -30,6 +32,7 @@ impl PassKind {
             classified_by: plan.classified_by(),
             lights_particles: pass.lights_particles,
             is_encoded: plan.is_encoded,
+            is_masked: plan.tiles.is_some(),
             axes: pass.axes,
         }
     }
