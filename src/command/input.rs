@@ -473,6 +473,7 @@ impl DataOptions {
             },
             purpose: PurposeOptions::default(),
             flatten: self.flatten,
+            refinement: None,
             task: None,
         }
     }
