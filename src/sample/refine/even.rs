@@ -251,8 +251,8 @@ mod tests {
             unevenness(&extent, &levels, &uneven),
             unevenness(&extent, &levels, &even),
         );
-        // Graded levels leave .02 of .09.
-        assert!(before > 0.06 && after < 0.025, "{before} {after}");
+        // Levels that differ among indices leave .03 of .1; equal ones .02.
+        assert!(before > 0.08 && after < 0.035, "{before} {after}");
         // The volume of the whole stays.
         let of_node = |n: usize| (0..part_count(levels[n])).map(move |p| (n, p));
         let all = (0..levels.len()).flat_map(of_node);

@@ -54,10 +54,9 @@ pub struct Refinement {
 impl Refinement {
     /// Returns the refinement that a tolerance of pictures asks for, without cameras yet: one pixel at 1/255.
     pub fn for_tolerance(tolerance: f32) -> Self {
-        let threshold_px = std::env::var("T_PX").ok().and_then(|t| t.parse().ok());
         Self {
             cameras: Vec::new(),
-            threshold_px: threshold_px.unwrap_or(f64::from(tolerance) * 255.0),
+            threshold_px: f64::from(tolerance) * 255.0,
         }
     }
 
