@@ -315,6 +315,7 @@ impl State {
                 begun,
                 read_ms,
                 prepare_ms: start.elapsed().as_secs_f64() * 1e3,
+                refined: (0, 0),
             },
         })
     }

@@ -515,6 +515,7 @@ impl DataOptions {
             purpose: PurposeOptions::default(),
             flatten: self.flatten,
             surface: self.is_boundary_alone().then_some(1.0),
+            refinement: None,
             task: None,
         }
     }

@@ -18,7 +18,12 @@ pub struct Prepared {
     pub read_ms: f64,
     /// Time of sorting into blocks.
     pub prepare_ms: f64,
+    /// Number of kernels that are parts of refined cells, and their greatest level.
+    pub refined: (usize, u8),
 }
+
+/// Bytes of a refined kernel: position, factor, volume, value and local model.
+const REFINED_BYTES: usize = 24 + 24 + 4 + 4 + 6;
 
 /// Returns the counts of the last frame, and the times of the last frame and of all frames in
 /// `times`.
@@ -34,6 +39,11 @@ pub fn stats(renderer: &Renderer, times: &[StageTimes], prepared: Prepared) -> s
     let mut stats = json!({
         "particles": renderer.particle_count(),
         "surfels": surfels,
+        "refined": {
+            "kernels": prepared.refined.0,
+            "levels": prepared.refined.1,
+            "bytes": prepared.refined.0 * REFINED_BYTES,
+        },
         "blocks": {
             "total": counts.blocks,
             "culled": counts.blocks_culled,

@@ -108,6 +108,8 @@ impl From<SentUp> for Up {
 struct Facts {
     field: Option<String>,
     unit: Option<String>,
+    refined_count: usize,
+    refined_level: u8,
     volume_count: usize,
     is_classified: bool,
     has_opacity: bool,
@@ -184,7 +186,8 @@ impl Collection<'_> {
         let turned = self.turn(&mut looks, &mut own);
         ranks.agree(turned)?;
         self.check_field(&looks, &mut own, ranks)?;
-        let options = self.chosen(&looks);
+        let mut options = self.chosen(&looks);
+        self.place_cameras(&looks, &mut options)?;
         // Samples inputs other than surfaces. From surfaces, it only reads the field values.
         let sampled = own
             .iter_mut()
@@ -433,6 +436,29 @@ impl Collection<'_> {
         options
     }
 
+    /// Gives inputs to refine the cameras of the pictures, placed by the boxes of all inputs.
+    fn place_cameras(&self, looks: &[Look], options: &mut [SampleOptions]) -> Result<()> {
+        if options.iter().all(|own| own.refinement.is_none()) {
+            return Ok(());
+        }
+        let beside = self.beside.iter().filter_map(|(corners, _)| *corners);
+        let own = looks.iter().filter_map(|look| look.corners);
+        let corners = beside.chain(own.map(corners_of));
+        let boxes: Vec<Bounds> = corners
+            .map(|(a, b)| ((a + b) / 2.0, (b - a) / 2.0))
+            .collect();
+        if boxes.is_empty() {
+            return Ok(());
+        }
+        let beside = self.beside.iter().map(|(_, up)| *up);
+        let up = Up::of_scene(beside.chain(ups(looks)));
+        let cameras = (self.request.cameras)(&boxes, up)?;
+        for refinement in options.iter_mut().filter_map(|own| own.refinement.as_mut()) {
+            refinement.cameras.clone_from(&cameras);
+        }
+        Ok(())
+    }
+
     /// Returns the data set of an input for sampling: the one kept in memory, or else read again.
     pub(super) fn taken(&self, own: &mut Own, options: &SampleOptions) -> Result<Dataset> {
         match own.dataset.take() {
@@ -646,6 +672,8 @@ impl Collection<'_> {
                 report: SampleReport {
                     field: facts.field,
                     unit: facts.unit,
+                    refined_count: facts.refined_count,
+                    refined_level: facts.refined_level,
                     ..SampleReport::default()
                 },
                 kind: look.kind,
@@ -704,6 +732,8 @@ impl Own {
         Facts {
             field: report.field.clone(),
             unit: report.unit.clone(),
+            refined_count: report.refined_count,
+            refined_level: report.refined_level,
             volume_count: volumes.len(),
             is_classified: volumes.iter().any(|v| v.transfer_function.is_some()),
             has_opacity: has_opacity(volumes),

@@ -4,6 +4,8 @@
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::mem::take;
 
+use glam::DVec3;
+
 use super::alone::load_alone;
 use super::collection::{Collection, Gathered};
 use super::edit::Edit;
@@ -19,6 +21,7 @@ use super::prepared::is_prepared;
 use super::request::Request;
 use crate::blocks::ParticleStream;
 use crate::collective::Collective;
+use crate::data::up::Up;
 use crate::error::{Error, Result};
 use crate::io::{Planes, RowFile, VtsPieces, VtuPieces};
 use crate::prepared::{About, PointFile};
@@ -232,7 +235,12 @@ impl Parts {
                 of_part(read_pieces(&file, &options, ranks)?, Kind::Grid, &options)?
             }
             Self::Grid(file, options) => {
-                of_part(read_grid(&file, &options, ranks)?, Kind::Grid, &options)?
+                let cameras = |(a, b): (DVec3, DVec3), up| {
+                    let up = Up::of_scene([up]);
+                    (request.cameras)(&[((a + b) / 2.0, (b - a) / 2.0)], up)
+                };
+                let read = read_grid(&file, &options, &cameras, ranks)?;
+                of_part(read, Kind::Grid, &options)?
             }
             Self::Planes(file) => {
                 notes(file.notes());

@@ -38,6 +38,7 @@ mod options;
 mod own;
 pub(crate) mod points;
 mod positions;
+pub(crate) mod refine;
 mod report;
 mod sampled;
 mod scalar;
@@ -84,6 +85,7 @@ pub use self::options::{
 pub use self::points::accuracy_warnings::accuracy_warnings;
 pub(crate) use self::points::neighbours::Remote;
 pub(crate) use self::points::reach::{Boxes, Leaf, Near, Reach};
+pub use self::refine::Refinement;
 pub use self::sampled::Sampled;
 pub use self::sampled::SampledScene;
 pub(crate) use self::scalar::LEAST_PER_NODE;

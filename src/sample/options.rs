@@ -6,6 +6,7 @@ use crate::constants::{DEFAULT_KERNEL_WIDTH, FAINT_SHARE};
 use crate::data::smoothing::{LengthMeaning, SphKernel};
 use crate::error::{Error, Parameter, Result};
 use crate::sample::mesh::Spread;
+use crate::sample::refine::Refinement;
 use crate::scene::{PointVolume, ScaleName, TransferFunction};
 use crate::task::Task;
 
@@ -35,6 +36,9 @@ pub struct SampleOptions {
     pub kernels: KernelOptions,
     /// The use of the volumes.
     pub purpose: PurposeOptions,
+    /// Pictures for which kernels are refined; `None` leaves one kernel per sample. A refined volume belongs to
+    /// its transfer function and these pictures.
+    pub refinement: Option<Refinement>,
     /// Receives the progress of the work, and may cancel it.
     pub task: Option<Task>,
 }

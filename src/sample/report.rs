@@ -26,6 +26,10 @@ pub struct SampleReport {
     pub particle_count: usize,
     /// Number of ghosts among the particles: kernels beyond a sharp boundary.
     pub ghost_count: usize,
+    /// Number of particles that are parts of refined cells ([`Refinement`](super::Refinement)).
+    pub refined_count: usize,
+    /// Greatest level of these: an index of a cell is split into 2 to this power.
+    pub refined_level: u8,
     /// Findings, in the order of the work.
     pub findings: Vec<Finding>,
     /// Evenness of the spread of surfels, for a mesh.
@@ -74,6 +78,8 @@ impl SampleReport {
         self.sample_count += other.sample_count;
         self.particle_count += other.particle_count;
         self.ghost_count += other.ghost_count;
+        self.refined_count += other.refined_count;
+        self.refined_level = self.refined_level.max(other.refined_level);
         self.value_range = match (self.value_range, other.value_range) {
             (Some([a, b]), Some([c, d])) => Some([a.min(c), b.max(d)]),
             (own, other) => own.or(other),
@@ -126,6 +132,8 @@ impl Found {
                 sample_count: 0,
                 particle_count: 0,
                 ghost_count: 0,
+                refined_count: 0,
+                refined_level: 0,
                 findings: Vec::new(),
                 ..others.clone()
             },

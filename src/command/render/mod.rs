@@ -63,6 +63,7 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
         mean,
         truth,
         read_ms,
+        refined,
         prepare_start,
     } = match &mut ranks {
         Some(ranks) => ranks.agree(made)?,
@@ -85,6 +86,7 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
         begun,
         read_ms,
         prepare_ms,
+        refined,
     };
     let annotations = arguments.annotations.at(&arguments.inputs);
     let overlays = Overlays::new(&annotations, legend.clone(), bounds, &camera)?;

@@ -84,7 +84,8 @@ pub(in crate::command) struct Method {
     /// r_k/r_h by it alone; the paper's are 0.3,2
     #[arg(long, value_name = "CMIN,CMAX", value_parser = parse::thresholds)]
     pub(in crate::command) thresholds: Option<[f32; 2]>,
-    /// Whether adaptive merges particles far below a pixel
+    /// Whether adaptive merges particles far below a pixel, and kernels of grids are refined where the
+    /// field bends between samples
     #[arg(long, value_enum, default_value = "auto", value_name = "auto|off")]
     pub(in crate::command) level_of_detail: Detail,
     /// How kernels that lie behind one another become a picture

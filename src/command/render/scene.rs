@@ -30,6 +30,8 @@ pub(super) struct ReadyScene {
     pub(super) mean: Option<ColumnMean>,
     pub(super) truth: Option<Truth>,
     pub(super) read_ms: f64,
+    /// Number of kernels that are parts of refined cells, and their greatest level.
+    pub(super) refined: (usize, u8),
     pub(super) prepare_start: Instant,
 }
 
@@ -86,6 +88,13 @@ impl Arguments {
             }
         };
         let read_ms = read_start.elapsed().as_secs_f64() * 1e3;
+        let reports = scene.inputs.iter().map(|input| &input.report);
+        let refined = reports.fold((0, 0), |(count, level), report| {
+            (
+                count + report.refined_count,
+                report.refined_level.max(level),
+            )
+        });
 
         progress.set_message("sorting into blocks");
         let prepare_start = Instant::now();
@@ -133,6 +142,7 @@ impl Arguments {
             mean,
             truth,
             read_ms,
+            refined,
             prepare_start,
         })
     }

@@ -8,7 +8,7 @@ use crate::command::animation;
 use crate::command::parse::Background;
 use crate::image::DARK_GREY;
 use crate::render::{Advanced, Blend, Classification, Composite};
-use crate::sample::{PurposeOptions, SampleOptions};
+use crate::sample::{PurposeOptions, Refinement, SampleOptions};
 use crate::scene::{Lighting, ScaleName};
 use crate::view::{Camera, ClipPlane};
 use crate::{Backend, ColumnSettings, Filter, Renderer, SceneOptions, Settings, Show, Task};
@@ -34,9 +34,21 @@ impl Arguments {
                 local_models: self.asks_models(),
                 ..PurposeOptions::default()
             },
+            refinement: self.refinement(),
             task,
             ..self.data.sample_options()
         }
+    }
+
+    /// Returns how far kernels are refined for the pictures. Only kernels that are classified over their extent
+    /// gain by it.
+    fn refinement(&self) -> Option<Refinement> {
+        let method = &self.method;
+        let is_classified = method.classify == ClassifyName::Extent && !method.column_density;
+        let is_refined =
+            is_classified && self.data.flatten.is_none() && !method.post_classification;
+        let tolerance = method.tolerance.unwrap_or(Settings::default().tolerance);
+        is_refined.then(|| Refinement::for_tolerance(tolerance))
     }
 
     /// Returns true if local models of the field are needed: by classification over kernels'

@@ -11,8 +11,10 @@ use crate::collective::Collective;
 use crate::data::association::Association;
 use crate::data::blanking::Blanking;
 use crate::data::dataset::{CurvilinearBlock, Dataset, Geometry};
+use crate::data::up::Up;
 use crate::error::Result;
 use crate::io::{ArrayKey, BlockPlanes, VtsPieces};
+use crate::load::facts::Corners;
 use crate::math::ExactSum;
 use crate::message::{put, take};
 use crate::ranks::Share;
@@ -22,6 +24,7 @@ use crate::sample::{
     planes_around, seam, shown_field, take_scalar,
 };
 use crate::scene::{Surroundings, Tiling, ValueScale, Values};
+use crate::view::Camera;
 
 /// Returns the planes of nodes, of `count`, that a rank samples.
 fn own_planes(count: usize, rank: usize, size: usize) -> Range<usize> {
@@ -31,6 +34,8 @@ fn own_planes(count: usize, rank: usize, size: usize) -> Range<usize> {
 /// Reads this rank's pieces, receives its planes of constant k with the halo around them, and makes particles of them:
 /// the particles that [`sample::volume`](crate::sample::volume) makes of the whole grid.
 ///
+/// - `cameras`: returns the cameras of the pictures of a scene between two corners.
+///
 /// Returns `None` if one rank must read the whole grid. That is so for surfaces, iso-surfaces, grids that close along
 /// k, and grids with cells that finer cells replace. Some sampling options also need all values on one rank.
 ///
@@ -39,6 +44,7 @@ fn own_planes(count: usize, rank: usize, size: usize) -> Range<usize> {
 pub(crate) fn read_grid(
     file: &VtsPieces,
     options: &SampleOptions,
+    cameras: &dyn Fn(Corners, Up) -> Result<Vec<Camera>>,
     ranks: &mut dyn Collective,
 ) -> Result<Option<PartRead>> {
     let [ni, nj, count] = file.dims();
@@ -120,15 +126,6 @@ pub(crate) fn read_grid(
     if let Some(models) = sampled.models.take() {
         sampled.volume.local_models = Some(models_of_all(&models, ranks)?);
     }
-    let finished = sampled.finished(options, ranks);
-    let (volume, ghosts) = ranks.agree(finished)?;
-    let ghosts_before = ranks.sum_before(Ok(ghosts as u64))? as usize;
-    let all_ghosts = ranks.sum(Ok(ghosts as u64))?;
-    let own = volume.particles.len() - ghosts;
-    let of_ghosts = count + ghosts_before..count + ghosts_before + ghosts;
-    let numbers = (before..before + own).chain(of_ghosts);
-    found.report.particle_count += all_ghosts as usize;
-    found.report.ghost_count = all_ghosts as usize;
     let outline = CurvilinearBlock {
         dims: [outline.len(), 1, 1],
         nodes: outline,
@@ -136,13 +133,36 @@ pub(crate) fn read_grid(
     let geometry = Geometry::Curvilinear {
         blocks: vec![outline],
     };
+    let head = Dataset { geometry, ..head };
+    let mut options = options.clone();
+    if let (Some(refinement), Some(corners)) = (&mut options.refinement, found.corners) {
+        refinement.cameras = cameras(corners, head.up())?;
+    }
+    let finished = sampled.finished(&options, ranks);
+    let (volume, counts, level) = ranks.agree(finished)?;
+    // Samples of all ranks come first, then ghosts, then parts.
+    let mut numbers = Vec::with_capacity(counts.len());
+    let mut first = 0;
+    let mut totals = [0; 3];
+    for (count, total) in counts.into_iter().zip(&mut totals) {
+        let before = ranks.sum_before(Ok(count as u64))? as usize;
+        *total = ranks.sum(Ok(count as u64))? as usize;
+        numbers.push(first + before..first + before + count);
+        first += *total;
+    }
+    let numbers = numbers.into_iter().flatten();
+    found.report.particle_count = totals.iter().sum();
+    found.report.ghost_count = totals[1];
+    found.report.refined_count = totals[2];
+    let levels = ranks.gather_one(Ok(level))?.into_iter();
+    found.report.refined_level = levels.max().unwrap_or(0);
     Ok(Some(PartRead {
         share: Share {
             numbers: Some(vec![numbers.map(|n| n as u64).collect()]),
             ..Share::from(vec![volume])
         },
         report: found.report,
-        head: Dataset { geometry, ..head },
+        head,
         corners: found.corners,
     }))
 }
@@ -277,8 +297,8 @@ mod tests {
     use super::*;
     use crate::ranks::ThreadRank;
     use crate::sample::{BoundaryChoice, Sampled, TransferChoice};
-    use crate::sample::{FunctionOptions, KernelOptions, PurposeOptions};
-    use crate::scene::{Boundary, ScaleName};
+    use crate::sample::{FunctionOptions, KernelOptions, PurposeOptions, Refinement};
+    use crate::scene::{Boundary, ScaleName, TransferFunction};
 
     const DIMS: [usize; 3] = [9, 8, 75];
 
@@ -386,7 +406,11 @@ mod tests {
     fn check(path: &Path, options: &SampleOptions, sizes: &[usize]) -> Sampled {
         check_file(path, options, sizes, |ranks| {
             let file = VtsPieces::open(path).unwrap().unwrap();
-            read_grid(&file, options, ranks).unwrap().unwrap()
+            let refinement = options.refinement.as_ref();
+            let cameras = || refinement.map_or(Vec::new(), |own| own.cameras.clone());
+            read_grid(&file, options, &|_, _| Ok(cameras()), ranks)
+                .unwrap()
+                .unwrap()
         })
     }
 
@@ -456,6 +480,39 @@ mod tests {
     }
 
     #[test]
+    fn refined_kernels_are_those_of_the_whole() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = write(folder.path(), &bent);
+        let hat = |v: f32| (1.0 - (v - 2.4).abs() / 0.05).max(0.0) * 0.9;
+        let function =
+            TransferFunction::from_curves(|_| [1.0, 0.5, 0.2], hat, [1.0, 4.0], 0.5).unwrap();
+        let eye = DVec3::new(40.0, -60.0, 30.0);
+        let target = DVec3::new(6.0, 5.0, 40.0);
+        let refined = SampleOptions {
+            function: FunctionOptions {
+                transfer: TransferChoice::Given(function),
+                ..FunctionOptions::default()
+            },
+            refinement: Some(Refinement {
+                cameras: vec![Camera::orthographic(eye, target, DVec3::Z, 80.0, [800; 2])],
+                ..Refinement::for_tolerance(1.0 / 255.0)
+            }),
+            ..SampleOptions::default()
+        };
+        let soft = check(&path, &refined, &[1, 2, 3, 7]);
+        assert!(soft.report.refined_count > 1000 && soft.report.refined_level > 1);
+        let sharp = SampleOptions {
+            kernels: KernelOptions {
+                boundary: BoundaryChoice::Sharp,
+                ..KernelOptions::default()
+            },
+            ..refined
+        };
+        let sharp = check(&path, &sharp, &[2, 5]);
+        assert!(sharp.report.refined_count > soft.report.refined_count);
+    }
+
+    #[test]
     fn grids_that_close_are_cut_across_their_seams_alone() {
         let folder = tempfile::tempdir().unwrap();
         let path = write(folder.path(), &ring);
@@ -479,6 +536,7 @@ mod tests {
         let own = ThreadRank::group(1).swap_remove(0);
         let file = VtsPieces::open(&path).unwrap().unwrap();
         let mut ranks = own;
-        assert!(read_grid(&file, &sharp, &mut ranks).unwrap().is_none());
+        let read = read_grid(&file, &sharp, &|_, _| Ok(Vec::new()), &mut ranks);
+        assert!(read.unwrap().is_none());
     }
 }

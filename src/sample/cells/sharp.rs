@@ -30,8 +30,9 @@ use crate::data::cells::CellMesh;
 use crate::data::polyhedron::polyhedron_faces;
 use crate::math::{factor_of_variance, lower_matrix};
 use crate::parallel;
-use crate::sample::curvilinear::sharp::{SharpParticle, edges};
+use crate::sample::curvilinear::sharp::SharpParticle;
 use crate::sample::kernels::Kernel;
+use crate::sample::kernels::planes::edges;
 use crate::sample::positions::index_u32;
 use crate::scene::Values;
 

@@ -33,6 +33,8 @@ pub(in crate::sample) fn reach(width: f64) -> isize {
 /// The nodes of one grid and of its ghost layers (the extended grid).
 pub(in crate::sample) struct GridNodes<'a, 'b> {
     grid: &'a Grid<'b>,
+    /// Layers of nodes by which the grid is extended.
+    layers: [usize; 3],
     /// Nodes of the extended grid along each index.
     dims: [usize; 3],
     /// Particle of each node of the extended grid.
@@ -67,9 +69,28 @@ impl<'a, 'b> GridNodes<'a, 'b> {
         }
         Self {
             grid,
+            layers,
             dims,
             particles,
         }
+    }
+
+    pub(in crate::sample) fn grid(&self) -> &'a Grid<'b> {
+        self.grid
+    }
+
+    pub(in crate::sample) fn layers(&self) -> [usize; 3] {
+        self.layers
+    }
+
+    /// Returns the number of nodes of the extended grid along each index.
+    pub(in crate::sample) fn dims(&self) -> [usize; 3] {
+        self.dims
+    }
+
+    /// Returns the particle at a node of the extended grid.
+    pub(in crate::sample) fn particle_at(&self, node: [usize; 3]) -> Option<usize> {
+        self.particle(self.place(node))
     }
 
     /// Sets the particle of a node of the extended grid.

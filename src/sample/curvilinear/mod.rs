@@ -19,6 +19,7 @@
 pub(crate) mod even_grid;
 pub(crate) mod overlap;
 pub(crate) mod partitioned;
+pub(crate) mod refined;
 pub(crate) mod seam;
 pub(crate) mod sharp;
 pub(crate) mod structured;
@@ -29,7 +30,8 @@ use std::ops::Range;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use self::sharp::sharpen_grids;
+use self::refined::refine_grids;
+use self::sharp::{nodes_of, sharpen_grids};
 use self::structured::{CellCounts, Grid, Part};
 use super::field::gradient::Samples;
 use super::field::local_models;
@@ -46,6 +48,7 @@ use crate::math::{lower_factor, normal_code};
 use crate::sample::field::choice::shown_field;
 use crate::sample::function::{classified_kernels, differences};
 use crate::sample::options::SampleOptions;
+use crate::sample::positions::index_u32;
 use crate::sample::report::SampleReport;
 use crate::sample::sampled::Sampled;
 use crate::sample::scalar::{check_count, check_len, nothing_left, take_scalar};
@@ -120,7 +123,8 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     // The encoded models take a quarter of the memory.
     let local_models = models.map(|models| LocalModels::new(&models));
     let is_sharp = options.is_sharp() && taken.association == Association::Nodes;
-    let kept = if is_sharp {
+    let is_refined = options.refinement.is_some() && taken.association == Association::Nodes;
+    let kept = if is_sharp || is_refined {
         kernels.kept.clone()
     } else {
         Vec::new()
@@ -135,13 +139,29 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     )?;
     sampled.volume.normals = normals;
     sampled.volume.local_models = local_models;
-    if is_sharp {
-        let Sampled { volume, report } = &mut sampled;
-        let own = &mut Own {
-            range: 0..kept.len(),
-            ranks: &mut Alone::default(),
+    let Sampled { volume, report } = &mut sampled;
+    let own = &mut Own {
+        range: 0..kept.len(),
+        ranks: &mut Alone::default(),
+    };
+    let sharp = match is_sharp {
+        true => sharpen_grids(volume, report, &samples, &kept, options, own)?,
+        false => None,
+    };
+    if is_refined {
+        let all_nodes = match sharp {
+            Some((_, nodes)) => nodes,
+            None => {
+                let each = samples.iter();
+                each.map(|(first, grid)| nodes_of(*first, grid, [0; 3], &kept))
+                    .collect()
+            }
         };
-        sharpen_grids(volume, report, &samples, &kept, options, own)?;
+        let wanted: Vec<u32> = (0..volume.particles.len()).map(index_u32).collect();
+        let stays = refine_grids(volume, &all_nodes, report, &wanted, options, own.ranks)?;
+        if let Some(stays) = stays {
+            report.ghost_count = stays.iter().filter(|&&i| i >= kept.len()).count();
+        }
     }
     Ok(sampled)
 }

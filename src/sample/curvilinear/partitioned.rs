@@ -4,7 +4,8 @@ use std::ops::Range;
 
 use glam::DVec3;
 
-use super::sharp::{FARTHEST, sharpen_grids};
+use super::refined::refine_grids;
+use super::sharp::{FARTHEST, nodes_of, sharpen_grids};
 use super::structured::{CellCounts, Grid, volume_of};
 use super::window::Window;
 use super::{GridField, GridFit, even_grid};
@@ -19,6 +20,7 @@ use crate::sample::kernels::Kernels;
 use crate::sample::options::{SampleOptions, check_options};
 use crate::sample::own::Own;
 use crate::sample::positions::index_u32;
+use crate::sample::refine;
 use crate::sample::report::SampleReport;
 use crate::scene::{LocalModel, Particles, PickedRow, PointVolume, ValueScale, Values};
 
@@ -50,6 +52,10 @@ pub(crate) fn planes_around(
     // the kernels beside those count, too. Local models reach two nodes. Kernels need the adjacent nodes.
     let reach = even_grid::reach(options.kernels.width).unsigned_abs();
     let reach = reach.max(3) + 2;
+    let reach = match options.refinement {
+        Some(_) => reach.max(refine::PLANES),
+        None => reach,
+    };
     let first = own.start.saturating_sub(reach);
     let end = (own.end + reach).min(count);
     // Kernels near a face are cut there, so the face's own plane is needed.
@@ -173,8 +179,8 @@ impl PartitionedGrid<'_> {
         picked_of(&self.volume, &self.own, first, count)
     }
 
-    /// Returns the wanted particles, with a sharp boundary if the options ask for one. The number is that of
-    /// the ghosts among them, at the end.
+    /// Returns the wanted particles, with a sharp boundary and refined if the options ask for it. The numbers are
+    /// those of samples, of ghosts and of parts, in this order, and the greatest level of the parts.
     ///
     /// # Errors
     /// Errors of the reductions over `ranks`.
@@ -182,7 +188,7 @@ impl PartitionedGrid<'_> {
         self,
         options: &SampleOptions,
         ranks: &mut dyn Collective,
-    ) -> Result<(PointVolume, usize)> {
+    ) -> Result<(PointVolume, [usize; 3], u8)> {
         let Self {
             here,
             grid,
@@ -193,21 +199,36 @@ impl PartitionedGrid<'_> {
             ..
         } = self;
         let mut wanted: Vec<u32> = own.clone().map(index_u32).collect();
-        let mut ghosts = 0;
-        if options.is_sharp() && here.association == Association::Nodes {
-            let own_and_ranks = &mut Own {
-                range: own.clone(),
-                ranks,
-            };
-            let grids = [(0, grid)];
-            let report = &mut report;
-            let sources =
-                sharpen_grids(&mut volume, report, &grids, &kept, options, own_and_ranks)?;
-            let is_own = |(_, source): &(usize, &usize)| own.contains(source);
-            let of_own = sources.iter().enumerate().filter(is_own);
-            wanted.extend(of_own.map(|(i, _)| index_u32(kept.len() + i)));
-            ghosts = wanted.len() - own.len();
+        let grids = [(0, grid)];
+        let is_of_nodes = here.association == Association::Nodes;
+        let sharp = match options.is_sharp() && is_of_nodes {
+            true => {
+                let own = &mut Own {
+                    range: own.clone(),
+                    ranks: &mut *ranks,
+                };
+                sharpen_grids(&mut volume, &mut report, &grids, &kept, options, own)?
+            }
+            false => None,
+        };
+        let nodes = match sharp {
+            Some((sources, nodes)) => {
+                let is_own = |(_, source): &(usize, &usize)| own.contains(source);
+                let of_own = sources.iter().enumerate().filter(is_own);
+                wanted.extend(of_own.map(|(i, _)| index_u32(kept.len() + i)));
+                nodes
+            }
+            None => vec![nodes_of(0, &grids[0].1, [0; 3], &kept)],
+        };
+        if is_of_nodes
+            && let Some(stays) =
+                refine_grids(&mut volume, &nodes, &mut report, &wanted, options, ranks)?
+        {
+            let samples = stays.iter().filter(|&&i| i < kept.len()).count();
+            let counts = [samples, stays.len() - samples, report.refined_count];
+            return Ok((volume, counts, report.refined_level));
         }
-        Ok((volume.gathered(&wanted), ghosts))
+        let ghosts = wanted.len() - own.len();
+        Ok((volume.gathered(&wanted), [own.len(), ghosts, 0], 0))
     }
 }

@@ -12,18 +12,19 @@ use rayon::prelude::*;
 use super::even_grid::GridNodes;
 use super::structured::{Grid, Part};
 use super::window::Window;
-use crate::constants::{EDGE_REACH, MOST_EDGES};
+use crate::constants::MOST_EDGES;
 use crate::error::Result;
-use crate::math::{lower_factor, narrowed};
+use crate::math::lower_factor;
 use crate::sample::field::local_models::matrix_of;
 use crate::sample::kernels::Kernel;
 use crate::sample::kernels::even::CutKernels;
+use crate::sample::kernels::planes::{edges, plane_of};
 use crate::sample::options::SampleOptions;
 use crate::sample::own::Own;
 use crate::sample::positions::index_u32;
 use crate::sample::report::SampleReport;
 use crate::scene::{
-    Boundary, BoundaryPlanes, LocalModel, LocalModels, NO_EDGE, Particles, PointVolume, Strength,
+    Boundary, BoundaryPlanes, LocalModel, LocalModels, Particles, PointVolume, Strength,
 };
 
 /// Layers of nodes by which the grid is extended: one of ghosts, and one beyond for their shapes.
@@ -32,9 +33,6 @@ const LAYERS: usize = 2;
 /// Greatest distance in cells at which a face may cut a kernel: in a boundary layer, kernels grow almost as
 /// fast as their distance.
 pub(in crate::sample) const FARTHEST: usize = 6;
-
-/// Least sine of the angle between two tangents that span a face.
-const LEAST_SINE: f64 = 1e-6;
 
 /// The nodes on a face of a grid and their ghosts beyond it. The array holds these two layers between two outer
 /// ones.
@@ -82,7 +80,7 @@ impl Grid<'_> {
 
     /// Returns the number of nodes from a place to the first and to the last plane of the whole grid along an
     /// index.
-    fn face_distances(&self, a: usize, i: isize) -> [isize; 2] {
+    pub(in crate::sample) fn face_distances(&self, a: usize, i: isize) -> [isize; 2] {
         let Window { first, count, .. } = self.window;
         let [before, count] = match a {
             2 => [first, count],
@@ -99,7 +97,18 @@ impl Grid<'_> {
     }
 
     /// Returns the position of a node of the grid or of its linear extension.
-    fn continued(&self, at: [isize; 3]) -> DVec3 {
+    pub(in crate::sample) fn continued(&self, at: [isize; 3]) -> DVec3 {
+        let terms = self.continuation(at);
+        terms.fold(DVec3::ZERO, |sum, (node, weight)| {
+            sum + self.nodes[self.node_index(node)] * weight
+        })
+    }
+
+    /// Returns the nodes from which a node of the grid or of its linear extension follows, with their weights.
+    pub(in crate::sample) fn continuation(
+        &self,
+        at: [isize; 3],
+    ) -> impl Iterator<Item = ([usize; 3], f64)> {
         let along = [0, 1, 2].map(|a| {
             let last = self.dims[a] as isize - 1;
             let (i, base) = (at[a], at[a].clamp(0, last));
@@ -107,18 +116,11 @@ impl Grid<'_> {
             let beyond = (i - base).unsigned_abs() as f64;
             [(base as usize, 1.0 + beyond), (inner as usize, -beyond)]
         });
-        let mut sum = DVec3::ZERO;
-        for (i, x) in along[0] {
-            for (j, y) in along[1] {
-                for (k, z) in along[2] {
-                    let weight = x * y * z;
-                    if weight != 0.0 {
-                        sum += self.nodes[self.node_index([i, j, k])] * weight;
-                    }
-                }
-            }
-        }
-        sum
+        (0..8_usize).filter_map(move |n| {
+            let [(i, x), (j, y), (k, z)] = [0, 1, 2].map(|a| along[a][n >> (2 - a) & 1]);
+            let weight = x * y * z;
+            (weight != 0.0).then_some(([i, j, k], weight))
+        })
     }
 
     /// Returns the tangent plane at the boundary node nearest to a place along index `a`: its normal into the
@@ -145,15 +147,7 @@ impl Grid<'_> {
         inner[a] = if is_upper { last[a] - 1 } else { 1 };
         let origin = node(ijk);
         let inward = node(inner) - origin;
-        let [u, v] = [tangent((a + 1) % 3), tangent((a + 2) % 3)];
-        let across = u.cross(v);
-        // Phrased so that NaN gives no plane.
-        if !(across.length() > LEAST_SINE * u.length() * v.length()) {
-            return None;
-        }
-        let normal = across.normalize();
-        let height = normal.dot(inward);
-        (height.abs() > LEAST_SINE * inward.length()).then(|| [normal * height.signum(), origin])
+        plane_of(origin, inward, tangent((a + 1) % 3), tangent((a + 2) % 3))
     }
 
     /// Returns true if nothing around a node is blanked.
@@ -325,25 +319,6 @@ fn plane_nodes(dims: [usize; 3], a: usize, at: usize) -> impl Iterator<Item = us
     across.map(move |(i, j)| at * strides[a] + i * strides[b] + j * strides[c])
 }
 
-/// Returns those of some planes (each a normal into the domain and a point) that reach a kernel.
-pub(in crate::sample) fn edges(
-    planes: &[[DVec3; 2]],
-    centre: DVec3,
-    factor: &DMat3,
-) -> Option<[[f32; 4]; MOST_EDGES]> {
-    let mut out = [NO_EDGE; MOST_EDGES];
-    let mut count = 0;
-    for &[normal, point] in planes {
-        let inside = normal.dot(centre - point);
-        let reach = f64::from(EDGE_REACH) * (factor.transpose() * normal).length();
-        if inside < reach && count < MOST_EDGES {
-            out[count] = normal.extend(inside).to_array().map(narrowed);
-            count += 1;
-        }
-    }
-    (count > 0).then_some(out)
-}
-
 /// A particle that is changed or added at the boundary.
 pub(in crate::sample) struct SharpParticle {
     /// The particle itself, or the particle nearest to a ghost; then the one mirrored behind that.
@@ -361,15 +336,15 @@ pub(in crate::sample) struct SharpParticle {
 /// - `grids`: each grid with the number of its first node.
 /// - `kept`: node of each particle, ascending.
 ///
-/// Returns the particle of each ghost; empty if nothing is cut.
-pub(in crate::sample) fn sharpen_grids(
+/// Returns the sample of each ghost, and the nodes of each grid with those of its ghosts; `None` if nothing is cut.
+pub(in crate::sample) fn sharpen_grids<'a, 'b>(
     volume: &mut PointVolume,
     report: &mut SampleReport,
-    grids: &[(usize, Grid<'_>)],
+    grids: &'a [(usize, Grid<'b>)],
     kept: &[u32],
     options: &SampleOptions,
     own: &mut Own<'_>,
-) -> Result<Vec<usize>> {
+) -> Result<Option<(Vec<usize>, Vec<GridNodes<'a, 'b>>)>> {
     let node_count: usize = grids.iter().map(|(_, grid)| grid.nodes.len()).sum();
     let particle = |node: usize| {
         if kept.len() == node_count {
@@ -387,16 +362,13 @@ pub(in crate::sample) fn sharpen_grids(
     let on_faces = on_faces.filter(|i| own.range.contains(i));
     let is_cut = options.cuts(volume, on_faces);
     if !own.ranks.any(is_cut)? {
-        return Ok(Vec::new());
+        return Ok(None);
     }
     let mut changes = Vec::new();
     let mut all_nodes = Vec::with_capacity(grids.len());
     let mut ghost = kept.len();
     for (first, grid) in grids {
-        let members = kept.partition_point(|&node| (node as usize) < *first)
-            ..kept.partition_point(|&node| (node as usize) < first + grid.nodes.len());
-        let members = members.map(|i| (kept[i] as usize - first, index_u32(i)));
-        let mut nodes = GridNodes::new(grid, grid.layers(), members);
+        let mut nodes = nodes_of(*first, grid, grid.layers(), kept);
         let of_grid = |node: usize| particle(first + node);
         let kernel = |particle: usize| {
             let (centre, factor, _) = volume.particles.shape(particle);
@@ -412,7 +384,7 @@ pub(in crate::sample) fn sharpen_grids(
         all_nodes.push(nodes);
     }
     let Some(ghosts) = apply(volume, report, changes, options, own)? else {
-        return Ok(Vec::new());
+        return Ok(None);
     };
     even_out(volume, &ghosts, own, |kernels, volumes| {
         let mut densities = None;
@@ -429,7 +401,22 @@ pub(in crate::sample) fn sharpen_grids(
         }
         Ok(Some(sums))
     })?;
-    Ok(ghosts.sources)
+    Ok(Some((ghosts.sources, all_nodes)))
+}
+
+/// Returns the nodes of a grid with their particles.
+///
+/// - `first`: number of the grid's first node; `kept`: node of each particle, ascending.
+pub(in crate::sample) fn nodes_of<'a, 'b>(
+    first: usize,
+    grid: &'a Grid<'b>,
+    layers: [usize; 3],
+    kept: &[u32],
+) -> GridNodes<'a, 'b> {
+    let members = kept.partition_point(|&node| (node as usize) < first)
+        ..kept.partition_point(|&node| (node as usize) < first + grid.nodes.len());
+    let members = members.map(|i| (kept[i] as usize - first, index_u32(i)));
+    GridNodes::new(grid, layers, members)
 }
 
 /// Evens out the volumes of particles inside a sharp boundary.

@@ -2,6 +2,7 @@
 
 pub(crate) mod even;
 pub(crate) mod levels;
+pub(crate) mod planes;
 pub(crate) mod sums;
 
 use std::ops::Range;

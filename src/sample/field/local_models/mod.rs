@@ -20,7 +20,7 @@ mod analytic;
 pub(in crate::sample) mod grid;
 pub(in crate::sample) mod mesh;
 pub(in crate::sample) mod points;
-mod quadratic;
+pub(in crate::sample) mod quadratic;
 
 use glam::{DMat3, DVec3};
 
@@ -99,9 +99,9 @@ fn steepest(factor: DMat3, distance: f64) -> f64 {
 
 /// The least and the greatest of some values.
 #[derive(Debug, Clone, Copy)]
-struct Range {
-    least: f32,
-    greatest: f32,
+pub(in crate::sample) struct Range {
+    pub(in crate::sample) least: f32,
+    pub(in crate::sample) greatest: f32,
 }
 
 impl Range {
@@ -140,7 +140,7 @@ impl Range {
 ///
 /// A model that exceeds the spread describes noise, not the field. Departures are therefore limited to the
 /// spread, and slopes to `steepest` times the spread.
-fn local_model(
+pub(in crate::sample) fn local_model(
     quadratic: &Quadratic,
     factor: DMat3,
     offset: DVec3,

@@ -21,9 +21,9 @@ const INDEPENDENT: f64 = 1e-2;
 
 /// value(x + d) ~ value(x) + g·d + dᵀ H d / 2.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Quadratic {
-    pub(super) gradient: DVec3,
-    pub(super) hessian: DMat3,
+pub(in crate::sample) struct Quadratic {
+    pub(in crate::sample) gradient: DVec3,
+    pub(in crate::sample) hessian: DMat3,
 }
 
 /// A quadratic and the quality of its fit.

@@ -1,0 +1,156 @@
+//! Refines kernels of curvilinear grids with values at nodes.
+
+use glam::DVec3;
+
+use super::even_grid::{GridNodes, reach};
+use super::sharp::FARTHEST;
+use super::structured::Grid;
+use crate::collective::Collective;
+use crate::error::Result;
+use crate::sample::options::SampleOptions;
+use crate::sample::positions::index_u32;
+use crate::sample::refine::face::FaceNodes;
+use crate::sample::refine::{Refined, RefinedGrid, apply, refine};
+use crate::sample::report::SampleReport;
+use crate::scene::{PointVolume, Values};
+
+/// A grid extended by its ghosts, with the values of a volume's particles.
+struct Extended<'a, 'b> {
+    grid: &'a Grid<'b>,
+    nodes: &'a GridNodes<'a, 'b>,
+    values: &'a Values,
+}
+
+/// Refines a volume of the nodes of curvilinear grids where the options ask for it. Returns the wanted particles
+/// that stay; parts follow them. Returns `None` if nothing is refined, and leaves the volume as it is.
+///
+/// - `all_nodes`: nodes of each grid, with those of its ghosts if the volume has a boundary.
+/// - `wanted`: the particles to keep, ascending.
+///
+/// # Errors
+/// Errors of the reductions over `ranks`.
+pub(in crate::sample) fn refine_grids(
+    volume: &mut PointVolume,
+    all_nodes: &[GridNodes<'_, '_>],
+    report: &mut SampleReport,
+    wanted: &[u32],
+    options: &SampleOptions,
+    ranks: &mut dyn Collective,
+) -> Result<Option<Vec<usize>>> {
+    let (Some(refinement), Some(values)) = (&options.refinement, &volume.values) else {
+        return Ok(None);
+    };
+    let width = options.kernels.width;
+    let refined = |nodes: &GridNodes<'_, '_>| {
+        let grid = Extended {
+            grid: nodes.grid(),
+            nodes,
+            values,
+        };
+        let is_wanted = |particle| wanted.binary_search(&index_u32(particle)).is_ok();
+        refine(&grid, volume, refinement, (width, reach(width)), is_wanted)
+    };
+    let all: Vec<Refined> = all_nodes.iter().filter_map(refined).collect();
+    if !ranks.any(!all.is_empty())? {
+        return Ok(None);
+    }
+    let levels = all.iter().map(|refined| refined.level);
+    let level = levels.max().unwrap_or(0);
+    let wanted = wanted.iter().map(|&i| i as usize);
+    let stays = apply(volume, all, wanted, &mut |scales| ranks.max(scales))?;
+    report.refined_count = volume.particles.len() - stays.len();
+    report.refined_level = level;
+    report.particle_count = volume.particles.len();
+    Ok(Some(stays))
+}
+
+impl Extended<'_, '_> {
+    /// Returns the indices relative to the grid's own first node.
+    fn relative(&self, node: [usize; 3]) -> [isize; 3] {
+        let layers = self.nodes.layers();
+        [0, 1, 2].map(|a| node[a] as isize - layers[a] as isize)
+    }
+
+    /// Returns the value of a node of the grid or of its linear extension.
+    fn value(&self, at: [isize; 3]) -> Option<f64> {
+        let mut sum = 0.0;
+        for ([i, j, k], weight) in self.grid.continuation(at) {
+            let layers = self.nodes.layers();
+            let place = [i + layers[0], j + layers[1], k + layers[2]];
+            sum += self.values.wide(self.nodes.particle_at(place)?) * weight;
+        }
+        Some(sum)
+    }
+
+    /// Returns the nodes of a face around the node of it that is nearest to a place.
+    ///
+    /// - `at`: a node of the grid or of its linear extension.
+    fn face_around(&self, at: [isize; 3], axis: usize, is_upper: bool) -> FaceNodes {
+        let last = self.grid.dims[axis] as isize - 1;
+        let [b, c] = [(axis + 1) % 3, (axis + 2) % 3];
+        let plane = |of_axis: isize| {
+            std::array::from_fn(|n| {
+                let mut to = at;
+                to[axis] = of_axis;
+                to[b] += (n % 3) as isize - 1;
+                to[c] += (n / 3) as isize - 1;
+                for a in (0..3).filter(|&a| self.grid.periodic[a]) {
+                    to[a] = to[a].rem_euclid(self.grid.dims[a] as isize - 1);
+                }
+                self.grid.continued(to)
+            })
+        };
+        let [below, above] = self.grid.face_distances(axis, at[axis]);
+        FaceNodes {
+            axis,
+            is_upper,
+            distance: if is_upper { above } else { below },
+            nodes: match is_upper {
+                true => [plane(last), plane(last - 1)],
+                false => [plane(0), plane(1)],
+            },
+        }
+    }
+}
+
+impl RefinedGrid for Extended<'_, '_> {
+    fn node(&self, node: [usize; 3]) -> Option<(DVec3, f64)> {
+        let at = self.relative(node);
+        let value = self.value(at)?;
+        let position = self.grid.continued(at);
+        (position.is_finite() && value.is_finite()).then_some((position, value))
+    }
+
+    fn extent(&self) -> ([usize; 3], [Option<usize>; 3]) {
+        let dims = self.nodes.dims();
+        // On a closed index the last plane of nodes repeats the first.
+        let periods = [0, 1, 2].map(|a| self.grid.periodic[a].then(|| dims[a] - 1));
+        (dims, periods)
+    }
+
+    fn particle(&self, node: [usize; 3]) -> Option<usize> {
+        self.nodes.particle_at(node)
+    }
+
+    fn beside(&self, node: [usize; 3]) -> [bool; 3] {
+        let at = self.relative(node);
+        [0, 1, 2].map(|a| {
+            let [below, above] = self.grid.face_distances(a, at[a]);
+            self.nodes.layers()[a] > 0 && below.min(above) <= 1
+        })
+    }
+
+    fn faces(&self, node: [usize; 3]) -> Vec<FaceNodes> {
+        let at = self.relative(node);
+        let mut faces = Vec::new();
+        for axis in (0..3).filter(|&a| self.nodes.layers()[a] > 0) {
+            let distances = self.grid.face_distances(axis, at[axis]);
+            for (is_upper, distance) in [false, true].into_iter().zip(distances) {
+                if distance <= FARTHEST as isize {
+                    faces.push(self.face_around(at, axis, is_upper));
+                }
+            }
+        }
+        faces
+    }
+}

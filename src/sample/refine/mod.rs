@@ -1,0 +1,318 @@
+//! Refines kernels: splits the dual cells of nodes where the transfer function and the field ask for it.
+//!
+//! A kernel stands for the field by one linear model. Where the interpolant between nodes departs from it (kinks,
+//! curved surfaces in large cells, faces that bend), parts of the cell are nearer. An index a of a cell is split
+//! into m = 2^L parts, each index by itself; [`rule`] chooses the levels L, for a picture's pixels. A part's kernel
+//! has the position, the value and the Jacobian of the cell's interpolant at its centre, the factor's columns
+//! divided by m, and the volume |det F| / prod m. Its local model has the interpolant's gradient; the prefilter is
+//! taken along indices that are not split. Levels are graded ([`levels`]) and the kernels evened out ([`even`]).
+//!
+//! Parts that the function does not show are left out: refined volumes belong to one function and one view.
+
+mod even;
+pub(super) mod face;
+mod levels;
+mod neighbourhood;
+mod rule;
+
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+
+use self::even::{Volumes, offset, part, part_count};
+use self::face::FaceNodes;
+use self::levels::Extent;
+use self::neighbourhood::Neighbourhood;
+use self::rule::Rule;
+use super::field::gradient::Samples;
+use super::field::local_models::quadratic::Quadratic;
+use super::field::local_models::{Range, local_model};
+use super::kernels::Kernel;
+use super::kernels::planes::edges;
+use crate::constants::MOST_EDGES;
+use crate::error::Result;
+use crate::math::{lower_factor, narrowed, normal_code};
+use crate::scene::{
+    Boundary, BoundaryPlanes, LocalModel, LocalModels, Particles, PointVolume, Strength, Values,
+};
+use crate::view::{Camera, Projection};
+
+/// Number of planes beside a rank's own on which its parts depend: neighbours, grading, and the evening out.
+pub(super) const PLANES: usize = 1 + rule::MOST_LEVEL as usize + 2 * (even::PASSES + 1);
+
+/// Reach of a part's kernel beyond which it takes no values, in standard deviations.
+const VALUE_REACH: f64 = 2.5;
+
+/// Pictures for which kernels are refined.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Refinement {
+    /// Cameras of the pictures. Without any, nothing is refined.
+    pub cameras: Vec<Camera>,
+    /// Greatest displacement of a surface of equal value in a picture \[px\].
+    pub threshold_px: f64,
+}
+
+impl Refinement {
+    /// Returns the refinement that a tolerance of pictures asks for, without cameras yet: one pixel at 1/255.
+    pub fn for_tolerance(tolerance: f32) -> Self {
+        Self {
+            cameras: Vec::new(),
+            threshold_px: f64::from(tolerance) * 255.0,
+        }
+    }
+
+    /// Returns the pixels per world unit at a point: the most of all pictures that show it.
+    fn px(&self, point: DVec3, margin: f64) -> f64 {
+        let of = |camera: &Camera| {
+            let p = camera.camera_point(point);
+            let focal = camera.focal_px.max_element();
+            let scale = match camera.projection {
+                Projection::Orthographic => focal,
+                // Kernels around the eye are as large as a picture.
+                Projection::Perspective => focal / p.z.max(margin),
+            };
+            let at = camera.centre_px + p.truncate() * scale;
+            let beyond = margin * scale;
+            let is_seen = p.z > -margin
+                && at.x > -beyond
+                && at.y > -beyond
+                && at.x < camera.width as f64 + beyond
+                && at.y < camera.height as f64 + beyond;
+            if is_seen { scale } else { 0.0 }
+        };
+        self.cameras.iter().map(of).fold(0.0, f64::max)
+    }
+}
+
+/// A structured grid, and the particles of its nodes.
+pub(super) trait RefinedGrid: Sync {
+    /// Returns position and value of a node, if it has both. Nodes may include ghosts.
+    fn node(&self, node: [usize; 3]) -> Option<(DVec3, f64)>;
+
+    /// Returns the number of nodes along each index, and the periods of indices that close.
+    fn extent(&self) -> ([usize; 3], [Option<usize>; 3]);
+
+    /// Returns the particle of a node, if it has one.
+    fn particle(&self, node: [usize; 3]) -> Option<usize>;
+
+    /// Returns true for each index along which a face of the grid lies beside a node.
+    fn beside(&self, node: [usize; 3]) -> [bool; 3];
+
+    /// Returns the faces that may cut kernels of a node's dual cell.
+    fn faces(&self, node: [usize; 3]) -> Vec<FaceNodes>;
+}
+
+/// Kernel of a part of a cell.
+struct Part {
+    kernel: Kernel,
+    value: f64,
+    model: LocalModel,
+    normal: u32,
+    edges: Option<[[f32; 4]; MOST_EDGES]>,
+}
+
+/// Kernels of a refined grid.
+pub(super) struct Refined {
+    /// Greatest level of an index.
+    pub(super) level: u8,
+    /// Particles that parts replace, ascending.
+    split: Vec<usize>,
+    /// Particles whose volumes change, and the factors.
+    evened: Vec<(usize, f64)>,
+    parts: Vec<Part>,
+}
+
+/// Splits the cells of a grid; returns `None` if none asks for it.
+///
+/// - `reach`: number of nodes that kernels reach along an index.
+/// - `is_wanted`: returns true for the particles whose parts are wanted.
+pub(super) fn refine(
+    grid: &impl RefinedGrid,
+    volume: &PointVolume,
+    refinement: &Refinement,
+    (kernel_width, reach): (f64, isize),
+    is_wanted: impl Fn(usize) -> bool,
+) -> Option<Refined> {
+    let function = volume.transfer_function.as_ref()?;
+    let rule = Rule::new(function, refinement.threshold_px, kernel_width);
+    let (dims, periods) = grid.extent();
+    let extent = Extent { dims, periods };
+    let samples = Samples {
+        dims,
+        periods,
+        at: |node| grid.node(node),
+    };
+    let neighbourhood = |n: usize| Neighbourhood::new(&samples, extent.node(n));
+    let level = |n: usize| {
+        let Some(cell) = neighbourhood(n) else {
+            return ([0; 3], false);
+        };
+        if !rule.shows(cell.range) {
+            return ([0; 3], true);
+        }
+        let px = refinement.px(cell.position(), cell.radius());
+        (rule.levels(&cell, px, grid.beside(extent.node(n))), true)
+    };
+    let (mut levels, may_split): (Vec<[u8; 3]>, Vec<bool>) =
+        (0..extent.len()).into_par_iter().map(level).unzip();
+    if levels.iter().all(|level| *level == [0; 3]) {
+        return None;
+    }
+    extent.grade(&mut levels, &may_split);
+    let volumes = Volumes::new(&extent, &levels, kernel_width, reach);
+    let nodes: Vec<(usize, usize)> = (0..extent.len())
+        .filter_map(|n| Some((n, grid.particle(extent.node(n))?)))
+        .filter(|(_, particle)| is_wanted(*particle))
+        .collect();
+    let is_split = |n: usize| levels[n] != [0; 3];
+    let split = nodes.iter().filter(|(n, _)| is_split(*n));
+    let mut split: Vec<usize> = split.map(|(_, particle)| *particle).collect();
+    split.sort_unstable();
+    let evened = nodes.iter().filter(|(n, _)| !is_split(*n));
+    let evened = evened.map(|&(n, particle)| (particle, volumes.of(n, [0; 3], 0)));
+    let evened = evened.filter(|(_, factor)| *factor != 1.0).collect();
+    let parts_of = |&(n, _): &(usize, usize)| {
+        let level = levels[n];
+        let cell = is_split(n).then(|| neighbourhood(n)).flatten();
+        let (count, faces) = match cell {
+            Some(_) => (part_count(level), grid.faces(extent.node(n))),
+            None => (0, Vec::new()),
+        };
+        let (rule, volumes) = (&rule, &volumes);
+        (0..count).filter_map(move |p| {
+            let of = volumes.of(n, level, p);
+            part_of(rule, cell.as_ref()?, &faces, (level, p), of)
+        })
+    };
+    let parts = nodes.par_iter().flat_map_iter(parts_of).collect();
+    let level = levels.iter().flatten().copied().max().unwrap_or(0);
+    Some(Refined {
+        level,
+        split,
+        evened,
+        parts,
+    })
+}
+
+/// Returns the kernel of a part; `None` if the function does not show it, or if it has no volume.
+///
+/// - `volume`: volume of the part in index space.
+fn part_of(
+    rule: &Rule,
+    cell: &Neighbourhood,
+    faces: &[FaceNodes],
+    (level, n): ([u8; 3], usize),
+    volume: f64,
+) -> Option<Part> {
+    let places = part(level, n);
+    let offsets = [0, 1, 2].map(|a| (level[a] > 0).then(|| offset(level[a], places[a])));
+    let widths = DVec3::from(level.map(|l| rule.kernel_width / f64::from(1 << l)));
+    let around = cell.range_near(offsets, widths * VALUE_REACH);
+    if !rule.shows(around) {
+        return None;
+    }
+    let place = cell.place(offsets);
+    let (gradient, hessian) = place.derivatives()?;
+    let factor = place.jacobian * DMat3::from_diagonal(widths);
+    let lower = lower_factor(factor);
+    let volume = place.jacobian.determinant().abs() * volume;
+    let kernel = Kernel::new(place.position, lower, volume).ok()?;
+    let value = narrowed(place.value);
+    let range = Range {
+        least: narrowed(around[0]),
+        greatest: narrowed(around[1]),
+    };
+    let field = Quadratic { gradient, hessian };
+    let matrix = crate::math::lower_matrix(lower);
+    let model = local_model(&field, matrix, DVec3::ZERO, value, range, 1.0);
+    let reached = model.reached(value, [range.least, range.greatest]);
+    if !rule.shows(reached.map(f64::from)) {
+        return None;
+    }
+    let near = |face: &&FaceNodes| {
+        let offset = offsets[face.axis].unwrap_or(0.0);
+        face.is_near(offset, widths[face.axis])
+    };
+    let planes: Vec<[DVec3; 2]> = faces
+        .iter()
+        .filter(near)
+        .filter_map(|face| face.plane(offsets))
+        .collect();
+    Some(Part {
+        kernel,
+        value: place.value,
+        model,
+        normal: normal_code(gradient),
+        edges: edges(&planes, place.position, &factor),
+    })
+}
+
+/// Replaces particles of a volume by the parts of their cells. Returns the particles that stay, before the parts.
+///
+/// - `wanted`: the particles to keep, unless they are split.
+/// - `greatest`: returns the greatest of given scales and of those of all partitions.
+///
+/// # Errors
+/// The errors of `greatest`.
+pub(super) fn apply(
+    volume: &mut PointVolume,
+    all: Vec<Refined>,
+    wanted: impl Iterator<Item = usize>,
+    greatest: &mut dyn FnMut([f32; 2]) -> Result<[f32; 2]>,
+) -> Result<Vec<usize>> {
+    let (Particles::Anisotropic { positions, factors }, Strength::Classified { volumes }) =
+        (&mut volume.particles, &mut volume.strength)
+    else {
+        return Ok(wanted.collect());
+    };
+    for (particle, factor) in all.iter().flat_map(|refined| &refined.evened) {
+        volumes[*particle] = narrowed(f64::from(volumes[*particle]) * factor);
+    }
+    let mut stays = vec![true; positions.len()];
+    for particle in all.iter().flat_map(|refined| &refined.split) {
+        stays[*particle] = false;
+    }
+    let stays: Vec<usize> = wanted.filter(|&i| stays[i]).collect();
+    let parts: Vec<Part> = all.into_iter().flat_map(|refined| refined.parts).collect();
+    *positions = joined(positions, &stays, parts.iter().map(|p| p.kernel.position));
+    *factors = joined(factors, &stays, parts.iter().map(|p| p.kernel.factor));
+    *volumes = joined(volumes, &stays, parts.iter().map(|p| p.kernel.volume));
+    if let Some(values) = &mut volume.values {
+        *values = match &*values {
+            Values::F64(own) => {
+                let own = joined(own, &stays, parts.iter().map(|p| p.value));
+                Values::from(own)
+            }
+            own => {
+                let kept = stays.iter().map(|&i| own.get(i));
+                let parts = parts.iter().map(|p| narrowed(p.value));
+                Values::from(kept.chain(parts).collect::<Vec<f32>>())
+            }
+        };
+    }
+    if let Some(normals) = &mut volume.normals {
+        *normals = joined(normals, &stays, parts.iter().map(|p| p.normal));
+    }
+    if let Some(models) = &mut volume.local_models {
+        let kept = stays.iter().map(|&i| models.get(i));
+        let all: Vec<LocalModel> = kept.chain(parts.iter().map(|p| p.model)).collect();
+        *models = LocalModels::with(&all, greatest(LocalModels::scales_of(&all))?);
+    }
+    if let Some(Boundary::Planes(planes)) = &mut volume.boundary {
+        let mut kept = BoundaryPlanes::default();
+        let of_stays = stays.iter().map(|&i| planes.of(i).copied());
+        for edges in of_stays.chain(parts.iter().map(|p| p.edges)) {
+            let word = edges.map_or(0, |edges| {
+                kept.edges.push(edges);
+                u32::try_from(kept.edges.len()).unwrap_or(0)
+            });
+            kept.of_particle.push(word);
+        }
+        *planes = kept;
+    }
+    Ok(stays)
+}
+
+/// Returns the entries that stay, followed by more.
+fn joined<T: Copy>(entries: &[T], stays: &[usize], more: impl Iterator<Item = T>) -> Vec<T> {
+    stays.iter().map(|&i| entries[i]).chain(more).collect()
+}
