@@ -208,6 +208,7 @@ mod tests {
     use super::*;
     use crate::cpu::CpuFrames;
     use crate::frame::backend::{DrawFrames, FrameReport, Images};
+    use crate::math::narrowed;
     use crate::render::Renderer;
     use crate::scene::{Lattice, PointVolume, TransferFunction};
     use crate::stats::FrameCounts;
@@ -221,7 +222,7 @@ mod tests {
             let at = [i % nodes, i / nodes % nodes, i / (nodes * nodes)].map(|n| n as f64);
             let at = DVec3::from(at) * spacing - 1.0;
             let ball = |middle: DVec3| (-4.0 * at.distance_squared(middle)).exp();
-            (ball(DVec3::new(-0.4, 0.1, -0.3)) + ball(DVec3::new(0.4, -0.2, 0.3))) as f32
+            narrowed(ball(DVec3::new(-0.4, 0.1, -0.3)) + ball(DVec3::new(0.4, -0.2, 0.3)))
         };
         let values: Vec<f32> = (0..nodes.pow(3)).map(value).collect();
         let colour = |v: f32| [1.0 - 0.5 * v, 0.3, v];

@@ -114,7 +114,7 @@ impl RankFrames {
     ///
     /// # Errors
     /// A rank that is gone.
-    pub(crate) fn from_first<T: Pod>(&mut self, own: Vec<T>) -> Result<Vec<T>> {
+    pub(crate) fn first_of<T: Pod>(&mut self, own: Vec<T>) -> Result<Vec<T>> {
         let mut all = self.ranks.gather_records(Ok(own))?;
         Ok(all.swap_remove(0))
     }

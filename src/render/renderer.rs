@@ -313,7 +313,7 @@ impl Renderer {
                 } else {
                     Vec::new()
                 };
-                ranks.from_first(own)?
+                ranks.first_of(own)?
             }
         };
         Ok(regions(&plan.camera, &chosen))

@@ -94,13 +94,12 @@ impl Rule {
     /// - `px`: pixels per world unit at the node.
     /// - `beside`: true for each index along which a face of the grid cuts the node's kernel.
     pub(super) fn levels(&self, cell: &Neighbourhood, px: f64, beside: [bool; 3]) -> [u8; 3] {
-        let mut levels = [0; 3];
         let Some(width) = self.finest(cell.range) else {
-            return levels;
+            return [0; 3];
         };
         let place = cell.place([None; 3]);
         let Some((gradient, _)) = place.derivatives() else {
-            return levels;
+            return [0; 3];
         };
         let steepness = gradient.length();
         // Phrased so that a field without a slope is judged by its values alone.
@@ -110,9 +109,8 @@ impl Rule {
             if shift < in_values { shift } else { in_values }
         };
         let missed = |d: DVec4| (d.w - gradient.dot(d.xyz())).abs();
-        for a in 0..3 {
-            levels[a] = least_level(excess(missed(cell.second(a)) / 4.0), 3.0);
-        }
+        let kink = |a: usize| excess(missed(cell.second(a)) / 4.0);
+        let mut levels = [0, 1, 2].map(|a| least_level(kink(a), 3.0));
         let lengths = [0, 1, 2].map(|a| place.jacobian.col(a).length());
         for [a, b] in [[0, 1], [0, 2], [1, 2]] {
             let twist = cell
@@ -138,12 +136,11 @@ impl Rule {
                 levels[along] = levels[along].max(least_level(bend / self.threshold_px, 4.0));
             }
         }
-        for a in 0..3 {
+        [0, 1, 2].map(|a| {
             let sigma_px = self.kernel_width * lengths[a] * px;
-            let most = (sigma_px / LEAST_SIGMA_PX).log2().floor().max(0.0);
-            levels[a] = levels[a].min(narrowed_level(most));
-        }
-        levels
+            let most = (sigma_px / LEAST_SIGMA_PX).log2().floor();
+            levels[a].min(narrowed_level(most))
+        })
     }
 }
 
