@@ -80,6 +80,9 @@ pub struct Advanced {
     /// Merged particles already account for their members' opacity and do not change; nor do kernels that
     /// reach the eye.
     pub sub_pixel_opacity: bool,
+    /// True if every pixel has one sample: tiles with opaque edges are not drawn again. Opaque silhouettes
+    /// are then wider than the data's by a part of a pixel.
+    pub one_sample: bool,
     /// The instruction set of the rasteriser.
     pub simd: SimdLevel,
 }
@@ -91,6 +94,7 @@ impl Default for Advanced {
             merge_slack: 1.0,
             linear_opacity: false,
             sub_pixel_opacity: false,
+            one_sample: false,
             simd: SimdLevel::best(),
         }
     }

@@ -47,6 +47,7 @@ pub(crate) struct Region {
 pub(crate) fn may_supersample(scene: &BlockedScene, settings: &Settings) -> bool {
     settings.show == Show::Scene
         && settings.low_pass_variance_px2 <= PARTICLE_LOW_PASS_VARIANCE_PX2
+        && !settings.advanced.one_sample
         && !settings.advanced.linear_opacity
         && !matches!(settings.composite, Composite::Maximum { .. })
         && !scene.has_splats()
@@ -208,6 +209,7 @@ mod tests {
     use super::*;
     use crate::cpu::CpuFrames;
     use crate::frame::backend::{DrawFrames, FrameReport, Images};
+    use crate::frame::settings::Advanced;
     use crate::math::narrowed;
     use crate::render::Renderer;
     use crate::scene::{Lattice, PointVolume, TransferFunction};
@@ -323,17 +325,17 @@ mod tests {
         }
     }
 
-    /// The reference has 64 samples a pixel. The opaque area was 7.5 times, the root mean square error
-    /// 2.4 times nearer to it.
+    /// The reference has 64 samples a pixel. At 128 x 128 the opaque area and the root mean square error were
+    /// four times nearer to it; half of that is asked for.
     #[test]
     fn opaque_silhouettes_are_nearer_to_those_of_many_samples() {
         let volume = balls(0.99);
         let scene = scene(&volume);
-        let (camera, settings) = (camera([128, 128]), narrow());
+        let (camera, settings) = (camera([64, 64]), narrow());
         let many = plain(&scene, &larger(&camera, 8), &settings);
         let alpha = |x: usize, y: usize| many.pixel(x, y)[3];
         let of_pixel = |i: usize| {
-            let [x, y] = [i % 128 * 8, i / 128 * 8];
+            let [x, y] = [i % 64 * 8, i / 64 * 8];
             let sum: f32 = (0..64).map(|n| alpha(x + n % 8, y + n / 8)).sum();
             sum / 64.0
         };
@@ -358,7 +360,14 @@ mod tests {
             low_pass_variance_px2: 1.0,
             ..narrow()
         };
-        for (opacity, settings) in [(0.01, narrow()), (0.99, wide)] {
+        let one_sample = Settings {
+            advanced: Advanced {
+                one_sample: true,
+                ..Advanced::default()
+            },
+            ..narrow()
+        };
+        for (opacity, settings) in [(0.01, narrow()), (0.99, wide), (0.99, one_sample)] {
             let volume = balls(opacity);
             let (image, counts) = drawn(&volume, &camera, &settings);
             assert!(image.pixels.iter().any(|p| p[3] > 0.02));

@@ -99,6 +99,7 @@ impl Arguments {
                 linear_opacity: self.method.opacity == Opacity::Linear,
                 simd: defaults.advanced.simd,
                 sub_pixel_opacity: self.method.sub_pixel_opacity,
+                one_sample: defaults.advanced.one_sample,
             },
             level_of_detail: self.method.level_of_detail == Detail::Auto,
             show: match self.output.show {
