@@ -102,10 +102,10 @@ pub(crate) struct DataOptions {
     #[arg(long = "isosurface", visible_alias = "flatten", value_name = "VALUE",
           value_parser = parse::finite, allow_hyphen_values = true)]
     pub(crate) flatten: Option<f64>,
-    /// Grids: show the boundary alone, opaque and lit, in the transfer function's colours
+    /// Grids: show the boundary alone, opaque, lit, coloured by the field
     #[arg(long)]
     pub(crate) surface: bool,
-    /// Grids: show the boundary around the volume, with this opacity seen head-on, above 0 and below 1
+    /// Grids: show the boundary around the volume, with this opacity head-on
     #[arg(long, value_name = "A", value_parser = parse::share, allow_hyphen_values = true)]
     pub(crate) surface_opacity: Option<f64>,
     /// Raw volume: samples along x, y, z
