@@ -22,8 +22,8 @@ use crate::{Backend, Error, Renderer, Result, Settings, Task};
 /// Name of the window's program.
 const PROGRAM: &str = "ewa-splat-view";
 
-/// Identifiers of the options of `render` that write files; the window writes none.
-const OF_FILES: [&str; 17] = [
+/// Identifiers of the options of `render` that write files, or that the window does not have.
+const OF_FILES: [&str; 19] = [
     "out",
     "stats",
     "depth",
@@ -38,6 +38,8 @@ const OF_FILES: [&str; 17] = [
     "rate",
     "measure_error",
     "calibrate",
+    "refine",
+    "opaque_edges",
     "scale_bar",
     "title",
     "time_stamp",

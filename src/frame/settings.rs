@@ -80,9 +80,9 @@ pub struct Advanced {
     /// Merged particles already account for their members' opacity and do not change; nor do kernels that
     /// reach the eye.
     pub sub_pixel_opacity: bool,
-    /// True if every pixel has one sample: tiles with opaque edges are not drawn again. Opaque silhouettes
-    /// are then wider than the data's by a part of a pixel.
-    pub one_sample: bool,
+    /// True if tiles with opaque edges are drawn at four samples a pixel. Otherwise opaque silhouettes are
+    /// wider than the data's by a part of a pixel.
+    pub opaque_edges: bool,
     /// The instruction set of the rasteriser.
     pub simd: SimdLevel,
 }
@@ -94,7 +94,7 @@ impl Default for Advanced {
             merge_slack: 1.0,
             linear_opacity: false,
             sub_pixel_opacity: false,
-            one_sample: false,
+            opaque_edges: false,
             simd: SimdLevel::best(),
         }
     }

@@ -47,7 +47,7 @@ pub(crate) struct Region {
 pub(crate) fn may_supersample(scene: &BlockedScene, settings: &Settings) -> bool {
     settings.show == Show::Scene
         && settings.low_pass_variance_px2 <= PARTICLE_LOW_PASS_VARIANCE_PX2
-        && !settings.advanced.one_sample
+        && settings.advanced.opaque_edges
         && !settings.advanced.linear_opacity
         && !matches!(settings.composite, Composite::Maximum { .. })
         && !scene.has_splats()
@@ -246,6 +246,10 @@ mod tests {
     fn narrow() -> Settings {
         Settings {
             low_pass_variance_px2: 0.15,
+            advanced: Advanced {
+                opaque_edges: true,
+                ..Advanced::default()
+            },
             ..Settings::default()
         }
     }
@@ -361,10 +365,7 @@ mod tests {
             ..narrow()
         };
         let one_sample = Settings {
-            advanced: Advanced {
-                one_sample: true,
-                ..Advanced::default()
-            },
+            advanced: Advanced::default(),
             ..narrow()
         };
         for (opacity, settings) in [(0.01, narrow()), (0.99, wide), (0.99, one_sample)] {

@@ -81,6 +81,10 @@ fn tiles_with_opaque_edges() {
     let narrow = Settings {
         low_pass_variance_px2: 0.15,
         depth: true,
+        advanced: Advanced {
+            opaque_edges: true,
+            ..Advanced::default()
+        },
         ..Settings::default()
     };
     let slabs = Settings {

@@ -14,7 +14,6 @@ use ewa_splat::io::{
     Association, CellKind, CellMesh, Dataset, Field, FieldSource, Geometry, OpenOptions, open,
 };
 use ewa_splat::reference::{DataIntegrator, Integrator};
-use ewa_splat::render::Advanced;
 use ewa_splat::sample::{
     self, BoundaryChoice, FunctionOptions, KernelOptions, SampleOptions, Sampled, TransferChoice,
     grid,
@@ -188,11 +187,6 @@ pub(super) fn settings() -> Settings {
         classify: Classification::Particle,
         tolerance: 1e-4,
         low_pass_variance_px2: 0.1,
-        // Depths are compared along the rays through the centres of pixels.
-        advanced: Advanced {
-            one_sample: true,
-            ..Advanced::default()
-        },
         ..Settings::default()
     }
 }

@@ -23,6 +23,7 @@ fn both_back_ends_draw_the_same_tiles_again() {
             depth: true,
             advanced: Advanced {
                 simd: SimdLevel::Baseline,
+                opaque_edges: true,
                 ..Advanced::default()
             },
             ..settings(Classification::Extent)

@@ -628,8 +628,6 @@ impl Stage {
             tolerance: coarseness.tolerance,
             advanced: Advanced {
                 merge_slack: coarseness.merge_slack,
-                // Samples of opaque edges take as long as the picture: not in motion.
-                one_sample: coarseness.merge_slack > 1.0,
                 ..view.settings.advanced
             },
             classify: coarseness.classification(view.settings.classify),

@@ -84,6 +84,7 @@ class Drawing(TypedDict, total=False):
     level_of_detail    whether particles far below a pixel may be merged
     linear_opacity     min(tau, 1) in place of 1 - exp(-tau)
     sub_pixel_opacity  whether kernels smaller than a pixel keep the opacity that each has alone
+    opaque_edges       whether tiles with opaque edges are drawn at four samples a pixel
     show               "scene", "choice" or "count"
     ================== ==========================================================================================
     """
@@ -108,6 +109,7 @@ class Drawing(TypedDict, total=False):
     level_of_detail: bool
     linear_opacity: bool
     sub_pixel_opacity: bool
+    opaque_edges: bool
     show: Literal["scene", "choice", "count"]
 
 

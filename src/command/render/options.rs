@@ -84,8 +84,7 @@ pub(in crate::command) struct Method {
     /// r_k/r_h by it alone; the paper's are 0.3,2
     #[arg(long, value_name = "CMIN,CMAX", value_parser = parse::thresholds)]
     pub(in crate::command) thresholds: Option<[f32; 2]>,
-    /// Whether adaptive merges particles far below a pixel, and kernels of grids are refined where the
-    /// field bends between samples
+    /// Whether adaptive merges particles far below a pixel
     #[arg(long, value_enum, default_value = "auto", value_name = "auto|off")]
     pub(in crate::command) level_of_detail: Detail,
     /// How kernels that lie behind one another become a picture
@@ -127,6 +126,13 @@ pub(in crate::command) struct Method {
     /// opaque particles, too faint where they fill pixels together
     #[arg(long)]
     pub(in crate::command) sub_pixel_opacity: bool,
+    /// Refine kernels of curvilinear grids where the field bends between nodes and the transfer function
+    /// shows it: nearer to the data's own field, for one and a half to two times the kernels
+    #[arg(long)]
+    pub(in crate::command) refine: bool,
+    /// Draw tiles with opaque edges at four samples a pixel, and average their colours
+    #[arg(long)]
+    pub(in crate::command) opaque_edges: bool,
     /// Draw a hundredth of the picture again with everything exact, and state with --stats, or in
     /// words, what the picture errs by
     #[arg(long, conflicts_with_all = ["reference", "column_density", "show"])]

@@ -45,8 +45,10 @@ impl Arguments {
     fn refinement(&self) -> Option<Refinement> {
         let method = &self.method;
         let is_classified = method.classify == ClassifyName::Extent && !method.column_density;
-        let is_refined =
-            is_classified && self.data.flatten.is_none() && !method.post_classification;
+        let is_refined = is_classified
+            && method.refine
+            && self.data.flatten.is_none()
+            && !method.post_classification;
         let tolerance = method.tolerance.unwrap_or(Settings::default().tolerance);
         is_refined.then(|| Refinement::for_tolerance(tolerance))
     }
@@ -99,7 +101,7 @@ impl Arguments {
                 linear_opacity: self.method.opacity == Opacity::Linear,
                 simd: defaults.advanced.simd,
                 sub_pixel_opacity: self.method.sub_pixel_opacity,
-                one_sample: defaults.advanced.one_sample,
+                opaque_edges: self.method.opaque_edges,
             },
             level_of_detail: self.method.level_of_detail == Detail::Auto,
             show: match self.output.show {
