@@ -16,11 +16,23 @@ pub mod gpu;
 use std::path::{Path, PathBuf};
 
 use ewa_splat::image::DepthImage;
+use ewa_splat::io::{Association, Field, FieldSource};
 use ewa_splat::math::Factor;
+use ewa_splat::scene::Values;
 use ewa_splat::stages::record::ViewUniform;
 use ewa_splat::stages::splat::{Filter, Kernel};
 use glam::{DMat3, DVec3, Vec3};
 use serde_json::Value;
+
+/// Returns a field of single-precision numbers without a unit.
+pub fn scalar(name: &str, association: Association, values: Vec<f32>) -> Field {
+    Field {
+        name: name.into(),
+        association,
+        source: FieldSource::Scalar(Values::F32(values)),
+        unit: None,
+    }
+}
 
 /// Returns all of a list if every view and tolerance is to be tried (`EWA_ALL=1`); otherwise every
 /// `step`-th from the `first` on. The default reduces breadth only: another test, or the rest of

@@ -8,29 +8,19 @@
 use std::path::Path;
 
 use ewa_splat::io::{
-    Association, CellKind, CellMesh, CurvilinearBlock, Dataset, Field, FieldSource, Geometry, Mesh,
-    open,
+    Association, CellKind, CellMesh, CurvilinearBlock, Dataset, Field, Geometry, Mesh, open,
 };
 use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{KernelOptions, PurposeOptions, SampleOptions, as_surface, scene};
-use ewa_splat::scene::{Lattice, LatticeSpacing, Strength, Values};
+use ewa_splat::scene::{Lattice, LatticeSpacing, Strength};
 use glam::{DMat3, DVec3};
 
-use crate::common::real_data;
+use crate::common::{real_data, scalar};
 
 fn opaque() -> SampleOptions {
     SampleOptions {
         surface: Some(1.0),
         ..SampleOptions::default()
-    }
-}
-
-fn field(name: &str, association: Association, values: Vec<f32>) -> Field {
-    Field {
-        name: name.into(),
-        association,
-        source: FieldSource::Scalar(Values::F32(values)),
-        unit: None,
     }
 }
 
@@ -102,7 +92,7 @@ fn at(p: DVec3) -> f32 {
 #[test]
 fn a_box_has_its_six_sides() {
     let values = places(DIMS).map(|ijk| at(lattice().position(ijk)));
-    let of_nodes = field("f", Association::Nodes, values.collect());
+    let of_nodes = scalar("f", Association::Nodes, values.collect());
     let found = Found::of(dataset(Geometry::Lattice(lattice()), vec![of_nodes]));
     // 3 x 2 x 4 cells of 1 x .5 x 2.
     assert_eq!(found.count(), 2 * 2 * (3 * 2 + 2 * 4 + 3 * 4));
@@ -127,7 +117,7 @@ fn a_face_has_the_value_of_its_cell() {
         at(0.5 * (low + high))
     };
     let values = places([3, 2, 4]).map(of_cell);
-    let of_cells = field("f", Association::Cells, values.collect());
+    let of_cells = scalar("f", Association::Cells, values.collect());
     let found = Found::of(dataset(Geometry::Lattice(lattice()), vec![of_cells]));
     assert_eq!(found.values.len(), found.count());
     for (corners, value) in found.triangles().zip(&found.values) {
@@ -184,7 +174,7 @@ fn faces_beside_hidden_cells_and_nodes_are_boundary() {
     let hidden = |association, count: usize, at: usize, bit: f32| {
         let mut values = vec![0.0; count];
         values[at] = bit;
-        field("vtkGhostType", association, values)
+        scalar("vtkGhostType", association, values)
     };
     let both = |ghosts: &dyn Fn() -> Field, area: f64, volume: f64| {
         for geometry in [
@@ -223,7 +213,7 @@ fn faces_that_blocks_share_are_no_boundary() {
         block(DVec3::new(3.0, 0.0, 0.0), [2, 2, 2]),
     ];
     let nodes = blocks.iter().flat_map(|block| &block.nodes);
-    let of_nodes = field("f", Association::Nodes, nodes.map(|p| at(*p)).collect());
+    let of_nodes = scalar("f", Association::Nodes, nodes.map(|p| at(*p)).collect());
     let found = Found::of(dataset(Geometry::Curvilinear { blocks }, vec![of_nodes]));
     assert!(near(found.area(), 2.0 * (4.0 + 10.0 + 10.0)));
     assert_eq!(found.count(), 2 * 48);
@@ -345,7 +335,7 @@ fn two_cubes(is_repeated: bool) -> CellMesh {
 #[test]
 fn faces_that_cells_share_are_no_boundary() {
     for is_repeated in [false, true] {
-        let of_cells = field("f", Association::Cells, vec![3.0, 5.0]);
+        let of_cells = scalar("f", Association::Cells, vec![3.0, 5.0]);
         let found = Found::of(dataset(
             Geometry::Cells(two_cubes(is_repeated)),
             vec![of_cells],
@@ -368,7 +358,7 @@ fn a_cell_whose_nodes_run_the_other_way_faces_outwards() {
 
 #[test]
 fn hidden_cells_of_a_mesh_uncover_their_neighbours() {
-    let ghosts = field("vtkGhostType", Association::Cells, vec![0.0, 32.0]);
+    let ghosts = scalar("vtkGhostType", Association::Cells, vec![0.0, 32.0]);
     let found = Found::of(dataset(Geometry::Cells(two_cubes(false)), vec![ghosts]));
     assert!(near(found.area(), 6.0));
 }
@@ -382,7 +372,7 @@ fn surface_cells_belong_to_the_boundary_once() {
         8, 0, 1, 2, 3, 4, 5, 6, 7, 4, 4, 5, 6, 7, 4, 7, 6, 5, 4, 4, 1, 8, 9, 2, 4, 1, 8, 9, 2,
     ];
     let mesh = CellMesh::of_lists(nodes, &[12, 9, 9, 9, 9], &list).unwrap();
-    let of_cells = field("f", Association::Cells, vec![1.0, 2.0, 3.0, 4.0, 5.0]);
+    let of_cells = scalar("f", Association::Cells, vec![1.0, 2.0, 3.0, 4.0, 5.0]);
     let found = Found::of(dataset(Geometry::Cells(mesh), vec![of_cells]));
     assert!(near(found.area(), 6.0 + 2.0), "{}", found.area());
     let count = |value: f32| found.values.iter().filter(|v| **v == value).count();
@@ -392,7 +382,7 @@ fn surface_cells_belong_to_the_boundary_once() {
 #[test]
 fn a_translucent_boundary_has_its_opacity_head_on() {
     let values = places(DIMS).map(|ijk| at(lattice().position(ijk)));
-    let of_nodes = field("f", Association::Nodes, values.collect());
+    let of_nodes = scalar("f", Association::Nodes, values.collect());
     let data = dataset(Geometry::Lattice(lattice()), vec![of_nodes]);
     let options = |opacity: f64| SampleOptions {
         surface: Some(opacity),

@@ -6,10 +6,12 @@
 
 use std::path::Path;
 
+use crate::common::scalar;
+
 use ewa_splat::Result;
-use ewa_splat::io::{Association, CellKind, CellMesh, Dataset, Field, FieldSource, Geometry};
+use ewa_splat::io::{Association, CellKind, CellMesh, Dataset, Field, Geometry};
 use ewa_splat::sample::{KernelOptions, SampleOptions, Sampled, volume};
-use ewa_splat::scene::{Particles, Strength, Values};
+use ewa_splat::scene::{Particles, Strength};
 use glam::DVec3;
 
 /// Roundings of f32 volumes.
@@ -30,22 +32,13 @@ fn mesh(nodes: &[[f64; 3]], cells: &[(u8, &[u32])]) -> CellMesh {
     mesh
 }
 
-fn field(name: &str, association: Association, values: Vec<f32>) -> Field {
-    Field {
-        name: name.into(),
-        association,
-        source: FieldSource::Scalar(Values::F32(values)),
-        unit: None,
-    }
-}
-
 fn try_sample(mesh: CellMesh, association: Association, more: Vec<Field>) -> Result<Sampled> {
     let count = match association {
         Association::Nodes => mesh.nodes.len(),
         Association::Cells => mesh.cell_count(),
     };
     let values = (0..count).map(|i| i as f32).collect();
-    let mut fields = vec![field("value", association, values)];
+    let mut fields = vec![scalar("value", association, values)];
     fields.extend(more);
     let dataset = Dataset::new(Path::new("test"), "test", Geometry::Cells(mesh), fields);
     let options = SampleOptions {
@@ -439,13 +432,13 @@ fn bad_nodes_values_and_ghosts_are_left_out() {
     // The second cube belongs to another piece (1) or is hidden (32); bits 2 and 16 do not apply to
     // cells.
     for (bits, left) in [(1.0, 1.0), (32.0, 1.0), (2.0, 2.0), (16.0, 2.0)] {
-        let ghosts = field("vtkGhostType", Association::Cells, vec![0.0, bits]);
+        let ghosts = scalar("vtkGhostType", Association::Cells, vec![0.0, bits]);
         let sampled = try_sample(two_cubes(), Association::Cells, vec![ghosts]).unwrap();
         assert!((total(&sampled) - left).abs() < ROUNDING, "{bits}");
     }
     let mut hidden = vec![0.0; 12];
     hidden[0] = 2.0;
-    let ghosts = field("vtkGhostType", Association::Nodes, hidden);
+    let ghosts = scalar("vtkGhostType", Association::Nodes, hidden);
     // A cell with a hidden corner is hidden.
     let sampled = try_sample(two_cubes(), Association::Nodes, vec![ghosts]).unwrap();
     assert!((total(&sampled) - 1.0).abs() < ROUNDING);

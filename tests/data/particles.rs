@@ -7,7 +7,7 @@
 
 use std::path::Path;
 
-use crate::common::Random;
+use crate::common::{Random, scalar};
 use ewa_splat::io::{
     Association, Dataset, Field, FieldSource, Geometry, LengthMeaning, Smoothing, SphKernel,
 };
@@ -18,12 +18,7 @@ use ewa_splat::scene::{Colour, Particles, Strength, Values};
 use glam::{DMat3, DVec3};
 
 fn column(name: &str, values: Vec<f32>) -> Field {
-    Field {
-        name: name.into(),
-        association: Association::Nodes,
-        source: FieldSource::Scalar(Values::F32(values)),
-        unit: None,
-    }
+    scalar(name, Association::Nodes, values)
 }
 
 fn dataset(positions: Vec<DVec3>, columns: Vec<Field>) -> Dataset {

@@ -5,6 +5,8 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use crate::common::scalar;
+
 use ewa_splat::image::{ColumnImage, Image};
 use ewa_splat::io::{
     Association, CellKind, CellMesh, CurvilinearBlock, Dataset, Field, FieldSource, Geometry,
@@ -73,15 +75,6 @@ fn unsound_lattices() -> Vec<(Lattice, &'static str)> {
             "origin and step",
         ),
     ]
-}
-
-fn scalar(name: &str, association: Association, values: Vec<f32>) -> Field {
-    Field {
-        name: name.into(),
-        association,
-        source: FieldSource::Scalar(Values::F32(values)),
-        unit: None,
-    }
 }
 
 fn dataset(geometry: Geometry, fields: Vec<Field>) -> Dataset {

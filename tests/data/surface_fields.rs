@@ -7,6 +7,8 @@
 
 use std::path::Path;
 
+use crate::common::scalar;
+
 use ewa_splat::io::{
     Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry, Material, Mesh, MeshPart,
 };
@@ -23,10 +25,8 @@ const COUNT: usize = 20_000;
 
 fn field(association: Association, values: Vec<f32>) -> Field {
     Field {
-        name: "f".into(),
-        association,
-        source: FieldSource::Scalar(Values::F32(values)),
         unit: Some("K".into()),
+        ..scalar("f", association, values)
     }
 }
 

@@ -9,16 +9,14 @@
 
 use std::path::Path;
 
-use crate::common::scene;
+use crate::common::{scalar, scene};
 use crate::support::meshes::tetrahedra_of_cube;
 use ewa_splat::Settings;
 use ewa_splat::image::Image;
-use ewa_splat::io::{
-    Association, CellKind, CellMesh, CurvilinearBlock, Dataset, Field, FieldSource, Geometry,
-};
+use ewa_splat::io::{Association, CellKind, CellMesh, CurvilinearBlock, Dataset, Geometry};
 use ewa_splat::reference::{Integrator, PixelFilter, ReferenceSettings};
 use ewa_splat::sample::{SampleOptions, volume};
-use ewa_splat::scene::{Colour, PointVolume, Strength, Values};
+use ewa_splat::scene::{Colour, PointVolume, Strength};
 use ewa_splat::view::{Camera, Projection};
 use glam::{DVec2, DVec3};
 
@@ -76,12 +74,7 @@ fn tetrahedra() -> CellMesh {
 /// Samples the field: masses are extinction x volume, all white.
 fn sampled(geometry: Geometry, association: Association, values: Vec<f64>) -> PointVolume {
     let values = values.into_iter().map(|v| v as f32).collect();
-    let field = Field {
-        name: "bump".into(),
-        association,
-        source: FieldSource::Scalar(Values::F32(values)),
-        unit: None,
-    };
+    let field = scalar("bump", association, values);
     let dataset = Dataset::new(Path::new("test"), "test", geometry, vec![field]);
     let sampled = volume(dataset, &SampleOptions::default()).unwrap();
     assert_eq!(sampled.report.warnings(), [""; 0]);

@@ -10,9 +10,7 @@
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
-use ewa_splat::io::{
-    Association, CellKind, CellMesh, Dataset, Field, FieldSource, Geometry, OpenOptions, open,
-};
+use ewa_splat::io::{Association, CellKind, CellMesh, Dataset, Geometry, OpenOptions, open};
 use ewa_splat::reference::{DataIntegrator, Integrator};
 use ewa_splat::sample::{
     self, BoundaryChoice, FunctionOptions, KernelOptions, SampleOptions, Sampled, TransferChoice,
@@ -20,13 +18,12 @@ use ewa_splat::sample::{
 };
 use ewa_splat::scene::{
     Boundary, Classification, Lattice, LatticeSpacing, Particles, PointVolume, TransferFunction,
-    Values,
 };
 use ewa_splat::view::{Camera, ClipPlane, Projection};
 use ewa_splat::{Filter, Image, Renderer, Settings};
 use glam::{DMat3, DVec2, DVec3};
 
-use crate::common::{Random, real_data};
+use crate::common::{Random, real_data, scalar};
 use crate::support::meshes::tetrahedra_of_cube;
 
 /// Extinction of a uniform field, per unit of length.
@@ -477,12 +474,7 @@ fn tetrahedra(
 
 fn sample_mesh(mesh: CellMesh, boundary: BoundaryChoice) -> Sampled {
     let values = vec![0.5_f32; mesh.nodes.len()];
-    let field = Field {
-        name: "value".into(),
-        association: Association::Nodes,
-        source: FieldSource::Scalar(Values::F32(values)),
-        unit: None,
-    };
+    let field = scalar("value", Association::Nodes, values);
     let dataset = Dataset::new(
         Path::new("test"),
         "test",

@@ -10,21 +10,19 @@ use std::fmt::Debug;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
-use ewa_splat::io::{
-    Association, CellKind, CellMesh, Dataset, Field, FieldSource, Geometry, Mesh, OpenOptions, open,
-};
+use ewa_splat::io::{Association, CellKind, CellMesh, Dataset, Geometry, Mesh, OpenOptions, open};
 use ewa_splat::reference::{Integrator, PixelFilter, ReferenceSettings};
 use ewa_splat::render::Composite;
 use ewa_splat::sample::mesh::{MeshOptions, Spread, surfels};
 use ewa_splat::sample::{
     KernelOptions, ParticleShape, PurposeOptions, SampleOptions, SampledScene, points, scene,
 };
-use ewa_splat::scene::{Lattice, PointVolume, TransferFunction, Values};
+use ewa_splat::scene::{Lattice, PointVolume, TransferFunction};
 use ewa_splat::view::Camera;
 use ewa_splat::{ColumnSettings, Error, Renderer, Result, SceneOptions, Settings, Task};
 use glam::DVec3;
 
-use crate::common::Random;
+use crate::common::{Random, scalar};
 
 /// Runs `work` unobserved, observed, and cancelled at the beginning of each of the `expected`
 /// stages.
@@ -215,12 +213,7 @@ fn sampling_of_cells() {
         mesh.offsets.push(mesh.connectivity.len() as u32);
     }
     let values = (0..mesh.nodes.len()).map(|i| i as f32).collect();
-    let field = Field {
-        name: "value".into(),
-        association: Association::Nodes,
-        source: FieldSource::Scalar(Values::F32(values)),
-        unit: None,
-    };
+    let field = scalar("value", Association::Nodes, values);
     let geometry = Geometry::Cells(mesh);
     let dataset = Dataset::new(Path::new("cells"), "cells", geometry, vec![field]);
     check(

@@ -1,7 +1,7 @@
 //! Tests the integrator of data's own fields against closed forms, a march in small steps, and
 //! itself with other parameters.
 
-use crate::common::Random;
+use crate::common::{Random, scalar};
 use crate::support::meshes::tetrahedra_of_cube;
 use ewa_splat::io::{
     Association, CellKind, CellMesh, CurvilinearBlock, Dataset, Field, FieldSource, Geometry,
@@ -99,12 +99,7 @@ fn march(
 }
 
 fn dataset(geometry: Geometry, association: Association, values: Vec<f32>) -> Dataset {
-    let field = Field {
-        name: "f".into(),
-        association,
-        source: FieldSource::Scalar(Values::F32(values)),
-        unit: None,
-    };
+    let field = scalar("f", association, values);
     Dataset::new("made".as_ref(), "made", geometry, vec![field])
 }
 

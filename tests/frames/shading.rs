@@ -9,17 +9,16 @@
 use std::f64::consts::PI;
 use std::path::Path;
 
-use crate::common::{Random, grid_nodes, real_data};
+use crate::common::{Random, grid_nodes, real_data, scalar};
 use crate::support::meshes::tetrahedra_of_cube;
 use ewa_splat::io::{
-    Association, CellKind, CellMesh, CurvilinearBlock, Dataset, Field, FieldSource, Geometry,
-    OpenOptions, RawLayout, RawType, open,
+    Association, CellKind, CellMesh, CurvilinearBlock, Dataset, Field, Geometry, OpenOptions,
+    RawLayout, RawType, open,
 };
 use ewa_splat::math::{NO_NORMAL, harmonics_count, normal_code, normal_of_code};
 use ewa_splat::sample::{PurposeOptions, SampleOptions, volume as sample};
 use ewa_splat::scene::{
     Colour, Lattice, LatticeSpacing, Light, LightFrame, Lighting, Particles, PointVolume, Strength,
-    Values,
 };
 use ewa_splat::stages::cpu::{Sides, lit};
 use ewa_splat::stages::record::LightingUniform;
@@ -530,12 +529,7 @@ fn lights_out_of_range_are_refused() {
 // Normals of samples.
 
 fn field(association: Association, values: Vec<f32>) -> Vec<Field> {
-    vec![Field {
-        name: "value".into(),
-        association,
-        source: FieldSource::Scalar(Values::F32(values)),
-        unit: None,
-    }]
+    vec![scalar("value", association, values)]
 }
 
 fn dataset(geometry: Geometry, association: Association, values: Vec<f32>) -> Dataset {
