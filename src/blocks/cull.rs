@@ -90,9 +90,7 @@ impl Frustum {
             n.dot(centre) + d + world_normal.abs().dot(half_extent) + reach >= 0.0
         })
     }
-}
 
-impl Frustum {
     /// Returns the pixels that a kernel of the block may reach: half-open ranges of columns and rows, not limited to the
     /// image. `None` if a kernel may reach the plane of the eye, and with it any pixel. Conservative.
     ///

@@ -436,23 +436,33 @@ impl Collection<'_> {
         options
     }
 
+    /// Returns the cameras of the pictures; none if nothing has a place.
+    ///
+    /// - `own`: least and greatest coordinates of each input of the collection.
+    fn cameras(
+        &self,
+        looks: &[Look],
+        own: impl Iterator<Item = Option<[[f64; 3]; 2]>>,
+    ) -> Result<Vec<Camera>> {
+        let beside = self.beside.iter().filter_map(|(corners, _)| *corners);
+        let corners = beside.chain(own.flatten().map(corners_of));
+        let boxes: Vec<Bounds> = corners
+            .map(|(a, b)| ((a + b) / 2.0, (b - a) / 2.0))
+            .collect();
+        let beside = self.beside.iter().map(|(_, up)| *up);
+        let up = Up::of_scene(beside.chain(ups(looks)));
+        match boxes.is_empty() {
+            true => Ok(Vec::new()),
+            false => (self.request.cameras)(&boxes, up),
+        }
+    }
+
     /// Gives inputs to refine the cameras of the pictures, placed by the boxes of all inputs.
     fn place_cameras(&self, looks: &[Look], options: &mut [SampleOptions]) -> Result<()> {
         if options.iter().all(|own| own.refinement.is_none()) {
             return Ok(());
         }
-        let beside = self.beside.iter().filter_map(|(corners, _)| *corners);
-        let own = looks.iter().filter_map(|look| look.corners);
-        let corners = beside.chain(own.map(corners_of));
-        let boxes: Vec<Bounds> = corners
-            .map(|(a, b)| ((a + b) / 2.0, (b - a) / 2.0))
-            .collect();
-        if boxes.is_empty() {
-            return Ok(());
-        }
-        let beside = self.beside.iter().map(|(_, up)| *up);
-        let up = Up::of_scene(beside.chain(ups(looks)));
-        let cameras = (self.request.cameras)(&boxes, up)?;
+        let cameras = self.cameras(looks, looks.iter().map(|look| look.corners))?;
         for refinement in options.iter_mut().filter_map(|own| own.refinement.as_mut()) {
             refinement.cameras.clone_from(&cameras);
         }
@@ -579,17 +589,7 @@ impl Collection<'_> {
             }
         });
         let seen: Vec<Option<[[f64; 3]; 2]>> = all(ranks, seen.collect())?;
-        let beside = self.beside.iter().filter_map(|(corners, _)| *corners);
-        let corners = beside.chain(seen.into_iter().flatten().map(corners_of));
-        let boxes: Vec<Bounds> = corners
-            .map(|(a, b)| ((a + b) / 2.0, (b - a) / 2.0))
-            .collect();
-        let beside = self.beside.iter().map(|(_, up)| *up);
-        let up = Up::of_scene(beside.chain(ups(looks)));
-        let cameras = match boxes.is_empty() {
-            true => Vec::new(),
-            false => (self.request.cameras)(&boxes, up)?,
-        };
+        let cameras = self.cameras(looks, seen.into_iter())?;
         let demands = own
             .iter_mut()
             .map(|own| self.demand(own, &options[own.number], &cameras))
