@@ -251,8 +251,13 @@ impl PointVolume {
 
     /// Keeps the particles at `indices`, in that order.
     pub(crate) fn gathered(mut self, indices: &[u32]) -> Self {
-        let Ok(()) = self.visit(&mut Gathering(indices));
+        self.gather(indices);
         self
+    }
+
+    /// Keeps the particles at `indices`, in that order, in place.
+    pub(crate) fn gather(&mut self, indices: &[u32]) {
+        let Ok(()) = self.visit(&mut Gathering(indices));
     }
 }
 

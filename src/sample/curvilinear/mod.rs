@@ -158,10 +158,8 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
             }
         };
         let wanted: Vec<u32> = (0..volume.particles.len()).map(index_u32).collect();
-        let stays = refine_grids(volume, &all_nodes, report, &wanted, options, own.ranks)?;
-        if let Some(stays) = stays {
-            report.ghost_count = stays.iter().filter(|&&i| i >= kept.len()).count();
-        }
+        let wanted = (&*wanted, kept.len());
+        refine_grids(volume, &all_nodes, report, wanted, options, own.ranks)?;
     }
     Ok(sampled)
 }

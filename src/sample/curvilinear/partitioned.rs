@@ -220,13 +220,11 @@ impl PartitionedGrid<'_> {
             }
             None => vec![nodes_of(0, &grids[0].1, [0; 3], &kept)],
         };
-        if is_of_nodes
-            && let Some(stays) =
-                refine_grids(&mut volume, &nodes, &mut report, &wanted, options, ranks)?
-        {
-            let samples = stays.iter().filter(|&&i| i < kept.len()).count();
-            let counts = [samples, stays.len() - samples, report.refined_count];
-            return Ok((volume, counts, report.refined_level));
+        let of = (&*wanted, kept.len());
+        if is_of_nodes && refine_grids(&mut volume, &nodes, &mut report, of, options, ranks)? {
+            let (ghosts, parts) = (report.ghost_count, report.refined_count);
+            let samples = report.particle_count - ghosts - parts;
+            return Ok((volume, [samples, ghosts, parts], report.refined_level));
         }
         let ghosts = wanted.len() - own.len();
         Ok((volume.gathered(&wanted), [own.len(), ghosts, 0], 0))

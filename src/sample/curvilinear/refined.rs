@@ -21,11 +21,11 @@ struct Extended<'a, 'b> {
     values: &'a Values,
 }
 
-/// Refines a volume of the nodes of curvilinear grids where the options ask for it. Returns the wanted particles
-/// that stay; parts follow them. Returns `None` if nothing is refined, and leaves the volume as it is.
+/// Refines a volume of the nodes of curvilinear grids where the options ask for it, and counts its samples, ghosts
+/// and parts, in this order, in the report. Returns false if nothing is refined, and leaves the volume as it is.
 ///
 /// - `all_nodes`: nodes of each grid, with those of its ghosts if the volume has a boundary.
-/// - `wanted`: the particles to keep, ascending.
+/// - `wanted`: the particles to keep, ascending; those from `sample_count` on are ghosts.
 ///
 /// # Errors
 /// Errors of the reductions over `ranks`.
@@ -33,12 +33,12 @@ pub(in crate::sample) fn refine_grids(
     volume: &mut PointVolume,
     all_nodes: &[GridNodes<'_, '_>],
     report: &mut SampleReport,
-    wanted: &[u32],
+    (wanted, sample_count): (&[u32], usize),
     options: &SampleOptions,
     ranks: &mut dyn Collective,
-) -> Result<Option<Vec<usize>>> {
+) -> Result<bool> {
     let (Some(refinement), Some(values)) = (&options.refinement, &volume.values) else {
-        return Ok(None);
+        return Ok(false);
     };
     let width = options.kernels.width;
     let refined = |nodes: &GridNodes<'_, '_>| {
@@ -52,16 +52,17 @@ pub(in crate::sample) fn refine_grids(
     };
     let all: Vec<Refined> = all_nodes.iter().filter_map(refined).collect();
     if !ranks.any(!all.is_empty())? {
-        return Ok(None);
+        return Ok(false);
     }
     let levels = all.iter().map(|refined| refined.level);
     let level = levels.max().unwrap_or(0);
-    let wanted = wanted.iter().map(|&i| i as usize);
     let stays = apply(volume, all, wanted, &mut |scales| ranks.max(scales))?;
     report.refined_count = volume.particles.len() - stays.len();
     report.refined_level = level;
     report.particle_count = volume.particles.len();
-    Ok(Some(stays))
+    let ghosts = stays.iter().filter(|&&i| i as usize >= sample_count);
+    report.ghost_count = ghosts.count();
+    Ok(true)
 }
 
 impl Extended<'_, '_> {

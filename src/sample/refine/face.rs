@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 
+use super::neighbourhood::weights;
 use crate::constants::EDGE_REACH;
 use crate::sample::kernels::planes::plane_of;
 
@@ -38,12 +39,6 @@ impl FaceNodes {
     /// bilinear between nodes. Returns `None` if it has collapsed.
     pub(super) fn plane(&self, offsets: [Option<f64>; 3]) -> Option<[DVec3; 2]> {
         let [b, c] = [1, 2].map(|by| offsets[(self.axis + by) % 3]);
-        // Weights of the three nodes along an index: of the position, and of its slope.
-        let weights = |offset: Option<f64>| match offset {
-            None => [[0.0, 1.0, 0.0], [-0.5, 0.0, 0.5]],
-            Some(s) if s < 0.0 => [[-s, 1.0 + s, 0.0], [-1.0, 1.0, 0.0]],
-            Some(s) => [[0.0, 1.0 - s, s], [0.0, -1.0, 1.0]],
-        };
         let (wb, wc) = (weights(b), weights(c));
         let sum = |nodes: &[DVec3; 9], wb: [f64; 3], wc: [f64; 3]| {
             // From differences, so that a distant origin costs no digits.

@@ -31,9 +31,8 @@ use super::kernels::planes::edges;
 use crate::constants::MOST_EDGES;
 use crate::error::Result;
 use crate::math::{lower_factor, narrowed, normal_code};
-use crate::scene::{
-    Boundary, BoundaryPlanes, LocalModel, LocalModels, Particles, PointVolume, Strength, Values,
-};
+use crate::sample::positions::index_u32;
+use crate::scene::{Boundary, LocalModel, Particles, PointVolume, Strength, Values};
 use crate::view::{Camera, Projection};
 
 /// Number of planes beside a rank's own on which its parts depend: neighbours, grading, and the evening out.
@@ -246,7 +245,8 @@ fn part_of(
     })
 }
 
-/// Replaces particles of a volume by the parts of their cells. Returns the particles that stay, before the parts.
+/// Replaces particles of a volume by the parts of their cells. Returns the particles that stay, which come before the
+/// parts.
 ///
 /// - `wanted`: the particles to keep, unless they are split.
 /// - `greatest`: returns the greatest of given scales and of those of all partitions.
@@ -256,63 +256,57 @@ fn part_of(
 pub(super) fn apply(
     volume: &mut PointVolume,
     all: Vec<Refined>,
-    wanted: impl Iterator<Item = usize>,
+    wanted: &[u32],
     greatest: &mut dyn FnMut([f32; 2]) -> Result<[f32; 2]>,
-) -> Result<Vec<usize>> {
+) -> Result<Vec<u32>> {
+    let mut is_split = vec![false; volume.particles.len()];
+    for particle in all.iter().flat_map(|refined| &refined.split) {
+        is_split[*particle] = true;
+    }
+    let stays = wanted.iter().copied().filter(|&i| !is_split[i as usize]);
+    let stays: Vec<u32> = stays.collect();
+    if let Strength::Classified { volumes } = &mut volume.strength {
+        for (particle, factor) in all.iter().flat_map(|refined| &refined.evened) {
+            volumes[*particle] = narrowed(f64::from(volumes[*particle]) * factor);
+        }
+    }
+    volume.gather(&stays);
+    let parts: Vec<Part> = all.into_iter().flat_map(|refined| refined.parts).collect();
     let (Particles::Anisotropic { positions, factors }, Strength::Classified { volumes }) =
         (&mut volume.particles, &mut volume.strength)
     else {
-        return Ok(wanted.collect());
+        return Ok(stays);
     };
-    for (particle, factor) in all.iter().flat_map(|refined| &refined.evened) {
-        volumes[*particle] = narrowed(f64::from(volumes[*particle]) * factor);
-    }
-    let mut stays = vec![true; positions.len()];
-    for particle in all.iter().flat_map(|refined| &refined.split) {
-        stays[*particle] = false;
-    }
-    let stays: Vec<usize> = wanted.filter(|&i| stays[i]).collect();
-    let parts: Vec<Part> = all.into_iter().flat_map(|refined| refined.parts).collect();
-    *positions = joined(positions, &stays, parts.iter().map(|p| p.kernel.position));
-    *factors = joined(factors, &stays, parts.iter().map(|p| p.kernel.factor));
-    *volumes = joined(volumes, &stays, parts.iter().map(|p| p.kernel.volume));
-    if let Some(values) = &mut volume.values {
-        *values = match &*values {
-            Values::F64(own) => {
-                let own = joined(own, &stays, parts.iter().map(|p| p.value));
-                Values::from(own)
-            }
-            own => {
-                let kept = stays.iter().map(|&i| own.get(i));
-                let parts = parts.iter().map(|p| narrowed(p.value));
-                Values::from(kept.chain(parts).collect::<Vec<f32>>())
-            }
-        };
-    }
+    positions.extend(parts.iter().map(|p| p.kernel.position));
+    factors.extend(parts.iter().map(|p| p.kernel.factor));
+    volumes.extend(parts.iter().map(|p| p.kernel.volume));
+    // Values between those of nodes are no whole numbers.
+    volume.values = volume.values.take().map(|values| match values {
+        Values::F64(mut own) => {
+            own.extend(parts.iter().map(|p| p.value));
+            Values::F64(own)
+        }
+        own => {
+            let kept = (0..own.len()).map(|i| own.get(i));
+            let more = parts.iter().map(|p| narrowed(p.value));
+            Values::F32(kept.chain(more).collect())
+        }
+    });
     if let Some(normals) = &mut volume.normals {
-        *normals = joined(normals, &stays, parts.iter().map(|p| p.normal));
+        normals.extend(parts.iter().map(|p| p.normal));
     }
-    if let Some(models) = &mut volume.local_models {
-        let kept = stays.iter().map(|&i| models.get(i));
-        let all: Vec<LocalModel> = kept.chain(parts.iter().map(|p| p.model)).collect();
-        *models = LocalModels::with(&all, greatest(LocalModels::scales_of(&all))?);
+    if let Some(models) = volume.local_models.take() {
+        let more: Vec<_> = parts.iter().map(|p| (None, p.model)).collect();
+        volume.local_models = Some(models.changed(&more, greatest)?);
     }
     if let Some(Boundary::Planes(planes)) = &mut volume.boundary {
-        let mut kept = BoundaryPlanes::default();
-        let of_stays = stays.iter().map(|&i| planes.of(i).copied());
-        for edges in of_stays.chain(parts.iter().map(|p| p.edges)) {
-            let word = edges.map_or(0, |edges| {
-                kept.edges.push(edges);
-                u32::try_from(kept.edges.len()).unwrap_or(0)
+        for part in &parts {
+            let word = part.edges.map_or(0, |edges| {
+                planes.edges.push(edges);
+                index_u32(planes.edges.len())
             });
-            kept.of_particle.push(word);
+            planes.of_particle.push(word);
         }
-        *planes = kept;
     }
     Ok(stays)
-}
-
-/// Returns the entries that stay, followed by more.
-fn joined<T: Copy>(entries: &[T], stays: &[usize], more: impl Iterator<Item = T>) -> Vec<T> {
-    stays.iter().map(|&i| entries[i]).chain(more).collect()
 }

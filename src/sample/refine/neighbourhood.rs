@@ -27,12 +27,12 @@ pub(super) struct Place {
 }
 
 /// Weights of the three nodes along an index: of the value, of the first and of the second difference.
-type Weights = [[f64; 3]; 3];
+pub(super) type Weights = [[f64; 3]; 3];
 
 /// Returns the weights along an index.
 ///
 /// - `offset`: distance from the node, in -1/2 to 1/2; `None` for an index that is not split.
-fn weights(offset: Option<f64>) -> Weights {
+pub(super) fn weights(offset: Option<f64>) -> Weights {
     match offset {
         None => [[0.0, 1.0, 0.0], [-0.5, 0.0, 0.5], [1.0, -2.0, 1.0]],
         Some(s) if s < 0.0 => [[-s, 1.0 + s, 0.0], [-1.0, 1.0, 0.0], [0.0; 3]],
