@@ -26,8 +26,7 @@ pub struct Settings {
     pub classify: Classification,
     /// Planes that clip everything that is drawn; eight at most.
     pub clip: Vec<ClipPlane>,
-    /// Variance of the low-pass filter, px²; splats that state their opacity have their own. Up to .3 px²,
-    /// tiles with opaque edges are drawn at four samples a pixel, and the filter acts on the samples.
+    /// Variance of the low-pass filter, px²; splats that state their opacity have their own.
     pub low_pass_variance_px2: f32,
     /// Cut-off radius in standard deviations; `None` follows the tolerance.
     pub cutoff: Option<f32>,
@@ -80,8 +79,9 @@ pub struct Advanced {
     /// Merged particles already account for their members' opacity and do not change; nor do kernels that
     /// reach the eye.
     pub sub_pixel_opacity: bool,
-    /// True if tiles with opaque edges are drawn at four samples a pixel. Otherwise opaque silhouettes are
-    /// wider than the data's by a part of a pixel.
+    /// True if tiles with opaque edges are drawn at four samples a pixel, on which the low-pass filter acts. It
+    /// applies to filters up to .3 px². Otherwise opaque silhouettes are wider than the data's by a part of a
+    /// pixel.
     pub opaque_edges: bool,
     /// The instruction set of the rasteriser.
     pub simd: SimdLevel,

@@ -103,8 +103,8 @@ impl Renderer {
     /// | `Rgba8UnormSrgb`, `Bgra8UnormSrgb` | the same, encoded by the texture; a shader reads it as linear and premultiplied |
     /// | `Rgba8Unorm`, `Bgra8Unorm` | sRGB code values of the straight colour, as in a PNG, times alpha: what windows and egui blend |
     ///
-    /// All tiles have one sample a pixel: with filters up to .3 px², [`Renderer::render`] draws tiles with
-    /// opaque edges at four. [`Renderer::image`] does not change. Depths and normals are read back if the settings ask for
+    /// All tiles have one sample a pixel, whatever [`Advanced::opaque_edges`](crate::render::Advanced::opaque_edges)
+    /// says. [`Renderer::image`] does not change. Depths and normals are read back if the settings ask for
     /// them. Otherwise only counts are read back, some hundred bytes plus 24 per tile; they tell whether
     /// buffers were too small and the frame must be drawn again. This call waits for the counts;
     /// [`Renderer::render_to_texture_async`] does not block. In both cases the texture is complete when
