@@ -156,6 +156,21 @@ const WRONG: &[(&str, i32, &str)] = &[
         "found the surface of --surface",
     ),
     (
+        "render WAKE --out a.png --refine --column-density",
+        2,
+        "cannot be used with",
+    ),
+    (
+        "render WAKE --out a.png --refine --reference=data",
+        1,
+        "expected kernels, found --reference data",
+    ),
+    (
+        "render WAKE --out a.png --opaque-edges --reference=kernels",
+        2,
+        "cannot be used with",
+    ),
+    (
         "render WAKE --out a.png --surface --count 99 --clip 1,0,0,0 --cut-faces",
         1,
         "--cut-faces",

@@ -6,6 +6,7 @@ use super::options::{
 use crate::command::animation::Animation;
 use crate::command::cut::add_faces;
 use crate::command::outputs::{check_collisions, paths};
+use crate::command::truth::ReferenceName;
 use crate::command::usage::{CLASSIFIED, is_filtered, is_surface, refuse_beside, refuse_unused};
 use crate::command::{animation, ranks};
 use crate::io::{check_depth_path, check_folder, check_image_path};
@@ -180,6 +181,15 @@ impl Method {
                 "composite of particles classified one by one",
                 "one that classifies these, not slabs",
             );
+        }
+        if self.refine && self.reference == Some(ReferenceName::Data) {
+            return Err(Error::invalid(
+                "--refine",
+                "what is drawn",
+                "kernels",
+                "--reference data, which integrates the field itself",
+                "leave it out",
+            ));
         }
         if self.column_mean.is_some() && !self.column_density {
             return Err(Error::invalid(

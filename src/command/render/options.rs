@@ -127,11 +127,11 @@ pub(in crate::command) struct Method {
     #[arg(long)]
     pub(in crate::command) sub_pixel_opacity: bool,
     /// Refine kernels of curvilinear grids where the field bends between nodes and the transfer function
-    /// shows it: nearer to the data's own field, for one and a half to two times the kernels
-    #[arg(long)]
+    /// shows it: nearer to the data's own field, for more kernels
+    #[arg(long, conflicts_with = "column_density")]
     pub(in crate::command) refine: bool,
     /// Draw tiles with opaque edges at four samples a pixel, and average their colours
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["reference", "column_density", "show"])]
     pub(in crate::command) opaque_edges: bool,
     /// Draw a hundredth of the picture again with everything exact, and state with --stats, or in
     /// words, what the picture errs by
