@@ -434,7 +434,9 @@ pub(crate) fn drawing(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Drawing> {
                 linear_opacity: said.take("linear_opacity")?.unwrap_or(false),
                 simd: defaults.advanced.simd,
                 sub_pixel_opacity: said.take("sub_pixel_opacity")?.unwrap_or(false),
-                opaque_edges: said.take("opaque_edges")?.unwrap_or(false),
+                opaque_edges: said
+                    .take("opaque_edges")?
+                    .unwrap_or(defaults.advanced.opaque_edges),
             },
             level_of_detail: said.take("level_of_detail")?.unwrap_or(true),
             show: said

@@ -50,7 +50,7 @@ use std::process::ExitCode;
 pub use self::animation::Animation;
 pub use self::driver::quiet_drivers;
 pub use self::statistics::{Prepared, stats};
-pub use self::view::{Automatic, Frame, Over, ViewArguments, ViewRequest, line};
+pub use self::view::{Automatic, Frame, Over, RefinedView, ViewArguments, ViewRequest, line};
 pub use self::viewpoint::left_of;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 

@@ -14,8 +14,8 @@ use super::usage::refuse_beside;
 use super::viewpoint::{Canvas, left_of};
 use crate::data::up::Up;
 use crate::load::{Input, Loaded, Series};
-use crate::sample::{BoundaryChoice, SampleOptions, TransferChoice};
-use crate::scene::ScaleName;
+use crate::sample::{BoundaryChoice, Refinement, SampleOptions, TransferChoice};
+use crate::scene::{ScaleName, TransferFunction};
 use crate::view::{Bounds, Camera};
 use crate::{Backend, Error, Renderer, Result, Settings, Task};
 
@@ -23,7 +23,7 @@ use crate::{Backend, Error, Renderer, Result, Settings, Task};
 const PROGRAM: &str = "ewa-splat-view";
 
 /// Identifiers of the options of `render` that write files, or that the window does not have.
-const OF_FILES: [&str; 19] = [
+const OF_FILES: [&str; 17] = [
     "out",
     "stats",
     "depth",
@@ -38,8 +38,6 @@ const OF_FILES: [&str; 19] = [
     "rate",
     "measure_error",
     "calibrate",
-    "refine",
-    "opaque_edges",
     "scale_bar",
     "title",
     "time_stamp",
@@ -90,6 +88,17 @@ pub struct ViewRequest {
     boundary: BoundaryChoice,
     /// Choices of the window that replace the options.
     automatic: Option<Automatic>,
+}
+
+/// Pictures for which kernels are refined.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RefinedView {
+    /// Cameras of the pictures.
+    pub cameras: Vec<Camera>,
+    /// Tolerance of the pictures.
+    pub tolerance: f32,
+    /// Transfer function of each input in place of the one that its options choose, if it was edited.
+    pub functions: Vec<Option<TransferFunction>>,
 }
 
 /// Arguments of the window's program.
@@ -245,6 +254,11 @@ impl ViewRequest {
         }
     }
 
+    /// Returns true if kernels may be refined for pictures.
+    pub fn refines(&self) -> bool {
+        self.arguments.sample_options(None).refinement.is_some()
+    }
+
     /// Returns the treatment of the data's boundary.
     pub fn boundary(&self) -> BoundaryChoice {
         self.boundary
@@ -352,6 +366,7 @@ impl ViewRequest {
     /// - `field`: field to show instead of the one that was asked for.
     /// - `chosen`: whether to read each input; inputs beyond its end are read.
     /// - `step`: step of a series.
+    /// - `refined`: pictures for which kernels are refined; `None` makes one kernel per sample.
     /// - `task`: reports the progress and can cancel the work.
     ///
     /// # Errors
@@ -361,6 +376,7 @@ impl ViewRequest {
         field: Option<&str>,
         chosen: &[bool],
         step: usize,
+        refined: Option<&RefinedView>,
         task: &Task,
     ) -> Result<Loaded> {
         let arguments = &*self.arguments;
@@ -368,6 +384,10 @@ impl ViewRequest {
         let mut inputs = self.chosen(chosen)?;
         let mut options = arguments.sample_options(Some(task.clone()));
         options.kernels.boundary = self.boundary;
+        options.refinement = match (options.refinement, refined) {
+            (Some(_), Some(refined)) => Some(Refinement::for_tolerance(refined.tolerance)),
+            _ => None,
+        };
         if let Some(automatic) = &self.automatic {
             let Automatic { map, range, scale } = automatic.clone();
             options.function.transfer =
@@ -388,10 +408,17 @@ impl ViewRequest {
             let wanted = steps.get(step).copied();
             inputs.retain(|input| Some(input.step) == wanted);
         }
+        let functions = refined.map_or(&[][..], |refined| &refined.functions);
+        for (input, function) in inputs.iter_mut().zip(functions) {
+            input.transfer.clone_from(function);
+        }
         let silent = ProgressBar::hidden();
         let planes = arguments.clip_planes();
         let canvas = Canvas::of(arguments.size);
         let cameras = |boxes: &[Bounds], up: Up| {
+            if let Some(refined) = refined {
+                return Ok(refined.cameras.clone());
+            }
             let boxes = left_of(boxes.to_vec(), &planes);
             Ok(vec![arguments.camera.camera(&boxes, up, &canvas)?])
         };

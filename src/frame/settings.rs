@@ -79,9 +79,9 @@ pub struct Advanced {
     /// Merged particles already account for their members' opacity and do not change; nor do kernels that
     /// reach the eye.
     pub sub_pixel_opacity: bool,
-    /// True if tiles with opaque edges are drawn at four samples a pixel, on which the low-pass filter acts. It
-    /// applies to filters up to .3 px². Otherwise opaque silhouettes are wider than the data's by a part of a
-    /// pixel.
+    /// True if tiles with opaque edges are drawn at four samples a pixel, on which the low-pass filter acts: the
+    /// default. It applies to filters up to .3 px². Otherwise opaque silhouettes are wider than the data's by a
+    /// part of a pixel.
     pub opaque_edges: bool,
     /// The instruction set of the rasteriser.
     pub simd: SimdLevel,
@@ -94,7 +94,7 @@ impl Default for Advanced {
             merge_slack: 1.0,
             linear_opacity: false,
             sub_pixel_opacity: false,
-            opaque_edges: false,
+            opaque_edges: true,
             simd: SimdLevel::best(),
         }
     }

@@ -110,6 +110,7 @@ struct Facts {
     unit: Option<String>,
     refined_count: usize,
     refined_level: u8,
+    may_refine: bool,
     volume_count: usize,
     is_classified: bool,
     has_opacity: bool,
@@ -674,6 +675,7 @@ impl Collection<'_> {
                     unit: facts.unit,
                     refined_count: facts.refined_count,
                     refined_level: facts.refined_level,
+                    may_refine: facts.may_refine,
                     ..SampleReport::default()
                 },
                 kind: look.kind,
@@ -734,6 +736,7 @@ impl Own {
             unit: report.unit.clone(),
             refined_count: report.refined_count,
             refined_level: report.refined_level,
+            may_refine: report.may_refine,
             volume_count: volumes.len(),
             is_classified: volumes.iter().any(|v| v.transfer_function.is_some()),
             has_opacity: has_opacity(volumes),

@@ -10,7 +10,8 @@ use crate::data::dataset::Dataset;
 use crate::data::particle_type::ParticleType;
 use crate::edit::open_within;
 use crate::io::OpenOptions;
-use crate::sample::{SampleOptions, TransferChoice};
+use crate::sample::{FunctionOptions, SampleOptions, TransferChoice};
+use crate::scene::TransferFunction;
 
 /// File, and its choices where they differ from the options of all inputs.
 #[derive(Debug, Clone, PartialEq)]
@@ -21,6 +22,8 @@ pub struct Input {
     pub field: Option<String>,
     /// Transfer function: a file, or the name of a colour map.
     pub function: Option<String>,
+    /// Transfer function in place of all choices of one.
+    pub transfer: Option<TransferFunction>,
     /// Type of the particles to show, for a snapshot that holds several types.
     pub particle_type: Option<ParticleType>,
     /// Opacity of the boundary, for an input that shows its boundary
@@ -43,6 +46,7 @@ impl Input {
             path,
             field: None,
             function: None,
+            transfer: None,
             particle_type: None,
             surface: None,
             step: 0,
@@ -127,6 +131,12 @@ impl Input {
         own.surface = self.surface.or(own.surface);
         if let Some(function) = &self.function {
             own.function.transfer = transfer_of(function);
+        }
+        if let Some(function) = &self.transfer {
+            own.function = FunctionOptions {
+                transfer: TransferChoice::Given(function.clone()),
+                ..FunctionOptions::default()
+            };
         }
         own
     }

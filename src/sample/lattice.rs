@@ -6,16 +6,19 @@ use super::curvilinear::sharp::face_nodes;
 use super::left_out::LeftOut;
 use crate::data::association::Association;
 use crate::data::blanking::Blanking;
-use crate::data::dataset::{CurvilinearBlock, Dataset, Field, Geometry};
+use crate::data::dataset::{CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use crate::error::Result;
 use crate::sample::field::choice::shown_field;
+use crate::sample::field::gradient::Samples;
 use crate::sample::function::classified;
-use crate::sample::options::SampleOptions;
+use crate::sample::options::{FunctionOptions, SampleOptions, TransferChoice};
+use crate::sample::refine;
+use crate::sample::refine::Refinement;
 use crate::sample::report::SampleReport;
 use crate::sample::sampled::Sampled;
 use crate::sample::scalar::{check_count, check_len, take_scalar};
 use crate::scene::{Boundary, LONE_CELL_WIDTH, Lattice, LatticeSpacing, Particles, Surroundings};
-use crate::scene::{Colour, PointVolume, Strength, ValueSample};
+use crate::scene::{Colour, PointVolume, Strength, TransferFunction, ValueSample, Values};
 
 const NOT_FINITE: &str =
     "not finite; NaN is drawn as transparent, infinity as the end of the range";
@@ -90,6 +93,12 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     }
     let mean_spacing = mean_spacing(&lattice);
     let dims = lattice.dims;
+    report.may_refine = may_refine(&lattice, taken.association);
+    let refinement = options
+        .refinement
+        .as_ref()
+        .filter(|_| report.may_refine && !taken.values.has_infinite());
+    let kept = refinement.map(|_| (taken.values.clone(), lattice.clone()));
     let particles = Particles::Lattice {
         lattice,
         kernel_width: options.kernels.width,
@@ -102,11 +111,95 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         (mean_spacing, Surroundings::Included),
         options,
     )?;
+    if let (Some(refinement), Some((values, lattice)), Some(function)) =
+        (refinement, kept, &sampled.volume.transfer_function)
+        && asks(&sampled.volume, &lattice, function, refinement, options)
+    {
+        let blocks = vec![CurvilinearBlock::of_lattice(&lattice)];
+        dataset.geometry = Geometry::Curvilinear { blocks };
+        return as_grid(dataset, values, sampled, options);
+    }
     let may_be_sharp = options.is_sharp() && taken.association == Association::Nodes;
     if may_be_sharp && options.cuts(&sampled.volume, on_faces(dims)) {
         sampled.volume.boundary = Some(Boundary::Lattice);
     }
     Ok(sampled)
+}
+
+/// Greatest number of samples of a lattice whose kernels are refined. The spacing of larger ones is about a pixel of a
+/// picture that shows them whole, and ranks read these in parts.
+const MOST_REFINED: usize = 1 << 21;
+
+/// Returns true if kernels of a lattice may be refined.
+pub(crate) fn may_refine(lattice: &Lattice, association: Association) -> bool {
+    let is_solid = lattice.dims.iter().all(|&n| n > 1);
+    is_solid && association == Association::Nodes && lattice.len() <= MOST_REFINED
+}
+
+/// Returns true if the transfer function and the field ask for parts of any cell.
+fn asks(
+    volume: &PointVolume,
+    lattice: &Lattice,
+    function: &TransferFunction,
+    refinement: &Refinement,
+    options: &SampleOptions,
+) -> bool {
+    let Some(values) = &volume.values else {
+        return false;
+    };
+    let [x, y, _] = lattice.dims;
+    let samples = Samples {
+        dims: lattice.dims,
+        periods: [None; 3],
+        at: |node: [usize; 3]| {
+            let value = values.wide(node[0] + x * (node[1] + y * node[2]));
+            value.is_finite().then(|| (lattice.position(node), value))
+        },
+    };
+    refine::asks(&samples, function, refinement, options.kernels.width)
+}
+
+/// Samples a lattice as a curvilinear grid, whose kernels can be refined.
+///
+/// - `dataset`: data set with the geometry of that grid.
+/// - `sampled`: the lattice's own volume, of which the function and the findings are kept.
+fn as_grid(
+    dataset: Dataset,
+    values: Values,
+    sampled: Sampled,
+    options: &SampleOptions,
+) -> Result<Sampled> {
+    const NAME: &str = "values";
+    let field = Field {
+        name: NAME.into(),
+        association: Association::Nodes,
+        source: FieldSource::Scalar(values),
+        unit: None,
+    };
+    let Sampled { volume, report } = sampled;
+    let function = volume.transfer_function.clone();
+    drop(volume);
+    let options = SampleOptions {
+        field: Some(NAME.into()),
+        function: FunctionOptions {
+            transfer: function.map_or(TransferChoice::Automatic, TransferChoice::Given),
+            ..FunctionOptions::default()
+        },
+        ..options.clone()
+    };
+    let dataset = Dataset {
+        fields: vec![field],
+        ..dataset
+    };
+    let Sampled { volume, report: of } = super::curvilinear::volume(dataset, &options)?;
+    let report = SampleReport {
+        particle_count: of.particle_count,
+        ghost_count: of.ghost_count,
+        refined_count: of.refined_count,
+        refined_level: of.refined_level,
+        ..report
+    };
+    Ok(Sampled { volume, report })
 }
 
 /// Statistics of the values of a lattice that is partitioned over ranks.

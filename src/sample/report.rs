@@ -30,6 +30,8 @@ pub struct SampleReport {
     pub refined_count: usize,
     /// Greatest level of these: an index of a cell is split into 2 to this power.
     pub refined_level: u8,
+    /// True if kernels of the data may be refined for a picture: those of grids with values at nodes.
+    pub may_refine: bool,
     /// Findings, in the order of the work.
     pub findings: Vec<Finding>,
     /// Evenness of the spread of surfels, for a mesh.
@@ -80,6 +82,7 @@ impl SampleReport {
         self.ghost_count += other.ghost_count;
         self.refined_count += other.refined_count;
         self.refined_level = self.refined_level.max(other.refined_level);
+        self.may_refine |= other.may_refine;
         self.value_range = match (self.value_range, other.value_range) {
             (Some([a, b]), Some([c, d])) => Some([a.min(c), b.max(d)]),
             (own, other) => own.or(other),

@@ -237,8 +237,8 @@ fn write_mesh(folder: &Path) {
 
 /// Options that draw exactly. Approximations depend on blocks, and blocks lie along the world's
 /// axes.
-const EXACT: &str = "--filter exact --level-of-detail off --cutoff 6";
-const WHOLE: &str = "--level-of-detail off --cutoff 6";
+const EXACT: &str = "--filter exact --level-of-detail off --refine off --cutoff 6";
+const WHOLE: &str = "--level-of-detail off --refine off --cutoff 6";
 
 #[test]
 fn data_and_camera_moved_alike_show_the_same_picture() {

@@ -156,17 +156,12 @@ const WRONG: &[(&str, i32, &str)] = &[
         "found the surface of --surface",
     ),
     (
-        "render WAKE --out a.png --refine --column-density",
+        "render WAKE --out a.png --refine auto --column-density",
         2,
         "cannot be used with",
     ),
     (
-        "render WAKE --out a.png --refine --reference=data",
-        1,
-        "expected kernels, found --reference data",
-    ),
-    (
-        "render WAKE --out a.png --opaque-edges --reference=kernels",
+        "render WAKE --out a.png --opaque-edges auto --reference=kernels",
         2,
         "cannot be used with",
     ),

@@ -73,6 +73,7 @@ mod promise;
 mod real_data;
 mod reference;
 mod reference_data;
+mod refined;
 mod render_laws;
 mod ripple_pictures;
 mod sampled_error;

@@ -21,6 +21,7 @@ mod overlay;
 mod panel;
 mod path;
 mod probe;
+mod refinable;
 mod remembered;
 mod replay;
 mod screen;

@@ -25,6 +25,7 @@ use crate::histogram::Histogram;
 use crate::instead::{self, Instead};
 use crate::overlay::Overlay;
 use crate::path::RATE;
+use crate::refinable::Refinable;
 
 /// Time without changes after which a picture is refined.
 const REST: Duration = Duration::from_millis(120);
@@ -401,6 +402,15 @@ fn work(shared: &Arc<Shared>) {
     }
 }
 
+/// Effort of a picture.
+#[derive(Clone, Copy, PartialEq)]
+enum Effort {
+    /// One kernel per sample and one sample a pixel.
+    Motion,
+    /// As the command draws it: refined kernels, and samples of opaque edges.
+    Rest,
+}
+
 /// Purpose of a task. It determines what cancels the task, and whether its progress is shown.
 #[derive(Clone, Copy, PartialEq)]
 enum Purpose {
@@ -429,7 +439,9 @@ fn read(shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<Stage> {
     let begun = Instant::now();
     let task = begin(shared, Purpose::Reading);
     let request = &load.request;
-    let mut scene = request.read(load.field.as_deref(), &load.chosen, load.step, &task)?;
+    let field = load.field.as_deref();
+    let mut scene = request.read(field, &load.chosen, load.step, None, &task)?;
+    let refinable = Refinable::of(load, &scene);
     let volumes = volumes_of(&scene);
     let functions = volumes.iter().map(|volume| volume.function.clone());
     let functions = functions.collect();
@@ -439,11 +451,7 @@ fn read(shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<Stage> {
         ..SceneOptions::default()
     };
     let renderer = scene.renderer(&options)?;
-    let renderer = match &load.gpu {
-        Some(gpu) if request.backend() == Backend::Gpu => renderer.on(gpu.clone())?,
-        Some(gpu) => renderer.on(OpenBackend::or_cpu(gpu.clone()))?,
-        None => renderer.on(request.backend().open()?)?,
-    };
+    let renderer = opened(renderer, load)?;
     let has_window = load.gpu.is_some() && renderer.adapter().is_some();
     let window = load.gpu.clone().filter(|_| has_window);
     let settings = request.settings(renderer.suitable_low_pass_px2());
@@ -465,6 +473,7 @@ fn read(shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<Stage> {
     Ok(Stage {
         scene: load.scene,
         renderer,
+        refinable,
         window,
         controller: Controller::default(),
         functions,
@@ -473,6 +482,16 @@ fn read(shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<Stage> {
         left: 0,
         is_moving: false,
     })
+}
+
+/// Returns the renderer on the device that the request names, or else on the window's.
+pub(crate) fn opened(renderer: Renderer, load: &Load) -> ewa_splat::Result<Renderer> {
+    let backend = load.request.backend();
+    match &load.gpu {
+        Some(gpu) if backend == Backend::Gpu => renderer.on(gpu.clone()),
+        Some(gpu) => renderer.on(OpenBackend::or_cpu(gpu.clone())),
+        None => renderer.on(backend.open()?),
+    }
 }
 
 fn volumes_of(scene: &load::Loaded) -> Vec<Volume> {
@@ -498,7 +517,10 @@ fn volumes_of(scene: &load::Loaded) -> Vec<Volume> {
 /// Scene and its current picture.
 struct Stage {
     scene: u64,
+    /// Renderer of one kernel per sample.
     renderer: Renderer,
+    /// Source of refined kernels for pictures at rest.
+    refinable: Option<Refinable>,
     /// The window's device, if pictures stay on it.
     window: Option<Gpu>,
     controller: Controller,
@@ -531,18 +553,23 @@ impl Stage {
         let begun = Instant::now();
         // This picture is never cancelled, so that motion is visible: it takes no longer than a
         // frame.
-        self.draw(shared, coarseness, None)?;
+        self.draw(shared, coarseness, Effort::Motion, None)?;
         let time = begun.elapsed();
         self.controller.took(time);
-        // A full picture is not drawn again. If the next one will be quick, no intermediate step is
-        // drawn.
+        // A full picture is not drawn again, unless it gains at rest. If the next one will be quick, no
+        // intermediate step is drawn.
         let is_whole = self
             .view
             .as_ref()
             .is_some_and(|view| coarseness == Coarseness::none(view.settings.tolerance));
+        let gains = self.refinable.is_some()
+            || self
+                .view
+                .as_ref()
+                .is_some_and(|view| view.settings.advanced.opaque_edges);
         self.left = match time.as_secs_f32() / coarseness.share {
-            _ if is_whole => 1,
-            whole if whole < SOON => 2,
+            _ if is_whole && !gains => 1,
+            whole if is_whole || whole < SOON => 2,
             _ => 3,
         };
         self.is_moving = true;
@@ -570,15 +597,16 @@ impl Stage {
         match self.left {
             3 => {
                 let looser = Coarseness::none(asked * FIRST_STEP);
-                self.draw(shared, looser, Some(task))?;
+                self.draw(shared, looser, Effort::Motion, Some(task))?;
             }
-            2 => self.draw(shared, Coarseness::none(asked), Some(task))?,
+            2 => self.draw(shared, Coarseness::none(asked), Effort::Rest, Some(task))?,
             _ => {
                 let settings = Settings {
-                    task: Some(task),
+                    task: Some(task.clone()),
                     ..view.settings.clone()
                 };
                 let camera = view.camera.clone();
+                let view = view.clone();
                 // The error is sampled only for kernels composited one by one. Counts and choices have none.
                 let is_measured = matches!(settings.composite, Composite::Over)
                     && matches!(settings.show, Show::Scene);
@@ -588,19 +616,20 @@ impl Stage {
                     return Ok(());
                 };
                 if is_measured {
-                    let sample = ErrorSample::draw(&mut self.renderer, &camera, &settings)?;
+                    let renderer = self.best(&view, std::slice::from_ref(&camera), &task)?;
+                    let sample = ErrorSample::draw(renderer, &camera, &settings)?;
                     // The picture is drawn once more if it is shown as another image or is on the
                     // device only.
                     let image = match &drawn.picture {
                         Picture::Pixels(image) if view.instead.is_none() || shows_error => {
                             Arc::clone(image)
                         }
-                        _ => Arc::new(self.renderer.render(&camera, &settings)?.clone()),
+                        _ => Arc::new(renderer.render(&camera, &settings)?.clone()),
                     };
                     drawn.error = Some(sample.error_of(&image));
                     if shows_error {
                         let exact = accurate(&settings);
-                        let truth = self.renderer.render(&camera, &exact)?;
+                        let truth = renderer.render(&camera, &exact)?;
                         let errors = instead::errors(&image, truth, settings.tolerance);
                         drawn.picture = Picture::Pixels(Arc::new(errors));
                     }
@@ -613,13 +642,31 @@ impl Stage {
         Ok(())
     }
 
+    /// Returns the renderer of pictures at rest: of refined kernels if any is refined.
+    ///
+    /// - `cameras`: cameras of the pictures.
+    fn best(
+        &mut self,
+        view: &View,
+        cameras: &[Camera],
+        task: &Task,
+    ) -> ewa_splat::Result<&mut Renderer> {
+        if let Some(refinable) = &mut self.refinable
+            && let Some(renderer) = refinable.renderer(view, cameras, task)?
+        {
+            return Ok(renderer);
+        }
+        Ok(&mut self.renderer)
+    }
+
     fn draw(
         &mut self,
         shared: &Arc<Shared>,
         coarseness: Coarseness,
+        effort: Effort,
         task: Option<Task>,
     ) -> ewa_splat::Result<()> {
-        let Some(view) = &self.view else {
+        let Some(view) = self.view.clone() else {
             return Ok(());
         };
         let size = coarseness.size([view.camera.width, view.camera.height]);
@@ -628,39 +675,49 @@ impl Stage {
             tolerance: coarseness.tolerance,
             advanced: Advanced {
                 merge_slack: coarseness.merge_slack,
+                opaque_edges: effort == Effort::Rest && view.settings.advanced.opaque_edges,
                 ..view.settings.advanced
             },
             classify: coarseness.classification(view.settings.classify),
             depth: view.instead == Some(Instead::Depth),
             normals: view.instead == Some(Instead::Normals),
-            task,
+            task: task.clone(),
             ..view.settings.clone()
         };
-        let picture = match (view.instead, &self.window) {
+        // Samples of opaque edges are averaged in memory, not in textures.
+        let window = self
+            .window
+            .clone()
+            .filter(|_| !settings.advanced.opaque_edges);
+        let renderer = match (effort, &task) {
+            (Effort::Rest, Some(task)) => self.best(&view, std::slice::from_ref(&camera), task)?,
+            _ => &mut self.renderer,
+        };
+        let picture = match (view.instead, window) {
             (None | Some(Instead::Error), Some(gpu)) => {
-                let texture = texture(gpu, size);
-                self.renderer
-                    .render_to_texture(&camera, &settings, &texture)?;
+                let texture = texture(&gpu, size);
+                renderer.render_to_texture(&camera, &settings, &texture)?;
                 Picture::Texture(Arc::new(texture))
             }
             (instead, _) => {
-                let image = self.renderer.render(&camera, &settings)?.clone();
+                let image = renderer.render(&camera, &settings)?.clone();
                 let image = match instead {
-                    Some(Instead::Depth) => self.renderer.depth().map(instead::depths),
-                    Some(Instead::Normals) => self.renderer.normals().map(instead::normals),
+                    Some(Instead::Depth) => renderer.depth().map(instead::depths),
+                    Some(Instead::Normals) => renderer.normals().map(instead::normals),
                     _ => Some(image),
                 };
                 Picture::Pixels(Arc::new(image.unwrap_or_default()))
             }
         };
+        let (counts, times) = (renderer.counts(), renderer.times());
         let drawn = Drawn {
             number: view.number,
             picture,
             coarseness,
             is_final: false,
             error: None,
-            counts: self.renderer.counts(),
-            times: self.renderer.times(),
+            counts,
+            times,
         };
         self.tell(shared, drawn);
         Ok(())
@@ -674,7 +731,11 @@ impl Stage {
         };
         let task = begin(shared, Purpose::Truth);
         let (chosen, field) = (&load.chosen, load.field.as_deref());
-        let mut scene = load.request.read(field, chosen, load.step, &task)?;
+        let cameras = std::slice::from_ref(&view.camera);
+        let refinable = self.refinable.as_ref();
+        let refined = refinable.and_then(|own| own.view(&view, cameras));
+        let request = &load.request;
+        let mut scene = request.read(field, chosen, load.step, refined.as_ref(), &task)?;
         if !scene.prepared.is_empty() {
             return Err(Error::invalid(
                 "the reference image",
@@ -695,7 +756,9 @@ impl Stage {
             lighting: None,
             ..view.settings.clone()
         };
-        let image = self.renderer.render(&view.camera, &settings)?.clone();
+        let renderer = self.best(&view, cameras, &task)?;
+        let image = renderer.render(&view.camera, &settings)?.clone();
+        let (counts, times) = (renderer.counts(), renderer.times());
         let truth = Integrator::classified(&scene.volumes, settings.classify)?
             .clipped(&settings.clip)
             .render(
@@ -718,8 +781,8 @@ impl Stage {
             coarseness: Coarseness::none(view.settings.tolerance),
             is_final: true,
             error: None,
-            counts: self.renderer.counts(),
-            times: self.renderer.times(),
+            counts,
+            times,
         };
         self.tell(shared, drawn);
         shared.tell(News::True(errors));
@@ -741,13 +804,16 @@ impl Stage {
 
     fn write(
         &mut self,
-        shared: &Shared,
+        shared: &Arc<Shared>,
         view: &View,
         over: &Overlay,
         path: PathBuf,
     ) -> ewa_splat::Result<()> {
         if view.scene == self.scene {
-            let image = self.renderer.render(&view.camera, &view.settings)?;
+            let task = begin(shared, Purpose::Film);
+            let cameras = std::slice::from_ref(&view.camera);
+            let renderer = self.best(view, cameras, &task)?;
+            let image = renderer.render(&view.camera, &view.settings)?;
             write_image(&path, &*over.drawn(image, &view.camera)?)?;
             shared.tell(News::Written(path));
         }
@@ -765,16 +831,18 @@ impl Stage {
         let Some(first) = cameras.first().filter(|_| view.scene == self.scene) else {
             return Err(Error::Cancelled);
         };
+        let task = begin(shared, Purpose::Film);
         let settings = Settings {
-            task: Some(begin(shared, Purpose::Film)),
+            task: Some(task.clone()),
             ..view.settings.clone()
         };
+        let renderer = self.best(view, cameras, &task)?;
         let size = [first.width, first.height];
         let mut animation = Animation::new(path, size, cameras.len(), RATE)?;
         for (i, camera) in cameras.iter().enumerate() {
             let done = format!("picture {} of {}", i + 1, cameras.len());
             shared.tell(News::Progress(done));
-            let image = self.renderer.render(camera, &settings)?;
+            let image = renderer.render(camera, &settings)?;
             animation.push(&*over.drawn(image, camera)?)?;
         }
         animation.finish()?;

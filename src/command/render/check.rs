@@ -182,15 +182,6 @@ impl Method {
                 "one that classifies these, not slabs",
             );
         }
-        if self.refine && self.reference == Some(ReferenceName::Data) {
-            return Err(Error::invalid(
-                "--refine",
-                "what is drawn",
-                "kernels",
-                "--reference data, which integrates the field itself",
-                "leave it out",
-            ));
-        }
         if self.column_mean.is_some() && !self.column_density {
             return Err(Error::invalid(
                 "--column-mean",

@@ -118,18 +118,6 @@ impl Arguments {
         } else if shows_count {
             note!("{}", describe(renderer.image(), self.is_png()));
         }
-        if self.method.refine && prepared.refined.0 == 0 {
-            note!(
-                "nothing is refined: only kernels of curvilinear grids with values at nodes are, classified over their \
-                 extent, where the field bends between nodes and the transfer function shows it"
-            );
-        }
-        if self.method.opaque_edges && renderer.counts().supersampled_tiles == 0 {
-            note!(
-                "no tile is drawn at four samples a pixel: none has an opaque edge, or the low-pass filter is wider than \
-                 0.3 px²"
-            );
-        }
         if let (Some(layers), None) = (layers, self.method.slab_thickness) {
             note_thick_layers(&layers, settings.tolerance.into());
         }

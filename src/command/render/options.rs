@@ -126,13 +126,18 @@ pub(in crate::command) struct Method {
     /// opaque particles, too faint where they fill pixels together
     #[arg(long)]
     pub(in crate::command) sub_pixel_opacity: bool,
-    /// Refine kernels of curvilinear grids where the field bends between nodes and the transfer function
-    /// shows it: nearer to the data's own field, for more kernels
-    #[arg(long, conflicts_with = "column_density")]
-    pub(in crate::command) refine: bool,
+    /// Refine kernels of grids with values at nodes where the field bends between nodes and the transfer
+    /// function shows it: nearer to the data's own field, for more kernels
+    #[arg(
+        long,
+        value_enum,
+        default_value = "auto",
+        conflicts_with = "column_density"
+    )]
+    pub(in crate::command) refine: Detail,
     /// Draw tiles with opaque edges at four samples a pixel, and average their colours
-    #[arg(long, conflicts_with_all = ["reference", "column_density", "show"])]
-    pub(in crate::command) opaque_edges: bool,
+    #[arg(long, value_enum, default_value = "auto", conflicts_with_all = ["reference", "column_density", "show"])]
+    pub(in crate::command) opaque_edges: Detail,
     /// Draw a hundredth of the picture again with everything exact, and state with --stats, or in
     /// words, what the picture errs by
     #[arg(long, conflicts_with_all = ["reference", "column_density", "show"])]

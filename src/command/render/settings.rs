@@ -6,6 +6,7 @@ use super::options::{
 };
 use crate::command::animation;
 use crate::command::parse::Background;
+use crate::command::truth::ReferenceName;
 use crate::image::DARK_GREY;
 use crate::render::{Advanced, Blend, Classification, Composite};
 use crate::sample::{PurposeOptions, Refinement, SampleOptions};
@@ -46,7 +47,8 @@ impl Arguments {
         let method = &self.method;
         let is_classified = method.classify == ClassifyName::Extent && !method.column_density;
         let is_refined = is_classified
-            && method.refine
+            && method.refine == Detail::Auto
+            && method.reference != Some(ReferenceName::Data)
             && self.data.flatten.is_none()
             && !method.post_classification;
         let tolerance = method.tolerance.unwrap_or(Settings::default().tolerance);
@@ -101,7 +103,7 @@ impl Arguments {
                 linear_opacity: self.method.opacity == Opacity::Linear,
                 simd: defaults.advanced.simd,
                 sub_pixel_opacity: self.method.sub_pixel_opacity,
-                opaque_edges: self.method.opaque_edges,
+                opaque_edges: self.method.opaque_edges == Detail::Auto,
             },
             level_of_detail: self.method.level_of_detail == Detail::Auto,
             show: match self.output.show {

@@ -123,7 +123,8 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     // The encoded models take a quarter of the memory.
     let local_models = models.map(|models| LocalModels::new(&models));
     let is_sharp = options.is_sharp() && taken.association == Association::Nodes;
-    let is_refined = options.refinement.is_some() && taken.association == Association::Nodes;
+    report.may_refine = taken.association == Association::Nodes;
+    let is_refined = options.refinement.is_some() && report.may_refine;
     let kept = if is_sharp || is_refined {
         kernels.kept.clone()
     } else {

@@ -117,6 +117,7 @@ impl GridPlanes {
         let samples = self.samples();
         let mut report = SampleReport {
             sample_count: samples.len(),
+            may_refine: self.association == Association::Nodes,
             ..SampleReport::default()
         };
         counts.report(&mut report);

@@ -51,11 +51,11 @@ pub(in crate::sample) fn refine_grids(
         refine(&grid, volume, refinement, (width, reach(width)), is_wanted)
     };
     let all: Vec<Refined> = all_nodes.iter().filter_map(refined).collect();
-    if !ranks.any(!all.is_empty())? {
-        return Ok(false);
-    }
     let levels = all.iter().map(|refined| refined.level);
     let level = levels.max().unwrap_or(0);
+    if !ranks.any(level > 0)? {
+        return Ok(false);
+    }
     let stays = apply(volume, all, wanted, &mut |scales| ranks.max(scales))?;
     report.refined_count = volume.particles.len() - stays.len();
     report.refined_level = level;

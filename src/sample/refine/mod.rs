@@ -7,7 +7,8 @@
 //! divided by m, and the volume |det F| / prod m. Its local model has the interpolant's gradient; the prefilter is
 //! taken along indices that are not split. Levels are graded ([`levels`]) and the kernels evened out ([`even`]).
 //!
-//! Parts that the function does not show are left out: refined volumes belong to one function and one view.
+//! Parts and samples that the function does not show are left out: refined volumes belong to one function and one
+//! view.
 
 mod even;
 pub(super) mod face;
@@ -32,7 +33,9 @@ use crate::constants::MOST_EDGES;
 use crate::error::Result;
 use crate::math::{lower_factor, narrowed, normal_code};
 use crate::sample::positions::index_u32;
-use crate::scene::{Boundary, LocalModel, Particles, PointVolume, Strength, Values};
+use crate::scene::{
+    Boundary, LocalModel, Particles, PointVolume, Strength, TransferFunction, Values,
+};
 use crate::view::{Camera, Projection};
 
 /// Number of planes beside a rank's own on which its parts depend: neighbours, grading, and the evening out.
@@ -109,18 +112,49 @@ struct Part {
     edges: Option<[[f32; 4]; MOST_EDGES]>,
 }
 
+/// Standing of a node's dual cell.
+#[derive(Clone, Copy, PartialEq)]
+enum Asked {
+    /// A node around is unknown: the cell is not split.
+    Unknown,
+    /// The function shows no value of the nodes around.
+    Unshown,
+    Shown,
+}
+
 /// Kernels of a refined grid.
 pub(super) struct Refined {
-    /// Greatest level of an index.
+    /// Greatest level of an index; 0 if no cell is split.
     pub(super) level: u8,
-    /// Particles that parts replace, ascending.
-    split: Vec<usize>,
+    /// Particles that parts replace, and those that the function does not show.
+    gone: Vec<usize>,
     /// Particles whose volumes change, and the factors.
     evened: Vec<(usize, f64)>,
     parts: Vec<Part>,
 }
 
-/// Splits the cells of a grid; returns `None` if none asks for it.
+/// Returns true if any cell of a grid whose faces are flat asks to be split.
+pub(super) fn asks<F: Fn([usize; 3]) -> Option<(DVec3, f64)> + Sync>(
+    samples: &Samples<F>,
+    function: &TransferFunction,
+    refinement: &Refinement,
+    kernel_width: f64,
+) -> bool {
+    let rule = Rule::new(function, refinement.threshold_px, kernel_width);
+    let (dims, periods) = (samples.dims, samples.periods);
+    let extent = Extent { dims, periods };
+    let asks = |n: usize| {
+        let cell = Neighbourhood::new(samples, extent.node(n));
+        let cell = cell.filter(|cell| rule.shows(cell.range));
+        cell.is_some_and(|cell| {
+            let px = refinement.px(cell.position(), cell.radius());
+            rule.levels(&cell, px, [false; 3]) != [0; 3]
+        })
+    };
+    (0..extent.len()).into_par_iter().any(asks)
+}
+
+/// Splits the cells of a grid. Returns `None` for a volume without a function.
 ///
 /// - `reach`: number of nodes that kernels reach along an index.
 /// - `is_wanted`: returns true for the particles whose parts are wanted.
@@ -143,29 +177,41 @@ pub(super) fn refine(
     let neighbourhood = |n: usize| Neighbourhood::new(&samples, extent.node(n));
     let level = |n: usize| {
         let Some(cell) = neighbourhood(n) else {
-            return ([0; 3], false);
+            return ([0; 3], Asked::Unknown);
         };
         if !rule.shows(cell.range) {
-            return ([0; 3], true);
+            return ([0; 3], Asked::Unshown);
         }
         let px = refinement.px(cell.position(), cell.radius());
-        (rule.levels(&cell, px, grid.beside(extent.node(n))), true)
+        let levels = rule.levels(&cell, px, grid.beside(extent.node(n)));
+        (levels, Asked::Shown)
     };
-    let (mut levels, may_split): (Vec<[u8; 3]>, Vec<bool>) =
+    let (mut levels, asked): (Vec<[u8; 3]>, Vec<Asked>) =
         (0..extent.len()).into_par_iter().map(level).unzip();
-    if levels.iter().all(|level| *level == [0; 3]) {
-        return None;
-    }
-    extent.grade(&mut levels, &may_split);
-    let volumes = Volumes::new(&extent, &levels, kernel_width, reach);
     let nodes: Vec<(usize, usize)> = (0..extent.len())
         .filter_map(|n| Some((n, grid.particle(extent.node(n))?)))
         .filter(|(_, particle)| is_wanted(*particle))
         .collect();
+    let is_gone = |levels: &[[u8; 3]], n: usize| {
+        asked[n] == Asked::Unshown || (levels[n] != [0; 3] && asked[n] == Asked::Shown)
+    };
+    let gone_of = |levels: &[[u8; 3]]| {
+        let gone = nodes.iter().filter(|(n, _)| is_gone(levels, *n));
+        gone.map(|(_, particle)| *particle).collect()
+    };
+    if levels.iter().all(|level| *level == [0; 3]) {
+        return Some(Refined {
+            level: 0,
+            gone: gone_of(&levels),
+            evened: Vec::new(),
+            parts: Vec::new(),
+        });
+    }
+    let may_split: Vec<bool> = asked.iter().map(|of| *of != Asked::Unknown).collect();
+    extent.grade(&mut levels, &may_split);
+    let volumes = Volumes::new(&extent, &levels, kernel_width, reach);
     let is_split = |n: usize| levels[n] != [0; 3];
-    let split = nodes.iter().filter(|(n, _)| is_split(*n));
-    let mut split: Vec<usize> = split.map(|(_, particle)| *particle).collect();
-    split.sort_unstable();
+    let gone = gone_of(&levels);
     let evened = nodes.iter().filter(|(n, _)| !is_split(*n));
     let evened = evened.map(|&(n, particle)| (particle, volumes.of(n, [0; 3], 0)));
     let evened = evened.filter(|(_, factor)| *factor != 1.0).collect();
@@ -186,7 +232,7 @@ pub(super) fn refine(
     let level = levels.iter().flatten().copied().max().unwrap_or(0);
     Some(Refined {
         level,
-        split,
+        gone,
         evened,
         parts,
     })
@@ -245,10 +291,10 @@ fn part_of(
     })
 }
 
-/// Replaces particles of a volume by the parts of their cells. Returns the particles that stay, which come before the
-/// parts.
+/// Replaces particles of a volume by the parts of their cells, and leaves out those that the function does not show.
+/// Returns the particles that stay, which come before the parts.
 ///
-/// - `wanted`: the particles to keep, unless they are split.
+/// - `wanted`: the particles to keep, unless they are gone.
 /// - `greatest`: returns the greatest of given scales and of those of all partitions.
 ///
 /// # Errors
@@ -259,11 +305,11 @@ pub(super) fn apply(
     wanted: &[u32],
     greatest: &mut dyn FnMut([f32; 2]) -> Result<[f32; 2]>,
 ) -> Result<Vec<u32>> {
-    let mut is_split = vec![false; volume.particles.len()];
-    for particle in all.iter().flat_map(|refined| &refined.split) {
-        is_split[*particle] = true;
+    let mut is_gone = vec![false; volume.particles.len()];
+    for particle in all.iter().flat_map(|refined| &refined.gone) {
+        is_gone[*particle] = true;
     }
-    let stays = wanted.iter().copied().filter(|&i| !is_split[i as usize]);
+    let stays = wanted.iter().copied().filter(|&i| !is_gone[i as usize]);
     let stays: Vec<u32> = stays.collect();
     if let Strength::Classified { volumes } = &mut volume.strength {
         for (particle, factor) in all.iter().flat_map(|refined| &refined.evened) {

@@ -1,0 +1,210 @@
+//! Tests refined kernels against the field between the nodes: its picture, its values beyond the boundary, and the
+//! grids that stay as they are.
+
+use ewa_splat::io::{Association, CurvilinearBlock, Dataset, Geometry};
+use ewa_splat::reference::{DataIntegrator, ReferenceSettings};
+use ewa_splat::sample::{
+    BoundaryChoice, FunctionOptions, PurposeOptions, Refinement, SampleOptions, Sampled,
+    TransferChoice, volume,
+};
+use ewa_splat::scene::{Lattice, Particles, TransferFunction};
+use ewa_splat::view::Camera;
+use ewa_splat::{Renderer, Settings};
+use glam::DVec3;
+
+use crate::common::scalar;
+use crate::extent::{camera, field, shells};
+
+/// Least side of a picture in which cells are several pixels wide.
+const SIZE: usize = 96;
+
+fn of(geometry: Geometry, field: impl Fn(DVec3) -> f64) -> Dataset {
+    let nodes: Vec<DVec3> = match &geometry {
+        Geometry::Curvilinear { blocks } => blocks.iter().flat_map(|b| b.nodes.clone()).collect(),
+        Geometry::Lattice(lattice) => {
+            let [x, y, _] = lattice.dims;
+            let at = |n: usize| lattice.position([n % x, n / x % y, n / (x * y)]);
+            (0..lattice.len()).map(at).collect()
+        }
+        _ => panic!("a structured grid"),
+    };
+    let values = nodes.into_iter().map(|p| field(p) as f32).collect();
+    let field = scalar("f", Association::Nodes, values);
+    Dataset::new("made".as_ref(), "made", geometry, vec![field])
+}
+
+fn lattice(n: usize) -> Geometry {
+    let spacing = DVec3::splat(2.0 / (n - 1) as f64);
+    Geometry::Lattice(Lattice::uniform([n; 3], DVec3::NEG_ONE, spacing))
+}
+
+/// Returns a grid whose cells are sheared and of different sizes.
+fn warped(n: usize) -> Geometry {
+    let along = |i: usize| 2.0 * i as f64 / (n - 1) as f64 - 1.0;
+    let warp = |p: DVec3| {
+        p + 0.12
+            * DVec3::new(
+                (3.0 * p.y).sin(),
+                (2.5 * p.z).sin(),
+                (2.0 * p.x + p.y).sin(),
+            )
+    };
+    let at = |i: usize| {
+        warp(DVec3::new(
+            along(i % n),
+            along(i / n % n),
+            along(i / (n * n)),
+        ))
+    };
+    let block = CurvilinearBlock {
+        dims: [n; 3],
+        nodes: (0..n.pow(3)).map(at).collect(),
+    };
+    Geometry::Curvilinear {
+        blocks: vec![block],
+    }
+}
+
+fn options(function: &TransferFunction, refines: bool) -> SampleOptions {
+    SampleOptions {
+        function: FunctionOptions {
+            transfer: TransferChoice::Given(function.clone()),
+            ..FunctionOptions::default()
+        },
+        purpose: PurposeOptions {
+            local_models: true,
+            ..PurposeOptions::default()
+        },
+        refinement: refines.then(|| Refinement {
+            cameras: vec![camera(SIZE)],
+            ..Refinement::for_tolerance(Settings::default().tolerance)
+        }),
+        ..SampleOptions::default()
+    }
+}
+
+/// Returns the root mean square difference of a picture of kernels from that of the field.
+fn error(data: &Dataset, refines: bool) -> (f64, Sampled) {
+    let sampled = volume(data.clone(), &options(&shells(), refines)).unwrap();
+    let mut renderer = Renderer::new(vec![sampled.volume.clone()]).unwrap();
+    let settings = Settings {
+        low_pass_variance_px2: 0.15,
+        ..Settings::default()
+    };
+    let image = renderer.render(&camera(SIZE), &settings).unwrap().clone();
+    let truth = DataIntegrator::new(data.clone(), "f", shells()).unwrap();
+    let truth = truth.render(
+        &camera(SIZE),
+        &ReferenceSettings {
+            low_pass_variance_px2: 0.15,
+            error: 1e-3,
+            ..ReferenceSettings::default()
+        },
+    );
+    let truth = truth.unwrap().pixels;
+    let squares = truth.iter().enumerate().map(|(i, truth)| {
+        let own = image.pixel(i % SIZE, i / SIZE);
+        let square = |c: usize| (f64::from(own[c]) - truth[c]).powi(2);
+        (0..4).map(square).sum::<f64>()
+    });
+    let mean = squares.sum::<f64>() / (4 * truth.len()) as f64;
+    (mean.sqrt(), sampled)
+}
+
+#[test]
+fn refined_kernels_are_nearer_to_the_field_between_nodes() {
+    for (geometry, most) in [(lattice(13), 0.7), (warped(13), 0.6)] {
+        let data = of(geometry, field);
+        let (plain, _) = error(&data, false);
+        let (refined, sampled) = error(&data, true);
+        let report = sampled.report;
+        println!(
+            "{plain} {refined} {} {}",
+            report.refined_count, report.particle_count
+        );
+        assert!(refined < most * plain, "{plain} {refined}");
+        assert!(report.refined_count > 0 && report.refined_level > 0 && report.may_refine);
+        assert_eq!(report.particle_count, sampled.volume.particles.len());
+    }
+}
+
+#[test]
+fn fields_without_bends_and_functions_that_show_nothing_leave_lattices() {
+    let linear = |p: DVec3| 0.45 + 0.2 * p.x - 0.1 * p.y;
+    let is_lattice = |data: Dataset| {
+        let sampled = volume(data, &options(&shells(), true)).unwrap();
+        assert_eq!(sampled.report.refined_count, 0);
+        matches!(sampled.volume.particles, Particles::Lattice { .. })
+    };
+    assert!(is_lattice(of(lattice(9), linear)));
+    assert!(is_lattice(of(lattice(9), |p| field(p) + 5.0)));
+    // Infinity is the end of the range on a lattice; a grid leaves it out.
+    let infinite = |p: DVec3| {
+        if p == DVec3::ONE {
+            f64::INFINITY
+        } else {
+            field(p)
+        }
+    };
+    assert!(is_lattice(of(lattice(9), infinite)));
+}
+
+#[test]
+fn samples_that_the_function_does_not_show_are_left_out_of_refined_grids() {
+    let data = of(warped(13), field);
+    let sampled = volume(data, &options(&shells(), true)).unwrap();
+    let kept = sampled.report.particle_count - sampled.report.refined_count;
+    assert!(kept < 13_usize.pow(3) / 2, "{kept}");
+}
+
+#[test]
+fn values_beyond_the_boundary_are_extended_before_cells_are_split() {
+    let wide = |v: f32| if v > 0.0 { 0.4 } else { 0.0 };
+    let function = TransferFunction::from_curves(|_| [1.0; 3], wide, [-60.0, 60.0], 1.0).unwrap();
+    let n = 6;
+    let geometry = Geometry::Curvilinear {
+        blocks: vec![CurvilinearBlock {
+            dims: [n; 3],
+            nodes: (0..n * n * n)
+                .map(|i| DVec3::new((i % n) as f64, (i / n % n) as f64, (i / (n * n)) as f64))
+                .collect(),
+        }],
+    };
+    // The last cell along x has the slope 9, and so has everything beyond it.
+    let bent = |p: DVec3| p.x * p.x + 0.7 * p.y * p.z;
+    let eye = DVec3::new(2.5, -40.0, 2.5);
+    let mut options = options(&function, true);
+    options.kernels.boundary = BoundaryChoice::Sharp;
+    options.refinement = Some(Refinement {
+        cameras: vec![Camera::orthographic(
+            eye,
+            DVec3::splat(2.5),
+            DVec3::Z,
+            8.0,
+            [800; 2],
+        )],
+        threshold_px: 0.1,
+    });
+    let Sampled { volume, report } = volume(of(geometry, bent), &options).unwrap();
+    assert!(report.refined_count > 0 && report.ghost_count > 0);
+    let values = volume.values.unwrap();
+    let inside = 0.0..=(n - 1) as f64;
+    let mut count = 0;
+    for (i, p) in volume.particles.positions().iter().enumerate() {
+        // Beyond the face alone, not beyond an edge.
+        if p.x > 5.0
+            && inside.contains(&p.y)
+            && inside.contains(&p.z)
+            && i >= report.particle_count - report.refined_count
+        {
+            let extended = 25.0 + 9.0 * (p.x - 5.0) + 0.7 * p.y * p.z;
+            let value = values.wide(i);
+            assert!(
+                (value - extended).abs() < 1e-4,
+                "{p}: {value}, not {extended}"
+            );
+            count += 1;
+        }
+    }
+    assert!(count > 100, "{count}");
+}
