@@ -46,11 +46,11 @@ def run() -> Callable[..., subprocess.CompletedProcess[str]]:
 
 @pytest.fixture
 def rendered(run, tmp_path) -> Callable[..., np.ndarray]:
-    """What the program draws."""
+    """What the program draws with one kernel per sample, as the package does."""
 
     def rendered(*words: object) -> np.ndarray:
         out = tmp_path / "program.npy"
-        done = run("render", *words, "--out", out, "--backend", "cpu", "--size", "96x72")
+        done = run("render", *words, "--out", out, "--backend", "cpu", "--size", "96x72", "--refine", "off")
         assert done.returncode == 0, done.stderr
         return np.load(out)
 

@@ -34,7 +34,7 @@ def same(a: np.ndarray, b: np.ndarray) -> None:
 def test_a_file_that_is_loaded_looks_as_the_program_draws_it(name, run, tmp_path):
     path = FIXTURES / name
     out = tmp_path / "program.npy"
-    done = run("render", path, "--out", out, "--backend", "cpu", "--size", "96x72")
+    done = run("render", path, "--out", out, "--backend", "cpu", "--size", "96x72", "--refine", "off")
     if done.returncode != 0:
         # What the one refuses the other does, too.
         with pytest.raises((ValueError, OSError)):
@@ -224,7 +224,7 @@ def test_the_true_picture_is_the_command_lines(tmp_path, run):
     for of in ("kernels", "data"):
         image = renderer.reference(size=(12, 9), of=of, error=0.05)
         words = ("--dims", "4,4,4", "--tolerance", "0.05", "--size", "12x9", f"--reference={of}")
-        done = run("render", path, "--out", out, *words)
+        done = run("render", path, "--out", out, *words, "--refine", "off")
         assert done.returncode == 0, done.stderr
         # Threads add to pixels' sums in another order: a rounding of float32 at most.
         assert np.abs(image.numpy() - np.load(out)).max() < 2e-7
@@ -235,7 +235,8 @@ def test_pngs_are_the_command_lines(wake, run, tmp_path):
     pil = needs("PIL.Image")
     image = es.Renderer(es.Volume.from_structured(*wake), backend="cpu").render(size=SIZE)
     image.save(tmp_path / "ours.png")
-    done = run("render", FIXTURES / "wake.xyz", "--out", tmp_path / "theirs.png", "--backend", "cpu", "--size", "96x72")
+    words = ("--out", tmp_path / "theirs.png", "--backend", "cpu", "--size", "96x72", "--refine", "off")
+    done = run("render", FIXTURES / "wake.xyz", *words)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "ours.png").read_bytes() == (tmp_path / "theirs.png").read_bytes() == image._repr_png_()
     assert image.to_pil().size == SIZE and image.to_pil(transparent=True).mode == "RGBA"
@@ -248,7 +249,7 @@ def test_legends_are_drawn_and_name_the_unit(wake, run, tmp_path):
     image = es.Renderer(volume, backend="cpu").render(size=(480, 360), legend=True)
     image.save(tmp_path / "ours.png")
     words = ("--out", tmp_path / "theirs.png", "--backend", "cpu", "--size", "480x360", "--legend", "--field", "density")
-    done = run("render", FIXTURES / "wake.xyz", *words)
+    done = run("render", FIXTURES / "wake.xyz", *words, "--refine", "off")
     assert done.returncode == 0, done.stderr
     same(es.Image.open(tmp_path / "ours.png").numpy(), es.Image.open(tmp_path / "theirs.png").numpy())
     named = es.Volume.from_structured(nodes, density, name="density", unit="kg/m^3")

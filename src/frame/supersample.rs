@@ -365,7 +365,10 @@ mod tests {
             ..narrow()
         };
         let one_sample = Settings {
-            advanced: Advanced::default(),
+            advanced: Advanced {
+                opaque_edges: false,
+                ..Advanced::default()
+            },
             ..narrow()
         };
         for (opacity, settings) in [(0.01, narrow()), (0.99, wide), (0.99, one_sample)] {

@@ -230,6 +230,7 @@ pub(crate) fn lattice_of_planes(
         sample_count: count,
         particle_count: count,
         value_range: known.range,
+        may_refine: may_refine(&lattice, Association::Nodes),
         ..SampleReport::default()
     };
     report.note(known.not_finite, "values", NOT_FINITE);

@@ -15,8 +15,8 @@ use glam::DVec3;
 use crate::common::scalar;
 use crate::extent::{camera, field, shells};
 
-/// Least side of a picture in which cells are several pixels wide.
-const SIZE: usize = 96;
+/// Side of pictures, in which cells are some 15 pixels wide.
+const SIZE: usize = 128;
 
 fn of(geometry: Geometry, field: impl Fn(DVec3) -> f64) -> Dataset {
     let nodes: Vec<DVec3> = match &geometry {
@@ -97,7 +97,7 @@ fn error(data: &Dataset, refines: bool) -> (f64, Sampled) {
         &camera(SIZE),
         &ReferenceSettings {
             low_pass_variance_px2: 0.15,
-            error: 1e-3,
+            error: 4e-3,
             ..ReferenceSettings::default()
         },
     );
@@ -113,7 +113,7 @@ fn error(data: &Dataset, refines: bool) -> (f64, Sampled) {
 
 #[test]
 fn refined_kernels_are_nearer_to_the_field_between_nodes() {
-    for (geometry, most) in [(lattice(13), 0.7), (warped(13), 0.6)] {
+    for (geometry, most) in [(lattice(7), 0.7), (warped(7), 0.7)] {
         let data = of(geometry, field);
         let (plain, _) = error(&data, false);
         let (refined, sampled) = error(&data, true);
@@ -152,15 +152,16 @@ fn fields_without_bends_and_functions_that_show_nothing_leave_lattices() {
 #[test]
 fn samples_that_the_function_does_not_show_are_left_out_of_refined_grids() {
     let data = of(warped(13), field);
-    let sampled = volume(data, &options(&shells(), true)).unwrap();
+    let sampled = volume(data.clone(), &options(&shells(), true)).unwrap();
     let kept = sampled.report.particle_count - sampled.report.refined_count;
-    assert!(kept < 13_usize.pow(3) / 2, "{kept}");
+    let plain = volume(data, &options(&shells(), false)).unwrap().report;
+    assert!(5 * kept < 4 * plain.particle_count, "{kept}");
 }
 
 #[test]
 fn values_beyond_the_boundary_are_extended_before_cells_are_split() {
-    let wide = |v: f32| if v > 0.0 { 0.4 } else { 0.0 };
-    let function = TransferFunction::from_curves(|_| [1.0; 3], wide, [-60.0, 60.0], 1.0).unwrap();
+    let hat = |v: f32| (1.0 - (v - 33.0).abs()).max(0.0) * 0.5;
+    let function = TransferFunction::from_curves(|_| [1.0; 3], hat, [20.0, 50.0], 1.0).unwrap();
     let n = 6;
     let geometry = Geometry::Curvilinear {
         blocks: vec![CurvilinearBlock {
@@ -188,9 +189,12 @@ fn values_beyond_the_boundary_are_extended_before_cells_are_split() {
     let Sampled { volume, report } = volume(of(geometry, bent), &options).unwrap();
     assert!(report.refined_count > 0 && report.ghost_count > 0);
     let values = volume.values.unwrap();
+    let Particles::Anisotropic { positions, .. } = &volume.particles else {
+        panic!("ellipsoids")
+    };
     let inside = 0.0..=(n - 1) as f64;
     let mut count = 0;
-    for (i, p) in volume.particles.positions().iter().enumerate() {
+    for (i, p) in positions.iter().enumerate() {
         // Beyond the face alone, not beyond an edge.
         if p.x > 5.0
             && inside.contains(&p.y)
@@ -206,5 +210,5 @@ fn values_beyond_the_boundary_are_extended_before_cells_are_split() {
             count += 1;
         }
     }
-    assert!(count > 100, "{count}");
+    assert!(count > 20, "{count}");
 }

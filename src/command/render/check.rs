@@ -6,7 +6,6 @@ use super::options::{
 use crate::command::animation::Animation;
 use crate::command::cut::add_faces;
 use crate::command::outputs::{check_collisions, paths};
-use crate::command::truth::ReferenceName;
 use crate::command::usage::{CLASSIFIED, is_filtered, is_surface, refuse_beside, refuse_unused};
 use crate::command::{animation, ranks};
 use crate::io::{check_depth_path, check_folder, check_image_path};
