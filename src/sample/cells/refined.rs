@@ -1,0 +1,247 @@
+//! Refines kernels of unstructured grids with values at nodes.
+//!
+//! A node's dual cell falls into the pieces of its cells ([`super::pieces`]), and these into 2^(L - 1) parts along each
+//! of their parameters, L the level ([`super::levels`]). Parts take the place of the node's kernel and of its ghosts
+//! ([`super::parts`]), and are evened out with the kernels beside them ([`super::even`]). Nodes stay whole if a cell
+//! around them has a corner without a position or a value.
+
+use std::collections::BTreeSet;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::even::UnevenKernels;
+use super::incidence::CellsAround;
+use super::levels::{Nodes, bend, first_nodes, grade};
+use super::parts::{NearSurface, PartKernel, kernels};
+use super::sharp::{DrawnCells, NodeParticles, Surface};
+use crate::error::Result;
+use crate::math::principal_sigmas;
+use crate::sample::options::SampleOptions;
+use crate::sample::points::neighbours::PointIndex;
+use crate::sample::positions::index_u32;
+use crate::sample::refine::rule::Rule;
+use crate::sample::refine::{Refined, apply};
+use crate::sample::sampled::Sampled;
+use crate::scene::{Boundary, Particles, Strength};
+
+/// Greatest number of cells of a mesh that is refined. Ranks read larger meshes in parts, and a part knows neither
+/// its neighbours' levels nor the surface of the whole.
+pub(crate) const MOST_CELLS: usize = 1 << 21;
+
+/// Reach of kernels in sums, in standard deviations.
+const SUM_REACH: f64 = 4.0;
+
+/// A mesh whose volume is to be refined.
+pub(super) struct RefinedMesh<'a> {
+    pub(super) cells: &'a DrawnCells<'a>,
+    pub(super) surface: &'a Surface,
+    pub(super) around: &'a CellsAround,
+    pub(super) particles: &'a NodeParticles<'a>,
+    /// Node of each particle that is no ghost, ascending.
+    pub(super) kept: &'a [u32],
+    /// Particle of each ghost; ghosts are the last particles.
+    pub(super) ghosts: &'a [usize],
+    /// Particles without ghosts beside a boundary, ascending.
+    pub(super) partial: &'a [usize],
+}
+
+/// Refines a volume where its options ask for it, and counts the parts in the report.
+///
+/// # Errors
+/// Work that was cancelled.
+pub(super) fn refine_mesh(
+    mesh: &RefinedMesh<'_>,
+    sampled: &mut Sampled,
+    options: &SampleOptions,
+) -> Result<()> {
+    let Sampled { volume, report } = sampled;
+    let (Some(refinement), Some(function), Some(values)) = (
+        &options.refinement,
+        &volume.transfer_function,
+        &volume.values,
+    ) else {
+        return Ok(());
+    };
+    let (Particles::Anisotropic { positions, factors }, Strength::Classified { volumes }) =
+        (&volume.particles, &volume.strength)
+    else {
+        return Ok(());
+    };
+    let rule = Rule::new(function, refinement.threshold_px, options.kernels.width);
+    let cells = mesh.cells;
+    let planes = match &volume.boundary {
+        Some(Boundary::Planes(planes)) => Some(planes),
+        _ => None,
+    };
+    let mut of_nodes = vec![f64::NAN; cells.mesh.nodes.len()];
+    for (particle, &node) in mesh.kept.iter().enumerate() {
+        of_nodes[node as usize] = values.wide(particle);
+    }
+    let nodes = Nodes {
+        cells,
+        values: &of_nodes,
+    };
+    let first = first_nodes(cells);
+    let dual = |node: u32| {
+        let around = mesh.around.of(node);
+        nodes.dual_cell(node, around, |range| rule.shows(range))
+    };
+    let level = |&node: &u32| -> (u8, bool) {
+        let Some(particle) = mesh.particles.at(node).next().map(|(_, particle)| particle) else {
+            return (0, false);
+        };
+        let Some(own) = dual(node) else {
+            return (0, false);
+        };
+        let px = refinement.px(own.origin, own.radius);
+        let sigma = principal_sigmas(factors[particle].map(f64::from))[0];
+        let bend = planes.map_or(0.0, |_| bend(cells, mesh.surface, node));
+        (own.level(&rule, px, sigma, bend), true)
+    };
+    let found: Vec<(u8, bool)> = first.par_iter().map(level).collect();
+    let mut levels = vec![0; cells.mesh.nodes.len()];
+    let mut may_split = vec![false; levels.len()];
+    for (&node, (level, may)) in first.iter().zip(found) {
+        levels[node as usize] = level;
+        may_split[node as usize] = may;
+    }
+    if levels.iter().all(|level| *level == 0) {
+        return Ok(());
+    }
+    grade(cells, &mut levels, &may_split);
+    let all_nodes = Nodes {
+        cells,
+        values: &of_nodes,
+    };
+    let parts_of = |&node: &u32| {
+        let mut parts = Vec::new();
+        let around = mesh.around.of(node);
+        if let Some(dual) = all_nodes.dual_cell(node, around, |_| true) {
+            let near = surface_near(mesh, node, planes.is_some());
+            let count = 1 << (levels[node as usize] - 1);
+            let place = |n: u32| cells.mesh.nodes[n as usize];
+            kernels(&dual, (&rule, count), &near, place, &mut parts);
+        }
+        parts
+    };
+    let split: Vec<u32> = first
+        .iter()
+        .copied()
+        .filter(|&n| levels[n as usize] > 0)
+        .collect();
+    let parts: Vec<PartKernel> = split.par_iter().flat_map_iter(parts_of).collect();
+
+    // Particles that stay, near those that are split; then the parts.
+    let sample_count = mesh.kept.len();
+    let sample = |i: usize| {
+        i.checked_sub(sample_count)
+            .map_or(i, |ghost| mesh.ghosts[ghost])
+    };
+    let level = |i: usize| levels[cells.duals.first_of(mesh.kept[sample(i)]) as usize];
+    let count = positions.len();
+    let (split, whole): (Vec<usize>, Vec<usize>) = (0..count).partition(|&i| level(i) > 0);
+    let reached = |places: &[DVec3]| -> Vec<bool> {
+        let index = PointIndex::new(places);
+        let is_near = |&i: &usize| {
+            let reach = SUM_REACH * principal_sigmas(factors[i].map(f64::from))[0];
+            let nearest = index
+                .as_ref()
+                .and_then(|index| index.nearest_to(positions[i]));
+            nearest.is_some_and(|n| places[n as usize].distance(positions[i]) < reach)
+        };
+        whole.par_iter().map(is_near).collect()
+    };
+    let places: Vec<DVec3> = parts.iter().map(|part| part.position).collect();
+    let beside = reached(&places);
+    let chosen = |is_in: &[bool]| -> Vec<usize> {
+        let all = whole.iter().zip(is_in).filter(|(_, is_in)| **is_in);
+        all.map(|(&i, _)| i).collect()
+    };
+    // Volumes change beside parts; kernels that reach there count.
+    let beside: Vec<usize> = chosen(&beside).into_iter().map(sample).collect();
+    let changing: Vec<usize> = beside
+        .iter()
+        .copied()
+        .collect::<BTreeSet<usize>>()
+        .into_iter()
+        .collect();
+    let places: Vec<DVec3> = changing
+        .iter()
+        .map(|&i| positions[i])
+        .chain(places)
+        .collect();
+    let mut near = chosen(&reached(&places));
+    near.extend(&changing);
+    near.sort_unstable();
+    near.dedup();
+    let mut uneven = UnevenKernels::default();
+    let on_surface = |i: usize| {
+        let node = cells.duals.first_of(mesh.kept[i]);
+        planes.is_none() && mesh.surface.nodes().binary_search(&node).is_ok()
+    };
+    for &i in &near {
+        let own = sample(i);
+        let follows = near.binary_search(&own).unwrap_or(uneven.positions.len());
+        let is_fixed = changing.binary_search(&own).is_err()
+            || on_surface(own)
+            || mesh.partial.binary_search(&own).is_ok();
+        let edges = planes.and_then(|planes| planes.of(i));
+        let kernel = (positions[i], factors[i], f64::from(volumes[i]));
+        uneven.push(kernel, edges, index_u32(follows), is_fixed);
+    }
+    let mut own = 0;
+    for part in &parts {
+        if !part.is_image {
+            own = uneven.positions.len();
+        }
+        let kernel = (part.position, part.factor, part.volume);
+        uneven.push_wide(kernel, part.edges.as_ref(), index_u32(own), part.is_partial);
+    }
+    let is_even = uneven.even_out(options.task.as_ref())?;
+    let evened = near.iter().zip(&uneven.volumes);
+    let evened = evened.map(|(&i, volume)| (i, volume / f64::from(volumes[i])));
+    let evened = evened.filter(|(_, factor)| *factor != 1.0).collect();
+    let of_parts = parts.par_iter().zip(&uneven.volumes[near.len()..]);
+    let shown = of_parts.filter_map(|(part, volume)| part.shown(&rule, *volume));
+    let refined = Refined {
+        level: levels.iter().copied().max().unwrap_or(0),
+        split,
+        evened,
+        parts: shown.collect(),
+    };
+    if !is_even {
+        let what = "of refined cells: their kernels are long, and not evened out";
+        report.note(refined.parts.len(), "parts", what);
+    }
+    report.refined_level = refined.level;
+    let wanted: Vec<u32> = (0..count).map(index_u32).collect();
+    let stays = apply(volume, vec![refined], &wanted, &mut Ok)?;
+    report.refined_count = volume.particles.len() - stays.len();
+    report.particle_count = volume.particles.len();
+    report.ghost_count = stays
+        .iter()
+        .filter(|&&i| i as usize >= sample_count)
+        .count();
+    Ok(())
+}
+
+/// Returns the surface at the corners of the cells around a node.
+fn surface_near<'a>(mesh: &RefinedMesh<'a>, node: u32, is_sharp: bool) -> NearSurface<'a> {
+    let (mut corners, mut faces) = (Vec::new(), Vec::new());
+    let mut is_undecided = false;
+    for &cell in mesh.around.of(node) {
+        mesh.cells.corners(cell as usize, &mut corners);
+        let of_corners = corners.iter().filter_map(|&n| mesh.surface.faces_at(n));
+        faces.extend(of_corners.flatten());
+        is_undecided |= corners.iter().any(|&n| mesh.surface.is_undecided(n));
+    }
+    faces.sort_unstable();
+    faces.dedup();
+    let of = |face| mesh.surface.face(face);
+    NearSurface {
+        faces: faces.into_iter().map(of).collect(),
+        is_sharp,
+        is_undecided,
+    }
+}
