@@ -23,8 +23,6 @@ const GAUSS: f64 = 0.577_350_269_189_625_8;
 /// A piece of a cell.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Piece {
-    /// The node at its corner.
-    pub(super) node: u32,
     /// Position and value at its corners, the first parameter fastest; the cell's corner comes first, unless the
     /// piece is a pyramid's apex.
     vertices: [DVec4; 8],
@@ -119,7 +117,7 @@ impl Corners {
 
     /// Appends the pieces at a corner.
     fn pieces_at(&self, corner: usize, pieces: &mut Vec<Piece>) {
-        let mut add = |vertices| pieces.extend(Piece::new(self.nodes[corner], vertices));
+        let mut add = |vertices| pieces.extend(Piece::new(vertices));
         let [own, centre] = [self.places[corner], self.centre()];
         if self.is_pyramid && corner == 4 {
             let [a, b, c, d] = [0, 3, 1, 2].map(|base| self.edge(base, 4));
@@ -182,9 +180,8 @@ pub(super) fn pieces(
 
 impl Piece {
     /// Returns `None` for a piece without volume.
-    fn new(node: u32, vertices: [DVec4; 8]) -> Option<Self> {
+    fn new(vertices: [DVec4; 8]) -> Option<Self> {
         let mut piece = Self {
-            node,
             vertices,
             sign: 1.0,
         };

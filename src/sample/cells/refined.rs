@@ -245,3 +245,140 @@ fn surface_near<'a>(mesh: &RefinedMesh<'a>, node: u32, is_sharp: bool) -> NearSu
         is_undecided,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::data::association::Association;
+    use crate::data::cells::CellMesh;
+    use crate::data::dataset::{Dataset, Field, FieldSource, Geometry};
+    use crate::sample::options::{BoundaryChoice, FunctionOptions, KernelOptions, TransferChoice};
+    use crate::sample::refine::Refinement;
+    use crate::scene::{PointVolume, TransferFunction, Values};
+    use crate::view::Camera;
+
+    /// Returns a block of 6³ hexahedra, whose inner nodes are moved, from -3 to 3.
+    fn block() -> CellMesh {
+        let number = |i: usize, j: usize, k: usize| i + 7 * (j + 7 * k);
+        let place = |n: usize| {
+            let at = [n % 7, n / 7 % 7, n / 49];
+            let is_inner = at.iter().all(|i| (1..6).contains(i));
+            let shift = if is_inner { 0.2 } else { 0.0 };
+            let moved = |a: usize| at[a] as f64 - 3.0 + shift * ((n * (a + 3)) as f64 * 1.7).sin();
+            DVec3::new(moved(0), moved(1), moved(2))
+        };
+        let nodes: Vec<DVec3> = (0..343).map(place).collect();
+        let mut cells = Vec::new();
+        for n in 0..216 {
+            let [i, j, k] = [n % 6, n / 6 % 6, n / 36];
+            let corner = |c: usize| number(i + (c & 1), j + (c >> 1 & 1), k + (c >> 2)) as i64;
+            cells.push(8);
+            cells.extend((0..8).map(corner));
+        }
+        CellMesh::of_lists(nodes, &[11; 216], &cells).unwrap()
+    }
+
+    fn of(mesh: CellMesh, values: Vec<f64>, boundary: BoundaryChoice, wide: f32) -> Sampled {
+        let fields = vec![Field {
+            name: "f".into(),
+            association: Association::Nodes,
+            source: FieldSource::Scalar(Values::F64(values)),
+            unit: None,
+        }];
+        let data = Dataset::new(Path::new("test"), "test", Geometry::Cells(mesh), fields);
+        let hat = move |v: f32| (1.0 - (v - 2.0).abs() / wide).max(0.0) * 0.9;
+        let function = TransferFunction::from_curves(|_| [1.0; 3], hat, [0.0, 6.0], 1.0).unwrap();
+        let eye = DVec3::new(10.0, -20.0, 15.0);
+        let options = SampleOptions {
+            function: FunctionOptions {
+                transfer: TransferChoice::Given(function),
+                ..FunctionOptions::default()
+            },
+            kernels: KernelOptions {
+                boundary,
+                ..KernelOptions::default()
+            },
+            refinement: Some(Refinement {
+                cameras: vec![Camera::orthographic(eye, DVec3::ZERO, DVec3::Z, 8.0, [400; 2])],
+                ..Refinement::for_tolerance(1.0 / 255.0)
+            }),
+            ..SampleOptions::default()
+        };
+        super::super::volume(data, &options).unwrap()
+    }
+
+    /// Distance from the middle, whose surfaces of equal value bend.
+    fn radii(mesh: &CellMesh) -> Vec<f64> {
+        mesh.nodes.iter().map(|x| x.length()).collect()
+    }
+
+    fn volume_of(volume: &PointVolume) -> f64 {
+        match &volume.strength {
+            Strength::Classified { volumes } => volumes.iter().copied().map(f64::from).sum(),
+            _ => 0.0,
+        }
+    }
+
+    #[test]
+    fn parts_take_the_place_of_their_nodes_and_keep_the_volume() {
+        // The function shows everything, so that every part is kept.
+        let values = radii(&block());
+        let refined = of(block(), values, BoundaryChoice::Soft, 9.0);
+        let report = &refined.report;
+        assert!(report.refined_count > 1000 && report.refined_level > 0, "{report:?}");
+        let count = refined.volume.particles.len();
+        assert_eq!(report.particle_count, count);
+        assert!(count - report.refined_count < 343);
+        let volume = volume_of(&refined.volume);
+        assert!((volume / 216.0 - 1.0).abs() < 0.02, "{volume}");
+        let columns = refined.volume.values.as_ref().map(Values::len);
+        let models = refined.volume.local_models.as_ref().map(|m| m.codes().len());
+        assert_eq!((columns, models), (Some(count), Some(count)));
+    }
+
+    #[test]
+    fn parts_that_are_not_shown_are_left_out() {
+        let all = of(block(), radii(&block()), BoundaryChoice::Soft, 9.0).report;
+        let shell = of(block(), radii(&block()), BoundaryChoice::Soft, 0.2).report;
+        assert!(shell.refined_count > 100, "{shell:?}");
+        assert!(shell.refined_count < all.refined_count * 8);
+        let linear: Vec<f64> = block().nodes.iter().map(|x| x.x + 2.0).collect();
+        let none = of(block(), linear, BoundaryChoice::Soft, 0.2).report;
+        assert_eq!(none.refined_count, 0);
+    }
+
+    #[test]
+    fn threads_change_no_bit() {
+        let run = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+            let made = || of(block(), radii(&block()), BoundaryChoice::Sharp, 9.0);
+            pool.build().unwrap().install(made).volume
+        };
+        let one = run(1);
+        assert!(matches!(one.boundary, Some(Boundary::Planes(_))));
+        assert!(one == run(3));
+    }
+
+    #[test]
+    fn faulty_meshes_are_refined_without_a_panic() {
+        let mut mesh = block();
+        let mut values = radii(&mesh);
+        // A missing position, a missing value, a flat cell, an inverted one, a repeated node.
+        mesh.nodes[60] = DVec3::NAN;
+        values[200] = f64::NAN;
+        let entries = &mut mesh.connectivity;
+        for c in 0..8 {
+            entries[8 * 100 + c] = entries[8 * 100 + (c & 3)];
+        }
+        entries[8 * 150..8 * 151].reverse();
+        entries[8 * 20 + 1] = entries[8 * 20];
+        for boundary in [BoundaryChoice::Soft, BoundaryChoice::Sharp] {
+            let found = of(mesh.clone(), values.clone(), boundary, 9.0);
+            assert!(found.report.refined_count > 100);
+            let volume = volume_of(&found.volume);
+            assert!(volume.is_finite());
+        }
+    }
+}
