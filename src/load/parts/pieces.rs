@@ -291,7 +291,7 @@ mod tests {
     use super::*;
     use crate::data::cells::CellKind;
     use crate::ranks::ThreadRank;
-    use crate::sample::{BoundaryChoice, Sampled, TransferChoice};
+    use crate::sample::{BoundaryChoice, Refinement, Sampled, TransferChoice};
     use crate::sample::{FunctionOptions, KernelOptions, PurposeOptions};
 
     const CELLS: [usize; 3] = [20, 5, 5];
@@ -600,5 +600,23 @@ mod tests {
             ..automatic
         };
         check(&path, &of_cells, &[3]);
+    }
+    #[test]
+    fn what_may_be_refined_is_left_to_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = write(folder.path(), 0.0);
+        let is_read = |field: &str| {
+            let options = SampleOptions {
+                field: Some(field.into()),
+                refinement: Some(Refinement::for_tolerance(1.0 / 255.0)),
+                ..SampleOptions::default()
+            };
+            let file = VtuPieces::open(&path).unwrap().unwrap();
+            let mut ranks = ThreadRank::group(1).swap_remove(0);
+            read_pieces(&file, &options, &mut ranks).unwrap().is_some()
+        };
+        assert!(!is_read("heat"));
+        // Values of cells are not refined.
+        assert!(is_read("load"));
     }
 }

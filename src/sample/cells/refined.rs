@@ -301,7 +301,13 @@ mod tests {
                 ..KernelOptions::default()
             },
             refinement: Some(Refinement {
-                cameras: vec![Camera::orthographic(eye, DVec3::ZERO, DVec3::Z, 8.0, [400; 2])],
+                cameras: vec![Camera::orthographic(
+                    eye,
+                    DVec3::ZERO,
+                    DVec3::Z,
+                    8.0,
+                    [400; 2],
+                )],
                 ..Refinement::for_tolerance(1.0 / 255.0)
             }),
             ..SampleOptions::default()
@@ -327,14 +333,21 @@ mod tests {
         let values = radii(&block());
         let refined = of(block(), values, BoundaryChoice::Soft, 9.0);
         let report = &refined.report;
-        assert!(report.refined_count > 1000 && report.refined_level > 0, "{report:?}");
+        assert!(
+            report.refined_count > 1000 && report.refined_level > 0,
+            "{report:?}"
+        );
         let count = refined.volume.particles.len();
         assert_eq!(report.particle_count, count);
         assert!(count - report.refined_count < 343);
         let volume = volume_of(&refined.volume);
         assert!((volume / 216.0 - 1.0).abs() < 0.02, "{volume}");
         let columns = refined.volume.values.as_ref().map(Values::len);
-        let models = refined.volume.local_models.as_ref().map(|m| m.codes().len());
+        let models = refined
+            .volume
+            .local_models
+            .as_ref()
+            .map(|m| m.codes().len());
         assert_eq!((columns, models), (Some(count), Some(count)));
     }
 
