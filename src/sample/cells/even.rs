@@ -7,11 +7,13 @@
 
 use glam::DVec3;
 
+use crate::constants::MOST_EDGES;
 use crate::error::Result;
 use crate::math::{narrowed, principal_sigmas};
 use crate::sample::kernels::even::CutKernels;
 use crate::sample::kernels::sums::Summand;
 use crate::sample::points::neighbours::PointIndex;
+use crate::sample::positions::index_u32;
 use crate::scene::BoundaryPlanes;
 use crate::task::Task;
 
@@ -86,7 +88,7 @@ impl UnevenKernels {
     pub(super) fn push(
         &mut self,
         (position, factor, volume): (DVec3, [f32; 6], f64),
-        edges: Option<&[[f32; 4]; crate::constants::MOST_EDGES]>,
+        edges: Option<&[[f32; 4]; MOST_EDGES]>,
         follows: u32,
         is_fixed: bool,
     ) {
@@ -97,9 +99,7 @@ impl UnevenKernels {
         self.is_fixed.push(is_fixed);
         let planes = &mut self.boundary;
         planes.edges.extend(edges);
-        let word = edges.map_or(0, |_| {
-            crate::sample::positions::index_u32(planes.edges.len())
-        });
+        let word = edges.map_or(0, |_| index_u32(planes.edges.len()));
         planes.of_particle.push(word);
     }
 
@@ -107,7 +107,7 @@ impl UnevenKernels {
     pub(super) fn push_wide(
         &mut self,
         (position, factor, volume): (DVec3, [f64; 6], f64),
-        edges: Option<&[[f32; 4]; crate::constants::MOST_EDGES]>,
+        edges: Option<&[[f32; 4]; MOST_EDGES]>,
         follows: u32,
         is_fixed: bool,
     ) {

@@ -10,6 +10,7 @@
 //! Cells of higher order have been cut already wherever their corners do not describe the field well enough
 //! ([`crate::io`]). The remaining ones are represented by their corners; their other nodes carry nothing.
 
+mod beside;
 pub(crate) mod covered;
 pub(crate) mod duals;
 mod even;

@@ -5,12 +5,9 @@
 //! ([`super::parts`]), and are evened out with the kernels beside them ([`super::even`]). Nodes stay whole if a cell
 //! around them has a corner without a position or a value.
 
-use std::collections::BTreeSet;
-
-use glam::DVec3;
 use rayon::prelude::*;
 
-use super::even::UnevenKernels;
+use super::beside::WholeKernels;
 use super::incidence::CellsAround;
 use super::levels::{Nodes, bend, first_nodes, grade};
 use super::parts::{NearSurface, PartKernel, kernels};
@@ -18,7 +15,6 @@ use super::sharp::{DrawnCells, NodeParticles, Surface};
 use crate::error::Result;
 use crate::math::principal_sigmas;
 use crate::sample::options::SampleOptions;
-use crate::sample::points::neighbours::PointIndex;
 use crate::sample::positions::index_u32;
 use crate::sample::refine::rule::Rule;
 use crate::sample::refine::{Refined, apply};
@@ -28,9 +24,6 @@ use crate::scene::{Boundary, Particles, Strength};
 /// Greatest number of cells of a mesh that is refined. Ranks read larger meshes in parts, and a part knows neither
 /// its neighbours' levels nor the surface of the whole.
 pub(crate) const MOST_CELLS: usize = 1 << 21;
-
-/// Reach of kernels in sums, in standard deviations.
-const SUM_REACH: f64 = 4.0;
 
 /// A mesh whose volume is to be refined.
 pub(super) struct RefinedMesh<'a> {
@@ -132,85 +125,50 @@ pub(super) fn refine_mesh(
         .collect();
     let parts: Vec<PartKernel> = split.par_iter().flat_map_iter(parts_of).collect();
 
-    // Particles that stay, near those that are split; then the parts.
+    let is_drawn = parts
+        .par_iter()
+        .map(|part| part.shown(&rule, part.volume).is_some());
+    let is_drawn: Vec<bool> = is_drawn.collect();
     let sample_count = mesh.kept.len();
-    let sample = |i: usize| {
-        i.checked_sub(sample_count)
-            .map_or(i, |ghost| mesh.ghosts[ghost])
+    let node = |i: usize| {
+        let sample = i
+            .checked_sub(sample_count)
+            .map_or(i, |ghost| mesh.ghosts[ghost]);
+        cells.duals.first_of(mesh.kept[sample])
     };
-    let level = |i: usize| levels[cells.duals.first_of(mesh.kept[sample(i)]) as usize];
     let count = positions.len();
-    let (split, whole): (Vec<usize>, Vec<usize>) = (0..count).partition(|&i| level(i) > 0);
-    let reached = |places: &[DVec3]| -> Vec<bool> {
-        let index = PointIndex::new(places);
-        let is_near = |&i: &usize| {
-            let reach = SUM_REACH * principal_sigmas(factors[i].map(f64::from))[0];
-            let nearest = index
-                .as_ref()
-                .and_then(|index| index.nearest_to(positions[i]));
-            nearest.is_some_and(|n| places[n as usize].distance(positions[i]) < reach)
-        };
-        whole.par_iter().map(is_near).collect()
+    let (split, whole): (Vec<usize>, Vec<usize>) =
+        (0..count).partition(|&i| levels[node(i) as usize] > 0);
+    let may_change = |i: usize| {
+        let is_open = planes.is_none() && mesh.surface.nodes().binary_search(&node(i)).is_ok();
+        let model = volume.local_models.as_ref().map(|models| models.get(i));
+        let is_shown = model.is_none_or(|model| {
+            let value = values.get(i);
+            let reached = model.reached(value, [value - model.below, value + model.above]);
+            rule.shows(reached.map(f64::from))
+        });
+        is_shown && !is_open && mesh.partial.binary_search(&i).is_err()
     };
-    let places: Vec<DVec3> = parts.iter().map(|part| part.position).collect();
-    let beside = reached(&places);
-    let chosen = |is_in: &[bool]| -> Vec<usize> {
-        let all = whole.iter().zip(is_in).filter(|(_, is_in)| **is_in);
-        all.map(|(&i, _)| i).collect()
+    let kernels = WholeKernels {
+        particles: &whole,
+        positions,
+        factors,
+        volumes,
+        sample_count,
+        ghosts: mesh.ghosts,
     };
-    // Volumes change beside parts; kernels that reach there count.
-    let beside: Vec<usize> = chosen(&beside).into_iter().map(sample).collect();
-    let changing: Vec<usize> = beside
-        .iter()
-        .copied()
-        .collect::<BTreeSet<usize>>()
-        .into_iter()
-        .collect();
-    let places: Vec<DVec3> = changing
-        .iter()
-        .map(|&i| positions[i])
-        .chain(places)
-        .collect();
-    let mut near = chosen(&reached(&places));
-    near.extend(&changing);
-    near.sort_unstable();
-    near.dedup();
-    let mut uneven = UnevenKernels::default();
-    let on_surface = |i: usize| {
-        let node = cells.duals.first_of(mesh.kept[i]);
-        planes.is_none() && mesh.surface.nodes().binary_search(&node).is_ok()
-    };
-    for &i in &near {
-        let own = sample(i);
-        let follows = near.binary_search(&own).unwrap_or(uneven.positions.len());
-        let is_fixed = changing.binary_search(&own).is_err()
-            || on_surface(own)
-            || mesh.partial.binary_search(&own).is_ok();
-        let edges = planes.and_then(|planes| planes.of(i));
-        let kernel = (positions[i], factors[i], f64::from(volumes[i]));
-        uneven.push(kernel, edges, index_u32(follows), is_fixed);
-    }
-    let mut own = 0;
-    for part in &parts {
-        if !part.is_image {
-            own = uneven.positions.len();
-        }
-        let kernel = (part.position, part.factor, part.volume);
-        uneven.push_wide(kernel, part.edges.as_ref(), index_u32(own), part.is_partial);
-    }
-    let is_even = uneven.even_out(options.task.as_ref())?;
-    let evened = near.iter().zip(&uneven.volumes);
-    let evened = evened.map(|(&i, volume)| (i, volume / f64::from(volumes[i])));
-    let evened = evened.filter(|(_, factor)| *factor != 1.0).collect();
-    let of_parts = parts.par_iter().zip(&uneven.volumes[near.len()..]);
-    let shown = of_parts.filter_map(|(part, volume)| part.shown(&rule, *volume));
+    let edges = |i: usize| planes.and_then(|planes| planes.of(i));
+    let task = options.task.as_ref();
+    let even = kernels.evened(&parts, &is_drawn, may_change, edges, task)?;
+    let drawn = parts.par_iter().zip(&even.parts);
+    let drawn = drawn.filter_map(|(part, volume)| part.shown(&rule, *volume));
     let refined = Refined {
         level: levels.iter().copied().max().unwrap_or(0),
         split,
-        evened,
-        parts: shown.collect(),
+        evened: even.particles,
+        parts: drawn.collect(),
     };
-    if !is_even {
+    if !even.is_even {
         let what = "of refined cells: their kernels are long, and not evened out";
         report.note(refined.parts.len(), "parts", what);
     }
@@ -249,6 +207,8 @@ fn surface_near<'a>(mesh: &RefinedMesh<'a>, node: u32, is_sharp: bool) -> NearSu
 #[cfg(test)]
 mod tests {
     use std::path::Path;
+
+    use glam::DVec3;
 
     use super::*;
     use crate::data::association::Association;
