@@ -21,7 +21,7 @@ use crate::ranks::Share;
 use crate::sample::Found;
 use crate::sample::{
     CellField, LEAST_PER_NODE, PartitionedCells, SampleOptions, SampleReport, check_len,
-    shown_field, take_scalar, turned,
+    may_be_refined, shown_field, take_scalar, turned,
 };
 use crate::scene::{Surroundings, Tiling, ValueScale, Values};
 
@@ -47,7 +47,7 @@ pub(crate) fn assigned(lengths: &[u64], reader: usize, readers: usize) -> Range<
 ///
 /// Returns `None` if one rank must read the whole grid. That is so for grids without solid cells, high-order cells,
 /// iso-surfaces, and sampling options that need all values on one rank. It is also so if the boundary may be sharp,
-/// because faces on the boundary can be found only in the whole mesh.
+/// because faces on the boundary can be found only in the whole mesh, and if the mesh may be refined.
 ///
 /// # Errors
 /// The errors of reading or sampling, on any rank; nothing that can be drawn; a rank that is gone.
@@ -76,6 +76,8 @@ pub(crate) fn read_pieces(
     if solid == 0 || higher > 0 {
         return Ok(None);
     }
+    let count = own.meshes().map(|mesh| mesh.cell_count() as u64).sum();
+    let count = ranks.sums(Ok(vec![count]))?[0] as usize;
     let dataset = own.dataset(file.path(), &seen);
     let dataset = ranks.agree(dataset)?;
     let head = head_of(&dataset, ranks)?;
@@ -96,8 +98,9 @@ pub(crate) fn read_pieces(
         (false, true) => 2,
         (false, false) => 1,
     };
-    let is_sharp = options.is_sharp() && own.association == Association::Nodes;
-    if is_sharp && options.is_sharp_anyway() {
+    let of_nodes = own.association == Association::Nodes;
+    let is_sharp = options.is_sharp() && of_nodes;
+    if (is_sharp && options.is_sharp_anyway()) || may_be_refined(count, of_nodes, options) {
         return Ok(None);
     }
     let outline = outline_of_all(&own.mesh.nodes, ranks)?;
@@ -288,7 +291,7 @@ mod tests {
     use super::*;
     use crate::data::cells::CellKind;
     use crate::ranks::ThreadRank;
-    use crate::sample::{BoundaryChoice, Sampled, TransferChoice};
+    use crate::sample::{BoundaryChoice, Refinement, Sampled, TransferChoice};
     use crate::sample::{FunctionOptions, KernelOptions, PurposeOptions};
 
     const CELLS: [usize; 3] = [20, 5, 5];
@@ -597,5 +600,23 @@ mod tests {
             ..automatic
         };
         check(&path, &of_cells, &[3]);
+    }
+    #[test]
+    fn what_may_be_refined_is_left_to_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = write(folder.path(), 0.0);
+        let is_read = |field: &str| {
+            let options = SampleOptions {
+                field: Some(field.into()),
+                refinement: Some(Refinement::for_tolerance(1.0 / 255.0)),
+                ..SampleOptions::default()
+            };
+            let file = VtuPieces::open(&path).unwrap().unwrap();
+            let mut ranks = ThreadRank::group(1).swap_remove(0);
+            read_pieces(&file, &options, &mut ranks).unwrap().is_some()
+        };
+        assert!(!is_read("heat"));
+        // Values of cells are not refined.
+        assert!(is_read("load"));
     }
 }

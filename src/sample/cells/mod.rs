@@ -10,16 +10,24 @@
 //! Cells of higher order have been cut already wherever their corners do not describe the field well enough
 //! ([`crate::io`]). The remaining ones are represented by their corners; their other nodes carry nothing.
 
+mod beside;
 pub(crate) mod covered;
 pub(crate) mod duals;
+mod even;
 pub(crate) mod incidence;
+mod levels;
 pub(crate) mod partitioned;
+mod parts;
+mod pieces;
+pub(crate) mod refined;
 pub(crate) mod sharp;
+mod walls;
 
 use std::ops::Range;
 
 use self::duals::{Duals, cut, sound_volume, turned};
 use self::incidence::CellsAround;
+use self::refined::{MOST_CELLS, RefinedMesh, refine_mesh};
 use self::sharp::{DrawnCells, NodeParticles, SharpCells, Surface, sharp_cells};
 use super::curvilinear::sharp::{apply, even_out};
 use super::field::local_models::mesh::SampledMesh;
@@ -265,7 +273,8 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         return Err(nothing_left(&dataset.path, &report));
     }
     let is_sharp = options.is_sharp() && of_nodes;
-    let kept = match is_sharp {
+    let is_refined = may_be_refined(mesh.cell_count(), of_nodes, options);
+    let kept = match is_sharp || is_refined {
         true => kernels.kept.clone(),
         false => Vec::new(),
     };
@@ -287,24 +296,65 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     };
     let surface = Surface::new(&cells);
     // A sample that is transparent on the boundary needs no cut: most such volumes end here.
-    let on_boundary = surface.nodes().iter().flat_map(|&node| particles.at(node));
-    let on_boundary = on_boundary.map(|(_, particle)| particle);
-    if !options.cuts(&sampled.volume, on_boundary) {
+    let is_cut = is_sharp && {
+        let on_boundary = surface.nodes().iter().flat_map(|&node| particles.at(node));
+        options.cuts(&sampled.volume, on_boundary.map(|(_, particle)| particle))
+    };
+    if !(is_cut || is_refined) {
         return Ok(sampled);
     }
-    let Sampled { volume, report } = &mut sampled;
-    let Some(values) = &volume.values else {
-        return Ok(sampled);
-    };
     let around = around.unwrap_or_else(|| CellsAround::new(mesh, &duals.first));
-    let sharp = sharp_cells(
-        &cells,
-        &surface,
-        &around,
-        &particles,
-        values,
-        options.kernels.width,
-    );
+    let width = options.kernels.width;
+    let values = sampled.volume.values.as_ref().filter(|_| is_cut);
+    let sharp =
+        values.map(|values| sharp_cells(&cells, &surface, &around, &particles, values, width));
+    if !is_refined {
+        // Nothing below needs the mesh.
+        drop((surface, around, particles, duals, dataset));
+        if let Some(sharp) = sharp {
+            sharpen(&mut sampled, sharp, kept.len(), options)?;
+        }
+        return Ok(sampled);
+    }
+    let (ghosts, partial) = match sharp {
+        Some(sharp) => sharpen(&mut sampled, sharp, kept.len(), options)?,
+        None => (Vec::new(), Vec::new()),
+    };
+    let refined = RefinedMesh {
+        cells: &cells,
+        surface: &surface,
+        around: &around,
+        particles: &particles,
+        kept: &kept,
+        ghosts: &ghosts,
+        partial: &partial,
+    };
+    refine_mesh(&refined, &mut sampled, options)?;
+    Ok(sampled)
+}
+
+/// Returns true if a mesh may be refined under these options.
+///
+/// - `of_nodes`: true for values at nodes.
+pub(crate) fn may_be_refined(cell_count: usize, of_nodes: bool, options: &SampleOptions) -> bool {
+    let is_wanted = options.refinement.is_some() && !options.makes_surface();
+    is_wanted && of_nodes && options.kernels.shepard_passes == 0 && cell_count <= MOST_CELLS
+}
+
+/// Gives a volume a sharp boundary. Returns the particle of each ghost, and the particles beside the boundary that
+/// are not cut, ascending.
+///
+/// - `count`: number of particles without ghosts.
+///
+/// # Errors
+/// Work that was cancelled.
+fn sharpen(
+    sampled: &mut Sampled,
+    sharp: SharpCells,
+    count: usize,
+    options: &SampleOptions,
+) -> Result<(Vec<usize>, Vec<usize>)> {
+    let Sampled { volume, report } = sampled;
     let SharpCells {
         changes,
         reentrant,
@@ -315,23 +365,24 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     let what = "of faces that others cover in part: not cut there";
     report.note(undecided.len(), "nodes", what);
     let task = options.task.as_ref();
-    // Nothing below needs the mesh.
-    drop((surface, around, particles, duals, dataset));
+    let mut partial: Vec<usize> = reentrant.into_iter().chain(undecided).collect();
+    partial.sort_unstable();
     let own = &mut Own {
-        range: 0..kept.len(),
+        range: 0..count,
         ranks: &mut Alone::default(),
     };
-    if let Some(ghosts) = apply(volume, report, vec![changes], options, own)? {
-        even_out(volume, &ghosts, own, |kernels, volumes| {
-            let mut sums = kernels.sums(volumes, task)?;
-            // These samples lack neighbouring kernels or ghosts: their volumes stay.
-            if let Some(sums) = &mut sums {
-                for i in reentrant.into_iter().chain(undecided) {
-                    sums[i] = f64::NAN;
-                }
+    let Some(ghosts) = apply(volume, report, vec![changes], options, own)? else {
+        return Ok((Vec::new(), partial));
+    };
+    even_out(volume, &ghosts, own, |kernels, volumes| {
+        let mut sums = kernels.sums(volumes, task)?;
+        // These samples lack neighbouring kernels or ghosts: their volumes stay.
+        if let Some(sums) = &mut sums {
+            for &i in &partial {
+                sums[i] = f64::NAN;
             }
-            Ok(sums)
-        })?;
-    }
-    Ok(sampled)
+        }
+        Ok(sums)
+    })?;
+    Ok((ghosts.sources, partial))
 }

@@ -37,11 +37,11 @@ use crate::sample::positions::index_u32;
 use crate::scene::Values;
 
 /// Faces around a node lie in one plane if the cosine between their normals is at least this.
-const SAME_PLANE: f64 = 0.8;
+pub(super) const SAME_PLANE: f64 = 0.8;
 
 /// Tolerance for convexity: distance by which a face may lie outside the plane of another, as a share of the
 /// face's distance. The faces of a curved wall do not lie in one plane.
-const CONCAVE: f64 = 0.25;
+pub(super) const CONCAVE: f64 = 0.25;
 
 /// Greatest number of planes at a node.
 const MOST_PLANES: usize = 3;
@@ -319,7 +319,7 @@ impl Change<'_> {
 }
 
 /// Returns the reflection in a plane through the origin.
-fn mirror(n: DVec3) -> DMat3 {
+pub(super) fn mirror(n: DVec3) -> DMat3 {
     DMat3::IDENTITY - DMat3::from_cols(n * n.x, n * n.y, n * n.z) * 2.0
 }
 
@@ -350,7 +350,7 @@ fn mixed(x: u64) -> u64 {
 }
 
 impl DrawnCells<'_> {
-    fn is_drawn(&self, cell: usize) -> bool {
+    pub(super) fn is_drawn(&self, cell: usize) -> bool {
         self.mesh.kinds[cell].is_solid()
             && !self.blanking.cell(cell)
             && !self.duals.is_left_out(cell)
@@ -379,22 +379,29 @@ impl DrawnCells<'_> {
         }
     }
 
-    /// Collects the corners of a cell, ascending.
-    fn corners(&self, cell: usize, corners: &mut Vec<u32>) {
+    /// Collects the corners of a cell, ascending; each node is replaced by the first at its position.
+    pub(super) fn corners(&self, cell: usize, corners: &mut Vec<u32>) {
+        self.own_corners(cell, corners);
+        for corner in corners.iter_mut() {
+            *corner = self.duals.first_of(*corner);
+        }
+        corners.sort_unstable();
+        corners.dedup();
+    }
+
+    /// Collects the corners of a cell; nodes may repeat.
+    pub(super) fn own_corners(&self, cell: usize, corners: &mut Vec<u32>) {
         let entries = self.mesh.cell(cell);
-        let first_of = |&n: &u32| self.duals.first_of(n);
         corners.clear();
         match self.mesh.kinds[cell].faces() {
             Some(faces) => {
                 // Corners precede the other nodes of a cell of higher order.
                 let places = faces.iter().flat_map(|face| face.iter());
                 let count = places.max().map_or(0, |&last| usize::from(last) + 1);
-                corners.extend(entries[..count].iter().map(first_of));
+                corners.extend(&entries[..count]);
             }
-            None => corners.extend(polyhedron_faces(entries).flatten().map(first_of)),
+            None => corners.extend(polyhedron_faces(entries).flatten()),
         }
-        corners.sort_unstable();
-        corners.dedup();
     }
 
     /// Returns true if two cells that share a face are the same cell, stated twice.
@@ -539,13 +546,26 @@ impl Surface {
         surface
     }
 
-    fn is_undecided(&self, node: u32) -> bool {
+    pub(super) fn is_undecided(&self, node: u32) -> bool {
         self.undecided.binary_search(&node).is_ok()
     }
 
     /// Returns the nodes of the boundary, ascending.
     pub(in crate::sample) fn nodes(&self) -> &[u32] {
         &self.nodes
+    }
+
+    /// Returns a face.
+    pub(super) fn face(&self, face: u32) -> &OuterFace {
+        &self.faces[face as usize]
+    }
+
+    /// Returns the open faces at a node, which must be the first at its position; `None` if it is not on the
+    /// boundary, or if faces there are covered in part.
+    pub(super) fn faces_at(&self, node: u32) -> Option<&[u32]> {
+        let n = self.nodes.binary_search(&node).ok()?;
+        let is_known = !self.is_undecided(node);
+        is_known.then(|| &self.around[self.starts[n]..self.starts[n + 1]])
     }
 
     /// Returns the faces around the `n`-th node.

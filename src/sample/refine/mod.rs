@@ -14,7 +14,7 @@ mod even;
 pub(super) mod face;
 mod levels;
 mod neighbourhood;
-mod rule;
+pub(super) mod rule;
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
@@ -63,7 +63,7 @@ impl Refinement {
     }
 
     /// Returns the pixels per world unit at a point: the most of all pictures that show it.
-    fn px(&self, point: DVec3, margin: f64) -> f64 {
+    pub(super) fn px(&self, point: DVec3, margin: f64) -> f64 {
         let of = |camera: &Camera| {
             let p = camera.camera_point(point);
             let focal = camera.focal_px.max_element();
@@ -104,12 +104,12 @@ pub(super) trait RefinedGrid: Sync {
 }
 
 /// Kernel of a part of a cell.
-struct Part {
-    kernel: Kernel,
-    value: f64,
-    model: LocalModel,
-    normal: u32,
-    edges: Option<[[f32; 4]; MOST_EDGES]>,
+pub(super) struct Part {
+    pub(super) kernel: Kernel,
+    pub(super) value: f64,
+    pub(super) model: LocalModel,
+    pub(super) normal: u32,
+    pub(super) edges: Option<[[f32; 4]; MOST_EDGES]>,
 }
 
 /// Standing of a node's dual cell.
@@ -127,10 +127,10 @@ pub(super) struct Refined {
     /// Greatest level of an index; 0 if no cell is split.
     pub(super) level: u8,
     /// Particles that parts replace, and those that the function does not show.
-    gone: Vec<usize>,
+    pub(super) gone: Vec<usize>,
     /// Particles whose volumes change, and the factors.
-    evened: Vec<(usize, f64)>,
-    parts: Vec<Part>,
+    pub(super) evened: Vec<(usize, f64)>,
+    pub(super) parts: Vec<Part>,
 }
 
 /// Returns true if any cell of a grid whose faces are flat asks to be split.

@@ -32,16 +32,20 @@ struct Feature {
 }
 
 /// Splits cells under a transfer function.
-pub(super) struct Rule {
+pub(in crate::sample) struct Rule {
     features: Vec<Feature>,
     /// Greatest displacement of a surface of equal value \[px\].
     pub(super) threshold_px: f64,
     /// Standard deviation of kernels over the spacing.
-    pub(super) kernel_width: f64,
+    pub(in crate::sample) kernel_width: f64,
 }
 
 impl Rule {
-    pub(super) fn new(function: &TransferFunction, threshold_px: f64, kernel_width: f64) -> Self {
+    pub(in crate::sample) fn new(
+        function: &TransferFunction,
+        threshold_px: f64,
+        kernel_width: f64,
+    ) -> Self {
         let table = function.table();
         let [low, high] = function.range().map(f64::from);
         let per_entry = (high - low) / (table.len() - 1) as f64;
@@ -75,18 +79,49 @@ impl Rule {
     }
 
     /// Returns true if the function shows any value in a range.
-    pub(super) fn shows(&self, [low, high]: [f64; 2]) -> bool {
+    pub(in crate::sample) fn shows(&self, [low, high]: [f64; 2]) -> bool {
         let meets = |f: &Feature| low < f.interval[1] && high > f.interval[0];
         self.features.iter().any(meets)
     }
 
     /// Returns the width of the finest feature that a range of values meets.
-    fn finest(&self, [low, high]: [f64; 2]) -> Option<f64> {
+    pub(in crate::sample) fn finest(&self, [low, high]: [f64; 2]) -> Option<f64> {
         let met = self
             .features
             .iter()
             .filter(|f| low < f.interval[1] && high > f.interval[0]);
         met.map(|f| f.width).reduce(f64::min)
+    }
+
+    /// Returns what the linear model misses over what it may miss.
+    ///
+    /// - `missed`: greatest difference of the values; `width`: width of the finest feature.
+    /// - `steepness`: length of the field's gradient; `px`: pixels per world unit.
+    pub(in crate::sample) fn excess(
+        &self,
+        missed: f64,
+        width: f64,
+        steepness: f64,
+        px: f64,
+    ) -> f64 {
+        // Phrased so that a field without a slope is judged by its values alone.
+        let shift = missed * px / steepness / self.threshold_px;
+        let in_values = missed / (FEATURE_SHARE * width);
+        if shift < in_values { shift } else { in_values }
+    }
+
+    /// Returns the level at which a face that bends leaves its tangent plane by no more than the threshold.
+    ///
+    /// - `bend`: second difference of the face across the plane \[world units\].
+    pub(in crate::sample) fn bend_level(&self, bend: f64, px: f64) -> u8 {
+        least_level(FACE_BEND * bend.abs() * px / self.threshold_px, 4.0)
+    }
+
+    /// Returns the greatest level at which a kernel is not below half a pixel.
+    ///
+    /// - `sigma`: its deviation at level 0 \[world units\].
+    pub(in crate::sample) fn most_level(sigma: f64, px: f64) -> u8 {
+        narrowed_level((sigma * px / LEAST_SIGMA_PX).log2().floor())
     }
 
     /// Returns the levels of a node's dual cell along each index.
@@ -102,12 +137,7 @@ impl Rule {
             return [0; 3];
         };
         let steepness = gradient.length();
-        // Phrased so that a field without a slope is judged by its values alone.
-        let excess = |missed: f64| {
-            let shift = missed * px / steepness / self.threshold_px;
-            let in_values = missed / (FEATURE_SHARE * width);
-            if shift < in_values { shift } else { in_values }
-        };
+        let excess = |missed: f64| self.excess(missed, width, steepness, px);
         let missed = |d: DVec4| (d.w - gradient.dot(d.xyz())).abs();
         let kink = |a: usize| excess(missed(cell.second(a)) / 4.0);
         let mut levels = [0, 1, 2].map(|a| least_level(kink(a), 3.0));
@@ -132,20 +162,16 @@ impl Rule {
             let normal = place.jacobian.col(b).cross(place.jacobian.col(c));
             let normal = normal.try_normalize().unwrap_or(DVec3::ZERO);
             for along in [b, c] {
-                let bend = FACE_BEND * normal.dot(cell.second(along).xyz()).abs() * px;
-                levels[along] = levels[along].max(least_level(bend / self.threshold_px, 4.0));
+                let bend = normal.dot(cell.second(along).xyz());
+                levels[along] = levels[along].max(self.bend_level(bend, px));
             }
         }
-        [0, 1, 2].map(|a| {
-            let sigma_px = self.kernel_width * lengths[a] * px;
-            let most = (sigma_px / LEAST_SIGMA_PX).log2().floor();
-            levels[a].min(narrowed_level(most))
-        })
+        [0, 1, 2].map(|a| levels[a].min(Self::most_level(self.kernel_width * lengths[a], px)))
     }
 }
 
 /// Returns the least level l with `excess` <= `base`^l, at most [`MOST_LEVEL`].
-fn least_level(excess: f64, base: f64) -> u8 {
+pub(in crate::sample) fn least_level(excess: f64, base: f64) -> u8 {
     // Phrased so that NaN gives 0.
     if excess > 1.0 {
         narrowed_level((excess.ln() / base.ln()).ceil())
