@@ -61,8 +61,8 @@ use crate::scene::Values;
 
 pub(crate) use self::cells::duals::turned;
 pub(crate) use self::cells::incidence::CellsAround;
-pub(crate) use self::cells::may_be_refined;
 pub(crate) use self::cells::partitioned::PartitionedCells;
+pub(crate) use self::cells::{may_be_refined, may_refine};
 pub(crate) use self::curvilinear::partitioned::{GridPlanes, planes_around};
 pub(crate) use self::curvilinear::seam::{Seam, seam};
 pub(crate) use self::curvilinear::window::Window;

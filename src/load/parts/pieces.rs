@@ -21,7 +21,7 @@ use crate::ranks::Share;
 use crate::sample::Found;
 use crate::sample::{
     CellField, LEAST_PER_NODE, PartitionedCells, SampleOptions, SampleReport, check_len,
-    may_be_refined, shown_field, take_scalar, turned,
+    may_be_refined, may_refine, shown_field, take_scalar, turned,
 };
 use crate::scene::{Surroundings, Tiling, ValueScale, Values};
 
@@ -118,6 +118,7 @@ pub(crate) fn read_pieces(
     let found = Found {
         report: SampleReport {
             field: Some(field),
+            may_refine: may_refine(count, of_nodes),
             ..report
         },
         corners,

@@ -259,6 +259,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     let mut report = SampleReport {
         field: Some(taken.name.clone()),
         sample_count,
+        may_refine: may_refine(mesh.cell_count(), of_nodes),
         ..SampleReport::default()
     };
     let CellKernels {
@@ -333,12 +334,19 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     Ok(sampled)
 }
 
+/// Returns true if a mesh may be refined.
+///
+/// - `of_nodes`: true for values at nodes.
+pub(crate) fn may_refine(cell_count: usize, of_nodes: bool) -> bool {
+    of_nodes && cell_count <= MOST_CELLS
+}
+
 /// Returns true if a mesh may be refined under these options.
 ///
 /// - `of_nodes`: true for values at nodes.
 pub(crate) fn may_be_refined(cell_count: usize, of_nodes: bool, options: &SampleOptions) -> bool {
     let is_wanted = options.refinement.is_some() && !options.makes_surface();
-    is_wanted && of_nodes && options.kernels.shepard_passes == 0 && cell_count <= MOST_CELLS
+    is_wanted && options.kernels.shepard_passes == 0 && may_refine(cell_count, of_nodes)
 }
 
 /// Gives a volume a sharp boundary. Returns the particle of each ghost, and the particles beside the boundary that
