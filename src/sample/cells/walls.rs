@@ -230,6 +230,7 @@ fn on_patch([a, b, c, d]: [DVec3; 4], point: DVec3) -> (DVec3, DVec3) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sample::positions::index_u32;
 
     fn face(nodes: [DVec3; 4], inner: DVec3) -> OuterFace {
         OuterFace::new(0, &[0, 1, 2, 3], |n| nodes[n as usize], inner).unwrap()
@@ -247,7 +248,7 @@ mod tests {
             .enumerate()
             .map(|(n, (corners, inner))| {
                 let mut own = face(*corners, *inner);
-                own.nodes = (0..4).map(|c| 4 * n as u32 + c).collect();
+                own.nodes = (0..4).map(|c| index_u32(4 * n + c)).collect();
                 own
             })
             .collect();
