@@ -77,10 +77,17 @@ for name in $names; do
         "$EWA" render $input $camera --transfer-function "lab/examples/truth/transfer/$name.json" --size "$size" \
             --reference=data --tolerance 1e-3 --low-pass 0.15 --out "$out/$name-truth.npy"
     fi
-    row "$name" particle-1 --classify particle --low-pass 1 --boundary soft
-    row "$name" particle --classify particle --boundary soft
-    row "$name" soft --boundary soft
+    # One kernel per sample, one sample a pixel.
+    one="--refine off --opaque-edges off"
+    # shellcheck disable=SC2086
+    {
+        row "$name" particle-1 --classify particle --low-pass 1 --boundary soft $one
+        row "$name" particle --classify particle --boundary soft $one
+        row "$name" soft --boundary soft $one
+        row "$name" one $one
+        row "$name" post --composite slabs --post-classification --boundary soft $one
+        row "$name" sharp-post --composite slabs --post-classification --boundary sharp $one
+    }
     row "$name" default
-    row "$name" post --composite slabs --post-classification --boundary soft
-    row "$name" sharp-post --composite slabs --post-classification --boundary sharp
+    row "$name" finer --tolerance 0.002
 done
