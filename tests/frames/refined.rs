@@ -1,7 +1,7 @@
 //! Tests refined kernels against the field between the nodes: its picture, its values beyond the boundary, and the
 //! grids that stay as they are.
 
-use ewa_splat::io::{Association, CurvilinearBlock, Dataset, Geometry};
+use ewa_splat::io::{Association, CellMesh, CurvilinearBlock, Dataset, Geometry};
 use ewa_splat::reference::{DataIntegrator, ReferenceSettings};
 use ewa_splat::sample::{
     BoundaryChoice, FunctionOptions, PurposeOptions, Refinement, SampleOptions, Sampled,
@@ -26,7 +26,8 @@ fn of(geometry: Geometry, field: impl Fn(DVec3) -> f64) -> Dataset {
             let at = |n: usize| lattice.position([n % x, n / x % y, n / (x * y)]);
             (0..lattice.len()).map(at).collect()
         }
-        _ => panic!("a structured grid"),
+        Geometry::Cells(mesh) => mesh.nodes.clone(),
+        _ => panic!("a grid"),
     };
     let values = nodes.into_iter().map(|p| field(p) as f32).collect();
     let field = scalar("f", Association::Nodes, values);
@@ -63,6 +64,28 @@ fn warped(n: usize) -> Geometry {
     Geometry::Curvilinear {
         blocks: vec![block],
     }
+}
+
+/// Returns the cells of that grid as hexahedra.
+fn hexahedra(n: usize) -> Geometry {
+    let Geometry::Curvilinear { blocks } = warped(n) else {
+        unreachable!("the grid above")
+    };
+    let cells = n - 1;
+    let mut connectivity = Vec::new();
+    for i in 0..cells.pow(3) {
+        let [x, y, z] = [i % cells, i / cells % cells, i / (cells * cells)];
+        let corner = |[dx, dy, dz]: [usize; 3]| (x + dx + n * (y + dy + n * (z + dz))) as i64;
+        // VTK's order: around the lower face, then around the upper one.
+        let around = [[0, 0], [1, 0], [1, 1], [0, 1]];
+        connectivity.push(8);
+        for upper in [0, 1] {
+            connectivity.extend(around.map(|[dx, dy]| corner([dx, dy, upper])));
+        }
+    }
+    let nodes = blocks.into_iter().flat_map(|block| block.nodes).collect();
+    let kinds = vec![12; cells.pow(3)];
+    Geometry::Cells(CellMesh::of_lists(nodes, &kinds, &connectivity).unwrap())
 }
 
 fn options(function: &TransferFunction, refines: bool) -> SampleOptions {
@@ -113,13 +136,13 @@ fn error(data: &Dataset, refines: bool) -> (f64, Sampled) {
 
 #[test]
 fn refined_kernels_are_nearer_to_the_field_between_nodes() {
-    for (geometry, most) in [(lattice(7), 0.7), (warped(7), 0.7)] {
+    for (geometry, most) in [(lattice(7), 0.7), (warped(7), 0.7), (hexahedra(7), 0.8)] {
         let data = of(geometry, field);
         let (plain, _) = error(&data, false);
         let (refined, sampled) = error(&data, true);
         let report = sampled.report;
         println!(
-            "{plain} {refined} {} {}",
+            "{plain:.4} {refined:.4} {} of {}",
             report.refined_count, report.particle_count
         );
         assert!(refined < most * plain, "{plain} {refined}");

@@ -25,8 +25,10 @@ use std::time::Instant;
 
 use ewa_splat::io::Dataset;
 use ewa_splat::reference::DataIntegrator;
-use ewa_splat::render::{Classification, Composite};
-use ewa_splat::sample::{self, BoundaryChoice, KernelOptions, SampleOptions};
+use ewa_splat::render::{Advanced, Classification, Composite};
+use ewa_splat::sample::{
+    self, BoundaryChoice, FunctionOptions, KernelOptions, Refinement, SampleOptions, TransferChoice,
+};
 use ewa_splat::scene::TransferFunction;
 use ewa_splat::view::Camera;
 use ewa_splat::{Error, Renderer, Result, Settings};
@@ -109,6 +111,8 @@ impl Wanted {
 struct Way {
     name: String,
     boundary: BoundaryChoice,
+    /// True for kernels that are refined for the picture.
+    is_refined: bool,
     settings: Settings,
 }
 
@@ -116,10 +120,15 @@ fn ways() -> Vec<Way> {
     let way = |name: &str, low_pass: f32, boundary, classify, composite| Way {
         name: format!("{name} {low_pass}").replace(" 0.", " ."),
         boundary,
+        is_refined: false,
         settings: Settings {
             classify,
             composite,
             low_pass_variance_px2: low_pass,
+            advanced: Advanced {
+                opaque_edges: false,
+                ..Advanced::default()
+            },
             ..Settings::default()
         },
     };
@@ -134,6 +143,17 @@ fn ways() -> Vec<Way> {
         ways.push(way("extent", low_pass, soft, extent, Composite::Over));
     }
     ways.push(way("sharp", 0.15, sharp, extent, Composite::Over));
+    // As the program draws by default.
+    let mut refined = way(
+        "refined",
+        0.15,
+        BoundaryChoice::Automatic,
+        extent,
+        Composite::Over,
+    );
+    refined.is_refined = true;
+    refined.settings.advanced.opaque_edges = true;
+    ways.push(refined);
     ways.push(way("post", 0.15, soft, Classification::Slab, slabs));
     ways.push(way("sharp-post", 0.15, sharp, Classification::Slab, slabs));
     ways
@@ -156,7 +176,7 @@ fn main() -> Result<()> {
             let dataset = grids::dataset(kind, n);
             for (function, points) in FUNCTIONS.iter().filter(|f| wanted.has(f.0, &functions)) {
                 let transfer = functions::transfer(points)?;
-                let mut renderer = renderer(&dataset, &transfer, BoundaryChoice::Soft)?;
+                let mut renderer = renderer(&dataset, &transfer, BoundaryChoice::Soft, None)?;
                 let name = format!("{function}, {name}");
                 turn::rows(&name, &mut renderer, &transfer, size)?;
             }
@@ -201,8 +221,8 @@ fn rows(
     truths: &[Truth],
     wanted: &Wanted,
 ) -> Result<()> {
-    let mut soft = renderer(dataset, &truths[0].1, BoundaryChoice::Soft)?;
-    let mut sharp = renderer(dataset, &truths[0].1, BoundaryChoice::Sharp)?;
+    let mut soft = renderer(dataset, &truths[0].1, BoundaryChoice::Soft, None)?;
+    let mut sharp = renderer(dataset, &truths[0].1, BoundaryChoice::Sharp, None)?;
     for (function, transfer, truth) in truths {
         let start = Instant::now();
         let data = of_data(dataset, transfer, camera)?;
@@ -214,11 +234,22 @@ fn rows(
             seconds * 1e3
         );
         for way in ways().iter().filter(|w| wanted.has(&w.name, &names())) {
+            let mut refined;
             let renderer = match way.boundary {
+                _ if way.is_refined => {
+                    let refinement = Refinement {
+                        cameras: vec![camera.clone()],
+                        ..Refinement::for_tolerance(way.settings.tolerance)
+                    };
+                    refined = renderer(dataset, transfer, way.boundary, Some(refinement))?;
+                    &mut refined
+                }
                 BoundaryChoice::Sharp => &mut sharp,
                 _ => &mut soft,
             };
-            renderer.set_transfer_function(0, transfer.clone())?;
+            if !way.is_refined {
+                renderer.set_transfer_function(0, transfer.clone())?;
+            }
             renderer.render(camera, &way.settings)?;
             let mut times: Vec<f64> = Vec::new();
             while times.len() < FRAMES && times.iter().sum::<f64>() < ENOUGH_MS {
@@ -251,16 +282,21 @@ fn renderer(
     dataset: &Dataset,
     transfer: &TransferFunction,
     boundary: BoundaryChoice,
+    refinement: Option<Refinement>,
 ) -> Result<Renderer> {
     let options = SampleOptions {
+        function: FunctionOptions {
+            transfer: TransferChoice::Given(transfer.clone()),
+            ..FunctionOptions::default()
+        },
+        refinement,
         kernels: KernelOptions {
             boundary,
             ..KernelOptions::default()
         },
         ..SampleOptions::default()
     };
-    let mut volume = sample::volume(dataset.clone(), &options)?.volume;
-    volume.transfer_function = Some(transfer.clone());
+    let volume = sample::volume(dataset.clone(), &options)?.volume;
     Renderer::new(vec![volume])
 }
 
