@@ -51,7 +51,9 @@ impl Arguments {
             && method.reference != Some(ReferenceName::Data)
             && self.data.flatten.is_none()
             && !method.post_classification;
-        let tolerance = method.tolerance.unwrap_or(Settings::default().tolerance);
+        // The tolerance of a reference image is that of its integrals.
+        let asked = method.tolerance.filter(|_| method.reference.is_none());
+        let tolerance = asked.unwrap_or(Settings::default().tolerance);
         is_refined.then(|| Refinement::for_tolerance(tolerance))
     }
 

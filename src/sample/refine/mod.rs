@@ -41,6 +41,9 @@ use crate::view::{Camera, Projection};
 /// Number of planes beside a rank's own on which its parts depend: neighbours, grading, and the evening out.
 pub(super) const PLANES: usize = 1 + rule::MOST_LEVEL as usize + 2 * (even::PASSES + 1);
 
+/// Least displacement that kernels are refined for. Their own width hides smaller ones.
+const LEAST_THRESHOLD_PX: f64 = 0.25;
+
 /// Reach of a part's kernel beyond which it takes no values, in standard deviations.
 const VALUE_REACH: f64 = 2.5;
 
@@ -54,11 +57,12 @@ pub struct Refinement {
 }
 
 impl Refinement {
-    /// Returns the refinement that a tolerance of pictures asks for, without cameras yet: one pixel at 1/255.
+    /// Returns the refinement that a tolerance of pictures asks for, without cameras yet: one pixel at 1/255, and a
+    /// quarter of a pixel at least.
     pub fn for_tolerance(tolerance: f32) -> Self {
         Self {
             cameras: Vec::new(),
-            threshold_px: f64::from(tolerance) * 255.0,
+            threshold_px: (f64::from(tolerance) * 255.0).max(LEAST_THRESHOLD_PX),
         }
     }
 
