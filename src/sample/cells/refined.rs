@@ -17,7 +17,7 @@ use crate::math::principal_sigmas;
 use crate::sample::options::SampleOptions;
 use crate::sample::positions::index_u32;
 use crate::sample::refine::rule::Rule;
-use crate::sample::refine::{Refined, apply};
+use crate::sample::refine::{MOST_PARTS, Refined, apply, within_budget};
 use crate::sample::sampled::Sampled;
 use crate::scene::{Boundary, Particles, Strength};
 
@@ -61,7 +61,6 @@ pub(super) fn refine_mesh(
     else {
         return Ok(());
     };
-    let rule = Rule::new(function, refinement.threshold_px, options.kernels.width);
     let cells = mesh.cells;
     let planes = match &volume.boundary {
         Some(Boundary::Planes(planes)) => Some(planes),
@@ -76,33 +75,47 @@ pub(super) fn refine_mesh(
         values: &of_nodes,
     };
     let first = first_nodes(cells);
-    let dual = |node: u32| {
+    let dual = |node: u32, rule: &Rule| {
         let around = mesh.around.of(node);
         nodes.dual_cell(node, around, |range| rule.shows(range))
     };
-    let level = |&node: &u32| -> (u8, bool) {
+    let level = |node: u32, rule: &Rule| -> (u8, bool) {
         let Some(particle) = mesh.particles.at(node).next().map(|(_, particle)| particle) else {
             return (0, false);
         };
-        let Some(own) = dual(node) else {
+        let Some(own) = dual(node, rule) else {
             return (0, false);
         };
         let px = refinement.px(own.origin, own.radius);
         let sigma = principal_sigmas(factors[particle].map(f64::from))[0];
         let bend = planes.map_or(0.0, |_| bend(cells, mesh.surface, node));
-        (own.level(&rule, px, sigma, bend), true)
+        (own.level(rule, px, sigma, bend), true)
     };
-    let found: Vec<(u8, bool)> = first.par_iter().map(level).collect();
-    let mut levels = vec![0; cells.mesh.nodes.len()];
-    let mut may_split = vec![false; levels.len()];
-    for (&node, (level, may)) in first.iter().zip(found) {
-        levels[node as usize] = level;
-        may_split[node as usize] = may;
-    }
+    let levels = |rule: &Rule| {
+        let found: Vec<(u8, bool)> = first.par_iter().map(|&n| level(n, rule)).collect();
+        let mut levels = vec![0; cells.mesh.nodes.len()];
+        let mut may_split = vec![false; levels.len()];
+        for (&node, (level, may)) in first.iter().zip(found) {
+            levels[node as usize] = level;
+            may_split[node as usize] = may;
+        }
+        grade(cells, &mut levels, &may_split);
+        let is_split = |&&node: &&u32| levels[node as usize] > 0;
+        let count = |&node: &u32| {
+            let of_piece = 1_u64 << (3 * (levels[node as usize] - 1));
+            mesh.around.of(node).len() as u64 * of_piece
+        };
+        let count = first.iter().filter(is_split).map(count).sum();
+        Ok((levels, count))
+    };
+    let width = options.kernels.width;
+    let Some((rule, levels)) = within_budget((function, refinement, width), MOST_PARTS, levels)?
+    else {
+        return Ok(());
+    };
     if levels.iter().all(|level| *level == 0) {
         return Ok(());
     }
-    grade(cells, &mut levels, &may_split);
     let all_nodes = Nodes {
         cells,
         values: &of_nodes,

@@ -10,7 +10,7 @@ use crate::error::Result;
 use crate::sample::options::SampleOptions;
 use crate::sample::positions::index_u32;
 use crate::sample::refine::face::FaceNodes;
-use crate::sample::refine::{Refined, RefinedGrid, apply, refine};
+use crate::sample::refine::{MOST_PARTS, Refined, RefinedGrid, apply, refine};
 use crate::sample::report::SampleReport;
 use crate::scene::{PointVolume, Values};
 
@@ -41,16 +41,23 @@ pub(in crate::sample) fn refine_grids(
         return Ok(false);
     };
     let width = options.kernels.width;
-    let refined = |nodes: &GridNodes<'_, '_>| {
+    // Grids share the room for parts.
+    let most = MOST_PARTS / all_nodes.len().max(1);
+    let mut refined = |nodes: &GridNodes<'_, '_>| {
         let grid = Extended {
             grid: nodes.grid(),
             nodes,
             values,
         };
         let is_wanted = |particle| wanted.binary_search(&index_u32(particle)).is_ok();
-        refine(&grid, volume, refinement, (width, reach(width)), is_wanted)
+        let mut total = |own| ranks.sum(Ok(own));
+        let of = (width, reach(width));
+        refine(&grid, volume, refinement, of, is_wanted, (most, &mut total))
     };
-    let all: Vec<Refined> = all_nodes.iter().filter_map(refined).collect();
+    let all = all_nodes
+        .iter()
+        .filter_map(|nodes| refined(nodes).transpose());
+    let all: Vec<Refined> = all.collect::<Result<_>>()?;
     let levels = all.iter().map(|refined| refined.level);
     let level = levels.max().unwrap_or(0);
     if !ranks.any(level > 0)? {

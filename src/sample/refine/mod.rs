@@ -44,6 +44,12 @@ pub(super) const PLANES: usize = 1 + rule::MOST_LEVEL as usize + 2 * (even::PASS
 /// Least displacement that kernels are refined for. Their own width hides smaller ones.
 const LEAST_THRESHOLD_PX: f64 = 0.25;
 
+/// Greatest number of parts of a volume: they take about a gigabyte while they are made.
+pub(super) const MOST_PARTS: usize = 1 << 22;
+
+/// Greatest number of times that a threshold is doubled.
+const MOST_DOUBLINGS: usize = 12;
+
 /// Reach of a part's kernel beyond which it takes no values, in standard deviations.
 const VALUE_REACH: f64 = 2.5;
 
@@ -158,19 +164,50 @@ pub(super) fn asks<F: Fn([usize; 3]) -> Option<(DVec3, f64)> + Sync>(
     (0..extent.len()).into_par_iter().any(asks)
 }
 
-/// Splits the cells of a grid. Returns `None` for a volume without a function.
+/// Finds levels that make no more parts than there is room for: the threshold is doubled until they do.
+///
+/// - `levels`: returns the levels under a rule, and the number of their parts.
+///
+/// # Errors
+/// The errors of `levels`.
+pub(super) fn within_budget<T>(
+    (function, refinement, kernel_width): (&TransferFunction, &Refinement, f64),
+    most: usize,
+    mut levels: impl FnMut(&Rule) -> Result<(T, u64)>,
+) -> Result<Option<(Rule, T)>> {
+    let mut threshold_px = refinement.threshold_px;
+    for _ in 0..MOST_DOUBLINGS {
+        let rule = Rule::new(function, threshold_px, kernel_width);
+        let (found, count) = levels(&rule)?;
+        if count <= most as u64 {
+            return Ok(Some((rule, found)));
+        }
+        threshold_px *= 2.0;
+    }
+    Ok(None)
+}
+
+/// Splits the cells of a grid. Returns `None` for a volume without a function, and if the parts would be too many
+/// whatever the threshold.
 ///
 /// - `reach`: number of nodes that kernels reach along an index.
 /// - `is_wanted`: returns true for the particles whose parts are wanted.
+/// - `most`: greatest number of parts.
+/// - `total`: returns the sum of a number and those of all partitions.
+///
+/// # Errors
+/// The errors of `total`.
 pub(super) fn refine(
     grid: &impl RefinedGrid,
     volume: &PointVolume,
     refinement: &Refinement,
     (kernel_width, reach): (f64, isize),
     is_wanted: impl Fn(usize) -> bool,
-) -> Option<Refined> {
-    let function = volume.transfer_function.as_ref()?;
-    let rule = Rule::new(function, refinement.threshold_px, kernel_width);
+    (most, total): (usize, &mut dyn FnMut(u64) -> Result<u64>),
+) -> Result<Option<Refined>> {
+    let Some(function) = volume.transfer_function.as_ref() else {
+        return Ok(None);
+    };
     let (dims, periods) = grid.extent();
     let extent = Extent { dims, periods };
     let samples = Samples {
@@ -179,7 +216,7 @@ pub(super) fn refine(
         at: |node| grid.node(node),
     };
     let neighbourhood = |n: usize| Neighbourhood::new(&samples, extent.node(n));
-    let level = |n: usize| {
+    let level = |n: usize, rule: &Rule| {
         let Some(cell) = neighbourhood(n) else {
             return ([0; 3], Asked::Unknown);
         };
@@ -190,12 +227,23 @@ pub(super) fn refine(
         let levels = rule.levels(&cell, px, grid.beside(extent.node(n)));
         (levels, Asked::Shown)
     };
-    let (mut levels, asked): (Vec<[u8; 3]>, Vec<Asked>) =
-        (0..extent.len()).into_par_iter().map(level).unzip();
     let nodes: Vec<(usize, usize)> = (0..extent.len())
         .filter_map(|n| Some((n, grid.particle(extent.node(n))?)))
         .filter(|(_, particle)| is_wanted(*particle))
         .collect();
+    let levels = |rule: &Rule| {
+        let all = (0..extent.len()).into_par_iter();
+        let (mut levels, asked): (Vec<[u8; 3]>, Vec<Asked>) = all.map(|n| level(n, rule)).unzip();
+        let may_split: Vec<bool> = asked.iter().map(|of| *of != Asked::Unknown).collect();
+        extent.grade(&mut levels, &may_split);
+        let split = nodes.iter().filter(|(n, _)| levels[*n] != [0; 3]);
+        let own: usize = split.map(|(n, _)| part_count(levels[*n])).sum();
+        Ok(((levels, asked), total(own as u64)?))
+    };
+    let found = within_budget((function, refinement, kernel_width), most, levels)?;
+    let Some((rule, (levels, asked))) = found else {
+        return Ok(None);
+    };
     let is_gone = |levels: &[[u8; 3]], n: usize| {
         asked[n] == Asked::Unshown || (levels[n] != [0; 3] && asked[n] == Asked::Shown)
     };
@@ -204,15 +252,13 @@ pub(super) fn refine(
         gone.map(|(_, particle)| *particle).collect()
     };
     if levels.iter().all(|level| *level == [0; 3]) {
-        return Some(Refined {
+        return Ok(Some(Refined {
             level: 0,
             gone: gone_of(&levels),
             evened: Vec::new(),
             parts: Vec::new(),
-        });
+        }));
     }
-    let may_split: Vec<bool> = asked.iter().map(|of| *of != Asked::Unknown).collect();
-    extent.grade(&mut levels, &may_split);
     let volumes = Volumes::new(&extent, &levels, kernel_width, reach);
     let is_split = |n: usize| levels[n] != [0; 3];
     let gone = gone_of(&levels);
@@ -234,12 +280,12 @@ pub(super) fn refine(
     };
     let parts = nodes.par_iter().flat_map_iter(parts_of).collect();
     let level = levels.iter().flatten().copied().max().unwrap_or(0);
-    Some(Refined {
+    Ok(Some(Refined {
         level,
         gone,
         evened,
         parts,
-    })
+    }))
 }
 
 /// Returns the kernel of a part; `None` if the function does not show it, or if it has no volume.
