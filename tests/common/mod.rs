@@ -18,6 +18,7 @@ use std::path::{Path, PathBuf};
 use ewa_splat::image::DepthImage;
 use ewa_splat::io::{Association, Field, FieldSource};
 use ewa_splat::math::Factor;
+use ewa_splat::render::Advanced;
 use ewa_splat::scene::Values;
 use ewa_splat::stages::record::ViewUniform;
 use ewa_splat::stages::splat::{Filter, Kernel};
@@ -31,6 +32,15 @@ pub fn scalar(name: &str, association: Association, values: Vec<f32>) -> Field {
         association,
         source: FieldSource::Scalar(Values::F32(values)),
         unit: None,
+    }
+}
+
+/// Returns the default of what is rarely changed, but with one sample a pixel: for laws along rays, and for images of
+/// the kernels.
+pub fn one_sample() -> Advanced {
+    Advanced {
+        opaque_edges: false,
+        ..Advanced::default()
     }
 }
 

@@ -23,7 +23,7 @@ use ewa_splat::view::{Camera, ClipPlane, Projection};
 use ewa_splat::{Filter, Image, Renderer, Settings};
 use glam::{DMat3, DVec2, DVec3};
 
-use crate::common::{Random, real_data, scalar};
+use crate::common::{Random, one_sample, real_data, scalar};
 use crate::support::meshes::tetrahedra_of_cube;
 
 /// Extinction of a uniform field, per unit of length.
@@ -184,6 +184,7 @@ pub(super) fn settings() -> Settings {
         classify: Classification::Particle,
         tolerance: 1e-4,
         low_pass_variance_px2: 0.1,
+        advanced: one_sample(),
         ..Settings::default()
     }
 }

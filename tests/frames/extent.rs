@@ -15,6 +15,7 @@ use ewa_splat::{Renderer, Settings};
 use glam::{DVec3, Vec3};
 
 use crate::analytic::truth;
+use crate::common::one_sample;
 
 /// Evaluates a sum of Gaussian blobs over \[-1, 1\]³, 0 to about 1.
 pub(super) fn field(x: DVec3) -> f64 {
@@ -409,7 +410,11 @@ fn far_from_a_step_a_kernel_is_one_piece() {
 fn the_reference_has_windows_of_its_own() {
     let camera = camera(24);
     let volume = lattice(13, &steps());
-    let extent = settings(Classification::Extent);
+    let one = |classify| Settings {
+        advanced: one_sample(),
+        ..settings(classify)
+    };
+    let extent = one(Classification::Extent);
     let integrator =
         Integrator::classified(std::slice::from_ref(&volume), Classification::Extent).unwrap();
     let reference = integrator
@@ -424,7 +429,7 @@ fn the_reference_has_windows_of_its_own() {
         .unwrap();
     let truth: Vec<[f64; 4]> = reference.pixels.clone();
     let near = error(volume.clone(), &camera, &extent, &truth);
-    let particle = settings(Classification::Particle);
+    let particle = one(Classification::Particle);
     let far = error(volume, &camera, &particle, &truth);
     println!("{near:.3} by extents, {far:.2} by values");
     assert!(near < 0.5 && far > 5.0, "{near} {far}");
