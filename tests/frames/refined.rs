@@ -83,7 +83,7 @@ fn hexahedra(n: usize) -> Geometry {
             connectivity.extend(around.map(|[dx, dy]| corner([dx, dy, upper])));
         }
     }
-    let nodes = blocks.into_iter().flat_map(|block| block.nodes).collect();
+    let nodes: Vec<DVec3> = blocks.into_iter().flat_map(|block| block.nodes).collect();
     let kinds = vec![12; cells.pow(3)];
     Geometry::Cells(CellMesh::of_lists(nodes, &kinds, &connectivity).unwrap())
 }
