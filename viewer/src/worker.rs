@@ -36,6 +36,10 @@ const FIRST_STEP: f32 = 4.0;
 /// Error of the reference image, as a share of the tolerance.
 const TRUTH_SHARE: f64 = 0.1;
 
+/// Variance of the widest low-pass filter for which opaque edges have several samples a pixel
+/// ([`Advanced::opaque_edges`]).
+const WIDEST_SAMPLED_PX2: f32 = 0.3;
+
 /// Time of a full picture, in seconds, below which no intermediate step is drawn.
 const SOON: f32 = 0.25;
 
@@ -484,6 +488,11 @@ fn read(shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<Stage> {
     })
 }
 
+/// Returns true if pictures may have tiles with several samples a pixel.
+fn samples_edges(settings: &Settings) -> bool {
+    settings.advanced.opaque_edges && settings.low_pass_variance_px2 <= WIDEST_SAMPLED_PX2
+}
+
 /// Returns the renderer on the device that the request names, or else on the window's.
 pub(crate) fn opened(renderer: Renderer, load: &Load) -> ewa_splat::Result<Renderer> {
     let backend = load.request.backend();
@@ -562,11 +571,8 @@ impl Stage {
             .view
             .as_ref()
             .is_some_and(|view| coarseness == Coarseness::none(view.settings.tolerance));
-        let gains = self.refinable.is_some()
-            || self
-                .view
-                .as_ref()
-                .is_some_and(|view| view.settings.advanced.opaque_edges);
+        let samples = |view: &View| samples_edges(&view.settings);
+        let gains = self.refinable.is_some() || self.view.as_ref().is_some_and(samples);
         self.left = match time.as_secs_f32() / coarseness.share {
             _ if is_whole && !gains => 1,
             whole if is_whole || whole < SOON => 2,
@@ -685,10 +691,7 @@ impl Stage {
             ..view.settings.clone()
         };
         // Samples of opaque edges are averaged in memory, not in textures.
-        let window = self
-            .window
-            .clone()
-            .filter(|_| !settings.advanced.opaque_edges);
+        let window = self.window.clone().filter(|_| !samples_edges(&settings));
         let renderer = match (effort, &task) {
             (Effort::Rest, Some(task)) => self.best(&view, std::slice::from_ref(&camera), task)?,
             _ => &mut self.renderer,
