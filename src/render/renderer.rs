@@ -298,10 +298,16 @@ impl Renderer {
         Ok(&self.images.image)
     }
 
+    /// Returns true if pictures may have tiles of several samples a pixel
+    /// ([`Advanced::opaque_edges`](crate::render::Advanced::opaque_edges)).
+    pub fn may_sample_edges(&self, settings: &Settings) -> bool {
+        may_supersample(&self.scene, settings)
+    }
+
     /// Returns the regions of the picture that was just drawn whose tiles contain opaque edges: the same on
     /// all ranks.
     pub(super) fn regions(&mut self, plan: &FramePlan, settings: &Settings) -> Result<Vec<Region>> {
-        if !may_supersample(&self.scene, settings) {
+        if !self.may_sample_edges(settings) {
             return Ok(Vec::new());
         }
         let choose = || choose(&self.images.image, settings);

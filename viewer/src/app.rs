@@ -21,8 +21,9 @@ use crate::output::Output;
 use crate::path::KeyFrames;
 use crate::probe::Probe;
 use crate::time::Time;
+use crate::wanted::{Film, Load, View};
 use crate::watch::Watch;
-use crate::worker::{Drawn, Film, Load, Loaded, News, View, Worker};
+use crate::worker::{Drawn, Loaded, News, Worker};
 
 /// Linear colour behind pictures without a background.
 const BACKGROUND: [f32; 3] = [0.0116, 0.0116, 0.0152];

@@ -29,6 +29,7 @@ mod screenshot;
 #[cfg(test)]
 mod tests;
 mod time;
+mod wanted;
 mod watch;
 mod window;
 mod words;

@@ -9,7 +9,7 @@ use ewa_splat::scene::TransferFunction;
 use ewa_splat::view::Camera;
 use ewa_splat::{Classification, Renderer, Result, SceneOptions, Task};
 
-use crate::worker::{Load, View, opened};
+use crate::wanted::{Load, View};
 
 /// Scene whose kernels may be refined.
 pub(crate) struct Refinable {
@@ -113,6 +113,6 @@ impl Refinable {
             ..SceneOptions::default()
         };
         let renderer = scene.renderer(&options)?;
-        opened(renderer, &self.load).map(Some)
+        self.load.opened(renderer).map(Some)
     }
 }

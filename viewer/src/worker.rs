@@ -9,13 +9,13 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use ewa_splat::command::{Animation, ViewRequest, line};
+use ewa_splat::command::{Animation, line};
 use ewa_splat::io::{Up, write_image};
 use ewa_splat::legend::ColourBar;
 use ewa_splat::load;
 use ewa_splat::measure::{ErrorSample, ImageErrors, SampledError, accurate, compare};
 use ewa_splat::reference::{Integrator, ReferenceSettings};
-use ewa_splat::render::{Advanced, Backend, FrameCounts, Gpu, OpenBackend, Picked, StageTimes};
+use ewa_splat::render::{Advanced, FrameCounts, Gpu, Picked, StageTimes};
 use ewa_splat::scene::TransferFunction;
 use ewa_splat::view::{Bounds, Camera};
 use ewa_splat::{Composite, Error, Image, Renderer, SceneOptions, Settings, Show, Task, wgpu};
@@ -26,6 +26,7 @@ use crate::instead::{self, Instead};
 use crate::overlay::Overlay;
 use crate::path::RATE;
 use crate::refinable::Refinable;
+use crate::wanted::{Film, Load, View};
 
 /// Time without changes after which a picture is refined.
 const REST: Duration = Duration::from_millis(120);
@@ -36,51 +37,8 @@ const FIRST_STEP: f32 = 4.0;
 /// Error of the reference image, as a share of the tolerance.
 const TRUTH_SHARE: f64 = 0.1;
 
-/// Variance of the widest low-pass filter for which opaque edges have several samples a pixel
-/// ([`Advanced::opaque_edges`]).
-const WIDEST_SAMPLED_PX2: f32 = 0.3;
-
 /// Time of a full picture, in seconds, below which no intermediate step is drawn.
 const SOON: f32 = 0.25;
-
-/// Description of a picture.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct View {
-    /// Scene of the view: the number of its [`Load`].
-    pub(crate) scene: u64,
-    /// Number of the view.
-    pub(crate) number: u64,
-    pub(crate) camera: Camera,
-    pub(crate) settings: Settings,
-    /// Image shown in place of the picture.
-    pub(crate) instead: Option<Instead>,
-    /// Transfer function of each volume that has one.
-    pub(crate) functions: Vec<Option<TransferFunction>>,
-}
-
-/// Pictures of a view from several cameras, to be written.
-#[derive(Debug, Clone)]
-pub(crate) struct Film {
-    pub(crate) view: View,
-    /// Cameras, all of one size.
-    pub(crate) cameras: Vec<Camera>,
-    pub(crate) over: Overlay,
-    pub(crate) path: PathBuf,
-}
-
-/// Data to read.
-#[derive(Debug, Clone)]
-pub(crate) struct Load {
-    /// Number of the load.
-    pub(crate) scene: u64,
-    pub(crate) request: Arc<ViewRequest>,
-    pub(crate) field: Option<String>,
-    pub(crate) chosen: Vec<bool>,
-    /// Step of a series.
-    pub(crate) step: usize,
-    /// The window's device, if pictures are drawn on it.
-    pub(crate) gpu: Option<Gpu>,
-}
 
 /// Facts about a scene after it is read.
 #[derive(Debug, Clone)]
@@ -455,7 +413,7 @@ fn read(shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<Stage> {
         ..SceneOptions::default()
     };
     let renderer = scene.renderer(&options)?;
-    let renderer = opened(renderer, load)?;
+    let renderer = load.opened(renderer)?;
     let has_window = load.gpu.is_some() && renderer.adapter().is_some();
     let window = load.gpu.clone().filter(|_| has_window);
     let settings = request.settings(renderer.suitable_low_pass_px2());
@@ -486,21 +444,6 @@ fn read(shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<Stage> {
         left: 0,
         is_moving: false,
     })
-}
-
-/// Returns true if pictures may have tiles with several samples a pixel.
-fn samples_edges(settings: &Settings) -> bool {
-    settings.advanced.opaque_edges && settings.low_pass_variance_px2 <= WIDEST_SAMPLED_PX2
-}
-
-/// Returns the renderer on the device that the request names, or else on the window's.
-pub(crate) fn opened(renderer: Renderer, load: &Load) -> ewa_splat::Result<Renderer> {
-    let backend = load.request.backend();
-    match &load.gpu {
-        Some(gpu) if backend == Backend::Gpu => renderer.on(gpu.clone()),
-        Some(gpu) => renderer.on(OpenBackend::or_cpu(gpu.clone())),
-        None => renderer.on(backend.open()?),
-    }
 }
 
 fn volumes_of(scene: &load::Loaded) -> Vec<Volume> {
@@ -571,7 +514,7 @@ impl Stage {
             .view
             .as_ref()
             .is_some_and(|view| coarseness == Coarseness::none(view.settings.tolerance));
-        let samples = |view: &View| samples_edges(&view.settings);
+        let samples = |view: &View| self.renderer.may_sample_edges(&view.settings);
         let gains = self.refinable.is_some() || self.view.as_ref().is_some_and(samples);
         self.left = match time.as_secs_f32() / coarseness.share {
             _ if is_whole && !gains => 1,
@@ -691,7 +634,8 @@ impl Stage {
             ..view.settings.clone()
         };
         // Samples of opaque edges are averaged in memory, not in textures.
-        let window = self.window.clone().filter(|_| !samples_edges(&settings));
+        let window = self.window.clone();
+        let window = window.filter(|_| !self.renderer.may_sample_edges(&settings));
         let renderer = match (effort, &task) {
             (Effort::Rest, Some(task)) => self.best(&view, std::slice::from_ref(&camera), task)?,
             _ => &mut self.renderer,

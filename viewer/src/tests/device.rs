@@ -11,7 +11,8 @@ use glam::DVec3;
 use super::{LONGEST, fixture};
 use crate::orbit::{Lens, Orbit};
 use crate::screenshot::texels;
-use crate::worker::{Drawn, Load, Loaded, News, Picture, View, Worker};
+use crate::wanted::{Load, View};
+use crate::worker::{Drawn, Loaded, News, Picture, Worker};
 
 const SIZE: [usize; 2] = [150, 100];
 
