@@ -256,7 +256,7 @@ impl ViewRequest {
 
     /// Returns true if kernels may be refined for pictures.
     pub fn refines(&self) -> bool {
-        self.arguments.sample_options(None).refinement.is_some()
+        self.arguments.refinement().is_some()
     }
 
     /// Returns the treatment of the data's boundary.

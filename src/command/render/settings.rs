@@ -43,7 +43,7 @@ impl Arguments {
 
     /// Returns how far kernels are refined for the pictures. Only kernels that are classified over their extent
     /// gain by it.
-    fn refinement(&self) -> Option<Refinement> {
+    pub(in crate::command) fn refinement(&self) -> Option<Refinement> {
         let method = &self.method;
         let is_classified = method.classify == ClassifyName::Extent && !method.column_density;
         let is_refined = is_classified

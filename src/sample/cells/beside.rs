@@ -11,12 +11,10 @@ use super::parts::PartKernel;
 use crate::constants::MOST_EDGES;
 use crate::error::Result;
 use crate::math::principal_sigmas;
+use crate::sample::kernels::sums::SUM_CUTOFF;
 use crate::sample::points::neighbours::PointIndex;
 use crate::sample::positions::index_u32;
 use crate::task::Task;
-
-/// Reach of kernels in sums, in standard deviations.
-const SUM_REACH: f64 = 4.0;
 
 /// The particles of a volume that are not split.
 pub(super) struct WholeKernels<'a> {
@@ -48,7 +46,7 @@ impl WholeKernels<'_> {
     }
 
     fn reach(&self, i: usize) -> f64 {
-        SUM_REACH * principal_sigmas(self.factors[i].map(f64::from))[0]
+        SUM_CUTOFF * principal_sigmas(self.factors[i].map(f64::from))[0]
     }
 
     /// Evens out these kernels and parts beside them.
@@ -96,7 +94,7 @@ impl WholeKernels<'_> {
         let counts = self.particles.iter().zip(counts);
         let members: Vec<usize> = counts.filter_map(|(&i, is)| is.then_some(i)).collect();
         let of_part = |part: &PartKernel| {
-            let reach = SUM_REACH * principal_sigmas(part.factor)[0];
+            let reach = SUM_CUTOFF * principal_sigmas(part.factor)[0];
             (part.position, reach)
         };
         let part_counts = near(&places, parts.par_iter().map(of_part));
@@ -107,11 +105,8 @@ impl WholeKernels<'_> {
             let place = members.binary_search(&own);
             let is_fixed = place.is_err() || beside.binary_search(&own).is_err();
             let follows = index_u32(place.unwrap_or(uneven.positions.len()));
-            let kernel = (
-                self.positions[i],
-                self.factors[i],
-                f64::from(self.volumes[i]),
-            );
+            let factor = self.factors[i].map(f64::from);
+            let kernel = (self.positions[i], factor, f64::from(self.volumes[i]));
             uneven.push(kernel, edges(i), follows, is_fixed);
         }
         // Place of each part among the kernels.
@@ -125,7 +120,7 @@ impl WholeKernels<'_> {
             let is_fixed = !changes[own] || part.is_partial || place_of[own] == u32::MAX;
             let follows = if is_fixed { place_of[n] } else { place_of[own] };
             let kernel = (part.position, part.factor, part.volume);
-            uneven.push_wide(kernel, part.edges.as_ref(), follows, is_fixed);
+            uneven.push(kernel, part.edges.as_ref(), follows, is_fixed);
         }
         let is_even = uneven.even_out(task)?;
         let factors = members.iter().zip(&uneven.volumes);

@@ -14,11 +14,9 @@ use crate::sample::kernels::even::CutKernels;
 use crate::sample::kernels::sums::Summand;
 use crate::sample::points::neighbours::PointIndex;
 use crate::sample::positions::index_u32;
+use crate::sample::refine::PASSES;
 use crate::scene::BoundaryPlanes;
 use crate::task::Task;
-
-/// Number of corrections.
-const PASSES: usize = 3;
 
 /// Greatest factor by which a volume changes in one correction.
 const MOST_CHANGE: f64 = 2.0;
@@ -85,15 +83,17 @@ impl UnevenKernels {
     }
 
     /// Appends a kernel.
+    ///
+    /// - `follows`, `is_fixed`: as in the fields of these names.
     pub(super) fn push(
         &mut self,
-        (position, factor, volume): (DVec3, [f32; 6], f64),
+        (position, factor, volume): (DVec3, [f64; 6], f64),
         edges: Option<&[[f32; 4]; MOST_EDGES]>,
         follows: u32,
         is_fixed: bool,
     ) {
         self.positions.push(position);
-        self.factors.push(factor);
+        self.factors.push(factor.map(narrowed));
         self.volumes.push(volume);
         self.follows.push(follows);
         self.is_fixed.push(is_fixed);
@@ -101,18 +101,6 @@ impl UnevenKernels {
         planes.edges.extend(edges);
         let word = edges.map_or(0, |_| index_u32(planes.edges.len()));
         planes.of_particle.push(word);
-    }
-
-    /// Appends a kernel whose factor is in double precision.
-    pub(super) fn push_wide(
-        &mut self,
-        (position, factor, volume): (DVec3, [f64; 6], f64),
-        edges: Option<&[[f32; 4]; MOST_EDGES]>,
-        follows: u32,
-        is_fixed: bool,
-    ) {
-        let factor = factor.map(narrowed);
-        self.push((position, factor, volume), edges, follows, is_fixed);
     }
 }
 
@@ -135,7 +123,7 @@ mod tests {
                 // Kernels at the ends lack those beyond.
                 let is_fixed = (centre - 4.0).abs().max_element() > 2.0;
                 let follows = u32::try_from(all.positions.len()).unwrap();
-                all.push_wide((centre, factor, side.powi(3)), None, follows, is_fixed);
+                all.push((centre, factor, side.powi(3)), None, follows, is_fixed);
             }
         }
         all
@@ -183,7 +171,7 @@ mod tests {
         let mut all = UnevenKernels::default();
         let factor = [0.6, 0.0, 0.6, 0.0, 0.0, 0.6];
         for (x, follows) in [(0.5, 0), (1.5, 1), (-0.5, 0)] {
-            all.push_wide((DVec3::X * x, factor, 1.0), None, follows, false);
+            all.push((DVec3::X * x, factor, 1.0), None, follows, false);
         }
         assert!(all.even_out(None).unwrap());
         assert_eq!(all.volumes[0], all.volumes[2]);

@@ -11,16 +11,11 @@ use super::levels::DualCell;
 use super::pieces::{Piece, PieceShape};
 use super::walls::{Walls, walls};
 use crate::constants::MOST_EDGES;
-use crate::math::{factor_of_variance, lower_factor, lower_matrix, narrowed, normal_code};
+use crate::math::{factor_of_variance, lower_factor, lower_matrix};
 use crate::sample::field::local_models::quadratic::Quadratic;
-use crate::sample::field::local_models::{Range, local_model};
-use crate::sample::kernels::Kernel;
 use crate::sample::kernels::planes::edges;
-use crate::sample::refine::Part;
 use crate::sample::refine::rule::Rule;
-
-/// Reach of a part's kernel beyond which it takes no values, in standard deviations.
-const VALUE_REACH: f64 = 2.5;
+use crate::sample::refine::{Part, VALUE_REACH};
 
 /// Kernel of a part, or of its mirror image.
 #[derive(Debug, Clone)]
@@ -136,26 +131,16 @@ impl PartKernel {
         if !rule.shows(self.range) {
             return None;
         }
-        let kernel = Kernel::new(self.position, self.factor, volume).ok()?;
-        let value = narrowed(self.value);
-        let range = Range {
-            least: narrowed(self.range[0]),
-            greatest: narrowed(self.range[1]),
-        };
         // Within a cell the interpolant has no second differences to sharpen.
         let field = Quadratic {
             gradient: self.gradient,
             hessian: DMat3::ZERO,
         };
-        let matrix = lower_matrix(self.factor);
-        let model = local_model(&field, matrix, DVec3::ZERO, value, range, 1.0);
-        let reached = model.reached(value, [range.least, range.greatest]);
-        rule.shows(reached.map(f64::from)).then(|| Part {
-            kernel,
-            value: self.value,
-            model,
-            normal: normal_code(self.gradient),
+        let kernel = (self.position, self.factor, volume);
+        let part = Part::shown(rule, kernel, (self.value, self.range), &field)?;
+        Some(Part {
             edges: self.edges,
+            ..part
         })
     }
 }

@@ -116,14 +116,10 @@ pub(super) fn refine_mesh(
     if levels.iter().all(|level| *level == 0) {
         return Ok(());
     }
-    let all_nodes = Nodes {
-        cells,
-        values: &of_nodes,
-    };
     let parts_of = |&node: &u32| {
         let mut parts = Vec::new();
         let around = mesh.around.of(node);
-        if let Some(dual) = all_nodes.dual_cell(node, around, |_| true) {
+        if let Some(dual) = nodes.dual_cell(node, around, |_| true) {
             let near = surface_near(mesh, node, planes.is_some());
             let count = 1 << (levels[node as usize] - 1);
             let place = |n: u32| cells.mesh.nodes[n as usize];

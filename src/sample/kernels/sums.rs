@@ -12,7 +12,7 @@ use crate::sample::points::neighbours::PointIndex;
 use crate::task::{Task, fill};
 
 /// Cut-off of kernels, in standard deviations; .1 % of a kernel lies beyond.
-const SUM_CUTOFF: f64 = 4.0;
+pub(in crate::sample) const SUM_CUTOFF: f64 = 4.0;
 
 /// Number of points that are summed together.
 const LEAF: usize = 8;

@@ -10,7 +10,7 @@ use super::levels::Extent;
 use super::rule::MOST_LEVEL;
 
 /// Number of corrections.
-pub(super) const PASSES: usize = 3;
+pub(in crate::sample) const PASSES: usize = 3;
 
 /// Cut-off in standard deviations.
 const CUTOFF: f64 = 4.0;

@@ -19,6 +19,7 @@ pub(super) mod rule;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
+pub(super) use self::even::PASSES;
 use self::even::{Volumes, offset, part, part_count};
 use self::face::FaceNodes;
 use self::levels::Extent;
@@ -31,7 +32,7 @@ use super::kernels::Kernel;
 use super::kernels::planes::edges;
 use crate::constants::MOST_EDGES;
 use crate::error::Result;
-use crate::math::{lower_factor, narrowed, normal_code};
+use crate::math::{lower_factor, lower_matrix, narrowed, normal_code};
 use crate::sample::positions::index_u32;
 use crate::scene::{
     Boundary, LocalModel, Particles, PointVolume, Strength, TransferFunction, Values,
@@ -39,7 +40,7 @@ use crate::scene::{
 use crate::view::{Camera, Projection};
 
 /// Number of planes beside a rank's own on which its parts depend: neighbours, grading, and the evening out.
-pub(super) const PLANES: usize = 1 + rule::MOST_LEVEL as usize + 2 * (even::PASSES + 1);
+pub(super) const PLANES: usize = 1 + rule::MOST_LEVEL as usize + 2 * (PASSES + 1);
 
 /// Least displacement that kernels are refined for. Their own width hides smaller ones.
 const LEAST_THRESHOLD_PX: f64 = 0.25;
@@ -51,7 +52,7 @@ pub(super) const MOST_PARTS: usize = 1 << 22;
 const MOST_DOUBLINGS: usize = 12;
 
 /// Reach of a part's kernel beyond which it takes no values, in standard deviations.
-const VALUE_REACH: f64 = 2.5;
+pub(super) const VALUE_REACH: f64 = 2.5;
 
 /// Pictures for which kernels are refined.
 #[derive(Debug, Clone, PartialEq)]
@@ -120,6 +121,36 @@ pub(super) struct Part {
     pub(super) model: LocalModel,
     pub(super) normal: u32,
     pub(super) edges: Option<[[f32; 4]; MOST_EDGES]>,
+}
+
+impl Part {
+    /// Returns a part that no face cuts; `None` if the function does not show it, or if single precision does not hold
+    /// it.
+    ///
+    /// - `position`, `lower`, `volume`: of its kernel, with the lower-triangular factor of the variance.
+    /// - `value`, `range`: value of the field at its centre, and the values that the kernel may take.
+    /// - `field`: derivatives of the field at its centre.
+    pub(super) fn shown(
+        rule: &Rule,
+        (position, lower, volume): (DVec3, [f64; 6], f64),
+        (value, range): (f64, [f64; 2]),
+        field: &Quadratic,
+    ) -> Option<Self> {
+        let kernel = Kernel::new(position, lower, volume).ok()?;
+        let [least, greatest] = range.map(narrowed);
+        let own = narrowed(value);
+        let matrix = lower_matrix(lower);
+        let range = Range { least, greatest };
+        let model = local_model(field, matrix, DVec3::ZERO, own, range, 1.0);
+        let reached = model.reached(own, [least, greatest]);
+        rule.shows(reached.map(f64::from)).then(|| Self {
+            kernel,
+            value,
+            model,
+            normal: normal_code(field.gradient),
+            edges: None,
+        })
+    }
 }
 
 /// Standing of a node's dual cell.
@@ -244,24 +275,20 @@ pub(super) fn refine(
     let Some((rule, (levels, asked))) = found else {
         return Ok(None);
     };
-    let is_gone = |levels: &[[u8; 3]], n: usize| {
-        asked[n] == Asked::Unshown || (levels[n] != [0; 3] && asked[n] == Asked::Shown)
-    };
-    let gone_of = |levels: &[[u8; 3]]| {
-        let gone = nodes.iter().filter(|(n, _)| is_gone(levels, *n));
-        gone.map(|(_, particle)| *particle).collect()
-    };
+    let is_split = |n: usize| levels[n] != [0; 3];
+    let gone = nodes
+        .iter()
+        .filter(|(n, _)| is_split(*n) || asked[*n] == Asked::Unshown);
+    let gone = gone.map(|(_, particle)| *particle).collect();
     if levels.iter().all(|level| *level == [0; 3]) {
         return Ok(Some(Refined {
             level: 0,
-            gone: gone_of(&levels),
+            gone,
             evened: Vec::new(),
             parts: Vec::new(),
         }));
     }
     let volumes = Volumes::new(&extent, &levels, kernel_width, reach);
-    let is_split = |n: usize| levels[n] != [0; 3];
-    let gone = gone_of(&levels);
     let evened = nodes.iter().filter(|(n, _)| !is_split(*n));
     let evened = evened.map(|&(n, particle)| (particle, volumes.of(n, [0; 3], 0)));
     let evened = evened.filter(|(_, factor)| *factor != 1.0).collect();
@@ -310,19 +337,9 @@ fn part_of(
     let factor = place.jacobian * DMat3::from_diagonal(widths);
     let lower = lower_factor(factor);
     let volume = place.jacobian.determinant().abs() * volume;
-    let kernel = Kernel::new(place.position, lower, volume).ok()?;
-    let value = narrowed(place.value);
-    let range = Range {
-        least: narrowed(around[0]),
-        greatest: narrowed(around[1]),
-    };
     let field = Quadratic { gradient, hessian };
-    let matrix = crate::math::lower_matrix(lower);
-    let model = local_model(&field, matrix, DVec3::ZERO, value, range, 1.0);
-    let reached = model.reached(value, [range.least, range.greatest]);
-    if !rule.shows(reached.map(f64::from)) {
-        return None;
-    }
+    let kernel = (place.position, lower, volume);
+    let part = Part::shown(rule, kernel, (place.value, around), &field)?;
     let near = |face: &&FaceNodes| {
         let offset = offsets[face.axis].unwrap_or(0.0);
         face.is_near(offset, widths[face.axis])
@@ -333,11 +350,8 @@ fn part_of(
         .filter_map(|face| face.plane(offsets))
         .collect();
     Some(Part {
-        kernel,
-        value: place.value,
-        model,
-        normal: normal_code(gradient),
         edges: edges(&planes, place.position, &factor),
+        ..part
     })
 }
 
