@@ -103,7 +103,7 @@ fn dataset(geometry: Geometry, association: Association, values: Vec<f32>) -> Da
     Dataset::new("made".as_ref(), "made", geometry, vec![field])
 }
 
-fn at_nodes(geometry: Geometry, field: impl Fn(DVec3) -> f64) -> Dataset {
+pub(super) fn at_nodes(geometry: Geometry, field: impl Fn(DVec3) -> f64) -> Dataset {
     let nodes: Vec<DVec3> = match &geometry {
         Geometry::Cells(mesh) => mesh.nodes.clone(),
         Geometry::Curvilinear { blocks } => blocks.iter().flat_map(|b| b.nodes.clone()).collect(),

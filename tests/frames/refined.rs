@@ -1,7 +1,7 @@
 //! Tests refined kernels against the field between the nodes: its picture, its values beyond the boundary, and the
 //! grids that stay as they are.
 
-use ewa_splat::io::{Association, CellMesh, CurvilinearBlock, Dataset, Geometry};
+use ewa_splat::io::{CurvilinearBlock, Dataset, Geometry};
 use ewa_splat::reference::{DataIntegrator, ReferenceSettings};
 use ewa_splat::sample::{
     BoundaryChoice, FunctionOptions, PurposeOptions, Refinement, SampleOptions, Sampled,
@@ -12,27 +12,12 @@ use ewa_splat::view::Camera;
 use ewa_splat::{Renderer, Settings};
 use glam::DVec3;
 
-use crate::common::scalar;
 use crate::extent::{camera, field, shells};
+use crate::reference_data::at_nodes;
+use crate::ripple_pictures::hexahedra;
 
 /// Side of pictures, in which cells are some 15 pixels wide.
 const SIZE: usize = 128;
-
-fn of(geometry: Geometry, field: impl Fn(DVec3) -> f64) -> Dataset {
-    let nodes: Vec<DVec3> = match &geometry {
-        Geometry::Curvilinear { blocks } => blocks.iter().flat_map(|b| b.nodes.clone()).collect(),
-        Geometry::Lattice(lattice) => {
-            let [x, y, _] = lattice.dims;
-            let at = |n: usize| lattice.position([n % x, n / x % y, n / (x * y)]);
-            (0..lattice.len()).map(at).collect()
-        }
-        Geometry::Cells(mesh) => mesh.nodes.clone(),
-        _ => panic!("a grid"),
-    };
-    let values = nodes.into_iter().map(|p| field(p) as f32).collect();
-    let field = scalar("f", Association::Nodes, values);
-    Dataset::new("made".as_ref(), "made", geometry, vec![field])
-}
 
 fn lattice(n: usize) -> Geometry {
     let spacing = DVec3::splat(2.0 / (n - 1) as f64);
@@ -40,7 +25,7 @@ fn lattice(n: usize) -> Geometry {
 }
 
 /// Returns a grid whose cells are sheared and of different sizes.
-fn warped(n: usize) -> Geometry {
+fn warped(n: usize) -> CurvilinearBlock {
     let along = |i: usize| 2.0 * i as f64 / (n - 1) as f64 - 1.0;
     let warp = |p: DVec3| {
         p + 0.12
@@ -57,35 +42,16 @@ fn warped(n: usize) -> Geometry {
             along(i / (n * n)),
         ))
     };
-    let block = CurvilinearBlock {
+    CurvilinearBlock {
         dims: [n; 3],
         nodes: (0..n.pow(3)).map(at).collect(),
-    };
-    Geometry::Curvilinear {
-        blocks: vec![block],
     }
 }
 
-/// Returns the cells of that grid as hexahedra.
-fn hexahedra(n: usize) -> Geometry {
-    let Geometry::Curvilinear { blocks } = warped(n) else {
-        unreachable!("the grid above")
-    };
-    let cells = n - 1;
-    let mut connectivity = Vec::new();
-    for i in 0..cells.pow(3) {
-        let [x, y, z] = [i % cells, i / cells % cells, i / (cells * cells)];
-        let corner = |[dx, dy, dz]: [usize; 3]| (x + dx + n * (y + dy + n * (z + dz))) as i64;
-        // VTK's order: around the lower face, then around the upper one.
-        let around = [[0, 0], [1, 0], [1, 1], [0, 1]];
-        connectivity.push(8);
-        for upper in [0, 1] {
-            connectivity.extend(around.map(|[dx, dy]| corner([dx, dy, upper])));
-        }
+fn grid(block: CurvilinearBlock) -> Geometry {
+    Geometry::Curvilinear {
+        blocks: vec![block],
     }
-    let nodes: Vec<DVec3> = blocks.into_iter().flat_map(|block| block.nodes).collect();
-    let kinds = vec![12; cells.pow(3)];
-    Geometry::Cells(CellMesh::of_lists(nodes, &kinds, &connectivity).unwrap())
 }
 
 fn options(function: &TransferFunction, refines: bool) -> SampleOptions {
@@ -136,8 +102,9 @@ fn error(data: &Dataset, refines: bool) -> (f64, Sampled) {
 
 #[test]
 fn refined_kernels_are_nearer_to_the_field_between_nodes() {
-    for (geometry, most) in [(lattice(7), 0.7), (warped(7), 0.7), (hexahedra(7), 0.8)] {
-        let data = of(geometry, field);
+    let cells = Geometry::Cells(hexahedra(&warped(7)));
+    for (geometry, most) in [(lattice(7), 0.7), (grid(warped(7)), 0.7), (cells, 0.8)] {
+        let data = at_nodes(geometry, field);
         let (plain, _) = error(&data, false);
         let (refined, sampled) = error(&data, true);
         let report = sampled.report;
@@ -159,8 +126,8 @@ fn fields_without_bends_and_functions_that_show_nothing_leave_lattices() {
         assert_eq!(sampled.report.refined_count, 0);
         matches!(sampled.volume.particles, Particles::Lattice { .. })
     };
-    assert!(is_lattice(of(lattice(9), linear)));
-    assert!(is_lattice(of(lattice(9), |p| field(p) + 5.0)));
+    assert!(is_lattice(at_nodes(lattice(9), linear)));
+    assert!(is_lattice(at_nodes(lattice(9), |p| field(p) + 5.0)));
     // Infinity is the end of the range on a lattice; a grid leaves it out.
     let infinite = |p: DVec3| {
         if p == DVec3::ONE {
@@ -169,12 +136,12 @@ fn fields_without_bends_and_functions_that_show_nothing_leave_lattices() {
             field(p)
         }
     };
-    assert!(is_lattice(of(lattice(9), infinite)));
+    assert!(is_lattice(at_nodes(lattice(9), infinite)));
 }
 
 #[test]
 fn samples_that_the_function_does_not_show_are_left_out_of_refined_grids() {
-    let data = of(warped(13), field);
+    let data = at_nodes(grid(warped(13)), field);
     let sampled = volume(data.clone(), &options(&shells(), true)).unwrap();
     let kept = sampled.report.particle_count - sampled.report.refined_count;
     let plain = volume(data, &options(&shells(), false)).unwrap().report;
@@ -209,7 +176,7 @@ fn values_beyond_the_boundary_are_extended_before_cells_are_split() {
         )],
         threshold_px: 0.1,
     });
-    let Sampled { volume, report } = volume(of(geometry, bent), &options).unwrap();
+    let Sampled { volume, report } = volume(at_nodes(geometry, bent), &options).unwrap();
     assert!(report.refined_count > 0);
     let values = volume.values.unwrap();
     let Particles::Anisotropic { positions, .. } = &volume.particles else {

@@ -43,7 +43,7 @@ fn uniform(geometry: Geometry, association: Association) -> PointVolume {
 }
 
 /// Converts a curvilinear block to hexahedra.
-fn hexahedra(block: &CurvilinearBlock) -> CellMesh {
+pub(super) fn hexahedra(block: &CurvilinearBlock) -> CellMesh {
     let [ni, nj, nk] = block.dims;
     let mut mesh = CellMesh {
         nodes: block.nodes.clone(),
