@@ -97,10 +97,15 @@ impl Image {
     #[must_use]
     pub fn over(&self, background: [f32; 3]) -> Self {
         let mut image = self.clone();
-        for pixel in &mut image.pixels {
+        image.lay_over(background);
+        image
+    }
+
+    /// Draws a linear background behind the image.
+    pub(crate) fn lay_over(&mut self, background: [f32; 3]) {
+        for pixel in &mut self.pixels {
             *pixel = over(*pixel, background);
         }
-        image
     }
 
     /// Makes a transparent black image.

@@ -210,6 +210,7 @@ mod tests {
     use crate::cpu::CpuFrames;
     use crate::frame::backend::{DrawFrames, FrameReport, Images};
     use crate::frame::settings::Advanced;
+    use crate::image::over;
     use crate::math::narrowed;
     use crate::render::Renderer;
     use crate::scene::{Lattice, PointVolume, TransferFunction};
@@ -305,8 +306,13 @@ mod tests {
             };
             let camera = camera(size);
             let (image, counts) = drawn(&volume, &camera, &settings);
-            let before = plain(&scene, &camera, &settings);
-            let samples = plain(&scene, &larger(&camera, SAMPLES), &settings);
+            // Tiles are chosen, and samples averaged, without a background.
+            let bare = Settings {
+                background: None,
+                ..settings.clone()
+            };
+            let before = plain(&scene, &camera, &bare);
+            let samples = plain(&scene, &larger(&camera, SAMPLES), &bare);
             let chosen = choose(&before, &settings);
             let count = chosen.iter().filter(|is| **is != 0).count();
             assert_eq!(counts.supersampled_tiles, count);
@@ -318,6 +324,7 @@ mod tests {
                         0 => before.pixel(x, y),
                         _ => mean(&samples, x, y),
                     };
+                    let expected = background.map_or(expected, |b| over(expected, b));
                     let bits = |pixel: [f32; 4]| pixel.map(f32::to_bits);
                     assert_eq!(
                         bits(image.pixel(x, y)),

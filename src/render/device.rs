@@ -54,13 +54,15 @@ impl Renderer {
     /// # Errors
     /// The errors of [`Renderer::render`].
     pub async fn render_async(&mut self, camera: &Camera, settings: &Settings) -> Result<&Image> {
-        let plan = self.plan(camera, settings)?;
+        let mut plan = self.plan(camera, settings)?;
+        let background = self.take_background(&mut plan, settings);
         let mut report = self.draw_async(&plan).await?;
         for region in self.regions(&plan, settings)? {
             let finer = region.plan(&self.scene, &plan, settings)?;
             let samples = self.draw_async(&finer).await?;
             self.average(&region, &samples, &mut report);
         }
+        self.lay_over(background);
         self.drawn(&plan, report);
         Ok(&self.images.image)
     }

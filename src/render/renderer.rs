@@ -287,13 +287,15 @@ impl Renderer {
     /// conflict with each other or with the scene; a device that is lost or has too little memory; a
     /// cancelled frame, which leaves the images partly drawn.
     pub fn render(&mut self, camera: &Camera, settings: &Settings) -> Result<&Image> {
-        let plan = self.plan(camera, settings)?;
+        let mut plan = self.plan(camera, settings)?;
+        let background = self.take_background(&mut plan, settings);
         let mut report = self.draw(&plan)?;
         for region in self.regions(&plan, settings)? {
             let finer = region.plan(&self.scene, &plan, settings)?;
             let samples = self.draw(&finer)?;
             self.average(&region, &samples, &mut report);
         }
+        self.lay_over(background);
         self.drawn(&plan, report);
         Ok(&self.images.image)
     }
@@ -302,6 +304,31 @@ impl Renderer {
     /// ([`Advanced::opaque_edges`](crate::render::Advanced::opaque_edges)).
     pub fn may_sample_edges(&self, settings: &Settings) -> bool {
         may_supersample(&self.scene, settings)
+    }
+
+    /// Takes the background out of a plan if tiles may be drawn again: they are chosen by opacities, which a
+    /// background hides. One that is blended in codes stays.
+    pub(super) fn take_background(
+        &self,
+        plan: &mut FramePlan,
+        settings: &Settings,
+    ) -> Option<[f32; 3]> {
+        let is_taken = self.may_sample_edges(settings) && !plan.is_encoded;
+        plan.background.take_if(|_| is_taken)
+    }
+
+    /// Draws a background that was taken out of a plan behind the picture.
+    pub(super) fn lay_over(&mut self, background: Option<[f32; 3]>) {
+        if let Some(background) = background
+            && self.is_first()
+        {
+            self.images.image.lay_over(background);
+        }
+    }
+
+    /// Returns true unless another rank's renderer has the picture.
+    fn is_first(&self) -> bool {
+        self.rank().is_none_or(|rank| rank == 0)
     }
 
     /// Returns the regions of the picture that was just drawn whose tiles contain opaque edges: the same on
@@ -332,7 +359,7 @@ impl Renderer {
         samples: &FrameReport,
         report: &mut FrameReport,
     ) {
-        if self.rank().is_none_or(|rank| rank == 0) {
+        if self.is_first() {
             region.average(&self.samples.image, &mut self.images.image);
         }
         report.add_samples(region.count(), samples);
