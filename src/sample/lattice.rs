@@ -14,11 +14,12 @@ use crate::sample::function::classified;
 use crate::sample::options::{FunctionOptions, SampleOptions, TransferChoice};
 use crate::sample::refine;
 use crate::sample::refine::Refinement;
+use crate::sample::refine::rule::ShownValues;
 use crate::sample::report::SampleReport;
 use crate::sample::sampled::Sampled;
 use crate::sample::scalar::{check_count, check_len, take_scalar};
 use crate::scene::{Boundary, LONE_CELL_WIDTH, Lattice, LatticeSpacing, Particles, Surroundings};
-use crate::scene::{Colour, PointVolume, Strength, TransferFunction, ValueSample, Values};
+use crate::scene::{Colour, PointVolume, Strength, ValueSample, Values};
 
 const NOT_FINITE: &str =
     "not finite; NaN is drawn as transparent, infinity as the end of the range";
@@ -111,9 +112,8 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         (mean_spacing, Surroundings::Included),
         options,
     )?;
-    if let (Some(refinement), Some((values, lattice)), Some(function)) =
-        (refinement, kept, &sampled.volume.transfer_function)
-        && asks(&sampled.volume, &lattice, function, refinement, options)
+    if let (Some(refinement), Some((values, lattice))) = (refinement, kept)
+        && asks(&sampled.volume, &lattice, refinement, options)
     {
         let blocks = vec![CurvilinearBlock::of_lattice(&lattice)];
         dataset.geometry = Geometry::Curvilinear { blocks };
@@ -136,15 +136,15 @@ pub(crate) fn may_refine(lattice: &Lattice, association: Association) -> bool {
     is_solid && association == Association::Nodes && lattice.len() <= MOST_REFINED
 }
 
-/// Returns true if the transfer function and the field ask for parts of any cell.
+/// Returns true if what the pictures show of the field asks for parts of any cell.
 fn asks(
     volume: &PointVolume,
     lattice: &Lattice,
-    function: &TransferFunction,
     refinement: &Refinement,
     options: &SampleOptions,
 ) -> bool {
-    let Some(values) = &volume.values else {
+    let (Some(values), Some(shown)) = (&volume.values, ShownValues::new(volume, options.flatten))
+    else {
         return false;
     };
     let [x, y, _] = lattice.dims;
@@ -156,7 +156,7 @@ fn asks(
             value.is_finite().then(|| (lattice.position(node), value))
         },
     };
-    refine::asks(&samples, function, refinement, options.kernels.width)
+    refine::asks(&samples, &shown, refinement, options.kernels.width)
 }
 
 /// Samples a lattice as a curvilinear grid, whose kernels can be refined.

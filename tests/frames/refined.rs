@@ -5,9 +5,9 @@ use ewa_splat::io::{CurvilinearBlock, Dataset, Geometry};
 use ewa_splat::reference::{DataIntegrator, ReferenceSettings};
 use ewa_splat::sample::{
     BoundaryChoice, FunctionOptions, PurposeOptions, Refinement, SampleOptions, Sampled,
-    TransferChoice, volume,
+    TransferChoice, scene, volume,
 };
-use ewa_splat::scene::{Lattice, Particles, TransferFunction};
+use ewa_splat::scene::{Lattice, Particles, PointVolume, Strength, TransferFunction};
 use ewa_splat::view::Camera;
 use ewa_splat::{Renderer, Settings};
 use glam::DVec3;
@@ -201,4 +201,146 @@ fn values_beyond_the_boundary_are_extended_before_cells_are_split() {
         }
     }
     assert!(count > 20, "{count}");
+}
+
+/// Radius of the ball whose surface is extracted.
+const RADIUS: f64 = 0.62;
+
+/// Returns positions and areas of an iso-surface's discs.
+fn discs(volume: &PointVolume) -> Vec<(DVec3, f64)> {
+    let (Particles::Surfels { positions, .. }, Strength::Surface(areas)) =
+        (&volume.particles, &volume.strength)
+    else {
+        panic!("surfels expected");
+    };
+    let areas = areas.iter().copied().map(f64::from);
+    positions.iter().copied().zip(areas).collect()
+}
+
+/// Returns the iso-surface of the distance from the middle, as far away as the ball's radius.
+fn ball(geometry: Geometry, refines: bool) -> Vec<(DVec3, f64)> {
+    let options = SampleOptions {
+        flatten: Some(RADIUS),
+        ..options(&shells(), refines)
+    };
+    let sampled = scene(at_nodes(geometry, DVec3::length), &options).unwrap();
+    assert_eq!(sampled.report.refined_count > 0, refines);
+    discs(&sampled.volumes[0])
+}
+
+/// Returns the distance from the middle as a lattice interpolates it.
+fn interpolated(nodes: usize, at: DVec3) -> f64 {
+    let step = 2.0 / (nodes - 1) as f64;
+    let place = (at + 1.0) / step;
+    let low = place
+        .floor()
+        .clamp(DVec3::ZERO, DVec3::splat((nodes - 2) as f64));
+    let share = place - low;
+    let corner = |n: usize| {
+        let by = DVec3::from([n & 1, n >> 1 & 1, n >> 2].map(|i| i as f64));
+        let weight = (1.0 - by + (2.0 * by - 1.0) * share).element_product();
+        weight * ((low + by) * step - 1.0).length()
+    };
+    (0..8).map(corner).sum()
+}
+
+/// The surface of the interpolant on a coarse lattice: discs lie on it, and have its area.
+#[test]
+fn iso_surfaces_of_refined_kernels_follow_the_interpolant() {
+    const NODES: usize = 7;
+    let off = |at: DVec3| interpolated(NODES, at) - RADIUS;
+    let [plain, refined] = [false, true].map(|refines| {
+        let discs = ball(lattice(NODES), refines);
+        let area: f64 = discs.iter().map(|(_, area)| area).sum();
+        let squares = discs.iter().map(|(at, area)| area * off(*at).powi(2));
+        ((squares.sum::<f64>() / area).sqrt(), area, discs.len())
+    });
+    // The area by the integral of the gradient's length over a thin layer.
+    let (count, half) = (200, 0.01);
+    let step = 2.0 / count as f64;
+    let place = |n: usize| (n as f64 + 0.5) * step - 1.0;
+    let mut area = 0.0;
+    for n in 0..count * count * count {
+        let at = DVec3::new(
+            place(n % count),
+            place(n / count % count),
+            place(n / count / count),
+        );
+        if off(at).abs() < half {
+            let change = |d: DVec3| (off(at + d * 1e-4) - off(at - d * 1e-4)) / 2e-4;
+            let gradient = DVec3::new(change(DVec3::X), change(DVec3::Y), change(DVec3::Z));
+            area += gradient.length() * step.powi(3) / (2.0 * half);
+        }
+    }
+    println!("off by {plain:?}, refined {refined:?}, area {area}");
+    assert!(refined.0 < 0.3 * plain.0, "{plain:?} {refined:?}");
+    assert!((refined.1 / area - 1.0).abs() < 0.01, "{refined:?} {area}");
+}
+
+/// Other grids, whose cells have no simple inverse: the surface is that of the ball within what interpolation errs by.
+#[test]
+fn iso_surfaces_of_refined_kernels_are_those_of_all_grids() {
+    let cells = Geometry::Cells(hexahedra(&warped(9)));
+    for geometry in [grid(warped(9)), cells] {
+        let [plain, refined] = [false, true].map(|refines| {
+            let discs = ball(geometry.clone(), refines);
+            let area: f64 = discs.iter().map(|(_, area)| area).sum();
+            let squares = discs
+                .iter()
+                .map(|(at, area)| area * (at.length() - RADIUS).powi(2));
+            let area_of_ball = 4.0 * std::f64::consts::PI * RADIUS * RADIUS;
+            (
+                (squares.sum::<f64>() / area).sqrt(),
+                area / area_of_ball,
+                discs.len(),
+            )
+        });
+        println!("off by {plain:?}, refined {refined:?}");
+        assert!(
+            refined.0 < plain.0 && (refined.1 - 1.0).abs() < 0.03,
+            "{plain:?} {refined:?}"
+        );
+    }
+}
+
+/// A field whose bends lie in one half keeps its picture in the other, where kernels stay whole.
+#[test]
+fn kernels_that_stay_whole_beside_refined_ones_keep_their_picture() {
+    let along_y = Camera::orthographic(DVec3::NEG_Y * 5.0, DVec3::ZERO, DVec3::Z, 2.0, [SIZE; 2]);
+    let bends = |p: DVec3| {
+        let kink = (p.x - 0.4).max(0.0);
+        0.45 + 0.3 * p.z + 0.8 * kink * p.y
+    };
+    let data = at_nodes(lattice(13), bends);
+    let picture = |refines: bool| {
+        let options = options(&shells(), refines);
+        let options = SampleOptions {
+            refinement: options.refinement.map(|refinement| Refinement {
+                cameras: vec![along_y.clone()],
+                ..refinement
+            }),
+            ..options
+        };
+        let sampled = volume(data.clone(), &options).unwrap();
+        assert_eq!(sampled.report.refined_count > 0, refines);
+        let mut renderer = Renderer::new(vec![sampled.volume]).unwrap();
+        let drawn = renderer.render(&along_y, &Settings::default());
+        drawn.unwrap().clone()
+    };
+    let (plain, refined) = (picture(false), picture(true));
+    let far = |x: usize| {
+        along_y.camera_point(DVec3::NEG_X * 0.1).x * along_y.focal_px.x + along_y.centre_px.x
+            > x as f64
+    };
+    let mut greatest = 0.0_f32;
+    for y in 0..SIZE {
+        for x in (0..SIZE).filter(|&x| far(x)) {
+            let (a, b) = (plain.pixel(x, y), refined.pixel(x, y));
+            greatest = (0..4).fold(greatest, |most, c| most.max((a[c] - b[c]).abs()));
+        }
+    }
+    let opaque = (0..SIZE).map(|y| plain.pixel(SIZE / 4, y)[3]);
+    assert!(opaque.fold(0.0, f32::max) > 0.5);
+    // The tolerance of both pictures.
+    assert!(greatest < 2.0 / 255.0, "{greatest}");
 }

@@ -49,7 +49,6 @@ impl Arguments {
         let is_refined = is_classified
             && method.refine == Detail::Auto
             && method.reference != Some(ReferenceName::Data)
-            && self.data.flatten.is_none()
             && !method.post_classification;
         // The tolerance of a reference image is that of its integrals.
         let asked = method.tolerance.filter(|_| method.reference.is_none());

@@ -219,6 +219,7 @@ mod tests {
     use crate::data::handedness::Handedness;
     use crate::sample::cells::duals::{Duals, turned};
     use crate::sample::cells::incidence::CellsAround;
+    use crate::sample::refine::rule::ShownValues;
     use crate::sample::report::SampleReport;
     use crate::scene::TransferFunction;
 
@@ -279,7 +280,7 @@ mod tests {
                     cells,
                     values: &values,
                 };
-                let rule = Rule::new(&hat(width), 1.0, 0.6);
+                let rule = Rule::new(&ShownValues::of_function(&hat(width)), 1.0, 0.6);
                 let dual = nodes.dual_cell(13, around.of(13), |range| rule.shows(range));
                 dual.unwrap().level(&rule, px, 0.6, 0.0)
             };

@@ -345,7 +345,7 @@ pub(crate) fn may_refine(cell_count: usize, of_nodes: bool) -> bool {
 ///
 /// - `of_nodes`: true for values at nodes.
 pub(crate) fn may_be_refined(cell_count: usize, of_nodes: bool, options: &SampleOptions) -> bool {
-    let is_wanted = options.refinement.is_some() && !options.makes_surface();
+    let is_wanted = options.refinement.is_some() && options.surface.is_none();
     is_wanted && options.kernels.shepard_passes == 0 && may_refine(cell_count, of_nodes)
 }
 

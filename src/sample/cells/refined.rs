@@ -16,7 +16,7 @@ use crate::error::Result;
 use crate::math::principal_sigmas;
 use crate::sample::options::SampleOptions;
 use crate::sample::positions::index_u32;
-use crate::sample::refine::rule::Rule;
+use crate::sample::refine::rule::{Rule, ShownValues};
 use crate::sample::refine::{MOST_PARTS, Refined, apply, within_budget};
 use crate::sample::sampled::Sampled;
 use crate::scene::{Boundary, Particles, Strength};
@@ -49,9 +49,9 @@ pub(super) fn refine_mesh(
     options: &SampleOptions,
 ) -> Result<()> {
     let Sampled { volume, report } = sampled;
-    let (Some(refinement), Some(function), Some(values)) = (
+    let (Some(refinement), Some(shown), Some(values)) = (
         &options.refinement,
-        &volume.transfer_function,
+        ShownValues::new(volume, options.flatten),
         &volume.values,
     ) else {
         return Ok(());
@@ -109,7 +109,7 @@ pub(super) fn refine_mesh(
         Ok((levels, count))
     };
     let width = options.kernels.width;
-    let Some((rule, levels)) = within_budget((function, refinement, width), MOST_PARTS, levels)?
+    let Some((rule, levels)) = within_budget((&shown, refinement, width), MOST_PARTS, levels)?
     else {
         return Ok(());
     };

@@ -10,6 +10,7 @@ use crate::error::Result;
 use crate::sample::options::SampleOptions;
 use crate::sample::positions::index_u32;
 use crate::sample::refine::face::FaceNodes;
+use crate::sample::refine::rule::ShownValues;
 use crate::sample::refine::{MOST_PARTS, Refined, RefinedGrid, apply, refine};
 use crate::sample::report::SampleReport;
 use crate::scene::{PointVolume, Values};
@@ -37,7 +38,11 @@ pub(in crate::sample) fn refine_grids(
     options: &SampleOptions,
     ranks: &mut dyn Collective,
 ) -> Result<bool> {
-    let (Some(refinement), Some(values)) = (&options.refinement, &volume.values) else {
+    let (Some(refinement), Some(values), Some(shown)) = (
+        &options.refinement,
+        &volume.values,
+        ShownValues::new(volume, options.flatten),
+    ) else {
         return Ok(false);
     };
     let width = options.kernels.width;
@@ -52,7 +57,13 @@ pub(in crate::sample) fn refine_grids(
         let is_wanted = |particle| wanted.binary_search(&index_u32(particle)).is_ok();
         let mut total = |own| ranks.sum(Ok(own));
         let of = (width, reach(width));
-        refine(&grid, volume, refinement, of, is_wanted, (most, &mut total))
+        refine(
+            &grid,
+            (&shown, refinement),
+            of,
+            is_wanted,
+            (most, &mut total),
+        )
     };
     let all = all_nodes
         .iter()

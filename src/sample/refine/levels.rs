@@ -79,6 +79,11 @@ impl Extent {
         }
     }
 
+    /// Returns true for each node for which, and for all of whose neighbours, a property holds.
+    pub(super) fn all_around(&self, holds: Vec<bool>) -> Vec<bool> {
+        self.combined(holds, 1, |a, b| a && b)
+    }
+
     /// Returns true for each node with another level among the nodes up to `reach` away.
     pub(super) fn beside_jumps(&self, levels: &[[u8; 3]], reach: isize) -> Vec<bool> {
         let both: Vec<[[u8; 3]; 2]> = levels.iter().map(|&level| [level; 2]).collect();

@@ -24,7 +24,7 @@ use self::even::{Volumes, offset, part, part_count};
 use self::face::FaceNodes;
 use self::levels::Extent;
 use self::neighbourhood::Neighbourhood;
-use self::rule::Rule;
+use self::rule::{Rule, ShownValues};
 use super::field::gradient::Samples;
 use super::field::local_models::quadratic::Quadratic;
 use super::field::local_models::{Range, local_model};
@@ -34,9 +34,7 @@ use crate::constants::MOST_EDGES;
 use crate::error::Result;
 use crate::math::{lower_factor, lower_matrix, narrowed, normal_code};
 use crate::sample::positions::index_u32;
-use crate::scene::{
-    Boundary, LocalModel, Particles, PointVolume, Strength, TransferFunction, Values,
-};
+use crate::scene::{Boundary, LocalModel, Particles, PointVolume, Strength, Values};
 use crate::view::{Camera, Projection};
 
 /// Number of planes beside a rank's own on which its parts depend: neighbours, grading, and the evening out.
@@ -177,11 +175,11 @@ pub(super) struct Refined {
 /// Returns true if any cell of a grid whose faces are flat asks to be split.
 pub(super) fn asks<F: Fn([usize; 3]) -> Option<(DVec3, f64)> + Sync>(
     samples: &Samples<F>,
-    function: &TransferFunction,
+    shown: &ShownValues,
     refinement: &Refinement,
     kernel_width: f64,
 ) -> bool {
-    let rule = Rule::new(function, refinement.threshold_px, kernel_width);
+    let rule = Rule::new(shown, refinement.threshold_px, kernel_width);
     let (dims, periods) = (samples.dims, samples.periods);
     let extent = Extent { dims, periods };
     let asks = |n: usize| {
@@ -202,13 +200,13 @@ pub(super) fn asks<F: Fn([usize; 3]) -> Option<(DVec3, f64)> + Sync>(
 /// # Errors
 /// The errors of `levels`.
 pub(super) fn within_budget<T>(
-    (function, refinement, kernel_width): (&TransferFunction, &Refinement, f64),
+    (shown, refinement, kernel_width): (&ShownValues, &Refinement, f64),
     most: usize,
     mut levels: impl FnMut(&Rule) -> Result<(T, u64)>,
 ) -> Result<Option<(Rule, T)>> {
     let mut threshold_px = refinement.threshold_px;
     for _ in 0..MOST_DOUBLINGS {
-        let rule = Rule::new(function, threshold_px, kernel_width);
+        let rule = Rule::new(shown, threshold_px, kernel_width);
         let (found, count) = levels(&rule)?;
         if count <= most as u64 {
             return Ok(Some((rule, found)));
@@ -218,9 +216,9 @@ pub(super) fn within_budget<T>(
     Ok(None)
 }
 
-/// Splits the cells of a grid. Returns `None` for a volume without a function, and if the parts would be too many
-/// whatever the threshold.
+/// Splits the cells of a grid. Returns `None` if the parts would be too many whatever the threshold.
 ///
+/// - `shown`: the values that pictures show.
 /// - `reach`: number of nodes that kernels reach along an index.
 /// - `is_wanted`: returns true for the particles whose parts are wanted.
 /// - `most`: greatest number of parts.
@@ -230,15 +228,11 @@ pub(super) fn within_budget<T>(
 /// The errors of `total`.
 pub(super) fn refine(
     grid: &impl RefinedGrid,
-    volume: &PointVolume,
-    refinement: &Refinement,
+    (shown, refinement): (&ShownValues, &Refinement),
     (kernel_width, reach): (f64, isize),
     is_wanted: impl Fn(usize) -> bool,
     (most, total): (usize, &mut dyn FnMut(u64) -> Result<u64>),
 ) -> Result<Option<Refined>> {
-    let Some(function) = volume.transfer_function.as_ref() else {
-        return Ok(None);
-    };
     let (dims, periods) = grid.extent();
     let extent = Extent { dims, periods };
     let samples = Samples {
@@ -271,14 +265,15 @@ pub(super) fn refine(
         let own: usize = split.map(|(n, _)| part_count(levels[*n])).sum();
         Ok(((levels, asked), total(own as u64)?))
     };
-    let found = within_budget((function, refinement, kernel_width), most, levels)?;
+    let found = within_budget((shown, refinement, kernel_width), most, levels)?;
     let Some((rule, (levels, asked))) = found else {
         return Ok(None);
     };
     let is_split = |n: usize| levels[n] != [0; 3];
-    let gone = nodes
-        .iter()
-        .filter(|(n, _)| is_split(*n) || asked[*n] == Asked::Unshown);
+    // Kernels reach values two nodes away.
+    let unshown: Vec<bool> = asked.iter().map(|of| *of == Asked::Unshown).collect();
+    let unshown = extent.all_around(unshown);
+    let gone = nodes.iter().filter(|(n, _)| is_split(*n) || unshown[*n]);
     let gone = gone.map(|(_, particle)| *particle).collect();
     if levels.iter().all(|level| *level == [0; 3]) {
         return Ok(Some(Refined {

@@ -3,13 +3,15 @@
 //! The linear model of a kernel misses r = |∂²f - g·∂²x| / 4 of the interpolant at half a cell along an index (a
 //! kink), and the mixed part between two indices (a twist). Both shift the surfaces of equal value by r / |g|, of
 //! which a picture shows r / |g| over the size of a pixel. A cell is split until that is below a threshold in
-//! pixels, or r is small against the finest feature of the transfer function nearby. Half the cell has a third of
+//! pixels, or r is small against the finest feature of the transfer function nearby; an iso-surface is a feature of
+//! no width. Half the cell has a third of
 //! a kink and half of a twist.
 
 use glam::{DVec3, DVec4, Vec4Swizzles as _};
 
 use super::neighbourhood::Neighbourhood;
-use crate::scene::TransferFunction;
+use crate::sample::surface::iso_surface::place_of;
+use crate::scene::{PointVolume, TransferFunction};
 
 /// Greatest level: an index is split into at most 2^this.
 pub(super) const MOST_LEVEL: u8 = 4;
@@ -23,7 +25,8 @@ const LEAST_SIGMA_PX: f64 = 0.5;
 /// Share of the second difference of a face by which its tangent plane is off within a kernel's extent.
 const FACE_BEND: f64 = 0.4;
 
-/// An interval of values that the function shows, and the width of the finest feature in it.
+/// An interval of values that a picture shows, and the width of the finest feature in it.
+#[derive(Debug, Clone, Copy)]
 struct Feature {
     interval: [f64; 2],
     /// Least interval of values in which extinction or colour change by half of their greatest, twice: the half
@@ -31,21 +34,31 @@ struct Feature {
     width: f64,
 }
 
-/// Splits cells under a transfer function.
-pub(in crate::sample) struct Rule {
-    features: Vec<Feature>,
-    /// Greatest displacement of a surface of equal value \[px\].
-    pub(super) threshold_px: f64,
-    /// Standard deviation of kernels over the spacing.
-    pub(in crate::sample) kernel_width: f64,
-}
+/// Values that a picture shows.
+#[derive(Debug, Clone)]
+pub(in crate::sample) struct ShownValues(Vec<Feature>);
 
-impl Rule {
-    pub(in crate::sample) fn new(
-        function: &TransferFunction,
-        threshold_px: f64,
-        kernel_width: f64,
-    ) -> Self {
+impl ShownValues {
+    /// Returns the values that pictures of a volume show: those of its transfer function, or that of an iso-surface.
+    /// Returns `None` for a volume without a function.
+    ///
+    /// - `surface`: value of the iso-surface, if there is one.
+    pub(in crate::sample) fn new(volume: &PointVolume, surface: Option<f64>) -> Option<Self> {
+        let function = volume.transfer_function.as_ref()?;
+        Some(match surface {
+            Some(value) => Self::of_value(place_of(function, value)),
+            None => Self::of_function(function),
+        })
+    }
+
+    fn of_value(value: f64) -> Self {
+        // Values that equal it count.
+        let interval = [value.next_down(), value.next_up()];
+        let width = 0.0;
+        Self(vec![Feature { interval, width }])
+    }
+
+    pub(in crate::sample) fn of_function(function: &TransferFunction) -> Self {
         let table = function.table();
         let [low, high] = function.range().map(f64::from);
         let per_entry = (high - low) / (table.len() - 1) as f64;
@@ -71,14 +84,33 @@ impl Rule {
                 width: 2.0 * per_entry * finest(entries),
             }
         });
+        Self(features.collect())
+    }
+}
+
+/// Splits cells for the values that a picture shows.
+pub(in crate::sample) struct Rule {
+    features: Vec<Feature>,
+    /// Greatest displacement of a surface of equal value \[px\].
+    pub(super) threshold_px: f64,
+    /// Standard deviation of kernels over the spacing.
+    pub(in crate::sample) kernel_width: f64,
+}
+
+impl Rule {
+    pub(in crate::sample) fn new(
+        shown: &ShownValues,
+        threshold_px: f64,
+        kernel_width: f64,
+    ) -> Self {
         Self {
-            features: features.collect(),
+            features: shown.0.clone(),
             threshold_px,
             kernel_width,
         }
     }
 
-    /// Returns true if the function shows any value in a range.
+    /// Returns true if any value in a range is shown.
     pub(in crate::sample) fn shows(&self, [low, high]: [f64; 2]) -> bool {
         let meets = |f: &Feature| low < f.interval[1] && high > f.interval[0];
         self.features.iter().any(meets)
@@ -221,6 +253,10 @@ mod tests {
     }
 
     fn levels(function: &TransferFunction, field: impl Fn(DVec3) -> f64, px: f64) -> [u8; 3] {
+        levels_of(&ShownValues::of_function(function), field, px)
+    }
+
+    fn levels_of(shown: &ShownValues, field: impl Fn(DVec3) -> f64, px: f64) -> [u8; 3] {
         let samples = Samples {
             dims: [3; 3],
             periods: [None; 3],
@@ -230,12 +266,12 @@ mod tests {
             },
         };
         let cell = Neighbourhood::new(&samples, [1; 3]).unwrap();
-        Rule::new(function, 1.0, 0.6).levels(&cell, px, [false; 3])
+        Rule::new(shown, 1.0, 0.6).levels(&cell, px, [false; 3])
     }
 
     #[test]
     fn features_are_as_wide_as_half_a_hat_and_steps_have_no_width() {
-        let of = |function: &TransferFunction| Rule::new(function, 1.0, 0.6).features[0].width;
+        let of = |function: &TransferFunction| ShownValues::of_function(function).0[0].width;
         // From half the extinction to its tip, twice; extinction is steeper than opacity at the tip.
         let hat = of(&hat(0.2));
         assert!((0.15..0.21).contains(&hat), "{hat}");
@@ -271,6 +307,11 @@ mod tests {
         // A twist.
         let [i, j, k] = levels(&narrow, |s| 0.5 + s.z + 0.8 * s.x * s.y, 100.0);
         assert!(i.max(j) > 0 && k == 0, "{i} {j} {k}");
+        // An iso-surface shows a slight kink as well, and nothing where the field does not take its value.
+        let surface = ShownValues::of_value(0.51);
+        assert!(levels_of(&surface, slight, 1e4)[0] > 0);
+        assert_eq!(levels_of(&surface, |s| kink(s) - 2.0, 1e4), [0; 3]);
+        assert_eq!(levels_of(&surface, |s| 0.5 + s.x, 1e4), [0; 3]);
         // Pixels limit it.
         let few = levels(&narrow, kink, 4.0);
         assert!(few[0] <= 2, "{few:?}");

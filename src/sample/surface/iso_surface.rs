@@ -14,7 +14,9 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Hint, Parameter, Result};
 use crate::math::{narrowed, tangents_of};
-use crate::scene::{LocalModels, Particles, PointVolume, Strength, ValueScale, Values};
+use crate::scene::{
+    LocalModels, Particles, PointVolume, Strength, TransferFunction, ValueScale, Values,
+};
 use crate::task::{Stage, Task};
 
 /// Cut-off: kernels whose centre is farther from the surface, in deviations of the field's values, have no
@@ -73,12 +75,9 @@ pub(in crate::sample) fn iso_surface(
             "name another",
         ))
     };
-    // Phrased so that NaN is refused.
     let scale = transfer.value_scale();
-    let value = match scale {
-        ValueScale::Linear => wanted,
-        _ => f64::from(scale.position(wanted)),
-    };
+    let value = place_of(transfer, wanted);
+    // Phrased so that NaN is refused.
     if !(lo <= value && value <= hi) {
         let ends = [lo, hi].map(|end| scale.value(narrowed(end)));
         let [lo, hi] = ends.map(|end| match scale {
@@ -124,6 +123,15 @@ pub(in crate::sample) fn iso_surface(
         Strength::Surface(discs.iter().map(|disc| disc.area).collect()),
     )
     .with_colour([red, green, blue]))
+}
+
+/// Returns the number by which a volume of a transfer function stores a value.
+pub(in crate::sample) fn place_of(transfer: &TransferFunction, value: f64) -> f64 {
+    let scale = transfer.value_scale();
+    match scale {
+        ValueScale::Linear => value,
+        _ => f64::from(scale.position(value)),
+    }
 }
 
 /// - `volume`: volume of the kernel's cell.
