@@ -158,6 +158,7 @@ impl Region {
         };
         Ok(FramePlan {
             tiles: Some(self.tiles_of_samples()),
+            background: picture.background,
             ..FramePlan::new(scene, &finer, &settings)?
         })
     }

@@ -418,7 +418,7 @@ fn real_grids_have_the_depth_of_the_length_inside() {
             },
             refinement: Some(Refinement {
                 cameras: vec![camera.clone()],
-                ..Refinement::for_tolerance(0.0)
+                ..Refinement::for_tolerance(1.0 / 255.0)
             }),
             ..options
         };

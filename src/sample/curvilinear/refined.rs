@@ -13,13 +13,14 @@ use crate::sample::refine::face::FaceNodes;
 use crate::sample::refine::rule::ShownValues;
 use crate::sample::refine::{MOST_PARTS, Refined, RefinedGrid, apply, refine};
 use crate::sample::report::SampleReport;
-use crate::scene::{PointVolume, Values};
+use crate::scene::{PointVolume, Strength, Values};
 
 /// A grid extended by its ghosts, with the values of a volume's particles.
 struct Extended<'a, 'b> {
     grid: &'a Grid<'b>,
     nodes: &'a GridNodes<'a, 'b>,
     values: &'a Values,
+    volumes: &'a [f32],
 }
 
 /// Refines a volume of the nodes of curvilinear grids where the options ask for it, and counts its samples, ghosts
@@ -38,10 +39,11 @@ pub(in crate::sample) fn refine_grids(
     options: &SampleOptions,
     ranks: &mut dyn Collective,
 ) -> Result<bool> {
-    let (Some(refinement), Some(values), Some(shown)) = (
+    let (Some(refinement), Some(values), Some(shown), Strength::Classified { volumes }) = (
         &options.refinement,
         &volume.values,
         ShownValues::new(volume, options.flatten),
+        &volume.strength,
     ) else {
         return Ok(false);
     };
@@ -53,6 +55,7 @@ pub(in crate::sample) fn refine_grids(
             grid: nodes.grid(),
             nodes,
             values,
+            volumes,
         };
         let is_wanted = |particle| wanted.binary_search(&index_u32(particle)).is_ok();
         let mut total = |own| ranks.sum(Ok(own));
@@ -149,6 +152,10 @@ impl RefinedGrid for Extended<'_, '_> {
 
     fn particle(&self, node: [usize; 3]) -> Option<usize> {
         self.nodes.particle_at(node)
+    }
+
+    fn volume(&self, particle: usize) -> f64 {
+        self.volumes[particle].into()
     }
 
     fn beside(&self, node: [usize; 3]) -> [bool; 3] {

@@ -16,7 +16,7 @@ mod levels;
 mod neighbourhood;
 pub(super) mod rule;
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, Vec4Swizzles as _};
 use rayon::prelude::*;
 
 pub(super) use self::even::PASSES;
@@ -104,6 +104,9 @@ pub(super) trait RefinedGrid: Sync {
 
     /// Returns the particle of a node, if it has one.
     fn particle(&self, node: [usize; 3]) -> Option<usize>;
+
+    /// Returns the volume of a particle's kernel, by which kernels of uneven cells are even.
+    fn volume(&self, particle: usize) -> f64;
 
     /// Returns true for each index along which a face of the grid lies beside a node.
     fn beside(&self, node: [usize; 3]) -> [bool; 3];
@@ -287,16 +290,18 @@ pub(super) fn refine(
     let evened = nodes.iter().filter(|(n, _)| !is_split(*n));
     let evened = evened.map(|&(n, particle)| (particle, volumes.of(n, [0; 3], 0)));
     let evened = evened.filter(|(_, factor)| *factor != 1.0).collect();
-    let parts_of = |&(n, _): &(usize, usize)| {
+    let parts_of = |&(n, particle): &(usize, usize)| {
         let level = levels[n];
         let cell = is_split(n).then(|| neighbourhood(n)).flatten();
         let (count, faces) = match cell {
             Some(_) => (part_count(level), grid.faces(extent.node(n))),
             None => (0, Vec::new()),
         };
+        let own = cell.as_ref();
+        let evening = own.map_or(1.0, |cell| evening(cell, level, grid.volume(particle)));
         let (rule, volumes) = (&rule, &volumes);
         (0..count).filter_map(move |p| {
-            let of = volumes.of(n, level, p);
+            let of = volumes.of(n, level, p) * evening;
             part_of(rule, cell.as_ref()?, &faces, (level, p), of)
         })
     };
@@ -308,6 +313,33 @@ pub(super) fn refine(
         evened,
         parts,
     }))
+}
+
+/// Returns the factor by which parts of a cell are larger than their share of it, so that kernels of uneven cells are
+/// even. The cell's own kernel has it for all indices. Cells that grow along an index by a factor exp(g) ask for it in
+/// proportion to g², and parts have a fraction of the growth.
+///
+/// - `volume`: volume of the cell's own kernel.
+fn evening(cell: &Neighbourhood, level: [u8; 3], volume: f64) -> f64 {
+    /// Greatest factor of a volume: kernels of other shapes than their cells may have any.
+    const MOST: f64 = 1.5;
+    let jacobian = cell.place([None; 3]).jacobian;
+    let whole = volume / jacobian.determinant().abs();
+    let growth = |a: usize| {
+        let along = jacobian.col(a);
+        (cell.second(a).xyz().dot(along) / along.length_squared()).powi(2)
+    };
+    let [mut all, mut left] = [0.0; 2];
+    for (a, level) in level.into_iter().enumerate() {
+        all += growth(a);
+        left += growth(a) / f64::from(1 << (2 * level));
+    }
+    let factor = whole.powf(left / all);
+    // Phrased so that NaN and an even grid have none.
+    match factor >= 1.0 / MOST && factor <= MOST {
+        true => factor,
+        false => 1.0,
+    }
 }
 
 /// Returns the kernel of a part; `None` if the function does not show it, or if it has no volume.
