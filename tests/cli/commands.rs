@@ -827,10 +827,10 @@ fn measures_a_grid_against_its_own_field_by_the_low_pass_that_suits_it() {
             .unwrap()
     };
     let report = measure("a", &[]);
-    // The integrals of the data are those of the first run, and here those of kernels as well.
-    let data = ["--reference-data-image", "a/reference-data.exr"];
-    let soft = measure("soft", &[&data[..], &["--boundary", "soft"]].concat());
+    let soft = measure("soft", &["--boundary", "soft"]);
     assert!((low_pass(&report) - 0.15).abs() < 1e-6);
+    // The reference images of the first run will do for another low-pass filter.
+    let data = ["--reference-data-image", "a/reference-data.exr"];
     let kernels = ["--reference-kernels-image", "a/reference-kernels.exr"];
     let both = ["--reference-image", "a/reference.exr", "--low-pass", "1"];
     let wide = measure("b", &[&data[..], &kernels, &both].concat());
