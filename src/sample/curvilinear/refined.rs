@@ -138,8 +138,15 @@ impl Extended<'_, '_> {
 impl RefinedGrid for Extended<'_, '_> {
     fn node(&self, node: [usize; 3]) -> Option<(DVec3, f64)> {
         let at = self.relative(node);
-        let value = self.value(at)?;
-        let position = self.grid.continued(at);
+        let is_own = |a: usize| at[a] >= 0 && at[a].unsigned_abs() < self.grid.dims[a];
+        let (position, value) = match (0..3).all(is_own) {
+            true => {
+                let own = self.grid.node_index(at.map(isize::unsigned_abs));
+                let particle = self.nodes.particle_at(node)?;
+                (self.grid.nodes[own], self.values.wide(particle))
+            }
+            false => (self.grid.continued(at), self.value(at)?),
+        };
         (position.is_finite() && value.is_finite()).then_some((position, value))
     }
 
