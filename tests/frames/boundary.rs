@@ -374,7 +374,7 @@ fn real_grids_have_the_depth_of_the_length_inside() {
         ("curvilinear/bluntfin/bluntfinxyz.bin", [0.95, 0.95], 0.4),
         // .96, .96 and .61: re-entrant edges are not cut.
         ("unstructured/disk_out_ref.vtu", [0.9, 0.9], 0.7),
-        // .68, .84 and .44: cells beside refined ones keep the volumes that suited the whole ones.
+        // .79, .84 and .44: cells beside refined ones keep the volumes that suited the whole ones.
         ("curvilinear/multicomb_0.vts", [0.6, 0.8], 0.7),
     ] {
         let Some(path) = real_data(name) else {

@@ -12,6 +12,7 @@ use ewa_splat::view::Camera;
 use ewa_splat::{Renderer, Settings};
 use glam::DVec3;
 
+use crate::common::one_sample;
 use crate::extent::{camera, field, shells};
 use crate::reference_data::at_nodes;
 use crate::ripple_pictures::hexahedra;
@@ -330,8 +331,11 @@ fn kernels_that_stay_whole_beside_refined_ones_keep_their_picture() {
         let sampled = volume(data.clone(), &options).unwrap();
         assert_eq!(sampled.report.refined_count > 0, refines);
         let mut renderer = Renderer::new(vec![sampled.volume]).unwrap();
-        let drawn = renderer.render(&along_y, &Settings::default());
-        drawn.unwrap().clone()
+        let settings = Settings {
+            advanced: one_sample(),
+            ..Settings::default()
+        };
+        renderer.render(&along_y, &settings).unwrap().clone()
     };
     let (plain, refined) = (picture(false), picture(true));
     let far = |x: usize| {
