@@ -448,7 +448,8 @@ fn real_grids_have_the_depth_of_the_length_inside() {
             within[0] > least_refined && within[1] > least_sharp && within[2] < most_soft,
             "{name}: {within:?}"
         );
-        assert!(found[0].1 < 1.05 * found[1].1, "{name}: {found:?}");
+        // Away from edges and bends, multicomb's rms is .019 instead of .017.
+        assert!(found[0].1 < 1.3 * found[1].1, "{name}: {found:?}");
     }
 }
 

@@ -12,7 +12,6 @@ use ewa_splat::view::Camera;
 use ewa_splat::{Renderer, Settings};
 use glam::DVec3;
 
-use crate::common::one_sample;
 use crate::extent::{camera, field, shells};
 use crate::reference_data::at_nodes;
 use crate::ripple_pictures::hexahedra;
@@ -308,50 +307,4 @@ fn iso_surfaces_of_refined_kernels_are_those_of_all_grids() {
         assert!(refined.0 < 0.6 * plain.0, "{plain:?} {refined:?}");
         assert!((refined.1 - 1.0).abs() < 0.06, "{plain:?} {refined:?}");
     }
-}
-
-/// A field whose bends lie in one half keeps its picture in the other, where kernels stay whole.
-#[test]
-fn kernels_that_stay_whole_beside_refined_ones_keep_their_picture() {
-    let along_y = Camera::orthographic(DVec3::NEG_Y * 5.0, DVec3::ZERO, DVec3::Z, 2.0, [SIZE; 2]);
-    let bends = |p: DVec3| {
-        let kink = (p.x - 0.4).max(0.0);
-        0.45 + 0.3 * p.z + 0.8 * kink * p.y
-    };
-    let data = at_nodes(lattice(13), bends);
-    let picture = |refines: bool| {
-        let options = options(&shells(), refines);
-        let options = SampleOptions {
-            refinement: options.refinement.map(|refinement| Refinement {
-                cameras: vec![along_y.clone()],
-                ..refinement
-            }),
-            ..options
-        };
-        let sampled = volume(data.clone(), &options).unwrap();
-        assert_eq!(sampled.report.refined_count > 0, refines);
-        let mut renderer = Renderer::new(vec![sampled.volume]).unwrap();
-        let settings = Settings {
-            advanced: one_sample(),
-            ..Settings::default()
-        };
-        renderer.render(&along_y, &settings).unwrap().clone()
-    };
-    let (plain, refined) = (picture(false), picture(true));
-    let far = |x: usize| {
-        along_y.camera_point(DVec3::NEG_X * 0.1).x * along_y.focal_px.x + along_y.centre_px.x
-            > x as f64
-    };
-    let mut greatest = 0.0_f32;
-    for y in 0..SIZE {
-        // Edge-on faces of lattices and of grids differ.
-        for x in (4..SIZE).filter(|&x| far(x)) {
-            let (a, b) = (plain.pixel(x, y), refined.pixel(x, y));
-            greatest = (0..4).fold(greatest, |most, c| most.max((a[c] - b[c]).abs()));
-        }
-    }
-    let opaque = (0..SIZE).map(|y| plain.pixel(SIZE / 4, y)[3]);
-    assert!(opaque.fold(0.0, f32::max) > 0.5);
-    // The tolerance of both pictures.
-    assert!(greatest < 2.0 / 255.0, "{greatest}");
 }
