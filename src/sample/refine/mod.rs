@@ -336,7 +336,7 @@ fn evening(cell: &Neighbourhood, level: [u8; 3], volume: f64) -> f64 {
     }
     let factor = whole.powf(left / all);
     // Phrased so that NaN and an even grid have none.
-    match factor >= 1.0 / MOST && factor <= MOST {
+    match (1.0 / MOST..=MOST).contains(&factor) {
         true => factor,
         false => 1.0,
     }
