@@ -127,7 +127,7 @@ pub(in crate::command) struct Method {
     #[arg(long)]
     pub(in crate::command) sub_pixel_opacity: bool,
     /// Refine kernels of grids with values at nodes where the field bends between nodes and the transfer
-    /// function shows it: nearer to the data's own field, for more kernels
+    /// function or the iso-surface shows it: nearer to the data's own field, for more kernels
     #[arg(
         long,
         value_enum,
