@@ -44,10 +44,16 @@ fn window(words: &[&str]) -> Harness<'static, App> {
     window
 }
 
-/// Opens a window on the README's fixture.
-fn wake() -> Harness<'static, App> {
+/// Opens a window on the README's fixture. It is read again for each view at rest, with refined kernels, only if
+/// `refine` is "auto".
+fn wake_refined(refine: &str) -> Harness<'static, App> {
     let (grid, function) = (fixture("wake.xyz"), fixture("wake_transfer.json"));
-    window(&[&grid, "--transfer-function", &function])
+    window(&[&grid, "--transfer-function", &function, "--refine", refine])
+}
+
+/// Opens a window on the README's fixture, without refining.
+fn wake() -> Harness<'static, App> {
+    wake_refined("off")
 }
 
 /// Runs passes until no work is left.
@@ -145,7 +151,7 @@ fn ewa_splat_program() -> std::path::PathBuf {
 
 #[test]
 fn pictures_are_those_of_the_command_line() {
-    let mut window = wake();
+    let mut window = wake_refined("auto");
     assert_eq!(pixels(&window), of_command(&mut window));
     // Drags an opacity point and turns the camera.
     let point = window

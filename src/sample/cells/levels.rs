@@ -1,15 +1,20 @@
-//! Chooses how far the dual cells of a mesh's nodes are refined.
+//! Chooses how far the bodies of a mesh are refined.
 //!
-//! The linear model of a node is its value and its mean gradient, by volume, of the pieces of its cells. It misses
-//! most of the interpolant at the corners of these pieces: the middles of edges, faces and cells. The level follows
-//! from that by [`Rule`], as on grids. Where the surface bends away from its tangent planes, that asks for parts, too.
-//! Nodes of one cell then differ by one level at most.
+//! **Values at nodes**: the linear model of a node is its value and its mean gradient, by volume, of the pieces of its
+//! cells. It misses most of the interpolant at the corners of these pieces: the middles of edges, faces and cells. The
+//! level follows from that by [`Rule`], as on grids. Where the surface bends away from its tangent planes, that asks
+//! for parts, too.
+//!
+//! **Values of cells** jump at faces, and a kernel blurs a jump over its own deviation: that has to be less than the
+//! threshold, unless the function hardly changes from one side to the other.
+//!
+//! Bodies side by side then differ by one level at most.
 
 use glam::{DVec3, DVec4, Vec4Swizzles as _};
 
-use super::pieces::{Piece, pieces};
+use super::bodies::Bodies;
+use super::pieces::Piece;
 use super::sharp::{DrawnCells, SAME_PLANE, Surface};
-use crate::sample::positions::index_u32;
 use crate::sample::refine::rule::{Rule, least_level};
 
 /// Greatest level of a dual cell: its pieces fall into 4³ parts.
@@ -27,92 +32,29 @@ const PER_LEVEL: f64 = 3.0;
 /// (`disk_out_ref`) 28,711 particles and an error of 1.74 levels of 255 for 23,065 and 2.01.
 const STRICTNESS: f64 = 1.4;
 
-/// The cells at a node, and their pieces there.
-pub(super) struct DualCell {
-    /// Position of the node, to which places are relative.
+/// A body that a kernel stands for: a node's dual cell, or a cell.
+pub(super) struct Body {
+    /// Position to which places are relative.
     pub(super) origin: DVec3,
+    /// The sample's value.
     pub(super) value: f64,
-    /// Least and greatest value of the cells' corners.
+    /// Least and greatest value within.
     pub(super) range: [f64; 2],
-    /// Distance of the farthest corner.
+    /// Distance of the farthest corner of its cells.
     pub(super) radius: f64,
     pub(super) has_tetrahedra: bool,
-    /// The pieces of each cell, with the range of its corners' values.
+    /// The pieces of each of its cells, with the range of values in the cell.
     pub(super) cells: Vec<(Vec<Piece>, [f64; 2])>,
 }
 
-/// Nodes of a mesh with their values.
-pub(super) struct Nodes<'a> {
-    pub(super) cells: &'a DrawnCells<'a>,
-    /// Value of each node; NaN where it is not known.
-    pub(super) values: &'a [f64],
-}
-
-impl Nodes<'_> {
-    /// Returns the cells at a node, the first at its position; `None` if any lacks a position or a value.
-    ///
-    /// - `is_shown`: returns true for ranges of values that are worth their pieces.
-    pub(super) fn dual_cell(
-        &self,
-        node: u32,
-        around: &[u32],
-        is_shown: impl Fn([f64; 2]) -> bool,
-    ) -> Option<DualCell> {
-        let mesh = self.cells.mesh;
-        let drawn = || {
-            let cells = around.iter().map(|&cell| cell as usize);
-            cells.filter(|&cell| self.cells.is_drawn(cell))
-        };
-        let origin = mesh.nodes[node as usize];
-        let mut dual = DualCell {
-            origin,
-            value: self.values[node as usize],
-            range: NONE,
-            radius: 0.0,
-            has_tetrahedra: false,
-            cells: Vec::new(),
-        };
-        let mut corners = Vec::new();
-        let mut ranges = Vec::with_capacity(around.len());
-        for cell in drawn() {
-            self.cells.own_corners(cell, &mut corners);
-            dual.has_tetrahedra |= corners.len() == 4;
-            let mut range = NONE;
-            for &corner in &corners {
-                let value = self.values[corner as usize];
-                let distance = mesh.nodes[corner as usize].distance(origin);
-                if !value.is_finite() || !distance.is_finite() {
-                    return None;
-                }
-                range = joined(range, [value; 2]);
-                dual.radius = dual.radius.max(distance);
-            }
-            dual.range = joined(dual.range, range);
-            ranges.push(range);
-        }
-        if !dual.value.is_finite() || ranges.is_empty() || !is_shown(dual.range) {
-            return Some(dual);
-        }
-        let at = |n: u32| {
-            let place = mesh.nodes[n as usize] - origin;
-            Some(place.extend(self.values[n as usize]))
-        };
-        for (cell, range) in drawn().zip(ranges) {
-            let is_own = |n: u32| self.cells.duals.first_of(n) == node;
-            dual.cells.push((pieces(mesh, cell, at, is_own)?, range));
-        }
-        Some(dual)
-    }
-}
-
 /// No values.
-const NONE: [f64; 2] = [f64::INFINITY, f64::NEG_INFINITY];
+pub(super) const NONE: [f64; 2] = [f64::INFINITY, f64::NEG_INFINITY];
 
-fn joined(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
+pub(super) fn joined(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
     [a[0].min(b[0]), a[1].max(b[1])]
 }
 
-impl DualCell {
+impl Body {
     fn pieces(&self) -> impl Iterator<Item = &Piece> {
         self.cells.iter().flat_map(|(pieces, _)| pieces)
     }
@@ -130,7 +72,7 @@ impl DualCell {
         (volume > 0.0).then(|| sum / volume)
     }
 
-    /// Returns the level that a rule asks for.
+    /// Returns the level that a rule asks for in a dual cell.
     ///
     /// - `px`: pixels per world unit; `sigma`: deviation of the kernel at level 0.
     /// - `bend`: greatest second difference of the surface here \[world units\].
@@ -146,6 +88,31 @@ impl DualCell {
         let most = match self.has_tetrahedra {
             true => MOST_LEVEL_OF_TETRAHEDRA,
             false => MOST_LEVEL,
+        };
+        level.min(Rule::most_level(sigma, px)).min(most)
+    }
+
+    /// Returns the level that a rule asks for in a cell with one value.
+    ///
+    /// - `around`: least and greatest value of the cell and those that share a node with it.
+    /// - `px`, `sigma`: as for [`Self::level`].
+    pub(super) fn level_of_constant(
+        &self,
+        rule: &Rule,
+        around: [f64; 2],
+        px: f64,
+        sigma: f64,
+    ) -> u8 {
+        let Some(width) = rule.finest(around) else {
+            return 0;
+        };
+        let jump = (around[1] - self.value).max(self.value - around[0]);
+        let level = least_level(rule.excess(jump, width, jump / sigma, px), 2.0);
+        // The kernel of a cell that is not shown reaches shown values; its parts do not.
+        let most = if rule.shows(self.range) {
+            MOST_LEVEL
+        } else {
+            1
         };
         level.min(Rule::most_level(sigma, px)).min(most)
     }
@@ -180,35 +147,27 @@ pub(super) fn bend(cells: &DrawnCells<'_>, surface: &Surface, node: u32) -> f64 
     most
 }
 
-/// Raises levels until the nodes of each cell differ by one at most. Levels are those of the first nodes at their
-/// positions.
+/// Raises levels until bodies side by side differ by one at most.
 ///
-/// - `may_split`: false for nodes whose dual cells cannot be split.
-pub(super) fn grade(cells: &DrawnCells<'_>, levels: &mut [u8], may_split: &[bool]) {
-    let mut corners = Vec::new();
+/// - `bodies`: levels are of these.
+/// - `may_split`: false for bodies that cannot be split.
+pub(super) fn grade(bodies: &impl Bodies, levels: &mut [u8], may_split: &[bool]) {
     loop {
         let mut has_changed = false;
-        for cell in (0..cells.mesh.cell_count()).filter(|&cell| cells.is_drawn(cell)) {
-            cells.corners(cell, &mut corners);
-            let most = corners.iter().map(|&n| levels[n as usize]).max();
+        bodies.each_group(&mut |group| {
+            let most = group.iter().map(|&n| levels[n as usize]).max();
             let least = most.unwrap_or(0).saturating_sub(1);
-            for &n in corners.iter().filter(|&&n| may_split[n as usize]) {
+            for &n in group.iter().filter(|&&n| may_split[n as usize]) {
                 if levels[n as usize] < least {
                     levels[n as usize] = least;
                     has_changed = true;
                 }
             }
-        }
+        });
         if !has_changed {
             return;
         }
     }
-}
-
-/// Returns the first nodes at their positions, ascending.
-pub(super) fn first_nodes(cells: &DrawnCells<'_>) -> Vec<u32> {
-    let all = (0..cells.mesh.nodes.len()).map(index_u32);
-    all.filter(|&n| cells.duals.first_of(n) == n).collect()
 }
 
 #[cfg(test)]
@@ -217,14 +176,18 @@ mod tests {
     use crate::data::blanking::Blanking;
     use crate::data::cells::CellMesh;
     use crate::data::handedness::Handedness;
+    use crate::sample::cells::bodies::{CellBodies, DualCells};
     use crate::sample::cells::duals::{Duals, turned};
     use crate::sample::cells::incidence::CellsAround;
+    use crate::sample::cells::sharp::NodeParticles;
+    use crate::sample::positions::index_u32;
     use crate::sample::refine::rule::ShownValues;
     use crate::sample::report::SampleReport;
     use crate::scene::TransferFunction;
 
-    /// Calls a function with a block of cubes of side 1 from the origin on, which has one node more along each axis.
-    fn with_block(counts: [usize; 3], of: impl FnOnce(&DrawnCells<'_>)) {
+    /// Calls a function with a block of cubes of side 1 from the origin on, which has one node more along each axis, and
+    /// the cells around its nodes.
+    fn with_block(counts: [usize; 3], of: impl FnOnce(&DrawnCells<'_>, &CellsAround)) {
         let [x, y, z] = counts.map(|n| n + 1);
         let place = |n: usize| DVec3::from([n % x, n / x % y, n / (x * y)].map(|i| i as f64));
         let nodes: Vec<DVec3> = (0..x * y * z).map(place).collect();
@@ -244,21 +207,43 @@ mod tests {
         let mut report = SampleReport::default();
         let duals =
             Duals::new(&mesh, &Blanking::NONE, handedness, &all, &mut report, None).unwrap();
-        of(&DrawnCells {
+        let cells = DrawnCells {
             mesh: &mesh,
             duals: &duals,
             blanking: &Blanking::NONE,
+        };
+        of(&cells, &CellsAround::new(&mesh, &duals.first));
+    }
+
+    /// Calls a function with the dual cells of such a block, whose nodes have given values.
+    fn with_nodes(counts: [usize; 3], values: &[f64], of: impl FnOnce(&DualCells<'_>)) {
+        with_block(counts, |cells, around| {
+            let kept: Vec<u32> = (0..values.len()).map(index_u32).collect();
+            let particles = &NodeParticles::new(cells.duals, &kept);
+            of(&DualCells {
+                cells,
+                around,
+                particles,
+                values,
+            });
         });
+    }
+
+    fn hat(width: f32) -> Rule {
+        let opacity = move |v: f32| (1.0 - (v - 0.5).abs() / width).max(0.0) * 0.5;
+        let function =
+            TransferFunction::from_curves(|_| [1.0; 3], opacity, [-1.0, 1.0], 1.0).unwrap();
+        Rule::new(&ShownValues::of_function(&function), 1.0, 0.6)
     }
 
     #[test]
     fn nodes_of_a_cell_differ_by_one_level_at_most() {
-        with_block([6, 1, 1], |cells| {
-            let mut levels = vec![0; cells.mesh.nodes.len()];
+        with_nodes([6, 1, 1], &[0.0; 28], |nodes| {
+            let mut levels = vec![0; 28];
             levels[0] = 3;
-            let mut may_split = vec![true; levels.len()];
+            let mut may_split = vec![true; 28];
             may_split[8] = false;
-            grade(cells, &mut levels, &may_split);
+            grade(nodes, &mut levels, &may_split);
             let row: Vec<u8> = levels[..7].to_vec();
             assert_eq!(row, [3, 2, 1, 0, 0, 0, 0]);
             assert_eq!((levels[7], levels[8], levels[9]), (2, 0, 1));
@@ -266,49 +251,87 @@ mod tests {
     }
 
     #[test]
-    fn cells_are_split_where_the_field_bends_the_function_shows_and_a_pixel_sees_it() {
-        let hat = |width: f32| {
-            let opacity = move |v: f32| (1.0 - (v - 0.5).abs() / width).max(0.0) * 0.5;
-            TransferFunction::from_curves(|_| [1.0; 3], opacity, [-1.0, 1.0], 1.0).unwrap()
-        };
-        with_block([2; 3], |cells| {
-            let around = CellsAround::new(cells.mesh, &[]);
-            let level = |width: f32, field: &dyn Fn(DVec3) -> f64, px: f64| {
-                let places = cells.mesh.nodes.iter();
-                let values: Vec<f64> = places.map(|&x| field(x - 1.0)).collect();
-                let nodes = Nodes {
-                    cells,
-                    values: &values,
-                };
-                let rule = Rule::new(&ShownValues::of_function(&hat(width)), 1.0, 0.6);
-                let dual = nodes.dual_cell(13, around.of(13), |range| rule.shows(range));
-                dual.unwrap().level(&rule, px, 0.6, 0.0)
+    fn cells_side_by_side_differ_by_one_level_at_most() {
+        with_block([4, 2, 1], |cells, around| {
+            let kept: Vec<u32> = (0..8).collect();
+            let bodies = CellBodies {
+                cells,
+                around,
+                kept: &kept,
+                values: &[0.0; 8],
             };
-            let kink = |s: DVec3| 0.5 + if s.x > 0.0 { s.x } else { 0.2 * s.x };
-            assert!(level(0.05, &kink, 100.0) > 1);
-            assert_eq!(level(0.05, &|s| 0.5 + s.x, 100.0), 0);
-            assert_eq!(level(0.05, &|s| kink(s) - 2.0, 100.0), 0);
-            // A wide feature does not show a small kink.
-            assert_eq!(level(0.5, &|s| 0.5 + 0.02 * kink(s), 1e4), 0);
-            // Half a pixel limits it: 1.8 px fall to .9.
-            assert_eq!(level(0.05, &kink, 3.0), 1);
-            assert_eq!(level(0.05, &kink, 1.0), 0);
+            let mut levels = [3, 0, 0, 0, 0, 0, 0, 0];
+            grade(&bodies, &mut levels, &[true; 8]);
+            assert_eq!(levels, [3, 2, 1, 0, 2, 2, 1, 0]);
         });
     }
 
     #[test]
-    fn nodes_beside_unknown_values_stay_whole() {
-        with_block([2; 3], |cells| {
-            let around = CellsAround::new(cells.mesh, &[]);
-            let mut values = vec![0.5; 27];
-            values[0] = f64::NAN;
-            let nodes = Nodes {
-                cells,
-                values: &values,
-            };
-            assert!(nodes.dual_cell(13, around.of(13), |_| true).is_none());
-            let other = nodes.dual_cell(26, around.of(26), |_| true).unwrap();
+    fn nodes_are_split_where_the_field_bends_the_function_shows_and_a_pixel_sees_it() {
+        let level = |width: f32, field: &dyn Fn(DVec3) -> f64, px: f64| {
+            let place = |n: usize| DVec3::from([n % 3, n / 3 % 3, n / 9].map(|i| i as f64));
+            let values: Vec<f64> = (0..27).map(|n| field(place(n) - 1.0)).collect();
+            let mut found = 0;
+            with_nodes([2; 3], &values, |nodes| {
+                found = nodes.level(13, &hat(width), |_| px, 0.6, None).unwrap();
+            });
+            found
+        };
+        let kink = |s: DVec3| 0.5 + if s.x > 0.0 { s.x } else { 0.2 * s.x };
+        assert!(level(0.05, &kink, 100.0) > 1);
+        assert_eq!(level(0.05, &|s| 0.5 + s.x, 100.0), 0);
+        assert_eq!(level(0.05, &|s| kink(s) - 2.0, 100.0), 0);
+        // A wide feature does not show a small kink.
+        assert_eq!(level(0.5, &|s| 0.5 + 0.02 * kink(s), 1e4), 0);
+        // Half a pixel limits it: 1.8 px fall to .9.
+        assert_eq!(level(0.05, &kink, 3.0), 1);
+        assert_eq!(level(0.05, &kink, 1.0), 0);
+    }
+
+    #[test]
+    fn cells_are_split_where_values_jump_the_function_shows_and_a_pixel_sees_it() {
+        let level = |[own, beside]: [f64; 2], width: f32, px: f64| {
+            let mut found = 0;
+            with_block([2, 1, 1], |cells, around| {
+                let bodies = CellBodies {
+                    cells,
+                    around,
+                    kept: &[0, 1],
+                    values: &[own, beside],
+                };
+                found = bodies.level(0, &hat(width), |_| px, 0.6, None).unwrap();
+            });
+            found
+        };
+        // A blur of 6 pixels asks for three levels, one of 1.2 for one.
+        assert_eq!(level([0.5, 0.8], 0.1, 10.0), 3);
+        assert_eq!(level([0.5, 0.8], 0.1, 2.0), 1);
+        assert_eq!(level([0.5, 0.8], 0.1, 1.0), 0);
+        // Equal values, values of almost one colour, and values that nothing shows have no jump.
+        assert_eq!(level([0.5, 0.5], 0.1, 10.0), 0);
+        assert_eq!(level([0.5, 0.501], 0.1, 10.0), 0);
+        assert_eq!(level([-0.5, -0.8], 0.1, 10.0), 0);
+        // A cell that is not shown is split, so that it does not reach into shown values, and no further.
+        assert_eq!(level([0.8, 0.5], 0.1, 10.0), 1);
+    }
+
+    #[test]
+    fn bodies_beside_unknown_values_stay_whole() {
+        let mut values = vec![0.5; 27];
+        values[0] = f64::NAN;
+        with_nodes([2; 3], &values, |nodes| {
+            assert!(nodes.body(13).is_none());
+            let other = nodes.body(26).unwrap();
             assert_eq!((other.cells.len(), other.range), (1, [0.5; 2]));
+        });
+        with_block([2, 1, 1], |cells, around| {
+            let bodies = CellBodies {
+                cells,
+                around,
+                kept: &[1],
+                values: &[f64::NAN, 0.5],
+            };
+            assert!(bodies.body(0).is_none() && bodies.body(1).is_some());
         });
     }
 }

@@ -11,6 +11,7 @@
 //! ([`crate::io`]). The remaining ones are represented by their corners; their other nodes carry nothing.
 
 mod beside;
+mod bodies;
 pub(crate) mod covered;
 pub(crate) mod duals;
 mod even;
@@ -25,9 +26,10 @@ mod walls;
 
 use std::ops::Range;
 
+use self::bodies::{CellBodies, DualCells};
 use self::duals::{Duals, cut, sound_volume, turned};
 use self::incidence::CellsAround;
-use self::refined::{MOST_CELLS, RefinedMesh, refine_mesh};
+use self::refined::{MOST_CELLS, RefinedMesh};
 use self::sharp::{DrawnCells, NodeParticles, SharpCells, Surface, sharp_cells};
 use super::curvilinear::sharp::{apply, even_out};
 use super::field::local_models::mesh::SampledMesh;
@@ -46,6 +48,7 @@ use crate::math::factor_of_variance;
 use crate::sample::field::choice::shown_field;
 use crate::sample::function::{classified_kernels, differences};
 use crate::sample::options::SampleOptions;
+use crate::sample::refine::rule::ShownValues;
 use crate::sample::report::SampleReport;
 use crate::sample::sampled::Sampled;
 use crate::sample::scalar::{check_count, check_len, nothing_left, take_scalar};
@@ -259,7 +262,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     let mut report = SampleReport {
         field: Some(taken.name.clone()),
         sample_count,
-        may_refine: may_refine(mesh.cell_count(), of_nodes),
+        may_refine: may_refine(mesh.cell_count()),
         ..SampleReport::default()
     };
     let CellKernels {
@@ -274,7 +277,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         return Err(nothing_left(&dataset.path, &report));
     }
     let is_sharp = options.is_sharp() && of_nodes;
-    let is_refined = may_be_refined(mesh.cell_count(), of_nodes, options);
+    let is_refined = may_be_refined(mesh.cell_count(), options);
     let kept = match is_sharp || is_refined {
         true => kernels.kept.clone(),
         false => Vec::new(),
@@ -286,22 +289,25 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         classified_kernels(kernels, taken.values, report, Surroundings::Absent, options)?;
     sampled.volume.normals = normals;
     sampled.volume.local_models = local_models;
-    if kept.is_empty() {
+    let shown = ShownValues::new(&sampled.volume, options.flatten);
+    let refinement = options.refinement.as_ref().filter(|_| is_refined);
+    let refinement = refinement.zip(shown.as_ref());
+    if !is_sharp && refinement.is_none() {
         return Ok(sampled);
     }
-    let particles = NodeParticles::new(&duals, &kept);
     let cells = DrawnCells {
         mesh,
         duals: &duals,
         blanking: &blanking,
     };
     let surface = Surface::new(&cells);
+    let particles = NodeParticles::new(&duals, &kept);
     // A sample that is transparent on the boundary needs no cut: most such volumes end here.
     let is_cut = is_sharp && {
         let on_boundary = surface.nodes().iter().flat_map(|&node| particles.at(node));
         options.cuts(&sampled.volume, on_boundary.map(|(_, particle)| particle))
     };
-    if !(is_cut || is_refined) {
+    if !is_cut && refinement.is_none() {
         return Ok(sampled);
     }
     let around = around.unwrap_or_else(|| CellsAround::new(mesh, &duals.first));
@@ -309,44 +315,65 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     let values = sampled.volume.values.as_ref().filter(|_| is_cut);
     let sharp =
         values.map(|values| sharp_cells(&cells, &surface, &around, &particles, values, width));
-    if !is_refined {
+    let Some((refinement, shown)) = refinement else {
         // Nothing below needs the mesh.
         drop((surface, around, particles, duals, dataset));
         if let Some(sharp) = sharp {
             sharpen(&mut sampled, sharp, kept.len(), options)?;
         }
         return Ok(sampled);
-    }
+    };
     let (ghosts, partial) = match sharp {
         Some(sharp) => sharpen(&mut sampled, sharp, kept.len(), options)?,
         None => (Vec::new(), Vec::new()),
     };
-    let refined = RefinedMesh {
+    let mut values = vec![f64::NAN; sample_count];
+    if let Some(own) = &sampled.volume.values {
+        for (particle, &sample) in kept.iter().enumerate() {
+            values[sample as usize] = own.wide(particle);
+        }
+    }
+    let (ghosts, partial) = (ghosts.as_slice(), partial.as_slice());
+    let mesh = RefinedMesh {
         cells: &cells,
         surface: &surface,
-        around: &around,
-        particles: &particles,
-        kept: &kept,
-        ghosts: &ghosts,
-        partial: &partial,
+        ghosts,
+        partial,
+        shown,
+        refinement,
     };
-    refine_mesh(&refined, &mut sampled, options)?;
+    match of_nodes {
+        true => {
+            let bodies = DualCells {
+                cells: &cells,
+                around: &around,
+                particles: &particles,
+                values: &values,
+            };
+            mesh.refine(&bodies, &mut sampled, options)?;
+        }
+        false => {
+            let bodies = CellBodies {
+                cells: &cells,
+                around: &around,
+                kept: &kept,
+                values: &values,
+            };
+            mesh.refine(&bodies, &mut sampled, options)?;
+        }
+    }
     Ok(sampled)
 }
 
 /// Returns true if a mesh may be refined.
-///
-/// - `of_nodes`: true for values at nodes.
-pub(crate) fn may_refine(cell_count: usize, of_nodes: bool) -> bool {
-    of_nodes && cell_count <= MOST_CELLS
+pub(crate) fn may_refine(cell_count: usize) -> bool {
+    cell_count <= MOST_CELLS
 }
 
 /// Returns true if a mesh may be refined under these options.
-///
-/// - `of_nodes`: true for values at nodes.
-pub(crate) fn may_be_refined(cell_count: usize, of_nodes: bool, options: &SampleOptions) -> bool {
+pub(crate) fn may_be_refined(cell_count: usize, options: &SampleOptions) -> bool {
     let is_wanted = options.refinement.is_some() && options.surface.is_none();
-    is_wanted && options.kernels.shepard_passes == 0 && may_refine(cell_count, of_nodes)
+    is_wanted && options.kernels.shepard_passes == 0 && may_refine(cell_count)
 }
 
 /// Gives a volume a sharp boundary. Returns the particle of each ghost, and the particles beside the boundary that

@@ -1,4 +1,4 @@
-//! Makes the kernels of the parts of a node's dual cell.
+//! Makes the kernels of the parts of a body.
 //!
 //! A part's kernel has the centroid and the volume of its body, the variance 12 kernel_width² times its covariance,
 //! and the value and the gradient of the cell's interpolant there. Parts beside a wall have mirror images beyond it,
@@ -7,7 +7,7 @@
 use glam::{DMat3, DVec3, Vec4Swizzles as _};
 
 use super::covered::OuterFace;
-use super::levels::DualCell;
+use super::levels::Body;
 use super::pieces::{Piece, PieceShape};
 use super::walls::{Walls, walls};
 use crate::constants::MOST_EDGES;
@@ -35,7 +35,7 @@ pub(super) struct PartKernel {
     range: [f64; 2],
 }
 
-/// The surface near a node.
+/// The surface near a body.
 pub(super) struct NearSurface<'a> {
     pub(super) faces: Vec<&'a OuterFace>,
     /// True if parts are cut at these faces, and have images beyond them.
@@ -44,19 +44,19 @@ pub(super) struct NearSurface<'a> {
     pub(super) is_undecided: bool,
 }
 
-/// Appends the kernels of the parts of a dual cell; images follow their parts.
+/// Appends the kernels of the parts of a body; images follow their parts.
 ///
 /// - `count`: number of parts of a piece along each of its parameters.
 /// - `node`: returns the position of a node.
 pub(super) fn kernels(
-    dual: &DualCell,
+    body: &Body,
     (rule, count): (&Rule, usize),
     near: &NearSurface<'_>,
     node: impl Fn(u32) -> DVec3,
     kernels: &mut Vec<PartKernel>,
 ) {
     let reach = VALUE_REACH * rule.kernel_width / count as f64;
-    for (pieces, of_cell) in &dual.cells {
+    for (pieces, of_cell) in &body.cells {
         for piece in pieces {
             for n in 0..count * count * count {
                 let Some(shape) = piece.part(count, n) else {
@@ -64,8 +64,8 @@ pub(super) fn kernels(
                 };
                 // Parts whose kernels stay within the cell take its values.
                 let is_within = Piece::middle(count, n).iter().all(|t| *t > reach);
-                let range = if is_within { *of_cell } else { dual.range };
-                let Some(mut kernel) = PartKernel::new(&shape, dual.origin, range, rule) else {
+                let range = if is_within { *of_cell } else { body.range };
+                let Some(mut kernel) = PartKernel::new(&shape, body.origin, range, rule) else {
                     continue;
                 };
                 let factor = lower_matrix(kernel.factor);

@@ -8,16 +8,16 @@
 use rayon::prelude::*;
 
 use super::beside::WholeKernels;
-use super::incidence::CellsAround;
-use super::levels::{Nodes, bend, first_nodes, grade};
+use super::bodies::Bodies;
+use super::levels::{Body, grade};
 use super::parts::{NearSurface, PartKernel, kernels};
-use super::sharp::{DrawnCells, NodeParticles, Surface};
+use super::sharp::{DrawnCells, Surface};
 use crate::error::Result;
 use crate::math::principal_sigmas;
 use crate::sample::options::SampleOptions;
 use crate::sample::positions::index_u32;
 use crate::sample::refine::rule::{Rule, ShownValues};
-use crate::sample::refine::{MOST_PARTS, Refined, apply, within_budget};
+use crate::sample::refine::{MOST_PARTS, Refined, Refinement, apply, within_budget};
 use crate::sample::sampled::Sampled;
 use crate::scene::{Boundary, Particles, Strength};
 
@@ -29,187 +29,165 @@ pub(crate) const MOST_CELLS: usize = 1 << 21;
 pub(super) struct RefinedMesh<'a> {
     pub(super) cells: &'a DrawnCells<'a>,
     pub(super) surface: &'a Surface,
-    pub(super) around: &'a CellsAround,
-    pub(super) particles: &'a NodeParticles<'a>,
-    /// Node of each particle that is no ghost, ascending.
-    pub(super) kept: &'a [u32],
     /// Particle of each ghost; ghosts are the last particles.
     pub(super) ghosts: &'a [usize],
     /// Particles without ghosts beside a boundary, ascending.
     pub(super) partial: &'a [usize],
+    /// Values that pictures show.
+    pub(super) shown: &'a ShownValues,
+    pub(super) refinement: &'a Refinement,
 }
 
-/// Refines a volume where its options ask for it, and counts the parts in the report.
-///
-/// # Errors
-/// Work that was cancelled.
-pub(super) fn refine_mesh(
-    mesh: &RefinedMesh<'_>,
-    sampled: &mut Sampled,
-    options: &SampleOptions,
-) -> Result<()> {
-    let Sampled { volume, report } = sampled;
-    let (Some(refinement), Some(shown), Some(values)) = (
-        &options.refinement,
-        ShownValues::new(volume, options.flatten),
-        &volume.values,
-    ) else {
-        return Ok(());
-    };
-    let (Particles::Anisotropic { positions, factors }, Strength::Classified { volumes }) =
-        (&volume.particles, &volume.strength)
-    else {
-        return Ok(());
-    };
-    let cells = mesh.cells;
-    let planes = match &volume.boundary {
-        Some(Boundary::Planes(planes)) => Some(planes),
-        _ => None,
-    };
-    let mut of_nodes = vec![f64::NAN; cells.mesh.nodes.len()];
-    for (particle, &node) in mesh.kept.iter().enumerate() {
-        of_nodes[node as usize] = values.wide(particle);
-    }
-    let nodes = Nodes {
-        cells,
-        values: &of_nodes,
-    };
-    let first = first_nodes(cells);
-    let dual = |node: u32, rule: &Rule| {
-        let around = mesh.around.of(node);
-        nodes.dual_cell(node, around, |range| rule.shows(range))
-    };
-    let level = |node: u32, rule: &Rule| -> (u8, bool) {
-        let Some(particle) = mesh.particles.at(node).next().map(|(_, particle)| particle) else {
-            return (0, false);
+impl RefinedMesh<'_> {
+    /// Refines a volume where pictures ask for it, and counts the parts in the report.
+    ///
+    /// - `bodies`: what the kernels stand for.
+    ///
+    /// # Errors
+    /// Work that was cancelled.
+    pub(super) fn refine(
+        &self,
+        bodies: &impl Bodies,
+        sampled: &mut Sampled,
+        options: &SampleOptions,
+    ) -> Result<()> {
+        let Sampled { volume, report } = sampled;
+        let (
+            Some(values),
+            Particles::Anisotropic { positions, factors },
+            Strength::Classified { volumes },
+        ) = (&volume.values, &volume.particles, &volume.strength)
+        else {
+            return Ok(());
         };
-        let Some(own) = dual(node, rule) else {
-            return (0, false);
+        let planes = match &volume.boundary {
+            Some(Boundary::Planes(planes)) => Some(planes),
+            _ => None,
         };
-        let px = refinement.px(own.origin, own.radius);
-        let sigma = principal_sigmas(factors[particle].map(f64::from))[0];
-        let bend = planes.map_or(0.0, |_| bend(cells, mesh.surface, node));
-        (own.level(rule, px, sigma, bend), true)
-    };
-    let levels = |rule: &Rule| {
-        let found: Vec<(u8, bool)> = first.par_iter().map(|&n| level(n, rule)).collect();
-        let mut levels = vec![0; cells.mesh.nodes.len()];
-        let mut may_split = vec![false; levels.len()];
-        for (&node, (level, may)) in first.iter().zip(found) {
-            levels[node as usize] = level;
-            may_split[node as usize] = may;
+        let all = bodies.all();
+        let level = |body: u32, rule: &Rule| {
+            let factor = factors[bodies.particle(body)?];
+            let sigma = principal_sigmas(factor.map(f64::from))[0];
+            let px = |own: &Body| self.refinement.px(own.origin, own.radius);
+            bodies.level(body, rule, px, sigma, planes.map(|_| self.surface))
+        };
+        let levels = |rule: &Rule| {
+            let found: Vec<Option<u8>> = all.par_iter().map(|&n| level(n, rule)).collect();
+            let mut levels = vec![0; bodies.count()];
+            let mut may_split = vec![false; levels.len()];
+            for (&body, level) in all.iter().zip(found) {
+                levels[body as usize] = level.unwrap_or(0);
+                may_split[body as usize] = level.is_some();
+            }
+            grade(bodies, &mut levels, &may_split);
+            let is_split = |body: &&u32| levels[**body as usize] > 0;
+            let count = |body: &u32| {
+                let of_piece = 1_u64 << (3 * (levels[*body as usize] - 1));
+                bodies.piece_count(*body) * of_piece
+            };
+            let count = all.iter().filter(is_split).map(count).sum();
+            Ok((levels, count))
+        };
+        let width = options.kernels.width;
+        let scale = (self.shown, self.refinement, width);
+        let Some((rule, levels)) = within_budget(scale, MOST_PARTS, levels)? else {
+            return Ok(());
+        };
+        if levels.iter().all(|level| *level == 0) {
+            return Ok(());
         }
-        grade(cells, &mut levels, &may_split);
-        let is_split = |&&node: &&u32| levels[node as usize] > 0;
-        let count = |&node: &u32| {
-            let of_piece = 1_u64 << (3 * (levels[node as usize] - 1));
-            mesh.around.of(node).len() as u64 * of_piece
+        let parts_of = |body: &u32| {
+            let mut parts = Vec::new();
+            if let Some(own) = bodies.body(*body) {
+                let near = self.surface_near(bodies.cells(body), planes.is_some());
+                let count = 1 << (levels[*body as usize] - 1);
+                let place = |n: u32| self.cells.mesh.nodes[n as usize];
+                kernels(&own, (&rule, count), &near, place, &mut parts);
+            }
+            parts
         };
-        let count = first.iter().filter(is_split).map(count).sum();
-        Ok((levels, count))
-    };
-    let width = options.kernels.width;
-    let Some((rule, levels)) = within_budget((&shown, refinement, width), MOST_PARTS, levels)?
-    else {
-        return Ok(());
-    };
-    if levels.iter().all(|level| *level == 0) {
-        return Ok(());
-    }
-    let parts_of = |&node: &u32| {
-        let mut parts = Vec::new();
-        let around = mesh.around.of(node);
-        if let Some(dual) = nodes.dual_cell(node, around, |_| true) {
-            let near = surface_near(mesh, node, planes.is_some());
-            let count = 1 << (levels[node as usize] - 1);
-            let place = |n: u32| cells.mesh.nodes[n as usize];
-            kernels(&dual, (&rule, count), &near, place, &mut parts);
+        let split: Vec<u32> = all
+            .iter()
+            .copied()
+            .filter(|&body| levels[body as usize] > 0)
+            .collect();
+        let parts: Vec<PartKernel> = split.par_iter().flat_map_iter(parts_of).collect();
+
+        let is_drawn = parts
+            .par_iter()
+            .map(|part| part.shown(&rule, part.volume).is_some());
+        let is_drawn: Vec<bool> = is_drawn.collect();
+        let count = positions.len();
+        let sample_count = count - self.ghosts.len();
+        let body = |i: usize| {
+            let sample = i.checked_sub(sample_count);
+            bodies.of_particle(sample.map_or(i, |ghost| self.ghosts[ghost]))
+        };
+        let (split, whole): (Vec<usize>, Vec<usize>) =
+            (0..count).partition(|&i| levels[body(i) as usize] > 0);
+        let may_change = |i: usize| {
+            let is_open = planes.is_none() && bodies.is_outermost(body(i), self.surface);
+            let model = volume.local_models.as_ref().map(|models| models.get(i));
+            let is_shown = model.is_none_or(|model| {
+                let value = values.get(i);
+                let reached = model.reached(value, [value - model.below, value + model.above]);
+                rule.shows(reached.map(f64::from))
+            });
+            is_shown && !is_open && self.partial.binary_search(&i).is_err()
+        };
+        let kernels = WholeKernels {
+            particles: &whole,
+            positions,
+            factors,
+            volumes,
+            sample_count,
+            ghosts: self.ghosts,
+        };
+        let edges = |i: usize| planes.and_then(|planes| planes.of(i));
+        let task = options.task.as_ref();
+        let even = kernels.evened(&parts, &is_drawn, may_change, edges, task)?;
+        let drawn = parts.par_iter().zip(&even.parts);
+        let drawn = drawn.filter_map(|(part, volume)| part.shown(&rule, *volume));
+        let refined = Refined {
+            level: levels.iter().copied().max().unwrap_or(0),
+            gone: split,
+            evened: even.particles,
+            parts: drawn.collect(),
+        };
+        if !even.is_even {
+            let what = "of refined cells: their kernels are long, and not evened out";
+            report.note(refined.parts.len(), "parts", what);
         }
-        parts
-    };
-    let split: Vec<u32> = first
-        .iter()
-        .copied()
-        .filter(|&n| levels[n as usize] > 0)
-        .collect();
-    let parts: Vec<PartKernel> = split.par_iter().flat_map_iter(parts_of).collect();
-
-    let is_drawn = parts
-        .par_iter()
-        .map(|part| part.shown(&rule, part.volume).is_some());
-    let is_drawn: Vec<bool> = is_drawn.collect();
-    let sample_count = mesh.kept.len();
-    let node = |i: usize| {
-        let sample = i
-            .checked_sub(sample_count)
-            .map_or(i, |ghost| mesh.ghosts[ghost]);
-        cells.duals.first_of(mesh.kept[sample])
-    };
-    let count = positions.len();
-    let (split, whole): (Vec<usize>, Vec<usize>) =
-        (0..count).partition(|&i| levels[node(i) as usize] > 0);
-    let may_change = |i: usize| {
-        let is_open = planes.is_none() && mesh.surface.nodes().binary_search(&node(i)).is_ok();
-        let model = volume.local_models.as_ref().map(|models| models.get(i));
-        let is_shown = model.is_none_or(|model| {
-            let value = values.get(i);
-            let reached = model.reached(value, [value - model.below, value + model.above]);
-            rule.shows(reached.map(f64::from))
-        });
-        is_shown && !is_open && mesh.partial.binary_search(&i).is_err()
-    };
-    let kernels = WholeKernels {
-        particles: &whole,
-        positions,
-        factors,
-        volumes,
-        sample_count,
-        ghosts: mesh.ghosts,
-    };
-    let edges = |i: usize| planes.and_then(|planes| planes.of(i));
-    let task = options.task.as_ref();
-    let even = kernels.evened(&parts, &is_drawn, may_change, edges, task)?;
-    let drawn = parts.par_iter().zip(&even.parts);
-    let drawn = drawn.filter_map(|(part, volume)| part.shown(&rule, *volume));
-    let refined = Refined {
-        level: levels.iter().copied().max().unwrap_or(0),
-        gone: split,
-        evened: even.particles,
-        parts: drawn.collect(),
-    };
-    if !even.is_even {
-        let what = "of refined cells: their kernels are long, and not evened out";
-        report.note(refined.parts.len(), "parts", what);
+        report.refined_level = refined.level;
+        let wanted: Vec<u32> = (0..count).map(index_u32).collect();
+        let stays = apply(volume, vec![refined], &wanted, &mut Ok)?;
+        report.refined_count = volume.particles.len() - stays.len();
+        report.particle_count = volume.particles.len();
+        report.ghost_count = stays
+            .iter()
+            .filter(|&&i| i as usize >= sample_count)
+            .count();
+        Ok(())
     }
-    report.refined_level = refined.level;
-    let wanted: Vec<u32> = (0..count).map(index_u32).collect();
-    let stays = apply(volume, vec![refined], &wanted, &mut Ok)?;
-    report.refined_count = volume.particles.len() - stays.len();
-    report.particle_count = volume.particles.len();
-    report.ghost_count = stays
-        .iter()
-        .filter(|&&i| i as usize >= sample_count)
-        .count();
-    Ok(())
-}
 
-/// Returns the surface at the corners of the cells around a node.
-fn surface_near<'a>(mesh: &RefinedMesh<'a>, node: u32, is_sharp: bool) -> NearSurface<'a> {
-    let (mut corners, mut faces) = (Vec::new(), Vec::new());
-    let mut is_undecided = false;
-    for &cell in mesh.around.of(node) {
-        mesh.cells.corners(cell as usize, &mut corners);
-        let of_corners = corners.iter().filter_map(|&n| mesh.surface.faces_at(n));
-        faces.extend(of_corners.flatten());
-        is_undecided |= corners.iter().any(|&n| mesh.surface.is_undecided(n));
-    }
-    faces.sort_unstable();
-    faces.dedup();
-    let of = |face| mesh.surface.face(face);
-    NearSurface {
-        faces: faces.into_iter().map(of).collect(),
-        is_sharp,
-        is_undecided,
+    /// Returns the surface at the corners of cells.
+    fn surface_near(&self, cells: &[u32], is_sharp: bool) -> NearSurface<'_> {
+        let (mut corners, mut faces) = (Vec::new(), Vec::new());
+        let mut is_undecided = false;
+        for &cell in cells {
+            self.cells.corners(cell as usize, &mut corners);
+            let of_corners = corners.iter().filter_map(|&n| self.surface.faces_at(n));
+            faces.extend(of_corners.flatten());
+            is_undecided |= corners.iter().any(|&n| self.surface.is_undecided(n));
+        }
+        faces.sort_unstable();
+        faces.dedup();
+        let of = |face| self.surface.face(face);
+        NearSurface {
+            faces: faces.into_iter().map(of).collect(),
+            is_sharp,
+            is_undecided,
+        }
     }
 }
 

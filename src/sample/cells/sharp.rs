@@ -140,8 +140,13 @@ impl<'a> NodeParticles<'a> {
         nodes.filter_map(|node| Some((node, self.kept.binary_search(&node).ok()?)))
     }
 
+    /// Returns the node of a particle.
+    pub(super) fn node(&self, particle: usize) -> u32 {
+        self.kept[particle]
+    }
+
     /// Returns the first particle at a position.
-    fn first(&self, first: u32) -> Option<usize> {
+    pub(super) fn first(&self, first: u32) -> Option<usize> {
         self.at(first).next().map(|(_, particle)| particle)
     }
 }

@@ -45,7 +45,7 @@ fn what_is_undone_can_be_redone() {
 #[test]
 fn functions_are_found_as_the_command_finds_them() {
     let grid = fixture("wake.xyz");
-    let mut window = window(&[&grid]);
+    let mut window = window(&[&grid, "--refine", "off"]);
     let before = function(&mut window);
     let [low, high] = before.range();
     let middle = (low + high) / 2.0;

@@ -70,6 +70,8 @@ fn saved_pictures_have_what_is_over_them() {
         "--legend",
         "--axes",
         "--outline",
+        "--refine",
+        "off",
     ];
     let mut window = window(&words);
     let over = window.state().shown_over();
@@ -110,7 +112,14 @@ fn saved_pictures_have_what_is_over_them() {
 #[test]
 fn the_first_view_is_that_of_render_with_an_outline() {
     let (grid, function) = (fixture("wake.xyz"), fixture("wake_transfer.json"));
-    let words = [&grid, "--transfer-function", &function, "--outline"];
+    let words = [
+        &grid,
+        "--transfer-function",
+        &function,
+        "--outline",
+        "--refine",
+        "off",
+    ];
     let mut window = window(&words);
     let [width, height] = window.state().size;
     let folder = tempfile::tempdir().unwrap();
