@@ -21,7 +21,7 @@ use crate::ranks::Share;
 use crate::sample::Found;
 use crate::sample::{
     GridPlanes, LEAST_PER_NODE, SampleOptions, SampleReport, Seam, Window, check_count, check_len,
-    planes_around, seam, shown_field, take_scalar,
+    may_refine, planes_around, seam, shown_field, take_scalar,
 };
 use crate::scene::{Surroundings, Tiling, ValueScale, Values};
 use crate::view::Camera;
@@ -37,7 +37,7 @@ fn own_planes(count: usize, rank: usize, size: usize) -> Range<usize> {
 /// - `cameras`: returns the cameras of the pictures of a scene between two corners.
 ///
 /// Returns `None` if one rank must read the whole grid. That is so for surfaces, iso-surfaces, grids that close along
-/// k, and grids with cells that finer cells replace. Some sampling options also need all values on one rank.
+/// k, grids with cells that finer cells replace, and refined kernels of cells. Some sampling options also need all values on one rank.
 ///
 /// # Errors
 /// The errors of reading or sampling, on any rank; nothing that can be drawn; a rank that is gone.
@@ -67,6 +67,12 @@ pub(crate) fn read_grid(
     let Some((field, _)) = head.selected(&name) else {
         return Ok(None);
     };
+    // Cells are refined as those of a mesh, by one rank.
+    let cell_count = (ni - 1) * (nj - 1) * (count - 1);
+    let of_cells = field.association == Association::Cells && may_refine(cell_count);
+    if of_cells && options.refinement.is_some() {
+        return Ok(None);
+    }
     let arrays = own.keep(&head, field);
     let window = |rank: usize| match own_planes(count, rank, size) {
         // If there are more ranks than planes, some ranks sample none; they receive the first two.

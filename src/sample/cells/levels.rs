@@ -103,18 +103,14 @@ impl Body {
         px: f64,
         sigma: f64,
     ) -> u8 {
-        let Some(width) = rule.finest(around) else {
-            return 0;
-        };
         let jump = (around[1] - self.value).max(self.value - around[0]);
-        let level = least_level(rule.excess(jump, width, jump / sigma, px), 2.0);
         // The kernel of a cell that is not shown reaches shown values; its parts do not.
         let most = if rule.shows(self.range) {
             MOST_LEVEL
         } else {
             1
         };
-        level.min(Rule::most_level(sigma, px)).min(most)
+        rule.jump_level(around, jump, px, sigma).min(most)
     }
 }
 

@@ -31,9 +31,9 @@ use self::duals::{Duals, cut, sound_volume, turned};
 use self::incidence::CellsAround;
 use self::refined::{MOST_CELLS, RefinedMesh};
 use self::sharp::{DrawnCells, NodeParticles, SharpCells, Surface, sharp_cells};
-use super::curvilinear::sharp::{apply, even_out};
 use super::field::local_models::mesh::SampledMesh;
 use super::field::{gradient, local_models};
+use super::kernels::ghosts::{apply, even_out};
 use super::kernels::{Kernel, Kernels};
 use super::left_out::LeftOut;
 use super::own::Own;
@@ -327,42 +327,97 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         Some(sharp) => sharpen(&mut sampled, sharp, kept.len(), options)?,
         None => (Vec::new(), Vec::new()),
     };
+    let mesh = RefinedMesh {
+        cells: &cells,
+        surface: &surface,
+        ghosts: &ghosts,
+        partial: &partial,
+        shown,
+        refinement,
+    };
+    let values = values_of(&sampled, &kept, sample_count);
+    let (cells, around, kept, values) = (&cells, &around, &*kept, &*values);
+    match of_nodes {
+        true => {
+            let particles = &particles;
+            let bodies = DualCells {
+                cells,
+                around,
+                particles,
+                values,
+            };
+            mesh.refine(&bodies, &mut sampled, options)?;
+        }
+        false => {
+            let bodies = CellBodies {
+                cells,
+                around,
+                kept,
+                values,
+            };
+            mesh.refine(&bodies, &mut sampled, options)?;
+        }
+    }
+    Ok(sampled)
+}
+
+/// Returns the value of each sample; NaN for those that are not drawn.
+fn values_of(sampled: &Sampled, kept: &[u32], sample_count: usize) -> Vec<f64> {
     let mut values = vec![f64::NAN; sample_count];
     if let Some(own) = &sampled.volume.values {
         for (particle, &sample) in kept.iter().enumerate() {
             values[sample as usize] = own.wide(particle);
         }
     }
-    let (ghosts, partial) = (ghosts.as_slice(), partial.as_slice());
-    let mesh = RefinedMesh {
-        cells: &cells,
-        surface: &surface,
-        ghosts,
-        partial,
+    values
+}
+
+/// Refines a volume of the cells of a mesh, which has a soft boundary.
+///
+/// - `kept`: cell of each particle, ascending.
+///
+/// # Errors
+/// Work that was cancelled.
+pub(super) fn refine_cells(
+    mesh: &CellMesh,
+    blanking: &Blanking,
+    kept: &[u32],
+    sampled: &mut Sampled,
+    options: &SampleOptions,
+) -> Result<()> {
+    let shown = ShownValues::new(&sampled.volume, options.flatten);
+    let (Some(refinement), Some(shown)) = (&options.refinement, &shown) else {
+        return Ok(());
+    };
+    let turned = turned(mesh);
+    let of_kind = |kind: usize| turned.get(kind).copied().unwrap_or_default();
+    let handedness = std::array::from_fn(|kind| Handedness::of(of_kind(kind)));
+    let (all, task) = (0..mesh.cell_count(), options.task.as_ref());
+    // What is left out has been counted already.
+    let report = &mut SampleReport::default();
+    let duals = &Duals::new(mesh, blanking, handedness, &all, report, task)?;
+    let cells = &DrawnCells {
+        mesh,
+        duals,
+        blanking,
+    };
+    let refined = RefinedMesh {
+        cells,
+        surface: &Surface::new(cells),
+        ghosts: &[],
+        partial: &[],
         shown,
         refinement,
     };
-    match of_nodes {
-        true => {
-            let bodies = DualCells {
-                cells: &cells,
-                around: &around,
-                particles: &particles,
-                values: &values,
-            };
-            mesh.refine(&bodies, &mut sampled, options)?;
-        }
-        false => {
-            let bodies = CellBodies {
-                cells: &cells,
-                around: &around,
-                kept: &kept,
-                values: &values,
-            };
-            mesh.refine(&bodies, &mut sampled, options)?;
-        }
-    }
-    Ok(sampled)
+    let values = &values_of(sampled, kept, mesh.cell_count());
+    let around = &CellsAround::new(mesh, &duals.first);
+    let bodies = CellBodies {
+        cells,
+        around,
+        kept,
+        values,
+    };
+    refined.refine(&bodies, sampled, options)
 }
 
 /// Returns true if a mesh may be refined.

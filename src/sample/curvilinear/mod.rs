@@ -16,6 +16,7 @@
 //! error from 22 % to 12 % if the spacing changes 2:1 at once, and from 4.6 % to 2.8 % at a stretching of 1.3
 //! per cell. Nothing more is done about it.
 
+mod cells;
 pub(crate) mod even_grid;
 pub(crate) mod overlap;
 pub(crate) mod partitioned;
@@ -30,6 +31,7 @@ use std::ops::Range;
 use glam::DVec3;
 use rayon::prelude::*;
 
+use self::cells::{may_refine_blocks, refine_blocks};
 use self::refined::refine_grids;
 use self::sharp::{nodes_of, sharpen_grids};
 use self::structured::{CellCounts, Grid, Part};
@@ -123,7 +125,8 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     // The encoded models take a quarter of the memory.
     let local_models = models.map(|models| LocalModels::new(&models));
     let is_sharp = options.is_sharp() && taken.association == Association::Nodes;
-    report.may_refine = taken.association == Association::Nodes;
+    let of_nodes = taken.association == Association::Nodes;
+    report.may_refine = of_nodes || may_refine_blocks(blocks);
     let is_refined = options.refinement.is_some() && report.may_refine;
     let kept = if is_sharp || is_refined {
         kernels.kept.clone()
@@ -149,7 +152,9 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         true => sharpen_grids(volume, report, &samples, &kept, options, own)?,
         false => None,
     };
-    if is_refined {
+    if is_refined && !of_nodes {
+        refine_blocks(blocks, &blanking, &kept, &mut sampled, options)?;
+    } else if is_refined {
         let all_nodes = match sharp {
             Some((_, nodes)) => nodes,
             None => {

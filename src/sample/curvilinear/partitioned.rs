@@ -14,6 +14,7 @@ use crate::data::association::Association;
 use crate::data::blanking::Blanking;
 use crate::error::Result;
 use crate::math::ExactSum;
+use crate::sample::cells::may_refine;
 use crate::sample::field::picked::picked_of;
 use crate::sample::function::unclassified;
 use crate::sample::kernels::Kernels;
@@ -117,7 +118,8 @@ impl GridPlanes {
         let samples = self.samples();
         let mut report = SampleReport {
             sample_count: samples.len(),
-            may_refine: self.association == Association::Nodes,
+            may_refine: self.association == Association::Nodes
+                || may_refine(self.dims.map(|n| n - 1).iter().product()),
             ..SampleReport::default()
         };
         counts.report(&mut report);

@@ -1,6 +1,7 @@
 //! Collects arrays of anisotropic kernels in parallel.
 
 pub(crate) mod even;
+pub(in crate::sample) mod ghosts;
 pub(crate) mod levels;
 pub(crate) mod planes;
 pub(crate) mod sums;

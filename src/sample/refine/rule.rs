@@ -142,6 +142,24 @@ impl Rule {
         if shift < in_values { shift } else { in_values }
     }
 
+    /// Returns the level at which a kernel blurs jumps between values of cells by no more than the threshold.
+    ///
+    /// - `around`: least and greatest value of the cells side by side.
+    /// - `jump`: greatest difference from the kernel's value; `sigma`: deviation of the kernel at level 0.
+    pub(in crate::sample) fn jump_level(
+        &self,
+        around: [f64; 2],
+        jump: f64,
+        px: f64,
+        sigma: f64,
+    ) -> u8 {
+        let Some(width) = self.finest(around) else {
+            return 0;
+        };
+        let level = least_level(self.excess(jump, width, jump / sigma, px), 2.0);
+        level.min(Self::most_level(sigma, px))
+    }
+
     /// Returns the level at which a face that bends leaves its tangent plane by no more than the threshold.
     ///
     /// - `bend`: second difference of the face across the plane \[world units\].
