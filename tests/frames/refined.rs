@@ -1,13 +1,13 @@
 //! Tests refined kernels against the field between the nodes: its picture, its values beyond the boundary, and the
 //! grids that stay as they are.
 
-use ewa_splat::io::{CurvilinearBlock, Dataset, Geometry};
+use ewa_splat::io::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use ewa_splat::reference::{DataIntegrator, ReferenceSettings};
 use ewa_splat::sample::{
     BoundaryChoice, FunctionOptions, KernelOptions, PurposeOptions, Refinement, SampleOptions,
     Sampled, TransferChoice, scene, volume,
 };
-use ewa_splat::scene::{Lattice, Particles, PointVolume, Strength, TransferFunction};
+use ewa_splat::scene::{Lattice, Particles, PointVolume, Strength, TransferFunction, Values};
 use ewa_splat::view::Camera;
 use ewa_splat::{Renderer, Settings};
 use glam::DVec3;
@@ -117,6 +117,56 @@ fn refined_kernels_are_nearer_to_the_field_between_nodes() {
         assert!(report.refined_count > 0 && report.refined_level > 0 && report.may_refine);
         assert_eq!(report.particle_count, sampled.volume.particles.len());
     }
+}
+
+/// Values of cells are constant within cells: kernels are split beside the jumps.
+#[test]
+fn refined_kernels_are_nearer_to_values_of_cells() {
+    let mesh = hexahedra(&warped(9));
+    let centre = |cell: &[u32]| {
+        let sum: DVec3 = cell.iter().map(|&n| mesh.nodes[n as usize]).sum();
+        sum / cell.len() as f64
+    };
+    let values = mesh
+        .connectivity
+        .chunks(8)
+        .map(|cell| field(centre(cell)) as f32);
+    let fields = vec![Field {
+        name: "f".into(),
+        association: Association::Cells,
+        source: FieldSource::Scalar(Values::F32(values.collect())),
+        unit: None,
+    }];
+    let mut pictures = Vec::new();
+    for geometry in [Geometry::Cells(mesh.clone()), grid(warped(9))] {
+        let data = Dataset::new("test".as_ref(), "test", geometry, fields.clone());
+        let (plain, _) = error(&data, false);
+        let (refined, sampled) = error(&data, true);
+        let report = sampled.report;
+        println!(
+            "{plain:.4} {refined:.4} {} of {}",
+            report.refined_count, report.particle_count
+        );
+        assert!(refined < 0.6 * plain, "{plain} {refined}");
+        assert!(report.refined_count > 0 && report.may_refine);
+        pictures.push(refined);
+    }
+    // A grid is refined as the mesh of its cells is; kernels that stay whole differ in their variance.
+    assert!(
+        (pictures[0] / pictures[1] - 1.0).abs() < 0.1,
+        "{pictures:?}"
+    );
+    // An iso-surface and light need slopes, which cells with one value have not.
+    let count = |refines: bool, change: &dyn Fn(&mut SampleOptions)| {
+        let data = Dataset::new("test".as_ref(), "test", grid(warped(9)), fields.clone());
+        let mut options = options(&shells(), refines);
+        change(&mut options);
+        volume(data, &options).unwrap().report.refined_count
+    };
+    assert!(count(true, &|_| ()) > 0);
+    assert_eq!(count(false, &|_| ()), 0);
+    assert_eq!(count(true, &|options| options.flatten = Some(0.5)), 0);
+    assert_eq!(count(true, &|options| options.purpose.normals = true), 0);
 }
 
 #[test]

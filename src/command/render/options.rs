@@ -126,7 +126,7 @@ pub(in crate::command) struct Method {
     /// opaque particles, too faint where they fill pixels together
     #[arg(long)]
     pub(in crate::command) sub_pixel_opacity: bool,
-    /// Refine kernels of grids with values at nodes where the field bends between nodes and the transfer
+    /// Refine kernels of grids where the field bends between nodes, or jumps between cells, and the transfer
     /// function or the iso-surface shows it: nearer to the data's own field, for more kernels
     #[arg(
         long,

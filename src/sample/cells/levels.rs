@@ -25,6 +25,10 @@ const MOST_LEVEL: u8 = 3;
 /// for an error of 2.2 levels of 255 at best and 3.2 at worst; this one leaves 2.3 of 3.6.
 const MOST_LEVEL_OF_TETRAHEDRA: u8 = 1;
 
+/// Greatest level of cells with one value. On a warped grid of 24³ cells a third one leaves 1.4 levels of 255 instead of
+/// 2.5, for seven times the kernels.
+const MOST_LEVEL_OF_CELLS: u8 = 2;
+
 /// Share of a level's error that is left at the next one.
 const PER_LEVEL: f64 = 3.0;
 
@@ -105,10 +109,9 @@ impl Body {
     ) -> u8 {
         let jump = (around[1] - self.value).max(self.value - around[0]);
         // The kernel of a cell that is not shown reaches shown values; its parts do not.
-        let most = if rule.shows(self.range) {
-            MOST_LEVEL
-        } else {
-            1
+        let most = match rule.shows(self.range) {
+            true => MOST_LEVEL_OF_CELLS,
+            false => 1,
         };
         rule.jump_level(around, jump, px, sigma).min(most)
     }
@@ -299,8 +302,8 @@ mod tests {
             });
             found
         };
-        // A blur of 6 pixels asks for three levels, one of 1.2 for one.
-        assert_eq!(level([0.5, 0.8], 0.1, 10.0), 3);
+        // A blur of 6 pixels asks for all levels, one of 1.2 for one.
+        assert_eq!(level([0.5, 0.8], 0.1, 10.0), MOST_LEVEL_OF_CELLS);
         assert_eq!(level([0.5, 0.8], 0.1, 2.0), 1);
         assert_eq!(level([0.5, 0.8], 0.1, 1.0), 0);
         // Equal values, values of almost one colour, and values that nothing shows have no jump.

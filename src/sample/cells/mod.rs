@@ -277,7 +277,8 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         return Err(nothing_left(&dataset.path, &report));
     }
     let is_sharp = options.is_sharp() && of_nodes;
-    let is_refined = may_be_refined(mesh.cell_count(), options);
+    let is_refined =
+        may_be_refined(mesh.cell_count(), options) && (of_nodes || !needs_slopes(options));
     let kept = match is_sharp || is_refined {
         true => kernels.kept.clone(),
         false => Vec::new(),
@@ -418,6 +419,12 @@ pub(super) fn refine_cells(
         values,
     };
     refined.refine(&bodies, sampled, options)
+}
+
+/// Returns true if options ask for slopes of the field, which iso-surfaces and light need. Parts of cells with one
+/// value have none.
+pub(super) fn needs_slopes(options: &SampleOptions) -> bool {
+    options.flatten.is_some() || options.purpose.normals
 }
 
 /// Returns true if a mesh may be refined.

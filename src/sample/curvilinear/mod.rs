@@ -35,6 +35,7 @@ use self::cells::{may_refine_blocks, refine_blocks};
 use self::refined::refine_grids;
 use self::sharp::{nodes_of, sharpen_grids};
 use self::structured::{CellCounts, Grid, Part};
+use super::cells::needs_slopes;
 use super::field::gradient::Samples;
 use super::field::local_models;
 use super::field::local_models::grid::{GridKernel, RUN, Run};
@@ -127,7 +128,8 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     let is_sharp = options.is_sharp() && taken.association == Association::Nodes;
     let of_nodes = taken.association == Association::Nodes;
     report.may_refine = of_nodes || may_refine_blocks(blocks);
-    let is_refined = options.refinement.is_some() && report.may_refine;
+    let is_refined =
+        options.refinement.is_some() && report.may_refine && (of_nodes || !needs_slopes(options));
     let kept = if is_sharp || is_refined {
         kernels.kept.clone()
     } else {
