@@ -7,12 +7,9 @@
 //!
 //! **Values of cells** jump at faces, and a kernel blurs a jump over its own deviation: that has to be less than the
 //! threshold, unless the function hardly changes from one side to the other.
-//!
-//! Bodies side by side then differ by one level at most.
 
 use glam::{DVec3, DVec4, Vec4Swizzles as _};
 
-use super::bodies::Bodies;
 use super::pieces::Piece;
 use super::sharp::{DrawnCells, SAME_PLANE, Surface};
 use crate::sample::refine::rule::{Rule, least_level};
@@ -27,7 +24,7 @@ const MOST_LEVEL_OF_TETRAHEDRA: u8 = 1;
 
 /// Greatest level of cells with one value. On a warped grid of 24³ cells a third one leaves 1.4 levels of 255 instead of
 /// 2.5, for seven times the kernels.
-const MOST_LEVEL_OF_CELLS: u8 = 2;
+pub(super) const MOST_LEVEL_OF_CELLS: u8 = 2;
 
 /// Share of a level's error that is left at the next one.
 const PER_LEVEL: f64 = 3.0;
@@ -144,193 +141,4 @@ pub(super) fn bend(cells: &DrawnCells<'_>, surface: &Surface, node: u32) -> f64 
         }
     }
     most
-}
-
-/// Raises levels until bodies side by side differ by one at most.
-///
-/// - `bodies`: levels are of these.
-/// - `may_split`: false for bodies that cannot be split.
-pub(super) fn grade(bodies: &impl Bodies, levels: &mut [u8], may_split: &[bool]) {
-    loop {
-        let mut has_changed = false;
-        bodies.each_group(&mut |group| {
-            let most = group.iter().map(|&n| levels[n as usize]).max();
-            let least = most.unwrap_or(0).saturating_sub(1);
-            for &n in group.iter().filter(|&&n| may_split[n as usize]) {
-                if levels[n as usize] < least {
-                    levels[n as usize] = least;
-                    has_changed = true;
-                }
-            }
-        });
-        if !has_changed {
-            return;
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::data::blanking::Blanking;
-    use crate::data::cells::CellMesh;
-    use crate::data::handedness::Handedness;
-    use crate::sample::cells::bodies::{CellBodies, DualCells};
-    use crate::sample::cells::duals::{Duals, turned};
-    use crate::sample::cells::incidence::CellsAround;
-    use crate::sample::cells::sharp::NodeParticles;
-    use crate::sample::positions::index_u32;
-    use crate::sample::refine::rule::ShownValues;
-    use crate::sample::report::SampleReport;
-    use crate::scene::TransferFunction;
-
-    /// Calls a function with a block of cubes of side 1 from the origin on, which has one node more along each axis, and
-    /// the cells around its nodes.
-    fn with_block(counts: [usize; 3], of: impl FnOnce(&DrawnCells<'_>, &CellsAround)) {
-        let [x, y, z] = counts.map(|n| n + 1);
-        let place = |n: usize| DVec3::from([n % x, n / x % y, n / (x * y)].map(|i| i as f64));
-        let nodes: Vec<DVec3> = (0..x * y * z).map(place).collect();
-        let mut cells = Vec::new();
-        for (k, j, i) in (0..counts[2])
-            .flat_map(|k| (0..counts[1]).flat_map(move |j| (0..counts[0]).map(move |i| (k, j, i))))
-        {
-            let corner =
-                |c: usize| (i + (c & 1) + x * (j + (c >> 1 & 1) + y * (k + (c >> 2)))) as i64;
-            cells.push(8);
-            cells.extend((0..8).map(corner));
-        }
-        let mesh = CellMesh::of_lists(nodes, &vec![11; counts.iter().product()], &cells).unwrap();
-        let turned = turned(&mesh);
-        let handedness = std::array::from_fn(|kind| Handedness::of(turned[kind]));
-        let all = 0..mesh.cell_count();
-        let mut report = SampleReport::default();
-        let duals =
-            Duals::new(&mesh, &Blanking::NONE, handedness, &all, &mut report, None).unwrap();
-        let cells = DrawnCells {
-            mesh: &mesh,
-            duals: &duals,
-            blanking: &Blanking::NONE,
-        };
-        of(&cells, &CellsAround::new(&mesh, &duals.first));
-    }
-
-    /// Calls a function with the dual cells of such a block, whose nodes have given values.
-    fn with_nodes(counts: [usize; 3], values: &[f64], of: impl FnOnce(&DualCells<'_>)) {
-        with_block(counts, |cells, around| {
-            let kept: Vec<u32> = (0..values.len()).map(index_u32).collect();
-            let particles = &NodeParticles::new(cells.duals, &kept);
-            of(&DualCells {
-                cells,
-                around,
-                particles,
-                values,
-            });
-        });
-    }
-
-    fn hat(width: f32) -> Rule {
-        let opacity = move |v: f32| (1.0 - (v - 0.5).abs() / width).max(0.0) * 0.5;
-        let function =
-            TransferFunction::from_curves(|_| [1.0; 3], opacity, [-1.0, 1.0], 1.0).unwrap();
-        Rule::new(&ShownValues::of_function(&function), 1.0, 0.6)
-    }
-
-    #[test]
-    fn nodes_of_a_cell_differ_by_one_level_at_most() {
-        with_nodes([6, 1, 1], &[0.0; 28], |nodes| {
-            let mut levels = vec![0; 28];
-            levels[0] = 3;
-            let mut may_split = vec![true; 28];
-            may_split[8] = false;
-            grade(nodes, &mut levels, &may_split);
-            let row: Vec<u8> = levels[..7].to_vec();
-            assert_eq!(row, [3, 2, 1, 0, 0, 0, 0]);
-            assert_eq!((levels[7], levels[8], levels[9]), (2, 0, 1));
-        });
-    }
-
-    #[test]
-    fn cells_side_by_side_differ_by_one_level_at_most() {
-        with_block([4, 2, 1], |cells, around| {
-            let kept: Vec<u32> = (0..8).collect();
-            let bodies = CellBodies {
-                cells,
-                around,
-                kept: &kept,
-                values: &[0.0; 8],
-            };
-            let mut levels = [3, 0, 0, 0, 0, 0, 0, 0];
-            grade(&bodies, &mut levels, &[true; 8]);
-            assert_eq!(levels, [3, 2, 1, 0, 2, 2, 1, 0]);
-        });
-    }
-
-    #[test]
-    fn nodes_are_split_where_the_field_bends_the_function_shows_and_a_pixel_sees_it() {
-        let level = |width: f32, field: &dyn Fn(DVec3) -> f64, px: f64| {
-            let place = |n: usize| DVec3::from([n % 3, n / 3 % 3, n / 9].map(|i| i as f64));
-            let values: Vec<f64> = (0..27).map(|n| field(place(n) - 1.0)).collect();
-            let mut found = 0;
-            with_nodes([2; 3], &values, |nodes| {
-                found = nodes.level(13, &hat(width), |_| px, 0.6, None).unwrap();
-            });
-            found
-        };
-        let kink = |s: DVec3| 0.5 + if s.x > 0.0 { s.x } else { 0.2 * s.x };
-        assert!(level(0.05, &kink, 100.0) > 1);
-        assert_eq!(level(0.05, &|s| 0.5 + s.x, 100.0), 0);
-        assert_eq!(level(0.05, &|s| kink(s) - 2.0, 100.0), 0);
-        // A wide feature does not show a small kink.
-        assert_eq!(level(0.5, &|s| 0.5 + 0.02 * kink(s), 1e4), 0);
-        // Half a pixel limits it: 1.8 px fall to .9.
-        assert_eq!(level(0.05, &kink, 3.0), 1);
-        assert_eq!(level(0.05, &kink, 1.0), 0);
-    }
-
-    #[test]
-    fn cells_are_split_where_values_jump_the_function_shows_and_a_pixel_sees_it() {
-        let level = |[own, beside]: [f64; 2], width: f32, px: f64| {
-            let mut found = 0;
-            with_block([2, 1, 1], |cells, around| {
-                let bodies = CellBodies {
-                    cells,
-                    around,
-                    kept: &[0, 1],
-                    values: &[own, beside],
-                };
-                found = bodies.level(0, &hat(width), |_| px, 0.6, None).unwrap();
-            });
-            found
-        };
-        // A blur of 6 pixels asks for all levels, one of 1.2 for one.
-        assert_eq!(level([0.5, 0.8], 0.1, 10.0), MOST_LEVEL_OF_CELLS);
-        assert_eq!(level([0.5, 0.8], 0.1, 2.0), 1);
-        assert_eq!(level([0.5, 0.8], 0.1, 1.0), 0);
-        // Equal values, values of almost one colour, and values that nothing shows have no jump.
-        assert_eq!(level([0.5, 0.5], 0.1, 10.0), 0);
-        assert_eq!(level([0.5, 0.501], 0.1, 10.0), 0);
-        assert_eq!(level([-0.5, -0.8], 0.1, 10.0), 0);
-        // A cell that is not shown is split, so that it does not reach into shown values, and no further.
-        assert_eq!(level([0.8, 0.5], 0.1, 10.0), 1);
-    }
-
-    #[test]
-    fn bodies_beside_unknown_values_stay_whole() {
-        let mut values = vec![0.5; 27];
-        values[0] = f64::NAN;
-        with_nodes([2; 3], &values, |nodes| {
-            assert!(nodes.body(13).is_none());
-            let other = nodes.body(26).unwrap();
-            assert_eq!((other.cells.len(), other.range), (1, [0.5; 2]));
-        });
-        with_block([2, 1, 1], |cells, around| {
-            let bodies = CellBodies {
-                cells,
-                around,
-                kept: &[1],
-                values: &[f64::NAN, 0.5],
-            };
-            assert!(bodies.body(0).is_none() && bodies.body(1).is_some());
-        });
-    }
 }

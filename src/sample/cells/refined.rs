@@ -8,8 +8,8 @@
 use rayon::prelude::*;
 
 use super::beside::WholeKernels;
-use super::bodies::Bodies;
-use super::levels::{Body, grade};
+use super::bodies::{Bodies, grade};
+use super::levels::Body;
 use super::parts::{NearSurface, PartKernel, kernels};
 use super::sharp::{DrawnCells, Surface};
 use crate::error::Result;
