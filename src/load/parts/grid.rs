@@ -37,7 +37,8 @@ fn own_planes(count: usize, rank: usize, size: usize) -> Range<usize> {
 /// - `cameras`: returns the cameras of the pictures of a scene between two corners.
 ///
 /// Returns `None` if one rank must read the whole grid. That is so for surfaces, iso-surfaces, grids that close along
-/// k, grids with cells that finer cells replace, and refined kernels of cells. Some sampling options also need all values on one rank.
+/// k, grids with cells that finer cells replace, and refined kernels of cells. Some sampling options also need all
+/// values on one rank.
 ///
 /// # Errors
 /// The errors of reading or sampling, on any rank; nothing that can be drawn; a rank that is gone.
