@@ -21,7 +21,7 @@ use crate::ranks::Share;
 use crate::sample::Found;
 use crate::sample::{
     GridPlanes, LEAST_PER_NODE, SampleOptions, SampleReport, Seam, Window, check_count, check_len,
-    may_refine, planes_around, seam, shown_field, take_scalar,
+    may_be_refined, planes_around, seam, shown_field, take_scalar,
 };
 use crate::scene::{Surroundings, Tiling, ValueScale, Values};
 use crate::view::Camera;
@@ -70,8 +70,8 @@ pub(crate) fn read_grid(
     };
     // Cells are refined as those of a mesh, by one rank.
     let cell_count = (ni - 1) * (nj - 1) * (count - 1);
-    let of_cells = field.association == Association::Cells && may_refine(cell_count);
-    if of_cells && options.refinement.is_some() {
+    let of_cells = field.association == Association::Cells;
+    if of_cells && may_be_refined(cell_count, false, options) {
         return Ok(None);
     }
     let arrays = own.keep(&head, field);

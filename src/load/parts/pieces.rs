@@ -100,7 +100,7 @@ pub(crate) fn read_pieces(
     };
     let of_nodes = own.association == Association::Nodes;
     let is_sharp = options.is_sharp() && of_nodes;
-    if (is_sharp && options.is_sharp_anyway()) || may_be_refined(count, options) {
+    if (is_sharp && options.is_sharp_anyway()) || may_be_refined(count, of_nodes, options) {
         return Ok(None);
     }
     let outline = outline_of_all(&own.mesh.nodes, ranks)?;

@@ -37,7 +37,7 @@ pub(super) trait Bodies: Sync {
     /// Returns a body; `None` if a position or a value is missing.
     fn body(&self, body: u32) -> Option<Body>;
 
-    /// Returns a body, and the level that a rule asks for; `None` as for [`Self::body`].
+    /// Returns the level that a rule asks for; `None` as for [`Self::body`].
     ///
     /// - `px`: returns the pixels per world unit at a body; `sigma`: deviation of its kernel at level 0.
     /// - `surface`: the faces whose tangent planes cut kernels, if any do.
@@ -296,7 +296,6 @@ mod tests {
     use super::*;
     use crate::data::blanking::Blanking;
     use crate::data::cells::CellMesh;
-    use crate::data::handedness::Handedness;
     use crate::sample::cells::duals::{Duals, turned};
     use crate::sample::cells::levels::MOST_LEVEL_OF_CELLS;
     use crate::sample::refine::rule::ShownValues;
@@ -319,12 +318,10 @@ mod tests {
             cells.extend((0..8).map(corner));
         }
         let mesh = CellMesh::of_lists(nodes, &vec![11; counts.iter().product()], &cells).unwrap();
-        let turned = turned(&mesh);
-        let handedness = std::array::from_fn(|kind| Handedness::of(turned[kind]));
         let all = 0..mesh.cell_count();
         let mut report = SampleReport::default();
-        let duals =
-            Duals::new(&mesh, &Blanking::NONE, handedness, &all, &mut report, None).unwrap();
+        let turned = turned(&mesh);
+        let duals = Duals::new(&mesh, &Blanking::NONE, &turned, &all, &mut report, None).unwrap();
         let cells = DrawnCells {
             mesh: &mesh,
             duals: &duals,

@@ -321,16 +321,18 @@ pub(crate) fn turned(mesh: &CellMesh) -> Vec<[usize; 2]> {
 }
 
 impl Duals {
-    /// - `handedness`: orientation of the cells of each kind.
+    /// - `turned`: for each kind of cell, the number of cells in either orientation.
     /// - `own`: the cells whose faults go into the report.
     pub(in crate::sample) fn new(
         mesh: &CellMesh,
         blanking: &Blanking,
-        handedness: [Handedness; 256],
+        turned: &[[usize; 2]],
         own: &Range<usize>,
         report: &mut SampleReport,
         task: Option<&Task>,
     ) -> Result<Self> {
+        let of_kind = |kind: usize| turned.get(kind).copied().unwrap_or_default();
+        let handedness = std::array::from_fn(|kind| Handedness::of(of_kind(kind)));
         let mut duals = Self {
             moments: vec![Moments::default(); mesh.nodes.len()],
             first: Vec::new(),

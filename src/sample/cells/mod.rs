@@ -24,6 +24,7 @@ pub(crate) mod refined;
 pub(crate) mod sharp;
 mod walls;
 
+use std::cell::OnceCell;
 use std::ops::Range;
 
 use self::bodies::{CellBodies, DualCells};
@@ -42,13 +43,11 @@ use crate::data::association::Association;
 use crate::data::blanking::Blanking;
 use crate::data::cells::CellMesh;
 use crate::data::dataset::{Dataset, Geometry};
-use crate::data::handedness::Handedness;
 use crate::error::{Error, Result};
 use crate::math::factor_of_variance;
 use crate::sample::field::choice::shown_field;
 use crate::sample::function::{classified_kernels, differences};
 use crate::sample::options::SampleOptions;
-use crate::sample::refine::rule::ShownValues;
 use crate::sample::report::SampleReport;
 use crate::sample::sampled::Sampled;
 use crate::sample::scalar::{check_count, check_len, nothing_left, take_scalar};
@@ -123,9 +122,7 @@ impl CellField<'_> {
             "cells",
             "hidden, or copies of another piece's: left out of their nodes' volumes",
         );
-        let of_kind = |kind: usize| turned.get(kind).copied().unwrap_or_default();
-        let handedness = std::array::from_fn(|kind| Handedness::of(of_kind(kind)));
-        let duals = Duals::new(mesh, blanking, handedness, &self.cells, report, task)?;
+        let duals = Duals::new(mesh, blanking, turned, &self.cells, report, task)?;
         let kernels = match of_nodes {
             true => self.of_nodes(&duals, report, options)?,
             false => self.of_cells(&duals, report, options)?,
@@ -277,8 +274,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         return Err(nothing_left(&dataset.path, &report));
     }
     let is_sharp = options.is_sharp() && of_nodes;
-    let is_refined =
-        may_be_refined(mesh.cell_count(), options) && (of_nodes || !needs_slopes(options));
+    let is_refined = may_be_refined(mesh.cell_count(), of_nodes, options);
     let kept = match is_sharp || is_refined {
         true => kernels.kept.clone(),
         false => Vec::new(),
@@ -290,10 +286,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         classified_kernels(kernels, taken.values, report, Surroundings::Absent, options)?;
     sampled.volume.normals = normals;
     sampled.volume.local_models = local_models;
-    let shown = ShownValues::new(&sampled.volume, options.flatten);
-    let refinement = options.refinement.as_ref().filter(|_| is_refined);
-    let refinement = refinement.zip(shown.as_ref());
-    if !is_sharp && refinement.is_none() {
+    if kept.is_empty() {
         return Ok(sampled);
     }
     let cells = DrawnCells {
@@ -301,14 +294,18 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         duals: &duals,
         blanking: &blanking,
     };
-    let surface = Surface::new(&cells);
+    if !of_nodes {
+        refine_drawn_cells(&cells, around, &kept, &mut sampled, options)?;
+        return Ok(sampled);
+    }
     let particles = NodeParticles::new(&duals, &kept);
+    let surface = Surface::new(&cells);
     // A sample that is transparent on the boundary needs no cut: most such volumes end here.
     let is_cut = is_sharp && {
         let on_boundary = surface.nodes().iter().flat_map(|&node| particles.at(node));
         options.cuts(&sampled.volume, on_boundary.map(|(_, particle)| particle))
     };
-    if !is_cut && refinement.is_none() {
+    if !(is_cut || is_refined) {
         return Ok(sampled);
     }
     let around = around.unwrap_or_else(|| CellsAround::new(mesh, &duals.first));
@@ -316,49 +313,31 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     let values = sampled.volume.values.as_ref().filter(|_| is_cut);
     let sharp =
         values.map(|values| sharp_cells(&cells, &surface, &around, &particles, values, width));
-    let Some((refinement, shown)) = refinement else {
+    if !is_refined {
         // Nothing below needs the mesh.
         drop((surface, around, particles, duals, dataset));
         if let Some(sharp) = sharp {
             sharpen(&mut sampled, sharp, kept.len(), options)?;
         }
         return Ok(sampled);
-    };
+    }
     let (ghosts, partial) = match sharp {
         Some(sharp) => sharpen(&mut sampled, sharp, kept.len(), options)?,
         None => (Vec::new(), Vec::new()),
     };
+    let bodies = DualCells {
+        cells: &cells,
+        around: &around,
+        particles: &particles,
+        values: &values_of(&sampled, &kept, sample_count),
+    };
     let mesh = RefinedMesh {
         cells: &cells,
-        surface: &surface,
+        surface: surface.into(),
         ghosts: &ghosts,
         partial: &partial,
-        shown,
-        refinement,
     };
-    let values = values_of(&sampled, &kept, sample_count);
-    let (cells, around, kept, values) = (&cells, &around, &*kept, &*values);
-    match of_nodes {
-        true => {
-            let particles = &particles;
-            let bodies = DualCells {
-                cells,
-                around,
-                particles,
-                values,
-            };
-            mesh.refine(&bodies, &mut sampled, options)?;
-        }
-        false => {
-            let bodies = CellBodies {
-                cells,
-                around,
-                kept,
-                values,
-            };
-            mesh.refine(&bodies, &mut sampled, options)?;
-        }
-    }
+    mesh.refine(&bodies, &mut sampled, options)?;
     Ok(sampled)
 }
 
@@ -386,45 +365,41 @@ pub(super) fn refine_cells(
     sampled: &mut Sampled,
     options: &SampleOptions,
 ) -> Result<()> {
-    let shown = ShownValues::new(&sampled.volume, options.flatten);
-    let (Some(refinement), Some(shown)) = (&options.refinement, &shown) else {
-        return Ok(());
-    };
-    let turned = turned(mesh);
-    let of_kind = |kind: usize| turned.get(kind).copied().unwrap_or_default();
-    let handedness = std::array::from_fn(|kind| Handedness::of(of_kind(kind)));
     let (all, task) = (0..mesh.cell_count(), options.task.as_ref());
     // What is left out has been counted already.
     let report = &mut SampleReport::default();
-    let duals = &Duals::new(mesh, blanking, handedness, &all, report, task)?;
-    let cells = &DrawnCells {
+    let duals = &Duals::new(mesh, blanking, &turned(mesh), &all, report, task)?;
+    let cells = DrawnCells {
         mesh,
         duals,
         blanking,
     };
-    let refined = RefinedMesh {
-        cells,
-        surface: &Surface::new(cells),
-        ghosts: &[],
-        partial: &[],
-        shown,
-        refinement,
-    };
-    let values = &values_of(sampled, kept, mesh.cell_count());
-    let around = &CellsAround::new(mesh, &duals.first);
-    let bodies = CellBodies {
-        cells,
-        around,
-        kept,
-        values,
-    };
-    refined.refine(&bodies, sampled, options)
+    refine_drawn_cells(&cells, None, kept, sampled, options)
 }
 
-/// Returns true if options ask for slopes of the field, which iso-surfaces and light need. Parts of cells with one
-/// value have none.
-pub(super) fn needs_slopes(options: &SampleOptions) -> bool {
-    options.flatten.is_some() || options.purpose.normals
+/// Does the same as [`refine_cells`] for cells whose nodes have been joined.
+///
+/// - `around`: the cells at each node, if they are known.
+fn refine_drawn_cells(
+    cells: &DrawnCells<'_>,
+    around: Option<CellsAround>,
+    kept: &[u32],
+    sampled: &mut Sampled,
+    options: &SampleOptions,
+) -> Result<()> {
+    let bodies = CellBodies {
+        cells,
+        around: &around.unwrap_or_else(|| CellsAround::new(cells.mesh, &cells.duals.first)),
+        kept,
+        values: &values_of(sampled, kept, cells.mesh.cell_count()),
+    };
+    let mesh = RefinedMesh {
+        cells,
+        surface: OnceCell::new(),
+        ghosts: &[],
+        partial: &[],
+    };
+    mesh.refine(&bodies, sampled, options)
 }
 
 /// Returns true if a mesh may be refined.
@@ -433,9 +408,16 @@ pub(crate) fn may_refine(cell_count: usize) -> bool {
 }
 
 /// Returns true if a mesh may be refined under these options.
-pub(crate) fn may_be_refined(cell_count: usize, options: &SampleOptions) -> bool {
+///
+/// - `of_nodes`: true for values at nodes.
+pub(crate) fn may_be_refined(cell_count: usize, of_nodes: bool, options: &SampleOptions) -> bool {
     let is_wanted = options.refinement.is_some() && options.surface.is_none();
-    is_wanted && options.kernels.shepard_passes == 0 && may_refine(cell_count)
+    // Iso-surfaces and light need slopes of the field, which parts of cells with one value have not.
+    let needs_slopes = options.flatten.is_some() || options.purpose.normals;
+    is_wanted
+        && (of_nodes || !needs_slopes)
+        && options.kernels.shepard_passes == 0
+        && may_refine(cell_count)
 }
 
 /// Gives a volume a sharp boundary. Returns the particle of each ghost, and the particles beside the boundary that

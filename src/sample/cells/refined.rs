@@ -5,6 +5,8 @@
 //! ([`super::parts`]), and are evened out with the kernels beside them ([`super::even`]). Nodes stay whole if a cell
 //! around them has a corner without a position or a value.
 
+use std::cell::OnceCell;
+
 use rayon::prelude::*;
 
 use super::beside::WholeKernels;
@@ -17,7 +19,7 @@ use crate::math::principal_sigmas;
 use crate::sample::options::SampleOptions;
 use crate::sample::positions::index_u32;
 use crate::sample::refine::rule::{Rule, ShownValues};
-use crate::sample::refine::{MOST_PARTS, Refined, Refinement, apply, within_budget};
+use crate::sample::refine::{MOST_PARTS, Refined, apply, within_budget};
 use crate::sample::sampled::Sampled;
 use crate::scene::{Boundary, Particles, Strength};
 
@@ -28,18 +30,16 @@ pub(crate) const MOST_CELLS: usize = 1 << 21;
 /// A mesh whose volume is to be refined.
 pub(super) struct RefinedMesh<'a> {
     pub(super) cells: &'a DrawnCells<'a>,
-    pub(super) surface: &'a Surface,
+    /// The boundary: set before if it cuts kernels, found if any body is split otherwise.
+    pub(super) surface: OnceCell<Surface>,
     /// Particle of each ghost; ghosts are the last particles.
     pub(super) ghosts: &'a [usize],
     /// Particles without ghosts beside a boundary, ascending.
     pub(super) partial: &'a [usize],
-    /// Values that pictures show.
-    pub(super) shown: &'a ShownValues,
-    pub(super) refinement: &'a Refinement,
 }
 
 impl RefinedMesh<'_> {
-    /// Refines a volume where pictures ask for it, and counts the parts in the report.
+    /// Refines a volume where its options ask for it, and counts the parts in the report.
     ///
     /// - `bodies`: what the kernels stand for.
     ///
@@ -52,11 +52,15 @@ impl RefinedMesh<'_> {
         options: &SampleOptions,
     ) -> Result<()> {
         let Sampled { volume, report } = sampled;
-        let (
-            Some(values),
-            Particles::Anisotropic { positions, factors },
-            Strength::Classified { volumes },
-        ) = (&volume.values, &volume.particles, &volume.strength)
+        let (Some(refinement), Some(shown), Some(values)) = (
+            &options.refinement,
+            ShownValues::new(volume, options.flatten),
+            &volume.values,
+        ) else {
+            return Ok(());
+        };
+        let (Particles::Anisotropic { positions, factors }, Strength::Classified { volumes }) =
+            (&volume.particles, &volume.strength)
         else {
             return Ok(());
         };
@@ -64,12 +68,13 @@ impl RefinedMesh<'_> {
             Some(Boundary::Planes(planes)) => Some(planes),
             _ => None,
         };
+        let cutting = self.surface.get().filter(|_| planes.is_some());
         let all = bodies.all();
         let level = |body: u32, rule: &Rule| {
             let factor = factors[bodies.particle(body)?];
             let sigma = principal_sigmas(factor.map(f64::from))[0];
-            let px = |own: &Body| self.refinement.px(own.origin, own.radius);
-            bodies.level(body, rule, px, sigma, planes.map(|_| self.surface))
+            let px = |own: &Body| refinement.px(own.origin, own.radius);
+            bodies.level(body, rule, px, sigma, cutting)
         };
         let levels = |rule: &Rule| {
             let found: Vec<Option<u8>> = all.par_iter().map(|&n| level(n, rule)).collect();
@@ -89,17 +94,18 @@ impl RefinedMesh<'_> {
             Ok((levels, count))
         };
         let width = options.kernels.width;
-        let scale = (self.shown, self.refinement, width);
+        let scale = (&shown, refinement, width);
         let Some((rule, levels)) = within_budget(scale, MOST_PARTS, levels)? else {
             return Ok(());
         };
         if levels.iter().all(|level| *level == 0) {
             return Ok(());
         }
+        let surface = self.surface.get_or_init(|| Surface::new(self.cells));
         let parts_of = |body: &u32| {
             let mut parts = Vec::new();
             if let Some(own) = bodies.body(*body) {
-                let near = self.surface_near(bodies.cells(body), planes.is_some());
+                let near = surface_near(self.cells, surface, bodies.cells(body), planes.is_some());
                 let count = 1 << (levels[*body as usize] - 1);
                 let place = |n: u32| self.cells.mesh.nodes[n as usize];
                 kernels(&own, (&rule, count), &near, place, &mut parts);
@@ -126,7 +132,7 @@ impl RefinedMesh<'_> {
         let (split, whole): (Vec<usize>, Vec<usize>) =
             (0..count).partition(|&i| levels[body(i) as usize] > 0);
         let may_change = |i: usize| {
-            let is_open = planes.is_none() && bodies.is_outermost(body(i), self.surface);
+            let is_open = planes.is_none() && bodies.is_outermost(body(i), surface);
             let model = volume.local_models.as_ref().map(|models| models.get(i));
             let is_shown = model.is_none_or(|model| {
                 let value = values.get(i);
@@ -169,25 +175,32 @@ impl RefinedMesh<'_> {
             .count();
         Ok(())
     }
+}
 
-    /// Returns the surface at the corners of cells.
-    fn surface_near(&self, cells: &[u32], is_sharp: bool) -> NearSurface<'_> {
-        let (mut corners, mut faces) = (Vec::new(), Vec::new());
-        let mut is_undecided = false;
-        for &cell in cells {
-            self.cells.corners(cell as usize, &mut corners);
-            let of_corners = corners.iter().filter_map(|&n| self.surface.faces_at(n));
-            faces.extend(of_corners.flatten());
-            is_undecided |= corners.iter().any(|&n| self.surface.is_undecided(n));
-        }
-        faces.sort_unstable();
-        faces.dedup();
-        let of = |face| self.surface.face(face);
-        NearSurface {
-            faces: faces.into_iter().map(of).collect(),
-            is_sharp,
-            is_undecided,
-        }
+/// Returns the surface at the corners of cells.
+///
+/// - `members`: numbers of these cells.
+fn surface_near<'a>(
+    cells: &DrawnCells<'_>,
+    surface: &'a Surface,
+    members: &[u32],
+    is_sharp: bool,
+) -> NearSurface<'a> {
+    let (mut corners, mut faces) = (Vec::new(), Vec::new());
+    let mut is_undecided = false;
+    for &cell in members {
+        cells.corners(cell as usize, &mut corners);
+        let of_corners = corners.iter().filter_map(|&n| surface.faces_at(n));
+        faces.extend(of_corners.flatten());
+        is_undecided |= corners.iter().any(|&n| surface.is_undecided(n));
+    }
+    faces.sort_unstable();
+    faces.dedup();
+    let of = |face| surface.face(face);
+    NearSurface {
+        faces: faces.into_iter().map(of).collect(),
+        is_sharp,
+        is_undecided,
     }
 }
 

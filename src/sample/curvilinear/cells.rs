@@ -5,12 +5,13 @@
 
 use rayon::prelude::*;
 
+use crate::data::association::Association;
 use crate::data::blanking::Blanking;
 use crate::data::cells::{CellKind, CellMesh};
 use crate::data::dataset::CurvilinearBlock;
 use crate::error::Result;
 use crate::math::principal_sigmas;
-use crate::sample::cells::{may_refine, refine_cells};
+use crate::sample::cells::refine_cells;
 use crate::sample::options::SampleOptions;
 use crate::sample::positions::index_u32;
 use crate::sample::refine::rule::{Rule, ShownValues};
@@ -34,24 +35,6 @@ pub(super) fn refine_blocks(
         true => refine_cells(&hexahedra(blocks), blanking, kept, sampled, options),
         false => Ok(()),
     }
-}
-
-/// Returns true if the cells of blocks may be refined.
-pub(super) fn may_refine_blocks(blocks: &[CurvilinearBlock]) -> bool {
-    may_refine(cell_count(blocks))
-}
-
-/// Returns the number of cells of blocks.
-fn cell_count(blocks: &[CurvilinearBlock]) -> usize {
-    blocks.iter().map(|block| len(cell_dims(block))).sum()
-}
-
-fn cell_dims(block: &CurvilinearBlock) -> [usize; 3] {
-    block.dims.map(|n| n.saturating_sub(1))
-}
-
-fn len(dims: [usize; 3]) -> usize {
-    dims.iter().product()
 }
 
 /// Returns true if values jump visibly between any two cells of a block that share a face.
@@ -80,8 +63,8 @@ fn asks(
     let rule = Rule::new(&shown, refinement.threshold_px, width);
     let mut first = 0;
     blocks.iter().any(|block| {
-        let dims = cell_dims(block);
-        let of_block = first..first + len(dims);
+        let dims = block.dims_of(Association::Cells);
+        let of_block = first..first + dims.iter().product::<usize>();
         first = of_block.end;
         let strides = [1, dims[0], dims[0] * dims[1]];
         let particle = |cell: usize| kept.binary_search(&index_u32(cell)).ok();
@@ -107,11 +90,10 @@ fn asks(
 
 /// Returns the cells of blocks as hexahedra; nodes and cells keep their numbers.
 fn hexahedra(blocks: &[CurvilinearBlock]) -> CellMesh {
-    let count = cell_count(blocks);
-    let mut connectivity = Vec::with_capacity(8 * count);
+    let mut connectivity = Vec::new();
     let mut first = 0;
     for block in blocks {
-        let ([x, y, _], [i, j, k]) = (block.dims, cell_dims(block));
+        let ([x, y, _], [i, j, k]) = (block.dims, block.dims_of(Association::Cells));
         for n in 0..i * j * k {
             let low = first + n % i + x * (n / i % j + y * (n / (i * j)));
             let corners = [0, 1, 1 + x, x].map(|offset| low + offset);
@@ -120,6 +102,7 @@ fn hexahedra(blocks: &[CurvilinearBlock]) -> CellMesh {
         }
         first += block.nodes.len();
     }
+    let count = connectivity.len() / 8;
     CellMesh {
         nodes: blocks
             .iter()

@@ -31,11 +31,11 @@ use std::ops::Range;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use self::cells::{may_refine_blocks, refine_blocks};
+use self::cells::refine_blocks;
 use self::refined::refine_grids;
 use self::sharp::{nodes_of, sharpen_grids};
 use self::structured::{CellCounts, Grid, Part};
-use super::cells::needs_slopes;
+use super::cells::{may_be_refined, may_refine};
 use super::field::gradient::Samples;
 use super::field::local_models;
 use super::field::local_models::grid::{GridKernel, RUN, Run};
@@ -125,11 +125,13 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     let GridFit { normals, models } = field.fit(&kernels, 0..kernels.kept.len(), options)?;
     // The encoded models take a quarter of the memory.
     let local_models = models.map(|models| LocalModels::new(&models));
-    let is_sharp = options.is_sharp() && taken.association == Association::Nodes;
     let of_nodes = taken.association == Association::Nodes;
-    report.may_refine = of_nodes || may_refine_blocks(blocks);
-    let is_refined =
-        options.refinement.is_some() && report.may_refine && (of_nodes || !needs_slopes(options));
+    let is_sharp = options.is_sharp() && of_nodes;
+    report.may_refine = of_nodes || may_refine(sample_count);
+    let is_refined = match of_nodes {
+        true => options.refinement.is_some(),
+        false => may_be_refined(sample_count, of_nodes, options),
+    };
     let kept = if is_sharp || is_refined {
         kernels.kept.clone()
     } else {
