@@ -6,7 +6,16 @@ use super::levels::{Body, NONE, bend, joined};
 use super::pieces::pieces;
 use super::sharp::{DrawnCells, NodeParticles, Surface};
 use crate::sample::positions::index_u32;
+use crate::sample::refine::MOST_PARTS;
 use crate::sample::refine::rule::Rule;
+
+/// Greatest number of parts for each cell with one value, on average. Steps from cell to cell take parts wherever values
+/// change. With any number of them, a crushed can has 39 times the kernels, an error of .6 levels of 255 instead of 1.0
+/// and frames four times as long as those of whole cells, not 1.6 times.
+const PARTS_PER_CELL: usize = 16;
+
+/// Number of parts that take no noticeable time, however few cells there are.
+const FEW_PARTS: usize = 1 << 16;
 
 /// The bodies of a mesh, one for each of its samples, by their numbers.
 pub(super) trait Bodies: Sync {
@@ -27,6 +36,9 @@ pub(super) trait Bodies: Sync {
 
     /// Returns about the number of a body's pieces.
     fn piece_count(&self, body: u32) -> u64;
+
+    /// Returns the greatest number of parts of all bodies.
+    fn most_parts(&self) -> usize;
 
     /// Returns true for bodies at the boundary.
     fn is_outermost(&self, body: u32, surface: &Surface) -> bool;
@@ -137,6 +149,10 @@ impl Bodies for DualCells<'_> {
         self.around.of(node).len() as u64
     }
 
+    fn most_parts(&self) -> usize {
+        MOST_PARTS
+    }
+
     fn is_outermost(&self, node: u32, surface: &Surface) -> bool {
         surface.nodes().binary_search(&node).is_ok()
     }
@@ -223,6 +239,10 @@ impl Bodies for CellBodies<'_> {
         let mut corners = Vec::new();
         self.cells.own_corners(cell as usize, &mut corners);
         corners.len() as u64
+    }
+
+    fn most_parts(&self) -> usize {
+        (PARTS_PER_CELL * self.kept.len()).clamp(FEW_PARTS, MOST_PARTS)
     }
 
     fn is_outermost(&self, cell: u32, surface: &Surface) -> bool {

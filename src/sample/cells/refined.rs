@@ -19,7 +19,7 @@ use crate::math::principal_sigmas;
 use crate::sample::options::SampleOptions;
 use crate::sample::positions::index_u32;
 use crate::sample::refine::rule::{Rule, ShownValues};
-use crate::sample::refine::{MOST_PARTS, Refined, apply, within_budget};
+use crate::sample::refine::{Refined, apply, within_budget};
 use crate::sample::sampled::Sampled;
 use crate::scene::{Boundary, Particles, Strength};
 
@@ -95,7 +95,7 @@ impl RefinedMesh<'_> {
         };
         let width = options.kernels.width;
         let scale = (&shown, refinement, width);
-        let Some((rule, levels)) = within_budget(scale, MOST_PARTS, levels)? else {
+        let Some((rule, levels)) = within_budget(scale, bodies.most_parts(), levels)? else {
             return Ok(());
         };
         if levels.iter().all(|level| *level == 0) {
