@@ -1,7 +1,7 @@
 //! Reads cameras from the package's dictionaries. Most cameras can be completed only with a scene
 //! and a picture's size.
 
-use ewa_splat::view::{Camera, DEFAULT_FOV_DEG, Lens, Projection, Viewpoint};
+use ewa_splat::view::{Along, Bounds, Camera, DEFAULT_FOV_DEG, Lens, Projection, Viewpoint};
 use glam::{DMat3, DVec2, DVec3};
 use pyo3::FromPyObject;
 
@@ -9,8 +9,16 @@ use pyo3::FromPyObject;
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct View {
-    /// `fit`, `look_at` or `calibrated`.
+    /// `fit`, `look_at`, `along` or `calibrated`.
     kind: String,
+    /// Camera along an axis: its name, and what lies in the middle of the picture.
+    #[pyo3(default)]
+    axis: Option<String>,
+    #[pyo3(default)]
+    centre: Option<[f64; 3]>,
+    /// Width of an orthographic picture.
+    #[pyo3(default)]
+    ortho_width: Option<f64>,
     /// Fitted camera: angles, if they differ from those that the data suggest.
     #[pyo3(default)]
     azimuth: Option<f64>,
@@ -54,6 +62,30 @@ impl View {
     /// Returns the direction up, if it is given.
     pub(crate) fn up(&self) -> Option<DVec3> {
         self.up.map(DVec3::from)
+    }
+
+    /// Returns the camera along an axis for a picture of this size; `None` if it looks from elsewhere, or if it is fitted
+    /// to boxes and there are none.
+    pub(crate) fn along(&self, boxes: &[Bounds], size: [usize; 2]) -> Option<Camera> {
+        let along = Along::of_name(self.axis.as_deref()?)?;
+        let centre = self.centre.map(DVec3::from);
+        let boxes = match (centre, boxes) {
+            // There is nothing to fit, but the place is given.
+            (Some(centre), []) => &[(centre, DVec3::ONE)],
+            (_, boxes) => boxes,
+        };
+        let fitted = along.fitted(boxes, None, size)?;
+        let focal_px = match self.ortho_width {
+            Some(width) => DVec2::splat(size[0] as f64 / width),
+            None => fitted.focal_px,
+        };
+        let forward = fitted.forward();
+        let eye = centre.map(|centre| centre - forward * forward.dot(centre - fitted.eye));
+        Some(Camera {
+            eye: eye.unwrap_or(fitted.eye),
+            focal_px,
+            ..fitted
+        })
     }
 
     /// Returns the camera for a picture of this size.

@@ -19,7 +19,7 @@ use ewa_splat::sample::{
     as_surface, field_choices, is_surface,
 };
 use ewa_splat::scene::{PointVolume, TransferDefaults, TransferFunction, Values};
-use ewa_splat::view::{Bounds, Camera, ClipPlane, DEFAULT_FOV_DEG, Lens};
+use ewa_splat::view::{Along, Bounds, Camera, ClipPlane, DEFAULT_FOV_DEG, Lens};
 use ewa_splat::{Backend, ColumnSettings, Error, Image, Result, SceneOptions, Settings, Task};
 use numpy::{IntoPyArray, PyArray1, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
@@ -484,6 +484,18 @@ fn camera(
             ..camera
         })
     };
+    let along = match view {
+        Some(view) => view.along(boxes, inner),
+        // Column densities are seen along z.
+        None if lens == Lens::OrthoHeight(None) => Along::Z.fitted(boxes, None, inner),
+        None => None,
+    };
+    if let Some(camera) = along {
+        return Camera {
+            width: size[0],
+            ..camera
+        };
+    }
     match view {
         Some(view) => view.camera(size, viewpoint, lens, fitted),
         None => fitted(viewpoint, lens, false).unwrap_or_else(|| {

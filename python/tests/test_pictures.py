@@ -216,6 +216,29 @@ def test_column_densities_are_the_command_lines(wake, rendered):
     assert np.isclose((right - left) / width * (top - bottom) / height, column.pixel_area)
 
 
+def test_pictures_along_axes_are_the_command_lines(wake, rendered):
+    renderer = es.Renderer(es.Volume.from_structured(*wake), backend="cpu")
+    path = FIXTURES / "wake.xyz"
+    for axis, centre, across in (("x", (0, 1, 2), (1, 2)), ("-y", (1, 0, 2), (0, 2)), ("z", (1, 1, 0), (0, 1))):
+        camera = es.Camera.along(axis, centre=centre, width=2)
+        column = renderer.column_density(camera, size=SIZE)
+        height = 2 * SIZE[1] / SIZE[0]
+        (left, right), (low, high) = (
+            (centre[a] - half, centre[a] + half) for a, half in zip(across, (1, height / 2), strict=True)
+        )
+        words = (f"--along={axis}", f"--window={left},{right},{low},{high}")
+        expected = (right, left, low, high) if axis.startswith("-") else (left, right, low, high)
+        assert np.allclose(column.extent, expected, rtol=0, atol=1e-12)
+        assert np.allclose(column.values, rendered(path, "--column-density", *words), rtol=1e-5)
+    same(renderer.render(es.Camera.along("z"), size=SIZE).numpy(), rendered(path, "--along", "z", "--refine", "off"))
+    for wrong in ({"axis": "w"}, {"axis": "x", "width": 0}, {"axis": "x", "centre": (1, 2)}):
+        with pytest.raises(ValueError):
+            es.Camera.along(**wrong)
+    with pytest.raises(ValueError, match="along an axis"):
+        es.Camera.along("x").orbit(3)
+    assert repr(es.Camera.along("-x", width=3).zoomed(2)) == "Camera.along('-x', width=1.5)"
+
+
 def test_the_true_picture_is_the_command_lines(tmp_path, run):
     values = np.random.default_rng(3).integers(0, 255, (4, 4, 4)).astype(np.uint8)
     path, out = tmp_path / "box.raw", tmp_path / "program.npy"

@@ -83,6 +83,15 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
     let named = std::mem::take(&mut arguments.inputs);
     arguments.inputs = arguments.data.inputs(named, false)?;
     let arguments = &*arguments;
+    if !arguments.camera.depth_planes(None).is_empty() {
+        return Err(Error::invalid(
+            "--window",
+            "coordinates",
+            "four, across and upwards: measure cuts nothing",
+            "six",
+            "leave the last two out",
+        ));
+    }
     let folder = &arguments.out;
     let kernel_width = arguments.data.kernel_width();
     check_collisions(paths(&arguments.inputs), outputs(folder).iter())?;

@@ -5,7 +5,7 @@ use crate::image::linear_from_srgb;
 use crate::io::{RawType, StepChoice};
 use crate::load::Input;
 use crate::scene::{Light, LightFrame};
-use crate::view::ClipPlane;
+use crate::view::{Along, ClipPlane, Window};
 use clap::builder::{PathBufValueParser, TypedValueParser};
 use glam::{DQuat, DVec3, Vec3};
 
@@ -221,6 +221,41 @@ pub(crate) fn clip(text: &str) -> Result<Clip, String> {
     planes.map(Clip).ok_or_else(|| {
         "a normal and a distance, such as 0,0,1,-2.5, or the lower and the upper corner of a box, \
          such as 0,0,0,1,1,1"
+            .into()
+    })
+}
+
+/// Parses an axis to look along.
+pub(crate) fn along(text: &str) -> Result<Along, String> {
+    Along::of_name(text).ok_or_else(|| "an axis: x, y, z, -x, -y or -z".into())
+}
+
+/// Value of `--window`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct WindowBox {
+    pub(crate) window: Window,
+    /// Least and greatest coordinate along the line of sight, if given.
+    pub(crate) depth: Option<[f64; 2]>,
+}
+
+/// Parses `x0,x1,y0,y1[,z0,z1]`.
+pub(crate) fn window(text: &str) -> Result<WindowBox, String> {
+    let parsed = match finite_numbers(text).as_deref() {
+        Some(&[a, b, c, d]) => Some(([a, b], [c, d], None)),
+        Some(&[a, b, c, d, e, f]) => Some(([a, b], [c, d], Some([e, f]))),
+        _ => None,
+    };
+    let rises = |[a, b]: [f64; 2]| a < b && (b - a).is_finite();
+    let is_window = |(across, upwards, depth): &([f64; 2], [f64; 2], Option<[f64; 2]>)| {
+        rises(*across) && rises(*upwards) && depth.is_none_or(rises)
+    };
+    let made = parsed.filter(is_window).map(|(across, upwards, depth)| {
+        let window = Window { across, upwards };
+        WindowBox { window, depth }
+    });
+    made.ok_or_else(|| {
+        "the least and the greatest coordinate across and upwards, such as 0,10,0,5, and along the line of sight if \
+         wanted, such as 0,10,0,5,4,6"
             .into()
     })
 }

@@ -28,11 +28,11 @@ pub(crate) struct SequenceOptions {
     /// N pictures of one turn around the data, all from the same distance. --out is then NAME_%04d.png, an .apng
     /// or a .gif
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=100_000),
-          conflicts_with_all = OF_ONE, conflicts_with_all = ["eye", "camera_path", "series"])]
+          conflicts_with_all = OF_ONE, conflicts_with_all = ["eye", "along", "window", "camera_path", "series"])]
     turntable: Option<u32>,
     /// Pictures along key cameras in JSON: frames, and keys with eye, target, up and fov_deg
     #[arg(long, value_name = "FILE", conflicts_with_all = OF_ONE, conflicts_with_all =
-          ["eye", "target", "up", "fov", "ortho", "azimuth", "elevation", "zoom", "fit", "series"])]
+          ["eye", "target", "up", "fov", "ortho", "azimuth", "elevation", "zoom", "fit", "along", "window", "series"])]
     camera_path: Option<PathBuf>,
     /// The inputs are steps of time: a picture of each, from one camera, by one transfer function of the values of
     /// all

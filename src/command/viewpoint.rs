@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 
 use crate::data::up::Up;
 use crate::view::{
-    Bounds, Camera, ClipPlane, DEFAULT_FOV_DEG, Lens, Viewpoint, clip_boxes, read_camera,
+    Along, Bounds, Camera, ClipPlane, DEFAULT_FOV_DEG, Lens, Viewpoint, clip_boxes, read_camera,
     sphere_around,
 };
 use crate::{Error, Renderer, Result};
@@ -13,6 +13,7 @@ use clap::{Args, ValueEnum};
 use glam::DVec3;
 
 use super::parse;
+use super::parse::WindowBox;
 
 /// Default lens of a fitted camera.
 pub(crate) const DEFAULT_LENS: Lens = Lens::FovDeg(DEFAULT_FOV_DEG);
@@ -32,6 +33,8 @@ pub(crate) struct Canvas {
     /// Columns at the right that a fitted camera leaves free, if at least half of the picture
     /// remains.
     pub(crate) room_px: usize,
+    /// Axis to look along if no option says from where.
+    pub(crate) along: Option<Along>,
 }
 
 impl Canvas {
@@ -42,6 +45,7 @@ impl Canvas {
             default_size: DEFAULT_SIZE,
             lens: DEFAULT_LENS,
             room_px: 0,
+            along: None,
         }
     }
 
@@ -94,6 +98,15 @@ pub(crate) struct CameraOptions {
     /// Fitted camera: magnification
     #[arg(long, value_name = "F", value_parser = parse::positive)]
     zoom: Option<f64>,
+    /// Look along this axis, orthographically: x, y, z or, from behind, -x, -y, -z [column densities: z]
+    #[arg(long, value_name = "AXIS", value_parser = parse::along, allow_hyphen_values = true,
+          conflicts_with_all = ["eye", "camera", "azimuth", "elevation", "up", "fov"])]
+    along: Option<Along>,
+    /// What a picture along an axis shows: the coordinates at its edges, across and upwards, and along the axis if
+    /// wanted
+    #[arg(long, value_name = "x0,x1,y0,y1[,z0,z1]", value_parser = parse::window, allow_hyphen_values = true,
+          conflicts_with_all = ["eye", "camera", "azimuth", "elevation", "up", "fov", "ortho", "target", "zoom", "fit"])]
+    window: Option<WindowBox>,
     /// Fit the camera to the data, as large as this view of them allows (stray splats do not count), or to the sphere
     /// around all of them, which is as large from every side
     #[arg(long, value_enum, value_name = "WHAT", conflicts_with_all = ["eye", "camera"])]
@@ -156,6 +169,18 @@ impl CameraOptions {
         if let Some(camera) = self.read.get() {
             return Ok(camera.clone());
         }
+        if let Some(along) = self.axis(canvas) {
+            return self.camera_along(along, boxes, canvas);
+        }
+        if self.window.is_some() {
+            return Err(Error::invalid(
+                "--window",
+                "camera",
+                "one that looks along an axis",
+                "one that does not",
+                "add --along x, y or z",
+            ));
+        }
         let size = canvas.size();
         let fov = self.fov.unwrap_or(DEFAULT_FOV_DEG);
         let up = self.up.unwrap_or(default_up.direction);
@@ -178,6 +203,74 @@ impl CameraOptions {
         }
         let is_turned = self.fit == Some(Fit::All);
         Ok(self.fitted(0.0, boxes, default_up, canvas, is_turned))
+    }
+
+    /// Returns the axis that the camera looks along, if it looks along one.
+    fn axis(&self, canvas: &Canvas) -> Option<Along> {
+        let says_from_where = self.eye.is_some()
+            || self.azimuth.is_some()
+            || self.elevation.is_some()
+            || self.up.is_some()
+            || self.fov.is_some();
+        self.along.or(canvas.along.filter(|_| !says_from_where))
+    }
+
+    /// Returns the planes between which `--window` shows the scene, if it says so.
+    ///
+    /// - `default`: the axis to look along if no option says it.
+    pub(crate) fn depth_planes(&self, default: Option<Along>) -> Vec<ClipPlane> {
+        let depth = self.window.and_then(|window| window.depth);
+        let planes = depth
+            .zip(self.along.or(default))
+            .map(|([low, high], along)| {
+                let plane = |sign: f64, bound: f64| ClipPlane {
+                    normal: sign * along.axis(),
+                    distance: -sign * bound,
+                };
+                [plane(1.0, low), plane(-1.0, high)]
+            });
+        planes.into_iter().flatten().collect()
+    }
+
+    /// Returns the camera that looks along an axis.
+    fn camera_along(&self, along: Along, boxes: &[Bounds], canvas: &Canvas) -> Result<Camera> {
+        let (inner, whole) = (canvas.inner(), canvas.size());
+        let Some(WindowBox { window, .. }) = self.window else {
+            let nowhere = [(DVec3::ZERO, DVec3::ONE)];
+            let fitted = along.fitted(boxes, self.ortho, inner);
+            let fitted = fitted.or_else(|| along.fitted(&nowhere, self.ortho, inner));
+            let mut fitted = fitted.unwrap_or_else(|| unreachable!("there is a box"));
+            fitted.focal_px *= self.zoom.unwrap_or(1.0);
+            let widened = Camera {
+                width: whole[0],
+                ..fitted
+            };
+            return Ok(self.aimed(widened, boxes));
+        };
+        let room = whole[0] - inner[0];
+        let [width, height] = window.lengths();
+        let size = match canvas.size {
+            None => shaped(inner[0].max(inner[1]), width / height),
+            Some(_) => inner,
+        };
+        // Pixels are squares, to within the rounding of the sides to whole pixels.
+        let pixels = [width / size[0] as f64, height / size[1] as f64];
+        let least = size[0].min(size[1]) as f64;
+        if (pixels[0] / pixels[1] - 1.0).abs() > 1.0 / least {
+            let [fit, _] = shaped_to(size[1], width / height);
+            return Err(Error::invalid(
+                "--window",
+                "picture",
+                format!("the shape of the window: {}x{} pixels", fit + room, size[1]),
+                format!("{}x{} pixels", whole[0], whole[1]),
+                "change --size, or leave it out",
+            ));
+        }
+        let camera = along.camera(&window, boxes, size);
+        Ok(Camera {
+            width: size[0] + room,
+            ..camera
+        })
     }
 
     /// Returns the camera fitted to the sphere around all data, turned by some degrees.
@@ -237,6 +330,11 @@ impl CameraOptions {
             width: whole[0],
             ..fitted.unwrap_or_else(unfitted)
         };
+        self.aimed(fitted, boxes)
+    }
+
+    /// Moves a camera fitted to boxes so that the target is in the middle, if one is given.
+    fn aimed(&self, fitted: Camera, boxes: &[Bounds]) -> Camera {
         let centre = sphere_around(boxes).map(|(centre, _)| centre);
         match (self.target, centre) {
             (Some(target), Some(centre)) => {
@@ -251,6 +349,30 @@ impl CameraOptions {
             _ => fitted,
         }
     }
+}
+
+/// Returns the size of a picture of some shape, whose longer side has a number of pixels.
+///
+/// - `shape`: width over height.
+fn shaped(longer: usize, shape: f64) -> [usize; 2] {
+    match shape < 1.0 {
+        true => shaped_to(longer, shape),
+        false => {
+            let [height, width] = shaped_to(longer, 1.0 / shape);
+            [width, height]
+        }
+    }
+}
+
+/// Returns such a size from its height.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a cast saturates; NaN gives 0"
+)]
+fn shaped_to(height: usize, shape: f64) -> [usize; 2] {
+    let width = (height as f64 * shape).round() as usize;
+    [width.clamp(1, 65_535), height]
 }
 
 /// Returns the parts of boxes that clip planes leave. If nothing is left, it returns all boxes, so

@@ -49,6 +49,17 @@ pub fn sphere_around(boxes: &[Bounds]) -> Option<(DVec3, f64)> {
     Some((centre, boxes.iter().map(reach).fold(0.0, f64::max)))
 }
 
+/// Returns the least and the greatest n . p over all points of boxes; infinite and in reverse order without boxes.
+pub(super) fn extent_of(boxes: &[Bounds], n: DVec3) -> (f64, f64) {
+    boxes.iter().fold(
+        (f64::INFINITY, f64::NEG_INFINITY),
+        |(least, most), &(middle, half)| {
+            let (centre, reach) = (n.dot(middle), n.abs().dot(half));
+            (least.min(centre - reach), most.max(centre + reach))
+        },
+    )
+}
+
 impl Viewpoint {
     /// Returns the azimuth \[degrees\], -180 to 180, of a direction of view; 0 for a direction parallel to
     /// `up`.
@@ -67,16 +78,7 @@ impl Viewpoint {
     /// ez). So A + t ez <= ex <= B - t ez, with A the greatest x - t z and B the least x + t z of the data. ez
     /// is the greatest that satisfies both, ex the middle of the interval.
     pub fn camera(&self, boxes: &[Bounds], lens: Lens, size: [usize; 2]) -> Option<Camera> {
-        // Least and greatest n . p over all boxes.
-        self.fitted(lens, size, |n| {
-            boxes.iter().fold(
-                (f64::INFINITY, f64::NEG_INFINITY),
-                |(least, most), &(middle, half)| {
-                    let (centre, reach) = (n.dot(middle), n.abs().dot(half));
-                    (least.min(centre - reach), most.max(centre + reach))
-                },
-            )
-        })
+        self.fitted(lens, size, |n| extent_of(boxes, n))
     }
 
     /// Returns the camera of this direction that sees all of the sphere around `boxes`, as large as possible;
@@ -115,49 +117,63 @@ impl Viewpoint {
         );
         let upright = DQuat::from_rotation_arc(DVec3::Z, self.up);
         let (forward, up) = (upright * forward, upright * up);
-        let (right, down) = (forward.cross(up), -up);
-        let (near, far) = extent(forward);
-        if !(near <= far) {
-            return None;
-        }
-        let place = |[x, y, z]: [f64; 3]| right * x + down * y + forward * z;
-        let aspect = size[0] as f64 / size[1] as f64;
-        let mut camera = match lens {
-            Lens::FovDeg(fov) => {
-                let tan = (fov.to_radians() / 2.0).tan() * FILL;
-                let side = |axis: DVec3, tan: f64| {
-                    let (_, a) = extent(axis - forward * tan);
-                    let (b, _) = extent(axis + forward * tan);
-                    ((a + b) / 2.0, (b - a) / (2.0 * tan))
-                };
-                let (x, z_x) = side(right, tan * aspect);
-                let (y, z_y) = side(down, tan);
-                // A single point is viewed from some distance.
-                let z = z_x
-                    .min(z_y)
-                    .min(near - (far - near) * 1e-3 - f64::MIN_POSITIVE);
-                let z = if near - z > far.abs() * 1e-9 {
-                    z
-                } else {
-                    near - far.abs().max(1.0)
-                };
-                let eye = place([x, y, z]);
-                Camera::perspective(eye, eye, up, fov, size).looking_along(forward, up)
-            }
-            Lens::OrthoHeight(height) => {
-                let ((x0, x1), (y0, y1)) = (extent(right), extent(down));
-                let fitted = ((x1 - x0) / aspect).max(y1 - y0) / FILL;
-                let fitted = if fitted > 0.0 { fitted } else { 1.0 };
-                // Well in front of the nearest box, so that the eye's plane cuts no kernel.
-                let z = near - (far - near) - fitted;
-                let eye = place([(x0 + x1) / 2.0, (y0 + y1) / 2.0, z]);
-                Camera::orthographic(eye, eye, up, height.unwrap_or(fitted), size)
-                    .looking_along(forward, up)
-            }
-        };
+        let mut camera = facing([forward, up], lens, size, extent)?;
         camera.focal_px *= self.zoom;
         Some(camera)
     }
+}
+
+/// Returns the camera with given directions of view and up, both of unit length, that sees points as large and as
+/// centred as possible; `None` without points.
+///
+/// - `extent`: as for [`Viewpoint::fitted`].
+pub(super) fn facing(
+    [forward, up]: [DVec3; 2],
+    lens: Lens,
+    size: [usize; 2],
+    extent: impl Fn(DVec3) -> (f64, f64),
+) -> Option<Camera> {
+    let (right, down) = (forward.cross(up), -up);
+    let (near, far) = extent(forward);
+    if !(near <= far) {
+        return None;
+    }
+    let place = |[x, y, z]: [f64; 3]| right * x + down * y + forward * z;
+    let aspect = size[0] as f64 / size[1] as f64;
+    let camera = match lens {
+        Lens::FovDeg(fov) => {
+            let tan = (fov.to_radians() / 2.0).tan() * FILL;
+            let side = |axis: DVec3, tan: f64| {
+                let (_, a) = extent(axis - forward * tan);
+                let (b, _) = extent(axis + forward * tan);
+                ((a + b) / 2.0, (b - a) / (2.0 * tan))
+            };
+            let (x, z_x) = side(right, tan * aspect);
+            let (y, z_y) = side(down, tan);
+            // A single point is viewed from some distance.
+            let z = z_x
+                .min(z_y)
+                .min(near - (far - near) * 1e-3 - f64::MIN_POSITIVE);
+            let z = if near - z > far.abs() * 1e-9 {
+                z
+            } else {
+                near - far.abs().max(1.0)
+            };
+            let eye = place([x, y, z]);
+            Camera::perspective(eye, eye, up, fov, size).looking_along(forward, up)
+        }
+        Lens::OrthoHeight(height) => {
+            let ((x0, x1), (y0, y1)) = (extent(right), extent(down));
+            let fitted = ((x1 - x0) / aspect).max(y1 - y0) / FILL;
+            let fitted = if fitted > 0.0 { fitted } else { 1.0 };
+            // Well in front of the nearest box, so that the eye's plane cuts no kernel.
+            let z = near - (far - near) - fitted;
+            let eye = place([(x0 + x1) / 2.0, (y0 + y1) / 2.0, z]);
+            Camera::orthographic(eye, eye, up, height.unwrap_or(fitted), size)
+                .looking_along(forward, up)
+        }
+    };
+    Some(camera)
 }
 
 #[cfg(test)]

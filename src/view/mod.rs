@@ -4,12 +4,14 @@
 //! projection plane z = 1. A pixel coordinate is (fx x/z + cx, fy y/z + cy), and the centre of
 //! pixel (i, j) is (i + 0.5, j + 0.5).
 
+mod along;
 mod camera;
 mod camera_file;
 mod camera_path;
 mod clip;
 mod fit;
 
+pub use along::{Along, Window};
 pub use camera::{Camera, Projection};
 pub use camera_file::read_camera;
 pub use camera_path::{CameraPath, KeyCamera};

@@ -185,3 +185,149 @@ fn sums_beyond_single_precision_are_named() {
     let said = text(&output.stderr);
     assert!(said.contains("single precision"), "{said}");
 }
+
+/// Reads the numbers of a one-channel `.npy`, row by row from the top.
+fn numbers_of(path: &Path, count: usize) -> Vec<f32> {
+    let bytes = std::fs::read(path).unwrap();
+    let body = &bytes[bytes.len() - 4 * count..];
+    let number = |b: &[u8]| f32::from_le_bytes([b[0], b[1], b[2], b[3]]);
+    body.chunks_exact(4).map(number).collect()
+}
+
+#[test]
+fn pictures_along_axes_are_histograms_of_their_windows() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    // Particles far below a pixel at the centres of cells of .1, each of another mass.
+    let cells: Vec<[i32; 3]> = (0..60)
+        .map(|n| [n * 7 % 20, n * 11 % 20, n * 13 % 20])
+        .collect();
+    let mut rows = String::from("x,y,z,sigma,mass\n");
+    for (n, cell) in cells.iter().enumerate() {
+        let [x, y, z] = cell.map(|i| -1.0 + 0.1 * (f64::from(i) + 0.5));
+        rows += &format!("{x},{y},{z},1e-6,{}\n", n + 1);
+    }
+    std::fs::write(path("p.csv"), rows).unwrap();
+    // Right and up in the picture, and the axis along which it is seen.
+    for (name, [right, up, along]) in [
+        ("x", [1, 2, 0]),
+        ("y", [0, 2, 1]),
+        ("z", [0, 1, 2]),
+        ("-x", [1, 2, 0]),
+        ("-y", [0, 2, 1]),
+        ("-z", [0, 1, 2]),
+    ] {
+        for depth in [None, Some([-0.5, 0.3])] {
+            let between = depth.map_or(String::new(), |[low, high]| format!(",{low},{high}"));
+            let window = format!("--window=-1,1,-.5,.5{between}");
+            let along_name = format!("--along={name}");
+            let out = ["--size", "20x10", "--out", "c.npy", "--stats", "c.json"];
+            let words = [
+                &["render", "p.csv", "--column-density", &along_name, &window][..],
+                &out,
+            ]
+            .concat();
+            let output = run(folder.path(), &words);
+            assert!(output.status.success(), "{}", text(&output.stderr));
+            let mut expected = vec![0.0; 200];
+            for (n, cell) in cells.iter().enumerate() {
+                let is_between = depth.is_none() || (5..13).contains(&cell[along]);
+                let row = 14 - cell[up];
+                if is_between && (0..10).contains(&row) {
+                    let column = match name.starts_with('-') {
+                        true => 19 - cell[right],
+                        false => cell[right],
+                    };
+                    expected[usize::try_from(row * 20 + column).unwrap()] += (n + 1) as f32 / 0.01;
+                }
+            }
+            let found = numbers_of(&path("c.npy"), 200);
+            for (found, expected) in found.iter().zip(&expected) {
+                let off = (found - expected).abs();
+                assert!(
+                    off <= 1e-4 * expected,
+                    "{name} {depth:?}: {found} {expected}"
+                );
+            }
+            let stats = std::fs::read_to_string(path("c.json")).unwrap();
+            let stats: serde_json::Value = serde_json::from_str(&stats).unwrap();
+            let extent = stats["column_density"]["extent"].as_array().unwrap();
+            let extent: Vec<f64> = extent.iter().map(|x| x.as_f64().unwrap()).collect();
+            let (left, to) = if name.starts_with('-') {
+                (1.0, -1.0)
+            } else {
+                (-1.0, 1.0)
+            };
+            for (found, expected) in extent.iter().zip([left, to, -0.5, 0.5]) {
+                assert!((found - expected).abs() < 1e-12, "{name}: {extent:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn column_densities_are_seen_along_z_unless_told_otherwise() {
+    let folder = tempfile::tempdir().unwrap();
+    let rows = "x,y,z,sigma,mass\n0,0,0,.1,1\n2,1,5,.2,2\n-1,1,2,.1,1\n";
+    std::fs::write(folder.path().join("p.csv"), rows).unwrap();
+    let picture = |words: &[&str]| {
+        draw(folder.path(), &[words, &["--out", "c.npy"]].concat());
+        numbers(&folder.path().join("c.npy"))
+    };
+    let own = picture(&[]);
+    assert!(own == picture(&["--along", "z"]));
+    assert!(own != picture(&["--elevation", "25"]));
+    assert!(picture(&["--along", "x", "--ortho", "4", "--target", "0,1,2"]) != own);
+    // Along -z the axis to the right runs to the left.
+    let behind = picture(&["--along", "-z"]);
+    for (row, mirrored) in own.chunks(33).zip(behind.chunks(33)) {
+        for (a, b) in row.iter().zip(mirrored.iter().rev()) {
+            assert!((a - b).abs() <= 1e-5, "{a} {b}");
+        }
+    }
+}
+
+#[test]
+fn windows_have_a_shape_and_an_axis() {
+    let folder = tempfile::tempdir().unwrap();
+    let rows = "x,y,z,sigma,mass\n0,0,0,.1,1\n2,1,5,.2,2\n";
+    std::fs::write(folder.path().join("p.csv"), rows).unwrap();
+    let said = |words: &[&str]| {
+        let all = [&["render", "p.csv", "--out", "c.png"], words].concat();
+        let output = run(folder.path(), &all);
+        assert!(!output.status.success(), "{words:?}");
+        text(&output.stderr)
+    };
+    let column = "--column-density";
+    let other = said(&[column, "--window", "0,2,0,1", "--size", "30x30"]);
+    assert!(other.contains("60x30 pixels, found 30x30"), "{other}");
+    assert!(said(&["--window", "0,2,0,1"]).contains("add --along"));
+    for faulty in [
+        "2,0,0,1",
+        "0,1,0",
+        "0,1,0,nan",
+        "0,0,0,1",
+        "0,1,0,1,2,1",
+        "-1e308,1e308,0,1",
+    ] {
+        let window = format!("--window={faulty}");
+        assert!(
+            said(&[column, &window]).contains("greatest coordinate"),
+            "{faulty}"
+        );
+    }
+    assert!(said(&["--along", "w"]).contains("an axis: x, y, z"));
+    for more in ["--eye=1,2,3", "--azimuth=3", "--turntable=4", "--fov=30"] {
+        assert!(
+            said(&["--along", "x", more]).contains("cannot be used with"),
+            "{more}"
+        );
+    }
+    // Without a size, the longer side has the default number of pixels.
+    let words = [
+        "render", "p.csv", column, "--window", "0,4,0,1", "--out", "c.png",
+    ];
+    assert!(run(folder.path(), &words).status.success());
+    let image = read_image(&folder.path().join("c.png")).unwrap();
+    assert_eq!((image.width, image.height), (1024, 256));
+}

@@ -17,7 +17,7 @@ DEFAULT_FOV = 35.0
 class Camera:
     """Camera of a picture. It has no size until something is drawn.
 
-    Make one with `look_at`, `fit` or `from_pyvista`. A picture stores the camera that it was drawn with (`Image.camera`).
+    Make one with `look_at`, `fit`, `along` or `from_pyvista`. A picture stores the camera that it was drawn with (`Image.camera`).
 
     Examples
     --------
@@ -109,6 +109,46 @@ class Camera:
         return cls(view)
 
     @classmethod
+    def along(
+        cls,
+        axis: str,
+        *,
+        centre: Sequence[float] | None = None,
+        width: float | None = None,
+    ) -> Camera:
+        """Make an orthographic camera that looks along an axis, as figures of papers do.
+
+        Along x, y runs to the right and z up; along y, x and z; along z, x and y. With a minus sign the picture is seen
+        from behind, and the axis to the right runs to the left.
+
+        Parameters
+        ----------
+        axis
+            ``"x"``, ``"y"``, ``"z"``, ``"-x"``, ``"-y"`` or ``"-z"``.
+        centre
+            The point in the middle of the picture [default: the data's].
+        width
+            Width of the picture, world units [default: fitted to the data].
+
+        Examples
+        --------
+        >>> import ewa_splat as es
+        >>> es.Camera.along("z", centre=(5, 5, 5), width=2)
+        Camera.along('z', centre=(5, 5, 5), width=2)
+        """
+        known = [sign + name for sign in ("", "-") for name in "xyz"]
+        if axis not in known:
+            raise ValueError(f"axis: expected one of {', '.join(known)}, found {axis!r}")
+        view: dict[str, Any] = {"kind": "along", "axis": axis}
+        if centre is not None:
+            view["centre"] = vector(centre, "centre")
+        if width is not None:
+            view["ortho_width"] = _finite(width, "width")
+            if view["ortho_width"] <= 0:
+                raise ValueError(f"width: expected a number above 0, found {width}")
+        return cls(view)
+
+    @classmethod
     def from_pyvista(cls, camera_position: Any, *, view_angle: float = 30.0) -> Camera:
         """Make a camera from that of a PyVista plotter.
 
@@ -158,7 +198,8 @@ class Camera:
             view["rise"] = view.get("rise", 0.0) + _finite(elevation, "elevation")
             return Camera(view)
         if view["kind"] != "look_at":
-            raise ValueError("camera: expected one that looks at a target, found a calibrated one")
+            found = "one along an axis" if view["kind"] == "along" else "a calibrated one"
+            raise ValueError(f"camera: expected one that looks at a target, found {found}")
         up = np.array(view["up"]) / np.linalg.norm(view["up"])
         offset = np.array(view["eye"]) - np.array(view["target"])
         offset = _turned(offset, up, math.radians(azimuth))
@@ -178,6 +219,10 @@ class Camera:
             view["zoom"] = view.get("zoom", 1.0) * factor
         elif view["kind"] == "calibrated":
             view["focal_px"] = [f * factor for f in view["focal_px"]]
+        elif view["kind"] == "along":
+            if "ortho_width" not in view:
+                raise ValueError("camera: expected one with a width, found one that is fitted to data; take Image.camera")
+            view["ortho_width"] /= factor
         elif "ortho_height" in view:
             view["ortho_height"] /= factor
         else:
@@ -218,6 +263,13 @@ class Camera:
         if view["kind"] == "look_at":
             lens = f"fov={view['fov']:g}" if "fov" in view else f"ortho_height={view['ortho_height']:g}"
             return f"Camera.look_at({listed(view['eye'])}, {listed(view['target'])}, up={listed(view['up'])}, {lens})"
+        if view["kind"] == "along":
+            said = [repr(view["axis"])]
+            if "centre" in view:
+                said.append(f"centre={listed(view['centre'])}")
+            if "ortho_width" in view:
+                said.append(f"width={view['ortho_width']:g}")
+            return f"Camera.along({', '.join(said)})"
         said = []
         for name, turn in (("azimuth", "turn"), ("elevation", "rise")):
             if name in view:

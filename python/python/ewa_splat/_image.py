@@ -141,7 +141,8 @@ class Column:
         """Left, right, bottom, top for ``plt.imshow(column, extent=column.extent)``.
 
         The unit is the world's, measured along the camera's right and up directions from the world's origin. If the
-        camera looks along an axis, these are the data's coordinates. Under perspective, the unit is pixels.
+        camera looks along an axis, these are the data's coordinates, which fall to the right if it looks from behind
+        (`Camera.along("-z")`). Under perspective, the unit is pixels.
         """
         height, width = self.values.shape
         if self.pixel_area is None:
@@ -151,7 +152,8 @@ class Column:
         eye, focal, centre = np.array(view["eye"]), view["focal_px"], view["centre_px"]
         x, y = float(right @ eye), float(-down @ eye)
         left, top = x - centre[0] / focal[0], y + centre[1] / focal[1]
-        return left, left + width / focal[0], top - height / focal[1], top
+        sign = -1.0 if right.min() == -1.0 else 1.0
+        return sign * left, sign * (left + width / focal[0]), top - height / focal[1], top
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         return np.array(self.values, dtype=dtype) if copy else np.asarray(self.values, dtype=dtype)

@@ -3,7 +3,7 @@
 use crate::io::{column_colours, column_picture, write_bytes_atomically, write_column};
 use crate::legend::ColourBar;
 use crate::scene::{TransferFunction, ValueScale};
-use crate::view::Camera;
+use crate::view::{Along, Camera};
 use crate::{ColumnImage, Error, Renderer, Result, SceneOptions};
 use indicatif::ProgressBar;
 use serde_json::json;
@@ -90,6 +90,7 @@ impl Arguments {
             let mut stats = stats(renderer, &times, prepared);
             stats["column_density"] = json!({
                 "sum_times_area": column.sum_times_area(),
+                "extent": Along::extent(camera),
                 "range": column.range(),
                 "positive_range": column.positive_range(),
                 "shown_range": column.shown_range(),

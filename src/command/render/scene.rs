@@ -52,7 +52,10 @@ impl Arguments {
             let sequence = &self.sequence;
             sequence.cameras(&self.camera, boxes, up, canvas)
         };
-        let whole = Canvas::of(self.size);
+        let whole = Canvas {
+            along: self.default_axis(),
+            ..Canvas::of(self.size)
+        };
         let of_boxes =
             |boxes: &[Bounds], up| cameras(&left_of(boxes.to_vec(), &planes), up, &whole);
         let then = |scene| self.checked(scene);

@@ -11,7 +11,7 @@ use crate::image::DARK_GREY;
 use crate::render::{Advanced, Blend, Classification, Composite};
 use crate::sample::{PurposeOptions, Refinement, SampleOptions};
 use crate::scene::{Lighting, ScaleName};
-use crate::view::{Camera, ClipPlane};
+use crate::view::{Along, Camera, ClipPlane};
 use crate::{Backend, ColumnSettings, Filter, Renderer, SceneOptions, Settings, Show, Task};
 
 impl From<BlendName> for Blend {
@@ -157,12 +157,14 @@ impl Arguments {
     }
 
     pub(in crate::command) fn clip_planes(&self) -> Vec<ClipPlane> {
-        self.method
-            .clip
-            .iter()
-            .flat_map(|clip| &clip.0)
-            .copied()
-            .collect()
+        let clip = self.method.clip.iter().flat_map(|clip| &clip.0).copied();
+        let between = self.camera.depth_planes(self.default_axis());
+        clip.chain(between).collect()
+    }
+
+    /// Returns the axis that the camera looks along if no option says from where.
+    pub(in crate::command) fn default_axis(&self) -> Option<Along> {
+        self.method.column_density.then_some(Along::Z)
     }
 
     pub(in crate::command) fn column_settings(&self) -> ColumnSettings {
