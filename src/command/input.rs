@@ -516,6 +516,7 @@ impl DataOptions {
             flatten: self.flatten,
             surface: self.is_boundary_alone().then_some(1.0),
             refinement: None,
+            periodic: None,
             task: None,
         }
     }

@@ -19,6 +19,18 @@ pub(crate) fn vector(text: &str) -> Result<DVec3, String> {
     numbers(text).map(DVec3::from)
 }
 
+/// Parses the edges of a box: `x,y,z`, or one number for a cube.
+pub(crate) fn edges(text: &str) -> Result<DVec3, String> {
+    let edges = match finite_numbers(text).as_deref() {
+        Some(&[edge]) => Some(DVec3::splat(edge)),
+        Some(&[x, y, z]) => Some(DVec3::new(x, y, z)),
+        _ => None,
+    };
+    edges
+        .filter(|edges| edges.min_element() > 0.0)
+        .ok_or_else(|| "three edges above 0, such as 10,10,5, or one for a cube".into())
+}
+
 /// Parses a direction `x,y,z` into a unit vector.
 pub(crate) fn direction(text: &str) -> Result<DVec3, String> {
     vector(text)?

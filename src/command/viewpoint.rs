@@ -5,8 +5,8 @@ use std::sync::OnceLock;
 
 use crate::data::up::Up;
 use crate::view::{
-    Along, Bounds, Camera, ClipPlane, DEFAULT_FOV_DEG, Lens, Viewpoint, clip_boxes, read_camera,
-    sphere_around,
+    Along, Bounds, Camera, ClipPlane, DEFAULT_FOV_DEG, Lens, Viewpoint, Window, clip_boxes,
+    read_camera, sphere_around,
 };
 use crate::{Error, Renderer, Result};
 use clap::{Args, ValueEnum};
@@ -35,6 +35,9 @@ pub(crate) struct Canvas {
     pub(crate) room_px: usize,
     /// Axis to look along if no option says from where.
     pub(crate) along: Option<Along>,
+    /// Corners of a box that fills a picture along an axis if no option says what it shows, and if it has the picture's
+    /// shape.
+    pub(crate) filled_by: Option<[DVec3; 2]>,
 }
 
 impl Canvas {
@@ -46,6 +49,7 @@ impl Canvas {
             lens: DEFAULT_LENS,
             room_px: 0,
             along: None,
+            filled_by: None,
         }
     }
 
@@ -235,28 +239,30 @@ impl CameraOptions {
     /// Returns the camera that looks along an axis.
     fn camera_along(&self, along: Along, boxes: &[Bounds], canvas: &Canvas) -> Result<Camera> {
         let (inner, whole) = (canvas.inner(), canvas.size());
-        let Some(WindowBox { window, .. }) = self.window else {
-            let nowhere = [(DVec3::ZERO, DVec3::ONE)];
-            let fitted = along.fitted(boxes, self.ortho, inner);
-            let fitted = fitted.or_else(|| along.fitted(&nowhere, self.ortho, inner));
-            let mut fitted = fitted.unwrap_or_else(|| unreachable!("there is a box"));
-            fitted.focal_px *= self.zoom.unwrap_or(1.0);
-            let widened = Camera {
-                width: whole[0],
-                ..fitted
-            };
-            return Ok(self.aimed(widened, boxes));
-        };
         let room = whole[0] - inner[0];
-        let [width, height] = window.lengths();
-        let size = match canvas.size {
-            None => shaped(inner[0].max(inner[1]), width / height),
-            Some(_) => inner,
+        let shows = |window: Window, size: [usize; 2]| Camera {
+            width: size[0] + room,
+            ..along.camera(&window, boxes, size)
+        };
+        let size = |window: Window| {
+            let [width, height] = window.lengths();
+            match canvas.size {
+                None => shaped(inner[0].max(inner[1]), width / height),
+                Some(_) => inner,
+            }
         };
         // Pixels are squares, to within the rounding of the sides to whole pixels.
-        let pixels = [width / size[0] as f64, height / size[1] as f64];
-        let least = size[0].min(size[1]) as f64;
-        if (pixels[0] / pixels[1] - 1.0).abs() > 1.0 / least {
+        let has_shape = |window: Window, size: [usize; 2]| {
+            let [width, height] = window.lengths();
+            let pixels = [width / size[0] as f64, height / size[1] as f64];
+            (pixels[0] / pixels[1] - 1.0).abs() <= 1.0 / size[0].min(size[1]) as f64
+        };
+        if let Some(WindowBox { window, .. }) = self.window {
+            let size = size(window);
+            if has_shape(window, size) {
+                return Ok(shows(window, size));
+            }
+            let [width, height] = window.lengths();
             let [fit, _] = shaped_to(size[1], width / height);
             return Err(Error::invalid(
                 "--window",
@@ -266,11 +272,24 @@ impl CameraOptions {
                 "change --size, or leave it out",
             ));
         }
-        let camera = along.camera(&window, boxes, size);
-        Ok(Camera {
-            width: size[0] + room,
-            ..camera
-        })
+        let is_free = self.ortho.is_none() && self.target.is_none() && self.zoom.is_none();
+        if let Some(corners) = canvas.filled_by.filter(|_| is_free) {
+            let window = along.window(corners);
+            let size = size(window);
+            if has_shape(window, size) {
+                return Ok(shows(window, size));
+            }
+        }
+        let nowhere = [(DVec3::ZERO, DVec3::ONE)];
+        let fitted = along.fitted(boxes, self.ortho, inner);
+        let fitted = fitted.or_else(|| along.fitted(&nowhere, self.ortho, inner));
+        let mut fitted = fitted.unwrap_or_else(|| unreachable!("there is a box"));
+        fitted.focal_px *= self.zoom.unwrap_or(1.0);
+        let widened = Camera {
+            width: whole[0],
+            ..fitted
+        };
+        Ok(self.aimed(widened, boxes))
     }
 
     /// Returns the camera fitted to the sphere around all data, turned by some degrees.

@@ -105,6 +105,7 @@ pub(crate) use lattice::{PlaneValues, lattice_of_planes};
 use mesh::{MeshOptions, SampledMesh};
 #[cfg(feature = "prepared")]
 pub(crate) use points::OfRows;
+pub use points::periodic::PeriodicBox;
 pub(crate) use points::{
     FITTED_NEIGHBOURS, Fitted, Neighbourhoods, PartitionedRows, Surrounded, fit_partition,
     function_of_all, sample_partition, scalars, without_spacing,
@@ -167,6 +168,7 @@ pub fn surface_report(dataset: &Dataset, options: &SampleOptions) -> Result<Samp
 /// # Errors
 /// The errors of [`mesh::surfels`] and of [`volume`].
 pub fn scene(dataset: Dataset, options: &SampleOptions) -> Result<SampledScene> {
+    check_periodic(&dataset, options)?;
     let dataset = as_surface(dataset, options)?;
     let Geometry::Mesh(mesh) = &dataset.geometry else {
         let path = dataset.path.clone();
@@ -251,6 +253,7 @@ fn named(error: Error, file: &Path) -> Error {
 /// that cannot be read; work that was cancelled.
 pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     check_options(options)?;
+    check_periodic(&dataset, options)?;
     dataset.validate()?;
     // Sampling consumes the data set: keep the units until the shown field is known.
     let asked = options.field.as_ref();
@@ -294,7 +297,28 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
         self::field::gradient::complete(&mut sampled.volume, options.task.as_ref())?;
     }
     self::field::local_models::complete(&mut sampled.volume, options)?;
+    if let Some(periodic) = &options.periodic {
+        self::points::periodic::add_images(&mut sampled, periodic)?;
+    }
     Ok(sampled)
+}
+
+/// Refuses a periodic box that has no volume, or of other data than particles.
+fn check_periodic(dataset: &Dataset, options: &SampleOptions) -> Result<()> {
+    let Some(periodic) = &options.periodic else {
+        return Ok(());
+    };
+    periodic.check()?;
+    match dataset.geometry {
+        Geometry::Points { .. } => Ok(()),
+        _ => Err(Error::format(
+            &dataset.path,
+            "periodic box",
+            "particles",
+            "other data",
+            "leave the box out",
+        )),
+    }
 }
 
 /// Returns the kind of particles if each depends on its own row alone; otherwise `None`.

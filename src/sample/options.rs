@@ -6,6 +6,7 @@ use crate::constants::{DEFAULT_KERNEL_WIDTH, FAINT_SHARE};
 use crate::data::smoothing::{LengthMeaning, SphKernel};
 use crate::error::{Error, Parameter, Result};
 use crate::sample::mesh::Spread;
+use crate::sample::points::periodic::PeriodicBox;
 use crate::sample::refine::Refinement;
 use crate::scene::{PointVolume, ScaleName, TransferFunction};
 use crate::task::Task;
@@ -39,6 +40,9 @@ pub struct SampleOptions {
     /// Pictures for which kernels are refined; `None` leaves one kernel per sample. A refined volume belongs to
     /// its transfer function and these pictures.
     pub refinement: Option<Refinement>,
+    /// The periodic box of particles: these are moved into it, and images of kernels that cross its faces are added.
+    /// Pictures of the box are cut at its faces ([`ClipPlane::of_box`](crate::view::ClipPlane::of_box)).
+    pub periodic: Option<PeriodicBox>,
     /// Receives the progress of the work, and may cancel it.
     pub task: Option<Task>,
 }

@@ -64,6 +64,16 @@ impl Along {
         [if self.is_from_behind { -right } else { right }, up]
     }
 
+    /// Returns the window that shows just a box.
+    pub fn window(self, [lower, upper]: [DVec3; 2]) -> Window {
+        let [right, up] = self.picture_axes();
+        let along = |axis: DVec3| [lower.dot(axis.abs()), upper.dot(axis.abs())];
+        Window {
+            across: along(right),
+            upwards: along(up),
+        }
+    }
+
     /// Returns the camera that sees all of `boxes`, as large and as centred as possible; `None` without boxes.
     ///
     /// - `height`: height of the picture \[world units\]; `None` fits it to the boxes.
@@ -187,11 +197,9 @@ mod tests {
             let along = Along::of_name(name).unwrap();
             let camera = along.fitted(&boxes, None, [300, 200]).unwrap();
             let [left, right, low, high] = Along::extent(&camera).unwrap();
-            let [across, up] = along.picture_axes().map(|axis| {
-                let axis = axis.abs();
-                let (middle, half) = boxes[0];
-                [(middle - half).dot(axis), (middle + half).dot(axis)]
-            });
+            let (middle, half) = boxes[0];
+            let window = along.window([middle - half, middle + half]);
+            let (across, up) = (window.across, window.upwards);
             assert!(
                 left.min(right) < across[0] && left.max(right) > across[1],
                 "{name}"

@@ -331,3 +331,62 @@ fn windows_have_a_shape_and_an_axis() {
     let image = read_image(&folder.path().join("c.png")).unwrap();
     assert_eq!((image.width, image.height), (1024, 256));
 }
+
+#[test]
+fn columns_of_periodic_boxes_keep_the_mass_and_turn_with_the_centre() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut rows = String::from("x,y,z,sigma,mass\n");
+    let mut mass = 0.0;
+    for n in 0..80 {
+        let share = |step: f64| (f64::from(n) * step).fract();
+        let [x, y, z] = [0.819, 0.671, 0.549].map(share);
+        // Some lie outside, by whole edges.
+        let (x, y) = (2.0 * x - 4.0 * f64::from(n % 2), y + f64::from(n % 3));
+        rows += &format!("{x},{y},{z},{},{}\n", 0.01 + 0.15 * share(0.39), n + 1);
+        mass += f64::from(n + 1);
+    }
+    std::fs::write(folder.path().join("p.csv"), rows).unwrap();
+    let picture = |words: &[&str]| {
+        let out = ["--out", "c.npy", "--stats", "c.json", "--size", "40x20"];
+        let start = ["render", "p.csv", "--column-density", "--periodic", "2,1,1"];
+        let output = run(folder.path(), &[&start[..], &out, words].concat());
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let stats = std::fs::read_to_string(folder.path().join("c.json")).unwrap();
+        let stats: serde_json::Value = serde_json::from_str(&stats).unwrap();
+        let stats = &stats["column_density"];
+        let sum = stats["sum_times_area"].as_f64().unwrap();
+        (
+            numbers_of(&folder.path().join("c.npy"), 800),
+            sum,
+            stats["extent"].clone(),
+        )
+    };
+    let (own, sum, extent) = picture(&[]);
+    assert!((sum / mass - 1.0).abs() < 2e-5, "{sum} {mass}");
+    let expected = serde_json::json!([0.0, 2.0, 0.0, 1.0]);
+    assert_eq!(extent, expected);
+    // A quarter of the box to the right and half of it up: ten columns, ten rows.
+    let (moved, sum, _) = picture(&["--centre", "1.5,1,0.3"]);
+    assert!((sum / mass - 1.0).abs() < 2e-5, "{sum} {mass}");
+    let greatest = own.iter().copied().fold(0.0, f32::max);
+    for (n, value) in moved.iter().enumerate() {
+        let (row, column) = (n / 40, n % 40);
+        let there = own[(row + 10) % 20 * 40 + (column + 10) % 40];
+        assert!((value - there).abs() < 1e-4 * greatest, "{value} {there}");
+    }
+    let refused = |words: &[&str]| {
+        let out = ["--out", "c.npy"];
+        let output = run(folder.path(), &[&["render"], words, &out].concat());
+        assert!(!output.status.success());
+        text(&output.stderr)
+    };
+    assert!(refused(&["p.csv", "--periodic", "0.1"]).contains("less than an edge"));
+    assert!(refused(&["p.csv", "--periodic", "1,0,1"]).contains("edges above 0"));
+    assert!(refused(&["p.csv", "--centre", "1,0,1"]).contains("--periodic"));
+    std::fs::write(
+        folder.path().join("q.obj"),
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+    )
+    .unwrap();
+    assert!(refused(&["q.obj", "--periodic", "1"]).contains("expected particles"));
+}

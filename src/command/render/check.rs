@@ -136,6 +136,7 @@ impl Arguments {
             ("--reference", self.method.reference.is_some()),
             ("--cut-faces", self.cut.cut_faces),
             ("--column-mean", self.method.column_mean.is_some()),
+            ("--periodic", self.periodic.is_some()),
         ];
         refuse_beside(&scene.prepared, &refused)?;
         self.method.check_use(&scene.volumes)?;

@@ -15,6 +15,7 @@ use crate::command::viewpoint::CameraOptions;
 use crate::load::Input;
 use crate::scene::ScaleName;
 use clap::{Args, ValueEnum};
+use glam::DVec3;
 
 #[derive(Args)]
 pub(in crate::command) struct Arguments {
@@ -43,6 +44,15 @@ pub(in crate::command) struct Arguments {
     pub(in crate::command) keep_axes: bool,
     #[command(flatten)]
     pub(in crate::command) data: DataOptions,
+    /// Particles of a periodic box with these edges: kernels that cross a face come in at the opposite one, and the
+    /// picture ends at the faces
+    #[arg(long, value_name = "x,y,z", value_parser = parse::edges, help_heading = "Particles",
+          conflicts_with_all = ["mpi", "series", "reference"])]
+    pub(in crate::command) periodic: Option<DVec3>,
+    /// The point in the middle of the periodic box [default: half of its edges]
+    #[arg(long, value_name = "x,y,z", value_parser = parse::vector, allow_hyphen_values = true,
+          help_heading = "Particles", requires = "periodic")]
+    pub(in crate::command) centre: Option<DVec3>,
     #[command(flatten)]
     pub(in crate::command) method: Method,
     #[command(flatten)]

@@ -54,6 +54,7 @@ impl Arguments {
         };
         let whole = Canvas {
             along: self.default_axis(),
+            filled_by: self.periodic_box().map(|periodic| periodic.corners()),
             ..Canvas::of(self.size)
         };
         let of_boxes =
@@ -62,8 +63,8 @@ impl Arguments {
         let checks = self.data.checks(&self.inputs, options).and(&then);
         let (open, observer) = (self.data.open_options(), observer_of(progress));
         let request = Request {
-            // Cut faces need whole volumes.
-            takes_parts: !self.cut.cut_faces,
+            // Cut faces and periodic boxes need whole volumes.
+            takes_parts: !self.cut.cut_faces && self.periodic.is_none(),
             ..self.data.request(&checks, &open, &of_boxes, &observer)
         };
         // Ranks share a picture; the pictures of a sequence are drawn in turn.
@@ -76,7 +77,9 @@ impl Arguments {
         };
         let is_column = self.method.column_density;
         let legend = self.bars(&scene)?;
-        let bounds = scene.bounds();
+        let of_box = self.periodic_box();
+        let of_box = of_box.map(|periodic| (periodic.centre, periodic.size / 2.0));
+        let bounds = of_box.or(scene.bounds());
         // Other ranks learn of a failure here when they next wait for this rank.
         let is_first = ranks.as_ref().is_none_or(|ranks| ranks.rank() == 0);
         if is_first {

@@ -9,7 +9,7 @@ use crate::command::parse::Background;
 use crate::command::truth::ReferenceName;
 use crate::image::DARK_GREY;
 use crate::render::{Advanced, Blend, Classification, Composite};
-use crate::sample::{PurposeOptions, Refinement, SampleOptions};
+use crate::sample::{PeriodicBox, PurposeOptions, Refinement, SampleOptions};
 use crate::scene::{Lighting, ScaleName};
 use crate::view::{Along, Camera, ClipPlane};
 use crate::{Backend, ColumnSettings, Filter, Renderer, SceneOptions, Settings, Show, Task};
@@ -36,6 +36,7 @@ impl Arguments {
                 ..PurposeOptions::default()
             },
             refinement: self.refinement(),
+            periodic: self.periodic_box(),
             task,
             ..self.data.sample_options()
         }
@@ -159,7 +160,22 @@ impl Arguments {
     pub(in crate::command) fn clip_planes(&self) -> Vec<ClipPlane> {
         let clip = self.method.clip.iter().flat_map(|clip| &clip.0).copied();
         let between = self.camera.depth_planes(self.default_axis());
-        clip.chain(between).collect()
+        let of_box = self.periodic_box().map(|periodic| {
+            let [lower, upper] = periodic.corners();
+            ClipPlane::of_box(lower, upper)
+        });
+        clip.chain(between)
+            .chain(of_box.into_iter().flatten())
+            .collect()
+    }
+
+    /// Returns the periodic box of the particles, if there is one.
+    pub(in crate::command) fn periodic_box(&self) -> Option<PeriodicBox> {
+        let whole = PeriodicBox::from_origin(self.periodic?);
+        Some(PeriodicBox {
+            centre: self.centre.unwrap_or(whole.centre),
+            ..whole
+        })
     }
 
     /// Returns the axis that the camera looks along if no option says from where.

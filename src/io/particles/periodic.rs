@@ -70,8 +70,8 @@ pub(in crate::io) fn note_reach(dataset: &mut Dataset, size: &[f64]) {
         };
         let [x, y, z] = size;
         dataset.notes.push(format!(
-            "Particles with {percent} % of the mass reach beyond the faces of the box ({x} x {y} x {z}): it is not wrapped, \
-             and what lies beyond is drawn, or lost, outside."
+            "Particles with {percent} % of the mass reach beyond the faces of the box ({x} x {y} x {z}): what lies beyond is \
+             drawn, or lost, outside, unless the box is wrapped (--periodic {x},{y},{z})."
         ));
     }
 }

@@ -3,6 +3,7 @@
 pub(crate) mod accuracy_warnings;
 pub(crate) mod neighbours;
 pub(crate) mod partitioned;
+pub(super) mod periodic;
 pub(crate) mod reach;
 pub(crate) mod shepard;
 pub(crate) mod sph;
@@ -80,7 +81,12 @@ pub(super) fn choices_of_points(dataset: &Dataset) -> Vec<FieldChoice> {
     Columns::of(dataset, 0).choices()
 }
 
-pub(super) fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
+pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
+    if let (Some(periodic), Geometry::Points { positions }) =
+        (&options.periodic, &mut dataset.geometry)
+    {
+        periodic::wrap(positions, periodic);
+    }
     of_some(dataset, options, None).map(|made| made.sampled)
 }
 
@@ -102,7 +108,7 @@ pub(super) fn kind_of_rows(dataset: &Dataset, options: &SampleOptions) -> Option
         return None;
     };
     let columns = Columns::of(dataset, positions.len());
-    if options.kernels.shape == ParticleShape::YuTurk {
+    if options.kernels.shape == ParticleShape::YuTurk || options.periodic.is_some() {
         return None;
     }
     let has_shape = options.kernels.radius.is_some() || columns.states_shape();
