@@ -230,7 +230,7 @@ def test_pictures_along_axes_are_the_command_lines(wake, rendered):
         expected = (right, left, low, high) if axis.startswith("-") else (left, right, low, high)
         assert np.allclose(column.extent, expected, rtol=0, atol=1e-12)
         assert np.allclose(column.values, rendered(path, "--column-density", *words), rtol=1e-5)
-    same(renderer.render(es.Camera.along("z"), size=SIZE).numpy(), rendered(path, "--along", "z", "--refine", "off"))
+    same(renderer.render(es.Camera.along("z"), size=SIZE).numpy(), rendered(path, "--along", "z"))
     for wrong in ({"axis": "w"}, {"axis": "x", "width": 0}, {"axis": "x", "centre": (1, 2)}):
         with pytest.raises(ValueError):
             es.Camera.along(**wrong)
