@@ -106,8 +106,8 @@ pub(crate) struct CameraOptions {
     #[arg(long, value_name = "AXIS", value_parser = parse::along, allow_hyphen_values = true,
           conflicts_with_all = ["eye", "camera", "azimuth", "elevation", "up", "fov"])]
     along: Option<Along>,
-    /// What a picture along an axis shows: the coordinates at its edges, across and upwards, and along the axis if
-    /// wanted
+    /// Coordinates at the edges of a picture along an axis, across and upwards, and between which it is cut along the
+    /// axis, if wanted
     #[arg(long, value_name = "x0,x1,y0,y1[,z0,z1]", value_parser = parse::window, allow_hyphen_values = true,
           conflicts_with_all = ["eye", "camera", "azimuth", "elevation", "up", "fov", "ortho", "target", "zoom", "fit"])]
     window: Option<WindowBox>,

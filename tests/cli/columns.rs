@@ -27,11 +27,15 @@ fn draw(folder: &Path, words: &[&str]) -> String {
 
 /// Reads the numbers of a one-channel `.npy` of 33 x 33.
 fn numbers(path: &Path) -> Vec<f32> {
+    numbers_of(path, 33 * 33)
+}
+
+/// Reads the numbers of a one-channel `.npy`, row by row from the top.
+fn numbers_of(path: &Path, count: usize) -> Vec<f32> {
     let bytes = std::fs::read(path).unwrap();
-    let body = &bytes[bytes.len() - 4 * 33 * 33..];
-    body.chunks_exact(4)
-        .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
-        .collect()
+    let body = &bytes[bytes.len() - 4 * count..];
+    let number = |b: &[u8]| f32::from_le_bytes([b[0], b[1], b[2], b[3]]);
+    body.chunks_exact(4).map(number).collect()
 }
 
 #[test]
@@ -184,14 +188,6 @@ fn sums_beyond_single_precision_are_named() {
     assert!(!output.status.success());
     let said = text(&output.stderr);
     assert!(said.contains("single precision"), "{said}");
-}
-
-/// Reads the numbers of a one-channel `.npy`, row by row from the top.
-fn numbers_of(path: &Path, count: usize) -> Vec<f32> {
-    let bytes = std::fs::read(path).unwrap();
-    let body = &bytes[bytes.len() - 4 * count..];
-    let number = |b: &[u8]| f32::from_le_bytes([b[0], b[1], b[2], b[3]]);
-    body.chunks_exact(4).map(number).collect()
 }
 
 #[test]

@@ -63,8 +63,8 @@ impl Arguments {
         let checks = self.data.checks(&self.inputs, options).and(&then);
         let (open, observer) = (self.data.open_options(), observer_of(progress));
         let request = Request {
-            // Cut faces and periodic boxes need whole volumes.
-            takes_parts: !self.cut.cut_faces && self.periodic.is_none(),
+            // Cut faces need whole volumes.
+            takes_parts: !self.cut.cut_faces,
             ..self.data.request(&checks, &open, &of_boxes, &observer)
         };
         // Ranks share a picture; the pictures of a sequence are drawn in turn.

@@ -1,4 +1,4 @@
-//! Notes kernels that reach beyond the faces of a periodic box, since images do not wrap them.
+//! Notes kernels that reach beyond the faces of a periodic box, which is wrapped only if that is asked for.
 
 use crate::data::dataset::{Dataset, FieldSource, Geometry};
 use crate::data::smoothing::LengthMeaning;

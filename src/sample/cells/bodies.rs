@@ -38,7 +38,9 @@ pub(super) trait Bodies: Sync {
     fn piece_count(&self, body: u32) -> u64;
 
     /// Returns the greatest number of parts of all bodies.
-    fn most_parts(&self) -> usize;
+    fn most_parts(&self) -> usize {
+        MOST_PARTS
+    }
 
     /// Returns true for bodies at the boundary.
     fn is_outermost(&self, body: u32, surface: &Surface) -> bool;
@@ -147,10 +149,6 @@ impl Bodies for DualCells<'_> {
 
     fn piece_count(&self, node: u32) -> u64 {
         self.around.of(node).len() as u64
-    }
-
-    fn most_parts(&self) -> usize {
-        MOST_PARTS
     }
 
     fn is_outermost(&self, node: u32, surface: &Surface) -> bool {

@@ -121,6 +121,9 @@ pub(in crate::sample) fn add_images(sampled: &mut Sampled, periodic: &PeriodicBo
             shifts.push(shift);
         }
     }
+    if shifts.is_empty() {
+        return Ok(());
+    }
     if u32::try_from(sources.len()).is_err() {
         return Err(Error::invalid(
             "periodic box",
