@@ -132,7 +132,7 @@ fn surfels_show_what_rays_show() {
             let (camera, per_length) = camera(&mesh, side, size);
             let truth = tracer.render(&camera, SIDE);
             keep(&format!("{name}-{number}-rays"), &truth);
-            for per_px in [1.0, 4.0] {
+            for per_px in some([1.0, 4.0], name.len(), 2) {
                 let options = MeshOptions {
                     spread: Spread::Density(per_px * per_length * per_length),
                     ..MeshOptions::default()

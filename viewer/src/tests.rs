@@ -151,8 +151,10 @@ fn ewa_splat_program() -> std::path::PathBuf {
 
 #[test]
 fn pictures_are_those_of_the_command_line() {
-    let mut window = wake_refined("auto");
-    assert_eq!(pixels(&window), of_command(&mut window));
+    let mut refined = wake_refined("auto");
+    assert_eq!(pixels(&refined), of_command(&mut refined));
+    drop(refined);
+    let mut window = wake();
     // Drags an opacity point and turns the camera.
     let point = window
         .get_by_label_contains("opacity 0.350")
@@ -437,7 +439,7 @@ fn steps_of_time_are_gone_through() {
         std::fs::write(&path, grid(factor)).unwrap();
         files.push(path.display().to_string());
     }
-    let mut window = window(&[&files[0], &files[1], "--series"]);
+    let mut window = window(&[&files[0], &files[1], "--series", "--refine", "off"]);
     let function =
         |window: &mut Harness<'_, App>| window.state_mut().history().unwrap().function().clone();
     let (first, of_first) = (pixels(&window), function(&mut window));
