@@ -349,12 +349,12 @@ fn a_uniform_ring_has_the_depth_of_the_length_inside() {
             }
         };
         let (cut, uncut) = (made(BoundaryChoice::Sharp), made(BoundaryChoice::Soft));
-        let views = cameras(middle, 3.4);
-        for (i, camera) in some(views.iter().enumerate(), name.len(), 2) {
+        let views = cameras(middle, 3.4).into_iter().enumerate();
+        for (i, camera) in some(views, name.len(), 2) {
             let camera = Camera {
                 width: 64,
                 height: 64,
-                ..zoomed(camera, 0.4)
+                ..zoomed(&camera, 0.4)
             };
             let of = |boundary| {
                 let is_cut = boundary == BoundaryChoice::Sharp;

@@ -1,5 +1,7 @@
 //! Tests the window by simulated input, without a display.
 
+#[path = "../../src/breadth.rs"]
+mod breadth;
 mod device;
 mod editor;
 mod files;
@@ -15,6 +17,7 @@ use egui_kittest::kittest::Queryable;
 
 use ewa_splat::command::{ViewArguments, ViewRequest};
 
+use self::breadth::some;
 use crate::app::App;
 use crate::canvas::Canvas;
 use crate::instead::Instead;
@@ -154,28 +157,30 @@ fn pictures_are_those_of_the_command_line() {
     let mut refined = wake_refined("auto");
     assert_eq!(pixels(&refined), of_command(&mut refined));
     drop(refined);
-    let mut window = wake();
-    // Drags an opacity point and turns the camera.
-    let point = window
-        .get_by_label_contains("opacity 0.350")
-        .rect()
-        .center();
-    let centre = Pos2::new(450.0, 250.0);
-    drag(
-        &mut window,
-        point,
-        point + Vec2::new(12.0, -40.0),
-        PointerButton::Primary,
-    );
-    drag(
-        &mut window,
-        centre,
-        centre + Vec2::new(90.0, -35.0),
-        PointerButton::Primary,
-    );
-    rest(&mut window);
-    assert!(window.state_mut().history().unwrap().can_undo());
-    assert_eq!(pixels(&window), of_command(&mut window));
+    for refine in some(vec!["off", "auto"], 1) {
+        let mut window = wake_refined(refine);
+        // Drags an opacity point and turns the camera.
+        let point = window
+            .get_by_label_contains("opacity 0.350")
+            .rect()
+            .center();
+        let centre = Pos2::new(450.0, 250.0);
+        drag(
+            &mut window,
+            point,
+            point + Vec2::new(12.0, -40.0),
+            PointerButton::Primary,
+        );
+        drag(
+            &mut window,
+            centre,
+            centre + Vec2::new(90.0, -35.0),
+            PointerButton::Primary,
+        );
+        rest(&mut window);
+        assert!(window.state_mut().history().unwrap().can_undo());
+        assert_eq!(pixels(&window), of_command(&mut window));
+    }
 }
 
 #[test]
@@ -439,19 +444,22 @@ fn steps_of_time_are_gone_through() {
         std::fs::write(&path, grid(factor)).unwrap();
         files.push(path.display().to_string());
     }
-    let mut window = window(&[&files[0], &files[1], "--series", "--refine", "off"]);
-    let function =
-        |window: &mut Harness<'_, App>| window.state_mut().history().unwrap().function().clone();
-    let (first, of_first) = (pixels(&window), function(&mut window));
-    assert!(of_first.range()[1] > 20.0, "{:?}", of_first.range());
-    window.state_mut().go(1);
-    rest(&mut window);
-    assert_eq!(of_first, function(&mut window));
-    let second = pixels(&window);
-    assert_ne!(first, second);
-    // The file of an unedited function reproduces it approximately.
-    let again = of_command(&mut window);
-    assert!(second.iter().zip(&again).all(|(a, b)| a.abs_diff(*b) <= 2));
+    for refine in some(vec!["off", "auto"], 1) {
+        let mut window = window(&[&files[0], &files[1], "--series", "--refine", refine]);
+        let function = |window: &mut Harness<'_, App>| {
+            window.state_mut().history().unwrap().function().clone()
+        };
+        let (first, of_first) = (pixels(&window), function(&mut window));
+        assert!(of_first.range()[1] > 20.0, "{:?}", of_first.range());
+        window.state_mut().go(1);
+        rest(&mut window);
+        assert_eq!(of_first, function(&mut window));
+        let second = pixels(&window);
+        assert_ne!(first, second);
+        // The file of an unedited function reproduces it approximately.
+        let again = of_command(&mut window);
+        assert!(second.iter().zip(&again).all(|(a, b)| a.abs_diff(*b) <= 2));
+    }
 }
 
 /// Keys change the lens, the view and the panels.
