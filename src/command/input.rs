@@ -500,6 +500,7 @@ impl DataOptions {
                     (None, None, Some(Spacing::Even(distance))) => Spread::Spacing(distance),
                     (None, None, _) => Spread::Automatic,
                 },
+                composited: false,
                 seed: 0,
             },
             function: FunctionOptions {

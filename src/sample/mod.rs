@@ -95,7 +95,7 @@ pub(crate) use self::scalar::check_len;
 pub(crate) use self::scalar::nothing_left;
 pub(crate) use self::scalar::take_scalar;
 pub use self::splats::convert::{
-    CLOSED_WIDTH, ConversionReport, LEAST_OPACITY, sound_splats, splat_cloud,
+    ConversionReport, LEAST_OPACITY, sound_splats, splat_cloud,
 };
 pub use self::surface::cut_faces::cut_faces;
 pub use self::surface::discs::discs;
@@ -184,6 +184,7 @@ pub fn scene(dataset: Dataset, options: &SampleOptions) -> Result<SampledScene> 
     let mesh_options = MeshOptions {
         spread: options.kernels.spread,
         kernel_width: options.kernels.width,
+        composited: options.kernels.composited,
         seed: options.kernels.seed,
         task: options.task.clone(),
     };

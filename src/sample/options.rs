@@ -90,6 +90,9 @@ pub struct KernelOptions {
     pub boundary: BoundaryChoice,
     /// Number and spread of surfels, for meshes.
     pub spread: Spread,
+    /// True for surfels of meshes that viewers composite as splats:
+    /// [`MeshOptions::composited`](super::mesh::MeshOptions::composited).
+    pub composited: bool,
     /// Seed of the spread of surfels, for meshes. Another seed gives another spread, as even.
     pub seed: u64,
 }
@@ -167,6 +170,7 @@ impl Default for KernelOptions {
             shepard_passes: 0,
             boundary: BoundaryChoice::default(),
             spread: Spread::Automatic,
+            composited: false,
             seed: 0,
         }
     }

@@ -167,8 +167,19 @@ pub struct MeshReport {
     pub ripple: f64,
     /// Greatest deviation from 1 of these sums.
     pub greatest_ripple: f64,
+    /// How opaque surfels look in viewers that composite them, if they were made for these.
+    pub composited: Option<CompositedReport>,
     /// Findings, in the order of the work.
     pub findings: Vec<Finding>,
+}
+
+/// What viewers that composite surfels as splats are expected to show of a surface, seen along its normals.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CompositedReport {
+    /// Mean opacity over the surface. What is missing to 1 shows what is behind.
+    pub opacity: f64,
+    /// Root mean square error of colours, in sRGB codes from 0 to 1, at points of the surface, where it is covered.
+    pub error: f64,
 }
 
 impl MeshReport {

@@ -99,6 +99,23 @@ pub(super) fn count(surface: &Surface, spread: Spread) -> Result<usize> {
     }
 }
 
+/// Greatest number of surfels that are merged into one on average, for surfels that viewers composite. On a cow and on a
+/// sphere, eight gave .7 dB more than four, for twice the time.
+const MOST_MERGED: usize = 8;
+
+/// Returns the number of surfels to merge into each of `count`. No more are spread than follow automatically from the
+/// textures and the size of the surface.
+pub(super) fn finer(surface: &Surface, count: usize) -> usize {
+    let area = surface.area() * surface.unit * surface.unit;
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a positive ratio, clamped below"
+    )]
+    let ratio = (automatic(surface, area) / count as f64) as usize;
+    ratio.clamp(1, MOST_MERGED)
+}
+
 /// Returns the number of surfels that [`surfels`](super::surfels) spreads over the triangles of a mesh; 0 for a
 /// mesh without area.
 ///

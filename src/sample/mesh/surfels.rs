@@ -15,7 +15,7 @@ use crate::task::{Stage, Task};
 pub(super) const FAINTEST: f64 = 1.0 / 255.0;
 
 /// Variance of a unit square along each axis.
-const SQUARE: f64 = 1.0 / 12.0;
+pub(super) const SQUARE: f64 = 1.0 / 12.0;
 
 /// Cells whose variance is below this share of a square's are blurred less, in proportion: wires and slivers
 /// much narrower than the spacing keep their width.
@@ -42,6 +42,18 @@ pub(super) struct Surfel {
 }
 
 impl Surfel {
+    /// Returns true if the surfel has a colour and a visible share.
+    pub(super) fn is_seen(&self) -> bool {
+        let is_painted = self.unpainted < self.area && self.colour.iter().all(|c| c.is_finite());
+        is_painted && self.share >= FAINTEST
+    }
+
+    /// Returns the unit normal of the surfel's plane, on its front.
+    pub(super) fn normal(&self) -> DVec3 {
+        let [t1, t2] = self.tangents;
+        t1.cross(t2).normalize_or_zero()
+    }
+
     /// Returns the area times the unit Gaussian at a point of the surface, seen along the surfel's normal.
     /// Returns zero if the surface faces away or belongs to another layer.
     pub(super) fn weight_at(&self, point: DVec3, normal: Vec3) -> f64 {
@@ -187,9 +199,30 @@ fn surfel(
 /// 5.0 instead of 1.1 % rms on a plane, and by .8 instead of .04 % under a low-pass filter as wide as the
 /// spacing.
 fn tangents(variance: DMat3, normal: DVec3, kernel_width: f64) -> [DVec3; 2] {
+    let blur = kernel_width * kernel_width - SQUARE;
+    let sigma = |own: f64| {
+        let added = if blur > 0.0 {
+            blur * (own / (BLUR_OF_NARROW * SQUARE)).min(1.0)
+        } else {
+            blur / SQUARE * own
+        };
+        (own + added).sqrt()
+    };
+    axes(normal, |a, b| a.dot(variance * b), sigma)
+}
+
+/// Returns vectors along the principal axes of a variance within a plane, the longer first. Their cross product points
+/// along `normal`.
+///
+/// - `variance`: a · V b of the variance V and two unit vectors.
+/// - `sigma`: the length of a vector, of the variance along its axis.
+pub(super) fn axes(
+    normal: DVec3,
+    variance: impl Fn(DVec3, DVec3) -> f64,
+    sigma: impl Fn(f64) -> f64,
+) -> [DVec3; 2] {
     let (x, y) = normal.any_orthonormal_pair();
-    let element = |a: DVec3, b: DVec3| a.dot(variance * b);
-    let (xx, xy, yy) = (element(x, x), element(x, y), element(y, y));
+    let (xx, xy, yy) = (variance(x, x), variance(x, y), variance(y, y));
     let (mean, half) = (0.5 * (xx + yy), 0.5 * (xx - yy));
     let root = half.hypot(xy);
     let along = if half >= 0.0 {
@@ -201,15 +234,6 @@ fn tangents(variance: DMat3, normal: DVec3, kernel_width: f64) -> [DVec3; 2] {
     let long = mean + root;
     // From the determinant: a difference of mean and root would lose a narrow cell's width.
     let short = (xx * yy - xy * xy).max(0.0) / long;
-    let blur = kernel_width * kernel_width - SQUARE;
-    let sigma = |own: f64| {
-        let added = if blur > 0.0 {
-            blur * (own / (BLUR_OF_NARROW * SQUARE)).min(1.0)
-        } else {
-            blur / SQUARE * own
-        };
-        (own + added).sqrt()
-    };
     let axis = x * along.x + y * along.y;
     [axis * sigma(long), normal.cross(axis) * sigma(short)]
 }

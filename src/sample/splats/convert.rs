@@ -6,7 +6,7 @@
 //! | scene | opacity |
 //! |---|---|
 //! | volumes, absorbing sheets | 1 - exp(-g / (2 pi s1 s2)): the opacity of the kernel along its shortest axis, with s1 and s2 the two greatest standard deviations. The inverse of a table's column `opacity`. From other sides a volume is deeper than its splat. |
-//! | opaque surfaces | 1, or twice the visible share if that is less than half (masks); kernels are widened to [`CLOSED_WIDTH`] so that little shines through between them |
+//! | opaque surfaces | 1, or twice the visible share if that is less than half (masks) |
 //! | translucent surfaces | the opacity that keeps the optical depth, averaged over the surface: see [`translucent_splat`] |
 //! | splats | their own |
 //!
@@ -24,17 +24,11 @@ use crate::error::{Error, Hint, Result};
 use crate::image::srgb_from_linear;
 use crate::math::{harmonics_count, lower_matrix, narrowed, scales_and_rotation};
 use crate::sample::left_out::LeftOut;
+use crate::sample::mesh::SURFEL_WIDTH;
 use crate::sample::positions::index_u32;
 use crate::sample::report::{Finding, SampleReport};
 use crate::sample::splats;
 use crate::scene::{Boundary, Colour, Particles, PointVolume, Strength, Values};
-
-/// Standard deviation over spacing of opaque surfels in the output; wider ones stay as they are.
-///
-/// This renderer averages overlapping surfels, a viewer of splats composites them: the nearer hides its
-/// neighbours. Wide kernels therefore blur the colours of a surface. Between narrow ones the background shines
-/// through by the product of all 1 - alpha. `tests/data/convert/surfels.rs` measures both on relaxed cells.
-pub const CLOSED_WIDTH: f64 = 0.6;
 
 /// Particles of volumes below this opacity give no splat: sixteen of them are less than one of 255 levels.
 pub const LEAST_OPACITY: f32 = 1.0 / (16.0 * 255.0);
@@ -303,7 +297,7 @@ fn splat(volume: &PointVolume, closing: &Closing, i: usize) -> Result<Splat, Lef
             };
             (sheet(f64::from(classified(volume, i)[3]) * cell), 1.0)
         }
-        Strength::Surface(areas) => closing.opaque(f64::from(areas[i]), sigmas),
+        Strength::Surface(areas) => (closing.opaque(f64::from(areas[i]), sigmas), 1.0),
         Strength::Translucent(strengths) => translucent_splat(f64::from(strengths[i]) / area),
     };
     let is_size = sigmas[0] > 0.0 && sigmas.iter().all(|s| narrowed(*s * widening).is_finite());
@@ -392,7 +386,7 @@ fn cell([nx, ny, _]: [usize; 3], i: usize) -> [usize; 3] {
     [i % nx, i / nx % ny, i / (nx * ny)]
 }
 
-/// Widening of the surfels of an opaque volume that closes gaps between them.
+/// Opacities of the surfels of an opaque volume.
 struct Closing {
     /// Standard deviation over spacing of the volume's surfels, measured on whole cells.
     width: f64,
@@ -405,7 +399,7 @@ impl Closing {
         let keeps_faint = matches!(volume.strength, Strength::PeakOpacity { .. });
         let Strength::Surface(areas) = &volume.strength else {
             return Self {
-                width: CLOSED_WIDTH,
+                width: SURFEL_WIDTH,
                 keeps_faint,
             };
         };
@@ -418,20 +412,17 @@ impl Closing {
         // for whole cells, because cells differ, too.
         let tenth = widths.len() / 10;
         let width = match widths.is_empty() {
-            true => CLOSED_WIDTH,
+            true => SURFEL_WIDTH,
             false => *widths.select_nth_unstable_by(tenth, f64::total_cmp).1,
         };
         Self { width, keeps_faint }
     }
 
-    /// Returns the opacity of an opaque surfel and the factor by which it is widened.
-    fn opaque(&self, area: f64, sigmas: [f64; 3]) -> (f64, f64) {
+    /// Returns the opacity of an opaque surfel.
+    fn opaque(&self, area: f64, sigmas: [f64; 3]) -> f64 {
         let there = area * self.width.powi(2) / (sigmas[0] * sigmas[1]);
         // `clamp` keeps NaN.
-        (
-            (2.0 * there).clamp(0.0, 1.0),
-            (CLOSED_WIDTH / self.width).max(1.0),
-        )
+        (2.0 * there).clamp(0.0, 1.0)
     }
 }
 

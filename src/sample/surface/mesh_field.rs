@@ -135,7 +135,12 @@ pub(in crate::sample) fn scene(
     let share = |i: usize| (values.get(i) - low) / width;
     let (mesh, unknown) = coloured(own, of_corners, share);
     report.leave_out(unknown, "triangles", "value not finite");
-    let sampled = mesh::surfels(&mesh, mesh_options)?;
+    // Values of a field are no codes that viewers composite.
+    let mesh_options = MeshOptions {
+        composited: false,
+        ..mesh_options.clone()
+    };
+    let sampled = mesh::surfels(&mesh, &mesh_options)?;
     let is_own = matches!(
         options.function.transfer,
         TransferChoice::Given(_) | TransferChoice::File(_) | TransferChoice::Text(_)
