@@ -127,10 +127,10 @@ fn is_transparent(range: array<f32, 2>) -> bool {
 
 // Returns the distance of a block's origin, as depth keys measure it.
 fn camera_distance(centre: array<vec2<u32>, 3>) -> vec2<u32> {
-    if camera.directional_keys != 0u {
+    if camera.key_kind == KEYS_OF_LAYERS {
         return f64_dot(camera.key_axis, centre);
     }
-    if camera.orthographic != 0u {
+    if camera.key_kind == KEYS_OF_DEPTH {
         return centre[2];
     }
     return f64_sqrt(f64_dot(centre, centre));
@@ -304,7 +304,7 @@ fn cull_scan(@builtin(local_invocation_index) thread: u32) {
 // given range.
 @compute @workgroup_size(1)
 fn cull_range() {
-    if camera.directional_keys != 0u {
+    if camera.key_kind == KEYS_OF_LAYERS {
         frame.near = camera.key_near;
         frame.keys_per_unit = camera.keys_per_unit;
         view.key_scale = f64_to_f32(camera.keys_per_unit);

@@ -170,13 +170,13 @@ fn choice_index(level: u32, path: u32, filter_kind: u32) -> u32 {
     }
 }
 
-// Returns the key of the distance |B + o| = |B| + o.(2B + o)/(|B + o| + |B|): the block's own key, which
+// Returns the key of the depth, or of the distance |B + o| = |B| + o.(2B + o)/(|B + o| + |B|): the block's own key, which
 // is exact, plus a difference in f32.
 fn depth_key(view: ViewUniform, block_key: u32, origin: vec3<f32>, offset: vec3<f32>) -> u32 {
     var delta = offset.z;
-    if view.directional_keys != 0u {
+    if view.key_kind == KEYS_OF_LAYERS {
         delta = dot3(offset, view.key_axis);
-    } else if view.orthographic == 0u {
+    } else if view.key_kind == KEYS_OF_DISTANCE {
         let sum = length3(origin + offset) + length3(origin);
         delta = 0.0;
         if is_above(sum, 0.0) {

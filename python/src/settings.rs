@@ -4,7 +4,7 @@ use ewa_splat::io::{
     LengthMeaning, OpenOptions, ParticleType, RawLayout, RawType, ReadAs, ScaleMeaning, SphKernel,
     StepChoice,
 };
-use ewa_splat::render::{Advanced, Blend, Classification};
+use ewa_splat::render::{Advanced, Blend, Classification, Order};
 use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{
     BoundaryChoice, FunctionOptions, KernelOptions, ParticleShape, SampleOptions, TransferChoice,
@@ -464,6 +464,16 @@ pub(crate) fn drawing(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Drawing> {
                         ("auto", Blend::Auto),
                         ("encoded", Blend::Encoded),
                         ("linear", Blend::Linear),
+                    ],
+                )?
+                .unwrap_or_default(),
+            order: said
+                .choice(
+                    "order",
+                    &[
+                        ("auto", Order::Auto),
+                        ("distance", Order::Distance),
+                        ("depth", Order::Depth),
                     ],
                 )?
                 .unwrap_or_default(),

@@ -12,7 +12,7 @@ struct ViewUniform {
     cutoff: f32,
     key_scale: f32,
     show_choice: u32,
-    directional_keys: u32,
+    key_kind: u32,
     layer_first: i32,
     layer_thickness: f32,
     // Its offset happens to be aligned to four words.
@@ -37,7 +37,7 @@ struct CameraUniform {
     rotation: array<array<f32, 3>, 3>,
     has_frustum: u32,
     orthographic: u32,
-    directional_keys: u32,
+    key_kind: u32,
     plane_count: u32,
     unused: u32,
     choice: ChoiceUniform,

@@ -309,19 +309,16 @@ impl CpuFrames {
             })
             .filter(|(block, is_spread)| plan.frustum.sees(camera, block, *is_spread));
         let range = match &pass.layers {
-            None => DepthRange::of(
-                in_view.map(|(block, is_spread)| distance_interval(camera, block, is_spread)),
-            ),
+            None => DepthRange::of(in_view.map(|(block, is_spread)| {
+                let (_, radius) = distance_interval(camera, block, is_spread);
+                (pass.distance(camera, block), radius)
+            })),
             Some(layers) => layers.depth_range(),
         };
         for (volume, views) in volumes.iter().zip(&mut self.views) {
             for view in views {
                 let block = &volume.blocks[view.block as usize];
-                let distance = match &pass.layers {
-                    None => distance_interval(camera, block, false).0,
-                    Some(layers) => layers.axis.dot(camera.camera_point(block.origin)),
-                };
-                view.key = range.key(distance);
+                view.key = range.key(pass.distance(camera, block));
             }
         }
         if let Some(tiles) = &plan.tiles {

@@ -3,12 +3,14 @@
 //! The plan is made once, from scene, camera and settings. Both back ends follow it and repeat none of
 //! its decisions.
 
-use super::settings::{Blend, ColumnSettings, Composite, Settings, Show};
+use super::settings::{Blend, ColumnSettings, Composite, Order, Settings, Show};
 use super::uniforms::{choice_uniform, cull_planes, frustum, lighting_uniform, view_uniform};
-use crate::blocks::{BlockedScene, BlockedVolume, Frustum, LayerKind, Layers, distance_interval};
+use crate::blocks::{
+    Block, BlockedScene, BlockedVolume, Frustum, LayerKind, Layers, distance_interval,
+};
 use crate::constants::GREATEST_SRGB_SLOPE;
 use crate::error::Result;
-use crate::record::{ChoiceUniform, ClassifiedBy, LightingUniform, ViewUniform};
+use crate::record::{ChoiceUniform, ClassifiedBy, KeyKind, LightingUniform, ViewUniform};
 use crate::scene::{Classification, TransferFunction};
 use crate::simd::SimdLevel;
 use crate::splat::{Accumulate, Axes, Classify, Filter, Interval, SPLAT_LOW_PASS_PX2};
@@ -62,6 +64,8 @@ pub(crate) struct PassPlan {
     /// The layers in which kernels are summed, if the composite has any. Depth keys are numbers of these
     /// layers.
     pub(crate) layers: Option<Layers>,
+    /// What depth keys measure.
+    pub(crate) keys: KeyKind,
     /// The view in f32. Its `key_scale` follows from the range of depths that culling finds.
     pub(crate) view: ViewUniform,
 }
@@ -131,6 +135,11 @@ impl FramePlan {
             ..Axes::default()
         };
         let planes = !settings.clip.is_empty();
+        let keys = settings.keys(scene, camera);
+        let own_keys = match layers {
+            Some(_) => KeyKind::Layers,
+            None => keys,
+        };
         let mut passes = Vec::with_capacity(2);
         if surfaces > 0 {
             passes.push(PassPlan {
@@ -148,7 +157,8 @@ impl FramePlan {
                 lights_particles: lighting.is_some(),
                 // Surfels have layers of their own.
                 layers: None,
-                view: view_uniform(camera, settings, None),
+                keys,
+                view: view_uniform(camera, settings, keys, None),
             });
         }
         if surfaces < scene.families().len() || surfaces == 0 {
@@ -183,9 +193,10 @@ impl FramePlan {
                 // Slabs that are classified are lit as slabs.
                 lights_particles: lighting.is_some() && !classifies_slabs,
                 layers,
+                keys: own_keys,
                 view: ViewUniform {
                     least_length: least_length(scene, layers.as_ref()),
-                    ..view_uniform(camera, settings, layers.as_ref())
+                    ..view_uniform(camera, settings, own_keys, layers.as_ref())
                 },
             });
         }
@@ -231,6 +242,8 @@ impl FramePlan {
         let planes = cull_planes(camera, &settings.clip, low_pass);
         let frustum = frustum(camera, low_pass).clipped(planes);
         let culls = settings.filter != Filter::UniformScaling;
+        // Sums have no order.
+        let keys = KeyKind::Distance;
         let pass = PassPlan {
             draws: Draws::Volumes,
             axes: Axes {
@@ -247,7 +260,8 @@ impl FramePlan {
             carries: amplitudes(scene, camera, culls.then_some(&frustum), largest),
             lights_particles: false,
             layers: None,
-            view: view_uniform(camera, &settings, None),
+            keys,
+            view: view_uniform(camera, &settings, keys, None),
         };
         Self {
             frustum,
@@ -302,7 +316,34 @@ impl FramePlan {
     }
 }
 
+impl PassPlan {
+    /// Returns the distance of a block's origin that depth keys measure.
+    pub(crate) fn distance(&self, camera: &Camera, block: &Block) -> f64 {
+        match (&self.layers, self.keys) {
+            (Some(layers), _) => layers.axis.dot(camera.camera_point(block.origin)),
+            (None, KeyKind::Depth) => camera.camera_point(block.origin).z,
+            (None, _) => distance_interval(camera, block, false).0,
+        }
+    }
+}
+
 impl Settings {
+    /// Returns what the depth keys of a picture without layers measure.
+    fn keys(&self, scene: &BlockedScene, camera: &Camera) -> KeyKind {
+        let by_depth = match self.order {
+            Order::Distance => false,
+            Order::Depth => true,
+            Order::Auto => {
+                let mut volumes = scene.data().peekable();
+                volumes.peek().is_some() && volumes.all(BlockedVolume::is_of_splats)
+            }
+        };
+        match by_depth || camera.projection == Projection::Orthographic {
+            true => KeyKind::Depth,
+            false => KeyKind::Distance,
+        }
+    }
+
     /// Returns whether a picture of the scene is composited in sRGB codes.
     pub(crate) fn blends_encoded(&self, scene: &BlockedScene) -> bool {
         match (self.show, self.blend) {

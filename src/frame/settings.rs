@@ -32,6 +32,8 @@ pub struct Settings {
     pub cutoff: Option<f32>,
     /// The space in which colours are composited.
     pub blend: Blend,
+    /// The order in which kernels hide one another.
+    pub order: Order,
     /// Linear RGB of the background; `None` leaves the image transparent.
     pub background: Option<[f32; 3]>,
     /// True if to return a depth image.
@@ -113,6 +115,7 @@ impl Default for Settings {
             low_pass_variance_px2: DEFAULT_LOW_PASS_VARIANCE_PX2,
             cutoff: None,
             blend: Blend::Auto,
+            order: Order::Auto,
             background: None,
             depth: false,
             normals: false,
@@ -178,6 +181,19 @@ pub enum Blend {
     Encoded,
     /// In linear light.
     Linear,
+}
+
+/// The order in which kernels are composited, each by itself ([`Composite::Over`]).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Order {
+    /// By depth if the scene consists of splats of radiance fields alone, as their training and most viewers sort them.
+    /// By distance otherwise.
+    #[default]
+    Auto,
+    /// By the distance of the centre from the eye: the order stays if the camera turns. glTF calls it `cameraDistance`.
+    Distance,
+    /// By the depth of the centre along the camera's axis. glTF calls it `zDepth`.
+    Depth,
 }
 
 /// Rules that composite footprints which lie behind one another.

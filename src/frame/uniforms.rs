@@ -5,7 +5,7 @@ use glam::{DVec2, DVec3};
 use super::settings::{Settings, Show};
 use crate::blocks::{Frustum, Layers};
 use crate::constants::{MAX_CLIP_PLANES, MAX_CUTOFF};
-use crate::record::{ChoiceUniform, ClassifiedBy, LightingUniform, ViewUniform};
+use crate::record::{ChoiceUniform, ClassifiedBy, KeyKind, LightingUniform, ViewUniform};
 use crate::splat::Filter;
 use crate::view::{Camera, ClipPlane, Projection};
 
@@ -56,6 +56,7 @@ pub(crate) fn cull_planes(
 pub(crate) fn view_uniform(
     camera: &Camera,
     settings: &Settings,
+    keys: KeyKind,
     layers: Option<&Layers>,
 ) -> ViewUniform {
     let mut planes = [[0.0; 4]; MAX_CLIP_PLANES];
@@ -75,7 +76,7 @@ pub(crate) fn view_uniform(
         // Culling finds it later.
         key_scale: 0.0,
         show_choice: u32::from(settings.show == Show::Choice),
-        directional_keys: u32::from(layers.is_some()),
+        key_kind: keys as u32,
         // Slabs begin at whole multiples of the thickness.
         layer_first: layers.map_or(0, |l| (l.near / l.thickness).round() as i32),
         layer_thickness: layer(|l| l.thickness),

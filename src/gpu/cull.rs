@@ -15,8 +15,8 @@ use super::shader::{
 use crate::blocks::{BlockedVolume, Frustum, Layers, NO_PARENT};
 use crate::error::Result;
 use crate::record::{
-    BlockView, CameraUniform, ChoiceUniform, ClassifiedBy, FrameState, MERGED_OPEN, MergedBlock,
-    PartState, ViewUniform,
+    BlockView, CameraUniform, ChoiceUniform, ClassifiedBy, FrameState, KeyKind, MERGED_OPEN,
+    MergedBlock, PartState, ViewUniform,
 };
 use crate::view::{Camera, Projection};
 
@@ -51,12 +51,14 @@ pub(super) struct CullGroup {
 /// - `rejects`: whether blocks outside the frustum are left out. The range of depth keys is always that
 ///   of the visible blocks.
 /// - `choice`: rules by which blocks choose their filter.
-/// - `layers`: the layers in which kernels are summed, which have their own keys.
+/// - `keys`: what depth keys measure.
+/// - `layers`: the layers in which kernels are summed, if keys are those of layers.
 pub fn camera_uniform(
     camera: &Camera,
     frustum: &Frustum,
     rejects: bool,
     choice: ChoiceUniform,
+    keys: KeyKind,
     layers: Option<&Layers>,
 ) -> CameraUniform {
     let planes = frustum.planes();
@@ -70,7 +72,7 @@ pub fn camera_uniform(
         rotation: camera.camera_from_world.as_mat3().to_cols_array_2d(),
         has_frustum: u32::from(rejects),
         orthographic: u32::from(camera.projection == Projection::Orthographic),
-        directional_keys: u32::from(layers.is_some()),
+        key_kind: keys as u32,
         plane_count: planes.len() as u32,
         choice,
         ..CameraUniform::zeroed()

@@ -15,7 +15,9 @@ use super::scene::{FrameBuffers, Part, PartBuffers};
 use super::shader::{DISPATCH, F64_ARITHMETIC, SRGB, STRUCTS, Shader};
 use crate::blocks::{BlockedVolume, Frustum};
 use crate::error::Result;
-use crate::record::{BlockView, ChoiceUniform, ClassifiedBy, ClassifiedParticle, PartState};
+use crate::record::{
+    BlockView, ChoiceUniform, ClassifiedBy, ClassifiedParticle, KeyKind, PartState,
+};
 use crate::view::Camera;
 
 /// Shader that evaluates the colours of radiance fields.
@@ -166,6 +168,7 @@ pub fn shade(
         &Frustum::new(camera, 0.0),
         true,
         ChoiceUniform::zeroed(),
+        KeyKind::Distance,
         None,
     );
     gpu.write(&frame.camera, bytemuck::bytes_of(&uniform));

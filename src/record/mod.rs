@@ -42,4 +42,4 @@ pub use footprint::{
 };
 pub use state::{ChunkState, ChunkUniform, FrameState, PartIndex, PartRange, PartState, SortState};
 pub use terms::{ExactTerms, FootprintTerms, NearTerms, PieceTerms, RAY_EDGES, SurfelTerms};
-pub use view::{CameraUniform, ChoiceUniform, LightUniform, LightingUniform, ViewUniform};
+pub use view::{CameraUniform, ChoiceUniform, KeyKind, LightUniform, LightingUniform, ViewUniform};

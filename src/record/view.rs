@@ -7,6 +7,18 @@ use crate::constants::{MAX_CLIP_PLANES, MAX_LIGHTS, MAX_PLANES};
 use crate::scene::{LightFrame, Lighting};
 use crate::view::{Camera, Projection};
 
+/// What depth keys measure.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum KeyKind {
+    /// The distance from the eye.
+    Distance = 0,
+    /// The depth along the camera's axis.
+    Depth = 1,
+    /// The depth along an axis, in a range that the layers give.
+    Layers = 2,
+}
+
 /// The camera and the settings of a frame in f32, as its stages read them.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
@@ -31,14 +43,13 @@ pub struct ViewUniform {
     pub key_scale: f32,
     /// 1 if colours show the evaluation path of each kernel, 0 otherwise.
     pub show_choice: u32,
-    /// 1 if depth keys measure along `key_axis`. 0 if they measure the distance from the eye (for an
-    /// orthographic camera: z).
-    pub directional_keys: u32,
+    /// What depth keys measure, as [`KeyKind`] numbers it.
+    pub key_kind: u32,
     /// Depth z at which the first layer of slabs begins, in multiples of the thickness.
     pub layer_first: i32,
     /// Thickness of a layer, world units.
     pub layer_thickness: f32,
-    /// Axis of directional depth keys: a unit vector in camera space.
+    /// Axis of the keys of layers: a unit vector in camera space.
     pub key_axis: [f32; 3],
     /// A footprint belongs to the layer `key >> layer_shift`. With slabs it begins in that layer.
     pub layer_shift: u32,
@@ -70,7 +81,7 @@ pub struct CameraUniform {
     pub plane_distances: [[u32; 2]; MAX_PLANES],
     /// Magnitudes of the normals' components in the world, f64.
     pub plane_spreads: [[[u32; 2]; 3]; MAX_PLANES],
-    /// Direction along which directional depth keys are measured, camera space, f64.
+    /// Axis of the keys of layers, camera space, f64.
     pub key_axis: [[u32; 2]; 3],
     /// Distance at which depth keys begin, world units, f64.
     pub key_near: [u32; 2],
@@ -82,8 +93,8 @@ pub struct CameraUniform {
     pub has_frustum: u32,
     /// 1 for an orthographic camera, 0 for a perspective one.
     pub orthographic: u32,
-    /// 1 if depth keys are measured along a direction, over a given range; 0 otherwise.
-    pub directional_keys: u32,
+    /// What depth keys measure, as [`KeyKind`] numbers it.
+    pub key_kind: u32,
     /// Number of planes.
     pub plane_count: u32,
     /// Padding to a pair of words.

@@ -23,7 +23,9 @@ mod renderer;
 pub use crate::blocks::{LayerKind, Layers, SceneOptions};
 pub use crate::constants::{DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE};
 pub use crate::frame::backend::{Backend, OpenBackend};
-pub use crate::frame::settings::{Advanced, Blend, ColumnSettings, Composite, Settings, Show};
+pub use crate::frame::settings::{
+    Advanced, Blend, ColumnSettings, Composite, Order, Settings, Show,
+};
 #[cfg(feature = "gpu")]
 pub use crate::gpu::{AdapterChoice, Gpu, device_descriptor};
 pub use crate::scene::Classification;

@@ -94,9 +94,7 @@ pub(crate) use self::scalar::check_count;
 pub(crate) use self::scalar::check_len;
 pub(crate) use self::scalar::nothing_left;
 pub(crate) use self::scalar::take_scalar;
-pub use self::splats::convert::{
-    ConversionReport, LEAST_OPACITY, sound_splats, splat_cloud,
-};
+pub use self::splats::convert::{ConversionReport, LEAST_OPACITY, sound_splats, splat_cloud};
 pub use self::surface::cut_faces::cut_faces;
 pub use self::surface::discs::discs;
 pub use crate::constants::DEFAULT_KERNEL_WIDTH;

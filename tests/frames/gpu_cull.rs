@@ -20,7 +20,7 @@ use ewa_splat::stages::blocks::{
     MergedTransfer, NO_PARENT, choose, cull, cull_detail, distance_interval,
 };
 use ewa_splat::stages::gpu::{self, f64_operations};
-use ewa_splat::stages::record::{BlockView, ChoiceUniform};
+use ewa_splat::stages::record::{BlockView, ChoiceUniform, KeyKind};
 use ewa_splat::stages::scene::Weighting;
 use ewa_splat::view::{Camera, Projection};
 use glam::{DMat3, DVec2, DVec3, Vec3};
@@ -252,7 +252,20 @@ fn check_shots(volumes: &[BlockedVolume], shots: &[Shot], part_bytes: u64) -> Ta
     let frustum = |camera| Frustum::new(camera, 7.0);
     let uniforms: Vec<_> = shots
         .iter()
-        .map(|s| gpu::camera_uniform(&s.camera, &frustum(&s.camera), s.rejects, s.choice, None))
+        .map(|s| {
+            let keys = match s.camera.projection {
+                Projection::Orthographic => KeyKind::Depth,
+                Projection::Perspective => KeyKind::Distance,
+            };
+            gpu::camera_uniform(
+                &s.camera,
+                &frustum(&s.camera),
+                s.rejects,
+                s.choice,
+                keys,
+                None,
+            )
+        })
         .collect();
     let outputs = gpu::cull(gpu, volumes, &uniforms, part_bytes).unwrap();
     // Zeros of either sign are alike, and so are NaNs.

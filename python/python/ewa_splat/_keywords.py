@@ -72,6 +72,7 @@ class Drawing(TypedDict, total=False):
     lit                True lights volumes, too; False lights nothing; by default surfaces are lit
     lights             directional lights: (x, y, z) towards each, or (x, y, z, r, g, b)
     blend              "auto", "encoded" or "linear": the space in which colours are composited
+    order              "auto", "distance" or "depth": the order in which kernels hide one another
     clip               planes (nx, ny, nz, d) that keep nx x + ny y + nz z + d >= 0, or boxes (x0, y0, z0, x1, y1, z1)
     background         linear (r, g, b) behind everything
     legend             whether a colour bar is drawn into the picture
@@ -96,6 +97,7 @@ class Drawing(TypedDict, total=False):
     lit: bool
     lights: Sequence[Sequence[float]]
     blend: Literal["auto", "encoded", "linear"]
+    order: Literal["auto", "distance", "depth"]
     clip: Sequence[Sequence[float]]
     background: Sequence[float]
     legend: bool

@@ -113,6 +113,10 @@ pub(in crate::command) struct Method {
     /// viewers show them, and linear elsewhere
     #[arg(long, value_enum, default_value = "auto", conflicts_with_all = ["reference", "column_density"])]
     pub(in crate::command) blend: BlendName,
+    /// Order in which kernels hide one another: auto is by depth for splats of radiance fields alone, as viewers
+    /// sort them, and by distance elsewhere
+    #[arg(long, value_enum, default_value = "auto", conflicts_with_all = ["reference", "column_density"])]
+    pub(in crate::command) order: OrderName,
     /// Ask the transfer function over each kernel's extent, with the field's slope, or at each
     /// sample's value alone
     #[arg(long, value_enum, default_value = "extent", conflicts_with_all = ["column_density"])]
@@ -218,6 +222,16 @@ pub(in crate::command) enum BlendName {
     Encoded,
     /// Linear light
     Linear,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+pub(in crate::command) enum OrderName {
+    /// The order that the scene's kernels are made for
+    Auto,
+    /// By the distance from the eye
+    Distance,
+    /// By the depth along the camera's axis
+    Depth,
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]

@@ -2,13 +2,13 @@
 
 use super::options::{
     Arguments, BackendName, BlendName, ClassifyName, ColumnLook, CompositeName, Detail, FilterName,
-    Method, Opacity, ShowName,
+    Method, Opacity, OrderName, ShowName,
 };
 use crate::command::animation;
 use crate::command::parse::Background;
 use crate::command::truth::ReferenceName;
 use crate::image::DARK_GREY;
-use crate::render::{Advanced, Blend, Classification, Composite};
+use crate::render::{Advanced, Blend, Classification, Composite, Order};
 use crate::sample::{PeriodicBox, PurposeOptions, Refinement, SampleOptions};
 use crate::scene::{Lighting, ScaleName};
 use crate::view::{Along, Camera, ClipPlane};
@@ -119,6 +119,11 @@ impl Arguments {
             low_pass_variance_px2: low_pass,
             cutoff: self.method.cutoff,
             blend: self.method.blend.into(),
+            order: match self.method.order {
+                OrderName::Auto => Order::Auto,
+                OrderName::Distance => Order::Distance,
+                OrderName::Depth => Order::Depth,
+            },
             background: self.background(),
             depth: self.output.depth.is_some(),
             normals: self.output.normals.is_some(),

@@ -8,8 +8,9 @@ use glam::{Vec2, Vec3};
 use super::output::ProjectOutput;
 use crate::constants::{MAX_CUTOFF, NEAR_MARGIN, TILE_SIZE};
 use crate::record::{
-    BlockView, Carried, ExactTerms, Footprint, NearTerms, PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE,
-    PATH_NEAR, PATH_NEAR_SURFEL, PATH_PEAK, PATH_SURFEL, SurfelTerms, ViewUniform, pack_range,
+    BlockView, Carried, ExactTerms, Footprint, KeyKind, NearTerms, PATH_AFFINE, PATH_EXACT,
+    PATH_HALF_LINE, PATH_NEAR, PATH_NEAR_SURFEL, PATH_PEAK, PATH_SURFEL, SurfelTerms, ViewUniform,
+    pack_range,
 };
 use crate::splat::{
     Edges, Filter, ImageKernel, Kernel, ScreenFactor, SurfelFootprint, budget::CUTOFF_SHARE,
@@ -18,14 +19,14 @@ use crate::splat::{
     surfel_footprint,
 };
 
-/// Returns the key of the distance |B + o| = |B| + o.(2B + o)/(|B + o| + |B|): the block's own key, which
+/// Returns the key of the depth, or of the distance |B + o| = |B| + o.(2B + o)/(|B + o| + |B|): the block's own key, which
 /// is exact, plus a difference that f32 resolves to some 22 bits of the block's size. The error is within
 /// 1.5 keys and four roundings of that size (`tests/frames/bounds.rs`).
 #[inline]
 pub(super) fn depth_key(view: &ViewUniform, block: &BlockView, origin: Vec3, offset: Vec3) -> u32 {
-    let delta = if view.directional_keys != 0 {
+    let delta = if view.key_kind == KeyKind::Layers as u32 {
         offset.dot(Vec3::from(view.key_axis))
-    } else if view.orthographic != 0 {
+    } else if view.key_kind == KeyKind::Depth as u32 {
         offset.z
     } else {
         let sum = (origin + offset).length() + origin.length();

@@ -32,6 +32,7 @@ impl PassFrame {
             &plan.frustum,
             plan.culls,
             plan.choice,
+            pass.keys,
             pass.layers.as_ref(),
         );
         self.buffers

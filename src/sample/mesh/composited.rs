@@ -80,7 +80,11 @@ struct Weight {
 
 /// Sets the colours of surfels, so that compositing them shows those of `surface`: surfels that are spread evenly over the
 /// same surface.
-pub(super) fn solve(surfels: &mut [Surfel], surface: &[Surfel], task: Option<&Task>) -> Result<Look> {
+pub(super) fn solve(
+    surfels: &mut [Surfel],
+    surface: &[Surfel],
+    task: Option<&Task>,
+) -> Result<Look> {
     let stage = Stage::new(task, "solving colours", STEPS + 1);
     let is_point = |s: &&Surfel| s.is_seen();
     let points: Vec<&Surfel> = surface.iter().filter(is_point).collect();
@@ -174,13 +178,20 @@ fn opacities(splat: &Surfel, points: &[&Surfel], index: &PointIndex<'_>) -> Vec<
     }
     let normal = splat.normal();
     let [a, b] = splat.tangents.map(|t| t / t.length_squared());
-    let long = splat.tangents.map(DVec3::length).into_iter().fold(0.0, f64::max);
+    let long = splat
+        .tangents
+        .map(DVec3::length)
+        .into_iter()
+        .fold(0.0, f64::max);
     let across = normal / (THICKNESS * long);
     // As `splat_cloud` has it: cells of which less than half is there are translucent.
     let peak = (2.0 * splat.share).min(1.0);
     index.for_each_within(splat.centre, CUT * long, |i, offset| {
         // The tangents are orthogonal.
-        let q = [a, b, across].map(|axis| axis.dot(offset).powi(2)).into_iter().sum::<f64>();
+        let q = [a, b, across]
+            .map(|axis| axis.dot(offset).powi(2))
+            .into_iter()
+            .sum::<f64>();
         let alpha = (peak * (-0.5 * q).exp()).min(CEILING);
         let is_on = points[i as usize].normal().dot(normal).abs() > LEAST_COSINE;
         if q < CUT * CUT && is_on && alpha > FLOOR {
@@ -282,7 +293,10 @@ mod tests {
         let look = solve(&mut surfels, &surface, None).unwrap();
         assert!(surfels[8].colour[0] > 0.62, "{}", surfels[8].colour[0]);
         assert!(look.squares / look.area < 1e-4, "{look:?}");
-        assert!(look.opacity / look.area > 0.98, "splats are opaque at their middles");
+        assert!(
+            look.opacity / look.area > 0.98,
+            "splats are opaque at their middles"
+        );
         let surface = row(&|_| 0.4);
         let mut surfels = surface.clone();
         solve(&mut surfels, &surface, None).unwrap();

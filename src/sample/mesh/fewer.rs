@@ -172,7 +172,9 @@ impl Merging {
     fn new(surfels: &[Surfel], width: f64) -> Self {
         let widening = width * width / SQUARE;
         let sample = |surfel: &Surfel| {
-            let [r, g, b] = surfel.colour.map(|c| f64::from(srgb_from_linear(narrowed(c))));
+            let [r, g, b] = surfel
+                .colour
+                .map(|c| f64::from(srgb_from_linear(narrowed(c))));
             Sample {
                 centre: surfel.centre,
                 normal: surfel.normal(),
@@ -335,12 +337,18 @@ impl Merging {
             }
             i = next;
         }
-        surfel.tangents = axes(cell.normal, |a, b| dot(&cell.variance, a, b), |own| {
-            (self.widening * own).sqrt()
-        });
+        surfel.tangents = axes(
+            cell.normal,
+            |a, b| dot(&cell.variance, a, b),
+            |own| (self.widening * own).sqrt(),
+        );
         // The centroid of a curved cell lies beside the surface: it moves back along the normal.
         let reach = surfel.tangents[0].length();
-        let lift = if nearest.1.abs() <= reach { nearest.1 } else { 0.0 };
+        let lift = if nearest.1.abs() <= reach {
+            nearest.1
+        } else {
+            0.0
+        };
         let [r, g, b, _] = cell.look;
         surfel.centre = cell.centre + lift * cell.normal;
         surfel.area = cell.area;

@@ -58,6 +58,9 @@ const PACKED: &str = PACKED_SPLATS;
 const ENCODED: &str = "srgb_rec709_display";
 const LINEAR: &str = "lin_rec709_display";
 
+/// The order in which splats are drawn ([`Order::Auto`](crate::Order::Auto)).
+const SORTED: &str = "zDepth";
+
 /// Number of splats that repeated meshes may give in any file. Larger files may have one for every eight bytes.
 const MOST_OF_ANY_FILE: u64 = 1 << 17;
 
@@ -140,6 +143,14 @@ pub(in crate::io) fn read(input: Input<'_>, meaning: Option<ScaleMeaning>) -> Re
             let kernel = extension.word("kernel")?;
             if let Some(kernel) = kernel.filter(|kernel| *kernel != "ellipse") {
                 let note = format!("kernel `{}` is taken for `ellipse`", clip(kernel));
+                note_once(&mut notes, note);
+            }
+            let sorting = extension.word("sortingMethod")?;
+            if let Some(sorting) = sorting.filter(|sorting| *sorting != SORTED) {
+                let note = format!(
+                    "sortingMethod `{}` is taken for `{SORTED}`: --order distance sorts by the distance from the eye",
+                    clip(sorting)
+                );
                 note_once(&mut notes, note);
             }
             for instance in &instances {
