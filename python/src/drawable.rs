@@ -426,6 +426,7 @@ impl Drawable {
             harmonics_degree: degree,
             harmonics: harmonics.0,
             is_anti_aliased: false,
+            by_distance: false,
             is_linear: false,
         };
         Self::of(py, "splats", Geometry::Splats(cloud), Vec::new(), options)

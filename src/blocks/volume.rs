@@ -372,6 +372,17 @@ impl BlockedVolume {
         matches!(self.strength, StrengthIn::PeakOpacity { .. })
     }
 
+    /// Whether the particles are splats of a radiance field that are sorted by depth.
+    pub(crate) fn is_by_depth(&self) -> bool {
+        matches!(
+            self.strength,
+            StrengthIn::PeakOpacity {
+                by_distance: false,
+                ..
+            }
+        )
+    }
+
     /// Whether the particles are splats of a radiance field whose colours are sRGB codes.
     pub fn is_encoded(&self) -> bool {
         self.is_of_splats()

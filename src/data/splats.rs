@@ -37,6 +37,9 @@ pub struct SplatCloud {
     /// Whether the file marks its splats as made for a low-pass filter that keeps a splat's opacity times its
     /// area.
     pub is_anti_aliased: bool,
+    /// Whether the file states that splats are sorted by their distance from the eye; otherwise by their depth along the
+    /// camera's axis, as most viewers do.
+    pub by_distance: bool,
 }
 
 impl SplatCloud {

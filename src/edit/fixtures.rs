@@ -136,6 +136,7 @@ pub(super) fn splats() -> Dataset {
         harmonics_degree: 2,
         harmonics: (0..27 * count).map(|i| (i % 7) as f32 / 7.0).collect(),
         is_anti_aliased: false,
+        by_distance: false,
         is_linear: false,
     };
     dataset(Geometry::Splats(cloud), count, 0)

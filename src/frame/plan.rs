@@ -335,7 +335,7 @@ impl Settings {
             Order::Depth => true,
             Order::Auto => {
                 let mut volumes = scene.data().peekable();
-                volumes.peek().is_some() && volumes.all(BlockedVolume::is_of_splats)
+                volumes.peek().is_some() && volumes.all(BlockedVolume::is_by_depth)
             }
         };
         match by_depth || camera.projection == Projection::Orthographic {

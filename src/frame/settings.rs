@@ -186,8 +186,8 @@ pub enum Blend {
 /// The order in which kernels are composited, each by itself ([`Composite::Over`]).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Order {
-    /// By depth if the scene consists of splats of radiance fields alone, as their training and most viewers sort them.
-    /// By distance otherwise.
+    /// By depth if the scene consists of splats of radiance fields alone, as their training and most viewers sort them,
+    /// unless their file states otherwise. By distance in other scenes.
     #[default]
     Auto,
     /// By the distance of the centre from the eye: the order stays if the camera turns. glTF calls it `cameraDistance`.

@@ -13,7 +13,12 @@ use crate::scene::values::ValuesIn;
 pub(crate) enum StrengthHeader {
     Classified,
     Mass,
-    PeakOpacity { is_anti_aliased: bool },
+    PeakOpacity {
+        is_anti_aliased: bool,
+        /// Absent from files of earlier programs.
+        #[serde(default)]
+        by_distance: bool,
+    },
     Surface,
     Translucent,
 }
@@ -24,9 +29,12 @@ impl StrengthHeader {
             StrengthIn::Classified { .. } => Self::Classified,
             StrengthIn::Mass(_) => Self::Mass,
             StrengthIn::PeakOpacity {
-                is_anti_aliased, ..
+                is_anti_aliased,
+                by_distance,
+                ..
             } => Self::PeakOpacity {
                 is_anti_aliased: *is_anti_aliased,
+                by_distance: *by_distance,
             },
             StrengthIn::Surface(_) => Self::Surface,
             StrengthIn::Translucent(_) => Self::Translucent,
@@ -43,9 +51,13 @@ impl StrengthHeader {
         match self {
             Self::Classified => StrengthIn::Classified { volumes: numbers },
             Self::Mass => StrengthIn::Mass(numbers),
-            Self::PeakOpacity { is_anti_aliased } => StrengthIn::PeakOpacity {
+            Self::PeakOpacity {
+                is_anti_aliased,
+                by_distance,
+            } => StrengthIn::PeakOpacity {
                 opacities: numbers,
                 is_anti_aliased,
+                by_distance,
             },
             Self::Surface => StrengthIn::Surface(numbers),
             Self::Translucent => StrengthIn::Translucent(numbers),

@@ -105,6 +105,9 @@ pub enum StrengthIn<S: Storage> {
         opacities: S::Of<f32>,
         /// Whether the opacity falls as the low-pass filter widens the footprint.
         is_anti_aliased: bool,
+        /// Whether splats are sorted by their distance from the eye, not by their depth, if nothing else is in the
+        /// scene ([`Order::Auto`](crate::Order::Auto)).
+        by_distance: bool,
     },
     /// Surfels of an opaque surface: the area \[length²\] that each represents, times its coverage. Together
     /// they hide what lies behind them. Overlapping surfels are averaged instead of absorbing one another
@@ -149,9 +152,11 @@ impl Strength {
             Self::PeakOpacity {
                 opacities,
                 is_anti_aliased,
+                by_distance,
             } => StrengthIn::PeakOpacity {
                 opacities: opacities.into(),
                 is_anti_aliased,
+                by_distance,
             },
             Self::Surface(areas) => StrengthIn::Surface(areas.into()),
             Self::Translucent(areas) => StrengthIn::Translucent(areas.into()),

@@ -220,6 +220,7 @@ fn write_splats_file(folder: &Path) {
             .map(|i| ((13 * i) % 29) as f32 / 40.0 - 0.35)
             .collect(),
         is_anti_aliased: false,
+        by_distance: false,
         is_linear: false,
     };
     write_splats(

@@ -273,6 +273,7 @@ fn splats() -> SplatCloud {
         harmonics_degree: 1,
         harmonics: vec![0.1; 24],
         is_anti_aliased: false,
+        by_distance: false,
         is_linear: false,
     }
 }

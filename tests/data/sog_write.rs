@@ -27,6 +27,7 @@ fn some_cloud(count: usize, degree: u8) -> SplatCloud {
     let mut cloud = SplatCloud {
         harmonics_degree: degree,
         is_anti_aliased: true,
+        by_distance: false,
         is_linear: false,
         ..SplatCloud::default()
     };

@@ -567,6 +567,7 @@ fn splats(particles: &[Particle], is_anti_aliased: bool) -> PointVolume {
         strength: Strength::PeakOpacity {
             opacities,
             is_anti_aliased,
+            by_distance: false,
         },
         ..volume
     }

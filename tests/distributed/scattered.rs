@@ -63,6 +63,7 @@ fn splats(count: usize) -> PointVolume {
         Strength::PeakOpacity {
             opacities,
             is_anti_aliased: true,
+            by_distance: false,
         },
         Colour::Harmonics {
             degree: 1,

@@ -946,6 +946,7 @@ fn splats_and_absurd_layers_are_refused() {
         strength: Strength::PeakOpacity {
             opacities: vec![0.5],
             is_anti_aliased: false,
+            by_distance: false,
         },
         ..scene
     };

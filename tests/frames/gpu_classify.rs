@@ -321,6 +321,7 @@ fn every_kind_of_data_is_classified_alike() {
             _ => Strength::PeakOpacity {
                 opacities: strengths(count, &mut random),
                 is_anti_aliased: false,
+                by_distance: false,
             },
         };
         let colour = colours(case / 12 % 4, count, &mut random);
@@ -771,6 +772,7 @@ fn harmonics_are_shaded_alike() {
             strength: Strength::PeakOpacity {
                 opacities: (0..count).map(|i| (i % 3) as f32).collect(),
                 is_anti_aliased: false,
+                by_distance: false,
             },
             colour: Colour::Harmonics {
                 degree,

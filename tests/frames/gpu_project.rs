@@ -712,6 +712,7 @@ impl Scene {
             Kind::Splats | Kind::AntiAliasedSplats => StrengthIn::PeakOpacity {
                 opacities: Column::default(),
                 is_anti_aliased: matches!(self.kind, Kind::AntiAliasedSplats),
+                by_distance: false,
             },
             _ => StrengthIn::Mass(Column::default()),
         };

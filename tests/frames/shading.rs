@@ -402,6 +402,7 @@ fn radiance_fields_and_bare_particles_stay_as_they_are() {
     splats.strength = Strength::PeakOpacity {
         opacities: vec![0.5; 400],
         is_anti_aliased: false,
+        by_distance: false,
     };
     splats.colour = Colour::Harmonics {
         degree: 1,

@@ -199,6 +199,7 @@ pub(in crate::io) fn read(path: &Path, bytes: &[u8], header: &Header) -> Result<
         harmonics_degree: degree,
         harmonics: coefficients,
         is_anti_aliased: false,
+        by_distance: false,
         is_linear: false,
     };
     let mut data = cloud.dataset(path, FORMAT, Vec::new())?;

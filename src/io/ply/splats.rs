@@ -111,6 +111,7 @@ pub(in crate::io) fn splats(
         harmonics_degree: degree,
         harmonics,
         is_anti_aliased: marks.next_back().unwrap_or(false),
+        by_distance: false,
         is_linear: false,
         positions,
     };

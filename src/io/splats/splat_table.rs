@@ -135,6 +135,7 @@ pub(in crate::io) fn settle(data: &mut Dataset, meaning: Option<ScaleMeaning>) -
         harmonics,
         is_linear: false,
         is_anti_aliased: false,
+        by_distance: false,
     };
     let filter = columns.place("filter_3D");
     if let Some(place) = filter {

@@ -534,6 +534,7 @@ impl Layout {
             harmonics,
             is_linear: false,
             is_anti_aliased,
+            by_distance: false,
         }
     }
 }

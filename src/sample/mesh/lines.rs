@@ -173,6 +173,7 @@ impl Kernels {
                 Strength::PeakOpacity {
                     opacities: self.opacities,
                     is_anti_aliased: false,
+                    by_distance: true,
                 },
             )
             .with_colours(self.colours),

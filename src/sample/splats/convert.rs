@@ -221,6 +221,13 @@ fn of_volume(volume: &PointVolume) -> (SplatCloud, ConversionReport) {
                 ..
             }
         ),
+        by_distance: matches!(
+            volume.strength,
+            Strength::PeakOpacity {
+                by_distance: true,
+                ..
+            }
+        ),
         is_anti_aliased: matches!(
             volume.strength,
             Strength::PeakOpacity {

@@ -71,6 +71,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         harmonics,
         harmonics_degree: degree,
         is_anti_aliased,
+        by_distance,
         is_linear,
         ..
     } = cloud;
@@ -96,6 +97,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
             strength: Strength::PeakOpacity {
                 opacities,
                 is_anti_aliased,
+                by_distance,
             },
             colour,
             values,

@@ -159,6 +159,7 @@ fn splats(count: usize) -> PointVolume {
     volume.strength = Strength::PeakOpacity {
         opacities: vec![0.6; count],
         is_anti_aliased: false,
+        by_distance: false,
     };
     volume
 }

@@ -58,8 +58,9 @@ const PACKED: &str = PACKED_SPLATS;
 const ENCODED: &str = "srgb_rec709_display";
 const LINEAR: &str = "lin_rec709_display";
 
-/// The order in which splats are drawn ([`Order::Auto`](crate::Order::Auto)).
-const SORTED: &str = "zDepth";
+/// Orders in which splats hide one another; a file without one has the second.
+const BY_DEPTH: &str = "zDepth";
+const BY_DISTANCE: &str = "cameraDistance";
 
 /// Number of splats that repeated meshes may give in any file. Larger files may have one for every eight bytes.
 const MOST_OF_ANY_FILE: u64 = 1 << 17;
@@ -146,11 +147,10 @@ pub(in crate::io) fn read(input: Input<'_>, meaning: Option<ScaleMeaning>) -> Re
                 note_once(&mut notes, note);
             }
             let sorting = extension.word("sortingMethod")?;
-            if let Some(sorting) = sorting.filter(|sorting| *sorting != SORTED) {
-                let note = format!(
-                    "sortingMethod `{}` is taken for `{SORTED}`: --order distance sorts by the distance from the eye",
-                    clip(sorting)
-                );
+            part.by_distance = sorting != Some(BY_DEPTH);
+            if let Some(other) = sorting.filter(|other| ![BY_DEPTH, BY_DISTANCE].contains(other)) {
+                let other = clip(other);
+                let note = format!("sortingMethod `{other}` is taken for `{BY_DISTANCE}`");
                 note_once(&mut notes, note);
             }
             for instance in &instances {
@@ -390,6 +390,7 @@ impl Reader<'_, '_> {
             harmonics_degree: degree,
             harmonics: coefficients,
             is_anti_aliased: false,
+            by_distance: false,
             is_linear: false,
         })
     }

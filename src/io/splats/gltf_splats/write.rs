@@ -6,7 +6,7 @@ use glam::DVec3;
 use serde_json::{Value, json};
 
 use super::super::encoded_splats::{Encoded, note_mark_lost, single_precision_quantum};
-use super::{EXTENSION, LINEAR, SORTED, harmonic_name};
+use super::{BY_DEPTH, BY_DISTANCE, EXTENSION, LINEAR, harmonic_name};
 use crate::data::splats::SplatCloud;
 use crate::error::{Error, Result};
 use crate::math::narrowed;
@@ -88,7 +88,7 @@ pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> 
             "attributes": names,
             "extensions": { EXTENSION: {
                 "kernel": "ellipse",
-                "sortingMethod": SORTED,
+                "sortingMethod": if cloud.by_distance { BY_DISTANCE } else { BY_DEPTH },
                 "colorSpace": if cloud.is_linear { LINEAR } else { "srgb_rec709_display" },
                 "projection": "perspective",
                 "sortingMethod": "cameraDistance",

@@ -104,6 +104,7 @@ pub(super) fn splats(path: &Path, meta: &Meta, files: &Files<'_>) -> Result<Data
         harmonics_degree: degree,
         harmonics,
         is_anti_aliased: meta.is_anti_aliased,
+        by_distance: false,
         is_linear: false,
     };
     let mut data = cloud.dataset(path, FORMAT, Vec::new())?;
