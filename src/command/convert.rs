@@ -304,8 +304,9 @@ fn mesh_summary(path: &Path, report: &MeshReport) -> Value {
         "of_lines_and_points": report.mark_count,
         "area": report.area,
         "spacing": report.spacing,
-        "ripple": report.ripple,
-        "greatest_ripple": report.greatest_ripple,
+        // Weights of merged surfels do not sum to 1, and need not.
+        "ripple": report.composited.is_none().then_some(report.ripple),
+        "greatest_ripple": report.composited.is_none().then_some(report.greatest_ripple),
         "opacity": report.composited.map(|c| c.opacity),
         "error": report.composited.map(|c| c.error),
         "left_out": report.findings.iter().map(finding).collect::<Vec<_>>(),
@@ -367,29 +368,29 @@ fn print(summary: &Value) {
         }
     }
     for mesh in summary["meshes"].as_array().into_iter().flatten() {
+        let expected = match (mesh["opacity"].as_f64(), mesh["error"].as_f64()) {
+            (Some(opacity), Some(error)) => format!(
+                "seen face on, they cover {:.1} % of what is behind, and colours err by {:.1} of 255 (rms)",
+                100.0 * opacity,
+                255.0 * error
+            ),
+            _ => format!(
+                "weights sum to 1 within {} (rms; {} at most)",
+                mesh["ripple"], mesh["greatest_ripple"]
+            ),
+        };
         row(
             "mesh",
             format!(
-                "{}: {} triangles of area {} to {} surfels, spacing {}; weights sum to 1 within {} \
-                 (rms; {} at most); {} splats of lines and points",
+                "{}: {} triangles of area {} to {} surfels, spacing {}; {expected}; {} splats of lines and points",
                 text(&mesh["file"]),
                 mesh["triangles"],
                 mesh["area"],
                 mesh["surfels"],
                 mesh["spacing"],
-                mesh["ripple"],
-                mesh["greatest_ripple"],
                 mesh["of_lines_and_points"],
             ),
         );
-        if let (Some(opacity), Some(error)) = (mesh["opacity"].as_f64(), mesh["error"].as_f64()) {
-            let line = format!(
-                "seen face on, {:.1} % of the background is covered; colours err by {:.1} of 255 (rms)",
-                100.0 * opacity,
-                255.0 * error
-            );
-            row("expected", line);
-        }
         for f in mesh["left_out"].as_array().into_iter().flatten() {
             let line = format!(
                 "{} {}: {}",

@@ -1,6 +1,6 @@
 //! Checks settings and cameras, and words the errors for those that are refused.
 
-use super::settings::{Blend, Composite, Settings, Show};
+use super::settings::{Blend, Composite, Order, Settings, Show};
 use crate::blocks::{BlockedScene, BlockedVolume};
 use crate::constants::{MAX_CLIP_PLANES, MAX_CUTOFF};
 use crate::error::{Error, Result};
@@ -129,6 +129,15 @@ fn check_pairs(settings: &Settings) -> Result<()> {
         if settings.advanced.linear_opacity {
             return refuse("composite maximum", "an opacity, of which it has none");
         }
+    }
+    if settings.order != Order::Auto && settings.composite != Composite::Over {
+        return Err(Error::invalid(
+            "settings",
+            "order of kernels",
+            "a composite of single kernels",
+            settings.composite.name(),
+            "leave the order out: layers have one of their own",
+        ));
     }
     let has_slabs = settings.composite.accumulate().cuts_slabs();
     if settings.classify == Classification::Slab && !has_slabs {

@@ -189,6 +189,42 @@ fn both_back_ends_blend_alike() {
     }
 }
 
+/// A wide red splat straight ahead, at z = 3, and a blue one aside, at z = 2.9 but farther from the eye: by depth blue
+/// hides red, by distance red hides blue. Both back ends sort alike.
+#[test]
+fn splats_are_sorted_by_depth_or_distance() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let two = [
+        (DVec3::new(0.0, 0.0, 3.0), 1.0, 1.0, [1.0, 0.0, 0.0]),
+        (DVec3::new(1.5, 0.0, 2.9), 1.0, 1.0, [0.0, 0.0, 1.0]),
+    ];
+    write(&folder.join("two.ply"), false, &two);
+    let view = "--eye 0,0,0 --target 0,0,1 --up 0,-1,0 --fov 90 --size 64x64 --background 0,0,0";
+    let pixel = |more: &str, backend: &str| {
+        done(
+            folder,
+            &format!("render two.ply {view} --keep-axes {more} --backend {backend} --out p.npy"),
+        );
+        // Between the two, where each has an opacity of some .75.
+        let image = read_image(&folder.join("p.npy")).unwrap();
+        let places = [40, 23].map(|x| image.pixel(x, 32));
+        places[usize::from(places[1][2] > places[0][2])]
+    };
+    for backend in ["cpu", "gpu"] {
+        let [red, _, blue, _] = pixel("", backend);
+        assert!(blue > red, "{backend}: {red} {blue}");
+        assert_eq!(pixel("--order depth", backend), pixel("", backend));
+        let [red, _, blue, _] = pixel("--order distance", backend);
+        assert!(red > blue, "{backend}: {red} {blue}");
+    }
+    let line = format!("render two.ply {view} --order depth --composite slabs --out p.npy");
+    let words: Vec<&str> = line.split_whitespace().collect();
+    let output = run(folder, &words);
+    assert!(!output.status.success());
+    assert!(text(&output.stderr).contains("order of kernels"));
+}
+
 fn ball(count: u32) -> Vec<(DVec3, f32, f32, [f32; 3])> {
     let at = |i: u32, step: f64| (step * f64::from(i)).fract() - 0.5;
     let place = |i: u32| DVec3::new(at(i, 0.754_878), at(i, 0.569_840), at(i, 0.618_034));

@@ -1,7 +1,7 @@
 //! Tests valid variations of glTF files in parts that are not drawn: the picture stays the same.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-use ewa_splat::io::{Dataset, OpenOptions, read};
+use ewa_splat::io::{Dataset, Geometry, OpenOptions, SplatFileOptions, read};
 use serde_json::{Value, json};
 
 use crate::support::meshes::rich_gltf;
@@ -382,6 +382,41 @@ fn spaces_of_colours_that_are_not_known_are_said() {
     let notes = splats(&mut json, json!("acme_rec2020"));
     assert!(
         notes[0].contains("colorSpace `acme_rec2020` is not known"),
+        "{notes:?}"
+    );
+}
+
+/// Splats are sorted by distance unless the file says otherwise, and what is written says it again.
+#[test]
+fn orders_of_splats_are_those_of_the_file() {
+    let [_, (mut json, bin)] = files();
+    let mut sorted = |method: Option<&str>| {
+        let extension =
+            &mut json["meshes"][0]["primitives"][0]["extensions"]["KHR_gaussian_splatting"];
+        match method {
+            Some(method) => extension["sortingMethod"] = json!(method),
+            None => drop(extension.as_object_mut().unwrap().remove("sortingMethod")),
+        }
+        let data = open(&glb(&json, &bin));
+        let Geometry::Splats(cloud) = data.geometry else {
+            panic!("splats")
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("again.glb");
+        ewa_splat::io::write_splats(&out, &cloud, &SplatFileOptions::default()).unwrap();
+        let again = ewa_splat::io::open(&out, &OpenOptions::default()).unwrap();
+        let Geometry::Splats(again) = again.geometry else {
+            panic!("splats")
+        };
+        assert_eq!(again.by_distance, cloud.by_distance);
+        (cloud.by_distance, data.notes)
+    };
+    assert_eq!(sorted(None), (true, vec![]));
+    assert_eq!(sorted(Some("cameraDistance")), (true, vec![]));
+    assert_eq!(sorted(Some("zDepth")), (false, vec![]));
+    let (by_distance, notes) = sorted(Some("acme"));
+    assert!(
+        by_distance && notes[0].contains("sortingMethod `acme`"),
         "{notes:?}"
     );
 }

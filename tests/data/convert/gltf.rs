@@ -44,7 +44,7 @@ fn glb_files_are_sound_gltf() {
             ("kernel", "ellipse"),
             ("colorSpace", "srgb_rec709_display"),
             ("projection", "perspective"),
-            ("sortingMethod", "cameraDistance"),
+            ("sortingMethod", "zDepth"),
         ] {
             assert_eq!(extension[key], value);
         }

@@ -91,7 +91,6 @@ pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> 
                 "sortingMethod": if cloud.by_distance { BY_DISTANCE } else { BY_DEPTH },
                 "colorSpace": if cloud.is_linear { LINEAR } else { "srgb_rec709_display" },
                 "projection": "perspective",
-                "sortingMethod": "cameraDistance",
             } },
         }] }],
         "accessors": accessors,
