@@ -625,7 +625,7 @@ pub mod frame {
     use ewa_splat::stages::cpu::{self, Bins, ProjectOutput, RasteriseSettings, Tile};
     use ewa_splat::stages::record::{
         BlockView, ChoiceUniform, ClassifiedParticle, ExactTerms, Footprint, FootprintTerms,
-        NearTerms, PieceTerms, SurfelTerms, ViewUniform,
+        KeyKind, NearTerms, PieceTerms, SurfelTerms, ViewUniform,
     };
     use ewa_splat::stages::splat::Axes;
     use ewa_splat::view::{Camera, Projection};
@@ -718,6 +718,10 @@ pub mod frame {
                 centre_px: camera.centre_px.as_vec2().into(),
                 size: [camera.width as u32, camera.height as u32],
                 orthographic: u32::from(camera.projection == Projection::Orthographic),
+                key_kind: match camera.projection {
+                    Projection::Perspective => KeyKind::Distance as u32,
+                    Projection::Orthographic => KeyKind::Depth as u32,
+                },
                 filter_kind: settings.filter as u32,
                 low_pass_variance_px2: settings.low_pass_variance_px2,
                 tolerance: settings.tolerance,

@@ -623,6 +623,8 @@ impl Scene {
             centre_px: [321.5, 240.0],
             size: [640, 480],
             orthographic: u32::from(self.is_orthographic),
+            // Distances of perspective views, depths of others.
+            key_kind: u32::from(self.is_orthographic),
             filter_kind: self.filter as u32,
             low_pass_variance_px2: self.h2,
             tolerance: 1.0 / 255.0,
