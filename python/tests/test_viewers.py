@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import needs
 
 DATA = Path(os.environ.get("EWA_DATA_DIR", Path(__file__).resolve().parents[3] / "shared" / "data"))
 
@@ -194,7 +195,7 @@ def checkered_square(folder: Path) -> Path:
 
 def test_converted_meshes_look_like_the_mesh(run, tmp_path) -> None:
     """A checkered square as 10,000 splats, in a viewer, against the square itself."""
-    pytest.importorskip("PIL")
+    needs("PIL")
     square = checkered_square(tmp_path)
     out = tmp_path / "square.ply"
     done = run("convert", square, "--out", out, "--keep-axes", "--spacing", "0.02", "--json")
