@@ -245,7 +245,7 @@ pub use wgpu;
 pub use error::{Error, Result};
 pub use image::{ColumnImage, DepthImage, Image, NormalImage};
 pub use render::{
-    Backend, Blend, Classification, ColumnSettings, Composite, Filter, Renderer, RendererOptions,
-    SceneOptions, Settings, Show,
+    Backend, Blend, Classification, ColumnSettings, Composite, Filter, Order, Renderer,
+    RendererOptions, SceneOptions, Settings, Show,
 };
 pub use task::{Progress, Task};
