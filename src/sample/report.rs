@@ -167,7 +167,7 @@ pub struct MeshReport {
     pub ripple: f64,
     /// Greatest deviation from 1 of these sums.
     pub greatest_ripple: f64,
-    /// How opaque surfels look in viewers that composite them, if they were made for these.
+    /// How opaque surfels look in viewers that composite them, if they were merged for these.
     pub composited: Option<CompositedReport>,
     /// Findings, in the order of the work.
     pub findings: Vec<Finding>,

@@ -249,7 +249,11 @@ pub fn surfels(mesh: &Mesh, options: &MeshOptions) -> Result<SampledMesh> {
             };
             let first = std::mem::replace(&mut surfels, few);
             if !kind.is_pane {
-                look.append(composited::solve(&mut surfels, &first, task)?);
+                let of_kind = composited::solve(&mut surfels, &first, task)?;
+                // Surfels that are not merged are looked at in their own middles, where they always cover.
+                if finer > 1 {
+                    look.append(of_kind);
+                }
             }
         }
         let volume = volume(&surface, kind, &surfels, &mut losses);
