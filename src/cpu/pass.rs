@@ -6,7 +6,6 @@ use super::frame::CpuFrames;
 use super::{bin, classify, light, project, rasterise, shade, sort};
 use crate::blocks::{
     BlockedScene, BlockedVolume, DepthRange, choose, cull, cull_detail, cull_outside,
-    distance_interval,
 };
 use crate::constants::{COLUMN_TILE_SIZE, TILE_SIZE};
 use crate::cpu::amplitude::{count_amplitudes, fill_amplitudes};
@@ -309,16 +308,15 @@ impl CpuFrames {
             })
             .filter(|(block, is_spread)| plan.frustum.sees(camera, block, *is_spread));
         let range = match &pass.layers {
-            None => DepthRange::of(in_view.map(|(block, is_spread)| {
-                let (_, radius) = distance_interval(camera, block, is_spread);
-                (pass.distance(camera, block), radius)
-            })),
+            None => DepthRange::of(
+                in_view.map(|(block, is_spread)| pass.distance_interval(camera, block, is_spread)),
+            ),
             Some(layers) => layers.depth_range(),
         };
         for (volume, views) in volumes.iter().zip(&mut self.views) {
             for view in views {
                 let block = &volume.blocks[view.block as usize];
-                view.key = range.key(pass.distance(camera, block));
+                view.key = range.key(pass.distance_interval(camera, block, false).0);
             }
         }
         if let Some(tiles) = &plan.tiles {

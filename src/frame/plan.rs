@@ -64,7 +64,7 @@ pub(crate) struct PassPlan {
     /// The layers in which kernels are summed, if the composite has any. Depth keys are numbers of these
     /// layers.
     pub(crate) layers: Option<Layers>,
-    /// What depth keys measure.
+    /// Quantity that depth keys measure.
     pub(crate) keys: KeyKind,
     /// The view in f32. Its `key_scale` follows from the range of depths that culling finds.
     pub(crate) view: ViewUniform,
@@ -136,7 +136,7 @@ impl FramePlan {
         };
         let planes = !settings.clip.is_empty();
         let keys = settings.keys(scene, camera);
-        let own_keys = match layers {
+        let keys_of_volumes = match layers {
             Some(_) => KeyKind::Layers,
             None => keys,
         };
@@ -193,10 +193,10 @@ impl FramePlan {
                 // Slabs that are classified are lit as slabs.
                 lights_particles: lighting.is_some() && !classifies_slabs,
                 layers,
-                keys: own_keys,
+                keys: keys_of_volumes,
                 view: ViewUniform {
                     least_length: least_length(scene, layers.as_ref()),
-                    ..view_uniform(camera, settings, own_keys, layers.as_ref())
+                    ..view_uniform(camera, settings, keys_of_volumes, layers.as_ref())
                 },
             });
         }
@@ -317,13 +317,20 @@ impl FramePlan {
 }
 
 impl PassPlan {
-    /// Returns the distance of a block's origin that depth keys measure.
-    pub(crate) fn distance(&self, camera: &Camera, block: &Block) -> f64 {
-        match (&self.layers, self.keys) {
+    /// Returns what [`distance_interval`] does, as the depth keys of this pass measure it.
+    pub(crate) fn distance_interval(
+        &self,
+        camera: &Camera,
+        block: &Block,
+        is_spread: bool,
+    ) -> (f64, f64) {
+        let (distance, radius) = distance_interval(camera, block, is_spread);
+        let distance = match (&self.layers, self.keys) {
             (Some(layers), _) => layers.axis.dot(camera.camera_point(block.origin)),
             (None, KeyKind::Depth) => camera.camera_point(block.origin).z,
-            (None, _) => distance_interval(camera, block, false).0,
-        }
+            (None, _) => distance,
+        };
+        (distance, radius)
     }
 }
 

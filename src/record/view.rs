@@ -7,7 +7,7 @@ use crate::constants::{MAX_CLIP_PLANES, MAX_LIGHTS, MAX_PLANES};
 use crate::scene::{LightFrame, Lighting};
 use crate::view::{Camera, Projection};
 
-/// What depth keys measure.
+/// Quantity that depth keys measure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum KeyKind {
@@ -43,7 +43,7 @@ pub struct ViewUniform {
     pub key_scale: f32,
     /// 1 if colours show the evaluation path of each kernel, 0 otherwise.
     pub show_choice: u32,
-    /// What depth keys measure, as [`KeyKind`] numbers it.
+    /// Quantity that depth keys measure, as [`KeyKind`] numbers it.
     pub key_kind: u32,
     /// Depth z at which the first layer of slabs begins, in multiples of the thickness.
     pub layer_first: i32,
@@ -93,7 +93,7 @@ pub struct CameraUniform {
     pub has_frustum: u32,
     /// 1 for an orthographic camera, 0 for a perspective one.
     pub orthographic: u32,
-    /// What depth keys measure, as [`KeyKind`] numbers it.
+    /// Quantity that depth keys measure, as [`KeyKind`] numbers it.
     pub key_kind: u32,
     /// Number of planes.
     pub plane_count: u32,

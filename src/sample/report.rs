@@ -173,7 +173,7 @@ pub struct MeshReport {
     pub findings: Vec<Finding>,
 }
 
-/// What viewers that composite surfels as splats are expected to show of a surface, seen along its normals.
+/// Expected look of surfels in viewers that composite them as splats, seen along the normals of the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CompositedReport {
     /// Mean opacity over the surface. What is missing to 1 shows what is behind.

@@ -341,14 +341,14 @@ fn relax(
 
 /// Indices by owner, ascending within each.
 #[derive(Debug)]
-struct Owned {
-    order: Vec<u32>,
+pub(super) struct Owned {
+    pub(super) order: Vec<u32>,
     /// Index in `order` at which each owner's list begins; one more entry at the end.
     starts: Vec<u32>,
 }
 
 impl Owned {
-    fn by(owners: &[u32], count: usize) -> Self {
+    pub(super) fn by(owners: &[u32], count: usize) -> Self {
         let mut starts = vec![0_u32; count + 1];
         for &owner in owners {
             starts[owner as usize + 1] += 1;
@@ -366,7 +366,7 @@ impl Owned {
         Self { order, starts }
     }
 
-    fn of(&self, owner: usize) -> &[u32] {
+    pub(super) fn of(&self, owner: usize) -> &[u32] {
         &self.order[self.starts[owner] as usize..self.starts[owner + 1] as usize]
     }
 }

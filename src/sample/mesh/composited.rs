@@ -13,7 +13,6 @@ use glam::DVec3;
 
 use super::surfels::Surfel;
 use crate::error::Result;
-use crate::image::{linear_from_srgb, srgb_from_linear};
 use crate::math::narrowed;
 use crate::parallel;
 use crate::sample::points::neighbours::PointIndex;
@@ -92,13 +91,13 @@ pub(super) fn solve(
     let Some(index) = PointIndex::new(&centres) else {
         return Ok(Look::default());
     };
+    let normals: Vec<DVec3> = points.iter().map(|s| s.normal()).collect();
     let mut weights: Vec<Vec<Weight>> =
-        parallel::map(surfels.len(), |j| opacities(&surfels[j], &points, &index));
+        parallel::map(surfels.len(), |j| opacities(&surfels[j], &normals, &index));
     expect(&mut weights, points.len());
     stage.check()?;
     stage.advance(1);
 
-    let codes = |s: &Surfel| s.colour.map(|c| f64::from(srgb_from_linear(narrowed(c))));
     let opacity = {
         let mut sums = vec![0.0; points.len()];
         for w in weights.iter().flatten() {
@@ -110,7 +109,7 @@ pub(super) fn solve(
     let wanted: Vec<[f64; 3]> = points
         .iter()
         .zip(&opacity)
-        .map(|(s, o)| codes(s).map(|c| c * o))
+        .map(|(s, o)| s.codes().map(|c| c * o))
         .collect();
     let excess = |colours: &[[f64; 3]]| {
         let mut sums: Vec<[f64; 3]> = wanted.iter().map(|c| c.map(|c| -c)).collect();
@@ -124,25 +123,32 @@ pub(super) fn solve(
         }
         sums
     };
-    let first: Vec<[f64; 3]> = surfels.iter().map(codes).collect();
+    let first: Vec<[f64; 3]> = surfels.iter().map(Surfel::codes).collect();
     let mut colours = first.clone();
-    // Nesterov's momentum; the step of each colour is the inverse of its row's sum, which bounds the matrix.
+    // The step of each colour is the inverse of its row's sum, which bounds the matrix.
+    let area_weight = |w: &Weight| points[w.point as usize].area * f64::from(w.weight);
+    let row = |j: usize| {
+        let terms = weights[j]
+            .iter()
+            .map(|w| area_weight(w) * opacity[w.point as usize]);
+        terms.sum::<f64>()
+    };
+    let rows: Vec<f64> = parallel::map(surfels.len(), row);
+    // Nesterov's momentum.
     let (mut leading, mut momentum) = (colours.clone(), 1.0_f64);
     for _ in 0..STEPS {
         stage.check()?;
         let excess = excess(&leading);
         let step = |j: usize| {
-            let (mut slope, mut sum) = ([0.0; 3], 0.0);
+            let mut slope = [0.0; 3];
             for w in &weights[j] {
-                let i = w.point as usize;
-                let weight = points[i].area * f64::from(w.weight);
-                sum += weight * opacity[i];
+                let weight = area_weight(w);
                 for c in 0..3 {
-                    slope[c] += weight * excess[i][c];
+                    slope[c] += weight * excess[w.point as usize][c];
                 }
             }
-            let moved = |c: usize| match sum > 0.0 {
-                true => leading[j][c] - slope[c] / sum,
+            let moved = |c: usize| match rows[j] > 0.0 {
+                true => leading[j][c] - slope[c] / rows[j],
                 false => first[j][c],
             };
             std::array::from_fn(|c| moved(c).clamp(0.0, first[j][c].max(1.0)))
@@ -165,13 +171,13 @@ pub(super) fn solve(
         look.squares += point.area * excess.iter().map(|e| e * e).sum::<f64>() / 3.0;
     }
     for (surfel, colour) in surfels.iter_mut().zip(colours).filter(|(s, _)| s.is_seen()) {
-        surfel.colour = colour.map(|c| f64::from(linear_from_srgb(narrowed(c))));
+        surfel.set_codes(colour);
     }
     Ok(look)
 }
 
 /// Returns a splat's opacity at the points that it reaches.
-fn opacities(splat: &Surfel, points: &[&Surfel], index: &PointIndex<'_>) -> Vec<Weight> {
+fn opacities(splat: &Surfel, normals: &[DVec3], index: &PointIndex<'_>) -> Vec<Weight> {
     let mut found = Vec::new();
     if !splat.is_seen() {
         return found;
@@ -193,7 +199,7 @@ fn opacities(splat: &Surfel, points: &[&Surfel], index: &PointIndex<'_>) -> Vec<
             .into_iter()
             .sum::<f64>();
         let alpha = (peak * (-0.5 * q).exp()).min(CEILING);
-        let is_on = points[i as usize].normal().dot(normal).abs() > LEAST_COSINE;
+        let is_on = normals[i as usize].dot(normal).abs() > LEAST_COSINE;
         if q < CUT * CUT && is_on && alpha > FLOOR {
             found.push(Weight {
                 point: i,

@@ -15,10 +15,9 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::cells::Owned;
 use super::surfels::{SQUARE, Surfel, axes};
 use crate::error::Result;
-use crate::image::{linear_from_srgb, srgb_from_linear};
-use crate::math::narrowed;
 use crate::parallel;
 use crate::sample::points::neighbours::{PointIndex, square};
 use crate::sample::positions::index_u32;
@@ -68,7 +67,7 @@ struct Cell {
     area: f64,
     /// Codes of the colour and the visible share, means under the kernel.
     look: [f64; 4],
-    /// What the kernel shows wrongly.
+    /// Cost of what the kernel shows wrongly.
     error: f64,
 }
 
@@ -172,9 +171,7 @@ impl Merging {
     fn new(surfels: &[Surfel], width: f64) -> Self {
         let widening = width * width / SQUARE;
         let sample = |surfel: &Surfel| {
-            let [r, g, b] = surfel
-                .colour
-                .map(|c| f64::from(srgb_from_linear(narrowed(c))));
+            let [r, g, b] = surfel.codes();
             Sample {
                 centre: surfel.centre,
                 normal: surfel.normal(),
@@ -352,7 +349,7 @@ impl Merging {
         let [r, g, b, _] = cell.look;
         surfel.centre = cell.centre + lift * cell.normal;
         surfel.area = cell.area;
-        surfel.colour = [r, g, b].map(|c| f64::from(linear_from_srgb(narrowed(c))));
+        surfel.set_codes([r, g, b]);
         surfel.share = there / cell.area;
         surfel.unpainted = 0.0;
         surfel.reflecting = reflecting;
@@ -370,43 +367,28 @@ fn dot([xx, xy, xz, yy, yz, zz]: &[f64; 6], a: DVec3, b: DVec3) -> f64 {
         + yz * (a.y * b.z + a.z * b.y)
 }
 
-/// The neighbours of all cells.
-struct Around {
-    starts: Vec<u32>,
-    others: Vec<u32>,
-}
+/// The neighbours of all cells, ascending for each.
+struct Around(Owned);
 
 impl Around {
+    /// - `edges`: sorted by their pairs.
     fn new(edges: &[Edge], cells: usize) -> Self {
-        let mut starts = vec![0_u32; cells + 1];
-        for &c in edges.iter().flat_map(|edge| &edge.pair) {
-            starts[c as usize + 1] += 1;
+        // First the smaller neighbours of each cell, then the larger ones.
+        let [smaller, larger] = [0, 1].map(|place| edges.iter().map(move |e| e.pair[place]));
+        let owners: Vec<u32> = larger.clone().chain(smaller.clone()).collect();
+        let others: Vec<u32> = smaller.chain(larger).collect();
+        let mut of_cells = Owned::by(&owners, cells);
+        for i in &mut of_cells.order {
+            *i = others[*i as usize];
         }
-        for c in 0..cells {
-            starts[c + 1] += starts[c];
-        }
-        let mut next = starts.clone();
-        let mut others = vec![0; 2 * edges.len()];
-        // Edges are sorted, so each list ascends: first the smaller neighbours, then the larger ones.
-        for place in [1, 0] {
-            for edge in edges {
-                let slot = &mut next[edge.pair[place] as usize];
-                others[*slot as usize] = edge.pair[1 - place];
-                *slot += 1;
-            }
-        }
-        Self { starts, others }
-    }
-
-    fn of(&self, c: u32) -> &[u32] {
-        &self.others[self.starts[c as usize] as usize..self.starts[c as usize + 1] as usize]
+        Self(of_cells)
     }
 
     /// Calls `visit` once for each cell of a pair and for each neighbour of them.
     fn each(&self, [own, other]: [u32; 2], mut visit: impl FnMut(u32)) {
         visit(own);
         visit(other);
-        let (mut a, mut b) = (self.of(own), self.of(other));
+        let (mut a, mut b) = (self.0.of(own as usize), self.0.of(other as usize));
         loop {
             let least = match (a.first(), b.first()) {
                 (Some(&x), Some(&y)) => x.min(y),
@@ -537,7 +519,7 @@ mod tests {
         }
     }
 
-    /// Where the colour jumps, cells stay narrow across the jump; none has the mean of both colours.
+    /// Cells stay narrow across a jump of the colour; none has the mean of both colours.
     #[test]
     fn cells_beside_an_edge_stay_narrow_across_it() {
         let fine = plane(24, 0.5, |x, _| if x < 12.0 { 0.0 } else { 1.0 });

@@ -9,6 +9,8 @@ use super::paint::Paints;
 use super::pieces::variance;
 use super::surface::{Surface, Triangle};
 use crate::error::Result;
+use crate::image::{linear_from_srgb, srgb_from_linear};
+use crate::math::narrowed;
 use crate::task::{Stage, Task};
 
 /// Least visible share of a surfel; fainter ones are left out: less than one of 255 levels.
@@ -46,6 +48,17 @@ impl Surfel {
     pub(super) fn is_seen(&self) -> bool {
         let is_painted = self.unpainted < self.area && self.colour.iter().all(|c| c.is_finite());
         is_painted && self.share >= FAINTEST
+    }
+
+    /// Returns the sRGB codes of the colour.
+    pub(super) fn codes(&self) -> [f64; 3] {
+        self.colour
+            .map(|c| f64::from(srgb_from_linear(narrowed(c))))
+    }
+
+    /// Sets the colour by its sRGB codes.
+    pub(super) fn set_codes(&mut self, codes: [f64; 3]) {
+        self.colour = codes.map(|c| f64::from(linear_from_srgb(narrowed(c))));
     }
 
     /// Returns the unit normal of the surfel's plane, on its front.
