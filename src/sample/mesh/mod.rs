@@ -74,7 +74,7 @@ pub struct MeshOptions {
     /// Standard deviation over spacing; see [`SURFEL_WIDTH`].
     pub kernel_width: f64,
     /// True for viewers that composite surfels as splats, the nearer before the farther, instead of averaging them.
-    /// Surfels are then small where the surface's colours change and large elsewhere, at most as many as
+    /// Surfels are then small where the surface's colours change and large elsewhere, about as many as
     /// [`spread`](Self::spread) asks for. Their colours are solved so that the composited picture has the surface's.
     pub composited: bool,
     /// Seed of the spread. Another seed gives another spread, as even; the same seed gives the same.
