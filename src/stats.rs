@@ -29,6 +29,9 @@ pub struct FrameCounts {
     pub footprints_exact: usize,
     /// Number of these whose kernels cross the camera plane.
     pub footprints_near: usize,
+    /// Number of times that the samples of lattices were halved along each axis: the picture shows coarser lattices
+    /// where that errs by less than the tolerance. 0 for the samples themselves.
+    pub lattice_level: usize,
     /// Number of tiles that contain opaque edges, and whose pixels are means of four samples.
     pub supersampled_tiles: usize,
     /// Number of entries of the tiles' lists.
@@ -43,6 +46,8 @@ pub struct FrameCounts {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 #[allow(missing_docs, reason = "each is the stage of its name")]
 pub struct StageTimes {
+    /// Choosing the level of lattices.
+    pub choose: f64,
     pub cull: f64,
     pub classify: f64,
     pub project: f64,
@@ -57,6 +62,7 @@ pub struct StageTimes {
 impl StageTimes {
     /// Adds the times of another frame.
     pub(crate) fn add(&mut self, other: &Self) {
+        self.choose += other.choose;
         self.cull += other.cull;
         self.classify += other.classify;
         self.project += other.project;

@@ -83,7 +83,6 @@ impl Faces {
     }
 
     /// Ghosts before the first sample along each axis, and as many behind the last.
-    #[cfg(feature = "prepared")]
     pub(crate) fn ghosts(&self) -> [usize; 3] {
         self.ghosts
     }

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::choose::merge_fits;
 use crate::blocks::block::Block;
 use crate::blocks::volume::BlockedVolume;
-use crate::constants::{DEPTH_KEY_BITS, MAX_CUTOFF};
+use crate::constants::{DEPTH_KEY_BITS, MAX_CUTOFF, TILE_SIZE};
 use crate::record::{BlockView, ChoiceUniform, ClassifiedBy};
 use crate::scene::{LOBE_REACH, MAX_PIECE_WIDTH, StrengthIn};
 use crate::view::{Camera, Projection};
@@ -115,6 +115,27 @@ impl Frustum {
         let (low, high) = (low - self.margin_px, high + self.margin_px);
         Some([[low.x, high.x], [low.y, high.y]])
     }
+}
+
+/// Returns the columns and rows of tiles that pixels lie in.
+///
+/// - `pixels`: as [`Frustum::reached`] returns them. NaN could lie anywhere.
+/// - `size`: tiles in a row, and rows.
+pub(crate) fn tiles_of(pixels: [[f64; 2]; 2], size: [usize; 2]) -> [Range<usize>; 2] {
+    if pixels.as_flattened().iter().any(|px| px.is_nan()) {
+        return size.map(|count| 0..count);
+    }
+    [0, 1].map(|axis: usize| {
+        let tile = |px: f64| (px / TILE_SIZE as f64).clamp(0.0, size[axis] as f64);
+        let [first, end] = pixels[axis];
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "clamped to the tiles"
+        )]
+        let range = tile(first).floor() as usize..tile(end).ceil() as usize;
+        range
+    })
 }
 
 /// Finds the blocks that may reach the image and hold something visible, in their own order. Without a frustum (for a

@@ -13,6 +13,7 @@
 //! | `overlap.rs` | overlap counts: the most kernels in one place |
 //! | `partitioned/` | blocks of points or of a lattice that is partitioned among ranks |
 //! | `choose.rs` | choice of a filter, and of merged particles |
+//! | `coarser.rs` | lattices of half as many samples along each axis, and the errors of their blocks |
 //! | `cull.rs` | culling: the blocks that a frame sees |
 //! | `density.rs` | density of the blocks' kernels |
 //! | `extent.rs` | kernels that are classified over their extents |
@@ -41,6 +42,7 @@ mod brick;
 mod brick_blocks;
 mod build;
 mod choose;
+mod coarser;
 mod cull;
 mod density;
 mod extent;
@@ -71,6 +73,8 @@ pub use block::{Block, NO_PARENT};
 pub use brick::{AxisSample, BrickGrid};
 pub(crate) use build::check_count;
 pub use choose::choose;
+pub(crate) use coarser::BlockError;
+pub(crate) use cull::tiles_of;
 #[cfg(feature = "gpu")]
 pub(crate) use cull::{DEPTH_KEY_SPAN, PIECE_REACH};
 pub use cull::{DepthRange, Frustum, cull, cull_detail, cull_outside, distance_interval};

@@ -16,6 +16,7 @@ use crate::blocks::transfer::set_transfer_function;
 use crate::blocks::volume::BlockedVolume;
 use crate::error::{Error, Result};
 use crate::scene::{ColourIn, PointVolume, Requirements, StrengthIn, TransferFunction, Values};
+use crate::task::Task;
 use crate::view::Bounds;
 
 /// The volumes of a scene in blocks.
@@ -258,6 +259,41 @@ impl BlockedScene {
         Ok(all)
     }
 
+    /// Returns the scene with each lattice replaced by one of half as many samples along each axis; `None` if it has no
+    /// lattice that has a coarser one.
+    ///
+    /// - `least`: least number of samples of a lattice that has a coarser one.
+    ///
+    /// # Errors
+    /// The task is cancelled.
+    pub(crate) fn coarser(&self, least: usize, task: Option<&Task>) -> Result<Option<Self>> {
+        // Coarser lattices are the levels of detail.
+        let options = BuildOptions::default();
+        let (mut volumes, mut families) = (Vec::new(), Vec::new());
+        let mut is_coarser = false;
+        for range in &self.families {
+            let family = &self.volumes[range.clone()];
+            let first = volumes.len();
+            match family[0].coarser(least, task)? {
+                Some(volume) => {
+                    is_coarser = true;
+                    volumes.extend(build(volume, options, task)?);
+                }
+                None => volumes.extend_from_slice(family),
+            }
+            families.push(first..volumes.len());
+        }
+        Ok(is_coarser.then(|| Self {
+            known: vec![Known::default(); families.len()],
+            volumes,
+            families,
+            requirements: self.requirements.clone(),
+            carried: None,
+            densities: OnceLock::new(),
+            exchangeable: Vec::new(),
+        }))
+    }
+
     /// Volumes and their levels of detail.
     pub fn volumes(&self) -> &[BlockedVolume] {
         &self.volumes
@@ -305,6 +341,11 @@ impl BlockedScene {
     pub fn bytes_per_particle(&self) -> f64 {
         let bytes: usize = self.volumes.iter().map(BlockedVolume::bytes).sum();
         bytes as f64 / self.particle_count().max(1) as f64
+    }
+
+    /// Whether any volume has levels of detail.
+    pub(crate) fn has_levels(&self) -> bool {
+        self.volumes.len() > self.families.len()
     }
 
     /// Whether any volume consists of splats, which state their opacity.

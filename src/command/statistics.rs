@@ -64,6 +64,7 @@ pub fn stats(renderer: &Renderer, times: &[StageTimes], prepared: Prepared) -> s
             "exact": counts.footprints_exact,
             "near": counts.footprints_near,
         },
+        "lattice_level": counts.lattice_level,
         "supersampled_tiles": counts.supersampled_tiles,
         "tile_entries": counts.tile_entries,
         "layer_thickness": renderer.layers().map(|layers| layers.thickness),
@@ -80,6 +81,7 @@ pub fn stats(renderer: &Renderer, times: &[StageTimes], prepared: Prepared) -> s
         "times_ms": {
             "read": prepared.read_ms,
             "prepare": prepared.prepare_ms,
+            "choose": median.choose,
             "cull": median.cull,
             "classify": median.classify,
             "project": median.project,

@@ -5,7 +5,7 @@ use std::ops::Range;
 use super::frame::CpuFrames;
 use super::{bin, classify, light, project, rasterise, shade, sort};
 use crate::blocks::{
-    BlockedScene, BlockedVolume, DepthRange, choose, cull, cull_detail, cull_outside,
+    BlockedScene, BlockedVolume, DepthRange, choose, cull, cull_detail, cull_outside, tiles_of,
 };
 use crate::constants::{COLUMN_TILE_SIZE, TILE_SIZE};
 use crate::cpu::amplitude::{count_amplitudes, fill_amplitudes};
@@ -598,18 +598,9 @@ impl DrawnTiles {
 
     /// Returns whether a drawn tile meets columns and rows of pixels. NaN could lie anywhere.
     fn meet(&self, pixels: [[f64; 2]; 2]) -> bool {
-        if pixels.as_flattened().iter().any(|px| px.is_nan()) {
-            return true;
-        }
-        let range = |axis: usize| {
-            let tile = |px: f64| (px / TILE_SIZE as f64).clamp(0.0, self.size[axis] as f64);
-            let [first, end] = pixels[axis];
-            #[expect(clippy::cast_possible_truncation, reason = "clamped to the tiles")]
-            [tile(first).floor() as usize, tile(end).ceil() as usize]
-        };
-        let ([x0, x1], [y0, y1]) = (range(0), range(1));
+        let [x, y] = tiles_of(pixels, self.size);
         let sum = |x: usize, y: usize| self.sums[y * (self.size[0] + 1) + x];
-        sum(x1, y1) + sum(x0, y0) > sum(x0, y1) + sum(x1, y0)
+        sum(x.end, y.end) + sum(x.start, y.start) > sum(x.start, y.end) + sum(x.end, y.start)
     }
 }
 

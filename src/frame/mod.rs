@@ -3,6 +3,7 @@
 pub(crate) mod backend;
 pub(crate) mod check;
 pub(crate) mod plan;
+pub(crate) mod probe;
 pub(crate) mod settings;
 pub(crate) mod supersample;
 pub(crate) mod uniforms;

@@ -54,6 +54,19 @@ impl Renderer {
     /// # Errors
     /// The errors of [`Renderer::render`].
     pub async fn render_async(&mut self, camera: &Camera, settings: &Settings) -> Result<&Image> {
+        match self.chosen(camera, settings)? {
+            0 => self.render_samples_async(camera, settings).await?,
+            level => {
+                let coarser = self.at_level(level);
+                coarser.render_samples_async(camera, settings).await?;
+                self.take_from(level);
+            }
+        }
+        self.count_choice();
+        Ok(&self.images.image)
+    }
+
+    async fn render_samples_async(&mut self, camera: &Camera, settings: &Settings) -> Result<()> {
         let mut plan = self.plan(camera, settings)?;
         let background = self.take_background(&mut plan, settings);
         let mut report = self.draw_async(&plan).await?;
@@ -64,7 +77,7 @@ impl Renderer {
         }
         self.lay_over(background);
         self.drawn(&plan, report);
-        Ok(&self.images.image)
+        Ok(())
     }
 
     /// As [`Renderer::column_density`], without waiting: see [`Renderer::render_async`].
@@ -167,6 +180,26 @@ impl Renderer {
         if self.device.is_none() {
             return Err(no_device());
         }
+        match self.chosen(camera, settings)? {
+            0 => self.samples_to_texture(camera, settings, texture).await?,
+            level => {
+                let coarser = self.at_level(level);
+                coarser
+                    .samples_to_texture(camera, settings, texture)
+                    .await?;
+                self.take_from(level);
+            }
+        }
+        self.count_choice();
+        Ok(())
+    }
+
+    async fn samples_to_texture(
+        &mut self,
+        camera: &Camera,
+        settings: &Settings,
+        texture: &wgpu::Texture,
+    ) -> Result<()> {
         let plan = self.plan(camera, settings)?;
         let device = self.device.as_mut().ok_or_else(no_device)?;
         let drawing = device.draw_to(&self.scene, &plan, &mut self.images, Some(texture));

@@ -9,6 +9,7 @@
 //! | `backend.rs` | the interface of back ends |
 //! | `options.rs` | options of a renderer |
 //! | `renderer.rs` | a scene, its back ends and its images |
+//! | `levels.rs` | the choice of coarser lattices |
 //! | `column.rs` | column densities |
 //! | `device.rs` | the caller's devices and textures; frames without waiting |
 //! | `pick.rs` | the particles that a pixel shows |
@@ -16,6 +17,7 @@
 mod column;
 #[cfg(feature = "gpu")]
 mod device;
+mod levels;
 mod options;
 mod pick;
 mod renderer;

@@ -70,6 +70,31 @@ pub struct Renderer {
     pub(super) amplitudes: Option<AmplitudeSummary>,
     layers: Option<Layers>,
     pub(super) report: FrameReport,
+    pub(super) coarser: Coarser,
+}
+
+/// The scene on coarser lattices, and the choice among them.
+#[derive(Debug, Default)]
+pub(super) struct Coarser {
+    /// The scene at half as many samples along each axis, with its own coarser scenes. `None` before a frame has asked
+    /// for it, and if there is none.
+    pub(super) next: Option<Box<Renderer>>,
+    pub(super) is_made: bool,
+    /// Errors that were measured, the last ones last.
+    pub(super) measured: Vec<MeasuredLevels>,
+    /// Milliseconds of measurements that no frame has reported.
+    pub(super) time: f64,
+}
+
+/// Errors of coarser lattices.
+#[derive(Debug)]
+pub(super) struct MeasuredLevels {
+    /// Settings, without what the errors do not depend on.
+    pub(super) settings: Settings,
+    /// Binary logarithm of the pixels for each cell.
+    pub(super) zoom: i32,
+    /// Error that the allowed share of pixels exceed, for each coarser level; full scale is 1.
+    pub(super) errors: Vec<f32>,
 }
 
 impl Renderer {
@@ -119,7 +144,7 @@ impl Renderer {
         Self::of_scene(scene)?.on(options.backend.open()?)
     }
 
-    fn of_scene(scene: BlockedScene) -> Result<Self> {
+    pub(super) fn of_scene(scene: BlockedScene) -> Result<Self> {
         let mut cpu = CpuFrames::default();
         cpu.upload(&scene)?;
         Ok(Self {
@@ -134,6 +159,7 @@ impl Renderer {
             amplitudes: None,
             layers: None,
             report: FrameReport::default(),
+            coarser: Coarser::default(),
         })
     }
 
@@ -172,6 +198,27 @@ impl Renderer {
         Ok(self)
     }
 
+    /// Draws on the device of another renderer, too, if it has one.
+    ///
+    /// # Errors
+    /// Too little memory on a device that was explicitly asked for.
+    #[cfg_attr(
+        not(feature = "gpu"),
+        expect(
+            unused_variables,
+            clippy::unused_self,
+            reason = "only a device is shared"
+        )
+    )]
+    pub(super) fn on_device_of(self, other: &Self) -> Result<Self> {
+        #[cfg(feature = "gpu")]
+        if let Some(device) = &other.device {
+            let gpu = Some((device.gpu().clone(), !other.falls_back));
+            return self.on(OpenBackend { gpu });
+        }
+        Ok(self)
+    }
+
     /// Returns the name of the adapter that draws the frames, or `None` for the CPU.
     pub fn adapter(&self) -> Option<String> {
         self.device.as_ref().and_then(|device| device.adapter())
@@ -192,6 +239,10 @@ impl Renderer {
         volume: usize,
         transfer: TransferFunction,
     ) -> Result<()> {
+        self.coarser.measured.clear();
+        if let Some(next) = &mut self.coarser.next {
+            next.set_transfer_function(volume, transfer.clone())?;
+        }
         self.scene.set_transfer_function(volume, transfer)?;
         self.edited(Edit::TransferFunction(volume))
     }
@@ -221,6 +272,7 @@ impl Renderer {
     /// No such volume, one without values, another number of values than of particles, or a scene that
     /// did not keep its shapes.
     pub fn set_values(&mut self, volume: usize, values: Values) -> Result<()> {
+        self.coarser = Coarser::default();
         self.scene.set_values(volume, values)?;
         self.amplitudes = None;
         self.edited(Edit::Values)
@@ -287,6 +339,26 @@ impl Renderer {
     /// conflict with each other or with the scene; a device that is lost or has too little memory; a
     /// cancelled frame, which leaves the images partly drawn.
     pub fn render(&mut self, camera: &Camera, settings: &Settings) -> Result<&Image> {
+        match self.chosen(camera, settings)? {
+            0 => self.render_samples(camera, settings)?,
+            level => {
+                self.at_level(level).render_samples(camera, settings)?;
+                self.take_from(level);
+            }
+        }
+        self.count_choice();
+        Ok(&self.images.image)
+    }
+
+    /// Adds the time of choosing a level to a frame's times.
+    pub(super) fn count_choice(&mut self) {
+        let time = std::mem::take(&mut self.coarser.time);
+        self.report.times.choose = time;
+        self.report.times.frame += time;
+    }
+
+    /// Draws a frame of this renderer's own samples.
+    fn render_samples(&mut self, camera: &Camera, settings: &Settings) -> Result<()> {
         let mut plan = self.plan(camera, settings)?;
         let background = self.take_background(&mut plan, settings);
         let mut report = self.draw(&plan)?;
@@ -297,7 +369,17 @@ impl Renderer {
         }
         self.lay_over(background);
         self.drawn(&plan, report);
-        Ok(&self.images.image)
+        Ok(())
+    }
+
+    /// Takes the images and the report of a frame that was drawn at a coarser level.
+    pub(super) fn take_from(&mut self, level: usize) {
+        let mut images = std::mem::take(&mut self.images);
+        let from = self.at_level(level);
+        std::mem::swap(&mut images, &mut from.images);
+        let (mut report, layers, fallback) = (from.report, from.layers, from.fallback.clone());
+        report.counts.lattice_level = level;
+        (self.images, self.report, self.layers, self.fallback) = (images, report, layers, fallback);
     }
 
     /// Returns true if pictures may have tiles of several samples a pixel

@@ -15,6 +15,8 @@
 //!   many clusters add up as their root. The error of a lone cluster is seen in full. The transfer
 //!   function is averaged over a cluster's values as if they were evenly distributed between two ends.
 //!   Other distributions cause an error of one sign along a ray ([`MISREAD_SHARE`]).
+//! - Coarser lattices ([`COARSER_SHARE`]): their error is measured on some tiles of the picture, whatever its cause. The
+//!   rest of the tolerance is for the errors that both pictures share.
 //! - Early termination of a tile ([`TERMINATION_SHARE`](crate::constants::TERMINATION_SHARE)): once per
 //!   pixel.
 //!
@@ -50,6 +52,9 @@ pub const FILTER_SHARE: f32 = 0.25;
 
 /// Share of drawing a cluster as one particle.
 pub const MERGE_SHARE: f32 = 1.0;
+
+/// Share of a lattice drawn at fewer samples, measured against the samples' own picture.
+pub const COARSER_SHARE: f32 = 0.5;
 
 /// Greatest error of any pixel, in tolerances.
 pub const WORST_PIXEL: f32 = 4.0;

@@ -19,6 +19,7 @@ mod blocks;
 mod boundary;
 mod bounds;
 mod cancel;
+mod coarser;
 mod column_density;
 mod column_scenes;
 mod composite;

@@ -15,6 +15,11 @@ pub(crate) fn show(app: &App, ui: &mut Ui) {
         };
         let times = &drawn.times;
         let stages = [
+            (
+                "Choose",
+                times.choose,
+                "Choosing the level of detail of lattices",
+            ),
             ("Cull", times.cull, "Leaving out blocks that are not seen"),
             (
                 "Classify",

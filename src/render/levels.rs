@@ -1,0 +1,284 @@
+//! Chooses the level of detail of a frame's lattices: the coarsest whose picture differs from that of the samples by
+//! less than the tolerance.
+//!
+//! The error of a level is measured. The errors of its blocks are estimated from the values, and added up along rays in
+//! three directions. Where they are the greatest, both pictures are drawn and compared, with as many pixels for a cell as
+//! the frame has at most. This is done once for a function, settings and a scale, and does not depend on frames before.
+//! The CPU does it, so that all back ends choose the same level.
+
+use glam::{DMat3, DVec3};
+
+use super::renderer::{MeasuredLevels, Renderer};
+use crate::blocks::{BlockError, BlockedParticles, BlockedScene, distance_interval};
+use crate::error::Result;
+use crate::frame::backend::DrawFrames;
+use crate::frame::check::{check, check_scene};
+use crate::frame::plan::FramePlan;
+use crate::frame::probe::{ErrorMap, Probes};
+use crate::frame::settings::{Settings, Show};
+use crate::image::Image;
+use crate::splat::budget::COARSER_SHARE;
+use crate::stats::Stopwatch;
+use crate::view::{Camera, Projection, sphere_around};
+
+/// Least tolerance at which coarser lattices are tried.
+const LEAST_TOLERANCE: f32 = 1e-3;
+
+/// Least number of samples of a lattice that has coarser ones. Fewer are drawn in less time than errors are measured in;
+/// where they do not suffice, they are refined.
+const LEAST_SAMPLES: usize = 1 << 21;
+
+/// The same number for lattices that are coarser themselves.
+const LEAST_OF_COARSER: usize = 1 << 15;
+
+/// Share of a place's pixels whose errors may be greater.
+const MOST_BEYOND: f32 = 0.01;
+
+/// Directions to the eye in which errors are measured, in steps of a lattice: almost along its axes, where errors of
+/// samples behind one another add up.
+const DIRECTIONS: [[f64; 3]; 3] = [[0.08, -1.0, 0.05], [1.0, 0.06, -0.1], [-0.06, 0.09, 1.0]];
+
+/// Number of places for each direction, besides one for each level.
+const PLACES: usize = 2;
+
+/// Multiple of the tolerance beyond which the first direction decides.
+const HOPELESS: f32 = 4.0;
+
+/// Scales at which errors are measured, as binary logarithms of the pixels for a cell. On smaller pictures the low-pass
+/// filter takes away what coarser lattices lack. On larger ones a cell has many pixels, and errors stay the same.
+const ZOOMS: [f64; 2] = [-3.0, 1.0];
+
+/// Most pixels along each side of a picture in which errors are measured.
+const MOST_PIXELS: f64 = 2048.0;
+
+/// Number of measurements that are kept.
+const KEPT: usize = 8;
+
+impl Renderer {
+    /// Returns the number of times that the lattices' samples were halved along each axis for the last frame. 0: the
+    /// picture shows the samples themselves.
+    pub fn lattice_level(&self) -> usize {
+        self.report.counts.lattice_level
+    }
+
+    /// Returns the level at which a frame is drawn.
+    ///
+    /// # Errors
+    /// The errors of [`Renderer::render`].
+    pub(super) fn chosen(&mut self, camera: &Camera, settings: &Settings) -> Result<usize> {
+        let tolerance = settings.tolerance * settings.advanced.merge_slack;
+        let may_be_coarser = settings.draws_merged()
+            && tolerance >= LEAST_TOLERANCE
+            && settings.show == Show::Scene
+            && !(settings.depth || settings.normals)
+            && self.rank().is_none()
+            && self.scene.has_levels();
+        if !may_be_coarser {
+            return Ok(0);
+        }
+        check(camera, settings)?;
+        check_scene(&self.scene, settings)?;
+        let mut stopwatch = Stopwatch::start();
+        let count = self.make_levels(LEAST_SAMPLES)?;
+        if count == 0 {
+            return Ok(0);
+        }
+        self.carry(settings)?;
+        let Some(zoom) = self.zoom(count, camera, settings)? else {
+            return Ok(0);
+        };
+        let mut key = settings.clone();
+        (key.task, key.background, key.advanced.merge_slack) = (None, None, 1.0);
+        let errors = self.measured(key, zoom, count)?;
+        let within = errors
+            .iter()
+            .rposition(|error| *error <= tolerance * COARSER_SHARE);
+        self.coarser.time = stopwatch.lap();
+        Ok(within.map_or(0, |level| level + 1))
+    }
+
+    /// Returns the renderer of a level; the coarsest if there are not as many.
+    pub(super) fn at_level(&mut self, level: usize) -> &mut Self {
+        match self.coarser.next {
+            Some(_) if level > 0 => {}
+            _ => return self,
+        }
+        match &mut self.coarser.next {
+            Some(next) => next.at_level(level - 1),
+            None => unreachable!("it was there"),
+        }
+    }
+
+    /// Makes the coarser scenes if they were not made before, and returns their number.
+    ///
+    /// - `least`: least number of samples of a lattice that has coarser ones.
+    fn make_levels(&mut self, least: usize) -> Result<usize> {
+        if !self.coarser.is_made {
+            self.coarser.is_made = true;
+            if let Some(scene) = self.scene.coarser(least, None)? {
+                let next = Self::of_scene(scene)?.on_device_of(self)?;
+                self.coarser.next = Some(Box::new(next));
+            }
+        }
+        match &mut self.coarser.next {
+            Some(next) => Ok(1 + next.make_levels(LEAST_OF_COARSER)?),
+            None => Ok(0),
+        }
+    }
+
+    /// Returns the scale of a picture, rounded up; `None` if it shows no lattice.
+    ///
+    /// - `count`: the coarsest level, whose blocks are looked at.
+    fn zoom(&self, count: usize, camera: &Camera, settings: &Settings) -> Result<Option<i32>> {
+        let Some(spacing) = least_spacing(&steps(&self.scene)) else {
+            return Ok(None);
+        };
+        let scene = self.scene_at(count);
+        let plan = FramePlan::new(scene, camera, settings)?;
+        let nearest = scene
+            .data()
+            .filter(|volume| matches!(volume.particles, BlockedParticles::Lattice(_)))
+            .flat_map(|volume| &volume.blocks)
+            .filter(|block| plan.frustum.sees(camera, block, false))
+            .map(|block| {
+                let (distance, radius) = distance_interval(camera, block, false);
+                distance - radius
+            })
+            .fold(f64::INFINITY, f64::min);
+        let pixels = match camera.projection {
+            _ if nearest == f64::INFINITY => return Ok(None),
+            Projection::Orthographic => camera.focal_px.max_element() * spacing,
+            Projection::Perspective if nearest > 0.0 => {
+                camera.focal_px.max_element() * spacing / nearest
+            }
+            Projection::Perspective => f64::INFINITY,
+        };
+        #[expect(clippy::cast_possible_truncation, reason = "clamped to a few numbers")]
+        let zoom = pixels.log2().ceil().clamp(ZOOMS[0], ZOOMS[1]) as i32;
+        Ok(Some(zoom))
+    }
+
+    /// Returns the errors of the coarser levels at a scale.
+    fn measured(&mut self, settings: Settings, zoom: i32, count: usize) -> Result<&[f32]> {
+        let measured = &mut self.coarser.measured;
+        let is_asked = |own: &MeasuredLevels| own.zoom == zoom && own.settings == settings;
+        match measured.iter().position(is_asked) {
+            Some(found) => measured[found..].rotate_left(1),
+            None => {
+                let errors = self.measure(&settings, zoom, count)?;
+                let measured = &mut self.coarser.measured;
+                if measured.len() == KEPT {
+                    measured.remove(0);
+                }
+                measured.push(MeasuredLevels {
+                    settings,
+                    zoom,
+                    errors,
+                });
+            }
+        }
+        let last = self.coarser.measured.last();
+        Ok(last.map_or(&[], |own| &own.errors))
+    }
+
+    /// Measures the errors of the coarser levels at a scale.
+    fn measure(&mut self, settings: &Settings, zoom: i32, count: usize) -> Result<Vec<f32>> {
+        let boxes = self.scene_at(count).visible_boxes();
+        let steps = steps(&self.scene);
+        let (Some((middle, radius)), Some(spacing), Some(step)) =
+            (sphere_around(&boxes), least_spacing(&steps), steps.first())
+        else {
+            return Ok(vec![f32::INFINITY; count]);
+        };
+        let per_length = f64::from(zoom).exp2() / spacing;
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "at most the limit"
+        )]
+        let pixels = (2.0 * radius * per_length).ceil().clamp(1.0, MOST_PIXELS) as usize;
+        let block_errors: Vec<Vec<Vec<BlockError>>> =
+            (1..=count).map(|level| self.block_errors(level)).collect();
+        let mut errors = vec![0.0_f32; count];
+        for direction in DIRECTIONS {
+            let direction = (*step * DVec3::from(direction)).normalize();
+            let eye = middle + 2.0 * radius * direction;
+            let height = pixels as f64 / per_length;
+            let up = direction.any_orthonormal_vector();
+            let camera = Camera::orthographic(eye, middle, up, height, [pixels; 2]);
+            let plan = FramePlan::new(&self.scene, &camera, settings)?;
+            let map = |(level, edges): (usize, bool)| {
+                let errors = block_errors[level - 1].iter().map(Vec::as_slice);
+                let volumes = self.scene_at(level).data().zip(errors);
+                ErrorMap::new(volumes, edges, &plan)
+            };
+            // Edges are at the same places at each level.
+            let maps = (1..=count)
+                .map(|level| (level, false))
+                .chain([(count, true)]);
+            let maps: Vec<ErrorMap> = maps.map(map).collect();
+            let probes = Probes::new(&maps, &plan, count + PLACES);
+            let own = self.draw_places(&probes, &camera, settings)?;
+            for (n, error) in errors.iter_mut().enumerate() {
+                let coarser = self
+                    .at_level(n + 1)
+                    .draw_places(&probes, &camera, settings)?;
+                *error = error.max(probes.error(&own, &coarser, MOST_BEYOND));
+            }
+            if errors[0] > HOPELESS * settings.tolerance {
+                break;
+            }
+        }
+        Ok(errors)
+    }
+
+    /// Estimates the errors of the blocks of each volume at a level.
+    fn block_errors(&self, level: usize) -> Vec<Vec<BlockError>> {
+        let pairs = self.scene_at(level).data().zip(self.scene.data());
+        pairs
+            .map(|(coarser, own)| coarser.errors_against(own))
+            .collect()
+    }
+
+    /// Returns the scene of a level; the coarsest if there are not as many.
+    fn scene_at(&self, level: usize) -> &BlockedScene {
+        let mut at = self;
+        for _ in 0..level {
+            at = at.coarser.next.as_deref().unwrap_or(at);
+        }
+        &at.scene
+    }
+
+    /// Draws some places of a picture.
+    fn draw_places(
+        &mut self,
+        probes: &Probes,
+        camera: &Camera,
+        settings: &Settings,
+    ) -> Result<Image> {
+        let plan = FramePlan {
+            tiles: Some(probes.mask.clone()),
+            ..FramePlan::new(&self.scene, camera, settings)?
+        };
+        let _ = self.cpu.draw(&self.scene, &plan, &mut self.samples)?;
+        Ok(std::mem::take(&mut self.samples.image))
+    }
+}
+
+/// Returns the mean steps between samples of the lattices of a scene, as columns.
+fn steps(scene: &BlockedScene) -> Vec<DMat3> {
+    let lattices = scene.data().filter_map(|volume| match &volume.particles {
+        BlockedParticles::Lattice(grid) => Some(grid.lattice().mean_step()),
+        _ => None,
+    });
+    lattices.collect()
+}
+
+/// Returns the least of some steps' lengths, world units.
+fn least_spacing(steps: &[DMat3]) -> Option<f64> {
+    let columns = steps
+        .iter()
+        .flat_map(|step| [step.x_axis, step.y_axis, step.z_axis]);
+    let least = columns.map(DVec3::length).reduce(f64::min);
+    least.filter(|least| *least > 0.0)
+}
