@@ -187,7 +187,7 @@ impl Renderer {
                 coarser
                     .samples_to_texture(camera, settings, texture)
                     .await?;
-                self.take_from(level);
+                self.take_report_from(level);
             }
         }
         self.count_choice();

@@ -116,8 +116,12 @@ impl Renderer {
         if !self.coarser.is_made {
             self.coarser.is_made = true;
             if let Some(scene) = self.scene.coarser(least, None)? {
-                let next = Self::of_scene(scene)?.on_device_of(self)?;
-                self.coarser.next = Some(Box::new(next));
+                self.coarser.next = match Self::of_scene(scene)?.on_device_of(self) {
+                    Ok(next) => Some(Box::new(next)),
+                    // The device has no room for more than the samples.
+                    Err(error) if error.is_of_device() => None,
+                    Err(error) => return Err(error),
+                };
             }
         }
         match &mut self.coarser.next {

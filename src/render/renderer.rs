@@ -372,14 +372,20 @@ impl Renderer {
         Ok(())
     }
 
-    /// Takes the images and the report of a frame that was drawn at a coarser level.
+    /// Takes the picture of a frame that was drawn at a coarser level, and its report.
     pub(super) fn take_from(&mut self, level: usize) {
         let mut images = std::mem::take(&mut self.images);
+        std::mem::swap(&mut images, &mut self.at_level(level).images);
+        self.images = images;
+        self.take_report_from(level);
+    }
+
+    /// Takes the report of a frame that was drawn at a coarser level.
+    pub(super) fn take_report_from(&mut self, level: usize) {
         let from = self.at_level(level);
-        std::mem::swap(&mut images, &mut from.images);
-        let (mut report, layers, fallback) = (from.report, from.layers, from.fallback.clone());
-        report.counts.lattice_level = level;
-        (self.images, self.report, self.layers, self.fallback) = (images, report, layers, fallback);
+        let (report, layers, fallback) = (from.report, from.layers, from.fallback.clone());
+        (self.report, self.layers, self.fallback) = (report, layers, fallback);
+        self.report.counts.lattice_level = level;
     }
 
     /// Returns true if pictures may have tiles of several samples a pixel

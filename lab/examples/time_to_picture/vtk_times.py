@@ -5,6 +5,11 @@
     pip install vtk numpy
     python3 lab/examples/time_to_picture/vtk_times.py FOLDER [--program PROGRAM] [--pictures FOLDER] [WORD ...]
 
+    python3 lab/examples/time_to_picture/vtk_times.py FOLDER --program PROGRAM --curve
+
+The last one times the lattice at tolerances from 1/1000 to 1/4 and by VTK's ray caster, and prints the differences
+from the samples drawn at 1/10000: linear colours over black, in levels of 255, all channels of all pixels.
+
 FOLDER has the data; a WORD chooses what has it in its name. Prints Markdown. Every row is a process of its own,
 ended after two minutes. Both programs get the same view, 512 x 512, and the same transfer function: the time of
 either depends on both. Look at the pictures: they tell a fast mapper from one that drew nothing.
@@ -302,23 +307,29 @@ def time_vtk(name, folder, pictures):
         print(f"| {name} | ended with status {done.returncode}: {reason} |", flush=True)
 
 
-def time_program(program, data, folder, pictures):
+def command_of(program, data, folder, scratch):
+    """The program's command, without the options for what it writes."""
     file, _, scale, unit, arguments = DATA[data]
     eye, target, height = view(data)
+    command = [program, "render", str(folder / file), "--backend", "cpu", "--size", f"{SIZE}x{SIZE}"]
+    command += ["--eye=" + ",".join(map(str, eye)), "--target=" + ",".join(map(str, target))]
+    if scale:
+        points = [{"value": scale * v, "color": c, "opacity": a} for v, c, a in POINTS]
+        function = {"range": [0, scale], "unit_distance": unit, "points": points}
+        (scratch / "function.json").write_text(json.dumps(function))
+        command += ["--fov", str(FOV_DEG), "--transfer-function", str(scratch / "function.json")]
+    else:
+        command += ["--ortho", str(height)]
+    return command + arguments
+
+
+def time_program(program, data, folder, pictures):
     with tempfile.TemporaryDirectory() as scratch:
         scratch = Path(scratch)
         stats = scratch / "stats.json"
         picture = (pictures or scratch) / f"program_{data}.png"
-        command = [program, "render", str(folder / file), "--backend", "cpu", "--size", f"{SIZE}x{SIZE}"]
-        command += ["--eye=" + ",".join(map(str, eye)), "--target=" + ",".join(map(str, target))]
-        if scale:
-            points = [{"value": scale * v, "color": c, "opacity": a} for v, c, a in POINTS]
-            function = {"range": [0, scale], "unit_distance": unit, "points": points}
-            (scratch / "function.json").write_text(json.dumps(function))
-            command += ["--fov", str(FOV_DEG), "--transfer-function", str(scratch / "function.json")]
-        else:
-            command += ["--ortho", str(height)]
-        command += arguments + ["--stats", str(stats), "--out", str(picture)]
+        command = command_of(program, data, folder, scratch)
+        command += ["--stats", str(stats), "--out", str(picture)]
         rows = []
         for extra in [[], ["--frames", "2"]]:
             start = time.perf_counter()
@@ -336,6 +347,57 @@ def time_program(program, data, folder, pictures):
         show(f"{data}, this program", rows[0] | {"second": rows[1]["first"]})
 
 
+def curve(program, folder):
+    """Prints times and errors of the lattice at several tolerances, and of VTK's ray caster."""
+    import numpy as np
+
+    name = "lattice, vtkFixedPointVolumeRayCastMapper"
+    with tempfile.TemporaryDirectory() as scratch:
+        scratch = Path(scratch)
+        command = command_of(program, "lattice", folder, scratch)
+
+        def picture(file, *extra):
+            stats = scratch / "stats.json"
+            out = ["--background", "0,0,0", "--stats", str(stats), "--out", str(scratch / file)]
+            subprocess.run(command + out + list(extra), check=True, stderr=subprocess.DEVNULL)
+            return np.load(scratch / file)[..., :3], json.loads(stats.read_text())
+
+        truth, _ = picture("truth.npy", "--tolerance", "0.0001", "--level-of-detail", "off")
+
+        def row(what, colours, frame, rest):
+            error = 255 * np.abs(colours - truth)
+            rms, most = np.sqrt(np.mean(error**2)), np.quantile(error, 0.999)
+            print(f"| {what} | {seconds(frame)} | {rest} | {rms:.2f} | {most:.2f} |", flush=True)
+
+        print("| tolerance | frame | choice, once | halvings | footprints | RMS | 99.9 % |\n|---|---|---|---|---|---|---|")
+        for parts in [1000, 255, 128, 64, 32, 16, 8, 4]:
+            tolerance = ["--tolerance", str(1 / parts)]
+            _, first = picture("first.npy", *tolerance)
+            colours, stats = picture("picture.npy", *tolerance, "--frames", "3")
+            choice = seconds(first["times_ms"]["choose"] / 1e3)
+            rest = f"{choice} | {stats['lattice_level']} | {stats['footprints']:,}"
+            row(f"1/{parts}", colours, stats["times_ms"]["frame"] / 1e3, rest)
+        png = scratch / "vtk.png"
+        command = [sys.executable, __file__, "--one", name, str(folder), str(png)]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=True)
+        times = json.loads(done.stdout.splitlines()[-1])
+        row("`vtkFixedPointVolumeRayCastMapper`", read_png(png), times["second"], "| |")
+
+
+def read_png(path):
+    """The colours of a picture, 0 to 1, rows from the top."""
+    import vtk
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    reader = vtk.vtkPNGReader()
+    reader.SetFileName(str(path))
+    reader.Update()
+    image = reader.GetOutput()
+    width, height, _ = image.GetDimensions()
+    values = vtk_to_numpy(image.GetPointData().GetScalars()).reshape(height, width, -1)
+    return values[::-1, :, :3] / 255.0
+
+
 def main():
     arguments = sys.argv[1:]
     if arguments[:1] == ["--one"]:
@@ -350,6 +412,10 @@ def main():
         return arguments.pop(at)
 
     program, pictures = option("--program"), option("--pictures")
+    if "--curve" in arguments:
+        arguments.remove("--curve")
+        curve(program, Path(arguments[0]))
+        return
     if not arguments:
         sys.exit(__doc__)
     folder, *words = arguments
