@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use rayon::prelude::*;
+
 use super::frame::CpuFrames;
 use super::{bin, classify, light, project, rasterise, shade, sort};
 use crate::blocks::{
@@ -440,6 +442,17 @@ impl CpuFrames {
                 &self.project_output,
             );
             first += total;
+        }
+        if let Some(tiles) = &plan.tiles {
+            // Blocks reach farther than most of their kernels.
+            let tiles = DrawnTiles::new(tiles, tile_grid(view)[0]);
+            self.footprints.par_iter_mut().for_each(|footprint| {
+                let pixels = [footprint.column_range(), footprint.row_range()]
+                    .map(|(first, end)| [f64::from(first), f64::from(end)]);
+                if !tiles.meet(pixels) {
+                    (footprint.columns, footprint.rows) = (0, 0);
+                }
+            });
         }
     }
 

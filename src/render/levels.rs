@@ -41,9 +41,6 @@ const DIRECTIONS: [[f64; 3]; 3] = [[0.08, -1.0, 0.05], [1.0, 0.06, -0.1], [-0.06
 /// Number of places for each direction, besides one for each level.
 const PLACES: usize = 2;
 
-/// Multiple of the tolerance beyond which the first direction decides.
-const HOPELESS: f32 = 4.0;
-
 /// Scales at which errors are measured, as binary logarithms of the pixels for a cell. On smaller pictures the low-pass
 /// filter takes away what coarser lattices lack. On larger ones a cell has many pixels, and errors stay the same.
 const ZOOMS: [f64; 2] = [-3.0, 1.0];
@@ -89,10 +86,9 @@ impl Renderer {
         };
         let mut key = settings.clone();
         (key.task, key.background, key.advanced.merge_slack) = (None, None, 1.0);
-        let errors = self.measured(key, zoom, count)?;
-        let within = errors
-            .iter()
-            .rposition(|error| *error <= tolerance * COARSER_SHARE);
+        let bound = tolerance * COARSER_SHARE;
+        let errors = self.measured(key, zoom, bound, count)?;
+        let within = errors.iter().rposition(|error| *error <= bound);
         self.coarser.time = stopwatch.lap();
         Ok(within.map_or(0, |level| level + 1))
     }
@@ -162,22 +158,32 @@ impl Renderer {
         Ok(Some(zoom))
     }
 
-    /// Returns the errors of the coarser levels at a scale.
-    fn measured(&mut self, settings: Settings, zoom: i32, count: usize) -> Result<&[f32]> {
+    /// Returns the errors of the coarser levels at a scale. If all are beyond the bound, they may be greater still.
+    fn measured(
+        &mut self,
+        settings: Settings,
+        zoom: i32,
+        bound: f32,
+        count: usize,
+    ) -> Result<&[f32]> {
         let measured = &mut self.coarser.measured;
         let is_asked = |own: &MeasuredLevels| own.zoom == zoom && own.settings == settings;
-        match measured.iter().position(is_asked) {
+        let found = measured.iter().position(is_asked);
+        match found.filter(|found| measured[*found].suffices(bound)) {
             Some(found) => measured[found..].rotate_left(1),
             None => {
-                let errors = self.measure(&settings, zoom, count)?;
+                let (errors, is_complete) = self.measure(&settings, zoom, bound, count)?;
                 let measured = &mut self.coarser.measured;
-                if measured.len() == KEPT {
+                if let Some(found) = found {
+                    measured.remove(found);
+                } else if measured.len() == KEPT {
                     measured.remove(0);
                 }
                 measured.push(MeasuredLevels {
                     settings,
                     zoom,
                     errors,
+                    is_complete,
                 });
             }
         }
@@ -185,14 +191,21 @@ impl Renderer {
         Ok(last.map_or(&[], |own| &own.errors))
     }
 
-    /// Measures the errors of the coarser levels at a scale.
-    fn measure(&mut self, settings: &Settings, zoom: i32, count: usize) -> Result<Vec<f32>> {
+    /// Measures the errors of the coarser levels at a scale, until the finest of them errs by more than the bound. Also
+    /// returns whether all directions were looked at.
+    fn measure(
+        &mut self,
+        settings: &Settings,
+        zoom: i32,
+        bound: f32,
+        count: usize,
+    ) -> Result<(Vec<f32>, bool)> {
         let boxes = self.scene_at(count).visible_boxes();
         let steps = steps(&self.scene);
         let (Some((middle, radius)), Some(spacing), Some(step)) =
             (sphere_around(&boxes), least_spacing(&steps), steps.first())
         else {
-            return Ok(vec![f32::INFINITY; count]);
+            return Ok((vec![f32::INFINITY; count], true));
         };
         let per_length = f64::from(zoom).exp2() / spacing;
         #[expect(
@@ -229,11 +242,11 @@ impl Renderer {
                     .draw_places(&probes, &camera, settings)?;
                 *error = error.max(probes.error(&own, &coarser, MOST_BEYOND));
             }
-            if errors[0] > HOPELESS * settings.tolerance {
-                break;
+            if errors[0] > bound {
+                return Ok((errors, false));
             }
         }
-        Ok(errors)
+        Ok((errors, true))
     }
 
     /// Estimates the errors of the blocks of each volume at a level.

@@ -95,6 +95,15 @@ pub(super) struct MeasuredLevels {
     pub(super) zoom: i32,
     /// Error that the allowed share of pixels exceed, for each coarser level; full scale is 1.
     pub(super) errors: Vec<f32>,
+    /// Whether all directions were looked at. Otherwise the first ones have shown errors beyond the bound.
+    pub(super) is_complete: bool,
+}
+
+impl MeasuredLevels {
+    /// Whether the errors decide which levels are within a bound.
+    pub(super) fn suffices(&self, bound: f32) -> bool {
+        self.is_complete || self.errors.iter().all(|error| *error > bound)
+    }
 }
 
 impl Renderer {

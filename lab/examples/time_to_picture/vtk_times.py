@@ -8,7 +8,8 @@
     python3 lab/examples/time_to_picture/vtk_times.py FOLDER --program PROGRAM --curve
 
 The last one times the lattice at tolerances from 1/1000 to 1/4 and by VTK's ray caster, and prints the differences
-from the samples drawn at 1/10000: linear colours over black, in levels of 255, all channels of all pixels.
+from the samples drawn at 1/10000: in levels of 255, over all pixels, white over black, because VTK composites colours
+in another space.
 
 FOLDER has the data; a WORD chooses what has it in its name. Prints Markdown. Every row is a process of its own,
 ended after two minutes. Both programs get the same view, 512 x 512, and the same transfer function: the time of
@@ -58,6 +59,10 @@ POINTS = [
     (0.47, [0.2, 0.8, 0.6], 0.15),
     (1, [1, 0.9, 0.3], 0.5),
 ]
+
+
+def make_white():
+    POINTS[:] = [(at, [1, 1, 1], opacity) for at, _, opacity in POINTS]
 
 
 def view(data):
@@ -352,6 +357,7 @@ def curve(program, folder):
     import numpy as np
 
     name = "lattice, vtkFixedPointVolumeRayCastMapper"
+    make_white()
     with tempfile.TemporaryDirectory() as scratch:
         scratch = Path(scratch)
         command = command_of(program, "lattice", folder, scratch)
@@ -378,7 +384,7 @@ def curve(program, folder):
             rest = f"{choice} | {stats['lattice_level']} | {stats['footprints']:,}"
             row(f"1/{parts}", colours, stats["times_ms"]["frame"] / 1e3, rest)
         png = scratch / "vtk.png"
-        command = [sys.executable, __file__, "--one", name, str(folder), str(png)]
+        command = [sys.executable, __file__, "--white", "--one", name, str(folder), str(png)]
         done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=True)
         times = json.loads(done.stdout.splitlines()[-1])
         row("`vtkFixedPointVolumeRayCastMapper`", read_png(png), times["second"], "| |")
@@ -400,6 +406,9 @@ def read_png(path):
 
 def main():
     arguments = sys.argv[1:]
+    if arguments[:1] == ["--white"]:
+        make_white()
+        arguments.pop(0)
     if arguments[:1] == ["--one"]:
         one(arguments[1], Path(arguments[2]), arguments[3])
         return
