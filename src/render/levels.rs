@@ -4,7 +4,9 @@
 //! The error of a level is measured. The errors of its blocks are estimated from the values, and added up along rays in
 //! three directions. Where they are the greatest, both pictures are drawn and compared, with as many pixels for a cell as
 //! the frame has at most. This is done once for a function, settings and a scale, and does not depend on frames before.
-//! The CPU does it, so that all back ends choose the same level.
+//! The CPU does it, so that all back ends choose the same level. Frames in motion
+//! ([`Advanced::merge_slack`](crate::render::Advanced::merge_slack)) measure nothing and go by the last measurement, of
+//! whatever function.
 
 use glam::{DMat3, DVec3};
 
@@ -75,6 +77,14 @@ impl Renderer {
         }
         check(camera, settings)?;
         check_scene(&self.scene, settings)?;
+        let bound = tolerance * COARSER_SHARE;
+        let within = |errors: &[f32]| {
+            let level = errors.iter().rposition(|error| *error <= bound);
+            level.map_or(0, |level| level + 1)
+        };
+        if settings.advanced.merge_slack > 1.0 {
+            return Ok(within(&self.coarser.last));
+        }
         let mut stopwatch = Stopwatch::start();
         let count = self.make_levels(LEAST_SAMPLES)?;
         if count == 0 {
@@ -85,12 +95,10 @@ impl Renderer {
             return Ok(0);
         };
         let mut key = settings.clone();
-        (key.task, key.background, key.advanced.merge_slack) = (None, None, 1.0);
-        let bound = tolerance * COARSER_SHARE;
-        let errors = self.measured(key, zoom, bound, count)?;
-        let within = errors.iter().rposition(|error| *error <= bound);
+        (key.task, key.background) = (None, None);
+        self.coarser.last = self.measured(key, zoom, bound, count)?.to_vec();
         self.coarser.time = stopwatch.lap();
-        Ok(within.map_or(0, |level| level + 1))
+        Ok(within(&self.coarser.last))
     }
 
     /// Returns the renderer of a level; the coarsest if there are not as many.

@@ -82,6 +82,8 @@ pub(super) struct Coarser {
     pub(super) is_made: bool,
     /// Errors that were measured, the last ones last.
     pub(super) measured: Vec<MeasuredLevels>,
+    /// The errors that were asked for last; empty before.
+    pub(super) last: Vec<f32>,
     /// Milliseconds of measurements that no frame has reported.
     pub(super) time: f64,
 }

@@ -206,7 +206,7 @@ fn frames_that_need_samples_have_them() {
         renderer.render(&camera, &settings).unwrap();
         assert_eq!(renderer.lattice_level(), 0, "{settings:?}");
     }
-    // Slack counts as tolerance.
+    // Slack counts as tolerance. With it nothing is measured.
     let slack = Settings {
         advanced: Advanced {
             merge_slack: 64.0,
@@ -216,6 +216,10 @@ fn frames_that_need_samples_have_them() {
     };
     renderer.render(&camera, &slack).unwrap();
     assert!(renderer.lattice_level() > 0);
+    assert_eq!(renderer.times().choose, 0.0);
+    let mut other = Renderer::new(vec![smooth()]).unwrap();
+    other.render(&camera, &slack).unwrap();
+    assert_eq!(other.lattice_level(), 0);
     // Clip planes and light that have nothing to light do not hinder.
     let clipped = Settings {
         clip: vec![ClipPlane {
