@@ -225,7 +225,9 @@ impl Renderer {
         let block_errors: Vec<Vec<Vec<BlockError>>> =
             (1..=count).map(|level| self.block_errors(level)).collect();
         let mut errors = vec![0.0_f32; count];
-        for direction in DIRECTIONS {
+        let all = DIRECTIONS.map(|direction| (direction, count + PLACES));
+        // A few places refuse at little cost what errs everywhere.
+        for (direction, places) in std::iter::once((DIRECTIONS[0], PLACES)).chain(all) {
             let direction = (*step * DVec3::from(direction)).normalize();
             let eye = middle + 2.0 * radius * direction;
             let height = pixels as f64 / per_length;
@@ -242,7 +244,7 @@ impl Renderer {
                 .map(|level| (level, false))
                 .chain([(count, true)]);
             let maps: Vec<ErrorMap> = maps.map(map).collect();
-            let probes = Probes::new(&maps, &plan, count + PLACES);
+            let probes = Probes::new(&maps, &plan, places);
             let own = self.draw_places(&probes, &camera, settings)?;
             for (n, error) in errors.iter_mut().enumerate() {
                 let coarser = self
