@@ -13,6 +13,7 @@
 
 use std::ops::Range;
 
+use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
 use super::brick::Faces;
@@ -20,8 +21,8 @@ use super::volume::{BlockedParticles, BlockedVolume};
 use crate::error::Result;
 use crate::memory::no_room;
 use crate::scene::{
-    Boundary, ColourIn, Lattice, LatticeSpacing, Particles, PointVolume, Shared, Strength,
-    StrengthIn, Values, ValuesIn,
+    Boundary, ColourIn, Lattice, LatticeSpacing, Particles, PointVolume, Shared, Strength, Values,
+    ValuesIn,
 };
 use crate::task::{Stage, Task};
 
@@ -41,15 +42,15 @@ impl BlockedVolume {
         let BlockedParticles::Lattice(grid) = &self.particles else {
             return Ok(None);
         };
-        let colour = match &self.colour {
-            ColourIn::Classified => ColourIn::Classified,
-            ColourIn::Uniform(colour) => ColourIn::Uniform(*colour),
-            ColourIn::PerParticle(_) | ColourIn::Harmonics { .. } => return Ok(None),
-        };
-        let is_of_values =
-            matches!(&self.strength, StrengthIn::Classified { volumes } if volumes.is_empty());
-        let (Some(values), true) = (&self.values, is_of_values && self.normals.is_none()) else {
+        let Some(values) = &self.values else {
             return Ok(None);
+        };
+        if !self.has_values_alone() || self.normals.is_some() {
+            return Ok(None);
+        }
+        let colour = match self.colour {
+            ColourIn::Uniform(colour) => ColourIn::Uniform(colour),
+            _ => ColourIn::Classified,
         };
         let ghosts = grid.faces().map(Faces::ghosts);
         let wide = grid.lattice();
@@ -347,8 +348,8 @@ fn coarser_lattice(fine: &Lattice, axes: &[Axis; 3]) -> Lattice {
             let first = axes.each_ref().map(|axis| axis.first);
             let steps = axes.each_ref().map(|axis| axis.step);
             LatticeSpacing::Uniform {
-                origin: *origin + *step * glam::DVec3::from(first),
-                step: *step * glam::DMat3::from_diagonal(steps.into()),
+                origin: *origin + *step * DVec3::from(first),
+                step: *step * DMat3::from_diagonal(steps.into()),
             }
         }
         LatticeSpacing::Rectilinear { coordinates } => {
@@ -436,8 +437,6 @@ fn add_scaled(values: &[f32], weight: f32, sums: &mut [f32]) {
 
 #[cfg(test)]
 mod tests {
-    use glam::{DMat3, DVec3};
-
     use super::*;
     use crate::scene::TransferFunction;
 

@@ -20,7 +20,7 @@ use crate::task::Task;
 use crate::view::Bounds;
 
 /// The volumes of a scene in blocks.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct BlockedScene {
     /// Volumes and their levels of detail.
     volumes: Vec<BlockedVolume>,
@@ -96,9 +96,8 @@ impl BlockedScene {
             volumes,
             families,
             requirements,
-            carried: None,
-            densities: OnceLock::new(),
             exchangeable,
+            ..Self::default()
         })
     }
 
@@ -135,24 +134,14 @@ impl BlockedScene {
             known: vec![Known::default()],
             volumes,
             requirements: requirements.into_iter().collect(),
-            carried: None,
-            densities: OnceLock::new(),
-            exchangeable: Vec::new(),
+            ..Self::default()
         })
     }
 
     /// Joins the volumes of which this rank holds a share. Also returns, for each of [`Self::volumes`], the blocks
     /// whose particles are here.
     pub(crate) fn of_shares(shares: Vec<SharedVolume>) -> (Self, Vec<Vec<Range<u32>>>) {
-        let mut scene = Self {
-            volumes: Vec::new(),
-            families: Vec::new(),
-            requirements: Vec::new(),
-            carried: None,
-            densities: OnceLock::new(),
-            exchangeable: Vec::new(),
-            known: Vec::new(),
-        };
+        let mut scene = Self::default();
         let (mut own, mut densities) = (Vec::new(), Vec::new());
         for share in shares {
             let first = scene.volumes.len();
@@ -194,15 +183,7 @@ impl BlockedScene {
         mut families: Vec<Vec<BlockedVolume>>,
         kept: Vec<KeptOfVolume>,
     ) -> Result<Self> {
-        let mut scene = Self {
-            volumes: Vec::new(),
-            families: Vec::new(),
-            requirements: Vec::new(),
-            carried: None,
-            densities: OnceLock::new(),
-            exchangeable: Vec::new(),
-            known: Vec::new(),
-        };
+        let mut scene = Self::default();
         let mut densities = Vec::new();
         for (family, kept) in families.iter_mut().zip(kept) {
             if let Some(transfer) = &kept.transfer_function {
@@ -288,9 +269,7 @@ impl BlockedScene {
             volumes,
             families,
             requirements: self.requirements.clone(),
-            carried: None,
-            densities: OnceLock::new(),
-            exchangeable: Vec::new(),
+            ..Self::default()
         }))
     }
 

@@ -354,6 +354,14 @@ impl BlockedVolume {
         order.map_or(index, |order| order[index] as usize)
     }
 
+    /// Whether a transfer function gives all that the particles of a lattice show, but for a colour of all: nothing else
+    /// is stored for each.
+    pub(super) fn has_values_alone(&self) -> bool {
+        matches!(&self.strength, StrengthIn::Classified { volumes } if volumes.is_empty())
+            && matches!(self.colour, ColourIn::Classified | ColourIn::Uniform(_))
+            && self.values.is_some()
+    }
+
     /// Whether the domain of the data cuts kernels.
     pub fn has_boundary(&self) -> bool {
         match &self.particles {

@@ -86,6 +86,17 @@ impl ErrorMap {
     }
 }
 
+/// Chooses the worst place of each map in turn, until there are enough or no others.
+///
+/// - `maps`: maps of the same picture.
+pub(crate) fn worst_places(maps: &[ErrorMap], count: usize) -> Vec<usize> {
+    let mut places = Vec::with_capacity(count);
+    for map in maps.iter().cycle().take(count) {
+        places.extend(map.worst(&places));
+    }
+    places
+}
+
 /// Places of a picture that are compared.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Probes {
@@ -97,14 +108,8 @@ pub(crate) struct Probes {
 }
 
 impl Probes {
-    /// Chooses the worst place of each map in turn, until there are enough or no others.
-    ///
-    /// - `maps`: maps of the same picture.
-    pub(crate) fn new(maps: &[ErrorMap], plan: &FramePlan, count: usize) -> Self {
-        let mut places = Vec::with_capacity(count);
-        for map in maps.iter().cycle().take(count) {
-            places.extend(map.worst(&places));
-        }
+    /// Compares some places of a picture.
+    pub(crate) fn new(places: &[usize], plan: &FramePlan) -> Self {
         let tiles = [plan.camera.width, plan.camera.height].map(|n| n.div_ceil(TILE_SIZE));
         let columns = tiles[0].div_ceil(PLACE);
         let is_chosen = |tile: usize| {
@@ -114,7 +119,7 @@ impl Probes {
         let mask = (0..tiles[0] * tiles[1]).map(is_chosen).collect();
         Self {
             columns,
-            places,
+            places: places.to_vec(),
             mask,
         }
     }

@@ -54,15 +54,10 @@ impl Renderer {
     /// # Errors
     /// The errors of [`Renderer::render`].
     pub async fn render_async(&mut self, camera: &Camera, settings: &Settings) -> Result<&Image> {
-        match self.chosen(camera, settings)? {
-            0 => self.render_samples_async(camera, settings).await?,
-            level => {
-                let coarser = self.at_level(level);
-                coarser.render_samples_async(camera, settings).await?;
-                self.take_from(level);
-            }
-        }
-        self.count_choice();
+        let level = self.chosen(camera, settings)?;
+        let drawn = self.at_level(level).render_samples_async(camera, settings);
+        drawn.await?;
+        self.take_from(level);
         Ok(&self.images.image)
     }
 
@@ -180,17 +175,10 @@ impl Renderer {
         if self.device.is_none() {
             return Err(no_device());
         }
-        match self.chosen(camera, settings)? {
-            0 => self.samples_to_texture(camera, settings, texture).await?,
-            level => {
-                let coarser = self.at_level(level);
-                coarser
-                    .samples_to_texture(camera, settings, texture)
-                    .await?;
-                self.take_report_from(level);
-            }
-        }
-        self.count_choice();
+        let level = self.chosen(camera, settings)?;
+        let at = self.at_level(level);
+        at.samples_to_texture(camera, settings, texture).await?;
+        self.take_report_from(level);
         Ok(())
     }
 

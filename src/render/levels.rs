@@ -16,7 +16,7 @@ use crate::error::Result;
 use crate::frame::backend::DrawFrames;
 use crate::frame::check::{check, check_scene};
 use crate::frame::plan::FramePlan;
-use crate::frame::probe::{ErrorMap, Probes};
+use crate::frame::probe::{ErrorMap, Probes, worst_places};
 use crate::frame::settings::{Settings, Show};
 use crate::image::Image;
 use crate::splat::budget::COARSER_SHARE;
@@ -86,11 +86,12 @@ impl Renderer {
             return Ok(within(&self.coarser.last));
         }
         let mut stopwatch = Stopwatch::start();
-        let count = self.make_levels(LEAST_SAMPLES)?;
+        // Coarser scenes are made with the transfer function itself, not with the carrier of values.
+        self.carry(settings)?;
+        let count = self.make_levels()?;
         if count == 0 {
             return Ok(0);
         }
-        self.carry(settings)?;
         let Some(zoom) = self.zoom(count, camera, settings)? else {
             return Ok(0);
         };
@@ -101,37 +102,33 @@ impl Renderer {
         Ok(within(&self.coarser.last))
     }
 
-    /// Returns the renderer of a level; the coarsest if there are not as many.
+    /// Returns the renderer of a level that was chosen.
     pub(super) fn at_level(&mut self, level: usize) -> &mut Self {
-        match self.coarser.next {
-            Some(_) if level > 0 => {}
-            _ => return self,
-        }
-        match &mut self.coarser.next {
-            Some(next) => next.at_level(level - 1),
-            None => unreachable!("it was there"),
+        match level {
+            0 => self,
+            _ => &mut self.coarser.levels[level - 1],
         }
     }
 
     /// Makes the coarser scenes if they were not made before, and returns their number.
-    ///
-    /// - `least`: least number of samples of a lattice that has coarser ones.
-    fn make_levels(&mut self, least: usize) -> Result<usize> {
-        if !self.coarser.is_made {
-            self.coarser.is_made = true;
-            if let Some(scene) = self.scene.coarser(least, None)? {
-                self.coarser.next = match Self::of_scene(scene)?.on_device_of(self) {
-                    Ok(next) => Some(Box::new(next)),
-                    // The device has no room for more than the samples.
-                    Err(error) if error.is_of_device() => None,
+    fn make_levels(&mut self) -> Result<usize> {
+        if !self.coarser.are_made {
+            self.coarser.are_made = true;
+            let mut least = LEAST_SAMPLES;
+            while let Some(scene) = self
+                .scene_at(self.coarser.levels.len())
+                .coarser(least, None)?
+            {
+                match Self::of_scene(scene)?.on_device_of(self) {
+                    Ok(level) => self.coarser.levels.push(level),
+                    // The device has no room for more.
+                    Err(error) if error.is_of_device() => break,
                     Err(error) => return Err(error),
-                };
+                }
+                least = LEAST_OF_COARSER;
             }
         }
-        match &mut self.coarser.next {
-            Some(next) => Ok(1 + next.make_levels(LEAST_OF_COARSER)?),
-            None => Ok(0),
-        }
+        Ok(self.coarser.levels.len())
     }
 
     /// Returns the scale of a picture, rounded up; `None` if it shows no lattice.
@@ -224,13 +221,11 @@ impl Renderer {
         let pixels = (2.0 * radius * per_length).ceil().clamp(1.0, MOST_PIXELS) as usize;
         let block_errors: Vec<Vec<Vec<BlockError>>> =
             (1..=count).map(|level| self.block_errors(level)).collect();
+        let height = pixels as f64 / per_length;
         let mut errors = vec![0.0_f32; count];
-        let all = DIRECTIONS.map(|direction| (direction, count + PLACES));
-        // A few places refuse at little cost what errs everywhere.
-        for (direction, places) in std::iter::once((DIRECTIONS[0], PLACES)).chain(all) {
+        for (n, direction) in DIRECTIONS.into_iter().enumerate() {
             let direction = (*step * DVec3::from(direction)).normalize();
             let eye = middle + 2.0 * radius * direction;
-            let height = pixels as f64 / per_length;
             let up = direction.any_orthonormal_vector();
             let camera = Camera::orthographic(eye, middle, up, height, [pixels; 2]);
             let plan = FramePlan::new(&self.scene, &camera, settings)?;
@@ -244,16 +239,23 @@ impl Renderer {
                 .map(|level| (level, false))
                 .chain([(count, true)]);
             let maps: Vec<ErrorMap> = maps.map(map).collect();
-            let probes = Probes::new(&maps, &plan, places);
-            let own = self.draw_places(&probes, &camera, settings)?;
-            for (n, error) in errors.iter_mut().enumerate() {
-                let coarser = self
-                    .at_level(n + 1)
-                    .draw_places(&probes, &camera, settings)?;
-                *error = error.max(probes.error(&own, &coarser, MOST_BEYOND));
-            }
-            if errors[0] > bound {
-                return Ok((errors, false));
+            let places = worst_places(&maps, count + PLACES);
+            // A few places refuse at little cost what errs everywhere.
+            let first = if n == 0 { PLACES.min(places.len()) } else { 0 };
+            for places in [&places[..first], &places[first..]] {
+                if places.is_empty() {
+                    continue;
+                }
+                let probes = Probes::new(places, &plan);
+                let own = self.draw_places(&probes, &camera, settings)?;
+                for (level, error) in (1..).zip(&mut errors) {
+                    let at = self.at_level(level);
+                    let coarser = at.draw_places(&probes, &camera, settings)?;
+                    *error = error.max(probes.error(&own, &coarser, MOST_BEYOND));
+                }
+                if errors[0] > bound {
+                    return Ok((errors, false));
+                }
             }
         }
         Ok((errors, true))
@@ -267,13 +269,12 @@ impl Renderer {
             .collect()
     }
 
-    /// Returns the scene of a level; the coarsest if there are not as many.
+    /// Returns the scene of a level.
     fn scene_at(&self, level: usize) -> &BlockedScene {
-        let mut at = self;
-        for _ in 0..level {
-            at = at.coarser.next.as_deref().unwrap_or(at);
+        match level {
+            0 => &self.scene,
+            _ => &self.coarser.levels[level - 1].scene,
         }
-        &at.scene
     }
 
     /// Draws some places of a picture.

@@ -76,10 +76,9 @@ pub struct Renderer {
 /// The scene on coarser lattices, and the choice among them.
 #[derive(Debug, Default)]
 pub(super) struct Coarser {
-    /// The scene at half as many samples along each axis, with its own coarser scenes. `None` before a frame has asked
-    /// for it, and if there is none.
-    pub(super) next: Option<Box<Renderer>>,
-    pub(super) is_made: bool,
+    /// The scene at half as many samples along each axis, at a quarter, and so on; empty before a frame has asked.
+    pub(super) levels: Vec<Renderer>,
+    pub(super) are_made: bool,
     /// Errors that were measured, the last ones last.
     pub(super) measured: Vec<MeasuredLevels>,
     /// The errors that were asked for last; empty before.
@@ -215,11 +214,7 @@ impl Renderer {
     /// Too little memory on a device that was explicitly asked for.
     #[cfg_attr(
         not(feature = "gpu"),
-        expect(
-            unused_variables,
-            clippy::unused_self,
-            reason = "only a device is shared"
-        )
+        expect(unused_variables, reason = "only a device is shared")
     )]
     pub(super) fn on_device_of(self, other: &Self) -> Result<Self> {
         #[cfg(feature = "gpu")]
@@ -251,8 +246,8 @@ impl Renderer {
         transfer: TransferFunction,
     ) -> Result<()> {
         self.coarser.measured.clear();
-        if let Some(next) = &mut self.coarser.next {
-            next.set_transfer_function(volume, transfer.clone())?;
+        for level in &mut self.coarser.levels {
+            level.set_transfer_function(volume, transfer.clone())?;
         }
         self.scene.set_transfer_function(volume, transfer)?;
         self.edited(Edit::TransferFunction(volume))
@@ -350,22 +345,10 @@ impl Renderer {
     /// conflict with each other or with the scene; a device that is lost or has too little memory; a
     /// cancelled frame, which leaves the images partly drawn.
     pub fn render(&mut self, camera: &Camera, settings: &Settings) -> Result<&Image> {
-        match self.chosen(camera, settings)? {
-            0 => self.render_samples(camera, settings)?,
-            level => {
-                self.at_level(level).render_samples(camera, settings)?;
-                self.take_from(level);
-            }
-        }
-        self.count_choice();
+        let level = self.chosen(camera, settings)?;
+        self.at_level(level).render_samples(camera, settings)?;
+        self.take_from(level);
         Ok(&self.images.image)
-    }
-
-    /// Adds the time of choosing a level to a frame's times.
-    pub(super) fn count_choice(&mut self) {
-        let time = std::mem::take(&mut self.coarser.time);
-        self.report.times.choose = time;
-        self.report.times.frame += time;
     }
 
     /// Draws a frame of this renderer's own samples.
@@ -383,20 +366,27 @@ impl Renderer {
         Ok(())
     }
 
-    /// Takes the picture of a frame that was drawn at a coarser level, and its report.
+    /// Takes the picture of a frame that was drawn at a level, and its report.
     pub(super) fn take_from(&mut self, level: usize) {
-        let mut images = std::mem::take(&mut self.images);
-        std::mem::swap(&mut images, &mut self.at_level(level).images);
-        self.images = images;
+        if level > 0 {
+            let mut images = std::mem::take(&mut self.images);
+            std::mem::swap(&mut images, &mut self.at_level(level).images);
+            self.images = images;
+        }
         self.take_report_from(level);
     }
 
-    /// Takes the report of a frame that was drawn at a coarser level.
+    /// Takes the report of a frame that was drawn at a level, and adds the time of choosing that level.
     pub(super) fn take_report_from(&mut self, level: usize) {
-        let from = self.at_level(level);
-        let (report, layers, fallback) = (from.report, from.layers, from.fallback.clone());
-        (self.report, self.layers, self.fallback) = (report, layers, fallback);
+        if level > 0 {
+            let from = self.at_level(level);
+            let (report, layers, fallback) = (from.report, from.layers, from.fallback.clone());
+            (self.report, self.layers, self.fallback) = (report, layers, fallback);
+        }
         self.report.counts.lattice_level = level;
+        let time = std::mem::take(&mut self.coarser.time);
+        self.report.times.choose = time;
+        self.report.times.frame += time;
     }
 
     /// Returns true if pictures may have tiles of several samples a pixel

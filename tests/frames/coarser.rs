@@ -8,8 +8,9 @@
 )]
 
 use crate::common::some;
+use crate::promise::differences;
 use ewa_splat::image::Image;
-use ewa_splat::render::{Advanced, Backend};
+use ewa_splat::render::{Advanced, Backend, Classification};
 use ewa_splat::scene::{Boundary, Lattice, PointVolume, TransferFunction, Values};
 use ewa_splat::view::{Camera, ClipPlane};
 use ewa_splat::{Composite, Renderer, SceneOptions, Settings};
@@ -79,10 +80,7 @@ fn of_samples(tolerance: f32) -> Settings {
 
 /// Returns the difference that 99.9 % of all channels stay below.
 fn difference(a: &Image, b: &Image) -> f32 {
-    let channels = a.pixels.iter().flatten().zip(b.pixels.iter().flatten());
-    let mut all: Vec<f32> = channels.map(|(a, b)| (a - b).abs()).collect();
-    all.sort_unstable_by(f32::total_cmp);
-    all[all.len() * 999 / 1000]
+    differences(a, b)[0]
 }
 
 #[test]
@@ -197,10 +195,11 @@ fn frames_that_need_samples_have_them() {
         depth: true,
         ..base.clone()
     };
-    let slabs = Settings {
+    let slabs_of = |base: &Settings| Settings {
         composite: Composite::SLABS,
         ..base.clone()
     };
+    let slabs = slabs_of(&base);
     let fine = at(5e-4);
     for settings in [depth, slabs, fine, of_samples(1.0 / 16.0)] {
         renderer.render(&camera, &settings).unwrap();
@@ -235,6 +234,17 @@ fn frames_that_need_samples_have_them() {
         ..clipped
     };
     assert!(difference(&image, renderer.render(&camera, &all).unwrap()) < base.tolerance);
+    // Levels that are made after a frame in which particles carried their values.
+    let mut renderer = Renderer::new(vec![smooth()]).unwrap();
+    let by_slabs = Settings {
+        classify: Classification::Slab,
+        ..slabs_of(&base)
+    };
+    renderer.render(&camera, &by_slabs).unwrap();
+    let image = renderer.render(&camera, &base).unwrap().clone();
+    assert!(renderer.lattice_level() > 0);
+    let all = renderer.render(&camera, &of_samples(base.tolerance));
+    assert!(difference(&image, all.unwrap()) < base.tolerance);
     // Scenes without levels of detail.
     let options = SceneOptions {
         level_of_detail: false,

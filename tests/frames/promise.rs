@@ -122,7 +122,7 @@ fn views(camera: Camera, middle: DVec3) -> [View; 3] {
 
 /// Returns the difference that 99.9 % of all channels of all pixels stay below, and the largest;
 /// NaN counts as the largest.
-fn differences(a: &Image, b: &Image) -> [f32; 2] {
+pub(crate) fn differences(a: &Image, b: &Image) -> [f32; 2] {
     assert_eq!((a.width, a.height), (b.width, b.height));
     let channels = a.pixels.iter().flatten().zip(b.pixels.iter().flatten());
     let mut all: Vec<f32> = channels.map(|(a, b)| (a - b).abs()).collect();

@@ -11,7 +11,7 @@ use crate::blocks::merged::{MergeBounds, Merged};
 use crate::blocks::volume::{BlockedParticles, BlockedVolume};
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;
-use crate::scene::{ColourIn, Column, Shared, StrengthIn, ValuesIn};
+use crate::scene::{Column, Shared, ValuesIn};
 use crate::task::{Stage, Task};
 
 /// Cells along the edge of a cube of the first level: 64 cells share its storage.
@@ -30,12 +30,10 @@ pub(in crate::blocks) fn merge_lattice(
     base: &mut BlockedVolume,
     task: Option<&Task>,
 ) -> Result<Vec<BlockedVolume>> {
-    let is_mergeable = matches!(&base.strength, StrengthIn::Classified { volumes } if volumes.is_empty())
-        && matches!(base.colour, ColourIn::Classified | ColourIn::Uniform(_));
     let (Some(values), BlockedParticles::Lattice(cells)) = (&base.values, &base.particles) else {
         return Ok(Vec::new());
     };
-    if !is_mergeable || !is_large(cells) || values.non_finite_count() > 0 {
+    if !base.has_values_alone() || !is_large(cells) || values.non_finite_count() > 0 {
         return Ok(Vec::new());
     }
     let extents = cells.axis_extents();
