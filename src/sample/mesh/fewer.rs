@@ -19,7 +19,7 @@ use super::cells::Owned;
 use super::surfels::{SQUARE, Surfel, axes};
 use crate::error::Result;
 use crate::parallel;
-use crate::sample::points::neighbours::{PointIndex, square};
+use crate::sample::points::neighbours::{FINDING, Neighbours, PointIndex, square};
 use crate::sample::positions::index_u32;
 use crate::task::{Stage, Task};
 
@@ -114,10 +114,10 @@ pub(super) fn merged(
     let (sound, mut rest): (Vec<Surfel>, Vec<Surfel>) =
         surfels.iter().partition(|surfel| surfel.is_seen());
     let centres: Vec<DVec3> = sound.iter().map(|s| s.centre).collect();
-    let stage = Stage::new(task, "merging surfels", sound.len().saturating_sub(count));
-    let Some(mut edges) = neighbours(&centres) else {
+    let Some(mut edges) = neighbours(&centres, task)? else {
         return Ok(surfels.to_vec());
     };
+    let stage = Stage::new(task, "merging surfels", sound.len().saturating_sub(count));
     let mut merging = Merging::new(&sound, width);
     let mut alive = sound.len();
     let mut is_part = vec![false; sound.len()];
@@ -140,25 +140,27 @@ pub(super) fn merged(
 }
 
 /// Returns pairs of neighbouring points, each once; `None` if all lie in one place.
-fn neighbours(centres: &[DVec3]) -> Option<Vec<Edge>> {
-    let index = PointIndex::new(centres)?;
+fn neighbours(centres: &[DVec3], task: Option<&Task>) -> Result<Option<Vec<Edge>>> {
+    let Some(index) = PointIndex::new(centres) else {
+        return Ok(None);
+    };
     let edge = |i: u32, k: u32| Edge {
         pair: [i.min(k), i.max(k)],
         cost: f64::NAN,
     };
     let first = |g: usize| index.group(g).iter().take(COINCIDING);
-    let of_group = |g: usize| {
+    let of_group = |neighbours: &mut Neighbours<'_>, g: usize| {
         let mut found = Vec::new();
-        for (other, _) in index.nearest(g, NEIGHBOURS) {
+        for (other, _) in neighbours.of(g, NEIGHBOURS) {
             for &i in first(g) {
                 found.extend(first(other).filter(|&&k| k != i).map(|&k| edge(i, k)));
             }
         }
         found
     };
-    let mut edges = parallel::map(index.group_count(), of_group).concat();
+    let mut edges = index.of_groups(task, FINDING, of_group)?.concat();
     unite(&mut edges);
-    Some(edges)
+    Ok(Some(edges))
 }
 
 /// Leaves one edge of each pair.

@@ -49,7 +49,7 @@ fn crowded(positions: &[DVec3], sigmas: &[[f64; 3]]) -> Option<String> {
         let (i, group) = index.in_order(k * index.len() / count);
         let [a, b, c] = sigmas[i as usize];
         let radius = (a * b * c).cbrt();
-        let farthest = index.nearest(group, CROWD).last();
+        let farthest = index.search().of(group, CROWD).last();
         farthest.is_some_and(|(_, squared)| squared < radius * radius)
     };
     // With fewer groups no particle has that many neighbours.

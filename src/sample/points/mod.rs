@@ -13,6 +13,7 @@ mod columns;
 mod mass;
 mod neighbourhoods;
 mod shape;
+mod tree;
 
 use crate::math::narrowed;
 use std::borrow::Cow;

@@ -1,18 +1,16 @@
 //! Finds neighbours of scattered points, and computes spacings, shapes and normals from them.
 
-use std::num::NonZero;
-
-use glam::{DMat3, DVec3};
-use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use glam::DVec3;
 use rayon::prelude::*;
+
+use super::tree::{Near, Search, Tree};
 
 use crate::error::Result;
 use crate::math::{NO_NORMAL, normal_code};
 use crate::parallel;
 use crate::sample::field::fit::Fit;
-use crate::sample::positions::index_u32;
-use crate::sample::positions::{compare, is_same, sort_by_position};
-use crate::task::{Task, collect};
+use crate::sample::positions::{compare, index_u32, is_same};
+use crate::task::{Task, fill};
 
 /// Number of neighbours from which shapes are computed: enough to average, few enough to stay local.
 pub(in crate::sample) const NEIGHBOUR_COUNT: usize = 14;
@@ -32,7 +30,7 @@ pub(in crate::sample) const SPACING_NEIGHBOURS: [usize; 2] = [7, 18];
 pub(in crate::sample) const MOST_NEIGHBOURS: usize = 8192;
 
 /// Name of the neighbour search in progress reports.
-const FINDING: &str = "finding neighbours";
+pub(in crate::sample) const FINDING: &str = "finding neighbours";
 
 /// Exchange with other ranks, which have neighbours of some local points.
 pub(crate) trait Remote {
@@ -43,66 +41,52 @@ pub(crate) trait Remote {
     fn complete(&mut self, own: Vec<[f64; 6]>) -> Result<Vec<[f64; 6]>>;
 }
 
-/// A k-d tree of the finite points of a set.
-///
-/// Each distinct position enters the tree once, so that no node has more equal points than it can split.
+/// A tree of the finite points of a set. Each distinct position is in it once, with a group of points.
 pub(in crate::sample) struct PointIndex<'a> {
     positions: &'a [DVec3],
-    /// Indices of the finite points; points of one position (a group) are adjacent.
+    /// Indices of the finite points; those of a group are adjacent.
     order: Vec<u32>,
-    /// Index in `order` at which the points of each distinct position begin; one more entry at the end.
+    /// Index in `order` at which each group begins; one more entry at the end.
     starts: Vec<u32>,
-    /// Origin of the positions in the tree, so that squared distances stay exact far from the world's origin.
-    /// It is the median along each axis: a distant outlier affects only its own precision.
-    origin: DVec3,
-    /// Rotation of the points in the tree. The tree splits along its axes, and is slow if many points share a
-    /// coordinate. A rotation keeps distances.
-    turn: DMat3,
-    tree: ImmutableKdTree<f64, 3>,
+    tree: Tree,
 }
 
 impl<'a> PointIndex<'a> {
     /// Returns `None` for fewer than two distinct positions.
     pub(in crate::sample) fn new(positions: &'a [DVec3]) -> Option<Self> {
-        let mut order: Vec<u32> = (0..positions.len())
-            .filter(|&i| positions[i].is_finite())
-            .map(index_u32)
-            .collect();
-        sort_by_position(positions, &mut order);
-        let (origin, is_crowded) = median(positions, &order)?;
-        let turn = if is_crowded {
-            // Arbitrary Euler angles.
-            DMat3::from_euler(glam::EulerRot::XYZ, 0.7, 1.1, 0.4)
-        } else {
-            DMat3::IDENTITY
-        };
-        // Along a space-filling curve, so that nearby points are close in memory, too.
-        let at = |i: u32| positions[i as usize];
-        let chunks = order.chunk_by(|&i, &j| is_same(at(i), at(j)));
-        let mut groups: Vec<&[u32]> = chunks.collect();
-        let [low, high] = bounds(positions, &order);
-        let scale = (high - low).max(DVec3::splat(f64::MIN_POSITIVE)).recip();
-        groups.par_sort_by_cached_key(|g| morton((positions[g[0] as usize] - low) * scale));
-        let mut starts = Vec::with_capacity(groups.len() + 1);
-        let mut points = Vec::with_capacity(groups.len());
-        let mut start = 0;
-        for group in &groups {
-            starts.push(start);
-            start += index_u32(group.len());
-            points.push((turn * (positions[group[0] as usize] - origin)).to_array());
+        let finite = (0..).zip(positions).filter(|(_, p)| p.is_finite());
+        let mut points: Vec<(DVec3, u32)> = finite.map(|(i, p)| (*p, i)).collect();
+        points.par_sort_unstable_by(|a, b| compare(a.0, b.0).then(a.1.cmp(&b.1)));
+        let sorted: Vec<u32> = points.iter().map(|point| point.1).collect();
+        // One item for each position: the place of its first point.
+        for (place, point) in (0..).zip(&mut points) {
+            point.1 = place;
         }
-        starts.push(start);
-        let order = groups.concat();
+        points.dedup_by(|b, a| is_same(a.0, b.0));
         if points.len() < 2 {
             return None;
         }
-        let tree = ImmutableKdTree::new_from_slice(&points).ok()?;
+        let mut is_first = vec![false; sorted.len() + 1];
+        points
+            .iter()
+            .for_each(|point| is_first[point.1 as usize] = true);
+        is_first[sorted.len()] = true;
+        let tree = Tree::new(&mut points);
+        let mut starts = Vec::with_capacity(points.len() + 1);
+        let mut order = Vec::with_capacity(sorted.len());
+        for &(_, first) in &points {
+            starts.push(index_u32(order.len()));
+            let first = first as usize;
+            let others = is_first[first + 1..]
+                .iter()
+                .take_while(|is_first| !**is_first);
+            order.extend_from_slice(&sorted[first..=first + others.count()]);
+        }
+        starts.push(index_u32(order.len()));
         Some(Self {
             positions,
             order,
             starts,
-            origin,
-            turn,
             tree,
         })
     }
@@ -129,13 +113,12 @@ impl<'a> PointIndex<'a> {
         (self.order[place], group)
     }
 
-    /// Maps each finite point, in a spatially coherent order, by `of`. `of` receives the index and the position
-    /// relative to the tree's origin.
+    /// Maps each finite point, in a spatially coherent order, by `of`.
     pub(in crate::sample) fn map_in_order<T: Send>(
         &self,
         of: impl Fn(usize, DVec3) -> T + Sync,
     ) -> Vec<T> {
-        let at = |&i: &u32| of(i as usize, self.positions[i as usize] - self.origin);
+        let at = |&i: &u32| of(i as usize, self.positions[i as usize]);
         parallel::map(self.order.len(), |i| at(&self.order[i]))
     }
 
@@ -151,7 +134,7 @@ impl<'a> PointIndex<'a> {
 
     /// Returns the position of a group.
     fn place(&self, g: usize) -> DVec3 {
-        self.positions[self.group(g)[0] as usize]
+        self.tree.position(g)
     }
 
     /// Returns the offset from one group to another; it does not depend on other points of the set.
@@ -159,94 +142,71 @@ impl<'a> PointIndex<'a> {
         self.place(to) - self.place(from)
     }
 
-    /// Returns the `count` distinct positions nearest to a group, after the group itself, with their squared
-    /// distances.
-    pub(in crate::sample) fn nearest(
+    /// Begins searches for neighbours, one after the other.
+    pub(in crate::sample) fn search(&self) -> Neighbours<'_> {
+        Neighbours(Search::new(&self.tree))
+    }
+
+    /// Returns `of` for each of some numbers, as a stage. Consecutive numbers stand for groups that are near one
+    /// another.
+    fn map_near<T: Clone + Default + Send>(
         &self,
-        g: usize,
+        task: Option<&Task>,
+        name: &'static str,
         count: usize,
-    ) -> impl Iterator<Item = (usize, f64)> {
-        self.nearest_from(self.place(g), count).into_iter()
+        of: impl Fn(&mut Neighbours<'_>, usize) -> T + Sync,
+    ) -> Result<Vec<T>> {
+        let mut all = vec![T::default(); count];
+        fill(task, name, &mut all, |first, some| {
+            let mut neighbours = self.search();
+            for (n, own) in (first..).zip(some) {
+                *own = of(&mut neighbours, n);
+            }
+        })?;
+        Ok(all)
     }
 
-    /// Returns the same for any position, nearest first.
-    ///
-    /// The result does not depend on points farther away: positions at equal distances are ordered by their
-    /// coordinates.
-    fn nearest_from(&self, from: DVec3, count: usize) -> Vec<(usize, f64)> {
-        /// Number of neighbours searched beyond `count`: lattices have many at one distance.
-        const BEYOND: usize = 6;
-        let query = (self.turn * (from - self.origin)).to_array();
-        let asked = NonZero::new(count + 1 + BEYOND).unwrap_or(NonZero::<usize>::MIN);
-        let found = self
-            .tree
-            .query(&query)
-            .nearest_n::<SquaredEuclidean<f64>>(asked)
-            .execute();
-        // All positions that may be as near as the last one, given rounding.
-        let last = found.get(count).map_or(f64::INFINITY, |last| last.distance);
-        let limit = (last.sqrt() + self.blur(from, last.sqrt())).powi(2);
-        let measured = |item: u32, distance: f64| {
-            let g = item as usize;
-            let is_near = distance <= limit;
-            is_near.then(|| (g, (self.place(g) - from).length_squared()))
-        };
-        let is_cut = found.len() > count && found.len() == asked.get();
-        let is_tied = is_cut && limit.is_finite() && found[asked.get() - 1].distance <= limit;
-        let mut nearest: Vec<(usize, f64)> = if is_tied {
-            let all = self.tree.query(&query);
-            let all = all.within::<SquaredEuclidean<f64>>(limit).unsorted();
-            let all = all.execute().into_iter();
-            all.filter_map(|other| measured(other.item, other.distance))
-                .collect()
-        } else {
-            let near = found.into_iter();
-            near.filter_map(|other| measured(other.item, other.distance))
-                .collect()
-        };
-        nearest.sort_unstable_by(|a, b| {
-            let tie = || compare(self.place(a.0), self.place(b.0));
-            a.1.total_cmp(&b.1).then_with(tie)
-        });
-        nearest.truncate(count + 1);
-        nearest
+    /// Returns `of` for each group, as a stage.
+    pub(in crate::sample) fn of_groups<T: Clone + Default + Send>(
+        &self,
+        task: Option<&Task>,
+        name: &'static str,
+        of: impl Fn(&mut Neighbours<'_>, usize) -> T + Sync,
+    ) -> Result<Vec<T>> {
+        self.map_near(task, name, self.group_count(), of)
     }
 
-    /// Returns a bound on the joint rounding error of two distances in the tree, from `from` to points about
-    /// `distance` away. Subtraction and rotation round positions in proportion to their distance from the
-    /// origin.
-    fn blur(&self, from: DVec3, distance: f64) -> f64 {
-        16.0 * f64::EPSILON * ((from - self.origin).abs().max_element() + distance)
+    /// Returns `of` for each finite point and its group, as a stage; in the order of [`Self::in_order`].
+    pub(in crate::sample) fn of_points<T: Clone + Default + Send>(
+        &self,
+        task: Option<&Task>,
+        name: &'static str,
+        of: impl Fn(&mut Neighbours<'_>, u32, usize) -> T + Sync,
+    ) -> Result<Vec<T>> {
+        self.map_near(task, name, self.len(), |neighbours, place| {
+            let (point, group) = self.in_order(place);
+            of(neighbours, point, group)
+        })
     }
 
     /// Returns the squared distance from any position to the last of its `count + 1` nearest distinct
-    /// positions, up to rounding. Returns `None` if fewer are within `radius`.
+    /// positions. Returns `None` if fewer are within `radius`.
     pub(in crate::sample) fn last_within(
         &self,
         from: DVec3,
         count: usize,
         radius: f64,
     ) -> Option<f64> {
-        let asked = NonZero::new(count + 1)?;
-        let found = self
-            .tree
-            .query(&(self.turn * (from - self.origin)).to_array())
-            .nearest_n::<SquaredEuclidean<f64>>(asked)
-            .within(radius * radius)
-            .execute();
-        let last = found.get(count)?.distance;
-        Some((last.sqrt() + self.blur(from, last.sqrt())).powi(2))
+        let mut search = Search::new(&self.tree);
+        let found = search.nearest(from, count, radius * radius);
+        found.get(count).map(|near| near.squared)
     }
 
     /// Returns the point nearest to a finite position; the first of those that coincide.
     pub(in crate::sample) fn nearest_to(&self, position: DVec3) -> Option<u32> {
-        let found = self
-            .tree
-            .query(&(self.turn * (position - self.origin)).to_array())
-            .nearest_n::<SquaredEuclidean<f64>>(NonZero::<usize>::MIN)
-            .execute();
-        let group = usize::try_from(found.into_iter().next()?.item).ok()?;
-        self.group(group).first().copied()
+        let mut search = Search::new(&self.tree);
+        let nearest = search.nearest(position, 0, f64::INFINITY).first()?;
+        self.group(nearest.index as usize).first().copied()
     }
 
     /// Spreads one value per group to its points; other points get `missing`.
@@ -267,13 +227,14 @@ impl<'a> PointIndex<'a> {
     /// NaN.
     pub(in crate::sample) fn volumes(&self, task: Option<&Task>) -> Result<Vec<f64>> {
         let [first, last] = SPACING_NEIGHBOURS;
-        let volume = |g| {
+        let volume = |neighbours: &mut Neighbours<'_>, g| {
             let mut within = 0;
             let mut outermost = 0.0;
             let (mut sum, mut count) = (0.0, 0.0);
-            for (other, squared_radius) in self.nearest(g, last) {
+            for (other, squared_radius) in neighbours.of(g, last) {
                 within += self.group(other).len();
-                let ball = 4.0 / 3.0 * std::f64::consts::PI * f64::powf(squared_radius, 1.5);
+                let ball =
+                    4.0 / 3.0 * std::f64::consts::PI * squared_radius * squared_radius.sqrt();
                 let share = ball / (within - 1).max(1) as f64;
                 outermost = share;
                 if within > first && share > 0.0 {
@@ -283,7 +244,7 @@ impl<'a> PointIndex<'a> {
             }
             if count > 0.0 { sum / count } else { outermost }
         };
-        let volumes = collect(task, FINDING, self.group_count(), volume)?;
+        let volumes = self.of_groups(task, FINDING, volume)?;
         Ok(self.spread(&volumes, f64::NAN))
     }
 
@@ -317,14 +278,14 @@ impl<'a> PointIndex<'a> {
         remote: Option<&mut dyn Remote>,
     ) -> Result<Vec<[f64; 6]>> {
         // In a smaller set the remaining slots name the group itself.
-        let around = |g| {
+        let around = |neighbours: &mut Neighbours<'_>, g| {
             let mut groups = [index_u32(g); NEIGHBOUR_COUNT + 1];
-            for (slot, (other, _)) in groups.iter_mut().zip(self.nearest(g, NEIGHBOUR_COUNT)) {
+            for (slot, (other, _)) in groups.iter_mut().zip(neighbours.of(g, NEIGHBOUR_COUNT)) {
                 *slot = index_u32(other);
             }
             groups
         };
-        let nearest = collect(task, FINDING, self.group_count(), around)?;
+        let nearest = self.of_groups(task, FINDING, around)?;
         let mut own: Vec<[f64; 6]> = nearest
             .par_iter()
             .map(|groups| self.covariance(groups.iter().map(|&g| g as usize)))
@@ -356,8 +317,9 @@ impl<'a> PointIndex<'a> {
         neighbour_count: usize,
     ) -> Vec<[f64; 6]> {
         let covariance = |&i: &u32| {
-            let nearest = self.nearest_from(self.positions[i as usize], neighbour_count);
-            self.covariance(nearest.iter().map(|n| n.0))
+            let mut search = Search::new(&self.tree);
+            let nearest = search.nearest(self.position(i), neighbour_count, f64::INFINITY);
+            self.covariance(nearest.iter().map(|near| near.index as usize))
         };
         parallel::map(points.len(), |i| covariance(&points[i]))
     }
@@ -381,11 +343,10 @@ impl<'a> PointIndex<'a> {
     ) -> Result<(Vec<u32>, Vec<u32>)> {
         let means = (0..self.group_count()).into_par_iter();
         let means: Vec<f64> = means.map(|g| self.mean_of(g, &value)).collect();
-        let normal = |g: usize| {
-            let fit = |count: usize| {
-                let neighbours = self.nearest(g, count);
+        let normal = |neighbours: &mut Neighbours<'_>, g: usize| {
+            let mut fit = |count: usize| {
                 let offset = |(other, _)| (self.offset(g, other), means[other] - means[g]);
-                Fit::of(neighbours.map(offset))
+                Fit::of(neighbours.of(g, count).map(offset))
             };
             let mut best = fit(NEIGHBOUR_COUNT);
             let mut is_far = false;
@@ -398,7 +359,7 @@ impl<'a> PointIndex<'a> {
             }
             (normal_code(best.gradient()), is_far)
         };
-        let normals = collect(task, "fitting gradients", self.group_count(), normal)?;
+        let normals = self.of_groups(task, "fitting gradients", normal)?;
         let far = (0..).zip(&normals).filter(|(_, (_, is_far))| *is_far);
         let far = far.flat_map(|(g, _)| self.group(g).iter().copied());
         let far = far.collect();
@@ -413,22 +374,31 @@ impl<'a> PointIndex<'a> {
         radius: f64,
         mut visit: impl FnMut(u32, DVec3),
     ) {
-        let centre = centre - self.origin;
-        let found = self
-            .tree
-            .query(&(self.turn * centre).to_array())
-            .within::<SquaredEuclidean<f64>>(radius * radius)
-            .unsorted()
-            .execute();
-        for found in found {
-            let Ok(g) = usize::try_from(found.item) else {
-                continue;
-            };
-            let offset = self.place(g) - self.origin - centre;
+        self.tree.within(centre, radius, |g| {
+            let offset = self.place(g) - centre;
             for &i in self.group(g) {
                 visit(i, offset);
             }
-        }
+        });
+    }
+}
+
+/// Searches for the neighbours of groups. Consecutive searches near one another share work.
+pub(in crate::sample) struct Neighbours<'a>(Search<'a>);
+
+impl Neighbours<'_> {
+    /// Returns the `count` distinct positions nearest to a group, after the group itself, with their squared
+    /// distances.
+    ///
+    /// The result does not depend on points farther away: positions at equal distances are ordered by their
+    /// coordinates.
+    pub(in crate::sample) fn of(
+        &mut self,
+        g: usize,
+        count: usize,
+    ) -> impl Iterator<Item = (usize, f64)> + Clone {
+        let pair = |near: &Near| (near.index as usize, near.squared);
+        self.0.around(g, count).iter().map(pair)
     }
 }
 
@@ -442,51 +412,6 @@ pub(in crate::sample) fn square(x: DVec3) -> [f64; 6] {
         x.y * x.z,
         x.z * x.z,
     ]
-}
-
-/// Returns the median of the finite positions along each axis, and true if many positions share one of its
-/// coordinates.
-fn median(positions: &[DVec3], finite: &[u32]) -> Option<(DVec3, bool)> {
-    let mut is_crowded = false;
-    let mut axis = |d: usize| {
-        let mut along: Vec<f64> = finite.iter().map(|&i| positions[i as usize][d]).collect();
-        let middle = along.len() / 2;
-        if along.is_empty() {
-            return None;
-        }
-        let median = *along.select_nth_unstable_by(middle, f64::total_cmp).1;
-        let sharing = along.iter().filter(|x| x.to_bits() == median.to_bits());
-        is_crowded |= 8 * sharing.count() > along.len();
-        Some(median)
-    };
-    let median = DVec3::new(axis(0)?, axis(1)?, axis(2)?);
-    Some((median, is_crowded))
-}
-
-/// Returns the bounding box of the finite positions.
-fn bounds(positions: &[DVec3], finite: &[u32]) -> [DVec3; 2] {
-    let finite = || finite.iter().map(|&i| positions[i as usize]);
-    [
-        finite().fold(DVec3::INFINITY, DVec3::min),
-        finite().fold(DVec3::NEG_INFINITY, DVec3::max),
-    ]
-}
-
-/// Returns the position of a point of the unit cube along Morton's curve: ten interleaved bits of each
-/// coordinate.
-#[expect(
-    clippy::cast_possible_truncation,
-    reason = "casts saturate, and NaN gives 0: any place will do"
-)]
-fn morton(p: DVec3) -> u32 {
-    let spread = |x: f64| {
-        let mut bits = ((x * 1024.0) as u32).min(1023);
-        bits = (bits | bits << 16) & 0x0300_00ff;
-        bits = (bits | bits << 8) & 0x0300_f00f;
-        bits = (bits | bits << 4) & 0x030c_30c3;
-        (bits | bits << 2) & 0x0924_9249
-    };
-    spread(p.x) | spread(p.y) << 1 | spread(p.z) << 2
 }
 
 /// Returns a cube of n³ points with spacing 1, from `offset` on along each axis.
@@ -557,7 +482,8 @@ mod tests {
                         let [da, db] = [a, b].map(|p| (*p - own).length_squared());
                         da.total_cmp(&db).then_with(|| compare(*a, *b))
                     });
-                    let found = index.nearest(g, count).map(|(g, _)| index.place(g));
+                    let mut neighbours = index.search();
+                    let found = neighbours.of(g, count).map(|(g, _)| index.place(g));
                     let is_near = |p: &DVec3| near.contains(p);
                     let found: Vec<DVec3> = found.filter(is_near).collect();
                     assert_eq!(found, all[..found.len()]);
@@ -569,7 +495,7 @@ mod tests {
         // Distances whose squares overflow.
         let points: Vec<DVec3> = near.iter().map(|p| *p * 1e163).collect();
         let index = PointIndex::new(&points).unwrap();
-        assert!(index.nearest(0, 14).count() <= 15);
+        assert!(index.search().of(0, 14).count() <= 15);
     }
 
     #[test]

@@ -6,9 +6,9 @@ use super::quadratic::{Quadratic, fit};
 use super::{Range, STAGE, local_model, steepest};
 use crate::error::Result;
 use crate::parallel;
-use crate::sample::points::neighbours::{MOST_FITTED, PointIndex};
+use crate::sample::points::neighbours::{MOST_FITTED, Neighbours, PointIndex};
 use crate::scene::{LocalModel, Values};
-use crate::task::{Task, collect};
+use crate::task::Task;
 
 /// Number of neighbours to which models are fitted; neighbours at one position count once. Twice and four times
 /// as many are used if these do not determine a quadratic.
@@ -54,15 +54,13 @@ pub(super) fn models(
         (mean, ranges.fold(Range::EMPTY, Range::and))
     };
     let groups: Vec<(f64, Range)> = parallel::map(index.group_count(), of_group);
-    let model = |place: usize| {
-        let (point, g) = index.in_order(place);
+    let model = |neighbours: &mut Neighbours<'_>, point: u32, g: usize| {
         if point as usize >= count {
             return None;
         }
         let (mean, own_range) = groups[g];
-        let around = |count: usize| {
-            let nearest = index.nearest(g, count);
-            let offsets = nearest.map(|(other, _)| {
+        let mut around = |count: usize| {
+            let offsets = neighbours.of(g, count).map(|(other, _)| {
                 let (other_mean, range) = groups[other];
                 (index.offset(g, other), other_mean - mean, range)
             });
@@ -97,7 +95,7 @@ pub(super) fn models(
         );
         Some((model, is_far))
     };
-    let found = collect(task, STAGE, index.len(), model)?;
+    let found = index.of_points(task, STAGE, model)?;
     let mut models: Vec<LocalModel> = (0..count).map(flat).collect();
     let mut far = Vec::new();
     for (place, model) in found.into_iter().enumerate() {

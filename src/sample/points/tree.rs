@@ -1,0 +1,492 @@
+//! Finds the nearest of many positions, by a tree of boxes.
+//!
+//! Boxes are compared with distances as they are computed, not as they would be exactly: differences, squares and sums
+//! of non-negative terms round monotonically, so that no rounding hides a position.
+
+use std::cmp::Ordering;
+
+use glam::DVec3;
+
+use crate::sample::positions::{compare, index_u32};
+use crate::simd::{SimdLevel, SimdWork, run_at};
+
+/// Number of positions in a leaf.
+const LEAF: usize = 32;
+
+/// Number of boxes in a node.
+const FAN: usize = 8;
+
+/// Least number of positions that two threads sort.
+const FORK: usize = 1 << 13;
+
+/// Greatest number of leaves that are kept for the positions of one leaf. Evenly spread positions need 40 to 60 for 24
+/// neighbours.
+const MOST_KEPT: usize = 128;
+
+/// Square of the radius within which the next position's neighbours are looked for, over that of the last one's. Among
+/// evenly spread positions one search in twenty finds too few, and is repeated.
+const NEXT: f64 = 1.3;
+
+/// Square of the radius within which leaves are kept, over that of the next search.
+const KEPT: f64 = 1.5;
+
+/// Low bits of a sorting key that number what is sorted.
+const SLOTS: u64 = 0xffff;
+
+/// Distinct positions, sorted so that nearby ones are adjacent. Each leaf has [`LEAF`] of them, and each node the
+/// boxes of [`FAN`] leaves or nodes.
+pub(super) struct Tree {
+    /// x, y and z of the positions of each leaf; NaN behind the last position.
+    leaves: Vec<[[f64; LEAF]; 3]>,
+    /// The nodes of each level: those of the leaves first, the root last.
+    levels: Vec<Vec<Node>>,
+}
+
+/// Up to [`FAN`] boxes.
+#[derive(Debug, Clone, Copy)]
+struct Node {
+    low: [[f64; FAN]; 3],
+    high: [[f64; FAN]; 3],
+    count: usize,
+}
+
+/// Position that was found.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Near {
+    pub(super) index: u32,
+    /// Squared distance.
+    pub(super) squared: f64,
+}
+
+type Corners = [DVec3; 2];
+
+const NOTHING: Corners = [DVec3::INFINITY, DVec3::NEG_INFINITY];
+
+fn around(boxes: impl Iterator<Item = Corners>) -> Corners {
+    boxes.fold(NOTHING, |all, own| [all[0].min(own[0]), all[1].max(own[1])])
+}
+
+fn around_positions<T>(items: &[(DVec3, T)]) -> Corners {
+    around(items.iter().map(|item| [item.0; 2]))
+}
+
+/// Sorts positions by halves along the longest axis. The first half has the positions of a power of two of leaves.
+fn sort<T: Send>(items: &mut [(DVec3, T)]) {
+    if items.len() <= LEAF {
+        return;
+    }
+    let [low, high] = around_positions(items);
+    // Halves, which do not overflow.
+    let axis = (0.5 * high - 0.5 * low).max_position();
+    let half = LEAF * (items.len().div_ceil(LEAF).next_power_of_two() / 2);
+    items.select_nth_unstable_by(half, |a, b| a.0[axis].total_cmp(&b.0[axis]));
+    let (left, right) = items.split_at_mut(half);
+    match right.len() < FORK {
+        true => [left, right].map(sort).into_iter().collect(),
+        false => {
+            rayon::join(|| sort(left), || sort(right));
+        }
+    }
+}
+
+impl Node {
+    fn of(boxes: &[Corners]) -> Self {
+        let corner = |side: usize, d: usize| {
+            std::array::from_fn(|n| boxes.get(n).map_or(NOTHING[side][d], |own| own[side][d]))
+        };
+        Self {
+            low: [0, 1, 2].map(|d| corner(0, d)),
+            high: [0, 1, 2].map(|d| corner(1, d)),
+            count: boxes.len(),
+        }
+    }
+
+    /// Returns the squared distances of a box to the boxes.
+    #[inline(always)]
+    fn gaps(&self, [low, high]: Corners) -> [f64; FAN] {
+        let greater = |a: f64, b: f64| if a > b { a } else { b };
+        let mut squared = [0.0; FAN];
+        for (n, squared) in squared.iter_mut().enumerate() {
+            let gap = |d: usize| {
+                let gap = greater(self.low[d][n] - high[d], low[d] - self.high[d][n]);
+                greater(gap, 0.0)
+            };
+            let [x, y, z] = [gap(0), gap(1), gap(2)];
+            *squared = x * x + y * y + z * z;
+        }
+        squared
+    }
+
+    /// Returns a mask of the boxes whose squared distance does not exceed a limit.
+    #[inline(always)]
+    fn within(&self, gaps: &[f64; FAN], limit: f64) -> Mask {
+        Mask(mask(gaps, limit).0 & ((1 << self.count) - 1))
+    }
+}
+
+/// A set of small numbers.
+struct Mask(u32);
+
+impl Iterator for Mask {
+    type Item = usize;
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<usize> {
+        let n = self.0.trailing_zeros();
+        self.0 &= self.0.wrapping_sub(1);
+        (n < 32).then_some(n as usize)
+    }
+}
+
+/// Returns the places of the numbers that do not exceed a limit.
+#[inline(always)]
+fn mask<const N: usize>(numbers: &[f64; N], limit: f64) -> Mask {
+    let mut mask = 0;
+    for (n, number) in numbers.iter().enumerate() {
+        mask |= u32::from(*number <= limit) << n;
+    }
+    Mask(mask)
+}
+
+/// Walk through the leaves near a box.
+struct Walk<'a> {
+    tree: &'a Tree,
+    corners: Corners,
+    /// Squared distance, level, and number in the level, of what is to be visited; leaves have level 0.
+    open: Vec<(f64, u32, u32)>,
+}
+
+impl Walk<'_> {
+    /// Returns the next leaf within a limit, a squared distance; of the boxes of a node the nearest comes first. The
+    /// limit may shrink from call to call.
+    #[inline(always)]
+    fn next(&mut self, limit: f64) -> Option<usize> {
+        loop {
+            let (gap, level, n) = self.open.pop()?;
+            if gap > limit {
+                continue;
+            }
+            let Some(below) = level.checked_sub(1) else {
+                return Some(n as usize);
+            };
+            let node = &self.tree.levels[below as usize][n as usize];
+            let gaps = node.gaps(self.corners);
+            let first = self.open.len();
+            for k in node.within(&gaps, limit) {
+                let own = (gaps[k], below, FAN as u32 * n + k as u32);
+                self.open.push(own);
+                let mut at = self.open.len() - 1;
+                while at > first && self.open[at - 1].0 < own.0 {
+                    self.open[at] = self.open[at - 1];
+                    at -= 1;
+                }
+                self.open[at] = own;
+            }
+        }
+    }
+}
+
+impl Tree {
+    /// Sorts distinct finite positions, and makes the tree of them.
+    pub(super) fn new<T: Send>(items: &mut [(DVec3, T)]) -> Self {
+        sort(items);
+        let chunks = || items.chunks(LEAF);
+        let leaf = |some: &[(DVec3, T)]| {
+            let along =
+                |d: usize| std::array::from_fn(|n| some.get(n).map_or(f64::NAN, |item| item.0[d]));
+            [0, 1, 2].map(along)
+        };
+        let mut boxes: Vec<Corners> = chunks().map(around_positions).collect();
+        let mut levels = Vec::new();
+        loop {
+            levels.push(boxes.chunks(FAN).map(Node::of).collect());
+            if boxes.len() <= FAN {
+                break;
+            }
+            boxes = boxes
+                .chunks(FAN)
+                .map(|some| around(some.iter().copied()))
+                .collect();
+        }
+        Self {
+            leaves: chunks().map(leaf).collect(),
+            levels,
+        }
+    }
+
+    /// Returns a position.
+    #[inline(always)]
+    pub(super) fn position(&self, i: usize) -> DVec3 {
+        let leaf = &self.leaves[i / LEAF];
+        DVec3::from([0, 1, 2].map(|d| leaf[d][i % LEAF]))
+    }
+
+    /// Begins a walk through the leaves near a box.
+    #[inline(always)]
+    fn walk(&self, corners: Corners) -> Walk<'_> {
+        // All boxes of one node on each level.
+        let mut open = Vec::with_capacity(1 + FAN * self.levels.len());
+        open.push((0.0, self.levels.len() as u32, 0));
+        Walk {
+            tree: self,
+            corners,
+            open,
+        }
+    }
+
+    /// Returns the box of a leaf.
+    #[inline(always)]
+    fn corners(&self, leaf: usize) -> Corners {
+        let (node, n) = (&self.levels[0][leaf / FAN], leaf % FAN);
+        [node.low, node.high].map(|c| DVec3::new(c[0][n], c[1][n], c[2][n]))
+    }
+
+    /// Adds the positions of a leaf within a limit of a place.
+    #[inline(always)]
+    fn add(&self, leaf: usize, from: DVec3, limit: f64, found: &mut Vec<Near>) {
+        let [x, y, z] = &self.leaves[leaf];
+        let mut squares = [0.0; LEAF];
+        for (n, squared) in squares.iter_mut().enumerate() {
+            let d = DVec3::new(x[n] - from.x, y[n] - from.y, z[n] - from.z);
+            *squared = d.length_squared();
+        }
+        // Without a branch, which would not be foreseen.
+        let first = found.len();
+        found.resize(first + LEAF, Near::default());
+        let (room, _) = found[first..].split_first_chunk_mut::<LEAF>().unwrap();
+        let mut count = 0;
+        for (n, &squared) in squares.iter().enumerate() {
+            room[count % LEAF] = Near {
+                index: index_u32(LEAF * leaf + n),
+                squared,
+            };
+            count += usize::from(squared <= limit);
+        }
+        found.truncate(first + count);
+    }
+
+    /// Calls `visit` with each position within a radius.
+    pub(super) fn within(&self, from: DVec3, radius: f64, mut visit: impl FnMut(usize)) {
+        let limit = radius * radius;
+        let mut found = Vec::new();
+        let mut walk = self.walk([from; 2]);
+        while let Some(leaf) = walk.next(limit) {
+            self.add(leaf, from, limit, &mut found);
+            for near in found.drain(..) {
+                visit(near.index as usize);
+            }
+        }
+    }
+
+    /// Compares by distance, and by coordinates at equal distances.
+    fn compare(&self, a: &Near, b: &Near) -> Ordering {
+        let tie = || {
+            let [a, b] = [a, b].map(|near| self.position(near.index as usize));
+            compare(a, b)
+        };
+        a.squared.total_cmp(&b.squared).then_with(tie)
+    }
+}
+
+/// Searches for one position after the other. Positions of one leaf share a list of the leaves around it.
+pub(super) struct Search<'a> {
+    tree: &'a Tree,
+    /// Square of the radius in which the next neighbours are looked for; infinite if unknown.
+    next: f64,
+    /// The leaf whose surroundings are kept.
+    leaf: usize,
+    /// Square of the radius around it within which leaves are kept; negative if there are too many.
+    kept_within: f64,
+    kept: Vec<Node>,
+    kept_leaves: Vec<usize>,
+    found: Vec<Near>,
+    sorted: Vec<Near>,
+    keys: Vec<u64>,
+}
+
+impl<'a> Search<'a> {
+    pub(super) fn new(tree: &'a Tree) -> Self {
+        Self {
+            tree,
+            next: f64::INFINITY,
+            leaf: usize::MAX,
+            kept_within: -1.0,
+            kept: Vec::new(),
+            kept_leaves: Vec::new(),
+            found: Vec::new(),
+            sorted: Vec::new(),
+            keys: Vec::new(),
+        }
+    }
+
+    /// Returns the `count + 1` positions nearest to one of the tree's, which is the first of them.
+    #[inline(always)]
+    pub(super) fn around(&mut self, i: usize, count: usize) -> &[Near] {
+        let from = self.tree.position(i);
+        let leaf = Some(i / LEAF);
+        let search = self;
+        run_at(
+            SimdLevel::best(),
+            Nearest {
+                search,
+                from,
+                leaf,
+                count,
+                limit: f64::INFINITY,
+            },
+        )
+    }
+
+    /// Returns the `count + 1` positions nearest to any place and within a limit, a squared distance.
+    pub(super) fn nearest(&mut self, from: DVec3, count: usize, limit: f64) -> &[Near] {
+        let search = self;
+        run_at(
+            SimdLevel::best(),
+            Nearest {
+                search,
+                from,
+                leaf: None,
+                count,
+                limit,
+            },
+        )
+    }
+
+    /// Keeps the leaves near a leaf.
+    #[inline(always)]
+    fn keep(&mut self, leaf: usize, within: f64) {
+        let tree = self.tree;
+        self.leaf = leaf;
+        self.kept_within = -1.0;
+        self.kept_leaves.clear();
+        self.kept.clear();
+        let mut walk = tree.walk(tree.corners(leaf));
+        while let Some(other) = walk.next(within) {
+            if self.kept_leaves.len() == MOST_KEPT {
+                return;
+            }
+            self.kept_leaves.push(other);
+        }
+        for some in self.kept_leaves.chunks(FAN) {
+            let mut boxes = [NOTHING; FAN];
+            for (own, leaf) in boxes.iter_mut().zip(some) {
+                *own = tree.corners(*leaf);
+            }
+            self.kept.push(Node::of(&boxes[..some.len()]));
+        }
+        self.kept_within = within;
+    }
+
+    /// Adds a leaf's positions within a limit; returns the limit that follows.
+    #[inline(always)]
+    fn add(&mut self, leaf: usize, from: DVec3, count: usize, limit: f64) -> f64 {
+        let found = &mut self.found;
+        self.tree.add(leaf, from, limit, found);
+        if found.len() / 2 <= count.saturating_add(LEAF) {
+            return limit;
+        }
+        let (_, last, _) = found.select_nth_unstable_by_key(count, |near| near.squared.to_bits());
+        let last = last.squared;
+        found.retain(|near| near.squared <= last);
+        last
+    }
+
+    /// Looks for neighbours within a limit; returns true if there are enough.
+    #[inline(always)]
+    fn look(&mut self, from: DVec3, leaf: Option<usize>, count: usize, mut limit: f64) -> bool {
+        self.found.clear();
+        let leaf = leaf.filter(|_| limit < f64::INFINITY);
+        if let Some(leaf) = leaf
+            && (leaf != self.leaf || limit > self.kept_within)
+        {
+            self.keep(leaf, KEPT * limit);
+        }
+        if leaf.is_some() && limit <= self.kept_within {
+            for n in 0..self.kept.len() {
+                let gaps = self.kept[n].gaps([from; 2]);
+                for k in self.kept[n].within(&gaps, limit) {
+                    if gaps[k] <= limit {
+                        limit = self.add(self.kept_leaves[FAN * n + k], from, count, limit);
+                    }
+                }
+            }
+        } else {
+            let mut walk = self.tree.walk([from; 2]);
+            while let Some(leaf) = walk.next(limit) {
+                limit = self.add(leaf, from, count, limit);
+            }
+        }
+        self.found.len() > count
+    }
+
+    /// Sorts what was found by distance.
+    #[inline(always)]
+    fn sort(&mut self) {
+        let tree = self.tree;
+        self.sorted.clear();
+        if self.found.len() as u64 > SLOTS {
+            self.sorted.append(&mut self.found);
+            self.sorted.sort_unstable_by(|a, b| tree.compare(a, b));
+            return;
+        }
+        // Numbers are sorted several times as fast as structures.
+        self.keys.clear();
+        let key = |(slot, near): (u64, &Near)| near.squared.to_bits() & !SLOTS | slot;
+        self.keys.extend((0..).zip(&self.found).map(key));
+        self.keys.sort_unstable();
+        let found = &self.found;
+        self.sorted
+            .extend(self.keys.iter().map(|key| found[(key & SLOTS) as usize]));
+        let is_close =
+            |a: &Near, b: &Near| (a.squared.to_bits() ^ b.squared.to_bits()) & !SLOTS == 0;
+        for run in self.sorted.chunk_by_mut(is_close) {
+            if run.len() > 1 {
+                run.sort_unstable_by(|a, b| tree.compare(a, b));
+            }
+        }
+    }
+}
+
+/// One search.
+struct Nearest<'a, 'b> {
+    search: &'b mut Search<'a>,
+    from: DVec3,
+    leaf: Option<usize>,
+    count: usize,
+    limit: f64,
+}
+
+impl<'b> SimdWork for Nearest<'_, 'b> {
+    type Output = &'b [Near];
+
+    #[inline(always)]
+    fn run<const FMA: bool, const LANES: usize>(self) -> &'b [Near] {
+        let Self {
+            search,
+            from,
+            leaf,
+            count,
+            limit,
+        } = self;
+        let next = match leaf {
+            Some(_) => search.next,
+            None => f64::INFINITY,
+        };
+        let is_found = |search: &mut Search<'_>, within: f64| {
+            within < limit && search.look(from, leaf, count, within)
+        };
+        if !(is_found(search, next)
+            || (next < search.kept_within && is_found(search, search.kept_within)))
+        {
+            search.look(from, leaf, count, limit);
+        }
+        search.sort();
+        search.sorted.truncate(count.saturating_add(1));
+        if leaf.is_some() {
+            let last = search.sorted.last().map_or(0.0, |near| near.squared);
+            let is_known = search.sorted.len() > count && last > 0.0;
+            search.next = if is_known { NEXT * last } else { f64::INFINITY };
+        }
+        &search.sorted
+    }
+}
