@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::tree::{Near, Search, Tree};
+use super::tree::{Near, Search, Tree, UNLIMITED};
 
 use crate::error::Result;
 use crate::math::{NO_NORMAL, normal_code};
@@ -147,25 +147,6 @@ impl<'a> PointIndex<'a> {
         Neighbours(Search::new(&self.tree))
     }
 
-    /// Returns `of` for each of some numbers, as a stage. Consecutive numbers stand for groups that are near one
-    /// another.
-    fn map_near<T: Clone + Default + Send>(
-        &self,
-        task: Option<&Task>,
-        name: &'static str,
-        count: usize,
-        of: impl Fn(&mut Neighbours<'_>, usize) -> T + Sync,
-    ) -> Result<Vec<T>> {
-        let mut all = vec![T::default(); count];
-        fill(task, name, &mut all, |first, some| {
-            let mut neighbours = self.search();
-            for (n, own) in (first..).zip(some) {
-                *own = of(&mut neighbours, n);
-            }
-        })?;
-        Ok(all)
-    }
-
     /// Returns `of` for each group, as a stage.
     pub(in crate::sample) fn of_groups<T: Clone + Default + Send>(
         &self,
@@ -173,20 +154,14 @@ impl<'a> PointIndex<'a> {
         name: &'static str,
         of: impl Fn(&mut Neighbours<'_>, usize) -> T + Sync,
     ) -> Result<Vec<T>> {
-        self.map_near(task, name, self.group_count(), of)
-    }
-
-    /// Returns `of` for each finite point and its group, as a stage; in the order of [`Self::in_order`].
-    pub(in crate::sample) fn of_points<T: Clone + Default + Send>(
-        &self,
-        task: Option<&Task>,
-        name: &'static str,
-        of: impl Fn(&mut Neighbours<'_>, u32, usize) -> T + Sync,
-    ) -> Result<Vec<T>> {
-        self.map_near(task, name, self.len(), |neighbours, place| {
-            let (point, group) = self.in_order(place);
-            of(neighbours, point, group)
-        })
+        let mut all = vec![T::default(); self.group_count()];
+        fill(task, name, &mut all, |first, some| {
+            let mut neighbours = self.search();
+            for (g, own) in (first..).zip(some) {
+                *own = of(&mut neighbours, g);
+            }
+        })?;
+        Ok(all)
     }
 
     /// Returns the squared distance from any position to the last of its `count + 1` nearest distinct
@@ -205,7 +180,7 @@ impl<'a> PointIndex<'a> {
     /// Returns the point nearest to a finite position; the first of those that coincide.
     pub(in crate::sample) fn nearest_to(&self, position: DVec3) -> Option<u32> {
         let mut search = Search::new(&self.tree);
-        let nearest = search.nearest(position, 0, f64::INFINITY).first()?;
+        let nearest = search.nearest(position, 0, UNLIMITED).first()?;
         self.group(nearest.index as usize).first().copied()
     }
 
@@ -318,7 +293,7 @@ impl<'a> PointIndex<'a> {
     ) -> Vec<[f64; 6]> {
         let covariance = |&i: &u32| {
             let mut search = Search::new(&self.tree);
-            let nearest = search.nearest(self.position(i), neighbour_count, f64::INFINITY);
+            let nearest = search.nearest(self.position(i), neighbour_count, UNLIMITED);
             self.covariance(nearest.iter().map(|near| near.index as usize))
         };
         parallel::map(points.len(), |i| covariance(&points[i]))

@@ -30,6 +30,9 @@ const NEXT: f64 = 1.3;
 /// Square of the radius within which leaves are kept, over that of the next search.
 const KEPT: f64 = 1.5;
 
+/// Limit that excludes only squared distances that overflow.
+pub(super) const UNLIMITED: f64 = f64::MAX;
+
 /// Low bits of a sorting key that number what is sorted.
 const SLOTS: u64 = 0xffff;
 
@@ -153,7 +156,7 @@ struct Walk<'a> {
     tree: &'a Tree,
     corners: Corners,
     /// Squared distance, level, and number in the level, of what is to be visited; leaves have level 0.
-    open: Vec<(f64, u32, u32)>,
+    open: Vec<(f64, usize, usize)>,
 }
 
 impl Walk<'_> {
@@ -167,13 +170,13 @@ impl Walk<'_> {
                 continue;
             }
             let Some(below) = level.checked_sub(1) else {
-                return Some(n as usize);
+                return Some(n);
             };
-            let node = &self.tree.levels[below as usize][n as usize];
+            let node = &self.tree.levels[below][n];
             let gaps = node.gaps(self.corners);
             let first = self.open.len();
             for k in node.within(&gaps, limit) {
-                let own = (gaps[k], below, FAN as u32 * n + k as u32);
+                let own = (gaps[k], below, FAN * n + k);
                 self.open.push(own);
                 let mut at = self.open.len() - 1;
                 while at > first && self.open[at - 1].0 < own.0 {
@@ -226,7 +229,7 @@ impl Tree {
     fn walk(&self, corners: Corners) -> Walk<'_> {
         // All boxes of one node on each level.
         let mut open = Vec::with_capacity(1 + FAN * self.levels.len());
-        open.push((0.0, self.levels.len() as u32, 0));
+        open.push((0.0, self.levels.len(), 0));
         Walk {
             tree: self,
             corners,
@@ -253,7 +256,7 @@ impl Tree {
         // Without a branch, which would not be foreseen.
         let first = found.len();
         found.resize(first + LEAF, Near::default());
-        let (room, _) = found[first..].split_first_chunk_mut::<LEAF>().unwrap();
+        let room = &mut found[first..first + LEAF];
         let mut count = 0;
         for (n, &squared) in squares.iter().enumerate() {
             room[count % LEAF] = Near {
@@ -291,7 +294,7 @@ impl Tree {
 /// Searches for one position after the other. Positions of one leaf share a list of the leaves around it.
 pub(super) struct Search<'a> {
     tree: &'a Tree,
-    /// Square of the radius in which the next neighbours are looked for; infinite if unknown.
+    /// Square of the radius in which the next neighbours are looked for; [`UNLIMITED`] if unknown.
     next: f64,
     /// The leaf whose surroundings are kept.
     leaf: usize,
@@ -308,7 +311,7 @@ impl<'a> Search<'a> {
     pub(super) fn new(tree: &'a Tree) -> Self {
         Self {
             tree,
-            next: f64::INFINITY,
+            next: UNLIMITED,
             leaf: usize::MAX,
             kept_within: -1.0,
             kept: Vec::new(),
@@ -332,7 +335,7 @@ impl<'a> Search<'a> {
                 from,
                 leaf,
                 count,
-                limit: f64::INFINITY,
+                limit: UNLIMITED,
             },
         )
     }
@@ -388,17 +391,20 @@ impl<'a> Search<'a> {
         let (_, last, _) = found.select_nth_unstable_by_key(count, |near| near.squared.to_bits());
         let last = last.squared;
         found.retain(|near| near.squared <= last);
-        last
+        // None is nearer, though squares of more may be zero.
+        if last > 0.0 { last } else { -1.0 }
     }
 
     /// Looks for neighbours within a limit; returns true if there are enough.
     #[inline(always)]
     fn look(&mut self, from: DVec3, leaf: Option<usize>, count: usize, mut limit: f64) -> bool {
         self.found.clear();
-        let leaf = leaf.filter(|_| limit < f64::INFINITY);
-        if let Some(leaf) = leaf
-            && (leaf != self.leaf || limit > self.kept_within)
-        {
+        let leaf = leaf.filter(|_| limit < UNLIMITED);
+        let is_kept = |leaf: &usize| {
+            let has_too_many = self.kept_within < 0.0;
+            *leaf == self.leaf && (has_too_many || limit <= self.kept_within)
+        };
+        if let Some(leaf) = leaf.filter(|leaf| !is_kept(leaf)) {
             self.keep(leaf, KEPT * limit);
         }
         if leaf.is_some() && limit <= self.kept_within {
@@ -470,7 +476,7 @@ impl<'b> SimdWork for Nearest<'_, 'b> {
         } = self;
         let next = match leaf {
             Some(_) => search.next,
-            None => f64::INFINITY,
+            None => UNLIMITED,
         };
         let is_found = |search: &mut Search<'_>, within: f64| {
             within < limit && search.look(from, leaf, count, within)
@@ -485,8 +491,107 @@ impl<'b> SimdWork for Nearest<'_, 'b> {
         if leaf.is_some() {
             let last = search.sorted.last().map_or(0.0, |near| near.squared);
             let is_known = search.sorted.len() > count && last > 0.0;
-            search.next = if is_known { NEXT * last } else { f64::INFINITY };
+            search.next = if is_known { NEXT * last } else { UNLIMITED };
         }
         &search.sorted
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Returns clusters of very different sizes, a lattice, and places far away.
+    fn places() -> Vec<DVec3> {
+        let share = |n: usize, step: f64| (n as f64 * step).fract();
+        // Powers of the plastic number's inverse (Roberts 2018).
+        let spread = |n: usize| {
+            DVec3::new(
+                share(n, 0.819_172),
+                share(n, 0.671_044),
+                share(n, 0.549_700),
+            )
+        };
+        let clusters = (1..2000).map(|n| {
+            let size = [1e-6, 1e-3, 0.1, 1.0][n % 4];
+            DVec3::splat((n % 4) as f64) + size * spread(n)
+        });
+        let lattice = (0..1000)
+            .map(|n| DVec3::new((n % 10) as f64, (n / 10 % 10) as f64, (n / 100) as f64) - 20.0);
+        let far = [1e9, -3e12, 1e200].map(|x| DVec3::new(x, 0.0, 0.5 * x));
+        clusters.chain(lattice).chain(far).collect()
+    }
+
+    fn tree_of(places: &[DVec3]) -> Tree {
+        let mut items: Vec<(DVec3, ())> = places.iter().map(|p| (*p, ())).collect();
+        Tree::new(&mut items)
+    }
+
+    #[test]
+    fn the_nearest_are_those_of_all_compared() {
+        let places = places();
+        let tree = tree_of(&places);
+        let all = |from: DVec3| {
+            let near = |i: usize| Near {
+                index: index_u32(i),
+                squared: (tree.position(i) - from).length_squared(),
+            };
+            let is_known = |near: &Near| near.squared.is_finite();
+            let mut all: Vec<Near> = (0..places.len()).map(near).filter(is_known).collect();
+            all.sort_by(|a, b| tree.compare(a, b));
+            all
+        };
+        let same = |found: &[Near], all: &[Near]| {
+            let pair = |near: &Near| (near.index, near.squared.to_bits());
+            found.iter().map(pair).eq(all.iter().map(pair))
+        };
+        let mut search = Search::new(&tree);
+        for i in (0..places.len()).filter(|i| i % 32 < 5) {
+            let all = all(tree.position(i));
+            for count in [1, 24, 18, 200] {
+                assert!(same(search.around(i, count), &all[..=count]), "{i} {count}");
+            }
+            assert!(same(search.around(i, 5000), &all), "{i}");
+        }
+        for from in [
+            DVec3::ZERO,
+            DVec3::splat(1.0),
+            DVec3::new(-5.0, 1e6, 2.0),
+            DVec3::splat(-15.5),
+        ] {
+            let all = all(from);
+            assert!(
+                same(search.nearest(from, 24, UNLIMITED), &all[..25]),
+                "{from}"
+            );
+            let limit = all[40].squared;
+            let within = all.iter().filter(|near| near.squared <= limit).count();
+            assert!(
+                same(search.nearest(from, 4000, limit), &all[..within]),
+                "{from}"
+            );
+            let radius = limit.sqrt();
+            let within = all.iter().filter(|near| near.squared <= radius * radius);
+            let mut visited = Vec::new();
+            tree.within(from, radius, |i| visited.push(index_u32(i)));
+            visited.sort_unstable();
+            let mut expected: Vec<u32> = within.map(|near| near.index).collect();
+            expected.sort_unstable();
+            assert_eq!(visited, expected, "{from}");
+        }
+    }
+
+    #[test]
+    fn squares_that_overflow_or_vanish_are_borne() {
+        for (scale, found) in [(1e200, 1), (1.0, 2), (1e-200, 2)] {
+            for count in [2, 31, 32, 33, 257, 5000] {
+                let at = |n| DVec3::new(scale * f64::from(n), 0.0, 0.0);
+                let tree = tree_of(&(0..count).map(at).collect::<Vec<_>>());
+                let mut search = Search::new(&tree);
+                for i in 0..count as usize {
+                    assert_eq!(search.around(i, 1).len(), found, "{scale} {count}");
+                }
+            }
+        }
     }
 }

@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use glam::{DMat3, DVec3};
 
-use super::quadratic::fit;
+use super::quadratic::{Changes, LANES, fit, fit_together};
 use super::{Range as ValueRange, STAGE, inverse_of, local_model, matrix_of, steepest};
 use crate::data::cells::CellMesh;
 use crate::error::Result;
@@ -17,7 +17,7 @@ use crate::sample::cells::incidence::{CellsAround, first_of, nodes_of};
 use crate::sample::kernels::Kernels;
 use crate::sample::positions::index_u32;
 use crate::scene::{LocalModel, Values};
-use crate::task::{Task, collect};
+use crate::task::{Task, fill};
 
 /// Least number of neighbours; with fewer, the neighbours of these are added.
 const ENOUGH: usize = 12;
@@ -69,40 +69,59 @@ pub(in crate::sample) fn models(
         kernel => kernels.positions[kernel as usize],
     };
     let value = |sample: u32| f64::from(values.get(sample as usize));
-    let model = |n: usize| {
-        let kernel = samples.own.start + n;
-        let sample = kernels.kept[kernel];
+    // Of a kernel: the map to coordinates in which it is round, if it is not flat, and its factor there.
+    let local = |kernel: usize| {
         let factor = matrix_of(kernels.factors[kernel]);
-        let (to_local, factor) = match inverse_of(factor) {
+        match inverse_of(factor) {
             Some(inverse) => (inverse, DMat3::IDENTITY),
             None => (DMat3::IDENTITY, factor),
-        };
-        let (at, own) = (place(sample), value(sample));
-        let fit_of = |neighbours: &[u32]| {
-            let known = neighbours
-                .iter()
-                .filter(|&&other| kernel_of[other as usize] != NONE);
-            let offset = |&other: &u32| (to_local * (place(other) - at), value(other) - own);
-            let offsets: Vec<(DVec3, f64)> = known.map(offset).collect();
-            let is_enough = offsets.len() > ENOUGH;
-            (fit(&offsets), is_enough)
-        };
-        let mut neighbours = samples.ring([sample].into_iter());
-        let (mut fitted, is_enough) = fit_of(&neighbours);
-        if !(fitted.is_determined && is_enough) {
-            neighbours = samples.ring(neighbours.iter().copied());
-            fitted = fit_of(&neighbours).0;
         }
-        local_model(
-            &fitted.quadratic,
-            factor,
-            to_local * (kernels.positions[kernel] - at),
-            values.get(sample as usize),
-            ranges[sample as usize],
-            steepest(factor, fitted.distance),
-        )
     };
-    collect(task, STAGE, samples.own.len(), model)
+    let changes_of = |kernel: usize, neighbours: &[u32]| -> Changes {
+        let sample = kernels.kept[kernel];
+        let (to_local, _) = local(kernel);
+        let (at, own) = (place(sample), value(sample));
+        let known = neighbours
+            .iter()
+            .filter(|&&other| kernel_of[other as usize] != NONE);
+        let offset = |&other: &u32| (to_local * (place(other) - at), value(other) - own);
+        known.map(offset).collect()
+    };
+    let fit_some = |first: usize, some: &mut [LocalModel]| {
+        let kernel = |n: usize| samples.own.start + first + n;
+        let rings: Vec<Vec<u32>> = (0..some.len())
+            .map(|n| samples.ring([kernels.kept[kernel(n)]].into_iter()))
+            .collect();
+        let changes: Vec<Changes> = (0..)
+            .zip(&rings)
+            .map(|(n, ring)| changes_of(kernel(n), ring))
+            .collect();
+        let fits = fit_together(&changes);
+        for (n, model) in some.iter_mut().enumerate() {
+            let (kernel, mut fitted) = (kernel(n), fits[n]);
+            if !(fitted.is_determined && changes[n].len() > ENOUGH) {
+                let wider = samples.ring(rings[n].iter().copied());
+                fitted = fit(&changes_of(kernel, &wider));
+            }
+            let sample = kernels.kept[kernel];
+            let (to_local, factor) = local(kernel);
+            *model = local_model(
+                &fitted.quadratic,
+                factor,
+                to_local * (kernels.positions[kernel] - place(sample)),
+                values.get(sample as usize),
+                ranges[sample as usize],
+                steepest(factor, fitted.distance),
+            );
+        }
+    };
+    let mut models = vec![LocalModel::NONE; samples.own.len()];
+    fill(task, STAGE, &mut models, |first, some| {
+        for (n, some) in some.chunks_mut(LANES).enumerate() {
+            fit_some(first + LANES * n, some);
+        }
+    })?;
+    Ok(models)
 }
 
 impl SampledMesh<'_> {

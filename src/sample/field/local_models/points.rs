@@ -2,13 +2,13 @@
 
 use glam::{DMat3, DVec3};
 
-use super::quadratic::{Quadratic, fit};
+use super::quadratic::{Changes, LANES, Quadratic, fit, fit_together};
 use super::{Range, STAGE, local_model, steepest};
 use crate::error::Result;
 use crate::parallel;
 use crate::sample::points::neighbours::{MOST_FITTED, Neighbours, PointIndex};
 use crate::scene::{LocalModel, Values};
-use crate::task::Task;
+use crate::task::{Task, fill};
 
 /// Number of neighbours to which models are fitted; neighbours at one position count once. Twice and four times
 /// as many are used if these do not determine a quadratic.
@@ -16,6 +16,14 @@ pub(super) const NEIGHBOUR_COUNT: usize = 24;
 /// Larger numbers of neighbours; see [`NEIGHBOUR_COUNT`].
 const MORE_NEIGHBOURS: [usize; 2] = [2 * NEIGHBOUR_COUNT, 4 * NEIGHBOUR_COUNT];
 const _: () = assert!(MORE_NEIGHBOURS[1] <= MOST_FITTED);
+
+/// Model of a point.
+#[derive(Clone)]
+struct Made {
+    model: LocalModel,
+    /// True if more neighbours than [`NEIGHBOUR_COUNT`] were needed.
+    is_far: bool,
+}
 
 /// Fits one model for each of the first points. Also returns the points that needed more neighbours than
 /// [`NEIGHBOUR_COUNT`].
@@ -54,52 +62,68 @@ pub(super) fn models(
         (mean, ranges.fold(Range::EMPTY, Range::and))
     };
     let groups: Vec<(f64, Range)> = parallel::map(index.group_count(), of_group);
-    let model = |neighbours: &mut Neighbours<'_>, point: u32, g: usize| {
-        if point as usize >= count {
-            return None;
+    // Appends the neighbours of a group to a list; returns the range of the values.
+    let around = |search: &mut Neighbours<'_>, g: usize, count: usize, changes: &mut Changes| {
+        let (mean, mut range) = groups[g];
+        changes.clear();
+        for (other, _) in search.of(g, count) {
+            let (other_mean, others) = groups[other];
+            range = range.and(others);
+            changes.push((index.offset(g, other), other_mean - mean));
         }
-        let (mean, own_range) = groups[g];
-        let mut around = |count: usize| {
-            let offsets = neighbours.of(g, count).map(|(other, _)| {
-                let (other_mean, range) = groups[other];
-                (index.offset(g, other), other_mean - mean, range)
-            });
-            let mut range = own_range;
-            let neighbours: Vec<(DVec3, f64)> = offsets
-                .map(|(offset, change, others)| {
-                    range = range.and(others);
-                    (offset, change)
-                })
-                .collect();
-            (fit(&neighbours), range)
-        };
-        let (mut fitted, range) = around(NEIGHBOUR_COUNT);
-        let mut is_far = false;
-        for count in MORE_NEIGHBOURS {
-            if fitted.is_determined || !mean.is_finite() {
-                break;
-            }
-            fitted = around(count).0;
-            is_far = true;
-        }
-        let i = point as usize;
-        let factor = factor(i);
-        let value = values.get(i);
-        let model = local_model(
-            &fitted.quadratic,
-            factor,
-            DVec3::ZERO,
-            value,
-            range,
-            steepest(factor, fitted.distance),
-        );
-        Some((model, is_far))
+        range
     };
-    let found = index.of_points(task, STAGE, model)?;
+    let fit_some = |search: &mut Neighbours<'_>,
+                    changes: &mut [Changes; LANES],
+                    first: usize,
+                    some: &mut [Option<Made>]| {
+        let mut ranges = [Range::EMPTY; LANES];
+        for (n, changes) in changes.iter_mut().enumerate().take(some.len()) {
+            let (_, g) = index.in_order(first + n);
+            ranges[n] = around(search, g, NEIGHBOUR_COUNT, changes);
+        }
+        let fits = fit_together(&changes[..some.len()]);
+        for (n, made) in some.iter_mut().enumerate() {
+            let (point, g) = index.in_order(first + n);
+            let (mut fitted, i) = (fits[n], point as usize);
+            if i >= count {
+                continue;
+            }
+            let mut is_far = false;
+            for count in MORE_NEIGHBOURS {
+                if fitted.is_determined || !groups[g].0.is_finite() {
+                    break;
+                }
+                around(search, g, count, &mut changes[n]);
+                fitted = fit(&changes[n]);
+                is_far = true;
+            }
+            let factor = factor(i);
+            let steepest = steepest(factor, fitted.distance);
+            let (value, range) = (values.get(i), ranges[n]);
+            let model = local_model(
+                &fitted.quadratic,
+                factor,
+                DVec3::ZERO,
+                value,
+                range,
+                steepest,
+            );
+            *made = Some(Made { model, is_far });
+        }
+    };
+    let mut found: Vec<Option<Made>> = vec![None; index.len()];
+    fill(task, STAGE, &mut found, |first, some| {
+        let mut search = index.search();
+        let mut changes = <[Changes; LANES]>::default();
+        for (n, some) in some.chunks_mut(LANES).enumerate() {
+            fit_some(&mut search, &mut changes, first + LANES * n, some);
+        }
+    })?;
     let mut models: Vec<LocalModel> = (0..count).map(flat).collect();
     let mut far = Vec::new();
     for (place, model) in found.into_iter().enumerate() {
-        if let Some((model, is_far)) = model {
+        if let Some(Made { model, is_far }) = model {
             let point = index.in_order(place).0;
             models[point as usize] = model;
             far.extend(is_far.then_some(point));

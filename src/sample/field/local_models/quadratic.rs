@@ -1,6 +1,10 @@
 //! Fits a quadratic to a field about a sample, by least squares over its neighbours.
 
+use std::f64::consts::FRAC_1_SQRT_2;
+
 use glam::{DMat3, DVec3};
+
+use crate::simd::{SimdLevel, SimdWork, run_at};
 
 /// Least distance of a neighbour, as a share of the root mean square distance; nearer ones count as if they
 /// were this far. Two samples almost at one place do not determine a gradient.
@@ -36,131 +40,235 @@ pub(super) struct Fitted {
     pub(super) is_determined: bool,
 }
 
+/// Number of fits that are made together.
+pub(super) const LANES: usize = 8;
+
+/// A number for each of some fits.
+type Lanes<const N: usize> = [f64; N];
+
+/// Offsets of neighbours from a sample, and changes of the value.
+pub(super) type Changes = Vec<(DVec3, f64)>;
+
 /// Fits the gradient and the second derivatives of a quadratic through a sample's value to its neighbours.
 ///
-/// - `neighbours`: offsets and changes of value; neighbours without a finite change are ignored.
+/// - `neighbours`: those without a finite change are ignored.
 ///
 /// There are nine unknowns; weights are 1/distance². With too few neighbours, or degenerate ones, the second
 /// derivatives are the least ones (in the coordinates of the offsets) that fit. Without neighbours all are
 /// zero.
 pub(super) fn fit(neighbours: &[(DVec3, f64)]) -> Fitted {
-    pulp::Arch::new().dispatch(Fit(neighbours))
+    let [fitted] = run_at(SimdLevel::best(), Fit([neighbours]));
+    fitted
+}
+
+/// Returns what [`fit`] does, bit for bit, for up to [`LANES`] samples; nothing for those without a list.
+pub(super) fn fit_together(neighbours: &[Changes]) -> [Fitted; LANES] {
+    let list = |n: usize| neighbours.get(n).map_or(&[][..], |list| list);
+    run_at(SimdLevel::best(), Fit(std::array::from_fn(list)))
 }
 
 /// Runs [`fitted`] compiled for the processor's vector instructions.
-struct Fit<'a>(&'a [(DVec3, f64)]);
+struct Fit<'a, const N: usize>([&'a [(DVec3, f64)]; N]);
 
-impl pulp::NullaryFnOnce for Fit<'_> {
-    type Output = Fitted;
+impl<const N: usize> SimdWork for Fit<'_, N> {
+    type Output = [Fitted; N];
 
     #[inline(always)]
-    fn call(self) -> Fitted {
+    fn run<const FMA: bool, const WIDTH: usize>(self) -> [Fitted; N] {
         fitted(self.0)
     }
 }
 
+/// Equations for the nine unknowns of each fit.
+struct Equations<const N: usize> {
+    matrix: [[Lanes<N>; 9]; 9],
+    right: [Lanes<N>; 9],
+}
+
 #[inline(always)]
-fn fitted(neighbours: &[(DVec3, f64)]) -> Fitted {
-    let known = || {
-        neighbours
-            .iter()
-            .filter(|(offset, change)| change.is_finite() && offset.length_squared() > 0.0)
-    };
-    let count = known().count() as f64;
-    let squares: f64 = known().map(|(offset, _)| offset.length_squared()).sum();
-    let distance = (squares / count).sqrt();
-    if !(distance > 0.0 && distance.is_finite()) {
-        return Fitted::default();
+fn fitted<const N: usize>(neighbours: [&[(DVec3, f64)]; N]) -> [Fitted; N] {
+    let is_known =
+        |&(offset, change): &(DVec3, f64)| change.is_finite() && offset.length_squared() > 0.0;
+    let mut count = [0.0; N];
+    let mut distance = [f64::NAN; N];
+    for (l, list) in neighbours.iter().enumerate() {
+        let known = list.iter().copied().filter(is_known);
+        count[l] = known.clone().count() as f64;
+        let squares: f64 = known.map(|(offset, _)| offset.length_squared()).sum();
+        distance[l] = (squares / count[l]).sqrt();
     }
-    let mut matrix = [[0.0; 9]; 9];
-    let mut right = [0.0; 9];
-    for (offset, change) in known() {
-        let d = *offset / distance;
-        let weight = 1.0 / d.length_squared().max(NEAREST * NEAREST);
-        // Products of two coordinates belong to two entries of H. The factor 1/sqrt(2) makes the sum of the
-        // unknowns' squares that of H's entries, which does not depend on the axes.
-        let mixed = d * std::f64::consts::FRAC_1_SQRT_2;
-        let row = [
-            d.x,
-            d.y,
-            d.z,
-            0.5 * d.x * d.x,
-            0.5 * d.y * d.y,
-            0.5 * d.z * d.z,
-            mixed.x * d.y,
-            mixed.x * d.z,
-            mixed.y * d.z,
-        ];
-        for ((line, sum), a) in matrix.iter_mut().zip(&mut right).zip(row) {
-            let weighted = weight * a;
-            *sum += weighted * change;
-            for (entry, b) in line.iter_mut().zip(row) {
-                *entry += weighted * b;
+    let mut equations = Equations {
+        matrix: [[[0.0; N]; 9]; 9],
+        right: [[0.0; N]; 9],
+    };
+    let longest = neighbours.iter().map(|list| list.len()).max().unwrap_or(0);
+    for n in 0..longest {
+        let mut offsets = [[0.0; N]; 3];
+        let mut changes = [0.0; N];
+        let mut shares = [0.0; N];
+        for (l, list) in neighbours.iter().enumerate() {
+            if let Some(&(offset, change)) = list.get(n).filter(|one| is_known(one)) {
+                for (d, offsets) in offsets.iter_mut().enumerate() {
+                    offsets[l] = offset[d] / distance[l];
+                }
+                changes[l] = change;
+                shares[l] = 1.0;
+            }
+        }
+        equations.add(&offsets, &changes, &shares);
+    }
+    // Sums of squares over all nine are `count` for the gradient and a quarter of it for H.
+    let damping = |i: usize, l: usize| match i {
+        0..3 => GRADIENT_DAMPING * count[l] / 3.0,
+        _ => HESSIAN_DAMPING * count[l] / 24.0,
+    };
+    let (factor, is_determined) = factorise(&equations.matrix, damping);
+    let mut unknowns = solve(&factor, equations.right);
+    for _ in 0..REFINEMENTS {
+        let correction = solve(&factor, equations.rest(&unknowns));
+        for (x, correction) in unknowns.iter_mut().zip(&correction) {
+            for l in 0..N {
+                x[l] += correction[l];
             }
         }
     }
-    // Sums of squares over all nine are `count` for the gradient and a quarter of it for H.
-    let damping = |i: usize| match i {
-        0..3 => GRADIENT_DAMPING * count / 3.0,
-        _ => HESSIAN_DAMPING * count / 24.0,
-    };
-    let (factor, is_determined) = factorise(&matrix, damping);
-    let mut unknowns = solve(&factor, right);
-    for _ in 0..REFINEMENTS {
-        let mut rest = right;
-        for (rest, line) in rest.iter_mut().zip(&matrix) {
-            *rest -= line.iter().zip(&unknowns).map(|(a, x)| a * x).sum::<f64>();
+    std::array::from_fn(|l| {
+        let distance = distance[l];
+        if !(distance > 0.0 && distance.is_finite()) {
+            return Fitted::default();
         }
-        for (x, correction) in unknowns.iter_mut().zip(solve(&factor, rest)) {
-            *x += correction;
+        let [gx, gy, gz, xx, yy, zz, xy, xz, yz] = unknowns.map(|x| x[l]);
+        let [xy, xz, yz] = [xy, xz, yz].map(|h| h * FRAC_1_SQRT_2);
+        let hessian = DMat3::from_cols(
+            DVec3::new(xx, xy, xz),
+            DVec3::new(xy, yy, yz),
+            DVec3::new(xz, yz, zz),
+        );
+        Fitted {
+            quadratic: Quadratic {
+                gradient: DVec3::new(gx, gy, gz) / distance,
+                hessian: hessian * (1.0 / (distance * distance)),
+            },
+            distance,
+            is_determined: is_determined[l] && count[l] >= 9.0,
+        }
+    })
+}
+
+impl<const N: usize> Equations<N> {
+    /// Adds one neighbour of each sample.
+    ///
+    /// - `offsets`: x, y and z over the root mean square distance.
+    /// - `shares`: 1, or 0 for a sample that has no such neighbour.
+    #[inline(always)]
+    fn add(&mut self, offsets: &[Lanes<N>; 3], changes: &Lanes<N>, shares: &Lanes<N>) {
+        let mut weights = [0.0; N];
+        let mut row = [[0.0; N]; 9];
+        for l in 0..N {
+            let [x, y, z] = offsets.map(|offset| offset[l]);
+            let squared = x * x + y * y + z * z;
+            let nearest = NEAREST * NEAREST;
+            weights[l] = shares[l] / if squared > nearest { squared } else { nearest };
+            // Products of two coordinates belong to two entries of H. The factor 1/sqrt(2) makes the sum of the
+            // unknowns' squares that of H's entries, which does not depend on the axes.
+            let mixed = [x, y, z].map(|d| d * FRAC_1_SQRT_2);
+            let own = [
+                x,
+                y,
+                z,
+                0.5 * x * x,
+                0.5 * y * y,
+                0.5 * z * z,
+                mixed[0] * y,
+                mixed[0] * z,
+                mixed[1] * z,
+            ];
+            for (row, own) in row.iter_mut().zip(own) {
+                row[l] = own;
+            }
+        }
+        for (i, own) in row.iter().enumerate() {
+            let weighted = product(&weights, own);
+            add_product(&mut self.right[i], 1.0, &weighted, changes);
+            for (entry, other) in self.matrix[i].iter_mut().zip(&row[..=i]) {
+                add_product(entry, 1.0, &weighted, other);
+            }
         }
     }
-    let [gx, gy, gz, xx, yy, zz, xy, xz, yz] = unknowns;
-    let [xy, xz, yz] = [xy, xz, yz].map(|h| h * std::f64::consts::FRAC_1_SQRT_2);
-    let hessian = DMat3::from_cols(
-        DVec3::new(xx, xy, xz),
-        DVec3::new(xy, yy, yz),
-        DVec3::new(xz, yz, zz),
-    );
-    Fitted {
-        quadratic: Quadratic {
-            gradient: DVec3::new(gx, gy, gz) / distance,
-            hessian: hessian * (1.0 / (distance * distance)),
-        },
-        distance,
-        is_determined: is_determined && count >= 9.0,
+
+    /// Returns what unknowns leave of the right sides.
+    #[inline(always)]
+    fn rest(&self, unknowns: &[Lanes<N>; 9]) -> [Lanes<N>; 9] {
+        let mut rest = self.right;
+        for (i, rest) in rest.iter_mut().enumerate() {
+            for (j, unknown) in unknowns.iter().enumerate() {
+                // The matrix is symmetric; its lower half is stored.
+                add_product(rest, -1.0, &self.matrix[i.max(j)][i.min(j)], unknown);
+            }
+        }
+        rest
     }
 }
 
-/// Returns the Cholesky factor of a matrix with `damping` on its diagonal; the factor's own diagonal is
+#[inline(always)]
+fn product<const N: usize>(a: &Lanes<N>, b: &Lanes<N>) -> Lanes<N> {
+    std::array::from_fn(|l| a[l] * b[l])
+}
+
+/// Adds `sign` a b to a sum.
+#[inline(always)]
+fn add_product<const N: usize>(sum: &mut Lanes<N>, sign: f64, a: &Lanes<N>, b: &Lanes<N>) {
+    for l in 0..N {
+        sum[l] += sign * (a[l] * b[l]);
+    }
+}
+
+/// Returns the Cholesky factors of matrices with `damping` on their diagonals; the factors' own diagonals are
 /// inverted. Also returns true if all columns are independent.
 #[inline(always)]
-fn factorise(matrix: &[[f64; 9]; 9], damping: impl Fn(usize) -> f64) -> ([[f64; 9]; 9], bool) {
-    let mut factor = [[0.0; 9]; 9];
-    let mut is_determined = true;
+fn factorise<const N: usize>(
+    matrix: &[[Lanes<N>; 9]; 9],
+    damping: impl Fn(usize, usize) -> f64,
+) -> ([[Lanes<N>; 9]; 9], [bool; N]) {
+    let mut factor = [[[0.0; N]; 9]; 9];
+    let mut is_determined = [true; N];
     for i in 0..9 {
-        for j in 0..i {
-            let sum: f64 = (0..j).map(|k| factor[i][k] * factor[j][k]).sum();
-            factor[i][j] = (matrix[i][j] - sum) * factor[j][j];
+        for j in 0..=i {
+            let mut left = matrix[i][j];
+            let [own, other] = [&factor[i], &factor[j]];
+            for (a, b) in own[..j].iter().zip(other) {
+                add_product(&mut left, -1.0, a, b);
+            }
+            for l in 0..N {
+                factor[i][j][l] = if i > j {
+                    left[l] * factor[j][j][l]
+                } else {
+                    is_determined[l] &= left[l] > INDEPENDENT * matrix[i][i][l];
+                    // Rounding removes no more than the damping.
+                    let positive = if left[l] > 0.0 { left[l] } else { 0.0 };
+                    1.0 / (positive + damping(i, l)).sqrt()
+                };
+            }
         }
-        let sum: f64 = factor[i][..i].iter().map(|l| l * l).sum();
-        let left = matrix[i][i] - sum;
-        is_determined &= left > INDEPENDENT * matrix[i][i];
-        // Rounding removes no more than the damping.
-        factor[i][i] = 1.0 / (left.max(0.0) + damping(i)).sqrt();
     }
     (factor, is_determined)
 }
 
 #[inline(always)]
-fn solve(factor: &[[f64; 9]; 9], mut x: [f64; 9]) -> [f64; 9] {
+fn solve<const N: usize>(factor: &[[Lanes<N>; 9]; 9], mut x: [Lanes<N>; 9]) -> [Lanes<N>; 9] {
     for i in 0..9 {
-        let sum: f64 = (0..i).map(|k| factor[i][k] * x[k]).sum();
-        x[i] = (x[i] - sum) * factor[i][i];
+        let mut own = x[i];
+        for (entry, other) in factor[i][..i].iter().zip(&x) {
+            add_product(&mut own, -1.0, entry, other);
+        }
+        x[i] = product(&own, &factor[i][i]);
     }
     for i in (0..9).rev() {
-        let sum: f64 = (i + 1..9).map(|k| factor[k][i] * x[k]).sum();
-        x[i] = (x[i] - sum) * factor[i][i];
+        let mut own = x[i];
+        for (line, other) in factor.iter().zip(&x).skip(i + 1) {
+            add_product(&mut own, -1.0, &line[i], other);
+        }
+        x[i] = product(&own, &factor[i][i]);
     }
     x
 }
@@ -216,6 +324,18 @@ mod tests {
             // The damping leaves (1e-4 / 24 / .01)^3 of a term that is determined by a hundredth.
             assert!(off < 1e-5 && bend < 1e-4, "{count}: {off} {bend}");
         }
+    }
+
+    #[test]
+    fn fits_made_together_are_those_made_alone() {
+        let lists: Vec<Changes> = [9, 0, 14, 24, 3, 24, 60]
+            .map(|count| with(spread(count)))
+            .into();
+        let same = |a: Fitted, b: Fitted| format!("{a:?}") == format!("{b:?}");
+        for (list, together) in lists.iter().zip(fit_together(&lists)) {
+            assert!(same(fit(list), together), "{together:?}");
+        }
+        assert!(same(fit_together(&lists)[LANES - 1], Fitted::default()));
     }
 
     #[test]
