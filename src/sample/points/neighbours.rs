@@ -55,6 +55,7 @@ impl<'a> PointIndex<'a> {
     /// Returns `None` for fewer than two distinct positions.
     pub(in crate::sample) fn new(positions: &'a [DVec3]) -> Option<Self> {
         let finite = (0..).zip(positions).filter(|(_, p)| p.is_finite());
+        // Positions beside the indices: to look them up would take most of the time.
         let mut points: Vec<(DVec3, u32)> = finite.map(|(i, p)| (*p, i)).collect();
         points.par_sort_unstable_by(|a, b| compare(a.0, b.0).then(a.1.cmp(&b.1)));
         let sorted: Vec<u32> = points.iter().map(|point| point.1).collect();

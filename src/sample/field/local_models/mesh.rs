@@ -77,9 +77,7 @@ pub(in crate::sample) fn models(
             None => (DMat3::IDENTITY, factor),
         }
     };
-    let changes_of = |kernel: usize, neighbours: &[u32]| -> Changes {
-        let sample = kernels.kept[kernel];
-        let (to_local, _) = local(kernel);
+    let changes_of = |sample: u32, to_local: DMat3, neighbours: &[u32]| -> Changes {
         let (at, own) = (place(sample), value(sample));
         let known = neighbours
             .iter()
@@ -89,22 +87,23 @@ pub(in crate::sample) fn models(
     };
     let fit_some = |first: usize, some: &mut [LocalModel]| {
         let kernel = |n: usize| samples.own.start + first + n;
-        let rings: Vec<Vec<u32>> = (0..some.len())
-            .map(|n| samples.ring([kernels.kept[kernel(n)]].into_iter()))
-            .collect();
-        let changes: Vec<Changes> = (0..)
-            .zip(&rings)
-            .map(|(n, ring)| changes_of(kernel(n), ring))
-            .collect();
-        let fits = fit_together(&changes);
+        let mut rings = <[Vec<u32>; LANES]>::default();
+        let mut changes = <[Changes; LANES]>::default();
+        let mut locals = [(DMat3::IDENTITY, DMat3::IDENTITY); LANES];
+        for n in 0..some.len() {
+            let sample = kernels.kept[kernel(n)];
+            rings[n] = samples.ring([sample].into_iter());
+            locals[n] = local(kernel(n));
+            changes[n] = changes_of(sample, locals[n].0, &rings[n]);
+        }
+        let fits = fit_together(&changes[..some.len()]);
         for (n, model) in some.iter_mut().enumerate() {
-            let (kernel, mut fitted) = (kernel(n), fits[n]);
+            let (kernel, mut fitted, (to_local, factor)) = (kernel(n), fits[n], locals[n]);
+            let sample = kernels.kept[kernel];
             if !(fitted.is_determined && changes[n].len() > ENOUGH) {
                 let wider = samples.ring(rings[n].iter().copied());
-                fitted = fit(&changes_of(kernel, &wider));
+                fitted = fit(&changes_of(sample, to_local, &wider));
             }
-            let sample = kernels.kept[kernel];
-            let (to_local, factor) = local(kernel);
             *model = local_model(
                 &fitted.quadratic,
                 factor,

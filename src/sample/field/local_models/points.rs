@@ -62,7 +62,7 @@ pub(super) fn models(
         (mean, ranges.fold(Range::EMPTY, Range::and))
     };
     let groups: Vec<(f64, Range)> = parallel::map(index.group_count(), of_group);
-    // Appends the neighbours of a group to a list; returns the range of the values.
+    // Lists the neighbours of a group; returns the range of the values.
     let around = |search: &mut Neighbours<'_>, g: usize, count: usize, changes: &mut Changes| {
         let (mean, mut range) = groups[g];
         changes.clear();
@@ -77,18 +77,22 @@ pub(super) fn models(
                     changes: &mut [Changes; LANES],
                     first: usize,
                     some: &mut [Option<Made>]| {
+        let mut points = [None; LANES];
         let mut ranges = [Range::EMPTY; LANES];
-        for (n, changes) in changes.iter_mut().enumerate().take(some.len()) {
-            let (_, g) = index.in_order(first + n);
-            ranges[n] = around(search, g, NEIGHBOUR_COUNT, changes);
+        for n in 0..some.len() {
+            changes[n].clear();
+            let (point, g) = index.in_order(first + n);
+            if (point as usize) < count {
+                points[n] = Some((point as usize, g));
+                ranges[n] = around(search, g, NEIGHBOUR_COUNT, &mut changes[n]);
+            }
         }
         let fits = fit_together(&changes[..some.len()]);
         for (n, made) in some.iter_mut().enumerate() {
-            let (point, g) = index.in_order(first + n);
-            let (mut fitted, i) = (fits[n], point as usize);
-            if i >= count {
+            let Some((i, g)) = points[n] else {
                 continue;
-            }
+            };
+            let mut fitted = fits[n];
             let mut is_far = false;
             for count in MORE_NEIGHBOURS {
                 if fitted.is_determined || !groups[g].0.is_finite() {
