@@ -3,7 +3,7 @@
 
 use super::incidence::CellsAround;
 use super::levels::{Body, NONE, bend, joined};
-use super::pieces::pieces;
+use super::pieces::{Corners, each_piece};
 use super::sharp::{DrawnCells, NodeParticles, Surface};
 use crate::sample::positions::index_u32;
 use crate::sample::refine::MOST_PARTS;
@@ -75,51 +75,65 @@ pub(super) struct DualCells<'a> {
 }
 
 impl DualCells<'_> {
-    /// Returns a dual cell, with pieces if any of its values are shown.
-    fn of(&self, node: u32, is_shown: impl Fn([f64; 2]) -> bool) -> Option<Body> {
-        let mesh = self.cells.mesh;
-        let drawn = || {
-            let cells = self.around.of(node).iter().map(|&cell| cell as usize);
-            cells.filter(|&cell| self.cells.is_drawn(cell))
-        };
-        let origin = mesh.nodes[node as usize];
+    /// Returns the drawn cells around a node.
+    fn drawn(&self, node: u32) -> impl Iterator<Item = usize> {
+        let cells = self.around.of(node).iter().map(|&cell| cell as usize);
+        cells.filter(|&cell| self.cells.is_drawn(cell))
+    }
+
+    /// Returns a dual cell without its pieces; `None` if a position or a value is missing.
+    fn bare(&self, node: u32) -> Option<Body> {
+        let origin = self.cells.mesh.nodes[node as usize];
         let mut body = Body {
             origin,
             value: self.values[node as usize],
             range: NONE,
             radius: 0.0,
             has_tetrahedra: false,
-            cells: Vec::new(),
+            pieces: Vec::new(),
         };
         let mut corners = Vec::new();
-        let mut ranges = Vec::new();
-        for cell in drawn() {
+        for cell in self.drawn(node) {
             self.cells.own_corners(cell, &mut corners);
             body.has_tetrahedra |= corners.len() == 4;
-            let mut range = NONE;
             for &corner in &corners {
-                let value = self.values[corner as usize];
-                let distance = mesh.nodes[corner as usize].distance(origin);
-                if !value.is_finite() || !distance.is_finite() {
+                let distance = self.cells.mesh.nodes[corner as usize].distance(origin);
+                if !self.values[corner as usize].is_finite() || !distance.is_finite() {
                     return None;
                 }
-                range = joined(range, [value; 2]);
                 body.radius = body.radius.max(distance);
             }
-            body.range = joined(body.range, range);
-            ranges.push(range);
+            body.range = joined(body.range, self.range(&corners));
         }
-        if !body.value.is_finite() || ranges.is_empty() || !is_shown(body.range) {
+        Some(body)
+    }
+
+    /// Returns the least and the greatest value of nodes.
+    fn range(&self, nodes: &[u32]) -> [f64; 2] {
+        let values = nodes.iter().map(|&n| [self.values[n as usize]; 2]);
+        values.fold(NONE, joined)
+    }
+
+    /// Returns a dual cell with its pieces.
+    fn whole(&self, node: u32, mut body: Body) -> Option<Body> {
+        if !body.value.is_finite() {
             return Some(body);
         }
+        let mesh = self.cells.mesh;
         let at = |n: u32| {
-            let place = mesh.nodes[n as usize] - origin;
+            let place = mesh.nodes[n as usize] - body.origin;
             Some(place.extend(self.values[n as usize]))
         };
-        for (cell, range) in drawn().zip(ranges) {
-            let is_own = |n: u32| self.cells.duals.first_of(n) == node;
-            body.cells.push((pieces(mesh, cell, at, is_own)?, range));
+        let is_own = |n: u32| self.cells.duals.first_of(n) == node;
+        let (mut corners, mut of_cell) = (Corners::default(), Vec::new());
+        let mut pieces = Vec::with_capacity(self.around.of(node).len());
+        for cell in self.drawn(node) {
+            self.cells.own_corners(cell, &mut of_cell);
+            let range = self.range(&of_cell);
+            let each = |piece| pieces.push((piece, range));
+            each_piece((mesh, cell), at, is_own, &mut corners, each)?;
         }
+        body.pieces = pieces;
         Some(body)
     }
 }
@@ -165,7 +179,7 @@ impl Bodies for DualCells<'_> {
     }
 
     fn body(&self, node: u32) -> Option<Body> {
-        self.of(node, |_| true)
+        self.whole(node, self.bare(node)?)
     }
 
     fn level(
@@ -176,9 +190,13 @@ impl Bodies for DualCells<'_> {
         sigma: f64,
         surface: Option<&Surface>,
     ) -> Option<u8> {
-        let body = self.of(node, |range| rule.shows(range))?;
+        let bare = self.bare(node)?;
+        let px = px(&bare);
+        if !rule.shows(bare.range) || Rule::most_level(sigma, px) == 0 {
+            return Some(0);
+        }
         let bend = surface.map_or(0.0, |surface| bend(self.cells, surface, node));
-        Some(body.level(rule, px(&body), sigma, bend))
+        Some(self.whole(node, bare)?.level(rule, px, sigma, bend))
     }
 }
 
@@ -207,7 +225,7 @@ impl CellBodies<'_> {
             range: [value; 2],
             radius: places().map(|x| x.distance(origin)).fold(0.0, f64::max),
             has_tetrahedra: corners.len() == 4,
-            cells: Vec::new(),
+            pieces: Vec::new(),
         })
     }
 }
@@ -260,8 +278,10 @@ impl Bodies for CellBodies<'_> {
         let mut body = self.bare(cell)?;
         let mesh = self.cells.mesh;
         let at = |n: u32| Some((mesh.nodes[n as usize] - body.origin).extend(body.value));
-        let pieces = pieces(mesh, cell as usize, at, |_| true)?;
-        body.cells.push((pieces, body.range));
+        let (mut corners, mut pieces) = (Corners::default(), Vec::new());
+        let each = |piece| pieces.push((piece, body.range));
+        each_piece((mesh, cell as usize), at, |_| true, &mut corners, each)?;
+        body.pieces = pieces;
         Some(body)
     }
 
@@ -455,7 +475,7 @@ mod tests {
         with_nodes([2; 3], &values, |nodes| {
             assert!(nodes.body(13).is_none());
             let other = nodes.body(26).unwrap();
-            assert_eq!((other.cells.len(), other.range), (1, [0.5; 2]));
+            assert_eq!((other.pieces.len(), other.range), (1, [0.5; 2]));
         });
         with_block([2, 1, 1], |cells, around| {
             let bodies = CellBodies {

@@ -44,8 +44,8 @@ pub(super) struct Body {
     /// Distance of the farthest corner of its cells.
     pub(super) radius: f64,
     pub(super) has_tetrahedra: bool,
-    /// The pieces of each of its cells, with the range of values in the cell.
-    pub(super) cells: Vec<(Vec<Piece>, [f64; 2])>,
+    /// Its pieces, each with the range of values in its cell.
+    pub(super) pieces: Vec<(Piece, [f64; 2])>,
 }
 
 /// No values.
@@ -57,7 +57,7 @@ pub(super) fn joined(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
 
 impl Body {
     fn pieces(&self) -> impl Iterator<Item = &Piece> {
-        self.cells.iter().flat_map(|(pieces, _)| pieces)
+        self.pieces.iter().map(|(piece, _)| piece)
     }
 
     /// Returns the mean gradient of the pieces, by volume; `None` if they have none.

@@ -56,32 +56,30 @@ pub(super) fn kernels(
     kernels: &mut Vec<PartKernel>,
 ) {
     let reach = VALUE_REACH * rule.kernel_width / count as f64;
-    for (pieces, of_cell) in &body.cells {
-        for piece in pieces {
-            for n in 0..count * count * count {
-                let Some(shape) = piece.part(count, n) else {
-                    continue;
-                };
-                // Parts whose kernels stay within the cell take its values.
-                let is_within = Piece::middle(count, n).iter().all(|t| *t > reach);
-                let range = if is_within { *of_cell } else { body.range };
-                let Some(mut kernel) = PartKernel::new(&shape, body.origin, range, rule) else {
-                    continue;
-                };
-                let factor = lower_matrix(kernel.factor);
-                let faces = near.faces.iter().copied();
-                let beside = walls(faces, &node, kernel.position, factor);
-                let is_open = !near.is_sharp && !beside.planes.is_empty();
-                kernel.is_partial = beside.is_partial || near.is_undecided || is_open;
-                if !near.is_sharp {
-                    kernels.push(kernel);
-                    continue;
-                }
-                kernel.edges = edges(&beside.planes, kernel.position, &factor);
-                let images = images(&kernel, &beside);
+    for (piece, of_cell) in &body.pieces {
+        for n in 0..count * count * count {
+            let Some(shape) = piece.part(count, n) else {
+                continue;
+            };
+            // Parts whose kernels stay within the cell take its values.
+            let is_within = Piece::middle(count, n).iter().all(|t| *t > reach);
+            let range = if is_within { *of_cell } else { body.range };
+            let Some(mut kernel) = PartKernel::new(&shape, body.origin, range, rule) else {
+                continue;
+            };
+            let factor = lower_matrix(kernel.factor);
+            let faces = near.faces.iter().copied();
+            let beside = walls(faces, &node, kernel.position, factor);
+            let is_open = !near.is_sharp && !beside.planes.is_empty();
+            kernel.is_partial = beside.is_partial || near.is_undecided || is_open;
+            if !near.is_sharp {
                 kernels.push(kernel);
-                kernels.extend(images);
+                continue;
             }
+            kernel.edges = edges(&beside.planes, kernel.position, &factor);
+            let images = images(&kernel, &beside);
+            kernels.push(kernel);
+            kernels.extend(images);
         }
     }
 }

@@ -26,8 +26,8 @@ pub(super) struct Piece {
     /// Position and value at its corners, the first parameter fastest; the cell's corner comes first, unless the
     /// piece is a pyramid's apex.
     vertices: [DVec4; 8],
-    /// Sign of its determinants.
-    sign: f64,
+    /// Volume, with the sign of most of its determinants.
+    volume: f64,
 }
 
 /// A part of a piece.
@@ -42,43 +42,67 @@ pub(super) struct PieceShape {
     pub(super) gradient: DVec3,
 }
 
-/// Cell with the places of its corners.
-struct Corners {
+/// Cell with the places of its corners. One value serves many cells, so that their lists share memory.
+#[derive(Default)]
+pub(super) struct Corners {
     /// Numbers of the corners' nodes.
     nodes: Vec<u32>,
-    /// Faces by their corners.
-    faces: Vec<Vec<usize>>,
+    /// Corners of the faces, one face after the other.
+    of_faces: Vec<usize>,
+    /// End of each face in `of_faces`.
+    face_ends: Vec<usize>,
     places: Vec<DVec4>,
     is_pyramid: bool,
 }
 
 impl Corners {
-    fn new(mesh: &CellMesh, cell: usize, at: impl Fn(u32) -> Option<DVec4>) -> Option<Self> {
+    /// Takes a cell; returns `None` if a corner has no place.
+    ///
+    /// - `at`: returns position and value of a node.
+    fn take(
+        &mut self,
+        mesh: &CellMesh,
+        cell: usize,
+        at: impl Fn(u32) -> Option<DVec4>,
+    ) -> Option<()> {
         let (kind, entries) = (mesh.kinds[cell], mesh.cell(cell));
-        let (nodes, faces) = match kind.faces() {
+        self.nodes.clear();
+        self.of_faces.clear();
+        self.face_ends.clear();
+        match kind.faces() {
             Some(faces) => {
-                let last = faces.iter().flat_map(|face| face.iter()).max()?;
-                let nodes = entries.get(..=usize::from(*last))?.to_vec();
-                let of_face = |face: &&[u8]| face.iter().map(|&i| usize::from(i)).collect();
-                (nodes, faces.iter().map(of_face).collect())
+                for face in faces {
+                    self.of_faces.extend(face.iter().map(|&i| usize::from(i)));
+                    self.face_ends.push(self.of_faces.len());
+                }
+                let last = self.of_faces.iter().max()?;
+                self.nodes.extend(entries.get(..=*last)?);
             }
             None => {
-                let mut nodes: Vec<u32> = polyhedron_faces(entries).flatten().copied().collect();
-                nodes.sort_unstable();
-                nodes.dedup();
-                let number = |n: &u32| nodes.partition_point(|other| other < n);
-                let of_face = |face: &[u32]| face.iter().map(number).collect();
-                let faces: Vec<Vec<usize>> = polyhedron_faces(entries).map(of_face).collect();
-                (nodes, faces)
+                self.nodes.extend(polyhedron_faces(entries).flatten());
+                self.nodes.sort_unstable();
+                self.nodes.dedup();
+                for face in polyhedron_faces(entries) {
+                    let number = |n: &u32| self.nodes.partition_point(|other| other < n);
+                    self.of_faces.extend(face.iter().map(number));
+                    self.face_ends.push(self.of_faces.len());
+                }
             }
-        };
-        let places: Option<Vec<DVec4>> = nodes.iter().map(|&n| at(n)).collect();
-        Some(Self {
-            nodes,
-            faces,
-            places: places?,
-            is_pyramid: is_pyramid(kind),
-        })
+        }
+        self.places.clear();
+        for &n in &self.nodes {
+            self.places.push(at(n)?);
+        }
+        self.is_pyramid = is_pyramid(kind);
+        Some(())
+    }
+
+    fn faces(&self) -> impl Iterator<Item = &[usize]> {
+        let begins = std::iter::once(0).chain(self.face_ends.iter().copied());
+        let ends = self.face_ends.iter().copied();
+        begins
+            .zip(ends)
+            .map(|(begin, end)| &self.of_faces[begin..end])
     }
 
     fn mean(&self, corners: &[usize]) -> DVec4 {
@@ -115,9 +139,13 @@ impl Corners {
         }
     }
 
-    /// Appends the pieces at a corner.
-    fn pieces_at(&self, corner: usize, pieces: &mut Vec<Piece>) {
-        let mut add = |vertices| pieces.extend(Piece::new(vertices));
+    /// Passes on the pieces at a corner.
+    fn pieces_at(&self, corner: usize, mut each: impl FnMut(Piece)) {
+        let mut add = |vertices| {
+            if let Some(piece) = Piece::new(vertices) {
+                each(piece);
+            }
+        };
         let [own, centre] = [self.places[corner], self.centre()];
         if self.is_pyramid && corner == 4 {
             let [a, b, c, d] = [0, 3, 1, 2].map(|base| self.edge(base, 4));
@@ -126,7 +154,7 @@ impl Corners {
         }
         // The corner before and the one after in each face at the corner.
         let mut around: Vec<([usize; 2], DVec4)> = Vec::with_capacity(3);
-        for face in &self.faces {
+        for face in self.faces() {
             for i in (0..face.len()).filter(|&i| face[i] == corner) {
                 let count = face.len();
                 let beside = [face[(i + 1) % count], face[(i + count - 1) % count]];
@@ -161,21 +189,22 @@ fn is_pyramid(kind: CellKind) -> bool {
     matches!(kind.0, 14 | 27 | 37 | 74 | 81)
 }
 
-/// Returns the pieces of a cell at those of its nodes that are wanted; `None` if a corner has no place.
+/// Passes on the pieces of a cell at those of its nodes that are wanted; returns `None` if a corner has no place.
 ///
 /// - `at`: returns position and value of a node.
-pub(super) fn pieces(
-    mesh: &CellMesh,
-    cell: usize,
+/// - `corners`: memory for the cell's corners.
+pub(super) fn each_piece(
+    (mesh, cell): (&CellMesh, usize),
     at: impl Fn(u32) -> Option<DVec4>,
     is_wanted: impl Fn(u32) -> bool,
-) -> Option<Vec<Piece>> {
-    let corners = Corners::new(mesh, cell, at)?;
-    let mut pieces = Vec::new();
+    corners: &mut Corners,
+    mut each: impl FnMut(Piece),
+) -> Option<()> {
+    corners.take(mesh, cell, at)?;
     for corner in (0..corners.nodes.len()).filter(|&c| is_wanted(corners.nodes[c])) {
-        corners.pieces_at(corner, &mut pieces);
+        corners.pieces_at(corner, &mut each);
     }
-    Some(pieces)
+    Some(())
 }
 
 impl Piece {
@@ -183,14 +212,12 @@ impl Piece {
     fn new(vertices: [DVec4; 8]) -> Option<Self> {
         let mut piece = Self {
             vertices,
-            sign: 1.0,
+            volume: 0.0,
         };
-        let sum: f64 = gauss_points([0.0; 3], 1.0)
-            .map(|at| piece.jacobian(at).determinant())
-            .sum();
-        piece.sign = sum.signum();
+        let terms = piece.determinants(gauss_places([0.0; 3], 1.0));
+        piece.volume = terms.iter().sum::<f64>() / 8.0;
         // Phrased so that NaN counts as none.
-        (sum.abs() > 0.0 && sum.is_finite()).then_some(piece)
+        (piece.volume.abs() > 0.0 && piece.volume.is_finite()).then_some(piece)
     }
 
     pub(super) fn vertices(&self) -> &[DVec4; 8] {
@@ -199,36 +226,49 @@ impl Piece {
 
     /// Returns position and value at a place of the parameters, from 0 to 1 each.
     fn at(&self, at: [f64; 3]) -> DVec4 {
-        let weights = at.map(|t| [1.0 - t, t]);
-        self.sum(weights)
-    }
-
-    /// Returns the vertices' sum with weights that are products along the parameters.
-    fn sum(&self, [x, y, z]: [[f64; 2]; 3]) -> DVec4 {
+        let [x, y, z] = at.map(|t| [1.0 - t, t]);
         let terms = self.vertices.iter().enumerate();
         terms
             .map(|(n, v)| *v * (x[n & 1] * y[n >> 1 & 1] * z[n >> 2]))
             .sum()
     }
 
-    /// Returns the derivatives of position and value by each parameter.
-    fn slopes(&self, at: [f64; 3]) -> [DVec4; 3] {
-        [0, 1, 2].map(|axis| {
-            let mut weights = at.map(|t| [1.0 - t, t]);
-            weights[axis] = [-1.0, 1.0];
-            self.sum(weights)
+    /// Returns the derivatives of position and value by each parameter. They are bilinear in the next parameter, by which
+    /// the inner array counts, and in the one after that.
+    ///
+    /// - `places`: places along each parameter.
+    fn slopes<const N: usize>(&self, places: [[f64; N]; 3]) -> [[[DVec4; N]; N]; 3] {
+        [0, 1, 2].map(|a| {
+            let [b, c] = [(a + 1) % 3, (a + 2) % 3];
+            let edge = |at_b: usize, at_c: usize| {
+                let from = at_b << b | at_c << c;
+                self.vertices[from | 1 << a] - self.vertices[from]
+            };
+            let along_b = [0, 1].map(|at_c| {
+                let [low, high] = [edge(0, at_c), edge(1, at_c)];
+                places[b].map(|t| low + (high - low) * t)
+            });
+            let [low, high] = along_b;
+            places[c].map(|t| std::array::from_fn(|n| low[n] + (high[n] - low[n]) * t))
         })
     }
 
-    fn jacobian(&self, at: [f64; 3]) -> DMat3 {
-        let [x, y, z] = self.slopes(at).map(DVec4::xyz);
-        DMat3::from_cols(x, y, z)
+    /// Returns the determinants of the Jacobian at the eight combinations of two places along each parameter, the first
+    /// parameter fastest.
+    fn determinants(&self, places: [[f64; 2]; 3]) -> [f64; 8] {
+        let slopes = self
+            .slopes(places)
+            .map(|of| of.map(|row| row.map(DVec4::xyz)));
+        std::array::from_fn(|n| {
+            let bit = |a: usize| n >> (a % 3) & 1;
+            let [x, y, z] = [0, 1, 2].map(|a| slopes[a][bit(a + 2)][bit(a + 1)]);
+            x.dot(y.cross(z))
+        })
     }
 
     /// Returns the volume of the piece.
     pub(super) fn volume(&self) -> f64 {
-        let terms = gauss_points([0.0; 3], 1.0).map(|at| self.jacobian(at).determinant());
-        terms.sum::<f64>() * self.sign / 8.0
+        self.volume.abs()
     }
 
     /// Returns the middle of a part of the parameters, of `count`³ parts; the first parameter is fastest.
@@ -243,10 +283,11 @@ impl Piece {
         let side = 1.0 / count as f64;
         let origin = self.at(middle);
         let (mut weight, mut first, mut second) = (0.0, DVec4::ZERO, [0.0; 6]);
-        let low = middle.map(|t| t - 0.5 * side);
-        for at in gauss_points(low, side) {
+        let places = gauss_places(middle.map(|t| t - 0.5 * side), side);
+        for (n, determinant) in self.determinants(places).into_iter().enumerate() {
             // Where a cell is turned over, it has no volume.
-            let own = (self.jacobian(at).determinant() * self.sign).max(0.0);
+            let own = (determinant * self.volume.signum()).max(0.0);
+            let at = std::array::from_fn(|a| places[a][n >> a & 1]);
             let offset = self.at(at) - origin;
             weight += own;
             first += offset * own;
@@ -270,8 +311,9 @@ impl Piece {
 
     /// Returns the gradient of the interpolant; `None` where the piece is flat.
     pub(super) fn gradient(&self, at: [f64; 3]) -> Option<DVec3> {
-        let slopes = self.slopes(at);
-        let jacobian = self.jacobian(at);
+        let slopes = self.slopes(at.map(|t| [t])).map(|[[slope]]| slope);
+        let [x, y, z] = slopes.map(DVec4::xyz);
+        let jacobian = DMat3::from_cols(x, y, z);
         let lengths: f64 = slopes.iter().map(|s| s.xyz().length()).product();
         // Phrased so that NaN counts as flat.
         let spans = jacobian.determinant().abs() > SPANNING * lengths;
@@ -280,12 +322,9 @@ impl Piece {
     }
 }
 
-/// Returns the Gauss points of a cube of the parameters.
-fn gauss_points(low: [f64; 3], side: f64) -> impl Iterator<Item = [f64; 3]> {
-    (0..8_usize).map(move |n| {
-        let upper = |a: usize| if n >> a & 1 == 1 { GAUSS } else { -GAUSS };
-        [0, 1, 2].map(|a| low[a] + 0.5 * side * (1.0 + upper(a)))
-    })
+/// Returns the places of the Gauss points of a cube of the parameters along each of them.
+fn gauss_places(low: [f64; 3], side: f64) -> [[f64; 2]; 3] {
+    low.map(|low| [-GAUSS, GAUSS].map(|from_middle| low + 0.5 * side * (1.0 + from_middle)))
 }
 
 #[cfg(test)]
@@ -344,6 +383,20 @@ mod tests {
         ]
     }
 
+    fn pieces(
+        mesh: &CellMesh,
+        at: impl Fn(u32) -> Option<DVec4>,
+        is_wanted: impl Fn(u32) -> bool,
+    ) -> Vec<Piece> {
+        let mut all = Vec::new();
+        let mut corners = Corners::default();
+        each_piece((mesh, 0), at, is_wanted, &mut corners, |piece| {
+            all.push(piece)
+        })
+        .unwrap();
+        all
+    }
+
     fn linear(x: DVec3) -> f64 {
         2.0 + x.dot(DVec3::new(1.0, -2.0, 0.5))
     }
@@ -353,7 +406,7 @@ mod tests {
             let x = mesh.nodes[n as usize];
             Some(x.extend(linear(x)))
         };
-        pieces(mesh, 0, at, |_| true).unwrap()
+        pieces(mesh, at, |_| true)
     }
 
     #[test]
@@ -404,7 +457,7 @@ mod tests {
         let mesh = cell(11, &unit, &[0, 1, 2, 3, 4, 5, 6, 7]);
         let field = |x: DVec3| x.x * x.y - 2.0 * x.x * x.y * x.z;
         let at = |n: u32| Some(unit[n as usize].extend(field(unit[n as usize])));
-        for piece in pieces(&mesh, 0, at, |n| n == 3).unwrap() {
+        for piece in pieces(&mesh, at, |n| n == 3) {
             let part = piece.part(4, 37).unwrap();
             let x = part.place.xyz();
             assert!((part.place.w - field(x)).abs() < 1e-12);
