@@ -65,10 +65,12 @@ impl UnevenKernels {
         if reach.saturating_mul(self.positions.len()) > MOST_TERMS {
             return Ok(false);
         }
+        let changes = |n: usize| self.follows[n] as usize == n && !self.is_fixed[n];
         for _ in 0..PASSES {
             // Summands are narrow; sums need no more.
             let volumes = &self.volumes;
-            let sums = index.kernel_sums(task, |j| summand(volumes, j), |j| kernels.cut(j))?;
+            let sums =
+                index.kernel_sums(task, changes, |j| summand(volumes, j), |j| kernels.cut(j))?;
             let evened = |(n, volume): (usize, &f64)| {
                 let own = self.follows[n] as usize;
                 let sum = sums[own];

@@ -214,7 +214,7 @@ impl Piece {
             vertices,
             volume: 0.0,
         };
-        let terms = piece.determinants(gauss_places([0.0; 3], 1.0));
+        let terms = piece.determinants(&gauss_places([0.0; 3], 1.0));
         piece.volume = terms.iter().sum::<f64>() / 8.0;
         // Phrased so that NaN counts as none.
         (piece.volume.abs() > 0.0 && piece.volume.is_finite()).then_some(piece)
@@ -237,33 +237,39 @@ impl Piece {
     /// the inner array counts, and in the one after that.
     ///
     /// - `places`: places along each parameter.
-    fn slopes<const N: usize>(&self, places: [[f64; N]; 3]) -> [[[DVec4; N]; N]; 3] {
-        [0, 1, 2].map(|a| {
+    fn slopes<const N: usize>(&self, places: &[[f64; N]; 3]) -> [[[DVec4; N]; N]; 3] {
+        let mut slopes = [[[DVec4::ZERO; N]; N]; 3];
+        for (a, slopes) in slopes.iter_mut().enumerate() {
             let [b, c] = [(a + 1) % 3, (a + 2) % 3];
-            let edge = |at_b: usize, at_c: usize| {
-                let from = at_b << b | at_c << c;
-                self.vertices[from | 1 << a] - self.vertices[from]
-            };
-            let along_b = [0, 1].map(|at_c| {
-                let [low, high] = [edge(0, at_c), edge(1, at_c)];
-                places[b].map(|t| low + (high - low) * t)
-            });
-            let [low, high] = along_b;
-            places[c].map(|t| std::array::from_fn(|n| low[n] + (high[n] - low[n]) * t))
-        })
+            let mut along_b = [[DVec4::ZERO; N]; 2];
+            for (at_c, along_b) in along_b.iter_mut().enumerate() {
+                let [low, high] = [at_c << c, 1 << b | at_c << c];
+                let low = self.vertices[low | 1 << a] - self.vertices[low];
+                let high = self.vertices[high | 1 << a] - self.vertices[high];
+                for (slope, t) in along_b.iter_mut().zip(&places[b]) {
+                    *slope = low + (high - low) * *t;
+                }
+            }
+            for (slopes, t) in slopes.iter_mut().zip(&places[c]) {
+                for (n, slope) in slopes.iter_mut().enumerate() {
+                    *slope = along_b[0][n] + (along_b[1][n] - along_b[0][n]) * *t;
+                }
+            }
+        }
+        slopes
     }
 
     /// Returns the determinants of the Jacobian at the eight combinations of two places along each parameter, the first
     /// parameter fastest.
-    fn determinants(&self, places: [[f64; 2]; 3]) -> [f64; 8] {
-        let slopes = self
-            .slopes(places)
-            .map(|of| of.map(|row| row.map(DVec4::xyz)));
-        std::array::from_fn(|n| {
-            let bit = |a: usize| n >> (a % 3) & 1;
-            let [x, y, z] = [0, 1, 2].map(|a| slopes[a][bit(a + 2)][bit(a + 1)]);
-            x.dot(y.cross(z))
-        })
+    fn determinants(&self, places: &[[f64; 2]; 3]) -> [f64; 8] {
+        let slopes = self.slopes(places);
+        let mut determinants = [0.0; 8];
+        for (n, determinant) in determinants.iter_mut().enumerate() {
+            let [i, j, k] = [n & 1, n >> 1 & 1, n >> 2];
+            let [x, y, z] = [slopes[0][k][j], slopes[1][i][k], slopes[2][j][i]];
+            *determinant = x.xyz().dot(y.xyz().cross(z.xyz()));
+        }
+        determinants
     }
 
     /// Returns the volume of the piece.
@@ -284,7 +290,7 @@ impl Piece {
         let origin = self.at(middle);
         let (mut weight, mut first, mut second) = (0.0, DVec4::ZERO, [0.0; 6]);
         let places = gauss_places(middle.map(|t| t - 0.5 * side), side);
-        for (n, determinant) in self.determinants(places).into_iter().enumerate() {
+        for (n, determinant) in self.determinants(&places).into_iter().enumerate() {
             // Where a cell is turned over, it has no volume.
             let own = (determinant * self.volume.signum()).max(0.0);
             let at = std::array::from_fn(|a| places[a][n >> a & 1]);
@@ -311,13 +317,12 @@ impl Piece {
 
     /// Returns the gradient of the interpolant; `None` where the piece is flat.
     pub(super) fn gradient(&self, at: [f64; 3]) -> Option<DVec3> {
-        let slopes = self.slopes(at.map(|t| [t])).map(|[[slope]]| slope);
-        let [x, y, z] = slopes.map(DVec4::xyz);
-        let jacobian = DMat3::from_cols(x, y, z);
-        let lengths: f64 = slopes.iter().map(|s| s.xyz().length()).product();
+        let [[[x]], [[y]], [[z]]] = self.slopes(&at.map(|t| [t]));
+        let jacobian = DMat3::from_cols(x.xyz(), y.xyz(), z.xyz());
+        let lengths = x.xyz().length() * y.xyz().length() * z.xyz().length();
         // Phrased so that NaN counts as flat.
         let spans = jacobian.determinant().abs() > SPANNING * lengths;
-        let rises = DVec3::from(slopes.map(|s| s.w));
+        let rises = DVec3::new(x.w, y.w, z.w);
         spans.then(|| jacobian.inverse().transpose() * rises)
     }
 }

@@ -57,7 +57,11 @@ pub(in crate::sample) fn refine_grids(
             values,
             volumes,
         };
-        let is_wanted = |particle| wanted.binary_search(&index_u32(particle)).is_ok();
+        let is_wanted = |particle: usize| {
+            let number = index_u32(particle);
+            // If the first ones are all wanted, each has its own place.
+            wanted.get(particle) == Some(&number) || wanted.binary_search(&number).is_ok()
+        };
         let mut total = |own| ranks.sum(Ok(own));
         let of = (width, reach(width));
         refine(

@@ -62,7 +62,7 @@ impl CutKernels<'_> {
         })
     }
 
-    /// Returns the sums of all kernels at the samples, found by distance. Returns `None` if each kernel reaches
+    /// Returns the sums of all kernels at the samples, found by distance; 0 for ghosts. Returns `None` if each kernel reaches
     /// many samples, because kernels are long compared with distances.
     pub(in crate::sample) fn sums(
         &self,
@@ -84,7 +84,9 @@ impl CutKernels<'_> {
         if index.mean_reach(kernel) > MOST_REACHED {
             return Ok(None);
         }
-        index.kernel_sums(task, kernel, |j| self.cut(j)).map(Some)
+        let is_sample = |j| j < self.own_count();
+        let sums = index.kernel_sums(task, is_sample, kernel, |j| self.cut(j))?;
+        Ok(Some(sums))
     }
 
     /// Divides volumes by sums, then scales all so that their total inside the boundary equals the volume of

@@ -43,7 +43,7 @@ pub(in crate::sample) fn even_out(kernels: &mut Kernels, task: Option<&Task>) ->
                 amplitude: amplitude(j),
             })
         };
-        index.kernel_sums(task, kernel, everywhere)
+        index.kernel_sums(task, |_| true, kernel, everywhere)
     };
     let volume = |volumes: &[f32], j: usize| f64::from(volumes[j]);
     let own = |j: usize| volume(&kernels.volumes, j).cbrt();

@@ -143,15 +143,17 @@ impl PointIndex<'_> {
         reached / some.len().max(1)
     }
 
-    /// Returns, for each point, the sum over kernels j of amplitude x Gaussian; 0 for points that are not
-    /// finite.
+    /// Returns, for each wanted point, the sum over kernels j of amplitude x Gaussian; 0 for the others, and for points
+    /// that are not finite.
     ///
+    /// - `is_wanted`: returns true for the points at which sums are wanted.
     /// - `kernel`: returns the kernel at point j, or `None`.
     /// - `cut`: for a kernel j that is cut, returns the test of an offset from its centre; `None` for a kernel
     ///   that counts everywhere.
     pub(in crate::sample) fn kernel_sums<C: Fn(DVec3) -> bool>(
         &self,
         task: Option<&Task>,
+        is_wanted: impl Fn(usize) -> bool,
         kernel: impl Fn(usize) -> Option<Summand> + Sync,
         cut: impl Fn(usize) -> Option<C> + Sync,
     ) -> Result<Vec<f64>> {
@@ -178,10 +180,11 @@ impl PointIndex<'_> {
             }
         });
         let tree = Tree::new(&placed);
-        let mut in_order = vec![0.0; placed.len()];
+        let wanted: Vec<&Placed> = placed.iter().filter(|own| is_wanted(own.kernel)).collect();
+        let mut in_order = vec![0.0; wanted.len()];
         fill(task, "summing kernels", &mut in_order, |first, sums| {
             for (n, sums) in sums.chunks_mut(LEAF).enumerate() {
-                let points = &placed[first + n * LEAF..][..sums.len()];
+                let points = &wanted[first + n * LEAF..][..sums.len()];
                 pulp::Arch::new().dispatch(SumLeaf {
                     tree: &tree,
                     points,
@@ -191,7 +194,7 @@ impl PointIndex<'_> {
             }
         })?;
         let mut sums = vec![0.0; self.point_count()];
-        for (one, sum) in placed.iter().zip(in_order) {
+        for (one, sum) in wanted.iter().zip(in_order) {
             sums[one.kernel] = sum;
         }
         Ok(sums)
@@ -201,7 +204,7 @@ impl PointIndex<'_> {
 /// Runs [`Tree::sum`] compiled for the processor's vector instructions.
 struct SumLeaf<'a, F> {
     tree: &'a Tree<'a>,
-    points: &'a [Placed],
+    points: &'a [&'a Placed],
     sums: &'a mut [f64],
     cut: &'a F,
 }
@@ -250,7 +253,7 @@ impl<'a> Tree<'a> {
     #[inline(always)]
     fn sum<C: Fn(DVec3) -> bool>(
         &self,
-        points: &[Placed],
+        points: &[&Placed],
         sums: &mut [f64],
         cut: &impl Fn(usize) -> Option<C>,
     ) {
@@ -371,7 +374,9 @@ mod tests {
                 amplitude: 1.0,
             })
         };
-        let sums = index.kernel_sums(None, kernel, everywhere).unwrap();
+        let sums = index
+            .kernel_sums(None, |_| true, kernel, everywhere)
+            .unwrap();
         // Within the cut-off's .1 % and the ripple at sigma .7, .04 %.
         let centre = sums[4 + 9 * (4 + 9 * 4)];
         assert!((centre - 1.0).abs() < 1.5e-3, "{centre}");
@@ -421,7 +426,7 @@ mod tests {
             (j.is_multiple_of(3)).then_some(move |offset: DVec3| normal.dot(offset) > -0.05)
         };
         let index = PointIndex::new(&points).unwrap();
-        let sums = index.kernel_sums(None, kernel, cut).unwrap();
+        let sums = index.kernel_sums(None, |_| true, kernel, cut).unwrap();
         let is_finite = |i: usize| points[i].is_finite();
         for i in 0..points.len() {
             let mut expected = 0.0;
@@ -451,7 +456,7 @@ mod tests {
             .build()
             .unwrap();
         let alone = one
-            .install(|| index.kernel_sums(None, kernel, cut))
+            .install(|| index.kernel_sums(None, |_| true, kernel, cut))
             .unwrap();
         assert_eq!(alone, sums);
     }

@@ -188,7 +188,8 @@ impl<'a> Columns<'a> {
         }
         let volumes = match index.filter(|_| crowded && !known) {
             Some(index) => {
-                let sums = index.kernel_sums(options.task.as_ref(), kernel, everywhere)?;
+                let sums =
+                    index.kernel_sums(options.task.as_ref(), |_| true, kernel, everywhere)?;
                 Some(sums.into_iter().map(|sum| 1.0 / sum).collect())
             }
             None => None,

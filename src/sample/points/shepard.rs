@@ -51,7 +51,7 @@ pub(in crate::sample) fn even_out(
                 amplitude: f64::from(volumes[j]),
             })
         };
-        let sums = index.kernel_sums(task, kernel, everywhere)?;
+        let sums = index.kernel_sums(task, |_| true, kernel, everywhere)?;
         volumes
             .par_iter_mut()
             .zip(&sums)

@@ -14,6 +14,7 @@ mod even;
 pub(super) mod face;
 mod levels;
 mod neighbourhood;
+mod outline;
 pub(super) mod rule;
 
 use glam::{DMat3, DVec3, Vec4Swizzles as _};
@@ -24,6 +25,7 @@ use self::even::{Volumes, offset, part, part_count};
 use self::face::FaceNodes;
 use self::levels::Extent;
 use self::neighbourhood::Neighbourhood;
+use self::outline::{Outline, each_outline, slab_count};
 use self::rule::{Rule, ShownValues};
 use super::field::gradient::Samples;
 use super::field::local_models::quadratic::Quadratic;
@@ -185,15 +187,25 @@ pub(super) fn asks<F: Fn([usize; 3]) -> Option<(DVec3, f64)> + Sync>(
     let rule = Rule::new(shown, refinement.threshold_px, kernel_width);
     let (dims, periods) = (samples.dims, samples.periods);
     let extent = Extent { dims, periods };
-    let asks = |n: usize| {
+    let asks = |n: usize, outline: Option<Outline>| {
+        let px = |position, radius| refinement.px(position, radius);
+        let is_whole = |own: Outline| rule.keeps_whole(&own, px(own.position, own.radius));
+        if outline.is_some_and(is_whole) {
+            return false;
+        }
         let cell = Neighbourhood::new(samples, extent.node(n));
         let cell = cell.filter(|cell| rule.shows(cell.range));
         cell.is_some_and(|cell| {
-            let px = refinement.px(cell.position(), cell.radius());
+            let px = px(cell.position(), cell.radius());
             rule.levels(&cell, px, [false; 3]) != [0; 3]
         })
     };
-    (0..extent.len()).into_par_iter().any(asks)
+    let any_of_slab = |slab: usize| {
+        let mut any = false;
+        each_outline(samples, slab, |n, outline| any = any || asks(n, outline));
+        any
+    };
+    (0..slab_count(&extent)).into_par_iter().any(any_of_slab)
 }
 
 /// Finds levels that make no more parts than there is room for: the threshold is doubled until they do.
@@ -233,7 +245,7 @@ pub(super) fn refine(
     grid: &impl RefinedGrid,
     (shown, refinement): (&ShownValues, &Refinement),
     (kernel_width, reach): (f64, isize),
-    is_wanted: impl Fn(usize) -> bool,
+    is_wanted: impl Fn(usize) -> bool + Sync,
     (most, total): (usize, &mut dyn FnMut(u64) -> Result<u64>),
 ) -> Result<Option<Refined>> {
     let (dims, periods) = grid.extent();
@@ -244,7 +256,17 @@ pub(super) fn refine(
         at: |node| grid.node(node),
     };
     let neighbourhood = |n: usize| Neighbourhood::new(&samples, extent.node(n));
-    let level = |n: usize, rule: &Rule| {
+    let level = |n: usize, outline: Option<Outline>, rule: &Rule| {
+        if let Some(own) = outline {
+            if !rule.shows(own.range) {
+                return ([0; 3], Asked::Unshown);
+            }
+            let px = refinement.px(own.position, own.radius);
+            let is_beside = || grid.beside(extent.node(n)) != [false; 3];
+            if rule.keeps_whole(&own, px) && !is_beside() {
+                return ([0; 3], Asked::Shown);
+            }
+        }
         let Some(cell) = neighbourhood(n) else {
             return ([0; 3], Asked::Unknown);
         };
@@ -256,14 +278,24 @@ pub(super) fn refine(
         (levels, Asked::Shown)
     };
     let nodes: Vec<(usize, usize)> = (0..extent.len())
+        .into_par_iter()
         .filter_map(|n| Some((n, grid.particle(extent.node(n))?)))
         .filter(|(_, particle)| is_wanted(*particle))
         .collect();
     let levels = |rule: &Rule| {
-        let all = (0..extent.len()).into_par_iter();
-        let (mut levels, asked): (Vec<[u8; 3]>, Vec<Asked>) = all.map(|n| level(n, rule)).unzip();
-        let may_split: Vec<bool> = asked.iter().map(|of| *of != Asked::Unknown).collect();
-        extent.grade(&mut levels, &may_split);
+        let mut found = vec![([0; 3], Asked::Unknown); extent.len()];
+        let of_slab = (dims[0] * dims[1] * outline::PLANES).max(1);
+        let slabs = found.par_chunks_mut(of_slab).enumerate();
+        slabs.for_each(|(slab, found)| {
+            each_outline(&samples, slab, |n, outline| {
+                found[n - slab * of_slab] = level(n, outline, rule);
+            });
+        });
+        let (mut levels, asked): (Vec<[u8; 3]>, Vec<Asked>) = found.into_par_iter().unzip();
+        if levels.par_iter().any(|level| *level != [0; 3]) {
+            let may_split: Vec<bool> = asked.iter().map(|of| *of != Asked::Unknown).collect();
+            extent.grade(&mut levels, &may_split);
+        }
         let split = nodes.iter().filter(|(n, _)| levels[*n] != [0; 3]);
         let own: usize = split.map(|(n, _)| part_count(levels[*n])).sum();
         Ok(((levels, asked), total(own as u64)?))
@@ -274,8 +306,10 @@ pub(super) fn refine(
     };
     let is_split = |n: usize| levels[n] != [0; 3];
     // Kernels reach values two nodes away.
-    let unshown: Vec<bool> = asked.iter().map(|of| *of == Asked::Unshown).collect();
-    let unshown = extent.all_around(unshown);
+    let mut unshown: Vec<bool> = asked.iter().map(|of| *of == Asked::Unshown).collect();
+    if unshown.contains(&true) {
+        unshown = extent.all_around(unshown);
+    }
     let gone = nodes.iter().filter(|(n, _)| is_split(*n) || unshown[*n]);
     let gone = gone.map(|(_, particle)| *particle).collect();
     if levels.iter().all(|level| *level == [0; 3]) {

@@ -10,6 +10,7 @@
 use glam::{DVec3, DVec4, Vec4Swizzles as _};
 
 use super::neighbourhood::Neighbourhood;
+use super::outline::Outline;
 use crate::sample::surface::iso_surface::place_of;
 use crate::scene::{PointVolume, TransferFunction};
 
@@ -172,6 +173,14 @@ impl Rule {
     /// - `sigma`: its deviation at level 0 \[world units\].
     pub(in crate::sample) fn most_level(sigma: f64, px: f64) -> u8 {
         narrowed_level((sigma * px / LEAST_SIGMA_PX).log2().floor())
+    }
+
+    /// Returns true if a dual cell that no face cuts surely stays whole: if [`Self::levels`] are zero.
+    pub(super) fn keeps_whole(&self, own: &Outline, px: f64) -> bool {
+        /// Covers the roundings of gradients.
+        const MARGIN: f64 = 1.01;
+        self.finest(own.range)
+            .is_none_or(|width| self.excess(MARGIN * own.missed, width, own.steepness, px) <= 1.0)
     }
 
     /// Returns the levels of a node's dual cell along each index.
