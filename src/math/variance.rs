@@ -235,7 +235,8 @@ pub(crate) fn principal_axes(f: DMat3) -> [DVec3; 3] {
             let (a, b) = (columns[p], columns[q]);
             let dot = a.dot(b);
             let (aa, bb) = (a.length_squared(), b.length_squared());
-            if dot.abs() <= f64::EPSILON * (aa * bb).sqrt() {
+            // Squares of squares of what single precision holds do not overflow.
+            if dot * dot <= f64::EPSILON * f64::EPSILON * (aa * bb) {
                 continue;
             }
             is_done = false;
@@ -247,8 +248,13 @@ pub(crate) fn principal_axes(f: DMat3) -> [DVec3; 3] {
             break;
         }
     }
-    columns.sort_unstable_by(|a, b| b.length().total_cmp(&a.length()));
-    columns
+    let mut by_length = columns.map(|column| (column.length_squared(), column));
+    for (p, q) in [(0, 1), (1, 2), (0, 1)] {
+        if by_length[p].0 < by_length[q].0 {
+            by_length.swap(p, q);
+        }
+    }
+    by_length.map(|(_, column)| column)
 }
 
 /// Returns the standard deviations along a kernel's own axes, greatest first, and the rotation from x, y, z to

@@ -153,7 +153,7 @@ impl Report {
             "<figure>\n{against_reference}\n<figcaption><strong>Against the truth.</strong> Each \
              point is one way to draw the scene, one thing changed from the default \
              (<em>together</em>: several). Left is faster, down is closer to the reference. The \
-             line joins what nothing else beats in both. Rings ask for another image than the \
+             line joins what nothing else beats in both, and dashes join the tolerances. Rings ask for another image than the \
              reference's (wider or narrower kernels or pixels, kernels classified otherwise): their \
              distance is a choice, and they are not on the line. Error: root mean square over red, green, blue and alpha, \
              linear, full scale 1.</figcaption>\n</figure>\n<figure>\n{against_baseline}\n\
@@ -201,6 +201,9 @@ impl Report {
                 label: &row.mark,
                 group: groups.iter().position(|g| *g == row.group).unwrap_or(0),
                 on_front: front.contains(&i),
+                tolerance: ["tolerance", "as given"]
+                    .contains(&row.group)
+                    .then_some(row.settings.tolerance),
                 changes_signal: !counts(row),
             })
             .collect();

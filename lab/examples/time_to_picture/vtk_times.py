@@ -5,12 +5,6 @@
     pip install vtk numpy
     python3 lab/examples/time_to_picture/vtk_times.py FOLDER [--program PROGRAM] [--pictures FOLDER] [WORD ...]
 
-    python3 lab/examples/time_to_picture/vtk_times.py FOLDER --program PROGRAM --curve
-
-The last one times the lattice at tolerances from 1/1000 to 1/4 and by VTK's ray caster, and prints the differences
-from the samples drawn at 1/10000: in levels of 255, over all pixels, white over black, because VTK composites colours
-in another space.
-
 FOLDER has the data; a WORD chooses what has it in its name. Prints Markdown. Every row is a process of its own,
 ended after two minutes. Both programs get the same view, 512 x 512, and the same transfer function: the time of
 either depends on both. Look at the pictures: they tell a fast mapper from one that drew nothing.
@@ -44,7 +38,7 @@ LIMIT_S = 120
 # The program's own convention for views: degrees around z from -y, and above the horizon.
 AZIMUTH_DEG, ELEVATION_DEG = 30, 25
 
-# For each data set: its file, the box of the visible part, the value and the length by which the transfer function is
+# For each data set: its file, the box of the visible part (None: the program fits its own view), the value and the length by which the transfer function is
 # scaled, and further arguments of the program.
 DATA = {
     "lattice": ("lattice.raw", [(0, 0, 0), (255, 255, 255)], 255, 4, ["--type", "u8", "--dims", "256,256,256"]),
@@ -314,9 +308,11 @@ def time_vtk(name, folder, pictures):
 
 def command_of(program, data, folder, scratch):
     """The program's command, without the options for what it writes."""
-    file, _, scale, unit, arguments = DATA[data]
-    eye, target, height = view(data)
+    file, box, scale, unit, arguments = DATA[data]
     command = [program, "render", str(folder / file), "--backend", "cpu", "--size", f"{SIZE}x{SIZE}"]
+    if box is None:
+        return command + arguments
+    eye, target, height = view(data)
     command += ["--eye=" + ",".join(map(str, eye)), "--target=" + ",".join(map(str, target))]
     if scale:
         points = [{"value": scale * v, "color": c, "opacity": a} for v, c, a in POINTS]
@@ -352,58 +348,6 @@ def time_program(program, data, folder, pictures):
         show(f"{data}, this program", rows[0] | {"second": rows[1]["first"]})
 
 
-def curve(program, folder):
-    """Prints times and errors of the lattice at several tolerances, and of VTK's ray caster."""
-    import numpy as np
-
-    name = "lattice, vtkFixedPointVolumeRayCastMapper"
-    make_white()
-    with tempfile.TemporaryDirectory() as scratch:
-        scratch = Path(scratch)
-        command = command_of(program, "lattice", folder, scratch)
-
-        def picture(file, *extra):
-            stats = scratch / "stats.json"
-            out = ["--background", "0,0,0", "--stats", str(stats), "--out", str(scratch / file)]
-            subprocess.run(command + out + list(extra), check=True, stderr=subprocess.DEVNULL)
-            return np.load(scratch / file)[..., :3], json.loads(stats.read_text())
-
-        truth, _ = picture("truth.npy", "--tolerance", "0.0001", "--level-of-detail", "off")
-
-        def row(what, colours, frame, rest):
-            error = 255 * np.abs(colours - truth)
-            rms, most = np.sqrt(np.mean(error**2)), np.quantile(error, 0.999)
-            print(f"| {what} | {seconds(frame)} | {rest} | {rms:.2f} | {most:.2f} |", flush=True)
-
-        print("| tolerance | frame | choice, once | halvings | footprints | RMS | 99.9 % |\n|---|---|---|---|---|---|---|")
-        for parts in [1000, 255, 128, 64, 32, 16, 8, 4]:
-            tolerance = ["--tolerance", str(1 / parts)]
-            _, first = picture("first.npy", *tolerance)
-            colours, stats = picture("picture.npy", *tolerance, "--frames", "3")
-            choice = seconds(first["times_ms"]["choose"] / 1e3)
-            rest = f"{choice} | {stats['lattice_level']} | {stats['footprints']:,}"
-            row(f"1/{parts}", colours, stats["times_ms"]["frame"] / 1e3, rest)
-        png = scratch / "vtk.png"
-        command = [sys.executable, __file__, "--white", "--one", name, str(folder), str(png)]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=True)
-        times = json.loads(done.stdout.splitlines()[-1])
-        row("`vtkFixedPointVolumeRayCastMapper`", read_png(png), times["second"], "| |")
-
-
-def read_png(path):
-    """The colours of a picture, 0 to 1, rows from the top."""
-    import vtk
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-
-    reader = vtk.vtkPNGReader()
-    reader.SetFileName(str(path))
-    reader.Update()
-    image = reader.GetOutput()
-    width, height, _ = image.GetDimensions()
-    values = vtk_to_numpy(image.GetPointData().GetScalars()).reshape(height, width, -1)
-    return values[::-1, :, :3] / 255.0
-
-
 def main():
     arguments = sys.argv[1:]
     if arguments[:1] == ["--white"]:
@@ -421,10 +365,6 @@ def main():
         return arguments.pop(at)
 
     program, pictures = option("--program"), option("--pictures")
-    if "--curve" in arguments:
-        arguments.remove("--curve")
-        curve(program, Path(arguments[0]))
-        return
     if not arguments:
         sys.exit(__doc__)
     folder, *words = arguments
@@ -442,4 +382,5 @@ def main():
             time_vtk(name, folder, pictures)
 
 
-main()
+if __name__ == "__main__":
+    main()

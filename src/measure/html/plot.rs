@@ -39,11 +39,14 @@ pub(super) struct Point<'a> {
     /// Number of the point's group, for its colour.
     pub(super) group: usize,
     pub(super) on_front: bool,
+    /// Tolerance of a point where nothing else differs from the default.
+    pub(super) tolerance: Option<f32>,
     /// True to draw a ring: the error results from a choice.
     pub(super) changes_signal: bool,
 }
 
-/// Plots time against error on logarithmic axes; the points of the front are joined.
+/// Plots time against error on logarithmic axes. The points of the front are joined, and by dashes those of the
+/// tolerances.
 ///
 /// Errors of 0 lie on the lower edge.
 pub(super) fn speed_accuracy(points: &[Point<'_>], error_name: &str) -> String {
@@ -71,16 +74,14 @@ pub(super) fn speed_accuracy(points: &[Point<'_>], error_name: &str) -> String {
     let on_front = points.iter().zip(&on_page).filter(|(p, _)| p.on_front);
     let mut front: Vec<(f64, f64)> = on_front.map(|(_, at)| *at).collect();
     front.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let path: Vec<String> = front
-        .iter()
-        .map(|(x, y)| format!("{x:.1},{y:.1}"))
+    joined(&mut svg, &front, "");
+    let by_tolerance = points.iter().zip(&on_page);
+    let mut by_tolerance: Vec<(f32, (f64, f64))> = by_tolerance
+        .filter_map(|(p, at)| Some((p.tolerance?, *at)))
         .collect();
-    let _ = writeln!(
-        svg,
-        "<polyline points=\"{}\" fill=\"none\" stroke=\"{INK}\" stroke-opacity=\"0.55\" \
-         stroke-width=\"2\"/>",
-        path.join(" ")
-    );
+    by_tolerance.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let by_tolerance: Vec<(f64, f64)> = by_tolerance.into_iter().map(|(_, at)| at).collect();
+    joined(&mut svg, &by_tolerance, "5 5");
     for (p, (x, y)) in points.iter().zip(&on_page) {
         let colour = group_colour(p.group);
         let fill = if p.changes_signal { "none" } else { colour };
@@ -98,6 +99,22 @@ pub(super) fn speed_accuracy(points: &[Point<'_>], error_name: &str) -> String {
     }
     svg.push_str("</svg>");
     svg
+}
+
+/// Draws a line through points of the page.
+///
+/// - `dashes`: lengths of dashes and gaps; empty for a continuous line.
+fn joined(svg: &mut String, points: &[(f64, f64)], dashes: &str) {
+    let path: Vec<String> = points
+        .iter()
+        .map(|(x, y)| format!("{x:.1},{y:.1}"))
+        .collect();
+    let _ = writeln!(
+        svg,
+        "<polyline points=\"{}\" fill=\"none\" stroke=\"{INK}\" stroke-opacity=\"0.55\" \
+         stroke-width=\"2\" stroke-dasharray=\"{dashes}\"/>",
+        path.join(" ")
+    );
 }
 
 /// Draws grid, numbers and names of both axes.
@@ -353,6 +370,7 @@ mod tests {
             label,
             group: 3,
             on_front: true,
+            tolerance: None,
             changes_signal: false,
         };
         let points = [point(1.0, 0.0, "a <b>"), point(1.0, 0.0, "second")];
@@ -362,6 +380,21 @@ mod tests {
             "{svg}"
         );
         assert!(speed_accuracy(&[], "RMSE").contains("</svg>"));
+        // Tolerances are joined in their order.
+        let of = |tolerance: f32, time_ms| Point {
+            tolerance: Some(tolerance),
+            ..point(time_ms, f64::from(tolerance), "")
+        };
+        let curve = speed_accuracy(&[of(0.1, 3.0), of(0.01, 9.0), of(0.03, 5.0)], "RMSE");
+        let line = curve.lines().find(|l| l.contains("\"5 5\"")).unwrap();
+        let line = line.split('"').nth(1).unwrap().split(' ');
+        let across: Vec<f64> = line
+            .map(|at| at.split_once(',').unwrap().0.parse().unwrap())
+            .collect();
+        assert!(
+            across.len() == 3 && across.is_sorted_by(|a, b| a > b),
+            "{across:?}"
+        );
         // Well-formed, with a mark for each point, also at the edge for errors of 0.
         let page = roxmltree::Document::parse(&svg).unwrap();
         let marks: Vec<_> = page

@@ -79,18 +79,14 @@ impl WholeKernels<'_> {
         }
         let changing = (0..parts.len()).filter(|&n| changes[n]);
         let mut places: Vec<DVec3> = changing.map(|n| parts[n].position).collect();
-        let reaches = |i: &usize| (self.positions[*i], self.reach(*i));
-        let samples: Vec<usize> = self
-            .particles
-            .iter()
-            .copied()
-            .filter(|&i| i < self.sample_count && may_change(i))
-            .collect();
-        let is_beside = near(&places, samples.par_iter().map(reaches));
-        let beside = samples.into_iter().zip(is_beside);
-        let beside: Vec<usize> = beside.filter_map(|(i, is)| is.then_some(i)).collect();
+        let reach = |i: &usize| (self.positions[*i], self.reach(*i));
+        let reaches: Vec<(DVec3, f64)> = self.particles.par_iter().map(reach).collect();
+        let is_beside = near(&places, reaches.par_iter().copied());
+        let beside = self.particles.iter().zip(is_beside);
+        let beside = beside.filter(|&(&i, is)| is && i < self.sample_count && may_change(i));
+        let beside: Vec<usize> = beside.map(|(&i, _)| i).collect();
         places.extend(beside.iter().map(|&i| self.positions[i]));
-        let counts = near(&places, self.particles.par_iter().map(reaches));
+        let counts = near(&places, reaches.into_par_iter());
         let counts = self.particles.iter().zip(counts);
         let members: Vec<usize> = counts.filter_map(|(&i, is)| is.then_some(i)).collect();
         let of_part = |part: &PartKernel| {
@@ -144,9 +140,6 @@ fn near(places: &[DVec3], centres: impl IndexedParallelIterator<Item = (DVec3, f
     let Some(index) = PointIndex::new(places) else {
         return centres.map(|_| true).collect();
     };
-    let is_near = |(centre, reach): (DVec3, f64)| {
-        let nearest = index.nearest_to(centre);
-        nearest.is_some_and(|n| places[n as usize].distance(centre) < reach)
-    };
+    let is_near = |(centre, reach): (DVec3, f64)| index.last_within(centre, 0, reach).is_some();
     centres.map(is_near).collect()
 }

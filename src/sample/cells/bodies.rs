@@ -1,6 +1,8 @@
 //! The bodies of a mesh that kernels stand for: dual cells of nodes, or cells. Their levels are graded: bodies side by
 //! side differ by one at most.
 
+use glam::DVec4;
+
 use super::incidence::CellsAround;
 use super::levels::{Body, NONE, bend, joined};
 use super::pieces::{Corners, each_piece};
@@ -91,6 +93,7 @@ impl DualCells<'_> {
             radius: 0.0,
             has_tetrahedra: false,
             pieces: Vec::new(),
+            tetrahedra: Vec::new(),
         };
         let mut corners = Vec::new();
         for cell in self.drawn(node) {
@@ -115,7 +118,9 @@ impl DualCells<'_> {
     }
 
     /// Returns a dual cell with its pieces.
-    fn whole(&self, node: u32, mut body: Body) -> Option<Body> {
+    ///
+    /// - `for_level`: true if only a level is asked for. Tetrahedra then stay whole.
+    fn whole(&self, node: u32, mut body: Body, for_level: bool) -> Option<Body> {
         if !body.value.is_finite() {
             return Some(body);
         }
@@ -129,12 +134,32 @@ impl DualCells<'_> {
         let mut pieces = Vec::with_capacity(self.around.of(node).len());
         for cell in self.drawn(node) {
             self.cells.own_corners(cell, &mut of_cell);
+            if for_level && let Some(others) = others_of_four(&of_cell, node) {
+                let value = self.values[node as usize];
+                let from_node = |n: u32| at(n).map(|place| place - DVec4::W * value);
+                let [a, b, c] = others.map(from_node);
+                body.tetrahedra.push([a?, b?, c?]);
+                continue;
+            }
             let range = self.range(&of_cell);
             let each = |piece| pieces.push((piece, range));
             each_piece((mesh, cell), at, is_own, &mut corners, each)?;
         }
         body.pieces = pieces;
         Some(body)
+    }
+}
+
+/// Returns the other corners of a tetrahedron with a node; `None` for other cells, and for one that has another node at
+/// the same position.
+fn others_of_four(corners: &[u32], node: u32) -> Option<[u32; 3]> {
+    let [a, b, c, d] = *<&[u32; 4]>::try_from(corners).ok()?;
+    match [a, b, c, d].map(|n| n == node) {
+        [true, false, false, false] => Some([b, c, d]),
+        [false, true, false, false] => Some([a, c, d]),
+        [false, false, true, false] => Some([a, b, d]),
+        [false, false, false, true] => Some([a, b, c]),
+        _ => None,
     }
 }
 
@@ -179,7 +204,7 @@ impl Bodies for DualCells<'_> {
     }
 
     fn body(&self, node: u32) -> Option<Body> {
-        self.whole(node, self.bare(node)?)
+        self.whole(node, self.bare(node)?, false)
     }
 
     fn level(
@@ -196,7 +221,7 @@ impl Bodies for DualCells<'_> {
             return Some(0);
         }
         let bend = surface.map_or(0.0, |surface| bend(self.cells, surface, node));
-        Some(self.whole(node, bare)?.level(rule, px, sigma, bend))
+        Some(self.whole(node, bare, true)?.level(rule, px, sigma, bend))
     }
 }
 
@@ -226,6 +251,7 @@ impl CellBodies<'_> {
             radius: places().map(|x| x.distance(origin)).fold(0.0, f64::max),
             has_tetrahedra: corners.len() == 4,
             pieces: Vec::new(),
+            tetrahedra: Vec::new(),
         })
     }
 }
@@ -356,16 +382,21 @@ mod tests {
             cells.extend((0..8).map(corner));
         }
         let mesh = CellMesh::of_lists(nodes, &vec![11; counts.iter().product()], &cells).unwrap();
+        with_cells(&mesh, of);
+    }
+
+    /// Calls a function with the cells of a mesh, and those around its nodes.
+    fn with_cells(mesh: &CellMesh, of: impl FnOnce(&DrawnCells<'_>, &CellsAround)) {
         let all = 0..mesh.cell_count();
         let mut report = SampleReport::default();
-        let turned = turned(&mesh);
-        let duals = Duals::new(&mesh, &Blanking::NONE, &turned, &all, &mut report, None).unwrap();
+        let turned = turned(mesh);
+        let duals = Duals::new(mesh, &Blanking::NONE, &turned, &all, &mut report, None).unwrap();
         let cells = DrawnCells {
-            mesh: &mesh,
+            mesh,
             duals: &duals,
             blanking: &Blanking::NONE,
         };
-        of(&cells, &CellsAround::new(&mesh, &duals.first));
+        of(&cells, &CellsAround::new(mesh, &duals.first));
     }
 
     /// Calls a function with the dual cells of such a block, whose nodes have given values.
@@ -466,6 +497,61 @@ mod tests {
         assert_eq!(level([-0.5, -0.8], 0.1, 10.0), 0);
         // A cell that is not shown is split, so that it does not reach into shown values, and no further.
         assert_eq!(level([0.8, 0.5], 0.1, 10.0), 1);
+    }
+
+    #[test]
+    fn levels_of_tetrahedra_are_those_of_their_pieces() {
+        let noise = |n: usize, d: usize| ((n * (d + 3)) as f64 * 1.7).sin();
+        let nodes: Vec<DVec3> = (0..9)
+            .map(|n| DVec3::new(noise(n, 0), noise(n, 1), noise(n, 2)) + 100.0)
+            .collect();
+        // All have node 0; two coincide, and one is flat.
+        let cells = [
+            [1, 0, 2, 3],
+            [4, 3, 0, 5],
+            [0, 6, 7, 8],
+            [2, 5, 8, 0],
+            [0, 1, 4, 8],
+        ];
+        let cells = cells.iter().flat_map(|own| [&[4_i64][..], own].concat());
+        let mut cells: Vec<i64> = cells.collect();
+        cells.extend([4, 4, 3, 0, 5, 4, 0, 1, 1, 2]);
+        let mesh = CellMesh::of_lists(nodes, &[10; 7], &cells).unwrap();
+        let values: Vec<f64> = (0..9).map(|n| 0.5 + 0.3 * noise(n, 3)).collect();
+        let rule = hat(1e3);
+        with_cells(&mesh, |cells, around| {
+            let kept: Vec<u32> = (0..9).collect();
+            let nodes = DualCells {
+                cells,
+                around,
+                particles: &NodeParticles::new(cells.duals, &kept),
+                values: &values,
+            };
+            for node in 0..9 {
+                // Pixels per unit from which on the node is split.
+                let limit = |for_level: bool| {
+                    let body = nodes.whole(node, nodes.bare(node)?, for_level)?;
+                    assert_eq!(body.pieces.is_empty(), for_level || body.range == NONE);
+                    let [mut low, mut high] = [1e-6, 1e6];
+                    for _ in 0..60 {
+                        let px = f64::sqrt(low * high);
+                        match body.level(&rule, px, 1e9, 0.0) {
+                            0 => low = px,
+                            _ => high = px,
+                        }
+                    }
+                    Some(low)
+                };
+                let [whole, pieces] = [true, false].map(limit);
+                let (Some(whole), Some(pieces)) = (whole, pieces) else {
+                    panic!("{node}");
+                };
+                assert!(
+                    (whole / pieces - 1.0).abs() < 1e-9,
+                    "{node} {whole} {pieces}"
+                );
+            }
+        });
     }
 
     #[test]

@@ -8,10 +8,11 @@
 //! **Values of cells** jump at faces, and a kernel blurs a jump over its own deviation: that has to be less than the
 //! threshold, unless the function hardly changes from one side to the other.
 
-use glam::{DVec3, DVec4, Vec4Swizzles as _};
+use glam::{DMat3, DVec3, DVec4, Vec4Swizzles as _};
 
 use super::pieces::Piece;
 use super::sharp::{DrawnCells, SAME_PLANE, Surface};
+use crate::sample::field::gradient::SPANNING;
 use crate::sample::refine::rule::{Rule, least_level};
 
 /// Greatest level of a dual cell: its pieces fall into 4³ parts.
@@ -46,6 +47,32 @@ pub(super) struct Body {
     pub(super) has_tetrahedra: bool,
     /// Its pieces, each with the range of values in its cell.
     pub(super) pieces: Vec<(Piece, [f64; 2])>,
+    /// Tetrahedra that take the place of their pieces where only a level is asked for, because fields are linear in
+    /// them: offsets and differences of the value from the body's own corner to the others.
+    pub(super) tetrahedra: Vec<[DVec4; 3]>,
+}
+
+/// Returns the gradient of a field in a tetrahedron, and the volume of one of its pieces; `None` if it is flat.
+fn in_tetrahedron([a, b, c]: &[DVec4; 3]) -> Option<(DVec3, f64)> {
+    let jacobian = DMat3::from_cols(a.xyz(), b.xyz(), c.xyz());
+    let determinant = jacobian.determinant();
+    let lengths = a.xyz().length() * b.xyz().length() * c.xyz().length();
+    // Phrased so that NaN counts as flat.
+    let spans = determinant.abs() > SPANNING * lengths;
+    spans.then(|| {
+        let rises = DVec3::new(a.w, b.w, c.w);
+        let gradient = jacobian.inverse().transpose() * rises;
+        (gradient, determinant.abs() / 24.0)
+    })
+}
+
+/// Returns the greatest part of the values at the vertices of a tetrahedron's piece that a gradient misses: the middles
+/// of its edges, of its faces, and its own.
+fn missed_in(corners: &[DVec4; 3], missed: impl Fn(&DVec4) -> f64) -> f64 {
+    let [a, b, c] = corners.each_ref().map(missed);
+    let edges = a.abs().max(b.abs()).max(c.abs()) / 2.0;
+    let faces = (a + b).abs().max((a + c).abs()).max((b + c).abs()) / 3.0;
+    edges.max(faces).max((a + b + c).abs() / 4.0)
 }
 
 /// No values.
@@ -70,6 +97,10 @@ impl Body {
                 volume += own;
             }
         }
+        for (gradient, own) in self.tetrahedra.iter().filter_map(in_tetrahedron) {
+            sum += gradient * own;
+            volume += own;
+        }
         (volume > 0.0).then(|| sum / volume)
     }
 
@@ -83,7 +114,10 @@ impl Body {
         };
         let missed = |v: &DVec4| (v.w - self.value - gradient.dot(v.xyz())).abs();
         let vertices = self.pieces().flat_map(Piece::vertices);
-        let missed = vertices.map(missed).fold(0.0, f64::max);
+        let of_pieces = vertices.map(missed).fold(0.0, f64::max);
+        let missed = |v: &DVec4| v.w - gradient.dot(v.xyz());
+        let of_tetrahedra = self.tetrahedra.iter().map(|own| missed_in(own, missed));
+        let missed = of_tetrahedra.fold(of_pieces, f64::max);
         let excess = STRICTNESS * rule.excess(missed, width, gradient.length(), px);
         let level = least_level(excess, PER_LEVEL).max(rule.bend_level(bend, px));
         let most = match self.has_tetrahedra {

@@ -199,7 +199,7 @@ impl<'a, 'b> GridNodes<'a, 'b> {
                         let density = &all_densities[other];
                         let squared = density.squared(offset);
                         let is_near = squared < CUTOFF * CUTOFF;
-                        if is_near && kernels.cut(other).is_none_or(|holds| holds(offset)) {
+                        if is_near && kernels.cut(other).is_none_or(|cut| cut.holds(offset)) {
                             sum += density.at(squared);
                         }
                     }

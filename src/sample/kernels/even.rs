@@ -10,7 +10,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::sums::Summand;
+use super::sums::{Cut, Summand};
 use crate::error::Result;
 use crate::math::{lower_matrix, narrowed, principal_sigmas};
 use crate::sample::own::Own;
@@ -47,19 +47,12 @@ impl CutKernels<'_> {
         self.factors[kernel].map(f64::from)
     }
 
-    /// Returns a test whether an offset from a kernel's centre lies inside the planes that cut the kernel.
-    /// Returns `None` if nothing cuts it.
-    pub(in crate::sample) fn cut(&self, kernel: usize) -> Option<impl Fn(DVec3) -> bool> {
+    /// Returns the planes that cut a kernel; `None` if nothing cuts it.
+    pub(in crate::sample) fn cut(&self, kernel: usize) -> Option<Cut<'_>> {
         let planes = self.boundary.of(kernel)?;
         let transposed = lower_matrix(self.factor(kernel)).transpose();
-        let planes = planes.map(|[x, y, z, distance]| {
-            let n = DVec3::new(x.into(), y.into(), z.into());
-            (n, f64::from(distance) + SLACK * (transposed * n).length())
-        });
-        Some(move |offset: DVec3| {
-            let is_inside = |&(n, distance): &(DVec3, f64)| distance + n.dot(offset) >= 0.0;
-            planes.iter().all(is_inside)
-        })
+        let slack = |normal: DVec3| SLACK * (transposed * normal).length();
+        Some(Cut::new(planes, slack))
     }
 
     /// Returns the sums of all kernels at the samples, found by distance; 0 for ghosts. Returns `None` if each kernel reaches

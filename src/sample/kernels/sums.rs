@@ -6,9 +6,11 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
+use crate::constants::MOST_EDGES;
 use crate::error::Result;
 use crate::math::small_exp;
 use crate::sample::points::neighbours::PointIndex;
+use crate::sample::positions::index_u32;
 use crate::task::{Task, fill};
 
 /// Cut-off of kernels, in standard deviations; .1 % of a kernel lies beyond.
@@ -25,6 +27,57 @@ pub(in crate::sample) struct Summand {
     pub(in crate::sample) sigma: f64,
     /// Integral of the kernel.
     pub(in crate::sample) amplitude: f64,
+}
+
+/// Planes that cut a kernel.
+#[derive(Clone, Copy)]
+pub(in crate::sample) struct Cut<'a> {
+    planes: &'a [[f32; 4]],
+    /// Distance of the kernel's centre inside each plane.
+    distances: [f64; MOST_EDGES],
+}
+
+impl<'a> Cut<'a> {
+    /// - `planes`: unit normals into the domain, and distances of the kernel's centre inside; those that are not used are
+    ///   infinite and come last.
+    /// - `beyond`: returns the distance by which a kernel counts beyond a plane, from its normal.
+    pub(in crate::sample) fn new(
+        planes: &'a [[f32; 4]; MOST_EDGES],
+        beyond: impl Fn(DVec3) -> f64,
+    ) -> Self {
+        let count = planes
+            .iter()
+            .take_while(|plane| plane[3] < f32::INFINITY)
+            .count();
+        let planes = &planes[..count];
+        let mut distances = [0.0; MOST_EDGES];
+        for (distance, [x, y, z, inside]) in distances.iter_mut().zip(planes) {
+            let normal = DVec3::new((*x).into(), (*y).into(), (*z).into());
+            *distance = f64::from(*inside) + beyond(normal);
+        }
+        Self { planes, distances }
+    }
+
+    /// Returns true if an offset from the kernel's centre is inside all planes.
+    pub(in crate::sample) fn holds(&self, offset: DVec3) -> bool {
+        let mut terms = [1.0; LEAF];
+        self.apply(&offset.to_array().map(|x| [x; LEAF]), &mut terms);
+        terms[0] > 0.0
+    }
+
+    /// Sets the terms to 0 whose offsets from the kernel's centre are outside.
+    #[inline(always)]
+    fn apply(&self, offsets: &[[f64; LEAF]; 3], terms: &mut [f64; LEAF]) {
+        for ([x, y, z, _], distance) in self.planes.iter().zip(self.distances) {
+            let [x, y, z] = [f64::from(*x), f64::from(*y), f64::from(*z)];
+            for n in 0..LEAF {
+                let along = x * offsets[0][n] + y * offsets[1][n] + z * offsets[2][n];
+                // NaN counts as outside.
+                let is_inside = distance + along >= 0.0;
+                terms[n] = if is_inside { terms[n] } else { 0.0 };
+            }
+        }
+    }
 }
 
 /// Density of a kernel, prepared for evaluation.
@@ -71,7 +124,9 @@ struct Placed {
     density: Density,
     /// Square of the kernel's reach; negative if there is no kernel.
     reach_squared: f64,
-    kernel: usize,
+    kernel: u32,
+    /// Number of the cut; `u32::MAX` if nothing cuts the kernel.
+    cut: u32,
 }
 
 /// A box of kernels' centres.
@@ -113,7 +168,7 @@ fn gap_squared(a: [DVec3; 2], b: [DVec3; 2]) -> f64 {
 }
 
 /// Cut for kernels that nothing cuts.
-pub(in crate::sample) fn everywhere(_: usize) -> Option<fn(DVec3) -> bool> {
+pub(in crate::sample) fn everywhere(_: usize) -> Option<Cut<'static>> {
     None
 }
 
@@ -148,16 +203,15 @@ impl PointIndex<'_> {
     ///
     /// - `is_wanted`: returns true for the points at which sums are wanted.
     /// - `kernel`: returns the kernel at point j, or `None`.
-    /// - `cut`: for a kernel j that is cut, returns the test of an offset from its centre; `None` for a kernel
-    ///   that counts everywhere.
-    pub(in crate::sample) fn kernel_sums<C: Fn(DVec3) -> bool>(
+    /// - `cut`: returns the planes that cut kernel j; `None` for a kernel that counts everywhere.
+    pub(in crate::sample) fn kernel_sums<'c>(
         &self,
         task: Option<&Task>,
         is_wanted: impl Fn(usize) -> bool,
         kernel: impl Fn(usize) -> Option<Summand> + Sync,
-        cut: impl Fn(usize) -> Option<C> + Sync,
+        cut: impl Fn(usize) -> Option<Cut<'c>>,
     ) -> Result<Vec<f64>> {
-        let placed = self.map_in_order(|j, centre| {
+        let mut placed = self.map_in_order(|j, centre| {
             let (density, reach_squared) = match kernel(j) {
                 Some(Summand {
                     factor,
@@ -176,11 +230,22 @@ impl PointIndex<'_> {
                 centre,
                 density,
                 reach_squared: if is_kernel { reach_squared } else { -1.0 },
-                kernel: j,
+                kernel: index_u32(j),
+                cut: u32::MAX,
             }
         });
+        let mut cuts = Vec::new();
+        for own in &mut placed {
+            if let Some(cut) = cut(own.kernel as usize) {
+                own.cut = index_u32(cuts.len());
+                cuts.push(cut);
+            }
+        }
         let tree = Tree::new(&placed);
-        let wanted: Vec<&Placed> = placed.iter().filter(|own| is_wanted(own.kernel)).collect();
+        let wanted: Vec<&Placed> = placed
+            .iter()
+            .filter(|own| is_wanted(own.kernel as usize))
+            .collect();
         let mut in_order = vec![0.0; wanted.len()];
         fill(task, "summing kernels", &mut in_order, |first, sums| {
             for (n, sums) in sums.chunks_mut(LEAF).enumerate() {
@@ -189,32 +254,32 @@ impl PointIndex<'_> {
                     tree: &tree,
                     points,
                     sums,
-                    cut: &cut,
+                    cuts: &cuts,
                 });
             }
         })?;
         let mut sums = vec![0.0; self.point_count()];
         for (one, sum) in wanted.iter().zip(in_order) {
-            sums[one.kernel] = sum;
+            sums[one.kernel as usize] = sum;
         }
         Ok(sums)
     }
 }
 
 /// Runs [`Tree::sum`] compiled for the processor's vector instructions.
-struct SumLeaf<'a, F> {
+struct SumLeaf<'a> {
     tree: &'a Tree<'a>,
     points: &'a [&'a Placed],
     sums: &'a mut [f64],
-    cut: &'a F,
+    cuts: &'a [Cut<'a>],
 }
 
-impl<C: Fn(DVec3) -> bool, F: Fn(usize) -> Option<C>> pulp::NullaryFnOnce for SumLeaf<'_, F> {
+impl pulp::NullaryFnOnce for SumLeaf<'_> {
     type Output = ();
 
     #[inline(always)]
     fn call(self) {
-        self.tree.sum(self.points, self.sums, self.cut);
+        self.tree.sum(self.points, self.sums, self.cuts);
     }
 }
 
@@ -251,12 +316,7 @@ impl<'a> Tree<'a> {
 
     /// Adds the densities of all kernels that reach the points of a leaf.
     #[inline(always)]
-    fn sum<C: Fn(DVec3) -> bool>(
-        &self,
-        points: &[&Placed],
-        sums: &mut [f64],
-        cut: &impl Fn(usize) -> Option<C>,
-    ) {
+    fn sum(&self, points: &[&Placed], sums: &mut [f64], cuts: &[Cut<'_>]) {
         let mut at = [[f64::NAN; LEAF]; 3];
         for (n, point) in points.iter().enumerate() {
             for (d, at) in at.iter_mut().enumerate() {
@@ -287,7 +347,7 @@ impl<'a> Tree<'a> {
             let leaf = &self.kernels[n * LEAF..self.kernels.len().min((n + 1) * LEAF)];
             for kernel in leaf {
                 if gap_squared([kernel.centre; 2], bounds) <= kernel.reach_squared {
-                    kernel.add(&at, &mut all, cut);
+                    kernel.add(&at, &mut all, cuts.get(kernel.cut as usize));
                 }
             }
         }
@@ -298,12 +358,7 @@ impl<'a> Tree<'a> {
 impl Placed {
     /// Adds the kernel's density at the points of a leaf.
     #[inline(always)]
-    fn add<C: Fn(DVec3) -> bool>(
-        &self,
-        at: &[[f64; LEAF]; 3],
-        sums: &mut [f64; LEAF],
-        cut: &impl Fn(usize) -> Option<C>,
-    ) {
+    fn add(&self, at: &[[f64; LEAF]; 3], sums: &mut [f64; LEAF], cut: Option<&Cut<'_>>) {
         let Self {
             centre,
             density,
@@ -311,12 +366,16 @@ impl Placed {
             ..
         } = *self;
         let [mut distances_squared, mut exponents, mut terms] = [[0.0; LEAF]; 3];
+        let mut offsets = [[0.0; LEAF]; 3];
         for n in 0..LEAF {
             let offset = DVec3::new(
                 at[0][n] - centre.x,
                 at[1][n] - centre.y,
                 at[2][n] - centre.z,
             );
+            for (offsets, x) in offsets.iter_mut().zip(offset.to_array()) {
+                offsets[n] = x;
+            }
             distances_squared[n] = offset.length_squared();
             // Smaller terms add nothing to a sum.
             exponents[n] = (-0.5 * density.squared(offset)).max(-700.0);
@@ -338,13 +397,8 @@ impl Placed {
                 0.0
             };
         }
-        if let Some(counts) = cut(self.kernel) {
-            for n in 0..LEAF {
-                let place = DVec3::new(at[0][n], at[1][n], at[2][n]);
-                if terms[n] > 0.0 && !counts(place - centre) {
-                    terms[n] = 0.0;
-                }
-            }
+        if let Some(cut) = cut {
+            cut.apply(&offsets, &mut terms);
         }
         for n in 0..LEAF {
             sums[n] += terms[n];
@@ -356,6 +410,7 @@ impl Placed {
 mod tests {
     use super::*;
     use crate::sample::points::neighbours::lattice;
+    use crate::scene::NO_EDGE;
 
     /// Returns numbers from -1 to 1.
     fn noise(n: usize, d: usize) -> f64 {
@@ -421,13 +476,21 @@ mod tests {
             })
         };
         // One kernel in three is cut by a plane.
-        let cut = |j: usize| {
-            let normal = DVec3::new(noise(j, 0), noise(j, 1), noise(j, 2));
-            (j.is_multiple_of(3)).then_some(move |offset: DVec3| normal.dot(offset) > -0.05)
+        let plane = |j: usize| {
+            let normal = [noise(j, 0), noise(j, 1), noise(j, 2), 0.03].map(|x| x as f32);
+            [[normal; 1].as_slice(), &[NO_EDGE; 5]].concat()
         };
+        let planes: Vec<[[f32; 4]; 6]> = (0..points.len())
+            .map(|j| plane(j).try_into().unwrap())
+            .collect();
+        let cut = |j: usize| j.is_multiple_of(3).then(|| Cut::new(&planes[j], |_| 0.02));
         let index = PointIndex::new(&points).unwrap();
         let sums = index.kernel_sums(None, |_| true, kernel, cut).unwrap();
         let is_finite = |i: usize| points[i].is_finite();
+        let inside = |j: usize, d: DVec3| {
+            let [x, y, z, distance] = planes[j][0].map(f64::from);
+            distance + 0.02 + DVec3::new(x, y, z).dot(d) >= 0.0
+        };
         for i in 0..points.len() {
             let mut expected = 0.0;
             for j in (0..points.len()).filter(|&j| is_finite(j)) {
@@ -440,9 +503,8 @@ mod tests {
                 else {
                     continue;
                 };
-                let counts = j % 7 != 0
-                    && d.length() <= SUM_CUTOFF * sigma
-                    && cut(j).is_none_or(|counts| counts(d));
+                let counts =
+                    j % 7 != 0 && d.length() <= SUM_CUTOFF * sigma && (j % 3 != 0 || inside(j, d));
                 if is_finite(i) && counts {
                     expected += amplitude * gaussian(factor, d);
                 }
