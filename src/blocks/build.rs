@@ -20,7 +20,7 @@ use crate::blocks::transfer::set_transfer_function;
 use crate::blocks::volume::{BlockedParticles, BlockedVolume};
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::{Error, Result};
-use crate::math::principal_sigmas;
+use crate::math::{TOGETHER, principal_sigmas_together};
 use crate::scene::columns::Columns;
 use crate::scene::{
     Column, Particles, PointVolume, Shared, StrengthIn, TransferFunction, Values, ValuesIn,
@@ -402,13 +402,21 @@ pub(super) fn principal_ranges(shapes: &PointShapes) -> Vec<[f32; 2]> {
             .par_iter()
             .map(|tangents| outwards(0.0, widest_tangent(tangents.map(f64::from))))
             .collect(),
-        PointShapes::Ellipsoids(factors) => factors
-            .par_iter()
-            .map(|factor| {
-                let [greatest, _, least] = principal_sigmas(factor.map(f64::from));
-                outwards(least, greatest)
-            })
-            .collect(),
+        PointShapes::Ellipsoids(factors) => {
+            let mut ranges = vec![[0.0; 2]; factors.len()];
+            let runs = ranges
+                .par_chunks_mut(TOGETHER)
+                .zip(factors.par_chunks(TOGETHER));
+            runs.for_each(|(ranges, factors)| {
+                let mut run = [[0.0; 6]; TOGETHER];
+                run[..factors.len()].copy_from_slice(factors);
+                let sigmas = principal_sigmas_together(&run);
+                for (range, [greatest, _, least]) in ranges.iter_mut().zip(sigmas) {
+                    *range = outwards(least, greatest);
+                }
+            });
+            ranges
+        }
     }
 }
 

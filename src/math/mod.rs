@@ -37,11 +37,11 @@ pub(crate) use normal::small_exp;
 pub use normal::{normal_cdf, normal_density_and_cdf};
 pub(crate) use rotation::{rotation_matrix, turn_between};
 pub(crate) use truncated::Truncated;
-pub use variance::{Variance, lower_factor};
 pub(crate) use variance::{
-    eigen, factor_of_variance, from_eigen, lower_matrix, principal_sigmas, scales_and_rotation,
-    symmetric,
+    TOGETHER, eigen, factor_of_variance, from_eigen, lower_matrix, principal_sigmas,
+    principal_sigmas_together, scales_and_rotation, symmetric,
 };
+pub use variance::{Variance, lower_factor};
 
 /// Rounds to single precision; a number beyond its range becomes infinite.
 #[inline]

@@ -3,6 +3,7 @@
 use glam::{DMat3, DQuat, DVec3};
 
 use crate::error::{Error, Result};
+use crate::simd::{SimdLevel, SimdWork, run_at};
 
 /// Returns the lower-triangular L with L Lᵀ = F Fᵀ: l00, l10, l11, l20, l21, l22. Its diagonal is not negative.
 ///
@@ -190,6 +191,7 @@ pub(crate) fn eigen([xx, xy, xz, yy, yz, zz]: [f64; 6]) -> (DVec3, DMat3) {
 
 /// Returns tangent and cosine of the smaller of the two rotations that make a pair perpendicular; `zeta` is the
 /// cotangent of twice its angle.
+#[inline(always)]
 fn rotation_of(zeta: f64) -> (f64, f64) {
     // If the square overflows, t is below all rounding.
     let t = zeta.signum() / (zeta.abs() + (zeta * zeta + 1.0).sqrt());
@@ -223,20 +225,121 @@ pub(crate) fn principal_sigmas(factor: [f64; 6]) -> [f64; 3] {
     principal_axes(lower_matrix(factor)).map(DVec3::length)
 }
 
+/// Number of kernels whose deviations are found together.
+pub(crate) const TOGETHER: usize = 8;
+
+/// A number for each of some kernels.
+type Lanes = [f64; TOGETHER];
+
+/// Returns the deviations of [`principal_sigmas`] of several kernels, bit for bit.
+pub(crate) fn principal_sigmas_together(factors: &[[f32; 6]; TOGETHER]) -> [[f64; 3]; TOGETHER] {
+    run_at(SimdLevel::best(), PrincipalSigmas(factors))
+}
+
+struct PrincipalSigmas<'a>(&'a [[f32; 6]; TOGETHER]);
+
+impl SimdWork for PrincipalSigmas<'_> {
+    type Output = [[f64; 3]; TOGETHER];
+
+    #[inline(always)]
+    fn run<const FMA: bool, const LANES: usize>(self) -> Self::Output {
+        let mut columns = [[[0.0; TOGETHER]; 3]; 3];
+        for (n, factor) in self.0.iter().enumerate() {
+            let [l00, l10, l11, l20, l21, l22] = factor.map(f64::from);
+            for (column, own) in
+                columns
+                    .iter_mut()
+                    .zip([[l00, l10, l20], [0.0, l11, l21], [0.0, 0.0, l22]])
+            {
+                for (lanes, x) in column.iter_mut().zip(own) {
+                    lanes[n] = x;
+                }
+            }
+        }
+        let [mut a, mut b, mut c] = columns;
+        for _ in 0..SWEEPS {
+            // In the order of [`principal_axes`], one rotation after the other.
+            let first = rotate(&mut a, &mut b);
+            let second = rotate(&mut a, &mut c);
+            let third = rotate(&mut b, &mut c);
+            if !(first | second | third) {
+                break;
+            }
+        }
+        let mut squared = [[0.0; TOGETHER]; 3];
+        for (squared, column) in squared.iter_mut().zip([&a, &b, &c]) {
+            *squared = dots(column, column);
+        }
+        let mut sigmas = [[0.0; 3]; TOGETHER];
+        for (n, sigmas) in sigmas.iter_mut().enumerate() {
+            let mut own = [squared[0][n], squared[1][n], squared[2][n]];
+            for (p, q) in [(0, 1), (1, 2), (0, 1)] {
+                if own[p] < own[q] {
+                    own.swap(p, q);
+                }
+            }
+            *sigmas = own.map(f64::sqrt);
+        }
+        sigmas
+    }
+}
+
+#[inline(always)]
+fn dots(a: &[Lanes; 3], b: &[Lanes; 3]) -> Lanes {
+    let mut dots = [0.0; TOGETHER];
+    for n in 0..TOGETHER {
+        dots[n] = a[0][n] * b[0][n] + a[1][n] * b[1][n] + a[2][n] * b[2][n];
+    }
+    dots
+}
+
+/// Rotates pairs of columns until they are perpendicular. Returns false if all are already.
+#[inline(always)]
+fn rotate(a: &mut [Lanes; 3], b: &mut [Lanes; 3]) -> bool {
+    let (aa, bb, dot) = (dots(a, a), dots(b, b), dots(a, b));
+    let (mut tangents, mut cosines) = ([0.0; TOGETHER], [1.0; TOGETHER]);
+    let mut rotates = false;
+    for n in 0..TOGETHER {
+        let (t, c) = rotation_of((bb[n] - aa[n]) / (2.0 * dot[n]));
+        let is_done = are_perpendicular(dot[n], aa[n], bb[n]);
+        tangents[n] = if is_done { 0.0 } else { t };
+        cosines[n] = if is_done { 1.0 } else { c };
+        rotates |= !is_done;
+    }
+    for (a, b) in a.iter_mut().zip(b) {
+        for n in 0..TOGETHER {
+            let (own, other) = (a[n], b[n]);
+            a[n] = (own - other * tangents[n]) * cosines[n];
+            b[n] = (own * tangents[n] + other) * cosines[n];
+        }
+    }
+    rotates
+}
+
+/// Greatest number of sweeps of [`principal_axes`]. It converges quadratically; six leave rounding only.
+const SWEEPS: usize = 6;
+
+/// Returns true if two columns are perpendicular up to rounding.
+///
+/// - `dot`, `aa`, `bb`: their product, and their squared lengths.
+#[inline(always)]
+fn are_perpendicular(dot: f64, aa: f64, bb: f64) -> bool {
+    // Fourth powers of what single precision holds do not overflow.
+    dot * dot <= f64::EPSILON * f64::EPSILON * (aa * bb)
+}
+
 /// Returns the principal axes of F Fᵀ, each as long as its standard deviation, longest first.
 pub(crate) fn principal_axes(f: DMat3) -> [DVec3; 3] {
     // One-sided Jacobi on the columns: it rotates pairs until they are perpendicular; their lengths are then
     // the singular values (Golub and Van Loan, Matrix Computations, 8.6).
     let mut columns = [f.x_axis, f.y_axis, f.z_axis];
-    // Converges quadratically; six sweeps leave rounding only.
-    for _ in 0..6 {
+    for _ in 0..SWEEPS {
         let mut is_done = true;
         for (p, q) in [(0, 1), (0, 2), (1, 2)] {
             let (a, b) = (columns[p], columns[q]);
             let dot = a.dot(b);
             let (aa, bb) = (a.length_squared(), b.length_squared());
-            // Squares of squares of what single precision holds do not overflow.
-            if dot * dot <= f64::EPSILON * f64::EPSILON * (aa * bb) {
+            if are_perpendicular(dot, aa, bb) {
                 continue;
             }
             is_done = false;
@@ -277,7 +380,32 @@ pub(crate) fn scales_and_rotation(f: DMat3) -> ([f64; 3], DQuat) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::narrowed;
     use proptest::prelude::*;
+
+    #[test]
+    fn deviations_found_together_are_those_found_alone() {
+        let noise = |n: usize, d: usize| narrowed(((n * 7 + d + 1) as f64 * 1.7).sin());
+        let scale = |n: usize| narrowed(10_f64.powf((n % 60) as f64 - 30.0));
+        for n in 0..200 {
+            let factors: [[f32; 6]; TOGETHER] = std::array::from_fn(|m| {
+                let of = 8 * n + m;
+                let own: [f32; 6] = std::array::from_fn(|d| noise(of, d) * scale(of));
+                let [a, b, c, d, e, f] = own;
+                match m {
+                    // Round, flat, a needle, nothing.
+                    0 => [a, 0.0, a, 0.0, 0.0, a],
+                    1 => [a, b, c, d, e, 0.0],
+                    2 => [a, b, 0.0, d, 0.0, 0.0],
+                    3 => [0.0; 6],
+                    4 => [a * 1e-6, b, c * 1e6, d, e, f],
+                    _ => own,
+                }
+            });
+            let alone = factors.map(|factor| principal_sigmas(factor.map(f64::from)));
+            assert_eq!(principal_sigmas_together(&factors), alone, "{factors:?}");
+        }
+    }
 
     fn gap(a: DMat3, b: DMat3) -> f64 {
         let d = a - b;

@@ -409,6 +409,7 @@ impl Placed {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::narrowed;
     use crate::sample::points::neighbours::lattice;
     use crate::scene::NO_EDGE;
 
@@ -477,7 +478,7 @@ mod tests {
         };
         // One kernel in three is cut by a plane.
         let plane = |j: usize| {
-            let normal = [noise(j, 0), noise(j, 1), noise(j, 2), 0.03].map(|x| x as f32);
+            let normal = [noise(j, 0), noise(j, 1), noise(j, 2), 0.03].map(narrowed);
             [[normal; 1].as_slice(), &[NO_EDGE; 5]].concat()
         };
         let planes: Vec<[[f32; 4]; 6]> = (0..points.len())

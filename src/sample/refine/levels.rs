@@ -40,18 +40,29 @@ impl Extent {
         reach: isize,
         combine: impl Fn(T, T) -> T + Sync,
     ) -> Vec<T> {
+        let [ni, nj, _] = self.dims;
         for axis in 0..3 {
-            let of = |n: usize| {
-                let at = self.node(n);
-                let mut all = entries[n];
+            let mut all = entries.clone();
+            let rows = all.par_chunks_mut(ni.max(1)).enumerate();
+            rows.for_each(|(row, all)| {
+                let of_row = [0, row % nj, row / nj];
+                let row_at = |[_, j, k]: [usize; 3]| &entries[ni * (j + nj * k)..][..ni];
                 for by in (-reach..=reach).filter(|&by| by != 0) {
-                    let mut to = at;
-                    to[axis] = self.held(axis, at[axis], by);
-                    all = combine(all, entries[self.number(to)]);
+                    if axis == 0 {
+                        let own = row_at(of_row);
+                        for (i, all) in all.iter_mut().enumerate() {
+                            *all = combine(*all, own[self.held(0, i, by)]);
+                        }
+                    } else {
+                        let mut to = of_row;
+                        to[axis] = self.held(axis, of_row[axis], by);
+                        for (all, other) in all.iter_mut().zip(row_at(to)) {
+                            *all = combine(*all, *other);
+                        }
+                    }
                 }
-                all
-            };
-            entries = (0..self.len()).into_par_iter().map(of).collect();
+            });
+            entries = all;
         }
         entries
     }

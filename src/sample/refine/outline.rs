@@ -13,8 +13,8 @@ use crate::simd::{SimdLevel, SimdWork, run_at};
 const RUN: usize = 16;
 
 /// Numbers of rows and of planes whose nodes are read together: each is read for the cells of its neighbours, too.
-const ROWS: usize = 8;
-pub(super) const PLANES: usize = 4;
+const ROWS: usize = 16;
+pub(super) const PLANES: usize = 8;
 
 /// Factor by which the determinant of a cell exceeds that of a singular one: its gradient has nine digits.
 const SPANS_WELL: f64 = 1e3 * SPANNING;
