@@ -10,7 +10,7 @@
 
 use glam::{DMat3, DVec3};
 
-use super::renderer::{MeasuredLevels, Renderer};
+use super::renderer::{MeasuredLevels, Renderer, refuse_all};
 use crate::blocks::{BlockError, BlockedParticles, BlockedScene, distance_interval};
 use crate::error::Result;
 use crate::frame::backend::DrawFrames;
@@ -196,7 +196,7 @@ impl Renderer {
         Ok(last.map_or(&[], |own| &own.errors))
     }
 
-    /// Measures the errors of the coarser levels at a scale, until the finest of them errs by more than the bound. Also
+    /// Measures the errors of the coarser levels at a scale, until all of them are beyond the bound. Also
     /// returns whether all directions were looked at.
     fn measure(
         &mut self,
@@ -253,7 +253,7 @@ impl Renderer {
                     let coarser = at.draw_places(&probes, &camera, settings)?;
                     *error = error.max(probes.error(&own, &coarser, MOST_BEYOND));
                 }
-                if errors[0] > bound {
+                if refuse_all(&errors, bound) {
                     return Ok((errors, false));
                 }
             }
@@ -309,4 +309,26 @@ fn least_spacing(steps: &[DMat3]) -> Option<f64> {
         .flat_map(|step| [step.x_axis, step.y_axis, step.z_axis]);
     let least = columns.map(DVec3::length).reduce(f64::min);
     least.filter(|least| *least > 0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn measurements_that_end_early_decide_for_their_bound() {
+        let measured = |errors: &[f32]| MeasuredLevels {
+            settings: Settings::default(),
+            zoom: 0,
+            errors: errors.to_vec(),
+            is_complete: false,
+        };
+        // A coarser level is within the bound though the finest is not: other directions have to be looked at.
+        assert!(!refuse_all(&[0.02, 0.01], 0.015));
+        assert!(!measured(&[0.02, 0.01]).suffices(0.015));
+        assert!(refuse_all(&[0.02, 0.03], 0.015));
+        assert!(measured(&[0.02, 0.03]).suffices(0.015));
+        assert!(measured(&[0.02, 0.03]).suffices(0.001));
+        assert!(!measured(&[0.02, 0.03]).suffices(0.025));
+    }
 }

@@ -96,14 +96,19 @@ pub(super) struct MeasuredLevels {
     pub(super) zoom: i32,
     /// Error that the allowed share of pixels exceed, for each coarser level; full scale is 1.
     pub(super) errors: Vec<f32>,
-    /// Whether all directions were looked at. Otherwise the first ones have shown errors beyond the bound.
+    /// Whether all directions were looked at. Otherwise the first ones have refused all levels.
     pub(super) is_complete: bool,
+}
+
+/// Whether the errors of all coarser levels are beyond a bound. A finer level may err by more than a coarser one.
+pub(super) fn refuse_all(errors: &[f32], bound: f32) -> bool {
+    errors.iter().all(|error| *error > bound)
 }
 
 impl MeasuredLevels {
     /// Whether the errors decide which levels are within a bound.
     pub(super) fn suffices(&self, bound: f32) -> bool {
-        self.is_complete || self.errors.iter().all(|error| *error > bound)
+        self.is_complete || refuse_all(&self.errors, bound)
     }
 }
 

@@ -30,8 +30,8 @@ TOLERANCES = [1000, 255, 128, 64, 32, 16, 8, 4]
 
 # For each plot: its data, further arguments of the program, and the method of VTK.
 CURVES = {
-    "regular lattice, 256^3": ("lattice", [], "lattice, vtkFixedPointVolumeRayCastMapper"),
-    "curvilinear grid, 128^3": ("sector", [], "sector resampled to 256^3, vtkFixedPointVolumeRayCastMapper"),
+    "regular lattice, 256³": ("lattice", [], "lattice, vtkFixedPointVolumeRayCastMapper"),
+    "curvilinear grid, 128³": ("sector", [], "sector resampled to 256^3, vtkFixedPointVolumeRayCastMapper"),
     "944,784 tetrahedra": ("tetrahedra", [], "tetrahedra, vtkProjectedTetrahedraMapper"),
     "1,000,000 particles": ("cloud", [], None),
     "textured box, surfels": ("box", [], None),
@@ -159,8 +159,11 @@ def plot(curves):
             out.append(f'<circle cx="{a:.1f}" cy="{b:.1f}" r="{radius}" {ring}>{tip}</circle>')
             if not is_own:
                 out.append(f'<text x="{a + 11:.1f}" y="{b + 4:.1f}" fill="{colour}">VTK</text>')
-            elif label in ("1/1000", "1/255", "1/4"):
+            elif label in ("1/1000", "1/4"):
                 out.append(f'<text x="{a + 7:.1f}" y="{b - 6:.1f}" fill="{colour}" font-size="11">{label}</text>')
+            elif label == "1/255":
+                where = f'x="{a - 8:.1f}" y="{b + 13:.1f}" text-anchor="end"'
+                out.append(f'<text {where} fill="{colour}" font-size="11">{label}</text>')
         out.append(f'<text x="{width - right - 8}" y="{top + 18 + 18 * n}" text-anchor="end" fill="{colour}">{name}</text>')
     out.append("</svg>\n")
     return "\n".join(out)

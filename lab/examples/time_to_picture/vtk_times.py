@@ -38,8 +38,8 @@ LIMIT_S = 120
 # The program's own convention for views: degrees around z from -y, and above the horizon.
 AZIMUTH_DEG, ELEVATION_DEG = 30, 25
 
-# For each data set: its file, the box of the visible part (None: the program fits its own view), the value and the length by which the transfer function is
-# scaled, and further arguments of the program.
+# For each data set: its file, the box of the visible part (None: the program fits its own view), the value and the
+# length by which the transfer function is scaled, and further arguments of the program.
 DATA = {
     "lattice": ("lattice.raw", [(0, 0, 0), (255, 255, 255)], 255, 4, ["--type", "u8", "--dims", "256,256,256"]),
     "sector": ("sector.vts", [(-0.54, 0.09, 0.09), (1.61, 1.88, 1.08)], 1.275, 0.05, []),

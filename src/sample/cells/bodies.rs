@@ -505,7 +505,7 @@ mod tests {
         let nodes: Vec<DVec3> = (0..9)
             .map(|n| DVec3::new(noise(n, 0), noise(n, 1), noise(n, 2)) + 100.0)
             .collect();
-        // All have node 0; two coincide, and one is flat.
+        // All have node 0; one is stated twice, and one has an edge without length.
         let cells = [
             [1, 0, 2, 3],
             [4, 3, 0, 5],
