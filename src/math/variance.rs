@@ -231,7 +231,7 @@ pub(crate) const TOGETHER: usize = 8;
 /// A number for each of some kernels.
 type Lanes = [f64; TOGETHER];
 
-/// Returns the deviations of [`principal_sigmas`] of several kernels, bit for bit.
+/// Returns the deviations of [`principal_sigmas`] of several finite kernels, bit for bit.
 pub(crate) fn principal_sigmas_together(factors: &[[f32; 6]; TOGETHER]) -> [[f64; 3]; TOGETHER] {
     run_at(SimdLevel::best(), PrincipalSigmas(factors))
 }
@@ -293,7 +293,7 @@ fn dots(a: &[Lanes; 3], b: &[Lanes; 3]) -> Lanes {
     dots
 }
 
-/// Rotates pairs of columns until they are perpendicular. Returns false if all are already.
+/// Rotates each pair of columns once, so that it is perpendicular. Returns false if all were.
 #[inline(always)]
 fn rotate(a: &mut [Lanes; 3], b: &mut [Lanes; 3]) -> bool {
     let (aa, bb, dot) = (dots(a, a), dots(b, b), dots(a, b));
@@ -324,7 +324,7 @@ const SWEEPS: usize = 6;
 /// - `dot`, `aa`, `bb`: their product, and their squared lengths.
 #[inline(always)]
 fn are_perpendicular(dot: f64, aa: f64, bb: f64) -> bool {
-    // Fourth powers of what single precision holds do not overflow.
+    // Fourth powers of what single precision holds neither overflow nor underflow.
     dot * dot <= f64::EPSILON * f64::EPSILON * (aa * bb)
 }
 

@@ -100,7 +100,7 @@ pub(super) struct MeasuredLevels {
     pub(super) is_complete: bool,
 }
 
-/// Whether the errors of all coarser levels are beyond a bound. A finer level may err by more than a coarser one.
+/// Returns true if all coarser levels err by more than a bound. The finest does not decide alone: it may err most.
 pub(super) fn refuse_all(errors: &[f32], bound: f32) -> bool {
     errors.iter().all(|error| *error > bound)
 }

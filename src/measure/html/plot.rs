@@ -45,8 +45,7 @@ pub(super) struct Point<'a> {
     pub(super) changes_signal: bool,
 }
 
-/// Plots time against error on logarithmic axes. The points of the front are joined, and by dashes those of the
-/// tolerances.
+/// Plots time against error on logarithmic axes. A line joins the points of the front, dashes those of the tolerances.
 ///
 /// Errors of 0 lie on the lower edge.
 pub(super) fn speed_accuracy(points: &[Point<'_>], error_name: &str) -> String {
@@ -74,7 +73,7 @@ pub(super) fn speed_accuracy(points: &[Point<'_>], error_name: &str) -> String {
     let on_front = points.iter().zip(&on_page).filter(|(p, _)| p.on_front);
     let mut front: Vec<(f64, f64)> = on_front.map(|(_, at)| *at).collect();
     front.sort_by(|a, b| a.0.total_cmp(&b.0));
-    joined(&mut svg, &front, "");
+    joined(&mut svg, &front, "none");
     let by_tolerance = points.iter().zip(&on_page);
     let mut by_tolerance: Vec<(f32, (f64, f64))> = by_tolerance
         .filter_map(|(p, at)| Some((p.tolerance?, *at)))
@@ -103,7 +102,7 @@ pub(super) fn speed_accuracy(points: &[Point<'_>], error_name: &str) -> String {
 
 /// Draws a line through points of the page.
 ///
-/// - `dashes`: lengths of dashes and gaps; empty for a continuous line.
+/// - `dashes`: lengths of dashes and gaps; `none` for a continuous line.
 fn joined(svg: &mut String, points: &[(f64, f64)], dashes: &str) {
     let path: Vec<String> = points
         .iter()

@@ -150,8 +150,8 @@ impl DualCells<'_> {
     }
 }
 
-/// Returns the other corners of a tetrahedron with a node; `None` for other cells, and for one that has another node at
-/// the same position.
+/// Returns the other corners of a tetrahedron with a node; `None` for other cells, and for one whose corner here is
+/// another node at the same position.
 fn others_of_four(corners: &[u32], node: u32) -> Option<[u32; 3]> {
     let [a, b, c, d] = *<&[u32; 4]>::try_from(corners).ok()?;
     match [a, b, c, d].map(|n| n == node) {
@@ -503,9 +503,10 @@ mod tests {
     fn levels_of_tetrahedra_are_those_of_their_pieces() {
         let noise = |n: usize, d: usize| ((n * (d + 3)) as f64 * 1.7).sin();
         let nodes: Vec<DVec3> = (0..9)
+            .chain([0])
             .map(|n| DVec3::new(noise(n, 0), noise(n, 1), noise(n, 2)) + 100.0)
             .collect();
-        // All have node 0; one is stated twice, and one has an edge without length.
+        // All have node 0 but one, which has its copy; one is stated twice.
         let cells = [
             [1, 0, 2, 3],
             [4, 3, 0, 5],
@@ -515,12 +516,12 @@ mod tests {
         ];
         let cells = cells.iter().flat_map(|own| [&[4_i64][..], own].concat());
         let mut cells: Vec<i64> = cells.collect();
-        cells.extend([4, 4, 3, 0, 5, 4, 0, 1, 1, 2]);
+        cells.extend([4, 4, 3, 0, 5, 4, 9, 1, 6, 3]);
         let mesh = CellMesh::of_lists(nodes, &[10; 7], &cells).unwrap();
-        let values: Vec<f64> = (0..9).map(|n| 0.5 + 0.3 * noise(n, 3)).collect();
+        let values: Vec<f64> = (0..10).map(|n| 0.5 + 0.3 * noise(n, 3)).collect();
         let rule = hat(1e3);
         with_cells(&mesh, |cells, around| {
-            let kept: Vec<u32> = (0..9).collect();
+            let kept: Vec<u32> = (0..10).collect();
             let nodes = DualCells {
                 cells,
                 around,
@@ -531,7 +532,9 @@ mod tests {
                 // Pixels per unit from which on the node is split.
                 let limit = |for_level: bool| {
                     let body = nodes.whole(node, nodes.bare(node)?, for_level)?;
-                    assert_eq!(body.pieces.is_empty(), for_level || body.range == NONE);
+                    let is_welded = node == 0;
+                    assert_eq!(body.pieces.is_empty(), for_level && !is_welded);
+                    assert_eq!(body.tetrahedra.is_empty(), !for_level);
                     let [mut low, mut high] = [1e-6, 1e6];
                     for _ in 0..60 {
                         let px = f64::sqrt(low * high);

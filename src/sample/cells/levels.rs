@@ -68,6 +68,8 @@ fn in_tetrahedron([a, b, c]: &[DVec4; 3]) -> Option<(DVec3, f64)> {
 
 /// Returns the greatest part of the values at the vertices of a tetrahedron's piece that a gradient misses: the middles
 /// of its edges, of its faces, and its own.
+///
+/// - `missed`: returns the signed part that is missed at a corner.
 fn missed_in(corners: &[DVec4; 3], missed: impl Fn(&DVec4) -> f64) -> f64 {
     let [a, b, c] = corners.each_ref().map(missed);
     let edges = a.abs().max(b.abs()).max(c.abs()) / 2.0;

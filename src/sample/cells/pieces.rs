@@ -26,7 +26,7 @@ pub(super) struct Piece {
     /// Position and value at its corners, the first parameter fastest; the cell's corner comes first, unless the
     /// piece is a pyramid's apex.
     vertices: [DVec4; 8],
-    /// Volume, with the sign of most of its determinants.
+    /// Signed volume.
     volume: f64,
 }
 
@@ -42,7 +42,7 @@ pub(super) struct PieceShape {
     pub(super) gradient: DVec3,
 }
 
-/// Cell with the places of its corners. One value serves many cells, so that their lists share memory.
+/// Cell with the places of its corners. One serves many cells, which saves allocations.
 #[derive(Default)]
 pub(super) struct Corners {
     /// Numbers of the corners' nodes.
@@ -233,8 +233,8 @@ impl Piece {
             .sum()
     }
 
-    /// Returns the derivatives of position and value by each parameter. They are bilinear in the next parameter, by which
-    /// the inner array counts, and in the one after that.
+    /// Returns the derivatives of position and value by each parameter. They are bilinear in the other two: the inner array
+    /// counts along the next one.
     ///
     /// - `places`: places along each parameter.
     fn slopes<const N: usize>(&self, places: &[[f64; N]; 3]) -> [[[DVec4; N]; N]; 3] {

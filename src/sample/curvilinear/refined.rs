@@ -59,7 +59,7 @@ pub(in crate::sample) fn refine_grids(
         };
         let is_wanted = |particle: usize| {
             let number = index_u32(particle);
-            // If the first ones are all wanted, each has its own place.
+            // Where all particles before are wanted, a number is its own place.
             wanted.get(particle) == Some(&number) || wanted.binary_search(&number).is_ok()
         };
         let mut total = |own| ranks.sum(Ok(own));

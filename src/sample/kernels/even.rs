@@ -55,8 +55,8 @@ impl CutKernels<'_> {
         Some(Cut::new(planes, slack))
     }
 
-    /// Returns the sums of all kernels at the samples, found by distance; 0 for ghosts. Returns `None` if each kernel reaches
-    /// many samples, because kernels are long compared with distances.
+    /// Returns the sums of all kernels at the samples, found by distance; 0 for ghosts. Returns `None` if each kernel
+    /// reaches many samples, because kernels are long compared with distances.
     pub(in crate::sample) fn sums(
         &self,
         volumes: &[f32],

@@ -33,14 +33,14 @@ pub(in crate::sample) struct Summand {
 #[derive(Clone, Copy)]
 pub(in crate::sample) struct Cut<'a> {
     planes: &'a [[f32; 4]],
-    /// Distance of the kernel's centre inside each plane.
+    /// Distance of the kernel's centre inside each plane, with the distance beyond it at which the kernel still counts.
     distances: [f64; MOST_EDGES],
 }
 
 impl<'a> Cut<'a> {
     /// - `planes`: unit normals into the domain, and distances of the kernel's centre inside; those that are not used are
     ///   infinite and come last.
-    /// - `beyond`: returns the distance by which a kernel counts beyond a plane, from its normal.
+    /// - `beyond`: returns how far beyond a plane the kernel counts, given the normal.
     pub(in crate::sample) fn new(
         planes: &'a [[f32; 4]; MOST_EDGES],
         beyond: impl Fn(DVec3) -> f64,

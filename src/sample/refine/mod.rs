@@ -25,7 +25,7 @@ use self::even::{Volumes, offset, part, part_count};
 use self::face::FaceNodes;
 use self::levels::Extent;
 use self::neighbourhood::Neighbourhood;
-use self::outline::{Outline, each_outline, slab_count};
+use self::outline::{Outline, each_outline, planes_of_slab};
 use self::rule::{Rule, ShownValues};
 use super::field::gradient::Samples;
 use super::field::local_models::quadratic::Quadratic;
@@ -200,12 +200,21 @@ pub(super) fn asks<F: Fn([usize; 3]) -> Option<(DVec3, f64)> + Sync>(
             rule.levels(&cell, px, [false; 3]) != [0; 3]
         })
     };
-    let any_of_slab = |slab: usize| {
+    let of_slab = planes_of_slab(&extent);
+    let any_of_slab = |first: usize| {
         let mut any = false;
-        each_outline(samples, slab, |n, outline| any = any || asks(n, outline));
+        each_outline(
+            samples,
+            first..dims[2].min(first + of_slab),
+            |n, outline| {
+                any = asks(n, outline);
+                !any
+            },
+        );
         any
     };
-    (0..slab_count(&extent)).into_par_iter().any(any_of_slab)
+    let slabs = (0..dims[2]).into_par_iter().step_by(of_slab);
+    slabs.any(any_of_slab)
 }
 
 /// Finds levels that make no more parts than there is room for: the threshold is doubled until they do.
@@ -284,12 +293,20 @@ pub(super) fn refine(
         .collect();
     let levels = |rule: &Rule| {
         let mut found = vec![([0; 3], Asked::Unknown); extent.len()];
-        let of_slab = (dims[0] * dims[1] * outline::PLANES).max(1);
-        let slabs = found.par_chunks_mut(of_slab).enumerate();
+        let (of_plane, of_slab) = (dims[0] * dims[1], planes_of_slab(&extent));
+        let slabs = found
+            .par_chunks_mut((of_plane * of_slab).max(1))
+            .enumerate();
         slabs.for_each(|(slab, found)| {
-            each_outline(&samples, slab, |n, outline| {
-                found[n - slab * of_slab] = level(n, outline, rule);
-            });
+            let first = slab * of_slab;
+            each_outline(
+                &samples,
+                first..dims[2].min(first + of_slab),
+                |n, outline| {
+                    found[n - first * of_plane] = level(n, outline, rule);
+                    true
+                },
+            );
         });
         let (mut levels, asked): (Vec<[u8; 3]>, Vec<Asked>) = found.into_par_iter().unzip();
         if levels.par_iter().any(|level| *level != [0; 3]) {

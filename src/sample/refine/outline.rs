@@ -12,11 +12,11 @@ use crate::simd::{SimdLevel, SimdWork, run_at};
 /// Number of nodes in a run along i.
 const RUN: usize = 16;
 
-/// Numbers of rows and of planes whose nodes are read together: each is read for the cells of its neighbours, too.
+/// Greatest numbers of rows and of planes that are read at once, so that their cells share the nodes between them.
 const ROWS: usize = 16;
-pub(super) const PLANES: usize = 8;
+const MOST_PLANES: usize = 8;
 
-/// Factor by which the determinant of a cell exceeds that of a singular one: its gradient has nine digits.
+/// Least share of its columns' lengths that the determinant has: gradients then have nine digits.
 const SPANS_WELL: f64 = 1e3 * SPANNING;
 
 /// A number for each node of a run.
@@ -36,27 +36,28 @@ pub(super) struct Outline {
     pub(super) missed: f64,
 }
 
-/// Returns the number of slabs of [`PLANES`] planes.
-pub(super) fn slab_count(extent: &Extent) -> usize {
-    extent.dims[2].div_ceil(PLANES)
+/// Returns the number of planes of a slab, so that all threads have some.
+pub(super) fn planes_of_slab(extent: &Extent) -> usize {
+    let each = extent.dims[2] / (4 * rayon::current_num_threads());
+    each.clamp(1, MOST_PLANES)
 }
 
-/// Passes on each node of a slab with the outline of its dual cell: `None` where a node around is unknown, or where the
-/// cell is almost flat.
+/// Passes on each node of some planes with the outline of its dual cell: `None` where a node around is unknown, or where
+/// the cell is almost flat.
 ///
-/// - `each`: receives the node's number; nodes come in no order.
+/// - `planes`: at most as many as [`planes_of_slab`] returns.
+/// - `each`: receives a node's number and the outline, and returns false to end; nodes come in no order.
 pub(super) fn each_outline<F: Fn([usize; 3]) -> Option<(DVec3, f64)>>(
     samples: &Samples<F>,
-    slab: usize,
-    mut each: impl FnMut(usize, Option<Outline>),
+    planes: Range<usize>,
+    mut each: impl FnMut(usize, Option<Outline>) -> bool,
 ) {
-    let [ni, nj, nk] = samples.dims;
+    let [ni, nj, _] = samples.dims;
     let extent = Extent {
         dims: samples.dims,
         periods: samples.periods,
     };
-    let planes = slab * PLANES..nk.min((slab + 1) * PLANES);
-    let mut nodes = vec![Row::NONE; (ROWS + 2) * (PLANES + 2)];
+    let mut nodes = vec![Row::NONE; (ROWS + 2) * (planes.len() + 2)];
     for first_j in (0..nj).step_by(ROWS) {
         let rows = first_j..nj.min(first_j + ROWS);
         for first in (0..ni).step_by(RUN) {
@@ -73,7 +74,10 @@ pub(super) fn each_outline<F: Fn([usize; 3]) -> Option<(DVec3, f64)>>(
                     };
                     run_at(SimdLevel::best(), work);
                     for (n, i) in run.clone().enumerate() {
-                        each(extent.number([i, j, k]), found.outline(n, around[4]));
+                        let outline = found.outline(n, around[4]);
+                        if !each(extent.number([i, j, k]), outline) {
+                            return;
+                        }
                     }
                 }
             }
@@ -88,7 +92,7 @@ struct Row([[f64; RUN + 2]; 4]);
 impl Row {
     const NONE: Self = Self([[f64::NAN; RUN + 2]; 4]);
 
-    /// Returns a component of the nodes `step` - 1 behind those of the run.
+    /// Returns a component of the nodes that are `step` - 1 nodes further along i than those of the run.
     #[inline(always)]
     fn lanes(&self, component: usize, step: usize) -> &Lanes {
         let all = &self.0[component][step..];
@@ -157,7 +161,7 @@ impl Found {
 
 /// Measures the cells of a run.
 struct Measure<'a> {
-    /// The 3² rows around the run's own, the one before along j first.
+    /// The 3² rows around the run's own, the one before along j and k first; j is fastest.
     around: [&'a Row; 9],
     found: &'a mut Found,
 }
@@ -199,11 +203,11 @@ impl SimdWork for Measure<'_> {
             for n in 0..RUN {
                 let [x, y, z] = [0, 1, 2].map(|c| gradient[c][n] * d[c][n]);
                 let missed = (d[3][n] - (x + y + z)).abs() * scale;
-                // Phrased so that NaN stays.
-                found.missed[n] = if missed <= found.missed[n] {
-                    found.missed[n]
-                } else {
+                let most = found.missed[n];
+                found.missed[n] = if missed > most || missed.is_nan() {
                     missed
+                } else {
+                    most
                 };
             }
         };
@@ -299,11 +303,22 @@ mod tests {
 
     use super::*;
     use crate::sample::refine::neighbourhood::Neighbourhood;
+    use crate::sample::refine::rule::{Rule, ShownValues};
+    use crate::scene::TransferFunction;
 
     #[test]
     fn outlines_are_those_of_neighbourhoods() {
         let dims = [21, 11, 7];
         let noise = |n: usize, d: usize| ((n * (d + 3)) as f64 * 1.7).sin();
+        let rule = |width: f32| {
+            let hat = move |v: f32| (1.0 - (v - 0.5).abs() / width).max(0.0) * 0.5;
+            let function = TransferFunction::from_curves(|_| [1.0; 3], hat, [-3.0, 5.0], 1.0);
+            Rule::new(&ShownValues::of_function(&function.unwrap()), 1.0, 0.6)
+        };
+        let rules =
+            [0.1, 1.0, 10.0, 1e3].map(|px| [0.1, 3.0, 100.0].map(|width| (rule(width), px)));
+        let rules = rules.into_iter().flatten().collect::<Vec<_>>();
+        let mut whole = [0; 2];
         for periods in [[None; 3], [Some(20), None, None], [None, Some(10), None]] {
             let samples = Samples {
                 dims,
@@ -319,13 +334,14 @@ mod tests {
             let extent = Extent { dims, periods };
             let mut visits = vec![0; extent.len()];
             let mut known = 0;
-            for slab in 0..slab_count(&extent) {
-                each_outline(&samples, slab, |n, outline| {
+            for first in (0..dims[2]).step_by(3) {
+                let planes = first..dims[2].min(first + 3);
+                each_outline(&samples, planes, |n, outline| {
                     visits[n] += 1;
                     let node = extent.node(n);
                     if (0..3).any(|a| periods[a] == Some(node[a])) {
                         // The last plane of a closed index stands for the first.
-                        return;
+                        return true;
                     }
                     let cell = Neighbourhood::new(&samples, node);
                     // Jittered cells are far from flat.
@@ -344,13 +360,21 @@ mod tests {
                         let near = |a: f64, b: f64| (a - b).abs() <= 1e-9 * b.abs();
                         assert!(near(outline.missed, missed), "{outline:?} {missed}");
                         assert!(near(outline.steepness, gradient.length()));
+                        for (rule, px) in &rules {
+                            let is_whole = rule.levels(cell, *px, [false; 3]) == [0; 3];
+                            let stays = rule.keeps_whole(&outline, *px);
+                            assert!(is_whole || !stays, "{node:?} {px}");
+                            whole[usize::from(stays)] += 1;
+                        }
                     } else {
                         assert!(outline.is_none() && cell.is_none(), "{node:?}");
                     }
+                    true
                 });
             }
             assert!(visits.iter().all(|&count| count == 1));
             assert!(known > 19 * 9 * 5 - 30, "{known}");
+            assert!(whole.iter().all(|&count| count > 500), "{whole:?}");
         }
     }
 }

@@ -175,7 +175,7 @@ impl Rule {
         narrowed_level((sigma * px / LEAST_SIGMA_PX).log2().floor())
     }
 
-    /// Returns true if a dual cell that no face cuts surely stays whole: if [`Self::levels`] are zero.
+    /// Returns true only if [`Self::levels`] of a dual cell that no face cuts are zero; false decides nothing.
     pub(super) fn keeps_whole(&self, own: &Outline, px: f64) -> bool {
         /// Covers the roundings of gradients.
         const MARGIN: f64 = 1.01;
