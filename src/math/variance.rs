@@ -272,13 +272,8 @@ impl SimdWork for PrincipalSigmas<'_> {
         }
         let mut sigmas = [[0.0; 3]; TOGETHER];
         for (n, sigmas) in sigmas.iter_mut().enumerate() {
-            let mut own = [squared[0][n], squared[1][n], squared[2][n]];
-            for (p, q) in [(0, 1), (1, 2), (0, 1)] {
-                if own[p] < own[q] {
-                    own.swap(p, q);
-                }
-            }
-            *sigmas = own.map(f64::sqrt);
+            let own = [squared[0][n], squared[1][n], squared[2][n]];
+            *sigmas = greatest_first(own, |squared| *squared).map(f64::sqrt);
         }
         sigmas
     }
@@ -351,13 +346,19 @@ pub(crate) fn principal_axes(f: DMat3) -> [DVec3; 3] {
             break;
         }
     }
-    let mut by_length = columns.map(|column| (column.length_squared(), column));
+    let by_length = columns.map(|column| (column.length_squared(), column));
+    greatest_first(by_length, |(squared, _)| *squared).map(|(_, column)| column)
+}
+
+/// Sorts three items by a number, the greatest first.
+#[inline(always)]
+fn greatest_first<T>(mut items: [T; 3], number: impl Fn(&T) -> f64) -> [T; 3] {
     for (p, q) in [(0, 1), (1, 2), (0, 1)] {
-        if by_length[p].0 < by_length[q].0 {
-            by_length.swap(p, q);
+        if number(&items[p]) < number(&items[q]) {
+            items.swap(p, q);
         }
     }
-    by_length.map(|(_, column)| column)
+    items
 }
 
 /// Returns the standard deviations along a kernel's own axes, greatest first, and the rotation from x, y, z to

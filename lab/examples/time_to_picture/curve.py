@@ -59,7 +59,7 @@ def read_png(path):
 
 
 def own_points(program, data, arguments, folder, scratch):
-    """Returns the most accurate picture, and yields tolerance, picture and statistics of each point."""
+    """Yields the tolerance, the most accurate picture, the picture and the statistics of each point."""
     command = command_of(program, data, folder, scratch) + arguments
 
     def picture(*extra):

@@ -125,25 +125,21 @@ impl DualCells<'_> {
             return Some(body);
         }
         let mesh = self.cells.mesh;
-        let at = |n: u32| {
-            let place = mesh.nodes[n as usize] - body.origin;
-            Some(place.extend(self.values[n as usize]))
-        };
+        let (origin, value) = (body.origin, body.value);
+        let place = |n: u32| (mesh.nodes[n as usize] - origin).extend(self.values[n as usize]);
         let is_own = |n: u32| self.cells.duals.first_of(n) == node;
         let (mut corners, mut of_cell) = (Corners::default(), Vec::new());
         let mut pieces = Vec::with_capacity(self.around.of(node).len());
         for cell in self.drawn(node) {
             self.cells.own_corners(cell, &mut of_cell);
             if for_level && let Some(others) = others_of_four(&of_cell, node) {
-                let value = self.values[node as usize];
-                let from_node = |n: u32| at(n).map(|place| place - DVec4::W * value);
-                let [a, b, c] = others.map(from_node);
-                body.tetrahedra.push([a?, b?, c?]);
+                let from_node = |n: u32| place(n) - DVec4::W * value;
+                body.tetrahedra.push(others.map(from_node));
                 continue;
             }
             let range = self.range(&of_cell);
             let each = |piece| pieces.push((piece, range));
-            each_piece((mesh, cell), at, is_own, &mut corners, each)?;
+            each_piece((mesh, cell), |n| Some(place(n)), is_own, &mut corners, each)?;
         }
         body.pieces = pieces;
         Some(body)

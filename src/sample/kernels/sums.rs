@@ -51,33 +51,43 @@ impl<'a> Cut<'a> {
             .count();
         let planes = &planes[..count];
         let mut distances = [0.0; MOST_EDGES];
-        for (distance, [x, y, z, inside]) in distances.iter_mut().zip(planes) {
-            let normal = DVec3::new((*x).into(), (*y).into(), (*z).into());
-            *distance = f64::from(*inside) + beyond(normal);
+        for (distance, plane) in distances.iter_mut().zip(planes) {
+            *distance = f64::from(plane[3]) + beyond(normal_of(plane));
         }
         Self { planes, distances }
     }
 
     /// Returns true if an offset from the kernel's centre is inside all planes.
     pub(in crate::sample) fn holds(&self, offset: DVec3) -> bool {
-        let mut terms = [1.0; LEAF];
-        self.apply(&offset.to_array().map(|x| [x; LEAF]), &mut terms);
-        terms[0] > 0.0
+        self.sides()
+            .all(|(normal, distance)| distance + normal.dot(offset) >= 0.0)
+    }
+
+    /// Returns the normal of each plane, and its distance.
+    #[inline(always)]
+    fn sides(&self) -> impl Iterator<Item = (DVec3, f64)> {
+        let normals = self.planes.iter().map(normal_of);
+        normals.zip(self.distances)
     }
 
     /// Sets the terms to 0 whose offsets from the kernel's centre are outside.
     #[inline(always)]
     fn apply(&self, offsets: &[[f64; LEAF]; 3], terms: &mut [f64; LEAF]) {
-        for ([x, y, z, _], distance) in self.planes.iter().zip(self.distances) {
-            let [x, y, z] = [f64::from(*x), f64::from(*y), f64::from(*z)];
+        for (normal, distance) in self.sides() {
             for n in 0..LEAF {
-                let along = x * offsets[0][n] + y * offsets[1][n] + z * offsets[2][n];
+                let offset = DVec3::new(offsets[0][n], offsets[1][n], offsets[2][n]);
                 // NaN counts as outside.
-                let is_inside = distance + along >= 0.0;
+                let is_inside = distance + normal.dot(offset) >= 0.0;
                 terms[n] = if is_inside { terms[n] } else { 0.0 };
             }
         }
     }
+}
+
+/// Returns the normal of a plane: its first three components.
+#[inline(always)]
+fn normal_of(&[x, y, z, _]: &[f32; 4]) -> DVec3 {
+    DVec3::new(x.into(), y.into(), z.into())
 }
 
 /// Density of a kernel, prepared for evaluation.
