@@ -46,7 +46,8 @@ impl CpuFrames {
         report: &mut FrameReport,
     ) -> Result<()> {
         let view = self.see(scene, plan, pass, report)?;
-        if is_cut_into_strips(plan, pass) {
+        // Every strip would contain all unbounded kernels.
+        if plan.culls {
             return self.draw_strips(scene, plan, pass, &view, Self::most_particles, report);
         }
         self.make_footprints(scene, plan, pass, &view, report)?;
@@ -73,8 +74,8 @@ impl CpuFrames {
         let columns = (view.size[0] as usize).div_ceil(tile_size);
         for rows in self.bands(view, tile_size, rows, MOST_ENTRIES) {
             let tiles = rows.start * columns..rows.end * columns;
-            let entries = self.list(pass, view, tiles, report);
-            self.draw_tiles(scene, plan, pass, view, entries, report)?;
+            self.list(pass, view, tiles, report);
+            self.draw_tiles(scene, plan, pass, view, report)?;
         }
         check(plan.task.as_ref())
     }
@@ -93,6 +94,7 @@ impl CpuFrames {
     ) -> Result<ViewUniform> {
         check(plan.task.as_ref())?;
         self.bins.restrict(plan.tiles.as_deref());
+        self.sums.clear();
         let mut clock = Stopwatch::start();
         let view = self.cull(scene, plan, pass, &mut report.counts);
         report.times.cull += clock.lap();
@@ -195,14 +197,14 @@ impl CpuFrames {
         self.make_room(pass, view);
     }
 
-    /// Makes the lists of a run of tiles. Returns the number of their entries.
+    /// Makes the lists of a run of tiles.
     pub(crate) fn list(
         &mut self,
         pass: &PassPlan,
         view: &ViewUniform,
         tiles: Range<usize>,
         report: &mut FrameReport,
-    ) -> usize {
+    ) {
         let mut clock = Stopwatch::start();
         let terms = if pass.axes.accumulate == Accumulate::Opaque {
             FootprintTerms::Surfel(&self.surfels)
@@ -219,12 +221,9 @@ impl CpuFrames {
         bin(footprints, terms, order, columns, tiles, &mut self.bins);
         report.counts.tile_entries += self.bins.len();
         report.times.bin += clock.lap();
-        self.bins.len()
     }
 
     /// Draws the tiles that have lists.
-    ///
-    /// - `entries`: number of entries of the lists of all tiles of the band.
     ///
     /// # Errors
     /// Cancelled.
@@ -234,14 +233,13 @@ impl CpuFrames {
         plan: &FramePlan,
         pass: &PassPlan,
         view: &ViewUniform,
-        entries: usize,
         report: &mut FrameReport,
     ) -> Result<()> {
         check(plan.task.as_ref())?;
         let mut clock = Stopwatch::start();
         report.counts.splat_pixels += match pass.axes.accumulate {
             Accumulate::Opaque => self.rasterise_surface(plan, pass, view),
-            Accumulate::Column => self.sum_columns(plan, view, entries),
+            Accumulate::Column => self.sum_columns(plan, view),
             _ => self.rasterise(scene, plan, pass, view),
         };
         report.times.rasterise += clock.lap();
@@ -466,7 +464,7 @@ impl CpuFrames {
                 self.surface_normals
                     .resize_with(wanted, NormalTile::default);
             }
-            Accumulate::Column => self.sums.clear(),
+            Accumulate::Column => {}
             _ => self.tiles.resize_with(columns * rows, Tile::default),
         }
     }
@@ -491,7 +489,7 @@ impl CpuFrames {
     }
 
     /// Returns the number of tiles that footprints touch, for each row.
-    pub(crate) fn entries_of_rows(&self, view: &ViewUniform, tile_size: usize) -> Vec<u64> {
+    fn entries_of_rows(&self, view: &ViewUniform, tile_size: usize) -> Vec<u64> {
         let mut counts = vec![0; (view.size[1] as usize).div_ceil(tile_size)];
         let touched = |(first, end): (u32, u32)| {
             first as usize / tile_size..(end as usize).div_ceil(tile_size)
@@ -566,14 +564,13 @@ impl CpuFrames {
         )
     }
 
-    fn sum_columns(&mut self, plan: &FramePlan, view: &ViewUniform, entries: usize) -> u64 {
+    fn sum_columns(&mut self, plan: &FramePlan, view: &ViewUniform) -> u64 {
         self.sums.add_all(&ColumnInput {
             view,
             footprints: &self.footprints,
             exact: &self.exact,
             near: self.project_output.near(),
             bins: &self.bins,
-            entries,
             level: plan.simd,
             task: plan.task.as_ref(),
         })
@@ -632,7 +629,7 @@ fn tile_grid(view: &ViewUniform) -> [usize; 2] {
 }
 
 /// Divides rows of tiles into bands of at most `most` entries, or of one row.
-pub(crate) fn cut_into_bands(counts: &[u64], most: u64) -> Vec<Range<usize>> {
+fn cut_into_bands(counts: &[u64], most: u64) -> Vec<Range<usize>> {
     let mut bands = Vec::new();
     let (mut first, mut sum) = (0, 0);
     for (row, count) in counts.iter().enumerate() {
@@ -657,12 +654,6 @@ pub(super) fn has_pieces(plan: &FramePlan, volume: &BlockedVolume) -> bool {
 /// Resizes a buffer that will be overwritten: keeps its memory and its contents.
 fn overwrite<T: bytemuck::Zeroable + Clone>(buffer: &mut Vec<T>, len: usize) {
     buffer.resize(len, T::zeroed());
-}
-
-/// Returns whether a pass can be drawn in strips. Column sums cannot, because they are formed in parts
-/// that depend on all lists. Unbounded kernels cannot, because every strip would contain all of them.
-pub(crate) fn is_cut_into_strips(plan: &FramePlan, pass: &PassPlan) -> bool {
-    plan.culls && pass.axes.accumulate != Accumulate::Column
 }
 
 #[cfg(test)]

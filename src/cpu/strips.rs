@@ -194,8 +194,8 @@ impl Strips<'_> {
         }
         let first = rows.start * in_a_row;
         let run = first + columns.start..first + columns.end;
-        let entries = frames.list(pass, view, run, report);
-        frames.draw_tiles(scene, plan, pass, view, entries, report)
+        frames.list(pass, view, run, report);
+        frames.draw_tiles(scene, plan, pass, view, report)
     }
 }
 
@@ -259,31 +259,31 @@ mod tests {
     use crate::blocks::{BlockedScene, SceneOptions};
     use crate::breadth::some;
     use crate::frame::backend::{DrawFrames, Images};
-    use crate::image::Image;
-    use crate::render::{Composite, Settings};
+    use crate::render::{ColumnSettings, Composite, Settings};
     use crate::scene::fixtures::spheres_and_plane;
     use crate::stats::FrameCounts;
     use crate::view::Camera;
 
-    fn drawn(
-        scene: &BlockedScene,
-        camera: &Camera,
-        settings: &Settings,
-        most: usize,
-    ) -> (Image, FrameCounts) {
-        let plan = FramePlan::new(scene, camera, settings).unwrap();
+    fn drawn(scene: &BlockedScene, plan: &FramePlan, most: usize) -> (Vec<u32>, FrameCounts) {
         let mut frames = CpuFrames::default();
         frames.upload(scene).unwrap();
         let mut report = FrameReport::default();
         for pass in &plan.passes {
-            let view = frames.see(scene, &plan, pass, &mut report).unwrap();
+            let view = frames.see(scene, plan, pass, &mut report).unwrap();
             frames
-                .draw_strips(scene, &plan, pass, &view, |_, _| most, &mut report)
+                .draw_strips(scene, plan, pass, &view, |_, _| most, &mut report)
                 .unwrap();
         }
         let mut images = Images::default();
-        frames.resolve(&plan, &mut images);
-        (images.image, report.counts)
+        frames.resolve(plan, &mut images);
+        let numbers = match plan.column() {
+            Some(_) => images.column.values,
+            None => images.image.pixels.concat(),
+        };
+        (
+            numbers.into_iter().map(f32::to_bits).collect(),
+            report.counts,
+        )
     }
 
     fn scene() -> BlockedScene {
@@ -320,26 +320,32 @@ mod tests {
             ("within", from(-0.2)),
             ("flat", flat),
         ] {
-            for composite in [Composite::Over, Composite::SLABS] {
-                let settings = Settings {
-                    composite,
-                    ..Settings::default()
-                };
-                let (image, counts) = drawn(&scene, &camera, &settings, usize::MAX);
+            let composites = [Composite::Over, Composite::SLABS];
+            let mut plans = composites
+                .map(|composite| {
+                    let settings = Settings {
+                        composite,
+                        ..Settings::default()
+                    };
+                    FramePlan::new(&scene, &camera, &settings).unwrap()
+                })
+                .to_vec();
+            let columns = &ColumnSettings::default();
+            plans.push(FramePlan::of_columns(&scene, &camera, columns, 2e-5));
+            for (n, plan) in plans.iter().enumerate() {
+                let (image, counts) = drawn(&scene, plan, usize::MAX);
+                let has_surface = plan.column().is_none();
                 assert!(
-                    counts.footprints > 100 && counts.surfels > 0,
+                    counts.footprints > 100 && (counts.surfels > 0) == has_surface,
                     "{name}: {counts:?}"
                 );
                 assert_eq!(counts.footprints_near > 0, name == "within");
                 // One particle at a time takes long.
                 let few = usize::from(name == "near") + 1;
                 for most in some(vec![2000, 1], few) {
-                    let (cut, cut_counts) = drawn(&scene, &camera, &settings, most);
-                    assert_eq!(cut_counts, counts, "{name} {composite:?} {most}");
-                    let bits = |image: &Image| -> Vec<[u32; 4]> {
-                        image.pixels.iter().map(|p| p.map(f32::to_bits)).collect()
-                    };
-                    assert!(bits(&cut) == bits(&image), "{name} {composite:?} {most}");
+                    let (cut, cut_counts) = drawn(&scene, plan, most);
+                    assert_eq!(cut_counts, counts, "{name} {n} {most}");
+                    assert!(cut == image, "{name} {n} {most}");
                 }
             }
         }

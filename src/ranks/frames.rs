@@ -10,9 +10,7 @@ use super::statistics::RankStats;
 use super::tiles::{TileShares, Work};
 use crate::blocks::{AmplitudeSummary, BlockedScene, Frustum, runs_in_turn};
 use crate::collective::Collective;
-use crate::cpu::{
-    CpuFrames, MOST_ENTRIES, TileSums, cut_into_bands, is_cut_into_strips, tile_size,
-};
+use crate::cpu::{CpuFrames, MOST_ENTRIES, TileSums, tile_size};
 use crate::error::Result;
 use crate::frame::backend::{DrawFrames, Edit, FrameReport, Images};
 use crate::frame::plan::{FramePlan, PassPlan};
@@ -180,7 +178,7 @@ impl RankFrames {
         });
         let in_view: u64 = in_view.sum();
         let few = self.most.min(FEW) as u64 * self.ranks.size() as u64;
-        if in_view <= few || !is_cut_into_strips(plan, pass) {
+        if in_view <= few || !plan.culls {
             return Ok(1);
         }
         // Some of the particles in view may be transparent.
@@ -333,14 +331,6 @@ impl RankFrames {
             false => self.cpu.count_footprints(pass, visible, report),
         }
         out.exact_count += self.cpu.project_output.exact_count() as u64;
-        out.tile_count += self.cpu.project_output.tile_count();
-        if pass.axes.accumulate == Accumulate::Column {
-            let rows = self.cpu.entries_of_rows(view, tile_size(pass));
-            out.rows.resize(rows.len(), 0);
-            for (sum, row) in out.rows.iter_mut().zip(rows) {
-                *sum += row;
-            }
-        }
         self.now.footprints_made += (report.counts.footprints - before) as u64;
         self.now.footprints_sent += sent as u64;
         self.now.bytes_sent += parts.iter().map(|part| part.len() as u64).sum::<u64>();
@@ -395,16 +385,8 @@ impl RankFrames {
         let Projected {
             arrived,
             exact_count,
-            tile_count,
-            rows,
         } = projected;
-        let numbers = [vec![exact_count, tile_count], rows].concat();
-        let sums = self.ranks.sums(Ok(numbers))?;
-        let (of_all, rows) = sums.split_at(2.min(sums.len()));
-        let [exact_count, tile_count] = *of_all else {
-            return Ok(());
-        };
-        let is_column = pass.axes.accumulate == Accumulate::Column;
+        let exact_count = self.ranks.sum(Ok(exact_count))?;
         let is_opaque = pass.axes.accumulate == Accumulate::Opaque;
         self.now.footprints_received += arrived.len() as u64;
         arrived.put(&mut self.cpu, exact_count as usize, is_opaque);
@@ -412,34 +394,14 @@ impl RankFrames {
         self.cpu.order_footprints(pass, view, report);
         let own = shares.of(self.ranks.rank());
         let size = tile_size(pass);
-        let bands = if !is_column {
-            let rows = (view.size[1] as usize).div_ceil(size);
-            self.cpu.bands(view, size, 0..rows, MOST_ENTRIES)
-        } else if tile_count > MOST_ENTRIES {
-            // Sums are formed band by band in parts that follow the bands' tile lists: all ranks must have the same
-            // bands.
-            cut_into_bands(rows, MOST_ENTRIES)
-        } else {
-            std::iter::once(0..(view.size[1] as usize).div_ceil(size)).collect()
-        };
+        let rows = (view.size[1] as usize).div_ceil(size);
         let columns = shares.columns();
         let mut drawn = Ok(());
-        for rows in bands {
+        for rows in self.cpu.bands(view, size, 0..rows, MOST_ENTRIES) {
             let tiles = (rows.start * columns).max(own.start)..(rows.end * columns).min(own.end);
-            let is_any = !tiles.is_empty() && drawn.is_ok();
-            let mut entries = 0;
-            if is_any {
-                entries = self.cpu.list(pass, view, tiles, report);
-            }
-            if is_column {
-                let sum = self.ranks.sum(drawn.map(|()| entries as u64))?;
-                entries = sum as usize;
-                drawn = Ok(());
-            }
-            if is_any {
-                drawn = self
-                    .cpu
-                    .draw_tiles(scene, plan, pass, view, entries, report);
+            if !tiles.is_empty() && drawn.is_ok() {
+                self.cpu.list(pass, view, tiles, report);
+                drawn = self.cpu.draw_tiles(scene, plan, pass, view, report);
             }
         }
         self.ranks.agree(drawn)
@@ -587,11 +549,8 @@ impl Batch {
 #[derive(Debug, Default)]
 struct Projected {
     arrived: Arrived,
-    /// Counts of the footprints that this rank made: how many are on the exact path, how many tiles their boxes touch,
-    /// and, for column densities, how many tiles in each row.
+    /// Number of footprints on the exact path that this rank made.
     exact_count: u64,
-    tile_count: u64,
-    rows: Vec<u64>,
 }
 
 #[cfg(test)]
@@ -603,9 +562,8 @@ mod tests {
     use super::*;
     use crate::blocks::SceneOptions;
     use crate::breadth::some;
-    use crate::image::Image;
     use crate::ranks::ThreadRank;
-    use crate::render::{Composite, Settings};
+    use crate::render::{ColumnSettings, Composite, Settings};
     use crate::scene::fixtures::spheres_and_plane;
     use crate::stats::FrameCounts;
     use crate::view::Camera;
@@ -614,9 +572,8 @@ mod tests {
     fn drawn(
         size: usize,
         most: usize,
-        camera: &Camera,
-        settings: &Settings,
-    ) -> (Image, FrameCounts, u64) {
+        plan: &(dyn Fn(&BlockedScene) -> FramePlan + Sync),
+    ) -> (Vec<u32>, FrameCounts, u64) {
         let found = thread::scope(|scope| {
             let ranks = ThreadRank::group(size).into_iter();
             let draw = |own: ThreadRank| {
@@ -626,11 +583,16 @@ mod tests {
                 let mut frames = RankFrames::sharing(ranks, &mut scene).unwrap();
                 frames.most = most;
                 frames.upload(&scene).unwrap();
-                let plan = FramePlan::new(&scene, camera, settings).unwrap();
+                let plan = plan(&scene);
                 let mut images = Images::default();
                 let report = frames.draw(&scene, &plan, &mut images).unwrap();
                 let received = frames.stats().iter().map(|s| s.footprints_received);
-                (images.image, report.counts, received.max().unwrap_or(0))
+                let numbers = match plan.column() {
+                    Some(_) => images.column.values,
+                    None => images.image.pixels.concat(),
+                };
+                let bits = numbers.into_iter().map(f32::to_bits).collect();
+                (bits, report.counts, received.max().unwrap_or(0))
             };
             let threads: Vec<_> = ranks.map(|own| scope.spawn(move || draw(own))).collect();
             let all = threads.into_iter().map(|t| t.join().unwrap());
@@ -645,23 +607,30 @@ mod tests {
             let eye = DVec3::new(0.1, -0.2, z);
             Camera::perspective(eye, DVec3::ZERO, DVec3::Y, 50.0, [70, 99])
         };
-        let bits = |image: &Image| -> Vec<[u32; 4]> {
-            image.pixels.iter().map(|p| p.map(f32::to_bits)).collect()
-        };
         let mut several = 0;
         // Far enough for levels of detail; near; among the particles, some of which cross the plane of the eye.
         for camera in [from(-12.0), from(-1.4), from(-0.2)] {
-            for composite in [Composite::Over, Composite::SLABS] {
+            let picture = |scene: &BlockedScene, composite| {
                 let settings = Settings {
                     composite,
                     ..Settings::default()
                 };
-                let (image, counts, received) = drawn(1, usize::MAX, &camera, &settings);
-                assert!(counts.footprints > 100 && counts.surfels > 0);
+                FramePlan::new(scene, &camera, &settings).unwrap()
+            };
+            let over = |scene: &BlockedScene| picture(scene, Composite::Over);
+            let slabs = |scene: &BlockedScene| picture(scene, Composite::SLABS);
+            let columns = |scene: &BlockedScene| {
+                FramePlan::of_columns(scene, &camera, &ColumnSettings::default(), 2e-5)
+            };
+            let plans: [&(dyn Fn(&BlockedScene) -> FramePlan + Sync); 3] =
+                [&over, &slabs, &columns];
+            for plan in plans {
+                let (image, counts, received) = drawn(1, usize::MAX, plan);
+                assert!(counts.footprints > 100);
                 for (size, most) in some(vec![(1, 900), (7, 40), (2, 500), (3, 1)], 2) {
-                    let (cut, cut_counts, in_parts) = drawn(size, most, &camera, &settings);
+                    let (cut, cut_counts, in_parts) = drawn(size, most, plan);
                     assert_eq!(cut_counts, counts, "{size} ranks, {most}");
-                    assert!(bits(&cut) == bits(&image), "{size} ranks, {most}");
+                    assert!(cut == image, "{size} ranks, {most}");
                     // A footprint that reaches several parts is sent for each of them.
                     assert!(size > 1 || in_parts >= received, "{in_parts} {received}");
                     several += usize::from(size == 1 && in_parts > received);

@@ -46,8 +46,8 @@ const CHUNK: usize = 16;
 const RUN: usize = 64;
 /// Least number of footprints of a tile in a task of its own.
 const TASK: usize = 16_384;
-/// Approximate number of tasks that long lists of few tiles are divided into.
-const TASKS: usize = 256;
+/// Greatest number of tasks of a tile.
+const TASKS: usize = 32;
 
 /// The sums of one column-density image, kept from frame to frame.
 #[derive(Debug, Default)]
@@ -89,9 +89,6 @@ pub struct ColumnInput<'a> {
     pub near: &'a [NearTerms],
     /// Result of [`bin_columns`].
     pub bins: &'a Bins,
-    /// Number of entries of the lists of all tiles of the picture's band, including tiles that are summed
-    /// elsewhere.
-    pub entries: usize,
     /// The instruction set of the inner loop.
     pub level: SimdLevel,
     /// Receives the progress of the sum, and may end it early.
@@ -138,14 +135,14 @@ impl ColumnSums {
     /// Returns the number of splat-pixels: kernels evaluated at pixel centres within their cut-off (for
     /// separable footprints: within its bounding box).
     ///
-    /// The result does not depend on the number of threads, nor on where other tiles are summed: tasks
-    /// depend only on the lists.
+    /// The result does not depend on the number of threads, nor on where and when other tiles are summed: the
+    /// tasks of a tile depend only on its list.
     pub fn add_all(&mut self, input: &ColumnInput) -> u64 {
         let [columns, _] = tiles(input.view);
-        let longest = (input.entries / TASKS).max(TASK);
         let first = self.tasks.len();
         for tile in input.bins.tiles() {
             let len = input.bins.tile_len(tile);
+            let longest = len.div_ceil(TASKS).max(TASK);
             self.tasks
                 .extend((0..len).step_by(longest).map(|first| ListPart {
                     tile,
