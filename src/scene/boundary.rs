@@ -68,8 +68,9 @@ impl<S: Storage> BoundaryPlanesIn<S> {
 
     /// Reorders the planes with their particles.
     pub(crate) fn gather(&self, order: &[u32]) -> Self {
+        let is_cut = |&&i: &&u32| self.of(i as usize).is_some();
         let mut of_particle = Vec::with_capacity(order.len());
-        let mut kept = Vec::new();
+        let mut kept = Vec::with_capacity(order.iter().filter(is_cut).count());
         for &i in order {
             let word = match self.of(i as usize) {
                 None => 0,
@@ -261,13 +262,17 @@ impl Values {
                 }
             }
         }
+        fn append<T>(values: &mut Vec<T>, ghosts: Vec<T>) {
+            values.reserve_exact(ghosts.len());
+            values.extend(ghosts);
+        }
         let ghosts = beyond;
         match (self, ghosts) {
-            (Self::U8(v), Self::U8(ghosts)) => v.extend(ghosts),
-            (Self::I16(v), Self::I16(ghosts)) => v.extend(ghosts),
-            (Self::U16(v), Self::U16(ghosts)) => v.extend(ghosts),
-            (Self::F32(v), Self::F32(ghosts)) => v.extend(ghosts),
-            (Self::F64(v), Self::F64(ghosts)) => v.extend(ghosts),
+            (Self::U8(v), Self::U8(ghosts)) => append(v, ghosts),
+            (Self::I16(v), Self::I16(ghosts)) => append(v, ghosts),
+            (Self::U16(v), Self::U16(ghosts)) => append(v, ghosts),
+            (Self::F32(v), Self::F32(ghosts)) => append(v, ghosts),
+            (Self::F64(v), Self::F64(ghosts)) => append(v, ghosts),
             // They have the same type.
             _ => {}
         }

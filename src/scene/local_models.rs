@@ -144,6 +144,7 @@ impl LocalModels {
         let [slope, departure] = greatest(Self::scales_of(&models))?;
         if slope <= self.greatest_slope && departure <= self.greatest_departure {
             let codes: Vec<[u16; 3]> = models.par_iter().map(|m| self.code(m)).collect();
+            self.codes.reserve_exact(count_appended(changes));
             for ((i, _), code) in changes.iter().zip(codes) {
                 match i {
                     Some(i) => self.codes[*i] = code,
@@ -152,10 +153,11 @@ impl LocalModels {
             }
             return Ok(self);
         }
-        let mut all: Vec<LocalModel> = (0..self.len())
+        let mut all = Vec::with_capacity(self.len() + count_appended(changes));
+        (0..self.len())
             .into_par_iter()
             .map(|i| self.get(i))
-            .collect();
+            .collect_into_vec(&mut all);
         for (i, model) in changes {
             match i {
                 Some(i) => all[*i] = *model,
@@ -305,6 +307,11 @@ impl<S: Storage> LocalModelsIn<S> {
         #[expect(clippy::cast_possible_truncation, reason = "sixteen bits of them")]
         [0, 16, 32].map(|shift| (bits >> shift) as u16)
     }
+}
+
+/// Number of changes that append a model.
+fn count_appended(changes: &[(Option<usize>, LocalModel)]) -> usize {
+    changes.iter().filter(|(i, _)| i.is_none()).count()
 }
 
 /// Length of a vector; its square may exceed f32.

@@ -450,7 +450,7 @@ fn sharpen(
         range: 0..count,
         ranks: &mut Alone::default(),
     };
-    let Some(ghosts) = apply(volume, report, vec![changes], options, own)? else {
+    let Some(ghosts) = apply(volume, report, changes, options, own)? else {
         return Ok((Vec::new(), partial));
     };
     even_out(volume, &ghosts, own, |kernels, volumes| {

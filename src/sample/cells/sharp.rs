@@ -105,9 +105,13 @@ impl Tangents {
     }
 }
 
+/// Number of nodes whose changes make a piece.
+const PIECE: usize = 1 << 10;
+
 /// The changes that a sharp boundary makes.
 pub(in crate::sample) struct SharpCells {
-    pub(in crate::sample) changes: Vec<SharpParticle>,
+    /// In pieces, which are freed one after the other.
+    pub(in crate::sample) changes: Vec<Vec<SharpParticle>>,
     /// Particles on re-entrant edges, which are not cut, ascending.
     pub(in crate::sample) reentrant: Vec<usize>,
     /// Particles at faces that are covered in part, which are not cut, ascending.
@@ -204,8 +208,14 @@ pub(in crate::sample) fn sharp_cells(
         }
         changes
     };
+    let pieces = beside.par_chunks(PIECE);
+    let of_piece = |nodes: &[(u32, Vec<Tangent>)]| {
+        let mut changes: Vec<SharpParticle> = nodes.iter().flat_map(change).collect();
+        changes.shrink_to_fit();
+        changes
+    };
     SharpCells {
-        changes: beside.par_iter().flat_map_iter(change).collect(),
+        changes: pieces.map(of_piece).collect(),
         reentrant,
         undecided,
     }

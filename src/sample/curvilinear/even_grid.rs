@@ -1,6 +1,8 @@
 //! Sums kernels at the nodes of a curvilinear grid with a sharp boundary. The kernels around a node are found
 //! by their indices, however long they are.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::structured::Grid;
@@ -14,6 +16,9 @@ const NONE: u32 = u32::MAX;
 /// Least change of the spacing at a node for which sums are formed, over the distance between its neighbours.
 /// Below it (a growth of 1.1 per cell), sums are within .4 % of 1 for kernels of .6 spacings.
 const LEAST_BEND: f64 = 0.05;
+
+/// Nodes along an index, in each direction, over which a change of the spacing makes sums uneven.
+const NEAR_BEND: isize = 2;
 
 /// Greatest number of nodes searched along an index, however wide the kernels are.
 const MOST_REACH: isize = 6;
@@ -41,10 +46,18 @@ pub(in crate::sample) struct GridNodes<'a, 'b> {
     particles: Vec<u32>,
 }
 
-/// Densities of all kernels.
-fn densities(kernels: &CutKernels<'_>, volumes: &[f32]) -> Vec<Density> {
-    let of = |(i, &volume): (usize, &f32)| Density::new(kernels.factor(i), volume.into());
-    volumes.par_iter().enumerate().map(of).collect()
+/// Planes of nodes along the last index whose sums are formed at a time.
+const PLANES: usize = 8;
+
+/// Marks a plane without densities.
+const NO_SLOT: usize = usize::MAX;
+
+/// Densities of the kernels in some planes of nodes along the last index.
+struct Window {
+    /// Position of each plane's densities in `densities`.
+    slots: Vec<usize>,
+    /// One entry for each node of the planes; without meaning where a node has no particle.
+    densities: Vec<Density>,
 }
 
 impl<'a, 'b> GridNodes<'a, 'b> {
@@ -117,13 +130,16 @@ impl<'a, 'b> GridNodes<'a, 'b> {
 
     /// Collects the results of `of` for the grid's own nodes that have a particle, in their order. `of`
     /// receives a node's indices in the extended grid, and its particle.
+    ///
+    /// - `planes`: range of the last index.
     fn collect<T: Send>(
         &self,
         own_count: usize,
+        planes: Range<usize>,
         of: impl Fn([usize; 3], usize) -> Option<T> + Sync,
     ) -> Vec<T> {
-        let [ni, nj, nk] = self.dims;
-        let rows = (0..nj * nk).into_par_iter();
+        let [ni, nj, _] = self.dims;
+        let rows = (nj * planes.start..nj * planes.end).into_par_iter();
         let of_row = |row: usize| {
             let of = &of;
             (0..ni).filter_map(move |i| {
@@ -134,35 +150,87 @@ impl<'a, 'b> GridNodes<'a, 'b> {
         rows.flat_map_iter(of_row).collect()
     }
 
+    /// Computes the densities of all kernels within `reach` of some planes along the last index.
+    fn window(
+        &self,
+        kernels: &CutKernels<'_>,
+        volumes: &[f32],
+        planes: Range<usize>,
+        reach: isize,
+    ) -> Window {
+        let mut slots = vec![NO_SLOT; self.dims[2]];
+        let near = planes.flat_map(|k| (-reach..=reach).map(move |by| (k, by)));
+        for k in near.filter_map(|(k, by)| self.along(2, k, by)) {
+            slots[k] = 0;
+        }
+        let size = self.dims[0] * self.dims[1];
+        let used = slots.iter_mut().filter(|slot| **slot != NO_SLOT);
+        used.enumerate().for_each(|(n, slot)| *slot = n * size);
+        let places = slots
+            .iter()
+            .enumerate()
+            .filter(|(_, slot)| **slot != NO_SLOT);
+        let places: Vec<usize> = places.flat_map(|(k, _)| k * size..(k + 1) * size).collect();
+        let density = |&place: &usize| {
+            let of = |i: usize| Density::new(kernels.factor(i), volumes[i].into());
+            self.particle(place).map_or(Density::NONE, of)
+        };
+        Window {
+            densities: places.par_iter().map(density).collect(),
+            slots,
+        }
+    }
+
     /// Returns the sums of all kernels at the grid's own nodes, by particle. Nodes are left out if the grid is
     /// even around them, or if it ends nearby without being cut.
     ///
-    /// - `all_densities`: densities of all kernels; the first grid that needs them computes them.
     /// - `width`: width of kernels, in spacings.
     pub(in crate::sample) fn sums(
         &self,
         kernels: &CutKernels<'_>,
         volumes: &[f32],
-        all_densities: &mut Option<Vec<Density>>,
         width: f64,
     ) -> Vec<(usize, f64)> {
-        let own_count = kernels.own_count();
-        let bent = self.collect(own_count, |at, own| {
-            let place = self.place(at);
-            self.bends(kernels, at, own).then_some(place)
+        let [ni, nj, nk] = self.dims;
+        let bent = self.collect(kernels.own_count(), 0..nk, |at, own| {
+            self.bends(kernels, at, own).then_some(self.place(at))
         });
-        if bent.is_empty() {
-            return Vec::new();
-        }
         let mut is_bent = vec![false; self.particles.len()];
+        let mut has_bent = vec![false; nk];
         for n in bent {
             is_bent[n] = true;
+            has_bent[n / (ni * nj)] = true;
         }
-        let all_densities = &*all_densities.get_or_insert_with(|| densities(kernels, volumes));
+        let is_near_bent = |k: usize| {
+            let mut near = (-NEAR_BEND..=NEAR_BEND).filter_map(|by| self.along(2, k, by));
+            near.any(|k| has_bent[k])
+        };
         let reach = reach(width);
+        let starts = (0..nk).step_by(PLANES);
+        starts
+            .map(|first| first..nk.min(first + PLANES))
+            .filter(|planes| planes.clone().any(is_near_bent))
+            .flat_map(|planes| {
+                let window = self.window(kernels, volumes, planes.clone(), reach);
+                self.sums_of(kernels, planes, &window, &is_bent, reach)
+            })
+            .collect()
+    }
+
+    /// Returns the sums at nodes of some planes.
+    ///
+    /// - `is_bent`: whether the spacing changes at each node of the extended grid.
+    fn sums_of(
+        &self,
+        kernels: &CutKernels<'_>,
+        planes: Range<usize>,
+        window: &Window,
+        is_bent: &[bool],
+        reach: isize,
+    ) -> Vec<(usize, f64)> {
         let sum = |at: [usize; 3], own: usize| {
             let is_near_bend = (0..3).any(|a| {
-                (-2..=2).any(|by| {
+                (-NEAR_BEND..=NEAR_BEND).any(|by| {
                     let mut to = at;
                     let along = self.along(a, at[a], by).map(|i| to[a] = i);
                     along.is_some() && is_bent[self.place(to)]
@@ -185,18 +253,21 @@ impl<'a, 'b> GridNodes<'a, 'b> {
             for k in near.clone() {
                 for j in near.clone() {
                     for i in near.clone() {
-                        let place = match (is[i], js[j], ks[k]) {
-                            (Some(i), Some(j), Some(k)) => Some(self.place([i, j, k])),
+                        let found = match (is[i], js[j], ks[k]) {
+                            (Some(i), Some(j), Some(k)) => {
+                                let other = self.particle(self.place([i, j, k]));
+                                other.map(|other| (other, window.slots[k] + self.place([i, j, 0])))
+                            }
                             _ => None,
                         };
-                        let Some(other) = place.and_then(|place| self.particle(place)) else {
+                        let Some((other, slot)) = found else {
                             if [i, j, k].into_iter().all(is_beside) {
                                 return None;
                             }
                             continue;
                         };
                         let offset = position - kernels.positions[other];
-                        let density = &all_densities[other];
+                        let density = &window.densities[slot];
                         let squared = density.squared(offset);
                         let is_near = squared < CUTOFF * CUTOFF;
                         if is_near && kernels.cut(other).is_none_or(|cut| cut.holds(offset)) {
@@ -207,7 +278,7 @@ impl<'a, 'b> GridNodes<'a, 'b> {
             }
             Some((own, sum))
         };
-        self.collect(own_count, sum)
+        self.collect(kernels.own_count(), planes, sum)
     }
 
     /// Returns true if the spacing changes at a node.

@@ -186,8 +186,11 @@ impl Grid<'_> {
                 let change = || self.sharp_node(&faces, ijk, kernel_width, &particle, &kernel);
                 Some((row * dims[0] + i, is_beside.then(change)??))
             };
-            let changes: Vec<_> = (0..dims[0]).filter_map(change).collect();
-            changes.into_iter().unzip()
+            let changes = (0..dims[0]).filter_map(change);
+            let (mut places, mut changes): (Vec<usize>, Vec<SharpParticle>) = changes.unzip();
+            places.shrink_to_fit();
+            changes.shrink_to_fit();
+            (places, changes)
         };
         (0..dims[1] * dims[2]).into_par_iter().map(of_row).collect()
     }
@@ -372,10 +375,8 @@ pub(in crate::sample) fn sharpen_grids<'a, 'b>(
         return Ok(None);
     };
     even_out(volume, &ghosts, own, |kernels, volumes| {
-        let mut densities = None;
-        let of_grid = |nodes: &GridNodes<'_, '_>| {
-            nodes.sums(kernels, volumes, &mut densities, options.kernels.width)
-        };
+        let of_grid =
+            |nodes: &GridNodes<'_, '_>| nodes.sums(kernels, volumes, options.kernels.width);
         let found: Vec<(usize, f64)> = all_nodes.iter().flat_map(of_grid).collect();
         if found.is_empty() {
             return Ok(None);

@@ -9,15 +9,19 @@ use rayon::prelude::*;
 use crate::constants::MOST_EDGES;
 use crate::error::Result;
 use crate::math::small_exp;
+use crate::parallel;
 use crate::sample::points::neighbours::PointIndex;
 use crate::sample::positions::index_u32;
-use crate::task::{Task, fill};
+use crate::task::{Stage, Task};
 
 /// Cut-off of kernels, in standard deviations; .1 % of a kernel lies beyond.
 pub(in crate::sample) const SUM_CUTOFF: f64 = 4.0;
 
 /// Number of points that are summed together.
 const LEAF: usize = 8;
+
+/// Number of points for whose sums kernels are prepared at a time, 96 bytes each.
+const WINDOW: usize = 1 << 18;
 
 /// A kernel of a sum.
 pub(in crate::sample) struct Summand {
@@ -100,6 +104,12 @@ pub(in crate::sample) struct Density {
 }
 
 impl Density {
+    /// No kernel.
+    pub(in crate::sample) const NONE: Self = Self {
+        inverse: [0.0; 6],
+        peak: 0.0,
+    };
+
     pub(in crate::sample) fn new([l00, l10, l11, l20, l21, l22]: [f64; 6], amplitude: f64) -> Self {
         let [i00, i11, i22] = [l00, l11, l22].map(f64::recip);
         let i10 = -l10 * i00 * i11;
@@ -155,6 +165,16 @@ impl Bounds {
         reach_squared: -1.0,
     };
 
+    /// Bounds of some kernels.
+    fn of(kernels: impl Iterator<Item = Placed>) -> Self {
+        let bounds = kernels.filter(|k| k.reach_squared >= 0.0).map(|k| Self {
+            low: k.centre,
+            high: k.centre,
+            reach_squared: k.reach_squared,
+        });
+        bounds.fold(Self::EMPTY, Self::and)
+    }
+
     fn and(self, other: Self) -> Self {
         Self {
             low: self.low.min(other.low),
@@ -167,6 +187,13 @@ impl Bounds {
     fn reaches(&self, [low, high]: [DVec3; 2]) -> bool {
         gap_squared([self.low, self.high], [low, high]) <= self.reach_squared
     }
+}
+
+/// Returns the box of some points.
+#[inline(always)]
+fn around(points: impl Iterator<Item = DVec3>) -> [DVec3; 2] {
+    let empty = [DVec3::INFINITY, DVec3::NEG_INFINITY];
+    points.fold(empty, |[low, high], p| [low.min(p), high.max(p)])
 }
 
 /// Returns the squared distance between two boxes.
@@ -209,7 +236,7 @@ impl PointIndex<'_> {
     }
 
     /// Returns, for each wanted point, the sum over kernels j of amplitude x Gaussian; 0 for the others, and for points
-    /// that are not finite.
+    /// that are not finite. Prepares the kernels that reach one window of points after another.
     ///
     /// - `is_wanted`: returns true for the points at which sums are wanted.
     /// - `kernel`: returns the kernel at point j, or `None`.
@@ -221,56 +248,66 @@ impl PointIndex<'_> {
         kernel: impl Fn(usize) -> Option<Summand> + Sync,
         cut: impl Fn(usize) -> Option<Cut<'c>>,
     ) -> Result<Vec<f64>> {
-        let mut placed = self.map_in_order(|j, centre| {
-            let (density, reach_squared) = match kernel(j) {
-                Some(Summand {
-                    factor,
-                    sigma,
-                    amplitude,
-                }) => (
-                    Density::new(factor, amplitude),
-                    (SUM_CUTOFF * sigma).powi(2),
-                ),
-                None => (Density::new([0.0; 6], 0.0), -1.0),
-            };
-            // A flat kernel has no density.
-            let is_kernel =
-                density.peak.is_finite() && density.inverse.iter().all(|i| i.is_finite());
-            Placed {
-                centre,
-                density,
-                reach_squared: if is_kernel { reach_squared } else { -1.0 },
-                kernel: index_u32(j),
-                cut: u32::MAX,
-            }
-        });
-        let mut cuts = Vec::new();
-        for own in &mut placed {
-            if let Some(cut) = cut(own.kernel as usize) {
-                own.cut = index_u32(cuts.len());
-                cuts.push(cut);
-            }
-        }
-        let tree = Tree::new(&placed);
-        let wanted: Vec<&Placed> = placed
-            .iter()
-            .filter(|own| is_wanted(own.kernel as usize))
-            .collect();
-        let mut in_order = vec![0.0; wanted.len()];
-        fill(task, "summing kernels", &mut in_order, |first, sums| {
-            for (n, sums) in sums.chunks_mut(LEAF).enumerate() {
-                let points = &wanted[first + n * LEAF..][..sums.len()];
-                pulp::Arch::new().dispatch(SumLeaf {
-                    tree: &tree,
-                    points,
-                    sums,
-                    cuts: &cuts,
-                });
-            }
-        })?;
+        self.kernel_sums_by(WINDOW, task, is_wanted, kernel, cut)
+    }
+
+    /// As [`Self::kernel_sums`], in windows of so many points.
+    fn kernel_sums_by<'c>(
+        &self,
+        window: usize,
+        task: Option<&Task>,
+        is_wanted: impl Fn(usize) -> bool,
+        kernel: impl Fn(usize) -> Option<Summand> + Sync,
+        cut: impl Fn(usize) -> Option<Cut<'c>>,
+    ) -> Result<Vec<f64>> {
+        let is_wanted = |&j: &u32| is_wanted(j as usize);
+        let wanted: Vec<u32> = self.order().iter().copied().filter(is_wanted).collect();
+        let placed = |&j: &u32| Placed::new(j, self.position(j), kernel(j as usize));
+        let leaves: Vec<&[u32]> = self.order().chunks(LEAF).collect();
+        let reached: Vec<Bounds> = match wanted.len() > window {
+            true => parallel::map(leaves.len(), |n| Bounds::of(leaves[n].iter().map(placed))),
+            false => Vec::new(),
+        };
         let mut sums = vec![0.0; self.point_count()];
-        for (one, sum) in wanted.iter().zip(in_order) {
-            sums[one.kernel as usize] = sum;
+        let stage = Stage::new(task, "summing kernels", wanted.len());
+        for (first, points) in (0..).step_by(window).zip(wanted.chunks(window)) {
+            let around = around(points.iter().map(|&j| self.position(j)));
+            let reaching =
+                (0..leaves.len()).filter(|&n| reached.get(n).is_none_or(|own| own.reaches(around)));
+            let reaching: Vec<u32> = reaching.flat_map(|n| leaves[n]).copied().collect();
+            let mut kernels: Vec<Placed> = parallel::map(reaching.len(), |n| placed(&reaching[n]));
+            let mut cuts = Vec::new();
+            for own in &mut kernels {
+                if let Some(cut) = cut(own.kernel as usize) {
+                    own.cut = index_u32(cuts.len());
+                    cuts.push(cut);
+                }
+            }
+            let tree = &Tree::new(&kernels);
+            let cuts = &cuts;
+            let mut of_points = vec![0.0; points.len()];
+            parallel::chunks(&mut of_points, Stage::GRAIN, |n, sums| {
+                let n = n * Stage::GRAIN;
+                if !stage.counts(first + n) {
+                    return;
+                }
+                for (sums, points) in sums.chunks_mut(LEAF).zip(points[n..].chunks(LEAF)) {
+                    let mut at = [DVec3::NAN; LEAF];
+                    for (at, &j) in at.iter_mut().zip(points) {
+                        *at = self.position(j);
+                    }
+                    pulp::Arch::new().dispatch(SumLeaf {
+                        tree,
+                        points: &at[..points.len()],
+                        sums,
+                        cuts,
+                    });
+                }
+            });
+            stage.check()?;
+            for (&j, sum) in points.iter().zip(of_points) {
+                sums[j as usize] = sum;
+            }
         }
         Ok(sums)
     }
@@ -279,7 +316,7 @@ impl PointIndex<'_> {
 /// Runs [`Tree::sum`] compiled for the processor's vector instructions.
 struct SumLeaf<'a> {
     tree: &'a Tree<'a>,
-    points: &'a [&'a Placed],
+    points: &'a [DVec3],
     sums: &'a mut [f64],
     cuts: &'a [Cut<'a>],
 }
@@ -301,17 +338,7 @@ struct Tree<'a> {
 
 impl<'a> Tree<'a> {
     fn new(kernels: &'a [Placed]) -> Self {
-        let of = |leaf: &[Placed]| {
-            let bounds = leaf
-                .iter()
-                .filter(|k| k.reach_squared >= 0.0)
-                .map(|k| Bounds {
-                    low: k.centre,
-                    high: k.centre,
-                    reach_squared: k.reach_squared,
-                });
-            bounds.fold(Bounds::EMPTY, Bounds::and)
-        };
+        let of = |leaf: &[Placed]| Bounds::of(leaf.iter().copied());
         let mut levels = vec![kernels.chunks(LEAF).map(of).collect::<Vec<_>>()];
         while let Some(below) = levels.last().filter(|level| level.len() > 1) {
             let pairs = below.chunks(2);
@@ -326,18 +353,14 @@ impl<'a> Tree<'a> {
 
     /// Adds the densities of all kernels that reach the points of a leaf.
     #[inline(always)]
-    fn sum(&self, points: &[&Placed], sums: &mut [f64], cuts: &[Cut<'_>]) {
+    fn sum(&self, points: &[DVec3], sums: &mut [f64], cuts: &[Cut<'_>]) {
         let mut at = [[f64::NAN; LEAF]; 3];
         for (n, point) in points.iter().enumerate() {
             for (d, at) in at.iter_mut().enumerate() {
-                at[n] = point.centre[d];
+                at[n] = point[d];
             }
         }
-        let centres = || points.iter().map(|p| p.centre);
-        let bounds = [
-            centres().fold(DVec3::INFINITY, DVec3::min),
-            centres().fold(DVec3::NEG_INFINITY, DVec3::max),
-        ];
+        let bounds = around(points.iter().copied());
         let mut all = [0.0; LEAF];
         let mut open = vec![(self.levels.len() - 1, 0)];
         while let Some((level, n)) = open.pop() {
@@ -366,6 +389,30 @@ impl<'a> Tree<'a> {
 }
 
 impl Placed {
+    /// - `number`: of the point, which is at `centre`.
+    fn new(number: u32, centre: DVec3, kernel: Option<Summand>) -> Self {
+        let (density, reach_squared) = match kernel {
+            Some(Summand {
+                factor,
+                sigma,
+                amplitude,
+            }) => (
+                Density::new(factor, amplitude),
+                (SUM_CUTOFF * sigma).powi(2),
+            ),
+            None => (Density::NONE, -1.0),
+        };
+        // A flat kernel has no density.
+        let is_kernel = density.peak.is_finite() && density.inverse.iter().all(|i| i.is_finite());
+        Self {
+            centre,
+            density,
+            reach_squared: if is_kernel { reach_squared } else { -1.0 },
+            kernel: number,
+            cut: u32::MAX,
+        }
+    }
+
     /// Adds the kernel's density at the points of a leaf.
     #[inline(always)]
     fn add(&self, at: &[[f64; LEAF]; 3], sums: &mut [f64; LEAF], cut: Option<&Cut<'_>>) {
@@ -532,5 +579,13 @@ mod tests {
             .install(|| index.kernel_sums(None, |_| true, kernel, cut))
             .unwrap();
         assert_eq!(alone, sums);
+        // No window changes a bit, nor do points that are left out.
+        let is_some = |j: usize| !j.is_multiple_of(3);
+        for window in [64, 1000] {
+            let in_windows = index.kernel_sums_by(window, None, is_some, kernel, cut);
+            let expected = |(j, sum): (usize, &f64)| if is_some(j) { *sum } else { 0.0 };
+            let expected: Vec<f64> = sums.iter().enumerate().map(expected).collect();
+            assert_eq!(in_windows.unwrap(), expected, "{window}");
+        }
     }
 }

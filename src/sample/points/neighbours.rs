@@ -55,8 +55,10 @@ impl<'a> PointIndex<'a> {
     /// Returns `None` for fewer than two distinct positions.
     pub(in crate::sample) fn new(positions: &'a [DVec3]) -> Option<Self> {
         let finite = (0..).zip(positions).filter(|(_, p)| p.is_finite());
-        // Positions beside the indices: to look them up would take most of the time.
-        let mut points: Vec<(DVec3, u32)> = finite.map(|(i, p)| (*p, i)).collect();
+        // Positions beside the indices: to look them up would take most of the time. Exact capacity: they are twice
+        // as large as the tree.
+        let mut points = Vec::with_capacity(finite.clone().count());
+        points.extend(finite.map(|(i, p): (u32, &DVec3)| (*p, i)));
         points.par_sort_unstable_by(|a, b| compare(a.0, b.0).then(a.1.cmp(&b.1)));
         let sorted: Vec<u32> = points.iter().map(|point| point.1).collect();
         // One item for each position: the place of its first point.
@@ -114,13 +116,9 @@ impl<'a> PointIndex<'a> {
         (self.order[place], group)
     }
 
-    /// Maps each finite point, in a spatially coherent order, by `of`.
-    pub(in crate::sample) fn map_in_order<T: Send>(
-        &self,
-        of: impl Fn(usize, DVec3) -> T + Sync,
-    ) -> Vec<T> {
-        let at = |&i: &u32| of(i as usize, self.positions[i as usize]);
-        parallel::map(self.order.len(), |i| at(&self.order[i]))
+    /// Returns the finite points in a spatially coherent order.
+    pub(in crate::sample) fn order(&self) -> &[u32] {
+        &self.order
     }
 
     /// Returns a point's position.

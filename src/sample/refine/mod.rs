@@ -286,11 +286,7 @@ pub(super) fn refine(
         let levels = rule.levels(&cell, px, grid.beside(extent.node(n)));
         (levels, Asked::Shown)
     };
-    let nodes: Vec<(usize, usize)> = (0..extent.len())
-        .into_par_iter()
-        .filter_map(|n| Some((n, grid.particle(extent.node(n))?)))
-        .filter(|(_, particle)| is_wanted(*particle))
-        .collect();
+    let particle = |n: usize| grid.particle(extent.node(n)).filter(|&p| is_wanted(p));
     let levels = |rule: &Rule| {
         let mut found = vec![([0; 3], Asked::Unknown); extent.len()];
         let (of_plane, of_slab) = (dims[0] * dims[1], planes_of_slab(&extent));
@@ -313,8 +309,9 @@ pub(super) fn refine(
             let may_split: Vec<bool> = asked.iter().map(|of| *of != Asked::Unknown).collect();
             extent.grade(&mut levels, &may_split);
         }
-        let split = nodes.iter().filter(|(n, _)| levels[*n] != [0; 3]);
-        let own: usize = split.map(|(n, _)| part_count(levels[*n])).sum();
+        let is_split = |n: &usize| levels[*n] != [0; 3] && particle(*n).is_some();
+        let split = (0..extent.len()).into_par_iter().filter(is_split);
+        let own: usize = split.map(|n| part_count(levels[n])).sum();
         Ok(((levels, asked), total(own as u64)?))
     };
     let found = within_budget((shown, refinement, kernel_width), most, levels)?;
@@ -327,8 +324,8 @@ pub(super) fn refine(
     if unshown.contains(&true) {
         unshown = extent.all_around(unshown);
     }
-    let gone = nodes.iter().filter(|(n, _)| is_split(*n) || unshown[*n]);
-    let gone = gone.map(|(_, particle)| *particle).collect();
+    let gone = (0..extent.len()).filter(|&n| is_split(n) || unshown[n]);
+    let gone = gone.filter_map(particle).collect();
     if levels.iter().all(|level| *level == [0; 3]) {
         return Ok(Some(Refined {
             level: 0,
@@ -338,12 +335,15 @@ pub(super) fn refine(
         }));
     }
     let volumes = Volumes::new(&extent, &levels, kernel_width, reach);
-    let evened = nodes.iter().filter(|(n, _)| !is_split(*n));
-    let evened = evened.map(|&(n, particle)| (particle, volumes.of(n, [0; 3], 0)));
-    let evened = evened.filter(|(_, factor)| *factor != 1.0).collect();
-    let parts_of = |&(n, particle): &(usize, usize)| {
+    let whole = (0..extent.len()).filter(|&n| !is_split(n));
+    let evened = whole.map(|n| (n, volumes.of(n, [0; 3], 0)));
+    let evened = evened.filter(|(_, factor)| *factor != 1.0);
+    let evened = evened
+        .filter_map(|(n, factor)| Some((particle(n)?, factor)))
+        .collect();
+    let parts_of = |(n, particle): (usize, usize)| {
         let level = levels[n];
-        let cell = is_split(n).then(|| neighbourhood(n)).flatten();
+        let cell = neighbourhood(n);
         let (count, faces) = match cell {
             Some(_) => (part_count(level), grid.faces(extent.node(n))),
             None => (0, Vec::new()),
@@ -356,7 +356,9 @@ pub(super) fn refine(
             part_of(rule, cell.as_ref()?, &faces, (level, p), of)
         })
     };
-    let parts = nodes.par_iter().flat_map_iter(parts_of).collect();
+    let split = (0..extent.len()).into_par_iter().filter(|&n| is_split(n));
+    let split = split.filter_map(|n| Some((n, particle(n)?)));
+    let parts = split.flat_map_iter(parts_of).collect();
     let level = levels.iter().flatten().copied().max().unwrap_or(0);
     Ok(Some(Refined {
         level,
