@@ -286,7 +286,7 @@ fn surfel(
             out.rows = rows;
             out.tau = found.weight / cutoff_share(r);
             out.cutoff_squared = r * r;
-            out.path = place << 4u | PATH_NEAR_SURFEL;
+            out.path = (place << 4u) | PATH_NEAR_SURFEL;
             // No fragment of it is nearer.
             out.depth = LARGEST;
         }
@@ -459,7 +459,7 @@ fn set_bounds(
 fn pixel_range(centre: f32, half_size: f32, size: u32) -> u32 {
     let first = pixel_of(ceil(centre - half_size - 0.5), size);
     let end = pixel_of(floor(centre + half_size - 0.5) + 1.0, size);
-    return select(0u, first | end << 16u, first < end);
+    return select(0u, first | (end << 16u), first < end);
 }
 
 // Clamps a whole number to 0 ... size; NaN gives 0.
@@ -478,7 +478,7 @@ fn push(terms: NearTerms, path: u32) -> u32 {
     if place == NO_PLACE {
         return NO_PLACE;
     }
-    return place << 2u | path;
+    return (place << 2u) | path;
 }
 
 // Appends terms to those of near kernels, and returns their index.
@@ -624,7 +624,7 @@ fn near_range(
     if first == end {
         return 0u;
     }
-    return first * TILE_SIZE | min(end * TILE_SIZE, size) << 16u;
+    return (first * TILE_SIZE) | (min(end * TILE_SIZE, size) << 16u);
 }
 
 // Returns whether the ellipsoid may reach into the tiles of number `t` along an axis.

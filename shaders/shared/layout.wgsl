@@ -268,6 +268,12 @@ fn is_finite(x: f32) -> bool {
     return (bitcast<u32>(x) & 0x7f800000u) != 0x7f800000u;
 }
 
+// Returns infinity. Through a variable: WGSL refuses constants that are not finite.
+fn infinity() -> f32 {
+    var word = INFINITE_WORD;
+    return bitcast<f32>(word);
+}
+
 fn is_nan(x: f32) -> bool {
     return (bitcast<u32>(x) & 0x7fffffffu) > 0x7f800000u;
 }

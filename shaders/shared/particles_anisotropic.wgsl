@@ -57,5 +57,5 @@ fn edge_of(block: u32, local: u32, k: u32) -> vec4<f32> {
             );
         }
     }
-    return vec4<f32>(0.0, 0.0, 0.0, bitcast<f32>(INFINITE_WORD));
+    return vec4<f32>(0.0, 0.0, 0.0, infinity());
 }

@@ -32,5 +32,5 @@ fn piece_axis(rotation: mat3x3<f32>, axis: vec3<f32>) -> vec3<f32> {
 
 // No plane cuts a sphere.
 fn edge_of(block: u32, local: u32, k: u32) -> vec4<f32> {
-    return vec4<f32>(0.0, 0.0, 0.0, bitcast<f32>(INFINITE_WORD));
+    return vec4<f32>(0.0, 0.0, 0.0, infinity());
 }

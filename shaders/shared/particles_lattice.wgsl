@@ -77,7 +77,7 @@ fn camera_factor(rotation: mat3x3<f32>, block: u32, local: u32) -> Factor {
 // one; not finite if there is none. The distances from the faces follow the samples of the axes.
 fn edge_of(block: u32, local: u32, k: u32) -> vec4<f32> {
     if lattice.first_face == 0u {
-        return vec4<f32>(0.0, 0.0, 0.0, bitcast<f32>(INFINITE_WORD));
+        return vec4<f32>(0.0, 0.0, 0.0, infinity());
     }
     let axis = k / 2u;
     let at = lattice.first_face - 1u + samples_of(cell_of(corner(block), local))[axis];

@@ -59,9 +59,9 @@ pub(crate) use pick::shares;
 pub use project::{ProjectInput, ProjectOutput, project};
 pub use resolve::{resolve, resolve_depth, resolve_normals};
 pub use shade::{encode, shade};
-pub use sort::{footprint_index, sort};
+pub use sort::{footprint_index, list_visible, sort};
 pub(crate) use tile::TileSums;
 pub use tile::{
     ColumnInput, ColumnSums, NormalTile, PostClassification, RasteriseSettings, Tile, bin_columns,
-    list_visible, rasterise, rasterise_surface,
+    rasterise, rasterise_surface,
 };

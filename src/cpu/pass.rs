@@ -5,7 +5,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::frame::CpuFrames;
-use super::{bin, classify, light, project, rasterise, shade, sort};
+use super::{bin, classify, light, list_visible, project, rasterise, shade, sort};
 use crate::blocks::{
     BlockedScene, BlockedVolume, DepthRange, choose, cull, cull_detail, cull_outside, tiles_of,
 };
@@ -17,7 +17,7 @@ use crate::cpu::project::ProjectInput;
 use crate::cpu::shade::encode;
 use crate::cpu::tile::{
     ColumnInput, NormalTile, PostClassification, RasteriseSettings, Tile, bin_columns,
-    list_visible, rasterise_surface,
+    rasterise_surface,
 };
 use crate::error::Result;
 use crate::frame::backend::FrameReport;
@@ -46,7 +46,7 @@ impl CpuFrames {
         report: &mut FrameReport,
     ) -> Result<()> {
         let view = self.see(scene, plan, pass, report)?;
-        // Every strip would contain all unbounded kernels.
+        // Without culling, every strip would contain all kernels.
         if plan.culls {
             return self.draw_strips(scene, plan, pass, &view, Self::most_particles, report);
         }
@@ -77,7 +77,7 @@ impl CpuFrames {
             self.list(pass, view, tiles, report);
             self.draw_tiles(scene, plan, pass, view, report)?;
         }
-        check(plan.task.as_ref())
+        Ok(())
     }
 
     /// Runs the first stage: writes the blocks that the pass draws to `self.views`. Returns the view with
@@ -243,7 +243,7 @@ impl CpuFrames {
             _ => self.rasterise(scene, plan, pass, view),
         };
         report.times.rasterise += clock.lap();
-        Ok(())
+        check(plan.task.as_ref())
     }
 
     /// Finds the blocks that the pass draws, their filters and their depth keys. Returns the view with

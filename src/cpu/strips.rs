@@ -287,7 +287,7 @@ mod tests {
     }
 
     fn scene() -> BlockedScene {
-        BlockedScene::new(spheres_and_plane(20_000), &SceneOptions::default()).unwrap()
+        BlockedScene::new(spheres_and_plane(8_000), &SceneOptions::default()).unwrap()
     }
 
     #[test]

@@ -37,6 +37,8 @@
 //! | `shaders.rs` | a list of all shaders |
 //! | `timer.rs` | times by the device's own clock |
 //!
+//! Two tests look at the shaders as text: `reflection.rs` with naga, `browser.rs` with Chromium.
+//!
 //! Each stage is also a function from slices to slices, by which tests compare it with its twin.
 
 #![allow(
@@ -45,6 +47,8 @@
 )]
 
 mod bin;
+#[cfg(test)]
+mod browser;
 mod classify;
 mod compose;
 mod constants;

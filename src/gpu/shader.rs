@@ -310,6 +310,8 @@ pub fn prelude() -> String {
         ("SRGB_GAMMA", SRGB_GAMMA),
     ];
     for (name, value) in floats {
+        // All digits: the shortest decimal that rounds to the greatest f32 lies beyond it, which WGSL refuses.
+        let value = f64::from(value);
         let _ = writeln!(text, "const {name}: f32 = {value:?};");
     }
     let lists = [

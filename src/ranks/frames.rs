@@ -421,7 +421,7 @@ impl RankFrames {
         let is_first = self.ranks.rank() == 0;
         let mut part = Vec::new();
         if is_column {
-            message::put(&mut part, &self.cpu.sums.totals());
+            message::put(&mut part, self.cpu.sums.totals());
         } else if !is_first {
             message::put(&mut part, &self.cpu.picture(plan)[own.clone()]);
             if plan.normals && !self.cpu.surface_normals.is_empty() {
@@ -545,7 +545,7 @@ impl Batch {
     }
 }
 
-/// Footprints that a pass left on this rank, and counts of those made here.
+/// Footprints that a pass left on this rank.
 #[derive(Debug, Default)]
 struct Projected {
     arrived: Arrived,

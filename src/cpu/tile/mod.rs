@@ -41,7 +41,7 @@ mod rasterise;
 mod settings;
 
 pub(crate) use accumulate::column::TileSums;
-pub use accumulate::column::{ColumnInput, ColumnSums, bin_columns, list_visible};
+pub use accumulate::column::{ColumnInput, ColumnSums, bin_columns};
 pub use accumulate::opaque::{NormalTile, rasterise_surface};
 pub use classify::slab::PostClassification;
 pub use pixels::Tile;

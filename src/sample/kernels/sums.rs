@@ -20,7 +20,7 @@ pub(in crate::sample) const SUM_CUTOFF: f64 = 4.0;
 /// Number of points that are summed together.
 const LEAF: usize = 8;
 
-/// Number of points for whose sums kernels are prepared at a time, 96 bytes each.
+/// Number of points that are summed at a time. The kernels that reach them take 96 bytes each.
 const WINDOW: usize = 1 << 18;
 
 /// A kernel of a sum.
@@ -251,7 +251,7 @@ impl PointIndex<'_> {
         self.kernel_sums_by(WINDOW, task, is_wanted, kernel, cut)
     }
 
-    /// As [`Self::kernel_sums`], in windows of so many points.
+    /// As [`Self::kernel_sums`], in windows of `window` points.
     fn kernel_sums_by<'c>(
         &self,
         window: usize,
@@ -264,7 +264,7 @@ impl PointIndex<'_> {
         let wanted: Vec<u32> = self.order().iter().copied().filter(is_wanted).collect();
         let placed = |&j: &u32| Placed::new(j, self.position(j), kernel(j as usize));
         let leaves: Vec<&[u32]> = self.order().chunks(LEAF).collect();
-        let reached: Vec<Bounds> = match wanted.len() > window {
+        let reached: Vec<Bounds> = match self.len() > window {
             true => parallel::map(leaves.len(), |n| Bounds::of(leaves[n].iter().map(placed))),
             false => Vec::new(),
         };
@@ -272,9 +272,10 @@ impl PointIndex<'_> {
         let stage = Stage::new(task, "summing kernels", wanted.len());
         for (first, points) in (0..).step_by(window).zip(wanted.chunks(window)) {
             let around = around(points.iter().map(|&j| self.position(j)));
-            let reaching =
-                (0..leaves.len()).filter(|&n| reached.get(n).is_none_or(|own| own.reaches(around)));
-            let reaching: Vec<u32> = reaching.flat_map(|n| leaves[n]).copied().collect();
+            let reaches = |&n: &usize| reached.get(n).is_none_or(|own| own.reaches(around));
+            let reaching: Vec<usize> = (0..leaves.len()).into_par_iter().filter(reaches).collect();
+            let reaching = reaching.into_iter().flat_map(|n| leaves[n]);
+            let reaching: Vec<u32> = reaching.copied().collect();
             let mut kernels: Vec<Placed> = parallel::map(reaching.len(), |n| placed(&reaching[n]));
             let mut cuts = Vec::new();
             for own in &mut kernels {

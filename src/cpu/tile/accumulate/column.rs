@@ -52,26 +52,20 @@ const TASKS: usize = 32;
 /// The sums of one column-density image, kept from frame to frame.
 #[derive(Debug, Default)]
 pub struct ColumnSums {
-    /// In order of tiles, then of footprints.
-    tasks: Vec<ListPart>,
-    /// One per task.
-    sums: Vec<TileSums>,
-    /// The first task of each tile, and one past the last.
-    starts: Vec<u32>,
-}
-
-/// A part of a tile's list.
-#[derive(Debug, Clone, Copy)]
-struct ListPart {
-    tile: usize,
-    first: usize,
-    count: usize,
+    /// One per tile, in order.
+    tiles: Vec<TileSums>,
+    /// Sums of parts of long lists, while they are formed.
+    others: Vec<TileSums>,
 }
 
 /// The sums of a tile's pixels, or of a part of its list.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C, align(64))]
 pub struct TileSums([f64; PIXELS]);
+
+impl TileSums {
+    const ZERO: Self = Self([0.0; PIXELS]);
+}
 
 #[repr(align(64))]
 struct FineSums([f32; PIXELS]);
@@ -93,14 +87,6 @@ pub struct ColumnInput<'a> {
     pub level: SimdLevel,
     /// Receives the progress of the sum, and may end it early.
     pub task: Option<&'a Task>,
-}
-
-/// Lists the footprints that reach the image, in the order of the particles, in the format of
-/// [`sort`](crate::cpu::sort()).
-pub fn list_visible(footprints: &[Footprint], order: &mut Vec<u64>) {
-    order.clear();
-    let numbered = (0_u64..).zip(footprints);
-    order.extend(numbered.filter(|(_, f)| f.is_visible()).map(|(i, _)| i));
 }
 
 /// Bins footprints into tiles of [`COLUMN_TILE_SIZE`]².
@@ -126,9 +112,7 @@ fn tiles(view: &ViewUniform) -> [usize; 2] {
 impl ColumnSums {
     /// Clears the sums of the last frame.
     pub fn clear(&mut self) {
-        self.tasks.clear();
-        self.starts.clear();
-        self.starts.push(0);
+        self.tiles.clear();
     }
 
     /// Sums the footprints of the tiles that have lists; these tiles follow those of the last call.
@@ -139,66 +123,68 @@ impl ColumnSums {
     /// tasks of a tile depend only on its list.
     pub fn add_all(&mut self, input: &ColumnInput) -> u64 {
         let [columns, _] = tiles(input.view);
-        let first = self.tasks.len();
-        for tile in input.bins.tiles() {
-            let len = input.bins.tile_len(tile);
-            let longest = len.div_ceil(TASKS).max(TASK);
-            self.tasks
-                .extend((0..len).step_by(longest).map(|first| ListPart {
-                    tile,
-                    first,
-                    count: longest.min(len - first),
-                }));
-            self.starts.push(self.tasks.len() as u32);
+        let lists = input.bins.tiles();
+        let before = self.tiles.len();
+        self.tiles.resize(before + lists.len(), TileSums::ZERO);
+        let longest = |tile| input.bins.tile_len(tile).div_ceil(TASKS).max(TASK);
+        // The first task of a tile has the tile's sums, others have their own.
+        let others = |tile| {
+            input
+                .bins
+                .tile_len(tile)
+                .div_ceil(longest(tile))
+                .saturating_sub(1)
+        };
+        self.others
+            .resize(lists.clone().map(others).sum(), TileSums::ZERO);
+        let mut sums_of_others = self.others.iter_mut();
+        let mut tasks = Vec::new();
+        for (tile, sums) in lists.clone().zip(&mut self.tiles[before..]) {
+            let (len, longest) = (input.bins.tile_len(tile), longest(tile));
+            let starts = (0..len).step_by(longest);
+            let sums = std::iter::once(sums).chain(&mut sums_of_others);
+            tasks.extend(starts.zip(sums).map(|(first, sums)| SumTask {
+                input,
+                tile,
+                list: first..len.min(first + longest),
+                place: TilePlace::new(input.view, tile, columns),
+                sums,
+            }));
         }
-        if self.sums.len() < self.tasks.len() {
-            self.sums
-                .resize_with(self.tasks.len(), || TileSums([0.0; PIXELS]));
-        }
-        let tasks = &self.tasks[first..];
         let stage = Stage::new(input.task, "summing", tasks.len());
-        tasks
-            .par_iter()
-            .zip(&mut self.sums[first..])
+        let splat_pixels = tasks
+            .into_par_iter()
             .with_max_len(1)
-            .map(|(task, sums)| {
+            .map(|task| {
                 if !stage.goes_on() {
                     return 0;
                 }
-                let work = SumTask {
-                    input,
-                    task: *task,
-                    place: TilePlace::new(input.view, task.tile, columns),
-                    sums,
-                };
-                let splat_pixels = run_at(input.level, work);
+                let splat_pixels = run_at(input.level, task);
                 stage.advance(1);
                 splat_pixels
             })
-            .sum()
-    }
-
-    /// Returns the sums of each tile that had lists, in order.
-    pub fn totals(&self) -> Vec<TileSums> {
-        let tiles = self.starts.par_windows(2);
-        let total = |parts: &[u32]| {
-            let mut total = TileSums([0.0; PIXELS]);
-            for part in &self.sums[parts[0] as usize..parts[1] as usize] {
+            .sum();
+        let mut sums_of_others = self.others.iter();
+        for (tile, total) in lists.zip(&mut self.tiles[before..]) {
+            for part in sums_of_others.by_ref().take(others(tile)) {
                 for (sum, own) in total.0.iter_mut().zip(&part.0) {
                     *sum += own;
                 }
             }
-            total
-        };
-        tiles.map(total).collect()
+        }
+        splat_pixels
+    }
+
+    /// Returns the sums of each tile that had lists, in order.
+    pub fn totals(&self) -> &[TileSums] {
+        &self.tiles
     }
 
     /// Wraps sums of every tile of a picture that were formed elsewhere.
     pub fn of_totals(totals: Vec<TileSums>) -> Self {
         Self {
-            tasks: Vec::new(),
-            starts: (0..=totals.len() as u32).collect(),
-            sums: totals,
+            tiles: totals,
+            ..Self::default()
         }
     }
 
@@ -215,11 +201,8 @@ impl ColumnSums {
                 let first = y % SIZE * SIZE;
                 for (t, pixels) in row.chunks_mut(SIZE).enumerate() {
                     let tile = y / SIZE * columns + t;
-                    let tasks = self.starts[tile] as usize..self.starts[tile + 1] as usize;
-                    for (x, pixel) in (first..).zip(pixels) {
-                        // Starts from 0: the sum of no numbers would be -0.
-                        let parts = self.sums[tasks.clone()].iter();
-                        let sum = parts.fold(0.0, |sum, part| sum + part.0[x]);
+                    let sums = &self.tiles[tile].0[first..];
+                    for (sum, pixel) in sums.iter().zip(pixels) {
                         let value = sum * scale;
                         // Phrased so that `max` would not lose a NaN.
                         if !(value.abs() <= largest) {
@@ -234,9 +217,11 @@ impl ColumnSums {
     }
 }
 
+/// A part of a tile's list.
 struct SumTask<'a> {
     input: &'a ColumnInput<'a>,
-    task: ListPart,
+    tile: usize,
+    list: Range<usize>,
     place: TilePlace<'a, SIZE>,
     sums: &'a mut TileSums,
 }
@@ -248,12 +233,13 @@ impl SimdWork for SumTask<'_> {
     fn run<const FMA: bool, const LANES: usize>(self) -> u64 {
         let Self {
             input,
-            task,
+            tile,
+            list,
             place,
             sums,
         } = self;
+        let mut list = input.bins.tile(tile).skip(list.start).take(list.len());
         let tile = ColumnTile::new(input, place);
-        let mut list = input.bins.tile(task.tile).skip(task.first).take(task.count);
         let mut fine = FineSums([0.0; PIXELS]);
         sums.0.fill(0.0);
         let mut splat_pixels = 0;
