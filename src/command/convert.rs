@@ -1,5 +1,6 @@
 //! Runs `ewa-splat convert`.
 
+use std::mem::take;
 use std::path::{Path, PathBuf};
 
 use crate::data::dataset::{Dataset, Geometry};
@@ -22,6 +23,7 @@ use glam::{DQuat, DVec3};
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
+use super::certificate::{certificate, line};
 use super::input::DataOptions;
 use super::outputs::check_collisions;
 use super::parse;
@@ -153,6 +155,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         up: (!arguments.keep_axes).then_some(up.direction),
     };
     let written = write_splats(&arguments.out, cloud, &options)?;
+    let (degree, is_anti_aliased) = (cloud.harmonics_degree, cloud.is_anti_aliased);
+    bar.set_message("comparing");
+    let given = take(cloud);
+    let certificate = certificate(&arguments.out, given, &written, notes).unwrap_or_else(|error| {
+        notes.push(format!("not compared with what was written: {error}"));
+        Value::Null
+    });
     bar.finish_and_clear();
     if !arguments.keep_axes {
         say_turns(&arguments.out, &up, ups, &written);
@@ -172,11 +181,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         "left_out": findings(true),
         "findings": findings(false),
         "meshes": meshes,
-        "degree": cloud.harmonics_degree,
-        "anti_aliased": cloud.is_anti_aliased,
+        "degree": degree,
+        "anti_aliased": is_anti_aliased,
         "bytes": written.bytes,
         "position_quantum": written.position_quantum,
         "turn": written.turn.to_array(),
+        "certificate": certificate,
         "notes": notes,
     });
     if arguments.json {
@@ -406,5 +416,8 @@ fn print(summary: &Value) {
     row("position quantum", text(&summary["position_quantum"]));
     for note in summary["notes"].as_array().into_iter().flatten() {
         row("note", text(note));
+    }
+    if let Some(line) = line(&summary["certificate"]) {
+        row("read back", line);
     }
 }

@@ -15,6 +15,7 @@ pub(crate) use say;
 
 mod animation;
 mod annotations;
+mod certificate;
 mod compare;
 mod convert;
 mod cut;

@@ -9,6 +9,7 @@ use crate::math::{
     HARMONIC_0, HarmonicsTransform, MAX_HARMONICS_DEGREE, harmonics_count, narrowed,
     rotation_matrix,
 };
+use crate::scene::storage::picked;
 
 /// Anisotropic Gaussians with a peak opacity and a colour each. Their opacity on the image is peak x exp(-Q/2),
 /// the same from every side: not the optical depth of a volume.
@@ -115,6 +116,18 @@ impl SplatCloud {
         self.rotations.append(&mut other.rotations);
         self.opacities.append(&mut other.opacities);
         self.harmonics.append(&mut other.harmonics);
+    }
+
+    /// Keeps the splats at `indices`, in that order.
+    pub(crate) fn gathered(self, indices: &[u32]) -> Self {
+        Self {
+            positions: picked(&self.positions, 1, indices),
+            scales: picked(&self.scales, 1, indices),
+            rotations: picked(&self.rotations, 1, indices),
+            opacities: picked(&self.opacities, 1, indices),
+            harmonics: picked(&self.harmonics, self.harmonics_stride(), indices),
+            ..self
+        }
     }
 
     /// Rotates all splats about the origin: positions, rotations and harmonics.

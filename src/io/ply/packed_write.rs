@@ -115,6 +115,7 @@ pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> 
     Ok(Encoded {
         bytes,
         position_quantum,
+        order,
         notes,
     })
 }

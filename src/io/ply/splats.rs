@@ -202,6 +202,7 @@ pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud, form: PlyForm) -> R
     Ok(Encoded {
         bytes,
         position_quantum: single_precision_quantum(cloud.positions.iter().copied()),
+        order: Vec::new(),
         notes: Vec::new(),
     })
 }

@@ -41,6 +41,8 @@ pub struct SplatFileOptions {
 pub(in crate::io) struct Encoded {
     pub(in crate::io) bytes: Vec<u8>,
     pub(in crate::io) position_quantum: f64,
+    /// As [`WrittenSplats::order`](crate::io::WrittenSplats::order).
+    pub(in crate::io) order: Vec<usize>,
     pub(in crate::io) notes: Vec<String>,
 }
 

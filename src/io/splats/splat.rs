@@ -85,7 +85,7 @@ pub(in crate::io) fn encode(cloud: &SplatCloud) -> Encoded {
 
     let mut bytes = Vec::with_capacity(RECORD * order.len());
     let [mut cut_colours, mut faint] = [0; 2];
-    for (_, i) in order {
+    for &(_, i) in &order {
         let floats = cloud.positions[i].as_vec3().to_array();
         for value in floats.into_iter().chain(cloud.thick_scales(i)) {
             bytes.extend(value.to_le_bytes());
@@ -121,6 +121,7 @@ pub(in crate::io) fn encode(cloud: &SplatCloud) -> Encoded {
     Encoded {
         bytes,
         position_quantum: single_precision_quantum(cloud.positions.iter().copied()),
+        order: order.into_iter().map(|(_, i)| i).collect(),
         notes,
     }
 }

@@ -178,6 +178,7 @@ pub(in crate::io) fn encode(
     Ok(Encoded {
         bytes,
         position_quantum: 1.0 / per_unit,
+        order: Vec::new(),
         notes,
     })
 }

@@ -33,6 +33,8 @@ pub struct WrittenSplats {
     pub position_quantum: f64,
     /// Rotation from the given splats to those read back from the file: see [`SplatFileOptions::up`].
     pub turn: DQuat,
+    /// Index among the given splats of each splat of the file; empty if the format keeps the order.
+    pub order: Vec<usize>,
     /// Notes on what was lost, one sentence each, for people.
     pub notes: Vec<String>,
 }
@@ -197,6 +199,7 @@ pub fn write_splats(
         bytes: encoded.bytes.len(),
         position_quantum: encoded.position_quantum,
         turn,
+        order: encoded.order,
         notes: encoded.notes,
     })
 }

@@ -103,6 +103,7 @@ pub(in crate::io) fn encode(cloud: &SplatCloud) -> Encoded {
     Encoded {
         bytes,
         position_quantum: f64::MIN_POSITIVE,
+        order: Vec::new(),
         notes,
     }
 }

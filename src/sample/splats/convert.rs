@@ -136,19 +136,13 @@ pub fn sound_splats(cloud: SplatCloud) -> Result<(SplatCloud, ConversionReport)>
         .collect();
     let mut counted = SampleReport::default();
     LeftOut::report(&mut counted, "splats", faults.into_iter().flatten());
-    let stride = cloud.harmonics_stride();
-    let mut opacities = splats::picked(cloud.opacities, &kept, 1);
-    for opacity in &mut opacities {
+    let mut cloud = match kept.len() == count {
+        true => cloud,
+        false => cloud.gathered(&kept),
+    };
+    for opacity in &mut cloud.opacities {
         *opacity = opacity.min(1.0);
     }
-    let cloud = SplatCloud {
-        positions: splats::picked(cloud.positions, &kept, 1),
-        scales: splats::picked(cloud.scales, &kept, 1),
-        rotations: splats::picked(cloud.rotations, &kept, 1),
-        opacities,
-        harmonics: splats::picked(cloud.harmonics, &kept, stride),
-        ..cloud
-    };
     let report = ConversionReport {
         particle_count: count,
         splat_count: kept.len(),

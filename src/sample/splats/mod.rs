@@ -131,7 +131,7 @@ pub(super) fn factor(
 }
 
 /// Returns the kept sets of `stride` entries each; moves them if all are kept.
-pub(super) fn picked<T: Copy>(all: Vec<T>, kept: &[u32], stride: usize) -> Vec<T> {
+fn picked<T: Copy>(all: Vec<T>, kept: &[u32], stride: usize) -> Vec<T> {
     if kept.len() * stride == all.len() {
         return all;
     }

@@ -2,6 +2,7 @@
 
 use std::process::{Command, Output};
 
+use ewa_splat::io::SplatCloud;
 use glam::DVec3;
 use serde_json::Value;
 
@@ -64,6 +65,118 @@ fn converts_anything_that_opens() {
     let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
     let one = cloud_of(folder.read("wake.ply")).positions.len();
     assert_eq!(summary["splats"], 2 * one);
+}
+
+/// The summary says what each format loses: half a step at most, as tables of the formats have it.
+#[test]
+fn the_summary_says_what_was_lost() {
+    let folder = Folder::new();
+    let mut cloud = some_cloud(400, 1, 5);
+    // Codes within 0 to 1, and harmonics within every format's range.
+    for (k, c) in cloud.harmonics.iter_mut().enumerate() {
+        *c = if k % 12 < 3 {
+            c.clamp(-1.5, 1.5)
+        } else {
+            c.clamp(-0.9, 0.9)
+        };
+    }
+    folder.write("ply", &cloud);
+    let given = cloud_of(folder.read("a.ply"));
+    for (extension, [position, opacity, colour, harmonics], decibels) in [
+        // The logarithm and the logit are rounded, and the picture barely changes.
+        ("ply", [0.0, 1e-6, 1e-6, 1e-6], 90.0),
+        ("glb", [0.0, 1e-6, 1e-6, 1e-6], 90.0),
+        (
+            "splat",
+            [0.0, 0.51 / 255.0, 0.51 / 255.0, f64::INFINITY],
+            25.0,
+        ),
+        (
+            "spz",
+            [
+                1e-3,
+                0.51 / 255.0,
+                0.51 / 255.0 / 0.15 * 0.283,
+                0.51 / 128.0,
+            ],
+            30.0,
+        ),
+        (
+            "compressed.ply",
+            [2e-2, 0.51 / 255.0, 0.51 / 255.0 * 2.0, 0.51 / 32.0],
+            30.0,
+        ),
+        ("sog", [1e-3, 0.51 / 255.0, 0.05, 0.01], 30.0),
+    ] {
+        let out = format!("lost.{extension}");
+        let output = run(
+            &folder,
+            &["convert", "a.ply", "--out", &out, "--json", "--keep-axes"],
+        );
+        let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
+        let of = |key: &str, kind: &str| summary["certificate"][key][kind].as_f64().unwrap();
+        for (key, most) in [
+            ("position", position),
+            ("opacity", opacity),
+            ("colour", colour),
+            ("harmonics", harmonics),
+        ] {
+            let [rms, greatest] = ["rms", "greatest"].map(|kind| of(key, kind));
+            assert!(
+                greatest <= most + 1e-6,
+                "{extension} {key}: {greatest} above {most}"
+            );
+            assert!(
+                rms <= greatest * (1.0 + 1e-12),
+                "{extension} {key}: {rms} {greatest}"
+            );
+        }
+        assert!(of("shape", "greatest") < 0.1, "{extension}: {summary}");
+        let psnr = summary["certificate"]["pictures"]["psnr"].as_f64();
+        assert_eq!(summary["certificate"]["pictures"]["splats"], 400);
+        assert!(
+            psnr.is_none_or(|psnr| psnr > decibels),
+            "{extension}: {psnr:?}"
+        );
+        // Opacities are those that this test finds, too: the file's order is known.
+        let found = cloud_of(folder.read(&out));
+        let mut sorted = [&given, &found].map(|cloud| cloud.opacities.clone());
+        sorted
+            .iter_mut()
+            .for_each(|all| all.sort_by(f32::total_cmp));
+        let apart = sorted[0]
+            .iter()
+            .zip(&sorted[1])
+            .map(|(a, b)| f64::from(a - b).abs());
+        let apart = apart.fold(0.0, f64::max);
+        assert!(apart <= of("opacity", "greatest") + 1e-7, "{extension}");
+        if extension == "splat" {
+            // All harmonics are lost.
+            let harmonics = |cloud: &SplatCloud| -> f64 {
+                let rest = cloud
+                    .harmonics
+                    .iter()
+                    .enumerate()
+                    .filter(|(k, _)| k % 12 >= 3);
+                let squares: f64 = rest.map(|(_, c)| f64::from(*c).powi(2)).sum();
+                (squares / (9 * cloud.positions.len()) as f64).sqrt()
+            };
+            assert!((of("harmonics", "rms") - harmonics(&given)).abs() < 1e-6);
+        }
+        let output = run(&folder, &["convert", "a.ply", "--out", &out]);
+        let text = words(&output.stdout);
+        assert!(
+            text.contains("read back") && text.contains("rms differences"),
+            "{extension}: {text}"
+        );
+    }
+    // VTK's vertices are not read as splats.
+    let output = run(
+        &folder,
+        &["convert", "a.ply", "--out", "lost.vtu", "--json"],
+    );
+    let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(summary["certificate"], Value::Null);
 }
 
 #[test]

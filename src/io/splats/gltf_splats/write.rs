@@ -102,6 +102,7 @@ pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> 
     Ok(Encoded {
         bytes: container(path, document.to_string().into_bytes(), &binary)?,
         position_quantum: single_precision_quantum(cloud.positions.iter().map(|p| *p - offset)),
+        order: Vec::new(),
         notes,
     })
 }

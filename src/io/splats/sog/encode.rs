@@ -109,6 +109,7 @@ pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> 
     Ok(Encoded {
         bytes,
         position_quantum,
+        order: scene.order,
         notes,
     })
 }
