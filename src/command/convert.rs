@@ -35,7 +35,7 @@ pub(crate) struct Arguments {
     /// Files to convert into one
     #[arg(required = true)]
     inputs: Vec<PathBuf>,
-    /// File of splats to write: ply, compressed.ply, splat, spz, sog or glb; or arrow: a prepared scene, blocks and levels
+    /// File of splats to write: ply, compressed.ply, splat, spz, sog, glb, gltf, csv or vtu; or arrow: a prepared scene, blocks and levels
     /// of detail that `render`, `view`, `info` and `measure` take without reading what no picture asks for
     #[arg(long, value_name = "FILE")]
     out: PathBuf,

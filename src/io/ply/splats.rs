@@ -125,6 +125,48 @@ pub(in crate::io) fn splats(
 /// Greatest magnitude of a written logit: opacities stay 3.1e-7 from 0 and from 1.
 const GREATEST_LOGIT: f64 = 15.0;
 
+/// Returns the names of the columns behind positions and normals.
+///
+/// - `scales`: number of scales.
+pub(in crate::io) fn columns(cloud: &SplatCloud, scales: usize) -> Vec<String> {
+    let rest = harmonics_count(cloud.harmonics_degree) - 1;
+    let numbered =
+        |name: &str, count: usize| (0..count).map(move |i| format!("{name}_{i}")).collect();
+    let names: [Vec<String>; 5] = [
+        numbered("f_dc", 3),
+        numbered("f_rest", 3 * rest),
+        vec!["opacity".to_owned()],
+        numbered("scale", scales),
+        numbered("rot", 4),
+    ];
+    names.concat()
+}
+
+/// Calls `put` with the numbers of splat `i` in these columns.
+pub(in crate::io) fn row(cloud: &SplatCloud, scales: usize, i: usize, mut put: impl FnMut(f32)) {
+    let coefficients = cloud.coefficients(i);
+    coefficients[..3].iter().copied().for_each(&mut put);
+    for channel in 0..3 {
+        let others = coefficients[3..].iter().skip(channel).step_by(3);
+        others.copied().for_each(&mut put);
+    }
+    let opacity = f64::from(cloud.opacities[i]);
+    let logit = (opacity / (1.0 - opacity)).ln();
+    put(narrowed(logit.clamp(-GREATEST_LOGIT, GREATEST_LOGIT)));
+    let own = match scales {
+        3 => cloud.thick_scales(i),
+        _ => cloud.scales[i],
+    };
+    for scale in &own[..scales] {
+        put(narrowed(f64::from(*scale).ln()));
+    }
+    cloud
+        .unit_rotation(i)
+        .map(narrowed)
+        .into_iter()
+        .for_each(put);
+}
+
 /// Encodes splats: binary, little-endian, with normals of zeros as in the layout.
 pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud, form: PlyForm) -> Result<Encoded> {
     let count = cloud.positions.len();
@@ -139,7 +181,7 @@ pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud, form: PlyForm) -> R
             "write the form with three scales",
         ));
     }
-    let rest = harmonics_count(cloud.harmonics_degree) - 1;
+    let scales = if is_flat { 2 } else { 3 };
     let mode = match (is_flat, cloud.is_anti_aliased) {
         (true, _) => "2dgs",
         (false, true) => "mip",
@@ -155,17 +197,8 @@ pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud, form: PlyForm) -> R
             ""
         },
     );
-    let numbered =
-        |name: &str, count: usize| (0..count).map(move |i| format!("{name}_{i}")).collect();
-    let names: [Vec<String>; 6] = [
-        ["x", "y", "z", "nx", "ny", "nz"].map(str::to_owned).into(),
-        numbered("f_dc", 3),
-        numbered("f_rest", 3 * rest),
-        vec!["opacity".to_owned()],
-        numbered("scale", if is_flat { 2 } else { 3 }),
-        numbered("rot", 4),
-    ];
-    let names = names.concat();
+    let positions = ["x", "y", "z", "nx", "ny", "nz"].map(str::to_owned);
+    let names = [positions.to_vec(), columns(cloud, scales)].concat();
     for name in &names {
         bytes += &format!("property float {name}\n");
     }
@@ -176,28 +209,7 @@ pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud, form: PlyForm) -> R
         let mut put = |value: f32| bytes.extend(value.to_le_bytes());
         let position = cloud.positions[i].as_vec3().to_array();
         position.into_iter().chain([0.0; 3]).for_each(&mut put);
-        let coefficients = cloud.coefficients(i);
-        coefficients[..3].iter().copied().for_each(&mut put);
-        for channel in 0..3 {
-            let others = coefficients[3..].iter().skip(channel).step_by(3);
-            others.copied().for_each(&mut put);
-        }
-        let opacity = f64::from(cloud.opacities[i]);
-        let logit = (opacity / (1.0 - opacity)).ln();
-        put(narrowed(logit.clamp(-GREATEST_LOGIT, GREATEST_LOGIT)));
-        let scales = if is_flat {
-            cloud.scales[i]
-        } else {
-            cloud.thick_scales(i)
-        };
-        for scale in &scales[..if is_flat { 2 } else { 3 }] {
-            put(narrowed(f64::from(*scale).ln()));
-        }
-        cloud
-            .unit_rotation(i)
-            .map(narrowed)
-            .into_iter()
-            .for_each(put);
+        row(cloud, scales, i, put);
     }
     Ok(Encoded {
         bytes,

@@ -1,5 +1,6 @@
 //! Splats of radiance fields: .splat, KSPLAT, SPZ, SOG and glTF, read and written.
 
+pub(crate) mod csv_write;
 pub(crate) mod encoded_splats;
 pub(crate) mod gltf_splats;
 pub(crate) mod ksplat;

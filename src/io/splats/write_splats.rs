@@ -6,8 +6,9 @@ use std::path::Path;
 use glam::DQuat;
 
 use super::encoded_splats::{PlyForm, SplatFileOptions, median_size};
+use super::gltf_splats::Container;
 use super::splat_axes::SplatAxes;
-use super::{gltf_splats, sog, splat, spz_write};
+use super::{csv_write, gltf_splats, sog, splat, spz_write};
 use crate::data::splats::SplatCloud;
 use crate::error::{Error, Result};
 use crate::io::bytes::atomic::write_bytes_atomically;
@@ -48,6 +49,8 @@ enum Format {
     Spz,
     Sog,
     Glb,
+    Gltf,
+    Csv,
     Vtu,
 }
 
@@ -67,6 +70,8 @@ impl Format {
             "spz" => Some(Self::Spz),
             "sog" => Some(Self::Sog),
             "glb" => Some(Self::Glb),
+            "gltf" => Some(Self::Gltf),
+            "csv" => Some(Self::Csv),
             "vtu" => Some(Self::Vtu),
             _ => None,
         }
@@ -76,10 +81,10 @@ impl Format {
     /// axes.
     fn axes(self) -> Option<SplatAxes> {
         match self {
-            Self::Ply | Self::PackedPly | Self::Splat | Self::Spz | Self::Sog => {
+            Self::Ply | Self::PackedPly | Self::Splat | Self::Spz | Self::Sog | Self::Csv => {
                 Some(SplatAxes::RightDownForward)
             }
-            Self::Glb => Some(SplatAxes::LeftUpForward),
+            Self::Glb | Self::Gltf => Some(SplatAxes::LeftUpForward),
             Self::Vtu => None,
         }
     }
@@ -88,7 +93,7 @@ impl Format {
 /// Checks whether [`write_splats`] could write to `path`, before splats are made.
 ///
 /// # Errors
-/// An extension other than `ply`, `splat`, `spz`, `sog`, `glb` and `vtu`; a missing folder.
+/// An extension other than `ply`, `splat`, `spz`, `sog`, `glb`, `gltf`, `csv` and `vtu`; a missing folder.
 pub fn check_splats_path(path: &Path) -> Result<()> {
     format_of(path).map(|_| ())
 }
@@ -102,7 +107,7 @@ fn format_of(path: &Path) -> Result<Format> {
     Err(Error::format(
         path,
         "output",
-        "a name that ends in .ply, .splat, .spz, .sog, .glb or .vtu",
+        "a name that ends in .ply, .splat, .spz, .sog, .glb, .gltf, .csv or .vtu",
         if extension.is_empty() {
             "no extension".into()
         } else {
@@ -124,6 +129,9 @@ fn format_of(path: &Path) -> Result<Format> {
 /// | harmonics | f32 | 8 bits: .016, -4 to 4 | lost | 8 bits: .004, -1 to 1 | f32 | one of up to 65,536 sets, of 256 numbers, the error reported |
 /// | anti-aliasing mark | kept | lost | lost | kept | lost | kept |
 /// | order | kept | along a Morton curve | by size times opacity | kept | kept | along a Morton curve |
+///
+/// `.gltf` is as `.glb`, with its numbers in text (base64). `.csv` is a table with the columns and the numbers of `.ply`, positions
+/// in f64, and without the mark.
 ///
 /// `.vtu` is for ParaView and other readers of VTK: vertices at positions in f64, with shapes as tensors,
 /// scales, rotations and opacities in f32 and the constant colour in bytes. Harmonics and the mark are lost,
@@ -170,7 +178,8 @@ pub fn write_splats(
     if turn != DQuat::IDENTITY {
         cloud.to_mut().turn(turn);
     }
-    let loses_view = cloud.is_linear && format != Format::Glb && cloud.to_mut().encode();
+    let keeps_light = matches!(format, Format::Glb | Format::Gltf);
+    let loses_view = cloud.is_linear && !keeps_light && cloud.to_mut().encode();
     let cloud = cloud.as_ref();
     let mut encoded = match format {
         Format::Ply => ply::splats::encode(path, cloud, options.form)?,
@@ -178,7 +187,9 @@ pub fn write_splats(
         Format::Splat => splat::encode(cloud),
         Format::Spz => spz_write::encode(path, cloud, options.spz_version.unwrap_or_default())?,
         Format::Sog => sog::encode(path, cloud)?,
-        Format::Glb => gltf_splats::encode(path, cloud)?,
+        Format::Glb => gltf_splats::encode(path, cloud, Container::Binary)?,
+        Format::Gltf => gltf_splats::encode(path, cloud, Container::Text)?,
+        Format::Csv => csv_write::encode(cloud),
         Format::Vtu => vtu_write::encode(cloud),
     };
     if loses_view {

@@ -86,6 +86,7 @@ fn the_summary_says_what_was_lost() {
         // The logarithm and the logit are rounded, and the picture barely changes.
         ("ply", [0.0, 1e-6, 1e-6, 1e-6], 90.0),
         ("glb", [0.0, 1e-6, 1e-6, 1e-6], 90.0),
+        ("csv", [0.0, 1e-6, 1e-6, 1e-6], 90.0),
         (
             "splat",
             [0.0, 0.51 / 255.0, 0.51 / 255.0, f64::INFINITY],
@@ -186,11 +187,11 @@ fn bad_usage_is_told_in_one_line() {
     for (arguments, expected) in [
         (
             &["a.ply", "--out", "b.obj"][..],
-            ".ply, .splat, .spz, .sog, .glb or .vtu",
+            ".ply, .splat, .spz, .sog, .glb, .gltf, .csv or .vtu",
         ),
         (
             &["a.ply", "--out", "b"],
-            ".ply, .splat, .spz, .sog, .glb or .vtu",
+            ".ply, .splat, .spz, .sog, .glb, .gltf, .csv or .vtu",
         ),
         (&["a.ply", "--out", "none/b.ply"], "folder"),
         (&["a.ply", "--out", "a.ply"], "an input"),

@@ -52,7 +52,7 @@ fn quantum(extension: &str, written: &WrittenSplats) -> Quantum {
     };
     match extension {
         // Logarithm and logit are computed in f64, rounded, and inverted in f32.
-        "ply" => Quantum {
+        "ply" | "csv" => Quantum {
             scale: 1e-6,
             opacity: 5e-7,
             ..exact
@@ -124,7 +124,7 @@ fn every_format_keeps_what_it_says() {
                 assert_kept(&cloud, &after, &quantum, extension);
                 let (keeps_degree, keeps_mark) = match extension {
                     "splat" => (degree == 0, false),
-                    "glb" => (true, false),
+                    "glb" | "gltf" | "csv" => (true, false),
                     _ => (true, true),
                 };
                 assert_eq!(
@@ -326,7 +326,7 @@ fn the_flat_form_of_ply_has_two_scales() {
             assert!(apart < 3e-6 * norm(variance(&cloud, i)));
         }
     }
-    for extension in ["splat", "spz", "glb"] {
+    for extension in ["splat", "spz", "glb", "gltf", "csv"] {
         let words = folder.refuse(extension, &cloud, PlyForm::Surfels);
         assert!(words.contains("a .ply file"), "{words}");
     }
@@ -415,7 +415,7 @@ fn pictures_stay_within_the_formats_quanta() {
                 // colours by 1/510, averaged over a dozen visible layers. Records: the same with
                 // exact sizes, quaternions off by 1/256; without harmonics of up to .03.
                 let (greatest, root) = match (extension, degree) {
-                    ("ply" | "glb", _) => (2e-6, 2e-7),
+                    ("ply" | "glb" | "gltf" | "csv", _) => (2e-6, 2e-7),
                     ("splat", 0) => (0.02, 2e-3),
                     ("splat", _) => (0.1, 0.01),
                     _ => (0.05, 5e-3),
@@ -494,7 +494,7 @@ fn a_real_scene_survives_a_tour_of_the_formats() {
     for tour in [
         &["ply"][..],
         &["glb"],
-        &["glb", "ply", "glb"],
+        &["glb", "ply", "csv", "gltf"],
         &["spz"],
         &["spz", "ply", "spz", "glb"],
         &["splat"],

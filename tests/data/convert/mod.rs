@@ -27,7 +27,7 @@ use ewa_splat::view::Camera;
 use ewa_splat::{Image, Settings};
 use glam::{DMat3, DQuat, DVec3};
 
-const FORMATS: [&str; 4] = ["ply", "splat", "spz", "glb"];
+const FORMATS: [&str; 6] = ["ply", "splat", "spz", "glb", "gltf", "csv"];
 
 struct Folder(tempfile::TempDir);
 

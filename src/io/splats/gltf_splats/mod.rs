@@ -46,7 +46,7 @@ use crate::io::mesh::gltf::{
 use crate::io::vtk::xml::clip;
 use crate::math::{HarmonicsTransform, MAX_HARMONICS_DEGREE, harmonics_count, scales_and_rotation};
 
-pub(in crate::io) use self::write::encode;
+pub(in crate::io) use self::write::{Container, encode};
 
 /// Name of the format.
 pub(in crate::io) const FORMAT: &str = "glTF splats";

@@ -1,7 +1,9 @@
-//! Writes splats as a .glb file.
+//! Writes splats as a .glb or .gltf file.
 
 use std::path::Path;
 
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
 use glam::DVec3;
 use serde_json::{Value, json};
 
@@ -15,8 +17,21 @@ use crate::math::narrowed;
 /// bits.
 const FAR: f64 = 64.0;
 
+/// Containers of glTF.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::io) enum Container {
+    /// `.glb`: the document and its numbers, one after the other.
+    Binary,
+    /// `.gltf`: the document, which holds its numbers in base64.
+    Text,
+}
+
 /// Returns a file with one node and one mesh of points, all numbers in f32.
-pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> {
+pub(in crate::io) fn encode(
+    path: &Path,
+    cloud: &SplatCloud,
+    as_container: Container,
+) -> Result<Encoded> {
     let count = cloud.positions.len();
     let offset = offset(&cloud.positions);
     let positions: Vec<[f32; 3]> = cloud
@@ -77,6 +92,11 @@ pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> 
         .enumerate()
         .map(|(i, name)| (name, json!(i)))
         .collect();
+    let mut buffer = json!({ "byteLength": binary.len() });
+    if as_container == Container::Text {
+        let text = STANDARD.encode(&binary);
+        buffer["uri"] = json!(format!("data:application/octet-stream;base64,{text}"));
+    }
     let document = json!({
         "asset": { "version": "2.0", "generator": concat!("ewa-splat ", env!("CARGO_PKG_VERSION")) },
         "extensionsUsed": [EXTENSION],
@@ -95,12 +115,16 @@ pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> 
         }] }],
         "accessors": accessors,
         "bufferViews": views,
-        "buffers": [{ "byteLength": binary.len() }],
+        "buffers": [buffer],
     });
+    let document = document.to_string().into_bytes();
     let mut notes = Vec::new();
     note_mark_lost(&mut notes, cloud);
     Ok(Encoded {
-        bytes: container(path, document.to_string().into_bytes(), &binary)?,
+        bytes: match as_container {
+            Container::Binary => container(path, document, &binary)?,
+            Container::Text => document,
+        },
         position_quantum: single_precision_quantum(cloud.positions.iter().map(|p| *p - offset)),
         order: Vec::new(),
         notes,
