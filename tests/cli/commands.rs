@@ -969,10 +969,10 @@ fn a_reference_is_of_kernels_or_of_the_data() {
         run(folder.path(), &line.split(' ').collect::<Vec<_>>())
     };
     let read = |name: &str| ewa_splat::io::read_image(&folder.path().join(name)).unwrap();
-    // A file name after the option is an input.
+    // A file name after the option is an input. Kernels that faces cut would take a minute.
     for line in [
-        "--reference v.raw --dims 8,8,8 --out a.npy",
-        "--reference kernels v.raw --dims 8,8,8 --out b.npy",
+        "--reference v.raw --dims 8,8,8 --boundary soft --out a.npy",
+        "--reference kernels v.raw --dims 8,8,8 --boundary soft --out b.npy",
         "v.raw --dims 8,8,8 --out c.npy --reference data --stats c.json",
         "v.raw --dims 8,8,8 --out d.npy --reference=data",
         "v.raw --dims 8,8,8 --out e.npy --composite slabs --post-classification",
