@@ -12,10 +12,10 @@ use crate::data::dataset::{Dataset, Geometry};
 use crate::data::splats::SplatCloud;
 use crate::image::{Image, srgb_from_linear};
 use crate::io::{OpenOptions, WrittenSplats, open};
-use crate::math::HARMONIC_0;
+use crate::math::{HARMONIC_0, rotation_matrix};
 use crate::render::{Backend, Renderer, RendererOptions, Settings};
-use crate::sample::{SampleOptions, scene};
-use crate::view::{Camera, Lens, Viewpoint};
+use crate::sample::{SampleOptions, index_u32, scene};
+use crate::view::{Camera, DEFAULT_FOV_DEG, Lens, Viewpoint};
 use crate::{Error, Result};
 
 /// Directions of the compared pictures: degrees around the axis that points up.
@@ -134,22 +134,21 @@ fn pictures(mut found: Dataset, given: SplatCloud) -> Result<Value> {
     let geometry = replace(&mut found.geometry, Geometry::Splats(given));
     let given = found.clone();
     found.geometry = geometry;
-    let (cameras, of_given) = drawn(given, None)?;
+    let up = found.up().direction;
+    let mut renderer = renderer_of(given)?;
+    let cameras = cameras(&renderer, up);
     if cameras.is_empty() {
         return Ok(Value::Null);
     }
-    let (_, of_found) = drawn(found, Some(&cameras))?;
+    let of_given = drawn(&mut renderer, &cameras)?;
+    renderer = renderer_of(found)?;
+    let of_found = drawn(&mut renderer, &cameras)?;
     Ok(json!({ "splats": splats, "psnr": psnr(&of_given, &of_found) }))
-}
-
-/// Narrows an index: no format holds more.
-fn index_u32(i: usize) -> u32 {
-    u32::try_from(i).unwrap_or(u32::MAX)
 }
 
 /// Returns the splats around one in the middle, as many as pictures show.
 fn piece(positions: &[DVec3]) -> Vec<u32> {
-    let mut all: Vec<u32> = (0..index_u32(positions.len())).collect();
+    let mut all: Vec<u32> = (0..).take(positions.len()).collect();
     let middle = [0, 1, 2].map(|axis| {
         let along = |&a: &u32, &b: &u32| {
             positions[a as usize][axis].total_cmp(&positions[b as usize][axis])
@@ -224,43 +223,37 @@ fn compared(
 /// Returns the variance of a splat.
 fn variance(cloud: &SplatCloud, i: usize) -> DMat3 {
     let [w, x, y, z] = cloud.rotations[i].map(f64::from);
-    let turn = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
     let scales = cloud.scales[i].map(f64::from);
-    let factor = turn * DMat3::from_diagonal(scales.into());
+    let factor =
+        rotation_matrix(DQuat::from_xyzw(x, y, z, w)) * DMat3::from_diagonal(scales.into());
     factor * factor.transpose()
 }
 
-/// Draws splats from two sides; returns the cameras, too.
-///
-/// - `cameras`: those of other pictures; without them, cameras are fitted to the splats.
-fn drawn(dataset: Dataset, cameras: Option<&[Camera]>) -> Result<(Vec<Camera>, Vec<Image>)> {
-    let up = dataset.up().direction;
+fn renderer_of(dataset: Dataset) -> Result<Renderer> {
     let sampled = scene(dataset, &SampleOptions::default())?;
     let options = RendererOptions {
         backend: Backend::Cpu,
         ..RendererOptions::default()
     };
-    let mut renderer = Renderer::with_options(sampled.volumes, options)?;
-    let cameras = cameras.map_or_else(
-        || {
-            let boxes = renderer.fitted_boxes();
-            let camera = |azimuth_deg: f64| {
-                let viewpoint = Viewpoint {
-                    azimuth_deg,
-                    elevation_deg: ELEVATION_DEG,
-                    zoom: 1.0,
-                    up,
-                };
-                viewpoint.camera(
-                    &boxes,
-                    Lens::FovDeg(crate::view::DEFAULT_FOV_DEG),
-                    [SIDE; 2],
-                )
-            };
-            AZIMUTHS_DEG.into_iter().filter_map(camera).collect()
-        },
-        <[Camera]>::to_vec,
-    );
+    Renderer::with_options(sampled.volumes, options)
+}
+
+/// Returns cameras on two sides; none if nothing is seen.
+fn cameras(renderer: &Renderer, up: DVec3) -> Vec<Camera> {
+    let boxes = renderer.fitted_boxes();
+    let camera = |azimuth_deg: f64| {
+        let viewpoint = Viewpoint {
+            azimuth_deg,
+            elevation_deg: ELEVATION_DEG,
+            zoom: 1.0,
+            up,
+        };
+        viewpoint.camera(&boxes, Lens::FovDeg(DEFAULT_FOV_DEG), [SIDE; 2])
+    };
+    AZIMUTHS_DEG.into_iter().filter_map(camera).collect()
+}
+
+fn drawn(renderer: &mut Renderer, cameras: &[Camera]) -> Result<Vec<Image>> {
     let settings = Settings {
         tolerance: TOLERANCE,
         ..Settings::default()
@@ -268,8 +261,7 @@ fn drawn(dataset: Dataset, cameras: Option<&[Camera]>) -> Result<(Vec<Camera>, V
     let pictures = cameras
         .iter()
         .map(|camera| renderer.render(camera, &settings).cloned());
-    let pictures = pictures.collect::<Result<Vec<Image>>>()?;
-    Ok((cameras, pictures))
+    pictures.collect()
 }
 
 /// Returns the peak signal-to-noise ratio of pictures over black in sRGB codes, dB; `None` if they are equal.

@@ -35,8 +35,15 @@ pub(crate) fn is_same(a: DVec3, b: DVec3) -> bool {
     clippy::cast_possible_truncation,
     reason = "sample counts are checked against u32 first"
 )]
-pub(super) fn index_u32(i: usize) -> u32 {
+pub(crate) fn index_u32(i: usize) -> u32 {
     i as u32
+}
+
+/// Returns the least and the greatest corner of a box around positions; infinite and in reverse order without any.
+#[inline(always)]
+pub(super) fn around(positions: impl Iterator<Item = DVec3>) -> [DVec3; 2] {
+    let none = [DVec3::INFINITY, DVec3::NEG_INFINITY];
+    positions.fold(none, |[low, high], p| [low.min(p), high.max(p)])
 }
 
 /// Edge of a cube with the mean volume of particles; 1 if the particles have no volume.

@@ -6,6 +6,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::structured::Grid;
+use crate::parallel;
 use crate::sample::field::gradient::step_along;
 use crate::sample::kernels::even::CutKernels;
 use crate::sample::kernels::sums::Density;
@@ -159,24 +160,22 @@ impl<'a, 'b> GridNodes<'a, 'b> {
         reach: isize,
     ) -> Window {
         let mut slots = vec![NO_SLOT; self.dims[2]];
+        let size = self.dims[0] * self.dims[1];
+        let mut used = Vec::new();
         let near = planes.flat_map(|k| (-reach..=reach).map(move |by| (k, by)));
         for k in near.filter_map(|(k, by)| self.along(2, k, by)) {
-            slots[k] = 0;
+            if slots[k] == NO_SLOT {
+                slots[k] = used.len() * size;
+                used.push(k);
+            }
         }
-        let size = self.dims[0] * self.dims[1];
-        let used = slots.iter_mut().filter(|slot| **slot != NO_SLOT);
-        used.enumerate().for_each(|(n, slot)| *slot = n * size);
-        let places = slots
-            .iter()
-            .enumerate()
-            .filter(|(_, slot)| **slot != NO_SLOT);
-        let places: Vec<usize> = places.flat_map(|(k, _)| k * size..(k + 1) * size).collect();
-        let density = |&place: &usize| {
+        let density = |n: usize| {
+            let place = used[n / size] * size + n % size;
             let of = |i: usize| Density::new(kernels.factor(i), volumes[i].into());
             self.particle(place).map_or(Density::NONE, of)
         };
         Window {
-            densities: places.par_iter().map(density).collect(),
+            densities: parallel::map(used.len() * size, density),
             slots,
         }
     }

@@ -14,6 +14,7 @@ use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use rayon::prelude::*;
 
 use super::structured::Grid;
+use crate::sample::positions;
 use crate::sample::positions::index_u32;
 use crate::sample::report::{Finding, SampleReport};
 
@@ -52,9 +53,7 @@ struct Probe {
 type Bounds = [DVec3; 2];
 
 fn around(places: impl Iterator<Item = DVec3>) -> Bounds {
-    let none = [DVec3::INFINITY, DVec3::NEG_INFINITY];
-    let finite = places.filter(|p| p.is_finite());
-    finite.fold(none, |[low, high], p| [low.min(p), high.max(p)])
+    positions::around(places.filter(|p| p.is_finite()))
 }
 
 fn holds([low, high]: &Bounds, p: DVec3) -> bool {

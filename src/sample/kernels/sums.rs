@@ -11,7 +11,7 @@ use crate::error::Result;
 use crate::math::small_exp;
 use crate::parallel;
 use crate::sample::points::neighbours::PointIndex;
-use crate::sample::positions::index_u32;
+use crate::sample::positions::{around, index_u32};
 use crate::task::{Stage, Task};
 
 /// Cut-off of kernels, in standard deviations; .1 % of a kernel lies beyond.
@@ -187,13 +187,6 @@ impl Bounds {
     fn reaches(&self, [low, high]: [DVec3; 2]) -> bool {
         gap_squared([self.low, self.high], [low, high]) <= self.reach_squared
     }
-}
-
-/// Returns the box of some points.
-#[inline(always)]
-fn around(points: impl Iterator<Item = DVec3>) -> [DVec3; 2] {
-    let empty = [DVec3::INFINITY, DVec3::NEG_INFINITY];
-    points.fold(empty, |[low, high], p| [low.min(p), high.max(p)])
 }
 
 /// Returns the squared distance between two boxes.

@@ -7,7 +7,7 @@ use std::cmp::Ordering;
 
 use glam::DVec3;
 
-use crate::sample::positions::{compare, index_u32};
+use crate::sample::positions::{self, compare, index_u32};
 use crate::simd::{SimdLevel, SimdWork, run_at};
 
 /// Number of positions in a leaf.
@@ -71,7 +71,7 @@ fn around(boxes: impl Iterator<Item = Corners>) -> Corners {
 }
 
 fn around_positions<T>(items: &[(DVec3, T)]) -> Corners {
-    around(items.iter().map(|item| [item.0; 2]))
+    positions::around(items.iter().map(|item| item.0))
 }
 
 /// Sorts positions by halves along the longest axis. The first half has the positions of a power of two of leaves.
