@@ -12,28 +12,46 @@ pub(crate) fn madd<const FMA: bool>(a: f32, b: f32, c: f32) -> f32 {
 /// Adding this to y leaves round(y) + 127 in the low bits: the exponent field of 2^round(y).
 const ROUND_TO_EXPONENT: f32 = 12_582_912.0 + 127.0;
 
-/// Splits 2^y into (2^n, 2^f - 1) with n the nearest integer, for y in \[-126, 0\]. The second uses
-/// [`EXP2_SERIES`].
-#[inline(always)]
-fn exp2_parts<const FMA: bool>(y: f32) -> (f32, f32) {
-    let shifted = y + ROUND_TO_EXPONENT;
-    let f = y - (shifted - ROUND_TO_EXPONENT);
-    let power = f32::from_bits(shifted.to_bits() << 23);
-    let [c0, c1, c2, c3] = EXP2_SERIES;
-    let mut series = c3;
-    series = madd::<FMA>(series, f, c2);
-    series = madd::<FMA>(series, f, c1);
-    series = madd::<FMA>(series, f, c0);
-    series = madd::<FMA>(series, f, std::f32::consts::LN_2);
-    (power, series * f)
+/// 2^y as 2^n (1 + f s), with n the nearest integer to y, f the rest of y and s a series: [`EXP2_SERIES`].
+///
+/// The terms of the series are added in pairs. Then few operations wait for one another: a loop over lanes waits for the
+/// longest chain of operations rather than for their number.
+struct Exp2 {
+    power: f32,
+    f: f32,
+    series: f32,
+}
+
+impl Exp2 {
+    /// Returns 2^(x scale) for products in \[-126, 0\].
+    #[inline(always)]
+    fn of<const FMA: bool>(x: f32, scale: f32) -> Self {
+        let shifted = madd::<FMA>(x, scale, ROUND_TO_EXPONENT);
+        let f = madd::<FMA>(x, scale, ROUND_TO_EXPONENT - shifted);
+        let [c0, c1, c2, c3] = EXP2_SERIES;
+        let low = madd::<FMA>(c1, f, c0);
+        let high = madd::<FMA>(c3, f, c2);
+        let series = madd::<FMA>(f * f, high, low);
+        Self {
+            power: f32::from_bits(shifted.to_bits() << 23),
+            f,
+            series: madd::<FMA>(series, f, std::f32::consts::LN_2),
+        }
+    }
 }
 
 /// Returns exp(-q/2) for q in \[0, 49\].
 #[inline(always)]
 pub(crate) fn exp_minus_half<const FMA: bool>(q: f32) -> f32 {
-    const SCALE: f32 = -0.5 * std::f32::consts::LOG2_E;
-    let (power, rest) = exp2_parts::<FMA>(q * SCALE);
-    madd::<FMA>(power, rest, power)
+    times_exp_minus_half::<FMA>(1.0, q)
+}
+
+/// Returns a exp(-q/2) for q in \[0, 49\].
+#[inline(always)]
+pub(crate) fn times_exp_minus_half<const FMA: bool>(a: f32, q: f32) -> f32 {
+    let Exp2 { power, f, series } = Exp2::of::<FMA>(q, -0.5 * std::f32::consts::LOG2_E);
+    let power = a * power;
+    madd::<FMA>(power * f, series, power)
 }
 
 /// Returns Phi(x), the integral of the unit Gaussian up to x, like [`normal_cdf`](crate::math::normal_cdf), in
@@ -92,8 +110,8 @@ pub(crate) fn cdf_near<const FMA: bool>(x: f32) -> f32 {
 #[inline(always)]
 pub(crate) fn opacity<const FMA: bool>(tau: f32) -> f32 {
     // Beyond 64 the opacity is 1 in f32.
-    let (power, rest) = exp2_parts::<FMA>(tau.min(64.0) * -std::f32::consts::LOG2_E);
-    madd::<FMA>(-power, rest, 1.0 - power)
+    let Exp2 { power, f, series } = Exp2::of::<FMA>(tau.min(64.0), -std::f32::consts::LOG2_E);
+    madd::<FMA>(-power * f, series, 1.0 - power)
 }
 
 /// Returns ln x for x from the least normal number up. The error is within 1.2e-7 of the result or, near 1, of

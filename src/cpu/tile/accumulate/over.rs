@@ -13,7 +13,7 @@ use crate::cpu::tile::evaluate::affine::{RowForm, is_aligned};
 use crate::cpu::tile::evaluate::exact::{ExactAt, RowOfExact};
 use crate::cpu::tile::interval::cut::{Cut, CutTile, Side};
 use crate::cpu::tile::pixels::{Plane, Tile, TilePlace};
-use crate::math::lane::{exp_minus_half, madd, opacity};
+use crate::math::lane::{exp_minus_half, madd, opacity, times_exp_minus_half};
 use crate::record::{ExactTerms, Footprint, NearTerms, PATH_AFFINE, PATH_EXACT, PATH_PEAK};
 use crate::simd::{SimdLevel, SimdWork, run_at};
 use crate::splat::Axes;
@@ -216,7 +216,7 @@ fn put_window<const LANES: usize>(plane: &mut Plane, at: usize, window: [f32; LA
 fn opacity_of<const FMA: bool, const OPACITY: u8>(tau: f32) -> f32 {
     match OPACITY {
         LINEAR => tau.min(1.0),
-        SERIES => tau * (1.0 - 0.5 * tau * (1.0 - tau * (1.0 / 3.0))),
+        SERIES => madd::<FMA>(tau * tau, madd::<FMA>(tau, 1.0 / 6.0, -0.5), tau),
         _ => opacity::<FMA>(tau),
     }
 }
@@ -329,7 +329,7 @@ impl FusedWork<'_> {
                 let tau = if ALIGNED {
                     of_row[lane] * of_column[lane]
                 } else {
-                    tau_peak * exp_minus_half::<FMA>(q)
+                    times_exp_minus_half::<FMA>(tau_peak, q)
                 };
                 let tau = if is_inside { tau } else { 0.0 };
                 let weight = opacity_of::<FMA, OPACITY>(tau) * (1.0 - alphas[lane]);
@@ -451,7 +451,7 @@ impl FusedWork<'_> {
                     tau = if ALIGNED {
                         of_rows[y] * of_column[lane]
                     } else {
-                        tau * exp_minus_half::<FMA>(q)
+                        times_exp_minus_half::<FMA>(tau, q)
                     };
                     let tau = if is_inside { tau } else { 0.0 };
                     let opacity = opacity_of::<FMA, OPACITY>(tau);
