@@ -32,8 +32,8 @@ override FILTER: u32 = 0u;
 override IS_ORTHOGRAPHIC: bool = false;
 // Rule by which particles are drawn: one of the RULE_ constants.
 override RULE: u32 = 0u;
-// True if splats that state their opacity are anti-aliased.
-override IS_ANTI_ALIASED: bool = false;
+// Rule of splats that state their opacity: one of the SPLAT_ constants.
+override SPLAT_RULE: u32 = SPLAT_EXACT;
 // True if surfels seen from behind are left out.
 override IS_ONE_SIDED: bool = false;
 // True if kernels may be cut by surfaces, clip planes or slabs. If so, all have terms that describe their
@@ -233,15 +233,19 @@ fn splat_footprint(
     key: u32,
 ) -> Footprint {
     var out = invisible(kernel, carried, key);
-    let peak = peak_footprint(view, kernel, IS_ANTI_ALIASED);
+    let peak = peak_footprint(view, kernel, SPLAT_RULE);
     if !peak.exists {
         return out;
     }
     let depth = peak.image.tau * peak.image.enlargement * meeting(crowding);
-    let r = cutoff_radius(depth, 1.0, view.tolerance, view.cutoff);
+    let radius = cutoff_radius(depth, 1.0, view.tolerance, view.cutoff);
+    let r = peak_reach(SPLAT_RULE, peak.image.tau, radius);
+    if r < 0.0 {
+        return out;
+    }
     affine_part(&out, peak.screen, peak.image, r);
     out.tau = peak.image.tau;
-    out.path = PATH_PEAK;
+    out.path = select(PATH_PEAK, PATH_CAPPED, SPLAT_RULE == SPLAT_INRIA || SPLAT_RULE == SPLAT_MIP);
     let half_size = vec2<f32>(sqrt(peak.image.a), sqrt(peak.image.c)) * r;
     set_bounds(view, &out, peak.screen.centre_px, half_size);
     return out;

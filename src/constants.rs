@@ -67,6 +67,15 @@ pub const PARTICLE_LOW_PASS_VARIANCE_PX2: f32 = 0.3;
 /// with the cut-off's, and large enough that stopping is rarely late.
 pub const TERMINATION_SHARE: f32 = 1.0 / 16.0;
 
+/// Opacities on the image between which splats are drawn by the rules of Kerbl et al. 2023: smaller ones are left out,
+/// greater ones are the ceiling.
+pub const SPLAT_FLOOR: f32 = 1.0 / 255.0;
+/// See [`SPLAT_FLOOR`].
+pub const SPLAT_CEILING: f32 = 0.99;
+
+/// Cut-off of splats by the rule of `KHR_gaussian_splatting`, standard deviations.
+pub const SPLAT_CUTOFF: f32 = 3.0;
+
 /// Number of footprints drawn between two tests of a tile for opacity. A test costs the CPU about as much as a
 /// footprint that covers the tile, and the GPU two barriers.
 pub const TERMINATION_INTERVAL: usize = 32;

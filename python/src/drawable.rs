@@ -12,7 +12,7 @@ use ewa_splat::sample::{
     BoundaryChoice, KernelOptions, SampleOptions, SampleReport, Sampled, SampledScene, discs,
     is_surface, scene, splat_cloud,
 };
-use ewa_splat::scene::{Lattice, LatticeSpacing};
+use ewa_splat::scene::{Lattice, LatticeSpacing, SplatRule};
 use ewa_splat::{Result, Task};
 use glam::{DMat3, DVec3};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
@@ -425,7 +425,7 @@ impl Drawable {
             opacities: opacities.0,
             harmonics_degree: degree,
             harmonics: harmonics.0,
-            is_anti_aliased: false,
+            rule: SplatRule::Exact,
             by_distance: false,
             is_linear: false,
         };
@@ -610,6 +610,8 @@ impl Drawable {
                 let options = SampleOptions {
                     kernels: KernelOptions {
                         boundary: BoundaryChoice::Soft,
+                        // Files state no rule but a mark, which stays.
+                        splat_rule: None,
                         ..source.options.kernels
                     },
                     task: Some(task.clone()),

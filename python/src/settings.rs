@@ -10,7 +10,7 @@ use ewa_splat::sample::{
     BoundaryChoice, FunctionOptions, KernelOptions, ParticleShape, SampleOptions, TransferChoice,
 };
 use ewa_splat::scene::{
-    Light, LightFrame, Lighting, ScaleName, TransferDefaults, TransferFunction,
+    Light, LightFrame, Lighting, ScaleName, SplatRule, TransferDefaults, TransferFunction,
 };
 use ewa_splat::view::ClipPlane;
 use ewa_splat::{Composite, Filter, Settings, Show};
@@ -194,6 +194,15 @@ pub(crate) fn sample_options(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Said>
                 )?
                 .unwrap_or(BoundaryChoice::Automatic),
             spread,
+            splat_rule: said.choice(
+                "splat_rule",
+                &[
+                    ("khr", SplatRule::Khr),
+                    ("inria", SplatRule::Inria),
+                    ("mip", SplatRule::Mip),
+                    ("exact", SplatRule::Exact),
+                ],
+            )?,
             ..defaults.kernels
         },
         function: FunctionOptions {

@@ -9,7 +9,7 @@ struct PeakFootprint {
 
 // Returns the footprint of a splat, with `tau` the opacity at the centre. `kernel.mass` is the peak
 // opacity.
-fn peak_footprint(view: ViewUniform, kernel: Kernel, is_anti_aliased: bool) -> PeakFootprint {
+fn peak_footprint(view: ViewUniform, kernel: Kernel, rule: u32) -> PeakFootprint {
     var out: PeakFootprint;
     let z = kernel.centre.z;
     let nearest = select(length3(kernel.factor.z), 0.0, view.orthographic != 0u);
@@ -31,10 +31,10 @@ fn peak_footprint(view: ViewUniform, kernel: Kernel, is_anti_aliased: bool) -> P
             screen.row_y = (kernel.factor.y * per_depth - s * slope.y) * focal.y;
         }
     }
-    let h2 = select(SPLAT_LOW_PASS_PX2, ANTI_ALIASED_LOW_PASS_PX2, is_anti_aliased);
+    let h2 = select(SPLAT_LOW_PASS_PX2, ANTI_ALIASED_LOW_PASS_PX2, rule == SPLAT_MIP);
     var image = filtered(screen, FILTER_EWA, h2);
     image.tau = kernel.mass;
-    if is_anti_aliased {
+    if rule == SPLAT_MIP {
         // Minors, not the difference of products, so that a flat splat seen from its edge keeps its
         // digits.
         let minor = cross3(screen.row_x, screen.row_y);
@@ -47,4 +47,19 @@ fn peak_footprint(view: ViewUniform, kernel: Kernel, is_anti_aliased: bool) -> P
     out.screen = screen;
     out.image = image;
     return out;
+}
+
+// Returns the radius within which the rule draws a splat, standard deviations; -1 if nowhere.
+fn peak_reach(rule: u32, peak: f32, radius: f32) -> f32 {
+    if rule == SPLAT_EXACT {
+        return radius;
+    }
+    if rule == SPLAT_KHR {
+        return min(radius, SPLAT_CUTOFF);
+    }
+    if !(peak >= SPLAT_FLOOR) {
+        return -1.0;
+    }
+    // The logarithm of a number near 1 may be below 0.
+    return min(radius, sqrt(max(2.0 * log(peak / SPLAT_FLOOR), 0.0)));
 }

@@ -90,6 +90,9 @@ fn look(thread: u32, is_pixel: bool, drawn: u32) -> u32 {
 
 // Returns the opacity of an optical depth; for splats, which state it, the opacity itself.
 fn opacity_by(path: u32, tau: f32) -> f32 {
+    if path == PATH_CAPPED {
+        return min(tau, SPLAT_CEILING);
+    }
     if IS_LINEAR || path == PATH_PEAK {
         return min(tau, 1.0);
     }

@@ -1,7 +1,7 @@
 //! Defines the rule by which a volume's particles are drawn.
 
 use crate::blocks::volume::{BlockedParticles, BlockedVolume};
-use crate::scene::StrengthIn;
+use crate::scene::{SplatRule, StrengthIn};
 
 /// Rule by which a volume's particles are drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -9,7 +9,7 @@ pub(crate) enum Rule {
     /// Kernels that absorb light.
     Kernel,
     /// Splats that state their opacity.
-    Peak { is_anti_aliased: bool },
+    Peak(SplatRule),
     /// Surfels of an opaque surface.
     Surface { is_one_sided: bool },
     /// Surfels of a translucent surface.
@@ -26,9 +26,7 @@ impl Rule {
             }
         );
         match volume.strength {
-            StrengthIn::PeakOpacity {
-                is_anti_aliased, ..
-            } => Self::Peak { is_anti_aliased },
+            StrengthIn::PeakOpacity { rule, .. } => Self::Peak(rule),
             StrengthIn::Surface(_) => Self::Surface { is_one_sided },
             StrengthIn::Translucent(_) => Self::Translucent { is_one_sided },
             StrengthIn::Classified { .. } | StrengthIn::Mass(_) => Self::Kernel,

@@ -108,6 +108,10 @@ pub(super) fn certificate(
     if written.turn != DQuat::IDENTITY {
         given.turn(written.turn);
     }
+    // A viewer of the file draws by the rule of its format; only a mark can be lost.
+    if !given.rule.is_anti_aliased() {
+        given.rule = found.rule;
+    }
     // What depends on the view is lost with the linear light.
     let linear = (given.is_linear && !found.is_linear).then(|| given.clone());
     if linear.is_some() {
@@ -136,7 +140,7 @@ fn pictures(mut found: Dataset, given: SplatCloud) -> Result<Value> {
     found.geometry = geometry;
     let up = found.up().direction;
     let mut renderer = renderer_of(given)?;
-    let cameras = cameras(&renderer, up);
+    let cameras = cameras(&renderer, up, &AZIMUTHS_DEG);
     if cameras.is_empty() {
         return Ok(Value::Null);
     }
@@ -229,7 +233,7 @@ fn variance(cloud: &SplatCloud, i: usize) -> DMat3 {
     factor * factor.transpose()
 }
 
-fn renderer_of(dataset: Dataset) -> Result<Renderer> {
+pub(super) fn renderer_of(dataset: Dataset) -> Result<Renderer> {
     let sampled = scene(dataset, &SampleOptions::default())?;
     let options = RendererOptions {
         backend: Backend::Cpu,
@@ -238,8 +242,8 @@ fn renderer_of(dataset: Dataset) -> Result<Renderer> {
     Renderer::with_options(sampled.volumes, options)
 }
 
-/// Returns cameras on two sides; none if nothing is seen.
-fn cameras(renderer: &Renderer, up: DVec3) -> Vec<Camera> {
+/// Returns cameras on several sides; none if nothing is seen.
+pub(super) fn cameras(renderer: &Renderer, up: DVec3, azimuths_deg: &[f64]) -> Vec<Camera> {
     let boxes = renderer.fitted_boxes();
     let camera = |azimuth_deg: f64| {
         let viewpoint = Viewpoint {
@@ -250,10 +254,10 @@ fn cameras(renderer: &Renderer, up: DVec3) -> Vec<Camera> {
         };
         viewpoint.camera(&boxes, Lens::FovDeg(DEFAULT_FOV_DEG), [SIDE; 2])
     };
-    AZIMUTHS_DEG.into_iter().filter_map(camera).collect()
+    azimuths_deg.iter().copied().filter_map(camera).collect()
 }
 
-fn drawn(renderer: &mut Renderer, cameras: &[Camera]) -> Result<Vec<Image>> {
+pub(super) fn drawn(renderer: &mut Renderer, cameras: &[Camera]) -> Result<Vec<Image>> {
     let settings = Settings {
         tolerance: TOLERANCE,
         ..Settings::default()
@@ -264,19 +268,25 @@ fn drawn(renderer: &mut Renderer, cameras: &[Camera]) -> Result<Vec<Image>> {
     pictures.collect()
 }
 
+/// Returns the sRGB codes of a picture over black, opaque.
+pub(super) fn codes(image: &Image) -> Image {
+    let code = |c: f32| srgb_from_linear(c.clamp(0.0, 1.0));
+    let codes = |[r, g, b, _]: &[f32; 4]| [code(*r), code(*g), code(*b), 1.0];
+    Image {
+        pixels: image.pixels.iter().map(codes).collect(),
+        ..*image
+    }
+}
+
 /// Returns the peak signal-to-noise ratio of pictures over black in sRGB codes, dB; `None` if they are equal.
-fn psnr(given: &[Image], found: &[Image]) -> Option<f64> {
-    let codes = |image: &Image| -> Vec<f64> {
-        let colours = image.pixels.iter().flat_map(|pixel| &pixel[..3]);
-        colours
-            .map(|&c| f64::from(srgb_from_linear(c.clamp(0.0, 1.0))))
-            .collect()
-    };
+pub(super) fn psnr(given: &[Image], found: &[Image]) -> Option<f64> {
     let (mut squares, mut count) = (0.0, 0);
-    for (a, b) in given.iter().zip(found) {
-        for (a, b) in codes(a).into_iter().zip(codes(b)) {
-            squares += (a - b).powi(2);
-            count += 1;
+    for (a, b) in given.iter().map(codes).zip(found.iter().map(codes)) {
+        for (a, b) in a.pixels.iter().zip(&b.pixels) {
+            for (a, b) in a[..3].iter().zip(b) {
+                squares += f64::from(a - b).powi(2);
+                count += 1;
+            }
         }
     }
     (squares > 0.0).then(|| -10.0 * (squares / f64::from(count)).log10())

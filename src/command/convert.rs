@@ -24,6 +24,7 @@ use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
 use super::certificate::{certificate, line};
+use super::fewer::{FewerOptions, line as fewer_line};
 use super::input::DataOptions;
 use super::outputs::check_collisions;
 use super::parse;
@@ -53,6 +54,8 @@ pub(crate) struct Arguments {
     /// background through [default: 0.55 of surfaces, otherwise that of --kernel-width]
     #[arg(long, value_name = "W", value_parser = parse::positive, conflicts_with = "kernel_width")]
     width: Option<f64>,
+    #[command(flatten)]
+    fewer: FewerOptions,
     /// Print the summary as JSON
     #[arg(long)]
     json: bool,
@@ -75,6 +78,8 @@ enum Version {
 struct Converted {
     cloud: SplatCloud,
     report: ConversionReport,
+    /// Number of inputs with splats.
+    of_splats: usize,
     /// Summary of each mesh's conversion.
     meshes: Vec<Value>,
     notes: Vec<String>,
@@ -93,6 +98,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         false => {
             check_splats_path(&arguments.out)?;
             arguments.prepare.check_unused()?;
+            arguments.check_rule()?;
         }
     }
     check_collisions(arguments.inputs.iter(), std::iter::once(&arguments.out))?;
@@ -139,6 +145,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let Converted {
         cloud,
         report,
+        of_splats,
         meshes,
         notes,
         ups,
@@ -154,8 +161,22 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         spz_version: arguments.spz_version.map(Into::into),
         up: (!arguments.keep_axes).then_some(up.direction),
     };
+    let count = arguments.data.count;
+    let mut fewer = Value::Null;
+    if arguments
+        .fewer
+        .merges(count, [*of_splats, meshes.len(), ups.len()])?
+    {
+        bar.set_message("merging splats");
+        let merged = arguments
+            .fewer
+            .merged(take(cloud), count, up.direction, notes);
+        (*cloud, fewer) = merged?;
+        report.splat_count = cloud.positions.len();
+        bar.set_message("writing");
+    }
     let written = write_splats(&arguments.out, cloud, &options)?;
-    let (degree, is_anti_aliased) = (cloud.harmonics_degree, cloud.is_anti_aliased);
+    let (degree, is_anti_aliased) = (cloud.harmonics_degree, cloud.rule.is_anti_aliased());
     bar.set_message("comparing");
     let given = take(cloud);
     let certificate = certificate(&arguments.out, given, &written, notes).unwrap_or_else(|error| {
@@ -186,6 +207,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         "bytes": written.bytes,
         "position_quantum": written.position_quantum,
         "turn": written.turn.to_array(),
+        "fewer": fewer,
         "certificate": certificate,
         "notes": notes,
     });
@@ -240,10 +262,29 @@ impl Arguments {
         Ok(all)
     }
 
+    /// Refuses a rule of drawing: files of splats state none but a mark, which stays as it is.
+    fn check_rule(&self) -> Result<()> {
+        if self.data.splat_rule.is_none() {
+            return Ok(());
+        }
+        let (expected, found) = ("a picture or a prepared scene", "a file of splats");
+        let advice = "leave it out";
+        Err(Error::invalid(
+            "--splat-rule",
+            "--out",
+            expected,
+            found,
+            advice,
+        ))
+    }
+
     /// Refuses options that do not apply to a prepared scene.
     fn check_scene(&self) -> Result<()> {
         check_folder(&self.out)?;
+        let [error, keep_all] = self.fewer.asked();
         let given = [
+            error,
+            keep_all,
             ("--surfels", self.surfels),
             ("--spz-version", self.spz_version.is_some()),
             ("--keep-axes", self.keep_axes),
@@ -330,7 +371,11 @@ impl Converted {
         let (cloud, report) = match dataset.geometry {
             // Keeps the file's splats. A named field replaces their colours, so it takes the other
             // branch.
-            Geometry::Splats(cloud) if options.field.is_none() => sound_splats(cloud)?,
+            Geometry::Splats(cloud) if options.field.is_none() => {
+                let sound = sound_splats(cloud)?;
+                self.of_splats += 1;
+                sound
+            }
             _ => {
                 let sampled = scene(dataset, options)?;
                 match sampled.report.mesh {
@@ -344,7 +389,9 @@ impl Converted {
                 splat_cloud(&sampled.volumes).map_err(|e| e.in_file(&path))?
             }
         };
-        if !self.cloud.positions.is_empty() && self.cloud.is_anti_aliased != cloud.is_anti_aliased {
+        if !self.cloud.positions.is_empty()
+            && self.cloud.rule.is_anti_aliased() != cloud.rule.is_anti_aliased()
+        {
             self.notes.push(format!(
                 "{}: splats made for another low-pass filter than those before are marked as those",
                 path.display()
@@ -416,6 +463,9 @@ fn print(summary: &Value) {
     row("position quantum", text(&summary["position_quantum"]));
     for note in summary["notes"].as_array().into_iter().flatten() {
         row("note", text(note));
+    }
+    if let Some(line) = fewer_line(&summary["fewer"]) {
+        row("merged", line);
     }
     if let Some(line) = line(&summary["certificate"]) {
         row("read back", line);

@@ -373,7 +373,8 @@ fn describe(dataset: &Dataset) -> Value {
         }
         Geometry::Splats(cloud) => json!({
             "kind": "splats", "count": cloud.positions.len(), "degree": cloud.harmonics_degree,
-            "anti_aliased": cloud.is_anti_aliased,
+            "anti_aliased": cloud.rule.is_anti_aliased(),
+            "rule": cloud.rule,
         }),
         Geometry::Mesh(mesh) => describe_mesh(mesh),
         Geometry::Points { positions } => json!({ "kind": "points", "count": positions.len() }),

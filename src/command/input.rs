@@ -14,7 +14,7 @@ use crate::sample::{
     BoundaryChoice, FunctionOptions, KernelOptions, ParticleShape, PurposeOptions, SampleOptions,
     Sampled, TransferChoice,
 };
-use crate::scene::ScaleName;
+use crate::scene::{ScaleName, SplatRule};
 use crate::{Error, Result};
 use clap::{Args, ValueEnum};
 use glam::DVec3;
@@ -79,6 +79,9 @@ pub(crate) struct DataOptions {
     /// [default: logarithms where any is negative]
     #[arg(long, value_enum, value_name = "WHAT")]
     pub(crate) scales: Option<Scales>,
+    /// Splats of radiance fields: rule of their renderer [default: the file's]
+    #[arg(long, value_enum, value_name = "RULE")]
+    pub(crate) splat_rule: Option<SplatRuleName>,
     /// Particles: shape of those that state a length at most
     #[arg(long, value_enum, value_name = "SHAPE", default_value = "auto")]
     pub(crate) shape: Shape,
@@ -90,7 +93,7 @@ pub(crate) struct DataOptions {
     /// for each pixel on half of those that it covers, a million in all]
     #[arg(long, value_name = "N", value_parser = parse::positive, allow_hyphen_values = true)]
     pub(crate) density: Option<f64>,
-    /// Meshes: surfels in all
+    /// Meshes: surfels in all. `convert`, splats: number to which they are merged
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..),
           conflicts_with_all = ["density", "spacing"])]
     pub(crate) count: Option<u32>,
@@ -157,6 +160,19 @@ pub(crate) enum Scales {
     Linear,
     /// Their natural logarithms
     Log,
+}
+
+/// Rule by which splats are drawn.
+#[derive(Clone, Copy, ValueEnum)]
+pub(crate) enum SplatRuleName {
+    /// Nothing beyond 3 standard deviations
+    Khr,
+    /// No opacity below 1/255, .99 at most
+    Inria,
+    /// The same, and opacity times area stays as pixels widen a splat
+    Mip,
+    /// No limits
+    Exact,
 }
 
 /// Meaning of a particle's length.
@@ -501,6 +517,12 @@ impl DataOptions {
                     (None, None, _) => Spread::Automatic,
                 },
                 composited: false,
+                splat_rule: self.splat_rule.map(|rule| match rule {
+                    SplatRuleName::Khr => SplatRule::Khr,
+                    SplatRuleName::Inria => SplatRule::Inria,
+                    SplatRuleName::Mip => SplatRule::Mip,
+                    SplatRuleName::Exact => SplatRule::Exact,
+                }),
                 seed: 0,
             },
             function: FunctionOptions {

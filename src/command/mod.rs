@@ -21,6 +21,7 @@ mod convert;
 mod cut;
 mod driver;
 mod edits;
+mod fewer;
 mod files;
 mod formats;
 mod info;

@@ -79,6 +79,7 @@ impl DataOptions {
         let any = |is: fn(Kind) -> bool| uses.kinds.iter().any(|kind| is(*kind));
         let (grids, points) = (any(Kind::is_grid), any(|k| k == Kind::Points));
         let (raw, meshes) = (any(|k| k == Kind::Raw), any(|k| k == Kind::Mesh));
+        let splats = any(|k| k == Kind::Splats);
         let plot3d = any(|k| k == Kind::Plot3d);
         let has_fields = any(|k| k != Kind::Mesh) || uses.is_classified;
         let columns = uses.for_columns;
@@ -109,6 +110,7 @@ impl DataOptions {
             ("--kernel-width", self.kernel_width.is_some(), is_data, data),
             ("--as", self.read_as.is_some(), is_data, data),
             ("--scales", self.scales.is_some(), is_data, data),
+            ("--splat-rule", self.splat_rule.is_some(), is_data, data),
             ("--isosurface", is_iso, is_data, data),
             ("--surface", self.surface, grids, "a grid"),
             ("--surface-opacity", is_around, grids, "a grid"),
@@ -175,6 +177,12 @@ impl DataOptions {
                 self.unit_distance.is_some(),
                 !is_boundary,
                 volume,
+            ),
+            (
+                "--splat-rule",
+                self.splat_rule.is_some(),
+                splats,
+                "splats of a radiance field",
             ),
             ("--shape", is_shaped, points, "particles"),
             ("--length", self.length.is_some(), points, "particles"),

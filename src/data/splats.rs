@@ -9,6 +9,7 @@ use crate::math::{
     HARMONIC_0, HarmonicsTransform, MAX_HARMONICS_DEGREE, harmonics_count, narrowed,
     rotation_matrix,
 };
+use crate::scene::SplatRule;
 use crate::scene::storage::picked;
 
 /// Anisotropic Gaussians with a peak opacity and a colour each. Their opacity on the image is peak x exp(-Q/2),
@@ -35,9 +36,8 @@ pub struct SplatCloud {
     pub harmonics: Vec<f32>,
     /// Whether colours are linear light, in which they are then composited; otherwise they are sRGB codes.
     pub is_linear: bool,
-    /// Whether the file marks its splats as made for a low-pass filter that keeps a splat's opacity times its
-    /// area.
-    pub is_anti_aliased: bool,
+    /// Rule of the renderer that the file's splats were made for.
+    pub rule: SplatRule,
     /// Whether the file states that splats are sorted by their distance from the eye; otherwise by their depth along the
     /// camera's axis, as most viewers do.
     pub by_distance: bool,
@@ -86,8 +86,8 @@ impl SplatCloud {
         Ok(())
     }
 
-    /// Appends the splats of another cloud; coefficients that one of the two lacks are 0. The mark of
-    /// anti-aliased splats does not change, unless there were no splats yet.
+    /// Appends the splats of another cloud; coefficients that one of the two lacks are 0. The rule does not
+    /// change, unless there were no splats yet.
     ///
     /// If one cloud is linear and the other is encoded, one is converted. The encoded cloud becomes linear if its colours do not
     /// depend on the view; otherwise the linear cloud is encoded.

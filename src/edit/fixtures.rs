@@ -9,7 +9,7 @@ use crate::data::cells::{CellKind, CellMesh};
 use crate::data::dataset::{CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use crate::data::mesh::Mesh;
 use crate::data::splats::SplatCloud;
-use crate::scene::{Lattice, LatticeSpacing, Values};
+use crate::scene::{Lattice, LatticeSpacing, SplatRule, Values};
 
 /// Returns a field with the index of each sample, and a vector field.
 fn fields(association: Association, count: usize) -> Vec<Field> {
@@ -135,7 +135,7 @@ pub(super) fn splats() -> Dataset {
         opacities: vec![0.5; count],
         harmonics_degree: 2,
         harmonics: (0..27 * count).map(|i| (i % 7) as f32 / 7.0).collect(),
-        is_anti_aliased: false,
+        rule: SplatRule::Inria,
         by_distance: false,
         is_linear: false,
     };

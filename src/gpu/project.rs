@@ -15,6 +15,7 @@ use crate::record::{
     BlockView, ClassifiedParticle, ExactTerms, Footprint, NearTerms, PieceTerms, SurfelTerms,
     ViewUniform,
 };
+use crate::scene::SplatRule;
 use crate::splat::Filter;
 
 /// Shaders of the stage for each kind of particles, in the order of [`ParticleKind`].
@@ -124,11 +125,12 @@ impl Project {
     pub(super) fn new(gpu: &Gpu, spec: &ProjectSpec) -> Self {
         let shader = &SHADERS[spec.particles as usize];
         let flag = |is: bool| f64::from(u8::from(is));
-        let (rule, is_anti_aliased, is_one_sided) = match spec.rule {
-            Rule::Kernel => (RULE_KERNEL, false, false),
-            Rule::Peak { is_anti_aliased } => (RULE_PEAK, is_anti_aliased, false),
-            Rule::Surface { is_one_sided } => (RULE_SURFACE, false, is_one_sided),
-            Rule::Translucent { is_one_sided } => (RULE_TRANSLUCENT, false, is_one_sided),
+        let exact = SplatRule::Exact;
+        let (rule, splat_rule, is_one_sided) = match spec.rule {
+            Rule::Kernel => (RULE_KERNEL, exact, false),
+            Rule::Peak(splat_rule) => (RULE_PEAK, splat_rule, false),
+            Rule::Surface { is_one_sided } => (RULE_SURFACE, exact, is_one_sided),
+            Rule::Translucent { is_one_sided } => (RULE_TRANSLUCENT, exact, is_one_sided),
         };
         let kernel = gpu.kernel(
             shader,
@@ -150,7 +152,7 @@ impl Project {
                 ("FILTER", f64::from(spec.filter as u32)),
                 ("IS_ORTHOGRAPHIC", flag(spec.is_orthographic)),
                 ("RULE", f64::from(rule)),
-                ("IS_ANTI_ALIASED", flag(is_anti_aliased)),
+                ("SPLAT_RULE", f64::from(splat_rule as u32)),
                 ("IS_ONE_SIDED", flag(is_one_sided)),
                 ("IS_CUT", flag(spec.is_cut)),
                 ("HAS_PIECES", flag(spec.has_pieces)),

@@ -14,8 +14,8 @@ const ROUND_TO_EXPONENT: f32 = 12_582_912.0 + 127.0;
 
 /// 2^y as 2^n (1 + f s), with n the nearest integer to y, f the rest of y and s a series: [`EXP2_SERIES`].
 ///
-/// The terms of the series are added in pairs. Then few operations wait for one another: a loop over lanes waits for the
-/// longest chain of operations rather than for their number.
+/// The terms of the series are added in pairs, so that few operations depend on one another: a loop over lanes takes as
+/// long as its longest chain of operations.
 struct Exp2 {
     power: f32,
     f: f32,

@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::constants::TILE_SIZE;
+use crate::constants::{SPLAT_CEILING, TILE_SIZE};
 
 /// Three words that a particle and its footprint carry to the pixels: a colour, a value or a sign. The
 /// pass defines their meaning ([`Classify`](crate::splat::Classify),
@@ -71,8 +71,8 @@ pub struct Footprint {
     /// Camera-space z of the centre. For surfels [`Self::greatest_inverse_depth`] reads it.
     pub depth: f32,
     /// Evaluation path: one of the `PATH_` constants, in the low two bits. The bits above hold the index
-    /// of the footprint's [`NearTerms`](super::NearTerms), or the flag that turns [`PATH_AFFINE`] into
-    /// [`PATH_PEAK`]. Other terms lie at the footprint's own index.
+    /// of the footprint's [`NearTerms`](super::NearTerms), or the flags that turn [`PATH_AFFINE`] into
+    /// [`PATH_PEAK`] or [`PATH_CAPPED`]. Other terms lie at the footprint's own index.
     pub path: u32,
     /// First and one-past-last pixel column, low and high half word.
     pub columns: u32,
@@ -87,6 +87,8 @@ pub struct Footprint {
 pub const PATH_AFFINE: u32 = 0;
 /// Affine footprint whose `tau` is an opacity: min(tau exp(-Q/2), 1), whatever the mode of the frame.
 pub const PATH_PEAK: u32 = PATH_AFFINE | 4;
+/// The same with a ceiling: min(tau exp(-Q/2), [`SPLAT_CEILING`]).
+pub const PATH_CAPPED: u32 = PATH_PEAK | 16;
 /// Surfel of an opaque surface: [`SurfelTerms`](super::SurfelTerms).
 pub const PATH_SURFEL: u32 = PATH_AFFINE | 8;
 /// Surfel that reaches the camera plane: [`NearTerms`](super::NearTerms), whose index lies above the low
@@ -155,6 +157,16 @@ impl Footprint {
             place << 2 | self.path & 3
         };
         Self { path, ..self }
+    }
+
+    /// Returns the greatest opacity on the image, if `tau` is an opacity.
+    #[inline(always)]
+    pub(crate) fn ceiling(&self) -> Option<f32> {
+        match self.path {
+            PATH_PEAK => Some(1.0),
+            PATH_CAPPED => Some(SPLAT_CEILING),
+            _ => None,
+        }
     }
 
     /// Returns whether it reaches any pixel.

@@ -37,8 +37,8 @@ pub use block::{
     MERGED_FITS, MERGED_OPEN, MERGED_UNSEEN, MergedBlock,
 };
 pub use footprint::{
-    Carried, Footprint, PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR, PATH_NEAR_SURFEL,
-    PATH_PEAK, PATH_SURFEL, pack_range,
+    Carried, Footprint, PATH_AFFINE, PATH_CAPPED, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR,
+    PATH_NEAR_SURFEL, PATH_PEAK, PATH_SURFEL, pack_range,
 };
 pub use state::{ChunkState, ChunkUniform, FrameState, PartIndex, PartRange, PartState, SortState};
 pub use terms::{ExactTerms, FootprintTerms, NearTerms, PieceTerms, RAY_EDGES, SurfelTerms};

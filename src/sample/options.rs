@@ -8,7 +8,7 @@ use crate::error::{Error, Parameter, Result};
 use crate::sample::mesh::Spread;
 use crate::sample::points::periodic::PeriodicBox;
 use crate::sample::refine::Refinement;
-use crate::scene::{PointVolume, ScaleName, TransferFunction};
+use crate::scene::{PointVolume, ScaleName, SplatRule, TransferFunction};
 use crate::task::Task;
 
 /// Greatest number of corrections of cell volumes ([`KernelOptions::shepard_passes`]).
@@ -93,6 +93,9 @@ pub struct KernelOptions {
     /// True for surfels of meshes that viewers composite as splats:
     /// [`MeshOptions::composited`](super::mesh::MeshOptions::composited).
     pub composited: bool,
+    /// Rule by which splats of radiance fields are drawn; `None` takes that of the data
+    /// ([`SplatCloud::rule`](crate::io::SplatCloud::rule)).
+    pub splat_rule: Option<SplatRule>,
     /// Seed of the spread of surfels, for meshes. Another seed gives another spread, as even.
     pub seed: u64,
 }
@@ -171,6 +174,7 @@ impl Default for KernelOptions {
             boundary: BoundaryChoice::default(),
             spread: Spread::Automatic,
             composited: false,
+            splat_rule: None,
             seed: 0,
         }
     }

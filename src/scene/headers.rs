@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::storage::Storage;
 use crate::scene::point_volume::{ColourIn, StrengthIn};
+use crate::scene::splat_rule::SplatRule;
 #[cfg(feature = "prepared")]
 use crate::scene::values::ValuesIn;
 
@@ -14,6 +15,11 @@ pub(crate) enum StrengthHeader {
     Classified,
     Mass,
     PeakOpacity {
+        /// Absent from files of earlier programs.
+        #[serde(default)]
+        rule: Option<SplatRule>,
+        /// In files of earlier programs: whether the rule is that of anti-aliased splats.
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
         is_anti_aliased: bool,
         /// Absent from files of earlier programs.
         #[serde(default)]
@@ -29,11 +35,10 @@ impl StrengthHeader {
             StrengthIn::Classified { .. } => Self::Classified,
             StrengthIn::Mass(_) => Self::Mass,
             StrengthIn::PeakOpacity {
-                is_anti_aliased,
-                by_distance,
-                ..
+                rule, by_distance, ..
             } => Self::PeakOpacity {
-                is_anti_aliased: *is_anti_aliased,
+                rule: Some(*rule),
+                is_anti_aliased: false,
                 by_distance: *by_distance,
             },
             StrengthIn::Surface(_) => Self::Surface,
@@ -52,11 +57,16 @@ impl StrengthHeader {
             Self::Classified => StrengthIn::Classified { volumes: numbers },
             Self::Mass => StrengthIn::Mass(numbers),
             Self::PeakOpacity {
+                rule,
                 is_anti_aliased,
                 by_distance,
             } => StrengthIn::PeakOpacity {
                 opacities: numbers,
-                is_anti_aliased,
+                rule: match rule {
+                    Some(rule) => rule,
+                    None if is_anti_aliased => SplatRule::Mip,
+                    None => SplatRule::Exact,
+                },
                 by_distance,
             },
             Self::Surface => StrengthIn::Surface(numbers),

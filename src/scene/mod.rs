@@ -16,6 +16,7 @@ pub(crate) mod map;
 mod point_volume;
 mod requirements;
 pub(crate) mod rows;
+mod splat_rule;
 pub(crate) mod storage;
 pub(crate) mod transfer_function;
 mod values;
@@ -38,6 +39,7 @@ pub use local_models::{LocalModel, LocalModels, LocalModelsIn, NO_BOUND};
 pub(crate) use point_volume::is_classified;
 pub use point_volume::{Colour, ColourIn, Particles, PointVolume, Strength, StrengthIn};
 pub use requirements::Requirements;
+pub use splat_rule::SplatRule;
 #[cfg(feature = "prepared")]
 pub(crate) use storage::SharedBytes;
 pub use storage::{Column, Owned, Shared, Storage};

@@ -8,6 +8,7 @@ use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count, lower_matrix};
 use crate::scene::boundary::Boundary;
 use crate::scene::lattice::Lattice;
 use crate::scene::local_models::LocalModels;
+use crate::scene::splat_rule::SplatRule;
 use crate::scene::transfer_function::TransferFunction;
 use crate::scene::values::Values;
 
@@ -103,8 +104,8 @@ pub enum StrengthIn<S: Storage> {
     PeakOpacity {
         /// The opacity at the centre, 0 to 1.
         opacities: S::Of<f32>,
-        /// Whether the opacity falls as the low-pass filter widens the footprint.
-        is_anti_aliased: bool,
+        /// Rule of the renderer that they were made for.
+        rule: SplatRule,
         /// Whether splats are sorted by their distance from the eye, not by their depth, if nothing else is in the
         /// scene ([`Order::Auto`](crate::Order::Auto)).
         by_distance: bool,
@@ -151,11 +152,11 @@ impl Strength {
             Self::Mass(masses) => StrengthIn::Mass(masses.into()),
             Self::PeakOpacity {
                 opacities,
-                is_anti_aliased,
+                rule,
                 by_distance,
             } => StrengthIn::PeakOpacity {
                 opacities: opacities.into(),
-                is_anti_aliased,
+                rule,
                 by_distance,
             },
             Self::Surface(areas) => StrengthIn::Surface(areas.into()),

@@ -261,10 +261,8 @@ pub(crate) fn kind_of(volume: &PointVolume) -> u64 {
         Strength::Surface(_) => say(&"surface"),
         Strength::Translucent(_) => say(&"translucent"),
         Strength::PeakOpacity {
-            is_anti_aliased,
-            by_distance,
-            ..
-        } => say(&("opacity", is_anti_aliased, by_distance)),
+            rule, by_distance, ..
+        } => say(&("opacity", rule, by_distance)),
     }
     match &volume.colour {
         Colour::Classified => say(&"classified"),

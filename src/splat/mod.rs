@@ -49,7 +49,7 @@ pub use near::{evaluate_near, half_line_terms, misses_near, near_terms};
 pub(crate) use outline::{KernelOutline, Outline, PlaneOutline};
 #[cfg(feature = "gpu")]
 pub(crate) use peak::JACOBIAN_MARGIN;
-pub use peak::{ANTI_ALIASED_LOW_PASS_PX2, SPLAT_LOW_PASS_PX2, peak_footprint};
+pub use peak::{ANTI_ALIASED_LOW_PASS_PX2, SPLAT_LOW_PASS_PX2, peak_footprint, peak_reach};
 pub(crate) use pixel_mean::is_of_pixels;
 #[cfg(feature = "gpu")]
 pub(crate) use pixel_mean::{

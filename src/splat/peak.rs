@@ -7,7 +7,9 @@ use glam::Vec2;
 
 use super::filter::Filter;
 use super::footprint::{ImageKernel, Kernel, ScreenFactor, project_kernel};
+use crate::constants::{SPLAT_CUTOFF, SPLAT_FLOOR};
 use crate::record::ViewUniform;
+use crate::scene::SplatRule;
 
 /// Variance added to a splat's footprint, px². The training of Kerbl et al. adds it to keep splats from
 /// falling between pixels. The peak stays unchanged.
@@ -34,13 +36,12 @@ pub(crate) const JACOBIAN_MARGIN: f32 = 0.3;
 ///
 /// A splat is not drawn if its centre lies behind the eye, or nearer in front of it than its own standard
 /// deviation along the camera's axis: an affine footprint is meaningless there. (The limit in viewers is
-/// a distance in scene units.) The viewers' ceiling of alpha at .99 and their floor at 1/255 are not
-/// copied.
+/// a distance in scene units.)
 #[inline]
 pub fn peak_footprint(
     view: &ViewUniform,
     kernel: &Kernel,
-    is_anti_aliased: bool,
+    rule: SplatRule,
 ) -> Option<(ScreenFactor, ImageKernel)> {
     let (z, reach) = (kernel.centre.z, kernel.factor.z.length());
     let nearest = if view.orthographic != 0 { 0.0 } else { reach };
@@ -63,14 +64,14 @@ pub fn peak_footprint(
             screen.row_y = (kernel.factor.y * per_depth - s * slope.y) * focal.y;
         }
     }
-    let h2 = if is_anti_aliased {
+    let h2 = if rule.is_anti_aliased() {
         ANTI_ALIASED_LOW_PASS_PX2
     } else {
         SPLAT_LOW_PASS_PX2
     };
     let mut image = screen.filtered(Filter::Ewa, h2);
     image.tau = kernel.mass;
-    if is_anti_aliased {
+    if rule.is_anti_aliased() {
         // Minors, not the difference of products, so that a flat splat seen from its edge keeps its
         // digits.
         let determinant = screen.row_x.cross(screen.row_y).length_squared();
@@ -79,4 +80,20 @@ pub fn peak_footprint(
     // A footprint whose squared lengths overflow f32 has no form.
     let is_shape = (image.a + image.c).is_finite();
     (is_shape && image.tau > 0.0 && image.tau.is_finite()).then_some((screen, image))
+}
+
+/// Returns the radius within which the rule draws a splat, standard deviations; `None` if nowhere.
+///
+/// - `peak`: its opacity at the centre.
+/// - `radius`: the cut-off without a rule.
+#[inline]
+pub fn peak_reach(rule: SplatRule, peak: f32, radius: f32) -> Option<f32> {
+    match rule {
+        SplatRule::Exact => Some(radius),
+        SplatRule::Khr => Some(radius.min(SPLAT_CUTOFF)),
+        SplatRule::Inria | SplatRule::Mip => {
+            // Phrased so that NaN draws nothing.
+            (peak >= SPLAT_FLOOR).then(|| radius.min((2.0 * (peak / SPLAT_FLOOR).ln()).sqrt()))
+        }
+    }
 }

@@ -5,6 +5,7 @@ use std::fmt::Write;
 use std::path::Path;
 
 use ewa_splat::io::{SplatCloud, SplatFileOptions, read_image, write_splats};
+use ewa_splat::scene::SplatRule;
 use glam::{DQuat, DVec3};
 
 use crate::commands::{files, run, text};
@@ -219,7 +220,7 @@ fn write_splats_file(folder: &Path) {
         harmonics: (0..48 * count)
             .map(|i| ((13 * i) % 29) as f32 / 40.0 - 0.35)
             .collect(),
-        is_anti_aliased: false,
+        rule: SplatRule::Exact,
         by_distance: false,
         is_linear: false,
     };

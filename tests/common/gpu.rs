@@ -7,9 +7,9 @@ use std::time::Instant;
 
 use ewa_splat::image::Image;
 use ewa_splat::scene::PointVolume;
-use ewa_splat::stages::constants::{TERMINATION_SHARE, TILE_SIZE};
+use ewa_splat::stages::constants::{SPLAT_CEILING, TERMINATION_SHARE, TILE_SIZE};
 use ewa_splat::stages::cpu::{Bins, SimdLevel};
-use ewa_splat::stages::record::{Footprint, PATH_EXACT, PATH_NEAR, PATH_PEAK};
+use ewa_splat::stages::record::{Footprint, PATH_CAPPED, PATH_EXACT, PATH_NEAR, PATH_PEAK};
 use ewa_splat::stages::splat::evaluate_near;
 use ewa_splat::view::Camera;
 use ewa_splat::{Renderer, Settings};
@@ -263,7 +263,9 @@ fn ends_at_a_threshold(frame: &Frame, bins: &Bins, tile: usize) -> bool {
         let f = &frame.footprints[n as usize];
         for ([x, y], alpha) in &mut alphas {
             let tau = optical_depth(frame, f, n as usize, *x, *y);
-            let opacity = if f.path == PATH_PEAK || frame.settings.advanced.linear_opacity {
+            let opacity = if f.path == PATH_CAPPED {
+                tau.min(f64::from(SPLAT_CEILING))
+            } else if f.path == PATH_PEAK || frame.settings.advanced.linear_opacity {
                 tau.min(1.0)
             } else {
                 -(-tau).exp_m1()

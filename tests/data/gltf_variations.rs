@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use ewa_splat::io::{Dataset, Geometry, OpenOptions, SplatFileOptions, read};
+use ewa_splat::scene::SplatRule;
 use serde_json::{Value, json};
 
 use crate::support::meshes::rich_gltf;
@@ -384,6 +385,25 @@ fn spaces_of_colours_that_are_not_known_are_said() {
         notes[0].contains("colorSpace `acme_rec2020` is not known"),
         "{notes:?}"
     );
+}
+
+#[test]
+fn splats_end_at_three_deviations_and_other_projections_are_said() {
+    let [_, (mut json, bin)] = files();
+    let data = open(&glb(&json, &bin));
+    let Geometry::Splats(cloud) = &data.geometry else {
+        panic!("splats")
+    };
+    assert_eq!(cloud.rule, SplatRule::Khr);
+    for (projection, is_said) in [("perspective", false), ("tangential", true)] {
+        json["meshes"][0]["primitives"][0]["extensions"]["KHR_gaussian_splatting"]["projection"] =
+            json!(projection);
+        let notes = open(&glb(&json, &bin)).notes;
+        assert_eq!(
+            notes.iter().any(|note| note.contains("tangential")),
+            is_said
+        );
+    }
 }
 
 /// Splats are sorted by distance unless the file says otherwise, and what is written says it again.

@@ -19,7 +19,7 @@ use ewa_splat::sample::{
     KernelOptions, SampleOptions, cut_faces, scene, sound_splats, splat_cloud, volume,
 };
 use ewa_splat::scene::{
-    Colour, Lattice, LatticeSpacing, Particles, PointVolume, Strength, TransferDefaults,
+    Colour, Lattice, LatticeSpacing, Particles, PointVolume, SplatRule, Strength, TransferDefaults,
     TransferFunction, Values,
 };
 use ewa_splat::stages::cpu::for_each_tile;
@@ -272,7 +272,7 @@ fn splats() -> SplatCloud {
         opacities: vec![0.5; 2],
         harmonics_degree: 1,
         harmonics: vec![0.1; 24],
-        is_anti_aliased: false,
+        rule: SplatRule::Exact,
         by_distance: false,
         is_linear: false,
     }

@@ -79,7 +79,7 @@ fn both_versions_give_what_went_in() {
                 let data = open(path, &OpenOptions::default()).unwrap();
                 assert_eq!(data.format, "SOG splats");
                 assert_eq!(usize::from(cloud(&data).harmonics_degree), degree);
-                assert_eq!(cloud(&data).is_anti_aliased, version == 2);
+                assert_eq!(cloud(&data).rule.is_anti_aliased(), version == 2);
                 assert_holds(&data, &splats);
             }
             for packed in [false, true] {

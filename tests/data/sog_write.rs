@@ -13,6 +13,7 @@ use ewa_splat::io::{
     Geometry, OpenOptions, SplatCloud, SplatFileOptions, WrittenSplats, open, write_splats,
 };
 use ewa_splat::math::harmonics_count;
+use ewa_splat::scene::SplatRule;
 use glam::DVec3;
 
 use crate::common::Random;
@@ -26,7 +27,7 @@ fn some_cloud(count: usize, degree: u8) -> SplatCloud {
     let sets: Vec<f32> = (0..40 * stride).map(|_| number(-0.5, 0.5) as f32).collect();
     let mut cloud = SplatCloud {
         harmonics_degree: degree,
-        is_anti_aliased: true,
+        rule: SplatRule::Mip,
         by_distance: false,
         is_linear: false,
         ..SplatCloud::default()
@@ -88,8 +89,8 @@ fn scenes_come_back_within_the_steps_of_the_format() {
         let cloud = some_cloud(3000, degree);
         let (written, after) = written(&folder.path().join("a.sog"), &cloud);
         assert_eq!(
-            (after.harmonics_degree, after.is_anti_aliased),
-            (degree, true)
+            (after.harmonics_degree, after.rule),
+            (degree, SplatRule::Mip)
         );
         // Logarithms up to ln 21, of either sign, in 65,535 steps, times 21.
         let quantum = written.position_quantum;

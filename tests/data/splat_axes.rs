@@ -14,6 +14,7 @@ use ewa_splat::io::{
     write_splats,
 };
 use ewa_splat::math::harmonics_count;
+use ewa_splat::scene::SplatRule;
 use glam::{DQuat, DVec3};
 use serde_json::Value;
 
@@ -282,6 +283,7 @@ fn ksplat_sections_of_two_degrees_are_put_together() {
         assert_eq!(data.format, "KSPLAT splats");
         let cloud = cloud(data);
         assert_eq!((cloud.positions.len(), cloud.harmonics_degree), (10, 2));
+        assert_eq!(cloud.rule, SplatRule::Inria);
         for (i, splat) in first.iter().chain(&second).enumerate() {
             let apart = (cloud.positions[i] - DVec3::from(splat.position)).abs();
             assert!(apart.max_element() <= 0.51 * step + 1e-6, "{mode}: {apart}");

@@ -4,6 +4,7 @@ use ewa_splat::io::{
     Geometry, OpenOptions, ReadAs, ScaleMeaning, SplatCloud, SplatFileOptions, SpzVersion, open,
     read, write_splats,
 };
+use ewa_splat::scene::SplatRule;
 use glam::{DQuat, DVec3};
 
 use crate::common::Random;
@@ -186,6 +187,10 @@ fn the_filter_in_space_is_applied() {
     let filtered = splat_ply(Ply::Little, "", &splats, &["float filter_3D"]);
     let (filtered, notes) = cloud("a.ply", &filtered, &OpenOptions::default());
     assert!(notes.iter().any(|n| n.contains("filter_3D")), "{notes:?}");
+    assert_eq!(
+        [plain.rule, filtered.rule],
+        [SplatRule::Inria, SplatRule::Mip]
+    );
     for i in 0..splats.len() {
         let before = plain.scales[i].map(f64::from);
         let mut share = 1.0;

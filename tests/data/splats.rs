@@ -22,7 +22,7 @@ use ewa_splat::io::{
 use ewa_splat::reference::Integrator;
 use ewa_splat::render::Advanced;
 use ewa_splat::sample::{KernelOptions, SampleOptions, Sampled, volume as sample};
-use ewa_splat::scene::{Colour, Particles, PointVolume, Requirements, Strength, Values};
+use ewa_splat::scene::{Colour, Particles, PointVolume, Requirements, SplatRule, Strength, Values};
 use ewa_splat::stages::splat::{ANTI_ALIASED_LOW_PASS_PX2, Filter, SPLAT_LOW_PASS_PX2};
 use ewa_splat::view::{Camera, Projection};
 use ewa_splat::{ColumnSettings, Image, Renderer, Settings};
@@ -311,7 +311,7 @@ fn splats_from_ply_in_every_encoding_degree_and_layout() {
             let file = splat_ply(encoding, "comment x\n", &splats, &[]);
             let data = folder.open("a.ply", &file);
             assert_holds(cloud(&data), &splats, degree, &FLOATS);
-            assert!(!cloud(&data).is_anti_aliased && data.fields.is_empty());
+            assert!(cloud(&data).rule == SplatRule::Inria && data.fields.is_empty());
             // If there are several marks, the last one applies.
             for (comments, is_marked) in [
                 ("comment antialiased 1\n", true),
@@ -323,7 +323,8 @@ fn splats_from_ply_in_every_encoding_degree_and_layout() {
                 ("comment antialiased 0\n", false),
             ] {
                 let data = folder.open("a.ply", &splat_ply(encoding, comments, &splats, &[]));
-                assert_eq!(cloud(&data).is_anti_aliased, is_marked, "{comments}");
+                let found = cloud(&data).rule.is_anti_aliased();
+                assert_eq!(found, is_marked, "{comments}");
             }
             // Trailing properties of any kind, flat splats, a mark.
             for splat in &mut splats {
@@ -334,7 +335,7 @@ fn splats_from_ply_in_every_encoding_degree_and_layout() {
             let file = splat_ply(encoding, comments, &splats, &extra);
             let data = folder.open("a.ply", &file);
             assert_holds(cloud(&data), &splats, degree, &FLOATS);
-            assert!(cloud(&data).is_anti_aliased);
+            assert_eq!(cloud(&data).rule, SplatRule::Mip);
             assert_eq!(data.field_names(), ["flag", "transform"]);
             assert_eq!(values(&data, "flag"), Values::U8(vec![7; 5]));
             assert!(data.notes[0].contains("flat"));
@@ -393,7 +394,7 @@ fn splats_from_spz() {
         for (version, flags, rotation) in [(2, 0, 0.02), (3, 1, 0.003)] {
             let data = folder.open("a.spz", &spz(version, flags, &splats));
             assert_holds(cloud(&data), &splats, degree, &quantum(rotation));
-            assert_eq!(cloud(&data).is_anti_aliased, flags == 1);
+            assert_eq!(cloud(&data).rule.is_anti_aliased(), flags == 1);
             assert!(data.notes.is_empty());
         }
     }
@@ -558,7 +559,7 @@ fn what_splats_store_follows_what_they_need() {
 // Drawing.
 
 /// Returns splats as a scene stores them.
-fn splats(particles: &[Particle], is_anti_aliased: bool) -> PointVolume {
+fn splats(particles: &[Particle], rule: SplatRule) -> PointVolume {
     let volume = volume(particles);
     let Strength::Mass(opacities) = volume.strength else {
         panic!()
@@ -566,7 +567,7 @@ fn splats(particles: &[Particle], is_anti_aliased: bool) -> PointVolume {
     PointVolume {
         strength: Strength::PeakOpacity {
             opacities,
-            is_anti_aliased,
+            rule,
             by_distance: false,
         },
         ..volume
@@ -642,18 +643,28 @@ fn a_peak_is_the_stated_opacity_from_everywhere() {
                     low_pass_variance_px2: 5.0,
                     ..Settings::default()
                 };
-                let plain = render(vec![splats(&[particle], false)], &camera, &settings);
+                let plain = render(
+                    vec![splats(&[particle], SplatRule::Exact)],
+                    &camera,
+                    &settings,
+                );
                 let [r, .., a] = plain.pixel(x, y);
                 let opacity = f64::from(particle.mass);
                 // The pixel's centre is the splat's to about 1e-6 px; f32 roundings.
                 assert_near(a, opacity, 1e-5, "alpha");
                 assert_near(r, 0.8 * opacity, 1e-5, "red");
 
-                let image = render(vec![splats(&[particle], true)], &camera, &settings);
+                let image = render(
+                    vec![splats(&[particle], SplatRule::Mip)],
+                    &camera,
+                    &settings,
+                );
                 let variance = image_variance(&camera, &particle);
                 let h2 = f64::from(ANTI_ALIASED_LOW_PASS_PX2);
                 let share = (determinant(variance, 0.0) / determinant(variance, h2)).sqrt();
-                assert_near(image.pixel(x, y)[3], opacity * share, 1e-5, "compensated");
+                let peak = opacity * share;
+                let seen = if peak < 1.0 / 255.0 { 0.0 } else { peak };
+                assert_near(image.pixel(x, y)[3], seen, 1e-5, "compensated");
                 least = least.min(share);
             }
         }
@@ -671,40 +682,57 @@ fn a_splat_has_the_gaussian_profile_of_its_rule() {
         colour: [1.0; 3],
     };
     let camera = camera(Projection::Perspective, [40.0, 60.0], [33, 21]);
-    for (anti_aliased, h2) in [
-        (false, f64::from(SPLAT_LOW_PASS_PX2)),
-        (true, f64::from(ANTI_ALIASED_LOW_PASS_PX2)),
+    for rule in [
+        SplatRule::Exact,
+        SplatRule::Khr,
+        SplatRule::Inria,
+        SplatRule::Mip,
     ] {
-        let settings = Settings {
-            cutoff: Some(7.0),
-            ..Settings::default()
-        };
-        let image = render(vec![splats(&[particle], anti_aliased)], &camera, &settings);
-        let [a, b, c] = image_variance(&camera, &particle);
-        let share = (determinant([a, b, c], 0.0) / determinant([a, b, c], h2)).sqrt();
-        let peak = 0.9 * if anti_aliased { share } else { 1.0 };
-        for y in 0..21 {
-            for x in 0..33 {
-                let d = DVec2::new(x as f64 - 16.0, y as f64 - 10.0);
-                let q = d.x * d.x / (a + h2) + d.y * d.y / (c + h2);
-                let expected = if q < 49.0 {
-                    peak * (-0.5 * q).exp()
-                } else {
-                    0.0
-                };
-                // The f32 exponential and a few roundings.
-                assert_near(image.pixel(x, y)[3], expected, 2e-6, &format!("{x}, {y}"));
+        let mut opaque = particle;
+        opaque.mass = 1.0;
+        for particle in [particle, opaque] {
+            let h2 = f64::from(match rule {
+                SplatRule::Mip => ANTI_ALIASED_LOW_PASS_PX2,
+                _ => SPLAT_LOW_PASS_PX2,
+            });
+            let settings = Settings {
+                cutoff: Some(7.0),
+                ..Settings::default()
+            };
+            let image = render(vec![splats(&[particle], rule)], &camera, &settings);
+            let [a, b, c] = image_variance(&camera, &particle);
+            let share = (determinant([a, b, c], 0.0) / determinant([a, b, c], h2)).sqrt();
+            let is_marked = rule == SplatRule::Mip;
+            let peak = f64::from(particle.mass) * if is_marked { share } else { 1.0 };
+            let (limit, floor, ceiling) = match rule {
+                SplatRule::Exact => (49.0, 0.0, 1.0),
+                SplatRule::Khr => (9.0, 0.0, 1.0),
+                SplatRule::Inria | SplatRule::Mip => (49.0, 1.0 / 255.0, 0.99),
+            };
+            for y in 0..21 {
+                for x in 0..33 {
+                    let d = DVec2::new(x as f64 - 16.0, y as f64 - 10.0);
+                    let q = d.x * d.x / (a + h2) + d.y * d.y / (c + h2);
+                    let alpha = (peak * (-0.5 * q).exp()).min(ceiling);
+                    let is_drawn = q < limit && alpha >= floor;
+                    let expected = if is_drawn { alpha } else { 0.0 };
+                    // The f32 exponential and a few roundings.
+                    let place = format!("{rule:?} {x}, {y}");
+                    assert_near(image.pixel(x, y)[3], expected, 2e-6, &place);
+                }
             }
+            // The default cut-off omits no more than the tolerance.
+            let settings = Settings::default();
+            let cut = render(vec![splats(&[particle], rule)], &camera, &settings);
+            assert!(difference(&cut, &image) <= settings.tolerance * 1.001);
+            assert_eq!(difference(&cut, &image) > 0.0, rule == SplatRule::Exact);
         }
-        // The default cut-off omits no more than the tolerance.
-        let cut = render(
-            vec![splats(&[particle], anti_aliased)],
-            &camera,
-            &Settings::default(),
-        );
-        let settings = Settings::default();
-        assert!(difference(&cut, &image) <= settings.tolerance * 1.001);
-        assert!(difference(&cut, &image) > 0.0);
+    }
+    // Fainter splats than the floor are not there.
+    let faint = Particle::sphere(DVec3::new(0.0, 0.0, 5.0), 0.3, 0.0039);
+    for (rule, is_there) in [(SplatRule::Khr, true), (SplatRule::Inria, false)] {
+        let image = render(vec![splats(&[faint], rule)], &camera, &Settings::default());
+        assert_eq!(image.pixels.iter().any(|p| p[3] > 0.0), is_there);
     }
 }
 
@@ -713,7 +741,11 @@ fn splats_behind_and_around_the_eye_are_left_out() {
     let camera = camera(Projection::Perspective, [40.0; 2], [32, 32]);
     let at = |z: f64, sigma: f64| Particle::sphere(DVec3::new(0.0, 0.0, z), sigma, 0.5);
     let brightest = |p: Particle| {
-        let image = render(vec![splats(&[p], false)], &camera, &Settings::default());
+        let image = render(
+            vec![splats(&[p], SplatRule::Exact)],
+            &camera,
+            &Settings::default(),
+        );
         image.pixels.iter().map(|p| p[3]).fold(0.0, f32::max)
     };
     assert_eq!(brightest(at(-1.0, 0.1)), 0.0);
@@ -739,7 +771,11 @@ fn the_jacobian_stops_beyond_the_image() {
         cutoff: Some(7.0),
         ..Settings::default()
     };
-    let image = render(vec![splats(&[beside], false)], &camera, &settings);
+    let image = render(
+        vec![splats(&[beside], SplatRule::Exact)],
+        &camera,
+        &settings,
+    );
     // Its centre is at x = 16 + 16 x 5.
     let variance = [0.01_f64.powi(2) + (0.9_f64 * 1.3).powi(2), 0.3_f64.powi(2)];
     let [a, c] = variance.map(|v| 256.0 * v + f64::from(SPLAT_LOW_PASS_PX2));
@@ -779,7 +815,7 @@ fn volumes_and_splats_composite_in_the_order_of_depth() {
         (15.0, [0.3 * ball_alpha, 0.7]),
     ] {
         for swapped in [false, true] {
-            let mut scene = vec![volume(&[ball(z)]), splats(&[splat], false)];
+            let mut scene = vec![volume(&[ball(z)]), splats(&[splat], SplatRule::Exact)];
             if swapped {
                 scene.reverse();
             }
@@ -806,7 +842,7 @@ fn volumes_and_splats_composite_in_the_order_of_depth() {
         ..settings
     };
     let image = render(
-        vec![volume(&[ball(5.0)]), splats(&[splat], false)],
+        vec![volume(&[ball(5.0)]), splats(&[splat], SplatRule::Exact)],
         &camera,
         &linear,
     );
@@ -839,7 +875,7 @@ fn splats_do_not_depend_on_order_or_instruction_set() {
             cutoff: Some(7.0),
             ..Settings::default()
         };
-        render(vec![splats(particles, true)], &camera, &settings)
+        render(vec![splats(particles, SplatRule::Mip)], &camera, &settings)
     };
     let best = image(&particles, ewa_splat::render::SimdLevel::best());
     let reversed: Vec<Particle> = particles.iter().rev().copied().collect();
@@ -863,7 +899,7 @@ fn shaded(harmonics: &[[f32; 3]], degree: u8, camera: &Camera) -> [f32; 3] {
             coefficients: harmonics.concat(),
             is_linear: false,
         },
-        ..splats(&[Particle::sphere(DVec3::ZERO, 0.5, 0.5)], false)
+        ..splats(&[Particle::sphere(DVec3::ZERO, 0.5, 0.5)], SplatRule::Exact)
     };
     let (camera, [x, y]) = centred(camera.clone(), DVec3::ZERO);
     let [r, g, b, a] = render(vec![volume], &camera, &Settings::default()).pixel(x, y);
@@ -949,7 +985,7 @@ fn degrees_agree_where_they_can() {
 #[test]
 fn column_densities_refuse_splats() {
     let particle = Particle::sphere(DVec3::Z * 5.0, 1.0, 0.5);
-    let mut renderer = Renderer::new(vec![splats(&[particle], false)]).unwrap();
+    let mut renderer = Renderer::new(vec![splats(&[particle], SplatRule::Exact)]).unwrap();
     let camera = camera(Projection::Orthographic, [4.0; 2], [8, 8]);
     let error = renderer
         .column_density(&camera, &ColumnSettings::default())
@@ -960,7 +996,7 @@ fn column_densities_refuse_splats() {
 #[test]
 fn the_reference_refuses_splats() {
     let particle = Particle::sphere(DVec3::ZERO, 1.0, 0.5);
-    let error = Integrator::new(&[splats(&[particle], false)]).unwrap_err();
+    let error = Integrator::new(&[splats(&[particle], SplatRule::Exact)]).unwrap_err();
     assert!(
         error.to_string().contains("without the reference"),
         "{error}"

@@ -4,7 +4,8 @@ use ewa_splat::distributed::{Collective, Renderer, Share};
 use ewa_splat::io::{OpenOptions, open};
 use ewa_splat::sample::{BoundaryChoice, KernelOptions, SampleOptions, scene};
 use ewa_splat::scene::{
-    Colour, Lighting, Particles, PointVolume, Strength, TransferFunction, ValueScale, Values,
+    Colour, Lighting, Particles, PointVolume, SplatRule, Strength, TransferFunction, ValueScale,
+    Values,
 };
 use ewa_splat::view::Camera;
 use ewa_splat::{ColumnSettings, Error, SceneOptions, Settings};
@@ -62,7 +63,7 @@ fn splats(count: usize) -> PointVolume {
         Particles::Anisotropic { positions, factors },
         Strength::PeakOpacity {
             opacities,
-            is_anti_aliased: true,
+            rule: SplatRule::Mip,
             by_distance: false,
         },
         Colour::Harmonics {

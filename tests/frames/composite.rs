@@ -13,7 +13,9 @@ use ewa_splat::Filter;
 use ewa_splat::math::normal_cdf;
 use ewa_splat::reference::{Integrator, PixelFilter, ReferenceSettings};
 use ewa_splat::render::{Advanced, SimdLevel};
-use ewa_splat::scene::{Colour, Particles, PointVolume, Strength, TransferFunction, Values};
+use ewa_splat::scene::{
+    Colour, Particles, PointVolume, SplatRule, Strength, TransferFunction, Values,
+};
 use ewa_splat::stages::constants::COVERAGE_FULL;
 use ewa_splat::view::{Camera, ClipPlane, Projection};
 use ewa_splat::{Image, Renderer, Settings};
@@ -945,7 +947,7 @@ fn splats_and_absurd_layers_are_refused() {
     let splats = PointVolume {
         strength: Strength::PeakOpacity {
             opacities: vec![0.5],
-            is_anti_aliased: false,
+            rule: SplatRule::Exact,
             by_distance: false,
         },
         ..scene

@@ -10,8 +10,8 @@ use crate::common::{Random, some};
 use ewa_splat::image::{linear_from_srgb, srgb_from_linear};
 use ewa_splat::math::{ein, ein_share, harmonics, harmonics_count, harmonics_sum};
 use ewa_splat::scene::{
-    Colour, ColourIn, Lattice, LatticeSpacing, Particles, PointVolume, Strength, StrengthIn,
-    TransferFunction, Values, ValuesIn,
+    Colour, ColourIn, Lattice, LatticeSpacing, Particles, PointVolume, SplatRule, Strength,
+    StrengthIn, TransferFunction, Values, ValuesIn,
 };
 use ewa_splat::stages::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid};
 use ewa_splat::stages::cpu;
@@ -320,7 +320,7 @@ fn every_kind_of_data_is_classified_alike() {
             1 => Strength::Mass(strengths(count, &mut random)),
             _ => Strength::PeakOpacity {
                 opacities: strengths(count, &mut random),
-                is_anti_aliased: false,
+                rule: SplatRule::Exact,
                 by_distance: false,
             },
         };
@@ -771,7 +771,7 @@ fn harmonics_are_shaded_alike() {
             },
             strength: Strength::PeakOpacity {
                 opacities: (0..count).map(|i| (i % 3) as f32).collect(),
-                is_anti_aliased: false,
+                rule: SplatRule::Exact,
                 by_distance: false,
             },
             colour: Colour::Harmonics {

@@ -18,7 +18,7 @@ use ewa_splat::io::{
     SplatCloud, open,
 };
 use ewa_splat::sample::{SampleOptions, volume as sample};
-use ewa_splat::scene::Values;
+use ewa_splat::scene::{SplatRule, Values};
 use glam::DVec3;
 
 fn read(path: &Path) -> Dataset {
@@ -282,7 +282,7 @@ fn fruit_drops_are_splats_of_degree_3() {
     let data = read(&path);
     let cloud = splats(&data);
     assert_eq!((cloud.positions.len(), cloud.harmonics_degree), (4721, 3));
-    assert!(!cloud.is_anti_aliased && data.notes.is_empty());
+    assert!(cloud.rule == SplatRule::Inria && data.notes.is_empty());
     // Normals, and one property that the layout does not define.
     assert_eq!(data.field_names(), ["nx", "ny", "nz", "transform"]);
     let length = |q: &[f32; 4]| q.iter().map(|c| c * c).sum::<f32>().sqrt();

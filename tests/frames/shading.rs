@@ -18,7 +18,8 @@ use ewa_splat::io::{
 use ewa_splat::math::{NO_NORMAL, harmonics_count, normal_code, normal_of_code};
 use ewa_splat::sample::{PurposeOptions, SampleOptions, volume as sample};
 use ewa_splat::scene::{
-    Colour, Lattice, LatticeSpacing, Light, LightFrame, Lighting, Particles, PointVolume, Strength,
+    Colour, Lattice, LatticeSpacing, Light, LightFrame, Lighting, Particles, PointVolume,
+    SplatRule, Strength,
 };
 use ewa_splat::stages::cpu::{Sides, lit};
 use ewa_splat::stages::record::LightingUniform;
@@ -401,7 +402,7 @@ fn radiance_fields_and_bare_particles_stay_as_they_are() {
     let mut splats = cloud(|_| normal_code(DVec3::X));
     splats.strength = Strength::PeakOpacity {
         opacities: vec![0.5; 400],
-        is_anti_aliased: false,
+        rule: SplatRule::Exact,
         by_distance: false,
     };
     splats.colour = Colour::Harmonics {

@@ -31,6 +31,7 @@ class Sampling(TypedDict, total=False):
     length             points: the meaning of lengths, "h", "support", "sigma" or "fwhm"
     kernel             points: the smoothing kernel that lengths belong to, "cubic", "quartic", "quintic",
                        "wendland-c2", "wendland-c4" or "wendland-c6"
+    splat_rule         "khr", "inria", "mip" or "exact": the rule of splats; by default the file's, "exact" for arrays
     shepard            number of corrections of cell volumes
     count              meshes: surfels in all
     density            meshes: surfels per unit area
@@ -53,6 +54,7 @@ class Sampling(TypedDict, total=False):
     shape: Literal["auto", "isotropic", "covariance", "yu-turk"]
     length: Literal["h", "support", "sigma", "fwhm"]
     kernel: Literal["cubic", "quartic", "quintic", "wendland-c2", "wendland-c4", "wendland-c6"]
+    splat_rule: Literal["khr", "inria", "mip", "exact"]
     shepard: int
     count: int
     density: float

@@ -59,7 +59,7 @@ fn add_cut(footprint: TileFootprint, sample: Sample, ray: TileRay, depth: f32) {
     var begin: f32;
     var middle: f32;
     var end: f32;
-    if footprint.path == PATH_PEAK {
+    if footprint.path == PATH_PEAK || footprint.path == PATH_CAPPED {
         // A splat that states its opacity is not divided: it lies at its centre's depth.
         begin = f32(footprint.depth < span.near);
         middle = f32(footprint.depth < span.middle);

@@ -8,14 +8,15 @@ use glam::{Vec2, Vec3};
 use super::output::ProjectOutput;
 use crate::constants::{MAX_CUTOFF, NEAR_MARGIN, TILE_SIZE};
 use crate::record::{
-    BlockView, Carried, ExactTerms, Footprint, KeyKind, NearTerms, PATH_AFFINE, PATH_EXACT,
-    PATH_HALF_LINE, PATH_NEAR, PATH_NEAR_SURFEL, PATH_PEAK, PATH_SURFEL, SurfelTerms, ViewUniform,
-    pack_range,
+    BlockView, Carried, ExactTerms, Footprint, KeyKind, NearTerms, PATH_AFFINE, PATH_CAPPED,
+    PATH_EXACT, PATH_HALF_LINE, PATH_NEAR, PATH_NEAR_SURFEL, PATH_PEAK, PATH_SURFEL, SurfelTerms,
+    ViewUniform, pack_range,
 };
+use crate::scene::SplatRule;
 use crate::splat::{
     Edges, Filter, ImageKernel, Kernel, ScreenFactor, SurfelFootprint, budget::CUTOFF_SHARE,
     choose_exact, cutoff_radius, cutoff_share, depth_terms, edge_growth, exact_extent,
-    half_line_terms, meeting, near_surfel, near_terms, peak_footprint, project_kernel,
+    half_line_terms, meeting, near_surfel, near_terms, peak_footprint, peak_reach, project_kernel,
     surfel_footprint,
 };
 
@@ -81,19 +82,25 @@ pub(super) fn splat_footprint(
     view: &ViewUniform,
     kernel: &Kernel,
     crowding: f32,
-    is_anti_aliased: bool,
+    rule: SplatRule,
     carried: Carried,
     key: u32,
 ) -> Footprint {
     let mut out = invisible(kernel, carried, key);
-    let Some((screen, image)) = peak_footprint(view, kernel, is_anti_aliased) else {
+    let Some((screen, image)) = peak_footprint(view, kernel, rule) else {
         return out;
     };
     let depth = image.tau * image.enlargement * meeting(crowding);
     let r = cutoff_radius(depth, 1.0, view.tolerance, view.cutoff);
+    let Some(r) = peak_reach(rule, image.tau, r) else {
+        return out;
+    };
     affine_part(&mut out, &screen, &image, r);
     out.tau = image.tau;
-    out.path = PATH_PEAK;
+    out.path = match rule {
+        SplatRule::Exact | SplatRule::Khr => PATH_PEAK,
+        SplatRule::Inria | SplatRule::Mip => PATH_CAPPED,
+    };
     let half = affine_bounds(&image, r);
     set_bounds(view, &mut out, screen.centre_px, half);
     out

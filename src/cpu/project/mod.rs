@@ -359,10 +359,10 @@ impl Projection<'_> {
             return footprint::invisible(kernel, carried, key);
         }
         let out = match self.rule {
-            Rule::Peak { is_anti_aliased } => {
+            Rule::Peak(rule) => {
                 // Splats have no depth of their own: that of the centre is used.
                 *terms = is_cut.then(ExactTerms::default);
-                splat_footprint(view, kernel, crowding, is_anti_aliased, carried, key)
+                splat_footprint(view, kernel, crowding, rule, carried, key)
             }
             Rule::Surface { is_one_sided } => {
                 let is_one_sided = is_one_sided && !self.is_opened;

@@ -26,6 +26,7 @@ use crate::data::splats::{SplatCloud, constant_of_colour};
 use crate::error::{Error, Result};
 use crate::io::bytes::scalars::ScalarType;
 use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count, narrowed};
+use crate::scene::SplatRule;
 
 const FORMAT: &str = "compressed PLY splats";
 
@@ -198,7 +199,7 @@ pub(in crate::io) fn read(path: &Path, bytes: &[u8], header: &Header) -> Result<
             .collect(),
         harmonics_degree: degree,
         harmonics: coefficients,
-        is_anti_aliased: false,
+        rule: SplatRule::Inria,
         by_distance: false,
         is_linear: false,
     };

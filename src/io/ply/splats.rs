@@ -9,6 +9,7 @@ use crate::error::{Error, Result};
 use crate::io::splats::encoded_splats::{Encoded, PlyForm, single_precision_quantum};
 use crate::io::splats::splat_table::FILTER_NOTE;
 use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count, narrowed};
+use crate::scene::SplatRule;
 
 pub(in crate::io) const SPLAT_FORMAT: &str = "PLY splats";
 /// Properties `f_rest_` of degree 10: more than any program writes.
@@ -110,7 +111,8 @@ pub(in crate::io) fn splats(
         opacities: table.floats(opacity)?.into_iter().map(sigmoid).collect(),
         harmonics_degree: degree,
         harmonics,
-        is_anti_aliased: marks.next_back().unwrap_or(false),
+        // Only Mip-Splatting writes a filter.
+        rule: SplatRule::of_mark(marks.next_back().unwrap_or(filter.is_some())),
         by_distance: false,
         is_linear: false,
         positions,
@@ -182,7 +184,7 @@ pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud, form: PlyForm) -> R
         ));
     }
     let scales = if is_flat { 2 } else { 3 };
-    let mode = match (is_flat, cloud.is_anti_aliased) {
+    let mode = match (is_flat, cloud.rule.is_anti_aliased()) {
         (true, _) => "2dgs",
         (false, true) => "mip",
         (false, false) => "default",
@@ -191,7 +193,7 @@ pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud, form: PlyForm) -> R
         "ply\nformat binary_little_endian 1.0\ncomment SplatRenderMode: {mode}\n{}\
          element vertex {count}\n",
         // The mode of surfels has no place for it.
-        if is_flat && cloud.is_anti_aliased {
+        if is_flat && cloud.rule.is_anti_aliased() {
             "comment antialiased 1\n"
         } else {
             ""

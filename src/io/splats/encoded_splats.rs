@@ -62,7 +62,7 @@ pub(in crate::io) fn note_harmonics_lost(notes: &mut Vec<String>, cloud: &SplatC
 
 /// Notes that the mark of anti-aliased splats is lost, if they have it.
 pub(in crate::io) fn note_mark_lost(notes: &mut Vec<String>, cloud: &SplatCloud) {
-    if cloud.is_anti_aliased {
+    if cloud.rule.is_anti_aliased() {
         notes.push("the mark of anti-aliased splats is lost: the format has none".into());
     }
 }

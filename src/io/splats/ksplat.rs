@@ -47,6 +47,7 @@ use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
 use crate::io::bytes::half::half;
 use crate::math::{harmonics_count, narrowed};
+use crate::scene::SplatRule;
 
 const HEADER: usize = 4096;
 const SECTION_HEADER: usize = 1024;
@@ -280,6 +281,7 @@ impl<'a> Section<'a> {
             opacities: Vec::with_capacity(self.count),
             harmonics_degree: self.degree,
             harmonics: Vec::with_capacity(coefficient_count * self.count),
+            rule: SplatRule::Inria,
             ..SplatCloud::default()
         };
         let (mut bucket, mut left) = (0, self.bucket_sizes.first().copied().unwrap_or(0));

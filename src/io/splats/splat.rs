@@ -22,6 +22,7 @@ use crate::data::splats::{SplatCloud, constant_of_colour};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
 use crate::math::HARMONIC_0;
+use crate::scene::SplatRule;
 
 /// Bytes of a splat.
 const RECORD: usize = 32;
@@ -49,6 +50,7 @@ pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
         rotations: Vec::with_capacity(count),
         opacities: Vec::with_capacity(count),
         harmonics: Vec::with_capacity(3 * count),
+        rule: SplatRule::Inria,
         ..SplatCloud::default()
     };
     for record in bytes.chunks_exact(RECORD) {

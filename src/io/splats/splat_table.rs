@@ -20,7 +20,7 @@ use crate::data::splats::{SplatCloud, constant_of_colour, sigmoid};
 use crate::error::{Error, Result};
 use crate::image::srgb_from_linear;
 use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count};
-use crate::scene::Values;
+use crate::scene::{SplatRule, Values};
 
 /// The name in [`Dataset::format`].
 pub(in crate::io) const FORMAT: &str = "table of splats";
@@ -122,6 +122,8 @@ pub(in crate::io) fn settle(data: &mut Dataset, meaning: Option<ScaleMeaning>) -
             .map_or(0.0, |&place| length(columns.get(place, i)))
     };
     let share = |x: f32| if are_logits { sigmoid(x) } else { x };
+    // Only Mip-Splatting writes a filter.
+    let filter = columns.place("filter_3D");
     let mut cloud = SplatCloud {
         positions: positions.clone(),
         scales: (0..count)
@@ -134,10 +136,9 @@ pub(in crate::io) fn settle(data: &mut Dataset, meaning: Option<ScaleMeaning>) -
         harmonics_degree: degree,
         harmonics,
         is_linear: false,
-        is_anti_aliased: false,
+        rule: SplatRule::of_mark(filter.is_some()),
         by_distance: false,
     };
-    let filter = columns.place("filter_3D");
     if let Some(place) = filter {
         let of: Vec<f32> = (0..count).map(|i| columns.get(place, i)).collect();
         cloud.widen(&of);

@@ -42,6 +42,7 @@ use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
 use crate::io::bytes::half::half;
 use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count};
+use crate::scene::SplatRule;
 
 pub(in crate::io) const MAGIC: &[u8; 4] = b"NGSP";
 const HEADER: usize = 16;
@@ -533,7 +534,7 @@ impl Layout {
             harmonics_degree: degree,
             harmonics,
             is_linear: false,
-            is_anti_aliased,
+            rule: SplatRule::of_mark(is_anti_aliased),
             by_distance: false,
         }
     }

@@ -130,7 +130,7 @@ pub(in crate::io) fn encode(
     };
     header.extend(number.to_le_bytes());
     header.extend(count_u32.to_le_bytes());
-    let flags = u8::from(cloud.is_anti_aliased);
+    let flags = u8::from(cloud.rule.is_anti_aliased());
     header.extend([cloud.harmonics_degree, fraction_bits, flags]);
     let arrays = [positions, opacities, constants, sizes, rotations, rest];
     let bytes = match version {

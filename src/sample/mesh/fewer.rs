@@ -13,21 +13,18 @@
 //! an edge of the texture stay narrow across it and become long along it.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::cells::Owned;
 use super::surfels::{SQUARE, Surfel, axes};
 use crate::error::Result;
 use crate::parallel;
-use crate::sample::points::neighbours::{FINDING, Neighbours, PointIndex, square};
+use crate::sample::pairs::Pairs;
+use crate::sample::points::neighbours::square;
 use crate::sample::positions::index_u32;
 use crate::task::{Stage, Task};
 
 /// Number of nearest neighbours with which a surfel may merge.
 const NEIGHBOURS: usize = 6;
-
-/// Number of surfels in one place that may merge with others: the two sides of a sheet, twice.
-const COINCIDING: usize = 4;
 
 /// Greatest share of cells that merge in one round. On a cow and on a sphere, shares of .15 and .3 gave the same PSNR
 /// within .1 dB, .5 gave .4 dB less.
@@ -80,14 +77,6 @@ struct Sample {
     look: [f64; 4],
 }
 
-/// Two cells that may merge.
-#[derive(Debug, Clone, Copy)]
-struct Edge {
-    pair: [u32; 2],
-    /// NaN if it is not known.
-    cost: f64,
-}
-
 struct Merging {
     samples: Vec<Sample>,
     cells: Vec<Cell>,
@@ -114,7 +103,7 @@ pub(super) fn merged(
     let (sound, mut rest): (Vec<Surfel>, Vec<Surfel>) =
         surfels.iter().partition(|surfel| surfel.is_seen());
     let centres: Vec<DVec3> = sound.iter().map(|s| s.centre).collect();
-    let Some(mut edges) = neighbours(&centres, task)? else {
+    let Some(mut pairs) = Pairs::of_nearest(&centres, NEIGHBOURS, task)? else {
         return Ok(surfels.to_vec());
     };
     let stage = Stage::new(task, "merging surfels", sound.len().saturating_sub(count));
@@ -123,13 +112,13 @@ pub(super) fn merged(
     let mut is_part = vec![false; sound.len()];
     while alive > count {
         stage.check()?;
-        let pairs = merging.round(&mut edges, alive - count, alive);
-        if pairs.is_empty() {
+        let merged = merging.round(&mut pairs, alive - count, alive);
+        if merged.is_empty() {
             break;
         }
-        alive -= pairs.len();
-        stage.advance(pairs.len());
-        for [_, part] in pairs {
+        alive -= merged.len();
+        stage.advance(merged.len());
+        for [_, part] in merged {
             is_part[part as usize] = true;
         }
     }
@@ -137,36 +126,6 @@ pub(super) fn merged(
     let mut found: Vec<Surfel> = kept.map(|i| merging.surfel(i, &sound)).collect();
     found.append(&mut rest);
     Ok(found)
-}
-
-/// Returns pairs of neighbouring points, each once; `None` if all lie in one place.
-fn neighbours(centres: &[DVec3], task: Option<&Task>) -> Result<Option<Vec<Edge>>> {
-    let Some(index) = PointIndex::new(centres) else {
-        return Ok(None);
-    };
-    let edge = |i: u32, k: u32| Edge {
-        pair: [i.min(k), i.max(k)],
-        cost: f64::NAN,
-    };
-    let first = |g: usize| index.group(g).iter().take(COINCIDING);
-    let of_group = |neighbours: &mut Neighbours<'_>, g: usize| {
-        let mut found = Vec::new();
-        for (other, _) in neighbours.of(g, NEIGHBOURS) {
-            for &i in first(g) {
-                found.extend(first(other).filter(|&&k| k != i).map(|&k| edge(i, k)));
-            }
-        }
-        found
-    };
-    let mut edges = index.of_groups(task, FINDING, of_group)?.concat();
-    unite(&mut edges);
-    Ok(Some(edges))
-}
-
-/// Leaves one edge of each pair.
-fn unite(edges: &mut Vec<Edge>) {
-    edges.par_sort_unstable_by_key(|edge| edge.pair);
-    edges.dedup_by_key(|edge| edge.pair);
 }
 
 impl Merging {
@@ -205,28 +164,15 @@ impl Merging {
     }
 
     /// Merges the cheapest pairs, at most `most` of them; no cell takes part twice. Returns these pairs.
-    fn round(&mut self, edges: &mut Vec<Edge>, most: usize, alive: usize) -> Vec<[u32; 2]> {
-        let around = Around::new(edges, self.cells.len());
-        let cost = |i: usize| match edges[i].cost {
-            unknown if unknown.is_nan() => {
-                let [own, other] = edges[i].pair.map(|c| &self.cells[c as usize]);
-                let united = self.united(edges[i].pair, &around);
-                united.map_or(f64::INFINITY, |united| {
-                    let apart = own.centre.distance_squared(other.centre);
-                    let even = SIZE * own.area * other.area / united.area * apart;
-                    united.error - own.error - other.error + even
-                })
-            }
-            known => known,
-        };
-        let costs = parallel::map(edges.len(), cost);
-        for (edge, cost) in edges.iter_mut().zip(costs) {
-            edge.cost = cost;
-        }
-        let mut order: Vec<u32> = (0..edges.len()).map(index_u32).collect();
-        order.par_sort_unstable_by(|&a, &b| {
-            let (a, b) = (&edges[a as usize], &edges[b as usize]);
-            a.cost.total_cmp(&b.cost).then_with(|| a.pair.cmp(&b.pair))
+    fn round(&mut self, pairs: &mut Pairs, most: usize, alive: usize) -> Vec<[u32; 2]> {
+        let around = Around::new(pairs, self.cells.len());
+        pairs.price(|pair| {
+            let [own, other] = pair.map(|c| &self.cells[c as usize]);
+            self.united(pair, &around).map_or(f64::INFINITY, |united| {
+                let apart = own.centre.distance_squared(other.centre);
+                let even = SIZE * own.area * other.area / united.area * apart;
+                united.error - own.error - other.error + even
+            })
         });
         #[expect(
             clippy::cast_possible_truncation,
@@ -234,24 +180,9 @@ impl Merging {
             reason = "a share of a count"
         )]
         let most = most.min((SHARE_PER_ROUND * alive as f64).ceil() as usize);
-        let mut parent: Vec<u32> = (0..self.cells.len()).map(index_u32).collect();
-        let mut is_taken = vec![false; self.cells.len()];
-        let mut pairs = Vec::new();
-        for edge in order.into_iter().map(|i| edges[i as usize]) {
-            if pairs.len() == most || edge.cost == f64::INFINITY {
-                break;
-            }
-            let [own, other] = edge.pair;
-            if is_taken[own as usize] || is_taken[other as usize] {
-                continue;
-            }
-            is_taken[own as usize] = true;
-            is_taken[other as usize] = true;
-            parent[other as usize] = own;
-            pairs.push(edge.pair);
-        }
-        let united = parallel::map(pairs.len(), |i| self.united(pairs[i], &around));
-        for (&[own, other], united) in pairs.iter().zip(united) {
+        let merged = pairs.cheapest(most);
+        let united = parallel::map(merged.len(), |i| self.united(merged[i], &around));
+        for (&[own, other], united) in merged.iter().zip(united) {
             let (own, other) = (own as usize, other as usize);
             if let Some(united) = united {
                 self.cells[own] = united;
@@ -259,16 +190,8 @@ impl Merging {
             self.next[self.last[own] as usize] = index_u32(other);
             self.last[own] = self.last[other];
         }
-        for edge in edges.iter_mut() {
-            if edge.pair.iter().any(|&c| is_taken[c as usize]) {
-                let [a, b] = edge.pair.map(|c| parent[c as usize]);
-                edge.pair = [a.min(b), a.max(b)];
-                edge.cost = f64::NAN;
-            }
-        }
-        edges.retain(|edge| edge.pair[0] != edge.pair[1]);
-        unite(edges);
-        pairs
+        pairs.merge(&merged);
+        merged
     }
 
     /// Returns two cells as one, or `None` if their normals differ too much.
@@ -373,10 +296,9 @@ fn dot([xx, xy, xz, yy, yz, zz]: &[f64; 6], a: DVec3, b: DVec3) -> f64 {
 struct Around(Owned);
 
 impl Around {
-    /// - `edges`: sorted by their pairs.
-    fn new(edges: &[Edge], cells: usize) -> Self {
+    fn new(pairs: &Pairs, cells: usize) -> Self {
         // First the smaller neighbours of each cell, then the larger ones.
-        let [smaller, larger] = [0, 1].map(|place| edges.iter().map(move |e| e.pair[place]));
+        let [smaller, larger] = [0, 1].map(|place| pairs.all().map(move |pair| pair[place]));
         let owners: Vec<u32> = larger.clone().chain(smaller.clone()).collect();
         let others: Vec<u32> = smaller.chain(larger).collect();
         let mut of_cells = Owned::by(&owners, cells);

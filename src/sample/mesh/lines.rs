@@ -9,7 +9,7 @@ use glam::DVec3;
 
 use super::Spread;
 use crate::data::mesh::{AlphaMode, Mesh, MeshPart};
-use crate::scene::{MAX_OPACITY, Particles, PointVolume, Strength};
+use crate::scene::{MAX_OPACITY, Particles, PointVolume, SplatRule, Strength};
 
 /// Standard deviation of the kernels of a line, in pixels. With the pixel's own filter, a row of them is at
 /// least half opaque over a width of 2.3 pixels.
@@ -172,7 +172,7 @@ impl Kernels {
                 },
                 Strength::PeakOpacity {
                     opacities: self.opacities,
-                    is_anti_aliased: false,
+                    rule: SplatRule::Exact,
                     by_distance: true,
                 },
             )

@@ -28,7 +28,7 @@ use crate::sample::mesh::SURFEL_WIDTH;
 use crate::sample::positions::index_u32;
 use crate::sample::report::{Finding, SampleReport};
 use crate::sample::splats;
-use crate::scene::{Boundary, Colour, Particles, PointVolume, Strength, Values};
+use crate::scene::{Boundary, Colour, Particles, PointVolume, SplatRule, Strength, Values};
 
 /// Particles of volumes below this opacity give no splat: sixteen of them are less than one of 255 levels.
 pub const LEAST_OPACITY: f32 = 1.0 / (16.0 * 255.0);
@@ -222,13 +222,10 @@ fn of_volume(volume: &PointVolume) -> (SplatCloud, ConversionReport) {
                 ..
             }
         ),
-        is_anti_aliased: matches!(
-            volume.strength,
-            Strength::PeakOpacity {
-                is_anti_aliased: true,
-                ..
-            }
-        ),
+        rule: match volume.strength {
+            Strength::PeakOpacity { rule, .. } => rule,
+            _ => SplatRule::of_mark(false),
+        },
     };
     (cloud, report)
 }

@@ -2,6 +2,7 @@
 
 pub(crate) mod convert;
 pub(crate) mod factor;
+pub(crate) mod fewer;
 
 use self::factor::factor_of_scales;
 use super::left_out::LeftOut;
@@ -70,7 +71,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         opacities,
         harmonics,
         harmonics_degree: degree,
-        is_anti_aliased,
+        rule,
         by_distance,
         is_linear,
         ..
@@ -96,7 +97,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
             },
             strength: Strength::PeakOpacity {
                 opacities,
-                is_anti_aliased,
+                rule: options.kernels.splat_rule.unwrap_or(rule),
                 by_distance,
             },
             colour,

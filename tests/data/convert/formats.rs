@@ -9,6 +9,7 @@ use ewa_splat::io::{
     write_splats,
 };
 use ewa_splat::sample::sound_splats;
+use ewa_splat::scene::SplatRule;
 use ewa_splat::view::Camera;
 use glam::DVec3;
 
@@ -112,9 +113,10 @@ fn assert_kept(before: &SplatCloud, after: &SplatCloud, q: &Quantum, what: &str)
 fn every_format_keeps_what_it_says() {
     let folder = Folder::new();
     for degree in 0..=3 {
-        for is_anti_aliased in [false, true] {
+        for rule in [SplatRule::Inria, SplatRule::Mip] {
+            let is_anti_aliased = rule.is_anti_aliased();
             let cloud = SplatCloud {
-                is_anti_aliased,
+                rule,
                 ..some_cloud(60, degree, 7 + u64::from(degree))
             };
             for extension in FORMATS {
@@ -132,7 +134,12 @@ fn every_format_keeps_what_it_says() {
                     keeps_degree,
                     "{extension}"
                 );
-                assert_eq!(after.is_anti_aliased, is_anti_aliased && keeps_mark);
+                let expected = match extension {
+                    "glb" | "gltf" => SplatRule::Khr,
+                    _ if is_anti_aliased && keeps_mark => SplatRule::Mip,
+                    _ => SplatRule::Inria,
+                };
+                assert_eq!(after.rule, expected, "{extension}");
                 let lost = usize::from(!keeps_degree) + usize::from(is_anti_aliased && !keeps_mark);
                 assert_eq!(written.notes.len(), lost, "{:?}", written.notes);
                 // Writing a second time loses nothing more.
@@ -311,15 +318,15 @@ fn the_flat_form_of_ply_has_two_scales() {
     for scales in &mut cloud.scales {
         scales[2] = 0.0;
     }
-    for is_anti_aliased in [false, true] {
-        cloud.is_anti_aliased = is_anti_aliased;
+    for rule in [SplatRule::Inria, SplatRule::Mip] {
+        cloud.rule = rule;
         let path = folder.path("flat.ply");
         write_splats(&path, &cloud, &of_form(PlyForm::Surfels)).unwrap();
         let bytes = std::fs::read(&path).unwrap();
         let text = String::from_utf8_lossy(&bytes);
         assert!(text.contains("SplatRenderMode: 2dgs") && !text.contains("scale_2"));
         let after = cloud_of(folder.read("flat.ply"));
-        assert_eq!(after.is_anti_aliased, is_anti_aliased);
+        assert_eq!(after.rule, rule);
         for i in 0..5 {
             assert_eq!(after.scales[i][2], 0.0);
             let apart = norm(variance(&cloud, i) - variance(&after, i));

@@ -23,6 +23,7 @@ use ewa_splat::io::{
 };
 use ewa_splat::math::{harmonics, harmonics_sum};
 use ewa_splat::sample::{SampleOptions, volume as sample};
+use ewa_splat::scene::SplatRule;
 use ewa_splat::view::Camera;
 use ewa_splat::{Image, Settings};
 use glam::{DMat3, DQuat, DVec3};
@@ -128,7 +129,10 @@ fn norm(m: DMat3) -> f64 {
 fn picture(cloud: &SplatCloud, camera: &Camera) -> Image {
     let geometry = Geometry::Splats(cloud.clone());
     let data = Dataset::new("a".as_ref(), "splats", geometry, Vec::new());
-    let volume = sample(data, &SampleOptions::default()).unwrap().volume;
+    // The rule of a format is none of its losses.
+    let mut options = SampleOptions::default();
+    options.kernels.splat_rule = Some(SplatRule::Exact);
+    let volume = sample(data, &options).unwrap().volume;
     render(vec![volume], camera, &Settings::default())
 }
 

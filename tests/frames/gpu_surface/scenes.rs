@@ -5,7 +5,7 @@ use crate::common::gpu::{ALIKE, gpu, pictures};
 use crate::common::scene::difference;
 use crate::common::{Random, some};
 use ewa_splat::render::Advanced;
-use ewa_splat::scene::{Colour, PointVolume, Strength, TransferFunction};
+use ewa_splat::scene::{Colour, PointVolume, SplatRule, Strength, TransferFunction};
 use ewa_splat::stages::cpu::SimdLevel;
 use ewa_splat::view::Camera;
 use ewa_splat::{Filter, Renderer, Settings, Show};
@@ -158,7 +158,7 @@ fn splats(count: usize) -> PointVolume {
     let mut volume = gas(count);
     volume.strength = Strength::PeakOpacity {
         opacities: vec![0.6; count],
-        is_anti_aliased: false,
+        rule: SplatRule::Exact,
         by_distance: false,
     };
     volume

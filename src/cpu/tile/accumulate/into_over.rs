@@ -6,7 +6,7 @@ use crate::cpu::tile::interval::cut::Cut;
 use crate::cpu::tile::interval::{between, shares_at, whole, within};
 use crate::cpu::tile::pixels::{RowOf, Tile};
 use crate::math::lane::{madd, opacity};
-use crate::record::{Footprint, PATH_PEAK};
+use crate::record::Footprint;
 use crate::splat::Axes;
 
 /// Returns the depth of a kernel: its centre's, but not less than the eye's, which a kernel may contain.
@@ -20,8 +20,8 @@ pub(super) fn depth_of(footprint: &Footprint) -> f32 {
 pub(super) struct Light {
     colour: [f32; 3],
     depth: f32,
-    /// Opacity min(tau, 1) instead of 1 - exp(-tau).
-    is_linear: bool,
+    /// Opacity min(tau, ceiling) instead of 1 - exp(-tau).
+    ceiling: Option<f32>,
     has_depth: bool,
     /// True if pixels count kernels instead of showing them.
     is_count: bool,
@@ -33,7 +33,7 @@ impl Light {
         Self {
             colour: footprint.carried.colour(),
             depth: depth_of(footprint),
-            is_linear: axes.linear_opacity || footprint.path == PATH_PEAK,
+            ceiling: footprint.ceiling().or(axes.linear_opacity.then_some(1.0)),
             has_depth: axes.depth,
             is_count: axes.count,
         }
@@ -101,10 +101,9 @@ fn put<const FMA: bool>(
     };
     let mut opacities = [0.0; TILE_SIZE];
     for (out, &tau) in opacities.iter_mut().zip(taus) {
-        *out = if light.is_linear {
-            tau.min(1.0)
-        } else {
-            opacity::<FMA>(tau)
+        *out = match light.ceiling {
+            Some(ceiling) => tau.min(ceiling),
+            None => opacity::<FMA>(tau),
         };
     }
     let before = *alphas;

@@ -14,7 +14,9 @@ use crate::cpu::tile::evaluate::exact::{ExactAt, RowOfExact};
 use crate::cpu::tile::interval::cut::{Cut, CutTile, Side};
 use crate::cpu::tile::pixels::{Plane, Tile, TilePlace};
 use crate::math::lane::{exp_minus_half, madd, opacity, times_exp_minus_half};
-use crate::record::{ExactTerms, Footprint, NearTerms, PATH_AFFINE, PATH_EXACT, PATH_PEAK};
+use crate::record::{
+    ExactTerms, Footprint, NearTerms, PATH_AFFINE, PATH_CAPPED, PATH_EXACT, PATH_PEAK,
+};
 use crate::simd::{SimdLevel, SimdWork, run_at};
 use crate::splat::Axes;
 
@@ -103,8 +105,8 @@ struct Fused<'a> {
     footprint: &'a Footprint,
     /// Terms on the exact path.
     terms: Option<&'a ExactTerms>,
-    /// Opacity min(tau, 1) instead of 1 - exp(-tau).
-    is_linear: bool,
+    /// Opacity min(tau, ceiling) instead of 1 - exp(-tau).
+    ceiling: Option<f32>,
     has_depth: bool,
 }
 
@@ -115,16 +117,16 @@ impl<'a> Fused<'a> {
         if axes.count || (axes.edges && terms.is_some_and(|terms| terms.edges != 0)) {
             return None;
         }
-        let is_linear = axes.linear_opacity || footprint.path == PATH_PEAK;
+        let ceiling = footprint.ceiling().or(axes.linear_opacity.then_some(1.0));
         let terms = match (footprint.path, terms) {
-            (PATH_AFFINE | PATH_PEAK, _) => None,
-            (PATH_EXACT, Some(terms)) if !is_linear => Some(terms),
+            (PATH_AFFINE | PATH_PEAK | PATH_CAPPED, _) => None,
+            (PATH_EXACT, Some(terms)) if ceiling.is_none() => Some(terms),
             _ => return None,
         };
         Some(Self {
             footprint,
             terms,
-            is_linear,
+            ceiling,
             has_depth: axes.depth,
         })
     }
@@ -182,7 +184,7 @@ struct FusedWork<'a> {
 const EXPONENTIAL: u8 = 0;
 /// The same for tau up to [`FAINT`], by a series, without a second exponential.
 const SERIES: u8 = 1;
-/// Opacity min(tau, 1).
+/// Opacity min(tau, ceiling).
 const LINEAR: u8 = 2;
 
 /// Greatest number of columns in the patches of small kernels.
@@ -213,9 +215,9 @@ fn put_window<const LANES: usize>(plane: &mut Plane, at: usize, window: [f32; LA
 
 /// Returns the opacity of an optical depth.
 #[inline(always)]
-fn opacity_of<const FMA: bool, const OPACITY: u8>(tau: f32) -> f32 {
+fn opacity_of<const FMA: bool, const OPACITY: u8>(tau: f32, ceiling: f32) -> f32 {
     match OPACITY {
-        LINEAR => tau.min(1.0),
+        LINEAR => tau.min(ceiling),
         SERIES => madd::<FMA>(tau * tau, madd::<FMA>(tau, 1.0 / 6.0, -0.5), tau),
         _ => opacity::<FMA>(tau),
     }
@@ -236,7 +238,7 @@ impl FusedWork<'_> {
         let Fused {
             footprint,
             terms,
-            is_linear,
+            ceiling,
             ..
         } = self.fused;
         if let Some(terms) = terms {
@@ -245,7 +247,7 @@ impl FusedWork<'_> {
         let none = &ExactTerms::default();
         let patch = self.place.patch(footprint);
         let [first, end] = patch.columns;
-        if is_linear {
+        if ceiling.is_some() {
             self.rows::<FMA, LANES, false, LINEAR, false>(none)
         } else if end - first <= NARROW {
             match (footprint.tau <= FAINT, is_aligned(footprint)) {
@@ -279,6 +281,7 @@ impl FusedWork<'_> {
         let patch = place.patch(footprint);
         let [red, green, blue] = footprint.carried.colour();
         let (tau_peak, cutoff) = (footprint.tau, footprint.cutoff_squared);
+        let ceiling = fused.ceiling.unwrap_or(1.0);
         let first_column = patch.columns[0].min(TILE_SIZE - NARROW);
         let dx_first = place.px(0, 0) - footprint.centre_px[0];
         let dy_first = place.px(1, 0) - footprint.centre_px[1];
@@ -332,7 +335,7 @@ impl FusedWork<'_> {
                     times_exp_minus_half::<FMA>(tau_peak, q)
                 };
                 let tau = if is_inside { tau } else { 0.0 };
-                let weight = opacity_of::<FMA, OPACITY>(tau) * (1.0 - alphas[lane]);
+                let weight = opacity_of::<FMA, OPACITY>(tau, ceiling) * (1.0 - alphas[lane]);
                 alphas[lane] += weight;
                 reds[lane] = madd::<FMA>(weight, red, reds[lane]);
                 greens[lane] = madd::<FMA>(weight, green, greens[lane]);
@@ -373,6 +376,7 @@ impl FusedWork<'_> {
         let patch = place.patch(footprint);
         let [red, green, blue] = footprint.carried.colour();
         let (tau_peak, cutoff) = (footprint.tau, footprint.cutoff_squared);
+        let ceiling = fused.ceiling.unwrap_or(1.0);
         let dx_first = place.px(0, 0) - footprint.centre_px[0];
         let dy_first = place.px(1, 0) - footprint.centre_px[1];
         // A row of one vector needs no loop.
@@ -454,7 +458,7 @@ impl FusedWork<'_> {
                         times_exp_minus_half::<FMA>(tau, q)
                     };
                     let tau = if is_inside { tau } else { 0.0 };
-                    let opacity = opacity_of::<FMA, OPACITY>(tau);
+                    let opacity = opacity_of::<FMA, OPACITY>(tau, ceiling);
                     let before = a_row[lane];
                     let weight = opacity * (1.0 - before);
                     a_row[lane] = before + weight;

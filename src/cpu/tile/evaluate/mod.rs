@@ -13,9 +13,7 @@ use glam::Vec2;
 
 use super::pixels::{RowOf, TilePlace};
 use crate::constants::TILE_SIZE;
-use crate::record::{
-    ExactTerms, Footprint, NearTerms, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR, PATH_PEAK,
-};
+use crate::record::{ExactTerms, Footprint, NearTerms, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR};
 
 /// A kernel at the pixels of a row.
 pub(super) struct Row {
@@ -210,7 +208,7 @@ impl<'a> Evaluate<'a> {
     pub(super) fn along(&self) -> Along {
         match self {
             Self::Near(_) => Along::HalfGaussian,
-            Self::Affine(walk, _) if walk.footprint.path == PATH_PEAK => Along::Point,
+            Self::Affine(walk, _) if walk.footprint.ceiling().is_some() => Along::Point,
             _ => Along::Gaussian,
         }
     }

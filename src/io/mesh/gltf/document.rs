@@ -102,6 +102,7 @@ const MEMBERS: &[&str] = &[
     "scenes",
     "skin",
     "skins",
+    "projection",
     "sortingMethod",
     "source",
     "sparse",

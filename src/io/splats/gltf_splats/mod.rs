@@ -45,6 +45,7 @@ use crate::io::mesh::gltf::{
 };
 use crate::io::vtk::xml::clip;
 use crate::math::{HarmonicsTransform, MAX_HARMONICS_DEGREE, harmonics_count, scales_and_rotation};
+use crate::scene::SplatRule;
 
 pub(in crate::io) use self::write::{Container, encode};
 
@@ -127,6 +128,10 @@ pub(in crate::io) fn read(input: Input<'_>, meaning: Option<ScaleMeaning>) -> Re
                     part
                 }
             };
+            // Packed splats may be marked.
+            if !part.rule.is_anti_aliased() {
+                part.rule = SplatRule::Khr;
+            }
             part.is_linear = color_space == Some(LINEAR);
             if let Some(other) = color_space.filter(|space| ![LINEAR, ENCODED].contains(space)) {
                 let other = clip(other);
@@ -144,6 +149,11 @@ pub(in crate::io) fn read(input: Input<'_>, meaning: Option<ScaleMeaning>) -> Re
             let kernel = extension.word("kernel")?;
             if let Some(kernel) = kernel.filter(|kernel| *kernel != "ellipse") {
                 let note = format!("kernel `{}` is taken for `ellipse`", clip(kernel));
+                note_once(&mut notes, note);
+            }
+            let projection = extension.word("projection")?;
+            if let Some(other) = projection.filter(|projection| *projection != "perspective") {
+                let note = format!("projection `{}` is taken for `perspective`", clip(other));
                 note_once(&mut notes, note);
             }
             let sorting = extension.word("sortingMethod")?;
@@ -389,7 +399,7 @@ impl Reader<'_, '_> {
             opacities: opacities.into_iter().map(|[a]| a).collect(),
             harmonics_degree: degree,
             harmonics: coefficients,
-            is_anti_aliased: false,
+            rule: SplatRule::Khr,
             by_distance: false,
             is_linear: false,
         })

@@ -13,6 +13,7 @@ use crate::error::{Error, Result};
 use crate::io::picture::samples::Encoded;
 use crate::io::vtk::xml::clip;
 use crate::math::harmonics_count;
+use crate::scene::SplatRule;
 
 const FORMAT: &str = "SOG splats";
 
@@ -103,7 +104,7 @@ pub(super) fn splats(path: &Path, meta: &Meta, files: &Files<'_>) -> Result<Data
         opacities,
         harmonics_degree: degree,
         harmonics,
-        is_anti_aliased: meta.is_anti_aliased,
+        rule: SplatRule::of_mark(meta.is_anti_aliased),
         by_distance: false,
         is_linear: false,
     };

@@ -79,7 +79,7 @@ pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> 
         "version": 2,
         "asset": { "generator": concat!("ewa-splat ", env!("CARGO_PKG_VERSION")) },
         "count": count,
-        "antialias": cloud.is_anti_aliased,
+        "antialias": cloud.rule.is_anti_aliased(),
         "means": { "mins": bounds[0], "maxs": bounds[1], "files": [means[0].0, means[1].0] },
         "scales": { "codebook": scale_levels.to_vec(), "files": [scales.0] },
         "sh0": { "codebook": colour_levels.to_vec(), "files": [colours.0] },

@@ -1,0 +1,220 @@
+//! Merges the splats of a conversion to fewer, and measures what pictures lose.
+
+use std::path::Path;
+
+use clap::Args;
+use glam::DVec3;
+use serde_json::{Value, json};
+
+use super::certificate::{cameras, codes, drawn, psnr, renderer_of};
+use super::parse;
+use crate::constants::SPLAT_FLOOR;
+use crate::data::splats::SplatCloud;
+use crate::image::Image;
+use crate::measure::{FLIP_PIXELS_PER_DEGREE, flip};
+use crate::render::Renderer;
+use crate::sample::{fewer_splats, index_u32};
+use crate::scene::SplatRule;
+use crate::view::Camera;
+use crate::{Error, Result};
+
+/// Share of the splats that are left by one step towards a stated error.
+const STEP: f64 = 0.8;
+/// Directions of the compared pictures: degrees around the axis that points up.
+const AZIMUTHS_DEG: [f64; 4] = [30.0, 120.0, 210.0, 300.0];
+
+/// Options for merging splats.
+#[derive(Args)]
+pub(crate) struct FewerOptions {
+    /// Splats: merge while 99.9 % of pixels of four pictures change by less (0 to 1)
+    #[arg(long, value_name = "E", value_parser = parse::share, allow_hyphen_values = true, conflicts_with = "count")]
+    error: Option<f64>,
+    /// Splats: when merging, keep those that their rule does not draw (below 1/255)
+    #[arg(long)]
+    keep_all: bool,
+}
+
+/// Pictures of splats from four sides.
+struct Pictures {
+    cameras: Vec<Camera>,
+    images: Vec<Image>,
+}
+
+impl Pictures {
+    /// Draws splats; there are no pictures if nothing is seen.
+    fn of(cloud: SplatCloud, up: DVec3) -> Result<Self> {
+        let mut renderer = renderer_of_splats(cloud)?;
+        let cameras = cameras(&renderer, up, &AZIMUTHS_DEG);
+        let images = drawn(&mut renderer, &cameras)?;
+        Ok(Self { cameras, images })
+    }
+
+    /// Draws other splats in the same views.
+    fn again(&self, cloud: SplatCloud) -> Result<Vec<Image>> {
+        drawn(&mut renderer_of_splats(cloud)?, &self.cameras)
+    }
+}
+
+fn renderer_of_splats(cloud: SplatCloud) -> Result<Renderer> {
+    renderer_of(cloud.dataset(Path::new("splats"), "splats", Vec::new())?)
+}
+
+/// Returns the difference of sRGB codes that 99.9 % of pixels do not exceed in any channel.
+fn percentile(a: &[Image], b: &[Image]) -> f64 {
+    let pairs = a.iter().map(codes).zip(b.iter().map(codes));
+    let of_pair = |(a, b): (Image, Image)| -> Vec<f32> {
+        let largest = |(a, b): (&[f32; 4], &[f32; 4])| {
+            a.iter()
+                .zip(b)
+                .fold(0.0_f32, |most, (a, b)| most.max((a - b).abs()))
+        };
+        a.pixels.iter().zip(&b.pixels).map(largest).collect()
+    };
+    let mut differences: Vec<f32> = pairs.flat_map(of_pair).collect();
+    differences.sort_unstable_by(f32::total_cmp);
+    let rank = (differences.len() * 999).div_ceil(1000);
+    differences
+        .get(rank.saturating_sub(1))
+        .copied()
+        .map_or(0.0, f64::from)
+}
+
+impl FewerOptions {
+    /// Returns the options, and whether each is given.
+    pub(super) fn asked(&self) -> [(&'static str, bool); 2] {
+        [
+            ("--error", self.error.is_some()),
+            ("--keep-all", self.keep_all),
+        ]
+    }
+
+    /// Returns whether splats are merged.
+    ///
+    /// - `count`: number of splats that are to be left.
+    /// - `kinds`: number of inputs whose splats are taken as they are, of meshes, and of all.
+    ///
+    /// # Errors
+    /// Options that apply to none of the inputs, or to a part of them.
+    pub(super) fn merges(
+        &self,
+        count: Option<u32>,
+        [splats, meshes, all]: [usize; 3],
+    ) -> Result<bool> {
+        let refused = |option, place, expected, found| {
+            Err(Error::invalid(
+                option,
+                place,
+                expected,
+                found,
+                "leave it out",
+            ))
+        };
+        let merges = self.error.is_some() || (count.is_some() && splats > 0);
+        if merges && splats < all {
+            let option = if self.error.is_some() {
+                "--error"
+            } else {
+                "--count"
+            };
+            let expected = "splats of radiance fields alone, in their own colours";
+            return refused(option, "inputs", expected, "other data");
+        }
+        if count.is_some() && !merges && meshes == 0 {
+            return refused(
+                "--count",
+                "inputs",
+                "meshes, or splats in their own colours",
+                "other data",
+            );
+        }
+        if self.keep_all && !merges {
+            return refused(
+                "--keep-all",
+                "options",
+                "splats that --count or --error merges",
+                "none",
+            );
+        }
+        Ok(merges)
+    }
+
+    /// Merges splats. Also returns what pictures lose; null if they cannot be drawn, which is noted.
+    ///
+    /// # Errors
+    /// The errors of drawing, if they are to be merged by their pictures.
+    pub(super) fn merged(
+        &self,
+        mut cloud: SplatCloud,
+        count: Option<u32>,
+        up: DVec3,
+        notes: &mut Vec<String>,
+    ) -> Result<(SplatCloud, Value)> {
+        let given = cloud.positions.len();
+        let pictures = match Pictures::of(cloud.clone(), up) {
+            Err(error) if self.error.is_none() => {
+                notes.push(format!("no pictures are compared: {error}"));
+                None
+            }
+            pictures => Some(pictures?),
+        };
+        let has_floor = matches!(cloud.rule, SplatRule::Inria | SplatRule::Mip);
+        if has_floor && !self.keep_all {
+            let seen = (0..given).filter(|&i| cloud.opacities[i] >= SPLAT_FLOOR);
+            let seen: Vec<u32> = seen.map(index_u32).collect();
+            if !seen.is_empty() && seen.len() < given {
+                cloud = cloud.gathered(&seen);
+            }
+        }
+        if let Some(count) = count {
+            cloud = fewer_splats(cloud, count as usize, None)?;
+        }
+        if let (Some(most), Some(pictures)) = (self.error, &pictures) {
+            loop {
+                let before = cloud.positions.len();
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "a share of a count"
+                )]
+                let count = (STEP * before as f64) as usize;
+                let fewer = fewer_splats(cloud.clone(), count.max(1), None)?;
+                let is_same = fewer.positions.len() == before;
+                if is_same || percentile(&pictures.images, &pictures.again(fewer.clone())?) > most {
+                    break;
+                }
+                cloud = fewer;
+            }
+        }
+        let compared = pictures.map(|pictures| -> Result<Value> {
+            let images = pictures.again(cloud.clone())?;
+            let pairs = pictures.images.iter().zip(&images);
+            let flips = pairs.filter_map(|(a, b)| flip(a, b, FLIP_PIXELS_PER_DEGREE));
+            let flips: Vec<f64> = flips.collect();
+            Ok(json!({
+                "given": given,
+                "splats": cloud.positions.len(),
+                "pictures": images.len(),
+                "psnr": psnr(&pictures.images, &images),
+                "p999": percentile(&pictures.images, &images),
+                "flip": flips.iter().sum::<f64>() / flips.len().max(1) as f64,
+            }))
+        });
+        let summary = compared.transpose()?.unwrap_or(Value::Null);
+        Ok((cloud, summary))
+    }
+}
+
+/// Returns the line that people read.
+pub(super) fn line(summary: &Value) -> Option<String> {
+    let number = |key: &str| summary[key].as_f64();
+    let (given, splats, pictures) = (number("given")?, number("splats")?, number("pictures")?);
+    let psnr = match number("psnr") {
+        Some(psnr) => format!("PSNR {psnr:.1} dB"),
+        None => "no difference".into(),
+    };
+    Some(format!(
+        "{given} splats to {splats}: in pictures from {pictures} sides {psnr} (sRGB codes), 99.9 % of pixels within {:.3}, FLIP {:.4}",
+        number("p999")?,
+        number("flip")?
+    ))
+}
