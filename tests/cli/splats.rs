@@ -246,7 +246,7 @@ fn splats_are_drawn_by_the_rule_of_their_file() {
     };
     let (most, least) = drawn("a.ply");
     assert!(
-        most == 0.99 && least >= 1.0 / 255.0 && least < 0.006,
+        most == 0.99 && (1.0 / 255.0..0.006).contains(&least),
         "{most} {least}"
     );
     same(drawn("a.glb --splat-rule inria"), (most, least));
@@ -259,7 +259,7 @@ fn splats_are_drawn_by_the_rule_of_their_file() {
     same(drawn("a.ply --splat-rule khr"), (most, least));
     let (most, least) = drawn("a.ply --splat-rule exact");
     assert!(most > 0.999 && least < 1e-4, "{most} {least}");
-    assert!(drawn("a.ply --splat-rule mip").0 < 0.99);
+    assert!(drawn("a.ply --splat-rule mip").0 <= 0.99);
     assert_eq!(drawn("faint.ply").0, 0.0);
     assert!(drawn("faint.ply --splat-rule exact").0 > 0.0038);
     std::fs::write(
@@ -420,7 +420,7 @@ fn splats_are_merged_to_fewer() {
         assert!(said["fewer"]["p999"].as_f64().unwrap() <= error, "{said}");
         said["splats"].as_u64().unwrap()
     });
-    assert!(left[1] < left[0] && left[0] < 400, "{left:?}");
+    assert!(left[1] < left[0] && left[1] < 300, "{left:?}");
     std::fs::write(
         folder.join("wall.obj"),
         "v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n",

@@ -81,8 +81,11 @@ fn dilogarithm(x: f64) -> f64 {
     PI * PI / 6.0 - product - series(rest)
 }
 
-/// Returns the number up to [`MOST_OPAQUE`] of a dilogarithm.
+/// Returns the number of a dilogarithm, at most [`MOST_OPAQUE`].
 fn opacity_of(dilogarithm_of: f64) -> f64 {
+    if dilogarithm_of >= dilogarithm(MOST_OPAQUE) {
+        return MOST_OPAQUE;
+    }
     // The function is convex and above its argument: Newton's steps come from above.
     let mut x = dilogarithm_of.min(MOST_OPAQUE);
     for _ in 0..8 {
@@ -92,7 +95,7 @@ fn opacity_of(dilogarithm_of: f64) -> f64 {
         let slope = -(-x).ln_1p() / x;
         x -= (dilogarithm(x) - dilogarithm_of) / slope;
     }
-    x.clamp(0.0, MOST_OPAQUE)
+    x
 }
 
 impl Cell {
@@ -231,7 +234,7 @@ impl Merging {
         let fullest = dilogarithm(MOST_OPAQUE);
         let widened = (depth / (moments * fullest)).clamp(1.0, WIDENING);
         let (variance, area) = (widened * variance, widened * moments);
-        let opacity = opacity_of((depth / area).min(fullest));
+        let opacity = opacity_of(depth / area);
         let (squares, axes) = eigen(symmetric(variance));
         let least = LEAST_VARIANCE * squares.element_sum();
         let view = |n: usize| {
