@@ -41,10 +41,20 @@ struct Pictures {
 }
 
 impl Pictures {
-    /// Draws splats; there are no pictures if nothing is seen.
+    /// Draws splats.
+    ///
+    /// # Errors
+    /// The errors of drawing; splats of which nothing is seen.
     fn of(cloud: SplatCloud, up: DVec3) -> Result<Self> {
         let mut renderer = renderer_of_splats(cloud)?;
         let cameras = cameras(&renderer, up, &AZIMUTHS_DEG);
+        if cameras.is_empty() {
+            let expected = "splats of which something is seen";
+            let advice = "leave --error out";
+            return Err(Error::invalid(
+                "pictures", "splats", expected, "none", advice,
+            ));
+        }
         let images = drawn(&mut renderer, &cameras)?;
         Ok(Self { cameras, images })
     }
