@@ -43,14 +43,8 @@ impl Exp2 {
 /// Returns exp(-q/2) for q in \[0, 49\].
 #[inline(always)]
 pub(crate) fn exp_minus_half<const FMA: bool>(q: f32) -> f32 {
-    times_exp_minus_half::<FMA>(1.0, q)
-}
-
-/// Returns a exp(-q/2) for q in \[0, 49\].
-#[inline(always)]
-pub(crate) fn times_exp_minus_half<const FMA: bool>(a: f32, q: f32) -> f32 {
     let Exp2 { power, f, series } = Exp2::of::<FMA>(q, -0.5 * std::f32::consts::LOG2_E);
-    let power = a * power;
+    // Factors belong outside, where lanes beyond the cut-off are masked: subnormal products are slow.
     madd::<FMA>(power * f, series, power)
 }
 

@@ -13,7 +13,7 @@ use crate::cpu::tile::evaluate::affine::{RowForm, is_aligned};
 use crate::cpu::tile::evaluate::exact::{ExactAt, RowOfExact};
 use crate::cpu::tile::interval::cut::{Cut, CutTile, Side};
 use crate::cpu::tile::pixels::{Plane, Tile, TilePlace};
-use crate::math::lane::{exp_minus_half, madd, opacity, times_exp_minus_half};
+use crate::math::lane::{exp_minus_half, madd, opacity};
 use crate::record::{
     ExactTerms, Footprint, NearTerms, PATH_AFFINE, PATH_CAPPED, PATH_EXACT, PATH_PEAK,
 };
@@ -332,7 +332,7 @@ impl FusedWork<'_> {
                 let tau = if ALIGNED {
                     of_row[lane] * of_column[lane]
                 } else {
-                    times_exp_minus_half::<FMA>(tau_peak, q)
+                    tau_peak * exp_minus_half::<FMA>(q)
                 };
                 let tau = if is_inside { tau } else { 0.0 };
                 let weight = opacity_of::<FMA, OPACITY>(tau, ceiling) * (1.0 - alphas[lane]);
@@ -455,7 +455,7 @@ impl FusedWork<'_> {
                     tau = if ALIGNED {
                         of_rows[y] * of_column[lane]
                     } else {
-                        times_exp_minus_half::<FMA>(tau, q)
+                        tau * exp_minus_half::<FMA>(q)
                     };
                     let tau = if is_inside { tau } else { 0.0 };
                     let opacity = opacity_of::<FMA, OPACITY>(tau, ceiling);

@@ -5,7 +5,7 @@
 
 use super::{Row, RowSlope, Walk};
 use crate::constants::TILE_SIZE;
-use crate::math::lane::{madd, times_exp_minus_half};
+use crate::math::lane::{exp_minus_half, madd};
 use crate::record::{ExactTerms, Footprint};
 
 /// The quadratic form along a row.
@@ -54,7 +54,7 @@ pub(super) fn row<const FMA: bool>(walk: &Walk<'_>, terms: &ExactTerms, y: usize
         let q = form.q::<FMA>(dx);
         // NaN compares false: outside.
         let is_inside = q <= walk.limits[lane];
-        let tau = times_exp_minus_half::<FMA>(footprint.tau, q);
+        let tau = footprint.tau * exp_minus_half::<FMA>(q);
         row.tau[lane] = if is_inside { tau } else { 0.0 };
         // Rounded like the twin: it matters to needles.
         row.beyond[lane] = gx * dx + gy * dy;

@@ -7,7 +7,7 @@ use super::affine::RowForm;
 use super::{Row, RowSlope, Walk};
 use crate::constants::TILE_SIZE;
 use crate::cpu::tile::pixels::RowOf;
-use crate::math::lane::{madd, times_exp_minus_half};
+use crate::math::lane::{exp_minus_half, madd};
 use crate::record::{ExactTerms, Footprint};
 
 /// Q and w along a row.
@@ -93,8 +93,7 @@ pub(super) fn row<const FMA: bool>(
         } = of_row.at::<FMA>(dx);
         // Without a branch, which would prevent vector code; NaN compares false: outside.
         let is_inside = is_ahead & (q <= walk.limits[lane]);
-        let peak = footprint.tau * (ray_length[lane] * inverse.sqrt());
-        let tau = times_exp_minus_half::<FMA>(peak, q);
+        let tau = footprint.tau * (ray_length[lane] * inverse.sqrt()) * exp_minus_half::<FMA>(q);
         row.tau[lane] = if is_inside { tau } else { 0.0 };
         let slope = gx * dx + gy * dy;
         let bend = dx * (hxx * dx + hxy * dy) + hyy * dy * dy;

@@ -9,7 +9,7 @@ use super::affine::RowForm;
 use super::{Row, depth_reach};
 use crate::constants::{MAX_CUTOFF, TILE_SIZE};
 use crate::cpu::tile::pixels::{Patch, RowOf, TilePlace, ray};
-use crate::math::lane::{cdf, madd, times_exp_minus_half};
+use crate::math::lane::{cdf, exp_minus_half, madd};
 use crate::record::{ExactTerms, Footprint, NearTerms, PATH_HALF_LINE, PATH_NEAR};
 use crate::splat::misses_near;
 
@@ -63,7 +63,7 @@ impl<'a> NearWalk<'a> {
             // ends at 1e-12, which would be visible when multiplied by a great depth.
             let behind = row.ahead(lane, 0.0);
             let is_ahead = behind <= MAX_CUTOFF;
-            let tau = times_exp_minus_half::<FMA>(tau[lane], q[lane]) * cdf::<FMA>(-behind);
+            let tau = tau[lane] * exp_minus_half::<FMA>(q[lane]) * cdf::<FMA>(-behind);
             // NaN compares false: outside.
             let is_inside = is_ahead & (q[lane] <= limits[lane]) & (tau > 0.0);
             row.tau[lane] = if is_inside { tau } else { 0.0 };

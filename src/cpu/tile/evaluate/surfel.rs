@@ -12,7 +12,7 @@ use super::Walk;
 use super::affine::RowForm;
 use crate::constants::TILE_SIZE;
 use crate::cpu::tile::pixels::{RowOf, TilePlace, ray};
-use crate::math::lane::{madd, times_exp_minus_half};
+use crate::math::lane::{exp_minus_half, madd};
 use crate::math::unpack_normal;
 use crate::record::{Footprint, NearTerms, SurfelTerms};
 
@@ -93,7 +93,7 @@ impl<'a> SurfelWalk<'a> {
             // NaN compares false: outside.
             is_inside &= q <= walk.limits[lane];
             row.weight[lane] = if is_inside {
-                times_exp_minus_half::<FMA>(peak, q)
+                peak * exp_minus_half::<FMA>(q)
             } else {
                 0.0
             };
