@@ -233,6 +233,7 @@ fn variance(cloud: &SplatCloud, i: usize) -> DMat3 {
     factor * factor.transpose()
 }
 
+/// Returns a renderer of a data set, on the CPU.
 pub(super) fn renderer_of(dataset: Dataset) -> Result<Renderer> {
     let sampled = scene(dataset, &SampleOptions::default())?;
     let options = RendererOptions {

@@ -14,7 +14,6 @@ use crate::image::Image;
 use crate::measure::{FLIP_PIXELS_PER_DEGREE, flip};
 use crate::render::Renderer;
 use crate::sample::{fewer_splats, index_u32};
-use crate::scene::SplatRule;
 use crate::view::Camera;
 use crate::{Error, Result};
 
@@ -101,7 +100,7 @@ impl FewerOptions {
     /// Returns whether splats are merged.
     ///
     /// - `count`: number of splats that are to be left.
-    /// - `kinds`: number of inputs whose splats are taken as they are, of meshes, and of all.
+    /// - The array: number of inputs whose splats are taken as they are, of meshes, and of all inputs.
     ///
     /// # Errors
     /// Options that apply to none of the inputs, or to a part of them.
@@ -167,8 +166,7 @@ impl FewerOptions {
             }
             pictures => Some(pictures?),
         };
-        let has_floor = matches!(cloud.rule, SplatRule::Inria | SplatRule::Mip);
-        if has_floor && !self.keep_all {
+        if cloud.rule.has_limits() && !self.keep_all {
             let seen = (0..given).filter(|&i| cloud.opacities[i] >= SPLAT_FLOOR);
             let seen: Vec<u32> = seen.map(index_u32).collect();
             if !seen.is_empty() && seen.len() < given {

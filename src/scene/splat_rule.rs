@@ -35,6 +35,12 @@ impl SplatRule {
         }
     }
 
+    /// Returns whether opacities have a floor and a ceiling
+    /// ([`SPLAT_FLOOR`](crate::constants::SPLAT_FLOOR)).
+    pub(crate) fn has_limits(self) -> bool {
+        matches!(self, Self::Inria | Self::Mip)
+    }
+
     /// Returns whether the opacity falls as the low-pass filter widens the footprint.
     pub fn is_anti_aliased(self) -> bool {
         self == Self::Mip

@@ -97,9 +97,10 @@ pub(super) fn splat_footprint(
     };
     affine_part(&mut out, &screen, &image, r);
     out.tau = image.tau;
-    out.path = match rule {
-        SplatRule::Exact | SplatRule::Khr => PATH_PEAK,
-        SplatRule::Inria | SplatRule::Mip => PATH_CAPPED,
+    out.path = if rule.has_limits() {
+        PATH_CAPPED
+    } else {
+        PATH_PEAK
     };
     let half = affine_bounds(&image, r);
     set_bounds(view, &mut out, screen.centre_px, half);

@@ -81,7 +81,7 @@ fn dilogarithm(x: f64) -> f64 {
     PI * PI / 6.0 - product - series(rest)
 }
 
-/// Returns the number of a dilogarithm, at most [`MOST_OPAQUE`].
+/// Returns the opacity that has a dilogarithm, at most [`MOST_OPAQUE`].
 fn opacity_of(dilogarithm_of: f64) -> f64 {
     if dilogarithm_of >= dilogarithm(MOST_OPAQUE) {
         return MOST_OPAQUE;
@@ -157,7 +157,7 @@ impl Footprint {
     }
 }
 
-/// What two splats show in one view: two Gaussians less a third where they meet.
+/// Two splats in one view: two Gaussians less a third where they meet.
 struct View {
     /// Integrals of the products of these three with one another, and with the merged splat's.
     overlaps: [[f64; 3]; 3],
