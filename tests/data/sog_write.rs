@@ -82,6 +82,33 @@ fn errors(pairs: impl Iterator<Item = (f32, f32)>) -> [f64; 2] {
     [(squares / all.len() as f64).sqrt(), most]
 }
 
+/// A folder holds the members of the archive.
+#[test]
+fn scenes_are_written_as_folders_too() {
+    let folder = Folder::new();
+    let cloud = some_cloud(500, 2);
+    let (_, packed) = written(&folder.path().join("a.sog"), &cloud);
+    let (in_folder, plain) = written(&folder.path().join("meta.json"), &cloud);
+    assert_eq!(plain.positions, packed.positions);
+    assert_eq!(plain.harmonics, packed.harmonics);
+    let entries = std::fs::read_dir(folder.path()).unwrap();
+    let sizes = entries.map(|entry| entry.unwrap()).map(|entry| {
+        let is_archive = entry.file_name() == "a.sog";
+        if is_archive {
+            0
+        } else {
+            entry.metadata().unwrap().len()
+        }
+    });
+    assert_eq!(sizes.sum::<u64>(), in_folder.bytes as u64);
+    let error = write_splats(
+        &folder.path().join("b.json"),
+        &cloud,
+        &SplatFileOptions::default(),
+    );
+    assert!(error.unwrap_err().to_string().contains("meta.json"));
+}
+
 #[test]
 fn scenes_come_back_within_the_steps_of_the_format() {
     let folder = Folder::new();

@@ -114,6 +114,7 @@ pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> 
     );
     Ok(Encoded {
         bytes,
+        beside: Vec::new(),
         position_quantum,
         order,
         notes,

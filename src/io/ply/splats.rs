@@ -215,6 +215,7 @@ pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud, form: PlyForm) -> R
     }
     Ok(Encoded {
         bytes,
+        beside: Vec::new(),
         position_quantum: single_precision_quantum(cloud.positions.iter().copied()),
         order: Vec::new(),
         notes: Vec::new(),

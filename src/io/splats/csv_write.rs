@@ -21,6 +21,7 @@ pub(in crate::io) fn encode(cloud: &SplatCloud) -> Encoded {
     let farthest = farthest.fold(f64::MIN_POSITIVE, f64::max);
     Encoded {
         bytes: text.into_bytes(),
+        beside: Vec::new(),
         position_quantum: farthest.next_up() - farthest,
         order: Vec::new(),
         notes,

@@ -40,6 +40,8 @@ pub struct SplatFileOptions {
 /// Bytes of a file before they are written.
 pub(in crate::io) struct Encoded {
     pub(in crate::io) bytes: Vec<u8>,
+    /// Names and bytes of other files of the same folder, which the first names.
+    pub(in crate::io) beside: Vec<(&'static str, Vec<u8>)>,
     pub(in crate::io) position_quantum: f64,
     /// As [`WrittenSplats::order`](crate::io::WrittenSplats::order).
     pub(in crate::io) order: Vec<usize>,

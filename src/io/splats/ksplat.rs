@@ -49,13 +49,13 @@ use crate::io::bytes::half::half;
 use crate::math::{harmonics_count, narrowed};
 use crate::scene::SplatRule;
 
-const HEADER: usize = 4096;
-const SECTION_HEADER: usize = 1024;
+pub(super) const HEADER: usize = 4096;
+pub(super) const SECTION_HEADER: usize = 1024;
 /// Number of steps in half a bucket's side, if a section does not state it.
 const STEPS: u32 = 32_767;
 /// Harmonics in bytes range from minus this to this value, if the file states no range.
 const HARMONICS_RANGE: f32 = 1.5;
-const MAX_DEGREE: u16 = 2;
+pub(super) const MAX_DEGREE: u16 = 2;
 
 /// Reads splats.
 ///

@@ -4,6 +4,7 @@ pub(crate) mod csv_write;
 pub(crate) mod encoded_splats;
 pub(crate) mod gltf_splats;
 pub(crate) mod ksplat;
+pub(crate) mod ksplat_write;
 pub(crate) mod log_scales;
 pub(crate) mod morton;
 pub(crate) mod sog;

@@ -122,6 +122,7 @@ pub(in crate::io) fn encode(cloud: &SplatCloud) -> Encoded {
     );
     Encoded {
         bytes,
+        beside: Vec::new(),
         position_quantum: single_precision_quantum(cloud.positions.iter().copied()),
         order: order.into_iter().map(|(_, i)| i).collect(),
         notes,

@@ -177,6 +177,7 @@ pub(in crate::io) fn encode(
     );
     Ok(Encoded {
         bytes,
+        beside: Vec::new(),
         position_quantum: 1.0 / per_unit,
         order: Vec::new(),
         notes,

@@ -7,8 +7,9 @@ use glam::DQuat;
 
 use super::encoded_splats::{PlyForm, SplatFileOptions, median_size};
 use super::gltf_splats::Container;
+use super::sog::files::META;
 use super::splat_axes::SplatAxes;
-use super::{csv_write, gltf_splats, sog, splat, spz_write};
+use super::{csv_write, gltf_splats, ksplat_write, sog, splat, spz_write};
 use crate::data::splats::SplatCloud;
 use crate::error::{Error, Result};
 use crate::io::bytes::atomic::write_bytes_atomically;
@@ -27,7 +28,7 @@ pub const FLAT_SHARE: f32 = 0.01;
 /// The result of writing a file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WrittenSplats {
-    /// Size of the file.
+    /// Size of the file and of those beside it.
     pub bytes: usize,
     /// The greatest distance along an axis between neighbouring positions that the file can represent, world
     /// units.
@@ -46,8 +47,10 @@ enum Format {
     Ply,
     PackedPly,
     Splat,
+    Ksplat,
     Spz,
     Sog,
+    SogFolder,
     Glb,
     Gltf,
     Csv,
@@ -68,7 +71,9 @@ impl Format {
             "ply" => Some(Self::Ply),
             "splat" => Some(Self::Splat),
             "spz" => Some(Self::Spz),
+            "ksplat" => Some(Self::Ksplat),
             "sog" => Some(Self::Sog),
+            "json" if path.file_name().is_some_and(|name| name == META) => Some(Self::SogFolder),
             "glb" => Some(Self::Glb),
             "gltf" => Some(Self::Gltf),
             "csv" => Some(Self::Csv),
@@ -81,9 +86,14 @@ impl Format {
     /// axes.
     fn axes(self) -> Option<SplatAxes> {
         match self {
-            Self::Ply | Self::PackedPly | Self::Splat | Self::Spz | Self::Sog | Self::Csv => {
-                Some(SplatAxes::RightDownForward)
-            }
+            Self::Ply
+            | Self::PackedPly
+            | Self::Splat
+            | Self::Ksplat
+            | Self::Spz
+            | Self::Sog
+            | Self::SogFolder
+            | Self::Csv => Some(SplatAxes::RightDownForward),
             Self::Glb | Self::Gltf => Some(SplatAxes::LeftUpForward),
             Self::Vtu => None,
         }
@@ -93,7 +103,8 @@ impl Format {
 /// Checks whether [`write_splats`] could write to `path`, before splats are made.
 ///
 /// # Errors
-/// An extension other than `ply`, `splat`, `spz`, `sog`, `glb`, `gltf`, `csv` and `vtu`; a missing folder.
+/// An extension other than `ply`, `splat`, `ksplat`, `spz`, `sog`, `glb`, `gltf`, `csv` and `vtu`, and a name other than
+/// `meta.json`; a missing folder.
 pub fn check_splats_path(path: &Path) -> Result<()> {
     format_of(path).map(|_| ())
 }
@@ -107,7 +118,7 @@ fn format_of(path: &Path) -> Result<Format> {
     Err(Error::format(
         path,
         "output",
-        "a name that ends in .ply, .splat, .spz, .sog, .glb, .gltf, .csv or .vtu",
+        "a name that ends in .ply, .splat, .ksplat, .spz, .sog, .glb, .gltf, .csv or .vtu, or meta.json",
         if extension.is_empty() {
             "no extension".into()
         } else {
@@ -129,6 +140,9 @@ fn format_of(path: &Path) -> Result<Format> {
 /// | harmonics | f32 | 8 bits: .016, -4 to 4 | lost | 8 bits: .004, -1 to 1 | f32 | one of up to 65,536 sets, of 256 numbers, the error reported |
 /// | anti-aliasing mark | kept | lost | lost | kept | lost | kept |
 /// | order | kept | along a Morton curve | by size times opacity | kept | kept | along a Morton curve |
+///
+/// `.ksplat` (mode 0) has f32 for all but colours and opacities, which are those of `.splat`, and harmonics up to degree 2; it keeps
+/// the order and loses the mark. `meta.json` is a SOG that is no archive: its images are written into the same folder.
 ///
 /// `.gltf` is as `.glb`, with its numbers in text (base64). `.csv` is a table with the columns and the numbers of `.ply`, positions
 /// in f64, and without the mark.
@@ -186,7 +200,9 @@ pub fn write_splats(
         Format::PackedPly => ply::packed_write::encode(path, cloud)?,
         Format::Splat => splat::encode(cloud),
         Format::Spz => spz_write::encode(path, cloud, options.spz_version.unwrap_or_default())?,
-        Format::Sog => sog::encode(path, cloud)?,
+        Format::Ksplat => ksplat_write::encode(path, cloud)?,
+        Format::Sog => sog::encode(path, cloud, true)?,
+        Format::SogFolder => sog::encode(path, cloud, false)?,
         Format::Glb => gltf_splats::encode(path, cloud, Container::Binary)?,
         Format::Gltf => gltf_splats::encode(path, cloud, Container::Text)?,
         Format::Csv => csv_write::encode(cloud),
@@ -205,9 +221,15 @@ pub fn write_splats(
             encoded.position_quantum
         ));
     }
+    // The file that names others comes last, so that whoever finds it finds them.
+    let mut bytes = encoded.bytes.len();
+    for (name, other) in &encoded.beside {
+        write_bytes_atomically(&path.with_file_name(name), other)?;
+        bytes += other.len();
+    }
     write_bytes_atomically(path, &encoded.bytes)?;
     Ok(WrittenSplats {
-        bytes: encoded.bytes.len(),
+        bytes,
         position_quantum: encoded.position_quantum,
         turn,
         order: encoded.order,

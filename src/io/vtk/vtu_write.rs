@@ -102,6 +102,7 @@ pub(in crate::io) fn encode(cloud: &SplatCloud) -> Encoded {
     );
     Encoded {
         bytes,
+        beside: Vec::new(),
         position_quantum: f64::MIN_POSITIVE,
         order: Vec::new(),
         notes,

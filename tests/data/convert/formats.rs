@@ -66,6 +66,12 @@ fn quantum(extension: &str, written: &WrittenSplats) -> Quantum {
             harmonic: f64::INFINITY,
             ..exact
         },
+        // The same codes; floats are kept.
+        "ksplat" => Quantum {
+            opacity: 0.5 / 255.0 + 1e-7,
+            constant: 0.5 / 255.0 / 0.282 + 1e-6,
+            ..exact
+        },
         // Steps are 1/16 in the logarithm and 1/(511 sqrt 2) in a component. If three components
         // are off by half a step each, the fourth, which is the largest and at least 1/2, is off by
         // up to three halves.
@@ -126,6 +132,7 @@ fn every_format_keeps_what_it_says() {
                 assert_kept(&cloud, &after, &quantum, extension);
                 let (keeps_degree, keeps_mark) = match extension {
                     "splat" => (degree == 0, false),
+                    "ksplat" => (degree < 3, false),
                     "glb" | "gltf" | "csv" => (true, false),
                     _ => (true, true),
                 };
@@ -244,7 +251,7 @@ fn extremes_are_written_finite() {
         let is_cut = written.notes.iter().any(|n| n.contains("cut"));
         assert_eq!(
             is_cut,
-            matches!(extension, "splat" | "spz"),
+            matches!(extension, "splat" | "ksplat" | "spz"),
             "{:?}",
             written.notes
         );
@@ -423,8 +430,8 @@ fn pictures_stay_within_the_formats_quanta() {
                 // exact sizes, quaternions off by 1/256; without harmonics of up to .03.
                 let (greatest, root) = match (extension, degree) {
                     ("ply" | "glb" | "gltf" | "csv", _) => (2e-6, 2e-7),
-                    ("splat", 0) => (0.02, 2e-3),
-                    ("splat", _) => (0.1, 0.01),
+                    ("splat" | "ksplat", 0) => (0.02, 2e-3),
+                    ("splat" | "ksplat", _) => (0.1, 0.01),
                     _ => (0.05, 5e-3),
                 };
                 assert!(
@@ -472,7 +479,7 @@ fn three_splats_of_one_scene_convert_into_each_other() {
             let written = folder.write(to, &cloud);
             let after = cloud_of(folder.read(&format!("a.{to}")));
             let mut quantum = quantum(to, &written);
-            if to == "splat" || to == "spz" {
+            if matches!(to, "splat" | "ksplat" | "spz") {
                 // Colours beyond the range of bytes are clamped.
                 quantum.constant = 0.9;
                 quantum.harmonic = f64::INFINITY;

@@ -121,6 +121,7 @@ pub(in crate::io) fn encode(
     let mut notes = Vec::new();
     note_mark_lost(&mut notes, cloud);
     Ok(Encoded {
+        beside: Vec::new(),
         bytes: match as_container {
             Container::Binary => container(path, document, &binary)?,
             Container::Text => document,

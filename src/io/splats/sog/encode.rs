@@ -1,4 +1,4 @@
-//! Encodes scenes as archives of version 2.
+//! Encodes scenes of version 2, as archives or as folders.
 
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::path::Path;
@@ -43,12 +43,14 @@ struct Scene<'a> {
     pixels: usize,
 }
 
-/// Encodes an archive of splats, sorted along a Morton curve: neighbours in images are then alike, and are
+/// Encodes splats, sorted along a Morton curve: neighbours in images are then alike, and are
 /// compressed better.
+///
+/// - `is_archive`: true for one archive of all files; false for `meta.json` with the images beside it.
 ///
 /// # Errors
 /// More splats than images have pixels, or than an archive can hold.
-pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> {
+pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud, is_archive: bool) -> Result<Encoded> {
     let count = cloud.positions.len();
     let too_many = |expected: String| {
         let found = count.to_string();
@@ -102,12 +104,19 @@ pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> 
         Error::format(path, "images", "WebP", found, "write another format")
     })?;
     let meta = meta.to_string();
-    let files: Vec<(&str, &[u8])> = std::iter::once((META, meta.as_bytes()))
-        .chain(packed.iter().map(|(name, bytes)| (*name, &bytes[..])))
-        .collect();
-    let bytes = stored(&files).ok_or_else(|| too_many("fewer: an archive has 4 GiB".into()))?;
+    let (bytes, beside) = if is_archive {
+        let files: Vec<(&str, &[u8])> = std::iter::once((META, meta.as_bytes()))
+            .chain(packed.iter().map(|(name, bytes)| (*name, &bytes[..])))
+            .collect();
+        let bytes = stored(&files);
+        let expected = || too_many("fewer: an archive has 4 GiB".into());
+        (bytes.ok_or_else(expected)?, Vec::new())
+    } else {
+        (meta.into_bytes(), packed)
+    };
     Ok(Encoded {
         bytes,
+        beside,
         position_quantum,
         order: scene.order,
         notes,
