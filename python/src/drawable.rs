@@ -8,9 +8,11 @@ use ewa_splat::io::{
     OpenOptions, SplatCloud, SplatFileOptions, StepChoice, TextureImage, Up, format_of,
     has_particle_types, open, read, write_splats,
 };
+use ewa_splat::render::{bake_light, nothing_lit};
+use ewa_splat::sample::mesh::SPLAT_WIDTH;
 use ewa_splat::sample::{
-    BoundaryChoice, KernelOptions, SampleOptions, SampleReport, Sampled, SampledScene, discs,
-    is_surface, scene, splat_cloud,
+    BoundaryChoice, KernelOptions, PurposeOptions, SampleOptions, SampleReport, Sampled,
+    SampledScene, discs, is_surface, scene, splat_cloud,
 };
 use ewa_splat::scene::{Lattice, LatticeSpacing, SplatRule};
 use ewa_splat::{Result, Task};
@@ -23,7 +25,7 @@ use pyo3::types::PyDict;
 use crate::arrays::{Floats, Numbers, Points, indices, pairs, quadruples, triples};
 use crate::errors::exception;
 use crate::forked::detached;
-use crate::settings::{Said, open_options, sample_options};
+use crate::settings::{Said, lighting, open_options, sample_options};
 use crate::task::run;
 
 /// Drawable made of one object: a volume, a surface, or the parts of a collection.
@@ -602,26 +604,53 @@ impl Drawable {
 
     /// Writes it as a file of splats. Returns their number, the file's size in bytes, and the
     /// notes.
-    fn convert(&self, py: Python<'_>, path: PathBuf) -> PyResult<(usize, u64, Vec<String>)> {
+    ///
+    /// - `width`: standard deviation of splats over their spacing.
+    #[pyo3(signature = (path, width, lit, lights))]
+    fn convert(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        width: Option<f64>,
+        lit: Option<bool>,
+        lights: Option<Vec<[f64; 6]>>,
+    ) -> PyResult<(usize, u64, Vec<String>)> {
+        let lighting = lighting(lit, lights.as_deref(), false)?;
         run(py, |task| {
+            let up = Up::of_scene(self.ups()).direction;
             let mut volumes = Vec::new();
             for source in &self.sources {
                 // Splats in a file are not clipped at a boundary.
                 let options = SampleOptions {
                     kernels: KernelOptions {
+                        width: width.unwrap_or(source.options.kernels.width),
+                        composited: Some(width.unwrap_or(SPLAT_WIDTH)),
                         boundary: BoundaryChoice::Soft,
                         // Files state no rule but a mark, which stays.
                         splat_rule: None,
                         ..source.options.kernels
+                    },
+                    purpose: PurposeOptions {
+                        normals: lighting.is_some(),
+                        ..source.options.purpose
                     },
                     task: Some(task.clone()),
                     ..source.options.clone()
                 };
                 volumes.extend(source.scene(&options)?.volumes);
             }
+            if let Some(lighting) = &lighting {
+                let mut is_lit = false;
+                for volume in &mut volumes {
+                    is_lit |= bake_light(volume, lighting, up)?;
+                }
+                if !is_lit {
+                    return Err(nothing_lit("lit"));
+                }
+            }
             let (cloud, report) = splat_cloud(&volumes)?;
             let options = SplatFileOptions {
-                up: Some(Up::of_scene(self.ups()).direction),
+                up: Some(up),
                 ..SplatFileOptions::default()
             };
             let written = write_splats(&path, &cloud, &options)?;

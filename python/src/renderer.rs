@@ -8,7 +8,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use ewa_splat::command::{Prepared, left_of, stats};
-use ewa_splat::io::{Dataset, Geometry, Up};
+use ewa_splat::io::{Dataset, Geometry, SphKernel, Up};
 use ewa_splat::legend::{ColourBar, check_legend_size, draw_legend, legend_width, title_of};
 use ewa_splat::load::{SurfelDemand, prefer, sample_together};
 use ewa_splat::measure::{About, ErrorSample, ReferenceSummary, Subject, SweepOptions, sweep};
@@ -16,7 +16,7 @@ use ewa_splat::reference::{DataIntegrator, Integrator, ReferenceFrame, Reference
 use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{
     BoundaryChoice, FunctionOptions, KernelOptions, PurposeOptions, SampleOptions, TransferChoice,
-    as_surface, field_choices, is_surface,
+    as_surface, common_smoothing, field_choices, is_surface,
 };
 use ewa_splat::scene::{PointVolume, TransferDefaults, TransferFunction, Values};
 use ewa_splat::view::{Along, Bounds, Camera, ClipPlane, DEFAULT_FOV_DEG, Lens};
@@ -81,12 +81,15 @@ struct Ready {
     /// Largest number of surfels of each surface by the pixels of a picture, if the surface states
     /// no number.
     counts: Vec<Option<usize>>,
+    /// SPH kernel that columns draw.
+    smoothing: Option<SphKernel>,
     prepared: Prepared,
 }
 
 /// Sampled volumes with their titles, fields and numbers of surfels.
 struct Sampled {
     volumes: Vec<PointVolume>,
+    smoothing: Option<SphKernel>,
     titles: Vec<Option<String>>,
     fields: Vec<Option<String>>,
     firsts: Vec<(usize, bool)>,
@@ -207,6 +210,7 @@ impl State {
         let scenes = sample_together(&options, |i, options| sources[i].scene(options))?;
         let mut sampled = Sampled {
             volumes: Vec::new(),
+            smoothing: common_smoothing(scenes.iter().map(|scene| &scene.report)),
             titles: Vec::new(),
             fields: Vec::new(),
             firsts: Vec::new(),
@@ -311,6 +315,7 @@ impl State {
             functions,
             firsts: sampled.firsts,
             counts: sampled.counts,
+            smoothing: sampled.smoothing,
             prepared: Prepared {
                 begun,
                 read_ms,
@@ -729,6 +734,7 @@ impl Renderer {
                 false => defaults.low_pass_variance_px2,
             },
             cutoff: shared.cutoff.unwrap_or(defaults.cutoff),
+            smoothing: None,
             clip: shared.clip.clone(),
             simd: shared.advanced.simd,
             task: None,
@@ -750,11 +756,12 @@ impl Renderer {
             let ready = state.prepare(purpose, &of_boxes, &settings.clip, task)?;
             let boxes = left_of(ready.renderer.boxes(), &settings.clip);
             let camera = camera(view.as_ref(), up, &boxes, lens, size, 0);
+            let ready = state.opened(&camera)?;
             let settings = ColumnSettings {
+                smoothing: ready.smoothing,
                 task: Some(task.clone()),
                 ..settings
             };
-            let ready = state.opened(&camera)?;
             let column = ready.renderer.column_density(&camera, &settings)?.clone();
             let amplitudes = ready.renderer.amplitudes();
             Ok((column, camera, amplitudes.sum, amplitudes.not_finite))

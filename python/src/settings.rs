@@ -143,6 +143,18 @@ pub(crate) fn sample_options(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Said>
     let is_surface = said.take::<bool>("surface")?.unwrap_or(false);
     let is_share = |opacity: f64| opacity > 0.0 && opacity < 1.0;
     let around = said.number("surface_opacity", "a number above 0 and below 1", is_share)?;
+    let kernel = said.choice(
+        "kernel",
+        &[
+            ("cubic", Some(SphKernel::CubicSpline)),
+            ("quartic", Some(SphKernel::QuarticSpline)),
+            ("quintic", Some(SphKernel::QuinticSpline)),
+            ("wendland-c2", Some(SphKernel::WendlandC2)),
+            ("wendland-c4", Some(SphKernel::WendlandC4)),
+            ("wendland-c6", Some(SphKernel::WendlandC6)),
+            ("gaussian", None),
+        ],
+    )?;
     let options = SampleOptions {
         field: said.take("field")?,
         preferred_field: None,
@@ -159,17 +171,8 @@ pub(crate) fn sample_options(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Said>
                     ("fwhm", LengthMeaning::Fwhm),
                 ],
             )?,
-            smoothing: said.choice(
-                "kernel",
-                &[
-                    ("cubic", SphKernel::CubicSpline),
-                    ("quartic", SphKernel::QuarticSpline),
-                    ("quintic", SphKernel::QuinticSpline),
-                    ("wendland-c2", SphKernel::WendlandC2),
-                    ("wendland-c4", SphKernel::WendlandC4),
-                    ("wendland-c6", SphKernel::WendlandC6),
-                ],
-            )?,
+            smoothing: kernel.flatten(),
+            gaussian: kernel == Some(None),
             radius: said.positive("one_radius")?,
             shape: said
                 .choice(
@@ -404,21 +407,9 @@ pub(crate) fn drawing(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Drawing> {
     let lights = said.take::<Vec<[f64; 6]>>("lights")?;
     let lit = said.take::<bool>("lit")?;
     let is_lit = lit == Some(true) || lights.is_some();
-    if lit == Some(false) && lights.is_some() {
-        let text = "lit: expected True, or nothing, beside lights, found False";
-        return Err(PyValueError::new_err(text));
-    }
-    let lighting = match (lights, lit) {
-        (Some(lights), _) => Some(Lighting {
-            lights: lights.iter().map(light).collect(),
-            ..Lighting::default()
-        }),
-        (None, Some(true)) => Some(Lighting::default()),
-        (None, Some(false)) => None,
-        // By default, surfaces are lit. Post-classified slabs would be lit with them, so then there
-        // is no light.
-        (None, None) => (!classifies_slabs).then(Lighting::default),
-    };
+    // By default, surfaces are lit. Post-classified slabs would be lit with them, so then there
+    // is no light.
+    let lighting = lighting(lit, lights.as_deref(), !classifies_slabs)?;
     let planes = said.take::<Vec<[f64; 4]>>("clip")?.unwrap_or_default();
     let drawing = Drawing {
         settings: Settings {
@@ -500,6 +491,26 @@ pub(crate) fn drawing(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Drawing> {
     };
     said.end()?;
     Ok(drawing)
+}
+
+/// Returns the lighting that is asked for.
+///
+/// - `is_default`: true if there is light unless something else is said.
+pub(crate) fn lighting(
+    lit: Option<bool>,
+    lights: Option<&[[f64; 6]]>,
+    is_default: bool,
+) -> PyResult<Option<Lighting>> {
+    match (lights, lit) {
+        (Some(_), Some(false)) => Err(PyValueError::new_err(
+            "lit: expected True, or nothing, beside lights, found False",
+        )),
+        (Some(lights), _) => Ok(Some(Lighting {
+            lights: lights.iter().map(light).collect(),
+            ..Lighting::default()
+        })),
+        (None, lit) => Ok(lit.unwrap_or(is_default).then(Lighting::default)),
+    }
 }
 
 fn light(&[x, y, z, r, g, b]: &[f64; 6]) -> Light {

@@ -12,11 +12,13 @@ use crate::io::{
 };
 use crate::load::note::axis;
 use crate::load::{Input, SurfelDemand, prefer};
+use crate::render::{bake_light, nothing_lit};
 use crate::sample::mesh::{MeshReport, SPLAT_WIDTH, Spread};
 use crate::sample::{
     BoundaryChoice, ConversionReport, Finding, SampleOptions, as_surface, field_choices, scene,
     sound_splats, splat_cloud,
 };
+use crate::scene::Lighting;
 use crate::{Error, Result};
 use clap::{Args, ValueEnum};
 use glam::{DQuat, DVec3};
@@ -26,6 +28,7 @@ use serde_json::{Value, json};
 use super::certificate::{certificate, line};
 use super::fewer::{FewerOptions, line as fewer_line};
 use super::input::DataOptions;
+use super::lit::FileLightOptions;
 use super::outputs::check_collisions;
 use super::parse;
 use super::prepare::{PrepareOptions, is_scene};
@@ -36,7 +39,8 @@ pub(crate) struct Arguments {
     /// Files to convert into one
     #[arg(required = true)]
     inputs: Vec<PathBuf>,
-    /// File of splats to write: ply, compressed.ply, splat, spz, sog, glb, gltf, csv or vtu; or arrow: a prepared scene, blocks and levels
+    /// File of splats to write: ply, compressed.ply, splat, ksplat, spz, sog, meta.json (a SOG's, with its images beside it), glb, gltf,
+    /// csv or vtu; or arrow: a prepared scene, blocks and levels
     /// of detail that `render`, `view`, `info` and `measure` take without reading what no picture asks for
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -56,6 +60,8 @@ pub(crate) struct Arguments {
     width: Option<f64>,
     #[command(flatten)]
     fewer: FewerOptions,
+    #[command(flatten)]
+    light: FileLightOptions,
     /// Print the summary as JSON
     #[arg(long)]
     json: bool,
@@ -78,8 +84,8 @@ enum Version {
 struct Converted {
     cloud: SplatCloud,
     report: ConversionReport,
-    /// Number of inputs with splats.
-    of_splats: usize,
+    /// True if light is in the colours of some splats.
+    is_lit: bool,
     /// Summary of each mesh's conversion.
     meshes: Vec<Value>,
     notes: Vec<String>,
@@ -106,7 +112,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let inputs = arguments.data.inputs(named.collect(), false)?;
     if is_scene {
         let (out, data) = (&arguments.out, &arguments.data);
-        return arguments.prepare.run(&inputs, out, data, arguments.json);
+        let is_lit = arguments.light.lighting().is_some();
+        return arguments
+            .prepare
+            .run(&inputs, out, data, is_lit, arguments.json);
     }
     let bar = progress::bar(inputs.len() as u64 + 1);
     let mut converted = Converted::default();
@@ -119,12 +128,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
                 converted.notes.push(format!("{}: {note}", path.display()));
             }
             let up = dataset.up();
-            let mut options = options;
             let dataset = as_surface(dataset, &options)?;
-            if matches!(dataset.geometry, Geometry::Mesh(_)) && !arguments.is_width_given() {
-                options.kernels.width = SPLAT_WIDTH;
-            }
-            converted.add(dataset, &options, &bar)?;
+            let light = arguments
+                .light
+                .lighting()
+                .map(|light| (light, up.direction));
+            converted.add(dataset, &options, light, &bar)?;
             converted.ups.push((path.clone(), up));
             Ok(())
         });
@@ -141,14 +150,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(error) = nothing.filter(|_| converted.ups.is_empty()) {
         return Err(error);
     }
+    if arguments.light.lighting().is_some() && !converted.is_lit {
+        return Err(nothing_lit("--lit"));
+    }
     bar.set_message("writing");
     let Converted {
         cloud,
         report,
-        of_splats,
         meshes,
         notes,
         ups,
+        ..
     } = &mut converted;
     let form = if arguments.surfels {
         PlyForm::Surfels
@@ -163,10 +175,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     };
     let count = arguments.data.count;
     let mut fewer = Value::Null;
-    if arguments
-        .fewer
-        .merges(count, [*of_splats, meshes.len(), ups.len()])?
-    {
+    if arguments.fewer.merges(count, [meshes.len(), ups.len()])? {
         bar.set_message("merging splats");
         let merged = arguments
             .fewer
@@ -220,18 +229,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 }
 
 impl Arguments {
-    fn is_width_given(&self) -> bool {
-        self.width.is_some() || self.data.kernel_width.is_some()
-    }
-
     /// Returns the sampling options of each input. Meshes share the surfel count that one mesh
     /// would get. Data without a named field show a field that they have in common.
     fn options(&self, inputs: &[Input]) -> Result<Vec<SampleOptions>> {
         let mut options = self.data.sample_options();
         // Splats in a file are not clipped at a boundary.
         options.kernels.boundary = BoundaryChoice::Soft;
-        options.kernels.composited = true;
         options.kernels.width = self.width.unwrap_or(options.kernels.width);
+        let width = self.width.or(self.data.kernel_width);
+        options.kernels.composited = Some(width.unwrap_or(SPLAT_WIDTH));
+        options.purpose.normals = self.light.lighting().is_some();
         let all = inputs.iter().map(|input| input.sample_options(&options));
         let mut all: Vec<SampleOptions> = all.collect();
         if inputs.len() < 2 {
@@ -289,6 +296,7 @@ impl Arguments {
             ("--spz-version", self.spz_version.is_some()),
             ("--keep-axes", self.keep_axes),
             ("--width", self.width.is_some()),
+            ("--light", self.light.has_lights()),
         ];
         match given.iter().find(|(_, is_given)| *is_given) {
             None => Ok(()),
@@ -366,18 +374,28 @@ fn mesh_summary(path: &Path, report: &MeshReport) -> Value {
 
 impl Converted {
     /// Converts a data set and adds its splats.
-    fn add(&mut self, dataset: Dataset, options: &SampleOptions, bar: &ProgressBar) -> Result<()> {
+    ///
+    /// - `light`: lighting of surfaces and fields, and the direction up of its cameras.
+    fn add(
+        &mut self,
+        dataset: Dataset,
+        options: &SampleOptions,
+        light: Option<(Lighting, DVec3)>,
+        bar: &ProgressBar,
+    ) -> Result<()> {
         let path = dataset.path.clone();
         let (cloud, report) = match dataset.geometry {
             // Keeps the file's splats. A named field replaces their colours, so it takes the other
             // branch.
-            Geometry::Splats(cloud) if options.field.is_none() => {
-                let sound = sound_splats(cloud)?;
-                self.of_splats += 1;
-                sound
-            }
+            Geometry::Splats(cloud) if options.field.is_none() => sound_splats(cloud)?,
             _ => {
-                let sampled = scene(dataset, options)?;
+                let mut sampled = scene(dataset, options)?;
+                if let Some((light, up)) = light {
+                    for volume in &mut sampled.volumes {
+                        let is_lit = bake_light(volume, &light, up);
+                        self.is_lit |= is_lit.map_err(|e| e.in_file(&path))?;
+                    }
+                }
                 match sampled.report.mesh {
                     Some(mesh) => self.meshes.push(mesh_summary(&path, &mesh)),
                     None => {

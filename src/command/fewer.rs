@@ -25,10 +25,10 @@ const AZIMUTHS_DEG: [f64; 4] = [30.0, 120.0, 210.0, 300.0];
 /// Options for merging splats.
 #[derive(Args)]
 pub(crate) struct FewerOptions {
-    /// Splats: merge while 99.9 % of pixels of four pictures change by less (0 to 1)
+    /// Merge splats while 99.9 % of pixels of four pictures change by less (0 to 1)
     #[arg(long, value_name = "E", value_parser = parse::share, allow_hyphen_values = true, conflicts_with = "count")]
     error: Option<f64>,
-    /// Splats: when merging, keep those that their rule does not draw (below 1/255)
+    /// When merging splats, keep those that their rule does not draw (below 1/255)
     #[arg(long)]
     keep_all: bool,
 }
@@ -99,50 +99,24 @@ impl FewerOptions {
 
     /// Returns whether splats are merged.
     ///
-    /// - `count`: number of splats that are to be left.
-    /// - The array: number of inputs whose splats are taken as they are, of meshes, and of all inputs.
+    /// - `count`: number of splats that are to be left, or of a mesh's surfels.
+    /// - The array: number of inputs that are meshes, and of all.
     ///
     /// # Errors
-    /// Options that apply to none of the inputs, or to a part of them.
-    pub(super) fn merges(
-        &self,
-        count: Option<u32>,
-        [splats, meshes, all]: [usize; 3],
-    ) -> Result<bool> {
+    /// A count for meshes beside other inputs; an option that applies to none of the inputs.
+    pub(super) fn merges(&self, count: Option<u32>, [meshes, all]: [usize; 2]) -> Result<bool> {
         let refused = |option, place, expected, found| {
-            Err(Error::invalid(
-                option,
-                place,
-                expected,
-                found,
-                "leave it out",
-            ))
+            let advice = "leave it out";
+            Err(Error::invalid(option, place, expected, found, advice))
         };
-        let merges = self.error.is_some() || (count.is_some() && splats > 0);
-        if merges && splats < all {
-            let option = if self.error.is_some() {
-                "--error"
-            } else {
-                "--count"
-            };
-            let expected = "splats of radiance fields alone, in their own colours";
-            return refused(option, "inputs", expected, "other data");
+        if count.is_some() && (1..all).contains(&meshes) {
+            let expected = "meshes alone, for surfels, or none, for merged splats";
+            return refused("--count", "inputs", expected, "meshes and other data");
         }
-        if count.is_some() && !merges && meshes == 0 {
-            return refused(
-                "--count",
-                "inputs",
-                "meshes, or splats in their own colours",
-                "other data",
-            );
-        }
+        let merges = self.error.is_some() || (count.is_some() && meshes == 0);
         if self.keep_all && !merges {
-            return refused(
-                "--keep-all",
-                "options",
-                "splats that --count or --error merges",
-                "none",
-            );
+            let expected = "splats that --count or --error merges";
+            return refused("--keep-all", "options", expected, "none");
         }
         Ok(merges)
     }

@@ -69,7 +69,8 @@ pub(crate) struct DataOptions {
     /// Particles: what their lengths mean, where the file's convention does not hold
     #[arg(long, value_enum, value_name = "MEANING")]
     pub(crate) length: Option<Length>,
-    /// Particles: smoothing kernel that their lengths belong to [default: the file's, or cubic]
+    /// Particles: smoothing kernel that their lengths belong to, and that columns draw; gaussian: the file's, and columns of
+    /// Gaussians [default: the file's, or cubic]
     #[arg(long, value_enum, value_name = "KERNEL")]
     pub(crate) kernel: Option<Kernel>,
     /// Particles: one length for all instead of the file's; a standard deviation unless --length
@@ -202,6 +203,8 @@ pub(crate) enum Kernel {
     WendlandC4,
     /// Wendland C6, support 2 h
     WendlandC6,
+    /// The file's or cubic, drawn as a Gaussian of its variance
+    Gaussian,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -489,14 +492,16 @@ impl DataOptions {
                     Length::Sigma => LengthMeaning::Sigma,
                     Length::Fwhm => LengthMeaning::Fwhm,
                 }),
-                smoothing: self.kernel.map(|kernel| match kernel {
-                    Kernel::Cubic => SphKernel::CubicSpline,
-                    Kernel::Quartic => SphKernel::QuarticSpline,
-                    Kernel::Quintic => SphKernel::QuinticSpline,
-                    Kernel::WendlandC2 => SphKernel::WendlandC2,
-                    Kernel::WendlandC4 => SphKernel::WendlandC4,
-                    Kernel::WendlandC6 => SphKernel::WendlandC6,
+                smoothing: self.kernel.and_then(|kernel| match kernel {
+                    Kernel::Cubic => Some(SphKernel::CubicSpline),
+                    Kernel::Quartic => Some(SphKernel::QuarticSpline),
+                    Kernel::Quintic => Some(SphKernel::QuinticSpline),
+                    Kernel::WendlandC2 => Some(SphKernel::WendlandC2),
+                    Kernel::WendlandC4 => Some(SphKernel::WendlandC4),
+                    Kernel::WendlandC6 => Some(SphKernel::WendlandC6),
+                    Kernel::Gaussian => None,
                 }),
+                gaussian: matches!(self.kernel, Some(Kernel::Gaussian)),
                 radius: self.radius,
                 shape: match self.shape {
                     Shape::Auto => ParticleShape::Automatic,
@@ -516,7 +521,7 @@ impl DataOptions {
                     (None, None, Some(Spacing::Even(distance))) => Spread::Spacing(distance),
                     (None, None, _) => Spread::Automatic,
                 },
-                composited: false,
+                composited: None,
                 splat_rule: self.splat_rule.map(|rule| match rule {
                     SplatRuleName::Khr => SplatRule::Khr,
                     SplatRuleName::Inria => SplatRule::Inria,

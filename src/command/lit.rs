@@ -30,12 +30,43 @@ impl LightOptions {
 
     /// Returns the lighting of volumes, if they are lit.
     pub(crate) fn lighting(&self) -> Option<Lighting> {
-        if !self.lights.is_empty() {
-            return Some(Lighting {
-                lights: self.lights.clone(),
-                ..Lighting::default()
-            });
-        }
-        self.lit.then(Lighting::default)
+        lighting(self.lit, &self.lights)
     }
+}
+
+/// Options of light for files.
+#[derive(Args)]
+#[command(next_help_heading = "Light")]
+pub(crate) struct FileLightOptions {
+    /// Splats: bake light into the colours of surfaces and fields, as harmonics of degree 2 [default: the colours alone].
+    /// Prepared scenes: keep normals, for pictures with --lit or --light
+    #[arg(long)]
+    lit: bool,
+    /// Splats: direction towards a light that is baked in, and its linear colour [default: a headlight that follows the
+    /// viewer]; may be repeated, up to 8 times. Implies --lit
+    #[arg(long = "light", value_name = "x,y,z[,r,g,b]", value_parser = parse::light,
+          allow_hyphen_values = true)]
+    lights: Vec<Light>,
+}
+
+impl FileLightOptions {
+    /// Returns the lighting that is asked for.
+    pub(crate) fn lighting(&self) -> Option<Lighting> {
+        lighting(self.lit, &self.lights)
+    }
+
+    /// Returns whether lights of their own are given.
+    pub(crate) fn has_lights(&self) -> bool {
+        !self.lights.is_empty()
+    }
+}
+
+fn lighting(lit: bool, lights: &[Light]) -> Option<Lighting> {
+    if !lights.is_empty() {
+        return Some(Lighting {
+            lights: lights.to_vec(),
+            ..Lighting::default()
+        });
+    }
+    lit.then(Lighting::default)
 }

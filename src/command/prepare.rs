@@ -18,9 +18,6 @@ use super::usage::refuse_beside;
 #[derive(Args)]
 #[command(next_help_heading = "Prepared scenes (--out FILE.arrow)")]
 pub(crate) struct PrepareOptions {
-    /// Keep normals, for pictures with --lit or --light
-    #[arg(long)]
-    lit: bool,
     /// Prepare the scene for column densities, not for pictures
     #[arg(long, conflicts_with = "lit")]
     column_density: bool,
@@ -53,7 +50,6 @@ impl PrepareOptions {
     /// Refuses options that do not apply to a file of splats.
     pub(crate) fn check_unused(&self) -> Result<()> {
         let given = [
-            ("--lit", self.lit),
             ("--column-density", self.column_density),
             ("--level-of-detail", self.level_of_detail == Detail::Off),
         ];
@@ -74,6 +70,8 @@ impl PrepareOptions {
 
     /// Prepares a scene of all inputs and writes it.
     ///
+    /// - `is_lit`: true to keep normals.
+    ///
     /// # Errors
     /// The errors of reading, sampling and writing; an input that is a prepared scene.
     pub(crate) fn run(
@@ -81,6 +79,7 @@ impl PrepareOptions {
         inputs: &[Input],
         out: &Path,
         data: &DataOptions,
+        is_lit: bool,
         prints_json: bool,
     ) -> Result<()> {
         let bar = progress::spinner();
@@ -88,7 +87,7 @@ impl PrepareOptions {
         let options = SampleOptions {
             purpose: PurposeOptions {
                 for_columns: self.column_density,
-                normals: self.lit,
+                normals: is_lit,
                 local_models: !self.column_density,
                 ..PurposeOptions::default()
             },

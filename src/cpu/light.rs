@@ -69,7 +69,7 @@ const LEAST_FACING: f32 = 0.01;
 ///
 /// - `plane`, `stored`, `to_eye`: camera space, unit length; the first two are zero for none.
 #[inline]
-fn smooth_normal(plane: Vec3, stored: Vec3, to_eye: Vec3) -> Vec3 {
+pub(crate) fn smooth_normal(plane: Vec3, stored: Vec3, to_eye: Vec3) -> Vec3 {
     let outward = if plane.dot(to_eye) < 0.0 {
         -stored
     } else {

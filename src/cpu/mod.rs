@@ -53,6 +53,7 @@ pub use bin::{Bins, bin, for_each_tile};
 pub use classify::{classify, count_classified};
 pub use extent::Pieces;
 pub(crate) use frame::CpuFrames;
+pub(crate) use light::smooth_normal;
 pub use light::{Sides, light, lit};
 pub(crate) use pass::{MOST_ENTRIES, tile_size};
 pub(crate) use pick::shares;

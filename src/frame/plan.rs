@@ -237,6 +237,7 @@ impl FramePlan {
         settings: &ColumnSettings,
         largest: f64,
     ) -> Self {
+        let smoothing = settings.smoothing.map_or(0, |kernel| 1 + kernel as u32);
         let settings = settings.shared();
         let low_pass = settings.low_pass_variance_px2;
         let planes = cull_planes(camera, &settings.clip, low_pass);
@@ -261,7 +262,10 @@ impl FramePlan {
             lights_particles: false,
             layers: None,
             keys,
-            view: view_uniform(camera, &settings, keys, None),
+            view: ViewUniform {
+                smoothing,
+                ..view_uniform(camera, &settings, keys, None)
+            },
         };
         Self {
             frustum,

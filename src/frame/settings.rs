@@ -1,6 +1,7 @@
 //! Defines the caller's settings of a frame.
 
 use crate::constants::{COLUMN_CUTOFF, DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE};
+use crate::data::smoothing::SphKernel;
 use crate::scene::{Classification, Lighting};
 use crate::simd::SimdLevel;
 use crate::splat::{Filter, PIXEL_VARIANCE_PX2, is_of_pixels};
@@ -298,6 +299,10 @@ pub struct ColumnSettings {
     pub low_pass_variance_px2: f32,
     /// Cut-off radius in standard deviations.
     pub cutoff: f32,
+    /// The kernel whose Gaussian every particle is: it is drawn instead, as its own projection of compact support, within
+    /// 1e-4 of its peak. Particles must be round. It holds for means over pixels and affine footprints; kernels with a support
+    /// below 1.75 px remain Gaussians. `None` draws Gaussians.
+    pub smoothing: Option<SphKernel>,
     /// Planes outside which nothing counts. Kernels that a plane cuts count in part.
     pub clip: Vec<ClipPlane>,
     /// The instruction set of the inner loop.
@@ -313,6 +318,7 @@ impl Default for ColumnSettings {
             filter: Filter::Adaptive,
             low_pass_variance_px2: PIXEL_VARIANCE_PX2,
             cutoff: COLUMN_CUTOFF,
+            smoothing: None,
             clip: Vec::new(),
             simd: SimdLevel::best(),
             task: None,
@@ -334,7 +340,11 @@ impl ColumnSettings {
             tolerance: self.tolerance,
             filter: self.filter,
             low_pass_variance_px2,
-            cutoff: Some(self.cutoff),
+            // Kernels of compact support end there.
+            cutoff: Some(match self.smoothing {
+                Some(_) => self.cutoff.max(COLUMN_CUTOFF),
+                None => self.cutoff,
+            }),
             clip: self.clip.clone(),
             advanced: Advanced {
                 simd: self.simd,

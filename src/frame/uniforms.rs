@@ -87,6 +87,8 @@ pub(crate) fn view_uniform(
         sub_pixel_opacity: u32::from(settings.advanced.sub_pixel_opacity),
         // The plan sets it for maxima.
         least_length: 0.0,
+        smoothing: 0,
+        unused: [0; 3],
         clip_planes: planes,
     }
 }

@@ -59,8 +59,9 @@ const CUT: [&str; 2] = [
 ];
 
 /// Ways to combine the kernels of a pixel.
-const COLUMN: [&str; 2] = [
+const COLUMN: [&str; 3] = [
     include_str!("../../shaders/shared/pixel_mean.wgsl"),
+    include_str!("../../shaders/shared/smoothed.wgsl"),
     include_str!("../../shaders/tile/accumulate/column.wgsl"),
 ];
 const OPACITY: &str = include_str!("../../shaders/tile/opacity.wgsl");

@@ -9,12 +9,13 @@ use super::input::Input;
 use super::parts::PartRead;
 use super::prepared::{self, Members};
 use super::surfels::joined;
+use crate::data::smoothing::SphKernel;
 use crate::data::unit::title_of;
 use crate::data::up::Up;
 use crate::io::Planes;
 use crate::prepared::{About, PointFile, PreparedScene};
 use crate::ranks::Share;
-use crate::sample::{SampleOptions, SampleReport};
+use crate::sample::{SampleOptions, SampleReport, common_smoothing};
 use crate::scene::PointVolume;
 use crate::view::Bounds;
 use crate::{Renderer, Result, SceneOptions};
@@ -50,6 +51,13 @@ pub struct Loaded {
 }
 
 impl Loaded {
+    /// Returns the SPH kernel that columns of the scene draw; `None` unless all particles stand for the same.
+    pub fn smoothing(&self) -> Option<SphKernel> {
+        let inputs = self.inputs.iter().filter(|input| !input.is_nothing);
+        let common = common_smoothing(inputs.map(|input| &input.report));
+        common.filter(|_| self.prepared.is_empty())
+    }
+
     /// Creates a scene without inputs.
     pub(crate) fn of_nothing() -> Self {
         Self {

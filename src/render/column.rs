@@ -1,7 +1,7 @@
 //! Draws column densities: the line integral of the field along each pixel's ray.
 
 use super::renderer::Renderer;
-use crate::blocks::{AmplitudeSummary, BlockedVolume};
+use crate::blocks::{AmplitudeSummary, BlockedParticles, BlockedVolume};
 use crate::error::{Error, Hint, Result};
 use crate::frame::backend::FrameReport;
 use crate::frame::check::check;
@@ -64,6 +64,17 @@ impl Renderer {
                 "masses, or values with volumes",
                 "splats or surfels that state an opacity",
                 Hint::DrawPicture,
+            ));
+        }
+        let is_round =
+            |volume: &BlockedVolume| matches!(volume.particles, BlockedParticles::Isotropic { .. });
+        if settings.smoothing.is_some() && !self.scene.volumes().iter().all(is_round) {
+            return Err(Error::invalid(
+                "scene",
+                "smoothing kernel of columns",
+                "round particles",
+                "particles of other shapes",
+                "leave the kernel out",
             ));
         }
         let largest = self.amplitudes().largest;

@@ -8,12 +8,14 @@
 //! | `uniforms.rs` | camera and settings in f32, for the stages |
 //! | `backend.rs` | the interface of back ends |
 //! | `options.rs` | options of a renderer |
+//! | `baked.rs` | light in the colours of particles |
 //! | `renderer.rs` | a scene, its back ends and its images |
 //! | `levels.rs` | the choice of coarser lattices |
 //! | `column.rs` | column densities |
 //! | `device.rs` | the caller's devices and textures; frames without waiting |
 //! | `pick.rs` | the particles that a pixel shows |
 
+mod baked;
 mod column;
 #[cfg(feature = "gpu")]
 mod device;
@@ -35,6 +37,7 @@ pub use crate::simd::SimdLevel;
 pub use crate::splat::Filter;
 pub use crate::splat::PIXEL_VARIANCE_PX2;
 pub use crate::stats::{FrameCounts, StageTimes};
+pub use baked::{bake_light, nothing_lit};
 pub use options::{Contents, RendererOptions};
 pub use pick::Picked;
 pub use renderer::Renderer;

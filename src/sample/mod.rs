@@ -112,7 +112,7 @@ pub(crate) use points::{
 };
 pub(crate) use positions::{compare, index_u32, is_same, mean_spacing, sort_by_position};
 pub(crate) use report::Found;
-pub use report::{Finding, SampleReport};
+pub use report::{Finding, SampleReport, common_smoothing};
 
 /// Greatest error of a field on cells of higher order once they are cut into cells of first order, as a share
 /// of the field's range. It is two to three grey levels of a transfer function over the whole range. Kernels
@@ -183,8 +183,8 @@ pub fn scene(dataset: Dataset, options: &SampleOptions) -> Result<SampledScene> 
     };
     let mesh_options = MeshOptions {
         spread: options.kernels.spread,
-        kernel_width: options.kernels.width,
-        composited: options.kernels.composited,
+        kernel_width: options.kernels.composited.unwrap_or(options.kernels.width),
+        composited: options.kernels.composited.is_some(),
         seed: options.kernels.seed,
         task: options.task.clone(),
     };

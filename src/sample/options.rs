@@ -77,6 +77,8 @@ pub struct KernelOptions {
     /// The smoothing kernel that lengths belong to; overrides the data's own. Default if the data name none:
     /// the cubic spline.
     pub smoothing: Option<SphKernel>,
+    /// True if columns of particles are those of Gaussians, whatever kernel their lengths belong to.
+    pub gaussian: bool,
     /// One length \[world units\] for all particles, in place of the data's lengths. It is a standard deviation
     /// unless `length` says otherwise.
     pub radius: Option<f64>,
@@ -90,9 +92,9 @@ pub struct KernelOptions {
     pub boundary: BoundaryChoice,
     /// Number and spread of surfels, for meshes.
     pub spread: Spread,
-    /// True for surfels of meshes that viewers composite as splats:
-    /// [`MeshOptions::composited`](super::mesh::MeshOptions::composited).
-    pub composited: bool,
+    /// For surfels of meshes that viewers composite as splats
+    /// ([`MeshOptions::composited`](super::mesh::MeshOptions::composited)): their standard deviation over the spacing.
+    pub composited: Option<f64>,
     /// Rule by which splats of radiance fields are drawn; `None` takes that of the data
     /// ([`SplatCloud::rule`](crate::io::SplatCloud::rule)).
     pub splat_rule: Option<SplatRule>,
@@ -168,12 +170,13 @@ impl Default for KernelOptions {
             width: DEFAULT_KERNEL_WIDTH,
             length: None,
             smoothing: None,
+            gaussian: false,
             radius: None,
             shape: ParticleShape::Automatic,
             shepard_passes: 0,
             boundary: BoundaryChoice::default(),
             spread: Spread::Automatic,
-            composited: false,
+            composited: None,
             splat_rule: None,
             seed: 0,
         }

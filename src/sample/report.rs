@@ -4,6 +4,7 @@ use std::borrow::Cow;
 
 use glam::DVec3;
 
+use crate::data::smoothing::SphKernel;
 use crate::math::ExactSum;
 use crate::scene::ValueSample;
 
@@ -20,6 +21,10 @@ pub struct SampleReport {
     pub unit_distance: f64,
     /// Meaning of the particles' lengths, in words; `None` if they have none.
     pub lengths: Option<String>,
+    /// SPH kernel that columns of the particles draw
+    /// ([`ColumnSettings::smoothing`](crate::render::ColumnSettings::smoothing)); `None` if they are no spheres that stand for
+    /// one, or Gaussians are asked for.
+    pub smoothing: Option<SphKernel>,
     /// Number of samples in the file; of triangles for a mesh.
     pub sample_count: usize,
     /// Number of particles made of the samples, and of their ghosts.
@@ -51,6 +56,15 @@ pub struct Finding {
     pub reason: Cow<'static, str>,
     /// True if the samples were left out.
     pub left_out: bool,
+}
+
+/// Returns the SPH kernel that columns of all data draw together; `None` unless it is the same for all.
+pub fn common_smoothing<'a>(
+    reports: impl IntoIterator<Item = &'a SampleReport>,
+) -> Option<SphKernel> {
+    let mut all = reports.into_iter().map(|report| report.smoothing);
+    let first = all.next()?;
+    first.filter(|_| all.all(|other| other == first))
 }
 
 impl SampleReport {

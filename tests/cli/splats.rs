@@ -426,8 +426,19 @@ fn splats_are_merged_to_fewer() {
         "v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n",
     )
     .unwrap();
+    // What meshes and particles become merges, too.
+    let all = converted(folder, "convert wall.obj --spacing 0.02 --out a.ply --json");
+    let line = "convert wall.obj --spacing 0.02 --error 0.1 --out a.ply --json";
+    let few = converted(folder, line);
+    assert!(few["fewer"]["p999"].as_f64().unwrap() <= 0.1, "{few}");
+    assert!(few["splats"].as_u64() < all["splats"].as_u64(), "{few}");
+    let table: String = (0..64)
+        .map(|i| format!("{},{},{},0.4,{i}\n", i % 4, i / 4 % 4, i / 16))
+        .collect();
+    std::fs::write(folder.join("p.csv"), format!("x,y,z,radius,value\n{table}")).unwrap();
+    let few = converted(folder, "convert p.csv --count 20 --out a.ply --json");
+    assert_eq!(few["splats"], 20);
     for (line, option) in [
-        ("convert wall.obj --error 0.1 --out a.ply", "--error"),
         ("convert wall.obj all.ply --count 50 --out a.ply", "--count"),
         ("convert all.ply --keep-all --out a.ply", "--keep-all"),
         (
@@ -464,4 +475,86 @@ fn a_real_scene_keeps_its_look_with_a_ninth_of_its_splats() {
     );
     println!("{psnr:?} {flip:?}");
     assert!(psnr.unwrap() > 36.0 && flip.unwrap() < 0.03, "{said}");
+}
+
+/// Writes a ball of radius 1 with smooth normals, by longitude and latitude.
+fn write_ball(path: &Path) {
+    let (columns, rows) = (48, 24);
+    let mut mesh = String::new();
+    for row in 0..=rows {
+        for column in 0..columns {
+            let azimuth = std::f64::consts::TAU * f64::from(column) / f64::from(columns);
+            let (height, radius) =
+                (std::f64::consts::PI * f64::from(row) / f64::from(rows)).sin_cos();
+            let (x, y, z) = (height * azimuth.cos(), radius, height * azimuth.sin());
+            mesh += &format!("v {x} {y} {z}\nvn {x} {y} {z}\n");
+        }
+    }
+    for row in 0..rows {
+        for column in 0..columns {
+            let at = |row: u32, column: u32| 1 + row * columns + column % columns;
+            let corners = [
+                at(row, column),
+                at(row, column + 1),
+                at(row + 1, column + 1),
+                at(row + 1, column),
+            ];
+            let [a, b, c, d] = corners;
+            mesh += &format!("f {a}//{a} {b}//{b} {c}//{c} {d}//{d}\n");
+        }
+    }
+    std::fs::write(path, mesh).unwrap();
+}
+
+/// Splats with baked light look like the lit mesh, from any side.
+#[test]
+fn light_is_baked_into_the_colours_of_a_mesh() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    write_ball(&folder.join("ball.obj"));
+    for (light, most) in [("--lit", 0.03), ("--light 1,2,1", 0.06)] {
+        let line = format!("convert ball.obj --count 4000 {light} --out b.ply --json");
+        let said = converted(folder, &line);
+        assert_eq!(said["degree"], 2);
+        for azimuth in [20, 110, 260] {
+            let (sin, cos) = f64::from(azimuth).to_radians().sin_cos();
+            let (x, z) = (4.0 * cos, 4.0 * sin);
+            // y is up in the mesh, and down in the splats.
+            let [up, down] = [1.0, -1.0].map(|sign| {
+                format!(
+                    "--eye {},{sign},{z} --target 0,0,0 --up 0,{sign},0 --fov 40",
+                    sign * x
+                )
+            });
+            let view = "--size 64x64 --background none";
+            let lit = format!("ball.obj {light} {up}");
+            let [mesh, splats] = [lit, format!("b.ply {down}")].map(|input| {
+                done(folder, &format!("render {input} {view} --out p.npy"));
+                read_image(&folder.join("p.npy")).unwrap()
+            });
+            let (mut squares, mut count) = (0.0, 0);
+            for (a, b) in mesh.pixels.iter().zip(&splats.pixels) {
+                if a[3] > 0.999 && b[3] > 0.95 {
+                    squares += (a[0] / a[3] - b[0] / b[3]).powi(2);
+                    count += 1;
+                }
+            }
+            assert!(count > 500, "{count}");
+            let rms = (squares / count as f32).sqrt();
+            println!("{light} {azimuth}: {rms} of {count}");
+            assert!(rms < most, "{light} {azimuth}: {rms}");
+        }
+    }
+    write(&folder.join("all.ply"), false, &ball(50));
+    for line in [
+        "convert all.ply --lit --out a.ply",
+        "convert ball.obj --light 1,0,0 --out a.arrow",
+    ] {
+        let output = run(folder, &line.split_whitespace().collect::<Vec<_>>());
+        let message = text(&output.stderr);
+        assert!(
+            !output.status.success() && message.contains("--li"),
+            "{line}: {message}"
+        );
+    }
 }

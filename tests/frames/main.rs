@@ -21,6 +21,7 @@ mod bounds;
 mod cancel;
 mod coarser;
 mod column_density;
+mod column_kernels;
 mod column_scenes;
 mod composite;
 mod covered_faces;

@@ -30,7 +30,7 @@ class Sampling(TypedDict, total=False):
     shape              points: "auto", "isotropic", "covariance" or "yu-turk"
     length             points: the meaning of lengths, "h", "support", "sigma" or "fwhm"
     kernel             points: the smoothing kernel that lengths belong to, "cubic", "quartic", "quintic",
-                       "wendland-c2", "wendland-c4" or "wendland-c6"
+                       "wendland-c2", "wendland-c4" or "wendland-c6"; "gaussian" is the data's, drawn in columns as a Gaussian
     splat_rule         "khr", "inria", "mip" or "exact": the rule of splats; by default the file's, "exact" for arrays
     shepard            number of corrections of cell volumes
     count              meshes: surfels in all
@@ -53,7 +53,7 @@ class Sampling(TypedDict, total=False):
     surface_opacity: float
     shape: Literal["auto", "isotropic", "covariance", "yu-turk"]
     length: Literal["h", "support", "sigma", "fwhm"]
-    kernel: Literal["cubic", "quartic", "quintic", "wendland-c2", "wendland-c4", "wendland-c6"]
+    kernel: Literal["cubic", "quartic", "quintic", "wendland-c2", "wendland-c4", "wendland-c6", "gaussian"]
     splat_rule: Literal["khr", "inria", "mip", "exact"]
     shepard: int
     count: int
@@ -141,8 +141,7 @@ def drawing(keywords: dict[str, Any]) -> dict[str, Any]:
     if said.get("background") is not None:
         said["background"] = vector(said["background"], "background")
     if said.get("lights") is not None:
-        lights = [list(light) for light in said["lights"]]
-        said["lights"] = [light + [1.0] * 3 if len(light) == 3 else light for light in lights]
+        said["lights"] = lights_of(said["lights"])
     if said.get("clip") is not None:
         planes: list[list[float]] = []
         for plane in said["clip"]:
@@ -157,3 +156,9 @@ def drawing(keywords: dict[str, Any]) -> dict[str, Any]:
                 planes.append(vector(plane, "clip", 4))
         said["clip"] = planes
     return said
+
+
+def lights_of(lights: Sequence[Sequence[float]]) -> list[list[float]]:
+    """Return six numbers a light: the direction towards it and its colour, white if only the direction is given."""
+    listed = [list(light) for light in lights]
+    return [light + [1.0] * 3 if len(light) == 3 else light for light in listed]

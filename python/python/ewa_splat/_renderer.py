@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _arrays, _core
 from ._camera import Camera
 from ._image import Column, Image
-from ._keywords import Drawing, drawing
+from ._keywords import Drawing, drawing, lights_of
 from ._scene import Drawable
 from ._transfer import TransferFunction, TransferLike, choice
 
@@ -285,8 +285,16 @@ def measure(
     return dict(json.loads(renderer._core.measure(_view(camera), _size(size), int(frames), float(error))))
 
 
-def convert(things: Any, path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Write splats for viewers of radiance fields: ply, compressed.ply, splat, spz, sog, glb, gltf, csv or vtu.
+def convert(
+    things: Any,
+    path: str | os.PathLike[str],
+    *,
+    width: float | None = None,
+    lit: bool | None = None,
+    lights: Sequence[Sequence[float]] | None = None,
+) -> dict[str, Any]:
+    """Write splats for viewers of radiance fields: ply, compressed.ply, splat, ksplat, spz, sog,
+    meta.json (a SOG with its images beside it), glb, gltf, csv or vtu.
 
     Parameters
     ----------
@@ -294,6 +302,11 @@ def convert(things: Any, path: str | os.PathLike[str]) -> dict[str, Any]:
         One thing or a list of them, as a `Renderer` accepts them.
     path
         Output file, whose extension determines the format.
+    width
+        Standard deviation of splats over their spacing: of meshes .55 unless given, of volumes their ``kernel_width``.
+    lit, lights
+        As in `Renderer.render`, but without light unless asked for: the colours become harmonics of degree 2 that show
+        surfaces and fields lit. Lights of the camera move with it.
 
     Returns
     -------
@@ -306,7 +319,10 @@ def convert(things: Any, path: str | os.PathLike[str]) -> dict[str, Any]:
     if not listed:
         raise ValueError("things: expected something to convert, found none")
     together = _core.Drawable.together([adapt(thing)._core for thing in listed])
-    splats, size, notes = together.convert(os.fspath(path))
+    if width is not None and not 0 < width < float("inf"):
+        raise ValueError(f"width: expected a number above 0, found {width!r}")
+    coloured = None if lights is None else lights_of(lights)
+    splats, size, notes = together.convert(os.fspath(path), width, lit, coloured)
     return {"splats": splats, "bytes": size, "notes": notes}
 
 

@@ -57,14 +57,16 @@ fn add(n: u32, footprint: TileFootprint, sample: Sample, ray: TileRay, side: u32
     }
     var tau = sample.tau;
     if footprint.path == PATH_AFFINE {
-        let own = pixel_mean_of(
-            view.low_pass_variance_px2,
-            footprint.form_p,
-            footprint.form_r,
-            footprint.peak,
-        );
-        if own.is_mean {
-            tau = mean_at(own, offset_from(footprint.centre_px, ray));
+        let p = footprint.form_p;
+        let r = footprint.form_r;
+        let kernel = smoothed_of(view.smoothing, view.low_pass_variance_px2, p, r, footprint.peak);
+        if kernel.is_drawn {
+            tau = smoothed_mean(kernel, p, r, offset_from(footprint.centre_px, ray));
+        } else {
+            let own = pixel_mean_of(view.low_pass_variance_px2, p, r, footprint.peak);
+            if own.is_mean {
+                tau = mean_at(own, offset_from(footprint.centre_px, ray));
+            }
         }
     }
     sums.x = sums.x + tau * part * footprint.carried.x;

@@ -10,6 +10,7 @@ use crate::command::usage::{CLASSIFIED, is_filtered, is_surface, refuse_beside, 
 use crate::command::{animation, ranks};
 use crate::io::{check_depth_path, check_folder, check_image_path};
 use crate::load::Loaded;
+use crate::render::nothing_lit;
 use crate::scene::{Particles, PointVolume};
 use crate::{Error, Result};
 
@@ -239,13 +240,5 @@ fn check_lit(scene: &[PointVolume]) -> Result<()> {
     if scene.iter().any(reflects) {
         return Ok(());
     }
-    let expected = "surfaces, or volumes with a field";
-    let found = "splats or particles without one";
-    Err(Error::invalid(
-        "--lit",
-        "inputs",
-        expected,
-        found,
-        "leave it out",
-    ))
+    Err(nothing_lit("--lit"))
 }

@@ -1,10 +1,11 @@
 //! Runs `ewa-splat render --column-density`.
 
+use crate::data::smoothing::SphKernel;
 use crate::io::{column_colours, column_picture, write_bytes_atomically, write_column};
 use crate::legend::ColourBar;
 use crate::scene::{TransferFunction, ValueScale};
 use crate::view::{Along, Camera};
-use crate::{ColumnImage, Error, Renderer, Result, SceneOptions};
+use crate::{ColumnImage, ColumnSettings, Error, Renderer, Result, SceneOptions};
 use indicatif::ProgressBar;
 use serde_json::json;
 
@@ -21,12 +22,15 @@ impl Arguments {
         &self,
         renderer: &mut Renderer,
         camera: &Camera,
-        (fields, mean): (&[Option<String>], Option<ColumnMean>),
+        (fields, smoothing, mean): (&[Option<String>], Option<SphKernel>, Option<ColumnMean>),
         overlays: Overlays,
         prepared: Prepared,
         progress: &ProgressBar,
     ) -> Result<()> {
-        let settings = self.column_settings();
+        let settings = ColumnSettings {
+            smoothing,
+            ..self.column_settings()
+        };
         progress.set_message("summing");
         renderer.column_density(camera, &settings)?;
         let mut times = vec![renderer.times()];

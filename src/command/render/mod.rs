@@ -60,6 +60,7 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
         legend,
         bounds,
         fields,
+        smoothing,
         mean,
         truth,
         read_ms,
@@ -94,7 +95,7 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
         return arguments.draw_column(
             &mut renderer,
             &camera,
-            (&fields, mean),
+            (&fields, smoothing, mean),
             overlays,
             prepared,
             &progress,

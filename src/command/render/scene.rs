@@ -10,6 +10,7 @@ use crate::command::legend::bars;
 use crate::command::progress::{note, observer_of};
 use crate::command::truth::{ReferenceName, Truth};
 use crate::command::viewpoint::{Canvas, left_of};
+use crate::data::smoothing::SphKernel;
 use crate::io::write_bytes_atomically;
 use crate::legend::{ColourBar, legend_width};
 use crate::load::{Loaded, Request, load};
@@ -27,6 +28,8 @@ pub(super) struct ReadyScene {
     pub(super) legend: Vec<ColourBar>,
     pub(super) bounds: Option<Bounds>,
     pub(super) fields: Vec<Option<String>>,
+    /// SPH kernel that columns draw.
+    pub(super) smoothing: Option<SphKernel>,
     pub(super) mean: Option<ColumnMean>,
     pub(super) truth: Option<Truth>,
     pub(super) read_ms: f64,
@@ -118,6 +121,7 @@ impl Arguments {
         let truth = truth.map(|truth| truth.clipped(&self.clip_planes()));
         let scene_options = self.scene_options(options);
         let sharing = ranks.as_ref().filter(|_| is_shared);
+        let smoothing = scene.smoothing();
         let share = sharing.and_then(|ranks| scene.take_share(ranks.size()));
         let is_shared = share.is_some();
         let renderer = match (share, ranks.take_if(|_| is_shared)) {
@@ -145,6 +149,7 @@ impl Arguments {
             legend,
             bounds,
             fields: scene.fields,
+            smoothing,
             mean,
             truth,
             read_ms,

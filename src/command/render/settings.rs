@@ -197,6 +197,7 @@ impl Arguments {
             filter: shared.filter,
             low_pass_variance_px2: shared.low_pass_variance_px2,
             cutoff: shared.cutoff.unwrap_or(defaults.cutoff),
+            smoothing: None,
             clip: shared.clip,
             simd: shared.advanced.simd,
             task: None,

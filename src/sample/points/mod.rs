@@ -307,6 +307,7 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
             (false, _) => wanted.clone(),
         },
         lengths: shapes.lengths.clone(),
+        smoothing: shapes.smoothing.filter(|_| isotropic),
         sample_count: count,
         ..SampleReport::default()
     };

@@ -46,6 +46,8 @@ pub(super) struct Shapes<'a> {
     pub(super) bare: bool,
     /// Meaning of the lengths, in words.
     pub(super) lengths: Option<String>,
+    /// SPH kernel that the lengths belong to, if spheres stand for it.
+    pub(super) smoothing: Option<SphKernel>,
 }
 
 impl<'a> Columns<'a> {
@@ -90,6 +92,7 @@ impl<'a> Columns<'a> {
             volumes: None,
             bare: false,
             lengths: None,
+            smoothing: None,
         };
         let refuse_lengths = |found: &str| {
             let given = [
@@ -199,6 +202,9 @@ impl<'a> Columns<'a> {
             volumes,
             bare: false,
             lengths: Some(lengths.convention.clone()),
+            smoothing: lengths
+                .kernel
+                .filter(|_| !with_yu_turk && !options.kernels.gaussian),
         })
     }
 
@@ -246,6 +252,7 @@ impl<'a> Columns<'a> {
             volumes: Some(volumes),
             bare: true,
             lengths: None,
+            smoothing: None,
         })
     }
 }
@@ -256,6 +263,8 @@ struct Lengths<F> {
     sigma_over_length: f64,
     support_over_length: f64,
     convention: String,
+    /// `None` for lengths of Gaussians.
+    kernel: Option<SphKernel>,
 }
 
 impl<F> Lengths<F> {
@@ -265,6 +274,10 @@ impl<F> Lengths<F> {
             sigma_over_length: sph::sigma_over_length(meaning, kernel),
             support_over_length: sph::support_over_length(meaning, kernel),
             convention: sph::convention(name, meaning, kernel),
+            kernel: Some(kernel).filter(|_| {
+                use LengthMeaning::{SmoothingLength, Support};
+                matches!(meaning, SmoothingLength | Support)
+            }),
         }
     }
 }

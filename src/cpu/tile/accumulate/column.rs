@@ -32,7 +32,7 @@ use crate::record::{
     PATH_NEAR, ViewUniform,
 };
 use crate::simd::{SimdLevel, SimdWork, run_at};
-use crate::splat::{Band, PixelMean};
+use crate::splat::{Band, PixelMean, Smoothed};
 use crate::task::{Stage, Task};
 
 const SIZE: usize = COLUMN_TILE_SIZE;
@@ -341,6 +341,9 @@ impl<'a> ColumnTile<'a> {
             (PATH_NEAR | PATH_HALF_LINE, _) => self.add_parts::<FMA>(fine, footprint, None, &patch),
             (PATH_EXACT, Some(terms)) => self.add_form::<FMA, true>(fine, footprint, terms, &patch),
             _ => {
+                if let Some(kernel) = Smoothed::of(self.input.view, footprint) {
+                    return self.add_smoothed::<FMA>(fine, footprint, &kernel, &patch);
+                }
                 let mean = PixelMean::of(self.input.view, footprint);
                 if is_aligned(footprint) {
                     self.add_separable::<FMA>(fine, footprint, mean, &patch)
@@ -489,6 +492,59 @@ impl<'a> ColumnTile<'a> {
         count
     }
 
+    /// Adds the projection of an SPH kernel, averaged over pixels, row by row.
+    #[inline(always)]
+    fn add_smoothed<const FMA: bool>(
+        &self,
+        fine: &mut FineSums,
+        footprint: &Footprint,
+        kernel: &Smoothed,
+        patch: &Patch,
+    ) -> u32 {
+        // Copies, which stores to the sums cannot alias.
+        let (footprint, kernel) = (&{ *footprint }, &{ *kernel });
+        let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
+        let sign = footprint.carried.sign();
+        let [cx, cy] = footprint.centre_px;
+        // As in `add_form`.
+        let a = px * px + rx * rx;
+        let (tilt, least) = (-(px * py + rx * ry) / a, (px * ry - py * rx).powi(2) / a);
+        let mut count = 0;
+        for y in patch.rows[0]..patch.rows[1] {
+            let dy = self.place.px(1, y) - cy;
+            let middle = cx + tilt * dy - self.place.px(0, 0);
+            let half = ((kernel.farthest - least * dy * dy).max(0.0) / a).sqrt() + 1.0;
+            let first = patch.columns[0].max((middle - half).max(0.0) as usize);
+            let end = patch.columns[1].min((middle + half + 1.0).max(0.0) as usize);
+            if first >= end {
+                continue;
+            }
+            count += (end - first) as u32;
+            for chunk in first / CHUNK..end.div_ceil(CHUNK) {
+                let start = chunk * CHUNK;
+                let Some(out) = fine.0[y * SIZE + start..].first_chunk_mut::<CHUNK>() else {
+                    continue;
+                };
+                let base = self.place.px(0, start) - cx;
+                let mut sums = [0.0; CHUNK];
+                for part_y in kernel.offsets() {
+                    let form = RowForm::new(footprint, dy + part_y);
+                    for part_x in kernel.offsets() {
+                        for (lane, sum) in sums.iter_mut().enumerate() {
+                            let q = form.q::<FMA>(base + lane as f32 + part_x);
+                            *sum += kernel.at::<FMA>(q);
+                        }
+                    }
+                }
+                for (lane, out) in out.iter_mut().enumerate() {
+                    let is_inside = (first..end).contains(&(start + lane));
+                    *out += if is_inside { sign * sums[lane] } else { 0.0 };
+                }
+            }
+        }
+        count
+    }
+
     /// Adds any footprint: a quadratic form and an exponential per pixel, row by row between the ends of
     /// the ellipse.
     #[inline(always)]
@@ -583,9 +639,12 @@ impl<'a> ColumnTile<'a> {
         let parts = |[first, end]: [usize; 2]| first / TILE_SIZE..end.div_ceil(TILE_SIZE);
         let is_exact = footprint.path == PATH_EXACT;
         let sign = footprint.carried.sign();
-        let mean = match footprint.path {
-            PATH_AFFINE => PixelMean::of(self.input.view, footprint),
-            _ => None,
+        let (kernel, mean) = match footprint.path {
+            PATH_AFFINE => (
+                Smoothed::of(self.input.view, footprint),
+                PixelMean::of(self.input.view, footprint),
+            ),
+            _ => (None, None),
         };
         let mut count = 0;
         for part_y in parts(patch.rows) {
@@ -612,13 +671,17 @@ impl<'a> ColumnTile<'a> {
                     if row.count == 0 {
                         continue;
                     }
-                    if let Some(mean) = &mean {
-                        let from =
-                            |axis: usize, i: usize| place.px(axis, i) - footprint.centre_px[axis];
-                        for (x, tau) in row.tau.iter_mut().enumerate() {
-                            if row.inside[x] != 0 {
-                                *tau = mean.at::<FMA>([from(0, x), from(1, y)]);
-                            }
+                    let from =
+                        |axis: usize, i: usize| place.px(axis, i) - footprint.centre_px[axis];
+                    for (x, tau) in row.tau.iter_mut().enumerate() {
+                        let d = [from(0, x), from(1, y)];
+                        if row.inside[x] == 0 {
+                            continue;
+                        }
+                        if let Some(kernel) = &kernel {
+                            *tau = kernel.mean::<FMA>(footprint, d);
+                        } else if let Some(mean) = &mean {
+                            *tau = mean.at::<FMA>(d);
                         }
                     }
                     row.domain = domain_of::<FMA>(&evaluate, &row);

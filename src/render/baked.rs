@@ -1,0 +1,307 @@
+//! Bakes light into the colours of particles, for files and viewers that have no lights.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::{DVec3, Mat3, Vec3};
+use rayon::prelude::*;
+
+use crate::cpu::{Sides, lit, smooth_normal};
+use crate::data::splats::constant_of_colour;
+use crate::error::{Error, Result};
+use crate::image::srgb_from_linear;
+use crate::math::{harmonics, harmonics_count, normal_of_code};
+use crate::record::LightingUniform;
+use crate::scene::{Colour, Lighting, Particles, PointVolume, Values};
+use crate::splat::unit_normal;
+use crate::view::Camera;
+
+/// Degree of the harmonics: with 2, a matt surface under a headlight keeps its colours within 1/255.
+const DEGREE: u8 = 2;
+/// Number of harmonics of a channel.
+const COUNT: usize = 9;
+/// Number of directions from which colours are fitted. The highlights of a shininess of 32 are 25 degrees wide; directions are some
+/// 16 degrees apart.
+const DIRECTIONS: usize = 160;
+/// Weight of directions from which a surfel of one side is not seen. Some is needed, for a fit with one solution.
+const UNSEEN: f64 = 1e-3;
+
+/// A direction from which particles are seen.
+struct Sight {
+    /// Direction to the eye, in the world.
+    to_eye: Vec3,
+    /// Harmonics of the direction from the eye.
+    harmonics: [f64; COUNT],
+    camera_from_world: Mat3,
+    /// Lights in camera space.
+    lighting: LightingUniform,
+}
+
+/// The normals of a particle, in the world.
+struct Normals {
+    /// Normal of a surfel's plane; zero for none.
+    plane: Vec3,
+    /// Stored normal; zero for none.
+    stored: Option<Vec3>,
+}
+
+/// Replaces the colours of a volume by spherical harmonics of degree 2 that show it lit. Each particle's
+/// colour is fitted by least squares to the lit colours, as sRGB codes, from directions all around; surfels of one side from
+/// directions in front of them. Particles without a normal keep their colours. Highlights become wider and fainter.
+///
+/// Returns false, and changes nothing, if the volume has no normals or has harmonics already.
+///
+/// - `up`: direction up of the cameras that lights may be fixed to.
+///
+/// # Errors
+/// The errors of [`Lighting::validate`] and [`PointVolume::validate`].
+pub fn bake_light(volume: &mut PointVolume, lighting: &Lighting, up: DVec3) -> Result<bool> {
+    lighting.validate()?;
+    volume.validate()?;
+    let is_surface = matches!(volume.particles, Particles::Surfels { .. });
+    let has_own = matches!(volume.colour, Colour::Harmonics { .. });
+    if has_own || !(is_surface || volume.normals.is_some()) {
+        return Ok(false);
+    }
+    let sights = sights(lighting, up);
+    let volume_ref = &*volume;
+    let of_particle = |i: usize| -> [f32; 3 * COUNT] {
+        let colour = colour(volume_ref, i);
+        let normals = normals(volume_ref, i);
+        match normals {
+            Some(normals) if colour.iter().all(|c| c.is_finite()) => {
+                fitted(&sights, volume_ref, &normals, colour)
+            }
+            _ => constant(colour),
+        }
+    };
+    let coefficients = (0..volume.particles.len())
+        .into_par_iter()
+        .flat_map_iter(of_particle)
+        .collect();
+    volume.colour = Colour::Harmonics {
+        degree: DEGREE,
+        coefficients,
+        is_linear: false,
+    };
+    Ok(true)
+}
+
+/// Returns the error of light that no part of a scene reflects.
+///
+/// - `option`: the option that asks for it.
+pub fn nothing_lit(option: &str) -> Error {
+    let expected = "surfaces, or volumes with a field";
+    let found = "splats or particles without one";
+    Error::invalid(option, "inputs", expected, found, "leave it out")
+}
+
+/// Returns directions that are spread evenly over the sphere, by a spiral of the golden angle.
+fn sights(lighting: &Lighting, up: DVec3) -> Vec<Sight> {
+    let golden = PI * (3.0 - 5.0_f64.sqrt());
+    let sight = |k: usize| {
+        let z = 1.0 - (2 * k + 1) as f64 / DIRECTIONS as f64;
+        let (sin, cos) = (golden * k as f64 % TAU).sin_cos();
+        let radius = (1.0 - z * z).sqrt();
+        let to_eye = DVec3::new(radius * cos, radius * sin, z);
+        let camera = Camera::orthographic(to_eye, DVec3::ZERO, up, 1.0, [1, 1]);
+        let basis = harmonics(-to_eye.as_vec3());
+        Sight {
+            to_eye: to_eye.as_vec3(),
+            harmonics: std::array::from_fn(|j| f64::from(basis[j])),
+            camera_from_world: camera.camera_from_world.as_mat3(),
+            lighting: LightingUniform::new(lighting, &camera),
+        }
+    };
+    debug_assert_eq!(COUNT, harmonics_count(DEGREE));
+    (0..DIRECTIONS).map(sight).collect()
+}
+
+/// Returns the linear colour of a particle.
+fn colour(volume: &PointVolume, i: usize) -> [f32; 3] {
+    match (&volume.colour, &volume.transfer_function, &volume.values) {
+        (Colour::PerParticle(colours), _, _) => colours[i],
+        (Colour::Uniform(colour), _, _) => *colour,
+        (Colour::Classified, Some(transfer), Some(values)) => {
+            let [r, g, b, _] = transfer.classify(Values::get(values, i));
+            [r, g, b]
+        }
+        _ => [0.0; 3],
+    }
+}
+
+/// Returns the normals of a particle; `None` if it stays unlit.
+fn normals(volume: &PointVolume, i: usize) -> Option<Normals> {
+    let stored = volume
+        .normals
+        .as_ref()
+        .map(|codes| normal_of_code(codes[i]));
+    let Particles::Surfels { tangents, .. } = &volume.particles else {
+        let plane = stored.filter(|&normal| normal != Vec3::ZERO)?;
+        return Some(Normals {
+            plane,
+            stored: None,
+        });
+    };
+    let [ax, ay, az, bx, by, bz] = tangents[i];
+    let plane = unit_normal(Vec3::new(ax, ay, az), Vec3::new(bx, by, bz))?;
+    (stored != Some(Vec3::ZERO)).then_some(Normals { plane, stored })
+}
+
+/// Returns coefficients of a colour that is the same from all sides.
+fn constant(colour: [f32; 3]) -> [f32; 3 * COUNT] {
+    let mut coefficients = [0.0; 3 * COUNT];
+    for (coefficient, c) in coefficients.iter_mut().zip(colour) {
+        *coefficient = constant_of_colour(srgb_from_linear(c.max(0.0)));
+    }
+    coefficients
+}
+
+/// Fits harmonics to the lit colours of a particle.
+fn fitted(
+    sights: &[Sight],
+    volume: &PointVolume,
+    normals: &Normals,
+    colour: [f32; 3],
+) -> [f32; 3 * COUNT] {
+    let (sides, is_one_sided) = match volume.particles {
+        Particles::Surfels { is_one_sided, .. } => (Sides::Facing, is_one_sided),
+        _ => (Sides::Both, false),
+    };
+    let mut matrix = [[0.0; COUNT]; COUNT];
+    let mut sums = [[0.0; 3]; COUNT];
+    for sight in sights {
+        let facing = f64::from(normals.plane.dot(sight.to_eye));
+        let weight = match is_one_sided {
+            true => facing.max(UNSEEN),
+            false => 1.0,
+        };
+        let normal = match normals.stored {
+            Some(stored) => smooth_normal(normals.plane, stored, sight.to_eye),
+            None => normals.plane,
+        };
+        let normal = sight.camera_from_world * normal;
+        let lit = lit(&sight.lighting, sides, colour, normal, -Vec3::Z);
+        let code = lit.map(|c| f64::from(srgb_from_linear(c.clamp(0.0, 1.0))) - 0.5);
+        for (j, y) in sight.harmonics.iter().enumerate() {
+            let weighted = weight * y;
+            for (entry, other) in matrix[j].iter_mut().zip(&sight.harmonics) {
+                *entry += weighted * other;
+            }
+            for (sum, code) in sums[j].iter_mut().zip(code) {
+                *sum += weighted * code;
+            }
+        }
+    }
+    let solution = solved(matrix, sums);
+    let mut coefficients = [0.0; 3 * COUNT];
+    for (own, found) in coefficients.iter_mut().zip(solution.as_flattened()) {
+        *own = crate::math::narrowed(*found);
+    }
+    coefficients
+}
+
+/// Solves a symmetric, positive definite system for three right-hand sides, by elimination.
+fn solved(mut matrix: [[f64; COUNT]; COUNT], mut sides: [[f64; 3]; COUNT]) -> [[f64; 3]; COUNT] {
+    for k in 0..COUNT {
+        for row in k + 1..COUNT {
+            let factor = matrix[row][k] / matrix[k][k];
+            let (upper, lower) = matrix.split_at_mut(row);
+            for (entry, above) in lower[0][k..].iter_mut().zip(&upper[k][k..]) {
+                *entry -= factor * above;
+            }
+            let (upper, lower) = sides.split_at_mut(row);
+            for (entry, above) in lower[0].iter_mut().zip(&upper[k]) {
+                *entry -= factor * above;
+            }
+        }
+    }
+    for k in (0..COUNT).rev() {
+        for channel in 0..3 {
+            let known: f64 = (k + 1..COUNT)
+                .map(|j| matrix[k][j] * sides[j][channel])
+                .sum();
+            sides[k][channel] = (sides[k][channel] - known) / matrix[k][k];
+        }
+    }
+    sides
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::harmonics_sum;
+    use crate::scene::{Light, LightFrame};
+
+    /// Returns a white surfel in the plane z = 0, lit from `lights`.
+    fn baked(is_one_sided: bool, lights: Vec<Light>, specular: f32) -> Vec<f32> {
+        let lighting = Lighting {
+            lights,
+            specular,
+            ..Lighting::default()
+        };
+        let mut volume = PointVolume {
+            particles: Particles::Surfels {
+                positions: vec![DVec3::ZERO],
+                tangents: vec![[1.0, 0.0, 0.0, 0.0, 1.0, 0.0]],
+                is_one_sided,
+            },
+            ..PointVolume::spheres([DVec3::ZERO], [1.0]).with_masses([1.0])
+        };
+        volume.strength = crate::scene::Strength::Surface(vec![1.0]);
+        volume.colour = Colour::Uniform([1.0; 3]);
+        assert!(bake_light(&mut volume, &lighting, DVec3::Y).unwrap());
+        match volume.colour {
+            Colour::Harmonics { coefficients, .. } => coefficients,
+            _ => panic!("no harmonics"),
+        }
+    }
+
+    fn light(direction: DVec3, frame: LightFrame) -> Vec<Light> {
+        vec![Light {
+            direction,
+            frame,
+            colour: [1.0; 3],
+        }]
+    }
+
+    /// Returns the code seen from a direction to the eye.
+    fn seen(coefficients: &[f32], to_eye: Vec3) -> f32 {
+        harmonics_sum(coefficients, &harmonics(-to_eye.normalize()))[0]
+    }
+
+    #[test]
+    fn a_surface_of_one_side_keeps_the_light_of_the_world() {
+        // A surface that faces the light halfway: ambient .25 and .65 times the cosine.
+        let direction = DVec3::new(1.0, 0.0, 1.0);
+        let coefficients = baked(true, light(direction, LightFrame::World), 0.0);
+        let truth = srgb_from_linear(0.25 + 0.65 * 0.5_f32.sqrt());
+        for to_eye in [Vec3::Z, Vec3::new(1.0, 2.0, 1.0), Vec3::new(-3.0, 0.0, 1.0)] {
+            let code = seen(&coefficients, to_eye);
+            assert!((code - truth).abs() < 0.01, "{code} {truth}");
+        }
+    }
+
+    #[test]
+    fn a_headlight_dims_what_turns_away() {
+        for is_one_sided in [true, false] {
+            let headlight = light(DVec3::NEG_Z, LightFrame::Camera);
+            let coefficients = baked(is_one_sided, headlight, 0.0);
+            for degrees in [0.0_f32, 20.0, 40.0, 60.0, 75.0] {
+                let (sin, cos) = degrees.to_radians().sin_cos();
+                let code = seen(&coefficients, Vec3::new(sin, 0.0, cos));
+                let truth = srgb_from_linear(0.25 + 0.65 * cos);
+                // Harmonics of degree 2 round the edge between two sides.
+                let most = if is_one_sided { 0.01 } else { 0.06 };
+                assert!((code - truth).abs() < most, "{degrees}: {code} {truth}");
+            }
+        }
+    }
+
+    #[test]
+    fn particles_without_a_normal_keep_their_colours() {
+        let mut volume = PointVolume::spheres([DVec3::ZERO], [1.0]).with_masses([1.0]);
+        let before = volume.colour.clone();
+        assert!(!bake_light(&mut volume, &Lighting::default(), DVec3::Z).unwrap());
+        assert_eq!(volume.colour, before);
+    }
+}
