@@ -6,12 +6,14 @@
 //! |---|---|---|---|---|
 //! | PLY, compressed PLY, `.splat`, `.ksplat`, SOG | right | down | forward | -y |
 //! | SPZ | right | up | back | +y |
-//! | glTF | left | up | forward | +y |
+//! | glTF, USD | left | up | forward | +y |
 //!
 //! The first row is the convention of the training scenes (COLMAP's). SPZ's axes are rotated to it by half a
 //! turn about x, glTF's by half a turn about z, as in PlayCanvas's `splat-transform` 2.7: numbers of that
 //! program are in `tests/data/splat_axes.rs`. Its version 3.7 rotates glTF's the same way, but reads and writes
 //! SPZ without a rotation; such files have no mark of it.
+//!
+//! USD files state whether y or z is up; those with z up are read in their coordinates, too.
 //!
 //! Readers return the coordinates of the file, except for SPZ, which is rotated to the axes of PLY. glTF splats
 //! are not rotated, so that they stay in place beside meshes of glTF files. Writers of splats get the up
@@ -32,13 +34,13 @@ pub enum SplatAxes {
     RightDownForward,
     /// x right, y up, z back: SPZ.
     RightUpBack,
-    /// x left, y up, z forward: glTF.
+    /// x left, y up, z forward: glTF and USD.
     LeftUpForward,
 }
 
 /// Formats of splats by name ([`Dataset::format`](crate::io::Dataset::format)): the axes of the file, and of the
 /// data that are read.
-const OF_FORMATS: [(&str, SplatAxes, SplatAxes); 8] = {
+const OF_FORMATS: [(&str, SplatAxes, SplatAxes); 9] = {
     use SplatAxes::{LeftUpForward, RightDownForward, RightUpBack};
     [
         ("PLY splats", RightDownForward, RightDownForward),
@@ -53,6 +55,7 @@ const OF_FORMATS: [(&str, SplatAxes, SplatAxes); 8] = {
         ("SOG splats", RightDownForward, RightDownForward),
         ("SPZ splats", RightUpBack, RightDownForward),
         (super::gltf_splats::FORMAT, LeftUpForward, LeftUpForward),
+        (super::usd::FORMAT, LeftUpForward, LeftUpForward),
     ]
 };
 
