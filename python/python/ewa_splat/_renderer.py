@@ -286,7 +286,7 @@ def measure(
 
 
 def convert(things: Any, path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Write splats for viewers of radiance fields: ply, compressed.ply, splat, spz, sog, glb, gltf, csv or vtu.
+    """Write splats for viewers of radiance fields: ply, compressed.ply, splat, spz, sog, glb, gltf, usda, usdz, csv or vtu.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@
 //! program are in `tests/data/splat_axes.rs`. Its version 3.7 rotates glTF's the same way, but reads and writes
 //! SPZ without a rotation; such files have no mark of it.
 //!
-//! USD files state whether y or z is up; those with z up are read in their coordinates, too.
+//! USD files state whether y or z is up, and are read in their coordinates; the table has those that are written.
 //!
 //! Readers return the coordinates of the file, except for SPZ, which is rotated to the axes of PLY. glTF splats
 //! are not rotated, so that they stay in place beside meshes of glTF files. Writers of splats get the up
@@ -40,7 +40,7 @@ pub enum SplatAxes {
 
 /// Formats of splats by name ([`Dataset::format`](crate::io::Dataset::format)): the axes of the file, and of the
 /// data that are read.
-const OF_FORMATS: [(&str, SplatAxes, SplatAxes); 9] = {
+const OF_FORMATS: [(&str, SplatAxes, SplatAxes); 8] = {
     use SplatAxes::{LeftUpForward, RightDownForward, RightUpBack};
     [
         ("PLY splats", RightDownForward, RightDownForward),
@@ -55,7 +55,6 @@ const OF_FORMATS: [(&str, SplatAxes, SplatAxes); 9] = {
         ("SOG splats", RightDownForward, RightDownForward),
         ("SPZ splats", RightUpBack, RightDownForward),
         (super::gltf_splats::FORMAT, LeftUpForward, LeftUpForward),
-        (super::usd::FORMAT, LeftUpForward, LeftUpForward),
     ]
 };
 

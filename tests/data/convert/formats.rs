@@ -126,7 +126,7 @@ fn every_format_keeps_what_it_says() {
                 assert_kept(&cloud, &after, &quantum, extension);
                 let (keeps_degree, keeps_mark) = match extension {
                     "splat" => (degree == 0, false),
-                    "glb" | "gltf" | "csv" => (true, false),
+                    "glb" | "gltf" | "usda" | "usdz" | "csv" => (true, false),
                     _ => (true, true),
                 };
                 assert_eq!(

@@ -28,7 +28,7 @@ use ewa_splat::view::Camera;
 use ewa_splat::{Image, Settings};
 use glam::{DMat3, DQuat, DVec3};
 
-const FORMATS: [&str; 6] = ["ply", "splat", "spz", "glb", "gltf", "csv"];
+const FORMATS: [&str; 8] = ["ply", "splat", "spz", "glb", "gltf", "usda", "usdz", "csv"];
 
 struct Folder(tempfile::TempDir);
 

@@ -45,8 +45,7 @@ impl<'a> Parser<'a> {
         let mut stage = Stage::default();
         self.skip_space();
         if self.takes(b'(') {
-            let parser = &mut *self;
-            parser.metadata(|key, _, value| match key {
+            self.metadata(|key, _, value| match key {
                 b"upAxis" => stage.up_axis = words(value).pop(),
                 b"subLayers" => stage.has_sublayers = !is_nothing(value),
                 _ => {}
