@@ -24,7 +24,8 @@
 //! arrays. The other 48 bits are the offset. Bytes are packed by LZ4. Packed integers are differences of neighbours: the
 //! most frequent one, two bits for each, and others in 1, 2 or 4 bytes.
 //!
-//! Files before version 0.4 are not packed, and are not read. Every count is at most the length of the file in bytes.
+//! Files before version 0.4 are not packed, and are not read. Packing is no bound of a count, so that tables, texts and
+//! arrays have their own bounds, from the length of the file.
 
 use std::array;
 use std::cell::Cell;
@@ -33,10 +34,14 @@ use std::path::Path;
 use super::stage::{Attribute, Kind, Prim, Stage, Value, kind_of};
 use crate::error::{Error, Result};
 use crate::io::bytes::half::half;
+use crate::io::vtk::xml::clip;
 use crate::math::narrowed;
 
 /// The first bytes of every layer in binary form.
 pub(super) const MAGIC: &[u8; 8] = b"PXR-USDC";
+
+/// Entries that a table may have in any file. Larger files may have one for every four bytes.
+const MOST_ENTRIES: usize = 1 << 18;
 
 /// Numbers that arrays may have in any file. Larger files may have two for each byte: arrays in half floats, and some
 /// that several prims share.
@@ -44,6 +49,12 @@ const MOST_NUMBERS: usize = 1 << 20;
 
 /// Bytes of tokens that any file may have. Larger files may have four for each byte.
 const MOST_TOKENS: usize = 1 << 20;
+
+/// Bytes of words that attributes may have in any file. Larger files may have eight for each byte.
+const MOST_WORDS: usize = 1 << 20;
+
+/// Greatest length of names in bytes.
+const MOST_NAME: usize = 256;
 
 /// Greatest number of fields of a prim or a property.
 const MOST_FIELDS: usize = 256;
@@ -94,12 +105,15 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Stage> {
         found.map_or(Cursor(&[]), |(_, bytes)| Cursor(bytes))
     };
     let len = bytes.len();
-    let tokens = Tokens::parse(open("TOKENS"), len).ok_or_else(|| section("TOKENS"))?;
+    let most = MOST_ENTRIES.max(len / 4);
+    let most_text = MOST_TOKENS.max(4 * len);
+    let tokens = Tokens::parse(open("TOKENS"), most, most_text);
+    let tokens = tokens.ok_or_else(|| section("TOKENS"))?;
     let strings = strings(open("STRINGS")).ok_or_else(|| section("STRINGS"))?;
-    let fields = fields(open("FIELDS"), len).ok_or_else(|| section("FIELDS"))?;
-    let sets = counted(open("FIELDSETS"), len).ok_or_else(|| section("FIELDSETS"))?;
-    let paths = Paths::parse(open("PATHS"), len).ok_or_else(|| section("PATHS"))?;
-    let specs = specs(open("SPECS"), len).ok_or_else(|| section("SPECS"))?;
+    let fields = fields(open("FIELDS"), most).ok_or_else(|| section("FIELDS"))?;
+    let sets = counted(open("FIELDSETS"), most).ok_or_else(|| section("FIELDSETS"))?;
+    let paths = Paths::parse(open("PATHS"), most).ok_or_else(|| section("PATHS"))?;
+    let specs = specs(open("SPECS"), most).ok_or_else(|| section("SPECS"))?;
     let layer = Layer {
         bytes,
         minor,
@@ -108,6 +122,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Stage> {
         fields,
         sets,
         numbers_left: Cell::new(MOST_NUMBERS.max(2 * len)),
+        words_left: Cell::new(MOST_WORDS.max(8 * len)),
     };
     layer.stage(&paths, &specs).map_err(fault)
 }
@@ -164,6 +179,9 @@ fn sections(bytes: &[u8]) -> Option<Vec<(String, &[u8])>> {
 
 /// Unpacks bytes to at most `most`.
 fn unpack(packed: &[u8], most: usize) -> Option<Vec<u8>> {
+    if most == 0 {
+        return Some(Vec::new());
+    }
     let (pieces, mut rest) = packed.split_first().map(|(n, rest)| (*n, Cursor(rest)))?;
     let most = most.min(packed.len().saturating_mul(LZ4_RATIO));
     let mut bytes = vec![0; most];
@@ -187,6 +205,9 @@ fn unpack(packed: &[u8], most: usize) -> Option<Vec<u8>> {
 fn integers(from: &mut Cursor<'_>, count: usize) -> Option<Vec<u32>> {
     let packed = from.size()?;
     let packed = from.take(packed)?;
+    if count == 0 {
+        return Some(Vec::new());
+    }
     let codes = count.div_ceil(4);
     let bytes = unpack(packed, 4 + codes + 4 * count)?;
     let mut rest = Cursor(&bytes);
@@ -221,9 +242,9 @@ struct Tokens {
 }
 
 impl Tokens {
-    fn parse(mut from: Cursor<'_>, len: usize) -> Option<Self> {
-        let count = from.count(len)?;
-        let size = from.count(MOST_TOKENS.max(4 * len))?;
+    fn parse(mut from: Cursor<'_>, most: usize, most_text: usize) -> Option<Self> {
+        let count = from.count(most)?;
+        let size = from.count(most_text)?;
         let packed = from.size()?;
         let text = unpack(from.take(packed)?, size)?;
         let zeros = text.iter().enumerate().filter(|(_, byte)| **byte == 0);
@@ -231,14 +252,21 @@ impl Tokens {
         (ends.len() == count).then_some(Self { text, ends })
     }
 
-    fn get(&self, index: u32) -> Option<&str> {
+    fn bytes(&self, index: u32) -> Option<&[u8]> {
         let index = usize::try_from(index).ok()?;
         let end = *self.ends.get(index)?;
         let start = match index.checked_sub(1) {
             Some(before) => self.ends[before] + 1,
             None => 0,
         };
-        std::str::from_utf8(&self.text[start..end]).ok()
+        self.text.get(start..end)
+    }
+
+    /// A token; `None` if it is too long for a name.
+    fn get(&self, index: u32) -> Option<&str> {
+        let name = self.bytes(index)?;
+        let name = (name.len() <= MOST_NAME).then_some(name)?;
+        std::str::from_utf8(name).ok()
     }
 }
 
@@ -248,8 +276,8 @@ fn strings(mut from: Cursor<'_>) -> Option<Vec<u32>> {
 }
 
 /// Names, as indices of tokens, and values.
-fn fields(mut from: Cursor<'_>, len: usize) -> Option<Vec<(u32, Rep)>> {
-    let count = from.count(len)?;
+fn fields(mut from: Cursor<'_>, most: usize) -> Option<Vec<(u32, Rep)>> {
+    let count = from.count(most)?;
     let names = integers(&mut from, count)?;
     let packed = from.size()?;
     let values = unpack(from.take(packed)?, 8 * count)?;
@@ -265,8 +293,8 @@ struct Spec {
     kind: u32,
 }
 
-fn specs(mut from: Cursor<'_>, len: usize) -> Option<Vec<Spec>> {
-    let count = from.count(len)?;
+fn specs(mut from: Cursor<'_>, most: usize) -> Option<Vec<Spec>> {
+    let count = from.count(most)?;
     let paths = integers(&mut from, count)?;
     let fields = integers(&mut from, count)?;
     let kinds = integers(&mut from, count)?;
@@ -292,9 +320,9 @@ struct Step {
 }
 
 impl Paths {
-    fn parse(mut from: Cursor<'_>, len: usize) -> Option<Self> {
-        let slots = from.count(len)?;
-        let count = from.count(len)?;
+    fn parse(mut from: Cursor<'_>, most: usize) -> Option<Self> {
+        let slots = from.count(most)?;
+        let count = from.count(most)?;
         let own = integers(&mut from, count)?;
         let tokens = integers(&mut from, count)?;
         let jumps = integers(&mut from, count)?;
@@ -446,6 +474,7 @@ struct Layer<'a> {
     fields: Vec<(u32, Rep)>,
     sets: Vec<u32>,
     numbers_left: Cell<usize>,
+    words_left: Cell<usize>,
 }
 
 impl Layer<'_> {
@@ -459,7 +488,7 @@ impl Layer<'_> {
             }
         }
         let mut prim_of = vec![NONE; paths.slots];
-        let mut stage = Stage::default();
+        let mut stage = Stage::new(self.bytes.len());
         for step in &paths.steps {
             let Some(spec) = specs.get(spec_of[step.slot as usize] as usize) else {
                 continue;
@@ -476,13 +505,15 @@ impl Layer<'_> {
                 }
                 (PRIM, parent) if parent.is_some() || is_first => {
                     let prim = self.prim(spec, step.token).ok_or("names of prims")?;
-                    let index = stage.add(parent, prim).ok_or("depth of prims")?;
+                    let index = stage.add(parent, prim).ok_or("depth or number of prims")?;
                     let index = u32::try_from(index).map_err(|_| "number of prims")?;
                     prim_of[step.slot as usize] = index;
                 }
                 (ATTRIBUTE, Some(parent)) => {
                     let name = self.tokens.get(step.token).unwrap_or_default();
-                    let Some(kind) = kind_of(name) else {
+                    let is_field = stage.prims[parent].is_field();
+                    let is_needed = |kind: &Kind| is_field || *kind != Kind::Floats;
+                    let Some(kind) = kind_of(name).filter(is_needed) else {
                         continue;
                     };
                     let place = || format!("prim `{}`, attribute `{name}`", stage.path(parent));
@@ -501,7 +532,8 @@ impl Layer<'_> {
         let set = self.sets.get(spec.fields as usize..)?;
         let set = set.iter().take(MOST_FIELDS).take_while(|f| **f != NONE);
         let mut fields = set.filter_map(|field| self.fields.get(*field as usize));
-        let found = fields.find(|(token, _)| self.tokens.get(*token) == Some(name));
+        let name = Some(name.as_bytes());
+        let found = fields.find(|(token, _)| self.tokens.bytes(*token) == name);
         found.map(|(_, rep)| *rep)
     }
 
@@ -514,19 +546,22 @@ impl Layer<'_> {
             "specializes",
             "variantSetNames",
         ];
-        let schemas = value("apiSchemas").and_then(|rep| self.words(rep));
-        Some(Prim {
-            name: self.tokens.get(name)?.to_owned(),
-            kind: value("typeName")
-                .and_then(|rep| self.word(rep))
-                .unwrap_or_default(),
+        let kind = value("typeName").and_then(|rep| self.word(rep));
+        let mut prim = Prim {
+            name: clip(self.tokens.get(name)?),
+            kind: clip(&kind.unwrap_or_default()),
             // Code 0 defines, 1 overrides, 2 declares a class.
             is_defined: value("specifier").is_none_or(|rep| rep.word() == Some(0)),
             is_inactive: value("active").is_some_and(|rep| rep.word() == Some(0)),
             has_arcs: arcs.iter().any(|name| value(name).is_some()),
-            schemas: schemas.unwrap_or_default(),
             ..Prim::default()
-        })
+        };
+        if prim.is_field()
+            && let Some(schemas) = value("apiSchemas")
+        {
+            prim.schemas = self.words(schemas)?;
+        }
+        Some(prim)
     }
 
     /// # Errors
@@ -601,7 +636,8 @@ impl Layer<'_> {
         let mut take = |count: usize, from: &mut Cursor<'_>, is_kept: bool| {
             for _ in 0..count.min(from.0.len()) {
                 let word = self.tokens.get(from.u32()?)?;
-                self.spend(1)?;
+                let left = self.words_left.get().checked_sub(word.len() + 1)?;
+                self.words_left.set(left);
                 if is_kept {
                     words.push(word.to_owned());
                 }

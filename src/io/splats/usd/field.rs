@@ -39,6 +39,9 @@ const MOST_DEGREE: u8 = 10;
 /// Kinds of prims that are only containers.
 const GROUPS: [&str; 3] = ["", "Xform", "Scope"];
 
+/// Reasons for which prims are left out.
+const HIDDEN: &str = "inactive, invisible, undefined, guides, proxies or prototypes";
+
 const FLATTEN: &str = "write one layer of all: `usdcat --flatten FILE --out new.usda`";
 
 /// Shapes of particles.
@@ -53,7 +56,7 @@ enum Kernel {
 
 /// The shape of a prim's particles; `None` if it has none.
 fn kernel(prim: &Prim) -> Option<Kernel> {
-    let has = |name: &str| prim.schemas.iter().any(|schema| schema == name);
+    let has = |name: &str| prim.is_field() && prim.schemas.iter().any(|schema| schema == name);
     if prim.kind == SPLATS || has(ELLIPSOIDS) {
         Some(Kernel::Ellipsoid)
     } else if has(SURFLETS) {
@@ -90,7 +93,7 @@ pub(super) fn splats(path: &Path, mut stage: Stage) -> Result<(SplatCloud, Vec<S
             continue;
         };
         found += 1;
-        let place = format!("prim `{}`", clip(&stage.path(index)));
+        let place = format!("prim `{}`", stage.path(index));
         let inherited = inherited(&stage, index).map_err(|name| {
             Error::format(
                 path,
@@ -131,7 +134,7 @@ pub(super) fn splats(path: &Path, mut stage: Stage) -> Result<(SplatCloud, Vec<S
                 "give a file with splats; save meshes as glTF (.glb)",
             ),
             _ if hidden == found => (
-                format!("{found} that are inactive, invisible, undefined or no renderer's purpose"),
+                format!("{found} that are not shown ({HIDDEN})"),
                 "show them, and write the file again",
             ),
             _ => (
@@ -143,9 +146,7 @@ pub(super) fn splats(path: &Path, mut stage: Stage) -> Result<(SplatCloud, Vec<S
         return Err(Error::format(path, "prims", expected, content, advice));
     }
     if hidden > 0 {
-        notes.push(format!(
-            "{hidden} prims of splats are not shown (inactive, invisible, undefined, guides, proxies or prototypes)"
-        ));
+        notes.push(format!("{hidden} prims of splats are not shown ({HIDDEN})"));
     }
     if sampled > 0 {
         notes.push("values that change in time are those of the first sample".into());
@@ -204,12 +205,10 @@ fn inherited(stage: &Stage, index: usize) -> std::result::Result<Inherited, Stri
         let space = || prim.word("colorSpace:name").map(str::to_owned);
         found.colour_space = found.colour_space.or_else(space);
         if !is_reset {
-            let (local, resets) = parent_from_prim(prim)?;
-            found.world_from_prim = local * found.world_from_prim;
-            is_reset = resets;
-            let mut transforms = prim.attributes.iter();
-            found.is_sampled |=
-                transforms.any(|(name, a)| a.is_sampled && name.starts_with("xformOp:"));
+            let local = parent_from_prim(prim)?;
+            found.world_from_prim = local.transform * found.world_from_prim;
+            found.is_sampled |= local.is_sampled;
+            is_reset = local.is_reset;
         }
     }
     found.is_shown &= !matches!(purpose, Some("guide" | "proxy"));

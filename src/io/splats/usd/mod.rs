@@ -301,7 +301,7 @@ mod tests {
             ("#usda 1.0\n}", "expected a word"),
             (
                 &format!("#usda 1.0\n{}", "def \"a\" {".repeat(300)),
-                "too many levels",
+                "too many of them",
             ),
         ] {
             let error = refused(text);

@@ -2,11 +2,19 @@
 
 use std::collections::BTreeMap;
 
+use crate::io::vtk::xml::clip;
+
 /// Greatest depth of prims below the root.
 const MOST_DEPTH: usize = 256;
 
+/// Number of prims that any file may have. Larger files may have one for every eight bytes.
+const MOST_PRIMS: usize = 1 << 16;
+
+/// Beginning of the schemas of fields of particles.
+const FIELDS: &str = "ParticleField";
+
 /// A layer of a stage.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Stage {
     /// Prims, each after its parent.
     pub(super) prims: Vec<Prim>,
@@ -14,6 +22,7 @@ pub(super) struct Stage {
     pub(super) up_axis: Option<String>,
     /// Whether the layer names sublayers.
     pub(super) has_sublayers: bool,
+    most_prims: usize,
 }
 
 /// A prim.
@@ -80,16 +89,29 @@ pub(super) fn kind_of(name: &str) -> Option<Kind> {
         "radiance:sphericalHarmonicsDegree" => Some(Kind::Numbers),
         "xformOpOrder" | "visibility" | "purpose" | "sortingModeHint" | "projectionModeHint"
         | "colorSpace:name" => Some(Kind::Words),
-        _ if name.starts_with("xformOp:") => Some(Kind::Numbers),
+        // Connections have their own names: `xformOp:translate.connect`.
+        _ if name.starts_with("xformOp:") && !name.contains('.') => Some(Kind::Numbers),
         _ => None,
     }
 }
 
 impl Stage {
-    /// Appends a prim below `parent` and returns its index; `None` if it lies too deep.
+    /// A stage without prims.
+    ///
+    /// - `len`: length of the file in bytes.
+    pub(super) fn new(len: usize) -> Self {
+        Self {
+            prims: Vec::new(),
+            up_axis: None,
+            has_sublayers: false,
+            most_prims: MOST_PRIMS.max(len / 8),
+        }
+    }
+
+    /// Appends a prim below `parent` and returns its index; `None` if it lies too deep or is one too many.
     pub(super) fn add(&mut self, parent: Option<usize>, prim: Prim) -> Option<usize> {
         let depth = parent.map_or(0, |p| self.prims[p].depth + 1);
-        if depth > MOST_DEPTH {
+        if depth > MOST_DEPTH || self.prims.len() >= self.most_prims {
             return None;
         }
         self.prims.push(Prim {
@@ -108,14 +130,19 @@ impl Stage {
 
     /// The path of a prim, for messages.
     pub(super) fn path(&self, index: usize) -> String {
-        let mut names: Vec<&str> = self.upwards(index).map(|prim| prim.name.as_str()).collect();
-        names.push("");
+        let mut names: Vec<String> = self.upwards(index).map(|prim| clip(&prim.name)).collect();
+        names.push(String::new());
         names.reverse();
         names.join("/")
     }
 }
 
 impl Prim {
+    /// Whether it is a field of particles. Other prims have arrays of the same names.
+    pub(super) fn is_field(&self) -> bool {
+        self.kind.starts_with(FIELDS)
+    }
+
     /// Keeps the attribute's value. Samples in time take precedence over a default.
     pub(super) fn keep(&mut self, name: &str, attribute: Attribute) {
         let is_kept = self.attributes.get(name).is_none_or(|a| !a.is_sampled);

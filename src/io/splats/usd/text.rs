@@ -42,7 +42,7 @@ struct Parser<'a> {
 
 impl<'a> Parser<'a> {
     fn layer(&mut self) -> Result<Stage> {
-        let mut stage = Stage::default();
+        let mut stage = Stage::new(self.bytes.len());
         self.skip_space();
         if self.takes(b'(') {
             self.metadata(|key, _, value| match key {
@@ -71,7 +71,7 @@ impl<'a> Parser<'a> {
             specifier @ (b"def" | b"over" | b"class") => {
                 let prim = self.prim(specifier == b"def")?;
                 let index = stage.add(parent, prim);
-                open.push(index.ok_or_else(|| self.fault("prims in prims", "too many levels"))?);
+                open.push(index.ok_or_else(|| self.fault("prims in prims", "too many of them"))?);
             }
             b"variantSet" => {
                 self.skip_space();
@@ -134,7 +134,9 @@ impl<'a> Parser<'a> {
         if statement.has_value {
             let value = self.value()?;
             let is_edit = matches!(statement.first, b"delete" | b"reorder");
-            span = match (kind_of(base).filter(|_| !is_edit), is_sampled) {
+            let is_field = prim.as_ref().is_some_and(|prim| prim.is_field());
+            let is_needed = |kind: &Kind| !is_edit && (is_field || *kind != Kind::Floats);
+            span = match (kind_of(base).filter(is_needed), is_sampled) {
                 (None, _) => None,
                 (Some(kind), false) => Some((kind, value)),
                 (Some(kind), true) => self.first_sample(value)?.map(|value| (kind, value)),
@@ -508,7 +510,12 @@ fn words(value: &[u8]) -> Vec<String> {
 
 /// Places of the numbers of a value.
 fn tokens(bytes: &[u8]) -> impl Iterator<Item = Range<usize>> {
-    let is_between = |byte: &u8| b" \t\r\n,()[]".contains(byte);
+    let is_between = |byte: &u8| {
+        matches!(
+            byte,
+            b' ' | b'\t' | b'\r' | b'\n' | b',' | b'(' | b')' | b'[' | b']'
+        )
+    };
     let mut at = 0;
     std::iter::from_fn(move || {
         let start = at + bytes[at..].iter().position(|byte| !is_between(byte))?;

@@ -7,15 +7,33 @@ use super::stage::Prim;
 const RESET: &str = "!resetXformStack!";
 const INVERT: &str = "!invert!";
 
-/// The transform from a prim's space to its parent's, and whether the transforms of parents do not apply.
+/// Greatest number of a prim's operations.
+const MOST: usize = 64;
+
+/// A prim's own transform.
+#[derive(Debug, PartialEq)]
+pub(super) struct Local {
+    /// From the prim's space to its parent's.
+    pub(super) transform: DAffine3,
+    /// Whether the transforms of its ancestors do not apply.
+    pub(super) is_reset: bool,
+    /// Whether it changes in time.
+    pub(super) is_sampled: bool,
+}
+
+/// The transform from a prim's space to its parent's.
 ///
 /// Operations of `xformOpOrder` apply from the last to the first.
 ///
 /// # Errors
-/// The name of an operation that is not known, has another number of values, or cannot be inverted.
-pub(super) fn parent_from_prim(prim: &Prim) -> Result<(DAffine3, bool), String> {
+/// The name of an operation that is not known, has another number of values, cannot be inverted, or is one too many.
+pub(super) fn parent_from_prim(prim: &Prim) -> Result<Local, String> {
     let mut transform = DAffine3::IDENTITY;
+    let mut is_sampled = false;
     let order = prim.words("xformOpOrder").unwrap_or_default();
+    if let Some(name) = order.get(MOST) {
+        return Err(name.clone());
+    }
     let is_reset = order.iter().any(|name| name == RESET);
     // Operations before the mark do not apply either.
     let start = order.iter().rposition(|name| name == RESET);
@@ -28,12 +46,17 @@ pub(super) fn parent_from_prim(prim: &Prim) -> Result<(DAffine3, bool), String> 
         let Some(values) = prim.numbers(attribute) else {
             continue;
         };
+        is_sampled |= prim.attributes[attribute].is_sampled;
         let step = operation(attribute, values).filter(DAffine3::is_finite);
         let step = step.map(|step| if is_inverse { step.inverse() } else { step });
         let step = step.filter(DAffine3::is_finite);
         transform *= step.ok_or_else(|| name.clone())?;
     }
-    Ok((transform, is_reset))
+    Ok(Local {
+        transform,
+        is_reset,
+        is_sampled,
+    })
 }
 
 /// The transform of one operation.
@@ -129,12 +152,12 @@ mod tests {
         const ANGLES: &[f64] = &[10.0, 20.0, 30.0];
         for (order, values, expected) in CASES {
             let prim = prim(order, values);
-            let (transform, is_reset) = parent_from_prim(&prim).unwrap();
-            let found = transform.transform_point3(DVec3::new(1.0, 2.0, 3.0));
+            let local = parent_from_prim(&prim).unwrap();
+            let found = local.transform.transform_point3(DVec3::new(1.0, 2.0, 3.0));
             let apart = (found - DVec3::from(*expected)).length();
             // f64 rounding of a few products, and f32 angles in the other program.
             assert!(apart < 2e-6, "{order:?}: {found}");
-            assert_eq!(is_reset, order.contains(&RESET));
+            assert_eq!(local.is_reset, order.contains(&RESET));
         }
         let shear = prim(&[S, T], &[(T, &[1.0]), (S, ANGLES)]);
         assert_eq!(parent_from_prim(&shear).unwrap_err(), T);
@@ -143,10 +166,10 @@ mod tests {
         let unknown = prim(&["xformOp:bend"], &[("xformOp:bend", &[1.0])]);
         assert!(parent_from_prim(&unknown).is_err());
         let missing = prim(&[T, P], &[]);
-        assert_eq!(
-            parent_from_prim(&missing).unwrap(),
-            (DAffine3::IDENTITY, false)
-        );
+        let local = parent_from_prim(&missing).unwrap();
+        assert_eq!(local.transform, DAffine3::IDENTITY);
+        let many = prim(&[T; MOST + 1], &[]);
+        assert_eq!(parent_from_prim(&many).unwrap_err(), T);
     }
 
     type Case = (
