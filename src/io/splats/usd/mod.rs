@@ -165,7 +165,7 @@ mod tests {
               rel material:binding = </m/a> (\n bindMaterialAs = \"x\" )\n\
               variantSet \"v\" = { \"one\" { def Mesh \"no\" { } } }\n\
               def ParticleField3DGaussianSplat \"s\"\n  (active = true)\n  {\n\
-                custom string note = 'it''s'\n    float[] opacities\n\
+                custom string note = 'it\\'s'\n    float[] opacities\n\
                 point3f[] positions = [(1, 2, 3),\n (4.5, -5e-1, +.25)] ( doc = \"]\" )\n\
                 float[] opacities = [ 0.5, 1.0 ]\n    token visibility.connect = </a.b>\n\
                 quath[] orientationsh = None\n    half3[] scalesh = [(1,1,2), (3,3,3)]\n\
@@ -275,7 +275,7 @@ mod tests {
             ),
             (
                 "float[] opacities = [1, x]",
-                "line 4: expected numbers, found `x]",
+                "line 5: expected numbers, found `x] }`",
             ),
             ("float[] opacities = [1, 1", "closing bracket"),
             (
