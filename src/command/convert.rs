@@ -40,7 +40,7 @@ pub(crate) struct Arguments {
     #[arg(required = true)]
     inputs: Vec<PathBuf>,
     /// File of splats to write: ply, compressed.ply, splat, ksplat, spz, sog, meta.json (a SOG's, with its images beside it), glb, gltf,
-    /// csv or vtu; or arrow: a prepared scene, blocks and levels
+    /// usda, usdz, csv or vtu; or arrow: a prepared scene, blocks and levels
     /// of detail that `render`, `view`, `info` and `measure` take without reading what no picture asks for
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -51,7 +51,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "3|4")]
     spz_version: Option<Version>,
     /// Keep coordinates as they are read; without this, what is up in pictures of the inputs is turned to where the format has it: -y
-    /// of ply, splat and sog, +y of spz and glb
+    /// of ply, splat and sog, +y of spz, glb and usda
     #[arg(long)]
     keep_axes: bool,
     /// Width of splats: standard deviation over spacing. Wide splats blur colours and outlines of surfaces, narrow ones let the

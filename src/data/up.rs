@@ -3,6 +3,7 @@
 //! | data | up |
 //! |---|---|
 //! | glTF, its splats too; OBJ | +y: the convention of the formats or of their writers |
+//! | splats of USD | +y, or +z if the file states it |
 //! | other splats | -y: training scenes have y down, and all are read in their axes (`splat_axes.rs`) |
 //! | particles in a flat layer across x or y | the axis across it |
 //! | grids a cell thick or less, and meshes with fields in a plane, across an axis | +y for planes across z, +z for others: seen straight on |

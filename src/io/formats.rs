@@ -21,7 +21,7 @@ use super::mesh::{gltf, obj, stl, threemf};
 use super::options::OpenOptions;
 use super::particles::{arrow, csv, gadget, hdf5, npy, npz};
 use super::parts::plane_source;
-use super::splats::{gltf_splats, ksplat, sog, splat, spz};
+use super::splats::{gltf_splats, ksplat, sog, splat, spz, usd};
 #[cfg(feature = "dicom")]
 use super::volume::dicom;
 use super::volume::{image_series, meta_image, nifti, nrrd, raw, tiff};
@@ -327,6 +327,19 @@ static FORMATS: &[Format] = &[
         endings: &["ksplat"],
         reads: "version 0.1, its compression modes 0 to 2, harmonics of degrees 0 to 2",
         read: |input, _| ksplat::read(input),
+        ..PLAIN
+    },
+    // Before the other archives.
+    Format {
+        name: "USD splats",
+        family: Family::Splats,
+        endings: &["usda", "usdc", "usdz", "usd"],
+        reads: "prims `ParticleField3DGaussianSplat`, and `ParticleField` with surflets, of one layer as text, in binary form \
+                (from version 0.4) or in an archive; in floats and halves, with the transforms of their ancestors; the first \
+                of samples in time. Other layers, variants and instances are not composed, and prims of other kinds are not \
+                read",
+        begins: |p| usd::looks_like(p.head) || p.is_archive("usdz", usd::is_archive),
+        read: |input, _| usd::read(input),
         ..PLAIN
     },
     Format {

@@ -506,13 +506,6 @@ static REFUSED: &[Refused] = &[
         ..PLAIN
     },
     Refused {
-        name: "a USD file",
-        endings: &["usd", "usda", "usdc", "usdz"],
-        magic: &[(0, b"PXR-USDC"), (0, b"#usda")],
-        advice: MESH,
-        ..PLAIN
-    },
-    Refused {
         name: "a Blender file",
         endings: &["blend", "blend1"],
         magic: &[(0, b"BLENDER")],

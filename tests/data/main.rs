@@ -62,6 +62,7 @@ mod surface_fields;
 mod tecplot;
 mod textures;
 mod threemf;
+mod usd;
 mod vtk_legacy;
 mod vtk_xml;
 mod vtkhdf;

@@ -11,9 +11,6 @@ fn formats_that_are_not_read_have_names_and_ways_out() {
     for (name, bytes, what, way) in [
         ("a.fbx", &b"Kaydara FBX Binary  \0"[..], "FBX", "glTF"),
         ("a", b"; FBX 7.3.0 project file", "FBX", "glTF"),
-        ("a.usda", b"#usda 1.0\n", "USD", "glTF"),
-        ("a.usdc", b"PXR-USDC\0\0", "USD", "glTF"),
-        ("a.usdz", b"PK\x03\x05\0", "USD", "glTF"),
         ("a.plt", b"#!TDV112\0", "binary Tecplot", "VTK"),
         ("a.cgns", adf, "ADF", "adf2hdf"),
         ("a.vdb", b" BDV\0\0\0\0", "OpenVDB", "NRRD"),

@@ -183,6 +183,10 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
                 }
             }
         }
+        for name in ["scene.usda", "scene.usdc", "scene.usdz"] {
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/usd").join(name);
+            seeds.extend(vec![(name.into(), std::fs::read(path).unwrap()); 12]);
+        }
         for degree in 0..3 {
             for version in [1, 2] {
                 for packed in [false, true] {

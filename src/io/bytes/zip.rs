@@ -1,4 +1,4 @@
-//! Reads ZIP archives, as far as NPZ, SOG and 3MF files and archives of OpenFOAM's folders need them: members
+//! Reads ZIP archives, as far as NPZ, SOG, 3MF and USDZ files and archives of OpenFOAM's folders need them: members
 //! stored or deflated, with sizes of 32 or 64 bits.
 //!
 //! Records, all numbers little-endian (PKWARE's APPNOTE, sections 4.3.7 to 4.3.16):
@@ -12,6 +12,7 @@
 //!
 //! Nothing is allocated that the archive's bytes cannot hold: entries borrow theirs.
 
+use std::borrow::Cow;
 use std::io::Read;
 
 /// The first bytes of every archive that is not empty.
@@ -137,22 +138,31 @@ fn entry<'a>(bytes: &'a [u8], directory: &'a [u8]) -> Option<(Entry<'a>, &'a [u8
     Some((entry, rest))
 }
 
-impl Entry<'_> {
+impl<'a> Entry<'a> {
     /// Unpacks the member. At most [`size`](Self::size) bytes are allocated: check that before.
     ///
     /// # Errors
     /// A phrase with the fault.
     pub(in crate::io) fn unpack(&self) -> Result<Vec<u8>, String> {
-        let mut bytes = Vec::new();
-        match self.method {
-            0 => bytes.extend(self.packed),
+        self.contents().map(Cow::into_owned)
+    }
+
+    /// Unpacks the member as [`unpack`](Self::unpack) does, or borrows what is stored.
+    ///
+    /// # Errors
+    /// A phrase with the fault.
+    pub(in crate::io) fn contents(&self) -> Result<Cow<'a, [u8]>, String> {
+        let bytes = match self.method {
+            0 => Cow::Borrowed(self.packed),
             8 => {
+                let mut bytes = Vec::new();
                 let mut stream = flate2::read::DeflateDecoder::new(self.packed)
                     .take(self.size.saturating_add(1));
                 stream.read_to_end(&mut bytes).map_err(|e| e.to_string())?;
+                Cow::Owned(bytes)
             }
             other => return Err(format!("packed by method {other}, not stored or deflated")),
-        }
+        };
         if bytes.len() as u64 != self.size {
             return Err(format!("not the {} bytes that it states", self.size));
         }

@@ -4,6 +4,10 @@ use glam::DVec3;
 
 use crate::data::splats::SplatCloud;
 
+/// Ratio of distance and extent from which an offset moves positions to the origin. It costs six of f32's 24
+/// bits.
+const FAR: f64 = 64.0;
+
 /// Form of a PLY file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum PlyForm {
@@ -95,4 +99,21 @@ pub(in crate::io) fn median_size(cloud: &SplatCloud) -> f64 {
     let mut sizes: Vec<f32> = cloud.scales.iter().map(middle).collect();
     let half = sizes.len() / 2;
     f64::from(*sizes.select_nth_unstable_by(half, f32::total_cmp).1)
+}
+
+/// Returns the offset that is subtracted from positions far from the origin: the middle of their box.
+pub(in crate::io) fn offset(positions: &[DVec3]) -> DVec3 {
+    let lower = positions.iter().copied().fold(DVec3::INFINITY, DVec3::min);
+    let upper = positions
+        .iter()
+        .copied()
+        .fold(DVec3::NEG_INFINITY, DVec3::max);
+    let extent = (upper - lower).max_element();
+    let farthest = lower.abs().max(upper.abs()).max_element();
+    // A single splat, or several at one position, keep their coordinates if f32 represents them.
+    if farthest > FAR * extent && positions.iter().any(|p| p.as_vec3().as_dvec3() != *p) {
+        (lower + upper) * 0.5
+    } else {
+        DVec3::ZERO
+    }
 }

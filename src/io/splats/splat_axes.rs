@@ -6,12 +6,14 @@
 //! |---|---|---|---|---|
 //! | PLY, compressed PLY, `.splat`, `.ksplat`, SOG | right | down | forward | -y |
 //! | SPZ | right | up | back | +y |
-//! | glTF | left | up | forward | +y |
+//! | glTF, USD | left | up | forward | +y |
 //!
 //! The first row is the convention of the training scenes (COLMAP's). SPZ's axes are rotated to it by half a
 //! turn about x, glTF's by half a turn about z, as in PlayCanvas's `splat-transform` 2.7: numbers of that
 //! program are in `tests/data/splat_axes.rs`. Its version 3.7 rotates glTF's the same way, but reads and writes
 //! SPZ without a rotation; such files have no mark of it.
+//!
+//! USD files state whether y or z is up, and are read in their coordinates; the table has those that are written.
 //!
 //! Readers return the coordinates of the file, except for SPZ, which is rotated to the axes of PLY. glTF splats
 //! are not rotated, so that they stay in place beside meshes of glTF files. Writers of splats get the up
@@ -32,7 +34,7 @@ pub enum SplatAxes {
     RightDownForward,
     /// x right, y up, z back: SPZ.
     RightUpBack,
-    /// x left, y up, z forward: glTF.
+    /// x left, y up, z forward: glTF and USD.
     LeftUpForward,
 }
 

@@ -9,7 +9,7 @@ use super::encoded_splats::{PlyForm, SplatFileOptions, median_size};
 use super::gltf_splats::Container;
 use super::sog::files::META;
 use super::splat_axes::SplatAxes;
-use super::{csv_write, gltf_splats, ksplat_write, sog, splat, spz_write};
+use super::{csv_write, gltf_splats, ksplat_write, sog, splat, spz_write, usd};
 use crate::data::splats::SplatCloud;
 use crate::error::{Error, Result};
 use crate::io::bytes::atomic::write_bytes_atomically;
@@ -53,6 +53,8 @@ enum Format {
     SogFolder,
     Glb,
     Gltf,
+    Usda,
+    Usdz,
     Csv,
     Vtu,
 }
@@ -76,6 +78,8 @@ impl Format {
             "json" if path.file_name().is_some_and(|name| name == META) => Some(Self::SogFolder),
             "glb" => Some(Self::Glb),
             "gltf" => Some(Self::Gltf),
+            "usda" => Some(Self::Usda),
+            "usdz" => Some(Self::Usdz),
             "csv" => Some(Self::Csv),
             "vtu" => Some(Self::Vtu),
             _ => None,
@@ -94,7 +98,7 @@ impl Format {
             | Self::Sog
             | Self::SogFolder
             | Self::Csv => Some(SplatAxes::RightDownForward),
-            Self::Glb | Self::Gltf => Some(SplatAxes::LeftUpForward),
+            Self::Glb | Self::Gltf | Self::Usda | Self::Usdz => Some(SplatAxes::LeftUpForward),
             Self::Vtu => None,
         }
     }
@@ -103,8 +107,8 @@ impl Format {
 /// Checks whether [`write_splats`] could write to `path`, before splats are made.
 ///
 /// # Errors
-/// An extension other than `ply`, `splat`, `ksplat`, `spz`, `sog`, `glb`, `gltf`, `csv` and `vtu`, and a name other than
-/// `meta.json`; a missing folder.
+/// An extension other than `ply`, `splat`, `ksplat`, `spz`, `sog`, `glb`, `gltf`, `usda`, `usdz`, `csv` and `vtu`, and a name
+/// other than `meta.json`; a missing folder.
 pub fn check_splats_path(path: &Path) -> Result<()> {
     format_of(path).map(|_| ())
 }
@@ -118,7 +122,7 @@ fn format_of(path: &Path) -> Result<Format> {
     Err(Error::format(
         path,
         "output",
-        "a name that ends in .ply, .splat, .ksplat, .spz, .sog, .glb, .gltf, .csv or .vtu, or meta.json",
+        "a name that ends in .ply, .splat, .ksplat, .spz, .sog, .glb, .gltf, .usda, .usdz, .csv or .vtu, or meta.json",
         if extension.is_empty() {
             "no extension".into()
         } else {
@@ -144,7 +148,8 @@ fn format_of(path: &Path) -> Result<Format> {
 /// `.ksplat` (mode 0) has f32 for all but colours and opacities, which are those of `.splat`, and harmonics up to degree 2; it keeps
 /// the order and loses the mark. `meta.json` is a SOG that is no archive: its images are written into the same folder.
 ///
-/// `.gltf` is as `.glb`, with its numbers in text (base64). `.csv` is a table with the columns and the numbers of `.ply`, positions
+/// `.gltf` is as `.glb`, with its numbers in text (base64). `.usda` and `.usdz` keep what `.glb` keeps, in text, and flat splats
+/// without thickness: if all splats are flat, they are surflets. `.csv` is a table with the columns and the numbers of `.ply`, positions
 /// in f64, and without the mark.
 ///
 /// `.vtu` is for ParaView and other readers of VTK: vertices at positions in f64, with shapes as tensors,
@@ -153,7 +158,7 @@ fn format_of(path: &Path) -> Result<Format> {
 ///
 /// Errors are the greatest ones: of rotations in a component of the unit quaternion, of colours in a
 /// coefficient. Numbers outside a range are clamped and counted in the notes. In all formats but the flat form
-/// of PLY an axis of length 0 becomes [`FLAT_SHARE`] of the next larger. In PLY an opacity keeps 3.1e-7 from 0
+/// of PLY and USD's surflets an axis of length 0 becomes [`FLAT_SHARE`] of the next larger. In PLY an opacity keeps 3.1e-7 from 0
 /// and 1, because a logit is finite.
 ///
 /// [`SplatFileOptions::up`] is the up direction, from which the splats are rotated to the format's axes
@@ -192,7 +197,10 @@ pub fn write_splats(
     if turn != DQuat::IDENTITY {
         cloud.to_mut().turn(turn);
     }
-    let keeps_light = matches!(format, Format::Glb | Format::Gltf);
+    let keeps_light = matches!(
+        format,
+        Format::Glb | Format::Gltf | Format::Usda | Format::Usdz
+    );
     let loses_view = cloud.is_linear && !keeps_light && cloud.to_mut().encode();
     let cloud = cloud.as_ref();
     let mut encoded = match format {
@@ -205,6 +213,8 @@ pub fn write_splats(
         Format::SogFolder => sog::encode(path, cloud, false)?,
         Format::Glb => gltf_splats::encode(path, cloud, Container::Binary)?,
         Format::Gltf => gltf_splats::encode(path, cloud, Container::Text)?,
+        Format::Usda => usd::encode(path, cloud, usd::Container::Text)?,
+        Format::Usdz => usd::encode(path, cloud, usd::Container::Archive)?,
         Format::Csv => csv_write::encode(cloud),
         Format::Vtu => vtu_write::encode(cloud),
     };

@@ -28,7 +28,9 @@ use ewa_splat::view::Camera;
 use ewa_splat::{Image, Settings};
 use glam::{DMat3, DQuat, DVec3};
 
-const FORMATS: [&str; 7] = ["ply", "splat", "ksplat", "spz", "glb", "gltf", "csv"];
+const FORMATS: [&str; 9] = [
+    "ply", "splat", "ksplat", "spz", "glb", "gltf", "usda", "usdz", "csv",
+];
 
 struct Folder(tempfile::TempDir);
 

@@ -7,15 +7,11 @@ use base64::engine::general_purpose::STANDARD;
 use glam::DVec3;
 use serde_json::{Value, json};
 
-use super::super::encoded_splats::{Encoded, note_mark_lost, single_precision_quantum};
+use super::super::encoded_splats::{Encoded, note_mark_lost, offset, single_precision_quantum};
 use super::{BY_DEPTH, BY_DISTANCE, EXTENSION, LINEAR, harmonic_name};
 use crate::data::splats::SplatCloud;
 use crate::error::{Error, Result};
 use crate::math::narrowed;
-
-/// Ratio of distance and extent from which a node's offset moves positions to the origin. It costs six of f32's 24
-/// bits.
-const FAR: f64 = 64.0;
 
 /// Containers of glTF.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -130,23 +126,6 @@ pub(in crate::io) fn encode(
         order: Vec::new(),
         notes,
     })
-}
-
-/// Returns the offset that is subtracted from positions far from the origin: the middle of their box.
-fn offset(positions: &[DVec3]) -> DVec3 {
-    let lower = positions.iter().copied().fold(DVec3::INFINITY, DVec3::min);
-    let upper = positions
-        .iter()
-        .copied()
-        .fold(DVec3::NEG_INFINITY, DVec3::max);
-    let extent = (upper - lower).max_element();
-    let farthest = lower.abs().max(upper.abs()).max_element();
-    // A single splat, or several at one position, keep their coordinates if f32 represents them.
-    if farthest > FAR * extent && positions.iter().any(|p| p.as_vec3().as_dvec3() != *p) {
-        (lower + upper) * 0.5
-    } else {
-        DVec3::ZERO
-    }
 }
 
 /// Attributes, each an accessor with its own view.
