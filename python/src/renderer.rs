@@ -15,8 +15,8 @@ use ewa_splat::measure::{About, ErrorSample, ReferenceSummary, Subject, SweepOpt
 use ewa_splat::reference::{DataIntegrator, Integrator, ReferenceFrame, ReferenceSettings};
 use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{
-    BoundaryChoice, FunctionOptions, KernelOptions, PurposeOptions, SampleOptions, TransferChoice,
-    as_surface, common_smoothing, field_choices, is_surface,
+    BoundaryChoice, FunctionOptions, KernelOptions, PeriodicBox, PurposeOptions, SampleOptions,
+    TransferChoice, as_surface, common_smoothing, field_choices, is_surface,
 };
 use ewa_splat::scene::{PointVolume, TransferDefaults, TransferFunction, Values};
 use ewa_splat::view::{Along, Bounds, Camera, ClipPlane, DEFAULT_FOV_DEG, Lens};
@@ -229,6 +229,25 @@ impl State {
             sampled.fields.resize(sampled.volumes.len(), field);
         }
         Ok(sampled)
+    }
+
+    /// Returns the periodic box of all particles.
+    ///
+    /// # Errors
+    /// Things with different boxes, or with and without one.
+    fn periodic(&self) -> Result<Option<PeriodicBox>> {
+        let mut boxes = self.sources().map(|(_, source)| source.options.periodic);
+        let first = boxes.next().flatten();
+        match boxes.all(|own| own == first) {
+            true => Ok(first),
+            false => Err(Error::invalid(
+                "box",
+                "things",
+                "the same periodic box for all",
+                "different ones",
+                "give all the same",
+            )),
+        }
     }
 
     /// Prepares the scene, unless it is ready.
@@ -466,6 +485,15 @@ impl Source {
     }
 }
 
+/// Returns the planes at the faces of a periodic box.
+fn planes_of(periodic: Option<PeriodicBox>) -> impl Iterator<Item = ClipPlane> {
+    let planes = periodic.map(|periodic| {
+        let [lower, upper] = periodic.corners();
+        ClipPlane::of_box(lower, upper)
+    });
+    planes.into_iter().flatten()
+}
+
 /// Returns the camera of a view.
 fn camera(
     view: Option<&View>,
@@ -583,7 +611,9 @@ impl Renderer {
                 indices,
                 ..state.purpose(drawing)
             };
-            let clip = &drawing.settings.clip;
+            let mut settings = drawing.settings.clone();
+            settings.clip.extend(planes_of(state.periodic()?));
+            let clip = &settings.clip;
             let lens = Lens::FovDeg(DEFAULT_FOV_DEG);
             let up = state.up(view);
             let of_boxes = |boxes: &[Bounds]| camera(view, up, boxes, lens, size, 0);
@@ -594,7 +624,6 @@ impl Renderer {
                 false => 0,
             };
             let camera = camera(view, up, &boxes, lens, size, room);
-            let mut settings = drawing.settings.clone();
             if !drawing.has_low_pass {
                 settings.low_pass_variance_px2 = ready.renderer.suitable_low_pass_px2();
             }
@@ -752,13 +781,25 @@ impl Renderer {
             };
             let lens = Lens::OrthoHeight(None);
             let up = state.up(view.as_ref());
+            let periodic = state.periodic()?;
+            let mut clip = settings.clip.clone();
+            clip.extend(planes_of(periodic));
             let of_boxes = |boxes: &[Bounds]| camera(view.as_ref(), up, boxes, lens, size, 0);
-            let ready = state.prepare(purpose, &of_boxes, &settings.clip, task)?;
-            let boxes = left_of(ready.renderer.boxes(), &settings.clip);
-            let camera = camera(view.as_ref(), up, &boxes, lens, size, 0);
+            let ready = state.prepare(purpose, &of_boxes, &clip, task)?;
+            let boxes = left_of(ready.renderer.boxes(), &clip);
+            // The picture of a periodic box shows the box alone, if it has its shape.
+            let filled = periodic.filter(|_| view.is_none()).and_then(|periodic| {
+                let window = Along::Z.window(periodic.corners());
+                let [width, height] = window.lengths();
+                let stretch = width * size[1] as f64 / (height * size[0] as f64) - 1.0;
+                let is_alike = stretch.abs() <= 1.0 / size[0].min(size[1]) as f64;
+                is_alike.then(|| Along::Z.camera(&window, &boxes, size))
+            });
+            let camera = filled.unwrap_or_else(|| camera(view.as_ref(), up, &boxes, lens, size, 0));
             let ready = state.opened(&camera)?;
             let settings = ColumnSettings {
                 smoothing: ready.smoothing,
+                clip,
                 task: Some(task.clone()),
                 ..settings
             };

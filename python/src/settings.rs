@@ -7,7 +7,8 @@ use ewa_splat::io::{
 use ewa_splat::render::{Advanced, Blend, Classification, Order};
 use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{
-    BoundaryChoice, FunctionOptions, KernelOptions, ParticleShape, SampleOptions, TransferChoice,
+    BoundaryChoice, FunctionOptions, KernelOptions, ParticleShape, PeriodicBox, SampleOptions,
+    TransferChoice,
 };
 use ewa_splat::scene::{
     Light, LightFrame, Lighting, ScaleName, SplatRule, TransferDefaults, TransferFunction,
@@ -143,6 +144,18 @@ pub(crate) fn sample_options(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Said>
     let is_surface = said.take::<bool>("surface")?.unwrap_or(false);
     let is_share = |opacity: f64| opacity > 0.0 && opacity < 1.0;
     let around = said.number("surface_opacity", "a number above 0 and below 1", is_share)?;
+    let centre = said.take::<[f64; 3]>("centre")?.map(DVec3::from);
+    let periodic = said.take::<[f64; 3]>("box")?.map(|edges| {
+        let whole = PeriodicBox::from_origin(edges.into());
+        PeriodicBox {
+            centre: centre.unwrap_or(whole.centre),
+            ..whole
+        }
+    });
+    if centre.is_some() && periodic.is_none() {
+        let text = "centre: expected a box beside it, found none";
+        return Err(PyValueError::new_err(text));
+    }
     let kernel = said.choice(
         "kernel",
         &[
@@ -222,6 +235,7 @@ pub(crate) fn sample_options(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Said>
             )?,
             opacity_scale: said.positive("opacity_scale")?.unwrap_or(1.0),
         },
+        periodic,
         flatten: said.number("flatten", "a finite number", f64::is_finite)?,
         surface: (is_surface && around.is_none()).then_some(1.0),
         ..defaults

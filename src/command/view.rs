@@ -23,7 +23,7 @@ use crate::{Backend, Error, Renderer, Result, Settings, Task};
 const PROGRAM: &str = "ewa-splat-view";
 
 /// Identifiers of the options of `render` that write files, or that the window does not have.
-const OF_FILES: [&str; 17] = [
+const OF_FILES: [&str; 19] = [
     "out",
     "stats",
     "depth",
@@ -33,6 +33,8 @@ const OF_FILES: [&str; 17] = [
     "reference",
     "column_density",
     "column_mean",
+    "column_of",
+    "weight",
     "turntable",
     "camera_path",
     "rate",
@@ -229,7 +231,7 @@ impl ViewRequest {
         }
         let arguments = render::Arguments::from_arg_matches(matches);
         let mut arguments = arguments.unwrap_or_else(|error| error.exit());
-        arguments.take_axes();
+        arguments.pass_on();
         Ok(Self {
             boundary: arguments.data.sample_options().kernels.boundary,
             arguments: Arc::new(arguments),

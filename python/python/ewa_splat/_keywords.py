@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal, TypedDict
 
+import numpy as np
+
 if TYPE_CHECKING:
     from ._transfer import TransferLike
 
@@ -32,6 +34,9 @@ class Sampling(TypedDict, total=False):
     kernel             points: the smoothing kernel that lengths belong to, "cubic", "quartic", "quintic",
                        "wendland-c2", "wendland-c4" or "wendland-c6"; "gaussian" is the data's, drawn in columns as a Gaussian
     splat_rule         "khr", "inria", "mip" or "exact": the rule of splats; by default the file's, "exact" for arrays
+    box                points: edges of the periodic box from the origin on, three numbers or one; kernels that cross a face
+                       come in at the opposite one, and pictures end at the faces
+    centre             points: the point in the middle of the box, by default half of its edges
     shepard            number of corrections of cell volumes
     count              meshes: surfels in all
     density            meshes: surfels per unit area
@@ -55,6 +60,8 @@ class Sampling(TypedDict, total=False):
     length: Literal["h", "support", "sigma", "fwhm"]
     kernel: Literal["cubic", "quartic", "quintic", "wendland-c2", "wendland-c4", "wendland-c6", "gaussian"]
     splat_rule: Literal["khr", "inria", "mip", "exact"]
+    box: float | Sequence[float]
+    centre: Sequence[float]
     shepard: int
     count: int
     density: float
@@ -125,6 +132,11 @@ def sampling(keywords: dict[str, Any]) -> dict[str, Any]:
     said = dict(keywords)
     if said.get("up") is not None:
         said["up"] = vector(said["up"], "up")
+    if said.get("box") is not None:
+        edges = said["box"]
+        said["box"] = vector([edges] * 3 if np.ndim(edges) == 0 else edges, "box")
+    if said.get("centre") is not None:
+        said["centre"] = vector(said["centre"], "centre")
     if "transfer_function" in said:
         said["transfer_function"] = choice(said["transfer_function"])
     return said

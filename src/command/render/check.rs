@@ -25,7 +25,7 @@ impl Arguments {
         }
         let named = std::mem::take(&mut self.inputs);
         self.inputs = self.data.inputs(named, self.sequence.is_series())?;
-        self.take_axes();
+        self.pass_on();
         if is_first {
             self.check_outputs()?;
         }
@@ -40,9 +40,13 @@ impl Arguments {
         self.check_show()
     }
 
-    /// Passes `--keep-axes` on to the options of the data.
-    pub(in crate::command) fn take_axes(&mut self) {
+    /// Passes `--keep-axes`, and the field that columns sum, on to the options of the data.
+    pub(in crate::command) fn pass_on(&mut self) {
         self.data.keeps_axes = self.keep_axes;
+        let (column_of, weight) = (self.method.column_of.take(), self.method.weight.take());
+        if let Some(field) = column_of.or(weight) {
+            self.data.field = Some(field);
+        }
     }
 
     /// Checks that all outputs can be written and overwrite no input.

@@ -179,6 +179,18 @@ pub(in crate::command) struct Method {
     /// what the columns are of
     #[arg(long, value_name = "FIELD")]
     pub(in crate::command) column_mean: Option<String>,
+    /// Beside --column-density: integrate this field, as a density [default: mass where it is known, then a density]; the
+    /// same as --field
+    #[arg(long, value_name = "FIELD", requires = "column_density", conflicts_with_all = ["field", "column_mean"])]
+    pub(in crate::command) column_of: Option<String>,
+    /// Beside --column-mean: weigh the mean by this field times volume [default: mass where it is known]; the same as --field
+    #[arg(
+        long,
+        value_name = "FIELD",
+        requires = "column_mean",
+        conflicts_with = "field"
+    )]
+    pub(in crate::command) weight: Option<String>,
 }
 
 /// Appearance of the picture of a column density: the colour map's name, the range of the values

@@ -87,6 +87,12 @@ impl<'a> Columns<'a> {
         };
         let kernel = options.kernels.smoothing.or(smoothing.map(|s| s.kernel));
         let kernel = kernel.unwrap_or(SphKernel::CubicSpline);
+        let is_named = options.kernels.smoothing.is_some();
+        // A standard deviation is that of a Gaussian, unless a code states its kernel.
+        let is_sph = |meaning, is_stated: bool| {
+            use LengthMeaning::{SmoothingLength, Support};
+            is_named || is_stated || matches!(meaning, SmoothingLength | Support)
+        };
         let stated_shape = |shape| Shapes {
             shape,
             volumes: None,
@@ -111,11 +117,14 @@ impl<'a> Columns<'a> {
             (Some(radius), _) => {
                 let meaning = options.kernels.length.unwrap_or(LengthMeaning::Sigma);
                 let lengths = Lengths::new("the radius given", meaning, kernel, |_| radius);
+                let lengths = lengths.of_kernel(is_sph(meaning, false).then_some(kernel));
                 Ok(self.of_lengths(positions, options, &lengths, true)?)
             }
             (None, Some(Stated::Length(column, name, meaning))) => {
                 let meaning = options.kernels.length.unwrap_or(meaning);
                 let lengths = Lengths::new(name, meaning, kernel, |i| f64::from(column.get(i)));
+                let is_stated = smoothing.is_some() && options.kernels.length.is_none();
+                let lengths = lengths.of_kernel(is_sph(meaning, is_stated).then_some(kernel));
                 // A sigma in a table is a kernel's own size; it does not depend on neighbours.
                 let crowded = smoothing.is_some() || name != "sigma";
                 self.of_lengths(positions, options, &lengths, crowded)
@@ -268,16 +277,18 @@ struct Lengths<F> {
 }
 
 impl<F> Lengths<F> {
+    /// Sets the kernel that the lengths belong to.
+    fn of_kernel(self, kernel: Option<SphKernel>) -> Self {
+        Self { kernel, ..self }
+    }
+
     fn new(name: &str, meaning: LengthMeaning, kernel: SphKernel, of: F) -> Self {
         Self {
             of,
             sigma_over_length: sph::sigma_over_length(meaning, kernel),
             support_over_length: sph::support_over_length(meaning, kernel),
             convention: sph::convention(name, meaning, kernel),
-            kernel: Some(kernel).filter(|_| {
-                use LengthMeaning::{SmoothingLength, Support};
-                matches!(meaning, SmoothingLength | Support)
-            }),
+            kernel: None,
         }
     }
 }
