@@ -378,6 +378,18 @@ def _is_swiftsimio(data: Any) -> bool:
     return whole or (hasattr(data, "coordinates") and hasattr(data, "particle_ids") and hasattr(data, "metadata"))
 
 
+def _swift_kernel(data: Any) -> str | None:
+    """Return the name of the kernel that SWIFT's header states."""
+    scheme = getattr(data.metadata, "hydro_scheme", None) or {}
+    stated = scheme.get("Kernel function", "")
+    if isinstance(stated, np.ndarray) and stated.size == 1:
+        stated = stated.item()
+    text = stated.decode(errors="replace") if isinstance(stated, bytes) else str(stated)
+    text = text.lower().replace(" ", "-")
+    names = ("cubic", "quartic", "quintic", "wendland-c2", "wendland-c4", "wendland-c6")
+    return next((name for name in names if name in text), None)
+
+
 def _of_swiftsimio(data: Any, field: str | None, options: dict[str, Any]) -> Drawable:
     particles = data.gas if hasattr(data, "gas") else data
     positions = particles.coordinates
@@ -386,6 +398,9 @@ def _of_swiftsimio(data: Any, field: str | None, options: dict[str, Any]) -> Dra
     if lengths is not None:
         # SWIFT's smoothing lengths are two standard deviations of its kernel.
         keywords["radius"] = 0.5 * lengths
+        kernel = _swift_kernel(data)
+        if kernel is not None and "kernel" not in options:
+            keywords["kernel"] = kernel
     if field is None:
         keywords |= _mass_and_volume(getattr(particles, "masses", None), getattr(particles, "densities", None), positions)
         density = getattr(particles, "densities", None)
