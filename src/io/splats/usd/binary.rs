@@ -50,14 +50,14 @@ const MOST_NUMBERS: usize = 1 << 20;
 /// Bytes of tokens that any file may have. Larger files may have four for each byte.
 const MOST_TOKENS: usize = 1 << 20;
 
-/// Bytes of words that attributes may have in any file. Larger files may have eight for each byte.
+/// Bytes of words and names that attributes may have in any file. Larger files may have eight for each byte.
 const MOST_WORDS: usize = 1 << 20;
 
 /// Greatest length of names in bytes.
 const MOST_NAME: usize = 256;
 
 /// Greatest number of fields of a prim or a property.
-const MOST_FIELDS: usize = 256;
+const MOST_FIELDS: usize = 64;
 
 /// Length of arrays from which they are packed.
 const LEAST_PACKED: usize = 16;
@@ -518,6 +518,7 @@ impl Layer<'_> {
                     };
                     let place = || format!("prim `{}`, attribute `{name}`", stage.path(parent));
                     if let Some(attribute) = self.attribute(spec, kind).map_err(|()| place())? {
+                        self.spend_word(name).ok_or_else(place)?;
                         stage.prims[parent].keep(name, attribute);
                     }
                 }
@@ -636,8 +637,7 @@ impl Layer<'_> {
         let mut take = |count: usize, from: &mut Cursor<'_>, is_kept: bool| {
             for _ in 0..count.min(from.0.len()) {
                 let word = self.tokens.get(from.u32()?)?;
-                let left = self.words_left.get().checked_sub(word.len() + 1)?;
-                self.words_left.set(left);
+                self.spend_word(word)?;
                 if is_kept {
                     words.push(word.to_owned());
                 }
@@ -694,6 +694,13 @@ impl Layer<'_> {
         Some((from, count))
     }
 
+    /// Counts a word against those that the file may have.
+    fn spend_word(&self, word: &str) -> Option<()> {
+        let left = self.words_left.get().checked_sub(word.len() + 1)?;
+        self.words_left.set(left);
+        Some(())
+    }
+
     /// Counts numbers against those that the file may have.
     fn spend(&self, numbers: usize) -> Option<()> {
         let left = self.numbers_left.get().checked_sub(numbers)?;
@@ -717,6 +724,7 @@ impl Layer<'_> {
                 }
                 b't' => {
                     let size = usize::try_from(from.u32()?).ok()?;
+                    self.spend(size)?;
                     let mut table = Cursor(from.take(size.checked_mul(scalar.size())?)?);
                     let places = integers(&mut from, count)?.into_iter();
                     let values = (0..size).map(|_| scalar.take(&mut table).map(narrowed));

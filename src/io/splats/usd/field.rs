@@ -128,7 +128,7 @@ pub(super) fn splats(path: &Path, mut stage: Stage) -> Result<(SplatCloud, Vec<S
     if cloud.positions.is_empty() {
         let (content, advice) = match (found, has_arcs) {
             (0, true) => ("names of other layers and variants".into(), FLATTEN),
-            (0, false) if others.is_empty() => ("no other prims".into(), "give a file with splats"),
+            (0, false) if others.is_empty() => ("none".into(), "give a file with splats"),
             (0, false) => (
                 listed(&others),
                 "give a file with splats; save meshes as glTF (.glb)",

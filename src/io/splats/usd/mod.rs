@@ -277,7 +277,7 @@ mod tests {
                 "float[] opacities = [1, x]",
                 "line 5: expected numbers, found `x] }`",
             ),
-            ("float[] opacities = [1, 1", "closing bracket"),
+            ("float[] opacities = [[[1, 1", "closing bracket"),
             (
                 "double3 xformOp:scale = (0, 0, 0)\n uniform token[] xformOpOrder = [\"!invert!xformOp:scale\"]",
                 "`!invert!xformOp:scale`",
@@ -296,7 +296,7 @@ mod tests {
             ),
             ("#usda 1.0\ndef \"m\" (payload = @a.usd@) {}", "--flatten"),
             ("#usda 1.0\n(subLayers = [@a.usd@])", "--flatten"),
-            ("#usda 1.0\n", "no other prims"),
+            ("#usda 1.0\n", "found none"),
             ("#usda 1.0\ndef Mesh \"m\" {", "end of the file"),
             ("#usda 1.0\n}", "expected a word"),
             (
