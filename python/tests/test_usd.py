@@ -1,13 +1,12 @@
-"""Splats that `convert` writes for OpenUSD, opened by its own library (`usd-core`, which is not among the tests'
-requirements)."""
+"""Splats that `convert` writes for OpenUSD, opened by its own library (`usd-core`)."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import FIXTURES
+from conftest import FIXTURES, needs
 
-pytest.importorskip("pxr.UsdValidation")
+needs("pxr.UsdValidation")
 
 from pxr import Usd, UsdGeom, UsdValidation, UsdVol  # noqa: E402
 

@@ -22,8 +22,8 @@ struct ViewUniform {
     clip_count: u32,
     sub_pixel_opacity: u32,
     least_length: f32,
+    unused: vec3<u32>,
     smoothing: u32,
-    unused: array<u32, 3>,
     clip_planes: array<vec4<f32>, MAX_CLIP_PLANES>,
 }
 

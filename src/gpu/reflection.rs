@@ -271,8 +271,8 @@ fn structs_are_laid_out_alike() {
         clip_count,
         sub_pixel_opacity,
         least_length,
-        smoothing,
         unused,
+        smoothing,
         clip_planes,
     });
     check_layout!(CameraUniform {

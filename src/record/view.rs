@@ -62,11 +62,11 @@ pub struct ViewUniform {
     /// For maxima: least length of a ray in a slab for the slab's mean value to count. Given as optical
     /// depth of the extinction that particles carry.
     pub least_length: f32,
+    /// Padding to four words.
+    pub unused: [u32; 3],
     /// For column sums: 0 for Gaussians, otherwise 1 + the index of the [`SphKernel`](crate::data::smoothing::SphKernel) by which
     /// affine footprints are drawn.
     pub smoothing: u32,
-    /// Padding to four words.
-    pub unused: [u32; 3],
     /// Planes n . u + d >= 0, camera space: (n, d).
     pub clip_planes: [[f32; 4]; MAX_CLIP_PLANES],
 }

@@ -22,8 +22,11 @@ const COUNT: usize = 9;
 /// Number of directions from which colours are fitted. The highlights of a shininess of 32 are 25 degrees wide; directions are some
 /// 16 degrees apart.
 const DIRECTIONS: usize = 160;
-/// Weight of directions from which a surfel of one side is not seen. Some is needed, for a fit with one solution.
+/// Weight of directions from behind a surfel of one side: some is needed, for a fit with one solution.
 const UNSEEN: f64 = 1e-3;
+/// Weight of directions from behind a surfel of two sides. Of closed meshes, which may be of two sides as well, only fronts are
+/// seen.
+const BEHIND: f64 = 0.1;
 
 /// A direction from which particles are seen.
 struct Sight {
@@ -45,7 +48,7 @@ struct Normals {
 }
 
 /// Replaces the colours of a volume by spherical harmonics of degree 2 that show it lit. Each particle's
-/// colour is fitted by least squares to the lit colours, as sRGB codes, from directions all around; surfels of one side from
+/// colour is fitted by least squares to the lit colours, as sRGB codes, from directions all around; surfels mainly from
 /// directions in front of them. Particles without a normal keep their colours. Highlights become wider and fainter.
 ///
 /// Returns false, and changes nothing, if the volume has no normals or has harmonics already.
@@ -163,18 +166,18 @@ fn fitted(
     normals: &Normals,
     colour: [f32; 3],
 ) -> [f32; 3 * COUNT] {
-    let (sides, is_one_sided) = match volume.particles {
-        Particles::Surfels { is_one_sided, .. } => (Sides::Facing, is_one_sided),
-        _ => (Sides::Both, false),
+    let (sides, behind) = match volume.particles {
+        Particles::Surfels {
+            is_one_sided: true, ..
+        } => (Sides::Facing, UNSEEN),
+        Particles::Surfels { .. } => (Sides::Facing, BEHIND),
+        _ => (Sides::Both, 1.0),
     };
     let mut matrix = [[0.0; COUNT]; COUNT];
     let mut sums = [[0.0; 3]; COUNT];
     for sight in sights {
         let facing = f64::from(normals.plane.dot(sight.to_eye));
-        let weight = match is_one_sided {
-            true => facing.max(UNSEEN),
-            false => 1.0,
-        };
+        let weight = if facing > 0.0 { 1.0 } else { behind };
         let normal = match normals.stored {
             Some(stored) => smooth_normal(normals.plane, stored, sight.to_eye),
             None => normals.plane,

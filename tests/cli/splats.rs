@@ -428,9 +428,9 @@ fn splats_are_merged_to_fewer() {
     .unwrap();
     // What meshes and particles become merges, too.
     let all = converted(folder, "convert wall.obj --spacing 0.02 --out a.ply --json");
-    let line = "convert wall.obj --spacing 0.02 --error 0.1 --out a.ply --json";
+    let line = "convert wall.obj --spacing 0.02 --error 0.25 --out a.ply --json";
     let few = converted(folder, line);
-    assert!(few["fewer"]["p999"].as_f64().unwrap() <= 0.1, "{few}");
+    assert!(few["fewer"]["p999"].as_f64().unwrap() <= 0.25, "{few}");
     assert!(few["splats"].as_u64() < all["splats"].as_u64(), "{few}");
     let table: String = (0..64)
         .map(|i| format!("{},{},{},0.4,{i}\n", i % 4, i / 4 % 4, i / 16))
@@ -512,7 +512,7 @@ fn light_is_baked_into_the_colours_of_a_mesh() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     write_ball(&folder.join("ball.obj"));
-    for (light, most) in [("--lit", 0.03), ("--light 1,2,1", 0.06)] {
+    for (light, most) in [("--lit", 0.04), ("--light 1,2,1", 0.05)] {
         let line = format!("convert ball.obj --count 4000 {light} --out b.ply --json");
         let said = converted(folder, &line);
         assert_eq!(said["degree"], 2);
@@ -535,7 +535,8 @@ fn light_is_baked_into_the_colours_of_a_mesh() {
             let (mut squares, mut count) = (0.0, 0);
             for (a, b) in mesh.pixels.iter().zip(&splats.pixels) {
                 if a[3] > 0.999 && b[3] > 0.95 {
-                    squares += (a[0] / a[3] - b[0] / b[3]).powi(2);
+                    let code = |p: &[f32; 4]| srgb_from_linear((p[0] / p[3]).min(1.0));
+                    squares += (code(a) - code(b)).powi(2);
                     count += 1;
                 }
             }
