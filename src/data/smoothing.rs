@@ -1,5 +1,7 @@
 //! Defines the meaning of smoothed particles' lengths.
 
+use serde::{Deserialize, Serialize};
+
 /// The fields of a data set that describe smoothed particles, and the meaning of their lengths.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Smoothing {
@@ -30,7 +32,7 @@ pub enum LengthMeaning {
 
 /// The smoothing kernels of SPH. W(r) is zero from the support radius on, which is a multiple of the smoothing
 /// length h:
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum SphKernel {
     /// M4, the cubic B-spline: support 2 h.
     CubicSpline,

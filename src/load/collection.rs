@@ -30,6 +30,7 @@ use super::request::Request;
 use super::surfels::{SurfelDemand, joined, seen_corners};
 use crate::collective::Collective;
 use crate::data::dataset::{Dataset, Geometry};
+use crate::data::smoothing::SphKernel;
 use crate::data::up::Up;
 use crate::error::Advice;
 use crate::math::{rotation_matrix, turn_between};
@@ -108,6 +109,7 @@ impl From<SentUp> for Up {
 struct Facts {
     field: Option<String>,
     unit: Option<String>,
+    smoothing: Option<SphKernel>,
     refined_count: usize,
     refined_level: u8,
     may_refine: bool,
@@ -673,6 +675,7 @@ impl Collection<'_> {
                 report: SampleReport {
                     field: facts.field,
                     unit: facts.unit,
+                    smoothing: facts.smoothing,
                     refined_count: facts.refined_count,
                     refined_level: facts.refined_level,
                     may_refine: facts.may_refine,
@@ -734,6 +737,7 @@ impl Own {
         Facts {
             field: report.field.clone(),
             unit: report.unit.clone(),
+            smoothing: report.smoothing,
             refined_count: report.refined_count,
             refined_level: report.refined_level,
             may_refine: report.may_refine,

@@ -68,7 +68,7 @@ impl Renderer {
         }
         let is_round =
             |volume: &BlockedVolume| matches!(volume.particles, BlockedParticles::Isotropic { .. });
-        if settings.smoothing.is_some() && !self.scene.volumes().iter().all(is_round) {
+        if settings.smoothing.is_some() && !self.scene.data().all(is_round) {
             return Err(Error::invalid(
                 "scene",
                 "smoothing kernel of columns",

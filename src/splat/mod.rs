@@ -10,6 +10,7 @@
 //! | `peak.rs` | splats of radiance fields, which state their opacity |
 //! | `sub_pixel.rs` | the opacity of lone kernels smaller than a pixel |
 //! | `pixel_mean.rs` | means over pixels, for column densities |
+//! | `smoothed.rs` | projected SPH kernels and their means over pixels |
 //! | `outline.rs` | outlines of cut-offs on the image, for the tiles' lists |
 //! | `surfel.rs` | surfels of opaque surfaces: weights and planes |
 //! | `axes.rs` | variants of a pass's rasteriser |
