@@ -844,7 +844,9 @@ impl Renderer {
             if drawing.transfer.is_some() {
                 state.set_transfer(drawing.transfer.clone())?;
             }
-            let settings = &drawing.settings;
+            let mut settings = drawing.settings.clone();
+            settings.clip.extend(planes_of(state.periodic()?));
+            let settings = &settings;
             let purpose = Purpose {
                 normals: false,
                 ..state.purpose(&drawing)

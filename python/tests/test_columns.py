@@ -111,6 +111,16 @@ def test_periodic_boxes_wrap_kernels():
         es.Volume.from_points(positions, mass=masses, smoothing_length=supports, centre=(0, 0, 0))
 
 
+def splat_sizes(thing, path, width):
+    """Return the median of the splats' first standard deviations."""
+    es.convert(thing, path, width=width)
+    data = path.read_bytes()
+    end = data.index(b"end_header\n") + len(b"end_header\n")
+    names = [line.split()[2] for line in data[:end].decode().splitlines() if line.startswith("property float")]
+    table = np.frombuffer(data, "<f4", offset=end).reshape(-1, len(names))
+    return np.exp(np.median(table[:, names.index("scale_0")]))
+
+
 def test_light_is_baked_into_splats(tmp_path):
     corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
     mesh = es.Surfels.from_mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]))
@@ -121,8 +131,8 @@ def test_light_is_baked_into_splats(tmp_path):
         sizes[str(light)] = written["bytes"] / written["splats"]
     # Harmonics of degree 2: 24 more numbers a splat.
     assert all(sizes[key] > sizes["{}"] + 90 for key in list(sizes)[1:])
-    narrow = es.convert(mesh, tmp_path / "b.ply", width=0.4)
-    assert narrow["splats"] > 0
+    sigmas = [splat_sizes(mesh, tmp_path / "b.ply", width) for width in (None, 0.4)]
+    assert sigmas[1] == pytest.approx(0.4 / 0.55 * sigmas[0], rel=0.05)
     for wrong in ({"width": 0}, {"lit": False, "lights": [(0, 0, 1)]}):
         with pytest.raises(ValueError):
             es.convert(mesh, tmp_path / "c.ply", **wrong)

@@ -37,9 +37,7 @@ fn smoothed_of(
     }
     own.per_form = wide / reach_squared;
     own.amplitude = peak * TAU * own.per_form / f32(own.parts * own.parts);
-    if fine < FLAT_REACH_PX * FLAT_REACH_PX {
-        own.bend = 1.0 / fine;
-    }
+    own.bend = 1.0 / fine;
     return own;
 }
 
@@ -47,22 +45,26 @@ fn smoothed_of(
 fn smoothed_at(own: Smoothed, q: f32) -> f32 {
     let t = min(q * own.per_form, 1.0);
     let s = 2.0 * t - 1.0;
+    let u = s * s;
     let rest = 1.0 - t;
     var values = PROJECTED;
-    var value = 0.0;
-    for (var n = 0u; n < 15u; n = n + 1u) {
-        value = value * s + values[15u * own.kernel + 14u - n];
+    var even = values[15u * own.kernel + 14u];
+    var odd = 0.0;
+    for (var n = 14u; n > 0u; n = n - 2u) {
+        odd = odd * u + values[15u * own.kernel + n - 1u];
+        even = even * u + values[15u * own.kernel + n - 2u];
     }
-    value = value * (rest * rest);
-    if own.bend > 0.0 {
-        var bends = BENT;
-        var bent = 0.0;
-        for (var n = 0u; n < 11u; n = n + 1u) {
-            bent = bent * s + bends[11u * own.kernel + 10u - n];
-        }
-        value = value + bent * own.bend;
+    let value = (odd * s + even) * (rest * rest);
+    var bends = BENT;
+    even = bends[11u * own.kernel + 10u];
+    odd = 0.0;
+    for (var n = 10u; n > 0u; n = n - 2u) {
+        odd = odd * u + bends[11u * own.kernel + n - 1u];
+        even = even * u + bends[11u * own.kernel + n - 2u];
     }
-    return own.amplitude * (value * rest);
+    let bent = odd * s + even;
+    // The fit falls below 0 near the rim, by less than its error.
+    return own.amplitude * max((value + bent * own.bend) * rest, 0.0);
 }
 
 // Returns the mean over the pixel whose centre lies `d` from the footprint's, px.

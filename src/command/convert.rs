@@ -151,7 +151,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         return Err(error);
     }
     if arguments.light.lighting().is_some() && !converted.is_lit {
-        return Err(nothing_lit("--lit"));
+        return Err(nothing_lit(match arguments.light.has_lights() {
+            true => "--light",
+            false => "--lit",
+        }));
     }
     bar.set_message("writing");
     let Converted {

@@ -8,7 +8,7 @@ use super::uniforms::{choice_uniform, cull_planes, frustum, lighting_uniform, vi
 use crate::blocks::{
     Block, BlockedScene, BlockedVolume, Frustum, LayerKind, Layers, distance_interval,
 };
-use crate::constants::GREATEST_SRGB_SLOPE;
+use crate::constants::{COLUMN_CUTOFF, GREATEST_SRGB_SLOPE};
 use crate::error::Result;
 use crate::record::{ChoiceUniform, ClassifiedBy, KeyKind, LightingUniform, ViewUniform};
 use crate::scene::{Classification, TransferFunction};
@@ -237,7 +237,10 @@ impl FramePlan {
         settings: &ColumnSettings,
         largest: f64,
     ) -> Self {
-        let smoothing = settings.smoothing.map_or(0, |kernel| 1 + kernel as u32);
+        let smoothing = settings
+            .smoothing
+            .filter(|_| settings.cutoff >= COLUMN_CUTOFF);
+        let smoothing = smoothing.map_or(0, |kernel| 1 + kernel as u32);
         let settings = settings.shared();
         let low_pass = settings.low_pass_variance_px2;
         let planes = cull_planes(camera, &settings.clip, low_pass);

@@ -299,9 +299,10 @@ pub struct ColumnSettings {
     pub low_pass_variance_px2: f32,
     /// Cut-off radius in standard deviations.
     pub cutoff: f32,
-    /// The kernel whose Gaussian every particle is: it is drawn instead, as its own projection of compact support, within
-    /// 1e-4 of its peak. Particles must be round. It holds for means over pixels and affine footprints; kernels with a support
-    /// below 1.75 px remain Gaussians. `None` draws Gaussians.
+    /// The SPH kernel that is drawn in place of its Gaussian: its projection, with compact support, within 1e-4 of a
+    /// particle's greatest pixel (Wendland C2: 2e-4). Particles must be round. Gaussians remain where the support is below
+    /// 1.75 px, where footprints are exact or near, with another filter or low-pass variance, and with a cut-off below the
+    /// default. `None` draws Gaussians.
     pub smoothing: Option<SphKernel>,
     /// Planes outside which nothing counts. Kernels that a plane cuts count in part.
     pub clip: Vec<ClipPlane>,
@@ -340,11 +341,7 @@ impl ColumnSettings {
             tolerance: self.tolerance,
             filter: self.filter,
             low_pass_variance_px2,
-            // Kernels of compact support end there.
-            cutoff: Some(match self.smoothing {
-                Some(_) => self.cutoff.max(COLUMN_CUTOFF),
-                None => self.cutoff,
-            }),
+            cutoff: Some(self.cutoff),
             clip: self.clip.clone(),
             advanced: Advanced {
                 simd: self.simd,

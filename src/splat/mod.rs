@@ -61,9 +61,7 @@ pub use pixel_mean::{Band, PIXEL_VARIANCE_PX2, PixelMean};
 pub use show::{CHOICE_COLOURS, choice_index};
 pub use smoothed::Smoothed;
 #[cfg(feature = "gpu")]
-pub(crate) use smoothed::{
-    BENT, FLAT_REACH_PX, LEAST_DRAWN_PX, LEAST_REACH_PX, PROJECTED, REACHES,
-};
+pub(crate) use smoothed::{BENT, LEAST_DRAWN_PX, LEAST_REACH_PX, PROJECTED, REACHES};
 #[cfg(feature = "gpu")]
 pub(crate) use sub_pixel::{
     SUB_PIXEL_FAINT, SUB_PIXEL_LARGE, SUB_PIXEL_LOGS, SUB_PIXEL_NODES, SUB_PIXEL_OPAQUE,

@@ -386,3 +386,78 @@ fn columns_of_periodic_boxes_keep_the_mass_and_turn_with_the_centre() {
     .unwrap();
     assert!(refused(&["q.obj", "--periodic", "1"]).contains("expected particles"));
 }
+
+#[test]
+fn the_field_of_columns_and_the_weight_of_means_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    std::fs::write(
+        at.join("p.csv"),
+        "x,y,z,h,m,rho,t\n0,0,0,1,3,3,10\n1,0,2,1,1,1,50\n",
+    )
+    .unwrap();
+    let of = |words: &[&str]| {
+        draw(at, &[words, &["--out", "m.npy"]].concat());
+        numbers(&at.join("m.npy"))
+    };
+    assert_eq!(of(&["--column-of", "t"]), of(&["--field", "t"]));
+    let weighed = of(&["--column-mean", "rho", "--weight", "t"]);
+    let same = of(&["--column-mean", "rho", "--field", "t"]);
+    assert!(
+        weighed
+            .iter()
+            .zip(&same)
+            .all(|(a, b)| a.to_bits() == b.to_bits())
+    );
+    for (words, name) in [
+        ("--column-of t", "--column-density"),
+        ("--weight t --column-density", "--column-mean"),
+        ("--column-of t --field rho --column-density", "--field"),
+    ] {
+        let line = format!("render p.csv --out m.npy {words}");
+        let output = run(at, &line.split_whitespace().collect::<Vec<_>>());
+        let message = text(&output.stderr);
+        assert!(
+            !output.status.success() && message.contains(name),
+            "{words}: {message}"
+        );
+    }
+}
+
+/// Columns end where the kernel of the lengths ends, and those of Gaussians do not.
+#[test]
+fn columns_of_smoothing_lengths_are_those_of_their_kernel() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    std::fs::write(at.join("p.csv"), "x,y,z,h,m\n0,0,0,1,3\n5,5,0,1,1\n").unwrap();
+    let of = |words: &[&str]| {
+        let own = ["--window=-3,3,-3,3", "--out", "m.npy"];
+        draw(at, &[words, &own].concat());
+        numbers(&at.join("m.npy"))
+    };
+    let [default, cubic, gaussian] = [
+        of(&[]),
+        of(&["--kernel", "cubic"]),
+        of(&["--kernel", "gaussian"]),
+    ];
+    assert_eq!(default, cubic);
+    let row = |image: &[f32], x: usize| image[16 * 33 + x];
+    // The support is 2 h: 11 of 33 pixels on either side of the middle.
+    assert!(row(&default, 16) > 0.0 && row(&default, 4) == 0.0);
+    assert!(row(&gaussian, 4) > 1e-5);
+    // The Gaussian's column through the centre is a tenth higher.
+    let ratio = row(&gaussian, 16) / row(&default, 16);
+    assert!((1.06..1.13).contains(&ratio), "{ratio}");
+    let sums = [&default, &gaussian].map(|image| image.iter().sum::<f32>());
+    assert!((sums[0] / sums[1] - 1.0).abs() < 1e-3, "{sums:?}");
+    // Different kernels in one picture are drawn as Gaussians.
+    std::fs::write(at.join("q.csv"), "x,y,z,sigma,m\n0,0,0,1,3\n").unwrap();
+    let line = "render p.csv q.csv --column-density --window=-3,3,-3,3 --size 33x33 --out m.npy --backend cpu";
+    let output = run(at, &line.split_whitespace().collect::<Vec<_>>());
+    let message = text(&output.stderr);
+    assert!(
+        output.status.success() && message.contains("columns are of Gaussians"),
+        "{message}"
+    );
+    assert!(row(&numbers(&at.join("m.npy")), 4) > 1e-5);
+}

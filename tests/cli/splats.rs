@@ -426,7 +426,7 @@ fn splats_are_merged_to_fewer() {
         "v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n",
     )
     .unwrap();
-    // What meshes and particles become merges, too.
+    // Splats of meshes and of particles merge, too.
     let all = converted(folder, "convert wall.obj --spacing 0.02 --out a.ply --json");
     let line = "convert wall.obj --spacing 0.02 --error 0.25 --out a.ply --json";
     let few = converted(folder, line);

@@ -87,7 +87,7 @@ fn stages_show_what_their_own_library_shows() {
             }
         }
         let notes = data.notes.join("\n");
-        for words in ["1 prims of splats are not shown", "first sample", "1 Cube"] {
+        for words in ["1 prim of splats is not shown", "first sample", "1 Cube"] {
             assert!(notes.contains(words), "{words}: {notes}");
         }
         assert_eq!(data.notes.len(), 3, "{notes}");

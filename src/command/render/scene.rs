@@ -122,6 +122,12 @@ impl Arguments {
         let scene_options = self.scene_options(options);
         let sharing = ranks.as_ref().filter(|_| is_shared);
         let smoothing = scene.smoothing();
+        let mut reports = scene.inputs.iter().map(|input| &input.report);
+        let is_mixed = smoothing.is_none() && reports.any(|report| report.smoothing.is_some());
+        if is_column && is_first && is_mixed {
+            let text = "columns are of Gaussians: not all inputs are particles of one SPH kernel";
+            progress.suspend(|| note!("{text}"));
+        }
         let share = sharing.and_then(|ranks| scene.take_share(ranks.size()));
         let is_shared = share.is_some();
         let renderer = match (share, ranks.take_if(|_| is_shared)) {

@@ -231,7 +231,11 @@ pub fn write_splats(
             encoded.position_quantum
         ));
     }
-    // The file that names others comes last, so that whoever finds it finds them.
+    // The file that names others goes first and comes last, so that whoever finds it finds its own.
+    if !encoded.beside.is_empty() && path.is_file() {
+        let failed = |e| Error::io(path, "replacing", e, "check its permissions");
+        std::fs::remove_file(path).map_err(failed)?;
+    }
     let mut bytes = encoded.bytes.len();
     for (name, other) in &encoded.beside {
         write_bytes_atomically(&path.with_file_name(name), other)?;

@@ -103,7 +103,10 @@ impl<'a> Columns<'a> {
         let refuse_lengths = |found: &str| {
             let given = [
                 (options.kernels.length.is_some(), "a meaning of lengths"),
-                (options.kernels.smoothing.is_some(), "a kernel of lengths"),
+                (
+                    options.kernels.smoothing.is_some() || options.kernels.gaussian,
+                    "a kernel of lengths",
+                ),
             ];
             refuse(given, "particles with lengths", found)
         };

@@ -94,7 +94,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Stage> {
             path,
             place,
             "counts and offsets within the file",
-            "others",
+            "counts or offsets beyond it",
             advice,
         )
     };

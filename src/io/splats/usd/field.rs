@@ -67,11 +67,16 @@ fn kernel(prim: &Prim) -> Option<Kernel> {
 }
 
 /// Properties that a prim has from itself and its ancestors.
+#[derive(Clone)]
 struct Inherited {
     is_shown: bool,
     world_from_prim: DAffine3,
-    colour_space: Option<String>,
+    /// Prims that state the colour space and the purpose.
+    colour_space: Option<usize>,
+    purpose: Option<usize>,
     is_sampled: bool,
+    /// Prim whose transform is not known.
+    fault: Option<usize>,
 }
 
 /// Reads all splats that are shown. Returns notes, too.
@@ -83,7 +88,7 @@ pub(super) fn splats(path: &Path, mut stage: Stage) -> Result<(SplatCloud, Vec<S
     let mut notes = Vec::new();
     let mut others: BTreeMap<String, usize> = BTreeMap::new();
     let (mut hidden, mut arcs, mut sampled, mut found) = (0, 0, 0, 0);
-    for index in 0..stage.prims.len() {
+    for (index, inherited) in inherited(&stage).into_iter().enumerate() {
         let prim = &stage.prims[index];
         arcs += usize::from(prim.has_arcs);
         let Some(kernel) = kernel(prim) else {
@@ -93,20 +98,24 @@ pub(super) fn splats(path: &Path, mut stage: Stage) -> Result<(SplatCloud, Vec<S
             continue;
         };
         found += 1;
-        let place = format!("prim `{}`", stage.path(index));
-        let inherited = inherited(&stage, index).map_err(|name| {
-            Error::format(
-                path,
-                place.clone(),
-                "a transform that is known and finite",
-                format!("another `{}`", clip(&name)),
-                "bake the transform into the points, or write it as `xformOp:transform`",
-            )
-        })?;
-        if !inherited.is_shown {
+        let word = |of: Option<usize>, name| stage.prims[of?].word(name).map(str::to_owned);
+        let purpose = word(inherited.purpose, "purpose");
+        let is_aid = matches!(purpose.as_deref(), Some("guide" | "proxy"));
+        if !inherited.is_shown || is_aid {
             hidden += 1;
             continue;
         }
+        let place = format!("prim `{}`", stage.path(index));
+        if let Some(Err(name)) = inherited.fault.map(|at| parent_from_prim(&stage.prims[at])) {
+            return Err(Error::format(
+                path,
+                place,
+                "a transform that is known and finite",
+                format!("`{}`, which is not", clip(&name)),
+                "bake the transform into the points, or write it as `xformOp:transform`",
+            ));
+        }
+        let colour_space = word(inherited.colour_space, "colorSpace:name");
         let mut reader = Reader {
             path,
             place,
@@ -114,11 +123,11 @@ pub(super) fn splats(path: &Path, mut stage: Stage) -> Result<(SplatCloud, Vec<S
             is_sampled: inherited.is_sampled,
             notes: &mut notes,
         };
-        let mut part = reader.read(kernel, inherited.colour_space)?;
+        let mut part = reader.read(kernel, colour_space)?;
         sampled += usize::from(reader.is_sampled);
         let mixes = !cloud.positions.is_empty() && cloud.is_linear != part.is_linear;
         if mixes && cloud.harmonics_degree.max(part.harmonics_degree) > 0 {
-            let note = "splats of two colour spaces: of some the colours do not depend on the view";
+            let note = "splats have two colour spaces: the colours of some lose their dependence on the view";
             note_once(&mut notes, note.into());
         }
         transform(&mut part, inherited.world_from_prim);
@@ -146,14 +155,19 @@ pub(super) fn splats(path: &Path, mut stage: Stage) -> Result<(SplatCloud, Vec<S
         return Err(Error::format(path, "prims", expected, content, advice));
     }
     if hidden > 0 {
-        notes.push(format!("{hidden} prims of splats are not shown ({HIDDEN})"));
+        let prims = if hidden == 1 {
+            "prim of splats is"
+        } else {
+            "prims of splats are"
+        };
+        notes.push(format!("{hidden} {prims} not shown ({HIDDEN})"));
     }
     if sampled > 0 {
         notes.push("values that change in time are those of the first sample".into());
     }
     if has_arcs {
         notes.push(format!(
-            "what references, payloads, sublayers and variants add is not read: {FLATTEN}"
+            "references, payloads, sublayers and variants are not read: {FLATTEN}"
         ));
     }
     if !others.is_empty() {
@@ -185,34 +199,44 @@ fn listed(kinds: &BTreeMap<String, usize>) -> String {
     shown.join(", ")
 }
 
-/// # Errors
-/// The name of a transform.
-fn inherited(stage: &Stage, index: usize) -> std::result::Result<Inherited, String> {
-    let mut found = Inherited {
-        is_shown: true,
-        world_from_prim: DAffine3::IDENTITY,
-        colour_space: None,
-        is_sampled: false,
-    };
-    let mut purpose = None;
-    let mut is_reset = false;
-    for prim in stage.upwards(index) {
+/// Returns the properties of all prims, in their order: parents come first.
+fn inherited(stage: &Stage) -> Vec<Inherited> {
+    let mut all: Vec<Inherited> = Vec::with_capacity(stage.prims.len());
+    for (index, prim) in stage.prims.iter().enumerate() {
+        let root = Inherited {
+            is_shown: true,
+            world_from_prim: DAffine3::IDENTITY,
+            colour_space: None,
+            purpose: None,
+            is_sampled: false,
+            fault: None,
+        };
+        let mut own = prim.parent.map_or(root, |parent| all[parent].clone());
         let is_hidden = prim.word("visibility") == Some("invisible");
-        found.is_shown &= prim.is_defined && !prim.is_inactive && !is_hidden;
+        own.is_shown &= prim.is_defined && !prim.is_inactive && !is_hidden;
         // Prototypes are drawn where their instances are.
-        found.is_shown &= prim.kind != "PointInstancer";
-        purpose = purpose.or_else(|| prim.word("purpose"));
-        let space = || prim.word("colorSpace:name").map(str::to_owned);
-        found.colour_space = found.colour_space.or_else(space);
-        if !is_reset {
-            let local = parent_from_prim(prim)?;
-            found.world_from_prim = local.transform * found.world_from_prim;
-            found.is_sampled |= local.is_sampled;
-            is_reset = local.is_reset;
+        own.is_shown &= prim.kind != "PointInstancer";
+        if prim.word("purpose").is_some() {
+            own.purpose = Some(index);
         }
+        if prim.word("colorSpace:name").is_some() {
+            own.colour_space = Some(index);
+        }
+        match parent_from_prim(prim) {
+            Err(_) => own.fault = Some(index),
+            Ok(local) if local.is_reset => {
+                own.world_from_prim = local.transform;
+                own.is_sampled = local.is_sampled;
+                own.fault = None;
+            }
+            Ok(local) => {
+                own.world_from_prim *= local.transform;
+                own.is_sampled |= local.is_sampled;
+            }
+        }
+        all.push(own);
     }
-    found.is_shown &= !matches!(purpose, Some("guide" | "proxy"));
-    Ok(found)
+    all
 }
 
 /// A prim of splats.
@@ -255,7 +279,7 @@ impl Reader<'_> {
         }
         if numbers.len() > expected {
             numbers.truncate(expected);
-            let note = format!("what `{name}` has beyond the positions is not used");
+            let note = format!("numbers of `{name}` beyond those of the positions are not used");
             note_once(self.notes, note);
         }
         Ok(numbers)

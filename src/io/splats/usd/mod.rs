@@ -95,7 +95,7 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Stage> {
             path,
             "header",
             "`#usda` or `PXR-USDC`",
-            "another",
+            "other bytes",
             "give a USD file",
         ))
     }

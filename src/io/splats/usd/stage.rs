@@ -7,7 +7,7 @@ use crate::io::vtk::xml::clip;
 /// Greatest depth of prims below the root.
 const MOST_DEPTH: usize = 256;
 
-/// Number of prims that any file may have. Larger files may have one for every eight bytes.
+/// Number of prims that any file may have. Larger files may have one for every 64 bytes.
 const MOST_PRIMS: usize = 1 << 16;
 
 /// Beginning of the schemas of fields of particles.
@@ -104,7 +104,7 @@ impl Stage {
             prims: Vec::new(),
             up_axis: None,
             has_sublayers: false,
-            most_prims: MOST_PRIMS.max(len / 8),
+            most_prims: MOST_PRIMS.max(len / 64),
         }
     }
 

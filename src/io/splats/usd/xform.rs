@@ -83,8 +83,11 @@ fn operation(name: &str, values: &[f64]) -> Option<DAffine3> {
         "orient" => {
             let [w, x, y, z] = <[f64; 4]>::try_from(values).ok()?;
             let rotation = DQuat::from_xyzw(x, y, z, w);
-            let is_sound = rotation.length() > 0.0;
-            is_sound.then(|| DAffine3::from_quat(rotation.normalize()))
+            // OpenUSD takes zero for no rotation.
+            Some(DAffine3::from_quat(match rotation.length() > 0.0 {
+                true => rotation.normalize(),
+                false => DQuat::IDENTITY,
+            }))
         }
         "transform" => {
             // Rows are the images of the axes and of the origin.
