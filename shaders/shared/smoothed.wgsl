@@ -1,5 +1,8 @@
 // Computes the means over pixels of projected SPH kernels, for sums of columns. Twin: src/splat/smoothed.rs.
 
+// True if footprints may be drawn by their SPH kernels.
+override SMOOTHS: bool = false;
+
 struct Smoothed {
     // True if the footprint is drawn by its SPH kernel rather than as a Gaussian.
     is_drawn: bool,
@@ -29,39 +32,56 @@ fn smoothed_of(
         return own;
     }
     own.is_drawn = true;
-    own.parts = 1u;
-    var fine = reach_squared;
-    while fine < LEAST_REACH_PX * LEAST_REACH_PX {
-        fine = fine * 4.0;
-        own.parts = own.parts * 2u;
-    }
+    let least = LEAST_REACH_PX * LEAST_REACH_PX;
+    let is_half = reach_squared < least;
+    let is_quarter = reach_squared * 4.0 < least;
+    let is_eighth = reach_squared * 16.0 < least;
+    own.parts = select(select(select(1u, 2u, is_half), 4u, is_quarter), 8u, is_eighth);
+    let fine = reach_squared * f32(own.parts * own.parts);
     own.per_form = wide / reach_squared;
     own.amplitude = peak * TAU * own.per_form / f32(own.parts * own.parts);
     own.bend = 1.0 / fine;
     return own;
 }
 
-// Returns the share of a part of a pixel, by the footprint's quadratic form at its middle.
+// Returns the share of a part of a pixel, by the footprint's quadratic form at its middle. Without a loop, because software
+// adapters end all loops of a thread after a number of iterations.
 fn smoothed_at(own: Smoothed, q: f32) -> f32 {
     let t = min(q * own.per_form, 1.0);
     let s = 2.0 * t - 1.0;
     let u = s * s;
     let rest = 1.0 - t;
     var values = PROJECTED;
-    var even = values[15u * own.kernel + 14u];
-    var odd = 0.0;
-    for (var n = 14u; n > 0u; n = n - 2u) {
-        odd = odd * u + values[15u * own.kernel + n - 1u];
-        even = even * u + values[15u * own.kernel + n - 2u];
-    }
+    let v = 15u * own.kernel;
+    var even = values[v + 14u];
+    var odd = values[v + 13u];
+    even = even * u + values[v + 12u];
+    odd = odd * u + values[v + 11u];
+    even = even * u + values[v + 10u];
+    odd = odd * u + values[v + 9u];
+    even = even * u + values[v + 8u];
+    odd = odd * u + values[v + 7u];
+    even = even * u + values[v + 6u];
+    odd = odd * u + values[v + 5u];
+    even = even * u + values[v + 4u];
+    odd = odd * u + values[v + 3u];
+    even = even * u + values[v + 2u];
+    odd = odd * u + values[v + 1u];
+    even = even * u + values[v + 0u];
     let value = (odd * s + even) * (rest * rest);
     var bends = BENT;
-    even = bends[11u * own.kernel + 10u];
-    odd = 0.0;
-    for (var n = 10u; n > 0u; n = n - 2u) {
-        odd = odd * u + bends[11u * own.kernel + n - 1u];
-        even = even * u + bends[11u * own.kernel + n - 2u];
-    }
+    let b = 11u * own.kernel;
+    even = bends[b + 10u];
+    odd = bends[b + 9u];
+    even = even * u + bends[b + 8u];
+    odd = odd * u + bends[b + 7u];
+    even = even * u + bends[b + 6u];
+    odd = odd * u + bends[b + 5u];
+    even = even * u + bends[b + 4u];
+    odd = odd * u + bends[b + 3u];
+    even = even * u + bends[b + 2u];
+    odd = odd * u + bends[b + 1u];
+    even = even * u + bends[b + 0u];
     let bent = odd * s + even;
     // The fit falls below 0 near the rim, by less than its error.
     return own.amplitude * max((value + bent * own.bend) * rest, 0.0);
@@ -71,12 +91,11 @@ fn smoothed_at(own: Smoothed, q: f32) -> f32 {
 fn smoothed_mean(own: Smoothed, p: vec2<f32>, r: vec2<f32>, d: vec2<f32>) -> f32 {
     let step = 1.0 / f32(own.parts);
     var sum = 0.0;
-    for (var j = 0u; j < own.parts; j = j + 1u) {
-        for (var i = 0u; i < own.parts; i = i + 1u) {
-            let place = d + (vec2<f32>(f32(i), f32(j)) + 0.5) * step - 0.5;
-            let form = vec2<f32>(dot(p, place), dot(r, place));
-            sum = sum + smoothed_at(own, dot(form, form));
-        }
+    for (var n = 0u; n < own.parts * own.parts; n = n + 1u) {
+        let part = vec2<f32>(f32(n % own.parts), f32(n / own.parts));
+        let place = d + (part + 0.5) * step - 0.5;
+        let form = vec2<f32>(dot(p, place), dot(r, place));
+        sum = sum + smoothed_at(own, dot(form, form));
     }
     return sum;
 }

@@ -259,6 +259,7 @@ impl FramePlan {
                 },
                 edges: scene.data().any(BlockedVolume::has_boundary),
                 accumulate: Accumulate::Column,
+                smooths: smoothing != 0,
                 ..Axes::default()
             },
             carries: amplitudes(scene, camera, culls.then_some(&frustum), largest),

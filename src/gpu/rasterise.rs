@@ -217,6 +217,9 @@ pub(super) struct Rasterise {
 /// more for each of the three depths at which it may be cut.
 const NEAR_ROUNDS: u32 = 45;
 
+/// Loop iterations of an SPH kernel: 64 parts of a pixel, with room for how adapters count them.
+const SMOOTHED_ROUNDS: u32 = 150;
+
 /// Returns the greatest number of entries of a list that a dispatch draws.
 pub(super) fn slice_of(gpu: &Gpu, spec: &RasterSpec) -> u32 {
     let near = if spec.near { NEAR_ROUNDS } else { 0 };
@@ -238,7 +241,12 @@ pub(super) fn slice_of(gpu: &Gpu, spec: &RasterSpec) -> u32 {
         (true, false) => MOST_EDGES as u32,
         (true, true) => 12 * MOST_EDGES as u32,
     };
-    slice(gpu, near + layers + lights + edges)
+    let smoothed = if spec.axes.smooths {
+        SMOOTHED_ROUNDS
+    } else {
+        0
+    };
+    slice(gpu, near + layers + lights + edges + smoothed)
 }
 
 impl Rasterise {
@@ -264,7 +272,9 @@ impl Rasterise {
         if axes.interval.is_cut() {
             constants.push(("HAS_SURFACE", flag(spec.has_surface())));
         }
-        if axes.accumulate != Accumulate::Column {
+        if axes.accumulate == Accumulate::Column {
+            constants.push(("SMOOTHS", flag(axes.smooths)));
+        } else {
             constants.push(("HAS_DEPTH", flag(axes.depth)));
             constants.push(("IS_LINEAR", flag(axes.linear_opacity)));
         }

@@ -280,7 +280,7 @@ mod tests {
         let truth = srgb_from_linear(0.25 + 0.65 * 0.5_f32.sqrt());
         for to_eye in [Vec3::Z, Vec3::new(1.0, 2.0, 1.0), Vec3::new(-3.0, 0.0, 1.0)] {
             let code = seen(&coefficients, to_eye);
-            assert!((code - truth).abs() < 0.01, "{code} {truth}");
+            assert!((code - truth).abs() < 0.02, "{code} {truth}");
         }
     }
 
@@ -294,7 +294,7 @@ mod tests {
                 let code = seen(&coefficients, Vec3::new(sin, 0.0, cos));
                 let truth = srgb_from_linear(0.25 + 0.65 * cos);
                 // Harmonics of degree 2 round the edge between two sides.
-                let most = if is_one_sided { 0.01 } else { 0.06 };
+                let most = if is_one_sided { 0.02 } else { 0.08 };
                 assert!((code - truth).abs() < most, "{degrees}: {code} {truth}");
             }
         }

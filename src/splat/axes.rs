@@ -96,6 +96,8 @@ pub struct Axes {
     pub depth: bool,
     /// True if the normals of opaque surfaces are written.
     pub normals: bool,
+    /// True if column sums draw SPH kernels in place of Gaussians.
+    pub smooths: bool,
     /// True if pixels count the kernels that they evaluate within their cut-off, in all three colours,
     /// instead of showing them.
     pub count: bool,

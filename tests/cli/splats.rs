@@ -512,7 +512,7 @@ fn light_is_baked_into_the_colours_of_a_mesh() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     write_ball(&folder.join("ball.obj"));
-    for (light, most) in [("--lit", 0.04), ("--light 1,2,1", 0.05)] {
+    for (light, most) in [("--lit", 0.06), ("--light 1,2,1", 0.06)] {
         let line = format!("convert ball.obj --count 4000 {light} --out b.ply --json");
         let said = converted(folder, &line);
         assert_eq!(said["degree"], 2);

@@ -260,3 +260,30 @@ fn both_back_ends_draw_the_same_kernels() {
         }
     }
 }
+
+/// Software adapters end loops early, so that lists are drawn in slices.
+#[test]
+fn crowded_pixels_are_summed_whole_on_the_gpu() {
+    let Some(gpu) = gpu() else { return };
+    let count = 4000;
+    let positions = vec![DVec3::new(0.2, 0.1, 0.0); count];
+    for sigma in [0.6, 2.0, 9.0] {
+        let volume = masses(
+            spheres(positions.clone(), vec![sigma; count]),
+            vec![0.1; count],
+        );
+        let settings = ColumnSettings {
+            smoothing: Some(SphKernel::QuinticSpline),
+            ..ColumnSettings::default()
+        };
+        let mut renderer = Renderer::new(vec![volume])
+            .unwrap()
+            .on(gpu.clone())
+            .unwrap();
+        let image = renderer
+            .column_density(&orthographic(128), &settings)
+            .unwrap();
+        let error = image.sum_times_area().unwrap() / 400.0 - 1.0;
+        assert!(error.abs() < 1.2e-5, "{sigma}: {error:e}");
+    }
+}

@@ -288,7 +288,7 @@ mod tests {
         }
         let (cloud, data) = with("float[] opacities = [.5, .25, 1]").unwrap();
         assert_eq!(cloud.opacities, [0.5, 0.25]);
-        assert!(data.notes[0].contains("beyond the positions"));
+        assert!(data.notes[0].contains("beyond those of the positions"));
         for (text, words) in [
             (
                 "#usda 1.0\ndef Mesh \"m\" {}",
