@@ -219,12 +219,13 @@ fn solved(mut matrix: [[f64; COUNT]; COUNT], mut sides: [[f64; 3]; COUNT]) -> [[
         }
     }
     for k in (0..COUNT).rev() {
-        for channel in 0..3 {
-            let known: f64 = (k + 1..COUNT)
-                .map(|j| matrix[k][j] * sides[j][channel])
-                .sum();
-            sides[k][channel] = (sides[k][channel] - known) / matrix[k][k];
+        let (own, known) = sides[k..].split_at_mut(1);
+        for (factor, below) in matrix[k][k + 1..].iter().zip(known) {
+            for (entry, known) in own[0].iter_mut().zip(below) {
+                *entry -= factor * *known;
+            }
         }
+        own[0] = own[0].map(|entry| entry / matrix[k][k]);
     }
     sides
 }
