@@ -228,7 +228,9 @@ pub(crate) const HALF_DIAGONAL_PX: f32 = 0.71;
 /// A footprint that is drawn by its SPH kernel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Smoothed {
-    kernel: usize,
+    /// Copies: an index into the tables would prevent vector code.
+    values: [f32; VALUES],
+    bends: [f32; BENDS],
     /// t of the footprint's quadratic form at 1.
     per_form: f32,
     /// Factor of F for each part of a pixel, as column.
@@ -265,7 +267,8 @@ impl Smoothed {
         let edge = reach_squared.sqrt() + HALF_DIAGONAL_PX;
         let per_form = wide / reach_squared;
         Some(Self {
-            kernel,
+            values: PROJECTED[kernel],
+            bends: BENT[kernel],
             per_form,
             amplitude: footprint.tau * TAU * per_form / (parts * parts) as f32,
             bend: 1.0 / fine,
@@ -288,8 +291,8 @@ impl Smoothed {
     pub(crate) fn at<const FMA: bool>(&self, q: f32) -> f32 {
         let t = (q * self.per_form).min(1.0);
         let (s, rest) = (madd::<FMA>(t, 2.0, -1.0), 1.0 - t);
-        let value = series::<FMA, VALUES>(&PROJECTED[self.kernel], s) * (rest * rest);
-        let bent = series::<FMA, BENDS>(&BENT[self.kernel], s);
+        let value = series::<FMA, VALUES>(&self.values, s) * (rest * rest);
+        let bent = series::<FMA, BENDS>(&self.bends, s);
         let value = madd::<FMA>(bent, self.bend, value);
         // The fit falls below 0 near the rim, by less than its error.
         self.amplitude * (value * rest).max(0.0)
