@@ -59,6 +59,7 @@ pub(crate) use pixel_mean::{
 };
 pub use pixel_mean::{Band, PIXEL_VARIANCE_PX2, PixelMean};
 pub use show::{CHOICE_COLOURS, choice_index};
+pub(crate) use smoothed::MOST_PARTS;
 pub use smoothed::Smoothed;
 #[cfg(feature = "gpu")]
 pub(crate) use smoothed::{BENT, LEAST_DRAWN_PX, LEAST_REACH_PX, PROJECTED, REACHES};

@@ -222,6 +222,8 @@ pub(crate) const BENT: [[f32; BENDS]; KERNELS] = [
 pub(crate) const LEAST_REACH_PX: f32 = 14.0;
 /// Least support that is drawn as it is \[px\]: an eighth of [`LEAST_REACH_PX`].
 pub(crate) const LEAST_DRAWN_PX: f32 = 1.75;
+/// Greatest number of parts of a pixel along an axis.
+pub(crate) const MOST_PARTS: usize = 8;
 /// Half of a pixel's diagonal, rounded up \[px\].
 pub(crate) const HALF_DIAGONAL_PX: f32 = 0.71;
 
@@ -260,7 +262,7 @@ impl Smoothed {
         }
         let mut parts = 1;
         let mut fine = reach_squared;
-        while fine < LEAST_REACH_PX * LEAST_REACH_PX {
+        while fine < LEAST_REACH_PX * LEAST_REACH_PX && parts < MOST_PARTS as u32 {
             fine *= 4.0;
             parts *= 2;
         }
@@ -275,6 +277,18 @@ impl Smoothed {
             parts,
             farthest: edge * edge / wide,
         })
+    }
+
+    /// Returns the number of parts of a pixel along an axis: at most [`MOST_PARTS`].
+    #[inline(always)]
+    pub(crate) fn parts(&self) -> usize {
+        self.parts as usize
+    }
+
+    /// Returns the footprint's quadratic form where the kernel ends.
+    #[inline(always)]
+    pub(crate) fn rim(&self) -> f32 {
+        1.0 / self.per_form
     }
 
     /// Returns the offsets of the middles of a pixel's parts from its centre along an axis, px.

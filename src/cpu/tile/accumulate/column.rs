@@ -32,7 +32,7 @@ use crate::record::{
     PATH_NEAR, ViewUniform,
 };
 use crate::simd::{SimdLevel, SimdWork, run_at};
-use crate::splat::{Band, PixelMean, Smoothed};
+use crate::splat::{Band, MOST_PARTS, PixelMean, Smoothed};
 use crate::task::{Stage, Task};
 
 const SIZE: usize = COLUMN_TILE_SIZE;
@@ -492,7 +492,8 @@ impl<'a> ColumnTile<'a> {
         count
     }
 
-    /// Adds the projection of an SPH kernel, averaged over pixels, row by row.
+    /// Adds the projection of an SPH kernel, averaged over pixels, row by row. The parts of a row's pixels are evaluated side by
+    /// side between the ends of the kernel, and then added up.
     #[inline(always)]
     fn add_smoothed<const FMA: bool>(
         &self,
@@ -509,37 +510,47 @@ impl<'a> ColumnTile<'a> {
         // As in `add_form`.
         let a = px * px + rx * rx;
         let (tilt, least) = (-(px * py + rx * ry) / a, (px * ry - py * rx).powi(2) / a);
+        let parts = kernel.parts();
+        let step = 1.0 / parts as f32;
+        // Half of the chord at `dy` from the centre, by the quadratic form at the chord's ends.
+        let half = |ends: f32, dy: f32| ((ends - least * dy * dy).max(0.0) / a).sqrt();
+        let mut samples = [0.0; SIZE * MOST_PARTS + CHUNK];
         let mut count = 0;
         for y in patch.rows[0]..patch.rows[1] {
             let dy = self.place.px(1, y) - cy;
             let middle = cx + tilt * dy - self.place.px(0, 0);
-            let half = ((kernel.farthest - least * dy * dy).max(0.0) / a).sqrt() + 1.0;
-            let first = patch.columns[0].max((middle - half).max(0.0) as usize);
-            let end = patch.columns[1].min((middle + half + 1.0).max(0.0) as usize);
+            let reach = half(kernel.farthest, dy) + 1.0;
+            let first = patch.columns[0].max((middle - reach).max(0.0) as usize);
+            let end = patch.columns[1].min((middle + reach + 1.0).max(0.0) as usize);
             if first >= end {
                 continue;
             }
             count += (end - first) as u32;
-            for chunk in first / CHUNK..end.div_ceil(CHUNK) {
-                let start = chunk * CHUNK;
-                let Some(out) = fine.0[y * SIZE + start..].first_chunk_mut::<CHUNK>() else {
-                    continue;
-                };
-                let base = self.place.px(0, start) - cx;
-                let mut sums = [0.0; CHUNK];
-                for part_y in kernel.offsets() {
-                    let form = RowForm::new(footprint, dy + part_y);
-                    for part_x in kernel.offsets() {
-                        for (lane, sum) in sums.iter_mut().enumerate() {
-                            let q = form.q::<FMA>(base + lane as f32 + part_x);
-                            *sum += kernel.at::<FMA>(q);
-                        }
+            samples[first * parts..end * parts].fill(0.0);
+            for part in kernel.offsets() {
+                let dy = dy + part;
+                // The first sample of a pixel lies half a step behind its left edge, half a pixel before its centre.
+                let middle = (cx + tilt * dy - self.place.px(0, 0) + 0.5) * parts as f32;
+                let chord = half(kernel.rim(), dy) * parts as f32;
+                let begin = (first * parts).max((middle - chord).max(0.0) as usize);
+                let end = (end * parts).min((middle + chord + 1.0).max(0.0) as usize);
+                let form = RowForm::new(footprint, dy);
+                let corner = self.place.px(0, 0) - cx - 0.5 + 0.5 * step;
+                for start in (begin..end).step_by(CHUNK) {
+                    let Some(sums) = samples[start..].first_chunk_mut::<CHUNK>() else {
+                        continue;
+                    };
+                    let base = madd::<FMA>(start as f32, step, corner);
+                    for (lane, sum) in sums.iter_mut().enumerate() {
+                        let q = form.q::<FMA>(madd::<FMA>(lane as f32, step, base));
+                        *sum += kernel.at::<FMA>(q);
                     }
                 }
-                for (lane, out) in out.iter_mut().enumerate() {
-                    let is_inside = (first..end).contains(&(start + lane));
-                    *out += if is_inside { sign * sums[lane] } else { 0.0 };
-                }
+            }
+            let row = &mut fine.0[y * SIZE..(y + 1) * SIZE];
+            let pixels = samples[first * parts..end * parts].chunks_exact(parts);
+            for (pixel, samples) in row[first..end].iter_mut().zip(pixels) {
+                *pixel += sign * samples.iter().sum::<f32>();
             }
         }
         count
