@@ -69,8 +69,7 @@ pub(crate) struct DataOptions {
     /// Particles: what their lengths mean, where the file's convention does not hold
     #[arg(long, value_enum, value_name = "MEANING")]
     pub(crate) length: Option<Length>,
-    /// Particles: smoothing kernel that their lengths belong to, and that columns draw; gaussian: the file's, and columns of
-    /// Gaussians [default: the file's, or cubic]
+    /// Particles: smoothing kernel of their lengths, which columns draw [default: the file's, or cubic]
     #[arg(long, value_enum, value_name = "KERNEL")]
     pub(crate) kernel: Option<Kernel>,
     /// Particles: one length for all instead of the file's; a standard deviation unless --length

@@ -38,12 +38,12 @@ impl LightOptions {
 #[derive(Args)]
 #[command(next_help_heading = "Light")]
 pub(crate) struct FileLightOptions {
-    /// Splats: bake light into the colours of surfaces and fields, as harmonics of degree 2 [default: the colours alone].
-    /// Prepared scenes: keep normals, for pictures with --lit or --light
+    /// Bake light into the colours of surfaces and fields, as harmonics of degree 2; in a prepared scene, keep
+    /// normals for pictures with --lit or --light
     #[arg(long)]
     lit: bool,
-    /// Splats: direction towards a light that is baked in, and its linear colour [default: a headlight that follows the
-    /// viewer]; may be repeated, up to 8 times. Implies --lit
+    /// Bake a light from this direction, with its linear colour [default: a headlight that follows the viewer]; up to
+    /// 8 times. Implies --lit
     #[arg(long = "light", value_name = "x,y,z[,r,g,b]", value_parser = parse::light,
           allow_hyphen_values = true)]
     lights: Vec<Light>,

@@ -179,11 +179,12 @@ pub(in crate::command) struct Method {
     /// what the columns are of
     #[arg(long, value_name = "FIELD")]
     pub(in crate::command) column_mean: Option<String>,
-    /// Beside --column-density: integrate this field, as a density [default: mass where it is known, then a density]; the
-    /// same as --field
+    /// Integrate this field as a density with --column-density, as --field does [default: mass where
+    /// it is known, then a density]
     #[arg(long, value_name = "FIELD", requires = "column_density", conflicts_with_all = ["field", "column_mean"])]
     pub(in crate::command) column_of: Option<String>,
-    /// Beside --column-mean: weigh the mean by this field times volume [default: mass where it is known]; the same as --field
+    /// Weigh the mean of --column-mean by this field times volume, as --field does [default: mass where
+    /// it is known]
     #[arg(
         long,
         value_name = "FIELD",
