@@ -239,8 +239,8 @@ pub struct Smoothed {
     amplitude: f32,
     /// Factor of the Laplacian's term.
     bend: f32,
-    /// Parts of a pixel along an axis.
-    parts: u32,
+    /// Parts of a pixel along an axis: at most [`MOST_PARTS`].
+    parts: usize,
     /// Quadratic form at the farthest centre of a pixel that the kernel reaches.
     pub(crate) farthest: f32,
 }
@@ -262,7 +262,7 @@ impl Smoothed {
         }
         let mut parts = 1;
         let mut fine = reach_squared;
-        while fine < LEAST_REACH_PX * LEAST_REACH_PX && parts < MOST_PARTS as u32 {
+        while fine < LEAST_REACH_PX * LEAST_REACH_PX && parts < MOST_PARTS {
             fine *= 4.0;
             parts *= 2;
         }
@@ -282,7 +282,7 @@ impl Smoothed {
     /// Returns the number of parts of a pixel along an axis: at most [`MOST_PARTS`].
     #[inline(always)]
     pub(crate) fn parts(&self) -> usize {
-        self.parts as usize
+        self.parts
     }
 
     /// Returns the footprint's quadratic form where the kernel ends.
