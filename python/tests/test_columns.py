@@ -106,7 +106,7 @@ def test_periodic_boxes_wrap_kernels():
     assert np.abs(np.roll(own.values, -SIDE // 4, 1) - shifted.values).max() < 1e-3 * truth.max()
     bare = es.Volume.from_points(positions, mass=masses, smoothing_length=supports / 2)
     with pytest.raises(ValueError, match="the same periodic box"):
-        es.Renderer([thing, bare], backend="cpu").column_density(size=(8, 8))
+        es.Renderer(thing, bare, backend="cpu").column_density(size=(8, 8))
     with pytest.raises(ValueError, match="expected a box"):
         es.Volume.from_points(positions, mass=masses, smoothing_length=supports, centre=(0, 0, 0))
 
