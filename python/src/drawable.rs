@@ -9,10 +9,8 @@ use ewa_splat::io::{
     has_particle_types, open, read, write_splats,
 };
 use ewa_splat::render::{bake_light, nothing_lit};
-use ewa_splat::sample::mesh::SPLAT_WIDTH;
 use ewa_splat::sample::{
-    BoundaryChoice, KernelOptions, PurposeOptions, SampleOptions, SampleReport, Sampled,
-    SampledScene, discs, is_surface, scene, splat_cloud,
+    SampleOptions, SampleReport, Sampled, SampledScene, discs, is_surface, scene, splat_cloud,
 };
 use ewa_splat::scene::{Lattice, LatticeSpacing, SplatRule};
 use ewa_splat::{Result, Task};
@@ -620,33 +618,17 @@ impl Drawable {
             let up = Up::of_scene(self.ups()).direction;
             let mut volumes = Vec::new();
             for source in &self.sources {
-                // Splats in a file are not clipped at a boundary.
                 let options = SampleOptions {
-                    kernels: KernelOptions {
-                        width: width.unwrap_or(source.options.kernels.width),
-                        composited: Some(width.unwrap_or(SPLAT_WIDTH)),
-                        boundary: BoundaryChoice::Soft,
-                        // Files state no rule but a mark, which stays.
-                        splat_rule: None,
-                        ..source.options.kernels
-                    },
-                    purpose: PurposeOptions {
-                        normals: lighting.is_some(),
-                        ..source.options.purpose
-                    },
                     task: Some(task.clone()),
                     ..source.options.clone()
                 };
+                let options = options.for_splats(width, lighting.is_some());
                 volumes.extend(source.scene(&options)?.volumes);
             }
-            if let Some(lighting) = &lighting {
-                let mut is_lit = false;
-                for volume in &mut volumes {
-                    is_lit |= bake_light(volume, lighting, up)?;
-                }
-                if !is_lit {
-                    return Err(nothing_lit("lit"));
-                }
+            if let Some(lighting) = &lighting
+                && !bake_light(&mut volumes, lighting, up)?
+            {
+                return Err(nothing_lit("lit"));
             }
             let (cloud, report) = splat_cloud(&volumes)?;
             let options = SplatFileOptions {

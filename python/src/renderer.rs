@@ -485,15 +485,6 @@ impl Source {
     }
 }
 
-/// Returns the planes at the faces of a periodic box.
-fn planes_of(periodic: Option<PeriodicBox>) -> impl Iterator<Item = ClipPlane> {
-    let planes = periodic.map(|periodic| {
-        let [lower, upper] = periodic.corners();
-        ClipPlane::of_box(lower, upper)
-    });
-    planes.into_iter().flatten()
-}
-
 /// Returns the camera of a view.
 fn camera(
     view: Option<&View>,
@@ -612,7 +603,9 @@ impl Renderer {
                 ..state.purpose(drawing)
             };
             let mut settings = drawing.settings.clone();
-            settings.clip.extend(planes_of(state.periodic()?));
+            settings
+                .clip
+                .extend(state.periodic()?.iter().flat_map(PeriodicBox::planes));
             let clip = &settings.clip;
             let lens = Lens::FovDeg(DEFAULT_FOV_DEG);
             let up = state.up(view);
@@ -783,17 +776,15 @@ impl Renderer {
             let up = state.up(view.as_ref());
             let periodic = state.periodic()?;
             let mut clip = settings.clip.clone();
-            clip.extend(planes_of(periodic));
+            clip.extend(periodic.iter().flat_map(PeriodicBox::planes));
             let of_boxes = |boxes: &[Bounds]| camera(view.as_ref(), up, boxes, lens, size, 0);
             let ready = state.prepare(purpose, &of_boxes, &clip, task)?;
             let boxes = left_of(ready.renderer.boxes(), &clip);
             // The picture of a periodic box shows the box alone, if it has its shape.
             let filled = periodic.filter(|_| view.is_none()).and_then(|periodic| {
                 let window = Along::Z.window(periodic.corners());
-                let [width, height] = window.lengths();
-                let stretch = width * size[1] as f64 / (height * size[0] as f64) - 1.0;
-                let is_alike = stretch.abs() <= 1.0 / size[0].min(size[1]) as f64;
-                is_alike.then(|| Along::Z.camera(&window, &boxes, size))
+                let has_shape = window.has_shape(size);
+                has_shape.then(|| Along::Z.camera(&window, &boxes, size))
             });
             let camera = filled.unwrap_or_else(|| camera(view.as_ref(), up, &boxes, lens, size, 0));
             let ready = state.opened(&camera)?;
@@ -845,7 +836,9 @@ impl Renderer {
                 state.set_transfer(drawing.transfer.clone())?;
             }
             let mut settings = drawing.settings.clone();
-            settings.clip.extend(planes_of(state.periodic()?));
+            settings
+                .clip
+                .extend(state.periodic()?.iter().flat_map(PeriodicBox::planes));
             let settings = &settings;
             let purpose = Purpose {
                 normals: false,

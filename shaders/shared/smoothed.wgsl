@@ -21,7 +21,7 @@ fn smoothed_of(
     peak: f32,
 ) -> Smoothed {
     var own = Smoothed();
-    if smoothing == 0u || low_pass_variance_px2 != PIXEL_VARIANCE_PX2 {
+    if !SMOOTHS || low_pass_variance_px2 != PIXEL_VARIANCE_PX2 {
         return own;
     }
     own.kernel = smoothing - 1u;

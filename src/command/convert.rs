@@ -13,10 +13,10 @@ use crate::io::{
 use crate::load::note::axis;
 use crate::load::{Input, SurfelDemand, prefer};
 use crate::render::{bake_light, nothing_lit};
-use crate::sample::mesh::{MeshReport, SPLAT_WIDTH, Spread};
+use crate::sample::mesh::{MeshReport, Spread};
 use crate::sample::{
-    BoundaryChoice, ConversionReport, Finding, SampleOptions, as_surface, field_choices, scene,
-    sound_splats, splat_cloud,
+    ConversionReport, Finding, SampleOptions, as_surface, field_choices, scene, sound_splats,
+    splat_cloud,
 };
 use crate::scene::Lighting;
 use crate::{Error, Result};
@@ -110,12 +110,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     check_collisions(arguments.inputs.iter(), std::iter::once(&arguments.out))?;
     let named = arguments.inputs.iter().cloned().map(Input::file);
     let inputs = arguments.data.inputs(named.collect(), false)?;
+    let lighting = arguments.light.lighting();
     if is_scene {
         let (out, data) = (&arguments.out, &arguments.data);
-        let is_lit = arguments.light.lighting().is_some();
         return arguments
             .prepare
-            .run(&inputs, out, data, is_lit, arguments.json);
+            .run(&inputs, out, data, lighting.is_some(), arguments.json);
     }
     let bar = progress::bar(inputs.len() as u64 + 1);
     let mut converted = Converted::default();
@@ -129,10 +129,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             }
             let up = dataset.up();
             let dataset = as_surface(dataset, &options)?;
-            let light = arguments
-                .light
-                .lighting()
-                .map(|light| (light, up.direction));
+            let light = lighting.as_ref().map(|light| (light, up.direction));
             converted.add(dataset, &options, light, &bar)?;
             converted.ups.push((path.clone(), up));
             Ok(())
@@ -150,7 +147,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(error) = nothing.filter(|_| converted.ups.is_empty()) {
         return Err(error);
     }
-    if arguments.light.lighting().is_some() && !converted.is_lit {
+    if lighting.is_some() && !converted.is_lit {
         return Err(nothing_lit(match arguments.light.has_lights() {
             true => "--light",
             false => "--lit",
@@ -235,13 +232,9 @@ impl Arguments {
     /// Returns the sampling options of each input. Meshes share the surfel count that one mesh
     /// would get. Data without a named field show a field that they have in common.
     fn options(&self, inputs: &[Input]) -> Result<Vec<SampleOptions>> {
-        let mut options = self.data.sample_options();
-        // Splats in a file are not clipped at a boundary.
-        options.kernels.boundary = BoundaryChoice::Soft;
-        options.kernels.width = self.width.unwrap_or(options.kernels.width);
         let width = self.width.or(self.data.kernel_width);
-        options.kernels.composited = Some(width.unwrap_or(SPLAT_WIDTH));
-        options.purpose.normals = self.light.lighting().is_some();
+        let is_lit = self.light.lighting().is_some();
+        let options = self.data.sample_options().for_splats(width, is_lit);
         let all = inputs.iter().map(|input| input.sample_options(&options));
         let mut all: Vec<SampleOptions> = all.collect();
         if inputs.len() < 2 {
@@ -383,7 +376,7 @@ impl Converted {
         &mut self,
         dataset: Dataset,
         options: &SampleOptions,
-        light: Option<(Lighting, DVec3)>,
+        light: Option<(&Lighting, DVec3)>,
         bar: &ProgressBar,
     ) -> Result<()> {
         let path = dataset.path.clone();
@@ -394,10 +387,8 @@ impl Converted {
             _ => {
                 let mut sampled = scene(dataset, options)?;
                 if let Some((light, up)) = light {
-                    for volume in &mut sampled.volumes {
-                        let is_lit = bake_light(volume, &light, up);
-                        self.is_lit |= is_lit.map_err(|e| e.in_file(&path))?;
-                    }
+                    let is_lit = bake_light(&mut sampled.volumes, light, up);
+                    self.is_lit |= is_lit.map_err(|e| e.in_file(&path))?;
                 }
                 match sampled.report.mesh {
                     Some(mesh) => self.meshes.push(mesh_summary(&path, &mesh)),

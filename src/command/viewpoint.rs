@@ -251,15 +251,9 @@ impl CameraOptions {
                 Some(_) => inner,
             }
         };
-        // Pixels are squares, to within the rounding of the sides to whole pixels.
-        let has_shape = |window: Window, size: [usize; 2]| {
-            let [width, height] = window.lengths();
-            let pixels = [width / size[0] as f64, height / size[1] as f64];
-            (pixels[0] / pixels[1] - 1.0).abs() <= 1.0 / size[0].min(size[1]) as f64
-        };
         if let Some(WindowBox { window, .. }) = self.window {
             let size = size(window);
-            if has_shape(window, size) {
+            if window.has_shape(size) {
                 return Ok(shows(window, size));
             }
             let [width, height] = window.lengths();
@@ -276,7 +270,7 @@ impl CameraOptions {
         if let Some(corners) = canvas.filled_by.filter(|_| is_free) {
             let window = along.window(corners);
             let size = size(window);
-            if has_shape(window, size) {
+            if window.has_shape(size) {
                 return Ok(shows(window, size));
             }
         }

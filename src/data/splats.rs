@@ -224,6 +224,11 @@ pub(crate) fn sigmoid(x: f32) -> f32 {
     1.0 / (1.0 + (-x).exp())
 }
 
+/// The coefficients of the constant harmonic for a colour in linear light, as sRGB codes.
+pub(crate) fn constants_of_light(rgb: [f32; 3]) -> [f32; 3] {
+    rgb.map(|c| constant_of_colour(srgb_from_linear(c.max(0.0))))
+}
+
 /// The coefficient of the constant harmonic for a colour, as a rule an sRGB code of 0 to 1.
 pub(crate) fn constant_of_colour(code: f32) -> f32 {
     (code - 0.5) / HARMONIC_0

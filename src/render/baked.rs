@@ -6,16 +6,16 @@ use glam::{DVec3, Mat3, Vec3};
 use rayon::prelude::*;
 
 use crate::cpu::{Sides, lit, smooth_normal};
-use crate::data::splats::constant_of_colour;
+use crate::data::splats::constants_of_light;
 use crate::error::{Error, Result};
 use crate::image::srgb_from_linear;
 use crate::math::{harmonics, harmonics_count, normal_of_code};
 use crate::record::LightingUniform;
-use crate::scene::{Colour, Lighting, Particles, PointVolume, Values};
+use crate::scene::{Colour, Lighting, Particles, PointVolume};
 use crate::splat::unit_normal;
 use crate::view::Camera;
 
-/// Degree of the harmonics: with 2, a matt surface under a headlight keeps its colours within 1/255.
+/// Degree of the harmonics: with 2, fronts of matt surfaces under a headlight keep their sRGB codes within .02.
 const DEGREE: u8 = 2;
 /// Number of harmonics of a channel.
 const COUNT: usize = 9;
@@ -41,38 +41,48 @@ struct Sight {
 
 /// The normals of a particle, in the world.
 struct Normals {
-    /// Normal of a surfel's plane; zero for none.
+    /// Normal of a surfel's plane, or of a field.
     plane: Vec3,
-    /// Stored normal; zero for none.
+    /// Normal of a smoother surface, if one is stored.
     stored: Option<Vec3>,
 }
 
-/// Replaces the colours of a volume by spherical harmonics of degree 2 that show it lit. Each particle's
+/// Replaces the colours of volumes by spherical harmonics of degree 2 that show them lit. Each particle's
 /// colour is fitted by least squares to the lit colours, as sRGB codes, from directions all around; surfels mainly from
 /// directions in front of them. Particles without a normal keep their colours. Highlights become wider and fainter.
 ///
-/// Returns false, and changes nothing, if the volume has no normals or has harmonics already.
+/// Volumes without normals, and those with harmonics of their own, stay as they are. Returns false if all do.
 ///
 /// - `up`: direction up of the cameras that lights may be fixed to.
 ///
 /// # Errors
 /// The errors of [`Lighting::validate`] and [`PointVolume::validate`].
-pub fn bake_light(volume: &mut PointVolume, lighting: &Lighting, up: DVec3) -> Result<bool> {
+pub fn bake_light(volumes: &mut [PointVolume], lighting: &Lighting, up: DVec3) -> Result<bool> {
     lighting.validate()?;
-    volume.validate()?;
+    let sights = sights(lighting, up);
+    let mut is_lit = false;
+    for volume in volumes {
+        volume.validate()?;
+        if let Some(colour) = lit_colour(volume, &sights) {
+            volume.colour = colour;
+            is_lit = true;
+        }
+    }
+    Ok(is_lit)
+}
+
+/// Returns the harmonics of a lit volume; `None` if it reflects nothing.
+fn lit_colour(volume: &PointVolume, sights: &[Sight]) -> Option<Colour> {
     let is_surface = matches!(volume.particles, Particles::Surfels { .. });
     let has_own = matches!(volume.colour, Colour::Harmonics { .. });
     if has_own || !(is_surface || volume.normals.is_some()) {
-        return Ok(false);
+        return None;
     }
-    let sights = sights(lighting, up);
-    let volume_ref = &*volume;
     let of_particle = |i: usize| -> [f32; 3 * COUNT] {
-        let colour = colour(volume_ref, i);
-        let normals = normals(volume_ref, i);
-        match normals {
+        let colour = volume.linear_colour(i).unwrap_or_default();
+        match normals(volume, i) {
             Some(normals) if colour.iter().all(|c| c.is_finite()) => {
-                fitted(&sights, volume_ref, &normals, colour)
+                fitted(sights, volume, &normals, colour)
             }
             _ => constant(colour),
         }
@@ -81,12 +91,11 @@ pub fn bake_light(volume: &mut PointVolume, lighting: &Lighting, up: DVec3) -> R
         .into_par_iter()
         .flat_map_iter(of_particle)
         .collect();
-    volume.colour = Colour::Harmonics {
+    Some(Colour::Harmonics {
         degree: DEGREE,
         coefficients,
         is_linear: false,
-    };
-    Ok(true)
+    })
 }
 
 /// Returns the error of light that no part of a scene reflects.
@@ -119,19 +128,6 @@ fn sights(lighting: &Lighting, up: DVec3) -> Vec<Sight> {
     (0..DIRECTIONS).map(sight).collect()
 }
 
-/// Returns the linear colour of a particle.
-fn colour(volume: &PointVolume, i: usize) -> [f32; 3] {
-    match (&volume.colour, &volume.transfer_function, &volume.values) {
-        (Colour::PerParticle(colours), _, _) => colours[i],
-        (Colour::Uniform(colour), _, _) => *colour,
-        (Colour::Classified, Some(transfer), Some(values)) => {
-            let [r, g, b, _] = transfer.classify(Values::get(values, i));
-            [r, g, b]
-        }
-        _ => [0.0; 3],
-    }
-}
-
 /// Returns the normals of a particle; `None` if it stays unlit.
 fn normals(volume: &PointVolume, i: usize) -> Option<Normals> {
     let stored = volume
@@ -153,9 +149,7 @@ fn normals(volume: &PointVolume, i: usize) -> Option<Normals> {
 /// Returns coefficients of a colour that is the same from all sides.
 fn constant(colour: [f32; 3]) -> [f32; 3 * COUNT] {
     let mut coefficients = [0.0; 3 * COUNT];
-    for (coefficient, c) in coefficients.iter_mut().zip(colour) {
-        *coefficient = constant_of_colour(srgb_from_linear(c.max(0.0)));
-    }
+    coefficients[..3].copy_from_slice(&constants_of_light(colour));
     coefficients
 }
 
@@ -232,6 +226,8 @@ fn solved(mut matrix: [[f64; COUNT]; COUNT], mut sides: [[f64; 3]; COUNT]) -> [[
 
 #[cfg(test)]
 mod tests {
+    use std::slice;
+
     use super::*;
     use crate::math::harmonics_sum;
     use crate::scene::{Light, LightFrame};
@@ -253,7 +249,7 @@ mod tests {
         };
         volume.strength = crate::scene::Strength::Surface(vec![1.0]);
         volume.colour = Colour::Uniform([1.0; 3]);
-        assert!(bake_light(&mut volume, &lighting, DVec3::Y).unwrap());
+        assert!(bake_light(slice::from_mut(&mut volume), &lighting, DVec3::Y).unwrap());
         match volume.colour {
             Colour::Harmonics { coefficients, .. } => coefficients,
             _ => panic!("no harmonics"),
@@ -305,7 +301,7 @@ mod tests {
     fn particles_without_a_normal_keep_their_colours() {
         let mut volume = PointVolume::spheres([DVec3::ZERO], [1.0]).with_masses([1.0]);
         let before = volume.colour.clone();
-        assert!(!bake_light(&mut volume, &Lighting::default(), DVec3::Z).unwrap());
+        assert!(!bake_light(slice::from_mut(&mut volume), &Lighting::default(), DVec3::Z).unwrap());
         assert_eq!(volume.colour, before);
     }
 }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use crate::constants::{DEFAULT_KERNEL_WIDTH, FAINT_SHARE};
 use crate::data::smoothing::{LengthMeaning, SphKernel};
 use crate::error::{Error, Parameter, Result};
-use crate::sample::mesh::Spread;
+use crate::sample::mesh::{SPLAT_WIDTH, Spread};
 use crate::sample::points::periodic::PeriodicBox;
 use crate::sample::refine::Refinement;
 use crate::scene::{PointVolume, ScaleName, SplatRule, TransferFunction};
@@ -160,6 +160,30 @@ impl Default for FunctionOptions {
             range: None,
             scale: Some(ScaleName::Linear),
             opacity_scale: 1.0,
+        }
+    }
+}
+
+impl SampleOptions {
+    /// Returns the options for splats in a file, which nothing cuts at a boundary and which state no rule of drawing but a mark.
+    ///
+    /// - `width`: standard deviation of splats over their spacing, if it is given.
+    /// - `is_lit`: true if light is baked into them ([`bake_light`](crate::render::bake_light)).
+    #[must_use]
+    pub fn for_splats(self, width: Option<f64>, is_lit: bool) -> Self {
+        Self {
+            kernels: KernelOptions {
+                width: width.unwrap_or(self.kernels.width),
+                composited: Some(width.unwrap_or(SPLAT_WIDTH)),
+                boundary: BoundaryChoice::Soft,
+                splat_rule: None,
+                ..self.kernels
+            },
+            purpose: PurposeOptions {
+                normals: is_lit,
+                ..self.purpose
+            },
+            ..self
         }
     }
 }

@@ -274,6 +274,28 @@ pub(crate) fn is_classified<S: Storage>(strength: &StrengthIn<S>, colour: &Colou
 }
 
 impl PointVolume {
+    /// Returns the linear colour of particle `i`; `None` if it depends on the view. It is black if a function is to give it and there
+    /// is none.
+    pub(crate) fn linear_colour(&self, i: usize) -> Option<[f32; 3]> {
+        match &self.colour {
+            Colour::PerParticle(colours) => Some(colours[i]),
+            Colour::Uniform(colour) => Some(*colour),
+            Colour::Classified => {
+                let [r, g, b, _] = self.classified_at(i);
+                Some([r, g, b])
+            }
+            Colour::Harmonics { .. } => None,
+        }
+    }
+
+    /// Returns the linear colour and the extinction that the transfer function gives particle `i`; zeros without one.
+    pub(crate) fn classified_at(&self, i: usize) -> [f32; 4] {
+        match (&self.transfer_function, &self.values) {
+            (Some(transfer), Some(values)) => transfer.classify(Values::get(values, i)),
+            _ => [0.0; 4],
+        }
+    }
+
     /// Whether a transfer function gives masses or colours.
     pub fn is_classified(&self) -> bool {
         is_classified(&self.strength, &self.colour)

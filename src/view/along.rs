@@ -152,6 +152,13 @@ impl Window {
     pub fn lengths(&self) -> [f64; 2] {
         [self.across, self.upwards].map(|[a, b]| b - a)
     }
+
+    /// Returns whether a picture of a size shows it with square pixels, to within the rounding of the sides to whole pixels.
+    pub fn has_shape(&self, size: [usize; 2]) -> bool {
+        let [width, height] = self.lengths();
+        let pixels = [width / size[0] as f64, height / size[1] as f64];
+        (pixels[0] / pixels[1] - 1.0).abs() <= 1.0 / size[0].min(size[1]) as f64
+    }
 }
 
 #[cfg(test)]

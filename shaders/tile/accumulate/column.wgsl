@@ -59,11 +59,8 @@ fn add(n: u32, footprint: TileFootprint, sample: Sample, ray: TileRay, side: u32
     if footprint.path == PATH_AFFINE {
         let p = footprint.form_p;
         let r = footprint.form_r;
-        var kernel = Smoothed();
-        if SMOOTHS {
-            kernel = smoothed_of(view.smoothing, view.low_pass_variance_px2, p, r, footprint.peak);
-        }
-        if SMOOTHS && kernel.is_drawn {
+        let kernel = smoothed_of(view.smoothing, view.low_pass_variance_px2, p, r, footprint.peak);
+        if kernel.is_drawn {
             tau = smoothed_mean(kernel, p, r, offset_from(footprint.centre_px, ray));
         } else {
             let own = pixel_mean_of(view.low_pass_variance_px2, p, r, footprint.peak);

@@ -165,10 +165,7 @@ impl Arguments {
     pub(in crate::command) fn clip_planes(&self) -> Vec<ClipPlane> {
         let clip = self.method.clip.iter().flat_map(|clip| &clip.0).copied();
         let between = self.camera.depth_planes(self.default_axis());
-        let of_box = self.periodic_box().map(|periodic| {
-            let [lower, upper] = periodic.corners();
-            ClipPlane::of_box(lower, upper)
-        });
+        let of_box = self.periodic_box().map(|periodic| periodic.planes());
         clip.chain(between)
             .chain(of_box.into_iter().flatten())
             .collect()

@@ -7,7 +7,7 @@ use super::packed::{BOXES, CHUNK};
 use crate::data::splats::SplatCloud;
 use crate::error::{Error, Result};
 use crate::io::splats::encoded_splats::{
-    Encoded, byte, note_cut, note_mark_lost, single_precision_quantum,
+    Encoded, byte, note_cut, note_faint, note_mark_lost, single_precision_quantum,
 };
 use crate::io::splats::morton::morton_order;
 use crate::math::{HARMONIC_0, harmonics_count};
@@ -107,11 +107,7 @@ pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> 
         cut_harmonics,
         "colour coefficients outside -4 to 4 are cut",
     );
-    note_cut(
-        &mut notes,
-        faint,
-        "opacities are below half of 1/255 and written as 0",
-    );
+    note_faint(&mut notes, faint);
     Ok(Encoded {
         bytes,
         beside: Vec::new(),

@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use crate::data::splats::SplatCloud;
+use crate::math::HARMONIC_0;
 
 /// Ratio of distance and extent from which an offset moves positions to the origin. It costs six of f32's 24
 /// bits.
@@ -91,6 +92,33 @@ pub(in crate::io) fn byte(x: f64, cut: &mut usize) -> u8 {
         *cut += 1;
     }
     x.round().clamp(0.0, 255.0) as u8
+}
+
+/// The colour of splat `i` that does not depend on the view, as bytes of 0 to 1. Increments `cut` for each channel beyond.
+pub(in crate::io) fn colour_bytes(cloud: &SplatCloud, i: usize, cut: &mut usize) -> [u8; 3] {
+    [0, 1, 2].map(|channel| {
+        let code = 0.5 + f64::from(HARMONIC_0) * f64::from(cloud.coefficients(i)[channel]);
+        byte(255.0 * code, cut)
+    })
+}
+
+/// The opacity of splat `i` as a byte. Increments `faint` if it is written as 0 and is not.
+pub(in crate::io) fn opacity_byte(cloud: &SplatCloud, i: usize, faint: &mut usize) -> u8 {
+    let opacity = f64::from(cloud.opacities[i]);
+    let written = byte(255.0 * opacity, &mut 0);
+    *faint += usize::from(written == 0 && opacity > 0.0);
+    written
+}
+
+/// Notes the colour channels that were clamped.
+pub(in crate::io) fn note_cut_colours(notes: &mut Vec<String>, count: usize) {
+    note_cut(notes, count, "colour channels outside 0 to 1 are cut");
+}
+
+/// Notes the opacities that were lost.
+pub(in crate::io) fn note_faint(notes: &mut Vec<String>, count: usize) {
+    let what = "opacities are below half of 1/255 and written as 0";
+    note_cut(notes, count, what);
 }
 
 /// The median of the splats' middle scales.

@@ -55,7 +55,7 @@ pub(super) const SECTION_HEADER: usize = 1024;
 const STEPS: u32 = 32_767;
 /// Harmonics in bytes range from minus this to this value, if the file states no range.
 const HARMONICS_RANGE: f32 = 1.5;
-pub(super) const MAX_DEGREE: u16 = 2;
+pub(super) const MAX_DEGREE: u8 = 2;
 
 /// Reads splats.
 ///
@@ -222,11 +222,13 @@ impl<'a> Section<'a> {
         let (full_count, others_count) = (number(32), number(36));
         let bucket_len = u64::from(short(header, 20));
         let degree = short(header, 40);
-        if degree > MAX_DEGREE {
+        let known = u8::try_from(degree)
+            .ok()
+            .filter(|degree| *degree <= MAX_DEGREE);
+        let degree = known.ok_or_else(|| {
             let expected = "harmonics of degree 0, 1 or 2".into();
-            return Err(file.fault(place, expected, format!("degree {degree}")));
-        }
-        let degree = u8::try_from(degree).unwrap_or(0);
+            file.fault(place, expected, format!("degree {degree}"))
+        })?;
         let coefficient_count = 3 * (harmonics_count(degree) - 1);
         let record_len = mode.harmonics_at() + coefficient_count * mode.coefficient_len();
         let sizes = file.part(at, 4 * others_count, place)?;

@@ -1,11 +1,15 @@
 //! Writes KSPLAT, without packing: one section of mode 0. `ksplat.rs` describes the format.
 
-use super::encoded_splats::{Encoded, byte, note_cut, note_mark_lost, single_precision_quantum};
+use std::path::Path;
+
+use super::encoded_splats::{
+    Encoded, colour_bytes, note_cut, note_cut_colours, note_faint, note_mark_lost, opacity_byte,
+    single_precision_quantum,
+};
 use super::ksplat::{HEADER, MAX_DEGREE, SECTION_HEADER};
 use crate::data::splats::SplatCloud;
 use crate::error::{Error, Result};
-use crate::math::{HARMONIC_0, harmonics_count};
-use std::path::Path;
+use crate::math::{harmonics_count, narrowed};
 
 /// Encodes splats in the given order. Harmonics beyond degree 2 are lost.
 ///
@@ -17,7 +21,7 @@ pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> 
         let advice = "split the scene";
         Error::format(path, "splats", expected, found.to_string(), advice)
     })?;
-    let degree = u16::from(cloud.harmonics_degree).min(MAX_DEGREE);
+    let degree = cloud.harmonics_degree.min(MAX_DEGREE);
     let mut bytes = vec![0; HEADER + SECTION_HEADER];
     let mut put = |at: usize, word: u32| bytes[at..at + 4].copy_from_slice(&word.to_le_bytes());
     // Version 0.1; one section, and storage for one; the number of splats, and storage for them.
@@ -29,7 +33,7 @@ pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> 
     }
     let [mut cut_colours, mut faint] = [0; 2];
     for (i, position) in cloud.positions.iter().enumerate() {
-        let rotation = cloud.unit_rotation(i).map(crate::math::narrowed);
+        let rotation = cloud.unit_rotation(i).map(narrowed);
         let scales = cloud.thick_scales(i);
         let coefficients = cloud.coefficients(i);
         for x in position
@@ -41,13 +45,8 @@ pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> 
         {
             bytes.extend(x.to_le_bytes());
         }
-        for c in &coefficients[..3] {
-            let code = 0.5 + f64::from(HARMONIC_0) * f64::from(*c);
-            bytes.push(byte(255.0 * code, &mut cut_colours));
-        }
-        let opacity = byte(255.0 * f64::from(cloud.opacities[i]), &mut 0);
-        faint += usize::from(opacity == 0 && cloud.opacities[i] > 0.0);
-        bytes.push(opacity);
+        bytes.extend(colour_bytes(cloud, i, &mut cut_colours));
+        bytes.push(opacity_byte(cloud, i, &mut faint));
         for degree in 1..=usize::from(degree) {
             // All coefficients of a degree for red, then for green, then for blue.
             let of_degree = &coefficients[3 * degree * degree..3 * (degree + 1).pow(2)];
@@ -60,13 +59,11 @@ pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> 
     }
     let mut notes = Vec::new();
     note_mark_lost(&mut notes, cloud);
-    let lost = harmonics_count(cloud.harmonics_degree) - (usize::from(degree) + 1).pow(2);
+    let lost = harmonics_count(cloud.harmonics_degree) - harmonics_count(degree);
     let what = "harmonics of each colour channel are lost: the format ends at degree 2";
     note_cut(&mut notes, lost, what);
-    let what = "colour channels outside 0 to 1 are cut";
-    note_cut(&mut notes, cut_colours, what);
-    let what = "opacities are below half of 1/255 and written as 0";
-    note_cut(&mut notes, faint, what);
+    note_cut_colours(&mut notes, cut_colours);
+    note_faint(&mut notes, faint);
     Ok(Encoded {
         bytes,
         beside: Vec::new(),

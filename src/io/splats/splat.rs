@@ -15,13 +15,13 @@ use std::array;
 use glam::DVec3;
 
 use super::encoded_splats::{
-    Encoded, byte, note_cut, note_harmonics_lost, note_mark_lost, single_precision_quantum,
+    Encoded, byte, colour_bytes, note_cut_colours, note_faint, note_harmonics_lost, note_mark_lost,
+    opacity_byte, single_precision_quantum,
 };
 use crate::data::dataset::Dataset;
 use crate::data::splats::{SplatCloud, constant_of_colour};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
-use crate::math::HARMONIC_0;
 use crate::scene::SplatRule;
 
 /// Bytes of a splat.
@@ -92,13 +92,8 @@ pub(in crate::io) fn encode(cloud: &SplatCloud) -> Encoded {
         for value in floats.into_iter().chain(cloud.thick_scales(i)) {
             bytes.extend(value.to_le_bytes());
         }
-        for c in &cloud.coefficients(i)[..3] {
-            let code = 0.5 + f64::from(HARMONIC_0) * f64::from(*c);
-            bytes.push(byte(255.0 * code, &mut cut_colours));
-        }
-        let opacity = byte(255.0 * f64::from(cloud.opacities[i]), &mut 0);
-        faint += usize::from(opacity == 0 && cloud.opacities[i] > 0.0);
-        bytes.push(opacity);
+        bytes.extend(colour_bytes(cloud, i, &mut cut_colours));
+        bytes.push(opacity_byte(cloud, i, &mut faint));
         // q and -q are one rotation. A byte reaches -1 but not 1, so the largest component is made negative.
         let q = cloud.unit_rotation(i);
         let largest = q
@@ -110,16 +105,8 @@ pub(in crate::io) fn encode(cloud: &SplatCloud) -> Encoded {
     let mut notes = Vec::new();
     note_harmonics_lost(&mut notes, cloud);
     note_mark_lost(&mut notes, cloud);
-    note_cut(
-        &mut notes,
-        cut_colours,
-        "colour channels outside 0 to 1 are cut",
-    );
-    note_cut(
-        &mut notes,
-        faint,
-        "opacities are below half of 1/255 and written as 0",
-    );
+    note_cut_colours(&mut notes, cut_colours);
+    note_faint(&mut notes, faint);
     Encoded {
         bytes,
         beside: Vec::new(),

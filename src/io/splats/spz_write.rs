@@ -7,7 +7,9 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 use ruzstd::encoding::{CompressionLevel, compress_to_vec};
 
-use super::encoded_splats::{Encoded, SpzVersion, byte, median_size, note_cut};
+use super::encoded_splats::{
+    Encoded, SpzVersion, byte, median_size, note_cut, note_faint, opacity_byte,
+};
 use super::spz::{MAGIC, STREAM_ROW, STREAMED_HEADER, TURNED};
 use crate::data::splats::SplatCloud;
 use crate::error::{Error, Result};
@@ -93,11 +95,7 @@ pub(in crate::io) fn encode(
         }
     }
     let mut opacities = Vec::with_capacity(count);
-    for &opacity in &cloud.opacities {
-        let code = byte(255.0 * f64::from(opacity), &mut 0);
-        faint += usize::from(code == 0 && opacity > 0.0);
-        opacities.push(code);
-    }
+    opacities.extend((0..count).map(|i| opacity_byte(cloud, i, &mut faint)));
     let mut constants = Vec::with_capacity(3 * count);
     for i in 0..count {
         let constant = &cloud.coefficients(i)[..3];
@@ -170,11 +168,7 @@ pub(in crate::io) fn encode(
         coefficients,
         "colour coefficients outside -1 to 1 are cut",
     );
-    note_cut(
-        &mut notes,
-        faint,
-        "opacities are below half of 1/255 and written as 0",
-    );
+    note_faint(&mut notes, faint);
     Ok(Encoded {
         bytes,
         beside: Vec::new(),

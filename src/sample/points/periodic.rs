@@ -6,6 +6,7 @@ use crate::error::{Error, Result};
 use crate::sample::positions::index_u32;
 use crate::sample::sampled::Sampled;
 use crate::scene::Particles;
+use crate::view::ClipPlane;
 
 /// Reach of a kernel along an axis, in its standard deviations there; 3.4e-6 of it lies beyond on one side.
 const REACH: f64 = 4.5;
@@ -29,6 +30,12 @@ impl PeriodicBox {
     /// Returns the least and the greatest corner of the box about its centre.
     pub fn corners(&self) -> [DVec3; 2] {
         [self.centre - self.size / 2.0, self.centre + self.size / 2.0]
+    }
+
+    /// Returns the planes at its faces: inside is the box about its centre.
+    pub fn planes(&self) -> [ClipPlane; 6] {
+        let [lower, upper] = self.corners();
+        ClipPlane::of_box(lower, upper)
     }
 
     /// Checks that the box has a volume.

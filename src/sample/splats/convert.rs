@@ -19,16 +19,15 @@ use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
-use crate::data::splats::{SplatCloud, constant_of_colour};
+use crate::data::splats::{SplatCloud, constants_of_light};
 use crate::error::{Error, Hint, Result};
-use crate::image::srgb_from_linear;
 use crate::math::{harmonics_count, lower_matrix, narrowed, scales_and_rotation};
 use crate::sample::left_out::LeftOut;
 use crate::sample::mesh::SURFEL_WIDTH;
 use crate::sample::positions::index_u32;
 use crate::sample::report::{Finding, SampleReport};
 use crate::sample::splats;
-use crate::scene::{Boundary, Colour, Particles, PointVolume, SplatRule, Strength, Values};
+use crate::scene::{Boundary, Colour, Particles, PointVolume, SplatRule, Strength};
 
 /// Particles of volumes below this opacity give no splat: sixteen of them are less than one of 255 levels.
 pub const LEAST_OPACITY: f32 = 1.0 / (16.0 * 255.0);
@@ -232,35 +231,18 @@ fn of_volume(volume: &PointVolume) -> (SplatCloud, ConversionReport) {
 
 /// Returns the degree and the coefficients of the particles at `indices`.
 fn colours(volume: &PointVolume, indices: impl Iterator<Item = usize>) -> (u8, Vec<f32>) {
-    let constant = |rgb: [f32; 3]| rgb.map(|c| constant_of_colour(srgb_from_linear(c.max(0.0))));
-    match &volume.colour {
-        Colour::Harmonics {
-            degree,
-            coefficients,
-            ..
-        } => {
-            let stride = 3 * harmonics_count(*degree);
-            let set = |i: usize| &coefficients[i * stride..][..stride];
-            (*degree, indices.flat_map(set).copied().collect())
-        }
-        Colour::PerParticle(rgb) => (0, indices.flat_map(|i| constant(rgb[i])).collect()),
-        Colour::Uniform(rgb) => (0, indices.flat_map(|_| constant(*rgb)).collect()),
-        Colour::Classified => {
-            let of = |i| {
-                let [r, g, b, _] = classified(volume, i);
-                constant([r, g, b])
-            };
-            (0, indices.flat_map(of).collect())
-        }
-    }
-}
-
-/// Returns the linear colour and the extinction of particle `i`.
-fn classified(volume: &PointVolume, i: usize) -> [f32; 4] {
-    match (&volume.transfer_function, &volume.values) {
-        (Some(transfer), Some(values)) => transfer.classify(Values::get(values, i)),
-        _ => [0.0; 4],
-    }
+    let Colour::Harmonics {
+        degree,
+        coefficients,
+        ..
+    } = &volume.colour
+    else {
+        let colours = indices.filter_map(|i| volume.linear_colour(i));
+        return (0, colours.flat_map(constants_of_light).collect());
+    };
+    let stride = 3 * harmonics_count(*degree);
+    let set = |i: usize| &coefficients[i * stride..][..stride];
+    (*degree, indices.flat_map(set).copied().collect())
 }
 
 /// Returns particle `i` as a splat, or the reason why it gives none.
@@ -293,7 +275,7 @@ fn splat(volume: &PointVolume, closing: &Closing, i: usize) -> Result<Splat, Lef
                 }
                 (_, None) => 0.0,
             };
-            (sheet(f64::from(classified(volume, i)[3]) * cell), 1.0)
+            (sheet(f64::from(volume.classified_at(i)[3]) * cell), 1.0)
         }
         Strength::Surface(areas) => (closing.opaque(f64::from(areas[i]), sigmas), 1.0),
         Strength::Translucent(strengths) => translucent_splat(f64::from(strengths[i]) / area),
@@ -319,20 +301,20 @@ fn splat(volume: &PointVolume, closing: &Closing, i: usize) -> Result<Splat, Lef
 }
 
 fn is_colour(volume: &PointVolume, i: usize) -> bool {
-    match &volume.colour {
-        Colour::PerParticle(rgb) => rgb[i].iter().all(|c| c.is_finite()),
-        Colour::Uniform(rgb) => rgb.iter().all(|c| c.is_finite()),
-        Colour::Harmonics {
-            degree,
-            coefficients,
-            ..
-        } => {
+    match (&volume.colour, volume.linear_colour(i)) {
+        (
+            Colour::Harmonics {
+                degree,
+                coefficients,
+                ..
+            },
+            _,
+        ) => {
             let stride = 3 * harmonics_count(*degree);
-            coefficients[i * stride..][..stride]
-                .iter()
-                .all(|c| c.is_finite())
+            let own = &coefficients[i * stride..][..stride];
+            own.iter().all(|c| c.is_finite())
         }
-        Colour::Classified => classified(volume, i)[..3].iter().all(|c| c.is_finite()),
+        (_, colour) => colour.iter().flatten().all(|c| c.is_finite()),
     }
 }
 

@@ -280,6 +280,42 @@ struct ColumnTile<'a> {
     whole: [f32; 2],
 }
 
+/// Chords of the ellipses Q = A dx² + 2 B dx dy + C dy² on rows: Q is least at dx = -B/A dy, where it is det/A dy².
+struct Chords {
+    a: f32,
+    tilt: f32,
+    least: f32,
+    /// Column of the centre, px.
+    centre: f32,
+    /// Column of the middle of the tile's first pixel, px.
+    origin: f32,
+}
+
+impl Chords {
+    /// Returns the middle of the chords at `dy` from the centre, from the middle of the tile's first pixel, px.
+    #[inline(always)]
+    fn middle(&self, dy: f32) -> f32 {
+        self.centre + self.tilt * dy - self.origin
+    }
+
+    /// Returns half of a chord, by Q at its ends, px.
+    #[inline(always)]
+    fn half(&self, ends: f32, dy: f32) -> f32 {
+        ((ends - self.least * dy * dy).max(0.0) / self.a).sqrt()
+    }
+
+    /// Returns the first pixel of a chord and the one behind it. There is one more on either side: a test of each pixel decides
+    /// despite rounding.
+    #[inline(always)]
+    fn columns(&self, ends: f32, dy: f32, patch: &Patch) -> [usize; 2] {
+        let (middle, half) = (self.middle(dy), self.half(ends, dy) + 1.0);
+        [
+            patch.columns[0].max((middle - half).max(0.0) as usize),
+            patch.columns[1].min((middle + half + 1.0).max(0.0) as usize),
+        ]
+    }
+}
+
 impl<'a> ColumnTile<'a> {
     fn new(input: &'a ColumnInput<'a>, place: TilePlace<'a, SIZE>) -> Self {
         let mut tile = Self {
@@ -430,6 +466,20 @@ impl<'a> ColumnTile<'a> {
         width * height
     }
 
+    /// Returns the chords of a footprint on the tile's rows.
+    #[inline(always)]
+    fn chords(&self, footprint: &Footprint) -> Chords {
+        let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
+        let a = px * px + rx * rx;
+        Chords {
+            a,
+            tilt: -(px * py + rx * ry) / a,
+            least: (px * ry - py * rx).powi(2) / a,
+            centre: footprint.centre_px[0],
+            origin: self.place.px(0, 0),
+        }
+    }
+
     /// Adds an affine footprint that is averaged over pixels: first its bands, then the pixels of each
     /// band within the ellipse.
     #[inline(always)]
@@ -442,12 +492,10 @@ impl<'a> ColumnTile<'a> {
     ) -> u32 {
         // Copies, which stores to the sums cannot alias.
         let (footprint, mean) = (&{ *footprint }, &{ *mean });
-        let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
         let cutoff = footprint.cutoff_squared;
         let sign = footprint.carried.sign();
         let [cx, cy] = footprint.centre_px;
-        let a = px * px + rx * rx;
-        let (tilt, least) = (-(px * py + rx * ry) / a, (px * ry - py * rx).powi(2) / a);
+        let chords = self.chords(footprint);
         // Three columns rather than a column of three, so that the loops below read them as vectors.
         let mut columns = ([0.0; SIZE], [0.0; SIZE], [0.0; SIZE]);
         if !mean.has_rows {
@@ -459,11 +507,7 @@ impl<'a> ColumnTile<'a> {
         let mut count = 0;
         for y in patch.rows[0]..patch.rows[1] {
             let dy = self.place.px(1, y) - cy;
-            // One pixel more on either side: the test of each pixel decides despite rounding.
-            let middle = cx + tilt * dy - self.place.px(0, 0);
-            let half = ((cutoff - least * dy * dy).max(0.0) / a).sqrt() + 1.0;
-            let first = patch.columns[0].max((middle - half).max(0.0) as usize);
-            let end = patch.columns[1].min((middle + half + 1.0).max(0.0) as usize);
+            let [first, end] = chords.columns(cutoff, dy, patch);
             let form = RowForm::new(footprint, dy);
             let row = &mut fine.0[y * SIZE..(y + 1) * SIZE];
             let band = match mean.has_rows {
@@ -504,24 +548,16 @@ impl<'a> ColumnTile<'a> {
     ) -> u32 {
         // Copies, which stores to the sums cannot alias.
         let (footprint, kernel) = (&{ *footprint }, &{ *kernel });
-        let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
         let sign = footprint.carried.sign();
         let [cx, cy] = footprint.centre_px;
-        // As in `add_form`.
-        let a = px * px + rx * rx;
-        let (tilt, least) = (-(px * py + rx * ry) / a, (px * ry - py * rx).powi(2) / a);
+        let chords = self.chords(footprint);
         let parts = kernel.parts();
         let step = 1.0 / parts as f32;
-        // Half of the chord at `dy` from the centre, by the quadratic form at the chord's ends.
-        let half = |ends: f32, dy: f32| ((ends - least * dy * dy).max(0.0) / a).sqrt();
         let mut samples = [0.0; SIZE * MOST_PARTS + CHUNK];
         let mut count = 0;
         for y in patch.rows[0]..patch.rows[1] {
             let dy = self.place.px(1, y) - cy;
-            let middle = cx + tilt * dy - self.place.px(0, 0);
-            let reach = half(kernel.farthest, dy) + 1.0;
-            let first = patch.columns[0].max((middle - reach).max(0.0) as usize);
-            let end = patch.columns[1].min((middle + reach + 1.0).max(0.0) as usize);
+            let [first, end] = chords.columns(kernel.farthest, dy, patch);
             if first >= end {
                 continue;
             }
@@ -530,8 +566,8 @@ impl<'a> ColumnTile<'a> {
             for part in kernel.offsets() {
                 let dy = dy + part;
                 // The first sample of a pixel lies half a step behind its left edge, half a pixel before its centre.
-                let middle = (cx + tilt * dy - self.place.px(0, 0) + 0.5) * parts as f32;
-                let chord = half(kernel.rim(), dy) * parts as f32;
+                let middle = (chords.middle(dy) + 0.5) * parts as f32;
+                let chord = chords.half(kernel.rim(), dy) * parts as f32;
                 let begin = (first * parts).max((middle - chord).max(0.0) as usize);
                 let end = (end * parts).min((middle + chord + 1.0).max(0.0) as usize);
                 let form = RowForm::new(footprint, dy);
@@ -568,13 +604,10 @@ impl<'a> ColumnTile<'a> {
     ) -> u32 {
         // Copies, which stores to the sums cannot alias.
         let (footprint, terms) = (&{ *footprint }, &{ *terms });
-        let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
         let cutoff = footprint.cutoff_squared;
         let amplitude = footprint.tau * footprint.carried.sign();
         let [cx, cy] = footprint.centre_px;
-        // Q = A dx² + 2 B dx dy + C dy² is least on a row at dx = -B/A dy, where it is det/A dy².
-        let a = px * px + rx * rx;
-        let (tilt, least) = (-(px * py + rx * ry) / a, (px * ry - py * rx).powi(2) / a);
+        let chords = self.chords(footprint);
         let focal = Vec2::from(self.input.view.focal_px);
         let mut limits = [cutoff; SIZE];
         for limit in limits.iter_mut().skip(self.width) {
@@ -585,11 +618,7 @@ impl<'a> ColumnTile<'a> {
             let dy = self.place.px(1, y) - cy;
             let [mut first, mut end] = patch.columns;
             if !EXACT {
-                // One pixel more on either side: the test of each pixel decides despite rounding.
-                let middle = cx + tilt * dy - self.place.px(0, 0);
-                let half = ((cutoff - least * dy * dy).max(0.0) / a).sqrt() + 1.0;
-                first = first.max((middle - half).max(0.0) as usize);
-                end = end.min((middle + half + 1.0).max(0.0) as usize);
+                [first, end] = chords.columns(cutoff, dy, patch);
                 if first >= end {
                     continue;
                 }

@@ -14,7 +14,7 @@ use super::palette::{Palette, palette};
 use crate::data::splats::SplatCloud;
 use crate::error::{Error, Result};
 use crate::io::bytes::zip_write::stored;
-use crate::io::splats::encoded_splats::{Encoded, byte, note_cut};
+use crate::io::splats::encoded_splats::{Encoded, byte, note_faint, opacity_byte};
 use crate::io::splats::morton::morton_order;
 use crate::io::splats::sog::files::META;
 use crate::math::harmonics_count;
@@ -198,17 +198,11 @@ impl Scene<'_> {
         note_errors(notes, "constant colour coefficients", &all, &levels);
         let mut faint = 0;
         let image = self.image("sh0.webp", |i| {
-            let opacity = f64::from(self.cloud.opacities[i]);
-            let alpha = byte(255.0 * opacity, &mut 0);
-            faint += usize::from(alpha == 0 && opacity > 0.0);
+            let alpha = opacity_byte(self.cloud, i, &mut faint);
             let [r, g, b] = [0, 1, 2].map(|c| nearest(&levels, constants(i)[c]));
             [r, g, b, alpha]
         });
-        note_cut(
-            notes,
-            faint,
-            "opacities are below half of 1/255 and written as 0",
-        );
+        note_faint(notes, faint);
         (image, levels)
     }
 
