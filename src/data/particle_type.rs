@@ -20,7 +20,7 @@ use std::fmt;
 ///
 /// The meaning of Gadget's numbers differs between codes, and files do not state it. 3 is Gadget's bulge,
 /// Gizmo's dust and SWIFT's sinks; 5 is Gadget's boundary and the black holes of its descendants. Either name
-/// selects the number.
+/// selects the number. Tipsy snapshots have gas, dark matter and stars, with the numbers 0, 1 and 2.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum ParticleType {
     /// Gas.

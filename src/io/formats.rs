@@ -19,7 +19,7 @@ use super::grid::netcdf;
 use super::grid::{ensight, openfoam, plot3d, plotfile, tecplot};
 use super::mesh::{gltf, obj, stl, threemf};
 use super::options::OpenOptions;
-use super::particles::{arrow, csv, gadget, hdf5, npy, npz};
+use super::particles::{arrow, csv, gadget, hdf5, npy, npz, tipsy};
 use super::parts::plane_source;
 use super::splats::{gltf_splats, ksplat, sog, splat, spz, usd};
 #[cfg(feature = "dicom")]
@@ -437,6 +437,16 @@ static FORMATS: &[Format] = &[
         begins: |p| gadget::looks_like(p.head),
         read: |input, options| gadget::read(input, options.particle_type),
         steps: Some(gadget::steps),
+        ..PLAIN
+    },
+    Format {
+        name: "tipsy snapshots",
+        family: Family::Particles,
+        endings: &["tipsy", "tip"],
+        reads: "of Gasoline, ChaNGa and PKDGRAV, in either byte order, whatever their name; their softening is none of the \
+                kernels' lengths. Which of their particles: [below](#types-of-particles)",
+        begins: |p| tipsy::looks_like(p.head, p.len),
+        read: |input, options| tipsy::read(input, options.particle_type),
         ..PLAIN
     },
     Format {

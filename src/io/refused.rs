@@ -411,13 +411,6 @@ static REFUSED: &[Refused] = &[
         ..PLAIN
     },
     Refused {
-        name: "a tipsy snapshot",
-        endings: &["tipsy", "tip", "std"],
-        is_binary: is_tipsy,
-        advice: "save its particles as a table with columns x,y,z (CSV, NPY): pynbody and yt read it",
-        ..PLAIN
-    },
-    Refused {
         name: "a native dump of Phantom",
         is_binary: is_phantom,
         advice: "write it as HDF5 (phantom2hdf5, or Phantom built with HDF5=yes), or as a table: sarracen and plonk read it",
@@ -987,27 +980,6 @@ fn is_atoms(text: &str) -> bool {
     // The last line of the first bytes may be cut.
     let whole = atoms.len().saturating_sub(1).max(1);
     !atoms.is_empty() && atoms.iter().take(whole).all(is_atom)
-}
-
-/// Time, counts, three dimensions: in either byte order, with padding or without, and as many bytes as follow
-/// from the counts.
-fn is_tipsy(head: &[u8], len: u64) -> bool {
-    let word = |at: usize, is_big: bool| {
-        let bytes = head.get(at..)?.first_chunk()?;
-        Some(u64::from(if is_big {
-            u32::from_be_bytes(*bytes)
-        } else {
-            u32::from_le_bytes(*bytes)
-        }))
-    };
-    [false, true].into_iter().any(|is_big| {
-        let counts = [8, 12, 16, 20, 24].map(|at| word(at, is_big));
-        let [Some(all), Some(3), Some(gas), Some(dark), Some(stars)] = counts else {
-            return false;
-        };
-        let size = 48 * gas + 36 * dark + 44 * stars;
-        all > 0 && all == gas + dark + stars && [28, 32].contains(&(len.saturating_sub(size)))
-    })
 }
 
 /// The numbers in the first record of a dump, by which Phantom identifies its files: 60769, a real, 60878.

@@ -62,6 +62,7 @@ mod surface_fields;
 mod tecplot;
 mod textures;
 mod threemf;
+mod tipsy;
 mod usd;
 mod vtk_legacy;
 mod vtk_xml;

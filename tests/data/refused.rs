@@ -66,9 +66,6 @@ fn what_others_write_is_named_by_content_whatever_its_name() {
     let mut xtc = [1995_i32, 3, 0, 0].map(i32::to_be_bytes).concat();
     xtc.resize(52, 0);
     xtc.extend(3_i32.to_be_bytes());
-    let mut tipsy = vec![0; 8];
-    tipsy.extend([3_u32, 3, 1, 1, 1, 0].map(u32::to_be_bytes).concat());
-    tipsy.resize(32 + 48 + 36 + 44, 0);
     let mut phantom = [136_u32, 60769].map(u32::to_le_bytes).concat();
     phantom.extend(1.0_f64.to_le_bytes());
     phantom.extend([60878_u32, 1, 690_706].map(u32::to_le_bytes).concat());
@@ -198,7 +195,6 @@ fn what_others_write_is_named_by_content_whatever_its_name() {
             "a file of atoms",
             "ASE",
         ),
-        ("tipsy", &tipsy, "a tipsy snapshot", "pynbody"),
         ("Phantom", &phantom, "a native dump of Phantom", "sarracen"),
         ("Houdini", b"\x7fNSJb\0", "a Houdini geometry", "PLY"),
         ("OFF", b"# made by hand\nOFF\n4 4 6\n", "an OFF mesh", "PLY"),

@@ -102,6 +102,7 @@ fn seeds() -> Vec<Set> {
         fixture("gadget_types.h5"),
         fixture("phantom_sinks.h5"),
         fixture("swift_units.h5"),
+        fixture("snapshot.tipsy"),
         (
             "a.csv".into(),
             b"x,y,z,h,m\n1,2,3,.5,1\n4,5,6,.5,1\n".to_vec(),

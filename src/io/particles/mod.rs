@@ -8,3 +8,4 @@ pub(super) mod npy;
 pub(super) mod npz;
 pub(super) mod periodic;
 pub(super) mod table;
+pub(super) mod tipsy;
